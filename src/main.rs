@@ -1,6 +1,7 @@
-//! Parse, run, print the error, set the exit code.
+//! Entry point of the program `whit`: runs the command line and exits with its exit code.
 
 fn main() {
-    // Not by returning: leaving at once spares freeing gigabytes that the system takes back anyway.
+    // Exit instead of returning from `main`: this skips freeing gigabytes of memory that the operating system reclaims
+    // anyway.
     std::process::exit(whit::cli::run());
 }

@@ -1,12 +1,12 @@
-//! Work shared among the threads of the current rayon pool.
+//! Parallel loops over the threads of the current rayon pool: for, map, try-map, chunks and join.
 //!
-//! Rayon's own iterators are compiled anew for every closure, some ten thousand lines of LLVM IR each. Everything here
-//! takes work as `&dyn Fn` and comes down to one loop, [`for_each`], which is compiled once; the functions over types
-//! only make places for results. A task should therefore take a microsecond or more: what takes less is handed out in
-//! chunks, as [`generate`] does.
+//! Rayon's own iterators are compiled anew for every closure, some ten thousand lines of LLVM IR each. Every function
+//! here takes its work as `&dyn Fn` and comes down to one loop, [`for_each`], which is compiled once; the functions
+//! that are generic over types only allocate slots for results. A task should therefore take a microsecond or more;
+//! shorter tasks are grouped into chunks, as [`generate`] does.
 //!
-//! Results come in the order of the tasks for any number of threads, and so does what is summed up of them. Every task
-//! may be taken by a thread of its own.
+//! Results are in the order of the tasks for any number of threads, so sums over them are deterministic too. Each task
+//! may run on a different thread.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -15,10 +15,10 @@ use bytemuck::Zeroable;
 use rayon::ThreadPool;
 use rayon::prelude::*;
 
-/// Elements that a thread of [`generate`] makes in a row: so many that handing them out costs nothing beside them.
+/// Number of elements that one task of [`generate`] computes: large enough to make the scheduling cost negligible.
 const CHUNK: usize = 1 << 12;
 
-/// Does tasks `0..count`.
+/// Runs tasks `0..count` in parallel, in no particular order.
 pub(crate) fn for_each(count: usize, work: &(dyn Fn(usize) + Sync)) {
     (0..count).into_par_iter().with_max_len(1).for_each(work);
 }
@@ -28,18 +28,20 @@ pub(crate) fn map<T: Send>(count: usize, work: &(dyn Fn(usize) -> T + Sync)) -> 
     let places: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
     for_each(count, &|task| {
         let result = work(task);
+        // Each slot belongs to one task, so the lock is never contended
         *locked(&places[task]) = Some(result);
     });
     let results = places
         .into_iter()
         .filter_map(|place| place.into_inner().unwrap_or_else(PoisonError::into_inner));
     let mut results: Vec<T> = results.collect();
-    // They stay where the places were, which were larger.
+    // Collecting in place reuses the allocation of the slots, whose elements are larger than the results.
     results.shrink_to_fit();
     results
 }
 
-/// Returns what `work` makes of each chunk of `chunk_len` items and its number, in their order; the last may be shorter.
+/// Returns the results of `work` for each chunk of `chunk_len` items and its index, in order; the last chunk may be
+/// shorter.
 pub(crate) fn map_chunks<T: Sync, U: Send>(
     items: &[T],
     chunk_len: usize,
@@ -49,15 +51,17 @@ pub(crate) fn map_chunks<T: Sync, U: Send>(
     map(chunks.len(), &|number| work(number, chunks[number]))
 }
 
-/// Returns the results of tasks `0..count` in their order, or the error of the first that fails.
+/// Returns the results of tasks `0..count` in their order, or the error of the first task that fails.
 ///
-/// That is the same one whatever the number of threads. Tasks behind one that has failed are not begun.
+/// The error is that of the smallest failing index for any number of threads. Tasks with a larger index than a known
+/// failure are not started.
 pub(crate) fn try_map<T: Send, E: Send>(
     count: usize,
     work: &(dyn Fn(usize) -> Result<T, E> + Sync),
 ) -> Result<Vec<T>, E> {
     let first_failed = AtomicUsize::new(usize::MAX);
     let results = map(count, &|task| {
+        // Skip tasks behind a known failure; smaller indices still run, as one of them may be the first to fail
         if task > first_failed.load(Ordering::Relaxed) {
             return None;
         }
@@ -67,10 +71,11 @@ pub(crate) fn try_map<T: Send, E: Send>(
         }
         Some(result)
     });
+    // Collect up to the first error in task order
     results.into_iter().flatten().collect()
 }
 
-/// Returns what `work` makes of the items and their numbers, which it consumes, as [`try_map`] does.
+/// Returns the results of `work`, which consumes each item and gets its index, or the first error, as [`try_map`] does.
 pub(crate) fn try_map_owned<T: Send, U: Send, E: Send>(
     items: Vec<T>,
     work: &(dyn Fn(usize, T) -> Result<U, E> + Sync),
@@ -83,7 +88,7 @@ pub(crate) fn try_map_owned<T: Send, U: Send, E: Send>(
     Ok(results.into_iter().flatten().collect())
 }
 
-/// Returns whether `is_so` holds of all of `0..count`; does not ask much further where it is known not to.
+/// Returns whether `is_so` holds for all of `0..count`; most tasks after the first failure are skipped.
 pub(crate) fn all(count: usize, is_so: &(dyn Fn(usize) -> bool + Sync)) -> bool {
     let holds = AtomicBool::new(true);
     for_each(count, &|task| {
@@ -94,7 +99,7 @@ pub(crate) fn all(count: usize, is_so: &(dyn Fn(usize) -> bool + Sync)) -> bool 
     holds.into_inner()
 }
 
-/// Does `work` on each chunk of `chunk_len` items and its number; the last may be shorter.
+/// Runs `work` on each chunk of `chunk_len` items and its index; the last chunk may be shorter.
 pub(crate) fn for_each_chunk_mut<T: Send>(
     items: &mut [T],
     chunk_len: usize,
@@ -107,9 +112,9 @@ pub(crate) fn for_each_chunk_mut<T: Send>(
     });
 }
 
-/// Returns `element(0..count)` in order, where one of them takes little: for many together there is one dynamic call.
+/// Returns `element(0..count)` in order, for elements that are cheap: there is one dynamic call per chunk of many.
 pub(crate) fn generate<T: Zeroable + Send>(count: usize, element: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    // Zeros that nobody writes.
+    // The allocator returns zeroed pages, which are not written here.
     let mut elements: Vec<T> = bytemuck::zeroed_vec(count);
     for_each_chunk_mut(&mut elements, CHUNK, &|chunk, elements| {
         for (index, place) in (chunk * CHUNK..).zip(elements) {
@@ -119,7 +124,7 @@ pub(crate) fn generate<T: Zeroable + Send>(count: usize, element: impl Fn(usize)
     elements
 }
 
-/// Returns the results of both, which may be had at the same time.
+/// Returns the results of both closures, which may run in parallel.
 pub(crate) fn join<A: Send, B: Send>(
     first: impl FnOnce() -> A + Send,
     second: impl FnOnce() -> B + Send,
@@ -129,7 +134,7 @@ pub(crate) fn join<A: Send, B: Send>(
     (one.expect("rayon runs both"), other.expect("rayon runs both"))
 }
 
-/// Returns the result of `work` on a thread of `pool`, which then is the current pool.
+/// Returns the result of `work`, run on a thread of `pool`, which is the current pool meanwhile.
 pub(crate) fn install<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T {
     let mut result = None;
     install_dyn(pool, &mut once(work, &mut result));
@@ -144,7 +149,7 @@ fn install_dyn(pool: &ThreadPool, work: &mut (dyn FnMut() + Send)) {
     pool.install(work);
 }
 
-/// Makes `work` something that puts its result into `result`, and does nothing when it is called again.
+/// Wraps `work` into a closure that stores its result in `result` at the first call and does nothing at later calls.
 fn once<T>(work: impl FnOnce() -> T, result: &mut Option<T>) -> impl FnMut() {
     let mut work = Some(work);
     move || {
@@ -154,7 +159,7 @@ fn once<T>(work: impl FnOnce() -> T, result: &mut Option<T>) -> impl FnMut() {
     }
 }
 
-/// Locks a place. A panic elsewhere leaves none half written.
+/// Locks a result slot, ignoring poisoning: a panic in another task leaves no slot half written.
 fn locked<T>(place: &Mutex<T>) -> MutexGuard<'_, T> {
     place.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -180,7 +185,7 @@ mod tests {
                 let squares: Vec<usize> = (0..count).map(|i| i * i).collect();
                 assert_eq!(map(count, &|i| i * i), squares);
             }
-            // Three to a chunk: 0 + 1 + 2, 3 + 4 + 5, 6.
+            // Chunks of three: 0 + 1 + 2, 3 + 4 + 5, 6.
             let sums = map_chunks(&[0, 1, 2, 3, 4, 5, 6], 3, &|number, chunk| {
                 (number, chunk.iter().sum::<i32>())
             });

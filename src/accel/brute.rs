@@ -1,4 +1,4 @@
-//! Brute force: every ray against every primitive. The referee of the other two.
+//! Brute force: every ray against every primitive. Reference for the other two backends.
 
 use super::shape_query::shape_hit;
 use super::{Accel, AccelReport, Hit, LANES, RayOrder, RayPacket};
@@ -13,12 +13,12 @@ pub struct BruteAccel<'s> {
 }
 
 impl<'s> BruteAccel<'s> {
-    /// There is nothing to build.
+    /// Wraps a scene; there is nothing to build.
     pub fn new(scene: &'s Scene) -> BruteAccel<'s> {
         BruteAccel { scene }
     }
 
-    /// The nearest hit of one ray.
+    /// Returns the nearest hit of one ray.
     pub fn nearest(&self, ray: &Ray) -> Option<Hit> {
         let mut best = None;
         for index in 0..self.scene.instances.len() as u32 {
@@ -27,7 +27,7 @@ impl<'s> BruteAccel<'s> {
         best
     }
 
-    /// Whether one ray meets anything.
+    /// Returns whether one ray hits anything within its interval.
     pub fn is_blocked(&self, ray: &Ray) -> bool {
         (0..self.scene.instances.len() as u32).any(|index| blocks(self.scene, index, ray))
     }
@@ -66,7 +66,7 @@ impl Accel for BruteAccel<'_> {
     }
 }
 
-/// Keeps the nearer of `best` and what the ray meets of one instance.
+/// Updates `best` with the nearest hit of the ray with one instance.
 #[inline(always)]
 pub(super) fn nearest_of(scene: &Scene, index: u32, ray: &Ray, best: &mut Option<Hit>) {
     let instance = &scene.instances[index as usize];
@@ -80,7 +80,7 @@ pub(super) fn nearest_of(scene: &Scene, index: u32, ray: &Ray, best: &mut Option
     }
 }
 
-/// Whether the ray meets anything of one instance.
+/// Returns whether the ray hits anything of one instance.
 #[inline(always)]
 pub(super) fn blocks(scene: &Scene, index: u32, ray: &Ray) -> bool {
     let instance = &scene.instances[index as usize];
@@ -90,7 +90,7 @@ pub(super) fn blocks(scene: &Scene, index: u32, ray: &Ray) -> bool {
     }
 }
 
-/// The ray in an instance's object space at its time. A baked mesh sees the ray itself.
+/// Returns the ray in an instance's object space at the ray's time; unchanged if the transform is the identity.
 #[inline(always)]
 pub(super) fn ray_in(instance: &Instance, ray: &Ray) -> Ray {
     if instance.is_identity() {
@@ -111,6 +111,7 @@ fn keep_nearest(best: &mut Option<Hit>, hit: Hit) {
 fn nearest_triangle(mesh: &Mesh, ray: &Ray, instance: u32, best: &mut Option<Hit>) {
     let shear = Shear::new(ray);
     for primitive in 0..mesh.triangles.len() as u32 {
+        // Keep the end inclusive, so that ties reach the comparison of indices
         let t_far = best.map_or(ray.t_far, |b| b.t);
         let corners = mesh.corners(primitive).map(|p| p.to_array());
         if let Some(hit) = shear.intersect(corners, ray.t_near, t_far) {

@@ -1,9 +1,9 @@
-//! Primitives that are asked about together: runs of a few whose boxes a ray had better meet as one.
+//! Clustering of primitives that are tested together: groups of a few, each with one box in the tree.
 //!
-//! From the top down: a large set is cut in the middle of its cell of an octree, along Morton's curve, a small one where
-//! the surface area heuristic says (see [`sah_split`]). A set that fits into a cluster stays whole where that costs no more.
-//! Asking costs by the cluster and by the member, which alone makes clusters full: a set of seventeen is better cut into
-//! eight and nine than into one and sixteen.
+//! Clustering is top-down: a large set is split in the middle of its octree cell, along the Morton curve, a small one
+//! where the surface area heuristic says (see [`sah_split`]). A set that fits into a cluster stays whole where that
+//! costs no more. The cost of a test has a part per cluster and a part per member, which alone makes clusters full: a
+//! set of seventeen is better split into eight and nine than into one and sixteen.
 
 mod sah_split;
 
@@ -13,47 +13,48 @@ use self::sah_split::{centers, cut, part};
 use crate::numeric::morton::{Curve, PLACE_DIGITS};
 use crate::parallel;
 
-/// What it costs to ask a ray's question.
+/// Cost model of testing a ray against clusters.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cost {
-    /// Most members of a cluster; not 0.
+    /// Maximum number of members of a cluster; not 0.
     pub(super) limit: u32,
-    /// Of reaching a cluster.
+    /// Cost of reaching a cluster.
     pub(super) visit: f64,
-    /// Of each of its members.
+    /// Cost of testing each member.
     pub(super) member: f64,
-    /// Of one more cut in the tree.
+    /// Cost of one further split in the tree.
     pub(super) cut: f64,
 }
 
-/// Which primitives go together.
+/// A partition of primitives into clusters.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Clusters {
-    /// All primitives, cluster by cluster, near ones near each other.
+    /// All primitives, cluster by cluster, near ones close to each other.
     members: Vec<u32>,
-    /// Where the clusters end in there, ascending.
+    /// End of each cluster in `members`, ascending.
     ends: Vec<u32>,
 }
 
-/// Sets of more than so many are cut through the middle of octree cells, which costs next to nothing, and only then
-/// where it is best: how clusters look is decided in the last few cuts.
+/// Size above which sets are split through the middle of octree cells, which costs next to nothing, and only below it
+/// at the best plane: the last few splits decide the quality of the clusters.
 const CELL_COUNT: usize = 1 << 8;
-/// Sets of at least so many are cut by several threads.
+/// Least size of sets that are split by several threads.
 const PARALLEL_COUNT: usize = 1 << 12;
-/// After so many cuts sets are halved by number: however the boxes lie, the work stays in proportion to n log n.
+/// Number of splits after which sets are halved by index: whatever the boxes, the work stays proportional to n log n.
 const CUT_LIMIT: u32 = 64;
 
 impl Clusters {
-    /// Clusters of the primitives in the boxes `bounds(0..count)`, each by its lowest and its highest corner, for which
-    /// any number is taken; `count` is below 2^32.
+    /// Clusters the primitives in the boxes `bounds(0..count)`, each given by its lowest and its highest corner, which
+    /// may be any number; `count` is below 2^32.
     ///
-    /// The same whatever the number of threads.
+    /// The result does not depend on the number of threads.
     pub(super) fn of(count: usize, bounds: impl Fn(u32) -> [Vec3; 2] + Sync, cost: &Cost) -> Clusters {
+        // Compute a Morton key for the midpoint of each box
         let of_index = |index: u32| Item::new(index, bounds(index));
         let unsorted = parallel::generate(count, |index| of_index(index as u32));
         let curve = Curve::around(&centers(&unsorted).bounds());
         let mut keys = parallel::generate(count, |index| Key::new(&unsorted[index], &curve));
-        // Zeros that nobody writes.
+        // Allocate zeroed pages without writing to them
         let mut items: Vec<Item> = bytemuck::zeroed_vec(count);
         if count > 0 {
             divide_cell(&mut items, (&mut keys, &unsorted), KEY_DIGITS, cost);
@@ -67,12 +68,12 @@ impl Clusters {
         }
     }
 
-    /// How many there are.
+    /// Returns the number of clusters.
     pub(super) fn len(&self) -> usize {
         self.ends.len()
     }
 
-    /// The members of each, in an order in which near ones are near each other.
+    /// Returns the members of each cluster, in an order in which near ones are close to each other.
     pub(super) fn iter(&self) -> impl Iterator<Item = &[u32]> {
         let mut start = 0;
         self.ends.iter().map(move |&end| {
@@ -96,14 +97,14 @@ pub fn cluster_count(boxes: &[[Vec3; 2]], limit: u32) -> usize {
     Clusters::of(boxes.len(), |i| boxes[i as usize], &cost).len()
 }
 
-/// A box in f32, as much as a heuristic needs, with its primitive.
+/// A box in f32, precise enough for a heuristic, with its primitive.
 #[derive(Clone, Copy, Debug, bytemuck::Zeroable)]
 #[repr(C, align(32))]
 struct Item {
     min: [f32; 3],
     index: u32,
     max: [f32; 3],
-    /// Not 0 where a cluster ends.
+    /// Flag for the last member of a cluster, not 0 if it is.
     last: u32,
 }
 
@@ -136,22 +137,22 @@ impl Item {
         DVec3::from_array([0, 1, 2].map(|axis| f64::from(self.center(axis))))
     }
 
-    /// The midpoint of the box along an axis.
+    /// Returns the midpoint of the box along an axis.
     #[inline(always)]
     fn center(&self, axis: usize) -> f32 {
         0.5 * (self.min[axis] + self.max[axis])
     }
 }
 
-/// The cell of an octree that a box is in.
+/// The octree cell of a box.
 #[derive(Clone, Copy, bytemuck::Zeroable)]
 struct Key {
-    /// The first [`KEY_DIGITS`] of its place along the curve.
+    /// The first [`KEY_DIGITS`] binary digits of its position along the curve.
     cell: u32,
     index: u32,
 }
 
-/// Binary digits of a cell's number: ten of each coordinate.
+/// Number of binary digits of a cell's key: ten of each coordinate.
 const KEY_DIGITS: u32 = 30;
 
 impl Key {
@@ -163,15 +164,18 @@ impl Key {
     }
 }
 
-/// Marks the last member of every cluster of the boxes in a cell, of which there are some. These are those of `keys`,
-/// which differ in their last `digits` alone, out of all boxes; they are put into `items`, cluster by cluster.
+/// Clusters the boxes in an octree cell, of which there is at least one, and marks the last member of every cluster.
+/// The boxes are those of `keys` out of `all`; their keys differ in the last `digits` alone. They are written to
+/// `items`, cluster by cluster.
 fn divide_cell(items: &mut [Item], (keys, all): (&mut [Key], &[Item]), digits: u32, cost: &Cost) {
+    // Hand small sets, and sets in one finest cell, to the surface area heuristic
     let Some(digits) = digits.checked_sub(1).filter(|_| keys.len() > CELL_COUNT) else {
         for (item, key) in items.iter_mut().zip(&*keys) {
             *item = all[key.index as usize];
         }
         return divide(items, cost, CUT_LIMIT);
     };
+    // Partition by the next digit of the key
     let cut = part(keys, |key| key.cell >> digits & 1 == 0);
     if cut == 0 || cut == keys.len() {
         return divide_cell(items, (keys, all), digits, cost);
@@ -183,7 +187,7 @@ fn divide_cell(items: &mut [Item], (keys, all): (&mut [Key], &[Item]), digits: u
     );
 }
 
-/// Marks the last member of every cluster of a set that is not empty, which it sorts.
+/// Clusters a non-empty set, which it sorts, and marks the last member of every cluster.
 fn divide(items: &mut [Item], cost: &Cost, cuts: u32) {
     let Some(cut) = cut(items, cost, cuts) else {
         if let Some(last) = items.last_mut() {
@@ -203,7 +207,7 @@ fn divide(items: &mut [Item], cost: &Cost, cuts: u32) {
 }
 
 impl Cost {
-    /// Of asking about so many, which are some, over the chance of reaching them.
+    /// Returns the cost of testing `count` members, at least one, relative to the probability of reaching them.
     #[inline(always)]
     fn of(&self, count: u32) -> f64 {
         // With half of one less no quotient is near a whole number; division of integers takes longer.
@@ -224,7 +228,8 @@ mod tests {
         cut: 1.0,
     };
 
-    /// Numbers in [0, 1) that fill the cube evenly (Weyl's sequence on the plastic number's powers).
+    /// Returns point `i` of a sequence that fills the unit cube evenly (Weyl's sequence on the plastic number's
+    /// powers).
     fn in_cube(i: u32) -> DVec3 {
         let fraction = |step: f64| (f64::from(i) * step).fract();
         DVec3::new(
@@ -246,7 +251,7 @@ mod tests {
         Clusters::of(boxes.len(), bounds, cost)
     }
 
-    /// Holds that every primitive is in one cluster and no cluster is empty or too large.
+    /// Asserts that every primitive is in one cluster and no cluster is empty or too large.
     fn assert_parted(clusters: &Clusters, count: usize, limit: usize) {
         let mut members = clusters.members.clone();
         members.sort_unstable();
@@ -288,7 +293,7 @@ mod tests {
 
     #[test]
     fn what_lies_together_is_asked_about_together() {
-        // Eight beside the origin and eight a hundred away, by turns.
+        // Eight beside the origin and eight a hundred away, alternating.
         let at = |i: u32| DVec3::new(100.0 * f64::from(i % 2) + 0.1 * f64::from(i / 2), 0.0, 0.0);
         let boxes: Vec<Bounds> = (0..16).map(|i| around(at(i), 0.1)).collect();
         let clusters = of_boxes(&boxes, &COST);
@@ -298,11 +303,11 @@ mod tests {
 
     #[test]
     fn what_is_cheaper_to_ask_about_apart_is_apart() {
-        // Half areas: 12 of each cube, 4 + 2 · 204 = 412 of both. Together (1 + 0.1 - 1) 412 = 41.2, apart 2 · 1.05 · 12
-        // = 25.2.
+        // Half areas: 12 of each cube, 4 + 2 · 204 = 412 of both. Together (1 + 0.1 - 1) 412 = 41.2, separate 2 · 1.05
+        // · 12 = 25.2.
         let boxes = [0.0, 100.0].map(|x| around(DVec3::new(x, 0.0, 0.0), 1.0));
         assert_eq!(of_boxes(&boxes, &COST).len(), 2);
-        // Where members cost nothing there is no end to it.
+        // If members cost nothing, the two are one cluster at any distance.
         let free = Cost { member: 0.0, ..COST };
         assert_eq!(of_boxes(&boxes, &free).len(), 1);
     }

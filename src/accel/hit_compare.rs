@@ -1,24 +1,25 @@
-//! Whether two backends gave the same answer, and if not, whether either may be blamed.
+//! Comparison of the results of two backends within f32 error bounds, to find which of them may be wrong.
 //!
-//! Every f32 ray is exact by definition, so each answer can be held against the exact one, computed in f64 from the
-//! primitive it names. Two bounds of the f32 error, u = 2^-24, decide; lengths are relative to the ray's origin, in the
+//! Every f32 ray is exact by definition, so each result can be compared to the exact one, computed in f64 from the
+//! primitive it names. Two bounds on the f32 error, u = 2^-24, decide; lengths are relative to the ray's origin, in the
 //! sheared frame of the watertight test (z along the largest direction component, in units of t):
 //!
 //! * of the parameter: that of pbrt-v4 for the watertight form (Pharr, Jakob, Humphreys, Physically Based Rendering,
 //!   4th edition, section 6.8.8), plus that of the form with a normal, `t = n·(v0 - o) / n·d`, which Embree uses:
 //!   `16 u |e1| |e2| |v0 - o| / |n·d|`. Both grow without bound as the triangle turns edge-on.
 //! * of an edge function: pbrt's for the watertight form, plus that of a triple product, `16 √3 u |e| |v - o|` with the
-//!   longest edge and the farthest corner; √3 bounds `|d| / |d_z|`. Where an exact edge function is closer to zero than
-//!   that, hit or miss is anybody's guess.
+//!   longest edge and the farthest vertex; √3 bounds `|d| / |d_z|`. Where an exact edge function is closer to zero than
+//!   that, both hit and miss are valid.
 //!
-//! Where Embree places meshes itself ([`Instancing::Native`]), rays reach object space by an inverse in f32 and are off
-//! by more, which [`compare_carried`] and [`compare_occlusion_carried`] allow for by the bound of [`TransformError`].
+//! Where Embree transforms rays itself ([`Instancing::Native`]), they reach object space by an inverse in f32 and have
+//! a larger error, which [`compare_carried`] and [`compare_occlusion_carried`] allow for by the bound of
+//! [`TransformError`].
 //!
-//! Analytic shapes are computed in f64 by one function, so a backend that answers otherwise about one is wrong.
+//! Analytic shapes are computed in f64 by one function, so a backend with a different result for one is wrong.
 //!
-//! Two answers are *the same* if they name the same primitive, each with its parameter in bounds. They *tie* if both
-//! primitives lie within the bounds of each other, or if what only one of them found is too close to call. Else one is
-//! *wrong*.
+//! Two results are *the same* if they name the same primitive, each with its parameter in bounds. They *tie* if both
+//! primitives lie within the bounds of each other, or if a hit that only one of them reports is within the bounds of a
+//! miss. Else one is *wrong*.
 
 use glam::{DMat3, DVec3};
 
@@ -28,34 +29,35 @@ use super::{Hit, Instancing};
 use crate::numeric::Ray;
 use crate::scene::{Geometry, Instance, Scene};
 
-/// How two answers to the same question compare.
+/// Outcome of comparing the results of two backends for one ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HitComparison {
-    /// The same answer, up to the rounding of the parameter.
+    /// Equal results, up to the rounding of the parameter.
     Same,
-    /// Different answers that exact arithmetic cannot prefer beyond the error bounds of f32.
+    /// Different results that exact arithmetic cannot decide between beyond the error bounds of f32.
     Tie,
-    /// At least one answer is wrong.
+    /// At least one result is wrong.
     Wrong,
 }
 
-/// Half a unit in the last place of an f32 at 1.
+/// Unit roundoff u of f32: half a unit in the last place at 1.
 const UNIT: f64 = 5.960_464_477_539_063e-8;
-/// Roundings of a triple product in f32, with the differences it is made from: 3 for differences of 3 factors, 3 for
-/// products, 5 for sums and differences; rounded up to a power of two for the reciprocal that Embree approximates.
+/// Error bound of a triple product in f32, including the differences that form it: 3 roundings for differences of 3
+/// factors, 3 for products, 5 for sums and differences; rounded up to a power of two for the approximate reciprocal of
+/// Embree.
 const TRIPLE_PRODUCT: f64 = 16.0 * UNIT;
 
-/// The bound on n roundings in a row.
+/// Returns the bound on the relative error of n roundings in a row.
 const fn gamma(n: f64) -> f64 {
     n * UNIT / (1.0 - n * UNIT)
 }
 
-/// Compares two answers of [`super::Accel::intersect`] to `ray`, both by rays carried into object space in f64.
+/// Compares two results of [`super::Accel::intersect`] for `ray`, both from rays transformed into object space in f64.
 pub fn compare(scene: &Scene, ray: &Ray, a: Option<Hit>, b: Option<Hit>) -> HitComparison {
     compare_carried(scene, ray, [a, b], Instancing::Callback)
 }
 
-/// Compares two answers of [`super::Accel::intersect`] to `ray`, one of them by that kind of instancing.
+/// Compares two results of [`super::Accel::intersect`] for `ray`, one of them computed with `instancing`.
 pub fn compare_carried(
     scene: &Scene,
     ray: &Ray,
@@ -72,14 +74,14 @@ pub fn compare_carried(
     }
 }
 
-/// Compares two answers of [`super::Accel::occluded`] to `ray`.
+/// Compares two results of [`super::Accel::occluded`] for `ray`.
 ///
-/// Different answers cost a walk over the whole scene.
+/// Different results cost a loop over the whole scene.
 pub fn compare_occlusion(scene: &Scene, ray: &Ray, a: bool, b: bool) -> HitComparison {
     compare_occlusion_carried(scene, ray, [a, b], Instancing::Callback)
 }
 
-/// [`compare_occlusion`], where one of the answers is by that kind of instancing.
+/// Compares two results of [`super::Accel::occluded`] for `ray`, one of them computed with `instancing`.
 pub fn compare_occlusion_carried(
     scene: &Scene,
     ray: &Ray,
@@ -89,6 +91,7 @@ pub fn compare_occlusion_carried(
     if a == b {
         return HitComparison::Same;
     }
+    // Find a primitive that the exact ray clearly hits, or whose result is ambiguous
     let mut doubtful = false;
     for (index, instance) in scene.instances.iter().enumerate() {
         let count = scene.geometries[instance.geometry as usize].primitive_count();
@@ -120,7 +123,7 @@ fn compare_hits(scene: &Scene, ray: &Ray, [a, b]: [&Hit; 2], instancing: Instanc
         return HitComparison::Same;
     }
     let ties = (exact_a.t - exact_b.t).abs() <= exact_a.t_error + exact_b.t_error;
-    // What only one has found may be too close to call: the other was free to go on to the next surface.
+    // A hit that only one backend reports may be ambiguous: the other backend may go on to the next surface.
     let nearer = if exact_a.t < exact_b.t { &exact_a } else { &exact_b };
     if ties || nearer.is_doubtful(ray) {
         HitComparison::Tie
@@ -129,24 +132,25 @@ fn compare_hits(scene: &Scene, ray: &Ray, [a, b]: [&Hit; 2], instancing: Instanc
     }
 }
 
-/// How far a ray may be from the exact one when it reaches object space, in lengths there, by the maximum norm.
+/// Bound on the deviation of a ray from the exact one in object space, as a length there, in the maximum norm.
 ///
-/// Carried in f64 and rounded it is exact by definition. Embree's own instances round the map M to f32, invert it there
-/// by cofactors over the determinant, and apply the inverse, all in f32. With κ = ‖M‖ ‖M⁻¹‖ by largest row sums, the
-/// rounding of M moves M⁻¹ by κ u ‖M⁻¹‖, that of the cofactors, two products and a difference each, by 6 κ u ‖M⁻¹‖, as
-/// ‖M‖² / |det M| is κ ‖M⁻¹‖ at most. The map of the ray adds 4 u ‖M⁻¹‖ (Higham, Accuracy and Stability of Numerical
-/// Algorithms, 2nd edition, chapters 3 and 14). An error of the determinant, 8 u times the product of the columns'
-/// lengths over it, scales object space.
+/// A ray transformed in f64 and rounded is exact by definition. Embree's own instances round the matrix M to f32,
+/// invert it there by cofactors over the determinant, and apply the inverse, all in f32. With κ = ‖M‖ ‖M⁻¹‖ by largest
+/// row sums, the rounding of M moves M⁻¹ by κ u ‖M⁻¹‖, that of the cofactors, two products and a difference each, by 6
+/// κ u ‖M⁻¹‖, as ‖M‖² / |det M| is κ ‖M⁻¹‖ at most. The transform of the ray adds 4 u ‖M⁻¹‖ (Higham, Accuracy and
+/// Stability of Numerical Algorithms, 2nd edition, chapters 3 and 14). An error of the determinant, 8 u times the
+/// product of the columns' lengths over it, scales object space.
 #[derive(Clone, Copy, Debug, Default)]
 struct TransformError {
     origin: f64,
-    /// For each unit of t.
+    /// Deviation per unit of t.
     direction: f64,
-    /// Relative to the coordinates of what is met.
+    /// Deviation relative to the coordinates of the hit primitive.
     scale: f64,
 }
 
-/// Roundings of a coefficient of M⁻¹, of its determinant's reciprocal and of the map, each in u: see [`TransformError`].
+/// Roundings of a coefficient of M⁻¹, of its determinant's reciprocal and of the transform, each in u: see
+/// [`TransformError`].
 const INVERSE: f64 = 12.0;
 const DETERMINANT: f64 = 10.0;
 
@@ -156,7 +160,7 @@ impl TransformError {
             return TransformError::default();
         }
         if instance.is_moving() {
-            // Embree is never left to place these.
+            // Embree's own instances never move, so these are transformed in f64.
             return TransformError::default();
         }
         let (map, inverse) = (instance.world_from_object(), instance.object_from_world().matrix3);
@@ -172,25 +176,25 @@ impl TransformError {
         }
     }
 
-    /// How far the ray may be where it meets, at `t`, something with that largest coordinate.
+    /// Returns the bound on the deviation at parameter `t`, for a primitive with this largest coordinate.
     fn at(&self, t: f64, coordinate: f64) -> f64 {
         self.origin + self.direction * t.abs() + self.scale * coordinate
     }
 }
 
-/// What f64 says about one ray and one primitive, with the bounds of what f32 may say.
+/// Intersection of one ray and one primitive in f64, with bounds on the error of an f32 result.
 #[derive(Clone, Copy, Debug)]
 struct Exact {
     t: f64,
     /// Bound on the error of an f32 `t`.
     t_error: f64,
-    /// How far inside the line runs; negative outside.
+    /// Smallest edge function, positive if the line passes inside the triangle and negative outside.
     margin: f64,
     /// Bound on the error of an f32 margin.
     edge_error: f64,
 }
 
-/// What the exact margins say.
+/// Classification of an exact result relative to the f32 error bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Decision {
     Hit,
@@ -199,7 +203,7 @@ enum Decision {
 }
 
 impl Exact {
-    /// `None` if there is no such primitive; of a shape it is its nearest part.
+    /// Evaluates the primitive of `hit`; `None` if it does not exist or is not the nearest part of its shape.
     fn of(scene: &Scene, ray: &Ray, hit: &Hit, instancing: Instancing) -> Option<Exact> {
         let instance = scene.instances.get(hit.instance as usize)?;
         if let Geometry::Shape(shape) = scene.geometries.get(instance.geometry as usize)? {
@@ -209,7 +213,7 @@ impl Exact {
         Exact::of_primitive(scene, ray, [hit.instance, hit.primitive], instancing)
     }
 
-    /// `None` if there is no such primitive. A shape is one, whatever its part.
+    /// Evaluates one primitive; `None` if it does not exist. A shape is one primitive, regardless of its part.
     fn of_primitive(
         scene: &Scene,
         ray: &Ray,
@@ -230,8 +234,8 @@ impl Exact {
         }
     }
 
-    /// Every backend finds shapes by the same f64 arithmetic on the same ray: nothing but the parameter's own rounding
-    /// is open.
+    /// Evaluates a shape. Every backend uses the same f64 arithmetic on the same ray, so the bound is that of rounding
+    /// the parameter once.
     fn of_shape(hit: Option<Hit>) -> Exact {
         let (t, margin) = hit.map_or((f64::NAN, f64::NEG_INFINITY), |hit| (hit.t.into(), f64::INFINITY));
         Exact {
@@ -243,13 +247,14 @@ impl Exact {
     }
 
     fn of_triangle(corners: [DVec3; 3], ray: &Ray, carried: &TransformError) -> Exact {
+        // Compute the exact parameter from the plane of the triangle
         let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let largest_corner = corners.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
         let [a, b, c] = corners.map(|p| p - origin);
         let (e1, e2) = (b - a, c - a);
         let n = e1.cross(e2);
         let t = n.dot(a) / n.dot(direction);
-        // The sheared frame: x and y in lengths, z in units of t.
+        // Project the vertices into the sheared frame: x and y in lengths, z in units of t
         let d = direction.to_array();
         let z = (0..3)
             .max_by(|&i, &j| d[i].abs().total_cmp(&d[j].abs()))
@@ -260,6 +265,7 @@ impl Exact {
             [p[x] - d[x] / d[z] * p[z], p[y] - d[y] / d[z] * p[z], p[z] / d[z]]
         };
         let projected = [a, b, c].map(project);
+        // Evaluate the edge functions
         let edge = |p: [f64; 3], q: [f64; 3]| p[0] * q[1] - p[1] * q[0];
         let [pa, pb, pc] = projected;
         let edges = [edge(pc, pb), edge(pa, pc), edge(pb, pa)];
@@ -268,10 +274,11 @@ impl Exact {
             .iter()
             .map(|e| e * det.signum())
             .fold(f64::INFINITY, f64::min);
+        // Bound the watertight form as pbrt does, with the unscaled z where it enters x and y
         let largest = |k: usize| projected.iter().map(|p| p[k].abs()).fold(0.0, f64::max);
         let [max_x, max_y, max_z] = [0, 1, 2].map(largest);
         let max_e = edges.iter().map(|e| e.abs()).fold(0.0, f64::max);
-        // pbrt's bounds, with z before its scaling where it enters x and y.
+        // `depth` is z before its scaling by the direction.
         let depth = max_z * d[z].abs();
         let reach = [a, b, c]
             .iter()
@@ -282,10 +289,12 @@ impl Exact {
         let delta_y = gamma(5.0) * (max_y + depth);
         let delta_e = 2.0 * (gamma(2.0) * max_x * max_y + delta_y * max_x + delta_x * max_y);
         let watertight_t = 3.0 * (gamma(3.0) * max_e * max_z + delta_e * max_z + delta_z * max_e) / det.abs();
+        // Bound the form with a normal, which Embree uses
         let longest = e1.length().max(e2.length()).max((e2 - e1).length());
         let normal_form_t = TRIPLE_PRODUCT * e1.length() * e2.length() * reach / n.dot(direction).abs();
-        // The same shift of all corners: along the ray by its part across the plane, and each edge function by twice
-        // the shift in the sheared frame times the edge's two sheared extents.
+        // Add the error of the ray transform, which acts as a shift of all vertices: along the ray by the part across
+        // the plane, and each edge function by twice the shift in the sheared frame times the edge's two sheared
+        // extents
         let shift = carried.at(t, largest_corner);
         let carried_t = 3f64.sqrt() * shift * n.length() / n.dot(direction).abs();
         let t_error = watertight_t + normal_form_t + carried_t + gamma(2.0) * t.abs();
@@ -297,9 +306,10 @@ impl Exact {
         }
     }
 
-    /// Whether a backend may have reported this hit: its parameter within bounds, and not clearly outside.
+    /// Returns whether a backend may have reported this hit: its parameter is within bounds, and it is not clearly
+    /// outside.
     fn explains(&self, hit: &Hit) -> bool {
-        // Edge-on, the exact parameter is NaN or the bound infinite, and nothing can be held against the hit.
+        // Edge-on, the exact parameter is NaN or the bound infinite, and no hit can be rejected.
         let off = (f64::from(hit.t) - self.t).abs();
         let is_clear = off > self.t_error || self.margin < -self.edge_error;
         !is_clear
@@ -322,7 +332,7 @@ impl Exact {
         }
     }
 
-    /// Whether hit or miss is too close to call.
+    /// Returns whether both hit and miss are within the error bounds.
     fn is_doubtful(&self, ray: &Ray) -> bool {
         self.decision(ray) == Decision::Doubtful
     }

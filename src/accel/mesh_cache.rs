@@ -1,36 +1,35 @@
-//! What was built for the meshes of scenes before, for those that are built next: from frame to frame of a film most
-//! meshes stay as they are.
+//! Cache of per-mesh build results across scenes: between the frames of an animation most meshes stay unchanged.
 //!
-//! Embree's watertight triangles are kept, which take most of the time of a build; trees are built anew. What is kept is
-//! a function of a mesh alone, so no answer depends on whether it was.
+//! It keeps Embree's watertight triangle clusters, which take most of the time of a build; trees are built anew. An
+//! entry is a function of its mesh alone, so no result depends on whether it was cached.
 
 #[cfg(feature = "embree")]
 use super::embree::{BuiltMeshes, TriangleClusters};
 
-/// Where it is kept from one build to the next.
+/// Store of triangle clusters that lives from one build to the next.
 #[derive(Default)]
 pub struct MeshCache {
     #[cfg(feature = "embree")]
     pub(super) patches: BuiltMeshes<TriangleClusters>,
 }
 
-/// How often meshes were asked for.
+/// Lookup statistics of the cache.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshCounts {
-    /// In all.
+    /// Number of meshes looked up.
     pub asked: usize,
-    /// And were there.
+    /// Number of meshes that were in the cache.
     pub found: usize,
 }
 
 impl MeshCache {
-    /// Forgets the meshes that the scenes built last did not have.
+    /// Evicts the meshes that the scenes built last did not contain.
     pub fn evict_unused(&self) {
         #[cfg(feature = "embree")]
         self.patches.evict_unused();
     }
 
-    /// Of how many meshes anything was asked for, and there.
+    /// Returns the number of lookups and cache hits.
     pub fn counts(&self) -> MeshCounts {
         #[cfg(feature = "embree")]
         return self.patches.counts();
@@ -38,7 +37,7 @@ impl MeshCache {
         MeshCounts::default()
     }
 
-    /// Bytes of all that is kept.
+    /// Returns the number of bytes held by all entries.
     pub fn byte_count(&self) -> u64 {
         #[cfg(feature = "embree")]
         return self.patches.byte_count(TriangleClusters::byte_count);

@@ -1,14 +1,14 @@
-//! Finding hits: two questions, asked of packets, with three answers that must agree.
+//! Ray-scene intersection for packets of rays: nearest hit and occlusion, by one of three backends with equal results.
 //!
 //! * [`embree`]: the system's Embree, with shapes and instances as user geometry.
-//! * [`bsp`]: an axis-aligned BSP tree of our own.
-//! * [`brute`]: a loop over everything, the referee.
+//! * [`bsp`]: an axis-aligned BSP tree, in Rust.
+//! * [`brute`]: a loop over every primitive, the reference for tests.
 //!
-//! [`extents`] are what a ray is tested against before an object.
+//! [`extents`] are the bounding volumes that a ray is tested against before an object.
 //!
-//! Ties go to the smallest `t`, then the lowest instance, then the lowest primitive, also between triangles that
-//! coincide. Only between two different triangles of its own that a ray meets at the same `t`, at a shared edge or
-//! where they overlap in part in one plane, Embree decides, and [`hit_compare`] counts such answers as ties, not as
+//! Ties go to the smallest `t`, then the lowest instance, then the lowest primitive, also between coincident triangles.
+//! There is one exception: where a ray hits two different native triangles of Embree at the same `t`, at a shared edge
+//! or where they partly overlap in one plane, Embree decides. [`hit_compare`] counts such results as ties, not as
 //! wrong.
 
 pub mod brute;
@@ -40,44 +40,44 @@ pub use scene_stats::PrimitiveCounts;
 
 use crate::scene::Scene;
 
-/// Nearest hit and any hit for a batch of 16-lane packets against one built scene.
+/// Nearest-hit and occlusion queries for a batch of 16-lane packets against one built scene.
 ///
-/// A batch, so that a backend may interleave many rays: memory latency is the limit on large meshes. Lanes that no
-/// backend may be asked about are switched off, never traced.
+/// Queries take a batch so that a backend may interleave many rays: memory latency is the limit on large meshes. Lanes
+/// whose ray is not traceable (see [`RayPacket::drop_untraceable`]) are deactivated, never traced.
 pub trait Accel: Send + Sync {
     /// Finds the nearest hit of every active lane within its interval.
     fn intersect(&self, packets: &mut [RayPacket], order: RayOrder);
 
-    /// Marks every active lane blocked that meets anything within its interval.
+    /// Marks every active lane as blocked whose ray hits anything within its interval.
     fn occluded(&self, packets: &mut [RayPacket], order: RayOrder);
 
-    /// What was built.
+    /// Returns statistics of the structure that was built.
     fn report(&self) -> AccelReport;
 }
 
-/// Whether the lanes of a packet run side by side. A hint: it changes the speed, never the answer.
+/// Coherence hint for the rays of a packet. It changes the speed, never the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RayOrder {
     /// Camera rays, or shadow rays in the order of their camera rays.
     Coherent,
-    /// Anything else.
+    /// Rays without spatial coherence, for example after a bounce.
     Incoherent,
 }
 
-/// Which backend finds the hits.
+/// Backend that intersects rays with the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, clap::ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Backend {
-    /// The system's Embree.
+    /// The system's Embree library.
     Embree,
-    /// Our own axis-aligned BSP tree, in Rust.
+    /// An axis-aligned BSP tree, in Rust.
     Bsp,
-    /// A loop over every primitive: slow, the referee.
+    /// A loop over every primitive: slow, the reference for tests.
     Brute,
 }
 
 impl Default for Backend {
-    /// Embree where it was built in, else the BSP.
+    /// Returns Embree if it was compiled in, else the BSP.
     fn default() -> Backend {
         if cfg!(feature = "embree") {
             Backend::Embree
@@ -97,21 +97,21 @@ impl fmt::Display for Backend {
     }
 }
 
-/// How much a triangle hit may be trusted.
+/// Guarantee for rays that pass close to the edges and vertices of triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
-    /// Rays may slip through edges; of the BSP, f32 alone decides about triangles.
+    /// Rays may slip through edges; the BSP decides about triangles in f32 alone.
     Fast,
     /// Edges are closed; rays aimed exactly at a vertex may slip through.
     Robust,
-    /// Nothing slips through. Brute force always is, and the BSP unless it is [`Precision::Fast`].
+    /// Nothing slips through. Brute force always is watertight, and the BSP unless it is [`Precision::Fast`].
     #[default]
     Watertight,
 }
 
 impl Precision {
-    /// All, the one that may be trusted least first.
+    /// All levels, in order of increasing guarantee.
     pub const ALL: [Precision; 3] = [Precision::Fast, Precision::Robust, Precision::Watertight];
 }
 
@@ -125,23 +125,23 @@ impl fmt::Display for Precision {
     }
 }
 
-/// How Embree is given the meshes that stand elsewhere than in their own space.
+/// Method by which Embree intersects meshes whose instance has a transform.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Instancing {
-    /// The faster of the two that gives the precision asked for.
+    /// The faster of the two that gives the requested precision.
     #[default]
     Auto,
-    /// As user geometry, whose callbacks carry the rays into object space in f64.
+    /// As user geometry, whose callbacks transform the rays into object space in f64.
     Callback,
-    /// As Embree's own instances, which carry rays by an f32 inverse: a mesh is met as if it stood some roundings of
-    /// its coordinates aside, and between instances at the same `t` Embree decides.
+    /// As Embree's own instances, which transform rays by an f32 inverse: a mesh is hit as if it stood some roundings
+    /// of its coordinates aside, and between instances at the same `t` Embree decides.
     Native,
 }
 
 impl Instancing {
-    /// [`Instancing::Callback`] or [`Instancing::Native`]: what it means at a precision. Watertight meshes are placed by
-    /// callbacks whatever is wished, as the boxes that Embree puts around its own instances are not rounded outward.
+    /// Returns the method used at a precision: [`Instancing::Callback`] or [`Instancing::Native`]. Watertight meshes
+    /// always use callbacks, as the boxes that Embree puts around its own instances are not rounded outward.
     pub fn resolved(self, precision: Precision) -> Instancing {
         match (self, precision) {
             (Instancing::Auto, Precision::Fast) => Instancing::Native,
@@ -150,7 +150,7 @@ impl Instancing {
         }
     }
 
-    /// Of the two, the one that is not `self`.
+    /// Returns the method that `self` is not, out of callback and native.
     pub fn other(self) -> Instancing {
         match self {
             Instancing::Native => Instancing::Callback,
@@ -169,67 +169,68 @@ impl fmt::Display for Instancing {
     }
 }
 
-/// How many rays a backend handles at once.
+/// Number of rays that a backend handles at once.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kernel {
-    /// As many as pays.
+    /// As many rays as is fastest.
     #[default]
     Packet,
-    /// One by one: what packets are measured against.
+    /// Single rays, the baseline that packets are measured against.
     Single,
 }
 
-/// How an acceleration structure is built and asked.
+/// Settings for building and traversing an acceleration structure.
 #[derive(Clone, Default)]
 pub struct AccelOptions<'a> {
-    /// How much a triangle hit may be trusted.
+    /// Guarantee for rays near edges and vertices.
     pub precision: Precision,
     /// Packets or single rays.
     pub kernel: Kernel,
-    /// How Embree is given placed meshes; nothing to the other backends.
+    /// Method for instanced meshes in Embree; ignored by the other backends.
     pub instancing: Instancing,
-    /// How much work Embree puts into its trees; nothing to the other backends.
+    /// Build quality of Embree's trees; ignored by the other backends.
     pub build_quality: BuildQuality,
-    /// Whether Embree is to save memory rather than time; nothing to the other backends.
+    /// Flag that makes Embree save memory rather than time; ignored by the other backends.
     pub compact: bool,
-    /// Threads that build; 0 takes one a processor.
+    /// Number of build threads; 0 means one per processor.
     pub threads: usize,
-    /// Instruction set that Embree is held to (`sse2`, `sse4.2`, `avx`, `avx2`, `avx512`); its own choice if absent.
+    /// Instruction set that Embree is restricted to (`sse2`, `sse4.2`, `avx`, `avx2`, `avx512`); Embree's own choice if
+    /// absent.
     pub isa: Option<String>,
-    /// What need not be built again, where a scene is one of several.
+    /// Cache of per-mesh build results, for a scene that is one of several.
     pub mesh_cache: Option<&'a MeshCache>,
-    /// Told the finished fraction while building, from any thread.
+    /// Callback that receives the finished fraction during the build, from any thread.
     pub progress: Option<&'a (dyn Fn(f64) + Sync)>,
 }
 
-/// What was built, for statistics.
+/// Statistics of a built acceleration structure.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct AccelReport {
-    /// Bytes in use after the build, vertex and index arrays that are shared with the scene not counted.
+    /// Bytes in use after the build, without vertex and index arrays shared with the scene.
     pub bytes: u64,
-    /// Most bytes in use at any time of the build.
+    /// Peak bytes in use at any time of the build.
     pub peak_bytes: u64,
-    /// Version and instruction set, where the backend is Embree.
+    /// Version and instruction set, if the backend is Embree.
     pub embree: Option<EmbreeIdentity>,
-    /// One line a person may read: what kind of structure, how large.
+    /// One line for people: kind and size of the structure.
     pub summary: String,
-    /// What `bytes` are for; they add up to it.
+    /// Breakdown of `bytes` by use; the sizes add up to it.
     pub parts: Vec<AccelPart>,
 }
 
-/// A part of an acceleration structure.
+/// A part of an acceleration structure, with its memory.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AccelPart {
-    /// `triangles` or `user-geometry` (shapes and placed meshes) if it serves one of them alone, `tree` if both;
-    /// `extents` for what is asked before objects.
+    /// Memory category: `triangles` or `user-geometry` (shapes and instanced meshes) if the part serves one of them
+    /// alone, `tree` if both; `extents` for bounding volumes tested before objects.
     pub holder: &'static str,
-    /// What it is.
+    /// Human-readable label of the part.
     pub what: &'static str,
-    /// Its size.
+    /// Size of the part in bytes.
     pub bytes: u64,
 }
 
-/// The holder of a tree over this many triangles and this many objects that are asked as a whole.
+/// Returns the memory category of a tree over this many triangles and this many objects tested as a whole.
 pub(crate) fn holder_of_tree(triangle_count: usize, object_count: usize) -> &'static str {
     match (triangle_count, object_count) {
         (_, 0) => "triangles",
@@ -238,19 +239,19 @@ pub(crate) fn holder_of_tree(triangle_count: usize, object_count: usize) -> &'st
     }
 }
 
-/// Which Embree answered.
+/// Version and instruction set of an Embree device.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EmbreeIdentity {
-    /// For example `3.13.5`.
+    /// Version number, for example `3.13.5`.
     pub version: String,
-    /// For example `avx2`.
+    /// Instruction set, for example `avx2`.
     pub isa: String,
 }
 
-/// Which Embree would find the hits, held to an instruction set; nothing where another backend does.
+/// Returns the Embree that would be used when restricted to an instruction set; `None` for another backend.
 ///
 /// # Errors
-/// Where Embree does not start, or the program has none.
+/// If Embree does not start, or was not compiled in.
 pub fn identity(backend: Backend, isa: Option<&str>) -> Result<Option<EmbreeIdentity>, AccelError> {
     if backend != Backend::Embree {
         return Ok(None);
@@ -264,29 +265,29 @@ pub fn identity(backend: Backend, isa: Option<&str>) -> Result<Option<EmbreeIden
     }
 }
 
-/// Why an acceleration structure could not be built.
+/// Reason for which an acceleration structure could not be built.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AccelError {
-    /// The program has no Embree in it.
+    /// The program was compiled without Embree.
     #[error("this whit was built without Embree: use `--backend bsp`, or build it with the feature `embree`")]
     NoEmbree,
-    /// Embree refused.
+    /// An Embree call failed.
     #[error("Embree could not {action}: {message}")]
     Embree {
-        /// What was attempted.
+        /// Operation that was attempted.
         action: &'static str,
-        /// What Embree said.
+        /// Error message from Embree.
         message: String,
     },
     /// There is not enough memory.
     #[error("not enough memory for the acceleration structure: use a smaller scene or `--backend bsp`")]
     OutOfMemory,
-    /// The running library is not the one that the headers described.
+    /// The running library is not the version that the headers described.
     #[error("whit was built against Embree {built} but runs with {running}: build it again on this machine")]
     VersionMismatch {
-        /// The headers' version.
+        /// Version of the headers at compile time.
         built: String,
-        /// The library's version.
+        /// Version of the running library.
         running: String,
     },
 }

@@ -1,63 +1,63 @@
-//! Sixteen rays side by side, and the hits that are found for them.
+//! Packet of sixteen rays and their hits.
 //!
-//! The memory layout is the one that Embree's 16-wide calls take, so packets cross the boundary without a copy
-//! (`accel/embree` checks it at compile time). Other backends read and write the same lanes.
+//! The memory layout is that of Embree's 16-wide calls, so packets are passed without a copy (`accel/embree` checks it
+//! at compile time). Other backends read and write the same lanes.
 
 use glam::Vec3;
 
 pub use crate::numeric::LANES;
 use crate::numeric::Ray;
 
-/// Marks a lane that has hit nothing.
+/// Value of [`RayPacket::instance`] for a lane without a hit.
 pub const NO_HIT: u32 = u32::MAX;
 
-/// The value of [`RayPacket::active`] for a lane that is traced.
+/// Value of [`RayPacket::active`] for a lane that is traced.
 pub const ACTIVE: i32 = -1;
 
-/// What a backend finds, and no more.
+/// Result of an intersection query, without shading data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Index into [`crate::scene::Scene::instances`].
+    /// Index of the instance in [`crate::scene::Scene::instances`].
     pub instance: u32,
     /// Triangle of the mesh, or part of the analytic shape as in [`crate::shape::ShapeHit::part`].
     pub primitive: u32,
-    /// Parameter along the ray, in the length of its direction.
+    /// Parameter along the ray, in units of the length of its direction.
     pub t: f32,
-    /// Barycentric weight of the triangle's second corner.
+    /// Barycentric weight of the triangle's second vertex.
     pub u: f32,
-    /// Barycentric weight of the triangle's third corner.
+    /// Barycentric weight of the triangle's third vertex.
     pub v: f32,
 }
 
-/// Sixteen rays and their answers, structure of arrays; each array holds one value a lane.
+/// Sixteen rays and their hits as structure of arrays; each array holds one value per lane.
 #[repr(C, align(64))]
 #[derive(Clone, Debug)]
 pub struct RayPacket {
     /// Ray origins: x, y, z.
     pub origin: [[f32; LANES]; 3],
-    /// Nearest parameters that count.
+    /// Lower ends of the ray intervals.
     pub t_near: [f32; LANES],
     /// Ray directions: x, y, z; not normalised.
     pub direction: [[f32; LANES]; 3],
-    /// When rays are sent, as in [`Ray::time`].
+    /// Times of the rays, as in [`Ray::time`].
     pub time: [f32; LANES],
-    /// In: farthest parameters that count. Out: the parameter of the hit, or -∞ for a blocked lane.
+    /// In: upper ends of the ray intervals. Out: parameter of the hit, or -∞ for a blocked lane.
     pub t_far: [f32; LANES],
     mask: [u32; LANES],
     id: [u32; LANES],
     flags: [u32; LANES],
     ng: [[f32; LANES]; 3],
-    /// Barycentric weight of the second corner, where hit.
+    /// Barycentric weight of the second vertex, valid for lanes with a hit.
     pub u: [f32; LANES],
-    /// Barycentric weight of the third corner, where hit.
+    /// Barycentric weight of the third vertex, valid for lanes with a hit.
     pub v: [f32; LANES],
-    /// Triangle of the mesh or part of the shape, where hit.
+    /// Triangle of the mesh or part of the shape, valid for lanes with a hit.
     pub primitive: [u32; LANES],
-    /// Instance hit, or [`NO_HIT`].
+    /// Index of the instance hit, or [`NO_HIT`].
     pub instance: [u32; LANES],
     level: [u32; LANES],
     level_primitive: [u32; LANES],
-    /// [`ACTIVE`] for lanes that are traced, 0 for those that are left alone.
+    /// [`ACTIVE`] for lanes that are traced, 0 for lanes that are skipped.
     pub active: [i32; LANES],
 }
 
@@ -82,7 +82,7 @@ impl RayPacket {
         active: [0; LANES],
     };
 
-    /// Forgets rays and hits, so that the packet can be filled again; cheaper than a new one.
+    /// Clears rays and hits for refilling the packet; cheaper than a new one.
     #[inline(always)]
     pub fn recycle(&mut self) {
         self.instance = [NO_HIT; LANES];
@@ -90,7 +90,7 @@ impl RayPacket {
         self.active = [0; LANES];
     }
 
-    /// Forgets the hit of one lane; the ray stays, but for its `t_far`.
+    /// Clears the hit of one lane; the ray stays, except for its `t_far`.
     #[inline(always)]
     pub fn forget_hit(&mut self, lane: usize) {
         self.instance[lane] = NO_HIT;
@@ -112,7 +112,7 @@ impl RayPacket {
         self.active[lane] = ACTIVE;
     }
 
-    /// The ray of lane `lane`; after a trace its `t_far` is the answer's.
+    /// Returns the ray of lane `lane`; after a query its `t_far` is that of the result.
     #[inline(always)]
     pub fn ray(&self, lane: usize) -> Ray {
         let vector = |v: &[[f32; LANES]; 3]| Vec3::new(v[0][lane], v[1][lane], v[2][lane]);
@@ -125,13 +125,13 @@ impl RayPacket {
         }
     }
 
-    /// Whether lane `lane` is traced.
+    /// Returns whether lane `lane` is traced.
     #[inline(always)]
     pub fn is_active(&self, lane: usize) -> bool {
         self.active[lane] != 0
     }
 
-    /// Whether any lane is traced.
+    /// Returns whether any lane is traced.
     #[inline(always)]
     pub fn any_active(&self) -> bool {
         self.active.iter().fold(0, |a, &b| a | b) != 0
@@ -147,7 +147,7 @@ impl RayPacket {
         self.instance[lane] = hit.instance;
     }
 
-    /// What an active lane has hit after [`super::Accel::intersect`].
+    /// Returns the hit of an active lane after [`super::Accel::intersect`].
     #[inline(always)]
     pub fn hit(&self, lane: usize) -> Option<Hit> {
         (self.is_active(lane) && self.instance[lane] != NO_HIT).then(|| Hit {
@@ -159,7 +159,8 @@ impl RayPacket {
         })
     }
 
-    /// Gives hits that Embree found in instances of its own the instance's number, as all others have it.
+    /// Replaces the geometry index of hits in Embree's own instances by the index of the instance, as in all other
+    /// hits.
     #[cfg(feature = "embree")]
     #[inline(always)]
     pub(super) fn name_instances(&mut self) {
@@ -193,17 +194,17 @@ impl RayPacket {
         self.t_far[lane] = f32::NEG_INFINITY;
     }
 
-    /// Whether a lane was found blocked by [`super::Accel::occluded`].
+    /// Returns whether [`super::Accel::occluded`] found the lane blocked.
     #[inline(always)]
     pub fn is_blocked(&self, lane: usize) -> bool {
         self.is_active(lane) && self.t_far[lane] == f32::NEG_INFINITY
     }
 
-    /// Deactivates every lane whose ray no backend may be asked about (see [`Ray::is_traceable`]) and returns how
-    /// many there were.
+    /// Deactivates every lane whose ray is not traceable (see [`Ray::is_traceable`]) and returns the number of such
+    /// lanes.
     #[inline(always)]
     pub fn drop_untraceable(&mut self) -> u32 {
-        // Without their signs, floats are ordered as their bits are, with infinity and NaN above all others.
+        // Without sign bits, floats order as their bits do, with infinity and NaN above all others.
         let size = |x: f32| x.to_bits() & 0x7fff_ffff;
         let mut dropped = 0;
         for lane in 0..LANES {
@@ -211,6 +212,7 @@ impl RayPacket {
             let [dx, dy, dz] = [0, 1, 2].map(|axis| size(self.direction[axis][lane]));
             let largest = ox.max(oy).max(oz).max(dx).max(dy).max(dz);
             let (t_near, t_far) = (self.t_near[lane], self.t_far[lane]);
+            // All conditions without branches, so that the loop vectorizes
             let good = (largest < Ray::LIMIT.to_bits())
                 & ((dx | dy | dz) != 0)
                 & (0.0..f32::INFINITY).contains(&t_near)
@@ -264,6 +266,7 @@ mod tests {
 
     #[test]
     fn lanes_that_would_abort_embree_are_switched_off() {
+        // Set one valid ray and five that Embree must not get
         let mut packet = RayPacket::EMPTY;
         let good = Ray::new(Vec3::ZERO, Vec3::X);
         packet.set(0, &good);

@@ -1,7 +1,7 @@
-//! Infinite planes: no box holds them, so no tree does. They are asked after the traversal, all lanes at once.
+//! Infinite planes, which have no finite bounding box and so are in no tree. All lanes are tested after the traversal.
 //!
-//! Embree drops whatever has an infinite box, and in a BSP of our own a plane would be in every cell it crosses. Scenes
-//! have a plane or two, if any, and one costs a division a ray.
+//! Embree drops primitives with an infinite box, and in the BSP a plane would be in every cell it crosses. Scenes have
+//! one or two planes, if any, and each costs a division per ray.
 
 use glam::{DAffine3, DVec3};
 use multiversion::multiversion;
@@ -13,11 +13,11 @@ use crate::scene::{Instance, Scene};
 /// The infinite planes of a scene, in the order of their instances.
 pub(super) struct Planes {
     still: Vec<PlaneForm>,
-    /// Those that move, with their numbers.
+    /// Moving planes, with their instance indices.
     moving: Vec<(u32, Instance)>,
 }
 
-/// A placed plane as the height above it: the last row of the map to its object space, where it is z = 0.
+/// World-space plane as a height function: the last row of the world-to-object transform, where the plane is z = 0.
 struct PlaneForm {
     instance: u32,
     gradient: DVec3,
@@ -25,11 +25,12 @@ struct PlaneForm {
 }
 
 impl Planes {
-    /// Collects them.
+    /// Collects the infinite planes of a scene.
     pub(super) fn of(scene: &Scene) -> Planes {
         let planes = (0u32..)
             .zip(&scene.instances)
             .filter(|(_, instance)| scene.geometries[instance.geometry as usize].is_unbounded());
+        // Precompute the height functions of static planes
         let (moving, still): (Vec<_>, Vec<_>) = planes.partition(|(_, instance)| instance.is_moving());
         let form = |(index, instance): (u32, &Instance)| PlaneForm::new(index, &instance.object_from_world());
         Planes {
@@ -41,18 +42,18 @@ impl Planes {
         }
     }
 
-    /// Whether there are none.
+    /// Returns whether the scene has no infinite plane.
     #[inline(always)]
     pub(super) fn is_empty(&self) -> bool {
         self.still.is_empty() && self.moving.is_empty()
     }
 
-    /// How many there are.
+    /// Returns the number of infinite planes.
     pub(super) fn count(&self) -> usize {
         self.still.len() + self.moving.len()
     }
 
-    /// Takes over the hits that are nearer than what the packets hold.
+    /// Records the plane hits that are nearer than the hits already in the packets.
     pub(super) fn intersect(&self, packets: &mut [RayPacket]) {
         for packet in packets {
             nearest(&self.still, packet);
@@ -63,7 +64,7 @@ impl Planes {
         }
     }
 
-    /// Blocks the lanes that meet any.
+    /// Marks the lanes as blocked whose ray hits any plane.
     pub(super) fn occluded(&self, packets: &mut [RayPacket]) {
         for packet in packets {
             block(&self.still, packet);
@@ -87,9 +88,11 @@ impl PlaneForm {
         }
     }
 
-    /// The parameters at which active lanes cross it within their intervals, rounded once; infinite where they do not.
+    /// Returns the parameters at which active lanes cross the plane within their intervals, rounded once; infinity for
+    /// the others.
     ///
-    /// The operations of [`crate::shape::Plane`] on the ray in object space, in the same order, to the same bits.
+    /// The operations are those of [`crate::shape::Plane`] on the ray in object space, in the same order, to the same
+    /// bits.
     #[inline(always)]
     fn crossings(&self, packet: &RayPacket) -> Lanes<f32> {
         let mut crossings = [f32::INFINITY; LANES];
@@ -99,7 +102,7 @@ impl PlaneForm {
         crossings
     }
 
-    /// That of lane `l`.
+    /// Returns the crossing parameter of lane `l`, or infinity.
     #[inline(always)]
     fn crossing(&self, packet: &RayPacket, l: usize) -> f32 {
         let rise = |v: [f32; 3]| {
@@ -111,7 +114,7 @@ impl PlaneForm {
             rise(of(&packet.origin)) + self.offset,
             rise(of(&packet.direction)),
         );
-        // The sum makes +0 of -0.
+        // Adding +0 turns -0 into +0.
         let exact = -height / slope + 0.0;
         let t = exact as f32;
         let crosses = (packet.active[l] != 0)
@@ -122,7 +125,7 @@ impl PlaneForm {
     }
 }
 
-/// [`PlaneForm::crossings`] of a plane that moves: each ray meets it where it is at its time.
+/// Computes [`PlaneForm::crossings`] of a moving plane, with its position at each ray's time.
 fn moving_crossings(index: u32, plane: &Instance, packet: &RayPacket) -> Lanes<f32> {
     std::array::from_fn(|l| {
         if !packet.is_active(l) {
@@ -141,12 +144,12 @@ fn nearest(planes: &[PlaneForm], packet: &mut RayPacket) {
     }
 }
 
-/// Takes over the crossings of a plane where they are the nearest.
+/// Records the crossings of a plane in the lanes where they are the nearest hit.
 #[inline(always)]
 fn take(instance: u32, crossings: &Lanes<f32>, packet: &mut RayPacket) {
     for l in 0..LANES {
         let t = crossings[l];
-        // Where nothing was hit, the instance held is the highest number.
+        // A lane without a hit holds `NO_HIT`, the largest index, so a plane at its very end is taken.
         let is_first = (t < packet.t_far[l]) | (instance < packet.instance[l]);
         let taken = (t < f32::INFINITY) & is_first;
         packet.t_far[l] = if taken { t } else { packet.t_far[l] };

@@ -1,25 +1,25 @@
-//! What building an acceleration structure may take: time for a better tree, or memory for a faster one.
+//! Build quality of an acceleration structure: build time against traversal time.
 
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// How much work Embree puts into its trees.
+/// Amount of work that Embree puts into its trees.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum BuildQuality {
-    /// By the order of the objects along a curve through space: built in a fraction of the time, walked in longer.
+    /// By the order of the objects along a curve through space: built in a fraction of the time, slower to traverse.
     Low,
     /// By the surface area heuristic.
     #[default]
     Medium,
-    /// The same with large triangles cut in two where that pays. Embree does so for its own triangles at
-    /// [`Precision::Fast`](super::Precision::Fast) only; elsewhere it is [`BuildQuality::Medium`].
+    /// By the surface area heuristic, with large triangles split in two where that pays. Embree does so for its own
+    /// triangles at [`Precision::Fast`](super::Precision::Fast) only; elsewhere it is [`BuildQuality::Medium`].
     High,
 }
 
 impl BuildQuality {
-    /// All, the quickest to build first.
+    /// All qualities, the quickest to build first.
     pub const ALL: [BuildQuality; 3] = [BuildQuality::Low, BuildQuality::Medium, BuildQuality::High];
 }
 

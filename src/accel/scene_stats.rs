@@ -1,22 +1,22 @@
-//! What a structure is made of, by who answers for it: a backend's own triangles, or whoever is called back.
+//! Primitive counts of a scene by who intersects them: the backend's native triangles, or user-geometry callbacks.
 
 use crate::scene::{Geometry, Instance, Scene};
 
-/// How many objects of each kind a scene shows.
+/// Number of objects of each kind in a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PrimitiveCounts {
-    /// Triangles of meshes whose object space is world space: those of several instances in it count each time.
+    /// Triangles of meshes whose object space is world space, counted once per instance.
     pub world_triangles: usize,
-    /// Instances of meshes that stand elsewhere.
+    /// Instances of meshes with a transform other than the identity.
     pub placed_meshes: usize,
-    /// Instances of analytic shapes with an end.
+    /// Instances of bounded analytic shapes.
     pub shapes: usize,
     /// Infinite planes, which are outside all structures.
     pub planes: usize,
 }
 
 impl PrimitiveCounts {
-    /// Those of a validated scene.
+    /// Counts the primitives of a validated scene.
     pub fn of(scene: &Scene) -> PrimitiveCounts {
         let mut contents = PrimitiveCounts::default();
         for instance in &scene.instances {
@@ -25,7 +25,7 @@ impl PrimitiveCounts {
         contents
     }
 
-    /// Objects that Embree asks about by callbacks, where it has no instances of its own.
+    /// Returns the number of objects that Embree intersects by callbacks if it has no instances of its own.
     pub fn user_geometry(&self) -> usize {
         self.placed_meshes + self.shapes
     }

@@ -1,9 +1,8 @@
-//! Analytic shapes as all backends ask them: one function, so that they give the same bits.
+//! Ray intersection with analytic shapes, shared by all backends so that they return the same bits.
 //!
-//! The f32 ray is exact by definition; its f64 extension is carried into object space and never rounded there. The
-//! parameter is rounded to f32 once, and compared after that: the end of a ray may be the parameter of a hit found
-//! before, which was rounded too, and surfaces at the same parameter must not be told apart by the order of the
-//! questions.
+//! The f32 ray is exact by definition; its f64 extension is transformed into object space and never rounded there. The
+//! parameter is rounded to f32 once and compared after that: `t_far` of a ray may be the parameter of an earlier hit,
+//! which was rounded too, and the order of the tests must not decide between surfaces at the same parameter.
 
 use glam::DVec3;
 
@@ -12,7 +11,7 @@ use crate::numeric::Ray;
 use crate::scene::{Instance, InstanceTransform};
 use crate::shape::{Implicit, Shape, ShapeHit, ShapeRay, Sphere};
 
-/// Where a ray meets a placed shape first within its interval: `primitive` is the part of the shape.
+/// Returns the nearest hit of a ray with a shape instance within its interval; `primitive` is the part of the shape.
 #[inline(always)]
 pub(super) fn shape_hit(index: u32, instance: &Instance, shape: &Shape, ray: &Ray) -> Option<Hit> {
     let pose = instance.pose(ray.time);
@@ -27,7 +26,7 @@ pub(super) fn shape_hit(index: u32, instance: &Instance, shape: &Shape, ray: &Ra
     })
 }
 
-/// Where a ray meets a sphere in world space first within its interval.
+/// Returns the nearest parameter at which a ray intersects a world-space sphere within its interval.
 #[inline(always)]
 pub(super) fn sphere_hit(sphere: &Sphere, ray: &Ray) -> Option<f32> {
     let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
@@ -35,14 +34,14 @@ pub(super) fn sphere_hit(sphere: &Sphere, ray: &Ray) -> Option<f32> {
     within(t, ray)
 }
 
-/// A parameter as a hit's, unless it is beyond the ray's end.
+/// Rounds a parameter to f32; `None` if it is beyond the ray's `t_far`.
 #[inline(always)]
 fn within(t: f64, ray: &Ray) -> Option<f32> {
     let t = t as f32;
     (t <= ray.t_far && t < f32::INFINITY).then_some(t)
 }
 
-/// The hit of a sphere, which has one part.
+/// Returns the hit record of a sphere, which has one part.
 #[inline(always)]
 pub(super) fn sphere_at(instance: u32, t: f32) -> Hit {
     Hit {
@@ -54,8 +53,8 @@ pub(super) fn sphere_at(instance: u32, t: f32) -> Hit {
     }
 }
 
-/// The sphere in world space that an instance is, if it is one and stands still: rays need not be carried anywhere to
-/// meet it.
+/// Returns the instance's shape as a world-space sphere, if the transform keeps it one and does not move: rays then
+/// need no transform.
 #[inline(always)]
 pub(super) fn world_sphere(pose: &InstanceTransform, shape: &Shape) -> Option<Sphere> {
     match shape {
@@ -64,7 +63,7 @@ pub(super) fn world_sphere(pose: &InstanceTransform, shape: &Shape) -> Option<Sp
     }
 }
 
-/// The ray in object space, from its nearest parameter on.
+/// Returns the ray in object space, from its `t_near` on.
 #[inline(always)]
 fn shape_ray(pose: &InstanceTransform, ray: &Ray) -> ShapeRay {
     let (origin, direction) = object_line(pose, ray);
@@ -74,7 +73,7 @@ fn shape_ray(pose: &InstanceTransform, ray: &Ray) -> ShapeRay {
     }
 }
 
-/// Origin and direction in object space; the parameter keeps its meaning.
+/// Returns origin and direction in object space; the ray parameter is unchanged.
 #[inline(always)]
 fn object_line(pose: &InstanceTransform, ray: &Ray) -> (DVec3, DVec3) {
     let map = pose.object_from_world();

@@ -1,4 +1,4 @@
-//! What a frame is made of, as one number: if that is the same, so is the picture.
+//! Content hash of a frame's inputs: frames with equal keys have equal images.
 
 use std::fs::File;
 use std::io;
@@ -6,24 +6,24 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-/// A hash (BLAKE3) of all that a frame depends on, or of a file.
+/// BLAKE3 hash of all inputs of a frame, or of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Key([u8; 32]);
 
 impl Key {
-    /// Of a file's bytes.
+    /// Returns the hash of a file's bytes.
     pub fn of_file(path: &Path) -> io::Result<Key> {
         let mut hasher = blake3::Hasher::new();
         hasher.update_reader(File::open(path)?)?;
         Ok(Key(*hasher.finalize().as_bytes()))
     }
 
-    /// In digits, two a byte.
+    /// Returns the hash as hexadecimal digits, two per byte.
     pub fn digits(&self) -> String {
         blake3::Hash::from_bytes(self.0).to_hex().to_string()
     }
 
-    /// The first digits, which names of files have: enough to tell a few million frames apart.
+    /// Returns the first 16 hexadecimal digits, which names of files contain: 64 bits distinguish a few million frames.
     pub fn short(&self) -> String {
         const DIGITS: usize = 16;
         self.digits()[..DIGITS].to_owned()
@@ -44,22 +44,22 @@ impl<'de> Deserialize<'de> for Key {
     }
 }
 
-/// Takes one thing after the other that a frame depends on.
+/// Incremental hasher of the named inputs of a frame.
 #[derive(Clone, Default)]
 pub struct Keyring(blake3::Hasher);
 
 impl Keyring {
-    /// Adds a thing by what it is and its value. Two rings are the same only if all of both are, in the same order.
+    /// Adds an input by its name and value. Two hashers agree only if all inputs of both do, in the same order.
     pub fn add(&mut self, name: &str, value: impl AsRef<[u8]>) -> &mut Keyring {
         for part in [name.as_bytes(), value.as_ref()] {
-            // With its length, so that no two rows of things run into the same bytes.
+            // The length prefix keeps different sequences of inputs from having the same bytes.
             self.0.update(&(part.len() as u64).to_le_bytes());
             self.0.update(part);
         }
         self
     }
 
-    /// The hash of all that was added.
+    /// Returns the hash of all inputs added so far.
     pub fn key(&self) -> Key {
         Key(*self.0.finalize().as_bytes())
     }
@@ -81,6 +81,7 @@ mod tests {
         let base = key(&[("spp", "16"), ("size", "8x8")]);
         assert_eq!(base, key(&[("spp", "16"), ("size", "8x8")]));
         assert_ne!(base, key(&[("spp", "17"), ("size", "8x8")]));
+        // The order of inputs and the split into name and value are part of the hash
         assert_ne!(base, key(&[("size", "8x8"), ("spp", "16")]));
         assert_ne!(key(&[("ab", "c")]), key(&[("a", "bc")]));
     }
@@ -97,7 +98,7 @@ mod tests {
 
     #[test]
     fn the_hash_of_a_file_is_the_published_one() {
-        // BLAKE3 of nothing, from its specification's test vectors.
+        // BLAKE3 of the empty input, from the test vectors of its specification.
         let file = tempfile::NamedTempFile::new().unwrap();
         let digits = Key::of_file(file.path()).unwrap().digits();
         assert!(digits.starts_with("af1349b9f5f9a1a6a0404dea36dcc9499bcb25c9adc112b7cc9a93cae41f3262"));

@@ -1,31 +1,31 @@
-//! At most one process a shard and folder, as far as that can be known.
+//! File lock that keeps two processes from working on the same shard of an output folder.
 //!
-//! The system holds the lock and lets go of it when the process ends, however it ends. A process on another machine may
-//! not see it, and may be a ghost: a task that its scheduler has given up and started anew elsewhere. So a lock only
-//! spares work that is done already; that nothing is harmed rests on outputs that are the same whoever makes them, and
-//! that appear whole.
+//! The operating system holds the lock and releases it when the process ends, for any reason. A process on another
+//! machine may not see the lock, and may be a leftover: a task that its scheduler has given up and restarted elsewhere.
+//! The lock therefore only avoids duplicate work; correctness relies on outputs that are identical for every process
+//! and that appear whole.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, Write};
 use std::path::Path;
 
-/// Held as long as it lives.
+/// Exclusive lock on a file, released when dropped.
 #[derive(Debug)]
 pub struct Lock {
     _file: File,
 }
 
-/// Who has what was asked for.
+/// Reasons why a lock could not be taken.
 #[derive(Debug)]
 pub enum LockError {
-    /// Another process; what it says of itself.
+    /// Another process holds the lock; its description of itself.
     Held(String),
-    /// The system could not tell.
+    /// The operating system reported an error.
     Unknown(io::Error),
 }
 
 impl Lock {
-    /// Takes the lock of this name, saying `who` has it.
+    /// Takes the lock file `path` and writes the description `who` of the holder into it.
     pub fn take(path: &Path, who: &str) -> Result<Lock, LockError> {
         let mut file = OpenOptions::new()
             .read(true)
@@ -38,7 +38,7 @@ impl Lock {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
                 let mut holder = String::new();
-                // Who it is is only for people.
+                // The description is informational, so an unreadable one is ignored.
                 let _ = file.read_to_string(&mut holder);
                 return Err(LockError::Held(holder.trim().to_owned()));
             }
@@ -49,7 +49,7 @@ impl Lock {
             file.rewind()?;
             file.write_all(who.as_bytes())
         };
-        // The same: on a full disk the lock holds all the same.
+        // The description is informational: on a full disk the lock is still held.
         let _ = write(&mut file);
         Ok(Lock { _file: file })
     }
@@ -64,6 +64,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.lock");
         let first = Lock::take(&path, "process 1").unwrap();
+        // The second process learns who holds the lock
         match Lock::take(&path, "process 2") {
             Err(LockError::Held(who)) => assert_eq!(who, "process 1"),
             other => panic!("{other:?}"),

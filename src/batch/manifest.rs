@@ -1,7 +1,7 @@
-//! What of a batch is done: a line of JSON for each picture, in a file that only grows.
+//! Manifest of the finished images of a batch: one line of JSON per image, in an append-only file.
 //!
-//! A line is written after its picture stands whole in its place. Whoever is killed in between makes that picture again;
-//! a line that was cut short is none. Every shard has a file of its own; all are read.
+//! A line is appended after its image is complete at its final path. A process that is killed in between renders that
+//! image again; a truncated line is ignored. Every shard has its own file; all files are read.
 
 use std::collections::HashMap;
 use std::fs::{self, File, OpenOptions};
@@ -13,34 +13,34 @@ use serde::{Deserialize, Serialize};
 use super::key::Key;
 use super::shard::Shard;
 
-/// What names of manifests begin and end with.
+/// Prefix and suffix of the names of manifest files.
 const NAME: (&str, &str) = ("whit-batch", ".jsonl");
 
-/// A picture that is done.
+/// Manifest entry of one finished image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Done {
-    /// The frame's number in its batch.
+    /// Index of the frame in its batch.
     pub frame: usize,
-    /// The picture, within the batch's folder.
+    /// Path of the image relative to the output folder.
     pub image: PathBuf,
-    /// What it was made of.
+    /// Hash of the inputs that the image was rendered from.
     pub key: Key,
-    /// Bytes of its file.
+    /// Size of the image file in bytes.
     pub bytes: u64,
-    /// Seconds that it took by itself, but for what it shared with others.
+    /// Seconds spent on this image alone, without work that is shared with other frames.
     pub seconds: f64,
-    /// Those of them in which it was rendered; the others went into its file.
+    /// Seconds of `seconds` that were spent rendering; the rest was spent encoding and writing the file.
     #[serde(default)]
     pub render_seconds: f64,
-    /// Samples a pixel, on average.
+    /// Mean number of samples per pixel taken.
     pub samples: f64,
-    /// Samples a pixel that were asked for.
+    /// Samples per pixel that the settings request.
     pub spp: u32,
-    /// Which machine and process made it.
+    /// Machine and process that made the image.
     pub by: String,
 }
 
-/// The pictures that are done, by name, and where more are noted.
+/// Finished images of a batch by path, with the open manifest of one shard.
 #[derive(Debug)]
 pub struct Manifest {
     folder: PathBuf,
@@ -49,7 +49,7 @@ pub struct Manifest {
 }
 
 impl Manifest {
-    /// Reads what all shards have noted in `folder`, and goes on with the notes of one.
+    /// Reads the entries of all shards in `folder`, and opens the manifest of one shard for appending.
     pub fn open(folder: &Path, shard: Shard) -> io::Result<Manifest> {
         let (start, end) = NAME;
         let name = match shard {
@@ -60,7 +60,7 @@ impl Manifest {
             .append(true)
             .create(true)
             .open(folder.join(name))?;
-        // If the last line was cut short, the next begins anew.
+        // Terminate a line that a killed process may have left truncated; empty lines are ignored.
         if file.metadata()?.len() > 0 {
             file.write_all(b"\n")?;
         }
@@ -71,13 +71,13 @@ impl Manifest {
         })
     }
 
-    /// Takes note of what others have noted since.
+    /// Reads the manifests of all shards again, to see entries that other processes have added.
     pub fn read_again(&mut self) -> io::Result<()> {
         self.done = Manifest::read(&self.folder)?;
         Ok(())
     }
 
-    /// What all shards have noted in `folder`.
+    /// Returns the entries of all shards in `folder`, by image path; truncated lines are ignored.
     pub fn read(folder: &Path) -> io::Result<HashMap<PathBuf, Done>> {
         let mut done = HashMap::new();
         for entry in fs::read_dir(folder)? {
@@ -96,23 +96,23 @@ impl Manifest {
         Ok(done)
     }
 
-    /// What was noted of a picture that still stands there as it was made, of this.
+    /// Returns the entry of an image with the given key, if the file is still there with the recorded size.
     pub fn find(&self, image: &Path, key: Key) -> Option<&Done> {
         let done = self.done.get(image).filter(|done| done.key == key)?;
         let bytes = fs::metadata(self.folder.join(image)).ok()?.len();
         (bytes == done.bytes).then_some(done)
     }
 
-    /// Whether anything was ever noted of a picture.
+    /// Returns whether the manifests have an entry for an image, with any key.
     pub fn has(&self, image: &Path) -> bool {
         self.done.contains_key(image)
     }
 
-    /// Notes a picture, for good.
+    /// Appends an entry and syncs the file to disk.
     pub fn add(&mut self, done: Done) -> io::Result<()> {
         let mut line = serde_json::to_string(&done)?;
         line.push('\n');
-        // At once, so that lines of two processes do not mix.
+        // Append the line in one write, so that lines of two processes do not mix
         self.file.write_all(line.as_bytes())?;
         self.file.sync_data()?;
         self.done.insert(done.image.clone(), done);
@@ -148,6 +148,7 @@ mod tests {
         let [same, other] = ["one", "two"].map(|key| done("a.png", key).key);
         assert_eq!(manifest.find(Path::new("a.png"), same), None);
         fs::write(folder.path().join("a.png"), b"1234").unwrap();
+        // An entry counts only for the same key and the same size of the file
         assert_eq!(
             manifest.find(Path::new("a.png"), same),
             Some(&done("a.png", "one"))
@@ -163,6 +164,7 @@ mod tests {
         let open = || Manifest::open(folder.path(), Shard::ALL).unwrap();
         open().add(done("a.png", "one")).unwrap();
         let path = folder.path().join("whit-batch.jsonl");
+        // Append half a line, as a process killed during a write leaves it
         let mut file = OpenOptions::new().append(true).open(&path).unwrap();
         file.write_all(b"{\"frame\": 4, \"ima").unwrap();
         open().add(done("b.png", "one")).unwrap();

@@ -1,7 +1,7 @@
-//! Pieces of a frame, put together row by row: of each only the rows at hand are in memory.
+//! Merging of a frame's pieces, row by row: only the current rows of each piece are in memory.
 //!
-//! Which piece gives a row does not matter where several have it, as all have the same bits. Sums of shares are added in
-//! the order of the shares.
+//! If several pieces have a row, any of them may be used, as all have the same bits. Sums of shares are added in the
+//! order of the shares.
 
 use std::collections::HashMap;
 use std::io;
@@ -13,45 +13,45 @@ use super::piece_file::{PieceFolder, PieceReader, PieceRows, Plane};
 use crate::image::{ChannelKind, ImageError};
 use crate::render::Sums;
 
-/// Rows that are read at a time: as many as EXR's compressions take together at most.
+/// Number of rows that are read at a time: the largest block of rows that EXR compresses together.
 const STEP: u32 = 32;
 
-/// Why pieces make no frame.
+/// Reasons why pieces cannot be merged to a frame.
 #[derive(Debug, thiserror::Error)]
 pub enum MergeError {
-    /// Some are not there yet.
+    /// Some rows are not finished yet.
     #[error("{missing} of {height} rows are missing")]
     Missing {
-        /// Rows that are not finished.
+        /// Number of rows that are not finished.
         missing: u32,
-        /// Of how many.
+        /// Number of rows of the frame.
         height: u32,
     },
-    /// The folder cannot be read.
+    /// The folder of the pieces cannot be read.
     #[error("its pieces cannot be read: {0}")]
     Folder(#[from] io::Error),
-    /// A piece cannot be used.
+    /// A piece is unreadable or invalid.
     #[error(transparent)]
     Piece(#[from] ImageError),
 }
 
-/// A frame that is read from its pieces, from the top to the bottom.
+/// Reader of a frame's rows from its pieces, from top to bottom.
 #[derive(Debug)]
 pub struct Merge<'f> {
     folder: &'f PieceFolder,
     pieces: Vec<(Piece, PathBuf)>,
-    /// Those that are being read.
+    /// Readers of the pieces in use, by the piece's index.
     open: HashMap<usize, PieceReader>,
-    /// The row that comes next.
+    /// Row that is read next.
     next: u32,
 }
 
 impl<'f> Merge<'f> {
-    /// Begins with a frame all of whose pieces are there.
+    /// Starts merging a frame all of whose pieces are present.
     ///
     /// # Errors
     ///
-    /// Where some are not.
+    /// If rows are missing, or the folder cannot be read.
     pub fn of(folder: &'f PieceFolder) -> Result<Merge<'f>, MergeError> {
         let pieces = folder.pieces()?;
         let cut = folder.cut();
@@ -70,22 +70,24 @@ impl<'f> Merge<'f> {
         })
     }
 
-    /// The channels of the next rows; nothing when all have been read.
+    /// Returns the channels of the next rows, or `None` after the last row.
     ///
     /// # Errors
     ///
-    /// Where a piece cannot be read.
+    /// If a piece cannot be read.
     pub fn next_rows(&mut self) -> Result<Option<Vec<Plane>>, MergeError> {
         let height = self.folder.cut().height;
         if self.next == height {
             return Ok(None);
         }
         let rows = self.next..self.end_of_step(height);
+        // Close pieces that end above the next rows
         self.open.retain(|_, reader| reader.piece().rows.end > rows.start);
+        // Prefer a piece with finished rows; otherwise add up the shares
         let planes = match self.holder(&rows, Part::All) {
             Some(index) => match self.read(index, &rows)? {
                 PieceRows::Finished(planes) => planes,
-                // What its name says it holds.
+                // The variant follows from the name of the piece's file.
                 PieceRows::Sums(sums) => planes_of(&sums),
             },
             None => planes_of(&self.sums(&rows)?),
@@ -94,7 +96,7 @@ impl<'f> Merge<'f> {
         Ok(Some(planes))
     }
 
-    /// How far the next rows go: not over the edge of any piece.
+    /// Returns the end of the next run of rows, which crosses no edge of any piece.
     fn end_of_step(&self, height: u32) -> u32 {
         let edges = self
             .pieces
@@ -104,7 +106,7 @@ impl<'f> Merge<'f> {
         edges.filter(|&edge| edge > self.next).fold(end, u32::min)
     }
 
-    /// A piece that has these rows.
+    /// Returns the index of a piece that contains all these rows.
     fn holder(&self, rows: &Range<u32>, part: Part) -> Option<usize> {
         let has = |(piece, _): &(Piece, PathBuf)| {
             piece.part == part && piece.rows.start <= rows.start && piece.rows.end >= rows.end
@@ -124,7 +126,7 @@ impl<'f> Merge<'f> {
         Ok(reader.read(rows)?)
     }
 
-    /// What all samples of these rows add up to.
+    /// Returns the sums of all samples of these rows, over all shares.
     fn sums(&mut self, rows: &Range<u32>) -> Result<Sums, MergeError> {
         let mut all: Option<Sums> = None;
         for share in 0..self.folder.cut().shares {
@@ -140,7 +142,7 @@ impl<'f> Merge<'f> {
     }
 }
 
-/// The channels that sums give.
+/// Returns the image channels that result from sums of samples.
 pub fn planes_of(sums: &Sums) -> Vec<Plane> {
     let mut planes = color_planes(&sums.pixels());
     if let Some(aovs) = sums.aovs() {
@@ -150,7 +152,7 @@ pub fn planes_of(sums: &Sums) -> Vec<Plane> {
     planes
 }
 
-/// The channels of colours.
+/// Returns the channels R, G and B of pixels.
 pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<Plane> {
     let plane = |(channel, name): (usize, &str)| Plane {
         name: name.to_owned(),
@@ -208,6 +210,7 @@ mod tests {
             notes: Vec::new(),
         };
         let folder = PieceFolder::new(out.path(), head);
+        // The first share has all rows, the second none: no row is finished
         folder.make().unwrap();
         folder.write_sums(&(0..100), 0, &sums(16, 16.0, 100)).unwrap();
         assert!(matches!(
@@ -217,12 +220,13 @@ mod tests {
                 height: 100
             })
         ));
+        // Add overlapping pieces of the second share, and finished rows that overlap them
         folder.write_sums(&(0..40), 1, &sums(16, 48.0, 40)).unwrap();
         folder.write_sums(&(30..60), 1, &sums(16, 48.0, 30)).unwrap();
         let finished = color_planes(&[[7.0; 3]; 45]);
         folder.write_finished(&(55..100), &finished).unwrap();
         let mut merge = Merge::of(&folder).unwrap();
-        // (16 + 48) / 32 = 2.
+        // The mean is (16 + 48) / 32 = 2.
         let expected: Vec<f32> = (0..100).map(|row| if row < 55 { 2.0 } else { 7.0 }).collect();
         assert_eq!(red(&mut merge), expected);
     }

@@ -1,9 +1,9 @@
-//! Many frames that get finished, whatever happens on the way.
+//! Batches of frames that survive interruptions: fingerprints, manifests, shards, and pieces of frames on disk.
 //!
-//! Nothing here renders. A batch knows what a frame is made of ([`Key`]), which frames are done ([`Manifest`]), which of
-//! them are whose ([`Shard`]), and what of a frame there is ([`Piece`], [`Coverage`]). Outputs appear whole, and have
-//! the same bits whoever makes them; so any process may be killed at any time, and two that make the same thing do not
-//! harm each other.
+//! This module does not render. It computes the hash of a frame's inputs ([`Key`]), records which frames are done
+//! ([`Manifest`]), assigns frames to processes ([`Shard`]), and stores the finished pieces of a frame ([`Piece`],
+//! [`Coverage`]). Output files appear whole, and have the same bits regardless of the process that makes them; so any
+//! process may be killed at any time, and two processes that make the same output do no harm to each other.
 
 mod key;
 mod lock;

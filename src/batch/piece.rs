@@ -1,44 +1,44 @@
-//! What of a frame is made at a time: some of its rows, some of its samples.
+//! Pieces of a frame: a range of rows and a share of their samples.
 //!
-//! A frame is cut into bands of rows and its samples into shares as its job says, so that several machines can make one
-//! frame; what a process has made of a band can be kept on the way. Whatever is made twice has the same bits, so pieces
-//! may overlap: what counts is only which rows of which share there are.
+//! A job splits a frame into bands of rows and its samples into shares, so that several machines can render one frame;
+//! the rows of a band that are finished can be saved on the way. All results are reproducible to the bit, so pieces may
+//! overlap: all that counts is which rows of which share are present.
 
 use std::ops::Range;
 
 use crate::render::{Share, TILE_SIDE};
 
-/// Some rows of a frame.
+/// Rows of a frame with all or some of their samples.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Piece {
-    /// Rows of the picture, of which there is at least one.
+    /// Range of image rows, not empty.
     pub rows: Range<u32>,
-    /// What of their samples.
+    /// Subset of the samples of these rows.
     pub part: Part,
 }
 
-/// What of the samples of some rows there is.
+/// Subset of the samples of some rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Part {
-    /// All, so that the rows are finished.
+    /// All samples: the rows are finished.
     All,
-    /// Those of a share, by its number from 0.
+    /// Samples of one share, by its index from 0.
     Share(u32),
 }
 
-/// How a frame is cut.
+/// Division of a frame into bands of rows and shares of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Cut {
-    /// Rows of the picture.
+    /// Number of rows of the image.
     pub height: u32,
-    /// Bands of rows, one above the other; no more than the picture has rows of tiles.
+    /// Number of bands of rows; at most the number of tile rows of the image.
     pub bands: u32,
-    /// Shares of the samples, each summed up by itself.
+    /// Number of shares of the samples, each accumulated separately.
     pub shares: u32,
 }
 
 impl Cut {
-    /// The whole frame at once.
+    /// Returns the division of a frame into a single piece.
     pub fn whole(height: u32) -> Cut {
         Cut {
             height,
@@ -47,12 +47,12 @@ impl Cut {
         }
     }
 
-    /// How many pieces there are.
+    /// Returns the number of pieces.
     pub fn piece_count(&self) -> usize {
         self.bands as usize * self.shares as usize
     }
 
-    /// A piece by its number: band by band, the shares of each one after the other.
+    /// Returns a piece by its index: the bands in order, and the shares of each band one after the other.
     pub fn piece(&self, number: usize) -> Piece {
         let (band, share) = (number as u32 / self.shares, number as u32 % self.shares);
         Piece {
@@ -64,7 +64,7 @@ impl Cut {
         }
     }
 
-    /// The whole frame, finished.
+    /// Returns the piece that is the whole finished frame.
     pub fn all(&self) -> Piece {
         Piece {
             rows: 0..self.height,
@@ -72,17 +72,18 @@ impl Cut {
         }
     }
 
-    /// The rows of a band: whole rows of tiles, but for what is left at the end.
+    /// Returns the rows of a band: whole rows of tiles, except at the lower edge of the image.
     fn band(&self, band: u32) -> Range<u32> {
         let tiles = u64::from(self.height.div_ceil(TILE_SIDE));
         let start = |band: u32| {
+            // Divide in units of tiles, so that no tile belongs to two bands
             let row = tiles * u64::from(band) / u64::from(self.bands) * u64::from(TILE_SIDE);
             (row as u32).min(self.height)
         };
         start(band)..start(band + 1)
     }
 
-    /// A share by its number.
+    /// Returns a share by its index from 0.
     pub fn share(&self, index: u32) -> Share {
         Share {
             index,
@@ -90,29 +91,30 @@ impl Cut {
         }
     }
 
-    /// The most bands that a picture of so many rows has.
+    /// Returns the largest number of bands of an image with `height` rows: its number of tile rows.
     pub fn most_bands(height: u32) -> u32 {
         height.div_ceil(TILE_SIDE)
     }
 }
 
-/// What of a frame there is.
+/// Set of the rows of each share that are present.
 #[derive(Clone, Debug)]
 pub struct Coverage {
-    /// For each share, for each row, whether it is there.
+    /// Presence of each row, for each share.
     shares: Vec<Vec<bool>>,
 }
 
 impl Coverage {
-    /// Nothing of a frame that is cut like this.
+    /// Returns the empty coverage of a frame with this division.
     pub fn none(cut: &Cut) -> Coverage {
         Coverage {
             shares: vec![vec![false; cut.height as usize]; cut.shares as usize],
         }
     }
 
-    /// Takes note of a piece; what of it is no part of the frame is none.
+    /// Adds a piece; rows and shares outside the frame are ignored.
     pub fn add(&mut self, piece: &Piece) {
+        // A finished piece counts for all shares
         let shares = match piece.part {
             Part::All => &mut self.shares[..],
             Part::Share(share) => self
@@ -120,6 +122,7 @@ impl Coverage {
                 .get_mut(share as usize)
                 .map_or(&mut [][..], std::slice::from_mut),
         };
+        // Mark the rows, clipped to the frame
         for rows in shares {
             let end = rows.len().min(piece.rows.end as usize);
             if let Some(rows) = rows.get_mut(piece.rows.start as usize..end) {
@@ -128,12 +131,13 @@ impl Coverage {
         }
     }
 
-    /// The rows of a piece that are missing, in order.
+    /// Returns the missing rows of a piece as maximal ranges, in order.
     pub fn missing(&self, piece: &Piece) -> Vec<Range<u32>> {
         let is_there = |row: u32| match piece.part {
             Part::All => self.shares.iter().all(|rows| rows[row as usize]),
             Part::Share(share) => self.shares[share as usize][row as usize],
         };
+        // Join adjacent missing rows to ranges
         let mut missing: Vec<Range<u32>> = Vec::new();
         for row in piece.rows.clone().filter(|&row| !is_there(row)) {
             match missing.last_mut() {
@@ -144,7 +148,7 @@ impl Coverage {
         missing
     }
 
-    /// Whether nothing of it is there.
+    /// Returns whether no row of any share is present.
     pub fn is_empty(&self) -> bool {
         !self.shares.iter().flatten().any(|&there| there)
     }
@@ -187,6 +191,7 @@ mod tests {
             shares: 2,
         };
         let mut coverage = Coverage::none(&cut);
+        // Share 1 has overlapping pieces and pieces beyond the frame
         for rows in [64..96, 0..32, 16..40, 200..400, 500..600] {
             coverage.add(&piece(rows, Part::Share(1)));
         }

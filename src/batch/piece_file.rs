@@ -1,7 +1,8 @@
-//! Pieces of a frame on the disk: an EXR file each, in a folder that goes when the frame is whole.
+//! Files of a frame's pieces: one EXR file each, in a folder that is removed once the frame is complete.
 //!
-//! Finished rows are the channels of the picture, as they will be. A share's rows are the sums of its samples: f64,
-//! which EXR has no channels for, as two of integers each, so that no bit is lost. The data window tells which rows.
+//! Finished rows are stored as the final channels of the image. Rows of a share are stored as sums of samples in f64,
+//! for which EXR has no channel type: each is split into two integer channels, so that no bit is lost. The data window
+//! gives the rows.
 
 use std::fs;
 use std::io;
@@ -19,57 +20,57 @@ use crate::image::rows::{
 use crate::image::{Attribute, ChannelKind, ExrEncoding, ImageError, PngEncoding};
 use crate::render::Sums;
 
-/// The folder of all pieces, within a batch's.
+/// Folder of the pieces of all frames, within the output folder of a batch.
 const FOLDER: &str = ".whit-pieces";
 
-/// The note that tells a piece's frame.
+/// Header attribute with the frame's metadata as JSON.
 const FRAME: &str = "whit.frame";
-/// The note that tells how many samples a pixel of a share has.
+/// Header attribute with the number of samples per pixel of a share.
 const SAMPLES: &str = "whit.samples";
 
-/// The note that tells which channels of finished rows are colours.
+/// Header attribute with the names of the colour channels of finished rows.
 const COLORS: &str = "whit.colors";
 
-/// What names of channels of sums begin with.
+/// Prefixes of the channel names of sums.
 const RADIANCE: &str = "radiance";
 const WEIGHTED: &str = "weighted";
 const SQUARES: &str = "squares";
 
-/// One channel of some rows of a picture.
+/// One channel of some rows of an image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plane {
-    /// What the file calls it.
+    /// Name of the channel in the file.
     pub name: String,
-    /// Whether a file of halves may round it.
+    /// Kind of the channel, which decides about rounding to half precision.
     pub kind: ChannelKind,
-    /// A value a pixel, the top row first.
+    /// One value per pixel, the top row first.
     pub values: Vec<f32>,
 }
 
-/// What every piece knows of its frame, so that whoever has the pieces can put it together.
+/// Metadata of a frame that is stored in each of its pieces, sufficient for merging them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameHead {
-    /// What it is made of.
+    /// Hash of the frame's inputs.
     pub key: Key,
-    /// Its number in its batch.
+    /// Index of the frame in its batch.
     pub number: usize,
-    /// Its file, within the batch's folder.
+    /// Path of the image file relative to the output folder.
     pub image: PathBuf,
     /// Width and height in pixels.
     pub size: [u32; 2],
-    /// Samples a pixel.
+    /// Number of samples per pixel.
     pub spp: u32,
-    /// Shares of its samples.
+    /// Number of shares that the samples are split into.
     pub shares: u32,
-    /// How an EXR file holds it.
+    /// Encoding of the image as EXR.
     pub exr: ExrEncoding,
-    /// How a PNG holds it.
+    /// Encoding of the image as PNG.
     pub png: PngEncoding,
-    /// What its file is to say beside the pixels, under which names.
+    /// Names and texts of the metadata of the image file.
     pub notes: Vec<(String, String)>,
 }
 
-/// The pieces of one frame.
+/// Folder with the pieces of one frame.
 #[derive(Clone, Debug)]
 pub struct PieceFolder {
     folder: PathBuf,
@@ -77,17 +78,17 @@ pub struct PieceFolder {
     cut: Cut,
 }
 
-/// Rows that were read.
+/// Rows read from a piece.
 #[derive(Debug)]
 pub enum PieceRows {
-    /// Finished ones.
+    /// Channels of finished rows.
     Finished(Vec<Plane>),
-    /// Of a share.
+    /// Sums of the samples of a share.
     Sums(Sums),
 }
 
 impl PieceFolder {
-    /// Where the pieces of a frame are within a batch's folder `out`.
+    /// Returns the piece folder of a frame within the output folder `out`, without creating it.
     pub fn new(out: &Path, head: FrameHead) -> PieceFolder {
         PieceFolder {
             folder: folder_of(out, head.key),
@@ -99,12 +100,12 @@ impl PieceFolder {
         }
     }
 
-    /// The folders of all frames of which there are pieces in a batch's folder `out`. Pieces that cannot be read are left
-    /// out.
+    /// Returns the piece folders of all frames that have pieces in the output folder `out`, in the order of the frames.
+    /// Unreadable pieces are ignored.
     ///
     /// # Errors
     ///
-    /// What the system says.
+    /// If a folder cannot be read.
     pub fn all(out: &Path) -> io::Result<Vec<PieceFolder>> {
         let mut folders = Vec::new();
         for folder in entries(&out.join(FOLDER))? {
@@ -118,48 +119,49 @@ impl PieceFolder {
         Ok(folders)
     }
 
-    /// Makes the folder.
+    /// Creates the folder and its parents.
     ///
     /// # Errors
     ///
-    /// What the system says.
+    /// If the folder cannot be created.
     pub fn make(&self) -> io::Result<()> {
         fs::create_dir_all(&self.folder)
     }
 
-    /// How the frame is cut, bands aside.
+    /// Returns the division of the frame into shares, with a single band.
     pub fn cut(&self) -> &Cut {
         &self.cut
     }
 
-    /// The frame.
+    /// Returns the frame's metadata.
     pub fn head(&self) -> &FrameHead {
         &self.head
     }
 
-    /// The pieces that there are, with their files.
+    /// Returns the existing pieces with their files.
     ///
     /// # Errors
     ///
-    /// What the system says; a folder that is not there holds none.
+    /// If the folder cannot be read; a missing folder has no pieces.
     pub fn pieces(&self) -> io::Result<Vec<(Piece, PathBuf)>> {
         let mut pieces = Vec::new();
+        // Keep the files whose names are those of pieces; there may be others
         for path in entries(&self.folder)? {
             let name = path.file_name().and_then(|name| name.to_str());
             if let Some(piece) = name.and_then(|name| self.piece_of(name)) {
                 pieces.push((piece, path));
             }
         }
-        // Those that finish most come first.
+        // Finished pieces come before those of shares.
         pieces.sort_by_key(|(piece, _)| (piece.part != Part::All, piece.rows.start, piece.rows.end));
         Ok(pieces)
     }
 
-    /// What of the frame there is.
+    /// Returns the rows of each share that are present.
     ///
     /// # Errors
     ///
-    /// What the system says.
+    /// If the folder cannot be read.
     pub fn coverage(&self) -> io::Result<Coverage> {
         let mut coverage = Coverage::none(&self.cut);
         for (piece, _) in self.pieces()? {
@@ -168,12 +170,13 @@ impl PieceFolder {
         Ok(coverage)
     }
 
-    /// Writes finished rows.
+    /// Writes a piece of finished rows.
     ///
     /// # Errors
     ///
-    /// Where the disk takes no more.
+    /// If the file cannot be written, for example on a full disk.
     pub fn write_finished(&self, rows: &Range<u32>, planes: &[Plane]) -> Result<(), ImageError> {
+        // Record which channels are colours
         let colors = planes.iter().filter(|plane| plane.kind == ChannelKind::Color);
         let colors: Vec<&str> = colors.map(|plane| plane.name.as_str()).collect();
         let colors = colors.join(" ");
@@ -192,12 +195,13 @@ impl PieceFolder {
         self.write(&piece, channels.collect(), &values, note)
     }
 
-    /// Writes the sums of a share's rows.
+    /// Writes a piece with the sums of a share's rows.
     ///
     /// # Errors
     ///
-    /// Where the disk takes no more.
+    /// If the file cannot be written, for example on a full disk.
     pub fn write_sums(&self, rows: &Range<u32>, share: u32, sums: &Sums) -> Result<(), ImageError> {
+        // Split each f64 channel into two integer channels
         let planes = planes_of(sums);
         let channels = planes.iter().flat_map(|(name, _)| {
             ["high", "low"].map(|half| ExrChannel::new(format!("{name}.{half}"), SampleType::Uint))
@@ -207,6 +211,7 @@ impl PieceFolder {
             .flat_map(|(_, values)| split_f64(values))
             .map(Samples::from);
         let (channels, values): (Vec<ExrChannel>, Vec<Samples>) = (channels.collect(), values.collect());
+        // Record the number of samples, which the mean is computed from
         let samples = sums.samples.to_string();
         let note = Attribute {
             name: SAMPLES,
@@ -231,7 +236,7 @@ impl PieceFolder {
         writer.finish()
     }
 
-    /// Begins a file of the frame.
+    /// Starts writing an EXR file of the frame, with the frame's metadata and one further attribute.
     pub(super) fn create(
         &self,
         name: &str,
@@ -239,6 +244,7 @@ impl PieceFolder {
         channels: Vec<ExrChannel>,
         note: Attribute,
     ) -> Result<ExrScanlineWriter, ImageError> {
+        // Every file of the frame carries the frame's metadata
         let text = serde_json::to_string(&self.head).unwrap_or_default();
         let head = Attribute {
             name: FRAME,
@@ -254,7 +260,7 @@ impl PieceFolder {
         ExrScanlineWriter::create(&self.path(name), &layout)
     }
 
-    /// Where a file of the frame is.
+    /// Returns the path of a file of the frame.
     pub(super) fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
@@ -274,8 +280,9 @@ impl PieceFolder {
         }
     }
 
-    /// The piece that a file of this name holds, if it is one.
+    /// Returns the piece that a file of this name holds, or `None` if the name is not that of a piece.
     fn piece_of(&self, name: &str) -> Option<Piece> {
+        // Parse the rows and the part from the name
         let (rows, part) = name.strip_suffix(".exr")?.split_once('.')?;
         let (start, end) = rows.split_once('-')?;
         let rows: Range<u32> = start.parse().ok()?..end.parse().ok()?;
@@ -293,31 +300,31 @@ impl PieceFolder {
             }
         };
         let piece = Piece { rows, part };
-        // Another spelling of the numbers is not ours.
+        // Only the canonical spelling of the numbers is accepted.
         (piece.rows.start < piece.rows.end && piece.rows.end <= self.cut.height && self.name(&piece) == name)
             .then_some(piece)
     }
 
-    /// Removes all pieces, and what else is left of the frame.
+    /// Removes all pieces and all other files of the frame.
     pub fn remove(&self) {
         remove(&self.folder);
     }
 
-    /// Removes what is left in a batch's folder `out` of the pieces of a frame, if anything is.
+    /// Removes the pieces of a frame from the output folder `out`, if there are any.
     pub fn remove_of(out: &Path, key: Key) {
         remove(&folder_of(out, key));
     }
 
-    /// Where they are.
+    /// Returns the path of the folder.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
-    /// Opens a piece, to read rows of it.
+    /// Opens a piece for reading rows.
     ///
     /// # Errors
     ///
-    /// Where it cannot be read, or is of another frame.
+    /// If the file cannot be read, or belongs to another frame.
     pub fn open(&self, piece: &Piece, path: &Path) -> Result<PieceReader, ImageError> {
         let reader = self.open_file(path, self.window(&piece.rows))?;
         Ok(PieceReader {
@@ -327,12 +334,13 @@ impl PieceFolder {
         })
     }
 
-    /// Opens a file of the frame that has these pixels.
+    /// Opens an EXR file of the frame, which must have this data window.
     pub(super) fn open_file(&self, path: &Path, window: Window) -> Result<ExrScanlineReader, ImageError> {
         let reader = ExrScanlineReader::open(path)?;
         let head = reader
             .note(FRAME)
             .and_then(|text| serde_json::from_str::<FrameHead>(&text).ok());
+        // Reject files of another frame, and files with other rows than their name says
         if head.is_none_or(|head| head.key != self.head.key) || reader.data_window() != window {
             return Err(ImageError::Unusable {
                 path: path.to_owned(),
@@ -344,7 +352,7 @@ impl PieceFolder {
     }
 }
 
-/// A piece that is being read.
+/// Open piece, from which rows can be read.
 #[derive(Debug)]
 pub struct PieceReader {
     piece: Piece,
@@ -353,20 +361,21 @@ pub struct PieceReader {
 }
 
 impl PieceReader {
-    /// What it holds.
+    /// Returns the rows and samples of the piece.
     pub fn piece(&self) -> &Piece {
         &self.piece
     }
 
-    /// Some of its rows, by their numbers in the picture.
+    /// Reads some rows, given by their numbers in the image.
     ///
     /// # Errors
     ///
-    /// Where they cannot be read.
+    /// If the rows cannot be read, or a channel is missing.
     pub fn read(&mut self, rows: &Range<u32>) -> Result<PieceRows, ImageError> {
         let first = self.piece.rows.start;
         let values = self.reader.read_rows(rows.start - first..rows.end - first)?;
         let names = self.reader.channels().iter().map(|channel| channel.name.clone());
+        // Finished rows: restore the kind of each channel
         if self.piece.part == Part::All {
             let colors = self.reader.note(COLORS).unwrap_or_default();
             let kind = |name: &str| match colors.split(' ').any(|color| color == name) {
@@ -384,6 +393,7 @@ impl PieceReader {
             let planes: Option<Vec<Plane>> = names.zip(values).map(plane).collect();
             return planes.map(PieceRows::Finished).ok_or_else(|| self.damaged());
         }
+        // Rows of a share: join the integer channels to sums in f64
         let planes: Vec<(String, Samples)> = names.zip(values).collect();
         let samples = self.reader.note(SAMPLES).and_then(|text| text.parse().ok());
         samples
@@ -397,7 +407,7 @@ impl PieceReader {
     }
 }
 
-/// That a file of a frame is not what it should be.
+/// Returns the error for a file of the frame with missing or wrong contents.
 pub(super) fn damaged(path: &Path) -> ImageError {
     ImageError::Unusable {
         path: path.to_owned(),
@@ -406,22 +416,22 @@ pub(super) fn damaged(path: &Path) -> ImageError {
     }
 }
 
-/// Where the pieces of a frame are within a batch's folder.
+/// Returns the path of the folder for the pieces of a frame.
 fn folder_of(out: &Path, key: Key) -> PathBuf {
     out.join(FOLDER).join(key.short())
 }
 
-/// Removes a frame's folder, and that of all frames where it was the last.
+/// Removes a frame's folder, and the parent folder if it is empty then.
 fn remove(folder: &Path) {
-    // What cannot be removed is only in the way.
+    // Files that cannot be removed do no harm.
     let _ = fs::remove_dir_all(folder);
     if let Some(all) = folder.parent() {
-        // Only when it is empty.
+        // `remove_dir` fails if the folder is not empty.
         let _ = fs::remove_dir(all);
     }
 }
 
-/// What is in a folder; nothing if that is not there.
+/// Returns the paths of a folder's entries; none if the folder does not exist.
 fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
     match fs::read_dir(folder) {
         Ok(entries) => entries.map(|entry| Ok(entry?.path())).collect(),
@@ -430,7 +440,7 @@ fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
     }
 }
 
-/// Sums by channels.
+/// Returns the named channels of sums, without splitting the values.
 fn planes_of(sums: &Sums) -> Vec<(String, Vec<f64>)> {
     fn planes<const N: usize>(name: &str, sums: &[[f64; N]]) -> Vec<(String, Vec<f64>)> {
         let plane = |channel: usize| sums.iter().map(|sum| sum[channel]).collect();
@@ -448,18 +458,20 @@ fn planes_of(sums: &Sums) -> Vec<(String, Vec<f64>)> {
     all
 }
 
-/// The sums that these channels hold; nothing where one is missing.
+/// Returns the sums that these channels hold, or `None` if a mandatory channel is missing.
 fn sums_of(samples: u32, planes: &[(String, Samples)]) -> Option<Sums> {
     let half = |name: String| match planes.iter().find(|(plane, _)| *plane == name)? {
         (_, Samples::Integers(values)) => Some(values),
         (_, Samples::Floats(_)) => None,
     };
+    // Join the halves of a channel, which is absent if one of them is
     let plane = |name: &str| {
         Some(join_f64(
             half(format!("{name}.high"))?,
             half(format!("{name}.low"))?,
         ))
     };
+    // Interleave the channels to one array per pixel
     fn zipped<const N: usize>(planes: [Option<Vec<f64>>; N]) -> Option<Vec<[f64; N]>> {
         let planes: Vec<Vec<f64>> = planes.into_iter().collect::<Option<_>>()?;
         let sums = (0..planes[0].len()).map(|pixel| std::array::from_fn(|channel| planes[channel][pixel]));
@@ -473,7 +485,7 @@ fn sums_of(samples: u32, planes: &[(String, Samples)]) -> Option<Sums> {
     })
 }
 
-/// That of a small frame, made.
+/// Creates the piece folder of a frame of 2 by 64 pixels, for tests.
 #[cfg(test)]
 pub(super) fn folder(out: &Path, shares: u32) -> PieceFolder {
     let head = FrameHead {
@@ -520,6 +532,7 @@ mod tests {
             weighted: Some((0..64).map(|i| [value(3 * i); 4]).collect()),
             squares: Some((0..64).map(|i| 1.0 / value(i)).collect()),
         };
+        // Write and read back the piece, whole and in part
         folder.write_sums(&(32..64), 1, &sums).unwrap();
         let pieces = folder.pieces().unwrap();
         let [(piece, path)] = &pieces[..] else {
@@ -557,6 +570,7 @@ mod tests {
         let find = |name: &str| read.iter().find(|plane| plane.name == name).unwrap().clone();
         assert_eq!(find("G"), plane("G", vec![2.0, 3.0]));
         assert_eq!(find("Z"), plane("Z", vec![4.0, 6.0]));
+        // List the frames, then remove the only one
         let [again] = &PieceFolder::all(out.path()).unwrap()[..] else {
             panic!("one frame")
         };

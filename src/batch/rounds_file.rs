@@ -1,4 +1,4 @@
-//! An adaptively sampled frame that is half-made, on the disk: what its rounds know of every pixel, beside the frame's
+//! Checkpoint of an adaptively sampled frame: the per-pixel state of its sampling rounds, in a file beside the frame's
 //! pieces.
 
 use std::ops::Range;
@@ -8,21 +8,21 @@ use crate::image::rows::{ExrChannel, SampleType, Samples, Window};
 use crate::image::{Attribute, ImageError};
 use crate::render::Rounds;
 
-/// What the file is called.
+/// Name of the checkpoint file.
 const FILE: &str = "rounds.exr";
 
-/// The note that tells what is known of no pixel alone.
+/// Header attribute with the state that is not per pixel.
 const REST: &str = "whit.rounds";
 
-/// Rows that are written or read at a time.
+/// Number of rows that are written or read at a time.
 const STEP: usize = 32;
 
 impl PieceFolder {
-    /// Writes what is known, over what was known before.
+    /// Writes the state of the rounds and replaces an earlier checkpoint.
     ///
     /// # Errors
     ///
-    /// Where the disk takes no more.
+    /// If the file cannot be written, for example on a full disk.
     pub fn write_rounds(&self, rounds: &Rounds) -> Result<(), ImageError> {
         let channel = |name: &str| ExrChannel::new(name, SampleType::Uint);
         let rest = rounds.rest();
@@ -39,17 +39,18 @@ impl PieceFolder {
         writer.finish()
     }
 
-    /// What was known when it was written last; nothing if it never was.
+    /// Returns the state of the last checkpoint, or `None` if there is none.
     ///
     /// # Errors
     ///
-    /// Where it cannot be read, or is of another frame.
+    /// If the file cannot be read, or belongs to another frame.
     pub fn read_rounds(&self) -> Result<Option<Rounds>, ImageError> {
         let path = self.path(FILE);
         if !path.exists() {
             return Ok(None);
         }
         let size = self.head().size;
+        // Read the header and the state that is not per pixel
         let mut reader = self.open_file(&path, Window::of_size(size))?;
         let names: Vec<String> = reader
             .channels()
@@ -59,8 +60,10 @@ impl PieceFolder {
         let mut rounds = Rounds::new(size.map(|side| side as usize));
         let rest = reader.note(REST).and_then(|rest| rounds.set_rest(&rest));
         rest.ok_or_else(|| damaged(&path))?;
+        // Read the per-pixel state, a few rows at a time
         for rows in self.steps() {
             let values = reader.read_rows(rows.start as u32..rows.end as u32)?;
+            // Find each channel, which must hold integers
             let plane = |name: &&str| {
                 let place = names.iter().position(|channel| channel == name)?;
                 match &values[place] {
@@ -68,6 +71,7 @@ impl PieceFolder {
                     Samples::Floats(_) => None,
                 }
             };
+            // Copy the rows into the state
             let planes: Option<Vec<&[u32]>> = Rounds::WORDS.iter().map(plane).collect();
             planes
                 .and_then(|planes| rounds.set_words(&rows, &planes))

@@ -1,27 +1,27 @@
-//! Which part of a batch a process makes, where several share it.
+//! Shards of a batch: the part of the frames that one of several processes renders.
 
 use std::env;
 use std::ops::Range;
 use std::str::FromStr;
 
-/// Variables in which schedulers tell a task its number, with the number of the first: those of Slurm's job arrays,
-/// whose first task our scripts call 1, and of Kubernetes' indexed jobs.
+/// Environment variables in which schedulers pass the index of a task, with the index of the first task: Slurm's job
+/// arrays, whose first task is 1 in our scripts, and Kubernetes' indexed jobs.
 const TASK_NUMBERS: [(&str, u32); 2] = [("SLURM_ARRAY_TASK_ID", 1), ("JOB_COMPLETION_INDEX", 0)];
 
-/// One of several parts of about equal size.
+/// One of several contiguous parts of about equal size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// Which, from 1.
+    /// Number of the shard, from 1 to `count`.
     pub number: u32,
-    /// Of how many.
+    /// Number of shards in total.
     pub count: u32,
 }
 
 impl Shard {
-    /// All of it.
+    /// Single shard that has everything.
     pub const ALL: Shard = Shard { number: 1, count: 1 };
 
-    /// What of `count` things in a row it takes: neighbours, which have most in common.
+    /// Returns the indices out of `count` items that this shard has: neighbours, which share the most data.
     pub fn of(&self, count: usize) -> Range<usize> {
         let start = |number: u32| (count as u128 * u128::from(number) / u128::from(self.count)) as usize;
         start(self.number - 1)..start(self.number)
@@ -30,6 +30,7 @@ impl Shard {
     fn parse(text: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Shard, String> {
         let form =
             || "give a shard and how many there are, as in 3/24, or auto/24 within a job array".to_owned();
+        // Parse the number, or take it from the scheduler's environment variable
         let (number, count) = text.split_once('/').ok_or_else(form)?;
         let count: u32 = count.parse().map_err(|_| form())?;
         let number = match number {
@@ -46,14 +47,15 @@ impl Shard {
 impl FromStr for Shard {
     type Err = String;
 
-    /// Reads `3/24`, or `auto/24` where a scheduler tells the number.
+    /// Parses `3/24`, or `auto/24` where a scheduler's environment variable gives the number.
     fn from_str(text: &str) -> Result<Shard, String> {
         Shard::parse(text, |name| env::var(name).ok())
     }
 }
 
-/// The number of this task in its array, from 1.
+/// Returns the number of this task in its array, from 1.
 fn task_number(variable: impl Fn(&str) -> Option<String>) -> Result<u32, String> {
+    // Use the first scheduler variable that is set, and count from 1
     for (name, first) in TASK_NUMBERS {
         if let Some(text) = variable(name) {
             let number = text

@@ -1,50 +1,51 @@
-//! A script that has Slurm make a batch on many machines: one task a shard.
+//! Generation of a Slurm batch script that renders a job file with one array task per shard.
 //!
-//! The cluster's tasks run the same command as anybody would. One that is started anew (its node failed) goes on where it
-//! was; its ghost, which may still run beside it, writes the same bits. One whose time is nearly up keeps what it has and
-//! goes back into the queue, so a forecast that was too short costs a wait and no frame.
+//! The tasks run the same command as a user would. A task that is restarted (because its node failed) resumes at the
+//! last checkpoint; its predecessor, which may still be running, writes the same bits. A task whose time is nearly up
+//! saves its state and is requeued, so a forecast that is too short costs waiting time but no frame.
 
 use std::fmt::Write;
 use std::path::Path;
 
-/// The most shards: a site's arrays have 1001 numbers from 0, unless it says otherwise.
+/// Largest number of shards: a site's arrays have 1001 indices from 0 by default.
 pub const MAX_TASKS: u32 = 1000;
 
-/// How much more time and memory are asked for than were forecast.
+/// Factor by which the requested time and memory exceed the forecast.
 const ROOM: f64 = 2.0;
-/// Least seconds that are asked for: what is forecast to take one must not fail for a slow disk.
+/// Smallest requested time in seconds: a task forecast to take one second must not fail because of a slow disk.
 const MIN_SECONDS: f64 = 600.0;
-/// Least bytes that are asked for.
+/// Smallest requested memory in bytes.
 const MIN_BYTES: u64 = 512 << 20;
-/// Seconds before the end of a task's time at which it is told, so that it can keep what it has.
+/// Seconds before a task's time limit at which Slurm signals it, so that it can save its state.
 const NOTICE: u32 = 60;
 
-/// How often a task whose time is up may begin again: frames that cannot be kept half-made would else do so for ever.
+/// Largest number of restarts of a task at its time limit: frames without checkpoints would otherwise restart forever.
 const MAX_RESTARTS: u32 = 20;
 
-/// What a script is made of.
+/// Parameters of a Slurm script.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
-    /// The program, as the nodes find it.
+    /// Path of the program on the nodes.
     pub program: &'a Path,
-    /// The batch's file.
+    /// Path of the job file.
     pub jobs: &'a Path,
-    /// Where pictures go, which all nodes see.
+    /// Output folder, which all nodes share.
     pub folder: &'a Path,
-    /// Shards, up to [`MAX_TASKS`].
+    /// Number of shards, at most [`MAX_TASKS`].
     pub shards: u32,
-    /// Processors of a task.
+    /// Number of processors per task.
     pub threads: u32,
-    /// What a shard is forecast to take.
+    /// Forecast time of a shard in seconds.
     pub seconds: f64,
-    /// What memory it is forecast to take.
+    /// Forecast memory of a shard in bytes.
     pub bytes: u64,
-    /// Further arguments.
+    /// Further arguments of the command line.
     pub arguments: &'a [String],
 }
 
-/// The script, for `sbatch`.
+/// Returns the script as input for `sbatch`.
 pub fn script(task: &Task) -> String {
+    // Derive the job name from the file name, in characters that Slurm accepts
     let name = task
         .jobs
         .file_stem()
@@ -59,14 +60,16 @@ pub fn script(task: &Task) -> String {
             }
         })
         .collect();
+    // Quote all paths and arguments for the shell
     let [program, jobs, folder] =
         [task.program, task.jobs, task.folder].map(|path| quoted(&path.to_string_lossy()));
     let mut arguments = String::new();
     for argument in task.arguments {
-        // A string takes whatever is written to it.
+        // Writing to a `String` cannot fail.
         let _ = write!(arguments, " {}", quoted(argument));
     }
     let (shards, threads) = (task.shards, task.threads);
+    // Fill in the script: resources, a signal handler, and the requeue at the time limit
     format!(
         "#!/bin/bash
 # {shards} shards of a batch, forecast to take {:.0} s and {} MiB each; {ROOM} times that is asked for.
@@ -108,12 +111,12 @@ exit \"$code\"
     )
 }
 
-/// What is asked for of memory.
+/// Returns the memory to request, in MiB.
 fn mebibytes(bytes: u64) -> u64 {
     ((ROOM * bytes as f64) as u64).max(MIN_BYTES).div_ceil(1 << 20)
 }
 
-/// Days, hours, minutes and seconds as Slurm reads them.
+/// Returns the time to request in Slurm's format, days-hours:minutes:seconds.
 fn clock(seconds: f64) -> String {
     let seconds = seconds.max(MIN_SECONDS).ceil() as u64;
     let (minutes, hours) = (seconds / 60, seconds / 3600);
@@ -126,7 +129,7 @@ fn clock(seconds: f64) -> String {
     )
 }
 
-/// A word for the shell, whatever it holds.
+/// Returns `word` quoted for the shell, if necessary.
 fn quoted(word: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,:+@%".contains(c);
     if !word.is_empty() && word.chars().all(is_plain) {

@@ -1,7 +1,8 @@
-//! The files that a scene is made of, without loading it.
+//! Files that a scene depends on, found without loading the scene.
 //!
-//! Every word of a scene file, and every `uri` of a glTF file, that names a file beside it counts as one of its files:
-//! rather one too many, which only makes a frame again that need not be, than one too few. Files are hashed once.
+//! Every string in a scene file, and every `uri` in a glTF file, that names an existing file relative to it counts as a
+//! dependency. One file too many only causes a needless re-render, one too few would miss a change. Each file is hashed
+//! once.
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs::File;
@@ -12,25 +13,26 @@ use percent_encoding::percent_decode_str;
 
 use super::key::Key;
 
-/// What files are, by their paths, as far as somebody has asked.
+/// Cache of file hashes and of dependencies, by path.
 #[derive(Debug, Default)]
 pub struct Sources {
     keys: HashMap<PathBuf, Key>,
-    /// What files name.
+    /// Direct dependencies of each file.
     named: HashMap<PathBuf, Vec<PathBuf>>,
 }
 
 impl Sources {
-    /// The files that a scene is made of, itself first, with what they hold.
+    /// Returns the files that a scene depends on, the scene first, with the hashes of their contents.
     ///
-    /// `words` are further values that may name files, beside the scene.
+    /// `words` are further values that may name files relative to the scene.
     ///
     /// # Errors
     ///
-    /// Where the scene or one of its files cannot be read.
+    /// If the scene or one of its files cannot be read.
     pub fn of(&mut self, scene: &Path, words: &[&str]) -> io::Result<Vec<(PathBuf, Key)>> {
         let mut seen = BTreeSet::new();
         let mut files = Vec::new();
+        // Traverse the dependencies depth-first, each file once
         let mut waiting = files_among(words.iter().copied(), scene);
         waiting.push(scene.to_owned());
         while let Some(path) = waiting.pop() {
@@ -53,7 +55,7 @@ impl Sources {
         Ok(key)
     }
 
-    /// The files that a file names.
+    /// Returns the direct dependencies of a file, from the cache if possible.
     fn named_in(&mut self, path: &Path) -> io::Result<&[PathBuf]> {
         if !self.named.contains_key(path) {
             self.named.insert(path.to_owned(), named_by(path)?);
@@ -62,12 +64,14 @@ impl Sources {
     }
 }
 
-/// The files that a file names, by its kind; what cannot be understood names none, as whoever loads it will tell.
+/// Returns the direct dependencies of a file, according to its extension; a file that cannot be parsed has none, as
+/// loading it reports the error.
 fn named_by(path: &Path) -> io::Result<Vec<PathBuf>> {
     let kind = path
         .extension()
         .and_then(|kind| kind.to_str())
         .unwrap_or_default();
+    // Collect the strings of a scene file or of an NRRD header, or parse the JSON of a glTF file
     let json: serde_json::Value = match kind.to_ascii_lowercase().as_str() {
         "toml" => {
             let text = String::from_utf8_lossy(&std::fs::read(path)?).into_owned();
@@ -78,7 +82,7 @@ fn named_by(path: &Path) -> io::Result<Vec<PathBuf>> {
         }
         "gltf" => json_value(&std::fs::read(path)?),
         "glb" => json_value(&json_of_glb(path)?),
-        // Raw volumes may have headers that name others.
+        // NRRD headers name the raw files of volumes.
         "nhdr" => {
             let text = String::from_utf8_lossy(&std::fs::read(path)?).into_owned();
             let words = text
@@ -89,6 +93,7 @@ fn named_by(path: &Path) -> io::Result<Vec<PathBuf>> {
         }
         _ => return Ok(Vec::new()),
     };
+    // Decode the URIs of external glTF files
     let mut uris = Vec::new();
     collect_uris(&json, &mut uris);
     let decoded: Vec<String> = uris
@@ -99,10 +104,10 @@ fn named_by(path: &Path) -> io::Result<Vec<PathBuf>> {
     Ok(files_among(decoded.iter().map(String::as_str), path))
 }
 
-/// The words that name a file beside `path`.
+/// Returns the files among `words`, resolved relative to the folder of `path`.
 fn files_among<'w>(words: impl Iterator<Item = &'w str>, path: &Path) -> Vec<PathBuf> {
     let folder = path.parent().unwrap_or(Path::new(""));
-    // Longer names than this no system has; and line breaks are in none that anybody writes.
+    // No operating system has longer paths, and line breaks in paths are not supported.
     const LONGEST: usize = 4096;
     words
         .filter(|word| !word.is_empty() && word.len() <= LONGEST && !word.contains('\n'))
@@ -120,7 +125,7 @@ fn collect_words<'v>(value: &'v toml::Value, words: &mut Vec<&'v str>) {
     }
 }
 
-/// The value of a JSON text; null where it is none.
+/// Returns the parsed JSON text, or null if it is invalid.
 fn json_value(text: &[u8]) -> serde_json::Value {
     let text = std::str::from_utf8(text).unwrap_or_default();
     serde_json::from_str(text).unwrap_or_default()
@@ -141,7 +146,8 @@ fn collect_uris<'v>(value: &'v serde_json::Value, uris: &mut Vec<&'v str>) {
     }
 }
 
-/// The JSON of a binary glTF file: after 12 bytes of header a chunk with 4 bytes of its length and 4 of its kind.
+/// Returns the JSON chunk of a binary glTF file: a 12-byte header, then the chunk's length (4 bytes) and type (4
+/// bytes).
 fn json_of_glb(path: &Path) -> io::Result<Vec<u8>> {
     let mut file = File::open(path)?;
     let mut head = [0; 20];
@@ -170,6 +176,7 @@ mod tests {
     #[test]
     fn files_are_followed_through_scenes_and_gltf_and_counted_once() {
         let folder = tempfile::tempdir().unwrap();
+        // Write a scene with a cycle of includes, escaped URIs, and a file that is not referenced
         let write = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
         write(
             "scene.toml",
@@ -188,6 +195,7 @@ mod tests {
         write("extra.npy", b"3");
         write("unused.png", b"4");
         let scene = folder.path().join("scene.toml");
+        // Follow the dependencies from the scene, and from the extra words
         let mut sources = Sources::default();
         let all = sources.of(&scene, &["extra.npy", "0.5"]).unwrap();
         let expected = [
@@ -200,6 +208,7 @@ mod tests {
         ];
         assert_eq!(names(&all), expected);
         assert_eq!(all.first().map(|(path, _)| path), Some(&scene));
+        // A missing scene is an error, unlike a missing dependency
         assert!(
             Sources::default()
                 .of(&folder.path().join("none.toml"), &[])
@@ -217,11 +226,13 @@ mod tests {
         glb.extend(json);
         let path = folder.path().join("a.glb");
         fs::write(&path, &glb).unwrap();
+        // Only files that exist count, so the texture is written too
         fs::write(folder.path().join("t.png"), b"1").unwrap();
         assert_eq!(
             names(&Sources::default().of(&path, &[]).unwrap()),
             ["a.glb", "t.png"]
         );
+        // A truncated header names no files
         fs::write(&path, &glb[..15]).unwrap();
         assert_eq!(names(&Sources::default().of(&path, &[]).unwrap()), ["a.glb"]);
     }

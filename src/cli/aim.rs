@@ -1,4 +1,4 @@
-//! `whit render --error` and `--max-time`: settings are looked for by pieces of the picture before all of it is made.
+//! Search for settings for `whit render --error` and `--max-time`, by rendering parts of the image before all of it.
 
 use std::time::Instant;
 
@@ -11,7 +11,7 @@ use super::interrupt;
 use super::job::{Aim, RenderJob, Shot};
 use super::progress::Progress;
 
-/// What was found for the aim of a job.
+/// Searches for settings that reach the job's target and returns the findings.
 pub(super) fn look(
     (job, aim, shot): (&RenderJob, Aim, &Shot),
     (scene, camera): (&Scene, &Camera),
@@ -21,6 +21,7 @@ pub(super) fn look(
     let experiment = Experiment {
         scene,
         camera,
+        // The search starts from the job's settings, without the ledger
         base: Configuration {
             settings: RenderSettings {
                 ledger: false,
@@ -41,12 +42,13 @@ pub(super) fn look(
     run(&experiment, progress, None)
 }
 
-/// Runs an experiment, and shows how far it is; `keep` is given what it would go on with.
+/// Runs an experiment and displays its progress; `keep` gets the state from which the experiment could be resumed.
 pub(super) fn run(
     experiment: &Experiment,
     progress: &Progress,
     keep: Option<Keep<'_>>,
 ) -> Result<Findings, Failure> {
+    // Connect the progress display and the cancellation flag
     let watcher = Watcher {
         progress: &|what, fraction| {
             progress.say(what);
@@ -55,6 +57,7 @@ pub(super) fn run(
         cancel: &interrupt::CANCELLED,
         keep,
     };
+    // Translate errors to those of commands
     cost::run(experiment, &watcher).map_err(|error| match error {
         CostError::Cancelled => Failure::Interrupted,
         CostError::Accel(error) => error.into(),

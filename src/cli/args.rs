@@ -1,4 +1,4 @@
-//! What may be typed: the flags and their ranges. Nothing below this room knows a flag.
+//! Command-line flags and their ranges, as clap types. Modules below the command line do not depend on flags.
 
 mod batch;
 mod bench;
@@ -34,26 +34,27 @@ use crate::image::ImageFormat;
 use crate::render::{FilterKind, MIN_ADAPTIVE_ERROR, Pattern, PixelFilter};
 use crate::scene::image_settings::{self, DEFAULT_DEPTH, DEFAULT_SPP, DEFAULT_WAVELENGTHS, MAX_EXPOSURE};
 use crate::scene::{EffectOverrides, MAX_ROUGH_RAYS};
-/// Image size where neither the command line nor the scene says it.
+/// Default image size, where neither the command line nor the scene gives one.
 const DEFAULT_SIZE: ImageSize = ImageSize {
     width: image_settings::DEFAULT_SIZE[0],
     height: image_settings::DEFAULT_SIZE[1],
 };
-/// Most samples a pixel.
+/// Largest number of samples per pixel.
 const MAX_SPP: i64 = image_settings::MAX_SPP as i64;
-/// Most generations of reflection.
+/// Largest depth: generations of reflected and refracted rays.
 const MAX_DEPTH: i64 = image_settings::MAX_DEPTH as i64;
-/// Most wavelengths.
+/// Largest number of wavelengths per path.
 const MAX_WAVELENGTHS: i64 = image_settings::MAX_WAVELENGTHS as i64;
 
-/// More threads than any machine that this is likely to meet.
+/// Largest number of threads, above that of any machine in use.
 const MAX_THREADS: i64 = 1024;
 
-/// Seconds in which most scenes' prices are told to a few percent.
+/// Default time budget in seconds, enough to measure the prices of most scenes to a few percent.
 const DEFAULT_BUDGET: f64 = 30.0;
-/// More than a day would be a mistake.
+/// Largest time budget in seconds: one day; more is taken for a typing error.
 const MAX_BUDGET: f64 = 86_400.0;
 
+// `--version` shows the Embree version of the build, as results depend on it
 static VERSION: LazyLock<String> = LazyLock::new(|| match embree_version() {
     Some(embree) => format!("{} (Embree {embree})", env!("CARGO_PKG_VERSION")),
     None => format!("{} (without Embree)", env!("CARGO_PKG_VERSION")),
@@ -77,23 +78,23 @@ Results go to standard output, everything else to standard error.";
 pub(super) enum Command {
     /// Render scenes to PNG or EXR images
     Render(Box<RenderArgs>),
-    /// Render many frames, on one machine or on many, and get them finished
+    /// Render many frames, on one machine or on several, and resume after interruptions
     Batch(Box<BatchArgs>),
-    /// Put together the frames that several processes made pieces of
+    /// Merge the frames whose pieces several processes rendered
     Merge(MergeArgs),
-    /// Say what was understood of a scene
+    /// Print a summary of a scene as it was understood
     Info(InfoArgs),
     /// Print the JSON schema of scene files, for editors
     Schema,
     /// Time Embree against the BSP on the same recorded rays
     Bench(BenchArgs),
-    /// Put hard cases with exact answers to every way of finding hits
+    /// Run hard cases with exact results through every way of finding hits
     Verify(VerifyArgs),
-    /// Say how far a picture is from its reference
+    /// Print how much an image differs from its reference
     Compare(CompareArgs),
-    /// Measure what accuracy costs in time: error over seconds for every knob of a scene
+    /// Measure what accuracy costs in time: error over seconds for every parameter of a scene
     Cost(CostArgs),
-    /// Hold measurements against earlier ones; exit code 1 if any has regressed
+    /// Compare measurements with earlier ones; exit code 1 if any has regressed
     CompareStats(CompareStatsArgs),
 }
 
@@ -128,7 +129,7 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "DIR", conflicts_with = "output")]
     pub(super) out: Option<PathBuf>,
 
-    /// Kind of the images in --out [default: png]
+    /// Format of the images in --out [default: png]
     #[arg(long, requires = "out")]
     pub(super) format: Option<ImageFormat>,
 
@@ -141,7 +142,7 @@ pub(super) struct RenderArgs {
     #[command(flatten)]
     pub(super) sampling: SamplingArgs,
 
-    /// What finds the hits [default: embree if built in, else bsp]
+    /// Ray tracing backend that finds the hits [default: embree if built in, else bsp]
     #[arg(long)]
     pub(super) backend: Option<Backend>,
 
@@ -155,16 +156,17 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["spp", "pattern", "adaptive", "depth", "wavelengths", "backend", "precision", "instancing", "build_quality", "compact", "spawn", "hit_points", "rough_rays"])]
     pub(super) settings: Option<PathBuf>,
 
-    /// Choose the fastest settings whose RMSE as displayed (black is 0, white 1) is at most this, by pieces of the
-    /// picture; what the flags say of samples and the like is where the search begins
+    /// Choose the fastest settings whose RMSE as displayed (black is 0, white 1) is at most this, by rendering parts of
+    /// the image; the flags for samples and the like give the start of the search
     #[arg(long, value_name = "RMSE", value_parser = cost::error, conflicts_with_all = ["settings", "adaptive", "max_time"])]
     pub(super) error: Option<f64>,
 
-    /// Choose the closest settings at which the picture takes at most so many seconds, loading and building aside
+    /// Choose the most accurate settings at which the image takes at most this many seconds, without loading and
+    /// building
     #[arg(long, value_name = "SECONDS", value_parser = cost::seconds, conflicts_with_all = ["settings", "adaptive"])]
     pub(super) max_time: Option<f64>,
 
-    /// Seconds that choosing may take
+    /// Seconds that the search for settings may take
     #[arg(long, value_name = "SECONDS", default_value_t = DEFAULT_BUDGET, value_parser = cost::budget)]
     pub(super) pilot: f64,
 
@@ -175,11 +177,11 @@ pub(super) struct RenderArgs {
     #[command(flatten)]
     pub(super) moment: MomentArgs,
 
-    /// Radiance of the surroundings, as X or R,G,B, in place of the scene's own
+    /// Radiance of the environment, as X or R,G,B, in place of the scene's own
     #[arg(long, value_name = "RADIANCE", allow_hyphen_values = true)]
     pub(super) ambient: Option<Ambient>,
 
-    /// Picture N of those that differ by their random numbers alone
+    /// Seed: number N of the images that differ by their random numbers alone
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(super) seed: u32,
 
@@ -207,23 +209,23 @@ pub(super) struct RenderArgs {
     #[command(flatten)]
     pub(super) watching: WatchingArgs,
 
-    /// Say nothing but errors
+    /// Print nothing but errors
     #[arg(long, short)]
     pub(super) quiet: bool,
 }
 
-/// How pixels are sampled.
+/// Flags of pixel sampling.
 #[derive(Clone, Debug, ArgGroup)]
 pub(super) struct SamplingArgs {
-    /// Samples a pixel; with --adaptive the most that a pixel gets
+    /// Samples per pixel; with --adaptive the largest number that a pixel gets
     #[arg(long, value_name = "N", help = or_scene("Samples a pixel; with --adaptive the most that a pixel gets", DEFAULT_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
     pub(super) spp: Option<u32>,
 
-    /// How samples lie in a pixel
+    /// Sampling pattern: positions of the samples in a pixel
     #[arg(long, value_enum, help = or_scene("How samples lie in a pixel", word(Pattern::default())))]
     pub(super) pattern: Option<Pattern>,
 
-    /// How samples become a pixel
+    /// Reconstruction filter that combines samples to a pixel
     #[arg(long, value_enum, help = or_scene("How samples become a pixel", word(FilterKind::default())))]
     pub(super) filter: Option<FilterKind>,
 
@@ -237,9 +239,9 @@ pub(super) struct SamplingArgs {
     pub(super) adaptive: Option<f64>,
 
     /// Further channels of EXR images; samples: their number and their variance in each pixel, as `samples` and
-    /// `variance`; rays, time: rays and nanoseconds of each pixel, in all and by effect, as `rays`, `rays.shadow`,
-    /// `time`, `time.shadow`; lights, effects: the picture's own light by lamp and by effect, which add up to it, with
-    /// the box filter only; the others tell what camera rays meet first, as means over a pixel's samples
+    /// `variance`; rays, time: rays and nanoseconds of each pixel, in total and by effect, as `rays`, `rays.shadow`,
+    /// `time`, `time.shadow`; lights, effects: the image divided by light and by effect, which add up to it, with the
+    /// box filter only; the others describe the first hit of camera rays, as means over a pixel's samples
     #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
     pub(super) aov: Vec<Aov>,
 }
@@ -247,13 +249,13 @@ pub(super) struct SamplingArgs {
 /// Groups of channels that an EXR image may hold besides its colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum Aov {
-    /// `samples` and `variance`
+    /// `samples` and `variance`, the number of samples of a pixel and their variance
     Samples,
     /// `rays`, `rays.camera` and so on
     Rays,
     /// `time`, `time.camera` and so on, in nanoseconds
     Time,
-    /// `Z`, the distance along the ray in the file's unit; infinite where nothing is met
+    /// `Z`, the distance along the ray in the file's unit; infinite where nothing is hit
     Depth,
     /// `normal.X`, `.Y` and `.Z`, the shading normal in world space on the viewer's side
     Normal,
@@ -263,7 +265,7 @@ pub(super) enum Aov {
     Position,
     /// `uv.U` and `.V`, the first set of texture coordinates
     Uv,
-    /// `id.object`, `id.material` and `id.primitive` of the first sample that meets anything; -1 where none does
+    /// `id.object`, `id.material` and `id.primitive` of the first sample that hits anything; -1 where none does
     Ids,
     /// `motion.X` and `.Y`, by how many pixels to the right and down surfaces move while the shutter is open
     Motion,
@@ -271,13 +273,14 @@ pub(super) enum Aov {
     CryptoObject,
     /// `CryptoMaterial00.R` and so on: Cryptomatte of the names of materials
     CryptoMaterial,
-    /// `light.NAME.R`, `.G` and `.B`, the light of each lamp; `light.emission.R` and so on, what is seen without one
+    /// `light.NAME.R`, `.G` and `.B`, the contribution of each light; `light.emission.R` and so on, emission seen
+    /// without one
     Lights,
-    /// `effect.direct.R`, `effect.reflection.R` and so on, the light by the first step from the camera
+    /// `effect.direct.R`, `effect.reflection.R` and so on, the radiance by the first step of the path from the camera
     Effects,
 }
 
-/// What is rendered, of whatever scene.
+/// Flags of the image that apply to every scene.
 #[derive(Clone, Copy, Debug, ArgGroup)]
 pub(super) struct FrameArgs {
     /// Image size in pixels
@@ -293,19 +296,19 @@ pub(super) struct FrameArgs {
     pub(super) wavelengths: Option<u32>,
 }
 
-/// How hits are found.
+/// Flags of ray tracing: precision, acceleration structures and threads.
 #[derive(Clone, Debug, ArgGroup)]
 pub(super) struct TracingArgs {
-    /// How far triangle hits may be trusted; the BSP is watertight unless fast, where f32 alone decides, and brute force
-    /// always is
+    /// Precision of triangle hits; the BSP is watertight unless fast, where f32 alone decides, and brute force always
+    /// is
     #[arg(long, default_value_t = Precision::default())]
     pub(super) precision: Precision,
 
-    /// How Embree is given placed meshes; auto is the faster one that gives the precision asked for
+    /// Form in which Embree gets instanced meshes; auto is the faster one that gives the requested precision
     #[arg(long, value_enum, default_value_t = Instancing::default())]
     pub(super) instancing: Instancing,
 
-    /// How much work Embree puts into its trees; high is medium unless --precision is fast
+    /// Effort that Embree puts into its trees; high is medium unless --precision is fast
     #[arg(long, value_enum, default_value_t = BuildQuality::default())]
     pub(super) build_quality: BuildQuality,
 
@@ -313,11 +316,12 @@ pub(super) struct TracingArgs {
     #[arg(long)]
     pub(super) compact: bool,
 
-    /// Instruction set that Embree is held to, so that results repeat on other machines [default: Embree's choice]
+    /// Instruction set that Embree is restricted to, so that results repeat on other machines [default: Embree's
+    /// choice]
     #[arg(long, value_parser = ["sse2", "sse4.2", "avx", "avx2", "avx512"])]
     pub(super) isa: Option<String>,
 
-    /// Threads; 0 takes one a processor
+    /// Number of threads; 0 takes one per processor
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
     pub(super) threads: u32,
 }
@@ -344,11 +348,11 @@ pub(super) struct InfoArgs {
     #[command(flatten)]
     pub(super) moment: MomentArgs,
 
-    /// Print JSON
+    /// Print the summary as JSON
     #[arg(long)]
     pub(super) json: bool,
 
-    /// Whether a quick probe forecasts each effect's share of the time; auto: unless the scene takes long to make ready
+    /// Forecast of each effect's share of the time by a quick probe; auto: unless the scene takes long to make ready
     #[arg(long, value_name = "WHEN", default_value = "auto")]
     pub(super) forecast: WhenToForecast,
 
@@ -356,7 +360,7 @@ pub(super) struct InfoArgs {
     pub(super) prices: PriceArgs,
 }
 
-/// When `whit info` forecasts.
+/// Choices of `whit info --forecast`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum WhenToForecast {
     Auto,
@@ -364,35 +368,35 @@ pub(super) enum WhenToForecast {
     Never,
 }
 
-/// What is rendered for a list of prices.
+/// Flags of the image that is rendered to measure prices.
 #[derive(Clone, Copy, Debug, ArgGroup)]
 pub(super) struct PriceArgs {
-    /// Measure what each effect and each step of depth costs in time, and what the picture lacks without it: renders
-    /// some tiles of it many times
+    /// Measure what each effect and each step of depth costs in time, and how the image differs without it: renders
+    /// some of its tiles many times
     #[arg(long)]
     pub(super) prices: bool,
 
-    /// Size of the picture that is sampled
+    /// Size of the image that is sampled
     #[arg(long, requires = "prices", value_name = "WxH", help = or_scene("Size in pixels of the picture that is sampled", DEFAULT_SIZE))]
     pub(super) size: Option<ImageSize>,
 
-    /// Its samples a pixel
+    /// Samples per pixel of the image that is sampled
     #[arg(long, requires = "prices", value_name = "N", help = or_scene("Its samples a pixel", DEFAULT_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
     pub(super) spp: Option<u32>,
 
-    /// Its generations of reflected and refracted rays
+    /// Generations of reflected and refracted rays in the image that is sampled
     #[arg(long, requires = "prices", value_name = "N", help = or_scene("Its generations of reflected and refracted rays", DEFAULT_DEPTH), value_parser = clap::value_parser!(u32).range(0..=MAX_DEPTH))]
     pub(super) depth: Option<u32>,
 
-    /// Seconds that measuring may take, about; fewer tiles and runs keep within it, down to 8 tiles and 5 runs
+    /// Seconds that the measurement may take, about; fewer tiles and runs keep within it, down to 8 tiles and 5 runs
     #[arg(long, requires = "prices", value_name = "SECONDS", default_value_t = DEFAULT_BUDGET, value_parser = budget)]
     pub(super) budget: f64,
 
-    /// What finds the hits [default: embree if built in, else bsp]
+    /// Ray tracing backend that finds the hits [default: embree if built in, else bsp]
     #[arg(long, requires = "prices")]
     pub(super) backend: Option<Backend>,
 
-    /// Threads; 0 takes one a processor
+    /// Number of threads; 0 takes one per processor
     #[arg(long, requires = "prices", value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
     pub(super) threads: u32,
 }
@@ -405,7 +409,7 @@ pub(super) struct ImageSize {
 }
 
 impl ImageSize {
-    /// Most pixels of an image; the machine's memory usually sets a lower limit.
+    /// Largest number of pixels of an image; the machine's memory usually sets a lower limit.
     pub(super) const MAX_PIXELS: u64 = image_settings::MAX_PIXELS;
 }
 
@@ -415,12 +419,12 @@ impl fmt::Display for ImageSize {
     }
 }
 
-/// Help for what a scene file may say too.
+/// Returns the help text of a flag whose default a scene file may override.
 fn or_scene(what: &str, default: impl fmt::Display) -> String {
     format!("{what} [default: the scene file's, else {default}]")
 }
 
-/// What a value is called on the command line.
+/// Returns the spelling of a value on the command line.
 fn word(value: impl clap::ValueEnum) -> String {
     let word = value.to_possible_value();
     word.map_or_else(String::new, |word| word.get_name().to_owned())
@@ -440,6 +444,7 @@ impl FromStr for ImageSize {
         if width == 0 || height == 0 {
             return Err("an image needs at least one pixel each way, as in 640x480".into());
         }
+        // Check the number of pixels in u64, where the product cannot overflow
         match (u32::try_from(width), u32::try_from(height)) {
             (Ok(w), Ok(h)) if u64::from(w) * u64::from(h) <= ImageSize::MAX_PIXELS => {
                 Ok(ImageSize { width: w, height: h })
@@ -457,6 +462,7 @@ impl FromStr for Ambient {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Ambient, String> {
+        // Parse the comma-separated values, each finite and not negative
         let values: Vec<f32> = text
             .split(',')
             .map(|value| {
@@ -509,9 +515,10 @@ fn adaptive_error(text: &str) -> Result<f64, String> {
         })
 }
 
-/// The Embree that whit was built for; the one that answers is in the statistics.
+/// Returns the version of the Embree headers that whit was built with; the version of the library in use is in the
+/// statistics.
 fn embree_version() -> Option<&'static str> {
-    // Set by the build script; empty without the feature.
+    // The build script sets the variable; it is empty without the `embree` feature.
     Some(env!("WHIT_EMBREE_HEADERS")).filter(|version| !version.is_empty())
 }
 

@@ -1,4 +1,4 @@
-//! `whit verify SCENE --replay FILE`: rays that were written down, asked again on every path.
+//! Command `whit verify SCENE --replay FILE`: traces recorded rays again with every backend variant.
 
 use std::fmt::Write;
 use std::fs;
@@ -18,7 +18,7 @@ use super::output;
 use super::own::holds;
 use super::scene;
 
-/// Asks the rays of `file` again in the first scene of the arguments.
+/// Traces the rays of `file` again in the first scene of the arguments.
 pub(super) fn run(args: &VerifyArgs, file: &Path) -> Result<(), Failure> {
     let rays = read(file)?;
     let Some(path) = args.scenes.first() else {
@@ -26,6 +26,7 @@ pub(super) fn run(args: &VerifyArgs, file: &Path) -> Result<(), Failure> {
     };
     let pool = Tracing::of_threads(args.threads).pool()?;
     let loaded = parallel::install(&pool, || scene::load((path, &[], None), EffectSet::NONE))?;
+    // The scene must be the one that the rays were recorded in, as far as its size shows
     let found = holds(&loaded.scene);
     if found != rays.holds {
         return Err(Failure::Input(format!(
@@ -43,20 +44,21 @@ pub(super) fn run(args: &VerifyArgs, file: &Path) -> Result<(), Failure> {
     output::print(&told(&rays, &heard))
 }
 
-/// Reads a file of rays.
+/// Reads a file of recorded rays.
 fn read(path: &Path) -> Result<RaysFile, Failure> {
     let text = fs::read_to_string(path)
         .map_err(|error| Failure::Input(format!("could not read {}: {error}", path.display())))?;
     RaysFile::parse(&text).map_err(|error| Failure::Input(format!("{}: {error}", path.display())))
 }
 
-/// A path and what it answered to each ray.
+/// Backend variant with its result for each ray.
 struct Heard {
     name: &'static str,
     replies: Vec<(Reply, HitComparison)>,
 }
 
-/// Asks every path, one structure after the other, so that no two are in memory beside brute force, which needs none.
+/// Traces the rays with all variants, one after another, so that only one acceleration structure is in memory at a
+/// time; brute force needs none.
 fn ask_all(scene: &Scene, rays: &[Difference], isa: Option<&str>) -> Result<Vec<Heard>, Failure> {
     let brute = accel::build(scene, Backend::Brute, &AccelOptions::default())?;
     let ask = |name, accel: &dyn Accel, instancing| Heard {
@@ -83,7 +85,7 @@ fn ask_all(scene: &Scene, rays: &[Difference], isa: Option<&str>) -> Result<Vec<
     Ok(heard)
 }
 
-/// Each ray with what was answered when it was written down and what every path answers now.
+/// Returns a text with each ray, its recorded results, and the result of each variant now.
 fn told(file: &RaysFile, heard: &[Heard]) -> String {
     let [first, second] = &file.answers;
     let mut text = format!(
@@ -102,9 +104,11 @@ fn told(file: &RaysFile, heard: &[Heard]) -> String {
             ray.place.name(),
             describe_ray(&ray.ray)
         );
+        // Print the recorded results
         for (name, reply) in ["first, then", "second, then"].into_iter().zip(ray.replies) {
             let _ = writeln!(text, "    {name:17} {reply}");
         }
+        // Print the new results, compared with brute force
         for Heard { name, replies } in heard {
             let (reply, agreement) = replies[number];
             let judged = match agreement {

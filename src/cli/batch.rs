@@ -1,8 +1,8 @@
-//! `whit batch`: many frames, which get finished whatever happens on the way.
+//! Command `whit batch`: renders many frames, resumes after interruptions, and merges the pieces of frames.
 //!
-//! Frames of one scene are made side by side, two at least: while one is written or runs out of tiles another has the
-//! processors; so are small scenes of a frame each. What is finished is noted in a manifest; see [`crate::batch`] for
-//! what may happen meanwhile.
+//! Frames of one scene are rendered concurrently, at least two at a time: while one is written or runs out of tiles,
+//! another uses the processors. Small scenes with a single frame overlap in the same way. Finished frames are recorded
+//! in a manifest; see [`crate::batch`] for interruptions and several processes.
 
 mod dry_run;
 mod frame;
@@ -33,32 +33,36 @@ use super::tracing::Tracing;
 use run::Batch;
 use viewer::Viewer;
 
-/// Makes what the arguments ask for.
+/// Renders the frames of this process's shard, or lists them, or writes a Slurm script, as the arguments request.
 pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
+    // Parse all frames and report errors before anything is rendered
     let plans = plan::plans(&args.jobs, &args.out, args.threads)?;
     plan::check_division(&plans, args.time)?;
     if let Some(nice) = args.nice {
         yield_to_others(nice);
     }
     let pool = Tracing::of_threads(args.threads).pool()?;
+    // Only forecast for `--slurm` and `--dry-run`
     if let Some(script) = &args.slurm {
         return parallel::install(&pool, || dry_run::write_script(args, script, &plans));
     }
     if args.dry_run {
         return parallel::install(&pool, || dry_run::list(args, &plans));
     }
+    // Connect to the viewer and claim the output folder
     let viewer = Viewer::connect(args.watching.tev.as_deref())?;
     let lock = lock(args)?;
     if lock.is_some() && args.shard == Shard::ALL {
         plan::sweep_up(&plans, &args.out);
     }
+    // Render, and hold the lock until the end
     let manifest = manifest(args)?;
     let result = Batch::new(args, &plans, manifest, viewer).run(&pool);
     drop(lock);
     result
 }
 
-/// Puts together the frames all of whose pieces are there.
+/// Merges the frames all of whose pieces are present.
 pub(super) fn merge(args: &MergeArgs) -> Result<(), Failure> {
     if !args.out.is_dir() {
         let out = args.out.display();
@@ -66,6 +70,7 @@ pub(super) fn merge(args: &MergeArgs) -> Result<(), Failure> {
             "there is no folder {out}: name that of a batch"
         )));
     }
+    // Find all frames with pieces
     let unreadable = |error| Failure::Input(format!("{} cannot be read: {error}", args.out.display()));
     let folders = PieceFolder::all(&args.out).map_err(unreadable)?;
     if folders.is_empty() {
@@ -73,6 +78,7 @@ pub(super) fn merge(args: &MergeArgs) -> Result<(), Failure> {
     }
     let mut manifest = Manifest::open(&args.out, Shard::ALL).map_err(unreadable)?;
     let mut failed = 0;
+    // Merge each frame; one failure does not stop the others
     for folder in &folders {
         let image = folder.head().image.display();
         match merge_one(&args.out, folder, &mut manifest) {
@@ -85,6 +91,7 @@ pub(super) fn merge(args: &MergeArgs) -> Result<(), Failure> {
             }
         }
     }
+    // Report how many frames could not be merged
     match failed {
         0 => Ok(()),
         _ => Err(Failure::Work(format!(
@@ -94,13 +101,15 @@ pub(super) fn merge(args: &MergeArgs) -> Result<(), Failure> {
     }
 }
 
-/// Puts a frame together and notes it. Of one that is done already somebody has left pieces, which go.
+/// Merges a frame and adds it to the manifest; returns whether it did. Removes the pieces of a frame that is done
+/// already.
 fn merge_one(out: &Path, folder: &PieceFolder, manifest: &mut Manifest) -> Result<bool, Failure> {
     let head = folder.head();
     if manifest.find(&head.image, head.key).is_some() {
         folder.remove();
         return Ok(false);
     }
+    // Merge, then record the image in the manifest
     match picture::merge(out, folder) {
         Ok(()) => {
             let done = picture::done(out, head, f64::from(head.spp), [0.0; 2]);
@@ -108,7 +117,7 @@ fn merge_one(out: &Path, folder: &PieceFolder, manifest: &mut Manifest) -> Resul
             noted.map_err(|error| unnoted(&head.image, &error))?;
             Ok(true)
         }
-        // A process of the batch may have done it meanwhile.
+        // A process of the batch may have merged the frame meanwhile.
         Err(_) if manifest.read_again().is_ok() && manifest.find(&head.image, head.key).is_some() => {
             Ok(false)
         }
@@ -120,7 +129,7 @@ fn merge_one(out: &Path, folder: &PieceFolder, manifest: &mut Manifest) -> Resul
     }
 }
 
-/// That a picture stands in its place and nobody will know.
+/// Returns the error for a complete image that could not be added to the manifest.
 fn unnoted(image: &Path, error: &io::Error) -> Failure {
     Failure::Work(format!(
         "{} cannot be noted in the manifest: {error}",
@@ -128,7 +137,7 @@ fn unnoted(image: &Path, error: &io::Error) -> Failure {
     ))
 }
 
-/// What is done already; a folder with results of an earlier run is refused, unless these are to be kept.
+/// Opens the manifest; rejects an output folder with results of an earlier run, unless these are to be kept.
 fn manifest(args: &BatchArgs) -> Result<Manifest, Failure> {
     let out = args.out.display();
     let unreadable = |error| Failure::Input(format!("{out} cannot be used: {error}"));
@@ -141,12 +150,13 @@ fn manifest(args: &BatchArgs) -> Result<Manifest, Failure> {
     Manifest::open(&args.out, args.shard).map_err(unreadable)
 }
 
-/// Keeps other processes of this machine from making the same.
+/// Takes the lock that keeps other processes of this machine from rendering the same shard.
 fn lock(args: &BatchArgs) -> Result<Option<Lock>, Failure> {
     let BatchArgs { out, shard, .. } = args;
     let name = format!(".whit-batch.{}-of-{}.lock", shard.number, shard.count);
     match Lock::take(&out.join(name), &who()) {
         Ok(lock) => Ok(Some(lock)),
+        // On this machine, a batch without shards must not run twice
         Err(LockError::Held(holder))
             if *shard == Shard::ALL && holder.ends_with(&format!(" on {}", host())) =>
         {
@@ -155,19 +165,19 @@ fn lock(args: &BatchArgs) -> Result<Option<Lock>, Failure> {
                 out.display()
             )))
         }
-        // It may be the ghost of a task that was started anew, which will not end the work: no harm comes of two.
+        // The holder may be the leftover of a restarted task and may never end; two processes do no harm.
         Err(LockError::Held(holder)) => {
             progress(args).warn(&format!(
                 "another whit ({holder}) makes the same part: both go on, to the same bytes"
             ));
             Ok(None)
         }
-        // Some network file systems know no locks.
+        // Some network file systems do not support locks.
         Err(LockError::Unknown(_)) => Ok(None),
     }
 }
 
-/// How the arguments ask for progress to be shown.
+/// Returns the progress display that the arguments request.
 fn progress(args: &BatchArgs) -> Progress {
     let verbosity = if args.quiet {
         Verbosity::Quiet
@@ -177,22 +187,22 @@ fn progress(args: &BatchArgs) -> Progress {
     Progress::of_kind(args.watching.progress, verbosity)
 }
 
-/// What this process calls itself.
+/// Returns the description of this process in locks and manifests.
 fn who() -> String {
     format!("process {} on {}", std::process::id(), host())
 }
 
-/// The name of this machine.
+/// Returns the host name of this machine.
 fn host() -> String {
     let name = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     name.trim().to_owned()
 }
 
-/// Lets others go first.
+/// Lowers the scheduling priority of this process.
 fn yield_to_others(nice: i32) {
     #[cfg(target_os = "linux")]
     {
-        // Only asked for less than there was, which is always granted.
+        // Lowering the priority is always permitted.
         let _ = rustix::process::nice(nice);
     }
     #[cfg(not(target_os = "linux"))]

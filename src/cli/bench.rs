@@ -1,4 +1,4 @@
-//! `whit bench`: Embree against the BSP on the same recorded rays.
+//! Command `whit bench`: compares Embree and the BSP on the same recorded rays.
 
 mod structures;
 mod sweep;
@@ -30,20 +30,21 @@ use super::scene;
 use structures::{Contestant, Structures};
 use times::{Frame, Seconds, Times};
 
-/// Everything that `whit bench` is to do with each scene.
+/// Checked parameters of `whit bench` for all scenes.
 pub(super) struct BenchJob {
-    /// What the command line says of the frame; the scene may say the rest.
+    /// Image settings of the command line; the scene may give those that are absent.
     wish: Output,
     pub(super) tracing: Tracing,
     pub(super) repeat: u32,
-    /// Every number of threads whose speed is wanted, fewest first; empty if none is.
+    /// Thread pools of the scaling measurement, fewest threads first; empty without `--scaling`.
     scaling: Vec<ThreadPool>,
 }
 
 impl BenchJob {
-    /// What the arguments mean.
+    /// Checks the arguments and starts the thread pools.
     pub(super) fn new(args: &BenchArgs) -> Result<BenchJob, Failure> {
         let tracing = Tracing::new(&args.tracing);
+        // Start a pool for each thread count of the scaling measurement
         let counts = match args.scaling {
             true => thread_counts(tracing.threads),
             false => Vec::new(),
@@ -60,12 +61,13 @@ impl BenchJob {
         })
     }
 
-    /// The frame of a scene that says `output` of its picture.
+    /// Returns the render settings for a scene whose file gives the image settings `output`.
     pub(super) fn settings(&self, output: &Output) -> Result<RenderSettings, Failure> {
         let mut picture = self.wish.or(output);
         picture.spp = picture.spp.or(Some(DEFAULT_BENCH_SPP));
         let settings = settings(&picture)?;
         let (width, height, spp) = (settings.width, settings.height, settings.spp);
+        // All rays are recorded, so even the camera rays must fit into memory
         let packets = u64::from(width) * u64::from(height) * u64::from(spp) / LANES as u64;
         let needed = packets * size_of::<RayPacket>() as u64;
         if let Some(free) = memory::available_bytes().filter(|&free| needed > free) {
@@ -80,7 +82,7 @@ impl BenchJob {
     }
 }
 
-/// 1, 2, 4 and so on, and `most`.
+/// Returns the powers of two below `most`, and `most`.
 fn thread_counts(most: usize) -> Vec<u32> {
     let most = u32::try_from(most).unwrap_or(u32::MAX).max(1);
     let mut counts: Vec<u32> = (0..32)
@@ -91,11 +93,12 @@ fn thread_counts(most: usize) -> Vec<u32> {
     counts
 }
 
-/// Measures what the arguments ask for.
+/// Measures all scenes or generated meshes of the arguments.
 pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if args.extents {
         return super::extents::run(args);
     }
+    // Check the output files and the flags before anything is measured
     for path in [&args.json, &args.html].into_iter().flatten() {
         check_writable(path)?;
     }
@@ -104,6 +107,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         return Err(AccelError::NoEmbree.into());
     }
     check_instancing(&args.tracing)?;
+    // List the scenes, or the generated meshes of a sweep
     let subjects = match args.sweep {
         true => sweep::sizes(args.most_triangles)
             .into_iter()
@@ -111,6 +115,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
             .collect(),
         false => Subject::files(args),
     };
+    // Measure each, and write the files after each
     let reporter = Reporter {
         table: |rows: &[BenchRow]| BenchTable(rows).to_string(),
         write: |rows: &[BenchRow]| write(args, rows),
@@ -122,7 +127,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Writes the files that were asked for.
+/// Writes the JSON file and the HTML page that the arguments request.
 fn write(args: &BenchArgs, rows: &[BenchRow]) -> Result<(), Failure> {
     write_json(args, rows)?;
     let Some(path) = &args.html else { return Ok(()) };
@@ -134,7 +139,7 @@ fn write(args: &BenchArgs, rows: &[BenchRow]) -> Result<(), Failure> {
     interrupt::finish_first(|| output::write_text(path, &bench_page::page(rows, &facts)))
 }
 
-/// Writes all rows as JSON if that is asked for.
+/// Writes all rows as JSON if the arguments request it.
 pub(super) fn write_json(args: &BenchArgs, rows: &[impl Serialize]) -> Result<(), Failure> {
     match &args.json {
         Some(path) => interrupt::finish_first(|| output::write_json(path, &rows)),
@@ -142,21 +147,21 @@ pub(super) fn write_json(args: &BenchArgs, rows: &[impl Serialize]) -> Result<()
     }
 }
 
-/// Where a scene that is measured comes from.
+/// Source of a scene to measure.
 pub(super) enum Subject<'a> {
-    /// It is loaded.
+    /// Scene file at this path.
     File(&'a Path),
-    /// It is made, of about so many triangles.
+    /// Generated mesh of about this many triangles.
     Made(u64),
 }
 
 impl<'a> Subject<'a> {
-    /// The scenes that the arguments name.
+    /// Returns the scene files that the arguments name.
     pub(super) fn files(args: &'a BenchArgs) -> Vec<Subject<'a>> {
         args.scenes.iter().map(|path| Subject::File(path)).collect()
     }
 
-    /// As the rows tell it.
+    /// Returns the name of the scene in the rows.
     fn name(&self) -> String {
         match self {
             Subject::File(path) => path.display().to_string(),
@@ -175,7 +180,7 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// A scene that is to be measured.
+/// Scene to measure, with its camera and settings.
 pub(super) struct BenchScene<'s> {
     pub(super) path: &'s Path,
     pub(super) name: &'s str,
@@ -184,15 +189,15 @@ pub(super) struct BenchScene<'s> {
     pub(super) settings: RenderSettings,
 }
 
-/// What becomes of rows.
+/// Functions that output the rows.
 pub(super) struct Reporter<Table, Write> {
-    /// Those of a scene, for the terminal.
+    /// Function that formats the rows of one scene as a table for the terminal.
     pub(super) table: Table,
-    /// Takes all that there are so far, so that later trouble loses nothing.
+    /// Function that writes all rows so far; called after each scene, so that later failures lose nothing.
     pub(super) write: Write,
 }
 
-/// Measures each scene by `measure` and reports its rows; returns those of all.
+/// Measures each scene with `measure` and reports its rows; returns the rows of all scenes.
 pub(super) fn measure_scenes<Row>(
     args: &BenchArgs,
     subjects: &[Subject],
@@ -205,12 +210,14 @@ pub(super) fn measure_scenes<Row>(
     let mut rows = Vec::new();
     for subject in subjects {
         let name = subject.name();
+        // End the sweep where the memory does not suffice
         if let Subject::Made(triangles) = subject
             && let Some(words) = sweep::lacks_memory(*triangles)
         {
             progress.warn(&words);
             break;
         }
+        // Load or generate the scene
         progress.phase(&name, "load");
         let (scene, output) = parallel::install(&pool, || subject.scene())?;
         let path = Path::new(&name);
@@ -224,6 +231,7 @@ pub(super) fn measure_scenes<Row>(
         for warning in &scene.warnings {
             progress.warn(&format!("{name}: {warning}"));
         }
+        // Measure and report it
         let of_scene = measure(&job, bench_scene, &pool, &progress)?;
         progress.suspend(|| output::print(&(reporter.table)(&of_scene)))?;
         rows.extend(of_scene);
@@ -233,7 +241,7 @@ pub(super) fn measure_scenes<Row>(
     Ok(rows)
 }
 
-/// The rows of one scene.
+/// Measures one scene and returns its rows.
 fn bench_scene(
     job: &BenchJob,
     bench_scene: BenchScene,
@@ -247,9 +255,11 @@ fn bench_scene(
         camera,
         settings,
     } = bench_scene;
+    // Build all acceleration structures
     progress.phase(name, "build");
     let structures = Structures::build(scene, job, pool)?;
     let contestants = structures.contestants();
+    // Record the rays of the frame with the first one
     progress.phase(name, "record");
     let frame = Frame {
         scene,
@@ -258,13 +268,15 @@ fn bench_scene(
         accel: structures.first(),
     };
     let sets = frame.ray_sets();
+    // Replay the rays through each, and render the frame
     progress.phase(name, "replay");
     let times = Times::measure(&contestants, &sets, &frame, job, progress)?;
+    // Compare the hits with those of the reference
     progress.phase(name, "compare");
     rows(job, path, &contestants, &sets, &times, &frame)
 }
 
-/// Everything measured, a row for each set and contestant.
+/// Returns the measurements as rows, one for each ray set and contestant.
 fn rows(
     job: &BenchJob,
     path: &Path,
@@ -273,14 +285,16 @@ fn rows(
     times: &Times,
     frame: &Frame,
 ) -> Result<Vec<BenchRow>, Failure> {
+    // Compute the frame times of the contestants
     let frame_times: Vec<_> = (0..contestants.len())
         .map(|index| times.frame(contestants, sets, index))
         .collect();
     let mut rows = Vec::with_capacity(sets.len() * contestants.len());
+    // Make a row for each ray set and contestant
     for (set, of_set) in sets.iter().zip(&times.replays) {
         for ((contestant, replays), frame_time) in contestants.iter().zip(of_set).zip(&frame_times) {
             interrupt::check()?;
-            // The referee needs no comparison with itself.
+            // The first contestant is the reference and is not compared with itself.
             let differ = match rows.len() % contestants.len() {
                 0 => Differences::default(),
                 _ => differences(
@@ -290,6 +304,7 @@ fn rows(
                     contestant.engine,
                 ),
             };
+            // Convert times to speeds
             let speed = speed(set.ray_count, &replays.usual);
             let build = Spread::of(&contestant.builds.usual);
             rows.push(BenchRow {
@@ -321,8 +336,9 @@ fn rows(
     Ok(rows)
 }
 
-/// Million rays a second.
+/// Returns the speed in million rays per second.
 fn speed(ray_count: u64, seconds: &[f64]) -> Spread {
+    // The longest time is the smallest speed
     let speed = |seconds: f64| ray_count as f64 * 1e-6 / seconds;
     let spread = Spread::of(seconds);
     Spread {
@@ -372,7 +388,7 @@ mod tests {
 
     #[test]
     fn the_slowest_run_has_the_least_speed() {
-        // Four million rays in 1, 2 and 4 seconds.
+        // Four million rays in 1, 2 and 4 seconds give 4, 2 and 1 million rays per second.
         let spread = speed(4_000_000, &[2.0, 4.0, 1.0]);
         let (median, min, max) = (2.0, 1.0, 4.0);
         assert_eq!(spread, Spread { median, min, max });

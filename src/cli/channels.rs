@@ -1,4 +1,4 @@
-//! Channels of a picture file beside its colours: what was asked for with `--aov`, by name.
+//! Further channels of an image file, requested with `--aov`.
 
 use std::borrow::Cow;
 
@@ -9,7 +9,7 @@ use super::args::Aov;
 use super::job::RenderJob;
 
 impl Aov {
-    /// The layers that it asks for, if it is about those.
+    /// Returns the first-hit layer that this group stands for, or `None` for other groups.
     pub(super) fn layers(self) -> Option<LayerKind> {
         match self {
             Aov::Samples | Aov::Rays | Aov::Time | Aov::Lights | Aov::Effects => None,
@@ -26,7 +26,7 @@ impl Aov {
     }
 }
 
-/// The channels that were asked for beside the colours.
+/// Returns the requested channels besides the colours.
 pub(super) fn channels<'r>(job: &RenderJob, rendering: &'r Rendering) -> Vec<Cow<'r, Layer>> {
     let mut channels = cost_channels(job, rendering);
     if let Some(aovs) = &rendering.aovs {
@@ -37,12 +37,13 @@ pub(super) fn channels<'r>(job: &RenderJob, rendering: &'r Rendering) -> Vec<Cow
     made.chain(rendering.layers.iter().map(Cow::Borrowed)).collect()
 }
 
-/// The channels of rays and of nanoseconds that were asked for: all together, and each account that has any.
+/// Returns the requested channels of rays and nanoseconds: the total, and every category with values above zero.
 fn cost_channels(job: &RenderJob, rendering: &Rendering) -> Vec<Layer> {
     let Some(costs) = &rendering.costs else {
         return Vec::new();
     };
     let mut channels = Vec::new();
+    // Add the total, then every category that occurs
     let mut add = |name: &str, all: Vec<f32>, of: &dyn Fn(Account) -> Vec<f32>| {
         channels.push(exact(name, all));
         for account in Account::ALL {
@@ -63,7 +64,7 @@ fn cost_channels(job: &RenderJob, rendering: &Rendering) -> Vec<Layer> {
     channels
 }
 
-/// A channel that keeps every bit.
+/// Returns a channel that must not be rounded.
 fn exact(name: &str, values: Vec<f32>) -> Layer {
     Layer {
         name: name.into(),

@@ -1,4 +1,4 @@
-//! `whit compare`: how far a picture is from its reference.
+//! Command `whit compare`: error metrics between an image and its reference.
 
 use std::path::Path;
 
@@ -12,8 +12,9 @@ use super::failure::Failure;
 use super::interrupt;
 use super::output;
 
-/// Compares two pictures and writes what the arguments ask for.
+/// Compares two images, prints the metrics, and writes the files that the arguments request.
 pub(super) fn run(args: &CompareArgs) -> Result<(), Failure> {
+    // Check the output files and read both images
     let outputs = [&args.json, &args.html, &args.difference, &args.heat];
     for path in outputs.into_iter().flatten() {
         check_writable(path)?;
@@ -21,6 +22,7 @@ pub(super) fn run(args: &CompareArgs) -> Result<(), Failure> {
     let reference = read_picture(&args.reference)?;
     let picture = read_picture(&args.picture)?;
     interrupt::check()?;
+    // Compute the metrics at the requested exposure
     let tone = ToneMap {
         exposure_ev: args.exposure,
     };
@@ -43,11 +45,13 @@ pub(super) fn run(args: &CompareArgs) -> Result<(), Failure> {
         flip_hdr: flip_hdr([&reference, &picture], args.pixels_per_degree),
         non_finite: [&reference, &picture].map(|picture| picture.image.non_finite_count()),
     };
+    // Print and write the report
     interrupt::check()?;
     output::print(&report.to_string())?;
     if let Some(path) = &args.json {
         interrupt::finish_first(|| output::write_json(path, &report))?;
     }
+    // Write the difference images and the page, which are computed only on request
     let signed = || difference::signed(&reference.image, &picture.image, args.exposure);
     let heat = || difference::heat(&compared.flip_map, report.width);
     if let Some(path) = &args.difference {
@@ -74,7 +78,7 @@ pub(super) fn run(args: &CompareArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The mean HDR-FLIP error, where both pictures are radiance.
+/// Returns the mean HDR-FLIP error, or `None` unless both images are radiance.
 fn flip_hdr([reference, picture]: [&LoadedImage; 2], pixels_per_degree: f64) -> Option<f64> {
     if !(reference.is_radiance && picture.is_radiance) {
         return None;

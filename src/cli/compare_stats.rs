@@ -1,4 +1,4 @@
-//! `whit compare-stats`: measurements held against earlier ones.
+//! Command `whit compare-stats`: compares measurements with earlier ones and detects regressions.
 
 use std::fs;
 use std::path::Path;
@@ -11,14 +11,15 @@ use super::failure::Failure;
 use super::interrupt;
 use super::output;
 
-/// Longer files are none of ours.
+/// Largest size of a file of measurements in bytes; larger files are of another kind.
 const MAX_BYTES: u64 = 1 << 28;
 
-/// Compares two files of measurements.
+/// Compares two files of measurements; returns an error if any has regressed.
 pub(super) fn run(args: &CompareStatsArgs) -> Result<(), Failure> {
     if let Some(path) = &args.json {
         check_writable(path)?;
     }
+    // Read both files and match their measurements
     let (base, new) = (read(&args.base)?, read(&args.new)?);
     let changes = Changes::new(&base, &new, args.max_regress);
     if changes.changes.is_empty() {
@@ -32,6 +33,7 @@ pub(super) fn run(args: &CompareStatsArgs) -> Result<(), Failure> {
     if let Some(path) = &args.json {
         interrupt::finish_first(|| output::write_json(path, &changes))?;
     }
+    // Regressions are failures
     match changes.count(Verdict::Regressed) {
         0 => Ok(()),
         count => Err(Failure::Work(format!(

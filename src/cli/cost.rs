@@ -1,4 +1,4 @@
-//! `whit cost`: what accuracy costs in time, on the user's scene.
+//! Command `whit cost`: measures the error and the time of many settings on the user's scene.
 
 use std::fs;
 use std::io::{ErrorKind, Write};
@@ -29,13 +29,14 @@ use super::output;
 use super::progress::{Progress, Verbosity};
 use super::scene;
 
-/// Bytes of a pixel for each configuration and for each picture of it: its sums, its first picture, what it shows.
+/// Bytes per pixel of each configuration: sums, first image, and displayed image.
 const BYTES_A_PIXEL: u64 = 12 + 12 + 12;
-/// Configurations of a scene that calls for everything.
+/// Upper bound on the configurations of a scene with all effects.
 const MAX_CONFIGURATIONS: u64 = 64;
 
-/// Measures what the arguments ask for.
+/// Runs the study that the arguments request, prints it and writes the report.
 pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
+    // Check the backend, the flags and the output folder before anything is measured
     let start = Instant::now();
     let backend = args.backend.unwrap_or_default();
     if backend == Backend::Embree && !cfg!(feature = "embree") {
@@ -53,6 +54,7 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
     let folder = args.out.as_deref().map(Folder::new).transpose()?;
     let tracing = Tracing::new(&args.tracing);
     let progress = Progress::new(Verbosity::Normal);
+    // Load the checkpoint, and count the time that the interrupted study has spent
     let unfinished = match &folder {
         Some(folder) if args.resume => Some(folder.unfinished()?),
         Some(folder) => {
@@ -63,6 +65,7 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
     };
     let spent = unfinished.as_ref().map_or(0.0, Unfinished::spent);
     let start = start.checked_sub(Duration::from_secs_f64(spent)).unwrap_or(start);
+    // Measure
     let findings = parallel::install(&tracing.pool()?, || {
         measure(
             args,
@@ -72,6 +75,7 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
         )
     });
     progress.clear();
+    // On an interruption, point to the checkpoint
     if let (Err(Failure::Interrupted), Some(folder)) = (&findings, &folder)
         && folder.unfinished.exists()
     {
@@ -81,10 +85,11 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
         ));
     }
     let (findings, tone) = findings?;
+    // Print the results and write the report
     output::print(&CostText(&findings.study).to_string())?;
     if let Some(folder) = &folder {
         folder.write(args, &findings, tone)?;
-        // All of it is in the report now; where it stays, the next study replaces it.
+        // The report contains all of the checkpoint. A checkpoint that cannot be removed is replaced by the next study.
         let _ = fs::remove_file(&folder.unfinished);
     }
     match &findings.study.choice {
@@ -104,6 +109,7 @@ fn measure(
     progress: &Progress,
 ) -> Result<(Findings, ToneMap), Failure> {
     let name = args.scene.display().to_string();
+    // Load the scene
     progress.phase(&name, "load");
     let SceneFile { scene, output, .. } = scene::load((&args.scene, &[], None), EffectSet::NONE)?;
     for warning in &scene.warnings {
@@ -119,6 +125,7 @@ fn measure(
     let tone = ToneMap {
         exposure_ev: output.exposure.unwrap_or(0.0),
     };
+    // Describe the experiment
     let experiment = Experiment {
         scene: &scene,
         camera,
@@ -143,6 +150,7 @@ fn measure(
         isa: tracing.isa.clone(),
         unfinished,
     };
+    // Measure, and save checkpoints into the folder
     progress.phase(&name, "measure");
     let keep = |bytes: &[u8]| {
         let Some(folder) = folder else {
@@ -150,7 +158,7 @@ fn measure(
         };
         let kept =
             interrupt::finish_first(|| write_atomically(&folder.unfinished, |file| file.write_all(bytes)));
-        // The study itself needs it not.
+        // A checkpoint that cannot be written does not stop the study.
         if let Err(error) = kept {
             progress.warn(&format!("what was measured so far cannot be kept: {error}"));
         }
@@ -162,13 +170,14 @@ fn measure(
         }
         (failure, _) => failure,
     })?;
+    // Count instructions if requested
     if args.instructions {
         instructions::count(args, &mut findings, progress)?;
     }
     Ok((findings, tone))
 }
 
-/// Refuses pictures that the machine cannot hold all at the same time.
+/// Rejects image sizes for which all images of a study do not fit into memory at once.
 fn check_memory(size: Option<[u32; 2]>) -> Result<(), Failure> {
     let Some([width, height]) = size else {
         return Ok(());
@@ -185,7 +194,7 @@ fn check_memory(size: Option<[u32; 2]>) -> Result<(), Failure> {
     }
 }
 
-/// Where a report goes.
+/// Paths of all files of a report.
 struct Folder {
     page: PathBuf,
     json: PathBuf,
@@ -194,12 +203,12 @@ struct Folder {
     settings: PathBuf,
     difference: PathBuf,
     flip: PathBuf,
-    /// What an interrupted study had measured.
+    /// Checkpoint of an interrupted study.
     unfinished: PathBuf,
 }
 
 impl Folder {
-    /// What was interrupted.
+    /// Reads the checkpoint of an interrupted study.
     fn unfinished(&self) -> Result<Unfinished, Failure> {
         let path = self.unfinished.display();
         let bytes = match fs::read(&self.unfinished) {
@@ -214,7 +223,7 @@ impl Folder {
         Unfinished::parse(&bytes).map_err(|words| Failure::Input(format!("{path} {words}")))
     }
 
-    /// Tells that something was interrupted that is not gone on with.
+    /// Warns that the folder has a checkpoint which the new study will replace.
     fn begin_anew(&self, progress: &Progress) {
         if self.unfinished.exists() {
             progress.warn(&format!(
@@ -224,7 +233,7 @@ impl Folder {
         }
     }
 
-    /// Makes the folder if it is not there, and sees that files can be written into it.
+    /// Creates the folder if necessary, and checks that the files of the report can be written.
     fn new(folder: &Path) -> Result<Folder, Failure> {
         fs::create_dir_all(folder).map_err(|error| {
             Failure::Input(format!("cannot make the folder {}: {error}", folder.display()))
@@ -263,8 +272,10 @@ impl Folder {
             gauge: _,
             embree,
         } = findings;
+        // Write the numbers as JSON and CSV
         interrupt::finish_first(|| output::write_json(&self.json, study))?;
         interrupt::finish_first(|| output::write_text(&self.csv, &points_csv(study)))?;
+        // Write the chosen settings, or those at the knee of the Pareto front
         let knee = study.knee();
         let (configuration, rmse, seconds) = match (chosen, &study.choice) {
             (Some(chosen), Some(choice)) => (chosen, choice.rmse, choice.seconds),
@@ -285,6 +296,7 @@ impl Folder {
             }),
         };
         interrupt::finish_first(|| output::write_text(&self.settings, &settings.text()))?;
+        // Write the reference, and the differences of the base image from it
         interrupt::finish_first(|| write(reference, &self.reference, ImageFormat::Exr, tone))?;
         let base = &pictures[0];
         let viewing = Viewing {
@@ -315,6 +327,7 @@ impl Folder {
         ] {
             interrupt::finish_first(|| write(image, path, ImageFormat::Png, ToneMap::default()))?;
         }
+        // Write the HTML page
         let page = cost_page::page(study, &facts, &pictures).map_err(|error| {
             Failure::Work(format!(
                 "could not put the pictures into {}: {error}",

@@ -1,11 +1,11 @@
-//! How pictures are held by their files: what the flags say, checked against the kinds of file that are written.
+//! Encoding of images in their files: the flags, checked against the formats that are written.
 
 use crate::image::{ExrEncoding, ImageFormat, PngBits};
 
 use super::args::OutputArgs;
 use super::failure::Failure;
 
-/// How pictures of each kind of file are held.
+/// Encoding of images, for each file format.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Encoding {
     pub(super) exr: ExrEncoding,
@@ -13,12 +13,13 @@ pub(super) struct Encoding {
 }
 
 impl Encoding {
-    /// What the flags say; a flag that none of the files is of a kind for is refused.
+    /// Returns the encoding that the flags request; rejects flags for a format that none of the files has.
     pub(super) fn new(
         args: &OutputArgs,
         formats: impl Iterator<Item = ImageFormat> + Clone,
     ) -> Result<Encoding, Failure> {
         let is_written = |format| formats.clone().any(|written| written == format);
+        // EXR flags need an EXR among the files
         if !is_written(ImageFormat::Exr) && args.exr_type.is_some() {
             return Err(Failure::Input(
                 "`--exr-type` is for EXR images: write an .exr, or give `--png-bits` for a PNG".into(),
@@ -31,11 +32,13 @@ impl Encoding {
                     .into(),
             ));
         }
+        // PNG flags need a PNG among the files
         if !is_written(ImageFormat::Png) && args.png_bits.is_some() {
             return Err(Failure::Input(
                 "`--png-bits` is for PNG images: write a .png, or give `--exr-type` for an EXR".into(),
             ));
         }
+        // Use the defaults for absent flags
         Ok(Encoding {
             exr: ExrEncoding {
                 sample: args.exr_type.unwrap_or_default(),

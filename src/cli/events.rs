@@ -1,21 +1,24 @@
-//! What happens, as JSON lines on standard error: `--progress json`. Every line there is then one object; nothing else is
-//! said.
+//! Events as JSON lines on standard error, for `--progress json`: every line is one object, and there is no other
+//! output.
 //!
-//! Keys are stable: they are added to, never renamed. `event` says which of these it is:
+//! Keys are stable: keys may be added but are never renamed. `event` gives the kind of event. Kinds with their other
+//! keys:
 //!
-//! | event | keys | when |
-//! | --- | --- | --- |
-//! | `start` | `scene`, `image` | a picture is begun |
-//! | `phase` | `scene`, `image`, `phase` | a part of the work begins: `load`, `choose`, `build`, `render` |
-//! | `progress` | `scene`, `image`, `phase`, `fraction`, `seconds`, `seconds_left` | at most ten a second; of the phase |
-//! | `frame` | `image`, `status`, `message`, `seconds`, `finished`, `total`, `seconds_left` | a picture of a batch is `done`, `failed` or `skipped`; the last two keys before this are of the batch |
-//! | `batch` | `images`, `fraction`, `finished`, `total`, `seconds`, `seconds_left` | at most ten a second; of the batch: the pictures being made and how far all are |
-//! | `warning` | `message` | the work goes on |
-//! | `done` | `scene`, `image`, `seconds` | a picture is written |
-//! | `failed` | `scene`, `image`, `message`, `exit_code` | a picture, or all of it, has failed; names are null where it is about none |
+//! * `start` (`scene`, `image`): an image is started.
+//! * `phase` (`scene`, `image`, `phase`): a part of the work begins: `load`, `choose`, `build`, `render`.
+//! * `progress` (`scene`, `image`, `phase`, `fraction`, `seconds`, `seconds_left`): progress of the phase, at most ten
+//!   per second.
+//! * `frame` (`image`, `status`, `message`, `seconds`, `finished`, `total`, `seconds_left`): an image of a batch is
+//!   `done`, `failed` or `skipped`; the last three keys are of the batch.
+//! * `batch` (`images`, `fraction`, `finished`, `total`, `seconds`, `seconds_left`): progress of the batch, at most ten
+//!   per second: the images in progress and the fraction of all.
+//! * `warning` (`message`): the work goes on.
+//! * `done` (`scene`, `image`, `seconds`): an image is written.
+//! * `failed` (`scene`, `image`, `message`, `exit_code`): an image, or the whole command, has failed; names are null if
+//!   it concerns no image.
 //!
 //! Fractions go from 0 to 1, `seconds` count from the beginning of what the event is about, and `seconds_left` is null
-//! while nobody can tell. Wrong usage of the command line itself is told in words, as `--progress` is not yet known.
+//! while it is unknown. Wrong usage of the command line itself is reported as text, as `--progress` is not parsed yet.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -23,10 +26,10 @@ use serde::Serialize;
 
 use super::output;
 
-/// Whether standard error speaks JSON: there is one for the whole process, and Ctrl-C is told by a thread of its own.
+/// True if standard error is JSON: a global of the process, as Ctrl-C is handled by a separate thread.
 static JSON: AtomicBool = AtomicBool::new(false);
 
-/// Something that has happened.
+/// Event on standard error, serialized with its kind.
 #[derive(Debug, Serialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 pub(super) enum Event<'a> {
@@ -80,19 +83,19 @@ pub(super) enum Event<'a> {
     },
 }
 
-/// From now on standard error has JSON lines only.
+/// Switches standard error to JSON lines for the rest of the process.
 pub(super) fn speak_json() {
     JSON.store(true, Ordering::Relaxed);
 }
 
-/// Whether standard error has JSON lines only.
+/// Returns whether standard error consists of JSON lines.
 pub(super) fn are_spoken() -> bool {
     JSON.load(Ordering::Relaxed)
 }
 
-/// Tells an event, as one line that is out before this returns.
+/// Prints an event as one line, which is flushed before the function returns.
 pub(super) fn tell(event: &Event) {
-    // Strings, numbers and lists of strings have a JSON form, always.
+    // Serialization cannot fail: all fields are strings, numbers and lists of strings.
     if let Ok(line) = serde_json::to_string(event) {
         output::tell(&line);
     }

@@ -1,4 +1,4 @@
-//! `whit bench --extents`: what boxes and spheres around objects save, and where they lose.
+//! Command `whit bench --extents`: measures the time that bounding volumes around objects save or cost.
 
 use std::path::Path;
 
@@ -23,12 +23,12 @@ use super::interrupt;
 use super::progress::Progress;
 use super::replay::{Engine, RaySet, replay_seconds};
 
-/// Seconds that one replay through a bare list may take; rays are left out until it does.
+/// Seconds that one replay through a plain list may take; the number of rays is reduced accordingly.
 const LIST_SECONDS: f64 = 0.06;
-/// Most packets replayed through a tree.
+/// Largest number of packets replayed through a tree.
 const TREE_PACKETS: usize = 1 << 13;
 
-/// Measures what the arguments ask for.
+/// Measures all scenes of the arguments.
 pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if let Some(path) = &args.json {
         check_writable(path)?;
@@ -41,7 +41,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The rows of one scene.
+/// Measures one scene and returns its rows.
 fn bench_scene(
     job: &BenchJob,
     bench_scene: BenchScene,
@@ -55,6 +55,7 @@ fn bench_scene(
         camera,
         settings,
     } = bench_scene;
+    // Build trees with and without bounding spheres, and lists with every kind of volume
     progress.phase(name, "build");
     let options = AccelOptions {
         threads: job.tracing.threads,
@@ -66,6 +67,7 @@ fn bench_scene(
     })?;
     let [bare, with_spheres] = &trees;
     let lists = parallel::install(pool, || ExtentKind::ALL.map(|kind| ListAccel::new(scene, kind)));
+    // Put screen bounds in front of a list and of a tree
     let view = camera.view(settings.width, settings.height);
     let project = |inner, kind, limits| ProjectedAccel::new(scene, &view, inner, kind, limits);
     let projected = [
@@ -73,9 +75,11 @@ fn bench_scene(
         project(&lists[0], ExtentKind::Chosen, ListLimits::NONE),
     ];
     let over_tree = project(with_spheres, ExtentKind::TightSphere, ListLimits::BESIDE_A_TREE);
+    // Record the rays of the frame
     progress.phase(name, "record");
     let sets = ray_sets(&settings, scene, camera, bare);
     progress.phase(name, "replay");
+    // Measure each kind of ray; screen bounds apply to camera rays only
     let mut rows = Vec::new();
     for set in &sets {
         let is_camera = set.kind == RayKind::Camera;
@@ -94,6 +98,7 @@ fn bench_scene(
             },
         ));
         rows.extend(measure(job, path, &contestants, &fitting(&lists[0], set))?);
+        // Measure the trees with more rays, as they are faster
         let names = ["none", "tight sphere"];
         let mut in_trees: Vec<Contestant> = names
             .into_iter()
@@ -108,7 +113,7 @@ fn bench_scene(
     Ok(rows)
 }
 
-/// The frame's own rays and random ones, a set each; kinds without rays are left out.
+/// Returns the frame's own rays and random ones, one set per kind; kinds without rays are left out.
 fn ray_sets(settings: &RenderSettings, scene: &Scene, camera: &Camera, accel: &dyn Accel) -> Vec<RaySet> {
     let recorded = render::record(scene, camera, accel, settings);
     let pixel_count = settings.width as usize * settings.height as usize;
@@ -122,9 +127,9 @@ fn ray_sets(settings: &RenderSettings, scene: &Scene, camera: &Camera, accel: &d
     sets
 }
 
-/// As many rays of the set as a bare list answers in [`LIST_SECONDS`], evenly chosen; at least one.
+/// Returns as many rays of the set as a plain list traces in [`LIST_SECONDS`], evenly chosen; at least one.
 fn fitting(list: &ListAccel, set: &RaySet) -> RaySet {
-    // The shortest of three, so that an interruption does not leave too few rays.
+    // The shortest of three times, so that an interruption does not leave too few rays.
     let seconds = |some: &RaySet| {
         let timings = (0..3).map(|_| replay_seconds(Engine::Accel(list), some, Mode::Packet));
         timings.fold(f64::INFINITY, f64::min)
@@ -133,10 +138,12 @@ fn fitting(list: &ListAccel, set: &RaySet) -> RaySet {
     loop {
         let some = set.some(most);
         let taken = seconds(&some);
+        // If one packet is too slow, use fewer of its lanes
         if most == 1 && taken > LIST_SECONDS {
             let lanes = (LANES as f64 * LIST_SECONDS / taken).ceil();
             return some.first_lanes(lanes as usize);
         }
+        // Otherwise double the number of packets until the time is reached
         if 2.0 * taken > LIST_SECONDS || some.packets().len() == set.packets().len() {
             return some;
         }
@@ -144,7 +151,7 @@ fn fitting(list: &ListAccel, set: &RaySet) -> RaySet {
     }
 }
 
-/// What is asked, by how it can be counted.
+/// Structure that is traced, by the way in which its work can be counted.
 #[derive(Clone, Copy)]
 enum Asked<'a> {
     List(&'a ListAccel<'a>),
@@ -152,12 +159,12 @@ enum Asked<'a> {
     Tree(&'a dyn Accel),
 }
 
-/// One way to hold the objects.
+/// Structure of objects and bounding volumes that takes part in the measurement.
 struct Contestant<'a> {
     structure: &'static str,
     extent: String,
     asked: Asked<'a>,
-    /// Which objects have which extents, where that is counted.
+    /// Number of objects with each kind of volume, where it is counted.
     counts: Option<ExtentCounts>,
 }
 
@@ -191,7 +198,7 @@ impl<'a> Contestant<'a> {
         }
     }
 
-    /// The answers to the rays of a set, and the work they took.
+    /// Returns the results of the rays of a set, and the work that they took.
     fn answers(&self, set: &RaySet) -> (Vec<RayPacket>, Option<Tally>) {
         let mut packets = set.packets().to_vec();
         let is_shadow = set.kind == RayKind::Shadow;
@@ -212,16 +219,18 @@ impl<'a> Contestant<'a> {
     }
 }
 
-/// A row for each contestant; times are relative to the first one's.
+/// Measures the contestants and returns a row for each; times are relative to those of the first.
 fn measure(
     job: &BenchJob,
     path: &Path,
     contestants: &[Contestant],
     set: &RaySet,
 ) -> Result<Vec<ExtentRow>, Failure> {
+    // Replay through all contestants in turn within each repetition
     let mut ratios = vec![Vec::new(); contestants.len()];
     let mut seconds = vec![Vec::new(); contestants.len()];
     for _ in 0..job.repeat {
+        // Divide by the time of the first contestant in the same repetition
         let mut first = None;
         for (i, contestant) in contestants.iter().enumerate() {
             interrupt::check()?;
@@ -230,10 +239,12 @@ fn measure(
             ratios[i].push(taken / *first.get_or_insert(taken));
         }
     }
+    // Compare the results with those of the first contestant
     let mut rows = Vec::new();
     let mut reference = None;
     for (i, contestant) in contestants.iter().enumerate() {
         interrupt::check()?;
+        // Trace once more to count the work and to get the results
         let (answers, tally) = contestant.answers(set);
         let reference = reference.get_or_insert_with(|| answers.clone());
         let row = ExtentRow {
@@ -255,7 +266,7 @@ fn measure(
     Ok(rows)
 }
 
-/// Answers that differ in any bit.
+/// Returns the number of rays whose results differ in any bit.
 fn differing(a: &[RayPacket], b: &[RayPacket]) -> u64 {
     let pairs = a.iter().zip(b);
     let differ = |(a, b): (&RayPacket, &RayPacket)| {

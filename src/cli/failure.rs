@@ -1,4 +1,4 @@
-//! How a command ends badly: a sentence for the user and an exit code for the caller.
+//! Errors of commands: one sentence for the user and an exit code for the calling process.
 
 use crate::accel::AccelError;
 use crate::gltf::GltfError;
@@ -8,44 +8,44 @@ use crate::scene_file::SceneFileError;
 use super::events::{self, Event};
 use super::output;
 
-/// Why a command did not do what was asked.
+/// Error that ends a command.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum Failure {
-    /// Help or version were asked for, or the arguments make no sense: clap has the text.
+    /// Invalid arguments, or a request for help or the version, with the text by clap.
     #[error("{0}")]
     Usage(clap::Error),
-    /// The arguments or the input cannot be used; one sentence: what, where, remedy.
+    /// Unusable arguments or input; one sentence: what, where, remedy.
     #[error("{0}")]
     Input(String),
-    /// The arguments and the input are good, yet it failed.
+    /// Failure of the work itself, with valid arguments and input.
     #[error("{0}")]
     Work(String),
-    /// Some of several scenes failed, each of which has been told already.
+    /// Failure of some of several scenes, each of which has been reported already.
     #[error("{failed} of {total} scenes failed")]
     Some {
-        /// How many failed.
+        /// Number of scenes that failed.
         failed: usize,
-        /// Of how many.
+        /// Number of scenes in total.
         total: usize,
     },
-    /// Ctrl-C.
+    /// Interruption by the user with Ctrl-C.
     #[error("interrupted")]
     Interrupted,
-    /// Something that has been told already.
+    /// Error that has been reported already.
     #[error("failed")]
     Told {
-        /// The process's exit code.
+        /// Exit code of the process.
         exit_code: i32,
     },
 }
 
 impl Failure {
-    /// What clap has to say, which may be no failure: help and version are results.
+    /// Wraps an error of clap, which may be a result: the text of `--help` or `--version`.
     pub(super) fn of_usage(error: clap::Error) -> Failure {
         Failure::Usage(error)
     }
 
-    /// The process's exit code.
+    /// Returns the exit code of the process.
     pub(super) fn exit_code(&self) -> i32 {
         match self {
             Failure::Usage(error) => error.exit_code(),
@@ -56,11 +56,11 @@ impl Failure {
         }
     }
 
-    /// Tells the user, on standard error unless it is a result.
+    /// Prints the error on standard error, or on standard output if it is a help text or a version.
     pub(super) fn print(&self) {
         match self {
             Failure::Usage(error) if !error.use_stderr() => {
-                // A reader that has left needs no answer.
+                // A reader that has closed the pipe is no error.
                 let _ = error.print();
             }
             Failure::Usage(error) => output::tell(&usage_sentence(error)),
@@ -76,7 +76,7 @@ impl Failure {
     }
 }
 
-/// clap's message with our name in front; a value out of range gets its one sentence and no more.
+/// Returns clap's message with the program's name in front; for a value out of range only the first line.
 fn usage_sentence(error: &clap::Error) -> String {
     let text = error.render().to_string();
     let text = text.strip_prefix("error: ").unwrap_or(&text).trim_end();

@@ -1,7 +1,7 @@
-//! What `whit info` says of a picture's cost without being asked: a probe of a fraction of a second.
+//! Forecast of an image's cost for `whit info`, from a probe that takes a fraction of a second.
 //!
-//! The probe needs the structure that finds hits. Where building that would take longer than a person waits for a list,
-//! it is left out, and the list says so.
+//! The probe needs an acceleration structure. If building it would delay the output of `whit info` noticeably, the
+//! forecast is left out, and the output states so.
 
 use crate::accel::{self, AccelOptions};
 use crate::parallel;
@@ -16,27 +16,29 @@ use super::interrupt;
 use super::job::Tracing;
 use super::prices::settings_of;
 
-/// Triangles and objects of a structure that is built without being asked for: about a quarter of a second of two
+/// Largest number of triangles and objects for an automatic forecast: about a quarter of a second to build on two
 /// threads.
 const MAX_PRIMITIVES: usize = 1_000_000;
-/// Texels of images that are made ready without being asked for: as long again.
+/// Largest number of texels for an automatic forecast: about another quarter of a second to prepare.
 const MAX_TEXELS: usize = 16_000_000;
 
-/// What the probe says, or why there was none.
+/// Result of the probe, or the reason why there is none.
 pub(super) enum Told {
     Forecast(Box<Forecast>),
     LeftOut(String),
 }
 
-/// Probes the picture that the scene asks for, seen by its first camera.
+/// Probes the image that the scene file describes, from the scene's first camera.
 pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<Told, Failure> {
     let scene = &loaded.scene;
+    // Check whether a forecast is possible and wanted
     let Some(camera) = scene.cameras.first() else {
         return Ok(Told::LeftOut("there is no camera".into()));
     };
     if let Some(reason) = reason_against(args.forecast, scene) {
         return Ok(Told::LeftOut(reason));
     }
+    // Build the acceleration structure with the requested backend
     let backend = args.prices.backend.unwrap_or_default();
     let settings = settings_of(args, &loaded.output)?;
     let tracing = Tracing::of_threads(args.prices.threads);
@@ -47,7 +49,7 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<Told, Failure> 
     parallel::install(&tracing.pool()?, || {
         let accel = match accel::build(scene, backend, &options) {
             Ok(accel) => accel,
-            // The scene can be told all the same.
+            // The rest of the information about the scene does not depend on the backend.
             Err(error) => return Ok(Told::LeftOut(error.to_string())),
         };
         let monitor = Monitor {
@@ -55,6 +57,7 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<Told, Failure> 
             cancel: &interrupt::CANCELLED,
             tiles: None,
         };
+        // Trace the probe and extrapolate
         let Some(probe) = render::probe((scene, camera), &*accel, &settings, &monitor) else {
             return Err(Failure::Interrupted);
         };
@@ -64,7 +67,7 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<Told, Failure> 
     })
 }
 
-/// Why there is to be no forecast.
+/// Returns the reason against a forecast, if there is one.
 fn reason_against(when: WhenToForecast, scene: &Scene) -> Option<String> {
     let primitives: usize = scene.geometries.iter().map(|g| g.primitive_count()).sum();
     let primitives = primitives + scene.instances.len();

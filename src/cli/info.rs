@@ -1,4 +1,4 @@
-//! `whit info`: what was understood of a scene.
+//! Command `whit info`: prints a summary of a scene.
 
 use crate::report::info::SceneInfo;
 
@@ -8,13 +8,15 @@ use super::forecast::{self, Told};
 use super::prices::PriceJob;
 use super::{output, scene};
 
-/// Prints what the scene holds.
+/// Prints the contents of the scene, with prices and a forecast if requested.
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
+    // Load the scene at the requested time
     let pose = args.moment.pose();
     let loaded = scene::load(
         (&args.scene, &[], pose.as_ref()),
         args.effects.unwrap_or_default().removed,
     )?;
+    // Measure the prices of effects, or forecast their shares of the time
     let prices = if args.prices.prices {
         Some(PriceJob::new(args, &loaded.output)?.run(&loaded)?)
     } else {
@@ -24,6 +26,7 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
         Told::Forecast(forecast) => (Some(*forecast), None),
         Told::LeftOut(reason) => (None, Some(reason)),
     };
+    // Collect the information about the scene
     let info = SceneInfo {
         groups: loaded.group_count,
         included_files: loaded.include_count + loaded.gltf_count,
@@ -32,6 +35,7 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
         no_forecast,
         ..SceneInfo::of(&loaded.scene, &args.scene, &args.effects.unwrap_or_default())
     };
+    // Print it as text or as JSON
     if !args.json {
         return output::print(&info.to_string());
     }

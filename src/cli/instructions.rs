@@ -1,4 +1,4 @@
-//! Instructions of every setting of a study, counted by callgrind: seconds that no other program adds to.
+//! Instruction counts of every setting of a study by callgrind: a measure of time independent of other load.
 
 use std::path::Path;
 use std::process::Command;
@@ -12,11 +12,11 @@ use super::failure::Failure;
 use super::interrupt;
 use super::progress::Progress;
 
-/// Sides of the two pictures whose difference in instructions is that in pixels alone: in neither count loading and
-/// building.
+/// Sizes of the two images whose difference in instructions is due to pixels alone: the counts of loading and building
+/// cancel.
 const SIZES: [[u32; 2]; 2] = [[16, 12], [48, 36]];
 
-/// Refuses to count where callgrind is not there, before anything is measured.
+/// Returns an error if callgrind is missing, before anything is measured.
 pub(super) fn check() -> Result<(), Failure> {
     let version = Command::new("valgrind").arg("--version").output();
     match version {
@@ -28,7 +28,7 @@ pub(super) fn check() -> Result<(), Failure> {
     }
 }
 
-/// Counts the instructions of a pixel of every setting of a study, in the current rayon pool.
+/// Counts the instructions per pixel of every setting of a study, in the current rayon pool.
 pub(super) fn count(args: &CostArgs, findings: &mut Findings, progress: &Progress) -> Result<(), Failure> {
     let folder = tempfile::tempdir()
         .map_err(|error| Failure::Work(format!("cannot make a folder for settings: {error}")))?;
@@ -47,7 +47,7 @@ pub(super) fn count(args: &CostArgs, findings: &mut Findings, progress: &Progres
     Ok(())
 }
 
-/// Instructions of a pixel; `settings` is a file for what the program is told.
+/// Returns the instructions per pixel; `settings` is the path of a temporary settings file for the counted process.
 fn of_pixel(args: &CostArgs, configuration: &Configuration, settings: &Path) -> Result<f64, Failure> {
     let text = SettingsFile {
         settings: Settings::of(configuration),
@@ -56,6 +56,7 @@ fn of_pixel(args: &CostArgs, configuration: &Configuration, settings: &Path) -> 
     .text();
     std::fs::write(settings, text)
         .map_err(|error| Failure::Work(format!("cannot write {}: {error}", settings.display())))?;
+    // Count two sizes and divide the difference by the difference in pixels
     let mut counts = [0.0; 2];
     for (size, counted) in SIZES.into_iter().zip(&mut counts) {
         *counted = of_picture(args, size, settings)?;
@@ -72,6 +73,7 @@ fn of_picture(args: &CostArgs, [width, height]: [u32; 2], settings: &Path) -> Re
         ))
     })?;
     let picture = settings.with_extension("exr");
+    // Run whit under callgrind on one thread
     let mut command = Command::new("valgrind");
     command
         .args(["--tool=callgrind", "--callgrind-out-file=/dev/null"])
@@ -93,6 +95,7 @@ fn of_picture(args: &CostArgs, [width, height]: [u32; 2], settings: &Path) -> Re
         .output()
         .map_err(|error| Failure::Work(format!("valgrind cannot be run: {error}")))?;
     interrupt::check()?;
+    // Parse the count from callgrind's output
     let said = String::from_utf8_lossy(&output.stderr);
     collected(&said)
         .filter(|_| output.status.success())
@@ -105,7 +108,7 @@ fn of_picture(args: &CostArgs, [width, height]: [u32; 2], settings: &Path) -> Re
         })
 }
 
-/// The count that callgrind tells when a program has ended.
+/// Returns the count in the output of callgrind, printed at the end of the counted program.
 fn collected(said: &str) -> Option<f64> {
     let line = said.lines().find_map(|line| line.split_once("Collected : "));
     line?.1.trim().parse().ok()

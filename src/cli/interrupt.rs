@@ -1,4 +1,4 @@
-//! Ctrl-C: the render stops, files being written are finished, everything finished is kept, exit code 130.
+//! Handling of Ctrl-C: the render stops, files being written are completed, finished images are kept, exit code 130.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -7,28 +7,28 @@ use std::time::Duration;
 
 use super::failure::Failure;
 
-/// Whether Ctrl-C was pressed.
+/// Flag that Ctrl-C was pressed; renders poll it.
 pub(super) static CANCELLED: AtomicBool = AtomicBool::new(false);
 
-/// How many files are being written.
+/// Number of files being written.
 ///
-/// A count rather than a lock that is held meanwhile: whoever writes may wait for threads of a pool, and there take up
-/// another picture, which is written too.
+/// The number is not a lock held during the write: a thread that writes may wait for threads of a pool, take up another
+/// frame meanwhile, and write that one too.
 static WRITERS: Mutex<usize> = Mutex::new(0);
-/// Told when that becomes none.
+/// Signalled when the number of writers becomes zero.
 static NO_WRITERS: Condvar = Condvar::new();
 
-/// How long a phase that can stop by itself gets to do so.
+/// Time that a phase with its own cancellation gets to stop.
 const GRACE: Duration = Duration::from_millis(500);
 
-/// Takes over Ctrl-C for the rest of the process.
+/// Installs the Ctrl-C handler for the rest of the process.
 pub(super) fn install() {
-    // Where it cannot be taken over, Ctrl-C ends the process the system's way.
+    // If the handler cannot be installed, Ctrl-C ends the process at once.
     let _ = ctrlc::set_handler(|| {
         CANCELLED.store(true, Ordering::Relaxed);
         thread::sleep(GRACE);
-        // Still here: a phase that cannot stop half-way. It holds nothing but memory, unless it writes. As long as the
-        // count is held nobody begins to.
+        // The process is still running: some phase cannot be cancelled. It holds nothing but memory, unless it writes a
+        // file. While this lock is held, no thread can start writing.
         let _none = NO_WRITERS
             .wait_while(writers(), |count| *count > 0)
             .unwrap_or_else(PoisonError::into_inner);
@@ -38,7 +38,7 @@ pub(super) fn install() {
     });
 }
 
-/// An error once Ctrl-C was pressed.
+/// Returns an error if Ctrl-C was pressed.
 pub(super) fn check() -> Result<(), Failure> {
     if CANCELLED.load(Ordering::Relaxed) {
         return Err(Failure::Interrupted);
@@ -46,7 +46,7 @@ pub(super) fn check() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Runs `write` to its end, Ctrl-C or not.
+/// Runs `write` to completion even if Ctrl-C is pressed meanwhile.
 pub(super) fn finish_first<T>(write: impl FnOnce() -> T) -> T {
     let _writer = Writer::new();
     write()
@@ -56,7 +56,7 @@ fn writers() -> MutexGuard<'static, usize> {
     WRITERS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Counts as long as it lives.
+/// Guard that counts as one writer until it is dropped.
 struct Writer;
 
 impl Writer {

@@ -1,5 +1,5 @@
-//! What a render command means: paths resolved, numbers in range, outputs known to be writable. Made before any
-//! scene is opened; nothing after it knows a flag.
+//! Checked render jobs: paths resolved, numbers in range, output files known to be writable. A job is made before any
+//! scene is opened; code after it does not depend on flags.
 
 use std::collections::HashMap;
 use std::fs;
@@ -24,42 +24,42 @@ use super::scene;
 use super::tracing::check_backend;
 pub(super) use super::tracing::{Tracing, check_instancing, effective_precision};
 
-/// Everything that `whit render` is to do.
+/// Checked command of `whit render`, for all its scenes.
 #[derive(Clone, Debug)]
 pub(super) struct RenderJob {
     pub(super) targets: Vec<Target>,
-    /// How the images are held by their files.
+    /// Encoding of the images in their files.
     pub(super) encoding: Encoding,
-    /// What the command line says; where it leaves something open, the scene may say it: see [`RenderJob::shot`].
+    /// Image settings of the command line; the scene may give those that are absent: see [`RenderJob::shot`].
     wish: Output,
-    /// The standard error that pixels may have.
+    /// Target standard error of pixels for adaptive sampling; absent for a fixed number of samples.
     adaptive: Option<f64>,
     pub(super) effects: EffectOverrides,
     pub(super) aovs: Vec<Aov>,
-    /// Where a heat map goes.
+    /// Path of the heat map, if one is written.
     pub(super) heat: Option<PathBuf>,
     pub(super) backend: Backend,
     pub(super) tracing: Tracing,
     pub(super) camera: Option<String>,
-    /// At which moment animations are shown.
+    /// Animation and time at which the scene is posed; absent for a scene at rest.
     pub(super) pose: Option<Pose>,
     pub(super) ambient: Option<[f32; 3]>,
-    /// What is changed of every scene: rays into lobes, points of lights, steps through volumes.
+    /// Changes of every scene: glossy rays, samples of area lights, steps through volumes.
     pub(super) change: SceneChange,
-    /// The weight under which no ray is followed.
+    /// Throughput below which no ray is traced; that of the render settings if absent.
     cutoff: Option<f32>,
-    /// Where rays start that leave surfaces.
+    /// Policy that offsets the origins of rays that leave a surface.
     spawn: SpawnPolicy,
-    /// Where on surfaces hits lie.
+    /// Method that computes the hit points on surfaces.
     hit_points: HitPoint,
     pub(super) seed: u32,
-    /// What settings are looked for.
+    /// Target of the search for settings, if there is one.
     pub(super) aim: Option<Aim>,
     pub(super) stats: Option<StatsTo>,
     pub(super) verbosity: Verbosity,
 }
 
-/// A scene and the image that it becomes.
+/// Scene file and the image file that it is rendered to.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Target {
     pub(super) scene: PathBuf,
@@ -67,10 +67,10 @@ pub(super) struct Target {
     pub(super) format: ImageFormat,
 }
 
-/// What settings are looked for before a picture is made.
+/// Search for settings before the image is rendered.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Aim {
-    /// What they are to reach.
+    /// Error or time that the settings must reach.
     pub(super) target: cost::Target,
     /// Seconds that the search may take.
     pub(super) seconds: f64,
@@ -90,17 +90,17 @@ impl Aim {
     }
 }
 
-/// Where statistics go.
+/// Destination of the render statistics.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum StatsTo {
-    /// As JSON.
+    /// JSON file at this path.
     File(PathBuf),
-    /// As a table on standard output.
+    /// Table on standard output.
     Screen,
 }
 
 impl StatsTo {
-    /// What the command line says: a dash is standard output.
+    /// Returns the destination for a path on the command line, where a dash is standard output.
     fn of(path: &Path) -> StatsTo {
         if path == Path::new("-") {
             StatsTo::Screen
@@ -118,8 +118,9 @@ impl StatsTo {
 }
 
 impl RenderJob {
-    /// Checks all that can be checked without opening a scene.
+    /// Checks all flags that can be checked without opening a scene.
     pub(super) fn new(args: &RenderArgs) -> Result<RenderJob, Failure> {
+        // Choose the backend: flag, then settings file, then default
         let chosen = args.settings.as_deref().map(chosen).transpose()?;
         let backend = args.backend.or(chosen.and_then(|chosen| chosen.backend));
         let backend = backend.unwrap_or_default();
@@ -128,6 +129,7 @@ impl RenderJob {
         }
         check_backend(&args.tracing, backend)?;
         check_instancing(&args.tracing)?;
+        // Resolve the image paths and check that their formats hold what is requested
         let targets = targets(args)?;
         let encoding = Encoding::new(&args.encoding, targets.iter().map(|target| target.format))?;
         let stats = args.stats.as_deref().map(StatsTo::of);
@@ -145,6 +147,7 @@ impl RenderJob {
                 path.display()
             )));
         }
+        // Check that every output file can be written
         for path in targets
             .iter()
             .map(|t| t.image.as_path())
@@ -159,6 +162,7 @@ impl RenderJob {
                 "brute force is too slow to look for settings by: choose `--backend embree` or `--backend bsp`".into(),
             ));
         }
+        // Collect the flags into the job
         let mut job = RenderJob {
             targets,
             encoding,
@@ -197,6 +201,7 @@ impl RenderJob {
                 Verbosity::Normal
             },
         };
+        // Apply the settings file; clap rejects the flags that it would override
         if let Some(chosen) = chosen {
             job = job.with(&chosen);
         }
@@ -204,7 +209,7 @@ impl RenderJob {
         Ok(job)
     }
 
-    /// The same with settings that were chosen in place of its own.
+    /// Returns this job with the given settings in place of its own.
     pub(super) fn with(&self, chosen: &Settings) -> RenderJob {
         let mut job = self.clone();
         job.wish.spp = chosen.spp.or(job.wish.spp);
@@ -220,6 +225,7 @@ impl RenderJob {
         job.tracing.instancing = chosen.instancing.unwrap_or(job.tracing.instancing);
         job.tracing.build_quality = chosen.build_quality.unwrap_or(job.tracing.build_quality);
         job.tracing.compact = chosen.compact.unwrap_or(job.tracing.compact);
+        // Keep the command line's glossy rays where the settings have none
         job.change = SceneChange {
             rough_rays: chosen.rough_rays.or(job.change.rough_rays),
             ..chosen.change()
@@ -230,28 +236,30 @@ impl RenderJob {
         job
     }
 
-    /// Whether channels are asked for that are not sums over samples.
+    /// Returns whether any requested channels are not sums over samples.
     pub(super) fn has_layers(&self) -> bool {
         self.aovs.iter().any(|aov| *aov != Aov::Samples)
     }
 
-    /// Whether pictures can only be made at once: pixels depend on each other, or on when they are made.
+    /// Returns whether the image must be rendered in one piece: pixels depend on each other, or on the time of
+    /// rendering.
     pub(super) fn is_one(&self) -> bool {
         self.adaptive.is_some() || self.has_costs()
     }
 
-    /// Whether what pixels cost is to be noted.
+    /// Returns whether the cost of each pixel is recorded.
     fn has_costs(&self) -> bool {
         let is_cost = |aov: &Aov| matches!(aov, Aov::Rays | Aov::Time);
         self.heat.is_some() || self.aovs.iter().any(is_cost)
     }
 
-    /// Tells what no scene can mend.
+    /// Checks the settings of the command line for errors that no scene file can resolve.
     fn check_wish(&self) -> Result<(), Failure> {
         let scene_may_filter = self
             .targets
             .iter()
             .any(|target| scene::is_scene_file(&target.scene));
+        // A filter radius without a filter is valid if the scene file names a filter that has one
         if self.wish.filter.is_none() && self.wish.filter_radius.is_some() && scene_may_filter {
             return Ok(());
         }
@@ -259,7 +267,7 @@ impl RenderJob {
     }
 }
 
-/// A scene's settings and tone: what the command line says, else what the scene says.
+/// Render settings and tone mapping of one scene: those of the command line, else those of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Shot {
     pub(super) settings: RenderSettings,
@@ -267,8 +275,9 @@ pub(super) struct Shot {
 }
 
 impl RenderJob {
-    /// The settings for a scene that says `output` of its picture.
+    /// Returns the settings for a scene whose file gives the image settings `output`.
     pub(super) fn shot(&self, output: &Output) -> Result<Shot, Failure> {
+        // The command line takes precedence over the scene
         let picture = self.wish.or(output);
         let exposure_ev = picture.exposure.unwrap_or(0.0);
         let cost_aovs = self.has_costs();
@@ -291,6 +300,7 @@ impl RenderJob {
             ledger: self.stats.is_some() || cost_aovs,
             ..settings(&picture)?
         };
+        // Replace the cut-off only where the job has one
         let settings = RenderSettings {
             weight_cutoff: self.cutoff.unwrap_or(settings.weight_cutoff),
             ..settings
@@ -299,7 +309,7 @@ impl RenderJob {
             check_adaptive(&settings)?;
         }
         check_light_layers(&settings)?;
-        // Lights are known with the scene.
+        // The number of lights is unknown here, so the check counts none.
         check_memory(&settings, 0)?;
         Ok(Shot {
             settings,
@@ -308,7 +318,7 @@ impl RenderJob {
     }
 }
 
-/// Refuses samplings whose samples cannot be of unequal number.
+/// Rejects settings that conflict with different numbers of samples per pixel.
 fn check_adaptive(settings: &RenderSettings) -> Result<(), Failure> {
     let refuse = |words: &str| Err(Failure::Input(words.into()));
     if settings.filter.kind != FilterKind::Box {
@@ -331,7 +341,7 @@ fn check_adaptive(settings: &RenderSettings) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Refuses to divide light that is shared among pixels.
+/// Rejects light layers with filters that spread samples over several pixels.
 fn check_light_layers(settings: &RenderSettings) -> Result<(), Failure> {
     if settings.light_layers.is_empty() || settings.filter.kind == FilterKind::Box {
         return Ok(());
@@ -343,14 +353,14 @@ fn check_light_layers(settings: &RenderSettings) -> Result<(), Failure> {
     ))
 }
 
-/// The settings in a file that was chosen.
+/// Reads a settings file of `whit cost`.
 fn chosen(path: &Path) -> Result<Settings, Failure> {
     let refuse = |fault: String| Failure::Input(format!("{} {fault}", path.display()));
     let text = fs::read_to_string(path).map_err(|error| refuse(format!("cannot be read: {error}")))?;
     Ok(SettingsFile::parse(&text).map_err(refuse)?.settings)
 }
 
-/// Which scene becomes which file.
+/// Returns the pairs of scene and image file that the arguments name.
 fn targets(args: &RenderArgs) -> Result<Vec<Target>, Failure> {
     match (&args.output, &args.out) {
         (Some(image), _) => {
@@ -372,7 +382,7 @@ fn targets(args: &RenderArgs) -> Result<Vec<Target>, Failure> {
             }])
         }
         (None, Some(folder)) => targets_in(folder, &args.scenes, args.format.unwrap_or_default()),
-        // clap asks for one of the two.
+        // clap requires one of the two flags, so this case does not occur.
         (None, None) => Err(Failure::Input(
             "name an image with `-o` or a folder with `--out`".into(),
         )),
@@ -386,6 +396,7 @@ fn targets_in(folder: &Path, scenes: &[PathBuf], format: ImageFormat) -> Result<
             folder.display()
         )));
     }
+    // Derive the image name from each scene's file name
     let mut taken: HashMap<PathBuf, &Path> = HashMap::new();
     let mut targets = Vec::with_capacity(scenes.len());
     for scene in scenes {
@@ -398,6 +409,7 @@ fn targets_in(folder: &Path, scenes: &[PathBuf], format: ImageFormat) -> Result<
         let mut name = stem.to_owned();
         name.push(format!(".{format}"));
         let image = folder.join(name);
+        // Two scenes of the same file name would overwrite each other's image
         if let Some(other) = taken.insert(image.clone(), scene) {
             return Err(Failure::Input(format!(
                 "{} and {} would both become {}: render them into different folders",
@@ -415,7 +427,7 @@ fn targets_in(folder: &Path, scenes: &[PathBuf], format: ImageFormat) -> Result<
     Ok(targets)
 }
 
-/// What flags say of a picture that go with any way of taking it.
+/// Returns the image settings that flags give for every kind of render.
 pub(super) fn wish(frame: &FrameArgs) -> Output {
     Output {
         size: frame.size.map(|size| [size.width, size.height]),
@@ -425,8 +437,9 @@ pub(super) fn wish(frame: &FrameArgs) -> Output {
     }
 }
 
-/// What a picture's settings are, of a size that the machine can hold: what is said of it, and the defaults.
+/// Returns the render settings for an image, with defaults for what is absent; rejects images larger than the memory.
 pub(super) fn settings(picture: &Output) -> Result<RenderSettings, Failure> {
+    // Fill in the defaults
     let [width, height] = picture.size.unwrap_or(DEFAULT_SIZE);
     let settings = RenderSettings {
         width,
@@ -453,8 +466,9 @@ fn filter(picture: &Output) -> Result<PixelFilter, Failure> {
     }
 }
 
-/// Refuses pictures that the machine cannot hold.
+/// Rejects images that do not fit into the available memory.
 pub(super) fn check_memory(settings: &RenderSettings, light_count: usize) -> Result<(), Failure> {
+    // Compare the film and the sampling buffers with the free memory
     let (width, height) = (settings.width, settings.height);
     let pixels = u64::from(width) * u64::from(height);
     let needed = memory::film_bytes(width, height) + settings.sampling_bytes_per_pixel(light_count) * pixels;
@@ -468,12 +482,13 @@ pub(super) fn check_memory(settings: &RenderSettings, light_count: usize) -> Res
     Ok(())
 }
 
-/// The camera that was asked for, by name first and then by number; without a wish the first.
+/// Returns the requested camera, looked up by name first and then by index; the first camera if none is requested.
 pub(super) fn choose_camera<'s>(
     scene: &'s Scene,
     path: &Path,
     wish: Option<&str>,
 ) -> Result<&'s Camera, Failure> {
+    // Search by name first: a name may look like an index
     let cameras = &scene.cameras;
     let found = match wish {
         None => cameras.first(),
@@ -482,6 +497,7 @@ pub(super) fn choose_camera<'s>(
             .find(|camera| camera.name == wish)
             .or_else(|| cameras.get(wish.parse::<usize>().ok()?)),
     };
+    // List the cameras in the error message
     found.ok_or_else(|| {
         let known: Vec<String> = cameras
             .iter()

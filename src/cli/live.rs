@@ -1,4 +1,4 @@
-//! The picture in the viewer tev while it is made: `--tev`.
+//! Live preview of an image in the viewer tev, for the flag `--tev`.
 
 use std::time::Duration;
 
@@ -8,14 +8,14 @@ use crate::image::LinearImage;
 use crate::render::FinishedTile;
 use crate::watch::{Rectangle, TevViewer};
 
-/// How long a viewer may take to answer.
+/// Timeout for connecting to a viewer.
 const ANSWER: Duration = Duration::from_secs(5);
-/// How long a viewer may take nothing, at the end, before the rest is left out.
+/// Timeout at the end of a render without progress of the transfer, after which the remaining data is dropped.
 const PATIENCE: Duration = Duration::from_secs(2);
 
 const CHANNELS: [&str; 3] = ["R", "G", "B"];
 
-/// The viewer that the arguments name, if any.
+/// Connects to the viewer that the arguments name, if any.
 pub(super) fn connect(address: Option<&str>) -> Result<Option<TevViewer>, Failure> {
     let viewer = address.map(|address| TevViewer::connect(address, ANSWER));
     viewer
@@ -23,7 +23,7 @@ pub(super) fn connect(address: Option<&str>) -> Result<Option<TevViewer>, Failur
         .map_err(|error| Failure::Input(error.to_string()))
 }
 
-/// A picture in a viewer.
+/// Image that is shown in a viewer.
 #[derive(Clone, Copy)]
 pub(super) struct Live<'a> {
     viewer: &'a TevViewer,
@@ -31,13 +31,13 @@ pub(super) struct Live<'a> {
 }
 
 impl<'a> Live<'a> {
-    /// Shows a black picture of that name and size.
+    /// Shows a black image of the given name and size.
     pub(super) fn begin(viewer: &'a TevViewer, name: &'a str, [width, height]: [u32; 2]) -> Live<'a> {
         viewer.create(name, width, height, &CHANNELS);
         Live { viewer, name }
     }
 
-    /// Shows a part of it.
+    /// Shows a rectangle of the image.
     pub(super) fn show(&self, tile: FinishedTile) {
         let rectangle = Rectangle {
             x: tile.x,
@@ -45,6 +45,7 @@ impl<'a> Live<'a> {
             width: tile.width,
             height: tile.height,
         };
+        // Split the pixels into planes, one per channel
         let planes = [0, 1, 2].map(|channel| -> Vec<f32> {
             let values = tile.pixels.iter().map(|pixel| pixel[channel]);
             values.collect()
@@ -53,7 +54,7 @@ impl<'a> Live<'a> {
         self.viewer.update(self.name, rectangle, &CHANNELS, &planes);
     }
 
-    /// Shows all of it as it is in the end: filtered, and without what the viewer has missed.
+    /// Shows the final image, which is filtered, and replaces rectangles that the viewer has missed.
     pub(super) fn finish(&self, image: &LinearImage) {
         self.show(FinishedTile {
             x: 0,
@@ -65,14 +66,14 @@ impl<'a> Live<'a> {
     }
 }
 
-/// Says it, once, if the viewer has gone away.
+/// Warns once if the connection to the viewer is lost.
 pub(super) fn warn_if_gone(viewer: Option<&TevViewer>, progress: &Progress) {
     if let Some(trouble) = viewer.and_then(TevViewer::trouble) {
         progress.warn(&trouble);
     }
 }
 
-/// Lets the viewer take what it has not yet, within reason.
+/// Waits for the viewer to accept the remaining data, up to a timeout.
 pub(super) fn finish(viewer: Option<TevViewer>, progress: &Progress) {
     if let Some(trouble) = viewer.and_then(|viewer| viewer.finish(PATIENCE)) {
         progress.warn(&trouble);

@@ -1,7 +1,7 @@
-//! The command line: what was typed ([`args`]) becomes what is meant (a job), which is carried out.
+//! Command line of the program: parses flags ([`args`]), turns them into a checked job, and runs it.
 //!
-//! Results go to standard output, everything else to standard error. Exit codes: 0 done; 1 a render or check failed;
-//! 2 bad usage or bad input; 130 interrupted.
+//! Results go to standard output, everything else to standard error. Exit codes: 0 done; 1 a render or check failed; 2
+//! bad usage or bad input; 130 interrupted.
 
 mod aim;
 mod args;
@@ -40,10 +40,11 @@ use failure::Failure;
 
 /// Runs the program on the process's arguments and returns its exit code.
 ///
-/// Prints results, warnings and errors itself. The caller is to exit with the code at once: loaded scenes may have
-/// been left allocated on purpose.
+/// Prints results, warnings and errors itself. The caller must exit with the code at once: loaded scenes may have been
+/// left allocated on purpose.
 pub fn run() -> i32 {
     let result = Args::try_parse().map_err(Failure::of_usage).and_then(|args| {
+        // Turn SIGINT and SIGTERM into a cancellation flag before any work starts
         interrupt::install();
         match args.command {
             Command::Render(args) => render::run(&args),

@@ -1,7 +1,7 @@
-//! What pictures say of how they were made, beside their pixels.
+//! Metadata in image files that records how an image was made.
 //!
-//! Nothing that may differ between two runs with the same pixels: no times, threads or folders. So the files are the
-//! same to the last byte.
+//! The metadata contains nothing that may differ between two runs with equal pixels, such as times, threads or folders,
+//! so that the files are identical to the last byte.
 
 use std::borrow::Cow;
 
@@ -16,13 +16,13 @@ use crate::scene::{Camera, Effect, EffectSet, Scene};
 
 use super::job::{RenderJob, Shot};
 
-/// Texts under their names.
+/// List of texts with their names.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Notes(Vec<(Cow<'static, str>, String)>);
 
 impl Notes {
-    /// How a picture was made: `whit.settings` as JSON, `whit.plan`, and `whit.embree` where Embree found the hits; and
-    /// what Cryptomatte wants to be told of its layers.
+    /// Returns the metadata of an image: `whit.settings` as JSON, `whit.plan`, `whit.embree` if Embree found the hits,
+    /// and the attributes that Cryptomatte requires for its layers.
     pub(super) fn of(
         (job, shot): (&RenderJob, &Shot),
         (scene, camera): (&Scene, &Camera),
@@ -30,6 +30,7 @@ impl Notes {
         plan: &Plan,
     ) -> Notes {
         let mut notes = Notes::default();
+        // Record the Embree version, as bits depend on it
         if let Some(EmbreeIdentity { version, isa }) = embree {
             notes.add("whit.embree", format!("{version} {isa}"));
         }
@@ -41,12 +42,12 @@ impl Notes {
         notes
     }
 
-    /// Adds a text.
+    /// Adds a text under a name.
     pub(super) fn add(&mut self, name: impl Into<Cow<'static, str>>, text: String) {
         self.0.push((name.into(), text));
     }
 
-    /// Adds what Cryptomatte wants to be told of layers, where these are its own.
+    /// Adds the attributes of a Cryptomatte layer; does nothing for other layers.
     fn add_matte(&mut self, kind: LayerKind, scene: &Scene) {
         let Some(layer) = kind.cryptomatte() else { return };
         let names = kind.matte_names(scene).unwrap_or_default();
@@ -56,7 +57,7 @@ impl Notes {
         }
     }
 
-    /// The texts as a file takes them.
+    /// Returns the texts as attributes for image writers.
     pub(super) fn list(&self) -> Vec<Attribute<'_>> {
         self.0
             .iter()
@@ -65,7 +66,7 @@ impl Notes {
     }
 }
 
-/// What a picture was made with.
+/// Settings of an image, serialized to `whit.settings`.
 #[derive(Serialize)]
 struct Made<'a> {
     size: [u32; 2],
@@ -83,6 +84,7 @@ struct Made<'a> {
 }
 
 fn settings((job, shot): (&RenderJob, &Shot), camera: &Camera) -> String {
+    // Record the settings with the chosen backend, so that the image can be reproduced
     let names = |effects: EffectSet| effects.iter().map(Effect::name).collect();
     let made = Made {
         size: [shot.settings.width, shot.settings.height],
@@ -100,6 +102,6 @@ fn settings((job, shot): (&RenderJob, &Shot), camera: &Camera) -> String {
             change: job.change,
         }),
     };
-    // Numbers, words and lists of them, which JSON can say.
+    // Serialization cannot fail: the fields are numbers, strings and lists.
     serde_json::to_string(&made).unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! Words to the user: results to standard output, the rest to standard error, never a panic when nobody listens.
+//! Output to the user: results to standard output, the rest to standard error; a closed pipe causes no panic.
 
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
@@ -9,7 +9,7 @@ use crate::image::write_atomically;
 
 use super::failure::Failure;
 
-/// Prints a result. A reader that has left (`whit ... | head`) is no failure.
+/// Prints a result. A reader that has closed the pipe (`whit ... | head`) is no error.
 pub(super) fn print(text: &str) -> Result<(), Failure> {
     let mut stdout = io::stdout().lock();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
@@ -20,16 +20,16 @@ pub(super) fn print(text: &str) -> Result<(), Failure> {
     }
 }
 
-/// Prints a line for the person at the terminal.
+/// Prints a line on standard error.
 pub(super) fn tell(line: &str) {
-    // There is nobody left to tell that telling failed.
+    // An error of standard error cannot be reported anywhere.
     let _ = writeln!(io::stderr().lock(), "{line}");
 }
 
-/// Writes `value` to `path` as JSON, whole or not at all.
+/// Writes `value` to `path` as JSON, atomically.
 pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Failure> {
     write_atomically(path, |file| {
-        // By way of memory, as all JSON is: it is compiled anew for each kind of writer.
+        // Serialize to memory first: serde_json is compiled anew for each type of writer.
         let mut bytes = serde_json::to_vec_pretty(value)?;
         bytes.push(b'\n');
         file.write_all(&bytes)
@@ -37,7 +37,7 @@ pub(super) fn write_json(path: &Path, value: &impl Serialize) -> Result<(), Fail
     Ok(())
 }
 
-/// Writes `text` to `path`, whole or not at all.
+/// Writes `text` to `path`, atomically.
 pub(super) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     write_atomically(path, |file| file.write_all(text.as_bytes()))?;
     Ok(())

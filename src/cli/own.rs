@@ -1,4 +1,4 @@
-//! `whit verify SCENE`: the scene's own rays through two backends, and what is wrong with its meshes.
+//! Command `whit verify SCENE`: cross-checks the scene's own rays on two backends, and reports defects of its meshes.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -21,7 +21,7 @@ use super::output;
 use super::progress::{Progress, Verbosity};
 use super::scene;
 
-/// Samples a pixel of a picture that differences are drawn over.
+/// Samples per pixel of the image that differences are drawn over.
 const OVERLAY_SPP: u32 = 4;
 
 /// Checks each scene that the arguments name.
@@ -37,6 +37,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
         ..AccelOptions::default()
     };
     let mut checked = Vec::new();
+    // Load and check each scene
     for path in &args.scenes {
         interrupt::check()?;
         let name = path.display().to_string();
@@ -51,19 +52,20 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
                 progress.suspend(|| output::print(&done.report.text()))?;
                 checked.push(done);
             }
-            // One that fails does not keep the others from being checked.
+            // A scene that fails does not keep the others from being checked.
             Err(failure) if args.scenes.len() > 1 && !matches!(failure, Failure::Interrupted) => {
                 progress.suspend(|| failure.print());
             }
             Err(failure) => return Err(failure),
         }
     }
+    // Write the files, then decide on the exit code
     progress.clear();
     write(args, &checked)?;
     verdict(args, &checked)
 }
 
-/// What can be told before any scene is opened.
+/// Checks the output flags, before any scene is opened.
 fn check_outputs(args: &VerifyArgs) -> Result<(), Failure> {
     let of_one = [
         ("--overlay", &args.overlay),
@@ -92,12 +94,12 @@ fn check_outputs(args: &VerifyArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A scene that was checked.
+/// Scene that was checked, with its report.
 struct Checked {
     report: OwnReport,
-    /// The picture with what differs, where it was asked for.
+    /// Image with the differences drawn over it, if requested.
     overlay: Option<LinearImage>,
-    /// Instances, and triangles and parts of shapes.
+    /// Numbers of instances, and of triangles and shape primitives.
     holds: [u64; 2],
 }
 
@@ -107,6 +109,7 @@ fn check(
     args: &VerifyArgs,
     options: &AccelOptions,
 ) -> Result<Checked, Failure> {
+    // Determine the frame whose rays are checked
     let picture = Output {
         size: args.size.map(|size| [size.width, size.height]),
         ..Output::default()
@@ -117,6 +120,7 @@ fn check(
         ..settings(&picture.or(output))?
     };
     let camera = choose_camera(scene, path, None)?;
+    // Build two backends: Embree and BSP, or without Embree brute force and BSP
     let backends = [Backend::default(), Backend::Bsp];
     let exact = AccelOptions {
         precision: Precision::Watertight,
@@ -128,6 +132,7 @@ fn check(
         backend => accel::build(scene, backend, options)?,
     };
     let accels: [&dyn Accel; 2] = [&*first, &*second];
+    // Record the rays of the frame, and trace them with both
     let recorded = render::record(scene, camera, accels[0], &settings);
     interrupt::check()?;
     let packets = [recorded.camera, recorded.shadow, recorded.reflection];
@@ -144,6 +149,7 @@ fn check(
         meshes: hygiene(scene),
         warnings: scene.warnings.clone(),
     };
+    // Draw the differences over the image
     let overlay = if args.overlay.is_some() || args.html.is_some() {
         draw(&report, (scene, camera), accels[0], settings)?
     } else {
@@ -156,7 +162,7 @@ fn check(
     })
 }
 
-/// The picture with what differs drawn over it; `None` if it was cancelled.
+/// Returns the image with the differences drawn over it; `None` if it was cancelled.
 fn draw(
     report: &OwnReport,
     (scene, camera): (&Scene, &Camera),
@@ -180,13 +186,13 @@ fn draw(
     Ok(rendering.map(|rendering| overlay::draw(&rendering.image, &view, &differences, [&wrong, &ties])))
 }
 
-/// How many instances there are, and triangles and parts of shapes.
+/// Returns the numbers of instances, and of triangles and shape primitives.
 pub(super) fn holds(scene: &Scene) -> [u64; 2] {
     let primitives = scene.geometries.iter().map(Geometry::primitive_count);
     [scene.instances.len() as u64, primitives.sum::<usize>() as u64]
 }
 
-/// Of all meshes together, each once.
+/// Returns the defects of all meshes together, each mesh counted once.
 fn hygiene(scene: &Scene) -> Hygiene {
     let meshes = scene.geometries.iter().filter_map(|geometry| match geometry {
         Geometry::Mesh(mesh) => Some(Hygiene::of(mesh)),
@@ -195,12 +201,14 @@ fn hygiene(scene: &Scene) -> Hygiene {
     meshes.fold(Hygiene::default(), Hygiene::with)
 }
 
-/// Writes all files that were asked for.
+/// Writes all files that the arguments request.
 fn write(args: &VerifyArgs, checked: &[Checked]) -> Result<(), Failure> {
+    // JSON report
     if let Some(path) = &args.json {
         let reports: Vec<&OwnReport> = checked.iter().map(|done| &done.report).collect();
         interrupt::finish_first(|| output::write_json(path, &reports))?;
     }
+    // HTML page
     if let Some(path) = &args.html {
         let scenes: Vec<own_page::Part> = checked
             .iter()
@@ -212,6 +220,7 @@ fn write(args: &VerifyArgs, checked: &[Checked]) -> Result<(), Failure> {
         let page = own_page::page(&scenes, args.date.as_deref());
         interrupt::finish_first(|| output::write_text(path, &page))?;
     }
+    // Overlay and recorded rays, which are for a single scene
     for done in checked {
         if let (Some(path), Some(overlay)) = (&args.overlay, &done.overlay) {
             interrupt::finish_first(|| image::write(overlay, path, ImageFormat::Png, ToneMap::default()))?;
@@ -229,8 +238,9 @@ fn write(args: &VerifyArgs, checked: &[Checked]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A failure where scenes could not be checked or anything is wrong.
+/// Returns an error if a scene could not be checked, or if backends differ by more than rounding.
 fn verdict(args: &VerifyArgs, checked: &[Checked]) -> Result<(), Failure> {
+    // Differences beyond rounding are failures
     let wrong = checked.iter().filter(|done| done.report.is_wrong()).count();
     if wrong > 0 {
         return Err(Failure::Work(format!(
@@ -238,6 +248,7 @@ fn verdict(args: &VerifyArgs, checked: &[Checked]) -> Result<(), Failure> {
             checked.len()
         )));
     }
+    // So are scenes that could not be checked
     match args.scenes.len() - checked.len() {
         0 => Ok(()),
         failed => Err(Failure::Some {

@@ -1,9 +1,9 @@
-//! `whit info --prices`: a few tiles of the picture rendered as planned, without each effect and with less depth.
+//! Prices of effects for `whit info --prices`: a few tiles are rendered as planned, without each effect, and with less
+//! depth.
 //!
-//! Every picture is rendered in turn within each run, forwards and backwards by turns, and held against the planned
-//! picture of the same run, so that whatever else the machine does hits all alike. Times are those of the processor
-//! where the system tells them. The planned picture takes part twice: by how much
-//! its times differ from each other is the noise.
+//! All variants are rendered in turn within each run, in alternating order, and compared with the planned image of the
+//! same run, so that other load on the machine affects all alike. Times are processor times where the system provides
+//! them. The planned image takes part twice: the difference of its two times is the noise.
 
 use std::time::Instant;
 
@@ -23,16 +23,16 @@ use super::interrupt;
 use super::job::{self, Tracing, choose_camera};
 use super::progress::{Progress, Verbosity};
 
-/// Part of a picture that is rendered at most: enough tiles to see all of it, few enough to be quick.
+/// Largest part of the image that is rendered: enough tiles to represent all of it, few enough to be quick.
 const MAX_SAMPLED: f64 = 0.05;
-/// Tiles that are rendered even of a small picture, and however small the budget.
+/// Smallest number of tiles, for small images and small budgets.
 const MIN_TILES: usize = 8;
-/// More runs would only tell times apart that make no difference.
+/// Largest number of runs; more would only resolve differences of time that are irrelevant.
 const MAX_RUNS: usize = 25;
-/// Steps of depth that are tried: what is reflected so often is dark almost everywhere.
+/// Largest number of depths that are tried: radiance after so many reflections is small almost everywhere.
 const MAX_STEPS: u32 = 16;
 
-/// What is said of the picture by the arguments, else by the scene.
+/// Returns the image settings of the arguments, completed by those of the scene.
 fn picture(args: &InfoArgs, output: &Output) -> Output {
     let wish = Output {
         size: args.prices.size.map(|size| [size.width, size.height]),
@@ -43,7 +43,7 @@ fn picture(args: &InfoArgs, output: &Output) -> Output {
     wish.or(output)
 }
 
-/// The settings that this makes.
+/// Returns the render settings for the arguments and the image settings of the scene.
 pub(super) fn settings_of(args: &InfoArgs, output: &Output) -> Result<RenderSettings, Failure> {
     Ok(RenderSettings {
         effects: args.effects.unwrap_or_default(),
@@ -51,7 +51,7 @@ pub(super) fn settings_of(args: &InfoArgs, output: &Output) -> Result<RenderSett
     })
 }
 
-/// What the prices of a scene are asked for.
+/// Checked parameters of a measurement of prices.
 pub(super) struct PriceJob<'a> {
     args: &'a InfoArgs,
     settings: RenderSettings,
@@ -61,7 +61,7 @@ pub(super) struct PriceJob<'a> {
 }
 
 impl<'a> PriceJob<'a> {
-    /// What the arguments mean for a scene that says `output` of its picture.
+    /// Returns the parameters for a scene whose file gives the image settings `output`.
     pub(super) fn new(args: &'a InfoArgs, output: &Output) -> Result<PriceJob<'a>, Failure> {
         let backend = args.prices.backend.unwrap_or_default();
         let picture = picture(args, output);
@@ -79,7 +79,7 @@ impl<'a> PriceJob<'a> {
         })
     }
 
-    /// Measures on the threads that were asked for.
+    /// Measures the prices on the requested number of threads.
     pub(super) fn run(&self, loaded: &SceneFile) -> Result<PriceList, Failure> {
         let progress = Progress::new(Verbosity::Normal);
         let list = parallel::install(&self.tracing.pool()?, || self.measure(loaded, &progress));
@@ -91,6 +91,7 @@ impl<'a> PriceJob<'a> {
         let name = self.args.scene.display().to_string();
         let scene = &loaded.scene;
         let camera = choose_camera(scene, &self.args.scene, None)?;
+        // Build the acceleration structure
         progress.phase(&name, "build");
         let options = AccelOptions {
             threads: self.tracing.threads,
@@ -99,6 +100,7 @@ impl<'a> PriceJob<'a> {
         };
         let accel = accel::build(scene, self.backend, &options)?;
         interrupt::check()?;
+        // Render a first sample to determine how many tiles the budget allows
         progress.phase(&name, "sample");
         let mut studio = Studio {
             scene,
@@ -108,21 +110,23 @@ impl<'a> PriceJob<'a> {
         };
         let budget = self.args.prices.budget;
         studio.tiles = self.affordable_tiles(&studio, budget)?;
+        // Render each variant once to compare its image with the planned one
         let start = Instant::now();
         let (variants, depth_reached) = self.variants(&studio, progress)?;
+        // Time the variants with the rest of the budget
         progress.phase(&name, "time");
         let left = budget - start.elapsed().as_secs_f64();
         let times = Times::measure(&studio, &variants, left, progress)?;
         Ok(self.list(&studio, &variants, &times, depth_reached))
     }
 
-    /// How many tiles may be rendered so that the least runs keep within the budget.
+    /// Returns the number of tiles with which the smallest number of runs fits into the budget.
     fn affordable_tiles(&self, studio: &Studio, budget: f64) -> Result<usize, Failure> {
         let start = Instant::now();
         let pilot = studio.render(&self.settings)?;
         let per_tile = start.elapsed().as_secs_f64() / pilot.tiles.len().max(1) as f64;
         let changes = pilot.plan.effects().iter().count() + self.settings.depth.min(MAX_STEPS) as usize;
-        // The plan itself twice, and one run for the pictures.
+        // The planned image takes part twice, and there is one run for the images.
         let renders = (changes + 2) * (MIN_RUNS + 1);
         let (width, height) = (self.settings.width, self.settings.height);
         let most = (MAX_SAMPLED * tile_count(width, height) as f64).round() as usize;
@@ -130,14 +134,14 @@ impl<'a> PriceJob<'a> {
         Ok((affordable as usize).min(most).max(MIN_TILES))
     }
 
-    /// All pictures that take part, the planned one first; and after how many steps no ray of it is left, if that is
-    /// known.
+    /// Returns all variants, the planned one first, and the depth from which on no ray is left, if it is known.
     fn variants(&self, studio: &Studio, progress: &Progress) -> Result<(Vec<Variant>, Option<u32>), Failure> {
         let planned = Variant::new(self.settings, Change::None, studio)?;
         let effects: Vec<Effect> = planned.sample.plan.effects().iter().collect();
         let steps = self.settings.depth.min(MAX_STEPS);
         let whole = (effects.len() + steps as usize) as f64;
         let mut variants = vec![planned];
+        // Leave out each effect
         for &effect in &effects {
             let mut settings = self.settings;
             settings.effects.added = settings.effects.added.without(effect);
@@ -145,6 +149,7 @@ impl<'a> PriceJob<'a> {
             variants.push(Variant::new(settings, Change::Without(effect), studio)?);
             progress.fraction(variants.len() as f64 / whole);
         }
+        // Limit the depth, up to the depth at which no ray is cut off
         for depth in 0..steps {
             let settings = RenderSettings {
                 depth,
@@ -169,7 +174,9 @@ impl<'a> PriceJob<'a> {
     ) -> PriceList {
         let (width, height) = (self.settings.width, self.settings.height);
         let planned = &variants[0];
+        // The noise is the difference between the two measurements of the planned image
         let control = TimeChange::of(&times.changes(Times::CONTROL), 0.0);
+        // Compute the time per pixel of the planned image
         let pixels: usize = planned
             .sample
             .tiles
@@ -177,6 +184,7 @@ impl<'a> PriceJob<'a> {
             .map(|tile| tile.image.pixels.len())
             .sum();
         let per_pixel = Spread::of(&times.seconds[0]).median / pixels.max(1) as f64;
+        // Compute the price of each variant from its times and from its difference to the planned image
         let price = |(index, variant): (usize, &Variant)| Price {
             without: match variant.change {
                 Change::Without(effect) => Some(effect),
@@ -190,6 +198,7 @@ impl<'a> PriceJob<'a> {
             time: TimeChange::of(&times.changes(index), control.noise),
             ..variant.against(planned, &self.viewing)
         };
+        // Extrapolate from the tiles to the whole image
         let mut list = PriceList {
             width,
             height,
@@ -206,17 +215,18 @@ impl<'a> PriceJob<'a> {
             noise: control.noise,
             list: variants.iter().enumerate().skip(1).map(price).collect(),
         };
+        // Order the prices for the report
         list.sort();
         list
     }
 }
 
-/// Where pictures are taken.
+/// Scene, camera and acceleration structure of all variants.
 struct Studio<'a> {
     scene: &'a Scene,
     camera: &'a Camera,
     accel: &'a dyn Accel,
-    /// How many tiles of each.
+    /// Number of tiles rendered of each variant.
     tiles: usize,
 }
 
@@ -238,7 +248,7 @@ impl Studio<'_> {
     }
 }
 
-/// What sets a picture apart from the planned one.
+/// Difference of a variant from the planned settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Change {
     None,
@@ -246,7 +256,7 @@ enum Change {
     Depth(u32),
 }
 
-/// A picture that takes part.
+/// Variant that takes part in the measurement, with its rendered tiles.
 struct Variant {
     settings: RenderSettings,
     change: Change,
@@ -267,7 +277,7 @@ impl Variant {
         ledger.reflection_rays() + ledger.refraction_rays()
     }
 
-    /// Effects of the plan that are off with the one that was left out.
+    /// Returns the planned effects that are off in this variant besides the one that was left out.
     fn takes_along(&self, planned: &Plan) -> Vec<Effect> {
         let gone = planned.effects().minus(self.sample.plan.effects());
         gone.iter()
@@ -275,7 +285,7 @@ impl Variant {
             .collect()
     }
 
-    /// What the picture lacks; the rest of the price is empty.
+    /// Returns the price with only the image difference from the planned variant filled in.
     fn against(&self, planned: &Variant, viewing: &Viewing) -> Price {
         let mut tally = Tally::default();
         let mut changes_picture = false;
@@ -295,17 +305,17 @@ impl Variant {
     }
 }
 
-/// Seconds of every variant in every run, and of the planned picture once more.
+/// Seconds of each variant in each run, with those of the planned image a second time.
 struct Times {
-    /// By variant, the control last; then by run.
+    /// Seconds by variant, the control last, then by run.
     seconds: Vec<Vec<f64>>,
 }
 
 impl Times {
-    /// Stands for the second one of the planned picture.
+    /// Index of the second measurement of the planned image, the control.
     const CONTROL: usize = usize::MAX;
 
-    /// Renders all in turn, at least as often as tells a median, and as often as `budget` seconds allow.
+    /// Renders all variants in turn, at least `MIN_RUNS` times and as often as `budget` seconds allow.
     fn measure(
         studio: &Studio,
         variants: &[Variant],
@@ -323,8 +333,10 @@ impl Times {
                 let by_budget = start.elapsed().as_secs_f64() / budget.max(f64::MIN_POSITIVE);
                 progress.fraction((runs / MIN_RUNS as f64).min(by_budget.max(runs / MAX_RUNS as f64)));
             }
+            // Alternate the order, so that a drift of the clock rate cancels
             order.reverse();
             let passed = start.elapsed().as_secs_f64();
+            // Stop if another run would exceed the budget
             let next_end = passed * (run + 2) as f64 / (run + 1) as f64;
             if run + 1 >= MIN_RUNS && next_end > budget {
                 break;
@@ -333,8 +345,8 @@ impl Times {
         Ok(Times { seconds })
     }
 
-    /// How a variant's time differs in each run from that of the planned picture, which is the mean of its two; the
-    /// control is held against the other one.
+    /// Returns the relative change of a variant's time in each run. The reference is the mean of the two planned
+    /// images; for the control it is the other planned image.
     fn changes(&self, variant: usize) -> Vec<f64> {
         let control = self.seconds.len() - 1;
         let runs = self.seconds[0].iter().zip(&self.seconds[control]).enumerate();

@@ -1,4 +1,4 @@
-//! Where a command stands, on standard error: a bar on a terminal, JSON lines for programs, or nothing.
+//! Progress of a command on standard error: a bar on a terminal, JSON lines for programs, or nothing.
 
 mod batch;
 mod lines;
@@ -15,33 +15,33 @@ use lines::Lines;
 
 pub(super) use batch::Batch;
 
-/// The bar's positions: more than it has columns.
+/// Number of positions of the bar, more than its columns.
 const STEPS: f64 = 1000.0;
-/// Often enough to look alive, seldom enough to cost nothing.
+/// Interval of redrawing the bar: short enough for a moving clock, long enough to cost nothing.
 const TICK: Duration = Duration::from_millis(200);
 
-/// How much is said besides the results.
+/// Amount of output besides the results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Verbosity {
-    /// Errors only.
+    /// Errors only, without warnings and progress.
     Quiet,
-    /// Warnings, progress and one line an image.
+    /// Print warnings, progress and one line per image.
     Normal,
 }
 
-/// How progress is shown.
+/// Form of the progress on standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum ProgressKind {
-    /// A bar, on a terminal only
+    /// Bar, shown on a terminal only
     #[default]
     Auto,
     /// JSON lines on standard error: progress, warnings and failures
     Json,
-    /// No progress; warnings all the same
+    /// No progress, but warnings are still printed
     None,
 }
 
-/// Where a command stands, for the person or the program that waits.
+/// Progress display of a command.
 pub(super) struct Progress {
     bar: ProgressBar,
     lines: Option<Lines>,
@@ -49,16 +49,17 @@ pub(super) struct Progress {
 }
 
 impl Progress {
-    /// A bar, invisible when quiet or when standard error is no terminal.
+    /// Returns a bar, which is hidden when quiet or when standard error is no terminal.
     pub(super) fn new(verbosity: Verbosity) -> Progress {
         Progress::of_kind(ProgressKind::Auto, verbosity)
     }
 
-    /// Progress of that kind; when quiet none is shown, and only failures are told.
+    /// Returns a progress display of the given kind; when quiet it shows nothing but failures.
     pub(super) fn of_kind(kind: ProgressKind, verbosity: Verbosity) -> Progress {
         if kind == ProgressKind::Json {
             events::speak_json();
         }
+        // Hide the bar when quiet or when another kind of progress is requested
         let target = match (verbosity, kind) {
             (Verbosity::Normal, ProgressKind::Auto) => ProgressDrawTarget::stderr(),
             _ => ProgressDrawTarget::hidden(),
@@ -77,14 +78,14 @@ impl Progress {
         }
     }
 
-    /// Begins a picture.
+    /// Starts a new image of a scene.
     pub(super) fn start(&self, scene: &str, image: &str) {
         if let Some(lines) = &self.lines {
             lines.start(scene, image);
         }
     }
 
-    /// Begins a phase of the work on `what`.
+    /// Starts a phase of the work on `what`.
     pub(super) fn phase(&self, what: &str, phase: &'static str) {
         if let Some(lines) = &self.lines {
             return lines.phase(what, phase);
@@ -93,17 +94,18 @@ impl Progress {
         self.bar.set_message(phase);
         self.bar.set_position(0);
         self.bar.reset_elapsed();
+        // A hidden bar needs no thread that redraws it
         if !self.bar.is_hidden() {
             self.bar.enable_steady_tick(TICK);
         }
     }
 
-    /// Says what is being done within the phase.
+    /// Displays the current activity within the phase.
     pub(super) fn say(&self, what: &str) {
         self.bar.set_message(what.to_owned());
     }
 
-    /// Shows the finished fraction of the phase; from any thread.
+    /// Displays the finished fraction of the phase, from 0 to 1; callable from any thread.
     pub(super) fn fraction(&self, fraction: f64) {
         match &self.lines {
             Some(lines) => lines.fraction(fraction),
@@ -124,14 +126,14 @@ impl Progress {
         }
     }
 
-    /// The picture that was begun is written.
+    /// Reports that the current image is written.
     pub(super) fn done(&self, seconds: f64) {
         if let Some(lines) = &self.lines {
             lines.done(seconds);
         }
     }
 
-    /// Tells that the picture that was begun has failed, quiet or not.
+    /// Reports that the current image has failed, also when quiet.
     pub(super) fn failed(&self, failure: &Failure) {
         match &self.lines {
             Some(lines) => lines.failed(failure),
@@ -139,17 +141,17 @@ impl Progress {
         }
     }
 
-    /// Runs `speak` while the bar is off the screen.
+    /// Runs `speak` while the bar is hidden, so that its output does not mix with the bar.
     pub(super) fn suspend<T>(&self, speak: impl FnOnce() -> T) -> T {
         self.bar.suspend(speak)
     }
 
-    /// Takes the bar off the screen.
+    /// Removes the bar from the terminal.
     pub(super) fn clear(&self) {
         self.bar.finish_and_clear();
     }
 
-    /// Turns to a batch of `total` pictures: from now on its progress is shown, and that of single phases is not.
+    /// Switches to the progress of a batch of `total` images; that of single phases is not displayed any more.
     pub(super) fn batch(&self, total: usize) -> Batch<'_> {
         Batch::new(self, total)
     }

@@ -1,4 +1,4 @@
-//! `whit render`: scenes to images, one after the other; one that fails does not stop the rest.
+//! Command `whit render`: renders scenes to images one after another; a failure does not stop the remaining scenes.
 
 use std::mem;
 use std::path::Path;
@@ -33,14 +33,15 @@ use super::output;
 use super::progress::{Progress, Verbosity};
 use super::scene;
 
-/// Camera rays for each object from which on projection extents pay: sixteen go together, and a packet saves about half
-/// of what an object takes to project.
+/// Number of camera rays per object from which on screen bounds pay: rays are traced in packets of sixteen, and a
+/// packet saves about half the cost of projecting an object.
 const SAMPLES_PER_OBJECT: f64 = 32.0;
 
-/// Points of bodies that lie so many times as far apart as asked are worth a word; less cannot be seen.
+/// Ratio of actual to requested spacing of irradiance samples from which on a warning is printed; smaller ratios are
+/// invisible.
 const COARSE: f64 = 1.25;
 
-/// Renders what the arguments ask for.
+/// Renders all scenes of the arguments.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let verbosity = if args.quiet {
         Verbosity::Quiet
@@ -53,17 +54,19 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let viewer = live::connect(args.watching.tev.as_deref())?;
     let mut finished = Vec::with_capacity(job.targets.len());
     let mut failed = 0;
+    // Render each scene and check its image; one failure does not stop the others
     for target in &job.targets {
         let render = || render_one(&job, target, viewer.as_ref(), &progress);
         let result = parallel::install(&pool, render).and_then(|(stats, reached)| {
             let verdict = check_finite(&stats).and_then(|()| check_reached(reached));
             let seconds = stats.seconds.total;
             finished.push(stats);
-            // After each image, so that later trouble loses nothing.
+            // Statistics are written after each image, so that later failures lose nothing.
             write_stats(&job, &finished, &progress)?;
             verdict.map(|()| seconds)
         });
         live::warn_if_gone(viewer.as_ref(), &progress);
+        // With a single scene, its failure is that of the program
         match result {
             Ok(seconds) => progress.done(seconds),
             Err(failure) if job.targets.len() == 1 || matches!(failure, Failure::Interrupted) => {
@@ -90,7 +93,8 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     }
 }
 
-/// One scene, from its file to its image; whether settings were found that reach what was asked for, if anything was.
+/// Renders one scene from its file to its image; returns the statistics, and whether the settings reach the target, if
+/// there is one.
 fn render_one(
     job: &RenderJob,
     target: &Target,
@@ -101,6 +105,7 @@ fn render_one(
     let name = target.scene.display().to_string();
     let mut seconds = PhaseSeconds::default();
 
+    // Load the scene
     let image_name = target.image.display().to_string();
     progress.start(&name, &image_name);
     progress.phase(&name, "load");
@@ -120,16 +125,19 @@ fn render_one(
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
     }
+    // Search for settings if the job has a target
     let aimed = aim(job, target, (&mut scene, &output), progress)?;
     let job = aimed.as_ref().map_or(job, |(job, _)| job);
     let shot = job.shot(&output)?;
     check_memory(&shot.settings, scene.lights.len())?;
     let camera = choose_camera(&scene, &target.scene, job.camera.as_deref())?;
 
+    // Build the acceleration structure
     progress.phase(&name, "build");
     let (accel, build_seconds) = timed(|| build(job, &scene, progress))?;
     seconds.build = build_seconds;
 
+    // Render, with screen bounds where they pay, and show tiles in the viewer
     progress.phase(&name, "render");
     let (rendering, render_seconds) = timed(|| {
         let projected = project(job, &shot, (&scene, camera), &*accel);
@@ -143,6 +151,7 @@ fn render_one(
     seconds.render = render_seconds;
     seconds.trace = rendering.ledger.trace_seconds();
 
+    // Warn of overridden effects and of coarse subsurface sampling
     for decision in rendering.plan.overridden() {
         progress.warn(&format!("{name}: {decision}"));
     }
@@ -154,6 +163,7 @@ fn render_one(
         ));
     }
 
+    // Write the image and the heat map
     let (heat, write_seconds) = timed(|| {
         let embree = accel.report().embree;
         let notes = Notes::of((job, &shot), (&scene, camera), embree.as_ref(), &rendering.plan);
@@ -171,18 +181,20 @@ fn render_one(
         progress.suspend(|| output::print(&line))?;
     }
 
+    // Collect the statistics
     let mut stats = stats((job, target, &shot), &scene, &*accel, &rendering);
     stats.image.camera.clone_from(&camera.name);
     stats.seconds = seconds;
     if job.targets.last() == Some(target) {
-        // The process ends here; returning gigabytes piece by piece would only delay that.
+        // The process ends after the last image; freeing gigabytes piece by piece would only delay the exit.
         mem::forget(accel);
         mem::forget(scene);
     }
     Ok((stats, reached))
 }
 
-/// Looks for the settings that the job aims at: the job with them, and what was found. The scene is changed as they say.
+/// Searches for settings that reach the job's target and returns the job with these settings and the findings; changes
+/// the scene accordingly. Returns `None` if the job has no target or no settings were chosen.
 fn aim(
     job: &RenderJob,
     target: &Target,
@@ -204,7 +216,7 @@ fn aim(
     Ok(Some((job.with(&settings), findings)))
 }
 
-/// What was chosen and what came of it; whether what was chosen reaches the target.
+/// Prints the chosen settings and their result; returns whether they reach the target.
 fn say_aimed(
     job: &RenderJob,
     findings: &Findings,
@@ -225,14 +237,14 @@ fn say_aimed(
     Ok(findings.study.choice.as_ref().is_none_or(|choice| choice.reached))
 }
 
-/// The result of `work` and its wall-clock seconds.
+/// Returns the result of `work` and its wall-clock seconds.
 fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failure> {
     let start = Instant::now();
     let result = work()?;
     Ok((result, start.elapsed().as_secs_f64()))
 }
 
-/// Loads a scene as it is to be rendered: its file, changes of that, the moment.
+/// Loads a scene for rendering: reads its file, applies the edits, and poses its animations.
 pub(super) fn load(
     job: &RenderJob,
     (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
@@ -249,7 +261,7 @@ pub(super) fn load(
     Ok(loaded)
 }
 
-/// What finds the hits in a scene.
+/// Builds the acceleration structure of a scene with the job's options.
 pub(super) fn build<'s>(
     job: &RenderJob,
     scene: &'s Scene,
@@ -262,7 +274,7 @@ pub(super) fn build<'s>(
     build_with(job, scene, &options)
 }
 
-/// The same by other options than the job's.
+/// Builds the acceleration structure of a scene with the given options in place of the job's.
 pub(super) fn build_with<'s>(
     job: &RenderJob,
     scene: &'s Scene,
@@ -273,7 +285,8 @@ pub(super) fn build_with<'s>(
     Ok(accel)
 }
 
-/// The tree with projection extents before it, where its camera rays save more by them than they take to make.
+/// Returns the acceleration structure with screen bounds in front of it, or `None` where the bounds cost more than the
+/// camera rays save by them.
 pub(super) fn project<'a>(
     job: &RenderJob,
     shot: &Shot,
@@ -283,9 +296,10 @@ pub(super) fn project<'a>(
     let RenderSettings {
         width, height, spp, ..
     } = shot.settings;
+    // Compare the number of objects with the number of camera rays
     let sample_count = f64::from(width) * f64::from(height) * f64::from(spp);
     let pays = scene.instances.len() as f64 * SAMPLES_PER_OBJECT <= sample_count;
-    // They bound what is seen from the eye, and rays through a lens start elsewhere.
+    // Screen bounds assume rays from one point; rays through a lens start at several.
     if job.backend != Backend::Bsp || !pays || camera.lens_radius() > 0.0 {
         return None;
     }
@@ -306,6 +320,7 @@ fn trace(
     (progress, live): (&Progress, Option<Live>),
 ) -> Result<Rendering, Failure> {
     let show = live.map(|live| move |tile: FinishedTile| live.show(tile));
+    // Report progress, poll for Ctrl-C, and show finished tiles
     let monitor = Monitor {
         progress: &|fraction| progress.fraction(fraction),
         cancel: &interrupt::CANCELLED,
@@ -333,6 +348,7 @@ fn write_image(
         interrupt::finish_first(|| image::write_png_with(image, encoding, notes, path))?;
         return Ok(());
     }
+    // Collect the further channels, which only EXR files can hold
     let channels = channels::channels(job, rendering);
     let extra: Vec<ImageChannel> = channels
         .iter()
@@ -346,7 +362,7 @@ fn write_image(
     Ok(())
 }
 
-/// Writes the heat map that was asked for; returns a line that tells its scale.
+/// Writes the requested heat map; returns a line with the range of its scale.
 fn write_heat(job: &RenderJob, rendering: &Rendering) -> Result<Option<String>, Failure> {
     let (Some(path), Some(costs)) = (&job.heat, &rendering.costs) else {
         return Ok(None);
@@ -360,7 +376,7 @@ fn write_heat(job: &RenderJob, rendering: &Rendering) -> Result<Option<String>, 
     )))
 }
 
-/// One line an image on standard output.
+/// Prints one line per image on standard output.
 fn say_finished(
     job: &RenderJob,
     target: &Target,
@@ -379,7 +395,7 @@ fn say_finished(
     progress.suspend(|| output::print(&line))
 }
 
-/// A picture was made, but not the one that was asked for.
+/// Returns an error if the image was rendered with settings that miss the target.
 fn check_reached(reached: bool) -> Result<(), Failure> {
     match reached {
         true => Ok(()),
@@ -391,7 +407,7 @@ fn check_reached(reached: bool) -> Result<(), Failure> {
     }
 }
 
-/// A picture with NaNs or infinities in it was made, but is no picture.
+/// Returns an error if the image contains NaNs or infinities.
 fn check_finite(stats: &RenderStats) -> Result<(), Failure> {
     match stats.image.non_finite_pixels {
         0 => Ok(()),
@@ -403,7 +419,7 @@ fn check_finite(stats: &RenderStats) -> Result<(), Failure> {
     }
 }
 
-/// Tells the statistics of the finished images: in a file one object for one scene, a list for several; on standard
+/// Writes the statistics of the finished images: in a file one object for one scene, a list for several; on standard
 /// output a table of the last.
 fn write_stats(job: &RenderJob, finished: &[RenderStats], progress: &Progress) -> Result<(), Failure> {
     let path = match &job.stats {
@@ -420,7 +436,7 @@ fn write_stats(job: &RenderJob, finished: &[RenderStats], progress: &Progress) -
     })
 }
 
-/// The statistics of an image, but for its times and its camera's name.
+/// Returns the statistics of an image, without its times and its camera's name.
 fn stats(
     (job, target, shot): (&RenderJob, &Target, &Shot),
     scene: &Scene,
@@ -428,6 +444,7 @@ fn stats(
     rendering: &Rendering,
 ) -> RenderStats {
     let report = accel.report();
+    // Times and the camera's name are filled in by the caller
     RenderStats {
         version: env!("CARGO_PKG_VERSION"),
         scene: SceneStats::of(scene, &target.scene),

@@ -1,4 +1,4 @@
-//! Recorded rays and their replay: the same rays, copied the same way, through one backend after the other.
+//! Recorded rays and their replay: each backend gets copies of the same packets.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -13,27 +13,27 @@ use crate::parallel;
 use crate::report::bench::{Mode, RayKind};
 use crate::scene::Scene;
 
-/// Packets copied and traced at once: 11 KB, so that they stay in the first-level cache.
+/// Number of packets copied and traced at once: 11 KB, so that they stay in the first-level cache.
 const CHUNK_PACKETS: usize = 8;
-/// Packets of a batch: those of a tile of 32x32 pixels.
+/// Number of packets of a batch: those of a tile of 32x32 pixels.
 const BATCH_PACKETS: usize = 64;
-/// Parts that each of several threads gets at least of all packets, if they are no smaller than a batch.
+/// Smallest number of parts per thread that the packets are divided into, if the parts are no smaller than a batch.
 const SHARES: usize = 16;
-/// Most packets kept of a kind: 16 times this many rays tell as much as more would.
+/// Largest number of packets of a kind; 16 times this many rays suffice for a stable result.
 const MAX_PACKETS: usize = 1 << 16;
 
-/// The rays of one kind.
+/// Recorded rays of one kind.
 pub(super) struct RaySet {
     pub(super) kind: RayKind,
     packets: Vec<RayPacket>,
-    /// Active lanes.
+    /// Number of active lanes of all packets.
     pub(super) ray_count: u64,
 }
 
 impl RaySet {
-    /// Keeps packets that hold a ray which backends trace; of very many an even choice.
+    /// Returns a set of the packets with at least one traceable ray; of too many an even selection.
     pub(super) fn new(kind: RayKind, mut packets: Vec<RayPacket>) -> RaySet {
-        // Raw calls check nothing.
+        // The raw calls do not check rays, so untraceable ones are removed here.
         packets.iter_mut().for_each(|packet| {
             packet.drop_untraceable();
             empty_idle_lanes(packet);
@@ -48,10 +48,11 @@ impl RaySet {
         }
     }
 
-    /// About `count` rays with origins evenly within `bounds` and directions evenly over the sphere, the same ones
-    /// every time.
+    /// Returns about `count` rays with origins uniform in `bounds` and directions uniform on the sphere, from a fixed
+    /// seed.
     pub(super) fn random(bounds: &Bounds, count: usize) -> RaySet {
         let mut packets = Vec::new();
+        // An empty scene has no bounds to start rays in
         if !bounds.is_empty() {
             let mut random = SplitMix64::new(0x5eed, 0);
             packets.resize_with(count.min(MAX_PACKETS * LANES).div_ceil(LANES), || {
@@ -65,17 +66,18 @@ impl RaySet {
         RaySet::new(RayKind::Random, packets)
     }
 
-    /// At most `most` of its packets, spread evenly over all.
+    /// Returns at most `most` packets, evenly spread over the set.
     pub(super) fn some(&self, most: usize) -> RaySet {
         let count = self.packets.len();
         let kept = most.clamp(1, count.max(1)).min(count);
+        // Take every (count / kept)-th packet
         let packets = (0..kept)
             .map(|i| self.packets[i * count / kept].clone())
             .collect();
         RaySet::new(self.kind, packets)
     }
 
-    /// The same without the lanes from `count` on.
+    /// Returns the set without the lanes from `count` on.
     pub(super) fn first_lanes(&self, count: usize) -> RaySet {
         let mut packets = self.packets.clone();
         for packet in &mut packets {
@@ -84,12 +86,12 @@ impl RaySet {
         RaySet::new(self.kind, packets)
     }
 
-    /// The rays.
+    /// Returns the packets of the set.
     pub(super) fn packets(&self) -> &[RayPacket] {
         &self.packets
     }
 
-    /// Whether neighbouring lanes run side by side.
+    /// Returns whether rays in neighbouring lanes are coherent.
     pub(super) fn order(&self) -> RayOrder {
         match self.kind {
             RayKind::Camera | RayKind::Shadow => RayOrder::Coherent,
@@ -98,8 +100,8 @@ impl RaySet {
     }
 }
 
-/// Leaves lanes that are off no interval: a processor that takes packets of eight at most has Embree ask for lanes of a
-/// packet of sixteen by their intervals alone, and whatever else they hold must not be looked at.
+/// Gives inactive lanes an empty interval: on a processor with packets of at most eight lanes, Embree decides by the
+/// intervals alone which lanes of a packet of sixteen to trace, and the other values of these lanes are undefined.
 fn empty_idle_lanes(packet: &mut RayPacket) {
     for lane in 0..LANES {
         if !packet.is_active(lane) {
@@ -108,12 +110,13 @@ fn empty_idle_lanes(packet: &mut RayPacket) {
     }
 }
 
-/// At most `most` packets in runs of a batch each, spread evenly over all.
+/// Returns at most `most` packets in runs of one batch each, evenly spread over all.
 fn thinned(packets: Vec<RayPacket>, most: usize) -> Vec<RayPacket> {
     if packets.len() <= most {
         return packets;
     }
     let runs = most / BATCH_PACKETS;
+    // Keep whole batches together, as coherence within a batch affects its speed
     (0..runs)
         .flat_map(|run| {
             let start = run * (packets.len() - BATCH_PACKETS) / runs;
@@ -133,16 +136,16 @@ fn random_ray(bounds: &Bounds, random: &mut SplitMix64) -> Ray {
     }
 }
 
-/// What rays are asked of.
+/// Implementation that traces the rays.
 #[derive(Clone, Copy)]
 pub(super) enum Engine<'a> {
-    /// The library's own calls.
+    /// Embree's packet calls without the code of the backend.
     #[cfg(feature = "embree")]
     Raw(&'a crate::accel::embree::EmbreeAccel<'a>),
-    /// The library's own calls for one ray.
+    /// Embree's single-ray calls without the code of the backend.
     #[cfg(feature = "embree")]
     RawSingle(&'a crate::accel::embree::EmbreeAccel<'a>),
-    /// A backend.
+    /// Ray tracing backend with packets.
     Accel(&'a dyn Accel),
 }
 
@@ -163,7 +166,7 @@ impl Engine<'_> {
     }
 }
 
-/// Seconds that `engine` takes for all rays of `set` on this thread, copies of the packets included.
+/// Returns the seconds that `engine` takes for all rays of `set` on this thread, copying of the packets included.
 pub(super) fn replay_seconds(engine: Engine, set: &RaySet, mode: Mode) -> f64 {
     let mut scratch = scratch(mode);
     let start = Instant::now();
@@ -171,9 +174,9 @@ pub(super) fn replay_seconds(engine: Engine, set: &RaySet, mode: Mode) -> f64 {
     start.elapsed().as_secs_f64()
 }
 
-/// As [`replay_seconds`], shared among the threads of `pool`.
+/// Returns the seconds for all rays of `set`, shared among the threads of `pool`; see [`replay_seconds`].
 pub(super) fn shared_replay_seconds(pool: &ThreadPool, engine: Engine, set: &RaySet, mode: Mode) -> f64 {
-    // So few that each thread takes one anew often enough, however fast the others are.
+    // Parts are small enough that every thread takes several, even if the threads differ in speed.
     let share = (set.packets.len() / (SHARES * pool.current_num_threads())).max(BATCH_PACKETS);
     let shares: Vec<&[RayPacket]> = set.packets.chunks(share).collect();
     parallel::install(pool, || {
@@ -185,7 +188,7 @@ pub(super) fn shared_replay_seconds(pool: &ThreadPool, engine: Engine, set: &Ray
     })
 }
 
-/// Room for the packets that are asked at once.
+/// Returns a buffer for the packets that are traced at once.
 fn scratch(mode: Mode) -> Vec<RayPacket> {
     let chunk = if mode == Mode::Batch {
         BATCH_PACKETS
@@ -204,22 +207,24 @@ fn replay(engine: Engine, set: &RaySet, packets: &[RayPacket], scratch: &mut [Ra
     }
 }
 
-/// How many answers differ.
+/// Number of rays for which two engines differ.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Differences {
-    /// By more than rounding.
+    /// Rays whose results differ by more than rounding.
     pub(super) wrong: u64,
-    /// Within the documented rounding.
+    /// Rays whose results differ within the documented rounding.
     pub(super) ties: u64,
 }
 
-/// Compares the answers of two engines to all rays of `set`.
+/// Compares the results of two engines for all rays of `set`.
 pub(super) fn differences(scene: &Scene, set: &RaySet, reference: Engine, other: Engine) -> Differences {
     let mut differences = Differences::default();
     for asked in &set.packets {
+        // Trace copies of the packet with both engines
         let [mut a, mut b] = [asked.clone(), asked.clone()];
         reference.ask(std::slice::from_mut(&mut a), set.kind, set.order());
         other.ask(std::slice::from_mut(&mut b), set.kind, set.order());
+        // Classify the difference in each active lane
         for lane in (0..LANES).filter(|&lane| asked.is_active(lane)) {
             let agreement = match (set.kind, reference, other) {
                 #[cfg(feature = "embree")]
@@ -240,7 +245,7 @@ pub(super) fn differences(scene: &Scene, set: &RaySet, reference: Engine, other:
     differences
 }
 
-/// Raw answers are in the library's own numbering: only their distances can be held against others.
+/// Compares hit distances only, as raw results use the library's own numbering of geometries.
 #[cfg(feature = "embree")]
 fn same_distance(a: &RayPacket, b: &RayPacket, lane: usize) -> HitComparison {
     if a.t_far[lane].to_bits() == b.t_far[lane].to_bits() {
@@ -250,18 +255,20 @@ fn same_distance(a: &RayPacket, b: &RayPacket, lane: usize) -> HitComparison {
     }
 }
 
-/// Whether two backends may tell a shadow ray blocked or not as they do. Their nearest hits mostly settle it; else the
-/// whole scene is asked, which takes long.
+/// Classifies a difference in occlusion between two backends. Their nearest hits mostly decide; otherwise the whole
+/// scene is tested, which is slow.
 fn shadow_agreement(scene: &Scene, ray: &Ray, accels: [&dyn Accel; 2], blocked: [bool; 2]) -> HitComparison {
     if blocked[0] == blocked[1] {
         return HitComparison::Same;
     }
+    // Trace the nearest hits of the shadow ray with both backends
     let [first, second] = accels.map(|accel| -> Option<Hit> {
         let mut packet = RayPacket::EMPTY;
         packet.set(0, ray);
         accel.intersect(std::slice::from_mut(&mut packet), RayOrder::Incoherent);
         packet.hit(0)
     });
+    // A tie of the nearest hits explains the difference
     match hit_compare::compare(scene, ray, first, second) {
         HitComparison::Tie => HitComparison::Tie,
         HitComparison::Same | HitComparison::Wrong => {
@@ -289,7 +296,7 @@ mod tests {
                 let ray = packet.ray(lane);
                 let origin = ray.origin.as_dvec3();
                 assert!(origin.cmpge(bounds.min).all() && origin.cmple(bounds.max).all());
-                // Each of three squares is rounded to f32 and so is each coordinate: under 2^-22 together.
+                // Three squares and each coordinate are rounded to f32, an error below 2^-22 in total.
                 assert!((ray.direction.length_squared() - 1.0).abs() < 2f32.powi(-22));
             }
         }
@@ -310,7 +317,7 @@ mod tests {
         let kept = thinned(packets, 2 * BATCH_PACKETS);
         let starts: Vec<f32> = kept.iter().map(|p| p.origin[0][0]).collect();
         assert_eq!(kept.len(), 128);
-        // Runs begin at 0 and at (1000 - 64) / 2.
+        // The runs begin at 0 and at (1000 - 64) / 2.
         assert_eq!(
             (starts[0], starts[63], starts[64], starts[127]),
             (0.0, 63.0, 468.0, 531.0)

@@ -1,4 +1,4 @@
-//! From a path to a scene, whatever kind of file it is.
+//! Loading of scenes from scene files and glTF files.
 
 use std::path::Path;
 
@@ -8,13 +8,13 @@ use crate::scene_file::{self, Edit, Output, SceneFile};
 
 use super::failure::Failure;
 
-/// Whether a name asks for a scene file, which may say something of the picture.
+/// Returns whether the path names a scene file, which may contain image settings.
 pub(super) fn is_scene_file(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"))
 }
 
-/// Loads a scene file if the name ends in `.toml`, after changes of it, else a glTF file, which says nothing of the
-/// picture. Images that only the effects `without` look at are not decoded.
+/// Loads a scene file with edits if the name ends in `.toml`, else a glTF file, which has no image settings. Images
+/// used only by the effects `without` are not decoded.
 pub(super) fn load(
     (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
     without: EffectSet,
@@ -22,12 +22,13 @@ pub(super) fn load(
     load_from((path, edits, pose), without, &ImageCache::default())
 }
 
-/// The same with images that need not be decoded again.
+/// Loads a scene like [`load`], with a cache of decoded images.
 pub(super) fn load_from(
     (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
     without: EffectSet,
     image_cache: &ImageCache,
 ) -> Result<SceneFile, Failure> {
+    // Images used only by disabled effects are skipped, others come from the cache
     let options = LoadOptions {
         without,
         pose: pose.cloned(),
@@ -36,7 +37,7 @@ pub(super) fn load_from(
     };
     if is_scene_file(path) {
         let mut loaded = scene_file::load_edited(path, edits, &options)?;
-        // Each glTF file without animations says so itself.
+        // The glTF loader warns of each file without animations; a scene without glTF files is handled here.
         if pose.is_some() && loaded.gltf_count == 0 {
             let warning =
                 "there are no glTF files in it, which could have animations: it is the same at all times";
@@ -44,6 +45,7 @@ pub(super) fn load_from(
         }
         return Ok(loaded);
     }
+    // glTF files have no keys that a sweep could change
     if let Some(edit) = edits.first() {
         let path = path.display();
         return Err(Failure::Input(format!(

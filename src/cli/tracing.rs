@@ -1,4 +1,4 @@
-//! How hits are found: what finds them, how far they may be trusted, on how many threads.
+//! Ray tracing options of the command line: precision, acceleration structures and threads.
 
 use std::thread;
 
@@ -8,7 +8,7 @@ use crate::cost::HitPath;
 use super::args::TracingArgs;
 use super::failure::Failure;
 
-/// How hits are found, whatever finds them.
+/// Ray tracing options for any backend.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tracing {
     pub(super) precision: Precision,
@@ -16,12 +16,12 @@ pub(super) struct Tracing {
     pub(super) build_quality: BuildQuality,
     pub(super) compact: bool,
     pub(super) isa: Option<String>,
-    /// One or more.
+    /// Number of threads, at least 1.
     pub(super) threads: usize,
 }
 
 impl Tracing {
-    /// Resolves the number of threads.
+    /// Returns the options of the arguments, with 0 threads replaced by one per processor.
     pub(super) fn new(args: &TracingArgs) -> Tracing {
         let threads = match args.threads {
             0 => thread::available_parallelism().map_or(1, usize::from),
@@ -37,7 +37,7 @@ impl Tracing {
         }
     }
 
-    /// How what finds the hits is built.
+    /// Returns the options for building an acceleration structure.
     pub(super) fn options(&self) -> AccelOptions<'static> {
         AccelOptions {
             precision: self.precision,
@@ -50,7 +50,7 @@ impl Tracing {
         }
     }
 
-    /// The usual ways, on `threads` threads; 0 takes one a processor.
+    /// Returns the default options with `threads` threads; 0 takes one per processor.
     pub(super) fn of_threads(threads: u32) -> Tracing {
         Tracing::new(&TracingArgs {
             precision: Precision::default(),
@@ -62,7 +62,7 @@ impl Tracing {
         })
     }
 
-    /// How a study begins to find hits.
+    /// Returns the hit path from which a study with this backend starts.
     pub(super) fn path(&self, backend: Backend) -> HitPath {
         match backend {
             Backend::Embree => HitPath {
@@ -72,6 +72,7 @@ impl Tracing {
                 build_quality: self.build_quality,
                 compact: self.compact,
             },
+            // The BSP has no instancing and no build options
             Backend::Bsp | Backend::Brute => HitPath {
                 precision: effective_precision(backend, self.precision),
                 ..HitPath::BSP
@@ -79,7 +80,7 @@ impl Tracing {
         }
     }
 
-    /// The threads that everything runs on.
+    /// Starts the thread pool for all of the work.
     pub(super) fn pool(&self) -> Result<rayon::ThreadPool, Failure> {
         rayon::ThreadPoolBuilder::new()
             .num_threads(self.threads)
@@ -93,7 +94,7 @@ impl Tracing {
     }
 }
 
-/// The precision that triangle hits really get: the BSP knows two, brute force one.
+/// Returns the precision that triangle hits really get: the BSP has two, brute force one.
 pub(super) fn effective_precision(backend: Backend, wish: Precision) -> Precision {
     match (backend, wish) {
         (Backend::Embree, _) | (Backend::Bsp, Precision::Fast) => wish,
@@ -101,7 +102,7 @@ pub(super) fn effective_precision(backend: Backend, wish: Precision) -> Precisio
     }
 }
 
-/// Refuses what is for Embree alone where another backend finds the hits.
+/// Returns an error if flags for Embree alone are given with another backend.
 pub(super) fn check_backend(args: &TracingArgs, backend: Backend) -> Result<(), Failure> {
     let of_embree = [
         ("--isa", args.isa.is_some()),
@@ -117,8 +118,9 @@ pub(super) fn check_backend(args: &TracingArgs, backend: Backend) -> Result<(), 
     }
 }
 
-/// Refuses a kind of instancing that the precision does not have.
+/// Returns an error if the requested kind of instancing is not available with the requested precision.
 pub(super) fn check_instancing(args: &TracingArgs) -> Result<(), Failure> {
+    // Accept the kind if the precision does not change it
     if args.instancing.resolved(args.precision) == args.instancing || args.instancing == Instancing::Auto {
         return Ok(());
     }

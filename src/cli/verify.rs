@@ -1,4 +1,4 @@
-//! `whit verify`: hard cases with exact answers, put to every way of finding hits. With scenes, see `own`.
+//! Command `whit verify`: hard cases with exact results, run through every backend variant. For scenes, see `own`.
 
 use std::collections::BTreeSet;
 
@@ -16,17 +16,19 @@ use super::job::Tracing;
 use super::output;
 use super::progress::{Progress, Verbosity};
 
-/// Instruction sets that Embree may be held to, least first.
+/// Instruction sets that Embree can be restricted to, in ascending order.
 const INSTRUCTION_SETS: [&str; 5] = ["sse2", "sse4.2", "avx", "avx2", "avx512"];
 
-/// Runs the cases that the arguments ask for.
+/// Runs the cases that the arguments select, or checks the scenes that they name.
 pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
+    // Dispatch the other two modes: recorded rays and scenes
     if let Some(file) = &args.replay {
         return super::asked_again::run(args, file);
     }
     if !args.scenes.is_empty() {
         return super::own::run(args);
     }
+    // Select the cases, and check the output files
     let cases = chosen(&args.cases)?;
     if args.list {
         return output::print(&case_list(&cases));
@@ -39,6 +41,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
     }
     let pool = Tracing::of_threads(args.threads).pool()?;
     let progress = Progress::new(Verbosity::Normal);
+    // List all combinations of case, variant and instruction set
     let runs = runs(
         &cases,
         &parallel::install(&pool, || instruction_sets(args.isa.as_deref())),
@@ -54,6 +57,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
         } else {
             verify::check
         };
+        // Verdicts of the exact reference are cached for all variants of a case
         if judged.0 != case.id {
             judged = (case.id, Judged::default());
         }
@@ -63,6 +67,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
         rows.push(VerifyRow::new(case, path, outcome));
     }
     progress.clear();
+    // Print the table and write the files
     output::print(&table(&rows))?;
     if let Some(path) = &args.json {
         interrupt::finish_first(|| output::write_json(path, &rows))?;
@@ -78,7 +83,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
     verdict(&rows)
 }
 
-/// The cases of these names, or all; in the order of the suite.
+/// Returns the cases of these names, or all if there are none, in the order of the suite.
 fn chosen(names: &[String]) -> Result<Vec<&'static Case>, Failure> {
     let all = verify::cases();
     let is_named = |case: &Case| names.iter().any(|name| name.eq_ignore_ascii_case(case.id));
@@ -94,7 +99,7 @@ fn chosen(names: &[String]) -> Result<Vec<&'static Case>, Failure> {
         .collect())
 }
 
-/// What Embree is held to, one run after the other.
+/// Returns the instruction sets that Embree is restricted to, each in a run of its own.
 fn instruction_sets(asked: Option<&str>) -> Vec<Option<String>> {
     if asked != Some("all") {
         return vec![asked.map(str::to_owned)];
@@ -108,7 +113,8 @@ fn instruction_sets(asked: Option<&str>) -> Vec<Option<String>> {
 
 type Run = (&'static Case, Path, Option<String>);
 
-/// Every case on every path that it can be put to; those that are not Embree's once, whatever it is held to.
+/// Returns every case on every variant that it applies to; variants other than Embree's appear once, as instruction
+/// sets do not affect them.
 fn runs(cases: &[&'static Case], instruction_sets: &[Option<String>]) -> Vec<Run> {
     let mut runs = Vec::new();
     for &case in cases {
@@ -127,7 +133,7 @@ fn runs(cases: &[&'static Case], instruction_sets: &[Option<String>]) -> Vec<Run
     runs
 }
 
-/// A failure if anything is wrong that must not be.
+/// Returns an error if a check failed that must not fail.
 fn verdict(rows: &[VerifyRow]) -> Result<(), Failure> {
     let failed: Vec<&VerifyRow> = rows
         .iter()

@@ -1,5 +1,5 @@
-//! Times in blocks: every contestant takes one turn in each, in random order, beside a kernel that tells whether the
-//! machine was busy with something else.
+//! Times in a randomised block design: every candidate runs once per block in random order, beside a calibration kernel
+//! that detects whether the machine was busy with something else.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -10,26 +10,26 @@ use super::statistics::{median, median_interval};
 use super::{Interval, Timing};
 use crate::numeric::SplitMix64;
 
-/// A block counts if its kernel took as long as the median, to this share of it.
+/// Largest relative deviation of a block's kernel time from the median at which the block counts.
 const CALM: f64 = 0.05;
-/// Rounds of the kernel: some milliseconds.
+/// Rounds of the calibration kernel, which take some milliseconds.
 const KERNEL_ROUNDS: u64 = 1 << 23;
 
-/// How long measuring may go on.
+/// Limits of a measurement: number of blocks, deadline and random order.
 #[derive(Clone, Copy, Debug)]
 pub struct Protocol {
-    /// Blocks that are taken whatever the time.
+    /// Number of blocks that are measured regardless of the deadline.
     pub least: usize,
-    /// Blocks that tell times apart as well as anyone asks.
+    /// Largest number of blocks, which resolves times finely enough for all uses.
     pub most: usize,
-    /// When the last block must be over.
+    /// Time by which the last block must end.
     pub deadline: Instant,
-    /// Of the order of turns.
+    /// Seed of the random order within blocks.
     pub seed: u64,
 }
 
 impl Protocol {
-    /// Whether another block begins after so many, the longest of which took `longest` seconds.
+    /// Returns whether another block begins after `blocks` of them, the longest of which took `longest` seconds.
     pub(super) fn goes_on(&self, blocks: usize, longest: f64) -> bool {
         let left = self
             .deadline
@@ -39,21 +39,22 @@ impl Protocol {
     }
 }
 
-/// Seconds of all turns.
+/// Measured seconds of all candidates in all blocks.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Blocks {
-    /// Of the kernel, a block each.
+    /// Kernel seconds, one for each block.
     calibration: Vec<f64>,
-    /// Of each contestant, a block each.
+    /// Seconds of each candidate, one for each block.
     seconds: Vec<Vec<f64>>,
 }
 
 impl Blocks {
-    /// Has `contestants` take turns: `turn` is told who, and in which block, and tells the seconds.
+    /// Measures `contestants` candidates in blocks: `turn` receives the candidate and the block, and returns the
+    /// seconds.
     ///
     /// # Errors
     ///
-    /// The first of `turn`.
+    /// The first error of `turn`.
     pub fn measure<E>(
         contestants: usize,
         protocol: &Protocol,
@@ -67,7 +68,7 @@ impl Blocks {
         Ok(blocks)
     }
 
-    /// None yet.
+    /// Returns an empty measurement of `contestants` candidates.
     pub(super) fn new(contestants: usize) -> Blocks {
         Blocks {
             calibration: Vec::new(),
@@ -75,16 +76,16 @@ impl Blocks {
         }
     }
 
-    /// How many there are.
+    /// Returns the number of measured blocks.
     pub(super) fn count(&self) -> usize {
         self.calibration.len()
     }
 
-    /// Another block, and the seconds that it took.
+    /// Measures one more block and returns the seconds that it took.
     ///
     /// # Errors
     ///
-    /// The first of `turn`; then the blocks are of no use any more.
+    /// The first error of `turn`; the blocks are unusable afterwards.
     pub(super) fn add<E>(
         &mut self,
         seed: u64,
@@ -92,19 +93,22 @@ impl Blocks {
     ) -> Result<f64, E> {
         let start = Instant::now();
         let block = self.count();
+        // Shuffle the order of candidates
         let mut order: Vec<usize> = (0..self.seconds.len()).collect();
         shuffle(&mut order, &mut SplitMix64::new(seed, block as u64));
+        // Measure each candidate between two runs of the kernel
         let before = kernel_seconds();
         for contestant in order {
             let seconds = turn(contestant, block)?;
             self.seconds[contestant].push(seconds);
         }
-        // Of the two, the one that was disturbed less.
+        // Of the two kernel runs, take the less disturbed one.
         self.calibration.push(before.min(kernel_seconds()));
         Ok(start.elapsed().as_secs_f64())
     }
 
-    /// Which blocks count: those in which the machine was calm, or where hardly any were, all.
+    /// Returns for each block whether it counts: the machine was undisturbed. If fewer than six such blocks exist, all
+    /// count.
     fn calm(&self) -> Vec<bool> {
         let usual = median(&self.calibration);
         let calm: Vec<bool> = self
@@ -113,7 +117,7 @@ impl Blocks {
             .map(|seconds| (seconds / usual - 1.0).abs() <= CALM)
             .collect();
         let count = calm.iter().filter(|&&is_calm| is_calm).count();
-        // Six are the fewest whose extremes hold a median.
+        // Six is the smallest number whose extremes enclose a median at 95 %.
         if count < self.calibration.len().min(6) {
             vec![true; self.calibration.len()]
         } else {
@@ -129,13 +133,13 @@ impl Blocks {
             .map(|(&seconds, _)| seconds)
     }
 
-    /// A contestant's seconds.
+    /// Returns the median of a candidate's seconds.
     pub fn seconds(&self, contestant: usize) -> Interval {
         let calm = self.calm();
         median_interval(&self.counting(contestant, &calm).collect::<Vec<_>>())
     }
 
-    /// A contestant's seconds over those that `base` took in the same block.
+    /// Returns the median ratio of a candidate's seconds to those of `base` in the same block.
     pub fn ratio(&self, contestant: usize, base: usize) -> Interval {
         let calm = self.calm();
         let ratios: Vec<f64> = self
@@ -146,7 +150,7 @@ impl Blocks {
         median_interval(&ratios)
     }
 
-    /// How they were taken, in a run of `spent` seconds that was to take `budget`.
+    /// Returns the conditions of the measurement, in a run of `spent` seconds with a budget of `budget`.
     pub fn timing(&self, spent: f64, budget: f64) -> Timing {
         let calm = self.calm();
         let usual = median(&self.calibration);
@@ -155,6 +159,7 @@ impl Blocks {
             .iter()
             .zip(&calm)
             .filter(|(_, is_calm)| **is_calm);
+        // Find the largest deviation among the blocks that count
         let spread = counting
             .map(|(seconds, _)| (seconds / usual - 1.0).abs())
             .fold(0.0, f64::max);
@@ -169,16 +174,17 @@ impl Blocks {
     }
 }
 
-/// Every order is as likely as any other (R. Durstenfeld, "Algorithm 235: Random permutation", CACM 7(7), 1964).
+/// Permutes `order` uniformly at random (R. Durstenfeld, "Algorithm 235: Random permutation", CACM 7(7), 1964).
 fn shuffle(order: &mut [usize], random: &mut SplitMix64) {
     for last in (1..order.len()).rev() {
         order.swap(last, random.below(last + 1));
     }
 }
 
-/// What the same arithmetic takes now.
+/// Returns the seconds that a fixed amount of arithmetic takes at present.
 fn kernel_seconds() -> f64 {
     let start = Instant::now();
+    // `black_box` prevents the compiler from evaluating the loop in advance.
     let mut state = black_box(1u64);
     for round in 0..KERNEL_ROUNDS {
         state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(round);

@@ -1,73 +1,73 @@
-//! Settings for a target: what the knobs, turned one by one, foretell of all that they can be turned to together.
+//! Prediction of combined settings for a target: the measured effects of single levels predict all combinations.
 //!
-//! Squared errors are taken to add up: what a knob adds to the base's or takes from it, it adds wherever the others are;
-//! but what is taken is not taken twice, so that of two knobs that leave a part of the error each, a share of the product
-//! of the parts is left at least. Times are taken to multiply. Both are wrong here and there, which is why whatever is
-//! foretold is only an order in which to measure.
+//! Squared errors are assumed to add: the amount that a level adds to the base's error or removes from it is
+//! independent of the other knobs. The same amount cannot be removed twice, however: when two knobs each leave a
+//! fraction of the error, at least a share (`LEFT_SHARE`) of the product of the fractions remains. Times are assumed
+//! to multiply. Neither assumption holds everywhere, so that predictions only order what to measure.
 
 use serde::{Deserialize, Serialize};
 
 use super::{Configuration, Knob, Point};
 use crate::render::MIN_ADAPTIVE_ERROR;
 
-/// Samples are foretold up to so many times as many as were measured at most.
+/// Largest factor by which predicted samples exceed the largest measured number.
 const FARTHEST: u32 = 1 << 10;
-/// Of what falls by less for twice the samples, other knobs may be the floor: then only what differs from picture to
-/// picture falls, by half.
+/// Largest decay of the error per doubling of samples at which the fit is extrapolated. Above it, other knobs may be
+/// the floor of the error: then only the variance between images falls, by half per doubling.
 const MAX_DECAY: f64 = 0.9;
-/// Falls faster are luck.
+/// Smallest decay of the error per doubling of samples that is accepted; a faster one is chance.
 const MIN_DECAY: f64 = 0.25;
-/// Of the product of what knobs leave of an error, so much is left where they are turned together.
+/// Share of the product of the remaining error fractions that remains at least when knobs are combined.
 const LEFT_SHARE: f64 = 0.25;
-/// Adaptive errors that are foretold of the smallest that was measured, in halvings of it; the first is a larger one.
+/// Predicted adaptive errors, as halvings of the smallest measured one; the first is a larger error.
 const ADAPTIVE_HALVINGS: [f64; 6] = [-0.5, 0.5, 1.0, 1.5, 2.0, 2.5];
-/// Combinations that are looked at: some ten megabytes.
+/// Largest number of combinations that are considered: about ten megabytes.
 const MAX_COMBINATIONS: usize = 1 << 17;
 
-/// What settings are chosen for.
+/// Target that settings are chosen for.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Target {
-    /// The least time at which the root of the mean squared error as displayed is at most this.
+    /// Least time at which the root mean squared error of displayed values is at most this.
     Error(f64),
-    /// The least error at which the whole picture takes at most so many seconds, what is made ready for it included.
+    /// Least error at which the complete image takes at most so many seconds, setup included.
     Seconds(f64),
 }
 
-/// A target in the measure of a study.
+/// Target in the units of a study.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Goal {
-    /// As [`Target::Error`].
+    /// Largest root mean squared error of displayed values, as in [`Target::Error`].
     Error(f64),
-    /// At most so many times the base's seconds.
+    /// Largest time relative to the base's.
     TimeRatio(f64),
 }
 
-/// Settings and what is foretold of them.
+/// Settings with their predicted error and time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Forecast {
-    /// With several knobs turned.
+    /// Configuration with several knobs changed.
     pub configuration: Configuration,
-    /// How each knob but those of sampling is turned: all that differ in sampling alone have the same.
+    /// Level number of each knob but the sampling ones; configurations that differ in sampling alone have equal arrays.
     pub turns: [u8; Knob::ALL.len()],
-    /// Mean squared error as displayed; not less than 0.
+    /// Predicted mean squared error of displayed values; at least 0.
     pub mean_square: f64,
-    /// Time over the base's.
+    /// Predicted time relative to the base's.
     pub time_ratio: f64,
 }
 
-/// A place of a knob: what it adds to the squared error, and by what it multiplies the time.
+/// Effect of a knob's level: the amount added to the squared error, and the factor on time.
 #[derive(Clone, Copy, Debug)]
 struct Turn {
     configuration: Configuration,
     added: f64,
-    /// The part of the squared error that it leaves, 1 at most.
+    /// Fraction of the base's squared error that the level leaves, at most 1.
     left: f64,
     times: f64,
 }
 
-/// Everything that knobs can be turned to together, as far as single turns foretell: `points` are those of a study, the
-/// base first, and `configurations` theirs. Only configurations that `is_offered` are.
+/// Returns predictions for all combinations of levels, from a study's `points` (the base first) with their
+/// `configurations`. Only configurations for which `is_offered` holds are returned.
 pub fn forecasts(
     points: &[Point],
     configurations: &[Configuration],
@@ -76,6 +76,7 @@ pub fn forecasts(
     let Some((base, start)) = points.first().zip(configurations.first()) else {
         return Vec::new();
     };
+    // Convert single levels to effects relative to the base
     let floor = base.mean_square();
     let turn = |place: usize| Turn {
         configuration: configurations[place],
@@ -94,7 +95,7 @@ pub fn forecasts(
         left: 1.0,
         times: 1.0,
     };
-    // Each with the product of what is left of its error.
+    // Start from sampling levels, each with the product of the remaining error fractions
     let samplings = samplings(points, configurations).into_iter();
     let mut all: Vec<(Forecast, f64)> = samplings
         .map(|forecast| {
@@ -102,12 +103,14 @@ pub fn forecasts(
             (forecast, left)
         })
         .collect();
+    // Combine with the levels of each other knob
     for (place, knob) in Knob::ALL.into_iter().enumerate() {
         if matches!(knob, Knob::Samples | Knob::Adaptive) {
             continue;
         }
         let mut turns: Vec<Turn> = of_knob(knob).map(turn).collect();
         turns.push(stay);
+        // Levels that lose in both error and time cannot be part of a best combination.
         drop_beaten(&mut turns);
         if all.len() * turns.len() > MAX_COMBINATIONS {
             break;
@@ -131,6 +134,7 @@ pub fn forecasts(
             })
             .collect();
     }
+    // Remove configurations that are not offered and bound errors from below
     all.retain(|(forecast, _)| is_offered(&forecast.configuration));
     let settled = |(forecast, left): (Forecast, f64)| Forecast {
         mean_square: forecast.mean_square.max(LEFT_SHARE * left).max(0.0),
@@ -139,8 +143,8 @@ pub fn forecasts(
     all.into_iter().map(settled).collect()
 }
 
-/// The base with every number of samples, those that were measured and more, and with adaptive errors, those that were
-/// measured, between them and smaller ones.
+/// Returns the base at measured, intermediate and larger numbers of samples, and at measured, intermediate and smaller
+/// adaptive errors.
 fn samplings(points: &[Point], configurations: &[Configuration]) -> Vec<Forecast> {
     let place = |place: usize| Forecast {
         configuration: configurations[place],
@@ -148,9 +152,11 @@ fn samplings(points: &[Point], configurations: &[Configuration]) -> Vec<Forecast
         mean_square: points[place].mean_square(),
         time_ratio: points[place].time_ratio.value,
     };
+    // Collect measured numbers of samples, the base's included
     let is_sampling = |&place: &usize| matches!(points[place].knob, None | Some(Knob::Samples));
     let mut all: Vec<Forecast> = (0..points.len()).filter(is_sampling).map(place).collect();
     all.sort_by_key(|forecast| forecast.configuration.settings.spp);
+    // Extrapolate to more samples, by doubling
     if let [.., half, last] = &all[..] {
         let more = last.configuration.settings.spp / half.configuration.settings.spp.max(1);
         let fall = (last.mean_square / half.mean_square).powf(1.0 / f64::from(more.max(2)).log2());
@@ -170,17 +176,19 @@ fn samplings(points: &[Point], configurations: &[Configuration]) -> Vec<Forecast
             times *= 2;
         }
     }
+    // Interpolate between doublings
     let between: Vec<Forecast> = all
         .windows(2)
         .filter_map(|pair| half_way(&pair[0], &pair[1]))
         .collect();
     all.extend(between);
+    // Add adaptive sampling
     let adaptive = (0..points.len()).filter(|&place| points[place].knob == Some(Knob::Adaptive));
     all.extend(finer(adaptive.map(place).collect()));
     all
 }
 
-/// What differs from picture to picture of the error of the base with the samples of `forecast`.
+/// Returns the variance between images of the base with the samples of `forecast`, as part of its squared error.
 fn variance_of(points: &[Point], forecast: &Forecast) -> f64 {
     let is_it = |point: &&Point| {
         matches!(point.knob, None | Some(Knob::Samples)) && point.time_ratio.value == forecast.time_ratio
@@ -189,19 +197,19 @@ fn variance_of(points: &[Point], forecast: &Forecast) -> f64 {
     point.map_or(0.0, |point| point.variance.clamp(0.0, forecast.mean_square))
 }
 
-/// Half as many samples more than `few`, which is half of `many`.
+/// Returns the prediction for one and a half times the samples of `few`; `None` unless `many` has twice its samples.
 fn half_way(few: &Forecast, many: &Forecast) -> Option<Forecast> {
     let [from, to] = [few, many].map(|forecast| forecast.configuration.settings.spp);
     let mut between = few.clone();
     between.configuration.settings.spp = from + from / 2;
-    // By as much of the way as the logarithm of one and a half is of that of two.
+    // Interpolate in the logarithm of samples: log2(1.5) of the way from `few` to `many`.
     let part = 1.5f64.log2();
     between.mean_square *= (many.mean_square / few.mean_square).powf(part);
     between.time_ratio *= (many.time_ratio / few.time_ratio).powf(part);
     (to == 2 * from && from > 1 && between.mean_square.is_finite()).then_some(between)
 }
 
-/// Adaptive sampling that was measured, and what it foretells of smaller adaptive errors and those between.
+/// Returns the measured adaptive levels with predictions for smaller and intermediate adaptive errors.
 fn finer(mut adaptive: Vec<Forecast>) -> Vec<Forecast> {
     let error = |forecast: &Forecast| {
         let adaptive = forecast.configuration.settings.adaptive;
@@ -211,10 +219,12 @@ fn finer(mut adaptive: Vec<Forecast>) -> Vec<Forecast> {
     let [.., before, last] = &adaptive[..] else {
         return adaptive;
     };
+    // Fit error and time per halving of the adaptive error
     let halvings = (error(before) / error(last)).log2();
     let fall = (last.mean_square / before.mean_square).powf(1.0 / halvings);
     let growth = (last.time_ratio / before.time_ratio).powf(1.0 / halvings);
     let (fall, growth) = (fall.clamp(MIN_DECAY, 1.0), growth.clamp(1.0, 1.0 / MIN_DECAY));
+    // Extrapolate along the fit
     let reach = ADAPTIVE_HALVINGS.into_iter();
     let finer = reach.filter_map(|halvings| {
         let mut further = last.clone();
@@ -230,7 +240,7 @@ fn finer(mut adaptive: Vec<Forecast>) -> Vec<Forecast> {
     adaptive
 }
 
-/// Leaves out what another turn of the knob is better than in both.
+/// Removes levels that another level of the knob beats in both error and time.
 fn drop_beaten(turns: &mut Vec<Turn>) {
     let beats = |one: &Turn, other: &Turn| {
         one.added <= other.added
@@ -241,7 +251,7 @@ fn drop_beaten(turns: &mut Vec<Turn>) {
     turns.retain(|turn| !all.iter().any(|other| beats(other, turn)));
 }
 
-/// `configuration` with one knob as `turned` has it; with [`Knob::Adaptive`] the samples come along.
+/// Returns `configuration` with one knob set as in `turned`; [`Knob::Adaptive`] includes the samples.
 pub fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configuration) -> Configuration {
     let mut result = *configuration;
     let (settings, from) = (&mut result.settings, &turned.settings);
@@ -268,13 +278,14 @@ pub fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configurati
     result
 }
 
-/// The least squared error that is foretold, and the knob that would lower it most if it could be turned further: the one
-/// whose last turn lowered it most.
+/// Returns the smallest predicted squared error, and the knob that would lower it most if its range went further: the
+/// one whose last level lowered the error most.
 pub(super) fn floor(points: &[Point], forecasts: &[Forecast]) -> Option<(f64, Knob)> {
     let least = forecasts
         .iter()
         .map(|forecast| forecast.mean_square)
         .min_by(f64::total_cmp)?;
+    // Measure the gain of a knob's strictest level over the next
     let last_gain = |knob: Knob| {
         let errors = points
             .iter()
@@ -300,7 +311,7 @@ mod tests {
     const DEPTHS: [(u32, f64, f64); 3] = [(1, 4e-4, 0.5), (4, 0.0, 1.0), (8, -1e-5, 1.3)];
     const SAMPLES: [u32; 5] = [1, 2, 4, 8, 16];
 
-    /// A world in which squared errors add up and times multiply.
+    /// Returns error and time in a model where squared errors add and times multiply.
     fn truth(configuration: &Configuration) -> (f64, f64) {
         let spp = f64::from(configuration.settings.spp);
         let depth = DEPTHS
@@ -349,7 +360,7 @@ mod tests {
         )
     }
 
-    /// Those that reach the goal, the best first.
+    /// Returns predictions that reach the goal, the best first.
     fn candidates(forecasts: &[Forecast], goal: Goal) -> Vec<&Forecast> {
         let key = |forecast: &&Forecast| match goal {
             Goal::Error(_) => forecast.time_ratio,
@@ -370,7 +381,7 @@ mod tests {
         let forecasts = forecasts(&points, &configurations, |_| true);
         for most in [0.11, 0.06, 0.03, 0.02, 0.012, 0.005] {
             let chosen = candidates(&forecasts, Goal::Error(most));
-            // Every number of samples up to 1024 times the most that were measured.
+            // The search space has every number of samples up to 1024 times the largest measured one.
             let mut best = f64::INFINITY;
             for power in 0..15 {
                 for (depth, _, _) in DEPTHS {
@@ -380,7 +391,7 @@ mod tests {
                         configuration.settings.depth = depth;
                         configuration.settings.pattern = pattern;
                         let (square, ratio) = truth(&configuration);
-                        // A part in a hundred for what is foretold of more samples than were measured.
+                        // Allow 1 % for the extrapolation beyond the measured samples.
                         if square <= 0.99 * most * most {
                             best = best.min(ratio);
                         }
@@ -405,7 +416,7 @@ mod tests {
         let forecasts = forecasts(&points, &configurations, |c| {
             c.settings.pattern == Pattern::Sobol && c.settings.depth == 8
         });
-        // A quarter of the square each; added up, half of it would be taken beyond what there is.
+        // Each knob leaves a quarter of the squared error; plain addition would remove half of it beyond zero.
         assert!(!forecasts.is_empty());
         assert!(
             forecasts.iter().all(|forecast| forecast.mean_square > 0.0),

@@ -1,4 +1,4 @@
-//! A way of rendering a scene: settings, what finds the hits, and what is changed of the scene itself.
+//! Configuration of a render: settings, intersection backend, and changes of the scene itself.
 
 use std::collections::BTreeMap;
 
@@ -7,23 +7,23 @@ use crate::numeric::SpawnPolicy;
 use crate::render::{HitPoint, Pattern, RenderSettings};
 use crate::scene::{Effect, LightKind, Scene};
 
-/// What finds the hits.
+/// Intersection backend with the options of its acceleration structure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct HitPath {
-    /// Embree, or the BSP.
+    /// Intersection backend: Embree, or the BSP tree.
     pub backend: Backend,
-    /// How far its hits of triangles may be trusted; the BSP knows fast, in f32, and else is exact.
+    /// Precision of triangle hits; the BSP has fast (f32) and is exact otherwise.
     pub precision: Precision,
-    /// How it is given placed meshes.
+    /// Representation of instanced meshes in Embree.
     pub instancing: Instancing,
-    /// How much work it puts into its trees.
+    /// Build quality of Embree's BVHs.
     pub build_quality: BuildQuality,
-    /// Whether it saves memory rather than time.
+    /// Compact mode, which saves memory rather than time.
     pub compact: bool,
 }
 
 impl HitPath {
-    /// The path of every hit in f64.
+    /// BSP that computes every hit in f64.
     pub const BSP: HitPath = HitPath {
         backend: Backend::Bsp,
         precision: Precision::Watertight,
@@ -32,7 +32,7 @@ impl HitPath {
         compact: false,
     };
 
-    /// What reports call it.
+    /// Returns the path's name in reports.
     pub fn name(&self) -> String {
         match (self.backend, self.precision) {
             (Backend::Embree, precision) => precision.to_string(),
@@ -42,14 +42,14 @@ impl HitPath {
     }
 }
 
-/// What a configuration changes of the scene itself.
+/// Changes that a configuration makes to the scene itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SceneChange {
-    /// Points of each extended light, in place of the lights' own.
+    /// Samples per area light; `None` keeps the lights' own numbers.
     pub light_samples: Option<u32>,
-    /// Rays into lobes, in place of the materials' own.
+    /// Rays per rough lobe; `None` keeps the materials' own numbers.
     pub rough_rays: Option<u32>,
-    /// Steps through volumes are so many times as long as the volumes' own.
+    /// Factor by which march steps through volumes are longer than the volumes' own.
     pub step_factor: f64,
 }
 
@@ -64,7 +64,7 @@ impl Default for SceneChange {
 }
 
 impl SceneChange {
-    /// Changes the scene.
+    /// Applies the changes to `scene` in place.
     pub fn apply(&self, scene: &mut Scene) {
         if let Some(count) = self.light_samples {
             for light in &mut scene.lights {
@@ -82,40 +82,43 @@ impl SceneChange {
     }
 }
 
-/// A way of rendering a scene.
+/// Complete description of a render: settings, backend, scene changes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Configuration {
-    /// What picture is made.
+    /// Render settings that determine the image.
     pub settings: RenderSettings,
-    /// What finds the hits.
+    /// Intersection backend and its options.
     pub path: HitPath,
-    /// What is changed of the scene.
+    /// Changes of the scene before rendering.
     pub change: SceneChange,
 }
 
 impl Configuration {
-    /// The same with hits found by `path`.
+    /// Returns this configuration with hits found by `path`.
     #[must_use]
     pub fn through(self, path: HitPath) -> Configuration {
         Configuration { path, ..self }
     }
 
-    /// Whether hits, and the points that new rays start from, may be trusted at least as far as those of `other`.
+    /// Returns whether hits and spawn points are at least as accurate as those of `other`.
     pub fn is_trusted_like(&self, other: &Configuration) -> bool {
+        // Rank backends by accuracy; a position in `Precision::ALL` rises with it.
         let trust = |path: &HitPath| match (path.backend, path.precision) {
             (Backend::Embree, precision) => Precision::ALL.iter().position(|&known| known == precision),
             (Backend::Bsp, Precision::Fast) => Some(0),
             (Backend::Bsp | Backend::Brute, _) => Some(Precision::ALL.len()),
         };
+        // Spawn policy and hit points may equal those of `other` or be the most accurate ones
         let (settings, others) = (&self.settings, &other.settings);
         trust(&self.path) >= trust(&other.path)
             && [others.spawn, SpawnPolicy::Bounded].contains(&settings.spawn)
             && [others.hit_points, HitPoint::Refined].contains(&settings.hit_points)
     }
 
-    /// The names and values of everything that knobs turn.
+    /// Returns the names and values of all settings that knobs change.
     pub fn words(&self) -> BTreeMap<String, String> {
         let settings = &self.settings;
+        // List settings that always have a value
         let mut words = BTreeMap::from([
             ("samples".to_owned(), settings.spp.to_string()),
             ("pattern".to_owned(), pattern_name(settings.pattern).to_owned()),
@@ -124,6 +127,7 @@ impl Configuration {
             ("wavelengths".to_owned(), settings.wavelengths.to_string()),
             ("path".to_owned(), self.path.name()),
         ]);
+        // Add settings that differ from the default
         let mut add = |name: &str, value: Option<String>| {
             words.extend(value.map(|value| (name.to_owned(), value)));
         };
@@ -139,6 +143,7 @@ impl Configuration {
             "rough_rays",
             self.change.rough_rays.map(|count| count.to_string()),
         );
+        // Add changes of the scene and of the backend's options
         let factor = self.change.step_factor;
         add("march_step", (factor != 1.0).then(|| step_name(factor)));
         let unfiltered = settings.effects.removed.has(Effect::TextureFilter);

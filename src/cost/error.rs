@@ -1,35 +1,35 @@
-//! Errors against a reference that is noisy itself.
+//! Unbiased error estimates against a reference that is noisy itself.
 //!
-//! The reference comes in two halves A and B whose errors are independent of each other. The mean of (X - A)(X - B) over
-//! all pixels has the expectation of the squared error of X against the truth: what the halves err by does not add to it,
-//! where (X - (A + B) / 2)² would have it added. Over two different pictures of one configuration, (X - A)(Y - B) has the
-//! expectation of the squared bias alone. Values are those displayed: clipped, from 0 for black to 1 for white.
+//! The reference has two halves A and B with independent errors. The mean of (X - A)(X - B) over all pixels has the
+//! squared error of X against the truth as its expectation: the errors of the halves do not add to it, as they would in
+//! (X - (A + B) / 2)². Over two different images of one configuration, (X - A)(Y - B) has the squared bias alone as its
+//! expectation. Values are displayed values, clipped to the range from 0 (black) to 1 (white).
 
 use super::Interval;
 use super::statistics::bootstrap;
 use crate::image::metrics::as_displayed;
 use crate::image::{LinearImage, ToneMap};
 
-/// Sides of the blocks of pixels that intervals are drawn from, if nothing else is said: neighbours share edges and
-/// textures.
+/// Default side of the pixel blocks that intervals are resampled from, in pixels; neighbouring pixels are correlated by
+/// shared edges and textures.
 const BLOCK: usize = 8;
 
-/// So many deviations on either side of the mean hold 95 of 100 of a normal distribution.
+/// Half-width of the central 95 % of a normal distribution, in standard deviations.
 const NORMAL: f64 = 1.96;
 
-/// A picture as displayed.
+/// Image in displayed values, divided into blocks for resampling.
 #[derive(Clone, Debug)]
 pub struct Displayed {
     width: usize,
-    /// Side of the blocks that it is seen as.
+    /// Side of the resampling blocks, in pixels.
     block: usize,
-    /// The part that it is of what is to be told.
+    /// Fraction of the complete image that this image covers, for the finite-population correction.
     share: f64,
     pixels: Vec<[f32; 3]>,
 }
 
 impl Displayed {
-    /// What `tone` makes of a picture.
+    /// Returns the displayed values of `image` under the tone mapping.
     pub fn new(image: &LinearImage, tone: ToneMap) -> Displayed {
         let gain = f64::from(tone.exposure_ev).exp2();
         let shown = |pixel: &[f32; 3]| pixel.map(|x| as_displayed(gain * f64::from(x)) as f32);
@@ -41,7 +41,8 @@ impl Displayed {
         }
     }
 
-    /// The same, in blocks of which so many are side by side: where it is put together from pieces, neighbours share one.
+    /// Returns this image with blocks so that `columns` are side by side: in an image of patches, the pixels of a patch
+    /// share a block.
     pub fn in_columns(self, columns: u32) -> Displayed {
         Displayed {
             block: self.width.div_ceil(columns.max(1) as usize).max(1),
@@ -49,8 +50,8 @@ impl Displayed {
         }
     }
 
-    /// The same, as `share` of what is to be told, all of it 1: of that much nothing is uncertain but for noise. Without
-    /// this, a picture is one of all that the scene could show.
+    /// Returns this image as the fraction `share` of the image that the error is reported for. At 1, only noise makes
+    /// the error uncertain. The default of 0 treats the image as a sample of all images of the scene.
     pub fn as_share(self, share: f64) -> Displayed {
         Displayed {
             share: share.clamp(0.0, 1.0),
@@ -58,7 +59,7 @@ impl Displayed {
         }
     }
 
-    /// The mean square of the difference, over all pixels and channels.
+    /// Returns the mean squared difference over all pixels and channels.
     pub fn mean_square_to(&self, other: &Displayed) -> f64 {
         let differences = self.minus(other);
         differences
@@ -68,7 +69,7 @@ impl Displayed {
             / differences.len() as f64
     }
 
-    /// The difference of every channel of every pixel.
+    /// Returns the difference of every channel of every pixel, pixels in row-major order.
     pub fn minus(&self, other: &Displayed) -> Vec<f64> {
         let pairs = self.pixels.iter().zip(&other.pixels);
         pairs
@@ -76,7 +77,7 @@ impl Displayed {
             .collect()
     }
 
-    /// Of which block a pixel is.
+    /// Returns the index of the block that contains `pixel`.
     fn block_of(&self, pixel: usize) -> usize {
         let (x, y) = (pixel % self.width, pixel / self.width);
         y / self.block * self.width.div_ceil(self.block) + x / self.block
@@ -88,24 +89,25 @@ impl Displayed {
     }
 }
 
-/// The two halves of a reference.
+/// Two independent halves of a reference.
 #[derive(Clone, Debug)]
 pub struct Halves {
-    /// One.
+    /// First half of the reference.
     pub a: Displayed,
-    /// The other, of the same size.
+    /// Second half, of equal size.
     pub b: Displayed,
 }
 
 impl Halves {
-    /// The mean square that the mean of the halves errs by: a quarter of that of their difference.
+    /// Returns the mean squared error of the mean of the halves: a quarter of their mean squared difference.
     pub fn noise_squared(&self) -> f64 {
         0.25 * self.a.mean_square_to(&self.b)
     }
 
-    /// The share of the blocks in which the halves differ by more than their noise there, at a level of significance
-    /// at which one picture of 100 has any such block.
+    /// Returns the fraction of blocks in which the halves differ by more than their noise. The significance level
+    /// allows one image in 100 to have any such block by chance.
     pub fn disagreeing_share(&self) -> f64 {
+        // Accumulate the moments of the differences in each block
         let blocks = self.a.block_count();
         let mut sums = vec![[0.0; 3]; blocks];
         for (pixel, (a, b)) in self.a.pixels.iter().zip(&self.b.pixels).enumerate() {
@@ -115,11 +117,12 @@ impl Halves {
             *sum += difference;
             *squares += difference * difference;
         }
+        // Correct the significance level for the number of blocks (Šidák)
         let level = 1.0 - 0.99f64.powf(1.0 / blocks as f64);
         let differs = |[count, sum, squares]: &[f64; 3]| {
             let mean = sum / count;
             let variance = (squares - sum * mean) / (count - 1.0);
-            // Where hardly any pixel differs the values are not normal at all; the mean must be visible too.
+            // Where few pixels differ, values are far from normal; the mean must be visible as well.
             variance > 0.0
                 && mean.abs() > 1.0 / 255.0
                 && two_sided_tail(mean.abs() / (variance / count).sqrt()) < level
@@ -129,15 +132,15 @@ impl Halves {
     }
 }
 
-/// How likely a normal number is at least `z` from its mean, in standard deviations: a bound that is close where it is
-/// small (Mills' ratio).
+/// Returns the two-sided tail probability of a normal distribution beyond `z` standard deviations, as an upper bound
+/// that is tight where the probability is small (Mills' ratio).
 fn two_sided_tail(z: f64) -> f64 {
     let density = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt();
     (2.0 * density / z.max(f64::MIN_POSITIVE)).min(1.0)
 }
 
-/// The same of Student's distribution of so many degrees of freedom (M. Abramowitz, I. Stegun, "Handbook of Mathematical
-/// Functions", 1964, 26.7.5), to a tenth from two degrees on.
+/// Returns the half-width of the central 95 % of Student's distribution with `freedom` degrees of freedom (M.
+/// Abramowitz, I. Stegun, "Handbook of Mathematical Functions", 1964, 26.7.5), accurate to a tenth from two degrees on.
 fn student(freedom: f64) -> f64 {
     let z = NORMAL;
     let first = (z.powi(3) + z) / 4.0;
@@ -146,29 +149,29 @@ fn student(freedom: f64) -> f64 {
     z + first / freedom + second / freedom.powi(2) + third / freedom.powi(3)
 }
 
-/// What pictures of one configuration add up to.
+/// Accumulated images of one configuration, from which errors are estimated.
 #[derive(Clone, Debug)]
 pub struct Pictures {
     count: usize,
-    /// Of all pictures, pixel by pixel.
+    /// Sum of all images, for each pixel.
     sum: Vec<[f32; 3]>,
-    /// Of (X - A)(X - B), block by block.
+    /// Sums of (X - A)(X - B), for each block.
     products: Vec<f64>,
-    /// Of the squares of what each picture adds to these.
+    /// Sums of each image's squared contribution to the products, for each block.
     squares: Vec<f64>,
 }
 
-/// What is known of a configuration's error.
+/// Estimated error of a configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ErrorEstimate {
-    /// Mean square, over pixels and channels.
+    /// Mean squared error over pixels and channels.
     pub mean_square: Interval,
-    /// The part of it that stays however many pictures are averaged.
+    /// Part of the mean squared error that remains however many images are averaged.
     pub bias_squared: Interval,
 }
 
 impl Pictures {
-    /// None yet.
+    /// Returns an accumulator without images, of the size of `halves`.
     pub fn new(halves: &Halves) -> Pictures {
         Pictures {
             count: 0,
@@ -178,7 +181,7 @@ impl Pictures {
         }
     }
 
-    /// Those of so many pictures, from [`Pictures::parts`].
+    /// Returns an accumulator of `count` images from the values that [`Pictures::parts`] returns.
     pub(super) fn from_parts(
         count: usize,
         sum: Vec<[f32; 3]>,
@@ -193,19 +196,20 @@ impl Pictures {
         }
     }
 
-    /// Sums of all pictures pixel by pixel, and block by block their products and the squares of these.
+    /// Returns the sum of all images for each pixel, and for each block the sums of the products and of their squares.
     pub(super) fn parts(&self) -> (&[[f32; 3]], &[f64], &[f64]) {
         (&self.sum, &self.products, &self.squares)
     }
 
-    /// Blocks that products are added up in.
+    /// Returns the number of blocks in which products are accumulated.
     pub(super) fn block_count(&self) -> usize {
         self.products.len()
     }
 
-    /// Adds a picture.
+    /// Adds an image to the sums.
     pub fn add(&mut self, halves: &Halves, picture: &Displayed) {
         self.count += 1;
+        // Add the products of each pixel to its block, and the values to the image sum
         let mut products = vec![0.0; self.products.len()];
         for (pixel, x) in picture.pixels.iter().enumerate() {
             let (a, b) = (halves.a.pixels[pixel], halves.b.pixels[pixel]);
@@ -215,19 +219,20 @@ impl Pictures {
                 self.sum[pixel][c] += x[c];
             }
         }
+        // Add the block sums and their squares
         for (block, product) in products.into_iter().enumerate() {
             self.products[block] += product;
             self.squares[block] += product * product;
         }
     }
 
-    /// The mean squared error of one picture, over pixels and channels; below 0 where noise takes it there.
+    /// Returns the mean squared error of one image over pixels and channels; noise can make it negative.
     pub fn mean_square(&self) -> f64 {
         self.products.iter().sum::<f64>() / (self.count * 3 * self.sum.len()) as f64
     }
 
-    /// Variance of the mean of the products of a picture, all blocks added up, as pictures of other random numbers have
-    /// it; of a single one nothing is known, and it is taken for what is to be told.
+    /// Returns the variance of the images' mean product, summed over blocks, due to different random numbers. With one
+    /// image it is unknown; the error of that image itself is then the estimated quantity, and the variance is 0.
     fn noise_of_pictures(&self) -> f64 {
         let count = self.count as f64;
         if self.count < 2 {
@@ -237,11 +242,11 @@ impl Pictures {
         let variances = blocks.map(|(sum, squares)| (squares - sum * sum / count).max(0.0) / (count - 1.0));
         let variances: Vec<f64> = variances.collect();
         let sum = variances.iter().sum::<f64>();
-        // So many degrees of freedom has a sum of variances that are estimated each by itself (F. E. Satterthwaite, "An
+        // Effective degrees of freedom of a sum of independently estimated variances (F. E. Satterthwaite, "An
         // Approximate Distribution of Estimates of Variance Components", Biometrics Bulletin 2, 1946).
         let squares = variances.iter().map(|variance| variance * variance).sum::<f64>();
         let freedom = (count - 1.0) * sum * sum / squares;
-        // Where nothing varies it is no number.
+        // Without any variance the degrees of freedom are NaN.
         let widening = if freedom > 0.0 {
             student(freedom) / NORMAL
         } else {
@@ -250,10 +255,10 @@ impl Pictures {
         sum / count * widening * widening
     }
 
-    /// The same as the noise of the reference has it.
+    /// Returns the variance of the sum of products due to the noise of the reference.
     ///
-    /// With the mean M of the halves and half of their difference D, the product of a pixel is (X - M)² - D². What M errs
-    /// by is distributed like D and independent of it, so that the variance is about that of 2 (X - M) D.
+    /// With the mean M of the halves and half of their difference D, the product of a pixel is (X - M)² - D². The error
+    /// of M is distributed like D and independent of D, so that the variance is about that of 2 (X - M) D.
     fn noise_of(&self, halves: &Halves) -> f64 {
         let pixels = self.sum.iter().zip(halves.a.pixels.iter().zip(&halves.b.pixels));
         let variance = pixels.map(|(sum, (a, b))| {
@@ -266,16 +271,18 @@ impl Pictures {
         variance.sum()
     }
 
-    /// The error of one picture. Of a single picture all of it may be bias.
+    /// Returns the error of one image. With a single image all of the error may be bias.
     pub fn estimate(&self, halves: &Halves, seed: u64) -> ErrorEstimate {
         let count = self.count as f64;
         let values = (3 * self.sum.len()) as f64;
+        // Take the mean product of each block
         let mean_square: Vec<f64> = self
             .products
             .iter()
             .map(|product| product / count / values)
             .collect();
-        // Of all pairs of two pictures: those of all pictures less those of one with itself.
+        // Sum over all ordered pairs of different images: the pairs of all images minus the pairs of an image with
+        // itself.
         let mut pairs: Vec<f64> = self.products.iter().map(|product| -product).collect();
         for (pixel, sum) in self.sum.iter().enumerate() {
             let (a, b) = (halves.a.pixels[pixel], halves.b.pixels[pixel]);
@@ -288,6 +295,7 @@ impl Pictures {
         let pair_count = count * (count - 1.0);
         let bias: Vec<f64> = pairs.iter().map(|pair| pair / pair_count / values).collect();
         let blocks = mean_square.len();
+        // Compare the variance between blocks with the variance by noise
         let total = |of: &[f64], chosen: &[usize]| chosen.iter().map(|&block| of[block]).sum::<f64>();
         let between = {
             let mean = mean_square.iter().sum::<f64>() / blocks as f64;
@@ -297,6 +305,7 @@ impl Pictures {
                 .sum::<f64>()
         };
         let noise = (self.noise_of_pictures() + self.noise_of(halves)) / (values * values);
+        // Resample blocks for the intervals
         let mean_square = bootstrap(blocks, seed, |chosen| total(&mean_square, chosen));
         let mean_square = narrowed(mean_square, halves.a.share, noise / between);
         let bias_squared = if self.count > 1 {
@@ -314,11 +323,12 @@ impl Pictures {
     }
 }
 
-/// An interval drawn from the `share` of everything that was seen, where `noise` is the part of its squared width that is
-/// not due to the choice of what was seen (W. Cochran, "Sampling Techniques", 1977, sections 2.6 and 11.5).
+/// Returns an interval that was resampled from a `share` of the population, corrected for the finite population;
+/// `noise` is the part of its squared width that is not due to the choice of the sample (W. Cochran, "Sampling
+/// Techniques", 1977, sections 2.6 and 11.5).
 fn narrowed(interval: Interval, share: f64, noise: f64) -> Interval {
     let part = 1.0 - share + share * noise.clamp(0.0, 1.0);
-    // Where nothing varies at all the quotient is no number.
+    // Without any variance the quotient is NaN.
     let part = if part.is_nan() { 1.0 } else { part.sqrt() };
     let toward = |end: f64| interval.value + part * (end - interval.value);
     Interval {
@@ -329,12 +339,12 @@ fn narrowed(interval: Interval, share: f64, noise: f64) -> Interval {
 }
 
 impl ErrorEstimate {
-    /// Root of the mean square, 0 where noise takes the square below.
+    /// Returns the root mean squared error; 0 where noise makes the square negative.
     pub fn rmse(&self) -> Interval {
         self.mean_square.map(|square| square.max(0.0).sqrt())
     }
 
-    /// The part of the mean square that differs from picture to picture.
+    /// Returns the part of the mean squared error that differs between images.
     pub fn variance(&self) -> f64 {
         (self.mean_square.value - self.bias_squared.value).max(0.0)
     }
@@ -345,7 +355,7 @@ mod tests {
     use super::*;
     use crate::numeric::SplitMix64;
 
-    /// A noisy picture of a ramp: the value displayed is known, and what is added has no mean.
+    /// Returns a noisy image of a ramp with a known displayed value; the added noise has zero mean.
     fn noisy(random: &mut SplitMix64, noise: f64, bias: f64) -> Displayed {
         let side = 64;
         let pixels = (0..side * side).map(|pixel| {
@@ -400,7 +410,7 @@ mod tests {
         assert!(estimate.mean_square.value.abs() < 0.05 * noise, "{estimate:?}");
     }
 
-    /// Table 26.10 of the handbook.
+    /// Compares with table 26.10 of the handbook.
     #[test]
     fn students_distribution_is_as_wide_as_its_table_says() {
         for (freedom, width) in [
@@ -419,10 +429,11 @@ mod tests {
         }
     }
 
-    /// A picture that is far off in few places only, seen whole: its error is known but for noise.
+    /// Checks a complete image with large errors in a few pixels only: the error is known except for noise.
     #[test]
     fn of_a_whole_picture_nothing_but_noise_is_uncertain() {
         let (runs, noise) = (200, 0.02);
+        // Plant an error in every 173rd pixel
         let far_off = |pixel: usize| if pixel.is_multiple_of(173) { 0.3 } else { 0.0 };
         let (mut held, mut width, mut width_of_a_part) = (0, 0.0, 0.0);
         for run in 0..runs {
@@ -439,11 +450,13 @@ mod tests {
                 }
                 pictures.add(&halves, &picture);
             }
+            // Count intervals that hold the true error
             let pixels = 64 * 64;
             let off = (0..pixels).map(|pixel| f64::powi(far_off(pixel), 2)).sum::<f64>() / pixels as f64;
             let interval = pictures.estimate(&halves, run).mean_square;
             held += usize::from(interval.holds(noise * noise / 3.0 + off));
             width += interval.high - interval.low;
+            // Measure the width of the interval without the correction
             let [a, b] = [&halves.a, &halves.b].map(|half| half.clone().as_share(0.0));
             let interval = pictures.estimate(&Halves { a, b }, run).mean_square;
             width_of_a_part += interval.high - interval.low;

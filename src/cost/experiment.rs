@@ -1,4 +1,4 @@
-//! Everything that is measured of a scene, within a budget: the reference, blocks of pictures, and what it comes to.
+//! Measurement of a scene within a time budget: the reference, blocks of images, and their evaluation.
 
 use std::borrow::Cow;
 use std::time::{Duration, Instant};
@@ -19,92 +19,92 @@ use crate::parallel;
 use crate::render::{Plan, RenderSettings, Rendering};
 use crate::scene::{Camera, Scene};
 
-/// Blocks that are taken at least, at least where there is a target, and at most.
+/// Least number of blocks, without and with a target, and the largest number.
 const MIN_BLOCKS: usize = 6;
 const MIN_BLOCKS_FOR_A_TARGET: usize = 2;
 const MAX_BLOCKS: usize = 40;
-/// Part of the budget after which no block begins: what comes after is small.
+/// Fraction of the budget after which no block begins; the remaining work is small.
 pub(super) const MEASURED_PART: f64 = 0.94;
-/// The same where settings are to be chosen.
+/// Fraction of the budget for measurement blocks where settings are to be chosen afterwards.
 const CHOOSING_PART: f64 = 0.35;
 
-/// What was measured is kept as often as this, if blocks are not longer.
+/// Interval between checkpoints, unless blocks take longer.
 const KEEP_EVERY: Duration = Duration::from_secs(5);
 
-/// What is to be measured.
+/// Input of a study: scene, base configuration and limits.
 pub struct Experiment<'a> {
-    /// The scene; it has passed [`Scene::validate`].
+    /// Scene to render; it has passed [`Scene::validate`].
     pub scene: &'a Scene,
-    /// Who sees it.
+    /// Camera that the images are rendered with.
     pub camera: &'a Camera,
-    /// The base, with the size that pictures have in the end.
+    /// Base configuration, with the size of the final image.
     pub base: Configuration,
-    /// How pictures are displayed.
+    /// Tone mapping of the displayed values.
     pub tone: ToneMap,
-    /// Width and height of the pictures that are measured; else as large as the budget affords. Nothing where there is a
-    /// target: what is measured then is pieces of the whole picture.
+    /// Width and height of the measured images; `None` for the largest that the budget allows. `None` with a target,
+    /// where patches of the complete image are measured.
     pub size: Option<[u32; 2]>,
-    /// What settings are to be chosen for.
+    /// Target that settings are chosen for, if any.
     pub target: Option<Target>,
-    /// Seconds for everything since `start`.
+    /// Seconds for the whole study, counted from `start`.
     pub budget: f64,
-    /// When it began.
+    /// Time at which the study began.
     pub start: Instant,
-    /// Of the current pool.
+    /// Number of threads of the current pool.
     pub threads: usize,
-    /// Instruction set that Embree is held to.
+    /// Instruction set that Embree is restricted to.
     pub isa: Option<String>,
-    /// One that was interrupted, and goes on; `start` is then as long ago as it had taken.
+    /// Checkpoint of an interrupted study that is resumed; `start` is then earlier by the time that it had taken.
     pub unfinished: Option<Unfinished>,
 }
 
-/// Given what [`Unfinished::parse`] goes on with.
+/// Function that stores a checkpoint, in the bytes that [`Unfinished::parse`] reads.
 pub type Keep<'a> = &'a dyn Fn(&[u8]);
 
-/// How a long experiment talks to whoever waits for it.
+/// Callbacks of a long experiment: progress, cancellation and checkpoints.
 #[derive(Clone, Copy)]
 pub struct Watcher<'a> {
-    /// Told what is being done and the finished fraction of everything.
+    /// Progress callback with the current step and the finished fraction of the whole.
     pub progress: &'a dyn Fn(&str, f64),
-    /// Set by anyone to stop.
+    /// Flag that stops the experiment when set.
     pub cancel: &'a std::sync::atomic::AtomicBool,
-    /// Called now and then, so that an interruption loses little.
+    /// Checkpoint callback, called at intervals so that an interruption loses little.
     pub keep: Option<Keep<'a>>,
 }
 
-/// Why there is no study.
+/// Reasons for which a study ends without a result.
 #[derive(Debug, thiserror::Error)]
 pub enum CostError {
-    /// It was cancelled.
+    /// Cancellation by the watcher's flag.
     #[error("interrupted")]
     Cancelled,
-    /// What was interrupted was something else.
+    /// Checkpoint that belongs to another scene, other settings or another version.
     #[error("is of another scene, of other settings, or of another version of whit")]
     Other,
-    /// A structure could not be built.
+    /// Failure to build an acceleration structure.
     #[error(transparent)]
     Accel(#[from] AccelError),
 }
 
-/// A study and its pictures.
+/// Result of an experiment: the study with its images.
 pub struct Findings {
-    /// In numbers.
+    /// Numerical results of the study.
     pub study: Study,
-    /// The mean of the halves of the reference.
+    /// Mean image of the reference's halves.
     pub reference: LinearImage,
-    /// The first picture of each point.
+    /// First image of each point, in the order of the study's points.
     pub pictures: Vec<LinearImage>,
-    /// The configuration of each point.
+    /// Configuration of each point, in the order of the study's points.
     pub configurations: Vec<Configuration>,
-    /// What was chosen for the target.
+    /// Configuration chosen for the target; `None` without a target.
     pub chosen: Option<Configuration>,
-    /// By what the error of the whole picture can be told, where there is a target.
+    /// Data to compute the complete image's error, if there is a target.
     pub gauge: Option<Gauge>,
-    /// Which Embree found the hits of the base, if one did.
+    /// Identity of the Embree library that the base used, if it used Embree.
     pub embree: Option<EmbreeIdentity>,
 }
 
-/// The parts of a picture that were measured, and the halves of their reference.
+/// Measured patches of an image with the two halves of their reference.
 pub struct Gauge {
     view: View,
     settings: RenderSettings,
@@ -113,13 +113,14 @@ pub struct Gauge {
 }
 
 impl Gauge {
-    /// Root of the mean squared error, as displayed, of a picture of the base's size, which none of those that were
-    /// measured must be; `None` where it has another size.
+    /// Returns the root mean squared error, in displayed values, of an image of the base's size, which must not be one
+    /// of the measured images; `None` where the size differs.
     pub fn rmse(&self, picture: &LinearImage) -> Option<Interval> {
         let RenderSettings { width, height, .. } = self.settings;
         if [picture.width, picture.height] != [width, height] {
             return None;
         }
+        // Extract the patches that the reference covers
         let shown = match self.view {
             View::Whole(size) if size == [width, height] => Displayed::new(picture, self.tone),
             View::Whole(_) => return None,
@@ -128,18 +129,20 @@ impl Gauge {
                 self.tone,
             )),
         };
+        // Estimate the error against both halves
         let mut pictures = Pictures::new(&self.halves);
         pictures.add(&self.halves, &shown);
         Some(pictures.estimate(&self.halves, 0).rmse())
     }
 }
 
-/// Measures everything, in the current rayon pool.
+/// Runs all measurements in the current rayon pool.
 ///
 /// # Errors
 ///
-/// Where a structure cannot be built, and where it is cancelled.
+/// Returns an error where an acceleration structure cannot be built, and on cancellation.
 pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostError> {
+    // List all configurations that can be measured
     let plan = Plan::new(
         experiment.scene,
         experiment.camera,
@@ -154,6 +157,7 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
             .chain([strict])
             .chain(stricter.iter().map(|(_, configuration)| *configuration))
     };
+    // Build a scene for each change and an acceleration structure for each path
     let scenes: Vec<(SceneChange, Cow<Scene>)> = distinct(all().map(|configuration| configuration.change))
         .into_iter()
         .map(|change| (change, scene_of(experiment.scene, &change)))
@@ -162,6 +166,7 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
     for configuration in all().chain([strict.through(HitPath::BSP)]) {
         stage.build(&configuration)?;
     }
+    // Restore the checkpoint, or lay out the study and render the reference
     let (layout, reference, left, measured) = match &experiment.unfinished {
         Some(unfinished) => {
             let layout = Layout::resumed(experiment, &plan, unfinished).ok_or(CostError::Other)?;
@@ -184,9 +189,11 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
             (layout, reference, left, measured)
         }
     };
+    // Measure all configurations in blocks
     let measured = stage.measure((&layout, &reference, &left), measured)?;
     let mut findings = stage.findings(&layout, &strict, &reference, measured);
     let study = &mut findings.study;
+    // Choose settings for the target
     if let Some(target) = experiment.target {
         let known = (&study.points[..], &findings.configurations[..]);
         let (choice, configuration) = stage.choose(target, (&layout, &reference), known)?;
@@ -200,6 +207,7 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
         });
         study.timing.spent = stage.spent();
     }
+    // Check the reference
     study.reference.checks = checks(&strict, &reference, study, &left);
     Ok(findings)
 }
@@ -224,16 +232,16 @@ fn distinct(changes: impl Iterator<Item = SceneChange>) -> Vec<SceneChange> {
     all
 }
 
-/// What the blocks gave.
+/// Results of the measurement blocks so far.
 struct Measured {
     blocks: Blocks,
     errors: Vec<Pictures>,
-    /// The first picture of each contestant.
+    /// First image of each candidate.
     first: Vec<Option<Rendering>>,
 }
 
 impl Measured {
-    /// Nothing yet.
+    /// Returns an empty result for `count` candidates.
     fn none(count: usize, reference: &Halved) -> Measured {
         Measured {
             blocks: Blocks::new(count),
@@ -244,12 +252,13 @@ impl Measured {
 }
 
 impl Stage<'_, '_> {
-    /// Blocks until the time is up, after those that were measured; all of it is kept now and then.
+    /// Measures blocks until the time is up, after those in `measured`, and stores checkpoints at intervals.
     fn measure(
         &self,
         (layout, reference, left): (&Layout, &Halved, &[(Knob, f64)]),
         mut measured: Measured,
     ) -> Result<Measured, CostError> {
+        // Derive the number of blocks and the deadline
         let (least, most, until) = match self.experiment.target {
             Some(_) => (MIN_BLOCKS_FOR_A_TARGET, MIN_BLOCKS, CHOOSING_PART),
             None => (MIN_BLOCKS, MAX_BLOCKS, MEASURED_PART),
@@ -267,6 +276,7 @@ impl Stage<'_, '_> {
             first,
         } = &mut measured;
         let (mut longest, mut kept) = (0.0f64, None::<Instant>);
+        // Measure one block: an image of every candidate
         while protocol.goes_on(blocks.count(), longest) {
             let seconds = blocks.add(protocol.seed, |contestant, block| {
                 self.say("measure");
@@ -277,6 +287,7 @@ impl Stage<'_, '_> {
                 Ok::<f64, CostError>(seconds)
             })?;
             longest = longest.max(seconds);
+            // Store a checkpoint
             if let Some(keep) = self.watcher.keep
                 && kept.is_none_or(|kept| kept.elapsed() >= KEEP_EVERY)
             {
@@ -298,7 +309,8 @@ impl Stage<'_, '_> {
         Ok(measured)
     }
 
-    /// What was measured before an interruption; first pictures are made again, and tell whether they are the same.
+    /// Restores the measurements of an interrupted study. First images are rendered again; the base's checksum verifies
+    /// that the scene is unchanged.
     fn resumed(&self, layout: &Layout, unfinished: &Unfinished) -> Result<Measured, CostError> {
         let mut first = Vec::new();
         for contestant in &layout.contestants {
@@ -316,7 +328,7 @@ impl Stage<'_, '_> {
         })
     }
 
-    /// What it all comes to, but for the checks of the reference.
+    /// Evaluates all measurements, except for the checks of the reference.
     fn findings(
         &self,
         layout: &Layout,
@@ -325,6 +337,7 @@ impl Stage<'_, '_> {
         measured: Measured,
     ) -> Findings {
         self.say("analyse");
+        // Compute image metrics of each first image against the reference
         let mean = reference.mean();
         let pictures: Vec<Rendering> = measured.first.into_iter().flatten().collect();
         let viewing = Viewing {
@@ -333,10 +346,11 @@ impl Stage<'_, '_> {
         };
         let metrics: Vec<Metrics> = parallel::map(pictures.len(), &|place| {
             let mut tally = Tally::default();
-            // Sizes are equal.
+            // The sizes are equal, so that no error can occur.
             let _ = tally.add(&mean, &pictures[place].image, &viewing);
             tally.metrics()
         });
+        // Assemble the points with times and errors
         let mut points: Vec<Point> = layout
             .contestants
             .iter()
@@ -367,6 +381,7 @@ impl Stage<'_, '_> {
                 }
             })
             .collect();
+        // Count wrong hits and mark the Pareto front
         self.count_geometric_errors(layout, &mut points);
         let places: Vec<Place> = points
             .iter()
@@ -378,6 +393,7 @@ impl Stage<'_, '_> {
         for (point, on_front) in points.iter_mut().zip(front(&places)) {
             point.on_front = on_front;
         }
+        // Assemble the study
         let study = Study {
             size: self.size_of(layout.view),
             pieces_of: match layout.view {
@@ -416,17 +432,17 @@ impl Stage<'_, '_> {
     }
 }
 
-/// Of the pictures of a block.
+/// Returns the random seed for the images of a block.
 fn seed_of(block: usize) -> u32 {
     block as u32 + 1
 }
 
-/// Every knob whose places lie in an order, the base among them, by time.
+/// Returns a curve for every graded knob, the base included, in order of time.
 fn curves(points: &[Point]) -> Vec<Curve> {
     let graded = Knob::ALL.into_iter().filter(|knob| knob.is_graded());
     graded
         .filter_map(|knob| {
-            // Samples that differ from pixel to pixel are no further step of equally many.
+            // Adaptive sampling distributes samples unevenly, so that the uniform base is not one of its levels.
             let from_base = knob != Knob::Adaptive;
             let of_knob = |&place: &usize| place == 0 && from_base || points[place].knob == Some(knob);
             let mut places: Vec<usize> = (0..points.len()).filter(of_knob).collect();
@@ -443,8 +459,8 @@ fn curves(points: &[Point]) -> Vec<Curve> {
         .collect()
 }
 
-/// Seconds and errors of those of `places`, which are in the order of time, up to the first that is as close as any: what
-/// comes after it takes longer for nothing.
+/// Returns times and errors of `places`, which are in order of time, up to the first with the smallest error within its
+/// interval: later levels take longer without less error.
 fn falling(points: &[Point], places: &[usize]) -> Vec<(f64, f64)> {
     let least = places
         .iter()

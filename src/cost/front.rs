@@ -1,19 +1,21 @@
-//! Which configurations no other beats.
+//! Pareto front of configurations by time and error, and its knee.
 
 use super::Interval;
 
-/// Where a configuration stands.
+/// Time and error of a configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// Seconds, or a ratio of them.
+    /// Render time in seconds, or relative to another.
     pub time: Interval,
-    /// Any error.
+    /// Error of the image in any metric.
     pub error: Interval,
 }
 
-/// For each place, whether no other beats it: is known to be both faster and closer.
+/// Returns for each configuration whether it is on the Pareto front: no other is significantly both faster and more
+/// accurate.
 pub fn front(places: &[Place]) -> Vec<bool> {
-    // By the time at which each is over; the least error among all that are over before another begins tells.
+    // Sort by the upper end of the time. The running minimum of the errors then decides: it covers all that end before
+    // a given one begins.
     let mut by_end: Vec<&Place> = places.iter().collect();
     by_end.sort_by(|a, b| a.time.high.total_cmp(&b.time.high));
     let mut least = f64::INFINITY;
@@ -24,6 +26,7 @@ pub fn front(places: &[Place]) -> Vec<bool> {
             least
         })
         .collect();
+    // Compare each one with the minimum among those that are faster
     places
         .iter()
         .map(|place| {
@@ -33,9 +36,10 @@ pub fn front(places: &[Place]) -> Vec<bool> {
         .collect()
 }
 
-/// The place on the front from which on less error is dear and before which less time is: the farthest below the line
-/// between the front's ends, by logarithms. `None` if the front has no three places.
+/// Returns the index of the Pareto front's knee, beyond which less error costs much time: the point farthest below the
+/// line between the front's ends, in logarithms. `None` if the front has fewer than three points.
 pub fn knee(places: &[Place], on_front: &[bool]) -> Option<usize> {
+    // Sort the front by time, without points that have no logarithm
     let is_plain = |place: &Place| place.time.value > 0.0 && place.error.value > 0.0;
     let mut front: Vec<usize> = (0..places.len())
         .filter(|&i| on_front[i] && is_plain(&places[i]))
@@ -44,6 +48,7 @@ pub fn knee(places: &[Place], on_front: &[bool]) -> Option<usize> {
     let [first, .., last] = front[..] else {
         return None;
     };
+    // Measure distances from the line between the front's ends
     let at = |i: usize| (places[i].time.value.ln(), places[i].error.value.ln());
     let ((x0, y0), (x1, y1)) = (at(first), at(last));
     let below = |i: usize| {
@@ -73,7 +78,7 @@ mod tests {
             let mut random = SplitMix64::new(9, seed);
             let count = random.below(40);
             let mut around = |width: f64| {
-                // Coarse, so that ends meet.
+                // Coarse rounding makes ends of intervals coincide.
                 let value = (20.0 * random.unit()).round();
                 Interval {
                     value,

@@ -1,10 +1,8 @@
-//! Errors of geometry, as an axis of their own: rays that go through what they should meet, and shadows where there are
-//! none.
+//! Geometric errors as an axis of their own: leaks, false hits and false shadows by each intersection backend.
 //!
-//! Rays of the scene's own picture are recorded, from the eye and from surfaces to lights, and every way of finding hits
-//! answers the same ones. What it is held against is the BSP, which decides in f64 where f32 cannot. An answer that
-//! differs is an error unless a ray beside it, moved by what rounding in f32 may move it by, gets that answer from the
-//! BSP too: then it is a tie, as at an outline.
+//! Camera rays and shadow rays of the scene's own image are recorded, and every backend traces the same rays. The
+//! reference is the BSP, which decides in f64 where f32 cannot. A result that differs is an error unless a nearby ray,
+//! perturbed by the size of f32 rounding, has that result in the BSP too: then it is a tie, as at a silhouette.
 
 use std::time::{Duration, Instant};
 
@@ -19,54 +17,55 @@ use crate::parallel;
 use crate::render::{HitPoint, LayerSet, LightLayers, RecordedRays, RenderSettings, record};
 use crate::scene::Effect;
 
-/// What rounding may move a ray by, of its direction's length and of its origin's largest coordinate: sixteen roundings
-/// of f32, as many as a triple product and the differences that it is made from have.
+/// Perturbation by f32 rounding, relative to the direction's length and to the origin's largest coordinate: sixteen
+/// roundings of f32, the number in a triple product with its differences.
 const ROUNDING: f32 = 16.0 / (1 << 24) as f32;
-/// Part of the budget, and seconds, that go into this at most.
+/// Largest fraction of the budget, and largest number of seconds, for geometric errors.
 const PART: f64 = 0.02;
 const MAX_SECONDS: f64 = 3.0;
-/// Camera rays, at most and at least.
+/// Largest and smallest number of camera rays.
 const MAX_RAYS: f64 = 131_072.0;
 const MIN_RAYS: f64 = 1024.0;
-/// Packets that a thread answers before it looks at the clock.
+/// Number of packets that a thread traces between looks at the clock.
 const CHUNK: usize = 64;
-/// Chunks are taken in steps of this, a prime number, so that those answered in time lie evenly over the picture.
+/// Stride in which chunks are processed, a prime number, so that the chunks traced before the deadline cover the image
+/// evenly.
 const STRIDE: usize = 7919;
 
-/// How many answers to the rays of a picture differ from those that f64 gives.
+/// Number of ray results in an image that differ from the f64 reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct GeometricErrors {
-    /// Rays from the eye that were asked about.
+    /// Number of camera rays that were traced.
     pub camera_rays: u64,
-    /// Rays from surfaces to lights that were asked about.
+    /// Number of shadow rays that were traced.
     pub shadow_rays: u64,
-    /// Camera rays that pass what they should meet, or meet something behind it.
+    /// Camera rays that miss a surface which they should hit, or hit one behind it.
     pub leaks: u64,
-    /// Camera rays that meet something where nothing is, or before what they should meet.
+    /// Camera rays that hit something where nothing is, or in front of the right surface.
     pub false_hits: u64,
-    /// Shadow rays that are blocked though the light is seen: by the surface that they leave, or by others.
+    /// Shadow rays that are occluded although the light is visible: by the surface that they leave, or by others.
     pub false_shadows: u64,
-    /// Shadow rays that reach the light though something is in the way.
+    /// Shadow rays that reach the light although something occludes it.
     pub light_leaks: u64,
-    /// Answers that differ by no more than rounding explains.
+    /// Results that differ by no more than rounding explains.
     pub ties: u64,
 }
 
 impl GeometricErrors {
-    /// Answers that rounding does not explain.
+    /// Returns the number of results that rounding does not explain.
     pub fn count(&self) -> u64 {
         self.leaks + self.false_hits + self.false_shadows + self.light_leaks
     }
 
-    /// Rays that were asked about.
+    /// Returns the number of traced rays of both kinds.
     pub fn rays(&self) -> u64 {
         self.camera_rays + self.shadow_rays
     }
 
-    /// The share of wrong answers, by the score interval (E. B. Wilson, "Probable Inference, the Law of Succession, and
-    /// Statistical Inference", Journal of the American Statistical Association 22, 1927).
+    /// Returns the fraction of wrong results, with the score interval (E. B. Wilson, "Probable Inference, the Law of
+    /// Succession, and Statistical Inference", Journal of the American Statistical Association 22, 1927).
     pub fn share(&self) -> Interval {
-        // So many deviations on either side hold 95 of 100 of a normal distribution.
+        // Half-width of the central 95 % of a normal distribution, in standard deviations.
         const DEVIATIONS: f64 = 1.96;
         let rays = self.rays() as f64;
         let value = self.count() as f64 / rays;
@@ -94,7 +93,7 @@ impl GeometricErrors {
 }
 
 impl Knob {
-    /// Whether it can change which hits are found, so that its points have [`GeometricErrors`].
+    /// Returns whether the knob can change which hits are found, so that its points have [`GeometricErrors`].
     pub const fn changes_hits(self) -> bool {
         matches!(
             self,
@@ -108,19 +107,19 @@ impl Knob {
     }
 }
 
-/// Packets as they were recorded, with the answers that count.
+/// Recorded ray packets with the reference backend's results.
 pub struct Answered<'a> {
     reference: &'a dyn Accel,
     camera: &'a [RayPacket],
     shadow: &'a [RayPacket],
-    /// Parameters of what the camera rays meet, infinite for nothing.
+    /// Ray parameters of the camera rays' nearest hits, infinite for a miss.
     met: Vec<[f32; LANES]>,
-    /// Whether the shadow rays are blocked.
+    /// Occlusion of the shadow rays by the reference.
     blocked: Vec<[bool; LANES]>,
 }
 
 impl<'a> Answered<'a> {
-    /// By `reference`, whatever it answers.
+    /// Traces all recorded rays with `reference`, whose results count as right.
     pub fn by(reference: &'a dyn Accel, rays: &'a RecordedRays) -> Answered<'a> {
         let (camera, shadow) = (&rays.camera[..], &rays.shadow[..]);
         let met = parallel::map_chunks(camera, CHUNK, &|_, chunk| hits(reference, chunk));
@@ -134,9 +133,9 @@ impl<'a> Answered<'a> {
         }
     }
 
-    /// How `accel` errs about the same rays, as many of them as it answers until `deadline`. It is asked the shadow rays
-    /// `shadow`, which go to the same places from where another rule lets them start; where they are not the same in
-    /// number, nothing is said of shadows.
+    /// Returns the errors of `accel` for the recorded rays, as many as it traces until `deadline`. It traces the shadow
+    /// rays `shadow`, which have the same targets but may start elsewhere under another spawn policy. If their number
+    /// differs from the recorded one, shadows are not compared.
     pub fn errors(&self, accel: &dyn Accel, shadow: &[RayPacket], deadline: Instant) -> GeometricErrors {
         let camera = self.by_chunks(self.camera.len(), deadline, &|at| self.camera_chunk(accel, at));
         let shadow_count = if shadow.len() == self.shadow.len() {
@@ -156,10 +155,11 @@ impl<'a> Answered<'a> {
     ) -> GeometricErrors {
         let chunk_count = packet_count.div_ceil(CHUNK);
         let asked = parallel::map(chunk_count, &|turn| {
-            // The first of all is answered whatever the time is.
+            // The first chunk is traced regardless of the deadline, so that there is a result.
             if turn > 0 && Instant::now() > deadline {
                 return GeometricErrors::default();
             }
+            // A stride visits every chunk exactly once unless the count is a multiple of it.
             let chunk = if chunk_count.is_multiple_of(STRIDE) {
                 turn
             } else {
@@ -186,16 +186,19 @@ impl<'a> Answered<'a> {
     }
 
     fn count_hit(&self, errors: &mut GeometricErrors, ray: &Ray, [right, found]: [f32; 2]) {
+        // Compare the hit distances within rounding
         let reach = ray.origin.abs().max_element() / ray.direction.length();
         let slack = |t: f32| ROUNDING * (reach + t.abs());
         if right == found || (right - found).abs() <= slack(right.min(found)) {
             return;
         }
+        // Trace rays perturbed by rounding with the reference
         let mut packet = [RayPacket::EMPTY];
         for (lane, ray) in beside(ray).into_iter().flatten().enumerate() {
             packet[0].set(lane, &ray);
         }
         self.reference.intersect(&mut packet, RayOrder::Incoherent);
+        // Classify the difference as tie, leak or false hit
         let around: [f32; LANES] = std::array::from_fn(|lane| parameter(&packet[0], lane));
         let nearest = around.iter().copied().fold(right, f32::min);
         let farthest = around.iter().copied().fold(right, f32::max);
@@ -219,7 +222,8 @@ impl<'a> Answered<'a> {
         let asked = &shadow[at.clone()];
         let right = self.shadow[at.clone()].iter().zip(&self.blocked[at]);
         for (((packet, right), other), found) in right.zip(asked).zip(shadows(accel, asked)) {
-            // Where a lane is asked of one and not of the other, rounding has turned the surface away from the light.
+            // A lane that is active in one packet only results from rounding: the surface faces away from the light
+            // there.
             for lane in active(packet).filter(|&lane| other.is_active(lane)) {
                 errors.shadow_rays += 1;
                 if right[lane] != found[lane] {
@@ -232,7 +236,7 @@ impl<'a> Answered<'a> {
 
     fn count_shadow(&self, errors: &mut GeometricErrors, ray: &Ray, found: bool) {
         let mut packet = [RayPacket::EMPTY];
-        // From where it starts: what is beside that may be within the surface.
+        // Perturb directions only: a shifted origin may lie inside the surface.
         let [turned, _] = beside(ray);
         for (lane, ray) in turned.iter().enumerate() {
             packet[0].set(lane, ray);
@@ -245,7 +249,7 @@ impl<'a> Answered<'a> {
     }
 }
 
-/// Rays around one, as far from it as rounding may move it: eight that are turned, and eight that start aside.
+/// Returns rays perturbed by the size of rounding: eight with rotated directions, and eight with shifted origins.
 fn beside(ray: &Ray) -> [[Ray; LANES / 2]; 2] {
     let (x, y) = ray.direction.normalize().any_orthonormal_pair();
     let length = ray.direction.length();
@@ -270,7 +274,7 @@ fn active(packet: &RayPacket) -> impl Iterator<Item = usize> {
     (0..LANES).filter(|&lane| packet.is_active(lane))
 }
 
-/// Where a traced lane has hit something; infinite for nothing.
+/// Returns the ray parameter of a traced lane's hit; infinite for a miss.
 fn parameter(packet: &RayPacket, lane: usize) -> f32 {
     packet.hit(lane).map_or(f32::INFINITY, |hit| hit.t)
 }
@@ -295,6 +299,7 @@ fn shadows(accel: &dyn Accel, asked: &[RayPacket]) -> Vec<[bool; LANES]> {
 impl Stage<'_, '_> {
     /// Counts the geometric errors of the base and of all points whose knob may change them.
     pub(super) fn count_geometric_errors(&self, layout: &Layout, points: &mut [Point]) {
+        // List the points to count
         let counted: Vec<usize> = (0..points.len())
             .filter(|&place| points[place].knob.is_none_or(Knob::changes_hits))
             .collect();
@@ -302,15 +307,17 @@ impl Stage<'_, '_> {
         let seconds = (PART * self.experiment.budget).min(MAX_SECONDS);
         let configuration = &layout.contestants[0].configuration;
         let samples = area(self.size_of(layout.view)) * f64::from(configuration.settings.spp);
-        // Recorded on one thread, then answered by each.
+        // One thread records rays, and all threads trace them.
         let a_ray = base.seconds.value * self.experiment.threads as f64 / samples;
         let rays = 0.5 * seconds / (a_ray * (1 + counted.len()) as f64);
         let lists = (1 + self.scene(configuration).lights.len()) as f64;
         let rays = rays.clamp(MIN_RAYS, MAX_RAYS / lists.min(MAX_RAYS / MIN_RAYS));
+        // Record rays and trace them with the reference
         let recorded = self.recorded(&left_rightly(configuration), rays);
         let reference = &*self.built(&configuration.through(HitPath::BSP)).accel;
         let right = Answered::by(reference, &recorded);
         let share = Duration::from_secs_f64(0.5 * seconds / counted.len() as f64);
+        // Trace the rays with each point's backend
         for place in counted {
             self.say("geometry");
             let configuration = &layout.contestants[place].configuration;
@@ -323,13 +330,14 @@ impl Stage<'_, '_> {
         }
     }
 
-    /// About so many camera rays of a configuration's picture, and the rays from what they meet to the lights.
+    /// Records about `rays` camera rays of a configuration's image, and the shadow rays from their hits to the lights.
     fn recorded(&self, configuration: &Configuration, rays: f64) -> RecordedRays {
+        // Scale the image to the number of rays
         let [width, height] = self.whole_size().map(f64::from);
         let scale = (rays / (width * height)).sqrt();
         let [width, height] = [width, height].map(|side| ((side * scale).round() as u32).max(1));
         let mut effects = configuration.settings.effects;
-        // No ray from the eye or to a light is another for these.
+        // These effects change no camera ray or shadow ray, but would take time.
         for effect in [Effect::Volume, Effect::Subsurface, Effect::TransparentShadow] {
             effects.removed = effects.removed.with(effect);
         }
@@ -353,7 +361,7 @@ impl Stage<'_, '_> {
     }
 }
 
-/// The same with surfaces left as it is right.
+/// Returns the configuration with exact hit points and bounded spawn offsets.
 fn left_rightly(configuration: &Configuration) -> Configuration {
     let mut left = *configuration;
     left.settings.spawn = SpawnPolicy::Bounded;
@@ -368,7 +376,7 @@ mod tests {
     use super::*;
     use crate::accel::AccelReport;
 
-    /// A disk at x = 1 around the axis, and a smaller one in it that is told to be nearer or farther, or not at all.
+    /// Disk at x = 1 around the axis, with a smaller disk in it that reports a wrong hit distance, or no hit.
     #[derive(Clone, Copy)]
     struct Disk {
         radius: f32,
@@ -428,7 +436,7 @@ mod tests {
 
     fn rays() -> RecordedRays {
         let mut packet = RayPacket::EMPTY;
-        // At 1 these are 0, 0.5, ... 4.5 from the axis.
+        // At x = 1 these rays are 0, 0.5, ... 4.5 from the axis.
         for lane in 0..10 {
             packet.set(
                 lane,
@@ -453,7 +461,7 @@ mod tests {
         let none = errors_of(RIGHT);
         let asked = (none.camera_rays, none.shadow_rays);
         assert_eq!((asked, none.count(), none.ties), ((30, 10), 0, 0));
-        // Of rays at 0, 0.5 and 1, in three packets of camera rays and one of shadow rays.
+        // The wrong disk covers rays at 0, 0.5 and 1, in three camera-ray packets and one shadow-ray packet.
         let within = |added| {
             errors_of(Disk {
                 wrong_radius: 1.0,
@@ -467,16 +475,16 @@ mod tests {
         assert_eq!((farther.leaks, farther.count()), (9, 9));
         let nearer = within(Some(-0.5));
         assert_eq!((nearer.false_hits, nearer.count()), (9, 9));
-        // As near as rounding.
+        // This difference is within rounding.
         assert_eq!(within(Some(2.0 * f32::EPSILON)).count(), 0);
-        // 3.5, 4 and 4.5 should meet nothing.
+        // Rays at 3.5, 4 and 4.5 should miss.
         let more = errors_of(Disk { radius: 9.0, ..RIGHT });
         assert_eq!((more.false_hits, more.false_shadows, more.count()), (9, 3, 12));
     }
 
     #[test]
     fn at_an_outline_an_answer_that_rounding_explains_is_a_tie() {
-        // The ray at 3 misses this one, and so do rays beside it the right one.
+        // The ray at 3 misses this disk; so do nearby rays with the right one.
         let radius = 3f32.next_down();
         let errors = errors_of(Disk { radius, ..RIGHT });
         assert_eq!((errors.count(), errors.ties), (0, 4));

@@ -1,4 +1,4 @@
-//! What can be turned, and how far.
+//! Tunable parameters (knobs) of a render and the levels that a study measures.
 
 use std::fmt;
 
@@ -10,50 +10,49 @@ use crate::numeric::SpawnPolicy;
 use crate::render::{Adaptive, FilterKind, HitPoint, Pattern, Plan, RenderSettings};
 use crate::scene::{Effect, Geometry, LightKind, Scene};
 
-/// Parts of the scene's size by which rays start off surfaces, in place of a bound on the error: what is usual, and what
-/// is too little and too much of it.
+/// Fixed ray-origin offsets as fractions of the scene size, in place of an error bound: too small, usual, too large.
 const FIXED_OFFSETS: [f64; 3] = [1e-7, 1e-5, 1e-3];
 
-/// Something that trades error for seconds.
+/// Tunable parameter that trades error for render time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Knob {
-    /// Samples a pixel.
+    /// Number of samples per pixel (spp).
     Samples,
-    /// How they lie in the pixel.
+    /// Sampling pattern within the pixel.
     Pattern,
-    /// The standard error that ends the sampling of a pixel.
+    /// Standard error that ends the adaptive sampling of a pixel.
     Adaptive,
-    /// Generations of reflected and refracted rays.
+    /// Maximum depth: bounces of reflected and refracted rays.
     Depth,
-    /// The weight under which a ray is not followed.
+    /// Path weight (throughput) below which a ray is not followed.
     Cutoff,
-    /// Wavelengths that a path splits into.
+    /// Wavelengths that a path splits into at dispersion.
     Wavelengths,
-    /// Points of each extended light that a surface asks.
+    /// Samples per area light and shading point.
     LightSamples,
-    /// Rays into the lobe of a rough surface.
+    /// Rays per shading point into the lobe of a rough surface.
     RoughRays,
-    /// Length of the steps through volumes.
+    /// Length of the ray-marching steps through volumes.
     MarchStep,
-    /// Whether textures are averaged over what a ray covers.
+    /// Texture filtering over the ray's footprint, on or off.
     TextureFilter,
-    /// What finds the hits, and how far triangle hits may be trusted.
+    /// Intersection backend and the precision of its triangle hits.
     HitPath,
-    /// How Embree is given placed meshes.
+    /// Way in which Embree represents instanced meshes.
     Instancing,
-    /// How much work Embree puts into its trees.
+    /// Build quality of Embree's BVHs.
     BuildQuality,
-    /// Whether Embree saves memory rather than time.
+    /// Embree's compact mode, which saves memory rather than time.
     Compactness,
-    /// Where rays start that leave surfaces.
+    /// Policy for the origins of rays that leave surfaces.
     SpawnPoints,
-    /// Whether hits are worked out again in f64.
+    /// Recomputation of hit points in f64, on or off.
     HitRefinement,
 }
 
 impl Knob {
-    /// All.
+    /// All knobs, in the order of reports.
     pub const ALL: [Knob; 16] = [
         Knob::Samples,
         Knob::Pattern,
@@ -73,7 +72,7 @@ impl Knob {
         Knob::HitRefinement,
     ];
 
-    /// What reports call it.
+    /// Returns the knob's name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Knob::Samples => "samples",
@@ -95,7 +94,7 @@ impl Knob {
         }
     }
 
-    /// Whether its places lie in an order along which the error falls.
+    /// Returns whether the levels are ordered so that the error falls along them.
     pub const fn is_graded(self) -> bool {
         matches!(
             self,
@@ -117,19 +116,19 @@ impl fmt::Display for Knob {
     }
 }
 
-/// How far the knobs of sampling are turned.
+/// Upper limits of the sampling knobs' levels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reach {
-    /// The most samples of a pixel.
+    /// Largest number of samples per pixel.
     pub samples: u32,
-    /// The same of adaptive sampling.
+    /// Largest number of samples per pixel under adaptive sampling.
     pub adaptive_samples: u32,
-    /// The standard errors as displayed that end it.
+    /// Standard errors, in displayed values, that end adaptive sampling.
     pub adaptive_errors: Vec<f64>,
 }
 
 impl Reach {
-    /// Up to so many samples.
+    /// Returns limits of `samples` spp, with the default adaptive errors.
     pub fn of(samples: u32) -> Reach {
         Reach {
             samples,
@@ -139,14 +138,15 @@ impl Reach {
     }
 }
 
-/// The places to which a scene's knobs are turned, each by itself with all others as in `base`: those that `plan` makes
-/// relevant, no others.
+/// Returns every knob's levels with their configurations: one knob differs from `base`, and only knobs that `plan`
+/// makes relevant are listed.
 pub fn knobs(
     scene: &Scene,
     plan: &Plan,
     base: &Configuration,
     reach: &Reach,
 ) -> Vec<(Knob, String, Configuration)> {
+    // Collect the levels of every knob
     let turns = Turns {
         scene,
         plan,
@@ -157,7 +157,7 @@ pub fn knobs(
         let levels = turns.levels(knob).into_iter();
         levels.map(move |(level, configuration)| (knob, level, configuration))
     });
-    // What turns to where it is already is the base.
+    // A level that the base already has is the base itself, not a further configuration.
     all.filter(|(_, _, configuration)| configuration != base)
         .collect()
 }
@@ -176,7 +176,7 @@ impl Turns<'_> {
         self.plan.effects().has(effect)
     }
 
-    /// With other settings.
+    /// Returns the base configuration with changed render settings.
     fn set(&self, change: impl Fn(&mut RenderSettings)) -> Configuration {
         let mut configuration = *self.base;
         change(&mut configuration.settings);
@@ -184,6 +184,7 @@ impl Turns<'_> {
     }
 
     fn levels(&self, knob: Knob) -> Vec<Level> {
+        // Levels that need an effect are empty when the plan lacks it.
         let bounces = self.has(Effect::Reflection) || self.has(Effect::Refraction);
         match knob {
             Knob::Samples => self.samples(),
@@ -207,6 +208,7 @@ impl Turns<'_> {
     }
 
     fn samples(&self) -> Vec<Level> {
+        // Double the samples up to the limit.
         let powers = (0..32).map(|power| 1u32 << power);
         powers
             .take_while(|&spp| spp <= self.reach.samples)
@@ -226,14 +228,15 @@ impl Turns<'_> {
             .collect()
     }
 
-    /// Up to the most samples; needs a box, a pattern whose samples go on, and nobody who wants layers.
+    /// Returns adaptive levels up to the largest number of samples; these need a box filter, a progressive pattern, and
+    /// no AOVs.
     fn adaptive(&self) -> Vec<Level> {
         let settings = &self.base.settings;
         let fits = settings.filter.kind == FilterKind::Box
             && settings.pattern != Pattern::Regular
             && settings.layers.is_empty()
             && settings.light_layers.is_empty();
-        // Every pixel takes sixteen.
+        // Adaptive sampling takes at least 16 samples of every pixel.
         if !fits || self.reach.adaptive_samples <= 16 {
             return Vec::new();
         }
@@ -251,6 +254,7 @@ impl Turns<'_> {
     }
 
     fn depths(&self) -> Vec<Level> {
+        // Keep depths up to three times the base's, and at least 6.
         let mut depths: Vec<u32> = (0..=4).chain([6, 8, 12]).collect();
         depths.retain(|&depth| depth <= self.base.settings.depth.max(2) * 3);
         depths
@@ -260,6 +264,7 @@ impl Turns<'_> {
     }
 
     fn cutoffs(&self) -> Vec<Level> {
+        // Zero follows every ray up to the maximum depth.
         [1.0 / 8.0, 1.0 / 32.0, 1.0 / 128.0, 1.0 / 512.0, 1.0 / 4096.0, 0.0]
             .into_iter()
             .map(|cutoff| {
@@ -319,6 +324,7 @@ impl Turns<'_> {
     }
 
     fn texture_filter(&self) -> Vec<Level> {
+        // The base filters textures, so that the only other level is without.
         let mut removed = self.base.settings.effects.removed;
         removed = removed.with(Effect::TextureFilter);
         let off = self.set(|settings| settings.effects.removed = removed);
@@ -328,7 +334,7 @@ impl Turns<'_> {
     fn hit_paths(&self) -> Vec<Level> {
         let mut paths = Vec::new();
         if cfg!(feature = "embree") {
-            // Precisions differ in triangles alone: without any, there is one path through Embree.
+            // Precisions differ in triangles alone: a scene without triangles has one path through Embree.
             let own = match self.base.path.backend {
                 Backend::Embree => self.base.path.precision,
                 Backend::Bsp | Backend::Brute => Precision::default(),
@@ -345,6 +351,7 @@ impl Turns<'_> {
                 ..self.base.path
             }));
         }
+        // Fast BSP intersects triangles in f32, so that it differs only for meshes.
         if self.has_meshes() {
             paths.push(HitPath {
                 precision: Precision::Fast,
@@ -387,12 +394,14 @@ impl Turns<'_> {
             .collect()
     }
 
-    /// Of Embree's trees over triangles; the highest where Embree makes a difference between it and the next.
+    /// Returns build qualities of Embree's triangle BVHs; the highest only where Embree builds it differently from the
+    /// next lower.
     fn build_qualities(&self) -> Vec<Level> {
         let path = self.base.path;
         if path.backend != Backend::Embree || !self.has_meshes() {
             return Vec::new();
         }
+        // Embree's high quality differs from medium by spatial splits, which it makes at fast precision only.
         let cuts = path.precision == Precision::Fast;
         let qualities = BuildQuality::ALL.into_iter();
         let apart = qualities.filter(|&quality| cuts || quality != BuildQuality::High);
@@ -405,7 +414,8 @@ impl Turns<'_> {
         }))
     }
 
-    /// Of Embree's trees over triangles; at [`Precision::Robust`] Embree 3.13.5 has one form of them only.
+    /// Returns compact and non-compact levels of Embree's triangle BVHs; at [`Precision::Robust`] Embree 3.13.5 has one
+    /// layout only.
     fn compactness(&self) -> Vec<Level> {
         let path = self.base.path;
         let has_both = path.precision != Precision::Robust;
@@ -419,7 +429,7 @@ impl Turns<'_> {
     fn instancings(&self) -> Vec<Level> {
         let is_placed = |geometry: &Geometry| matches!(geometry, Geometry::Mesh(_));
         let mut seen = vec![false; self.scene.geometries.len()];
-        // A mesh that stands once may be given where it stands.
+        // A mesh with a single instance can be given already transformed, so that only a second instance counts.
         let has_placed = self.scene.instances.iter().any(|instance| {
             let geometry = instance.geometry as usize;
             is_placed(&self.scene.geometries[geometry]) && std::mem::replace(&mut seen[geometry], true)

@@ -1,4 +1,4 @@
-//! How large the pictures of an experiment are and of how many samples, by what small ones take.
+//! Budget allocation: size and samples of an experiment's images, by the times of small pilot images.
 
 use super::choose::Target;
 use super::knob::{Reach, knobs};
@@ -8,92 +8,96 @@ use super::{Configuration, CostError, Experiment, Halves, HitPath, Knob};
 use crate::image::LinearImage;
 use crate::render::{MIN_ADAPTIVE_ERROR, Plan};
 
-/// Samples a pixel of the base and of the longest sweep, the ones that are tried first first.
+/// Samples per pixel of the base and of the largest level, in the order in which they are tried.
 const LADDER: [[u32; 2]; 5] = [[16, 32], [8, 16], [4, 16], [4, 8], [2, 8]];
-/// Samples of each half of the reference for each of the longest sweep, at least: its noise is then a hundredth of the
-/// sweep's even where errors fall no faster than at random.
+/// Smallest ratio of each reference half's samples to the largest level's: the reference's squared noise is then a
+/// hundredth of that level's even where errors fall only at the random rate.
 const REFERENCE_TIMES: u32 = 50;
-/// A picture of fewer pixels says little of a scene; a longer ladder is given up before.
+/// Smallest number of pixels that represents a scene well; a smaller layout of the ladder is used before going below.
 const FEWEST_PIXELS: f64 = 12_288.0;
-/// No picture is smaller than this, of its own shape and of pieces: intervals are drawn from eight of these at least.
+/// Smallest number of pixels of a scaled-down image and of an image of patches: intervals are resampled from at least
+/// eight patches.
 const MIN_PIXELS: f64 = 1024.0;
 const MIN_PIXELS_OF_PIECES: f64 = 2048.0;
-/// Of fewer pieces than these, the interval of an error is so wide that settings for a target take twice the time: rather
-/// the reference takes fewer samples.
+/// Number of pixels in patches below which the interval of an error is so wide that settings for a target take twice
+/// the time; the reference then takes fewer samples instead.
 const PIXELS_OF_MANY_PIECES: f64 = 8192.0;
-/// Pixels that a pilot renders, at most and at least.
+/// Largest and smallest number of pixels of a pilot image.
 const PILOT_PIXELS: [f64; 2] = [3072.0, 192.0];
-/// Samples of a pilot of the reference.
+/// Samples per pixel of the reference's pilot.
 const PILOT_SPP: u32 = 4;
-/// Blocks that a budget is laid out for.
+/// Number of blocks that a budget is planned for.
 pub(super) const PLANNED_BLOCKS: f64 = 8.0;
-/// The same where there is a target: what single turns foretell is looked at anew when they are measured together.
+/// Number of planned blocks with a target: predictions are corrected anyway when combinations are measured.
 const PLANNED_BLOCKS_FOR_A_TARGET: f64 = 2.0;
-/// Pictures that a search for settings takes, each of about the samples that the target needs.
+/// Number of images that a search for settings takes, each with about the samples that the target needs.
 const PLANNED_PICTURES_OF_A_SEARCH: f64 = 8.0;
-/// Part of the budget that is laid out, the pilot's included; the rest is for what was not foreseen.
+/// Fraction of the budget that is planned, pilot included, and the pilot's fraction; the rest is a reserve.
 const LAID_OUT: f64 = 0.85;
 const PILOT_PART: f64 = 0.04;
-/// Samples of the pictures that tell whether a knob at its strictest still matters.
+/// Samples per pixel of the images that check whether stricter knobs still matter.
 const STRICTER_SPP: u32 = 16;
-/// The same where there is a target, as they are to be small beside it alone.
+/// Samples per pixel of these checks with a target, where the change must be small only relative to the target.
 const STRICTER_SPP_FOR_A_TARGET: u32 = 4;
-/// What the mean of the halves may err by where there is a target, as a part of it: as errors are told without it, it
-/// makes intervals wider and nothing else.
+/// Largest error of the reference's mean with a target, relative to the target. Error estimates exclude it, so that it
+/// only widens intervals.
 pub(super) const NOISE_FOR_A_TARGET: f64 = 0.5;
-/// Samples of each half of a reference for a target.
+/// Smallest and largest samples per pixel of each reference half with a target.
 const REFERENCE_SPP_FOR_A_TARGET: [u32; 2] = [16, 1024];
-/// Samples that adaptive sampling for a target may take.
+/// Largest number of samples per pixel of adaptive sampling with a target.
 const ADAPTIVE_SAMPLES: u32 = 256;
-/// Adaptive errors that are measured for a target, over it; what lies between and beyond is foretold.
+/// Adaptive errors that are measured with a target, relative to it; others are predicted from them.
 const ADAPTIVE_ERRORS: [f64; 2] = [8.0, 4.0];
 
-/// How large pictures are, and of how many samples.
+/// Planned size and samples of all images of an experiment.
 pub(super) struct Layout {
     pub(super) view: View,
     pub(super) contestants: Vec<Contestant>,
-    /// Samples of each half of the reference.
+    /// Samples per pixel of each half of the reference.
     pub(super) reference_spp: u32,
-    /// Of the pictures that tell whether a knob at its strictest still matters.
+    /// Samples per pixel of the images that check whether stricter knobs still matter.
     pub(super) stricter_spp: u32,
-    /// Of the base.
+    /// Samples per pixel of the base.
     pub(super) base_spp: u32,
-    /// How far the knobs of sampling are turned.
+    /// Upper limits of the sampling knobs.
     pub(super) reach: Reach,
 }
 
-/// A configuration that is measured.
+/// Configuration that is measured in every block, with its knob and level.
 pub(super) struct Contestant {
     pub(super) knob: Option<Knob>,
     pub(super) level: String,
     pub(super) configuration: Configuration,
 }
 
-/// What samples cost, and by how much they vary.
+/// Cost of a sample and its variance, measured on small images.
 struct Pilot {
-    /// Seconds of a sample of a pixel of the base.
+    /// Seconds per sample and pixel of the base.
     unit: f64,
-    /// The same of both halves of the reference together.
+    /// Seconds per sample and pixel of both reference halves together.
     halves: f64,
-    /// Mean square, as displayed, by which one sample of a pixel differs from the mean of many.
+    /// Mean squared difference of one sample of a pixel from the mean of many, in displayed values.
     variance: f64,
 }
 
-/// All that is ever measured of an experiment, whatever its budget: what scenes and structures are made for.
+/// Returns all configurations that an experiment may measure under any budget; scenes and acceleration structures are
+/// prepared for them.
 pub(super) fn widest(experiment: &Experiment, plan: &Plan) -> Vec<Contestant> {
     contestants(experiment, plan, LADDER[0][0], &Reach::of(LADDER[0][1]))
 }
 
-/// The base at `base_spp` samples and everything that is held against it.
+/// Returns the base at `base_spp` samples and all configurations that are compared with it.
 fn contestants(experiment: &Experiment, plan: &Plan, base_spp: u32, reach: &Reach) -> Vec<Contestant> {
+    // Set the samples of the base
     let mut base = experiment.base;
     base.settings.adaptive = None;
     base.settings.spp = match experiment.target {
         None => base.settings.spp.min(base_spp),
         Some(_) => base_spp,
     };
+    // List the levels of all knobs
     let mut knobs = knobs(experiment.scene, plan, &base, reach);
-    // What may not be chosen is not measured.
+    // Configurations that may not be chosen are not measured.
     if experiment.target.is_some() {
         knobs.retain(|(_, _, turned)| turned.is_trusted_like(&base));
     }
@@ -102,6 +106,7 @@ fn contestants(experiment: &Experiment, plan: &Plan, base_spp: u32, reach: &Reac
             adaptive.gain = f64::from(experiment.tone.exposure_ev).exp2();
         }
     }
+    // Put the base first
     let base = Contestant {
         knob: None,
         level: "base".to_owned(),
@@ -116,7 +121,7 @@ fn contestants(experiment: &Experiment, plan: &Plan, base_spp: u32, reach: &Reac
 }
 
 impl Layout {
-    /// That of a study that was interrupted; `None` if its configurations, its target or its threads were others.
+    /// Returns the layout of an interrupted study; `None` if its configurations, target or threads were different.
     pub(super) fn resumed(experiment: &Experiment, plan: &Plan, unfinished: &Unfinished) -> Option<Layout> {
         let head = &unfinished.head;
         let contestants = contestants(experiment, plan, head.base_spp, &head.reach);
@@ -137,7 +142,8 @@ impl Layout {
 }
 
 impl Stage<'_, '_> {
-    /// Chooses how large pictures are and how many samples they have; `checks` knobs of `strict` are turned further.
+    /// Chooses the size and the samples of all images; `checks` is the number of knobs of `strict` that are checked at
+    /// stricter levels.
     pub(super) fn lay_out(
         &self,
         plan: &Plan,
@@ -147,7 +153,7 @@ impl Stage<'_, '_> {
         self.say("pilot");
         let base = &contestants(self.experiment, plan, 1, &Reach::of(1))[0].configuration;
         let small = self.view_of(PILOT_PIXELS[0]);
-        // The first picture of all pays for pages and caches.
+        // The very first image includes page faults and cold caches, so that it is not counted.
         self.picture(base, small, 0)?;
         let unit = self.picture(base, small, 0)?.1 / area(self.size_of(small));
         match self.experiment.target {
@@ -159,10 +165,12 @@ impl Stage<'_, '_> {
         }
     }
 
-    /// As large as the budget affords, of the first of the ladder with which they are large enough.
+    /// Returns the layout of a study without a target: the first rung of the ladder at which images within the budget
+    /// are large enough.
     fn lay_out_study(&self, plan: &Plan, strict: &Configuration, unit: f64) -> Result<Layout, CostError> {
         let wish = self.experiment.size;
         let budget = self.experiment.budget - self.spent();
+        // Try rungs from the most samples to the fewest
         for (place, [base_spp, most]) in LADDER.into_iter().enumerate() {
             let reach = Reach::of(most);
             let contestants = contestants(self.experiment, plan, base_spp, &reach);
@@ -171,11 +179,12 @@ impl Stage<'_, '_> {
             let pilot = self.view_of(affordable.clamp(PILOT_PIXELS[1], PILOT_PIXELS[0]));
             let is_last = place + 1 == LADDER.len();
             let reference_spp = (REFERENCE_TIMES * most).next_power_of_two();
-            // Cheap enough to be told without a pilot of its own.
+            // Predict the cost without a pilot of its own, and skip hopeless rungs early.
             let least = unit * (PLANNED_BLOCKS * samples + 2.0 * f64::from(reference_spp));
             if !is_last && LAID_OUT * budget / least < FEWEST_PIXELS && wish.is_none() {
                 continue;
             }
+            // Measure the time per pixel by a pilot of every configuration
             let block = self.block_of(&contestants, pilot)?;
             let halves = self.pilot(strict, pilot, unit)?.halves;
             let a_pixel = PLANNED_BLOCKS * block + f64::from(reference_spp) * halves;
@@ -184,7 +193,7 @@ impl Stage<'_, '_> {
             if !is_last && pixels < asked.unwrap_or(FEWEST_PIXELS) {
                 continue;
             }
-            // Blocks give way to the reference where not even this is affordable.
+            // If even the smallest size exceeds the budget, there are fewer blocks than planned.
             let view = wish.map_or_else(|| self.view_of(pixels.max(MIN_PIXELS)), View::Whole);
             return Ok(Layout {
                 view,
@@ -198,7 +207,8 @@ impl Stage<'_, '_> {
         unreachable!("the last rung is taken")
     }
 
-    /// For a target, samples are those that it needs, and the pieces of the picture as many as can be afforded.
+    /// Returns the layout for a target: samples by what the target needs, and as many patches of the image as the
+    /// budget allows.
     fn lay_out_search(
         &self,
         plan: &Plan,
@@ -206,6 +216,7 @@ impl Stage<'_, '_> {
         pilot: &Pilot,
         checks: usize,
     ) -> Result<Layout, CostError> {
+        // Estimate the samples that the target needs, and the error it allows
         let needed = match target {
             Target::Error(most) => pilot.variance / (most * most),
             Target::Seconds(most) => most / (pilot.unit * area(self.whole_size())),
@@ -215,7 +226,7 @@ impl Stage<'_, '_> {
             Target::Seconds(_) => (pilot.variance / needed).sqrt(),
         };
         let needed = needed.clamp(1.0, f64::from(ADAPTIVE_SAMPLES));
-        // What knobs other than samples do must not drown in noise.
+        // Effects of knobs other than samples must be visible above the noise.
         let base_spp = power_of_two(0.25 * needed).clamp(2, 8);
         let reach = Reach {
             samples: 4 * base_spp,
@@ -224,22 +235,25 @@ impl Stage<'_, '_> {
                 .map(|times| (times * error).clamp(MIN_ADAPTIVE_ERROR, 1.0))
                 .to_vec(),
         };
+        // Measure the time of a block by a pilot
         let contestants = contestants(self.experiment, plan, base_spp, &reach);
         let affordable = PILOT_PART * self.experiment.budget / (pilot.unit * samples_of(&contestants));
         let small = self.view_of(affordable.clamp(PILOT_PIXELS[1], PILOT_PIXELS[0]));
         let block = self.block_of(&contestants, small)?;
+        // Choose the reference's samples by its allowed noise
         let aimed = NOISE_FOR_A_TARGET * error;
-        // Two halves.
+        // The mean of two halves needs half of the samples in each.
         let samples = (0.5 * pilot.variance / (aimed * aimed)).ceil();
         let [least, most] = REFERENCE_SPP_FOR_A_TARGET;
         let mut reference_spp = (samples as u32).clamp(least, most).next_power_of_two();
+        // Choose the number of patches by the rest of the budget
         let checking = (4 * checks) as f64 * f64::from(STRICTER_SPP_FOR_A_TARGET) * pilot.unit;
         let rest = PLANNED_BLOCKS_FOR_A_TARGET * block
             + checking
             + PLANNED_PICTURES_OF_A_SEARCH * needed * pilot.unit;
         let left = LAID_OUT * (self.experiment.budget - self.spent());
         let affordable = |reference_spp: u32| left / (rest + f64::from(reference_spp) * pilot.halves);
-        // Of a quarter of the samples the noise is twice as large.
+        // At a quarter of the samples the noise is twice as large, which is the limit.
         for _ in 0..2 {
             if affordable(reference_spp) < PIXELS_OF_MANY_PIECES && reference_spp > least {
                 reference_spp /= 2;
@@ -255,7 +269,7 @@ impl Stage<'_, '_> {
         })
     }
 
-    /// Seconds of a picture of each, over the pixels of `view`.
+    /// Returns the seconds per pixel of one block: an image of each candidate.
     fn block_of(&self, contestants: &[Contestant], view: View) -> Result<f64, CostError> {
         let mut seconds = 0.0;
         for contestant in contestants {
@@ -265,8 +279,9 @@ impl Stage<'_, '_> {
         Ok(seconds / area(self.size_of(view)))
     }
 
-    /// What a reference costs and how it varies, by few samples of each half.
+    /// Measures the cost and the variance of reference samples, by a few samples of each half.
     fn pilot(&self, strict: &Configuration, view: View, unit: f64) -> Result<Pilot, CostError> {
+        // Render both halves
         let mut seconds = 0.0;
         let mut half = |path: HitPath, seed: u32| -> Result<LinearImage, CostError> {
             let mut configuration = strict.through(path);
@@ -276,6 +291,7 @@ impl Stage<'_, '_> {
             Ok(rendering.image)
         };
         let [a, b] = [half(strict.path, 1)?, half(HitPath::BSP, 2)?];
+        // Estimate the variance of a sample from their difference
         let halves = Halves {
             a: self.displayed(&a, view),
             b: self.displayed(&b, view),
@@ -289,7 +305,7 @@ impl Stage<'_, '_> {
     }
 }
 
-/// Samples of all of them together.
+/// Returns the sum of all candidates' samples per pixel.
 fn samples_of(contestants: &[Contestant]) -> f64 {
     let samples = contestants
         .iter()
@@ -297,13 +313,13 @@ fn samples_of(contestants: &[Contestant]) -> f64 {
     samples.sum()
 }
 
-/// The greatest power of two that is not more than `number`, 1 at least.
+/// Returns the largest power of two that is at most `number`, and at least 1.
 fn power_of_two(number: f64) -> u32 {
     let whole = number.min(f64::from(u32::MAX)) as u32;
     1 << whole.max(1).ilog2()
 }
 
-/// Pixels of a picture.
+/// Returns the number of pixels of an image.
 pub(super) fn area([width, height]: [u32; 2]) -> f64 {
     f64::from(width) * f64::from(height)
 }

@@ -1,10 +1,11 @@
-//! What accuracy costs in time: a scene's knobs, each turned by itself, on one plot of error over seconds.
+//! Error against render time: each tunable parameter (knob) of a scene is varied by itself, on one plot of error over
+//! seconds.
 //!
-//! A [`Configuration`] is a way of rendering a scene; those that are measured differ from the *base* in one [`Knob`]
-//! each. Errors are held against two independent halves of a reference, so that the reference's own noise does not count
-//! ([`Halves`]); times are ratios to the base within blocks in which every configuration takes one turn ([`blocks`]). For
-//! a target, what single turns foretell of several at once is an order in which to measure ([`forecasts`]). Whatever is
-//! told comes with an interval that holds the true value 95 times of 100.
+//! A [`Configuration`] is a way of rendering a scene; measured configurations differ from the *base* in one [`Knob`]
+//! each. Errors are taken against two independent halves of a reference, so that the reference's own noise does not
+//! count ([`Halves`]). Times are ratios to the base in a randomised block design: every configuration runs once per
+//! block ([`blocks`]). For a target, effects of single levels predict combinations, which orders what to measure
+//! ([`forecasts`]). Every reported value has a 95 % confidence interval.
 
 pub mod blocks;
 mod choose;

@@ -1,4 +1,4 @@
-//! The picture that errors are held against: two halves through two paths, with all knobs at their strictest.
+//! Reference image that errors are taken against: two halves by two backends, with all knobs at their strictest.
 
 use std::time::Instant;
 
@@ -13,24 +13,26 @@ use crate::render::{HitPoint, Pattern, Plan, RenderSettings};
 use crate::scene::Effect;
 use crate::scene::image_settings::{MAX_DEPTH, MAX_WAVELENGTHS};
 
-/// What the reference may err by, as a part of the smallest squared error that is reported.
+/// Largest squared error of the reference, as a fraction of the smallest squared error that is reported.
 const REFERENCE_PART: f64 = 0.01;
-/// What it aims at, as the smallest error is not known well before.
+/// Squared error that the reference aims at, as a fraction; lower than the limit because the smallest error is not
+/// known well in advance.
 const AIMED_PART: f64 = 0.7 * REFERENCE_PART;
-/// What knobs at their strictest may still move it by where there is a target, over the error that is aimed at.
+/// Largest change by stricter knobs that is accepted with a target, relative to the target error.
 const LEFT_FOR_A_TARGET: f64 = 0.25;
-/// Blocks of pixels in which the halves of a reference may disagree.
+/// Largest fraction of pixel blocks in which the halves of a reference may disagree.
 const DISAGREEING_PART: f64 = 0.0025;
-/// First seeds of the halves of the reference and of the pictures that check it; blocks count from 1. So far apart that
-/// no picture of one half is ever of the other's random numbers.
+/// First seeds of the two halves, and of the images that check the reference; the seeds of blocks count from 1. The
+/// distance ensures that no image of one half has the other half's random numbers.
 const REFERENCE_SEEDS: [u32; 2] = [1_000_000_000, 2_000_000_000];
 
-/// All knobs at their strictest that are not a matter of noise alone.
+/// Returns the base with every knob that causes bias at its strictest level.
 pub(super) fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
+    // Sampling noise is reduced by more samples; everything else is set to its strictest level.
     let settings = base.settings;
     let mut effects = settings.effects;
     if plan.effects().has(Effect::TextureFilter) {
-        // Many samples show textures as they are.
+        // With many samples, unfiltered textures converge to the correct image.
         effects.removed = effects.removed.with(Effect::TextureFilter);
     }
     let watertight = Precision::Watertight;
@@ -46,6 +48,7 @@ pub(super) fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
             effects,
             ..settings
         },
+        // Watertight triangles are the strictest that Embree has; any other backend becomes the exact BSP.
         path: match base.path.backend {
             Backend::Embree => HitPath {
                 precision: watertight,
@@ -53,6 +56,7 @@ pub(super) fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
             },
             _ => HitPath::BSP,
         },
+        // Halve the steps through volumes, which bias the transmittance.
         change: SceneChange {
             step_factor: 0.5 * base.change.step_factor.min(1.0),
             ..base.change
@@ -61,7 +65,7 @@ pub(super) fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
     }
 }
 
-/// Each knob that leaves a bias, stricter still.
+/// Returns a configuration for each knob that causes bias, with that knob even stricter than in `strict`.
 pub(super) fn stricter(strict: &Configuration, plan: &Plan) -> Vec<(Knob, Configuration)> {
     let has = |effect| plan.effects().has(effect);
     let set = |change: fn(&mut Configuration)| {
@@ -90,7 +94,7 @@ pub(super) fn stricter(strict: &Configuration, plan: &Plan) -> Vec<(Knob, Config
 }
 
 impl SceneChange {
-    /// Without what the plan has no use for.
+    /// Returns these changes without those for effects that the plan does not have.
     fn of(self, plan: &Plan) -> SceneChange {
         SceneChange {
             step_factor: if plan.effects().has(Effect::Volume) {
@@ -103,20 +107,20 @@ impl SceneChange {
     }
 }
 
-/// The reference.
+/// Reference in two halves, with linear means and displayed values.
 pub(super) struct Halved {
-    /// Pictures of each half, all of one number of samples.
+    /// Number of images per half, all of equal spp.
     pub(super) count: u32,
-    /// Their means.
+    /// Mean linear image of each half.
     means: [LinearImage; 2],
-    /// As displayed.
+    /// Means of both halves in displayed values.
     pub(super) halves: Halves,
-    /// Seconds of a picture of each half.
+    /// Seconds to render one image for each half.
     seconds: f64,
 }
 
 impl Halved {
-    /// One whose halves have these means, of so many pictures each.
+    /// Returns a reference from the halves' means over `count` images each.
     pub(super) fn new(count: u32, means: [LinearImage; 2], halves: Halves) -> Halved {
         Halved {
             count,
@@ -126,12 +130,12 @@ impl Halved {
         }
     }
 
-    /// The means of the halves.
+    /// Returns the linear mean images of both halves.
     pub(super) fn means(&self) -> &[LinearImage; 2] {
         &self.means
     }
 
-    /// The mean of both halves.
+    /// Returns the linear mean image of both halves.
     pub(super) fn mean(&self) -> LinearImage {
         let mut mean = self.means[0].clone();
         blend(&mut mean, &self.means[1], 0.5);
@@ -139,7 +143,7 @@ impl Halved {
     }
 }
 
-/// Moves `image` to `other` by so much of the way.
+/// Interpolates `image` linearly towards `other`; `part` = 1 replaces it.
 fn blend(image: &mut LinearImage, other: &LinearImage, part: f32) {
     for (pixel, other) in image.pixels.iter_mut().zip(&other.pixels) {
         for (channel, other) in pixel.iter_mut().zip(other) {
@@ -149,7 +153,7 @@ fn blend(image: &mut LinearImage, other: &LinearImage, part: f32) {
 }
 
 impl Stage<'_, '_> {
-    /// Both halves, each through a path of its own.
+    /// Renders both halves, each by its own intersection backend.
     pub(super) fn reference(&self, layout: &Layout, strict: &Configuration) -> Result<Halved, CostError> {
         let start = Instant::now();
         let [a, b] = self.pair(layout, strict, 0)?;
@@ -166,7 +170,7 @@ impl Stage<'_, '_> {
         Halves { a, b }
     }
 
-    /// A picture for each half, the ones that `before` others came before.
+    /// Renders one image for each half; `before` is the number of earlier ones and selects the random numbers.
     fn pair(
         &self,
         layout: &Layout,
@@ -186,17 +190,19 @@ impl Stage<'_, '_> {
         ])
     }
 
-    /// Adds pictures to the reference until its noise is small beside every error, or no time is left for more.
+    /// Adds images to the reference until its noise is small compared to every measured error, or until no time is
+    /// left.
     pub(super) fn refine(
         &self,
         layout: &Layout,
         strict: &Configuration,
         reference: &mut Halved,
     ) -> Result<(), CostError> {
-        // For a target it was laid out to be as long as it must.
+        // With a target, the planned reference is already as long as necessary.
         if self.experiment.target.is_some() {
             return Ok(());
         }
+        // Estimate the smallest error of any candidate from one image each
         let start = Instant::now();
         let mut least = f64::INFINITY;
         for contestant in &layout.contestants {
@@ -207,6 +213,7 @@ impl Stage<'_, '_> {
             let square = pictures.mean_square();
             least = if square > 0.0 { least.min(square) } else { least };
         }
+        // Add images to both halves, with time reserved for the measurement blocks
         let blocks = PLANNED_BLOCKS * start.elapsed().as_secs_f64();
         while reference.halves.noise_squared() > AIMED_PART * least
             && self.spent() + reference.seconds + blocks < MEASURED_PART * self.experiment.budget
@@ -222,8 +229,8 @@ impl Stage<'_, '_> {
         Ok(())
     }
 
-    /// By how much `strict` differs from what is stricter in the mean, noise not counted: the mean product of the
-    /// differences of two pairs, each pair of one seed.
+    /// Returns the root mean squared difference between `strict` and `stricter`, without noise: the mean product of the
+    /// differences of two image pairs, each pair with its own seed.
     pub(super) fn left_by(
         &self,
         layout: &Layout,
@@ -231,6 +238,7 @@ impl Stage<'_, '_> {
         stricter: &Configuration,
     ) -> Result<f64, CostError> {
         self.say("check");
+        // Render two independent pairs of images
         let mut differences = Vec::new();
         for seed in REFERENCE_SEEDS {
             let mut pair = Vec::new();
@@ -242,6 +250,7 @@ impl Stage<'_, '_> {
             }
             differences.push(pair[0].minus(&pair[1]));
         }
+        // Average the products, in which independent noise cancels
         let products = differences[0].iter().zip(&differences[1]).map(|(a, b)| a * b);
         Ok((products.sum::<f64>() / differences[0].len() as f64)
             .max(0.0)
@@ -249,13 +258,14 @@ impl Stage<'_, '_> {
     }
 }
 
-/// What is asked of a reference before errors against it are believed.
+/// Returns the checks that a reference must pass before errors against it are reliable.
 pub(super) fn checks(
     strict: &Configuration,
     reference: &Halved,
     study: &Study,
     left: &[(Knob, f64)],
 ) -> Vec<Check> {
+    // Choose bounds by the smallest reported error, or by the target
     let [noise_bound, left_bound, error] = match &study.choice {
         None => {
             let known = study.points.iter().map(|point| point.rmse.value);
@@ -268,10 +278,11 @@ pub(super) fn checks(
                 Target::Error(most) => most,
                 Target::Seconds(_) => choice.rmse.value,
             };
-            // By twice what it was laid out for it still hardly widens an interval.
+            // Even with twice the planned noise the reference hardly widens an interval.
             [2.0 * NOISE_FOR_A_TARGET * error, LEFT_FOR_A_TARGET * error, error]
         }
     };
+    // Check the noise of the mean
     let noise = reference.halves.noise_squared().sqrt();
     let of_what = if study.choice.is_some() {
         "the error"
@@ -283,6 +294,7 @@ pub(super) fn checks(
         holds: noise <= noise_bound,
         words: format!("errs by {noise:.2e}; {noise_bound:.2e} may be, of {error:.2e}, {of_what}"),
     }];
+    // Check that both backends agree
     let disagreeing = reference.halves.disagreeing_share();
     checks.push(Check {
             name: "two paths".to_owned(),
@@ -295,6 +307,7 @@ pub(super) fn checks(
                 100.0 * DISAGREEING_PART
             ),
         });
+    // Check for non-finite pixels
     let means = reference.means.iter();
     let non_finite: usize = means.map(LinearImage::non_finite_count).sum();
     checks.push(Check {
@@ -302,6 +315,7 @@ pub(super) fn checks(
         holds: non_finite == 0,
         words: format!("{non_finite} pixels are no numbers"),
     });
+    // Check that stricter knobs do not change the image
     for (knob, left) in left {
         checks.push(Check {
             name: knob.name().to_owned(),

@@ -1,22 +1,24 @@
-//! The order in which settings are measured for a target.
+//! Sequential search for settings that reach a target: the order of measurements.
 //!
-//! What is foretold of settings is set right by what was measured of those that are turned most like them. The cheapest
-//! that are then expected to reach the target are measured next, until nothing is expected to do so for less than what
-//! did. Then, and where nothing is, knobs that were never turned that far are believed to do as well as was foretold.
+//! Predictions are corrected by the measurements of the most similar settings. The cheapest settings that are then
+//! expected to reach the target are measured next, until none is expected to reach it for less than the best so far.
+//! After that, and where none is expected to reach it, levels that the search never measured are assumed to do as well
+//! as predicted.
 
 use super::Interval;
 use super::choose::{Forecast, Goal};
 
-/// What is expected to save less of the price than this is not measured.
+/// Largest ratio of expected to best price at which settings are worth a measurement.
 const WORTH: f64 = 0.95;
-/// Settings that are measured for the mere hope that they do better than what reached the target.
+/// Number of exploratory measurements, in the hope of beating settings that reached the target.
 const CURIOUS: usize = 8;
-/// The part of what is expected of its squared error that is hoped of what differs from the best in samples alone.
+/// Fraction of the expected squared error that is assumed optimistically for settings that differ from the best in
+/// samples alone.
 const HOPED: f64 = 0.6;
-/// By how much wider intervals are taken for each settings that did not reach the target a second time.
+/// Factor by which intervals are widened for each settings that missed the target the second time.
 const CAUTION: f64 = 1.05;
 
-/// What was measured of settings.
+/// Measured error and time of settings.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Trial {
     pub(super) rmse: Interval,
@@ -25,7 +27,8 @@ pub(super) struct Trial {
 }
 
 impl Trial {
-    /// The mean squared error, where noise takes it to 0 what it may be.
+    /// Returns the mean squared error; where noise brings it near 0, the square of half the upper end of the root mean
+    /// squared error.
     fn mean_square(&self) -> f64 {
         self.rmse.value.max(0.5 * self.rmse.high).powi(2)
     }
@@ -37,7 +40,7 @@ impl Trial {
         }
     }
 
-    /// What there should be little of among those that reach a target.
+    /// Returns the quantity that is minimised among settings that reach the goal.
     fn price(&self, goal: Goal) -> f64 {
         match goal {
             Goal::Error(_) => self.time_ratio.value,
@@ -45,7 +48,7 @@ impl Trial {
         }
     }
 
-    /// What a target limits.
+    /// Returns the quantity that the goal limits.
     fn limited(&self, goal: Goal) -> Interval {
         match goal {
             Goal::Error(_) => self.rmse,
@@ -54,27 +57,27 @@ impl Trial {
     }
 }
 
-/// Settings that were measured.
+/// Settings that were measured, with prediction and result.
 struct Tried {
-    /// Where they are among those offered.
+    /// Index of the settings in `Search::offered`.
     place: usize,
-    /// As expected before.
+    /// Error and time as expected before the measurement.
     expected: Forecast,
     trial: Trial,
-    /// Whether they did not reach the target a second time.
+    /// True if the settings missed the target in the second measurement.
     failed: bool,
 }
 
-/// Everything that was measured on the way to a target.
+/// State of the search for settings that reach a target.
 pub(super) struct Search<'f> {
     goal: Goal,
     offered: &'f [Forecast],
-    /// Upper ends of intervals over their values, in the base.
+    /// Ratio of the upper end of the limited quantity's interval to its value, in the base.
     spread: f64,
     tried: Vec<Tried>,
 }
 
-/// The upper end of an interval over its value.
+/// Returns the ratio of an interval's upper end to its value, at least 1.
 fn spread_of(interval: Interval) -> f64 {
     if interval.value > 0.0 {
         (interval.high / interval.value).max(1.0)
@@ -84,7 +87,7 @@ fn spread_of(interval: Interval) -> f64 {
 }
 
 impl<'f> Search<'f> {
-    /// One that has measured nothing but the base.
+    /// Returns a search in which only the base is measured.
     pub(super) fn new(goal: Goal, offered: &'f [Forecast], base: &Trial) -> Search<'f> {
         Search {
             goal,
@@ -94,20 +97,22 @@ impl<'f> Search<'f> {
         }
     }
 
-    /// What is looked for.
+    /// Returns the goal that settings must reach.
     pub(super) fn goal(&self) -> Goal {
         self.goal
     }
 
-    /// How many settings were measured.
+    /// Returns the number of settings that were measured.
     pub(super) fn count(&self) -> usize {
         self.tried.len()
     }
 
-    /// What is expected of settings by now, and the upper end of what the target limits over its value. The `hopeful` set
-    /// right no knob that was never turned so far, and expect more of other samples of the best.
+    /// Returns the corrected prediction for settings, and the ratio of the limited quantity's upper bound to its value.
+    /// With `hopeful`, predictions are not corrected upwards for levels that were never measured, and other sample
+    /// counts of the best settings are expected to do better.
     fn expected(&self, place: usize, hopeful: bool) -> (Forecast, f64) {
         let forecast = &self.offered[place];
+        // Find the most similar measured settings
         let distance = |tried: &Tried| {
             let other = &self.offered[tried.place];
             let turned = forecast
@@ -120,6 +125,7 @@ impl<'f> Search<'f> {
         };
         let nearest = self.tried.iter().map(|tried| (distance(tried), tried));
         let nearest = nearest.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, tried)| tried);
+        // Correct the prediction by that measurement's ratio to its own prediction
         let [mut square, time] = nearest.map_or([1.0; 2], |tried| {
             let was = &self.offered[tried.place];
             let square = tried.trial.mean_square() / was.mean_square;
@@ -129,13 +135,14 @@ impl<'f> Search<'f> {
             square = square.min(1.0);
         }
         let mut mean_square = self.by_line(forecast).unwrap_or(forecast.mean_square * square);
-        // Few samples of which some number lies well may do better than more, and noise grows no faster than they get
-        // fewer.
+        // A few samples with a fortunate pattern may beat more, and noise grows at most in proportion as samples
+        // decrease.
         let best = self.best().filter(|_| hopeful);
         if let Some(best) = best.filter(|best| self.offered[best.place].turns == forecast.turns) {
             let fewer = self.offered[best.place].time_ratio / forecast.time_ratio;
             mean_square = (HOPED * mean_square).min(fewer * best.trial.mean_square());
         }
+        // Widen the interval for every failed settings
         let spread = nearest.map_or(self.spread, |tried| spread_of(tried.trial.limited(self.goal)));
         let failed = self.tried.iter().filter(|tried| tried.failed).count();
         let expected = Forecast {
@@ -146,8 +153,8 @@ impl<'f> Search<'f> {
         (expected, spread * CAUTION.powi(failed as i32))
     }
 
-    /// The squared error of settings of which two that differ from them in sampling alone were measured: on the line
-    /// through both, so that what samples do not lower is seen.
+    /// Returns the squared error interpolated on a line through two measured settings that differ in sampling alone, so
+    /// that an error floor independent of samples is included. `None` if there are no two such settings.
     fn by_line(&self, forecast: &Forecast) -> Option<f64> {
         let is_like = |tried: &&Tried| self.offered[tried.place].turns == forecast.turns;
         let place = |tried: &Tried| (self.offered[tried.place].mean_square, tried.trial.mean_square());
@@ -156,11 +163,11 @@ impl<'f> Search<'f> {
         let last = like.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
         let slope = (last.1 - first.1) / (last.0 - first.0);
         let on_line = first.1 + slope.max(0.0) * (forecast.mean_square - first.0);
-        // A part of what was measured is left always.
+        // Bound the result from below by 1/16 of the smallest predicted one's measured squared error.
         slope.is_finite().then_some(on_line.max(0.0625 * first.1))
     }
 
-    /// Whether a knob is turned to where it never was.
+    /// Returns whether a knob has a level that was never measured in this search.
     fn is_novel(&self, forecast: &Forecast) -> bool {
         let mut knobs = forecast.turns.iter().enumerate();
         knobs.any(|(knob, turn)| {
@@ -169,14 +176,15 @@ impl<'f> Search<'f> {
         })
     }
 
-    /// Which settings to measure next, of those that are `affordable`: the cheapest that are expected to reach the target
-    /// for less than any did; while none did and none is expected to, those of at most `bearable` times the base's time
-    /// that are expected to come much nearer than any before.
+    /// Returns the settings to measure next among those that are `affordable`: the cheapest that are expected to reach
+    /// the target for less than any did. While none did and none is expected to, returns settings of at most `bearable`
+    /// times the base's time that are expected to come much nearer than any before.
     pub(super) fn next(
         &self,
         bearable: f64,
         affordable: impl Fn(&Forecast) -> bool,
     ) -> Option<(usize, Forecast)> {
+        // Define price and miss of an expectation for the goal
         let price = |expected: &Forecast| match self.goal {
             Goal::Error(_) => expected.time_ratio,
             Goal::TimeRatio(_) => expected.mean_square.sqrt(),
@@ -188,6 +196,7 @@ impl<'f> Search<'f> {
         let best = self.best().map(|best| best.trial.price(self.goal));
         let nearest = self.nearest_tried(bearable).map(|tried| self.miss(tried));
         let mut closest: Option<(f64, usize, Forecast)> = None;
+        // Use corrected predictions first, optimistic ones second
         for hopeful in [false, true] {
             if hopeful && best.is_some() && !self.is_curious() {
                 continue;
@@ -197,6 +206,7 @@ impl<'f> Search<'f> {
                 if self.tried.iter().any(|tried| tried.place == place) {
                     continue;
                 }
+                // Predict settings that were not measured yet
                 let (expected, spread) = self.expected(place, hopeful);
                 if !affordable(&expected) {
                     continue;
@@ -205,6 +215,7 @@ impl<'f> Search<'f> {
                 let is_cheaper = cheapest
                     .as_ref()
                     .is_none_or(|(_, least)| price(&expected) < price(least));
+                // Keep the cheapest that reaches the target, or the closest one
                 if miss <= 1.0 && best.is_none_or(|best| price(&expected) < WORTH * best) && is_cheaper {
                     cheapest = Some((place, expected));
                 } else if best.is_none()
@@ -222,7 +233,7 @@ impl<'f> Search<'f> {
         closest.map(|(_, place, expected)| (place, expected))
     }
 
-    /// Takes down what was measured of what [`Search::next`] told.
+    /// Records the measurement of settings that [`Search::next`] returned.
     pub(super) fn note(&mut self, (place, expected): (usize, Forecast), trial: Trial) {
         self.tried.push(Tried {
             place,
@@ -232,7 +243,7 @@ impl<'f> Search<'f> {
         });
     }
 
-    /// Has the best of those that reached the target reach it no more.
+    /// Marks the best settings that reached the target as failed.
     pub(super) fn fail_best(&mut self) {
         if let Some(place) = self.best().map(|best| best.place) {
             let mut tried = self.tried.iter_mut();
@@ -242,7 +253,7 @@ impl<'f> Search<'f> {
         }
     }
 
-    /// Whether others may be measured because they might do better than what reached the target.
+    /// Returns whether further settings may be measured in the hope that they beat those that reached the target.
     fn is_curious(&self) -> bool {
         let first = self.tried.iter().position(|tried| tried.trial.reaches(self.goal));
         first.is_some_and(|first| self.tried.len() - first <= CURIOUS)
@@ -256,7 +267,7 @@ impl<'f> Search<'f> {
         reaching.min_by(|a, b| a.trial.price(self.goal).total_cmp(&b.trial.price(self.goal)))
     }
 
-    /// The cheapest of those that reached the target and did not fail since, as they were expected to do.
+    /// Returns the expectation for the cheapest settings that reached the target and did not fail later.
     pub(super) fn best_expected(&self) -> Option<Forecast> {
         self.best().map(|best| best.expected.clone())
     }
@@ -272,7 +283,7 @@ impl<'f> Search<'f> {
         tried.min_by(|a, b| self.miss(a).total_cmp(&self.miss(b)))
     }
 
-    /// The one that misses the target least, of those of at most `bearable` times the base's time.
+    /// Returns the settings nearest to the target among those of at most `bearable` times the base's time.
     pub(super) fn nearest(&self, bearable: f64) -> Option<(Forecast, Trial)> {
         self.nearest_tried(bearable)
             .map(|tried| (tried.expected.clone(), tried.trial))
@@ -285,14 +296,14 @@ mod tests {
     use crate::cost::{Configuration, HitPath, Knob, SceneChange};
     use crate::render::RenderSettings;
 
-    /// Families of settings, the time of one sample in each and its squared error beside what is left of it.
+    /// Families of settings: time per sample, squared error of one sample, and remaining squared error.
     const FAMILIES: [(f64, f64, f64); 4] = [
         (1.0, 4e-2, 0.0),
         (0.5, 4e-2, 3e-5),
         (1.5, 1e-2, 1e-5),
         (0.4, 4e-2, 1e-3),
     ];
-    /// What was foretold of the squared errors, over the truth: some knobs do not go together.
+    /// Ratios of predicted to true squared errors: some knobs do not combine well.
     const FORETOLD: [f64; 4] = [1.0, 0.3, 1.5, 0.05];
 
     fn truth(family: usize, spp: u32) -> (f64, f64) {
@@ -343,7 +354,7 @@ mod tests {
         }
     }
 
-    /// What a search comes to, and how many settings it measured.
+    /// Returns error and time of the settings that a search finds, and the number of measurements.
     fn search(goal: Goal) -> (Option<(f64, f64)>, usize) {
         let offered = offered();
         let mut search = Search::new(goal, &offered, &trial(0, 4));
@@ -366,9 +377,11 @@ mod tests {
 
     #[test]
     fn wrong_forecasts_are_set_right_and_the_best_is_found_by_few_measurements() {
+        // List the true errors and times of all settings
         let all: Vec<(f64, f64)> = (0..FAMILIES.len())
             .flat_map(|family| (0..11).map(move |power| truth(family, 1 << power)))
             .collect();
+        // Search for the least time at a given error
         for most in [0.1, 0.05, 0.02, 0.01, 0.0075, 0.0065] {
             let (found, count) = search(Goal::Error(most));
             let reaching = all.iter().filter(|(square, _)| square.sqrt() * 1.03 <= most);
@@ -380,6 +393,7 @@ mod tests {
                 "{most}: {time}, {least}, {count}"
             );
         }
+        // Search for the least error within a given time
         for most in [2.0, 10.0, 100.0] {
             let (found, count) = search(Goal::TimeRatio(most));
             let affordable = all.iter().filter(|(_, time)| time * 1.03 <= most);

@@ -1,4 +1,4 @@
-//! Settings as a file: what a study chooses and a render takes.
+//! Settings file: output of a study and input of a render.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,97 +10,97 @@ use crate::scene::image_settings::{MAX_DEPTH, MAX_SPP, MAX_WAVELENGTHS};
 use crate::scene::{Effect, MAX_LIGHT_SAMPLES, MAX_ROUGH_RAYS};
 use crate::scene_file::node::from_text;
 
-/// Steps through volumes may be so many times as long as the scene's, or as short.
+/// Largest factor by which march steps may be longer or shorter than the scene's.
 const MAX_STEP_FACTOR: f64 = 1024.0;
 
-/// A file of settings.
+/// Settings file in TOML, with optional measurements.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SettingsFile {
-    /// What a render takes.
+    /// Settings that a render takes.
     pub settings: Settings,
-    /// What was measured of it, for whoever reads the file.
+    /// Measurements of these settings, as information for the reader.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured: Option<Measured>,
 }
 
-/// What may be chosen of a render; what is absent is as it would be without the file.
+/// Settings of a render that can be chosen; an absent one keeps the value that the render has without the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Settings {
-    /// Samples a pixel; with `adaptive` the most.
+    /// Samples per pixel; with `adaptive` the largest number.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spp: Option<u32>,
-    /// How they lie in the pixel.
+    /// Sampling pattern within the pixel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pattern: Option<Pattern>,
-    /// The standard error as displayed that ends the sampling of a pixel.
+    /// Standard error, in displayed values, that ends the sampling of a pixel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub adaptive: Option<f64>,
-    /// Generations of reflected and refracted rays.
+    /// Maximum depth: bounces of reflected and refracted rays.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth: Option<u32>,
-    /// The weight under which a ray is not followed.
+    /// Path weight (throughput) below which a ray is not followed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cutoff: Option<f32>,
-    /// Wavelengths that a path splits into.
+    /// Wavelengths that a path splits into at dispersion.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub wavelengths: Option<u32>,
-    /// Points of each extended light that a surface asks.
+    /// Samples per area light and shading point.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light_samples: Option<u32>,
-    /// Rays into the lobe of a rough surface.
+    /// Rays per shading point into the lobe of a rough surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rough_rays: Option<u32>,
-    /// Length of the steps through volumes, over the scene's own.
+    /// Length of the march steps through volumes, relative to the scene's own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub march_step: Option<f64>,
-    /// Whether textures are averaged over what a ray covers.
+    /// Texture filtering over the ray's footprint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub texture_filter: Option<bool>,
-    /// What finds the hits.
+    /// Intersection backend that finds the hits.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub backend: Option<Backend>,
-    /// How far triangle hits may be trusted.
+    /// Precision of triangle hits.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub precision: Option<Precision>,
-    /// How Embree is given placed meshes.
+    /// Way in which Embree represents instanced meshes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub instancing: Option<Instancing>,
-    /// How much work Embree puts into its trees.
+    /// Build quality of Embree's BVHs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub build_quality: Option<BuildQuality>,
-    /// Whether Embree saves memory rather than time.
+    /// Embree's compact mode, which saves memory rather than time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub compact: Option<bool>,
-    /// Where rays start that leave surfaces.
+    /// Policy for the origins of rays that leave surfaces.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spawn: Option<SpawnPolicy>,
-    /// Where on surfaces hits lie.
+    /// Computation of hit points on surfaces.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hit_points: Option<HitPoint>,
 }
 
-/// What was measured of settings.
+/// Measured error and time of chosen settings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Measured {
-    /// The scene, as it was named.
+    /// Name of the scene as the user gave it.
     pub scene: String,
-    /// Width and height of the pictures.
+    /// Width and height of the measured images, in pixels.
     pub size: [u32; 2],
-    /// Root of the mean squared error as displayed.
+    /// Root mean squared error of displayed values.
     pub rmse: Interval,
-    /// Seconds of a picture's samples.
+    /// Seconds for the samples of an image.
     pub seconds: Interval,
-    /// Threads that rendered.
+    /// Number of threads that rendered.
     pub threads: usize,
-    /// Whether the reference had converged.
+    /// Convergence of the reference that errors were taken against.
     pub converged: bool,
 }
 
 impl Settings {
-    /// All of a configuration.
+    /// Returns all settings of a configuration.
     pub fn of(configuration: &Configuration) -> Settings {
         let settings = &configuration.settings;
         let SceneChange {
@@ -133,7 +133,7 @@ impl Settings {
         }
     }
 
-    /// What they change of the scene itself.
+    /// Returns the changes of the scene itself.
     pub fn change(&self) -> SceneChange {
         SceneChange {
             light_samples: self.light_samples,
@@ -142,8 +142,9 @@ impl Settings {
         }
     }
 
-    /// The first that is out of its range: its name and what to give.
+    /// Returns the name of the first setting that is out of range, with the valid range.
     fn fault(&self) -> Option<(&'static str, String)> {
+        // List values with their valid ranges
         let counts = [
             ("spp", self.spp, 1, MAX_SPP),
             ("depth", self.depth, 0, MAX_DEPTH),
@@ -151,6 +152,7 @@ impl Settings {
             ("light_samples", self.light_samples, 1, MAX_LIGHT_SAMPLES),
             ("rough_rays", self.rough_rays, 0, MAX_ROUGH_RAYS),
         ];
+        // Continuous values have an inclusive range, too
         let sizes = [
             ("adaptive", self.adaptive, MIN_ADAPTIVE_ERROR, 1.0),
             ("cutoff", self.cutoff.map(f64::from), 0.0, 1.0),
@@ -161,6 +163,7 @@ impl Settings {
                 MAX_STEP_FACTOR,
             ),
         ];
+        // Find the first value out of its range; NaN is in no range, so that it is rejected
         let counts = counts.into_iter().map(|(name, value, low, high)| {
             let is_wrong = value.is_some_and(|value| !(low..=high).contains(&value));
             (is_wrong, name, format!("{low} to {high}"))
@@ -175,21 +178,21 @@ impl Settings {
     }
 }
 
-/// The part of a file that tells what was measured.
+/// Table of a settings file that holds the measurements.
 #[derive(Serialize)]
 struct MeasuredPart<'a> {
     measured: &'a Measured,
 }
 
-/// A part of a file as TOML. As one document the settings would be compiled for every place that a table can have in
-/// it.
+/// Returns one table of a file as TOML. Serialising the whole file as one document would compile the settings' code
+/// once for each position that a table can have in it.
 fn toml_text(part: &impl Serialize) -> String {
-    // Nothing in it has no form in TOML.
+    // Every value has a TOML form, so that serialisation cannot fail.
     toml::to_string(part).unwrap_or_default()
 }
 
 impl SettingsFile {
-    /// The file as TOML.
+    /// Returns the file's text in TOML.
     pub fn text(&self) -> String {
         let mut text = format!("[settings]\n{}", toml_text(&self.settings));
         if let Some(measured) = &self.measured {
@@ -199,12 +202,13 @@ impl SettingsFile {
         text
     }
 
-    /// What a file holds.
+    /// Parses a settings file and checks its ranges.
     ///
     /// # Errors
     ///
-    /// What is wrong with it, as the end of a sentence that begins with the file's name.
+    /// The fault, as the end of a sentence that begins with the file's name.
     pub fn parse(text: &str) -> Result<SettingsFile, String> {
+        // Parse TOML and report the line of a fault
         let file: SettingsFile = from_text(text).map_err(|error| {
             let line = error.span().map_or(String::new(), |span| {
                 let before = text.get(..span.start).unwrap_or_default();
@@ -212,6 +216,7 @@ impl SettingsFile {
             });
             format!("is no file of settings{line}: {}", error.message())
         })?;
+        // Check ranges of the values
         match file.settings.fault() {
             Some((name, range)) => Err(format!("says a `{name}` that cannot be: give {range}")),
             None => Ok(file),
@@ -227,6 +232,7 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read_again() {
+        // Write settings that differ from the defaults
         let configuration = Configuration {
             settings: RenderSettings {
                 spp: 8,
@@ -251,10 +257,12 @@ mod tests {
                 converged: true,
             }),
         };
+        // Parse the text again and compare
         let text = file.text();
         assert_eq!(text, toml::to_string(&file).unwrap());
         assert_eq!(SettingsFile::parse(&text), Ok(file.clone()), "{text}");
         assert_eq!(file.settings.change(), configuration.change);
+        // Check a file without measurements
         let bare = SettingsFile {
             settings: Settings::default(),
             measured: None,

@@ -1,15 +1,16 @@
-//! How fast an error falls: the slope of a line through points on logarithmic axes.
+//! Convergence rate: slope of a least-squares line through errors over times on logarithmic axes.
 
 use super::Interval;
 
-/// Student's t that 97.5 of 100 are under, for 1, 2, ... degrees of freedom (any table has them); for more, the last.
+/// Quantiles of Student's t at 97.5 %, for 1, 2, ... degrees of freedom (standard tables); larger ones use the last.
 const STUDENT: [f64; 10] = [
     12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228,
 ];
 
-/// The slope of the line of least squares through `points`, by the logarithms of both coordinates, and where it lies if
-/// points scatter about a line normally. `None` of less than three points that have logarithms, or of one abscissa.
+/// Returns the slope of the least-squares line through the logarithms of `points`, with its 95 % confidence interval
+/// under normal scatter. `None` for fewer than three positive finite points, or for a single abscissa.
 pub fn slope(points: &[(f64, f64)]) -> Option<Interval> {
+    // Take logarithms of positive, finite points
     let logs: Vec<(f64, f64)> = points
         .iter()
         .filter(|(x, y)| *x > 0.0 && *y > 0.0 && x.is_finite() && y.is_finite())
@@ -18,6 +19,7 @@ pub fn slope(points: &[(f64, f64)]) -> Option<Interval> {
     if logs.len() < 3 {
         return None;
     }
+    // Fit the line by least squares
     let count = logs.len() as f64;
     let mean_x = logs.iter().map(|p| p.0).sum::<f64>() / count;
     let mean_y = logs.iter().map(|p| p.1).sum::<f64>() / count;
@@ -26,6 +28,7 @@ pub fn slope(points: &[(f64, f64)]) -> Option<Interval> {
         return None;
     }
     let value = logs.iter().map(|p| (p.0 - mean_x) * (p.1 - mean_y)).sum::<f64>() / spread;
+    // Bound the slope by Student's t
     let residual = |p: &(f64, f64)| p.1 - mean_y - value * (p.0 - mean_x);
     let squares = logs.iter().map(|p| residual(p).powi(2)).sum::<f64>();
     let freedom = logs.len() - 2;

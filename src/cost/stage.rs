@@ -1,4 +1,4 @@
-//! Where pictures of an experiment are taken: its scenes, changed or not, and what finds the hits in them.
+//! Workspace of an experiment: its scene variants, and the acceleration structures that were built for them.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -13,17 +13,17 @@ use crate::render::{
 };
 use crate::scene::Scene;
 
-/// What is rendered for a measurement.
+/// Part of the image that a measurement renders.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum View {
-    /// All of the picture, at this width and height.
+    /// Complete image at this width and height.
     Whole([u32; 2]),
-    /// Pieces of it at its own width and height.
+    /// Patches of the image at its full width and height.
     Pieces(Mosaic),
 }
 
 impl View {
-    /// A picture of it in the blocks that errors are drawn from: pieces where it shows them.
+    /// Returns `displayed` with the blocks for resampling: one per patch where the view shows patches.
     pub(super) fn in_its_blocks(self, displayed: Displayed) -> Displayed {
         match self {
             View::Whole(_) => displayed,
@@ -32,23 +32,23 @@ impl View {
     }
 }
 
-/// A structure that finds hits, and what it took to build.
+/// Acceleration structure with its build time in seconds.
 pub(super) struct Built<'s> {
     pub(super) accel: Box<dyn Accel + 's>,
     pub(super) seconds: f64,
 }
 
-/// Where pictures are taken.
+/// Workspace that renders the images of an experiment.
 pub(super) struct Stage<'a, 's> {
     pub(super) experiment: &'a Experiment<'a>,
     pub(super) watcher: &'a Watcher<'a>,
     scenes: &'s [(SceneChange, Cow<'a, Scene>)],
-    /// By scene and path.
+    /// Structures by scene index and path.
     built: HashMap<(usize, HitPath), Built<'s>>,
 }
 
 impl<'a, 's> Stage<'a, 's> {
-    /// One for scenes that are changed in these ways, on which nothing is built yet.
+    /// Returns a workspace for these scene variants, without any acceleration structure.
     pub(super) fn new(
         experiment: &'a Experiment<'a>,
         watcher: &'a Watcher<'a>,
@@ -64,17 +64,17 @@ impl<'a, 's> Stage<'a, 's> {
 }
 
 impl Stage<'_, '_> {
-    /// Whether there is a scene that is changed so.
+    /// Returns whether a scene variant with `change` exists.
     pub(super) fn has_scene(&self, change: &SceneChange) -> bool {
         self.scenes.iter().any(|(known, _)| known == change)
     }
 
-    /// Seconds since the experiment began.
+    /// Returns the seconds since the experiment began.
     pub(super) fn spent(&self) -> f64 {
         self.experiment.start.elapsed().as_secs_f64()
     }
 
-    /// Tells what is being done.
+    /// Reports the current step and the spent fraction of the budget.
     pub(super) fn say(&self, what: &str) {
         (self.watcher.progress)(what, (self.spent() / self.experiment.budget).min(1.0));
     }
@@ -84,7 +84,7 @@ impl Stage<'_, '_> {
         place.expect("scenes were made for all configurations")
     }
 
-    /// Builds what finds the hits of a configuration, if it is not there.
+    /// Builds the acceleration structure for a configuration, unless it exists.
     pub(super) fn build(&mut self, configuration: &Configuration) -> Result<(), CostError> {
         let scene = self.scene_index(&configuration.change);
         let path = configuration.path;
@@ -92,6 +92,7 @@ impl Stage<'_, '_> {
             return Ok(());
         }
         self.say("build");
+        // Build with the options of the path, and measure the time
         let options = AccelOptions {
             precision: path.precision,
             instancing: path.instancing,
@@ -108,27 +109,29 @@ impl Stage<'_, '_> {
         Ok(())
     }
 
-    /// The scene of a configuration.
+    /// Returns the scene variant of a configuration.
     pub(super) fn scene(&self, configuration: &Configuration) -> &Scene {
         &self.scenes[self.scene_index(&configuration.change)].1
     }
 
-    /// What was built for a configuration.
+    /// Returns the acceleration structure of a configuration.
     pub(super) fn built(&self, configuration: &Configuration) -> &Built<'_> {
         &self.built[&(self.scene_index(&configuration.change), configuration.path)]
     }
 
-    /// A picture, and the seconds that its samples took.
+    /// Renders an image, and returns it with the seconds of its samples, setup not counted.
     pub(super) fn picture(
         &self,
         configuration: &Configuration,
         view: View,
         seed: u32,
     ) -> Result<(Rendering, f64), CostError> {
+        // Patches are rendered at the size of the complete image
         let [width, height] = match view {
             View::Whole(size) => size,
             View::Pieces(_) => self.whole_size(),
         };
+        // Remove outputs that a measurement does not need
         let settings = RenderSettings {
             width,
             height,
@@ -145,6 +148,7 @@ impl Stage<'_, '_> {
             cancel: self.watcher.cancel,
             tiles: None,
         };
+        // Render the view and measure the time
         let scene = &self.scenes[self.scene_index(&configuration.change)].1;
         let accel = &*self.built(configuration).accel;
         let camera = self.experiment.camera;
@@ -154,6 +158,7 @@ impl Stage<'_, '_> {
             View::Pieces(mosaic) => render_mosaic((scene, camera), accel, &settings, mosaic, &monitor),
         };
         let seconds = start.elapsed().as_secs_f64();
+        // Subtract the setup, so that the time is proportional to the samples
         rendering
             .map(|rendering| {
                 let seconds = seconds - rendering.ready_seconds;
@@ -162,14 +167,14 @@ impl Stage<'_, '_> {
             .ok_or(CostError::Cancelled)
     }
 
-    /// Width and height of the picture that is made in the end.
+    /// Returns width and height of the final image.
     pub(super) fn whole_size(&self) -> [u32; 2] {
         let RenderSettings { width, height, .. } = self.experiment.base.settings;
         [width, height]
     }
 
-    /// About so many pixels, not more than the picture has. For a target pieces of the picture, as its errors depend on
-    /// its size; else a small picture of its shape, which shows more.
+    /// Returns a view of about `pixels` pixels, at most the complete image. With a target it consists of patches of the
+    /// image, whose errors depend on its size; otherwise it is a scaled-down image, which shows more of the scene.
     pub(super) fn view_of(&self, pixels: f64) -> View {
         let whole @ [width, height] = self.whole_size();
         if self.experiment.target.is_some() {
@@ -180,7 +185,7 @@ impl Stage<'_, '_> {
         View::Whole([width, height].map(|side| ((f64::from(side) * scale).round() as u32).max(1)))
     }
 
-    /// Width and height of what a view shows.
+    /// Returns width and height of the image that a view renders.
     pub(super) fn size_of(&self, view: View) -> [u32; 2] {
         match view {
             View::Whole(size) => size,
@@ -188,8 +193,8 @@ impl Stage<'_, '_> {
         }
     }
 
-    /// What a picture of a view looks like on the display, in the blocks that errors are drawn from. For a target it is a
-    /// part of the picture that is made in the end; else the scene could show others.
+    /// Returns the displayed values of a view's image, with blocks for resampling. With a target it counts as a part of
+    /// the final image; otherwise as a sample of possible images of the scene.
     pub(super) fn displayed(&self, image: &LinearImage, view: View) -> Displayed {
         let displayed = view.in_its_blocks(Displayed::new(image, self.experiment.tone));
         match self.experiment.target {

@@ -1,28 +1,28 @@
-//! Medians, means and the intervals that hold them, by the bootstrap (B. Efron, R. Tibshirani, "An Introduction to the
-//! Bootstrap", 1993).
+//! Medians, means and their 95 % confidence intervals, by order statistics and the bootstrap (B. Efron, R. Tibshirani,
+//! "An Introduction to the Bootstrap", 1993).
 
 use serde::{Deserialize, Serialize};
 
 use crate::numeric::SplitMix64;
 
-/// Times that a sample is drawn again.
+/// Number of bootstrap resamples.
 const DRAWS: usize = 2000;
-/// Part of the draws on either side of an interval that holds 95 of 100.
+/// Tail probability on either side of a 95 % interval.
 const TAIL: f64 = 0.025;
 
-/// A measured value and the ends between which the true one lies, 95 times of 100.
+/// Measured value with its 95 % confidence interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
-    /// As measured.
+    /// Measured or estimated value.
     pub value: f64,
-    /// The lower end.
+    /// Lower end of the interval.
     pub low: f64,
-    /// The upper end.
+    /// Upper end of the interval.
     pub high: f64,
 }
 
 impl Interval {
-    /// A value that is known.
+    /// Returns an interval of zero width, for a value without uncertainty.
     pub fn exact(value: f64) -> Interval {
         Interval {
             value,
@@ -31,7 +31,7 @@ impl Interval {
         }
     }
 
-    /// `f` of the value and of both ends; `f` must not fall.
+    /// Applies `f` to the value and to both ends; `f` must be non-decreasing.
     pub fn map(self, f: impl Fn(f64) -> f64) -> Interval {
         Interval {
             value: f(self.value),
@@ -40,18 +40,18 @@ impl Interval {
         }
     }
 
-    /// Whether a value may be the true one.
+    /// Returns whether the interval contains `value`.
     pub fn holds(&self, value: f64) -> bool {
         (self.low..=self.high).contains(&value)
     }
 
-    /// Whether both may be of one value.
+    /// Returns whether the two intervals overlap, so that the true values may be equal.
     pub fn overlaps(&self, other: &Interval) -> bool {
         self.low <= other.high && other.low <= self.high
     }
 }
 
-/// The middle of the values, or the mean of the two in the middle; not a number if there are none.
+/// Returns the median, or the mean of the two middle values for an even count; NaN for no values.
 pub fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     median_of(&mut sorted)
@@ -70,15 +70,15 @@ fn median_of(values: &mut [f64]) -> f64 {
     }
 }
 
-/// The mean; not a number if there are no values.
+/// Returns the arithmetic mean; NaN for no values.
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// The median and where it lies.
+/// Returns the median with its confidence interval.
 ///
-/// The ends are order statistics, which hold the true median 95 times of 100 whatever values are distributed like; of
-/// less than six values none do, and the ends are the extremes.
+/// The ends are order statistics, which enclose the true median with 95 % probability for any distribution. With fewer
+/// than six values none do, and the ends are the extremes.
 pub fn median_interval(values: &[f64]) -> Interval {
     let mut sorted = values.to_vec();
     let value = median_of(&mut sorted);
@@ -93,11 +93,12 @@ pub fn median_interval(values: &[f64]) -> Interval {
     }
 }
 
-/// How many of `count` values may be left out at either end so that the rest hold the true median 95 times of 100: the
-/// sum of binomial weights on either side is at most a fortieth.
+/// Returns the number of values that can be dropped at either end of `count` sorted values so that the rest enclose the
+/// true median with 95 % probability: the sum of binomial weights on either side is at most 1/40.
 fn skipped_of(count: usize) -> usize {
     let mut weight = 0.5f64.powi(count.min(1000) as i32);
     let mut sum = 0.0;
+    // Add binomial weights from the end until they exceed the tail probability
     for skipped in 0..count / 2 {
         sum += weight;
         if sum > TAIL {
@@ -108,12 +109,13 @@ fn skipped_of(count: usize) -> usize {
     (count / 2).saturating_sub(1)
 }
 
-/// What `statistic` says of the numbers 0, ..., `count` - 1, and where it would lie if as many were drawn anew.
+/// Returns `statistic` of the indices 0, ..., `count` - 1 with its bootstrap interval.
 ///
-/// `statistic` is given numbers, some of them several times. The draws depend on `seed` alone.
+/// `statistic` receives `count` indices, which may repeat. The resamples depend on `seed` alone.
 pub fn bootstrap(count: usize, seed: u64, statistic: impl Fn(&[usize]) -> f64) -> Interval {
     let mut chosen: Vec<usize> = (0..count).collect();
     let value = statistic(&chosen);
+    // Evaluate the statistic on resamples with replacement
     let mut random = SplitMix64::new(seed, count as u64);
     let mut draws: Vec<f64> = (0..DRAWS)
         .map(|_| {
@@ -121,6 +123,7 @@ pub fn bootstrap(count: usize, seed: u64, statistic: impl Fn(&[usize]) -> f64) -
             statistic(&chosen)
         })
         .collect();
+    // Take quantiles of the resampled values
     draws.sort_by(f64::total_cmp);
     let at = |part: f64| draws[((DRAWS - 1) as f64 * part).round() as usize];
     Interval {
@@ -143,8 +146,8 @@ mod tests {
 
     #[test]
     fn order_statistics_are_those_of_published_tables() {
-        // Least and greatest of 6 values hold the median with 96.9 %; of 20 the 6th and 15th with 95.9 %, as tables of
-        // the sign test have it.
+        // The extremes of 6 values enclose the median with 96.9 %; of 20 values the 6th and 15th do with 95.9 %, by
+        // tables of the sign test.
         let skipped: Vec<usize> = [5, 6, 8, 9, 10, 12, 15, 20, 25, 50].map(skipped_of).into();
         assert_eq!(skipped, [0, 0, 0, 1, 1, 2, 3, 5, 7, 17]);
     }
@@ -155,7 +158,7 @@ mod tests {
             let held = (0..2000)
                 .filter(|&sample| {
                     let mut random = SplitMix64::new(7, sample * 100 + count);
-                    // Skewed: the median of squares of uniform numbers is a quarter.
+                    // Squares of uniform numbers are skewed, and their median is 1/4.
                     let values: Vec<f64> = (0..count).map(|_| random.unit().powi(2)).collect();
                     median_interval(&values).holds(0.25)
                 })

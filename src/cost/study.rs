@@ -1,4 +1,4 @@
-//! What a study of a scene found.
+//! Results of a study of a scene.
 
 use std::collections::BTreeMap;
 
@@ -7,162 +7,162 @@ use serde::{Deserialize, Serialize};
 use super::choose::Target;
 use super::{GeometricErrors, Interval, Knob, Place, knee};
 
-/// Everything that was measured of a scene.
+/// All measurements of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Study {
-    /// Width and height of the pictures that were measured.
+    /// Width and height of the measured images, in pixels.
     pub size: [u32; 2],
-    /// Where they were put together from pieces of a larger one: its width and height.
+    /// Width and height of the complete image where the measured ones are a grid of its patches.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pieces_of: Option<[u32; 2]>,
-    /// Threads that rendered.
+    /// Number of threads that rendered.
     pub threads: usize,
-    /// What errors are held against.
+    /// Reference that errors are taken against.
     pub reference: Reference,
-    /// How times were taken.
+    /// Conditions under which times were measured.
     pub timing: Timing,
-    /// Every configuration; the first is the base.
+    /// All configurations; the first is the base.
     pub points: Vec<Point>,
-    /// Knobs that were turned to several places, with how the error falls as they take more time.
+    /// Knobs with several levels, with the fall of the error as they take more time.
     pub curves: Vec<Curve>,
-    /// What was chosen, if a target was given.
+    /// Settings chosen for the target, if one was given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub choice: Option<Choice>,
 }
 
-/// Settings that were chosen for a target, and measured.
+/// Settings that were chosen for a target, with their measurements.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Choice {
-    /// For what.
+    /// Target that the settings were chosen for.
     pub target: Target,
-    /// Whether they reach it: the whole interval of the error or of the time does, in pictures that had no part in the
-    /// choice.
+    /// True if the settings reach the target: the whole interval of the error or of the time does, in images that were
+    /// not used for the choice.
     pub reached: bool,
-    /// The whole configuration, as the settings' names and values; the nearest one if none reaches it.
+    /// Complete configuration as names and values; the nearest one if none reaches the target.
     pub settings: BTreeMap<String, String>,
-    /// Root of the mean squared error that was foretold.
+    /// Predicted root mean squared error.
     pub foretold_rmse: f64,
-    /// Seconds of the whole picture that were foretold.
+    /// Predicted seconds for the complete image.
     pub foretold_seconds: f64,
-    /// Root of the mean squared error as displayed.
+    /// Root mean squared error of displayed values.
     pub rmse: Interval,
-    /// Seconds of the samples of a picture of the measured size.
+    /// Seconds for the samples of an image of the measured size.
     pub seconds: Interval,
-    /// Seconds of the whole picture, by its number of pixels, with what is made ready for it.
+    /// Seconds for the complete image, scaled by its number of pixels, setup included.
     pub whole_seconds: Interval,
-    /// Settings that were measured on the way.
+    /// Number of settings that were measured during the search.
     pub tried: usize,
-    /// The least error that is foretold of any settings, and the knob that would lower it if it could be turned further.
+    /// Smallest error predicted for any settings, and the knob that would lower it if its range went further.
     pub floor: Option<(f64, Knob)>,
 }
 
-/// The picture that errors are held against, in two independent halves.
+/// Reference image that errors are taken against, in two independent halves.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reference {
-    /// Samples a pixel of each half.
+    /// Samples per pixel of each half.
     pub spp: u32,
-    /// What found the hits of each half.
+    /// Intersection backends of the two halves.
     pub paths: [String; 2],
-    /// Root of the mean square that the mean of the halves still errs by, as displayed (black is 0, white 1).
+    /// Root mean squared error of the mean of the halves, in displayed values (black is 0, white 1).
     pub noise: f64,
-    /// What was asked of it.
+    /// Checks that the reference must pass.
     pub checks: Vec<Check>,
 }
 
 impl Reference {
-    /// Whether errors may be trusted.
+    /// Returns whether all checks hold, so that errors are reliable.
     pub fn has_converged(&self) -> bool {
         self.checks.iter().all(|check| check.holds)
     }
 }
 
-/// Something that was asked of a reference.
+/// Check of a reference and its result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Check {
-    /// A word or two.
+    /// Short name, of one or two words.
     pub name: String,
-    /// Whether the answer is as it must be.
+    /// True if the check passes.
     pub holds: bool,
-    /// What was measured, against what bound.
+    /// Measured value and its bound, in words.
     pub words: String,
 }
 
-/// How times were taken.
+/// Conditions under which times were measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Timing {
-    /// Blocks in which every configuration took one turn, and which count.
+    /// Number of blocks that count; every configuration runs once in each.
     pub blocks: usize,
-    /// Blocks that do not, as the machine was busy with something else.
+    /// Number of blocks that do not count because the machine was busy.
     pub dropped: usize,
-    /// Largest deviation of the kernel that says so among those that count, as a share of its median.
+    /// Largest deviation of the calibration kernel among the blocks that count, as a fraction of its median.
     pub calibration_spread: f64,
-    /// Seconds that everything took.
+    /// Seconds that the whole study took.
     pub spent: f64,
-    /// Seconds that it was to take.
+    /// Seconds that the study was allowed to take.
     pub budget: f64,
 }
 
-/// A configuration and what was measured of it.
+/// Measured configuration with its times and errors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Point {
-    /// The knob that is turned; the base turns none.
+    /// Knob that differs from the base; `None` for the base.
     pub knob: Option<Knob>,
-    /// To where, as the knob words it; `base` for the base.
+    /// Level of the knob in words; `base` for the base.
     pub level: String,
-    /// The whole configuration, as the settings' names and values.
+    /// Complete configuration as names and values.
     pub settings: BTreeMap<String, String>,
-    /// Seconds to build what finds the hits, once a scene.
+    /// Seconds to build the acceleration structure, once per scene.
     pub build_seconds: f64,
-    /// Bytes of what finds hits, the vertices that it shares with the scene not counted.
+    /// Bytes of the acceleration structure, without the vertices that it shares with the scene.
     #[serde(default)]
     pub build_bytes: u64,
-    /// Seconds before the first sample, once a picture of any size: levels of images, tables of lights.
+    /// Seconds before the first sample, once per image of any size: mip maps, light tables.
     pub ready_seconds: f64,
-    /// Seconds of the samples of a picture.
+    /// Seconds for the samples of an image.
     pub seconds: Interval,
-    /// Those over the base's.
+    /// Seconds relative to the base's.
     pub time_ratio: Interval,
-    /// Root of the mean squared error as displayed (black is 0, white 1), the reference's own noise not counted.
+    /// Root mean squared error of displayed values (black is 0, white 1), without the reference's noise.
     pub rmse: Interval,
-    /// The part of the squared error that stays however many pictures are averaged.
+    /// Part of the squared error that remains however many images are averaged.
     pub bias_squared: Interval,
-    /// The part that differs from picture to picture.
+    /// Part of the squared error that differs between images.
     pub variance: f64,
-    /// Mean squared error of radiance over the reference's square.
+    /// Relative mean squared error: mean squared error of radiance over the squared reference.
     pub rel_mse: f64,
-    /// Mean LDR-FLIP error of one picture.
+    /// Mean LDR-FLIP error of one image.
     pub flip: f64,
-    /// Largest error of a channel as displayed, of one picture.
+    /// Largest error of a displayed channel in one image.
     pub max: f64,
-    /// Part of the pixels of one picture that are visibly off: a channel by more than 1/255.
+    /// Fraction of one image's pixels with a visible error: a channel differs by more than 1/255.
     pub changed_share: f64,
-    /// Pixels of one picture that are no numbers.
+    /// Number of non-finite pixels in one image.
     pub non_finite: u64,
-    /// Rays of a picture.
+    /// Number of rays of an image.
     pub rays: u64,
-    /// Instructions of a pixel, by one thread; absent where none were counted.
+    /// Instructions per pixel on one thread; absent where they were not counted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instructions: Option<f64>,
-    /// What it errs by where hits are found; absent where its knob cannot change which are.
+    /// Wrong hits of recorded rays; absent where the knob cannot change which hits are found.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub geometry: Option<GeometricErrors>,
-    /// Whether no other is known to be both faster and closer.
+    /// True if no other point is both faster and more accurate (Pareto front).
     pub on_front: bool,
 }
 
-/// How the error falls along a knob.
+/// Fall of the error along the levels of a knob.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Curve {
-    /// Which.
+    /// Knob whose levels form the curve.
     pub knob: Knob,
-    /// Its points, by time, as places in [`Study::points`].
+    /// Points of the curve in order of time, as indices into [`Study::points`].
     pub points: Vec<usize>,
-    /// Of the logarithm of the error over that of the time, if there are points enough for a line.
+    /// Slope of log error over log time, if there are enough points for a line.
     pub slope: Option<Interval>,
 }
 
 impl Point {
-    /// One of which only the time, which is its ratio to the base's too, and the error are told.
+    /// Returns a point with the given error and time (the latter also as ratio to the base), all else zero.
     #[cfg(test)]
     pub(crate) fn plain(knob: Option<Knob>, time: f64, rmse: f64) -> Point {
         Point {
@@ -189,14 +189,15 @@ impl Point {
         }
     }
 
-    /// The mean squared error.
+    /// Returns the mean squared error of displayed values.
     pub fn mean_square(&self) -> f64 {
         self.rmse.value.powi(2)
     }
 }
 
 impl Study {
-    /// The point from which on less error is dear and before which less time is; the base where nothing tells.
+    /// Returns the index of the Pareto front's knee, beyond which less error costs much time; the base where there is
+    /// no knee.
     pub fn knee(&self) -> usize {
         let place = |point: &Point| Place {
             time: point.time_ratio,
@@ -207,10 +208,11 @@ impl Study {
         knee(&places, &on_front).unwrap_or(0)
     }
 
-    /// How many times the time is that half the error takes along the curve, by its slope: `None` where the error does
-    /// not fall.
+    /// Returns the factor by which time grows for half the error along the curve, by its slope: `None` where the error
+    /// does not fall.
     pub fn price_of_half(&self, curve: &Curve) -> Option<Interval> {
         let slope = curve.slope?;
+        // Error grows like time^slope, so that half the error takes 2^(-1/slope) times the time.
         let price = |slope: f64| 2f64.powf(-1.0 / slope);
         (slope.high < 0.0).then(|| Interval {
             value: price(slope.value),

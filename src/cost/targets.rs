@@ -1,4 +1,4 @@
-//! Settings for a target: foretold, measured, and measured again on pictures that had no part in the choice.
+//! Choice of settings for a target: predict, measure, and measure again on images that were not used for the choice.
 
 use std::time::{Duration, Instant};
 
@@ -11,19 +11,19 @@ use super::stage::Stage;
 use super::{Choice, Configuration, CostError, ErrorEstimate, Knob, Pictures, Point};
 use crate::render::Pattern;
 
-/// Blocks by which settings are chosen.
+/// Blocks by which settings are compared during the search.
 const CHOOSING_BLOCKS: usize = 2;
-/// Blocks by which what was chosen is measured: the fewest whose extremes hold a median.
+/// Blocks of the final measurement: the fewest whose extremes enclose a median at 95 %.
 const HELD_OUT_BLOCKS: usize = 6;
-/// Part of the budget that the first settings may take even if it is spent.
+/// Fraction of the budget that the first settings may take even if the budget is spent.
 const FIRST_PART: f64 = 0.1;
-/// Seeds of the pictures that settings are chosen by, and of those that had no part in it.
+/// Random seeds of the images that settings are chosen by, and of the held-out images.
 const CHOOSING_SEED: u32 = 10_000;
 const HELD_OUT_SEED: u32 = 20_000;
 
 impl Stage<'_, '_> {
-    /// Settings for `target`, and their configuration; `points` and `configurations` are those of a study, the base
-    /// first.
+    /// Chooses settings for `target` and returns them with their configuration; `points` and `configurations` are those
+    /// of a study, the base first.
     pub(super) fn choose(
         &mut self,
         target: Target,
@@ -32,6 +32,7 @@ impl Stage<'_, '_> {
     ) -> Result<(Choice, Configuration), CostError> {
         self.say("choose");
         let (base, of_base) = (&configurations[0], &points[0]);
+        // Convert the target to the study's units
         let [scale, ready] = self.whole_picture(measured.0, of_base);
         let goal = match target {
             Target::Error(most) => Goal::Error(most),
@@ -39,6 +40,7 @@ impl Stage<'_, '_> {
                 Goal::TimeRatio((most - ready).max(0.0) / (scale * of_base.seconds.value))
             }
         };
+        // Predict all combinations of levels
         let offered = forecasts(points, configurations, |configuration| {
             self.offers(base, configuration)
         });
@@ -47,11 +49,12 @@ impl Stage<'_, '_> {
             seconds: of_base.seconds,
             time_ratio: of_base.time_ratio,
         };
+        // Search for settings that reach the goal
         let mut search = Search::new(goal, &offered, of_base);
-        // What does not reach the target is not worth more time than looking for what does.
+        // Settings that miss the target are not worth more time than the search for those that reach it.
         let bearable = self.experiment.budget / (scale * of_base.seconds.value);
         let chosen = self.search((base, of_base.seconds.value, bearable), measured, &mut search)?;
-        // Where nothing else could be measured it is the base; nobody chose it by how it did.
+        // The base remains where nothing else could be measured; no selection bias affects its measurement.
         let staying = || {
             let forecast = Forecast {
                 configuration: *base,
@@ -61,6 +64,7 @@ impl Stage<'_, '_> {
             };
             (forecast, *of_base)
         };
+        // Take the chosen settings, or the nearest ones
         let (forecast, trial, reached) = match (chosen, search.nearest(bearable)) {
             (Some((forecast, trial)), _) => (forecast, trial, true),
             (None, Some((forecast, trial))) => (forecast, trial, false),
@@ -69,6 +73,7 @@ impl Stage<'_, '_> {
                 (forecast, trial, trial.reaches(goal))
             }
         };
+        // Report the choice with prediction and measurement
         let choice = Choice {
             target,
             reached,
@@ -84,8 +89,8 @@ impl Stage<'_, '_> {
         Ok((choice, forecast.configuration))
     }
 
-    /// Measures what is expected to reach the goal until something does so twice, the second time in pictures that had no
-    /// part in the choice.
+    /// Measures candidates that are expected to reach the goal until one does so twice, the second time in held-out
+    /// images.
     fn search(
         &mut self,
         (base, base_seconds, bearable): (&Configuration, f64, f64),
@@ -93,12 +98,13 @@ impl Stage<'_, '_> {
         search: &mut Search,
     ) -> Result<Option<(Forecast, Trial)>, CostError> {
         loop {
+            // Measure candidates while the budget lasts
             let budget = self.experiment.budget;
             while let Some((place, forecast)) = search.next(bearable, |forecast| {
                 let block = (1.0 + forecast.time_ratio) * base_seconds;
                 let choosing = CHOOSING_BLOCKS as f64 * block;
                 let is_first = search.count() == 0 && choosing <= FIRST_PART * budget;
-                // What is chosen is measured again.
+                // The budget includes the second measurement of the chosen settings.
                 let all = choosing + HELD_OUT_BLOCKS as f64 * block;
                 is_first || self.spent() + all <= budget
             }) {
@@ -107,6 +113,7 @@ impl Stage<'_, '_> {
                 let trial = self.trial(turns, measured, (CHOOSING_BLOCKS, CHOOSING_SEED))?;
                 search.note((place, forecast), trial);
             }
+            // Measure the best again on held-out images
             let Some(best) = search.best_expected() else {
                 return Ok(None);
             };
@@ -119,8 +126,8 @@ impl Stage<'_, '_> {
         }
     }
 
-    /// Whether settings may be chosen: hits are trusted no less than in the base, adaptive sampling has a pattern that
-    /// goes on, and the scene is there.
+    /// Returns whether settings may be chosen: hits are as accurate as the base's, adaptive sampling has a progressive
+    /// pattern, and the scene variant exists.
     fn offers(&self, base: &Configuration, configuration: &Configuration) -> bool {
         let settings = &configuration.settings;
         configuration.is_trusted_like(base)
@@ -128,14 +135,13 @@ impl Stage<'_, '_> {
             && self.has_scene(&configuration.change)
     }
 
-    /// By how much more pixels the whole picture has than those that were measured, and the seconds that it takes to make
-    /// ready.
+    /// Returns the ratio of the complete image's pixels to the measured ones, and its setup time in seconds.
     fn whole_picture(&self, layout: &Layout, base: &Point) -> [f64; 2] {
         let part = area(self.whole_size()) / area(self.size_of(layout.view));
         [part, base.ready_seconds]
     }
 
-    /// Pictures of the base and of `configuration` in turns, of other random numbers than any before.
+    /// Measures `configuration` against the base in alternation, with random numbers that were not used before.
     fn trial(
         &self,
         (base, configuration): (&Configuration, &Configuration),
@@ -143,6 +149,7 @@ impl Stage<'_, '_> {
         (count, seed): (usize, u32),
     ) -> Result<Trial, CostError> {
         let mut pictures = Pictures::new(&reference.halves);
+        // The number of blocks is fixed, so that the deadline has no effect.
         let protocol = Protocol {
             least: count,
             most: count,

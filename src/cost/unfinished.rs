@@ -1,5 +1,5 @@
-//! What a study had measured when it was interrupted, as bytes: a line that names the format, a line of JSON, then
-//! numbers, the least significant byte first.
+//! Checkpoint of an interrupted study: a line that names the format, a line of JSON, then arrays of little-endian
+//! numbers.
 
 use std::collections::BTreeMap;
 
@@ -16,20 +16,20 @@ use super::stage::View;
 use crate::image::LinearImage;
 use crate::render::Mosaic;
 
-/// First line of the file.
+/// Format line at the start of the file.
 const FORMAT: &str = "whit study 1";
 
-/// A study that was interrupted.
+/// Checkpoint of a study, read from a file.
 #[derive(Clone, Debug)]
 pub struct Unfinished {
     pub(super) head: Head,
-    /// The means of both halves of the reference.
+    /// Mean images of both halves of the reference.
     pub(super) means: [LinearImage; 2],
-    /// Of each configuration.
+    /// Accumulated images of each configuration.
     pub(super) pictures: Vec<Pictures>,
 }
 
-/// What is in no array.
+/// Checkpoint's header: everything but the arrays.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Head {
     size: [u32; 2],
@@ -41,20 +41,20 @@ pub(super) struct Head {
     pub(super) reference_spp: u32,
     pub(super) reference_count: u32,
     pub(super) stricter_spp: u32,
-    /// By how much knobs at their strictest moved the reference.
+    /// Change of the reference by each stricter knob.
     pub(super) left: Vec<(Knob, f64)>,
     pub(super) blocks: Blocks,
-    /// Blocks of pixels that errors are added up in.
+    /// Number of pixel blocks in which errors are accumulated.
     pixel_blocks: usize,
-    /// The settings of each configuration, to know them by.
+    /// Settings of each configuration, which identify it.
     pub(super) words: Vec<BTreeMap<String, String>>,
-    /// Of the pixels of the base's first picture, which tells another scene or program.
+    /// Checksum of the pixels of the base's first image, which detects another scene or program version.
     pub(super) checksum: u64,
-    /// Seconds.
+    /// Seconds that the study has taken so far.
     pub(super) spent: f64,
 }
 
-/// What there is to keep.
+/// State of a running study that a checkpoint stores.
 pub(super) struct Kept<'a> {
     pub(super) experiment: &'a Experiment<'a>,
     pub(super) layout: &'a Layout,
@@ -67,7 +67,7 @@ pub(super) struct Kept<'a> {
 }
 
 impl Kept<'_> {
-    /// All of it as a file holds it.
+    /// Returns the checkpoint as the bytes of a file.
     pub(super) fn bytes(&self) -> Vec<u8> {
         let Layout {
             view,
@@ -78,6 +78,7 @@ impl Kept<'_> {
             reach,
         } = self.layout;
         let means = self.reference.means();
+        // Assemble the header
         let head = Head {
             size: [means[0].width, means[0].height],
             mosaic: match view {
@@ -101,10 +102,12 @@ impl Kept<'_> {
             checksum: self.checksum,
             spent: self.spent,
         };
+        // Write format line and header
         let mut bytes = format!("{FORMAT}\n").into_bytes();
-        // Nothing in it has no form in JSON.
+        // Every value has a JSON form, so that serialisation cannot fail.
         bytes.extend(serde_json::to_vec(&head).unwrap_or_default());
         bytes.push(b'\n');
+        // Write the reference's means, then the sums of each configuration
         for mean in means {
             write(&mut bytes, mean.pixels.iter().flatten().map(|x| x.to_le_bytes()));
         }
@@ -127,18 +130,20 @@ fn write<const N: usize>(bytes: &mut Vec<u8>, numbers: impl Iterator<Item = [u8;
 }
 
 impl Unfinished {
-    /// What a file holds.
+    /// Parses a checkpoint file.
     ///
     /// # Errors
     ///
-    /// What is wrong with it, as the end of a sentence that begins with the file's name.
+    /// The fault, as the end of a sentence that begins with the file's name.
     pub fn parse(bytes: &[u8]) -> Result<Unfinished, String> {
+        // Read format line and header
         let broken = || "is no study that was interrupted, or of another version of whit".to_owned();
         let rest = bytes.strip_prefix(FORMAT.as_bytes()).ok_or_else(broken)?;
         let rest = rest.strip_prefix(b"\n").ok_or_else(broken)?;
         let end = rest.iter().position(|&byte| byte == b'\n').ok_or_else(broken)?;
         let text = std::str::from_utf8(&rest[..end]).map_err(|_| broken())?;
         let head: Head = serde_json::from_str(text).map_err(|_| broken())?;
+        // Read the reference's means
         let mut numbers = Numbers(&rest[end + 1..]);
         let short = || "has been cut short".to_owned();
         let [width, height] = head.size;
@@ -151,6 +156,7 @@ impl Unfinished {
             })
         };
         let means = [mean().ok_or_else(short)?, mean().ok_or_else(short)?];
+        // Read the sums of each configuration
         let count = head.blocks.count();
         let mut pictures = Vec::new();
         for _ in &head.words {
@@ -169,7 +175,7 @@ impl Unfinished {
         })
     }
 
-    /// Seconds that it took before it was interrupted.
+    /// Returns the seconds that the study took before it was interrupted.
     pub fn spent(&self) -> f64 {
         self.head.spent
     }
@@ -179,7 +185,7 @@ impl Unfinished {
     }
 }
 
-/// Numbers that are left in a file.
+/// Bytes of a file's arrays that are not read yet.
 struct Numbers<'a>(&'a [u8]);
 
 impl Numbers<'_> {
@@ -204,7 +210,7 @@ impl Numbers<'_> {
     }
 }
 
-/// A number that pictures with other bits have hardly ever in common (FNV-1a, 64 bits).
+/// Returns a 64-bit checksum of the pixels' bits (FNV-1a); different images hardly ever share it.
 pub(super) fn checksum(image: &LinearImage) -> u64 {
     let bytes = image
         .pixels

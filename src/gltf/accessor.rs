@@ -1,6 +1,6 @@
 //! Accessors: typed views of a buffer (glTF 2.0, section 3.6.2), with strides, normalised integers and sparse values.
 //!
-//! Every offset and length is checked against bytes that exist before anything is allocated or read. Floats and
+//! Every offset and length is checked against the available bytes before anything is allocated or read. Floats and
 //! 32-bit indices that lie packed and aligned in a mapped file are not copied.
 
 use gltf::json::accessor::{ComponentType, Type};
@@ -13,12 +13,12 @@ use super::error::EXPORT_AGAIN;
 use crate::mesh::Buffer;
 use crate::parallel;
 
-/// Elements that an accessor without a buffer view may have at most: no byte of the file backs their number.
+/// Largest number of elements of an accessor without a buffer view, as no bytes of the file back their number.
 const MAX_UNBACKED: usize = 1 << 22;
-/// Elements a task.
+/// Number of elements per parallel task.
 const CHUNK: usize = 1 << 14;
 
-/// A checked accessor.
+/// An accessor whose offsets and lengths are checked.
 pub(super) struct Accessor<'a> {
     document: &'a Document,
     number: usize,
@@ -31,14 +31,14 @@ pub(super) struct Accessor<'a> {
     sparse: Option<Sparse<'a>>,
 }
 
-/// Elements that deviate, by index, with their packed values.
+/// Elements that replace those of the base, by index, with their packed values.
 struct Sparse<'a> {
     indices: Vec<usize>,
     values: &'a [u8],
 }
 
 impl Document {
-    /// Opens accessor `number`.
+    /// Opens accessor `number` and checks it against the bytes of its buffer views.
     pub(super) fn accessor(&self, number: usize) -> Result<Accessor<'_>, GltfError> {
         let accessors = &self.root.accessors;
         let Some(accessor) = accessors.get(number) else {
@@ -49,6 +49,7 @@ impl Document {
         else {
             return Err(fault("has a type that glTF does not have".into()));
         };
+        // Compute the size of an element
         let component = component.0;
         let too_many = || {
             fault(format!(
@@ -58,6 +59,7 @@ impl Document {
         };
         let count = usize::try_from(accessor.count.0).map_err(|_| too_many())?;
         let size = width(type_) * component_size(component);
+        // Find the start of the elements
         let base = match accessor.buffer_view {
             None if count > MAX_UNBACKED => return Err(too_many()),
             None => None,
@@ -72,6 +74,7 @@ impl Document {
                 Some(window)
             }
         };
+        // Check the stride and the end of the last element
         let stride = base.as_ref().and_then(|window| window.stride).unwrap_or(size);
         if let Some(window) = &base {
             if stride < size {
@@ -79,6 +82,7 @@ impl Document {
                     "has a stride of {stride} bytes for elements of {size}"
                 )));
             }
+            // The last element needs no padding behind it
             let end = count
                 .checked_sub(1)
                 .map_or(Some(0), |last| last.checked_mul(stride)?.checked_add(size));
@@ -100,6 +104,7 @@ impl Document {
             stride,
             sparse: None,
         };
+        // Read the sparse indices and values
         if let Some(sparse) = &accessor.sparse {
             opened.sparse = Some(opened.open_sparse(sparse)?);
         }
@@ -108,18 +113,18 @@ impl Document {
 }
 
 impl<'a> Accessor<'a> {
-    /// How many elements there are.
+    /// Returns the number of elements.
     pub(super) fn count(&self) -> usize {
         self.count
     }
 
-    /// All elements as scalars, vectors or 4 by 4 matrices (by columns) of `N` floats: normalised integers as fractions,
-    /// other integers as they are.
+    /// Returns all elements as scalars, vectors or 4 by 4 matrices (by columns) of `N` floats: normalised integers as
+    /// fractions, other integers as they are.
     pub(super) fn vectors<const N: usize>(&self) -> Result<Buffer<[f32; N]>, GltfError>
     where
         [f32; N]: bytemuck::Pod,
     {
-        // The columns of smaller matrices would be padded.
+        // glTF pads the columns of Mat2 and Mat3, so these cannot be read as vectors.
         if width(self.type_) != N || matches!(self.type_, Type::Mat2 | Type::Mat3) {
             let wanted = match N {
                 1 => "SCALAR".into(),
@@ -129,6 +134,7 @@ impl<'a> Accessor<'a> {
             let fault = format!("is {} where {wanted} is needed", type_name(self.type_));
             return Err(self.fault(fault));
         }
+        // Use the mapped bytes if they are packed floats
         let is_float = self.component == ComponentType::F32;
         if let Some(slab) = self
             .packed(size_of::<[f32; N]>(), self.count)
@@ -136,6 +142,7 @@ impl<'a> Accessor<'a> {
         {
             return Ok(slab);
         }
+        // Decode the base, which is zero without a buffer view
         let mut values = vec![[0f32; N]; self.count];
         if let Some(window) = &self.base {
             parallel::for_each_chunk_mut(&mut values, CHUNK, &|chunk, values| {
@@ -144,6 +151,7 @@ impl<'a> Accessor<'a> {
                 }
             });
         }
+        // Replace the sparse elements
         if let Some(sparse) = &self.sparse {
             let size = N * component_size(self.component);
             for (&index, bytes) in sparse.indices.iter().zip(sparse.values.chunks_exact(size)) {
@@ -153,7 +161,7 @@ impl<'a> Accessor<'a> {
         Ok(Buffer::from(values))
     }
 
-    /// Triples of 32-bit indices without a copy, where the file allows it.
+    /// Returns triples of 32-bit indices that share the mapped file; `None` where its layout does not allow that.
     pub(super) fn mapped_triangles(&self) -> Option<Buffer<[u32; 3]>> {
         let is_index = self.type_ == Type::Scalar && self.component == ComponentType::U32;
         if !is_index {
@@ -162,7 +170,7 @@ impl<'a> Accessor<'a> {
         self.packed(size_of::<u32>(), self.count / 3)
     }
 
-    /// All elements as indices.
+    /// Returns all elements as indices.
     pub(super) fn indices(&self) -> Result<Vec<u32>, GltfError> {
         let is_unsigned = matches!(
             self.component,
@@ -171,6 +179,7 @@ impl<'a> Accessor<'a> {
         if self.type_ != Type::Scalar || !is_unsigned {
             return Err(self.fault("is not made of unsigned integers, as indices are".into()));
         }
+        // Decode the base, then replace the sparse elements
         let mut values = vec![0u32; self.count];
         if let Some(window) = &self.base {
             parallel::for_each_chunk_mut(&mut values, CHUNK, &|chunk, values| {
@@ -193,8 +202,9 @@ impl<'a> Accessor<'a> {
             .fault(format!("accessor {}", self.number), fault, EXPORT_AGAIN)
     }
 
-    /// `count` values of the mapped file where elements of `size` bytes follow each other without gaps.
+    /// Returns `count` values of the mapped file, if elements of `size` bytes follow each other without gaps.
     fn packed<T: bytemuck::Pod>(&self, size: usize, count: usize) -> Option<Buffer<T>> {
+        // Values are little-endian in the file and must be so in memory
         let is_as_in_memory = cfg!(target_endian = "little") && self.stride == size && self.sparse.is_none();
         let (map, offset) = self.base.as_ref()?.mapped?;
         if is_as_in_memory {
@@ -210,6 +220,7 @@ impl<'a> Accessor<'a> {
         };
         let document = self.document;
         let count = sparse.count.0;
+        // Slices of a buffer view that are known to hold `count` entries
         let window = |view: usize, offset: u64, size: usize, what: &str| -> Result<&'a [u8], GltfError> {
             let bytes = document.view(view)?.bytes;
             let length = usize::try_from(count)
@@ -225,6 +236,7 @@ impl<'a> Accessor<'a> {
                     ))
                 })
         };
+        // Locate the bytes of the indices and of the values
         let indices = &sparse.indices;
         let size = component_size(component.0);
         let indices = window(
@@ -241,6 +253,7 @@ impl<'a> Accessor<'a> {
             element,
             "values",
         )?;
+        // Decode and check the indices
         let indices: Vec<usize> = indices
             .chunks_exact(size)
             .map(|bytes| unsigned(component.0, bytes) as usize)
@@ -252,7 +265,7 @@ impl<'a> Accessor<'a> {
         Ok(Sparse { indices, values })
     }
 
-    /// The vector at the start of `bytes`.
+    /// Decodes the vector at the start of `bytes`.
     #[inline(always)]
     fn decode<const N: usize>(&self, bytes: &[u8]) -> [f32; N] {
         let at = |i: usize| &bytes[i * component_size(self.component)..];
@@ -279,7 +292,7 @@ impl<'a> Accessor<'a> {
     }
 }
 
-/// The unsigned integer at the start of `bytes`.
+/// Decodes the unsigned integer at the start of `bytes`.
 #[inline(always)]
 fn unsigned(component: ComponentType, bytes: &[u8]) -> u32 {
     match component {
@@ -291,7 +304,7 @@ fn unsigned(component: ComponentType, bytes: &[u8]) -> u32 {
     }
 }
 
-/// Components of an element.
+/// Returns the number of components of an element.
 fn width(type_: Type) -> usize {
     match type_ {
         Type::Scalar => 1,
@@ -331,7 +344,7 @@ mod tests {
     use super::*;
     use crate::gltf::document::of_json;
 
-    /// A document with one buffer of these bytes, one view of all of it, and these accessors.
+    /// Returns a document with one buffer of these bytes, one view of all of it, and these accessors.
     fn document(bytes: &[u8], stride: Option<usize>, accessors: Value) -> Document {
         let data = base64::engine::general_purpose::STANDARD.encode(bytes);
         let mut view = json!({"buffer": 0, "byteLength": bytes.len()});
@@ -353,8 +366,8 @@ mod tests {
     #[test]
     fn every_component_type_decodes_to_the_value_of_the_specification() {
         let bytes = [0x80, 0x7f, 0xff, 0xff, 0x00, 0x00, 0x80, 0x3f];
-        // i8: -128, 127; u8: 128, 127; i16: 0x7f80 = 32640, -1; u16: 32640, 65535;
-        // u32: 0xffff7f80 = 4294934400, 0x3f800000 = 1065353216; f32: NaN, 1.
+        // i8: -128, 127; u8: 128, 127; i16: 0x7f80 = 32640, -1; u16: 32640, 65535; u32: 0xffff7f80 = 4294934400,
+        // 0x3f800000 = 1065353216; f32: NaN, 1.
         for (component, plain, fractions) in [
             (5120, [-128.0, 127.0], [-1.0, 1.0]),
             (5121, [128.0, 127.0], [128.0 / 255.0, 127.0 / 255.0]),
@@ -397,7 +410,7 @@ mod tests {
         let matrix = of("MAT4", 1);
         let values = matrix.accessor(0).unwrap().vectors::<16>().unwrap();
         assert_eq!(values[0], std::array::from_fn(|i| i as f32 + 1.0));
-        // As wide as a vector of four.
+        // As many components as a vector of four.
         let small = of("MAT2", 4);
         let fault = small.accessor(0).unwrap().vectors::<4>().unwrap_err();
         assert!(
@@ -413,7 +426,7 @@ mod tests {
 
     #[test]
     fn a_stride_skips_what_lies_between_and_the_last_element_needs_no_padding() {
-        // Elements of 2 bytes every 4, the second from offset 1 on.
+        // Elements of 2 bytes every 4 bytes, from offset 1 on.
         let bytes = [9, 1, 2, 9, 9, 3, 4];
         let accessor =
             json!([{"bufferView": 0, "byteOffset": 1, "componentType": 5121, "count": 2, "type": "VEC2"}]);

@@ -1,7 +1,7 @@
-//! Animations: where nodes stand at a moment, and how much their meshes are morphed.
+//! Animations: transforms of nodes and weights of morph targets at a given time.
 //!
-//! Every channel moves one property of one node by a sampler: times, values, and how to go from one to the next, which
-//! `curve.rs` tells.
+//! Every channel animates one property of one node by a sampler of times and values, which `animation_sampler.rs`
+//! interpolates.
 
 use std::collections::HashMap;
 
@@ -16,28 +16,29 @@ use super::error::EXPORT_AGAIN;
 use super::{GltfError, node};
 use crate::scene::Animation;
 
-/// A moment of an animation.
+/// A time in an animation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pose {
-    /// Name or number of the animation; all of them at once if none is said.
+    /// Name or number of the animation; all animations together if `None`.
     pub animation: Option<String>,
-    /// Seconds from its beginning.
+    /// Time in seconds from the beginning of the animation.
     pub seconds: f64,
 }
 
-/// What an animation changes of a node.
+/// Properties of a node that an animation replaces.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct NodeOverride {
     translation: Option<DVec3>,
     rotation: Option<DQuat>,
     scale: Option<DVec3>,
-    /// Of the morph targets of its mesh.
+    /// Weights of the morph targets of the node's mesh.
     pub(super) weights: Option<Vec<f64>>,
 }
 
 impl NodeOverride {
-    /// The place of a node to its parent: its own, but for what is moved.
+    /// Returns the node-to-parent transform: the node's own, with the animated properties replaced.
     pub(super) fn transform(&self, node: &json::Node) -> DAffine3 {
+        // Properties without a channel keep the node's own values
         let own = node::parts(node);
         let moved = node::Parts {
             scale: self.scale.unwrap_or(own.scale),
@@ -49,7 +50,7 @@ impl NodeOverride {
 }
 
 impl Document {
-    /// What a pose moves, by the numbers of nodes.
+    /// Evaluates the animations of a pose; returns the replaced properties by node number.
     pub(super) fn moved(
         &self,
         pose: &Pose,
@@ -64,7 +65,7 @@ impl Document {
         Ok(moved)
     }
 
-    /// The numbers of the animations that a pose is of.
+    /// Returns the numbers of the animations that a pose refers to.
     fn animations_of(&self, pose: &Pose, warnings: &mut Vec<String>) -> Result<Vec<usize>, GltfError> {
         let animations = &self.root.animations;
         if animations.is_empty() {
@@ -74,6 +75,7 @@ impl Document {
         let Some(wish) = &pose.animation else {
             return Ok((0..animations.len()).collect());
         };
+        // Find the animation by its name, else by its number
         let named = animations
             .iter()
             .position(|animation| animation.name.as_ref() == Some(wish));
@@ -105,10 +107,12 @@ impl Document {
     ) -> Result<(), GltfError> {
         let channel = &self.root.animations[animation].channels[channel];
         let (node, property) = self.target(animation, &channel.target)?;
+        // Find the number of components of a value
         let width = match property {
             Property::Translation | Property::Scale => 3,
             Property::Rotation => 4,
             Property::MorphTargetWeights => self.target_count(node),
+        // Evaluate the sampler at the pose's time
         };
         let curve = self.curve(animation, channel.sampler.value(), (property, width))?;
         let place = moved.entry(node).or_default();
@@ -121,7 +125,7 @@ impl Document {
         Ok(())
     }
 
-    /// The node and the property that a channel moves, which can be moved.
+    /// Returns the node and the property that a channel animates; an error if the property cannot be animated.
     fn target(
         &self,
         animation: usize,
@@ -145,6 +149,7 @@ impl Document {
                 fault(format!("morphs {item}, whose mesh has no targets"), EXPORT_AGAIN)
             }
             Checked::Valid(Property::MorphTargetWeights) => Ok((node, Property::MorphTargetWeights)),
+            // glTF 2.0 forbids animating a node that has a matrix
             Checked::Valid(_) if self.root.nodes[node].matrix.is_some() => fault(
                 format!("moves {item}, which has a matrix"),
                 "give the node translation, rotation and scale",
@@ -153,7 +158,7 @@ impl Document {
         }
     }
 
-    /// A sampler, as numbers: so many for each value of a property.
+    /// Reads a sampler with `width` numbers for each value of the property, and checks it.
     fn curve(
         &self,
         animation: usize,
@@ -177,12 +182,14 @@ impl Document {
                 "goes from key to key in a way that glTF 2.0 does not have".into(),
             ));
         };
+        // Read the times and the values
         let times = self.numbers::<1>(form.input.value())?;
         let values = match property {
             Property::Translation | Property::Scale => self.numbers::<3>(form.output.value())?,
             Property::Rotation => self.numbers::<4>(form.output.value())?,
             Property::MorphTargetWeights => self.numbers::<1>(form.output.value())?,
         };
+        // Times must increase strictly, as the sampler is searched by time
         let is_ordered = times.windows(2).all(|pair| pair[0] < pair[1]);
         let is_finite = times.iter().chain(&values).all(|number| number.is_finite());
         if times.is_empty() || !is_ordered || !is_finite {
@@ -190,6 +197,7 @@ impl Document {
                 "has no times, or times that do not grow, or numbers that are not finite".into(),
             ));
         }
+        // Check that every time has its values
         let values_per_key = AnimationSampler::values_per_key(interpolation);
         if Some(values.len()) != times.len().checked_mul(values_per_key * width) {
             return Err(fault(format!(
@@ -207,7 +215,7 @@ impl Document {
         })
     }
 
-    /// The numbers of an accessor of vectors, one after the other.
+    /// Returns the numbers of an accessor of vectors, one after the other.
     fn numbers<const N: usize>(&self, accessor: usize) -> Result<Vec<f64>, GltfError>
     where
         [f32; N]: bytemuck::Pod,
@@ -216,7 +224,7 @@ impl Document {
         Ok(vectors.iter().flatten().copied().map(f64::from).collect())
     }
 
-    /// The file's animations, for people.
+    /// Returns names, times and channel counts of the file's animations, for reports.
     pub(super) fn animations(&self) -> Result<Vec<Animation>, GltfError> {
         (0..self.root.animations.len())
             .map(|number| {

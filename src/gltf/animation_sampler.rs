@@ -1,35 +1,35 @@
-//! The values of a property over time (glTF 2.0, appendix C).
+//! Interpolation of an animated property over time (glTF 2.0, appendix C).
 //!
-//! Between keys they go by steps, straight (rotations along the shorter arc), or by a cubic spline through values with
-//! tangents. Before the first time a property has the first value, behind the last the last.
+//! Between keyframes values change by steps, linearly (rotations along the shorter arc), or by a cubic spline through
+//! values with tangents. Before the first time a property has the first value, after the last time the last.
 
 use glam::DQuat;
 use gltf::json::animation::Interpolation;
 
 use super::node;
 
-/// Keys and the way between them.
+/// Keyframes and their interpolation.
 #[derive(Debug)]
 pub(super) struct AnimationSampler {
     pub(super) interpolation: Interpolation,
-    /// Numbers a value.
+    /// Count of numbers per value.
     pub(super) width: usize,
-    /// At least one; they grow.
+    /// Times of the keyframes in seconds: at least one, and strictly increasing.
     pub(super) times: Vec<f64>,
-    /// Of each time, or, of a spline, the tangent into it, the value, the tangent out of it.
+    /// Values of the keyframes; for a spline three of each: its incoming tangent, its value and its outgoing tangent.
     pub(super) values: Vec<f64>,
 }
 
-/// A moment on a curve.
+/// Position of a time among the keyframes.
 enum Place {
-    /// At a key, or before the first, or behind the last.
+    /// A keyframe's own value: at its time, before the first or after the last.
     Key(usize),
-    /// So far, from 0 to 1, between a key and the next.
+    /// A fraction, from 0 to 1, of the interval between a keyframe and the next.
     Between(usize, f64),
 }
 
 impl AnimationSampler {
-    /// Values that a time has: itself and its tangents.
+    /// Returns the number of values per keyframe: the value itself and its tangents.
     pub(super) fn values_per_key(interpolation: Interpolation) -> usize {
         if interpolation == Interpolation::CubicSpline {
             3
@@ -38,7 +38,7 @@ impl AnimationSampler {
         }
     }
 
-    /// The value at a time.
+    /// Returns the value at a time.
     pub(super) fn at(&self, seconds: f64) -> Vec<f64> {
         match self.place(seconds) {
             Place::Key(key) => self.value(key).to_vec(),
@@ -46,12 +46,12 @@ impl AnimationSampler {
         }
     }
 
-    /// The rotation at a time, of a curve of quaternions.
+    /// Returns the rotation at a time, for a sampler of quaternions.
     pub(super) fn rotation_at(&self, seconds: f64) -> DQuat {
         match (self.interpolation, self.place(seconds)) {
             (Interpolation::Linear, Place::Between(key, u)) => {
                 let [a, b] = [key, key + 1].map(|key| quaternion(self.value(key)));
-                // It takes the shorter of both arcs.
+                // glam's slerp takes the shorter of the two arcs.
                 a.slerp(b, u)
             }
             _ => quaternion(&self.at(seconds)),
@@ -59,6 +59,7 @@ impl AnimationSampler {
     }
 
     fn place(&self, seconds: f64) -> Place {
+        // Binary search for the first keyframe after the time
         let next = self.times.partition_point(|&time| time <= seconds);
         let Some(key) = next.checked_sub(1) else {
             return Place::Key(0);
@@ -85,8 +86,10 @@ impl AnimationSampler {
         match self.interpolation {
             Interpolation::Step => a.to_vec(),
             Interpolation::Linear => a.iter().zip(b).map(|(a, b)| a + (b - a) * u).collect(),
+            // Evaluate the cubic Hermite spline; tangents are per second
             Interpolation::CubicSpline => {
                 let seconds = self.times[key + 1] - self.times[key];
+                // Tangents out of this keyframe and into the next
                 let (out, into) = (self.numbers(3 * key + 2), self.numbers(3 * key + 3));
                 let (u2, u3) = (u * u, u * u * u);
                 let value = |i: usize| {
@@ -101,7 +104,7 @@ impl AnimationSampler {
     }
 }
 
-/// The rotation of four numbers.
+/// Returns the rotation of a quaternion of four numbers.
 fn quaternion(numbers: &[f64]) -> DQuat {
     node::rotation(DQuat::from_slice(numbers))
 }
@@ -132,7 +135,7 @@ mod tests {
 
     #[test]
     fn a_spline_takes_its_tangents_times_the_step() {
-        // From 0 to 1 in 2 s, leaving at 3 a second and arriving at -1: in the middle 1/2 + 2 (3 - -1) / 8.
+        // From 0 to 1 in 2 s, leaving at 3 per second and arriving at -1: in the middle 1/2 + 2 (3 - -1) / 8.
         let spline = curve(
             Interpolation::CubicSpline,
             &[0.0, 2.0],

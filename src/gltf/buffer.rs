@@ -1,4 +1,4 @@
-//! Where the bytes are: the binary chunk, other files, data URIs.
+//! Buffers and buffer views: bytes of the binary chunk, of other files and of data URIs.
 
 use std::ops::{Deref, Range};
 use std::path::PathBuf;
@@ -15,7 +15,7 @@ use super::document::Document;
 use super::error::EXPORT_AGAIN;
 use super::mmap::map_file;
 
-/// Some bytes, mapped or decoded.
+/// Bytes of a buffer, mapped or decoded.
 #[derive(Clone, Debug)]
 pub(super) enum Bytes {
     Mapped { map: Arc<Mmap>, range: Range<usize> },
@@ -23,13 +23,13 @@ pub(super) enum Bytes {
 }
 
 impl Bytes {
-    /// All of a mapped file.
+    /// Returns the bytes of a whole mapped file.
     pub(super) fn whole(map: Arc<Mmap>) -> Bytes {
         let range = 0..map.len();
         Bytes::Mapped { map, range }
     }
 
-    /// The file and the offset in it of the first byte.
+    /// Returns the mapped file and the offset of the first byte in it; `None` for decoded bytes.
     pub(super) fn mapped(&self) -> Option<(&Arc<Mmap>, usize)> {
         match self {
             Bytes::Mapped { map, range } => Some((map, range.start)),
@@ -50,17 +50,17 @@ impl Deref for Bytes {
     }
 }
 
-/// A window of a buffer.
+/// Bytes of a buffer view.
 pub(super) struct Window<'a> {
     pub(super) bytes: &'a [u8],
-    /// Distance of elements where the view states one.
+    /// Distance between elements in bytes, if the view states one.
     pub(super) stride: Option<usize>,
-    /// The file and the offset in it of the first byte.
+    /// Mapped file and the offset of the first byte in it.
     pub(super) mapped: Option<(&'a Arc<Mmap>, usize)>,
 }
 
 impl<'a> Window<'a> {
-    /// The window without its first `offset` bytes.
+    /// Returns the window without its first `offset` bytes; `None` if it is shorter.
     pub(super) fn skip(self, offset: usize) -> Option<Window<'a>> {
         Some(Window {
             bytes: self.bytes.get(offset..)?,
@@ -70,7 +70,7 @@ impl<'a> Window<'a> {
     }
 }
 
-/// Exporters differ in whether they pad.
+/// Base64 decoder that accepts any padding, as exporters differ in whether they pad.
 const BASE64: GeneralPurpose = GeneralPurpose::new(
     &alphabet::STANDARD,
     GeneralPurposeConfig::new()
@@ -79,7 +79,7 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
 );
 
 impl Document {
-    /// The bytes of a buffer view.
+    /// Returns the bytes of a buffer view, checked against its buffer.
     pub(super) fn view(&self, number: usize) -> Result<Window<'_>, GltfError> {
         let item = || format!("buffer view {number}");
         let views = &self.root.buffer_views;
@@ -108,7 +108,7 @@ impl Document {
         })
     }
 
-    /// The bytes of a buffer, opened when they are first asked for.
+    /// Returns the bytes of a buffer, which is opened on first use.
     fn buffer(&self, number: usize) -> Result<&Bytes, GltfError> {
         let Some(slot) = self.buffers.get(number) else {
             return Err(self.missing("buffer", number, self.buffers.len()));
@@ -123,12 +123,14 @@ impl Document {
         let buffer = &self.root.buffers[number];
         let bytes = match (&buffer.uri, &self.binary_chunk) {
             (Some(uri), _) => self.resolve(uri, &item)?,
+            // Only the first buffer may be the binary chunk
             (None, Some(chunk)) if number == 0 => chunk.clone(),
             (None, _) => {
                 let fault = "has neither a URI nor a binary chunk";
                 return Err(self.fault(item, fault, EXPORT_AGAIN));
             }
         };
+        // A file may be longer than its buffer, as chunks are padded
         if (bytes.len() as u64) < buffer.byte_length.0 {
             let fault = format!(
                 "holds {} bytes of the {} it states",
@@ -140,18 +142,21 @@ impl Document {
         Ok(bytes)
     }
 
-    /// What a URI stands for: a data URI's content, or a file beside this one.
+    /// Returns the bytes of a URI: a data URI's content, or a file relative to this one.
     pub(super) fn resolve(&self, uri: &str, item: &str) -> Result<Bytes, GltfError> {
+        // Decode a data URI
         if let Some(data) = uri.strip_prefix("data:") {
             return match decode_data_uri(data) {
                 Some(bytes) => Ok(Bytes::Decoded(Arc::new(bytes))),
                 None => Err(self.fault(item, "has a data URI that cannot be decoded", EXPORT_AGAIN)),
             };
         }
+        // Reject URLs, as nothing is downloaded
         if uri.contains("://") {
             let fault = format!("is at `{}`", shortened(uri));
             return Err(self.fault(item, fault, "download it and put its file name instead"));
         }
+        // Map the file, whose name may be percent-encoded
         let Ok(name) = percent_decode_str(uri).decode_utf8() else {
             let fault = format!("has the URI `{}`, which is not UTF-8", shortened(uri));
             return Err(self.fault(item, fault, EXPORT_AGAIN));
@@ -170,10 +175,11 @@ impl Document {
     }
 }
 
-/// The content of a data URI without its `data:`.
+/// Decodes a data URI without its `data:`.
 fn decode_data_uri(data: &str) -> Option<Vec<u8>> {
     let (kind, content) = data.split_once(',')?;
     if kind.ends_with(";base64") {
+        // The base64 text may itself be percent-encoded
         if content.contains('%') {
             let plain: Vec<u8> = percent_decode_str(content).collect();
             return BASE64.decode(plain).ok();
@@ -183,7 +189,7 @@ fn decode_data_uri(data: &str) -> Option<Vec<u8>> {
     Some(percent_decode(content.as_bytes()).collect())
 }
 
-/// A URI cut to a length that fits into a sentence.
+/// Returns a URI shortened to a length that fits into a message.
 fn shortened(uri: &str) -> String {
     const LENGTH: usize = 80;
     if uri.chars().count() <= LENGTH {

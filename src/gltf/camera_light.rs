@@ -1,4 +1,4 @@
-//! Cameras and lights: those of the file, and the ones that stand in where it has none.
+//! Cameras and lights: those of the file, and the defaults for files without any.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -13,22 +13,23 @@ use super::node::PlacedNode;
 use crate::numeric::Bounds;
 use crate::scene::{Camera, Falloff, Light, LightKind, Projection};
 
-/// Radiance of the surroundings where the default light is used.
+/// Ambient and background radiance with the default light.
 pub(super) const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
-/// Where the default camera stands, seen from the scene's middle: in front, slightly to the right and above.
+/// Direction from the scene's centre to the default camera: in front, slightly to the right and above.
 const DEFAULT_SIDE: DVec3 = DVec3::new(0.5, 0.35, 1.0);
-/// The default camera's distance is this many times that at which the bounds would touch the picture's edge.
+/// Ratio of the default camera's distance to that at which the bounds would touch the image's edge.
 const MARGIN: f64 = 1.05;
-/// From surfaces to the default light, in the camera's space: behind its left shoulder.
+/// Direction from surfaces to the default light, in camera space: behind the camera's left shoulder.
 const LEFT_SHOULDER: DVec3 = DVec3::new(-0.5, 0.8, 1.0);
 
-/// The camera that frames `bounds`: 45 degrees high, from the front, slightly right and above, at the distance where
-/// the box just fits a square picture, with a margin of a twentieth.
+/// Returns a camera that frames `bounds`: a vertical field of view of 45 degrees, from the front, slightly from the
+/// right and above, at the distance where the box just fits a square image, with a margin of a twentieth.
 pub(crate) fn framing_camera(bounds: &Bounds) -> Camera {
     let back = DEFAULT_SIDE.normalize();
     let axes = axes_looking_along(-back, DVec3::Y);
     let center = bounds.center();
     let slope = (0.5 * FRAC_PI_4).tan();
+    // Find the least distance at which all corners are in the image
     let mut distance = 0.0f64;
     for corner in 0..8 {
         let pick = |axis: usize| {
@@ -39,7 +40,7 @@ pub(crate) fn framing_camera(bounds: &Bounds) -> Camera {
             }
         };
         let p = axes.transpose() * (DVec3::new(pick(0), pick(1), pick(2)) - center);
-        // The corner is seen while max(|x|, |y|) <= (distance - z) * slope.
+        // The corner is visible while max(|x|, |y|) <= (distance - z) * slope.
         distance = distance.max(p.z + p.x.abs().max(p.y.abs()) / slope);
     }
     Camera {
@@ -53,8 +54,8 @@ pub(crate) fn framing_camera(bounds: &Bounds) -> Camera {
     }
 }
 
-/// White sunlight from behind the camera's left shoulder, of ¾ π lux: with the surroundings of [`DEFAULT_AMBIENT`], a
-/// white Lambertian surface that faces it has radiance 1 and is not clipped.
+/// Returns the default light: white sunlight from behind the camera's left shoulder, of ¾ π lux. With the ambient light
+/// [`DEFAULT_AMBIENT`], a white Lambertian surface that faces it has radiance 1 and is not clipped.
 pub(super) fn default_light(camera: &Camera) -> Light {
     Light {
         name: "default".into(),
@@ -66,7 +67,7 @@ pub(super) fn default_light(camera: &Camera) -> Light {
 }
 
 impl Document {
-    /// The camera at a node, if it has one. One that makes no sense is skipped with a warning.
+    /// Returns the camera at a node, if it has one. An invalid camera is skipped with a warning.
     pub(super) fn camera_at(
         &self,
         node: &PlacedNode,
@@ -96,12 +97,13 @@ impl Document {
         }))
     }
 
-    /// The light at a node, if it has one. One that makes no sense is skipped with a warning.
+    /// Returns the light at a node, if it has one. An invalid light is skipped with a warning.
     pub(super) fn light_at(
         &self,
         node: &PlacedNode,
         warnings: &mut Vec<String>,
     ) -> Result<Option<Light>, GltfError> {
+        // Find the light that the node refers to
         let extensions = self.root.nodes[node.number].extensions.as_ref();
         let Some(reference) = extensions.and_then(|e| e.khr_lights_punctual.as_ref()) else {
             return Ok(None);
@@ -116,6 +118,7 @@ impl Document {
         let Some(source) = lights.get(number) else {
             return Err(self.missing("light", number, lights.len()));
         };
+        // Check the intensity and the type of the light
         let intensity = source.color.map(|c| c * source.intensity);
         let is_sound = intensity.iter().all(|x| (0.0..f32::INFINITY).contains(x));
         let kind = shine(source, &node.world_from_node).filter(|_| is_sound);
@@ -132,7 +135,7 @@ impl Document {
     }
 }
 
-/// Projection, near and far plane, if they make sense.
+/// Returns the projection, the near and the far plane, if they are valid.
 fn lens(source: &json::Camera) -> Option<(Projection, f64, f64)> {
     let is_size = |x: &f64| *x > 0.0 && *x < f64::INFINITY;
     let size = |x: f32| Some(f64::from(x)).filter(is_size);
@@ -159,15 +162,17 @@ fn lens(source: &json::Camera) -> Option<(Projection, f64, f64)> {
         }
         Checked::Invalid => return None,
     };
+    // The near plane must be in front of the far plane
     let is_sound = (0.0..f64::INFINITY).contains(&z_near) && z_far > z_near;
     is_sound.then_some((projection, z_near, z_far))
 }
 
-/// How a light shines from its node: along -z, unscaled.
+/// Returns the type of a light at its node; it emits along the node's -z axis, unscaled.
 fn shine(source: &khr_lights_punctual::Light, world_from_node: &DAffine3) -> Option<LightKind> {
     let position = Some(world_from_node.translation).filter(|p| p.is_finite())?;
+    // Scale and shear are removed from the direction
     let forward = || world_from_node.matrix3.z_axis.try_normalize().map(|back| -back);
-    // A range that makes no sense is none.
+    // An invalid range counts as none.
     let range = source
         .range
         .map(f64::from)
@@ -198,7 +203,8 @@ fn shine(source: &khr_lights_punctual::Light, world_from_node: &DAffine3) -> Opt
     }
 }
 
-/// The map without its scale, shear and mirroring: the view axis keeps its direction, up is made orthogonal to it.
+/// Returns the map without scale, shear and mirroring: the view axis keeps its direction, and up is made orthogonal to
+/// it.
 fn rigid(map: &DAffine3) -> Option<DAffine3> {
     let back = map.matrix3.z_axis.try_normalize()?;
     let up = map.matrix3.y_axis.try_normalize()?;
@@ -208,7 +214,7 @@ fn rigid(map: &DAffine3) -> Option<DAffine3> {
     Some(DAffine3::from_mat3_translation(axes, translation))
 }
 
-/// Axes of a camera that looks along the unit vector `forward`, which is not parallel to `up`.
+/// Returns the axes of a camera that looks along the unit vector `forward`, which is not parallel to `up`.
 fn axes_looking_along(forward: DVec3, up: DVec3) -> DMat3 {
     let right = forward.cross(up).normalize();
     DMat3::from_cols(right, right.cross(forward), -forward)

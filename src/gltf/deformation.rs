@@ -1,8 +1,8 @@
-//! Meshes that are not shown as they are: morph targets (glTF 2.0, section 3.7.2.2), then skins.
+//! Deformed meshes: morph targets (glTF 2.0, section 3.7.2.2), then skins.
 //!
-//! Targets displace positions, normals and tangents by their weights; a skin then moves them by its joints, normals by
-//! the inverse transpose. All is worked out in f64 and rounded to f32 once. A mesh whose weights are all zero and that
-//! has no skin is no such mesh: its arrays stay where the file has them.
+//! Targets displace positions, normals and tangents by their weights; a skin then transforms them by its joints,
+//! normals by the inverse transpose. All is computed in f64 and rounded to f32 once. A mesh with all weights zero and
+//! no skin is not deformed, and its arrays stay mapped from the file.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -21,32 +21,32 @@ use crate::mesh::Buffer;
 use crate::numeric;
 use crate::parallel;
 
-/// What is done to the vertices of a mesh.
+/// Deformation of the vertices of a mesh.
 #[derive(Debug)]
 pub(super) struct Deformation {
-    /// Of its morph targets.
+    /// Weights of the morph targets; empty if all are zero.
     weights: Vec<f64>,
     joints: Option<Arc<Joints>>,
 }
 
-/// A deformation with the numbers of one primitive: what it does to each vertex.
+/// A deformation prepared for the vertices of one primitive.
 pub(super) struct Deformer {
     positions: Vec<Displacement>,
     normals: Vec<Displacement>,
     tangents: Vec<Displacement>,
-    /// Of a skin: one map a vertex.
+    /// One map per vertex, for a skin.
     maps: Option<Vec<DAffine3>>,
     is_mirrored: bool,
 }
 
-/// The vectors of a target, one a vertex, and its weight.
+/// Displacement vectors of a morph target, one per vertex, and its weight.
 struct Displacement {
     weight: f64,
     vectors: Buffer<[f32; 3]>,
 }
 
 impl Document {
-    /// The deformations of all meshes, each once; `nodes` are told theirs.
+    /// Computes the distinct deformations of all meshes, and sets the `deformed` field of nodes that have one.
     pub(super) fn deform(
         &self,
         nodes: &mut [PlacedNode],
@@ -55,16 +55,19 @@ impl Document {
         let joints = self.joints_of_skins(nodes)?;
         let mut deformations = Vec::new();
         let mut numbers: HashMap<(Vec<u64>, Option<usize>), usize> = HashMap::new();
+        // Find the weights and the skin of the node's mesh
         for node in nodes {
             let weights = self.weights(node.number, moved)?;
             let skin = self.skin_of(node.number);
             if weights.is_empty() && skin.is_none() {
                 continue;
             }
+            // A skin replaces the node's own transform
             let joints = skin.and_then(|skin| joints.get(&skin)).cloned();
             let world_from_mesh = joints
                 .as_ref()
                 .map_or(node.world_from_node, |joints| joints.world_from_mesh);
+            // Share equal deformations between nodes; NaN-free weights compare by their bits
             let bits = weights.iter().map(|weight| weight.to_bits()).collect();
             let deformation = *numbers.entry((bits, skin)).or_insert_with(|| {
                 deformations.push(Deformation { weights, joints });
@@ -78,15 +81,16 @@ impl Document {
         Ok(deformations)
     }
 
-    /// The skin of a node that has a mesh.
+    /// Returns the skin of a node that has a mesh.
     fn skin_of(&self, node: usize) -> Option<usize> {
         let node = &self.root.nodes[node];
         node.mesh?;
         node.skin.map(|skin| skin.value())
     }
 
-    /// The joints of every skin in use, by its number.
+    /// Returns the joints of every skin in use, by the skin's number.
     fn joints_of_skins(&self, nodes: &[PlacedNode]) -> Result<HashMap<usize, Arc<Joints>>, GltfError> {
+        // List the skins in use, each once
         let mut skins: Vec<usize> = nodes
             .iter()
             .filter_map(|node| self.skin_of(node.number))
@@ -96,6 +100,7 @@ impl Document {
         if skins.is_empty() {
             return Ok(HashMap::new());
         }
+        // Index the world transforms by node number
         let places = nodes
             .iter()
             .map(|node| (node.number, node.world_from_node))
@@ -106,16 +111,18 @@ impl Document {
             .collect()
     }
 
-    /// How many morph targets the mesh of a node has.
+    /// Returns the number of morph targets of a node's mesh.
     pub(super) fn target_count(&self, node: usize) -> usize {
         let mesh = self.root.nodes[node].mesh.map(|mesh| mesh.value());
         let primitives = mesh.and_then(|mesh| self.root.meshes.get(mesh));
         let primitives = primitives.iter().flat_map(|mesh| &mesh.primitives);
+        // Primitives of a mesh should have equally many targets, but the file may be invalid
         let counts = primitives.map(|primitive| primitive.targets.as_ref().map_or(0, Vec::len));
         counts.max().unwrap_or(0)
     }
 
-    /// The weights of a node's targets: those of the moment, else its own, else its mesh's; none where all are zero.
+    /// Returns the weights of a node's targets: the animated ones, else the node's own, else its mesh's; empty if all
+    /// are zero.
     fn weights(&self, node: usize, moved: &HashMap<usize, NodeOverride>) -> Result<Vec<f64>, GltfError> {
         let target_count = self.target_count(node);
         if target_count == 0 {
@@ -131,7 +138,7 @@ impl Document {
             .map(widened)
             .unwrap_or_default();
         let of_moment = moved.get(&node).and_then(|moved| moved.weights.as_ref());
-        // Those that a file has are looked at even where a moment has others.
+        // The file's own weights are checked even if the animation replaces them.
         for weights in [Some(&own), of_moment].into_iter().flatten() {
             self.check_weights(node, weights, target_count)?;
         }
@@ -154,7 +161,7 @@ impl Document {
         Err(self.fault(self.node_item(node), fault, EXPORT_AGAIN))
     }
 
-    /// Reads what a deformation needs of a primitive.
+    /// Reads the targets and the skin that a deformation needs of a primitive.
     pub(super) fn deformer(
         &self,
         id: PrimitiveId,
@@ -164,6 +171,7 @@ impl Document {
         let targets = self.primitive(id).targets.as_deref().unwrap_or_default();
         let displacements = |of: fn(&json::mesh::MorphTarget) -> Option<usize>| {
             let used = targets.iter().zip(&deformation.weights);
+            // Targets with weight zero are not read
             used.filter(|&(_, &weight)| weight != 0.0)
                 .filter_map(|(target, &weight)| Some((of(target)?, weight)))
                 .map(|(accessor, weight)| self.displacement(id, (accessor, weight), vertex_count))
@@ -200,7 +208,7 @@ impl Document {
 }
 
 impl Deformer {
-    /// Where the vertices go.
+    /// Returns the deformed positions.
     pub(super) fn positions(&self, positions: &[[f32; 3]]) -> Buffer<[f32; 3]> {
         mapped(positions, |vertex, position| {
             let p = displaced(&self.positions, vertex, position);
@@ -209,7 +217,7 @@ impl Deformer {
         })
     }
 
-    /// The triangles, front still front where the skin mirrors.
+    /// Returns the triangles, with reversed winding if the skin mirrors, so that the front side stays the front side.
     pub(super) fn triangles(&self, triangles: Buffer<[u32; 3]>) -> Buffer<[u32; 3]> {
         if self.is_mirrored {
             mapped(&triangles, |_, [a, b, c]| [a, c, b])
@@ -218,7 +226,8 @@ impl Deformer {
         }
     }
 
-    /// The normals; of unit length where a skin turns them, and as they were where it leaves them no direction.
+    /// Returns the deformed normals: of unit length if a skin transforms them, and unchanged where it leaves them no
+    /// direction.
     pub(super) fn normals(&self, normals: &[[f32; 3]]) -> Buffer<[f32; 3]> {
         mapped(normals, |vertex, normal| {
             let n = displaced(&self.normals, vertex, normal);
@@ -232,7 +241,8 @@ impl Deformer {
         })
     }
 
-    /// The tangents; their handedness is kept by targets and turned by a skin that mirrors, because normals stay outside.
+    /// Returns the deformed tangents. Targets keep their handedness; a mirroring skin flips it, as normals stay
+    /// outside.
     pub(super) fn tangents(&self, tangents: &[[f32; 4]]) -> Buffer<[f32; 4]> {
         let handedness = if self.is_mirrored { -1.0 } else { 1.0 };
         mapped(tangents, |vertex, [x, y, z, w]| {
@@ -247,7 +257,7 @@ impl Deformer {
     }
 }
 
-/// A vector of a vertex with what its targets add.
+/// Returns a vertex's vector with its weighted displacements added.
 fn displaced(displacements: &[Displacement], vertex: usize, vector: [f32; 3]) -> DVec3 {
     let widened = |vector: [f32; 3]| DVec3::from_array(vector.map(f64::from));
     displacements.iter().fold(widened(vector), |sum, displacement| {
@@ -255,7 +265,7 @@ fn displaced(displacements: &[Displacement], vertex: usize, vector: [f32; 3]) ->
     })
 }
 
-/// Every element mapped, in parallel.
+/// Returns every element mapped, in parallel.
 fn mapped<T: bytemuck::Pod + Send + Sync>(elements: &[T], map: impl Fn(usize, T) -> T + Sync) -> Buffer<T> {
     Buffer::from(parallel::generate(elements.len(), |i| map(i, elements[i])))
 }

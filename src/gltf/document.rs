@@ -1,7 +1,7 @@
-//! From bytes to a glTF document: the container, the JSON, the version, the extensions.
+//! Parsing of glTF documents: the container, the JSON, the version and the extensions.
 //!
-//! The kind of file is told by its content. JSON is read into the `gltf` crate's types; its importer and its
-//! validation are not used, and nothing here trusts a number in it.
+//! The content decides the kind of file, not its name. JSON is parsed into the `gltf` crate's types; that crate's
+//! importer and validation are not used, and no number in the file is trusted.
 
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -13,7 +13,7 @@ use super::GltfError;
 use super::buffer::Bytes;
 use super::mmap::map_file;
 
-/// Extensions whose meaning is carried out.
+/// Extensions that are implemented.
 const KNOWN: [&str; 11] = [
     "KHR_lights_punctual",
     "KHR_materials_diffuse_transmission",
@@ -28,12 +28,12 @@ const KNOWN: [&str; 11] = [
     "KHR_texture_transform",
 ];
 
-/// How the names of extensions that refine a material begin.
+/// Name prefix of the extensions that refine a material.
 const MATERIAL_EXTENSION: &str = "KHR_materials_";
 
-/// A parsed file and the way to its bytes.
+/// A parsed file with access to its buffers.
 pub(super) struct Document {
-    /// The file as the user named it.
+    /// Path of the file as the user gave it.
     pub(super) file: PathBuf,
     pub(super) root: json::Root,
     pub(super) binary_chunk: Option<Bytes>,
@@ -41,7 +41,7 @@ pub(super) struct Document {
 }
 
 impl Document {
-    /// Maps and parses a file. What can be ignored is pushed to `warnings`.
+    /// Maps and parses a file. Faults that can be ignored are added to `warnings`.
     pub(super) fn open(file: &Path, warnings: &mut Vec<String>) -> Result<Document, GltfError> {
         let whole = Bytes::whole(map_file(file)?);
         let (json, binary_chunk) = if whole.starts_with(b"glTF") {
@@ -61,7 +61,7 @@ impl Document {
         Ok(document)
     }
 
-    /// An error about one item of this file.
+    /// Returns an error about one item of this file.
     pub(super) fn fault(
         &self,
         item: impl Into<String>,
@@ -76,7 +76,7 @@ impl Document {
         }
     }
 
-    /// An error about a reference to something that is not there.
+    /// Returns an error about a reference to an item that does not exist.
     pub(super) fn missing(&self, kind: &str, number: usize, count: usize) -> GltfError {
         let fault = format!("is referred to, but the file has {count} of them");
         self.fault(format!("{kind} {number}"), fault, super::error::EXPORT_AGAIN)
@@ -107,11 +107,13 @@ impl Document {
             names.dedup();
             names
         };
+        // A required extension that is unknown is an error
         let names = unknown(&self.root.extensions_required);
         if !names.is_empty() {
             let file = self.file.clone();
             return Err(GltfError::RequiredExtensions { file, names });
         }
+        // An optional one is a warning
         for name in unknown(&self.root.extensions_used) {
             warnings.push(if name.starts_with(MATERIAL_EXTENSION) {
                 format!("the extension {name} was left out: materials are shown without it")
@@ -130,7 +132,7 @@ fn not_gltf(file: &Path, fault: String) -> GltfError {
     }
 }
 
-/// The JSON chunk and the binary chunk of a `.glb` (glTF 2.0, section 4.4).
+/// Splits a `.glb` into its JSON chunk and its binary chunk (glTF 2.0, section 4.4).
 fn split_container(whole: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
     const HEADER: usize = 12;
     const CHUNK_HEADER: usize = 8;
@@ -139,6 +141,7 @@ fn split_container(whole: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
     let Some((map, start)) = whole.mapped() else {
         return Err("it is not mapped".into());
     };
+    // Check the header
     let word = |at: usize| -> Option<u32> {
         let bytes = whole.get(at..at.checked_add(4)?)?;
         Some(u32::from_le_bytes(bytes.try_into().ok()?))
@@ -156,6 +159,7 @@ fn split_container(whole: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
             whole.len()
         ));
     }
+    // Collect the chunks, checking that each ends within the file
     let mut chunks = Vec::new();
     let mut at = HEADER;
     while at + CHUNK_HEADER <= end {
@@ -176,6 +180,7 @@ fn split_container(whole: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
         ));
         at = next;
     }
+    // The first chunk is JSON, the second may be the binary one
     let mut chunks = chunks.into_iter();
     let Some((JSON, json)) = chunks.next() else {
         return Err("its first chunk is not JSON".into());
@@ -187,7 +192,7 @@ fn split_container(whole: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
     Ok((json, binary))
 }
 
-/// Reads the JSON; where a part that can be spared is at fault, without that part.
+/// Parses the JSON; if an optional part of it is invalid, without that part.
 fn parse(json: &[u8], warnings: &mut Vec<String>) -> Result<json::Root, String> {
     const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
     let json = json.strip_prefix(BYTE_ORDER_MARK).unwrap_or(json);
@@ -195,6 +200,7 @@ fn parse(json: &[u8], warnings: &mut Vec<String>) -> Result<json::Root, String> 
     if first != Some(&b'{') {
         return Err("it starts neither with `glTF` nor with a JSON object".into());
     }
+    // Retry without parts that are not needed, and with repairs
     json::Root::from_slice(json).or_else(|strict| {
         parse_leniently(json, &["extras"])
             .or_else(|| {
@@ -206,14 +212,15 @@ fn parse(json: &[u8], warnings: &mut Vec<String>) -> Result<json::Root, String> 
     })
 }
 
-/// The image of a texture that names none, as those do whose image only an extension knows.
+/// Image index of a texture that has no image, or one in an extension only.
 pub(super) const NO_IMAGE: u32 = u32::MAX;
 
-/// A further attempt: parts to spare are left out, whole numbers may be written with a point, and what has a sensible
-/// default gets it.
+/// Parses the JSON with repairs: the parts in `spared` are removed, whole numbers may be written with a decimal point,
+/// and absent values with a sensible default get it.
 fn parse_leniently(json: &[u8], spared: &[&str]) -> Option<json::Root> {
     let mut root: Value = serde_json::from_slice(json).ok()?;
     let object = root.as_object_mut()?;
+    // Remove the parts to spare, and references to them
     for &part in spared {
         object.remove(part);
     }
@@ -223,6 +230,7 @@ fn parse_leniently(json: &[u8], spared: &[&str]) -> Option<json::Root> {
             node.remove("skin");
         }
     }
+    // Insert defaults that exporters omit
     let defaults = [
         ("scenes", "nodes", Value::Array(Vec::new())),
         ("textures", "source", NO_IMAGE.into()),
@@ -234,15 +242,16 @@ fn parse_leniently(json: &[u8], spared: &[&str]) -> Option<json::Root> {
         }
     }
     write_whole_numbers_plainly(&mut root);
-    // Through text again, because the `gltf` crate's types hold raw JSON.
+    // The document is printed and parsed again, because the `gltf` crate's types hold raw JSON.
     json::Root::from_slice(&serde_json::to_vec(&root).ok()?).ok()
 }
 
-/// Turns `3.0` into `3`, which JSON does not tell apart but the types do. The parser limits the depth.
+/// Replaces `3.0` by `3`, which JSON does not distinguish but the parser's types do. The parser limits the depth.
 fn write_whole_numbers_plainly(value: &mut Value) {
     const EXACT: f64 = 9_007_199_254_740_992.0;
     match value {
         Value::Number(number) => {
+            // Beyond 2^53 not every whole number is exact in f64
             let whole = number.as_f64().filter(|x| x.fract() == 0.0 && x.abs() < EXACT);
             if let Some(x) = whole.filter(|_| number.is_f64()) {
                 *value = Value::from(x as i64);
@@ -254,7 +263,7 @@ fn write_whole_numbers_plainly(value: &mut Value) {
     }
 }
 
-/// A document for tests from its JSON, as if read from `test.gltf`.
+/// Returns a document for tests from its JSON, as if read from `test.gltf`.
 #[cfg(test)]
 pub(super) fn of_json(root: &Value) -> Document {
     let root = parse(root.to_string().as_bytes(), &mut Vec::new()).unwrap();

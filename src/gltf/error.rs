@@ -1,73 +1,73 @@
-//! What can be wrong with a glTF file, each worded as advice.
+//! Errors of glTF files, each worded as advice.
 
 use std::path::PathBuf;
 
 use crate::scene::SceneError;
 
-/// Why a glTF file could not become a scene. The sentence names the file, the item in it, and what to do.
+/// Reason why a glTF file could not become a scene: one sentence with the file, the item in it, and a remedy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GltfError {
-    /// The operating system does not give the file.
+    /// The operating system cannot read the file.
     #[error("{}: {fault}: check the path and whether you may read the file", .file.display())]
     Unreadable {
-        /// The file.
+        /// Path of the glTF file.
         file: PathBuf,
-        /// What the system says.
+        /// Error message of the operating system.
         fault: String,
     },
-    /// The content is something else, or broken off.
+    /// The content is not glTF, or it is truncated.
     #[error("{}: is not a whole glTF file ({fault}): give a .gltf or .glb file of glTF 2.0", .file.display())]
     NotGltf {
-        /// The file.
+        /// Path of the glTF file.
         file: PathBuf,
-        /// What is missing.
+        /// Description of what is missing.
         fault: String,
     },
-    /// Another version of glTF.
+    /// The file needs another version of glTF.
     #[error("{}: is made for glTF {version}: convert it to glTF 2.0", .file.display())]
     Version {
-        /// The file.
+        /// Path of the glTF file.
         file: PathBuf,
-        /// What it asks for.
+        /// Version that the file requires.
         version: String,
     },
-    /// The file says that it cannot be shown without extensions that are not known here.
+    /// The file requires extensions that are not implemented.
     #[error("{}: needs what this program does not know: {}: export the file without it", .file.display(), .names.join(", "))]
     RequiredExtensions {
-        /// The file.
+        /// Path of the glTF file.
         file: PathBuf,
-        /// The extensions.
+        /// Names of the extensions.
         names: Vec<String>,
     },
-    /// One item of the file is wrong.
+    /// One item of the file is invalid.
     #[error("{}: {item} {fault}: {remedy}", .file.display())]
     Item {
-        /// The file.
+        /// Path of the glTF file.
         file: PathBuf,
-        /// For example `accessor 3`.
+        /// Kind and number of the item, for example `accessor 3`.
         item: String,
-        /// What is wrong with it.
+        /// Description of the fault.
         fault: String,
-        /// What to do.
+        /// Remedy that the user can take.
         remedy: &'static str,
     },
-    /// No triangle is left.
+    /// No triangle is left to render.
     #[error("{}: there is nothing to render ({fault}): give a file with triangles in its scene", .file.display())]
     Empty {
-        /// The file.
+        /// Path of the glTF file.
         file: PathBuf,
-        /// Where the triangles went.
+        /// Reason why no triangle is left.
         fault: String,
     },
-    /// The parts are right but the whole is not.
+    /// The parts are valid but the resulting scene is not.
     #[error("{}: {source}", .file.display())]
     Scene {
-        /// The file.
+        /// Path of the glTF file.
         file: PathBuf,
-        /// What is wrong.
+        /// Fault of the scene.
         source: SceneError,
     },
 }
 
-/// The remedy where only the program that wrote the file can help.
+/// Remedy if only the program that wrote the file can help.
 pub(super) const EXPORT_AGAIN: &str = "export the file again";

@@ -1,7 +1,7 @@
-//! What extensions add to materials and textures, read from raw JSON.
+//! Extension objects of materials and textures, read from raw JSON.
 //!
-//! A member that is absent has the extension's default. One of the wrong type or out of its range is corrected and
-//! noted: an extension refines a picture and is no reason to refuse it.
+//! An absent member has the extension's default. One of the wrong type or out of range is corrected with a warning: an
+//! extension refines an image and is no reason to reject the file.
 
 use std::ops::RangeInclusive;
 
@@ -15,7 +15,7 @@ pub(super) struct Corrections {
 }
 
 impl Corrections {
-    /// `x` brought into its range; `default` where it is not a number.
+    /// Returns `x` clamped to its range, or `default` if it is not a number; records a correction.
     pub(super) fn within(
         &mut self,
         name: &'static str,
@@ -34,7 +34,7 @@ impl Corrections {
         }
     }
 
-    /// Remembers that a factor was corrected.
+    /// Records that a factor was corrected.
     pub(super) fn note(&mut self, name: &'static str) {
         if !self.names.contains(&name) {
             self.names.push(name);
@@ -42,14 +42,14 @@ impl Corrections {
     }
 }
 
-/// The members of an extension's object, or of none.
+/// The members of an extension's object; empty if the extension is absent.
 #[derive(Clone, Copy)]
 pub(super) struct Extension<'a> {
     members: Option<&'a Map<String, Value>>,
 }
 
 impl<'a> Extension<'a> {
-    /// The extension of this name among `all`.
+    /// Finds the extension of this name among `all`.
     pub(super) fn of(
         all: Option<&'a Map<String, Value>>,
         name: &'static str,
@@ -68,7 +68,7 @@ impl<'a> Extension<'a> {
         self.members.is_some()
     }
 
-    /// A number within `range`.
+    /// Returns a number within `range`.
     pub(super) fn number(
         &self,
         name: &'static str,
@@ -80,7 +80,7 @@ impl<'a> Extension<'a> {
         corrections.within(name, x, range, default)
     }
 
-    /// As many numbers as `default` has, each within `range`.
+    /// Returns as many numbers as `default` has, each within `range`.
     pub(super) fn vector<const N: usize>(
         &self,
         name: &'static str,
@@ -98,7 +98,7 @@ impl<'a> Extension<'a> {
         std::array::from_fn(|i| corrections.within(name, number(&values[i]), range.clone(), default[i]))
     }
 
-    /// An index, if there is one.
+    /// Returns an index, if there is a valid one.
     pub(super) fn index(&self, name: &'static str, corrections: &mut Corrections) -> Option<u32> {
         let value = self.member(name)?;
         let index = value.as_u64().and_then(|index| u32::try_from(index).ok());
@@ -108,7 +108,7 @@ impl<'a> Extension<'a> {
         index
     }
 
-    /// A reference to a texture, if there is one.
+    /// Returns a reference to a texture, if there is a valid one.
     pub(super) fn texture(
         &self,
         name: &'static str,
@@ -126,7 +126,7 @@ impl<'a> Extension<'a> {
     }
 }
 
-/// The number, NaN for what is none.
+/// Returns the number, or NaN for any other JSON value.
 fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or(f64::NAN)
 }

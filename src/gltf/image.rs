@@ -1,4 +1,4 @@
-//! Decoding the images that are looked at, in parallel and within a budget.
+//! Decoding of the images that simulated effects use, in parallel and within a budget.
 
 use std::collections::HashSet;
 use std::io::Cursor;
@@ -12,7 +12,7 @@ use crate::parallel;
 use crate::scene::{CachedImage, Image, ImageCache, Texels};
 
 impl Document {
-    /// Reads the images with these numbers, decoding those that are `wanted`.
+    /// Reads the images with these numbers, decoding those whose index is in `wanted`.
     pub(super) fn read_images(
         &self,
         numbers: &[usize],
@@ -20,11 +20,12 @@ impl Document {
         options: &LoadOptions,
     ) -> Result<Vec<Image>, GltfError> {
         let is_wanted = |index: usize| wanted.contains(&(index as u32));
-        // Sizes first: nothing is decoded before it is known that all of it fits.
+        // Sizes first: nothing is decoded before all images are known to fit.
         let sources: Vec<ImageBytes> = numbers
             .iter()
             .map(|&number| self.image_bytes(number))
             .collect::<Result<_, _>>()?;
+        // Check every size, and the sum of those that are decoded
         let mut total = 0u64;
         let mut sizes = Vec::with_capacity(numbers.len());
         for (index, (&number, source)) in numbers.iter().zip(&sources).enumerate() {
@@ -40,6 +41,7 @@ impl Document {
                 return Err(self.fault(self.image_item(number), fault, "make the image smaller"));
             }
         }
+        // Decode in parallel; other images keep only their size
         let read = |index: usize| {
             let (number, source) = (numbers[index], &sources[index]);
             let (width, height) = sizes[index];
@@ -78,6 +80,7 @@ impl Document {
         })?;
         let texels = decoded.into_rgba8();
         let (width, height) = texels.dimensions();
+        // Reuse the decoder's allocation if its size and capacity are multiples of 4
         let texels = bytemuck::allocation::try_cast_vec(texels.into_raw())
             .unwrap_or_else(|(_, bytes)| bytes.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect());
         Ok(CachedImage {
@@ -99,7 +102,7 @@ impl Document {
         let mut reader = ImageReader::new(Cursor::new(bytes))
             .with_guessed_format()
             .map_err(|e| self.bad_image(number, &e))?;
-        // The budget of texels is ours; what the decoder itself allocates must still have an end.
+        // The texel budget is checked above; the decoder's own allocations need a limit, too.
         let mut limits = Limits::no_limits();
         limits.max_alloc = Some(MAX_DECODER_BYTES);
         reader.limits(limits);
@@ -129,6 +132,7 @@ impl Document {
 
     fn image_name(&self, number: usize) -> String {
         let source = &self.root.images[number];
+        // A data URI is too long for a name
         let uri = source.uri.as_deref().filter(|uri| !uri.starts_with("data:"));
         let name = source.name.as_deref().filter(|name| !name.is_empty());
         name.or(uri)
@@ -141,10 +145,10 @@ impl Document {
     }
 }
 
-/// The most a decoder may allocate for one image: 8 bytes a texel of the largest image allowed by default.
+/// Largest allocation of a decoder for one image: 8 bytes per texel of the largest image allowed by default.
 const MAX_DECODER_BYTES: u64 = 8 * LoadOptions::DEFAULT_MAX_TEXELS;
 
-/// An encoded image.
+/// Bytes of an encoded image, of a file of its own or of a buffer view.
 enum ImageBytes<'a> {
     Own(Bytes),
     Shared(&'a [u8]),

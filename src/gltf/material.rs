@@ -1,5 +1,5 @@
-//! Materials and the textures they use: glTF's metallic-roughness parameters and the extensions of them, with only what
-//! is used carried over.
+//! Materials and their textures: glTF's metallic-roughness parameters and their extensions. Only what the scene uses is
+//! read.
 
 use std::collections::HashMap;
 
@@ -18,7 +18,7 @@ use crate::scene::{
     TextureUse, Translucency, Wrap,
 };
 
-/// Collects the materials, textures and images that the scene's meshes use, in the order of their first use.
+/// Collector of the materials, textures and images that the scene's meshes use, in the order of their first use.
 pub(super) struct Materials<'a> {
     document: &'a Document,
     pub(super) materials: Vec<Material>,
@@ -30,7 +30,8 @@ pub(super) struct Materials<'a> {
     texture_index: HashMap<usize, u32>,
 }
 
-/// A material of the file (none: the default one), and the texture coordinate sets that the mesh lacks.
+/// Key of a material: its number in the file (`None` for the default one), and the texture coordinate sets that the
+/// mesh lacks.
 #[derive(Clone, PartialEq, Eq, Hash)]
 struct Key {
     number: Option<usize>,
@@ -50,13 +51,14 @@ impl<'a> Materials<'a> {
         }
     }
 
-    /// The scene's index of a material of the file for a mesh with certain texture coordinate sets. Textures whose
-    /// set the mesh lacks are left out.
+    /// Returns the scene's index of a material of the file for a mesh with certain texture coordinate sets. Textures
+    /// whose set the mesh lacks are left out.
     pub(super) fn index_of(
         &mut self,
         number: Option<usize>,
         has_set: impl Fn(u32) -> bool,
     ) -> Result<u32, GltfError> {
+        // Materials are distinct by the sets that a mesh lacks, as the textures on these are left out
         let mut lacks = self.document.texture_coordinate_sets(number)?;
         lacks.retain(|&set| !has_set(set));
         let key = Key { number, lacks };
@@ -80,6 +82,7 @@ impl<'a> Materials<'a> {
             Some(name) if !name.is_empty() => name.clone(),
             _ => format!("material {number}"),
         };
+        // Warn about what is left out
         for set in lacks {
             self.warnings.push(format!(
                 "material `{name}` looks up TEXCOORD_{set}, which a mesh lacks: shown there without those textures"
@@ -91,10 +94,12 @@ impl<'a> Materials<'a> {
                 "material `{name}` has textures of diffuse transmission, which are not read: shown with its factors"
             ));
         }
+        // Read the factors
         let mut material = Material {
             name,
             ..surface(source, &mut corrections)
         };
+        // Bind the textures that can have an effect
         for slot in slots(source, &mut corrections) {
             if lacks.contains(&slot.tex_coord) || !material.heeds(slot.parameter, slot.strength) {
                 continue;
@@ -107,6 +112,7 @@ impl<'a> Materials<'a> {
                 });
             }
         }
+        // Report corrected factors
         if !corrections.names.is_empty() {
             let (name, factors) = (&material.name, corrections.names.join(", "));
             self.warnings.push(format!(
@@ -125,6 +131,7 @@ impl<'a> Materials<'a> {
         let texture = match self.texture_index.get(&number) {
             Some(&index) => index,
             None => {
+                // Add the texture on first use, with its image and its sampler
                 let image = source.source.value();
                 if image == NO_IMAGE as usize {
                     self.warnings.push(format!(
@@ -161,7 +168,7 @@ impl<'a> Materials<'a> {
 }
 
 impl Document {
-    /// The texture coordinate sets that a material looks up, each once.
+    /// Returns the texture coordinate sets that a material uses, each once.
     pub(super) fn texture_coordinate_sets(&self, material: Option<usize>) -> Result<Vec<u32>, GltfError> {
         let Some(number) = material else {
             return Ok(Vec::new());
@@ -173,7 +180,7 @@ impl Document {
         Ok(sets)
     }
 
-    /// The texture coordinate set of a material's normal map, if it has one.
+    /// Returns the texture coordinate set of a material's normal map, if it has one.
     pub(super) fn normal_map_set(&self, material: Option<usize>) -> Result<Option<u32>, GltfError> {
         let Some(number) = material else {
             return Ok(None);
@@ -208,6 +215,7 @@ impl Document {
             MinFilter::NearestMipmapNearest,
             MinFilter::NearestMipmapLinear,
         ];
+        // Minification without mip maps selects bilinear filtering; a nearest magnification filter overrides it
         let filter = match (sampler.mag_filter, sampler.min_filter) {
             (Some(Checked::Valid(MagFilter::Nearest)), _) => Filter::Nearest,
             (None, Some(Checked::Valid(min))) if nearest_min.contains(&min) => Filter::Nearest,
@@ -222,8 +230,9 @@ impl Document {
     }
 }
 
-/// A material's factors, without its name and its textures.
+/// Returns a material with the factors of `source`, without its name and its textures.
 fn surface(source: &json::Material, corrections: &mut Corrections) -> Material {
+    // Read the base colour and the coverage, all that an unlit surface has
     let extensions = source.extensions.as_ref().map(|e| &e.others);
     let pbr = &source.pbr_metallic_roughness;
     let base_color = pbr
@@ -239,6 +248,7 @@ fn surface(source: &json::Material, corrections: &mut Corrections) -> Material {
             ..Material::default()
         };
     }
+    // Read the model and the emission
     let model = metallic_roughness(pbr, extensions, corrections);
     let extension = Extension::of(extensions, "KHR_materials_emissive_strength", corrections);
     let most = f64::from(f32::MAX);
@@ -280,8 +290,8 @@ fn metallic_roughness(
     }
 }
 
-/// `KHR_materials_diffuse_transmission`, without its textures. Light that goes straight through overrides it, as the
-/// extension has it where all does.
+/// Reads `KHR_materials_diffuse_transmission` without its textures. Specular transmission overrides it, as the
+/// extension defines for a factor of 1.
 fn translucency(
     extensions: Option<&Map<String, Value>>,
     transmission: f32,
@@ -296,7 +306,7 @@ fn translucency(
     })
 }
 
-/// Whether a material has textures of `KHR_materials_diffuse_transmission`.
+/// Returns whether a material has textures of `KHR_materials_diffuse_transmission`.
 fn has_sheet_textures(source: &json::Material) -> bool {
     let extensions = source.extensions.as_ref();
     let sheet = extensions.and_then(|e| e.others.get("KHR_materials_diffuse_transmission"));
@@ -336,7 +346,7 @@ mod tests {
         images: Vec<usize>,
     }
 
-    /// What becomes of a material in a file with ten textures, each of the image of its number.
+    /// Reads a material in a file with ten textures, each of the image of the same number.
     fn read(material: Value) -> Found {
         let textures: Vec<Value> = (0..10).map(|i| json!({"source": i})).collect();
         let images: Vec<Value> = (0..10).map(|i| json!({"uri": format!("{i}.png")})).collect();
@@ -372,6 +382,7 @@ mod tests {
                 "extensions": {"KHR_texture_transform": {"scale": [2, 2]}}},
             "emissiveTexture": {"index": 3}, "emissiveFactor": [1, 0, 0]
         }));
+        // Check the coordinates and the transform of each texture
         assert!(found.warnings.is_empty(), "{:?}", found.warnings);
         let layer = |parameter| *found.material.layer(parameter).unwrap();
         let identity = TextureUse::new(0);
@@ -396,6 +407,7 @@ mod tests {
             layer(MaterialInput::Emission).texture.texture,
             occlusion.texture.texture
         );
+        // Images are numbered in the order of their first use
         assert_eq!(found.images, [0, 1, 3, 2]);
     }
 
@@ -441,11 +453,13 @@ mod tests {
                 "specularColorFactor": [0.1, 2, 1], "specularColorTexture": {"index": 7, "texCoord": 1,
                 "extensions": {"KHR_texture_transform": {"offset": [0, 1]}}}}
         }}));
+        // Check the factors
         assert_eq!(found.material.emission, [4.0, 2.0, 0.0]);
         assert_eq!(
             (model(&found).specular, model(&found).specular_color),
             (0.5, [0.1, 2.0, 1.0])
         );
+        // Check the textures
         let color = found
             .material
             .layer(MaterialInput::SpecularColor)
@@ -535,6 +549,7 @@ mod tests {
                 "KHR_materials_ior": {"ior": 1e9}, "KHR_materials_emissive_strength": 4
             }
         }));
+        // All corrections are in one warning
         let [warning] = &found.warnings[..] else {
             panic!("{:?}", found.warnings);
         };
@@ -553,6 +568,7 @@ mod tests {
         ] {
             assert!(warning.contains(name), "{name}: {warning}");
         }
+        // Check the corrected factors
         assert_eq!(found.material.layer(MaterialInput::Normal).unwrap().strength, 1.0);
         assert_eq!((model(&found).roughness, model(&found).transmission), (1.0, 1.0));
         assert_eq!(found.material.emission, [0.0; 3]);

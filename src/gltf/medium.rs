@@ -1,7 +1,7 @@
-//! What is inside a surface: `KHR_materials_ior`, `KHR_materials_volume` and `KHR_materials_dispersion`.
+//! Media inside surfaces: `KHR_materials_ior`, `KHR_materials_volume` and `KHR_materials_dispersion`.
 //!
-//! A thickness of zero makes a wall that light crosses straight; any other makes a body. Its way through the body is
-//! traced, so how thick the file says it is does not matter.
+//! A thickness of zero makes a thin wall that light crosses straight; any other makes an interior. The path of light
+//! through the interior is traced, so the stated thickness is not used.
 
 use serde_json::{Map, Value};
 
@@ -9,10 +9,10 @@ use super::extension::{Corrections, Extension};
 use crate::optics::{Absorption, Cauchy, Dispersion, MIN_WAVELENGTH};
 use crate::scene::{DEFAULT_IOR, Interior};
 
-/// The largest index of refraction that a scene accepts.
+/// Largest index of refraction that a scene accepts.
 const MAX_IOR: f64 = 16.0;
 
-/// The inside of a material: of each that transmits, and of each that states an index.
+/// Returns the interior of a material that transmits or that states an index of refraction; `None` otherwise.
 pub(super) fn interior(
     extensions: Option<&Map<String, Value>>,
     transmits: bool,
@@ -23,10 +23,11 @@ pub(super) fn interior(
         return None;
     }
     let ior = match stated.number("ior", DEFAULT_IOR, 0.0..=MAX_IOR, corrections) {
-        // The extension's way to ask for a surface that reflects everything; the largest index comes closest.
+        // An index of 0 requests a surface that reflects everything; the largest index comes closest.
         0.0 => MAX_IOR,
         ior => corrections.within("ior", ior, 1.0..=MAX_IOR, DEFAULT_IOR),
     };
+    // Read the thickness, which only decides whether there is an interior
     let volume = Extension::of(extensions, "KHR_materials_volume", corrections);
     let is_thin = volume.number("thicknessFactor", 0.0, 0.0..=f64::MAX, corrections) == 0.0;
     let thin = Interior {
@@ -59,6 +60,7 @@ fn dispersion(
     if cauchy.ior(MIN_WAVELENGTH) <= MAX_IOR {
         return Dispersion::Cauchy(cauchy);
     }
+    // Ignore a dispersion that exceeds the largest index in the visible range
     corrections.note("dispersion");
     Dispersion::Constant(ior)
 }

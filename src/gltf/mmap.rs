@@ -1,7 +1,7 @@
-//! Mapping files into memory: the only `unsafe` of this room.
+//! Memory mapping of files: the only `unsafe` of this module.
 //!
-//! A mapped file must not be truncated while it is rendered: the system answers the next read beyond its end with
-//! SIGBUS, which ends the process. Changing its bytes changes the picture, but every index was copied or checked.
+//! A mapped file must not be truncated during rendering: the operating system raises SIGBUS at the next read beyond its
+//! end, which ends the process. Changes of its bytes change the image, but every index was copied or checked.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -11,13 +11,13 @@ use memmap2::Mmap;
 
 use super::GltfError;
 
-/// The whole of a regular file that is not empty.
+/// Maps the whole of a regular file that is not empty.
 pub(super) fn map_file(file: &Path) -> Result<Arc<Mmap>, GltfError> {
     let unreadable = |fault: String| GltfError::Unreadable {
         file: file.to_owned(),
         fault,
     };
-    // Asked before opening: opening a pipe would wait for its writer.
+    // Checked before opening, as opening a pipe would wait for its writer.
     let metadata = fs::metadata(file).map_err(|e| unreadable(reason(&e)))?;
     if !metadata.is_file() {
         return Err(unreadable("is not a file".into()));
@@ -29,13 +29,13 @@ pub(super) fn map_file(file: &Path) -> Result<Arc<Mmap>, GltfError> {
         });
     }
     let handle = File::open(file).map_err(|e| unreadable(reason(&e)))?;
-    // SAFETY: the map is private and only ever read. That nobody shortens or rewrites the file while it is mapped is a
-    // condition of `load`, stated in its documentation: indices are checked once and then trusted.
+    // SAFETY: the map is private and only ever read. That the file is not shortened or rewritten while it is mapped is
+    // a condition of `load`, stated in its documentation: indices are checked once and then trusted.
     let map = unsafe { Mmap::map(&handle) }.map_err(|e| unreadable(reason(&e)))?;
     Ok(Arc::new(map))
 }
 
-/// The system's words without the number of the error.
+/// Returns the operating system's error message without the number of the error.
 fn reason(error: &std::io::Error) -> String {
     match error.kind() {
         std::io::ErrorKind::NotFound => "there is no such file".into(),

@@ -1,19 +1,19 @@
-//! From a glTF 2.0 file to a scene.
+//! Import of glTF 2.0 files as scenes.
 //!
-//! Files are mapped, not read: packed vertices and 32-bit indices stay where the file has them, so that a large `.glb`
-//! is never copied. Everything else is converted in parallel. Nothing in a file is trusted: offsets, counts, indices
-//! and numbers are checked before use, and what is wrong is said in one sentence with the file, the item and a remedy.
+//! Files are mapped, not read: packed vertices and 32-bit indices stay in the mapped file, so that a large `.glb` is
+//! never copied. Everything else is converted in parallel. Nothing in a file is trusted: offsets, counts, indices and
+//! numbers are checked before use, and a fault is reported in one sentence with the file, the item and a remedy.
 //!
-//! Read are triangles (lists, strips, fans), node transforms, metallic-roughness materials with their textures (PNG,
-//! JPEG), vertex colours, tangents, cameras and the extensions listed in `document.rs`. Where a normal map has no
-//! tangents they are made by MikkTSpace. Meshes are shown as their morph targets and skins have them, and animations at a
-//! moment ([`LoadOptions::pose`]). Points and lines are skipped, each with a warning. Both sides of every surface are
-//! shown, whether `doubleSided` or not: a ray tracer that culled back faces would lose the far sides of mirrors and the
-//! exits of glass.
+//! The import reads triangles (lists, strips, fans), node transforms, metallic-roughness materials with their textures
+//! (PNG, JPEG), vertex colours, tangents, cameras and the extensions listed in `document.rs`. For a normal map without
+//! tangents they are computed by MikkTSpace. Morph targets and skins deform meshes, and animations are evaluated at one
+//! time ([`LoadOptions::pose`]). Points and lines are skipped, each with a warning. Both sides of every surface are
+//! rendered, whether `doubleSided` or not: a ray tracer that culled back faces would lose the far sides of mirrors and
+//! the exits of glass.
 //!
-//! A file without a camera gets one that frames its bounds: 45 degrees high, seen from the front, slightly right and
-//! above. A file without lights gets white sunlight of ¾ π lux from behind the camera's left shoulder and surroundings
-//! of radiance 0.25; a file with lights has black surroundings.
+//! A file without a camera gets one that frames its bounds: a vertical field of view of 45 degrees, from the front,
+//! slightly from the right and above. A file without lights gets white sunlight of ¾ π lux from behind the camera's
+//! left shoulder, and ambient light and a background of radiance 0.25; a file with lights has a black background.
 
 mod accessor;
 mod animation;
@@ -53,23 +53,23 @@ use material::Materials;
 use node::PlacedNode;
 use primitive::{PrimitiveId, ReadPrimitive};
 
-/// Limits on what a file may ask for.
+/// Limits and options for loading a file.
 #[derive(Clone, Debug)]
 pub struct LoadOptions {
-    /// Texels of all images together; each takes 4 bytes.
+    /// Largest number of texels of all images together; each takes 4 bytes.
     pub max_texels: u64,
-    /// Effects that nobody will simulate: images that only they look at stay in their files ([`Texels::Unread`]).
+    /// Effects that will not be simulated: images that only they use stay in their files ([`Texels::Unread`]).
     ///
     /// [`Texels::Unread`]: crate::scene::Texels::Unread
     pub without: EffectSet,
-    /// At which moment of which animation; `None` as the file places things without any.
+    /// Time at which animations are evaluated; `None` for the transforms of the nodes themselves.
     pub pose: Option<Pose>,
-    /// Images that need not be decoded again.
+    /// Cache of images that are already decoded.
     pub image_cache: ImageCache,
 }
 
 impl LoadOptions {
-    /// 4 GiB of decoded images.
+    /// Default limit, which is 4 GiB of decoded images.
     pub const DEFAULT_MAX_TEXELS: u64 = 1 << 30;
 }
 
@@ -86,20 +86,20 @@ impl Default for LoadOptions {
 
 /// Loads a `.glb` or `.gltf` file as a normalised scene that [`Scene::validate`] accepts.
 ///
-/// The file stays mapped as long as the scene lives: nobody may shorten or rewrite it meanwhile. Where bytes
-/// are missing the system ends the process, and changed indices are no longer checked. (Replacing the file by a new one
-/// of its name does no harm.)
+/// The file stays mapped as long as the scene lives, and must not be shortened or rewritten in that time. Where bytes
+/// are missing the operating system ends the process, and changed indices are not checked again. (Replacing the file by
+/// a new one of its name does no harm.)
 ///
 /// # Errors
-/// A file that is not readable, not glTF 2.0, needs an unknown extension, refers to what it does not hold, or leaves
-/// no triangle to render.
+/// A file that is not readable, not glTF 2.0, needs an unknown extension, refers to what it does not hold, or leaves no
+/// triangle to render.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, GltfError> {
     let (document, scene, bounds) = read(path, options)?;
     document.finish(scene, bounds)
 }
 
-/// Loads a file as a part of another scene: in its own coordinates, with the cameras and lights that it has and no
-/// others, and not yet validated. What [`load`] says of files and errors holds.
+/// Loads a file as a part of another scene: in its own coordinates, with its own cameras and lights and no defaults,
+/// and not validated yet. The conditions and errors of [`load`] apply.
 pub(crate) fn load_part(path: &Path, options: &LoadOptions) -> Result<Scene, GltfError> {
     let (document, scene, _) = read(path, options)?;
     if scene.instances.is_empty() {
@@ -108,22 +108,26 @@ pub(crate) fn load_part(path: &Path, options: &LoadOptions) -> Result<Scene, Glt
     Ok(scene)
 }
 
-/// The file's scene in its own coordinates, and the bounds of its geometries.
+/// Reads the file's scene in its own coordinates, and the bounds of its geometries.
 fn read(path: &Path, options: &LoadOptions) -> Result<(Document, Scene, Vec<Bounds>), GltfError> {
     let mut scene = Scene::default();
     let document = Document::open(path, &mut scene.warnings)?;
+    // Evaluate the animations
     let moved = match &options.pose {
         None => HashMap::new(),
         Some(pose) => document.moved(pose, &mut scene.warnings)?,
     };
-    // A file whose animations nobody asks for may have them as it likes.
+    // Invalid animations are no error in a file that is loaded without a pose.
     scene.animations = document.animations().unwrap_or_default();
+    // Flatten the nodes, and read and place the primitives in use
     let mut nodes = document.placed_nodes(&moved)?;
     let deformations = document.deform(&mut nodes, &moved)?;
     let primitives = document.read_used_primitives(&nodes, &deformations)?;
     let (bounds, image_numbers) = document.place_primitives(&nodes, primitives, &mut scene)?;
+    // Decode the images that simulated effects use
     let wanted = scene.images_for(options.without);
     scene.images = document.read_images(&image_numbers, &wanted, options)?;
+    // Add cameras and lights
     for node in &nodes {
         scene
             .cameras
@@ -133,11 +137,11 @@ fn read(path: &Path, options: &LoadOptions) -> Result<(Document, Scene, Vec<Boun
     Ok((document, scene, bounds))
 }
 
-/// The primitives that the scene's nodes use, each read once.
+/// Primitives that the scene's nodes use, each read once.
 type UsedPrimitives = HashMap<PrimitiveId, ReadPrimitive>;
 
 impl Document {
-    /// Reads, in parallel, every primitive that a node shows.
+    /// Reads, in parallel, every primitive of a node's mesh.
     fn read_used_primitives(
         &self,
         nodes: &[PlacedNode],
@@ -147,13 +151,14 @@ impl Document {
         for node in nodes {
             ids.extend(self.primitives_at(node)?);
         }
+        // Read each primitive once, however many nodes use it
         ids.sort_unstable();
         ids.dedup();
         let read = parallel::try_map(ids.len(), &|index| self.read_primitive(ids[index], deformations))?;
         Ok(ids.into_iter().zip(read).collect())
     }
 
-    /// The primitives of a node's mesh.
+    /// Returns the primitives of a node's mesh.
     fn primitives_at(
         &self,
         node: &PlacedNode,
@@ -190,6 +195,7 @@ impl Document {
         let mut placed: HashMap<PrimitiveId, Option<(u32, u32)>> = HashMap::new();
         for node in nodes {
             for id in self.primitives_at(node)? {
+                // Add the geometry on first use of the primitive
                 let place = match placed.get(&id) {
                     Some(&place) => place,
                     None => {
@@ -217,7 +223,8 @@ impl Document {
         Ok((bounds, materials.images))
     }
 
-    /// Geometry and material of a primitive, `None` if nothing of it can be hit.
+    /// Adds the geometry and the material of a primitive and returns their indices; `None` if it has no usable
+    /// triangle.
     fn add_geometry(
         &self,
         id: PrimitiveId,
@@ -231,6 +238,7 @@ impl Document {
             return Ok(None);
         }
         let sets = &read.mesh.tex_coords;
+        // Find the material without the textures whose coordinates the mesh lacks
         let has_set = |set: u32| sets.get(set as usize).is_some_and(|s| !s.is_empty());
         let number = self.primitive(id).material.map(|m| m.value());
         let material = materials.index_of(number, has_set)?;
@@ -240,7 +248,8 @@ impl Document {
         Ok(Some((geometry, material)))
     }
 
-    /// One primitive at one node; `None` where the node is scaled to nothing, which is how files hide things.
+    /// Returns an instance of one primitive at one node; `None` if the node is scaled to zero, by which files hide
+    /// objects.
     fn instance(
         &self,
         node: &PlacedNode,
@@ -253,6 +262,7 @@ impl Document {
             name = format!("{name} primitive {}", id.primitive);
         }
         let world_from_mesh = node.world_from_mesh();
+        // A zero matrix has no inverse
         if world_from_mesh.matrix3 == DMat3::ZERO {
             warnings.push(format!("{name} is scaled to nothing and was skipped"));
             return Ok(None);
@@ -270,11 +280,13 @@ impl Document {
         }
     }
 
-    /// Places everything well, bakes what stands once, and supplies camera and light where the file has none.
+    /// Finishes the scene: normalises it, bakes meshes of single instances, adds a camera and a light if the file has
+    /// none, and validates it.
     fn finish(&self, mut scene: Scene, mut bounds: Vec<Bounds>) -> Result<Scene, GltfError> {
         if scene.instances.is_empty() {
             return Err(self.empty(&scene.warnings));
         }
+        // Normalise and bake, unless all vertices can stay in the mapped file
         let normalisation = Normalisation::fitting(&scene.bounds_from(&bounds));
         let stays = normalisation.is_identity() && scene.instances.iter().all(Instance::is_identity);
         if !stays {
@@ -291,6 +303,7 @@ impl Document {
             }
             bounds = scene.geometries.iter().map(Geometry::bounds).collect();
         }
+        // Add the default camera and light
         if scene.cameras.is_empty() {
             let camera = camera_light::framing_camera(&scene.bounds_from(&bounds));
             scene.cameras.push(camera);
@@ -300,6 +313,7 @@ impl Document {
             scene.ambient = camera_light::DEFAULT_AMBIENT;
             scene.background = Background::Uniform(camera_light::DEFAULT_AMBIENT);
         }
+        // Validate the scene, then fold constant textures
         shorten(&mut scene.warnings);
         match scene.validate_structure(&bounds) {
             Ok(()) => {
@@ -326,7 +340,7 @@ impl Document {
     }
 }
 
-/// Keeps the warnings of a file with ten thousand odd nodes readable.
+/// Truncates the warnings, so that those of a file with ten thousand odd nodes stay readable.
 fn shorten(warnings: &mut Vec<String>) {
     const MAX_WARNINGS: usize = 100;
     let rest = warnings.len().saturating_sub(MAX_WARNINGS);

@@ -1,4 +1,4 @@
-//! The node hierarchy, flattened: every node of the chosen scene with its place in the world, in f64.
+//! The node hierarchy, flattened: every node of the chosen scene with its transform to the world, in f64.
 
 use std::collections::HashMap;
 
@@ -10,25 +10,25 @@ use super::animation::NodeOverride;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
 
-/// A node and its place.
+/// A node with its world transform.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct PlacedNode {
     pub(super) number: usize,
     pub(super) world_from_node: DAffine3,
-    /// What changes the vertices of its mesh, and where the mesh then stands; `None` where it stands as it is.
+    /// Deformation of the node's mesh and the transform of the deformed mesh; `None` if the mesh is not deformed.
     pub(super) deformed: Option<Deformed>,
 }
 
-/// A mesh that is not shown as it is.
+/// Deformation of a mesh and its transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Deformed {
-    /// Of the scene's deformations, this one.
+    /// Index of the deformation in the list of all.
     pub(super) deformation: usize,
     pub(super) world_from_mesh: DAffine3,
 }
 
 impl PlacedNode {
-    /// Where its mesh stands.
+    /// Returns the mesh-to-world transform of the node's mesh.
     pub(super) fn world_from_mesh(&self) -> DAffine3 {
         self.deformed
             .map_or(self.world_from_node, |deformed| deformed.world_from_mesh)
@@ -36,10 +36,10 @@ impl PlacedNode {
 }
 
 impl Document {
-    /// The nodes of the chosen scene, parents before children: the scene that the file names, else its first, else
-    /// every node without a parent is a root.
+    /// Returns the nodes of the chosen scene, parents before children. The chosen scene is the one that the file names,
+    /// else its first, else all nodes, with those without a parent as roots.
     ///
-    /// `moved` are the places that a pose gives, by the numbers of nodes.
+    /// `moved` are the properties that animations replace, by node number.
     pub(super) fn placed_nodes(
         &self,
         moved: &HashMap<usize, NodeOverride>,
@@ -52,12 +52,13 @@ impl Document {
         for root in self.roots()?.into_iter().rev() {
             open.push((root, DAffine3::IDENTITY));
         }
-        // A stack of our own: files may nest deeper than the program's.
+        // An explicit stack, as files may nest deeper than the call stack allows.
         while let Some((number, world_from_parent)) = open.pop() {
             if is_placed[number] {
                 return Err(self.second_parent(number));
             }
             is_placed[number] = true;
+            // Compose the transforms from the root down
             let node = &nodes[number];
             let world_from_node = world_from_parent * self.local_transform(number, moved)?;
             placed.push(PlacedNode {
@@ -65,6 +66,7 @@ impl Document {
                 world_from_node,
                 deformed: None,
             });
+            // Push the children, each of which must have one parent only
             for child in node.children.iter().flatten().rev().map(|c| c.value()) {
                 if child >= nodes.len() {
                     return Err(self.missing("node", child, nodes.len()));
@@ -80,7 +82,7 @@ impl Document {
         Ok(placed)
     }
 
-    /// What messages call a node.
+    /// Returns a node's name for messages.
     pub(super) fn node_name(&self, number: usize) -> String {
         match &self.root.nodes[number].name {
             Some(name) if !name.is_empty() => name.clone(),
@@ -90,6 +92,7 @@ impl Document {
 
     fn roots(&self) -> Result<Vec<usize>, GltfError> {
         let (nodes, scenes) = (&self.root.nodes, &self.root.scenes);
+        // Choose the scene
         let chosen = self.root.scene.map(|s| s.value());
         if let Some(number) = chosen.filter(|&n| n >= scenes.len()) {
             return Err(self.missing("scene", number, scenes.len()));
@@ -101,6 +104,7 @@ impl Document {
                 None => Ok(roots),
             };
         }
+        // Without a scene every node that is no child is a root
         let mut is_child = vec![false; nodes.len()];
         for child in nodes.iter().flat_map(|n| n.children.iter().flatten()) {
             if let Some(flag) = is_child.get_mut(child.value()) {
@@ -114,7 +118,7 @@ impl Document {
         Ok(roots)
     }
 
-    /// Node to parent.
+    /// Returns the node-to-parent transform.
     fn local_transform(
         &self,
         number: usize,
@@ -135,7 +139,7 @@ impl Document {
         }
     }
 
-    /// A node in an error: its number and, where it has one, its name.
+    /// Returns a node's description in an error: its number and, if it has one, its name.
     pub(super) fn node_item(&self, number: usize) -> String {
         match &self.root.nodes[number].name {
             Some(name) if !name.is_empty() => format!("node {number} `{name}`"),
@@ -145,7 +149,7 @@ impl Document {
 
     fn cycle_or_second_parent(&self, child: usize, parent: usize, parents: &[Option<usize>]) -> GltfError {
         let mut ancestor = Some(parent);
-        // At most one step a node: the chain of parents recorded so far has no cycle but through `child`.
+        // At most one step per node: the chain of parents recorded so far has no cycle except through `child`.
         for _ in 0..parents.len() {
             match ancestor {
                 Some(node) if node == child => return self.cycle(child),
@@ -166,14 +170,14 @@ impl Document {
     }
 }
 
-/// The affine map of a column-major matrix, if its last row says that it is one.
+/// Returns the affine map of a column-major matrix; `None` unless its last row is that of an affine map.
 fn affine(matrix: &[f32; 16]) -> Option<DAffine3> {
     let last_row = [matrix[3], matrix[7], matrix[11], matrix[15]];
     let matrix = DMat4::from_cols_array(&matrix.map(f64::from));
     (last_row == [0.0, 0.0, 0.0, 1.0]).then(|| DAffine3::from_mat4(matrix))
 }
 
-/// What a node's place is made of: scale, then rotation, then translation.
+/// Parts of a node's transform: scale, then rotation, then translation.
 pub(super) struct Parts {
     pub(super) scale: DVec3,
     pub(super) rotation: DQuat,
@@ -186,7 +190,7 @@ impl Parts {
     }
 }
 
-/// A node's own.
+/// Returns the node's own transform, in parts.
 pub(super) fn parts(node: &json::Node) -> Parts {
     let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
     Parts {
@@ -198,7 +202,7 @@ pub(super) fn parts(node: &json::Node) -> Parts {
     }
 }
 
-/// The rotation that a quaternion of any length names; one that names none means none.
+/// Returns the rotation of a quaternion of any length; the identity if it has no valid direction.
 pub(super) fn rotation(q: DQuat) -> DQuat {
     let length = q.length();
     if length > 0.0 && length.is_finite() {
@@ -227,7 +231,8 @@ mod tests {
             {"rotation": [0, 0, 3, 3], "translation": [1, 0, 0]}
         ]);
         let placed = place(nodes, json!([0])).unwrap();
-        // A quarter turn about z (the quaternion is not unit and must be made so): x to y, then doubled and moved.
+        // A quarter turn about z (the quaternion is not of unit length and must be normalised): x to y, then doubled
+        // and moved.
         let p = placed[1].world_from_node.transform_point3(DVec3::X);
         assert!((p - DVec3::new(3.0, 4.0, 3.0)).length() < 1e-15, "{p}");
     }

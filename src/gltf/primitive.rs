@@ -1,4 +1,4 @@
-//! From a glTF primitive to a triangle mesh.
+//! Conversion of glTF primitives to triangle meshes.
 
 use gltf::json;
 use json::mesh::{Mode, Semantic};
@@ -13,14 +13,14 @@ use crate::numeric::Bounds;
 use crate::parallel;
 use crate::scene::mesh_cleanup::{self, Removed};
 
-/// A primitive made ready: a mesh without bad indices or unusable triangles, perhaps an empty one.
+/// A converted primitive: a mesh without bad indices or unusable triangles, possibly empty.
 pub(super) struct ReadPrimitive {
     pub(super) mesh: Mesh,
     pub(super) bounds: Bounds,
     pub(super) warnings: Vec<String>,
 }
 
-/// Which primitive of which mesh of the file, and which of the scene's deformations it undergoes.
+/// Identity of a primitive: its mesh, its number in it, and the deformation that is applied to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct PrimitiveId {
     pub(super) mesh: usize,
@@ -29,7 +29,7 @@ pub(super) struct PrimitiveId {
 }
 
 impl Document {
-    /// Reads one primitive in its object space, deformed by its one of `deformations`.
+    /// Reads one primitive in its object space, with its deformation from `deformations` applied.
     pub(super) fn read_primitive(
         &self,
         id: PrimitiveId,
@@ -45,7 +45,7 @@ impl Document {
         .read()
     }
 
-    /// What messages call a primitive.
+    /// Returns a primitive's description for messages.
     pub(super) fn primitive_item(&self, id: PrimitiveId) -> String {
         let mesh = &self.root.meshes[id.mesh];
         let name = match &mesh.name {
@@ -68,7 +68,7 @@ struct Reader<'a> {
     document: &'a Document,
     id: PrimitiveId,
     deformation: Option<&'a Deformation>,
-    /// Of a primitive with a deformation, once it is known how many vertices there are.
+    /// Deformation of this primitive's vertices, once their number is known.
     deformer: Option<Deformer>,
     warnings: Vec<String>,
 }
@@ -77,6 +77,7 @@ impl Reader<'_> {
     fn read(mut self) -> Result<ReadPrimitive, GltfError> {
         let mut mesh = Mesh::default();
         let primitive = self.document.primitive(self.id);
+        // Read the positions, if the primitive is made of triangles
         let Checked::Valid(mode) = primitive.mode else {
             return Err(self.fault("has a mode that glTF does not have".into()));
         };
@@ -89,6 +90,7 @@ impl Reader<'_> {
         if mesh.positions.is_empty() {
             return Ok(self.finish(mesh, Bounds::EMPTY));
         }
+        // Apply morph targets and the skin
         if let Some(deformation) = self.deformation {
             let deformer = self
                 .document
@@ -96,11 +98,13 @@ impl Reader<'_> {
             mesh.positions = deformer.positions(&mesh.positions);
             self.deformer = Some(deformer);
         }
+        // Read the triangles and remove unusable ones
         mesh.triangles = self.triangles(mode, mesh.positions.len())?;
         if let Some(deformer) = &self.deformer {
             mesh.triangles = deformer.triangles(mesh.triangles);
         }
         let bounds = self.sift(&mut mesh)?;
+        // Read the attributes that the material needs
         self.read_attributes(&mut mesh)?;
         Ok(self.finish(mesh, bounds))
     }
@@ -114,11 +118,13 @@ impl Reader<'_> {
     }
 
     fn triangles(&mut self, mode: Mode, vertex_count: usize) -> Result<Buffer<[u32; 3]>, GltfError> {
+        // Surplus vertices are a warning only
         let count_fault = |count: usize| match mode {
             Mode::Triangles => !count.is_multiple_of(3),
             _ => count < 3,
         };
         let indices = self.document.primitive(self.id).indices;
+        // Without indices consecutive vertices make the triangles
         let Some(indices) = indices else {
             let Ok(count) = u32::try_from(vertex_count) else {
                 return Err(self.fault("has more than 2^32 vertices".into()));
@@ -128,6 +134,7 @@ impl Reader<'_> {
             }
             return Ok(assemble(mode, vertex_count, |i| i as u32 % count));
         };
+        // Use the mapped indices of a triangle list as they are
         let accessor = self.document.accessor(indices.value())?;
         if count_fault(accessor.count()) {
             self.warn("has indices left over that make no triangle");
@@ -139,7 +146,7 @@ impl Reader<'_> {
         Ok(assemble(mode, indices.len(), |i| indices[i]))
     }
 
-    /// Checks the indices and drops what cannot be hit. A mesh that is in order stays mapped.
+    /// Checks the indices and removes unusable triangles. A mesh without faults stays mapped.
     fn sift(&mut self, mesh: &mut Mesh) -> Result<Bounds, GltfError> {
         let found = mesh_cleanup::survey(mesh).map_err(|bad| {
             let count = mesh.positions.len();
@@ -161,6 +168,7 @@ impl Reader<'_> {
             return Ok(());
         }
         let vertex_count = mesh.positions.len();
+        // Read normals and vertex colours
         if let Some(accessor) = self.attribute(Semantic::Normals) {
             let normals = self.vectors::<3>(accessor, vertex_count, "normals")?;
             let normals = match &self.deformer {
@@ -172,9 +180,10 @@ impl Reader<'_> {
         if let Some(accessor) = self.attribute(Semantic::Colors(0)) {
             mesh.colors = Some(self.colors(accessor, vertex_count)?);
         }
+        // Read the texture coordinate sets that the material uses
         let material = self.document.primitive(self.id).material.map(|m| m.value());
         for set in self.document.texture_coordinate_sets(material)? {
-            // Sets are few: more than any exporter writes would only waste memory on empty arrays.
+            // Exporters write few sets; a large set number would only waste memory on empty arrays.
             const MAX_SETS: u32 = 64;
             let Some(accessor) = self
                 .attribute(Semantic::TexCoords(set))
@@ -187,13 +196,14 @@ impl Reader<'_> {
                 .resize_with(mesh.tex_coords.len().max(set as usize + 1), Buffer::default);
             mesh.tex_coords[set as usize] = self.finite(values, "texture coordinates");
         }
+        // Add tangents for a normal map
         match self.document.normal_map_set(material)? {
             Some(set) => self.add_tangents(mesh, set as usize),
             None => Ok(()),
         }
     }
 
-    /// Tangents for the normal map on a set of texture coordinates; where the mesh lacks the set the map is left out.
+    /// Adds tangents for the normal map on a texture coordinate set; without the set in the mesh the map is left out.
     fn add_tangents(&mut self, mesh: &mut Mesh, set: usize) -> Result<(), GltfError> {
         if mesh.tex_coords.get(set).is_none_or(|set| set.is_empty()) {
             return Ok(());
@@ -208,6 +218,7 @@ impl Reader<'_> {
             };
             mesh.tangents = self.unit_tangents(tangents, &mesh.triangles);
         }
+        // Compute tangents that are absent or unusable
         if mesh.tangents.is_none() {
             *mesh = mesh.with_tangents(set);
         }
@@ -225,6 +236,7 @@ impl Reader<'_> {
             let colors = self.vectors::<4>(accessor, vertex_count, "colours")?;
             return Ok(self.finite(colors, "colours"));
         }
+        // Extend RGB by an opaque alpha
         let colors = self.vectors::<3>(accessor, vertex_count, "colours")?;
         let colors = self.finite(colors, "colours");
         let opaque = |[r, g, b]: [f32; 3]| [r, g, b, 1.0];
@@ -232,7 +244,7 @@ impl Reader<'_> {
         Ok(Buffer::from(opaque))
     }
 
-    /// An attribute with one value a vertex.
+    /// Returns an attribute with one value per vertex.
     fn vectors<const N: usize>(
         &self,
         accessor: usize,
@@ -250,7 +262,7 @@ impl Reader<'_> {
         accessor.vectors()
     }
 
-    /// The values with zero for what is not finite.
+    /// Returns the values, with zero for those that are not finite.
     fn finite<const N: usize>(&mut self, values: Buffer<[f32; N]>, what: &str) -> Buffer<[f32; N]>
     where
         [f32; N]: bytemuck::Pod,
@@ -263,13 +275,14 @@ impl Reader<'_> {
         Buffer::from(values.iter().map(clear).collect::<Vec<_>>())
     }
 
-    /// Normals of unit length; `None`, for flat shading, where a triangle uses one without a direction.
+    /// Returns normals of unit length; `None`, for flat shading, if a triangle uses one without a direction.
     fn unit_normals(
         &mut self,
         normals: Buffer<[f32; 3]>,
         triangles: &[[u32; 3]],
     ) -> Option<Buffer<[f32; 3]>> {
         let chunks: Vec<&[[f32; 3]]> = normals.chunks(CHUNK).collect();
+        // Keep mapped normals that are of unit length already
         if parallel::all(chunks.len(), &|i| chunks[i].iter().all(|&n| is_nearly_unit(n))) {
             return Some(normals);
         }
@@ -282,7 +295,7 @@ impl Reader<'_> {
         Some(Buffer::from(unit))
     }
 
-    /// Tangents of unit length with a handedness of 1 or -1; `None` where a triangle uses one without a direction.
+    /// Returns tangents of unit length with a handedness of 1 or -1; `None` if a triangle uses one without a direction.
     fn unit_tangents(
         &mut self,
         tangents: Buffer<[f32; 4]>,
@@ -290,9 +303,11 @@ impl Reader<'_> {
     ) -> Option<Buffer<[f32; 4]>> {
         let is_sound = |&[x, y, z, w]: &[f32; 4]| is_nearly_unit([x, y, z]) && w.abs() == 1.0;
         let chunks: Vec<&[[f32; 4]]> = tangents.chunks(CHUNK).collect();
+        // Keep mapped tangents that are valid already
         if parallel::all(chunks.len(), &|i| chunks[i].iter().all(is_sound)) {
             return Some(tangents);
         }
+        // Normalise the direction, and reduce the handedness to its sign
         let unit = |vertex: usize| {
             let [x, y, z, w] = tangents[vertex];
             let [x, y, z] = unit_or_zero([x, y, z]);
@@ -325,17 +340,18 @@ impl Reader<'_> {
     }
 }
 
-/// Directions that a thread checks at once.
+/// Number of directions per parallel task.
 const CHUNK: usize = 1 << 14;
 
-/// Whether a direction may stay as it is: interpolation normalises again, so the rounding of 8-bit directions may stay.
+/// Returns whether a direction may stay as it is: shading normalises after interpolation, so the rounding of 8-bit
+/// directions is acceptable.
 fn is_nearly_unit(n: [f32; 3]) -> bool {
     const TOLERANCE: f32 = 1.0 / 64.0;
     let square = n[0] * n[0] + n[1] * n[1] + n[2] * n[2];
     (square - 1.0).abs() <= TOLERANCE
 }
 
-/// The direction made unit, zero where it has none.
+/// Returns the direction normalised, or zero if it has none.
 fn unit_or_zero(n: [f32; 3]) -> [f32; 3] {
     glam::DVec3::from_array(n.map(f64::from))
         .normalize_or_zero()
@@ -343,7 +359,7 @@ fn unit_or_zero(n: [f32; 3]) -> [f32; 3] {
         .to_array()
 }
 
-/// What was dropped, as the end of a sentence.
+/// Returns a description of removed triangles, as the end of a sentence.
 pub(crate) fn dropped_sentence(dropped: Removed) -> String {
     let count = |n: usize, of: &str| {
         let s = if n == 1 { "" } else { "s" };
@@ -357,8 +373,9 @@ pub(crate) fn dropped_sentence(dropped: Removed) -> String {
     format!("had {}: dropped", parts.join(" and "))
 }
 
-/// Triangles of a list, strip or fan (glTF 2.0, section 3.7.2.1).
+/// Returns the triangles of a list, strip or fan (glTF 2.0, section 3.7.2.1).
 fn assemble(mode: Mode, index_count: usize, index: impl Fn(usize) -> u32 + Sync) -> Buffer<[u32; 3]> {
+    // A strip or a fan has a triangle for each vertex after the second
     let count = match mode {
         Mode::Triangles => index_count / 3,
         _ => index_count.saturating_sub(2),

@@ -1,7 +1,8 @@
-//! Skins: joints that carry the vertices of a mesh along (glTF 2.0, section 3.7.3).
+//! Skins: joints that transform the vertices of a mesh (glTF 2.0, section 3.7.3).
 //!
-//! Each vertex is moved by the weighted mean of the maps of its joints, whatever the node of the mesh is at. The means
-//! are taken about a point near the mesh, so that a figure far from the world's origin keeps its shape in f32.
+//! Each vertex is transformed by the weighted mean of its joints' maps, regardless of the mesh node's own transform.
+//! The means are taken about a point near the mesh, so that a figure far from the world's origin keeps its shape in
+//! f32.
 
 use std::collections::HashMap;
 
@@ -17,31 +18,32 @@ use super::primitive::PrimitiveId;
 use crate::mesh::Buffer;
 use crate::parallel;
 
-/// Vertices that a thread takes at once.
+/// Number of vertices per parallel task.
 const CHUNK: usize = 1 << 12;
 
-/// The joints of a skin at a moment.
+/// The joint maps of a skin at one time.
 #[derive(Debug, PartialEq)]
 pub(super) struct Joints {
-    /// The place of the space that the mesh is moved to.
+    /// Transform of the space that skinned vertices are in.
     pub(super) world_from_mesh: DAffine3,
-    /// From the space in which the mesh was bound.
+    /// Maps from the bind space to the space of the skinned mesh, one per joint.
     mesh_from_bind: Vec<DAffine3>,
 }
 
-/// One set of joints and weights, four a vertex.
+/// One set of joint numbers and weights, four per vertex.
 struct Influences {
     joints: Buffer<[f32; 4]>,
     weights: Buffer<[f32; 4]>,
 }
 
 impl Document {
-    /// The joints of a skin, by the places of the scene's nodes.
+    /// Returns the joint maps of a skin; `places` are the world transforms of the scene's nodes.
     pub(super) fn joints(&self, skin: usize, places: &HashMap<usize, DAffine3>) -> Result<Joints, GltfError> {
         let skins = &self.root.skins;
         let Some(form) = skins.get(skin) else {
             return Err(self.missing("skin", skin, skins.len()));
         };
+        // Compose each joint's world transform with its inverse bind matrix
         let binds = self.inverse_binds(skin, form)?;
         let mut world_from_bind = Vec::with_capacity(binds.len());
         for (joint, bind) in form.joints.iter().zip(binds) {
@@ -51,6 +53,7 @@ impl Document {
             };
             world_from_bind.push(*place * bind);
         }
+        // Move the origin to the first joint, for precision in f32
         let origin = world_from_bind
             .first()
             .map_or(DVec3::ZERO, |first| first.translation);
@@ -63,7 +66,7 @@ impl Document {
         })
     }
 
-    /// One map a joint, from the space in which the mesh was bound to that of the joint.
+    /// Returns one map per joint, from the bind space to the joint's space.
     fn inverse_binds(&self, skin: usize, form: &json::skin::Skin) -> Result<Vec<DAffine3>, GltfError> {
         let fault = |fault: String| Err(self.fault(self.skin_item(skin), fault, EXPORT_AGAIN));
         let joint_count = form.joints.len();
@@ -94,7 +97,7 @@ impl Document {
         }
     }
 
-    /// What moves each vertex of a primitive.
+    /// Returns the map of each vertex of a primitive.
     pub(super) fn vertex_maps(
         &self,
         id: PrimitiveId,
@@ -116,7 +119,7 @@ impl Document {
         Ok(parallel::try_map(vertex_count.div_ceil(CHUNK), &in_chunk)?.concat())
     }
 
-    /// All sets of joints and weights of a primitive: at least one.
+    /// Returns all sets of joints and weights of a primitive: at least one.
     fn influences(&self, id: PrimitiveId, vertex_count: usize) -> Result<Vec<Influences>, GltfError> {
         let fault = |fault: String| Err(self.fault(self.primitive_item(id), fault, EXPORT_AGAIN));
         let attributes = &self.primitive(id).attributes;
@@ -127,6 +130,7 @@ impl Document {
         };
         let mut sets = Vec::new();
         for set in 0.. {
+            // Every set needs both accessors; the first absent one ends the list
             let (joints, weights) = match (number(Semantic::Joints(set)), number(Semantic::Weights(set))) {
                 (Some(joints), Some(weights)) => (joints, weights),
                 (None, None) if set > 0 => break,
@@ -135,6 +139,7 @@ impl Document {
                     return fault(sentence);
                 }
             };
+            // Check that every vertex has its joints and weights
             let joints = self.accessor(joints)?.vectors::<4>()?;
             let weights = self.accessor(weights)?.vectors::<4>()?;
             if joints.len() != vertex_count || weights.len() != vertex_count {
@@ -151,20 +156,20 @@ impl Document {
 }
 
 impl Joints {
-    /// Whether every joint turns the mesh inside out.
+    /// Returns whether every joint map is mirroring.
     pub(super) fn are_mirrored(&self) -> bool {
         self.mesh_from_bind
             .iter()
             .all(|map| map.matrix3.determinant() < 0.0)
     }
 
-    /// The mean of the maps of a vertex's joints by their weights, whatever these sum to; else what is wrong with them.
+    /// Returns the weighted mean of the maps of a vertex's joints, whatever the weights sum to; else their fault.
     fn mean_map(&self, sets: &[Influences], vertex: usize) -> Result<DAffine3, String> {
         let (mut matrix, mut translation, mut sum) = (DMat3::ZERO, DVec3::ZERO, 0.0);
         for set in sets {
             for (&joint, &weight) in set.joints[vertex].iter().zip(&set.weights[vertex]) {
                 if weight == 0.0 {
-                    // Whatever its joint is.
+                    // A joint with weight zero may have any number.
                     continue;
                 }
                 if !(weight > 0.0 && weight.is_finite()) {
@@ -179,6 +184,7 @@ impl Joints {
                 sum += weight;
             }
         }
+        // Normalise by the sum of the weights
         if sum == 0.0 {
             return self.loose_map(sets, vertex);
         }
@@ -188,7 +194,7 @@ impl Joints {
         ))
     }
 
-    /// The map of a vertex that no joint has any weight for: that of the first of its joints. Sound files have such
+    /// Returns the map of a vertex whose weights are all zero: that of the first of its joints. Valid files have such
     /// vertices.
     fn loose_map(&self, sets: &[Influences], vertex: usize) -> Result<DAffine3, String> {
         let first = sets.first().map_or(0.0, |set| set.joints[vertex][0]);
@@ -201,14 +207,15 @@ impl Joints {
         format!("the joint {joint}, but its skin has {count}")
     }
 
-    /// The map of a joint, whose number comes as a float.
+    /// Returns the map of a joint, whose number is stored as a float.
     fn map_of(&self, joint: f32) -> Option<&DAffine3> {
+        // The cast saturates, so a negative or fractional number must be rejected here
         let is_number = joint >= 0.0 && joint.fract() == 0.0;
         self.mesh_from_bind.get(joint as usize).filter(|_| is_number)
     }
 }
 
-/// The affine map of a column-major matrix. Its last row has to be 0, 0, 0, 1 and is taken as that.
+/// Returns the affine map of a column-major matrix. Its last row has to be 0, 0, 0, 1 and is taken as that.
 fn affine(matrix: &[f32; 16]) -> DAffine3 {
     let column = |c: usize| DVec3::from_array([4 * c, 4 * c + 1, 4 * c + 2].map(|i| f64::from(matrix[i])));
     DAffine3::from_mat3_translation(DMat3::from_cols(column(0), column(1), column(2)), column(3))

@@ -1,7 +1,7 @@
-//! The textures of a material: which parameter each changes, by which coordinates and how strongly.
+//! Texture slots of a material: the material input that each texture modifies, its coordinates and its strength.
 //!
-//! An unlit surface has no use for a normal map, nor a factor of zero for a texture that multiplies it: what a material
-//! does not heed ([`Material::heeds`](crate::scene::Material::heeds)) is not decoded.
+//! A texture without effect ([`crate::scene::Material::heeds`]) is not decoded, such as a normal map
+//! on an unlit surface, or a texture that multiplies a factor of zero.
 
 use gltf::json;
 use serde_json::{Map, Value};
@@ -19,7 +19,7 @@ pub(super) struct TextureSlot {
     pub(super) strength: f32,
 }
 
-/// The textures of a material, heeded or not.
+/// Returns the textures of a material, with or without effect.
 pub(super) fn slots(material: &json::Material, corrections: &mut Corrections) -> Vec<TextureSlot> {
     let pbr = &material.pbr_metallic_roughness;
     let mut slots = Vec::new();
@@ -28,10 +28,12 @@ pub(super) fn slots(material: &json::Material, corrections: &mut Corrections) ->
         &pbr.base_color_texture,
         corrections,
     ));
+    // An unlit surface has only a base colour
     let extensions = material.extensions.as_ref().map(|e| &e.others);
     if Extension::of(extensions, "KHR_materials_unlit", corrections).is_present() {
         return slots;
     }
+    // Read the slots of glTF itself, then those of the extensions
     slots.extend(slot(
         MaterialInput::MetallicRoughness,
         &pbr.metallic_roughness_texture,
@@ -95,8 +97,8 @@ fn occlusion_slot(material: &json::Material, corrections: &mut Corrections) -> O
     })
 }
 
-/// Of the extensions that are carried out. The thickness texture of `KHR_materials_volume` stands in for the way
-/// through a body where that cannot be traced; here it can.
+/// Returns the textures of the implemented extensions. The thickness texture of `KHR_materials_volume` stands in for
+/// the path through an interior for renderers that cannot trace it; it is not needed here.
 fn extension_slots(
     extensions: Option<&Map<String, Value>>,
     corrections: &mut Corrections,
@@ -125,11 +127,11 @@ fn extension_slots(
     slots
 }
 
-/// The map and the set of coordinates by `KHR_texture_transform`: scale, then rotation, then offset.
+/// Returns the transform and the coordinate set of `KHR_texture_transform`: scale, then rotation, then offset.
 ///
-/// Texture coordinates run to the right and down, so the extension's counter-clockwise rotation takes (u, v) to
-/// (u cos + v sin, v cos - u sin). That is what its words, its test model and all viewers mean; the matrix that its
-/// text spells out turns the other way.
+/// Texture coordinates run to the right and down, so the extension's counter-clockwise rotation maps (u, v) to (u cos +
+/// v sin, v cos - u sin). That is what its text, its test model and all viewers mean; the matrix that its text spells
+/// out rotates the other way.
 fn transform(
     extensions: Option<&Map<String, Value>>,
     tex_coord: u32,
@@ -144,6 +146,7 @@ fn transform(
     let [across, down] = extension.vector("scale", [1.0; 2], FINITE, corrections);
     let rotation = extension.number("rotation", 0.0, FINITE, corrections);
     let (sin, cos) = rotation.sin_cos();
+    // Rotation times scale
     let matrix = [[cos * across, sin * down], [-sin * across, cos * down]];
     let transform = UvTransform {
         matrix: matrix.map(|row| row.map(|x| x as f32)),
@@ -180,7 +183,7 @@ mod tests {
         let turn = json!({"rotation": std::f64::consts::FRAC_PI_4});
         near(transformed(turn.clone(), [1.0, 0.0]), [eighth, -eighth]);
         near(transformed(turn, [0.0, 1.0]), [eighth, eighth]);
-        // (1, 1) scaled to (2, 4), turned a quarter to (4, -2), moved to (5, -2).
+        // (1, 1) scaled to (2, 4), rotated a quarter to (4, -2), moved to (5, -2).
         let all = json!({"rotation": std::f64::consts::FRAC_PI_2, "scale": [2, 4], "offset": [1, 0]});
         near(transformed(all, [1.0, 1.0]), [5.0, -2.0]);
     }

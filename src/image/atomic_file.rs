@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all: a temporary neighbour, forced to the disk, then a rename.
+//! Atomic file writes: a temporary file in the same directory, synced to disk, then renamed.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
@@ -8,8 +8,9 @@ use tempfile::{NamedTempFile, TempPath};
 
 use super::ImageError;
 
-/// Checks that a file could be written to `path`, without touching whatever is there.
+/// Checks that a file could be written to `path`, without changing an existing one.
 pub fn check_writable(path: &Path) -> Result<(), ImageError> {
+    // Check the folder and the path
     let folder = folder_of(path);
     if !folder.is_dir() {
         return Err(ImageError::NoFolder {
@@ -20,14 +21,15 @@ pub fn check_writable(path: &Path) -> Result<(), ImageError> {
     if path.is_dir() {
         return Err(ImageError::IsFolder(path.to_owned()));
     }
+    // Create and remove a temporary file
     temporary_in(&folder).map_err(|source| ImageError::NotWritable { folder, source })?;
     Ok(())
 }
 
-/// Lets `write` fill a temporary file beside `path`, then renames it to `path`.
+/// Writes a temporary file beside `path` with `write`, then renames it to `path`.
 ///
-/// If anything fails the temporary file is removed and `path` is as it was. When this returns, the new file is on the
-/// disk; a crash of the whole machine before that leaves the old one.
+/// If anything fails the temporary file is removed and `path` is unchanged. On return the new file is on disk; after a
+/// crash of the machine before that, the old one is.
 pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
@@ -40,7 +42,7 @@ pub fn write_atomically(
     attempt().map_err(|error| write_error(path, &error))
 }
 
-/// Why `path` could not be written.
+/// Returns the error for a failed write of `path`.
 pub(super) fn write_error(path: &Path, error: &io::Error) -> ImageError {
     ImageError::Write {
         path: path.to_owned(),
@@ -48,9 +50,9 @@ pub(super) fn write_error(path: &Path, error: &io::Error) -> ImageError {
     }
 }
 
-/// A file that is written under a name of its own beside its place, which it takes when it is whole.
+/// File that is written under a temporary name in the target's directory and renamed by [`AtomicFile::commit`].
 ///
-/// Dropped before [`AtomicFile::commit`] it leaves nothing.
+/// Dropped before that, it removes itself.
 #[derive(Debug)]
 pub(super) struct AtomicFile {
     path: PathBuf,
@@ -59,7 +61,7 @@ pub(super) struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Opens the temporary neighbour of `path`.
+    /// Creates the temporary file in the directory of `path`.
     pub(super) fn create(path: &Path) -> io::Result<AtomicFile> {
         let (file, name) = temporary_in(&folder_of(path))?.into_parts();
         Ok(AtomicFile {
@@ -69,12 +71,12 @@ impl AtomicFile {
         })
     }
 
-    /// Forces the contents to the disk, then gives the file its name, and forces that to the disk too.
+    /// Syncs the contents to disk, renames the file, and syncs the directory.
     pub(super) fn commit(self) -> io::Result<()> {
         let file = self.file.into_inner().map_err(io::IntoInnerError::into_error)?;
-        // The rename could otherwise reach the disk before what it names.
+        // Without this the rename could reach the disk before the contents.
         file.sync_all()?;
-        // Closed before the rename, which some systems refuse for an open file.
+        // Close before the rename, which some systems refuse for an open file.
         drop(file);
         self.name.persist(&self.path).map_err(|failed| failed.error)?;
         sync_folder(&folder_of(&self.path))
@@ -97,27 +99,27 @@ impl Seek for AtomicFile {
     }
 }
 
-/// Forces the names in a folder to the disk, where the system can do that.
+/// Syncs the directory entries to disk, if the system supports it.
 #[cfg(unix)]
 fn sync_folder(folder: &Path) -> io::Result<()> {
     use io::ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
     match File::open(folder).and_then(|folder| folder.sync_all()) {
-        // Some file systems keep names safe in their own way, and a folder may take files without showing them.
+        // Some file systems persist names by other means, and a directory may be writable but not readable.
         Err(error) if matches!(error.kind(), InvalidInput | PermissionDenied | Unsupported) => Ok(()),
         result => result,
     }
 }
 
-/// Other systems have no such call.
+/// Does nothing: other systems have no such call.
 #[cfg(not(unix))]
 fn sync_folder(_: &Path) -> io::Result<()> {
     Ok(())
 }
 
-/// Encoders write in small pieces; this many bytes reach the system at once.
+/// Buffer size in bytes, as encoders write in small pieces.
 const BUFFER_BYTES: usize = 1 << 18;
 
-/// The folder that holds `path`, which may have none in its name.
+/// Returns the directory of `path`, `.` if its name has none.
 fn folder_of(path: &Path) -> PathBuf {
     match path.parent() {
         Some(parent) if parent != Path::new("") => parent.to_owned(),
@@ -125,14 +127,14 @@ fn folder_of(path: &Path) -> PathBuf {
     }
 }
 
-/// A file that vanishes unless it is renamed, with the permissions of any new file.
+/// Creates a temporary file that is deleted unless it is renamed, with the permissions of any new file.
 fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(".whit-").suffix(".tmp");
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // Less the umask, as for every new file; the builder's own default shuts everybody else out.
+        // The umask applies, as for every new file; the builder's default would deny access to other users.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     builder.tempfile_in(folder)
@@ -207,7 +209,7 @@ mod tests {
         let path = folder.path().join("a.exr");
         std::fs::write(&path, b"old").unwrap();
         let error = write_atomically(&path, |_| {
-            // A device that is always full.
+            // This device is always full.
             let mut full = File::options().write(true).open("/dev/full")?;
             full.write_all(b"new")
         })

@@ -1,23 +1,22 @@
-//! Cryptomatte: names hashed to 32 bits, those bits as numbers that every picture file keeps, and what a file says of
-//! them.
+//! Cryptomatte ids and metadata: names hashed to 32 bits, and the hash's bits stored as f32.
 //!
-//! Things of the same name are one to Cryptomatte. What has no name is called [`UNNAMED`], as the hash of no letters
-//! means nothing at all.
+//! Objects with equal names have one id. Objects without a name are called [`UNNAMED`], as the hash of the empty
+//! string, 0, means the background.
 //!
 //! Source: J. Friedman and A. Jones, "Cryptomatte Specification"; the hash is A. Appleby's MurmurHash3_x86_32.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// What things without a name are called.
+/// Name given to objects without one.
 pub const UNNAMED: &str = "unnamed";
 
-/// Hexadecimal digits of the key under which a file tells of a layer: more would make names of attributes too long.
+/// Hexadecimal digits of a layer's key in attribute names: more would make the names too long.
 const KEY_DIGITS: usize = 7;
 
-/// The number that stands for `name` in a Cryptomatte layer: its hash, as a finite and normal f32.
+/// Returns the id of `name` in a Cryptomatte layer: its hash, reinterpreted as a finite and normal f32.
 ///
-/// Exponents of zero and of all ones would be denormal, infinite or NaN; they become the nearest that are not.
+/// Exponents of all zeros or all ones would be denormal, infinite or NaN; one exponent bit is flipped to avoid them.
 pub fn id_of(name: &str) -> f32 {
     let hash = murmur3(called(name).as_bytes());
     let exponent = hash >> 23 & 0xff;
@@ -25,13 +24,13 @@ pub fn id_of(name: &str) -> f32 {
     f32::from_bits(if is_special { hash ^ 1 << 23 } else { hash })
 }
 
-/// What something is called: by its name, if it has one.
+/// Returns the name, or [`UNNAMED`] if it is empty.
 fn called(name: &str) -> &str {
     if name.is_empty() { UNNAMED } else { name }
 }
 
-/// What a file must say of the layers `layer`00, `layer`01 ... that tell of things with these names: attributes, each
-/// with its name first. Texts are ASCII.
+/// Returns the file attributes of the layers `layer`00, `layer`01 ... and their manifest of `names`, as pairs of
+/// attribute name and ASCII text.
 pub fn attributes<'n>(layer: &str, names: impl IntoIterator<Item = &'n str>) -> [(String, String); 4] {
     let key = format!("{:08x}", murmur3(layer.as_bytes()));
     let attribute = |name: &str, text: String| (format!("cryptomatte/{}/{name}", &key[..KEY_DIGITS]), text);
@@ -43,17 +42,17 @@ pub fn attributes<'n>(layer: &str, names: impl IntoIterator<Item = &'n str>) -> 
     ]
 }
 
-/// Names with the bits of their numbers, in the order of the names, as JSON.
+/// Returns the manifest as JSON: names with the hexadecimal bits of their ids, sorted by name.
 fn manifest<'n>(names: impl IntoIterator<Item = &'n str>) -> String {
     let ids: BTreeMap<&str, String> = names
         .into_iter()
         .map(|name| (called(name), format!("{:08x}", id_of(name).to_bits())))
         .collect();
-    // Texts, which JSON can say.
+    // Serialisation of a map of strings cannot fail.
     ascii(&serde_json::to_string(&ids).unwrap_or_default())
 }
 
-/// JSON whose letters beyond ASCII, which are within its texts, are written by their numbers.
+/// Escapes the non-ASCII characters of JSON, which occur only inside its strings.
 fn ascii(json: &str) -> String {
     let mut text = String::with_capacity(json.len());
     for letter in json.chars() {
@@ -62,15 +61,16 @@ fn ascii(json: &str) -> String {
             continue;
         }
         for unit in letter.encode_utf16(&mut [0; 2]) {
-            // A text takes whatever is written.
+            // Writing to a string cannot fail.
             let _ = write!(text, "\\u{unit:04x}");
         }
     }
     text
 }
 
-/// MurmurHash3_x86_32 with seed 0.
+/// Returns the hash MurmurHash3_x86_32 of `bytes` with seed 0.
 pub fn murmur3(bytes: &[u8]) -> u32 {
+    // Read little-endian words of four bytes; the last may be shorter
     let blocks = bytes.chunks(4).map(|chunk| {
         let word = chunk
             .iter()
@@ -78,6 +78,7 @@ pub fn murmur3(bytes: &[u8]) -> u32 {
             .fold(0, |word, &byte| word << 8 | u32::from(byte));
         (scrambled(word), chunk.len() == 4)
     });
+    // Mix the words into the hash
     let hash = blocks.fold(0, |hash: u32, (word, is_whole)| match is_whole {
         true => (hash ^ word)
             .rotate_left(13)
@@ -88,13 +89,14 @@ pub fn murmur3(bytes: &[u8]) -> u32 {
     finished(hash ^ bytes.len() as u32)
 }
 
+/// Scrambles one word of the input.
 fn scrambled(word: u32) -> u32 {
     word.wrapping_mul(0xcc9e_2d51)
         .rotate_left(15)
         .wrapping_mul(0x1b87_3593)
 }
 
-/// Every bit of the hash then depends on all of them.
+/// Finalises the hash, so that every bit depends on all others (avalanche).
 fn finished(mut hash: u32) -> u32 {
     hash = (hash ^ hash >> 16).wrapping_mul(0x85eb_ca6b);
     hash = (hash ^ hash >> 13).wrapping_mul(0xc2b2_ae35);
@@ -126,7 +128,7 @@ mod tests {
 
     #[test]
     fn identifiers_are_those_of_the_specification() {
-        // Its examples of manifests.
+        // Examples of manifests in the specification.
         for (name, bits) in [
             ("bunny", 0x1385_1a76),
             ("default", 0x42c9_679f),

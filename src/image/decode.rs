@@ -1,8 +1,8 @@
-//! Reading images for textures: PNG, JPEG, Radiance HDR and OpenEXR, told apart by their first bytes.
+//! Image decoding for textures: PNG, JPEG, Radiance HDR and OpenEXR, distinguished by their first bytes.
 //!
-//! Eight bits a channel stay the codes they are. Sixteen become floats, linear by the curve that the caller names, as
-//! no file says what its codes are for. HDR and EXR are linear floats already; EXR multiplies colours by their alpha,
-//! which is divided out, so that all images are alike.
+//! Eight-bit channels stay codes. Sixteen-bit channels become linear floats by the transfer curve that the caller
+//! gives, as files do not state what their codes mean. HDR and EXR are linear floats already; EXR stores premultiplied
+//! alpha, which is divided out, so that all images have straight alpha.
 //!
 //! Sizes are checked against a budget before anything is decoded.
 
@@ -18,51 +18,52 @@ use image::{ColorType, DynamicImage, ImageDecoder, ImageReader, Limits};
 use super::ImageError;
 use super::tonemap::linear_from_srgb;
 
-/// An image of a file, top row first.
+/// Decoded image of a file, top row first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DecodedImage {
-    /// Pixels a row.
+    /// Number of pixels per row.
     pub width: u32,
-    /// Rows.
+    /// Number of rows of pixels.
     pub height: u32,
-    /// `width * height` pixels, row by row.
+    /// Array of `width * height` pixels, row by row.
     pub pixels: DecodedPixels,
 }
 
-/// Pixels as a file holds them; colours are not multiplied by alpha.
+/// Pixels in the precision of the file, with straight (not premultiplied) alpha.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DecodedPixels {
-    /// RGBA codes.
+    /// RGBA codes of eight bits.
     Bytes(Vec<[u8; 4]>),
     /// Linear RGBA, all finite. Colours may be above 1, and in EXR below 0.
     Floats(Vec<[f32; 4]>),
 }
 
-/// What the codes of an image with 16 bits a channel mean; alpha is linear.
+/// Transfer curve of the colour codes of an image with 16 bits a channel; alpha is linear.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TransferCurve {
-    /// Colours by the sRGB curve.
+    /// Colours encoded by the sRGB curve.
     Srgb,
-    /// Shares of 65535.
+    /// Linear fractions of 65535.
     Linear,
 }
 
-/// The most a decoder may allocate for itself: an image of 2^29 pixels of 8 bytes, and its rows.
+/// Largest number of bytes that a decoder may allocate: an image of 2^29 pixels of 8 bytes, and its rows.
 const MAX_DECODER_BYTES: u64 = 1 << 33;
-/// Bytes of a decoded pixel of 8 bits a channel: what one of the budget's pixels may take.
+/// Bytes of a decoded pixel of 8 bits a channel, the unit of the budget in pixels.
 const CODE_BYTES: u64 = 4;
 /// Bytes of a decoded pixel of floats.
 const FLOAT_BYTES: u64 = 16;
 
-/// The first bytes of an EXR file.
+/// First bytes of an EXR file.
 const EXR_MAGIC: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
-/// The first bytes of a Radiance file: `#?RADIANCE` or `#?RGBE`.
+/// First bytes of a Radiance file: `#?RADIANCE` or `#?RGBE`.
 const HDR_MAGIC: [u8; 2] = *b"#?";
 
-/// The width and the height of the image at `path`, by its first bytes; the rest of the file may be anything.
+/// Returns the width and height of the image at `path`, from its header; the rest of the file is not checked.
 pub fn read_size(path: &Path) -> Result<[u32; 2], ImageError> {
     let mut file = open(path)?;
     let start = file.fill_buf().map_err(|error| unreadable(path, &error))?;
+    // Choose the decoder by the first bytes
     let size = if start.starts_with(&EXR_MAGIC) {
         let meta = read_exr_meta(&mut file).map_err(|e| undecodable(path, &e))?;
         let layer = meta
@@ -83,7 +84,7 @@ pub fn read_size(path: &Path) -> Result<[u32; 2], ImageError> {
     Ok([size.0, size.1])
 }
 
-/// Whether the file at `path` holds radiance, told by its first bytes, and whether as an EXR.
+/// Returns whether the file at `path` stores radiance, by its first bytes, and whether it is an EXR.
 pub(super) fn holds_radiance(path: &Path) -> Result<(bool, bool), ImageError> {
     let mut file = open(path)?;
     let start = file.fill_buf().map_err(|error| unreadable(path, &error))?;
@@ -91,21 +92,24 @@ pub(super) fn holds_radiance(path: &Path) -> Result<(bool, bool), ImageError> {
     Ok((is_exr || start.starts_with(&HDR_MAGIC), is_exr))
 }
 
+/// Opens a file with a buffered reader.
 fn open(path: &Path) -> Result<BufReader<File>, ImageError> {
     let file = File::open(path).map_err(|error| unreadable(path, &error))?;
     Ok(BufReader::new(file))
 }
 
+/// Returns the error for a file that cannot be read.
 fn unreadable(path: &Path, error: &std::io::Error) -> ImageError {
     let remedy = "check the path and whether you may read the file";
     refusal(path, format!("cannot be read ({error})"), remedy)
 }
 
-/// Reads the image at `path`, of at most `max_pixels` pixels of 8 bits a channel; those that become floats count four
-/// times.
+/// Decodes the image at `path`, of at most `max_pixels` pixels of 8 bits a channel; pixels that become floats count
+/// four times.
 pub fn read(path: &Path, curve: TransferCurve, max_pixels: u64) -> Result<DecodedImage, ImageError> {
     let mut file = open(path)?;
     let start = file.fill_buf().map_err(|error| unreadable(path, &error))?;
+    // Choose the decoder by the first bytes
     let image = if start.starts_with(&EXR_MAGIC) {
         read_exr(path, &mut file, max_pixels)?
     } else if start.starts_with(&HDR_MAGIC) {
@@ -115,12 +119,14 @@ pub fn read(path: &Path, curve: TransferCurve, max_pixels: u64) -> Result<Decode
         let mut reader = ImageReader::new(file)
             .with_guessed_format()
             .map_err(|error| unreadable(path, &error))?;
+        // Bound the memory of the decoder
         let mut limits = Limits::no_limits();
         limits.max_alloc = Some(MAX_DECODER_BYTES);
         reader.limits(limits);
         let decoder = reader.into_decoder().map_err(|e| undecodable(path, &e))?;
         decode(path, decoder, curve, max_pixels)?
     };
+    // Reject NaN and infinity
     if let DecodedPixels::Floats(pixels) = &image.pixels
         && !pixels.as_flattened().iter().all(|x| x.is_finite())
     {
@@ -130,6 +136,7 @@ pub fn read(path: &Path, curve: TransferCurve, max_pixels: u64) -> Result<Decode
     Ok(image)
 }
 
+/// Decodes an image of the `image` crate, after checking its size.
 fn decode(
     path: &Path,
     decoder: impl ImageDecoder,
@@ -142,6 +149,7 @@ fn decode(
     let pixel_bytes = if is_wide { FLOAT_BYTES } else { CODE_BYTES };
     check_size(path, [width.into(), height.into()], pixel_bytes, max_pixels)?;
     let decoded = DynamicImage::from_decoder(decoder).map_err(|e| undecodable(path, &e))?;
+    // Convert to codes or linear floats
     let pixels = match color {
         ColorType::L16 | ColorType::La16 | ColorType::Rgb16 | ColorType::Rgba16 => {
             DecodedPixels::Floats(linear_pixels(&decoded.into_rgba16().into_raw(), curve))
@@ -158,8 +166,9 @@ fn decode(
     })
 }
 
-/// The pixels of 16-bit RGBA codes.
+/// Converts 16-bit RGBA codes to linear pixels.
 fn linear_pixels(codes: &[u16], curve: TransferCurve) -> Vec<[f32; 4]> {
+    // Tabulate the curve for all codes
     let unit = |code: u16| f64::from(code) / f64::from(u16::MAX);
     let color: Vec<f32> = (0..=u16::MAX)
         .map(|code| match curve {
@@ -174,7 +183,7 @@ fn linear_pixels(codes: &[u16], curve: TransferCurve) -> Vec<[f32; 4]> {
     pixels.collect()
 }
 
-/// Values in groups of four, without a copy where the allocator agrees.
+/// Groups values by four, without a copy if the allocation's layout allows it.
 fn quads<T: bytemuck::Pod>(values: Vec<T>) -> Vec<[T; 4]> {
     bytemuck::allocation::try_cast_vec(values).unwrap_or_else(|(_, values)| {
         values
@@ -184,16 +193,17 @@ fn quads<T: bytemuck::Pod>(values: Vec<T>) -> Vec<[T; 4]> {
     })
 }
 
-/// The first layer with R, G and B, or else with Y alone, and A where there is one.
+/// Reads the first layer with R, G and B, or else one with Y, and its A channel if present.
 fn read_exr(path: &Path, file: &mut BufReader<File>, max_pixels: u64) -> Result<DecodedImage, ImageError> {
     let faulty = |error: exr::error::Error| undecodable(path, &error);
     let meta = read_exr_meta(file).map_err(faulty)?;
     for header in &meta.headers {
         let size = [header.layer_size.x(), header.layer_size.y()].map(|side| side as u64);
-        // Blocks are decoded with all their channels, also those that are not asked for.
+        // Blocks are decoded with all their channels, including those that are not used.
         let pixel_bytes = FLOAT_BYTES.max(header.channels.bytes_per_pixel as u64);
         check_size(path, size, pixel_bytes, max_pixels)?;
     }
+    // Read RGBA if any layer has colours
     let is_color = |header: &exr::meta::header::Header| {
         let has = |name: &str| header.channels.list.iter().any(|channel| channel.name.eq(name));
         has("R") && has("G") && has("B")
@@ -208,6 +218,7 @@ fn read_exr(path: &Path, file: &mut BufReader<File>, max_pixels: u64) -> Result<
         let file = reader.first_valid_layer().all_attributes().from_buffered(file);
         return Ok(file.map_err(faulty)?.layer_data.channel_data.pixels.finish());
     }
+    // Otherwise read luminance as grey
     let set = |image: &mut ReadFloats, at: Vec2<usize>, (y, a): (f32, f32)| image.set(at, [y; 3], a);
     let reader = layers.specific_channels().required("Y").optional("A", 1.0f32);
     let reader = reader.collect_pixels(|size, _| ReadFloats::new(size), set);
@@ -217,13 +228,13 @@ fn read_exr(path: &Path, file: &mut BufReader<File>, max_pixels: u64) -> Result<
 
 /// Reads the headers of an EXR file.
 ///
-/// The `exr` crate wraps what it reads pixels from into [`Tracking`]; all that reads EXR files here does the same and
-/// borrows the file, so that the crate is compiled for one reader.
+/// The `exr` crate wraps the reader of pixels in [`Tracking`]; all EXR reading here does the same and borrows the file,
+/// so that the crate is compiled for one reader type.
 fn read_exr_meta(file: &mut BufReader<File>) -> exr::error::Result<exr::meta::MetaData> {
     exr::meta::MetaData::read_from_buffered(Tracking::new(file), false)
 }
 
-/// An EXR image on its way in.
+/// Pixels of an EXR image while it is being read.
 struct ReadFloats {
     size: Vec2<usize>,
     pixels: Vec<[f32; 4]>,
@@ -237,14 +248,16 @@ impl ReadFloats {
         }
     }
 
+    /// Stores a pixel, dividing premultiplied colour by its alpha.
     fn set(&mut self, at: Vec2<usize>, color: [f32; 3], alpha: f32) {
         let alpha = alpha.clamp(0.0, 1.0);
-        // What is wholly transparent and yet has a colour glows; there is nothing to divide by.
+        // A fully transparent pixel with a colour is emissive; its colour is kept, as it cannot be divided.
         let share = if alpha > 0.0 { alpha } else { 1.0 };
         let [r, g, b] = color.map(|c| c / share);
         self.pixels[at.y() * self.size.x() + at.x()] = [r, g, b, alpha];
     }
 
+    /// Returns the finished image.
     fn finish(self) -> DecodedImage {
         DecodedImage {
             width: self.size.x() as u32,
@@ -254,6 +267,7 @@ impl ReadFloats {
     }
 }
 
+/// Rejects images without pixels or beyond the budget.
 fn check_size(
     path: &Path,
     [width, height]: [u64; 2],
@@ -276,12 +290,14 @@ fn check_size(
     Ok(())
 }
 
+/// Returns the error for content that the decoder rejects.
 fn undecodable(path: &Path, error: &dyn std::fmt::Display) -> ImageError {
     let words: Vec<String> = error.to_string().split_whitespace().map(str::to_owned).collect();
     let fault = format!("cannot be decoded ({})", words.join(" "));
     refusal(path, fault, "save it as PNG, JPEG, HDR or EXR")
 }
 
+/// Returns an error with fault and remedy.
 fn refusal(path: &Path, fault: String, remedy: &'static str) -> ImageError {
     ImageError::Unusable {
         path: path.to_owned(),
@@ -313,14 +329,14 @@ mod tests {
             path
         }
 
-        /// A file of `codes` that the image crate writes.
+        /// Writes a file of `codes` with the image crate.
         fn image(&self, name: &str, codes: &[u8], color: ExtendedColorType, format: ImageFormat) -> PathBuf {
             let path = self.0.path().join(name);
             image::save_buffer_with_format(&path, codes, 2, 2, color, format).unwrap();
             path
         }
 
-        /// A 2 x 1 EXR of RGBA.
+        /// Writes an EXR of 2 x 1 RGBA pixels.
         fn exr(&self, pixels: [[f32; 4]; 2]) -> PathBuf {
             use exr::prelude::WritableImage;
             let path = self.0.path().join("a.exr");
@@ -467,7 +483,7 @@ mod tests {
                 path.display()
             );
             for length in 0..whole.len() {
-                // Some decoders make do with less, none may panic.
+                // Some decoders accept truncated files; none may panic.
                 let _ = read(
                     &folder.file("cut", &whole[..length]),
                     TransferCurve::Linear,

@@ -1,4 +1,4 @@
-//! OpenEXR: linear RGB and further channels beside it, in one part of scan lines.
+//! OpenEXR files: linear RGB and additional channels, in one part of scan lines.
 
 use std::fs::File;
 use std::io::{self, BufReader};
@@ -10,19 +10,19 @@ use super::atomic_file::write_error;
 use super::rows::{Compression, ExrChannel, ExrLayout, ExrScanlineWriter, SampleType, Samples};
 use super::{Attribute, ChannelKind, ImageChannel, ImageError, LinearImage};
 
-/// How an EXR file holds what was rendered.
+/// Sample type and compression of an EXR file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ExrEncoding {
-    /// What values of colours are, floats or halves.
+    /// Sample type of colours: floats or halves.
     pub sample: SampleType,
-    /// How rows are packed.
+    /// Compression method of the rows.
     pub compression: Compression,
 }
 
-/// Rows that are turned into planes at once: whole blocks by any compression.
+/// Number of rows that are converted to planar channels at once: whole blocks for any compression.
 const ROWS: usize = 32;
 
-/// Writes `image` with further channels, which hold a value a pixel, to `path` as an EXR file.
+/// Writes `image` with additional channels, of one value per pixel, to `path` as an EXR file.
 pub(super) fn write(
     image: &LinearImage,
     extra: &[ImageChannel],
@@ -30,6 +30,7 @@ pub(super) fn write(
     notes: &[Attribute],
     path: &Path,
 ) -> Result<(), ImageError> {
+    // Check channel lengths before the file is created
     check_lengths(image, extra).map_err(|error| write_error(path, &error))?;
     let layout = ExrLayout {
         compression: encoding.compression,
@@ -37,6 +38,7 @@ pub(super) fn write(
         ..ExrLayout::of_size([image.width, image.height], channels(extra, encoding.sample))
     };
     let mut writer = ExrScanlineWriter::create(path, &layout)?;
+    // Convert and write the image in groups of whole blocks
     let pixels_at_once = ROWS * image.width as usize;
     for (index, pixels) in image.pixels.chunks(pixels_at_once).enumerate() {
         let start = index * pixels_at_once;
@@ -51,6 +53,7 @@ pub(super) fn write(
     writer.finish()
 }
 
+/// Checks that each channel has one value per pixel.
 fn check_lengths(image: &LinearImage, extra: &[ImageChannel]) -> io::Result<()> {
     let pixel_count = image.pixels.len();
     match extra.iter().find(|channel| channel.values.len() != pixel_count) {
@@ -63,6 +66,7 @@ fn check_lengths(image: &LinearImage, extra: &[ImageChannel]) -> io::Result<()> 
     }
 }
 
+/// Returns the file's channels: R, G and B, then the additional ones.
 fn channels(extra: &[ImageChannel], color: SampleType) -> Vec<ExrChannel> {
     let colors = ["R", "G", "B"].map(|name| ExrChannel::new(name, color));
     let others = extra.iter().map(|channel| {
@@ -75,7 +79,7 @@ fn channels(extra: &[ImageChannel], color: SampleType) -> Vec<ExrChannel> {
     colors.into_iter().chain(others).collect()
 }
 
-/// Reads the R, G and B channels of the first layer that has them.
+/// Reads the R, G and B channels of the first layer that has all three.
 pub(super) fn read(path: &Path) -> Result<LinearImage, ImageError> {
     let fault = |error: exr::error::Error| ImageError::Read {
         path: path.to_owned(),

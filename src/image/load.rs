@@ -1,28 +1,29 @@
-//! Reading whole pictures, to be held against each other.
+//! Loading of complete images for comparison.
 
 use std::path::Path;
 
 use super::decode::{self, DecodedPixels, TransferCurve, read_size};
 use super::{ImageError, LinearImage, linear_from_srgb};
 
-/// Most pixels of a picture: 3 GiB of them.
+/// Largest number of pixels of an image: 3 GiB of them.
 const MAX_PIXELS: u64 = 1 << 28;
 
-/// A picture of a file.
+/// Image loaded from a file, in linear RGB.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedImage {
-    /// Linear RGB; of a PNG or JPEG what is displayed, 0 to 1, and alpha is not looked at.
+    /// Linear RGB; for a PNG or JPEG it is the displayed radiance, 0 to 1, and alpha is ignored.
     pub image: LinearImage,
-    /// Whether the file holds radiance, which may be anything, and not codes for a screen.
+    /// True if the file stores radiance, of any range, rather than display-referred codes.
     pub is_radiance: bool,
 }
 
-/// Reads the EXR, HDR, PNG or JPEG at `path`. An EXR may hold NaN and infinities, so that they can be counted.
+/// Reads the EXR, HDR, PNG or JPEG at `path`. An EXR may contain NaN and infinities, so that they can be counted.
 ///
 /// # Errors
 ///
-/// Where the file cannot be read, is no picture or one of more than 2^28 pixels.
+/// If the file cannot be read, is no image, or has more than 2^28 pixels.
 pub fn read_picture(path: &Path) -> Result<LoadedImage, ImageError> {
+    // Reject images that are too large before decoding
     let [width, height] = read_size(path)?;
     if u64::from(width) * u64::from(height) > MAX_PIXELS {
         return Err(ImageError::Unusable {
@@ -31,13 +32,15 @@ pub fn read_picture(path: &Path) -> Result<LoadedImage, ImageError> {
             remedy: "compare parts of it",
         });
     }
+    // Read EXR with the reader that keeps NaN and infinities
     let (is_radiance, is_exr) = decode::holds_radiance(path)?;
     if is_exr {
         let image = super::read_exr(path)?;
         return Ok(LoadedImage { image, is_radiance });
     }
-    // Floats count four times.
+    // The limit counts a float pixel as four byte pixels.
     let read = decode::read(path, TransferCurve::Srgb, 4 * MAX_PIXELS)?;
+    // Convert codes to linear radiance by a table
     let pixels = match read.pixels {
         DecodedPixels::Bytes(codes) => {
             let linear: Vec<f32> = (0..=255)

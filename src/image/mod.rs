@@ -1,8 +1,9 @@
-//! Images: linear radiance in memory, PNG and EXR on disk; and reading those that become textures.
+//! Images: linear radiance in memory, PNG and EXR files, and decoding of images for textures.
 //!
-//! Everything up to here is linear RGB radiance; exposure and the sRGB curve happen only on the way into a PNG
-//! ([`ToneMap`]); [`metrics`] tell how far two pictures lie apart. Files appear whole or not at all: they are written
-//! beside their place, forced to the disk and renamed into it. Pictures larger than memory go row by row ([`rows`]).
+//! Pixels are linear RGB radiance until they are written; exposure and the sRGB curve are applied only when a PNG is
+//! encoded ([`ToneMap`]); [`metrics`] measure the difference of two images. Files are written atomically: to a
+//! temporary file in the target's directory, synced to disk and renamed. Images larger than memory are streamed row by
+//! row ([`rows`]).
 
 mod atomic_file;
 pub mod cryptomatte;
@@ -26,19 +27,19 @@ pub use decode::{DecodedImage, DecodedPixels, TransferCurve, read, read_size};
 pub use load::{LoadedImage, read_picture};
 pub use tonemap::{ToneMap, linear_from_srgb};
 
-/// Linear RGB radiance.
+/// Image of linear RGB radiance.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LinearImage {
-    /// Pixels a row.
+    /// Number of pixels per row.
     pub width: u32,
-    /// Rows.
+    /// Number of rows of pixels.
     pub height: u32,
-    /// `width * height` pixels, row by row, the top row first.
+    /// Array of `width * height` pixels, row by row, the top row first.
     pub pixels: Vec<[f32; 3]>,
 }
 
 impl LinearImage {
-    /// A black image.
+    /// Creates an image whose pixels are all black.
     pub fn black(width: u32, height: u32) -> LinearImage {
         LinearImage {
             width,
@@ -47,7 +48,7 @@ impl LinearImage {
         }
     }
 
-    /// The pixel in column `x` and row `y`.
+    /// Returns the pixel in column `x` and row `y`.
     ///
     /// # Panics
     /// If there is no such pixel.
@@ -56,8 +57,9 @@ impl LinearImage {
         self.pixels[y as usize * self.width as usize + x as usize]
     }
 
-    /// How many pixels hold a NaN or an infinity: 0 in a sound picture.
+    /// Returns the number of pixels that contain a NaN or an infinity: 0 in a valid image.
     pub fn non_finite_count(&self) -> usize {
+        // Count chunks in parallel
         const CHUNK: usize = 1 << 14;
         let counts = parallel::map_chunks(&self.pixels, CHUNK, &|_, chunk| {
             chunk.iter().filter(|p| !p.iter().all(|c| c.is_finite())).count()
@@ -66,27 +68,27 @@ impl LinearImage {
     }
 }
 
-/// A text that a file carries beside its pixels.
+/// Text metadata in an image file: an EXR attribute or a PNG text chunk.
 #[derive(Clone, Copy, Debug)]
 pub struct Attribute<'a> {
-    /// Its name: ASCII, at most 79 letters.
+    /// Name of the attribute: ASCII, at most 79 letters.
     pub name: &'a str,
-    /// What it says; in an EXR what is not ASCII becomes a question mark.
+    /// Value of the attribute; in an EXR each non-ASCII character becomes a question mark.
     pub text: &'a str,
 }
 
-/// The kinds of image file.
+/// File formats of images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Hash)]
 pub enum ImageFormat {
-    /// sRGB, after exposure.
+    /// PNG: sRGB, after exposure.
     #[default]
     Png,
-    /// Floating-point linear RGB, as rendered.
+    /// EXR: floating-point linear RGB, as rendered.
     Exr,
 }
 
 impl ImageFormat {
-    /// The format that a file's name asks for by its ending, in any case.
+    /// Returns the format that belongs to a file name's extension, in upper or lower case.
     pub fn of_path(path: &Path) -> Option<ImageFormat> {
         let extension = path.extension()?.to_str()?.to_ascii_lowercase();
         match extension.as_str() {
@@ -106,59 +108,59 @@ impl fmt::Display for ImageFormat {
     }
 }
 
-/// Why an image file could not be read or written.
+/// Reasons that an image file could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
-    /// The folder of an output file does not exist.
+    /// Output file whose folder does not exist.
     #[error("there is no folder {} for {}: make it first", .folder.display(), .path.display())]
     NoFolder {
-        /// The file that was to be written.
+        /// Path of the output file.
         path: PathBuf,
-        /// What is missing.
+        /// Path of the missing folder.
         folder: PathBuf,
     },
-    /// The output's name is taken by a folder.
+    /// Output path that is an existing folder.
     #[error("{} is a folder: name a file", .0.display())]
     IsFolder(PathBuf),
-    /// The folder of an output file takes no files.
+    /// Folder in which no file can be created.
     #[error("cannot write into the folder {}: {source}", .folder.display())]
     NotWritable {
-        /// Where a file was attempted.
+        /// Path of the folder where the temporary file was tried.
         folder: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// Writing failed half-way; nothing is left of it.
+    /// Write that failed; no partial file is left.
     #[error("could not write {}: {message}", .path.display())]
     Write {
-        /// The file that was to be written.
+        /// Path of the output file.
         path: PathBuf,
-        /// What the system or the encoder said.
+        /// Error message of the operating system or the encoder.
         message: String,
     },
-    /// A file is no image that could be used.
+    /// File whose content cannot be used as an image.
     #[error("{}: {fault}: {remedy}", .path.display())]
     Unusable {
-        /// The file.
+        /// Path of the rejected file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Description of the fault, as the predicate of a sentence.
         fault: String,
-        /// What to do.
+        /// Remedy, as a request to the user.
         remedy: &'static str,
     },
-    /// Reading failed.
+    /// EXR file that could not be read.
     #[error("could not read {} as an EXR image: {message}", .path.display())]
     Read {
-        /// The file.
+        /// Path of the rejected file.
         path: PathBuf,
-        /// What the system or the decoder said.
+        /// Error message of the operating system or the decoder.
         message: String,
     },
 }
 
-/// Writes `image` to `path` in `format`; `tonemap` applies to PNG only, as an EXR keeps what was rendered.
+/// Writes `image` to `path` in `format`; `tonemap` applies to PNG only, as an EXR stores radiance unchanged.
 ///
-/// The file appears whole or, on an error, not at all; what stood there before stays until then.
+/// The write is atomic: on an error no file appears, and an existing file stays until the new one is complete.
 pub fn write(image: &LinearImage, path: &Path, format: ImageFormat, tone: ToneMap) -> Result<(), ImageError> {
     match format {
         ImageFormat::Png => {
@@ -172,7 +174,7 @@ pub fn write(image: &LinearImage, path: &Path, format: ImageFormat, tone: ToneMa
     }
 }
 
-/// Writes `image` and notes to `path` as a PNG, whole or, on an error, not at all.
+/// Writes `image` and text attributes to `path` as a PNG, atomically.
 pub fn write_png_with(
     image: &LinearImage,
     encoding: PngEncoding,
@@ -182,11 +184,11 @@ pub fn write_png_with(
     write_atomically(path, |file| png::encode(image, &encoding, notes, file))
 }
 
-/// `image` as the bytes of a PNG, for what holds pictures itself.
+/// Encodes `image` as the bytes of a PNG, for embedding in other files.
 ///
 /// # Errors
 ///
-/// Where the picture has more pixels than a PNG.
+/// If the image has more pixels than a PNG can hold.
 pub fn png_bytes(image: &LinearImage, tone: ToneMap) -> std::io::Result<Vec<u8>> {
     let encoding = PngEncoding {
         tone,
@@ -197,29 +199,29 @@ pub fn png_bytes(image: &LinearImage, tone: ToneMap) -> std::io::Result<Vec<u8>>
     Ok(bytes)
 }
 
-/// One more value a pixel, for the channels of an EXR file.
+/// Additional channel of an EXR file, with one value per pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct ImageChannel<'a> {
-    /// What the file calls it; dots in it group channels.
+    /// Name of the channel; dots in it group channels into layers.
     pub name: &'a str,
-    /// As many as there are pixels, row by row, the top row first.
+    /// One value per pixel, row by row, the top row first.
     pub values: &'a [f32],
-    /// Whether a file of halves may round them.
+    /// Choice of whether the channel may be rounded to half floats.
     pub kind: ChannelKind,
 }
 
-/// What the values of a channel are good for.
+/// Precision that the values of a channel need.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ChannelKind {
-    /// Counts, distances, ids, hashes: always 32-bit floats.
+    /// Counts, distances, ids, hashes: always stored as 32-bit floats.
     #[default]
     Exact,
-    /// What is looked at: halves where the picture's colours are.
+    /// Colours for display: stored as half floats if the image's colours are.
     Color,
 }
 
 impl<'a> ImageChannel<'a> {
-    /// A channel that keeps every bit.
+    /// Creates a channel that is stored without loss.
     pub fn exact(name: &'a str, values: &'a [f32]) -> ImageChannel<'a> {
         ImageChannel {
             name,
@@ -228,7 +230,7 @@ impl<'a> ImageChannel<'a> {
         }
     }
 
-    /// A channel that is rounded as colours are.
+    /// Creates a channel that is rounded like the image's colours.
     pub fn color(name: &'a str, values: &'a [f32]) -> ImageChannel<'a> {
         ImageChannel {
             name,
@@ -238,7 +240,7 @@ impl<'a> ImageChannel<'a> {
     }
 }
 
-/// Writes `image`, further channels and notes to `path` as an EXR, whole or, on an error, not at all.
+/// Writes `image`, additional channels and attributes to `path` as an EXR, atomically.
 pub fn write_exr_with(
     image: &LinearImage,
     extra: &[ImageChannel],
@@ -249,12 +251,12 @@ pub fn write_exr_with(
     exr::write(image, extra, encoding, notes, path)
 }
 
-/// Reads the linear RGB of an EXR file.
+/// Reads the linear RGB channels of an EXR file.
 pub fn read_exr(path: &Path) -> Result<LinearImage, ImageError> {
     exr::read(path)
 }
 
-/// What wrote a file, for its metadata.
+/// Name and version of this program, for the metadata of written files.
 const SOFTWARE: &str = concat!("whit ", env!("CARGO_PKG_VERSION"));
 
 #[cfg(test)]

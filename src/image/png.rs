@@ -1,4 +1,4 @@
-//! PNG: sRGB of 8 or 16 bits, compressed for speed.
+//! PNG encoder: sRGB of 8 or 16 bits, compressed for speed.
 
 use std::io::{self, Write};
 
@@ -6,34 +6,34 @@ use ::png::{BitDepth, ColorType, Compression, EncodingError, Filter, SrgbRenderi
 
 use super::{Attribute, LinearImage, SOFTWARE, ToneMap};
 
-/// What takes the bytes of a PNG; one type for all, as the encoder is compiled anew for each.
+/// Writer of the encoder's bytes; boxed, so that the encoder is compiled for one type only.
 pub(super) type Sink<'w> = Box<dyn Write + Send + 'w>;
 
-/// How radiance becomes the codes of a PNG.
+/// Tone mapping and bit depth of a PNG.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PngEncoding {
-    /// Exposure.
+    /// Exposure and tone curve of the codes.
     pub tone: ToneMap,
-    /// The size of a code.
+    /// Bit depth of each code.
     pub bits: PngBits,
 }
 
-/// Bits of each of a pixel's three codes.
+/// Bits per channel of a pixel.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
 )]
 pub enum PngBits {
-    /// What screens show.
+    /// Eight bits, as screens show.
     #[default]
     #[value(name = "8")]
     Eight,
-    /// For what is worked on further: 257 steps for each one of eight bits.
+    /// Sixteen bits, for further processing: 257 steps for each one of eight bits.
     #[value(name = "16")]
     Sixteen,
 }
 
 impl PngEncoding {
-    /// The codes of `pixels` as the bytes of a PNG.
+    /// Tone-maps `pixels` to the sample bytes of a PNG.
     pub(super) fn codes(&self, pixels: &[[f32; 3]]) -> Vec<u8> {
         match self.bits {
             PngBits::Eight => self.tone.srgb_codes(pixels),
@@ -41,7 +41,7 @@ impl PngEncoding {
         }
     }
 
-    /// Writes what comes before the pixels of a picture of `size`, width and height.
+    /// Writes the header and text chunks of an image of `size`, width and height.
     pub(super) fn begin<'w>(
         &self,
         out: Sink<'w>,
@@ -49,6 +49,7 @@ impl PngEncoding {
         notes: &[Attribute],
     ) -> io::Result<Writer<Sink<'w>>> {
         let [width, height] = size;
+        // Set colour type, depth and fast compression
         let mut encoder = ::png::Encoder::new(out, width, height);
         encoder.set_color(ColorType::Rgb);
         encoder.set_depth(match self.bits {
@@ -58,13 +59,14 @@ impl PngEncoding {
         encoder.set_source_srgb(SrgbRenderingIntent::Perceptual);
         encoder.set_compression(Compression::Fast);
         encoder.set_filter(Filter::Sub);
+        // Write text chunks, with the software's name first
         let maker = Attribute {
             name: "Software",
             text: SOFTWARE,
         };
         for Attribute { name, text } in [&maker].into_iter().chain(notes) {
             let (name, text) = ((*name).to_owned(), (*text).to_owned());
-            // The older kind of text has Latin letters only, and every reader knows it.
+            // Use tEXt for ASCII, as every reader supports it; it is limited to Latin-1.
             let added = match text.is_ascii() {
                 true => encoder.add_text_chunk(name, text),
                 false => encoder.add_itxt_chunk(name, text),
@@ -75,7 +77,7 @@ impl PngEncoding {
     }
 }
 
-/// Writes `image` as a PNG.
+/// Writes `image` as a PNG to `out`.
 pub(super) fn encode(
     image: &LinearImage,
     encoding: &PngEncoding,
@@ -88,7 +90,7 @@ pub(super) fn encode(
     writer.finish().map_err(io_error)
 }
 
-/// What the system said, where it was the system.
+/// Converts an encoder error; errors of the operating system are passed through.
 pub(super) fn io_error(error: EncodingError) -> io::Error {
     match error {
         EncodingError::IoError(error) => error,
@@ -164,7 +166,7 @@ mod tests {
     #[cfg(target_os = "linux")]
     #[test]
     fn a_disk_that_is_full_is_an_error_of_the_system() {
-        // A device that is always full.
+        // This device is always full.
         let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
         let mut out = io::BufWriter::new(full);
         let error = encode(&ramp(), &PngEncoding::default(), &[], &mut out).unwrap_err();

@@ -1,30 +1,31 @@
-//! Linear radiance -> sRGB of 8 or 16 bits: exposure, the exact curve, rounding to the nearest code.
+//! Tone mapping of linear radiance to 8- or 16-bit sRGB: exposure, the exact curve, rounding to the nearest code.
 //!
-//! For eight bits the curve of IEC 61966-2-1 is turned round: a code is a count of the 255 radiances at which the rounded
-//! curve steps, so that no power is taken per pixel and the result is exact. The float's own exponent and leading
-//! mantissa bits index a table that starts the count at most two steps short.
+//! For eight bits the curve of IEC 61966-2-1 is inverted: a code is the number of thresholds, out of the 255 radiances
+//! at which the rounded curve steps, that are not above the radiance. No power is computed per pixel, and the result is
+//! exact. The exponent and leading mantissa bits of the float index a table of starting codes at most two steps too
+//! low.
 
 use std::sync::LazyLock;
 
 use super::LinearImage;
 use crate::parallel;
 
-/// How radiance becomes what a screen shows.
+/// Mapping of radiance to displayed values: exposure and the sRGB curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ToneMap {
-    /// Stops of exposure: radiance is multiplied by 2 to this power; a radiance of 1 is then white.
+    /// Exposure in stops: radiance is multiplied by 2 to this power; 1 is then white.
     pub exposure_ev: f32,
 }
 
 impl ToneMap {
-    /// The 8-bit sRGB pixels of `image`, three bytes each, top row first.
+    /// Returns the 8-bit sRGB pixels of `image`, three bytes each, top row first.
     ///
     /// Radiance above 1 is white, below 0 and NaN black.
     pub fn srgb_bytes(&self, image: &LinearImage) -> Vec<u8> {
         self.srgb_codes(&image.pixels)
     }
 
-    /// The 8-bit sRGB of `pixels`, three bytes each.
+    /// Returns the 8-bit sRGB codes of `pixels`, three bytes each.
     pub(super) fn srgb_codes(&self, pixels: &[[f32; 3]]) -> Vec<u8> {
         let gain = self.exposure_ev.exp2();
         let curve = &*CURVE;
@@ -38,7 +39,7 @@ impl ToneMap {
         bytes
     }
 
-    /// The 16-bit sRGB of `pixels`, three codes each, the upper byte of a code first.
+    /// Returns the 16-bit sRGB codes of `pixels`, three codes each, in big-endian order.
     pub(super) fn srgb_wide_codes(&self, pixels: &[[f32; 3]]) -> Vec<u8> {
         let gain = self.exposure_ev.exp2();
         let mut bytes = vec![[0; 2]; 3 * pixels.len()];
@@ -52,17 +53,17 @@ impl ToneMap {
     }
 }
 
-/// Values of pixels that a thread takes at once.
+/// Number of channel values that a thread processes as one unit of work.
 const CHUNK: usize = 3 << 14;
 
-/// The nearest of 65535 steps; NaN is black.
+/// Returns the 16-bit sRGB code of a radiance, rounded to nearest; NaN is black.
 fn wide_code(radiance: f32) -> u16 {
     let encoded = srgb_from_linear(f64::from(radiance));
-    // A cast keeps within the range, and makes zero of NaN.
+    // The cast saturates, and converts NaN to zero.
     (encoded * f64::from(u16::MAX)).round() as u16
 }
 
-/// The sRGB value of a radiance: what [`linear_from_srgb`] undoes.
+/// Returns the sRGB value of a radiance: the inverse of [`linear_from_srgb`].
 fn srgb_from_linear(radiance: f64) -> f64 {
     let encoded = 12.92 * radiance;
     if encoded <= 0.040_45 {
@@ -72,7 +73,7 @@ fn srgb_from_linear(radiance: f64) -> f64 {
     }
 }
 
-/// The radiance of an sRGB value in [0, 1] (IEC 61966-2-1).
+/// Returns the radiance of an sRGB value in [0, 1] (IEC 61966-2-1).
 pub fn linear_from_srgb(encoded: f64) -> f64 {
     if encoded <= 0.040_45 {
         encoded / 12.92
@@ -81,21 +82,22 @@ pub fn linear_from_srgb(encoded: f64) -> f64 {
     }
 }
 
-/// Mantissa bits of the table's index: 2^-7 of a value is less than one code's width wherever codes are narrow.
+/// Mantissa bits of the table's index: 2^-7 of a value is less than one code's width where codes are narrow.
 const MANTISSA_BITS: u32 = 7;
 const SHIFT: u32 = f32::MANTISSA_DIGITS - 1 - MANTISSA_BITS;
-/// The table starts at 2^-13, below the first step at 1/(2·255·12.92) = 2^-12.7.
+/// Bit pattern of 2^-13, the table's first value, below the first step at 1/(2·255·12.92) = 2^-12.7.
 const FIRST_BITS: u32 = (127 - 13) << (f32::MANTISSA_DIGITS - 1);
 const LAST_BITS: u32 = 1f32.to_bits();
 
-/// The stepping radiances and where to begin counting them.
+/// Threshold radiances and the table of starting codes for the search.
 struct ToneCurve {
-    /// `steps[c]`: the least f32 whose code is more than `c`.
+    /// Threshold `steps[c]`: smallest f32 whose code is more than `c`.
     steps: [f32; 255],
     start: Vec<u8>,
 }
 
 static CURVE: LazyLock<ToneCurve> = LazyLock::new(|| {
+    // Round each threshold up to the next f32
     let steps = std::array::from_fn(|code| {
         let step = linear_from_srgb((code as f64 + 0.5) / 255.0);
         let rounded = step as f32;
@@ -105,6 +107,7 @@ static CURVE: LazyLock<ToneCurve> = LazyLock::new(|| {
             rounded
         }
     });
+    // Count the thresholds below each table entry
     let start = (FIRST_BITS >> SHIFT..=LAST_BITS >> SHIFT)
         .map(|index| {
             let low = f32::from_bits(index << SHIFT);
@@ -115,10 +118,10 @@ static CURVE: LazyLock<ToneCurve> = LazyLock::new(|| {
 });
 
 impl ToneCurve {
-    /// The code of a radiance: how many steps are at or below it.
+    /// Returns the code of a radiance: the number of thresholds at or below it.
     #[inline(always)]
     fn code(&self, radiance: f32) -> u8 {
-        // Written so that a NaN is black.
+        // The negated comparison makes NaN black.
         if !(radiance >= self.steps[0]) {
             return 0;
         }
@@ -137,7 +140,7 @@ impl ToneCurve {
 mod tests {
     use super::*;
 
-    /// The curve as the standard states it, and rounding.
+    /// Returns the code by the standard's formula with rounding.
     fn code_by_the_book(radiance: f64) -> u8 {
         let encoded = if radiance <= 0.003_130_8 {
             12.92 * radiance
@@ -149,8 +152,8 @@ mod tests {
 
     #[test]
     fn every_radiance_gets_the_code_of_the_standards_curve() {
-        // The standard's two pieces meet within 1e-7 only, far less than the half code that separates steps: no
-        // tolerance is needed at points which are not themselves steps.
+        // The standard's two pieces agree at their border only within 1e-7, far less than the half code that separates
+        // steps: no tolerance is needed at points which are not themselves steps.
         let curve = &*CURVE;
         for bits in (1e-6f32.to_bits()..2f32.to_bits()).step_by(97) {
             let radiance = f32::from_bits(bits);

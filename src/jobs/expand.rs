@@ -1,4 +1,4 @@
-//! From what is written to frames: scenes, cameras, values of sweeps and numbers of frames, multiplied.
+//! Expansion of a parsed job file to frames: the product of scenes, cameras, swept values and frame numbers.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -19,16 +19,17 @@ use crate::scene_file::assembly::read;
 use crate::scene_file::fault::{Fault, Source, file_error};
 use crate::scene_file::value::At;
 
-/// The most pieces of a frame.
+/// Largest number of pieces of a frame.
 const MAX_PIECES: u32 = 4096;
 
-/// See [`Jobs::load`].
+/// Parses a job file and expands it; see [`Jobs::load`].
 pub(super) fn load(path: &Path) -> Result<Jobs, SceneFileError> {
     let source = read(path)?;
     let document: Document = source.parse()?;
     if document.job.is_empty() {
         return Err(file_error(path, "has no jobs: add a [[job]]"));
     }
+    // Validate each job and append its frames, within the limit of the file
     let mut frames = Vec::new();
     for (number, form) in document.job.iter().enumerate() {
         let job = Job::of(form, (number, &document), &source).map_err(|fault| source.error(fault))?;
@@ -46,7 +47,7 @@ pub(super) fn load(path: &Path) -> Result<Jobs, SceneFileError> {
     })
 }
 
-/// A job, understood.
+/// Validated job, ready to be expanded.
 struct Job {
     name: String,
     scenes: Vec<PathBuf>,
@@ -54,7 +55,7 @@ struct Job {
     range: FrameRange,
     motion: Motion,
     animation: Option<Animation>,
-    /// What is changed, of each combination of values.
+    /// Edits of each combination of swept values.
     sweeps: Vec<Vec<Swept>>,
     settings: Arc<JobSettings>,
     image: Template,
@@ -68,10 +69,12 @@ struct Animation {
 
 impl Job {
     fn of(form: &At<JobForm>, (number, document): (usize, &Document), source: &Source) -> Result<Job, Fault> {
+        // Parse the sweep first, as its fields are known to the image name
         let sweeps = combinations(&form.sweep, form.zip.as_ref())?;
         let range = range(form)?;
         let given = form.name.as_ref().map(|name| (**name).clone());
         let name = given.unwrap_or_else(|| (number + 1).to_string());
+        // Keys of the job replace those of the whole file
         let cameras = form.camera.as_ref().or(document.camera.as_ref());
         let cameras: &[String] = cameras.map_or(&[], |cameras| &cameras.0);
         let cut = form.split.as_ref().or(document.split.as_ref());
@@ -82,6 +85,7 @@ impl Job {
             line: source.line(form.span.start),
             job: name.clone(),
         };
+        // Validate the remaining keys
         Ok(Job {
             name,
             scenes: scenes(form, document, &source.path)?,
@@ -105,7 +109,8 @@ impl Job {
             .fold(frames, usize::saturating_mul)
     }
 
-    /// Frames that have most in common stand together.
+    /// Appends the frames in an order in which neighbours share as much as possible: scene, then edits, then frame
+    /// number, then camera.
     fn add_frames(&self, frames: &mut Vec<Frame>) {
         for scene in &self.scenes {
             for sweep in &self.sweeps {
@@ -125,6 +130,7 @@ impl Job {
             animation: animation.name.clone(),
             seconds: seconds(animation),
         });
+        // Look up a field of the image name
         let value = |field: &str| match field {
             "scene" => stem(scene),
             "camera" => camera.cloned().unwrap_or_else(|| "camera".into()),
@@ -148,16 +154,17 @@ impl Job {
     }
 }
 
-/// The name of a scene's file, without its kind.
+/// Returns the name of a scene's file without its extension.
 fn stem(scene: &Path) -> String {
     scene
         .file_stem()
         .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
 }
 
-/// The numbers of a job's frames: those of its frames, of its path or of its animation.
+/// Returns the frame numbers of a job: from its `frames`, from its path, or from its animation.
 fn range(form: &At<JobForm>) -> Result<FrameRange, Fault> {
     if let Some(range) = form.frames {
+        // `to` would give the range a second time
         return match &form.animation {
             Some(animation) if animation.to.is_some() => {
                 Err(animation.fault("ends `to` a time beside `frames`: keep one of them"))
@@ -168,6 +175,7 @@ fn range(form: &At<JobForm>) -> Result<FrameRange, Fault> {
     if form.turntable.is_some() {
         return Err(form.fault("turns without frames: add `frames`, as in `frames = 24`"));
     }
+    // Without `frames`, a path gives the range by its first and last key
     let counted = |first: f64, last: f64| FrameRange {
         first: first as u32,
         last: last as u32,
@@ -179,9 +187,11 @@ fn range(form: &At<JobForm>) -> Result<FrameRange, Fault> {
             last.frame.floor().max(first.frame.ceil()),
         ));
     }
+    // With neither there is a single frame
     let Some(animation) = &form.animation else {
         return Ok(FrameRange::ONE);
     };
+    // Without a path, the animation gives it by its length in seconds
     let last = animation.last_step().map(|step| step + 1.0);
     let last = last.filter(|last| (1.0..=MAX_FRAMES as f64).contains(last));
     last.map(|last| counted(1.0, last)).ok_or_else(|| {
@@ -192,11 +202,11 @@ fn range(form: &At<JobForm>) -> Result<FrameRange, Fault> {
 }
 
 impl AnimationForm {
-    /// How many frames after the first the last one is, which is not after the end.
+    /// Returns the index of the last frame relative to the first, such that it is not later than `to`.
     fn last_step(&self) -> Option<f64> {
         let to = self.to?;
         let steps = (to - self.from) * self.fps;
-        // The product may be rounded below the whole number that is meant.
+        // The product may be rounded below the integer that is meant.
         let meant = steps.round();
         Some(if self.from + meant / self.fps <= to {
             meant
@@ -214,6 +224,7 @@ fn scenes(form: &At<JobForm>, document: &Document, path: &Path) -> Result<Vec<Pa
         return Err(names.fault("names no scene: give one, or a list"));
     }
     let folder = path.parent().unwrap_or(Path::new(""));
+    // Each scene must exist, and must be a scene file if it is swept
     let path = |name: &String| {
         let path = folder.join(name);
         if !path.is_file() {
@@ -254,7 +265,8 @@ fn split(form: Option<&At<SplitForm>>, part: impl Fn(&SplitForm) -> u32) -> Resu
     }
 }
 
-/// How the pictures of a job of so many cameras, with keys swept as in its first frame, are called.
+/// Returns the pattern of the image names of a job with `camera_count` cameras and with the keys `swept` of its first
+/// frame.
 fn image(
     form: &At<JobForm>,
     document: &Document,
@@ -262,6 +274,7 @@ fn image(
 ) -> Result<Template, Fault> {
     let mut known = FIELDS.to_vec();
     known.extend(swept.iter().map(|point| point.field.as_str()));
+    // Without `image`, build the default name from all fields that differ between frames
     let Some(text) = form.image.as_ref().or(document.image.as_ref()) else {
         let camera = if camera_count > 1 { ".{camera}" } else { "" };
         let swept: String = swept
@@ -271,6 +284,7 @@ fn image(
         let usual = format!("{{scene}}{camera}{swept}.{{frame:04}}.png");
         return Template::parse(&usual, &known).map_err(|sentence| form.fault(sentence));
     };
+    // Parse the given pattern, whose extension selects the image format
     let template = Template::parse(text, &known).map_err(|sentence| text.fault(sentence))?;
     if ImageFormat::of_path(Path::new(text.as_str())).is_none() {
         return Err(text.fault("tells no kind of image: end `image` in .png or .exr"));
@@ -278,7 +292,7 @@ fn image(
     Ok(template)
 }
 
-/// What all jobs have, and what this one has beside or in place of it.
+/// Merges the settings of the whole file with those of one job, which take precedence.
 fn flags(
     all: &BTreeMap<String, At<Value>>,
     own: &BTreeMap<String, At<Value>>,
@@ -296,7 +310,7 @@ fn flags(
     Ok(flags)
 }
 
-/// What a flag is given; an inner nothing where it is off.
+/// Returns the value of a flag; `Some(None)` for a flag that is switched off, `None` for an invalid value.
 fn flag_value(value: &Value) -> Option<Option<FlagValue>> {
     match value {
         Value::Boolean(false) => Some(None),
@@ -393,7 +407,7 @@ mod tests {
 
     #[test]
     fn an_end_that_is_rounded_below_a_frame_is_one() {
-        // 0.29 * 100 is 28.999999999999996.
+        // In f64, 0.29 * 100 is 28.999999999999996.
         let text = "[[job]]\nscene = \"b.glb\"\nanimation = { fps = 100, to = 0.29 }\n";
         let last = jobs(text).unwrap().frames.pop().unwrap();
         assert_eq!(last.moment.unwrap().seconds, 0.29);

@@ -1,4 +1,4 @@
-//! A job file as it is written.
+//! Serde input types of a job file, before validation.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -13,7 +13,7 @@ use super::range::FrameRange;
 use super::view::Interpolation;
 use crate::scene_file::value::At;
 
-/// The whole file.
+/// Top level of a job file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Document {
@@ -27,7 +27,7 @@ pub(super) struct Document {
     pub(super) job: Vec<At<JobForm>>,
 }
 
-/// One `[[job]]`.
+/// Table `[[job]]` of a job file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct JobForm {
@@ -49,7 +49,7 @@ pub(super) struct JobForm {
     pub(super) image: Option<At<String>>,
 }
 
-/// A camera that goes round.
+/// Table `turntable`: rotation of the camera about an axis.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TurntableForm {
@@ -60,7 +60,7 @@ pub(super) struct TurntableForm {
     pub(super) center: Option<[f64; 3]>,
 }
 
-/// A camera at some frame.
+/// Key of a camera path.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct KeyForm {
@@ -69,14 +69,14 @@ pub(super) struct KeyForm {
     pub(super) at: [f64; 3],
     #[serde(default = "up")]
     pub(super) up: [f64; 3],
-    /// In degrees.
+    /// Vertical field of view in degrees.
     pub(super) fov: Option<f64>,
-    /// In degrees.
+    /// Roll to the right in degrees.
     #[serde(default)]
     pub(super) roll: f64,
 }
 
-/// An animation of a glTF file.
+/// Table `animation`: clip, frame rate and time range of a glTF animation.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct AnimationForm {
@@ -88,7 +88,7 @@ pub(super) struct AnimationForm {
     pub(super) to: Option<f64>,
 }
 
-/// The values of a key.
+/// Values of a swept key: a list, or equidistant steps.
 #[derive(Debug)]
 pub(super) enum SweepForm {
     List(Vec<Value>),
@@ -97,6 +97,7 @@ pub(super) enum SweepForm {
 
 impl<'de> Deserialize<'de> for SweepForm {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<SweepForm, D::Error> {
+        // The visitor accepts a list or a table
         struct SweepVisitor;
         impl<'de> Visitor<'de> for SweepVisitor {
             type Value = SweepForm;
@@ -117,7 +118,7 @@ impl<'de> Deserialize<'de> for SweepForm {
     }
 }
 
-/// Values from one to another.
+/// Equidistant values from `from` to `to`, both included.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct StepsForm {
@@ -126,7 +127,7 @@ pub(super) struct StepsForm {
     pub(super) steps: u32,
 }
 
-/// How a frame is cut.
+/// Table `split`: number of pieces of a frame.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SplitForm {
@@ -144,7 +145,7 @@ fn up() -> [f64; 3] {
     [0.0, 1.0, 0.0]
 }
 
-/// Frames a second of films.
+/// Returns the default frame rate, in frames per second, that of cinema films.
 fn film() -> f64 {
     24.0
 }
@@ -153,11 +154,11 @@ fn one_piece() -> u32 {
     1
 }
 
-/// A name or a number.
+/// Name or index, written as a string or an integer.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Word(pub(super) String);
 
-/// One name or number, or several.
+/// One or more names or indices.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Words(pub(super) Vec<String>);
 

@@ -1,4 +1,4 @@
-//! Job files: which frames are to be made of which scenes, as a person writes it.
+//! Job files: a TOML format that lists the frames to render, of one or more scenes.
 //!
 //! ```toml
 //! # What all jobs have, unless they say otherwise; also `scene`, `camera`, `split` and `image`.
@@ -34,26 +34,28 @@
 //! image = "{scene}.{roughness}.{intensity}.exr"
 //! ```
 //!
-//! * **Settings** are given as flags are: `true` is a flag without a value, `false` takes away one that all jobs have.
+//! * **Settings** are flags of `whit render`: `true` is a flag without a value, `false` removes a flag that all jobs
+//!   have.
 //! * **Frames** are numbered as written. Scenes, cameras, values of sweeps and frames multiply. A job without `frames`
-//!   has those of its path, or of its animation from `from` to `to`, else one.
-//! * **Turntable**: frame k of n, from 0, stands at k/n of the turns, so that the last does not repeat the first; frames
-//!   that a step leaves out are counted. `axis` is a direction, +y unless given; `center` a point, else the middle of
-//!   what there is.
-//! * **Paths**: a smooth one follows cubics whose slope at a key is that of the parabola through it and its neighbours;
-//!   it goes through all keys. `up` is +y unless given; `fov` and `roll`, with which the camera leans to its right, are
-//!   degrees.
-//! * **Animations**: the first frame is at `from` seconds, and each number more is 1/`fps` later, also where a step
-//!   leaves numbers out.
-//! * **Sweeps** change a scene file before it is read: tables by name or, from 0, by number; parts with points in quotes,
-//!   as in `'material."a.b".ior'`. The last word may be new to the file. Steps are whole numbers where the ends are and
-//!   the steps allow it. With `zip = true` keys do not multiply but go together: their first values, their second, ...
-//! * **Names** may have `{scene}`, `{camera}`, `{job}`, `{frame}`, `{time}`, and the last word of each swept key, or as
-//!   many last words as tell it from the others, as in `{ball.roughness}`; a width as in `{frame:04}` fills up with
-//!   zeros. What is neither a letter, a digit, a space nor one of `-_+.,=@` becomes `_`. No two frames may have the same
-//!   name.
+//!   has the frames of its path, or of its animation from `from` to `to`, else one.
+//! * **Turntable**: frame k of n, counted from 0, is rotated by k/n of the turns, so that the last frame does not
+//!   repeat the first; frames that a step leaves out are counted. `axis` is a direction, +y by default; `center` is a
+//!   point, by default the centre of the scene's bounds.
+//! * **Paths**: a smooth path follows cubics whose slope at a key is that of the parabola through the key and its
+//!   neighbours; it passes through all keys. `up` is +y by default; `fov` and `roll`, by which the camera rolls to its
+//!   right, are in degrees.
+//! * **Animations**: the first frame is at `from` seconds, and each following number is 1/`fps` later, also where a
+//!   step leaves numbers out.
+//! * **Sweeps** change a scene file before it is parsed: tables by name or, from 0, by index; parts that contain points
+//!   are quoted, as in `'material."a.b".ior'`. The last part may be a key that the file does not have. Steps are
+//!   integers if the ends are and the steps allow it. With `zip = true` keys do not multiply but are combined in step:
+//!   their first values, their second, ...
+//! * **Names** of images may contain `{scene}`, `{camera}`, `{job}`, `{frame}`, `{time}`, and the last part of each
+//!   swept key, or as many last parts as distinguish it from the others, as in `{ball.roughness}`; a width as in
+//!   `{frame:04}` pads with zeros. Any character other than a letter, a digit, a space or one of `-_+.,=@` becomes `_`.
+//!   No two frames may have the same name.
 //!
-//! Nothing here opens a scene.
+//! This module does not open scenes.
 
 mod expand;
 mod form;
@@ -73,74 +75,74 @@ pub use view::{Pose, View};
 
 use crate::scene_file::{Edit, SceneFileError};
 
-/// All frames of a job file.
+/// Frames of a job file, fully expanded.
 #[derive(Clone, Debug)]
 pub struct Jobs {
-    /// The file.
+    /// Path of the job file.
     pub path: PathBuf,
-    /// In their order.
+    /// All frames, in the order of the file.
     pub frames: Vec<Frame>,
 }
 
-/// One picture that is to be made.
+/// One image to render, with its scene, camera and settings.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// Its scene.
+    /// Path of the scene file.
     pub scene: PathBuf,
-    /// Name or number of its camera; the scene's first if none is said.
+    /// Name or index of the camera; the scene's first camera if absent.
     pub camera: Option<String>,
-    /// How that camera stands.
+    /// Change of the camera's position and orientation.
     pub view: View,
-    /// At which moment of which animation.
+    /// Animation and time at which the scene is posed; absent for a scene at rest.
     pub moment: Option<Moment>,
-    /// What is changed in the scene's file.
+    /// Overrides of keys in the scene file.
     pub edits: Vec<Edit>,
-    /// How it is rendered, the same for all frames of a job.
+    /// Render settings, shared by all frames of a job.
     pub settings: Arc<JobSettings>,
-    /// Its file, within the folder of results: a name without folders above.
+    /// Path of the image file relative to the output folder, without `..` or a leading `/`.
     pub image: PathBuf,
 }
 
-/// A moment of an animation.
+/// Point in time of an animation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Moment {
-    /// Name or number of the animation; all of them if none is said.
+    /// Name or index of the animation; all animations if absent.
     pub animation: Option<String>,
-    /// In seconds.
+    /// Time in seconds from the start of the animation.
     pub seconds: f64,
 }
 
-/// How the frames of a job are rendered.
+/// Render settings of all frames of a job.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobSettings {
-    /// The job's name.
+    /// Name of the job.
     pub job: String,
     /// Line of the job file where the job begins, counted from 1.
     pub line: usize,
     /// Flags of `whit render` without their dashes, with their values.
     pub flags: Vec<(String, FlagValue)>,
-    /// Bands of rows that a frame is cut into; at least 1.
+    /// Number of bands of rows that a frame is split into; at least 1.
     pub bands: u32,
-    /// Shares that its samples are taken in; at least 1.
+    /// Number of shares that the samples of a frame are split into; at least 1.
     pub shares: u32,
 }
 
-/// What a flag is given.
+/// Value of a command-line flag.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FlagValue {
-    /// Nothing: its name says it.
+    /// No value: the flag is a switch.
     None,
-    /// A word or a number.
+    /// String or number, in the spelling of the command line.
     Word(String),
 }
 
 impl Jobs {
-    /// Reads a job file.
+    /// Parses a job file and expands it to frames.
     ///
     /// # Errors
     ///
-    /// One sentence: a file that is no TOML, keys that are not known, frames, names or numbers that make no sense, scenes
-    /// that are not there, two frames of one name.
+    /// One sentence for: a file that is no TOML, unknown keys, invalid frames, names or numbers, missing scene files,
+    /// and two frames with the same image name.
     pub fn load(path: &Path) -> Result<Jobs, SceneFileError> {
         expand::load(path)
     }

@@ -1,4 +1,4 @@
-//! What the camera of a job does from frame to frame.
+//! Camera motion of a job from frame to frame.
 
 use glam::DVec3;
 
@@ -8,7 +8,7 @@ use super::view::{Interpolation, Key, Pose, View, along};
 use crate::scene_file::fault::Fault;
 use crate::scene_file::value::At;
 
-/// What the camera does.
+/// Camera motion over the frames of a job.
 pub(super) enum Motion {
     None,
     Turntable {
@@ -20,7 +20,7 @@ pub(super) enum Motion {
 }
 
 impl Motion {
-    /// How the camera stands in the frame of a number.
+    /// Returns the camera placement of frame `number`.
     pub(super) fn view(&self, number: u32, range: &FrameRange) -> View {
         match self {
             Motion::None => View::Own,
@@ -36,11 +36,12 @@ impl Motion {
     }
 }
 
-/// What a job wants its camera to do, of which every frame is possible.
+/// Parses the camera motion of a job and checks that every frame has a valid view.
 pub(super) fn motion(form: &At<JobForm>, range: &FrameRange) -> Result<Motion, Fault> {
     if let (Some(word), []) = (&form.interpolation, &form.path[..]) {
         return Err(word.fault("is of a `path`, which is not there: add one, or take it away"));
     }
+    // Parse the turntable or the path; a job may have only one of them
     match (&form.turntable, &form.path[..]) {
         (Some(turntable), []) => turning(turntable),
         (None, []) => Ok(Motion::None),
@@ -51,6 +52,7 @@ pub(super) fn motion(form: &At<JobForm>, range: &FrameRange) -> Result<Motion, F
                 View::Pose(pose) => pose.is_possible(),
                 _ => true,
             };
+            // Report the first frame whose interpolated pose is degenerate
             match range.numbers().find(|number| !is_possible(number)) {
                 Some(number) => Err(first.fault(format!(
                     "leads at frame {number} to no view: let `at` stay apart from `from` and `up` off the way there, \
@@ -79,6 +81,7 @@ fn turning(form: &At<TurntableForm>) -> Result<Motion, Fault> {
 fn keys(forms: &[At<KeyForm>]) -> Result<Vec<Key>, Fault> {
     let mut keys: Vec<Key> = Vec::with_capacity(forms.len());
     for form in forms {
+        // Convert degrees to radians
         let key = Key {
             frame: form.frame,
             pose: Pose {
@@ -89,6 +92,7 @@ fn keys(forms: &[At<KeyForm>]) -> Result<Vec<Key>, Fault> {
             },
             roll: form.roll.to_radians(),
         };
+        // Each key must be a valid view, later than the key before, and have a `fov` exactly if the first has
         if !key.pose.is_possible() || !key.roll.is_finite() {
             return Err(form.fault(
                 "is no view: `at` must lie apart from `from`, `up` not along the way there, and `fov` between 0 and 180",

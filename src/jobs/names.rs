@@ -1,4 +1,4 @@
-//! No two frames may become one file.
+//! Check that no two frames of a job file write to the same file.
 
 use std::collections::HashMap;
 use std::ffi::OsStr;
@@ -8,13 +8,14 @@ use super::Frame;
 use crate::scene_file::SceneFileError;
 use crate::scene_file::fault::{Source, file_error};
 
-/// The most bytes of a name of a file: file systems take 255, and a file that is not whole yet has a longer name.
+/// Largest number of bytes of a file name: file systems allow 255, and the temporary name during writing is longer.
 const MAX_BYTES: usize = 200;
 
-/// Refuses two frames of one name, a picture that would be the folder of another, and names that are too long.
+/// Rejects two frames with the same name, an image that would be the folder of another, and names that are too long.
 pub(super) fn check_names(frames: &[Frame], source: &Source) -> Result<(), SceneFileError> {
     let mut taken: HashMap<&Path, usize> = HashMap::with_capacity(frames.len());
     for (number, frame) in frames.iter().enumerate() {
+        // Check the length of each path component
         if frame.image.iter().map(OsStr::len).max() > Some(MAX_BYTES) {
             let sentence = format!(
                 "{} has a name of more than {MAX_BYTES} bytes: shorten `image`",
@@ -22,6 +23,7 @@ pub(super) fn check_names(frames: &[Frame], source: &Source) -> Result<(), Scene
             );
             return Err(file_error(&source.path, sentence));
         }
+        // Check for a frame with the same path
         if let Some(other) = taken.insert(&frame.image, number) {
             let sentence = format!(
                 "two frames would both become {}, {} and {}: add fields to `image`, as in \
@@ -33,6 +35,7 @@ pub(super) fn check_names(frames: &[Frame], source: &Source) -> Result<(), Scene
             return Err(file_error(&source.path, sentence));
         }
     }
+    // Check that no path is a parent folder of another
     for (number, frame) in frames.iter().enumerate() {
         let folder = frame
             .image
@@ -52,7 +55,7 @@ pub(super) fn check_names(frames: &[Frame], source: &Source) -> Result<(), Scene
     Ok(())
 }
 
-/// A frame as a person finds it in the file.
+/// Describes a frame in terms of the job file: its position in the job, the job and the scene.
 fn told(frames: &[Frame], number: usize) -> String {
     let frame = &frames[number];
     let job = &frame.settings.job;

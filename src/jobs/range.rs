@@ -1,13 +1,13 @@
-//! Numbers of frames, as people write them.
+//! Frame ranges in the notation `24`, `10-20` or `1-24x2`.
 
 use std::fmt;
 
 use serde::de::{self, Deserializer, Visitor};
 
-/// The most frames of a file: more would be a slip.
+/// Largest number of frames of a job file; more is taken for a typing error.
 pub(super) const MAX_FRAMES: usize = 1_000_000;
 
-/// Frames by their numbers: every so many from one to another.
+/// Frame numbers from `first` to `last`, inclusive, with a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FrameRange {
     pub(super) first: u32,
@@ -16,30 +16,31 @@ pub(super) struct FrameRange {
 }
 
 impl FrameRange {
-    /// A single frame.
+    /// Range of the single frame 1.
     pub(super) const ONE: FrameRange = FrameRange {
         first: 1,
         last: 1,
         step: 1,
     };
 
-    /// The numbers.
+    /// Returns the frame numbers in ascending order.
     pub(super) fn numbers(&self) -> impl Iterator<Item = u32> + use<> {
         (self.first..=self.last).step_by(self.step as usize)
     }
 
-    /// How many there are.
+    /// Returns the number of frames.
     pub(super) fn count(&self) -> usize {
         ((self.last - self.first) / self.step) as usize + 1
     }
 
-    /// How many frames there would be without a step.
+    /// Returns the number of frames that the range would have with a step of 1.
     pub(super) fn span(&self) -> f64 {
         f64::from(self.last - self.first) + 1.0
     }
 
     fn parse(text: &str) -> Result<FrameRange, String> {
         let form = || "give a number of frames, or as in \"1-24\" or \"1-24x2\"".to_owned();
+        // Split off the step, then the two ends
         let (range, step) = match text.split_once('x') {
             Some((range, step)) => (range, step.parse().map_err(|_| form())?),
             None => (text, 1),
@@ -107,7 +108,7 @@ mod tests {
         assert_eq!(numbers("0-3"), Ok(vec![0, 1, 2, 3]));
         assert_eq!(numbers("1-8x3"), Ok(vec![1, 4, 7]));
         let widest = FrameRange::parse("0-4294967295x1000000").unwrap();
-        // 4294 steps of a million fit, and all is 2^32 frames.
+        // 4294 steps of a million fit, and the whole range is 2^32 frames.
         assert_eq!((widest.count(), widest.span()), (4295, 4_294_967_296.0));
         for bad in ["", "a", "3-1", "1-3x0", "-1", "1-", "1-4294967295"] {
             assert!(numbers(bad).is_err(), "{bad}");

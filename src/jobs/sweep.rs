@@ -1,4 +1,4 @@
-//! Sweeps: keys of a scene file with the values that they take in turn.
+//! Parameter sweeps: keys of a scene file with lists of values, expanded to all combinations.
 
 use std::collections::BTreeMap;
 
@@ -10,27 +10,28 @@ use crate::scene_file::Edit;
 use crate::scene_file::fault::Fault;
 use crate::scene_file::value::At;
 
-/// Fields of names that are none of a sweep.
+/// Fields of image names that every job has, beside those of its sweeps.
 pub(super) const FIELDS: [&str; 5] = ["scene", "camera", "job", "frame", "time"];
 
-/// A key with one of its values.
+/// Swept key with one of its values.
 #[derive(Clone, Debug)]
 pub(super) struct Swept {
-    /// What names call the key.
+    /// Name of the key in image names, as in `{field}`.
     pub(super) field: String,
-    /// What they call the value.
+    /// Spelling of the value in image names.
     pub(super) label: String,
     pub(super) edit: Edit,
 }
 
-/// A key with all its values.
+/// Swept key with all its values.
 struct Axis<'f> {
     form: &'f At<SweepForm>,
     points: Vec<Swept>,
 }
 
-/// The edits of each frame of a sweep: every combination of the values, or with `zip` the first of each key, the second
-/// of each, and so on. The last key that is written changes fastest. One empty list where nothing is swept.
+/// Returns the edits of each frame of a sweep: every combination of the values, or with `zip` the first value of each
+/// key, the second of each, and so on. The last key in the file changes fastest. Without a sweep the result is one
+/// empty list.
 pub(super) fn combinations(
     sweep: &BTreeMap<String, At<SweepForm>>,
     zip: Option<&At<bool>>,
@@ -39,6 +40,7 @@ pub(super) fn combinations(
     if let Some(zip) = zip.filter(|zip| ***zip) {
         return zipped(&axes, zip);
     }
+    // Multiply the combinations so far by the values of each further key
     let mut all = vec![Vec::new()];
     for axis in &axes {
         if all.len().saturating_mul(axis.points.len()) > MAX_FRAMES {
@@ -69,7 +71,7 @@ fn zipped(axes: &[Axis], zip: &At<bool>) -> Result<Vec<Vec<Swept>>, Fault> {
     Ok((0..count).map(row).collect())
 }
 
-/// The keys in the order in which they are written.
+/// Returns the swept keys in the order in which the file has them.
 fn axes(sweep: &BTreeMap<String, At<SweepForm>>) -> Result<Vec<Axis<'_>>, Fault> {
     let mut written: Vec<(&String, &At<SweepForm>)> = sweep.iter().collect();
     written.sort_by_key(|(_, form)| form.span.start);
@@ -94,8 +96,9 @@ fn axes(sweep: &BTreeMap<String, At<SweepForm>>) -> Result<Vec<Axis<'_>>, Fault>
     Ok(axes)
 }
 
-/// What names call a key: its last word, or as many of its last words as make it differ from all else; a key that is
-/// called like another field is `sweep.KEY`.
+/// Returns the name of a key in image names: its last part, or as many of its last parts as distinguish it from all
+/// other keys; a key that coincides with a built-in field is called `sweep.KEY`. Returns `None` if a key is swept
+/// twice.
 fn field(keys: &[Vec<String>], index: usize) -> Option<String> {
     let key = &keys[index];
     let is_taken = |count: usize| {
@@ -111,7 +114,8 @@ fn field(keys: &[Vec<String>], index: usize) -> Option<String> {
     }
 }
 
-/// A value as names have it; a table has no short name, so it is called by its number in its list, from 1.
+/// Returns the spelling of a value in image names; a table has no short spelling and is represented by its position in
+/// the list, from 1.
 fn label(value: &Value, index: usize) -> String {
     match value {
         Value::Table(_) => (index + 1).to_string(),
@@ -119,7 +123,7 @@ fn label(value: &Value, index: usize) -> String {
     }
 }
 
-/// A value as a word.
+/// Returns a value in the spelling of the command line: strings without quotes, arrays joined by commas.
 pub(super) fn word(value: &Value) -> String {
     match value {
         Value::String(word) => word.clone(),
@@ -141,12 +145,14 @@ fn values(form: &At<SweepForm>) -> Result<Vec<Value>, Fault> {
 }
 
 impl StepsForm {
-    /// The values, both ends among them. They are whole numbers if the ends are and the steps lead from one to another.
+    /// Returns the values including both ends, or `None` if the range is invalid. They are integers if the ends are and
+    /// the step between them is an integer.
     fn values(&self) -> Option<Vec<Value>> {
         if !(2..=MAX_FRAMES as u32).contains(&self.steps) {
             return None;
         }
         let last = self.steps - 1;
+        // Keep integers if the step is an integer
         if let (Value::Integer(from), Value::Integer(to)) = (&self.from, &self.to) {
             let way = to.checked_sub(*from)?;
             if way % i64::from(last) == 0 {
@@ -155,6 +161,7 @@ impl StepsForm {
                 return Some((0..=last).map(value).collect());
             }
         }
+        // Otherwise interpolate between the ends, which stay exact
         let [from, to] = [number(&self.from)?, number(&self.to)?];
         let value = |step: u32| {
             let part = f64::from(step) / f64::from(last);
@@ -184,7 +191,7 @@ mod tests {
         zip: Option<At<bool>>,
     }
 
-    /// Fields and labels of all combinations.
+    /// Returns fields and labels of all combinations.
     fn labels(text: &str) -> Result<Vec<String>, String> {
         let form: Form = from_text(text).unwrap();
         let all =
@@ -238,7 +245,7 @@ mod tests {
             steps("from = 0, to = 1, steps = 3").unwrap(),
             ["a=0.0", "a=0.5", "a=1.0"]
         );
-        // 0.1 and 0.7 themselves, and not what 0.1 + (0.7 - 0.1) is.
+        // The ends are 0.1 and 0.7 exactly, not 0.1 + (0.7 - 0.1).
         let ends = steps("from = 0.1, to = 0.7, steps = 4").unwrap();
         assert_eq!((ends[0].as_str(), ends[3].as_str()), ("a=0.1", "a=0.7"));
         for bad in [

@@ -1,26 +1,27 @@
-//! Names of pictures, made from a pattern with fields in braces.
+//! Patterns of image names with fields in braces, as in `{scene}.{frame:04}.png`.
 
 use std::path::{Component, Path, PathBuf};
 
-/// More zeros than this nobody wants.
+/// Largest width of a zero-padded field; u64 has 20 digits, and more is a typing error.
 const MAX_DIGITS: usize = 18;
 
-/// A pattern, understood.
+/// Parsed pattern: literal text alternating with fields.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Template(Vec<Piece>);
 
 #[derive(Clone, Debug, PartialEq)]
 enum Piece {
     Text(String),
-    /// A field, and how many digits it has at least.
+    /// Name of a field and its minimum number of digits.
     Field(String, usize),
 }
 
 impl Template {
-    /// Reads a pattern; the fields that there are, are `known`.
+    /// Parses a pattern, in which only the fields `known` may occur.
     pub(super) fn parse(text: &str, known: &[&str]) -> Result<Template, String> {
         let mut pieces = Vec::new();
         let mut rest = text;
+        // Split at each `{name:width}`
         while let Some((before, after)) = rest.split_once('{') {
             let (field, after) = after.split_once('}').ok_or("has a `{` without a `}`: close it")?;
             let (name, width) = field.split_once(':').unwrap_or((field, "0"));
@@ -38,12 +39,13 @@ impl Template {
             rest = after;
         }
         pieces.push(Piece::Text(rest.to_owned()));
+        // Check the path with a harmless value for every field
         let template = Template(pieces);
         check_path(&template.name(|_| "x".to_owned()))?;
         Ok(template)
     }
 
-    /// The name with the values of its fields.
+    /// Returns the name with the values of its fields substituted.
     pub(super) fn name(&self, value: impl Fn(&str) -> String) -> PathBuf {
         let mut name = String::new();
         for piece in &self.0 {
@@ -56,7 +58,7 @@ impl Template {
     }
 }
 
-/// A value that no folder is made of.
+/// Returns a value without characters that would create folders or refer to `.` and `..`.
 fn safe(value: &str) -> String {
     let is_plain = |c: char| c.is_alphanumeric() || "-_+.,=@ ".contains(c);
     let plain: String = value.chars().map(|c| if is_plain(c) { c } else { '_' }).collect();
@@ -66,7 +68,7 @@ fn safe(value: &str) -> String {
     }
 }
 
-/// A number with zeros before it, up to `width` digits.
+/// Returns a number with leading zeros, up to `width` digits; other values unchanged.
 fn filled(value: &str, width: usize) -> String {
     match value.parse::<u64>() {
         Ok(number) => format!("{number:0width$}"),
@@ -74,7 +76,7 @@ fn filled(value: &str, width: usize) -> String {
     }
 }
 
-/// Refuses names that lead out of the folder of results.
+/// Rejects names that lead out of the output folder.
 fn check_path(path: &Path) -> Result<(), String> {
     let stays = path.components().all(|part| matches!(part, Component::Normal(_)));
     match stays && path.file_name().is_some() {
@@ -106,7 +108,7 @@ mod tests {
     #[test]
     fn a_value_makes_no_folder() {
         assert_eq!([".", "..", "a/b", ""].map(safe), ["_", "_", "a_b", "_"]);
-        // A number that is too long to be one stays as it is.
+        // A number too long for u64 stays unchanged.
         assert_eq!(filled("123456789012345678901", 4), "123456789012345678901");
     }
 

@@ -1,5 +1,5 @@
-//! Job files as users write them: the example becomes its frames, and what is bad is told in one sentence with file,
-//! line, item and remedy.
+//! Tests of job files as users write them: the example file expands to its frames, and every error is one sentence with
+//! file, line, item and remedy.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -29,12 +29,13 @@ fn the_example_is_a_turn_of_24_frames() {
     }
 }
 
-/// Turned points are rounded in the last places of numbers below 8.
+/// Tolerance of rotated points: they are rounded in the last digits of numbers below 8.
 const NEAR: f64 = 1e-13;
 
 #[test]
 fn the_examples_camera_keeps_its_height_and_its_distance_to_the_axis() {
     let jobs = example();
+    // Load the scene, with the turntable's centre in normalised coordinates
     let scene = scene_file::load(&jobs.frames[0].scene, &LoadOptions::default())
         .unwrap()
         .scene;
@@ -45,6 +46,7 @@ fn the_examples_camera_keeps_its_height_and_its_distance_to_the_axis() {
         panic!("{:?}", jobs.frames[0].view)
     };
     let center = scene.normalisation.point(center);
+    // Compute the camera positions of all frames
     let places: Vec<DVec3> = jobs
         .frames
         .iter()
@@ -56,6 +58,7 @@ fn the_examples_camera_keeps_its_height_and_its_distance_to_the_axis() {
                 .translation
         })
         .collect();
+    // Check that distance to and height along the axis stay the same
     let first = places[0] - center;
     assert!((first - (scene.cameras[0].world_from_camera.translation - center)).length() < NEAR);
     for place in &places {
@@ -63,7 +66,7 @@ fn the_examples_camera_keeps_its_height_and_its_distance_to_the_axis() {
         assert!((from_axis.y - first.y).abs() < NEAR);
         assert!((from_axis.length() - first.length()).abs() < NEAR);
     }
-    // Half a turn later it is on the other side.
+    // Half a turn later the camera is on the opposite side.
     let across = places[12] - center;
     assert!((across.x + first.x).abs() < NEAR && (across.z + first.z).abs() < NEAR);
 }
@@ -78,11 +81,11 @@ fn the_formats_own_example_is_read() {
         .take_while(|line| *line != " ```");
     let text: Vec<&str> = code.map(|line| line.strip_prefix(' ').unwrap_or(line)).collect();
     let jobs = read(&text.join("\n")).unwrap();
-    // 24 of the turntable; 48 with two cameras; 60 of the path; 3 values by 4.
+    // 24 frames of the turntable; 48 with two cameras; 60 of the path; 3 values by 4.
     assert_eq!(jobs.frames.len(), 24 + 2 * 48 + 60 + 3 * 4);
 }
 
-/// The frames of a job file that stands beside some scenes.
+/// Loads a job file from a folder that contains a few (empty) scene files.
 fn read(text: &str) -> Result<Jobs, String> {
     let folder = tempfile::tempdir().unwrap();
     for scene in [
@@ -100,7 +103,7 @@ fn read(text: &str) -> Result<Jobs, String> {
     Jobs::load(&path).map_err(|error| error.to_string())
 }
 
-/// `text`, of a job of the scene a.toml, is refused with these words.
+/// Checks that the job file `text` is rejected with an error that contains `words`.
 #[track_caller]
 fn refused(text: &str, words: &str) {
     let message = read(text).expect_err(text);
@@ -113,6 +116,7 @@ fn refused(text: &str, words: &str) {
 
 #[test]
 fn what_makes_no_frames_is_told_in_one_sentence() {
+    // Each entry is a job file and a part of its error message
     for (text, words) in [
         ("", "has no jobs: add a [[job]]"),
         ("[[job]]\n", "lacks"),
@@ -253,7 +257,7 @@ fn what_makes_no_frames_is_told_in_one_sentence() {
     }
 }
 
-/// The scene file with a ball of roughness 0.5, changed.
+/// Loads a scene file with a ball of roughness 0.5 after one edit; returns the number of instances or the error.
 fn edited(key: &[&str], value: toml::Value) -> Result<f32, String> {
     let text = "camera = { from = [0, 0, 5], at = [0, 0, 0] }\n[material.ball]\nroughness = 0.5\n\
                 [[object]]\nname = 'ball'\nshape = 'sphere'\nmaterial = 'ball'\n";
@@ -274,6 +278,7 @@ fn edited(key: &[&str], value: toml::Value) -> Result<f32, String> {
 fn changed_scenes_are_read_as_if_they_were_written_so() {
     let value = |x: f64| toml::Value::Float(x);
     assert_eq!(edited(&["material", "ball", "roughness"], value(0.25)), Ok(1.0));
+    // Misspelt keys and invalid values are reported in terms of the edit
     for (key, x, words) in [
         (
             ["material", "ball", "ruoghness"],

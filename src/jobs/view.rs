@@ -1,4 +1,4 @@
-//! Where a frame's camera stands.
+//! Camera placement of a frame: turntables, poses, and interpolation along a path.
 
 use std::f64::consts::{PI, TAU};
 
@@ -7,47 +7,49 @@ use serde::Deserialize;
 
 use crate::scene::{Camera, Projection, Scene};
 
-/// How a camera is moved from where its scene has it.
+/// Change of a camera's placement relative to its scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum View {
-    /// Not at all.
+    /// No change: the camera of the scene.
     #[default]
     Own,
-    /// Turned about an axis, all of it: it goes on looking at what it looked at from there.
+    /// Rotation of the camera about an axis, position and orientation alike; a target on the axis stays in view.
     Turn {
-        /// Full turns, counterclockwise as seen from the axis' end.
+        /// Number of full turns, counterclockwise as seen from the tip of the axis.
         turns: f64,
         /// Direction of the axis, of length 1.
         axis: DVec3,
-        /// A point of the axis, in the file's coordinates; the middle of what there is if none is given.
+        /// Point on the axis, in the file's coordinates; the centre of the scene's bounds if absent.
         center: Option<DVec3>,
     },
-    /// Placed anew.
+    /// New position and orientation, given directly.
     Pose(Pose),
 }
 
-/// Where a camera is and where it looks, in the file's coordinates.
+/// Position, target and field of view of a camera, in the file's coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
-    /// Where it is.
+    /// Position of the camera.
     pub from: DVec3,
-    /// A point that it looks at.
+    /// Point that the camera looks at.
     pub at: DVec3,
-    /// Which way is up in the picture; a direction.
+    /// Up direction of the image, of any length.
     pub up: DVec3,
-    /// Vertical field of view in radians; the camera's own if none is given.
+    /// Vertical field of view in radians; that of the camera itself if absent.
     pub y_fov: Option<f64>,
 }
 
 impl View {
-    /// The camera of `scene` as the frame has it. `middle` is that of what there is, in the scene's coordinates.
+    /// Returns the camera of `scene` as the frame has it. `middle` is the centre of the scene's bounds, in the scene's
+    /// coordinates.
     ///
-    /// A camera that moves while its shutter is open moves along.
+    /// A camera that moves while its shutter is open keeps its motion relative to the new placement.
     pub fn of(&self, camera: &Camera, scene: &Scene, middle: DVec3) -> Camera {
         let mut moved = camera.clone();
         match *self {
             View::Own => {}
             View::Turn { turns, axis, center } => {
+                // Rotate both ends of the shutter interval about the axis through `center`
                 let center = center.map_or(middle, |center| scene.normalisation.point(center));
                 let turn = DAffine3::from_rotation_translation(
                     DQuat::from_axis_angle(axis, TAU * turns),
@@ -58,12 +60,14 @@ impl View {
                 moved.world_from_camera_end = camera.world_from_camera_end.map(|end| about * end);
             }
             View::Pose(pose) => {
+                // Look from the new position, and carry over the camera's own motion
                 let [from, at] = [pose.from, pose.at].map(|p| scene.normalisation.point(p));
                 let end = camera
                     .world_from_camera_end
                     .map(|end| end * camera.world_from_camera.inverse());
                 moved.world_from_camera = looking(from, at - from, pose.up);
                 moved.world_from_camera_end = end.map(|end| end * moved.world_from_camera);
+                // A field of view applies to perspective cameras only
                 if let (Some(fov), Projection::Perspective { y_fov, .. }) =
                     (pose.y_fov, &mut moved.projection)
                 {
@@ -76,14 +80,15 @@ impl View {
 }
 
 impl Pose {
-    /// Whether it looks somewhere, and not along what is to be up, and with an angle that a picture may have.
+    /// Returns whether the pose defines an image: target apart from the position, up direction not along the view, and
+    /// a field of view within 0 to π.
     pub(super) fn is_possible(&self) -> bool {
         let forward = (self.at - self.from).try_normalize();
         let side = forward.and_then(|forward| forward.cross(self.up).try_normalize());
         self.from.is_finite() && side.is_some() && self.y_fov.is_none_or(|fov| fov > 0.0 && fov < PI)
     }
 
-    /// The same, leaning to its right by an angle in radians.
+    /// Returns the pose rolled to its right by an angle in radians.
     fn rolled(self, angle: f64) -> Pose {
         let up = match (self.at - self.from).try_normalize() {
             Some(forward) if angle != 0.0 => DQuat::from_axis_angle(forward, angle) * self.up,
@@ -93,40 +98,42 @@ impl Pose {
     }
 }
 
-/// A camera at `from` that looks along `forward`.
+/// Returns the transform of a camera at `from` that looks along `forward`.
 fn looking(from: DVec3, forward: DVec3, up: DVec3) -> DAffine3 {
     let back = -forward.normalize();
     let right = up.cross(back).normalize();
     DAffine3::from_mat3_translation(DMat3::from_cols(right, back.cross(right), back), from)
 }
 
-/// A pose at some frame of a path.
+/// Keyframe of a camera path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Key {
     pub(super) frame: f64,
     pub(super) pose: Pose,
-    /// How far it leans to its right, in radians.
+    /// Roll to the right, in radians.
     pub(super) roll: f64,
 }
 
-/// How a path goes from key to key.
+/// Interpolation between keyframes of a path.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Interpolation {
-    /// On straight lines.
+    /// Straight lines from key to key.
     Linear,
-    /// On a curve without corners.
+    /// Curve with a continuous first derivative.
     #[default]
     Smooth,
 }
 
-/// The pose of a path at a frame; before the first key it is the first's, behind the last the last's.
+/// Returns the pose of a path at a frame; before the first key it is that of the first key, after the last that of the
+/// last. `None` for a path without keys.
 ///
 /// Smooth paths: between keys each number follows the cubic through them whose slopes are those of the parabola through
 /// a key and its neighbours, so that the camera neither stops nor turns sharply at a key, however unevenly the keys lie
 /// (a Catmull-Rom spline for unequal steps; E. Catmull and R. Rom, "A class of local interpolating splines", 1974).
 pub(super) fn along(keys: &[Key], interpolation: Interpolation, frame: f64) -> Option<Pose> {
     let (first, last) = (keys.first()?, keys.last()?);
+    // Clamp to the first and the last key
     let next = keys.partition_point(|key| key.frame <= frame);
     if next == 0 {
         return Some(first.pose.rolled(first.roll));
@@ -134,6 +141,7 @@ pub(super) fn along(keys: &[Key], interpolation: Interpolation, frame: f64) -> O
     if next == keys.len() {
         return Some(last.pose.rolled(last.roll));
     }
+    // Select the keys that affect the segment: two, or up to four for slopes at both ends
     let near = match interpolation {
         Interpolation::Linear => next - 1..next + 1,
         Interpolation::Smooth => next.saturating_sub(2)..(next + 2).min(keys.len()),
@@ -146,6 +154,7 @@ pub(super) fn along(keys: &[Key], interpolation: Interpolation, frame: f64) -> O
     };
     let number = |part: &dyn Fn(&Key) -> f64| at_frame(&|key| DVec3::splat(part(key))).x;
     let has_fov = near.iter().all(|key| key.pose.y_fov.is_some());
+    // Interpolate each component of the pose
     let pose = Pose {
         from: at_frame(&|key| key.pose.from),
         at: at_frame(&|key| key.pose.at),
@@ -155,7 +164,7 @@ pub(super) fn along(keys: &[Key], interpolation: Interpolation, frame: f64) -> O
     Some(pose.rolled(number(&|key| key.roll)))
 }
 
-/// The cubic between values `index` and the next.
+/// Evaluates the cubic Hermite segment between value `index` and the next at time `at`.
 fn cubic(values: &[(f64, DVec3)], index: usize, at: f64) -> DVec3 {
     let ((start, a), (end, b)) = (values[index], values[index + 1]);
     let length = end - start;
@@ -165,7 +174,8 @@ fn cubic(values: &[(f64, DVec3)], index: usize, at: f64) -> DVec3 {
     a * (2.0 * u3 - 3.0 * u2 + 1.0) + m * (u3 - 2.0 * u2 + u) + b * (3.0 * u2 - 2.0 * u3) + n * (u3 - u2)
 }
 
-/// The slope at a value: of the parabola through it and its neighbours, or of the line to the only one.
+/// Returns the slope at a value: that of the parabola through the value and its neighbours, or at an end of the line to
+/// the only neighbour.
 fn slope(values: &[(f64, DVec3)], index: usize) -> DVec3 {
     let line = |i: usize| (values[i + 1].1 - values[i].1) / (values[i + 1].0 - values[i].0);
     if index == 0 {
@@ -198,7 +208,7 @@ mod tests {
         view.of(&camera, &Scene::default(), DVec3::new(1.0, 0.0, 1.0))
     }
 
-    /// Far above what f64 rounds here.
+    /// Tolerance far above the rounding errors of f64 in these tests.
     const NEAR: f64 = 1e-14;
 
     #[test]
@@ -208,7 +218,7 @@ mod tests {
             let camera = turned(0.25 * quarter as f64);
             let at = camera.world_from_camera.translation;
             assert!(at.abs_diff_eq(DVec3::new(x, 2.0, z), NEAR), "{at}");
-            // It still looks at the axis, level.
+            // The camera still looks at the axis, horizontally.
             let looks = camera.world_from_camera.transform_vector3(DVec3::NEG_Z);
             let inward = DVec3::new(1.0 - x, 0.0, 1.0 - z).normalize();
             assert!(looks.abs_diff_eq(inward, NEAR), "{looks}");
@@ -230,7 +240,7 @@ mod tests {
 
     #[test]
     fn a_path_goes_through_its_keys_and_along_a_parabola_of_three() {
-        // x = t^2 at 0, 1 and 3: slopes by the parabola through all are 2 t in the middle.
+        // x = t^2 at 0, 1 and 3: the parabola through all three has slope 2 t at the middle key.
         let keys = [key(0.0, 0.0), key(1.0, 1.0), key(3.0, 9.0)];
         let smooth = |frame| along(&keys, Interpolation::Smooth, frame).unwrap();
         let x = |frame| smooth(frame).from.x;
@@ -238,8 +248,8 @@ mod tests {
             [x(-5.0), x(0.0), x(1.0), x(3.0), x(9.0)],
             [0.0, 0.0, 1.0, 9.0, 9.0]
         );
-        // From (1, 1) with slope 2 to (3, 9) with slope 4, that of the last line: in the middle (1 + 9) / 2 + 2 (2 - 4) /
-        // 8.
+        // From (1, 1) with slope 2 to (3, 9) with slope 4, that of the last line: in the middle (1 + 9) / 2 + 2 (2 - 4)
+        // / 8.
         assert!((x(2.0) - 4.5).abs() < NEAR);
         assert!((smooth(2.0).y_fov.unwrap() - 4.5).abs() < NEAR);
         assert_eq!(along(&[], Interpolation::Smooth, 1.0), None);
@@ -266,7 +276,7 @@ mod tests {
                 .unwrap()
                 .up
         };
-        // It looks along -z, so its right is +x.
+        // The camera looks along -z, so its right is +x.
         assert!(up(2.0).abs_diff_eq(DVec3::X, NEAR), "{}", up(2.0));
         let half_way = DVec3::new(1.0, 1.0, 0.0).normalize();
         assert!(up(1.0).abs_diff_eq(half_way, NEAR), "{}", up(1.0));

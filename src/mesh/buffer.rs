@@ -1,4 +1,4 @@
-//! An array that is either owned or a window into a memory-mapped file, so that large meshes are never copied.
+//! Array that is owned or a window into a memory-mapped file, so that large meshes are never copied.
 
 use std::ops::{Deref, Range};
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::sync::Arc;
 use bytemuck::Pod;
 use memmap2::Mmap;
 
-/// A read-only array of plain values.
+/// Read-only array of plain values.
 #[derive(Clone, Debug)]
 pub struct Buffer<T: Pod>(Storage<T>);
 
@@ -16,13 +16,13 @@ enum Storage<T> {
     Mapped { map: Arc<Mmap>, bytes: Range<usize> },
 }
 
-/// Mapped files end on a page: the bytes from the file's end to there can be read and are zero.
+/// Page size in bytes: the bytes between a mapped file's end and the end of its page can be read and are zero.
 const PAGE: usize = 4096;
 
 impl<T: Pod> Buffer<T> {
-    /// A window of `count` values that starts `offset` bytes into `map`.
+    /// Creates a window of `count` values that starts `offset` bytes into `map`.
     ///
-    /// `None` if the window leaves the map or is not aligned for `T`.
+    /// Returns `None` if the window exceeds the map or is not aligned for `T`.
     pub fn from_map(map: &Arc<Mmap>, offset: usize, count: usize) -> Option<Buffer<T>> {
         let end = count.checked_mul(size_of::<T>())?.checked_add(offset)?;
         let window = map.get(offset..end)?;
@@ -33,8 +33,8 @@ impl<T: Pod> Buffer<T> {
         }))
     }
 
-    /// How many bytes past the last value may be read without a fault. Embree reads the last vertex of a buffer with
-    /// a 16-byte load.
+    /// Returns the number of bytes past the last value that may be read without a fault. Embree reads the last vertex
+    /// of a buffer with a 16-byte load.
     pub fn readable_bytes_past_end(&self) -> usize {
         match &self.0 {
             Storage::Owned(values) => (values.capacity() - values.len()) * size_of::<T>(),
@@ -42,14 +42,15 @@ impl<T: Pod> Buffer<T> {
         }
     }
 
-    /// Whether the values live in a mapped file.
+    /// Returns whether the values are in a mapped file.
     pub fn is_mapped(&self) -> bool {
         matches!(self.0, Storage::Mapped { .. })
     }
 }
 
 impl<T: Pod> From<Vec<T>> for Buffer<T> {
-    /// Takes the values over, with room for one more behind them (see [`Buffer::readable_bytes_past_end`]).
+    /// Takes ownership of the values, and reserves room for one more behind them (see
+    /// [`Buffer::readable_bytes_past_end`]).
     fn from(mut values: Vec<T>) -> Buffer<T> {
         values.reserve_exact(1);
         Buffer(Storage::Owned(Arc::new(values)))

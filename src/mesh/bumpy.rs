@@ -1,7 +1,7 @@
-//! A closed, displaced sphere of any number of triangles: what speed is measured with over the size of a mesh.
+//! A closed, displaced sphere of any number of triangles, used to measure speed against mesh size.
 //!
-//! It is a cube of n by n squares a face, blown up: its vertices are shared across all edges, so it is closed, it has no
-//! poles, and no triangle is degenerate.
+//! It is a cube with n by n squares a face, projected onto a sphere and displaced: its vertices are shared across all
+//! edges, so it is closed, it has no poles, and no triangle is degenerate.
 
 use std::f64::consts::FRAC_PI_4;
 
@@ -9,7 +9,8 @@ use glam::DVec3;
 
 use super::Mesh;
 
-/// Bumps: direction and frequency of a plane wave, and its height. Few enough to be quick, with no common period.
+/// Displacement waves: direction and frequency of a plane wave, and its amplitude. Few enough for speed, without a
+/// common period.
 const WAVES: [(DVec3, f64); 6] = [
     (DVec3::new(4.1, 1.7, -2.3), 0.022),
     (DVec3::new(-2.9, 5.3, 3.1), 0.016),
@@ -19,8 +20,8 @@ const WAVES: [(DVec3, f64); 6] = [
     (DVec3::new(-31.7, -17.9, 37.1), 0.002),
 ];
 
-/// A bumpy sphere of about unit radius around the origin with shading normals, of about so many triangles: 12 n² for a
-/// whole n, and at least 12.
+/// Returns a displaced sphere of about unit radius about the origin with shading normals. The number of triangles is 12
+/// n² for an integer n, close to `triangle_count` and at least 12.
 pub fn bumpy_sphere(triangle_count: u64) -> Mesh {
     let edge = ((triangle_count as f64 / 12.0).sqrt().round() as u32).max(1);
     let cube = Cube { edge };
@@ -39,14 +40,14 @@ pub fn bumpy_sphere(triangle_count: u64) -> Mesh {
     }
 }
 
-/// The lattice points of the surface of a cube of `edge` squares an edge, numbered.
+/// Numbered lattice points on the surface of a cube of `edge` squares along each edge.
 struct Cube {
     edge: u32,
 }
 
 impl Cube {
-    /// Each face by its fixed axis and side; the other two axes follow in cyclic order, so that u x v points along the
-    /// axis and the winding is outward on the far side.
+    /// Returns the triangles of all faces. A face is given by its fixed axis and side; the other two axes follow in
+    /// cyclic order, so that u x v points along the axis and the winding is outward on the far side.
     fn triangles(&self) -> Vec<[u32; 3]> {
         let edge = self.edge;
         let mut triangles = Vec::with_capacity(12 * (edge as usize).pow(2));
@@ -69,9 +70,10 @@ impl Cube {
         triangles
     }
 
-    /// Every surface point once, in the order of [`Cube::number`].
+    /// Visits every surface point once, in the order of [`Cube::number`].
     fn for_each_point(&self, mut visit: impl FnMut([u32; 3])) {
         let n = self.edge;
+        // Bottom and top faces
         for z in [0, n] {
             for y in 0..=n {
                 for x in 0..=n {
@@ -79,6 +81,7 @@ impl Cube {
                 }
             }
         }
+        // Rings around the sides
         for z in 1..n {
             (0..n).for_each(|i| visit([i, 0, z]));
             (0..n).for_each(|i| visit([n, i, z]));
@@ -87,7 +90,7 @@ impl Cube {
         }
     }
 
-    /// The number of a surface point: bottom, top, then rings around the sides.
+    /// Returns the number of a surface point: bottom, top, then rings around the sides.
     fn number(&self, [x, y, z]: [u32; 3]) -> u32 {
         let n = self.edge;
         let lid = (n + 1) * (n + 1);
@@ -97,6 +100,7 @@ impl Cube {
         if z == n {
             return lid + y * (n + 1) + x;
         }
+        // Go around the ring, in the order of [`Cube::for_each_point`]
         let around = if y == 0 && x < n {
             x
         } else if x == n && y < n {
@@ -109,14 +113,14 @@ impl Cube {
         2 * lid + (z - 1) * 4 * n + around
     }
 
-    /// The direction of a surface point; the tangent evens out the triangles.
+    /// Returns the direction of a surface point; the tangent equalises the sizes of the triangles.
     fn direction(&self, point: [u32; 3]) -> DVec3 {
         let warped = point.map(|i| (FRAC_PI_4 * (2.0 * f64::from(i) / f64::from(self.edge) - 1.0)).tan());
         DVec3::from(warped).normalize()
     }
 }
 
-/// Point and normal of the surface p = r(d) d: the normal is r d minus the tangential gradient of r.
+/// Returns point and normal of the surface p = r(d) d: the normal is r d minus the tangential gradient of r.
 fn bumpy(d: DVec3) -> (DVec3, DVec3) {
     let mut radius = 1.0;
     let mut gradient = DVec3::ZERO;
@@ -143,7 +147,7 @@ mod tests {
             let mesh = bumpy_sphere(wished);
             assert_eq!(mesh.triangles.len(), 12 * edge * edge, "{wished}");
             assert_eq!(mesh.positions.len(), 6 * edge * edge + 2, "{wished}");
-            // Each side of a triangle is the side of one other, the other way round.
+            // Each side of a triangle is shared with one other, in opposite direction.
             let mut sides = HashMap::new();
             for [a, b, c] in mesh.triangles.iter().copied() {
                 for side in [[a, b], [b, c], [c, a]] {
@@ -170,8 +174,8 @@ mod tests {
             let [a, b, c] = mesh.corners(number);
             let flat = (b - a).cross(c - a).normalize();
             for corner in mesh.triangles[number as usize] {
-                // No two of its points are farther apart than 1/40, and curvatures are at most 15 all together:
-                // 0.375 radians, whose cosine is 0.93.
+                // Points of a triangle are at most 1/40 apart, and the curvatures add up to at most 15: 0.375 radians,
+                // whose cosine is 0.93.
                 assert!(flat.dot(Vec3::from(normals[corner as usize])) > 0.93, "{number}");
             }
         }

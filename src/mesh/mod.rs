@@ -13,20 +13,20 @@ use crate::parallel;
 pub use buffer::Buffer;
 pub use bumpy::bumpy_sphere;
 
-/// A triangle mesh in object space.
+/// Triangle mesh in object space.
 ///
 /// After [`crate::scene::Scene::validate`] every index is in range, every position finite, and no triangle has zero
 /// area.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
-    /// Vertex positions.
+    /// Vertex positions in object space.
     pub positions: Buffer<[f32; 3]>,
-    /// Vertex indices, counter-clockwise seen from the front.
+    /// Vertex indices of each triangle, counter-clockwise seen from the front.
     pub triangles: Buffer<[u32; 3]>,
     /// Unit shading normals per vertex; without them the mesh is flat-shaded.
     pub normals: Option<Buffer<[f32; 3]>>,
-    /// Unit tangents per vertex, along which the first coordinate of the normal map's texture grows; the fourth number
-    /// is the handedness, 1 or -1.
+    /// Unit tangents per vertex, in the direction in which the first texture coordinate of the normal map grows; the
+    /// fourth number is the handedness, 1 or -1.
     pub tangents: Option<Buffer<[f32; 4]>>,
     /// Texture coordinates per vertex, one array a set (`TEXCOORD_0`, ...).
     pub tex_coords: Vec<Buffer<[f32; 2]>>,
@@ -35,7 +35,7 @@ pub struct Mesh {
 }
 
 impl Mesh {
-    /// The three corners of a triangle.
+    /// Returns the three vertices of a triangle.
     #[inline(always)]
     pub fn corners(&self, primitive: u32) -> [Vec3; 3] {
         let [a, b, c] = self.triangles[primitive as usize];
@@ -43,15 +43,16 @@ impl Mesh {
         [corner(a), corner(b), corner(c)]
     }
 
-    /// The three corners of a triangle, widened without rounding.
+    /// Returns the three vertices of a triangle, converted to f64 without rounding.
     #[inline(always)]
     pub fn corners_f64(&self, primitive: u32) -> [DVec3; 3] {
         self.corners(primitive).map(|p| p.as_dvec3())
     }
 
-    /// The smallest box around all vertices that a triangle uses.
+    /// Returns the smallest box around all vertices that a triangle uses.
     pub fn bounds(&self) -> Bounds {
         const CHUNK: usize = 1 << 14;
+        // Bound chunks of triangles in parallel
         let chunks = parallel::map_chunks(&self.triangles, CHUNK, &|_, triangles| {
             let mut low = Vec3::INFINITY;
             let mut high = Vec3::NEG_INFINITY;
@@ -68,7 +69,7 @@ impl Mesh {
         chunks.into_iter().fold(Bounds::EMPTY, Bounds::union)
     }
 
-    /// Bytes of all arrays, mapped or owned.
+    /// Returns the size of all arrays in bytes, mapped or owned.
     pub fn byte_count(&self) -> usize {
         let of = |len: usize, floats: usize| len * floats * size_of::<f32>();
         of(self.positions.len(), 3)

@@ -1,27 +1,28 @@
-//! Numbers side by side: comparisons that give one bit a lane, for the instruction set at hand, and walks over such
-//! bits.
+//! SIMD helpers: comparisons that yield one bit a lane, table look-ups, run-time dispatch on the instruction set, and
+//! iteration over bit masks.
 //!
-//! Kernels are written as loops over arrays, which the compiler turns into vector instructions; what it does not see is
-//! how to gather the outcomes of comparisons into a mask. An [`SimdLevel`] does that one thing. All give the same answers.
+//! Kernels are loops over arrays, which the compiler vectorises; what it does not recognise is how to collect the
+//! results of comparisons in a mask. A [`SimdLevel`] provides these operations. All levels return identical results.
 
-/// An instruction set that can be relied on.
+/// Instruction set whose availability has been checked.
 pub trait SimdLevel: Copy {
-    /// Whether kernels ask f64 where f32 cannot decide, as they do but for [`F32Only`].
+    /// Flag for kernels that fall back to f64 where f32 cannot decide; false for [`F32Only`] alone.
     const IS_EXACT: bool = true;
 
-    /// Bit `i` says whether `a[i] <= b[i]`; false for NaN.
+    /// Returns a mask whose bit `i` says that `a[i] <= b[i]`; clear for NaN.
     fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32;
 
-    /// Bit `i` says whether `a[i] < b[i]`; false for NaN.
+    /// Returns a mask whose bit `i` says that `a[i] < b[i]`; clear for NaN.
     fn lt<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32;
 
-    /// Bit `i` says whether `a[i] == b[i]`; false for NaN.
+    /// Returns a mask whose bit `i` says that `a[i] == b[i]`; clear for NaN.
     fn eq<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32;
 
-    /// Lane `i` of the answer is `table[index[i]]`. The table's size is a multiple of eight, and no index is beyond it.
+    /// Gathers from a table: lane `i` of the result is `table[index[i]]`. The table's size must be a multiple of eight,
+    /// and every index within it.
     fn pick<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8];
 
-    /// Adds 1 to `below_high[i]` where `a[i] < high`, and to `below_both[i]` where `a[i] <= low` as well.
+    /// Adds 1 to `below_high[i]` where `a[i] < high`, and to `below_both[i]` where `a[i] <= low` holds as well.
     fn count_below<const N: usize>(
         self,
         a: &[f32; N],
@@ -32,21 +33,21 @@ pub trait SimdLevel: Copy {
     );
 }
 
-// No closures here: one that is not inlined would be compiled for the lowest instruction set.
+// Use no closures below: one that is not inlined would be compiled for the lowest instruction set.
 
-/// The smaller of two numbers in one instruction; `b` where either is NaN.
+/// Returns the smaller of two numbers in one instruction; `b` where either is NaN.
 #[inline(always)]
 pub(super) fn min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
-/// The greater of two numbers in one instruction; `b` where either is NaN.
+/// Returns the greater of two numbers in one instruction; `b` where either is NaN.
 #[inline(always)]
 pub(super) fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// The sums, lane by lane.
+/// Returns the sums of two arrays, lane by lane.
 #[inline(always)]
 pub(super) fn add<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
     let mut out = [0.0; N];
@@ -56,7 +57,7 @@ pub(super) fn add<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
     out
 }
 
-/// The differences, lane by lane.
+/// Returns the differences of two arrays, lane by lane.
 #[inline(always)]
 pub(super) fn sub<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
     let mut out = [0.0; N];
@@ -66,7 +67,7 @@ pub(super) fn sub<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
     out
 }
 
-/// The products, lane by lane.
+/// Returns the products of two arrays, lane by lane.
 #[inline(always)]
 pub(super) fn mul<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
     let mut out = [0.0; N];
@@ -76,7 +77,7 @@ pub(super) fn mul<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
     out
 }
 
-/// The quotients, lane by lane.
+/// Returns the quotients of two arrays, lane by lane.
 #[inline(always)]
 pub(crate) fn div<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
     let mut out = [0.0; N];
@@ -86,7 +87,7 @@ pub(crate) fn div<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
     out
 }
 
-/// What every machine can do.
+/// Baseline instruction set of every machine.
 #[derive(Clone, Copy, Debug)]
 pub struct Scalar;
 
@@ -131,7 +132,7 @@ impl SimdLevel for Scalar {
     }
 }
 
-/// An instruction set on which kernels leave what f32 cannot decide to its rounding.
+/// Instruction set on which kernels accept the rounding of f32 and never fall back to f64.
 #[derive(Clone, Copy, Debug)]
 pub struct F32Only<I>(pub I);
 
@@ -180,7 +181,7 @@ mod x86 {
 
     use super::SimdLevel;
 
-    /// Eight lanes at a time; `N` is a multiple of eight.
+    /// Compares eight lanes at a time; `N` must be a multiple of eight.
     #[inline(always)]
     fn compare<const OP: i32, const N: usize>(isa: V3, a: &[f32; N], b: &[f32; N]) -> u32 {
         let (a, _) = a.as_chunks::<8>();
@@ -209,7 +210,8 @@ mod x86 {
             compare::<_CMP_EQ_OQ, N>(self, a, b)
         }
 
-        /// From each eight of the table by the lower bits of the index, and of these the one that the others tell.
+        /// Permutes each eight entries of the table by the low three bits of the index, and blends in the group that
+        /// the high bits select.
         #[inline(always)]
         fn pick<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
             let (parts, _) = table.as_chunks::<8>();
@@ -219,6 +221,7 @@ mod x86 {
                 let here = self.avx2._mm256_permutevar8x32_ps(cast(parts[part]), index);
                 picked = match part {
                     0 => here,
+                    // Keep the lanes whose index lies in an earlier group
                     _ => {
                         let last_before = self.avx._mm256_set1_epi32(8 * part as i32 - 1);
                         let is_from_here = self.avx2._mm256_cmpgt_epi32(index, last_before);
@@ -229,7 +232,7 @@ mod x86 {
             cast(picked)
         }
 
-        /// Eight lanes at a time, of whose masks each is -1 or 0; `N` is a multiple of eight.
+        /// Compares eight lanes at a time; `N` must be a multiple of eight.
         #[inline(always)]
         fn count_below<const N: usize>(
             self,
@@ -244,6 +247,7 @@ mod x86 {
             let (below_both, _) = below_both.as_chunks_mut::<8>();
             let low = self.avx._mm256_set1_ps(low);
             let high = self.avx._mm256_set1_ps(high);
+            // A true comparison is the integer -1 in its lane, so subtracting it counts up.
             for i in 0..N / 8 {
                 let is_below_high = self.avx._mm256_cmp_ps::<_CMP_LT_OQ>(cast(a[i]), high);
                 let is_below_low = self.avx._mm256_cmp_ps::<_CMP_LE_OQ>(cast(a[i]), low);
@@ -261,16 +265,17 @@ mod x86 {
     }
 }
 
-/// Work that is compiled once for every instruction set.
+/// Computation that is compiled once for every instruction set.
 pub trait SimdKernel {
-    /// What comes out.
+    /// Result type of the computation.
     type Output;
 
-    /// Does it; must be `#[inline(always)]`, as must be all that it calls and that is to be compiled along with it.
+    /// Runs the computation. It must be `#[inline(always)]`, as must every function it calls that is to use the
+    /// instruction set.
     fn run<I: SimdLevel>(self, isa: I) -> Self::Output;
 }
 
-/// Does `work` with the best instruction set of this machine.
+/// Runs `work` with the best instruction set of this machine.
 #[inline]
 pub fn dispatch<W: SimdKernel>(work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
@@ -290,13 +295,13 @@ pub fn dispatch<W: SimdKernel>(work: W) -> W::Output {
     work.run(Scalar)
 }
 
-/// The numbers of the bits set in `mask`, ascending.
+/// Returns the indices of the bits set in `mask`, in ascending order.
 #[inline(always)]
 pub fn lanes(mask: u32) -> Lanes {
     Lanes(mask)
 }
 
-/// Iterator that [`lanes`] returns.
+/// Iterator over set bits that [`lanes`] returns.
 #[derive(Clone, Copy, Debug)]
 pub struct Lanes(u32);
 
@@ -309,6 +314,7 @@ impl Iterator for Lanes {
             return None;
         }
         let lane = self.0.trailing_zeros() as usize;
+        // Clear the lowest set bit
         self.0 &= self.0 - 1;
         Some(lane)
     }
@@ -341,7 +347,7 @@ mod tests {
         b[5] = f32::NAN;
         a[9] = 1.0;
         b[14] = f32::INFINITY;
-        // Equal everywhere but in lanes 3, 5 (NaN), 9 (greater) and 14 (less).
+        // Lanes are equal except 3 and 5 (NaN), 9 (greater) and 14 (less).
         let equal = !(1u32 << 3 | 1 << 5 | 1 << 9 | 1 << 14) & 0xffff;
         let expected = [equal | 1 << 14, 1 << 14, equal];
         assert_eq!(Masks(a, b).run(Scalar), expected);
@@ -387,13 +393,13 @@ mod tests {
     fn every_instruction_set_counts_alike() {
         let mut a: [f32; 16] = std::array::from_fn(|i| i as f32);
         a[15] = f32::NAN;
-        // 0 to 5 are at most 5, 0 to 9 under 9.5, and NaN is neither.
+        // The values 0 to 5 are at most 5, 0 to 9 are below 9.5, and NaN is neither.
         let mut expected = [[10; 16], [20; 16]];
         expected[0][..10].fill(11);
         expected[1][..6].fill(21);
         assert_eq!(CountBelow(a, 5.0, 9.5).run(Scalar), expected);
         assert_eq!(dispatch(CountBelow(a, 5.0, 9.5)), expected);
-        // A flat piece in the plane at 4 is not right of it: `<` fails though `<=` holds.
+        // A flat primitive in the plane at 4 is not right of it: `<` fails although `<=` holds.
         let mut expected = [[10; 16], [20; 16]];
         expected[0][..4].fill(11);
         expected[1][..4].fill(21);

@@ -1,12 +1,12 @@
-//! Tangents where a file gives none: MikkTSpace (Mikkelsen, "Simulation of Wrinkled Surfaces Revisited", 2008), the
-//! frames that normal maps are baked for.
+//! Tangents for meshes whose file has none: MikkTSpace (Mikkelsen, "Simulation of Wrinkled Surfaces Revisited", 2008),
+//! the tangent frames for which normal maps are baked.
 //!
-//! The algorithm gives a tangent to every corner of every triangle. Corners of one vertex mostly agree; where they do
-//! not, along seams and mirrored halves, the vertex is split. Texture coordinates run downwards, the frames of normal
-//! maps upwards, so the second coordinate is negated.
+//! The algorithm computes a tangent for every corner of every triangle. Corners at one vertex mostly agree; where they
+//! do not, along seams and mirrored halves, the vertex is split. Texture coordinates run downwards, the frames of
+//! normal maps upwards, so the second coordinate is negated.
 //!
 //! The library walks around a vertex by recursion and compares its triangles with each other. A mesh that makes this
-//! too deep or too long gets each triangle's own tangents instead.
+//! too deep or too slow gets each triangle's own tangents instead.
 
 use std::collections::HashMap;
 
@@ -17,16 +17,17 @@ use glam::{DVec3, Vec3};
 use super::{Buffer, Mesh};
 use crate::parallel;
 
-/// The most triangles around a vertex, which the recursion may be deep: a quarter of a megabyte of stack.
+/// Largest number of triangles around a vertex, which limits the depth of the recursion: a quarter of a megabyte of
+/// stack.
 const MAX_VERTEX_TRIANGLES: u64 = 1024;
-/// Comparisons that are always allowed: a blink.
+/// Number of comparisons that is always allowed, as it takes negligible time.
 const FREE_COMPARISONS: u64 = 1 << 24;
-/// Comparisons a corner; six triangles around every vertex need six.
+/// Number of comparisons allowed a corner; six triangles around every vertex need six.
 const COMPARISONS_A_CORNER: u64 = 32;
 
 impl Mesh {
-    /// The mesh with tangents by one of its sets of texture coordinates, which has a pair a vertex. A flat-shaded mesh
-    /// gets those of its flat normals. Vertices keep their numbers; splits are added behind them.
+    /// Returns the mesh with tangents computed from texture coordinate set `set`, which has a pair for each vertex. A
+    /// flat-shaded mesh gets those of its geometric normals. Vertices keep their indices; copies are appended.
     ///
     /// Every index must be in range and every position and coordinate finite.
     pub fn with_tangents(&self, set: usize) -> Mesh {
@@ -37,7 +38,7 @@ impl Mesh {
             tex_coord_scale: scale_to_one(bytemuck::cast_slice(&self.tex_coords[set])),
             tangents: vec![[[0.0; 4]; 3]; self.triangles.len()],
         };
-        // It has no errors; what it leaves at zero is filled in below.
+        // The library reports no errors; tangents that it leaves at zero are filled in below.
         if !corners.is_crowded() && generate_tangents(&mut corners).is_err() {
             corners.tangents.fill([[0.0; 4]; 3]);
         }
@@ -47,7 +48,7 @@ impl Mesh {
         self.split(&filled)
     }
 
-    /// Gives each vertex the tangent of its corners, and a copy of it for every further one.
+    /// Assigns to each vertex the tangent of its first corner, and adds a copy of the vertex for every other tangent.
     fn split(&self, tangents_of_triangles: &[[[f32; 4]; 3]]) -> Mesh {
         const NONE_YET: [f32; 4] = [1.0, 0.0, 0.0, 0.0];
         const UNUSED: [f32; 4] = [1.0, 0.0, 0.0, 1.0];
@@ -57,15 +58,17 @@ impl Mesh {
         let mut copied: Vec<u32> = Vec::new();
         let mut copies: HashMap<(u32, [u32; 4]), u32> = HashMap::new();
         let corners = triangles.as_flattened_mut().iter_mut();
+        // Compare each corner's tangent with that of its vertex
         for (vertex, &tangent) in corners.zip(tangents_of_triangles.as_flattened()) {
             let first = &mut tangents[*vertex as usize];
             if *first == NONE_YET {
                 *first = tangent;
             }
-            // Numbers end at 2^32: a vertex that finds none left keeps its first tangent.
+            // Indices end at 2^32: a vertex without a free index keeps its first tangent.
             let Ok(next) = u32::try_from(vertex_count + copied.len()) else {
                 continue;
             };
+            // Find or add the copy of the vertex with this tangent
             if *first != tangent {
                 let original = *vertex;
                 *vertex = *copies
@@ -77,6 +80,7 @@ impl Mesh {
                     });
             }
         }
+        // Give unused vertices a unit tangent
         let unused = tangents.iter_mut().filter(|t| **t == NONE_YET);
         unused.for_each(|t| *t = UNUSED);
         let tangents = Some(Buffer::from(tangents));
@@ -86,6 +90,7 @@ impl Mesh {
                 ..self.clone()
             };
         }
+        // Append the attributes of the copies
         Mesh {
             positions: extended(&self.positions, &copied),
             triangles: Buffer::from(triangles),
@@ -97,7 +102,7 @@ impl Mesh {
     }
 }
 
-/// The values with those of `copied` vertices behind them; none where there are none.
+/// Returns the values with those of the `copied` vertices appended; an empty array stays empty.
 fn extended<T: Pod>(values: &Buffer<T>, copied: &[u32]) -> Buffer<T> {
     if values.is_empty() {
         return values.clone();
@@ -106,7 +111,8 @@ fn extended<T: Pod>(values: &Buffer<T>, copied: &[u32]) -> Buffer<T> {
     Buffer::from(values.iter().copied().chain(copies).collect::<Vec<_>>())
 }
 
-/// The power of two that brings the largest value near 1, so that products of f32 neither overflow nor vanish.
+/// Returns the power of two that brings the largest value near 1, so that products of f32 neither overflow nor
+/// underflow.
 fn scale_to_one(values: &[f32]) -> f64 {
     const CHUNK: usize = 1 << 16;
     let largest_of = |values: &[f32]| values.iter().map(|x| x.abs()).fold(0.0, f32::max);
@@ -119,7 +125,7 @@ fn scale_to_one(values: &[f32]) -> f64 {
     }
 }
 
-/// A mesh as the library sees it, and what it answers.
+/// Adapter of a mesh for the library, which collects its tangents.
 struct Corners<'a> {
     mesh: &'a Mesh,
     tex_coords: &'a [[f32; 2]],
@@ -133,13 +139,14 @@ impl Corners<'_> {
         self.mesh.triangles[face][corner] as usize
     }
 
-    /// Whether so many triangles share vertices that the library would take too deep a stack or too long. Vertices are
-    /// shared whose position, normal and texture coordinates are the same.
+    /// Returns whether so many triangles share a vertex that the library would need too much stack or time. Corners
+    /// share a vertex if their position, normal and texture coordinates are equal.
     fn is_crowded(&self) -> bool {
         let face_count = self.mesh.triangles.len();
         if (face_count as u64) <= MAX_VERTEX_TRIANGLES {
             return false;
         }
+        // Count the corners at each distinct vertex
         let mut around: HashMap<[u32; 8], u64> = HashMap::new();
         for (face, corner) in (0..face_count).flat_map(|face| (0..3).map(move |corner| (face, corner))) {
             let ([x, y, z], [a, b, c]) = (self.position(face, corner), self.normal(face, corner));
@@ -147,19 +154,21 @@ impl Corners<'_> {
             let key = [x, y, z, a, b, c, u, v].map(f32::to_bits);
             *around.entry(key).or_insert(0) += 1;
         }
+        // The library compares all corners at a vertex with each other
         let comparisons: u64 = around.values().map(|n| n * n).sum();
         let allowed = FREE_COMPARISONS + COMPARISONS_A_CORNER * 3 * face_count as u64;
         comparisons > allowed || around.values().any(|&n| n > MAX_VERTEX_TRIANGLES)
     }
 
-    /// The tangent that the library gave a corner; where it gave none, the triangle's own; where texture coordinates
-    /// have no direction, any across the normal.
+    /// Returns the tangent that the library computed for a corner; else the triangle's own; if the texture coordinates
+    /// have no direction, any unit vector perpendicular to the normal.
     fn sound_tangent(&self, face: usize, corner: usize) -> [f32; 4] {
         let [x, y, z, handedness] = self.tangents[face][corner];
-        // Unit vectors or zero come from the library.
+        // The library returns unit vectors or zero.
         if handedness != 0.0 && Vec3::new(x, y, z).length_squared() > 0.5 {
             return [x, y, z, handedness];
         }
+        // Orthogonalise the triangle's own tangent
         let n = DVec3::from_array(self.normal(face, corner).map(f64::from)).normalize_or(DVec3::Z);
         let (along, handedness) = self.own_tangent(face);
         let across = along - n * n.dot(along);
@@ -167,7 +176,7 @@ impl Corners<'_> {
         tangent.as_vec3().extend(handedness).to_array()
     }
 
-    /// The direction in which a triangle's first texture coordinate grows, and the side its second one grows to.
+    /// Returns the direction in which a triangle's first texture coordinate grows, and the handedness.
     fn own_tangent(&self, face: usize) -> (DVec3, f32) {
         let p = [0, 1, 2].map(|corner| DVec3::from_array(self.position(face, corner).map(f64::from)));
         let t = [0, 1, 2].map(|corner| self.tex_coord(face, corner).map(f64::from));
@@ -188,7 +197,7 @@ impl Geometry for Corners<'_> {
 
     fn position(&self, face: usize, corner: usize) -> [f32; 3] {
         let p = self.mesh.positions[self.vertex(face, corner)];
-        // Adding zero makes one of its two kinds, which the library tells apart.
+        // Adding zero maps -0 to 0, which the library distinguishes.
         p.map(|x| (f64::from(x) * self.position_scale) as f32 + 0.0)
     }
 
@@ -218,8 +227,8 @@ impl Geometry for Corners<'_> {
 mod tests {
     use super::*;
 
-    /// A square in the plane z = 0 of two triangles with shared corners; texture coordinates right and down, as an
-    /// image hangs.
+    /// Returns a square in the plane z = 0 of two triangles with shared vertices; texture coordinates grow right and
+    /// down.
     fn square() -> Mesh {
         Mesh {
             positions: Buffer::from(vec![[0.0, 1.0, 0.0], [0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]]),
@@ -236,7 +245,7 @@ mod tests {
 
     #[test]
     fn an_upright_image_has_its_tangent_to_the_right_and_its_bitangent_up() {
-        // n x t = z x x = y, up.
+        // n x t = z x x = y, which is up.
         let mesh = square().with_tangents(0);
         assert_eq!(tangents(&mesh), [[1.0, 0.0, 0.0, 1.0]; 4]);
         let flat = Mesh {
@@ -292,7 +301,8 @@ mod tests {
             );
         }
         assert_eq!(tangents(&split)[..3], [[1.0, 0.0, 0.0, 1.0]; 3]);
-        // There u grows downwards and v to the right, so that the image's up is to the left; n x t = z x -y = x.
+        // On the second triangle u grows downwards and v to the right, so that the image's up is to the left; n x t = z
+        // x -y = x.
         assert_eq!(tangents(&split)[3..], [[0.0, -1.0, 0.0, -1.0]; 3]);
     }
 
@@ -307,7 +317,8 @@ mod tests {
         }
     }
 
-    /// A flat fan of `count` triangles around vertex 0, with the plane's own coordinates as texture coordinates.
+    /// Returns a flat fan of `count` triangles around vertex 0, with the plane's own coordinates as texture
+    /// coordinates.
     fn fan(count: u32) -> Mesh {
         let rim = (0..=count).map(|i| std::f64::consts::PI * f64::from(i) / f64::from(count));
         let rim = rim.map(|angle| [angle.cos() as f32, angle.sin() as f32, 0.0]);

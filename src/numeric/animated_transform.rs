@@ -1,48 +1,48 @@
-//! Affine maps that change while the shutter is open.
+//! Animated affine maps: interpolation over the shutter interval, and bounds of moving objects.
 //!
-//! A map is taken apart into a translation, a rotation and a symmetric stretch, M = Q S, by the polar decomposition
-//! (K. Shoemake, T. Duff, "Matrix Animation and Polar Decomposition", Graphics Interface 1992). It does not depend on
-//! the coordinate system, and Q is the rotation nearest to M. The parts move on their own: translation and stretch
-//! along a line, the rotation at constant speed the short way round. A mirroring map has S negative definite. As
-//! definite matrices of one sign have only such between them, the map can be inverted at every time between two that
-//! can.
+//! A map is decomposed into a translation, a rotation and a symmetric stretch, M = Q S, by the polar decomposition (K.
+//! Shoemake, T. Duff, "Matrix Animation and Polar Decomposition", Graphics Interface 1992). It does not depend on the
+//! coordinate system, and Q is the rotation nearest to M. The parts are interpolated separately: translation and
+//! stretch linearly, the rotation at constant speed along the shorter arc. A mirroring map has S negative definite.
+//! Because definite matrices of one sign have only such matrices between them, the interpolated map is invertible at
+//! every time between two invertible maps.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use super::{Bounds, SingularMatrix, inverse};
 
-/// Why there is no motion from one map to another.
+/// Reason why there is no motion from one map to another.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum MotionError {
-    /// One of the ends cannot be inverted.
+    /// Start or end that cannot be inverted.
     #[error(transparent)]
     Singular(#[from] SingularMatrix),
-    /// One end mirrors and the other does not, so that everything would be flat in between.
+    /// Start or end that mirrors while the other does not, so that a map in between would be singular.
     #[error("one end of the motion mirrors and the other does not: mirror both or neither")]
     Mirrored,
 }
 
-/// An affine map as a function of the time s, which runs from 0 where the shutter opens to 1 where it closes.
+/// Affine map as a function of the time s, which runs from 0 where the shutter opens to 1 where it closes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AnimatedTransform {
     start: DAffine3,
     end: DAffine3,
-    /// The linear parts taken apart; `None` where they are the same at both ends.
+    /// Decomposition of the linear parts; `None` if they are equal at both ends.
     turning: Option<DecomposedRotation>,
 }
 
-/// Rotation and stretch at both ends, and what makes the way from one to the other.
+/// Rotation at the start, the relative rotation to the end, and the stretch at both ends.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct DecomposedRotation {
     rotation: DQuat,
-    /// Unit axis and angle in radians, within [0, π], of the rotation that follows the first.
+    /// Unit axis of the relative rotation, whose angle in radians is within [0, π].
     axis: DVec3,
     angle: f64,
     stretch: [DMat3; 2],
 }
 
 impl AnimatedTransform {
-    /// The motion from `start` to `end`, both of which can be inverted.
+    /// Creates the motion from `start` to `end`, both of which must be invertible.
     pub fn new(start: DAffine3, end: DAffine3) -> Result<AnimatedTransform, MotionError> {
         inverse(&start)?;
         inverse(&end)?;
@@ -52,17 +52,17 @@ impl AnimatedTransform {
         Ok(AnimatedTransform { start, end, turning })
     }
 
-    /// Whether nothing moves.
+    /// Returns whether start and end are equal.
     pub fn is_still(&self) -> bool {
         self.start == self.end
     }
 
-    /// The maps at both ends.
+    /// Returns the maps at the start and the end.
     pub fn ends(&self) -> [DAffine3; 2] {
         [self.start, self.end]
     }
 
-    /// The map at time `s`; at 0 and 1, and beyond them, the bits of the ends.
+    /// Returns the map at time `s`; at 0 and 1, and beyond them, bit-identical to the ends.
     pub fn at(&self, s: f64) -> DAffine3 {
         if s <= 0.0 || self.is_still() {
             return self.start;
@@ -70,6 +70,7 @@ impl AnimatedTransform {
         if s >= 1.0 {
             return self.end;
         }
+        // Interpolate rotation and stretch, and the translation
         DAffine3 {
             matrix3: self
                 .turning
@@ -79,13 +80,13 @@ impl AnimatedTransform {
         }
     }
 
-    /// A box in the target space that holds all of `bounds` at all times.
+    /// Returns a box in the target space that contains all of `bounds` at all times.
     pub fn bounds(&self, bounds: &Bounds) -> Bounds {
         self.bounds_of(bounds, |map| bounds.transformed(map))
     }
 
-    /// A box in the target space that holds at all times what `bounds` hold, by boxes around it: `boxed` gives one for
-    /// each map.
+    /// Returns a box in the target space that contains the object within `bounds` at all times; `boxed` returns a box
+    /// of the object under a map.
     pub fn bounds_of(&self, bounds: &Bounds, boxed: impl Fn(&DAffine3) -> Bounds) -> Bounds {
         let steps = self.step_count();
         (0..=steps)
@@ -93,18 +94,18 @@ impl AnimatedTransform {
             .fold(Bounds::EMPTY, Bounds::union)
     }
 
-    /// Of how many steps [`AnimatedTransform::bounds`] takes the boxes.
+    /// Returns the number of steps at which [`AnimatedTransform::bounds`] takes the boxes.
     pub fn step_count(&self) -> u32 {
         if self.turning.is_some() { TURNING_STEPS } else { 1 }
     }
 
-    /// A box after `step` of `steps` equal steps such that, between it and the next step's, the one that is
-    /// interpolated linearly holds at its time what `bounds` hold; `boxed` as in [`AnimatedTransform::bounds_of`].
+    /// Returns a box after `step` of `steps` equal steps such that linear interpolation between it and that of the next
+    /// step contains the object within `bounds` at every time; `boxed` as in [`AnimatedTransform::bounds_of`].
     ///
-    /// A point p runs along x(s) = Q(s) y(s) + T(s) with y(s) = S(s) p, where T and y are linear. As Q turns at the
-    /// rate ω, |x''| <= ω² |y| + 2 ω |y'|, and over a step δ no curve leaves its chord by more than δ²/8 of that. The
-    /// chord lies within the interpolated boxes, as its ends lie within the boxes at both ends of the step, and so the
-    /// curve lies within them if they are padded by so much.
+    /// A point p moves along x(s) = Q(s) y(s) + T(s) with y(s) = S(s) p, where T and y are linear. As Q rotates at the
+    /// rate ω, |x''| <= ω² |y| + 2 ω |y'|, and over a step δ no curve deviates from its chord by more than δ²/8 of
+    /// that. The chord lies within the interpolated boxes, as its ends lie within the boxes at both ends of the step,
+    /// and so the curve lies within them if they are padded by that deviation.
     pub fn step_bounds(
         &self,
         bounds: &Bounds,
@@ -117,10 +118,12 @@ impl AnimatedTransform {
         if !(bounds.min.is_finite() && bounds.max.is_finite()) {
             return EVERYWHERE;
         }
+        // Bound the object exactly at the time of the step
         let exact = boxed(&self.at(f64::from(step) / f64::from(steps)));
         if self.is_still() {
             return exact;
         }
+        // Pad the box by the curve's deviation from its chord, and by rounding
         let radius = bounds.min.abs().max(bounds.max.abs()).length();
         let sag = self.turning.as_ref().map_or(0.0, |turning| {
             let step = f64::from(steps).recip();
@@ -133,39 +136,43 @@ impl AnimatedTransform {
         }
     }
 
-    /// Bound on the rounding of a point that is moved by [`AnimatedTransform::at`], for points up to `radius` from the origin.
+    /// Returns a bound on the rounding error of a point moved by [`AnimatedTransform::at`], for points up to `radius`
+    /// from the origin.
     fn rounding(&self, radius: f64) -> f64 {
         let reach = |map: &DAffine3| frobenius(&map.matrix3) * radius + map.translation.abs().max_element();
         MOTION_ROUNDINGS * f64::EPSILON * (reach(&self.start) + reach(&self.end))
     }
 }
 
-/// The box around what has no bounds, wherever it moves.
+/// Box of an unbounded object under any motion.
 const EVERYWHERE: Bounds = Bounds {
     min: DVec3::NEG_INFINITY,
     max: DVec3::INFINITY,
 };
 
-/// Steps of a turning motion for its bounds: for a half turn the sag is (π/16)²/8 < 0.5 % of the reach.
+/// Number of steps for the bounds of a rotating motion: for a half turn the deviation is (π/16)²/8 < 0.5 % of the
+/// radius.
 const TURNING_STEPS: u32 = 16;
 
-/// Roundings, with room to spare, between the parts of a map and a coordinate of a moved point: decomposition 16,
+/// Number of roundings, with a margin, between the parts of a map and a coordinate of a moved point: decomposition 16,
 /// quaternion to matrix 8, two products of matrices 6, lerp and transform 8.
 const MOTION_ROUNDINGS: f64 = 64.0;
 
 impl DecomposedRotation {
     fn new(start: DMat3, end: DMat3) -> Result<DecomposedRotation, MotionError> {
+        // Decompose both ends
         let [(from, stretch_from), (to, stretch_to)] = [start, end].map(|m| polar(&m));
-        // A definite matrix tells its sign on the diagonal.
+        // The sign of a definite matrix is that of its diagonal.
         if stretch_from.x_axis.x.signum() != stretch_to.x_axis.x.signum() {
             return Err(MotionError::Mirrored);
         }
+        // Compute the relative rotation along the shorter arc
         let rotation = DQuat::from_mat3(&from).normalize();
         let mut step = (DQuat::from_mat3(&to).normalize() * rotation.conjugate()).normalize();
         if step.w < 0.0 {
             step = -step;
         }
-        // From the sine and the cosine: the arc cosine alone would lose small angles.
+        // Use sine and cosine, as the arc cosine alone would lose small angles
         let sine = step.xyz().length();
         Ok(DecomposedRotation {
             rotation,
@@ -180,7 +187,8 @@ impl DecomposedRotation {
         DMat3::from_quat(rotation.normalize()) * (self.stretch[0] * (1.0 - s) + self.stretch[1] * s)
     }
 
-    /// Bound on |x''| of points up to `radius` from the origin; the Frobenius norm bounds how a matrix lengthens.
+    /// Returns a bound on |x''| of points up to `radius` from the origin; the Frobenius norm bounds the factor by which
+    /// a matrix lengthens a vector.
     fn acceleration(&self, radius: f64) -> f64 {
         let [from, to] = &self.stretch;
         let reach = frobenius(from).max(frobenius(to)) * radius;
@@ -193,27 +201,30 @@ fn frobenius(m: &DMat3) -> f64 {
     (m.x_axis.length_squared() + m.y_axis.length_squared() + m.z_axis.length_squared()).sqrt()
 }
 
-/// Rotation and symmetric stretch whose product is `m`, which can be inverted.
+/// Returns rotation and symmetric stretch whose product is `m`, which must be invertible.
 ///
-/// Newton's iteration X ← (γ X + X⁻ᵀ / γ) / 2 (N. Higham, "Computing the polar decomposition", SIAM J. Sci. Stat.
+/// Uses Newton's iteration X ← (γ X + X⁻ᵀ / γ) / 2 (N. Higham, "Computing the polar decomposition", SIAM J. Sci. Stat.
 /// Comput. 7(4), 1986), with γ² = |X⁻¹| / |X| so that it converges within a dozen steps for every condition number that
 /// [`inverse`] accepts, quadratically at the end.
 fn polar(m: &DMat3) -> (DMat3, DMat3) {
-    /// The scaled iteration needs 9 steps for a condition number of 10^16 (Higham, section 4).
+    /// Limit on the iterations: the scaled iteration needs 9 steps for a condition number of 10^16 (Higham, section 4).
     const MAX_STEPS: u32 = 20;
+    // Scale the largest entry to 1
     let largest = m.to_cols_array().iter().fold(0.0f64, |a, &x| a.max(x.abs()));
     let mut x = *m * largest.recip();
+    // Iterate to the nearest orthogonal matrix
     for _ in 0..MAX_STEPS {
         let inverse_transpose = x.inverse().transpose();
         let gamma = (frobenius(&inverse_transpose) / frobenius(&x)).sqrt();
         let next = (x * gamma + inverse_transpose * gamma.recip()) * 0.5;
         let change = frobenius(&(next - x));
         x = next;
-        // The next step would change it by the square of this.
+        // The next step would change it by the square of this change.
         if change < 1e-9 {
             break;
         }
     }
+    // Move the sign of a mirroring map into the stretch
     if x.determinant() < 0.0 {
         x *= -1.0;
     }
@@ -225,7 +236,7 @@ fn polar(m: &DMat3) -> (DMat3, DMat3) {
 mod tests {
     use super::*;
 
-    /// Turned by 2.4 about a skew axis while it is stretched, sheared and moved.
+    /// Returns two maps with a relative rotation by 2.4 about a skew axis, with stretch, shear and translation.
     fn wild() -> (DAffine3, DAffine3) {
         let shear = DMat3::from_cols(DVec3::X, DVec3::new(0.7, 1.0, 0.0), DVec3::new(0.0, -0.2, 1.0));
         let start = DAffine3::from_translation(DVec3::new(1.0, 2.0, -3.0))
@@ -249,7 +260,7 @@ mod tests {
             let motion = AnimatedTransform::new(start, end).unwrap();
             assert_eq!((motion.at(0.0), motion.at(1.0)), (start, end));
             assert_eq!((motion.at(-1.0), motion.at(2.0)), (start, end));
-            // No jump: entries are about 10, and the step to the ends is 1e-12.
+            // No jump: entries are about 10, and the time step to the ends is 1e-12.
             assert!(motion.at(1e-12).abs_diff_eq(start, 1e-10));
             assert!(motion.at(1.0 - 1e-12).abs_diff_eq(end, 1e-10));
         }
@@ -314,7 +325,7 @@ mod tests {
                 assert!(inverse(&map).is_ok());
             }
         }
-        // Tiny ones too, whose determinants vanish.
+        // Test tiny maps too, whose determinants underflow
         for size in [1.0, 1e-150] {
             let flip = DAffine3::from_scale(size * DVec3::new(1.0, -1.0, 1.0));
             let plain = DAffine3::from_scale(DVec3::splat(size));
@@ -359,6 +370,7 @@ mod tests {
             let motion = AnimatedTransform::new(start, end).unwrap();
             let swept = motion.bounds(&object);
             let mut exact = Bounds::EMPTY;
+            // Sample the motion densely, and compare the boxes
             for step in 0..=10_007 {
                 exact = exact.union(object.transformed(&motion.at(f64::from(step) / 10_007.0)));
             }

@@ -1,24 +1,24 @@
-//! Axis-aligned boxes in f64, and the one rounding to f32 that never cuts anything off.
+//! Axis-aligned boxes in f64, and their conservative rounding to f32.
 
 use glam::{DAffine3, DVec3};
 
-/// An axis-aligned box, closed on all sides. Empty when any `min` exceeds its `max`.
+/// Axis-aligned box, closed on all sides. Empty if any `min` exceeds its `max`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
-    /// Lowest corner.
+    /// Lower corner of the box.
     pub min: DVec3,
-    /// Highest corner.
+    /// Upper corner of the box.
     pub max: DVec3,
 }
 
 impl Bounds {
-    /// The box that contains nothing: the identity of [`Bounds::union`].
+    /// Empty box: the identity of [`Bounds::union`].
     pub const EMPTY: Bounds = Bounds {
         min: DVec3::INFINITY,
         max: DVec3::NEG_INFINITY,
     };
 
-    /// The smallest box around `points`.
+    /// Returns the smallest box around `points`.
     pub fn of_points(points: impl IntoIterator<Item = DVec3>) -> Bounds {
         points.into_iter().fold(Bounds::EMPTY, |bounds, p| Bounds {
             min: bounds.min.min(p),
@@ -26,7 +26,7 @@ impl Bounds {
         })
     }
 
-    /// The smallest box around both.
+    /// Returns the smallest box around both boxes.
     pub fn union(self, other: Bounds) -> Bounds {
         Bounds {
             min: self.min.min(other.min),
@@ -34,22 +34,22 @@ impl Bounds {
         }
     }
 
-    /// Whether the box contains no point.
+    /// Returns whether the box contains no point.
     pub fn is_empty(&self) -> bool {
         !self.min.cmple(self.max).all()
     }
 
-    /// The midpoint. Meaningless for an empty box.
+    /// Returns the centre. It has no meaning for an empty box.
     pub fn center(&self) -> DVec3 {
         self.min + 0.5 * (self.max - self.min)
     }
 
-    /// Edge lengths; zero for an empty box.
+    /// Returns the edge lengths; zero for an empty box.
     pub fn extent(&self) -> DVec3 {
         (self.max - self.min).max(DVec3::ZERO)
     }
 
-    /// Largest magnitude of any coordinate; zero for an empty box.
+    /// Returns the largest magnitude of any coordinate; zero for an empty box.
     pub fn magnitude(&self) -> f64 {
         if self.is_empty() {
             return 0.0;
@@ -57,11 +57,12 @@ impl Bounds {
         self.min.abs().max(self.max.abs()).max_element()
     }
 
-    /// The box around the eight transformed corners.
+    /// Returns the box around the eight transformed corners.
     pub fn transformed(&self, target_from_source: &DAffine3) -> Bounds {
         if self.is_empty() {
             return Bounds::EMPTY;
         }
+        // Bit k of a corner's number chooses the upper end along axis k
         Bounds::of_points((0..8).map(|corner| {
             let pick = |axis: usize| {
                 if corner >> axis & 1 == 0 {
@@ -74,8 +75,8 @@ impl Bounds {
         }))
     }
 
-    /// Lower and upper corner in f32, rounded outward and then one step further, so that a surface whose points are
-    /// themselves rounded to f32 stays inside.
+    /// Returns the lower and upper corner in f32, rounded outward and then one step further, so that a surface whose
+    /// points are themselves rounded to f32 stays inside.
     pub fn to_f32_outward(&self) -> ([f32; 3], [f32; 3]) {
         let down = |x: f64| (x as f32).next_down().next_down();
         let up = |x: f64| (x as f32).next_up().next_up();

@@ -1,36 +1,37 @@
-//! Numbers of 106 bits, as the unevaluated sum of two floats: what results in f64 are held against.
+//! Double-double arithmetic: numbers of 106 bits as the unevaluated sum of two floats, used as reference for f64
+//! results.
 //!
-//! Sums and products by Dekker ("A floating-point technique for extending the available precision", 1971) and Knuth
-//! (The Art of Computer Programming, volume 2, section 4.2.2). Each operation is right to a few 2^-104; the exponent has
-//! the range of f64, and errors grow where low parts underflow, below about 1e-290.
+//! Sums and products follow Dekker ("A floating-point technique for extending the available precision", 1971) and Knuth
+//! (The Art of Computer Programming, volume 2, section 4.2.2). Each operation is accurate to a few 2^-104; the exponent
+//! has the range of f64, and errors grow where low parts underflow, below about 1e-290.
 
 use std::cmp::Ordering;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// An unevaluated sum of two numbers, the second less than half a unit in the last place of the first.
+/// Unevaluated sum of two numbers, the second less than half a unit in the last place of the first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DoubleDouble(f64, f64);
 
-/// ln 2 to 106 bits.
+/// Natural logarithm of 2 to 106 bits.
 const LN_2: DoubleDouble = DoubleDouble(std::f64::consts::LN_2, 2.319_046_813_846_299_6e-17);
 
 impl DoubleDouble {
-    /// Zero.
+    /// Double-double number zero, exactly.
     pub const ZERO: DoubleDouble = DoubleDouble::of(0.0);
-    /// One.
+    /// Double-double number one, exactly.
     pub const ONE: DoubleDouble = DoubleDouble::of(1.0);
 
-    /// A float, exactly.
+    /// Converts a float without rounding.
     pub const fn of(x: f64) -> DoubleDouble {
         DoubleDouble(x, 0.0)
     }
 
-    /// a + b to 106 bits, where |a| >= |b|.
+    /// Returns a + b to 106 bits; requires |a| >= |b|.
     pub fn from_parts(a: f64, b: f64) -> DoubleDouble {
         DoubleDouble::quick(a, b)
     }
 
-    /// The sum, exact if |a| >= |b|.
+    /// Returns the sum a + b, exact if |a| >= |b| (Dekker's Fast2Sum).
     fn quick(a: f64, b: f64) -> DoubleDouble {
         let s = a + b;
         if s.is_finite() {
@@ -40,31 +41,32 @@ impl DoubleDouble {
         }
     }
 
-    /// The nearest float.
+    /// Returns the nearest float.
     pub fn nearest(self) -> f64 {
         self.0
     }
 
-    /// Without its sign.
+    /// Returns the absolute value.
     pub fn abs(self) -> DoubleDouble {
         if self < DoubleDouble::ZERO { -self } else { self }
     }
 
-    /// The square root; zero of what is negative.
+    /// Returns the square root; zero for negative numbers.
     pub fn sqrt(self) -> DoubleDouble {
         if self.0 <= 0.0 {
             return DoubleDouble::ZERO;
         }
         let x = DoubleDouble::of(self.0.sqrt());
-        // One Newton step doubles the digits.
+        // One Newton step doubles the number of correct digits.
         x + (self - x * x) / (x + x)
     }
 
-    /// e to the power of this number less 1, without cancellation.
+    /// Returns e to the power of this number minus 1, without cancellation.
     pub fn exp_m1(self) -> DoubleDouble {
-        // Halved until the series is short, then e^2x - 1 = y (y + 2) with y = e^x - 1 doubles it back, each time with
-        // two roundings of a positive multiple.
+        // Halve the argument until the series is short. Then e^2x - 1 = y (y + 2) with y = e^x - 1 doubles it back,
+        // each time with two roundings of a positive multiple.
         const HALVINGS: i32 = 10;
+        // Reduce the argument by multiples of ln 2
         let turns = (self.0 / LN_2.0).round();
         let x = (self - DoubleDouble::of(turns) * LN_2) * DoubleDouble::of(0.5f64.powi(HALVINGS));
         // |x| <= ln 2 / 2^11: the eleventh term is below 2^-106 of the first.
@@ -74,22 +76,23 @@ impl DoubleDouble {
             term = term * x / DoubleDouble::of(f64::from(n));
             sum = sum + term;
         }
+        // Double the argument back
         for _ in 0..HALVINGS {
             sum = sum * (sum + DoubleDouble::of(2.0));
         }
         if turns == 0.0 {
             return sum;
         }
-        // In two steps, as the power itself may not be a float where the result is.
+        // Multiply by the power of two in two steps, as the power may overflow where the result does not.
         let half = (turns * 0.5).floor();
         let power = |n: f64| DoubleDouble::of(n.clamp(-1074.0, 1023.0).exp2());
         (sum + DoubleDouble::ONE) * power(half) * power(turns - half) - DoubleDouble::ONE
     }
 
-    /// The natural logarithm of 1 plus this number, which is above -1.
+    /// Returns the natural logarithm of 1 plus this number, which must be above -1.
     pub fn ln_1p(self) -> DoubleDouble {
         let mut y = DoubleDouble::of(self.0.ln_1p());
-        // Newton's step for e^y - 1 = x, whose error is squared: two steps leave nothing of the first guess's.
+        // Newton's step for e^y - 1 = x squares the error: two steps eliminate that of the first guess.
         for _ in 0..2 {
             let e = y.exp_m1();
             y = y + (self - e) / (e + DoubleDouble::ONE);
@@ -97,7 +100,7 @@ impl DoubleDouble {
         y
     }
 
-    /// By how many units in its last place `x` is off this number.
+    /// Returns the difference of `x` from this number in units in its last place.
     pub fn ulps_from(self, x: f64) -> f64 {
         let exact = self.nearest();
         let off = (DoubleDouble::of(x) - self).nearest().abs();
@@ -115,7 +118,7 @@ impl Add for DoubleDouble {
         let s = self.0 + other.0;
         let b = s - self.0;
         let error = (self.0 - (s - b)) + (other.0 - b);
-        // Twice, so that the low parts may cancel too.
+        // Add the low parts with their error too, as they may cancel
         let low = self.1 + other.1;
         let l = low - self.1;
         let low_error = (self.1 - (low - l)) + (other.1 - l);
@@ -172,7 +175,7 @@ mod tests {
     fn wide_numbers_keep_what_a_float_drops() {
         let tiny = DoubleDouble::of(2f64.powi(-80));
         assert_eq!((DoubleDouble::ONE + tiny) - DoubleDouble::ONE, tiny);
-        // (1 + 2^-60)² - 1 - 2·2^-60 = 2^-120, beyond 106 bits: 0 up to 2^-105.
+        // (1 + 2^-60)² - 1 - 2·2^-60 = 2^-120 is beyond 106 bits: 0 up to 2^-105.
         let x = DoubleDouble::ONE + DoubleDouble::of(2f64.powi(-60));
         let rest = x * x - DoubleDouble::ONE - DoubleDouble::of(2f64.powi(-59));
         assert!(rest.nearest().abs() <= 2f64.powi(-105));
@@ -189,10 +192,10 @@ mod tests {
 
     #[test]
     fn e_has_its_first_thirty_one_digits() {
-        // e = 2.71828182845904523536028747135266249775...: the nearest float and what it leaves.
+        // e = 2.71828182845904523536028747135266249775...: the nearest float and the remainder.
         let e = DoubleDouble::from_parts(std::f64::consts::E, 1.445_646_891_729_250_2e-16);
         let found = DoubleDouble::ONE.exp_m1() + DoubleDouble::ONE;
-        // Twelve doublings and the series: under 64 roundings of 2^-104.
+        // Twelve doublings and the series have under 64 roundings of 2^-104.
         assert!((found - e).nearest().abs() <= 2f64.powi(-98));
     }
 
@@ -205,8 +208,8 @@ mod tests {
             let off = ((back - DoubleDouble::of(x)) / DoubleDouble::of(x))
                 .nearest()
                 .abs();
-            // The error of the logarithm comes back times (1 + x) / x ln(1 + x), which is 8 at most here but for what
-            // is near -1, and 700 where the exponent's own size counts.
+            // The error of the logarithm returns times (1 + x) / x ln(1 + x), which is 8 at most here except near -1,
+            // and 700 where the exponent's own size matters.
             assert!(off <= 2f64.powi(-84), "{x}: {off:e}");
         }
     }

@@ -1,7 +1,7 @@
-//! The stable formulas that everything else is built from: boxes, transforms and their motion, roots, spawn points,
-//! noise, maps of the unit square; and what they are checked with: wide and random numbers.
+//! Numerically stable building blocks: boxes, transforms and their animation, polynomial roots, spawn points, noise and
+//! sampling warps; and double-double and random numbers to test them with.
 //!
-//! Each carries its source and its error bound. Nothing here knows what a scene is.
+//! Each has its source and its error bound. This module does not depend on the scene.
 
 use std::ops::AddAssign;
 
@@ -25,19 +25,21 @@ pub use spawn::{HitErrorBound, spawn_point, triangle_spawn_bound, triangle_spawn
 pub use spawn_policy::{SpawnPolicy, shifted_point};
 pub use transform::{Ray, SingularMatrix, inverse, object_ray, transform_normal};
 
-/// Rays handled side by side: the width of every packet.
+/// Number of rays processed in SIMD lanes: the width of every packet.
 pub const LANES: usize = 16;
 
-/// One value a lane.
+/// Array with one value for each lane.
 pub type Lanes<T> = [T; LANES];
 
-/// One 3-vector a lane: all x, all y, all z.
+/// Array with one 3-vector for each lane: all x, all y, all z.
 pub type Lanes3<T> = [[T; LANES]; 3];
 
-/// The sum over all lanes by halves: rounded four times only, in an order that no processor changes.
+/// Returns the sum over all lanes by pairwise halving: each value is rounded four times only, in an order that does not
+/// depend on the processor.
 #[inline(always)]
 pub fn sum_of_lanes<T: Copy + AddAssign>(mut halves: Lanes<T>) -> T {
     let mut width = LANES / 2;
+    // Add the upper half of the lanes to the lower half
     while width > 0 {
         for l in 0..width {
             let other = halves[l + width];

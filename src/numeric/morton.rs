@@ -1,4 +1,4 @@
-//! Places in a cube, ordered along Morton's curve (G. M. Morton 1966), whose runs are an octree's cells.
+//! Points in a cube, ordered along Morton's curve (G. M. Morton 1966), whose runs are the cells of an octree.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -6,17 +6,17 @@ use rayon::prelude::*;
 use super::Bounds;
 use crate::parallel;
 
-/// Binary digits of each coordinate.
+/// Number of binary digits of each coordinate.
 const DIGITS: u32 = 21;
 
-/// Binary digits of a place along the curve.
+/// Number of binary digits of a Morton code.
 #[cfg(feature = "embree")]
 pub(crate) const PLACE_DIGITS: u32 = 3 * DIGITS;
 
-/// A place along the curve and whose it is.
+/// Morton code of a point with its index.
 pub(crate) type Key = (u64, u32);
 
-/// Morton's curve through a cube.
+/// Morton curve through a cube.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Curve {
     corner: DVec3,
@@ -24,7 +24,7 @@ pub(crate) struct Curve {
 }
 
 impl Curve {
-    /// Through the cube at the lowest corner of `bounds` that holds them.
+    /// Creates the curve through the smallest cube at the lower corner of `bounds` that encloses them.
     pub(crate) fn around(bounds: &Bounds) -> Curve {
         Curve {
             corner: bounds.min,
@@ -32,34 +32,37 @@ impl Curve {
         }
     }
 
-    /// How far along the curve a finite position in the cube is: a number of thrice [`DIGITS`] digits.
+    /// Returns the Morton code of a finite position in the cube: a number of three times [`DIGITS`] bits.
     #[inline(always)]
     pub(crate) fn place(&self, position: DVec3) -> u64 {
-        // A cube without an edge has a single place: 0 · infinity is cast to 0.
+        // In a cube of zero size all codes are 0: 0 · infinity is NaN, which is cast to 0.
         let cell = ((position - self.corner) * self.cells_per_unit).to_array();
         let [x, y, z] = cell.map(|x| (x as u64).min((1 << DIGITS) - 1));
         spread(x) | spread(y) << 1 | spread(z) << 2
     }
 }
 
-/// The places of `position(0..count)` in the cube around them, in the curve's order; equal ones by their index.
+/// Returns the Morton codes of `position(0..count)` in the cube around them, in ascending order; equal codes are sorted
+/// by index. Also returns the bounds of the positions.
 ///
-/// The same for any number of threads. `count` is below 2^32, positions are finite.
+/// The result does not depend on the number of threads. `count` must be below 2^32, and positions finite.
 pub(crate) fn sorted_keys(count: usize, position: impl Fn(usize) -> DVec3 + Sync) -> (Bounds, Vec<Key>) {
     const CHUNK: usize = 1 << 14;
+    // Bound the positions
     let in_chunk = |chunk: usize| {
         let first = chunk * CHUNK;
         Bounds::of_points((first..count.min(first + CHUNK)).map(&position))
     };
     let bounds = parallel::map(count.div_ceil(CHUNK), &in_chunk);
     let bounds = bounds.into_iter().fold(Bounds::EMPTY, Bounds::union);
+    // Compute and sort the codes
     let curve = Curve::around(&bounds);
     let mut keys: Vec<Key> = parallel::generate(count, |i| (curve.place(position(i)), i as u32));
     keys.par_sort_unstable();
     (bounds, keys)
 }
 
-/// The lowest 21 digits with two zeros before each.
+/// Spreads the lowest 21 bits, with two zeros before each.
 fn spread(digits: u64) -> u64 {
     let mut v = digits;
     v = (v | v << 32) & 0x001f_0000_0000_ffff;

@@ -1,11 +1,11 @@
 //! Perlin's improved noise (Perlin, "Improving noise", SIGGRAPH 2002), and sums of its octaves.
 //!
-//! An octave whose cells are narrower than the ray is replaced by its mean, so that what cannot be resolved neither
-//! flickers nor darkens.
+//! An octave whose cells are narrower than the ray's footprint is replaced by its mean, so that unresolved detail
+//! neither flickers nor darkens.
 
 use glam::DVec3;
 
-/// The permutation of Perlin's reference implementation.
+/// Permutation table of Perlin's reference implementation.
 #[rustfmt::skip]
 const PERMUTATION: [u8; 256] = [
     151, 160, 137, 91, 90, 15, 131, 13, 201, 95, 96, 53, 194, 233, 7, 225, 140, 36, 103, 30, 69, 142, 8, 99, 37, 240,
@@ -21,18 +21,22 @@ const PERMUTATION: [u8; 256] = [
     195, 78, 66, 215, 61, 156, 180,
 ];
 
-/// From this width on, in cells, nothing is left of an octave. With the smooth step from 0 to here an octave fades as
-/// its mean over a square of that width does: measured 0.95, 0.86, 0.58, 0.32, 0.16 at widths 1/4, 1/2, 1, 3/2, 2.
+/// Footprint width, in cells, from which on an octave has faded completely. With the smooth step from 0 to here an
+/// octave fades as its mean over a square of that width does: measured 0.95, 0.86, 0.58, 0.32, 0.16 at widths 1/4, 1/2,
+/// 1, 3/2, 2.
 const LOST_WIDTH: f64 = 2.25;
-/// The mean of |noise| over all space, from four million points of a low-discrepancy sequence.
+/// Mean of |noise| over all space, from four million points of a low-discrepancy sequence.
 const MEAN_MAGNITUDE: f64 = 0.2204;
 
-/// Noise in [-1, 1] with cells of side 1, zero at the corners of every cell.
+/// Returns noise in [-1, 1] with cells of side 1, zero at the corners of every cell.
 pub fn noise(p: DVec3) -> f64 {
+    // Split the point into its cell and the position inside
     let cell = p.floor();
     let [x, y, z] = (p - cell).to_array();
     let [i, j, k] = cell.to_array().map(|c| c.rem_euclid(256.0) as usize);
+    // Compute the quintic fade weights
     let [u, v, w] = [x, y, z].map(|t| t * t * t * (t * (t * 6.0 - 15.0) + 10.0));
+    // Hash the corners of the cell to gradients
     let hash = |i: usize, j: usize, k: usize| {
         let a = PERMUTATION[i & 255] as usize + j;
         let b = PERMUTATION[a & 255] as usize + k;
@@ -42,27 +46,29 @@ pub fn noise(p: DVec3) -> f64 {
         let offset = [x - di as f64, y - dj as f64, z - dk as f64];
         slope(hash(i + di, j + dj, k + dk), offset)
     };
+    // Interpolate along x, y and z
     let edge = |dj, dk| lerp(u, corner(0, dj, dk), corner(1, dj, dk));
     let face = |dk| lerp(v, edge(0, dk), edge(1, dk));
     lerp(w, face(0), face(1))
 }
 
-/// The sum of `octaves`, each of twice the frequency and half the height of the one before, as a share of the largest
-/// sum: within [-1, 1]. `width` is that of the ray, in cells of the first octave.
+/// Returns the sum of `octaves`, each of twice the frequency and half the amplitude of the one before, as a fraction of
+/// the largest sum: within [-1, 1]. `width` is that of the ray's footprint, in cells of the first octave.
 pub fn fractal(p: DVec3, octaves: u32, width: f64) -> f64 {
     summed(p, octaves, width, |noise| noise, 0.0)
 }
 
-/// The same of the noise's magnitude: within [0, 1].
+/// Returns the sum of octaves of the noise's magnitude, with the arguments of [`fractal`]: within [0, 1].
 pub fn turbulence(p: DVec3, octaves: u32, width: f64) -> f64 {
     summed(p, octaves, width, f64::abs, MEAN_MAGNITUDE)
 }
 
-/// The sum of octaves `of` the noise; those that the ray cannot resolve become `mean`.
+/// Returns the normalised sum of octaves `of` the noise; those narrower than the footprint are replaced by `mean`.
 #[inline(always)]
 fn summed(p: DVec3, octaves: u32, width: f64, of: impl Fn(f64) -> f64, mean: f64) -> f64 {
     let (mut sum, mut most) = (0.0, 0.0);
     let (mut height, mut frequency) = (1.0, 1.0);
+    // Blend each octave towards its mean as its cells become narrower than the footprint
     for _ in 0..octaves {
         let kept = kept(width * frequency);
         let octave = if kept > 0.0 {
@@ -78,14 +84,14 @@ fn summed(p: DVec3, octaves: u32, width: f64, of: impl Fn(f64) -> f64, mean: f64
     sum / most
 }
 
-/// How much of an octave a ray of this width, in cells, keeps.
+/// Returns the fraction of an octave's amplitude that remains for a ray footprint of this width in cells.
 #[inline(always)]
 pub fn kept(width: f64) -> f64 {
     let t = (width / LOST_WIDTH).min(1.0);
     1.0 - t * t * (3.0 - 2.0 * t)
 }
 
-/// The product of `offset` and one of the twelve gradients, the middles of a cube's edges.
+/// Returns the dot product of `offset` and one of the twelve gradients, the midpoints of a cube's edges.
 #[inline(always)]
 fn slope(hash: u8, [x, y, z]: [f64; 3]) -> f64 {
     let h = hash & 15;
@@ -108,7 +114,7 @@ fn lerp(t: f64, a: f64, b: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Points of Roberts's R3 sequence.
+    /// Returns points of Roberts's R3 sequence.
     fn points(count: usize, size: f64) -> impl Iterator<Item = DVec3> {
         const STEP: [f64; 3] = [
             0.819_172_513_396_164_4,
@@ -135,7 +141,7 @@ mod tests {
     fn noise_vanishes_on_the_lattice_and_repeats_after_256_cells() {
         for p in points(1000, 256.0) {
             assert_eq!(noise(p.floor()), 0.0);
-            // Fractions lose the bits that 256 takes: 2^-45 of a slope of at most a few.
+            // Adding 256 costs the fractions low bits: 2^-45 times a slope of at most a few.
             let moved = p + DVec3::new(256.0, -256.0, 512.0);
             assert!((noise(p) - noise(moved)).abs() < 1e-11);
         }
@@ -147,7 +153,7 @@ mod tests {
             assert_eq!(fractal(p, 8, LOST_WIDTH), 0.0);
             assert!((turbulence(p, 8, f64::INFINITY) - MEAN_MAGNITUDE).abs() < 1e-15);
             assert_eq!(fractal(p, 1, 0.0), noise(p));
-            // Of three octaves the second is twice, the third four times as fine: both gone.
+            // Of three octaves the second has twice, the third four times the frequency: both have faded.
             let one = kept(0.5 * LOST_WIDTH) * noise(p) / 1.75;
             assert!((fractal(p, 3, 0.5 * LOST_WIDTH) - one).abs() < 1e-15);
         }
@@ -157,7 +163,7 @@ mod tests {
     fn the_mean_of_the_magnitude_is_the_stated_one() {
         const COUNT: usize = 100_000;
         let mean = points(COUNT, 256.0).map(|p| noise(p).abs()).sum::<f64>() / COUNT as f64;
-        // The deviation of |noise| is 0.16: three times that over the root of the count.
+        // The standard deviation of |noise| is 0.16: the tolerance is three times that over the root of the count.
         assert!((mean - MEAN_MAGNITUDE).abs() < 1.5e-3, "{mean}");
     }
 
@@ -167,13 +173,13 @@ mod tests {
         for width in [0.25, 0.5, 1.0, 1.5, 2.0] {
             let (mut product, mut square) = (0.0, 0.0);
             for p in points(4000, 256.0) {
+                // Average the noise over a tilted square around each point
                 let at = |i: i32| width * ((f64::from(i) + 0.5) / 8.0 - 0.5);
                 let cells = (0..64).map(|i| noise(p + at(i % 8) * a + at(i / 8) * b));
                 product += noise(p) * cells.sum::<f64>() / 64.0;
                 square += noise(p).powi(2);
             }
-            // The share of the noise that the mean keeps: within the misfit of the smooth step, and what 4000 points
-            // scatter.
+            // The remaining fraction agrees within the misfit of the smooth step and the variance of 4000 points.
             assert!(
                 (product / square - kept(width)).abs() < 0.15,
                 "{width}: {}",

@@ -1,29 +1,30 @@
 //! Real roots of polynomials: quadratics in closed form without cancellation, quartics by bracketing.
 //!
-//! Between two neighbouring roots of its derivative a polynomial is monotone, so the sign at these points tells,
-//! without any radicals, where its roots are; each is then found by Newton steps kept within a shrinking bracket.
+//! Between two neighbouring roots of its derivative a polynomial is monotone, so its signs at these points bracket its
+//! roots without any radicals; each root is then found by Newton steps confined to a shrinking bracket.
 
-/// Both roots of `a t² - 2 b t + c`, in ascending order, given `discriminant = b² - a c` in whatever form cancels
-/// least; NaN where there are none. A vanishing `a` gives the one root and an infinite one.
+/// Returns both roots of `a t² - 2 b t + c`, in ascending order, given `discriminant = b² - a c` in the form that
+/// cancels least; NaN if there are none. For `a` zero, one root is infinite.
 ///
-/// `c / q` with `q = b ± √(b² - a c)` of the larger magnitude, and `q / a`: neither subtracts what is nearly equal.
+/// The roots are `c / q` with `q = b ± √(b² - a c)` of the larger magnitude, and `q / a`: neither subtracts nearly
+/// equal numbers.
 #[inline(always)]
 pub fn quadratic_roots(a: f64, b: f64, c: f64, discriminant: f64) -> [f64; 2] {
-    // The root of a negative number is NaN, and so is everything after it.
+    // The root of a negative number is NaN, and so is everything computed from it.
     let q = b + discriminant.sqrt().copysign(b);
-    // Where q vanishes, b and a c do: a double root at 0, unless the polynomial is constant.
+    // If q is zero, so are b and a c: a double root at 0, unless the polynomial is constant.
     let double = (q == 0.0) & (a != 0.0);
     let t0 = if double { 0.0 } else { c / q };
     let t1 = if double { 0.0 } else { q / a };
     if t0 <= t1 { [t0, t1] } else { [t1, t0] }
 }
 
-/// Steps after which a bracket is narrow enough whatever happened: 53 bisections, and as many Newton steps between.
+/// Number of steps after which a bracket is narrow enough in any case: 53 bisections, and as many Newton steps between.
 const STEP_LIMIT: usize = 106;
 
-/// Tells `found` the points of [`low`, `high`], in ascending order, at which the polynomial with the coefficients `c`
-/// (constant term first) changes its sign away from what it was before, `positive` at first. `found` returns whether
-/// to go on.
+/// Calls `found` for the points of [`low`, `high`], in ascending order, at which the polynomial with the coefficients
+/// `c` (constant term first) changes its sign from the previous one, `positive` at first. `found` returns whether to
+/// continue.
 ///
 /// Zero counts as positive, so a root at which the graph touches from above is none. Roots are within two ulps of the
 /// larger end of the interval, for the polynomial as it is evaluated.
@@ -33,6 +34,7 @@ pub fn quartic_sign_changes(
     positive: bool,
     found: impl FnMut(f64) -> bool,
 ) {
+    // Find the extrema as sign changes of the derivative
     let mut extrema = Points::default();
     let derivative = [c[1], 2.0 * c[2], 3.0 * c[3], 4.0 * c[4]];
     let derivative_positive = value(&derivative, low).0 >= 0.0;
@@ -40,7 +42,7 @@ pub fn quartic_sign_changes(
     sign_changes(c, &extrema, [low, high], positive, found);
 }
 
-/// The same for a cubic.
+/// Calls `found` for the sign changes of a cubic, as [`quartic_sign_changes`] does for a quartic.
 pub fn cubic_sign_changes(
     c: &[f64; 4],
     [low, high]: [f64; 2],
@@ -57,7 +59,7 @@ pub fn cubic_sign_changes(
     sign_changes(c, &extrema, [low, high], positive, found);
 }
 
-/// Up to three points in ascending order.
+/// List of up to three points in ascending order.
 #[derive(Default)]
 struct Points {
     values: [f64; 3],
@@ -74,7 +76,7 @@ impl Points {
     }
 }
 
-/// Goes from one extremum to the next; between them the polynomial is monotone.
+/// Searches each interval between neighbouring extrema, where the polynomial is monotone, for a sign change.
 #[inline]
 fn sign_changes<const N: usize>(
     c: &[f64; N],
@@ -98,7 +100,7 @@ fn sign_changes<const N: usize>(
     }
 }
 
-/// The root of a polynomial that is monotone between `low` and `high` and has different signs there.
+/// Returns the root of a polynomial that is monotone between `low` and `high` and has different signs there.
 fn bracketed_root<const N: usize>(c: &[f64; N], low: f64, high: f64) -> f64 {
     let (mut low, mut high) = (low, high);
     let rising = value(c, high).0 >= 0.0;
@@ -106,6 +108,7 @@ fn bracketed_root<const N: usize>(c: &[f64; N], low: f64, high: f64) -> f64 {
     let mut x = 0.5 * (low + high);
     let mut last_step = high - low;
     for _ in 0..STEP_LIMIT {
+        // Shrink the bracket to the side of the sign change
         let (f, slope) = value(c, x);
         if (f >= 0.0) == rising {
             high = x;
@@ -113,7 +116,7 @@ fn bracketed_root<const N: usize>(c: &[f64; N], low: f64, high: f64) -> f64 {
             low = x;
         }
         let newton = x - f / slope;
-        // Newton's step must stay inside and at least halve the last; else the bracket is halved.
+        // Accept a Newton step that stays inside and is at most half the last step; else bisect
         let next = if low <= newton && newton <= high && (newton - x).abs() <= 0.5 * last_step {
             newton
         } else {
@@ -128,7 +131,7 @@ fn bracketed_root<const N: usize>(c: &[f64; N], low: f64, high: f64) -> f64 {
     x
 }
 
-/// A polynomial and its derivative at `x`, by Horner's scheme.
+/// Returns a polynomial and its derivative at `x`, by Horner's scheme.
 #[inline(always)]
 fn value<const N: usize>(c: &[f64; N], x: f64) -> (f64, f64) {
     let (mut f, mut slope) = (0.0, 0.0);
@@ -185,7 +188,7 @@ mod tests {
     fn a_touching_root_is_none_and_a_first_change_to_the_known_sign_is_not_told() {
         // (x² - 1)² touches zero twice.
         assert!(quartic([1.0, 0.0, -2.0, 0.0, 1.0], [-3.0, 3.0], true).is_empty());
-        // x² - 1 from inside: starting as "positive" the change to positive at 1 is no news.
+        // x² - 1 from inside: if the sign starts as positive, the change to positive at 1 is not reported.
         assert!(quartic([-1.0, 0.0, 1.0, 0.0, 0.0], [0.0, 3.0], true).is_empty());
         assert_eq!(quartic([-1.0, 0.0, 1.0, 0.0, 0.0], [0.0, 3.0], false).len(), 1);
     }

@@ -1,12 +1,12 @@
-//! Where a new ray starts: off the surface by a bound on the error, never by a fixed epsilon.
+//! Ray origin offset for spawned rays: off the surface by an error bound, never by a fixed epsilon.
 //!
 //! The bound is that of self-intersection avoidance (NVIDIA OptiX Toolkit, ShaderUtil, 2023), the rounding away from
-//! the surface is that of pbrt-v4 (`OffsetRayOrigin`). Measured together over seven scales and positions they gave
-//! no false self-shadow where every fixed epsilon failed somewhere.
+//! the surface is that of pbrt-v4 (`OffsetRayOrigin`). Measured together over seven scales and positions they gave no
+//! false self-shadow where every fixed epsilon failed somewhere.
 
 use glam::{DAffine3, DVec3, Vec3};
 
-/// Bound on how far a computed hit point may lie from the surface that an f32 traversal sees, per axis.
+/// Bound on the distance of a computed hit point from the surface that an f32 traversal intersects, per axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HitErrorBound(pub DVec3);
 
@@ -17,15 +17,15 @@ const EXTENT_ERROR: f64 = 1.788_139_4e-7;
 /// Error of an affine map on a point: rows of three products and a sum, 3 roundings of f32.
 const TRANSFORM_ERROR: f64 = 1.788_139_4e-7;
 
-/// Covers the f32 roundings of the bound's own computation: a few 2^-24 of itself.
+/// Factor that covers the f32 roundings of the bound's own computation: a few 2^-24 of itself.
 const BOUND_SLACK: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 
-/// The error bound of a point on the triangle with object-space vertices `v0`, `v0 + e1`, `v0 + e2`.
+/// Returns the error bound of a point on the triangle with object-space vertices `v0`, `v0 + e1`, `v0 + e2`.
 pub fn triangle_spawn_error(v0: Vec3, e1: Vec3, e2: Vec3) -> HitErrorBound {
     HitErrorBound(triangle_spawn_bound(v0, e1, e2).as_dvec3())
 }
 
-/// [`triangle_spawn_error`] per axis, in f32, for lanes.
+/// Computes [`triangle_spawn_error`] per axis in f32, for SIMD lanes.
 #[inline(always)]
 pub fn triangle_spawn_bound(v0: Vec3, e1: Vec3, e2: Vec3) -> Vec3 {
     let extent = (e1.abs() + e2.abs() + (e1 - e2).abs()).max_element();
@@ -33,19 +33,19 @@ pub fn triangle_spawn_bound(v0: Vec3, e1: Vec3, e2: Vec3) -> Vec3 {
 }
 
 impl HitErrorBound {
-    /// The bound along the unit vector `n`.
+    /// Returns the bound along the unit vector `n`.
     #[inline(always)]
     pub fn along(self, n: DVec3) -> f64 {
         self.0.dot(n.abs())
     }
 
-    /// The error bound of a point known to f64 accuracy: only its own rounding to f32 remains.
+    /// Returns the error bound of a point known to f64 accuracy: only its own rounding to f32 remains.
     pub fn of_exact_point(p: DVec3) -> HitErrorBound {
         HitErrorBound(VERTEX_ERROR * p.abs())
     }
 
-    /// The bound after an instance's map: the object-space error carried over, plus the map's own error, plus the
-    /// error that the inverse map makes when the traversal brings the new ray back to object space.
+    /// Returns the bound after an instance's transform: the object-space error transformed, plus the transform's own
+    /// error, plus the error of the inverse transform when the traversal takes the new ray back to object space.
     pub fn transformed(
         self,
         world_from_object: &DAffine3,
@@ -69,13 +69,14 @@ fn abs_matrix(map: &DAffine3) -> glam::DMat3 {
     )
 }
 
-/// The f32 origin of a ray that leaves `p` on the side of the unit geometric normal `ng`.
+/// Returns the f32 origin of a ray that leaves `p` on the side of the unit geometric normal `ng`.
 ///
-/// `ng` must already point to the side the ray goes to; `error` bounds the distance of `p` from the surface along it:
+/// `ng` must already point to the side of the new ray; `error` bounds the distance of `p` from the surface along it:
 /// the per-axis bound times |ng|. Every coordinate is rounded away from the surface.
 #[inline(always)]
 pub fn spawn_point(p: DVec3, ng: DVec3, error: f64) -> Vec3 {
     let away = |p: f64, n: f64| {
+        // Round to nearest, then step away from the surface if that rounded towards it
         let target = p + n * error;
         let rounded = target as f32;
         let short = ((n > 0.0) & (f64::from(rounded) < target)) | ((n < 0.0) & (f64::from(rounded) > target));
@@ -88,11 +89,12 @@ pub fn spawn_point(p: DVec3, ng: DVec3, error: f64) -> Vec3 {
     Vec3::new(away(p.x, ng.x), away(p.y, ng.y), away(p.z, ng.z))
 }
 
-/// The next float above `x` if `above`, else the next below; `x` is finite. Without branches, so that lanes vectorise.
+/// Returns the next float above `x` if `above`, else the next below; `x` must be finite. There are no branches, so that
+/// loops over lanes vectorise.
 #[inline(always)]
 fn neighbour(x: f32, above: bool) -> f32 {
     let bits = x.to_bits() as i32;
-    // Bits count upwards away from zero, on both sides of it.
+    // On both sides of zero, the bits count up away from it.
     let away = (bits >= 0) == above;
     let next = if away {
         bits.wrapping_add(1)
@@ -138,7 +140,7 @@ mod tests {
             triangle_spawn_error(v0.as_vec3(), e1.as_vec3(), e2.as_vec3()).along(DVec3::Z),
         )
         .as_dvec3();
-        // 2^-24 · 1 + 3·2^-24 · 2 = 7·2^-24 and at most one ulp (2^-23) of rounding away.
+        // The offset is 2^-24 · 1 + 3·2^-24 · 2 = 7·2^-24, plus at most one ulp (2^-23) of rounding away.
         assert!(origin.z - 1.0 <= 9.0 * 2f64.powi(-24));
         assert_eq!((origin.x, origin.y), (1.0, 1.0));
     }

@@ -1,4 +1,4 @@
-//! Rules for where a new ray starts, the one that is right and those that show what it is worth.
+//! Ray-offset policies: the error bound that is correct, and fixed offsets to compare it with.
 
 use std::fmt;
 use std::str::FromStr;
@@ -6,22 +6,22 @@ use std::str::FromStr;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
-/// Where a ray starts that leaves a surface.
+/// Rule for the origin of a ray that leaves a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(into = "String", try_from = "String")]
 pub enum SpawnPolicy {
-    /// Off it by a bound on the rounding error, as [`spawn_point`](super::spawn_point) has it.
+    /// Offset by a bound on the rounding error, as [`spawn_point`](super::spawn_point) computes it.
     #[default]
     Bounded,
-    /// Off it by this part of the scene's size, above 0 and at most 1, wherever it is.
+    /// Offset by this fraction of the scene's size, above 0 and at most 1, everywhere.
     Fixed(f64),
-    /// Where the hit was found, rounded to f32.
+    /// No offset: the hit point, rounded to f32.
     None,
 }
 
 impl SpawnPolicy {
-    /// How far off the surface along its normal, in a scene whose box has a diagonal of `size`; absent for a bound, which
-    /// differs from point to point.
+    /// Returns the offset along the surface normal in a scene whose bounding box has a diagonal of `size`; `None` for
+    /// the bound, which differs from point to point.
     pub fn offset(self, size: f64) -> Option<f64> {
         match self {
             SpawnPolicy::Bounded => None,
@@ -45,6 +45,7 @@ impl FromStr for SpawnPolicy {
     type Err = String;
 
     fn from_str(text: &str) -> Result<SpawnPolicy, String> {
+        // Parse the fraction of a fixed offset
         let part = |digits: &str| {
             let part: f64 = digits.parse().ok()?;
             (part > 0.0 && part <= 1.0).then_some(SpawnPolicy::Fixed(part))
@@ -75,7 +76,7 @@ impl TryFrom<String> for SpawnPolicy {
     }
 }
 
-/// The f32 origin of a ray that leaves `p` by `offset` along `normal`, rounded to nearest.
+/// Returns the f32 origin of a ray that leaves `p` by `offset` along `normal`, rounded to nearest.
 #[inline(always)]
 pub fn shifted_point(p: DVec3, normal: DVec3, offset: f64) -> Vec3 {
     (p + normal * offset).as_vec3()

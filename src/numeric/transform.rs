@@ -1,32 +1,32 @@
-//! Affine maps in f64: inverses that are checked, normals by cofactors, rays that keep their `t`.
+//! Affine maps in f64: checked inverses, normals by cofactors, and rays that preserve `t`.
 //!
 //! An instance transforms the ray instead of the object: with `o' = M⁻¹ o` and `d' = M⁻¹ d`, *not* renormalised, the
 //! point `o' + t d'` is the preimage of `o + t d` for the same `t`, so hits in object space need no conversion.
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
-/// One ray segment as the acceleration structures see it: the f32 values are exact by definition, and every f64
-/// computation on it starts from them.
+/// Ray segment as the acceleration structures see it: the f32 values are exact by definition, and every f64 computation
+/// on it starts from them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
     /// Start of the parametrisation; the point at `t = 0`.
     pub origin: Vec3,
     /// Direction, of any finite non-zero length; `t` is measured in its length.
     pub direction: Vec3,
-    /// Nearest parameter that counts as a hit.
+    /// Smallest parameter that counts as a hit.
     pub t_near: f32,
-    /// Farthest parameter that counts as a hit; may be infinite.
+    /// Largest parameter that counts as a hit; may be infinite.
     pub t_far: f32,
-    /// When it is sent, from 0 where motions begin to 1 where they end. Only what moves asks for it.
+    /// Time of the ray within the shutter interval, from 0 at its start to 1 at its end. Only moving objects use it.
     pub time: f32,
 }
 
 impl Ray {
-    /// Largest magnitude of a coordinate or of a direction component that may cross into a backend: the square root of
-    /// the largest float, so that products of two stay finite. Embree's own limit is the same.
+    /// Largest magnitude of a coordinate or of a direction component that may be passed to a backend: the square root
+    /// of the largest float, so that products of two stay finite. Embree's own limit is the same.
     pub const LIMIT: f32 = 1.844e18;
 
-    /// A ray over `t` in [0, ∞), at time 0.
+    /// Creates a ray over `t` in [0, ∞), at time 0.
     pub fn new(origin: Vec3, direction: Vec3) -> Ray {
         Ray {
             origin,
@@ -37,14 +37,14 @@ impl Ray {
         }
     }
 
-    /// The point at `t`, in f64.
+    /// Returns the point at `t` in f64.
     pub fn at(&self, t: f64) -> DVec3 {
         self.origin.as_dvec3() + t * self.direction.as_dvec3()
     }
 
-    /// Whether a backend may be asked about this ray: finite, in range, with a direction and an interval.
+    /// Returns whether a backend may trace this ray: finite, in range, with a direction and an interval.
     pub fn is_traceable(&self) -> bool {
-        // Comparisons with NaN are false, so a NaN anywhere refuses the ray.
+        // Comparisons with NaN are false, so a NaN anywhere rejects the ray.
         let in_range = |v: Vec3| v.abs().cmplt(Vec3::splat(Ray::LIMIT)).all();
         in_range(self.origin)
             && in_range(self.direction)
@@ -55,7 +55,7 @@ impl Ray {
     }
 }
 
-/// A matrix that cannot be inverted to working accuracy.
+/// Error for a matrix that cannot be inverted to working accuracy.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("the matrix is singular or not finite (condition number {condition:.1e})")]
 pub struct SingularMatrix {
@@ -66,17 +66,17 @@ pub struct SingularMatrix {
 /// Largest condition number that is accepted: beyond it fewer than 4 of f64's 16 digits would survive the inverse.
 const MAX_CONDITION: f64 = 1e12;
 
-/// What the product of a map and its inverse may differ from the identity by, for each unit of the condition number: 3
-/// roundings of a cofactor, 5 of the determinant, 2 of the quotient and 5 of the product, of 2^-53 each, in rows of
+/// Largest difference of the product of a map and its inverse from the identity, for each unit of the condition number:
+/// 3 roundings of a cofactor, 5 of the determinant, 2 of the quotient and 5 of the product, of 2^-53 each, in rows of
 /// three.
 const MAX_RESIDUAL: f64 = 32.0 * f64::EPSILON;
 
-/// The inverse of an affine map by cofactors.
+/// Inverts an affine map by cofactors.
 ///
-/// The test is on the condition number, never on the determinant, whose size says only how large the object is.
+/// The test uses the condition number, never the determinant, whose magnitude depends on the size of the object only.
 pub fn inverse(target_from_source: &DAffine3) -> Result<DAffine3, SingularMatrix> {
     let m = target_from_source.matrix3;
-    // Scaling by the largest entry keeps the determinant of tiny and huge maps within range.
+    // Scaling by the largest entry keeps the determinant of tiny and huge maps in range.
     let largest = m.to_cols_array().iter().fold(0.0f64, |a, &x| a.max(x.abs()));
     if !(largest > 0.0 && largest.is_finite() && target_from_source.translation.is_finite()) {
         return Err(SingularMatrix {
@@ -84,21 +84,23 @@ pub fn inverse(target_from_source: &DAffine3) -> Result<DAffine3, SingularMatrix
         });
     }
     let scaled = m * largest.recip();
+    // Invert the scaled linear part
     let cofactors = cofactor_matrix(scaled);
     let determinant = scaled.x_axis.dot(cofactors.x_axis);
     let linear = cofactors.transpose() * determinant.recip();
     let condition = row_sum_norm(scaled) * row_sum_norm(linear);
-    // A NaN condition fails the comparison too.
+    // A NaN condition number fails the comparison, too.
     if !(condition < MAX_CONDITION) {
         return Err(SingularMatrix { condition });
     }
-    // Of a map to a line that is rounded, the cofactors are nothing but the rounding: they may well look sound.
+    // The cofactors of a rounded map onto a line are rounding errors only and may look valid: check the residual.
     let rest = row_sum_norm(scaled * linear - DMat3::IDENTITY);
     if !(rest <= MAX_RESIDUAL * condition) {
         return Err(SingularMatrix {
             condition: f64::INFINITY,
         });
     }
+    // Undo the scaling
     let linear = linear * largest.recip();
     Ok(DAffine3 {
         matrix3: linear,
@@ -106,9 +108,9 @@ pub fn inverse(target_from_source: &DAffine3) -> Result<DAffine3, SingularMatrix
     })
 }
 
-/// The ray in the source space of an instance, computed in f64 and rounded once to f32; `t` keeps its meaning.
+/// Transforms a ray to the object space of an instance in f64, and rounds it once to f32; `t` keeps its meaning.
 ///
-/// All backends call this one function, so they trace the same object-space rays.
+/// All backends call this function, so they trace identical object-space rays.
 #[inline(always)]
 pub fn object_ray(object_from_world: &DAffine3, ray: &Ray) -> Ray {
     Ray {
@@ -122,17 +124,17 @@ pub fn object_ray(object_from_world: &DAffine3, ray: &Ray) -> Ray {
     }
 }
 
-/// A normal carried through an affine map: the cofactor matrix times the sign of the determinant, normalised.
+/// Transforms a normal by an affine map: the cofactor matrix times the sign of the determinant, normalised.
 ///
-/// For a normal defined by an outside (a sphere's) this is right under mirroring too; a normal defined by winding
-/// (a triangle's) must be flipped by the caller when the map mirrors.
+/// For a normal defined by an outside (a sphere's) this is correct under mirroring, too; a normal defined by winding (a
+/// triangle's) must be flipped by the caller when the map mirrors.
 pub fn transform_normal(target_from_source: &DMat3, n: DVec3) -> DVec3 {
     let cofactors = cofactor_matrix(*target_from_source);
     let sign = target_from_source.x_axis.dot(cofactors.x_axis).signum();
     (cofactors * n * sign).normalize_or_zero()
 }
 
-/// The matrix of cofactors, which is `det(M) M⁻ᵀ` and exists for every `M`.
+/// Returns the matrix of cofactors, which is `det(M) M⁻ᵀ` and exists for every `M`.
 fn cofactor_matrix(m: DMat3) -> DMat3 {
     DMat3::from_cols(
         m.y_axis.cross(m.z_axis),
@@ -141,10 +143,10 @@ fn cofactor_matrix(m: DMat3) -> DMat3 {
     )
 }
 
-/// The norm induced by the maximum norm: the largest row sum of magnitudes.
+/// Returns the norm induced by the maximum norm: the largest row sum of magnitudes.
 fn row_sum_norm(m: DMat3) -> f64 {
     let rows = m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs();
-    // `max_element` drops NaN; a sum keeps it.
+    // `max_element` drops NaN; the test keeps it.
     if rows.is_nan() {
         f64::NAN
     } else {
@@ -162,7 +164,7 @@ mod tests {
             * DAffine3::from_scale(DVec3::new(1e3, 1.0, -1e-3))
             * DAffine3::from_translation(DVec3::new(5.0, -7.0, 1e3));
         let back = inverse(&map).unwrap() * map;
-        // κ = 1e6, so each entry may be off by a few times 1e6 · 2^-53, times the translation.
+        // The condition number is 1e6, so each entry has an error of a few times 1e6 · 2^-53, times the translation.
         assert!(back.abs_diff_eq(DAffine3::IDENTITY, 1e3 * 1e6 * 16.0 * f64::EPSILON));
     }
 
@@ -194,7 +196,8 @@ mod tests {
     fn t_is_kept_by_an_unnormalised_object_ray() {
         let ray = Ray::new(Vec3::new(4.0, 0.0, 0.0), Vec3::new(-1.0, 0.0, 0.0));
         let inner = object_ray(&DAffine3::from_scale(DVec3::splat(0.5)), &ray);
-        // The unit sphere scaled by 2: world hit at t = 2; object ray starts at 2 with direction -0.5, hits 1 at t = 2.
+        // The unit sphere is scaled by 2: the world hit is at t = 2; the object ray from 2 with direction -0.5 reaches
+        // 1 there.
         assert_eq!(inner.at(2.0), DVec3::X);
     }
 

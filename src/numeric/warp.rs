@@ -1,20 +1,21 @@
-//! Maps from the unit square to what rays are spread over: disks, triangles, spheres.
+//! Sampling warps from the unit square to disks, triangles, spheres and linear densities.
 //!
-//! Each is continuous or nearly so and keeps areas in proportion, so evenly spread points stay evenly spread. Inputs
-//! lie in [0, 1).
+//! Each map is continuous or nearly so and preserves relative areas, so well-distributed points stay well distributed.
+//! Inputs lie in [0, 1).
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 
 use glam::{DVec2, DVec3};
 
-/// A point of the unit disk, uniform in area (P. Shirley, K. Chiu, "A Low Distortion Map Between Disk and Square",
-/// JGT 2(3), 1997).
+/// Returns a point of the unit disk, uniform in area (P. Shirley, K. Chiu, "A Low Distortion Map Between Disk and
+/// Square", JGT 2(3), 1997).
 #[inline(always)]
 pub fn disk(u: [f64; 2]) -> DVec2 {
     let (x, y) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
     if x == 0.0 && y == 0.0 {
         return DVec2::ZERO;
     }
+    // Map concentric squares to concentric circles
     let (radius, angle) = if x.abs() > y.abs() {
         (x, FRAC_PI_4 * (y / x))
     } else {
@@ -24,8 +25,8 @@ pub fn disk(u: [f64; 2]) -> DVec2 {
     DVec2::new(radius * cos, radius * sin)
 }
 
-/// The weights of a triangle's second and third corner for a point of it, uniform in area (E. Heitz, "A Low-Distortion
-/// Map Between Triangle and Square", 2019).
+/// Returns the barycentric weights of a triangle's second and third vertex for a point uniform in area (E. Heitz, "A
+/// Low-Distortion Map Between Triangle and Square", 2019).
 #[inline(always)]
 pub fn triangle(u: [f64; 2]) -> [f64; 2] {
     if u[1] > u[0] {
@@ -37,10 +38,12 @@ pub fn triangle(u: [f64; 2]) -> [f64; 2] {
     }
 }
 
-/// The unit vector whose cosine with +z is 1 - `below`, turned by `turn` (a part of a whole turn) around it from +x.
+/// Returns the unit vector whose cosine with +z is 1 - `below`, rotated about +z by `turn` (a fraction of a full turn)
+/// from +x.
 ///
-/// Told by how much the cosine falls short of 1, narrow cones keep their digits: sin² = `below` (2 - `below`). Spread
-/// uniformly over [0, b), it fills the cone of cosine 1 - b uniformly in solid angle (Archimedes).
+/// Because the argument is the difference of the cosine from 1, narrow cones keep their digits: sin² = `below` (2 -
+/// `below`). If it is uniform over [0, b), the result is uniform in solid angle over the cone of cosine 1 - b
+/// (Archimedes).
 #[inline(always)]
 pub fn direction(below: f64, turn: f64) -> DVec3 {
     let sin = (below * (2.0 - below)).max(0.0).sqrt();
@@ -48,13 +51,15 @@ pub fn direction(below: f64, turn: f64) -> DVec3 {
     DVec3::new(sin * cos_turn, sin * sin_turn, 1.0 - below)
 }
 
-/// The place in [0, 1] below which the share `u` of the density (1 - t) `start` + t `end` lies.
+/// Samples the linear density (1 - t) `start` + t `end` by inversion: returns the t in [0, 1] below which the share `u`
+/// of the density lies.
 ///
-/// `start` and `end` are not negative; where both are zero the density is constant. The root of the quadratic is taken
-/// in the form without cancellation.
+/// `start` and `end` must not be negative; if both are zero, the density is constant. The root of the quadratic is
+/// computed in the form without cancellation.
 #[inline(always)]
 pub fn linear(start: f64, end: f64, u: f64) -> f64 {
     let below = start + ((1.0 - u) * start * start + u * end * end).sqrt();
+    // Fall back to a root of 0, or to the constant density, where the quotient is 0 / 0
     if below > 0.0 {
         (u * (start + end) / below).min(1.0)
     } else if start + end > 0.0 {
@@ -68,7 +73,7 @@ pub fn linear(start: f64, end: f64, u: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// The middles of `count` by `count` cells.
+    /// Returns the centres of `count` by `count` cells.
     fn grid(count: u32) -> impl Iterator<Item = [f64; 2]> {
         let middle = move |i: u32| (f64::from(i) + 0.5) / f64::from(count);
         (0..count * count).map(move |i| [middle(i % count), middle(i / count)])
@@ -83,7 +88,7 @@ mod tests {
                 p.length() < 0.5
             })
             .count();
-        // Circles are images of squares: |x|, |y| < 1/2 holds exactly a quarter of the cells.
+        // Circles are images of squares: |x|, |y| < 1/2 contains exactly a quarter of the cells.
         assert_eq!(inside, 512 * 512 / 4);
         assert_eq!(disk([0.5, 0.5]), DVec2::ZERO);
         assert!((disk([0.0, 0.5]) - DVec2::NEG_X).length() < 1e-15);
@@ -101,7 +106,7 @@ mod tests {
                 moment[2] + p.x * p.y,
             ];
         }
-        // Mean of x² is 1/4, of xy 0; the midpoint rule is off by about the cell's square.
+        // The mean of x² is 1/4, of xy 0; the error of the midpoint rule is about the square of the cell's size.
         let count = f64::from(cells * cells);
         assert!((moment[0] / count - 0.25).abs() < 1e-5 && (moment[1] / count - 0.25).abs() < 1e-5);
         assert!((moment[2] / count).abs() < 1e-12);
@@ -117,7 +122,7 @@ mod tests {
             sum = [sum[0] + b, sum[1] + b * b, sum[2] + b * c];
         }
         let count = f64::from(cells * cells);
-        // Dirichlet(1, 1, 1): means 1/3, squares 1/6, products 1/12.
+        // Dirichlet(1, 1, 1) has means 1/3, squares 1/6, products 1/12.
         for (found, exact) in sum.into_iter().zip([1.0 / 3.0, 1.0 / 6.0, 1.0 / 12.0]) {
             assert!((found / count - exact).abs() < 1e-5, "{found}");
         }
@@ -147,7 +152,7 @@ mod tests {
                 let t = linear(start, end, u);
                 let share = t * (2.0 * start + t * (end - start)) / (start + end);
                 assert!((0.0..=1.0).contains(&t));
-                // The share's own rounding, and twice that of t where all lies at one end.
+                // The tolerance covers the share's own rounding, and twice that of t where all density is at one end.
                 assert!(
                     (share - u).abs() <= 8.0 * f64::EPSILON,
                     "{start} {end} {u}: {share}"

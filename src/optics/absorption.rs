@@ -1,23 +1,23 @@
-//! The law of Beer and Lambert: light in an absorbing medium decays as exp(-sigma_a distance).
+//! Beer-Lambert absorption: light in an absorbing medium decays as exp(-sigma_a distance).
 
-/// Stands for an infinite coefficient: opaque at any distance, yet 0 times it is 0, and it fits into an f32.
+/// Finite substitute for an infinite coefficient: opaque at any distance, yet 0 times it is 0, and it fits into an f32.
 const OPAQUE: f64 = f32::MAX as f64;
 
-/// How a medium absorbs linear red, green and blue.
+/// Absorption of linear red, green and blue in a medium.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Absorption {
-    /// Coefficients per unit of length; finite and not negative.
+    /// Absorption coefficients per unit of length; finite and not negative.
     pub sigma_a: [f64; 3],
 }
 
 impl Absorption {
-    /// A clear medium.
+    /// Medium that absorbs nothing.
     pub const NONE: Absorption = Absorption { sigma_a: [0.0; 3] };
 
-    /// The medium in which white light has become `color` after `distance` (KHR_materials_volume:
-    /// sigma_a = -ln(color) / distance).
+    /// Returns the medium in which white light has the colour `color` after `distance` (KHR_materials_volume: sigma_a =
+    /// -ln(color) / distance).
     ///
-    /// A channel of 0 is opaque at any distance. What has no meaning absorbs nothing: a channel of 1 or more, a
+    /// A channel of 0 is opaque at any distance. Meaningless values absorb nothing: a channel of 1 or more or NaN, a
     /// distance that is infinite (the extension's default) or not positive.
     pub fn from_color(color: [f64; 3], distance: f64) -> Absorption {
         if !(distance > 0.0 && distance < f64::INFINITY) {
@@ -33,7 +33,7 @@ impl Absorption {
         Absorption { sigma_a }
     }
 
-    /// What is left of each channel after `distance`, which is not negative and may be infinite.
+    /// Returns the transmittance of each channel after `distance`, which is not negative and may be infinite.
     #[inline(always)]
     pub fn transmittance(&self, distance: f64) -> [f64; 3] {
         // A clear channel stays clear over an infinite distance, where the product would be NaN.
@@ -46,7 +46,7 @@ impl Absorption {
         })
     }
 
-    /// The distance that takes half of each channel's light: ln 2 / sigma_a, infinite for a clear one.
+    /// Returns the distance that halves each channel's light: ln 2 / sigma_a, infinite for a clear channel.
     pub fn half_value_distance(&self) -> [f64; 3] {
         self.sigma_a.map(|sigma_a| std::f64::consts::LN_2 / sigma_a)
     }
@@ -69,7 +69,7 @@ mod tests {
         };
         for (channel, distance) in medium.half_value_distance().into_iter().enumerate() {
             // ln 2, the quotient and the product are rounded once each, which exp(-ln 2) scales by ln 2; then exp
-            // itself.
+            // itself is rounded.
             assert!((medium.transmittance(distance)[channel] - 0.5).abs() <= 2.0 * f64::EPSILON);
         }
     }

@@ -6,56 +6,60 @@
 
 use super::fresnel::Polarised;
 
-/// A metal as linear red, green and blue see it, each channel at one wavelength: 650, 550 and 450 nm.
+/// Complex index of refraction of a metal for linear red, green and blue, each channel at one wavelength: 650, 550 and
+/// 450 nm.
 ///
 /// Values: the Brendel-Bormann model fitted by Rakić, Djurišić, Elazar and Majewski, "Optical properties of metallic
 /// films for vertical-cavity optoelectronic devices", Applied Optics 37(22), 1998.
+/// films for vertical-cavity optoelectronic devices", Applied Optics 37(22), 1998.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conductor {
-    /// The real part of the index.
+    /// Real part of the index.
     pub eta: [f64; 3],
-    /// The extinction coefficient, its imaginary part.
+    /// Extinction coefficient, the imaginary part of the index.
     pub k: [f64; 3],
 }
 
 impl Conductor {
-    /// Gold.
+    /// Optical constants of gold.
     pub const GOLD: Conductor = Conductor {
         eta: [0.18299, 0.42108, 1.3734],
         k: [3.4242, 2.3459, 1.7704],
     };
-    /// Silver.
+    /// Optical constants of silver.
     pub const SILVER: Conductor = Conductor {
         eta: [0.15943, 0.14512, 0.13547],
         k: [3.9291, 3.1900, 2.3808],
     };
-    /// Copper.
+    /// Optical constants of copper.
     pub const COPPER: Conductor = Conductor {
         eta: [0.27105, 0.67693, 1.3164],
         k: [3.6092, 2.6248, 2.2921],
     };
-    /// Aluminium.
+    /// Optical constants of aluminium.
     pub const ALUMINIUM: Conductor = Conductor {
         eta: [1.3456, 0.96521, 0.61722],
         k: [7.4746, 6.3995, 5.3031],
     };
 
-    /// The share of unpolarised light that a smooth surface in a medium of index `eta_i` reflects, by channel.
+    /// Returns the fraction of unpolarised light that a smooth surface in a medium of index `eta_i` reflects, by
+    /// channel.
     pub fn reflectance(&self, cos_i: f64, eta_i: f64) -> [f64; 3] {
         std::array::from_fn(|c| conductor(cos_i, self.eta[c] / eta_i, self.k[c] / eta_i).mean())
     }
 }
 
-/// The share of light that a smooth conductor reflects; what is missing to 1 is absorbed.
+/// Returns the fraction of light that a smooth conductor reflects; the remainder to 1 is absorbed.
 ///
-/// `cos_i` as for [`dielectric`](super::dielectric); `eta` > 0 and `k` >= 0 are relative to the medium light comes
-/// from. Without extinction it is a dielectric.
+/// `cos_i` is as for [`dielectric`](super::dielectric); `eta` > 0 and `k` >= 0 are relative to the incident medium.
+/// Without extinction it is a dielectric.
 #[inline(always)]
 pub fn conductor(cos_i: f64, eta: f64, k: f64) -> Polarised {
     let cos_i = if cos_i > 1.0 { 1.0 } else { cos_i };
     let sin_square = (1.0 - cos_i) * (1.0 + cos_i);
     let t = (eta - k) * (eta + k) - sin_square;
     let (a, b) = square_root(t, eta * k);
+    // Reflectances are quotients of sums of squares
     let s_minus = (a - cos_i) * (a - cos_i) + b * b;
     let s_plus = (a + cos_i) * (a + cos_i) + b * b;
     let along = a * cos_i;
@@ -67,7 +71,7 @@ pub fn conductor(cos_i: f64, eta: f64, k: f64) -> Polarised {
     Polarised { s, p }
 }
 
-/// The square root a + i b of t + 2 i `half`, `half` >= 0.
+/// Returns the square root a + i b of t + 2 i `half`, `half` >= 0.
 #[inline(always)]
 fn square_root(t: f64, half: f64) -> (f64, f64) {
     let modulus = (t * t + 4.0 * half * half).sqrt();
@@ -118,7 +122,7 @@ mod tests {
 
     #[test]
     fn agrees_with_complex_arithmetic_at_an_oblique_angle() {
-        // Gold's green at 60 degrees, from 60-digit complex arithmetic; about a dozen roundings as above.
+        // Gold's green at 60 degrees, from 60-digit complex arithmetic; about a dozen roundings of 2^-53.
         let found = conductor(0.5, 0.42108, 2.3459);
         assert!((found.s - 0.887_507_172_114_208_1).abs() <= 8.0 * f64::EPSILON);
         assert!((found.p - 0.673_077_469_845_570_7).abs() <= 8.0 * f64::EPSILON);

@@ -1,42 +1,42 @@
-//! The one computation behind refraction and Fresnel's equations: `eta_t cos_t` to twice the digits of f64.
+//! Common core of refraction and Fresnel's equations: `eta_t cos_t` in double-double precision.
 //!
 //! With p = eta_i cos_i and q = eta_t cos_t, Snell's law reads q² = p² - delta, delta = (eta_i - eta_t)(eta_i + eta_t).
-//! Everything else follows from sums and differences of p and q, and of eta_t p and eta_i q: the amplitudes are (p -
-//! q)/(p + q) and (eta_t² cos_i - eta_i q)/(eta_t² cos_i + eta_i q), the refracted direction is (eta_i d + delta/(p + q)
-//! n)/eta_t. The differences cancel: at the critical angle, between media that nearly match, at Brewster's angle. They
-//! are therefore taken in double-double arithmetic (Dekker, "A floating-point technique for extending the available
-//! precision", 1971; Knuth's two-sum), without fused multiply-add so that all instruction sets give the same bits and
-//! lanes vectorise. So near the critical angle that even these digits cancel, q² is summed exactly.
+//! All other results follow from sums and differences of p and q, and of eta_t p and eta_i q: the amplitudes are (p -
+//! q)/(p + q) and (eta_t² cos_i - eta_i q)/(eta_t² cos_i + eta_i q), the refracted direction is (eta_i d + delta/(p +
+//! q) n)/eta_t. The differences cancel: at the critical angle, between media that nearly match, at Brewster's angle.
+//! They are therefore taken in double-double arithmetic (Dekker, "A floating-point technique for extending the
+//! available precision", 1971; Knuth's two-sum), without fused multiply-add so that all instruction sets give equal
+//! bits and lanes vectorise. So near the critical angle that even these digits cancel, q² is summed exactly.
 
 use glam::DVec3;
 
 use super::fresnel::Polarised;
 
-/// Splits 53 bits into 26 and 26: 2^27 + 1 (Veltkamp).
+/// Factor that splits 53 bits into 26 and 26: 2^27 + 1 (Veltkamp).
 const SPLITTER: f64 = 134_217_729.0;
 
-/// Share of p² that q² may fall to before the digits of doubles, whose rounding errors are a few 2^-104 of p², leave less
-/// than 55 to it.
+/// Smallest ratio of q² to p² at which double-double precision suffices: its rounding errors are a few 2^-104 of p², so
+/// below this ratio q² has less than 55 correct bits.
 const CRITICAL: f64 = 1.0 / (1u64 << 46) as f64;
 
-/// Light that meets the boundary of two dielectrics at a given angle.
+/// Light that hits the boundary of two dielectrics at a given angle.
 #[derive(Clone, Copy)]
 pub(super) struct DielectricInterface {
     cos_i: f64,
     eta_i: f64,
     eta_t: f64,
-    /// (eta_i - eta_t)(eta_i + eta_t).
+    /// Value of (eta_i - eta_t)(eta_i + eta_t).
     delta: f64,
-    /// eta_i cos_i.
+    /// Value of eta_i cos_i.
     p: Double,
-    /// eta_t cos_t, zero for total reflection.
+    /// Value of eta_t cos_t, zero for total reflection.
     q: Double,
-    /// Whether nothing is transmitted: beyond the critical angle, or for light that runs inside the boundary.
+    /// True if nothing is transmitted: beyond the critical angle, or for light that runs inside the boundary.
     pub(super) total: bool,
 }
 
 impl DielectricInterface {
-    /// `cos_i` is at least 0 (a rounded excess over 1 is cut off), both indices are positive.
+    /// Creates the interface; `cos_i` is at least 0 (a rounded excess over 1 is clamped), both indices are positive.
     #[inline(always)]
     pub(super) fn new(cos_i: f64, eta_i: f64, eta_t: f64) -> DielectricInterface {
         let (interface, is_critical) = DielectricInterface::away_from_critical(cos_i, eta_i, eta_t);
@@ -47,10 +47,11 @@ impl DielectricInterface {
         }
     }
 
-    /// The same without branches, and whether it is too near the critical angle for that; [`DielectricInterface::new`] knows more
-    /// then.
+    /// Creates the interface without branches. Also returns whether it is too near the critical angle for this
+    /// precision; [`DielectricInterface::new`] then refines it.
     #[inline(always)]
     pub(super) fn away_from_critical(cos_i: f64, eta_i: f64, eta_t: f64) -> (DielectricInterface, bool) {
+        // Compute q² = p² - delta in double-double precision
         let cos_i = if cos_i > 1.0 { 1.0 } else { cos_i };
         let p = two_product(eta_i, cos_i);
         let p_square = product(p, p);
@@ -58,7 +59,7 @@ impl DielectricInterface {
         let difference = two_sum(p_square.0, -delta.0);
         let low = difference.1 + (p_square.1 - delta.1);
         let q_square = difference.0 + low;
-        // A NaN must not come out as a refracted ray.
+        // A NaN must not be treated as a refracted ray.
         let total = !(q_square > 0.0);
         let interface = DielectricInterface {
             cos_i,
@@ -76,7 +77,7 @@ impl DielectricInterface {
         (interface, q_square.abs() <= CRITICAL * p_square.0)
     }
 
-    /// With q² from p² - delta without any rounding but that of the result.
+    /// Returns the interface with q² computed from p² - delta without any rounding except for that of the result.
     #[cold]
     #[inline(never)]
     fn settled(self) -> DielectricInterface {
@@ -85,6 +86,7 @@ impl DielectricInterface {
             two_sum(self.eta_i, -self.eta_t),
             two_sum(self.eta_i, self.eta_t),
         );
+        // Expand p² - delta into products of two floats
         let factors = [
             (p.0, p.0),
             (2.0 * p.0, p.1),
@@ -94,11 +96,13 @@ impl DielectricInterface {
             (-apart.1, both.0),
             (-apart.1, both.1),
         ];
+        // Split each product into value and error, and sum exactly
         let mut terms = [0.0; 14];
         for (pair, (a, b)) in terms.chunks_exact_mut(2).zip(factors) {
             (pair[0], pair[1]) = two_product(a, b);
         }
         let q_square = exact_sum(terms);
+        // Classify by the sign of the exact sum and take its root
         let total = !(q_square.0 > 0.0);
         DielectricInterface {
             q: if total {
@@ -111,13 +115,14 @@ impl DielectricInterface {
         }
     }
 
-    /// The cosine of the refracted ray with the normal; 0 for total reflection.
+    /// Returns the cosine of the refracted ray with the normal; 0 for total reflection.
     #[inline(always)]
     pub(super) fn cos_t(&self) -> f64 {
         self.q.0 / self.eta_t
     }
 
-    /// eta_t times what p and q are for light polarised in the plane of incidence: eta_t² cos_i and eta_i q.
+    /// Returns eta_t times the counterparts of p and q for light polarised in the plane of incidence: eta_t² cos_i and
+    /// eta_i q.
     #[inline(always)]
     fn in_plane(&self) -> [Double; 2] {
         let square = two_product(self.eta_t, self.eta_t);
@@ -127,7 +132,7 @@ impl DielectricInterface {
         ]
     }
 
-    /// Reflected over incoming power; 1 for total reflection.
+    /// Returns the reflected over incident power; 1 for total reflection.
     #[inline(always)]
     pub(super) fn reflectance(&self) -> Polarised {
         let [a, b] = self.in_plane();
@@ -137,11 +142,11 @@ impl DielectricInterface {
         }
     }
 
-    /// ((a - b)/(a + b))².
+    /// Returns the squared amplitude ((a - b)/(a + b))².
     #[inline(always)]
     fn share_reflected(&self, a: Double, b: Double) -> f64 {
         let amplitude = sum(a, (-b.0, -b.1)) / sum(a, b);
-        // Where media are the same, not even the last of the digits is to be left over.
+        // Between equal media not even the last digit may remain.
         let share = if self.delta == 0.0 {
             0.0
         } else {
@@ -150,7 +155,7 @@ impl DielectricInterface {
         if self.total { 1.0 } else { share }
     }
 
-    /// Transmitted over incoming power, not by subtraction; 0 for total reflection.
+    /// Returns the transmitted over incident power, not by subtraction; 0 for total reflection.
     #[inline(always)]
     pub(super) fn transmittance(&self) -> Polarised {
         let through = 4.0 * self.p.0 * self.q.0;
@@ -163,24 +168,25 @@ impl DielectricInterface {
         }
     }
 
-    /// Where the unit direction `d` goes on, `n` being the unit normal that faces it; of no meaning if `total`.
+    /// Returns the refracted direction of the unit direction `d`, where `n` is the unit normal that faces it;
+    /// meaningless if `total`.
     #[inline(always)]
     pub(super) fn refract(&self, d: DVec3, n: DVec3) -> DVec3 {
         (self.eta_i * d + (self.delta / (self.p.0 + self.q.0)) * n) / self.eta_t
     }
 }
 
-/// The cosine of the angle between the direction `d` and the normal `n`, and `n` turned so that it faces `d`.
+/// Returns the cosine of the angle between the direction `d` and the normal `n`, and `n` flipped so that it faces `d`.
 #[inline(always)]
 pub(super) fn facing(d: DVec3, n: DVec3) -> (f64, DVec3) {
     let cos = -d.dot(n);
     (cos.abs(), 1f64.copysign(cos) * n)
 }
 
-/// The unevaluated sum of a rounded number and its rounding error.
+/// Double-double number: the unevaluated sum of a rounded number and its rounding error.
 type Double = (f64, f64);
 
-/// a + b without error.
+/// Returns a + b without error (Knuth's two-sum).
 #[inline(always)]
 fn two_sum(a: f64, b: f64) -> Double {
     let sum = a + b;
@@ -188,8 +194,8 @@ fn two_sum(a: f64, b: f64) -> Double {
     (sum, (a - (sum - b_part)) + (b - b_part))
 }
 
-/// The nearest float to a sum and what that leaves, both of the exact sum (Shewchuk, "Adaptive Precision Floating-Point
-/// Arithmetic", 1997: the parts grow by one term after the other and never overlap).
+/// Returns the nearest float to a sum and the nearest float to the remainder, both of the exact sum (Shewchuk,
+/// "Adaptive Precision Floating-Point Arithmetic", 1997: the components grow by one term at a time and never overlap).
 fn exact_sum<const N: usize>(terms: [f64; N]) -> Double {
     let mut parts = [0.0; N];
     for (count, term) in terms.into_iter().enumerate() {
@@ -205,7 +211,7 @@ fn exact_sum<const N: usize>(terms: [f64; N]) -> Double {
     })
 }
 
-/// a b without error, unless it over- or underflows.
+/// Returns a b without error, unless it over- or underflows.
 #[inline(always)]
 fn two_product(a: f64, b: f64) -> Double {
     let product = a * b;
@@ -215,25 +221,27 @@ fn two_product(a: f64, b: f64) -> Double {
     (product, error)
 }
 
-/// The nearest float to the sum of two doubles, or the one beside it.
+/// Returns the nearest float to the sum of two double-double numbers, or a neighbour of it.
 #[inline(always)]
 fn sum(a: Double, b: Double) -> f64 {
     let (high, low) = two_sum(a.0, b.0);
     high + (low + (a.1 + b.1))
 }
 
-/// The square root of a positive double, whose nearest float is `nearest`: one step of Newton's from that float's root.
+/// Returns the square root of a positive double-double number, whose nearest float is `nearest`: one Newton step from
+/// the root of that float.
 #[inline(always)]
 fn square_root(nearest: f64, x: Double) -> Double {
     let root = nearest.sqrt();
     let square = two_product(root, root);
     let rest = ((x.0 - square.0) - square.1) + x.1;
     let low = 0.5 * rest / root;
-    // Brought together, so that the first is the nearest float.
+    // Renormalise, so that the first component is the nearest float.
     let high = root + low;
     (high, low - (high - root))
 }
 
+/// Splits a float into two halves of at most 26 bits (Veltkamp).
 #[inline(always)]
 fn split(a: f64) -> Double {
     let scaled = SPLITTER * a;
@@ -241,7 +249,7 @@ fn split(a: f64) -> Double {
     (high, a - high)
 }
 
-/// The product of two doubles; relative error a few 2^-106.
+/// Returns the product of two double-double numbers, with a relative error of a few 2^-106.
 #[inline(always)]
 fn product(a: Double, b: Double) -> Double {
     let (high, low) = two_product(a.0, b.0);
@@ -281,7 +289,7 @@ mod tests {
 
     #[test]
     fn an_angle_at_which_doubles_cancel_too_is_refracted_to_the_last_places() {
-        // Exactly these numbers, in fractions of whole numbers: cos_t = 4.184753292508398e-11.
+        // Exact result for these numbers, by rational arithmetic: cos_t = 4.184753292508398e-11.
         let cos_t =
             DielectricInterface::new(6.124812217946641e-2, 1.6918398083634327, 1.6886634999132542).cos_t();
         assert!(

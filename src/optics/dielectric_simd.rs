@@ -1,7 +1,7 @@
-//! Reflection and refraction of sixteen rays at once, without branches.
+//! Reflection and refraction of packets of sixteen rays, without branches.
 //!
-//! The same arithmetic as for one ray, lane by lane, hence the same bits. To be called from functions that are compiled
-//! for several instruction sets, where the loop becomes one over vectors.
+//! The arithmetic equals that for one ray, lane by lane, hence the bits are equal. Call it from functions that are
+//! compiled for several instruction sets, where the loop becomes one over vectors.
 
 use glam::DVec3;
 
@@ -9,24 +9,24 @@ use super::dielectric_interface::{DielectricInterface, facing};
 use super::snell::reflect;
 use crate::numeric::{LANES, Lanes, Lanes3};
 
-/// What becomes of sixteen rays at the boundary of two dielectrics.
+/// Reflection and refraction of sixteen rays at the boundary of two dielectrics.
 #[derive(Clone, Copy, Debug)]
 pub struct DielectricLanes {
     /// Mirrored directions of travel.
     pub reflected: Lanes3<f64>,
     /// Refracted directions of travel; the mirrored one where `total`, so that every lane holds a direction.
     pub refracted: Lanes3<f64>,
-    /// Reflected share of unpolarised light.
+    /// Reflected fraction of unpolarised light.
     pub reflectance: Lanes<f64>,
-    /// Transmitted share of unpolarised light.
+    /// Transmitted fraction of unpolarised light.
     pub transmittance: Lanes<f64>,
-    /// Whether nothing is transmitted.
+    /// True in lanes of total internal reflection, where nothing is transmitted.
     pub total: Lanes<bool>,
 }
 
 impl DielectricLanes {
-    /// Asks again about the ray of a lane, which is very near the critical angle: by axis direction and normal, and the
-    /// two indices.
+    /// Recomputes the lane `l`, whose ray is very near the critical angle, in higher precision. `axes` holds direction
+    /// and normal by axis, followed by the two indices.
     #[cold]
     #[inline(never)]
     fn settle(&mut self, l: usize, axes: [(f64, f64); 3], [eta_i, eta_t]: [f64; 2]) {
@@ -49,9 +49,11 @@ impl DielectricLanes {
     }
 }
 
-/// What becomes of rays that travel along `d` and meet surfaces of normal `n`, from index `eta_i` to `eta_t`.
+/// Returns reflection and refraction of rays that travel along `d` and hit surfaces of normal `n`, from index `eta_i`
+/// to `eta_t`.
 ///
-/// Each lane is as [`reflect`], [`refract`](super::refract) and [`dielectric`](super::dielectric) have it, to the bit.
+/// Each lane equals the results of [`reflect`], [`refract`](super::refract) and [`dielectric`](super::dielectric) to
+/// the bit.
 #[inline(always)]
 pub fn dielectric_lanes(
     d: &Lanes3<f64>,
@@ -66,6 +68,7 @@ pub fn dielectric_lanes(
         transmittance: [0.0; LANES],
         total: [false; LANES],
     };
+    // Reflect and refract all lanes, noting those near the critical angle
     let (mut critical, mut any_critical) = ([0u64; LANES], 0);
     for l in 0..LANES {
         let (d, n) = (
@@ -78,6 +81,7 @@ pub fn dielectric_lanes(
         any_critical |= critical[l];
         let reflected = reflect(d, n);
         let refracted = interface.refract(d, n);
+        // Store the directions; lanes of total reflection keep the mirrored one
         for axis in 0..3 {
             lanes.reflected[axis][l] = reflected[axis];
             lanes.refracted[axis][l] = if interface.total {
@@ -90,6 +94,7 @@ pub fn dielectric_lanes(
         lanes.transmittance[l] = interface.transmittance().mean();
         lanes.total[l] = interface.total;
     }
+    // Recompute the rare lanes near the critical angle
     if any_critical != 0 {
         for l in (0..LANES).filter(|&l| critical[l] != 0) {
             lanes.settle(
@@ -109,7 +114,7 @@ mod tests {
     use super::*;
     use crate::optics::{dielectric, refract};
 
-    /// A room's kernel in small: the lane form compiled for what the machine has.
+    /// Compiles the packet function for the instruction sets of the machine, as the renderer's kernels do.
     #[multiversion(targets(
         "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
         "x86_64+avx2+bmi1+bmi2+fma"
@@ -123,7 +128,7 @@ mod tests {
         dielectric_lanes(d, n, eta_i, eta_t)
     }
 
-    /// Numbers in [0, 1) from a linear congruential generator (Knuth's MMIX).
+    /// Random numbers in [0, 1) from a linear congruential generator (Knuth's MMIX).
     struct Numbers(u64);
 
     impl Numbers {
@@ -147,6 +152,7 @@ mod tests {
         for packet in 0..2000 {
             let (mut d, mut n) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
             let (mut eta_i, mut eta_t) = ([0.0; LANES], [0.0; LANES]);
+            // Fill a packet with random rays and indices
             for l in 0..LANES {
                 let (direction, normal) = (numbers.direction(), numbers.direction());
                 for axis in 0..3 {
@@ -154,11 +160,12 @@ mod tests {
                 }
                 (eta_i[l], eta_t[l]) = (1.0 + numbers.next(), 1.0 + numbers.next());
                 if l % 4 == 0 {
-                    // At the critical angle, to a rounding or two.
+                    // Every fourth lane is at the critical angle, to a rounding or two.
                     eta_t[l] = eta_i[l] * (1.0 - direction.dot(normal).powi(2)).sqrt();
                 }
             }
             let lanes = vectorised(&d, &n, &eta_i, &eta_t);
+            // Compare each lane with the functions for one ray
             for l in 0..LANES {
                 let of = |v: &Lanes3<f64>| DVec3::new(v[0][l], v[1][l], v[2][l]);
                 let (d, n) = (of(&d), of(&n));

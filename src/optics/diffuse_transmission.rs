@@ -1,12 +1,12 @@
-//! A thin translucent sheet, such as a leaf, paper or a lampshade: it scatters light so much that what it lets through
-//! leaves as diffusely as what it sends back, and it is so thin that both leave where light arrived.
+//! Thin translucent surface, such as a leaf, paper or a lampshade: it scatters light so much that the transmitted part
+//! leaves as diffusely as the reflected part, and it is so thin that both leave where light arrived.
 //!
-//! Both lobes are Lambert's: f_r = reflectance / pi towards the side that light comes from and f_t = translucency / pi
-//! towards the other. No more leaves than arrives if both together are at most 1.
+//! Both lobes are Lambertian: f_r = reflectance / pi towards the side that light comes from and f_t = translucency / pi
+//! towards the other. Energy is conserved if both together are at most 1.
 
 use std::f64::consts::FRAC_1_PI;
 
-/// How a thin sheet divides light between its two sides, in linear red, green and blue.
+/// Diffuse reflectance and transmittance of a thin surface, in linear red, green and blue.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DiffuseTransmission {
     reflectance: [f64; 3],
@@ -14,12 +14,12 @@ pub struct DiffuseTransmission {
 }
 
 impl DiffuseTransmission {
-    /// The sheet that sends back `reflectance` and lets through `translucency` of what arrives, from either side.
+    /// Creates the surface that reflects the fraction `reflectance` and transmits the fraction `translucency` of the
+    /// incident light, from either side.
     ///
-    /// Negative numbers and NaN count as 0. Channels of which more than 1 would leave have both parts divided by their
-    /// sum.
+    /// Negative numbers and NaN count as 0. In channels whose sum exceeds 1 both parts are divided by their sum.
     pub fn new(reflectance: [f64; 3], translucency: [f64; 3]) -> DiffuseTransmission {
-        // Also of a NaN, and so that the sum of two is finite.
+        // Maps NaN to 0, and limits values so that the sum of two is finite.
         let part = |x: f64| if x > 0.0 { x.min(f64::MAX / 2.0) } else { 0.0 };
         let mut leaf = DiffuseTransmission {
             reflectance: reflectance.map(part),
@@ -29,31 +29,32 @@ impl DiffuseTransmission {
             let sum = leaf.reflectance[c] + leaf.translucency[c];
             if sum > 1.0 {
                 leaf.reflectance[c] /= sum;
-                // Not a quotient of its own, whose rounding might make the sum exceed 1.
+                // Computed as a difference, because a rounded quotient might make the sum exceed 1.
                 leaf.translucency[c] = 1.0 - leaf.reflectance[c];
             }
         }
         leaf
     }
 
-    /// The sheet of base colour `base` that lets through `factor` of what is not reflected as by a mirror, coloured by
-    /// `color` (KHR_materials_diffuse_transmission): reflectance (1 - factor) base, translucency factor color.
+    /// Creates the surface of base colour `base` that transmits `factor` of the light not reflected specularly,
+    /// coloured by `color` (KHR_materials_diffuse_transmission): reflectance (1 - factor) base, translucency factor
+    /// color.
     pub fn from_diffuse_transmission(base: [f64; 3], factor: f64, color: [f64; 3]) -> DiffuseTransmission {
         DiffuseTransmission::new(base.map(|b| (1.0 - factor) * b), color.map(|c| factor * c))
     }
 
-    /// What it sends back over what arrives.
+    /// Returns the reflected fraction of the incident light.
     pub fn reflectance(&self) -> [f64; 3] {
         self.reflectance
     }
 
-    /// What it lets through over what arrives.
+    /// Returns the transmitted fraction of the incident light.
     pub fn translucency(&self) -> [f64; 3] {
         self.translucency
     }
 
-    /// Radiance towards the viewer over the irradiance from a lamp, per steradian: which of the two lobes it is depends
-    /// on whether the normal sees the viewer (`cos_o`) and the lamp (`cos_i`) on the same side.
+    /// Returns the radiance towards the viewer over the irradiance from a light, per steradian: the reflected lobe if
+    /// the viewer (`cos_o`) and the light (`cos_i`) are on the same side of the surface, else the transmitted one.
     pub fn scattering(&self, cos_o: f64, cos_i: f64) -> [f64; 3] {
         let lobe = if (cos_o < 0.0) == (cos_i < 0.0) {
             &self.reflectance
@@ -63,7 +64,8 @@ impl DiffuseTransmission {
         lobe.map(|part| part * FRAC_1_PI)
     }
 
-    /// What leaves one side per unit of area when that side receives `near` and the other `far`.
+    /// Returns the radiant exitance of one side, per unit of area, when that side receives the irradiance `near` and
+    /// the other side `far`.
     pub fn radiant_exitance(&self, near: [f64; 3], far: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|c| self.reflectance[c] * near[c] + self.translucency[c] * far[c])
     }
@@ -108,8 +110,8 @@ mod tests {
     #[test]
     fn the_lobes_sum_to_their_parts_over_the_hemispheres() {
         let leaf = DiffuseTransmission::new([0.3; 3], [0.6; 3]);
-        // The integral of f |cos| over a hemisphere: 2 pi times that of f cos over cos in (0, 1); a linear integrand,
-        // for which the midpoint rule is exact.
+        // Integral of f |cos| over a hemisphere: 2 pi times that of f cos over cos in (0, 1); the integrand is linear,
+        // so the midpoint rule is exact.
         let over = |side: f64| {
             let middle = |k: i32| (f64::from(k) + 0.5) / 100.0;
             let sum: f64 = (0..100)
@@ -126,7 +128,7 @@ mod tests {
     fn a_sheet_lit_from_behind_shows_its_translucency() {
         let leaf = DiffuseTransmission::from_diffuse_transmission([0.2, 0.8, 0.4], 0.25, [0.4, 1.0, 0.0]);
         assert_eq!(leaf.radiant_exitance([0.0; 3], [2.0; 3]), [0.2, 0.5, 0.0]);
-        // 3/4 of the base colour.
+        // The front reflects 3/4 of the base colour.
         let front = leaf.radiant_exitance([1.0; 3], [0.0; 3]);
         for c in 0..3 {
             assert!((front[c] - 0.75 * [0.2, 0.8, 0.4][c]).abs() <= f64::EPSILON);

@@ -1,8 +1,8 @@
 //! Indices of refraction that depend on the wavelength.
 //!
-//! Sellmeier's equation n² = 1 + sum B λ²/(λ² - C) with published coefficients where the glass is known, Cauchy's
-//! n = A + B/λ² from an Abbe number where only that is (KHR_materials_dispersion). Cauchy's two terms are off by a few
-//! 1e-5 for crown and by 4e-3 for dense flint glass at the violet end.
+//! Sellmeier's equation n² = 1 + sum B λ²/(λ² - C) is used with published coefficients for known glasses, Cauchy's n =
+//! A + B/λ² where only an Abbe number is given (KHR_materials_dispersion). Cauchy's two terms are off by a few 1e-5 for
+//! crown and by 4e-3 for dense flint glass at the violet end.
 
 /// Fraunhofer's F line (hydrogen, blue), nanometres.
 pub const LINE_F: f64 = 486.13;
@@ -11,19 +11,19 @@ pub const LINE_D: f64 = 587.56;
 /// Fraunhofer's C line (hydrogen, red), nanometres.
 pub const LINE_C: f64 = 656.27;
 
-/// How a medium's index of refraction depends on the wavelength.
+/// Index of refraction of a medium as a function of the wavelength.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Dispersion {
-    /// It does not.
+    /// Index that is constant over all wavelengths.
     Constant(f64),
-    /// Cauchy's equation.
+    /// Index by Cauchy's equation.
     Cauchy(Cauchy),
-    /// Sellmeier's equation.
+    /// Index by Sellmeier's equation.
     Sellmeier(Sellmeier),
 }
 
 impl Dispersion {
-    /// The index at `wavelength`, nanometres.
+    /// Returns the index at `wavelength`, nanometres.
     #[inline(always)]
     pub fn ior(&self, wavelength: f64) -> f64 {
         match self {
@@ -33,12 +33,12 @@ impl Dispersion {
         }
     }
 
-    /// The principal dispersion n_F - n_C: what spreads colours.
+    /// Returns the principal dispersion n_F - n_C, a measure of how far colours spread.
     pub fn spread(&self) -> f64 {
         self.ior(LINE_F) - self.ior(LINE_C)
     }
 
-    /// The Abbe number (n_d - 1)/(n_F - n_C); infinite without dispersion.
+    /// Returns the Abbe number (n_d - 1)/(n_F - n_C); infinite without dispersion.
     pub fn abbe_number(&self) -> f64 {
         (self.ior(LINE_D) - 1.0) / self.spread()
     }
@@ -47,14 +47,15 @@ impl Dispersion {
 /// Cauchy's equation n = a + b/λ², never below 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cauchy {
-    /// The index for very long waves.
+    /// Index in the limit of long wavelengths.
     pub a: f64,
-    /// In square nanometres.
+    /// Coefficient of 1/λ², in square nanometres.
     pub b: f64,
 }
 
 impl Cauchy {
-    /// The equation with index `ior` at the d line and Abbe number `abbe`, which is positive and may be infinite.
+    /// Returns the equation with index `ior` at the d line and Abbe number `abbe`, which is positive and may be
+    /// infinite.
     pub fn from_abbe(ior: f64, abbe: f64) -> Cauchy {
         let b = (ior - 1.0) / (abbe * (inverse_square(LINE_F) - inverse_square(LINE_C)));
         Cauchy {
@@ -63,19 +64,20 @@ impl Cauchy {
         }
     }
 
-    /// The equation that KHR_materials_dispersion means: `ior` at the d line, `dispersion` = 20 / Abbe number, 0 for
-    /// none.
+    /// Returns the equation of KHR_materials_dispersion: `ior` at the d line, `dispersion` = 20 / Abbe number, 0 for no
+    /// dispersion.
     pub fn from_gltf(ior: f64, dispersion: f64) -> Cauchy {
         Cauchy::from_abbe(ior, 20.0 / dispersion)
     }
 
-    /// The index at `wavelength`, nanometres.
+    /// Returns the index at `wavelength`, nanometres.
     #[inline(always)]
     pub fn ior(&self, wavelength: f64) -> f64 {
         (self.a + self.b / (wavelength * wavelength)).max(1.0)
     }
 }
 
+/// Returns 1/λ² for a wavelength in nanometres.
 fn inverse_square(wavelength: f64) -> f64 {
     1.0 / (wavelength * wavelength)
 }
@@ -85,7 +87,7 @@ fn inverse_square(wavelength: f64) -> f64 {
 pub struct Sellmeier {
     /// Strengths of the resonances.
     pub b: [f64; 4],
-    /// Squares of their wavelengths, square micrometres.
+    /// Squares of the resonance wavelengths, in square micrometres.
     pub c: [f64; 4],
 }
 
@@ -126,9 +128,10 @@ impl Sellmeier {
         c: [0.1060 * 0.1060, 0.1750 * 0.1750, 0.0, 0.0],
     };
 
-    /// The index at `wavelength`, nanometres, which lies between the resonances, as visible light does.
+    /// Returns the index at `wavelength`, nanometres, which must lie between the resonances, as visible light does.
     #[inline(always)]
     pub fn ior(&self, wavelength: f64) -> f64 {
+        // Convert square nanometres to square micrometres
         let square = wavelength * wavelength * 1e-6;
         let mut n_square = 1.0;
         for term in 0..self.b.len() {
@@ -145,6 +148,7 @@ mod tests {
     /// Half a unit of the last digit of a value printed with six decimals.
     const SIX_DECIMALS: f64 = 5e-7;
 
+    /// Asserts the indices at seven spectral lines from violet to red.
     fn assert_indices(medium: Sellmeier, expected: [f64; 7]) {
         let lines = [404.66, 435.84, LINE_F, 546.07, LINE_D, LINE_C, 706.52];
         for (line, n) in lines.into_iter().zip(expected) {
@@ -205,7 +209,7 @@ mod tests {
         for (ior, abbe) in [(1.5, 64.0), (1.78, 25.7), (2.4, 9.8)] {
             let cauchy = Dispersion::Cauchy(Cauchy::from_abbe(ior, abbe));
             assert!((cauchy.ior(LINE_D) - ior).abs() <= 2.0 * f64::EPSILON);
-            // n_F - n_C is at least 7e-3, so two roundings of numbers below 4 make a relative error of 1.3e-13.
+            // n_F - n_C is at least 7e-3, so two roundings of numbers below 4 give a relative error of 1.3e-13.
             assert!((cauchy.abbe_number() / abbe - 1.0).abs() < 2e-13);
         }
     }
@@ -217,7 +221,7 @@ mod tests {
                 let factor = (ior - 1.0) * dispersion / 20.0;
                 let printed = ior + factor * (523655.0 / (wavelength * wavelength) - 1.5168);
                 let found = Cauchy::from_gltf(ior, dispersion).ior(wavelength);
-                // The constants are printed to 0.5 and 0.00005.
+                // The constants are printed to within 0.5 and 0.00005.
                 let bound = factor * (0.5 / (wavelength * wavelength) + 5e-5);
                 assert!(
                     (found - printed.max(1.0)).abs() <= bound,
@@ -245,7 +249,7 @@ mod tests {
     #[test]
     fn two_terms_fit_crown_glass_well_and_flint_glass_badly() {
         let error = |glass: Sellmeier, wavelength| {
-            // Through the glass's own F and C lines.
+            // Fit Cauchy's equation through the glass's own F and C lines.
             let b =
                 (glass.ior(LINE_F) - glass.ior(LINE_C)) / (inverse_square(LINE_F) - inverse_square(LINE_C));
             let a = glass.ior(LINE_F) - b * inverse_square(LINE_F);

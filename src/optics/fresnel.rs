@@ -1,45 +1,45 @@
 //! Fresnel's equations for the smooth boundary of two dielectrics.
 //!
-//! All differences are taken with twice the digits, as they cancel: at the critical angle, at grazing incidence, at
-//! Brewster's angle, and for indices that nearly match (see `dielectric_interface`). Transmittance is computed directly, not as one
-//! minus the reflectance, which would lose it where it is small.
+//! All differences are taken in double-double precision, as they cancel: at the critical angle, at grazing incidence,
+//! at Brewster's angle, and for indices that nearly match (see `dielectric_interface`). Transmittance is computed
+//! directly, not as one minus the reflectance, which would lose its digits where it is small.
 
 use super::dielectric_interface::DielectricInterface;
 
-/// A share of the light for each linear polarisation.
+/// Fraction of the light for each linear polarisation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Polarised {
-    /// Electric field perpendicular to the plane of incidence.
+    /// Fraction for the electric field perpendicular to the plane of incidence.
     pub s: f64,
-    /// Electric field in the plane of incidence.
+    /// Fraction for the electric field in the plane of incidence.
     pub p: f64,
 }
 
 impl Polarised {
-    /// The share of unpolarised light.
+    /// Returns the fraction of unpolarised light.
     #[inline(always)]
     pub fn mean(self) -> f64 {
         0.5 * (self.s + self.p)
     }
 }
 
-/// How the boundary of two dielectrics divides light.
+/// Reflectance and transmittance at the boundary of two dielectrics.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fresnel {
-    /// Reflected over incoming power; exactly 1 for total reflection.
+    /// Reflected over incident power; exactly 1 for total reflection.
     pub reflectance: Polarised,
-    /// Transmitted over incoming power; exactly 0 for total reflection.
+    /// Transmitted over incident power; exactly 0 for total reflection.
     pub transmittance: Polarised,
-    /// The cosine of the refracted ray with the normal; 0 for total reflection.
+    /// Cosine of the refracted ray with the normal; 0 for total reflection.
     pub cos_t: f64,
 }
 
-/// How light is divided that comes from a medium of index `eta_i` and meets one of index `eta_t`.
+/// Evaluates Fresnel's equations for light that comes from a medium of index `eta_i` and hits one of index `eta_t`.
 ///
-/// `cos_i` is the cosine of the ray with the normal on its own side, within [0, 1]; a rounded excess is cut off.
-/// Light that runs inside the boundary (`cos_i` = 0) is reflected whole. Indices are positive and finite.
-/// Reflectances and transmittances are within 8 units in the last place of the exact ones, `cos_t` within 4, and within
-/// 2 where it is more than some roundings from the critical angle.
+/// `cos_i` is the cosine of the ray with the normal on its own side, within [0, 1]; a rounded excess is clamped. Light
+/// that runs inside the boundary (`cos_i` = 0) is reflected completely. Indices are positive and finite. Reflectances
+/// and transmittances are within 8 units in the last place of the exact ones, `cos_t` within 4, and within 2 where it
+/// is more than some roundings from the critical angle.
 #[inline(always)]
 pub fn dielectric(cos_i: f64, eta_i: f64, eta_t: f64) -> Fresnel {
     let interface = DielectricInterface::new(cos_i, eta_i, eta_t);
@@ -54,9 +54,9 @@ pub fn dielectric(cos_i: f64, eta_i: f64, eta_t: f64) -> Fresnel {
 mod tests {
     use super::*;
 
-    /// cos_i, eta_i, eta_t, reflectance s and p, transmittance s and p, cos_t: of exactly these numbers with 60 digits.
-    /// Grazing incidence, indices that nearly match, angles down to a rounding error from the critical one, and the
-    /// textbook's air to glass.
+    /// Reference values cos_i, eta_i, eta_t, reflectance s and p, transmittance s and p, cos_t, computed from exactly
+    /// these numbers with 60 digits. They cover grazing incidence, indices that nearly match, angles down to a rounding
+    /// error from the critical one, and the textbook's air to glass.
     #[rustfmt::skip]
     const EXACT: [[f64; 8]; 34] = [
         [0.1, 1.0, 1.5, 0.6995657051236168, 0.4436193355612815, 0.3004342948763832, 0.5563806644387185, 0.7483314773547883],
@@ -99,8 +99,8 @@ mod tests {
     fn hard_cases_agree_with_sixty_digits_to_the_derived_bounds() {
         for [cos_i, eta_i, eta_t, r_s, r_p, t_s, t_p, cos_t] in EXACT {
             let found = dielectric(cos_i, eta_i, eta_t);
-            // Counting roundings of u = EPSILON / 2: sums and differences are right to 1, so is q. An amplitude has 3,
-            // its square 7; t_s has 7, t_p 2 more as its sum is divided; cos_t 2.
+            // Counting roundings of u = EPSILON / 2: sums and differences are correct to 1, so is q. An amplitude has
+            // 3, its square 7; t_s has 7, t_p 2 more as its sum is divided; cos_t 2.
             let check = |name, found: f64, exact: f64, roundings: f64| {
                 let error = (found - exact).abs() / (0.5 * f64::EPSILON * exact);
                 assert!(
@@ -130,7 +130,7 @@ mod tests {
             (89.9, 0.99377518, 0.98604857, 0.98991188),
         ] {
             let found = dielectric(degrees.to_radians().cos(), 1.0, 1.5).reflectance;
-            // Printed to eight decimals; the sixth decimal of Brewster's angle moves s by 1e-8.
+            // Printed to eight decimals; the sixth decimal of Brewster's angle changes s by 1e-8.
             for (found, printed) in [(found.s, s), (found.p, p), (found.mean(), mean)] {
                 assert!(
                     (found - printed).abs() < 1e-8,
@@ -171,6 +171,7 @@ mod tests {
             (1.0, 1.0),
             (1.0, 2.42),
         ] {
+            // Test evenly spaced cosines, grazing ones, and those near the critical angle
             let critical = ((1.0f64 - eta_t / eta_i) * (1.0 + eta_t / eta_i)).max(0.0).sqrt();
             let near_critical =
                 (0..60).flat_map(|k| [1.0, -1.0].map(|side| critical + side * 0.5f64.powi(k)));
@@ -181,12 +182,13 @@ mod tests {
                 .chain(near_critical)
                 .filter(|c| (0.0..=1.0).contains(c))
             {
+                // Check that reflectance and transmittance sum to 1
                 let Fresnel {
                     reflectance: r,
                     transmittance: t,
                     ..
                 } = dielectric(cos_i, eta_i, eta_t);
-                // 7 roundings of each share and one of the sum: 4 EPSILON; of those in p two more, 5 EPSILON.
+                // 7 roundings of each fraction and one of the sum: 4 EPSILON; two more in p: 5 EPSILON.
                 assert!(
                     (r.s + t.s - 1.0).abs() <= 4.0 * f64::EPSILON,
                     "{eta_i} {eta_t} {cos_i}"
@@ -208,7 +210,7 @@ mod tests {
         for step in 1..=1000 {
             let there = dielectric(f64::from(step) / 1000.0, 1.0, 1.5);
             let back = dielectric(there.cos_t, 1.5, 1.0);
-            // cos_t is off by 3 u at most; back from it, cos_i is off by 2.25 cos_t / cos_i times that, and no
+            // cos_t is off by 3 u at most; on the way back cos_i is off by 2.25 cos_t / cos_i times that, and no
             // reflectance changes faster than by 4 / cos_t per unit of the cosine that it starts from.
             let bound = (10.0 + 2.25 * 3.0 * 4.0 / there.cos_t * 1000.0 / f64::from(step)) * f64::EPSILON;
             assert!(
@@ -224,7 +226,7 @@ mod tests {
 
     #[test]
     fn total_reflection_begins_at_the_right_bit() {
-        // The largest cosines at which eta_i² (1 - cos²) >= eta_t² holds exactly, from 60 digits.
+        // Largest cosines at which eta_i² (1 - cos²) >= eta_t² holds exactly, from 60 digits.
         for (eta_i, eta_t, last) in [
             (1.5, 1.0, 0.7453559924999299f64),
             (2.42, 1.33, 0.8354366371551953),

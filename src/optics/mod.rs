@@ -1,9 +1,9 @@
-//! What light does where media meet and inside them: Snell's law, Fresnel's equations, dispersion, absorption, nesting,
-//! scattering.
+//! Optics at the boundaries of media and inside them: Snell's law, Fresnel's equations, dispersion, absorption, nested
+//! dielectrics, subsurface scattering.
 //!
-//! Pure functions of f64 numbers; nothing here knows what a scene is. Wavelengths are in nanometres and measured in
-//! vacuum, angles in radians, absorption is per unit of length. An index of refraction is called `eta_i` on the side
-//! light comes from and `eta_t` on the side it goes to.
+//! All functions are pure functions of f64 numbers, independent of the scene. Wavelengths are in nanometres and
+//! measured in vacuum, angles in radians, absorption is per unit of length. An index of refraction is called `eta_i` on
+//! the incident side and `eta_t` on the transmitted side.
 
 mod absorption;
 mod conductor;

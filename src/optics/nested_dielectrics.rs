@@ -1,68 +1,69 @@
-//! Which medium a ray is in where bodies overlap: nested dielectrics by priority.
+//! Nested dielectrics by priority: the medium of a ray where interiors overlap.
 //!
-//! Bodies that touch, such as water in a glass, are modelled as overlapping, because coincident surfaces leave it to
-//! rounding which is met first. Every body has a priority, and where several overlap the highest is there alone; an
-//! interface is real only if it changes which body that is (Schmidt and Budge, "Simple Nested Dielectrics in Ray Traced
-//! Images", Journal of Graphics Tools 7(2), 2002). Equal priorities are decided by the lower id.
+//! Solids that touch, such as water in a glass, are modelled as overlapping, because with coincident surfaces rounding
+//! decides which is hit first. Every interior has a priority, and where several overlap only the one of highest
+//! priority is present; a boundary is real only if it changes which interior is present (Schmidt and Budge, "Simple
+//! Nested Dielectrics in Ray Traced Images", Journal of Graphics Tools 7(2), 2002). Equal priorities are resolved by
+//! the lower id.
 //!
-//! A hit at an edge may be reported twice or not at all. So a body is in the list once or not, entering it twice or
-//! leaving it unentered changes nothing, and each such event is counted.
+//! A hit at an edge may be reported twice or not at all. So an interior is in the list at most once, entering it twice
+//! or leaving it unentered has no effect, and each such event is counted.
 
-/// Bodies that may overlap at one point of a ray's path.
+/// Largest number of interiors that may overlap at one point of a ray's path.
 pub const MEDIA_CAPACITY: usize = 8;
 
-/// A closed body of some medium. Parts of one body must not overlap each other.
+/// Closed interior of some medium. Parts of one interior must not overlap each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Body {
-    /// What tells it from other bodies.
+    /// Identifier that is unique among interiors.
     pub id: u32,
-    /// Where bodies overlap, the highest priority is there alone.
+    /// Priority where interiors overlap: only the highest is present.
     pub priority: i32,
 }
 
 impl Body {
-    /// Whether this body is the one that is there where both are.
+    /// Returns whether this interior displaces `other` where both overlap.
     #[inline(always)]
     fn has_priority_over(self, other: Body) -> bool {
         (self.priority, other.id) > (other.priority, self.id)
     }
 }
 
-/// Fills the places of the list that hold no body, so that equal lists are equal.
+/// Value of unused slots of the list, so that equal lists compare equal.
 const NO_INTERIOR: Body = Body { id: 0, priority: 0 };
 
-/// What a ray does to a body's surface.
+/// Direction in which a ray crosses the surface of an interior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BoundaryEvent {
-    /// It goes in.
+    /// Entry of the ray into the interior.
     Enter,
-    /// It comes out.
+    /// Exit of the ray from the interior.
     Leave,
 }
 
-/// What a surface means to a ray that goes through it.
+/// Effect of a surface on the medium of a ray that passes through it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundaryCrossing {
-    /// The body that is there on the near side; `None` for the surroundings.
+    /// Interior present on the near side; `None` for the outside.
     pub before: Option<Body>,
-    /// The body that is there on the far side; `None` for the surroundings.
+    /// Interior present on the far side; `None` for the outside.
     pub after: Option<Body>,
-    /// The bodies around a ray that goes through; one that is reflected keeps the bodies it had.
+    /// Interiors around a ray after passing through; a reflected ray keeps those it had.
     pub through: InteriorStack,
 }
 
 impl BoundaryCrossing {
-    /// Whether the medium changes. Where it does not, the ray goes on as if there were no surface.
+    /// Returns whether the medium changes. If not, the ray continues as if there were no surface.
     #[inline(always)]
     pub fn is_real(&self) -> bool {
         self.before.map(|body| body.id) != self.after.map(|body| body.id)
     }
 }
 
-/// The bodies around a point of a ray's path, the one that is there first.
+/// Interiors around a point of a ray's path, the one that is present first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InteriorStack {
-    /// In falling order of precedence; only the first `count` count.
+    /// Interiors in descending order of precedence; only the first `count` slots are valid.
     bodies: [Body; MEDIA_CAPACITY],
     count: u8,
     anomalies: u8,
@@ -75,38 +76,39 @@ impl Default for InteriorStack {
 }
 
 impl InteriorStack {
-    /// Outside of all bodies.
+    /// Stack of a point outside of all interiors.
     pub const EMPTY: InteriorStack = InteriorStack {
         bodies: [NO_INTERIOR; MEDIA_CAPACITY],
         count: 0,
         anomalies: 0,
     };
 
-    /// Inside of one body.
+    /// Creates the stack of a point inside one interior.
     pub fn of(body: Body) -> InteriorStack {
         let mut stack = InteriorStack::EMPTY;
         stack.enter(body);
         stack
     }
 
-    /// The body that is there; `None` for the surroundings.
+    /// Returns the interior that is present; `None` outside of all.
     #[inline(always)]
     pub fn current(&self) -> Option<Body> {
         self.bodies().first().copied()
     }
 
-    /// All bodies around, the one that is there first.
+    /// Returns all interiors around the point, the one that is present first.
     #[inline(always)]
     pub fn bodies(&self) -> &[Body] {
         &self.bodies[..usize::from(self.count)]
     }
 
-    /// Events that cannot be: bodies entered twice, left without being entered, or too many at once. Stays at 255.
+    /// Returns the number of impossible events: interiors entered twice, left without being entered, or too many at
+    /// once. Saturates at 255.
     pub fn anomalies(&self) -> u8 {
         self.anomalies
     }
 
-    /// What the surface of `body` means to a ray with these bodies around.
+    /// Returns the effect of the surface of `body` on a ray inside these interiors.
     #[inline(always)]
     pub fn crossing(&self, body: Body, passage: BoundaryEvent) -> BoundaryCrossing {
         let mut through = *self;
@@ -121,11 +123,12 @@ impl InteriorStack {
         }
     }
 
-    /// Adds `body`. Where the list is full, the body of lowest precedence is forgotten.
+    /// Adds `body`. If the list is full, the interior of lowest precedence is dropped.
     pub fn enter(&mut self, body: Body) {
         if self.position(body.id).is_some() {
             return self.count_anomaly();
         }
+        // Find the slot by descending precedence
         let count = usize::from(self.count);
         let place = self
             .bodies()
@@ -140,12 +143,13 @@ impl InteriorStack {
         } else {
             self.count += 1;
         }
+        // Shift the lower ones and insert
         let last = count.min(MEDIA_CAPACITY - 1);
         self.bodies.copy_within(place..last, place + 1);
         self.bodies[place] = body;
     }
 
-    /// Removes the body `id`.
+    /// Removes the interior `id`; counts an anomaly if it is not in the list.
     pub fn leave(&mut self, id: u32) {
         let Some(place) = self.position(id) else {
             return self.count_anomaly();
@@ -155,10 +159,12 @@ impl InteriorStack {
         self.bodies[usize::from(self.count)] = NO_INTERIOR;
     }
 
+    /// Returns the slot of the interior `id`.
     fn position(&self, id: u32) -> Option<usize> {
         self.bodies().iter().position(|body| body.id == id)
     }
 
+    /// Counts an impossible event, saturating at 255.
     fn count_anomaly(&mut self) {
         self.anomalies = self.anomalies.saturating_add(1);
     }
@@ -182,7 +188,8 @@ mod tests {
         stack.bodies().iter().map(|body| body.id).collect()
     }
 
-    /// Crosses surfaces one after the other and says what was real: the ids before and after, 0 for the surroundings.
+    /// Crosses surfaces one after the other and returns the real boundaries: the ids before and after, 0 for the
+    /// outside.
     fn walk(surfaces: &[(Body, BoundaryEvent)]) -> (Vec<(u32, u32)>, InteriorStack) {
         let mut stack = InteriorStack::EMPTY;
         let mut real = Vec::new();
@@ -199,7 +206,7 @@ mod tests {
 
     #[test]
     fn a_ray_through_ice_in_water_in_a_glass_sees_each_medium_once() {
-        // The water reaches into the wall of the glass, the ice floats inside the water.
+        // The water extends into the wall of the glass, the ice floats inside the water.
         let (real, stack) = walk(&[
             (GLASS, BoundaryEvent::Enter),
             (WATER, BoundaryEvent::Enter),
@@ -240,7 +247,7 @@ mod tests {
         let crossing = stack.crossing(ICE, BoundaryEvent::Leave);
         assert!(crossing.is_real());
         assert_eq!((crossing.before, crossing.after), (Some(ICE), Some(WATER)));
-        // Had it been taken to be outside, the first surface would only have been counted.
+        // If the start were taken to be outside, the first surface would only be counted as an anomaly.
         let crossing = InteriorStack::EMPTY.crossing(ICE, BoundaryEvent::Leave);
         assert!(!crossing.is_real());
         assert_eq!(crossing.through.anomalies(), 1);

@@ -1,29 +1,30 @@
-//! Snell's law: where mirrored and refracted rays go, and the two angles at which something special happens.
+//! Snell's law: reflected and refracted directions, the critical angle and Brewster's angle.
 
 use glam::DVec3;
 
 use super::dielectric_interface::{DielectricInterface, facing};
 
-/// A ray after it crossed a boundary.
+/// Refracted ray behind a boundary.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Refraction {
-    /// Its direction of travel; unit up to rounding.
+    /// Direction of travel of the refracted ray; unit up to rounding.
     pub direction: DVec3,
-    /// The cosine of that direction with the normal on the far side, within (0, 1].
+    /// Cosine of that direction with the normal on the far side, within (0, 1].
     pub cos_t: f64,
 }
 
-/// The direction `v` mirrored at a plane of unit normal `n`: v - 2 (v·n) n. Either side's normal will do.
+/// Returns the direction `v` mirrored at a plane of unit normal `n`: v - 2 (v·n) n. The normal may point to either
+/// side.
 #[inline(always)]
 pub fn reflect(v: DVec3, n: DVec3) -> DVec3 {
     v - 2.0 * v.dot(n) * n
 }
 
-/// Where a ray that travels along `d` goes on behind the boundary from index `eta_i` to `eta_t`; `None` if it is
-/// reflected whole.
+/// Returns the refracted ray of the direction `d` behind the boundary from index `eta_i` to `eta_t`; `None` on total
+/// internal reflection.
 ///
-/// `d` and `n` are unit vectors to f64 accuracy; vectors widened from f32 must be normalised anew, or the angle carries
-/// their error. `n` may point to either side. Indices are positive and finite.
+/// `d` and `n` are unit vectors to f64 accuracy; vectors widened from f32 must be normalised again, or the angle
+/// carries their error. `n` may point to either side. Indices are positive and finite.
 #[inline(always)]
 pub fn refract(d: DVec3, n: DVec3, eta_i: f64, eta_t: f64) -> Option<Refraction> {
     let (cos_i, n) = facing(d, n);
@@ -37,21 +38,23 @@ pub fn refract(d: DVec3, n: DVec3, eta_i: f64, eta_t: f64) -> Option<Refraction>
     })
 }
 
-/// The index of refraction of a medium in which light travels at `fraction` of its speed in vacuum, within (0, 1].
+/// Returns the index of refraction of a medium in which light travels at `fraction` of its speed in vacuum, within (0,
+/// 1].
 ///
 /// Snell's law with speeds, sin_t / sin_i = c_t / c_i, is the one with indices, as eta = 1 / fraction.
 pub fn ior_from_speed(fraction: f64) -> f64 {
     1.0 / fraction
 }
 
-/// The angle of incidence beyond which all light is reflected; `None` unless `eta_t` is the lower index.
+/// Returns the critical angle of incidence, beyond which all light is reflected; `None` unless `eta_t` is the lower
+/// index.
 ///
-/// asin(eta_t / eta_i), from its tangent so that it stays accurate for indices that nearly match.
+/// It is asin(eta_t / eta_i), computed from its tangent so that it stays accurate for indices that nearly match.
 pub fn critical_angle(eta_i: f64, eta_t: f64) -> Option<f64> {
     (eta_t < eta_i).then(|| eta_t.atan2(((eta_i - eta_t) * (eta_i + eta_t)).sqrt()))
 }
 
-/// The angle of incidence at which the reflection is wholly polarised: atan(eta_t / eta_i) (Brewster).
+/// Returns Brewster's angle of incidence, at which reflected light is completely polarised: atan(eta_t / eta_i).
 pub fn brewster_angle(eta_i: f64, eta_t: f64) -> f64 {
     eta_t.atan2(eta_i)
 }
@@ -61,23 +64,23 @@ mod tests {
     use super::*;
     use crate::optics::{LINE_C, LINE_D, LINE_F, Sellmeier, dielectric};
 
-    /// Seven Fraunhofer lines from violet to red, nanometres.
+    /// Wavelengths of seven spectral lines from violet to red, nanometres.
     const LINES: [f64; 7] = [404.66, 435.84, LINE_F, 546.07, LINE_D, LINE_C, 706.52];
 
-    /// The direction in the xy plane at `degrees` from the x axis.
+    /// Returns the direction in the xy plane at `degrees` from the x axis.
     fn at(degrees: f64) -> DVec3 {
         let (sin, cos) = degrees.to_radians().sin_cos();
         DVec3::new(cos, sin, 0.0)
     }
 
-    /// The angle between two directions in degrees, accurate for small ones too.
+    /// Returns the angle between two directions in degrees, accurate for small angles too.
     fn degrees_between(a: DVec3, b: DVec3) -> f64 {
         a.cross(b).length().atan2(a.dot(b)).to_degrees()
     }
 
     #[test]
     fn the_lectures_ray_at_60_degrees_goes_on_at_28_444937_degrees() {
-        // c2/c1 = 0.55: asin(0.55 sin 60°) = 28.444937144°.
+        // Snell's law for c2/c1 = 0.55: asin(0.55 sin 60°) = 28.444937144°.
         let refraction = refract(at(-30.0), DVec3::Y, ior_from_speed(1.0), ior_from_speed(0.55)).unwrap();
         assert_eq!(ior_from_speed(0.5), 2.0);
         assert!((refraction.cos_t.acos().to_degrees() - 28.444937144).abs() < 5e-10);
@@ -105,7 +108,7 @@ mod tests {
                 let Some(Refraction { direction, cos_t }) = refract(d, DVec3::Y, eta_i, eta_t) else {
                     continue;
                 };
-                // The tangential part eta_i/eta_t d has three roundings; the normal one, cos_t, must follow it, which
+                // The tangential part eta_i/eta_t d has three roundings; the normal part, cos_t, must compensate, which
                 // costs tan_t times that: no more than cos_t² itself near the critical angle.
                 assert!(
                     (direction.length() - 1.0).abs() <= 4.0 * f64::EPSILON,
@@ -126,8 +129,8 @@ mod tests {
             let d = at(-f64::from(degrees));
             let there = refract(d, DVec3::Y, 1.5, 2.0).unwrap();
             let back = refract(-there.direction, DVec3::Y, 2.0, 1.5).unwrap();
-            // cos_t² and cos_i² differ by constants after scaling, so 4 EPSILON of cos_t return as at most
-            // (2/1.5)² cos_t / cos_i times as much.
+            // cos_t² and cos_i² differ by constants after scaling, so 4 EPSILON of cos_t return as at most (2/1.5)²
+            // cos_t / cos_i times as much.
             let bound = 8.0 * f64::EPSILON * (1.0 + 16.0 / 9.0 / d.y.abs());
             assert!((back.direction + d).length() <= bound, "{degrees}");
         }
@@ -178,9 +181,9 @@ mod tests {
         }
     }
 
-    /// The deviation of a ray by a prism of 60 degrees at the incidence `i` in degrees.
+    /// Returns the deviation in degrees of a ray by a prism of 60 degrees at the incidence `i` in degrees.
     fn prism_deviation(n: f64, i: f64) -> f64 {
-        // Its faces look to 150 and 30 degrees; light comes from the left.
+        // The normals of its faces are at 150 and 30 degrees; light comes from the left.
         let d = at(-30.0 + i);
         let inside = refract(d, at(150.0), 1.0, n).unwrap().direction;
         let out = refract(inside, at(30.0), n, 1.0).unwrap().direction;
@@ -204,8 +207,8 @@ mod tests {
         }
     }
 
-    /// The angle from the point opposite the sun at which a ray leaves a drop it entered at `cos_i` after `inner`
-    /// reflections, in degrees.
+    /// Returns the angle from the antisolar point at which a ray leaves a drop that it entered at `cos_i`, after
+    /// `inner` internal reflections, in degrees.
     fn bow_angle(n: f64, cos_i: f64, inner: usize) -> f64 {
         let d = DVec3::X;
         let mut p = DVec3::new(-cos_i, ((1.0 - cos_i) * (1.0 + cos_i)).sqrt(), 0.0);
@@ -229,7 +232,7 @@ mod tests {
                 let order = bow as f64;
                 let cos_i = ((n * n - 1.0) / (order * (order + 2.0))).sqrt();
                 let (i, r) = (cos_i.acos(), (cos_i.acos().sin() / n).asin());
-                // Deviation 2(i - r) + k(180° - 2r), measured from the point opposite the sun.
+                // Deviation 2(i - r) + k(180° - 2r), measured from the antisolar point.
                 let closed = (2.0 * (i - r) + order * (std::f64::consts::PI - 2.0 * r)).to_degrees() - 180.0;
                 let traced = bow_angle(n, cos_i, bow);
                 assert!((traced - closed.abs()).abs() < 1e-9, "{line}");

@@ -1,29 +1,29 @@
-//! Visible light by wavelength, and the weights that bring it back to red, green and blue.
+//! Spectral sampling: wavelengths of visible light, and the weights that convert them to red, green and blue.
 //!
 //! Colour matching functions: the multi-lobe fit of the CIE 1931 2° observer by Wyman, Sloan and Shirley, "Simple
 //! Analytic Approximations to the CIE XYZ Color Matching Functions", JCGT 2(2), 2013, equation 4. Their products with
 //! the sRGB matrix have negative lobes, which are kept: only sums over wavelengths are colours.
 
-/// Where the visible spectrum begins, nanometres.
+/// Lower end of the visible spectrum, nanometres.
 pub const MIN_WAVELENGTH: f64 = 380.0;
-/// Where it ends, nanometres.
+/// Upper end of the visible spectrum, nanometres.
 pub const MAX_WAVELENGTH: f64 = 780.0;
 
-/// From CIE XYZ to linear sRGB, row by row (IEC 61966-2-1).
+/// Matrix from CIE XYZ to linear sRGB, row by row (IEC 61966-2-1).
 pub const LINEAR_SRGB_FROM_XYZ: [[f64; 3]; 3] = [
     [3.2406, -1.5372, -0.4986],
     [-0.9689, 1.8758, 0.0415],
     [0.0557, -0.2040, 1.0570],
 ];
 
-/// Cells of the spectrum over which sensitivities are taken to be constant: one a nanometre, 1/12 of the narrowest
-/// lobe.
+/// Number of cells of the spectrum over which sensitivities are taken to be constant: one per nanometre, 1/12 of the
+/// narrowest lobe.
 const CELLS: usize = 400;
-/// Weights are whole multiples of 2^-22: f32 then adds them without rounding, in any order, as long as sums stay
-/// below 4.
+/// Number of steps per unit of weight. Weights are whole multiples of 2^-22: f32 then adds them without rounding, in
+/// any order, as long as sums stay below 4.
 const WEIGHT_STEPS: f64 = (1 << 22) as f64;
 
-/// The CIE 1931 colour matching functions x, y, z at `wavelength`, nanometres; y peaks at about 1.
+/// Returns the CIE 1931 colour matching functions x, y, z at `wavelength`, nanometres; y peaks at about 1.
 pub fn color_matching(wavelength: f64) -> [f64; 3] {
     let lobe = |height: f64, center: f64, below: f64, above: f64| {
         let width = if wavelength < center { below } else { above };
@@ -37,28 +37,29 @@ pub fn color_matching(wavelength: f64) -> [f64; 3] {
     ]
 }
 
-/// A colour in CIE XYZ as linear sRGB, unclamped.
+/// Converts a colour from CIE XYZ to linear sRGB, unclamped.
 pub fn linear_srgb(xyz: [f64; 3]) -> [f64; 3] {
     LINEAR_SRGB_FROM_XYZ.map(|row| row[0] * xyz[0] + row[1] * xyz[1] + row[2] * xyz[2])
 }
 
-/// A path that splits by colour follows this many wavelengths, one from each stratum of the spectrum.
+/// Stratified set of wavelengths that a path follows after it splits by colour, one from each stratum of the spectrum.
 ///
 /// Strata are of equal importance, the sum of the absolute sensitivities of the three channels; so they are narrow
-/// where the eye sees much. A stratum's weight is the integral of the sensitivities over it: where nothing depends on
-/// the wavelength, the weights' sum is exactly white, and the split path returns exactly the RGB radiance of the whole
-/// one.
+/// where the eye is sensitive. A stratum's weight is the integral of the sensitivities over it: where nothing depends
+/// on the wavelength, the weights' sum is exactly white, and the split path returns exactly the RGB radiance of the
+/// unsplit one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpectralSampler {
-    /// The share of all importance below each bound of a cell, ascending from 0 to 1.
+    /// Fraction of all importance below each bound of a cell, ascending from 0 to 1.
     cumulative: Vec<f64>,
     weights: Vec<[f32; 3]>,
 }
 
 impl SpectralSampler {
-    /// A sampler of `count` wavelengths; at least one.
+    /// Creates a sampler of `count` wavelengths; at least one.
     pub fn new(count: usize) -> SpectralSampler {
         let count = count.max(1);
+        // Divide the spectrum into strata of equal importance
         let cells = cell_sensitivities();
         let cumulative = cumulative_importance(&cells);
         let bound = |index: usize| quantile(&cumulative, index as f64 / count as f64);
@@ -66,15 +67,16 @@ impl SpectralSampler {
         SpectralSampler { cumulative, weights }
     }
 
-    /// The RGB weight of each wavelength, in ascending order; some are negative, their sum is exactly (1, 1, 1).
+    /// Returns the RGB weight of each wavelength, in ascending order; some are negative, their sum is exactly (1, 1,
+    /// 1).
     pub fn weights(&self) -> &[[f32; 3]] {
         &self.weights
     }
 
-    /// The wavelength in stratum `index` below which the share `offset` of its importance lies, nanometres.
+    /// Returns the wavelength in stratum `index` below which the fraction `offset` of its importance lies, nanometres.
     ///
-    /// `offset` is within [0, 1]: 0.5 for the one that stands for all, a random number for jitter. An `index` beyond
-    /// the last stratum means the last.
+    /// `offset` is within [0, 1]: 0.5 for the wavelength that represents the stratum, a random number for jitter. An
+    /// `index` beyond the last stratum is clamped to the last.
     pub fn wavelength(&self, index: usize, offset: f64) -> f64 {
         let count = self.weights.len();
         quantile(
@@ -86,11 +88,13 @@ impl SpectralSampler {
 
 const CELL: f64 = (MAX_WAVELENGTH - MIN_WAVELENGTH) / CELLS as f64;
 
-/// What a nanometre of a flat spectrum adds to linear RGB, where the whole of it is (1, 1, 1).
+/// Returns the contribution of each cell of a flat spectrum to linear RGB, normalised so that the whole spectrum is (1,
+/// 1, 1).
 fn cell_sensitivities() -> Vec<[f64; 3]> {
     let mut cells: Vec<[f64; 3]> = (0..CELLS)
         .map(|cell| linear_srgb(color_matching(MIN_WAVELENGTH + (cell as f64 + 0.5) * CELL)))
         .collect();
+    // Normalise each channel
     for channel in 0..3 {
         let sum: f64 = cells.iter().map(|cell| cell[channel]).sum();
         cells.iter_mut().for_each(|cell| cell[channel] /= sum);
@@ -98,7 +102,7 @@ fn cell_sensitivities() -> Vec<[f64; 3]> {
     cells
 }
 
-/// The share of the importance of all cells that lies below each of their bounds.
+/// Returns the fraction of the importance of all cells that lies below each of their bounds.
 fn cumulative_importance(cells: &[[f64; 3]]) -> Vec<f64> {
     let sums = cells.iter().scan(0.0, |sum, cell| {
         *sum += cell.iter().map(|c| c.abs()).sum::<f64>();
@@ -110,7 +114,7 @@ fn cumulative_importance(cells: &[[f64; 3]]) -> Vec<f64> {
     cumulative
 }
 
-/// The wavelength below which `share` of the importance lies, nanometres.
+/// Returns the wavelength below which the fraction `share` of the importance lies, nanometres.
 fn quantile(cumulative: &[f64], share: f64) -> f64 {
     let cell = cumulative
         .partition_point(|below| *below <= share)
@@ -121,11 +125,12 @@ fn quantile(cumulative: &[f64], share: f64) -> f64 {
     MIN_WAVELENGTH + (cell as f64 + within) * CELL
 }
 
-/// The sensitivities summed from `low` to `high`, nanometres.
+/// Returns the sensitivities summed from `low` to `high`, nanometres.
 fn integral(cells: &[[f64; 3]], low: f64, high: f64) -> [f64; 3] {
     let mut sum = [0.0; 3];
     for (index, cell) in cells.iter().enumerate() {
         let start = MIN_WAVELENGTH + index as f64 * CELL;
+        // Weight the cell by its overlap with the interval
         let share = (high.min(start + CELL) - low.max(start)).max(0.0) / CELL;
         for channel in 0..3 {
             sum[channel] += share * cell[channel];
@@ -134,7 +139,8 @@ fn integral(cells: &[[f64; 3]], low: f64, high: f64) -> [f64; 3] {
     sum
 }
 
-/// The weights rounded so that f32 adds them exactly, with the running sum's error carried on so that it ends at 1.
+/// Rounds the weights so that f32 adds them exactly; the error of the running sum is carried forward so that it ends at
+/// 1.
 fn quantise(weights: impl ExactSizeIterator<Item = [f64; 3]>) -> Vec<[f32; 3]> {
     let last = weights.len() - 1;
     let (mut exact, mut given) = ([0.0; 3], [0.0; 3]);
@@ -225,7 +231,7 @@ mod tests {
 
     #[test]
     fn negative_lobes_are_kept() {
-        // Around 500 nm no mixture of sRGB's primaries is as green: red must be taken away.
+        // Around 500 nm no mixture of sRGB's primaries is as green: red must be negative.
         let sampler = SpectralSampler::new(32);
         let red: Vec<f32> = (0..32)
             .filter(|i| (480.0..520.0).contains(&sampler.wavelength(*i, 0.5)))

@@ -1,22 +1,23 @@
-//! A thin wall of a dielectric, such as a window pane or a soap film without interference.
+//! Thin wall of a dielectric, such as a window pane or a soap film without interference.
 //!
-//! Light goes to and fro between the two faces; the geometric series of all those passes gives 2R/(1 + R) reflected and
-//! (1 - R)/(1 + R) transmitted for each polarisation. What passes leaves in the direction it came from.
+//! Light is reflected between the two faces repeatedly; the geometric series of all internal reflections gives 2R/(1 +
+//! R) reflected and (1 - R)/(1 + R) transmitted for each polarisation. Transmitted light keeps its direction.
 
 use super::fresnel::{Polarised, dielectric};
 
-/// How a thin wall divides light, all internal reflections included.
+/// Reflectance and transmittance of a thin wall, all internal reflections included.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThinSlab {
-    /// Reflected over incoming power.
+    /// Reflected over incident power.
     pub reflectance: Polarised,
-    /// Transmitted over incoming power.
+    /// Transmitted over incident power.
     pub transmittance: Polarised,
 }
 
-/// How light is divided by a wall of index `eta_slab` with a medium of index `eta_outside` on both sides.
+/// Returns reflectance and transmittance of a wall of index `eta_slab` with a medium of index `eta_outside` on both
+/// sides.
 ///
-/// `cos_i` as for [`dielectric`]. Nothing is absorbed.
+/// `cos_i` is as for [`dielectric`]. Nothing is absorbed.
 #[inline(always)]
 pub fn thin_slab(cos_i: f64, eta_outside: f64, eta_slab: f64) -> ThinSlab {
     let face = dielectric(cos_i, eta_outside, eta_slab);
@@ -47,7 +48,7 @@ mod tests {
             let cos_i = degrees.to_radians().cos();
             let face = dielectric(cos_i, 1.0, 1.5);
             let (r, t) = (face.reflectance.s, face.transmittance.s);
-            // R < 0.7 here, so after 200 terms less than 0.7^400 is left.
+            // R < 0.7 here, so after 200 terms less than 0.7^400 remains.
             let passes: f64 = (0..200).map(|k| t * t * r.powi(2 * k)).sum();
             let slab = thin_slab(cos_i, 1.0, 1.5);
             assert!(

@@ -1,8 +1,8 @@
-//! What each pixel cost: rays and nanoseconds by account.
+//! Cost of each pixel: rays and nanoseconds by account.
 //!
-//! Only where somebody asks. The rays of a pixel are counted when they are traced; times are those of packets, shared
-//! evenly by the pixels of their active lanes. Packets are then traced one by one and all watched closely, which
-//! changes no bit of the picture and makes it slower.
+//! Recorded only on request. Rays are counted for their pixels when they are traced; times are measured per packet
+//! and divided equally among the pixels of its active lanes. For this, packets are traced one by one and all of them
+//! are timed in detail, which changes no bit of the image but makes rendering slower.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -11,14 +11,14 @@ use super::ledger::{ACCOUNTS, Account};
 use super::samples::pixel_of;
 use crate::numeric::{LANES, Lanes};
 
-/// What is counted for each pixel.
+/// Rays and nanoseconds of a pixel, by account.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Cost {
     rays: [u32; ACCOUNTS],
     nanoseconds: [f32; ACCOUNTS],
 }
 
-/// What each pixel cost, row by row, the top row first.
+/// Cost of each pixel, row by row from the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PixelCosts {
     width: usize,
@@ -26,35 +26,35 @@ pub struct PixelCosts {
 }
 
 impl PixelCosts {
-    /// Bytes a pixel, as counted.
+    /// Number of bytes per pixel, as recorded.
     pub(super) const BYTES: usize = size_of::<Cost>();
 
-    /// Rays booked under `account`; whole numbers.
+    /// Returns the number of rays booked under `account`; integers.
     pub fn rays(&self, account: Account) -> Vec<f32> {
         let of = |cost: &Cost| cost.rays[account as usize] as f32;
         self.pixels.iter().map(of).collect()
     }
 
-    /// Nanoseconds booked under `account`, summed over threads and samples.
+    /// Returns the nanoseconds booked under `account`, summed over threads and samples.
     pub fn nanoseconds(&self, account: Account) -> Vec<f32> {
         let of = |cost: &Cost| cost.nanoseconds[account as usize];
         self.pixels.iter().map(of).collect()
     }
 
-    /// Rays of all accounts.
+    /// Returns the number of rays of all accounts.
     pub fn all_rays(&self) -> Vec<f32> {
         let of = |cost: &Cost| cost.rays.iter().sum::<u32>() as f32;
         self.pixels.iter().map(of).collect()
     }
 
-    /// Nanoseconds of all accounts.
+    /// Returns the nanoseconds of all accounts.
     pub fn all_nanoseconds(&self) -> Vec<f32> {
         let of = |cost: &Cost| cost.nanoseconds.iter().sum();
         self.pixels.iter().map(of).collect()
     }
 }
 
-/// The costs of a picture, which tiles add to as they are finished.
+/// Pixel costs of an image, to which finished tiles are added.
 pub(super) struct CostSheet(Mutex<PixelCosts>);
 
 impl CostSheet {
@@ -65,11 +65,12 @@ impl CostSheet {
         }))
     }
 
-    /// Adds a tile's.
+    /// Adds the costs of a tile.
     pub(super) fn add(&self, tile: Tile, costs: &TileCosts) {
         let mut sheet = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         for y in 0..tile.height {
             let start = (tile.y + y) as usize * sheet.width + tile.x as usize;
+            // Add row by row, clipped to the tile
             let row = &costs.pixels[(y * TILE) as usize..][..tile.width as usize];
             for (sum, cost) in sheet.pixels[start..].iter_mut().zip(row) {
                 for account in 0..ACCOUNTS {
@@ -85,7 +86,7 @@ impl CostSheet {
     }
 }
 
-/// The costs of a tile's pixels, and whose packet is being worked on.
+/// Pixel costs of a tile, and the packet that is being processed.
 pub(super) struct TileCosts {
     pixels: Vec<Cost>,
     labels: Lanes<u32>,
@@ -93,7 +94,7 @@ pub(super) struct TileCosts {
 }
 
 impl TileCosts {
-    /// Bytes of the pixels.
+    /// Returns the bytes of the pixel costs.
     pub(super) fn byte_count(&self) -> usize {
         size_of_val(&self.pixels[..])
     }
@@ -110,15 +111,15 @@ impl TileCosts {
         self.pixels.fill(Cost::default());
     }
 
-    /// Says whose packet is worked on from now on.
+    /// Sets the packet that later costs belong to.
     pub(super) fn turn_to(&mut self, labels: &Lanes<u32>, active: &Lanes<i32>) {
         (self.labels, self.active) = (*labels, *active);
     }
 
-    /// Shares seconds of that packet out.
+    /// Divides seconds among the active lanes of the current packet.
     pub(super) fn share(&mut self, account: Account, seconds: f64) {
         let count = self.active.iter().filter(|&&active| active != 0).count();
-        // Where no lane is on its way any more, the time was all lanes'.
+        // Where no lane is active any more, the time belongs to all lanes.
         let is_all = count == 0;
         let sharers = if is_all { LANES } else { count };
         let each = (1e9 * seconds / sharers as f64) as f32;
@@ -130,7 +131,7 @@ impl TileCosts {
         }
     }
 
-    /// Counts the rays of that packet, and shares out the seconds that they took together.
+    /// Counts the rays of the current packet, and divides their common time among them.
     pub(super) fn trace(&mut self, account_of: impl Fn(usize) -> Account, seconds: f64) {
         let count = self.active.iter().filter(|&&active| active != 0).count();
         let each = (1e9 * seconds / count.max(1) as f64) as f32;

@@ -1,4 +1,4 @@
-//! Where the renderer lets rays start that leave what has been hit: for those who test it from outside.
+//! Spawn points of rays that leave hit surfaces, exposed for tests outside of the renderer.
 
 use glam::DVec3;
 
@@ -8,28 +8,29 @@ use super::texturing::Widths;
 use crate::accel::{LANES, RayPacket};
 use crate::scene::{Camera, EffectOverrides, Scene};
 
-/// A point on a surface that rays may leave.
+/// Surface point from which new rays start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Departure {
-    /// The point, in world space.
+    /// Hit point in world space.
     pub p: DVec3,
-    /// The unit geometric normal on the side that the ray came from.
+    /// Unit geometric normal on the side of the incident ray.
     pub ng: DVec3,
-    /// What [`crate::numeric::spawn_point`] is to move a new ray's origin by, along the normal.
+    /// Bound on the error of `p`, by which [`crate::numeric::spawn_point`] moves the origin of a new ray along the
+    /// normal.
     pub error: f64,
 }
 
-/// The surfaces of a scene, as the renderer works them out.
+/// Surface interactions of a scene, as computed by the renderer.
 pub struct Departures<'s>(SurfaceScene<'s>);
 
 impl<'s> Departures<'s> {
-    /// `scene` must have passed [`Scene::validate`].
+    /// Prepares a scene, which must have passed [`Scene::validate`].
     pub fn new(scene: &'s Scene) -> Departures<'s> {
         let plan = Plan::new(scene, &Camera::default(), &EffectOverrides::default());
         Departures(SurfaceScene::new(scene, &plan))
     }
 
-    /// What each lane of a traced packet has hit, if anything.
+    /// Returns the spawn point of each lane of a traced packet that has a hit.
     pub fn of(&self, packet: &RayPacket) -> [Option<Departure>; LANES] {
         let mut surfaces = Surfaces::new(self.0.effects);
         self.0.meet(packet, Widths::None, &mut surfaces);

@@ -1,34 +1,34 @@
-//! What a number of samples tell of their pixel: mean, variance, extremes.
+//! Sample statistics of a pixel: mean, variance, noise and extremes.
 
-/// Rec. 709 luminance of linear RGB.
+/// Rec. 709 luminance weights of linear RGB.
 pub(super) const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
-/// Samples in a row whose means are compared as long as all samples came at once.
+/// Number of successive samples whose means are compared, as long as all samples come from a single round.
 pub(super) const RUN: u32 = 4;
 
-/// What the samples of a pixel tell.
+/// Sums over the samples of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Estimate {
-    /// Of radiance, linear RGB.
+    /// Sum of radiance, linear RGB.
     pub(super) sum: [f64; 3],
     /// Sum of squared radiance, channels weighted by luminance.
     squares: f64,
-    /// Sum of squared sums of [`RUN`] samples in a row, channels weighted by luminance.
+    /// Sum of squared sums of [`RUN`] successive samples, channels weighted by luminance.
     squares_of_runs: f64,
-    /// How far apart the halves were that were merged last.
+    /// Variance between the two halves that were merged last.
     halves: Halves,
-    /// Least and greatest luminance of a sample.
+    /// Smallest and largest luminance of a sample.
     pub(super) extremes: [f32; 2],
-    /// Samples.
+    /// Number of samples in the sums.
     pub(super) count: u32,
 }
 
-/// Two estimates of as many samples each.
+/// Comparison of two estimates with equal numbers of samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Halves {
-    /// Variance of their means, channels weighted by luminance.
+    /// Variance of the means of the halves, channels weighted by luminance.
     variance: f64,
-    /// Samples of one of them; 0 where there were none.
+    /// Number of samples in one half; 0 if no halves were merged.
     count: u32,
 }
 
@@ -45,7 +45,7 @@ impl Estimate {
         count: 0,
     };
 
-    /// One that knows of `count` samples what they and their squares add up to, and no more.
+    /// Returns an estimate that has only the sums of `count` samples and of their squares.
     pub(super) fn of_sums(sum: [f64; 3], squares: f64, count: u32) -> Estimate {
         Estimate {
             sum,
@@ -55,7 +55,7 @@ impl Estimate {
         }
     }
 
-    /// Itself by its bits.
+    /// Returns the bits of the estimate, for checkpoints.
     pub(super) fn to_words(self) -> [u32; 16] {
         let [red, green, blue] = self.sum;
         let doubles = [
@@ -76,7 +76,7 @@ impl Estimate {
         words
     }
 
-    /// The one that has these bits.
+    /// Returns the estimate with these bits, as made by [`Estimate::to_words`].
     pub(super) fn of_words(words: [u32; 16]) -> Estimate {
         let double =
             |place: usize| f64::from_bits(u64::from(words[place]) << 32 | u64::from(words[place + 1]));
@@ -93,12 +93,12 @@ impl Estimate {
         }
     }
 
-    /// What the squared radiance of its samples adds up to, channels weighted by luminance.
+    /// Returns the sum of squared radiance of the samples, channels weighted by luminance.
     pub(super) fn squares(&self) -> f64 {
         self.squares
     }
 
-    /// Counts one more sample.
+    /// Adds one sample to the sums.
     #[inline(always)]
     pub(super) fn add(&mut self, radiance: [f64; 3]) {
         let mut luminance = 0.0;
@@ -113,7 +113,7 @@ impl Estimate {
         self.count += 1;
     }
 
-    /// Takes note of the sum of [`RUN`] samples in a row, which have been counted.
+    /// Adds the sum of [`RUN`] successive samples, which have been added already.
     #[inline(always)]
     pub(super) fn note_run(&mut self, sum: [f64; 3]) {
         for channel in 0..3 {
@@ -121,11 +121,11 @@ impl Estimate {
         }
     }
 
-    /// Counts the samples of `other` too, which came later.
+    /// Adds the samples of `other`, which were taken later.
     pub(super) fn merge(&mut self, other: &Estimate) {
         if self.count == other.count && self.count > 0 {
             let [mean, other_mean] = [self.mean(), other.mean()];
-            // Of two values the variance is half of their squared difference.
+            // The variance of two values is half of their squared difference.
             let part = |c: usize| 0.5 * LUMINANCE[c] * (mean[c] - other_mean[c]).powi(2);
             self.halves = Halves {
                 variance: (0..3).map(part).sum(),
@@ -142,20 +142,21 @@ impl Estimate {
         self.count += other.count;
     }
 
-    /// Mean luminance.
+    /// Returns the mean luminance of the samples.
     pub(super) fn luminance(&self) -> f64 {
         (0..3).map(|c| LUMINANCE[c] * self.sum[c]).sum::<f64>() / f64::from(self.count)
     }
 
-    /// Mean radiance.
+    /// Returns the mean radiance, linear RGB.
     pub(super) fn mean(&self) -> [f64; 3] {
         self.sum.map(|sum| sum / f64::from(self.count))
     }
 
-    /// Variance of the samples (not of their mean), channels weighted by luminance; 0 for a single one.
+    /// Returns the variance of the samples (not of their mean), channels weighted by luminance; 0 for a single
+    /// sample.
     ///
-    /// It is at least that of the luminance, and sees edges between colours of equal luminance as well. In f64 the
-    /// difference of squares loses 2^-53 of the squared mean, so 2^-26 of the mean in standard deviation.
+    /// It is at least the variance of the luminance, and also detects edges between colours of equal luminance. In
+    /// f64 the difference of squares loses 2^-53 of the squared mean, so 2^-26 of the mean in standard deviation.
     pub(super) fn variance(&self) -> f64 {
         if self.count < 2 {
             return 0.0;
@@ -163,13 +164,13 @@ impl Estimate {
         ((self.squares - self.mean_squares()) / f64::from(self.count - 1)).max(0.0)
     }
 
-    /// How much of the variance is noise; the rest is that of edges. Uncertain, for a single pixel: it may be less than
-    /// nothing or more than all.
+    /// Returns the part of the variance that is noise; the rest is due to edges. For a single pixel it is uncertain
+    /// and may be negative or exceed the variance.
     ///
-    /// The mean of r evenly spread samples has a variance of 1 / r that of noise, and 1 / r^1.5 that of edges. So the
-    /// means of runs of r samples, among themselves, tell which it is. The longest that there are two of are asked, the
-    /// halves that were merged last: what looks like noise to few samples may be an edge to more, and the other way
-    /// round, where a texture is finer than they can tell.
+    /// The mean of r stratified samples has a variance of 1 / r of that of noise, and of 1 / r^1.5 of that of edges.
+    /// The variance between means of runs of r samples therefore separates the two. The longest available runs are
+    /// used, the halves that were merged last: a variation that looks like noise to few samples may be an edge to
+    /// more, and the reverse where a texture is finer than they resolve.
     pub(super) fn noise_variance(&self) -> f64 {
         let (length, of_means) = if self.halves.count > 0 {
             let length = f64::from(self.halves.count);
@@ -181,12 +182,12 @@ impl Estimate {
         } else {
             return 0.0;
         };
-        // 1 / √r of that of edges is left.
+        // 1 / √r of the variance of edges remains.
         let of_edges = length.sqrt().recip();
         (of_means - of_edges * self.variance()) / (1.0 - of_edges)
     }
 
-    /// The squared mean of all channels, weighted by luminance, times the number of samples.
+    /// Returns the squared mean of all channels, weighted by luminance, times the number of samples.
     fn mean_squares(&self) -> f64 {
         let mean = self.mean();
         (0..3).map(|c| LUMINANCE[c] * mean[c] * self.sum[c]).sum()
@@ -199,7 +200,7 @@ impl Default for Estimate {
     }
 }
 
-/// That of these gray samples: of sixteen, to which as many again have been merged as long as there are more.
+/// Returns the estimate of gray samples: of the first sixteen, merged with as many again while there are more.
 #[cfg(test)]
 pub(super) fn estimate(samples: &[f64]) -> Estimate {
     const ROUND: usize = 16;
@@ -214,7 +215,7 @@ pub(super) fn estimate(samples: &[f64]) -> Estimate {
     estimate
 }
 
-/// That of gray samples that came at once.
+/// Returns the estimate of gray samples of a single round.
 #[cfg(test)]
 fn estimate_of_round(samples: &[f64]) -> Estimate {
     let mut estimate = Estimate::NONE;
@@ -234,7 +235,7 @@ mod tests {
     #[test]
     fn mean_and_variance_are_those_of_the_samples() {
         let four = estimate(&[1.0, 2.0, 3.0, 6.0]);
-        // Mean 3; squared differences 4 + 1 + 0 + 9 over 3.
+        // Mean 3; squared differences 4 + 1 + 0 + 9, divided by 3.
         assert_eq!(four.mean(), [3.0; 3]);
         assert!((four.variance() - 14.0 / 3.0).abs() < 1e-14);
         assert_eq!(estimate(&[5.0]).variance(), 0.0);
@@ -247,11 +248,11 @@ mod tests {
 
     #[test]
     fn means_of_runs_tell_noise_from_edges() {
-        // Runs of four that differ: of 8 / 7 for the samples, means have 2, which is 8 for four of them. Half of 8 / 7
-        // would be left of edges: (8 - 4 / 7) / (1 - 1 / 2).
+        // Runs of four that differ: the samples have the variance 8 / 7, the means 2, which is 8 for four samples.
+        // Half of 8 / 7 would remain of edges: (8 - 4 / 7) / (1 - 1 / 2).
         let apart = estimate(&[0.0, 0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0]);
         assert!((apart.noise_variance() - 104.0 / 7.0).abs() < 1e-13);
-        // And runs that agree.
+        // Runs of four that agree.
         let alike = estimate(&[0.0, 2.0, 0.0, 2.0, 0.0, 2.0, 0.0, 2.0]);
         assert!((alike.noise_variance() + 8.0 / 7.0).abs() < 1e-14);
         assert_eq!(estimate(&[0.0, 2.0, 1.0, 5.0]).noise_variance(), 0.0);
@@ -259,13 +260,13 @@ mod tests {
 
     #[test]
     fn halves_have_the_word_as_soon_as_there_are_two() {
-        // Of 32 / 31 for the samples, means of sixteen have 2, which is 32 for sixteen of them; a quarter would be left
-        // of edges.
+        // The samples have the variance 32 / 31, the means of sixteen 2, which is 32 for sixteen samples; a quarter
+        // would remain of edges.
         let variance = 32.0 / 31.0;
         let halves = estimate(&[[0.0; 16], [2.0; 16]].concat());
         let expected = (32.0 - 0.25 * variance) / 0.75;
         assert!((halves.noise_variance() - expected).abs() < 1e-12);
-        // Halves of 32 that agree, of which edges would have left 1 / √32. A round that is cut short says nothing.
+        // Halves of 32 that agree; of edges 1 / √32 would remain. An incomplete round does not change the halves.
         let mut agreeing = estimate(&[[0.0; 16], [2.0; 16], [0.0; 16], [2.0; 16]].concat());
         let left = 32.0f64.sqrt().recip();
         let expected = -left * (64.0 / 63.0) / (1.0 - left);

@@ -1,4 +1,4 @@
-//! Sums of radiance: f64 a pixel while a tile is rendered, f32 means in the picture.
+//! Film: sums of radiance in f64 while a tile is rendered, and f32 means in the image.
 
 use std::ops::Range;
 
@@ -13,10 +13,11 @@ use super::wave::{TilePicture, Visit};
 use crate::numeric::{LANES, Lanes, Lanes3, sum_of_lanes};
 use crate::parallel;
 
-/// Side of a tile in pixels: its film (24 KB) stays in the second-level cache, and there are enough tiles to share out.
+/// Side of a tile in pixels: its film (24 KB) stays in the L2 cache, and there are enough tiles to distribute among
+/// threads.
 pub(super) const TILE: u32 = 32;
 
-/// A rectangle of pixels that one task renders.
+/// Rectangle of pixels that one task renders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Tile {
     pub(super) x: u32,
@@ -25,7 +26,7 @@ pub(super) struct Tile {
     pub(super) height: u32,
 }
 
-/// The tiles of an image, row by row.
+/// Returns the tiles of an image, row by row.
 pub(super) fn tiles(width: u32, height: u32) -> Vec<Tile> {
     tiles_among(
         [width, height],
@@ -33,7 +34,7 @@ pub(super) fn tiles(width: u32, height: u32) -> Vec<Tile> {
     )
 }
 
-/// Those of the tiles of an image of `size` that stand in some of its columns and rows of tiles, row by row.
+/// Returns the tiles of an image of `size` in the given columns and rows of tiles, row by row.
 pub(super) fn tiles_among([width, height]: [u32; 2], [columns, rows]: [Range<u32>; 2]) -> Vec<Tile> {
     let starts = |places: &Range<u32>| places.clone().map(|place| place * TILE);
     starts(&rows)
@@ -48,16 +49,16 @@ pub(super) fn tiles_among([width, height]: [u32; 2], [columns, rows]: [Range<u32
         .collect()
 }
 
-/// Sums of radiance over a tile. Sums are made in one order, whoever makes them.
+/// Sums of radiance over a tile, in a fixed order that does not depend on threads.
 ///
-/// Where single samples are asked for, rays carry labels that tell their samples beside their pixels.
+/// Where statistics of single samples are requested, the labels of rays contain the sample besides the pixel.
 pub(super) struct TileFilm {
     sums: Vec<[f64; 3]>,
-    /// One thing to ask about, as most pictures want neither.
+    /// Optional data in one field, so that the common case costs a single test.
     beside: Option<Beside>,
 }
 
-/// What is kept beside the sums.
+/// Optional data in addition to the sums.
 #[derive(Default)]
 struct Beside {
     samples: Option<SampleFilm>,
@@ -87,7 +88,7 @@ impl TileFilm {
         }
     }
 
-    /// The same with sums of layers of light, where these are wanted.
+    /// Returns the film with sums of the layers of light, if they are requested.
     pub(super) fn with_light(mut self, light: Option<LightFilm>) -> TileFilm {
         if light.is_some() {
             self.beside.get_or_insert_default().light = light;
@@ -95,7 +96,7 @@ impl TileFilm {
         self
     }
 
-    /// The layers of light, where any are wanted.
+    /// Returns the layers of light, if any are requested.
     pub(super) fn light(&mut self) -> Option<&mut LightFilm> {
         self.beside.as_mut()?.light.as_mut()
     }
@@ -114,12 +115,12 @@ impl TileFilm {
         }
     }
 
-    /// The sums of all pixels, row by row.
+    /// Returns the sums of all pixels, row by row.
     pub(super) fn sums(&self) -> &[[f64; 3]] {
         &self.sums
     }
 
-    /// Adds what is kept for the pixels, and for single samples.
+    /// Adds the bytes of the sums and of the optional data.
     pub(super) fn add_to(&self, memory: &mut Memory) {
         memory.add("film", "sums of a tile", size_of_val(&self.sums[..]));
         let samples = self.kept_samples().map_or(0, SampleFilm::byte_count);
@@ -129,14 +130,14 @@ impl TileFilm {
         memory.add("film", "layers of light of a tile", light);
     }
 
-    /// The film of single samples, where it is kept.
+    /// Returns the film of single samples, if it is kept.
     pub(super) fn samples(&mut self) -> Option<&mut SampleFilm> {
         self.beside.as_mut()?.samples.as_mut()
     }
 
-    /// Adds one value a lane, all from `source`; lanes that have nothing to add hold zero.
+    /// Adds one value per lane, all from `source`; lanes without a contribution hold zero.
     ///
-    /// Pixels get the same sums whether single samples are kept or not.
+    /// Pixels get identical sums with and without statistics of single samples.
     #[inline(always)]
     pub(super) fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>, source: Source) {
         match &mut self.beside {
@@ -150,6 +151,7 @@ impl TileFilm {
 
     #[inline(always)]
     fn add_to_pixels(&mut self, pixel: &Lanes<u32>, radiance: &Lanes3<f32>) {
+        // Sum up the lanes first if all belong to one pixel
         if pixel.iter().fold(0, |differ, p| differ | (p ^ pixel[0])) == 0 {
             let sum = &mut self.sums[pixel[0] as usize];
             let added = sums_of_lanes(radiance);
@@ -158,6 +160,7 @@ impl TileFilm {
             }
             return;
         }
+        // Otherwise add lane by lane, in order
         for l in 0..LANES {
             let sum = &mut self.sums[pixel[l] as usize];
             for channel in 0..3 {
@@ -166,9 +169,10 @@ impl TileFilm {
         }
     }
 
-    /// The picture of a tile after `settings.spp` samples of every pixel.
+    /// Returns the pixels of a tile after `settings.spp` samples per pixel.
     pub(super) fn picture(&self, tile: Tile, settings: RenderSettings) -> TilePicture {
         let samples = self.kept_samples();
+        // Crop the statistics to the tile
         let estimates = samples
             .filter(|_| settings.sample_aovs)
             .map(SampleFilm::estimates);
@@ -180,12 +184,12 @@ impl TileFilm {
         }
     }
 
-    /// The sums of the tile's pixels, row by row.
+    /// Returns the sums of the pixels of the tile, row by row.
     pub(super) fn sums_of(&self, tile: Tile) -> Vec<[f64; 3]> {
         cut(tile, &self.sums).copied().collect()
     }
 
-    /// What the samples of the visited pixels tell.
+    /// Returns the sample statistics of the visited pixels.
     pub(super) fn estimates(&self, visits: &[Visit]) -> Vec<Estimate> {
         let all = self.kept_samples().map_or(&[][..], SampleFilm::estimates);
         let of = |visit: &Visit| {
@@ -195,7 +199,7 @@ impl TileFilm {
         visits.iter().map(of).collect()
     }
 
-    /// The means over `spp` samples of the tile's pixels, row by row.
+    /// Returns the means over `spp` samples of the pixels of the tile, row by row.
     fn means(&self, tile: Tile, spp: u32) -> Vec<[f32; 3]> {
         let scale = 1.0 / f64::from(spp);
         cut(tile, &self.sums)
@@ -204,7 +208,7 @@ impl TileFilm {
     }
 }
 
-/// What a pixel makes of one channel's packets of samples, one after the other: their sum.
+/// Returns the sum that a pixel forms of one channel of successive sample packets.
 pub fn pixel_sum(packets: impl Iterator<Item = Lanes<f32>>) -> f64 {
     let mut film = TileFilm::new(None);
     for samples in packets {
@@ -217,13 +221,13 @@ pub fn pixel_sum(packets: impl Iterator<Item = Lanes<f32>>) -> f64 {
     film.sums()[0][0]
 }
 
-/// The pixels that lie in `tile` of a full tile's, row by row.
+/// Returns the pixels of a full-size tile that lie inside `tile`, row by row.
 pub(super) fn cut<T>(tile: Tile, pixels: &[T]) -> impl Iterator<Item = &T> {
     let rows = pixels.chunks(TILE as usize).take(tile.height as usize);
     rows.flat_map(move |row| &row[..tile.width as usize])
 }
 
-/// The f64 sums over all lanes of a packet.
+/// Returns the f64 sums over all lanes of a packet.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
@@ -232,7 +236,7 @@ fn sums_of_lanes(radiance: &Lanes3<f32>) -> [f64; 3] {
     radiance.map(|values| sum_of_lanes(values.map(f64::from)))
 }
 
-/// Puts together what `part` picks of tiles' pictures, which come in the order of [`tiles`].
+/// Assembles an image of the data that `part` selects from tiles, which must be in the order of [`tiles`].
 pub(super) fn assemble<T: Copy + Default + Send + Sync>(
     width: u32,
     height: u32,
@@ -241,6 +245,7 @@ pub(super) fn assemble<T: Copy + Default + Send + Sync>(
 ) -> Vec<T> {
     let width_in_tiles = width.div_ceil(TILE) as usize;
     let mut pixels = vec![T::default(); width as usize * height as usize];
+    // Copy each row of tiles into its band of the image, in parallel
     let rows_of_tiles: Vec<&[(Tile, TilePicture)]> = tiles.chunks(width_in_tiles).collect();
     parallel::for_each_chunk_mut(&mut pixels, width as usize * TILE as usize, &|index, band| {
         for (tile, picture) in rows_of_tiles[index] {

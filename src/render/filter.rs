@@ -1,25 +1,25 @@
-//! Reconstruction: how much a sample counts for the pixels around it.
+//! Pixel reconstruction filters.
 //!
-//! A pixel is the weighted mean of the samples near its middle, `Σ w(s - p) L(s) / Σ w(s - p)`, so a constant picture
-//! stays constant whatever the weights. Each tile adds its samples to a film of its own that reaches over its edges by
-//! the filter's radius; afterwards these films are added to the picture in the order of the tiles. No sample is traced
-//! twice: a border of samples for every tile would cost (36/32)² = 1.27 times the rays at radius 2. The order of all
-//! sums is fixed by the picture alone, as tiles lie where they lie whoever renders them. Filtering by choosing sample
-//! places instead (filter importance sampling) has no answer to negative lobes, and takes neighbours' samples for
-//! noise.
+//! A pixel is the weighted mean of the samples near its centre, `Σ w(s - p) L(s) / Σ w(s - p)`, so that a constant
+//! image stays constant for any weights. Each tile adds its samples to a film of its own, which extends over the
+//! tile's edges by the filter radius; these films are then added to the image in the order of the tiles. No sample is
+//! traced twice: a border of samples around every tile would cost (36/32)² = 1.27 times the rays at radius 2. The
+//! order of all sums depends on the image alone, because the tile grid is fixed. Filter importance sampling, which
+//! chooses sample positions instead, cannot handle negative lobes and loses the samples of neighbours, which
+//! increases noise.
 
 use super::film::{TILE, Tile};
 use super::wave::TilePicture;
 use crate::parallel;
 use crate::scene::image_settings::{FilterKind, MAX_FILTER_RADIUS, MIN_FILTER_RADIUS};
 
-/// How samples become pixels.
+/// Reconstruction filter: kernel and radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PixelFilter {
-    /// Its shape.
+    /// Kernel of the filter.
     pub kind: FilterKind,
-    /// Distance from a pixel's middle, across and down, from which on samples do not count; in pixels, from
-    /// [`PixelFilter::MIN_RADIUS`] to [`PixelFilter::MAX_RADIUS`]. A box is always the pixel itself.
+    /// Distance in pixels from the centre of a pixel, horizontally and vertically, from which on samples do not
+    /// count; from [`PixelFilter::MIN_RADIUS`] to [`PixelFilter::MAX_RADIUS`]. A box always covers the pixel itself.
     pub radius: f64,
 }
 
@@ -30,12 +30,12 @@ impl Default for PixelFilter {
 }
 
 impl PixelFilter {
-    /// Least radius.
+    /// Smallest radius of a filter, in pixels.
     pub const MIN_RADIUS: f64 = MIN_FILTER_RADIUS;
-    /// Greatest radius.
+    /// Largest radius of a filter, in pixels.
     pub const MAX_RADIUS: f64 = MAX_FILTER_RADIUS;
 
-    /// A filter of its usual radius.
+    /// Returns the filter of that kind with its default radius.
     pub fn of_kind(kind: FilterKind) -> PixelFilter {
         let radius = match kind {
             FilterKind::Box => 0.5,
@@ -46,7 +46,7 @@ impl PixelFilter {
         PixelFilter { kind, radius }
     }
 
-    /// Bytes that the films of all tiles take for each pixel.
+    /// Returns the bytes per pixel that the films of all tiles use.
     pub(super) fn bytes_per_pixel(&self) -> u64 {
         if self.is_box() {
             return 0;
@@ -55,12 +55,12 @@ impl PixelFilter {
         (side * side * size_of::<[f64; 4]>()).div_ceil((TILE * TILE) as usize) as u64
     }
 
-    /// Whether samples count for their own pixel only, all alike.
+    /// Returns whether samples count equally and for their own pixel only.
     pub(super) fn is_box(&self) -> bool {
         self.kind == FilterKind::Box
     }
 
-    /// The weight of a sample at distance `x` from a pixel's middle, along one axis.
+    /// Returns the weight of a sample at distance `x` from the centre of a pixel, along one axis.
     fn weight(&self, x: f64) -> f64 {
         let x = x.abs();
         if x >= self.radius {
@@ -70,7 +70,7 @@ impl PixelFilter {
             FilterKind::Box => 1.0,
             FilterKind::Tent => 1.0 - x / self.radius,
             FilterKind::Gaussian => {
-                /// 1/2 (radius / sigma)² for a radius of three sigma.
+                /// Exponent 1/2 (radius / sigma)² for a radius of three sigma.
                 const FALL: f64 = 4.5;
                 let ratio = x / self.radius;
                 (-FALL * ratio * ratio).exp() - (-FALL).exp()
@@ -79,15 +79,15 @@ impl PixelFilter {
         }
     }
 
-    /// How many pixels to each side of its own a sample may count for.
+    /// Returns how many pixels to each side of its own a sample may affect.
     pub(super) fn reach(&self) -> usize {
-        // A sample lies up to half a pixel from its pixel's middle; those exactly `radius` away do not count.
+        // A sample lies up to half a pixel from the centre of its pixel; samples exactly `radius` away do not count.
         (self.radius.clamp(0.5, PixelFilter::MAX_RADIUS) - 0.5).ceil() as usize
     }
 }
 
-/// Mitchell and Netravali's filter with B = C = 1/3, for `x` in [0, 2] ("Reconstruction filters in computer graphics",
-/// SIGGRAPH 1988, equation 8).
+/// Evaluates the filter of Mitchell and Netravali with B = C = 1/3, for `x` in [0, 2] ("Reconstruction filters in
+/// computer graphics", SIGGRAPH 1988, equation 8).
 fn mitchell(x: f64) -> f64 {
     if x < 1.0 {
         (7.0 * x * x * x - 12.0 * x * x + 16.0 / 3.0) / 6.0
@@ -96,20 +96,20 @@ fn mitchell(x: f64) -> f64 {
     }
 }
 
-/// Most pixels a sample counts for, along one axis.
+/// Largest number of pixels that a sample affects, along one axis.
 const MAX_SPAN: usize = 9;
 
-/// Weighted sums of a tile's samples, for its own pixels and those around it.
+/// Weighted sums of the samples of a tile, for its own pixels and a border of their neighbours.
 #[derive(Clone)]
 pub(super) struct Splat {
     filter: PixelFilter,
     reach: usize,
-    /// Red, green, blue, weight; rows of `TILE + 2 reach` pixels, as many as there are columns.
+    /// Red, green, blue and weight per pixel; a square of rows of `TILE + 2 reach` pixels.
     sums: Vec<[f64; 4]>,
 }
 
 impl Splat {
-    /// Bytes of the sums.
+    /// Returns the bytes of the sums.
     pub(super) fn byte_count(&self) -> usize {
         size_of_val(&self.sums[..])
     }
@@ -132,9 +132,10 @@ impl Splat {
         TILE as usize + 2 * self.reach
     }
 
-    /// Adds a sample at `position` within the tile's pixel of number `pixel`, `TILE` to a row.
+    /// Adds a sample at `position` within pixel `pixel` of the tile, `TILE` pixels per row.
     pub(super) fn add(&mut self, pixel: u32, position: [f64; 2], radiance: [f64; 3]) {
         let (x, y) = ((pixel % TILE) as usize, (pixel / TILE) as usize);
+        // Weights are separable, so compute them per axis
         let [across, down] = position.map(|p| self.weights(p));
         let span = 2 * self.reach + 1;
         for (row, wy) in down.iter().enumerate().take(span) {
@@ -149,8 +150,8 @@ impl Splat {
         }
     }
 
-    /// What a sample at `position` along an axis counts for the pixels from `reach` before its own to `reach` behind
-    /// it.
+    /// Returns the weights along an axis of a sample at `position`, for the pixels from `reach` before its own to
+    /// `reach` behind it.
     fn weights(&self, position: f64) -> [f64; MAX_SPAN] {
         let mut weights = [0.0; MAX_SPAN];
         for (k, weight) in weights.iter_mut().enumerate().take(2 * self.reach + 1) {
@@ -161,12 +162,13 @@ impl Splat {
     }
 }
 
-/// The filtered picture of tiles that come in the order of [`super::film::tiles`].
+/// Replaces `means` by the filtered pixels of tiles, which must be in the order of [`super::film::tiles`].
 ///
-/// `means` gives the unweighted pixels, which stand in where weights happen to cancel.
+/// The unfiltered pixels in `means` are kept where weights happen to cancel.
 pub(super) fn assemble(width: u32, means: &mut [[f32; 3]], tiles: &[(Tile, TilePicture)]) {
     let width = width as usize;
     let bands = Bands::of(width, tiles);
+    // Filter each row of tiles, including samples of the rows above and below
     parallel::for_each_chunk_mut(means, width * TILE as usize, &|index, band| {
         let mut sums = vec![[0.0; 4]; band.len()];
         bands.add_to(index, &mut sums);
@@ -176,7 +178,8 @@ pub(super) fn assemble(width: u32, means: &mut [[f32; 3]], tiles: &[(Tile, TileP
     });
 }
 
-/// The weighted sums and weights of the pixels of tiles that come in that order, in pictures of `width` and `height`.
+/// Returns the weighted sums and weights of the pixels of tiles, which must be in the order of
+/// [`super::film::tiles`], for an image of `width` and `height`.
 pub(super) fn sums(width: u32, height: u32, tiles: &[(Tile, TilePicture)]) -> Vec<[f64; 4]> {
     let width = width as usize;
     let bands = Bands::of(width, tiles);
@@ -187,12 +190,12 @@ pub(super) fn sums(width: u32, height: u32, tiles: &[(Tile, TilePicture)]) -> Ve
     sums
 }
 
-/// What weighted sums give; nothing where weights happen to cancel.
+/// Returns the weighted mean of sums; `None` where weights happen to cancel.
 pub(super) fn weighted_mean([r, g, b, weight]: [f64; 4]) -> Option<[f32; 3]> {
     (weight > 0.0).then(|| [r, g, b].map(|sum| (sum / weight) as f32))
 }
 
-/// Tiles by rows of tiles.
+/// Tiles grouped by rows of tiles.
 struct Bands<'t> {
     width: usize,
     rows_of_tiles: Vec<&'t [(Tile, TilePicture)]>,
@@ -206,9 +209,10 @@ impl Bands<'_> {
         }
     }
 
-    /// Adds what falls onto row `index` of tiles.
+    /// Adds the sums that fall onto row `index` of tiles, from this row and its neighbours.
     fn add_to(&self, index: usize, band: &mut [[f64; 4]]) {
         let first_row = index * TILE as usize;
+        // The radius is smaller than a tile, so only adjacent rows of tiles contribute.
         let near = index.saturating_sub(1)..(index + 2).min(self.rows_of_tiles.len());
         for (tile, picture) in self.rows_of_tiles[near].iter().copied().flatten() {
             if let Some(splat) = &picture.splat {
@@ -219,18 +223,19 @@ impl Bands<'_> {
 }
 
 impl Splat {
-    /// Adds what of these sums falls onto the rows of `band`, the first of which is the picture's `first_row`.
+    /// Adds the sums that fall onto the rows of `band`, whose first row is `first_row` of the image.
     fn add_to_band(&self, tile: &Tile, band: &mut [[f64; 4]], width: usize, first_row: usize) {
         let rows = band.len() / width;
         let (x, y) = (tile.x as usize, tile.y as usize);
         for (row, sums) in self.sums.chunks(self.side()).enumerate() {
-            // Row `reach` of the sums is the tile's first.
+            // Row `reach` of the sums is the first row of the tile.
             let Some(row) = (y + row)
                 .checked_sub(self.reach + first_row)
                 .filter(|&row| row < rows)
             else {
                 continue;
             };
+            // Clip the columns to the image
             let hidden = self.reach.saturating_sub(x);
             let start = x + hidden - self.reach;
             let seen = (self.side() - hidden).min(width - start);
@@ -274,7 +279,7 @@ mod tests {
         // exp(-1/2) - exp(-9/2) at one sigma = 0.5, half a pixel.
         let bell = (-0.5f64).exp() - (-4.5f64).exp();
         assert!((of(FilterKind::Gaussian, 0.5) - bell).abs() < 1e-15);
-        // B = C = 1/3: 8/9 in the middle, 1/18 at 1, and at 1.5: (-7.875 + 27 - 30 + 10.667) / 6 = -0.034722.
+        // B = C = 1/3: 8/9 at the centre, 1/18 at 1, and at 1.5: (-7.875 + 27 - 30 + 10.667) / 6 = -0.034722.
         let close = |x, expected: f64| (of(FilterKind::Mitchell, x) - expected).abs() < 1e-14;
         assert!(close(0.0, 8.0 / 9.0) && close(1.0, 1.0 / 18.0) && close(1.5, -5.0 / 144.0));
         assert_eq!(of(FilterKind::Mitchell, 2.0), 0.0);
@@ -296,12 +301,13 @@ mod tests {
         }
     }
 
-    /// The picture of the samples that `radiance` gives for places in the image, four a pixel.
+    /// Returns the filtered image of `radiance` over image coordinates, with four samples per pixel.
     fn picture(
         filter: PixelFilter,
         (width, height): (u32, u32),
         radiance: impl Fn(f64, f64) -> [f64; 3],
     ) -> Vec<[f32; 3]> {
+        // Splat four samples per pixel, tile by tile
         let splatted: Vec<(Tile, TilePicture)> = tiles(width, height)
             .into_iter()
             .map(|tile| {
@@ -324,6 +330,7 @@ mod tests {
                 (tile, picture)
             })
             .collect();
+        // Assemble the films of the tiles
         let mut pixels = vec![[f32::NAN; 3]; (width * height) as usize];
         assemble(width, &mut pixels, &splatted);
         pixels
@@ -335,7 +342,7 @@ mod tests {
         for filter in filters() {
             for size in [(1, 1), (33, 40), (100, 3)] {
                 for pixel in picture(filter, size, |_, _| constant) {
-                    // Some hundred roundings of 2^-53 before the one to f32, which they nearly never tip.
+                    // Some hundred rounding errors of 2^-53 before the rounding to f32, which they rarely change.
                     for channel in 0..3 {
                         let relative = f64::from(pixel[channel]) / constant[channel] - 1.0;
                         assert!(relative.abs() < 1.2e-7, "{filter:?} {size:?} {pixel:?}");
@@ -361,8 +368,8 @@ mod tests {
 
     #[test]
     fn tiles_meet_without_a_seam() {
-        // A ramp is symmetric about every pixel's middle, so filtered by weights that see both sides alike it stays a
-        // ramp but for the uneven places of its samples, which repeat from pixel to pixel: steps are all equal.
+        // A ramp is symmetric about the centre of every pixel. Filtered by symmetric weights it stays a ramp, except
+        // for the uneven sample positions, which repeat from pixel to pixel: all steps are equal.
         for filter in filters() {
             let (width, height) = (70, 70);
             let pixels = picture(filter, (width, height), |x, y| [x, y, x + y]);
@@ -370,7 +377,7 @@ mod tests {
             for y in inner.clone() {
                 for x in inner.clone() {
                     let at = |x: u32, y: u32| pixels[(y * width + x) as usize];
-                    // Values up to 140 round by 2^-17; two of them differ by twice that.
+                    // Values up to 140 are rounded by 2^-17; the difference of two by twice that.
                     assert!(
                         (at(x + 1, y)[0] - at(x, y)[0] - 1.0).abs() < 2e-5,
                         "{filter:?} {x} {y}"

@@ -1,7 +1,8 @@
-//! What the camera rays of a tile met first, summed up pixel by pixel for the picture's [layers](super::layers).
+//! First-hit AOVs: sums over the first hits of the camera rays of a tile, for the [layers](super::layers) of the
+//! image.
 //!
-//! Hits are those that are shaded, with the points and materials that shading takes: a layer costs its sums. Whoever
-//! wants none pays for one question a packet.
+//! The hits are those that are shaded, with the points and materials computed for shading, so a layer costs only its
+//! sums. Without layers, the cost is one test per packet.
 
 use multiversion::multiversion;
 
@@ -16,44 +17,44 @@ use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, sum_of_lanes};
 use crate::shading::MaterialPacket;
 
-/// Pixels to a side of the block that a packet of a sample a pixel covers.
+/// Side in pixels of the block that a packet covers when it takes one sample per pixel.
 const BLOCK: usize = 4;
 
-/// The working memory of one thread.
+/// First-hit sums of one thread, reused from tile to tile.
 pub(super) struct FirstHits<'f, 's> {
     frame: &'f Frame<'s>,
-    /// Of each pixel, `TILE` to a row: samples that met anything.
+    /// Number of samples of each pixel that hit a surface, `TILE` pixels per row.
     counts: Vec<u32>,
-    /// What makes means of sums over them; 0 where there are none.
+    /// Reciprocals of `counts`, which turn sums into means; 0 for pixels without hits.
     scales: Vec<f64>,
-    /// Instance, material and primitive of the first of them.
+    /// Instance, material and primitive of the first hit of each pixel.
     ids: Vec<[u32; 3]>,
-    /// Sums over them: of each wanted layer, in their order, but for the ids.
+    /// Sums over the hits of each pixel: one array per requested layer, in their order, without the ids.
     sums: Vec<Vec<f64>>,
-    /// Those that are wanted, in their order.
+    /// Cryptomatte accumulators of the requested mattes, in their order.
     mattes: Vec<Matte>,
 }
 
-/// The lanes of a packet that met anything, and their pixels.
+/// Lanes of a packet that hit a surface, with their pixels.
 struct Met {
-    /// All bits of the lanes that did, none of the others.
+    /// Bit mask per lane: all bits set if the lane hit a surface, otherwise zero.
     keep: Lanes<u32>,
     pixel: Lanes<u32>,
     spread: Spread,
 }
 
-/// How pixels are spread over lanes.
+/// Distribution of pixels over the lanes of a packet.
 enum Spread {
-    /// All have this one.
+    /// Single pixel for all lanes.
     One(usize),
-    /// They have a block of neighbours, row by row, this one first.
+    /// Block of neighbouring pixels, one per lane, row by row; holds the first of them.
     Block(usize),
-    /// In another way.
+    /// Any other distribution of pixels.
     Any,
 }
 
 impl<'f, 's> FirstHits<'f, 's> {
-    /// Where somebody wants layers.
+    /// Returns an empty accumulator if layers are requested.
     pub(super) fn of(frame: &'f Frame<'s>) -> Option<Box<FirstHits<'f, 's>>> {
         let pixel_count = (TILE * TILE) as usize;
         let wanted = frame.settings.layers;
@@ -76,7 +77,7 @@ impl<'f, 's> FirstHits<'f, 's> {
         self.mattes.iter_mut().for_each(Matte::clear);
     }
 
-    /// Bytes of all of it.
+    /// Returns the bytes of all sums and lists.
     pub(super) fn byte_count(&self) -> usize {
         let sums: usize = self.sums.iter().map(|sums| size_of_val(&sums[..])).sum();
         let mattes: usize = self.mattes.iter().map(Matte::byte_count).sum();
@@ -84,18 +85,20 @@ impl<'f, 's> FirstHits<'f, 's> {
         size_of_val(self) + counted + size_of_val(&self.ids[..]) + sums + mattes
     }
 
-    /// Adds what a camera packet has met, `surfaces` worked out.
+    /// Adds the hits of a camera packet, whose `surfaces` are computed.
     pub(super) fn add(&mut self, packet: &RayPacket, label: &Lanes<u32>, surfaces: &Surfaces) {
         add(self, packet, label, surfaces);
     }
 
     #[inline(always)]
     fn add_inlined(&mut self, packet: &RayPacket, label: &Lanes<u32>, surfaces: &Surfaces) {
+        // Count the hits and remember the first of each pixel
         let met = Met::of(packet, label, self.frame.shape.block as usize);
         self.count(packet, &met);
         let scale = self.frame.scene.normalisation.scale;
         let points = &surfaces.points;
         let mut place = 0;
+        // Add to the sums of the requested layers
         for kind in self.frame.settings.layers.kinds() {
             place += match kind {
                 LayerKind::Depth => {
@@ -110,6 +113,7 @@ impl<'f, 's> FirstHits<'f, 's> {
                 LayerKind::Ids | LayerKind::CryptoObject | LayerKind::CryptoMaterial => 0,
             };
         }
+        // Add to the mattes
         for (matte, ids) in self.mattes.iter_mut().zip(self.frame.mattes.iter()) {
             for l in (0..LANES).filter(|&l| met.has(l)) {
                 matte.add(met.pixel[l], ids[packet.instance[l] as usize]);
@@ -117,7 +121,7 @@ impl<'f, 's> FirstHits<'f, 's> {
         }
     }
 
-    /// Counts the samples that met anything, and notes what the first of a pixel met.
+    /// Counts the samples that hit a surface, and records the ids of the first hit of each pixel.
     #[inline(always)]
     fn count(&mut self, packet: &RayPacket, met: &Met) {
         if let Spread::One(pixel) = met.spread {
@@ -136,7 +140,7 @@ impl<'f, 's> FirstHits<'f, 's> {
         }
     }
 
-    /// What the first of a pixel's samples met, where all of the packet are.
+    /// Records the ids of the first hit of a pixel that all lanes of the packet share.
     #[inline(never)]
     fn note_first(&mut self, packet: &RayPacket, met: &Met, pixel: usize) {
         for l in 0..LANES {
@@ -153,7 +157,7 @@ impl<'f, 's> FirstHits<'f, 's> {
         self.ids[pixel] = [instance, material, packet.primitive[l]];
     }
 
-    /// Places in the file's coordinates.
+    /// Returns hit points in the coordinates of the scene file, before normalization.
     fn positions(&self, points: &SurfacePacket) -> Lanes3<f32> {
         let file = &self.frame.scene.normalisation;
         let center = file.center.to_array();
@@ -183,17 +187,20 @@ impl<'f, 's> FirstHits<'f, 's> {
         motions
     }
 
-    /// The wanted layers of a tile.
+    /// Returns the requested layers of a tile.
     pub(super) fn layers(&mut self, tile: Tile) -> Vec<TileLayer<'_>> {
+        // Compute the factors from sums to means
         for (scale, &count) in self.scales.iter_mut().zip(&self.counts) {
             *scale = if count == 0 { 0.0 } else { f64::from(count).recip() };
         }
         let samples = self.frame.samples_taken();
         let mattes = self.mattes.iter_mut();
+        // Rank the mattes; reversed so that `pop` returns them in order
         let mut mattes: Vec<Vec<Vec<f32>>> = mattes.map(|matte| matte.planes(tile, samples)).rev().collect();
         let mut sums = self.sums.iter();
         let wanted = self.frame.settings.layers;
         let mut layers = Vec::with_capacity(wanted.layer_count());
+        // Collect the layers in their fixed order
         for kind in wanted.kinds() {
             match kind {
                 LayerKind::Ids => layers.extend((0..3).map(|part| TileLayer::Numbers {
@@ -227,7 +234,7 @@ impl<'f, 's> FirstHits<'f, 's> {
 }
 
 impl Met {
-    /// Of a packet over blocks of so many pixels to a side.
+    /// Finds the hit lanes and their pixels, for a packet over a block of `block` pixels per side.
     #[inline(always)]
     fn of(packet: &RayPacket, label: &Lanes<u32>, block: usize) -> Met {
         let (mut keep, mut pixel) = ([0; LANES], [0; LANES]);
@@ -246,7 +253,7 @@ impl Met {
         met
     }
 
-    /// Whether a lane's pixel is where the spread has it.
+    /// Returns whether the pixel of a lane agrees with the spread.
     fn is_in_place(&self, l: usize) -> bool {
         let pixel = self.pixel[l] as usize;
         match self.spread {
@@ -256,13 +263,13 @@ impl Met {
         }
     }
 
-    /// Whether a lane met anything.
+    /// Returns whether a lane hit a surface.
     #[inline(always)]
     fn has(&self, l: usize) -> bool {
         self.keep[l] != 0
     }
 
-    /// How many did.
+    /// Returns the number of lanes that hit a surface.
     #[inline(always)]
     fn count(&self) -> u32 {
         let mut ones = self.keep;
@@ -272,11 +279,11 @@ impl Met {
         sum_of_lanes(ones)
     }
 
-    /// Adds values of the lanes, each to a sum of their pixels; how many values that were.
+    /// Adds one value per lane to the sums of their pixels, and returns the number of values.
     #[inline(always)]
     fn add<const N: usize>(&self, values: &[Lanes<f32>; N], sums: &mut [Vec<f64>]) -> usize {
         for (values, sums) in values.iter().zip(sums) {
-            // Whatever other lanes hold, numbers or not.
+            // Lanes without a hit may hold any bits, also NaN.
             let mut kept = [0.0; LANES];
             for l in 0..LANES {
                 kept[l] = f32::from_bits(values[l].to_bits() & self.keep[l]);
@@ -316,7 +323,7 @@ fn add(hits: &mut FirstHits, packet: &RayPacket, label: &Lanes<u32>, surfaces: &
     hits.add_inlined(packet, label, surfaces);
 }
 
-/// What a layer holds where nothing is met.
+/// Returns the value of a layer for pixels without hits.
 fn nothing(kind: LayerKind) -> f32 {
     match kind {
         LayerKind::Depth => f32::INFINITY,
@@ -325,13 +332,13 @@ fn nothing(kind: LayerKind) -> f32 {
     }
 }
 
-/// How many of the wanted layers are sums.
+/// Returns the number of requested layers that are means of sums.
 fn sum_count(wanted: LayerSet) -> usize {
     let summed = wanted.kinds().filter(|kind| kind.is_sum());
     summed.map(|kind| kind.names().len()).sum()
 }
 
-/// From where rays start to the points, in a unit of which there are `scale`.
+/// Returns the distances from ray origins to hit points, divided by `scale` to give file units.
 #[inline(always)]
 fn distances(packet: &RayPacket, points: &SurfacePacket, scale: f64) -> Lanes<f32> {
     let unit = scale.recip();
@@ -349,7 +356,7 @@ fn distances(packet: &RayPacket, points: &SurfacePacket, scale: f64) -> Lanes<f3
     distances
 }
 
-/// What part of the light that arrives surfaces may send back without a highlight.
+/// Returns the albedo without specular reflection; for Phong materials, multiplied by the diffuse coefficient.
 #[inline(always)]
 fn albedo(materials: &MaterialPacket) -> Lanes3<f32> {
     let mut albedo = materials.base_color;
@@ -377,7 +384,7 @@ mod tests {
         let of_block: Lanes<u32> = std::array::from_fn(|l| 33 + l as u32 % 4 + 32 * (l as u32 / 4));
         let mut of_any = [7; LANES];
         of_any[9] = 8;
-        // Pixels of lanes 2 and 9, and to how large a block they belong.
+        // Pixels of the lanes, expected pixels of lanes 2 and 9, and the side of the block.
         for (pixel, places, block) in [
             ([3; LANES], [3, 3], 1),
             (of_block, [35, 98], 4),

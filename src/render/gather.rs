@@ -1,4 +1,4 @@
-//! The arrays of meshes, and what a packet's hits need of them: corners and corner normals of sixteen triangles.
+//! Vertex fetch: positions and vertex normals of the triangles that the sixteen rays of a packet hit.
 
 use glam::{DVec3, Vec3};
 
@@ -7,7 +7,8 @@ use crate::mesh::Mesh;
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet};
 
-/// The arrays of a mesh, resolved once: a `Buffer` decides at every access whether it is mapped.
+/// Slices of the arrays of a mesh, resolved once, because a `Buffer` tests at every access whether it is
+/// memory-mapped.
 pub(super) struct MeshView<'s> {
     pub(super) positions: &'s [[f32; 3]],
     pub(super) triangles: &'s [[u32; 3]],
@@ -17,20 +18,20 @@ pub(super) struct MeshView<'s> {
     pub(super) colors: Option<&'s [[f32; 4]]>,
 }
 
-/// Corners and corner normals of the hit triangles, as gathered. Lanes without a hit keep those of an earlier packet.
+/// Vertex positions and normals of the hit triangles. Lanes without a hit keep values of an earlier packet.
 pub(super) struct Gathered {
     pub(super) corners: [Lanes3<f32>; 3],
     pub(super) normals: [Lanes3<f32>; 3],
-    /// Lanes with corner normals; the others are flat.
+    /// Lanes whose triangle has vertex normals; the others are flat.
     pub(super) smooth: Lanes<bool>,
-    /// Lanes that are not plain triangles in world space and are worked out one by one.
+    /// True if some lanes are not world-space triangles, so that they need the scalar path.
     pub(super) odd: bool,
 }
 
 impl Gathered {
     pub(super) fn new() -> Gathered {
         Gathered {
-            // A right triangle in the xy plane, until a lane has one of its own.
+            // Valid triangle in the xy plane, for lanes that have not been filled yet.
             corners: [
                 [[0.0; LANES]; 3],
                 [[1.0; LANES], [0.0; LANES], [0.0; LANES]],
@@ -44,7 +45,7 @@ impl Gathered {
 }
 
 impl<'s> MeshView<'s> {
-    /// The arrays of `mesh` that the effects need.
+    /// Returns the arrays of `mesh` that the effects need.
     pub(super) fn of(mesh: &'s Mesh, effects: EffectSet) -> MeshView<'s> {
         MeshView {
             positions: &mesh.positions,
@@ -64,7 +65,7 @@ impl<'s> MeshView<'s> {
 }
 
 impl MeshView<'_> {
-    /// Collects one triangle's corners, and the normals there if the mesh has any, for all lanes.
+    /// Fetches the vertices of one triangle, with vertex normals if the mesh has any, for all lanes.
     #[inline(always)]
     pub(super) fn gather_everywhere(&self, primitive: u32, gathered: &mut Gathered) {
         let vertices = self.triangles[primitive as usize].map(|vertex| vertex as usize);
@@ -79,18 +80,20 @@ impl MeshView<'_> {
         }
     }
 
-    /// Collects the corners of all lanes, and the normals there if the mesh has any.
+    /// Fetches the vertices of the triangle of each lane, with vertex normals if the mesh has any.
     ///
-    /// One array after the other, so that the loads of all lanes are under way together. Lanes that missed get the
-    /// first vertex, which spares a branch.
+    /// Reads one array after the other, so that the loads of all lanes overlap. Lanes that missed use the first
+    /// triangle, which avoids a branch.
     #[inline(always)]
     pub(super) fn gather_lanes(&self, packet: &RayPacket, gathered: &mut Gathered) {
+        // Look up the vertex indices of all lanes
         let mut vertices = [[0; 3]; LANES];
         for l in 0..LANES {
             if packet.instance[l] != NO_HIT {
                 vertices[l] = self.triangles[packet.primitive[l] as usize];
             }
         }
+        // Transpose vertices from the mesh into lanes
         let columns = |array: &[[f32; 3]], out: &mut [Lanes3<f32>; 3]| {
             for l in 0..LANES {
                 for corner in 0..3 {
@@ -108,7 +111,7 @@ impl MeshView<'_> {
         }
     }
 
-    /// Collects the corners of lane `l`, and the normals there if the mesh has any.
+    /// Fetches the vertices of the triangle of lane `l`, with vertex normals if the mesh has any.
     #[inline(always)]
     pub(super) fn gather(&self, packet: &RayPacket, l: usize, gathered: &mut Gathered) {
         let vertices = self.triangles[packet.primitive[l] as usize].map(|vertex| vertex as usize);
@@ -129,21 +132,22 @@ impl MeshView<'_> {
         }
     }
 
-    /// Derivatives of the point by texture coordinates, in object space; zero where a triangle's coordinates span
-    /// nothing.
+    /// Returns the derivatives of the point by the texture coordinates, in object space; zero where the coordinates
+    /// of the triangle are degenerate.
     pub(super) fn derivatives(&self, set: &[[f32; 2]], primitive: u32) -> [DVec3; 2] {
         let vertices = self.triangles[primitive as usize].map(|vertex| vertex as usize);
         let [a, b, c] = vertices.map(|vertex| Vec3::from(self.positions[vertex]).as_dvec3());
         let [ta, tb, tc] = vertices.map(|vertex| set[vertex].map(f64::from));
         let (e1, e2) = (b - a, c - a);
         let ([u1, v1], [u2, v2]) = ([tb[0] - ta[0], tb[1] - ta[1]], [tc[0] - ta[0], tc[1] - ta[1]]);
-        // (e1, e2) = (dp/du, dp/dv) times the matrix of the coordinates' differences.
+        // Solve (e1, e2) = (dp/du, dp/dv) times the matrix of coordinate differences.
         let inverse = (u1 * v2 - u2 * v1).recip();
         let derivatives = [(e1 * v2 - e2 * v1) * inverse, (e2 * u1 - e1 * u2) * inverse];
+        // Degenerate coordinates give infinite or NaN derivatives.
         derivatives.map(|d| if d.is_finite() { d } else { DVec3::ZERO })
     }
 
-    /// A vertex attribute at the hit of lane `l`.
+    /// Interpolates a vertex attribute at the hit of lane `l`.
     pub(super) fn interpolate<const N: usize>(
         &self,
         values: &[[f32; N]],

@@ -1,10 +1,10 @@
-//! Lights with an extent as a frame asks them; among them lamps, which are objects.
+//! Area lights of a scene, prepared for sampling, including emissive objects.
 //!
-//! Other lights are not seen, and have nothing that a shadow ray could meet. A lamp's surface is there, and the shadow
-//! ray to a point of it must neither meet that surface at its end nor miss what lies close before it. So it ends off the
-//! surface, on the side that it comes from, by a bound on the rounding of both: that of a ray which leaves the surface
-//! there ([`HitErrorBound`]) and that of a traversal over the shadow ray's length. A convex lamp thus never hides its
-//! points, and a dented one where it does.
+//! Other area lights are invisible and cannot be hit by shadow rays. The surface of an emissive object exists in the
+//! scene: a shadow ray to a point on it must neither hit that surface at its end nor miss an occluder close to it.
+//! The shadow ray therefore ends off the surface, on its own side, by a bound on the rounding errors of both: that of
+//! a ray which leaves the surface there ([`HitErrorBound`]) and that of a traversal over the length of the shadow
+//! ray. A convex emissive object thus never occludes its own points, and a concave one does so where it should.
 
 use glam::{DMat3, DVec3};
 
@@ -16,39 +16,41 @@ use crate::scene::{
 use crate::shading::{AreaLight, DiskLight, LightSample, QuadLight, SphereLight, TexturePoint, TextureSet};
 use crate::shape::Implicit;
 
-/// What the roundings of a traversal in f32 move a shadow ray's end by, and the surface that it ends at, relative to its
-/// length along each axis of object space: 2^-24 for the direction, for the corners less the origin, for each of three
-/// products and two sums of the distance from a plane and of the approach to it, and for their quotient; and three each
-/// for what a placement makes of origin and direction.
+/// Relative bound on the rounding errors of a traversal in f32: on how far they move the end of a shadow ray and the
+/// surface that it ends at, relative to the length of the ray along each axis of object space.
+///
+/// It counts 2^-24 for each of: the direction; the vertices minus the origin; three products and two sums each of the
+/// distance from a plane and of the approach to it; their quotient; and three each for the instance transform of
+/// origin and direction.
 const SHADOW_RAY_ERROR: f64 = 19.0 / (1 << 24) as f64;
 
-/// A light with an extent.
+/// Area light of a scene, prepared for sampling.
 pub(super) struct SoftLight<'s> {
     shape: AreaLight,
     lamp: Option<Lamp<'s>>,
 }
 
-/// The object that a lamp is.
+/// Emissive object behind an area light.
 struct Lamp<'s> {
     geometry: &'s Geometry,
     instance: &'s Instance,
-    /// The texture on its emission, if there is one and it counts.
+    /// Texture of the emission, if there is one and textures are simulated.
     texture: Option<&'s TextureBinding>,
 }
 
-/// A point of a light, for a point that asks.
+/// Sampled point of an area light, for one shaded point.
 pub(super) struct SoftSample {
-    /// Unit vector to there.
+    /// Unit vector from the shaded point to the light point.
     pub(super) direction: DVec3,
-    /// Where a shadow ray to there ends.
+    /// End point of the shadow ray.
     pub(super) end: DVec3,
     /// Density of the direction per steradian.
     pub(super) pdf: f64,
-    /// What the light's radiance is multiplied by there, linear RGB.
+    /// Factor on the radiance of the light at the sampled point, linear RGB.
     pub(super) tint: [f32; 3],
 }
 
-/// Those of a scene, one a light; `None` for lights without an extent.
+/// Returns the area lights of a scene, with one entry per light; `None` for other lights.
 pub(super) fn soft_lights(scene: &Scene, effects: EffectSet) -> Vec<Option<SoftLight<'_>>> {
     let with_extent = |kind: &LightKind| match kind {
         LightKind::Area { shape, .. } => SoftLight::of(scene, shape, effects),
@@ -63,6 +65,7 @@ pub(super) fn soft_lights(scene: &Scene, effects: EffectSet) -> Vec<Option<SoftL
 
 impl<'s> SoftLight<'s> {
     fn of(scene: &'s Scene, shape: &AreaShape, effects: EffectSet) -> Option<SoftLight<'s>> {
+        // Build analytic lights, which are invisible
         let shape = match *shape {
             AreaShape::Quad {
                 center,
@@ -78,6 +81,7 @@ impl<'s> SoftLight<'s> {
                 SphereLight::new(center, radius).ok().map(AreaLight::Sphere)
             }
             AreaShape::Object { instance } => {
+                // Use the surface of an emissive object
                 let shape = scene.lamp_surface(instance).ok()?;
                 let lamp = Some(Lamp::of(scene, &scene.instances[instance as usize], effects));
                 return Some(SoftLight { shape, lamp });
@@ -86,15 +90,19 @@ impl<'s> SoftLight<'s> {
         shape.map(|shape| SoftLight { shape, lamp: None })
     }
 
-    /// Whether rays can meet it.
+    /// Returns whether rays can hit the light.
     pub(super) fn is_seen(&self) -> bool {
         self.lamp.is_some()
     }
 
-    /// The point that `u` picks for `p`, if the light turns a side that shines to there. For a light that is seen, `p`
-    /// must lie off the surface of whatever is there, the light's own too, on the side that asks.
+    /// Samples the point that `u` selects for `p`; `None` if the light does not emit towards `p`.
+    ///
+    /// For a light that rays can hit, `p` must be offset from the surface it belongs to, which may be that of the
+    /// light itself, on the side that is shaded.
     pub(super) fn sample(&self, textures: &TextureSet, p: DVec3, u: [f64; 2]) -> Option<SoftSample> {
+        // Sample a point by the density of its direction
         let sample = self.shape.sample(p, u)?;
+        // Offset the shadow ray's end from an emissive surface
         let (end, tint) = match &self.lamp {
             None if !sample.is_front() => return None,
             None => (sample.position, [1.0; 3]),
@@ -130,12 +138,14 @@ impl<'s> Lamp<'s> {
         }
     }
 
-    /// Where a shadow ray to a point of the lamp ends: off the surface, to the side that it comes from.
+    /// Returns the end of a shadow ray to a point of the object: offset from the surface, on the side that the ray
+    /// comes from.
     fn end(&self, sample: &LightSample, p_object: DVec3) -> DVec3 {
         let (map, inverse) = (
             self.instance.world_from_object(),
             self.instance.object_from_world(),
         );
+        // Bound the error of rays that leave the surface
         let on_surface = match self.geometry {
             Geometry::Mesh(mesh) => {
                 let [a, b, c] = mesh.corners(sample.primitive);
@@ -143,6 +153,7 @@ impl<'s> Lamp<'s> {
             }
             Geometry::Shape(shape) => shape.point(p_object, sample.primitive).error,
         };
+        // Add the error of the traversal over the ray's length
         let way = (sample.distance * sample.direction).abs();
         let in_object = SHADOW_RAY_ERROR * (abs(&inverse.matrix3) * way);
         let error = HitErrorBound(on_surface.0 + in_object).transformed(&map, &inverse, sample.position);
@@ -154,11 +165,12 @@ impl<'s> Lamp<'s> {
         sample.position + error.along(n) * n
     }
 
-    /// What the texture on its emission, if there is one, makes of that.
+    /// Returns the emission texture at a sampled point, or 1 without a texture.
     fn tint(&self, textures: &TextureSet, sample: &LightSample, p_object: DVec3) -> [f32; 3] {
         let Some(layer) = self.texture else {
             return [1.0; 3];
         };
+        // Interpolate the texture coordinates of the light point
         let uv = match self.geometry {
             Geometry::Mesh(mesh) => tex_coords(mesh, layer.texture.tex_coord, sample.primitive, p_object),
             Geometry::Shape(shape) => shape.point(p_object, sample.primitive).uv.map(|x| x as f32),
@@ -169,8 +181,8 @@ impl<'s> Lamp<'s> {
     }
 }
 
-/// Texture coordinates of set `set` at `p` in a triangle; its shares of the corners are those of the areas against
-/// them.
+/// Interpolates texture coordinates of set `set` at `p` in a triangle; the barycentric coordinates are ratios of
+/// areas.
 fn tex_coords(mesh: &Mesh, set: u32, triangle: u32, p: DVec3) -> [f32; 2] {
     let Some(set) = mesh.tex_coords.get(set as usize) else {
         return [0.0; 2];

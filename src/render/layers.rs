@@ -1,47 +1,48 @@
-//! Layers: planes of what camera rays met first, beside a picture's colours.
+//! Layers (AOVs) of the first hits of camera rays, in addition to the colours of an image.
 //!
-//! Every sample of a pixel asks one camera ray what surface it meets first; see-through and partly absent surfaces
-//! count, volumes and fog do not. A pixel's values are means over those of its samples that met one, each weighed alike
-//! whatever the picture's filter is; those of Cryptomatte are parts of all samples. Lengths and places are in the file's
-//! coordinates.
+//! Every sample of a pixel uses the first surface that its camera ray hits; transparent and partly covered (alpha)
+//! surfaces count as hits, volumes and fog do not. The value of a pixel is the mean over the samples that hit a
+//! surface, with equal weights for any filter of the image; values of Cryptomatte are fractions of all samples.
+//! Lengths and positions are in the coordinates of the scene file.
 
 use super::mattes::RANKS;
 use super::region::Region;
 use crate::image::ChannelKind;
 
-/// A group of layers.
+/// Group of layers that are requested together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LayerKind {
-    /// `Z`: the distance along the ray from where it starts; infinite where no sample met anything.
+    /// `Z`: distance along the ray from its origin; infinite if no sample hit a surface.
     Depth,
-    /// `normal.X`, `normal.Y`, `normal.Z`: the unit shading normal in world space on the viewer's side. The mean of
-    /// several is shorter than 1. 0 where no sample met anything.
+    /// `normal.X`, `normal.Y`, `normal.Z`: unit shading normal in world space on the viewer's side. The mean of
+    /// several is shorter than 1. 0 if no sample hit a surface.
     Normal,
-    /// `albedo.R`, `albedo.G`, `albedo.B`: the base colour with its textures and vertex colours, linear RGB; of the
-    /// lecture's materials, the diffuse part of it. 0 where no sample met anything.
+    /// `albedo.R`, `albedo.G`, `albedo.B`: base colour with its textures and vertex colours, linear RGB; for
+    /// materials of the Phong model, its diffuse part. 0 if no sample hit a surface.
     Albedo,
-    /// `position.X`, `position.Y`, `position.Z`; 0 where no sample met anything.
+    /// `position.X`, `position.Y`, `position.Z`: hit point; 0 if no sample hit a surface.
     Position,
-    /// `uv.U`, `uv.V`: the first set of texture coordinates; 0 without one, or where no sample met anything.
+    /// `uv.U`, `uv.V`: first set of texture coordinates; 0 without one, or if no sample hit a surface.
     Uv,
-    /// `id.object`, `id.material`, `id.primitive`: of the first sample that met anything, the index of the instance, of
-    /// its material, and of the mesh's triangle or the shape's part, from 0; -1 where none did. Whole numbers, exact up
-    /// to 2^24.
+    /// `id.object`, `id.material`, `id.primitive`: for the first sample that hit a surface, the index of the
+    /// instance, of its material, and of the triangle of the mesh or the part of the shape, from 0; -1 if no sample
+    /// did. Integers, exact up to 2^24.
     Ids,
-    /// `motion.X`, `motion.Y`: by how many pixels, to the right and down, points of surfaces move in the picture from
-    /// when the shutter opens to when it closes, as the camera moves too; 0 where no sample met anything. Points that are
-    /// behind the camera before or after count as if they stood still.
+    /// `motion.X`, `motion.Y`: motion vector in pixels, to the right and down, of surface points in the image from
+    /// shutter open to shutter close, including camera motion; 0 if no sample hit a surface. Points that are behind
+    /// the camera at either time count as static.
     Motion,
-    /// `CryptoObject00.R` to `CryptoObject02.A`: in turn the id of a name of instances, by Cryptomatte, and which part of
-    /// the pixel's samples met those first; six names, the largest part first. 0 where there are no more. Samples that
-    /// met nothing are in no part.
+    /// `CryptoObject00.R` to `CryptoObject02.A`: alternately the Cryptomatte id of an instance name and the fraction
+    /// of the pixel's samples that hit it first; six names, the largest fraction first. 0 for unused ranks. Samples
+    /// without a hit belong to no fraction.
     CryptoObject,
-    /// `CryptoMaterial00.R` to `CryptoMaterial02.A`: the same of the names of materials.
+    /// `CryptoMaterial00.R` to `CryptoMaterial02.A`: alternately the Cryptomatte id of a material name and its
+    /// fraction of samples, like the layers of instance names.
     CryptoMaterial,
 }
 
 impl LayerKind {
-    /// All, in the order in which their layers come.
+    /// All groups, in the order of their layers.
     pub const ALL: [LayerKind; 9] = [
         LayerKind::Depth,
         LayerKind::Normal,
@@ -54,7 +55,7 @@ impl LayerKind {
         LayerKind::CryptoMaterial,
     ];
 
-    /// The names of its layers.
+    /// Returns the names of the layers in the group.
     pub fn names(self) -> &'static [&'static str] {
         match self {
             LayerKind::Depth => &["Z"],
@@ -69,7 +70,7 @@ impl LayerKind {
         }
     }
 
-    /// What Cryptomatte calls it, if it is one of its layers.
+    /// Returns the Cryptomatte name of the group, if it is one of its layers.
     pub fn cryptomatte(self) -> Option<&'static str> {
         match self {
             LayerKind::CryptoObject => Some("CryptoObject"),
@@ -78,12 +79,12 @@ impl LayerKind {
         }
     }
 
-    /// Whether its layers are means over the samples that met anything.
+    /// Returns whether the layers are means over the samples that hit a surface.
     pub(super) fn is_sum(self) -> bool {
         self != LayerKind::Ids && self.cryptomatte().is_none()
     }
 
-    /// Whether a file of halves may round them.
+    /// Returns whether a file of half floats may round the layers.
     fn rounding(self) -> ChannelKind {
         match self {
             LayerKind::Albedo => ChannelKind::Color,
@@ -92,7 +93,7 @@ impl LayerKind {
     }
 }
 
-/// Ids and coverages of two names to four channels.
+/// Channel names of Cryptomatte for instance names; four channels hold ids and coverages of two names.
 const CRYPTO_OBJECT: [&str; 2 * RANKS] = [
     "CryptoObject00.R",
     "CryptoObject00.G",
@@ -108,7 +109,7 @@ const CRYPTO_OBJECT: [&str; 2 * RANKS] = [
     "CryptoObject02.A",
 ];
 
-/// As above.
+/// Channel names of Cryptomatte for material names; four channels hold ids and coverages of two names.
 const CRYPTO_MATERIAL: [&str; 2 * RANKS] = [
     "CryptoMaterial00.R",
     "CryptoMaterial00.G",
@@ -124,37 +125,37 @@ const CRYPTO_MATERIAL: [&str; 2 * RANKS] = [
     "CryptoMaterial02.A",
 ];
 
-/// Some groups of layers.
+/// Set of groups of layers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LayerSet(u16);
 
 impl LayerSet {
-    /// None.
+    /// Set without any layers.
     pub const NONE: LayerSet = LayerSet(0);
 
-    /// The same and one more.
+    /// Returns the set with `kind` added.
     #[must_use]
     pub fn with(self, kind: LayerKind) -> LayerSet {
         LayerSet(self.0 | (1 << kind as u16))
     }
 
-    /// Whether it is one of them.
+    /// Returns whether `kind` is in the set.
     #[inline(always)]
     pub fn has(self, kind: LayerKind) -> bool {
         self.0 & (1 << kind as u16) != 0
     }
 
-    /// Whether there is none.
+    /// Returns whether the set is empty.
     pub fn is_empty(self) -> bool {
         self == LayerSet::NONE
     }
 
-    /// They, in their order.
+    /// Iterates over the groups of the set in their fixed order.
     pub fn kinds(self) -> impl Iterator<Item = LayerKind> {
         LayerKind::ALL.into_iter().filter(move |&kind| self.has(kind))
     }
 
-    /// How many layers they are.
+    /// Returns the number of layers in the set.
     pub fn layer_count(self) -> usize {
         self.kinds().map(|kind| kind.names().len()).sum()
     }
@@ -166,19 +167,19 @@ impl FromIterator<LayerKind> for LayerSet {
     }
 }
 
-/// One value a pixel.
+/// Layer of an image: one f32 value per pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
-    /// What a file calls it, as [`LayerKind`] lists.
+    /// Channel name in files, as listed for [`LayerKind`].
     pub name: String,
-    /// Whether a file of halves may round it.
+    /// Kind of channel, which decides whether a file of half floats may round the layer.
     pub kind: ChannelKind,
-    /// Row by row, the top row first.
+    /// Pixel values, row by row from the top.
     pub values: Vec<f32>,
 }
 
 impl Layer {
-    /// One of all pixels of `region`, to be filled.
+    /// Returns a layer of zeros for the pixels of `region`.
     pub(super) fn blank(name: String, kind: ChannelKind, region: &Region) -> Layer {
         Layer {
             name,
@@ -188,7 +189,7 @@ impl Layer {
     }
 }
 
-/// The layers of `region` that are wanted, to be filled.
+/// Returns layers of zeros for the requested groups and the pixels of `region`.
 pub(super) fn blank(wanted: LayerSet, region: &Region) -> Vec<Layer> {
     let layers = wanted
         .kinds()
@@ -210,7 +211,7 @@ mod tests {
             set.kinds().collect::<Vec<_>>(),
             [LayerKind::Depth, LayerKind::Ids]
         );
-        // `Z` and three numbers.
+        // `Z` and three ids.
         assert_eq!(set.layer_count(), 4);
         assert!(LayerSet::NONE.is_empty() && !set.is_empty());
         let all: LayerSet = LayerKind::ALL.into_iter().collect();
@@ -224,7 +225,7 @@ mod tests {
                 continue;
             };
             for (index, name) in kind.names().iter().enumerate() {
-                // Four channels to a layer.
+                // Four channels per layer of Cryptomatte.
                 let channel = ["R", "G", "B", "A"][index % 4];
                 assert_eq!(*name, format!("{called}0{}.{channel}", index / 4));
             }

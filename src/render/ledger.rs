@@ -1,8 +1,8 @@
-//! What was traced and how long it took, by what it was for.
+//! Render profile: numbers of rays and seconds, by account.
 //!
-//! Every ray that the backend is asked for is counted under one account. Seconds add up by construction, as each
-//! reading of the clock books all that went by since the one before (see `meter`); what threads spend without work is
-//! `idle`.
+//! Every ray that is traced by the backend is counted under exactly one account. Seconds add up by construction,
+//! because each reading of the clock books all time since the previous one (see `meter`); time in which threads have
+//! no work is booked as `idle`.
 
 use std::ops::AddAssign;
 
@@ -10,55 +10,56 @@ use super::losses::Limit;
 use super::queue::Sorts;
 use crate::scene::Effect;
 
-/// What rays and seconds are booked under: every ray and every second under exactly one.
+/// Category of the profile: every ray and every second is booked under exactly one account.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Account {
-    /// Making camera rays, and deciding which pixels need more of them.
+    /// Generation of camera rays, and selection of pixels for adaptive sampling.
     Sampling,
-    /// Rays from the eye.
+    /// Camera rays, traced to their first hit.
     Camera,
-    /// Rays from surfaces to lights, as far as the first surface.
+    /// Shadow rays, up to the first surface that they hit.
     Shadow,
-    /// The same rays behind it, where light goes through surfaces, and the colour that they take on.
+    /// Continuation of shadow rays behind the first surface, where light goes through surfaces, and their
+    /// attenuation.
     TransparentShadow,
-    /// Mirrored rays.
+    /// Mirror reflection rays from smooth surfaces.
     Reflection,
-    /// Rays through surfaces, and the division of light at them.
+    /// Refracted rays, and the computation of reflection and refraction at boundaries.
     Refraction,
     /// Rays into the lobes of opaque rough surfaces.
     RoughReflection,
-    /// Rays into the lobes of rough surfaces that light goes through, on either side of them.
+    /// Rays into the lobes of transmissive rough surfaces, on either side of them.
     RoughRefraction,
-    /// Rays of a single wavelength, whatever sent them.
+    /// Rays of a single wavelength, of any kind.
     Dispersion,
-    /// What bodies swallow on the way of rays.
+    /// Absorption along rays inside media.
     Absorption,
     /// Samples along rays through smoke, fire and fog.
     Volume,
-    /// The light that gets into bodies which scatter it within, and what of it leaves them.
+    /// Irradiance of objects with subsurface scattering, and the radiance that leaves them.
     Subsurface,
     /// Points, normals and materials of hits.
     Surface,
-    /// Look-ups of textures, and normals that they bend.
+    /// Texture look-ups, and normals that they perturb.
     Texture,
-    /// Light that lamps would give if nothing stood before them.
+    /// Unoccluded radiance of direct light.
     Lighting,
     /// Emission, ambient light and background.
     Surroundings,
-    /// Sums of radiance and the picture that they become.
+    /// Sums of radiance, and the image made of them.
     Film,
-    /// Setting up: surfaces made ready, and rays that find the bodies around the camera.
+    /// Preparation: surfaces, and rays that find the interiors around the camera.
     Other,
-    /// Threads without work, at the end of a picture most of all.
+    /// Time in which threads have no work, mostly at the end of an image.
     Idle,
 }
 
-/// How many accounts there are.
+/// Number of accounts, including `idle`.
 pub(super) const ACCOUNTS: usize = Account::ALL.len();
 
 impl Account {
-    /// All of them, in the order of reports.
+    /// All accounts, in the order of reports.
     pub const ALL: [Account; 19] = [
         Account::Sampling,
         Account::Camera,
@@ -81,7 +82,7 @@ impl Account {
         Account::Idle,
     ];
 
-    /// What reports call it; an effect's account has the effect's name.
+    /// Returns the name in reports; the account of an effect has the name of the effect.
     pub const fn name(self) -> &'static str {
         match self {
             Account::Sampling => "sampling",
@@ -106,7 +107,7 @@ impl Account {
         }
     }
 
-    /// The account of an effect, where it has one of its own.
+    /// Returns the account of an effect, if the effect has one of its own.
     pub fn of(effect: Effect) -> Option<Account> {
         Account::ALL
             .into_iter()
@@ -114,121 +115,124 @@ impl Account {
     }
 }
 
-/// What one account took.
+/// Rays and time of one account.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tally {
-    /// Rays that the backend was asked for.
+    /// Number of rays traced by the backend.
     pub rays: u64,
     /// Seconds, summed over threads; 0 with the ledger off.
     pub seconds: f64,
-    /// Of these, within the backend.
+    /// Part of `seconds` that was spent inside the backend.
     pub trace_seconds: f64,
 }
 
-/// The account of a render.
+/// Profile of a render, or of a part of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Ledger {
     /// Wall-clock seconds of the render phase.
     pub seconds: f64,
-    /// Threads that worked in it.
+    /// Number of threads that took part in the render phase.
     pub threads: usize,
-    /// How often the clock was read; 0 with the ledger off.
+    /// Number of clock readings; 0 with the ledger off.
     pub clock_reads: u64,
-    /// Seconds that one reading takes, as measured before the render.
+    /// Seconds that one clock reading takes, as measured before the render.
     pub clock_read_seconds: f64,
     tallies: [Tally; ACCOUNTS],
-    /// Of the rays of single wavelengths, those that were mirrored.
+    /// Number of single-wavelength rays that were mirrored.
     mirrored_colors: u64,
-    /// Of the rays of single wavelengths, those that went through a surface.
+    /// Number of single-wavelength rays that were refracted.
     refracted_colors: u64,
-    /// Of the rays of single wavelengths, those of the lobes of rough surfaces.
+    /// Number of single-wavelength rays into lobes of rough surfaces.
     rough_colors: u64,
-    /// Seconds of shading, all work on hits together.
+    /// Seconds of shading, for all accounts together.
     shading: f64,
-    /// Seconds of the packets whose shading was watched closely, by what they were for.
+    /// Seconds of the packets whose shading was timed in detail, by account.
     watched: [f64; ACCOUNTS],
-    /// Rays that were not followed because of the depth limit of transparent scenes or the weight cut-off.
+    /// Number of rays that were not traced because of the depth limit or the weight cut-off.
     pub lost_rays: u64,
-    /// The sum of their weights: by so many times the largest radiance, at most, is the sum of all samples too dark.
+    /// Sum of the throughputs of rays that were not traced. The sum of all samples is too dark by at most this times
+    /// the largest radiance.
     pub lost_weight: f64,
-    /// The most that any pixel lacks: the sum of its samples' lost weights over their number. By so many times the
-    /// radiance that a lost ray could have brought, at most, is a pixel wrong that is filtered by a box. With adaptive
-    /// sampling it is the most of any round, which is no less.
+    /// Largest error bound of any pixel: the sum of the lost throughputs of its samples, divided by their number.
+    ///
+    /// A box-filtered pixel is wrong by at most this times the radiance that a lost ray could have contributed. With
+    /// adaptive sampling it is the maximum over all rounds, which is not smaller.
     pub max_lost_weight: f64,
-    /// Of the lost rays, those beyond the depth limit.
+    /// Rays that were not traced because of the depth limit.
     pub depth_limit: Loss,
-    /// Of the lost rays, those that weighed too little.
+    /// Rays that were not traced because of the weight cut-off.
     pub weight_cutoff: Loss,
-    /// Samples that marches interpolated in volumes, along rays and shadow rays; those that were leapt over do not count.
+    /// Number of samples interpolated in volumes, along rays and shadow rays; skipped samples do not count.
     pub volume_samples: u64,
 }
 
-/// Rays that one limit cut off.
+/// Rays that one limit terminated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Loss {
-    /// How many.
+    /// Number of terminated rays.
     pub rays: u64,
-    /// The sum of their weights.
+    /// Sum of the throughputs of the terminated rays.
     pub weight: f64,
-    /// The most that any pixel lacks, as [`Ledger::max_lost_weight`] has it.
+    /// Largest error bound of any pixel, defined like [`Ledger::max_lost_weight`].
     pub max_weight: f64,
 }
 
 impl Ledger {
-    /// What an account took.
+    /// Returns the rays and time of an account.
     pub fn of(&self, account: Account) -> Tally {
         self.tallies[account as usize]
     }
 
-    /// The accounts with what they took.
+    /// Iterates over all accounts with their rays and times.
     pub fn tallies(&self) -> impl Iterator<Item = (Account, Tally)> + '_ {
         Account::ALL.into_iter().zip(self.tallies)
     }
 
-    /// All together.
+    /// Returns the sum over all accounts.
     pub fn total(&self) -> Tally {
         let mut total = Tally::default();
         self.tallies.iter().for_each(|&tally| total += tally);
         total
     }
 
-    /// Rays from the eye.
+    /// Returns the number of camera rays.
     pub fn camera_rays(&self) -> u64 {
         self.of(Account::Camera).rays
     }
 
-    /// Rays from surfaces to lights; one that goes through surfaces counts again behind each.
+    /// Returns the number of shadow rays; one that goes through surfaces counts again behind each.
     pub fn shadow_rays(&self) -> u64 {
         self.of(Account::Shadow).rays + self.of(Account::TransparentShadow).rays
     }
 
-    /// Rays that smooth surfaces mirrored, whether of all wavelengths or of one.
+    /// Returns the number of mirror rays from smooth surfaces, of all wavelengths or of a single one.
     pub fn reflection_rays(&self) -> u64 {
         self.of(Account::Reflection).rays + self.mirrored_colors
     }
 
-    /// Rays that went through surfaces, refracted or where one is not there, of all wavelengths or of one.
+    /// Returns the number of rays that went through surfaces, refracted or through alpha, of all wavelengths or of a
+    /// single one.
     pub fn refraction_rays(&self) -> u64 {
         self.of(Account::Refraction).rays + self.refracted_colors
     }
 
-    /// Rays into the lobes of rough surfaces, of all wavelengths or of one.
+    /// Returns the number of rays into lobes of rough surfaces, of all wavelengths or of a single one.
     pub fn rough_rays(&self) -> u64 {
         let (opaque, clear) = (Account::RoughReflection, Account::RoughRefraction);
         self.of(opaque).rays + self.of(clear).rays + self.rough_colors
     }
 
-    /// Seconds inside the backend, summed over threads.
+    /// Returns the seconds inside the backend, summed over threads.
     pub fn trace_seconds(&self) -> f64 {
         self.total().trace_seconds
     }
 
-    /// Seconds that reading the clock took, summed over threads.
+    /// Returns the seconds spent reading the clock, summed over threads.
     pub fn seconds_of_measuring(&self) -> f64 {
         self.clock_reads as f64 * self.clock_read_seconds
     }
 
-    /// The same rays under one account, with `seconds` of all threads together.
+    /// Returns a ledger that books all rays under one account, with `seconds` summed over threads.
     pub(super) fn gathered(&self, account: Account, seconds: f64) -> Ledger {
         let mut gathered = Ledger {
             clock_reads: self.clock_reads,
@@ -244,12 +248,12 @@ impl Ledger {
         gathered
     }
 
-    /// Books a tally.
+    /// Adds a tally to an account.
     pub(super) fn book(&mut self, account: Account, tally: Tally) {
         self.tallies[account as usize] += tally;
     }
 
-    /// Books rays that surfaces sent out; they shared packets, and so share the time.
+    /// Books rays that surfaces sent; rays of different types share packets, so time is divided by their numbers.
     pub(super) fn book_sent(&mut self, all: Tally, sorts: Sorts) {
         let shared = sorts.accounts(all.rays);
         for (account, rays) in shared {
@@ -266,24 +270,25 @@ impl Ledger {
         self.rough_colors += sorts.rough_colors;
     }
 
-    /// Books seconds of shading, which are not yet divided.
+    /// Books seconds of shading, which [`Ledger::settle`] divides among accounts.
     pub(super) fn book_shading(&mut self, seconds: f64) {
         self.shading += seconds;
     }
 
-    /// Books what a closely watched packet took for something.
+    /// Books seconds of a packet whose shading is timed in detail.
     pub(super) fn book_watched(&mut self, account: Account, seconds: f64) {
         self.watched[account as usize] += seconds;
     }
 
-    /// Divides the time of shading as that of the watched packets was, and books what is left of `threads` times the
-    /// phase as idle.
+    /// Divides the time of shading in the proportions of the packets timed in detail, and books the rest of `threads`
+    /// times `seconds` as idle.
     pub(super) fn settle(&mut self, threads: usize, seconds: f64) {
         self.seconds = seconds;
         self.threads = threads;
         if self.clock_reads == 0 {
             return;
         }
+        // Divide the time of shading among accounts
         let watched: f64 = self.watched.iter().sum();
         if watched > 0.0 {
             for (tally, part) in self.tallies.iter_mut().zip(self.watched) {
@@ -293,11 +298,12 @@ impl Ledger {
             self.tallies[Account::Surface as usize].seconds += self.shading;
         }
         (self.shading, self.watched) = (0.0, [0.0; ACCOUNTS]);
+        // Book the remaining thread time as idle
         let idle = threads as f64 * seconds - self.total().seconds;
         self.tallies[Account::Idle as usize].seconds += idle.max(0.0);
     }
 
-    /// Books a ray that is not followed.
+    /// Books a ray that is not traced because of `limit`.
     pub(super) fn lose(&mut self, limit: Limit, weight: f32) {
         self.lost_rays += 1;
         self.lost_weight += f64::from(weight);
@@ -319,7 +325,7 @@ impl AddAssign for Tally {
 }
 
 impl AddAssign for Loss {
-    /// Adds another task's; pixels are different ones.
+    /// Adds the losses of another task, which covers different pixels.
     fn add_assign(&mut self, other: Loss) {
         self.rays += other.rays;
         self.weight += other.weight;
@@ -328,7 +334,7 @@ impl AddAssign for Loss {
 }
 
 impl AddAssign for Ledger {
-    /// Adds another task's tallies; wall-clock time is not a sum.
+    /// Adds the tallies of another task; wall-clock time is not summed.
     fn add_assign(&mut self, other: Ledger) {
         self.clock_reads += other.clock_reads;
         self.clock_read_seconds = self.clock_read_seconds.max(other.clock_read_seconds);
@@ -379,7 +385,7 @@ mod tests {
         ledger.book(Account::Camera, camera);
         ledger.settle(2, 6.0);
         let seconds = |account| ledger.of(account).seconds;
-        // 8 = 2 + 6 as 1 to 3; two threads for 6 s are 12 s, of which 8 + 1 are booked.
+        // 8 s are divided 1 to 3 as 2 + 6; two threads for 6 s are 12 s, of which 8 + 1 are booked.
         assert_eq!((seconds(Account::Surface), seconds(Account::Texture)), (2.0, 6.0));
         assert_eq!(seconds(Account::Idle), 3.0);
         assert_eq!(ledger.total().seconds, 12.0);
@@ -394,6 +400,7 @@ mod tests {
             seconds: 1.0,
             trace_seconds: 0.5,
         };
+        // 18 of the 20 rays have a counted type; the other two are mirror rays of all wavelengths.
         let sorts = Sorts {
             refracted: 3,
             refracted_colors: 4,

@@ -1,10 +1,10 @@
-//! Depth of field: camera rays that leave from points all over the lens. And motion: they leave at times all over that
-//! for which the shutter is open, from where the camera is then.
+//! Depth of field and motion blur: camera rays that start on a lens and at sampled times.
 //!
-//! A packet's rays are made as a pinhole's first; where the camera has a lens each is bent to go from another point of
-//! it to where the pinhole's ray is in focus ([`crate::scene::LensView::ray`]). The point is that of the sample's own
-//! pair of numbers for [`Purpose::LENS`], the time is by that for [`Purpose::TIME`]. Widths of rays stay those of the
-//! middle of the lens, and the bodies around the camera those around that point in the middle of the time.
+//! The rays of a packet are first generated for a pinhole. With a lens, each ray is then moved to start at a lens
+//! point and to pass through the pinhole ray's point of focus ([`crate::scene::LensView::ray`]). The lens point is
+//! given by the random pair of the sample for [`Purpose::LENS`], the time by that for [`Purpose::TIME`]; the camera
+//! has its position at that time. Ray cones are those of the lens centre, and the interiors around the camera are
+//! those around this point at the middle of the shutter interval.
 
 use super::Frame;
 use super::sampler::{Purpose, SampleGroup};
@@ -14,18 +14,18 @@ use crate::numeric::{AnimatedTransform, LANES, Lanes};
 use crate::scene::{Camera, CameraRay, CameraView, Effect, EffectSet, LensView};
 
 impl Frame<'_> {
-    /// Whether camera rays are other than those of a pinhole that stands still.
+    /// Returns whether camera rays differ from those of a static pinhole.
     pub(super) fn is_bent(&self) -> bool {
         self.lens.is_some() || self.motion.is_some()
     }
 
-    /// Whether camera rays are bent, have times, or begin paths that keep more than their weights.
+    /// Returns whether camera rays are moved, have times, or carry path state.
     pub(super) fn has_camera_travels(&self) -> bool {
-        // Times are kept by paths.
+        // Times are part of the path state.
         self.is_bent() || self.travels()
     }
 
-    /// The rays of a packet's samples, which lie at `position` in their pixels.
+    /// Returns the camera rays for the samples of a packet at `position` within their pixels.
     pub(super) fn camera_rays(
         &self,
         block: &Block,
@@ -33,10 +33,12 @@ impl Frame<'_> {
         position: &[Lanes<f64>; 2],
     ) -> Lanes<CameraRay> {
         std::array::from_fn(|l| {
+            // Compute the film point of the sample
             let pixel = self.pixel(block, l);
             let [x, y] =
                 [0, 1].map(|axis| (f64::from(pixel[axis]) + position[axis][l]) * self.pixel_size[axis]);
             let moved;
+            // Place the camera at the time of the sample
             let (view, lens) = match &self.motion {
                 None => (&self.view, &self.lens),
                 Some(moving) => {
@@ -44,6 +46,7 @@ impl Frame<'_> {
                     (&moved.0, &moved.1)
                 }
             };
+            // Generate the pinhole ray and move it to a lens point
             let pinhole = view.ray(x, y);
             match lens {
                 None => pinhole,
@@ -52,7 +55,7 @@ impl Frame<'_> {
         })
     }
 
-    /// When the samples of a packet are taken.
+    /// Returns the sample times of a packet.
     pub(super) fn times(&self, block: &Block, group: &SampleGroup) -> Lanes<f32> {
         std::array::from_fn(|l| {
             let [u, _] = self.numbers(block, group, l, Purpose::TIME);
@@ -60,13 +63,13 @@ impl Frame<'_> {
         })
     }
 
-    /// The pair of numbers of lane `l`'s sample.
+    /// Returns the random pair for the sample of lane `l`.
     fn numbers(&self, block: &Block, group: &SampleGroup, l: usize, purpose: Purpose) -> [f64; 2] {
         self.settings
             .numbers(self.pixel(block, l), group.sample[l], purpose)
     }
 
-    /// Column and row of lane `l`'s pixel in the picture.
+    /// Returns the column and row of lane `l`'s pixel in the image.
     fn pixel(&self, block: &Block, l: usize) -> [u32; 2] {
         [
             block.tile.x + block.corner.0 + self.pixels[0][l],
@@ -75,7 +78,7 @@ impl Frame<'_> {
     }
 }
 
-/// A camera that moves, for one size of picture.
+/// Moving camera, for one size of image.
 pub(super) struct MovingCamera {
     camera: Camera,
     motion: AnimatedTransform,
@@ -84,7 +87,7 @@ pub(super) struct MovingCamera {
 }
 
 impl MovingCamera {
-    /// That of a frame of these effects; `None` where the camera stands still or is to be seen as if it did.
+    /// Returns the moving camera; `None` if the camera is static or motion blur is off.
     pub(super) fn of(camera: &Camera, size: [u32; 2], effects: EffectSet) -> Option<MovingCamera> {
         let motion = camera.motion().filter(|_| effects.has(Effect::MotionBlur))?;
         Some(MovingCamera {
@@ -95,7 +98,7 @@ impl MovingCamera {
         })
     }
 
-    /// What it is at `time`, and its lens.
+    /// Returns the camera and its lens at `time`.
     pub(super) fn at(&self, time: f32) -> (CameraView, Option<LensView>) {
         let camera = Camera {
             world_from_camera: self.motion.at(f64::from(time)),
@@ -108,7 +111,7 @@ impl MovingCamera {
     }
 }
 
-/// Lets the rays of a packet be `rays`, rounded to f32.
+/// Sets the rays of a packet to `rays`, rounded to f32.
 pub(super) fn aim(packet: &mut RayPacket, rays: &Lanes<CameraRay>) {
     for l in 0..LANES {
         for axis in 0..3 {

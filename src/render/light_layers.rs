@@ -1,8 +1,9 @@
-//! Layers of light: what each lamp, and each way by which light is seen, gives to a picture. Each kind adds up to it.
+//! Layers of light (AOVs): the contribution of each light, and of each effect at the first bounce. Each kind adds up
+//! to the image.
 //!
-//! Whatever is added to a tile's film says where it comes from ([`Source`]). The first step of its way from the camera
-//! stands in the label that every ray carries beside its pixel, so that no queue holds more for it: rays get it when
-//! their generation is traced, and those that they send inherit it. Layers are sums beside the picture's own.
+//! All radiance that is added to a tile's film has a [`Source`]. The first step of its path from the camera is part
+//! of the label that every ray carries with its pixel, so queues need no extra memory: rays receive it when their
+//! generation is traced, and rays that they send inherit it. Layers are sums in addition to the sum of the image.
 
 use super::film::TILE;
 use super::layers::Layer;
@@ -14,57 +15,58 @@ use crate::image::ChannelKind;
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet, Light};
 
-/// Which layers of light are wanted.
+/// Selection of the layers of light to compute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LightLayers {
-    /// `light.NAME.R`, `.G`, `.B` of each light, by what surfaces and volumes get from it; `light.environment` of the
-    /// environment map, as far as shadow rays found it; `light.subsurface` of all light that leaves bodies which scatter
-    /// it within; and `light.emission` of all that is seen without a shadow ray: emission, ambient light and background.
+    /// Layers `light.NAME.R`, `.G`, `.B` for each light: its direct light on surfaces and in volumes. Also
+    /// `light.environment` for light of the environment map by shadow rays, `light.subsurface` for all light that
+    /// leaves objects with subsurface scattering, and `light.emission` for all light seen without a shadow ray:
+    /// emission, ambient light and background.
     pub lights: bool,
-    /// `effect.NAME.R`, `.G`, `.B` by the first step of the way from the camera, of the effects that are on:
-    /// `effect.direct` of what it sees with none, `effect.reflection` and so on.
+    /// Layers `effect.NAME.R`, `.G`, `.B` by the first step of the path from the camera, for the effects that are on:
+    /// `effect.direct` for light seen without any, `effect.reflection` and so on.
     pub effects: bool,
 }
 
 impl LightLayers {
-    /// None.
+    /// Selection without any layers.
     pub const NONE: LightLayers = LightLayers {
         lights: false,
         effects: false,
     };
 
-    /// Whether there is none.
+    /// Returns whether no layer is selected.
     pub fn is_empty(self) -> bool {
         self == LightLayers::NONE
     }
 
-    /// Groups of three channels that a scene with so many lights has at most.
+    /// Returns the largest number of planes (three channels each) for a scene with `light_count` lights.
     pub(super) fn most_planes(self, light_count: usize) -> usize {
-        // Emission, the environment and bodies that scatter light within.
+        // Three more for emission, the environment and subsurface scattering.
         let lights = usize::from(self.lights) * (light_count + 3);
         lights + usize::from(self.effects) * (STEPS.len() + 1)
     }
 }
 
-/// Where light comes from that reaches the film.
+/// Origin of radiance that reaches the film.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Source {
-    /// It is seen without a shadow ray.
+    /// Light that is seen without a shadow ray.
     Emission,
-    /// The light of that number.
+    /// Light of the scene with that index.
     Light(u32),
-    /// The environment map, by shadow rays.
+    /// Environment map, sampled by shadow rays.
     Environment,
-    /// A body that scatters light within.
+    /// Object with subsurface scattering.
     Subsurface,
-    /// Smoke, fire and fog: which light they scatter is told apart.
+    /// Smoke, fire and fog; their light is divided by light source separately.
     Volume,
 }
 
-/// Bits of a label below those of the first step: pixels and samples.
+/// Number of label bits below those of the first step: pixel and sample.
 pub(super) const STEP_SHIFT: u32 = 20;
 
-/// First steps from the camera, in the order of their numbers in labels, from 1.
+/// First steps of paths from the camera, in the order of their numbers in labels, from 1.
 const STEPS: [Account; 7] = [
     Account::Reflection,
     Account::Refraction,
@@ -79,7 +81,7 @@ fn number_of(step: Account) -> usize {
     STEPS.iter().position(|&s| s == step).map_or(0, |index| index + 1)
 }
 
-/// The label with `step` as its first, if it has none.
+/// Returns the label with `step` as its first step, if it has none yet.
 pub(super) fn with_step(label: u32, step: Account) -> u32 {
     match label >> STEP_SHIFT {
         0 => label | (number_of(step) as u32) << STEP_SHIFT,
@@ -87,25 +89,25 @@ pub(super) fn with_step(label: u32, step: Account) -> u32 {
     }
 }
 
-/// The label without its first step.
+/// Returns the label without its first step.
 pub(super) fn without_step(label: u32) -> u32 {
     label & ((1 << STEP_SHIFT) - 1)
 }
 
-/// The planes of the layers that are wanted, three channels each.
+/// Requested layers of light, as planes of three channels each.
 #[derive(Clone, Default)]
 pub(super) struct LightSheet {
     names: Vec<String>,
-    /// Planes of lights; those of effects follow.
+    /// Number of planes of lights; planes of effects follow them.
     light_planes: usize,
     environment: Option<usize>,
     subsurface: Option<usize>,
-    /// Planes by the number of the first step; none if effects are not wanted.
+    /// Planes by the number of the first step; `None` without layers by effect.
     steps: Option<[usize; STEPS.len() + 1]>,
 }
 
 impl LightSheet {
-    /// The layers of a scene with these lights.
+    /// Returns the layers of a scene with these lights.
     pub(super) fn new(wanted: LightLayers, lights: &[Light], effects: EffectSet) -> LightSheet {
         let mut sheet = LightSheet::default();
         if wanted.lights {
@@ -137,6 +139,7 @@ impl LightSheet {
     fn add_effects(&mut self, effects: EffectSet) {
         let direct = self.names.len();
         self.names.push("effect.direct".into());
+        // Steps without a layer of their own count as direct
         let mut steps = [direct; STEPS.len() + 1];
         for step in STEPS {
             let is_on = Effect::ALL
@@ -150,27 +153,27 @@ impl LightSheet {
         self.steps = Some(steps);
     }
 
-    /// Whether any is wanted.
+    /// Returns whether any layer is requested.
     pub(super) fn is_wanted(&self) -> bool {
         !self.names.is_empty()
     }
 
-    /// Whether lights are told apart.
+    /// Returns whether layers by light are requested.
     pub(super) fn has_lights(&self) -> bool {
         self.light_planes > 0
     }
 
-    /// Planes of lights.
+    /// Returns the number of planes of lights.
     pub(super) fn light_planes(&self) -> usize {
         self.light_planes
     }
 
-    /// How many layers they are.
+    /// Returns the number of layers, which are channels.
     pub(super) fn layer_count(&self) -> usize {
         3 * self.names.len()
     }
 
-    /// The plane of the light that comes from `source`.
+    /// Returns the plane of the light from `source`, if layers by light are requested and it has one.
     pub(super) fn plane_of(&self, source: Source) -> Option<usize> {
         let plane = match source {
             Source::Emission => Some(0),
@@ -182,9 +185,10 @@ impl LightSheet {
         plane.filter(|&plane| plane < self.light_planes)
     }
 
-    /// The plane of the effect by which a ray of that label sees what comes from `source`.
+    /// Returns the plane of the effect for radiance from `source` along a ray with that label.
     fn effect_plane(&self, label: u32, source: Source) -> Option<usize> {
         let steps = self.steps?;
+        // Scattering in volumes and below surfaces is the first step of a path that has none
         let step = match (label >> STEP_SHIFT, source) {
             (0, Source::Volume) => number_of(Account::Volume),
             (0, Source::Subsurface) => number_of(Account::Subsurface),
@@ -193,7 +197,7 @@ impl LightSheet {
         steps.get(step).copied()
     }
 
-    /// The layers of `region`, to be filled.
+    /// Returns the layers of `region`, filled with zero.
     pub(super) fn blank(&self, region: &Region) -> Vec<Layer> {
         let channels = self
             .names
@@ -205,14 +209,15 @@ impl LightSheet {
     }
 }
 
-/// What lights are called in channels, each differently.
+/// Returns channel names for the lights, all different.
 ///
-/// Whatever is no ASCII letter or digit, `-` or `_` becomes `_`. Of names that clash with an earlier one, or with that of
-/// a layer that is no light's, those after it get `_2`, `_3` and so on, the first that is free.
+/// Every character other than ASCII letters, digits, `-` and `_` becomes `_`. Names that clash with an earlier one,
+/// or with the layer of another source, get the first free suffix of `_2`, `_3` and so on.
 fn light_names(lights: &[Light]) -> Vec<String> {
     let mut taken: Vec<String> = ["emission", "environment", "subsurface"].map(String::from).into();
     let reserved = taken.len();
     for (number, light) in lights.iter().enumerate() {
+        // Replace characters that channel names do not allow
         let allowed = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         let called: String = light
             .name
@@ -223,6 +228,7 @@ fn light_names(lights: &[Light]) -> Vec<String> {
             true => format!("light_{number}"),
             false => called,
         };
+        // Append the first free number to names in use
         let mut free = called.clone();
         let mut next = 2;
         while taken.contains(&free) {
@@ -234,15 +240,15 @@ fn light_names(lights: &[Light]) -> Vec<String> {
     taken.split_off(reserved)
 }
 
-/// Sums of the layers over a tile, plane by plane.
+/// Sums of the layers over one tile, plane by plane.
 pub(super) struct LightFilm {
     sheet: LightSheet,
-    /// `TILE` to a row.
+    /// Sums of each plane, `TILE` pixels per row.
     planes: Vec<Vec<[f64; 3]>>,
 }
 
 impl LightFilm {
-    /// Where any layer is wanted.
+    /// Returns an empty film if any layer is requested.
     pub(super) fn of(sheet: &LightSheet) -> Option<LightFilm> {
         let plane = || vec![[0.0; 3]; (TILE * TILE) as usize];
         sheet.is_wanted().then(|| LightFilm {
@@ -255,12 +261,12 @@ impl LightFilm {
         self.planes.iter_mut().for_each(|plane| plane.fill([0.0; 3]));
     }
 
-    /// Bytes of all sums.
+    /// Returns the bytes of all sums.
     pub(super) fn byte_count(&self) -> usize {
         self.planes.iter().map(|plane| size_of_val(&plane[..])).sum()
     }
 
-    /// Adds one value a lane to the layers that light from `source` belongs to.
+    /// Adds one value per lane to the layers of light from `source`.
     pub(super) fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>, source: Source) {
         if let Some(plane) = self.sheet.plane_of(source) {
             self.add_to_plane(plane, label, radiance);
@@ -272,14 +278,14 @@ impl LightFilm {
         }
     }
 
-    /// Adds one value a lane to one plane.
+    /// Adds one value per lane to one plane.
     pub(super) fn add_to_plane(&mut self, plane: usize, label: &Lanes<u32>, radiance: &Lanes3<f32>) {
         for l in 0..LANES {
             add_lane(&mut self.planes[plane], label[l], radiance, l);
         }
     }
 
-    /// The layers of a tile: means over `spp` samples.
+    /// Returns the layers of a tile: means over `spp` samples.
     pub(super) fn layers(&self, spp: u32) -> impl Iterator<Item = TileLayer<'_>> {
         let scale = f64::from(spp).recip();
         self.planes

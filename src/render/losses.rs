@@ -1,31 +1,31 @@
-//! What a pixel lacks at worst: the weights of the rays that were not followed, summed over its samples.
+//! Truncation error: bounds on the error of pixels due to rays that were not traced.
 //!
-//! A pixel is the mean of its samples, and a ray adds its weight times what it brings back. So a pixel is wrong by at
-//! most the mean of its samples' lost weights for every unit of radiance that the lost rays could have brought. How
-//! much that is has no bound of its own, as a light may be as near to a surface as it likes; so the error is told per
-//! unit of radiance. Where a ray was cut is known one by one, so nothing is kept or counted where none is.
+//! A pixel is the mean of its samples, and a ray contributes its throughput times the radiance along it. A pixel is
+//! therefore wrong by at most the mean of its samples' lost throughputs per unit of radiance of the lost rays. That
+//! radiance has no bound of its own, because a light may be arbitrarily close to a surface, so the error is reported
+//! per unit of radiance. Terminated rays are recorded one by one; where there are none, no memory or time is used.
 
 use super::film::TILE;
 use super::ledger::Ledger;
 use super::samples::pixel_of;
 
-/// Why a ray is not followed.
+/// Reason for which a ray is not traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Limit {
-    /// It has as many generations behind it as are allowed.
+    /// Largest number of bounces, which the path would exceed.
     Depth,
-    /// It weighs too little.
+    /// Weight cut-off: the throughput is too small.
     Weight,
 }
 
-/// Lost weights of the pixels of a tile, by [`Limit`]; empty as long as nothing is lost.
+/// Lost throughputs of the pixels of a tile, by [`Limit`]; empty while nothing is lost.
 #[derive(Debug, Default)]
 pub(super) struct TileLosses {
     sums: Vec<[f64; 2]>,
 }
 
 impl TileLosses {
-    /// Bytes of the sums.
+    /// Returns the bytes of the sums.
     pub(super) fn byte_count(&self) -> usize {
         self.sums.capacity() * size_of::<[f64; 2]>()
     }
@@ -34,7 +34,7 @@ impl TileLosses {
         self.sums.clear();
     }
 
-    /// Adds a weight to the pixel that `label` tells.
+    /// Adds a lost throughput to the pixel of `label`.
     #[cold]
     pub(super) fn add(&mut self, label: u32, limit: Limit, weight: f32) {
         if self.sums.is_empty() {
@@ -43,12 +43,13 @@ impl TileLosses {
         self.sums[pixel_of(label) as usize][limit as usize] += f64::from(weight);
     }
 
-    /// Books the worst of `pixels`, each with its number of samples.
+    /// Records the largest error bound among `pixels`, which are given with their numbers of samples.
     pub(super) fn settle(&self, pixels: impl Iterator<Item = (u32, u32)>, ledger: &mut Ledger) {
         if self.sums.is_empty() {
             return;
         }
         for (pixel, sample_count) in pixels {
+            // Average over the samples of the pixel
             let per_sample = f64::from(sample_count.max(1)).recip();
             let [depth, weight] = self.sums[pixel as usize].map(|sum| sum * per_sample);
             let worst = |greatest: &mut f64, lost: f64| *greatest = greatest.max(lost);
@@ -72,7 +73,7 @@ mod tests {
         losses.add(3, Limit::Depth, 0.5);
         losses.add(3, Limit::Weight, 0.25);
         losses.add(7, Limit::Depth, 1.0);
-        // Pixel 3 with two samples lacks (0.5 + 0.25) / 2, pixel 7 with four 1 / 4.
+        // Pixel 3 with two samples loses (0.5 + 0.25) / 2, pixel 7 with four samples 1 / 4.
         losses.settle([(3, 2), (7, 4), (8, 1)].into_iter(), &mut ledger);
         assert_eq!(ledger.depth_limit.max_weight, 0.25);
         assert_eq!(ledger.weight_cutoff.max_weight, 0.125);

@@ -1,9 +1,9 @@
-//! Mattes: how many of a pixel's samples met what, for the layers of Cryptomatte.
+//! Cryptomatte accumulation: the number of samples of a pixel that hit each object or material.
 //!
-//! Hits are listed one by one, and the list is counted up when it is full. So every count is exact, however many things
-//! a pixel shows, and the list grows beyond its first size only to less than three times the pairs of a pixel and a thing
-//! that the tile has. Counts are whole numbers and equal ones are ranked by their ids, so no order of samples changes a
-//! bit.
+//! Hits are appended to a list, which is compacted when it is full. Every count is therefore exact for any number of
+//! objects in a pixel, and the list grows beyond its initial size only to less than three times the number of pairs
+//! of pixel and object in the tile. Counts are integers and ties are ranked by id, so the result does not depend on
+//! the order of samples.
 //!
 //! Source: J. Friedman and A. Jones, "Cryptomatte Specification", "Ranking Pixel Filter".
 
@@ -14,15 +14,15 @@ use super::layers::{LayerKind, LayerSet};
 use crate::image::cryptomatte::id_of;
 use crate::scene::Scene;
 
-/// Things that a pixel tells of, those that most of its samples met: as many as Cryptomatte suggests.
+/// Number of objects stored per pixel, those with the most samples; as many as Cryptomatte suggests.
 pub(super) const RANKS: usize = 6;
 
-/// Entries of a list at first: several for each pixel of a tile.
+/// Initial capacity of a list: several entries per pixel of a tile.
 const FIRST_ENTRIES: usize = 4 * (TILE * TILE) as usize;
 
 impl LayerKind {
-    /// What its ids are hashes of: the name of each instance of the scene or of its material; `None` where it has no such
-    /// ids.
+    /// Returns the names whose hashes are the ids: for each instance of the scene, its name or that of its material;
+    /// `None` if the group has no such ids.
     pub fn matte_names(self, scene: &Scene) -> Option<Vec<&str>> {
         let instances = scene.instances.iter();
         match self {
@@ -36,7 +36,7 @@ impl LayerKind {
     }
 }
 
-/// The ids of a scene's instances by the mattes that are wanted, in the order of these.
+/// Ids of the instances of a scene, for each requested matte in order.
 pub(super) struct MatteIds(Vec<Vec<f32>>);
 
 impl MatteIds {
@@ -49,23 +49,24 @@ impl MatteIds {
         self.0.iter().map(|ids| size_of_val(&ids[..])).sum()
     }
 
-    /// For each matte, the ids.
+    /// Iterates over the mattes and returns the ids of the instances for each.
     pub(super) fn iter(&self) -> impl Iterator<Item = &[f32]> {
         self.0.iter().map(|ids| &ids[..])
     }
 }
 
-/// What the samples of a tile met, so far.
+/// Hits of the samples of a tile so far, by name.
 pub(super) struct Matte {
     met: Vec<Met>,
 }
 
-/// Samples of a pixel that met one thing; a pixel may have several entries of one until they are counted up.
+/// Number of samples of a pixel that hit one object; a pixel may have several entries for an object until the list is
+/// compacted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Met {
-    /// Within the tile, `TILE` to a row.
+    /// Pixel within the tile, `TILE` pixels per row.
     pixel: u32,
-    /// The bits of the number that stands for it.
+    /// Bits of the f32 id of the object.
     id: u32,
     count: u32,
 }
@@ -81,15 +82,15 @@ impl Matte {
         self.met.clear();
     }
 
-    /// Bytes of its list.
+    /// Returns the bytes of the list.
     pub(super) fn byte_count(&self) -> usize {
         self.met.capacity() * size_of::<Met>()
     }
 
-    /// Adds a sample of `pixel` that met what `id` stands for.
+    /// Adds a sample of `pixel` that hit the object `id`.
     pub(super) fn add(&mut self, pixel: u32, id: f32) {
         let id = id.to_bits();
-        // Samples in a row are often of one pixel, and meet the same.
+        // Successive samples often belong to one pixel and hit the same object.
         if let Some(last) = self
             .met
             .last_mut()
@@ -100,7 +101,7 @@ impl Matte {
         }
         if self.met.len() == self.met.capacity() {
             self.count_up();
-            // A third of it at least is free then, so that lists are seldom counted up.
+            // Ensure that at least a third of the list is free, so that it is rarely compacted.
             if self.met.len() > self.met.capacity() / 2 {
                 self.met.reserve_exact(self.met.capacity());
             }
@@ -108,7 +109,7 @@ impl Matte {
         self.met.push(Met { pixel, id, count: 1 });
     }
 
-    /// Makes one entry of all that are of the same pixel and thing.
+    /// Merges all entries of the same pixel and object.
     fn count_up(&mut self) {
         self.met.sort_unstable_by_key(|met| (met.pixel, met.id));
         self.met.dedup_by(|next, kept| {
@@ -118,10 +119,11 @@ impl Matte {
         });
     }
 
-    /// The layers of a tile whose pixels took `samples` each: ids and coverages in turn, the largest coverage first;
-    /// 0 where a pixel has no more.
+    /// Returns the layers of a tile whose pixels took `samples` each: alternately ids and coverages, the largest
+    /// coverage first; 0 for unused ranks.
     pub(super) fn planes(&mut self, tile: Tile, samples: u32) -> Vec<Vec<f32>> {
         self.count_up();
+        // Rank the objects of each pixel by their coverage
         let mut planes = vec![vec![0.0; (tile.width * tile.height) as usize]; 2 * RANKS];
         for met in self.met.chunk_by_mut(|a, b| a.pixel == b.pixel) {
             met.sort_unstable_by_key(|met| (Reverse(met.count), met.id));
@@ -147,7 +149,7 @@ mod tests {
         height: 2,
     };
 
-    /// What the planes say of a pixel.
+    /// Returns the pairs of id and coverage of a pixel.
     fn ranks(planes: &[Vec<f32>], pixel: usize) -> Vec<(f32, f32)> {
         planes
             .chunks_exact(2)
@@ -161,7 +163,7 @@ mod tests {
         let met = [7.0, 5.0, 5.0, -1.0, 7.0, 2.0];
         met.into_iter().for_each(|id| matte.add(TILE + 2, id));
         let planes = matte.planes(TINY, 8);
-        // Two of eight samples met nothing; a sign is the highest bit.
+        // Two of eight samples missed; the sign is the highest bit of an id, so negative ids rank last.
         let expected = [
             (5.0, 0.25),
             (7.0, 0.25),
@@ -179,7 +181,7 @@ mod tests {
     #[test]
     fn of_more_things_than_ranks_the_largest_are_told_whatever_came_first() {
         let mut matte = Matte::new();
-        // Thing n is met n times: of 1 + ... + 9 = 45 samples.
+        // Object n is hit n times, of 1 + ... + 9 = 45 samples.
         for round in 1..10 {
             (round..10).for_each(|id| matte.add(0, id as f32));
         }
@@ -191,7 +193,7 @@ mod tests {
     #[test]
     fn lists_that_run_full_lose_no_count() {
         let mut matte = Matte::new();
-        // No two in a row are the same, and there are more than the list holds at first.
+        // No two successive entries are equal, and there are more than the initial capacity.
         let (pixels, things, rounds) = (TILE * TILE, 7, 3);
         for _ in 0..rounds {
             for id in 1..=things {

@@ -1,8 +1,8 @@
-//! What a render holds in memory, and for what: every byte under the name of one effect, account or structure.
+//! Memory use of a render by holder: every byte is attributed to one effect, account or structure.
 //!
-//! Sizes are those of what is there: capacities of queues and columns, arrays of meshes, decoded images and what is
-//! made of them. What all threads hold together is noted after each tile, as their queues grow with what they meet and
-//! never shrink; the rest is as large as the picture and the scene. Nothing is counted with the ledger off.
+//! Sizes are actual ones: capacities of queues and arrays, mesh data, decoded images and data derived from them. The
+//! memory of all threads together is recorded after each tile, because their queues grow on demand and never shrink;
+//! all other sizes follow from the image and the scene. With the ledger off, nothing is recorded.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -15,19 +15,19 @@ use crate::accel::AccelReport;
 use crate::mesh::Mesh;
 use crate::scene::{Background, Effect, EffectSet, Geometry, Instance, Scene, Texture};
 
-/// Something that is held.
+/// Entry of the memory statistics.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Holding {
-    /// For what: the name of an effect or of an account; `geometry`, `instances`, `triangles`, `user-geometry`, `tree`
-    /// or `extents` where it serves to find hits; `unused` where the scene brought it along and nothing looks at it.
+    /// Holder: the name of an effect or of an account; `geometry`, `instances`, `triangles`, `user-geometry`, `tree`
+    /// or `extents` for data that serves to find hits; `unused` for data of the scene that no active effect reads.
     pub holder: &'static str,
-    /// What it is.
+    /// Description of the data.
     pub what: &'static str,
-    /// Its size, at its peak.
+    /// Size in bytes, at its peak.
     pub bytes: u64,
 }
 
-/// Everything that a render holds; empty with the ledger off.
+/// Memory statistics of a render; empty with the ledger off.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Memory {
     holdings: Vec<Holding>,
@@ -35,28 +35,29 @@ pub struct Memory {
 }
 
 impl Memory {
-    /// One by one; none is empty.
+    /// Returns all entries, none of which is empty.
     pub fn holdings(&self) -> &[Holding] {
         &self.holdings
     }
 
-    /// Bytes that are held for `holder`.
+    /// Returns the bytes that are attributed to `holder`.
     pub fn of(&self, holder: &str) -> u64 {
         let held = self.holdings.iter().filter(|holding| holding.holder == holder);
         held.map(|holding| holding.bytes).sum()
     }
 
-    /// Bytes that were held at the same time, at most: what the threads hold is gone when the picture is put together.
+    /// Returns the largest number of bytes in use at the same time: thread memory is freed before the image is
+    /// assembled.
     pub fn at_once(&self) -> u64 {
         self.at_once
     }
 
-    /// Bytes of all holdings, each at its own peak.
+    /// Returns the sum of all entries, each at its own peak.
     pub fn total(&self) -> u64 {
         self.holdings.iter().map(|holding| holding.bytes).sum()
     }
 
-    /// Adds `bytes` to what is held.
+    /// Adds `bytes` to an entry, which is created if necessary.
     pub(super) fn add(&mut self, holder: &'static str, what: &'static str, bytes: usize) {
         if bytes == 0 {
             return;
@@ -88,43 +89,44 @@ impl Memory {
     }
 }
 
-/// What the threads of a render hold together.
+/// Memory of all threads of a render together.
 #[derive(Debug, Default)]
 pub(super) struct ThreadMemory(Mutex<Watched>);
 
 #[derive(Debug, Default)]
 struct Watched {
     now: Memory,
-    /// When they held most.
+    /// Memory of the threads when it was largest.
     peak: Memory,
-    /// Pictures of tiles that are finished.
+    /// Bytes of the pixels of finished tiles.
     finished: u64,
-    /// The most that threads and finished tiles took together.
+    /// Largest sum of thread memory and finished tiles.
     most: u64,
-    /// The most that a round of adaptive sampling took.
+    /// Largest number of bytes of a round of adaptive sampling.
     most_in_round: u64,
 }
 
 impl ThreadMemory {
-    /// Books that a thread that held `before` holds `after`.
+    /// Records that the memory of a thread changed from `before` to `after`.
     fn change(&self, before: &Memory, after: &Memory) {
         let mut watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         watched.now.remove_all(before);
         watched.now.add_all(after);
         watched.most = watched.most.max(watched.now.total() + watched.finished);
+        // Keep a copy of the entries at the peak
         if watched.now.total() > watched.peak.total() {
             watched.peak = watched.now.clone();
         }
     }
 
-    /// Books a finished tile.
+    /// Records the bytes of a finished tile.
     fn finish(&self, bytes: usize) {
         let mut watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         watched.finished += bytes as u64;
         watched.most = watched.most.max(watched.now.total() + watched.finished);
     }
 
-    /// Books a round of adaptive sampling: what is known of the picture, and what the visits add.
+    /// Records the bytes of a round of adaptive sampling: estimates of the image and results of its visits.
     pub(super) fn note_round(&self, bytes: usize) {
         let mut watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         watched.most_in_round = watched.most_in_round.max(bytes as u64);
@@ -135,14 +137,15 @@ impl ThreadMemory {
         watched.most_in_round
     }
 
-    /// What they held when they held most; and the most that they and finished tiles took together.
+    /// Returns the memory of the threads when it was largest, and the largest sum of thread memory and finished
+    /// tiles.
     fn peak(&self) -> (Memory, u64) {
         let watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         (watched.peak.clone(), watched.most)
     }
 }
 
-/// What one thread holds, as it was noted last.
+/// Memory of one thread, as recorded last.
 pub(super) struct Held<'f> {
     together: &'f ThreadMemory,
     noted: Memory,
@@ -156,7 +159,7 @@ impl<'f> Held<'f> {
         }
     }
 
-    /// Notes what the thread holds now, and what it has finished since.
+    /// Records the current memory of the thread, and the bytes of output finished since the last call.
     pub(super) fn note(&mut self, memory: Memory, finished: usize) {
         if memory != self.noted {
             self.together.change(&self.noted, &memory);
@@ -173,27 +176,30 @@ impl Drop for Held<'_> {
 }
 
 impl Frame<'_> {
-    /// Everything that the render held, each thing at its peak.
+    /// Returns the memory of the whole render, each entry at its peak.
     pub(super) fn memory(&self) -> Memory {
         let Some(threads) = &self.thread_memory else {
             return Memory::default();
         };
+        // Collect thread memory, film, scene and acceleration structure
         let (mut memory, most_in_tiles) = threads.peak();
         let of_threads = memory.total();
         self.add_film(&mut memory);
         self.add_geometry(&mut memory);
         self.add_appearance(&mut memory);
         add_accel(&self.accel.report(), &mut memory);
+        // Replace parts that do not exist at the same time by their maximum
         let (counted, at_once) = self.phases(threads, most_in_tiles);
         memory.at_once = memory.total() - of_threads - counted + at_once;
         memory
     }
 
-    /// Bytes that are not all there at the same time, and the most of them that are: while samples are taken, or when
-    /// the picture is put together.
+    /// Returns the bytes that do not all exist at the same time, and the maximum of them that does: during sampling
+    /// or during assembly of the image.
     fn phases(&self, threads: &ThreadMemory, most_in_tiles: u64) -> (u64, u64) {
         let picture = self.picture_bytes() as u64;
         if self.settings.target().is_some() {
+            // Adaptive sampling keeps estimates instead of tiles
             let rounds = threads.most_in_round();
             let estimates = (self.pixel_count() * size_of::<Estimate>()) as u64;
             return (
@@ -205,7 +211,7 @@ impl Frame<'_> {
         (put_together, most_in_tiles.max(put_together))
     }
 
-    /// What is kept of a finished tile until the picture is put together.
+    /// Returns the bytes that a finished tile keeps until the image is assembled.
     pub(super) fn tile_bytes(&self, tile: Tile) -> usize {
         let settings = &self.settings;
         let estimate = if settings.sample_aovs {
@@ -217,7 +223,7 @@ impl Frame<'_> {
         (tile.width * tile.height) as usize * pixel + size_of::<((Tile, TilePicture), Ledger)>()
     }
 
-    /// What is kept of all tiles when the last is finished.
+    /// Returns the bytes that all tiles keep when the last one is finished.
     fn all_tile_bytes(&self) -> usize {
         let tiles = film::tiles(self.settings.width, self.settings.height).into_iter();
         tiles.map(|tile| self.tile_bytes(tile)).sum()
@@ -231,16 +237,17 @@ impl Frame<'_> {
         self.pixel_count() * size_of::<[f32; 3]>()
     }
 
-    /// Layers of all kinds that are wanted.
+    /// Returns the number of requested layers of all kinds.
     pub(super) fn layer_count(&self) -> usize {
         self.settings.layers.layer_count() + self.light_sheet.layer_count()
     }
 
-    /// What is as large as the picture.
+    /// Adds data whose size is proportional to the image.
     fn add_film(&self, memory: &mut Memory) {
         let settings = &self.settings;
         let pixels = self.pixel_count();
         memory.add("film", "the picture", self.picture_bytes());
+        // Add the estimates of adaptive sampling, or the tiles kept until assembly
         if settings.target().is_some() {
             let rounds = self.thread_memory.as_ref().map_or(0, ThreadMemory::most_in_round);
             memory.add("sampling", "estimates", rounds as usize);
@@ -253,6 +260,7 @@ impl Frame<'_> {
         if settings.sample_aovs {
             memory.add("sampling", "counts and variances", pixels * 2 * size_of::<f32>());
         }
+        // Add layers and costs
         memory.add("film", "layers", pixels * self.layer_count() * size_of::<f32>());
         memory.add("film", "ids of mattes", self.mattes.byte_count());
         if self.costs.is_some() {
@@ -261,7 +269,7 @@ impl Frame<'_> {
         memory.add("sampling", "places of samples", size_of_val(&self.groups[..]));
     }
 
-    /// Meshes, shapes and where they stand.
+    /// Adds meshes, shapes and instances.
     fn add_geometry(&self, memory: &mut Memory) {
         let scene = self.scene;
         for geometry in &scene.geometries {
@@ -277,15 +285,17 @@ impl Frame<'_> {
         memory.add("instances", "views of the renderer", views);
     }
 
-    /// Images and volumes, and what was made of them.
+    /// Adds images and volumes, and data derived from them.
     fn add_appearance(&self, memory: &mut Memory) {
         let (scene, effects) = (self.scene, self.effects());
+        // Attribute each image to the effect that reads it
         for (image, effect) in scene.images.iter().zip(image_effects(scene, effects)) {
             let bytes = image.texels.byte_count() as usize;
             memory.add(effect.map_or(UNUSED, Effect::name), "decoded images", bytes);
         }
         let levels = self.surfaces.textures().level_byte_count();
         memory.add(Effect::TextureFilter.name(), "levels of images", levels);
+        // Add data derived from images and volumes
         if let Some(environment) = &self.environment {
             let holder = match effects.has(Effect::Environment) {
                 true => Effect::Environment,
@@ -307,15 +317,15 @@ impl Frame<'_> {
     }
 }
 
-/// Who holds what the scene brought along and nothing looks at.
+/// Holder of data of the scene that no active effect reads.
 const UNUSED: &str = "unused";
 
-/// Who holds what only `effect` looks at.
+/// Returns the holder of data that only `effect` reads.
 fn holder(effect: Effect, on: EffectSet) -> &'static str {
     if on.has(effect) { effect.name() } else { UNUSED }
 }
 
-/// The arrays of a mesh, each for what needs it; those of a mapped file are the file's pages.
+/// Adds the arrays of a mesh, each for the effect that needs it; those of a memory-mapped file are its pages.
 fn add_mesh(mesh: &Mesh, on: EffectSet, memory: &mut Memory) {
     let corners = size_of_val(&mesh.positions[..]) + size_of_val(&mesh.triangles[..]);
     memory.add("geometry", "positions and triangles", corners);
@@ -336,7 +346,7 @@ fn add_mesh(mesh: &Mesh, on: EffectSet, memory: &mut Memory) {
     );
 }
 
-/// The first effect of those that are on to look up each image.
+/// Returns, for each image, the first active effect that reads it.
 fn image_effects(scene: &Scene, on: EffectSet) -> Vec<Option<Effect>> {
     let mut effects = vec![None; scene.images.len()];
     if let Background::Environment { image, .. } = scene.background {
@@ -383,7 +393,7 @@ mod tests {
         second.note(of(&[("film", "sums", 10), ("shadow", "rays", 9)]), 0);
         drop(second);
         let (peak, most) = together.peak();
-        // 15 of the first and 17 of the second, before the first was gone; and the first one's finished tile.
+        // 15 of the first thread and 17 of the second, before the first one ends; plus 3 of the finished tile.
         assert_eq!(most, 35);
         assert_eq!((peak.total(), peak.of("film"), peak.of("shadow")), (32, 20, 7));
         assert_eq!(together.0.lock().unwrap().now.total(), 0);

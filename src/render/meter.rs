@@ -1,10 +1,10 @@
-//! Where the time of a tile goes: a clock that is read where one kind of work ends and the next begins.
+//! Sampling profiler of one thread: the clock is read where one kind of work ends and the next begins.
 //!
-//! Every reading books all that went by since the one before, so nothing is left out and nothing counts twice. A
-//! reading takes about 25 ns, as long as a ray, so there are few: one where a batch of packets is made, traced, shaded
-//! or summed up. The shading of a batch is one lap; how it divides is found out by watching one packet in 32 closely.
-//! Which ones is a matter of the golden ratio, as its multiples are in step with no picture; it is the same in every
-//! run.
+//! Every reading books all time since the previous one, so that no time is missed or counted twice. A reading takes
+//! about 25 ns, as long as tracing one ray, so readings are rare: one whenever a batch of packets has been generated,
+//! traced, shaded or summed up. The shading of a batch is one lap; its division among accounts is estimated by timing
+//! one packet in 32 in detail. The golden ratio selects these packets, because its multiples do not correlate with
+//! any structure of the image; the selection is deterministic.
 
 use std::sync::OnceLock;
 use std::time::Instant;
@@ -16,32 +16,34 @@ use super::ledger::{Account, Ledger, Tally};
 use crate::accel::RayPacket;
 use crate::numeric::Lanes;
 
-/// Of so many packets one is watched closely.
+/// One of this many packets is timed in detail.
 const WATCHED_ONE_IN: u32 = 32;
 
-/// 2^32 over the golden ratio: multiples of it are spread over all u32 more evenly than those of any other number.
+/// Fractional part of the golden ratio as a 32-bit fraction (2^32 over the golden ratio): its multiples are
+/// distributed over all u32 more evenly than those of any other number.
 const GOLDEN: u32 = 0x9e37_79b9;
 
-/// Odd numbers with bits at random (those of MurmurHash3 and xxHash): tiles begin at unrelated places of the sequence.
+/// Odd multipliers with random bits (from MurmurHash3 and xxHash), so that tiles start at uncorrelated points of the
+/// sequence.
 const COLUMN_STEP: u32 = 0x85eb_ca6b;
 const ROW_STEP: u32 = 0xc2b2_ae35;
 
-/// The clock of one thread, and what it has booked for a tile.
+/// Clock of one thread, and the ledger of its current tile.
 pub(super) struct Meter {
     pub(super) ledger: Ledger,
-    /// When that began which is not booked yet. `None` with the ledger off: the clock is never read then.
+    /// Start of the time that is not booked yet. `None` with the ledger off, in which case the clock is never read.
     since: Option<Instant>,
-    /// The same within a packet that is watched closely.
+    /// Start of the time not booked yet within a packet that is timed in detail.
     watched_since: Option<Instant>,
-    /// Goes on by [`GOLDEN`] with every packet.
+    /// Sequence that selects packets; advances by [`GOLDEN`] with every packet.
     turn: u32,
     clock_read_seconds: f64,
-    /// What each pixel cost, where somebody asks.
+    /// Cost of each pixel of the tile, if requested.
     pub(super) costs: Option<Box<TileCosts>>,
 }
 
 impl Meter {
-    /// A clock that runs if the settings say so.
+    /// Returns a clock that runs if the ledger is on.
     pub(super) fn new(settings: &RenderSettings) -> Meter {
         let is_on = settings.ledger;
         Meter {
@@ -54,10 +56,11 @@ impl Meter {
         }
     }
 
-    /// Starts the account of a tile.
+    /// Starts the ledger of a tile.
     pub(super) fn begin(&mut self, tile: Tile) {
         self.ledger = Ledger::default();
         self.ledger.clock_read_seconds = self.clock_read_seconds;
+        // Select timed packets from a point of the sequence that depends on the tile
         self.turn = (tile.x / TILE).wrapping_mul(COLUMN_STEP) ^ (tile.y / TILE).wrapping_mul(ROW_STEP);
         if self.since.is_some() {
             self.since = Some(self.now());
@@ -72,7 +75,7 @@ impl Meter {
         Instant::now()
     }
 
-    /// Seconds since the last call of this; `None` with the ledger off.
+    /// Returns the seconds since the previous call; `None` with the ledger off.
     fn pass(&mut self) -> Option<f64> {
         let since = self.since?;
         let now = self.now();
@@ -80,12 +83,13 @@ impl Meter {
         Some((now - since).as_secs_f64())
     }
 
-    /// Books all that is not booked yet.
+    /// Books all time since the last reading.
     pub(super) fn lap(&mut self, account: Account) {
         self.lap_over(account, std::iter::empty());
     }
 
-    /// Books all that is not booked yet, which was spent on these packets alike: their lanes' labels, and those in use.
+    /// Books all time since the last reading and divides it equally among packets, which are given by the labels of
+    /// their lanes and their active lanes.
     #[inline(always)]
     pub(super) fn lap_over<'a>(
         &mut self,
@@ -107,12 +111,12 @@ impl Meter {
         }
     }
 
-    /// Leaves to others what is not booked yet.
+    /// Discards the time since the last reading, which is booked elsewhere.
     pub(super) fn skip(&mut self) {
         self.pass();
     }
 
-    /// Books all that is not booked yet, which all threads of the pool worked on.
+    /// Books all time since the last reading for all threads of the pool, which worked on it together.
     pub(super) fn lap_all_threads(&mut self, account: Account) {
         if let Some(seconds) = self.pass() {
             let tally = Tally {
@@ -123,15 +127,15 @@ impl Meter {
         }
     }
 
-    /// Books all that is not booked yet as shading.
+    /// Books all time since the last reading as shading.
     pub(super) fn lap_shading(&mut self) {
         if let Some(seconds) = self.pass() {
             self.ledger.book_shading(seconds);
         }
     }
 
-    /// Runs a trace, and returns its active rays and its time, which are to be booked. `whose` tells the labels of a
-    /// packet and the accounts of its lanes.
+    /// Runs a trace and returns its number of active rays and its time, for the caller to book. `whose` returns the
+    /// labels of a packet and the accounts of its lanes.
     #[inline(always)]
     pub(super) fn trace<'a>(
         &mut self,
@@ -139,12 +143,15 @@ impl Meter {
         whose: impl Fn(usize) -> (&'a Lanes<u32>, Accounts<'a>),
         trace: impl Fn(&mut [RayPacket]),
     ) -> Tally {
+        // Count active lanes, which are -1
         let rays: i32 = packets.iter().flat_map(|packet| &packet.active).sum();
         let seconds = match self.costs.take() {
+            // Time all packets together
             None => {
                 trace(packets);
                 self.pass().unwrap_or(0.0)
             }
+            // Trace packets one by one to time each of them
             Some(mut costs) => {
                 let mut sum = 0.0;
                 for (index, packet) in packets.iter_mut().enumerate() {
@@ -166,13 +173,14 @@ impl Meter {
         }
     }
 
-    /// Begins the shading of a packet. Returns whether it is watched closely.
+    /// Begins the shading of a packet. Returns whether it is timed in detail.
     pub(super) fn watch(&mut self, labels: &Lanes<u32>, active: &Lanes<i32>) -> bool {
         if self.since.is_none() {
             return false;
         }
         self.turn = self.turn.wrapping_add(GOLDEN);
         let mut is_watched = self.turn < u32::MAX / WATCHED_ONE_IN;
+        // With pixel costs, every packet is timed in detail.
         if let Some(costs) = &mut self.costs {
             costs.turn_to(labels, active);
             is_watched = true;
@@ -181,7 +189,7 @@ impl Meter {
         is_watched
     }
 
-    /// Of a packet that is watched closely, books what went by since the last call of this.
+    /// Books the time since the last reading within a packet that is timed in detail.
     #[inline(always)]
     pub(super) fn part(&mut self, account: Account) {
         if self.watched_since.is_some() {
@@ -190,10 +198,10 @@ impl Meter {
         }
     }
 
-    /// The same up to a moment that has been read elsewhere.
+    /// Books the time within a packet that is timed in detail up to `moment`, which was read elsewhere.
     pub(super) fn part_until(&mut self, account: Account, moment: Instant) {
         if let Some(since) = self.watched_since.replace(moment) {
-            // Of what is between two readings, one reading is not the work's.
+            // The time between two readings includes the duration of one reading.
             let seconds = moment.duration_since(since).as_secs_f64() - self.clock_read_seconds;
             self.ledger.book_watched(account, seconds.max(0.0));
             if let Some(costs) = &mut self.costs {
@@ -202,12 +210,12 @@ impl Meter {
         }
     }
 
-    /// Counts a reading that was made elsewhere.
+    /// Counts a clock reading that was made elsewhere.
     pub(super) fn count_read(&mut self) {
         self.ledger.clock_reads += 1;
     }
 
-    /// Goes on with a packet whose shading was interrupted by other work, which is booked already.
+    /// Resumes the detailed timing of a packet after other work, whose time is booked already.
     pub(super) fn resume(&mut self, labels: &Lanes<u32>, active: &Lanes<i32>) {
         if self.watched_since.is_some() {
             self.watched_since = self.since;
@@ -223,18 +231,18 @@ impl Meter {
     }
 }
 
-/// When something began.
+/// Start of a step that may be timed.
 #[derive(Clone, Copy)]
 pub(super) enum Moment {
-    /// Nobody wants to know.
+    /// No time is requested.
     Unknown,
-    /// The clock is to be read when it does; it has not begun.
+    /// A reading is requested at the start of the step, which has not begun.
     Wanted,
-    /// Then.
+    /// Time at which the step began.
     Read(Instant),
 }
 
-/// What the lanes of a packet are booked under.
+/// Accounts that the lanes of a packet are booked under.
 #[derive(Clone, Copy)]
 pub(super) enum Accounts<'a> {
     All(Account),
@@ -250,7 +258,7 @@ impl Accounts<'_> {
     }
 }
 
-/// Seconds that one reading of the clock takes: the median of many short series, measured once.
+/// Returns the seconds that one clock reading takes: the median of many short series, measured once.
 pub(super) fn clock_read_seconds() -> f64 {
     const SERIES: usize = 101;
     const READS: u32 = 32;
@@ -308,8 +316,8 @@ mod tests {
         let watched: Vec<usize> = (0..32_000)
             .filter(|_| meter.watch(&[0; LANES], &[-1; LANES]))
             .collect();
-        // The multiples of the golden ratio that fall into an interval are off its length times their number by less
-        // than 3 log2 of it.
+        // The number of multiples of the golden ratio that fall into an interval differs from its length times their
+        // number by less than 3 log2 of that number.
         assert!(watched.len().abs_diff(1000) < 45, "{}", watched.len());
         let mut residues = [0; 16];
         watched.iter().for_each(|packet| residues[packet % 16] += 1);

@@ -1,7 +1,7 @@
-//! From a scene and a backend to a picture: tiles in parallel, each a series of waves of packets.
+//! Renderer: turns a scene, a camera and an acceleration structure into an image, in parallel over tiles.
 //!
-//! This room knows no file formats and no backend by name. A picture has the same bits for any number of threads and
-//! any order of tiles: every tile owns its pixels and sums in one order.
+//! This module depends on no file format and on no particular backend. An image has the same bits for any number of
+//! threads and any order of tiles, because every tile owns its pixels and adds up samples in a fixed order.
 
 mod adaptive;
 mod costs;
@@ -109,59 +109,59 @@ use surroundings::Environment;
 use texturing::Widths;
 use wave::{TilePicture, Waves};
 
-/// Surfaces that are looked through for the bodies around the camera.
+/// Largest number of surfaces that are crossed when the interiors around the camera are determined.
 const MAX_BOUNDARIES: usize = 4096;
 
-/// What picture is made of a scene.
+/// Image size, sampling, effects and outputs of one render.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderSettings {
-    /// Pixels a row; at least 1.
+    /// Pixels per row; at least 1.
     pub width: u32,
-    /// Rows; at least 1.
+    /// Number of rows; at least 1.
     pub height: u32,
-    /// Samples a pixel; at least 1. At most, with `adaptive`.
+    /// Samples per pixel; at least 1. With `adaptive` this is the maximum.
     pub spp: u32,
-    /// How they lie in the pixel.
+    /// Pattern of the sample positions in the pixel.
     pub pattern: Pattern,
-    /// Which of the pictures it is that differ by their random numbers alone: errors of two are independent of each
-    /// other, but for the places in the pixel that patterns without random numbers give.
+    /// Seed of the random numbers. The errors of two images with different seeds are independent, except for the
+    /// positions in the pixel of patterns that use no random numbers.
     pub seed: u32,
-    /// How they become the pixel.
+    /// Reconstruction filter that weighs the samples into pixels.
     pub filter: PixelFilter,
-    /// When a pixel has samples enough; `None` gives every pixel `spp`.
+    /// Stopping criterion of adaptive sampling; `None` gives every pixel `spp` samples.
     ///
-    /// Takes the filter for a box, as unequal numbers of samples would weigh a pixel's neighbours unequally. Does
-    /// nothing up to 16 samples a pixel, the least that every pixel gets; needs a pattern whose samples go on, not a
-    /// regular one.
+    /// Treats the filter as a box, because unequal numbers of samples would weigh the neighbours of a pixel
+    /// unequally. Has no effect up to 16 samples per pixel, the minimum that every pixel gets; needs a pattern that
+    /// can be continued, so not a regular one.
     pub adaptive: Option<Adaptive>,
-    /// Whether [`Rendering::aovs`] are wanted. They change no bit of the picture.
+    /// True if [`Rendering::aovs`] are computed. They change no bit of the image.
     pub sample_aovs: bool,
-    /// Which of [`Rendering::layers`] are wanted. They change no bit of the picture; not together with `adaptive`, which
-    /// takes them for none.
+    /// Layers (AOVs) that [`Rendering::layers`] holds. They change no bit of the image. They are ignored with
+    /// `adaptive`.
     pub layers: LayerSet,
-    /// Which layers of light are wanted too, behind the others in [`Rendering::layers`]. They change no bit of the
-    /// picture; only where samples count for their own pixel all alike: not together with `adaptive` or a `filter` other
-    /// than a box, which take them for none.
+    /// Layers of light (per light or per effect), appended to [`Rendering::layers`]. They change no bit of the image.
+    /// They need samples that count equally and for their own pixel only: with `adaptive` or a `filter` other than a
+    /// box they are ignored.
     pub light_layers: LightLayers,
-    /// Reflections and refractions that are followed at most; 0 for none.
+    /// Largest number of reflections and refractions along a path; 0 for none.
     pub depth: u32,
-    /// Wavelengths that a path splits into where a body disperses it; at least 1.
+    /// Number of wavelengths that a path splits into at a dispersive dielectric; at least 1.
     pub wavelengths: u32,
-    /// A reflected ray is not traced if its weight in every channel is under this.
+    /// Smallest throughput of a secondary ray: the ray is not traced if all channels are below this.
     pub weight_cutoff: f32,
-    /// Where rays start that leave surfaces.
+    /// Rule for the origins of rays that leave surfaces.
     pub spawn: SpawnPolicy,
-    /// Where on surfaces hits lie.
+    /// Rule for the positions of hit points on surfaces.
     pub hit_points: HitPoint,
-    /// Whether marches through volumes leap over what is empty. It changes no bit of the picture.
+    /// Skipping of empty space in ray marching. It changes no bit of the image.
     pub skip_empty: SkipEmpty,
-    /// Effects that are wanted other than the scene calls for.
+    /// Effects that are switched on or off against the needs of the scene.
     pub effects: EffectOverrides,
-    /// Whether [`Rendering::ledger`] is to tell where the time went. Off, no clock is read but at both ends of the
-    /// render and before the first sample, and rays are counted all the same. It changes no bit of the picture.
+    /// True if [`Rendering::ledger`] records times per account. When off, the clock is read only at both ends of the
+    /// render and before the first sample; rays are counted either way. It changes no bit of the image.
     pub ledger: bool,
-    /// Whether [`Rendering::costs`] are wanted, for which the ledger must be on. They change no bit of the picture, but
-    /// make it slower.
+    /// True if [`Rendering::costs`] are computed, for which `ledger` must be on. They change no bit of the image, but
+    /// make rendering slower.
     pub cost_aovs: bool,
 }
 
@@ -191,92 +191,93 @@ impl Default for RenderSettings {
     }
 }
 
-/// A picture and what it took.
+/// Finished image with its statistics.
 #[derive(Clone, Debug)]
 pub struct Rendering {
-    /// Linear RGB radiance.
+    /// Linear RGB radiance of the pixels.
     pub image: LinearImage,
-    /// How many samples it took.
+    /// Number of samples that each pixel took.
     pub samples: SampleCounts,
-    /// What each pixel's samples tell, if [`RenderSettings::sample_aovs`] asks for it.
+    /// Sample statistics per pixel, if [`RenderSettings::sample_aovs`] is on.
     pub aovs: Option<SampleAovs>,
-    /// What camera rays met first, if [`RenderSettings::layers`] asks for it.
+    /// AOVs of the first hits of camera rays, and layers of light, if [`RenderSettings::layers`] or
+    /// [`RenderSettings::light_layers`] request any.
     pub layers: Vec<Layer>,
-    /// What each pixel cost, if [`RenderSettings::cost_aovs`] asks for it.
+    /// Cost of each pixel, if [`RenderSettings::cost_aovs`] is on.
     pub costs: Option<PixelCosts>,
-    /// Rays and seconds.
+    /// Numbers of rays and seconds, by account.
     pub ledger: Ledger,
-    /// Seconds before the first sample: levels of images, tables of lights, light within bodies. As long for a small
-    /// picture as for a large one, for the most part.
+    /// Seconds before the first sample: mip levels, light tables, subsurface irradiance. Mostly independent of the
+    /// image size.
     pub ready_seconds: f64,
-    /// Bytes; empty with the ledger off.
+    /// Memory use in bytes; empty with the ledger off.
     pub memory: Memory,
-    /// What was simulated.
+    /// Effects that were simulated, with the reason for each.
     pub plan: Plan,
-    /// The bodies that scatter light within, where any do.
+    /// Statistics of subsurface scattering, if any object has it.
     pub subsurface: Option<SubsurfaceStats>,
 }
 
-/// Everything that stays the same over one picture.
+/// Render context: everything that stays constant during one render.
 struct Frame<'s> {
     scene: &'s Scene,
     accel: &'s dyn Accel,
     settings: RenderSettings,
     view: CameraView,
     surfaces: SurfaceScene<'s>,
-    /// Width and height of a pixel as parts of the image's.
+    /// Width and height of a pixel, as fractions of the image size.
     pixel_size: [f64; 2],
-    /// Where samples lie in their pixels.
+    /// Distribution of the sample positions within pixels.
     layout: Layout,
     shape: PacketShape,
-    /// Pixels of the lanes of that shape, within its block.
+    /// Pixel offsets of the lanes of a packet of `shape`, within its block of pixels.
     pixels: [Lanes<u32>; 2],
-    /// The samples of each pixel, a packet's share at a time.
+    /// Sample positions of each pixel, divided into groups of one packet.
     groups: Vec<SampleGroup>,
-    /// Those of them that are taken; all, but where a picture is the sum of several.
+    /// Range of `groups` that is rendered; all of them, unless the image is the sum of several partial renders.
     part: Range<usize>,
-    /// Whether the sums of pixels are wanted beside their means.
+    /// True if the f64 sums of pixels are returned in addition to their means.
     keeps_sums: bool,
-    /// What is simulated.
+    /// Effects that are simulated, and the lights that cast shadows.
     plan: Plan,
     ambient: [f32; 3],
     background: Background,
-    /// Into which wavelengths a path splits.
+    /// Sampler of the wavelengths that a path splits into.
     spectrum: SpectralSampler,
-    /// The bodies around the camera.
+    /// Dielectric interiors that contain the camera.
     media_at_eye: InteriorStack,
-    /// Rays that were asked to find them.
+    /// Number of rays traced to determine `media_at_eye`.
     probe_count: u64,
-    /// What each pixel cost, where somebody asks.
+    /// Cost of each pixel, if it is requested.
     costs: Option<CostSheet>,
-    /// What the instances are called in layers of mattes.
+    /// Names of the instances in matte (Cryptomatte) layers.
     mattes: MatteIds,
-    /// The layers of light that are wanted.
+    /// Requested layers of light.
     light_sheet: LightSheet,
-    /// What the threads hold, with the ledger on.
+    /// Memory use of the render threads, with the ledger on.
     thread_memory: Option<ThreadMemory>,
-    /// How wide a camera ray is.
+    /// Ray cone of camera rays.
     camera_cone: Cone,
-    /// Even samples a pixel that rays are as wide as for.
+    /// Number of evenly distributed samples per pixel for which ray cones are as wide as a sample.
     even_count: u32,
-    /// Where camera rays leave it, if it is no pinhole.
+    /// Thin lens that camera rays leave from; `None` for a pinhole.
     lens: Option<LensView>,
-    /// Where it is when, if it moves.
+    /// Position of the camera over time, if the camera moves.
     motion: Option<MovingCamera>,
-    /// How points move in the picture, where somebody asks.
+    /// Projection of points at both ends of the shutter interval, if motion vectors are requested.
     screen_motion: Option<ScreenMotion>,
-    /// When samples are taken, where anything moves.
+    /// Shutter interval from which sample times are drawn.
     shutter: Shutter,
-    /// Lights with an extent, at the places of the lights; empty if there are none to simulate.
+    /// Area lights, indexed like the lights of the scene (`None` for others); empty if no area light is simulated.
     soft_lights: Vec<Option<SoftLight<'s>>>,
     environment: Option<Environment>,
-    /// Camera packets whose whole ray trees are finished before the next are begun.
+    /// Number of camera packets whose complete ray trees are traced before the next packets begin.
     wave: usize,
-    /// Bodies that scatter light within, once their light is known.
+    /// Objects with subsurface scattering, once their irradiance is computed.
     bodies: Option<Bodies>,
 }
 
-/// Renders `scene` as `camera` sees it, in the current rayon pool. `None` if it was cancelled.
+/// Renders `scene` as seen by `camera`, in the current rayon pool. Returns `None` if cancelled.
 ///
 /// `scene` must have passed [`Scene::validate`], and `accel` must have been built from it.
 pub fn render(
@@ -289,9 +290,10 @@ pub fn render(
     render_on(scene, camera, accel, settings, monitor, None)
 }
 
-/// Renders as [`render`] does. With adaptive sampling it goes on from where `checkpoints` begin, and what is known on the
-/// way is kept; other pictures are made by [`Parts`] for that, and costs (which no checkpoint knows) are those from there
-/// on.
+/// Renders as [`render`] does and, with adaptive sampling, resumes from and writes `checkpoints`.
+///
+/// Images without adaptive sampling are resumed by [`Parts`] instead. Pixel costs are not part of a checkpoint, so
+/// they count only the work after it.
 pub fn render_on(
     scene: &Scene,
     camera: &Camera,
@@ -300,17 +302,20 @@ pub fn render_on(
     monitor: &Monitor,
     checkpoints: Option<&mut Checkpoints>,
 ) -> Option<Rendering> {
+    // Prepare the scene and compute subsurface irradiance
     let start = Instant::now();
     let mut frame = Frame::new(scene, camera, accel, settings);
     let made_ready = settings.ledger.then(|| start.elapsed().as_secs_f64());
     let scattered = frame.scatter(monitor)?;
     let ready_seconds = start.elapsed().as_secs_f64();
+    // Render the image with fixed or adaptive sample counts
     let mut rendering = match settings.target() {
         Some(target) => render_adaptively(&mut frame, target, monitor, checkpoints)?,
         None => render_uniformly(&frame, &Region::whole(settings), monitor)?,
     };
     rendering.ready_seconds = ready_seconds;
     rendering.subsurface = frame.bodies.as_ref().map(|bodies| bodies.stats);
+    // Account for the preparation and finish the statistics
     let ledger = &mut rendering.ledger;
     *ledger += scattered;
     let setting_up = Tally {
@@ -325,17 +330,20 @@ pub fn render_on(
     Some(rendering)
 }
 
-/// The same number of samples for every pixel of a rectangle.
+/// Renders a rectangle with `spp` samples in every pixel.
 fn render_uniformly(frame: &Frame, region: &Region, monitor: &Monitor) -> Option<Rendering> {
     let settings = &frame.settings;
+    // Allocate the AOVs, which the tiles write directly
     let cover = Cover::of(region, settings);
     let mut layers = layers::blank(settings.layers, region);
     layers.extend(frame.light_sheet.blank(region));
     let planes = Planes::over(&mut layers, region);
+    // Render all tiles that the region touches
     let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, Some(&planes), monitor)?;
     drop(planes);
     let tiles = cover.placed(tiles);
     let [width, height] = cover.size();
+    // Assemble tiles into pixels and add filtered neighbours
     let mut meter = Meter::new(settings);
     let mut pixels = film::assemble(width, height, &tiles, &|picture| &picture.means);
     if !settings.filter.is_box() {
@@ -362,7 +370,7 @@ fn render_uniformly(frame: &Frame, region: &Region, monitor: &Monitor) -> Option
     })
 }
 
-/// Tiles with their pictures, in their order; their layers come into `planes`.
+/// Renders `tiles` and returns them in order with their pixels; their AOVs are written to `planes`.
 fn render_tiles(
     frame: &Frame,
     tiles: &[Tile],
@@ -370,13 +378,16 @@ fn render_tiles(
     monitor: &Monitor,
 ) -> Option<(Vec<(Tile, TilePicture)>, Ledger)> {
     let finished = AtomicUsize::new(0);
+    // Render tiles in parallel with pooled working memory
     let waves = Waves::new(frame);
     let render_tile = |index: usize| {
+        // Stop between tiles if the render is cancelled
         if monitor.cancel.load(Ordering::Relaxed) {
             return None;
         }
         let tile = tiles[index];
         let (picture, ledger) = waves.lend().render_tile(tile, planes);
+        // Report the finished tile
         monitor.show(tile, &picture.means);
         let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
         (monitor.progress)(finished as f64 / tiles.len() as f64);
@@ -384,6 +395,7 @@ fn render_tiles(
     };
     let rendered = parallel::map(tiles.len(), &render_tile);
     drop(waves);
+    // Merge the ledgers of tiles in tile order
     let mut ledger = Ledger::default();
     let mut finished_tiles = Vec::with_capacity(tiles.len());
     for tile in rendered {
@@ -394,16 +406,18 @@ fn render_tiles(
     Some((finished_tiles, ledger))
 }
 
-/// As many samples as each pixel needs, round by round.
+/// Renders with adaptive sampling, in rounds, until each pixel reaches its target error.
 fn render_adaptively(
     frame: &mut Frame,
     target: Adaptive,
     monitor: &Monitor,
     checkpoints: Option<&mut Checkpoints>,
 ) -> Option<Rendering> {
+    // Sample the whole image as one canvas
     let canvas = Canvas::whole(&frame.settings);
     let (estimates, ledger) = adaptive::render(frame, target, &canvas, monitor, checkpoints)?;
     let settings = &frame.settings;
+    // Convert estimates to pixels
     let to_pixel = |index: usize| estimates[index].mean().map(|channel| channel as f32);
     let image = LinearImage {
         width: settings.width,
@@ -417,7 +431,7 @@ fn render_adaptively(
 }
 
 impl Rendering {
-    /// One without what only some ask for.
+    /// Returns a rendering without its optional outputs.
     fn new(image: LinearImage, samples: SampleCounts, ledger: Ledger, frame: &Frame) -> Rendering {
         Rendering {
             image,
@@ -436,14 +450,16 @@ impl Rendering {
 
 impl<'s> Frame<'s> {
     fn new(scene: &'s Scene, camera: &Camera, accel: &'s dyn Accel, settings: &RenderSettings) -> Frame<'s> {
+        // Determine effects, view and sample layout
         let plan = Plan::new(scene, camera, &settings.effects);
         let effects = plan.effects();
         let view = camera.view(settings.width, settings.height);
         let shape = PacketShape::for_samples(settings.spp);
-        // Adaptive sampling fills the pixel evenly with every round.
+        // Adaptive sampling distributes the samples of each round evenly over the pixel.
         let even_count = settings.target().map_or(settings.spp, |_| ROUND);
         let layout = Layout::new(settings.pattern, even_count);
         let groups = shape.groups(layout, settings.spp);
+        // Build the context without what depends on it
         let mut frame = Frame {
             scene,
             accel,
@@ -494,39 +510,43 @@ impl<'s> Frame<'s> {
             wave: rough::camera_packets(scene, effects),
             bodies: None,
         };
+        // Precompute direction offsets and find interiors around the camera
         frame.set_samples_aside();
         (frame.media_at_eye, frame.probe_count) = frame.media_at_eye();
         frame
     }
 
-    /// The effects that are simulated.
+    /// Returns the effects that are simulated.
     #[inline(always)]
     fn effects(&self) -> EffectSet {
         self.plan.effects()
     }
 
-    /// Makes rays as wide as for so many even samples a pixel.
+    /// Sets the ray cones of camera rays for `count` evenly distributed samples per pixel.
     fn set_even_count(&mut self, count: u32) {
         self.even_count = count;
         self.camera_cone = self.settings.camera_cone(&self.view, count);
     }
 
-    /// Whether paths keep more than their weights.
+    /// Returns whether paths carry state beyond their weights.
     fn travels(&self) -> bool {
         let effects = self.effects();
         let is_sampled = effects.samples_light() || effects.has(Effect::MotionBlur);
         effects.has_sheets() || is_sampled || self.follows_widths()
     }
 
-    /// Whether paths know how wide they are, as it is not the same for all.
+    /// Returns whether each path carries its own ray cone, because cones differ between paths.
     fn follows_widths(&self) -> bool {
         let effects = self.effects();
+        // Without scattering, all cones are those of camera rays
         let differ = effects.has(Effect::Reflection) || effects.has_sheets() || effects.has_lobes();
         effects.has(Effect::TextureFilter) && differ
     }
 
-    /// Works out what samples add to the directions of their pixels' corners, where that is the same for all packets.
+    /// Precomputes the direction offsets of samples from the corners of their pixels, if they are equal for all
+    /// packets.
     fn set_samples_aside(&mut self) {
+        // Offsets need a common ray origin, and positions that all pixels share
         if self.view.eye().is_none() || self.shape.block != 1 || self.layout.is_per_pixel() {
             return;
         }
@@ -542,11 +562,13 @@ impl<'s> Frame<'s> {
         }
     }
 
-    /// The bodies around the camera in the middle of the time, with the number of rays asked.
+    /// Returns the dielectric interiors around the camera at the middle of the shutter interval, and the number of
+    /// rays traced.
     fn media_at_eye(&self) -> (InteriorStack, u64) {
         if !self.effects().has(Effect::MotionBlur) {
             return self.media_around(self.view.ray(0.5, 0.5).origin, 0.0);
         }
+        // Use the camera position at the middle of the shutter interval
         let middle = self.shutter.time(0.5);
         let view = self
             .motion
@@ -555,8 +577,10 @@ impl<'s> Frame<'s> {
         self.media_around(view.ray(0.5, 0.5).origin, middle)
     }
 
-    /// The bodies around `p` at `time`, by the surfaces that a ray from there meets: a body that is left before it is
-    /// entered is one of them. With the number of rays asked.
+    /// Returns the dielectric interiors around `p` at `time`, and the number of rays traced.
+    ///
+    /// Follows one ray through all surfaces that it hits: an interior that the ray leaves before it enters it
+    /// contains `p`.
     fn media_around(&self, p: DVec3, time: f32) -> (InteriorStack, u64) {
         let (mut around, mut probe_count) = (InteriorStack::EMPTY, 0);
         if !self.effects().has(Effect::Refraction) {
@@ -565,11 +589,12 @@ impl<'s> Frame<'s> {
         let mut met = Vec::new();
         let mut surfaces = Surfaces::new(self.effects());
         let mut packet = [RayPacket::EMPTY];
-        // Slanted, so that it runs along no edges of what is built along the axes.
+        // Oblique, so that the ray does not run along edges of axis-aligned geometry.
         let mut ray = Ray {
             time,
             ..Ray::new(p.as_vec3(), Vec3::new(0.236_068, 0.854_102, 0.463_525))
         };
+        // Step through the surfaces along the ray
         for _ in 0..MAX_BOUNDARIES {
             packet[0].recycle();
             packet[0].set(0, &ray);
@@ -578,6 +603,7 @@ impl<'s> Frame<'s> {
             let Some(hit) = packet[0].hit(0) else { break };
             self.surfaces.meet(&packet[0], Widths::None, &mut surfaces);
             let index = self.scene.instances[hit.instance as usize].material;
+            // Enter interiors whose first hit is a back face
             let material = &self.scene.materials[index as usize];
             let has_inside = material.interior.is_some_and(|inside| !inside.is_thin);
             if material.transmits() && has_inside && !met.contains(&index) {
@@ -592,7 +618,7 @@ impl<'s> Frame<'s> {
         (around, probe_count)
     }
 
-    /// Whether anybody wants to know what single samples saw.
+    /// Returns whether statistics of single samples are needed.
     fn keeps_samples(&self) -> bool {
         let settings = &self.settings;
         settings.target().is_some() || settings.sample_aovs || !settings.filter.is_box()

@@ -1,4 +1,4 @@
-//! How a long render talks to whoever waits for it: how far it is, and its tiles as they are finished.
+//! Progress, cancellation and finished tiles of a long render, for its caller.
 
 use std::sync::atomic::AtomicBool;
 
@@ -6,36 +6,36 @@ use super::estimate::Estimate;
 use super::film::Tile;
 use super::mosaic::Site;
 
-/// How a long render talks to whoever waits for it.
+/// Callbacks and cancellation flag that connect a render with its caller.
 #[derive(Clone, Copy)]
 pub struct Monitor<'a> {
-    /// Told the finished fraction, from any thread.
+    /// Callback that receives the finished fraction, from any thread.
     pub progress: &'a (dyn Fn(f64) + Sync),
-    /// Set by anyone to stop the render.
+    /// Flag that stops the render when it is set.
     pub cancel: &'a AtomicBool,
-    /// Shown each tile as soon as it is finished, from any thread; with adaptive sampling after every round that gave it
-    /// samples.
+    /// Callback that receives each tile as soon as it is finished, from any thread; with adaptive sampling, after
+    /// every round that added samples to it.
     pub tiles: Option<&'a (dyn Fn(FinishedTile) + Sync)>,
 }
 
-/// A part of the picture as far as it is known: neighbours may yet add to it through a filter, and rounds of adaptive
-/// sampling too.
+/// Finished part of the image in its current state: a filter may still add samples of neighbouring tiles, and
+/// adaptive sampling further rounds.
 #[derive(Clone, Copy, Debug)]
 pub struct FinishedTile<'a> {
-    /// Its first column in the picture.
+    /// First column in the image.
     pub x: u32,
-    /// Its first row in the picture.
+    /// First row in the image.
     pub y: u32,
-    /// Columns.
+    /// Number of columns in `pixels`.
     pub width: u32,
-    /// Rows.
+    /// Number of rows in `pixels`.
     pub height: u32,
-    /// Linear RGB radiance, `width * height` pixels, row by row, the top row first.
+    /// Linear RGB radiance, `width * height` pixels, row by row from the top.
     pub pixels: &'a [[f32; 3]],
 }
 
 impl Monitor<'_> {
-    /// Shows the means of a tile to whoever wants to see them.
+    /// Passes the means of a tile to the callback, if there is one.
     pub(super) fn show(&self, tile: Tile, means: &[[f32; 3]]) {
         if let Some(show) = self.tiles {
             show(FinishedTile {
@@ -48,11 +48,13 @@ impl Monitor<'_> {
         }
     }
 
-    /// Shows what is known of the pixels of a site; `estimates` are those of the whole canvas, of so many columns.
+    /// Passes the means of the pixels of a site to the callback; `estimates` are those of the whole canvas with
+    /// `columns` columns.
     pub(super) fn show_estimates(&self, Site { tile, at }: Site, estimates: &[Estimate], columns: usize) {
         if self.tiles.is_none() {
             return;
         }
+        // Collect the rows of the site from the canvas
         let row = |y: usize| {
             let first = (at[1] + y) * columns + at[0];
             &estimates[first..first + tile.width as usize]

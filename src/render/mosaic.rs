@@ -1,7 +1,7 @@
-//! Small pieces of a picture side by side, by which its error and its time can be told before all of it is made.
+//! Patch sampling: small patches of an image side by side, from which its error and render time are estimated.
 //!
-//! They are spread evenly over the picture, and their pixels have the bits that they have in it, but for adaptive
-//! sampling, which knows of a picture only what it sees of it.
+//! Patches are evenly distributed over the image, and their pixels have the same bits as in it, except with adaptive
+//! sampling, which decides by the visible pixels alone.
 
 use std::time::Instant;
 
@@ -16,35 +16,36 @@ use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::scene::{Camera, Scene};
 
-/// Side of a piece in pixels: many small ones tell more of a picture than few large ones, and rays want neighbours.
+/// Side of a patch in pixels: many small patches represent an image better than few large ones, but rays need
+/// coherent neighbours.
 const PIECE: u32 = 16;
 
-/// How many pieces there are, and how they lie.
+/// Grid of patches, by its numbers of columns and rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Mosaic {
-    /// Pieces beside each other.
+    /// Number of patches per row.
     pub columns: u32,
-    /// Pieces below each other.
+    /// Number of rows of patches.
     pub rows: u32,
 }
 
-/// Where pieces of a picture are seen together, a row and a column of pixels apart.
+/// Layout of patches on a common pixel grid, one empty row and column of pixels apart.
 pub(super) struct Canvas {
-    /// Columns and rows of pixels.
+    /// Numbers of columns and rows of pixels.
     pub(super) size: [usize; 2],
     pub(super) sites: Vec<Site>,
 }
 
-/// A piece of the picture and where it is on the canvas.
+/// Patch of the image and its position on the canvas.
 #[derive(Clone, Copy)]
 pub(super) struct Site {
     pub(super) tile: Tile,
-    /// Column and row of its first pixel.
+    /// Column and row of the patch's first pixel on the canvas.
     pub(super) at: [usize; 2],
 }
 
 impl Canvas {
-    /// The whole picture, where it is.
+    /// Returns the whole image, with every tile at its own position.
     pub(super) fn whole(settings: &RenderSettings) -> Canvas {
         let RenderSettings { width, height, .. } = *settings;
         let place = |tile: Tile| Site {
@@ -59,7 +60,7 @@ impl Canvas {
 }
 
 impl Mosaic {
-    /// One of about so many pixels; `None` where the picture has hardly more.
+    /// Returns a grid of patches with about `pixels` pixels in all; `None` if the image has hardly more.
     pub fn of(settings: &RenderSettings, pixels: f64) -> Option<Mosaic> {
         let side = f64::from(side(settings));
         let [columns, rows] = whole_pieces(settings);
@@ -67,6 +68,7 @@ impl Mosaic {
         if wanted >= f64::from(columns) * f64::from(rows) {
             return None;
         }
+        // Choose a nearly square grid with at most the wanted number
         let columns = wanted.sqrt().floor();
         Some(Mosaic {
             columns: columns as u32,
@@ -74,12 +76,12 @@ impl Mosaic {
         })
     }
 
-    /// Width and height of it in pixels.
+    /// Returns the width and height of all patches together, in pixels.
     pub fn size(&self, settings: &RenderSettings) -> [u32; 2] {
         [self.columns, self.rows].map(|count| count * side(settings))
     }
 
-    /// Pieces in the order in which they lie, row by row.
+    /// Returns the patches in their order on the grid, row by row.
     fn pieces(&self, settings: &RenderSettings) -> Vec<Tile> {
         let grid = whole_pieces(settings);
         let piece = |index: usize| {
@@ -92,16 +94,18 @@ impl Mosaic {
             }
         };
         let count = self.columns as usize * self.rows as usize;
+        // Take the first cells of an evenly distributed order
         spread(grid.map(|cells| cells as usize))
             .take(count)
             .map(piece)
             .collect()
     }
 
-    /// What it shows of a picture that was made with `settings`.
+    /// Returns the patches of `picture`, an image that was rendered with `settings`, as one image.
     pub fn of_picture(&self, settings: &RenderSettings, picture: &LinearImage) -> LinearImage {
         let mut image = self.blank(settings);
         let (reach, side) = (reach(settings), side(settings));
+        // Copy the visible part of each patch
         for (number, tile) in self.pieces(settings).into_iter().enumerate() {
             let row = |y: u32| {
                 let first =
@@ -123,7 +127,7 @@ impl Mosaic {
         }
     }
 
-    /// Column and row of a piece.
+    /// Returns the column and row of a patch in the grid.
     fn place(&self, number: usize) -> [usize; 2] {
         let columns = self.columns as usize;
         [number % columns, number / columns]
@@ -142,17 +146,17 @@ impl Mosaic {
     }
 }
 
-/// Side of what a piece shows: a filter that takes from neighbouring pieces leaves out what they reach.
+/// Returns the side of the visible part of a patch: pixels that the filter would mix with other patches are left out.
 fn side(settings: &RenderSettings) -> u32 {
     PIECE - 2 * reach(settings)
 }
 
-/// How many pieces the picture has that nothing is missing from, side by side and one below the other.
+/// Returns the number of complete patches in the image, horizontally and vertically.
 fn whole_pieces(settings: &RenderSettings) -> [u32; 2] {
     [settings.width / PIECE, settings.height / PIECE]
 }
 
-/// Renders a mosaic of the picture that `settings` ask for, in the current rayon pool. `None` if it was cancelled.
+/// Renders the patches of the image that `settings` describe, in the current rayon pool. Returns `None` if cancelled.
 ///
 /// [`RenderSettings::sample_aovs`], [`RenderSettings::layers`] and [`RenderSettings::cost_aovs`] are ignored. `scene`
 /// must have passed [`Scene::validate`], and `accel` must have been built from it.
@@ -171,6 +175,7 @@ pub fn render_mosaic(
         cost_aovs: false,
         ..*settings
     };
+    // Prepare the scene
     let mut frame = Frame::new(scene, camera, accel, &settings);
     let scattered = frame.scatter(monitor)?;
     let ready_seconds = start.elapsed().as_secs_f64();
@@ -178,6 +183,7 @@ pub fn render_mosaic(
     let mut image = mosaic.blank(&settings);
     let (samples, mut ledger) = match settings.target() {
         Some(target) => {
+            // Sample the canvas adaptively and copy its patches
             let canvas = mosaic.canvas(&pieces);
             let (estimates, ledger) = adaptive::render(&mut frame, target, &canvas, monitor, None)?;
             let mut shown = Vec::with_capacity(image.pixels.len());
@@ -199,6 +205,7 @@ pub fn render_mosaic(
             (super::SampleCounts::of(&shown), ledger)
         }
         None => {
+            // Render patches as tiles and crop what the filter mixes
             let (tiles, ledger) = render_tiles(&frame, &pieces, None, monitor)?;
             let (reach, side) = (reach(&settings), side(&settings));
             for (number, (tile, picture)) in tiles.into_iter().enumerate() {
@@ -225,7 +232,7 @@ pub fn render_mosaic(
     })
 }
 
-/// Puts a piece of `side` by `side` pixels at its place among such pieces.
+/// Copies a patch of `side` by `side` pixels to its cell of the grid.
 fn put(image: &mut LinearImage, [column, row]: [usize; 2], side: u32, pixels: &[[f32; 3]]) {
     let (side, width) = (side as usize, image.width as usize);
     for (y, line) in pixels.chunks(side).enumerate() {

@@ -1,4 +1,4 @@
-//! What shaded rays give: light on the film, shadow rays to lights, and the rays of the next generation.
+//! Shading stage of the wavefront: accumulates radiance on the film and queues shadow rays and secondary rays.
 
 use std::cell::OnceCell;
 
@@ -21,40 +21,41 @@ use crate::accel::{NO_HIT, RayOrder, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::scene::{Effect, EffectSet};
 
-/// The working memory of one thread for what follows from hits.
+/// Shading state and working memory of one thread.
 pub(super) struct Outcome<'f, 's> {
     pub(super) frame: &'f Frame<'s>,
     pub(super) film: TileFilm,
-    /// Where layers are wanted.
+    /// First-hit AOVs, if layers are requested.
     pub(super) first_hits: Option<Box<FirstHits<'f, 's>>>,
-    /// Column and row of the film's first pixel in the picture.
+    /// Column and row of the film's first pixel in the image.
     pub(super) corner: [u32; 2],
     pub(super) shadow_queue: Box<ShadowQueue>,
-    /// Which light is being asked; not kept in scenes with plain effects only.
+    /// Light that shadow rays are currently sampled from; not maintained in scenes with plain effects only.
     pub(super) asked: Source,
     pub(super) next: Generation,
     pub(super) meter: Meter,
     pub(super) losses: TileLosses,
-    /// Surfaces that shadow rays meet, in scenes where light goes through some.
+    /// Surface interactions of shadow rays, in scenes with transparent shadows.
     pub(super) sheets: Option<Box<Surfaces>>,
-    /// In scenes with volumes or fog.
+    /// Ray-marching state, in scenes with volumes or fog.
     pub(super) marches: Option<Box<Marches<'s>>>,
 }
 
-/// What the rays of a batch have in common.
+/// Properties that all rays of a batch share.
 #[derive(Clone, Copy)]
 pub(super) struct Stage {
     pub(super) order: RayOrder,
-    /// Steps behind them. In scenes where light goes through surfaces each ray has its own depth.
+    /// Number of bounces before these rays. In scenes where light goes through surfaces, each ray has its own depth
+    /// instead.
     pub(super) depth: u32,
 }
 
-/// A traced packet with what it is for.
+/// Traced packet with its pixels, weights and path states.
 #[derive(Clone, Copy)]
 pub(super) struct Traced<'a> {
     pub(super) packet: &'a RayPacket,
     pub(super) pixel: &'a Lanes<u32>,
-    /// Weights at the surfaces: what the way there swallowed is taken off.
+    /// Path throughput at the hits, after absorption and scattering along the rays.
     pub(super) weight: &'a Lanes3<f32>,
     pub(super) travels: Option<TravelPacket<'a>>,
 }
@@ -88,7 +89,7 @@ impl<'f, 's> Outcome<'f, 's> {
         }
     }
 
-    /// Books the end of a tile.
+    /// Books the film time at the end of a tile, and adds the tile's pixel costs to the cost image.
     pub(super) fn finish(&mut self, tile: Tile) {
         self.meter.lap(Account::Film);
         if let (Some(sheet), Some(costs)) = (&self.frame.costs, &self.meter.costs) {
@@ -96,7 +97,7 @@ impl<'f, 's> Outcome<'f, 's> {
         }
     }
 
-    /// The layers of a tile that are wanted.
+    /// Returns the requested layers of a tile.
     pub(super) fn layers(&mut self, tile: Tile) -> Vec<TileLayer<'_>> {
         let first_hits = self.first_hits.as_mut();
         let mut layers = first_hits.map_or(Vec::new(), |first_hits| first_hits.layers(tile));
@@ -106,17 +107,18 @@ impl<'f, 's> Outcome<'f, 's> {
         layers
     }
 
-    /// The effects that are on.
+    /// Returns the effects that are on.
     ///
-    /// Functions with `PLAIN` serve scenes in which none but [`EffectSet::PLAIN`] are. All others are off there at
-    /// compile time, so that a step that is not taken does not even cost the question.
+    /// Functions with `PLAIN` serve scenes whose effects are all in [`EffectSet::PLAIN`]. All other effects are off
+    /// there at compile time, so that a step that is not taken does not cost a test.
     #[inline(always)]
     pub(super) fn effects<const PLAIN: bool>(&self) -> EffectSet {
         let all = self.frame.effects();
         if PLAIN { all.within(EffectSet::PLAIN) } else { all }
     }
 
-    /// Adds what traced rays have met to the film, and sends out what follows from it.
+    /// Shades the hits and misses of traced packets: adds radiance to the film and queues shadow rays and secondary
+    /// rays.
     pub(super) fn shade_batch(
         &mut self,
         surfaces: &mut Surfaces,
@@ -124,7 +126,7 @@ impl<'f, 's> Outcome<'f, 's> {
         paths: Paths,
         stage: Stage,
     ) {
-        // Whoever wants to know whose light it is takes the way that keeps it.
+        // Layers of light need the general path, which records the source of all radiance.
         let divides_light = self.frame.light_sheet.is_wanted();
         if !divides_light && self.frame.effects().are_within(EffectSet::PLAIN) {
             self.shade_packets::<true>(surfaces, packets, paths, stage);
@@ -133,7 +135,7 @@ impl<'f, 's> Outcome<'f, 's> {
         }
     }
 
-    // Out of line, so that neither is the worse for the other's need of registers.
+    // Not inlined, so that neither variant suffers from the register pressure of the other.
     #[inline(never)]
     fn shade_packets<const PLAIN: bool>(
         &mut self,
@@ -148,6 +150,7 @@ impl<'f, 's> Outcome<'f, 's> {
             let (path, travels) = paths.at(index);
             let travels = travels.filter(|_| !PLAIN);
             let is_watched = self.meter.watch(&path.pixel, &packet.active);
+            // Apply absorption and volumes along the rays
             let dimmed = travels
                 .filter(|_| effects.has(Effect::Absorption))
                 .map(|travels| self.dimmed(packet, path, travels));
@@ -165,6 +168,7 @@ impl<'f, 's> Outcome<'f, 's> {
                 travels,
             };
             let any_hit = packet.instance.iter().any(|&instance| instance != NO_HIT);
+            // Compute surface interactions, then shade them
             if any_hit {
                 surfaces.texturing = if is_watched {
                     Moment::Wanted
@@ -178,11 +182,13 @@ impl<'f, 's> Outcome<'f, 's> {
                     self.note_first_hits(packet, &path.pixel, surfaces);
                 }
                 self.shade::<PLAIN>(effects, &traced, surfaces, stage);
+            // Add background radiance if all rays missed
             } else if effects.glows() {
                 self.add_surroundings(traced);
             }
             self.meter.leave();
         }
+        // Trace the shadow rays that the batch queued
         self.trace_shadow_rays::<PLAIN>(stage.order);
     }
 
@@ -194,7 +200,7 @@ impl<'f, 's> Outcome<'f, 's> {
         }
     }
 
-    /// Books the time of points and materials, and of textures if there were any.
+    /// Books the time of surface interactions, and of textures if any were evaluated.
     fn book_meeting(&mut self, surfaces: &Surfaces) {
         match surfaces.texturing {
             Moment::Unknown => {}
@@ -207,7 +213,7 @@ impl<'f, 's> Outcome<'f, 's> {
         }
     }
 
-    /// How wide the rays of a packet are.
+    /// Returns the source of the ray cones of a packet.
     fn widths<'t, const PLAIN: bool>(&self, travels: Option<TravelPacket<'t>>) -> Widths<'t> {
         if !self.effects::<PLAIN>().has(Effect::TextureFilter) {
             return Widths::None;
@@ -218,8 +224,8 @@ impl<'f, 's> Outcome<'f, 's> {
         }
     }
 
-    // Out of line, as other steps that not all scenes take: the loop over packets keeps its registers. By value, so that
-    // `Traced` is written to memory only where such a step is taken.
+    // Not inlined, like other steps that only some scenes take, so that the loop over packets keeps its registers. By
+    // value, so that `Traced` is written to memory only where such a step is taken.
     #[inline(never)]
     fn add_surroundings(&mut self, traced: Traced) {
         let background = self.frame.background_seen(&traced);
@@ -240,6 +246,7 @@ impl<'f, 's> Outcome<'f, 's> {
         match traced.travels.filter(|_| !PLAIN && effects.has_sheets()) {
             None => self.shade_surfaces::<PLAIN>(effects, traced, surfaces, stage),
             Some(travels) => {
+                // Apply alpha and hidden boundaries, then shade what remains
                 let present = self.pass_through(traced, travels, surfaces);
                 self.meter.part(Account::Refraction);
                 let traced = Traced {
@@ -247,6 +254,7 @@ impl<'f, 's> Outcome<'f, 's> {
                     ..*traced
                 };
                 self.shade_surfaces::<PLAIN>(effects, &traced, surfaces, stage);
+                // Add reflected and refracted rays at dielectric boundaries
                 if effects.has(Effect::Refraction) {
                     self.cross_surfaces(&traced, travels, surfaces);
                     self.meter.part(Account::Refraction);
@@ -267,16 +275,20 @@ impl<'f, 's> Outcome<'f, 's> {
         surfaces: &Surfaces,
         stage: Stage,
     ) {
+        // Add emission, ambient light and background
         if effects.glows() {
             self.add_glow(*traced, surfaces);
         }
         let without_seen_lobes = OnceCell::new();
         let lit = shade::Lit::of(traced, surfaces, &without_seen_lobes);
+        // Add light scattered below the surface
         if effects.has(Effect::Subsurface) {
             self.add_scattered(traced, surfaces);
         }
+        // Add direct lighting
         self.ask_lights::<PLAIN>(traced, &lit, stage);
         self.meter.part(Account::Lighting);
+        // Spawn mirror rays and rays into GGX lobes
         if effects.has(Effect::Reflection) {
             self.reflect::<PLAIN>(*traced, surfaces, stage);
         }
@@ -299,7 +311,7 @@ impl<'f, 's> Outcome<'f, 's> {
         self.meter.part(Account::Film);
     }
 
-    /// Sends shadow rays to all lights.
+    /// Samples direct light from all lights and from the environment map.
     pub(super) fn ask_lights<const PLAIN: bool>(&mut self, traced: &Traced, lit: &shade::Lit, stage: Stage) {
         let frame = self.frame;
         let effects = self.effects::<PLAIN>();
@@ -308,32 +320,38 @@ impl<'f, 's> Outcome<'f, 's> {
             if !PLAIN {
                 self.asked = Source::Light(number as u32);
             }
+            // Sample area lights point by point
             if effects.has(Effect::AreaLight) && self.ask_area_light(number, traced, lit, stage) {
                 continue;
             }
+            // Trace the queued shadow rays if there is no room for more
             if self.shadow_queue.is_full() {
                 self.meter.part(Account::Lighting);
                 self.trace_shadow_rays::<PLAIN>(stage.order);
                 self.meter.resume(traced.pixel, &traced.packet.active);
             }
+            // Queue shadow rays to a punctual light
             let (packet, payload) = self.shadow_queue.next();
             if shade::sample_direct(light, lit, packet, &mut payload.radiance) {
                 self.commit_shadow_rays::<PLAIN>(traced, casts);
             }
         }
+        // Sample the environment map
         if effects.has(Effect::Environment) {
             self.asked = Source::Environment;
             self.ask_surroundings(traced, lit, stage);
         }
     }
 
-    /// Queues the mirror rays that still matter. Surfaces that let light through send theirs elsewhere.
+    /// Queues mirror reflection rays that exceed the cut-off. Transmissive surfaces queue theirs in `cross_surfaces`.
     #[inline(never)]
     fn reflect<const PLAIN: bool>(&mut self, traced: Traced, surfaces: &Surfaces, stage: Stage) {
         let mirrored = shade::reflection(&shade::Lit::of(&traced, surfaces, &OnceCell::new()));
         let points = &surfaces.points;
+        // Spawn the reflected ray of each lane
         for l in 0..LANES {
             let weight: [f32; 3] = std::array::from_fn(|channel| mirrored.weight[channel][l]);
+            // Skip lanes without a mirror ray above the surface
             if !(points.hit[l] && mirrored.leaves[l]) {
                 continue;
             }
@@ -344,6 +362,7 @@ impl<'f, 's> Outcome<'f, 's> {
                 pixel: traced.pixel[l],
                 weight,
                 sender: Account::Reflection,
+                // Extend the path state by the reflection
                 travel: traced.travels.filter(|_| !PLAIN).map(|travels| {
                     let arrival = travels.lane(l);
                     Travel {
@@ -362,13 +381,15 @@ impl<'f, 's> Outcome<'f, 's> {
         self.meter.part(Account::Reflection);
     }
 
-    /// Queues a ray if it still matters; otherwise its weight is booked as lost.
+    /// Queues a ray if it is within the depth limit and the weight cut-off; otherwise records its weight as
+    /// truncated.
     ///
-    /// `steps` are those behind it, where the path itself does not count them.
+    /// `steps` is the number of bounces including this one; it is used where the path itself does not count them.
     pub(super) fn send<const PLAIN: bool>(&mut self, sent: &Sent, steps: u32) {
         let settings = &self.frame.settings;
-        // Light of one wavelength may have negative weights.
+        // With dispersion, weights of a single wavelength may be negative.
         let largest = sent.weight.into_iter().map(f32::abs).fold(0.0, f32::max);
+        // Drop rays that cannot contribute
         if !(largest > 0.0) {
             return;
         }
@@ -376,8 +397,9 @@ impl<'f, 's> Outcome<'f, 's> {
             Some(travel) if self.effects::<PLAIN>().has_sheets() => travel.depth,
             _ => steps,
         };
-        // Rays into one lobe weigh little each, and together what counts.
+        // Rays of one lobe carry small weights each; compare their sum with the cut-off.
         let together = sent.travel.filter(|_| !PLAIN).map_or(1, |travel| travel.split) as f32;
+        // Terminate the path and record the lost weight
         if depth > settings.depth || together * largest < settings.weight_cutoff {
             let limit = if depth > settings.depth {
                 Limit::Depth
@@ -391,8 +413,9 @@ impl<'f, 's> Outcome<'f, 's> {
         self.next.push(sent);
     }
 
-    /// Asks which of the waiting shadow rays reach their lights, and lets those lights in.
+    /// Traces the queued shadow rays and adds the radiance of unoccluded lights to the film.
     pub(super) fn trace_shadow_rays<const PLAIN: bool>(&mut self, order: RayOrder) {
+        // Transparent shadows use nearest-hit queries instead
         self.meter.lap_shading();
         if self.effects::<PLAIN>().has(Effect::TransparentShadow) {
             return self.answer_through_sheets(order);
@@ -402,6 +425,7 @@ impl<'f, 's> Outcome<'f, 's> {
         if packets.is_empty() {
             return;
         }
+        // Test shadow rays for occlusion
         let accel = self.frame.accel;
         let casts = self.frame.effects().has(Effect::Shadow);
         if casts {
@@ -411,6 +435,7 @@ impl<'f, 's> Outcome<'f, 's> {
                 .trace(packets, whose, |packets| accel.occluded(packets, order));
             self.meter.ledger.book(Account::Shadow, traced);
         }
+        // Attenuate unoccluded light by volumes and add it to the film
         for (index, (packet, payload)) in packets.iter().zip(payloads.iter_mut()).enumerate() {
             if casts {
                 shade::block(packet, &mut payload.radiance);

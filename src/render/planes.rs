@@ -1,5 +1,4 @@
-//! Layers in the making: tiles put their pixels where they belong as soon as they are finished, so that none is kept
-//! twice.
+//! Shared AOV buffers that tiles write into directly when they are finished, which avoids a second copy.
 
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -10,17 +9,17 @@ use super::film::{TILE, Tile};
 use super::layers::Layer;
 use super::region::Region;
 
-/// The layers of a rectangle of a picture, which threads fill together.
+/// Layers of a rectangle of an image, which threads fill concurrently.
 pub(super) struct Planes<'p> {
     region: Region,
-    /// The row of tiles that the first band is of.
+    /// Row of tiles that the first band belongs to.
     first: u32,
-    /// Of each row of tiles, the pixels of each layer that lie in the rectangle.
+    /// For each row of tiles, the pixels of each layer inside the rectangle.
     bands: Vec<Mutex<Vec<&'p mut [f32]>>>,
 }
 
 impl<'p> Planes<'p> {
-    /// To be filled: `layers` of all pixels of `region`.
+    /// Divides `layers` of the pixels of `region` into bands that can be written concurrently.
     pub(super) fn over(layers: &'p mut [Layer], region: &Region) -> Planes<'p> {
         let end = region.y + region.height;
         let mut planes = Planes {
@@ -31,6 +30,7 @@ impl<'p> Planes<'p> {
         if layers.is_empty() {
             return planes;
         }
+        // Split every layer at the boundaries of rows of tiles
         let mut rest: Vec<&mut [f32]> = layers.iter_mut().map(|layer| &mut layer.values[..]).collect();
         let mut y = region.y;
         while y < end {
@@ -47,9 +47,10 @@ impl<'p> Planes<'p> {
         planes
     }
 
-    /// Puts the layers of a tile into their places, as far as these are in the rectangle.
+    /// Writes the layers of a tile, clipped to the rectangle.
     pub(super) fn put(&self, tile: Tile, layers: &[TileLayer]) {
         let region = &self.region;
+        // Clip the tile to the rectangle
         let columns = common(tile.x, tile.width, region.x, region.width);
         let rows = common(tile.y, tile.height, region.y, region.height);
         if columns.is_empty() || rows.is_empty() || layers.is_empty() {
@@ -62,6 +63,7 @@ impl<'p> Planes<'p> {
             first: (columns.start - region.x) as usize,
             width: region.width as usize,
         };
+        // Write the clipped rows while the band is locked
         let band = &self.bands[(tile.y / TILE - self.first) as usize];
         let mut band = band.lock().unwrap_or_else(PoisonError::into_inner);
         for (plane, layer) in band.iter_mut().zip(layers) {
@@ -70,43 +72,43 @@ impl<'p> Planes<'p> {
     }
 }
 
-/// One layer of a tile.
+/// Layer of one tile, before it is clipped.
 pub(super) enum TileLayer<'t> {
-    /// Sums by their scales, `TILE` to a row; `nothing` where the scale is 0.
+    /// Sums to be multiplied by their scales, `TILE` pixels per row; `nothing` where the scale is 0.
     Means {
         sums: &'t [f64],
         scales: &'t [f64],
         nothing: f32,
     },
-    /// One channel of sums by their scale, `TILE` to a row.
+    /// One channel of sums to be multiplied by a common scale, `TILE` pixels per row.
     Channel {
         sums: &'t [[f64; 3]],
         channel: usize,
         scale: f64,
     },
-    /// One of the numbers of each pixel, `TILE` to a row; `nothing` where the count is 0.
+    /// One of three numbers per pixel, `TILE` pixels per row; `nothing` where the count is 0.
     Numbers {
         numbers: &'t [[u32; 3]],
         part: usize,
         counts: &'t [u32],
         nothing: f32,
     },
-    /// As it is to be, as wide as the tile.
+    /// Final values, in rows of the width of the tile.
     Values(Vec<f32>),
 }
 
-/// What is shown of a tile, and where.
+/// Part of a tile inside the rectangle, and its position there.
 struct Window {
-    /// Rows and columns of the tile.
+    /// Rows and columns within the tile.
     rows: Range<usize>,
     columns: Range<usize>,
     tile_width: usize,
-    /// Where its columns begin in the rectangle, and how wide that is.
+    /// First column within the rectangle, and width of the rectangle.
     first: usize,
     width: usize,
 }
 
-/// Writes what a window shows of a layer into the rows of a band, which begin with those.
+/// Writes the part of a layer inside the window to the rows of a band, which begins at the window's first row.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
@@ -122,6 +124,7 @@ fn fill(plane: &mut [f32], layer: &TileLayer, window: &Window) {
                 scales,
                 nothing,
             } => {
+                // Convert sums to means
                 let start = from(TILE as usize);
                 let means = sums[start..].iter().zip(&scales[start..]);
                 for (value, (&sum, &scale)) in line.iter_mut().zip(means) {
@@ -130,6 +133,7 @@ fn fill(plane: &mut [f32], layer: &TileLayer, window: &Window) {
                 }
             }
             TileLayer::Channel { sums, channel, scale } => {
+                // Extract one channel of the sums
                 for (value, sum) in line.iter_mut().zip(&sums[from(TILE as usize)..]) {
                     *value = (sum[*channel] * scale) as f32;
                 }
@@ -140,6 +144,7 @@ fn fill(plane: &mut [f32], layer: &TileLayer, window: &Window) {
                 counts,
                 nothing,
             } => {
+                // Convert ids to f32
                 let start = from(TILE as usize);
                 let counted = numbers[start..].iter().zip(&counts[start..]);
                 for (value, (numbers, &count)) in line.iter_mut().zip(counted) {
@@ -148,6 +153,7 @@ fn fill(plane: &mut [f32], layer: &TileLayer, window: &Window) {
                 }
             }
             TileLayer::Values(values) => {
+                // Copy finished values, which are cropped to the tile
                 let start = from(window.tile_width);
                 line.copy_from_slice(&values[start..start + line.len()]);
             }
@@ -155,12 +161,12 @@ fn fill(plane: &mut [f32], layer: &TileLayer, window: &Window) {
     }
 }
 
-/// What two stretches of so many have in common.
+/// Returns the intersection of two intervals.
 fn common(start: u32, count: u32, other_start: u32, other_count: u32) -> Range<u32> {
     start.max(other_start)..(start + count).min(other_start + other_count)
 }
 
-/// The same stretch, counted from `start`.
+/// Returns the interval relative to `start`.
 fn within(stretch: &Range<u32>, start: u32) -> Range<usize> {
     (stretch.start - start) as usize..(stretch.end - start) as usize
 }
@@ -187,6 +193,7 @@ mod tests {
                 width: columns,
                 height: rows,
             };
+            // Create layers filled with NaN
             let blank = |number: u32| Layer {
                 name: number.to_string(),
                 kind: ChannelKind::Exact,
@@ -194,8 +201,9 @@ mod tests {
             };
             let mut layers: Vec<Layer> = (0..3).map(blank).collect();
             let planes = Planes::over(&mut layers, &region);
-            // More tiles than are needed, in an order of their own.
+            // More tiles than are needed, in reverse order.
             for tile in tiles(width, height).into_iter().rev() {
+                // Encode layer, row and column in the values of each pixel
                 let place = |index: u32| [index % TILE, index / TILE].map(|at| at.min(TILE - 1));
                 let sum =
                     |index: u32| f64::from(value(tile.x + place(index)[0], tile.y + place(index)[1], 0));
@@ -217,6 +225,7 @@ mod tests {
                 planes.put(tile, &[means, channel, TileLayer::Values(values.collect())]);
             }
             drop(planes);
+            // Compare every pixel of the rectangle
             for (number, layer) in (0..).zip(&layers) {
                 for (index, &found) in (0..).zip(&layer.values) {
                     let [column, row] = [index % columns, index / columns];
@@ -238,6 +247,7 @@ mod tests {
         let blank = |name: &str| Layer::blank(name.into(), ChannelKind::Exact, &region);
         let mut layers = vec![blank("Z"), blank("id.material")];
         let planes = Planes::over(&mut layers, &region);
+        // The first of the two pixels has no hit.
         let means = TileLayer::Means {
             sums: &[0.0, 6.0],
             scales: &[0.0, 0.25],

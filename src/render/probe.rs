@@ -1,8 +1,9 @@
-//! A quick look at what a picture will cost: short strips of its pixels, rendered as they will be, with the ledger on.
+//! Cost probe: estimates the cost of an image from short strips of pixels, rendered as in the image with the ledger
+//! on.
 //!
-//! A strip is as long as it takes to fill a batch of packets, and strips lie where the tiles of [`super::sample`] lie,
-//! one in each, so few of them see the picture evenly. How many there are goes by the rays that they took, not by the
-//! clock: the same scene is always probed by the same rays.
+//! A strip has enough rows to fill a batch of packets. Strips lie in the tiles selected by [`super::sample`], one per
+//! tile, so a few of them are evenly distributed. Their number depends on the rays that they took, not on the clock:
+//! a scene is always probed with the same rays.
 
 use std::time::Instant;
 
@@ -15,35 +16,36 @@ use super::{Account, Frame, Ledger, Monitor, Plan, RenderSettings, Tally};
 use crate::accel::Accel;
 use crate::scene::{Camera, Scene};
 
-/// Strips at most: some two thousand packets, of which one in 32 tells how shading divides.
+/// Largest number of strips: about two thousand packets, of which one in 32 is timed in detail to divide the time of
+/// shading.
 const MAX_STRIPS: usize = 128;
-/// Strips at least, however many rays they take: where a few see what takes most rays, fewer would miss it or see
-/// little else.
+/// Smallest number of strips, for any number of rays: where a few strips contain most of the rays, fewer strips would
+/// miss these or contain little else.
 const MIN_STRIPS: usize = 48;
-/// Rays after which no other strip is begun: about 0.2 s of one thread.
+/// Number of rays after which no further strip is rendered: about 0.2 s of one thread.
 const ENOUGH_RAYS: u64 = 300_000;
-/// Samples a pixel at most: more of them cost what these do.
+/// Largest number of samples per pixel: further samples cost as much as these.
 const MAX_SPP: u32 = 64;
 
-/// What a probe found.
+/// Result of a probe.
 #[derive(Clone, Debug)]
 pub struct Probe {
     /// Rays of the strips, and seconds of one thread.
     pub ledger: Ledger,
-    /// What a picture takes once, however large: setting up, and the light within bodies that scatter it.
+    /// One-time cost of an image of any size: preparation and subsurface irradiance.
     pub once: Ledger,
-    /// Strips that were rendered.
+    /// Number of strips that were rendered.
     pub strips: usize,
-    /// Samples that were taken.
+    /// Number of samples that were taken.
     pub samples: u64,
-    /// What was simulated.
+    /// Effects that were simulated, with the reason for each.
     pub plan: Plan,
 }
 
-/// Renders strips of the picture that `settings` ask for, on this thread.
+/// Renders strips of the image that `settings` describe, on this thread. Returns `None` if cancelled.
 ///
-/// Every pixel is taken to have the same number of samples. `scene` must have passed [`Scene::validate`], and `accel`
-/// must have been built from it. `None` if it was cancelled.
+/// Every pixel is assumed to have the same number of samples. `scene` must have passed [`Scene::validate`], and
+/// `accel` must have been built from it.
 pub fn probe(
     (scene, camera): (&Scene, &Camera),
     accel: &dyn Accel,
@@ -60,6 +62,7 @@ pub fn probe(
         ..*settings
     };
     let mut frame = Frame::new(scene, camera, accel, &settings);
+    // Measure the one-time cost
     let setting_up = Tally {
         rays: frame.probe_count,
         seconds: start.elapsed().as_secs_f64(),
@@ -68,12 +71,14 @@ pub fn probe(
     let mut once = frame.scatter(monitor)?;
     once.book(Account::Other, setting_up);
     let mut wave = Wave::new(&frame);
+    // Select the strips
     let strips: Vec<Tile> = chosen_tiles(&settings, MAX_STRIPS)
         .into_iter()
         .enumerate()
         .map(|(number, tile)| strip(tile, number, &settings))
         .collect();
-    // The first one finds all caches cold and all queues empty, as it never is for long: it does not count.
+    // The first strip runs with cold caches and empty queues, which is not representative, so it is rendered once
+    // more.
     strips.first().map(|&strip| wave.render_tile(strip, None));
     let mut probe = Probe {
         ledger: Ledger::default(),
@@ -82,6 +87,7 @@ pub fn probe(
         samples: 0,
         plan: frame.plan.clone(),
     };
+    // Render strips until there are enough rays
     for strip in strips {
         if probe.strips >= MIN_STRIPS && probe.ledger.total().rays >= ENOUGH_RAYS {
             break;
@@ -95,12 +101,12 @@ pub fn probe(
     Some(probe)
 }
 
-/// The account of a strip. If the system gave the processor to others meanwhile, whose time would be booked as this
-/// thread's, the strip is rendered again.
+/// Returns the ledger of a strip. The strip is rendered again if other processes used the processor meanwhile,
+/// because their time would be booked for this thread.
 fn undisturbed(wave: &mut Wave, strip: Tile) -> Ledger {
-    /// Renders of a strip at most.
+    /// Largest number of attempts per strip.
     const MAX_TRIES: usize = 4;
-    /// Part of a strip's time that others may have had.
+    /// Largest fraction of a strip's time that other processes may use.
     const ALLOWED: f64 = 0.02;
     let mut least = (f64::INFINITY, Ledger::default());
     for _ in 0..MAX_TRIES {
@@ -118,15 +124,16 @@ fn undisturbed(wave: &mut Wave, strip: Tile) -> Ledger {
     least.1
 }
 
-/// The part of a tile that is rendered: as many rows as make a batch of packets, at another height in every tile.
+/// Returns the part of a tile that is rendered: enough rows for a batch of packets, at a different height in every
+/// tile.
 fn strip(tile: Tile, number: usize, settings: &RenderSettings) -> Tile {
-    /// The golden ratio's inverse: heights are spread evenly, whatever the number of strips.
+    /// Inverse of the golden ratio, which distributes heights evenly for any number of strips.
     const GOLDEN: f64 = 0.618_033_988_749_894_8;
     let shape = PacketShape::for_samples(settings.spp);
     let packets = tile.width.div_ceil(shape.block) * settings.spp.div_ceil(shape.samples);
     let height = (BATCH as u32).div_ceil(packets) * shape.block;
     let height = height.min(TILE).min(tile.height);
-    // Blocks of a whole tile begin at multiples of their side.
+    // Align the strip to blocks of pixels, which start at multiples of their side.
     let places = (tile.height - height) / shape.block + 1;
     let place = ((number as f64 * GOLDEN).fract() * f64::from(places)) as u32;
     Tile {

@@ -1,6 +1,6 @@
-//! Rays that wait to be traced, with what they carry home: generations of mirror rays, and shadow rays.
+//! Ray queues of the wavefront: secondary rays with their path state, and shadow rays with their pending radiance.
 //!
-//! Memory is kept from tile to tile; packets are filled again rather than made anew.
+//! Memory is reused from tile to tile; packets are refilled instead of allocated.
 
 use super::RenderSettings;
 use super::ledger::Account;
@@ -13,15 +13,15 @@ use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::InteriorStack;
 use crate::scene::EffectSet;
 
-/// Packets that are traced and shaded together: 24 KB of rays, half of a first-level cache.
+/// Number of packets that are traced and shaded together: 24 KB of rays, half of an L1 cache.
 pub(super) const BATCH: usize = 16;
 
-/// Whose light a lane's ray carries.
+/// Pixels and throughput of the paths of one ray packet.
 #[derive(Clone)]
 pub(super) struct PathPacket {
-    /// Pixel within the tile's film.
+    /// Pixel within the tile's film, with the sample and first-step bits of its label.
     pub(super) pixel: Lanes<u32>,
-    /// What its radiance is multiplied by, linear RGB.
+    /// Path throughput, linear RGB.
     pub(super) weight: Lanes3<f32>,
 }
 
@@ -32,31 +32,31 @@ impl PathPacket {
     };
 }
 
-/// A ray to trace and what it is for.
+/// Secondary ray to be queued, with its path state.
 pub(super) struct Sent {
     pub(super) ray: Ray,
     pub(super) pixel: u32,
     pub(super) weight: [f32; 3],
-    /// What sent it, and so what it is booked under if it is of all wavelengths.
+    /// Account of the effect that sent the ray; used for bookkeeping if the ray is of all wavelengths.
     pub(super) sender: Account,
-    /// In scenes whose paths keep one.
+    /// Path state, in scenes whose paths carry one.
     pub(super) travel: Option<Travel>,
 }
 
-/// How many rays of a generation are of which sort; the others are mirrored by smooth surfaces and of all wavelengths.
+/// Numbers of rays of a generation by type; all others are mirror rays of all wavelengths from smooth surfaces.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Sorts {
-    /// Gone through a surface, of all wavelengths.
+    /// Refracted rays of all wavelengths.
     pub(super) refracted: u64,
-    /// Gone through a surface, of one wavelength.
+    /// Refracted rays of a single wavelength.
     pub(super) refracted_colors: u64,
-    /// Mirrored, of one wavelength.
+    /// Mirror rays of a single wavelength.
     pub(super) mirrored_colors: u64,
-    /// Of the lobes of opaque surfaces, of all wavelengths.
+    /// Rays into lobes of opaque surfaces, of all wavelengths.
     pub(super) rough_reflected: u64,
-    /// Of the lobes of surfaces that light goes through, of all wavelengths.
+    /// Rays into lobes of transmissive surfaces, of all wavelengths.
     pub(super) rough_refracted: u64,
-    /// Of lobes, of one wavelength.
+    /// Rays into any lobes, of a single wavelength.
     pub(super) rough_colors: u64,
 }
 
@@ -77,8 +77,9 @@ impl Sorts {
 }
 
 impl Sorts {
-    /// How many of all `rays` of the generation each account sent.
+    /// Returns how many of the `rays` of the generation each account sent.
     pub(super) fn accounts(&self, rays: u64) -> [(Account, u64); 5] {
+        // Rays without a counted type are mirror rays of all wavelengths.
         let colors = self.mirrored_colors + self.refracted_colors + self.rough_colors;
         let rough = self.rough_reflected + self.rough_refracted;
         [
@@ -103,22 +104,22 @@ impl Sent {
     }
 }
 
-/// Rays of one step of the tree. Packets are kept to be filled again.
+/// Queue of the rays of one wavefront generation. Packets are kept for reuse.
 pub(super) struct Generation {
     packets: Vec<RayPacket>,
     paths: Vec<PathPacket>,
     travels: Travels,
-    /// Packets in use.
+    /// Number of packets in use.
     count: usize,
-    /// Lanes in use of the last of them.
+    /// Number of lanes in use in the last packet.
     filled: usize,
     sorts: Sorts,
-    /// What each ray is booked under, where pixels' costs are counted or effects told apart.
+    /// Account of each ray, if pixel costs or layers by effect are requested.
     accounts: Option<Vec<Lanes<Account>>>,
 }
 
 impl Generation {
-    /// For rays of these effects, whose paths may know how wide they are.
+    /// Returns an empty queue for rays of `effects`, whose paths may carry ray cones.
     pub(super) fn new(effects: EffectSet, follows_widths: bool) -> Generation {
         Generation {
             packets: Vec::new(),
@@ -131,8 +132,7 @@ impl Generation {
         }
     }
 
-    /// The same, with the account of each ray if `settings` ask for pixels' costs or for what
-    /// each effect gives.
+    /// Returns the queue with an account per ray if `settings` request pixel costs or layers by effect.
     pub(super) fn with_accounts(self, settings: &RenderSettings) -> Generation {
         Generation {
             accounts: (settings.cost_aovs || settings.light_layers.effects).then(Vec::new),
@@ -140,7 +140,7 @@ impl Generation {
         }
     }
 
-    /// Forgets all rays.
+    /// Removes all rays from the queue.
     pub(super) fn clear(&mut self) {
         self.count = 0;
         self.filled = LANES;
@@ -148,9 +148,9 @@ impl Generation {
         self.travels.clear();
     }
 
-    /// Writes into the labels of rays that are the first steps of their paths which steps those are.
+    /// Writes the type of the first step of each path into the labels of rays that have not got one.
     ///
-    /// Where rays go on through what is not there, a path may have taken none yet.
+    /// Rays that continue behind fully transparent surfaces have depth 0; their paths have not taken a step yet.
     pub(super) fn label_steps(&mut self, effects: EffectSet) {
         let Some(accounts) = &self.accounts else { return };
         for (packet, accounts) in accounts.iter().enumerate().take(self.count) {
@@ -160,6 +160,7 @@ impl Generation {
                 LANES
             };
             for l in 0..lanes {
+                // Skip paths that have not bounced yet
                 if effects.has_sheets() && self.travels.at(packet).lane(l).depth == 0 {
                     continue;
                 }
@@ -169,25 +170,25 @@ impl Generation {
         }
     }
 
-    /// What sorts of rays have been pushed one by one.
+    /// Returns the numbers of rays by type that [`Generation::push`] counted.
     pub(super) fn sorts(&self) -> Sorts {
         self.sorts
     }
 
-    /// Packets in use.
+    /// Returns the number of packets in use.
     pub(super) fn len(&self) -> usize {
         self.count
     }
 
-    /// Bytes of a packet and of what it carries.
+    /// Number of bytes of a ray packet and its path packet.
     pub(super) const PACKET_BYTES: usize = size_of::<RayPacket>() + size_of::<PathPacket>();
 
-    /// Bytes of the packets, in use or not, and of what they carry.
+    /// Returns the bytes of all ray packets and path packets, in use or not.
     pub(super) fn byte_count(&self) -> usize {
         self.packets.capacity() * size_of::<RayPacket>() + self.paths.capacity() * size_of::<PathPacket>()
     }
 
-    /// Adds what is kept beside the packets.
+    /// Adds the bytes of the optional arrays.
     pub(super) fn add_columns_to(&self, memory: &mut Memory, effects: EffectSet) {
         self.travels.add_to(memory, effects);
         let accounts = self.accounts.as_ref().map_or(0, Vec::capacity);
@@ -198,7 +199,7 @@ impl Generation {
         );
     }
 
-    /// The packets in use and their paths.
+    /// Returns the packets in use and their paths.
     pub(super) fn parts(&mut self) -> (&mut [RayPacket], Paths<'_>) {
         let paths = Paths {
             paths: &self.paths[..self.count],
@@ -209,18 +210,18 @@ impl Generation {
         (&mut self.packets[..self.count], paths)
     }
 
-    /// Writes what lane `l` of the packet pushed last has behind it.
+    /// Sets the path state of lane `l` of the packet pushed last.
     pub(super) fn set_travel(&mut self, l: usize, travel: &Travel) {
         self.travels.resize(self.count);
         self.travels.set(self.count - 1, l, travel);
     }
 
-    /// The packet pushed last.
+    /// Returns the packet that was pushed last.
     pub(super) fn last_packet(&mut self) -> &mut RayPacket {
         &mut self.packets[self.count - 1]
     }
 
-    /// A fresh packet with its paths.
+    /// Appends an empty packet and returns it with its path packet.
     #[inline(always)]
     pub(super) fn push_packet(&mut self) -> (&mut RayPacket, &mut PathPacket) {
         if self.count == self.packets.len() {
@@ -233,19 +234,22 @@ impl Generation {
         (&mut self.packets[last], &mut self.paths[last])
     }
 
-    /// One more ray, behind the last.
+    /// Appends one ray after the last.
     #[inline(always)]
     pub(super) fn push(&mut self, sent: &Sent) {
+        // Start a new packet if the last one is full
         if self.filled == LANES {
             self.push_packet();
             self.filled = 0;
         }
         let (last, lane) = (self.count - 1, self.filled);
+        // Write the ray, its pixel and its throughput
         self.packets[last].set(lane, &sent.ray);
         self.paths[last].pixel[lane] = sent.pixel;
         for channel in 0..3 {
             self.paths[last].weight[channel][lane] = sent.weight[channel];
         }
+        // Count the ray and write its optional state
         self.sorts.count(sent);
         if let Some(accounts) = &mut self.accounts {
             accounts.resize(self.count.max(accounts.len()), [Account::Reflection; LANES]);
@@ -259,18 +263,18 @@ impl Generation {
     }
 }
 
-/// The paths of some packets.
+/// View of the paths of consecutive packets of a generation.
 #[derive(Clone, Copy)]
 pub(super) struct Paths<'a> {
     paths: &'a [PathPacket],
     travels: &'a Travels,
     accounts: Option<&'a [Lanes<Account>]>,
-    /// The packet of the generation that comes first.
+    /// Index of the first packet of the view within the generation.
     first: usize,
 }
 
 impl<'a> Paths<'a> {
-    /// Those of packet `index`; what they have behind them, where some effect needs to know.
+    /// Returns the path packet of packet `index`, and its path states if any effect needs them.
     #[inline(always)]
     pub(super) fn at(&self, index: usize) -> (&'a PathPacket, Option<TravelPacket<'a>>) {
         let packet = self.first + index;
@@ -278,7 +282,8 @@ impl<'a> Paths<'a> {
         (&self.paths[packet], travels)
     }
 
-    /// The labels of packet `index`, and what its rays are booked under: `otherwise` where that is not kept for each.
+    /// Returns the pixel labels of packet `index` and the accounts of its rays: `otherwise` if rays have no own
+    /// account.
     pub(super) fn whose(&self, index: usize, otherwise: Account) -> (&'a Lanes<u32>, Accounts<'a>) {
         let packet = self.first + index;
         let accounts = match self.accounts.and_then(|accounts| accounts.get(packet)) {
@@ -288,7 +293,7 @@ impl<'a> Paths<'a> {
         (&self.paths[packet].pixel, accounts)
     }
 
-    /// Those from packet `first` on.
+    /// Returns the view that begins at packet `first` of this one.
     pub(super) fn from(&self, first: usize) -> Paths<'a> {
         Paths {
             first: self.first + first,
@@ -297,19 +302,19 @@ impl<'a> Paths<'a> {
     }
 }
 
-/// Shadow rays that wait to be traced, with the radiance that each contributes if nothing occludes it.
+/// Queue of shadow rays, with the radiance that each contributes if it is not occluded.
 pub(super) struct ShadowQueue {
     packets: [RayPacket; BATCH],
     payloads: [ShadowPayload; BATCH],
-    /// The bodies around the shaded points.
+    /// Dielectric interiors around the shaded points.
     media: MediaColumn,
-    /// Packets in use.
+    /// Number of packets in use.
     count: usize,
-    /// The light that each packet is sent to; not written in scenes with plain effects only.
+    /// Light that each packet is sent to; not written in scenes with plain effects only.
     sources: [Source; BATCH],
 }
 
-/// The pixels that a packet of shadow rays contributes to, and the unoccluded radiance.
+/// Pixels that a packet of shadow rays contributes to, and its unoccluded radiance.
 #[derive(Clone)]
 pub(super) struct ShadowPayload {
     pub(super) pixel: Lanes<u32>,
@@ -333,10 +338,10 @@ impl ShadowQueue {
         })
     }
 
-    /// Bytes of the packets and payloads.
+    /// Number of bytes of the packets and payloads.
     pub(super) const BYTES: usize = size_of::<ShadowQueue>();
 
-    /// Adds the bytes of the optional columns.
+    /// Adds the bytes of the optional arrays.
     pub(super) fn add_columns_to(&self, memory: &mut Memory) {
         self.media.add_to(memory);
     }
@@ -366,21 +371,21 @@ impl ShadowQueue {
         self.count += 1;
     }
 
-    /// Sets the bodies around the points of the packet last committed.
+    /// Sets the interiors around the points of the packet last committed.
     pub(super) fn set_media(&mut self, travels: TravelPacket) {
         for l in 0..LANES {
             self.media.set(self.count - 1, l, &travels.media(l));
         }
     }
 
-    /// Sets the bodies around all points of the packet that is committed next.
+    /// Sets the same interiors around all points of the packet that is committed next.
     pub(super) fn set_medium(&mut self, media: &InteriorStack) {
         for l in 0..LANES {
             self.media.set(self.count, l, media);
         }
     }
 
-    /// Empties the queue as [`ShadowQueue::drain`] does, and returns the bodies around the points too.
+    /// Empties the queue like [`ShadowQueue::drain`] and also returns the interiors around the points.
     pub(super) fn drain_with_media(&mut self) -> (&mut [RayPacket], &mut [ShadowPayload], &mut MediaColumn) {
         let count = std::mem::take(&mut self.count);
         (

@@ -1,4 +1,4 @@
-//! Keeps the rays of a frame, so that backends can be compared on real work.
+//! Recording of the rays of a frame, to compare backends on real workloads.
 
 use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
@@ -8,18 +8,18 @@ use crate::accel::{Accel, AccelReport, RayOrder, RayPacket};
 use crate::parallel;
 use crate::scene::{Camera, Scene};
 
-/// The rays of one frame, as they were asked.
+/// Rays of one frame, in the order of their queries.
 #[derive(Clone, Debug, Default)]
 pub struct RecordedRays {
-    /// From the eye.
+    /// Camera rays, for nearest-hit queries.
     pub camera: Vec<RayPacket>,
-    /// From surfaces to lights, in the order of the rays that found the surfaces.
+    /// Shadow rays, in the order of the rays that found the surfaces.
     pub shadow: Vec<RayPacket>,
-    /// From mirrors.
+    /// Secondary rays from surfaces, for nearest-hit queries.
     pub reflection: Vec<RayPacket>,
 }
 
-/// Renders the frame on one thread, in tile order, and keeps its rays. The picture is dropped.
+/// Renders the frame on one thread, in tile order, and returns its rays. The image is discarded.
 ///
 /// Needs about 1.5 KB for every sixteen rays.
 pub fn record(scene: &Scene, camera: &Camera, accel: &dyn Accel, settings: &RenderSettings) -> RecordedRays {
@@ -33,7 +33,7 @@ pub fn record(scene: &Scene, camera: &Camera, accel: &dyn Accel, settings: &Rend
         tiles: None,
     };
     let render_all = || render(scene, camera, &recorder, settings, &monitor);
-    // One thread takes the tiles from first to last. Without a pool of its own the rays are the same in another order.
+    // A single thread renders tiles in order. Without a pool of its own, the rays are equal but in a different order.
     match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
         Ok(pool) => parallel::install(&pool, render_all),
         Err(_) => render_all(),
@@ -44,7 +44,7 @@ pub fn record(scene: &Scene, camera: &Camera, accel: &dyn Accel, settings: &Rend
         .unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
-/// A backend that writes down what another one is asked.
+/// [`Accel`] wrapper that records every query before forwarding it.
 struct Recorder<'a> {
     accel: &'a dyn Accel,
     rays: Mutex<RecordedRays>,

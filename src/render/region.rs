@@ -1,11 +1,11 @@
-//! Parts of a picture: rectangles of its pixels, and shares of its samples.
+//! Partial renders: rectangles of pixels of an image, and shares of its samples.
 //!
-//! A rectangle has the bits that it has in the whole picture. Tiles lie where they lie in that; those that the
-//! rectangle touches are rendered and cut, with one more around them where a filter takes from neighbours.
+//! A rectangle has the same bits as in the whole image. The tile grid is that of the whole image; the tiles that the
+//! rectangle touches are rendered and cropped, with a border of one tile if a filter needs neighbours.
 //!
-//! A picture of very many samples may be the sum of several shares of them, each of which is summed up by itself.
-//! Floating-point sums depend on their order, so such a picture may differ in its last bits from one that was made at
-//! once; it is the same whoever makes which share, and when, as shares are added in order.
+//! An image of very many samples may be the sum of several shares, each of which is summed up separately.
+//! Floating-point sums depend on their order, so such an image may differ in its last bits from one that was rendered
+//! at once. It does not depend on which process renders which share or when, because shares are added in order.
 
 use std::ops::Range;
 use std::time::Instant;
@@ -21,26 +21,26 @@ use super::{Account, Frame, Monitor, RenderSettings, Rendering, SampleAovs, rend
 use crate::accel::Accel;
 use crate::scene::{Camera, Scene};
 
-/// A rectangle of a picture's pixels.
+/// Rectangle of pixels of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Region {
-    /// Its first column.
+    /// First column of the rectangle.
     pub x: u32,
-    /// Its first row.
+    /// First row of the rectangle.
     pub y: u32,
-    /// Columns; at least 1.
+    /// Number of columns; at least 1.
     pub width: u32,
-    /// Rows; at least 1.
+    /// Number of rows; at least 1.
     pub height: u32,
 }
 
 impl Region {
-    /// All of a picture.
+    /// Returns the rectangle of the whole image.
     pub fn whole(settings: &RenderSettings) -> Region {
         Region::of_rows(settings, 0..settings.height)
     }
 
-    /// Some rows of a picture.
+    /// Returns the rectangle of some complete rows of an image.
     pub fn of_rows(settings: &RenderSettings, rows: Range<u32>) -> Region {
         Region {
             x: 0,
@@ -50,53 +50,53 @@ impl Region {
         }
     }
 
-    /// How many pixels it has.
+    /// Returns the number of pixels of the rectangle.
     pub fn pixel_count(&self) -> u64 {
         u64::from(self.width) * u64::from(self.height)
     }
 }
 
-/// One of several shares of every pixel's samples.
+/// Share of the samples of every pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Share {
-    /// Which, from 0.
+    /// Index of the share, from 0.
     pub index: u32,
-    /// Of how many.
+    /// Total number of shares.
     pub count: u32,
 }
 
 impl Share {
-    /// All samples.
+    /// Single share with all samples.
     pub const ALL: Share = Share { index: 0, count: 1 };
 
-    /// How many shares there may be of so many samples a pixel: each has at least a packet of them.
+    /// Returns the largest number of shares for `spp` samples per pixel: each has at least one packet of them.
     pub fn most(spp: u32) -> u32 {
         spp.div_ceil(PacketShape::for_samples(spp).samples)
     }
 
-    /// Which of so many packets of samples it takes.
+    /// Returns the range of sample packets that belong to the share.
     fn of(self, packet_count: usize) -> Range<usize> {
         let start = |index: u32| (packet_count as u64 * u64::from(index) / u64::from(self.count)) as usize;
         start(self.index)..start(self.index + 1)
     }
 }
 
-/// Side of the squares that pictures are rendered by: rectangles along them cost nothing beyond themselves.
+/// Side of the tiles that images are rendered in: rectangles that are aligned to it cause no extra work.
 pub const TILE_SIDE: u32 = TILE;
 
-/// A picture that is rendered in parts; what they have in common is made ready once.
+/// Render of an image in parts, which share one preparation.
 pub struct Parts<'s> {
     frame: Frame<'s>,
     ready_seconds: f64,
-    /// What making ready took, until a part has it in its ledger.
+    /// Ledger of the preparation, until a part includes it.
     ready: Ledger,
 }
 
 impl<'s> Parts<'s> {
-    /// Makes a picture ready, in the current rayon pool. `None` if that was cancelled.
+    /// Prepares a render in parts, in the current rayon pool. Returns `None` if cancelled.
     ///
-    /// [`RenderSettings::adaptive`] is ignored, as numbers of samples depend on more than a part;
-    /// [`RenderSettings::cost_aovs`] too. `scene` must have passed [`Scene::validate`], and `accel` must have been built
+    /// Ignores [`RenderSettings::adaptive`], because its sample counts depend on more than one part, and
+    /// [`RenderSettings::cost_aovs`]. `scene` must have passed [`Scene::validate`], and `accel` must have been built
     /// from it.
     pub fn new(
         (scene, camera): (&'s Scene, &Camera),
@@ -105,14 +105,17 @@ impl<'s> Parts<'s> {
         monitor: &Monitor,
     ) -> Option<Parts<'s>> {
         let start = Instant::now();
+        // Ignore settings that need all parts
         let settings = RenderSettings {
             adaptive: None,
             cost_aovs: false,
             ..*settings
         };
+        // Prepare the scene and compute subsurface irradiance
         let mut frame = Frame::new(scene, camera, accel, &settings);
         let made_ready = settings.ledger.then(|| start.elapsed().as_secs_f64());
         let mut ready = frame.scatter(monitor)?;
+        // Book the preparation, which the first part includes
         let setting_up = Tally {
             rays: frame.probe_count,
             seconds: made_ready.unwrap_or(0.0),
@@ -126,12 +129,13 @@ impl<'s> Parts<'s> {
         })
     }
 
-    /// A rectangle of the finished picture. `None` if it was cancelled.
+    /// Renders a rectangle of the finished image. Returns `None` if cancelled.
     pub fn region(&mut self, region: &Region, monitor: &Monitor) -> Option<Rendering> {
         let start = Instant::now();
         self.frame.part = 0..self.packet_count();
         self.frame.keeps_sums = false;
         let mut rendering = render_uniformly(&self.frame, region, monitor)?;
+        // Include the preparation in the ledger of the first part
         rendering.ledger += std::mem::take(&mut self.ready);
         rendering.ready_seconds = std::mem::take(&mut self.ready_seconds);
         let seconds = start.elapsed().as_secs_f64() + rendering.ready_seconds;
@@ -140,22 +144,23 @@ impl<'s> Parts<'s> {
         Some(rendering)
     }
 
-    /// What a share of the samples of a rectangle's pixels adds up to, and what it took. `None` if it was cancelled.
+    /// Renders a share of the samples of a rectangle and returns their sums with the ledger. Returns `None` if
+    /// cancelled.
     pub fn sums(&mut self, region: &Region, share: Share, monitor: &Monitor) -> Option<(Sums, Ledger)> {
         let packets = share.of(self.packet_count());
         self.sums_of(region, packets, monitor)
     }
 
-    /// Packets of samples that a pixel has: what may be summed up by itself.
+    /// Returns the number of sample packets per pixel, the smallest units that can be summed up separately.
     pub fn packet_count(&self) -> usize {
         self.frame.groups.len()
     }
 
-    /// What some packets of the samples of a rectangle's pixels add up to, and what that took. `None` if it was
-    /// cancelled.
+    /// Renders some sample packets of the pixels of a rectangle and returns their sums with the ledger. Returns
+    /// `None` if cancelled.
     ///
     /// # Panics
-    /// If there are no such packets.
+    /// If `packets` is out of range.
     pub fn sums_of(
         &mut self,
         region: &Region,
@@ -166,9 +171,11 @@ impl<'s> Parts<'s> {
         self.frame.part = packets;
         self.frame.keeps_sums = true;
         let frame = &self.frame;
+        // Render the tiles that the region touches
         let cover = Cover::of(region, &frame.settings);
         let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, None, monitor)?;
         let sums = cover.sums(frame, &cover.placed(tiles));
+        // Include the preparation in the ledger of the first part
         ledger += std::mem::take(&mut self.ready);
         let ready_seconds = std::mem::take(&mut self.ready_seconds);
         ledger.settle(
@@ -179,24 +186,24 @@ impl<'s> Parts<'s> {
     }
 }
 
-/// What samples of the pixels of a rectangle add up to, row by row, the top row first.
+/// Sums over samples of the pixels of a rectangle, row by row from the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sums {
-    /// Samples a pixel.
+    /// Number of samples per pixel in the sums.
     pub samples: u32,
-    /// Linear RGB radiance.
+    /// Sums of linear RGB radiance.
     pub radiance: Vec<[f64; 3]>,
-    /// Linear RGB radiance by the filter's weights, and these; none for a box.
+    /// Sums of linear RGB radiance times filter weights, and sums of the weights; `None` for a box filter.
     pub weighted: Option<Vec<[f64; 4]>>,
-    /// Squared radiance, channels weighted by luminance; only with [`RenderSettings::sample_aovs`].
+    /// Sums of squared radiance, channels weighted by luminance; only with [`RenderSettings::sample_aovs`].
     pub squares: Option<Vec<f64>>,
 }
 
 impl Sums {
-    /// Adds the sums of the share that comes next.
+    /// Adds the sums of the share that follows this one.
     ///
     /// # Panics
-    /// If it is of another rectangle.
+    /// If the sums belong to another rectangle.
     pub fn add(&mut self, next: &Sums) {
         fn add_all<const N: usize>(sums: &mut [[f64; N]], next: &[[f64; N]]) {
             assert_eq!(sums.len(), next.len(), "sums of other pixels");
@@ -214,7 +221,7 @@ impl Sums {
         }
     }
 
-    /// The pixels that they give: linear RGB radiance.
+    /// Returns the pixels as linear RGB radiance.
     pub fn pixels(&self) -> Vec<[f32; 3]> {
         let scale = 1.0 / f64::from(self.samples);
         let mean = |sum: &[f64; 3]| sum.map(|channel| (channel * scale) as f32);
@@ -223,12 +230,13 @@ impl Sums {
             Some(weighted) => weighted
                 .iter()
                 .zip(&self.radiance)
+                // Fall back to the unfiltered mean where weights cancel
                 .map(|(&sums, plain)| filter::weighted_mean(sums).unwrap_or_else(|| mean(plain)))
                 .collect(),
         }
     }
 
-    /// What they tell of single samples, if that was asked for.
+    /// Returns the statistics of single samples, if they were requested.
     pub fn aovs(&self) -> Option<SampleAovs> {
         let squares = self.squares.as_ref()?;
         let estimates = self.radiance.iter().zip(squares);
@@ -239,17 +247,18 @@ impl Sums {
     }
 }
 
-/// The tiles that a rectangle needs.
+/// Tiles that are needed to render a rectangle.
 pub(super) struct Cover {
-    /// The rectangle that they fill.
+    /// Rectangle that the tiles cover.
     outer: Region,
     inner: Region,
-    /// Row by row.
+    /// Tiles in row-major order.
     pub(super) tiles: Vec<Tile>,
 }
 
 impl Cover {
     pub(super) fn of(region: &Region, settings: &RenderSettings) -> Cover {
+        // Add a border of one tile if the filter needs neighbours
         let margin = u32::from(reach(settings) > 0);
         let along = |start: u32, size: u32, end: u32| {
             let first = (start / TILE).saturating_sub(margin);
@@ -265,12 +274,12 @@ impl Cover {
         }
     }
 
-    /// Width and height of what the tiles fill.
+    /// Returns the width and height of the rectangle that the tiles cover.
     pub(super) fn size(&self) -> [u32; 2] {
         [self.outer.width, self.outer.height]
     }
 
-    /// The same tiles, where they lie in the rectangle that they fill.
+    /// Returns the tiles with positions relative to the rectangle that they cover.
     pub(super) fn placed(&self, mut tiles: Vec<(Tile, TilePicture)>) -> Vec<(Tile, TilePicture)> {
         for (tile, _) in &mut tiles {
             tile.x -= self.outer.x;
@@ -279,7 +288,7 @@ impl Cover {
         tiles
     }
 
-    /// What of values of the pixels that the tiles fill lies in the rectangle.
+    /// Crops values of the pixels that the tiles cover to the rectangle.
     pub(super) fn cut<T: Copy>(&self, values: Vec<T>) -> Vec<T> {
         if self.outer == self.inner {
             return values;
@@ -295,7 +304,7 @@ impl Cover {
             .collect()
     }
 
-    /// What the rectangle's samples add up to, by tiles that lie where they lie.
+    /// Returns the sums over the samples of the rectangle, from tiles with positions relative to the cover.
     fn sums(&self, frame: &Frame, tiles: &[(Tile, TilePicture)]) -> Sums {
         let [width, height] = self.size();
         let settings = &frame.settings;
@@ -313,7 +322,7 @@ impl Cover {
 }
 
 impl Frame<'_> {
-    /// Samples a pixel of the share that is taken.
+    /// Returns the number of samples per pixel in the share that is rendered.
     pub(super) fn samples_taken(&self) -> u32 {
         let before = |group: usize| self.settings.spp.min(group as u32 * self.shape.samples);
         before(self.part.end) - before(self.part.start)

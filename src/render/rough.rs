@@ -1,19 +1,20 @@
-//! Rough surfaces that show what is around them: rays into the lobe of GGX, where a material asks for them.
+//! Glossy (GGX) reflection and transmission: rays into the lobes of rough surfaces, for materials that request them.
 //!
-//! A surface that the eye sees draws as many microfacets as its material says, and one that another ray meets draws one
-//! ([`Ggx`]; R. Cook, T. Porter and L. Carpenter, "Distributed ray tracing", SIGGRAPH 1984). Each mirrors a ray, and
-//! where light goes through the surface refracts another, as a smooth surface would that lies as the microfacet does;
-//! Fresnel's share is that under its angle, and what leaves on the wrong side counts as nothing. The numbers are those
-//! of the sample for [`Purpose::LOBE`] and the step of the path: the microfacets of all samples of a pixel make one
-//! even set. Rays into a lobe count as samples of their own from there on, so what they ask of lights lies evenly too.
+//! The first surface that a path hits samples as many microfacets as its material requests, and every later surface
+//! samples one ([`Ggx`]; R. Cook, T. Porter and L. Carpenter, "Distributed ray tracing", SIGGRAPH 1984). Each
+//! microfacet reflects a ray, and on transmissive surfaces refracts another, like a smooth surface with the
+//! orientation of the microfacet. Fresnel's factor is that of the microfacet, and rays that leave on the wrong side
+//! of the surface contribute nothing. The random numbers are those of the pixel sample for [`Purpose::LOBE`] and the
+//! bounce, so that the microfacets of all samples of a pixel form one stratified set. From there on, rays into a lobe
+//! count as separate samples, so that their light samples are stratified as well.
 //!
-//! No light counts twice. Lights are asked by shadow rays, which the whole lobe answers, and no ray sees them; what rays
-//! see, the environment map, what shines and what is lit, the lobe gets by these rays alone. The ambient term keeps its
-//! diffuse part.
+//! No light counts twice. Shadow rays sample lights that rays cannot hit, and the whole lobe reflects them. Light
+//! that rays can hit (the environment map, emissive objects and lit surfaces) reaches the lobe by lobe rays alone.
+//! The ambient term keeps its diffuse part.
 //!
-//! Rays of one lobe start at one point and go much the same way, so they follow each other into the same packet. A hit
-//! may send many rays; so that queues stay as small as without, fewer camera packets make a wave. The weight cut-off
-//! looks at all rays of a lobe together.
+//! Rays of one lobe start at one point with similar directions, so they are put into the same packet. Because one hit
+//! may send many rays, a wave has fewer camera packets, which keeps queues as small as without lobes. The weight
+//! cut-off compares the sum of all rays of a lobe.
 
 use std::f64::consts::TAU;
 
@@ -34,13 +35,13 @@ use crate::optics::{reflect, refract};
 use crate::scene::{Effect, EffectSet, Material, Scene};
 use crate::shading::Ggx;
 
-/// Camera packets of a wave: so few that their lobes' rays are no more than the mirror rays of a wave without lobes, if
-/// a packet can be that small.
+/// Returns the number of camera packets per wave: so few that their lobe rays are no more than the mirror rays of a
+/// wave without lobes, but at least one.
 pub(super) fn camera_packets(scene: &Scene, effects: EffectSet) -> usize {
     if !effects.has_lobes() {
         return WAVE;
     }
-    // What is not in use calls for nothing.
+    // Materials that no instance uses do not count.
     let used = scene
         .instances
         .iter()
@@ -49,43 +50,43 @@ pub(super) fn camera_packets(scene: &Scene, effects: EffectSet) -> usize {
     (WAVE / most.unwrap_or(0).max(1) as usize).max(1)
 }
 
-/// Where a ray goes on from a surface.
+/// Scattered ray, without its origin.
 pub(super) struct Way {
-    /// Unit direction, in world space.
+    /// Unit direction in world space.
     pub(super) direction: DVec3,
-    /// Cosines of the angles before and behind the surface, or a microfacet of it.
+    /// Cosines of the angles of the incident and the scattered ray with the surface normal or a microfacet normal.
     pub(super) cosines: [f64; 2],
-    /// What the light from there counts, apart from Fresnel's share and tints.
+    /// Weight of the radiance along the ray, without Fresnel's factor and tints.
     pub(super) share: f32,
-    /// What a lobe adds to the spread of the ray's cone.
+    /// Increase of the spread of the ray cone, from the width of the lobe.
     pub(super) spread: f64,
 }
 
-/// A rough surface, seen from where a ray comes from.
+/// Lobe of a rough surface for one incident direction.
 struct Lobe {
     ggx: Ggx,
-    /// From the frame whose z is the normal.
+    /// Rotation from the shading frame, whose z axis is the normal, to world space.
     world_from_lobe: DMat3,
-    /// Unit vector to where the ray came from, in that frame.
+    /// Unit vector to the origin of the incident ray, in the shading frame.
     wo: DVec3,
-    /// Unit geometric normal on that side, in world space.
+    /// Unit geometric normal on the side of the incident ray, in world space.
     side: DVec3,
-    /// Microfacets that are drawn.
+    /// Number of microfacets that this hit samples.
     of: u32,
-    /// Those that all samples of the pixel draw together.
+    /// Number of microfacets that all samples of the pixel draw together.
     of_pixel: f64,
 }
 
-/// A part of a rough surface that is as smooth as a mirror.
+/// Microfacet of a rough surface, which scatters like a mirror.
 pub(super) struct Microfacet<'a> {
     lobe: &'a Lobe,
-    /// Its unit normal, in the lobe's frame.
+    /// Unit normal of the microfacet, in the shading frame.
     m: DVec3,
 }
 
 impl Lobe {
-    /// The lobe of a surface of this roughness and unit normal `n`, for light from `wo`; `None` where it is seen from
-    /// behind.
+    /// Returns the lobe of a surface with this roughness and unit normal `n` for light towards `wo`; `None` if `wo`
+    /// is below the surface.
     fn new(roughness: f32, [n, side]: [DVec3; 2], wo: DVec3) -> Option<Lobe> {
         let (t, b) = n.any_orthonormal_pair();
         let world_from_lobe = DMat3::from_cols(t, b, n);
@@ -107,10 +108,11 @@ impl Lobe {
         }
     }
 
-    /// The way along `wi`, which is drawn with the density `pdf` and goes through the surface if that is below.
+    /// Returns the ray along `wi`, which has the density `pdf` and is transmitted if `wi` is below the surface;
+    /// `None` if it leaves on the wrong side of the geometric surface.
     fn way(&self, wi: DVec3, cosines: [f64; 2], [visible, pdf]: [f64; 2]) -> Option<Way> {
         let direction = self.world_from_lobe * wi;
-        // An interpolated normal may ask for a ray that goes where it cannot.
+        // With an interpolated normal, a direction may lie on the wrong side of the geometric surface.
         (direction.dot(self.side) * wi.z > 0.0).then(|| Way {
             direction,
             cosines,
@@ -120,21 +122,22 @@ impl Lobe {
     }
 }
 
-/// How wide a ray is that is one of `density` a steradian: as a pixel's cone, the root of the solid angle that it
-/// stands for, which is a hemisphere at most.
+/// Returns the spread of a ray with `density` per steradian: the root of the solid angle that it stands for, at most
+/// a hemisphere, as for the cone of a pixel.
 ///
-/// Seen along the normal the middle of the lobe has the density 1 / (4 π alpha²), and one ray the width 2 √π alpha.
+/// For incidence along the normal, the centre of the lobe has the density 1 / (4 π alpha²), and a single ray the
+/// spread 2 √π alpha.
 fn spread(density: f64) -> f64 {
     density.sqrt().recip().min(TAU.sqrt())
 }
 
 impl Microfacet<'_> {
-    /// The cosine of the angle under which the ray meets it.
+    /// Returns the cosine of the angle of incidence on the microfacet.
     pub(super) fn cos_i(&self) -> f64 {
         self.lobe.wo.dot(self.m).clamp(0.0, 1.0)
     }
 
-    /// Where it mirrors the ray; `None` if that is into the surface.
+    /// Returns the reflected ray, or `None` if it points into the surface.
     pub(super) fn reflected(&self) -> Option<Way> {
         let Lobe { ggx, wo, .. } = self.lobe;
         let wi = reflect(-wo, self.m);
@@ -145,12 +148,14 @@ impl Microfacet<'_> {
         self.lobe.way(wi, [self.cos_i(); 2], weights)
     }
 
-    /// Where it lets the ray go on; `None` if it reflects it whole, or if that is not behind the surface.
+    /// Returns the refracted ray, or `None` with total internal reflection or if the ray does not leave behind the
+    /// surface.
     ///
-    /// Behind a wall are its inside and its other, equally rough surface, of which `KHR_materials_transmission` makes
-    /// the mirrored lobe on the far side.
+    /// Behind a thin surface are its interior and its equally rough back side, which `KHR_materials_transmission`
+    /// models by the mirrored lobe on the far side.
     pub(super) fn refracted(&self, boundary: &Boundary, [eta_i, eta_t]: [f64; 2]) -> Option<Way> {
         let Lobe { ggx, wo, .. } = self.lobe;
+        // Mirror the reflected lobe to the far side of a thin surface
         if boundary.is_wall() {
             let mirrored = reflect(-wo, self.m);
             if !(mirrored.z > 0.0) {
@@ -161,9 +166,10 @@ impl Microfacet<'_> {
             return self.lobe.way(wi, [self.cos_i(); 2], weights);
         }
         if eta_i == eta_t {
-            // There is nothing to be rough.
+            // Without a change of index, roughness has no effect.
             return self.lobe.way(-wo, [self.cos_i(); 2], [1.0, f64::INFINITY]);
         }
+        // Refract at the microfacet
         let refraction = refract(-wo, self.m, eta_i, eta_t)?;
         let wi = refraction.direction;
         if !(wi.z < 0.0) {
@@ -176,7 +182,8 @@ impl Microfacet<'_> {
 }
 
 impl Frame<'_> {
-    /// How many microfacets a path draws where it meets the surface in lane `l`.
+    /// Returns the number of microfacets that a path samples at the surface in lane `l`: the material's number at
+    /// depth 0, otherwise 1.
     fn rough_rays(&self, surfaces: &Surfaces, travel: &Travel, (l, stage): (usize, Stage)) -> u32 {
         let depth = if self.effects().has_sheets() {
             travel.depth
@@ -190,7 +197,7 @@ impl Frame<'_> {
         }
     }
 
-    /// The lobe at lane `l`, for a ray that came the way of `arrival`.
+    /// Returns the lobe at lane `l` for a ray with the path state `arrival`.
     fn lobe_at(
         &self,
         surfaces: &Surfaces,
@@ -214,7 +221,8 @@ impl Frame<'_> {
 }
 
 impl Outcome<'_, '_> {
-    /// Sends the rays into the lobes of opaque surfaces. Surfaces that let light through send theirs elsewhere.
+    /// Queues the rays into the lobes of opaque surfaces. Transmissive surfaces queue theirs in
+    /// `cross_rough_surfaces`.
     pub(super) fn reflect_roughly(&mut self, traced: &Traced, surfaces: &Surfaces, stage: Stage) {
         let Some(travels) = traced.travels else {
             return;
@@ -222,7 +230,7 @@ impl Outcome<'_, '_> {
         let divides = self.frame.effects().has(Effect::Refraction);
         for l in 0..LANES {
             let materials = &surfaces.materials;
-            // Light of one wavelength may have negative weights, whose sum says nothing.
+            // Weights of a single wavelength may be negative, so that the sum of the channels is not a valid test.
             let seen = surfaces.points.hit[l] && traced.weight.iter().any(|channel| channel[l] != 0.0);
             if seen && materials.has_lobe(l) && !(divides && materials.transmits(l)) {
                 self.reflect_lobe(traced, travels, surfaces, (l, stage));
@@ -237,11 +245,12 @@ impl Outcome<'_, '_> {
         surfaces: &Surfaces,
         (l, stage): (usize, Stage),
     ) {
+        // Build the lobe in the shading frame
         let frame = self.frame;
         let points = &surfaces.points;
         let vector = |v: &Lanes3<f32>| Vec3::new(v[0][l], v[1][l], v[2][l]);
         let arrival = Travel {
-            // Not every path keeps it.
+            // The path state holds a direction only with refraction.
             direction: -vector(&points.wo).as_dvec3().normalize(),
             ..travels.lane(l)
         };
@@ -251,6 +260,7 @@ impl Outcome<'_, '_> {
         let cone = frame
             .cone_at(traced, travels, l)
             .reflected(frame.curvature(traced.packet, surfaces, l));
+        // Sample microfacets and spawn their reflected rays
         for number in 0..lobe.of {
             let facet = lobe.microfacet(self.lobe_numbers(traced, (l, stage), [number, lobe.of]));
             let Some(way) = facet.reflected() else {
@@ -273,7 +283,7 @@ impl Outcome<'_, '_> {
         }
     }
 
-    /// Divides the rays that have met rough surfaces that light goes through.
+    /// Queues the reflected and refracted rays at rough transmissive surfaces.
     pub(super) fn cross_rough_surfaces(
         &mut self,
         traced: &Traced,
@@ -302,6 +312,7 @@ impl Outcome<'_, '_> {
         let Some(lobe) = self.frame.lobe_at(surfaces, &arrival, meeting.normal, (l, stage)) else {
             return;
         };
+        // Scatter at each sampled microfacet
         for number in 0..lobe.of {
             let numbers = self.lobe_numbers(traced, (l, stage), [number, lobe.of]);
             meeting.arrival = arrival.one_of(number, lobe.of);
@@ -309,7 +320,7 @@ impl Outcome<'_, '_> {
         }
     }
 
-    /// The pair of numbers for microfacet `number` of `of` of the sample that lane `l` is a part of.
+    /// Returns the random pair for microfacet `number` of `of`, for the sample of lane `l`.
     fn lobe_numbers(&self, traced: &Traced, (l, stage): (usize, Stage), [number, of]: [u32; 2]) -> [f64; 2] {
         let draw = Draw {
             purpose: Purpose::LOBE.nested(stage.depth),
@@ -321,7 +332,7 @@ impl Outcome<'_, '_> {
 }
 
 impl Travel {
-    /// The same as ray `number` of the `of` rays into one lobe.
+    /// Returns the state of ray `number` of the `of` rays into one lobe.
     fn one_of(self, number: u32, of: u32) -> Travel {
         Travel {
             sample: self.sample.wrapping_mul(of).wrapping_add(number),
@@ -351,7 +362,7 @@ mod tests {
             ..Lobe::new(roughness, [DVec3::Z; 2], DVec3::Z).unwrap()
         };
         let middle = lobe.microfacet([0.0, 0.0]).reflected().unwrap();
-        // One of 64 in the middle: 2 √π alpha over the root of 64.
+        // One of 64 rays at the centre: 2 √π alpha over the root of 64.
         let expected = 2.0 * PI.sqrt() * alpha / 8.0;
         assert!(
             (middle.spread / expected - 1.0).abs() < 1e-12,
@@ -359,7 +370,7 @@ mod tests {
             middle.spread
         );
         assert_eq!((middle.direction, middle.share), (DVec3::Z, 0.25));
-        // Far out the lobe is thin; a ray is never wider than a hemisphere.
+        // Far from the centre the density is low; a ray is never wider than a hemisphere.
         assert!(lobe.microfacet([0.0, 0.9]).reflected().unwrap().spread > middle.spread);
         assert_eq!(spread(0.0), TAU.sqrt());
     }

@@ -1,8 +1,8 @@
-//! A few tiles of a picture, spread evenly over it, for measurements that need not wait for all of it.
+//! Evenly distributed subset of the tiles of an image, for measurements that do not render all of it.
 //!
-//! Tiles come in the order in which the points of Roberts' R2 sequence (M. Roberts, "The Unreasonable Effectiveness of
-//! Quasirandom Sequences", 2018) first fall onto them, so any first few are spread evenly. Their pixels have the bits
-//! that they have in the whole picture.
+//! Tiles are ordered by the first point of Roberts' R2 sequence (M. Roberts, "The Unreasonable Effectiveness of
+//! Quasirandom Sequences", 2018) that falls into them, so any number of first tiles is evenly distributed. Their
+//! pixels have the same bits as in the whole image.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
@@ -15,47 +15,47 @@ use crate::image::LinearImage;
 use crate::parallel;
 use crate::scene::{Camera, Scene};
 
-/// A part of a picture.
+/// Rendered tile of an image.
 #[derive(Clone, Debug)]
 pub struct SampledTile {
-    /// Column of its left pixels in the whole picture.
+    /// Column of the left pixels in the whole image.
     pub x: u32,
-    /// Row of its top pixels.
+    /// Row of the top pixels in the whole image.
     pub y: u32,
-    /// Its pixels. A filter that takes from neighbouring tiles leaves those near them out.
+    /// Pixels of the tile. With a filter that needs neighbouring tiles, pixels near them are left out.
     pub image: LinearImage,
-    /// Seconds of processor time that its thread took for it; of wall-clock time where the system does not tell.
+    /// Processor time in seconds that its thread needed; wall-clock time if the system does not provide it.
     pub seconds: f64,
 }
 
-/// Some tiles of a picture and what they took.
+/// Subset of the tiles of an image, with its statistics.
 #[derive(Clone, Debug)]
 pub struct TileSample {
-    /// In the order of their choice.
+    /// Tiles in the order of their selection.
     pub tiles: Vec<SampledTile>,
-    /// Rays and seconds of these tiles alone.
+    /// Numbers of rays and seconds of these tiles alone.
     pub ledger: Ledger,
-    /// What was simulated.
+    /// Effects that were simulated, with the reason for each.
     pub plan: Plan,
 }
 
 impl TileSample {
-    /// [`SampledTile::seconds`] of all tiles.
+    /// Returns the sum of [`SampledTile::seconds`] over all tiles.
     pub fn seconds(&self) -> f64 {
         self.tiles.iter().map(|tile| tile.seconds).sum()
     }
 }
 
-/// How many tiles a picture has.
+/// Returns the number of tiles of an image.
 pub fn tile_count(width: u32, height: u32) -> usize {
     width.div_ceil(TILE) as usize * height.div_ceil(TILE) as usize
 }
 
-/// Renders `count` tiles, or all if there are fewer, in the current rayon pool. `None` if it was cancelled.
+/// Renders `count` tiles, or all if there are fewer, in the current rayon pool. Returns `None` if cancelled.
 ///
-/// Every pixel gets all of its samples: [`RenderSettings::adaptive`] is ignored, as are [`RenderSettings::sample_aovs`]
-/// and [`RenderSettings::layers`]. `scene` must have passed [`Scene::validate`], and `accel` must have been built from
-/// it.
+/// Every pixel gets all of its samples: [`RenderSettings::adaptive`] is ignored, as are
+/// [`RenderSettings::sample_aovs`] and [`RenderSettings::layers`]. `scene` must have passed [`Scene::validate`], and
+/// `accel` must have been built from it.
 pub fn render_sample(
     (scene, camera): (&Scene, &Camera),
     accel: &dyn Accel,
@@ -72,11 +72,13 @@ pub fn render_sample(
         ..*settings
     };
     let mut frame = Frame::new(scene, camera, accel, &settings);
-    // What it takes is the whole picture's, not these tiles'.
+    // The cost of subsurface scattering belongs to the whole image, not to these tiles.
     frame.scatter(monitor)?;
+    // Select the tiles
     let chosen = chosen_tiles(&settings, count);
     let finished = AtomicUsize::new(0);
     let waves = Waves::new(&frame);
+    // Render them in parallel, each with its processor time
     let render = |index: usize| {
         if monitor.cancel.load(Ordering::Relaxed) {
             return None;
@@ -96,6 +98,7 @@ pub fn render_sample(
         };
         Some((sampled, ledger))
     };
+    // Merge the ledgers in the order of the tiles
     let rendered: Option<Vec<_>> = parallel::map(chosen.len(), &render).into_iter().collect();
     let (tiles, ledgers): (Vec<_>, Vec<_>) = rendered?.into_iter().unzip();
     let mut ledger = Ledger::default();
@@ -108,14 +111,14 @@ pub fn render_sample(
     })
 }
 
-/// Processor time of this thread so far: what other programs do meanwhile is not in it.
+/// Returns the processor time of this thread so far, which excludes other programs.
 #[cfg(target_os = "linux")]
 pub(super) fn thread_seconds() -> f64 {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
     time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
 }
 
-/// Time since the first call.
+/// Returns the time since the first call.
 #[cfg(not(target_os = "linux"))]
 pub(super) fn thread_seconds() -> f64 {
     use std::sync::LazyLock;
@@ -123,11 +126,12 @@ pub(super) fn thread_seconds() -> f64 {
     START.elapsed().as_secs_f64()
 }
 
-/// The cells of a grid of `columns` by `rows`, numbered row by row, in an order in which any first few are spread evenly.
+/// Returns the cells of a grid of `columns` by `rows`, numbered row by row, in an order in which any number of first
+/// cells is evenly distributed.
 pub(super) fn spread([columns, rows]: [usize; 2]) -> impl Iterator<Item = usize> {
-    /// Powers of the inverse of the plastic number, the root of x³ = x + 1.
+    /// Powers of the inverse of the plastic number, which is the root of x³ = x + 1.
     const R2: [f64; 2] = [0.754_877_666_246_692_8, 0.569_840_290_998_053_3];
-    /// R2 points for each cell after which few are left, which then follow row by row.
+    /// Number of R2 points per cell after which few cells are left, which then follow row by row.
     const POINTS_PER_CELL: usize = 8;
     let count = columns * rows;
     let of_point = move |k: usize| {
@@ -135,11 +139,12 @@ pub(super) fn spread([columns, rows]: [usize; 2]) -> impl Iterator<Item = usize>
         cell(1, rows) * columns + cell(0, columns)
     };
     let mut chosen = vec![false; count];
+    // Skip points in cells that are chosen already, then append the remaining cells
     let order = (0..POINTS_PER_CELL * count).map(of_point).chain(0..count);
     order.filter(move |&index| !std::mem::replace(&mut chosen[index], true))
 }
 
-/// The first `count` tiles in the order of the sample.
+/// Returns the first `count` tiles in the order of the subset.
 pub(super) fn chosen_tiles(settings: &RenderSettings, count: usize) -> Vec<Tile> {
     let all = tiles(settings.width, settings.height);
     let columns = settings.width.div_ceil(TILE) as usize;
@@ -150,7 +155,8 @@ pub(super) fn chosen_tiles(settings: &RenderSettings, count: usize) -> Vec<Tile>
         .collect()
 }
 
-/// Pixels from its own up to which a sample is seen; adaptive sampling takes every filter for a box.
+/// Returns the distance in pixels that a sample affects beyond its own pixel; adaptive sampling treats every filter
+/// as a box.
 pub(super) fn reach(settings: &RenderSettings) -> u32 {
     if settings.filter.is_box() || settings.target().is_some() {
         0
@@ -159,10 +165,11 @@ pub(super) fn reach(settings: &RenderSettings) -> u32 {
     }
 }
 
-/// The pixels of a tile that no other tile's samples reach.
+/// Returns the pixels of a tile that no sample of another tile affects.
 fn inner(tile: Tile, settings: &RenderSettings) -> Tile {
     let reach = reach(settings);
     let along = |start: u32, size: u32, end: u32| {
+        // There are no neighbouring tiles at the edges of the image.
         let before = if start > 0 { reach } else { 0 };
         let behind = if start + size < end { reach } else { 0 };
         (start + before, size.saturating_sub(before + behind))
@@ -172,7 +179,7 @@ fn inner(tile: Tile, settings: &RenderSettings) -> Tile {
     Tile { x, y, width, height }
 }
 
-/// What `inner` shows of a rendered tile.
+/// Returns the pixels of a rendered tile inside `inner`, filtered if necessary.
 pub(super) fn pixels(
     tile: Tile,
     inner: Tile,
@@ -180,10 +187,12 @@ pub(super) fn pixels(
     settings: &RenderSettings,
 ) -> LinearImage {
     let mut means = picture.means.clone();
+    // Filter the tile by itself
     if !settings.filter.is_box() {
         let alone = Tile { x: 0, y: 0, ..tile };
         filter::assemble(tile.width, &mut means, &[(alone, picture)]);
     }
+    // Crop it to the inner pixels
     let rows = means.chunks(tile.width as usize);
     let rows = rows.skip((inner.y - tile.y) as usize).take(inner.height as usize);
     let first = (inner.x - tile.x) as usize;
@@ -221,7 +230,7 @@ mod tests {
 
     #[test]
     fn a_few_tiles_lie_in_all_quarters() {
-        // 16 of 1024: four a quarter if spread evenly, off by one or two of them at most.
+        // 16 of 1024: four per quarter if perfectly even, off by at most one or two.
         let chosen = chosen_tiles(&settings(1024, 1024), 16);
         let mut quarters = [0; 4];
         for tile in chosen {

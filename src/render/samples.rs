@@ -1,8 +1,8 @@
-//! Single samples: what each saw by itself, for those who need more than a pixel's sum.
+//! Single samples of a wave, for pixel statistics and reconstruction filters that need more than the sum of a pixel.
 //!
-//! The rays of a wave carry the number of their sample beside that of their pixel. When the wave is over, all that its
-//! samples will ever see has arrived, and each is weighed: into the pixel's estimate of its own error, and by the
-//! reconstruction filter. Samples are weighed in the order of their numbers.
+//! The label of a ray holds the number of its sample besides its pixel. When the wave is finished, all radiance of
+//! its samples has arrived, and each sample is added to the statistics of its pixel and splatted by the
+//! reconstruction filter, in the order of sample numbers.
 
 use super::estimate::{Estimate, RUN};
 use super::film::TILE;
@@ -11,14 +11,14 @@ use super::light_layers::STEP_SHIFT;
 use super::wave::WAVE;
 use crate::numeric::{LANES, Lanes, Lanes3};
 
-/// How many samples a picture took.
+/// Numbers of samples in an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct SampleCounts {
-    /// Of all pixels.
+    /// Sum over all pixels.
     pub total: u64,
-    /// Over the number of pixels.
+    /// Mean number per pixel.
     pub mean: f64,
-    /// Of the pixel that took most.
+    /// Largest number in a pixel.
     pub max: u32,
 }
 
@@ -42,14 +42,14 @@ impl SampleCounts {
     }
 }
 
-/// What each pixel's samples tell, row by row, the top row first.
+/// Sample statistics of each pixel, row by row from the top.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SampleAovs {
-    /// How many there are; whole numbers.
+    /// Number of samples; integers.
     pub samples: Vec<f32>,
     /// Variance of the samples' linear radiance about their mean, channels weighted by Rec. 709 luminance; 0 for a
-    /// single sample. That of the pixel is smaller by their number, if they were independent, and more so as they are
-    /// evenly spread.
+    /// single sample. The variance of the pixel would be smaller by the number of samples if these were independent,
+    /// and is smaller still because they are stratified.
     pub variance: Vec<f32>,
 }
 
@@ -62,17 +62,17 @@ impl SampleAovs {
     }
 }
 
-/// Bits of a ray's label that tell the pixel within the tile; those above tell the sample within the wave.
+/// Number of label bits for the pixel within the tile; the bits above hold the sample within the wave.
 const PIXEL_BITS: u32 = (TILE * TILE).ilog2();
 const _: () = assert!(TILE * TILE == 1 << PIXEL_BITS && ((WAVE * LANES) << PIXEL_BITS) <= 1 << STEP_SHIFT);
 
-/// The pixel that a label tells.
+/// Returns the pixel of a label, within the tile.
 #[inline(always)]
 pub(super) fn pixel_of(label: u32) -> u32 {
     label & ((1 << PIXEL_BITS) - 1)
 }
 
-/// The samples of a wave, and what those of earlier waves of the tile have come to.
+/// Radiance of the samples of the current wave, and statistics of earlier waves of the tile.
 pub(super) struct SampleFilm {
     radiance: Vec<[f64; 3]>,
     places: Vec<Place>,
@@ -80,14 +80,14 @@ pub(super) struct SampleFilm {
     splat: Option<Splat>,
 }
 
-/// Where a sample lies.
+/// Pixel and position of a sample.
 #[derive(Clone, Copy)]
 struct Place {
-    /// Within the tile.
+    /// Pixel within the tile, `TILE` pixels per row.
     pixel: u32,
-    /// Within the pixel.
+    /// Position within the pixel, from its top left corner.
     position: [f64; 2],
-    /// Whether the lane has a sample at all.
+    /// True if the lane holds a sample.
     exists: bool,
 }
 
@@ -101,7 +101,7 @@ impl SampleFilm {
         }
     }
 
-    /// Bytes of all arrays.
+    /// Returns the bytes of all arrays.
     pub(super) fn byte_count(&self) -> usize {
         size_of_val(&self.radiance[..])
             + self.places.capacity() * size_of::<Place>()
@@ -118,7 +118,7 @@ impl SampleFilm {
         }
     }
 
-    /// Gives the samples of a camera packet their numbers: `labels` holds their pixels, and their labels afterwards.
+    /// Registers the samples of a camera packet: `labels` holds their pixels, to which sample numbers are added.
     pub(super) fn expect(
         &mut self,
         labels: &mut Lanes<u32>,
@@ -136,7 +136,7 @@ impl SampleFilm {
         }
     }
 
-    /// Adds to the samples that `labels` tell.
+    /// Adds radiance to the samples of `labels`.
     pub(super) fn add(&mut self, labels: &Lanes<u32>, radiance: &Lanes3<f32>) {
         for l in 0..LANES {
             let sum = &mut self.radiance[(labels[l] >> PIXEL_BITS) as usize];
@@ -146,18 +146,21 @@ impl SampleFilm {
         }
     }
 
-    /// Weighs the wave's samples, to which nothing will be added any more.
+    /// Adds the finished samples of the wave to pixel statistics and to the filter's sums.
     pub(super) fn weigh(&mut self) {
         for (packet, radiances) in self.places.chunks(LANES).zip(self.radiance.chunks_mut(LANES)) {
+            // Record the sums of runs of successive samples
             let runs = packet.chunks(RUN as usize).zip(radiances.chunks(RUN as usize));
             for (places, radiances) in runs {
-                // A packet holds sixteen samples in a row of a pixel, four of each of four, or one of each of sixteen.
+                // A packet holds sixteen successive samples of one pixel, four of each of four, or one of each of
+                // sixteen.
                 let pixel = places[0].pixel;
                 if places.iter().all(|place| place.exists && place.pixel == pixel) {
                     let sum = |channel: usize| radiances.iter().map(|radiance| radiance[channel]).sum();
                     self.estimates[pixel as usize].note_run([sum(0), sum(1), sum(2)]);
                 }
             }
+            // Add each sample to its pixel and splat it
             for (place, radiance) in packet.iter().zip(radiances) {
                 let radiance = std::mem::take(radiance);
                 if place.exists {
@@ -171,12 +174,12 @@ impl SampleFilm {
         self.places.clear();
     }
 
-    /// What is known of the tile's pixels, `TILE` to a row.
+    /// Returns the statistics of the pixels of the tile, `TILE` per row.
     pub(super) fn estimates(&self) -> &[Estimate] {
         &self.estimates
     }
 
-    /// The filter's sums over the tile, where there is a filter.
+    /// Returns the filter's sums over the tile, unless the filter is a box.
     pub(super) fn splat(&self) -> Option<&Splat> {
         self.splat.as_ref()
     }
@@ -200,7 +203,7 @@ mod tests {
         film.add(&labels, &radiance);
         film.add(&labels, &radiance);
         film.weigh();
-        // Fifteen samples that saw 2 in green, so none differs from another.
+        // Fifteen samples of 2 in green, so that the variance is zero.
         let estimate = film.estimates()[7];
         assert_eq!((estimate.count, estimate.sum), (15, [0.0, 30.0, 0.0]));
         assert_eq!(estimate.variance(), 0.0);
@@ -220,7 +223,8 @@ mod tests {
         let gray: Vec<f64> = values.iter().map(|&value| f64::from(value)).collect();
         let expected = estimate(&gray);
         assert!((film.estimates()[7].noise_variance() - expected.noise_variance()).abs() < 1e-12);
-        // Four pixels of four samples each, one of which does not exist: it has no run, the others one each.
+        // Four pixels with four samples each, one of which does not exist: its pixel has no run, the others have one
+        // each.
         film.clear();
         let mut labels: Lanes<u32> = std::array::from_fn(|l| l as u32 / 4);
         let mut active = [-1; LANES];

@@ -1,17 +1,17 @@
-//! Motion in the picture: by how many pixels a point of a surface moves while the shutter is open.
+//! Motion vectors: the movement of surface points in pixels of the image while the shutter is open.
 //!
-//! A point that a camera ray meets is followed with its instance: back to when the shutter opens and on to when it
-//! closes. Both places are looked at by the camera as it stands then. Whether anything is blurred does not matter.
+//! A hit point is moved with its instance to the times of shutter open and shutter close. Both positions are
+//! projected by the camera at that time. The vectors do not depend on whether motion blur is simulated.
 
 use glam::{DVec2, DVec3};
 
 use crate::scene::{Camera, CameraView, Instance, Shutter};
 
-/// What a camera sees when its shutter opens and when it closes.
+/// Camera views at shutter open and at shutter close.
 pub(super) struct ScreenMotion {
     views: [CameraView; 2],
     shutter: Shutter,
-    /// Width and height of the picture in pixels.
+    /// Width and height of the image in pixels.
     size: DVec2,
     is_camera_moving: bool,
 }
@@ -36,17 +36,19 @@ impl ScreenMotion {
         }
     }
 
-    /// By how many pixels, to the right and down, `p` moves that is a point of `instance` at `time`; none where it is
-    /// behind the camera before or after.
+    /// Returns the motion in pixels, to the right and down, of `p`, a point of `instance` at `time`; zero if it is
+    /// behind the camera at either end.
     pub(super) fn of(&self, p: DVec3, instance: &Instance, time: f32) -> DVec2 {
         if !self.is_camera_moving && !instance.is_moving() {
             return DVec2::ZERO;
         }
+        // Move the point with its instance
         let p_object = instance.pose(time).object_from_world().transform_point3(p);
         let place = |time: f64| match instance.motion() {
             None => p,
             Some(motion) => motion.at(time).transform_point3(p_object),
         };
+        // Project both positions and take their difference
         let Shutter { open, close } = self.shutter;
         let [before, after] =
             [(0, open), (1, close)].map(|(end, time)| self.views[end].film_point(place(time)));
@@ -63,7 +65,7 @@ mod tests {
     use super::*;
     use crate::scene::Projection;
 
-    /// Looks down -z from the origin; on the plane z = -1 its square picture shows -1 to 1.
+    /// Returns a camera at the origin that looks along -z; its square image covers -1 to 1 on the plane z = -1.
     fn camera() -> Camera {
         Camera {
             projection: Projection::Window {
@@ -87,7 +89,7 @@ mod tests {
     fn a_point_is_followed_from_its_own_time_to_both_ends() {
         let motion = ScreenMotion::new(&camera(), [100, 100]);
         let body = body([at(0.0, 0.0, -2.0), at(0.5, 0.25, -2.0)]);
-        // At half the time the body's origin is here. At twice the distance a unit is 25 pixels.
+        // At half the time the origin of the object is here. At twice the distance a unit is 25 pixels.
         let moved = motion.of(DVec3::new(0.25, 0.125, -2.0), &body, 0.5);
         assert_eq!(moved, DVec2::new(12.5, -6.25));
     }

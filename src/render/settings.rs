@@ -1,4 +1,4 @@
-//! What follows from a picture's settings alone.
+//! Quantities that depend on the settings of an image alone.
 
 use super::adaptive::{self, Adaptive, ROUND};
 use super::estimate::Estimate;
@@ -8,39 +8,42 @@ use crate::scene::CameraView;
 use crate::shading::ray_cone::Cone;
 
 impl RenderSettings {
-    /// Bytes that filters, adaptive sampling and AOVs take for each pixel of a scene with so many lights, beyond the
-    /// picture itself.
+    /// Returns the bytes per pixel that filters, adaptive sampling and AOVs need in addition to the image itself, for
+    /// a scene with `light_count` lights.
     pub fn sampling_bytes_per_pixel(&self, light_count: usize) -> u64 {
+        // Add statistics of single samples
         let estimates = if self.target().is_some() || self.sample_aovs {
-            // The tiles' and the picture's.
+            // Counted twice: for the tiles and for the image.
             2 * size_of::<Estimate>() + adaptive::LOOK_BYTES
         } else {
             0
         };
         let aovs = if self.sample_aovs {
-            // As rendered and on their way into a file, with the colours' planes.
+            // Two values per pixel, as rendered and when written to a file, with the three colour channels of the
+            // file.
             2 * 2 * size_of::<f32>() + 3 * size_of::<f32>()
         } else {
             0
         };
         let costs = if self.cost_aovs {
-            // As counted, and every channel on its way into a file.
+            // Counted three times: as recorded, and every channel when written to a file.
             3 * PixelCosts::BYTES
         } else {
             0
         };
-        // Put together, and on their way into a file.
+        // Layers are counted twice: as rendered and when written to a file.
         let layers = 2 * self.layers.layer_count() * size_of::<f32>();
         let light = 2 * 3 * self.wanted_light().most_planes(light_count) * size_of::<f32>();
         (estimates + aovs + layers + light + costs) as u64 + self.filter.bytes_per_pixel()
     }
 
-    /// The pair of numbers that sample `sample` of `pixel` (column and row) has for `purpose`.
+    /// Returns the random pair of sample `sample` of `pixel` (column and row) for `purpose`.
     pub(super) fn numbers(&self, pixel: [u32; 2], sample: u32, purpose: Purpose) -> [f64; 2] {
         sample_2d(self.pattern, pixel, sample, self.spp, purpose.seeded(self.seed))
     }
 
-    /// The cone of one of `count` even samples: a pixel's, by the root of their number narrower each way.
+    /// Returns the ray cone of one of `count` evenly distributed samples: that of the pixel, divided by the root of
+    /// their number.
     pub(super) fn camera_cone(&self, view: &CameraView, count: u32) -> Cone {
         let pixel = Cone::of_pixel(view, [0.5, 0.5], [self.width, self.height]);
         let part = f64::from(count).sqrt().recip();
@@ -50,7 +53,7 @@ impl RenderSettings {
         }
     }
 
-    /// The layers of light that can be had.
+    /// Returns the layers of light that can be computed with these settings.
     pub(super) fn wanted_light(&self) -> LightLayers {
         if self.target().is_some() || !self.filter.is_box() {
             return LightLayers::NONE;
@@ -58,7 +61,7 @@ impl RenderSettings {
         self.light_layers
     }
 
-    /// The target of adaptive sampling, where there is anything to adapt.
+    /// Returns the target of adaptive sampling, if `spp` allows more than the first round.
     pub(super) fn target(&self) -> Option<Adaptive> {
         self.adaptive.filter(|_| self.spp > ROUND)
     }

@@ -1,7 +1,7 @@
-//! The lane arithmetic between hits and the next rays: surroundings, glow, shadow rays, mirror rays.
+//! SIMD direct lighting and emission: background and emitted radiance, shadow rays, and mirror directions.
 //!
-//! Each function is compiled for several instruction sets and chosen at run time; none contracts a multiply and an add,
-//! so all give the same bits.
+//! Each function is compiled for several instruction sets and selected at run time. None contracts a multiplication
+//! and an addition, so all give the same bits.
 
 use std::cell::OnceCell;
 
@@ -17,19 +17,19 @@ use crate::shading::{
     MaterialPacket, direct_of, illuminate, mirror, phong_direct, through, transmitted_irradiance,
 };
 
-/// Surfaces to light, and the rays that found them.
+/// Surface interactions to be lit, with the throughput of their rays.
 #[derive(Clone, Copy)]
 pub(super) struct Lit<'a> {
     pub(super) points: &'a SurfacePacket,
     pub(super) materials: &'a MaterialPacket,
-    /// Weights of the rays that found the surfaces.
+    /// Path throughput of the rays that hit the surfaces.
     pub(super) weight: &'a Lanes3<f32>,
-    /// The materials as they answer light that they see as well, from when that is first asked for.
+    /// Materials without the lobes that secondary rays sample, for lights that rays can hit; computed on first use.
     pub(super) without_seen_lobes: &'a OnceCell<MaterialPacket>,
 }
 
 impl<'a> Lit<'a> {
-    /// Those that a traced packet has met.
+    /// Returns the surface interactions of a traced packet.
     #[inline(always)]
     pub(super) fn of(
         traced: &Traced<'a>,
@@ -45,25 +45,25 @@ impl<'a> Lit<'a> {
     }
 }
 
-/// The mirror rays of sixteen surfaces.
+/// Mirror reflection rays of sixteen surfaces.
 pub(super) struct Mirrored {
-    /// Unit directions.
+    /// Unit directions of the reflected rays.
     pub(super) direction: Lanes3<f32>,
-    /// Weights along the whole path, zero for surfaces that are no mirrors.
+    /// Throughput along the whole path, zero for surfaces that are not mirrors.
     pub(super) weight: Lanes3<f32>,
-    /// Whether the ray leaves the surface rather than entering it, which an interpolated normal may ask for.
+    /// True if the ray leaves the surface; with an interpolated normal, the reflected direction may point into it.
     pub(super) leaves: Lanes<bool>,
 }
 
-/// Light that no lamp causes.
+/// Radiance terms that need no light sampling: ambient and background.
 pub(super) struct Uncaused<'a> {
-    /// What surfaces get from all around.
+    /// Ambient radiance that surfaces receive from all directions, linear RGB.
     pub(super) ambient: [f32; 3],
-    /// What is seen behind everything.
+    /// Background radiance along each ray.
     pub(super) background: &'a Lanes3<f32>,
 }
 
-/// What the lanes that hit nothing bring home.
+/// Returns the weighted background radiance of lanes that missed the scene.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
@@ -87,7 +87,7 @@ pub(super) fn surroundings(
     radiance
 }
 
-/// What needs no light: emission and the ambient term where something was hit, the surroundings elsewhere.
+/// Returns the weighted emission and ambient radiance of hits, and the weighted background of misses.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
@@ -114,10 +114,9 @@ pub(super) fn glow(
     radiance
 }
 
-/// Makes the shadow rays to one light and the radiance that arrives where they meet nothing. Returns whether there is
-/// any.
+/// Fills the shadow-ray packet for `light` and the unoccluded reflected radiance. Returns whether any lane is active.
 ///
-/// A lane has no shadow ray where the light is behind the surface or nothing would be reflected.
+/// A lane is inactive where the light is behind the surface or nothing would be reflected.
 #[inline(always)]
 pub(super) fn sample_direct(
     light: &Light,
@@ -165,12 +164,15 @@ fn sample_direct_lanes<const RICH: bool>(
     shadow_rays: &mut RayPacket,
     radiance: &mut Lanes3<f32>,
 ) -> bool {
+    // Evaluate the incident light
     let surfaces = lit.points;
     let arriving = illuminate(light, &surfaces.p);
     let irradiance = |channel: usize, l: usize| light.intensity[channel] * arriving.attenuation[l];
+    // Evaluate the reflected radiance and activate its lanes
     let any = fill_shadow_rays::<RICH>(lit, &arriving.wi, irradiance, (&mut *shadow_rays, radiance));
+    // Aim shadow rays at the light
     match light.kind {
-        // Points of it are asked one by one.
+        // Area lights are sampled point by point.
         LightKind::Area { .. } => return false,
         LightKind::Directional { .. } => aim_along(&arriving.wi, shadow_rays),
         LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
@@ -180,8 +182,8 @@ fn sample_direct_lanes<const RICH: bool>(
     any
 }
 
-/// Makes the shadow rays to points of a light, or along directions, and the radiance that arrives where they meet
-/// nothing. Returns whether there is any.
+/// Fills the shadow-ray packet for sampled light points or directions, and the unoccluded reflected radiance. Returns
+/// whether any lane is active.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
@@ -205,8 +207,8 @@ pub(super) fn sample_direct_area(
     any
 }
 
-/// What surfaces make of the light that comes from `wi`, and where the shadow rays to it start. Returns whether there is
-/// any.
+/// Evaluates the light reflected from `wi` and sets the origins of the shadow rays. Returns whether any lane is
+/// active.
 #[inline(always)]
 fn fill_shadow_rays<const RICH: bool>(
     lit: &Lit,
@@ -222,7 +224,8 @@ fn fill_shadow_rays<const RICH: bool>(
     any
 }
 
-/// What surfaces make of the light that comes from `wi`; a lane's shadow ray is active where that is anything.
+/// Evaluates the weighted BSDF for light from `wi`; a lane's shadow ray is active where the result is not zero.
+/// Returns whether any lane is active.
 #[inline(always)]
 fn answer<const RICH: bool>(
     lit: &Lit,
@@ -236,10 +239,12 @@ fn answer<const RICH: bool>(
     } else {
         EffectSet::NONE
     };
+    // Evaluate the BSDF, or the transmitted irradiance of a subsurface material
     let mut reflected = match lit.materials.enters {
         Some(eta) if effects.has(Effect::Subsurface) => transmitted_irradiance(eta, &surfaces.ns, wi),
         _ => direct_of::<RICH>(lit.materials, &surfaces.ns, &surfaces.wo, wi),
     };
+    // Replace lanes of the Phong model
     if effects.has(Effect::Lecture) {
         let lecture = phong_direct(lit.materials, &surfaces.ns, &surfaces.wo, wi);
         for channel in 0..3 {
@@ -253,6 +258,7 @@ fn answer<const RICH: bool>(
             }
         }
     }
+    // Use diffuse transmission where light is behind a thin surface
     let has_sheets = effects.has(Effect::Translucency);
     if has_sheets {
         let through = through(lit.materials, &surfaces.ns, &surfaces.wo, wi);
@@ -264,6 +270,7 @@ fn answer<const RICH: bool>(
             }
         }
     }
+    // Multiply by irradiance and path throughput
     let mut any = 0;
     for l in 0..LANES {
         let above = above(surfaces, wi, l);
@@ -282,7 +289,7 @@ fn answer<const RICH: bool>(
     any != 0
 }
 
-/// How far above the surface `wi` points, as a cosine.
+/// Returns the cosine of the angle between `wi` and the geometric normal.
 #[inline(always)]
 fn above(surfaces: &SurfacePacket, wi: &Lanes3<f32>, l: usize) -> f32 {
     let mut above = 0.0;
@@ -292,7 +299,7 @@ fn above(surfaces: &SurfacePacket, wi: &Lanes3<f32>, l: usize) -> f32 {
     above
 }
 
-/// Lets shadow rays start on the other side of sheets whose light is there.
+/// Moves the origins of shadow rays to the far side of thin surfaces that are lit from there.
 #[inline(always)]
 fn start_behind(lit: &Lit, wi: &Lanes3<f32>, shadow_rays: &mut RayPacket) {
     let surfaces = lit.points;
@@ -307,16 +314,17 @@ fn start_behind(lit: &Lit, wi: &Lanes3<f32>, shadow_rays: &mut RayPacket) {
     }
 }
 
-/// Shadow rays that go on for ever.
+/// Aims shadow rays along directions, with infinite length.
 #[inline(always)]
 fn aim_along(wi: &Lanes3<f32>, shadow_rays: &mut RayPacket) {
     shadow_rays.direction = *wi;
     shadow_rays.t_far = [f32::INFINITY; LANES];
 }
 
-/// Shadow rays that end at points: those are at t = 1 exactly, so nothing behind them can block.
+/// Aims shadow rays at points, which are at t = 1 exactly, so that nothing behind them can occlude.
 #[inline(always)]
 fn aim_at(points: &Lanes3<f64>, shadow_rays: &mut RayPacket) {
+    // Subtract in f64 from the rounded origin, so that the ray ends at the point
     for axis in 0..3 {
         for l in 0..LANES {
             shadow_rays.direction[axis][l] =
@@ -326,7 +334,7 @@ fn aim_at(points: &Lanes3<f64>, shadow_rays: &mut RayPacket) {
     shadow_rays.t_far = [1.0; LANES];
 }
 
-/// Takes the light from the lanes whose shadow rays were blocked.
+/// Sets the radiance of lanes whose shadow rays are occluded to zero.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
@@ -343,7 +351,7 @@ pub(super) fn block(shadow_rays: &RayPacket, radiance: &mut Lanes3<f32>) {
     }
 }
 
-/// The mirror rays of the surfaces, with the weights that they would carry.
+/// Returns the mirror reflection rays of the surfaces, with their path throughput.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
@@ -367,7 +375,7 @@ fn reflection_of<const RICH: bool>(lit: &Lit) -> Mirrored {
             above += surfaces.ng[axis][l] * direction[axis][l];
         }
         leaves[l] = above > 0.0;
-        // What lets light through is divided by Fresnel's equations elsewhere.
+        // Transmissive surfaces divide light by Fresnel's equations in `cross_surfaces`.
         let divides = RICH && lit.materials.effects.has(Effect::Refraction) & lit.materials.transmits(l);
         for channel in 0..3 {
             let weight = if divides { 0.0 } else { lit.weight[channel][l] };

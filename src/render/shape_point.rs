@@ -1,21 +1,23 @@
-//! The point of an analytic shape that a ray has hit, in world space, in f64.
+//! Hit points of analytic shapes in world space, in f64.
 //!
-//! A backend says which part was hit, and where along the ray to f32. The ray's crossing of that part is computed once
-//! more in f64, and the point is then projected onto the surface, which takes its own rounding away.
+//! A backend reports the part of the shape and the f32 ray parameter. The intersection with that part is computed
+//! again in f64, and the point is then projected onto the surface, which removes the rounding error of the parameter.
 
 use crate::numeric::{Ray, transform_normal};
 use crate::scene::InstanceTransform;
 use crate::shape::{Implicit, Shape, ShapePoint, ShapeRay};
 
-/// The point of `part` at the end of `ray`, whose `t_far` is the hit's parameter.
+/// Returns the point of `part` at the end of `ray`, whose `t_far` is the parameter of the hit.
 ///
-/// The normal is the outward one. Where the placement mirrors, `dpdu x dpdv` points against it.
+/// The normal points outwards. For a mirroring instance transform, `dpdu x dpdv` points against it.
 pub(super) fn world_point(pose: &InstanceTransform, shape: &Shape, ray: &Ray, part: u32) -> ShapePoint {
+    // Transform the ray to object space
     let (map, inverse) = (pose.world_from_object(), pose.object_from_world());
     let line = ShapeRay::new(
         inverse.transform_point3(ray.origin.as_dvec3()),
         inverse.transform_vector3(ray.direction.as_dvec3()),
     );
+    // Find the intersection nearest to the reported parameter
     let reported = f64::from(ray.t_far);
     let mut nearest = f64::NAN;
     shape.crossings(&line, &mut |hit| {
@@ -25,12 +27,13 @@ pub(super) fn world_point(pose: &InstanceTransform, shape: &Shape, ray: &Ray, pa
             nearest = hit.t;
         }
     });
-    // Rounding may lose a grazed crossing; what was reported is then the best there is.
+    // Rounding may lose a grazing intersection; then use the reported parameter.
     let t = if nearest.is_nan() { reported } else { nearest };
     let point = shape.point(line.at(t), part);
     if pose.is_identity() {
         return point;
     }
+    // Transform the point back to world space
     let p = map.transform_point3(point.p);
     ShapePoint {
         p,
@@ -63,7 +66,7 @@ mod tests {
         assert!((point.p - DVec3::new(1.0, 0.75f64.sqrt(), 0.0)).length() < 1e-15);
         let gradient = DVec3::new(1.0, 2.0 * 3f64.sqrt(), 0.0).normalize();
         assert!((point.n - gradient).length() < 1e-15, "{}", point.n);
-        // Longitude 120 degrees: a third of the turn. The equator is half way up.
+        // Longitude 120 degrees is a third of the turn; the equator is half way up.
         assert!((point.uv[0] - 1.0 / 3.0).abs() < 1e-15 && point.uv[1] == 0.5);
         assert!(point.dpdu.dot(point.n).abs() < 1e-14 && point.dpdv.dot(point.n).abs() < 1e-14);
         assert!(point.dpdu.cross(point.dpdv).dot(point.n) < 0.0);
@@ -72,7 +75,7 @@ mod tests {
     #[test]
     fn the_face_that_was_reported_is_the_one_that_is_worked_out() {
         let instance = Instance::new("", 0, 0, DAffine3::IDENTITY).unwrap();
-        // Through the cube from above: in at t = 2, out at t = 4, through other faces.
+        // The ray crosses the cube from above: in at t = 2, out at t = 4, through different faces.
         let ray = |t_far| Ray {
             t_far,
             ..Ray::new(Vec3::new(0.25, 0.5, 3.0), Vec3::NEG_Z)

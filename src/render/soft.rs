@@ -1,13 +1,13 @@
-//! Soft light: shadow rays to points of lights with an extent.
+//! Area lights: shadow rays to sampled points of lights with an extent.
 //!
-//! Each surface that a ray meets asks some points of every such light, picked by the numbers of the ray's own sample
-//! for [`Purpose::LIGHT`], the light and the step of the path: the samples of a pixel ask points that lie evenly over
-//! the light, and nothing depends on which thread renders what when. A light's radiance over the density of the
-//! direction is what the surface gets if the shadow ray meets nothing, right on average ([`crate::shading::AreaLight`]).
-//! Rays into which one ray splits at a surface ask the same points.
+//! Each surface interaction samples some points of every area light, with the numbers of its pixel sample for
+//! [`Purpose::LIGHT`], the light and the bounce. The samples of a pixel are therefore stratified over the light, and
+//! nothing depends on the thread or on the order of rendering. The radiance of the light divided by the density of
+//! the direction is an unbiased estimate of the unoccluded irradiance ([`crate::shading::AreaLight`]). Rays into
+//! which one ray splits at a surface use the same points.
 //!
-//! Smooth surfaces see lamps, which are objects, by their mirror rays, so to shadow rays to those they answer without
-//! their lobe: it would count twice.
+//! Smooth surfaces see emissive objects by mirror rays. Shadow rays to these lights therefore leave out the specular
+//! lobe, which would count twice.
 
 use glam::DVec3;
 
@@ -23,18 +23,18 @@ use crate::numeric::{LANES, Lanes3};
 use crate::scene::{Effect, LightKind, MIRROR_ROUGHNESS};
 use crate::shading::MaterialPacket;
 
-/// What sixteen surfaces get from the points or directions that they ask; nothing where `irradiance` is 0.
+/// Incident light at sixteen surfaces from sampled points or directions; zero where `irradiance` is 0.
 pub(super) struct Arrivals {
-    /// Unit vectors to where light may come from.
+    /// Unit vectors towards the light.
     pub(super) wi: Lanes3<f32>,
-    /// Irradiance on a surface that faces it, linear RGB.
+    /// Irradiance on a surface that faces the light, linear RGB.
     pub(super) irradiance: Lanes3<f32>,
-    /// Where it comes from, if that is not infinitely far away.
+    /// Sampled light points; `None` if the light is infinitely far away.
     pub(super) from: Option<Lanes3<f64>>,
 }
 
 impl Arrivals {
-    /// Nothing for any surface.
+    /// Incident light of zero at all surfaces.
     pub(super) const NONE: Arrivals = Arrivals {
         wi: [[0.0; LANES]; 3],
         irradiance: [[0.0; LANES]; 3],
@@ -42,7 +42,7 @@ impl Arrivals {
     };
 }
 
-/// The samples that a surface asks of one light: which of how many.
+/// Index of a light sample: `number` of `of` samples for `purpose`.
 #[derive(Clone, Copy)]
 pub(super) struct Draw {
     pub(super) purpose: Purpose,
@@ -50,29 +50,29 @@ pub(super) struct Draw {
     pub(super) of: u32,
 }
 
-/// Which sample of which pixel a ray is a part of.
+/// Pixel and pixel sample that a ray belongs to.
 #[derive(Clone, Copy)]
 pub(super) struct Origin {
-    /// Column and row of the film's first pixel in the picture.
+    /// Column and row of the film's first pixel in the image.
     pub(super) corner: [u32; 2],
-    /// The ray's label on the film.
+    /// Label of the ray on the film.
     pub(super) label: u32,
     pub(super) sample: u32,
 }
 
 impl Origin {
-    /// The pair of numbers for one draw.
+    /// Returns the random pair for one draw.
     pub(super) fn numbers(&self, settings: &RenderSettings, draw: Draw) -> [f64; 2] {
         let pixel = pixel_of(self.label);
         let pixel = [self.corner[0] + pixel % TILE, self.corner[1] + pixel / TILE];
-        // Those of all samples of a pixel make one even set.
+        // The draws of all samples of a pixel form one stratified set.
         let index = self.sample.wrapping_mul(draw.of).wrapping_add(draw.number);
         settings.numbers(pixel, index, draw.purpose)
     }
 }
 
 impl<'a> Lit<'a> {
-    /// The surfaces as they answer light that they see as well.
+    /// Returns the surfaces with the materials for lights that rays can hit.
     pub(super) fn without_seen_lobes(&self) -> Lit<'a> {
         let materials = self.materials;
         Lit {
@@ -84,15 +84,17 @@ impl<'a> Lit<'a> {
     }
 }
 
-/// The materials as they answer light that they see as well: those that reflect an image, a sharp one or by rays into
-/// their lobe, without a lobe, and those of the lecture's model that have a reflected ray without a highlight.
+/// Returns the materials for lights that rays can hit: without a specular lobe where a mirror ray or lobe rays sample
+/// it, and without the highlight where the Phong model has a reflected ray.
 fn without_seen_lobes(materials: &MaterialPacket) -> MaterialPacket {
     let mut without = materials.clone();
     for l in 0..LANES {
+        // Mirror rays or lobe rays sample this lobe
         if materials.roughness[l] <= MIRROR_ROUGHNESS || materials.has_lobe(l) {
             without.roughness[l] = 0.0;
         }
         let rich = &mut without.rich;
+        // The reflected ray of the Phong model samples its highlight
         if rich.is_lecture[l] && (0..3).any(|c| rich.reflection[c][l] != 0.0) {
             (0..3).for_each(|c| rich.specular_color[c][l] = 0.0);
         }
@@ -101,7 +103,7 @@ fn without_seen_lobes(materials: &MaterialPacket) -> MaterialPacket {
 }
 
 impl Outcome<'_, '_> {
-    /// Sends shadow rays to points of light `number`. Returns `false` if that light has no extent.
+    /// Queues shadow rays to sampled points of light `number`. Returns `false` if that light is not an area light.
     pub(super) fn ask_area_light(&mut self, number: usize, traced: &Traced, lit: &Lit, stage: Stage) -> bool {
         let frame = self.frame;
         let light = &frame.scene.lights[number];
@@ -111,6 +113,7 @@ impl Outcome<'_, '_> {
         let Some(Some(shape)) = frame.soft_lights.get(number) else {
             return true;
         };
+        // Leave out lobes that secondary rays sample already
         let effects = frame.effects();
         let is_mirrored = shape.is_seen() && (effects.has(Effect::Reflection) || effects.has_lobes());
         let lit = if is_mirrored {
@@ -118,6 +121,7 @@ impl Outcome<'_, '_> {
         } else {
             *lit
         };
+        // Draw the samples
         let purpose = Purpose::LIGHT.nested(number as u32).nested(stage.depth);
         for sample in 0..samples {
             let draw = Draw {
@@ -131,7 +135,7 @@ impl Outcome<'_, '_> {
         true
     }
 
-    /// What one point of a light gives to each surface.
+    /// Returns the incident light from one sampled point of an area light at each surface.
     fn arriving_from(
         &self,
         light: &SoftLight,
@@ -142,9 +146,10 @@ impl Outcome<'_, '_> {
         let textures = self.frame.surfaces.textures();
         let mut arrivals = Arrivals::NONE;
         let mut from = [[0.0; LANES]; 3];
+        // Sample the light from each hit point
         for l in (0..LANES).filter(|&l| lit.points.hit[l]) {
             let u = self.numbers(traced, l, draw);
-            // Off a lamp that is seen, whichever side of the surface that is hit is lit.
+            // The hit point may lie on the emissive object itself, so use the origin that is offset from the surface.
             let p = if light.is_seen() {
                 DVec3::from([0, 1, 2].map(|axis| f64::from(lit.points.origin[axis][l])))
             } else {
@@ -153,6 +158,7 @@ impl Outcome<'_, '_> {
             let Some(sample) = light.sample(textures, p, u) else {
                 continue;
             };
+            // Store direction, light point and irradiance
             let share = (sample.pdf * f64::from(draw.of)).recip() as f32;
             for axis in 0..3 {
                 arrivals.wi[axis][l] = sample.direction[axis] as f32;
@@ -164,7 +170,7 @@ impl Outcome<'_, '_> {
         arrivals
     }
 
-    /// Lets a packet of shadow rays wait for what they bring, if that is anything.
+    /// Queues a packet of shadow rays if any lane would contribute.
     pub(super) fn ask(
         &mut self,
         arrivals: &Arrivals,
@@ -183,7 +189,7 @@ impl Outcome<'_, '_> {
         }
     }
 
-    /// The pair of numbers of the sample that lane `l` is a part of.
+    /// Returns the random pair of the sample that lane `l` belongs to.
     pub(super) fn numbers(&self, traced: &Traced, l: usize, draw: Draw) -> [f64; 2] {
         Origin {
             corner: self.corner,
@@ -193,7 +199,7 @@ impl Outcome<'_, '_> {
         .numbers(&self.frame.settings, draw)
     }
 
-    /// Counts the packet of shadow rays last written; those to a light that nothing can hide are not traced.
+    /// Commits the packet of shadow rays last written; packets to a light that cannot be occluded are not traced.
     pub(super) fn commit_shadow_rays<const PLAIN: bool>(&mut self, traced: &Traced, casts: bool) {
         let effects = self.effects::<PLAIN>();
         if !PLAIN {
@@ -205,7 +211,7 @@ impl Outcome<'_, '_> {
             packet.time = traced.packet.time;
         }
         if !casts {
-            // Nothing to ask; but light is summed in the order in which it was found.
+            // Not traced, but queued, because radiance is summed in the order of sampling.
             packet.active = [0; LANES];
         }
         self.shadow_queue.commit();

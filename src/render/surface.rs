@@ -1,8 +1,8 @@
-//! From a hit to something to shade: point and normals in f64, from the primitive itself.
+//! Surface interactions: points and normals of hits, computed in f64 from the primitive.
 //!
-//! Backends say which primitive was hit and where on it; everything else is computed here, the same way for all of
-//! them, so that they can only disagree about *which* hit. Sixteen lanes are gathered from the meshes and then worked
-//! on side by side.
+//! Backends report the primitive that was hit and the position on it. All else is computed here by the same code for
+//! all backends, so that they can disagree only about *which* primitive is hit. Vertices of sixteen lanes are
+//! gathered from the meshes and then processed with SIMD.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -28,73 +28,75 @@ use crate::shading::ray_cone::triangle_curvature;
 use crate::shading::{MaterialPacket, TextureSet};
 use crate::shape::Shape;
 
-/// Where on a surface a hit lies.
+/// Rule for the position of a hit on its surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum HitPoint {
-    /// Worked out in f64 from the primitive: of a triangle from its corners, of a shape from its equation.
+    /// Computed in f64 from the primitive: from the vertices of a triangle, from the equation of an analytic shape.
     #[default]
     Refined,
-    /// Along the ray at the f32 parameter that the backend reports, in f32.
+    /// Computed in f32 along the ray, at the f32 parameter that the backend reports.
     Reported,
 }
 
-/// The scene, seen from its hits: one entry an instance.
+/// Scene data needed to shade hits, with one entry per instance.
 pub(super) struct SurfaceScene<'s> {
     scene: &'s Scene,
     textures: TextureSet<'s>,
     views: Vec<InstanceView<'s>>,
     pub(super) effects: EffectSet,
-    /// By how much rays start off a surface; absent where that is a bound on its error.
+    /// Offset of ray origins from a surface; `None` if each point uses a bound on its error.
     offset: Option<f64>,
     hit_points: HitPoint,
 }
 
 pub(super) struct InstanceView<'s> {
     kind: Kind<'s>,
-    /// Index into the scene's materials.
+    /// Index into the materials of the scene.
     material: u32,
-    /// Whether the material is the same at every point: no texture, no vertex colour.
+    /// True if the material is constant over the surface: no texture and no vertex colour.
     pub(super) uniform: bool,
-    /// Whether object space is elsewhere than world space.
+    /// True if object space differs from world space.
     is_placed: bool,
 }
 
 #[derive(Clone)]
 enum Kind<'s> {
-    /// Shared by all instances of the mesh.
+    /// Mesh data, shared by all instances of the mesh.
     Mesh(Arc<MeshView<'s>>),
     Shape(&'s Shape),
 }
 
-/// Working memory for the surfaces of one packet after another.
+/// Working memory for the surface interactions of a packet, reused from packet to packet.
 pub(super) struct Surfaces {
     gathered: Gathered,
-    /// Points and normals.
+    /// Hit points and normals of the lanes.
     pub(super) points: SurfacePacket,
-    /// Materials, textures and vertex colours multiplied in.
+    /// Materials of the lanes, after textures and vertex colours.
     pub(super) materials: MaterialPacket,
-    /// The instance whose one material `materials` holds in every lane, if it does.
+    /// Instance whose uniform material fills every lane of `materials`, if there is one.
     filled_for: Option<u32>,
-    /// When the look-ups of textures began.
+    /// Time at which texture look-ups began.
     pub(super) texturing: Moment,
 }
 
 impl<'s> SurfaceScene<'s> {
-    /// The scene with the effects of `plan`.
+    /// Prepares `scene` for the effects of `plan`.
     pub(super) fn new(scene: &'s Scene, plan: &Plan) -> SurfaceScene<'s> {
         let effects = plan.effects();
+        // Create views of the geometries, which instances share
         let kinds: Vec<Kind> = scene
             .geometries
             .iter()
             .map(|geometry| Kind::of(geometry, effects))
             .collect();
         let varies = |material: &Material| material.layers.iter().any(|layer| effects.has(layer.effect()));
-        // Where it is to be simulated though nothing calls for it, everything counts as varying.
+        // A texture effect that is forced on without need treats every material as varying.
         let forced = plan.forced();
         let everywhere = [Effect::Texture, Effect::NormalMap, Effect::VertexColor]
             .into_iter()
             .any(|effect| forced.has(effect));
+        // Create one view per instance
         let views = scene.instances.iter().map(|instance| {
             let material = &scene.materials[instance.material as usize];
             let kind = kinds[instance.geometry as usize].clone();
@@ -116,7 +118,7 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
-    /// The same, which rays leave as these settings say.
+    /// Returns the scene with the spawn policy and the hit-point rule of `settings`.
     pub(super) fn left_as(self, settings: &RenderSettings) -> SurfaceScene<'s> {
         let size = || {
             let bounds = self.scene.bounds();
@@ -126,6 +128,7 @@ impl<'s> SurfaceScene<'s> {
                 bounds.extent().length()
             }
         };
+        // Spawn points by error bounds need no offset; other policies depend on the size of the scene
         let offset = match settings.spawn {
             SpawnPolicy::Bounded => None,
             policy => policy.offset(size()),
@@ -142,7 +145,7 @@ impl<'s> SurfaceScene<'s> {
         &self.scene.materials[view.material as usize]
     }
 
-    /// Works out the surfaces that a traced packet has met.
+    /// Computes the surface interactions of a traced packet.
     pub(super) fn meet(&self, packet: &RayPacket, widths: Widths, surfaces: &mut Surfaces) {
         meet(self, packet, widths, surfaces);
     }
@@ -156,6 +159,7 @@ impl<'s> SurfaceScene<'s> {
             filled_for,
             texturing,
         } = surfaces;
+        // Fetch vertices, as a whole if all lanes share an instance
         let common = Common::of(packet);
         let only = common
             .instance
@@ -179,18 +183,22 @@ impl<'s> SurfaceScene<'s> {
             None => self.gather_by_lane(packet, gathered),
         }
         points.offset = self.offset;
-        // Once a packet, so that rays by the bound pay for no other rule, nor others for the bound.
+        // Compute points and normals of world-space triangles; the rules are compiled separately, so that neither
+        // pays for the other.
         match self.offset {
             None => triangle_surfaces::<true>(packet, gathered, points),
             Some(_) => triangle_surfaces::<false>(packet, gathered, points),
         }
+        // Recompute lanes of analytic shapes and transformed instances
         if gathered.odd {
             self.place_odd_lanes(packet, gathered, points);
         }
+        // Apply the hit-point rule and compute ray origins
         if self.hit_points == HitPoint::Reported {
             points.report(packet);
         }
         points.spawn();
+        // Evaluate materials, reusing a uniform one from the last packet
         match only {
             // Lanes without a hit may hold any material.
             Some(view) if view.uniform => {
@@ -211,7 +219,7 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
-    /// The materials of all hits as they are written. Returns whether any varies over its surface.
+    /// Sets the materials of all hits before texturing. Returns whether any of them varies over its surface.
     fn materials_by_lane(&self, packet: &RayPacket, materials: &mut MaterialPacket) -> bool {
         let mut varies = false;
         materials.set_lanes(|l| {
@@ -225,7 +233,7 @@ impl<'s> SurfaceScene<'s> {
         varies
     }
 
-    /// Collects what the vector code needs from the meshes, where lanes have hit several instances.
+    /// Gathers the vertices of the meshes lane by lane, for packets whose lanes hit several instances.
     fn gather_by_lane(&self, packet: &RayPacket, gathered: &mut Gathered) {
         for l in 0..LANES {
             gathered.smooth[l] = false;
@@ -240,7 +248,7 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
-    /// Replaces the lanes that are analytic shapes or stand elsewhere than their object space.
+    /// Recomputes the lanes that hit analytic shapes or transformed instances.
     #[cold]
     fn place_odd_lanes(&self, packet: &RayPacket, gathered: &Gathered, surfaces: &mut SurfacePacket) {
         for l in 0..LANES {
@@ -249,11 +257,13 @@ impl<'s> SurfaceScene<'s> {
             }
             let view = &self.views[packet.instance[l] as usize];
             let pose = self.pose(packet, l);
+            // Compute the hit in world space
             let placed = match &view.kind {
                 Kind::Mesh(_) if !view.is_placed => continue,
                 Kind::Mesh(_) => placed_triangle(packet, gathered, l, &pose),
                 Kind::Shape(shape) => placed_shape(packet, l, shape, &pose),
             };
+            // Turn the normals to the side of the ray
             let wo = lane(&surfaces.wo, l).as_dvec3();
             let front = !(placed.ng.dot(wo) < 0.0);
             let ng = if front { placed.ng } else { -placed.ng };
@@ -266,6 +276,7 @@ impl<'s> SurfaceScene<'s> {
             if !(ns.dot(wo) > 0.0) {
                 ns = ng;
             }
+            // Store the lane
             for axis in 0..3 {
                 surfaces.p[axis][l] = placed.p[axis];
                 surfaces.ng[axis][l] = ng[axis] as f32;
@@ -275,8 +286,8 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
-    /// The unit normal of a hit that counts for optics, on the side that the ray came from: interpolated where the mesh
-    /// has normals, otherwise to f64 accuracy.
+    /// Returns the unit normal for reflection and refraction, on the side of the incident ray: interpolated if the
+    /// mesh has vertex normals, otherwise the geometric normal to f64 accuracy.
     pub(super) fn interface_normal(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> DVec3 {
         let points = &surfaces.points;
         let shading = lane(&points.ns, l).as_dvec3().normalize();
@@ -286,15 +297,17 @@ impl<'s> SurfaceScene<'s> {
         if self.views[packet.instance[l] as usize].is_odd() {
             return points.exact_normal[l];
         }
+        // Compute the geometric normal of a flat world-space triangle in f64
         let [a, b, c] = std::array::from_fn(|corner| lane(&surfaces.gathered.corners[corner], l).as_dvec3());
         let n = (b - a).cross(c - a).normalize();
         if n.dot(shading) < 0.0 { -n } else { n }
     }
 
-    /// The mean curvature of the surface at lane `l`, positive where it bulges to the side that the ray came from; 0
-    /// where it is flat, or not known.
+    /// Returns the mean curvature of the surface at lane `l`, positive where it is convex on the side of the incident
+    /// ray; 0 where the surface is flat or its curvature is unknown.
     pub(super) fn curvature(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> f64 {
         let view = &self.views[packet.instance[l] as usize];
+        // Curvature is an inverse length, so divide by the mean scale of the transform
         let map = self.pose(packet, l).world_from_object();
         let scale = map.matrix3.determinant().abs().cbrt();
         let outside = match &view.kind {
@@ -314,30 +327,32 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
-    /// Where the instance stands that lane `l` has hit, at the time of the ray.
+    /// Returns the transform of the instance that lane `l` hit, at the time of the ray.
     pub(super) fn pose(&self, packet: &RayPacket, l: usize) -> InstanceTransform<'_> {
         self.scene.instances[packet.instance[l] as usize].pose(packet.time[l])
     }
 
-    /// The instance of a hit, as it is shaded.
+    /// Returns the shading data of an instance.
     pub(super) fn view(&self, instance: u32) -> &InstanceView<'_> {
         &self.views[instance as usize]
     }
 
-    /// The scene's textures, made ready.
+    /// Returns the textures of the scene, prepared for look-up.
     pub(super) fn textures(&self) -> &TextureSet<'_> {
         &self.textures
     }
 }
 
 impl InstanceView<'_> {
-    /// Whether its hits are no plain triangles in world space.
+    /// Returns whether hits need the scalar path: analytic shapes and transformed instances.
     fn is_odd(&self) -> bool {
         self.is_placed || matches!(self.kind, Kind::Shape(_))
     }
 
-    /// Texture coordinates of a hit and the point's derivatives by them, in world space; zero where there are none.
+    /// Returns the texture coordinates of a hit and the world-space derivatives of the point by them; zero where the
+    /// mesh has none.
     pub(super) fn chart(&self, pose: &InstanceTransform, set: u32, packet: &RayPacket, l: usize) -> Chart {
+        // Interpolate mesh coordinates, or evaluate the parametrization of the shape
         match &self.kind {
             Kind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
                 Some(set) => {
@@ -362,7 +377,7 @@ impl InstanceView<'_> {
         }
     }
 
-    /// The interpolated tangent of the mesh at a hit, in object space, with its handedness.
+    /// Returns the interpolated mesh tangent at a hit, in object space, with its handedness.
     pub(super) fn tangent(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
         match &self.kind {
             Kind::Mesh(mesh) => mesh
@@ -404,7 +419,7 @@ impl Surfaces {
     }
 }
 
-/// [`SurfaceScene::meet`], for the processor at hand.
+/// Compiles [`SurfaceScene::meet`] for several instruction sets.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
@@ -413,11 +428,11 @@ fn meet(scene: &SurfaceScene, packet: &RayPacket, widths: Widths, surfaces: &mut
     scene.meet_inlined(packet, widths, surfaces);
 }
 
-/// What all hit lanes of a packet share.
+/// Instance and primitive that all hit lanes of a packet have in common.
 struct Common {
-    /// Their instance, if it is one.
+    /// Instance of all hit lanes, if they agree.
     instance: Option<u32>,
-    /// Their primitive, if it is one.
+    /// Primitive of all hit lanes, if they agree.
     primitive: Option<u32>,
 }
 
@@ -433,7 +448,7 @@ impl Common {
     }
 }
 
-/// The lowest and the highest instance, and primitive, among the hit lanes.
+/// Returns the smallest and the largest instance index, and primitive index, among the hit lanes.
 #[inline(always)]
 fn ranges(packet: &RayPacket) -> [[u32; 2]; 2] {
     let mut ranges = [[NO_HIT, 0]; 2];
@@ -449,7 +464,7 @@ fn ranges(packet: &RayPacket) -> [[u32; 2]; 2] {
     ranges
 }
 
-/// Points and normals of triangles that are stored in world space, all lanes at once.
+/// Computes points and normals of all lanes, for triangles that are stored in world space.
 #[inline(always)]
 fn triangle_surfaces<const BOUNDED: bool>(
     packet: &RayPacket,
@@ -459,6 +474,7 @@ fn triangle_surfaces<const BOUNDED: bool>(
     let [a, b, c] = &gathered.corners;
     let [na, nb, nc] = &gathered.normals;
     let d = &packet.direction;
+    // Find hit lanes and directions towards the ray origins
     for l in 0..LANES {
         surfaces.hit[l] = packet.instance[l] != NO_HIT;
     }
@@ -469,6 +485,7 @@ fn triangle_surfaces<const BOUNDED: bool>(
             surfaces.wo[axis][l] = d[axis][l] * scale;
         }
     }
+    // Compute points and unnormalized geometric normals in f64
     let mut across = [[0.0; LANES]; 3];
     for l in 0..LANES {
         let wide = |v: &Lanes3<f32>| DVec3::new(v[0][l].into(), v[1][l].into(), v[2][l].into());
@@ -481,6 +498,7 @@ fn triangle_surfaces<const BOUNDED: bool>(
             across[axis][l] = n[axis];
         }
     }
+    // Turn geometric normals towards the ray and bound the error of points
     for l in 0..LANES {
         let (n, wo) = (lane(&across, l), lane(&surfaces.wo, l));
         let front = !(n.dot(wo) < 0.0);
@@ -492,6 +510,7 @@ fn triangle_surfaces<const BOUNDED: bool>(
             let bound = triangle_spawn_bound(v0, lane(b, l) - v0, lane(c, l) - v0);
             surfaces.error[l] = bound.dot(ng.abs()).into();
         }
+        // Interpolate shading normals
         let (u, v) = (packet.u[l], packet.v[l]);
         let w = 1.0 - u - v;
         let mut ns = [0.0; 3];
@@ -512,17 +531,18 @@ fn triangle_surfaces<const BOUNDED: bool>(
     }
 }
 
-/// `n` times an exact power of two that brings it to a length near 1, whose square no f32 loses, however small the
-/// triangle.
+/// Returns `n` times an exact power of two that brings its length near 1, so that its square neither underflows nor
+/// overflows in f32, however small the triangle is.
 #[inline(always)]
 fn brought_near_one(n: DVec3) -> Vec3 {
     const EXPONENT: u64 = 0x7ff0_0000_0000_0000;
     const DOUBLED_BIAS: u64 = 2046 << 52;
+    // Clear all but the exponent of the largest component, and multiply by its reciprocal
     let exponent = n.abs().max_element().to_bits() & EXPONENT;
     (n * f64::from_bits(DOUBLED_BIAS.wrapping_sub(exponent))).as_vec3()
 }
 
-/// One lane, worked out in world space; normals on either side.
+/// World-space hit point of one lane; normals may be on either side.
 struct Placed {
     p: DVec3,
     ng: DVec3,

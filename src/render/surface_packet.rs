@@ -1,37 +1,38 @@
-//! Sixteen points on surfaces, and where rays start that leave them.
+//! Surface interactions of a packet of sixteen hits, and the origins of rays that leave them.
 
 use glam::{DVec3, Vec3};
 
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, shifted_point, spawn_point};
 
-/// Sixteen points to shade, in world space. Lanes without a hit may hold anything, NaN included.
+/// Sixteen surface interactions in world space, as structure of arrays. Lanes without a hit may hold any values,
+/// including NaN.
 pub(super) struct SurfacePacket {
-    /// Lanes that have hit something.
+    /// Lanes that hit a surface.
     pub(super) hit: Lanes<bool>,
-    /// Whether the ray came from the outside: the side that triangles show their front to.
+    /// True if the ray came from the outside, the side of the front faces of triangles.
     pub(super) front: Lanes<bool>,
-    /// Geometric normals on the side that the ray came from, to f64 accuracy, of lanes that are no plain triangles.
+    /// Geometric normals to f64 accuracy on the side of the incident ray, for lanes other than world-space triangles.
     pub(super) exact_normal: [DVec3; LANES],
-    /// The points.
+    /// Hit points in world space.
     pub(super) p: Lanes3<f64>,
-    /// Unit geometric normals on the side that the ray came from.
+    /// Unit geometric normals on the side of the incident ray.
     pub(super) ng: Lanes3<f32>,
-    /// Unit shading normals on that side.
+    /// Unit shading normals on the side of the incident ray.
     pub(super) ns: Lanes3<f32>,
-    /// Unit vectors to where the ray came from.
+    /// Unit vectors towards the origins of the incident rays.
     pub(super) wo: Lanes3<f32>,
-    /// Where rays start that leave on the side of `ng`.
+    /// Origins of rays that leave on the side of `ng`.
     pub(super) origin: Lanes3<f32>,
-    /// Bounds on the distance between `p` and the surface that a traversal sees, along `ng`; not worked out where there
-    /// is an offset.
+    /// Bounds on the distance between `p` and the surface as seen by a traversal, along `ng`; not computed if there
+    /// is an `offset`.
     pub(super) error: Lanes<f64>,
-    /// By how much rays start off the surface; absent where that is the bound.
+    /// Offset of ray origins from the surface; `None` if `error` is used instead.
     pub(super) offset: Option<f64>,
 }
 
 impl SurfacePacket {
-    /// Without a hit.
+    /// Returns a packet without hits.
     pub(super) fn new() -> SurfacePacket {
         SurfacePacket {
             hit: [false; LANES],
@@ -47,32 +48,32 @@ impl SurfacePacket {
         }
     }
 
-    /// The unit shading normal of lane `l` on the side that the ray came from.
+    /// Returns the unit shading normal of lane `l` on the side of the incident ray.
     pub(super) fn shading_normal(&self, l: usize) -> DVec3 {
         lane(&self.ns, l).as_dvec3().normalize()
     }
 
-    /// Whether the shading normal of lane `l` is another than the geometric one.
+    /// Returns whether the shading normal of lane `l` differs from the geometric normal.
     pub(super) fn ns_differs(&self, l: usize) -> bool {
         (0..3).any(|axis| self.ns[axis][l] != self.ng[axis][l])
     }
 
-    /// The point of lane `l`.
+    /// Returns the hit point of lane `l`.
     pub(super) fn point(&self, l: usize) -> DVec3 {
         DVec3::new(self.p[0][l], self.p[1][l], self.p[2][l])
     }
 
-    /// The unit geometric normal of lane `l` on the side that the ray came from.
+    /// Returns the unit geometric normal of lane `l` on the side of the incident ray.
     pub(super) fn geometric_normal(&self, l: usize) -> DVec3 {
         lane(&self.ng, l).as_dvec3()
     }
 
-    /// The bound on the distance between the point of lane `l` and the surface that a traversal sees.
+    /// Returns the bound on the distance between the hit point of lane `l` and the surface as seen by a traversal.
     pub(super) fn error(&self, l: usize) -> f64 {
         self.error[l]
     }
 
-    /// Puts all hits where their parameters along the rays say.
+    /// Sets all hit points to their reported f32 parameters along the rays.
     #[inline(always)]
     pub(super) fn report(&mut self, packet: &RayPacket) {
         for axis in 0..3 {
@@ -83,12 +84,14 @@ impl SurfacePacket {
         }
     }
 
-    /// Works out where rays start that leave on the side of `ng`.
+    /// Computes the origins of rays that leave on the side of `ng`.
     #[inline(always)]
     pub(super) fn spawn(&mut self) {
+        // Use a fixed offset if the spawn policy has one
         if let Some(offset) = self.offset {
             return self.spawn_shifted(offset);
         }
+        // Otherwise move each point by its error bound
         for l in 0..LANES {
             let p = DVec3::new(self.p[0][l], self.p[1][l], self.p[2][l]);
             let origin = spawn_point(p, lane(&self.ng, l).as_dvec3(), self.error[l]);
@@ -109,7 +112,7 @@ impl SurfacePacket {
         }
     }
 
-    /// Where a ray starts that leaves lane `l` on the side of the unit normal `side`.
+    /// Returns the origin of a ray that leaves lane `l` on the side of the unit normal `side`.
     #[inline(always)]
     pub(super) fn leave(&self, l: usize, side: DVec3) -> Vec3 {
         match self.offset {
@@ -119,7 +122,7 @@ impl SurfacePacket {
     }
 }
 
-/// Lane `l` of each row.
+/// Returns lane `l` of a vector in structure-of-arrays form.
 #[inline(always)]
 pub(super) fn lane(v: &Lanes3<f32>, l: usize) -> Vec3 {
     Vec3::new(v[0][l], v[1][l], v[2][l])

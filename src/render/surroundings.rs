@@ -1,8 +1,9 @@
-//! What lies behind everything, and the light that an environment map gives to surfaces.
+//! Background of the scene, and direct light from an environment map.
 //!
-//! Rays that miss see the background. With a map, surfaces also send shadow rays in directions in which it is bright,
-//! picked as points of lights with an extent are ([`super::soft`]). Surfaces that see the map by mirror rays, or by
-//! rays into their lobes, answer these shadow rays without their lobe: it would count twice.
+//! Rays that miss the scene see the background. With an environment map, surfaces also send shadow rays in directions
+//! that are importance-sampled by its radiance, with random numbers as for area lights ([`super::soft`]). Surfaces
+//! that see the map by mirror rays or lobe rays leave out the specular lobe in these shadow rays, because it would
+//! count twice.
 
 use super::Frame;
 use super::outcome::{Outcome, Stage, Traced};
@@ -14,30 +15,30 @@ use crate::numeric::{LANES, Lanes3};
 use crate::scene::{Background, Effect, EffectSet, Scene, Texels};
 use crate::shading::EnvironmentMap;
 
-/// The number of the light that the surroundings are.
+/// Number of the environment map in the purposes of light samples.
 const SURROUNDINGS: u32 = u32::MAX;
 
-/// An environment map made ready.
+/// Environment map, prepared for sampling.
 pub(super) struct Environment {
     map: EnvironmentMap,
-    /// Directions that each surface asks.
+    /// Number of directions that each surface interaction samples.
     samples: u32,
 }
 
 impl Environment {
-    /// What is asked of it by those who are `depth` steps from the camera.
+    /// Returns the light samples for surfaces that are `depth` bounces from the camera.
     pub(super) fn draws(&self, depth: u32) -> impl Iterator<Item = Draw> + use<> {
         let of = self.samples;
         let purpose = Purpose::LIGHT.nested(SURROUNDINGS).nested(depth);
         (0..of).map(move |number| Draw { purpose, number, of })
     }
 
-    /// The map.
+    /// Returns the map and its sampling tables.
     pub(super) fn map(&self) -> &EnvironmentMap {
         &self.map
     }
 
-    /// That of the scene, if it has one and anything asks for it.
+    /// Returns the environment map of the scene, if it has one and an active effect needs it.
     pub(super) fn of(scene: &Scene, effects: EffectSet) -> Option<Environment> {
         let Background::Environment {
             image,
@@ -48,6 +49,7 @@ impl Environment {
         else {
             return None;
         };
+        // Skip the map if no effect reads it
         if !(effects.has(Effect::Background) || effects.has(Effect::Environment)) {
             return None;
         }
@@ -55,6 +57,7 @@ impl Environment {
         let Texels::Floats(texels) = &image.texels else {
             return None;
         };
+        // Scale the radiance, limited to finite values
         let scaled = |texel: &[f32; 4]| [0, 1, 2].map(|channel| (texel[channel] * scale).min(f32::MAX));
         let image = LinearImage {
             width: image.width,
@@ -65,19 +68,20 @@ impl Environment {
         Some(Environment { map, samples })
     }
 
-    /// Bytes of the map and its tables.
+    /// Returns the bytes of the map and its sampling tables.
     pub(super) fn byte_count(&self) -> usize {
         self.map.byte_count()
     }
 }
 
 impl Frame<'_> {
-    /// What lies behind everything in the directions of a packet's rays.
+    /// Returns the background radiance in the directions of the rays of a packet.
     pub(super) fn background_seen(&self, traced: &Traced) -> Lanes3<f32> {
         let mut seen = [[0.0; LANES]; 3];
         let direction = |l| traced.packet.ray(l).direction.as_dvec3().normalize();
         match self.background {
             Background::Uniform(color) => return color.map(|channel| [channel; LANES]),
+            // Interpolate a gradient by the height of the direction
             Background::Gradient { horizon, up, down } => {
                 for l in 0..LANES {
                     let direction = direction(l);
@@ -93,7 +97,7 @@ impl Frame<'_> {
                 let Some(environment) = &self.environment else {
                     return seen;
                 };
-                // A packet's spare lanes may point nowhere.
+                // Unused lanes of a packet may have no valid direction.
                 for l in (0..LANES).filter(|&l| traced.packet.active[l] != 0) {
                     let radiance = environment.map.radiance(direction(l));
                     (0..3).for_each(|c| seen[c][l] = radiance[c]);
@@ -105,7 +109,7 @@ impl Frame<'_> {
 }
 
 impl Outcome<'_, '_> {
-    /// Sends shadow rays to where the environment map is bright.
+    /// Queues shadow rays to importance-sampled directions of the environment map.
     pub(super) fn ask_surroundings(&mut self, traced: &Traced, lit: &Lit, stage: Stage) {
         let frame = self.frame;
         let Some(environment) = &frame.environment else {
@@ -119,7 +123,7 @@ impl Outcome<'_, '_> {
         }
     }
 
-    /// What one direction gives to each surface.
+    /// Returns the incident light from one sampled direction at each surface.
     fn arriving_from_afar(
         &self,
         map: &EnvironmentMap,
@@ -131,6 +135,7 @@ impl Outcome<'_, '_> {
             let Some(sample) = map.sample(self.numbers(traced, l, draw)) else {
                 continue;
             };
+            // Divide by the density and the number of samples
             let share = (sample.pdf * f64::from(draw.of)).recip() as f32;
             for axis in 0..3 {
                 arrivals.wi[axis][l] = sample.direction[axis] as f32;

@@ -1,7 +1,7 @@
-//! What textures and vertex colours do to sixteen hits: parameters of the material, and the shading normal.
+//! Texture evaluation: applies textures and vertex colours to material inputs, alpha and shading normals of hits.
 //!
-//! Lane by lane, and only for materials that have any. Each look-up is averaged over the ray's footprint: its cone's
-//! cut with the surface.
+//! Works lane by lane, and only for materials with textures or vertex colours. Each look-up is averaged over the
+//! footprint of the ray: the intersection of its cone with the surface.
 
 use glam::DVec3;
 
@@ -14,19 +14,19 @@ use crate::shading::normal_map::{TangentFrame, bumped, kept_visible, transformed
 use crate::shading::ray_cone::{Cone, axes_on_surface, uv_of};
 use crate::shading::{ExtendedMaterialLanes, Footprint, MaterialPacket, TexturePoint};
 
-/// How wide rays are where they start, and how fast they widen.
+/// Ray cones at the origins of the rays of a packet.
 #[derive(Clone, Copy)]
 pub(super) enum Widths<'a> {
-    /// All as the camera's.
+    /// Cone of camera rays, for all lanes.
     Camera(Cone),
-    /// Each as its path says.
+    /// Cones from the path states, one per lane.
     Paths(TravelPacket<'a>),
-    /// Not at all.
+    /// No cones, so that textures are not filtered.
     None,
 }
 
 impl Widths<'_> {
-    /// The cone of lane `l` where it starts.
+    /// Returns the cone of lane `l` at its ray origin.
     pub(super) fn at_start(&self, l: usize) -> Cone {
         match self {
             Widths::Camera(cone) => *cone,
@@ -36,18 +36,18 @@ impl Widths<'_> {
     }
 }
 
-/// A hit as textures see it, in world space unless said otherwise.
+/// Hit to be textured, in world space unless stated otherwise.
 struct Textured<'a> {
     view: &'a InstanceView<'a>,
     pose: &'a InstanceTransform<'a>,
     packet: &'a RayPacket,
     l: usize,
     p_object: DVec3,
-    /// Axes of the ray's footprint on the surface.
+    /// Axes of the elliptical ray footprint on the surface.
     axes: [DVec3; 2],
 }
 
-/// Texture coordinates and the point's derivatives by them.
+/// Texture coordinates of a hit and the derivatives of the point by them.
 #[derive(Clone, Copy)]
 pub(super) struct Chart {
     pub(super) uv: [f32; 2],
@@ -55,7 +55,7 @@ pub(super) struct Chart {
 }
 
 impl SurfaceScene<'_> {
-    /// Multiplies textures and vertex colours into the lanes that have any.
+    /// Evaluates textures and vertex colours for the lanes that have any.
     pub(super) fn vary_lanes(
         &self,
         packet: &RayPacket,
@@ -73,7 +73,7 @@ impl SurfaceScene<'_> {
         }
     }
 
-    /// Multiplies textures and vertex colours into lane `l`, and bends its shading normal.
+    /// Evaluates textures and vertex colours for lane `l`, including its alpha and its shading normal.
     #[cold]
     fn vary(
         &self,
@@ -84,6 +84,7 @@ impl SurfaceScene<'_> {
         let view = self.view(packet.instance[l]);
         let material = self.material_of(view);
         let pose = self.pose(packet, l);
+        // Loop over the textures that active effects need
         let hit = Textured::new((view, &pose), (packet, widths, l), points);
         let mut alpha = material.base_color[3];
         let mut normal = None;
@@ -92,6 +93,7 @@ impl SurfaceScene<'_> {
                 continue;
             }
             let (chart, at, footprint) = hit.look_up(layer);
+            // Perturb the normal by a bump map
             if layer.parameter == MaterialInput::Bump {
                 let object_from_world = pose.object_from_world().matrix3;
                 let by_object = chart.derivatives.map(|derivative| object_from_world * derivative);
@@ -101,6 +103,7 @@ impl SurfaceScene<'_> {
                 normal = Some(bumped(n, chart.derivatives, slope));
                 continue;
             }
+            // Multiply the texel into its material input
             let encoding = layer.parameter.encoding();
             let texel = self
                 .textures()
@@ -126,6 +129,7 @@ impl SurfaceScene<'_> {
                 _ => rich_layer(layer, &texel, l, &mut materials.rich),
             }
         }
+        // Multiply by the vertex colour and evaluate alpha
         if let Some(color) = view.vertex_color(packet, l) {
             (0..3).for_each(|c| materials.base_color[c][l] *= color[c]);
             alpha *= color[3];
@@ -141,14 +145,14 @@ impl SurfaceScene<'_> {
 }
 
 impl SurfacePacket {
-    /// The unit shading normal of lane `l` on the outside.
+    /// Returns the unit shading normal of lane `l` on the outside of the surface.
     fn outward_normal(&self, l: usize) -> DVec3 {
         let n = self.shading_normal(l);
         if self.front[l] { n } else { -n }
     }
 
-    /// Makes the unit vector `n`, which points outside, the shading normal of lane `l`, as far as the viewer can see
-    /// it.
+    /// Sets the shading normal of lane `l` to the outward unit vector `n`, limited to directions that keep the
+    /// surface visible to the viewer.
     fn bend(&mut self, l: usize, n: DVec3) {
         let n = if self.front[l] { n } else { -n };
         let wo = DVec3::from([0, 1, 2].map(|axis| f64::from(self.wo[axis][l])));
@@ -165,10 +169,12 @@ impl<'a> Textured<'a> {
         (packet, widths, l): (&'a RayPacket, Widths, usize),
         points: &SurfacePacket,
     ) -> Textured<'a> {
+        // Compute the footprint and the object-space point
         let direction = packet.ray(l).direction.as_dvec3();
         let length = direction.length();
         let ng = points.geometric_normal(l);
-        // Just under the surface: a face of the solid that a pattern is carved from may lie exactly between two cells.
+        // Slightly below the surface, because a face of the solid may lie exactly between two cells of a procedural
+        // pattern.
         let inward = if points.front[l] { -ng } else { ng };
         let carved = points.point(l) + inward * points.error(l);
         let cone = widths.at_start(l).after(f64::from(packet.t_far[l]) * length);
@@ -182,7 +188,7 @@ impl<'a> Textured<'a> {
         }
     }
 
-    /// Where a layer's texture is looked up.
+    /// Returns the texture coordinates, the point and the footprint of the look-up for a layer.
     fn look_up(&self, layer: &TextureBinding) -> (Chart, TexturePoint, Footprint) {
         let chart = self
             .view
@@ -192,6 +198,7 @@ impl<'a> Textured<'a> {
             let matrix = transform.matrix;
             [0, 1].map(|row| matrix[row][0] * u + matrix[row][1] * v)
         };
+        // Transform the footprint to texture and object space
         let object_from_world = self.pose.object_from_world().matrix3;
         let footprint = Footprint {
             uv: self.axes.map(|axis| turned(uv_of(axis, chart.derivatives))),
@@ -201,21 +208,24 @@ impl<'a> Textured<'a> {
         (chart, at, footprint)
     }
 
-    /// The frame that a normal map on the surface with the outward unit normal `n` is meant in.
+    /// Returns the tangent frame of a normal map on the surface with the outward unit normal `n`, from mesh tangents
+    /// if present, otherwise from texture coordinates.
     fn tangent_frame(&self, layer: &TextureBinding, chart: &Chart, n: DVec3) -> Option<TangentFrame> {
         if let Some([x, y, z, w]) = self.view.tangent(self.packet, self.l) {
             let pose = self.pose;
             let tangent = DVec3::new(x.into(), y.into(), z.into());
+            // A mirroring transform flips the handedness.
             let handedness = if pose.is_mirrored() { -w } else { w };
             let tangent = pose.world_from_object().matrix3 * tangent;
             return TangentFrame::from_tangent(n, tangent, handedness);
         }
+        // Without mesh tangents, use the derivatives of the texture coordinates
         let derivatives = transformed_derivatives(chart.derivatives, &layer.texture.transform)?;
         TangentFrame::from_derivatives(n, derivatives)
     }
 }
 
-/// What a texture does to a parameter that few materials have.
+/// Applies a texel to a material input of the extended set, which few materials use.
 fn rich_layer(layer: &TextureBinding, texel: &[f32; 4], l: usize, rich: &mut ExtendedMaterialLanes) {
     let tint = |lanes: &mut Lanes3<f32>| (0..3).for_each(|c| lanes[c][l] *= texel[c]);
     match layer.parameter {

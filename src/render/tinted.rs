@@ -1,9 +1,8 @@
-//! Shadow rays in scenes where light goes through surfaces: they are followed straight on, surface by surface, and
-//! take the colour of what they pass.
+//! Transparent shadows: shadow rays continue straight through transmissive surfaces and are tinted by them.
 //!
-//! The lecture's rule: a transparent occluder tints the light and does not bend it. Each surface takes off what
-//! Fresnel's equations reflect there and multiplies by its colour, each body on the way swallows its part. A shadow ray
-//! goes on as the same ray from just behind the hit, so it can neither meet a surface twice nor lose one.
+//! As in the model of Phong and Whitted, a transparent occluder tints light but does not refract it. Each surface
+//! removes what Fresnel's equations reflect and multiplies by its colour, and each medium absorbs. A shadow ray
+//! continues as the same ray from just behind the hit, so it can neither hit a surface twice nor miss one.
 
 use super::ledger::Account;
 use super::meter::{Accounts, Meter};
@@ -19,20 +18,22 @@ use crate::numeric::{LANES, Lanes};
 use crate::optics::LINE_D;
 use crate::scene::Effect;
 
-/// Surfaces after which a shadow ray counts as blocked: no light is left behind so many of any real material.
+/// Largest number of surfaces that a shadow ray passes before it counts as occluded; no real material leaves any
+/// light behind so many.
 const MAX_SHEETS: usize = 256;
 
-/// Shadow rays that wait, what they bring, and the bodies around the shaded points.
+/// Queued shadow rays, their pending radiance, and the interiors around the shaded points.
 type Waiting<'a> = (&'a mut [RayPacket], &'a mut [ShadowPayload], &'a mut MediaColumn);
 
 impl Outcome<'_, '_> {
-    /// Lets in the light that reaches the waiting shadow rays' points, in whatever colour is left of it.
+    /// Traces the queued shadow rays through transmissive surfaces and adds the attenuated radiance to the film.
     pub(super) fn answer_through_sheets(&mut self, order: RayOrder) {
         let Some(sheets) = &mut self.sheets else { return };
         let sources = self.shadow_queue.sources();
         let (packets, payloads, media) = self.shadow_queue.drain_with_media();
         let waiting = (&mut *packets, &mut *payloads, media);
         let reaches = through_sheets(self.frame, waiting, sheets, &mut self.meter, order);
+        // Attenuate by volumes and add to the film
         for (((packet, payload), reach), source) in packets.iter().zip(payloads).zip(&reaches).zip(sources) {
             if let Some(marches) = &mut self.marches {
                 let samples = marches.dim(packet, reach, &mut payload.radiance);
@@ -44,8 +45,8 @@ impl Outcome<'_, '_> {
     }
 }
 
-/// Leaves of the light that shadow rays bring what the surfaces and bodies on their way let through. Returns how far
-/// away, as ray parameters, the lights are.
+/// Attenuates the pending radiance of shadow rays by the surfaces and media along them. Returns the ray parameters of
+/// the lights.
 pub(super) fn through_sheets(
     frame: &Frame,
     (packets, payloads, media): Waiting,
@@ -53,16 +54,18 @@ pub(super) fn through_sheets(
     meter: &mut Meter,
     order: RayOrder,
 ) -> [Lanes<f32>; BATCH] {
-    // The memory is that of earlier shadow rays, which have left where they went.
+    // The packets still hold intervals and hits of earlier shadow rays.
     for packet in packets.iter_mut() {
         packet.t_near = [0.0; LANES];
         (0..LANES).for_each(|l| packet.forget_hit(l));
     }
+    // Remember the ray parameters of the lights
     let mut reaches = [[0.0; LANES]; BATCH];
     for (reach, packet) in reaches.iter_mut().zip(packets.iter()) {
         *reach = packet.t_far;
     }
     let mut account = Account::Shadow;
+    // Advance all rays to the next surface until none is left
     for _ in 0..MAX_SHEETS {
         if !packets.iter().any(RayPacket::any_active) {
             break;
@@ -71,6 +74,7 @@ pub(super) fn through_sheets(
         let traced = meter.trace(packets, whose, |packets| frame.accel.intersect(packets, order));
         meter.ledger.book(account, traced);
         account = Account::TransparentShadow;
+        // Attenuate each packet at its hits
         for (index, packet) in packets.iter_mut().enumerate() {
             if packet.any_active() {
                 let way = Way {
@@ -85,7 +89,7 @@ pub(super) fn through_sheets(
         meter.lap_over(account, lanes);
     }
     for (packet, payload) in packets.iter_mut().zip(payloads) {
-        // Whoever is still on the way counts as blocked.
+        // Rays that are still active after the last pass count as occluded.
         for l in 0..LANES {
             packet.t_far[l] = if packet.active[l] != 0 {
                 f32::NEG_INFINITY
@@ -98,18 +102,18 @@ pub(super) fn through_sheets(
     reaches
 }
 
-/// The rest of the way of sixteen shadow rays.
+/// Remaining way of sixteen shadow rays to their lights.
 struct Way<'a> {
-    /// Where the lights are, as ray parameters.
+    /// Ray parameters of the lights.
     reach: &'a Lanes<f32>,
-    /// The bodies around.
+    /// Dielectric interiors around the rays.
     media: &'a mut MediaColumn,
-    /// The packet's place among those that are answered together.
+    /// Index of the packet within the batch.
     index: usize,
 }
 
 impl Way<'_> {
-    /// Takes each lane to the light or behind the surface that it has met.
+    /// Advances each lane to its light or behind the surface that it hit, and attenuates its radiance.
     fn pass_next(
         mut self,
         frame: &Frame,
@@ -121,6 +125,7 @@ impl Way<'_> {
         if any_hit {
             frame.surfaces.meet(packet, Widths::None, sheets);
         }
+        // Attenuate by the medium and by the surface
         for l in 0..LANES {
             if packet.active[l] == 0 {
                 continue;
@@ -139,11 +144,13 @@ impl Way<'_> {
                 (0..3).for_each(|c| left[c] *= through[c]);
             }
             (0..3).for_each(|c| payload.radiance[c][l] *= left[c]);
+            // Finish lanes that reach the light or carry no radiance
             let is_dark = (0..3).all(|c| payload.radiance[c][l] == 0.0);
             if !is_hit || is_dark {
                 packet.active[l] = 0;
                 continue;
             }
+            // Continue behind the surface
             packet.t_near[l] = end.next_up();
             packet.t_far[l] = self.reach[l];
             packet.forget_hit(l);
@@ -153,7 +160,8 @@ impl Way<'_> {
         }
     }
 
-    /// What the surface that lane `l` has met leaves of the light; the lane's bodies become those behind it.
+    /// Returns the transmittance of the surface that lane `l` hit, and updates the lane's interiors to those behind
+    /// it.
     fn tint(&mut self, frame: &Frame, packet: &RayPacket, sheets: &Surfaces, l: usize) -> [f32; 3] {
         let points = &sheets.points;
         let media = self.media.get(self.index, l);
@@ -161,9 +169,11 @@ impl Way<'_> {
         let is_hidden = boundary.is_hidden();
         let coverage = sheets.materials.alpha[l];
         let mut through = [0.0; 3];
+        // A hidden boundary transmits everything
         if is_hidden {
             through = [1.0; 3];
         } else if frame.effects().has(Effect::Refraction) && boundary.material.transmits() {
+            // Multiply Fresnel's transmittance by the tint
             let d = packet.ray(l).direction.as_dvec3().normalize();
             let n = frame.surfaces.interface_normal(packet, sheets, l);
             let cos_i = (-d.dot(n)).clamp(0.0, 1.0);
@@ -172,6 +182,7 @@ impl Way<'_> {
             through = tints.weights(reflectance, transmittance).1;
         }
         self.media.set(self.index, l, &boundary.crossing.through);
+        // Add the light that passes through the uncovered part
         through.map(|c| 1.0 - coverage + coverage * c)
     }
 }

@@ -1,9 +1,10 @@
-//! Rays that go through surfaces: those that are only partly there, and those of transparent bodies.
+//! Dielectric boundaries and alpha: rays that continue through surfaces.
 //!
-//! A path keeps the bodies around it (nested dielectrics by priority), its exact direction, and the wavelength that it
-//! follows once a dispersive body has split it. At a boundary Fresnel's equations divide its weight between a reflected
-//! and a refracted ray, at a rough one those of its microfacets; on its way through a body Beer and Lambert's law takes
-//! off what the body swallows. Lane by lane and in f64: packets pay for it only in scenes with such materials.
+//! A path carries the interiors around it (nested dielectrics by priority), its exact direction, and its wavelength
+//! once a dispersive medium has split it. At a smooth boundary, Fresnel's equations divide the throughput between a
+//! reflected and a refracted ray; at a rough boundary, those of its microfacets do. Beer-Lambert absorption
+//! attenuates the path inside a medium. Everything is computed lane by lane in f64; packets pay for it only in scenes
+//! with such materials.
 
 use glam::DVec3;
 
@@ -24,35 +25,35 @@ use crate::scene::{Effect, Lecture, MIRROR_ROUGHNESS, Material, Model};
 use crate::shading::MaterialPacket;
 use crate::shading::ray_cone::Cone;
 
-/// A boundary that a ray meets.
+/// Boundary between two media that a ray hits.
 pub(super) struct Boundary<'m> {
     pub(super) material: &'m Material,
     pub(super) crossing: BoundaryCrossing,
-    /// Whether it is that of a body that light goes through.
+    /// True if the surface bounds a transmissive interior.
     is_body: bool,
 }
 
 impl Boundary<'_> {
-    /// Whether it has no inside that a ray could be in.
+    /// Returns whether the surface is thin, so that a ray is never inside it.
     pub(super) fn is_wall(&self) -> bool {
         self.material.is_wall()
     }
 
-    /// Whether bodies of higher priority hide it: the ray does not notice.
+    /// Returns whether an interior of higher priority hides the boundary, so that the ray passes unchanged.
     pub(super) fn is_hidden(&self) -> bool {
         self.is_body && !self.crossing.is_real()
     }
 }
 
 impl Material {
-    /// Whether it has no inside that a ray could be in.
+    /// Returns whether the material is thin, so that a ray is never inside it.
     fn is_wall(&self) -> bool {
         self.interior.is_none_or(|inside| inside.is_thin)
     }
 }
 
 impl Frame<'_> {
-    /// The cone of a traced ray where it has met something.
+    /// Returns the ray cone of a traced ray at its hit.
     pub(super) fn cone_at(&self, traced: &Traced, travels: TravelPacket, l: usize) -> Cone {
         if !self.effects().has(Effect::TextureFilter) {
             return Travel::NONE.cone;
@@ -61,7 +62,7 @@ impl Frame<'_> {
         travels.cone(l).after(f64::from(traced.packet.t_far[l]) * length)
     }
 
-    /// The curvature that widens or narrows rays at a hit, where their widths count.
+    /// Returns the surface curvature at a hit, which changes the spread of ray cones; 0 without texture filtering.
     pub(super) fn curvature(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> f64 {
         if self.effects().has(Effect::TextureFilter) {
             self.surfaces.curvature(packet, surfaces, l)
@@ -70,8 +71,8 @@ impl Frame<'_> {
         }
     }
 
-    /// What instance `instance` means to a ray with these bodies around, which comes from its outside if
-    /// `from_outside`.
+    /// Returns the boundary that instance `instance` forms for a ray inside `media`; the ray arrives on the outside
+    /// of the surface if `from_outside`.
     pub(super) fn boundary(&self, instance: u32, from_outside: bool, media: &InteriorStack) -> Boundary<'_> {
         let index = self.scene.instances[instance as usize].material;
         let material = &self.scene.materials[index as usize];
@@ -80,6 +81,7 @@ impl Frame<'_> {
         } else {
             BoundaryEvent::Leave
         };
+        // Update the interior stack only at transmissive solids
         let is_body = self.effects().has(Effect::Refraction) && material.transmits() && !material.is_wall();
         let crossing = if !is_body {
             BoundaryCrossing {
@@ -98,7 +100,7 @@ impl Frame<'_> {
         }
     }
 
-    /// What a ray meets in lane `l`.
+    /// Returns the hit of lane `l` with all that is needed to scatter the ray at the boundary.
     pub(super) fn meeting<'a>(
         &'a self,
         traced: &Traced,
@@ -109,6 +111,7 @@ impl Frame<'_> {
         let arrival = travels.lane(l);
         let (points, materials) = (&surfaces.points, &surfaces.materials);
         let boundary = self.boundary(traced.packet.instance[l], points.front[l], &arrival.media);
+        // Split wavelengths only once, where either side is dispersive
         let disperses = self.effects().has(Effect::Dispersion)
             && arrival.wavelength == 0.0
             && !boundary.is_wall()
@@ -133,7 +136,7 @@ impl Frame<'_> {
         body.and_then(|body| self.scene.materials.get(body.id as usize))
     }
 
-    /// Index of refraction inside `body`, or of the surroundings.
+    /// Returns the index of refraction inside `body`, or of the background medium for `None`.
     fn ior(&self, body: Option<Body>, wavelength: f64) -> f64 {
         self.body_material(body)
             .map_or(1.0, |material| material.ior(wavelength))
@@ -144,7 +147,7 @@ impl Frame<'_> {
         interior.is_some_and(|inside| inside.ior.spread() != 0.0)
     }
 
-    /// What is left of light after `distance` with these bodies around.
+    /// Returns the transmittance over `distance` inside the innermost interior of `media`, per channel.
     pub(super) fn transmittance(&self, media: &InteriorStack, distance: f64) -> [f32; 3] {
         match self.body_material(media.current()).and_then(|m| m.interior) {
             Some(inside) => inside.absorption.transmittance(distance).map(|x| x as f32),
@@ -152,12 +155,14 @@ impl Frame<'_> {
         }
     }
 
-    /// The weights of light reflected and let through by a boundary, per channel; the indices may be those of a wall's
-    /// material and its surroundings.
+    /// Returns the reflected and the transmitted share at a boundary, averaged over polarization.
+    ///
+    /// A thin surface is evaluated as a slab of its material between two sides of the surrounding medium.
     pub(super) fn shares(&self, boundary: &Boundary, cos_i: f64, wavelength: f64) -> (f64, f64) {
         let material = boundary.material;
         let outside = self.ior(boundary.crossing.before, wavelength);
         let mean = |r: Polarised, t: Polarised| (r.mean(), t.mean());
+        // Evaluate a thin surface as a slab with internal reflections
         if material.is_wall() {
             if material.interior.is_none() {
                 return (0.0, 1.0);
@@ -165,6 +170,7 @@ impl Frame<'_> {
             let slab = thin_slab(cos_i, outside, material.ior(wavelength));
             mean(slab.reflectance, slab.transmittance)
         } else {
+            // Evaluate Fresnel's equations of a single interface
             let inside = self.ior(boundary.crossing.after, wavelength);
             let fresnel = dielectric(cos_i, outside, inside);
             mean(fresnel.reflectance, fresnel.transmittance)
@@ -172,11 +178,11 @@ impl Frame<'_> {
     }
 }
 
-/// What a surface's material does to light that it reflects and lets through, apart from Fresnel's division.
+/// Tints of reflected and transmitted light at a surface, besides Fresnel's factors.
 pub(super) struct Tints {
     pub(super) reflected: [f32; 3],
     pub(super) through: [f32; 3],
-    /// Whether Fresnel's equations apply.
+    /// True if Fresnel's equations apply.
     fresnel: bool,
 }
 
@@ -203,7 +209,8 @@ impl Tints {
         }
     }
 
-    /// The weights of the reflected and the refracted ray. Where nothing gets through, all is reflected.
+    /// Returns the weights of the reflected and of the refracted ray. With total internal reflection, all light is
+    /// reflected.
     pub(super) fn weights(&self, reflectance: f64, transmittance: f64) -> ([f32; 3], [f32; 3]) {
         let total = !(transmittance > 0.0);
         let (r, t) = if self.fresnel {
@@ -211,6 +218,7 @@ impl Tints {
         } else {
             (1.0, 1.0)
         };
+        // Without Fresnel factors, total internal reflection returns both parts
         if total && !self.fresnel {
             let all = std::array::from_fn(|c| (self.reflected[c] + self.through[c]).min(1.0));
             return (all, [0.0; 3]);
@@ -220,13 +228,14 @@ impl Tints {
 }
 
 impl Outcome<'_, '_> {
-    /// The weights of a packet where it arrives: what the bodies on its way swallow is taken off.
+    /// Returns the path throughput of a packet at its hits, after absorption along the rays.
     pub(super) fn dimmed(&self, packet: &RayPacket, path: &PathPacket, travels: TravelPacket) -> Lanes3<f32> {
         let mut weight = path.weight;
         for l in 0..LANES {
             if packet.active[l] == 0 {
                 continue;
             }
+            // Only media absorb
             let media = travels.media(l);
             if media.current().is_none() {
                 continue;
@@ -238,7 +247,7 @@ impl Outcome<'_, '_> {
             } else {
                 f64::INFINITY
             };
-            // A ray that has passed something begins behind it.
+            // A ray that continued behind a surface begins there, at `t_near`.
             let distance = (t - f64::from(packet.t_near[l])) * length;
             let left = self.frame.transmittance(&media, distance);
             for channel in 0..3 {
@@ -248,7 +257,8 @@ impl Outcome<'_, '_> {
         weight
     }
 
-    /// Sends rays on through whatever is not there, and returns the weights of what is.
+    /// Queues rays that continue through alpha and through hidden boundaries, and returns the throughput of what is
+    /// shaded.
     pub(super) fn pass_through(
         &mut self,
         traced: &Traced,
@@ -265,6 +275,7 @@ impl Outcome<'_, '_> {
             let boundary = self
                 .frame
                 .boundary(traced.packet.instance[l], from_outside, &travel.media);
+            // Let rays pass hidden boundaries entirely
             let mut coverage = surfaces.materials.alpha[l];
             if boundary.is_hidden() {
                 coverage = 0.0;
@@ -272,11 +283,12 @@ impl Outcome<'_, '_> {
             if coverage == 1.0 {
                 continue;
             }
+            // Split the throughput between the surface and the continued ray
             let weight = std::array::from_fn(|c| present[c][l] * (1.0 - coverage));
             (0..3).for_each(|c| present[c][l] *= coverage);
             let ray = traced.packet.ray(l);
             let sent = Sent {
-                // The same ray further on: no surface can be met twice or lost.
+                // Continue as the same ray beyond the hit, so that no surface is hit twice or missed.
                 ray: Ray {
                     t_near: ray.t_far.next_up(),
                     t_far: f32::INFINITY,
@@ -285,7 +297,7 @@ impl Outcome<'_, '_> {
                 pixel: traced.pixel[l],
                 weight,
                 sender: Account::Refraction,
-                // Through a gap in a body's surface a ray is inside it as well.
+                // A ray that passes through a gap in the surface of an interior enters that interior as well.
                 travel: Some(Travel {
                     media: boundary.crossing.through,
                     ..travel
@@ -296,10 +308,11 @@ impl Outcome<'_, '_> {
         present
     }
 
-    /// Divides the rays that have met transparent bodies into reflected and refracted ones. Rough ones do so elsewhere.
+    /// Queues the reflected and refracted rays at smooth transmissive surfaces. Rough ones are handled in
+    /// `cross_rough_surfaces`.
     pub(super) fn cross_surfaces(&mut self, traced: &Traced, travels: TravelPacket, surfaces: &Surfaces) {
         for l in 0..LANES {
-            // Light of one wavelength may have negative weights, whose sum says nothing.
+            // Weights of a single wavelength may be negative, so that the sum of the channels is not a valid test.
             let seen = traced.weight.iter().any(|channel| channel[l] != 0.0);
             let materials = &surfaces.materials;
             if surfaces.points.hit[l] && seen && materials.transmits(l) && !materials.has_lobe(l) {
@@ -318,7 +331,7 @@ impl Outcome<'_, '_> {
         self.divide(&meeting, &Facet::Smooth(bend));
     }
 
-    /// Sends a ray on to both sides of what it has met.
+    /// Queues the refracted rays, one per wavelength where light disperses, and the reflected ray of a hit.
     pub(super) fn divide(&mut self, meeting: &Meeting, facet: &Facet) {
         let frame = self.frame;
         let Meeting {
@@ -328,6 +341,7 @@ impl Outcome<'_, '_> {
             ..
         } = meeting;
         let mut reflected = [0.0; 3];
+        // Loop over the wavelengths of a dispersive boundary
         let colors: &[[f32; 3]] = if meeting.disperses {
             frame.spectrum.weights()
         } else {
@@ -340,9 +354,11 @@ impl Outcome<'_, '_> {
                 f64::from(arrival.wavelength)
             };
             let nanometres = if wavelength > 0.0 { wavelength } else { LINE_D };
+            // Divide light by Fresnel's equations
             let (reflectance, transmittance) = frame.shares(boundary, facet.cos_i(), nanometres);
             let (mirrored, through) = meeting.tints.weights(reflectance, transmittance);
             (0..3).for_each(|c| reflected[c] += color[c] * mirrored[c]);
+            // Spawn the refracted ray
             let etas =
                 [boundary.crossing.before, boundary.crossing.after].map(|body| frame.ior(body, nanometres));
             let Some(way) = facet.refracted(boundary, etas) else {
@@ -362,6 +378,7 @@ impl Outcome<'_, '_> {
             };
             self.send_from(meeting, weight, facet.sender(Account::Refraction), travel);
         }
+        // Spawn the reflected ray
         if !facet.reflects(frame, meeting) {
             return;
         }
@@ -376,7 +393,7 @@ impl Outcome<'_, '_> {
         self.send_from(meeting, weight, facet.sender(Account::Reflection), travel);
     }
 
-    /// Sends a ray off a surface, on the side that it goes to.
+    /// Queues a ray that leaves the surface, with its origin on the side of its direction.
     fn send_from(&mut self, meeting: &Meeting, weight: [f32; 3], sender: Account, travel: Travel) {
         let (points, l) = (meeting.points, meeting.l);
         let ng = points.geometric_normal(l);
@@ -393,7 +410,7 @@ impl Outcome<'_, '_> {
     }
 }
 
-/// A ray at a boundary that divides it.
+/// Ray at a boundary, with all that is needed to scatter it.
 pub(super) struct Meeting<'a> {
     points: &'a SurfacePacket,
     l: usize,
@@ -404,15 +421,15 @@ pub(super) struct Meeting<'a> {
     curvature: f64,
     boundary: Boundary<'a>,
     tints: Tints,
-    /// Unit normal that counts for optics, on the side that the ray came from.
+    /// Unit shading normal for reflection and refraction, on the side of the incident ray.
     pub(super) normal: DVec3,
-    /// Whether wavelengths part there.
+    /// True if the boundary splits wavelengths.
     disperses: bool,
-    /// Whether it is smooth enough to mirror.
+    /// True if the surface is smooth enough for mirror rays.
     is_smooth: bool,
 }
 
-/// What light meets: all of a smooth surface, or a microfacet of a rough one.
+/// Interface that scatters a ray: a smooth surface, or a microfacet of a rough one.
 pub(super) enum Facet<'a> {
     Smooth(Bend),
     Rough(Microfacet<'a>),
@@ -426,7 +443,7 @@ impl Facet<'_> {
         }
     }
 
-    /// Whether it sends a ray back.
+    /// Returns whether a reflected ray is sent.
     fn reflects(&self, frame: &Frame, meeting: &Meeting) -> bool {
         match self {
             Facet::Smooth(_) => meeting.is_smooth && frame.effects().has(Effect::Reflection),
@@ -450,7 +467,7 @@ impl Facet<'_> {
         }
     }
 
-    /// What a ray is booked under that a smooth surface's would be booked under `smooth`.
+    /// Returns the account of a ray; `smooth` is the account for a smooth surface.
     fn sender(&self, smooth: Account) -> Account {
         match self {
             Facet::Smooth(_) => smooth,
@@ -459,13 +476,14 @@ impl Facet<'_> {
     }
 }
 
-/// A direction that meets a smooth boundary.
+/// Incidence of a ray on a smooth boundary.
 pub(super) struct Bend {
-    /// Unit direction of travel.
+    /// Unit direction of the incident ray.
     d: DVec3,
-    /// Unit normal that counts for optics, on the side that the ray came from.
+    /// Unit shading normal for reflection and refraction, on the side of the incident ray.
     n: DVec3,
-    /// Unit geometric normal on that side: an interpolated `n` may not send a ray to the wrong side of it.
+    /// Unit geometric normal on the side of the incident ray; scattered rays must not cross it because of an
+    /// interpolated `n`.
     side: DVec3,
 }
 
@@ -474,7 +492,7 @@ impl Bend {
         (-self.d.dot(self.n)).clamp(0.0, 1.0)
     }
 
-    /// The way along `direction`.
+    /// Returns the scattered ray along `direction`.
     fn way(&self, direction: DVec3) -> Way {
         Way {
             direction,
@@ -486,6 +504,7 @@ impl Bend {
 
     fn reflected(&self) -> DVec3 {
         let mirrored = reflect(self.d, self.n);
+        // Fall back to the geometric normal if the ray would enter the surface
         if mirrored.dot(self.side) > 0.0 {
             mirrored
         } else {
@@ -493,12 +512,14 @@ impl Bend {
         }
     }
 
-    /// Where the ray goes on behind the boundary; `None` where it is reflected whole.
+    /// Returns the direction of the refracted ray, or `None` with total internal reflection.
     fn refracted(&self, boundary: &Boundary, [eta_i, eta_t]: [f64; 2]) -> Option<DVec3> {
+        // Thin surfaces and equal indices do not change the direction
         if boundary.material.is_wall() || eta_i == eta_t {
             return Some(self.d);
         }
         let bent = refract(self.d, self.n, eta_i, eta_t)?.direction;
+        // Fall back to the geometric normal if the ray would stay on its side
         if bent.dot(self.side) < 0.0 {
             return Some(bent);
         }

@@ -1,7 +1,7 @@
-//! What a path has behind it, beyond its weight, in columns: one for each thing that some effect needs to know.
+//! Per-path state as structure of arrays; only arrays that an active effect needs are allocated.
 //!
-//! A scene without bodies has no column of bodies, one without filtered textures none of widths. Columns hold a packet's
-//! sixteen lanes side by side.
+//! For example, a scene without dielectrics has no array of interiors, and one without filtered textures no array of
+//! ray cones. Each array holds the sixteen lanes of a packet side by side.
 
 use glam::DVec3;
 
@@ -11,29 +11,30 @@ use crate::optics::{Body, InteriorStack};
 use crate::scene::{Effect, EffectSet};
 use crate::shading::ray_cone::Cone;
 
-/// What one path has behind it.
+/// State of one path, besides its throughput.
 #[derive(Clone, Copy)]
 pub(super) struct Travel {
-    /// Reflections and refractions.
+    /// Number of reflections and refractions so far.
     pub(super) depth: u32,
-    /// The wavelength that it follows, nanometres; 0 for all.
+    /// Wavelength that the path follows, in nanometres; 0 for all wavelengths.
     pub(super) wavelength: f32,
-    /// Unit direction, before it was rounded to the ray's.
+    /// Unit direction, before it is rounded to the f32 direction of the ray.
     pub(super) direction: DVec3,
-    /// The bodies around it.
+    /// Dielectric interiors around the path.
     pub(super) media: InteriorStack,
-    /// How wide it is.
+    /// Ray cone, as width and spread.
     pub(super) cone: Cone,
-    /// Which of its pixel's samples it is a part of. Rays into one lobe count as so many samples.
+    /// Index of the pixel sample that the path belongs to. Rays into one lobe count as separate samples.
     pub(super) sample: u32,
-    /// Of how many rays into the lobe of the surface that the eye sees it is one; 1 if that sent no others.
+    /// Number of rays that the lobe at the first visible surface was split into, this one included; 1 without a
+    /// split.
     pub(super) split: u32,
-    /// When its rays are sent, as in [`crate::numeric::Ray::time`].
+    /// Time of the rays, as in [`crate::numeric::Ray::time`].
     pub(super) time: f32,
 }
 
 impl Travel {
-    /// Of a path that has not begun.
+    /// State of a path that has not begun.
     pub(super) const NONE: Travel = Travel {
         depth: 0,
         wavelength: 0.0,
@@ -49,7 +50,7 @@ impl Travel {
     };
 }
 
-/// What the paths of some packets have behind them, as far as the effects need it.
+/// Path states of several packets, as far as the effects need them.
 pub(super) struct Travels {
     depth: Column<u32>,
     wavelength: Column<f32>,
@@ -62,7 +63,7 @@ pub(super) struct Travels {
 }
 
 impl Travels {
-    /// Columns for these effects, and for widths if paths follow them.
+    /// Returns empty arrays for these effects, and for ray cones if paths carry them.
     pub(super) fn new(effects: EffectSet, follows_widths: bool) -> Travels {
         Travels {
             depth: Column::new(effects.has_sheets()),
@@ -76,18 +77,18 @@ impl Travels {
         }
     }
 
-    /// Whether there is nothing to know.
+    /// Returns whether no array is allocated.
     pub(super) fn is_void(&self) -> bool {
-        // Every other column is only there with the first of these.
+        // Every other array exists only together with one of these.
         !(self.depth.is_kept || self.cone.is_kept || self.sample.is_kept || self.time.is_kept)
     }
 
-    /// Forgets all packets.
+    /// Removes the states of all packets.
     pub(super) fn clear(&mut self) {
         self.resize(0);
     }
 
-    /// Makes room for `packets` packets; new ones have not begun.
+    /// Resizes the arrays to `packets` packets; new ones hold paths that have not begun.
     pub(super) fn resize(&mut self, packets: usize) {
         self.depth.resize(packets, 0);
         self.wavelength.resize(packets, 0.0);
@@ -99,7 +100,7 @@ impl Travels {
         self.time.resize(packets, 0.0);
     }
 
-    /// Writes lane `l` of packet `packet`.
+    /// Sets the state of lane `l` of packet `packet`.
     pub(super) fn set(&mut self, packet: usize, l: usize, travel: &Travel) {
         self.depth.set(packet, l, travel.depth);
         self.wavelength.set(packet, l, travel.wavelength);
@@ -111,8 +112,9 @@ impl Travels {
         self.time.set(packet, l, travel.time);
     }
 
-    /// Adds what the columns hold, each to the effect that needs it.
+    /// Adds the bytes of each array to the effect that needs it.
     pub(super) fn add_to(&self, memory: &mut Memory, effects: EffectSet) {
+        // Attribute depths to the effect by which light passes surfaces
         let through = effects.lets_through().name();
         memory.add(through, "steps of paths", self.depth.byte_count());
         let wavelengths = self.wavelength.byte_count();
@@ -126,6 +128,7 @@ impl Travels {
             self.cone.byte_count(),
         );
         memory.add("sampling", "samples of paths", self.sample.byte_count());
+        // Attribute lobe rays to reflection if both effects are on
         let lobes = match effects.has(Effect::RoughReflection) {
             true => Effect::RoughReflection,
             false => Effect::RoughRefraction,
@@ -138,7 +141,7 @@ impl Travels {
         );
     }
 
-    /// Those of one packet.
+    /// Returns a view of the states of one packet.
     pub(super) fn at(&self, packet: usize) -> TravelPacket<'_> {
         TravelPacket {
             travels: self,
@@ -147,7 +150,7 @@ impl Travels {
     }
 }
 
-/// What the paths of one packet have behind them.
+/// View of the path states of one packet.
 #[derive(Clone, Copy)]
 pub(super) struct TravelPacket<'a> {
     travels: &'a Travels,
@@ -155,7 +158,7 @@ pub(super) struct TravelPacket<'a> {
 }
 
 impl TravelPacket<'_> {
-    /// That of lane `l`; what no effect needs is as if the path had not begun.
+    /// Returns the state of lane `l`; members without an array have the values of [`Travel::NONE`].
     pub(super) fn lane(&self, l: usize) -> Travel {
         let (travels, packet) = (self.travels, self.packet);
         Travel {
@@ -170,23 +173,23 @@ impl TravelPacket<'_> {
         }
     }
 
-    /// How wide lane `l` is.
+    /// Returns the ray cone of lane `l`.
     pub(super) fn cone(&self, l: usize) -> Cone {
         self.travels.cone.get(self.packet, l, Travel::NONE.cone)
     }
 
-    /// Which of its pixel's samples lane `l` is a part of.
+    /// Returns the pixel sample that lane `l` belongs to.
     pub(super) fn sample(&self, l: usize) -> u32 {
         self.travels.sample.get(self.packet, l, 0)
     }
 
-    /// The bodies around lane `l`.
+    /// Returns the interiors around lane `l`.
     pub(super) fn media(&self, l: usize) -> InteriorStack {
         self.travels.media.get(self.packet, l)
     }
 }
 
-/// One thing about every lane, or nothing.
+/// Array with one value per lane, or nothing if no effect needs it.
 struct Column<T> {
     is_kept: bool,
     packets: Vec<Lanes<T>>,
@@ -225,14 +228,15 @@ impl<T: Copy> Column<T> {
     }
 }
 
-/// The bodies around every lane: none where light goes through none, one where no two can overlap.
+/// Interiors around every lane: no array without refraction, one interior per lane where no two can overlap, a stack
+/// otherwise.
 pub(super) struct MediaColumn {
     single: Column<Option<Body>>,
     nested: Column<InteriorStack>,
 }
 
 impl MediaColumn {
-    /// For these effects.
+    /// Returns empty arrays for these effects.
     pub(super) fn new(effects: EffectSet) -> MediaColumn {
         let nests = effects.has(Effect::NestedMedia);
         MediaColumn {
@@ -241,13 +245,13 @@ impl MediaColumn {
         }
     }
 
-    /// Makes room for `packets` packets, new ones outside of all bodies.
+    /// Resizes the arrays to `packets` packets; new lanes are outside of all interiors.
     pub(super) fn resize(&mut self, packets: usize) {
         self.single.resize(packets, None);
         self.nested.resize(packets, InteriorStack::EMPTY);
     }
 
-    /// Adds what the columns hold.
+    /// Adds the bytes of the arrays.
     pub(super) fn add_to(&self, memory: &mut Memory) {
         let single = self.single.byte_count();
         memory.add(Effect::Refraction.name(), "the body around each path", single);
@@ -255,13 +259,13 @@ impl MediaColumn {
         memory.add(Effect::NestedMedia.name(), "the bodies around each path", nested);
     }
 
-    /// Writes lane `l` of packet `packet`.
+    /// Sets the interiors of lane `l` of packet `packet`.
     pub(super) fn set(&mut self, packet: usize, l: usize, media: &InteriorStack) {
         self.single.set(packet, l, media.current());
         self.nested.set(packet, l, *media);
     }
 
-    /// The bodies around lane `l` of packet `packet`.
+    /// Returns the interiors around lane `l` of packet `packet`.
     pub(super) fn get(&self, packet: usize, l: usize) -> InteriorStack {
         match self.single.get(packet, l, None) {
             Some(body) => InteriorStack::of(body),

@@ -1,13 +1,14 @@
-//! Rays through smoke, fire and fog: what these send to the viewer, and what they leave of all light on its way.
+//! Volume integrator: emission, scattering and transmittance along rays through smoke, fire and fog.
 //!
-//! A traced ray's stretch, from where it begins to what it hits, is marched before the hit is shaded: radiance goes to
-//! the film, and the path goes on with what is left of its weight. Samples are lit by every light and by the environment
-//! map (single scattering, evenly in all directions: the phase function is 1 / 4 pi) through shadow rays, and by the
-//! ambient light from all around. All shadow rays, those of surfaces too, lose what lies on their way.
+//! The segment of a traced ray from its origin to its hit is marched before the hit is shaded: in-scattered and
+//! emitted radiance goes to the film, and the path continues with its throughput times the transmittance. Samples
+//! receive light from every light and from the environment map through shadow rays (single scattering with the
+//! isotropic phase function 1 / 4 pi), and ambient light from all directions. All shadow rays, those of surfaces too,
+//! are attenuated along their way.
 //!
-//! In f64: what is seen ray by ray, as a march takes many samples a ray, and its packets are those of neighbours along
-//! the ray; shadow rays by the packet, as theirs are few. Light that a volume sends through a body is not dimmed by that
-//! body.
+//! Computed in f64. Camera and secondary rays are marched one by one, because a march takes many samples per ray and
+//! its packets consist of neighbours along the ray; shadow rays are marched by packet, because they take few samples.
+//! Light that a volume scatters inside a dielectric is not absorbed by that dielectric.
 
 use std::f64::consts::PI;
 
@@ -33,18 +34,18 @@ use crate::scene::{Effect, Light, LightKind};
 use crate::shading::{TextureSet, illuminate};
 use crate::volume::{March, PointLanes, RaySegment};
 
-/// The phase function of matter that scatters evenly: the share of light that goes into a unit of solid angle.
+/// Isotropic phase function: the share of light that is scattered into a unit of solid angle.
 const PHASE: f32 = (0.25 / PI) as f32;
 
-/// The working memory of one thread for marches.
+/// Ray-marching state and working memory of one thread.
 pub(super) struct Marches<'f> {
-    /// Along traced rays.
+    /// March along camera rays and secondary rays.
     seen: March<'f>,
-    /// Along shadow rays, while the other is on its way.
+    /// March along shadow rays, used while the other march is in progress.
     shadow: March<'f>,
-    /// From the samples of a march to one light at a time.
+    /// Shadow rays from the samples of a march to one light at a time.
     shadow_queue: Box<ShadowQueue>,
-    /// Where lights are told apart.
+    /// Radiance by light, if layers by light are requested.
     shares: Option<LightShares>,
 }
 
@@ -60,7 +61,7 @@ impl<'f> Marches<'f> {
         }
     }
 
-    /// Adds what marches and their shadow rays hold.
+    /// Adds the bytes of the marches and of their shadow rays.
     pub(super) fn add_to(&self, memory: &mut Memory) {
         let own = size_of::<Marches>() + ShadowQueue::BYTES;
         memory.add(Effect::Volume.name(), "marches and their shadow rays", own);
@@ -69,14 +70,15 @@ impl<'f> Marches<'f> {
         memory.add(Effect::Volume.name(), "light of each lamp", shares);
     }
 
-    /// Takes what lies on the way to the light from the radiance that the shadow rays of `packet` bring, each of which is
-    /// as long as `reach` says. Returns how many samples that took.
+    /// Attenuates the radiance that the shadow rays of `packet` carry by the volumes along them; ray parameters end
+    /// at `reach`. Returns the number of samples.
     pub(super) fn dim(&mut self, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) -> u64 {
         dim(&mut self.shadow, packet, reach, radiance)
     }
 }
 
 fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) -> u64 {
+    // Collect the segments of lanes that carry radiance
     let mut stretches = [RaySegment::NONE; LANES];
     let mut lane = [0; LANES];
     let mut count = 0;
@@ -94,6 +96,7 @@ fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut
         lane[count] = l;
         count += 1;
     }
+    // March them and multiply by the transmittances
     let mut left = [1.0; LANES];
     let samples = march.transmittances(&stretches[..count], &mut left);
     for (l, left) in lane.into_iter().zip(left).take(count) {
@@ -105,8 +108,8 @@ fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut
 }
 
 impl Outcome<'_, '_> {
-    /// Adds what the rays of a packet see on their way to the film, and returns their weights at its end; `weight` is
-    /// what these would be in clear air.
+    /// Marches the rays of a packet, adds their radiance to the film, and returns the throughput behind the volumes;
+    /// `weight` is the throughput without them.
     pub(super) fn march(
         &mut self,
         packet: &RayPacket,
@@ -123,11 +126,13 @@ impl Outcome<'_, '_> {
         if let Some(shares) = &mut marches.shares {
             shares.begin_packet();
         }
+        // March each active ray that has throughput
         for l in 0..LANES {
             let is_dark = (0..3).all(|channel| path.weight[channel][l] == 0.0);
             if packet.active[l] == 0 || is_dark {
                 continue;
             }
+            // Set up the lights for the samples of this ray
             let mut lamps = Lamps {
                 frame: self.frame,
                 shadow: &mut marches.shadow,
@@ -152,10 +157,12 @@ impl Outcome<'_, '_> {
                 t_near: f64::from(ray.t_near),
                 t_far: f64::from(ray.t_far),
             };
+            // Integrate radiance and transmittance along the ray
             let marched = marches
                 .seen
                 .radiance(&stretch, Some(&mut |points| lamps.light(points)));
             self.meter.ledger.volume_samples += marched.sample_count;
+            // Repeat the march per light for layers by light
             if let Some(shares) = &mut marches.shares {
                 let weight = path.weight.map(|channel| channel[l]);
                 shares.divide(&mut marches.seen, &stretch, (weight, l));
@@ -165,6 +172,7 @@ impl Outcome<'_, '_> {
                 left[channel][l] *= marched.transmittance as f32;
             }
         }
+        // Add the radiance to the film
         if radiance.as_flattened().iter().any(|&value| value != 0.0) {
             self.film.add(&path.pixel, &radiance, Source::Volume);
             if let (Some(light), Some(shares)) = (self.film.light(), &marches.shares) {
@@ -180,14 +188,14 @@ impl Outcome<'_, '_> {
     }
 }
 
-/// What each light gives to marches.
+/// Radiance of each light in marches, for layers by light.
 ///
-/// A march is linear in its light: it is walked again with what each lamp alone gave to its samples, for which no shadow
-/// ray is sent, and what shines by itself is taken off.
+/// A march is linear in its incident light. It is repeated with the light that each plane alone gave to its samples,
+/// for which no shadow rays are needed, and the emission of the volume is subtracted.
 struct LightShares {
-    /// Of each plane of lights, the light at the samples of a march, call by call.
+    /// Incident light at the samples of a march, for each plane of lights, one entry per call.
     lit: Vec<Vec<Lanes3<f64>>>,
-    /// Of each plane, what the rays of a packet see.
+    /// Radiance along the rays of a packet, for each plane of lights.
     seen: Vec<Lanes3<f32>>,
 }
 
@@ -211,7 +219,7 @@ impl LightShares {
         self.lit.iter_mut().for_each(Vec::clear);
     }
 
-    /// Begins with what is there without any lamp.
+    /// Begins a batch of samples; plane 0 starts with the ambient light.
     fn begin_call(&mut self, ambient: &Lanes3<f64>) {
         self.lit.iter_mut().for_each(|calls| calls.push(DARK));
         if let Some(last) = self.lit[0].last_mut() {
@@ -230,14 +238,16 @@ impl LightShares {
         }
     }
 
-    /// Says what each light gives to lane `l` of weight `weight`, whose march has just been walked.
+    /// Computes the radiance of each light for lane `l` of throughput `weight`, whose march has just finished.
     fn divide(&mut self, march: &mut March, stretch: &RaySegment, (weight, l): ([f32; 3], usize)) {
+        // March without light to find the emission
         let by_itself = march.radiance(stretch, Some(&mut |_| DARK)).radiance;
         for (plane, calls) in self.lit.iter_mut().enumerate() {
             let is_lit = calls
                 .iter()
                 .any(|call| call.as_flattened().iter().any(|&light| light != 0.0));
             if plane == 0 || is_lit {
+                // Replay the recorded light of one plane
                 let mut given = calls.iter();
                 let light = &mut |_: &PointLanes| given.next().copied().unwrap_or(DARK);
                 let marched = march.radiance(stretch, Some(light)).radiance;
@@ -251,30 +261,31 @@ impl LightShares {
     }
 }
 
-/// The light at the samples of a march.
+/// Light sources for the samples of one march.
 struct Lamps<'a, 'f, 's> {
     frame: &'a Frame<'s>,
     shadow: &'a mut March<'f>,
     shadow_queue: &'a mut ShadowQueue,
-    /// What each light gives, where that is wanted.
+    /// Radiance by light, if layers by light are requested.
     shares: Option<&'a mut LightShares>,
-    /// The light that is being asked.
+    /// Light that is being sampled.
     source: Source,
     sheets: Option<&'a mut Surfaces>,
     meter: &'a mut Meter,
-    /// The bodies around the ray.
+    /// Dielectric interiors around the ray.
     media: InteriorStack,
     stage: Stage,
-    /// When the ray is sent.
+    /// Time of the ray, as in [`crate::numeric::Ray::time`].
     time: f32,
-    /// Whose light it is.
+    /// Pixel sample that the ray belongs to.
     origin: Origin,
 }
 
 impl Lamps<'_, '_, '_> {
-    /// The radiance that matter of colour 1 sends to the viewer from `points`.
+    /// Returns the radiance that matter of albedo 1 scatters towards the ray origin at `points`.
     fn light(&mut self, points: &PointLanes) -> Lanes3<f64> {
         let frame = self.frame;
+        // Start with ambient light
         let mut arriving = frame.ambient.map(|ambient| [f64::from(ambient); LANES]);
         if let Some(shares) = &mut self.shares {
             shares.begin_call(&arriving);
@@ -282,6 +293,7 @@ impl Lamps<'_, '_, '_> {
         let lights = frame.scene.lights.iter().zip(&frame.plan.casting);
         for (number, (light, &casts)) in lights.enumerate() {
             self.source = Source::Light(number as u32);
+            // Add punctual lights
             let LightKind::Area { samples, .. } = light.kind else {
                 let (packet, payload) = self.shadow_queue.next();
                 if sample_light(light, points, packet, &mut payload.radiance) {
@@ -292,6 +304,7 @@ impl Lamps<'_, '_, '_> {
             let Some(Some(shape)) = frame.soft_lights.get(number) else {
                 continue;
             };
+            // Add area lights, sampled with the numbers of the pixel sample
             for sample in 0..samples {
                 let draw = Draw {
                     purpose: Purpose::LIGHT.nested(number as u32).nested(self.stage.depth),
@@ -313,6 +326,7 @@ impl Lamps<'_, '_, '_> {
                 }
             }
         }
+        // Add the environment map
         if frame.effects().has(Effect::Environment) {
             self.source = Source::Environment;
             self.light_from_afar(points, &mut arriving);
@@ -320,7 +334,7 @@ impl Lamps<'_, '_, '_> {
         arriving
     }
 
-    /// Adds to `arriving` what comes from the environment map.
+    /// Adds the light of the environment map at `points` to `arriving`.
     fn light_from_afar(&mut self, points: &PointLanes, arriving: &mut Lanes3<f64>) {
         let frame = self.frame;
         let Some(environment) = &frame.environment else {
@@ -340,7 +354,7 @@ impl Lamps<'_, '_, '_> {
         }
     }
 
-    /// Adds to `arriving` what of the light arrives that the packet of shadow rays written last asks for.
+    /// Traces the packet of shadow rays last written and adds its light to `arriving`.
     fn add(&mut self, casts: bool, arriving: &mut Lanes3<f64>) {
         self.shadow_queue.next().1.pixel = [self.origin.label; LANES];
         let radiance = self.answer(casts);
@@ -356,9 +370,10 @@ impl Lamps<'_, '_, '_> {
         }
     }
 
-    /// What of the light arrives that the packet of shadow rays written last asks for.
+    /// Returns the light that arrives along the packet of shadow rays last written.
     fn answer(&mut self, casts: bool) -> Lanes3<f32> {
         let reach = self.shadow_queue.next().0.t_far;
+        // Test the shadow rays, with transparent shadows if the scene has them
         if casts {
             if self.frame.effects().has(Effect::MotionBlur) {
                 self.shadow_queue.next().0.time = [self.time; LANES];
@@ -368,6 +383,7 @@ impl Lamps<'_, '_, '_> {
             let (packets, payloads, media) = self.shadow_queue.drain_with_media();
             let lanes = std::iter::once((&payloads[0].pixel, &packets[0].active));
             self.meter.lap_over(Account::Volume, lanes);
+            // Attenuate by transmissive surfaces, or test for occlusion
             match &mut self.sheets {
                 Some(sheets) => {
                     through_sheets(
@@ -389,15 +405,15 @@ impl Lamps<'_, '_, '_> {
                 }
             }
         }
-        // The memory is still that of the packet that was answered.
+        // After draining, `next` is still the memory of the packet just traced.
         let (packet, payload) = self.shadow_queue.next();
         self.meter.ledger.volume_samples += dim(self.shadow, packet, &reach, &mut payload.radiance);
         payload.radiance
     }
 }
 
-/// Makes the shadow rays from `points` to one light and what that sends to the viewer where they meet nothing. Returns
-/// whether there is any.
+/// Fills the shadow-ray packet from `points` to a punctual light, and the unoccluded radiance scattered towards the
+/// ray origin. Returns whether any lane is active.
 fn sample_light(
     light: &Light,
     points: &PointLanes,
@@ -406,6 +422,7 @@ fn sample_light(
 ) -> bool {
     let arriving = illuminate(light, &points.points);
     let mut any = 0;
+    // Scale the intensity by phase function and attenuation
     for l in 0..LANES {
         let is_asked = points.active >> l & 1 == 1;
         let share = if is_asked {
@@ -420,6 +437,7 @@ fn sample_light(
         }
         packet.active[l] = -i32::from(largest > 0.0);
         any |= packet.active[l];
+        // Aim the shadow ray from the f32 origin
         for axis in 0..3 {
             let origin = points.points[axis][l] as f32;
             packet.origin[axis][l] = origin;
@@ -428,7 +446,7 @@ fn sample_light(
                 LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
                     (position[axis] - f64::from(origin)) as f32
                 }
-                // Asked point by point.
+                // Area lights are sampled point by point.
                 LightKind::Area { .. } => 0.0,
             };
         }
@@ -441,14 +459,16 @@ fn sample_light(
     any != 0
 }
 
-/// The same to the point of a light with an extent that the numbers `u` pick, whose radiance is given. All points of a
-/// ray go by the same numbers.
+/// Fills the shadow-ray packet from `points` to the points of an area light that the numbers `u` select, and the
+/// unoccluded radiance for the given `intensity`. Returns whether any lane is active. All samples along a ray use the
+/// same numbers.
 fn sample_area_light(
     (light, intensity, u): (&SoftLight, [f32; 3], [f64; 2]),
     (textures, points): (&TextureSet, &PointLanes),
     packet: &mut RayPacket,
     radiance: &mut Lanes3<f32>,
 ) -> bool {
+    // Deactivate lanes without a sample
     *radiance = [[0.0; LANES]; 3];
     packet.active = [0; LANES];
     packet.t_far = [1.0; LANES];
@@ -457,6 +477,7 @@ fn sample_area_light(
         let Some(sample) = light.sample(textures, p, u) else {
             continue;
         };
+        // Aim from the f32 origin and divide by the density
         packet.active[l] = ACTIVE;
         for axis in 0..3 {
             let origin = p[axis] as f32;
@@ -468,7 +489,8 @@ fn sample_area_light(
     packet.any_active()
 }
 
-/// The same along one direction, from infinitely far away, for all points of a ray; `sent` is what is sent to the viewer.
+/// Fills the shadow-ray packet from `points` along one direction, with infinite length; `sent` is the radiance
+/// scattered towards the ray origin. Returns whether any lane is active.
 fn sample_direction(
     (direction, sent): (DVec3, [f32; 3]),
     points: &PointLanes,
@@ -489,7 +511,7 @@ fn sample_direction(
 }
 
 impl Frame<'_> {
-    /// Whether rays are marched.
+    /// Returns whether the scene has volumes or fog to be marched.
     #[inline(always)]
     pub(super) fn marches(&self) -> bool {
         self.effects().has(Effect::Volume)

@@ -1,9 +1,9 @@
-//! Waves: the ray tree of a tile, walked breadth-first so that packets stay full.
+//! Tile renderer: evaluates the ray trees of a tile breadth-first, so that packets stay full.
 //!
-//! `I(P) = emission + ambient + direct light + I(reflected)`. A generation of rays is traced a few packets at a time,
-//! small enough to stay in the first-level cache; its hits are shaded at once, which emits shadow rays (answered
+//! `I(P) = emission + ambient + direct light + I(reflected)`. A wavefront generation of rays is traced a few packets
+//! at a time, small enough to stay in the L1 cache. Its hits are shaded at once, which emits shadow rays (traced
 //! before the next few packets) and the rays of the next generation. The tree ends where no ray is left, at the depth
-//! limit, or where a ray's weight falls under the cut-off.
+//! limit, or where the throughput of a ray falls below the cut-off.
 
 use std::ops::{Deref, DerefMut, Range};
 use std::sync::{Mutex, PoisonError};
@@ -30,48 +30,49 @@ use crate::accel::{RayOrder, RayPacket};
 use crate::numeric::{LANES, Lanes};
 use crate::scene::Effect;
 
-/// Camera packets whose whole ray trees are finished before the next are begun, so that queues stay small at any
-/// number of samples; fewer where lobes take many rays.
+/// Number of camera packets whose complete ray trees are traced before the next begin, which bounds the queues for
+/// any number of samples. The number is smaller where lobes send many rays.
 pub(super) const WAVE: usize = 64;
 
-/// Steps after which any path ends: what passes through a thousand surfaces that are not there is a trap for renderers.
+/// Largest number of bounces of any path. It bounds paths through a thousand fully transparent surfaces, which would
+/// otherwise not end.
 const LONGEST_PATH: u32 = 1024;
 
-/// The working memory of one thread, used for tile after tile.
+/// Working memory of one thread, reused from tile to tile.
 pub(super) struct Wave<'f, 's> {
     frame: &'f Frame<'s>,
-    /// The rays that are traced next.
+    /// Rays that are traced next.
     current: Generation,
     surfaces: Box<Surfaces>,
     outcome: Outcome<'f, 's>,
-    /// Whether camera rays are bent, or begin paths that keep more than their weights.
+    /// True if camera rays need per-path state, a lens or times.
     has_camera_travels: bool,
-    /// Camera packets of this tile so far.
+    /// Number of camera packets of the current tile so far.
     packets: usize,
-    /// With the ledger on.
+    /// Memory use of this thread, with the ledger on.
     held: Option<Held<'f>>,
-    /// The largest generation behind the camera rays so far: its packets, rays and sorts.
+    /// Packets, rays and ray types of the largest generation of secondary rays so far.
     largest: (usize, u64, Sorts),
 }
 
-/// A tile's pixels, row by row.
+/// Pixels of one tile, row by row.
 pub(super) struct TilePicture {
     pub(super) means: Vec<[f32; 3]>,
-    /// What the means are made of, where others are to be added.
+    /// Sums behind the means, if partial images are to be added.
     pub(super) sums: Vec<[f64; 3]>,
-    /// Filtered sums, where there is a filter.
+    /// Filtered sums for this and neighbouring pixels, if the filter is not a box.
     pub(super) splat: Option<Splat>,
-    /// What the samples of each pixel tell, if that was asked for.
+    /// Sample statistics of each pixel, if requested.
     pub(super) estimates: Vec<Estimate>,
 }
 
-/// Packets of samples for one pixel.
+/// Range of sample packets for one pixel.
 pub(super) struct Visit {
     /// Column within the tile.
     pub(super) x: u32,
     /// Row within the tile.
     pub(super) y: u32,
-    /// Which of the frame's groups of samples.
+    /// Range of indices into the sample groups of the frame.
     pub(super) groups: Range<u32>,
 }
 
@@ -95,12 +96,13 @@ impl<'f, 's> Wave<'f, 's> {
         }
     }
 
-    /// The picture of a tile, whose layers come into `planes`, and what it took.
+    /// Renders a tile and returns its pixels and its ledger; AOVs are written to `planes`.
     pub(super) fn render_tile(&mut self, tile: Tile, planes: Option<&Planes>) -> (TilePicture, Ledger) {
         let frame = self.frame;
         let block = frame.shape.block as usize;
         let groups = &frame.groups[frame.part.clone()];
         let samples = frame.samples_taken();
+        // Trace and shade all camera packets of the tile
         self.begin(tile);
         for y in (0..tile.height).step_by(block) {
             for x in (0..tile.width).step_by(block) {
@@ -110,6 +112,7 @@ impl<'f, 's> Wave<'f, 's> {
             }
         }
         self.finish();
+        // Book truncated radiance, then collect pixels and AOVs
         let outcome = &mut self.outcome;
         let pixels = (0..TILE * TILE).map(|pixel| (pixel, samples));
         outcome.losses.settle(pixels, &mut outcome.meter.ledger);
@@ -125,9 +128,9 @@ impl<'f, 's> Wave<'f, 's> {
         (picture, self.outcome.meter.ledger)
     }
 
-    /// What the samples of each of `visits` tell, and what they took.
+    /// Returns the sample statistics of the pixels of `visits`, and the ledger of the work.
     ///
-    /// Each visit is of another pixel; packets must hold samples of a single one.
+    /// Each visit must be of a different pixel, and a packet must hold samples of a single pixel.
     pub(super) fn render_visits(&mut self, tile: Tile, visits: &[Visit]) -> (Vec<Estimate>, Ledger) {
         let frame = self.frame;
         debug_assert_eq!(frame.shape.block, 1);
@@ -158,7 +161,8 @@ impl<'f, 's> Wave<'f, 's> {
         self.outcome.corner = [tile.x, tile.y];
     }
 
-    /// Makes the camera packet of one group of samples of the block at `corner`, within the tile; traces what is due.
+    /// Adds the camera packet of one sample group for the block at `corner` (in the tile); traces the batch when it
+    /// is full.
     fn add_camera_packet(&mut self, tile: Tile, corner: (u32, u32), group: &SampleGroup) {
         self.push_camera_packet(&Block { tile, corner }, group);
         self.packets += 1;
@@ -170,7 +174,7 @@ impl<'f, 's> Wave<'f, 's> {
         }
     }
 
-    /// Follows all rays to their ends.
+    /// Traces all queued rays until their paths end.
     fn finish(&mut self) {
         self.follow_reflections();
         if let Some(samples) = self.outcome.film.samples() {
@@ -181,6 +185,7 @@ impl<'f, 's> Wave<'f, 's> {
 
     fn push_camera_packet(&mut self, block: &Block, group: &SampleGroup) {
         let frame = self.frame;
+        // Compute sample positions and camera rays
         let (packet, path) = self.current.push_packet();
         path.weight = [[1.0; LANES]; 3];
         let per_pixel = frame
@@ -189,6 +194,7 @@ impl<'f, 's> Wave<'f, 's> {
             .then(|| lane_positions(frame, block, group));
         let position = per_pixel.as_ref().unwrap_or(&group.position);
         fill_camera_packet(frame, block, group, position, (packet, &mut path.pixel));
+        // Register samples with the film and initialize path states
         if let Some(samples) = self.outcome.film.samples() {
             samples.expect(&mut path.pixel, position, &packet.active);
         }
@@ -197,7 +203,7 @@ impl<'f, 's> Wave<'f, 's> {
         }
     }
 
-    /// Times and bends the rays of the camera packet pushed last, and says what its paths have behind them.
+    /// Sets the times, lens rays and path states of the camera packet pushed last.
     #[inline(never)]
     fn begin_travels(&mut self, block: &Block, group: &SampleGroup, position: &[Lanes<f64>; 2]) {
         let frame = self.frame;
@@ -213,6 +219,7 @@ impl<'f, 's> Wave<'f, 's> {
         if !frame.travels() {
             return;
         }
+        // Initialize the state of each path
         for l in 0..LANES {
             let travel = Travel {
                 direction: rays[l].direction.normalize(),
@@ -235,27 +242,30 @@ impl<'f, 's> Wave<'f, 's> {
         if packets.is_empty() {
             return;
         }
+        // Book the time of ray generation
         let meter = &mut self.outcome.meter;
         let lanes = (0..packets.len()).map(|index| (&paths.at(index).0.pixel, &packets[index].active));
         meter.lap_over(Account::Sampling, lanes);
+        // Intersect camera rays with the scene
         let whose = |index| (&paths.at(index).0.pixel, Accounts::All(Account::Camera));
         let traced = meter.trace(packets, whose, |packets| {
             self.frame.accel.intersect(packets, stage.order)
         });
         meter.ledger.book(Account::Camera, traced);
+        // Shade the hits, which queues secondary rays
         self.outcome
             .shade_batch(&mut self.surfaces, packets, paths, stage);
         self.current.clear();
     }
 
-    /// Traces what mirrors sent out, generation by generation.
+    /// Traces secondary rays, one wavefront generation after the other.
     fn follow_reflections(&mut self) {
         self.trace_camera_batch();
         for depth in 1..=LONGEST_PATH {
             if self.outcome.next.len() == 0 {
                 return;
             }
-            // `current` is empty here; its memory serves the generation after this one.
+            // `current` is empty here; its memory is reused for the following generation.
             std::mem::swap(&mut self.current, &mut self.outcome.next);
             self.outcome.next.clear();
             if self.frame.settings.wanted_light().effects {
@@ -267,6 +277,7 @@ impl<'f, 's> Wave<'f, 's> {
             };
             let mut all = Tally::default();
             let (packets, paths) = self.current.parts();
+            // Intersect and shade the generation in batches that fit in the cache
             for (batch, packets) in packets.chunks_mut(BATCH).enumerate() {
                 let paths = paths.from(batch * BATCH);
                 let whose = |index| paths.whose(index, Account::Reflection);
@@ -276,6 +287,7 @@ impl<'f, 's> Wave<'f, 's> {
                 self.outcome
                     .shade_batch(&mut self.surfaces, packets, paths, stage);
             }
+            // Book the rays by type
             self.outcome.meter.ledger.book_sent(all, self.current.sorts());
             if self.held.is_some() && self.current.len() > self.largest.0 {
                 self.largest = (self.current.len(), all.rays, self.current.sorts());
@@ -285,9 +297,9 @@ impl<'f, 's> Wave<'f, 's> {
     }
 }
 
-/// The waves of a render: as many as ever worked at the same time, each lent to whoever has a tile to render.
+/// Pool of the tile renderers of one render. It grows to the largest number of threads that work at the same time.
 ///
-/// A wave's queues have grown by the end of a tile: the next one takes them over as they are.
+/// The queues of a renderer have grown by the end of a tile, and the next tile reuses them.
 pub(super) struct Waves<'f, 's> {
     frame: &'f Frame<'s>,
     idle: Mutex<Vec<Wave<'f, 's>>>,
@@ -301,7 +313,7 @@ impl<'f, 's> Waves<'f, 's> {
         }
     }
 
-    /// A wave for a tile; it comes back when it is dropped.
+    /// Takes a tile renderer out of the pool; it returns to the pool when the guard is dropped.
     pub(super) fn lend(&self) -> Lent<'_, 'f, 's> {
         let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
         Lent {
@@ -311,10 +323,10 @@ impl<'f, 's> Waves<'f, 's> {
     }
 }
 
-/// A wave at work.
+/// Guard of a tile renderer that is taken out of the pool.
 pub(super) struct Lent<'w, 'f, 's> {
     waves: &'w Waves<'f, 's>,
-    /// There until it is given back.
+    /// Tile renderer; `None` only while it is returned to the pool.
     wave: Option<Wave<'f, 's>>,
 }
 
@@ -340,7 +352,7 @@ impl Drop for Lent<'_, '_, '_> {
 }
 
 impl Wave<'_, '_> {
-    /// Notes what is held, with the ledger on, and what a finished tile takes from now on.
+    /// Records the memory in use, with the ledger on, and adds `finished` bytes of output that a tile keeps.
     fn note_memory(&mut self, finished: usize) {
         if self.held.is_some() {
             let memory = self.memory();
@@ -350,10 +362,11 @@ impl Wave<'_, '_> {
         }
     }
 
-    /// What this thread holds.
+    /// Returns the memory that this thread uses, by holder.
     fn memory(&self) -> Memory {
         let (outcome, effects) = (&self.outcome, self.frame.effects());
         let mut memory = Memory::default();
+        // Add ray queues and optional path state
         self.add_queues_to(&mut memory);
         for generation in [&self.current, &outcome.next] {
             generation.add_columns_to(&mut memory, effects);
@@ -364,6 +377,7 @@ impl Wave<'_, '_> {
         };
         memory.add(shadow_effect.name(), "shadow rays", ShadowQueue::BYTES);
         outcome.shadow_queue.add_columns_to(&mut memory);
+        // Add surface interactions
         memory.add(
             Account::Surface.name(),
             "points and materials",
@@ -373,6 +387,7 @@ impl Wave<'_, '_> {
             let behind = Effect::TransparentShadow.name();
             memory.add(behind, "points and materials", size_of::<Surfaces>());
         }
+        // Add volumes, film and AOVs
         outcome
             .marches
             .iter()
@@ -387,8 +402,8 @@ impl Wave<'_, '_> {
         memory
     }
 
-    /// Adds the queues of rays: camera packets wait a batch at a time, and what is beyond that is for what waited there
-    /// when most did.
+    /// Adds the bytes of the ray queues. One batch is attributed to camera rays; the rest is divided like the rays of
+    /// the largest generation of secondary rays.
     fn add_queues_to(&self, memory: &mut Memory) {
         let all = self.current.byte_count() + self.outcome.next.byte_count();
         let camera = all.min(BATCH * Generation::PACKET_BYTES);
@@ -397,28 +412,28 @@ impl Wave<'_, '_> {
         let mut left = (all - camera, rays);
         for (account, part) in sorts.accounts(rays) {
             let holder = match account {
-                // What goes through holes and veils is booked as if it were refracted.
+                // Rays through alpha-blended surfaces are booked as if they were refracted.
                 Account::Refraction => self.frame.effects().lets_through().name(),
                 _ => account.name(),
             };
-            // Of what is left, so that nothing is left behind the last.
+            // Round each part against the remaining bytes, so that the parts add up exactly.
             let bytes = (left.0 as f64 * part as f64 / left.1.max(1) as f64) as usize;
             memory.add(holder, "queued rays", bytes);
             left = (left.0 - bytes, left.1.saturating_sub(part));
         }
-        // Made ready for camera rays that sent out no others.
+        // Reserved for secondary rays, but camera rays sent none.
         memory.add(Account::Camera.name(), "queued rays", left.0);
     }
 }
 
-/// A packet's block of pixels.
+/// Block of pixels that one packet covers.
 pub(super) struct Block {
     pub(super) tile: Tile,
-    /// Column and row of its first pixel within the tile.
+    /// Column and row of the first pixel of the block, within the tile.
     pub(super) corner: (u32, u32),
 }
 
-/// Places of the samples of a packet within their pixels, where they differ from pixel to pixel.
+/// Returns the sample positions of a packet within their pixels, for patterns that differ from pixel to pixel.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
@@ -430,8 +445,9 @@ fn lane_positions(frame: &Frame, block: &Block, group: &SampleGroup) -> [Lanes<f
     frame.layout.lane_positions(&x, &y, group, frame.settings.seed)
 }
 
-/// Camera rays through sixteen film points, rounded to f32, from where on the f32 rays are the exact ones; and their
-/// pixels within the tile's film.
+/// Fills a packet with camera rays through sixteen film points and their pixels within the tile's film.
+///
+/// Rays are rounded to f32; from here on, the f32 rays are the exact ones.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
@@ -445,11 +461,12 @@ fn fill_camera_packet(
 ) {
     let (packet, pixel) = out;
     let (tile, corner) = (block.tile, block.corner);
+    // Map lanes to pixels and deactivate lanes outside the tile
     for l in 0..LANES {
         let x = corner.0 + frame.pixels[0][l];
         let y = corner.1 + frame.pixels[1][l];
         let inside = (x < tile.width) & (y < tile.height);
-        // Lanes beyond the tile's edge have nothing to add; any of its pixels takes it.
+        // Lanes beyond the tile's edge contribute nothing; assign them any of its pixels.
         pixel[l] = if inside {
             y * TILE + x
         } else {
@@ -457,6 +474,7 @@ fn fill_camera_packet(
         };
         packet.active[l] = -i32::from(inside & group.exists[l]);
     }
+    // Generate rays from precomputed offsets, or from each film point in f64
     let on_film = |x: f64, y: f64| frame.view.ray(x * frame.pixel_size[0], y * frame.pixel_size[1]);
     match &group.aside {
         Some(aside) => {
@@ -480,7 +498,7 @@ fn fill_camera_packet(
             }
         }
     }
-    // Only what is beyond the near plane is seen, and intervals include their ends.
+    // Only points beyond the near plane are visible, and ray intervals include their ends.
     let near = frame.view.t_near() as f32;
     packet.t_near = [if near > 0.0 { near.next_up() } else { near }; LANES];
     packet.t_far = [frame.view.t_far() as f32; LANES];

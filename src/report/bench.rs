@@ -1,4 +1,4 @@
-//! Rows of a benchmark: `whit bench`.
+//! Result rows of a benchmark: `whit bench`.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -11,17 +11,17 @@ use crate::cost::Interval;
 use super::memory;
 use super::words::significant;
 
-/// What a set of rays is for.
+/// Kind of rays in a benchmark set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RayKind {
-    /// From the frame's camera.
+    /// Camera rays of the recorded frame.
     Camera,
-    /// From the frame's surfaces to its lights.
+    /// Shadow rays from the frame's surfaces to its lights.
     Shadow,
-    /// From the frame's mirrors.
+    /// Reflection rays from the frame's mirrors.
     Reflection,
-    /// Uniformly random, within the scene's bounds.
+    /// Uniformly random rays within the scene's bounds.
     Random,
 }
 
@@ -36,20 +36,20 @@ impl fmt::Display for RayKind {
     }
 }
 
-/// How the rays are handed over.
+/// Grouping in which rays are passed to the backend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Mode {
-    /// The bare library calls, 16 rays each.
+    /// Bare library calls with 16 rays each.
     Raw,
-    /// The bare library calls, one ray each.
+    /// Bare library calls with one ray each.
     #[serde(rename = "raw-single")]
     RawSingle,
-    /// One ray at a time.
+    /// One ray per call of whit's interface.
     Single,
-    /// 16 rays at a time.
+    /// Packets of 16 rays per call.
     Packet,
-    /// Many packets at once, for a backend that interleaves them.
+    /// Many packets per call, for a backend that interleaves them.
     Batch,
 }
 
@@ -68,16 +68,16 @@ impl fmt::Display for Mode {
 /// Median and extremes of repeated measurements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
-    /// The middle one; the mean of the middle two of an even number.
+    /// Middle value; the mean of the middle two for an even count.
     pub median: f64,
-    /// The least.
+    /// Smallest of the values.
     pub min: f64,
-    /// The greatest.
+    /// Largest of the values.
     pub max: f64,
 }
 
 impl Spread {
-    /// The spread of `values`; zeros if there are none.
+    /// Returns the spread of `values`; all zeros for an empty slice.
     pub fn of(values: &[f64]) -> Spread {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -97,72 +97,72 @@ impl Spread {
     }
 }
 
-/// One way of tracing one kind of ray in one scene.
+/// Measurement of one tracing method for one kind of ray in one scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BenchRow {
-    /// As it was named on the command line.
+    /// Path of the scene as given on the command line.
     pub scene: PathBuf,
-    /// Triangles of the scene, those of a mesh as often as it is placed.
+    /// Number of triangles of the scene, counted once per instance.
     pub triangles: u64,
-    /// What found the hits.
+    /// Intersection backend that was measured.
     pub backend: Backend,
-    /// How Embree was given placed meshes, where it is the backend and the scene has some.
+    /// Representation of instanced meshes in Embree; absent for other backends and scenes without instanced meshes.
     pub instancing: Option<Instancing>,
-    /// How far triangle hits may be trusted.
+    /// Precision of triangle hits.
     pub precision: Precision,
-    /// Which rays.
+    /// Kind of rays that were traced.
     pub rays: RayKind,
-    /// How they were handed over.
+    /// Grouping of the rays per call.
     pub mode: Mode,
-    /// Million rays a second on one thread: the median over the repetitions.
+    /// Million rays per second on one thread: the median over the repetitions.
     pub mrays_per_s: f64,
-    /// The slowest repetition's.
+    /// Million rays per second of the slowest repetition.
     pub mrays_per_s_min: f64,
-    /// The fastest repetition's.
+    /// Million rays per second of the fastest repetition.
     pub mrays_per_s_max: f64,
-    /// Rays replayed in each repetition.
+    /// Number of rays replayed in each repetition.
     pub ray_count: u64,
-    /// Seconds of the build, on `threads` threads: the median over the repetitions.
+    /// Build seconds on `threads` threads: the median over the repetitions.
     pub build_seconds: f64,
-    /// The fastest one's.
+    /// Build seconds of the fastest repetition.
     pub build_seconds_min: f64,
-    /// The slowest one's.
+    /// Build seconds of the slowest repetition.
     pub build_seconds_max: f64,
-    /// Bytes of the structure.
+    /// Memory of the acceleration structure in bytes.
     pub bytes: u64,
-    /// Answers that differ from the first backend's packets by more than rounding; of raw calls, from their own
-    /// packets'.
+    /// Number of results that differ from the first backend's packets by more than rounding; raw calls are compared
+    /// with their own backend's packets.
     pub mismatches: u64,
-    /// Answers that differ within the documented rounding.
+    /// Number of results that differ within the documented rounding.
     pub ties: u64,
-    /// Threads of the build.
+    /// Number of threads of the build.
     pub threads: usize,
-    /// Which Embree, where it is the backend.
+    /// Identity of the Embree library, where it is the backend.
     pub embree: Option<EmbreeIdentity>,
-    /// The whole frame on one thread, where raw packets were timed: with Embree at this precision, else with the first
-    /// backend.
+    /// Time of the whole frame on one thread, where raw packets were timed: with Embree at this precision, otherwise
+    /// with the first backend.
     pub frame: Option<FrameTime>,
-    /// Its speed on several numbers of threads, fewest first; empty if that was not asked for.
+    /// Speeds by number of threads in ascending order; empty unless requested.
     pub scaling: Vec<Scaled>,
-    /// Its build on them.
+    /// Build times by number of threads in ascending order.
     pub build_scaling: Vec<ScaledBuild>,
 }
 
-/// Speed on so many threads together.
+/// Speed of several threads together.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Scaled {
-    /// How many.
+    /// Number of threads that traced rays.
     pub threads: usize,
-    /// Million rays a second of all together: the median over the repetitions.
+    /// Million rays per second of all threads together: the median over the repetitions.
     pub mrays_per_s: f64,
-    /// The slowest repetition's.
+    /// Million rays per second of the slowest repetition.
     pub mrays_per_s_min: f64,
-    /// The fastest repetition's.
+    /// Million rays per second of the fastest repetition.
     pub mrays_per_s_max: f64,
 }
 
 impl Scaled {
-    /// Million rays a second, and between which they were.
+    /// Returns million rays per second as median with extremes.
     pub(super) fn speed(&self) -> Interval {
         Interval {
             value: self.mrays_per_s,
@@ -172,34 +172,34 @@ impl Scaled {
     }
 }
 
-/// A build on so many threads.
+/// Build time on several threads.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ScaledBuild {
-    /// How many.
+    /// Number of threads that built the structure.
     pub threads: usize,
     /// Wall-clock seconds: the median over the repetitions.
     pub build_seconds: f64,
-    /// The fastest one's.
+    /// Wall-clock seconds of the fastest repetition.
     pub build_seconds_min: f64,
-    /// The slowest one's.
+    /// Wall-clock seconds of the slowest repetition.
     pub build_seconds_max: f64,
 }
 
-/// The render loop against the bare traces of the same rays.
+/// Time of the render loop, compared with bare traces of equal rays.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct FrameTime {
-    /// Wall-clock seconds of the render phase on one thread, the median.
+    /// Median wall-clock seconds of the render phase on one thread.
     pub seconds: f64,
-    /// Rays of the frame.
+    /// Number of rays of the frame.
     pub rays: u64,
-    /// `seconds` over the time that the first backend's raw packets take for the same rays.
+    /// Ratio of `seconds` to the time that the first backend's raw packets take for these rays.
     pub over_raw: f64,
-    /// Part of `seconds` that is spent within the backend.
+    /// Fraction of `seconds` that is spent within the backend.
     pub trace_share: f64,
 }
 
 impl BenchRow {
-    /// The backend, how far its triangles may be trusted where that may be chosen, and how it was given placed meshes.
+    /// Returns the backend's name with its precision, where that is a choice, and its kind of instancing.
     pub(super) fn name(&self) -> String {
         let precision = match self.backend {
             Backend::Embree => format!(" {}", self.precision),
@@ -209,12 +209,12 @@ impl BenchRow {
         format!("{}{precision}{instancing}", self.backend)
     }
 
-    /// Which of the structures of its scene it went through.
+    /// Returns the key of the acceleration structure that the row used.
     pub(super) fn structure(&self) -> (Backend, Precision, Option<Instancing>) {
         (self.backend, self.precision, self.instancing)
     }
 
-    /// Million rays a second, and between which they were.
+    /// Returns million rays per second as median with extremes.
     pub(super) fn speed(&self) -> Interval {
         Interval {
             value: self.mrays_per_s,
@@ -223,7 +223,7 @@ impl BenchRow {
         }
     }
 
-    /// Seconds of a build, and between which they were.
+    /// Returns build seconds as median with extremes.
     pub(super) fn build(&self) -> Interval {
         Interval {
             value: self.build_seconds,
@@ -232,7 +232,7 @@ impl BenchRow {
         }
     }
 
-    /// Of the structure; `None` without triangles.
+    /// Returns the structure's bytes per triangle; `None` without triangles.
     pub(super) fn bytes_per_triangle(&self) -> Option<f64> {
         (self.triangles > 0).then(|| self.bytes as f64 / self.triangles as f64)
     }
@@ -245,7 +245,7 @@ impl BenchRow {
     }
 }
 
-/// The rows of one scene, for a person.
+/// Benchmark rows of one scene as a text table.
 pub struct BenchTable<'r>(pub &'r [BenchRow]);
 
 impl fmt::Display for BenchTable<'_> {
@@ -253,8 +253,10 @@ impl fmt::Display for BenchTable<'_> {
         let Some(first) = self.0.first() else {
             return Ok(());
         };
+        // Print scene and builds
         writeln!(f, "{}", first.scene.display())?;
         self.write_builds(f)?;
+        // Print a line for each row
         let names = self.0.iter().map(|row| row.name().len() + 2);
         let width = names.fold("backend ".len(), usize::max);
         writeln!(
@@ -278,6 +280,7 @@ impl fmt::Display for BenchTable<'_> {
                 row.ties
             )?;
         }
+        // Print frame times and scaling where they were measured
         if let Some(frame) = self.0.iter().find_map(|row| row.frame) {
             writeln!(
                 f,
@@ -294,17 +297,18 @@ impl fmt::Display for BenchTable<'_> {
 }
 
 impl BenchTable<'_> {
-    /// Builds and speeds on several numbers of threads, and which part of so many times one thread's speed the most of
-    /// them reach.
+    /// Writes build times and speeds by number of threads, and the parallel efficiency of the largest number.
     fn write_scaling(&self, f: &mut fmt::Formatter, width: usize) -> fmt::Result {
         let Some(counts) = self.0.first().map(|row| &row.scaling).filter(|s| !s.is_empty()) else {
             return Ok(());
         };
+        // Print the numbers of threads as a heading
         write!(f, "  {:<11}{:<width$}{:<11}", "threads", "backend", "mode")?;
         for scaled in counts {
             write!(f, "{:>9}", scaled.threads)?;
         }
         writeln!(f, "{:>12}", "efficiency")?;
+        // Print build times of each structure
         let mut told = Vec::new();
         for row in self
             .0
@@ -317,6 +321,7 @@ impl BenchTable<'_> {
             }
             writeln!(f, "{:>12}", in_words(build_efficiency(&row.build_scaling)))?;
         }
+        // Print speeds of each row
         for row in self.0 {
             write!(f, "  {:<11}{:<width$}{:<11}", row.rays, row.name(), row.mode)?;
             for scaled in &row.scaling {
@@ -327,7 +332,7 @@ impl BenchTable<'_> {
         Ok(())
     }
 
-    /// One line a precision of Embree but the first: the whole frame against the first's.
+    /// Writes one line for each further precision of Embree: the frame time relative to the first one's.
     fn write_rungs(&self, f: &mut fmt::Formatter, first: FrameTime) -> fmt::Result {
         let mut told: Vec<Precision> = self.0.iter().take(1).map(|row| row.precision).collect();
         for row in self.0.iter().filter(|row| row.backend == Backend::Embree) {
@@ -343,13 +348,14 @@ impl BenchTable<'_> {
         Ok(())
     }
 
-    /// One line a backend, precision and kind of instancing.
+    /// Writes one line for each backend, precision and kind of instancing.
     fn write_builds(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let mut told = Vec::new();
         for row in self.0 {
             if told_before(&mut told, row.structure()) {
                 continue;
             }
+            // Print the library's version, the options and the size
             let identity = row
                 .embree
                 .as_ref()
@@ -371,9 +377,10 @@ impl BenchTable<'_> {
         Ok(())
     }
 
-    /// Speed over that of Embree in the same mode, with the precision and the kind of instancing that are listed first;
-    /// a batch is measured against packets.
+    /// Returns the speed relative to Embree in the same mode, at the precision and kind of instancing that are listed
+    /// first; batches are compared with packets.
     pub(super) fn over_embree(&self, row: &BenchRow) -> Option<f64> {
+        // Embree has no batches, so that they are compared with packets.
         let mode = if row.mode == Mode::Batch {
             Mode::Packet
         } else {
@@ -386,7 +393,7 @@ impl BenchTable<'_> {
     }
 }
 
-/// Whether a structure is among those told; from now on it is.
+/// Returns whether `structure` is in the list already, and appends it if not.
 pub(super) fn told_before<T: PartialEq>(told: &mut Vec<T>, structure: T) -> bool {
     let is_known = told.contains(&structure);
     if !is_known {
@@ -395,13 +402,13 @@ pub(super) fn told_before<T: PartialEq>(told: &mut Vec<T>, structure: T) -> bool
     is_known
 }
 
-/// Which part the speed of most threads is of as many times that of the fewest.
+/// Returns the parallel efficiency: the speedup from the fewest to the most threads over the ratio of their numbers.
 pub(super) fn efficiency(scaling: &[Scaled]) -> Option<f64> {
     let (first, last) = (scaling.first()?, scaling.last()?);
     Some(last.mrays_per_s / first.mrays_per_s * first.threads as f64 / last.threads as f64)
 }
 
-/// As [`efficiency`], of builds.
+/// Returns the parallel efficiency of builds, defined as in [`efficiency`].
 pub(super) fn build_efficiency(scaling: &[ScaledBuild]) -> Option<f64> {
     let (first, last) = (scaling.first()?, scaling.last()?);
     Some(first.build_seconds / last.build_seconds * first.threads as f64 / last.threads as f64)
@@ -487,7 +494,7 @@ pub(super) mod tests {
             build_seconds_min: build_seconds,
             build_seconds_max: build_seconds,
         };
-        // 4 threads do 3 times as much as one; building on 2 takes 2/3 of the time.
+        // 4 threads are 3 times as fast as one; a build on 2 takes 2/3 of the time.
         let mut row = row(Backend::Bsp, Mode::Packet, 5.0);
         row.scaling = vec![scaled(1, 5.0), scaled(2, 9.0), scaled(4, 15.0)];
         row.build_scaling = vec![build(1, 3.0), build(2, 2.0)];

@@ -1,4 +1,4 @@
-//! The charts of a page of Embree against the BSP.
+//! Charts of the benchmark page of Embree against the BSP.
 
 use super::bench::{BenchRow, Mode, RayKind, told_before};
 use super::page::{Bars, Chart, Group, Length, Line, LogAxis, Look, Series, Spot, escape};
@@ -7,14 +7,14 @@ use super::words::{range, significant};
 use crate::accel::{Backend, Precision};
 use crate::cost::Interval;
 
-/// What axes show.
+/// Labels of the charts' axes.
 const SPEED: &str = "million rays a second";
 const TRIANGLES: &str = "triangles";
 const THREADS: &str = "threads";
-/// Width and height of a chart of lines.
+/// Width and height of a line chart in pixels.
 const SIZE: [f64; 2] = [900.0, 360.0];
 
-/// Colours by who answers.
+/// Colours by tracing method: bare Embree calls, Embree and BSP.
 const BARE: Look = Look::Number(2);
 const EMBREE: Look = Look::Number(0);
 const BSP: Look = Look::Number(3);
@@ -27,7 +27,7 @@ fn look(row: &BenchRow) -> Look {
     }
 }
 
-/// All kinds of rays, in the order in which they were measured.
+/// Returns all kinds of rays, in the order in which they were measured.
 pub(super) fn kinds(rows: &[&BenchRow]) -> Vec<RayKind> {
     let mut kinds = Vec::new();
     for row in rows {
@@ -36,12 +36,12 @@ pub(super) fn kinds(rows: &[&BenchRow]) -> Vec<RayKind> {
     kinds
 }
 
-/// How a row is called among those of its scene and kind of ray.
+/// Returns the name of a row's tracing method within its scene and kind of ray.
 pub(super) fn way(row: &BenchRow) -> String {
     format!("{}, {}", row.name(), row.mode)
 }
 
-/// The speeds of all ways in one scene, by kind of ray.
+/// Returns the bar chart of all methods' speeds in one scene, grouped by kind of ray.
 pub(super) fn speeds(rows: &[&BenchRow]) -> String {
     let group = |kind: RayKind| Group {
         name: format!("{kind} rays"),
@@ -79,18 +79,20 @@ fn speed_words(row: &BenchRow, speed: Interval) -> String {
     )
 }
 
-/// A line of a chart: its name, and where it is measured with what is told there.
+/// Named line of a chart with its measured points.
 struct Course {
     name: String,
     spots: Vec<Spot>,
 }
 
-/// Lines over `x`, each with its own look.
+/// Returns a line chart over `x` in which each line has its own look.
 fn lines(x: &str, y: &str, courses: &[Course], more: Vec<Line>) -> String {
+    // Fit the axes to all points
     let all = |of: fn(&Spot) -> Interval| -> Vec<Interval> {
         let spots = courses.iter().flat_map(|course| &course.spots);
         spots.map(of).collect()
     };
+    // Join the points of each line
     let joined = |(number, course): (usize, &Course)| Line {
         class: format!("joined {}", Look::Number(number).class()),
         corners: course
@@ -99,6 +101,7 @@ fn lines(x: &str, y: &str, courses: &[Course], more: Vec<Line>) -> String {
             .map(|spot| [spot.x.value, spot.y.value])
             .collect(),
     };
+    // Draw additional lines first, below the measured ones
     let chart = Chart {
         size: SIZE,
         x: LogAxis::around(x, &all(|spot| spot.x)),
@@ -120,7 +123,7 @@ fn lines(x: &str, y: &str, courses: &[Course], more: Vec<Line>) -> String {
     chart.html()
 }
 
-/// Ways whose lines a sweep shows, at each precision.
+/// Methods whose lines a sweep shows, at each precision.
 const OVER_SIZE: [(Backend, Mode); 6] = [
     (Backend::Embree, Mode::Packet),
     (Backend::Embree, Mode::Single),
@@ -130,11 +133,12 @@ const OVER_SIZE: [(Backend, Mode); 6] = [
     (Backend::Bsp, Mode::Batch),
 ];
 
-/// Speed over the size, a chart for each kind of ray.
+/// Returns charts of speed over mesh size, one for each kind of ray.
 pub(super) fn speeds_over_size(rows: &[&BenchRow]) -> String {
     let chart = |kind: RayKind| {
         let of_kind = || rows.iter().filter(move |row| row.rays == kind);
         let mut courses = Vec::new();
+        // Create a line for each method and precision
         for (backend, mode) in OVER_SIZE {
             let mut precisions: Vec<Precision> = Vec::new();
             for row in of_kind().filter(|row| (row.backend, row.mode) == (backend, mode)) {
@@ -159,8 +163,9 @@ pub(super) fn speeds_over_size(rows: &[&BenchRow]) -> String {
     kinds(rows).into_iter().map(chart).collect()
 }
 
-/// Build seconds and bytes a triangle over the size.
+/// Returns charts of build seconds and of bytes per triangle over mesh size.
 pub(super) fn builds_over_size(rows: &[&BenchRow]) -> String {
+    // Find the distinct acceleration structures
     let mut structures = Vec::new();
     for row in rows {
         told_before(&mut structures, row.structure());
@@ -172,6 +177,7 @@ pub(super) fn builds_over_size(rows: &[&BenchRow]) -> String {
         };
         structures.iter().copied().filter_map(course_of).collect()
     };
+    // Collect build times and bytes of each structure
     let seconds = courses(&|row| {
         let build = row.build();
         let words = format!(
@@ -182,6 +188,7 @@ pub(super) fn builds_over_size(rows: &[&BenchRow]) -> String {
         );
         Some((build, format!("{}\n{words}", row.name())))
     });
+    // Draw both charts
     let bytes = courses(&|row| {
         let bytes = row.bytes_per_triangle()?;
         let words = format!("{}\n{} bytes a triangle", row.name(), significant(bytes, 3));
@@ -194,13 +201,14 @@ pub(super) fn builds_over_size(rows: &[&BenchRow]) -> String {
     )
 }
 
-/// What the first row of each size has; `None` without rows.
+/// Returns the line through the first row of each size; `None` without rows.
 fn course(
     rows: &[&&BenchRow],
     name: impl Fn(&BenchRow) -> String,
     of: &dyn Fn(&BenchRow) -> Option<(Interval, String)>,
 ) -> Option<Course> {
     let mut sizes = Vec::new();
+    // Keep the first row of each size
     let first: Vec<_> = rows
         .iter()
         .filter(|row| !told_before(&mut sizes, row.triangles))
@@ -220,9 +228,10 @@ fn course(
     })
 }
 
-/// Speed over the number of threads: packets of the first of Embree's structures and of the BSP, by kind of ray. Dashed:
-/// as many times one thread's speed.
+/// Returns the chart of speed over the number of threads: packets of Embree's first structure and of the BSP, by kind
+/// of ray. Dashed lines show ideal scaling of one thread's speed.
 pub(super) fn scaling(rows: &[&BenchRow]) -> String {
+    // Select one structure for each backend and kind of ray
     let mut ways = Vec::new();
     let is_shown = |row: &&&BenchRow| match (row.backend, row.mode) {
         (Backend::Embree, Mode::Packet) | (Backend::Bsp | Backend::Brute, Mode::Batch) => {
@@ -235,6 +244,7 @@ pub(super) fn scaling(rows: &[&BenchRow]) -> String {
     let courses: Vec<Course> = shown
         .iter()
         .map(|row| {
+            // Add the ideal line from the smallest to the largest number of threads
             let ends = [row.scaling.first(), row.scaling.last()].map(|end| end.map(|end| end.threads as f64));
             if let (Some(first), [Some(few), Some(many)]) = (row.scaling.first(), ends) {
                 let speed = first.mrays_per_s;
@@ -243,6 +253,7 @@ pub(super) fn scaling(rows: &[&BenchRow]) -> String {
                     corners: vec![[few, speed], [many, speed * many / few]],
                 });
             }
+            // Add the measured speeds
             let spot = |scaled: &super::bench::Scaled| {
                 let speed = scaled.speed();
                 Spot {

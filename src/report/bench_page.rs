@@ -1,4 +1,4 @@
-//! Embree against the BSP as one page: `whit bench --html`.
+//! HTML page of a benchmark of Embree against the BSP: `whit bench --html`.
 
 use std::path::Path;
 use std::thread;
@@ -14,18 +14,18 @@ use super::words::{percent, range, significant, times};
 use crate::accel::Backend;
 use crate::cost::Interval;
 
-/// What a page tells beside what was measured.
+/// Facts about the benchmark besides its rows.
 #[derive(Clone, Copy, Debug)]
 pub struct Facts<'a> {
-    /// Whether the scenes are sizes of one mesh.
+    /// True if the scenes are sizes of one mesh.
     pub is_sweep: bool,
-    /// Repetitions that medians are over.
+    /// Number of repetitions that medians are taken over.
     pub repeat: u32,
-    /// As the user words it.
+    /// Date as the user gave it.
     pub date: Option<&'a str>,
 }
 
-/// The page of all rows, those of a scene one after another.
+/// Returns the page of all rows; rows of a scene are grouped.
 pub fn page(rows: &[BenchRow], facts: &Facts) -> String {
     let mut body = "<h1>Embree against the BSP</h1>\n\
                     <p>The same rays, recorded from each scene’s picture, through Embree and through whit’s own tree, and \
@@ -44,7 +44,7 @@ pub fn page(rows: &[BenchRow], facts: &Facts) -> String {
     page::page("whit bench", &body)
 }
 
-/// The rows of each scene.
+/// Returns the rows grouped by scene.
 fn scenes(rows: &[BenchRow]) -> Vec<Vec<&BenchRow>> {
     let mut scenes: Vec<(&Path, Vec<&BenchRow>)> = Vec::new();
     for row in rows {
@@ -58,6 +58,7 @@ fn scenes(rows: &[BenchRow]) -> Vec<Vec<&BenchRow>> {
 
 fn known(rows: &[BenchRow], facts: &Facts) -> String {
     let processors = thread::available_parallelism().map_or(1, usize::from);
+    // Start with facts that every benchmark has
     let mut all = vec![
         (
             "processor",
@@ -90,6 +91,7 @@ fn known(rows: &[BenchRow], facts: &Facts) -> String {
 fn numbers(rows: &[BenchRow], scene_count: usize) -> String {
     let sum = |of: fn(&BenchRow) -> u64| rows.iter().map(of).sum::<u64>();
     let wrong = sum(|row| row.mismatches);
+    // Count each set of rays once, though several methods trace it
     let mut sets = Vec::new();
     let mut rays = 0;
     for row in rows {
@@ -109,10 +111,11 @@ fn numbers(rows: &[BenchRow], scene_count: usize) -> String {
     ])
 }
 
-/// Over the size of the mesh.
+/// Returns the section on speed and crossings over the size of the mesh.
 fn sweep(rows: &[BenchRow]) -> String {
     let all: Vec<&BenchRow> = rows.iter().collect();
     let mut html = "<h2 id=\"size\">Over the size of the mesh</h2>\n".to_owned();
+    // List the crossings of Embree and the BSP
     let pairings = crossing::pairings(rows);
     if !pairings.is_empty() {
         let mut table = Table::new(&[
@@ -134,6 +137,7 @@ fn sweep(rows: &[BenchRow]) -> String {
                  their medians do, joined by straight lines over both logarithms.</p>\n";
         html += &table.html("crossings");
     }
+    // Append charts over the size
     html += &bench_charts::speeds_over_size(&all);
     html + &bench_charts::builds_over_size(&all)
 }
@@ -161,7 +165,7 @@ fn section(rows: &[&BenchRow], number: usize) -> String {
     html + "</section>\n"
 }
 
-/// The first row of each structure.
+/// Returns the first row of each acceleration structure.
 fn of_structures<'r>(rows: &[&'r BenchRow]) -> Vec<&'r BenchRow> {
     let mut told = Vec::new();
     let rows = rows.iter().copied();
@@ -226,7 +230,7 @@ fn speeds(rows: &[&BenchRow]) -> String {
     table.html("speeds")
 }
 
-/// What the render loop takes, at each precision that frames were rendered with.
+/// Returns the table of render-loop times, at each precision for which frames were rendered.
 fn frames(rows: &[&BenchRow]) -> String {
     let mut table = Table::new(&[
         Column::Words("whole frame, one thread"),
@@ -236,7 +240,7 @@ fn frames(rows: &[&BenchRow]) -> String {
         Column::Numbers("tracing"),
     ]);
     let mut told = Vec::new();
-    // The BSP's rows repeat the first one's.
+    // Frame times in the BSP's rows repeat those of the first row.
     let own = |row: &&&BenchRow| row.backend == Backend::Embree && row.mode == Mode::Packet;
     for row in rows.iter().filter(own) {
         let Some(frame) = row.frame else { continue };
@@ -258,8 +262,9 @@ fn frames(rows: &[&BenchRow]) -> String {
     table.html("frames")
 }
 
-/// Builds and speeds by the number of threads.
+/// Returns the table of build times and speeds by number of threads.
 fn scaling(rows: &[&BenchRow]) -> String {
+    // Create a column for each number of threads
     let counts = rows.first().map_or(&[][..], |row| &row.scaling);
     let names: Vec<String> = counts
         .iter()
@@ -274,6 +279,7 @@ fn scaling(rows: &[&BenchRow]) -> String {
     columns.push(Column::Numbers("efficiency"));
     let mut table = Table::new(&columns);
     let efficiency_cell = |part: Option<f64>| Cell::text(&part.map_or(String::new(), percent));
+    // Add the build times of each structure
     for row in of_structures(rows) {
         let mut cells = vec![Cell::text("build, s"), Cell::text(&row.name()), Cell::default()];
         cells.extend(row.build_scaling.iter().map(|build| {
@@ -286,6 +292,7 @@ fn scaling(rows: &[&BenchRow]) -> String {
         cells.push(efficiency_cell(build_efficiency(&row.build_scaling)));
         table.row(("", &row.name()), &cells);
     }
+    // Add the speeds of each row
     for row in rows {
         let mut cells = vec![
             Cell::text(&format!("{} rays, Mrays/s", row.rays)),
@@ -303,6 +310,7 @@ fn scaling(rows: &[&BenchRow]) -> String {
 }
 
 fn protocol(rows: &[BenchRow], facts: &Facts) -> String {
+    // Describe rays, modes, times and comparison
     let mut all = vec![
         (
             "rays",
@@ -331,6 +339,7 @@ fn protocol(rows: &[BenchRow], facts: &Facts) -> String {
                 .to_owned(),
         ),
     ];
+    // Describe what only some benchmarks have
     if facts.is_sweep {
         let words = "A closed, displaced sphere over a plane, polished and under a lamp, of ever more triangles in the same \
                      picture.";
@@ -384,6 +393,7 @@ mod tests {
 
     #[test]
     fn a_page_tells_all_rows_and_no_number_that_is_none() {
+        // Check a page of valid rows
         let mut rows = rows();
         let html = page(&rows, &FACTS);
         for words in [
@@ -397,6 +407,7 @@ mod tests {
         for word in ["<1000>", "<4>", "<date>", "NaN", "several threads"] {
             assert!(!html.contains(word), "{word}");
         }
+        // Check a page of rows with invalid numbers
         for row in &mut rows {
             row.mrays_per_s = f64::NAN;
             row.mrays_per_s_max = f64::INFINITY;
@@ -412,7 +423,9 @@ mod tests {
 
     #[test]
     fn frames_and_threads_are_told_where_they_were_measured() {
+        // Add frame times and speeds on several threads
         let mut rows = rows();
+        // Only one row has a frame time
         rows[0].frame = Some(FrameTime {
             seconds: 0.5,
             rays: 1000,
@@ -442,7 +455,7 @@ mod tests {
             }];
         }
         let html = page(&rows, &FACTS);
-        // 30 of 4 times 10.
+        // The efficiency is 30 over 4 times 10.
         for words in [
             "x1.25",
             "75 %",

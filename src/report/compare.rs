@@ -1,4 +1,4 @@
-//! Two pictures held against each other, as `whit compare` tells of it.
+//! Comparison of two images as text and JSON: `whit compare`.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -8,37 +8,38 @@ use serde::Serialize;
 use super::words::percent;
 use crate::image::metrics::{Deviation, Metrics};
 
-/// How far a picture is from its reference.
+/// Differences of an image from its reference.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CompareReport {
-    /// What is held to be right.
+    /// Path of the reference image, which counts as correct.
     pub reference: PathBuf,
-    /// What is held against it.
+    /// Path of the image that is compared with the reference.
     pub picture: PathBuf,
-    /// Pixels a row.
+    /// Width of both images in pixels.
     pub width: u32,
-    /// Rows.
+    /// Height of both images in pixels.
     pub height: u32,
-    /// Whether both files hold radiance, not codes for a screen.
+    /// True if both files hold radiance rather than display codes.
     pub is_radiance: bool,
-    /// Stops of exposure before either is displayed.
+    /// Exposure in stops before the images are displayed.
     pub exposure_ev: f32,
-    /// Pixels in a degree of the visual field.
+    /// Angular resolution in pixels per degree of the visual field.
     pub pixels_per_degree: f64,
-    /// In numbers; the ratio is null where it is infinite, as the two are displayed alike.
+    /// Error metrics; the PSNR is null where it is infinite, as displayed values are equal.
     #[serde(flatten)]
     pub metrics: Metrics,
-    /// Mean structural similarity as displayed; null for pictures of less than 11 pixels a side.
+    /// Mean structural similarity of displayed values; null for images of less than 11 pixels a side.
     pub ssim: Option<f64>,
     /// Mean HDR-FLIP error, 0 to 1; null unless both files hold radiance.
     pub flip_hdr: Option<f64>,
-    /// Pixels of the reference and of the picture that hold a NaN or an infinity.
+    /// Numbers of pixels with a NaN or an infinity, in the reference and in the compared image.
     pub non_finite: [usize; 2],
 }
 
-/// A line for each kind of number.
+/// Text form with one line for each kind of metric.
 impl fmt::Display for CompareReport {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        // Print the files and their size
         let what = if self.is_radiance {
             "radiance"
         } else {
@@ -47,6 +48,7 @@ impl fmt::Display for CompareReport {
         writeln!(f, "{:<14}{}", "reference", self.reference.display())?;
         writeln!(f, "{:<14}{}", "picture", self.picture.display())?;
         writeln!(f, "{:<14}{}x{} pixels of {what}", "size", self.width, self.height)?;
+        // Print errors of radiance and of displayed values
         let Metrics {
             radiance,
             rel_mse,
@@ -63,6 +65,7 @@ impl fmt::Display for CompareReport {
             "pixels",
             percent(changed_share)
         )?;
+        // Print perceptual metrics where they are defined
         if let Some(ssim) = self.ssim {
             writeln!(f, "{:<14}{ssim:.6}", "SSIM")?;
         }
@@ -75,6 +78,7 @@ impl fmt::Display for CompareReport {
             Some(hdr) => writeln!(f, "; HDR-FLIP {hdr:.6}")?,
             None => writeln!(f)?,
         }
+        // Print the number of non-finite pixels
         let [reference, picture] = self.non_finite;
         if reference + picture > 0 {
             writeln!(
@@ -87,7 +91,7 @@ impl fmt::Display for CompareReport {
     }
 }
 
-/// A deviation in words.
+/// Text form of a deviation.
 struct Words(Deviation);
 
 impl fmt::Display for Words {

@@ -1,4 +1,4 @@
-//! Two pictures held against each other as one page: `whit compare --html`.
+//! HTML page of an image comparison: `whit compare --html`.
 
 use super::compare::CompareReport;
 use super::difference::FULL_DIFFERENCE;
@@ -7,25 +7,26 @@ use super::words::percent;
 use crate::image::metrics::Deviation;
 use crate::image::{LinearImage, ToneMap};
 
-/// The pictures of a page, all of one size.
+/// Images of a comparison page, all of equal size.
 #[derive(Clone, Copy, Debug)]
 pub struct Pictures<'a> {
-    /// What is held to be right.
+    /// Reference image, which counts as correct.
     pub reference: &'a LinearImage,
-    /// What is held against it.
+    /// Image that is compared with the reference.
     pub picture: &'a LinearImage,
-    /// Their signed difference.
+    /// Signed difference of the two images.
     pub difference: &'a LinearImage,
-    /// The FLIP error of each pixel as a colour.
+    /// FLIP error of each pixel as a colour.
     pub flip: &'a LinearImage,
 }
 
-/// The page of a comparison.
+/// Returns the HTML page of a comparison.
 ///
 /// # Errors
 ///
-/// Where a picture has more pixels than a PNG.
+/// Returns an error if an image has more pixels than a PNG can store.
 pub fn page(report: &CompareReport, pictures: &Pictures) -> std::io::Result<String> {
+    // List the metrics as tiles
     let metrics = &report.metrics;
     let mut tiles = vec![
         (format!("{:.4}", metrics.flip), "FLIP", ""),
@@ -42,10 +43,12 @@ pub fn page(report: &CompareReport, pictures: &Pictures) -> std::io::Result<Stri
     if let Some(ssim) = report.ssim {
         tiles.push((format!("{ssim:.4}"), "SSIM", ""));
     }
+    // Warn about non-finite pixels
     let not_numbers: usize = report.non_finite.iter().sum();
     if not_numbers > 0 {
         tiles.push((not_numbers.to_string(), "pixels are no numbers", "fails"));
     }
+    // Assemble the page from facts, viewer and error table
     let mut body = "<h1>Two pictures</h1>\n".to_owned();
     body += &page::facts(&[
         ("reference", escape(&report.reference.display().to_string())),
@@ -62,13 +65,14 @@ pub fn page(report: &CompareReport, pictures: &Pictures) -> std::io::Result<Stri
     Ok(page::page("whit compare", &body))
 }
 
-/// A viewer of the pictures; `tone` is of the two that are held against each other.
+/// Returns the HTML viewer of the images; `tone` applies to the compared ones.
 ///
 /// # Errors
 ///
-/// Where a picture has more pixels than a PNG.
+/// Returns an error if an image has more pixels than a PNG can store.
 pub(super) fn viewer(pictures: &Pictures, tone: ToneMap) -> std::io::Result<String> {
     let plain = ToneMap::default();
+    // Explain how to read the difference image
     let difference = format!(
         "The picture less the reference as displayed: grey where they are alike, black or white where a channel differs by \
          {} of its range or more",
@@ -103,6 +107,7 @@ fn errors(report: &CompareReport) -> String {
     ]);
     let metrics = &report.metrics;
     let relative = format!("{:.4e}", metrics.rel_mse);
+    // Relative errors exist for radiance only
     for (what, Deviation { rmse, mae, max }, relative) in [
         ("radiance", metrics.radiance, relative.as_str()),
         ("values as displayed, 0 to 1", metrics.displayed, ""),

@@ -1,4 +1,4 @@
-//! What accuracy costs in time, for a person and as a table for programs: `whit cost`.
+//! Text and CSV forms of a study of error against render time: `whit cost`.
 
 use std::fmt;
 use std::fmt::Write;
@@ -7,21 +7,23 @@ use super::cost_geometry;
 use super::words::{range, significant, times};
 use crate::cost::{Choice, Curve, Interval, Point, Study, Target};
 
-/// What a knob's column says of the base.
+/// Text in the knob column for the base.
 pub(super) const BASE: &str = "base";
 
-/// The columns of [`points_csv`].
+/// Column names of [`points_csv`].
 const COLUMNS: &str = "id,knob,level,build,ready,t_med,t_lo,t_hi,ratio,ratio_lo,ratio_hi,rmse,rmse_lo,rmse_hi,bias2,var,rel_mse,flip,max,\
                        changed,non_finite,rays,front,build_bytes,camera_rays,shadow_rays,leaks,false_hits,false_shadows,light_leaks,ties,instructions";
 
-/// A study in words.
+/// Text form of a study for the terminal.
 #[derive(Clone, Copy, Debug)]
 pub struct CostText<'a>(pub &'a Study);
 
-/// Every configuration on a line, then what half the error costs, then what the reference lacks.
+/// Prints every configuration on a line, then the cost of half the error by each knob, then the failed checks of the
+/// reference.
 impl fmt::Display for CostText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let study = self.0;
+        // Align the columns
         let rows: Vec<[String; 5]> = study.points.iter().map(row).collect();
         let head = ["knob", "level", "time", "RMSE", ""].map(str::to_owned);
         let widths: [usize; 5] = std::array::from_fn(|column| {
@@ -31,6 +33,7 @@ impl fmt::Display for CostText<'_> {
                 .max()
                 .unwrap_or_default()
         });
+        // Print a line for each configuration
         for [knob, level, time, rmse, front] in [&head].into_iter().chain(&rows) {
             let [a, b, c, d, _] = widths;
             let line = format!("{knob:<a$}  {level:<b$}  {time:>c$}  {rmse:>d$}  {front}");
@@ -43,6 +46,7 @@ impl fmt::Display for CostText<'_> {
                 "times are ratios to the base's {seconds} s; * no other is known to be both faster and closer"
             )?;
         }
+        // Print the cost of half the error, geometric errors and the choice
         for curve in &study.curves {
             writeln!(f, "{}", price_line(study, curve))?;
         }
@@ -69,12 +73,12 @@ fn row(point: &Point) -> [String; 5] {
     ]
 }
 
-/// The knob that a point turns.
+/// Returns the name of the knob that differs from the base, or [`BASE`].
 pub(super) fn knob_name(point: &Point) -> &'static str {
     point.knob.map_or(BASE, |knob| knob.name())
 }
 
-/// The error of a point over the base's.
+/// Returns the ratio of a point's error to the base's.
 pub(super) fn error_ratio(study: &Study, point: &Point) -> f64 {
     let base = study.points.first().map_or(f64::NAN, |base| base.rmse.value);
     point.rmse.value / base
@@ -87,12 +91,12 @@ fn price_line(study: &Study, curve: &Curve) -> String {
     }
 }
 
-/// A price and its interval.
+/// Formats a cost factor with its interval.
 pub(super) fn price_words(price: Interval) -> String {
     format!("x{} ({})", significant(price.value, 2), range(price, 2))
 }
 
-/// Why a curve has no price.
+/// Returns the reason for which a curve has no cost of half the error.
 pub(super) fn no_price(curve: &Curve) -> &'static str {
     match curve.slope {
         None => "too few places for a price",
@@ -100,8 +104,9 @@ pub(super) fn no_price(curve: &Curve) -> &'static str {
     }
 }
 
-/// What was chosen, line by line.
+/// Returns the description of the chosen settings, line by line.
 pub(super) fn choice_lines(choice: &Choice) -> Vec<String> {
+    // Describe the target and the settings
     let wish = match choice.target {
         Target::Error(most) => format!("an error of at most {}", significant(most, 3)),
         Target::Seconds(most) => format!("at most {} s a picture", significant(most, 3)),
@@ -112,6 +117,7 @@ pub(super) fn choice_lines(choice: &Choice) -> Vec<String> {
         .map(|(name, value)| format!("{name} {value}"))
         .collect();
     let measured = |of: Interval| format!("{} ({})", significant(of.value, 3), range(of, 3));
+    // Compare the measurements with the prediction
     let mut lines = vec![
         format!(
             "{} {wish}: {}",
@@ -131,6 +137,7 @@ pub(super) fn choice_lines(choice: &Choice) -> Vec<String> {
             significant(choice.foretold_seconds, 3)
         ),
     ];
+    // Name the knob that limits the error
     if !choice.reached
         && let Some((floor, knob)) = choice.floor
     {
@@ -142,18 +149,18 @@ pub(super) fn choice_lines(choice: &Choice) -> Vec<String> {
     lines
 }
 
-/// A picture that was made with what was chosen.
+/// Text about an image that was rendered with chosen settings.
 #[derive(Clone, Copy, Debug)]
 pub struct AimText<'a> {
-    /// How it was chosen.
+    /// Study that chose the settings.
     pub study: &'a Study,
-    /// The picture's error.
+    /// Error of the image, if it was measured.
     pub rmse: Option<Interval>,
-    /// Seconds that it took, from the structure that finds hits to the last sample.
+    /// Seconds from the build of the acceleration structure to the last sample.
     pub seconds: f64,
 }
 
-/// What was chosen, what was turned for it, and what came of it.
+/// Prints the choice, the settings that differ from the base, and the measured image.
 impl fmt::Display for AimText<'_> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Some(choice) = &self.study.choice else {
@@ -162,6 +169,7 @@ impl fmt::Display for AimText<'_> {
         for line in choice_lines(choice) {
             writeln!(f, "{line}")?;
         }
+        // List settings that differ from the base
         let before = self.study.points.first().map(|base| &base.settings);
         let turned: Vec<String> = choice
             .settings
@@ -174,6 +182,7 @@ impl fmt::Display for AimText<'_> {
         if !turned.is_empty() {
             writeln!(f, "  turned: {}", turned.join(", "))?;
         }
+        // Print error and time of the image
         let rmse = self.rmse.map_or("not measured".to_owned(), |rmse| {
             format!("{} ({})", significant(rmse.value, 3), range(rmse, 3))
         });
@@ -197,8 +206,8 @@ fn lacks(study: &Study, f: &mut fmt::Formatter) -> fmt::Result {
     Ok(())
 }
 
-/// Every configuration as a line of comma-separated values below a line of names; a number's `id` is its place in
-/// [`Study::points`], and what is no number is empty.
+/// Returns every configuration as comma-separated values below a header line; `id` is the index in [`Study::points`],
+/// and a value that is not finite is empty.
 pub fn points_csv(study: &Study) -> String {
     let mut text = format!("{COLUMNS}\n");
     for (id, point) in study.points.iter().enumerate() {
@@ -227,7 +236,7 @@ pub fn points_csv(study: &Study) -> String {
     text
 }
 
-/// Rays and errors of geometry, empty where none were counted.
+/// Returns the counts of rays and geometric errors, empty where they were not counted.
 fn geometry(point: &Point) -> [String; 7] {
     let Some(errors) = &point.geometry else {
         return Default::default();
@@ -244,7 +253,7 @@ fn geometry(point: &Point) -> [String; 7] {
     counts.map(|count| count.to_string())
 }
 
-/// With all digits.
+/// Formats a number with all digits; empty if it is not finite.
 fn number(value: f64) -> String {
     if value.is_finite() {
         value.to_string()
@@ -253,7 +262,7 @@ fn number(value: f64) -> String {
     }
 }
 
-/// As RFC 4180 has it.
+/// Quotes a CSV field as RFC 4180 requires.
 fn quoted(word: &str) -> String {
     if word.contains([',', '"', '\n', '\r']) {
         format!("\"{}\"", word.replace('"', "\"\""))

@@ -1,19 +1,20 @@
-//! The charts of a page of accuracy against time.
+//! Charts of the page of error against render time.
 
 use super::cost::{BASE, error_ratio};
 use super::page::{Bar, Chart, Line, LogAxis, Look, Row, Series, Spot, Tornado, escape, figure};
 use super::words::{range, significant, times};
 use crate::cost::{Curve, Interval, Knob, Point, Study};
 
-/// What the axes show.
+/// Labels of the charts' axes.
 const SECONDS: &str = "seconds a picture";
 const RMSE: &str = "RMSE as displayed (black 0, white 1)";
-/// Width and height of the chart of all points, and of a curve's.
+/// Width and height in pixels, of the chart of all points and of a single curve.
 const LARGE: [f64; 2] = [900.0, 460.0];
 const SMALL: [f64; 2] = [345.0, 260.0];
 
-/// Every configuration, and the line below which none is known.
+/// Returns the chart of all configurations with the staircase of the Pareto front.
 pub(super) fn front(study: &Study) -> String {
+    // Create a series for each knob and one for the base
     let [x, y] = axes(study.points.iter(), RMSE);
     let knobs = Knob::ALL.into_iter().enumerate();
     let mut series: Vec<Series> = knobs
@@ -31,6 +32,7 @@ pub(super) fn front(study: &Study) -> String {
         look: Look::Base,
         spots: points_of(study, None).map(|point| spot(point, BASE)).collect(),
     });
+    // Draw the front first, so that points cover it
     let chart = Chart {
         size: LARGE,
         x,
@@ -44,7 +46,8 @@ pub(super) fn front(study: &Study) -> String {
     chart.html()
 }
 
-/// The least error that is to be had by each time: across to the next faster one's successor, then down.
+/// Returns the corners of the Pareto staircase: the least error that each time allows, horizontal to the next faster
+/// point and then down.
 fn steps(study: &Study) -> Vec<[f64; 2]> {
     let mut front: Vec<[f64; 2]> = study
         .points
@@ -54,12 +57,14 @@ fn steps(study: &Study) -> Vec<[f64; 2]> {
         .collect();
     front.sort_by(|a, b| a[0].total_cmp(&b[0]));
     let mut least = f64::INFINITY;
-    // On the front are those too that are not known to be beaten: only what is closer than all before makes a step.
+    // The front also has points that are not significantly worse than others: only a smaller error than all before
+    // makes a step.
     front.retain(|place| {
         let is_closer = place[1] < least;
         least = least.min(place[1]);
         is_closer
     });
+    // Insert a corner between neighbouring points
     let mut corners: Vec<[f64; 2]> = Vec::new();
     for place in front {
         if let Some(&[_, error]) = corners.last() {
@@ -74,7 +79,7 @@ fn points_of(study: &Study, knob: Option<Knob>) -> impl Iterator<Item = &Point> 
     study.points.iter().filter(move |point| point.knob == knob)
 }
 
-/// What holds all of the points, whose errors' axis has that name.
+/// Returns axes that enclose all points; `rmse` is the label of the error axis.
 fn axes<'a>(points: impl Iterator<Item = &'a Point> + Clone, rmse: &'static str) -> [LogAxis<'static>; 2] {
     let all = |of: fn(&Point) -> Interval| points.clone().map(of).collect::<Vec<_>>();
     [
@@ -84,6 +89,7 @@ fn axes<'a>(points: impl Iterator<Item = &'a Point> + Clone, rmse: &'static str)
 }
 
 fn spot(point: &Point, label: &str) -> Spot {
+    // Describe the point by level, time, error and settings
     let settings = point
         .settings
         .iter()
@@ -109,7 +115,7 @@ fn spot(point: &Point, label: &str) -> Spot {
     }
 }
 
-/// A chart for each knob that was turned to several places, all with the same axes.
+/// Returns a chart for each knob with several levels, all with equal axes.
 pub(super) fn curves(study: &Study) -> String {
     let places = study.curves.iter().flat_map(|curve| &curve.points);
     let all = places.filter_map(|&i| study.points.get(i));
@@ -123,9 +129,11 @@ pub(super) fn curves(study: &Study) -> String {
 
 fn small_chart<'a>(study: &'a Study, curve: &Curve, [x, y]: [LogAxis<'a>; 2]) -> Chart<'a> {
     let points: Vec<&Point> = curve.points.iter().filter_map(|&i| study.points.get(i)).collect();
+    // Use the look that the knob has in the chart of all points
     let number = Knob::ALL.iter().position(|&knob| knob == curve.knob);
     let look = Look::Number(number.unwrap_or_default());
     let corners = points.iter().map(|point| [point.seconds.value, point.rmse.value]);
+    // Join the points, and add the fitted line
     let mut lines = vec![Line {
         class: format!("joined {}", look.class()),
         corners: corners.clone().collect(),
@@ -135,7 +143,7 @@ fn small_chart<'a>(study: &'a Study, curve: &Curve, [x, y]: [LogAxis<'a>; 2]) ->
         corners: corners.to_vec(),
     }));
     let label = |point: &Point| match point.knob {
-        // Levels begin with a number.
+        // Labels show the number at the start of the level.
         Some(_) => point
             .level
             .split_whitespace()
@@ -157,22 +165,23 @@ fn small_chart<'a>(study: &'a Study, curve: &Curve, [x, y]: [LogAxis<'a>; 2]) ->
     }
 }
 
-/// Ends of the line of the fitted slope through the middle of the places that have logarithms, within their times and
-/// errors.
+/// Returns the ends of the fitted line through the mean of the points in logarithms, clipped to their times and errors.
 fn fitted(curve: &Curve, places: impl Iterator<Item = [f64; 2]>) -> Option<[[f64; 2]; 2]> {
     let slope = curve.slope?.value;
     let logs: Vec<[f64; 2]> = places
         .map(|place| place.map(f64::ln))
         .filter(|place| place.iter().all(|x| x.is_finite()))
         .collect();
+    // Find the range and the mean of the logarithms
     let of = |axis: usize| logs.iter().map(move |place| place[axis]);
     let least = |axis| of(axis).fold(f64::INFINITY, f64::min);
     let most = |axis| of(axis).fold(f64::NEG_INFINITY, f64::max);
     let [x, y] = [0, 1].map(|axis| of(axis).sum::<f64>() / logs.len() as f64);
+    // Extend the line from the mean to both ends
     let end = |x_end: f64| {
         let rise = slope * (x_end - x);
         let room = if rise > 0.0 { most(1) - y } else { least(1) - y };
-        // What leaves the range of the errors is cut off there.
+        // Clip at the range of the errors.
         let part = if rise.abs() > room.abs() { room / rise } else { 1.0 };
         [x + part * (x_end - x), y + part * rise].map(f64::exp)
     };
@@ -191,8 +200,9 @@ fn slope_words(curve: &Curve) -> String {
     }
 }
 
-/// How far each knob changes time and error.
+/// Returns the tornado chart of each knob's extreme ratios of time and error.
 pub(super) fn extremes(study: &Study) -> String {
+    // Create a row of two bars for each knob
     let rows = Knob::ALL.into_iter().filter_map(|knob| {
         let points: Vec<&Point> = points_of(study, Some(knob)).collect();
         if points.is_empty() {

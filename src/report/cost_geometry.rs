@@ -1,4 +1,4 @@
-//! Errors of geometry on the page of accuracy against time, and in words: rays that leak and shadows that should not be.
+//! Geometric errors on the page of error against render time, and as text: leaks, false hits and false shadows.
 
 use super::cost::{BASE, knob_name};
 use super::memory;
@@ -6,19 +6,19 @@ use super::page::{Cell, Chart, Column, LogAxis, Look, Series, Spot, Table};
 use super::words::{range, significant, times};
 use crate::cost::{GeometricErrors, Interval, Knob, Point, Study};
 
-/// What the axes show.
+/// Labels of the chart's axes.
 const SECONDS: &str = "seconds a picture";
 const WRONG: &str = "wrong answers in a million rays";
-/// Width and height of the chart.
+/// Width and height of the chart in pixels.
 const SIZE: [f64; 2] = [700.0, 300.0];
 
-/// Points of which geometric errors were counted.
+/// Returns the points for which geometric errors were counted.
 fn counted(study: &Study) -> impl Iterator<Item = (&Point, &GeometricErrors)> {
     let points = study.points.iter();
     points.filter_map(|point| Some((point, point.geometry.as_ref()?)))
 }
 
-/// The section of the page; empty where nothing was counted.
+/// Returns the section of the page; empty where no errors were counted.
 pub(super) fn section(study: &Study) -> String {
     if counted(study).next().is_none() {
         return String::new();
@@ -35,6 +35,7 @@ pub(super) fn section(study: &Study) -> String {
 }
 
 fn chart(study: &Study) -> Chart<'static> {
+    // Collect the values for the axes and the points of each knob
     let all = |of: &dyn Fn(&Point, &GeometricErrors) -> Interval| {
         let spots = counted(study).map(|(point, errors)| of(point, errors));
         spots.collect::<Vec<_>>()
@@ -43,6 +44,7 @@ fn chart(study: &Study) -> Chart<'static> {
         let points = counted(study).filter(move |(point, _)| point.knob == knob);
         points.map(|(point, errors)| spot(point, errors)).collect()
     };
+    // Create a series for each knob and one for the base, with the looks of the chart of all points
     let turned = Knob::ALL.into_iter().enumerate().map(|(number, knob)| Series {
         name: knob.name(),
         look: Look::Number(number),
@@ -70,6 +72,7 @@ fn a_million(errors: &GeometricErrors) -> Interval {
 }
 
 fn spot(point: &Point, errors: &GeometricErrors) -> Spot {
+    // Show wrong results per million rays, as shares are small
     let wrong = a_million(errors);
     let name = match point.knob {
         Some(knob) => format!("{knob} {}", point.level),
@@ -100,6 +103,7 @@ fn kinds(errors: &GeometricErrors) -> String {
 }
 
 fn table(study: &Study) -> String {
+    // Give time, build and memory beside the counts, as accuracy costs these
     let mut table = Table::new(&[
         Column::Words("knob"),
         Column::Words("level"),
@@ -114,6 +118,7 @@ fn table(study: &Study) -> String {
         Column::Numbers("light leaks"),
         Column::Numbers("ties"),
     ]);
+    // Add a row for each point with counted errors
     for (point, errors) in counted(study) {
         let cells = [
             Cell::text(knob_name(point)),
@@ -134,8 +139,8 @@ fn table(study: &Study) -> String {
     table.html("wide dense geometry")
 }
 
-/// A line for each way of finding hits that gave wrong answers, or one that says that none did; none where nothing was
-/// counted.
+/// Returns a line for each configuration with wrong results, or a single line that none was wrong; empty where no
+/// errors were counted.
 pub(super) fn lines(study: &Study) -> Vec<String> {
     let wrong = counted(study).filter(|(_, errors)| errors.count() > 0);
     let mut lines: Vec<String> = wrong
@@ -147,6 +152,7 @@ pub(super) fn lines(study: &Study) -> Vec<String> {
             format!("geometry: {name}: {} of {} rays", kinds(errors), errors.rays())
         })
         .collect();
+    // State that no result was wrong, with the largest number of rays
     if lines.is_empty()
         && let Some((_, errors)) = counted(study).max_by_key(|(_, errors)| errors.rays())
     {
@@ -167,6 +173,7 @@ mod tests {
     fn errors_are_told_where_they_were_counted_and_nowhere_else() {
         let mut study = study();
         assert_eq!((section(&study), lines(&study).len()), (String::new(), 0));
+        // Count no errors for the base
         let none = GeometricErrors {
             camera_rays: 600,
             shadow_rays: 400,
@@ -177,6 +184,7 @@ mod tests {
             lines(&study),
             ["geometry: no ray of up to 1000 was answered wrongly through any path"]
         );
+        // Count errors for another configuration
         study.points[1].geometry = Some(GeometricErrors {
             leaks: 3,
             false_shadows: 7,
@@ -187,7 +195,7 @@ mod tests {
             ["geometry: samples 16: 3 leaks, 0 false hits, 7 false shadows, 0 light leaks of 1000 rays"]
         );
         let html = section(&study);
-        // 10 of 1000.
+        // 10 of 1000 rays are wrong.
         assert!(
             html.contains("1.00e4 in a million") || html.contains("10000 in a million"),
             "{html}"

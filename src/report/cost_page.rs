@@ -1,4 +1,4 @@
-//! What accuracy costs in time as one page: `whit cost SCENE --out`.
+//! HTML page of error against render time: `whit cost SCENE --out`.
 
 use std::path::Path;
 
@@ -15,39 +15,42 @@ use crate::image::ToneMap;
 
 pub use super::compare_page::Pictures;
 
-/// Tiles that are shown enlarged, and how much.
+/// Largest number of enlarged tiles, and their scale.
 const MAX_TILES: usize = 8;
 const ENLARGED: u32 = 4;
 
-/// What a page tells beside what was measured.
+/// Facts about a study besides its measurements.
 #[derive(Clone, Debug)]
 pub struct Facts<'a> {
-    /// The scene that was measured.
+    /// Path of the scene that was measured.
     pub scene: &'a Path,
-    /// Embree's version, where it found hits.
+    /// Version of Embree, where it found hits.
     pub embree: Option<String>,
-    /// How pictures are displayed.
+    /// Tone mapping of the images on the page.
     pub tone: ToneMap,
-    /// As the user words it.
+    /// Date as the user gave it.
     pub date: Option<&'a str>,
 }
 
-/// The page of a study; `pictures` are of the base.
+/// Returns the page of a study; `pictures` belong to the base.
 ///
 /// # Errors
 ///
-/// Where a picture has more pixels than a PNG.
+/// Returns an error if an image has more pixels than a PNG can store.
 pub fn page(study: &Study, facts: &Facts, pictures: &Pictures) -> std::io::Result<String> {
+    // Show facts, main numbers and checks of the reference
     let mut body = "<h1>What accuracy costs in time</h1>\n".to_owned();
     body += &known(study, facts);
     body += &numbers(study);
     body += &checks(study);
+    // Show the choice for a target
     if let Some(choice) = &study.choice {
         body += "<h2 id=\"choice\">What was chosen</h2>\n";
         for line in choice_lines(choice) {
             body += &format!("<p>{}</p>\n", escape(line.trim()));
         }
     }
+    // Show charts of error over time
     body += "<h2 id=\"front\">Error over time</h2>\n\
              <p>Every configuration that was measured; each turns one knob of the base. Crosses are intervals that hold \
              the true value 95 times of 100. Nothing is known to lie below the line; what stands at the foot has no error \
@@ -65,10 +68,12 @@ pub fn page(study: &Study, facts: &Facts, pictures: &Pictures) -> std::io::Resul
         body += "<h2 id=\"prices\">Prices</h2>\n";
         body += &prices(study);
     }
+    // Show geometric errors and images of the base
     body += &cost_geometry::section(study);
     body += "<h2 id=\"pictures\">Pictures of the base</h2>\n";
     body += &viewer(pictures, facts.tone)?;
     body += &worst_tiles(pictures, facts.tone)?;
+    // Show all configurations and the protocol
     body += "<h2 id=\"points\">All configurations</h2>\n";
     body += &points(study);
     body += &protocol(study);
@@ -77,6 +82,7 @@ pub fn page(study: &Study, facts: &Facts, pictures: &Pictures) -> std::io::Resul
 
 fn known(study: &Study, facts: &Facts) -> String {
     let reference = &study.reference;
+    // List scene, image size and reference
     let [width, height] = study.size;
     let mut all = vec![
         ("scene", escape(&facts.scene.display().to_string())),
@@ -99,6 +105,7 @@ fn known(study: &Study, facts: &Facts) -> String {
                 significant(reference.noise, 2)
             ),
         ),
+        // Identify the machine and the program
         ("processor", escape(&machine::processor())),
         ("whit", env!("CARGO_PKG_VERSION").to_owned()),
     ];
@@ -110,6 +117,7 @@ fn known(study: &Study, facts: &Facts) -> String {
         );
         ("made ready", words)
     }));
+    // Add facts that may be absent
     all.extend(facts.embree.as_ref().map(|version| ("Embree", escape(version))));
     all.extend(facts.date.map(|date| ("date", escape(date))));
     page::facts(&all)
@@ -117,6 +125,7 @@ fn known(study: &Study, facts: &Facts) -> String {
 
 fn numbers(study: &Study) -> String {
     let of_base = |of: fn(&Point) -> f64| study.points.first().map_or(f64::NAN, of);
+    // Show the base's time and error first
     let seconds = significant(of_base(|base| base.seconds.value), 3);
     page::numbers(&[
         (format!("{seconds} s"), "a picture of the base", ""),
@@ -130,10 +139,11 @@ fn numbers(study: &Study) -> String {
     ])
 }
 
-/// What was asked of the reference, and a stamp over the page if the answer is no.
+/// Returns the table of the reference's checks, with a warning on top if any failed.
 fn checks(study: &Study) -> String {
     let reference = &study.reference;
     let mut html = String::new();
+    // Warn about failed checks
     if !reference.has_converged() {
         let failed = reference.checks.iter().filter(|check| !check.holds);
         let lines =
@@ -144,6 +154,7 @@ fn checks(study: &Study) -> String {
             lines.collect::<String>()
         );
     }
+    // List all checks
     let mut table = Table::new(&[
         Column::Words("asked of the reference"),
         Column::Words(""),
@@ -161,7 +172,7 @@ fn checks(study: &Study) -> String {
     html + &table.html("checks")
 }
 
-/// What half the error costs by graded knobs, and what the levels of the others cost.
+/// Returns tables of the cost of half the error by graded knobs, and of the levels of other knobs.
 fn prices(study: &Study) -> String {
     let mut halves = Table::new(&[Column::Words("knob"), Column::Words("price")]);
     for curve in &study.curves {
@@ -179,7 +190,7 @@ fn prices(study: &Study) -> String {
     html + &levels(study)
 }
 
-/// What the levels of knobs cost that have no order.
+/// Returns the table of time and error of knobs without an order.
 fn levels(study: &Study) -> String {
     let has_no_order = |point: &&Point| point.knob.is_some_and(|knob| !knob.is_graded());
     let others: Vec<&Point> = study.points.iter().filter(has_no_order).collect();
@@ -207,7 +218,7 @@ fn levels(study: &Study) -> String {
     )
 }
 
-/// Where the base is farthest from the reference, beside it.
+/// Returns the tiles where the base differs most from the reference, beside the reference.
 fn worst_tiles(pictures: &Pictures, tone: ToneMap) -> std::io::Result<String> {
     let tiles = worst(pictures.reference, pictures.picture, tone, MAX_TILES);
     if tiles.is_empty() {
@@ -225,6 +236,7 @@ fn worst_tiles(pictures: &Pictures, tone: ToneMap) -> std::io::Result<String> {
 }
 
 fn enlarged(pictures: &Pictures, tile: &Tile, tone: ToneMap) -> std::io::Result<String> {
+    // Show the image at the left and the reference at the right
     let mut pair = String::new();
     for (image, words) in [
         (pictures.picture, "The picture"),
@@ -248,6 +260,7 @@ fn enlarged(pictures: &Pictures, tile: &Tile, tone: ToneMap) -> std::io::Result<
 }
 
 fn points(study: &Study) -> String {
+    // Choose the columns
     let mut columns = vec![
         Column::Words("knob"),
         Column::Words("level"),
@@ -266,11 +279,12 @@ fn points(study: &Study) -> String {
     if has_instructions {
         columns.push(Column::Numbers("instructions"));
     }
-    // The last, so that it may be left out.
+    // This column comes last, so that the header without it matches the rows.
     if study.points.iter().any(|point| point.non_finite > 0) {
         columns.push(Column::Numbers("not finite"));
     }
     let mut table = Table::new(&columns);
+    // Add a row for each configuration
     for point in &study.points {
         let mut cells = cells(point).to_vec();
         if has_instructions {
@@ -315,6 +329,7 @@ fn cells(point: &Point) -> [Cell; 12] {
 }
 
 fn protocol(study: &Study) -> String {
+    // Describe the measurement as pairs of term and text
     let timing = &study.timing;
     let facts = page::facts(&[
         (
@@ -382,13 +397,15 @@ pub(super) mod tests {
         }
     }
 
-    /// The base, more samples, less depth, and another pattern.
+    /// Returns a study of four points: the base, more samples, less depth, and another pattern.
+    // Fix a slope with its interval for the samples curve
     pub(in crate::report) fn study() -> Study {
         let slope = Interval {
             value: -0.5,
             low: -0.6,
             high: -0.43,
         };
+        // Two curves: one with a slope, one without
         Study {
             size: [64, 48],
             pieces_of: None,

@@ -1,7 +1,7 @@
-//! Where the lines of two ways over the size of a mesh cross: `whit bench --sweep`.
+//! Crossing points of two methods' speeds over the size of a mesh: `whit bench --sweep`.
 //!
-//! Of two ways one is ahead at a size if all of its repetitions were better than all of the other's there; elsewhere
-//! nobody can tell. Lines cross between two sizes with different ones ahead, at the place where the medians do, which are
+//! One method is ahead at a size if all of its repetitions were better than all of the other's there; otherwise the
+//! order is undecided. Lines cross between two sizes with different methods ahead, where the medians do; medians are
 //! joined by straight lines over both logarithms.
 
 use std::fmt::Write;
@@ -12,12 +12,12 @@ use super::words::{significant, times};
 use crate::accel::{Backend, Precision};
 use crate::cost::Interval;
 
-/// One of two ways.
+/// Method that is ahead at a size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ahead {
-    /// The first.
+    /// First method of the pair.
     First,
-    /// The second.
+    /// Second method of the pair.
     Second,
 }
 
@@ -33,38 +33,39 @@ impl Ahead {
     }
 }
 
-/// Where two lines cross.
+/// Crossing of two lines over the size of the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
-    /// Triangles at which medians are equal.
+    /// Number of triangles at which the medians are equal.
     pub at: f64,
-    /// The nearest sizes below and above with a different one ahead each.
+    /// Nearest sizes below and above at which a different method is ahead.
     pub between: [u64; 2],
-    /// The one that is ahead from there on.
+    /// Method that is ahead beyond the crossing.
     pub then: Ahead,
 }
 
-/// How two ways do over the size; more is better.
+/// Comparison of two methods over the size; larger values are better.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Race {
-    /// Triangles, what was measured of the first and what of the second.
+    /// Number of triangles with the measurements of the first and the second method.
     pub places: Vec<(u64, [Interval; 2])>,
 }
 
 impl Race {
-    /// The way that is ahead at the smallest size where one is.
+    /// Returns the method that is ahead at the smallest decided size.
     pub fn begins(&self) -> Option<Ahead> {
         self.known().next().map(|(_, ahead)| ahead)
     }
 
-    /// Whether one is ahead at every size.
+    /// Returns whether one method is ahead at every size.
     pub fn is_told(&self) -> bool {
         self.known().count() == self.places.len()
     }
 
-    /// Where the other one goes ahead, from the smallest size on.
+    /// Returns the crossings at which the lead changes, in ascending order of size.
     pub fn crossings(&self) -> Vec<Crossing> {
         let known: Vec<(usize, Ahead)> = self.known().collect();
+        // Find neighbouring decided sizes with different leads
         let changes = known.windows(2).filter(|pair| pair[0].1 != pair[1].1);
         changes
             .map(|pair| Crossing {
@@ -75,7 +76,7 @@ impl Race {
             .collect()
     }
 
-    /// The second's median over the first's, least and greatest.
+    /// Returns the smallest and the largest ratio of the second method's median to the first's.
     pub fn ratios(&self) -> [f64; 2] {
         let ratios = self.places.iter().map(|(_, [a, b])| b.value / a.value);
         ratios.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], ratio| {
@@ -88,13 +89,14 @@ impl Race {
         places.filter_map(|(place, (_, [a, b]))| Some((place, Ahead::of_both(*a, *b)?)))
     }
 
-    /// Where medians meet first between two places that differ in whose is greater.
+    /// Returns the size at which medians first become equal between two places with different signs of the log ratio.
     fn meeting(&self, first: usize, last: usize) -> f64 {
         let log = |place: usize| {
             let (size, [a, b]) = &self.places[place];
             [(*size as f64).ln(), (b.value / a.value).ln()]
         };
         let is_below = |place: usize| log(place)[1] < 0.0;
+        // Find the first sign change, then interpolate linearly in the logarithms
         let after = (first + 1..last).find(|&place| is_below(place) != is_below(first));
         let after = after.unwrap_or(last);
         let ([x0, y0], [x1, y1]) = (log(after - 1), log(after));
@@ -102,19 +104,20 @@ impl Race {
     }
 }
 
-/// A race of Embree, which is the first, against the BSP.
+/// Comparison of Embree, the first method, with the BSP.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pairing {
-    /// What is compared, such as `camera rays, packets`.
+    /// Compared quantity, such as `camera rays, packets`.
     pub what: String,
-    /// At which precision of Embree.
+    /// Precision of Embree's triangle hits.
     pub precision: Precision,
-    /// Over the size.
+    /// Measurements of both methods over the size.
     pub race: Race,
 }
 
-/// All that can be compared in the rows of a sweep.
+/// Returns all comparisons that the rows of a sweep allow.
 pub fn pairings(rows: &[BenchRow]) -> Vec<Pairing> {
+    // Collect the kinds of rays and the precisions
     let mut kinds: Vec<RayKind> = Vec::new();
     let mut precisions: Vec<Precision> = Vec::new();
     for row in rows {
@@ -139,6 +142,7 @@ pub fn pairings(rows: &[BenchRow]) -> Vec<Pairing> {
             });
         }
     };
+    // Compare speeds in each combination of modes
     for kind in kinds {
         for (words, asked) in modes {
             for &precision in &precisions {
@@ -148,6 +152,7 @@ pub fn pairings(rows: &[BenchRow]) -> Vec<Pairing> {
             }
         }
     }
+    // Compare builds and memory, inverted so that larger values are better
     let inverse = |interval: Interval| Interval {
         value: 1.0 / interval.value,
         low: 1.0 / interval.high,
@@ -167,7 +172,7 @@ pub fn pairings(rows: &[BenchRow]) -> Vec<Pairing> {
     all
 }
 
-/// A measurement; of one that was made once nobody can tell where it lies.
+/// Returns the measurement; if it was made once, its interval is unbounded so that no order is decided.
 fn repeated(measured: Interval) -> Interval {
     if measured.low < measured.high {
         return measured;
@@ -179,11 +184,13 @@ fn repeated(measured: Interval) -> Interval {
     }
 }
 
-/// What `of` finds for Embree at that precision and for the BSP in the first row of each size that has it.
+/// Returns the comparison over the size by `of`, for Embree at `precision` and for the BSP: each from the first row of
+/// a size that has a value.
 fn race(rows: &[BenchRow], precision: Precision, of: &dyn Fn(&BenchRow, usize) -> Option<Interval>) -> Race {
     let mut sizes: Vec<u64> = rows.iter().map(|row| row.triangles).collect();
     sizes.sort_unstable();
     sizes.dedup();
+    // Find the values of both methods at a size
     let place = |size: u64| {
         let of_side = |side: usize| {
             let is_it = |row: &&BenchRow| {
@@ -203,7 +210,7 @@ fn race(rows: &[BenchRow], precision: Precision, of: &dyn Fn(&BenchRow, usize) -
 }
 
 impl Pairing {
-    /// Who is ahead up to where.
+    /// Returns the lead of the methods over the size in words.
     pub fn verdict(&self) -> String {
         let name = |ahead| match ahead {
             Ahead::First => "Embree",
@@ -212,6 +219,7 @@ impl Pairing {
         let Some(first) = self.race.begins() else {
             return "nobody can tell who is ahead at any size".to_owned();
         };
+        // Describe a race without crossings
         let crossings = self.race.crossings();
         if crossings.is_empty() {
             return match self.race.is_told() {
@@ -219,6 +227,7 @@ impl Pairing {
                 false => format!("{} is ahead wherever that can be told", name(first)),
             };
         }
+        // Describe each crossing in order
         let mut words = format!("{} is ahead", name(first));
         for crossing in crossings {
             let [low, high] = crossing.between.map(in_groups);
@@ -233,18 +242,18 @@ impl Pairing {
         words
     }
 
-    /// The BSP over Embree, from the least to the greatest.
+    /// Returns the ratio of the BSP to Embree, from the smallest to the largest.
     pub fn ratios(&self) -> String {
         let [low, high] = self.race.ratios();
         format!("{} to {}", times(low), times(high))
     }
 }
 
-/// A number of triangles to two digits.
+/// Formats a number of triangles with two significant digits.
 fn rounded(triangles: f64) -> String {
     match significant(triangles, 2).parse::<f64>() {
         Ok(rounded) => {
-            // Below a million digits that do not count are still written.
+            // Below a million, `significant` writes all digits, so that the rest is rounded here.
             let power = 10f64.powf((rounded.abs().log10().floor() - 1.0).max(0.0));
             in_groups(((rounded / power).round() * power) as u64)
         }
@@ -252,7 +261,7 @@ fn rounded(triangles: f64) -> String {
     }
 }
 
-/// All pairings of the rows of a sweep for a person, a line each.
+/// Returns all comparisons of a sweep as text, one line each.
 pub fn text(rows: &[BenchRow]) -> String {
     let all = pairings(rows);
     if all.is_empty() {
@@ -296,7 +305,7 @@ mod tests {
 
     #[test]
     fn lines_cross_where_medians_meet_over_both_logarithms() {
-        // Twice as good, then half as good: in the middle of 10^3 and 10^5, which is 10^4.
+        // A ratio of 2 and then of 1/2 crosses in the middle of 10^3 and 10^5, which is 10^4.
         let race = race(0.01, &[(1_000, 2.0, 4.0), (100_000, 2.0, 1.0)]);
         let [crossing] = race.crossings()[..] else {
             panic!("{race:?}")
@@ -312,7 +321,7 @@ mod tests {
     fn where_repetitions_overlap_nothing_crosses() {
         let noise = race(0.2, &[(1, 1.0, 1.1), (10, 1.1, 1.0), (100, 1.0, 1.1)]);
         assert_eq!((noise.begins(), noise.crossings()), (None, vec![]));
-        // Nobody can tell in the middle: between the ends, at the middle's median.
+        // The middle is undecided: the crossing lies between the ends, at the middle's median.
         let wide = race(0.2, &[(1, 1.0, 9.0), (10, 1.0, 1.0), (100, 9.0, 1.0)]);
         let [crossing] = wide.crossings()[..] else {
             panic!("{wide:?}")
@@ -357,6 +366,7 @@ mod tests {
             mrays_per_s_min: 0.99 * speed,
             ..row(backend, mode, speed)
         };
+        // With packets, the BSP leads at the smaller size and Embree at the larger one.
         let rows = [
             sized(1_000, Backend::Embree, Mode::Packet, 8.0),
             sized(1_000, Backend::Bsp, Mode::Packet, 16.0),
@@ -366,6 +376,7 @@ mod tests {
             sized(100_000, Backend::Bsp, Mode::Batch, 2.0),
         ];
         let all = pairings(&rows);
+        // Compare the verdict of every pair
         let told: Vec<String> = all
             .iter()
             .map(|p| format!("{}: {}", p.what, p.verdict()))
@@ -382,6 +393,7 @@ mod tests {
         );
         assert_eq!(all[0].ratios(), "x0.50 to x2.00");
         assert_eq!(text(&rows).lines().count(), 5);
+        // Single measurements decide no order
         let once = rows.clone().map(|row| BenchRow {
             mrays_per_s_min: row.mrays_per_s,
             ..row

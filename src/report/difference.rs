@@ -1,17 +1,18 @@
-//! Pictures of how two pictures differ.
+//! Difference images and error maps of two images.
 
 use super::heat;
 use crate::image::{LinearImage, linear_from_srgb, metrics};
 
-/// Part of a channel's range as displayed that is as far from grey as can be shown.
+/// Difference at which a channel of the difference image saturates, as a fraction of the displayed range.
 pub const FULL_DIFFERENCE: f64 = 0.1;
 
-/// The signed difference as displayed after so many stops of exposure: grey where the two are alike, and each channel
-/// brighter where `picture` is. Both have one size.
+/// Returns the signed difference of displayed values after `exposure_ev` stops: grey where both are equal, and brighter
+/// in the channels where `picture` is brighter. Both images have equal size.
 pub fn signed(reference: &LinearImage, picture: &LinearImage, exposure_ev: f32) -> LinearImage {
     let gain = f64::from(exposure_ev).exp2();
     let shown = |channel: f32| metrics::as_displayed(gain * f64::from(channel));
     let channel = |from: f32, to: f32| {
+        // Map the difference to a display code around the middle grey
         let part = (shown(to) - shown(from)) / FULL_DIFFERENCE;
         linear_from_srgb((0.5 + 0.5 * part).clamp(0.0, 1.0)) as f32
     };
@@ -25,7 +26,7 @@ pub fn signed(reference: &LinearImage, picture: &LinearImage, exposure_ev: f32) 
     }
 }
 
-/// Errors of 0 to 1, row by row, as colours from dark violet over teal to light yellow.
+/// Returns an image of errors from 0 to 1 (row-major) in colours from dark violet over teal to light yellow.
 pub fn heat(errors: &[f32], width: u32) -> LinearImage {
     LinearImage {
         width,
@@ -54,7 +55,7 @@ mod tests {
         let picture = gray(&[code(100), code(110), code(90), code(255)]);
         let bytes = ToneMap::default().srgb_bytes(&signed(&reference, &picture, 0.0));
         let first: Vec<u8> = bytes.chunks(3).map(|pixel| pixel[0]).collect();
-        // Ten codes of the 25.5 that are all there is to show, of half of the range.
+        // A difference of ten codes, relative to the saturation at 25.5 codes, over half of the range.
         assert!(first[0].abs_diff(128) <= 1, "{first:?}");
         assert!(
             first[1].abs_diff(128 + 50) <= 1 && first[2].abs_diff(128 - 50) <= 1,
@@ -68,7 +69,7 @@ mod tests {
         let [a, b] = [gray(&[0.1]), gray(&[0.11])];
         let at = |ev| signed(&a, &b, ev).pixels[0][0];
         assert!(at(1.0) > at(0.0));
-        // Both are white.
+        // Both images are saturated to white at this exposure.
         assert_eq!(at(10.0), signed(&a, &a, 0.0).pixels[0][0]);
     }
 

@@ -1,4 +1,4 @@
-//! What extents save: `whit bench --extents`.
+//! Benchmark of bounding volumes around objects: `whit bench --extents`.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -9,43 +9,43 @@ use crate::accel::extents::{ExtentCounts, Tally};
 
 use super::bench::{RayKind, Spread};
 
-/// One kind of extent under one kind of ray.
+/// Measurement of one kind of bounding volume with one kind of ray.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ExtentRow {
-    /// As it was named on the command line.
+    /// Path of the scene as given on the command line.
     pub scene: PathBuf,
-    /// Which rays.
+    /// Kind of rays that were traced.
     pub rays: RayKind,
-    /// What holds the objects: `list` or `bsp`.
+    /// Container of the objects: `list` or `bsp`.
     pub structure: &'static str,
-    /// What is tested before them.
+    /// Bounding volume that is tested before an object.
     pub extent: String,
-    /// Work that the rays caused; absent for trees.
+    /// Number of tests that the rays caused; absent for trees.
     pub tally: Option<Tally>,
-    /// Time over that of the same rays without extents: the median over the repetitions.
+    /// Time relative to equal rays without bounding volumes: the median over the repetitions.
     pub time: f64,
-    /// The least.
+    /// Smallest time ratio of the repetitions.
     pub time_min: f64,
-    /// The greatest.
+    /// Largest time ratio of the repetitions.
     pub time_max: f64,
-    /// Nanoseconds a ray.
+    /// Mean nanoseconds per ray.
     pub ns_per_ray: f64,
-    /// Rays timed in each repetition.
+    /// Number of rays timed in each repetition.
     pub ray_count: u64,
-    /// Answers that differ from those without extents in any bit.
+    /// Number of results that differ from those without bounding volumes in any bit.
     pub differ: u64,
-    /// How many objects have which extent; absent for trees.
+    /// Number of objects by kind of bounding volume; absent for trees.
     pub counts: Option<ExtentCounts>,
 }
 
 impl ExtentRow {
-    /// The part of the object tests that the extents saved.
+    /// Returns the fraction of object tests that the bounding volumes saved.
     pub fn saved(&self) -> Option<f64> {
         let tally = self.tally.filter(|tally| tally.objects > 0)?;
         Some(1.0 - tally.object_tests as f64 / tally.objects as f64)
     }
 
-    /// Whether the extents cost more time than they save, beyond the spread of the measurements.
+    /// Returns whether the bounding volumes cost more time than they save, beyond the spread of the measurements.
     pub fn loses(&self) -> bool {
         self.time_min > 1.0
     }
@@ -62,7 +62,7 @@ impl ExtentRow {
     }
 }
 
-/// The rows of one scene, for a person.
+/// Rows of one scene as a text table.
 pub struct ExtentTable<'r>(pub &'r [ExtentRow]);
 
 impl fmt::Display for ExtentTable<'_> {
@@ -70,6 +70,7 @@ impl fmt::Display for ExtentTable<'_> {
         let Some(first) = self.0.first() else {
             return Ok(());
         };
+        // Print the scene and the chosen bounding volumes
         writeln!(f, "{}", first.scene.display())?;
         if let Some(counts) = self
             .0
@@ -83,6 +84,7 @@ impl fmt::Display for ExtentTable<'_> {
                 counts.boxes, counts.centroid_spheres, counts.tight_spheres, counts.none
             )?;
         }
+        // Print a line for each row
         writeln!(
             f,
             "  {:<11}{:<6}{:<22}{:>12}{:>8}{:>12}{:>12}{:>8}  {:<15}{:>8}",
@@ -100,6 +102,7 @@ impl fmt::Display for ExtentTable<'_> {
         for row in self.0 {
             write_row(f, row)?;
         }
+        // List rows that are slower than without bounding volumes
         let losers: Vec<String> = self
             .0
             .iter()
@@ -119,6 +122,7 @@ impl fmt::Display for ExtentTable<'_> {
 }
 
 fn write_row(f: &mut fmt::Formatter, row: &ExtentRow) -> fmt::Result {
+    // Divide counts by the number of rays
     let per_ray = |count: fn(&Tally) -> u64| {
         row.tally.map_or(String::new(), |tally| {
             format!("{:.2}", count(&tally) as f64 / tally.rays.max(1) as f64)

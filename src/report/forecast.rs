@@ -1,4 +1,4 @@
-//! What a picture will probably cost, by a quick probe of it: `whit info`.
+//! Estimate of an image's cost from a quick probe: `whit info`.
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
@@ -9,43 +9,44 @@ use crate::accel::Backend;
 use crate::render::{Account, Ledger, Probe, RenderSettings, Tally};
 use crate::scene::Effect;
 
-/// A forecast of where rays and time will go.
+/// Estimated distribution of rays and time.
 #[derive(Clone, Debug, Serialize)]
 pub struct Forecast {
-    /// Pixels a row of the picture.
+    /// Width of the image in pixels.
     pub width: u32,
-    /// Its rows.
+    /// Height of the image in pixels.
     pub height: u32,
-    /// Samples a pixel.
+    /// Number of samples per pixel.
     pub spp: u32,
-    /// Steps that rays are followed at most.
+    /// Maximum depth of reflected and refracted rays.
     pub depth: u32,
-    /// What found the hits.
+    /// Intersection backend of the probe.
     pub backend: Backend,
-    /// Strips of pixels that were rendered.
+    /// Number of pixel strips that the probe rendered.
     pub strips: usize,
-    /// Their samples.
+    /// Number of samples in the strips.
     pub samples: u64,
-    /// Their rays.
+    /// Number of rays in the strips.
     pub rays: u64,
-    /// Seconds of processor time that the whole picture may take, setting up included.
+    /// Estimated seconds of processor time for the complete image, setup included.
     pub seconds: f64,
-    /// By account; an effect's has the effect's name.
+    /// Shares by account; an effect's account has the effect's name.
     pub accounts: BTreeMap<&'static str, Shares>,
 }
 
-/// An account's parts of the whole.
+/// Fractions of time and rays that an account takes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Shares {
-    /// Of the time, setting up included.
+    /// Fraction of the time, setup included.
     pub time: f64,
-    /// Of the rays.
+    /// Fraction of the rays.
     pub rays: f64,
 }
 
 impl Forecast {
-    /// What `probe` says of the picture that `settings` ask for.
+    /// Extrapolates `probe` to the image that `settings` describe.
     pub fn of(probe: &Probe, settings: &RenderSettings, backend: Backend) -> Forecast {
+        // Scale the strips by samples, and add setup once
         let samples = f64::from(settings.width) * f64::from(settings.height) * f64::from(settings.spp);
         let times = samples / probe.samples.max(1) as f64;
         let of_picture = |of: &dyn Fn(&Ledger) -> Tally| {
@@ -55,6 +56,7 @@ impl Forecast {
         };
         let (seconds, rays) = of_picture(&Ledger::total);
         let part = |part: f64, whole: f64| if whole > 0.0 { part / whole } else { 0.0 };
+        // Divide each account by the total
         let shares = |account: Account| {
             let (of_seconds, of_rays) = of_picture(&|ledger| ledger.of(account));
             Shares {
@@ -72,6 +74,7 @@ impl Forecast {
             samples: probe.samples,
             rays: probe.ledger.total().rays,
             seconds,
+            // Keep accounts that took time or rays
             accounts: Account::ALL
                 .into_iter()
                 .map(|account| (account.name(), shares(account)))
@@ -80,7 +83,7 @@ impl Forecast {
         }
     }
 
-    /// What the plan's line of an effect says of it; nothing if it has no account of its own.
+    /// Returns the text that the plan's line of an effect appends; empty if the effect has no account of its own.
     pub fn note(&self, effect: Effect) -> String {
         match self.accounts.get(effect.name()) {
             Some(shares) => format!(" (forecast: {shares})"),
@@ -99,7 +102,7 @@ impl fmt::Display for Shares {
     }
 }
 
-/// Whole percents: a probe tells no more.
+/// Formats whole percentages, as a probe is not more accurate.
 fn percent(part: f64) -> String {
     match 100.0 * part {
         p if p > 0.0 && p < 1.0 => "<1 %".into(),
@@ -107,7 +110,7 @@ fn percent(part: f64) -> String {
     }
 }
 
-/// A line for the probe and one for what is no effect's.
+/// Text form with a line for the probe and one for accounts that are not effects.
 impl fmt::Display for Forecast {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         writeln!(
@@ -122,6 +125,7 @@ impl fmt::Display for Forecast {
             self.backend,
             self.seconds
         )?;
+        // List accounts outside effects, in descending order of time
         let is_effect = |name: &str| Effect::ALL.iter().any(|effect| effect.name() == name);
         let mut others: Vec<_> = self
             .accounts

@@ -1,7 +1,7 @@
-//! The pictures of a batch as one page: what each is like, whether it is there, and where its time went.
+//! HTML page of a batch's images: description, status and time of each frame.
 //!
-//! The page holds small pictures of all and leads to the large ones beside it. With pictures full of noise it takes 13 MB
-//! for 100 frames and 25 MB for 1000, whose thumbnails are smaller.
+//! The page holds thumbnails of all images and links to the full ones beside it. With noisy images it takes 13 MB for
+//! 100 frames and 25 MB for 1000, whose thumbnails are smaller.
 
 use std::collections::BTreeMap;
 
@@ -17,14 +17,14 @@ use super::words::{percent, significant};
 use crate::cost::Interval;
 use crate::image::{LinearImage, ToneMap, png_bytes};
 
-/// Frames up to which thumbnails are so large; more have the smallest.
+/// Largest number of frames for each thumbnail side in pixels; more frames have the smallest one.
 const SIDES: [(usize, u32); 2] = [(100, 256), (400, 128)];
 const SMALLEST_SIDE: u32 = 96;
 
-/// Effects with a colour of their own, those that took longest; the others share one.
+/// Number of effects with a colour of their own, those with the longest time; the others share one.
 const COLORS: usize = 6;
 
-/// What in a path would end it or be taken for something else within an address.
+/// Characters that must be escaped in the path of an address, besides control characters.
 const NOT_IN_PATHS: &AsciiSet = &CONTROLS
     .add(b' ')
     .add(b'"')
@@ -38,63 +38,63 @@ const NOT_IN_PATHS: &AsciiSet = &CONTROLS
     .add(b'{')
     .add(b'}');
 
-/// A batch.
+/// Contents of the page of a batch.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Gallery {
-    /// What it is called.
+    /// Title of the page.
     pub title: String,
-    /// In their order.
+    /// Frames of the batch, in order.
     pub frames: Vec<GalleryFrame>,
-    /// Seconds on the clock from its beginning to its end.
+    /// Wall-clock seconds of the whole batch.
     pub seconds: f64,
-    /// What it ran on; the processor's name if nothing is said.
+    /// Name of the machine; the processor's name if absent.
     pub machine: Option<String>,
-    /// Whatever else is to be told of it, names and values.
+    /// Additional facts as names and values.
     pub facts: Vec<(String, String)>,
 }
 
-/// A picture of a batch.
+/// Frame of a batch with its image.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct GalleryFrame {
-    /// What it is called.
+    /// Name of the frame.
     pub name: String,
-    /// Its file, by a path from the page's folder, with slashes.
+    /// Path of the image file relative to the page's folder, with slashes.
     pub image: String,
-    /// A small PNG of it, see [`thumbnail`]; empty if there is none.
+    /// Small PNG of the image, see [`thumbnail`]; empty if there is none.
     #[serde(skip)]
     pub thumbnail: Vec<u8>,
-    /// Pixels a row.
+    /// Width of the image in pixels.
     pub width: u32,
-    /// Rows.
+    /// Height of the image in pixels.
     pub height: u32,
-    /// Samples a pixel.
+    /// Number of samples per pixel.
     pub spp: u32,
-    /// Whether it is there.
+    /// Status of the frame in the batch.
     pub status: FrameStatus,
-    /// Why not, or what else is to be said of it.
+    /// Reason for a failure, or another message.
     pub message: String,
-    /// What making it took.
+    /// Wall-clock seconds of each phase.
     pub seconds: FrameSeconds,
-    /// Rays by their kind.
+    /// Number of rays by kind.
     pub rays: BTreeMap<String, u64>,
-    /// What each effect took.
+    /// Cost of each effect.
     pub ledger: Vec<EffectShare>,
-    /// What sets it apart from the others, a few words each.
+    /// Settings in which the frame differs from the others, a few words each.
     pub settings: Vec<String>,
 }
 
-/// Whether a picture of a batch is there.
+/// Status of a frame in a batch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum FrameStatus {
-    /// It was made.
+    /// Frame that this batch rendered.
     Done,
-    /// It could not be made.
+    /// Frame that could not be rendered.
     Failed,
-    /// Nobody has made it yet.
+    /// Frame that is not rendered yet.
     #[default]
     Missing,
-    /// It was there already.
+    /// Frame that existed before the batch.
     Skipped,
 }
 
@@ -115,7 +115,7 @@ impl FrameStatus {
         }
     }
 
-    /// What the style knows it by.
+    /// Returns the CSS class of the status.
     fn class(self) -> &'static str {
         match self {
             FrameStatus::Done => "holds",
@@ -126,16 +126,16 @@ impl FrameStatus {
     }
 }
 
-/// Wall-clock seconds of the parts of making a picture.
+/// Wall-clock seconds of the phases of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrameSeconds {
-    /// Reading the scene; 0 where it was there already.
+    /// Seconds to read the scene; 0 where it was in memory already.
     pub load: f64,
-    /// Building or refitting the acceleration structure.
+    /// Seconds to build or refit the acceleration structure.
     pub build: f64,
-    /// Rendering.
+    /// Seconds to render the image.
     pub render: f64,
-    /// Writing files.
+    /// Seconds to write files.
     pub write: f64,
 }
 
@@ -149,28 +149,29 @@ impl FrameSeconds {
     }
 }
 
-/// What an effect took of a picture.
+/// Cost of an effect in a frame.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct EffectShare {
-    /// Its name in ledgers.
+    /// Name of the effect in ledgers.
     pub name: String,
-    /// Seconds of all threads together.
+    /// Seconds summed over all threads.
     pub seconds: f64,
-    /// Rays.
+    /// Number of rays traced for the effect.
     pub rays: u64,
 }
 
-/// Pixels along the longer side of thumbnails of so many frames, so that the page stays small enough to be opened.
+/// Returns the longer side of thumbnails in pixels, smaller for more frames so that browsers can open the page.
 pub fn thumbnail_side(frame_count: usize) -> u32 {
     let fitting = SIDES.iter().find(|(most, _)| frame_count <= *most);
     fitting.map_or(SMALLEST_SIDE, |&(_, side)| side)
 }
 
-/// A PNG of the picture whose longer side has at most so many pixels: each the mean radiance of those that it stands for.
+/// Returns a PNG of the image whose longer side has at most `side` pixels; each pixel is the mean radiance of the
+/// pixels that it covers.
 ///
 /// # Errors
 ///
-/// Where memory for it cannot be had.
+/// Returns an error if memory for the image is not available.
 pub fn thumbnail(image: &LinearImage, side: u32, tone: ToneMap) -> std::io::Result<Vec<u8>> {
     let longer = image.width.max(image.height);
     if longer <= side {
@@ -178,6 +179,7 @@ pub fn thumbnail(image: &LinearImage, side: u32, tone: ToneMap) -> std::io::Resu
     }
     let scaled = |size: u32| (u64::from(size) * u64::from(side) / u64::from(longer)).max(1) as u32;
     let mut small = LinearImage::black(scaled(image.width), scaled(image.height));
+    // Average the block of pixels that each small pixel covers
     let part = |i: u32, of: u32, size: u32| {
         let start = |i: u32| (u64::from(i) * u64::from(size) / u64::from(of)) as usize;
         start(i)..start(i + 1)
@@ -201,14 +203,16 @@ pub fn thumbnail(image: &LinearImage, side: u32, tone: ToneMap) -> std::io::Resu
 }
 
 impl Gallery {
-    /// The page.
+    /// Returns the HTML page of the gallery.
     pub fn page(&self) -> String {
+        // Show the summary and the charts of time
         let effects = self.effects();
         let mut body = format!("<h1>{}</h1>\n", escape(&self.title));
         body += &self.summary();
         body += &self.times();
         body += &self.effects_in_all(&effects);
         body += "<h2>Frames</h2>\n";
+        // Show a filter for each status that occurs
         let statuses: Vec<_> = FrameStatus::ALL
             .into_iter()
             .filter(|&status| self.count(status) > 0)
@@ -216,6 +220,7 @@ impl Gallery {
             .collect();
         body += &page::filter(&statuses);
         body += ORDER;
+        // Show a card for each frame
         body += "<div class=\"gallery\">\n";
         for (number, frame) in self.frames.iter().enumerate() {
             body += &frame.card(number, &effects);
@@ -237,7 +242,9 @@ impl Gallery {
             };
             (self.count(status).to_string(), status.word(), class)
         };
+        // Count frames by status
         let mut tiles = vec![(self.frames.len().to_string(), "frames", "")];
+        // Omit a count of zero skipped frames
         tiles.extend(
             FrameStatus::ALL
                 .into_iter()
@@ -245,8 +252,9 @@ impl Gallery {
                 .map(tile),
         );
         tiles.push((time(self.seconds), "in all", ""));
+        // Append total time, number of rays and the machine
         let rays: u64 = self.frames.iter().flat_map(|frame| frame.rays.values()).sum();
-        // In one line.
+        // Narrow no-break spaces keep the number in one line.
         tiles.push((in_groups(rays).replace(' ', "\u{202f}"), "rays", ""));
         let machine = self.machine.clone().unwrap_or_else(machine::processor);
         let mut facts = vec![
@@ -261,8 +269,9 @@ impl Gallery {
         page::numbers(&tiles) + &page::facts(&facts)
     }
 
-    /// Effects with their seconds in all frames and how they are coloured, the longest first.
+    /// Returns the effects with their seconds in all frames and their colours, in descending order of time.
     fn effects(&self) -> Vec<(&str, f64, Look)> {
+        // Sum the seconds of each effect over all frames
         let mut seconds: BTreeMap<&str, f64> = BTreeMap::new();
         for share in self.frames.iter().flat_map(|frame| &frame.ledger) {
             *seconds.entry(&share.name).or_default() += sound(share.seconds);
@@ -285,7 +294,7 @@ impl Gallery {
             .collect()
     }
 
-    /// Seconds over the number of the frame.
+    /// Returns the chart of seconds over the number of the frame.
     fn times(&self) -> String {
         let stack = |frame: &GalleryFrame| Stack {
             parts: frame.seconds.parts().to_vec(),
@@ -330,14 +339,14 @@ impl Gallery {
     }
 }
 
-/// How frames may be put in order.
+/// HTML form that selects the order of the frames.
 const ORDER: &str = "<form class=\"order\"><label>Order <select aria-label=\"Order\">\
     <option value=\"number\">by number</option><option value=\"name\">by name</option>\
     <option value=\"time\">longest first</option><option value=\"status\">failed first</option></select></label>\n\
     <span class=\"faint\">Arrows go from frame to frame, Enter opens one, / looks for words.</span></form>\n";
 
 impl GalleryFrame {
-    /// What it took, part by part.
+    /// Returns the total time and the time of each phase in words.
     fn times(&self) -> String {
         let parts = ["load", "build", "render", "write"]
             .into_iter()
@@ -354,10 +363,12 @@ impl GalleryFrame {
     }
 
     fn card(&self, number: usize, effects: &[(&str, f64, Look)]) -> String {
+        // Escape name and path for HTML
         let status = self.status;
         let name = escape(&self.name);
         let is_there = matches!(status, FrameStatus::Done | FrameStatus::Skipped);
         let to = escape(&format!("./{}", utf8_percent_encode(&self.image, NOT_IN_PATHS)));
+        // Show the thumbnail, or the status where there is none
         let picture = match (&self.thumbnail[..], is_there) {
             ([], true) => "<div class=\"nothing\">no small picture</div>".to_owned(),
             ([], false) => format!("<div class=\"nothing\">{}</div>", status.word()),
@@ -366,6 +377,7 @@ impl GalleryFrame {
                 STANDARD.encode(png)
             ),
         };
+        // Link to the image if it exists
         let (picture, title) = if is_there {
             (
                 format!("<a class=\"open\" tabindex=\"-1\" href=\"{to}\">{picture}</a>"),
@@ -381,6 +393,7 @@ impl GalleryFrame {
             status.word(),
             class = status.class()
         );
+        // Append message, shares of effects and details
         if !self.message.is_empty() {
             html += &format!("<p class=\"message\">{}</p>\n", escape(&self.message));
         }
@@ -389,8 +402,9 @@ impl GalleryFrame {
         html
     }
 
-    /// A bar of where the time of threads went.
+    /// Returns a bar with the shares of the effects in the threads' time.
     fn share(&self, effects: &[(&str, f64, Look)]) -> String {
+        // Select effects with a positive time
         let seconds = |name: &str| {
             let of = self.ledger.iter().filter(|share| share.name == name);
             of.map(|share| sound(share.seconds)).sum::<f64>()
@@ -404,6 +418,7 @@ impl GalleryFrame {
         if parts.is_empty() {
             return String::new();
         }
+        // Draw a part of the bar for each effect
         let rays = |name: &str| {
             let of = self.ledger.iter().filter(|share| share.name == name);
             in_groups(of.map(|share| share.rays).sum())
@@ -418,6 +433,7 @@ impl GalleryFrame {
                 rays(name)
             )
         });
+        // Describe the bar for screen readers
         let told = parts
             .iter()
             .map(|&(name, seconds, _)| format!("{name} {}", percent(seconds / whole)));
@@ -429,7 +445,7 @@ impl GalleryFrame {
         )
     }
 
-    /// Its size, times, settings and rays.
+    /// Returns size, times, settings and rays in words.
     fn words(&self) -> String {
         let mut words = vec![format!("{}x{}, {} samples", self.width, self.height, self.spp)];
         if self.seconds.sum() > 0.0 {
@@ -449,7 +465,7 @@ impl GalleryFrame {
     }
 }
 
-/// What is no time is none.
+/// Returns the seconds, or 0 if they are negative or not finite.
 fn sound(seconds: f64) -> f64 {
     if seconds.is_finite() {
         seconds.max(0.0)
@@ -458,7 +474,7 @@ fn sound(seconds: f64) -> f64 {
     }
 }
 
-/// Seconds in a word.
+/// Formats seconds with three significant digits.
 fn time(seconds: f64) -> String {
     format!("{} s", significant(seconds, 3))
 }
@@ -475,13 +491,14 @@ mod tests {
         let png = thumbnail(&image, 2, ToneMap::default()).unwrap();
         let read = image::load_from_memory(&png).unwrap().into_rgb8();
         assert_eq!(read.dimensions(), (2, 1));
-        // Half a radiance: 1.055 · 0.5^(1/2.4) - 0.055 = 0.7354, 187.5 of 255.
+        // A radiance of 1/2 encodes to 1.055 · 0.5^(1/2.4) - 0.055 = 0.7354, which is 187.5 of 255.
         assert_eq!(read.into_raw(), [188, 188, 188, 0, 0, 0]);
     }
 
     #[test]
     fn a_thumbnail_of_any_shape_has_at_least_a_pixel_and_at_most_its_side() {
         for (width, height) in [(1, 1), (1000, 1), (1, 300), (257, 256), (64, 64)] {
+            // Thumbnails of extreme aspect ratios keep at least one pixel per side
             let png = thumbnail(&LinearImage::black(width, height), 64, ToneMap::default()).unwrap();
             let (w, h) = image::load_from_memory(&png).unwrap().into_rgb8().dimensions();
             assert!(

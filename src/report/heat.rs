@@ -1,35 +1,36 @@
-//! A heat map: what pixels cost as colours, on a logarithmic scale with a bar below.
+//! Heat map of the cost of each pixel, on a logarithmic scale with a colour bar below.
 //!
-//! The colours run evenly through OKLab (B. Ottosson, A perceptual color space for image processing, 2020): lightness
-//! rises with the logarithm of the cost while the hue turns from violet over teal to yellow, so that the map reads in
-//! grey as well.
+//! The colours are evenly spaced in OKLab (B. Ottosson, A perceptual color space for image processing, 2020): lightness
+//! rises with the logarithm of the cost while the hue turns from violet over teal to yellow, so that the map is also
+//! readable in grey.
 
 use crate::image::LinearImage;
 
-/// Of all pixels, so many at either end may lie beyond the scale: a packet that the system interrupted would stretch
+/// Fraction of pixels at either end that may lie beyond the scale: a packet that the system interrupted would stretch
 /// it.
 const BEYOND: f64 = 0.001;
-/// Chroma in OKLab: the most that sRGB has at nearly all of the lightnesses and hues in use.
+/// Chroma in OKLab, the largest that sRGB has for nearly all lightnesses and hues in use.
 const CHROMA: f64 = 0.11;
-/// Lightness at the ends of the scale.
+/// OKLab lightness at the ends of the scale.
 const LIGHTNESS: [f64; 2] = [0.22, 0.95];
-/// Hue at the ends of the scale, degrees.
+/// OKLab hue at the ends of the scale, in degrees.
 const HUE: [f64; 2] = [300.0, 100.0];
-/// The bar takes one row in so many of the picture's, and at least [`MIN_BAR`] rows.
+/// Height of the colour bar: the image's height over this number, and at least [`MIN_BAR`] rows.
 const BAR_PART: u32 = 24;
 const MIN_BAR: u32 = 8;
 
-/// A heat map and its scale.
+/// Heat map image with its scale.
 #[derive(Clone, Debug)]
 pub struct HeatMap {
-    /// The map, a black row, and the bar, whose notches are the powers of ten.
+    /// Map with a black row and the colour bar below, whose notches are powers of ten.
     pub image: LinearImage,
-    /// What the left and the right end of the bar stand for.
+    /// Costs at the left and the right end of the bar.
     pub range: [f32; 2],
 }
 
-/// The heat map of `costs`, row by row, `width` to a row. What cost nothing is black.
+/// Returns the heat map of `costs` in row-major order, `width` to a row. Pixels without cost are black.
 pub fn map(costs: &[f32], width: u32) -> HeatMap {
+    // Choose the scale and colour each pixel
     let range = scale(costs);
     let [low, high] = range.map(|end| f64::from(end).ln());
     let place = |cost: f32| {
@@ -44,6 +45,7 @@ pub fn map(costs: &[f32], width: u32) -> HeatMap {
     };
     let mut pixels: Vec<[f32; 3]> = costs.iter().map(color).collect();
     let height = (costs.len() / width.max(1) as usize) as u32;
+    // Append a black row and the colour bar
     let bar_height = (height / BAR_PART).max(MIN_BAR);
     pixels.resize(pixels.len() + width as usize, [0.0; 3]);
     for row in 0..bar_height {
@@ -57,7 +59,7 @@ pub fn map(costs: &[f32], width: u32) -> HeatMap {
     HeatMap { image, range }
 }
 
-/// The bar's pixel in column `x` of `width`; where `notched`, powers of ten are black.
+/// Returns the bar's pixel in column `x` of `width`; if `notched`, columns at powers of ten are black.
 fn bar_pixel((x, width): (u32, u32), notched: bool, [low, high]: [f64; 2]) -> [f32; 3] {
     let decade = |x: u32| {
         let at = f64::from(x) / f64::from(width);
@@ -69,7 +71,7 @@ fn bar_pixel((x, width): (u32, u32), notched: bool, [low, high]: [f64; 2]) -> [f
     color((f64::from(x) + 0.5) / f64::from(width))
 }
 
-/// The smallest and the largest cost on the scale.
+/// Returns the smallest and the largest cost of the scale.
 fn scale(costs: &[f32]) -> [f32; 2] {
     let mut sorted: Vec<f32> = costs.iter().copied().filter(|&cost| cost > 0.0).collect();
     sorted.sort_unstable_by(f32::total_cmp);
@@ -80,12 +82,13 @@ fn scale(costs: &[f32]) -> [f32; 2] {
     }
 }
 
-/// The colour at `place` of the scale, 0 to 1; linear RGB.
+/// Returns the colour at `place` from 0 to 1 on the scale, in linear RGB.
 pub(super) fn color(place: f64) -> [f32; 3] {
     let along = |[from, to]: [f64; 2]| from + (to - from) * place;
     let hue = along(HUE).to_radians();
     let lightness = along(LIGHTNESS);
     let (a, b) = (CHROMA * hue.cos(), CHROMA * hue.sin());
+    // Convert OKLab to LMS, and then to linear sRGB
     let l = (lightness + 0.396_337_777_4 * a + 0.215_803_757_3 * b).powi(3);
     let m = (lightness - 0.105_561_345_8 * a - 0.063_854_172_8 * b).powi(3);
     let s = (lightness - 0.089_484_177_5 * a - 1.291_485_548 * b).powi(3);
@@ -124,9 +127,9 @@ mod tests {
         assert_eq!(pixel(3), [0.0; 3]);
         assert_eq!((heat.image.width, heat.image.height), (4, 1 + 1 + MIN_BAR));
         assert_eq!(heat.image.pixels.len(), 4 * heat.image.height as usize);
-        // The first bar pixel's middle is at 1/8 of the scale.
+        // The centre of the first bar pixel is at 1/8 of the scale.
         assert_eq!(heat.image.pixel(0, heat.image.height - 1), color(0.125));
-        // 10 is in the middle of the bar: the notch is where the decade changes.
+        // The cost 10 is in the middle of the bar: the notch is where the decade changes.
         assert_eq!(heat.image.pixel(1, 2), [0.0; 3]);
         assert_eq!(heat.image.pixel(1, heat.image.height - 1), color(0.375));
     }

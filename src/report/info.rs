@@ -1,4 +1,4 @@
-//! What was understood of a scene: `whit info`.
+//! Description of a loaded scene: `whit info`.
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Write};
@@ -21,100 +21,101 @@ use super::structure::{self, StructureRow};
 use super::volumes_info;
 pub use super::volumes_info::{FogInfo, VolumeInfo};
 
-/// A scene in numbers and names.
+/// Numbers and names of a scene's contents.
 #[derive(Clone, Debug, Serialize)]
 pub struct SceneInfo {
-    /// As it was named on the command line.
+    /// Path of the scene as given on the command line.
     pub scene: PathBuf,
-    /// Those of a shared mesh count once for every instance.
+    /// Number of triangles; a shared mesh counts once per instance.
     pub triangles: usize,
-    /// Analytic shapes among the geometries.
+    /// Number of analytic shapes among the geometries.
     pub shapes: usize,
-    /// Meshes and shapes.
+    /// Number of meshes and shapes.
     pub geometries: usize,
-    /// Instances by what they are instances of, by the shape's name.
+    /// Number of instances by the name of their shape, or `mesh`.
     pub objects: BTreeMap<&'static str, usize>,
-    /// Groups of a scene file, which were flattened.
+    /// Number of a scene file's groups, which were flattened.
     pub groups: usize,
-    /// Other files that a scene file includes.
+    /// Number of files that a scene file includes.
     pub included_files: usize,
-    /// Placed geometries.
+    /// Number of instances of all geometries.
     pub instances: usize,
-    /// Instances that are not baked into world space.
+    /// Number of instances that are not baked into world space.
     pub transformed_instances: usize,
     /// Bytes of vertex and index arrays.
     pub mesh_bytes: u64,
-    /// Materials, the default one included where it is used.
+    /// Number of materials, the default one included where it is used.
     pub materials: usize,
-    /// Their main values, in order.
+    /// Main values of the materials, in order.
     pub material_list: Vec<MaterialInfo>,
-    /// Textures of materials.
+    /// Number of material textures.
     pub textures: usize,
-    /// Decoded images.
+    /// Number of decoded images.
     pub images: usize,
     /// Bytes of the decoded images.
     pub image_bytes: u64,
-    /// In the order of the file.
+    /// Volumes in the order of the file.
     pub volumes: Vec<VolumeInfo>,
-    /// Bytes of their grids.
+    /// Bytes of the volumes' grids.
     pub volume_bytes: u64,
-    /// What fills all space; null if nothing does.
+    /// Fog that fills all space; null if there is none.
     pub fog: Option<FogInfo>,
-    /// In the order of the file.
+    /// Lights in the order of the file.
     pub lights: Vec<LightInfo>,
-    /// Linear RGB radiance of the surroundings.
+    /// Radiance of the background, linear RGB.
     pub ambient: [f32; 3],
-    /// A camera's place in the list is its number for `--camera`.
+    /// Cameras; the index in the list is the number for `--camera`.
     pub cameras: Vec<CameraInfo>,
-    /// What glTF files can move, for `--time` and `--animation`.
+    /// Animations of glTF files, for `--time` and `--animation`.
     pub animations: Vec<Animation>,
-    /// Around all instances, in the file's coordinates; null for an empty scene.
+    /// Bounds of all instances in the file's coordinates; null for an empty scene.
     pub bounds: Option<BoundsInfo>,
-    /// How the file's coordinates became those that are rendered: `(p - center) * scale`.
+    /// Transform from the file's coordinates to the rendered ones: `(p - center) * scale`.
     pub normalisation: NormalisationInfo,
-    /// Estimates.
+    /// Estimated memory for rendering the scene.
     pub memory: MemoryForecast,
-    /// Why each effect is simulated or not, seen by the first camera.
+    /// Reasons for simulating or skipping each effect, for the first camera.
     pub effects: BTreeMap<&'static str, String>,
-    /// The same in the plan's order, with whether it is.
+    /// Decisions on the effects in the plan's order, for the first camera.
     pub plan: Vec<Decision>,
-    /// What finds hits among, and what that takes or does without.
+    /// Parts of the acceleration structure, and the reasons for their presence or absence.
     pub structure: Vec<StructureRow>,
-    /// Where rays and time will probably go, by a quick probe.
+    /// Estimated distribution of rays and time, from a quick probe.
     pub forecast: Option<Forecast>,
-    /// Why there is none.
+    /// Reason for which there is no forecast.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub no_forecast: Option<String>,
-    /// What each effect costs; absent unless it was asked for.
+    /// Cost of each effect; absent unless requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prices: Option<PriceList>,
-    /// What was dropped or approximated while loading.
+    /// Objects that were dropped or approximated while loading.
     pub warnings: Vec<String>,
 }
 
-/// A material.
+/// Description of a material.
 #[derive(Clone, Debug, Serialize)]
 pub struct MaterialInfo {
-    /// As in the file, or made up.
+    /// Name from the file, or a generated one.
     pub name: String,
-    /// `metallic-roughness`, `lecture` or `unlit`.
+    /// Shading model: `metallic-roughness`, `lecture` or `unlit`.
     pub model: &'static str,
-    /// Linear RGBA.
+    /// Base colour and opacity, linear RGBA.
     pub base_color: [f32; 4],
-    /// The model's values that are not zero, in words.
+    /// Values of the model that are not zero, in words.
     pub values: String,
-    /// The parameters that a texture changes.
+    /// Names of the parameters that have a texture.
     pub textured: Vec<String>,
-    /// Index of refraction at the d line, where light may enter.
+    /// Index of refraction at the d line, for materials that light can enter.
     pub ior: Option<f64>,
-    /// Abbe number of the medium inside; null without dispersion.
+    /// Abbe number of the interior; null without dispersion.
     pub abbe: Option<f64>,
-    /// What a metre of it swallows, where light may enter.
+    /// Absorption coefficient per metre, for materials that light can enter.
     pub absorption: Option<[f64; 3]>,
 }
 
 impl MaterialInfo {
     fn of(material: &Material) -> MaterialInfo {
+        // Describe the parameters of the shading model
         let (model, values) = match &material.model {
             Model::MetallicRoughness(m) => (
                 "metallic-roughness",
@@ -141,12 +142,14 @@ impl MaterialInfo {
             ),
             Model::Unlit => ("unlit", String::new()),
         };
+        // Only a material with an interior has refraction and absorption
         let interior = material.interior;
         MaterialInfo {
             name: material.name.clone(),
             model,
             base_color: material.base_color,
             values,
+            // Name the inputs with a texture
             textured: material
                 .layers
                 .iter()
@@ -161,7 +164,7 @@ impl MaterialInfo {
     }
 }
 
-/// What is said of light that a material scatters within, if it does.
+/// Returns the description of subsurface scattering or translucency; empty without either.
 fn scattering(material: &Material) -> String {
     if let Some(Ok(dipole)) = material.scatters().map(Dipole::new) {
         let [_, path, _] = dipole.mean_free_path();
@@ -171,7 +174,7 @@ fn scattering(material: &Material) -> String {
     sheet.map_or_else(String::new, |sheet| format!(", translucency {}", sheet.factor))
 }
 
-/// How many rays look into its lobe, if any.
+/// Returns the number of rays into the rough lobe in words; empty if there are none.
 fn rough_rays(material: &Material) -> String {
     match material.rough_rays() {
         0 => String::new(),
@@ -179,7 +182,7 @@ fn rough_rays(material: &Material) -> String {
     }
 }
 
-/// A colour in one word: one number where it is grey.
+/// Formats a colour as one number if it is grey.
 fn rgb([r, g, b]: [f32; 3]) -> String {
     if r == g && g == b {
         r.to_string()
@@ -211,53 +214,55 @@ impl fmt::Display for MaterialInfo {
     }
 }
 
-/// A light.
+/// Description of a light.
 #[derive(Clone, Debug, Serialize)]
 pub struct LightInfo {
-    /// As in the file, or made up.
+    /// Name from the file, or a generated one.
     pub name: String,
-    /// `point`, `spot` or `directional`.
+    /// Kind of light: `point`, `spot` or `directional`, or the shape of an area light.
     pub kind: &'static str,
-    /// As in the file, linear RGB: candela for point and spot lights, lux for directional ones.
+    /// Intensity as in the file, linear RGB: candela for point and spot lights, lux for directional ones.
     pub intensity: [f32; 3],
 }
 
-/// A camera.
+/// Description of a camera.
 #[derive(Clone, Debug, Serialize)]
 pub struct CameraInfo {
-    /// As in the file, or made up.
+    /// Name from the file, or a generated one.
     pub name: String,
-    /// `perspective`, `window` or `orthographic`.
+    /// Kind of projection: `perspective`, `window` or `orthographic`.
     pub kind: &'static str,
-    /// Full vertical field of view in degrees, of a camera that has one.
+    /// Full vertical field of view in degrees, for projections that have one.
     pub y_fov_degrees: Option<f64>,
 }
 
-/// A box.
+/// Axis-aligned bounding box in the file's coordinates.
 #[derive(Clone, Debug, Serialize)]
 pub struct BoundsInfo {
-    /// Lowest corner.
+    /// Corner with the smallest coordinates.
     pub min: [f64; 3],
-    /// Highest corner.
+    /// Corner with the largest coordinates.
     pub max: [f64; 3],
 }
 
-/// A recentring and scaling.
+/// Translation and scaling that normalise a scene.
 #[derive(Clone, Debug, Serialize)]
 pub struct NormalisationInfo {
-    /// What became the origin, in the file's coordinates.
+    /// Point that becomes the origin, in the file's coordinates.
     pub center: [f64; 3],
-    /// A power of two.
+    /// Scale factor, which is a power of two.
     pub scale: f64,
 }
 
 impl SceneInfo {
-    /// Describes a loaded scene that was read from `path`, with the effects that a person wants otherwise.
+    /// Describes a loaded scene that was read from `path`, with the user's overrides of effects.
     pub fn of(scene: &Scene, path: impl Into<PathBuf>, overrides: &EffectOverrides) -> SceneInfo {
+        // Plan effects for the first camera
         let plan = scene
             .cameras
             .first()
             .map_or_else(Vec::new, |camera| Plan::new(scene, camera, overrides).decisions);
+        // Collect counts, sizes, bounds and decisions
         SceneInfo {
             scene: path.into(),
             triangles: scene.triangle_count(),
@@ -329,8 +334,9 @@ fn objects(scene: &Scene) -> BTreeMap<&'static str, usize> {
 }
 
 fn lights(scene: &Scene) -> Vec<LightInfo> {
-    // Irradiance is intensity over distance squared, and distances were scaled.
+    // Irradiance is intensity over squared distance, and distances were scaled.
     let area_scale = scene.normalisation.scale.powi(2);
+    // Undo the scale of punctual intensities
     let describe = |kind: &LightKind| match kind {
         LightKind::Directional { .. } => ("directional", 1.0),
         LightKind::Point { .. } => ("point", area_scale),
@@ -379,7 +385,7 @@ fn cameras(scene: &Scene) -> Vec<CameraInfo> {
         .collect()
 }
 
-/// The scene's box, taken back to the file's coordinates.
+/// Returns the scene's bounds in the file's coordinates.
 fn bounds(scene: &Scene) -> Option<BoundsInfo> {
     let bounds = scene.bounds();
     let from_scene = |p: glam::DVec3| (p / scene.normalisation.scale + scene.normalisation.center).to_array();
@@ -389,14 +395,15 @@ fn bounds(scene: &Scene) -> Option<BoundsInfo> {
     })
 }
 
-/// Materials that are told to a person; JSON has all.
+/// Largest number of materials in the text form; JSON lists all.
 const MAX_MATERIALS: usize = 32;
 
-/// The form for a person: one subject a line.
+/// Text form for a person: one subject per line.
 impl fmt::Display for SceneInfo {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let words = memory::in_words;
         let mut line = |subject: &str, text: String| writeln!(f, "{subject:<15}{text}");
+        // Print geometry and instances
         line("scene", self.scene.display().to_string())?;
         line("triangles", self.triangles.to_string())?;
         line(
@@ -424,6 +431,7 @@ impl fmt::Display for SceneInfo {
                 format!("{} groups, {} included files", self.groups, self.included_files),
             )?;
         }
+        // Print materials, textures and volumes
         line("materials", self.materials.to_string())?;
         for (number, material) in self.material_list.iter().enumerate().take(MAX_MATERIALS) {
             line(&format!("material {number}"), material.to_string())?;
@@ -443,6 +451,7 @@ impl fmt::Display for SceneInfo {
         if let Some(fog) = &self.fog {
             line("fog", fog.to_string())?;
         }
+        // Print lights and cameras
         for (number, light) in self.lights.iter().enumerate() {
             let [r, g, b] = light.intensity;
             let unit = if light.kind == "directional" { "lx" } else { "cd" };
@@ -462,6 +471,7 @@ impl fmt::Display for SceneInfo {
                 format!("`{}`, {}{fov}", camera.name, camera.kind),
             )?;
         }
+        // Print animations, bounds and normalisation
         for (number, animation) in self.animations.iter().enumerate() {
             let [from, to] = animation.seconds;
             line(
@@ -481,6 +491,7 @@ impl fmt::Display for SceneInfo {
             "normalisation",
             format!("(p - {:?}) * {}", normalisation.center, normalisation.scale),
         )?;
+        // Print effects with forecast and cost
         for decision in &self.plan {
             let forecast = self.forecast.as_ref().map(|told| told.note(decision.effect));
             let price = self.prices.as_ref().map(|prices| prices.note(decision.effect));
@@ -493,6 +504,7 @@ impl fmt::Display for SceneInfo {
         if let Some(reason) = &self.no_forecast {
             line("forecast", format!("none: {reason}"))?;
         }
+        // Print estimated memory
         let memory = &self.memory;
         let within = match memory.subsurface_bytes {
             0 => String::new(),
@@ -508,6 +520,7 @@ impl fmt::Display for SceneInfo {
                 words(memory.film_bytes)
             ),
         )?;
+        // Print forecast, costs and warnings
         if let Some(forecast) = &self.forecast {
             write!(f, "{forecast}")?;
         }
@@ -551,7 +564,7 @@ mod tests {
 
     #[test]
     fn bounds_are_told_in_the_files_coordinates() {
-        // A unit ball in the scene, halved and moved by 10: ±1 / 0.5 + 10 = 8 .. 12.
+        // A unit sphere in the scene, scaled by 1/2 and centred at 10: ±1 / 0.5 + 10 = 8 .. 12.
         let bounds = SceneInfo::of(&scene(), "a.glb", &EffectOverrides::default())
             .bounds
             .unwrap();
@@ -570,7 +583,7 @@ mod tests {
             position: DVec3::ZERO,
             falloff: Falloff::PHYSICAL,
         };
-        // Halving all lengths takes a quarter of the intensity to keep the picture.
+        // Halving all lengths requires a quarter of the intensity for an equal image.
         assert_eq!(
             SceneInfo::of(&scene, "a.glb", &EffectOverrides::default()).lights[0].intensity,
             [12.0, 8.0, 4.0]

@@ -1,11 +1,11 @@
-//! Letters of a few pixels, for legends in pictures.
+//! Bitmap font of 3x5 pixels for legends in images.
 
-/// Columns of a letter.
+/// Width of a letter in pixels.
 pub(super) const WIDTH: u32 = 3;
-/// Rows of a letter.
+/// Height of a letter in pixels.
 pub(super) const HEIGHT: u32 = 5;
 
-/// Rows of each letter from the top, the left column being the highest of three bits.
+/// Bitmap rows of each letter from the top; the highest of three bits is the left column.
 const LETTERS: [(char, [u8; 5]); 40] = [
     ('0', [7, 5, 5, 5, 7]),
     ('1', [2, 6, 2, 2, 7]),
@@ -49,7 +49,7 @@ const LETTERS: [(char, [u8; 5]); 40] = [
     (')', [4, 2, 2, 2, 4]),
 ];
 
-/// Whether a pixel of a letter is set; small letters look like large ones, unknown ones like a space.
+/// Returns whether a pixel of a letter is set; lower case is drawn as upper case, and unknown letters are blank.
 pub(super) fn is_set(letter: char, column: u32, row: u32) -> bool {
     let letter = letter.to_ascii_uppercase();
     let known = LETTERS.iter().find(|(name, _)| *name == letter);

@@ -1,14 +1,14 @@
-//! What a measurement was made on.
+//! Identification of the machine that measurements ran on.
 
 use std::fs;
 
-/// The processor's name as it gives it itself, else the kind of instructions it takes.
+/// Returns the processor's name from the operating system, or the instruction-set architecture where it is unknown.
 pub(super) fn processor() -> String {
     let told = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     name_in(&told).unwrap_or_else(|| std::env::consts::ARCH.to_owned())
 }
 
-/// The first processor's name in what Linux tells of them.
+/// Returns the first processor's name in the text of `/proc/cpuinfo`.
 fn name_in(told: &str) -> Option<String> {
     let line = told.lines().find(|line| line.starts_with("model name"))?;
     let (_, name) = line.split_once(':')?;

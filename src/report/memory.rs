@@ -1,58 +1,59 @@
-//! Memory: what the process has used, what the machine has left, what a scene will take.
+//! Memory use: peak of the process, available memory of the machine, and the estimate for a scene.
 
 use std::fs;
 
 use crate::render::subsurface_bytes;
 use crate::scene::{Geometry, Scene};
 
-/// A pixel's linear image (12 bytes), its codes on the way into a PNG of 16 bits (6), and the encoded file, which grows
-/// in leaps (10).
+/// Film bytes per pixel: linear RGB values (12), 16-bit codes for the PNG encoder (6), and the encoded file, which
+/// grows in steps (10).
 const FILM_BYTES_PER_PIXEL: u64 = 28;
 
-/// Bytes that the film of an image takes, until it is written.
+/// Returns the bytes that an image's film takes until the file is written.
 pub fn film_bytes(width: u32, height: u32) -> u64 {
     FILM_BYTES_PER_PIXEL * u64::from(width) * u64::from(height)
 }
 
-/// Most bytes of memory that this process has held so far, where the system tells.
+/// Returns the peak resident memory of this process in bytes, where the system reports it.
 pub fn peak_bytes() -> Option<u64> {
     kilobytes_of(&fs::read_to_string("/proc/self/status").ok()?, "VmHWM:")
 }
 
-/// Bytes of memory that may still be taken, where the system tells.
+/// Returns the available memory in bytes, where the system reports it.
 pub fn available_bytes() -> Option<u64> {
     kilobytes_of(&fs::read_to_string("/proc/meminfo").ok()?, "MemAvailable:")
 }
 
-/// The value of a line such as `VmHWM:  1234 kB`, in bytes.
+/// Returns the value of a line such as `VmHWM:  1234 kB`, in bytes.
 fn kilobytes_of(text: &str, key: &str) -> Option<u64> {
     let value = text.lines().find_map(|line| line.strip_prefix(key))?;
     let kilobytes: u64 = value.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kilobytes * 1024)
 }
 
-/// What rendering a scene will take, in bytes.
+/// Estimated memory for rendering a scene, in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct MemoryForecast {
-    /// Meshes, images and volumes as loaded.
+    /// Bytes of the meshes, images and volumes after loading.
     pub scene_bytes: u64,
-    /// Embree's structure while it is built, which is when it is largest.
+    /// Peak bytes of Embree's structure, which it takes during the build.
     pub embree_bytes: u64,
-    /// The BSP tree, built.
+    /// Bytes of the BSP tree after the build.
     pub bsp_bytes: u64,
-    /// The film of an image of 1024x1024 pixels.
+    /// Bytes of the film of a 1024x1024 image.
     pub film_bytes: u64,
-    /// The light within bodies that scatter it.
+    /// Bytes of the irradiance in subsurface-scattering objects.
     pub subsurface_bytes: u64,
 }
 
-/// Most bytes a triangle that Embree 3.13.5 holds while it builds, measured over 2 million; 70 are left.
+/// Peak bytes per triangle during a build by Embree 3.13.5, measured with 2 million triangles; 70 remain after the
+/// build.
 const EMBREE_BYTES_PER_TRIANGLE: u64 = 104;
-/// Bytes a triangle of the BSP, duplicates included, measured over 2 million.
+/// Bytes per triangle of the BSP, duplicates included, measured with 2 million triangles.
 const BSP_BYTES_PER_TRIANGLE: u64 = 84;
 
 impl MemoryForecast {
-    /// The forecast for a loaded scene. Instances share what they place.
+    /// Returns the estimate for a loaded scene. Instances share their geometry.
     pub fn of(scene: &Scene) -> MemoryForecast {
         let triangles: u64 = scene.geometries.iter().map(|g| g.primitive_count() as u64).sum();
         MemoryForecast {
@@ -65,7 +66,7 @@ impl MemoryForecast {
     }
 }
 
-/// Bytes of all vertex and index arrays.
+/// Returns the bytes of all vertex and index arrays.
 pub fn mesh_bytes(scene: &Scene) -> u64 {
     scene
         .geometries
@@ -77,25 +78,26 @@ pub fn mesh_bytes(scene: &Scene) -> u64 {
         .sum()
 }
 
-/// Bytes of all decoded images.
+/// Returns the bytes of all decoded images.
 pub fn image_bytes(scene: &Scene) -> u64 {
     scene.images.iter().map(|image| image.texels.byte_count()).sum()
 }
 
-/// Bytes of all volumes' grids; those that are shared count each time.
+/// Returns the bytes of all volumes' grids; shared grids count for each volume.
 pub fn volume_bytes(scene: &Scene) -> u64 {
     scene.volumes.iter().map(|volume| volume.memory() as u64).sum()
 }
 
-/// A number of bytes for a person, such as `12.3 MB`.
+/// Formats a number of bytes for a person, such as `12.3 MB`.
 pub fn in_words(bytes: u64) -> String {
     const UNITS: [&str; 5] = ["kB", "MB", "GB", "TB", "PB"];
     if bytes < 1000 {
         return format!("{bytes} B");
     }
+    // Divide by powers of 1000 until at most three digits precede the point
     let mut value = bytes as f64 / 1000.0;
     let mut unit = 0;
-    // What would be printed as 1000.0 belongs to the next unit.
+    // Values that would round to 1000.0 use the next unit.
     while value >= 999.95 && unit + 1 < UNITS.len() {
         value /= 1000.0;
         unit += 1;
@@ -121,7 +123,7 @@ mod tests {
         const HELD: u64 = 64 << 20;
         let before = peak_bytes().unwrap();
         let held = std::hint::black_box(vec![1u8; HELD as usize]);
-        // The peak may have been higher before, by other tests at the same time.
+        // Other tests may have raised the peak before.
         assert!(peak_bytes().unwrap() >= before.max(HELD), "{}", held.len());
         assert!(available_bytes().unwrap() > 0);
     }

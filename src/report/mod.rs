@@ -1,7 +1,7 @@
-//! Measurements made readable: statistics of a render, contents of a scene, rows of a benchmark
-//! and of the suite of hard cases.
+//! Reports of measurements: render statistics, scene contents, and the tables and pages of benchmarks, studies and
+//! verification.
 //!
-//! Keys of the JSON forms are stable: they are added to, never renamed.
+//! Keys of the JSON forms are stable: new ones may be added, and existing ones are never renamed.
 
 pub mod bench;
 mod bench_charts;

@@ -1,4 +1,4 @@
-//! Where two structures differ, drawn over the picture: wrong rays red, ties yellow, a legend below.
+//! Overlay of the cross-check on the image: wrong rays in red, ties in yellow, with a legend below.
 
 use glam::DVec2;
 
@@ -7,23 +7,23 @@ use crate::image::LinearImage;
 use crate::scene::CameraView;
 use crate::verify::{Difference, RayKind};
 
-/// Of something wrong, linear RGB.
+/// Colour of wrong results, linear RGB.
 const WRONG: [f32; 3] = [1.0, 0.02, 0.03];
-/// Of a tie.
+/// Colour of ties, linear RGB.
 const TIE: [f32; 3] = [1.0, 0.7, 0.0];
-/// Of the ring around marks, and of the ground of the legend.
+/// Colour of the ring around marks and of the legend's background, linear RGB.
 const GROUND: [f32; 3] = [0.012; 3];
-/// Of the letters.
+/// Colour of the letters, linear RGB.
 const INK: [f32; 3] = [0.8; 3];
-/// What is left of the picture's own light and colour, so that marks stand out.
+/// Factor of the image's own brightness and saturation, so that marks stand out.
 const DIMMED: f32 = 0.5;
-/// A mark is this share of the picture's height, and at least a pixel, each way from its middle.
+/// Image height over the half side of a mark; marks have a half side of at least a pixel.
 const MARK: u32 = 240;
-/// A pixel of a letter is this share of the picture's height.
+/// Image height over the size of a letter's pixel, which is at least 1.
 const LETTER: u32 = 200;
 
-/// Where on the film a ray belongs: a camera ray where it is sent through, any other where it starts. `None` where that
-/// is behind the camera.
+/// Returns the film position of a difference: for a camera ray the point that the ray passes through, for any other ray
+/// its origin. `None` for a point behind the camera.
 pub fn place(view: &CameraView, difference: &Difference) -> Option<DVec2> {
     let ray = &difference.ray;
     let p = match difference.kind {
@@ -33,7 +33,8 @@ pub fn place(view: &CameraView, difference: &Difference) -> Option<DVec2> {
     view.film_point(p)
 }
 
-/// The picture with a mark for each difference and the lines of `legend` below, the first in red, the second in yellow.
+/// Returns the image with a mark for each difference and the lines of `legend` below, the first in red and the second
+/// in yellow.
 pub fn draw(
     picture: &LinearImage,
     view: &CameraView,
@@ -42,7 +43,7 @@ pub fn draw(
 ) -> LinearImage {
     let mut image = dimmed(picture);
     let reach = (picture.height / MARK).max(1);
-    // Wrong ones last, so that no tie covers them.
+    // Draw wrong results last, so that ties do not cover them.
     for is_wrong in [false, true] {
         for difference in differences.iter().filter(|d| d.is_wrong == is_wrong) {
             if let Some(at) = place(view, difference) {
@@ -51,6 +52,7 @@ pub fn draw(
             }
         }
     }
+    // Append the legend
     let scale = (picture.height / LETTER).max(1);
     for (words, color) in legend.into_iter().zip([WRONG, TIE]) {
         add_line(&mut image, words, scale, color);
@@ -60,7 +62,7 @@ pub fn draw(
 
 fn dimmed(picture: &LinearImage) -> LinearImage {
     let pixels = picture.pixels.iter().map(|&[r, g, b]| {
-        // Rec. 709, and no brighter than white, which would outshine the marks.
+        // Use Rec. 709 luminance, and clamp brightness so that marks remain brighter.
         let grey = 0.2126 * r + 0.7152 * g + 0.0722 * b;
         [r, g, b].map(|x| (DIMMED * 0.5 * (x + grey)).clamp(0.0, DIMMED))
     });
@@ -70,8 +72,9 @@ fn dimmed(picture: &LinearImage) -> LinearImage {
     }
 }
 
-/// A square of that colour with a dark edge.
+/// Draws a square in `color` with a dark edge.
 fn mark(image: &mut LinearImage, at: DVec2, reach: u32, color: [f32; 3]) {
+    // Skip marks outside the image
     let size = DVec2::new(f64::from(image.width), f64::from(image.height));
     let pixel = (at * size).floor();
     let is_inside = pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(size).all();
@@ -80,6 +83,7 @@ fn mark(image: &mut LinearImage, at: DVec2, reach: u32, color: [f32; 3]) {
     }
     let (x, y) = (pixel.x as i64, pixel.y as i64);
     let reach = i64::from(reach);
+    // Draw the edge first, then the square
     for (reach, color, is_edge) in [(reach + 1, GROUND, true), (reach, color, false)] {
         for row in y - reach..=y + reach {
             for column in x - reach..=x + reach {
@@ -89,7 +93,7 @@ fn mark(image: &mut LinearImage, at: DVec2, reach: u32, color: [f32; 3]) {
                     continue;
                 }
                 let pixel = &mut image.pixels[(row * i64::from(image.width) + column) as usize];
-                // The edge of one mark does not cover another.
+                // The edge of a mark does not cover other marks.
                 if !(is_edge && (*pixel == WRONG || *pixel == TIE)) {
                     *pixel = color;
                 }
@@ -98,7 +102,7 @@ fn mark(image: &mut LinearImage, at: DVec2, reach: u32, color: [f32; 3]) {
     }
 }
 
-/// Adds rows with a square of that colour and words, as many as have room.
+/// Appends rows with a coloured square and text, which is cut off at the image's width.
 fn add_line(image: &mut LinearImage, words: &str, scale: u32, color: [f32; 3]) {
     let height = (letters::HEIGHT + 2) * scale;
     let first = image.pixels.len();
@@ -116,6 +120,7 @@ fn add_line(image: &mut LinearImage, words: &str, scale: u32, color: [f32; 3]) {
             let Some(column) = column.checked_sub(1) else {
                 continue;
             };
+            // Draw the square at the left, then the letters
             let pixel = &mut rows[(y * width + x) as usize];
             if column < letters::HEIGHT {
                 *pixel = color;
@@ -169,7 +174,7 @@ mod tests {
         assert_eq!(drawn.pixel(11, 5), WRONG, "a tie next to it does not cover it");
         assert_eq!(drawn.pixel(30, 20), TIE);
         assert_eq!(drawn.pixel(20, 15), [0.0; 3]);
-        // Two lines of five rows, with a free one above and below each.
+        // Two lines of five rows, each with a free row above and below.
         assert_eq!((drawn.width, drawn.height), (40, 30 + 2 * 7));
         assert_eq!(drawn.pixels.len(), 40 * 44);
         assert_eq!((drawn.pixel(1, 31), drawn.pixel(1, 38)), (WRONG, TIE));
@@ -185,7 +190,7 @@ mod tests {
             ..difference(&view, (0.5, 0.5), true)
         };
         let middle = place(&view, &from(Vec3::new(0.0, 0.0, -3.0))).unwrap();
-        // A few roundings of the inverse of a 3x3 matrix.
+        // The bound allows a few roundings of the inverse of a 3x3 matrix.
         assert!(
             middle.distance(DVec2::splat(0.5)) < 8.0 * f64::EPSILON,
             "{middle}"

@@ -1,4 +1,4 @@
-//! A scene's own rays through two backends, and what is wrong with its meshes: `whit verify SCENE`.
+//! Cross-check report: a scene's own rays through two backends, and the defects of its meshes (`whit verify SCENE`).
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -10,43 +10,44 @@ use super::table::in_groups;
 use crate::accel::EmbreeIdentity;
 use crate::verify::{Comparison, Difference, Hygiene, Place, RayKind};
 
-/// What was found in a scene.
+/// Cross-check results of one scene.
 #[derive(Clone, Debug, Serialize)]
 pub struct OwnReport {
-    /// As it was named on the command line.
+    /// Path of the scene as given on the command line.
     pub scene: PathBuf,
-    /// What was compared, by name.
+    /// Names of the two compared backends.
     pub backends: [String; 2],
-    /// Which Embree, where it is one of them.
+    /// Identity of the Embree library, where one of the backends is Embree.
     pub embree: Option<EmbreeIdentity>,
-    /// By kind of ray.
+    /// Comparison results by kind of ray.
     pub rays: BTreeMap<&'static str, Comparison>,
-    /// Of all meshes together.
+    /// Defects of all meshes together.
     pub meshes: Hygiene,
-    /// What loading left out, one sentence each.
+    /// Objects that loading removed, as one sentence each.
     pub warnings: Vec<String>,
 }
 
 impl OwnReport {
-    /// Whether any answer is wrong.
+    /// Returns whether any result is wrong.
     pub fn is_wrong(&self) -> bool {
         self.rays.values().any(|rays| rays.wrong_count() > 0)
     }
 
-    /// All differences that were kept, as the rays are sent: from the eye, to lights, from mirrors.
+    /// Returns all recorded differences in the order of the rays: camera rays, shadow rays, reflection rays.
     pub fn differences(&self) -> impl Iterator<Item = &Difference> {
         self.comparisons().flat_map(|(_, rays)| &rays.differences)
     }
 
-    /// Each kind of ray with how it went.
+    /// Returns each kind of ray with its comparison.
     pub fn comparisons(&self) -> impl Iterator<Item = (RayKind, &Comparison)> {
         RayKind::ALL
             .into_iter()
             .filter_map(|kind| Some((kind, self.rays.get(kind.word())?)))
     }
 
-    /// What is wrong and what ties, each in one line.
+    /// Returns the counts of wrong results and of ties, as one line each.
     pub fn legend(&self) -> [String; 2] {
+        // Sum the counts over all kinds of rays
         let sum = |of: fn(&Comparison) -> &BTreeMap<Place, u64>| {
             let mut sums: BTreeMap<Place, u64> = BTreeMap::new();
             for (place, count) in self.rays.values().flat_map(of) {
@@ -62,11 +63,12 @@ impl OwnReport {
         ]
     }
 
-    /// The report for a person.
+    /// Returns the report as text for the terminal.
     pub fn text(&self) -> String {
         let [first, second] = &self.backends;
         // Writing to a string cannot fail.
         let mut text = format!("{}\n    {first}\n    against {second}\n", self.scene.display());
+        // Print the results of each kind of ray
         for (kind, rays) in self.comparisons() {
             if rays.rays == 0 {
                 let _ = writeln!(text, "    {:11} {:>13} rays", kind.word(), "no");
@@ -86,6 +88,7 @@ impl OwnReport {
                 let _ = writeln!(text, "        the first wrong one {example}");
             }
         }
+        // Print the state of the meshes with remedies for defects
         let advice = self.meshes.advice();
         let state = match (self.meshes.triangles, advice.is_empty()) {
             (0, _) => "",
@@ -104,7 +107,7 @@ impl OwnReport {
     }
 }
 
-/// Counts with their places in brackets, most first; nothing where there are none.
+/// Formats counts with the features at which they occurred, in brackets and in descending order; empty without counts.
 pub(super) fn by_place(counts: &BTreeMap<Place, u64>) -> String {
     if counts.is_empty() {
         return String::new();

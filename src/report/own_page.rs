@@ -1,4 +1,4 @@
-//! Scenes' own rays through two backends as one page: `whit verify SCENE --html`.
+//! HTML page of the cross-check of scenes' own rays by two backends: `whit verify SCENE --html`.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -10,24 +10,25 @@ use super::table::in_groups;
 use crate::image::{LinearImage, ToneMap, png_bytes};
 use crate::verify::{Difference, bits};
 
-/// Differences whose bits are shown, wrong ones first.
+/// Largest number of differences whose bits are listed, wrong ones first.
 const MAX_SHOWN: usize = 24;
 
-/// A scene of a page.
+/// Section of the page for one scene.
 #[derive(Clone, Copy, Debug)]
 pub struct Part<'a> {
-    /// What was found.
+    /// Cross-check results of the scene.
     pub report: &'a OwnReport,
-    /// The picture with what differs drawn over it.
+    /// Image with markers for the differences.
     pub overlay: Option<&'a LinearImage>,
 }
 
-/// The page of all scenes; `date` is told as the user words it.
+/// Returns the page of all scenes; `date` is shown as the user gave it.
 pub fn page(scenes: &[Part], date: Option<&str>) -> String {
     let mut body = "<h1>Scenes’ own rays, asked twice</h1>\n\
                     <p>The rays of each scene’s picture went through two structures. Where the answers differ, the \
                     bounds on rounding tell ties from wrong ones.</p>\n"
         .to_owned();
+    // Sum the counts over all scenes
     let sum = |of: fn(&OwnReport) -> u64| scenes.iter().map(|part| of(part.report)).sum::<u64>();
     let wrong = sum(|report| report.rays.values().map(|rays| rays.wrong_count()).sum());
     let ties = sum(|report| report.rays.values().map(|rays| rays.tie_count()).sum());
@@ -42,6 +43,7 @@ pub fn page(scenes: &[Part], date: Option<&str>) -> String {
         ),
         (in_groups(ties), "ties", ""),
     ]);
+    // List facts about the run
     let mut facts = vec![
         ("whit", env!("CARGO_PKG_VERSION").to_owned()),
         ("processor", escape(&machine::processor())),
@@ -50,6 +52,7 @@ pub fn page(scenes: &[Part], date: Option<&str>) -> String {
         facts.push(("date", escape(date)));
     }
     body += &page::facts(&facts);
+    // Append a section for each scene
     for (number, part) in scenes.iter().enumerate() {
         body += &section(part, number);
     }
@@ -79,7 +82,7 @@ fn section(part: &Part, number: usize) -> String {
 }
 
 fn picture(report: &OwnReport, overlay: &LinearImage) -> String {
-    // A picture too large for a PNG is too large for a page.
+    // An image too large for a PNG is too large for a page.
     let Ok(png) = png_bytes(overlay, ToneMap::default()) else {
         return String::new();
     };
@@ -120,13 +123,13 @@ fn rays(report: &OwnReport) -> String {
     table.html("")
 }
 
-/// The first rays that differ, to be asked again.
+/// Returns the first differing rays with their bits, so that they can be traced again.
 fn differences(report: &OwnReport) -> String {
     let mut all: Vec<&Difference> = report.differences().collect();
     if all.is_empty() {
         return String::new();
     }
-    // Stable: in the order of the rays among themselves.
+    // The sort is stable, so that rays keep their order.
     all.sort_by_key(|difference| !difference.is_wrong);
     let lines: Vec<String> = all
         .iter()

@@ -1,4 +1,4 @@
-//! What each effect and each step of depth costs, and what the picture lacks without it: `whit info --prices`.
+//! Ablation study: change of time and image without each effect and at each depth (`whit info --prices`).
 
 use std::fmt;
 
@@ -11,86 +11,89 @@ use crate::scene::Effect;
 use super::bench::Spread;
 use super::words::percent;
 
-/// What things cost in a scene, by a few tiles of its picture.
+/// Costs of effects in a scene, measured on a few tiles of its image.
 #[derive(Clone, Debug, Serialize)]
 pub struct PriceList {
-    /// Pixels a row of the whole picture.
+    /// Width of the complete image in pixels.
     pub width: u32,
-    /// Its rows.
+    /// Height of the complete image in pixels.
     pub height: u32,
-    /// Samples a pixel.
+    /// Number of samples per pixel.
     pub spp: u32,
-    /// Steps that rays are followed at most.
+    /// Maximum depth of reflected and refracted rays.
     pub depth: u32,
-    /// Steps after which no ray of the sample was left, where the search for it found them.
+    /// Depth after which no ray of the sample remained; null where the search did not find it.
     pub depth_reached: Option<u32>,
-    /// Through which the scene is seen.
+    /// Name of the camera.
     pub camera: String,
-    /// What found the hits.
+    /// Intersection backend that found the hits.
     pub backend: Backend,
-    /// Threads that rendered.
+    /// Number of threads that rendered.
     pub threads: usize,
-    /// Tiles that were rendered.
+    /// Number of tiles that were rendered.
     pub tiles: usize,
-    /// Tiles of the whole picture.
+    /// Number of tiles of the complete image.
     pub tiles_in_all: usize,
-    /// Times that each picture was rendered for its time, all in turn.
+    /// Number of timed renders of each variant, in alternation.
     pub runs: usize,
-    /// Seconds that the whole picture is expected to take on all threads, if they have a processor each.
+    /// Estimated seconds for the complete image on all threads, if each has a processor of its own.
     pub seconds_forecast: f64,
-    /// By this part the times of the picture itself were off from each other.
+    /// Relative variation of the unchanged image's own times.
     pub noise: f64,
-    /// What was changed and what that changes, the dearest first; what is within the noise last.
+    /// Changes with their effects on time and image, the most expensive first; changes within the noise are last.
     pub list: Vec<Price>,
 }
 
-/// What becomes of time and picture if one thing is left out.
+/// Change of time and image when one thing is left out.
 #[derive(Clone, Debug, Serialize)]
 pub struct Price {
-    /// The effect that is left out; null for a step of depth.
+    /// Effect that is left out; null for a step of depth.
     pub without: Option<Effect>,
-    /// Effects that it takes along, as they do nothing without it.
+    /// Effects that are implied, as they have no influence without it.
     pub takes_along: Vec<Effect>,
-    /// The depth in place of the picture's; null for an effect.
+    /// Maximum depth in place of the image's; null for an effect.
     pub depth: Option<u32>,
-    /// How the time changes.
+    /// Change of the render time.
     pub time: TimeChange,
-    /// Whether any bit of the sample changes.
+    /// True if any bit of the sample changes.
     pub changes_picture: bool,
-    /// How far the picture is from the whole one, over the sample.
+    /// Error metrics of the changed image against the complete one, over the sample.
     pub picture: Metrics,
 }
 
-/// The change of a time as a part of it: -0.38 for 38 % less.
+/// Relative change of a time: -0.38 for 38 % less.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TimeChange {
-    /// The median over the runs.
+    /// Median change over the runs.
     pub median: f64,
-    /// The median of endless runs is between this
+    /// Lower end of the interval that contains the true median with a probability of at least 15/16.
     pub low: f64,
-    /// and this, with a probability of 15/16 at least.
+    /// Upper end of the interval that contains the true median with a probability of at least 15/16.
     pub high: f64,
-    /// Whether it may as well be none.
+    /// True if the change may be zero.
     pub within_noise: bool,
-    /// If so, how large it may be, up or down.
+    /// Largest change up or down that is possible if the change is within the noise.
     pub noise: f64,
 }
 
-/// Least runs that tell where a median lies: all of five are on one side of it once in sixteen times.
+/// Smallest number of runs that bounds a median: all of five lie on one side of it with probability 1/16.
 pub const MIN_RUNS: usize = 5;
 
 impl TimeChange {
-    /// The change that `runs` show, each as a part of the time of its own run; `noise` is that of no change.
+    /// Returns the change that `runs` show, each relative to the time of its own run; `noise` is the variation without
+    /// a change.
     ///
-    /// Each run is above or below the true median by even chances, whatever the times are distributed like; so the k-th
-    /// lowest and the k-th highest are on one side of it by the tail of a binomial distribution.
+    /// Each run lies above or below the true median with equal probability under any distribution; the k-th lowest and
+    /// k-th highest therefore lie on one side of it with the tail probability of a binomial distribution.
     pub fn of(runs: &[f64], noise: f64) -> TimeChange {
         let mut sorted = runs.to_vec();
         sorted.sort_by(f64::total_cmp);
+        // Bound the median by order statistics
         let outside = ranks_outside(sorted.len());
         let end = |index: Option<usize>| index.and_then(|i| sorted.get(i)).copied().unwrap_or(0.0);
         let (low, high) = (end(Some(outside)), end(sorted.len().checked_sub(outside + 1)));
         let median = Spread::of(runs).median;
+        // The change is noise if the interval contains zero, or if it is no larger than the noise
         let within_noise = low <= 0.0 && high >= 0.0 || median.abs() <= noise;
         TimeChange {
             median,
@@ -102,15 +105,16 @@ impl TimeChange {
     }
 }
 
-/// How many of the lowest of `count` sorted runs, and of the highest, may be left out of the range of the median.
+/// Returns the number of lowest, and of highest, sorted runs that lie outside the median's interval, for `count` runs.
 fn ranks_outside(count: usize) -> usize {
     const MISS: f64 = 1.0 / 16.0;
     let mut tail = 0.0;
+    // Add binomial weights until both tails exceed the permitted probability
     let mut exactly = 0.5f64.powi(count as i32);
     for rank in 0..count / 2 {
         tail += exactly;
         exactly *= (count - rank) as f64 / (rank + 1) as f64;
-        // With another rank outside, the tail grows by `exactly`.
+        // One more rank outside would increase the tail by `exactly`.
         if 2.0 * (tail + exactly) > MISS {
             return rank;
         }
@@ -119,19 +123,19 @@ fn ranks_outside(count: usize) -> usize {
 }
 
 impl Price {
-    /// Forecast of the part of the time that goes into it; `None` within the noise.
+    /// Returns the estimated fraction of the time that goes into the effect; `None` within the noise.
     pub fn share(&self) -> Option<f64> {
         (!self.time.within_noise).then_some((-self.time.median).max(0.0))
     }
 }
 
 impl PriceList {
-    /// What an effect costs, where it was left out.
+    /// Returns the cost of an effect, if it was left out in the study.
     pub fn of_effect(&self, effect: Effect) -> Option<&Price> {
         self.list.iter().find(|price| price.without == Some(effect))
     }
 
-    /// Puts the dearest first and what is within the noise last; equal ones stay as they are.
+    /// Sorts by cost in descending order, with changes within the noise last; the sort is stable.
     pub fn sort(&mut self) {
         let key = |price: &Price| match price.time.within_noise {
             true => f64::INFINITY,
@@ -140,7 +144,7 @@ impl PriceList {
         self.list.sort_by(|a, b| key(a).total_cmp(&key(b)));
     }
 
-    /// What the plan's line of an effect says of its time.
+    /// Returns the text that the plan's line of an effect appends about its time.
     pub fn note(&self, effect: Effect) -> String {
         let Some(price) = self.of_effect(effect) else {
             return String::new();
@@ -153,7 +157,7 @@ impl PriceList {
     }
 }
 
-/// With its sign.
+/// Formats a percentage with its sign.
 fn signed(part: f64) -> String {
     let sign = if part < 0.0 { '-' } else { '+' };
     format!("{sign}{}", percent(part))
@@ -190,8 +194,9 @@ impl fmt::Display for Price {
     }
 }
 
-/// A line for the measurement and one for each price.
+/// Text form with a line for the measurement and one for each cost.
 impl fmt::Display for PriceList {
+    // Print the conditions of the measurement
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         writeln!(
             f,
@@ -208,6 +213,7 @@ impl fmt::Display for PriceList {
             self.threads,
             self.seconds_forecast
         )?;
+        // Print the cost of each effect and depth
         self.list
             .iter()
             .try_for_each(|price| writeln!(f, "{:<15}{price}", "price"))?;
@@ -229,8 +235,8 @@ mod tests {
 
     #[test]
     fn the_range_of_a_median_leaves_out_as_many_runs_as_the_binomial_allows() {
-        // 2 · 2^-5 = 1/16 for all of five; 2 · 2^-8 (1 + 8) = 0.0703 for all but one of eight, 2 · 2^-9 (1 + 9) = 0.039
-        // of nine.
+        // The tail is 2 · 2^-5 = 1/16 for all of five runs, 2 · 2^-8 (1 + 8) = 0.0703 for all but one of eight, and 2 ·
+        // 2^-9 (1 + 9) = 0.039 for nine.
         let outside: Vec<usize> = [1, 5, 8, 9, 12].map(ranks_outside).to_vec();
         assert_eq!(outside, [0, 0, 0, 1, 2]);
     }
@@ -243,7 +249,7 @@ mod tests {
         let torn = TimeChange::of(&[-0.01, 0.02, 0.01, -0.02, 0.03], 0.01);
         assert!(torn.within_noise);
         assert_eq!(torn.to_string(), "time within the noise of ±3.0 %");
-        // As small as what the picture itself shows.
+        // The change is as small as the variation of the image itself.
         assert!(TimeChange::of(&[-0.01; 5], 0.02).within_noise);
         assert!(TimeChange::of(&[], 0.0).within_noise);
     }

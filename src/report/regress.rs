@@ -1,8 +1,8 @@
-//! Measurements held against earlier ones: `whit compare-stats`.
+//! Comparison of measurements with earlier ones: `whit compare-stats`.
 //!
-//! What is read are the JSON files of `whit bench` and `whit cost`, and flat objects of counts, such as of instructions.
-//! A measurement has regressed if it is worse by more than may be however its interval and the earlier one's are taken;
-//! where only the values say so and the intervals do not, nobody can tell.
+//! Inputs are the JSON files of `whit bench` and `whit cost`, and flat objects of counts, such as instruction counts. A
+//! measurement has regressed if it is worse by more than the tolerance for all values within its interval and the
+//! earlier one's; if only the central values are worse by more, the verdict is unclear.
 
 use std::collections::{HashMap, HashSet};
 use std::fmt;
@@ -13,38 +13,38 @@ use serde_json::{Map, Value};
 use super::words::percent;
 use crate::cost::{Interval, Study};
 
-/// Which of two values is the better one.
+/// Direction in which a measurement improves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Better {
-    /// Seconds, bytes, errors, counts.
+    /// Smaller is better: seconds, bytes, errors, counts.
     Less,
-    /// Rays a second.
+    /// Larger is better: rays per second.
     More,
 }
 
-/// Something that was measured.
+/// Named measurement with its interval.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measure {
-    /// What, and of what.
+    /// Measured quantity and the object that it belongs to.
     pub name: String,
-    /// How much; nothing is below 0.
+    /// Measured value; no value is below 0.
     pub value: Interval,
-    /// Which direction is good.
+    /// Direction in which the value improves.
     pub better: Better,
 }
 
-/// What became of a measurement.
+/// Verdict on the change of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// Not worse by more than may be.
+    /// Not worse by more than the tolerance.
     Holds,
-    /// Better by more than it may be worse, for certain.
+    /// Better by more than the tolerance, significantly.
     Improved,
-    /// Worse by more than may be, but the intervals leave it open.
+    /// Worse by more than the tolerance, but within the intervals.
     Unclear,
-    /// Worse by more than may be, for certain.
+    /// Worse by more than the tolerance, significantly.
     Regressed,
 }
 
@@ -59,41 +59,41 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// A measurement beside the earlier one.
+/// Measurement compared with its earlier value.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Change {
-    /// What was measured.
+    /// Name of the measurement.
     pub name: String,
-    /// Which direction is good.
+    /// Direction in which the value improves.
     pub better: Better,
-    /// Earlier.
+    /// Value of the earlier measurement.
     pub base: Interval,
-    /// Now.
+    /// Value of the new measurement.
     pub new: Interval,
-    /// By which part it is worse; less than 0 if it is better.
+    /// Relative change for the worse; negative if the value improved.
     pub worse_by: f64,
-    /// Whether that may be.
+    /// Verdict under the tolerance.
     pub verdict: Verdict,
 }
 
-/// Two sets of measurements.
+/// Comparison of two sets of measurements.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Changes {
-    /// Part by which a measurement may be worse.
+    /// Tolerance: largest relative change for the worse that is accepted.
     pub may_be_worse_by: f64,
-    /// Everything that was measured both times, in the order of the earlier.
+    /// All measurements in both sets, in the order of the earlier set.
     pub changes: Vec<Change>,
-    /// What was measured only earlier.
+    /// Names of measurements in the earlier set only.
     pub missing: Vec<String>,
-    /// What was measured only now.
+    /// Names of measurements in the new set only.
     pub added: Vec<String>,
 }
 
-/// The measurements in a JSON file.
+/// Reads the measurements from the text of a JSON file.
 ///
 /// # Errors
 ///
-/// What else the text is, as the end of a sentence that begins with the file's name.
+/// The fault of the text, as the end of a sentence that begins with the file's name.
 pub fn measures(text: &str) -> Result<Vec<Measure>, String> {
     let value: Value = serde_json::from_str(text).map_err(|error| format!("is no JSON: {error}"))?;
     let measures = match &value {
@@ -113,11 +113,12 @@ pub fn measures(text: &str) -> Result<Vec<Measure>, String> {
     })
 }
 
-/// Rows of `whit bench`; what builds took and take is told once for all rays.
+/// Reads rows of `whit bench`; time and memory of a build are listed once for all rays, as their names repeat.
 fn bench(rows: &[Value]) -> Option<Vec<Measure>> {
     let mut measures: Vec<Measure> = Vec::new();
     let mut known = HashSet::new();
     for row in rows {
+        // Name the row by scene, backend, precision and instancing
         let word = |key: &str| row.get(key).and_then(Value::as_str);
         let mut of = format!("{} {} {}", word("scene")?, word("backend")?, word("precision")?);
         if let Some(instancing) = word("instancing") {
@@ -128,12 +129,14 @@ fn bench(rows: &[Value]) -> Option<Vec<Measure>> {
                 measures.push(Measure { name, value, better });
             }
         };
+        // Add speed, build time and memory
         let replayed = format!("{of} {} {}", word("rays")?, word("mode")?);
         let (speed, build) = ("mrays_per_s", "build_seconds");
         add(format!("{replayed}: Mrays/s"), spread(row, speed)?, Better::More);
         add(format!("{of}: build seconds"), spread(row, build)?, Better::Less);
         let bytes = row.get("bytes").and_then(Value::as_f64)?;
         add(format!("{of}: bytes"), Interval::exact(bytes), Better::Less);
+        // Add values on several threads
         for scaled in list(row, "scaling") {
             let name = format!("{replayed} on {} threads: Mrays/s", scaled.get("threads")?);
             add(name, spread(scaled, speed)?, Better::More);
@@ -146,7 +149,7 @@ fn bench(rows: &[Value]) -> Option<Vec<Measure>> {
     Some(measures)
 }
 
-/// A median with its extremes.
+/// Reads a median with its extremes.
 fn spread(object: &Value, key: &str) -> Option<Interval> {
     let number = |key: &str| object.get(key).and_then(Value::as_f64);
     Some(Interval {
@@ -156,12 +159,13 @@ fn spread(object: &Value, key: &str) -> Option<Interval> {
     })
 }
 
-/// The values of a list; none where there is none.
+/// Reads the values of a list; empty where the key is absent.
 fn list<'v>(object: &'v Value, key: &str) -> &'v [Value] {
     object.get(key).and_then(Value::as_array).map_or(&[], |list| list)
 }
 
-/// Times and errors of a study. Times are those over the base's, but for the base: how fast the machine was cancels out.
+/// Returns times and errors of a study. Times are relative to the base's except for the base itself, so that the
+/// machine's speed cancels.
 fn cost(study: &Study) -> Vec<Measure> {
     let points = study.points.iter().flat_map(|point| {
         let name = point
@@ -194,7 +198,7 @@ fn counts(object: &Map<String, Value>) -> Option<Vec<Measure>> {
 }
 
 impl Changes {
-    /// What became of `base`, where `may_be_worse_by` is the part by which a measurement may be worse.
+    /// Compares `new` with `base`; `may_be_worse_by` is the accepted relative change for the worse.
     pub fn new(base: &[Measure], new: &[Measure], may_be_worse_by: f64) -> Changes {
         let by_name: HashMap<&str, &Measure> = new.iter().map(|measure| (&*measure.name, measure)).collect();
         let mut changes = Changes {
@@ -203,6 +207,7 @@ impl Changes {
             missing: Vec::new(),
             added: Vec::new(),
         };
+        // Match measurements by name
         let known: HashSet<&str> = base.iter().map(|measure| &*measure.name).collect();
         for measure in base {
             match by_name.get(&*measure.name) {
@@ -215,7 +220,7 @@ impl Changes {
         changes
     }
 
-    /// How many have that verdict.
+    /// Returns the number of measurements with this verdict.
     pub fn count(&self, verdict: Verdict) -> usize {
         self.changes
             .iter()
@@ -226,7 +231,7 @@ impl Changes {
 
 impl Change {
     fn new(base: &Measure, new: &Measure, may_be: f64) -> Change {
-        // Of what is better if there is more of it, the time that each takes is.
+        // Compare times: a rate where larger is better is inverted.
         let times = |interval: Interval| match base.better {
             Better::Less => interval,
             Better::More => Interval {
@@ -236,6 +241,7 @@ impl Change {
             },
         };
         let (before, now) = (times(base.value), times(new.value));
+        // Test significance by the ends of the intervals, first for the worse, then for the better
         let limit = 1.0 + may_be;
         let verdict = if now.low > limit * before.high {
             Verdict::Regressed
@@ -251,7 +257,7 @@ impl Change {
             better: base.better,
             base: base.value,
             new: new.value,
-            // Nothing is as bad as nothing.
+            // Two zeros are equal; their ratio would be NaN.
             worse_by: if now.value == before.value {
                 0.0
             } else {
@@ -264,6 +270,7 @@ impl Change {
 
 impl fmt::Display for Changes {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        // Print all changes but those that hold
         let told = |change: &&Change| change.verdict != Verdict::Holds;
         for change in self.changes.iter().filter(told) {
             writeln!(
@@ -280,6 +287,7 @@ impl fmt::Display for Changes {
                 }
             )?;
         }
+        // Print the number of each verdict
         writeln!(
             f,
             "{} measurements: {} regressed by more than {}, {} unclear, {} improved, {} hold",
@@ -290,6 +298,7 @@ impl fmt::Display for Changes {
             self.count(Verdict::Improved),
             self.count(Verdict::Holds)
         )?;
+        // Print measurements without a counterpart
         for (names, when) in [(&self.missing, "before"), (&self.added, "now")] {
             if let [first, rest @ ..] = &names[..] {
                 let more = match rest.len() {
@@ -303,7 +312,7 @@ impl fmt::Display for Changes {
     }
 }
 
-/// A value with the ends of its interval, if it has any.
+/// Formats a value with the ends of its interval, if these differ.
 fn with_ends(interval: &Interval) -> String {
     let Interval { value, low, high } = interval;
     if low == high {

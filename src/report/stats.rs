@@ -1,4 +1,4 @@
-//! What a render took: `whit render --stats`.
+//! Statistics of a render: `whit render --stats`.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -12,73 +12,74 @@ use crate::render::{
 };
 use crate::scene::{Geometry, Scene};
 
-/// Everything worth knowing about one rendered image.
+/// Complete statistics of one rendered image.
 #[derive(Clone, Debug, Serialize)]
 pub struct RenderStats {
-    /// Of whit.
+    /// Version of whit that rendered.
     pub version: &'static str,
-    /// What was rendered.
+    /// Scene that was rendered.
     pub scene: SceneStats,
-    /// What became of it.
+    /// Image that was written.
     pub image: ImageStats,
-    /// Samples a pixel; at most, if they are adaptive.
+    /// Samples per pixel; with adaptive sampling the largest number.
     pub spp: u32,
-    /// Samples that were taken.
+    /// Number of samples that were taken.
     pub samples: SampleCounts,
-    /// Most generations of reflected and refracted rays.
+    /// Maximum depth of reflected and refracted rays.
     pub depth: u32,
-    /// What was not followed.
+    /// Rays that were cut off by the depth limit or the weight.
     pub cutoff: CutoffStats,
-    /// What found the hits.
+    /// Intersection backend that found the hits.
     pub backend: Backend,
-    /// Which Embree, where it is the backend.
+    /// Identity of the Embree library, where it is the backend.
     pub embree: Option<EmbreeIdentity>,
-    /// How far triangle hits may be trusted.
+    /// Precision of triangle hits.
     pub precision: Precision,
-    /// Threads that built and rendered.
+    /// Number of threads that built and rendered.
     pub threads: usize,
-    /// Where the time went.
+    /// Wall-clock seconds of each phase.
     pub seconds: PhaseSeconds,
-    /// Rays by purpose.
+    /// Number of rays by purpose.
     pub rays: RayCounts,
-    /// What was simulated and what was not, each with its cost and its reason.
+    /// Simulated and skipped effects, each with its cost and reason.
     pub effects: BTreeMap<&'static str, EffectStats>,
-    /// Every ray, every second and every byte, each under one account, and what the measuring took.
+    /// Profile of all rays, seconds and bytes, each under one account, with the overhead of measuring.
     pub ledger: LedgerStats,
-    /// Bodies that scatter light within; null where none does.
+    /// Subsurface-scattering objects; null where none scatters.
     pub subsurface: Option<SubsurfaceStats>,
-    /// The acceleration structure.
+    /// Size and kind of the acceleration structure.
     pub accel: AccelStats,
-    /// Most memory that the process has held so far; null where the system does not tell.
+    /// Peak memory of the process so far; null where the system does not report it.
     pub peak_memory_bytes: Option<u64>,
 }
 
-/// What a scene holds.
+/// Numbers of objects in a scene.
 #[derive(Clone, Debug, Serialize)]
 pub struct SceneStats {
-    /// As it was named on the command line.
+    /// Path of the scene as given on the command line.
     pub path: PathBuf,
-    /// Those of a shared mesh count once for every instance.
+    /// Number of triangles; a shared mesh counts once per instance.
     pub triangles: usize,
-    /// Instances of analytic shapes.
+    /// Number of instances of analytic shapes.
     pub shapes: usize,
-    /// Placed geometries.
+    /// Number of instances of all geometries.
     pub instances: usize,
-    /// Punctual lights.
+    /// Number of lights in the scene.
     pub lights: usize,
-    /// Textures of materials.
+    /// Number of material textures.
     pub textures: usize,
-    /// Volumes, without fog.
+    /// Number of volumes, without fog.
     pub volumes: usize,
-    /// Bytes of their grids.
+    /// Bytes of the volumes' grids.
     pub volume_bytes: u64,
-    /// Whether fog fills all space.
+    /// True if fog fills all space.
     pub fog: bool,
 }
 
 impl SceneStats {
-    /// Counts a scene that was read from `path`.
+    /// Counts the objects of a scene that was read from `path`.
     pub fn of(scene: &Scene, path: impl Into<PathBuf>) -> SceneStats {
+        // Count instances of shapes rather than distinct shapes
         let is_shape = |geometry: u32| matches!(scene.geometries[geometry as usize], Geometry::Shape(_));
         SceneStats {
             path: path.into(),
@@ -94,80 +95,80 @@ impl SceneStats {
     }
 }
 
-/// The image that was written.
+/// Image that was written, with its size and exposure.
 #[derive(Clone, Debug, Serialize)]
 pub struct ImageStats {
-    /// Where it is.
+    /// Path of the image file.
     pub path: PathBuf,
-    /// Pixels a row.
+    /// Width of the image in pixels.
     pub width: u32,
-    /// Rows.
+    /// Height of the image in pixels.
     pub height: u32,
     /// Name of the camera.
     pub camera: String,
-    /// Radiance of the surroundings, linear RGB.
+    /// Radiance of the background, linear RGB.
     pub ambient: [f32; 3],
-    /// Stops of exposure, which only a PNG shows.
+    /// Exposure in stops, which affects a PNG only.
     pub exposure_ev: f32,
-    /// Pixels that hold a NaN or an infinity; 0 in a sound picture.
+    /// Number of pixels with a NaN or an infinity; 0 in a valid image.
     pub non_finite_pixels: usize,
 }
 
 /// Wall-clock seconds by phase.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct PhaseSeconds {
-    /// Reading and checking the scene.
+    /// Seconds to read and check the scene.
     pub load: f64,
-    /// Building the acceleration structure.
+    /// Seconds to build the acceleration structure.
     pub build: f64,
-    /// Rendering.
+    /// Seconds to render the image.
     pub render: f64,
-    /// Writing the image.
+    /// Seconds to write the image.
     pub write: f64,
-    /// From the start of loading to the end of writing.
+    /// Seconds from the start of loading to the end of writing.
     pub total: f64,
-    /// Within the backend while rendering, summed over threads.
+    /// Seconds within the backend while rendering, summed over threads.
     pub trace: f64,
 }
 
-/// Rays by purpose.
+/// Numbers of rays by purpose.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct RayCounts {
-    /// From the camera.
+    /// Rays from the camera.
     pub camera: u64,
-    /// To lights.
+    /// Shadow rays to lights.
     pub shadow: u64,
-    /// From mirrors.
+    /// Rays reflected at surfaces.
     pub reflection: u64,
-    /// Through surfaces.
+    /// Rays refracted or transmitted through surfaces.
     pub refraction: u64,
 }
 
-/// Rays that were not followed because they hardly matter, or because of the depth limit.
+/// Rays that were not followed because of their low weight or the depth limit.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct CutoffStats {
-    /// How many.
+    /// Number of rays cut off.
     pub rays: u64,
-    /// The sum of their weights over all samples: a pixel is on average darker by at most so many times the largest
-    /// radiance in the scene.
+    /// Sum of the rays' weights over the number of samples: a pixel is on average darker by at most this factor times
+    /// the largest radiance in the scene.
     pub mean_weight: f64,
-    /// The most that any pixel lacks: its samples' lost weights over their number. Times the radiance that a lost ray
-    /// could have brought, it is the worst error of a pixel that is filtered by a box.
+    /// Largest loss of any pixel: its samples' lost weights over their number. Multiplied by the radiance that a lost
+    /// ray could have contributed, it is the largest error of a pixel under a box filter.
     pub max_weight: f64,
-    /// Of these, rays beyond the depth limit.
+    /// Part of the loss due to the depth limit.
     pub depth_limit: LossStats,
-    /// Of these, rays that weighed too little.
+    /// Part of the loss due to the weight cut-off.
     pub weight_cutoff: LossStats,
 }
 
 /// Rays that one limit cut off.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct LossStats {
-    /// How many.
+    /// Number of rays cut off by the limit.
     pub rays: u64,
-    /// Their weights over all samples.
+    /// Sum of the rays' weights over the number of samples.
     pub mean_weight: f64,
-    /// The most that any pixel lacks because of them.
+    /// Largest loss of any pixel due to the limit.
     pub max_weight: f64,
 }
 
@@ -182,7 +183,7 @@ impl LossStats {
 }
 
 impl CutoffStats {
-    /// Those of a ledger, for so many samples.
+    /// Returns the cut-off statistics of a ledger, for `samples` samples.
     pub fn of(ledger: &Ledger, samples: u64) -> CutoffStats {
         CutoffStats {
             rays: ledger.lost_rays,
@@ -195,7 +196,7 @@ impl CutoffStats {
 }
 
 impl RayCounts {
-    /// The counts of a ledger.
+    /// Returns the ray counts of a ledger.
     pub fn of(ledger: &Ledger) -> RayCounts {
         RayCounts {
             camera: ledger.camera_rays(),
@@ -206,26 +207,27 @@ impl RayCounts {
     }
 }
 
-/// What an effect cost and why it was simulated.
+/// Cost of an effect and the reason for simulating it.
 #[derive(Clone, Debug, Serialize)]
 pub struct EffectStats {
-    /// Rays traced for it; 0 where it has no account of its own.
+    /// Number of rays traced for the effect; 0 where it has no account of its own.
     pub rays: u64,
-    /// Seconds that it took, summed over threads; 0 where it has no account of its own.
+    /// Seconds of the effect, summed over threads; 0 where it has no account of its own.
     pub seconds: f64,
-    /// Bytes that were held for it.
+    /// Bytes that were held for the effect.
     pub bytes: u64,
-    /// Whether it was simulated.
+    /// True if the effect was simulated.
     pub on: bool,
-    /// What in the scene calls for it, or that nothing does.
+    /// Objects in the scene that need the effect, or the statement that none does.
     pub reason: String,
 }
 
-/// The effects of a frame by name.
+/// Returns the statistics of a frame's effects by name.
 pub fn effect_stats(rendering: &Rendering) -> BTreeMap<&'static str, EffectStats> {
     let Rendering {
         plan, ledger, memory, ..
     } = rendering;
+    // Effects without an account of their own have zero rays and seconds
     let tally = |effect| Account::of(effect).map_or(Tally::default(), |account| ledger.of(account));
     let entry = |decision: &Decision| EffectStats {
         rays: tally(decision.effect).rays,
@@ -240,43 +242,43 @@ pub fn effect_stats(rendering: &Rendering) -> BTreeMap<&'static str, EffectStats
         .collect()
 }
 
-/// Where rays, seconds and bytes of the render phase went.
+/// Profile of the rays, seconds and bytes of the render phase.
 #[derive(Clone, Debug, Serialize)]
 pub struct LedgerStats {
-    /// By account; an effect's has the effect's name. Rays add up to all that were asked of the backend, seconds to
-    /// `thread_seconds`.
+    /// Statistics by account; an effect's account has the effect's name. Rays sum to all rays that the backend traced,
+    /// seconds to `thread_seconds`.
     pub accounts: BTreeMap<&'static str, AccountStats>,
-    /// Wall-clock seconds of the phase times its threads.
+    /// Wall-clock seconds of the phase times its number of threads.
     pub thread_seconds: f64,
-    /// How often the clock was read.
+    /// Number of clock readings.
     pub clock_reads: u64,
-    /// Seconds that one reading takes, as measured before the render.
+    /// Seconds per clock reading, as measured before the render.
     pub clock_read_seconds: f64,
-    /// Seconds that reading the clock took, summed over threads.
+    /// Seconds that all clock readings took, summed over threads.
     pub seconds_of_measuring: f64,
-    /// Bytes of all holdings, each at its own peak.
+    /// Sum of the bytes of all holdings, each at its own peak.
     pub bytes: u64,
-    /// Bytes that were held at the same time, at most.
+    /// Largest number of bytes held at the same time.
     pub bytes_at_once: u64,
-    /// What was held in memory, and for what: effects, accounts, and what serves to find hits.
+    /// Memory by purpose: effects, accounts, and the acceleration structure.
     pub holdings: Vec<Holding>,
 }
 
-/// What one account took.
+/// Cost of one account.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct AccountStats {
-    /// Rays asked of the backend.
+    /// Number of rays that the backend traced.
     pub rays: u64,
     /// Seconds, summed over threads.
     pub seconds: f64,
-    /// Of these, within the backend.
+    /// Part of the seconds that was spent within the backend.
     pub trace_seconds: f64,
-    /// Bytes that were held for it.
+    /// Bytes that were held for the account.
     pub bytes: u64,
 }
 
 impl LedgerStats {
-    /// Those of a render.
+    /// Returns the statistics of a render's ledger and memory.
     pub fn of(ledger: &Ledger, memory: &Memory) -> LedgerStats {
         let entry = |(account, tally): (Account, Tally)| {
             let stats = AccountStats {
@@ -300,13 +302,13 @@ impl LedgerStats {
     }
 }
 
-/// The acceleration structure that was used.
+/// Size and description of the acceleration structure.
 #[derive(Clone, Debug, Serialize)]
 pub struct AccelStats {
-    /// After the build.
+    /// Bytes after the build.
     pub bytes: u64,
-    /// At most during the build.
+    /// Peak bytes during the build.
     pub peak_bytes: u64,
-    /// What it is, for a person.
+    /// Description of the structure for a person.
     pub summary: String,
 }

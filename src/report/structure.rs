@@ -1,5 +1,5 @@
-//! What finds hits: rows of the plan that are no effects. What a scene has none of takes no callback, no flag and no
-//! memory.
+//! Parts of the acceleration structure: plan rows that are not effects. A part that the scene does not need takes no
+//! callback, no flag and no memory.
 
 use std::fmt;
 
@@ -8,26 +8,29 @@ use serde::Serialize;
 use crate::accel::PrimitiveCounts;
 use crate::scene::Scene;
 
-/// A part of what finds hits, and why it is there or not.
+/// Part of the acceleration structure, with the reason why it is present or absent.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StructureRow {
-    /// `triangles`, `user-geometry`, `instances`, `planes`, `watertight-triangles` or `filters`.
+    /// Name of the part: `triangles`, `user-geometry`, `instances`, `planes`, `watertight-triangles` or `filters`.
     pub part: &'static str,
-    /// Whether it is there.
+    /// True if the structure contains the part.
     pub on: bool,
-    /// What in the scene calls for it, or that nothing does.
+    /// Objects in the scene that need the part, or the statement that none does.
     pub reason: String,
 }
 
-/// The rows of a scene, with the defaults of `whit render`.
+/// Returns the rows of a scene, with the default options of `whit render`.
 pub(super) fn rows(scene: &Scene) -> Vec<StructureRow> {
+    // Count primitives by the way in which they are intersected
     let contents = PrimitiveCounts::of(scene);
+    // Instanced meshes are user geometry; meshes in world space are Embree triangles
     let PrimitiveCounts {
         world_triangles,
         placed_meshes,
         shapes,
         planes,
     } = contents;
+    // Choose the reason by whether the part is present
     let row = |part, on, there: String, absent: &str| StructureRow {
         part,
         on,
@@ -35,6 +38,7 @@ pub(super) fn rows(scene: &Scene) -> Vec<StructureRow> {
     };
     let has_triangles = world_triangles + placed_meshes > 0;
     let (instances, geometries) = (scene.instances.len(), scene.geometries.len());
+    // List every part with its reason
     vec![
         row(
             "triangles",

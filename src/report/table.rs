@@ -1,4 +1,4 @@
-//! Rays, seconds and bytes by effect as a table, for a person: `whit render --stats -`.
+//! Text table of rays, seconds and bytes by effect: `whit render --stats -`.
 
 use std::fmt::Write;
 
@@ -6,11 +6,12 @@ use super::memory::in_words;
 use super::stats::{AccountStats, RenderStats};
 use crate::render::Account;
 
-/// The ledger of an image, an account a line, and what measuring it took.
+/// Returns the render profile of an image with one line per account, and the overhead of the measurement.
 pub fn ledger(stats: &RenderStats) -> String {
     let mut text = row(["", "rays", "seconds", "share", "bytes", "because"]);
     let whole = stats.ledger.thread_seconds;
     let is_account = |name: &str| Account::ALL.iter().any(|account| account.name() == name);
+    // List accounts that took rays, time or memory
     for account in Account::ALL {
         let name = account.name();
         let Some(spent) = stats.ledger.accounts.get(name) else {
@@ -25,14 +26,17 @@ pub fn ledger(stats: &RenderStats) -> String {
             .map_or("", |effect| effect.reason.as_str());
         text += &spent_row(name, *spent, whole, reason);
     }
+    // List effects that have no account of their own
     for (name, effect) in &stats.effects {
         if (effect.on || effect.bytes > 0) && !is_account(name) {
             text += &row([name, "", "", "", &bytes_in_words(effect.bytes), &effect.reason]);
         }
     }
+    // List memory of the acceleration structure
     for (name, bytes) in structures(stats) {
         text += &row([name, "", "", "", &bytes_in_words(bytes), ""]);
     }
+    // Append totals and the overhead of reading the clock
     text += &spent_row("total", total(stats), whole, "");
     // Writing to a string cannot fail.
     let _ = writeln!(
@@ -52,7 +56,7 @@ pub fn ledger(stats: &RenderStats) -> String {
     text
 }
 
-/// What is held neither for an effect nor for an account, but to find hits.
+/// Returns the bytes held for intersection, which belong to neither an effect nor an account.
 fn structures(stats: &RenderStats) -> Vec<(&'static str, u64)> {
     let mut sums: Vec<(&str, u64)> = Vec::new();
     for holding in &stats.ledger.holdings {
@@ -111,7 +115,7 @@ fn percent(part: f64, whole: f64) -> f64 {
     if whole > 0.0 { 100.0 * part / whole } else { 0.0 }
 }
 
-/// A number with a space between thousands.
+/// Formats a number with a space between thousands.
 pub(crate) fn in_groups(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::with_capacity(digits.len() + digits.len() / 3);

@@ -1,4 +1,4 @@
-//! Rows of the suite of hard cases: `whit verify`.
+//! Result rows of the verification suite of hard cases: `whit verify`.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -7,21 +7,21 @@ use serde::Serialize;
 
 use crate::verify::{Asks, Case, Closes, Outcome, PATHS, Path, Verdict};
 
-/// How one case went on one path.
+/// Result of one case on one backend configuration.
 #[derive(Clone, Serialize)]
 pub struct VerifyRow {
-    /// What was asked.
+    /// Case that was verified.
     #[serde(flatten)]
     pub case: Case,
-    /// The path's name.
+    /// Name of the backend configuration.
     pub path: &'static str,
-    /// How it went.
+    /// Verdict and counts of the case.
     #[serde(flatten)]
     pub outcome: Outcome,
 }
 
 impl VerifyRow {
-    /// The row of an outcome.
+    /// Returns the row of an outcome.
     pub fn new(case: &Case, path: &Path, outcome: Outcome) -> VerifyRow {
         VerifyRow {
             case: *case,
@@ -30,7 +30,7 @@ impl VerifyRow {
         }
     }
 
-    /// What is measured: the largest error, if the case has one.
+    /// Returns the largest error with its unit, or an empty text if the case measures none.
     pub(super) fn worst(&self) -> String {
         if self.case.unit.is_empty() {
             return String::new();
@@ -39,7 +39,7 @@ impl VerifyRow {
     }
 }
 
-/// What a verdict is called.
+/// Returns the name of a verdict in reports.
 pub(super) fn word(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Holds => "holds",
@@ -48,9 +48,10 @@ pub(super) fn word(verdict: Verdict) -> &'static str {
     }
 }
 
-/// All rows, a line each, under a heading for each case; then the first wrong answer of every check that failed.
+/// Returns all rows as a table with a heading for each case; then the first wrong result of every check that failed.
 pub fn table(rows: &[VerifyRow]) -> String {
     let mut text = String::new();
+    // List the Embree versions
     let versions: BTreeSet<&str> = rows
         .iter()
         .filter_map(|row| row.outcome.embree.as_ref())
@@ -60,6 +61,7 @@ pub fn table(rows: &[VerifyRow]) -> String {
         text += &format!("Embree {version}\n");
     }
     let mut last = "";
+    // Print each row below the heading of its case
     for row in rows {
         // Writing to a string cannot fail.
         if row.case.id != last {
@@ -85,11 +87,13 @@ pub fn table(rows: &[VerifyRow]) -> String {
             word(row.outcome.verdict),
         );
     }
+    // Print an example of every failed check
     for row in rows.iter().filter(|row| row.outcome.verdict == Verdict::Fails) {
         if let Some(example) = &row.outcome.tally.example {
             let _ = writeln!(text, "\n{} on {}: {example}", row.case.id, row.path);
         }
     }
+    // Print the number of checks by verdict
     let count = |verdict| rows.iter().filter(|row| row.outcome.verdict == verdict).count();
     let _ = writeln!(
         text,
@@ -102,7 +106,7 @@ pub fn table(rows: &[VerifyRow]) -> String {
     text
 }
 
-/// What each case does and what it requires, and which of the 48 planned ones are missing.
+/// Returns the construction and requirement of each case, and the list of those missing among the 48 planned ones.
 pub fn case_list(cases: &[&Case]) -> String {
     let mut text = String::new();
     for case in cases {
@@ -111,6 +115,7 @@ pub fn case_list(cases: &[&Case]) -> String {
         let _ = writeln!(text, "    knows     {}", case.oracle);
         let _ = writeln!(text, "    requires  {}, {}", case.bound, required_of(case));
     }
+    // List planned cases that the suite lacks
     let missing: Vec<String> = (1..=PLANNED)
         .map(|number| format!("H{number:02}"))
         .filter(|id| !crate::verify::cases().iter().any(|case| case.id == id))
@@ -121,7 +126,7 @@ pub fn case_list(cases: &[&Case]) -> String {
     text
 }
 
-/// Cases that are to be.
+/// Number of planned cases, implemented or not.
 const PLANNED: u32 = 48;
 
 pub(super) fn required_of(case: &Case) -> String {

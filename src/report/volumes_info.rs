@@ -1,4 +1,4 @@
-//! What was understood of a scene's volumes and fog, in the file's coordinates.
+//! Description of a scene's volumes and fog, in the file's coordinates.
 
 use std::fmt;
 
@@ -7,31 +7,31 @@ use serde::Serialize;
 use super::memory;
 use crate::scene::Scene;
 
-/// A volume.
+/// Description of a volume in the scene.
 #[derive(Clone, Debug, Serialize)]
 pub struct VolumeInfo {
-    /// As in the file, or made up.
+    /// Name from the file, or a generated one.
     pub name: String,
-    /// Samples along x, y, z.
+    /// Number of samples along x, y and z.
     pub size: [usize; 3],
-    /// Of its grids.
+    /// Memory of the volume's grids in bytes.
     pub bytes: u64,
-    /// Length of a step of the march, in the file's unit.
+    /// Length of a ray-marching step, in the file's unit.
     pub step: f64,
-    /// Share of it that is leapt over.
+    /// Fraction of the volume that is skipped as empty space.
     pub empty_share: f64,
 }
 
-/// Fog.
+/// Description of the scene's fog.
 #[derive(Clone, Debug, Serialize)]
 pub struct FogInfo {
-    /// Per unit of length of the file.
+    /// Extinction coefficient per unit of length of the file.
     pub extinction: f64,
-    /// Share of what is taken away that is scattered, linear RGB.
+    /// Scattering albedo, linear RGB.
     pub color: [f64; 3],
-    /// Radiance sent out per unit of length, linear RGB.
+    /// Emitted radiance per unit of length, linear RGB.
     pub emission: [f64; 3],
-    /// Length of a step of the march where lamps light it, in the file's unit.
+    /// Length of a ray-marching step where lights illuminate the fog, in the file's unit.
     pub step: f64,
 }
 

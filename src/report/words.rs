@@ -1,8 +1,8 @@
-//! Numbers as words.
+//! Formatting of numbers for reports.
 
 use crate::cost::Interval;
 
-/// A part of a whole: two digits are more than measurements of time give.
+/// Formats a fraction as a percentage with at most two significant digits, as measured times are not more accurate.
 pub(super) fn percent(part: f64) -> String {
     let percent = 100.0 * part.abs();
     match percent {
@@ -14,7 +14,8 @@ pub(super) fn percent(part: f64) -> String {
     }
 }
 
-/// A number to so many digits that count, in decimals where these are few; a dash for what is no number.
+/// Formats a number with `digits` significant digits, in positional notation for moderate exponents; a dash if it is
+/// not finite.
 pub(super) fn significant(value: f64, digits: usize) -> String {
     if !value.is_finite() {
         return "–".into();
@@ -24,7 +25,7 @@ pub(super) fn significant(value: f64, digits: usize) -> String {
     }
     let after_first = digits.max(1) - 1;
     let powers = format!("{value:.after_first$e}");
-    // As rounded: 9.99 may be 10.
+    // Take the exponent after rounding: 9.99 may become 10.
     let exponent: i32 = powers
         .split_once('e')
         .and_then(|(_, e)| e.parse().ok())
@@ -35,13 +36,13 @@ pub(super) fn significant(value: f64, digits: usize) -> String {
     }
 }
 
-/// A ratio, as what something is multiplied by.
+/// Formats a ratio as a factor, such as `x1.25`.
 pub(super) fn times(ratio: f64) -> String {
-    // What rounds to 1 is written like it.
+    // A ratio that rounds to 1 has three digits, as larger ones do.
     format!("x{}", significant(ratio, if ratio < 0.995 { 2 } else { 3 }))
 }
 
-/// The ends of an interval.
+/// Formats the ends of an interval as `low to high`.
 pub(super) fn range(interval: Interval, digits: usize) -> String {
     let [low, high] = [interval.low, interval.high].map(|end| significant(end, digits));
     format!("{low} to {high}")

@@ -1,25 +1,26 @@
-//! Where a picture is farthest from its reference.
+//! Tiles in which an image differs most from its reference.
 
 use crate::image::{LinearImage, ToneMap, metrics};
 
-/// Pixels of a tile each way, if the picture has as many.
+/// Side of a tile in pixels, unless the image is smaller.
 pub const SIDE: u32 = 32;
 
-/// A part of a picture.
+/// Rectangular part of an image with its error.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tile {
-    /// Column and row of its upper left pixel.
+    /// Column and row of the upper left pixel.
     pub at: [u32; 2],
     /// Width and height in pixels.
     pub size: [u32; 2],
-    /// Mean squared difference of channels as displayed (black is 0, white 1).
+    /// Mean squared difference of displayed channels (black is 0, white 1).
     pub mse: f64,
 }
 
-/// The `most` tiles that differ most, worst first, without those that do not differ at all. Both pictures have one size.
+/// Returns at most `most` tiles with the largest difference, in descending order and without equal ones. Both images
+/// have equal size.
 ///
-/// Tiles at the right and the lower edge are moved inward where the picture is no whole number of tiles, and lie partly
-/// on those beside them.
+/// Tiles at the right and lower edges are shifted inwards where the size is not a multiple of the tile's, and overlap
+/// their neighbours.
 pub fn worst(reference: &LinearImage, picture: &LinearImage, tone: ToneMap, most: usize) -> Vec<Tile> {
     let size = [reference.width, reference.height].map(|side| side.min(SIDE));
     let rows = starts(reference.height);
@@ -32,13 +33,13 @@ pub fn worst(reference: &LinearImage, picture: &LinearImage, tone: ToneMap, most
         })
         .filter(|tile| tile.mse > 0.0)
         .collect();
-    // Stable: of equals the upper ones.
+    // The sort is stable, so that upper tiles come first among equal ones.
     tiles.sort_by(|a, b| b.mse.total_cmp(&a.mse));
     tiles.truncate(most);
     tiles
 }
 
-/// Where tiles begin along a side.
+/// Returns the coordinates at which tiles begin along a side.
 fn starts(side: u32) -> impl Iterator<Item = u32> {
     let last = side.saturating_sub(SIDE);
     (0..side.div_ceil(SIDE)).map(move |number| (number * SIDE).min(last))
@@ -53,7 +54,7 @@ fn squared_difference(pictures: [&LinearImage; 2], tone: ToneMap, at: [u32; 2], 
     sum / (3 * a.pixels.len()).max(1) as f64
 }
 
-/// A part of a picture, as a picture; what lies beside the picture is left out.
+/// Returns a part of an image as an image of its own; pixels outside the image are left out.
 pub fn crop(image: &LinearImage, [x, y]: [u32; 2], [width, height]: [u32; 2]) -> LinearImage {
     let columns = x.min(image.width)..x.saturating_add(width).min(image.width);
     let rows = y.min(image.height)..y.saturating_add(height).min(image.height);
@@ -82,7 +83,7 @@ mod tests {
         let places: Vec<_> = tiles.iter().map(|tile| tile.at).collect();
         // The last column begins at 70 - 32, the last row at 40 - 32.
         assert_eq!(places, [[38, 8], [0, 0]]);
-        // One pixel of 32², white where there is black.
+        // One of 32² pixels is white instead of black.
         assert!((tiles[0].mse - 1.0 / 1024.0).abs() < 1e-15, "{}", tiles[0].mse);
         assert_eq!(worst(&reference, &picture, ToneMap::default(), 1).len(), 1);
     }
@@ -95,7 +96,7 @@ mod tests {
         picture.pixels[7] = [f32::INFINITY, f32::NAN, -1.0];
         let tiles = worst(&reference, &picture, ToneMap::default(), 8);
         assert_eq!((tiles[0].at, tiles[0].size), ([0, 0], [5, 3]));
-        // A channel of three is white; what is no number or negative is black.
+        // One of three channels is white; NaN and negative values are black.
         assert!((tiles[0].mse - 1.0 / 45.0).abs() < 1e-15);
         let none = LinearImage::black(0, 0);
         assert!(worst(&none, &none, ToneMap::default(), 8).is_empty());

@@ -1,4 +1,5 @@
-//! Baking: moving a mesh by an affine map once and for all, so that rays need not be moved to meet it.
+//! Baking of mesh transforms: a mesh that is used once is transformed to world space at load time, so that rays need no
+//! transform to intersect it.
 //!
 //! Every vertex is mapped in f64 and rounded to f32 once.
 
@@ -10,18 +11,21 @@ use crate::mesh::{Buffer, Mesh};
 use crate::numeric;
 use crate::parallel;
 
-/// The mesh moved by `map`: normals stay outside, and a mirroring map swaps the windings so that front stays front.
-/// Tangents move along; their handedness is turned by a mirroring map, because the normals are not.
+/// Returns the mesh transformed by `map`. Normals keep pointing outside, and a mirroring map reverses the windings so
+/// that the front side stays the front side. Tangents are transformed too; a mirroring map flips their handedness,
+/// because it does not flip the normals.
 pub(crate) fn bake_mesh(mesh: &Mesh, map: &DAffine3) -> Mesh {
     let normal = |n: [f32; 3]| {
         numeric::transform_normal(&map.matrix3, Vec3::from(n).as_dvec3())
             .as_vec3()
             .to_array()
     };
+    // The sign of the determinant decides whether windings and handedness are reversed
     let is_mirrored = map.matrix3.determinant() < 0.0;
     let handedness = if is_mirrored { -1.0 } else { 1.0 };
     let tangent = |[x, y, z, w]: [f32; 4]| {
         let t = Vec3::new(x, y, z).as_dvec3();
+        // A tangent that the map collapses to zero is kept
         let moved = (map.matrix3 * t).try_normalize().unwrap_or(t);
         moved.as_vec3().extend(w * handedness).to_array()
     };
@@ -32,6 +36,7 @@ pub(crate) fn bake_mesh(mesh: &Mesh, map: &DAffine3) -> Mesh {
             mesh.triangles.clone()
         },
         normals: match &mesh.normals {
+            // Under a uniform scale directions keep their exact bits and need no new copy
             Some(normals) if !is_scaling(&map.matrix3) => Some(mapped(normals, normal)),
             kept => kept.clone(),
         },
@@ -43,13 +48,13 @@ pub(crate) fn bake_mesh(mesh: &Mesh, map: &DAffine3) -> Mesh {
     }
 }
 
-/// Whether a map makes things larger or smaller and no more: normals and tangents keep their very bits.
+/// Returns whether `map` is a positive uniform scale, under which normals and tangents keep their exact bits.
 fn is_scaling(map: &DMat3) -> bool {
     let factor = map.x_axis.x;
     factor > 0.0 && *map == DMat3::from_diagonal(DVec3::splat(factor))
 }
 
-/// The mesh with other positions and everything else shared.
+/// Returns the mesh with its positions mapped by `moved` in f64; all other arrays are shared with `mesh`.
 pub(crate) fn with_positions(mesh: &Mesh, moved: impl Fn(DVec3) -> DVec3 + Sync) -> Mesh {
     let position = |p: [f32; 3]| moved(Vec3::from(p).as_dvec3()).as_vec3().to_array();
     Mesh {
@@ -58,12 +63,12 @@ pub(crate) fn with_positions(mesh: &Mesh, moved: impl Fn(DVec3) -> DVec3 + Sync)
     }
 }
 
-/// Returns what `map` makes of every element, by several threads.
+/// Returns a buffer of `map` applied to every element, computed on several threads.
 fn mapped<T: bytemuck::Pod + Send + Sync>(elements: &[T], map: impl Fn(T) -> T + Sync) -> Buffer<T> {
     Buffer::from(parallel::generate(elements.len(), |i| map(elements[i])))
 }
 
-/// Whether the object space of what has this material is seen, by a pattern that it is carved from.
+/// Returns whether `material` has a procedural texture in object space, which baking the transform would change.
 pub(crate) fn is_carved(material: &Material, textures: &[Texture]) -> bool {
     material.layers.iter().any(|layer| {
         let texture = textures.get(layer.texture.texture as usize);
@@ -72,14 +77,15 @@ pub(crate) fn is_carved(material: &Material, textures: &[Texture]) -> bool {
 }
 
 impl Scene {
-    /// Bakes every mesh that stands in the world exactly once, unless it stands there unmoved, moves, or its object
-    /// space is seen.
+    /// Bakes every mesh that exactly one instance uses, unless that instance has the identity transform, moves, or has
+    /// a material whose procedural texture is evaluated in object space.
     ///
-    /// Rounding to f32 may leave triangles without an area; they are dropped, and their number is returned with the
-    /// name of the instance they belonged to.
+    /// Rounding to f32 may leave triangles without an area; they are removed, and their counts are returned with the
+    /// name of the instance that they belonged to.
     pub(crate) fn bake_single_uses(&mut self) -> Vec<(String, Removed)> {
         let use_counts = self.use_counts();
         let mut dropped = Vec::new();
+        // Skip shapes and meshes whose object space must stay as it is
         for instance in &mut self.instances {
             let Geometry::Mesh(mesh) = &mut self.geometries[instance.geometry as usize] else {
                 continue;
@@ -92,8 +98,10 @@ impl Scene {
             if use_counts[instance.geometry as usize] != 1 || is_settled || is_carved {
                 continue;
             }
+            // Transform the mesh to world space
             *mesh = bake_mesh(mesh, &instance.world_from_object());
             instance.unplace();
+            // Remove triangles that lost their area by rounding
             let is_whole = mesh_cleanup::survey(mesh).is_ok_and(|survey| survey.unusable == 0);
             if !is_whole {
                 dropped.push((instance.name.to_string(), mesh_cleanup::drop_unusable(mesh)));
@@ -103,12 +111,13 @@ impl Scene {
         dropped
     }
 
-    /// Removes meshes without triangles and the instances of them.
+    /// Removes meshes without triangles and their instances, and renumbers geometries, instances and emissive objects.
     pub(crate) fn remove_empty_meshes(&mut self) {
         let is_empty: Vec<bool> = self.geometries.iter().map(|g| g.primitive_count() == 0).collect();
         if !is_empty.contains(&true) {
             return;
         }
+        // Number the geometries that remain
         let mut number = 0;
         let new_index: Vec<u32> = is_empty
             .iter()
@@ -118,6 +127,7 @@ impl Scene {
                 index
             })
             .collect();
+        // Number the instances that remain
         let mut left = 0;
         let new_instance: Vec<Option<u32>> = self
             .instances
@@ -129,6 +139,7 @@ impl Scene {
                 is_left.then_some(index)
             })
             .collect();
+        // Apply the new numbers
         self.renumber_lamps(&new_instance);
         self.instances.retain(|i| !is_empty[i.geometry as usize]);
         for instance in &mut self.instances {
@@ -137,7 +148,7 @@ impl Scene {
         self.geometries.retain(|g| g.primitive_count() > 0);
     }
 
-    /// How many instances use each geometry.
+    /// Returns the number of instances of each geometry.
     pub(crate) fn use_counts(&self) -> Vec<usize> {
         let mut counts = vec![0; self.geometries.len()];
         for instance in &self.instances {
@@ -168,7 +179,7 @@ mod tests {
         let baked = bake_mesh(&triangle(), &mirror);
         assert_eq!(baked.positions[1], [-2.0, 0.0, 0.0]);
         assert_eq!(baked.triangles[0], [0, 2, 1]);
-        // Winding normal: (0,1,0) x (-2,0,0) = (0,0,2), the side of the shading normal.
+        // The winding normal is (0,1,0) x (-2,0,0) = (0,0,2), on the side of the shading normal.
         assert_eq!(baked.normals.as_ref().unwrap()[0], [0.0, 0.0, 1.0]);
         let [a, b, c] = baked.corners_f64(0);
         assert_eq!((b - a).cross(c - a), DVec3::new(0.0, 0.0, 2.0));
@@ -177,10 +188,10 @@ mod tests {
     #[test]
     fn tangents_move_along_and_a_mirror_turns_their_handedness() {
         let tangent = |map: &DAffine3| bake_mesh(&triangle(), map).tangents.unwrap()[0];
-        // x goes to -x, and n x t = z x -x = -y: the bitangent, which stays y, is the other way.
+        // x maps to -x, and n x t = z x -x = -y: the bitangent, which stays y, points the other way.
         let mirror = DAffine3::from_scale(DVec3::new(-2.0, 1.0, 1.0));
         assert_eq!(tangent(&mirror), [-1.0, 0.0, 0.0, -1.0]);
-        // A shear takes x to (3, 4) / 5.
+        // A shear maps x to (3, 4) / 5.
         let shear = DMat3::from_cols(DVec3::new(3.0, 4.0, 0.0), DVec3::Y, DVec3::Z);
         assert_eq!(tangent(&DAffine3::from_mat3(shear)), [0.6, 0.8, 0.0, 1.0]);
     }
@@ -194,12 +205,13 @@ mod tests {
             instances: vec![at(0), at(1), at(1)],
             ..Scene::default()
         };
-        // At 1e9 the f32 step is 64, so the unit triangle collapses.
+        // At 1e9 the spacing of f32 is 64, so the unit triangle collapses.
         let dropped = scene.bake_single_uses();
         assert_eq!(dropped.len(), 1);
         assert_eq!(dropped[0].1.no_area, 1);
         assert!(scene.instances[0].is_identity());
         assert!(!scene.instances[1].is_identity());
+        // Removing the collapsed mesh renumbers the other one
         scene.remove_empty_meshes();
         assert_eq!(scene.geometries.len(), 1);
         assert_eq!(

@@ -1,4 +1,4 @@
-//! Cameras: where rays start and through which points of the film they go.
+//! Cameras and their film-to-ray mappings, shutters, and near and far planes.
 
 use std::f64::consts::FRAC_PI_4;
 
@@ -7,28 +7,28 @@ use glam::{DAffine3, DMat3, DVec2, DVec3};
 use super::{Lens, LensView};
 use crate::numeric::AnimatedTransform;
 
-/// A camera in world space. Object space looks along -z with +y up, as in glTF.
+/// A camera in world space. Camera space looks along -z with +y up, as in glTF.
 #[derive(Clone, Debug)]
 pub struct Camera {
-    /// What `--camera` may call it.
+    /// Name by which `--camera` selects it.
     pub name: String,
-    /// Camera to world: orthonormal, without scale.
+    /// Camera-to-world map at the start of the motion: orthonormal, without scale.
     pub world_from_camera: DAffine3,
-    /// How the film is seen.
+    /// Mapping from film points to rays.
     pub projection: Projection,
-    /// Distance of the near plane along the view axis; nothing nearer is seen. Zero or more.
+    /// Distance of the near plane along the view axis, zero or more; nothing nearer is visible.
     pub z_near: f64,
     /// Distance of the far plane along the view axis; may be infinite.
     pub z_far: f64,
-    /// What makes things out of focus; `None` for a pinhole.
+    /// Thin lens that causes depth of field; `None` for a pinhole.
     pub lens: Option<Lens>,
-    /// Camera to world where its motion ends; `None` if it stands still. Orthonormal, without scale.
+    /// Camera-to-world map at the end of the motion, orthonormal and without scale; `None` for a camera at rest.
     pub world_from_camera_end: Option<DAffine3>,
-    /// When the film is exposed.
+    /// Time interval in which the film is exposed.
     pub shutter: Shutter,
 }
 
-/// A pinhole at the origin that stands still, looks along -z and sees half a right angle from bottom to top.
+/// A pinhole camera at the origin, at rest, that looks along -z with a vertical field of view of 45 degrees.
 impl Default for Camera {
     fn default() -> Camera {
         Camera {
@@ -47,13 +47,13 @@ impl Default for Camera {
     }
 }
 
-/// When a shutter opens and closes, as parts of all motions, the camera's own and those of instances: from 0 where they
-/// begin to 1 where they end. By default it is open all the time.
+/// Opening and closing times of a shutter as fractions of all motions, the camera's own and those of instances: 0 is
+/// their start and 1 their end. By default it is open all the time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shutter {
-    /// The first moment, 0 or more.
+    /// Time at which the shutter opens, 0 or more.
     pub open: f64,
-    /// The last moment, 1 or less, and not before `open`.
+    /// Time at which the shutter closes, 1 or less, and not before `open`.
     pub close: f64,
 }
 
@@ -67,33 +67,33 @@ impl Default for Shutter {
 }
 
 impl Shutter {
-    /// When a sample is taken whose number for that, in [0, 1), is `u`.
+    /// Returns the time of a sample whose time coordinate, in [0, 1), is `u`.
     pub fn time(&self, u: f64) -> f32 {
         (self.open + (self.close - self.open) * u) as f32
     }
 }
 
-/// How film points map to rays.
+/// Mapping of film points to rays.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Projection {
-    /// All rays start at one point.
+    /// A pinhole with a field of view: all rays start at one point.
     Perspective {
         /// Full vertical field of view in radians, within (0, π).
         y_fov: f64,
-        /// Width over height; `None` takes the image's.
+        /// Width over height; `None` takes the image's aspect.
         aspect: Option<f64>,
     },
-    /// All rays start at one point and go through a window, whatever the shape of its pixels: the lecture's
-    /// `P(x, y) = E + w(2x/c - 1) i + h(2y/r - 1) j - n k`, with t = 1 on the near plane.
+    /// A pinhole with an explicit window, whatever the shape of its pixels: all rays start at one point and follow the
+    /// textbook formula `P(x, y) = E + w(2x/c - 1) i + h(2y/r - 1) j - n k`, with t = 1 on the near plane.
     Window {
         /// Half the width of the window, w.
         half_width: f64,
         /// Half the height of the window, h.
         half_height: f64,
-        /// Distance of the window, n; positive.
+        /// Distance of the window from the camera, n; positive.
         distance: f64,
     },
-    /// All rays are parallel.
+    /// Parallel rays that start on a window.
     Orthographic {
         /// Half the height of the window.
         y_mag: f64,
@@ -105,21 +105,21 @@ pub enum Projection {
 /// A camera ray in f64, before it is rounded to the f32 ray that is traced.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraRay {
-    /// Start, in world space.
+    /// Origin in world space.
     pub origin: DVec3,
-    /// Direction, in world space: `t` measures the depth along the view axis, in window distances, so a perspective's
-    /// is longer than that.
+    /// Direction in world space, not normalised: `t` measures the depth along the view axis in units of the window
+    /// distance, so the direction of a perspective ray is longer than that distance.
     pub direction: DVec3,
-    /// Where the near plane is met.
+    /// Ray parameter of the near plane.
     pub t_near: f64,
-    /// Where the far plane is met.
+    /// Ray parameter of the far plane.
     pub t_far: f64,
 }
 
-/// A camera made ready for one image size: the mapping from film points to rays is affine.
+/// A camera prepared for one image size: an affine mapping from film points to rays.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraView {
-    /// Where rays start; for a perspective the same for all.
+    /// Ray origin; constant for a perspective.
     origin: FilmMap,
     direction: FilmMap,
     t_near: f64,
@@ -129,11 +129,11 @@ pub struct CameraView {
 /// A vector in world space that is an affine function of the film point.
 #[derive(Clone, Copy, Debug)]
 struct FilmMap {
-    /// At the top left corner of the image.
+    /// Value at the top left corner of the image.
     corner: DVec3,
-    /// What the width of the image adds.
+    /// Increment over the width of the image.
     across: DVec3,
-    /// What its height adds.
+    /// Increment over the height of the image.
     down: DVec3,
 }
 
@@ -147,9 +147,10 @@ impl FilmMap {
 impl Camera {
     /// Prepares the camera for images of `width` by `height` pixels.
     ///
-    /// Pixels are square: the vertical extent is as stated and the horizontal one follows the image, also where the
-    /// camera states an aspect of its own (glTF 2.0, 3.10.3, asks for cropping or extending, not for stretching).
+    /// Pixels are square: the vertical extent is as stated and the horizontal one follows the image, even where the
+    /// camera states an aspect (glTF 2.0, 3.10.3, requires cropping or extending, not stretching).
     pub fn view(&self, width: u32, height: u32) -> CameraView {
+        // Find the half extents of the window and its distance
         let aspect = f64::from(width) / f64::from(height);
         let square = |half_height: f64| DVec2::new(half_height * aspect, half_height);
         let (window, distance) = match self.projection {
@@ -161,6 +162,7 @@ impl Camera {
             } => (DVec2::new(half_width, half_height), distance),
             Projection::Orthographic { y_mag, .. } => (square(y_mag), 1.0),
         };
+        // Map film points to the window in world space, relative to its centre; the image's y axis points down
         let axes = self.world_from_camera.matrix3;
         let eye = self.world_from_camera.translation;
         let on_window = FilmMap {
@@ -168,6 +170,7 @@ impl Camera {
             across: axes.x_axis * (2.0 * window.x),
             down: axes.y_axis * (-2.0 * window.y),
         };
+        // Perspective rays share their origin, orthographic rays their direction
         let constant = |corner| FilmMap {
             corner,
             across: DVec3::ZERO,
@@ -193,18 +196,18 @@ impl Camera {
 }
 
 impl Camera {
-    /// Its motion, if it moves.
+    /// Returns the camera's motion; `None` for a camera at rest.
     pub fn motion(&self) -> Option<AnimatedTransform> {
         let motion = AnimatedTransform::new(self.world_from_camera, self.world_from_camera_end?);
         motion.ok().filter(|motion| !motion.is_still())
     }
 
-    /// The radius of its lens in metres; 0 for a pinhole.
+    /// Returns the radius of the lens in metres; 0 for a pinhole.
     pub fn lens_radius(&self) -> f64 {
         self.lens.map_or(0.0, |lens| lens.radius())
     }
 
-    /// Its lens made ready, if it has one that is more than a pinhole.
+    /// Returns the lens prepared for this camera's rays; `None` for a pinhole or a lens of radius 0.
     pub fn lens_view(&self) -> Option<LensView> {
         self.lens
             .filter(|lens| lens.radius() > 0.0)
@@ -213,7 +216,7 @@ impl Camera {
 }
 
 impl CameraView {
-    /// The ray through the film point (`x`, `y`), each in [0, 1], from the top left corner of the image.
+    /// Returns the ray through the film point (`x`, `y`), each in [0, 1], from the top left corner of the image.
     ///
     /// The middle of pixel (i, j) is ((i + ½) / width, (j + ½) / height).
     #[inline(always)]
@@ -226,16 +229,17 @@ impl CameraView {
         }
     }
 
-    /// What a step of (`x`, `y`) on the film adds to the direction.
+    /// Returns the change of the ray direction over a film offset of (`x`, `y`).
     pub fn aside(&self, x: f64, y: f64) -> DVec3 {
         x * self.direction.across + y * self.direction.down
     }
 
-    /// The film point whose ray goes through `p`, the inverse of [`CameraView::ray`]; beyond [0, 1] where `p` is beside
-    /// the image, `None` where it is behind the camera.
+    /// Returns the film point whose ray goes through `p`, the inverse of [`CameraView::ray`]: outside [0, 1] where `p`
+    /// is outside the image, `None` where `p` is behind the camera.
     pub fn film_point(&self, p: DVec3) -> Option<DVec2> {
+        // Set up a 3x3 system for the film point
         let (columns, rest) = match self.eye() {
-            // Some multiple of the way to p is a direction: corner + x across + y down = s (p - eye).
+            // The offset to p is a positive multiple of a direction: corner + x across + y down = s (p - eye).
             Some(eye) => (
                 [self.direction.across, self.direction.down, eye - p],
                 -self.direction.corner,
@@ -245,21 +249,22 @@ impl CameraView {
                 p - self.origin.corner,
             ),
         };
+        // A negative third unknown means that p is behind the camera
         let solved = DMat3::from_cols_array_2d(&columns.map(|column| column.to_array())).inverse() * rest;
         (solved.is_finite() && solved.z > 0.0).then(|| solved.truncate())
     }
 
-    /// Where rays begin, as a parameter along them: the depth of the near plane.
+    /// Returns the ray parameter of the near plane, at which rays begin.
     pub fn t_near(&self) -> f64 {
         self.t_near
     }
 
-    /// Where rays end: the depth of the far plane.
+    /// Returns the ray parameter of the far plane, at which rays end.
     pub fn t_far(&self) -> f64 {
         self.t_far
     }
 
-    /// Where all rays start, if it is one point.
+    /// Returns the common origin of all rays; `None` for an orthographic camera.
     #[inline(always)]
     pub fn eye(&self) -> Option<DVec3> {
         (self.origin.across == DVec3::ZERO && self.origin.down == DVec3::ZERO).then_some(self.origin.corner)
@@ -310,6 +315,7 @@ mod tests {
                 let ray = view.ray(x, y);
                 let found = view.film_point(ray.origin + 7.0 * ray.direction).unwrap();
                 assert!((found - DVec2::new(x, y)).length() < 1e-13, "{found}");
+                // Points behind the camera are not on the film
                 assert_eq!(view.film_point(ray.origin - 7.0 * ray.direction), None);
             }
         }

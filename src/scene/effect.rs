@@ -1,76 +1,76 @@
-//! The effects that a scene may call for, sets of them, and what a person may ask for beyond the scene.
+//! Effects that a scene may need, sets of them, and user overrides of the set that the scene needs.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Serialize, Serializer};
 
-/// Something that light may do, and that costs time only where a scene calls for it.
+/// A light-transport or shading effect that costs time only in scenes that need it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[repr(u8)]
 pub enum Effect {
-    /// Lights are hidden by what stands before them.
+    /// Occlusion of lights by objects.
     Shadow,
-    /// Shadows take the colour of what lets light through.
+    /// Shadows coloured by the transmissive objects that cast them.
     TransparentShadow,
-    /// Mirrors.
+    /// Mirror reflection of the scene.
     Reflection,
-    /// Light goes through bodies and walls.
+    /// Transmission of light through interiors and thin walls.
     Refraction,
-    /// Bodies overlap, and priorities say which one is there.
+    /// Overlapping dielectrics, resolved by priority.
     NestedMedia,
-    /// Wavelengths part.
+    /// Index of refraction that depends on the wavelength.
     Dispersion,
-    /// Bodies swallow light on its way.
+    /// Absorption of light inside dielectrics.
     Absorption,
-    /// Parameters of materials vary by images and patterns.
+    /// Material inputs that vary by images and procedural patterns.
     Texture,
-    /// Textures are averaged over the width of the ray.
+    /// Textures averaged over the footprint of the ray.
     TextureFilter,
-    /// Maps bend normals.
+    /// Normal maps and bump maps.
     NormalMap,
-    /// Vertices have colours.
+    /// Colours stored at the vertices of meshes.
     VertexColor,
-    /// Surfaces with holes.
+    /// Surfaces with holes, cut out by an alpha threshold.
     AlphaTest,
-    /// Surfaces that cover a part of what is behind them.
+    /// Surfaces that partly cover what is behind them.
     AlphaBlend,
-    /// Normals are interpolated over triangles.
+    /// Shading normals interpolated over triangles.
     SmoothNormals,
-    /// The lecture's lighting equation, and unlit surfaces.
+    /// The illumination model of Phong and Whitted, and unlit surfaces.
     Lecture,
     /// Dielectrics that reflect more, less or in other colours than glTF's default.
     Specular,
-    /// Crevices get less of the ambient light.
+    /// Occlusion maps, which reduce the ambient light in crevices.
     Occlusion,
-    /// Surfaces shine by themselves.
+    /// Radiance emitted by surfaces.
     Emission,
-    /// Light from all around.
+    /// Constant ambient light from all directions.
     Ambient,
-    /// Something is seen behind everything.
+    /// A background that is visible behind everything.
     Background,
-    /// Smoke, fire and fog on the way of light.
+    /// Participating media: smoke, fire and fog.
     Volume,
-    /// What is nearer or farther than the plane of focus is blurred.
+    /// Blur of objects nearer or farther than the plane of focus.
     DepthOfField,
-    /// Lights have an extent, and their shadows soft edges.
+    /// Lights with an area, and their soft shadows.
     AreaLight,
-    /// An image all around lights the scene.
+    /// Light from an environment map.
     Environment,
-    /// Rough surfaces show a blurred image.
+    /// Blurred reflections in rough surfaces.
     RoughReflection,
-    /// Rough surfaces that light goes through show blurred images of both sides.
+    /// Blurred reflections and refractions at rough transmissive surfaces.
     RoughRefraction,
-    /// What moves while the shutter is open is blurred.
+    /// Blur of objects that move while the shutter is open.
     MotionBlur,
-    /// Light enters bodies, is scattered within and leaves elsewhere.
+    /// Subsurface scattering: light enters an interior and leaves elsewhere.
     Subsurface,
-    /// Thin sheets let diffuse light through.
+    /// Diffuse transmission through thin surfaces.
     Translucency,
 }
 
 impl Effect {
-    /// All of them, in the order of reports.
+    /// List of all effects in the order of reports.
     pub const ALL: [Effect; 29] = [
         Effect::Shadow,
         Effect::TransparentShadow,
@@ -103,7 +103,7 @@ impl Effect {
         Effect::Translucency,
     ];
 
-    /// What the command line and reports call it.
+    /// Returns the effect's name on the command line and in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Effect::Shadow => "shadow",
@@ -138,7 +138,7 @@ impl Effect {
         }
     }
 
-    /// The effect without which this one does nothing.
+    /// Returns the effect without which this one does nothing.
     pub const fn needs(self) -> Option<Effect> {
         match self {
             Effect::TransparentShadow => Some(Effect::Shadow),
@@ -149,7 +149,7 @@ impl Effect {
         }
     }
 
-    /// What a picture lacks without it.
+    /// Returns a sentence fragment on how an image without this effect is wrong.
     pub const fn lack(self) -> &'static str {
         match self {
             Effect::Shadow => "every light reaches every surface that faces it",
@@ -201,20 +201,20 @@ impl Serialize for Effect {
     }
 }
 
-/// Some of the effects.
+/// A set of effects, one bit for each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EffectSet(u64);
 
 impl EffectSet {
-    /// None of them.
+    /// The empty set of effects.
     pub const NONE: EffectSet = EffectSet(0);
 
-    /// All of them.
+    /// The set of all effects.
     pub const ALL: EffectSet = EffectSet(u64::MAX);
 
-    /// Those that take no step of their own after a hit, beyond lights that are asked and mirror rays that are sent.
+    /// Effects that need no step of their own after a hit, beyond shadow rays and mirror rays.
     ///
-    /// Where none but these is on, hits are followed by code that was compiled for no others.
+    /// Scenes that need no others are shaded by code that is compiled for these only.
     pub const PLAIN: EffectSet = EffectSet::NONE
         .with(Effect::Shadow)
         .with(Effect::Reflection)
@@ -229,54 +229,54 @@ impl EffectSet {
         .with(Effect::Ambient)
         .with(Effect::Background);
 
-    /// Whether `effect` is one of them and was compiled.
+    /// Returns whether `effect` is in the set and was compiled.
     ///
-    /// The environment variable `WHIT_WITHOUT` of the compiler names effects whose code is left out, with commas
-    /// between them: for them this is `false` at compile time. That is for the test that shows that an effect which a
-    /// scene does not call for costs nothing by being there.
+    /// The environment variable `WHIT_WITHOUT` of the compiler names effects whose code is left out, separated by
+    /// commas: for them this is `false` at compile time. The test that shows that an effect costs nothing in a scene
+    /// that does not need it compiles with it.
     #[inline(always)]
     pub const fn has(self, effect: Effect) -> bool {
         COMPILED & self.0 & effect.bit() != 0
     }
 
-    /// These and `effect`.
+    /// Returns the set with `effect` added.
     #[must_use]
     pub const fn with(self, effect: Effect) -> EffectSet {
         EffectSet(self.0 | effect.bit())
     }
 
-    /// These without `effect`.
+    /// Returns the set with `effect` removed.
     #[must_use]
     pub const fn without(self, effect: Effect) -> EffectSet {
         EffectSet(self.0 & !effect.bit())
     }
 
-    /// Those of these that are not in `other`.
+    /// Returns the effects of this set that are not in `other`.
     #[must_use]
     pub const fn minus(self, other: EffectSet) -> EffectSet {
         EffectSet(self.0 & !other.0)
     }
 
-    /// Those of these that are in `other`.
+    /// Returns the effects that are both in this set and in `other`.
     #[must_use]
     #[inline(always)]
     pub const fn within(self, other: EffectSet) -> EffectSet {
         EffectSet(self.0 & other.0)
     }
 
-    /// Whether all of these that were compiled are in `other`.
+    /// Returns whether all compiled effects of this set are in `other`.
     #[inline(always)]
     pub const fn are_within(self, other: EffectSet) -> bool {
         COMPILED & self.0 & !other.0 == 0
     }
 
-    /// These and those of `other`.
+    /// Returns the effects that are in this set or in `other`.
     #[must_use]
     pub const fn union(self, other: EffectSet) -> EffectSet {
         EffectSet(self.0 | other.0)
     }
 
-    /// Whether materials have more than glTF's plain base colour, metalness, roughness and emission.
+    /// Returns whether materials have more inputs than glTF's base colour, metalness, roughness and emission.
     #[inline(always)]
     pub const fn is_rich(self) -> bool {
         self.has(Effect::Lecture)
@@ -288,45 +288,48 @@ impl EffectSet {
             || self.has(Effect::Translucency)
     }
 
-    /// Whether materials have no more than glTF's base colour, metalness and roughness.
+    /// Returns whether materials have no more than glTF's base colour, metalness and roughness, without emission or
+    /// coverage.
     #[inline(always)]
     pub const fn is_bare(self) -> bool {
+        // Coverage needs the fourth channel of the base colour
         let covers = self.has(Effect::AlphaTest) || self.has(Effect::AlphaBlend);
         !(self.is_rich() || covers || self.has(Effect::Emission))
     }
 
-    /// Whether light goes on behind some surfaces.
+    /// Returns whether light may continue behind some surfaces, by refraction or partial coverage.
     #[inline(always)]
     pub const fn has_sheets(self) -> bool {
         self.has(Effect::Refraction) || self.has(Effect::AlphaTest) || self.has(Effect::AlphaBlend)
     }
 
-    /// The first of the effects for which light goes on behind some surfaces.
+    /// Returns the first effect of the set by which light continues behind surfaces: refraction, alpha test or alpha
+    /// blend.
     pub fn lets_through(self) -> Effect {
         let effects = [Effect::Refraction, Effect::AlphaTest];
         let first = effects.into_iter().find(|&effect| self.has(effect));
         first.unwrap_or(Effect::AlphaBlend)
     }
 
-    /// Whether surfaces pick at random what they ask for light.
+    /// Returns whether shading samples light at random: area lights, the environment or rough lobes.
     #[inline(always)]
     pub const fn samples_light(self) -> bool {
         self.has(Effect::AreaLight) || self.has(Effect::Environment) || self.has_lobes()
     }
 
-    /// Whether rough surfaces send rays into their lobes.
+    /// Returns whether rough surfaces spawn rays into their lobes.
     #[inline(always)]
     pub const fn has_lobes(self) -> bool {
         self.has(Effect::RoughReflection) || self.has(Effect::RoughRefraction)
     }
 
-    /// Whether anything is seen without a light.
+    /// Returns whether any radiance is visible without a light: emission, ambient light or background.
     #[inline(always)]
     pub const fn glows(self) -> bool {
         self.has(Effect::Emission) || self.has(Effect::Ambient) || self.has(Effect::Background)
     }
 
-    /// The effects one by one.
+    /// Iterates over the effects of the set, in the order of reports.
     pub fn iter(self) -> impl Iterator<Item = Effect> {
         Effect::ALL.into_iter().filter(move |&effect| self.has(effect))
     }
@@ -338,21 +341,23 @@ impl FromIterator<Effect> for EffectSet {
     }
 }
 
-/// The effects whose code is there.
+/// The effects that are compiled into the program, as bits.
 const COMPILED: u64 = match option_env!("WHIT_WITHOUT") {
     Some(names) => !bits_of(names.as_bytes()),
     None => u64::MAX,
 };
 
-/// The bits of the effects in a list of names.
+/// Returns the bits of the effects in a comma-separated list of names. Panics at compile time on an unknown name.
 const fn bits_of(list: &[u8]) -> u64 {
     let mut bits = 0;
     let mut start = 0;
+    // Find the end of the next name
     while start < list.len() {
         let mut end = start;
         while end < list.len() && list[end] != b',' {
             end += 1;
         }
+        // Set the bit of the effect with this name
         let mut known = false;
         let mut e = 0;
         while e < Effect::ALL.len() {
@@ -382,17 +387,17 @@ const fn is_at(name: &[u8], list: &[u8], start: usize, end: usize) -> bool {
     true
 }
 
-/// What a person wants other than the scene calls for: `+x,-y`, or `all`.
+/// A user's changes to the effects that a scene needs: `+x,-y`, or `all`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EffectOverrides {
-    /// Simulated although nothing calls for it.
+    /// Effects that are simulated although the scene does not need them.
     pub added: EffectSet,
-    /// Left out although something calls for it.
+    /// Effects that are left out although the scene needs them.
     pub removed: EffectSet,
 }
 
 impl EffectOverrides {
-    /// Everything, called for or not.
+    /// Simulation of all effects, needed or not.
     pub const ALL: EffectOverrides = EffectOverrides {
         added: EffectSet::ALL,
         removed: EffectSet::NONE,
@@ -409,6 +414,7 @@ impl FromStr for EffectOverrides {
                 overrides.added = EffectSet::ALL;
                 continue;
             }
+            // Look the effect up by its name
             let by_name = |name: &str| Effect::ALL.into_iter().find(|effect| effect.name() == name);
             let unknown = || {
                 let names: Vec<&str> = Effect::ALL.iter().map(|effect| effect.name()).collect();
@@ -425,6 +431,7 @@ impl FromStr for EffectOverrides {
                 _ => return Err(unknown()),
             }
         }
+        // A removal wins over an addition, so `all,-shadow` is all but shadows
         overrides.added = overrides.added.minus(overrides.removed);
         Ok(overrides)
     }

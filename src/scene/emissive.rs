@@ -1,8 +1,8 @@
-//! Objects that light the scene by what shines of them.
+//! Emissive objects that also light the scene.
 //!
-//! Emission alone is only seen: by the camera, in mirrors and through glass. A lamp is an object whose emission also
-//! lights other surfaces, volumes and fog, as a light with an extent in the shape of the object
-//! ([`AreaShape::Object`]). It shines on both sides, as it is seen to.
+//! Emission alone is only visible: to the camera, in mirrors and through glass. An emissive object with a light on it
+//! ([`AreaShape::Object`]) also lights other surfaces, volumes and fog, as an area light in the shape of the object. It
+//! emits on both sides, as it is visible from both.
 
 use glam::DVec3;
 
@@ -10,17 +10,17 @@ use super::{AlphaMode, AreaShape, Geometry, Instance, Light, LightKind, Material
 use crate::shading::{AreaLight, DiskLight, MeshLight, QuadLight, ShapeLight, SphereLight};
 use crate::shape::{Shape, Sphere};
 
-/// How far the squares of a round sphere's axes may be apart, and their products from 0, relative to the squares: what
-/// the rounding of a chain of turns leaves. Stretched ones are asked as other bodies are.
+/// Largest difference of the squared axes of a round sphere, and of their products from 0, relative to the squares: the
+/// rounding error of a chain of rotations. Ellipsoids beyond it are sampled as general shapes.
 const ROUNDNESS: f64 = 64.0 * f64::EPSILON;
 
 impl Scene {
-    /// Makes a lamp of an instance: adds the light that lies on it, of which every surface asks `samples` points, and
-    /// which has the instance's name and its material's emission.
+    /// Adds the area light of an emissive object: it takes the name of the instance and the emission of its material,
+    /// and every shading point samples `samples` points of it.
     ///
     /// # Errors
-    /// One sentence that says why it cannot be one: there is no such instance, it does not shine, it moves, light goes
-    /// through it, or it is a plane, a polyhedron or a quadric.
+    /// One sentence that says why the instance cannot be a light: it does not exist, does not emit, moves or transmits
+    /// light, or is a plane, a polyhedron or a quadric.
     pub fn add_emissive_light(&mut self, instance: u32, samples: u32) -> Result<(), String> {
         self.lamp_surface(instance)?;
         let placed = &self.instances[instance as usize];
@@ -42,7 +42,7 @@ impl Scene {
         Ok(())
     }
 
-    /// The surface of an instance as a light in world space, or why it cannot be one.
+    /// Returns the surface of `instance` as an area light in world space, or a sentence that says why it cannot be one.
     pub(crate) fn lamp_surface(&self, instance: u32) -> Result<AreaLight, String> {
         let Some(instance) = self.instances.get(instance as usize) else {
             return Err("its object does not exist: give the number of one of the scene's".into());
@@ -52,9 +52,11 @@ impl Scene {
         let (Some(geometry), Some(material)) = (geometry, material) else {
             return Err("its object has no geometry or no material: give it one".into());
         };
+        // Light samplers are built once, in world space, so the object must be at rest
         if instance.is_moving() {
             return Err("it moves, and lights stand still: take its motion or the lamp away".into());
         }
+        // The light samplers do not model transmission through the surface
         if material.transmits() || material.alpha != AlphaMode::Opaque {
             return Err(format!(
                 "its material `{}` lets light through, which a lamp cannot: make it opaque",
@@ -64,8 +66,8 @@ impl Scene {
         surface(geometry, instance)
     }
 
-    /// Gives lamps the new numbers of their instances: `new_index` holds that of each instance which is left. The
-    /// lights of others go with them.
+    /// Renumbers the instances of emissive lights: `new_index` holds the new index of each instance that remains.
+    /// Lights of removed instances are removed.
     pub(super) fn renumber_lamps(&mut self, new_index: &[Option<u32>]) {
         self.lights.retain_mut(|light| match &mut light.kind {
             LightKind::Area {
@@ -82,7 +84,7 @@ impl Scene {
         });
     }
 
-    /// Gives lamps the emission of their materials again, after those have changed.
+    /// Sets the intensity of emissive lights to the emission of their materials, after materials have changed.
     pub(crate) fn resolve_emissive_lights(&mut self) {
         for light in &mut self.lights {
             if let Some(instance) = light.lamp() {
@@ -94,26 +96,30 @@ impl Scene {
 }
 
 impl Material {
-    /// Whether its emission is light rather than what an unlit surface looks like.
+    /// Returns whether the material emits light; the colour of an unlit surface is no light.
     pub(crate) fn shines(&self) -> bool {
         self.emission != [0.0; 3] && self.model != Model::Unlit
     }
 }
 
-/// The surface of `geometry` where `instance` places it.
+/// Returns the world-space area light in the shape of `geometry` under the transform of `instance`.
 fn surface(geometry: &Geometry, instance: &Instance) -> Result<AreaLight, String> {
+    // Map the origin and the unit axes to world space
     let map = instance.world_from_object();
     let (center, [x, y, z]) = (
         map.translation,
         [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| map.matrix3 * axis),
     );
+    // Choose the sampling scheme by the shape
     let made = match geometry {
         Geometry::Mesh(mesh) => {
             let corners = |t| mesh.corners_f64(t).map(|p| map.transform_point3(p));
+            // Transform the corners in f64, as a light has no instance of its own
             MeshLight::new((0..mesh.triangles.len() as u32).map(corners)).map(AreaLight::Mesh)
         }
         Geometry::Shape(Shape::Quad) => QuadLight::new(center, x, y).map(AreaLight::Quad),
         Geometry::Shape(Shape::Disk) => DiskLight::new(center, x, y).map(AreaLight::Disk),
+        // Only a sphere that stays round can be sampled as a sphere
         Geometry::Shape(Shape::Sphere(sphere)) if is_round([x, y, z]) => {
             let Sphere { center, radius } = *sphere;
             SphereLight::new(map.transform_point3(center), radius * x.length()).map(AreaLight::Sphere)
@@ -130,7 +136,7 @@ fn surface(geometry: &Geometry, instance: &Instance) -> Result<AreaLight, String
     made.map_err(|error| error.to_string())
 }
 
-/// Whether a sphere with these conjugate axes is one.
+/// Returns whether a sphere with these conjugate axes in world space is still a sphere, within [`ROUNDNESS`].
 fn is_round(axes: [DVec3; 3]) -> bool {
     let [x, y, z] = axes;
     let square = x.length_squared();

@@ -1,6 +1,7 @@
-//! Decoded images of scenes that were loaded before, for those that are loaded next: frames of a film look at the same.
+//! Cache of decoded images, shared between scenes that are loaded one after another, such as the frames of an
+//! animation.
 //!
-//! They are known by what their files hold, so that nobody gets what a file held earlier.
+//! Entries are keyed by the hash of the encoded bytes, so a file that has changed is decoded again.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -11,9 +12,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use super::texture::{Encoding, Image, Texels};
 use crate::image::ImageError;
 
-/// Where decoded images are kept from one load to the next; copies share them.
+/// Cache of decoded images between loads; clones share the entries.
 ///
-/// The default keeps none.
+/// The default caches nothing.
 #[derive(Clone, Debug, Default)]
 pub struct ImageCache(Option<Arc<CacheEntries>>);
 
@@ -24,59 +25,63 @@ struct CacheEntries {
     asked: AtomicUsize,
 }
 
-/// What an encoded image holds, and what it is read for: `None` where that makes no difference.
+/// Cache key: hash of the encoded image, and the encoding that it is read with; `None` where that makes no difference.
 type Label = (blake3::Hash, Option<Encoding>);
 
-/// The pixels of an image.
+/// Size and pixels of a decoded image.
 #[derive(Clone, Debug)]
 pub(crate) struct CachedImage {
     pub(crate) size: [u32; 2],
     pub(crate) texels: Texels,
 }
 
-/// How often images were asked for.
+/// Lookup statistics of an image cache.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CacheStats {
-    /// In all.
+    /// Number of lookups in all.
     pub asked: usize,
-    /// And were there.
+    /// Number of lookups that found an entry.
     pub found: usize,
 }
 
 impl ImageCache {
-    /// One that keeps.
+    /// Returns an empty cache that keeps images.
     pub fn new() -> ImageCache {
         ImageCache(Some(Arc::default()))
     }
 
-    /// The pixels of an image of 8 bits a channel that `encoded` holds: kept ones, or what `decode` makes of it.
+    /// Returns the decoded pixels of the 8-bit image in `encoded`, from the cache or by `decode`, whose result is
+    /// cached.
     pub(crate) fn image<E>(
         &self,
         encoded: &[u8],
         decode: impl FnOnce() -> Result<CachedImage, E>,
     ) -> Result<CachedImage, E> {
         let Some(shelves) = &self.0 else { return decode() };
+        // 8-bit images are decoded at lookup, so their encoding is not part of the key
         let label = (blake3::hash(encoded), None);
         if let Some(kept) = shelves.find(&label) {
             return Ok(kept);
         }
+        // Decoded without the lock held, so that threads decode different images in parallel
         let made = decode()?;
         shelves.images().insert(label, made.clone());
         Ok(made)
     }
 
-    /// The image of the file at `path`, as [`Image::read`] reads it.
+    /// Returns the image of the file at `path`, as [`Image::read`] decodes it, from the cache if it is there.
     ///
     /// # Errors
-    /// The same.
+    /// Those of [`Image::read`].
     pub(crate) fn read(&self, path: &Path, encoding: Encoding, max_texels: u64) -> Result<Image, ImageError> {
         let read = || Image::read(path, encoding, max_texels);
+        // Without a cache, or for an unreadable file, just read
         let Some((shelves, hash)) = self.0.as_ref().zip(hash_of(path)) else {
             return read();
         };
         let label = (hash, Some(encoding));
         match shelves.find(&label) {
-            // What is too large is read, which tells that.
+            // An image beyond the limit is read all the same, as that reports the error.
             Some(kept) if kept.texels.budget() <= max_texels => Ok(Image {
                 name: path.display().to_string(),
                 width: kept.size[0],
@@ -95,14 +100,14 @@ impl ImageCache {
         }
     }
 
-    /// Forgets what no loaded scene looks at.
+    /// Removes images that no loaded scene uses.
     pub fn evict_unused(&self) {
         if let Some(shelves) = &self.0 {
             shelves.images().retain(|_, kept| kept.texels.is_shared());
         }
     }
 
-    /// How often images were asked for so far.
+    /// Returns the numbers of lookups and of hits so far.
     pub fn counts(&self) -> CacheStats {
         let Some(shelves) = &self.0 else {
             return CacheStats::default();
@@ -116,6 +121,7 @@ impl ImageCache {
 
 impl CacheEntries {
     fn images(&self) -> MutexGuard<'_, HashMap<Label, CachedImage>> {
+        // Entries are inserted and removed whole, so the map is consistent even after a panic
         self.images.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -128,7 +134,7 @@ impl CacheEntries {
     }
 }
 
-/// Of a file's bytes; `None` where it cannot be read, which whoever reads it tells.
+/// Returns the hash of a file's bytes; `None` where the file cannot be read, which reading it afterwards reports.
 fn hash_of(path: &Path) -> Option<blake3::Hash> {
     let mut hasher = blake3::Hasher::new();
     hasher.update_reader(File::open(path).ok()?).ok()?;
@@ -183,14 +189,16 @@ mod tests {
         write(7);
         let image_cache = ImageCache::new();
         let read = |encoding| image_cache.read(&path, encoding, 8).unwrap();
+        // A second read with the same encoding is a hit, one with another is not
         let first = read(Encoding::Srgb);
         assert_eq!(read(Encoding::Srgb).texels, first.texels);
         read(Encoding::Linear);
         assert_eq!(counts(&image_cache), [3, 1]);
+        // A changed file is read again
         write(8);
         assert_ne!(read(Encoding::Srgb).texels, first.texels);
         assert_eq!(counts(&image_cache), [4, 1]);
-        // Kept images count against the budget like others.
+        // Cached images count against the budget, too.
         let _kept = read(Encoding::Srgb);
         assert!(image_cache.read(&path, Encoding::Srgb, 1).is_err());
         assert!(

@@ -1,38 +1,39 @@
-//! How a picture of a scene is taken: the words for it that scene files and the command line share, their limits, and
-//! what holds where neither says anything.
+//! Image settings that scene files and the command line share: sample patterns and filters, their limits, and the
+//! defaults where neither gives a value.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Width and height in pixels where nobody says it.
+/// Default width and height of images in pixels.
 pub const DEFAULT_SIZE: [u32; 2] = [1024, 1024];
-/// Samples a pixel where nobody says it.
+/// Default number of samples per pixel.
 pub const DEFAULT_SPP: u32 = 16;
-/// Generations of reflected and refracted rays where nobody says it.
+/// Default number of generations of reflected and refracted rays.
 pub const DEFAULT_DEPTH: u32 = 5;
-/// Wavelengths that a path splits into where nobody says it.
+/// Default number of wavelengths that a path splits into.
 pub const DEFAULT_WAVELENGTHS: u32 = 16;
 
-/// Most samples a pixel: 2^16, where noise is 1/256 of that of one sample.
+/// Largest number of samples per pixel: 2^16, with which noise is 1/256 of that of one sample.
 pub const MAX_SPP: u32 = 1 << 16;
-/// Most generations of secondary rays.
+/// Largest number of generations of secondary rays.
 pub const MAX_DEPTH: u32 = 255;
-/// Beyond it neighbouring wavelengths are under a nanometre apart, finer than any index of refraction is known.
+/// Largest number of wavelengths: with more, neighbouring wavelengths would be under a nanometre apart, finer than any
+/// index of refraction is known.
 pub const MAX_WAVELENGTHS: u32 = 400;
-/// Beyond this many stops every f32 would be black or white.
+/// Largest exposure in stops: beyond it every f32 would be black or white.
 pub const MAX_EXPOSURE: f32 = 100.0;
-/// Most pixels of an image; the machine's memory usually sets a lower limit.
+/// Largest number of pixels of an image; the machine's memory usually sets a lower limit.
 pub const MAX_PIXELS: u64 = 1 << 31;
-/// Least radius of a filter in pixels: that of a tent between neighbouring middles. A pixel's own samples then never
-/// weigh nothing.
+/// Smallest radius of a filter in pixels: that of a tent between neighbouring pixel centres, so that a pixel's own
+/// samples never have a weight of zero.
 pub const MIN_FILTER_RADIUS: f64 = 1.0;
-/// Greatest radius of a filter in pixels: beyond it pictures are blurred on purpose.
+/// Largest radius of a filter in pixels: beyond it, images are blurred on purpose.
 pub const MAX_FILTER_RADIUS: f64 = 4.0;
 
-/// How the samples of a pixel are spread over it.
+/// Pattern by which the samples of a pixel are spread over it.
 ///
-/// Sobol points have the least error a sample (figures in the README, measured by `tests/it/image/sampling.rs`); R2 is
-/// the default for the sake of pictures that were made with it.
+/// Sobol points have the least error per sample (figures in the README, measured by `tests/it/image/sampling.rs`); R2
+/// is the default to keep images that were made with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(
@@ -42,7 +43,7 @@ pub const MAX_FILTER_RADIUS: f64 = 4.0;
 pub enum Pattern {
     /// The middles of a grid's cells, the same in every pixel
     Regular,
-    /// A random place in each cell of a grid
+    /// A random position in each cell of a grid
     Jittered,
     /// Owen-scrambled Sobol points, scrambled anew in every pixel
     Sobol,
@@ -51,7 +52,7 @@ pub enum Pattern {
     R2,
 }
 
-/// Shapes of filter, each the product of one function across and down.
+/// Shapes of the pixel filter, each the product of one function across and one down.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "PixelFilter")]
@@ -61,7 +62,7 @@ pub enum FilterKind {
     Box,
     /// Falls linearly to zero
     Tent,
-    /// A bell of a third of the radius, lowered to reach zero
+    /// A Gaussian with a standard deviation of a third of the radius, lowered to reach zero
     Gaussian,
     /// Mitchell and Netravali's cubic: sharper, with negative lobes
     Mitchell,

@@ -1,9 +1,9 @@
-//! A geometry placed in the world, in as few bytes as its placement needs.
+//! Instances: geometries with a transform to world space, stored in as few bytes as the transform needs.
 //!
-//! A scene may hold millions of instances, most of them spheres that are moved and scaled or meshes that stand where
-//! they are. Two matrices for each would take 192 bytes, so matrices are kept only where the placement turns, mirrors
-//! or stretches; the others are made from a scale and a translation when they are asked for. What moves keeps its
-//! motion.
+//! A scene may hold millions of instances, most of them spheres that are only moved and scaled, or meshes with the
+//! identity transform. Two matrices for each would take 192 bytes, so matrices are stored only for transforms that
+//! rotate, mirror or stretch; the others are computed on demand from a scale and a translation. A moving instance
+//! stores its motion.
 
 use std::sync::Arc;
 
@@ -16,38 +16,38 @@ use crate::shape::{Shape, Sphere};
 /// A geometry placed in the world.
 #[derive(Clone, Debug)]
 pub struct Instance {
-    /// What messages call it: the node's name or number.
+    /// Name for messages: the node's name or number.
     pub name: Arc<str>,
-    /// Index into [`super::Scene::geometries`].
+    /// Index of the geometry in [`super::Scene::geometries`].
     pub geometry: u32,
-    /// Index into [`super::Scene::materials`].
+    /// Index of the material in [`super::Scene::materials`].
     pub material: u32,
     placement: Placement,
 }
 
-/// How object space lies in the world.
+/// Transform from object space to the world.
 #[derive(Clone, Debug)]
 enum Placement {
-    /// It is the world.
+    /// The identity: object space is world space.
     Unmoved,
-    /// Scaled by a positive number whose reciprocal is finite, then moved.
+    /// A positive scale whose reciprocal is finite, then a translation.
     Similar(UniformScale),
-    /// Anything else that can be inverted.
+    /// Any other map that can be inverted.
     Affine(Box<Affine>),
-    /// It changes with time.
+    /// A map that changes with time.
     Moving(Box<AnimatedTransform>),
 }
 
 /// A uniform scale and a translation: `p * scale + translation`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct UniformScale {
-    /// Positive and finite, as is its reciprocal.
+    /// Scale factor; it and its reciprocal are positive and finite.
     pub(crate) scale: f64,
-    /// Where the origin goes.
+    /// Image of the object-space origin.
     pub(crate) translation: DVec3,
 }
 
-/// A map and its inverse.
+/// An affine map and its inverse.
 #[derive(Clone, Debug)]
 pub(super) struct Affine {
     pub(super) world_from_object: DAffine3,
@@ -55,7 +55,7 @@ pub(super) struct Affine {
 }
 
 impl Instance {
-    /// Places `geometry` by `world_from_object`.
+    /// Creates an instance of `geometry` at rest with the transform `world_from_object`.
     pub fn new(
         name: impl Into<Arc<str>>,
         geometry: u32,
@@ -70,8 +70,8 @@ impl Instance {
         })
     }
 
-    /// Places `geometry` by the first map where its motion begins and by the second where it ends; see [`AnimatedTransform`] for
-    /// what is between. If they are the same, it stands still.
+    /// Creates an instance of `geometry` whose transform is the first map at the start of the motion and the second at
+    /// its end; [`AnimatedTransform`] interpolates between them. With two equal maps the instance is at rest.
     pub fn moving(
         name: impl Into<Arc<str>>,
         geometry: u32,
@@ -86,13 +86,13 @@ impl Instance {
         })
     }
 
-    /// Places it anew, and it stands still; where the map cannot be inverted, nothing changes.
+    /// Sets the transform and ends any motion; changes nothing if the map cannot be inverted.
     pub fn place(&mut self, world_from_object: DAffine3) -> Result<(), SingularMatrix> {
         self.placement = Placement::new(&world_from_object)?;
         Ok(())
     }
 
-    /// Places it anew where its motion begins and where it ends, by what `placed` makes of the maps there.
+    /// Replaces the transforms at the start and at the end of the motion by `placed` of each.
     pub(crate) fn replace(&mut self, placed: impl Fn(DAffine3) -> DAffine3) -> Result<(), MotionError> {
         match self.motion() {
             Some(motion) => self.placement = Placement::between(motion.ends().map(placed))?,
@@ -101,7 +101,7 @@ impl Instance {
         Ok(())
     }
 
-    /// Its motion, if it moves.
+    /// Returns the instance's motion; `None` for an instance at rest.
     pub fn motion(&self) -> Option<&AnimatedTransform> {
         match &self.placement {
             Placement::Moving(motion) => Some(motion),
@@ -109,13 +109,13 @@ impl Instance {
         }
     }
 
-    /// Whether it moves.
+    /// Returns whether the instance moves while the shutter is open.
     #[inline(always)]
     pub fn is_moving(&self) -> bool {
         matches!(self.placement, Placement::Moving(_))
     }
 
-    /// The maps at `time`, if it moves.
+    /// Returns the maps at `time`; `None` for an instance at rest.
     #[inline(always)]
     pub(super) fn moving_at(&self, time: f32) -> Option<Affine> {
         match &self.placement {
@@ -124,12 +124,12 @@ impl Instance {
         }
     }
 
-    /// Makes object space world space.
+    /// Sets the transform to the identity, so that object space is world space.
     pub(crate) fn unplace(&mut self) {
         self.placement = Placement::Unmoved;
     }
 
-    /// Object to world; of what moves, where its motion begins (see [`Instance::pose`]).
+    /// Returns the object-to-world map; for a moving instance that at the start of its motion (see [`Instance::pose`]).
     #[inline]
     pub fn world_from_object(&self) -> DAffine3 {
         match &self.placement {
@@ -143,7 +143,7 @@ impl Instance {
         }
     }
 
-    /// World to object, the checked inverse; of what moves, where its motion begins.
+    /// Returns the world-to-object map, the checked inverse; for a moving instance that at the start of its motion.
     #[inline]
     pub fn object_from_world(&self) -> DAffine3 {
         match &self.placement {
@@ -160,13 +160,13 @@ impl Instance {
         }
     }
 
-    /// Whether object space is world space, as it is for every baked mesh.
+    /// Returns whether object space is world space, as for every baked mesh.
     #[inline(always)]
     pub fn is_identity(&self) -> bool {
         matches!(self.placement, Placement::Unmoved)
     }
 
-    /// Whether the placement turns left into right, so that windings seen from the front run clockwise.
+    /// Returns whether the transform mirrors, so that windings run clockwise when seen from the front.
     pub fn is_mirrored(&self) -> bool {
         match &self.placement {
             Placement::Affine(affine) => affine.world_from_object.matrix3.determinant() < 0.0,
@@ -175,7 +175,7 @@ impl Instance {
         }
     }
 
-    /// A sphere in world space where the placement keeps it one without turning it; `None` elsewhere.
+    /// Returns the sphere in world space if the transform keeps it a sphere without a rotation; `None` otherwise.
     #[inline(always)]
     pub(crate) fn world_sphere(&self, sphere: &Sphere) -> Option<Sphere> {
         match &self.placement {
@@ -188,7 +188,8 @@ impl Instance {
         }
     }
 
-    /// A box around the instance in world space at all times; `object_bounds` are those of its `geometry`, and finite.
+    /// Returns a world-space box around the instance at all times; `object_bounds` are the bounds of its `geometry`,
+    /// and finite.
     pub(crate) fn world_bounds(&self, geometry: &Geometry, object_bounds: &Bounds) -> Bounds {
         let boxed = |map: &DAffine3| placed_bounds(map, geometry, object_bounds);
         match &self.placement {
@@ -197,8 +198,9 @@ impl Instance {
         }
     }
 
-    /// A box of [`AnimatedTransform::step_bounds`] in world space, after `steps[0]` of `steps[1]` steps; for what stands still it
-    /// is the same after each. `object_bounds` are those of its `geometry`, and finite.
+    /// Returns a world-space box as [`AnimatedTransform::step_bounds`] defines it, after `steps[0]` of `steps[1]`
+    /// steps; equal for all steps if the instance is at rest. `object_bounds` are the bounds of its `geometry`, and
+    /// finite.
     pub fn step_bounds(&self, geometry: &Geometry, object_bounds: &Bounds, steps: [u32; 2]) -> Bounds {
         let boxed = |map: &DAffine3| placed_bounds(map, geometry, object_bounds);
         match &self.placement {
@@ -207,7 +209,7 @@ impl Instance {
         }
     }
 
-    /// Bytes on the heap that belong to this instance, its name not counted.
+    /// Returns the bytes on the heap that this instance owns, its name not counted.
     pub fn heap_byte_count(&self) -> usize {
         match self.placement {
             Placement::Affine(_) => size_of::<Affine>(),
@@ -217,12 +219,13 @@ impl Instance {
     }
 }
 
-/// A box around a geometry that is placed by `map`.
+/// Returns a box around a geometry that is transformed by `map`.
 fn placed_bounds(map: &DAffine3, geometry: &Geometry, object_bounds: &Bounds) -> Bounds {
     let Geometry::Shape(Shape::Sphere(sphere)) = geometry else {
         return object_bounds.transformed(map);
     };
-    // An ellipsoid reaches as far along an axis as the matrix's row is long, not to the corners of a turned box.
+    // The half extent of an ellipsoid along an axis is the length of the matrix's row; the transformed box would be
+    // larger.
     let rows = map.matrix3.transpose();
     let reach = DVec3::new(rows.x_axis.length(), rows.y_axis.length(), rows.z_axis.length());
     let center = map.transform_point3(sphere.center);
@@ -233,12 +236,12 @@ fn placed_bounds(map: &DAffine3, geometry: &Geometry, object_bounds: &Bounds) ->
 }
 
 impl Affine {
-    /// The maps of a motion at `time`.
+    /// Returns the maps of a motion at `time`.
     fn of(motion: &AnimatedTransform, time: f32) -> Affine {
         let world_from_object = motion.at(f64::from(time));
         Affine {
-            // Of sums of definite matrices the condition number is at most that of the worse one, but not by the norm
-            // in which it is checked.
+            // The condition number of a sum of definite matrices is at most that of the worse one, but not in the norm
+            // in which `inverse` checks it; so the check may fail at times between two ends that passed it.
             object_from_world: numeric::inverse(&world_from_object)
                 .unwrap_or_else(|_| world_from_object.inverse()),
             world_from_object,
@@ -249,6 +252,7 @@ impl Affine {
 impl Placement {
     fn between(ends: [DAffine3; 2]) -> Result<Placement, MotionError> {
         let [start, end] = ends;
+        // Equal ends need neither a motion nor its cost
         if start == end {
             return Ok(Placement::new(&start)?);
         }
@@ -260,6 +264,7 @@ impl Placement {
             return Ok(Placement::Unmoved);
         }
         let object_from_world = numeric::inverse(map)?;
+        // A scale of which all axes are equal needs no matrices
         let scale = map.matrix3.x_axis.x;
         let is_similar = scale > 0.0
             && scale.recip().is_finite()
@@ -324,7 +329,7 @@ mod tests {
         let instance = Instance::new("", 0, 0, map).unwrap();
         let sphere = Geometry::Shape(Shape::Sphere(Sphere::UNIT));
         let bounds = instance.world_bounds(&sphere, &sphere.bounds());
-        // Rows (3, -1, 0) / √2 and (3, 1, 0) / √2: both √5 long.
+        // The rows are (3, -1, 0) / √2 and (3, 1, 0) / √2: both √5 long.
         assert!(
             (bounds.max - DVec3::new(5f64.sqrt(), 5f64.sqrt(), 1.0))
                 .abs()
@@ -361,6 +366,7 @@ mod tests {
             let object = geometry.bounds();
             let all = instance.world_bounds(&geometry, &object);
             let steps = 16;
+            // Compare the exact box at many times with both kinds of bounds
             for number in 0..=1600u32 {
                 let time = f64::from(number) / 1600.0;
                 let exact = placed_bounds(
@@ -368,6 +374,7 @@ mod tests {
                     &geometry,
                     &object,
                 );
+                // Interpolate between the boxes of the steps before and after
                 let step = (number / 100).min(steps - 1);
                 let [from, to] =
                     [step, step + 1].map(|step| instance.step_bounds(&geometry, &object, [step, steps]));
@@ -377,14 +384,14 @@ mod tests {
                     max: from.max.lerp(to.max, part),
                 };
                 for held in [&all, &between] {
-                    // The time is rounded to f32, in which what is met is up to 12 away per unit of it.
+                    // The time is rounded to f32; points move by up to 12 per unit of time.
                     let slack = DVec3::splat(12.0 * 0.5f64.powi(25));
                     assert!(
                         (exact.min + slack).cmpge(held.min).all()
                             && (exact.max - slack).cmple(held.max).all()
                     );
                 }
-                // Padding is small: boxes of neighbouring steps differ by more.
+                // The padding is small: boxes of neighbouring steps differ by more.
                 assert!(
                     number % 100 != 0 || (exact.min - from.min).min(exact.min - to.min).max_element() < 0.05
                 );

@@ -1,4 +1,4 @@
-//! Where an instance stands at one time.
+//! Transform of an instance at one time.
 
 use glam::DAffine3;
 
@@ -6,7 +6,7 @@ use super::Instance;
 use super::instance::Affine;
 use crate::shape::Sphere;
 
-/// Where an instance stands at the time of a ray: what stands still is borrowed, what moves is worked out.
+/// Transform of an instance at the time of a ray: borrowed from an instance at rest, interpolated for a moving one.
 #[derive(Clone, Debug)]
 pub struct InstanceTransform<'i>(Standing<'i>);
 
@@ -17,7 +17,7 @@ enum Standing<'i> {
 }
 
 impl Instance {
-    /// Where it stands at `time`, from 0 where motions begin to 1 where they end.
+    /// Returns the transform at `time`, from 0 at the start of motions to 1 at their end.
     #[inline(always)]
     pub fn pose(&self, time: f32) -> InstanceTransform<'_> {
         InstanceTransform(match self.moving_at(time) {
@@ -28,7 +28,7 @@ impl Instance {
 }
 
 impl InstanceTransform<'_> {
-    /// Object to world.
+    /// Returns the object-to-world map at this time.
     #[inline]
     pub fn world_from_object(&self) -> DAffine3 {
         match &self.0 {
@@ -37,7 +37,7 @@ impl InstanceTransform<'_> {
         }
     }
 
-    /// World to object.
+    /// Returns the world-to-object map at this time.
     #[inline]
     pub fn object_from_world(&self) -> DAffine3 {
         match &self.0 {
@@ -46,7 +46,7 @@ impl InstanceTransform<'_> {
         }
     }
 
-    /// Whether object space is world space at all times, as it is for every baked mesh.
+    /// Returns whether object space is world space at all times, as for every baked mesh.
     #[inline(always)]
     pub fn is_identity(&self) -> bool {
         match &self.0 {
@@ -55,7 +55,7 @@ impl InstanceTransform<'_> {
         }
     }
 
-    /// Whether it turns left into right, so that windings seen from the front run clockwise.
+    /// Returns whether the transform mirrors, so that windings run clockwise when seen from the front.
     pub fn is_mirrored(&self) -> bool {
         match &self.0 {
             Standing::Still(instance) => instance.is_mirrored(),
@@ -63,7 +63,8 @@ impl InstanceTransform<'_> {
         }
     }
 
-    /// A sphere in world space, where the placement keeps it one without turning it or moving it.
+    /// Returns the sphere in world space if the instance is at rest and its transform keeps it a sphere without a
+    /// rotation; `None` otherwise.
     #[inline(always)]
     pub(crate) fn world_sphere(&self, sphere: &Sphere) -> Option<Sphere> {
         match &self.0 {

@@ -1,9 +1,9 @@
-//! The thin lens: what makes things out of focus.
+//! Thin lens model for depth of field.
 //!
-//! An ideal lens brings all light that leaves a point in the plane of focus back together in one point of the film, the
-//! one that the ray through the middle of the lens, the pinhole's ray, goes to. So a ray that leaves the lens aside of
-//! the middle goes to the point where the pinhole's ray meets the plane of focus (R. Cook, T. Porter, L. Carpenter,
-//! "Distributed ray tracing", SIGGRAPH 1984).
+//! An ideal lens maps a point in the plane of focus to one point of the film, the one where the ray through the middle
+//! of the lens, the pinhole's ray, ends. So a ray that leaves the lens off its middle goes to the point where the
+//! pinhole's ray intersects the plane of focus (R. Cook, T. Porter, L. Carpenter, "Distributed ray tracing", SIGGRAPH
+//! 1984).
 
 use std::f64::consts::TAU;
 
@@ -12,7 +12,7 @@ use glam::{DVec2, DVec3};
 use super::{Camera, CameraRay, Projection};
 use crate::numeric::warp;
 
-/// A lens in front of a camera.
+/// A thin lens in front of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
     radius: f64,
@@ -20,22 +20,22 @@ pub struct Lens {
     aperture: Aperture,
 }
 
-/// The shape of the opening, which is that of the blur.
+/// Shape of the lens opening, which is also that of the blur.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Aperture {
-    /// A disk.
+    /// A circular opening with the lens's radius.
     #[default]
     Disk,
-    /// A regular polygon within the disk.
+    /// A regular polygon inscribed in the disk.
     Polygon {
-        /// How many straight blades bound it, at least 3.
+        /// Number of straight blades that bound the opening, at least 3.
         blades: u32,
         /// Angle of its first corner from the right, counter-clockwise as the camera looks, in radians.
         rotation: f64,
     },
 }
 
-/// What is wrong with a lens, worded as advice.
+/// Reasons why lens parameters are rejected, worded as advice.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum LensError {
     /// The radius is negative or not finite.
@@ -44,21 +44,21 @@ pub enum LensError {
     /// The distance of focus is not positive.
     #[error("the focus distance is {0}: give how far away things are sharp, in metres and more than 0")]
     FocusDistance(f64),
-    /// Too few blades, or a rotation that is not finite.
+    /// An aperture has too few blades, or a rotation that is not finite.
     #[error(
         "an aperture of {blades} blades turned by {rotation} is no polygon: give at least 3 blades and a finite angle"
     )]
     Polygon {
-        /// How many blades were asked for.
+        /// Number of blades that was requested.
         blades: u32,
-        /// The angle in radians.
+        /// Rotation of the aperture in radians.
         rotation: f64,
     },
 }
 
 impl Lens {
-    /// A lens whose opening has `radius` metres (of the circle around it) and which shows sharply what is
-    /// `focus_distance` metres away along the view axis; that may be infinite.
+    /// Creates a lens whose opening has a circumscribed circle of `radius` metres and whose plane of focus lies
+    /// `focus_distance` metres away along the view axis, possibly at infinity.
     pub fn new(radius: f64, focus_distance: f64, aperture: Aperture) -> Result<Lens, LensError> {
         if !(radius >= 0.0 && radius.is_finite()) {
             return Err(LensError::Radius(radius));
@@ -78,17 +78,17 @@ impl Lens {
         }
     }
 
-    /// In metres; of a polygon that of the circle around it.
+    /// Returns the radius of the opening in metres; for a polygon that of its circumscribed circle.
     pub fn radius(&self) -> f64 {
         self.radius
     }
 
-    /// How far away along the view axis things are sharp, in metres; may be infinite.
+    /// Returns the distance of the plane of focus along the view axis in metres; may be infinite.
     pub fn focus_distance(&self) -> f64 {
         self.focus_distance
     }
 
-    /// The lens for lengths that are `factor`, a power of two, times as long.
+    /// Returns the lens for lengths that are multiplied by `factor`, a power of two.
     pub(super) fn scaled(&self, factor: f64) -> Lens {
         Lens {
             radius: self.radius * factor,
@@ -100,7 +100,7 @@ impl Lens {
     /// Prepares the lens for the rays of `camera`.
     pub fn view(&self, camera: &Camera) -> LensView {
         let axes = camera.world_from_camera.matrix3;
-        // A ray's parameter counts depths in window distances.
+        // The parameter of a ray is its depth in units of the window distance.
         let window_distance = match camera.projection {
             Projection::Window { distance, .. } => distance,
             Projection::Perspective { .. } | Projection::Orthographic { .. } => 1.0,
@@ -115,24 +115,24 @@ impl Lens {
     }
 }
 
-/// A lens made ready for the rays of one camera.
+/// A lens prepared for the rays of one camera.
 #[derive(Clone, Copy, Debug)]
 pub struct LensView {
-    /// From the middle of the lens to the right, and up, in world space and as long as the radius.
+    /// World-space vectors from the middle of the lens to its right and upper rim, as long as the radius.
     right: DVec3,
     up: DVec3,
-    /// One over the parameter at which rays meet the plane of focus; 0 if it is infinitely far away.
+    /// Reciprocal of the ray parameter at the plane of focus; 0 for focus at infinity.
     per_t_focus: f64,
     is_pinhole: bool,
     aperture: Aperture,
 }
 
 impl LensView {
-    /// The ray through the point of the lens that `u` in [0, 1)² picks, to where `pinhole` is in focus.
+    /// Returns the ray from the lens point that `u` in [0, 1)² selects to the point where `pinhole` is in focus.
     ///
-    /// A lens without radius gives `pinhole` itself, bit for bit. As the lens lies across the view axis, `t` goes on
-    /// measuring depth, and the near and far planes stay where they are. With o the origin and d the direction, and
-    /// units u of 2^-53, the ray passes the point in focus within 4 u (|o| + radius) + 3 u t |d| per coordinate.
+    /// A lens without radius returns `pinhole` itself, bit for bit. As the lens is perpendicular to the view axis, `t`
+    /// still measures depth, and the near and far planes stay where they are. With o the origin and d the direction,
+    /// and units u of 2^-53, the ray passes the point in focus within 4 u (|o| + radius) + 3 u t |d| per coordinate.
     #[inline(always)]
     pub fn ray(&self, pinhole: CameraRay, u: [f64; 2]) -> CameraRay {
         if self.is_pinhole {
@@ -142,6 +142,7 @@ impl LensView {
         let aside = place.x * self.right + place.y * self.up;
         CameraRay {
             origin: pinhole.origin + aside,
+            // o + aside + t (d - aside / t_focus) equals the pinhole's point at t = t_focus
             direction: pinhole.direction - aside * self.per_t_focus,
             ..pinhole
         }
@@ -149,7 +150,7 @@ impl LensView {
 }
 
 impl Aperture {
-    /// The point of the opening of radius 1 that `u` in [0, 1)² picks, uniform in area.
+    /// Returns the point of the opening of radius 1 that `u` in [0, 1)² selects, uniform in area.
     #[inline(always)]
     pub fn point(&self, u: [f64; 2]) -> DVec2 {
         match *self {
@@ -159,12 +160,14 @@ impl Aperture {
     }
 }
 
-/// One of the triangles between the middle and two neighbouring corners, then a point of it.
+/// Returns a uniform point of a regular polygon: `u[0]` selects one of the triangles between the middle and two
+/// neighbouring corners and a position along its edge, `u[1]` the distance from the middle.
 fn polygon_point(blades: u32, rotation: f64, u: [f64; 2]) -> DVec2 {
+    // u[0] selects the edge, and its fraction a position along the edge
     let scaled = u[0] * f64::from(blades);
     let blade = scaled.floor();
     let corner = |number: f64| DVec2::from_angle(rotation + TAU * number / f64::from(blades));
-    // The distance from the middle goes with the root of the area; along the blade all places are alike.
+    // The distance from the middle grows with the square root of the area; along the edge the density is uniform.
     u[1].sqrt() * corner(blade).lerp(corner(blade + 1.0), scaled - blade)
 }
 
@@ -211,7 +214,7 @@ mod tests {
         },
     ];
 
-    /// Middles of eight by eight cells, and the corner at zero.
+    /// Returns the middles of eight by eight cells, and the corner at zero.
     fn places() -> impl Iterator<Item = [f64; 2]> {
         (0..64).map(|i| [f64::from(i % 8) / 8.0, f64::from(i / 8) / 8.0])
     }
@@ -225,6 +228,7 @@ mod tests {
                 camera.view(300, 200),
                 Lens::new(0.3, 7.0, aperture).unwrap().view(&camera),
             );
+            // Find the point in focus on the pinhole's ray
             let t = lens.per_t_focus.recip();
             for (x, y) in [(0.5, 0.5), (0.0, 1.0), (0.9, 0.13)] {
                 let pinhole = view.ray(x, y);
@@ -232,12 +236,13 @@ mod tests {
                 let depth = (focus - camera.world_from_camera.translation)
                     .dot(-camera.world_from_camera.matrix3.z_axis);
                 assert!((depth - 7.0).abs() < 1e-13);
+                // All rays through the lens must pass it
                 for u in places() {
                     let ray = lens.ray(pinhole, u);
                     let found = ray.origin + t * ray.direction;
                     let bound =
                         U * (4.0 * (ray.origin.abs() + 0.3) + 3.0 * t * (ray.direction.abs() + 0.3 / t));
-                    // Twice: the point in focus is itself computed so.
+                    // Twice the bound, as the point in focus is itself computed with such an error.
                     assert!(
                         (found - focus).abs().cmple(2.0 * bound).all(),
                         "{projection:?} {u:?}"
@@ -293,6 +298,7 @@ mod tests {
                 blades,
                 rotation: 0.2,
             };
+            // The distance of each edge from the middle
             let inner = (TAU / 2.0 / f64::from(blades)).cos();
             let mut second_moment = 0.0;
             let count = 300;
@@ -300,12 +306,13 @@ mod tests {
                 let u = [i % count, i / count].map(|k| (f64::from(k) + 0.5) / f64::from(count));
                 let p = aperture.point(u);
                 second_moment += p.length_squared() / f64::from(count * count);
+                // Every point must be on the inner side of every edge
                 for blade in 0..blades {
                     let outward = DVec2::from_angle(0.2 + TAU * (f64::from(blade) + 0.5) / f64::from(blades));
                     assert!(p.dot(outward) <= inner + 1e-15);
                 }
             }
-            // Of the triangle of the middle and two corners c: |p|² = r² |mix|², mean 1/2 (1 - (2/3) sin²(π/n)).
+            // For the triangle of the middle and two corners c: |p|² = r² |mix|², mean 1/2 (1 - (2/3) sin²(π/n)).
             let expected = 0.5 * (1.0 - 2.0 / 3.0 * (TAU / 2.0 / f64::from(blades)).sin().powi(2));
             assert!(
                 (second_moment - expected).abs() < 1e-4,

@@ -1,23 +1,23 @@
-//! Lights: without extent, as the lecture and `KHR_lights_punctual` have them, and with one.
+//! Lights: punctual ones, as in Phong and Whitted's model and `KHR_lights_punctual`, and area lights.
 
 use glam::DVec3;
 
 use crate::numeric::Bounds;
 
-/// A light, in world space.
+/// A light in world space.
 #[derive(Clone, Debug)]
 pub struct Light {
-    /// What messages call it.
+    /// Name of the light in messages.
     pub name: String,
-    /// Linear RGB times intensity: candela for point and spot lights, lux for directional ones; radiance
-    /// for lights with an extent, candela per square metre of what is seen of them.
+    /// Linear RGB times intensity: candela for point and spot lights, lux for directional ones; for area lights
+    /// radiance, candela per square metre of projected area.
     pub intensity: [f32; 3],
-    /// Where or from where it shines.
+    /// Type of the light with its position, direction and shape.
     pub kind: LightKind,
 }
 
 impl Light {
-    /// The instance that it lies on, if it is a lamp's light.
+    /// Returns the instance that the light lies on; `None` unless it is the light of an emissive object.
     pub fn lamp(&self) -> Option<u32> {
         match self.kind {
             LightKind::Area {
@@ -29,7 +29,7 @@ impl Light {
     }
 }
 
-/// The kinds of light.
+/// Types of light with their parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LightKind {
     /// Parallel light from far away.
@@ -37,74 +37,75 @@ pub enum LightKind {
         /// Unit vector from surfaces to the light.
         to_light: DVec3,
     },
-    /// Light from a point.
+    /// Light from a point in all directions.
     Point {
-        /// Where it stands.
+        /// Position in world space.
         position: DVec3,
-        /// How it weakens with the distance.
+        /// Attenuation with the distance.
         falloff: Falloff,
     },
     /// Light from a point into a cone.
     Spot {
-        /// Where it stands.
+        /// Position in world space.
         position: DVec3,
-        /// Unit vector along which it shines.
+        /// Unit vector along the axis of the cone, away from the light.
         direction: DVec3,
-        /// Cosine of the angle within which it is full.
+        /// Cosine of the angle within which the intensity is full.
         cos_inner: f64,
-        /// Cosine of the angle outside which it is dark; less than `cos_inner`.
+        /// Cosine of the angle outside which there is no light; less than `cos_inner`.
         cos_outer: f64,
-        /// How it weakens with the distance.
+        /// Attenuation with the distance.
         falloff: Falloff,
     },
-    /// Light from a surface, the same in all directions. Only what it lights is seen, not the surface, unless that is
-    /// an object's.
+    /// Light from a surface, with equal radiance in all directions. Its surface is invisible and only its illumination
+    /// is seen, except for an emissive object's.
     Area {
-        /// What shines.
+        /// Shape of the emitting surface.
         shape: AreaShape,
-        /// Points of it that each surface asks for light, at least 1. More make each sample less noisy; the samples of
-        /// a pixel ask for different points, so one is enough for pictures of many.
+        /// Points on the light that each shading point samples, at least 1. More reduce the noise of each sample; the
+        /// samples of a pixel use different points, so one is enough for images with many samples.
         samples: u32,
     },
 }
 
-/// A surface that shines.
+/// Shape of an emitting surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum AreaShape {
-    /// A parallelogram that shines to the side of half_u × half_v.
+    /// A parallelogram that emits to the side of half_u × half_v.
     Quad {
-        /// Its middle.
+        /// Centre of the parallelogram in world space.
         center: DVec3,
-        /// From there to the middle of one side.
+        /// Vector from the centre to the middle of one side.
         half_u: DVec3,
-        /// From there to the middle of the next.
+        /// Vector from the centre to the middle of the next side.
         half_v: DVec3,
     },
-    /// An ellipse that shines to the side of half_u × half_v.
+    /// An ellipse that emits to the side of half_u × half_v.
     Disk {
-        /// Its middle.
+        /// Centre of the ellipse in world space.
         center: DVec3,
-        /// Conjugate half axes: for a circle orthogonal and as long as the radius.
+        /// First of two conjugate half axes; for a circle they are orthogonal and as long as the radius.
         half_u: DVec3,
-        /// The other one.
+        /// Second of the two conjugate half axes.
         half_v: DVec3,
     },
-    /// A sphere that shines outward.
+    /// A sphere that emits outward.
     Sphere {
-        /// Its middle.
+        /// Centre of the sphere in world space.
         center: DVec3,
-        /// In metres.
+        /// Radius of the sphere in metres.
         radius: f64,
     },
-    /// What shines of an instance, on both sides as it is seen to: see [`Scene::add_emissive_light`](super::Scene::add_lamp).
+    /// The surface of an emissive object, which emits on both sides, as it is visible from both; see
+    /// [`super::Scene::add_emissive_light`].
     Object {
-        /// Which; an index into [`Scene::instances`](super::Scene::instances).
+        /// Index of the object into [`Scene::instances`](super::Scene::instances).
         instance: u32,
     },
 }
 
 impl AreaShape {
-    /// The smallest box around it; `None` for an object's, whose instance has one.
+    /// Returns the bounding box; `None` for an emissive object, whose instance has one.
     pub fn bounds(&self) -> Option<Bounds> {
         let (center, reach) = match *self {
             AreaShape::Quad {
@@ -116,7 +117,9 @@ impl AreaShape {
                 center,
                 half_u,
                 half_v,
+            // Half extent of an ellipse with conjugate half axes
             } => (center, (half_u * half_u + half_v * half_v).map(f64::sqrt)),
+            // The half extent of a sphere is its radius
             AreaShape::Sphere { center, radius } => (center, DVec3::splat(radius)),
             AreaShape::Object { .. } => return None,
         };
@@ -126,7 +129,8 @@ impl AreaShape {
         })
     }
 
-    /// Its middle moved to `to` and its lengths multiplied by `scale`; an object moves by itself.
+    /// Returns the shape with its centre mapped by `to` and its lengths multiplied by `scale`; an emissive object moves
+    /// with its instance and is returned unchanged.
     pub(super) fn moved(self, to: impl Fn(DVec3) -> DVec3, scale: f64) -> AreaShape {
         match self {
             AreaShape::Quad {
@@ -156,29 +160,29 @@ impl AreaShape {
     }
 }
 
-/// How a light weakens with the distance d.
+/// Attenuation of a light with the distance d.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Falloff {
-    /// By 1 / d², as light does; faded to nothing at a range, if there is one (`KHR_lights_punctual`).
+    /// Factor 1 / d², which is physical; with a range it is windowed to reach zero there (`KHR_lights_punctual`).
     InverseSquare {
-        /// Distance at which nothing is left.
+        /// Distance at which the light has faded to zero; `None` for no limit.
         range: Option<f64>,
     },
-    /// By 1 / (constant + linear d + quadratic d²), the lecture's option; (1, 0, 0) is none.
+    /// Factor 1 / (constant + linear d + quadratic d²), as in Phong and Whitted's model; (1, 0, 0) is no attenuation.
     Polynomial {
-        /// At no distance.
+        /// Constant coefficient, without unit.
         constant: f64,
-        /// Per metre.
+        /// Linear coefficient, per metre.
         linear: f64,
-        /// Per square metre.
+        /// Quadratic coefficient, per square metre.
         quadratic: f64,
     },
 }
 
 impl Falloff {
-    /// Physical, without a range.
+    /// Inverse-square attenuation without a range.
     pub const PHYSICAL: Falloff = Falloff::InverseSquare { range: None };
-    /// None: as strong far away as near.
+    /// No attenuation: the light is as strong far away as near.
     pub const NONE: Falloff = Falloff::Polynomial {
         constant: 1.0,
         linear: 0.0,

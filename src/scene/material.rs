@@ -1,48 +1,48 @@
-//! Materials: what surfaces are made of, by one of two lighting models, and what is inside them.
+//! Materials: surface models, material inputs with their textures, and the media inside surfaces.
 //!
-//! A parameter is a factor times whatever textures are layered on it.
+//! A material input is a factor times the textures that are bound to it.
 
 use super::texture::MaterialInput;
 use super::{Scene, TextureBinding};
 use crate::optics::subsurface::Scattering;
 use crate::optics::{Absorption, DiffuseTransmission, Dispersion};
 
-/// A surface description.
+/// Description of a surface and of the medium behind it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
-    /// What messages call it.
+    /// Name of the material in messages.
     pub name: String,
-    /// How it answers light.
+    /// Illumination model of the surface.
     pub model: Model,
-    /// Linear RGBA: the colour of the diffuse and ambient light of either model, of a metal, and of what is let
-    /// through; and the coverage.
+    /// Linear RGBA base colour: it tints the diffuse and ambient light of either model, the reflection of a metal, and
+    /// transmitted light; the fourth channel is the coverage.
     pub base_color: [f32; 4],
     /// Emitted radiance, linear RGB.
     pub emission: [f32; 3],
-    /// What the coverage means.
+    /// Interpretation of the coverage.
     pub alpha: AlphaMode,
-    /// What textures do to the parameters; each parameter at most once.
+    /// Textures bound to material inputs; each input at most once.
     pub layers: Vec<TextureBinding>,
-    /// What light meets that enters, where any enters.
+    /// Medium behind the surface, if light enters it.
     pub interior: Option<Interior>,
-    /// What scatters beneath the surface, where the diffuse light comes from there: per unit of length of the scene. Of
-    /// glTF's model, and not with transmission or translucency. The base colour tints what leaves.
+    /// Subsurface scattering from which the diffuse light comes, per unit of length of the scene. Only with glTF's
+    /// model, and without transmission or translucency. The base colour tints the light that leaves.
     pub subsurface: Option<Scattering>,
-    /// Of a thin sheet of glTF's model, the diffuse light that leaves on its other side.
+    /// Diffuse transmission of a thin surface with glTF's model.
     pub translucency: Option<Translucency>,
 }
 
-/// How a thin sheet shares its diffuse light with its other side (`KHR_materials_diffuse_transmission`).
+/// Diffuse transmission of a thin surface (`KHR_materials_diffuse_transmission`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Translucency {
-    /// How much of it leaves there, 0 to 1.
+    /// Fraction of the diffuse light that leaves on the other side, 0 to 1.
     pub factor: f32,
-    /// In what colour, linear RGB, 0 to 1.
+    /// Colour of the transmitted light, linear RGB, 0 to 1.
     pub color: [f32; 3],
 }
 
 impl Translucency {
-    /// The sheet under a base colour of white.
+    /// Returns the diffuse reflection and transmission under a white base colour.
     pub fn leaf(&self) -> DiffuseTransmission {
         DiffuseTransmission::from_diffuse_transmission(
             [1.0; 3],
@@ -52,38 +52,39 @@ impl Translucency {
     }
 }
 
-/// A lighting model.
+/// Illumination model of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Model {
-    /// glTF's metallic-roughness model.
+    /// Metallic-roughness model of glTF.
     MetallicRoughness(MetallicRoughness),
-    /// The lecture's: `I = Ia ra + sum of Il (rd (s.m) + rsp (r.v)^f) + kr I(reflected) + kt I(transmitted)`.
+    /// Model of Phong and Whitted: `I = Ia ra + sum of Il (rd (s.m) + rsp (r.v)^f) + kr I(reflected) + kt
+    /// I(transmitted)`.
     Lecture(Lecture),
-    /// The base colour, whatever the light (`KHR_materials_unlit`).
+    /// Constant colour: the base colour, whatever the light (`KHR_materials_unlit`).
     Unlit,
 }
 
-/// glTF 2.0, 3.9.2, with `KHR_materials_specular` and `KHR_materials_transmission`.
+/// Metallic-roughness parameters of glTF 2.0, 3.9.2, with `KHR_materials_specular` and `KHR_materials_transmission`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MetallicRoughness {
-    /// 0 dielectric, 1 metal.
+    /// Metalness: 0 for a dielectric, 1 for a metal.
     pub metallic: f32,
-    /// Perceptual roughness, 0 a mirror, 1 chalk.
+    /// Perceptual roughness, from 0 for a mirror to 1 for chalk.
     pub roughness: f32,
     /// Strength of a dielectric's reflection, 0 to 1.
     pub specular: f32,
-    /// Its colour at normal incidence, linear RGB.
+    /// Colour of a dielectric's reflection at normal incidence, linear RGB.
     pub specular_color: [f32; 3],
-    /// How much of what is not reflected goes through rather than being scattered, 0 to 1.
+    /// Fraction of the light that is not reflected which is transmitted instead of scattered diffusely, 0 to 1.
     pub transmission: f32,
-    /// Rays that the lobe of a rough surface is looked into by where the eye sees it, up to [`MAX_ROUGH_RAYS`]; one
-    /// where other rays meet it. With 0 it reflects as a mirror up to [`MIRROR_ROUGHNESS`] and only lights beyond, and
+    /// Rays into the lobe of a rough surface at a hit of a camera ray, up to [`MAX_ROUGH_RAYS`]; one at hits of
+    /// secondary rays. With 0 the surface reflects as a mirror up to [`MIRROR_ROUGHNESS`], only lights beyond it, and
     /// refracts as a smooth one.
     pub rough_rays: u32,
 }
 
 impl MetallicRoughness {
-    /// glTF's defaults: metallic 1, roughness 1.
+    /// Default parameters of glTF: metallic 1, roughness 1.
     pub const DEFAULT: MetallicRoughness = MetallicRoughness {
         metallic: 1.0,
         roughness: 1.0,
@@ -94,27 +95,27 @@ impl MetallicRoughness {
     };
 }
 
-/// The lecture's reflection coefficients. The base colour multiplies `ambient` and `diffuse`.
+/// Coefficients of Phong and Whitted's model. The base colour multiplies `ambient` and `diffuse`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lecture {
-    /// ra, linear RGB.
+    /// Ambient coefficient ra, linear RGB.
     pub ambient: [f32; 3],
-    /// rd, linear RGB.
+    /// Diffuse coefficient rd, linear RGB.
     pub diffuse: [f32; 3],
-    /// rsp, linear RGB.
+    /// Specular coefficient rsp, linear RGB.
     pub specular: [f32; 3],
-    /// f, the exponent of the highlight; at least 0.
+    /// Exponent f of the highlight; at least 0.
     pub exponent: f32,
-    /// kr, the share of the reflected ray, linear RGB.
+    /// Coefficient kr of the reflected ray, linear RGB.
     pub reflection: [f32; 3],
-    /// kt, the share of the transmitted ray, linear RGB.
+    /// Coefficient kt of the transmitted ray, linear RGB.
     pub transmission: [f32; 3],
-    /// Whether Fresnel's equations divide the light between the two rays, on top of kr and kt.
+    /// Flag for Fresnel's equations, which then divide the light between the two rays, in addition to kr and kt.
     pub fresnel: bool,
 }
 
 impl Lecture {
-    /// A chalky surface: ambient and diffuse 1, nothing else.
+    /// A chalky surface: ambient and diffuse 1, all else 0.
     pub const DEFAULT: Lecture = Lecture {
         ambient: [1.0; 3],
         diffuse: [1.0; 3],
@@ -126,20 +127,20 @@ impl Lecture {
     };
 }
 
-/// What the fourth channel of the base colour means (glTF 2.0, 3.9.4).
+/// Interpretation of the fourth channel of the base colour (glTF 2.0, 3.9.4).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum AlphaMode {
-    /// Nothing.
+    /// No meaning: the surface is opaque.
     #[default]
     Opaque,
-    /// The surface is there where the coverage is at least this.
+    /// Threshold: the surface exists where the coverage is at least this value.
     Mask(f32),
-    /// The surface covers that part of what is behind it.
+    /// Blending: the surface covers that fraction of what is behind it.
     Blend,
 }
 
 impl AlphaMode {
-    /// The part of a surface that is there, by the fourth channel of its base colour.
+    /// Returns the opacity of the surface for the fourth channel of its base colour.
     #[inline(always)]
     pub fn coverage(self, alpha: f32) -> f32 {
         match self {
@@ -151,21 +152,22 @@ impl AlphaMode {
     }
 }
 
-/// What is inside a surface, for light that goes through it.
+/// Medium inside a surface, for light that passes through.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interior {
-    /// Index of refraction.
+    /// Index of refraction as a function of the wavelength.
     pub ior: Dispersion,
-    /// What a metre of it swallows.
+    /// Absorption coefficients per metre of the medium.
     pub absorption: Absorption,
-    /// Where bodies overlap, the one of the highest priority is there (Schmidt and Budge, 2002).
+    /// Priority of the medium: where interiors overlap, that of the highest priority is effective (Schmidt and Budge,
+    /// 2002).
     pub priority: i32,
-    /// Whether the surface is a wall without an inside: light passes straight on.
+    /// Flag for a thin wall without an interior: light passes straight on.
     pub is_thin: bool,
 }
 
 impl Default for Material {
-    /// glTF's default material: white, metallic 1, roughness 1.
+    /// Returns glTF's default material: white, metallic 1, roughness 1.
     fn default() -> Material {
         Material {
             name: "default".into(),
@@ -181,18 +183,18 @@ impl Default for Material {
     }
 }
 
-/// Surfaces up to this perceptual roughness reflect an image: their lobe's width (alpha = 0.01, about half a degree)
-/// is that of a few pixels. Rougher ones need many rays for one reflection, which they send if they are told how many.
+/// Largest perceptual roughness at which surfaces reflect an image: the width of their lobe (alpha = 0.01, about half a
+/// degree) is that of a few pixels. Rougher surfaces need many rays for one reflection, which `rough_rays` enables.
 pub const MIRROR_ROUGHNESS: f32 = 0.1;
 
-/// Most rays into one lobe. Samples of a pixel serve as well beyond.
+/// Largest number of rays into one lobe. For more, samples per pixel serve as well.
 pub const MAX_ROUGH_RAYS: u32 = 256;
 
-/// Index of refraction where a material states none: glTF's, that of window glass.
+/// Default index of refraction of a material, from glTF: that of window glass.
 pub const DEFAULT_IOR: f64 = 1.5;
 
 impl Scene {
-    /// Has every material of the metallic-roughness model send so many rays into its lobe.
+    /// Sets the number of rays into the lobe of every material of the metallic-roughness model.
     pub fn set_rough_rays(&mut self, rays: u32) {
         for material in &mut self.materials {
             if let Model::MetallicRoughness(model) = &mut material.model {
@@ -203,15 +205,18 @@ impl Scene {
 }
 
 impl Material {
-    /// Whether a texture on `parameter` that is taken by `strength` can change anything: nothing times zero stays zero.
+    /// Returns whether a texture of `strength` on `parameter` can have an effect: a factor of zero stays zero.
     pub fn heeds(&self, parameter: MaterialInput, strength: f32) -> bool {
         let [r, g, b, a] = self.base_color;
         match (parameter, &self.model) {
+            // Coverage only counts unless the surface is opaque
             (MaterialInput::BaseColor, _) => {
                 [r, g, b] != [0.0; 3] || (a != 0.0 && self.alpha != AlphaMode::Opaque)
             }
             (MaterialInput::Emission, _) => self.emission != [0.0; 3],
+            // These replace or scale something that every material has
             (MaterialInput::Normal | MaterialInput::Bump | MaterialInput::Occlusion, _) => strength != 0.0,
+            // All others multiply a factor of the model
             (parameter, Model::MetallicRoughness(model)) => match parameter {
                 MaterialInput::Roughness => model.roughness != 0.0,
                 MaterialInput::Metallic => model.metallic != 0.0,
@@ -228,7 +233,7 @@ impl Material {
         }
     }
 
-    /// A material of the metallic-roughness model without textures.
+    /// Returns a material of the metallic-roughness model without textures.
     pub fn metallic_roughness(base_color: [f32; 3], metallic: f32, roughness: f32) -> Material {
         Material {
             model: Model::MetallicRoughness(MetallicRoughness {
@@ -241,17 +246,17 @@ impl Material {
         }
     }
 
-    /// Whether it differs from point to point.
+    /// Returns whether the material has textures and so varies over the surface.
     pub fn is_textured(&self) -> bool {
         !self.layers.is_empty()
     }
 
-    /// The texture on a parameter, if there is one.
+    /// Returns the texture bound to `parameter`, if there is one.
     pub fn layer(&self, parameter: MaterialInput) -> Option<&TextureBinding> {
         self.layers.iter().find(|layer| layer.parameter == parameter)
     }
 
-    /// Whether light may pass through the surface itself. Coverage is another matter.
+    /// Returns whether the surface itself may transmit light; holes by partial coverage do not count.
     pub fn transmits(&self) -> bool {
         match &self.model {
             Model::MetallicRoughness(model) => model.transmission > 0.0,
@@ -260,22 +265,24 @@ impl Material {
         }
     }
 
-    /// Rays that are sent into the lobes of its rough places where the eye sees them; 0 if it has none or sends none.
+    /// Returns the number of rays into the material's rough lobes at hits of camera rays; 0 if it has no lobe or sends
+    /// none.
     pub fn rough_rays(&self) -> u32 {
         match &self.model {
-            // A texture multiplies the factor: what is smooth stays smooth.
+            // A texture multiplies the factor, so a factor of 0 stays smooth.
             Model::MetallicRoughness(model) if model.roughness > 0.0 => model.rough_rays,
             _ => 0,
         }
     }
 
-    /// What scatters light beneath the surface, if the model has that.
+    /// Returns the subsurface scattering, if the model supports it.
     pub fn scatters(&self) -> Option<&Scattering> {
+        // Only the metallic-roughness model has subsurface scattering
         let has_inside = matches!(self.model, Model::MetallicRoughness(_));
         self.subsurface.as_ref().filter(|_| has_inside)
     }
 
-    /// How the surface shares its diffuse light with its other side, if it does.
+    /// Returns the diffuse transmission, if the model supports it and its factor is positive.
     pub fn translucent(&self) -> Option<&Translucency> {
         let has_two_sides = matches!(self.model, Model::MetallicRoughness(_));
         self.translucency
@@ -283,10 +290,12 @@ impl Material {
             .filter(|sheet| has_two_sides && sheet.factor > 0.0)
     }
 
-    /// Whether it may reflect an image. A texture multiplies the factor, so it can only make a surface smoother.
+    /// Returns whether the surface may reflect an image. A texture multiplies the roughness factor, so it can only make
+    /// a surface smoother.
     pub fn may_mirror(&self) -> bool {
         match &self.model {
             Model::MetallicRoughness(model) => {
+                // Inputs whose textures may make the surface smoother
                 let smoother = [MaterialInput::MetallicRoughness, MaterialInput::Roughness];
                 model.roughness <= MIRROR_ROUGHNESS || smoother.into_iter().any(|p| self.layer(p).is_some())
             }
@@ -295,7 +304,7 @@ impl Material {
         }
     }
 
-    /// Index of refraction at `wavelength` nanometres.
+    /// Returns the index of refraction at `wavelength` nanometres.
     pub fn ior(&self, wavelength: f64) -> f64 {
         self.interior
             .map_or(DEFAULT_IOR, |inside| inside.ior.ior(wavelength))

@@ -1,9 +1,9 @@
-//! One parallel pass over a mesh: are its indices in range, which triangles can be hit at all, how large is it; and
-//! the removal of triangles that cannot be hit.
+//! Mesh scan and clean-up: one parallel pass checks that indices are in range, counts triangles that cannot be hit and
+//! computes the bounds; a second function removes those triangles.
 //!
-//! A triangle has no area exactly when the cross product of two of its edges vanishes. From f32 corners that product
-//! is formed in f64, where differences and products of f32 values of like size are exact, so the test needs no
-//! tolerance: needles stay, lines and points go.
+//! A triangle has no area exactly when the cross product of two of its edges vanishes. From f32 corners that product is
+//! formed in f64, where differences and products of f32 values of like size are exact, so the test needs no tolerance:
+//! needles are kept, lines and points are removed.
 
 use glam::{DVec3, Vec3};
 
@@ -11,15 +11,15 @@ use crate::mesh::{Buffer, Mesh};
 use crate::numeric::Bounds;
 use crate::parallel;
 
-/// Triangles a task: large enough to hide the cost of a task, small enough to balance.
+/// Triangles per task: enough to hide the cost of a task, few enough to balance.
 const CHUNK: usize = 1 << 14;
 
-/// What one pass over a mesh found.
+/// Result of one pass over a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct MeshScan {
-    /// The box around the corners of all usable triangles.
+    /// Box around the corners of all usable triangles.
     pub(crate) bounds: Bounds,
-    /// Triangles without area or with a corner that is not finite.
+    /// Number of triangles without area or with a corner that is not finite.
     pub(crate) unusable: usize,
 }
 
@@ -30,16 +30,17 @@ pub(crate) struct BadIndex {
     pub(crate) vertex: u32,
 }
 
-/// How many triangles were dropped, by reason.
+/// Numbers of removed triangles, by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Removed {
     pub(crate) not_finite: usize,
     pub(crate) no_area: usize,
 }
 
-/// Looks at every triangle once.
+/// Scans every triangle once, in parallel. Returns the bounds of the usable triangles and the number of the others.
 pub(crate) fn survey(mesh: &Mesh) -> Result<MeshScan, BadIndex> {
     let (positions, triangles) = (&mesh.positions[..], &mesh.triangles[..]);
+    // Scan chunks in parallel
     let chunks = parallel::map_chunks(triangles, CHUNK, &|chunk, triangles| {
         survey_chunk(positions, triangles, chunk * CHUNK)
     });
@@ -47,7 +48,7 @@ pub(crate) fn survey(mesh: &Mesh) -> Result<MeshScan, BadIndex> {
         bounds: Bounds::EMPTY,
         unusable: 0,
     };
-    // In the order of the file, so that the first bad index is the one that is named.
+    // In the order of the file, so that the error names the first bad index.
     chunks.into_iter().try_fold(nothing, |sum, chunk| {
         let chunk = chunk?;
         Ok(MeshScan {
@@ -57,16 +58,16 @@ pub(crate) fn survey(mesh: &Mesh) -> Result<MeshScan, BadIndex> {
     })
 }
 
-/// Whether all values are finite.
+/// Returns whether all values are finite.
 pub(crate) fn all_finite(values: &[f32]) -> bool {
     const VALUES: usize = 1 << 16;
-    // A product with zero is zero for finite values and NaN for others; unlike a chain of tests it runs on all lanes.
+    // A product with zero is zero for finite values and NaN for others; unlike a chain of tests it vectorises.
     let is_finite = |chunk: &[f32]| chunk.iter().fold(true, |finite, x| finite & (x * 0.0 == 0.0));
     let chunks: Vec<&[f32]> = values.chunks(VALUES).collect();
     parallel::all(chunks.len(), &|i| is_finite(chunks[i]))
 }
 
-/// Removes the triangles that a survey found unusable, and makes what was not finite and is now unused zero.
+/// Removes the triangles that cannot be hit, and returns their numbers by reason. Vertices stay.
 pub(crate) fn drop_unusable(mesh: &mut Mesh) -> Removed {
     let mut dropped = Removed::default();
     let mut kept = Vec::with_capacity(mesh.triangles.len());
@@ -84,7 +85,7 @@ pub(crate) fn drop_unusable(mesh: &mut Mesh) -> Removed {
     dropped
 }
 
-/// Sets vertices that are not finite to zero. Only right once no triangle uses them.
+/// Sets vertices that are not finite to zero. Only valid once no triangle uses them.
 pub(crate) fn clear_non_finite_positions(mesh: &mut Mesh) {
     if all_finite(bytemuck::cast_slice(&mesh.positions)) {
         return;
@@ -103,12 +104,14 @@ fn survey_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) ->
             positions.get(b as usize),
             positions.get(c as usize),
         ) else {
+            // Name the first index that is out of range
             let outside = [a, b, c].into_iter().find(|&v| v as usize >= positions.len());
             return Err(BadIndex {
                 triangle: first + i,
                 vertex: outside.unwrap_or(a),
             });
         };
+        // Grow the bounds by usable triangles only, as the corners of others may be NaN
         let corners = [Vec3::from(p0), Vec3::from(p1), Vec3::from(p2)];
         if is_usable(corners) {
             low = low.min(corners[0]).min(corners[1]).min(corners[2]);
@@ -124,11 +127,11 @@ fn survey_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) ->
     Ok(MeshScan { bounds, unusable })
 }
 
-/// Whether the triangle is finite and has an area.
+/// Returns whether the triangle is finite and has an area.
 #[inline(always)]
 fn is_usable(corners: [Vec3; 3]) -> bool {
     let [p0, p1, p2]: [DVec3; 3] = corners.map(|p| p.as_dvec3());
-    // f32 coordinates squared twice stay far inside the range of f64, so only NaN and infinity come out as such.
+    // f32 coordinates to the fourth power stay far inside the range of f64, so only NaN and infinity give such an area.
     let area = (p1 - p0).cross(p2 - p0).length_squared();
     area > 0.0 && area < f64::INFINITY
 }

@@ -1,4 +1,4 @@
-//! The scene as plain data: vectors linked by index, all checks behind it after [`Scene::validate`].
+//! The scene as plain data: vectors linked by index. [`Scene::validate`] checks all of them.
 
 mod bake;
 mod camera;
@@ -52,71 +52,71 @@ use crate::volume::{Fog, Volume};
 /// Everything that is rendered. Lengths are metres unless a file says otherwise, colours linear RGB.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
-    /// What can be hit, each in its object space.
+    /// Meshes and analytic shapes, each in its object space.
     pub geometries: Vec<Geometry>,
-    /// Where geometries stand. The index of an instance is what a hit reports.
+    /// Transforms and materials of geometries in the world. A hit reports the index of its instance.
     pub instances: Vec<Instance>,
-    /// What surfaces are made of.
+    /// Materials that instances refer to.
     pub materials: Vec<Material>,
-    /// Images with the way they are sampled.
+    /// Images with their samplers, and procedural textures.
     pub textures: Vec<Texture>,
-    /// Decoded images.
+    /// Decoded images that textures refer to.
     pub images: Vec<Image>,
     /// Lights, in world space.
     pub lights: Vec<Light>,
     /// Cameras, in world space; the first is the default one.
     pub cameras: Vec<Camera>,
-    /// Animations of the files that it was made of, of which it is one moment.
+    /// Animations of the source files; the scene is one moment of them.
     pub animations: Vec<Animation>,
-    /// Smoke, fire and scans, in world space; they may overlap.
+    /// Heterogeneous volumes such as smoke, fire and scans, in world space; they may overlap.
     pub volumes: Vec<Volume>,
-    /// What fills all space.
+    /// Fog, a medium that fills all space.
     pub fog: Option<Fog>,
-    /// The lecture's ambient light Ia: what surfaces get from all around, linear RGB.
+    /// Constant ambient radiance Ia of Phong and Whitted's model, linear RGB.
     pub ambient: [f32; 3],
-    /// What a ray sees that hits nothing.
+    /// Radiance of rays that miss the scene.
     pub background: Background,
-    /// What was dropped or approximated while loading, one sentence each.
+    /// Warnings about what was dropped or approximated while loading, one sentence each.
     pub warnings: Vec<String>,
-    /// How world coordinates relate to the file's.
+    /// Map from the file's coordinates to world coordinates.
     pub normalisation: Normalisation,
 }
 
-/// What a glTF file can move.
+/// Summary of an animation in a glTF file.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Animation {
-    /// Its name, or its number.
+    /// Name of the animation, or its number.
     pub name: String,
-    /// Seconds of its first and of its last key.
+    /// Times in seconds of the first and of the last keyframe.
     pub seconds: [f64; 2],
-    /// Properties of nodes that it moves.
+    /// Number of animated node properties.
     pub channels: usize,
 }
 
 /// The radiance that comes from outside the scene, linear RGB.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Background {
-    /// The same from everywhere.
+    /// One radiance for all directions.
     Uniform([f32; 3]),
-    /// Mixed by the height of the direction: `horizon` level, `up` straight up and down.
+    /// A mix by the height of the direction: `horizon` for level directions, `up` and `down` for the vertical ones.
     Gradient {
-        /// Level.
+        /// Radiance of level directions.
         horizon: [f32; 3],
-        /// Straight up.
+        /// Radiance straight up, along +y.
         up: [f32; 3],
-        /// Straight down.
+        /// Radiance straight down, along -y.
         down: [f32; 3],
     },
-    /// An image all around, which also lights the scene: equirectangular, its top row at +y, its middle at -z and +x to
+    /// An environment map, which also lights the scene: equirectangular, its top row at +y, its middle at -z and +x to
     /// the right of that.
     Environment {
-        /// Which of the scene's images; of floats.
+        /// Index of the scene's image that holds the map; its texels are floats.
         image: u32,
-        /// Radians that it is turned by about +y, counter-clockwise as seen from above.
+        /// Rotation about +y in radians, counter-clockwise as seen from above.
         rotation: f64,
-        /// What its texels are multiplied by.
+        /// Factor on the texels of the map.
         scale: f32,
-        /// Directions that each surface asks for light, at least 1; see [`LightKind::Area`].
+        /// Directions into the map that each shading point samples, at least 1; see [`LightKind::Area`].
         samples: u32,
     },
 }
@@ -127,17 +127,17 @@ impl Default for Background {
     }
 }
 
-/// Something to hit, in object space.
+/// A primitive or mesh that rays can hit, in object space.
 #[derive(Clone, Debug)]
 pub enum Geometry {
-    /// A triangle mesh.
+    /// A mesh of indexed triangles.
     Mesh(Mesh),
-    /// An analytic shape.
+    /// An analytic shape, such as a sphere, a torus or a quadric.
     Shape(Shape),
 }
 
 impl Geometry {
-    /// The smallest box around it, in object space; infinite for what has no end.
+    /// Returns the bounding box in object space; infinite for the plane.
     pub fn bounds(&self) -> Bounds {
         match self {
             Geometry::Mesh(mesh) => mesh.bounds(),
@@ -145,13 +145,13 @@ impl Geometry {
         }
     }
 
-    /// Whether no box holds it: the infinite plane, which everything that goes by boxes leaves out.
+    /// Returns whether no finite box contains the geometry: the infinite plane, which bounding volumes leave out.
     #[inline(always)]
     pub fn is_unbounded(&self) -> bool {
         matches!(self, Geometry::Shape(Shape::Plane))
     }
 
-    /// How many primitives it holds: triangles of a mesh, one for an analytic shape.
+    /// Returns the number of primitives: triangles of a mesh, one for an analytic shape.
     pub fn primitive_count(&self) -> usize {
         match self {
             Geometry::Mesh(mesh) => mesh.triangles.len(),
@@ -161,11 +161,12 @@ impl Geometry {
 }
 
 impl Scene {
-    /// The images that some layer of a material looks up whose effect is not among `without`.
+    /// Returns the indices of images that some texture of a material uses whose effect is not in `without`.
     pub(crate) fn images_for(&self, without: EffectSet) -> HashSet<u32> {
         let mut wanted = HashSet::new();
         let is_simulated = |effect: Effect| !without.has(effect);
         for layer in self.materials.iter().flat_map(|material| &material.layers) {
+            // Only images of simulated effects are needed
             if let Texture::Image { image, .. } = self.textures[layer.texture.texture as usize]
                 && is_simulated(layer.effect())
             {
@@ -175,22 +176,23 @@ impl Scene {
         wanted
     }
 
-    /// The geometry of an instance.
+    /// Returns the geometry of an instance.
     #[inline(always)]
     pub fn geometry_of(&self, instance: u32) -> &Geometry {
         &self.geometries[self.instances[instance as usize].geometry as usize]
     }
 
-    /// The box around all instances but those without an end, in world space.
+    /// Returns the world-space box around all instances except unbounded ones.
     pub fn bounds(&self) -> Bounds {
         let object_bounds: Vec<Bounds> = self.geometries.iter().map(Geometry::bounds).collect();
         self.bounds_from(&object_bounds)
     }
 
-    /// [`Scene::bounds`] from the bounds of the geometries.
+    /// Returns [`Scene::bounds`] from the bounds of the geometries.
     pub(crate) fn bounds_from(&self, object_bounds: &[Bounds]) -> Bounds {
         self.instances
             .iter()
+            // The infinite plane has no box
             .filter(|i| !self.geometries[i.geometry as usize].is_unbounded())
             .map(|i| {
                 i.world_bounds(
@@ -201,7 +203,7 @@ impl Scene {
             .fold(Bounds::EMPTY, Bounds::union)
     }
 
-    /// Triangles as they are seen: those of a geometry count once for every instance of it.
+    /// Returns the number of triangles in the world: those of a mesh count once for every instance of it.
     pub fn triangle_count(&self) -> usize {
         self.instances
             .iter()

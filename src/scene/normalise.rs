@@ -1,11 +1,10 @@
 //! Recentring and scaling by a power of two, so that no scene is tiny, huge or far away.
 //!
-//! A float near 10^6 has steps of 0.06, and products of coordinates near 10^20 leave the range of f32: scenes that
-//! lie or measure like that are moved to the origin and scaled to about unit size before anything else sees them.
-//! The centre is a multiple of the scene's size rounded down to a power of two and only moves axes along which the
-//! scene lies far away, and the scale is a power of two, so a coordinate that is already f32 is moved without any
-//! rounding: nothing is lost, and scenes that are well placed are not touched at all, which keeps their vertices in the
-//! mapped file.
+//! f32 values near 10^6 are spaced by 0.06, and products of coordinates near 10^20 leave the range of f32. Scenes with
+//! such positions or sizes are moved to the origin and scaled to about unit size before any later stage. The centre is
+//! a multiple of the scene's size rounded down to a power of two and only changes axes along which the scene lies far
+//! away, and the scale is a power of two, so an f32 coordinate is mapped without rounding. Scenes in a good range are
+//! left as they are, which keeps their vertices in the memory-mapped file.
 
 use glam::{DAffine3, DVec3};
 
@@ -14,22 +13,22 @@ use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::shape::{Shape, Sphere};
 
-/// The map from the file's coordinates to the scene's: `(p - center) * scale`.
+/// Map from the file's coordinates to the scene's: `(p - center) * scale`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Normalisation {
-    /// What became the origin, in the file's coordinates.
+    /// Point that becomes the origin, in the file's coordinates.
     pub center: DVec3,
-    /// A power of two.
+    /// Scale factor, a power of two.
     pub scale: f64,
 }
 
-/// An axis is left alone while its largest coordinate is at most this many times the scene's extent: recentring it
-/// would then win three of f32's 24 bits at most.
+/// Largest ratio of an axis's largest coordinate to the scene's extent at which the axis is not recentred: recentring
+/// would then gain three of f32's 24 bits at most.
 const FAR: f64 = 8.0;
-/// Extents, in metres or whatever the file's unit is, between which the size is left alone: squares and fourth powers
-/// of such lengths stay far inside the range of f32.
+/// Smallest extent, in metres or the file's unit, that is not rescaled: squares and fourth powers of such lengths stay
+/// far inside the range of f32.
 const SMALLEST: f64 = 1.0 / 1024.0;
-/// See [`SMALLEST`].
+/// Largest extent that is not rescaled, for the reason given at [`SMALLEST`].
 const LARGEST: f64 = 1024.0;
 
 impl Default for Normalisation {
@@ -42,12 +41,14 @@ impl Default for Normalisation {
 }
 
 impl Normalisation {
-    /// The map that places a scene with these bounds well; the identity where it already is, or has no extent.
+    /// Returns the map that brings a scene with these bounds into a good range; the identity if it is already, or has
+    /// no extent.
     pub fn fitting(bounds: &Bounds) -> Normalisation {
         let extent = bounds.extent().max_element();
         if bounds.is_empty() || !(extent > 0.0 && extent < f64::INFINITY) {
             return Normalisation::default();
         }
+        // Round the extent to a power of two, of which the centre becomes a multiple
         let step = power_of_two_below(extent);
         let magnitude = bounds.min.abs().max(bounds.max.abs());
         let center = bounds.center();
@@ -58,6 +59,7 @@ impl Normalisation {
                 0.0
             }
         };
+        // Scale only scenes that are tiny or huge
         let scale = if (SMALLEST..=LARGEST).contains(&extent) {
             1.0
         } else {
@@ -69,12 +71,12 @@ impl Normalisation {
         }
     }
 
-    /// Whether nothing moves.
+    /// Returns whether the map is the identity.
     pub fn is_identity(&self) -> bool {
         *self == Normalisation::default()
     }
 
-    /// From the file's coordinates to the scene's.
+    /// Returns the map from the file's coordinates to the scene's.
     pub fn map(&self) -> DAffine3 {
         DAffine3::from_scale_rotation_translation(
             DVec3::splat(self.scale),
@@ -83,7 +85,7 @@ impl Normalisation {
         )
     }
 
-    /// From the scene's coordinates to the file's.
+    /// Returns the map from the scene's coordinates to the file's.
     pub fn inverse_map(&self) -> DAffine3 {
         DAffine3::from_scale_rotation_translation(
             DVec3::splat(self.scale.recip()),
@@ -92,12 +94,12 @@ impl Normalisation {
         )
     }
 
-    /// A point of the file in the scene's coordinates.
+    /// Returns a point of the file in the scene's coordinates.
     pub fn point(&self, p: DVec3) -> DVec3 {
         (p - self.center) * self.scale
     }
 
-    /// This map, then `next`.
+    /// Returns the map that applies `self` and then `next`.
     fn then(&self, next: &Normalisation) -> Normalisation {
         Normalisation {
             center: self.center + next.center / self.scale,
@@ -107,8 +109,8 @@ impl Normalisation {
 }
 
 impl Scene {
-    /// Places the scene well (see the file's head): geometry, cameras and lights move together, so that the picture
-    /// stays the same. Does nothing to a scene that already is.
+    /// Normalises the scene, as described at the head of this module: geometry, cameras, lights and volumes are mapped
+    /// together, so that the image stays the same. Does nothing to a scene in a good range.
     ///
     /// The scene's indices must be in range.
     pub fn normalise(&mut self) {
@@ -116,7 +118,7 @@ impl Scene {
         self.apply_normalisation(Normalisation::fitting(&bounds));
     }
 
-    /// Moves everything by `normalisation` and remembers it.
+    /// Maps the whole scene by `normalisation` and records it.
     pub(crate) fn apply_normalisation(&mut self, normalisation: Normalisation) {
         if normalisation.is_identity() {
             return;
@@ -129,10 +131,11 @@ impl Scene {
         self.normalisation = self.normalisation.then(&normalisation);
     }
 
-    /// Gives meshes that stand in the world several times or move, and whose own coordinates are badly placed, better
-    /// ones; the change is undone in the instances' transforms. `bounds` are those of the geometries.
+    /// Normalises the object spaces of meshes that are instanced several times or move; the instances' transforms
+    /// compensate the change. `bounds` are those of the geometries.
     pub(crate) fn normalise_object_spaces(&mut self, bounds: &[Bounds]) {
         let use_counts = self.use_counts();
+        // Find the meshes that move
         let mut moves = vec![false; self.geometries.len()];
         for instance in &self.instances {
             moves[instance.geometry as usize] |= instance.is_moving();
@@ -140,13 +143,14 @@ impl Scene {
         for (index, geometry) in self.geometries.iter_mut().enumerate() {
             let mut normalisation = Normalisation::fitting(&bounds[index]);
             if moves[index] {
-                // It turns about the origin of its own space.
+                // A moving mesh rotates about the origin of its object space, so only its size changes.
                 normalisation.center = DVec3::ZERO;
             }
             let Geometry::Mesh(mesh) = geometry else { continue };
             if !(use_counts[index] > 1 || moves[index]) || normalisation.is_identity() {
                 continue;
             }
+            // Map the mesh, and undo it in the transforms of its instances
             *mesh = moved_mesh(mesh, &normalisation);
             let back = normalisation.inverse_map();
             for instance in self.instances.iter_mut().filter(|i| i.geometry as usize == index) {
@@ -157,14 +161,15 @@ impl Scene {
         }
     }
 
-    /// Meshes and spheres that stand unmoved exactly once move themselves, which is exact for them; all others are
-    /// moved by their instances.
+    /// Maps instances: meshes and spheres of a single instance with the identity transform are mapped themselves, which
+    /// is exact; all others by their instances' transforms.
     fn move_instances(&mut self, normalisation: &Normalisation) {
         let use_counts = self.use_counts();
         for instance in &mut self.instances {
             let geometry = &mut self.geometries[instance.geometry as usize];
             let material = self.materials.get(instance.material as usize);
             let is_carved = material.is_some_and(|m| bake::is_carved(m, &self.textures));
+            // Map the geometry itself where nothing else depends on its object space
             if use_counts[instance.geometry as usize] == 1 && instance.is_identity() && !is_carved {
                 match geometry {
                     Geometry::Mesh(mesh) => {
@@ -181,7 +186,7 @@ impl Scene {
                     Geometry::Shape(_) => (),
                 }
             }
-            // A power of two changes no condition number, so the inverse exists where it did; computed afresh it is
+            // A power of two changes no condition number, so the inverse exists if it did before; computed anew it is
             // free of the cancellation of far translations.
             let is_placed = instance.replace(|old| DAffine3 {
                 matrix3: old.matrix3 * normalisation.scale,
@@ -195,12 +200,14 @@ impl Scene {
         let scale = normalisation.scale;
         for camera in &mut self.cameras {
             let end = camera.world_from_camera_end.as_mut();
+            // Map the positions at the start and at the end of the motion; axes stay
             for map in end.into_iter().chain([&mut camera.world_from_camera]) {
                 map.translation = normalisation.point(map.translation);
             }
             camera.z_near *= scale;
             camera.z_far *= scale;
             camera.lens = camera.lens.map(|lens| lens.scaled(scale));
+            // Scale the lengths of the projection
             match &mut camera.projection {
                 Projection::Perspective { .. } => {}
                 Projection::Window {
@@ -225,7 +232,7 @@ impl Scene {
         for light in &mut self.lights {
             let (position, falloff) = match &mut light.kind {
                 LightKind::Directional { .. } => continue,
-                // Radiance is the same at any size.
+                // Radiance does not depend on the size of the scene.
                 LightKind::Area { shape, .. } => {
                     *shape = shape.moved(|p| normalisation.point(p), scale);
                     continue;
@@ -248,6 +255,7 @@ impl Scene {
                 Falloff::Polynomial {
                     linear, quadratic, ..
                 } => {
+                    // Keep each term of the polynomial: d is multiplied by the scale
                     *linear /= scale;
                     *quadratic /= scale * scale;
                 }
@@ -255,7 +263,7 @@ impl Scene {
         }
     }
 
-    /// What a longer metre swallows is more.
+    /// Scales absorption and scattering coefficients, which are per unit of length.
     fn scale_interiors(&mut self, scale: f64) {
         for interior in self.materials.iter_mut().filter_map(|m| m.interior.as_mut()) {
             interior.absorption.sigma_a = interior.absorption.sigma_a.map(|sigma| sigma / scale);
@@ -266,12 +274,12 @@ impl Scene {
     }
 }
 
-/// The mesh at its new place. The subtraction comes first: for a far scene it is the one that is exact.
+/// Returns the mapped mesh. The subtraction comes first: for a far scene it is exact.
 fn moved_mesh(mesh: &Mesh, normalisation: &Normalisation) -> Mesh {
     bake::with_positions(mesh, |p| normalisation.point(p))
 }
 
-/// The largest power of two that does not exceed a positive finite number, within the normal range.
+/// Returns the largest power of two that does not exceed a positive finite number, within the normal range.
 fn power_of_two_below(x: f64) -> f64 {
     const FRACTION_BITS: u64 = (1 << 52) - 1;
     f64::from_bits(x.max(f64::MIN_POSITIVE).to_bits() & !FRACTION_BITS)
@@ -285,7 +293,7 @@ mod tests {
 
     const POSITIONS: [[f32; 3]; 3] = [[0.25, -1.0, 0.1], [1.5, 0.3, -0.7], [-0.9, 2.1, 0.0]];
 
-    /// One baked triangle and a point light, a camera and an instanced sphere, moved and scaled.
+    /// Returns a scene of one baked triangle, a point light, a camera and an instanced sphere, moved and scaled.
     fn scene(scale: f64, offset: DVec3) -> Scene {
         let moved = |p: DVec3| p * scale + offset;
         let triangle = Mesh {
@@ -297,6 +305,7 @@ mod tests {
             triangles: Buffer::from(vec![[0, 1, 2]]),
             ..Mesh::default()
         };
+        // Place a sphere by its instance, the triangle by its vertices
         let map = DAffine3::from_scale_rotation_translation(
             DVec3::splat(scale),
             glam::DQuat::IDENTITY,
@@ -311,6 +320,7 @@ mod tests {
                 Instance::new("triangle", 0, 0, DAffine3::IDENTITY).unwrap(),
                 Instance::new("sphere", 1, 0, map).unwrap(),
             ],
+            // Scale light and camera so that the image stays the same
             lights: vec![Light {
                 name: "lamp".into(),
                 intensity: [(3.0 * scale * scale) as f32; 3],
@@ -359,6 +369,7 @@ mod tests {
             scene.validate().unwrap();
             scene
         };
+        // All scenes must be normalised to the same numbers
         let reference = normalised(-20);
         assert_eq!(positions(&reference), POSITIONS.map(|p| p.map(|x| x * 0.5)));
         for exponent in [-60, -40, 20, 40, 60] {
@@ -383,6 +394,7 @@ mod tests {
             Geometry::Mesh(mesh) => bake::with_positions(mesh, |p| p * 1e6 + DVec3::new(0.0, 1e9, 0.0)),
             Geometry::Shape(_) => unreachable!(),
         });
+        // A motion that scales and rotates about the origin of object space
         let ends = [
             DAffine3::from_scale(DVec3::splat(1e-6)),
             DAffine3::from_rotation_z(0.1),
@@ -390,10 +402,11 @@ mod tests {
         scene.instances[0] = Instance::moving("moving", 0, 0, ends).unwrap();
         let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
         scene.normalise_object_spaces(&bounds);
-        // Of the size of 1, and as far away, 10^9 of 3 10^6, as it was.
+        // The mesh has a size of about 1, and is still as far away, in relation to it: 10^9 of 3 10^6.
         let placed = scene.geometries[0].bounds();
         assert!(placed.extent().max_element() < 4.0 * far.extent().max_element());
         assert!(placed.center().y > 100.0 * far.extent().y);
+        // The origin about which it turns is still that of object space
         let maps = scene.instances[0].motion().unwrap().ends();
         assert_eq!(maps.map(|map| map.translation), [DVec3::ZERO; 2]);
     }
@@ -409,6 +422,7 @@ mod tests {
         let center = scene.normalisation.center;
         assert_eq!((center.y, scene.normalisation.scale), (0.0, 1.0));
         for (old, new) in before.iter().zip(positions(&scene)) {
+            // Moving back must restore every bit
             let back = glam::Vec3::from(new).as_dvec3() + center;
             assert_eq!(back, glam::Vec3::from(*old).as_dvec3());
         }
@@ -423,6 +437,7 @@ mod tests {
     fn a_tiny_and_far_scene_keeps_its_geometry_and_its_irradiance() {
         let offset = DVec3::new(0.0, 1.0, 0.0);
         let mut scene = scene(2f64.powi(-12), offset);
+        // Intensity must grow with the square of the scale
         let before = scene.lights[0].intensity[0];
         scene.normalise();
         let scale = scene.normalisation.scale;
@@ -443,6 +458,7 @@ mod tests {
         let far = scene_far_triangle();
         let back = DAffine3::from_translation(DVec3::new(-1e6, 0.0, 0.0));
         scene.geometries.push(Geometry::Mesh(far));
+        // Two instances bring the mesh back near the origin
         for x in [0.0, 3.0] {
             let map = DAffine3::from_translation(DVec3::new(x, 0.0, 0.0)) * back;
             scene.instances.push(Instance::new("far", 2, 0, map).unwrap());

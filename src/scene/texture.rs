@@ -1,4 +1,4 @@
-//! Textures: images and procedures, how they are looked up, and which parameter of a material they change.
+//! Textures: images and procedural patterns, their lookup, and the material inputs that they modify.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -6,57 +6,57 @@ use std::sync::Arc;
 use super::Effect;
 use crate::image::{self, DecodedPixels, ImageError, TransferCurve};
 
-/// A texture on a parameter of a material.
+/// A texture bound to a material input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureBinding {
-    /// What is changed.
+    /// Material input that the texture modifies.
     pub parameter: MaterialInput,
-    /// By which texture.
+    /// Texture with its coordinates.
     pub texture: TextureUse,
-    /// glTF's scale of a normal map, strength of an occlusion map; height in metres of white in a bump map; 1
+    /// Scale of a normal map or strength of an occlusion map, as in glTF; height in metres of white in a bump map; 1
     /// elsewhere.
     pub strength: f32,
 }
 
 impl TextureBinding {
-    /// The effect that it is a part of.
+    /// Returns the effect that this texture belongs to.
     pub fn effect(&self) -> Effect {
         self.parameter.effect()
     }
 }
 
-/// What a texture may change. Colours are sRGB-encoded in 8-bit images, everything else is linear. Values multiply the
-/// material's own, unless said otherwise.
+/// Material input that a texture can modify. Colours are sRGB-encoded in 8-bit images, everything else is linear.
+/// Texture values multiply the material's own, unless said otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum MaterialInput {
-    /// Base colour and coverage.
+    /// Base colour in RGB, coverage in A.
     BaseColor,
-    /// Emission.
+    /// Emitted radiance in RGB.
     Emission,
-    /// glTF's packing: roughness in G, metalness in B.
+    /// Packing of glTF: roughness in G, metalness in B.
     MetallicRoughness,
-    /// Roughness by R.
+    /// Roughness in the R channel.
     Roughness,
-    /// Metalness by R.
+    /// Metalness in the R channel.
     Metallic,
     /// Strength of a dielectric's reflection, in A.
     Specular,
-    /// Its colour; the lecture's rsp.
+    /// Colour of a dielectric's reflection; rsp of Phong and Whitted's model.
     SpecularColor,
-    /// The lecture's kr.
+    /// Coefficient kr of Phong and Whitted's model.
     Reflection,
-    /// Transmission, in R; the lecture's kt in RGB.
+    /// Transmission, in R; kt of Phong and Whitted's model in RGB.
     Transmission,
-    /// How much of the ambient light arrives, in R.
+    /// Fraction of the ambient light that arrives, in R.
     Occlusion,
-    /// Replaces the normal: tangent space, (RGB * 2 - 1).
+    /// Tangent-space normal (RGB * 2 - 1), which replaces the interpolated one.
     Normal,
-    /// Bends the normal by the slope of a height, in R.
+    /// Height in R, whose slope tilts the normal.
     Bump,
 }
 
 impl MaterialInput {
-    /// The effect that a texture on it belongs to.
+    /// Returns the effect that a texture on this input belongs to.
     pub fn effect(self) -> Effect {
         match self {
             MaterialInput::Normal | MaterialInput::Bump => Effect::NormalMap,
@@ -65,7 +65,7 @@ impl MaterialInput {
         }
     }
 
-    /// How 8-bit images of it are meant.
+    /// Returns the encoding of 8-bit images on this input.
     pub fn encoding(self) -> Encoding {
         match self {
             MaterialInput::BaseColor | MaterialInput::Emission | MaterialInput::SpecularColor => {
@@ -81,28 +81,28 @@ impl MaterialInput {
     }
 }
 
-/// How the bytes of an image are meant.
+/// Encoding of the channels of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Encoding {
     /// RGB by the sRGB curve, alpha linear.
     Srgb,
-    /// All channels linear.
+    /// Linear values in all channels.
     Linear,
 }
 
-/// A texture and where it is looked up.
+/// A texture and the coordinates of its lookup.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TextureUse {
-    /// Index into [`crate::scene::Scene::textures`].
+    /// Index of the texture in [`crate::scene::Scene::textures`].
     pub texture: u32,
-    /// Which set of texture coordinates of the mesh. Analytic shapes have one set.
+    /// Number of the mesh's texture coordinate set. Analytic shapes have one set.
     pub tex_coord: u32,
-    /// What is done to the coordinates first.
+    /// Transform of the coordinates before the lookup.
     pub transform: UvTransform,
 }
 
 impl TextureUse {
-    /// A texture by the first set of coordinates as they are.
+    /// Returns a use of the texture with the first coordinate set and no transform.
     pub fn new(texture: u32) -> TextureUse {
         TextureUse {
             texture,
@@ -117,18 +117,18 @@ impl TextureUse {
 pub struct UvTransform {
     /// Rows of the linear part.
     pub matrix: [[f32; 2]; 2],
-    /// Added after it.
+    /// Translation, added after the linear part.
     pub offset: [f32; 2],
 }
 
 impl UvTransform {
-    /// Changes nothing.
+    /// The map that leaves coordinates unchanged.
     pub const IDENTITY: UvTransform = UvTransform {
         matrix: [[1.0, 0.0], [0.0, 1.0]],
         offset: [0.0; 2],
     };
 
-    /// The mapped coordinates.
+    /// Returns the transformed texture coordinates.
     #[inline(always)]
     pub fn apply(&self, [u, v]: [f32; 2]) -> [f32; 2] {
         let row = |i: usize| self.matrix[i][0] * u + self.matrix[i][1] * v + self.offset[i];
@@ -136,39 +136,39 @@ impl UvTransform {
     }
 }
 
-/// Something that gives a colour for every point.
+/// A function from points to colours.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Texture {
     /// An image on texture coordinates.
     Image {
-        /// Index into [`crate::scene::Scene::images`].
+        /// Index of the image in [`crate::scene::Scene::images`].
         image: u32,
-        /// Wrapping and filtering.
+        /// Wrap modes and texel filter.
         sampler: Sampler,
     },
-    /// A rule.
+    /// A procedural pattern without an image.
     Procedural(Procedural),
 }
 
-/// A pattern without an image. Colours are linear RGBA.
+/// A procedural texture. Colours are linear RGBA.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Procedural {
-    /// Which rule.
+    /// Pattern that is evaluated.
     pub pattern: Pattern,
-    /// Colours between which the pattern chooses or mixes.
+    /// Colours that the pattern chooses from or mixes.
     pub colors: [[f32; 4]; 2],
-    /// Which point the rule is asked about.
+    /// Space of the points at which the pattern is evaluated.
     pub space: Space,
-    /// What each coordinate of that point is multiplied by.
+    /// Factor on each coordinate of the point.
     pub scale: [f64; 3],
 }
 
-/// The rules of procedural textures.
+/// Patterns of procedural textures.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pattern {
-    /// Squares, or cubes, of side 1 in alternation.
+    /// Squares, or cubes, of side 1 in alternating colours.
     Checker,
-    /// From the first colour at 0 to the second at 1 along the first coordinate.
+    /// A ramp from the first colour at 0 to the second at 1 along the first coordinate.
     Gradient,
     /// Perlin's improved noise, summed over octaves.
     Noise {
@@ -177,84 +177,85 @@ pub enum Pattern {
     },
     /// Veins: a sine along the first coordinate, shifted by turbulence.
     Marble {
-        /// Octaves of the turbulence.
+        /// Number of octaves of the turbulence.
         octaves: u32,
-        /// How far it shifts.
+        /// Amplitude of the shift by turbulence.
         turbulence: f64,
     },
     /// Rings around the third axis, shifted by noise.
     Wood {
-        /// How far noise shifts the rings.
+        /// Amplitude of the shift of the rings by noise.
         turbulence: f64,
     },
 }
 
-/// Where a procedural texture lives.
+/// Space in which a procedural texture is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Space {
-    /// On the surface's texture coordinates.
+    /// Texture coordinates of the surface.
     Uv,
-    /// In object space, as if the object were carved from it.
+    /// Object space, as if the object were carved from the pattern.
     Object,
 }
 
-/// Wrapping and filtering of an image.
+/// Wrap modes and texel filter of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sampler {
-    /// Along u.
+    /// Wrap mode along u.
     pub wrap_u: Wrap,
-    /// Along v.
+    /// Wrap mode along v.
     pub wrap_v: Wrap,
-    /// Between texels.
+    /// Interpolation mode between texels.
     pub filter: Filter,
 }
 
-/// What lies outside [0, 1].
+/// Lookup of texture coordinates outside [0, 1].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wrap {
-    /// The image again.
+    /// Repetition of the image.
     Repeat,
-    /// The image mirrored.
+    /// Repetition, mirrored in every second copy.
     MirroredRepeat,
-    /// The edge texel.
+    /// Texel at the nearest edge.
     ClampToEdge,
 }
 
-/// What lies between texels.
+/// Interpolation between texels of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
-    /// The nearest texel.
+    /// Nearest texel, without interpolation.
     Nearest,
-    /// The bilinear mix of four.
+    /// Bilinear interpolation of four texels.
     Linear,
-    /// Trilinear: bilinear mixes of two of the halved images, by the width of the ray.
+    /// Trilinear interpolation: bilinear lookups in two mip levels, chosen by the width of the ray.
     Mipmap,
 }
 
 /// A decoded image, top row first.
 #[derive(Clone, Debug)]
 pub struct Image {
-    /// What messages call it: its path or its number in the file.
+    /// Name in messages: the image's path or its number in the file.
     pub name: String,
-    /// Pixels a row.
+    /// Number of pixels per row.
     pub width: u32,
-    /// Rows.
+    /// Number of pixel rows, from the top.
     pub height: u32,
-    /// Its pixels, row by row.
+    /// Pixels of the image, row by row.
     pub texels: Texels,
 }
 
 impl Image {
     /// Reads the file at `path`: PNG, JPEG, Radiance HDR or EXR, of at most `max_texels` pixels of 8 bits a channel;
-    /// those that become floats count four times.
+    /// pixels that become floats count four times.
     ///
-    /// `encoding` says how images of 16 bits a channel are meant, which become floats; those of 8 bits keep their
-    /// codes.
+    /// `encoding` is the interpretation of images of 16 bits a channel, which become floats; those of 8 bits keep their
+    /// stored values.
     pub fn read(path: &Path, encoding: Encoding, max_texels: u64) -> Result<Image, ImageError> {
         let curve = match encoding {
             Encoding::Srgb => TransferCurve::Srgb,
             Encoding::Linear => TransferCurve::Linear,
         };
+        // The curve only applies to images that are decoded to floats
         let read = image::read(path, curve, max_texels)?;
         Ok(Image {
             name: path.display().to_string(),
@@ -269,7 +270,7 @@ impl Image {
 }
 
 impl Image {
-    /// The image of the file at `path`, of which only the kind and the size are read: its pixels may be anything.
+    /// Returns the image of the file at `path` without its pixels: only the kind and the size are read.
     pub fn unread(path: &Path) -> Result<Image, ImageError> {
         let [width, height] = image::read_size(path)?;
         Ok(Image {
@@ -281,19 +282,19 @@ impl Image {
     }
 }
 
-/// The pixels of an image; copies share them.
+/// The pixels of an image; clones share them.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Texels {
-    /// RGBA, 8 bits each, as stored.
+    /// RGBA, 8 bits per channel, as stored.
     Bytes(Arc<Vec<[u8; 4]>>),
-    /// Linear RGBA (EXR, Radiance HDR, 16 bits a channel).
+    /// Linear RGBA floats (EXR, Radiance HDR, 16 bits a channel).
     Floats(Arc<Vec<[f32; 4]>>),
-    /// Left in the file, as nothing that is simulated looks at them; who does all the same sees white.
+    /// Pixels left in the file, as no simulated effect uses them; a lookup returns white.
     Unread,
 }
 
 impl Texels {
-    /// How many there are.
+    /// Returns the number of texels in memory.
     pub fn len(&self) -> usize {
         match self {
             Texels::Bytes(texels) => texels.len(),
@@ -302,7 +303,7 @@ impl Texels {
         }
     }
 
-    /// Bytes in memory.
+    /// Returns the size in memory in bytes.
     pub fn byte_count(&self) -> u64 {
         match self {
             Texels::Bytes(texels) => size_of_val(&texels[..]) as u64,
@@ -311,12 +312,12 @@ impl Texels {
         }
     }
 
-    /// What they take of a budget of texels of 8 bits a channel.
+    /// Returns the size as a number of texels of 8 bits a channel, for comparison with a limit.
     pub fn budget(&self) -> u64 {
         self.byte_count() / size_of::<[u8; 4]>() as u64
     }
 
-    /// Whether anybody else holds them too.
+    /// Returns whether another image shares these texels.
     pub(super) fn is_shared(&self) -> bool {
         match self {
             Texels::Bytes(texels) => Arc::strong_count(texels) > 1,
@@ -325,7 +326,7 @@ impl Texels {
         }
     }
 
-    /// Whether there is none.
+    /// Returns whether no texels are in memory.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

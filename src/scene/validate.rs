@@ -1,4 +1,5 @@
-//! The checks behind which nothing can meet a bad index, a NaN or a singular matrix.
+//! Validation of scenes: indices, array lengths and values, so that later stages see no bad index, NaN or singular
+//! matrix.
 
 use std::f64::consts::PI;
 
@@ -16,24 +17,24 @@ use super::{
 use crate::numeric::{AnimatedTransform, Bounds, Ray};
 use crate::shape::Implicit;
 
-/// What is wrong with a scene, worded as advice.
+/// A fault of a scene, worded as advice.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{item}: {fault}")]
 pub struct SceneError {
-    /// Which geometry, instance, material ... by name and number.
+    /// Faulty geometry, instance, material and so on, by name and number.
     pub item: String,
-    /// What is wrong and what to do.
+    /// Description of the fault and its remedy.
     pub fault: String,
 }
 
-/// How far a direction's squared length may be from 1: directions come from f32 files, whose rounding is 2^-24, through
-/// a few f64 steps.
+/// Largest difference of a direction's squared length from 1: directions come from f32 files, whose rounding is 2^-24,
+/// through a few f64 steps.
 const UNIT_TOLERANCE: f64 = 1.0 / 1024.0 / 1024.0;
 
 impl Scene {
     /// Checks everything that later stages rely on: indices, lengths of arrays, finite and sensible values.
     ///
-    /// Looks at every vertex once, in parallel.
+    /// Reads every vertex once, in parallel.
     pub fn validate(&self) -> Result<(), SceneError> {
         let mut bounds = Vec::with_capacity(self.geometries.len());
         for (index, geometry) in self.geometries.iter().enumerate() {
@@ -47,8 +48,9 @@ impl Scene {
         self.validate_structure(&bounds)
     }
 
-    /// All checks but those that look at every vertex; `bounds` are those of the geometries.
+    /// Runs all checks except those that read every vertex; `bounds` are those of the geometries.
     pub(crate) fn validate_structure(&self, bounds: &[Bounds]) -> Result<(), SceneError> {
+        // Check geometries and the instances that refer to them
         for (index, geometry) in self.geometries.iter().enumerate() {
             check_geometry(geometry, &bounds[index])
                 .map_err(|fault| error(format!("geometry {index}"), fault))?;
@@ -57,11 +59,13 @@ impl Scene {
             self.check_instance(instance, bounds)
                 .map_err(|fault| error(named("instance", index, &instance.name), fault))?;
         }
+        // Check materials, textures and images
         for (index, material) in self.materials.iter().enumerate() {
             self.check_material(material)
                 .map_err(|fault| error(named("material", index, &material.name), fault))?;
         }
         self.check_images()?;
+        // Check volumes, lights and cameras
         self.check_volumes()
             .map_err(|(index, fault)| error(named("volume", index, self.volumes[index].name()), fault))?;
         for (index, light) in self.lights.iter().enumerate() {
@@ -75,6 +79,7 @@ impl Scene {
                 .and_then(|()| check_reach(camera_reach(camera)))
                 .map_err(|fault| error(named("camera", index, &camera.name), fault))?;
         }
+        // Check the ambient light and the background
         if !is_radiance(&self.ambient) {
             return Err(error(
                 "the ambient light",
@@ -106,13 +111,14 @@ impl Scene {
     }
 
     fn check_instance(&self, instance: &Instance, bounds: &[Bounds]) -> Result<(), String> {
+        // Check the indices
         let Some(geometry) = self.geometries.get(instance.geometry as usize) else {
             return Err(out_of_range("geometry", instance.geometry, self.geometries.len()));
         };
         let Some(material) = self.materials.get(instance.material as usize) else {
             return Err(out_of_range("material", instance.material, self.materials.len()));
         };
-        // What has no end is held to be where its origin is.
+        // For an unbounded geometry only the position of its origin counts.
         let reach = if geometry.is_unbounded() {
             let reach = |map: &DAffine3| map.translation.abs().max_element();
             let [start, end] = instance
@@ -124,6 +130,7 @@ impl Scene {
             instance.world_bounds(geometry, bounds).magnitude()
         };
         check_reach(reach)?;
+        // Check restrictions of subsurface scattering
         if geometry.is_unbounded() && material.scatters().is_some() {
             return Err(format!(
                 "its material `{}` scatters light within, for which a plane has no end: give a disk or a quad",
@@ -137,6 +144,7 @@ impl Scene {
                 material.name
             ));
         }
+        // Check that the mesh has the texture coordinates that its material uses
         let Geometry::Mesh(mesh) = geometry else {
             return Ok(());
         };
@@ -145,6 +153,7 @@ impl Scene {
             if !self.looks_up_coordinates(texture.texture) {
                 continue;
             }
+            // A set must have one pair per vertex
             let set = mesh.tex_coords.get(texture.tex_coord as usize);
             if set.is_none_or(|set| set.len() != mesh.positions.len()) {
                 return Err(format!(
@@ -157,7 +166,7 @@ impl Scene {
         Ok(())
     }
 
-    /// What is wrong with a material, if its textures are there.
+    /// Checks a material and its textures, if they exist.
     pub(crate) fn check_material(&self, material: &Material) -> Result<(), String> {
         let is_fraction = |x: &f32| (0.0..=1.0).contains(x);
         if !material.base_color.iter().all(is_fraction) {
@@ -172,11 +181,13 @@ impl Scene {
         }
         check_interior(material)?;
         check_scattering(material)?;
+        // Check the textures and their bindings
         for layer in &material.layers {
             let texture = layer.texture;
             if texture.texture as usize >= self.textures.len() {
                 return Err(out_of_range("texture", texture.texture, self.textures.len()));
             }
+            // Each input has at most one texture
             let of_parameter = material.layers.iter().filter(|l| l.parameter == layer.parameter);
             if of_parameter.count() > 1 {
                 return Err(format!("has two textures on {:?}: keep one", layer.parameter));
@@ -191,7 +202,7 @@ impl Scene {
         Ok(())
     }
 
-    /// Whether a texture is looked up by texture coordinates.
+    /// Returns whether a texture is looked up by texture coordinates.
     pub(crate) fn looks_up_coordinates(&self, texture: u32) -> bool {
         match self.textures.get(texture as usize) {
             Some(Texture::Procedural(procedural)) => procedural.space == Space::Uv,
@@ -200,6 +211,7 @@ impl Scene {
     }
 
     fn check_images(&self) -> Result<(), SceneError> {
+        // Check the textures' images and patterns
         for (index, texture) in self.textures.iter().enumerate() {
             let fault = match texture {
                 Texture::Image { image, .. } if *image as usize >= self.images.len() => {
@@ -213,7 +225,9 @@ impl Scene {
             };
             return Err(error(format!("texture {index}"), fault));
         }
+        // Check the sizes of the images
         for (index, image) in self.images.iter().enumerate() {
+            // Unread images have a size but no texels
             let texel_count = u64::from(image.width) * u64::from(image.height);
             let is_unread = image.texels == Texels::Unread;
             if texel_count == 0 || (!is_unread && texel_count != image.texels.len() as u64) {
@@ -227,15 +241,17 @@ impl Scene {
     }
 }
 
-/// What is wrong with a camera.
+/// Checks a camera.
 ///
-/// Not whether it leaves the range of coordinates, which a scene that is not yet normalised may do.
+/// Coordinates outside the valid range are allowed, as a scene that is not normalised yet may have them.
 pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
+    // Check that both maps are finite and orthonormal
     for map in [Some(camera.world_from_camera), camera.world_from_camera_end]
         .into_iter()
         .flatten()
     {
         let (place, axes) = (map.translation, map.matrix3);
+        // Columns are orthonormal if this matrix is zero
         let gram = axes.transpose() * axes - DMat3::IDENTITY;
         if !(place.is_finite() && row_sum(&gram) <= 3.0 * UNIT_TOLERANCE) {
             return Err(
@@ -243,6 +259,7 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
             );
         }
     }
+    // Check the motion and the shutter
     let end = camera.world_from_camera_end;
     if end.is_some_and(|end| AnimatedTransform::new(camera.world_from_camera, end).is_err()) {
         return Err("it is mirrored where its motion begins or where it ends and not at the other: correct its transform".into());
@@ -253,6 +270,7 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
             "its shutter is open from {open} to {close}: give two parts of the motion from 0 to 1, the lesser first"
         ));
     }
+    // Check the projection and the depth range
     let is_sound = match camera.projection {
         Projection::Perspective { y_fov, .. } => y_fov > 0.0 && y_fov < PI,
         Projection::Window {
@@ -273,7 +291,7 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
     Ok(())
 }
 
-/// The largest coordinate of a camera's places, or the radius of its lens.
+/// Returns the largest coordinate of a camera's positions, or the radius of its lens if that is larger.
 fn camera_reach(camera: &Camera) -> f64 {
     [Some(camera.world_from_camera), camera.world_from_camera_end]
         .into_iter()
@@ -294,7 +312,7 @@ pub(super) fn is_radiance(rgb: &[f32; 3]) -> bool {
     rgb.iter().all(|x| (0.0..f32::INFINITY).contains(x))
 }
 
-/// What is wrong with something whose largest coordinate is this: it may not cross into a backend.
+/// Rejects anything whose largest coordinate, `magnitude`, is out of the range that the backends accept.
 pub(super) fn check_reach(magnitude: f64) -> Result<(), String> {
     if magnitude < f64::from(Ray::LIMIT) {
         Ok(())
@@ -305,6 +323,7 @@ pub(super) fn check_reach(magnitude: f64) -> Result<(), String> {
 
 fn row_sum(m: &DMat3) -> f64 {
     let rows = m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs();
+    // `max_element` may ignore NaN
     if rows.is_nan() {
         f64::NAN
     } else {
@@ -341,7 +360,7 @@ mod tests {
     use crate::shape::{Shape, Sphere, Torus};
     use glam::DAffine3;
 
-    /// A textured triangle, a sphere, a light and a camera, all in order.
+    /// Returns a valid scene of a textured triangle, a sphere, a light and a camera.
     fn scene() -> Scene {
         let mesh = Mesh {
             positions: Buffer::from(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
@@ -350,6 +369,7 @@ mod tests {
             tex_coords: vec![Buffer::from(vec![[0.0; 2]; 3])],
             ..Mesh::default()
         };
+        // Stretch the triangle by 1e6 and mirror it
         let turned = DAffine3::from_rotation_x(0.4) * DAffine3::from_scale(DVec3::new(-1e3, 1.0, 1e-3));
         Scene {
             geometries: vec![Geometry::Mesh(mesh), Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
@@ -410,7 +430,7 @@ mod tests {
 
     #[test]
     fn a_scene_in_order_passes() {
-        // The triangle only becomes a sphere-less scene's worst case: mirrored and stretched by 1e6.
+        // The triangle is the worst valid case: mirrored and stretched by 1e6.
         assert_eq!(scene().validate(), Ok(()));
     }
 
@@ -418,6 +438,7 @@ mod tests {
     fn every_fault_is_found_and_its_item_named() {
         type Break = fn(&mut Scene);
         let breaks: [(&str, Break); 36] = [
+            // Faults of geometries and instances
             ("geometry 0", |s| {
                 mesh(s).triangles = Buffer::from(vec![[0, 1, 3]])
             }),
@@ -474,6 +495,7 @@ mod tests {
                 let far = DAffine3::from_translation(DVec3::splat(1e30));
                 s.instances[1].place(far).unwrap();
             }),
+            // Faults of materials
             ("material 0", |s| s.materials[0].emission[1] = f32::INFINITY),
             ("material 0", |s| {
                 s.materials[0].model = Model::MetallicRoughness(MetallicRoughness {
@@ -515,6 +537,7 @@ mod tests {
                 s.geometries[1] = Geometry::Shape(Shape::Plane);
                 s.materials[0].subsurface = Some(SubsurfacePreset::ALL[0].scattering);
             }),
+            // Faults of textures and images
             ("texture 0", |s| {
                 if let Texture::Image { image, .. } = &mut s.textures[0] {
                     *image = 1;
@@ -529,6 +552,7 @@ mod tests {
                 })
             }),
             ("image 0", |s| s.images[0].width = 2),
+            // Faults of lights and cameras
             ("light 0", |s| s.lights[0].intensity[0] = -1.0),
             ("light 0", |s| {
                 s.lights[0].kind = LightKind::Directional { to_light: DVec3::ONE }
@@ -542,11 +566,13 @@ mod tests {
             ("camera 0", |s| {
                 s.cameras[0].world_from_camera.matrix3.x_axis *= 2.0
             }),
+            // Faults of the ambient light and the background
             ("the ambient light", |s| s.ambient[2] = f32::NAN),
             ("the background", |s| {
                 s.background = Background::Uniform([-1.0; 3])
             }),
         ];
+        // Break a valid scene in one way each and check the message
         for (number, (item, spoil)) in breaks.into_iter().enumerate() {
             let mut scene = scene();
             spoil(&mut scene);

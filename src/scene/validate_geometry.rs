@@ -1,4 +1,4 @@
-//! The checks of meshes and shapes.
+//! Validation of meshes and shapes.
 
 use super::Geometry;
 use super::mesh_cleanup::{all_finite, survey};
@@ -7,7 +7,7 @@ use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::shape::{Shape, Sphere, Torus};
 
-/// Everything about a mesh that needs a look at every vertex; its bounds.
+/// Runs the checks of a mesh that read every vertex, and returns its bounds.
 pub(super) fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
     if !all_finite(bytemuck::cast_slice(&mesh.positions)) {
         return Err("has a vertex that is not finite: correct its positions".into());
@@ -26,6 +26,7 @@ pub(super) fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
             survey.unusable
         ));
     }
+    // Check the optional vertex attributes
     let optional = [
         mesh.normals.as_ref().map(|n| bytemuck::cast_slice(&n[..])),
         mesh.tangents.as_ref().map(|t| bytemuck::cast_slice(&t[..])),
@@ -40,7 +41,7 @@ pub(super) fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
     Ok(survey.bounds)
 }
 
-/// What a shape's own constructor has not checked.
+/// Checks the parameters that a shape's own constructor does not check.
 fn check_shape(shape: &Shape) -> Result<(), String> {
     match *shape {
         Shape::Sphere(Sphere { center, radius }) if !(is_size(radius) && center.is_finite()) => {
@@ -53,7 +54,7 @@ fn check_shape(shape: &Shape) -> Result<(), String> {
     }
 }
 
-/// Everything else about a geometry of these bounds.
+/// Runs all other checks of a geometry with these bounds.
 pub(super) fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
     let vertex_range = || check_reach(bounds.magnitude());
     match geometry {
@@ -63,6 +64,7 @@ pub(super) fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(),
             vertex_range()
         }
         Geometry::Mesh(mesh) => {
+            // Check that each vertex attribute has one value per vertex
             let count = mesh.positions.len();
             let normals = mesh.normals.as_ref().map_or(count, |n| n.len());
             let tangents = mesh.tangents.as_ref().map_or(count, |t| t.len());

@@ -1,4 +1,4 @@
-//! Checks of lights and surroundings.
+//! Validation of lights and environment maps.
 
 use glam::DVec3;
 
@@ -6,12 +6,12 @@ use super::validate::{is_radiance, is_unit};
 use super::{AreaShape, Falloff, Image, Light, LightKind, Scene, Texels};
 use crate::shading::{DiskLight, QuadLight, SphereLight};
 
-/// Most points of a light that a surface may ask for one sample: more is a slip of the pen.
+/// Largest number of samples of a light per shading point: more is probably a typing error.
 pub(crate) const MAX_LIGHT_SAMPLES: u32 = 4096;
 
-/// What is wrong with a light.
+/// Checks a light.
 ///
-/// Not whether it leaves the range of coordinates, which a scene that is not yet normalised may do.
+/// Coordinates outside the valid range are allowed, as a scene that is not normalised yet may have them.
 pub(crate) fn check_light(light: &Light) -> Result<(), String> {
     if !is_radiance(&light.intensity) {
         return Err("its intensity is negative or not finite: correct the intensity".into());
@@ -29,6 +29,7 @@ pub(crate) fn check_light(light: &Light) -> Result<(), String> {
                 && constant + linear + quadratic > 0.0
         }
     };
+    // Check the parameters of the type
     let is_sound = match light.kind {
         LightKind::Directional { to_light } => is_unit(to_light),
         LightKind::Point { position, falloff } => is_place(position) && is_falloff(falloff),
@@ -39,6 +40,7 @@ pub(crate) fn check_light(light: &Light) -> Result<(), String> {
             cos_outer,
             falloff,
         } => {
+            // A positive penumbra keeps the attenuation between the cones finite
             let has_cone = -1.0 <= cos_outer && cos_outer < cos_inner && cos_inner <= 1.0;
             is_place(position) && is_falloff(falloff) && is_unit(direction) && has_cone
         }
@@ -51,7 +53,7 @@ pub(crate) fn check_light(light: &Light) -> Result<(), String> {
     }
 }
 
-/// The largest coordinate of a light's place; 0 where it has none of its own.
+/// Returns the largest coordinate of a light's position; 0 if it has none of its own.
 pub(super) fn light_reach(light: &Light) -> f64 {
     match &light.kind {
         LightKind::Directional { .. } => 0.0,
@@ -60,7 +62,7 @@ pub(super) fn light_reach(light: &Light) -> f64 {
     }
 }
 
-/// What is wrong with a light that has an extent.
+/// Checks an area light.
 fn check_area(shape: &AreaShape, samples: u32) -> Result<(), String> {
     if let Some(bounds) = shape.bounds() {
         let reach = bounds.min.abs().max(bounds.max.abs());
@@ -69,6 +71,7 @@ fn check_area(shape: &AreaShape, samples: u32) -> Result<(), String> {
         }
     }
     check_samples(samples)?;
+    // Construct the sampler, which checks the shape
     let made = match *shape {
         AreaShape::Quad {
             center,
@@ -81,13 +84,13 @@ fn check_area(shape: &AreaShape, samples: u32) -> Result<(), String> {
             half_v,
         } => DiskLight::new(center, half_u, half_v).err(),
         AreaShape::Sphere { center, radius } => SphereLight::new(center, radius).err(),
-        // Its instance is checked with the scene.
+        // The instance is checked with the scene.
         AreaShape::Object { .. } => None,
     };
     made.map_or(Ok(()), |error| Err(error.to_string()))
 }
 
-/// What is wrong with the object that a light lies on, if it does on any.
+/// Checks the object that a light lies on, if it is the light of an emissive object.
 pub(super) fn check_lamp(scene: &Scene, light: &Light) -> Result<(), String> {
     light
         .lamp()
@@ -104,7 +107,7 @@ fn check_samples(samples: u32) -> Result<(), String> {
     }
 }
 
-/// What is wrong with an environment map.
+/// Checks an environment map.
 pub(super) fn check_environment(
     image: Option<&Image>,
     (rotation, scale): (f64, f32),
@@ -113,6 +116,7 @@ pub(super) fn check_environment(
     let Some(image) = image else {
         return Err("its image does not exist: give the number of one of the scene's".into());
     };
+    // An image that is not simulated is not checked
     if image.texels == Texels::Unread {
         return Ok(());
     }
@@ -122,6 +126,7 @@ pub(super) fn check_environment(
             image.name
         ));
     };
+    // Report the first texel that is not finite
     if let Some(index) = texels
         .iter()
         .position(|texel| !texel[..3].iter().all(|channel| channel.is_finite()))

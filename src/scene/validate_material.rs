@@ -1,4 +1,4 @@
-//! The checks of materials and procedural textures.
+//! Validation of materials and procedural textures.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -10,10 +10,10 @@ use super::{
 use crate::optics::subsurface::Dipole;
 use crate::optics::{LINE_D, MAX_WAVELENGTH, MIN_WAVELENGTH};
 
-/// Octaves of noise that mean anything: each halves the height, so sixteen reach the last bits of a display value.
+/// Largest number of noise octaves: each halves the height, so sixteen reach the last bits of a display value.
 const MAX_OCTAVES: u32 = 16;
 
-/// What is wrong with a pattern.
+/// Checks a procedural texture.
 pub(crate) fn check_procedural(procedural: &Procedural) -> Result<(), String> {
     let is_octaves = |octaves: u32| (1..=MAX_OCTAVES).contains(&octaves);
     let pattern = match procedural.pattern {
@@ -70,7 +70,7 @@ pub(super) fn check_model(model: &Model) -> Result<(), String> {
     Ok(())
 }
 
-/// Refuses an image of floats whose values a parameter cannot have; codes are always in [0, 1].
+/// Rejects an image of floats whose values are invalid for its material input; 8-bit values are always in [0, 1].
 pub(super) fn check_texels(scene: &Scene, material: &Material, layer: &TextureBinding) -> Result<(), String> {
     let Some(Texture::Image { image, .. }) = scene.textures.get(layer.texture.texture as usize) else {
         return Ok(());
@@ -81,6 +81,7 @@ pub(super) fn check_texels(scene: &Scene, material: &Material, layer: &TextureBi
     let Texels::Floats(texels) = &image.texels else {
         return Ok(());
     };
+    // Report the first value out of range
     for (channels, values, range) in texel_ranges(material, layer.parameter) {
         let mut read = texels.iter().flat_map(|texel| &texel[channels.clone()]);
         if let Some(x) = read.find(|x| !values.contains(*x)) {
@@ -93,10 +94,10 @@ pub(super) fn check_texels(scene: &Scene, material: &Material, layer: &TextureBi
     Ok(())
 }
 
-/// Channels, the values that they may hold, and what others are.
+/// Channels, the range of their values, and a description of values outside it.
 type TexelRange = (Range<usize>, RangeInclusive<f32>, &'static str);
 
-/// What the texels of an image of floats on a parameter may hold.
+/// Returns the valid ranges of the texels of a float image on `parameter`.
 fn texel_ranges(material: &Material, parameter: MaterialInput) -> Vec<TexelRange> {
     let share = |channels| (channels, 0.0..=1.0, "outside [0, 1]");
     let light = (0..3, 0.0..=f32::MAX, "below 0");
@@ -108,20 +109,21 @@ fn texel_ranges(material: &Material, parameter: MaterialInput) -> Vec<TexelRange
         MaterialInput::MetallicRoughness => vec![share(1..3)],
         MaterialInput::Specular => vec![share(3..4)],
         MaterialInput::Emission | MaterialInput::SpecularColor => vec![light],
-        // Opaque surfaces have no use for their coverage, whatever it is.
+        // Opaque surfaces ignore their coverage, so it may have any value.
         MaterialInput::BaseColor if material.model == Model::Unlit => vec![light, finite(3..4)],
         MaterialInput::BaseColor => vec![share(0..3), finite(3..4)],
         MaterialInput::Reflection | MaterialInput::Transmission => vec![share(0..3)],
     }
 }
 
-/// Indices of refraction between which anything real lies, over the whole visible range.
+/// Range that contains the index of refraction of every real material, over the whole visible range.
 const IOR_RANGE: RangeInclusive<f64> = 1.0 / 16.0..=16.0;
 
 pub(super) fn check_interior(material: &Material) -> Result<(), String> {
     let Some(interior) = &material.interior else {
         return Ok(());
     };
+    // Evaluate the dispersion at both ends of the visible range and at the d line
     let is_sound = [MIN_WAVELENGTH, LINE_D, MAX_WAVELENGTH]
         .iter()
         .all(|&wavelength| IOR_RANGE.contains(&interior.ior.ior(wavelength)));
@@ -135,8 +137,9 @@ pub(super) fn check_interior(material: &Material) -> Result<(), String> {
     Ok(())
 }
 
-/// What is wrong with light that is scattered beneath a surface, or in a thin sheet.
+/// Checks the subsurface scattering and the diffuse transmission of a material.
 pub(crate) fn check_scattering(material: &Material) -> Result<(), String> {
+    // Check the combination with the model and with transmission
     let is_asked = material.subsurface.is_some() || material.translucency.is_some();
     if is_asked && !matches!(material.model, Model::MetallicRoughness(_)) {
         return Err(
@@ -158,6 +161,7 @@ pub(crate) fn check_scattering(material: &Material) -> Result<(), String> {
                 .into(),
         );
     }
+    // Check the parameters
     if let Some(scattering) = &material.subsurface {
         Dipole::new(scattering).map_err(|error| error.to_string())?;
     }

@@ -1,4 +1,4 @@
-//! What a scene does with its volumes and fog as with all that stands in it: boxes, normalisation, checks.
+//! Bounds, normalisation and validation of a scene's volumes and fog.
 
 use glam::DAffine3;
 
@@ -8,23 +8,23 @@ use crate::numeric::Bounds;
 use crate::volume::Volume;
 
 impl Scene {
-    /// Whether there is anything that fills space: a volume with something in it, or fog.
+    /// Returns whether the scene has a participating medium: a volume that is not empty, or fog.
     pub fn has_matter(&self) -> bool {
         self.has_fog() || self.volumes.iter().any(|volume| !volume.is_clear())
     }
 
-    /// Whether fog takes light away.
+    /// Returns whether fog attenuates light.
     pub fn has_fog(&self) -> bool {
         self.fog.is_some_and(|fog| fog.extinction() > 0.0)
     }
 
-    /// The box around all volumes, in world space.
+    /// Returns the world-space box around all volumes.
     pub fn volume_bounds(&self) -> Bounds {
         let bounds = self.volumes.iter().map(Volume::bounds);
         bounds.fold(Bounds::EMPTY, Bounds::union)
     }
 
-    /// Moves volumes and fog, so that the picture stays the same.
+    /// Maps volumes and fog by `normalisation`, so that the image stays the same.
     pub(super) fn move_volumes(&mut self, normalisation: &Normalisation) {
         let scale = normalisation.scale;
         for volume in &mut self.volumes {
@@ -42,7 +42,7 @@ impl Scene {
         self.fog = self.fog.map(|fog| fog.rescaled(scale));
     }
 
-    /// Has every volume and the fog marched through in steps that are `factor` times as long.
+    /// Multiplies the length of ray-marching steps by `factor`, for every volume and the fog.
     pub fn scale_march_steps(&mut self, factor: f64) {
         for volume in &mut self.volumes {
             *volume = volume.clone().with_steps(factor);
@@ -50,7 +50,7 @@ impl Scene {
         self.fog = self.fog.map(|fog| fog.with_steps(factor));
     }
 
-    /// What is wrong with the place of a volume, with the volume's number.
+    /// Checks that volumes are within the range of coordinates; an error comes with the volume's index.
     pub(super) fn check_volumes(&self) -> Result<(), (usize, String)> {
         self.volumes.iter().enumerate().try_for_each(|(index, volume)| {
             check_reach(volume.bounds().magnitude()).map_err(|fault| (index, fault))
@@ -96,6 +96,7 @@ mod tests {
                 fog: Some(fog),
                 ..Scene::default()
             };
+            // March the same segment, in units of the scene
             let seen = |scene: &Scene, x: f64, scale: f64| {
                 let stretch = RaySegment {
                     origin: DVec3::new(x, 0.25 * scale, 0.5 * scale),
@@ -110,8 +111,9 @@ mod tests {
                 center: DVec3::new(1e6, 0.0, 0.0),
                 scale: 16.0,
             });
+            // The medium must have an effect for the comparison to mean anything
             assert!(before.transmittance < 0.8);
-            // Powers of two: only the translation may round, and here it does not.
+            // The scales are powers of two: only the translation may round, and here it does not.
             assert_eq!(before, seen(&scene, -48.0, 16.0));
         }
     }

@@ -1,7 +1,8 @@
-//! What surfaces look like: the textures and materials of a file, put into the scene.
+//! Loading of the textures and materials of a scene file.
 //!
-//! No image file says what its codes are for; the parameter that uses it does. So materials are asked first, and images
-//! are read for colours, for data, or for both.
+//! An image file does not state whether its values are colours or data; the material input that uses it does. So the
+//! uses of each texture are collected from the materials first, and images are then decoded as colours, as data, or as
+//! both.
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -16,13 +17,14 @@ use crate::image::ImageError;
 use crate::scene::{Effect, Encoding, Image, ImageCache, Texels, Texture, TextureBinding, TextureUse};
 
 impl Assembler {
-    /// Reads textures and materials; returns the indices of the materials.
+    /// Loads textures and materials into the scene; returns the indices of the materials by name.
     pub(super) fn materials(
         &mut self,
         source: &Source,
         path: &Path,
         document: &Document,
     ) -> Result<HashMap<String, u32>, SceneFileError> {
+        // Load the textures, decoded for their uses
         let uses = self.uses(document);
         let mut textures = HashMap::new();
         for (name, form) in &document.texture {
@@ -30,11 +32,13 @@ impl Assembler {
             let made = self.texture(path, form, uses).map_err(|f| source.error(f))?;
             textures.insert(name.clone(), made);
         }
+        // Make the materials and check their keys
         let mut materials = HashMap::new();
         for (name, form) in &document.material {
             let refuse = |sentence: String| source.error(form.fault(sentence));
             let mut material = form.material(name).map_err(refuse)?;
             form.scatter(&mut material).map_err(|fault| source.error(fault))?;
+            // Bind textures to the inputs that they can affect
             for layer in form.layers() {
                 if !material.heeds(layer.parameter, layer.strength) {
                     continue;
@@ -51,6 +55,7 @@ impl Assembler {
                     strength: layer.strength,
                 });
             }
+            // Check the material with its textures
             self.scene.check_material(&material).map_err(refuse)?;
             materials.insert(name.clone(), self.scene.materials.len() as u32);
             self.scene.materials.push(material);
@@ -58,8 +63,10 @@ impl Assembler {
         Ok(materials)
     }
 
-    /// What each texture is looked up for, by materials that some object names and that are changed by it.
+    /// Collects the uses of each texture by materials that some object names, on inputs that it affects and that are
+    /// simulated.
     fn uses<'d>(&self, document: &'d Document) -> HashMap<&'d str, Uses> {
+        // Collect the names of materials that objects use
         let groups = document.group.values().flat_map(|group| &group.object);
         let named = document.object.iter().chain(groups);
         let named: HashSet<&str> = named
@@ -67,11 +74,12 @@ impl Assembler {
             .collect();
         let mut uses: HashMap<&str, Uses> = HashMap::new();
         for (name, form) in &document.material {
-            // What is wrong with it is told where it is made.
+            // An invalid material is reported where it is made.
             let Ok(material) = form.material(name) else {
                 continue;
             };
             for layer in form.layers() {
+                // Ignore textures that cannot change the image
                 let is_looked_at = named.contains(name.as_str())
                     && material.heeds(layer.parameter, layer.strength)
                     && !self.without.has(layer.parameter.effect());
@@ -85,8 +93,9 @@ impl Assembler {
         uses
     }
 
-    /// Puts a texture of the file at `path` into the scene.
+    /// Adds a texture of the file at `path` to the scene; an image is decoded once per use, or not at all if unused.
     fn texture(&mut self, path: &Path, form: &At<TextureForm>, uses: Uses) -> Result<MadeTexture, Fault> {
+        // A pattern needs no image
         let (file, sampler) = match form.kind().map_err(|s| form.fault(s))? {
             TextureKind::Procedural(procedural) => {
                 return Ok(MadeTexture::one(
@@ -98,6 +107,7 @@ impl Assembler {
         let full = path.with_file_name(&**file);
         let (first, data) = read_images(&full, uses, (&self.image_cache, self.texels_left))
             .map_err(|error| file.fault(format!("the image {error}")))?;
+        // Charge each image to the budget and add it with a texture of its own
         let mut add = |image: Image| {
             self.texels_left -= image.texels.budget().min(self.texels_left);
             self.scene.images.push(image);
@@ -114,7 +124,7 @@ impl Assembler {
         })
     }
 
-    /// Reads the environment map of the file at `path`, if it has one; returns the image's index.
+    /// Loads the environment map of the file at `path`, if it has one; returns the image's index.
     pub(super) fn surroundings(
         &mut self,
         source: &Source,
@@ -124,6 +134,7 @@ impl Assembler {
         let index = self.scene.images.len() as u32;
         if let Some(file) = document.background.as_ref().and_then(|form| form.file()) {
             let full = path.with_file_name(&**file);
+            // Read only the size of a map that no effect uses
             let is_seen = [Effect::Background, Effect::Environment]
                 .into_iter()
                 .any(|effect| !self.without.has(effect));
@@ -144,7 +155,7 @@ impl Assembler {
     }
 }
 
-/// A texture's indices, for parameters that are colours and for those that are data.
+/// Indices of a texture's two versions, for inputs that are colours and for inputs that are data.
 #[derive(Clone, Copy)]
 struct MadeTexture {
     color: u32,
@@ -167,7 +178,7 @@ impl MadeTexture {
     }
 }
 
-/// What the parameters that use an image take its codes for.
+/// Interpretations of an image by the material inputs that use it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Uses {
     color: bool,
@@ -175,7 +186,7 @@ struct Uses {
 }
 
 impl Uses {
-    /// Adds a use by a parameter of this encoding.
+    /// Adds a use by an input of this encoding.
     fn add(&mut self, encoding: Encoding) {
         match encoding {
             Encoding::Srgb => self.color = true,
@@ -184,10 +195,10 @@ impl Uses {
     }
 }
 
-/// Reads the image at `path` within a budget, for colours and for data: one image where both see the same texels; where
-/// neither looks at it, only its size.
+/// Reads the image at `path` within a budget, for colours and for data: one image if both give equal texels; only its
+/// size if there is no use.
 ///
-/// Only codes of 16 bits mean different texels, as those of 8 bits are decoded when they are looked up.
+/// Only 16-bit images give different texels, as 8-bit values are decoded at lookup.
 fn read_images(
     path: &Path,
     uses: Uses,
@@ -203,11 +214,13 @@ fn read_images(
     if !(uses.data && matches!(color.texels, Texels::Floats(_))) {
         return Ok((color, None));
     }
+    // The second image gets the rest of the budget
     let left = max_texels - color.texels.budget().min(max_texels);
     let data = image_cache.read(path, Encoding::Linear, left)?;
+    // Equal texels, as of HDR and EXR files, are stored once
     let differs = data.texels != color.texels;
     Ok((color, differs.then_some(data)))
 }
 
-/// Bytes of a texel of the budget.
+/// Bytes of a texel in the unit of the image budget.
 pub(super) const TEXEL_BYTES: u64 = size_of::<[u8; 4]>() as u64;

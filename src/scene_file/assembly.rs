@@ -1,6 +1,7 @@
-//! Objects of a file with everything they refer to found: names, files, geometries, materials, numbers of copies.
+//! Name resolution: objects of a file with everything they refer to resolved: names, files, geometries, materials and
+//! numbers of copies.
 //!
-//! After it nothing can be missing, cyclic or too much; what is left is to flatten it.
+//! After this stage nothing can be missing, cyclic or too numerous; flattening is the only stage left.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -23,18 +24,18 @@ use crate::gltf::{self, LoadOptions, Pose};
 use crate::numeric::AnimatedTransform;
 use crate::scene::{Camera, EffectSet, Geometry, ImageCache, Light, Scene, Texture, TextureBinding};
 
-/// Objects that are placed together: a group's, a file's.
+/// Objects that are placed together: those of a group or of a file.
 #[derive(Debug, Default)]
 pub(super) struct Assembly {
     pub(super) nodes: Vec<Node>,
     pub(super) lights: Vec<Light>,
     pub(super) cameras: Vec<Camera>,
     pub(super) volumes: Vec<PlacedVolume>,
-    /// Instances and volumes in all.
+    /// Number of instances and volumes in all, after flattening.
     pub(super) count: u64,
 }
 
-/// A volume and where messages say it is.
+/// A volume with its source location for messages.
 #[derive(Debug)]
 pub(super) struct PlacedVolume {
     pub(super) made: MadeVolume,
@@ -42,30 +43,30 @@ pub(super) struct PlacedVolume {
     pub(super) span: std::ops::Range<usize>,
 }
 
-/// One object.
+/// An object whose references are resolved.
 #[derive(Debug)]
 pub(super) struct Node {
     pub(super) name: Arc<str>,
-    /// What its own transforms do where motions begin and where they end.
+    /// The object's own transforms at the start and at the end of motions.
     pub(super) maps: [DAffine3; 2],
     pub(super) copies: Option<Copies>,
     pub(super) what: What,
     pub(super) material: Option<u32>,
     pub(super) lights: bool,
     pub(super) cameras: bool,
-    /// What lights of what shines of it, if anything does.
+    /// Settings of the lights on its emissive surfaces, if they are to light the scene.
     pub(super) lamp: Option<Lamp>,
-    /// Where messages say it is.
+    /// Source file for messages about the object.
     pub(super) source: Rc<Source>,
     pub(super) span: std::ops::Range<usize>,
 }
 
-/// How an object is a lamp.
+/// Settings of an object whose emission lights the scene.
 #[derive(Debug)]
 pub(super) struct Lamp {
-    /// Points of each that are asked.
+    /// Samples of each light per shading point.
     pub(super) samples: u32,
-    /// Where messages say that it is one.
+    /// Span of the `lamp` key, for messages.
     pub(super) span: std::ops::Range<usize>,
 }
 
@@ -78,30 +79,30 @@ impl Lamp {
     }
 }
 
-/// What an object is.
+/// Content of an object after name resolution.
 #[derive(Debug)]
 pub(super) enum What {
-    /// An index into the scene's geometries.
+    /// A geometry, by its index in the scene.
     Geometry(u32),
     Assembly(Rc<Assembly>),
-    /// The meshes of a glTF file, which have materials.
+    /// Meshes of a glTF file, which have materials of their own.
     Import(Rc<Assembly>),
 }
 
-/// Most instances of a scene: about 4 GiB of them.
+/// Largest number of instances of a scene: about 4 GiB of them.
 pub(super) const MAX_INSTANCES: u64 = 10_000_000;
-/// Most levels of groups and files within each other.
+/// Largest nesting depth of groups and files.
 const MAX_NESTING: usize = 64;
 /// Largest scene file in bytes; a mesh of that size belongs into a glTF file.
 const MAX_BYTES: u64 = 1 << 26;
 
-/// Makes assemblies and fills the scene with what they refer to.
+/// Builder of object trees, which adds the resources they refer to to the scene.
 pub(super) struct Assembler {
     pub(super) scene: Scene,
     pub(super) texels_left: u64,
-    /// Effects that nobody will simulate.
+    /// Effects that will not be simulated, whose images need not be decoded.
     pub(super) without: EffectSet,
-    /// Files and groups that are open.
+    /// Number of files and groups that are being resolved.
     nesting: usize,
     /// Files that are being read, the outermost first.
     open_files: Vec<PathBuf>,
@@ -109,16 +110,16 @@ pub(super) struct Assembler {
     imports: HashMap<PathBuf, Rc<Assembly>>,
     words: HashMap<String, u32>,
     default_material: Option<u32>,
-    /// At which moment glTF files are shown.
+    /// Time at which glTF animations are evaluated.
     pose: Option<Pose>,
-    /// Images that need not be decoded again.
+    /// Cache of images that are already decoded.
     pub(super) image_cache: ImageCache,
-    /// Changes of the first file.
+    /// Edits that apply to the outermost file.
     edits: Vec<Edit>,
     pub(super) group_count: usize,
 }
 
-/// A file while its objects are made.
+/// State of a file whose objects are being resolved.
 struct Unit {
     source: Rc<Source>,
     folder: PathBuf,
@@ -148,12 +149,12 @@ impl Assembler {
         }
     }
 
-    /// How many files were read, scene files and glTF files.
+    /// Returns the numbers of included scene files and of glTF files that were read.
     pub(super) fn file_counts(&self) -> [usize; 2] {
         [self.includes.len(), self.imports.len()]
     }
 
-    /// The material of objects that name none.
+    /// Returns the material of objects that name none; adds it to the scene on first use.
     pub(super) fn default_material(&mut self) -> u32 {
         let materials = &mut self.scene.materials;
         *self.default_material.get_or_insert_with(|| {
@@ -163,8 +164,9 @@ impl Assembler {
         })
     }
 
-    /// The objects of the file at `path`, and the file as it is written.
+    /// Reads the file at `path` and resolves its objects; returns them with the parsed document and its source.
     pub(super) fn file(&mut self, path: &Path) -> Result<(Assembly, Document, Rc<Source>), SceneFileError> {
+        // Read, edit and parse the file
         let source = Rc::new(edited(read(path)?, &std::mem::take(&mut self.edits))?);
         let document: Document = source.parse()?;
         let mut unit = Unit {
@@ -176,6 +178,7 @@ impl Assembler {
             source: source.clone(),
             document,
         };
+        // Resolve shapes, groups and objects, in the order of their dependence
         self.named_shapes(&mut unit)?;
         let names: Vec<String> = unit.document.group.keys().cloned().collect();
         for name in names {
@@ -183,6 +186,7 @@ impl Assembler {
         }
         let objects = std::mem::take(&mut unit.document.object);
         let mut assembly = self.objects(&mut unit, &objects)?;
+        // Add lights, cameras and volumes
         assembly.lights = lights(&unit)?;
         assembly.cameras = cameras(&unit)?;
         assembly.volumes = self.volumes(&unit)?;
@@ -190,13 +194,14 @@ impl Assembler {
         Ok((assembly, unit.document, source))
     }
 
-    /// The volumes of a file. Their bytes are taken from the budget of images.
+    /// Loads the volumes of a file. Their bytes are charged to the image budget.
     fn volumes(&mut self, unit: &Unit) -> Result<Vec<PlacedVolume>, SceneFileError> {
         let forms = &unit.document.volume;
         let fail = |fault| unit.source.error(fault);
         check_names(forms.iter().map(|form| form.name.as_ref()), "volume").map_err(fail)?;
         let mut volumes = Vec::with_capacity(forms.len());
         for (number, form) in forms.iter().enumerate() {
+            // Limit the volume to what is left of the image budget
             let max_bytes = self.texels_left.saturating_mul(TEXEL_BYTES);
             let made = VolumeForm::volume(form, number, &unit.folder, max_bytes).map_err(fail)?;
             let texels = made.bytes().div_ceil(TEXEL_BYTES);
@@ -212,6 +217,7 @@ impl Assembler {
 
     fn named_shapes(&mut self, unit: &mut Unit) -> Result<(), SceneFileError> {
         for (name, form) in &unit.document.shape {
+            // A name for a plain shape would be ambiguous
             if ShapeForm::of_word(name).is_some() {
                 let sentence = format!("`{name}` always means the plain {name}: choose another name");
                 return Err(unit.source.error(form.fault(sentence)));
@@ -234,15 +240,16 @@ impl Assembler {
         self.scene.geometries.len() as u32 - 1
     }
 
-    /// A group of the file, made once.
+    /// Returns a group of the file, resolving it on first use.
     fn group(&mut self, unit: &mut Unit, name: &str) -> Result<Rc<Assembly>, SceneFileError> {
         if let Some(group) = unit.groups.get(name) {
             return Ok(group.clone());
         }
-        // Taken out while its objects are made; what is not there by then is open.
+        // The group is removed from the document while its objects are resolved; one that is missing is therefore open.
         let Some(form) = unit.document.group.remove(name) else {
             return Ok(Rc::default());
         };
+        // Resolve the group's objects, with the group marked as open
         unit.open_groups.push(name.to_owned());
         self.nesting += 1;
         let made = self.objects(unit, &form.object)?;
@@ -258,6 +265,7 @@ impl Assembler {
         let mut assembly = Assembly::default();
         let mut taken: HashMap<&str, ()> = HashMap::new();
         for (number, form) in forms.iter().enumerate() {
+            // Reject names that are taken
             if let Some(name) = &form.name
                 && taken.insert(name, ()).is_some()
             {
@@ -268,6 +276,7 @@ impl Assembler {
                 return Err(unit.source.error(name.fault(sentence)));
             }
             let node = self.node(unit, form, number)?;
+            // Count the instances, copies included
             let inner = match &node.what {
                 What::Geometry(_) => 1,
                 What::Assembly(inside) | What::Import(inside) => inside.count,
@@ -290,6 +299,7 @@ impl Assembler {
         number: usize,
     ) -> Result<Node, SceneFileError> {
         let source = unit.source.clone();
+        // Name the object by its number where it has no name
         let name = form
             .name
             .as_ref()
@@ -298,6 +308,7 @@ impl Assembler {
             map_of(steps.iter().map(|step| &**step))
                 .map_err(|(step, sentence)| source.error(steps[step].fault(sentence)))
         };
+        // Compose the transforms at the start and at the end of the motion
         let start = map_of(&form.transform)?;
         let mut end = start;
         if let Some(steps) = &form.transform_end {
@@ -305,6 +316,7 @@ impl Assembler {
             AnimatedTransform::new(start, end)
                 .map_err(|e| source.error(steps.fault(format!("cannot be moved to: {e}"))))?;
         }
+        // Resolve the material, the copies and the content
         let material = match &form.material {
             None => None,
             Some(name) => Some(find("material", name, &unit.materials).map_err(|f| source.error(f))?),
@@ -333,13 +345,16 @@ impl Assembler {
 
     fn what(&mut self, unit: &mut Unit, form: &At<ObjectForm>) -> Result<What, SceneFileError> {
         let source = unit.source.clone();
+        // Limit the recursion of this resolver
         if self.nesting > MAX_NESTING {
             let sentence = format!("is nested more than {MAX_NESTING} levels deep: nest less");
             return Err(source.error(form.fault(sentence)));
         }
+        // Resolve the one key that is given
         match (&form.shape, &form.group, &form.gltf, &form.include) {
             (Some(shape), None, None, None) => self.shape_of(unit, shape).map(What::Geometry),
             (None, Some(group), None, None) => {
+                // A group that is open contains itself
                 if let Some(first) = unit.open_groups.iter().position(|open| *open == **group) {
                     let ring = [&unit.open_groups[first..], &[group.to_string()]]
                         .concat()
@@ -379,9 +394,11 @@ impl Assembler {
             }
             ShapeRef::Name(name) => name,
         };
+        // Use a named shape, or a plain one that exists already
         if let Some(&geometry) = unit.shapes.get(name).or_else(|| self.words.get(name)) {
             return Ok(geometry);
         }
+        // Otherwise the name must be a word for a plain shape
         let Some(form) = ShapeForm::of_word(name) else {
             let mut known: Vec<&str> = ShapeForm::words().collect();
             known.extend(unit.shapes.keys().map(String::as_str));
@@ -395,13 +412,15 @@ impl Assembler {
         Ok(geometry)
     }
 
-    /// Another scene file, read once.
+    /// Returns the objects of another scene file, which is read once.
     fn include(&mut self, unit: &Unit, file: &At<String>) -> Result<Rc<Assembly>, SceneFileError> {
         let path = unit.folder.join(&**file);
+        // Files are compared by their canonical paths
         let key = path.canonicalize().map_err(|e| {
             unit.source
                 .error(file.fault(format!("{} cannot be read ({e}): check the path", path.display())))
         })?;
+        // A file that is open includes itself
         if self.open_files.contains(&key) {
             let sentence = format!("{} includes itself in the end: break the ring", path.display());
             return Err(unit.source.error(file.fault(sentence)));
@@ -415,7 +434,7 @@ impl Assembler {
         Ok(assembly)
     }
 
-    /// [`Assembler::file`], known to be open meanwhile.
+    /// Runs [`Assembler::file`] with the file marked as open, which detects circular includes.
     pub(super) fn opened(
         &mut self,
         path: &Path,
@@ -429,7 +448,7 @@ impl Assembler {
         Ok(made)
     }
 
-    /// A glTF file, read once.
+    /// Returns the objects of a glTF file, which is read once.
     fn import(&mut self, path: &Path) -> Result<Rc<Assembly>, String> {
         let key = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         if let Some(known) = self.imports.get(&key) {
@@ -451,19 +470,21 @@ impl Assembler {
         Ok(assembly)
     }
 
-    /// Takes everything out of a glTF file's scene; its indices move behind those that are there.
+    /// Moves the contents of a glTF file's scene into this one; its indices are shifted behind the existing ones.
     fn absorb(&mut self, part: Scene, source: Rc<Source>) -> Assembly {
         let scene = &mut self.scene;
         let geometries = scene.geometries.len() as u32;
         let materials = scene.materials.len() as u32;
         let textures = scene.textures.len() as u32;
         let images = scene.images.len() as u32;
+        // Charge the decoded images to the budget
         self.texels_left -= part
             .images
             .iter()
             .map(|image| image.texels.budget())
             .sum::<u64>()
             .min(self.texels_left);
+        // Append the resources with shifted indices
         scene.animations.extend(part.animations);
         scene.geometries.extend(part.geometries);
         scene.images.extend(part.images);
@@ -489,6 +510,7 @@ impl Assembler {
             .into_iter()
             .map(|warning| format!("{file}: {warning}"));
         scene.warnings.extend(warnings);
+        // Make an object of each instance
         let nodes: Vec<Node> = part
             .instances
             .into_iter()
@@ -514,8 +536,9 @@ impl Assembler {
         }
     }
 
-    /// Whether a mesh has the texture coordinates that its object's material looks up.
+    /// Checks that a mesh has the texture coordinates that its object's material uses.
     fn check_coordinates(&self, what: &What, material: Option<u32>) -> Result<(), String> {
+        // Only a mesh with a material of its own can lack coordinates at this point
         let (What::Geometry(geometry), Some(material)) = (what, material) else {
             return Ok(());
         };
@@ -579,9 +602,10 @@ fn copies(form: &ObjectForm) -> Result<Option<Copies>, Fault> {
     }
 }
 
-/// What a name stands for.
+/// Returns the value of a name; an error suggests a known name.
 pub(super) fn find<T: Copy>(kind: &str, name: &At<String>, known: &HashMap<String, T>) -> Result<T, Fault> {
     known.get(&**name).copied().ok_or_else(|| {
+        // Sorted, as the order of a hash map would change the message from run to run
         let mut names: Vec<&str> = known.keys().map(String::as_str).collect();
         names.sort_unstable();
         let advice = if names.is_empty() {
@@ -593,11 +617,12 @@ pub(super) fn find<T: Copy>(kind: &str, name: &At<String>, known: &HashMap<Strin
     })
 }
 
-/// A file after changes of it.
+/// Returns the file's source after the edits.
 fn edited(source: Source, edits: &[Edit]) -> Result<Source, SceneFileError> {
     if edits.is_empty() {
         return Ok(source);
     }
+    // Edit the parsed table and print it again
     let table = source.text.parse::<toml::Table>();
     let mut table = table.map_err(|error| source.toml_error(&error.into()))?;
     for edit in edits {
@@ -611,9 +636,10 @@ fn edited(source: Source, edits: &[Edit]) -> Result<Source, SceneFileError> {
     })
 }
 
-/// The text of the file at `path`.
+/// Reads the text of the file at `path`.
 pub(crate) fn read(path: &Path) -> Result<Source, SceneFileError> {
     let unreadable = |e: std::io::Error| file_error(path, format!("cannot be read ({e}): check the path"));
+    // Check the size before reading
     let size = std::fs::metadata(path).map_err(unreadable)?.len();
     if size > MAX_BYTES {
         return Err(file_error(

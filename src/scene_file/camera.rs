@@ -1,4 +1,4 @@
-//! Cameras: by look-at, or by the lecture's frame; a window in perspective or not.
+//! Cameras of scene files: by look-at, or by an explicit frame and window.
 
 use glam::{DAffine3, DMat3, DVec3};
 use schemars::JsonSchema;
@@ -8,68 +8,71 @@ use super::value::{At, Vector};
 use crate::scene::{Aperture, Camera, Lens, Projection, Shutter};
 
 /// A camera, by look-at (`from`, `at`, `up`, with `fov` for a perspective or `height` for a parallel projection) or by
-/// the lecture's frame (`eye`, `i`, `j`, `k`, `near`, `window`).
+/// an explicit frame (`eye`, `i`, `j`, `k`, `near`, `window`), from which rays go through P(x, y) = E + w(2x/c - 1) i +
+/// h(2y/r - 1) j - n k.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CameraForm {
-    /// What `--camera` may call it.
+    /// Name by which `--camera` selects it.
     pub(super) name: Option<At<String>>,
-    /// Where it stands.
+    /// Position of the camera.
     from: Option<Vector>,
-    /// What it looks at.
+    /// Point that the camera looks at.
     at: Option<Vector>,
-    /// What is up in the picture.
+    /// Direction that is up in the image.
     #[schemars(extend("default" = UP))]
     up: Option<Vector>,
     /// Full vertical field of view in degrees, between 0 and 180.
     #[schemars(extend("default" = FOV))]
     fov: Option<f64>,
-    /// Height of the picture in metres, which makes the projection parallel.
+    /// Height of the image in metres, which makes the projection parallel.
     height: Option<f64>,
-    /// The lecture's E: where rays start.
+    /// Origin E of the explicit frame: the position of the camera.
     eye: Option<Vector>,
-    /// The lecture's i: to the right, a unit vector.
+    /// Axis i of the explicit frame: to the right, a unit vector.
     i: Option<Vector>,
-    /// The lecture's j: up, a unit vector.
+    /// Axis j of the explicit frame: up, a unit vector.
     j: Option<Vector>,
-    /// The lecture's k: backwards, a unit vector; the camera looks along -k.
+    /// Axis k of the explicit frame: backwards, a unit vector; the camera looks along -k.
     k: Option<Vector>,
-    /// The lecture's 2w and 2h: full width and height of the window in the near plane. Pixels take its shape.
+    /// Full width 2w and height 2h of the explicit frame's window in the near plane. Pixels take its shape.
     window: Option<[f64; 2]>,
-    /// Distance of the near plane; nothing nearer is seen. The lecture's n.
+    /// Distance n of the near plane; nothing nearer is visible.
     near: Option<f64>,
-    /// Distance of the far plane; nothing farther is seen.
+    /// Distance of the far plane; nothing farther is visible.
     far: Option<f64>,
-    /// A thin lens in place of the pinhole: things are sharp in one plane only.
+    /// A thin lens instead of a pinhole: things are sharp in one plane only.
     lens: Option<LensForm>,
-    /// Where it is where motions end, if it moves: what is not given is as it is where they begin.
+    /// View at the end of motions, for a moving camera; absent keys are as at the start.
     end: Option<EndForm>,
-    /// When the shutter opens and closes, as parts of all motions: from 0 where they begin to 1 where they end.
+    /// Times at which the shutter opens and closes, as fractions of all motions: from 0 at their start to 1 at their
+    /// end.
     #[schemars(extend("default" = [0.0, 1.0]))]
     shutter: Option<[f64; 2]>,
 }
 
-/// Where a camera is where motions end; in between it goes evenly, and turns evenly the short way round.
+/// View of a camera at the end of motions. In between, its position and its rotation are interpolated evenly, the
+/// rotation the short way round.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct EndForm {
-    /// Where it stands.
+    /// Position of the camera at the end of motions.
     from: Option<Vector>,
-    /// What it looks at.
+    /// Point that the camera looks at, at the end of motions.
     at: Option<Vector>,
-    /// What is up in the picture.
+    /// Direction that is up in the image, at the end of motions.
     up: Option<Vector>,
-    /// The lecture's E.
+    /// Origin E of the explicit frame, at the end of motions.
     eye: Option<Vector>,
-    /// The lecture's i.
+    /// Axis i of the explicit frame, at the end of motions.
     i: Option<Vector>,
-    /// The lecture's j.
+    /// Axis j of the explicit frame, at the end of motions.
     j: Option<Vector>,
-    /// The lecture's k.
+    /// Axis k of the explicit frame, at the end of motions.
     k: Option<Vector>,
 }
 
-/// A thin lens. A picture with one needs many samples a pixel.
+/// A thin lens. An image with one needs many samples per pixel.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct LensForm {
@@ -77,7 +80,7 @@ struct LensForm {
     radius: f64,
     /// Distance along the view axis at which things are sharp.
     focus: f64,
-    /// Straight blades that bound the opening, at least 3; a round one if absent.
+    /// Number of straight blades that bound the opening, at least 3; a round opening if absent.
     blades: Option<u32>,
     /// Degrees by which the blades are turned, counter-clockwise as the camera looks.
     #[schemars(extend("default" = 0.0))]
@@ -86,6 +89,7 @@ struct LensForm {
 
 impl LensForm {
     fn lens(&self) -> Result<Lens, String> {
+        // Blades make a polygon, and only a polygon has a rotation
         let aperture = match (self.blades, self.turn) {
             (None, None) => Aperture::Disk,
             (None, Some(_)) => {
@@ -102,15 +106,16 @@ impl LensForm {
     }
 }
 
-/// What is up where a file does not say it.
+/// Default direction that is up in the image.
 const UP: [f64; 3] = [0.0, 1.0, 0.0];
-/// Vertical field of view in degrees where a file does not say it: that of the camera that frames a glTF file.
+/// Default vertical field of view in degrees, that of the camera that frames a glTF file.
 const FOV: f64 = 45.0;
 
 impl CameraForm {
-    /// The camera, called by its number where it has no name.
+    /// Returns the camera, named by its number if it has no name.
     pub(super) fn camera(&self, number: usize) -> Result<Camera, String> {
         let (world_from_camera, projection) = self.view()?;
+        // The view at the end is that of a camera with the keys of `end`
         let world_from_camera_end = match self.end {
             None => None,
             Some(end) => {
@@ -134,6 +139,7 @@ impl CameraForm {
                 .shutter
                 .map_or_else(Shutter::default, |[open, close]| Shutter { open, close }),
         };
+        // Check the values, which this type does not restrict
         crate::scene::check_camera(&camera)?;
         Ok(camera)
     }
@@ -146,7 +152,7 @@ impl CameraForm {
         }
     }
 
-    /// The camera that stands still where this one's motion ends.
+    /// Returns the camera at rest at the end of this one's motion.
     fn ending(&self, end: EndForm) -> CameraForm {
         CameraForm {
             name: None,
@@ -164,6 +170,7 @@ impl CameraForm {
     }
 
     fn lecture(&self) -> Result<(DAffine3, Projection), String> {
+        // Reject keys of the look-at form
         let strangers = [
             (self.from.is_some(), "from"),
             (self.at.is_some(), "at"),
@@ -176,6 +183,7 @@ impl CameraForm {
                 "has both `eye` and `{key}`: give a frame or a look-at, not both"
             ));
         }
+        // Require all keys of the frame
         let parts = (self.eye, self.i, self.j, self.k, self.near, self.window);
         let (Some(eye), Some(i), Some(j), Some(k), Some(distance), Some([width, height])) = parts else {
             return Err("is not whole: with `eye` give `i`, `j`, `k`, `near` and `window`".into());
@@ -190,6 +198,7 @@ impl CameraForm {
     }
 
     fn look_at(&self) -> Result<(DAffine3, Projection), String> {
+        // Reject keys of the explicit frame
         let strangers = [
             (self.i.is_some(), "i"),
             (self.j.is_some(), "j"),
@@ -199,11 +208,13 @@ impl CameraForm {
         if let Some((_, key)) = strangers.iter().find(|(given, _)| *given) {
             return Err(format!("has `{key}` without `eye`: add `eye` or take it away"));
         }
+        // Require both points of the look-at
         let (Some(from), Some(at)) = (self.from, self.at) else {
             return Err(
                 "stands nowhere: give `from` and `at`, or `eye`, `i`, `j`, `k`, `near` and `window`".into(),
             );
         };
+        // Choose the projection
         let up = self.up.map_or(DVec3::from_array(UP), |up| up.0);
         let projection = match (self.fov, self.height) {
             (Some(_), Some(_)) => {
@@ -220,17 +231,19 @@ impl CameraForm {
                 aspect: None,
             },
         };
+        // Orient the camera
         let axes = axes_looking_along(at.0 - from.0, up)
             .ok_or("looks nowhere, or along `up`: move `from` or `at`, or give another `up`")?;
         Ok((DAffine3::from_mat3_translation(axes, from.0), projection))
     }
 }
 
-/// How nearly a direction may point along `up`: an angle whose sine is 2^-26 leaves half of f64's digits to the axes.
+/// Smallest sine of the angle between the view direction and `up`: 2^-26 leaves half of f64's digits to the axes.
 const MIN_SINE: f64 = 1.0 / (1 << 26) as f64;
 
 fn axes_looking_along(forward: DVec3, up: DVec3) -> Option<DMat3> {
     let forward = forward.try_normalize()?;
+    // The length of this product is the sine of the angle between the two
     let right = forward.cross(up.try_normalize()?);
     if !(right.length() > MIN_SINE) {
         return None;

@@ -1,4 +1,4 @@
-//! The whole of a scene file as it is written.
+//! Top-level serde types of a scene file.
 
 use std::collections::BTreeMap;
 
@@ -22,29 +22,29 @@ use crate::scene::image_settings::{
 #[serde(deny_unknown_fields)]
 #[schemars(title = "whit scene")]
 pub(super) struct Document {
-    /// How the scene is rendered where the command line does not say it.
+    /// Image settings; the command line overrides them.
     #[serde(default)]
     pub(super) output: Option<At<OutputForm>>,
-    /// The lecture's ambient light Ia: radiance that surfaces get from all around; black if absent.
+    /// Constant ambient radiance Ia that surfaces receive from all directions; black if absent.
     pub(super) ambient: Option<Color>,
-    /// What a ray sees that hits nothing; the ambient light if absent.
+    /// Radiance of rays that miss the scene; the ambient light if absent.
     pub(super) background: Option<BackgroundForm>,
-    /// One camera or several; the first is the usual one.
+    /// One camera or several; the first is the default one.
     #[serde(default)]
     #[schemars(with = "Option<OneOrMany<CameraForm>>")]
     pub(super) camera: OneOrMany<CameraForm>,
-    /// What fills all space.
+    /// A medium that fills all space.
     pub(super) fog: Option<At<FogForm>>,
-    /// Smoke, fire and scans.
+    /// Volumes such as smoke, fire and scans.
     #[serde(default)]
     pub(super) volume: Vec<At<VolumeForm>>,
-    /// Lights.
+    /// Lights that illuminate the scene.
     #[serde(default)]
     pub(super) light: Vec<At<LightForm>>,
-    /// Materials by name.
+    /// Materials by their names.
     #[serde(default)]
     pub(super) material: BTreeMap<String, At<MaterialForm>>,
-    /// Textures by name.
+    /// Textures by their names.
     #[serde(default)]
     pub(super) texture: BTreeMap<String, At<TextureForm>>,
     /// Shapes by name, for objects that share one.
@@ -53,33 +53,33 @@ pub(super) struct Document {
     /// Groups of objects by name, for objects that place them.
     #[serde(default)]
     pub(super) group: BTreeMap<String, At<GroupForm>>,
-    /// What stands in the world.
+    /// Objects in the world.
     #[serde(default)]
     pub(super) object: Vec<At<ObjectForm>>,
 }
 
-/// How the scene is rendered where the command line does not say it.
+/// Image settings; the command line overrides them.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct OutputForm {
     /// Width and height in pixels.
     #[schemars(extend("default" = DEFAULT_SIZE))]
     pub(super) size: Option<[u32; 2]>,
-    /// Samples a pixel.
+    /// Number of samples per pixel.
     #[schemars(extend("default" = DEFAULT_SPP))]
     pub(super) spp: Option<u32>,
-    /// How samples lie in a pixel.
+    /// Pattern of the samples in a pixel.
     #[schemars(extend("default" = Pattern::default()))]
     pub(super) pattern: Option<Pattern>,
-    /// How samples become a pixel.
+    /// Filter that weights samples into pixels.
     #[schemars(extend("default" = FilterKind::default()))]
     pub(super) filter: Option<FilterKind>,
     /// Radius of the filter in pixels, 1 to 4; tent 1, gaussian 1.5, mitchell 2 if absent.
     pub(super) filter_radius: Option<f64>,
-    /// Generations of secondary rays.
+    /// Number of generations of secondary rays.
     #[schemars(extend("default" = DEFAULT_DEPTH))]
     pub(super) depth: Option<u32>,
-    /// Wavelengths that a path splits into where glass disperses it, 1 to 400.
+    /// Number of wavelengths that a path splits into where glass disperses it, 1 to 400.
     #[schemars(extend("default" = DEFAULT_WAVELENGTHS))]
     pub(super) wavelengths: Option<u32>,
     /// Stops of exposure of PNG images.
@@ -91,43 +91,44 @@ pub(super) struct OutputForm {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct GroupForm {
-    /// Its objects.
+    /// Objects of the group.
     pub(super) object: Vec<At<ObjectForm>>,
 }
 
-/// Something in the world: exactly one of `shape`, `group`, `gltf` and `include`, and where it stands.
+/// An object in the world: exactly one of `shape`, `group`, `gltf` and `include`, with its transform.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ObjectForm {
-    /// What messages call it.
+    /// Name of the object in messages.
     pub(super) name: Option<At<String>>,
     /// A shape, or the name of one.
     pub(super) shape: Option<At<ShapeRef>>,
     /// The name of a group.
     pub(super) group: Option<At<String>>,
-    /// A .gltf or .glb file, beside this one, with its meshes and materials.
+    /// A .gltf or .glb file, relative to this one, with its meshes and materials.
     pub(super) gltf: Option<At<String>>,
-    /// Another scene file, beside this one, with its objects; names in it are its own.
+    /// Another scene file, relative to this one, with its objects; names in it are its own.
     pub(super) include: Option<At<String>>,
     /// The name of its material. Members of a group or an include keep their own; a glTF file's are replaced.
     pub(super) material: Option<At<String>>,
-    /// What is done to it, in the order written: the first first.
+    /// Transforms of the object, applied in the order written.
     #[serde(default)]
     pub(super) transform: Vec<At<Step>>,
-    /// What is done to it instead where the motion ends, which makes it move from the one to the other: the origin of
-    /// its own space along a line, its scale evenly, its turn evenly the short way round, so by less than half a turn.
+    /// Transforms of the object at the end of its motion, which make it move: the origin of its own space along a line,
+    /// its scale evenly, its rotation evenly the short way round, so by less than half a turn.
     pub(super) transform_end: Option<At<Vec<At<Step>>>>,
     /// Copies in a row, grid or block.
     pub(super) repeat: Option<At<Repeat>>,
-    /// Copies at random places of a box.
+    /// Copies at random positions in a box.
     pub(super) scatter: Option<At<Scatter>>,
-    /// Whether the lights of a glTF file or an include come with it.
+    /// Import of the lights of a glTF file or an include with the object.
     #[serde(default)]
     pub(super) lights: bool,
-    /// Whether the cameras of a glTF file or an include come with it.
+    /// Import of the cameras of a glTF file or an include with the object.
     #[serde(default)]
     pub(super) cameras: bool,
-    /// Whether what shines of it lights the scene, on both sides: points of each such object that every surface asks
-    /// for light, for each sample of a pixel; `true` for as many as of a light. Otherwise emission is only seen.
+    /// Illumination of the scene by the object's emission, on both sides: the number of points on each emissive object
+    /// that every shading point samples, for each sample of a pixel; `true` for the default number of a light.
+    /// Otherwise the emission is only visible.
     pub(super) lamp: Option<At<LampForm>>,
 }

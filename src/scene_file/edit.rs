@@ -1,4 +1,4 @@
-//! Changes of a scene file before it is read: what sweeps are made of.
+//! Edits of a scene file's keys before it is parsed, as parameter sweeps make them.
 
 use std::fmt;
 
@@ -6,15 +6,15 @@ use toml::{Table, Value};
 
 use super::fault::suggestion;
 
-/// The most names that a message lists.
+/// Largest number of names that a message lists.
 const MAX_NAMES: usize = 16;
 
-/// A key of a scene file and the value that it gets.
+/// A key of a scene file and its new value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Edit {
-    /// Words that lead to it, as in `material.ball.roughness`; in lists of tables a name, or a number from 0.
+    /// Words of the key, as in `material.ball.roughness`; in lists of tables a name, or a number from 0.
     pub key: Vec<String>,
-    /// The value.
+    /// New value of the key.
     pub value: Value,
 }
 
@@ -25,11 +25,12 @@ impl fmt::Display for Edit {
 }
 
 impl Edit {
-    /// The words of a key that is written with points, of which quoted parts may have some: `material."a.b".ior`.
+    /// Splits a key at its dots; quoted parts may contain dots: `material."a.b".ior`.
     pub(crate) fn words(key: &str) -> Result<Vec<String>, String> {
         let mut words = vec![String::new()];
         let mut is_quoted = false;
         for c in key.chars() {
+            // Dots separate words unless they are quoted
             match c {
                 '"' => is_quoted = !is_quoted,
                 '.' if !is_quoted => words.push(String::new()),
@@ -48,12 +49,13 @@ impl Edit {
         Ok(words)
     }
 
-    /// Makes the change. The last word may be new; those before it must be there.
+    /// Makes the change. The last word may be new; those before it must exist.
     ///
     /// # Errors
     ///
-    /// What is not there, and what is there instead.
+    /// A sentence that says which word does not exist, and which ones do.
     pub fn apply(&self, scene: &mut Table) -> Result<(), String> {
+        // A key of one word sets a top-level value
         let Some((first, rest)) = self.key.split_first() else {
             return Ok(());
         };
@@ -61,14 +63,17 @@ impl Edit {
             scene.insert(first.clone(), self.value.clone());
             return Ok(());
         };
+        // Unlike the last word, the first must exist
         if !scene.contains_key(first) {
             let known: Vec<&str> = scene.keys().map(String::as_str).collect();
             return Err(format!("the scene has no `{first}`: {}", advice(first, &known)));
         }
+        // Follow the inner words to the table or list that holds the last one
         let mut place = &mut scene[first];
         for (depth, word) in between.iter().enumerate() {
             place = self.step_to(place, (depth + 1, word))?;
         }
+        // Insert into a table, replace in a list
         if let Value::Table(table) = place {
             table.insert(last.clone(), self.value.clone());
             return Ok(());
@@ -77,7 +82,7 @@ impl Edit {
         Ok(())
     }
 
-    /// What of `place`, to which the first `depth` words lead, goes by the next.
+    /// Returns the value of the next word `word` in `place`, to which the first `depth` words lead.
     fn step_to<'v>(
         &self,
         place: &'v mut Value,
@@ -95,16 +100,17 @@ impl Edit {
     }
 }
 
-/// Which of what is there may have been meant.
+/// Returns advice on which of the known words may have been meant.
 fn advice(word: &str, known: &[&str]) -> String {
     let advice = suggestion(word, known);
+    // A long list of names helps less than the rule
     match known.len() <= MAX_NAMES || advice.starts_with("did") {
         true if !known.is_empty() => advice,
         _ => "give a key, a name or a number from 0 that is there".into(),
     }
 }
 
-/// The keys of a table, and the names in a list of tables.
+/// Returns the keys of a table, or the names in a list of tables.
 fn names(place: &Value) -> Vec<&str> {
     match place {
         Value::Table(table) => table.keys().map(String::as_str).collect(),
@@ -116,18 +122,19 @@ fn names(place: &Value) -> Vec<&str> {
     }
 }
 
-/// A place in a table or a list.
+/// Position in a table or a list.
 enum Index {
     Key,
     Number(usize),
 }
 
-/// What of a table or a list goes by a word.
+/// Returns the position of `word` in a table or a list; `None` if it is absent.
 fn index(place: &Value, word: &str) -> Option<Index> {
     match place {
         Value::Table(table) => table.contains_key(word).then_some(Index::Key),
         Value::Array(list) => {
             let is_called = |value: &Value| value.get("name").and_then(Value::as_str) == Some(word);
+            // A name wins over a number
             let number = list.iter().position(is_called).or_else(|| word.parse().ok())?;
             (number < list.len()).then_some(Index::Number(number))
         }
@@ -152,6 +159,7 @@ mod tests {
     #[test]
     fn keys_lead_through_tables_names_and_numbers() {
         let value = Value::Integer(7);
+        // Keys of top-level values, of tables and of lists
         assert_eq!(edited("ambient", value.clone()).unwrap()["ambient"], value);
         assert_eq!(
             edited("material.ball.ior", value.clone()).unwrap()["material"]["ball"]["ior"],

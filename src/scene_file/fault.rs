@@ -1,4 +1,4 @@
-//! What is wrong with a scene file: where, which item, and what to do.
+//! Diagnostics of scene files: location, item and remedy.
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -9,34 +9,34 @@ use toml::de::{DeTable, DeValue};
 use super::node::{TomlError, from_text};
 use super::value::At;
 
-/// Why a scene file could not become a scene. One sentence with the file, the place, the item and the remedy.
+/// Reason why a scene file could not become a scene: one sentence with the file, the position, the item and the remedy.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum SceneFileError {
-    /// The file as a whole cannot be used.
+    /// A fault of the file as a whole.
     #[error("{}: {fault}", .file.display())]
     File {
-        /// The file.
+        /// Path of the scene file.
         file: PathBuf,
-        /// What is wrong and what to do.
+        /// Description of the fault and its remedy.
         fault: String,
     },
-    /// Something in it is wrong.
+    /// A fault of one item in the file.
     #[error("{}:{line}:{column}: {item}: {fault}", .file.display())]
     Item {
-        /// The file.
+        /// Path of the scene file.
         file: PathBuf,
-        /// Counted from 1.
+        /// Line of the item, counted from 1.
         line: usize,
-        /// In characters, counted from 1.
+        /// Column of the item in characters, counted from 1.
         column: usize,
-        /// The keys that lead to it, as in `material.glass.ior`; elements of lists are counted from 1.
+        /// Keys that lead to the item, as in `material.glass.ior`; elements of lists are counted from 1.
         item: String,
-        /// What is wrong and what to do.
+        /// Description of the fault and its remedy.
         fault: String,
     },
 }
 
-/// A fault at a place of some file.
+/// A fault at a position of some file.
 #[derive(Clone, Debug)]
 pub(crate) struct Fault {
     span: Range<usize>,
@@ -45,14 +45,14 @@ pub(crate) struct Fault {
 
 #[cfg(test)]
 impl Fault {
-    /// What is wrong and what to do.
+    /// Returns the description of the fault and its remedy.
     pub(crate) fn sentence(&self) -> &str {
         &self.sentence
     }
 }
 
 impl<T> At<T> {
-    /// A fault of this value.
+    /// Returns a fault at the position of this value.
     pub(crate) fn fault(&self, sentence: impl Into<String>) -> Fault {
         Fault {
             span: self.span.clone(),
@@ -61,7 +61,7 @@ impl<T> At<T> {
     }
 }
 
-/// A file and what is in it.
+/// A file and its text.
 #[derive(Debug)]
 pub(crate) struct Source {
     pub(crate) path: PathBuf,
@@ -69,20 +69,21 @@ pub(crate) struct Source {
 }
 
 impl Source {
-    /// The fault with its place in this file.
+    /// Returns the error for a fault at its position in this file.
     pub(crate) fn error(&self, fault: Fault) -> SceneFileError {
         self.error_at(fault.span, fault.sentence)
     }
 
-    /// The line of a byte of the text, counted from 1.
+    /// Returns the line of a byte of the text, counted from 1.
     pub(crate) fn line(&self, offset: usize) -> usize {
         let before = self.text.bytes().take(offset);
         before.filter(|&byte| byte == b'\n').count() + 1
     }
 
-    /// An error at a place of this file.
+    /// Returns an error at a position of this file.
     pub(crate) fn error_at(&self, span: Range<usize>, fault: String) -> SceneFileError {
         let mut start = span.start.min(self.text.len());
+        // The span may begin within a character
         while !self.text.is_char_boundary(start) {
             start -= 1;
         }
@@ -97,14 +98,15 @@ impl Source {
         }
     }
 
-    /// The form that the text is to be.
+    /// Parses the text as a `T`.
     pub(crate) fn parse<T: DeserializeOwned>(&self) -> Result<T, SceneFileError> {
         from_text(&self.text).map_err(|error| self.toml_error(&error))
     }
 
-    /// What the parser or serde found.
+    /// Returns the error for what the parser or serde reported, worded as advice.
     pub(super) fn toml_error(&self, error: &TomlError) -> SceneFileError {
         let span = error.span().unwrap_or(0..0);
+        // serde reports faults of the content, the parser those of the syntax
         let is_toml = DeTable::parse(&self.text).is_ok();
         let word = self.text.get(span.clone()).unwrap_or_default();
         let message = one_line(error.message());
@@ -123,7 +125,7 @@ fn one_line(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// An error of the whole file.
+/// Returns an error of the whole file.
 pub(crate) fn file_error(path: &Path, fault: impl Into<String>) -> SceneFileError {
     SceneFileError::File {
         file: path.to_owned(),
@@ -131,8 +133,9 @@ pub(crate) fn file_error(path: &Path, fault: impl Into<String>) -> SceneFileErro
     }
 }
 
-/// serde's message as advice. Messages of our own are left as they are.
+/// Rewords serde's message as advice. The program's own messages stay as they are.
 fn reworded(message: &str) -> String {
+    // A key or a word that does not exist
     if let Some(rest) = message
         .strip_prefix("unknown field ")
         .or_else(|| message.strip_prefix("unknown variant "))
@@ -145,6 +148,7 @@ fn reworded(message: &str) -> String {
     if let Some(rest) = message.strip_prefix("missing field ") {
         return format!("lacks {rest}: add it");
     }
+    // A value of another type
     let expected = message
         .strip_prefix("invalid type: ")
         .or_else(|| message.strip_prefix("invalid value: "))
@@ -152,6 +156,7 @@ fn reworded(message: &str) -> String {
     if let Some((found, wanted)) = expected {
         return format!("is {found}: give {}", in_words(wanted));
     }
+    // A list of another length
     let length = message
         .strip_prefix("invalid length ")
         .and_then(|rest| rest.split_once(", expected "));
@@ -164,7 +169,7 @@ fn reworded(message: &str) -> String {
     message.to_owned()
 }
 
-/// Rust's types as a person calls them.
+/// Returns the everyday name of a Rust type.
 fn in_words(wanted: &str) -> &str {
     match wanted {
         "f64" | "f32" => "a number",
@@ -179,10 +184,11 @@ fn in_words(wanted: &str) -> &str {
     }
 }
 
-/// What may have been meant instead of `word`, as advice.
+/// Returns advice on what may have been meant instead of `word`.
 pub(super) fn suggestion(word: &str, known: &[&str]) -> String {
-    // One slip in three letters still shows the word that was meant.
+    // With one error per three letters the intended word is still recognisable.
     let most_slips = word.chars().count() / 3 + 1;
+    // Find the known word with the fewest edits
     let near = known
         .iter()
         .map(|other| (strsim::damerau_levenshtein(word, other), other))
@@ -195,7 +201,7 @@ pub(super) fn suggestion(word: &str, known: &[&str]) -> String {
     }
 }
 
-/// The keys that lead to the innermost item at a byte of the text.
+/// Returns the keys that lead to the innermost item at a byte of the text.
 fn item_at(text: &str, offset: usize) -> String {
     let Ok(root) = DeTable::parse(text) else {
         return "the file".into();
@@ -227,9 +233,11 @@ fn search_value(value: &DeValue, offset: usize, path: &mut Vec<String>, best: &m
         DeValue::Array(elements) => {
             let name = path.last().cloned().unwrap_or_default();
             for (index, element) in elements.iter().enumerate() {
+                // Only elements that are tables are items of their own
                 if !matches!(element.get_ref(), DeValue::Table(_)) {
                     continue;
                 }
+                // Number the element, from 1
                 if let Some(last) = path.last_mut() {
                     *last = format!("{name} {}", index + 1);
                 }
@@ -243,7 +251,8 @@ fn search_value(value: &DeValue, offset: usize, path: &mut Vec<String>, best: &m
     }
 }
 
-/// The header of a list's later element is a place of the list too, so of equal paths the later one is right.
+/// Keeps the longer path. The span of a list includes the headers of its later elements, so of equally long paths the
+/// later one is right.
 fn keep_longer(path: &[String], best: &mut Vec<String>) {
     if path.len() >= best.len() {
         *best = path.to_vec();

@@ -1,4 +1,4 @@
-//! From assemblies to instances in the world, in f64.
+//! Flattening of object trees into instances in the world, in f64.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -14,13 +14,13 @@ use crate::numeric::{Bounds, MotionError};
 use crate::scene::{AreaShape, Camera, Geometry, Instance, Light, LightKind, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
 
-/// What comes down to an object from those that it is in.
+/// State that an object inherits from the objects that contain it.
 #[derive(Clone, Copy)]
 struct Inherited {
-    /// Where motions begin and where they end.
+    /// Object-to-world maps at the start and at the end of motions.
     world: [DAffine3; 2],
     material: u32,
-    /// Whether lights and cameras come along.
+    /// Flag for the import of lights from files and groups.
     lights: bool,
     cameras: bool,
 }
@@ -31,7 +31,7 @@ impl Inherited {
     }
 }
 
-/// Puts the objects of `assembly` into the scene; `default_material` goes to those that have none.
+/// Adds the objects of `assembly` to the scene; `default_material` is that of objects without one.
 pub(super) fn flatten(
     scene: &mut Scene,
     assembly: &Assembly,
@@ -52,6 +52,7 @@ fn place_assembly(
     assembly: &Assembly,
     inherited: Inherited,
 ) -> Result<(), SceneFileError> {
+    // Add lights, cameras and volumes
     if inherited.lights {
         let lights = assembly
             .lights
@@ -66,6 +67,7 @@ fn place_assembly(
             .extend(cameras.filter_map(|camera| moved_camera(camera, &inherited.world)));
     }
     place_volumes(scene, assembly, &inherited)?;
+    // Add every copy of every object
     for node in &assembly.nodes {
         let count = node.copies.as_ref().map_or(1, Copies::count);
         for number in 0..count {
@@ -74,6 +76,7 @@ fn place_assembly(
                 .as_ref()
                 .map_or(DAffine3::IDENTITY, |copies| copies.map(number));
             let inside = Inherited {
+                // The object's own transforms apply first, then that of the copy, then those around
                 world: [0, 1].map(|end| inherited.world[end] * copy * node.maps[end]),
                 material: node.material.unwrap_or(inherited.material),
                 lights: inherited.lights && node.lights,
@@ -85,7 +88,7 @@ fn place_assembly(
     Ok(())
 }
 
-/// Most volumes of a scene: every ray asks each.
+/// Largest number of volumes of a scene: every ray is tested against each.
 const MAX_VOLUMES: usize = 4096;
 
 fn place_volumes(
@@ -95,6 +98,7 @@ fn place_volumes(
 ) -> Result<(), SceneFileError> {
     for volume in &assembly.volumes {
         let fail = |sentence: String| volume.source.error_at(volume.span.clone(), sentence);
+        // Volumes have one transform for all times
         if inherited.moves() {
             return Err(fail(
                 "is in something that moves, and volumes cannot: take away its `transform_end`".into(),
@@ -115,6 +119,7 @@ fn place_volumes(
 }
 
 fn place_node(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), SceneFileError> {
+    // Reject moving lights
     if let What::Assembly(assembly) | What::Import(assembly) = &node.what
         && inside.moves()
         && inside.lights
@@ -126,6 +131,7 @@ fn place_node(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), S
     }
     let first = scene.instances.len();
     let lights = scene.lights.len();
+    // Add the instances, then the lights on their emissive surfaces
     place_what(scene, node, inside)?;
     match &node.lamp {
         Some(lamp) => light_lamps(scene, (node, lamp), (first, lights)),
@@ -133,14 +139,16 @@ fn place_node(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), S
     }
 }
 
-/// Makes lamps of what shines among the instances from the first on; those that are lamps already, by lights from
-/// `lights` on, stay what they are. What cannot be one is an error where it is the object itself, and else a warning.
+/// Adds lights to the emissive instances from index `first` on. Those that lights from index `lights` on already lie on
+/// keep them. An instance that cannot be a light is an error if the object is that geometry itself, and a warning
+/// otherwise.
 fn light_lamps(
     scene: &mut Scene,
     (node, lamp): (&Node, &Lamp),
     (first, lights): (usize, usize),
 ) -> Result<(), SceneFileError> {
     let fail = |sentence: String| node.source.error_at(lamp.span.clone(), sentence);
+    // Skip instances that have a light already, and those without emission
     let taken: HashSet<u32> = scene.lights[lights..].iter().filter_map(Light::lamp).collect();
     let mut shines = !taken.is_empty();
     for instance in first as u32..scene.instances.len() as u32 {
@@ -153,6 +161,7 @@ fn light_lamps(
         let Err(fault) = scene.add_emissive_light(instance, lamp.samples) else {
             continue;
         };
+        // Report an instance that cannot be a light
         if matches!(node.what, What::Geometry(_)) {
             return Err(fail(format!("cannot be a lamp, as {fault}")));
         }
@@ -161,6 +170,7 @@ fn light_lamps(
             scene.warnings.push(warning);
         }
     }
+    // An object without any emission is an error
     if shines {
         return Ok(());
     }
@@ -193,19 +203,20 @@ fn place_what(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), S
     }
 }
 
-/// A glTF file whose materials give way to the object's.
+/// Adds the objects of a glTF file with their materials replaced by the object's.
 fn place_repainted(scene: &mut Scene, assembly: &Assembly, inside: Inherited) -> Result<(), SceneFileError> {
     let first = scene.instances.len();
     place_assembly(scene, assembly, inside)?;
+    // Replace the materials of all instances that were just added
     for instance in &mut scene.instances[first..] {
         instance.material = inside.material;
     }
     Ok(())
 }
 
-/// The light where `world` puts it. Its intensity and its range stay.
+/// Returns the light transformed by `world`. Its intensity and its range stay.
 fn moved_light(light: &Light, world: &DAffine3) -> Light {
-    // A direction that the map squeezes to nothing keeps its own.
+    // A direction that the map collapses to zero is kept.
     let turned = |v| world.transform_vector3(v).try_normalize().unwrap_or(v);
     let kind = match light.kind {
         LightKind::Directional { to_light } => LightKind::Directional {
@@ -239,10 +250,11 @@ fn moved_light(light: &Light, world: &DAffine3) -> Light {
     }
 }
 
-/// The shape where `world` puts it: flat ones shine to the same side of the scene after mirroring, and a sphere stays
-/// one, of the volume that the map makes of it.
+/// Returns the shape transformed by `world`: flat ones emit to the same side of the scene after mirroring, and a sphere
+/// stays a sphere, of the volume that the map gives it.
 fn moved_shape(shape: AreaShape, world: &DAffine3) -> AreaShape {
     let at = |p| world.transform_point3(p);
+    // A mirroring map exchanges u and v, so that u × v keeps its side
     let turned = |u, v| {
         let [u, v] = [u, v].map(|side| world.transform_vector3(side));
         if world.matrix3.determinant() < 0.0 {
@@ -284,10 +296,11 @@ fn moved_shape(shape: AreaShape, world: &DAffine3) -> AreaShape {
     }
 }
 
-/// The camera where `world` puts it, without scale, shear and mirroring: the view axis keeps its direction, up is made
-/// orthogonal to it.
+/// Returns the camera transformed by `world` without scale, shear and mirroring: the view axis keeps its direction, and
+/// up is made orthogonal to it.
 fn moved_camera(camera: &Camera, world: &[DAffine3; 2]) -> Option<Camera> {
     let [start, end] = *world;
+    // A camera at rest moves if something around it does
     let world_from_camera = rigid(&start, &camera.world_from_camera)?;
     let ending = rigid(
         &end,
@@ -300,11 +313,12 @@ fn moved_camera(camera: &Camera, world: &[DAffine3; 2]) -> Option<Camera> {
     })
 }
 
-/// The place of a camera in something that `world` places.
+/// Returns the rigid transform of a camera under `world`; `None` if the view axis or up collapses to zero.
 fn rigid(world: &DAffine3, world_from_camera: &DAffine3) -> Option<DAffine3> {
     if *world == DAffine3::IDENTITY {
         return Some(*world_from_camera);
     }
+    // Orthonormalise the axes by Gram and Schmidt, the view axis first
     let map = *world * *world_from_camera;
     let back = map.matrix3.z_axis.try_normalize()?;
     let up = map.matrix3.y_axis;
@@ -313,12 +327,15 @@ fn rigid(world: &DAffine3, world_from_camera: &DAffine3) -> Option<DAffine3> {
     Some(DAffine3::from_mat3_translation(axes, map.translation))
 }
 
-/// Places everything well, bakes what stands once, and supplies a camera where there is none.
+/// Finishes the scene: normalises it, bakes meshes of single instances, adds a camera if there is none, and validates
+/// it.
 pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileError> {
+    // Normalise the scene and its object spaces
     let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
     let around = scene.bounds_from(&bounds).union(scene.volume_bounds());
     scene.apply_normalisation(Normalisation::fitting(&around));
     scene.normalise_object_spaces(&bounds);
+    // Bake the transforms of meshes that are used once
     for (name, dropped) in scene.bake_single_uses() {
         scene
             .warnings
@@ -331,6 +348,7 @@ pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileEr
             "has only triangles without area: make its objects larger",
         ));
     }
+    // Frame the scene if it has no camera
     if scene.cameras.is_empty() {
         let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
         let finite = scene.bounds_from(&bounds).union(scene.volume_bounds());
@@ -342,6 +360,7 @@ pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileEr
         }
         scene.cameras.push(framing_camera(&finite));
     }
+    // Validate the scene, then fold constant textures
     match scene.validate() {
         Ok(()) => {
             fold_constant_textures(&mut scene);

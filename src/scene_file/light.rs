@@ -1,4 +1,4 @@
-//! Lights and surroundings.
+//! Lights and backgrounds of scene files.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -11,45 +11,45 @@ use serde::{Deserialize, Deserializer};
 use super::value::{At, Color, Vector};
 use crate::scene::{AreaShape, Background, Falloff, Light, LightKind, MAX_LIGHT_SAMPLES};
 
-/// A light: without extent, or a surface that shines, of which only what it lights is seen.
+/// A light: a punctual one, or an area light, whose own surface is invisible.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct LightForm {
-    /// What messages call it.
+    /// Name of the light in messages.
     pub(super) name: Option<At<String>>,
-    /// `point`, `directional` or `spot`; `quad`, `disk` or `sphere` for lights with an extent and soft shadows.
+    /// `point`, `directional` or `spot`; `quad`, `disk` or `sphere` for area lights with soft shadows.
     kind: Kind,
-    /// What the intensity is multiplied by.
+    /// Colour, a factor on the intensity.
     #[serde(default = "white")]
     color: Color,
     /// Candela for point and spot lights with physical falloff, lux for directional lights and those without falloff;
-    /// candela per square metre for lights with an extent.
+    /// candela per square metre for area lights.
     #[serde(default = "intensity")]
     intensity: f64,
-    /// Where a point or spot light stands; the middle of a quad, disk or sphere.
+    /// Position of a point or spot light; the centre of a quad, disk or sphere.
     position: Option<Vector>,
-    /// The way that the light of a directional or spot light travels, or the side that a disk shines to; any length.
+    /// Direction in which the light of a directional or spot light travels, or to which a disk emits; any length.
     direction: Option<Vector>,
-    /// What a spot light or a disk points at, in place of a direction.
+    /// Point that a spot light or a disk is aimed at, instead of a direction.
     at: Option<Vector>,
-    /// Degrees from the axis of a spot light within which it is full.
+    /// Degrees from the axis of a spot light within which the intensity is full.
     #[schemars(extend("default" = INNER))]
     inner: Option<f64>,
     /// Degrees from the axis of a spot light outside which it is dark; at most 180.
     #[schemars(extend("default" = OUTER))]
     outer: Option<f64>,
-    /// How a point or spot light weakens with the distance d: `physical` (1/d²), `none`, or [c, l, q] for
-    /// 1/(c + l d + q d²).
+    /// Attenuation of a point or spot light with the distance d: `physical` (1/d²), `none`, or [c, l, q] for 1/(c + l d
+    /// + q d²).
     falloff: Option<FalloffForm>,
-    /// Distance at which nothing is left of a light with physical falloff.
+    /// Distance at which a light with physical falloff has faded to zero.
     range: Option<f64>,
-    /// One side of a quad, which shines to the side of u × v.
+    /// One side of a quad, which emits to the side of u × v.
     u: Option<Vector>,
     /// The other side of a quad.
     v: Option<Vector>,
     /// Radius of a disk or sphere in metres.
     radius: Option<f64>,
-    /// Points of a quad, disk or sphere that every surface asks for light, for each sample of a pixel.
+    /// Points on a quad, disk or sphere that every shading point samples, for each sample of a pixel.
     #[schemars(extend("default" = SAMPLES))]
     samples: Option<u32>,
 }
@@ -73,14 +73,14 @@ fn intensity() -> f64 {
     1.0
 }
 
-/// Points of a light that surfaces ask where a file does not say it: enough for a shadow that is seen to be soft.
+/// Default number of light samples per shading point: enough for a shadow to look soft.
 const SAMPLES: u32 = 4;
-/// Degrees of a spot light's full cone where a file does not say it; glTF's.
+/// Default half angle of the full intensity of a spot light in degrees; glTF's.
 const INNER: f64 = 0.0;
-/// Degrees of a spot light's cone where a file does not say it; glTF's.
+/// Default half angle of a spot light's cone in degrees; glTF's.
 const OUTER: f64 = 45.0;
 
-/// How many points of an object that is a lamp are asked; `None` for one that is none.
+/// Number of points of an emissive object that shading points sample; `None` if the object does not light the scene.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LampForm(pub(super) Option<u32>);
 
@@ -182,13 +182,14 @@ impl JsonSchema for FalloffForm {
 }
 
 impl LightForm {
-    /// The light, called by its number where it has no name.
+    /// Returns the light, named by its number if it has no name.
     pub(super) fn light(&self, number: usize) -> Result<Light, String> {
         self.check_keys()?;
         let name = self
             .name
             .as_ref()
             .map_or_else(|| format!("light {number}"), |n| n.to_string());
+        // Collect the keys that the kind of light needs
         let kind = match self.kind {
             Kind::Directional => LightKind::Directional {
                 to_light: -self.aim()?,
@@ -209,6 +210,7 @@ impl LightForm {
                 samples: self.samples.unwrap_or(SAMPLES),
             },
         };
+        // Check the light with its final intensity
         let light = Light {
             name,
             intensity: self.color.0.map(|c| (f64::from(c) * self.intensity) as f32),
@@ -218,10 +220,11 @@ impl LightForm {
         Ok(light)
     }
 
-    /// Refuses keys that mean nothing for the kind of light, and cones that the cosine would hide.
+    /// Rejects keys that the kind of light does not have, and cone angles that taking the cosine would hide.
     fn check_keys(&self) -> Result<(), String> {
         let (point, directional, spot) = (Kind::Point, Kind::Directional, Kind::Spot);
         let (quad, disk, sphere) = (Kind::Quad, Kind::Disk, Kind::Sphere);
+        // List each key with the kinds that have it
         let keys: [(bool, &str, &[Kind]); 11] = [
             (
                 self.position.is_some(),
@@ -248,6 +251,7 @@ impl LightForm {
                 .to_lowercase());
             }
         }
+        // Check the cone in degrees, as the cosine is not unique beyond 180
         let (inner, outer) = (self.inner.unwrap_or(INNER), self.outer.unwrap_or(OUTER));
         if !(0.0 <= inner && inner < outer && outer <= 180.0) {
             return Err(format!(
@@ -257,9 +261,10 @@ impl LightForm {
         Ok(())
     }
 
-    /// What shines of a light with an extent.
+    /// Returns the shape of an area light.
     fn shape(&self) -> Result<AreaShape, String> {
         let center = self.place()?;
+        // A quad by its sides
         if self.kind == Kind::Quad {
             let (Some(u), Some(v)) = (self.u, self.v) else {
                 return Err("is a quad without sides: give `u` and `v`".into());
@@ -270,6 +275,7 @@ impl LightForm {
                 half_v: 0.5 * v.0,
             });
         }
+        // A disk or a sphere by its radius
         let radius = self
             .radius
             .ok_or("has no extent: give its `radius`, or make it a `point`")?;
@@ -279,6 +285,7 @@ impl LightForm {
         if self.kind == Kind::Sphere {
             return Ok(AreaShape::Sphere { center, radius });
         }
+        // Any orthonormal pair spans the disk; their cross product is its direction
         let (half_u, half_v) = self.aim()?.any_orthonormal_pair();
         Ok(AreaShape::Disk {
             center,
@@ -299,6 +306,7 @@ impl LightForm {
                 return Err("has both `direction` and `at`: give one".into());
             }
             (Some(direction), None) => direction.0,
+            // Aim from the light's position
             (None, Some(at)) => at.0 - self.place()?,
             (None, None) => return Err("points nowhere: give its `direction`".into()),
         };
@@ -308,6 +316,7 @@ impl LightForm {
     }
 
     fn fall(&self) -> Result<Falloff, String> {
+        // Only physical falloff can have a range
         let falloff = match self.falloff.unwrap_or(FalloffForm::Physical) {
             FalloffForm::Physical => return Ok(Falloff::InverseSquare { range: self.range }),
             FalloffForm::None => Falloff::NONE,
@@ -326,33 +335,33 @@ impl LightForm {
     }
 }
 
-/// One colour from everywhere, a gradient over the height, or an image all around.
+/// A background: one colour for all directions, a gradient over the height, or an environment map.
 #[derive(Debug)]
 pub(super) enum BackgroundForm {
     Uniform(Color),
     Table(Box<Surroundings>),
 }
 
-/// A gradient over the height of the direction (`horizon`, `up`, `down`), or an image all around that lights the scene
-/// (`environment` and what follows it).
+/// A gradient over the height of the direction (`horizon`, `up`, `down`), or an environment map that lights the scene
+/// (`environment` and the keys after it).
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Surroundings {
-    /// Level.
+    /// Radiance of level directions.
     horizon: Option<Color>,
-    /// Straight up, along +y.
+    /// Radiance straight up, along +y.
     up: Option<Color>,
-    /// Straight down; as `horizon` if absent.
+    /// Radiance straight down; as `horizon` if absent.
     down: Option<Color>,
-    /// An .hdr or .exr file beside this one, twice as wide as high: its top row is up, its middle at -z.
+    /// An .hdr or .exr file, relative to this one, twice as wide as high: its top row is up, its middle at -z.
     pub(super) environment: Option<At<String>>,
     /// Degrees that the image is turned by about +y, counter-clockwise as seen from above.
     #[schemars(extend("default" = 0.0))]
     turn: Option<f64>,
-    /// What the image is multiplied by.
+    /// Factor on the image's values.
     #[schemars(extend("default" = 1.0))]
     scale: Option<f64>,
-    /// Directions that every surface asks for light, for each sample of a pixel.
+    /// Directions into the environment map that every shading point samples, for each sample of a pixel.
     #[schemars(extend("default" = SAMPLES))]
     samples: Option<u32>,
 }
@@ -407,7 +416,7 @@ impl JsonSchema for BackgroundForm {
 }
 
 impl BackgroundForm {
-    /// The file of the environment map, if there is one.
+    /// Returns the file of the environment map, if there is one.
     pub(super) fn file(&self) -> Option<&At<String>> {
         match self {
             BackgroundForm::Uniform(_) => None,
@@ -415,7 +424,7 @@ impl BackgroundForm {
         }
     }
 
-    /// What it says; an environment map is the scene's image number `image`.
+    /// Returns the scene's background; an environment map is the scene's image with index `image`.
     pub(super) fn background(&self, image: u32) -> Result<Background, String> {
         match self {
             BackgroundForm::Uniform(color) => Ok(Background::Uniform(color.0)),
@@ -427,6 +436,7 @@ impl BackgroundForm {
 impl Surroundings {
     fn background(&self, image: u32) -> Result<Background, String> {
         let (horizon, up) = (self.horizon, self.up);
+        // Exactly one group of keys may be given
         let has_gradient = horizon.is_some() || up.is_some() || self.down.is_some();
         let has_knobs = self.turn.is_some() || self.scale.is_some() || self.samples.is_some();
         match (&self.environment, horizon, up) {
@@ -478,6 +488,7 @@ mod tests {
             } => half_u.cross(half_v),
             other => panic!("{other:?}"),
         };
+        // A disk emits toward the point it is aimed at
         let disk = front("kind = 'disk'\nposition = [0, 4, 0]\nat = [0, 1, 0]\nradius = 2");
         assert!(
             (disk - 4.0 * glam::DVec3::NEG_Y).length() < 8.0 * f64::EPSILON,
@@ -495,6 +506,7 @@ mod tests {
             b: BackgroundForm,
         }
         let background = |text: &str| from_text::<File>(text).unwrap().b.background(7);
+        // An environment map with its keys
         let map = background("b = { environment = 'sky.hdr', turn = 180, scale = 2 }").unwrap();
         assert_eq!(
             map,

@@ -1,4 +1,4 @@
-//! Materials: one form for the three lighting models; keys that a model does not have are refused.
+//! Materials of scene files: one serde type for the three surface models; keys that a model does not have are rejected.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -11,59 +11,63 @@ use crate::scene::{
     AlphaMode, Lecture, MAX_ROUGH_RAYS, Material, MaterialInput, MetallicRoughness, Model, UvTransform,
 };
 
-/// What surfaces are made of. Every parameter that may have a texture is a value, or
-/// `{ texture = "NAME", value = ... }`, which multiplies the two.
+/// Description of a surface. Every parameter that may have a texture is a value, or `{ texture = "NAME", value = ...
+/// }`, which multiplies the two.
 #[derive(Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct MaterialForm {
-    /// How it answers light: the lecture's equation, glTF's metallic-roughness, or unlit.
+    /// Surface model: the illumination model of Phong and Whitted (`lecture`), glTF's metallic-roughness, or unlit.
     #[serde(default)]
     model: ModelName,
-    /// A metal of known reflectance: sets the colour of the reflection and what makes it a mirror; stated keys win.
+    /// A metal of known reflectance: sets the colour of the reflection and makes the surface a mirror; other keys
+    /// override it.
     metal: Option<Metal>,
-    /// A medium of known index: makes the surface clear and smooth; stated keys win.
+    /// A medium of known index of refraction: makes the surface clear and smooth; other keys override it.
     pub(super) glass: Option<Glass>,
-    /// Colour of the diffuse and ambient light of either model, of a metal, and of what is let through; and coverage.
+    /// Colour of the diffuse and ambient light of either model, of the reflection of a metal, and of transmitted light;
+    /// and coverage.
     base_color: Option<Param<Rgba>>,
     /// Emitted radiance; may exceed 1.
     emission: Option<Param<Color>>,
-    /// What the coverage of the base colour means.
+    /// Interpretation of the coverage of the base colour.
     #[serde(default)]
     alpha: AlphaName,
-    /// Coverage from which a surface with `alpha = "mask"` is there.
+    /// Coverage from which a surface with `alpha = "mask"` exists.
     #[schemars(extend("default" = ALPHA_CUTOFF))]
     alpha_cutoff: Option<f32>,
-    /// The lecture's ra.
+    /// Ambient coefficient ra of the model `lecture`.
     ambient: Option<Color>,
-    /// The lecture's rd.
+    /// Diffuse coefficient rd of the model `lecture`.
     diffuse: Option<Color>,
-    /// The lecture's rsp; else the strength of a dielectric's reflection, one number.
+    /// Specular coefficient rsp of the model `lecture`; with metallic-roughness the strength of a dielectric's
+    /// reflection, one number.
     specular: Option<Param<Color>>,
-    /// The lecture's f, the exponent of the highlight.
+    /// Exponent f of the highlight of the model `lecture`.
     exponent: Option<f32>,
-    /// The lecture's kr, the share of the reflected ray.
+    /// Coefficient kr of the reflected ray in the model `lecture`.
     reflection: Option<Param<Color>>,
-    /// The lecture's kt, the share of the transmitted ray; else how much of what is not reflected goes through, one
-    /// number.
+    /// Coefficient kt of the transmitted ray in the model `lecture`; with metallic-roughness the fraction of the light
+    /// that is not reflected which is transmitted, one number.
     transmission: Option<Param<Color>>,
-    /// Whether Fresnel's equations divide the light between the lecture's two rays.
+    /// Division of the light between the reflected and the transmitted ray of the model `lecture` by Fresnel's
+    /// equations.
     fresnel: Option<bool>,
-    /// 0 dielectric, 1 metal.
+    /// Metalness: 0 for a dielectric, 1 for a metal.
     #[schemars(extend("default" = METALLIC))]
     metallic: Option<Param<f32>>,
-    /// 0 a mirror, 1 chalk.
+    /// Roughness: 0 for a mirror, 1 for chalk.
     #[schemars(extend("default" = ROUGHNESS))]
     roughness: Option<Param<f32>>,
-    /// Rays that each camera ray sends into the lobe of a rough surface, 0 to 256, for blurred reflections and frosted
-    /// glass; other rays send one. With 0 a surface up to a roughness of 0.1 is a mirror, a rougher one reflects only
+    /// Rays that each camera ray spawns into the lobe of a rough surface, 0 to 256, for blurred reflections and frosted
+    /// glass; other rays spawn one. With 0 a surface up to a roughness of 0.1 is a mirror, a rougher one reflects only
     /// lights, and any refracts sharply.
     #[schemars(extend("default" = 0))]
     rough_rays: Option<u32>,
-    /// glTF's packing in one texture: roughness in green, metalness in blue.
+    /// Roughness in green and metalness in blue of one texture, as glTF packs them.
     metallic_roughness: Option<Textured<NoValue>>,
     /// Colour of a dielectric's reflection.
     specular_color: Option<Param<Color>>,
-    /// How much of the ambient light arrives, in red.
+    /// Fraction of the ambient light that arrives, in red.
     occlusion: Option<Textured<NoValue>>,
     /// A normal map, in tangent space.
     normal: Option<Textured<NoValue>>,
@@ -71,30 +75,30 @@ pub(super) struct MaterialForm {
     bump: Option<Textured<NoValue>>,
     /// Index of refraction at the d line.
     pub(super) ior: Option<f64>,
-    /// Speed of light inside as a fraction of that in vacuum, as the lecture has it.
+    /// Speed of light in the medium as a fraction of that in vacuum; an alternative to `ior`.
     pub(super) speed: Option<f64>,
-    /// Abbe number, which with `ior` or `speed` says how colours spread.
+    /// Abbe number, which with `ior` or `speed` determines the dispersion.
     pub(super) abbe: Option<f64>,
     /// Index of refraction by Sellmeier's equation.
     pub(super) sellmeier: Option<SellmeierForm>,
     /// Index of refraction by Cauchy's equation.
     pub(super) cauchy: Option<CauchyForm>,
-    /// What a metre swallows: coefficients of Beer and Lambert's law.
+    /// Absorption coefficients per metre, by Beer and Lambert's law.
     pub(super) absorption: Option<Color>,
-    /// What white light has become after `attenuation_distance`.
+    /// Colour of white light after `attenuation_distance`.
     pub(super) attenuation_color: Option<Color>,
-    /// Metres after which white light is `attenuation_color`.
+    /// Distance in metres after which white light has the colour `attenuation_color`.
     pub(super) attenuation_distance: Option<f64>,
-    /// Where bodies overlap, the one of the highest priority is there.
+    /// Priority of the medium: where interiors overlap, that of the highest priority is effective.
     pub(super) priority: Option<i32>,
-    /// Whether the surface is a wall without an inside.
+    /// Treatment of the surface as a wall without an interior.
     pub(super) thin: Option<bool>,
-    /// Diffuse light that enters, is scattered within and leaves elsewhere, as in milk, marble and wax; the base colour
-    /// tints it.
+    /// Subsurface scattering: diffuse light that enters, is scattered inside and leaves elsewhere, as in milk, marble
+    /// and wax; the base colour tints it.
     pub(super) subsurface: Option<At<SubsurfaceForm>>,
-    /// Of a thin sheet such as a leaf, how much of the diffuse light leaves on the other side, 0 to 1.
+    /// Fraction of the diffuse light that leaves on the other side of a thin surface such as a leaf, 0 to 1.
     pub(super) translucency: Option<At<f32>>,
-    /// In what colour; the base colour if it is not said.
+    /// Colour of the light that leaves on the other side; the base colour if absent.
     pub(super) translucency_color: Option<At<Color>>,
 }
 
@@ -125,15 +129,15 @@ enum Metal {
     Aluminium,
 }
 
-/// Metalness where a file does not say it: a person who names a colour means paint.
+/// Default metalness: an author who gives a colour usually means paint.
 const METALLIC: f32 = 0.0;
-/// Roughness where a file does not say it: chalk.
+/// Default roughness, that of chalk.
 const ROUGHNESS: f32 = 1.0;
-/// Where a mask begins if a file does not say it; glTF's.
+/// Default threshold of a mask; glTF's.
 const ALPHA_CUTOFF: f32 = 0.5;
 
 impl Metal {
-    /// What it reflects at normal incidence in air.
+    /// Returns the reflectance at normal incidence in air, linear RGB.
     fn reflectance(self) -> [f32; 3] {
         let metal = match self {
             Metal::Gold => Conductor::GOLD,
@@ -145,7 +149,7 @@ impl Metal {
     }
 }
 
-/// A texture that a material puts on a parameter, by the texture's name.
+/// A texture on a material input, by the texture's name.
 pub(super) struct LayerForm<'f> {
     pub(super) parameter: MaterialInput,
     pub(super) texture: &'f super::value::At<String>,
@@ -155,12 +159,13 @@ pub(super) struct LayerForm<'f> {
 }
 
 impl MaterialForm {
-    /// The material without its layers.
+    /// Returns the material without its textures.
     pub(super) fn material(&self, name: &str) -> Result<Material, String> {
         self.check_keys()?;
         if self.metal.is_some() && self.glass.is_some() {
             return Err("is both a `metal` and a `glass`: give one".into());
         }
+        // Choose the model; a metal gives its colour to the base colour
         let model = match self.model {
             ModelName::MetallicRoughness => Model::MetallicRoughness(self.metallic_roughness()?),
             ModelName::Lecture => Model::Lecture(self.lecture()),
@@ -173,6 +178,7 @@ impl MaterialForm {
             }
             _ => [1.0; 4],
         };
+        // Fill in the inputs, then the interior, which depends on the transmission
         let mut material = Material {
             name: name.to_owned(),
             model,
@@ -196,7 +202,7 @@ impl MaterialForm {
 
     fn lecture(&self) -> Lecture {
         let plain = Lecture::DEFAULT;
-        // What a preset leaves to the body's own colour: nothing.
+        // Presets for metals and glasses have no ambient and diffuse light of their own
         let preset = match (self.metal, self.glass) {
             (Some(metal), _) => Lecture {
                 ambient: [0.0; 3],
@@ -214,6 +220,7 @@ impl MaterialForm {
             },
             (None, None) => plain,
         };
+        // Given keys override the preset
         let color = |param: &Option<Param<Color>>, usual| param.as_ref().map_or(usual, |p| p.value().0);
         Lecture {
             ambient: self.ambient.map_or(preset.ambient, |c| c.0),
@@ -234,13 +241,14 @@ impl MaterialForm {
                 format!("its `{key}` is a colour, but metallic-roughness has a number there: give one")
             }),
         };
-        // A map that packs both needs factors of 1 to show.
+        // A texture of both needs factors of 1 to have an effect.
         let (metallic, roughness) = match (&self.metallic_roughness, self.metal, self.glass) {
             (Some(_), ..) => (1.0, 1.0),
             (None, Some(_), _) => (1.0, 0.0),
             (None, None, Some(_)) => (0.0, 0.0),
             (None, None, None) => (METALLIC, ROUGHNESS),
         };
+        // Glass transmits all light that it does not reflect
         let clear = if self.glass.is_some() {
             1.0
         } else {
@@ -268,9 +276,10 @@ impl MaterialForm {
         }
     }
 
-    /// Refuses keys that the model does not have.
+    /// Rejects keys that the model does not have.
     fn check_keys(&self) -> Result<(), String> {
         use ModelName::{Lecture, MetallicRoughness};
+        // List each key with the models that have it
         let keys: [(bool, &str, &[ModelName]); 15] = [
             (self.ambient.is_some(), "ambient", &[Lecture]),
             (self.diffuse.is_some(), "diffuse", &[Lecture]),
@@ -319,8 +328,9 @@ impl MaterialForm {
         Ok(())
     }
 
-    /// Its textures.
+    /// Returns the textures of all material inputs.
     pub(super) fn layers(&self) -> Vec<LayerForm<'_>> {
+        // `specular` is a colour in one model and a strength in the other
         let specular = match self.model {
             ModelName::Lecture => MaterialInput::SpecularColor,
             _ => MaterialInput::Specular,
@@ -357,6 +367,7 @@ fn of_map(map: &Option<Textured<NoValue>>, parameter: MaterialInput) -> Option<L
 }
 
 fn layer<T>(textured: &Textured<T>, parameter: MaterialInput) -> LayerForm<'_> {
+    // Scale first, then rotate, then add the offset
     let [scale_u, scale_v] = textured.scale.map_or([1.0; 2], |scale| scale.0.map(|s| s as f32));
     let (sin, cos) = textured.rotate.to_radians().sin_cos();
     LayerForm {
@@ -402,12 +413,14 @@ mod tests {
 
     #[test]
     fn presets_yield_to_what_is_stated() {
+        // A metal is smooth unless it has a roughness
         let gold = material("metal = 'gold'\nroughness = 0.3").unwrap();
         let Model::MetallicRoughness(model) = gold.model else {
             unreachable!()
         };
         assert_eq!((model.metallic, model.roughness), (1.0, 0.3));
         assert!(gold.base_color[0] > gold.base_color[2]);
+        // A glass reflects and transmits everything unless it has coefficients
         let water = material("model = 'lecture'\nglass = 'water'\nreflection = 0.5").unwrap();
         let Model::Lecture(lecture) = water.model else {
             unreachable!()

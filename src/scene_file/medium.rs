@@ -1,4 +1,4 @@
-//! What is inside a material: its index of refraction in any of the usual ways, and what it swallows.
+//! Media of scene files: the index of refraction in any of the usual forms, and absorption.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -8,30 +8,30 @@ use crate::scene::{DEFAULT_IOR, Interior};
 
 use super::material::MaterialForm;
 
-/// Media whose indices of refraction are known by wavelength.
+/// Media with a known index of refraction, most of them by wavelength.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Glass {
-    /// Borosilicate crown glass.
+    /// Schott's borosilicate crown glass N-BK7.
     Bk7,
-    /// Dense flint glass.
+    /// Schott's dense flint glass N-SF10.
     NSf10,
-    /// Denser flint glass.
+    /// Schott's denser flint glass N-SF11.
     NSf11,
-    /// Fused silica.
+    /// Fused silica at 20 °C.
     FusedSilica,
     /// Water at 20 °C.
     Water,
     /// Ice, of constant index.
     Ice,
-    /// Diamond.
+    /// Diamond, of high dispersion.
     Diamond,
 }
 
-/// Ice at -7 °C at the d line (Warren and Brandt, J. Geophys. Res. 113, 2008).
+/// Index of refraction of ice at -7 °C at the d line (Warren and Brandt, J. Geophys. Res. 113, 2008).
 const ICE_IOR: f64 = 1.31;
 
-/// Sellmeier's coefficients.
+/// Coefficients of Sellmeier's equation.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SellmeierForm {
@@ -41,13 +41,13 @@ pub(super) struct SellmeierForm {
     c: Vec<f64>,
 }
 
-/// Cauchy's coefficients: n = a + b / λ².
+/// Coefficients of Cauchy's equation, n = a + b / λ².
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CauchyForm {
-    /// The index for very long waves.
+    /// Coefficient a, the index of refraction for very long waves.
     a: f64,
-    /// In square micrometres.
+    /// Coefficient b in square micrometres.
     b: f64,
 }
 
@@ -75,6 +75,7 @@ impl SellmeierForm {
         if count != self.c.len() || !(1..=b.len()).contains(&count) {
             return Err("Sellmeier's equation has 1 to 4 terms: give as many `b` as `c`".into());
         }
+        // Absent terms have a strength of 0
         b[..count].copy_from_slice(&self.b);
         c[..count].copy_from_slice(&self.c);
         Ok(Sellmeier { b, c })
@@ -82,8 +83,9 @@ impl SellmeierForm {
 }
 
 impl MaterialForm {
-    /// What is inside, if a key says anything of it or light gets there.
+    /// Returns the interior, if a key describes it or light enters it.
     pub(super) fn interior(&self, light_enters: bool) -> Result<Option<Interior>, String> {
+        // Keys that describe an interior even if no light enters it
         let says_more = self.priority.is_some()
             || self.thin.is_some()
             || self.absorption.is_some()
@@ -102,6 +104,7 @@ impl MaterialForm {
     }
 
     fn dispersion(&self) -> Result<Option<Dispersion>, String> {
+        // Reject two indices of refraction
         let ways = [
             (self.glass.is_some(), "glass"),
             (self.ior.is_some(), "ior"),
@@ -114,11 +117,13 @@ impl MaterialForm {
             .filter(|(given, _)| *given)
             .map(|(_, key)| *key)
             .collect();
+        // Two ways to give the index would contradict each other
         if let [first, second, ..] = given[..] {
             return Err(format!(
                 "has both `{first}` and `{second}`: give one index of refraction"
             ));
         }
+        // Find a constant index, if one is given
         let plain = match (self.ior, self.speed) {
             (Some(ior), _) => Some(ior),
             (None, Some(speed)) if speed > 0.0 && speed <= 1.0 => Some(ior_from_speed(speed)),
@@ -129,6 +134,7 @@ impl MaterialForm {
             }
             (None, None) => None,
         };
+        // Add dispersion by the Abbe number
         match (plain, self.abbe) {
             (Some(ior), None) => return Ok(Some(Dispersion::Constant(ior))),
             (Some(ior), Some(abbe)) if abbe > 0.0 => {
@@ -142,6 +148,7 @@ impl MaterialForm {
             (None, Some(_)) => return Err("has `abbe` without `ior` or `speed`: add one of them".into()),
             (None, None) => {}
         }
+        // Otherwise use an equation or a named medium
         if let Some(cauchy) = self.cauchy {
             let (a, b) = (cauchy.a, cauchy.b * SQUARE_NANOMETRES);
             return Ok(Some(Dispersion::Cauchy(Cauchy { a, b })));

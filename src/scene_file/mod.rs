@@ -1,6 +1,6 @@
-//! Scene files: TOML that a person writes, read through serde.
+//! Scene files: TOML for authoring by hand, read through serde.
 //!
-//! A file is a list of objects and what they refer to by name:
+//! A file is a list of objects and the resources that they refer to by name:
 //!
 //! ```toml
 //! ambient = 0.1                                   # top-level values stand before all tables
@@ -47,22 +47,23 @@
 //! * **World.** Right-handed, +y up, metres. Colours are linear RGB as a grey number, `[r, g, b]`, or `"#rrggbb"` by
 //!   the sRGB curve. Angles are degrees.
 //! * **Transforms** are applied to the object in the order written: above, the ball is first stretched, then moved.
-//! * **The lecture's camera** is `eye`, `i`, `j`, `k`, `near` and `window = [2w, 2h]`, the window's full size.
+//! * **Cameras** by an explicit frame instead of a look-at have `eye`, `i`, `j`, `k`, `near` and `window = [2w, 2h]`,
+//!   the window's full size.
 //! * **Objects** have exactly one of `shape` (a word, `[shape.NAME]`, or `{ KIND = { ... } }` in place), `group`
 //!   (`[[group.NAME.object]]`, which may hold groups), `gltf` and `include` (files, looked up beside the file that
 //!   names them; names in an include are its own). A `material` goes to every member that has none; it replaces a glTF
 //!   file's.
-//! * **Lamps**: `lamp = true`, or a number of samples, makes what shines of an object light the scene; it goes down to
-//!   the members of a group and of a file, and stays with them wherever these are included.
+//! * **Emissive objects**: `lamp = true`, or a number of samples, makes an object's emission light the scene; it
+//!   applies to the members of a group and of a file, and stays with them wherever these are included.
 //! * **Volumes** (`[[volume]]`) fill the cube [-1, 1]³, which a `transform` places, with the numbers of a `file` (.npy,
 //!   .nrrd), of `raw = { file = "a.raw", size = [64, 64, 32], type = "u8" }`, or of a `cloud = { shape = "plume" }`;
-//!   `transfer = [{ value = 0, extinction = 0 }, { value = 1, extinction = 9, color = 0.8, emission = 0 }]` says what
-//!   the numbers mean. `[fog]` has an `extinction` and a `color`, and is everywhere; that of an include is left out.
+//!   `transfer = [{ value = 0, extinction = 0 }, { value = 1, extinction = 9, color = 0.8, emission = 0 }]` is the
+//!   transfer function. `[fog]` has an `extinction` and a `color`, and fills all space; that of an include is ignored.
 //! * **Copies**: `repeat = { count = [10, 1, 10], step = [2, 0, 2], jitter = 0.3, seed = 7 }` or
-//!   `scatter = { count = 99, min = [...], max = [...] }`, each with random `turn` and `scale`, happen after the object's
-//!   own transforms.
+//!   `scatter = { count = 99, min = [...], max = [...] }`, each with random `turn` and `scale`, apply after the
+//!   object's own transforms.
 //!
-//! Names are looked up, files read and checks made ([`assembly`]) before anything is flattened ([`flatten`]). Every
+//! Names are resolved, files read and checks made ([`assembly`]) before anything is flattened ([`flatten`]). Every
 //! message names the file, the line, the item and a remedy.
 
 mod appearance;
@@ -102,33 +103,33 @@ pub use edit::Edit;
 pub use fault::SceneFileError;
 pub use schema::json_schema;
 
-/// A scene file, understood.
+/// A loaded scene file with everything it includes.
 #[derive(Clone, Debug)]
 pub struct SceneFile {
-    /// What is to be rendered; [`Scene::validate`] accepts it.
+    /// Scene to render; [`Scene::validate`] accepts it.
     pub scene: Scene,
-    /// How, where the command line does not say it.
+    /// Image settings, which the command line overrides.
     pub output: Output,
-    /// How many groups were flattened.
+    /// Number of groups that were flattened.
     pub group_count: usize,
-    /// How many other scene files were included.
+    /// Number of other scene files that were included.
     pub include_count: usize,
-    /// How many glTF files were included.
+    /// Number of glTF files that were included.
     pub gltf_count: usize,
 }
 
-/// What a scene file says of the picture.
+/// Image settings of a scene file; `None` where the file has no key.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Output {
     /// Width and height in pixels, 1 or more each.
     pub size: Option<[u32; 2]>,
-    /// Samples a pixel, 1 to [`MAX_SPP`].
+    /// Samples per pixel, 1 to [`MAX_SPP`].
     pub spp: Option<u32>,
-    /// How they lie in a pixel.
+    /// Pattern of the samples in a pixel.
     pub pattern: Option<Pattern>,
-    /// How they become a pixel.
+    /// Filter that weights samples into pixels.
     pub filter: Option<FilterKind>,
-    /// Radius of that filter in pixels, which is no box.
+    /// Radius of the filter in pixels; only with a filter that is not a box.
     pub filter_radius: Option<f64>,
     /// Generations of secondary rays, up to [`MAX_DEPTH`].
     pub depth: Option<u32>,
@@ -139,13 +140,15 @@ pub struct Output {
 }
 
 impl Output {
-    /// What this says, and `other` where it says nothing. A radius goes with its filter.
+    /// Returns these settings, with those of `other` where they are absent. A radius is only taken along with its
+    /// filter.
     pub fn or(self, other: &Output) -> Output {
         Output {
             size: self.size.or(other.size),
             spp: self.spp.or(other.spp),
             pattern: self.pattern.or(other.pattern),
             filter: self.filter.or(other.filter),
+            // A radius of another filter would be wrong
             filter_radius: match self.filter {
                 Some(_) => self.filter_radius,
                 None => self.filter_radius.or(other.filter_radius),
@@ -160,23 +163,24 @@ impl Output {
 /// Loads a scene file and everything it includes as a normalised scene that [`Scene::validate`] accepts.
 ///
 /// # Errors
-/// A file that cannot be read, is not TOML, has keys that are not known, refers to what is not there, contains itself,
-/// or says what makes no sense.
+/// A file that cannot be read, is not TOML, has unknown keys, refers to something that does not exist, includes itself,
+/// or has invalid values.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<SceneFile, SceneFileError> {
     load_edited(path, &[], options)
 }
 
-/// Loads a scene file after changes of what it says.
+/// Loads a scene file after edits of its keys.
 ///
 /// # Errors
-/// Those of [`load`], and changes of what is not there. Where there are changes, lines are those of nothing that anybody
-/// wrote, and are not told.
+/// Errors of [`load`], and edits of keys that do not exist. With edits, errors in the edited file have no line number,
+/// as its text is generated.
 pub fn load_edited(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<SceneFile, SceneFileError> {
     let loaded = load_with(path, edits, options);
     loaded.map_err(|error| match error {
         SceneFileError::Item {
             file, item, fault, ..
         } if !edits.is_empty() && file == path => {
+            // Name the edits instead of the line
             let changes: Vec<String> = edits.iter().map(Edit::to_string).collect();
             SceneFileError::File {
                 file,
@@ -188,14 +192,17 @@ pub fn load_edited(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result
 }
 
 fn load_with(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<SceneFile, SceneFileError> {
+    // Resolve the file and everything that it refers to
     let key = path
         .canonicalize()
         .map_err(|e| file_error(path, format!("cannot be read ({e}): check the path")))?;
     let mut assembler = Assembler::new(options, edits);
     let (assembly, document, source) = assembler.opened(path, key)?;
+    // Objects and volumes both count
     if assembly.count == 0 {
         return Err(file_error(path, "holds nothing to render: add an [[object]]"));
     }
+    // Read the image settings, the background and the fog
     let output = output(document.output.as_ref(), &source)?;
     let default_material = assembler.default_material();
     let [include_count, gltf_count] = assembler.file_counts();
@@ -203,11 +210,13 @@ fn load_with(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<Scene
     let surroundings = assembler.surroundings(&source, path, &document)?;
     let mut scene = assembler.scene;
     surround(&mut scene, &document, (surroundings, path), &source)?;
+    // Flatten the objects into instances
     flatten::flatten(&mut scene, &assembly, default_material)?;
     if scene.instances.iter().all(|i| i.material != default_material) {
-        // It is the last one, so no index changes.
+        // The default material is unused and the last one, so removing it changes no index.
         scene.materials.pop();
     }
+    // Normalise, bake and validate
     let scene = flatten::finish(scene, path)?;
     Ok(SceneFile {
         scene,
@@ -218,7 +227,7 @@ fn load_with(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<Scene
     })
 }
 
-/// Sets what comes from all around and what fills the air; an environment map is image number `image`.
+/// Sets the ambient light, the background and the fog; an environment map is the scene's image `image`.
 fn surround(
     scene: &mut Scene,
     document: &Document,
@@ -246,6 +255,7 @@ fn output(form: Option<&At<OutputForm>>, source: &Source) -> Result<Output, Scen
         return Ok(Output::default());
     };
     let refuse = |sentence: String| Err(source.error(form.fault(sentence)));
+    // Check the size and the numbers of samples, generations, stops and wavelengths
     if let Some([width, height]) = form.size {
         let pixels = u64::from(width) * u64::from(height);
         if !(1..=MAX_PIXELS).contains(&pixels) {
@@ -268,6 +278,7 @@ fn output(form: Option<&At<OutputForm>>, source: &Source) -> Result<Output, Scen
             "its number of wavelengths is {count}: give 1 to {MAX_WAVELENGTHS}"
         ));
     }
+    // Check the filter's radius
     if let Some(radius) = form.filter_radius {
         if !(MIN_FILTER_RADIUS..=MAX_FILTER_RADIUS).contains(&radius) {
             return refuse(format!(

@@ -1,9 +1,9 @@
-//! The tree of a TOML text, as serde reads forms from it.
+//! A serde deserializer over the tree of a TOML text.
 //!
 //! The `toml` crate has deserializers of different types for documents, values, tables, lists, dates and spans, and
-//! every form is compiled anew for each of them. Here is one type for all, over the tree that `toml` parses. What is
-//! accepted, the messages and their places are those of `toml`: an error that has no place takes that of the innermost
-//! value or key around it.
+//! every serde type is compiled anew for each of them. This module has one type for all, over the tree that `toml`
+//! parses. The accepted input, the messages and their positions are those of `toml`: an error without a position takes
+//! that of the innermost value or key around it.
 
 use std::fmt;
 use std::ops::Range;
@@ -17,13 +17,13 @@ use toml::Spanned;
 use toml::de::{DeFloat, DeInteger, DeString, DeTable, DeValue};
 use toml::value::Datetime;
 
-/// The name of a newtype struct that asks for a value with its place: a map, which [`read_place`] begins to read.
+/// Name of a newtype struct that requests a value with its span: a map, of which [`read_place`] reads the first key.
 pub(super) const PLACED: &str = "$whit::Placed";
 
-/// The one key of the map that a date is to serde; `toml::Value` knows a date by it.
+/// Name of the only key of the map that serde sees for a date; `toml::Value` recognises dates by it.
 const DATE_KEY: &str = "$__toml_private_datetime";
 
-/// Reads a form from a TOML text.
+/// Reads a `T` from a TOML text.
 pub(crate) fn from_text<T: DeserializeOwned>(text: &str) -> Result<T, TomlError> {
     let root = DeTable::parse(text)?;
     let span = root.span();
@@ -31,7 +31,7 @@ pub(crate) fn from_text<T: DeserializeOwned>(text: &str) -> Result<T, TomlError>
     T::deserialize(Node::Value(&root))
 }
 
-/// Why a TOML text could not be read, by the parser or by a form.
+/// Reason why a TOML text could not be read, reported by the parser or by a serde type.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub(crate) struct TomlError {
@@ -40,12 +40,12 @@ pub(crate) struct TomlError {
 }
 
 impl TomlError {
-    /// The words of the parser or of serde.
+    /// Returns the message of the parser or of serde.
     pub(crate) fn message(&self) -> &str {
         &self.message
     }
 
-    /// The bytes of the text that are wrong.
+    /// Returns the span of the faulty text in bytes.
     pub(crate) fn span(&self) -> Option<Range<usize>> {
         self.span.clone()
     }
@@ -76,7 +76,7 @@ impl de::Error for TomlError {
     }
 }
 
-/// A result whose error lies at `span` unless it has a place.
+/// Returns `result`, its error with the span `span` unless it has one already.
 fn placed<T>(result: Result<T, TomlError>, span: Option<Range<usize>>) -> Result<T, TomlError> {
     match result {
         Err(TomlError { message, span: None }) => Err(TomlError { message, span }),
@@ -84,23 +84,23 @@ fn placed<T>(result: Result<T, TomlError>, span: Option<Range<usize>>) -> Result
     }
 }
 
-/// A value of the tree, or a string that stands in none.
+/// A value of the tree, or a string that is not a value of its own.
 #[derive(Clone, Copy, Debug)]
 enum Node<'n> {
     Value(&'n Spanned<DeValue<'n>>),
-    /// The key of a table.
+    /// A string that is the key of a table.
     Key(&'n str),
-    /// The value of a date's one key: its text.
+    /// The text of a date, as the value of the date's only key.
     Date(&'n Datetime),
 }
 
-/// What serde is given of a [`Node`].
+/// Content of a [`Node`], as it is passed to a serde visitor.
 enum Content<'n> {
     Text(&'n str),
     Date(&'n Datetime),
     Integer(i64),
     Natural(u64),
-    /// An integer that no form takes, in serde's words.
+    /// An integer that is too wide for every serde type here, in serde's words.
     Wide(String),
     Float(f64),
     Boolean(bool),
@@ -126,7 +126,7 @@ impl<'n> Node<'n> {
         }
     }
 
-    /// Where it is, unless it is a string that stands in no value.
+    /// Returns the span of a value; `None` for a string that is not a value of its own.
     fn span(self) -> Option<Range<usize>> {
         match self {
             Node::Value(value) => Some(value.span()),
@@ -134,17 +134,19 @@ impl<'n> Node<'n> {
         }
     }
 
-    /// The variant that a string or a table with one key names.
+    /// Returns the enum variant that a string, or a table with one key, names.
     fn variant(self) -> Result<Variant<'n>, TomlError> {
         let value = match self {
             Node::Value(value) => value,
             Node::Key(name) => return Ok(Variant::of_word(name)),
             Node::Date(_) => return Err(de::Error::custom("wanted string or table")),
         };
+        // A string is a variant without content, a table with one key a variant with it
         let fault = |message| Err(TomlError::new(message, value.span()));
         match value.get_ref() {
             DeValue::String(name) => Ok(Variant::of_word(name)),
             DeValue::Table(table) => {
+                // A table names a variant only if it has exactly one key
                 let mut entries = table.iter();
                 match (entries.next(), entries.next()) {
                     (None, _) => fault("wanted exactly 1 element, found 0 elements"),
@@ -161,9 +163,10 @@ impl<'n> Node<'n> {
     }
 }
 
-/// An integer of the widest types that forms take.
+/// Parses an integer as the first of i64, u64, i128 and u128 that holds it.
 fn integer<'n>(number: &DeInteger) -> Result<Content<'n>, TomlError> {
     let (digits, radix) = (number.as_str(), number.radix());
+    // The order is that of the `toml` crate, whose messages depend on it
     if let Ok(number) = i64::from_str_radix(digits, radix) {
         Ok(Content::Integer(number))
     } else if let Ok(number) = u64::from_str_radix(digits, radix) {
@@ -177,7 +180,7 @@ fn integer<'n>(number: &DeInteger) -> Result<Content<'n>, TomlError> {
     }
 }
 
-/// A number that is infinite only where it is written so.
+/// Parses a float, which may be infinite only if it is written so.
 fn float(number: &DeFloat) -> Result<f64, TomlError> {
     let text = number.as_str();
     let number = text.parse().ok();
@@ -244,7 +247,7 @@ impl<'n> Deserializer<'n> for Node<'n> {
     }
 }
 
-/// The rest of a list.
+/// Remaining elements of a list.
 struct Elements<'n>(slice::Iter<'n, Spanned<DeValue<'n>>>);
 
 impl<'n> SeqAccess<'n> for Elements<'n> {
@@ -262,10 +265,10 @@ impl<'n> SeqAccess<'n> for Elements<'n> {
     }
 }
 
-/// The rest of a table, or of a date.
+/// Remaining entries of a table, or of a date.
 struct Entries<'n> {
     rest: Rest<'n>,
-    /// The value of the key that was given last.
+    /// Value of the key that was returned last.
     value: Option<Node<'n>>,
 }
 
@@ -289,7 +292,7 @@ impl<'n> Entries<'n> {
         }
     }
 
-    /// The next key and where it is; keeps its value.
+    /// Returns the next key and its span; stores its value.
     fn next(&mut self) -> Option<(&'n str, Option<Range<usize>>)> {
         match &mut self.rest {
             Rest::Table(entries) => {
@@ -330,7 +333,7 @@ impl<'n> MapAccess<'n> for Entries<'n> {
     }
 }
 
-/// A value with its place, as a map: the key is where it begins and ends, packed into one number.
+/// A value with its span, as a map: its key is the start and the end of the span, packed into one integer.
 struct Placed<'n>(&'n Spanned<DeValue<'n>>);
 
 impl<'n> MapAccess<'n> for Placed<'n> {
@@ -338,24 +341,25 @@ impl<'n> MapAccess<'n> for Placed<'n> {
 
     fn next_key_seed<K: DeserializeSeed<'n>>(&mut self, seed: K) -> Result<Option<K::Value>, TomlError> {
         let Range { start, end } = self.0.span();
+        // Start in the high half, end in the low one
         let packed = (start as u128) << u64::BITS | end as u128;
         seed.deserialize(packed.into_deserializer()).map(Some)
     }
 
     fn next_value_seed<V: DeserializeSeed<'n>>(&mut self, seed: V) -> Result<V::Value, TomlError> {
-        // A list that has such an element places its errors, so they are left without a place here.
+        // A list with such an element sets the position of its errors, so they are left without one here.
         seed.deserialize(Node::Value(self.0))
     }
 }
 
-/// Reads the place of the value that a map holds which was asked for by [`PLACED`]; the value comes next.
+/// Reads the span of a value from the map that [`PLACED`] requests; the value comes next.
 pub(super) fn read_place<'de, A: MapAccess<'de>>(map: &mut A) -> Result<Range<usize>, A::Error> {
     let packed: Option<u128> = map.next_key()?;
     let packed = packed.ok_or_else(|| de::Error::custom("a value has no place"))?;
     Ok((packed >> u64::BITS) as usize..packed as u64 as usize)
 }
 
-/// A variant by its name, with its content where it is written as a table.
+/// An enum variant by its name, with its content if it is written as a table.
 struct Variant<'n> {
     name: &'n str,
     name_span: Option<Range<usize>>,
@@ -388,7 +392,7 @@ impl<'n> EnumAccess<'n> for Variant<'n> {
 struct VariantContent<'n>(Option<&'n Spanned<DeValue<'n>>>);
 
 impl<'n> VariantContent<'n> {
-    /// The content of a variant that is to have some.
+    /// Returns the content of a variant that requires some.
     fn node(self, wanted: &'static str) -> Result<Node<'n>, TomlError> {
         match self.0 {
             Some(value) => Ok(Node::Value(value)),
@@ -534,7 +538,7 @@ mod tests {
         }
     }
 
-    /// Values with their places, either by [`At`] or by the `toml` crate's own type.
+    /// Values with their spans, either by [`At`] or by the `toml` crate's own type.
     #[derive(Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Places<V> {
@@ -578,6 +582,7 @@ mod tests {
             "table = 1979-05-27",
             "table = [1]",
         ] {
+            // Messages and spans must agree with those of the `toml` crate
             let expected = toml::from_str::<Places<Spanned<Each<2>>>>(text).unwrap_err();
             let error = from_text::<Places<At<Each<2>>>>(text).unwrap_err();
             assert_eq!(error, expected.into(), "{text}");

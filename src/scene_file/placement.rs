@@ -1,6 +1,6 @@
-//! Where things stand: lists of transforms, rows and grids of copies, scattered copies.
+//! Transforms of objects: lists of transform steps, rows and grids of copies, and randomly scattered copies.
 //!
-//! Copies are the same in every run: whatever is random about one comes from a hash of the seed and its number.
+//! Copies are identical in every run: random choices come from a hash of the seed and the copy's number.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 use schemars::JsonSchema;
@@ -9,25 +9,26 @@ use serde::Deserialize;
 use super::value::{Each, Vector};
 use crate::numeric;
 
-/// One step of a placement.
+/// One transform of a list.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Step {
-    /// Moves by a vector.
+    /// A translation by a vector.
     Translate(Vector),
-    /// Turns around the axis [x, y, z] by degrees, counter-clockwise seen against the axis: [x, y, z, degrees].
+    /// A rotation about the axis [x, y, z] by degrees, counter-clockwise seen against the axis: [x, y, z, degrees].
     Rotate([f64; 4]),
-    /// Scales by one number, or one along each axis; negative ones mirror.
+    /// A scale by one number, or one along each axis; negative ones mirror.
     Scale(Each<3>),
-    /// Turns the z axis into this direction, by the shortest way.
+    /// The shortest rotation that turns the z axis into this direction.
     ZTo(Vector),
-    /// Three rows of a 3 x 4 matrix; the fourth column moves.
+    /// Three rows of a 3 x 4 matrix; the fourth column is the translation.
     Matrix([[f64; 4]; 3]),
 }
 
 impl Step {
-    /// Its affine map, which can be inverted.
+    /// Returns the affine map of the step, which is invertible.
     fn map(&self) -> Result<DAffine3, String> {
+        // Compute the map
         let map = match self {
             Step::Translate(by) => DAffine3::from_translation(by.0),
             Step::Rotate([x, y, z, degrees]) => {
@@ -52,6 +53,7 @@ impl Step {
                 }
             }
         };
+        // Reject a map that cannot be inverted
         match numeric::inverse(&map) {
             Ok(_) => Ok(map),
             Err(singular) => Err(format!("{singular}: give a transform that can be undone")),
@@ -59,7 +61,7 @@ impl Step {
     }
 }
 
-/// The map that does all steps, the first one first; or the number of a bad step and what is wrong with it.
+/// Returns the composition of all steps, the first one applied first; or the index of a faulty step and its fault.
 pub(super) fn map_of<'s>(steps: impl Iterator<Item = &'s Step>) -> Result<DAffine3, (usize, String)> {
     let mut map = DAffine3::IDENTITY;
     for (number, step) in steps.enumerate() {
@@ -72,19 +74,19 @@ pub(super) fn map_of<'s>(steps: impl Iterator<Item = &'s Step>) -> Result<DAffin
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Repeat {
-    /// How many along x, y and z; at least 1 each.
+    /// Numbers of copies along x, y and z; at least 1 each.
     count: [u32; 3],
-    /// How far apart along x, y and z. The first copy stands where the object does.
+    /// Distances between copies along x, y and z. The first copy is at the object's own position.
     step: Vector,
-    /// How far each copy may be off at most, at random.
+    /// Largest random offset of each copy.
     #[serde(default = "exact")]
     #[schemars(extend("default" = 0.0))]
     jitter: Each<3>,
-    /// An axis around which each copy is turned by a random angle.
+    /// Axis about which each copy is rotated by a random angle.
     turn: Option<Vector>,
-    /// Least and greatest random scale of a copy.
+    /// Smallest and largest random scale of a copy.
     scale: Option<[f64; 2]>,
-    /// Another number makes other random choices.
+    /// Seed of the random choices.
     #[serde(default)]
     seed: u32,
 }
@@ -93,26 +95,26 @@ fn exact() -> Each<3> {
     Each([0.0; 3])
 }
 
-/// Copies at random places of a box.
+/// Copies at random positions in a box.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Scatter {
-    /// How many; at least 1.
+    /// Number of copies; at least 1.
     count: u32,
-    /// Low corner of the box, seen from where the object stands.
+    /// Low corner of the box, relative to the object's own position.
     min: Vector,
     /// High corner of the box.
     max: Vector,
-    /// An axis around which each copy is turned by a random angle.
+    /// Axis about which each copy is rotated by a random angle.
     turn: Option<Vector>,
-    /// Least and greatest random scale of a copy.
+    /// Smallest and largest random scale of a copy.
     scale: Option<[f64; 2]>,
-    /// Another number makes other random choices.
+    /// Seed of the random choices.
     #[serde(default)]
     seed: u32,
 }
 
-/// Copies of an object: each is scaled and turned, then moved, after the object's own transforms.
+/// Copies of an object: each is scaled and rotated, then moved, after the object's own transforms.
 #[derive(Clone, Debug)]
 pub(super) struct Copies {
     counts: [u32; 3],
@@ -126,6 +128,7 @@ pub(super) struct Copies {
 
 impl Repeat {
     pub(super) fn copies(&self) -> Result<Copies, String> {
+        // Jitter is a box around each position of the grid
         let jitter = DVec3::from(self.jitter.0).abs();
         Copies {
             counts: self.count,
@@ -141,6 +144,7 @@ impl Repeat {
 
 impl Scatter {
     pub(super) fn copies(&self) -> Result<Copies, String> {
+        // The corners must be ordered along every axis
         if !self.min.0.cmple(self.max.0).all() {
             return Err("its `min` is not below its `max`: exchange them".into());
         }
@@ -164,7 +168,7 @@ fn axis(turn: Option<Vector>) -> Result<Option<DVec3>, String> {
     turn.map(unit).transpose()
 }
 
-/// What about a copy is random.
+/// Random choices about a copy.
 #[derive(Clone, Copy)]
 enum Choice {
     X,
@@ -188,18 +192,20 @@ impl Copies {
         Ok(self)
     }
 
-    /// How many there are.
+    /// Returns the number of copies.
     pub(super) fn count(&self) -> u64 {
         self.counts.iter().fold(1, |n, &c| n.saturating_mul(u64::from(c)))
     }
 
-    /// What is done to copy `number` after the object's own transforms.
+    /// Returns the map of copy `number`, which follows the object's own transforms.
     pub(super) fn map(&self, number: u64) -> DAffine3 {
+        // Find the position in the grid and a random offset
         let [nx, ny, _] = self.counts.map(u64::from);
         let place = [number % nx, number / nx % ny, number / nx / ny].map(|i| i as f64);
         let random = |choice: Choice| uniform(self.seed, number, choice);
         let [low, size] = self.random;
         let offset = low + size * DVec3::new(random(Choice::X), random(Choice::Y), random(Choice::Z));
+        // Choose a random rotation and a random scale
         let rotation = self.axis.map_or(DQuat::IDENTITY, |axis| {
             DQuat::from_axis_angle(axis, std::f64::consts::TAU * random(Choice::Turn))
         });
@@ -212,7 +218,8 @@ impl Copies {
     }
 }
 
-/// A number in [0, 1) for one choice about one copy: SplitMix64's finaliser (Steele, Lea and Flood, 2014) over the key.
+/// Returns a number in [0, 1) for one choice about one copy: SplitMix64's finaliser (Steele, Lea and Flood, 2014) over
+/// the key.
 fn uniform(seed: u32, number: u64, choice: Choice) -> f64 {
     const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
     let mix = |z: u64| {
@@ -224,6 +231,7 @@ fn uniform(seed: u32, number: u64, choice: Choice) -> f64 {
     let hash = keys
         .into_iter()
         .fold(0, |h: u64, key| mix(h.wrapping_add(GOLDEN) ^ key));
+    // The top 53 bits fill the significand
     (hash >> 11) as f64 / (1u64 << 53) as f64
 }
 
@@ -244,7 +252,7 @@ mod tests {
 
     #[test]
     fn transforms_are_done_in_the_order_they_are_written() {
-        // (1, 0, 0) doubled is (2, 0, 0), turned (0, 2, 0), moved (5, 2, 0).
+        // (1, 0, 0) doubled is (2, 0, 0), rotated (0, 2, 0), moved (5, 2, 0).
         let map = map("[{ scale = 2 }, { rotate = [0, 0, 1, 90] }, { translate = [5, 0, 0] }]").unwrap();
         let p = map.transform_point3(DVec3::X);
         assert!(
@@ -275,14 +283,17 @@ mod tests {
     #[test]
     fn copies_stand_on_their_grid_and_jitter_by_their_seed() {
         let copies = |text: &str| from_text::<Repeat>(text).unwrap().copies().unwrap();
+        // Without random choices copies are exactly on the grid
         let grid = copies("count = [3, 1, 2]\nstep = [2, 0, 5]");
         assert_eq!(grid.count(), 6);
         assert_eq!(grid.map(5), DAffine3::from_translation(DVec3::new(4.0, 0.0, 5.0)));
         let loose = "count = [3, 1, 2]\nstep = [2, 0, 5]\njitter = 0.5\nturn = [0, 1, 0]\nscale = [0.5, 2]\n";
+        // The seed decides the random choices
         let (one, other) = (copies(loose), copies(&format!("{loose}seed = 1")));
         assert_eq!(one.map(3), copies(loose).map(3));
         assert_ne!(one.map(3), other.map(3));
         for number in 0..6 {
+            // Random choices stay within their limits
             let off = one.map(number).translation - grid.map(number).translation;
             assert!(off.abs().max_element() <= 0.5);
             let scale = one.map(number).matrix3.determinant().cbrt();

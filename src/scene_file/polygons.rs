@@ -1,4 +1,4 @@
-//! Meshes written into a scene file: vertices and convex polygons, which are cut into fans of triangles.
+//! Meshes in a scene file: vertices and convex polygons, which are split into fans of triangles.
 
 use glam::{DVec3, Vec3};
 use schemars::JsonSchema;
@@ -13,23 +13,25 @@ use crate::numeric::Bounds;
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PolygonsForm {
-    /// Its vertices.
+    /// Vertices of the mesh.
     vertices: Vec<Vector>,
-    /// Numbers of vertices from 0, counter-clockwise seen from the front; flat and convex.
+    /// Faces as lists of vertex numbers from 0, counter-clockwise seen from the front; flat and convex.
     faces: Vec<At<Vec<u32>>>,
     /// Texture coordinates, as many as vertices.
     uv: Option<Vec<[f32; 2]>>,
-    /// Whether faces are shaded as one smooth surface.
+    /// Smooth shading over all faces, with normals averaged at the vertices.
     #[serde(default)]
     smooth: bool,
 }
 
-/// How far off its plane a vertex may be, relative to the mesh's extent: what numbers written with six digits are off.
+/// Largest distance of a vertex from its face's plane, relative to the mesh's size: the rounding error of numbers
+/// written with six digits.
 const FLATNESS: f64 = 1.0 / (1 << 20) as f64;
 
 impl PolygonsForm {
     pub(super) fn mesh(&self) -> Result<Mesh, ShapeFault> {
         let count = self.vertices.len();
+        // Check the texture coordinates
         if let Some(uv) = &self.uv
             && (uv.len() != count || !uv.as_flattened().iter().all(|x| x.is_finite()))
         {
@@ -39,6 +41,7 @@ impl PolygonsForm {
             )
             .into());
         }
+        // Triangulate the faces
         let points: Vec<DVec3> = self.vertices.iter().map(|v| v.0).collect();
         let slack = FLATNESS * Bounds::of_points(points.iter().copied()).extent().max_element();
         let mut triangles = Vec::new();
@@ -49,6 +52,7 @@ impl PolygonsForm {
             })?;
             triangles.extend(fan);
         }
+        // Round the vertices, and remove triangles that lose their area
         let positions: Vec<[f32; 3]> = points.iter().map(|p| p.as_vec3().to_array()).collect();
         triangles.retain(|&triangle| has_area(&positions, triangle));
         if triangles.is_empty() {
@@ -64,7 +68,7 @@ impl PolygonsForm {
     }
 }
 
-/// The triangles of a flat convex polygon, all from its first vertex.
+/// Returns the triangles of a flat convex polygon, all from its first vertex.
 fn fan(points: &[DVec3], face: &[u32], slack: f64) -> Result<Vec<[u32; 3]>, String> {
     if let Some(bad) = face.iter().find(|v| **v as usize >= points.len()) {
         return Err(format!(
@@ -76,17 +80,19 @@ fn fan(points: &[DVec3], face: &[u32], slack: f64) -> Result<Vec<[u32; 3]>, Stri
         return Err(format!("has {} vertices: give at least three", face.len()));
     }
     let corner = |i: usize| points[face[i % face.len()] as usize];
-    // Newell's normal, twice the area long.
+    // Newell's normal, twice as long as the area.
     let normal: DVec3 = (1..face.len() - 1)
         .map(|i| (corner(i) - corner(0)).cross(corner(i + 1) - corner(0)))
         .sum();
     let Some(n) = normal.try_normalize() else {
         return Err("has no area: give vertices that are not on one line".into());
     };
+    // Check that all vertices are in the plane
     if (0..face.len()).any(|i| (corner(i) - corner(0)).dot(n).abs() > slack) {
         return Err("is not flat: split it or move its vertices onto one plane".into());
     }
-    // Left turns everywhere, and all the fan's triangles on one side: a dent fails the first, a star the second.
+    // In a convex polygon all corners turn left, and all the fan's triangles are on one side: a dent fails the first
+    // test, a star the second.
     let turns_right = |a: DVec3, b: DVec3| a.cross(b).dot(n) < -slack * (a.length() + b.length());
     let has_dent =
         (0..face.len()).any(|i| turns_right(corner(i + 1) - corner(i), corner(i + 2) - corner(i + 1)));
@@ -99,13 +105,14 @@ fn fan(points: &[DVec3], face: &[u32], slack: f64) -> Result<Vec<[u32; 3]>, Stri
         .collect())
 }
 
-/// Whether a triangle is one after its corners were rounded. Corners on an edge of a polygon give some that are not.
+/// Returns whether a triangle has an area after its corners were rounded. Corners on an edge of a polygon give some
+/// that have none.
 fn has_area(positions: &[[f32; 3]], triangle: [u32; 3]) -> bool {
     let [a, b, c] = triangle.map(|v| Vec3::from(positions[v as usize]).as_dvec3());
     (b - a).cross(c - a) != DVec3::ZERO
 }
 
-/// Normals of the vertices: of the triangles around, by their areas.
+/// Returns the normals of the vertices: the area-weighted means of the triangles around them.
 fn smooth_normals(points: &[DVec3], triangles: &[[u32; 3]]) -> Buffer<[f32; 3]> {
     let mut sums = vec![DVec3::ZERO; points.len()];
     for triangle in triangles {
@@ -114,7 +121,7 @@ fn smooth_normals(points: &[DVec3], triangles: &[[u32; 3]]) -> Buffer<[f32; 3]> 
             sums[v as usize] += (b - a).cross(c - a);
         }
     }
-    // A vertex that belongs to no face, or to opposite ones, has any normal.
+    // A vertex without a face, or of opposite ones, gets an arbitrary normal.
     let normal = |sum: DVec3| sum.try_normalize().unwrap_or(DVec3::Z).as_vec3().to_array();
     Buffer::from(sums.into_iter().map(normal).collect::<Vec<_>>())
 }
@@ -133,6 +140,7 @@ mod tests {
 
     #[test]
     fn a_pentagon_becomes_three_triangles_of_its_area() {
+        // Place the corners on the unit circle
         let corners: Vec<String> = (0..5)
             .map(|i| {
                 let (y, x) = (f64::from(i) * std::f64::consts::TAU / 5.0).sin_cos();
@@ -178,7 +186,7 @@ mod tests {
         let roof =
             mesh("smooth = true\nvertices = [[0,0,0],[1,0,0],[0,1,0],[0,0,1]]\nfaces = [[0,1,2],[0,2,3]]")
                 .unwrap();
-        // Faces toward +z and +x of one size meet at vertex 0.
+        // Faces of equal size toward +z and +x share vertex 0.
         let [x, y, z] = roof.normals.unwrap()[0];
         assert!((x - z).abs() < 1e-6 && y == 0.0 && (x * x + z * z - 1.0).abs() < 1e-6);
     }

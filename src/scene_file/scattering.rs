@@ -1,4 +1,4 @@
-//! Light that is scattered within bodies and in thin sheets, as a material's file writes it.
+//! Subsurface scattering and diffuse transmission in materials of scene files.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -15,19 +15,19 @@ use crate::optics::subsurface::{Scattering, SubsurfacePreset};
 use crate::optics::{Absorption, Dispersion, LINE_D};
 use crate::scene::{DEFAULT_IOR, Interior, Material, Translucency, check_scattering};
 
-/// Length of a millimetre where the file does not say it: a scene is in metres.
+/// Default length of a millimetre in units of the scene: a scene is in metres.
 const MILLIMETRE: f64 = 0.001;
 
-/// What scatters beneath a surface: a preset's name, or a table.
+/// Subsurface scattering: the name of a preset, or a table.
 #[derive(Clone, Debug, Default)]
 pub(super) struct SubsurfaceForm(SubsurfaceTable);
 
-/// One of three ways to say it: a measured material; coefficients; or the colour of a thick body and how deep light
-/// goes.
+/// Subsurface scattering in one of three forms: a measured material; coefficients; or the diffuse reflectance of a
+/// thick medium and the mean free path.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct SubsurfaceTable {
-    /// A measured material, by name.
+    /// Name of a measured material.
     preset: Option<At<String>>,
     /// Length of a millimetre, in which presets are measured, in units of the scene.
     #[schemars(extend("default" = MILLIMETRE))]
@@ -36,9 +36,9 @@ struct SubsurfaceTable {
     scattering: Option<At<Color>>,
     /// Absorption coefficients, per unit of length.
     absorption: Option<At<Color>>,
-    /// Diffuse reflectance of a thick body in even light.
+    /// Diffuse reflectance of a thick medium under uniform illumination.
     reflectance: Option<At<Color>>,
-    /// How far light goes between two changes of its direction, for all colours or for red, green and blue.
+    /// Mean free path of the light between two changes of its direction, for all colours or for red, green and blue.
     mean_free_path: Option<At<Each<3>>>,
 }
 
@@ -85,16 +85,18 @@ impl JsonSchema for SubsurfaceForm {
 }
 
 impl At<SubsurfaceForm> {
-    /// What scatters, with the index of refraction `ior` if the material says one.
+    /// Returns the scattering coefficients, with the index of refraction `ior` if the material has one.
     fn scattering(&self, ior: Option<f64>) -> Result<Scattering, Fault> {
         let table = &self.0;
         let eta = ior.unwrap_or(DEFAULT_IOR);
         match (&table.preset, &table.scattering, &table.reflectance) {
+            // A preset, in millimetres
             (Some(preset), None, None) => {
                 let is_alone = table.absorption.is_none() && table.mean_free_path.is_none();
                 if !is_alone {
                     return Err(self.fault("has a `preset` and coefficients of its own: give one"));
                 }
+                // Presets have coefficients per millimetre and an index of their own
                 let found = SubsurfacePreset::named(preset).ok_or_else(|| self.unknown(preset))?;
                 let scaled = found.scattering.scaled(self.millimetre()?);
                 Ok(Scattering {
@@ -102,6 +104,7 @@ impl At<SubsurfaceForm> {
                     ..scaled
                 })
             }
+            // Coefficients in units of the scene
             (None, Some(sigma_s), None) if table.mean_free_path.is_none() => {
                 self.refuse_scale()?;
                 let sigma_a = table.absorption.as_ref().map_or([0.0; 3], |sigma| sigma.0);
@@ -111,6 +114,7 @@ impl At<SubsurfaceForm> {
                     eta,
                 })
             }
+            // A reflectance and a mean free path
             (None, None, Some(reflectance)) if table.absorption.is_none() => {
                 self.refuse_scale()?;
                 let Some(path) = &table.mean_free_path else {
@@ -129,6 +133,7 @@ impl At<SubsurfaceForm> {
     fn unknown(&self, preset: &At<String>) -> Fault {
         let names = SubsurfacePreset::ALL.map(|preset| preset.name).join(", ");
         let sentence = format!("`{}` is no measured material: give one of {names}", **preset);
+        // A preset that was given as a plain string has no span of its own
         if preset.span.is_empty() {
             self.fault(sentence)
         } else {
@@ -147,7 +152,7 @@ impl At<SubsurfaceForm> {
         }
     }
 
-    /// Only presets are measured in millimetres.
+    /// Rejects `scale` with other forms, as only presets are measured in millimetres.
     fn refuse_scale(&self) -> Result<(), Fault> {
         match &self.0.scale {
             None => Ok(()),
@@ -157,13 +162,14 @@ impl At<SubsurfaceForm> {
 }
 
 impl MaterialForm {
-    /// Adds to `material` what light does beneath its surface.
+    /// Adds subsurface scattering and diffuse transmission to `material`.
     pub(super) fn scatter(&self, material: &mut Material) -> Result<(), Fault> {
         if let Some(form) = &self.subsurface {
+            // The dipole uses the index at the d line
             let stated = material.interior.map(|inside| inside.ior.ior(LINE_D));
             let scattering = form.scattering(stated)?;
             material.subsurface = Some(scattering);
-            // The surface reflects as its inside asks for.
+            // The surface's Fresnel reflection must agree with the scattering medium's index of refraction.
             material.interior.get_or_insert(Interior {
                 ior: Dispersion::Constant(scattering.eta),
                 absorption: Absorption::NONE,
@@ -172,10 +178,12 @@ impl MaterialForm {
             });
             check_scattering(material).map_err(|sentence| form.fault(sentence))?;
         }
+        // Set the diffuse transmission, which needs a factor
         match (&self.translucency, &self.translucency_color) {
             (None, None) => Ok(()),
             (None, Some(color)) => Err(color.fault("colours no light without `translucency`: add it")),
             (Some(factor), color) => {
+                // The colour defaults to the base colour
                 let [r, g, b, _] = material.base_color;
                 material.translucency = Some(Translucency {
                     factor: **factor,
@@ -204,7 +212,7 @@ mod tests {
     fn a_preset_is_in_millimetres_of_a_scene_in_metres_unless_said_otherwise() {
         let milk = material("subsurface = 'wholemilk'").unwrap();
         let scattering = milk.subsurface.unwrap();
-        // 2.55 a millimetre.
+        // 2.55 per millimetre, in metres.
         assert!((scattering.sigma_s_reduced[0] - 2550.0).abs() < 1e-9);
         assert_eq!((scattering.eta, milk.ior(LINE_D)), (1.3, 1.3));
         let marble = material("subsurface = { preset = 'marble', scale = 0.5 }\nior = 1.4").unwrap();

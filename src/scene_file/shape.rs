@@ -1,4 +1,4 @@
-//! Shapes in a scene file, and how they become geometries.
+//! Shapes of scene files and their conversion to geometries.
 
 use std::fmt;
 use std::ops::Range;
@@ -29,7 +29,7 @@ pub(super) enum ShapeRef {
 pub(super) enum ShapeForm {
     /// A sphere; without keys the unit sphere.
     Sphere(SphereForm),
-    /// The plane z = 0.
+    /// The infinite plane z = 0.
     Plane(NoKeys),
     /// The cube [-1, 1]³.
     Cube(NoKeys),
@@ -37,21 +37,21 @@ pub(super) enum ShapeForm {
     Disk(NoKeys),
     /// The square [-1, 1]² in z = 0.
     Quad(NoKeys),
-    /// Radius 1 around the z axis from z = -1 to z = 1.
+    /// A cylinder of radius 1 around the z axis from z = -1 to z = 1.
     Cylinder(CappedForm),
-    /// Around the z axis: radius 1 at z = -1, apex at z = 1.
+    /// A cone around the z axis: radius 1 at z = -1, apex at z = 1.
     Cone(CappedForm),
-    /// Around the z axis; its tube's middle is the unit circle.
+    /// A torus around the z axis; the centre line of its tube is the unit circle.
     Torus(TorusForm),
-    /// Convex: by vertices and faces, or by half-spaces.
+    /// A convex polyhedron: by vertices and faces, or by half-spaces.
     Polyhedron(PolyhedronForm),
-    /// A second-degree surface, cut off by a box.
+    /// A second-degree surface, clipped by a box.
     Quadric(QuadricForm),
-    /// Vertices and convex polygons.
+    /// A mesh of vertices and convex polygons.
     Mesh(PolygonsForm),
 }
 
-/// The shapes that may be called by a word.
+/// Words for shapes that need no keys.
 const WORDS: [&str; 8] = [
     "sphere", "plane", "cube", "disk", "quad", "cylinder", "cone", "torus",
 ];
@@ -60,14 +60,14 @@ const WORDS: [&str; 8] = [
 #[serde(deny_unknown_fields)]
 pub(super) struct NoKeys {}
 
-/// A sphere.
+/// A sphere; without keys the unit sphere.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct SphereForm {
-    /// Its centre.
+    /// Centre of the sphere.
     #[serde(default = "origin")]
     center: Vector,
-    /// Its radius.
+    /// Radius of the sphere.
     #[serde(default = "unit")]
     radius: f64,
 }
@@ -80,11 +80,11 @@ fn unit() -> f64 {
     Sphere::UNIT.radius
 }
 
-/// What may be open or closed.
+/// A shape that may be open or closed.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CappedForm {
-    /// Whether it is closed, which makes it a solid.
+    /// Closing of the ends, which makes the shape a solid.
     #[serde(default = "closed")]
     capped: bool,
 }
@@ -93,7 +93,7 @@ fn closed() -> bool {
     true
 }
 
-/// A torus.
+/// A torus whose tube has the unit circle as its centre line.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TorusForm {
@@ -110,11 +110,11 @@ fn tube() -> f64 {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct PolyhedronForm {
-    /// Its corners.
+    /// Corners of the polyhedron.
     vertices: Option<Vec<Vector>>,
-    /// Numbers of vertices from 0, counter-clockwise seen from outside.
+    /// Faces as lists of vertex numbers from 0, counter-clockwise seen from outside.
     faces: Option<Vec<Vec<u32>>>,
-    /// [a, b, c, h] for all points with a x + b y + c z <= h.
+    /// Half-spaces [a, b, c, h] of all points with a x + b y + c z <= h.
     half_spaces: Option<Vec<[f64; 4]>>,
 }
 
@@ -124,13 +124,13 @@ pub(super) struct PolyhedronForm {
 pub(super) struct QuadricForm {
     /// The upper triangle of its symmetric 4 x 4 matrix, row by row.
     coefficients: [f64; 10],
-    /// Low corner of the box.
+    /// Low corner of the clipping box.
     min: Vector,
-    /// High corner of the box.
+    /// High corner of the clipping box.
     max: Vector,
 }
 
-/// What is wrong with a shape, and where, if that is known more closely than the shape itself.
+/// Fault of a shape, with its span if it is narrower than that of the shape.
 pub(super) struct ShapeFault {
     pub(super) span: Option<Range<usize>>,
     pub(super) sentence: String,
@@ -143,10 +143,11 @@ impl From<String> for ShapeFault {
 }
 
 impl ShapeForm {
-    /// The shape that goes by a word.
+    /// Returns the shape for a word; `None` if the word is unknown.
     pub(super) fn of_word(word: &str) -> Option<ShapeForm> {
         let capped = || CappedForm { capped: closed() };
         Some(match word {
+            // The defaults are those of absent keys
             "sphere" => ShapeForm::Sphere(SphereForm {
                 center: origin(),
                 radius: unit(),
@@ -162,12 +163,12 @@ impl ShapeForm {
         })
     }
 
-    /// Words that stand for shapes.
+    /// Returns the words for shapes.
     pub(super) fn words() -> impl Iterator<Item = &'static str> {
         WORDS.into_iter()
     }
 
-    /// The geometry.
+    /// Returns the shape's geometry in its own space.
     pub(super) fn geometry(&self) -> Result<Geometry, ShapeFault> {
         let shape = match self {
             ShapeForm::Sphere(form) => Shape::Sphere(form.sphere()?),
@@ -180,6 +181,7 @@ impl ShapeForm {
             ShapeForm::Torus(form) => Shape::Torus(form.torus()?),
             ShapeForm::Polyhedron(form) => Shape::Polyhedron(Arc::new(form.polyhedron()?)),
             ShapeForm::Quadric(form) => Shape::Quadric(Arc::new(form.quadric()?)),
+            // A mesh is the only geometry that is not an analytic shape
             ShapeForm::Mesh(form) => return form.mesh().map(Geometry::Mesh),
         };
         Ok(Geometry::Shape(shape))
@@ -218,10 +220,12 @@ impl TorusForm {
 impl PolyhedronForm {
     fn polyhedron(&self) -> Result<Polyhedron, String> {
         let made = match (&self.vertices, &self.faces, &self.half_spaces) {
+            // By faces, whose planes are computed
             (Some(vertices), Some(faces), None) => {
                 let vertices: Vec<DVec3> = vertices.iter().map(|v| v.0).collect();
                 Polyhedron::from_faces(&vertices, faces)
             }
+            // By half-spaces, whose intersection must be bounded
             (None, None, Some(half_spaces)) => {
                 let half_spaces: Vec<HalfSpace> = half_spaces
                     .iter()
@@ -289,5 +293,5 @@ impl JsonSchema for ShapeRef {
     }
 }
 
-/// A shape with its place in the file.
+/// A shape with its span in the file.
 pub(super) type PlacedShape = At<ShapeForm>;

@@ -1,4 +1,4 @@
-//! Textures: images and patterns.
+//! Textures of scene files: images and patterns.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -10,38 +10,38 @@ use crate::scene::{Filter, Pattern, Procedural, Sampler, Space, Wrap};
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct TextureForm {
-    /// A PNG, JPEG, Radiance HDR or EXR file, beside the scene file. Codes of PNG and JPEG are sRGB for colours and
-    /// linear for all else; HDR and EXR are linear, and may exceed 1 for emission.
+    /// A PNG, JPEG, Radiance HDR or EXR file, relative to the scene file. Values of PNG and JPEG are sRGB for colours
+    /// and linear for all else; HDR and EXR are linear, and may exceed 1 for emission.
     pub(super) image: Option<At<String>>,
-    /// What lies outside the image: one word, or one for u and one for v.
+    /// Continuation of the image outside [0, 1]: one word, or one for u and one for v.
     #[schemars(extend("default" = "repeat"))]
     wrap: Option<WrapForm>,
-    /// What lies between the image's pixels.
+    /// Interpolation between the image's pixels.
     #[schemars(extend("default" = "mipmap"))]
     filter: Option<FilterForm>,
-    /// A rule in place of an image.
+    /// A procedural pattern instead of an image.
     pattern: Option<PatternForm>,
-    /// The two colours between which a pattern chooses or mixes; black and white if absent.
+    /// The two colours that a pattern chooses from or mixes; black and white if absent.
     colors: Option<[Rgba; 2]>,
-    /// What the coordinates of a pattern are multiplied by.
+    /// Factor on the coordinates of a pattern.
     #[schemars(extend("default" = SCALE))]
     scale: Option<Each<3>>,
-    /// Where a pattern lives: on the surface (`uv`), or in the solid as if the object were carved from it (`object`).
+    /// Space of a pattern: on the surface (`uv`), or in the solid as if the object were carved from it (`object`).
     #[schemars(extend("default" = "object"))]
     space: Option<SpaceForm>,
-    /// Octaves of noise and marble, 1 to 16.
+    /// Number of octaves of noise and marble, 1 to 16.
     #[schemars(extend("default" = OCTAVES))]
     octaves: Option<u32>,
-    /// How far noise shifts marble's veins and wood's rings.
+    /// Amplitude by which noise shifts marble's veins and wood's rings.
     #[schemars(extend("default" = TURBULENCE))]
     turbulence: Option<f64>,
 }
 
-/// Scale of a pattern where a file does not say it.
+/// Default scale of a pattern.
 const SCALE: f64 = 1.0;
-/// Octaves of a pattern where a file does not say it.
+/// Default number of octaves of a pattern.
 const OCTAVES: u32 = 4;
-/// Turbulence of a pattern where a file does not say it.
+/// Default turbulence of a pattern.
 const TURBULENCE: f64 = 1.0;
 
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
@@ -77,7 +77,7 @@ enum WrapWord {
     Clamp,
 }
 
-/// One word for both directions, or one for each.
+/// Wrap mode as one word for both directions, or one for each.
 #[derive(Clone, Copy, Debug)]
 struct WrapForm([WrapWord; 2]);
 
@@ -129,19 +129,20 @@ impl WrapWord {
     }
 }
 
-/// What a texture turns out to be.
+/// Kind of a texture, decided by its keys.
 pub(super) enum TextureKind<'f> {
     Image { file: &'f At<String>, sampler: Sampler },
     Procedural(Procedural),
 }
 
 impl TextureForm {
-    /// The texture, or what is wrong with it.
+    /// Returns the kind of the texture, or its fault.
     pub(super) fn kind(&self) -> Result<TextureKind<'_>, String> {
         match (&self.image, self.pattern) {
             (Some(_), Some(_)) => Err("has both `image` and `pattern`: give one".into()),
             (None, None) => Err("shows nothing: give an `image` or a `pattern`".into()),
             (Some(file), None) => {
+                // Reject keys of patterns
                 let strangers = [
                     (self.colors.is_some(), "colors"),
                     (self.scale.is_some(), "scale"),
@@ -156,6 +157,7 @@ impl TextureForm {
                 })
             }
             (None, Some(pattern)) => {
+                // Reject keys of images
                 let strangers = [(self.wrap.is_some(), "wrap"), (self.filter.is_some(), "filter")];
                 refuse(&strangers, "a pattern")?;
                 Ok(TextureKind::Procedural(self.procedural(pattern)?))
@@ -180,6 +182,7 @@ impl TextureForm {
     }
 
     fn procedural(&self, pattern: PatternForm) -> Result<Procedural, String> {
+        // Choose the pattern and reject keys that it does not have
         let octaves = self.octaves.unwrap_or(OCTAVES);
         let turbulence = self.turbulence.unwrap_or(TURBULENCE);
         let (pattern, knows_octaves, knows_turbulence) = match pattern {
@@ -194,6 +197,7 @@ impl TextureForm {
             (self.turbulence.is_some() && !knows_turbulence, "turbulence"),
         ];
         refuse(&strangers, "this pattern")?;
+        // Fill in the defaults
         let colors = self
             .colors
             .map_or([[0.0, 0.0, 0.0, 1.0], [1.0; 4]], |c| c.map(|c| c.0));

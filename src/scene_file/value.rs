@@ -1,5 +1,4 @@
-//! Values as a person writes them: colours, vectors, parameters with or without a texture, each with its place in the
-//! file.
+//! Values in scene files: colours, vectors, and parameters with or without a texture, each with its span in the file.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -14,7 +13,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::node::{PLACED, read_place};
 
-/// A value and the bytes of the file that it was read from.
+/// A value and the span of the file that it was read from, in bytes.
 #[derive(Clone, Debug)]
 pub(crate) struct At<T> {
     value: T,
@@ -22,7 +21,7 @@ pub(crate) struct At<T> {
 }
 
 impl<T> At<T> {
-    /// A value that stands at no place of its own.
+    /// Returns a value without a span in the file.
     pub(super) fn nowhere(value: T) -> At<T> {
         At { value, span: 0..0 }
     }
@@ -72,7 +71,7 @@ impl<T: JsonSchema> JsonSchema for At<T> {
     }
 }
 
-/// Linear RGB, none of it negative: one number for a grey, three, or "#rrggbb" by the sRGB curve.
+/// Linear RGB without negative values: one number for a grey, three, or "#rrggbb" by the sRGB curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
 pub(super) struct Color(pub(super) [f32; 3]);
@@ -80,7 +79,7 @@ pub(super) struct Color(pub(super) [f32; 3]);
 impl Color {
     pub(super) const WHITE: Color = Color([1.0; 3]);
 
-    /// The one number that all channels have.
+    /// Returns the value that all channels share; `None` for a colour that is not grey.
     pub(super) fn grey(self) -> Option<f32> {
         let [r, g, b] = self.0;
         (r == g && g == b).then_some(r)
@@ -96,7 +95,7 @@ const COLOR_FORMS: &str = "a number, [red, green, blue] or \"#rrggbb\"";
 const RGBA_FORMS: &str =
     "a number, [red, green, blue], [red, green, blue, alpha], \"#rrggbb\" or \"#rrggbbaa\"";
 
-/// Reads colours; the string says which forms are allowed.
+/// Visitor for colours; the string names the allowed forms.
 struct ColorVisitor(&'static str);
 
 impl<'de> Visitor<'de> for ColorVisitor {
@@ -125,6 +124,7 @@ impl<'de> Visitor<'de> for ColorVisitor {
 }
 
 fn channels<E: Error>(numbers: impl IntoIterator<Item = f64>) -> Result<Vec<f32>, E> {
+    // The comparison also rejects NaN, and values that overflow f32
     let numbers: Vec<f32> = numbers.into_iter().map(|x| x as f32).collect();
     if numbers.iter().all(|x| (0.0..f32::INFINITY).contains(x)) {
         Ok(numbers)
@@ -135,9 +135,10 @@ fn channels<E: Error>(numbers: impl IntoIterator<Item = f64>) -> Result<Vec<f32>
     }
 }
 
-/// The linear channels of "#rrggbb" or "#rrggbbaa".
+/// Returns the linear channels of "#rrggbb" or "#rrggbbaa".
 fn hex_channels(text: &str) -> Option<Vec<f32>> {
     let digits = text.strip_prefix('#')?;
+    // ASCII digits only, so that slicing by bytes is safe
     let is_color = matches!(digits.len(), 6 | 8) && digits.bytes().all(|b| b.is_ascii_hexdigit());
     if !is_color {
         return None;
@@ -146,12 +147,13 @@ fn hex_channels(text: &str) -> Option<Vec<f32>> {
     (0..digits.len() / 2)
         .map(|i| {
             let encoded = f64::from(byte(i)?) / 255.0;
+            // Coverage is linear
             Some(if i < 3 { linear(encoded) } else { encoded } as f32)
         })
         .collect()
 }
 
-/// The sRGB curve, IEC 61966-2-1.
+/// Decodes a value by the sRGB curve of IEC 61966-2-1.
 fn linear(encoded: f64) -> f64 {
     if encoded <= 0.04045 {
         encoded / 12.92
@@ -222,7 +224,7 @@ impl JsonSchema for Rgba {
     }
 }
 
-/// Three finite numbers.
+/// A vector of three finite numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Vector(pub(super) DVec3);
 
@@ -257,7 +259,7 @@ impl JsonSchema for Vector {
     }
 }
 
-/// One number for all of N, or N numbers.
+/// One number for all N elements, or N numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Each<const N: usize>(pub(super) [f64; N]);
 
@@ -280,6 +282,7 @@ impl<'de, const N: usize> Visitor<'de> for EachVisitor<N> {
 
     fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Each<N>, A::Error> {
         let numbers = Vec::<f64>::deserialize(SeqAccessDeserializer::new(list))?;
+        // A list must have exactly N numbers
         let count = numbers.len();
         let numbers = numbers
             .try_into()
@@ -327,17 +330,17 @@ pub(super) enum Param<T> {
 pub(super) struct Textured<T> {
     /// Name of a texture.
     pub(super) texture: At<String>,
-    /// What it multiplies; 1 if absent.
+    /// Value that the texture multiplies; 1 if absent.
     pub(super) value: Option<T>,
-    /// Which set of texture coordinates of a mesh.
+    /// Number of the mesh's texture coordinate set.
     #[serde(default)]
     pub(super) set: u32,
-    /// What u and v are multiplied by first: the number of repetitions.
+    /// Factors on u and v, applied first: the numbers of repetitions.
     pub(super) scale: Option<Each<2>>,
-    /// Degrees by which (u, v) are turned next, from u towards v.
+    /// Degrees by which (u, v) are rotated next, from u towards v.
     #[serde(default)]
     pub(super) rotate: f32,
-    /// What is added last.
+    /// Offset of (u, v), added last.
     #[serde(default)]
     pub(super) offset: [f32; 2],
     /// Scale of a normal map, strength of an occlusion map, height in metres of white in a bump map.
@@ -349,7 +352,7 @@ fn one() -> f32 {
     1.0
 }
 
-/// What a parameter's value may be.
+/// Type of a parameter's value, with its description for messages and its neutral value.
 pub(super) trait Value: Sized {
     const FORMS: &str;
     const ONE: Self;
@@ -419,7 +422,7 @@ impl<T: JsonSchema> JsonSchema for Param<T> {
 }
 
 impl<T: Value + Copy> Param<T> {
-    /// The value, whatever the texture.
+    /// Returns the value without the texture.
     pub(super) fn value(&self) -> T {
         match self {
             Param::Value(value) => *value,
@@ -428,7 +431,7 @@ impl<T: Value + Copy> Param<T> {
     }
 }
 
-/// The value of a parameter that only a texture can have.
+/// Uninhabited value type of a parameter that must have a texture.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum NoValue {}
 
@@ -478,7 +481,7 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for OneOrManyVisitor<T> {
     }
 }
 
-/// What [`OneOrMany`] is read through, so that a single table has its place.
+/// Result of reading a [`OneOrMany`]; inside an [`At`], so that a single table has its span.
 struct Inner<T>(Result<T, Vec<At<T>>>);
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for Inner<T> {
@@ -493,6 +496,7 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for OneOrMany<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<OneOrMany<T>, D::Error> {
         let read = At::<Inner<T>>::deserialize(deserializer)?;
         Ok(OneOrMany(match read.value.0 {
+            // A single table has the span of the whole value
             Ok(value) => vec![At {
                 value,
                 span: read.span,

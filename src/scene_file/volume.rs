@@ -1,4 +1,4 @@
-//! Volumes and fog: `[[volume]]` and `[fog]`.
+//! Volumes and fog of scene files: `[[volume]]` and `[fog]`.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,48 +14,50 @@ use crate::volume::cloud::{Cloud, CloudShape};
 use crate::volume::read::{ByteOrder, Element, RawHeader, ReadVolume, read, read_raw};
 use crate::volume::{Fog, Grid, Thickness, Transfer, TransferNode, Volume, VolumeDescription, VolumeError};
 
-/// Matter in the cube [-1, 1]³: exactly one of `file`, `raw` and `cloud`, what its numbers mean, and where it stands.
+/// A volume in the cube [-1, 1]³: exactly one of `file`, `raw` and `cloud`, the transfer function of its numbers, and
+/// its transform.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct VolumeForm {
-    /// What messages call it.
+    /// Name of the volume in messages.
     pub(super) name: Option<At<String>>,
-    /// A .npy, .nrrd or .nhdr file, beside this one, with one number a sample (density) or four (red, green, blue,
-    /// density).
+    /// A .npy, .nrrd or .nhdr file, relative to this one, with one number per sample (density) or four (red, green,
+    /// blue, density).
     file: Option<At<String>>,
-    /// Whether the cube is first placed where an NRRD file says.
+    /// Placement of the cube by the NRRD file's own transform, before `transform`.
     #[serde(default)]
     file_placement: bool,
-    /// A file of raw numbers, beside this one, and what they are.
+    /// A file of raw numbers, relative to this one, and their format.
     raw: Option<At<RawForm>>,
-    /// Procedural noise.
+    /// Procedural noise instead of a file.
     cloud: Option<At<CloudForm>>,
-    /// What is done to the cube, in the order written: the first first.
+    /// Transforms of the cube, applied in the order written.
     #[serde(default)]
     transform: Vec<At<Step>>,
-    /// Length of a step of the march in metres; half the shortest edge of a voxel if absent.
+    /// Length of a ray-marching step in metres; half the shortest edge of a voxel if absent.
     step: Option<f64>,
-    /// What the numbers mean: nodes with rising values, between which everything is mixed.
+    /// Transfer function: nodes with rising values, between which everything is interpolated.
     transfer: At<Vec<NodeForm>>,
-    /// The length in metres that the nodes' `opacity` holds over; only with `opacity`.
+    /// Length in metres over which the nodes' `opacity` holds; only with `opacity`.
     opacity_over: Option<f64>,
 }
 
-/// What a number of a volume means.
+/// A node of the transfer function.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct NodeForm {
-    /// The number.
+    /// Number of the volume that the node describes.
     value: f64,
-    /// Share of the light that is taken away on each metre, for thin matter: exp(-extinction) is left.
+    /// Extinction coefficient per metre: the fraction of the light that a metre of thin medium removes;
+    /// exp(-extinction) remains after a metre.
     extinction: Option<f64>,
-    /// In its place the share of the light that is taken away on the length `opacity_over`, 0 to 1.
+    /// Instead of `extinction`, the fraction of the light that the length `opacity_over` removes, 0 to 1.
     opacity: Option<f64>,
-    /// Share of the light taken away that is scattered.
+    /// Albedo: the fraction of the removed light that is scattered.
     #[serde(default = "white")]
     #[schemars(extend("default" = 1.0))]
     color: Color,
-    /// Radiance that each metre sends out.
+    /// Radiance emitted per metre.
     #[serde(default = "black")]
     #[schemars(extend("default" = 0.0))]
     emission: Color,
@@ -65,20 +67,20 @@ struct NodeForm {
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct RawForm {
-    /// Its path, beside this file.
+    /// Path of the file, relative to this one.
     file: String,
-    /// Samples along x, y and z.
+    /// Numbers of samples along x, y and z.
     size: [usize; 3],
     /// The type of a number.
     r#type: Element,
-    /// Numbers a sample: 1 (density) or 4 (red, green, blue, density).
+    /// Numbers per sample: 1 (density) or 4 (red, green, blue, density).
     #[serde(default = "one")]
     #[schemars(extend("default" = 1))]
     channels: usize,
-    /// The order of a number's bytes.
+    /// Byte order of a number.
     #[serde(default)]
     order: ByteOrder,
-    /// Bytes before the first number.
+    /// Number of bytes before the first number.
     #[serde(default)]
     skip: u64,
 }
@@ -87,24 +89,24 @@ struct RawForm {
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct CloudForm {
-    /// What the noise roughens: the whole cube, a ball, or a column of smoke that rises along +y.
+    /// Shape that the noise roughens: the whole cube, a ball, or a column of smoke that rises along +y.
     shape: CloudShapeForm,
-    /// Samples along x, y and z.
+    /// Numbers of samples along x, y and z.
     #[schemars(extend("default" = CLOUD_SIZE))]
     size: Option<[usize; 3]>,
-    /// Cells of the coarsest noise along half the cube's side.
+    /// Number of cells of the coarsest noise along half the cube's side.
     #[schemars(extend("default" = Cloud::SMOKE.frequency))]
     frequency: Option<f64>,
-    /// Octaves of noise, 1 to 16.
+    /// Number of octaves of noise, 1 to 16.
     #[schemars(extend("default" = Cloud::SMOKE.octaves))]
     octaves: Option<u32>,
-    /// How much of the density is the noise's; 0 is the plain shape.
+    /// Share of the noise in the density; 0 is the plain shape.
     #[schemars(extend("default" = Cloud::SMOKE.roughness))]
     roughness: Option<f64>,
     /// Density at which the cloud begins, 0 to 1.
     #[schemars(extend("default" = Cloud::SMOKE.threshold))]
     threshold: Option<f64>,
-    /// Another number makes another cloud.
+    /// Seed of the noise.
     #[schemars(extend("default" = Cloud::SMOKE.seed))]
     seed: Option<u32>,
 }
@@ -117,21 +119,22 @@ enum CloudShapeForm {
     Plume,
 }
 
-/// Fog that is the same everywhere.
+/// Homogeneous fog, which fills all space.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub(super) struct FogForm {
-    /// Share of the light that is taken away on each metre, for thin fog: exp(-extinction) is left.
+    /// Extinction coefficient per metre: the fraction of the light that a metre of thin fog removes; exp(-extinction)
+    /// remains after a metre.
     extinction: f64,
-    /// Share of the light taken away that is scattered.
+    /// Albedo: the fraction of the removed light that is scattered.
     #[serde(default = "white")]
     #[schemars(extend("default" = 1.0))]
     color: Color,
-    /// Radiance that each metre sends out.
+    /// Radiance emitted per metre.
     #[serde(default = "black")]
     #[schemars(extend("default" = 0.0))]
     emission: Color,
-    /// Length of a step of the march in metres; a quarter of 1 / extinction if absent.
+    /// Length of a ray-marching step in metres; a quarter of 1 / extinction if absent.
     step: Option<f64>,
 }
 
@@ -147,14 +150,14 @@ fn one() -> usize {
     1
 }
 
-/// Samples of a cloud a side where a file does not say it.
+/// Default number of samples of a cloud along each side.
 const CLOUD_SIZE: [usize; 3] = [64; 3];
-/// Most octaves of noise, as of patterns.
+/// Largest number of octaves of noise, as in textures.
 const MAX_OCTAVES: u32 = 16;
-/// Steps of fog to the length that leaves 1 / e of the light, where a file does not say it.
+/// Default number of fog steps over the length after which 1 / e of the light remains.
 const FOG_STEPS: f64 = 4.0;
 
-/// A volume of a file that has not been placed yet.
+/// A volume of a file before it is placed in the world.
 #[derive(Clone, Debug)]
 pub(super) struct MadeVolume {
     pub(super) name: Arc<str>,
@@ -162,14 +165,14 @@ pub(super) struct MadeVolume {
 }
 
 impl MadeVolume {
-    /// Of its grids.
+    /// Returns the size of the volume's grids in bytes.
     pub(super) fn bytes(&self) -> u64 {
         let colors = self.description.color.iter().flat_map(|color| color.iter());
         let bytes = self.description.density.memory() + colors.map(Grid::memory).sum::<usize>();
         bytes as u64
     }
 
-    /// The volume where `world` puts it.
+    /// Returns the volume transformed by `world`.
     pub(super) fn placed(&self, world: &DAffine3) -> Result<Volume, VolumeError> {
         let description = VolumeDescription {
             world_from_cube: *world * self.description.world_from_cube,
@@ -180,18 +183,20 @@ impl MadeVolume {
 }
 
 impl VolumeForm {
-    /// The volume of number `number` in the file within `folder`, of at most `max_bytes`.
+    /// Returns the volume with index `number` in a file in `folder`, of at most `max_bytes`.
     pub(super) fn volume(
         form: &At<VolumeForm>,
         number: usize,
         folder: &Path,
         max_bytes: u64,
     ) -> Result<MadeVolume, Fault> {
+        // Compose the transform and the transfer function
         let map = map_of(form.transform.iter().map(|step| &**step))
             .map_err(|(step, sentence)| form.transform[step].fault(sentence))?;
         let transfer = form
             .transfer()
             .map_err(|sentence| form.transfer.fault(sentence))?;
+        // Read the samples and their placement
         let read = VolumeForm::samples(form, folder, max_bytes)?;
         let placed = match (form.file_placement, read.world_from_cube) {
             (false, _) => DAffine3::IDENTITY,
@@ -201,6 +206,7 @@ impl VolumeForm {
                 return Err(form.fault(sentence));
             }
         };
+        // Separate the density from the colours
         let (density, color) = channels(read.channels).map_err(|sentence| form.fault(sentence))?;
         let name = form.name.as_ref();
         Ok(MadeVolume {
@@ -234,11 +240,13 @@ impl VolumeForm {
     }
 
     fn transfer(&self) -> Result<Transfer, String> {
+        // The presence of a length decides how nodes give their thickness
         let thickness = match self.opacity_over {
             Some(length) => Thickness::OpacityOver(length),
             None => Thickness::Extinction,
         };
         let mut nodes = Vec::with_capacity(self.transfer.len());
+        // Read each node's extinction or opacity, whichever the volume uses
         for (number, form) in self.transfer.iter().enumerate() {
             let number = number + 1;
             let amount = match (thickness, form.extinction, form.opacity) {
@@ -269,12 +277,13 @@ impl VolumeForm {
     }
 }
 
-/// A volume's grids.
+/// Density grid of a volume, and its colour grids if there are any.
 type Grids = (Arc<Grid>, Option<Arc<[Grid; 3]>>);
 
-/// Density, and colours if there are any.
+/// Returns the density, and the colours if there are any.
 fn channels(mut grids: Vec<Grid>) -> Result<Grids, String> {
     let count = grids.len();
+    // The density is the last channel
     let density = grids.pop();
     match (density, <[Grid; 3]>::try_from(grids)) {
         (Some(density), Err(others)) if others.is_empty() => Ok((Arc::new(density), None)),
@@ -300,6 +309,7 @@ impl RawForm {
 impl CloudForm {
     fn grid(&self, max_bytes: u64) -> Result<Grid, String> {
         let size = self.size.unwrap_or(CLOUD_SIZE);
+        // Check the size against the memory limit
         let bytes = size.iter().try_fold(size_of::<f32>() as u64, |bytes, &side| {
             bytes.checked_mul(side as u64)
         });
@@ -308,6 +318,7 @@ impl CloudForm {
                 "its size is {size:?}, which takes more than the {max_bytes} bytes that are allowed: give fewer samples"
             ));
         }
+        // Check the parameters of the noise
         let cloud = self.cloud();
         if !(1..=MAX_OCTAVES).contains(&cloud.octaves) {
             return Err(format!(
@@ -347,6 +358,7 @@ impl CloudForm {
 
 impl FogForm {
     pub(super) fn fog(&self) -> Result<Fog, String> {
+        // Fog without extinction needs no fine steps
         let usual = match self.extinction {
             extinction if extinction > 0.0 => 1.0 / (FOG_STEPS * extinction),
             _ => 1.0,

@@ -1,16 +1,16 @@
-//! Light from all around, as an image: looked up by direction, and sampled where it is bright.
+//! Environment map: radiance lookup by direction and importance sampling by luminance.
 //!
 //! The image is equirectangular. Its rows run from +y at the top to -y at the bottom, evenly in the angle from +y; its
-//! columns run evenly around +y, the middle of the image at -z and +x to the right of it, as a camera that looks along
-//! -z sees them. Texels are points in the middles of their cells, and between them radiance is bilinear, across the
-//! seam too; beyond the first and last row it keeps to them.
+//! columns run evenly around +y, with -z in the middle of the image and +x to the right of it, as a camera that looks
+//! along -z sees them. Texels are point samples at the centres of their cells. Radiance is interpolated bilinearly
+//! between them, also across the seam; beyond the first and last row the texels of that row are used.
 //!
-//! Directions are drawn with a density in proportion to the luminance of that same bilinear image: first a row and then
-//! a column of the cells between texel middles, by inverting running sums (M. Pharr, W. Jakob, G. Humphreys,
-//! "Physically Based Rendering", 4th ed. 2023, A.4 and A.5), then a place within the cell by inverting its linear
-//! densities. What the inversion has left over of a number is used for the place, so evenly spread numbers give evenly
-//! spread directions. The density is positive wherever anything shines, and L / pdf is constant within a row of cells
-//! but for colour and sin θ.
+//! Directions are sampled with a density in proportion to the luminance of the bilinear image: first a row and then a
+//! column of the cells between texel centres, by inverting cumulative sums (M. Pharr, W. Jakob, G. Humphreys,
+//! "Physically Based Rendering", 4th ed. 2023, A.4 and A.5), then a position within the cell by inverting its linear
+//! densities. The remainder of each random number after the choice of a cell is reused for the position within the
+//! cell, so stratified numbers give stratified directions. The density is positive wherever radiance is, and L / pdf is
+//! constant within a row of cells except for colour and sin θ.
 
 use std::f64::consts::{PI, TAU};
 
@@ -19,87 +19,88 @@ use glam::DVec3;
 use crate::image::LinearImage;
 use crate::numeric::warp;
 
-/// An environment map. Beside the image it takes 8 bytes a texel.
+/// Equirectangular environment map with sampling tables; they take 8 bytes per texel in addition to the image.
 #[derive(Clone, Debug)]
 pub struct EnvironmentMap {
     width: usize,
     height: usize,
     texels: Vec<[f32; 3]>,
-    /// Sine and cosine of the rotation.
+    /// Sine and cosine of the map's rotation about +y.
     turned: [f64; 2],
-    /// Running sums, along each row of cells, of luminance times solid angle (but for a factor).
+    /// Cumulative sums, along each row of cells, of luminance times solid angle (up to a constant factor).
     cell_up_to: Vec<f64>,
-    /// Running sums of the rows.
+    /// Cumulative sums of the totals of the rows of cells.
     row_up_to: Vec<f64>,
 }
 
-/// Light from a direction.
+/// Direction sampled from an environment map, with its radiance and density.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EnvironmentSample {
-    /// Unit vector to where it comes from, in world space.
+    /// Unit vector toward the light, in world space.
     pub direction: DVec3,
-    /// Linear RGB.
+    /// Radiance from that direction, linear RGB.
     pub radiance: [f32; 3],
-    /// Density of the direction per steradian: positive and finite.
+    /// Density of the direction per steradian; positive and finite.
     pub pdf: f64,
 }
 
-/// Why an image is no environment, worded as advice.
+/// Reason why an image cannot be used as an environment map, worded as advice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EnvironmentError {
-    /// There are no pixels, or not as many as the size says.
+    /// Pixel count that is zero or differs from width times height.
     #[error(
         "the environment map of {width}x{height} has {pixels} pixels: give as many as its size says, at least one"
     )]
     Size {
-        /// Pixels a row.
+        /// Width of the image in pixels.
         width: u32,
-        /// Rows.
+        /// Height of the image in pixels.
         height: u32,
-        /// How many there are.
+        /// Number of pixels that were given.
         pixels: usize,
     },
-    /// A pixel is infinite or not a number.
+    /// Pixel of the image that is infinite or NaN.
     #[error("the environment map's pixel in column {x}, row {y} is not finite: repair the image")]
     NotFinite {
-        /// Column from the left.
+        /// Column of the bad pixel, counted from the left.
         x: u32,
-        /// Row from the top.
+        /// Row of the bad pixel, counted from the top.
         y: u32,
     },
-    /// The rotation is infinite or not a number.
+    /// Rotation angle that is infinite or NaN.
     #[error("the environment map's rotation is not finite: give an angle in radians")]
     Rotation,
 }
 
-/// Of linear RGB, by ITU-R BT.709.
+/// Weights of linear red, green and blue in luminance, by ITU-R BT.709.
 const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
-/// A place in the image: the cell between four texels, and where in it.
+/// Position in the image: a cell between four texel centres, and fractions within it.
 #[derive(Clone, Copy, Debug)]
 struct Place {
-    /// Cells count from 0 at the first texel's middle; the last one lies across the seam.
+    /// Column of the cell, counted from 0 at the first texel's centre; the last column lies across the seam.
     column: usize,
-    /// Rows of cells count from 0 above the first texels' middles to `height` below the last ones'.
+    /// Row of the cell, counted from 0 above the centres of the first texels to `height` below those of the last ones.
     row: usize,
-    /// Part of the cell to the left of the place, and above it.
+    /// Fractions of the cell to the left of the position and above it.
     part: [f64; 2],
 }
 
 impl EnvironmentMap {
-    /// Bytes of the image and of the tables beside it.
+    /// Returns the bytes that the image and its sampling tables take.
     pub fn byte_count(&self) -> usize {
         size_of_val(&self.texels[..]) + size_of_val(&self.cell_up_to[..]) + size_of_val(&self.row_up_to[..])
     }
 
-    /// The map of `image`, in linear RGB radiance, turned by `rotation` radians about +y, counter-clockwise as seen
-    /// from above. Negative values, which filters leave in images, count as 0.
+    /// Creates the map of `image`, in linear RGB radiance, rotated by `rotation` radians about +y, counter-clockwise as
+    /// seen from above. Negative values, which reconstruction filters leave in images, count as 0.
     pub fn new(image: LinearImage, rotation: f64) -> Result<EnvironmentMap, EnvironmentError> {
         let LinearImage {
             width,
             height,
             mut pixels,
         } = image;
+        // Validate size, rotation and pixels
         if pixels.is_empty() || pixels.len() as u64 != u64::from(width) * u64::from(height) {
             let pixels = pixels.len();
             return Err(EnvironmentError::Size {
@@ -118,9 +119,11 @@ impl EnvironmentMap {
                 y: y as u32,
             });
         }
+        // Clamp negative radiance
         for pixel in &mut pixels {
             *pixel = pixel.map(|c| c.max(0.0));
         }
+        // Build the sampling tables
         let mut map = EnvironmentMap {
             width: width as usize,
             height: height as usize,
@@ -133,10 +136,12 @@ impl EnvironmentMap {
         Ok(map)
     }
 
+    /// Builds the cumulative sums over cells and rows that sampling inverts.
     fn add_up(&mut self) {
         let mut cell_up_to = Vec::with_capacity(self.width * (self.height + 1));
         let mut row_up_to = Vec::with_capacity(self.height + 1);
         let mut total = 0.0;
+        // Accumulate luminance times solid angle, cell by cell and row by row
         for row in 0..=self.height {
             let weight = self.row_weight(row);
             let mut sum = 0.0;
@@ -150,22 +155,25 @@ impl EnvironmentMap {
         (self.cell_up_to, self.row_up_to) = (cell_up_to, row_up_to);
     }
 
-    /// Radiance from `direction`, a unit vector in world space.
+    /// Returns the radiance from `direction`, a unit vector in world space.
     #[inline]
     pub fn radiance(&self, direction: DVec3) -> [f32; 3] {
         self.radiance_at(self.place(direction))
     }
 
-    /// The direction that `u` in [0, 1)² picks; `None` if the map is black, and at the very pole.
+    /// Samples a direction with the random numbers `u` in [0, 1)². Returns `None` if the map is black, and exactly at a
+    /// pole.
     #[inline]
     pub fn sample(&self, u: [f64; 2]) -> Option<EnvironmentSample> {
         let total = self.total();
         if !(total > 0.0) {
             return None;
         }
+        // Sample a row of cells, then a cell within the row
         let (row, down) = invert(&self.row_up_to, u[1]);
         let cells = &self.cell_up_to[row * self.width..(row + 1) * self.width];
         let (column, across) = invert(cells, u[0]);
+        // Sample the position within the cell by its bilinear luminance
         let [a, b, c, d] = self.corners(column, row);
         let t = warp::linear(a + b, c + d, down);
         let s = warp::linear(a + t * (c - a), b + t * (d - b), across);
@@ -174,6 +182,7 @@ impl EnvironmentMap {
             row,
             part: [s, t],
         };
+        // Convert the position into a direction, and the density into solid angle
         let (direction, sin) = self.direction(place);
         let radiance = self.radiance_at(place);
         let pdf = self.pdf_at(row, sin, radiance);
@@ -184,8 +193,8 @@ impl EnvironmentMap {
         })
     }
 
-    /// The density per steradian with which [`EnvironmentMap::sample`] picks `direction`, a unit vector; 0 where
-    /// nothing shines and at the very pole.
+    /// Returns the density per steradian with which [`EnvironmentMap::sample`] samples the unit vector `direction`; 0
+    /// where the radiance is 0 and exactly at a pole.
     #[inline]
     pub fn pdf(&self, direction: DVec3) -> f64 {
         let place = self.place(direction);
@@ -193,13 +202,17 @@ impl EnvironmentMap {
         if pdf < f64::INFINITY { pdf } else { 0.0 }
     }
 
-    /// Four times the sum over all cells of mean luminance times [`EnvironmentMap::row_weight`].
+    /// Returns four times the sum over all cells of mean luminance times [`EnvironmentMap::row_weight`].
     #[inline(always)]
     fn total(&self) -> f64 {
         self.row_up_to[self.height]
     }
 
-    /// Per unit of the cell's square the density is weight · L / (total / 4); a unit of it is Δφ Δθ sin θ steradian.
+    /// Returns the density per steradian of a position in cell row `row` with the given radiance and sine of the angle
+    /// from +y.
+    ///
+    /// Per unit of the cell's unit square the density is weight · L / (total / 4); a unit of that square is Δφ Δθ sin θ
+    /// steradian.
     #[inline(always)]
     fn pdf_at(&self, row: usize, sin: f64, radiance: [f32; 3]) -> f64 {
         let [above, below] = self.row_angles(row);
@@ -212,21 +225,21 @@ impl EnvironmentMap {
         }
     }
 
-    /// The angles from +y between which a row of cells lies.
+    /// Returns the two angles from +y between which a row of cells lies.
     #[inline(always)]
     fn row_angles(&self, row: usize) -> [f64; 2] {
         let angle = |middle: f64| PI * (middle / self.height as f64).clamp(0.0, 1.0);
         [angle(row as f64 - 0.5), angle(row as f64 + 0.5)]
     }
 
-    /// The solid angle of a row of cells over 2π: cos - cos, as a product.
+    /// Returns the solid angle of a row of cells divided by 2π: a difference of cosines, computed as a product.
     #[inline(always)]
     fn row_weight(&self, row: usize) -> f64 {
         let [above, below] = self.row_angles(row);
         2.0 * (0.5 * (above + below)).sin() * (0.5 * (below - above)).sin()
     }
 
-    /// The indices of a cell's texels: left and right above, left and right below.
+    /// Returns the indices of a cell's four texels: left and right above, left and right below.
     #[inline(always)]
     fn corner_indices(&self, column: usize, row: usize) -> [usize; 4] {
         let right = if column + 1 == self.width { 0 } else { column + 1 };
@@ -235,13 +248,14 @@ impl EnvironmentMap {
         [above + column, above + right, below + column, below + right]
     }
 
-    /// The luminances of a cell's texels.
+    /// Returns the luminances of a cell's four texels, in the order of [`EnvironmentMap::corner_indices`].
     #[inline(always)]
     fn corners(&self, column: usize, row: usize) -> [f64; 4] {
         self.corner_indices(column, row)
             .map(|index| luminance(self.texels[index]))
     }
 
+    /// Returns the bilinearly interpolated radiance at a position in the image.
     #[inline(always)]
     fn radiance_at(&self, place: Place) -> [f32; 3] {
         let [a, b, c, d] = self
@@ -254,12 +268,15 @@ impl EnvironmentMap {
         })
     }
 
+    /// Returns the position in the image that a unit vector in world space points to.
     #[inline(always)]
     fn place(&self, direction: DVec3) -> Place {
+        // Rotate the direction into the map's frame
         let [sin, cos] = self.turned;
         let x = cos * direction.x - sin * direction.z;
         let z = sin * direction.x + cos * direction.z;
-        // Counted from the first texel's middle; what lies before it belongs to the last cell.
+        // The column is counted from the first texel's centre; what lies before it belongs to the last cell, across the
+        // seam.
         let across = (0.5 + x.atan2(-z) / TAU) * self.width as f64 - 0.5;
         let across = if across < 0.0 {
             across + self.width as f64
@@ -267,6 +284,7 @@ impl EnvironmentMap {
             across
         };
         let column = (across as usize).min(self.width - 1);
+        // Find the row of cells from the angle to +y
         let angle = x.hypot(z).atan2(direction.y);
         let row = ((angle / PI * self.height as f64 + 0.5) as usize).min(self.height);
         let [above, below] = self.row_angles(row);
@@ -278,7 +296,7 @@ impl EnvironmentMap {
         }
     }
 
-    /// The unit vector to a place, and the sine of its angle from +y.
+    /// Returns the unit vector toward a position in the image, and the sine of its angle from +y.
     #[inline(always)]
     fn direction(&self, place: Place) -> (DVec3, f64) {
         let [above, below] = self.row_angles(place.row);
@@ -294,6 +312,7 @@ impl EnvironmentMap {
     }
 }
 
+/// Returns the luminance of a linear RGB colour.
 #[inline(always)]
 fn luminance(color: [f32; 3]) -> f64 {
     (0..3)
@@ -301,14 +320,14 @@ fn luminance(color: [f32; 3]) -> f64 {
         .sum()
 }
 
-/// The step of the running sums that lies at the share `u` of the last one, and how far into it that is, in [0, 1]. A
-/// step of nothing is never chosen; the last sum is positive.
+/// Inverts cumulative sums: returns the index of the step that contains the fraction `u` of the last sum, and the
+/// position within that step, in [0, 1]. Never selects a step of zero; the last sum must be positive.
 #[inline(always)]
 fn invert(up_to: &[f64], u: f64) -> (usize, f64) {
     let last = up_to.len() - 1;
     let target = u * up_to[last];
     let mut chosen = up_to.partition_point(|&sum| sum <= target).min(last);
-    // Rounding may carry the target to the end, behind which steps of nothing may lie.
+    // Rounding may carry the target to the end, where steps of zero may follow.
     while chosen > 0 && up_to[chosen] == up_to[chosen - 1] {
         chosen -= 1;
     }
@@ -336,7 +355,7 @@ mod tests {
         .unwrap()
     }
 
-    /// Dark but for some texels, one of them at the seam and one at each pole.
+    /// Returns a test map that is black except for some texels, one of them at the seam and one at each pole.
     fn speckled() -> EnvironmentMap {
         map(12, 7, 0.7, |x, y| match (x, y) {
             (0, 3) => [5.0, 0.0, 0.0],
@@ -352,7 +371,7 @@ mod tests {
         (0..cells * cells).map(move |i| [middle(i % cells), middle(i / cells)])
     }
 
-    /// ∫ value dω by the midpoint rule in the angles, `cells` by `cells` of them.
+    /// Integrates `value` over all directions by the midpoint rule in both angles, with `cells` by `cells` cells.
     fn integral(cells: u32, value: impl Fn(DVec3) -> f64) -> f64 {
         let steradian = PI * TAU / f64::from(cells * cells);
         middles(cells)
@@ -366,12 +385,13 @@ mod tests {
     #[test]
     fn the_axes_lie_where_the_convention_says() {
         let sides = map(4, 2, 0.0, |x, y| [x as f32, y as f32, 0.0]);
-        // Columns 0 to 3 have their middles at 1/8, 3/8, 5/8, 7/8; -z is at 1/2, between 1 and 2; +x at 3/4.
+        // Columns 0 to 3 have their centres at 1/8, 3/8, 5/8 and 7/8 of the width: -z is at 1/2, half-way between
+        // columns 1 and 2, and +x at 3/4.
         let close = |d: DVec3, r: f32| assert!((sides.radiance(d)[0] - r).abs() < 1e-6, "{d}");
         close(DVec3::NEG_Z, 1.5);
         close(DVec3::X, 2.5);
         close(DVec3::NEG_X, 0.5);
-        // The seam: halfway from 3 back to 0.
+        // Seam at +z: half-way from column 3 back to column 0.
         close(DVec3::Z, 1.5);
         assert_eq!(
             (sides.radiance(DVec3::Y)[1], sides.radiance(DVec3::NEG_Y)[1]),
@@ -415,7 +435,8 @@ mod tests {
             let sample = map.sample(u).unwrap();
             assert!((sample.direction.length() - 1.0).abs() < 4.0 * f64::EPSILON);
             let radiance = map.radiance(sample.direction);
-            // A direction knows its place to 2^-50 or so of a cell, and colours change by 100 in one.
+            // A direction determines its position in the image to about 2^-50 of a cell, and colours change by 100
+            // within one.
             assert!((0..3).all(|c| (radiance[c] - sample.radiance[c]).abs() <= 1e-6 * radiance[c] + 1e-9));
             let pdf = map.pdf(sample.direction);
             count += u32::from((pdf / sample.pdf - 1.0).abs() > 1e-6);
@@ -428,7 +449,7 @@ mod tests {
         let map = speckled();
         let exact =
             |value: &dyn Fn(DVec3) -> f64| integral(1600, |d| f64::from(map.radiance(d)[2]) * value(d));
-        // Roberts' R2 sequence: where a number picks a row, an even grid would be off by a whole row of its points.
+        // Roberts' R2 sequence: a number that selects a row would, on a regular grid, be off by a whole row of points.
         let count = 500_000;
         let point = |i: u32| {
             [0.754_877_666_246_692_7, 0.569_840_290_998_053_2].map(|step| (f64::from(i) * step).fract())
@@ -456,7 +477,7 @@ mod tests {
         let map = map(64, 32, 0.3, |_, _| [1.0, 2.0, 3.0]);
         for u in middles(32) {
             let sample = map.sample(u).unwrap();
-            // Within a row of cells sin θ varies, by half a cell's cotangent; the outermost rows reach the pole.
+            // Within a row of cells sin θ varies by half a cell's cotangent; the outermost rows reach the pole.
             let sin = sample.direction.x.hypot(sample.direction.z);
             let bound = 0.5 * PI / 32.0 / sin * 1.1;
             assert!(
@@ -480,11 +501,12 @@ mod tests {
                 0.0,
                 |x, y| if (x, y) == (48, 8) { [value; 3] } else { [0.0; 3] },
             );
-            // Its middle: column 48.5 of 64, row 8.5 of 32.
+            // Centre of the bright texel: column 48.5 of 64, row 8.5 of 32.
             let (turn, angle) = (TAU * (48.5 / 64.0 - 0.5), PI * 8.5 / 32.0);
             let toward = DVec3::new(angle.sin() * turn.sin(), angle.cos(), -angle.sin() * turn.cos());
             for u in middles(16).chain([[0.0, 0.0], [1.0 - f64::EPSILON / 2.0; 2]]) {
-                // The tent reaches to the next middles: 2π/64 around and π/32 down; its foot has no light.
+                // The bilinear tent reaches to the neighbouring texel centres: 2π/64 around and π/32 down; it is zero
+                // at its border.
                 let Some(sample) = lamp.sample(u) else { continue };
                 assert!(sample.direction.dot(toward) > (0.15f64).cos(), "{value}: {u:?}");
                 assert!(sample.pdf.is_finite() && sample.pdf > 0.0);
@@ -500,6 +522,7 @@ mod tests {
             pixels,
         };
         let error = |image, rotation| EnvironmentMap::new(image, rotation).unwrap_err();
+        // Pixels missing
         assert_eq!(
             error(image(0, 0, vec![]), 0.0),
             EnvironmentError::Size {
@@ -513,6 +536,7 @@ mod tests {
             error(short, 0.0),
             EnvironmentError::Size { pixels: 1, .. }
         ));
+        // Pixels that are not finite
         for bad in [f32::NAN, f32::INFINITY] {
             let mut pixels = vec![[0.0; 3]; 12];
             pixels[7][1] = bad;
@@ -521,6 +545,7 @@ mod tests {
                 EnvironmentError::NotFinite { x: 3, y: 1 }
             );
         }
+        // Rotation that is not finite
         assert_eq!(
             error(image(1, 1, vec![[1.0; 3]]), f64::NAN),
             EnvironmentError::Rotation

@@ -1,17 +1,17 @@
-//! The GGX lobe by rays: reflection and refraction by microfacets, chosen among those that the viewer sees.
+//! GGX microfacet lobe for ray sampling: reflection and refraction, with sampling of visible normals (VNDF).
 //!
-//! It is the lobe that `direct` answers lights with: alpha = roughness², D of Trowbridge and Reitz, and Smith's masking
-//! G1 for the viewer times that for the light (glTF 2.0, Appendix B). Microfacets are drawn with the density of those
-//! visible, G1(o) D(m) (o·m) / (n·o), by J. Dupuy and A. Benyoub ("Sampling Visible GGX Normals with Spherical Caps",
-//! HPG 2023; the density is E. Heitz's, JCGT 7(4), 2018). A mirrored or refracted ray (B. Walter et al., "Microfacet
-//! Models for Refraction through Rough Surfaces", EGSR 2007) then has the weight G1(i) times Fresnel's share at the
-//! microfacet, which is the caller's to give: it may be coloured, and decides which of the two rays is sent. What G1
-//! takes away is light that would meet another microfacet; the model drops it.
+//! The lobe equals the one that `direct` evaluates for lights: alpha = roughness², D of Trowbridge and Reitz, and
+//! Smith's masking G1 for the viewer times G1 for the light (glTF 2.0, Appendix B). Microfacet normals are sampled with
+//! the density of the visible ones, G1(o) D(m) (o·m) / (n·o), by J. Dupuy and A. Benyoub ("Sampling Visible GGX Normals
+//! with Spherical Caps", HPG 2023; the density is E. Heitz's, JCGT 7(4), 2018). A reflected or refracted ray (B. Walter
+//! et al., "Microfacet Models for Refraction through Rough Surfaces", EGSR 2007) then has the weight G1(i) times the
+//! Fresnel term at the microfacet. The caller applies the Fresnel term: it may be coloured, and selects which of the
+//! two rays is sent. The fraction that G1 removes is light that would hit another microfacet; the model drops it.
 //!
-//! Vectors are unit, in the surface's frame: +z is the normal, on the viewer's side. `wo` points to the viewer, `wi` to
-//! where the light comes from. Transmission is that of power, or of radiance over the squared index: radiance itself
-//! gains by the square of the viewer's index over the other one. Everything is f64: the hot part is some forty
-//! operations, and f32 would leave a lobe of roughness 0.05 (alpha = 0.0025) four digits.
+//! Vectors are unit, in the surface's frame: +z is the normal, on the viewer's side. `wo` points to the viewer, `wi`
+//! toward the light. Transmission is that of power, or of radiance over the squared index: radiance itself is scaled by
+//! the square of the viewer's index over the other one. All arithmetic is f64: the hot part is some forty operations,
+//! and f32 would leave a lobe of roughness 0.05 (alpha = 0.0025) four digits.
 
 use std::f64::consts::PI;
 
@@ -20,42 +20,42 @@ use glam::DVec3;
 use crate::numeric::warp;
 use crate::optics;
 
-/// A GGX lobe of one width.
+/// Isotropic GGX lobe of one roughness.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ggx {
     alpha: f64,
 }
 
-/// A direction drawn from the lobe.
+/// Direction sampled from a GGX lobe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LobeSample {
-    /// Unit vector to where light comes from.
+    /// Unit vector toward the incident light.
     pub wi: DVec3,
-    /// The unit normal of the microfacet, on the viewer's side of it. Fresnel's share is that at the cosine `wo`·m.
+    /// Unit normal of the microfacet, on the viewer's side of it. The Fresnel term is that at the cosine `wo`·m.
     pub m: DVec3,
-    /// What the radiance from there counts, before Fresnel's share: within [0, 1]. It is the lobe times n·wi over its
-    /// density.
+    /// Weight of the incident radiance, without the Fresnel term, within [0, 1]: the lobe times n·wi over its density.
     pub weight: f64,
 }
 
 impl Ggx {
-    /// The lobe of a perceptual roughness, 0 (a mirror) to 1: alpha is its square.
+    /// Creates the lobe of a perceptual roughness from 0 (a mirror) to 1: alpha is its square.
     pub fn from_roughness(roughness: f64) -> Ggx {
         Ggx {
             alpha: roughness * roughness,
         }
     }
 
-    /// Whether the lobe has no width: it then reflects and refracts as a smooth surface does, and has no density.
+    /// Returns whether the lobe has zero width: it then reflects and refracts as a smooth surface does, and has no
+    /// density.
     pub fn is_smooth(&self) -> bool {
         self.alpha * self.alpha == 0.0
     }
 
-    /// D: the area of microfacets of normal `m` per steradian and per area of the surface.
+    /// Evaluates D: the area of microfacets of normal `m` per steradian and per area of the surface.
     #[inline(always)]
     pub fn distribution(&self, m: DVec3) -> f64 {
         let squared = self.alpha * self.alpha;
-        // sin² + α² cos² has no cancellation.
+        // Written as sin² + α² cos², which has no cancellation.
         let below = m.x * m.x + m.y * m.y + squared * m.z * m.z;
         if m.z > 0.0 && squared > 0.0 {
             squared / (PI * below * below)
@@ -64,12 +64,13 @@ impl Ggx {
         }
     }
 
-    /// G1: the share of the microfacets facing `w` that are visible from there; the same on both sides of the surface.
+    /// Evaluates Smith's G1: the fraction of the microfacets facing `w` that are visible from there; equal on both
+    /// sides of the surface. For a sampled direction it is G2 / G1, the weight of the sample.
     #[inline(always)]
     pub fn g2_over_g1(&self, w: DVec3) -> f64 {
         let cosine = w.z.abs();
         let root = (self.alpha * self.alpha * (w.x * w.x + w.y * w.y) + w.z * w.z).sqrt();
-        // At least the cosine, also where squares vanish.
+        // Keep the root at least the cosine, also where squares underflow.
         let root = root.max(cosine);
         if cosine > 0.0 {
             2.0 * cosine / (cosine + root)
@@ -78,7 +79,7 @@ impl Ggx {
         }
     }
 
-    /// The density of [`Ggx::sample_vndf`] per steradian, for `wo` above the surface.
+    /// Returns the density per steradian of the normals that [`Ggx::sample_vndf`] samples, for `wo` above the surface.
     #[inline(always)]
     pub fn vndf_pdf(&self, wo: DVec3, m: DVec3) -> f64 {
         if wo.z <= 0.0 {
@@ -87,21 +88,23 @@ impl Ggx {
         self.g2_over_g1(wo) * self.distribution(m) * wo.dot(m).max(0.0) / wo.z
     }
 
-    /// A microfacet's normal among those visible from `wo`, which is above the surface, picked by `u` in [0, 1)².
+    /// Samples a microfacet normal among those visible from `wo`, which is above the surface, by `u` in [0, 1)².
     #[inline(always)]
     pub fn sample_vndf(&self, wo: DVec3, u: [f64; 2]) -> DVec3 {
-        // Stretched so that the microfacets make a hemisphere, what is seen of it is mirrored into a spherical cap.
-        // Scaled first, so that the square of neither a narrow lobe nor a grazing view vanishes.
+        // Stretch space so that the microfacets form a hemisphere; mirroring its visible part gives a spherical cap.
+        // Divide by the larger component first, so that the square of neither a narrow lobe nor a grazing view
+        // underflows.
         let scale = self.alpha.max(wo.z);
         let alpha = self.alpha / scale;
         let seen = DVec3::new(alpha * wo.x, alpha * wo.y, wo.z / scale).normalize();
+        // Sample the spherical cap of mirrored directions
         let cap = warp::direction(u[1] * (1.0 + seen.z), u[0]);
-        // The half vector: its z is (1 - u)(1 + z), without cancellation.
+        // The half vector's z is (1 - u)(1 + z), free of cancellation; scale back to the unstretched space.
         let z = (1.0 - u[1]) * (1.0 + seen.z);
         DVec3::new(self.alpha * (cap.x + seen.x), self.alpha * (cap.y + seen.y), z).normalize()
     }
 
-    /// The lobe of reflection, D G / (4 |n·wo| |n·wi|), without Fresnel's share: symmetric, per steradian.
+    /// Evaluates the reflection lobe D G / (4 |n·wo| |n·wi|) without the Fresnel term: symmetric, per steradian.
     #[inline(always)]
     pub fn reflection(&self, wo: DVec3, wi: DVec3) -> f64 {
         if wo.z <= 0.0 || wi.z <= 0.0 {
@@ -111,7 +114,7 @@ impl Ggx {
         self.distribution((wo + wi).normalize()) * masking / (4.0 * wo.z * wi.z)
     }
 
-    /// The density of [`Ggx::sample_reflection`] per steradian.
+    /// Returns the density of [`Ggx::sample_reflection`] per steradian.
     #[inline(always)]
     pub fn reflection_pdf(&self, wo: DVec3, wi: DVec3) -> f64 {
         let half = wo + wi;
@@ -125,8 +128,8 @@ impl Ggx {
         }
     }
 
-    /// A mirrored direction, picked by `u` in [0, 1)²; `None` where it would go into the surface, which counts as
-    /// nothing.
+    /// Samples a reflected direction by `u` in [0, 1)². Returns `None` where it points into the surface; such samples
+    /// count as zero.
     #[inline(always)]
     pub fn sample_reflection(&self, wo: DVec3, u: [f64; 2]) -> Option<LobeSample> {
         let m = self.sample_vndf(wo, u);
@@ -138,11 +141,11 @@ impl Ggx {
         })
     }
 
-    /// The lobe of refraction without Fresnel's share, per steradian; `wi` is below the surface and `eta` is the index
-    /// there over that on the viewer's side. Divided by `eta` it is symmetric.
+    /// Evaluates the refraction lobe without the Fresnel term, per steradian; `wi` is below the surface and `eta` is
+    /// the index there over that on the viewer's side. Divided by `eta` it is symmetric.
     ///
-    /// Walter's equation 21 over the squared ratio of indices. The denominator (o·m + eta i·m)² is |o + eta i|², as m
-    /// has that direction.
+    /// It is Walter's equation 21 over the squared ratio of indices. The denominator (o·m + eta i·m)² is |o + eta i|²,
+    /// as m has that direction.
     #[inline(always)]
     pub fn transmission(&self, wo: DVec3, wi: DVec3, eta: f64) -> f64 {
         let Some((m, below)) = self.refracting(wo, wi, eta) else {
@@ -153,7 +156,7 @@ impl Ggx {
         cosines * eta * eta * self.distribution(m) * masking / below
     }
 
-    /// The density of [`Ggx::sample_transmission`] per steradian of `wi` (Walter, equation 17).
+    /// Returns the density of [`Ggx::sample_transmission`] per steradian of `wi` (Walter, equation 17).
     #[inline(always)]
     pub fn transmission_pdf(&self, wo: DVec3, wi: DVec3, eta: f64) -> f64 {
         let Some((m, below)) = self.refracting(wo, wi, eta) else {
@@ -162,21 +165,22 @@ impl Ggx {
         self.vndf_pdf(wo, m) * eta * eta * -wi.dot(m) / below
     }
 
-    /// The microfacet that refracts `wi` to `wo`, and |wo + eta wi|²; `None` if none does.
+    /// Returns the microfacet normal that refracts `wi` to `wo`, and |wo + eta wi|²; `None` if there is none.
     #[inline(always)]
     fn refracting(&self, wo: DVec3, wi: DVec3, eta: f64) -> Option<(DVec3, f64)> {
         let across = wo + eta * wi;
         let below = across.length_squared();
-        // It points to the side of the lower index.
+        // The half vector points to the side of the lower index.
         let m = across * (below.sqrt().recip() * if eta > 1.0 { -1.0 } else { 1.0 });
         let faces = wo.z > 0.0 && wi.z < 0.0 && below > 0.0 && m.z > 0.0;
         (faces && wo.dot(m) > 0.0 && wi.dot(m) < 0.0).then_some((m, below))
     }
 
-    /// A refracted direction, picked by `u` in [0, 1)²; `eta` is the index on the far side over that on the viewer's.
+    /// Samples a refracted direction by `u` in [0, 1)²; `eta` is the index on the far side over that on the viewer's
+    /// side.
     ///
-    /// `None` where all light is reflected at the microfacet, or where the ray would not get below the surface, which
-    /// counts as nothing. Equal indices bend no ray, but the lobe still masks: pass such boundaries by.
+    /// Returns `None` on total internal reflection at the microfacet, or where the ray would not get below the surface;
+    /// such samples count as zero. Equal indices bend no ray, but the lobe still masks: skip such boundaries.
     #[inline(always)]
     pub fn sample_transmission(&self, wo: DVec3, eta: f64, u: [f64; 2]) -> Option<LobeSample> {
         let m = self.sample_vndf(wo, u);
@@ -200,12 +204,13 @@ mod tests {
     const ROUGHNESSES: [f64; 6] = [0.05, 0.1, 0.25, 0.5, 0.8, 1.0];
     const INDICES: [f64; 4] = [1.5, 1.0 / 1.5, 1.01, 2.4];
 
+    /// Returns the unit vector at this angle from the normal, in the xz plane.
     fn at(degrees: f64) -> DVec3 {
         let (sin, cos) = degrees.to_radians().sin_cos();
         DVec3::new(sin, 0.0, cos)
     }
 
-    /// Roberts' R4 sequence: evenly spread numbers for two directions.
+    /// Returns points of Roberts' R4 sequence: low-discrepancy numbers for two directions.
     fn quadruples(count: u32) -> impl Iterator<Item = [f64; 4]> {
         const STEP: [f64; 4] = [
             0.856_674_883_854_502_8,
@@ -216,7 +221,7 @@ mod tests {
         (0..count).map(|i| STEP.map(|step| (0.5 + f64::from(i) * step).fract()))
     }
 
-    /// A direction of the upper hemisphere.
+    /// Returns a direction of the upper hemisphere from two random numbers.
     fn upper(u: f64, turn: f64) -> DVec3 {
         warp::direction(u, turn)
     }
@@ -228,6 +233,7 @@ mod tests {
             let mut checked = 0;
             for [a, b, c, d] in quadruples(10_000) {
                 let wo = upper(a, b);
+                // Compare the sample's weight with lobe, cosine and density
                 let check = |name: &str, s: LobeSample, value: f64, pdf: f64| {
                     let found = value * s.wi.z.abs() / pdf;
                     assert!(
@@ -236,11 +242,13 @@ mod tests {
                         s.wi
                     );
                 };
+                // Check a reflected sample
                 if let Some(s) = lobe.sample_reflection(wo, [c, d]) {
                     check(
                         "reflection",
                         s,
                         lobe.reflection(wo, s.wi),
+                        // Check refracted samples for all indices
                         lobe.reflection_pdf(wo, s.wi),
                     );
                     checked += 1;
@@ -275,11 +283,12 @@ mod tests {
                 };
                 let [wo, wi] = [wo, sample.wi].map(|w| w.as_vec3());
                 let lanes = |w: glam::Vec3| w.to_array().map(|axis| [axis; LANES]);
+                // Shade in f32 and compare with the f64 lobe
                 let shaded = f64::from(direct(&material, &up, &lanes(wo), &lanes(wi))[0][0]);
                 let (wo, wi) = (wo.as_dvec3(), wi.as_dvec3());
                 let exact = lobe.reflection(wo, wi) * wi.z;
                 // f32: h is off by 2^-24 of the vectors, so sin by 2^-23 / |h| beside alpha, and D by four times that
-                // over alpha; at roundings 2^-24 some twenty operations follow. Rounded inputs are unit to 2^-23.
+                // over alpha; some twenty operations with roundings of 2^-24 follow. Rounded inputs are unit to 2^-23.
                 let unit = f64::from(f32::EPSILON);
                 let alpha = (roughness * roughness).min(1.0);
                 let bound = unit * (16.0 + 8.0 / (alpha * (wo + wi).length()));
@@ -310,8 +319,8 @@ mod tests {
 
     /// Calls `add` with `cells` by `cells` normals m and the solid angle dm of each.
     ///
-    /// With tan² = alpha² x / (1 - x) all of an even grid of x would have the same D cos dm; 1 - x = (1 - y)² takes
-    /// away the singularity that a grazing view makes of the far tail.
+    /// With tan² = alpha² x / (1 - x) all cells of a regular grid of x would have equal D cos dm; 1 - x = (1 - y)²
+    /// removes the singularity of the far tail at a grazing view.
     fn over_microfacets(lobe: &Ggx, cells: u32, mut add: impl FnMut(DVec3, f64)) {
         let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(cells);
         for i in 0..cells * cells {
@@ -336,7 +345,7 @@ mod tests {
                 over_microfacets(&lobe, 512, |m, dm| exact += lobe.vndf_pdf(wo, m) * dm * m);
                 let cells = 512;
                 let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(cells);
-                // The far tail is where u[1] nears 1: finer steps there.
+                // The far tail is where u[1] nears 1: use finer steps there.
                 let drawn: DVec3 = (0..cells * cells)
                     .map(|i| {
                         let rest = 1.0 - middle(i / cells);
@@ -362,7 +371,7 @@ mod tests {
                     |there: f64, back: f64| assert!((there - back).abs() <= 1e-9 * there, "{there} {back}");
                 same(lobe.reflection(wo, wi), lobe.reflection(wi, wo));
                 for eta in INDICES {
-                    // Seen from the other side, what was above is below.
+                    // Seen from the other side, above and below are exchanged.
                     let there = lobe.transmission(wo, -wi, eta) / eta;
                     let back = lobe.transmission(wi, -wo, eta.recip()) * eta;
                     same(there, back);
@@ -411,11 +420,13 @@ mod tests {
                         (m.length() - 1.0).abs() < 4.0 * f64::EPSILON && m.z > 0.0,
                         "{roughness} {z} {u:?}"
                     );
-                    // Where the cap's point and the view cancel, f64::EPSILON of them remains over 1 - u[1].
+                    // Where the cap's point and the view cancel, a relative error of f64::EPSILON remains over 1 -
+                    // u[1].
                     assert!(
                         wo.dot(m) >= -f64::EPSILON * 2f64.powi(32),
                         "{roughness} {z} {u:?}"
                     );
+                    // Check the weights of samples of both kinds
                     for s in [
                         lobe.sample_reflection(wo, u),
                         lobe.sample_transmission(wo, 1.5, u),

@@ -1,75 +1,75 @@
-//! The materials of sixteen points: factors, with textures and vertex colours multiplied in later.
+//! Materials of sixteen points: constant factors, which textures and vertex colours later multiply.
 
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{AlphaMode, Effect, EffectSet, Lecture, Material, MetallicRoughness, Model, Translucency};
 
-/// The material at sixteen points.
+/// Material parameters of sixteen points.
 ///
-/// `rich` holds neutral values unless the effects ask for it.
+/// `rich` holds neutral values unless the effects need it.
 #[derive(Clone, Debug)]
 pub struct MaterialPacket {
-    /// Which parts are written; what belongs to others is neutral.
+    /// Effects whose parameters are written; parameters of other effects are neutral.
     pub effects: EffectSet,
-    /// Linear RGB.
+    /// Base colour, linear RGB.
     pub base_color: Lanes3<f32>,
-    /// Coverage: the part of the surface that is there, 1 for opaque materials.
+    /// Coverage of the surface in [0, 1]; 1 for opaque materials.
     pub alpha: Lanes<f32>,
     /// Emitted radiance, linear RGB.
     pub emission: Lanes3<f32>,
-    /// 0 dielectric, 1 metal.
+    /// Metalness: 0 for dielectrics, 1 for metals.
     pub metallic: Lanes<f32>,
     /// Perceptual roughness, 0 to 1.
     pub roughness: Lanes<f32>,
     /// Reflectance of the dielectric at normal incidence, before `specular_color` and `specular`.
     pub f0: Lanes<f32>,
-    /// What few materials have.
+    /// Parameters that only few materials use.
     pub rich: ExtendedMaterialLanes,
-    /// The index of refraction of a body, where all that is asked is how much light gets in.
+    /// Index of refraction of a scattering interior, set only where irradiance that enters it is computed.
     pub enters: Option<f32>,
 }
 
-/// What few materials have, at sixteen points.
+/// Rarely used material parameters of sixteen points.
 #[derive(Clone, Debug)]
 pub struct ExtendedMaterialLanes {
-    /// Strength of a dielectric's reflection.
+    /// Strength of the specular reflection of a dielectric.
     pub specular: Lanes<f32>,
-    /// Colour of a dielectric's reflection; the lecture's rsp.
+    /// Specular colour of a dielectric; rsp in the Phong and Whitted model.
     pub specular_color: Lanes3<f32>,
-    /// The share that goes through, linear RGB; the lecture's kt.
+    /// Transmitted fraction, linear RGB; kt in the Phong and Whitted model.
     pub transmission: Lanes3<f32>,
-    /// How much of the ambient light arrives.
+    /// Ambient occlusion: the fraction of the ambient light that arrives.
     pub occlusion: Lanes<f32>,
-    /// Whether the lecture's model answers light rather than glTF's. An unlit surface is one of the lecture's that
-    /// reflects nothing.
+    /// True in lanes that are shaded by the Phong and Whitted model rather than glTF's. An unlit surface is one of that
+    /// model with zero reflectance.
     pub is_lecture: Lanes<bool>,
-    /// The lecture's ra, linear RGB.
+    /// Ambient reflectance ra of the Phong and Whitted model, linear RGB.
     pub ambient: Lanes3<f32>,
-    /// The lecture's rd, linear RGB.
+    /// Diffuse reflectance rd of the Phong and Whitted model, linear RGB.
     pub diffuse: Lanes3<f32>,
-    /// The lecture's f.
+    /// Exponent f of the Phong highlight.
     pub exponent: Lanes<f32>,
-    /// The lecture's kr, linear RGB.
+    /// Mirror reflectance kr of the Phong and Whitted model, linear RGB.
     pub reflection: Lanes3<f32>,
-    /// Rays that a lobe is looked into by where the eye sees it.
+    /// Number of rays into a rough lobe at the hit of a camera ray.
     pub rough_rays: Lanes<u32>,
-    /// Of the diffuse light, what leaves where and on the side that it arrived: less than 1 for thin sheets, 0 for
-    /// bodies that scatter within.
+    /// Fraction of the diffuse light that leaves where it arrived and on that side: less than 1 for thin surfaces, 0
+    /// for interiors with subsurface scattering.
     pub local: Lanes<f32>,
-    /// Of a white sheet's diffuse light, what leaves on the other side, linear RGB.
+    /// Fraction of the diffuse light of a white thin surface that leaves on the other side, linear RGB.
     pub translucency: Lanes3<f32>,
 }
 
-/// Reflectance of a dielectric at normal incidence in air.
+/// Returns the reflectance of a dielectric at normal incidence in air.
 fn f0_of(ior: f64) -> f32 {
     let ratio = (ior - 1.0) / (ior + 1.0);
     (ratio * ratio) as f32
 }
 
-/// glTF's default index of refraction, 1.5, written as the specification does.
+/// Reflectance of glTF's default index of refraction, 1.5, written as the specification does.
 pub(super) const DEFAULT_F0: f32 = 0.04;
 
 impl MaterialPacket {
-    /// Black everywhere.
+    /// Material that is black in all lanes.
     pub const BLACK: MaterialPacket = MaterialPacket {
         effects: EffectSet::NONE,
         base_color: [[0.0; LANES]; 3],
@@ -105,6 +105,7 @@ impl MaterialPacket {
         }
     }
 
+    /// Sets every lane; `BARE` skips the optional effects at compile time.
     #[inline(always)]
     fn fill_of<const BARE: bool>(&mut self, material: &Material) {
         let factors = Factors::of(material);
@@ -124,7 +125,7 @@ impl MaterialPacket {
         self.set_of::<false>(l, material);
     }
 
-    /// Sets the lanes that have one to the factors of their materials.
+    /// Sets the lanes for which `material` returns one to the factors of that material.
     #[inline(always)]
     pub fn set_lanes<'m>(&mut self, material: impl FnMut(usize) -> Option<&'m Material>) {
         if self.effects.is_bare() {
@@ -134,6 +135,7 @@ impl MaterialPacket {
         }
     }
 
+    /// Sets the lanes that have a material; `BARE` skips the optional effects at compile time.
     #[inline(always)]
     fn set_lanes_of<'m, const BARE: bool>(
         &mut self,
@@ -146,7 +148,8 @@ impl MaterialPacket {
         }
     }
 
-    /// `BARE` may be where the effects are.
+    /// Sets one lane to the factors of `material`. `BARE` may be true only if [`EffectSet::is_bare`] holds for the
+    /// packet's effects.
     #[inline(always)]
     fn set_of<const BARE: bool>(&mut self, l: usize, material: &Material) {
         let factors = Factors::of(material);
@@ -156,15 +159,15 @@ impl MaterialPacket {
         }
     }
 
-    /// Whether the surface in lane `l` lets light through.
+    /// Returns whether the surface in lane `l` transmits light.
     #[inline(always)]
     pub fn transmits(&self, l: usize) -> bool {
         let through = &self.rich.transmission;
         through[0][l] + through[1][l] + through[2][l] > 0.0
     }
 
-    /// Whether the surface in lane `l` shows what is around by rays into its lobe, rather than by a mirror ray or not
-    /// at all.
+    /// Returns whether the surface in lane `l` gathers its environment by rays into a rough lobe, rather than by a
+    /// mirror ray or not at all.
     #[inline(always)]
     pub fn has_lobe(&self, l: usize) -> bool {
         if !self.effects.has_lobes() {
@@ -178,21 +181,24 @@ impl MaterialPacket {
         self.effects.has(effect) && self.rich.rough_rays[l] > 0 && self.roughness[l] > 0.0
     }
 
-    /// Whether the surface in lane `l` is a thin sheet that lets diffuse light through.
+    /// Returns whether the surface in lane `l` is a thin surface with diffuse transmission.
     #[inline(always)]
     pub fn is_sheet(&self, l: usize) -> bool {
         let through = &self.rich.translucency;
         through[0][l] + through[1][l] + through[2][l] > 0.0
     }
 
+    /// Sets the parameters that every packet has, in lane `l`.
     #[inline(always)]
     fn set_plain<const BARE: bool>(&mut self, l: usize, factors: &Factors) {
         let material = factors.material;
+        // Set colour and emission per channel
         let shines = !BARE && self.effects.has(Effect::Emission);
         for channel in 0..3 {
             self.base_color[channel][l] = material.base_color[channel];
             self.emission[channel][l] = if shines { factors.emission[channel] } else { 0.0 };
         }
+        // Set coverage, metalness, roughness and reflectance
         self.alpha[l] = if BARE {
             1.0
         } else {
@@ -207,7 +213,7 @@ impl MaterialPacket {
         };
     }
 
-    /// The part of a surface of `material` that is there, by the fourth channel of its base colour.
+    /// Returns the coverage of a surface of `material` whose base colour has the alpha value `alpha`.
     #[inline(always)]
     pub fn coverage(&self, material: &Material, alpha: f32) -> f32 {
         let counts = match material.alpha {
@@ -222,8 +228,10 @@ impl MaterialPacket {
         }
     }
 
+    /// Sets the rarely used parameters in lane `l`, neutral where their effect is off.
     #[inline(always)]
     fn set_rich(&mut self, l: usize, factors: &Factors) {
+        // Set the parameters that have one value per lane
         let is_specular = factors.is_lecture || self.effects.has(Effect::Specular);
         let local = self.local_share(factors);
         let rich = &mut self.rich;
@@ -233,6 +241,7 @@ impl MaterialPacket {
         rich.exponent[l] = factors.lecture.exponent;
         rich.occlusion[l] = 1.0;
         rich.rough_rays[l] = factors.model.rough_rays;
+        // Set the parameters that have one value per colour channel
         for channel in 0..3 {
             rich.specular_color[channel][l] = if is_specular {
                 factors.specular_color[channel]
@@ -251,7 +260,7 @@ impl MaterialPacket {
         }
     }
 
-    /// Of the diffuse light, what leaves where and on the side that it arrived.
+    /// Returns the fraction of the diffuse light that leaves where it arrived and on that side.
     #[inline(always)]
     fn local_share(&self, factors: &Factors) -> f32 {
         if self.effects.has(Effect::Subsurface) && factors.material.scatters().is_some() {
@@ -264,7 +273,7 @@ impl MaterialPacket {
     }
 }
 
-/// A material's numbers in one form for both models.
+/// Factors of a material in one form for both shading models.
 struct Factors<'m> {
     material: &'m Material,
     model: MetallicRoughness,
@@ -278,7 +287,7 @@ struct Factors<'m> {
     translucency: [f32; 3],
 }
 
-/// A lecture's surface that reflects nothing.
+/// Parameters of the Phong and Whitted model for a surface with zero reflectance.
 const NOTHING: Lecture = Lecture {
     ambient: [0.0; 3],
     diffuse: [0.0; 3],
@@ -287,11 +296,13 @@ const NOTHING: Lecture = Lecture {
 
 impl<'m> Factors<'m> {
     fn of(material: &'m Material) -> Factors<'m> {
+        // Fill in the model that the material does not use with neutral values
         let (model, lecture, is_lecture) = match material.model {
             Model::MetallicRoughness(model) => (model, NOTHING, false),
             Model::Lecture(lecture) => (MetallicRoughness::DEFAULT, lecture, true),
             Model::Unlit => (MetallicRoughness::DEFAULT, NOTHING, true),
         };
+        // Split the diffuse light between the two sides of a thin surface
         let leaf = material.translucent().map(Translucency::leaf);
         Factors {
             material,
@@ -316,7 +327,7 @@ impl<'m> Factors<'m> {
             } else {
                 [model.transmission; 3]
             },
-            // The base colour comes later, the same for all channels' shares.
+            // Textures multiply the base colour in later; the fraction is equal in all channels.
             local: leaf.map_or(1.0, |leaf| leaf.reflectance()[0] as f32),
             translucency: leaf.map_or([0.0; 3], |leaf| leaf.translucency().map(|x| x as f32)),
         }

@@ -1,7 +1,7 @@
-//! glTF's metallic-roughness model (glTF 2.0, Appendix B): Lambert under a Fresnel-weighted GGX lobe.
+//! glTF's metallic-roughness model (glTF 2.0, Appendix B): Lambertian diffuse under a Fresnel-weighted GGX lobe.
 //!
-//! Punctual lights are answered by the whole lobe. The surroundings are answered by one mirror ray where the surface
-//! is smooth enough to show an image, by rays into the lobe where the material asks for them, and by the ambient term
+//! Punctual lights are evaluated with the whole lobe. The environment is evaluated by one mirror ray where the surface
+//! is smooth enough to show an image, by rays into the lobe where the material requests them, and by the ambient term
 //! elsewhere.
 
 use std::f32::consts::PI;
@@ -11,7 +11,7 @@ use crate::numeric::{LANES, Lanes3};
 use crate::scene::MIRROR_ROUGHNESS;
 
 impl MaterialPacket {
-    /// Diffuse albedo.
+    /// Returns the diffuse albedo of one channel.
     #[inline(always)]
     fn c_diff<const RICH: bool>(&self, channel: usize, l: usize) -> f32 {
         let scattered = self.base_color[channel][l] * (1.0 - self.metallic[l]);
@@ -22,14 +22,15 @@ impl MaterialPacket {
         }
     }
 
-    /// What leaves a thin sheet diffusely on the other side, of what is not reflected.
+    /// Returns the albedo of diffuse transmission to the other side of a thin surface, as a fraction of the light not
+    /// reflected.
     #[inline(always)]
     fn c_through(&self, channel: usize, l: usize) -> f32 {
         let rich = &self.rich;
         rich.translucency[channel][l] * (1.0 - self.metallic[l]) * (1.0 - rich.transmission[channel][l])
     }
 
-    /// Reflectance at normal incidence.
+    /// Returns the specular reflectance at normal incidence.
     #[inline(always)]
     fn f0<const RICH: bool>(&self, channel: usize, l: usize) -> f32 {
         let dielectric = if RICH {
@@ -40,7 +41,7 @@ impl MaterialPacket {
         dielectric * (1.0 - self.metallic[l]) + self.base_color[channel][l] * self.metallic[l]
     }
 
-    /// Reflectance at grazing incidence.
+    /// Returns the specular reflectance at grazing incidence.
     #[inline(always)]
     fn f90<const RICH: bool>(&self, l: usize) -> f32 {
         if RICH {
@@ -50,22 +51,22 @@ impl MaterialPacket {
         }
     }
 
-    /// Schlick's reflectance; `grazing` is the fifth power of 1 less the cosine under which light meets the surface.
+    /// Evaluates Schlick's Fresnel reflectance; `grazing` is the fifth power of 1 minus the cosine of incidence.
     #[inline(always)]
     fn schlick<const RICH: bool>(&self, grazing: f32, channel: usize, l: usize) -> f32 {
         let f0 = self.f0::<RICH>(channel, l);
         f0 + (self.f90::<RICH>(l) - f0) * grazing
     }
 
-    /// Schlick's reflectance of lane `l` where light meets the surface, or a microfacet of it, under the cosine
-    /// `cosine`.
+    /// Returns Schlick's Fresnel reflectance of lane `l` at the cosine of incidence `cosine` to the surface or to a
+    /// microfacet.
     pub fn fresnel(&self, cosine: f32, l: usize) -> [f32; 3] {
         let grazing = fifth_power(1.0 - cosine);
         std::array::from_fn(|channel| self.schlick::<true>(grazing, channel, l))
     }
 
-    /// Radiance that leaves without any light's help: emission, and the surroundings `ambient` seen diffusely, and
-    /// specularly where no other ray brings them.
+    /// Returns radiance that needs no light sampling: emission, plus the ambient radiance `ambient` reflected
+    /// diffusely, and specularly where no other ray gathers the environment.
     #[inline(always)]
     pub fn ambient(&self, ambient: [f32; 3]) -> Lanes3<f32> {
         if self.effects.is_rich() {
@@ -75,10 +76,12 @@ impl MaterialPacket {
         }
     }
 
+    /// Implements [`MaterialPacket::ambient`]; `RICH` must be true if the effects are rich.
     #[inline(always)]
     fn ambient_of<const RICH: bool>(&self, ambient: [f32; 3]) -> Lanes3<f32> {
         let rich = &self.rich;
         let mut rough = [0.0; LANES];
+        // Mask lanes whose specular reflection is gathered by rays
         for l in 0..LANES {
             rough[l] = if self.roughness[l] <= MIRROR_ROUGHNESS || (RICH && self.has_lobe(l)) {
                 0.0
@@ -86,6 +89,7 @@ impl MaterialPacket {
                 1.0
             };
         }
+        // Add the ambient light by diffuse and specular albedo
         let mut radiance = self.emission;
         for channel in 0..3 {
             for l in 0..LANES {
@@ -103,7 +107,8 @@ impl MaterialPacket {
     }
 }
 
-/// Reflected radiance per unit of irradiance at normal incidence, that is BRDF times n·wi, at sixteen points.
+/// Returns the reflected radiance per unit of irradiance at normal incidence, that is BRDF times n·wi, at sixteen
+/// points.
 ///
 /// `ns`, `wo` and `wi` are unit vectors; lanes with n·wi <= 0 give zero.
 #[inline(always)]
@@ -120,7 +125,7 @@ pub fn direct(
     }
 }
 
-/// [`direct`]; `RICH` is needed where the material's effects are rich.
+/// Evaluates [`direct`]; `RICH` must be true if the material's effects are rich.
 #[inline(always)]
 pub fn direct_of<const RICH: bool>(
     material: &MaterialPacket,
@@ -130,6 +135,7 @@ pub fn direct_of<const RICH: bool>(
 ) -> Lanes3<f32> {
     let mut reflected = [[0.0; LANES]; 3];
     for l in 0..LANES {
+        // Compute cosines and the half vector
         let n = [ns[0][l], ns[1][l], ns[2][l]];
         let v = [wo[0][l], wo[1][l], wo[2][l]];
         let i = [wi[0][l], wi[1][l], wi[2][l]];
@@ -139,8 +145,8 @@ pub fn direct_of<const RICH: bool>(
         let h_squared = dot(h, h);
         // The half vector stays unnormalised: for unit v and i, v·h over |h| is |h| / 2.
         let v_dot_h = 0.5 * h_squared.sqrt();
-        // The GGX denominator 1 - (n·h)²(1 - α²) as sin² + α² cos², times |h|²: near the peak of a smooth lobe the
-        // textbook form loses all digits, this one none.
+        // Write the GGX denominator 1 - (n·h)²(1 - α²) as sin² + α² cos², times |h|²: near the peak of a smooth lobe
+        // the textbook form loses all digits, this one none.
         let c = [
             n[1] * h[2] - n[2] * h[1],
             n[2] * h[0] - n[0] * h[2],
@@ -150,6 +156,7 @@ pub fn direct_of<const RICH: bool>(
         let alpha = material.roughness[l] * material.roughness[l];
         let alpha_squared = alpha * alpha;
         let denominator = dot(c, c) + alpha_squared * n_dot_h * n_dot_h;
+        // Evaluate Smith's separable masking and shadowing
         let shadowing_l = n_dot_l + (alpha_squared + (1.0 - alpha_squared) * n_dot_l * n_dot_l).sqrt();
         let shadowing_v = n_dot_v + (alpha_squared + (1.0 - alpha_squared) * n_dot_v * n_dot_v).sqrt();
         let below = PI * denominator * denominator * shadowing_l * shadowing_v;
@@ -159,6 +166,7 @@ pub fn direct_of<const RICH: bool>(
         } else {
             0.0
         };
+        // Blend diffuse and specular by Schlick's Fresnel term
         let grazing = fifth_power(1.0 - v_dot_h);
         for channel in 0..3 {
             let fresnel = material.schlick::<RICH>(grazing, channel, l);
@@ -169,10 +177,11 @@ pub fn direct_of<const RICH: bool>(
     reflected
 }
 
-/// Radiance that thin sheets let through diffusely per unit of irradiance at normal incidence, from lights behind them;
-/// lanes with n·wi >= 0 give zero.
+/// Returns the radiance that thin surfaces transmit diffusely per unit of irradiance at normal incidence, from lights
+/// behind them; lanes with n·wi >= 0 give zero.
 ///
-/// Of the light, the sheet's back reflects as much as its front would of light from the mirrored direction.
+/// The back of the surface reflects as much as its front would of light from the mirrored direction; only the remainder
+/// is transmitted.
 #[inline(always)]
 pub fn through(
     material: &MaterialPacket,
@@ -185,6 +194,7 @@ pub fn through(
         let n = [ns[0][l], ns[1][l], ns[2][l]];
         let i = [wi[0][l], wi[1][l], wi[2][l]];
         let behind = (-dot(n, i)).max(0.0);
+        // Compute the half vector with the light mirrored to the front
         let mut h = [wo[0][l], wo[1][l], wo[2][l]];
         for axis in 0..3 {
             h[axis] += i[axis] + 2.0 * behind * n[axis];
@@ -198,9 +208,9 @@ pub fn through(
     passed
 }
 
-/// The mirror ray of sixteen surfaces: unit direction and Schlick's Fresnel reflectance, zero where the surface is
-/// rougher than [`MIRROR_ROUGHNESS`] or sends rays into its lobe; the lecture's kr in its lanes. `RICH` is needed where
-/// the material's effects are rich.
+/// Returns the mirror rays of sixteen surfaces: unit direction and Schlick's Fresnel reflectance, which is zero where
+/// the surface is rougher than [`MIRROR_ROUGHNESS`] or sends rays into its lobe. In lanes of the Phong and Whitted
+/// model the reflectance is kr. `RICH` must be true if the material's effects are rich.
 #[inline(always)]
 pub fn mirror<const RICH: bool>(
     material: &MaterialPacket,
@@ -210,15 +220,18 @@ pub fn mirror<const RICH: bool>(
     let mut direction = [[0.0; LANES]; 3];
     let mut reflectance = [[0.0; LANES]; 3];
     for l in 0..LANES {
+        // Reflect the view direction about the normal
         let cosine = ns[0][l] * wo[0][l] + ns[1][l] * wo[1][l] + ns[2][l] * wo[2][l];
         for axis in 0..3 {
             direction[axis][l] = 2.0 * cosine * ns[axis][l] - wo[axis][l];
         }
+        // Lanes that are rough or have a lobe send no mirror ray
         let smooth = if material.roughness[l] <= MIRROR_ROUGHNESS && !(RICH && material.has_lobe(l)) {
             1.0
         } else {
             0.0
         };
+        // Take Schlick's reflectance, or kr in lanes of the Phong and Whitted model
         let grazing = fifth_power(1.0 - cosine.abs());
         for channel in 0..3 {
             let polished = smooth * material.schlick::<RICH>(grazing, channel, l);
@@ -237,7 +250,7 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// max(x, 0)⁵.
+/// Returns the fifth power of max(x, 0).
 #[inline(always)]
 fn fifth_power(x: f32) -> f32 {
     let x = x.max(0.0);

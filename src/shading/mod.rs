@@ -1,8 +1,8 @@
-//! How surfaces answer light: lights, textures, the lecture's equation and glTF's metallic-roughness model, sixteen
-//! points at a time.
+//! Shading of packets of sixteen points: light sampling, textures, the Phong and Whitted model, and glTF's
+//! metallic-roughness model.
 //!
-//! Everything here is arithmetic on lanes without branches, so that it vectorises; what lanes do not need is masked by
-//! a factor of zero.
+//! The code is branch-free arithmetic on lanes, so that it vectorises; results that a lane does not need are multiplied
+//! by zero.
 
 mod area_light;
 mod environment;

@@ -1,27 +1,27 @@
-//! Normals bent by textures: normal maps (glTF 2.0, 3.9.3) and bump maps (Blinn, "Simulation of wrinkled surfaces",
-//! SIGGRAPH 1978), and the guard that keeps what they bend visible.
+//! Normal perturbation by textures: normal maps (glTF 2.0, 3.9.3) and bump maps (Blinn, "Simulation of wrinkled
+//! surfaces", SIGGRAPH 1978), and the correction that keeps perturbed normals visible.
 //!
-//! All vectors are in one space, of the caller's choice. The order is: frame or derivatives with the outward normal,
-//! bend, turn to the viewer's side, guard.
+//! All vectors are in one space, chosen by the caller. The order is: frame or derivatives with the outward normal,
+//! perturb, flip to the viewer's side, correct.
 
 use glam::DVec3;
 
 use crate::scene::UvTransform;
 
-/// An orthonormal frame on a surface: glTF's tangent space.
+/// Orthonormal tangent frame on a surface: glTF's tangent space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TangentFrame {
-    /// Where u grows: right in the image.
+    /// Direction of increasing u: right in the image.
     pub tangent: DVec3,
-    /// Up in the image, where v shrinks: the frame is left-handed where the image is mirrored on the surface.
+    /// Direction up in the image, of decreasing v: the frame is left-handed where the image is mirrored on the surface.
     pub bitangent: DVec3,
-    /// The shading normal.
+    /// Shading normal of the point.
     pub n: DVec3,
 }
 
 impl TangentFrame {
-    /// The frame around the unit normal `n` that the point's derivatives by u and v give; `None` where they do not span
-    /// the surface, as at a pole.
+    /// Returns the frame around the unit normal `n` from the point's derivatives by u and v; `None` where they do not
+    /// span the surface, as at a pole.
     pub fn from_derivatives(n: DVec3, [dpdu, dpdv]: [DVec3; 2]) -> Option<TangentFrame> {
         let up = dpdv.try_normalize()?;
         let handedness = -n.cross(dpdu.try_normalize()?).dot(up);
@@ -30,8 +30,8 @@ impl TangentFrame {
             .flatten()
     }
 
-    /// The frame around the unit normal `n` of a mesh tangent: XYZ the tangent, W the handedness, by its sign. `None`
-    /// where the tangent is along the normal.
+    /// Returns the frame around the unit normal `n` from a mesh tangent: XYZ is the tangent, the sign of W the
+    /// handedness. `None` where the tangent is parallel to the normal.
     pub fn from_tangent(n: DVec3, tangent: DVec3, handedness: f32) -> Option<TangentFrame> {
         TangentFrame::new(n, tangent, handedness.into())
     }
@@ -46,8 +46,8 @@ impl TangentFrame {
         })
     }
 
-    /// The normal of a normal map's linear RGB `texel`, with glTF's `scale` of its X and Y: (2 texel - 1) in this
-    /// frame, brought to unit length. A texel that says nothing leaves the normal.
+    /// Returns the normal of a normal map's linear RGB `texel`, with glTF's `scale` of its X and Y: (2 texel - 1) in
+    /// this frame, normalised. A texel of zero length leaves the normal unchanged.
     pub fn perturbed(&self, texel: [f32; 3], scale: f32) -> DVec3 {
         let [x, y, z] = texel.map(|c| 2.0 * f64::from(c) - 1.0);
         let scale = f64::from(scale);
@@ -56,9 +56,10 @@ impl TangentFrame {
     }
 }
 
-/// The point's derivatives by the coordinates after `transform`, from those before it; `None` where it is singular.
+/// Returns the point's derivatives by the coordinates after `transform`, from those before it; `None` where it is
+/// singular.
 ///
-/// What a transformed normal map calls right and up is along these.
+/// Right and up of a transformed normal map are along these derivatives.
 pub fn transformed_derivatives([dpdu, dpdv]: [DVec3; 2], transform: &UvTransform) -> Option<[DVec3; 2]> {
     let [[a, b], [c, d]] = transform.matrix.map(|row| row.map(f64::from));
     let determinant = a * d - b * c;
@@ -70,40 +71,42 @@ pub fn transformed_derivatives([dpdu, dpdv]: [DVec3; 2], transform: &UvTransform
     derivatives.iter().all(|p| p.is_finite()).then_some(derivatives)
 }
 
-/// The unit normal of a surface raised along its unit normal `n` by a height whose derivatives by u and v are
-/// `gradient`, in units of length.
+/// Returns the unit normal of a surface displaced along its unit normal `n` by a height whose derivatives by u and v
+/// are `h_u` and `h_v`, in units of length.
 ///
 /// With the gradient on the surface, g = (h_u dpdv x n + h_v n x dpdu) / (n . dpdu x dpdv), it is n - g, normalised.
-/// Left as it is where the derivatives do not span the surface.
+/// Returns `n` where the derivatives do not span the surface.
 pub fn bumped(n: DVec3, [dpdu, dpdv]: [DVec3; 2], [h_u, h_v]: [f32; 2]) -> DVec3 {
     let rise = dpdv.cross(n) * f64::from(h_u) + n.cross(dpdu) * f64::from(h_v);
     let area = n.dot(dpdu.cross(dpdv));
     if area == 0.0 {
         return n;
     }
-    // Multiplied by the area, which keeps the direction and divides by nothing.
+    // Scale by the area, which preserves the direction and avoids a division.
     (n * area.abs() - rise * area.signum())
         .try_normalize()
         .unwrap_or(n)
 }
 
-/// The least sine of the elevation at which a mirror sends its ray off the surface, where the viewer stands higher.
+/// Smallest sine of the elevation at which a mirror ray leaves the surface, unless the viewer's elevation is lower.
 const MIN_ELEVATION: f64 = 0.01;
 
-/// Bends the unit normal `n` no further than keeps both the viewer and the mirror image above the surface.
+/// Returns the unit normal `n`, bent toward the viewer if needed to keep both the viewer and the mirror ray above the
+/// surface.
 ///
 /// `wo` points to the viewer and `ng` is the geometric normal on the viewer's side, both of unit length. Where the ray
-/// reflected by `n` would go into the surface, or barely off it, that ray is raised to an elevation whose sine is 0.01,
-/// or the viewer's own where that is lower; the result is the normal half-way between it and the viewer, so that
+/// reflected by `n` would point into the surface, or barely off it, that ray is raised to an elevation whose sine is
+/// 0.01, or the viewer's own where that is lower; the result is the normal half-way between it and the viewer, so that
 /// `n . wo > 0` too (after Keller et al., "The Iray light transport simulation and rendering system", 2017, A.3). It is
 /// a continuous function of `n`.
 pub fn kept_visible(n: DVec3, ng: DVec3, wo: DVec3) -> DVec3 {
     let least = MIN_ELEVATION.min(ng.dot(wo));
-    // A normal that the viewer sees from behind counts as one seen edge on: it sends the ray straight on.
+    // A normal that faces away from the viewer counts as edge-on: it sends the ray straight on.
     let reflected = n * (2.0 * n.dot(wo).max(0.0)) - wo;
     if reflected.dot(ng) >= least {
         return n;
     }
+    // Raise the reflected ray to the least elevation
     let level = reflected - ng * reflected.dot(ng);
     let Some(level) = level.try_normalize() else {
         return ng;
@@ -116,7 +119,7 @@ pub fn kept_visible(n: DVec3, ng: DVec3, wo: DVec3) -> DVec3 {
 mod tests {
     use super::*;
 
-    /// Unit vectors all around.
+    /// Returns unit vectors in all directions.
     fn directions() -> impl Iterator<Item = DVec3> {
         const COUNT: i32 = 200;
         (0..COUNT).map(|i| {
@@ -133,12 +136,12 @@ mod tests {
 
     #[test]
     fn the_green_of_a_normal_map_points_up_in_the_image() {
-        // An image on a wall, seen from +z: u to the right, v downwards.
+        // Image on a wall, seen from +z: u to the right, v downwards.
         let frame = TangentFrame::from_derivatives(DVec3::Z, [DVec3::X * 3.0, -DVec3::Y]).unwrap();
         assert!(is_near(frame.perturbed([0.5, 1.0, 0.5], 1.0), DVec3::Y));
         assert!(is_near(frame.perturbed([1.0, 0.5, 0.5], 1.0), DVec3::X));
         assert!(is_near(frame.perturbed([0.5, 0.5, 1.0], 1.0), DVec3::Z));
-        // Mirrored: u to the left.
+        // Mirrored image: u to the left.
         let frame = TangentFrame::from_derivatives(DVec3::Z, [-DVec3::X, -DVec3::Y]).unwrap();
         assert!(is_near(frame.perturbed([1.0, 0.5, 0.5], 1.0), -DVec3::X));
         assert!(is_near(frame.perturbed([0.5, 1.0, 0.5], 1.0), DVec3::Y));
@@ -159,7 +162,7 @@ mod tests {
     #[test]
     fn the_scale_of_a_normal_map_scales_its_slope() {
         let frame = TangentFrame::from_tangent(DVec3::Z, DVec3::X, 1.0).unwrap();
-        // (0.6, 0, 0.8) has the slope 3/4; twice that is 3/2.
+        // The vector (0.6, 0, 0.8) has the slope 3/4; twice that is 3/2.
         let n = frame.perturbed([0.8, 0.5, 0.9], 2.0);
         assert!((n.x / n.z - 1.5).abs() < 1e-6);
         assert_eq!(frame.perturbed([0.5; 3], 1.0), DVec3::Z);
@@ -178,13 +181,13 @@ mod tests {
 
     #[test]
     fn a_bumped_normal_is_that_of_the_raised_surface() {
-        // A plane with oblique derivatives, raised by 0.3 u - 0.2 v: its tangents are dpdu + 0.3 n and dpdv - 0.2 n.
+        // Plane with oblique derivatives, raised by 0.3 u - 0.2 v: its tangents are dpdu + 0.3 n and dpdv - 0.2 n.
         let (dpdu, dpdv) = (DVec3::new(1.0, 0.5, 0.0), DVec3::new(-0.25, 2.0, 0.0));
         let exact = (dpdu + 0.3 * DVec3::Z).cross(dpdv - 0.2 * DVec3::Z).normalize();
         let n = bumped(DVec3::Z, [dpdu, dpdv], [0.3, -0.2]);
         // The slopes are f32.
         assert!((n - exact).length() < 1e-7, "{n}, not {exact}");
-        // Mirrored derivatives: the height still goes along the normal.
+        // With mirrored derivatives the height is still along the normal.
         let n = bumped(DVec3::Z, [dpdv, dpdu], [-0.2, 0.3]);
         assert!((n - exact).length() < 1e-7, "{n}, not {exact}");
         assert_eq!(bumped(DVec3::Z, [DVec3::ZERO, dpdv], [0.3, -0.2]), DVec3::Z);
@@ -192,7 +195,7 @@ mod tests {
 
     #[test]
     fn a_rotated_map_turns_its_frame_along() {
-        // u' = 2 v, v' = -u: right in the image is dp/dv / 2.
+        // For u' = 2 v, v' = -u, right in the image is dp/dv / 2.
         let transform = UvTransform {
             matrix: [[0.0, 2.0], [-1.0, 0.0]],
             offset: [0.3, 0.1],

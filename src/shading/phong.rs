@@ -1,12 +1,12 @@
-//! The lecture's lighting equation: `Il (rd (s.m) + rsp (r.v)^f)`, clamped, sixteen points at a time.
+//! Phong lighting: `Il (rd (s.m) + rsp (r.v)^f)`, clamped, for packets of sixteen points.
 //!
 //! `s` points to the light, `m` is the normal, `v` points to the viewer and `r` is `s` mirrored at the normal. Both
-//! products count only where they are positive, and the highlight only where the light is above the surface.
+//! products are clamped at zero, and the highlight is zero unless the light is above the surface.
 
 use super::material::MaterialPacket;
 use crate::numeric::{LANES, Lanes3};
 
-/// What a unit of a light's intensity that arrives gives the viewer; zero in lanes of other models.
+/// Returns the reflected radiance per unit of incident intensity; zero in lanes of other models.
 #[inline(always)]
 pub fn phong_direct(
     material: &MaterialPacket,
@@ -23,7 +23,7 @@ pub fn phong_direct(
         let r_dot_v = 2.0 * s_dot_m * dot(ns, wo) - dot(wi, wo);
         let lit = rich.is_lecture[l] & (s_dot_m > 0.0);
         let shines = rich.specular_color[0][l] + rich.specular_color[1][l] + rich.specular_color[2][l] > 0.0;
-        // `powf` is a call: it is spared where nothing shines.
+        // `powf` is a function call: skip it where the specular colour is black.
         let highlight = if lit & shines & (r_dot_v > 0.0) {
             r_dot_v.min(1.0).powf(rich.exponent[l])
         } else {

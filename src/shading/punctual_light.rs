@@ -1,26 +1,27 @@
-//! What arrives from a light without extent at sixteen points (`KHR_lights_punctual`).
+//! Punctual lights (`KHR_lights_punctual`): directions and attenuation for packets of sixteen points.
 
 use glam::DVec3;
 
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Falloff, Light, LightKind};
 
-/// What arrives at sixteen points from one light, before any shadow.
+/// Unshadowed illumination of sixteen points by one punctual light.
 #[derive(Clone, Debug)]
 pub struct PunctualSample {
-    /// Unit vectors to the light.
+    /// Unit vectors toward the light.
     pub wi: Lanes3<f32>,
-    /// What the light's intensity is multiplied by to give the irradiance on a surface that faces it.
+    /// Factor that turns the light's intensity into the irradiance on a surface that faces it.
     pub attenuation: Lanes<f32>,
 }
 
-/// `KHR_lights_punctual`'s lower bound on the cosine difference over which a spot light fades.
+/// Lower bound of `KHR_lights_punctual` on the cosine difference over which a spot light fades.
 const MIN_CONE_FADE: f64 = 0.001;
 
-/// Directions to `punctual_light` and its attenuation at the points `p`.
+/// Computes the directions to `light` and its attenuation at the points `p`.
 #[inline(always)]
 pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> PunctualSample {
     match light.kind {
+        // A directional light is not attenuated
         LightKind::Directional { to_light } => PunctualSample {
             wi: to_light.as_vec3().to_array().map(|axis| [axis; LANES]),
             attenuation: [1.0; LANES],
@@ -32,7 +33,7 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> PunctualSample {
                 attenuation: weaken(&inverse_distance, falloff),
             }
         }
-        // Points of it are asked one by one, elsewhere.
+        // Area lights are sampled point by point elsewhere.
         LightKind::Area { .. } => PunctualSample {
             wi: [[0.0; LANES]; 3],
             attenuation: [0.0; LANES],
@@ -46,6 +47,7 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> PunctualSample {
         } => {
             let (wi, inverse_distance) = toward(position, p);
             let mut attenuation = weaken(&inverse_distance, falloff);
+            // Fade the light between the inner and the outer cone
             let scale = (cos_inner - cos_outer).max(MIN_CONE_FADE).recip() as f32;
             let direction = direction.as_vec3();
             for l in 0..LANES {
@@ -58,7 +60,7 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> PunctualSample {
     }
 }
 
-/// Unit vectors from `p` to `position`, and the inverse distances.
+/// Returns the unit vectors from `p` to `position`, and the inverse distances.
 #[inline(always)]
 fn toward(position: DVec3, p: &Lanes3<f64>) -> (Lanes3<f32>, Lanes<f32>) {
     let mut wi = [[0.0; LANES]; 3];
@@ -79,11 +81,12 @@ fn toward(position: DVec3, p: &Lanes3<f64>) -> (Lanes3<f32>, Lanes<f32>) {
     (wi, inverse_distance)
 }
 
-/// What is left of a light at these inverse distances; the inverse square law is faded by the extension's window.
+/// Returns the attenuation at the given inverse distances; a range applies the extension's window to the inverse square
+/// law.
 #[inline(always)]
 fn weaken(inverse_distance: &Lanes<f32>, falloff: Falloff) -> Lanes<f32> {
     let mut attenuation = [0.0; LANES];
-    // A light on the point itself has no direction: it gives nothing rather than infinity.
+    // A light exactly at the shaded point has no direction: it contributes zero rather than infinity.
     let square = |x: f32| if x < f32::INFINITY { x * x } else { 0.0 };
     match falloff {
         Falloff::InverseSquare { range: None } => {
@@ -92,6 +95,7 @@ fn weaken(inverse_distance: &Lanes<f32>, falloff: Falloff) -> Lanes<f32> {
             }
         }
         Falloff::InverseSquare { range: Some(range) } => {
+            // Multiply by the extension's window 1 - (distance / range)⁴
             let inverse_square = (range * range).recip() as f32;
             for l in 0..LANES {
                 let nearness = square(inverse_distance[l]);
@@ -103,6 +107,7 @@ fn weaken(inverse_distance: &Lanes<f32>, falloff: Falloff) -> Lanes<f32> {
                 };
             }
         }
+        // Divide by a polynomial in the distance
         Falloff::Polynomial {
             constant,
             linear,

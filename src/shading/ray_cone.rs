@@ -1,30 +1,31 @@
-//! Ray cones: how wide a ray is where it hits, and so which part of a texture one pixel sees.
+//! Ray cones: the width of a ray at its hit, which gives the texture footprint of one pixel.
 //!
 //! A cone is a width and a spread angle (Amanatides, "Ray tracing with cones", SIGGRAPH 1984; Akenine-Möller et al.,
 //! "Texture level of detail strategies for real-time ray tracing", Ray Tracing Gems, 2019, ch. 20, and "Improved shader
 //! and texture level of detail using ray cones", JCGT 10(1), 2021). Its cross section is taken as round.
 //!
-//! At surfaces, width and spread change as Coddington's equations say for a thin bundle, by the geometric mean of the
-//! plane of incidence and the plane across it. So refraction keeps the étendue: n² width² spread² is the same on both
-//! sides of a flat surface.
+//! At surfaces, width and spread change by Coddington's equations for a thin bundle, by the geometric mean of the plane
+//! of incidence and the plane across it. So refraction preserves the étendue: n² width² spread² is equal on both sides
+//! of a flat surface.
 
 use glam::DVec3;
 
 use crate::scene::CameraView;
 
-/// A ray's width where it starts and how fast it grows.
+/// Ray cone: width at the ray's origin and growth along the ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cone {
-    /// Diameter, in world units; a bundle that has passed its focus has a negative one.
+    /// Diameter in world units; negative for a bundle that has passed its focus.
     pub width: f64,
-    /// What a unit of distance adds: the full angle in radians, small; negative where the bundle converges.
+    /// Growth of the width per unit of distance: the full angle in radians, small; negative where the bundle converges.
     pub spread: f64,
 }
 
 impl Cone {
-    /// The cone of the pixel whose middle is the film point (`x`, `y`), each in [0, 1], of `width` by `height` pixels.
+    /// Returns the cone of the pixel whose centre is the film point (`x`, `y`), each in [0, 1], of `width` by `height`
+    /// pixels.
     ///
-    /// Its cross section has the area of the pixel's: the spread is the root of the pixel's solid angle.
+    /// Its cross section has the area of the pixel's: the spread is the square root of the pixel's solid angle.
     pub fn of_pixel(view: &CameraView, [x, y]: [f64; 2], [width, height]: [u32; 2]) -> Cone {
         let ray = view.ray(x, y);
         let right = view.ray(x + 1.0 / f64::from(width), y);
@@ -38,7 +39,7 @@ impl Cone {
         }
     }
 
-    /// The cone `distance` further on, in world units: the ray's parameter times the length of its direction.
+    /// Returns the cone advanced by `distance` in world units: the ray's parameter times the length of its direction.
     #[inline(always)]
     pub fn after(self, distance: f64) -> Cone {
         Cone {
@@ -47,8 +48,8 @@ impl Cone {
         }
     }
 
-    /// After a mirror of this mean `curvature` ([`triangle_curvature`]; 1/r of a sphere, positive where it bulges to
-    /// the side of the ray).
+    /// Returns the cone after a reflection at this mean `curvature` ([`triangle_curvature`]; 1/r of a sphere, positive
+    /// where the surface is convex toward the ray).
     ///
     /// Coddington: the spread grows by 2 k w / cos θ in the plane of incidence and by 2 k w cos θ across it.
     #[inline(always)]
@@ -59,7 +60,8 @@ impl Cone {
         }
     }
 
-    /// The same with `spread` more: that of a lobe which the ray is one of several rays into.
+    /// Returns the cone with its spread increased by `spread`: the share of a rough lobe that one of several rays
+    /// covers.
     #[inline(always)]
     pub fn spread_by(self, spread: f64) -> Cone {
         Cone {
@@ -68,8 +70,9 @@ impl Cone {
         }
     }
 
-    /// After refraction by the relative index `eta`, transmitted over incident, at a surface of this mean `curvature`,
-    /// positive where it bulges to the incident side; `cos_i` and `cos_t` are the cosines of both angles, positive.
+    /// Returns the cone after refraction by the relative index `eta`, transmitted over incident, at a surface of this
+    /// mean `curvature`, positive where it is convex toward the incident side; `cos_i` and `cos_t` are the cosines of
+    /// both angles, positive.
     ///
     /// Coddington, in the plane of incidence: w' = w cos t / cos i and s' = s cos i / (η cos t) - k w q / (cos i cos
     /// t); across it: w' = w and s' = s / η - k w q; where q = (η cos t - cos i) / η.
@@ -86,10 +89,11 @@ impl Cone {
     }
 }
 
-/// The axes of a cone's footprint on a surface: where a cone of `width` and of unit direction `d` cuts the plane with
-/// unit normal `n`. Full lengths, the longer first: along the plane of incidence it is `width` over the cosine.
+/// Returns the axes of a cone's footprint on a surface: the ellipse in which a cone of `width` and of unit direction
+/// `d` cuts the plane with unit normal `n`. They are full lengths, the longer first: along the plane of incidence it is
+/// `width` over the cosine.
 ///
-/// A plane seen edge on has a footprint without end; its axis is then as long as f64 goes.
+/// A plane seen edge-on has an unbounded footprint; its axis is clamped to the square root of the largest f64.
 pub fn axes_on_surface(width: f64, d: DVec3, n: DVec3) -> [DVec3; 2] {
     let width = width.abs();
     let along = (d - n * d.dot(n))
@@ -97,15 +101,16 @@ pub fn axes_on_surface(width: f64, d: DVec3, n: DVec3) -> [DVec3; 2] {
         .unwrap_or_else(|| n.any_orthonormal_vector());
     let across = n.cross(along);
     let length = (width / d.dot(n).abs()).min(f64::MAX.sqrt());
-    // 0 / 0: no width at all.
+    // A zero width seen edge-on gives 0 / 0.
     let length = if width == 0.0 { 0.0 } else { length };
     [along * length, across * width]
 }
 
-/// A vector in the surface as a step in uv, by least squares; zero where the derivatives do not span the surface.
+/// Converts a vector in the surface to a step in uv, by least squares; zero where the derivatives do not span the
+/// surface.
 pub fn uv_of(step: DVec3, [dpdu, dpdv]: [DVec3; 2]) -> [f32; 2] {
-    // The dual basis: du = (dpdv x n) . step / |n|², with n = dpdu x dpdv. Brought to unit length first, so that no
-    // square underflows.
+    // Use the dual basis: du = (dpdv x n) . step / |n|², with n = dpdu x dpdv. Normalise the derivatives first, so that
+    // no square underflows.
     let [Some(u), Some(v)] = [dpdu, dpdv].map(DVec3::try_normalize) else {
         return [0.0; 2];
     };
@@ -119,10 +124,10 @@ pub fn uv_of(step: DVec3, [dpdu, dpdv]: [DVec3; 2]) -> [f32; 2] {
     [du, dv].map(|x| (x as f32).clamp(-f32::MAX, f32::MAX))
 }
 
-/// The width in uv of a footprint that is taken as round: of a cone of `width` that meets the surface under the cosine
-/// `cos`, whose uv goes `uv_density` of its units a unit of length.
+/// Returns the width in uv of an isotropic footprint: of a cone of `width` that hits the surface at the cosine `cos`,
+/// where one unit of length spans `uv_density` units of uv.
 ///
-/// The longer axis counts, as in Ray Tracing Gems, ch. 20: nothing flickers, and glancing views blur.
+/// The longer axis is used, as in Ray Tracing Gems, ch. 20: grazing views are blurred rather than aliased.
 #[inline(always)]
 pub fn uv_width(width: f64, cos: f64, uv_density: f64) -> f32 {
     let width = (width * uv_density).abs();
@@ -133,7 +138,8 @@ pub fn uv_width(width: f64, cos: f64, uv_density: f64) -> f32 {
     }
 }
 
-/// Units of uv a unit of length on a triangle with corners `p`: the root of the ratio of its areas.
+/// Returns the units of uv per unit of length on a triangle with corners `p`: the square root of the ratio of its
+/// areas.
 pub fn triangle_uv_density(p: [DVec3; 3], uv: [[f32; 2]; 3]) -> f64 {
     let [a, b, c] = uv.map(|uv| DVec3::new(uv[0].into(), uv[1].into(), 0.0));
     let area = (p[1] - p[0]).cross(p[2] - p[0]).length();
@@ -141,22 +147,22 @@ pub fn triangle_uv_density(p: [DVec3; 3], uv: [[f32; 2]; 3]) -> f64 {
     finite_or_zero((uv_area / area).sqrt())
 }
 
-/// Units of uv a unit of length where the point has these derivatives by u and v.
+/// Returns the units of uv per unit of length at a point with these derivatives by u and v.
 pub fn shape_uv_density([dpdu, dpdv]: [DVec3; 2]) -> f64 {
     finite_or_zero(dpdu.cross(dpdv).length().sqrt().recip())
 }
 
-/// The mean curvature of a triangle that its corner normals imply, positive where it bulges to their side; 0 where
-/// flat.
+/// Returns the mean curvature of a triangle that its corner normals imply, positive where it is convex on their side; 0
+/// where flat.
 ///
-/// Along an edge from p0 to p1 the normal turns by (n1 - n0) . (p1 - p0) / |p1 - p0|² a unit of length (Reed, 2014);
-/// the mean of the three edges. `n` are of unit length.
+/// Along an edge from p0 to p1 the normal turns by (n1 - n0) . (p1 - p0) / |p1 - p0|² per unit of length (Reed, 2014);
+/// the result is the mean of the three edges. `n` are of unit length.
 pub fn triangle_curvature(p: [DVec3; 3], n: [DVec3; 3]) -> f64 {
     let along = |a: usize, b: usize| edge_curvature([p[a], p[b]], [n[a], n[b]]);
     (along(0, 1) + along(1, 2) + along(2, 0)) / 3.0
 }
 
-/// The curvature between two points of a surface with unit normals `n`; 0 where they are one.
+/// Returns the curvature between two points of a surface with unit normals `n`; 0 if the points coincide.
 pub fn edge_curvature([p0, p1]: [DVec3; 2], [n0, n1]: [DVec3; 2]) -> f64 {
     let edge = p1 - p0;
     finite_or_zero((n1 - n0).dot(edge) / edge.length_squared())
@@ -197,11 +203,11 @@ mod tests {
                 sum += cone.spread * cone.spread;
             }
         }
-        // A rectangle of half sides a, b at distance 1: 4 asin(a b / sqrt((1 + a²)(1 + b²))).
+        // Rectangle of half sides a, b at distance 1: 4 asin(a b / sqrt((1 + a²)(1 + b²))).
         let b = (0.5 * y_fov).tan();
         let a = 1.5 * b;
         let exact = 4.0 * (a * b / ((1.0 + a * a) * (1.0 + b * b)).sqrt()).asin();
-        // The midpoint rule over 40 rows: 1/24 of (1.4/40)² times a second derivative of at most 12.
+        // Midpoint rule over 40 rows: 1/24 of (1.4/40)² times a second derivative of at most 12.
         assert!((sum / exact - 1.0).abs() < 1e-3, "{sum}, not {exact}");
     }
 
@@ -224,14 +230,14 @@ mod tests {
             spread: 0.0,
         };
         assert_eq!(cone.reflected(1.0 / 5.0).spread, 0.01 / 2.5);
-        // A concave one collects it at r/2.
+        // A concave mirror focuses it at r/2.
         let focus = cone.reflected(-1.0 / 5.0).after(2.5);
         assert!(focus.width.abs() < 1e-17);
     }
 
     #[test]
     fn a_lens_surface_seen_straight_on_has_the_lensmakers_focus() {
-        // n' / f = (n' - n) / r: from air into 1.5, r = 2, f = 6.
+        // Lens-maker's equation n' / f = (n' - n) / r: from air into 1.5, r = 2, f = 6.
         let cone = Cone {
             width: 0.01,
             spread: 0.0,
@@ -301,7 +307,7 @@ mod tests {
 
     #[test]
     fn uv_goes_as_fast_over_a_triangle_as_over_the_shape_it_lies_on() {
-        // p = (4 u, 9 v, 0): 36 units of area a unit of uv.
+        // For p = (4 u, 9 v, 0) one unit of uv area is 36 units of area.
         let uv = [[0.0f32, 0.0], [0.5, 0.0], [0.25, 0.75]];
         let p = uv.map(|[u, v]| DVec3::new(4.0 * f64::from(u), 9.0 * f64::from(v), 0.0));
         let triangle = triangle_uv_density(p, uv);

@@ -1,10 +1,11 @@
-//! How much light gets into a body that scatters it within.
+//! Irradiance that enters a medium with subsurface scattering through its smooth boundary.
 
 use crate::numeric::{LANES, Lanes3};
 use crate::optics::dielectric;
 
-/// What gets through smooth surfaces from outside into bodies of index `eta`, per unit of area and of irradiance at
-/// normal incidence: Fresnel's transmittance times n·wi, the same in all channels. Lanes with n·wi <= 0 give zero.
+/// Returns the fraction that smooth surfaces transmit from outside into media of index `eta`, per unit of area and of
+/// irradiance at normal incidence: the Fresnel transmittance times n·wi, equal in all channels. Lanes with n·wi <= 0
+/// give zero.
 ///
 /// `ns` and `wi` are unit vectors.
 #[inline(always)]
@@ -46,7 +47,7 @@ mod tests {
     #[test]
     fn of_even_light_the_diffuse_transmittance_gets_in() {
         let up = [[0.0; LANES], [0.0; LANES], [1.0; LANES]];
-        // The mean over the hemisphere, weighted by the cosine: 2 times the integral over c of T c.
+        // Mean over the hemisphere, weighted by the cosine: 2 times the integral over c of T c.
         let mean: f64 = (0..1000)
             .map(|k| {
                 let c = (f64::from(k) + 0.5) / 1000.0;
@@ -55,7 +56,7 @@ mod tests {
                     / 1000.0
             })
             .sum();
-        // The published fit is off by 0.0006 of the reflectance inside, and squared indices magnify that.
+        // The published fit is off by 0.0006 of the internal reflectance, and squared indices magnify that.
         assert!(
             (mean - diffuse_transmittance(1.3)).abs() <= 0.0006 * 1.69,
             "{mean}"

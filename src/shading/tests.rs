@@ -1,8 +1,8 @@
-//! The two lighting models against their formulas, written out in f64 as they stand in their sources: glTF 2.0,
-//! Appendix B, with KHR_materials_specular and KHR_materials_ior; and the lecture's equation.
+//! Tests of the two lighting models against their formulas in f64, written out as in their sources: glTF 2.0, Appendix
+//! B, with KHR_materials_specular and KHR_materials_ior; and the Phong and Whitted model.
 //!
-//! The renderer's f32 is held to 1e-6 of each value. Only where a formula magnifies the rounding of its arguments is
-//! the bound wider, by that magnification: light or viewer within a few degrees of the horizon, the peak of a sharp
+//! The renderer's f32 must be within 1e-6 of each value. The bound is wider only where a formula magnifies the rounding
+//! of its arguments, by that magnification: light or viewer within a few degrees of the horizon, the peak of a sharp
 //! highlight, light from nearly behind the viewer for reflectances that vanish there.
 
 use std::f64::consts::PI;
@@ -15,14 +15,14 @@ use glam::DVec3;
 
 use crate::numeric::SplitMix64;
 
-/// Relative to each value.
+/// Largest error accepted, relative to each value.
 const BOUND: f64 = 1e-6;
-/// Packets of sixteen: 10 000 directions and materials.
+/// Number of packets of sixteen: 10 000 directions and materials.
 const PACKETS: u64 = 625;
-/// Where a sum of products up to 1 falls under this its relative error, three roundings of 2^-24, exceeds [`BOUND`].
+/// Value below which a sum of products up to 1 has a relative error, three roundings of 2^-24, above [`BOUND`].
 const HARMLESS: f64 = 0.2;
 
-/// Sixteen unit vectors, as f32 rounds them.
+/// Sixteen unit vectors, rounded to f32.
 struct Directions {
     lanes: Lanes3<f32>,
 }
@@ -37,13 +37,13 @@ impl Directions {
         Directions { lanes }
     }
 
-    /// What lane `l` means: a unit vector.
+    /// Returns the vector of lane `l`, normalised in f64.
     fn exact(&self, l: usize) -> DVec3 {
         DVec3::from([0, 1, 2].map(|axis| f64::from(self.lanes[axis][l]))).normalize()
     }
 }
 
-/// Normals, directions to viewers above them, and to lights anywhere.
+/// Returns random normals, directions to viewers above them, and directions to lights anywhere.
 fn random_directions(random: &mut SplitMix64) -> [Directions; 3] {
     let n = Directions::of(|_| random.direction());
     let v = Directions::of(|l| {
@@ -52,7 +52,7 @@ fn random_directions(random: &mut SplitMix64) -> [Directions; 3] {
     });
     let light = Directions::of(|l| {
         let light = random.direction();
-        // One in eight below the horizon or wherever it may be.
+        // One light in eight may lie below the horizon.
         if l % 8 != 0 && light.dot(n.exact(l)) < 0.0 {
             -light
         } else {
@@ -71,7 +71,7 @@ fn packet_of(materials: &[Material]) -> MaterialPacket {
     packet
 }
 
-/// glTF's numbers.
+/// Parameters of the metallic-roughness model in f64.
 struct Gltf {
     color: DVec3,
     metallic: f64,
@@ -82,7 +82,7 @@ struct Gltf {
 }
 
 impl Gltf {
-    /// What a material says, widened from f32.
+    /// Converts the parameters of a material from f32.
     fn of(material: &Material) -> Gltf {
         let Model::MetallicRoughness(model) = material.model else {
             unreachable!()
@@ -98,7 +98,7 @@ impl Gltf {
         }
     }
 
-    /// BRDF times the cosine, and how far f32 may be from it: [`BOUND`] of each summand, magnified as the formula does.
+    /// Returns BRDF times cosine, and the error bound of f32: [`BOUND`] of each summand, magnified as the formula does.
     fn reflected(&self, n: DVec3, v: DVec3, l: DVec3) -> (DVec3, DVec3) {
         let h = (v + l).normalize();
         let [n_l, n_v, n_h, v_h] = [n.dot(l), n.dot(v), n.dot(h), v.dot(h)];
@@ -107,15 +107,15 @@ impl Gltf {
         }
         let alpha = self.roughness * self.roughness;
         let a2 = alpha * alpha;
-        // B.3.2: the distribution of Trowbridge and Reitz, and Smith's joint masking and shadowing over 4 |n·l| |n·v|.
+        // B.3.2: distribution of Trowbridge and Reitz, and Smith's joint masking and shadowing over 4 |n·l| |n·v|.
         let width = n_h * n_h * (a2 - 1.0) + 1.0;
         let d = if n_h > 0.0 { a2 / (PI * width * width) } else { 0.0 };
         let smith = |cos: f64| cos.abs() + (a2 + (1.0 - a2) * cos * cos).sqrt();
         let visibility = 1.0 / (smith(n_l) * smith(n_v));
-        // KHR_materials_ior, KHR_materials_specular.
+        // Specular reflectance by KHR_materials_ior and KHR_materials_specular.
         let head_on = ((self.ior - 1.0) / (self.ior + 1.0)).powi(2);
         let dielectric_f0 = (head_on * self.specular_color).min(DVec3::ONE) * self.specular;
-        // B.3.5: mixed by metallic.
+        // B.3.5: blend of dielectric and metal by `metallic`.
         let f0 = dielectric_f0.lerp(self.color, self.metallic);
         let f90 = DVec3::splat(self.specular).lerp(DVec3::ONE, self.metallic);
         let grazing = (f90 - f0) * (1.0 - v_h.abs()).powi(5);
@@ -124,7 +124,7 @@ impl Gltf {
         let diffuse = (DVec3::ONE - f) * c_diff / PI;
         let lobe = d * visibility;
 
-        // The cosine is a sum of products up to 1; so are the components of n x h, which the peak squares twice, and
+        // The cosine is a sum of products up to 1; so are the components of n x h, which the peak squares twice, and of
         // h itself. Schlick's term takes the fifth power.
         let slant = (HARMLESS / n_l).max(1.0);
         let sharpness = (2.0 * HARMLESS / width.sqrt()).max(HARMLESS / (v + l).length());
@@ -149,10 +149,11 @@ fn gltf_material(random: &mut SplitMix64, specular: bool) -> Material {
     }
     let mut color = [number(); 3];
     if number() < 0.5 {
-        // The colours of a diffuse layer under a coloured one are a matter of the extension's own: none here.
+        // The extension leaves open how a coloured specular layer filters the diffuse one: use no diffuse colour here.
         color = [number(), number(), number()];
         material.base_color = [0.0, 0.0, 0.0, 1.0];
     }
+    // Vary roughness, specular strength and specular colour
     material.model = Model::MetallicRoughness(MetallicRoughness {
         metallic: (3.0 * metallic - 1.0).clamp(0.0, 1.0),
         roughness: 0.05 + 0.95 * number(),
@@ -161,6 +162,7 @@ fn gltf_material(random: &mut SplitMix64, specular: bool) -> Material {
         transmission: 0.0,
         rough_rays: 0,
     });
+    // Vary the index of refraction
     material.interior = Some(Interior {
         ior: Dispersion::Constant(1.0 + 1.5 * f64::from(number())),
         absorption: Absorption::NONE,
@@ -170,7 +172,7 @@ fn gltf_material(random: &mut SplitMix64, specular: bool) -> Material {
     material
 }
 
-/// Largest error in units of its bound, and the share of values whose bound is at most [`BOUND`] or nearly so.
+/// Returns the largest error in units of its bound, and the fraction of values whose bound is at most 1.25 [`BOUND`].
 fn compare_gltf(seed: u64, specular: bool) -> (f64, f64) {
     let mut random = SplitMix64::new(seed, 0);
     let (mut worst, mut plain) = (0.0f64, 0);
@@ -223,11 +225,12 @@ fn pure_dielectrics_and_metals_are_the_two_brdfs_that_gltf_mixes() {
                 })
                 .collect();
             let found = direct(&packet_of(&materials), &n.lanes, &v.lanes, &light.lanes);
+            // Compare with a blend of the diffuse and the specular BRDF
             for l in 0..LANES {
                 let numbers = Gltf::of(&materials[l]);
                 let (n, v, light) = (n.exact(l), v.exact(l), light.exact(l));
                 let bound = numbers.reflected(n, v, light).1;
-                // The lobe alone: a white metal, whose reflectance is 1 at any angle.
+                // Isolate the lobe with a white metal, whose reflectance is 1 at any angle.
                 let mirror = Gltf {
                     color: DVec3::ONE,
                     metallic: 1.0,
@@ -259,7 +262,7 @@ fn lecture_material(random: &mut SplitMix64) -> Material {
         model: Model::Lecture(Lecture {
             diffuse: [number(), number(), number()],
             specular: [number(), number(), number()],
-            // Half of them broad.
+            // Half of the highlights are broad.
             exponent: if number() < 0.5 {
                 4.0 * number()
             } else {
@@ -288,10 +291,11 @@ fn the_lectures_equation_is_its_formula_with_its_clamps() {
             let (m, v, s) = (m.exact(l), v.exact(l), s.exact(l));
             let r = 2.0 * s.dot(m) * m - s;
             let (s_m, r_v) = (s.dot(m), r.dot(v));
-            // Behind the surface nothing; with the mirrored light behind the viewer no highlight.
+            // Behind the surface expect zero; with the mirrored light behind the viewer expect no highlight.
             let case = if s_m <= 0.0 { 0 } else { 1 + usize::from(r_v > 0.0) };
             cases[case] += 1;
             let f = f64::from(lecture.exponent);
+            // Compare each channel with the f64 formula
             for channel in 0..3 {
                 let found = f64::from(found[channel][l]);
                 if case == 0 {
@@ -301,7 +305,7 @@ fn the_lectures_equation_is_its_formula_with_its_clamps() {
                 let color = f64::from(materials[l].base_color[channel]);
                 let diffuse = f64::from(lecture.diffuse[channel]) * color * s_m;
                 let highlight = f64::from(lecture.specular[channel]) * r_v.max(0.0).powf(f);
-                // The power takes the relative error of its base f times.
+                // The power multiplies the relative error of its base by f.
                 let bound =
                     diffuse * (HARMLESS / s_m).max(1.0) + highlight * (2.0 * HARMLESS * f / r_v).max(1.0);
                 worst = worst.max((found - diffuse - highlight).abs() / (BOUND * bound));
@@ -317,7 +321,7 @@ fn the_lectures_equation_is_its_formula_with_its_clamps() {
 
 #[test]
 fn a_mirrored_ray_straight_to_the_viewer_shines_no_brighter_than_the_highlights_colour() {
-    // r·v may round to above 1, which a large exponent would show.
+    // r·v may round to above 1, which a large exponent would magnify.
     let mut random = SplitMix64::new(15, 0);
     let material = Material {
         model: Model::Lecture(Lecture {

@@ -1,9 +1,9 @@
-//! The cone x² + y² = w², w = (1 - z) / 2, between its base at z = -1 and its apex at z = 1.
+//! Analytic shape: the cone x² + y² = w², w = (1 - z) / 2, between its base at z = -1 and its apex at z = 1.
 //!
 //! The discriminant is a sum of cross products (Lagrange's identity in the metric + + -), and the line is first moved
-//! to its point nearest to the apex: `a` vanishes for lines along the wall, so `a t²` would magnify its rounding for
-//! a distant ray, and beside the apex all that counts is as small as the distance from it. The finite root survives
-//! `a = 0`: there is no special case.
+//! to its point nearest to the apex: `a` vanishes for lines along the wall, so `a t²` would magnify its rounding for a
+//! distant ray, and near the apex all relevant terms are as small as the distance from it. The finite root survives `a
+//! = 0`: there is no special case.
 
 use std::f64::consts::TAU;
 
@@ -16,26 +16,28 @@ use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 use crate::numeric::roots::quadratic_roots;
 
-/// A cone around the z axis: base of radius 1 at z = -1, apex at z = 1.
+/// Cone around the z axis: base of radius 1 at z = -1, apex at z = 1.
 ///
-/// Part 0 is the wall: `u` is the turn around z from +x towards +y, `v` runs from 0 at the base to 1 at the apex, where
-/// `dpdu` vanishes and the normal is +z. Part 1 is the base, with the surface coordinates of the square around it.
+/// Part 0 is the wall: `u` is the angle around z from +x towards +y as a fraction of the full circle, `v` increases
+/// from 0 at the base to 1 at the apex, where `dpdu` vanishes and the normal is +z. Part 1 is the base, with the
+/// surface coordinates of the square around it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cone {
-    /// Whether a base closes it, which makes it a solid; else its positive side is the outer one.
+    /// True if a base closes the cone, which makes it a solid; else its positive side is the outer one.
     pub capped: bool,
 }
 
-/// The wall's part number.
+/// Part number of the wall.
 const WALL: u32 = 0;
-/// The base's.
+/// Part number of the base.
 const BASE: u32 = 1;
 
 impl Cone {
+    /// Returns both hits of the ray.
     #[inline(always)]
     fn both(&self, ray: &ShapeRay) -> Crossings {
         let wall = wall_span(ray);
-        // The nappe ends at the apex by itself.
+        // Clip at the base only: the nappe itself ends at the apex.
         let above_base = Span::slab(ray.origin.z, ray.direction.z, [-1.0, f64::INFINITY], [BASE, WALL]);
         if self.capped {
             let own_is_curved = ray.leaving.is_some_and(|l| l.part == WALL);
@@ -46,16 +48,18 @@ impl Cone {
     }
 }
 
-/// The interval inside the nappe below the apex, which is convex.
+/// Returns the interval of the line inside the nappe below the apex, which is convex.
 #[inline(always)]
 fn wall_span(ray: &ShapeRay) -> Span {
     let d = ray.direction;
+    // Shift the origin to the point nearest to the apex
     let (shift, o) = nearest_to_origin(ray.origin - DVec3::Z, d);
     let (w, dw) = (-0.5 * o.z, -0.5 * d.z);
     let a = d.x * d.x + d.y * d.y - dw * dw;
     let b = w * dw - (o.x * d.x + o.y * d.y);
     let rho = (o.x * o.x + o.y * o.y).sqrt();
     let c = (rho - w) * (rho + w);
+    // Solve the quadratic, with the discriminant by cross products
     let (across_x, across_y) = (o.x * dw - w * d.x, o.y * dw - w * d.y);
     let moment = o.x * d.y - o.y * d.x;
     let discriminant = across_x * across_x + across_y * across_y - moment * moment;
@@ -65,7 +69,7 @@ fn wall_span(ray: &ShapeRay) -> Span {
     }
     let (t0, t1) = (shift + t0, shift + t1);
     if a >= 0.0 {
-        // Inside between the roots, both on one nappe: this one if w is positive halfway.
+        // Inside between the roots, both on one nappe: the lower one if w is positive halfway.
         let halfway = w + (b / a) * dw;
         if halfway >= 0.0 {
             Span::new(t0, t1, WALL)
@@ -81,7 +85,7 @@ fn wall_span(ray: &ShapeRay) -> Span {
             side: Side::Inside
         })
     ) {
-        // Steeper than the wall and upwards, no ray goes from the wall to the inside.
+        // For a direction steeper than the wall and upwards, no ray goes from the wall to the inside.
         Span::NONE
     } else {
         Span::new(f64::NEG_INFINITY, t0, WALL)
@@ -111,7 +115,7 @@ impl Implicit for Cone {
             return flat_point(p, -1.0, -DVec3::Z);
         }
         let (rho, cos, sin) = polar(p);
-        // Distance from the generator along its normal (2, 1) / √5, taken off.
+        // Subtract the distance from the generator along its normal (2, 1) / √5.
         let excess = (2.0 * rho + p.z - 1.0) / 5.0;
         let z = (p.z - excess).clamp(-1.0, 1.0);
         let radius = 0.5 * (1.0 - z);
@@ -158,7 +162,7 @@ mod tests {
             hit(true, [0.25, 0.0, -4.0], [0.0, 0.0, 1.0]),
             Some(ShapeHit { t: 3.0, part: BASE })
         );
-        // Open: up to the wall from inside, at x = 1/4 where z = 1/2.
+        // Open cone: up to the wall from inside, at x = 1/4 where z = 1/2.
         assert_eq!(
             hit(false, [0.25, 0.0, -4.0], [0.0, 0.0, 1.0]),
             Some(ShapeHit { t: 4.5, part: WALL })
@@ -167,7 +171,7 @@ mod tests {
 
     #[test]
     fn a_ray_along_a_generator_meets_the_other_wall_and_the_mirror_nappe_is_not_there() {
-        // From (-1, 0, 1) parallel to the generator (1, 0, -2): meets x = -w, i.e. -1 + t = -t, at t = 1/2.
+        // From (-1, 0, 1) parallel to the generator (1, 0, -2): intersects x = -w, i.e. -1 + t = -t, at t = 1/2.
         let along = hit(true, [-1.0, 0.0, 1.0], [1.0, 0.0, -2.0]).unwrap();
         assert!((along.t - 0.5).abs() <= f64::EPSILON, "{along:?}");
         assert_eq!(hit(true, [3.0, 0.0, 2.0], [-1.0, 0.0, 0.0]), None);

@@ -1,4 +1,4 @@
-//! The cube [-1, 1]³: three slabs by Cyrus and Beck.
+//! Analytic shape: the cube [-1, 1]³ as three slabs, clipped by Cyrus and Beck.
 
 use glam::DVec3;
 
@@ -6,12 +6,13 @@ use super::span::{Crossings, Span, UNIT, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::Bounds;
 
-/// The cube [-1, 1]³. Part `2 axis` is the face at -1 of that axis, `2 axis + 1` the face at +1; the surface
-/// coordinates of each run over [0, 1]².
+/// Axis-aligned cube [-1, 1]³. Part `2 axis` is the face at -1 of that axis, `2 axis + 1` the face at +1; the surface
+/// coordinates of each face cover [0, 1]².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cube;
 
 impl Cube {
+    /// Returns both hits of the ray by the overlap of three slabs.
     #[inline(always)]
     fn both(ray: &ShapeRay) -> Crossings {
         let (o, d) = (ray.origin, ray.direction);
@@ -93,7 +94,7 @@ mod tests {
             );
         }
         assert_eq!(hit(DVec3::splat(3.0), -DVec3::ONE).map(|h| h.t), Some(2.0));
-        // Through the corner (1, 1, 1) only.
+        // Ray through the corner (1, 1, 1) only.
         assert_eq!(
             hit(DVec3::new(0.0, 1.0, 2.0), DVec3::new(1.0, 0.0, -1.0)).map(|h| h.t),
             Some(1.0)

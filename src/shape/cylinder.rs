@@ -1,6 +1,6 @@
-//! The cylinder x² + y² = 1 between z = -1 and z = 1.
+//! Analytic shape: the cylinder x² + y² = 1 between z = -1 and z = 1.
 //!
-//! The line's distance from the axis comes from a cross product, `(o × d)_z`, not from the difference of two squares;
+//! The line's distance from the axis is computed by a cross product, `(o × d)_z`, not by the difference of two squares;
 //! the constant term is factored as for the sphere.
 
 use std::f64::consts::TAU;
@@ -14,24 +14,27 @@ use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::Bounds;
 use crate::numeric::roots::quadratic_roots;
 
-/// A cylinder around the z axis with radius 1 and z in [-1, 1].
+/// Cylinder around the z axis with radius 1 and z in [-1, 1].
 ///
-/// Part 0 is the wall: `u` is the turn around z from +x towards +y, `v` runs from 0 at z = -1 to 1 at z = 1. Parts 1
-/// (z = 1) and 2 (z = -1) are the caps, with the surface coordinates of the square around them.
+/// Part 0 is the wall: `u` is the angle around z from +x towards +y as a fraction of the full circle, `v` increases
+/// from 0 at z = -1 to 1 at z = 1. Parts 1 (z = 1) and 2 (z = -1) are the caps, with the surface coordinates of the
+/// square around them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cylinder {
-    /// Whether caps close it, which makes it a solid; else it is a tube, whose positive side is the outer one.
+    /// True if caps close the cylinder, which makes it a solid; else it is a tube, whose positive side is the outer
+    /// one.
     pub capped: bool,
 }
 
-/// The wall's part number.
+/// Part number of the wall.
 const WALL: u32 = 0;
-/// The upper cap's.
+/// Part number of the upper cap.
 const TOP: u32 = 1;
-/// The lower cap's.
+/// Part number of the lower cap.
 const BOTTOM: u32 = 2;
 
 impl Cylinder {
+    /// Returns both hits of the ray.
     #[inline(always)]
     fn both(&self, ray: &ShapeRay) -> Crossings {
         let wall = wall_span(ray);
@@ -45,13 +48,14 @@ impl Cylinder {
     }
 }
 
-/// The interval inside the infinite cylinder. A line along the axis is wholly inside or outside.
+/// Returns the interval of the line inside the infinite cylinder. A line along the axis is entirely inside or outside.
 #[inline(always)]
 fn wall_span(ray: &ShapeRay) -> Span {
     let (o, d) = (ray.origin, ray.direction);
     let a = d.x * d.x + d.y * d.y;
     let rho = (o.x * o.x + o.y * o.y).sqrt();
     let c = (rho - 1.0) * (rho + 1.0);
+    // Handle a line along the axis
     if a == 0.0 {
         return if c <= 0.0 || ray.leaving.is_some() {
             Span::ALL
@@ -59,6 +63,7 @@ fn wall_span(ray: &ShapeRay) -> Span {
             Span::NONE
         };
     }
+    // Solve the quadratic, with the discriminant by a cross product
     let b = -(o.x * d.x + o.y * d.y);
     let moment = o.x * d.y - o.y * d.x;
     let [t0, t1] = quadratic_roots(a, b, c, ray.discriminant(a - moment * moment));
@@ -152,7 +157,7 @@ mod tests {
 
     #[test]
     fn a_ray_through_the_rim_hits() {
-        // (2, 0, 2) to (1, 0, 1): touches the solid in one point.
+        // From (2, 0, 2) to (1, 0, 1), the ray touches the solid in one point.
         assert_eq!(
             hit(true, [2.0, 0.0, 2.0], [-1.0, 0.0, -1.0]).map(|h| h.t),
             Some(1.0)

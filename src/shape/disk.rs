@@ -1,4 +1,4 @@
-//! The unit disk: x² + y² <= 1 in the plane z = 0.
+//! Analytic shape: the unit disk x² + y² <= 1 in the plane z = 0.
 
 use glam::DVec3;
 
@@ -6,12 +6,13 @@ use super::span::{NOWHERE, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, plane};
 use crate::numeric::Bounds;
 
-/// The unit disk in the plane z = 0. Its positive side is +z; its surface coordinates are those of the square around
-/// it, (x + 1) / 2 and (y + 1) / 2, which have no pole.
+/// Unit disk in the plane z = 0. Its positive side is +z; its surface coordinates are those of the square around it, (x
+/// + 1) / 2 and (y + 1) / 2, which have no pole.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Disk;
 
 impl Disk {
+    /// Returns the hit of the ray on the disk.
     #[inline(always)]
     fn crossing(ray: &ShapeRay) -> ShapeHit {
         let hit = plane::crossing(ray);
@@ -47,8 +48,8 @@ impl Implicit for Disk {
     }
 }
 
-/// A point of the square [-1, 1]² at height `z` whose normal `n` is +z or -z; seen from outside, u runs to the right
-/// and v upwards.
+/// Returns the surface point of the square [-1, 1]² at height `z` whose normal `n` is +z or -z; seen from outside, u
+/// increases to the right and v upwards.
 #[inline]
 pub(super) fn flat_point(p: DVec3, z: f64, n: DVec3) -> ShapePoint {
     let p = DVec3::new(p.x, p.y, z);

@@ -1,12 +1,12 @@
-//! Analytic shapes: each by its implicit form in object space, in f64, one file a shape.
+//! Analytic shapes, each given by its implicit form in object space, in f64, one file per shape.
 //!
-//! A shape knows nothing of instances, materials or acceleration structures. It is asked with the exact f64 extension
-//! of an f32 ray and answers with the parameter in f64.
+//! A shape is independent of instances, materials and acceleration structures. Its input is the exact f64 extension of
+//! an f32 ray, its result the hit parameter in f64.
 //!
-//! Every answer is backward stable: it is the exact answer for a surface moved by a few roundings of the coordinates
-//! involved. Convex solids are the overlap of parameter intervals, one a bounding surface, so that no ray slips
-//! between two of their parts. A ray that starts on a shape says so ([`OriginSurface`]); its own root is then left out by
-//! algebra, not by distance.
+//! Every result is backward stable: it is the exact result for a surface moved by a few roundings of the coordinates
+//! involved. Convex solids are the overlap of parameter intervals, one per bounding surface, so that no ray passes
+//! between two of their parts. A ray that starts on a shape says so ([`OriginSurface`]); its own root is then removed
+//! by algebra, not by distance.
 
 mod cone;
 mod cube;
@@ -42,23 +42,23 @@ pub use quadric::{Quadric, QuadricError};
 pub use sphere::Sphere;
 pub use torus::Torus;
 
-/// A ray in object space, with what is known of where it starts.
+/// Ray in object space, with the surface that it starts on, if any.
 #[derive(Clone, Copy, Debug)]
 pub struct ShapeRay {
-    /// The point at `t = 0`.
+    /// Point of the ray at `t = 0`.
     pub origin: DVec3,
-    /// Direction, of any non-zero length, never renormalised: `t` is measured in its length.
+    /// Direction of any non-zero length, never renormalised: `t` is in units of its length.
     pub direction: DVec3,
-    /// Nearest parameter that counts; not negative.
+    /// Smallest parameter in range; not negative.
     pub t_near: f64,
-    /// Farthest parameter that counts; may be infinite.
+    /// Largest parameter in range; may be infinite.
     pub t_far: f64,
-    /// Set where the ray starts on the very shape that is asked.
+    /// Set if the ray starts on the shape that is intersected.
     pub leaving: Option<OriginSurface>,
 }
 
 impl ShapeRay {
-    /// A ray over `t` in [0, ∞) that comes from elsewhere.
+    /// Creates a ray over `t` in [0, ∞) that does not start on the shape.
     pub fn new(origin: DVec3, direction: DVec3) -> ShapeRay {
         ShapeRay {
             origin,
@@ -69,13 +69,13 @@ impl ShapeRay {
         }
     }
 
-    /// The point at `t`.
+    /// Returns the point at parameter `t`.
     #[inline(always)]
     pub fn at(&self, t: f64) -> DVec3 {
         self.origin + t * self.direction
     }
 
-    /// Whether a crossing at `t` counts: within the interval, both ends included, and finite. NaN does not.
+    /// Returns whether a hit at `t` is in range: within the interval, both ends included, and finite. False for NaN.
     #[inline(always)]
     pub fn admits(&self, t: f64) -> bool {
         self.t_near <= t && t <= self.t_far && t < f64::INFINITY
@@ -83,8 +83,8 @@ impl ShapeRay {
 }
 
 impl ShapeRay {
-    /// The discriminant to go by: a ray that starts on a quadric meets it, so where rounding has put its start beside
-    /// the surface and its line misses, it touches instead.
+    /// Returns the discriminant to use. A ray that starts on a quadric intersects it, so if rounding has moved its
+    /// start off the surface and its line misses, it is treated as a tangent.
     #[inline(always)]
     fn discriminant(&self, computed: f64) -> f64 {
         if self.leaving.is_some() {
@@ -95,59 +95,59 @@ impl ShapeRay {
     }
 }
 
-/// The ray starts on this very shape: its own root is divided out (root deflation), so no epsilon is needed.
+/// Surface that a ray starts on. The ray's own root is divided out (root deflation), so no epsilon is needed.
 ///
-/// The origin may be off the surface by its rounding to f32. A ray that does not go to the side it names, by more than
-/// that, meets nothing.
+/// The origin may be off the surface by its rounding to f32. A ray that does not go to the named side, by more than
+/// that rounding, hits nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OriginSurface {
-    /// The part that it starts on, as in [`ShapeHit::part`].
+    /// Part that the ray starts on, as in [`ShapeHit::part`].
     pub part: u32,
-    /// The side that it goes to.
+    /// Side that the ray goes to.
     pub side: Side,
 }
 
-/// A side of a surface.
+/// Side of a surface, relative to its normal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// The side that the normal points to.
+    /// Side that the normal points to.
     Outside,
-    /// The other side.
+    /// Side opposite to the normal.
     Inside,
 }
 
-/// One crossing of a ray and a surface.
+/// One intersection of a ray and a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShapeHit {
-    /// The ray's parameter.
+    /// Ray parameter of the hit.
     pub t: f64,
-    /// The face of a polyhedron, wall or cap of a cylinder, and so on; 0 where there is one.
+    /// Number of the part: the face of a polyhedron, wall or cap of a cylinder, and so on; 0 for shapes of one part.
     pub part: u32,
 }
 
-/// What shading needs to know of a point on a shape, in object space.
+/// Surface point with the data that shading needs, in object space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShapePoint {
-    /// The point, projected onto the surface.
+    /// Position, projected onto the surface.
     pub p: DVec3,
-    /// Outward unit normal; for sheets (plane, disk, quad, whatever is open) that of the positive side.
+    /// Outward unit normal; for open surfaces (plane, disk, quad, uncapped shapes) that of the positive side.
     pub n: DVec3,
-    /// Surface coordinates.
+    /// Surface coordinates u and v.
     pub uv: [f64; 2],
-    /// Derivative of the point by `u`; zero where a pole makes it so.
+    /// Derivative of the point by `u`; zero at a pole.
     pub dpdu: DVec3,
     /// Derivative of the point by `v`; `dpdu x dpdv` points along `n`.
     pub dpdv: DVec3,
-    /// How far `p`, rounded to f32, may lie from the surface: what to offset a new ray's origin by.
+    /// Bound on the distance of `p`, rounded to f32, from the surface; the origins of spawned rays are offset by it.
     pub error: HitErrorBound,
 }
 
-/// What the f64 projection onto a surface of unit size may leave over: 8 roundings of 2^-53.
+/// Largest error of the f64 projection onto a surface of unit size: 8 roundings of 2^-53.
 const PROJECTION_ERROR: f64 = 8.0 / (1u64 << 53) as f64;
 
 impl ShapePoint {
-    /// A point with its error bound: rounding to f32, and the roundings of the projection relative to the larger of
-    /// `size` and the coordinates.
+    /// Creates a point with its error bound: rounding to f32, and the roundings of the projection relative to the
+    /// larger of `size` and the coordinates.
     #[inline(always)]
     fn new(p: DVec3, n: DVec3, uv: [f64; 2], [dpdu, dpdv]: [DVec3; 2], size: f64) -> ShapePoint {
         let projection = PROJECTION_ERROR * p.abs().max_element().max(size);
@@ -162,60 +162,60 @@ impl ShapePoint {
     }
 }
 
-/// A surface given by an equation, in object space.
+/// Surface given by an implicit equation, in object space.
 pub trait Implicit {
-    /// A box around it; infinite for the plane.
+    /// Returns the bounding box of the surface; infinite for the plane.
     fn bounds(&self) -> Bounds;
 
-    /// The nearest crossing with `t_near <= t <= t_far`, both ends included.
+    /// Returns the nearest hit with `t_near <= t <= t_far`, both ends included.
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit>;
 
-    /// Every crossing within the ray's interval, entries and exits, in ascending `t`. Where a ray touches a solid, its
-    /// entry and its exit have the same `t`.
+    /// Reports every hit within the ray's interval, entries and exits, in ascending `t`. If a ray touches a solid, its
+    /// entry and its exit have equal `t`.
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit));
 
-    /// The point of `part` at `p`, which lies near it.
+    /// Returns the surface point of `part` at `p`, which lies near the surface.
     fn point(&self, p: DVec3, part: u32) -> ShapePoint;
 
-    /// Whether the surface encloses a volume; sheets do not.
+    /// Returns whether the surface encloses a volume; false for open surfaces.
     #[inline]
     fn is_solid(&self) -> bool {
         false
     }
 
-    /// Whether a solid's volume, boundary included, contains `p`. A sheet contains nothing.
+    /// Returns whether a solid's volume, boundary included, contains `p`; false for open surfaces.
     #[inline]
     fn contains(&self, _p: DVec3) -> bool {
         false
     }
 }
 
-/// Any shape, stored by value; what is large is shared.
+/// Any analytic shape, stored by value; large data is shared.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
-    /// A sphere of any centre and radius.
+    /// Sphere of any centre and radius.
     Sphere(Sphere),
-    /// The plane z = 0.
+    /// Unbounded plane z = 0.
     Plane,
-    /// The cube [-1, 1]³.
+    /// Axis-aligned cube [-1, 1]³.
     Cube,
-    /// A convex polyhedron.
+    /// Convex polyhedron, the intersection of half-spaces.
     Polyhedron(Arc<Polyhedron>),
-    /// The unit disk in the plane z = 0.
+    /// Unit disk in the plane z = 0.
     Disk,
-    /// The square [-1, 1]² in the plane z = 0.
+    /// Square [-1, 1]² in the plane z = 0.
     Quad,
-    /// A cylinder around the z axis.
+    /// Cylinder around the z axis.
     Cylinder(Cylinder),
-    /// A cone around the z axis.
+    /// Cone around the z axis.
     Cone(Cone),
-    /// A torus around the z axis.
+    /// Torus around the z axis.
     Torus(Torus),
-    /// A general quadric cut off by a box.
+    /// General quadric clipped by a box.
     Quadric(Arc<Quadric>),
 }
 
-/// Runs `$body` with `$shape` bound to the shape that `$of` holds.
+/// Evaluates `$body` with `$shape` bound to the shape that `$of` holds.
 macro_rules! forward {
     ($of:expr, $shape:ident => $body:expr) => {
         match $of {

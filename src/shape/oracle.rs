@@ -1,32 +1,34 @@
-//! The shapes' referee: the part of a line inside a shape that is made a little larger or smaller, to 106 bits.
+//! Test oracle for shapes: the interval of a line inside a slightly enlarged or shrunk shape, to 106 bits.
 //!
-//! An answer is right if it is the exact one for a surface moved by no more than rounding explains: what is inside the
-//! smaller shape must be claimed, and what is claimed must be inside the larger one. That covers misses and tangents
-//! without special cases. The referee's formulas are the plain ones (no shifted origin, no cross products).
+//! A result is correct if it is the exact one for a surface moved by no more than rounding explains: the interval
+//! inside the smaller shape must be reported, and a reported interval must be inside the larger one. That covers misses
+//! and tangents without special cases. The oracle uses the plain formulas (no shifted origin, no cross products).
 
 use glam::DVec3;
 
 use super::HalfSpace;
 use crate::numeric::DoubleDouble;
 
-/// A point or vector of wide numbers.
+/// Point or vector of double-double numbers.
 pub(crate) type Wide3 = [DoubleDouble; 3];
 
+/// Converts a vector to double-double numbers.
 pub(crate) fn wide3(v: DVec3) -> Wide3 {
     v.to_array().map(DoubleDouble::of)
 }
 
+/// Returns the dot product in double-double precision.
 pub(crate) fn dot(a: Wide3, b: Wide3) -> DoubleDouble {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// The point at `t`.
+/// Returns the point of the line at `t`, in double-double precision.
 pub(crate) fn at(o: DVec3, d: DVec3, t: DoubleDouble) -> Wide3 {
     let (o, d) = (wide3(o), wide3(d));
     [0, 1, 2].map(|k| o[k] + t * d[k])
 }
 
-/// The faces of a dodecahedron whose inscribed sphere has a radius of 3/4.
+/// Returns the faces of a dodecahedron whose inscribed sphere has a radius of 3/4.
 pub(crate) fn dodecahedron() -> Vec<HalfSpace> {
     let golden = 0.5 * (1.0 + 5f64.sqrt());
     let mut all = Vec::new();
@@ -45,7 +47,7 @@ pub(crate) fn dodecahedron() -> Vec<HalfSpace> {
     all
 }
 
-/// Disjoint intervals in ascending order.
+/// Disjoint intervals of the ray parameter in ascending order.
 pub(crate) type Intervals = Vec<[DoubleDouble; 2]>;
 
 const ALWAYS: [DoubleDouble; 2] = [
@@ -53,14 +55,14 @@ const ALWAYS: [DoubleDouble; 2] = [
     DoubleDouble::of(f64::INFINITY),
 ];
 
-/// Where the line is in xᵀ Q x <= 0 about `center`, `q` being the upper triangle row by row.
+/// Returns the intervals of the line in xᵀ Q x <= 0 about `center`, where `q` is the upper triangle row by row.
 pub(crate) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -> Intervals {
     const PLACE: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]];
     let form = |u: [DoubleDouble; 4], v: [DoubleDouble; 4]| {
         let mut sum = DoubleDouble::of(0.0);
         for (i, row) in PLACE.iter().enumerate() {
             for (j, place) in row.iter().enumerate() {
-                // Most are zero.
+                // Skip zero coefficients, which most are.
                 if q[*place] != 0.0 {
                     sum = sum + DoubleDouble::of(q[*place]) * u[i] * v[j];
                 }
@@ -68,12 +70,14 @@ pub(crate) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -
         }
         sum
     };
+    // Form the quadratic in homogeneous coordinates
     let (o, d, center) = (wide3(o), wide3(d), wide3(center));
     let o = [0, 1, 2].map(|k| o[k] - center[k]);
     let (one, zero) = (DoubleDouble::of(1.0), DoubleDouble::of(0.0));
     let (o, d) = ([o[0], o[1], o[2], one], [d[0], d[1], d[2], zero]);
     let (a, b, c) = (form(d, d), -form(o, d), form(o, o));
     let discriminant = b * b - a * c;
+    // Handle a linear or constant equation
     if a == zero {
         return if b == zero {
             if c <= zero { vec![ALWAYS] } else { vec![] }
@@ -89,6 +93,7 @@ pub(crate) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -
     if discriminant < zero {
         return if a < zero { vec![ALWAYS] } else { vec![] };
     }
+    // Compute both roots without cancellation
     let root = discriminant.sqrt();
     let q = if b < zero { b - root } else { b + root };
     let (t0, t1) = if q == zero { (zero, zero) } else { (c / q, q / a) };
@@ -100,11 +105,13 @@ pub(crate) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -
     }
 }
 
-/// The part of `intervals` with n · x <= h.
+/// Returns the part of `intervals` with n · x <= h.
 pub(crate) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) -> Intervals {
+    // Skip the exact test if f64 shows that nothing is cut
     if intervals.iter().all(|interval| is_kept(interval, n, h, (o, d))) {
         return intervals;
     }
+    // Clip with the half-line inside the plane
     let slope = dot(wide3(n), wide3(d));
     let room = DoubleDouble::of(h) - dot(wide3(n), wide3(o));
     let zero = DoubleDouble::of(0.0);
@@ -124,36 +131,37 @@ pub(crate) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) ->
     clipped.filter(|[a, b]| a <= b).collect()
 }
 
-/// What f64 may be off by in the height of a point over a plane, as a share of its terms' sizes: eight products and sums
-/// of 2^-53 each, and as much again.
+/// Error bound of a point's height over a plane in f64, relative to the sizes of its terms: eight products and sums of
+/// 2^-53 each, and as much again.
 const HEIGHT_ERROR: f64 = 8.0 * f64::EPSILON;
 
-/// Whether both ends of an interval are below a plane by more than rounding, as far as f64 can tell.
+/// Returns whether both ends of an interval are below a plane by more than rounding, as determined in f64.
 fn is_kept(interval: &[DoubleDouble; 2], n: DVec3, h: f64, (o, d): (DVec3, DVec3)) -> bool {
     interval.iter().all(|end| {
         let p = o + end.nearest() * d;
         let size = n.abs().dot(o.abs() + end.nearest().abs() * d.abs()) + h.abs();
-        // Comparisons with what is no number are false.
+        // Comparisons with NaN are false.
         n.dot(p) < h - HEIGHT_ERROR * size
     })
 }
 
-/// Samples of a line through a torus, where it is not near the surface.
+/// Number of initial samples of a line through a torus, refined near the surface.
 const SAMPLES: usize = 96;
-/// Between samples so near each other, in parts of the tube's radius, the distance has one extremum at most.
+/// Sample spacing, relative to the tube's radius, within which the distance has at most one extremum.
 const FINEST: f64 = 1.0 / 32.0;
 
-/// Where the line is inside the torus of tube radius `r + delta`, by sampling, extrema and bisection. Samples are the
-/// nearer each other the nearer the surface is: the distance changes no faster than the place.
+/// Returns the intervals of the line inside the torus of tube radius `r + delta`, by sampling, extrema and bisection.
+/// Samples are denser near the surface: the distance changes no faster than the position.
 pub(crate) fn inside_torus(r: f64, delta: f64, o: DVec3, d: DVec3) -> Intervals {
     let (middle, half) = (-o.dot(d) / d.length_squared(), 2.0 / d.length());
     let depth = |t: f64| {
         let p = o + t * d;
         (p.x.hypot(p.y) - 1.0).hypot(p.z) - r
     };
+    // Sample the distance adaptively along the line
     let sample = |k: usize| middle + half * (2.0 * k as f64 / SAMPLES as f64 - 1.0);
     let mut samples = vec![sample(0)];
-    // The right ends of what is still to be seen, the next one last.
+    // Right ends of the intervals that remain to be sampled, the next one last.
     let mut ahead: Vec<f64> = (1..=SAMPLES).rev().map(sample).collect();
     let unsure = delta.abs() * 8.0;
     while let Some(&right) = ahead.last() {
@@ -168,6 +176,7 @@ pub(crate) fn inside_torus(r: f64, delta: f64, o: DVec3, d: DVec3) -> Intervals 
             ahead.push(between);
         }
     }
+    // Insert the extrema between the samples
     let mut places = samples.clone();
     for around in samples.windows(3) {
         let [before, here, after] = [0, 1, 2].map(|k| depth(around[k]));
@@ -177,6 +186,7 @@ pub(crate) fn inside_torus(r: f64, delta: f64, o: DVec3, d: DVec3) -> Intervals 
         }
     }
     places.sort_by(f64::total_cmp);
+    // Bisect between points on different sides, in double-double precision
     let radius = DoubleDouble::of(r) + DoubleDouble::of(delta);
     let is_inside = |t: DoubleDouble| {
         let p = at(o, d, t);
@@ -199,22 +209,23 @@ pub(crate) fn inside_torus(r: f64, delta: f64, o: DVec3, d: DVec3) -> Intervals 
     ends.chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect()
 }
 
-/// Where a ray first crosses a torus.
+/// First intersection of a ray with a torus, as far as it is certain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum FirstCrossing {
-    /// Nowhere, however its surface is moved by what it may be.
+    /// Miss for every allowed displacement of its surface.
     Nowhere,
-    /// Between these two parameters, however the surface is moved; before the first it is not even near.
+    /// Hit between these two parameters for every allowed displacement of the surface; before the first the ray is not
+    /// near it.
     Between(f64, f64),
 }
 
-/// Steps of a march until it gives up: a ray that grazes the surface takes many.
+/// Largest number of marching steps: a ray that grazes the surface takes many.
 const MARCH_STEPS: usize = 256;
 
-/// Where a ray that starts well away from the surface of a torus of tube radius `r` first crosses it, in or out, by
-/// marches of the distance that is still free (Hart, "Sphere tracing", 1996), up to where it is within `share` of the
-/// parameter: for all surfaces that are moved by `delta` or less. The distances are off by less than half of `delta`.
-/// `None` where that does not tell, as where the ray grazes.
+/// Returns the first hit of a ray that starts well away from the surface of a torus of tube radius `r`, in or out, by
+/// sphere tracing (Hart, "Sphere tracing", 1996), up to where it is within `share` of the parameter: for all surfaces
+/// that are moved by `delta` or less. The distances are off by less than half of `delta`. Returns `None` if that is
+/// inconclusive, as for a ray that grazes.
 pub(crate) fn first_crossing_of_torus(
     r: f64,
     delta: f64,
@@ -229,11 +240,13 @@ pub(crate) fn first_crossing_of_torus(
     let side = depth(0.0).signum();
     let free = |t: f64| side * depth(t);
     let length = d.length();
-    // Beyond this it has left the ball around the torus.
+    // Parameter beyond which the ray has left the bounding sphere of the torus.
     let end = (o.length() + 1.0 + r + 2.0 * delta) / length;
     let mut t = 0.0;
+    // March by the distance to the surface, less its error
     for _ in 0..MARCH_STEPS {
         let distance = free(t);
+        // Near the surface, bracket the hit
         if distance <= 4.0 * delta {
             let past = t * (1.0 + share);
             let is_at_start = t == 0.0;
@@ -241,6 +254,7 @@ pub(crate) fn first_crossing_of_torus(
             return (is_past && !is_at_start).then_some(FirstCrossing::Between(t, past));
         }
         t += (distance - 2.0 * delta) / length;
+        // Beyond the bounding sphere the ray misses
         if t > end {
             return Some(FirstCrossing::Nowhere);
         }
@@ -248,7 +262,7 @@ pub(crate) fn first_crossing_of_torus(
     None
 }
 
-/// The place of the minimum of `f`, which has one between `a` and `b`.
+/// Returns the position of the minimum of `f`, which has one between `a` and `b`, by golden-section search.
 fn lowest(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
     for _ in 0..80 {
         let (left, right) = (a + 0.382 * (b - a), a + 0.618 * (b - a));
@@ -257,12 +271,12 @@ fn lowest(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
     0.5 * (a + b)
 }
 
-/// The whole line.
+/// Returns the interval of the whole line.
 pub(crate) fn whole() -> Intervals {
     vec![ALWAYS]
 }
 
-/// Whether all of `inner` is within `outer`.
+/// Returns whether all intervals of `inner` are within intervals of `outer`.
 #[cfg(test)]
 pub(crate) fn is_within(inner: &[[DoubleDouble; 2]], outer: &[[DoubleDouble; 2]]) -> bool {
     let covered = |i: &[DoubleDouble; 2]| outer.iter().any(|o| o[0] <= i[0] && i[1] <= o[1]);
@@ -289,7 +303,7 @@ mod tests {
 
     #[test]
     fn two_short_crossings_of_a_thin_tube_that_lie_side_by_side_are_both_found() {
-        // The roots of the quartic to 50 digits: 0.999890987492, 1.00000411635, 1.00055844557, 1.00192016807.
+        // Roots of the quartic to 50 digits: 0.999890987492, 1.00000411635, 1.00055844557, 1.00192016807.
         let o = [8.674982e1f32, -4.919767e1, 8.179927e0].map(f64::from);
         let d = [-8.620179e1f32, 5.002434e1, -8.174167e0].map(f64::from);
         let found = inside_torus(0.01, 0.0, DVec3::from_array(o), DVec3::from_array(d));
@@ -308,16 +322,19 @@ mod tests {
         let mut random = SplitMix64::new(7, 0);
         let (mut crossed, mut missed) = (0, 0);
         for number in 0..3000 {
+            // Aim a random ray near the tube
             let r = random.pick(&[0.5, 0.1, 0.01]);
             let delta = 1e-12;
             let o = random.pick(&[0.3, 2.0, 100.0]) * random.direction();
             let around = random.direction().with_z(0.0).normalize_or_zero();
             let d = around + 1.2 * r * random.in_cube() - o;
+            // Find the first hit by bisection
             let ends = |delta: f64| {
                 let inside = inside_torus(r, delta, o, d);
                 let mut ends = inside.into_iter().flatten().map(DoubleDouble::nearest);
                 ends.find(|&t| t >= 0.0)
             };
+            // Bracket the first hit by marching
             match first_crossing_of_torus(r, delta, (o, d), 1e-9) {
                 Some(FirstCrossing::Between(low, high)) => {
                     crossed += 1;

@@ -1,10 +1,10 @@
-//! Angles, tangents and shifted origins that several shapes share.
+//! Angles, tangent frames and shifted origins that several shapes use.
 
 use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-/// The angle around the z axis from +x towards +y, as a part of the whole turn in [0, 1]; 0 on the axis.
+/// Returns the angle around the z axis from +x towards +y, as a fraction of the full circle in [0, 1]; 0 on the axis.
 #[inline]
 pub(super) fn turn(x: f64, y: f64) -> f64 {
     if x == 0.0 && y == 0.0 {
@@ -14,7 +14,7 @@ pub(super) fn turn(x: f64, y: f64) -> f64 {
     if turn < 0.0 { turn + 1.0 } else { turn }
 }
 
-/// Distance from the z axis and the unit vector (x, y) away from it, which is (1, 0) on the axis.
+/// Returns the distance from the z axis and the unit vector (x, y) away from the axis, which is (1, 0) on the axis.
 #[inline]
 pub(super) fn polar(p: DVec3) -> (f64, f64, f64) {
     let rho = p.x.hypot(p.y);
@@ -25,16 +25,17 @@ pub(super) fn polar(p: DVec3) -> (f64, f64, f64) {
     }
 }
 
-/// The parameter of the line's point nearest to the origin, and that point. What is computed from there does not suffer
-/// from a distant start: only the point itself carries an error, of a few roundings of `|o|`.
+/// Returns the parameter of the line's point nearest to the origin, and that point. Computations that start from it are
+/// independent of the distance of the ray's origin: only the point itself carries an error, of a few roundings of
+/// `|o|`.
 #[inline(always)]
 pub(super) fn nearest_to_origin(o: DVec3, d: DVec3) -> (f64, DVec3) {
     let shift = -o.dot(d) / d.length_squared();
     (shift, o + shift * d)
 }
 
-/// Two unit tangents that make a right-handed frame with the unit vector `n` (Duff et al., "Building an Orthonormal
-/// Basis, Revisited", JCGT 6(1), 2017).
+/// Returns two unit tangents that form a right-handed frame with the unit vector `n` (Duff et al., "Building an
+/// Orthonormal Basis, Revisited", JCGT 6(1), 2017).
 #[inline]
 pub(crate) fn tangents(n: DVec3) -> [DVec3; 2] {
     let sign = 1f64.copysign(n.z);

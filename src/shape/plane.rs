@@ -1,4 +1,4 @@
-//! The plane z = 0.
+//! Analytic shape: the plane z = 0.
 
 use glam::DVec3;
 
@@ -6,11 +6,12 @@ use super::span::{NOWHERE, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::Bounds;
 
-/// The plane z = 0, without end; its positive side is +z, its surface coordinates are x and y.
+/// Unbounded plane z = 0; its positive side is +z, its surface coordinates are x and y.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane;
 
-/// Where the ray crosses z = 0. A ray within the plane does not cross it, and one that leaves it does not come back.
+/// Returns the hit of the ray on z = 0. A ray within the plane misses, and one that starts on the plane does not
+/// return.
 ///
 /// The result is one subtraction-free division of exact numbers: within half an ulp.
 #[inline(always)]
@@ -18,7 +19,7 @@ pub(super) fn crossing(ray: &ShapeRay) -> ShapeHit {
     if ray.direction.z == 0.0 || ray.leaving.is_some() {
         return NOWHERE;
     }
-    // The sum makes +0 of -0, so that a ray that starts on the plane crosses at +0.
+    // Adding 0 turns -0 into +0, so that a ray that starts on the plane hits at +0.
     let t = -ray.origin.z / ray.direction.z + 0.0;
     ShapeHit { t, part: 0 }
 }

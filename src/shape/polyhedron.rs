@@ -1,7 +1,7 @@
-//! A convex polyhedron as the intersection of half-spaces n · x <= h, by Cyrus and Beck.
+//! Analytic shape: a convex polyhedron as the intersection of half-spaces n · x <= h, clipped by Cyrus and Beck.
 //!
-//! A plane is compared with a ray by the sign of `n · d`, exactly zero or not, and closed; nothing is compared with an
-//! epsilon. Tolerances serve the constructors alone, relative to the solid's size.
+//! A plane is classified by the sign of `n · d`, which may be exactly zero, and comparisons are closed; nothing is
+//! compared with an epsilon. Tolerances are used by the constructors only, relative to the solid's size.
 
 use std::collections::HashMap;
 
@@ -12,7 +12,7 @@ use super::span::{Crossings, Span, nearest, report};
 use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 
-/// The points with `n · x <= h`.
+/// Half-space of the points with `n · x <= h`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HalfSpace {
     /// Outward normal of the boundary; the constructor of a polyhedron makes it a unit vector.
@@ -22,14 +22,14 @@ pub struct HalfSpace {
 }
 
 impl HalfSpace {
-    /// How far `p` lies outside.
+    /// Returns the signed distance of `p` outside the boundary, times the length of `n`.
     #[inline(always)]
     fn excess(&self, p: DVec3) -> f64 {
         self.n.dot(p) - self.h
     }
 }
 
-/// A bounded convex polyhedron. Part `i` is the face on half-space `i`; its surface coordinates are lengths along two
+/// Bounded convex polyhedron. Part `i` is the face on half-space `i`; its surface coordinates are lengths along two
 /// orthogonal tangents.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Polyhedron {
@@ -37,55 +37,57 @@ pub struct Polyhedron {
     bounds: Bounds,
 }
 
-/// What is wrong with a polyhedron; faces and half-spaces are counted from 0.
+/// Reason why a polyhedron is invalid; faces and half-spaces are counted from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PolyhedronError {
-    /// A number is infinite or not a number.
+    /// Coordinate or coefficient that is infinite or NaN.
     #[error("vertex or half-space {0} of the polyhedron is not finite")]
     NotFinite(usize),
-    /// More faces than the checks can be done for in reasonable time.
+    /// Number of faces that is too large to be validated in reasonable time.
     #[error("the polyhedron has more than {MAX_FACES} faces: make it a mesh")]
     TooManyFaces,
-    /// A face has less than three vertices or no area, or a half-space has no normal.
+    /// Face with less than three vertices or no area, or half-space without a normal.
     #[error("face {0} of the polyhedron has no area: give at least three vertices that are not on one line")]
     Degenerate(usize),
-    /// A face names a vertex that is not there.
+    /// Face that refers to a vertex that does not exist.
     #[error("face {0} of the polyhedron names a vertex that does not exist")]
     NoSuchVertex(usize),
-    /// A face's vertices are not on one plane.
+    /// Face whose vertices are not on one plane.
     #[error("face {0} of the polyhedron is not flat: split it or move its vertices onto one plane")]
     NotFlat(usize),
-    /// A vertex lies outside a face's plane, or the face itself has a dent.
+    /// Face with a vertex outside its plane, or one that is concave itself.
     #[error(
         "the polyhedron is not convex at face {0}, or that face is not listed counter-clockwise from outside"
     )]
     NotConvex(usize),
-    /// An edge without a neighbour.
+    /// Face with an edge that no other face shares.
     #[error("face {0} of the polyhedron has an edge that no other face shares: close the solid")]
     NotClosed(usize),
-    /// The half-spaces leave a way to infinity.
+    /// Half-spaces that extend to infinity in some direction.
     #[error("the half-spaces do not enclose a bounded solid: add the missing ones")]
     Unbounded,
-    /// The half-spaces have no common inside.
+    /// Half-spaces without a common interior.
     #[error("half-space {0} leaves nothing, or nothing of any thickness, of the polyhedron")]
     Empty(usize),
 }
 
-/// Largest number of faces: finding the vertices tries every three of them.
+/// Largest number of faces: finding the vertices tests every combination of three.
 const MAX_FACES: usize = 512;
-/// How far off its plane a vertex may be, relative to the solid's extent: coordinates rounded to f32 or written with
-/// seven digits are off by up to 2^-23 of themselves.
+/// Largest distance of a vertex from its plane, relative to the solid's size: coordinates rounded to f32 or written
+/// with seven digits are off by up to 2^-23 of themselves.
 const FLATNESS: f64 = 1.0 / (1 << 20) as f64;
-/// What remains of vertices that are computed from planes, relative to their coordinates: 53 bits less those that a
-/// narrow angle of 2^-12 costs.
+/// Error of vertices that are computed from planes, relative to their coordinates: 53 bits less those that a narrow
+/// angle of 2^-12 costs.
 const VERTEX_TOLERANCE: f64 = 1.0 / (1u64 << 40) as f64;
 
 impl Polyhedron {
-    /// The solid inside all `half_spaces`, whose normals may have any length. It must be bounded and have a volume.
+    /// Creates the solid inside all `half_spaces`, whose normals may have any length. It must be bounded and have a
+    /// volume.
     pub fn from_half_spaces(half_spaces: &[HalfSpace]) -> Result<Polyhedron, PolyhedronError> {
         if half_spaces.len() > MAX_FACES {
             return Err(PolyhedronError::TooManyFaces);
         }
+        // Normalise the planes
         let mut unit = Vec::with_capacity(half_spaces.len());
         for (i, half_space) in half_spaces.iter().enumerate() {
             let length = half_space.n.length();
@@ -101,13 +103,15 @@ impl Polyhedron {
                 h: half_space.h / length,
             });
         }
+        // Reject unbounded solids
         if is_unbounded(&unit) {
             return Err(PolyhedronError::Unbounded);
         }
+        // Find vertices and bounds
         let vertices = vertices_of(&unit);
         let bounds = Bounds::of_points(vertices.iter().copied());
         let slack = VERTEX_TOLERANCE * bounds.magnitude();
-        // A solid has thickness across every face.
+        // Reject solids without thickness: one has vertices inside every face.
         let flat = |s: &HalfSpace| !vertices.iter().any(|v| s.excess(*v) < -2.0 * slack);
         if let Some(i) = unit.iter().position(flat) {
             return Err(PolyhedronError::Empty(i));
@@ -118,7 +122,7 @@ impl Polyhedron {
         })
     }
 
-    /// The solid with these vertices and faces, each face listed counter-clockwise as seen from outside.
+    /// Creates the solid with these vertices and faces, each face listed counter-clockwise as seen from outside.
     pub fn from_faces(vertices: &[DVec3], faces: &[Vec<u32>]) -> Result<Polyhedron, PolyhedronError> {
         if let Some(i) = vertices.iter().position(|v| !v.is_finite()) {
             return Err(PolyhedronError::NotFinite(i));
@@ -126,13 +130,16 @@ impl Polyhedron {
         if faces.len() > MAX_FACES {
             return Err(PolyhedronError::TooManyFaces);
         }
+        // Derive the half-space of each face
         let slack = FLATNESS * Bounds::of_points(vertices.iter().copied()).extent().max_element();
         let mut half_spaces = Vec::with_capacity(faces.len());
         for (i, face) in faces.iter().enumerate() {
             half_spaces.push(face_half_space(vertices, face, i, slack)?);
         }
+        // Check that every edge has two faces
         check_closed(faces)?;
         let solid = Polyhedron::from_half_spaces(&half_spaces)?;
+        // Include the given vertices in the bounds
         let given = Bounds::of_points(faces.iter().flatten().map(|&v| vertices[v as usize]));
         Ok(Polyhedron {
             bounds: solid.bounds.union(given),
@@ -140,20 +147,21 @@ impl Polyhedron {
         })
     }
 
-    /// Its half-spaces, with unit normals, in the order of its faces.
+    /// Returns the half-spaces, with unit normals, in the order of the faces.
     pub fn half_spaces(&self) -> &[HalfSpace] {
         &self.half_spaces
     }
 
-    /// Its vertices, found anew, each once for every three faces that meet there.
+    /// Returns the vertices, recomputed, each once for every three faces that share it.
     pub(crate) fn vertices(&self) -> Vec<DVec3> {
         vertices_of(&self.half_spaces)
     }
 
+    /// Returns both hits of the ray by clipping its line with every half-space.
     #[inline(always)]
     fn both(&self, ray: &ShapeRay) -> Crossings {
         let mut span = Span::ALL;
-        // A ray to the inside does not meet its own plane again, whatever rounding makes of a grazing one.
+        // A ray to the inside does not hit its own plane again, even if it is grazing and rounded.
         let own = match ray.leaving {
             Some(OriginSurface {
                 part,
@@ -161,6 +169,7 @@ impl Polyhedron {
             }) => part,
             _ => u32::MAX,
         };
+        // Clip the interval with every half-space
         for (part, half_space) in (0u32..).zip(&self.half_spaces) {
             let slope = half_space.n.dot(ray.direction);
             let room = -half_space.excess(ray.origin);
@@ -182,7 +191,8 @@ impl Polyhedron {
     }
 }
 
-/// Where it goes on for ever: along the common line of two of the planes, if anywhere.
+/// Returns whether the intersection of the half-spaces extends to infinity: then it does so along the common line of
+/// two of the planes.
 fn is_unbounded(half_spaces: &[HalfSpace]) -> bool {
     let pairs = half_spaces
         .iter()
@@ -193,16 +203,17 @@ fn is_unbounded(half_spaces: &[HalfSpace]) -> bool {
         let most = VERTEX_TOLERANCE * d.length();
         half_spaces.iter().all(|s| s.n.dot(d) <= most)
     };
-    // Parallel planes alone leave everything along them.
+    // Parallel planes alone bound nothing along them.
     directions.peek().is_none() || directions.any(|d| free(d) || free(-d))
 }
 
-/// The points common to three of the planes and inside all others.
+/// Returns the points common to three of the planes and inside all others.
 fn vertices_of(half_spaces: &[HalfSpace]) -> Vec<DVec3> {
     let mut vertices = Vec::new();
     for (i, a) in half_spaces.iter().enumerate() {
         for (j, b) in half_spaces[..i].iter().enumerate() {
             for c in &half_spaces[..j] {
+                // Intersect three planes by Cramer's rule
                 let normals = DMat3::from_cols(a.n, b.n, c.n);
                 let volume = normals.determinant();
                 let p = (a.h * b.n.cross(c.n) + b.h * c.n.cross(a.n) + c.h * a.n.cross(b.n)) / volume;
@@ -216,6 +227,7 @@ fn vertices_of(half_spaces: &[HalfSpace]) -> Vec<DVec3> {
     vertices
 }
 
+/// Returns the bounds, enlarged by `by` on every side.
 fn grown(bounds: Bounds, by: f64) -> Bounds {
     Bounds {
         min: bounds.min - DVec3::splat(by),
@@ -223,13 +235,14 @@ fn grown(bounds: Bounds, by: f64) -> Bounds {
     }
 }
 
-/// The half-space of one face: Newell's normal, and all vertices inside.
+/// Returns the half-space of one face by Newell's normal; fails unless all vertices lie inside.
 fn face_half_space(
     vertices: &[DVec3],
     face: &[u32],
     index: usize,
     slack: f64,
 ) -> Result<HalfSpace, PolyhedronError> {
+    // Look up the corners
     let mut corners = Vec::with_capacity(face.len());
     for &v in face {
         let corner = vertices.get(v as usize).copied();
@@ -237,7 +250,7 @@ fn face_half_space(
     }
     let count = corners.len();
     let first = corners.first().copied().unwrap_or_default();
-    // Twice the vector area, summed from one corner.
+    // Sum twice the vector area from one corner.
     let area: DVec3 = (0..count)
         .map(|k| (corners[k] - first).cross(corners[(k + 1) % count] - first))
         .sum();
@@ -245,6 +258,7 @@ fn face_half_space(
     if count < 3 || n == DVec3::ZERO || area.length() <= slack * slack {
         return Err(PolyhedronError::Degenerate(index));
     }
+    // Check that the face is flat
     let (low, high) = corners
         .iter()
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {
@@ -253,6 +267,7 @@ fn face_half_space(
     if high - low > slack {
         return Err(PolyhedronError::NotFlat(index));
     }
+    // Check that the face is convex
     for k in 0..count {
         let (a, b, c) = (corners[k], corners[(k + 1) % count], corners[(k + 2) % count]);
         let turn = (b - a).cross(c - b).dot(n);
@@ -260,6 +275,7 @@ fn face_half_space(
             return Err(PolyhedronError::NotConvex(index));
         }
     }
+    // Check that no vertex lies outside
     let outermost = vertices.iter().fold(high, |most, p| most.max(n.dot(*p)));
     if outermost - high > slack {
         return Err(PolyhedronError::NotConvex(index));
@@ -267,7 +283,7 @@ fn face_half_space(
     Ok(HalfSpace { n, h: outermost })
 }
 
-/// Every edge must be run through once in either direction.
+/// Checks that every edge is traversed once in either direction.
 fn check_closed(faces: &[Vec<u32>]) -> Result<(), PolyhedronError> {
     let mut edges: HashMap<(u32, u32), usize> = HashMap::new();
     let edges_of = |face: &[u32]| -> Vec<(u32, u32)> {
@@ -275,6 +291,7 @@ fn check_closed(faces: &[Vec<u32>]) -> Result<(), PolyhedronError> {
             .map(|k| (face[k], face[(k + 1) % face.len()]))
             .collect()
     };
+    // Record directed edges; each may occur once
     for (i, face) in faces.iter().enumerate() {
         for edge in edges_of(face) {
             if edges.insert(edge, i).is_some() {
@@ -282,6 +299,7 @@ fn check_closed(faces: &[Vec<u32>]) -> Result<(), PolyhedronError> {
             }
         }
     }
+    // Find a directed edge without its opposite
     let open = |face: &Vec<u32>| edges_of(face).iter().any(|&(a, b)| !edges.contains_key(&(b, a)));
     match faces.iter().position(open) {
         Some(i) => Err(PolyhedronError::NotClosed(i)),

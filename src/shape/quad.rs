@@ -1,4 +1,4 @@
-//! The square [-1, 1]² in the plane z = 0.
+//! Analytic shape: the square [-1, 1]² in the plane z = 0.
 
 use glam::DVec3;
 
@@ -7,11 +7,12 @@ use super::span::{NOWHERE, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, plane};
 use crate::numeric::Bounds;
 
-/// The square [-1, 1]² in the plane z = 0. Its positive side is +z; its surface coordinates run over [0, 1]².
+/// Square [-1, 1]² in the plane z = 0. Its positive side is +z; its surface coordinates cover [0, 1]².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quad;
 
 impl Quad {
+    /// Returns the hit of the ray on the square, edges included.
     #[inline(always)]
     fn crossing(ray: &ShapeRay) -> ShapeHit {
         let hit = plane::crossing(ray);

@@ -1,7 +1,7 @@
-//! The general quadric xᵀ Q x = 0 with homogeneous x = (x, y, z, 1), cut off by a box.
+//! Analytic shape: the general quadric xᵀ Q x = 0 with homogeneous x = (x, y, z, 1), clipped by a box.
 //!
 //! The quadratic's coefficients are formed at the line's point nearest to the box's centre, and then once more halfway
-//! between the roots, where they are as small as they can be: a thin ellipsoid's are huge anywhere else.
+//! between the roots, where they are smallest: those of a thin ellipsoid are huge anywhere else.
 
 use glam::DVec3;
 
@@ -11,34 +11,34 @@ use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 use crate::numeric::roots::quadratic_roots;
 
-/// The part of a quadric inside a box, which cuts it open: a sheet. Its positive side is where xᵀ Q x > 0.
+/// Part of a quadric inside a clip box, an open surface. Its positive side is where xᵀ Q x > 0.
 ///
-/// The surface coordinates are those of the point within the box, over [0, 1]², seen along the axis that the normal is
-/// nearest to: y and z along x, z and x along y, x and y along z, the first mirrored where the normal points down the
-/// axis.
+/// The surface coordinates are those of the point within the box, over [0, 1]², projected along the axis that the
+/// normal is nearest to: y and z along x, z and x along y, x and y along z, the first mirrored if the normal points in
+/// the negative direction of the axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quadric {
     q: [f64; 10],
     clip: Bounds,
 }
 
-/// What is wrong with a quadric.
+/// Reason why a quadric is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum QuadricError {
-    /// A coefficient is infinite or not a number.
+    /// Coefficient that is infinite or NaN.
     #[error("a coefficient of the quadric is not finite")]
     NotFinite,
-    /// Nothing depends on the point.
+    /// Equation whose coefficients except for the constant are all zero.
     #[error("all coefficients of the quadric but the constant are zero, so that it is no surface")]
     Constant,
-    /// The box has no volume.
+    /// Clip box without a volume.
     #[error("the quadric's clip box is empty, flat or not finite: give a low corner below a high one")]
     BadBox,
 }
 
 impl Quadric {
-    /// The quadric whose symmetric matrix has the upper triangle `q`, row by row: q00 q01 q02 q03 q11 q12 q13 q22 q23
-    /// q33, so that the sphere is `[1, 0, 0, 0, 1, 0, 0, 1, 0, -1]` and `x y = z` has q01 = 1/2 and q23 = -1/2.
+    /// Creates the quadric whose symmetric matrix has the upper triangle `q`, row by row: q00 q01 q02 q03 q11 q12 q13
+    /// q22 q23 q33, so that the sphere is `[1, 0, 0, 0, 1, 0, 0, 1, 0, -1]` and `x y = z` has q01 = 1/2 and q23 = -1/2.
     pub fn new(q: [f64; 10], clip: Bounds) -> Result<Quadric, QuadricError> {
         if !q.iter().all(|x| x.is_finite()) {
             return Err(QuadricError::NotFinite);
@@ -53,12 +53,12 @@ impl Quadric {
         Ok(Quadric { q, clip })
     }
 
-    /// The upper triangle of its matrix, row by row.
+    /// Returns the upper triangle of the matrix, row by row.
     pub fn coefficients(&self) -> [f64; 10] {
         self.q
     }
 
-    /// The upper left 3x3 of the matrix on `v`.
+    /// Multiplies the upper left 3x3 of the matrix by `v`.
     #[inline(always)]
     fn linear(&self, v: DVec3) -> DVec3 {
         let q = &self.q;
@@ -69,7 +69,7 @@ impl Quadric {
         )
     }
 
-    /// xᵀ Q x and half its gradient at `p`.
+    /// Returns xᵀ Q x and half its gradient at `p`.
     #[inline(always)]
     fn value(&self, p: DVec3) -> (f64, DVec3) {
         let affine = DVec3::new(self.q[3], self.q[6], self.q[8]);
@@ -77,8 +77,10 @@ impl Quadric {
         (p.dot(half_gradient) + affine.dot(p) + self.q[9], half_gradient)
     }
 
+    /// Returns both hits of the ray inside the clip box.
     #[inline(always)]
     fn both(&self, ray: &ShapeRay) -> Crossings {
+        // Form the quadratic at the line's point nearest to the box's centre
         let d = ray.direction;
         let center = self.clip.center();
         let (shift, o) = nearest_to_origin(ray.origin - center, d);
@@ -87,16 +89,17 @@ impl Quadric {
         let b = -d.dot(half_gradient);
         let kept = self.clip_span(ray);
         let middle = b / a;
-        // Not far outside, where the coefficients would be larger again.
+        // Refine halfway between the roots, unless that is outside the box, where the coefficients are larger again.
         let [t0, t1] = if kept.contains(shift + middle) {
             let (c, half_gradient) = self.value(center + o + middle * d);
             let b = -d.dot(half_gradient);
             let half = (ray.discriminant(b * b - a * c).sqrt() / a).abs();
-            // Nothing cancels: of `b` only roundings are left.
+            // Nothing cancels: only roundings remain of `b`.
             [-half, half].map(|t| shift + middle + (b / a + t))
         } else {
             quadratic_roots(a, b, c, ray.discriminant(b * b - a * c)).map(|t| shift + t)
         };
+        // Discard hits outside the clip box
         let cut = |t: f64| {
             if kept.contains(t) {
                 ShapeHit { t, part: 0 }
@@ -107,8 +110,8 @@ impl Quadric {
         let Some(leaving) = ray.leaving else {
             return [cut(t0), cut(t1)];
         };
-        // The value changes its sign at the own root one way and at the other root the other way: that one lies ahead
-        // if it is the later of the two, and then beyond the start.
+        // The value changes sign at the own root in one direction and at the other root in the opposite one: the other
+        // root lies ahead if it is the later of the two, and then beyond the start.
         let ahead = match leaving.side {
             Side::Outside => a < 0.0,
             Side::Inside => a > 0.0,
@@ -120,6 +123,7 @@ impl Quadric {
         }
     }
 
+    /// Returns the interval of the line inside the clip box.
     #[inline(always)]
     fn clip_span(&self, ray: &ShapeRay) -> Span {
         let slab = |axis: usize| {
@@ -130,8 +134,8 @@ impl Quadric {
     }
 }
 
-/// Newton steps that take a point to the surface: the first leaves the square of its distance, the second that of a
-/// rounding.
+/// Number of Newton steps that project a point onto the surface: the first leaves the square of its distance, the
+/// second that of a rounding.
 const PROJECTION_STEPS: usize = 2;
 
 impl Implicit for Quadric {
@@ -150,6 +154,7 @@ impl Implicit for Quadric {
     }
 
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
+        // Project the point onto the surface
         let mut p = p;
         for _ in 0..PROJECTION_STEPS {
             let (value, half_gradient) = self.value(p);
@@ -162,7 +167,8 @@ impl Implicit for Quadric {
         let along = g.abs().max_position();
         let (right, up) = ((along + 1) % 3, (along + 2) % 3);
         let (center, extent) = (self.clip.center(), self.clip.extent());
-        // Mirrored where the normal points down the axis, so that dpdu x dpdv points along it.
+        // Mirror if the normal points in the negative direction of the axis, so that dpdu x dpdv points along the
+        // normal.
         let spans = [extent[right] * 1f64.copysign(g[along]), extent[up]];
         let uv = [
             (p[right] - center[right]) / spans[0] + 0.5,

@@ -1,15 +1,15 @@
-//! The part of a line inside a convex solid: an interval of `t`, with the part of the surface at either end.
+//! Interval of a line inside a convex solid: a range of `t`, with the part of the surface at either end.
 //!
 //! Cyrus and Beck (1978): the interval inside an intersection of convex sets is the intersection of the intervals.
-//! Comparisons are closed (≤) and nothing is compared with an epsilon, so a ray in a face, through an edge or through
-//! a vertex has one definite answer, the same for all parts that meet there.
+//! Comparisons are closed (≤) and nothing is compared with an epsilon, so a ray in a face, through an edge or through a
+//! vertex has one definite result that is consistent for all adjacent parts.
 
 use super::{OriginSurface, ShapeHit, ShapeRay, Side};
 
-/// The extent of most shapes along most axes.
+/// Range [-1, 1] of most shapes along most axes.
 pub(super) const UNIT: [f64; 2] = [-1.0, 1.0];
 
-/// An interval of the line's parameter; empty where `enter.t > exit.t`.
+/// Interval of the line's parameter; empty if `enter.t > exit.t`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Span {
     pub(super) enter: ShapeHit,
@@ -17,12 +17,12 @@ pub(super) struct Span {
 }
 
 impl Span {
-    /// The whole line.
+    /// Interval of the whole line.
     pub(super) const ALL: Span = Span::new(f64::NEG_INFINITY, f64::INFINITY, 0);
-    /// None of it.
+    /// Empty interval, for a line that misses.
     pub(super) const NONE: Span = Span::new(f64::INFINITY, f64::NEG_INFINITY, 0);
 
-    /// The interval [t0, t1] inside one surface.
+    /// Creates the interval [t0, t1] inside one surface.
     #[inline(always)]
     pub(super) const fn new(t0: f64, t1: f64, part: u32) -> Span {
         Span {
@@ -31,7 +31,7 @@ impl Span {
         }
     }
 
-    /// The overlap of both; at equal ends `self` has precedence.
+    /// Returns the overlap of both intervals; at equal ends `self` has precedence.
     #[inline(always)]
     pub(super) fn overlap(self, other: Span) -> Span {
         Span {
@@ -48,7 +48,7 @@ impl Span {
         }
     }
 
-    /// The interval inside `low <= x <= high` for a coordinate that runs as `o + t d`.
+    /// Returns the interval inside `low <= x <= high` for a coordinate given by `o + t d`.
     #[inline(always)]
     pub(super) fn slab(o: f64, d: f64, [low, high]: [f64; 2], [low_part, high_part]: [u32; 2]) -> Span {
         if d == 0.0 {
@@ -79,24 +79,28 @@ impl Span {
         }
     }
 
-    /// Whether it contains `t`.
+    /// Returns whether the interval contains `t`.
     #[inline(always)]
     pub(super) fn contains(&self, t: f64) -> bool {
         self.enter.t <= t && t <= self.exit.t
     }
 
-    /// The crossings of the surface of a convex solid whose interior is this interval.
+    /// Returns the hits on the surface of a convex solid whose interior is this interval.
     ///
-    /// A ray that leaves to the outside never comes back. One that leaves to the inside starts in the closed solid, so
-    /// its exit is not behind it, whatever rounding says; and where it left, it does not exit.
+    /// A ray that starts on the surface and goes outside never returns. One that goes inside starts in the closed
+    /// solid, so its exit is not behind it, regardless of rounding; and it does not exit through the part that it
+    /// started on unless that part is curved.
     #[inline(always)]
     pub(super) fn crossings_of_convex(&self, ray: &ShapeRay, own_is_curved: bool) -> Crossings {
+        // A ray from elsewhere hits both ends
         match ray.leaving {
             None if self.enter.t <= self.exit.t => [self.enter, self.exit],
             None => NOTHING,
+            // A ray from the surface to the outside hits nothing
             Some(OriginSurface {
                 side: Side::Outside, ..
             }) => NOTHING,
+            // A ray from the surface to the inside hits another part, or its own if curved
             Some(OriginSurface { part, .. }) => {
                 let ShapeHit { t, part: exit } = self.exit;
                 if exit != part {
@@ -117,9 +121,10 @@ impl Span {
     }
 }
 
-/// Crossings of an open sheet: a convex wall, inside which the line is over `wall`, cut off outside `kept`.
+/// Returns the hits on an open surface: a convex wall, whose interior covers the interval `wall` of the line, clipped
+/// to `kept`.
 ///
-/// One that leaves it on the outer side never comes back; inside, only the far wall lies ahead.
+/// A ray that starts on the outer side never returns; from the inside, only the far wall lies ahead.
 #[inline(always)]
 pub(super) fn crossings_of_wall(wall: &Span, kept: &Span, ray: &ShapeRay) -> Crossings {
     let cut = |hit: ShapeHit| if kept.contains(hit.t) { hit } else { NOWHERE };
@@ -132,16 +137,16 @@ pub(super) fn crossings_of_wall(wall: &Span, kept: &Span, ray: &ShapeRay) -> Cro
     }
 }
 
-/// Up to two crossings in ascending `t`; those that are not there have `t` NaN.
+/// Up to two hits in ascending `t`; a missing hit has `t` NaN.
 pub(super) type Crossings = [ShapeHit; 2];
 
-/// A crossing that is not there.
+/// Missing hit, whose parameter is NaN.
 pub(super) const NOWHERE: ShapeHit = ShapeHit { t: f64::NAN, part: 0 };
 
-/// No crossings.
+/// Pair of missing hits, for a ray that misses.
 pub(super) const NOTHING: Crossings = [NOWHERE; 2];
 
-/// The first crossing that the ray admits.
+/// Returns the first hit in the ray's range.
 #[inline(always)]
 pub(super) fn nearest(ray: &ShapeRay, [first, second]: Crossings) -> Option<ShapeHit> {
     if ray.admits(first.t) {
@@ -151,7 +156,7 @@ pub(super) fn nearest(ray: &ShapeRay, [first, second]: Crossings) -> Option<Shap
     }
 }
 
-/// Hands all crossings that the ray admits to `out`.
+/// Passes all hits in the ray's range to `out`.
 #[inline(always)]
 pub(super) fn report(ray: &ShapeRay, crossings: Crossings, out: &mut dyn FnMut(ShapeHit)) {
     crossings
@@ -197,7 +202,7 @@ mod tests {
             }),
             ..ShapeRay::new(glam::DVec3::ZERO, glam::DVec3::X)
         };
-        // Rounding has put the exit behind the start.
+        // Here rounding has moved the exit behind the start.
         let span = Span::new(-1.0, -f64::EPSILON, 3);
         let exit = |ray: &ShapeRay| nearest(ray, span.crossings_of_convex(ray, true));
         assert_eq!(exit(&inward(2)), Some(ShapeHit { t: 0.0, part: 3 }));

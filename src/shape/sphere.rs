@@ -1,9 +1,9 @@
-//! The sphere |p - c|² = r².
+//! Analytic shape: the sphere |p - c|² = r².
 //!
-//! Roots by the perpendicular-distance discriminant and citardauq's second root (Haines, Günther, Akenine-Möller,
+//! Roots use the perpendicular-distance discriminant and citardauq's second root (Haines, Günther, Akenine-Möller,
 //! "Precision improvements for ray/sphere intersection", Ray Tracing Gems, 2019, ch. 7), with the constant term
-//! factored as (|f| - r)(|f| + r), which is what keeps huge spheres accurate. Rays that go down on a sphere from closer
-//! to it than 2^-26 of its radius, as on a planet, are asked about in numbers of 106 bits: there f64 has lost the height.
+//! factored as (|f| - r)(|f| + r), which keeps huge spheres accurate. Rays that approach a sphere from closer than
+//! 2^-26 of its radius, as on a planet, are solved in double-double numbers of 106 bits: there f64 has lost the height.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,23 +15,23 @@ use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::roots::quadratic_roots;
 use crate::numeric::{Bounds, DoubleDouble};
 
-/// A sphere in object space.
+/// Sphere in object space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sphere {
-    /// Its centre.
+    /// Centre of the sphere in object space.
     pub center: DVec3,
-    /// Its radius; positive and finite.
+    /// Radius of the sphere; positive and finite.
     pub radius: f64,
 }
 
 impl Sphere {
-    /// The sphere of radius 1 at the origin.
+    /// Sphere of radius 1 at the origin.
     pub const UNIT: Sphere = Sphere {
         center: DVec3::ZERO,
         radius: 1.0,
     };
 
-    /// Its box in object space.
+    /// Returns the bounding box in object space.
     pub fn bounds(&self) -> Bounds {
         Bounds {
             min: self.center - DVec3::splat(self.radius),
@@ -39,16 +39,17 @@ impl Sphere {
         }
     }
 
-    /// Both parameters at which the line `origin + t direction` meets the sphere, the smaller first; `None` for a miss.
+    /// Returns both parameters at which the line `origin + t direction` intersects the sphere, the smaller first;
+    /// `None` for a miss.
     ///
-    /// A tangent line meets it twice at the same parameter. `direction` may have any non-zero length.
+    /// A tangent line has two equal roots. `direction` may have any non-zero length.
     #[inline(always)]
     pub fn roots(&self, origin: DVec3, direction: DVec3) -> Option<[f64; 2]> {
         let roots = self.roots_or_nan(origin, direction);
         (!roots[0].is_nan()).then_some(roots)
     }
 
-    /// The same; NaN for a miss.
+    /// Returns both roots as [`Sphere::roots`] does, NaN for a miss.
     #[inline(always)]
     fn roots_or_nan(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
         let (roots, is_close) = self.far_roots(origin.to_array(), direction.to_array());
@@ -59,14 +60,15 @@ impl Sphere {
         }
     }
 
-    /// The roots in f64, without branches, and whether the ray is too close to the sphere for that: see [`CLOSE`].
+    /// Computes the roots in f64, without branches. Also returns whether the ray is too close to the sphere for f64:
+    /// see [`CLOSE`].
     #[inline(always)]
     fn far_roots(&self, origin: [f64; 3], direction: [f64; 3]) -> ([f64; 2], bool) {
         let direction = DVec3::from_array(direction);
         let f = DVec3::from_array(origin) - self.center;
         let a = direction.length_squared();
         let b = -f.dot(direction);
-        // The part of `f` perpendicular to the ray: its length is the distance of the line from the centre.
+        // Take the part of `f` perpendicular to the ray: its length is the distance of the line from the centre.
         let perpendicular = f + (b / a) * direction;
         let square = self.radius * self.radius;
         let discriminant = square - perpendicular.length_squared();
@@ -77,10 +79,12 @@ impl Sphere {
         (roots, c.abs() <= close * square)
     }
 
-    /// The roots where differences of f64 cancel, by the textbook's formula in numbers of 106 bits.
+    /// Computes the roots by the textbook formula in double-double numbers of 106 bits, for rays where f64 differences
+    /// cancel.
     #[cold]
     #[inline(never)]
     fn close_roots(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
+        // Form the quadratic in double-double precision
         let f = [0, 1, 2].map(|k| DoubleDouble::of(origin[k]) - DoubleDouble::of(self.center[k]));
         let d = direction.to_array().map(DoubleDouble::of);
         let dot = |a: [DoubleDouble; 3], b: [DoubleDouble; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -90,6 +94,7 @@ impl Sphere {
         if discriminant < DoubleDouble::ZERO {
             return [f64::NAN; 2];
         }
+        // Compute both roots without cancellation
         let root = discriminant.sqrt();
         let q = if b < DoubleDouble::ZERO {
             b - root
@@ -103,15 +108,15 @@ impl Sphere {
         if t0 <= t1 { [t0, t1] } else { [t1, t0] }
     }
 
-    /// The nearest parameter within [`t_near`, `t_far`], both ends included.
+    /// Returns the nearest parameter within [`t_near`, `t_far`], both ends included.
     #[inline(always)]
     pub fn nearest(&self, origin: DVec3, direction: DVec3, t_near: f64, t_far: f64) -> Option<f64> {
         let t = first_within(self.roots_or_nan(origin, direction), [t_near, t_far]);
         (!t.is_nan()).then_some(t)
     }
 
-    /// [`Sphere::nearest`] for `W` rays side by side, to the same bits; NaN where a ray misses. Without branches but for
-    /// rays that are close, so that lanes vectorise.
+    /// Evaluates [`Sphere::nearest`] for a packet of `W` rays, to identical bits; NaN in lanes that miss. Branch-free
+    /// except for close rays, so that lanes vectorise.
     #[inline(always)]
     pub fn nearest_lanes<const W: usize>(
         &self,
@@ -120,6 +125,7 @@ impl Sphere {
         t_near: &[f64; W],
         t_far: &[f64; W],
     ) -> [f64; W] {
+        // Solve all lanes in f64, noting the close ones
         let (mut t, mut close, mut any) = ([f64::NAN; W], [0u64; W], 0);
         for lane in 0..W {
             let of = |v: &[[f64; W]; 3]| [v[0][lane], v[1][lane], v[2][lane]];
@@ -128,6 +134,7 @@ impl Sphere {
             close[lane] = u64::from(is_close);
             any |= close[lane];
         }
+        // Solve the rare close lanes again in double-double precision
         if any != 0 {
             for lane in (0..W).filter(|&lane| close[lane] != 0) {
                 let of = |v: &[[f64; W]; 3]| DVec3::new(v[0][lane], v[1][lane], v[2][lane]);
@@ -138,8 +145,8 @@ impl Sphere {
         t
     }
 
-    /// [`Sphere::nearest`] of `N` spheres side by side for one ray, from `t_near` on; NaN where it misses, and where the
-    /// radius is NaN.
+    /// Evaluates [`Sphere::nearest`] of `N` spheres for one ray, from `t_near` on; NaN for spheres that it misses, and
+    /// for a NaN radius.
     #[cfg(feature = "embree")]
     #[inline(always)]
     pub(crate) fn nearest_of<const N: usize>(
@@ -152,6 +159,7 @@ impl Sphere {
             center: DVec3::new(center[0][i], center[1][i], center[2][i]),
             radius: radius[i],
         };
+        // Solve all spheres in f64, noting the close ones
         let (mut t, mut close, mut any) = ([f64::NAN; N], [0u64; N], 0);
         for i in 0..N {
             let (roots, is_close) = sphere(i).far_roots(origin.to_array(), direction.to_array());
@@ -159,6 +167,7 @@ impl Sphere {
             close[i] = u64::from(is_close);
             any |= close[i];
         }
+        // Solve the rare close ones again in double-double precision
         if any != 0 {
             for i in (0..N).filter(|&i| close[i] != 0) {
                 t[i] = first_within(sphere(i).close_roots(origin, direction), [t_near, f64::INFINITY]);
@@ -167,29 +176,30 @@ impl Sphere {
         t
     }
 
+    /// Returns both hits of the ray, after removal of its own root if it starts on the sphere.
     #[inline(always)]
     fn both(&self, ray: &ShapeRay) -> Crossings {
         let [mut t0, mut t1] = self.roots_or_nan(ray.origin, ray.direction);
         if ray.leaving.is_some() && t0.is_nan() {
-            // A start rounded off the sphere, along it: the ray touches where it is nearest.
+            // A ray along the sphere whose start is rounded off the surface touches it at the nearest point.
             t0 = nearest_to_origin(ray.origin - self.center, ray.direction).0;
             t1 = t0;
         }
         Span::new(t0, t1, 0).crossings_of_convex(ray, true)
     }
 
-    /// The outward unit normal at a point on the surface.
+    /// Returns the outward unit normal at a point on the surface.
     pub fn normal(&self, p: DVec3) -> DVec3 {
         (p - self.center).normalize_or_zero()
     }
 
-    /// The point of the surface nearest to `p`, which removes the error along the normal.
+    /// Returns the point of the surface nearest to `p`, which removes the error along the normal.
     pub fn project(&self, p: DVec3) -> DVec3 {
         self.center + self.radius * self.normal(p)
     }
 }
 
-/// The first root within an interval, both ends included; NaN if there is none. Without branches.
+/// Returns the first root within an interval, both ends included; NaN if there is none. Branch-free.
 #[inline(always)]
 fn first_within([t0, t1]: [f64; 2], [t_near, t_far]: [f64; 2]) -> f64 {
     let second = if (t_near <= t1) & (t1 <= t_far) {
@@ -204,11 +214,12 @@ fn first_within([t0, t1]: [f64; 2], [t_near, t_far]: [f64; 2]) -> f64 {
     }
 }
 
-/// Share of r² that the constant term of a ray which approaches may fall to before f64 no longer gives its root to a unit
-/// of f32. The distance |f| is off by 4 roundings of 2^-53 of itself, and so is the term by 8 of r²: 2^-25 of itself
-/// here.
+/// Ratio of the constant term to r² below which f64 no longer gives the root of an approaching ray to one unit of f32.
+/// The distance |f| is off by 4 roundings of 2^-53 of itself, and so is the term by 8 of r²: 2^-25 of itself at this
+/// ratio.
 const CLOSE: f64 = 1.0 / (1u64 << 25) as f64;
-/// The same for a ray that goes away, whose roots are behind it: only where the term may have the wrong sign.
+/// Ratio of the constant term to r² below which the term may have the wrong sign; used for a receding ray, whose roots
+/// are behind it.
 const TOUCHING: f64 = 8.0 * f64::EPSILON;
 
 impl Implicit for Sphere {
@@ -226,8 +237,9 @@ impl Implicit for Sphere {
         report(ray, self.both(ray), out);
     }
 
-    /// `u` is the longitude around z from +x towards +y as a part of the whole turn, `v` the latitude from the south
-    /// pole (-z) at 0 to the north pole at 1. At the poles `u` is 0 and `dpdu` vanishes.
+    /// Returns the surface point; `u` is the longitude around z from +x towards +y as a fraction of the full circle,
+    /// `v` the latitude from the south pole (-z) at 0 to the north pole at 1. At the poles `u` is 0 and `dpdu`
+    /// vanishes.
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
         let n = self.normal(p);
         let (rho, cos, sin) = polar(n);
@@ -330,7 +342,7 @@ mod tests {
             for height in [1e-3f32, 0.3, 0.9] {
                 let height = f64::from(height);
                 let t = ground.nearest(height * DVec3::Y, -DVec3::Y, 0.0, f64::INFINITY);
-                // Straight down; closer than 2^-26 of the radius it is exact but for the last rounding.
+                // Straight down; closer than 2^-26 of the radius the result is exact except for the last rounding.
                 let bound = if height < radius * 2f64.powi(-26) {
                     0.5 * f64::EPSILON
                 } else {

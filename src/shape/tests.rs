@@ -1,4 +1,4 @@
-//! Every shape against its referee: random and degenerate rays, and rays that leave the surface.
+//! Tests of every shape against the oracle: random and degenerate rays, and rays that start on the surface.
 
 use std::sync::Arc;
 
@@ -11,25 +11,26 @@ use super::{
 };
 use crate::numeric::{Bounds, DoubleDouble, SplitMix64, spawn_point};
 
-/// By how many roundings, of 2^-53 of the coordinates involved, a surface may seem to be moved: two for the shifted
-/// origin, four for the quadratic's coefficients, which curvature doubles, and two for `t`.
+/// Number of roundings, of 2^-53 of the coordinates involved, by which a surface may seem to be moved: two for the
+/// shifted origin, four for the quadratic's coefficients, which curvature doubles, and two for `t`.
 const ROUNDINGS: f64 = 16.0;
-/// The same for a torus: the quartic adds nothing, as roots are polished on the distance form, unless a ray is nearly
-/// tangent; there its coefficients of up to 16 and its division by the tube's radius count.
+/// Number of roundings by which a torus may seem to be moved: the quartic adds none, as roots are polished on the
+/// distance form, unless a ray is nearly tangent; there its coefficients of up to 16 and its division by the tube's
+/// radius count.
 const TORUS_ROUNDINGS: f64 = 64.0;
-/// Where all random numbers here start.
+/// Seed of all random numbers in these tests.
 const SEED: u64 = 20_260_101;
 
-/// A quadric moved outward by `delta`: coefficients and the point that they are about.
+/// Quadric moved outward by `delta`: coefficients and the point that they are relative to.
 type Moved = fn(delta: f64) -> ([f64; 10], DVec3);
 
-/// What the referee knows of a shape: xᵀ Q x <= 0 moved outward by `delta`, and half-spaces. The half-spaces bound a
-/// solid, or they cut a sheet.
+/// Description of a shape for the oracle: xᵀ Q x <= 0 moved outward by `delta`, and half-spaces. The half-spaces bound
+/// a solid, or they clip an open surface.
 struct Referee {
     shape: Shape,
     quadric: Option<Moved>,
     half_spaces: Vec<HalfSpace>,
-    /// Smallest radius of curvature, or less: a chord from the surface at an angle to it is longer than half of this
+    /// Lower bound on the radius of curvature: a chord from the surface at an angle to it is longer than half of this
     /// times the sine. For a cone it is the distance from the axis.
     curvature: f64,
 }
@@ -56,7 +57,7 @@ fn cylinder(delta: f64) -> ([f64; 10], DVec3) {
     (diagonal(1.0, 1.0, 0.0, 0.0, -square(1.0 + delta)), DVec3::ZERO)
 }
 
-/// x² + y² - z² / 4 about the apex, which moves by √5 delta if the wall moves by delta.
+/// Returns x² + y² - z² / 4 about the apex, which moves by √5 delta if the wall moves by delta.
 fn cone(delta: f64) -> ([f64; 10], DVec3) {
     let apex = 1.0 + 5f64.sqrt() * delta;
     (diagonal(1.0, 1.0, -0.25, 0.0, 0.0), apex * DVec3::Z)
@@ -90,6 +91,7 @@ fn box_half_spaces(axes: std::ops::Range<usize>) -> Vec<HalfSpace> {
     .collect()
 }
 
+/// Returns the oracle descriptions of all shapes except for the torus and flat open ones.
 fn referees() -> Vec<Referee> {
     let clip = Bounds {
         min: -DVec3::ONE,
@@ -104,12 +106,14 @@ fn referees() -> Vec<Referee> {
             curvature,
         });
     };
+    // Add sphere, cube and dodecahedron
     add(Shape::Sphere(SPHERE), Some(moved_sphere as Moved), vec![], 0.75);
     add(Shape::Cube, None, box_half_spaces(0..3), f64::INFINITY);
     let polyhedron = Arc::new(Polyhedron::from_half_spaces(&dodecahedron()).unwrap());
     let planes = polyhedron.half_spaces().to_vec();
     add(Shape::Polyhedron(polyhedron), None, planes, f64::INFINITY);
     let above_base = vec![HalfSpace { n: -DVec3::Z, h: 1.0 }];
+    // Add capped and open cylinders and cones
     for capped in [true, false] {
         add(
             Shape::Cylinder(Cylinder { capped }),
@@ -119,6 +123,7 @@ fn referees() -> Vec<Referee> {
         );
         add(Shape::Cone(Cone { capped }), Some(cone), above_base.clone(), 0.0);
     }
+    // Add quadrics
     let quadrics: [(Moved, f64); 4] = [
         (ellipsoid, 0.1),
         (one_sheet, 0.1),
@@ -137,7 +142,8 @@ fn referees() -> Vec<Referee> {
     all
 }
 
-/// A ray at a random distance, aimed near the shape, of any length; every fourth is made degenerate by snapping.
+/// Returns a ray at a random distance, aimed near the shape, of any length; every fourth is made degenerate by
+/// snapping.
 fn random_ray(random: &mut SplitMix64) -> ShapeRay {
     let mut target = 1.3 * random.in_cube();
     let distance = random.pick(&[0.0, 0.5, 3.0, 100.0, 1e6]);
@@ -177,19 +183,20 @@ fn pairs(crossings: &[f64]) -> Intervals {
         .collect()
 }
 
-/// What rounding may move a surface by.
+/// Returns the distance by which rounding may move a surface.
 fn tolerance(ray: &ShapeRay) -> f64 {
     ROUNDINGS * 0.5 * f64::EPSILON * (1.0 + ray.origin.length())
 }
 
 impl Referee {
+    /// Returns the intervals of the line inside the shape moved outward by `delta`.
     fn inside(&self, ray: &ShapeRay, delta: f64) -> Intervals {
         self.half_spaces.iter().fold(self.wall(ray, delta), |found, s| {
             cut(found, s.n, s.h + delta, ray.origin, ray.direction)
         })
     }
 
-    /// Inside the quadric alone; of a cone, inside the lower nappe.
+    /// Returns the intervals inside the quadric alone; of a cone, inside the lower nappe.
     fn wall(&self, ray: &ShapeRay, delta: f64) -> Intervals {
         let Some(moved) = self.quadric else {
             return whole();
@@ -203,6 +210,7 @@ impl Referee {
         }
     }
 
+    /// Returns whether the claimed hits of a solid lie between those of the smaller and the larger shape.
     fn judge_solid(&self, ray: &ShapeRay, claimed: &[f64]) -> bool {
         let delta = tolerance(ray);
         claimed.len().is_multiple_of(2)
@@ -210,11 +218,12 @@ impl Referee {
             && is_within(&self.inside(ray, -delta), &pairs(claimed))
     }
 
-    /// Every claim lies between the smaller and the larger wall and inside the larger half-spaces; between two walls
-    /// well inside the half-spaces there is a claim.
+    /// Returns whether the claimed hits of an open surface are correct and complete: every one lies between the smaller
+    /// and the larger wall and inside the larger half-spaces; between two walls well inside the half-spaces there is
+    /// one.
     fn judge_sheet(&self, ray: &ShapeRay, claimed: &[f64]) -> bool {
         let delta = tolerance(ray);
-        // A quadric is moved by value, whose gradient on the way is at most 4.
+        // A quadric is moved by value, whose gradient within the tolerance is at most 4.
         let wall_delta = if matches!(self.shape, Shape::Quadric(_)) {
             4.0 * delta
         } else {
@@ -227,12 +236,14 @@ impl Referee {
                 .iter()
                 .all(|s| dot(s.n.to_array().map(DoubleDouble::of), p) <= DoubleDouble::of(s.h + delta))
         };
+        // Check that every claimed hit is near the surface
         let right = claimed.iter().all(|&t| {
             let t = DoubleDouble::of(t);
             larger.iter().any(|i| i[0] <= t && t <= i[1])
                 && !smaller.iter().any(|i| i[0] < t && t < i[1])
                 && kept(t, delta)
         });
+        // Check that every certain crossing is claimed
         let complete = smaller.iter().all(|inner| {
             let holds = |o: &&[DoubleDouble; 2]| o[0] <= inner[0] && inner[1] <= o[1];
             let Some(outer) = larger.iter().find(holds) else {
@@ -259,8 +270,10 @@ fn a_torus_is_crossed_where_one_moved_by_a_few_roundings_is() {
         let (mut met, mut bad) = (0, 0);
         for _ in 0..20_000 {
             let ray = random_ray(&mut random);
+            // Intersect a random ray
             let claimed = crossings(&shape, &ray);
             met += usize::from(!claimed.is_empty());
+            // Compare with the enlarged and the shrunk torus
             let delta = TORUS_ROUNDINGS * 0.5 * f64::EPSILON * (1.0 + ray.origin.length());
             let good = claimed.len().is_multiple_of(2)
                 && is_within(
@@ -366,7 +379,7 @@ fn crossings_are_those_of_a_surface_moved_by_a_few_roundings() {
 /// Two roundings to f32 of three coordinates up to 1.75.
 const START_ROUNDING: f64 = 6.0 * 1.75 / (1 << 24) as f64;
 
-/// Points of the surface as a renderer gets them: where random rays hit.
+/// Calls `each` with points of the surface as a renderer gets them: hits of random rays.
 fn surface_points(
     shape: &Shape,
     count: usize,
@@ -407,7 +420,7 @@ fn a_ray_that_leaves_a_surface_does_not_hit_where_it_left() {
             let point = shape.point(p, part);
             let mut direction = random.direction();
             if random.bits() & 3 == 0 {
-                // Grazing.
+                // Make every fourth direction grazing.
                 let tangential = direction - direction.dot(point.n) * point.n;
                 direction = tangential + 2f64.powi(-((random.bits() % 20) as i32)) * direction;
             }
@@ -417,6 +430,7 @@ fn a_ray_that_leaves_a_surface_does_not_hit_where_it_left() {
             } else {
                 curvature
             };
+            // Determine the side that the ray goes to
             let sine = direction.dot(point.n);
             let (side, n) = if sine > 0.0 {
                 (Side::Outside, point.n)
@@ -432,6 +446,7 @@ fn a_ray_that_leaves_a_surface_does_not_hit_where_it_left() {
                         || (shape.is_solid() && is_convex(&shape) && side == Side::Outside)
                 })
             };
+            // Remove the own root by naming the surface
             let leaving = ShapeRay {
                 leaving: Some(OriginSurface { part, side }),
                 ..ShapeRay::new(point.p.as_vec3().as_dvec3(), direction)
@@ -439,6 +454,7 @@ fn a_ray_that_leaves_a_surface_does_not_hit_where_it_left() {
             let hit = shape.intersect(&leaving);
             left_met += usize::from(hit.is_some());
             left_false += usize::from(is_false(hit));
+            // Offset the origin instead
             let origin = spawn_point(point.p, n, point.error.along(n)).as_dvec3();
             let hit = shape.intersect(&ShapeRay::new(origin, direction));
             spawned_met += usize::from(hit.is_some());
@@ -446,7 +462,7 @@ fn a_ray_that_leaves_a_surface_does_not_hit_where_it_left() {
         });
         println!("{left_false} of {left_met}, {spawned_false} of {spawned_met}: {shape:.0?}");
         assert_eq!((left_false, spawned_false), (0, 0), "{shape:?} seed {SEED}");
-        // Rounding of the start apart, both ways see the same.
+        // Except for the rounding of the start, both methods find equal hits.
         assert!(
             left_met.abs_diff(spawned_met) <= 300,
             "{shape:?}: {left_met}, {spawned_met}"
@@ -483,7 +499,7 @@ fn points_lie_on_their_surface_with_a_unit_normal_across_their_tangents() {
     }
 }
 
-/// A small step along a tangent changes its coordinate by the step, up to the square of the step.
+/// Asserts that a small step along a tangent changes its coordinate by the step, up to the square of the step.
 fn assert_tangent(shape: &Shape, point: &super::ShapePoint, part: u32, k: usize, tangent: DVec3) {
     const STEP: f64 = 1e-6;
     let [back, forth] = [-STEP, STEP].map(|h| shape.point(point.p + h * tangent, part).uv);

@@ -1,10 +1,10 @@
-//! The torus (|p|² + 1 - r²)² = 4 (x² + y²), around the z axis.
+//! Analytic shape: the torus (|p|² + 1 - r²)² = 4 (x² + y²), around the z axis.
 //!
-//! The quartic's condition grows with the fourth power of the origin's distance, so its coefficients are formed at the
-//! line's point nearest to the centre, over a unit direction: there `|p|² = m + τ²` and the cubic term vanishes. Roots
-//! are found between the extrema, without radicals, and polished on the distance form
-//! `(ρ - 1)² + z² - r² = 0`, whose rounding is a few ulps of the coordinates however thin the tube is. A ray that
-//! leaves the torus has its own root divided out, which leaves a cubic.
+//! The condition number of the quartic grows with the fourth power of the origin's distance, so its coefficients are
+//! formed at the line's point nearest to the centre, for a unit direction: there `|p|² = m + τ²` and the cubic term
+//! vanishes. Roots are isolated between the extrema, without radicals, and polished on the distance form `(ρ - 1)² + z²
+//! - r² = 0`, whose rounding is a few ulps of the coordinates for any thickness of the tube. For a ray that starts on
+//! the torus its own root is divided out, which leaves a cubic.
 
 use std::f64::consts::TAU;
 
@@ -15,47 +15,50 @@ use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 use crate::numeric::roots::{cubic_sign_changes, quartic_sign_changes};
 
-/// A torus around the z axis whose tube's middle is the unit circle in z = 0. A solid.
+/// Solid torus around the z axis; the centre line of its tube is the unit circle in z = 0.
 ///
-/// `u` is the turn around z from +x towards +y, `v` the turn around the tube from its outer equator towards +z.
+/// `u` is the angle around z from +x towards +y, `v` the angle around the tube from its outer equator towards +z, both
+/// as fractions of the full circle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Torus {
     /// Radius of the tube, in (0, 1).
     pub minor_radius: f64,
 }
 
-/// By how much the searched interval exceeds the torus, so that both of its ends lie outside in spite of rounding.
+/// Margin by which the searched interval exceeds the torus, so that both of its ends lie outside in spite of rounding.
 const MARGIN: f64 = 1.0 / (1 << 20) as f64;
 
-/// A line in the form that the quartic is made of.
+/// Line in the form from which the quartic is built.
 struct Line {
-    /// The point nearest to the centre.
+    /// Point of the line nearest to the centre.
     foot: DVec3,
-    /// Unit direction.
+    /// Unit direction of the line.
     direction: DVec3,
-    /// The ray's parameter at `foot`, and its change along a unit of length.
+    /// Ray parameter at `foot`, and its change per unit of length.
     t_foot: f64,
     t_unit: f64,
-    /// The interval of length, from `foot`, outside which there is no torus.
+    /// Interval of length, from `foot`, outside which the line cannot hit the torus.
     reach: [f64; 2],
 }
 
 impl Torus {
-    /// `None` where the line passes the torus at a distance.
+    /// Prepares the line of a ray; `None` if it passes the torus at a distance.
     #[inline(always)]
     fn line(&self, ray: &ShapeRay) -> Option<Line> {
         let r = self.minor_radius;
         let t_unit = 1.0 / ray.direction.length();
         let direction = ray.direction * t_unit;
-        // Twice: what rounding leaves of a distant origin's shift is the second one.
+        // Shift twice: the second shift removes the rounding error of the first for a distant origin.
         let (first, o) = nearest_to_origin(ray.origin, ray.direction);
         let (second, foot) = nearest_to_origin(o, ray.direction);
+        // Clip to the bounding sphere
         let room = (1.0 + r) * (1.0 + r) - foot.length_squared();
         if !(room >= 0.0 || ray.leaving.is_some()) {
             return None;
         }
         let half = room.max(0.0).sqrt() + MARGIN;
         let mut reach = [-half, half];
+        // Clip to the slab |z| <= r
         if direction.z != 0.0 {
             let middle = -foot.z / direction.z;
             let thick = r / direction.z.abs() + MARGIN;
@@ -72,13 +75,13 @@ impl Torus {
         })
     }
 
-    /// Coefficients of the quartic in the length along the line, constant term first.
+    /// Returns the coefficients of the quartic in the length along the line, constant term first.
     #[inline(always)]
     fn quartic(&self, line: &Line) -> [f64; 5] {
         let (p, d, r) = (line.foot, line.direction, self.minor_radius);
         let k = p.length_squared() + (1.0 - r) * (1.0 + r);
         let rho = (p.x * p.x + p.y * p.y).sqrt();
-        // k² - 4 ρ², with k - 2 ρ = (ρ - 1)² + z² - r².
+        // Evaluate k² - 4 ρ², with k - 2 ρ = (ρ - 1)² + z² - r².
         let from_circle = ((rho - 1.0) * (rho - 1.0) + p.z * p.z).sqrt();
         let constant = (from_circle - r) * (from_circle + r) * (k + 2.0 * rho);
         let across = d.x * d.x + d.y * d.y;
@@ -91,7 +94,7 @@ impl Torus {
         ]
     }
 
-    /// Tells `found` the crossings in ascending order until it says to stop.
+    /// Passes the hits in ascending order to `found` until it returns false.
     #[inline]
     fn search(&self, ray: &ShapeRay, mut found: impl FnMut(ShapeHit) -> bool) {
         let Some(line) = self.line(ray) else {
@@ -102,6 +105,7 @@ impl Torus {
             t: line.t_foot + tau * line.t_unit,
             part: 0,
         };
+        // Without an own root, isolate the roots of the quartic
         let Some(leaving) = ray.leaving else {
             let mut enters = false;
             return quartic_sign_changes(&c, line.reach, true, |tau| {
@@ -109,7 +113,8 @@ impl Torus {
                 found(hit(self.polished(&line, tau, enters, POLISH_LIMIT)))
             });
         };
-        // Synthetic division by (τ - own); the remainder, the start's distance from the surface, is dropped.
+        // Divide the own root out by synthetic division by (τ - own); the remainder, the start's distance from the
+        // surface, is dropped.
         let own = -line.t_foot / line.t_unit;
         let c2 = c[3] + own;
         let c1 = c[2] + own * c2;
@@ -117,6 +122,7 @@ impl Torus {
         if !(own < line.reach[1]) {
             return;
         }
+        // Isolate the roots of the cubic beyond the start
         let starts_outside = leaving.side == Side::Outside;
         let mut enters = !starts_outside;
         cubic_sign_changes(&cubic, [own, line.reach[1]], starts_outside, |tau| {
@@ -126,7 +132,7 @@ impl Torus {
         });
     }
 
-    /// Newton steps on the distance form, at most `limit` long, each at most half the last.
+    /// Refines a root by Newton steps on the distance form, at most `limit` long, each at most half the previous one.
     #[inline]
     fn polished(&self, line: &Line, tau: f64, enters: bool, limit: f64) -> f64 {
         let (mut tau, mut limit) = (tau, limit.min(0.25 * self.minor_radius));
@@ -148,9 +154,10 @@ impl Torus {
     }
 }
 
-/// Newton steps of a polish; the first removes the quartic's own rounding, the others what deflation dropped.
+/// Number of Newton steps; the first removes the quartic's own rounding, the others the remainder that deflation
+/// dropped.
 const POLISH_STEPS: usize = 3;
-/// The longest step that the quartic's rounding explains, unless the line is nearly tangent: √2^-53.
+/// Longest step that the quartic's rounding explains, unless the line is nearly tangent: √2^-53.
 const POLISH_LIMIT: f64 = 1.1e-8;
 
 impl Implicit for Torus {
@@ -182,6 +189,7 @@ impl Implicit for Torus {
 
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
         let r = self.minor_radius;
+        // Project the point onto the tube
         let (rho, cos, sin) = polar(p);
         let from_circle = (rho - 1.0).hypot(p.z);
         let (out, up) = if from_circle == 0.0 {
@@ -190,6 +198,7 @@ impl Implicit for Torus {
             ((rho - 1.0) / from_circle, p.z / from_circle)
         };
         let rho = 1.0 + r * out;
+        // Compute normal and derivatives
         let n = DVec3::new(out * cos, out * sin, up);
         let dpdu = TAU * rho * DVec3::new(-sin, cos, 0.0);
         let dpdv = TAU * r * DVec3::new(-up * cos, -up * sin, out);

@@ -1,4 +1,4 @@
-//! Two ways of finding hits against each other, on rays of the kinds that a picture takes.
+//! Comparison of backends with each other, on camera, shadow and bounced rays in scenes of all kinds.
 
 use glam::DVec3;
 
@@ -25,16 +25,18 @@ pub(super) const CASES: &[Case] = &[Case {
     run: against_each_other,
 }];
 
-/// Rays for each that brute force is asked.
+/// Number of rays for each one that is traced by brute force.
 const SHARE: usize = 64;
 
 fn against_each_other(trial: &Trial) -> Result<Tally, AccelError> {
+    // Choose the reference: the BSP for Embree, brute force for the BSP
     let is_embree = embree_identity(trial.subject)?.is_some();
     let (referee, share) = if is_embree {
         (Backend::Bsp, 1)
     } else {
         (Backend::Brute, SHARE)
     };
+    // Compare the backends on each scene
     trial.over_parts(worlds::COUNT, &|number, trial| {
         let scene = world(number);
         let options = AccelOptions {
@@ -47,11 +49,13 @@ fn against_each_other(trial: &Trial) -> Result<Tally, AccelError> {
 }
 
 fn compare(trial: &Trial, scene: &Scene, referee: &Engine) -> Result<Tally, AccelError> {
+    // Build the backend under test
     let engine = trial.engine(scene)?;
     let departures = Departures::new(scene);
     let bounds = scene.bounds();
     let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
     let moves = scene.instances.iter().any(|instance| instance.is_moving());
+    // Trace camera rays, at random times if anything moves
     let tally = trial.in_chunks(&|random, count| {
         let camera: Vec<Ray> = (0..count.div_ceil(3))
             .map(|_| {
@@ -65,12 +69,14 @@ fn compare(trial: &Trial, scene: &Scene, referee: &Engine) -> Result<Tally, Acce
             .collect();
         let engines = [&engine, referee];
         let mut tally = nearest(scene, engines, &camera, random);
+        // Find the points where they hit surfaces
         let packets = engine.traced(&camera, order(random));
         let met: Vec<Option<Departure>> = packets.iter().flat_map(|packet| departures.of(packet)).collect();
         let left = camera
             .iter()
             .zip(met)
             .filter_map(|(ray, at)| Some((ray.time, at?)));
+        // Spawn a shadow ray and a bounced ray from each
         let (mut shadows, mut bounced) = (Vec::new(), Vec::new());
         let lamp = center + reach * DVec3::new(0.3, 0.5, 0.9);
         for (time, at) in left {
@@ -85,6 +91,7 @@ fn compare(trial: &Trial, scene: &Scene, referee: &Engine) -> Result<Tally, Acce
                 bounced.push(Ray { time, ..ray });
             }
         }
+        // Trace both kinds
         tally = tally.with(nearest(scene, engines, &bounced, random));
         tally.with(blocked(scene, engines, &shadows, random))
     });
@@ -92,6 +99,7 @@ fn compare(trial: &Trial, scene: &Scene, referee: &Engine) -> Result<Tally, Acce
 }
 
 fn nearest(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut SplitMix64) -> Tally {
+    // Trace the rays in independent random orders
     let [found, expected] = engines.map(|engine| engine.nearest(rays, order(random)));
     let mut tally = Tally::default();
     for (i, ray) in rays.iter().enumerate() {
@@ -102,6 +110,7 @@ fn nearest(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut Spli
 }
 
 fn blocked(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut SplitMix64) -> Tally {
+    // Trace the rays in independent random orders
     let [found, expected] = engines.map(|engine| engine.blocked(rays, order(random)));
     let mut tally = Tally::default();
     for (i, ray) in rays.iter().enumerate() {

@@ -1,5 +1,5 @@
-//! The cube at its own faces, edges and corners, and along them: the slab test with zeros of either sign and directions
-//! so small that their reciprocals overflow.
+//! Slab test of the cube with rays in, along and across its faces, edges and corners: zeros of either sign, and
+//! directions so small that their reciprocals overflow.
 
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -43,13 +43,14 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// In, on and beside a slab of the cube.
+/// Coordinates in, on and beside a slab of the cube.
 const PLACES: [f32; 6] = [-1.5, -1.0, -0.25, 0.5, 1.0, 3.0];
 
-/// Centres of the cubes, along each axis: so far apart that rays start beside one only.
+/// Centres of the cubes along each axis, so far apart that rays start beside one only.
 const CENTERS: [f64; 3] = [-8.0, 0.0, 8.0];
 
-/// Cubes all around one, so that there is a tree to walk, all moved by `shift` along each axis.
+/// Returns a scene of 27 cubes on a grid, so that the acceleration structure has several nodes, translated by `shift`
+/// along each axis.
 fn cubes(shift: f64) -> Scene {
     let mut scene = scene(vec![Geometry::Shape(Shape::Cube)]);
     scene.instances = (0..27)
@@ -62,7 +63,7 @@ fn cubes(shift: f64) -> Scene {
     scene
 }
 
-/// Faces on 1 and -1, and on 0, which has no roundings beside it.
+/// Translations that put faces on 1 and -1, and on 0, where no rounding hides a difference.
 const SHIFTS: [f64; 3] = [0.0, 1.0, -1.0];
 
 fn at_cube(trial: &Trial, components: &[f32]) -> Result<Tally, AccelError> {
@@ -75,6 +76,7 @@ fn at_cube(trial: &Trial, components: &[f32]) -> Result<Tally, AccelError> {
             .map(|cube| cube.world_from_object().translation)
             .collect();
         let engine = trial.engine(&scene)?;
+        // Draw origin and direction from the lists of coordinates
         let ray = |random: &mut SplitMix64| {
             let mut vector =
                 |from: &[f32]| Vec3::new(random.pick(from), random.pick(from), random.pick(from));
@@ -85,12 +87,13 @@ fn at_cube(trial: &Trial, components: &[f32]) -> Result<Tally, AccelError> {
             }
             Ray::new(origin, direction)
         };
+        // Compare with the exact slab test of all cubes
         let judge = |ray: &Ray, hit, tally: &mut Tally| judge(&centers, ray, hit, tally);
         Ok(trial.nearest(&engine, &ray, &judge))
     })
 }
 
-/// A parameter as a fraction with a positive denominator: few bits each, so that products of two are exact in f64.
+/// Parameter as a fraction with a positive denominator; both have so few bits that products of two are exact in f64.
 #[derive(Clone, Copy)]
 struct Fraction(f64, f64);
 
@@ -100,14 +103,14 @@ impl Fraction {
     }
 }
 
-/// Where the ray meets one of the cubes first.
+/// Returns the parameter of the nearest hit on any of the cubes.
 fn nearest(centers: &[DVec3], ray: &Ray) -> Option<f64> {
     let met = centers.iter().filter_map(|&center| nearest_of(center, ray));
-    // What is farther than any f32 is out of reach.
+    // A parameter beyond the largest f32 counts as a miss.
     met.reduce(f64::min).filter(|&t| (t as f32) < f32::INFINITY)
 }
 
-/// Where the ray meets the cube about `center` first, exactly but for the last division.
+/// Returns the parameter of the nearest hit on the cube about `center`, exact but for the final division.
 fn nearest_of(center: DVec3, ray: &Ray) -> Option<f64> {
     let (mut enter, mut leave) = (Fraction(f64::NEG_INFINITY, 1.0), Fraction(f64::INFINITY, 1.0));
     for axis in 0..3 {
@@ -115,14 +118,16 @@ fn nearest_of(center: DVec3, ray: &Ray) -> Option<f64> {
             f64::from(ray.origin[axis]) - center[axis],
             f64::from(ray.direction[axis]),
         );
+        // A ray parallel to the slab hits only from inside it
         if d == 0.0 {
             if o.abs() > 1.0 {
                 return None;
             }
             continue;
         }
-        // Towards +1 along the axis or, mirrored, along its opposite.
+        // Mirror the axis, so that the direction is positive
         let (o, d) = if d > 0.0 { (o, d) } else { (-o, -d) };
+        // Clip the interval to the slab
         let [near, far] = [Fraction(-1.0 - o, d), Fraction(1.0 - o, d)];
         if enter.is_below(near) {
             enter = near;
@@ -131,6 +136,7 @@ fn nearest_of(center: DVec3, ray: &Ray) -> Option<f64> {
             leave = far;
         }
     }
+    // Return the entry point, or the exit point if the origin is inside
     if leave.is_below(enter) || leave.0 < 0.0 {
         return None;
     }

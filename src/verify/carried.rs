@@ -1,7 +1,7 @@
-//! Scenes that are scaled, turned and moved: what is seen must stay the same.
+//! Metamorphic tests: scaling, rotating or translating a scene must not change the image.
 //!
-//! What is right nobody need know for this. Powers of two and turns that carry a cube into itself round nothing, so hits
-//! keep their bits; other factors and far places round coordinates, so pictures keep all but a pixel in ten thousand.
+//! No oracle is needed. Powers of two and the rotations of a cube are exact, so hits stay bit-identical; other factors
+//! and large translations round coordinates, so images may differ in one pixel of ten thousand.
 
 use std::sync::atomic::AtomicBool;
 
@@ -72,10 +72,10 @@ pub(super) const CASES: &[Case] = &[
 
 const ALIKE: &str = "at most 1/255 off in 99.99 % of pixels, no NaN";
 
-/// Powers of two that lengths are multiplied by.
+/// Binary exponents of the factors by which lengths are multiplied.
 const EXPONENTS: [i32; 6] = [-60, -33, -7, 5, 31, 60];
 
-/// Rays from which on every scene is asked at every power; with fewer each is asked at one.
+/// Number of rays from which on every scene is tested at every factor; with fewer, each scene is tested at one.
 const MANY: u64 = 100_000;
 
 fn powers_of_two(trial: &Trial) -> Result<Tally, AccelError> {
@@ -83,17 +83,19 @@ fn powers_of_two(trial: &Trial) -> Result<Tally, AccelError> {
     let count = worlds::COUNT * powers;
     let normalise = trial.subject.formulas.normalise;
     trial.over_parts(count, &|part, trial| {
+        // Scale a test scene
         let mut plain = world(part / powers);
         let mut large = plain.clone();
-        // Each scene begins with another, so that all are met where there is one for each.
+        // Start at a different exponent for each scene, so that all occur even if each scene uses one.
         let exponent = EXPONENTS[(part / powers + part % powers) % EXPONENTS.len()];
         large.apply_normalisation(Normalisation {
             center: DVec3::ZERO,
             scale: 2f64.powi(exponent),
         });
-        // What a file of that size would give.
+        // Remove the trace of the scaling, as if a file had that size
         let factor = large.normalisation.scale;
         large.normalisation = Normalisation::default();
+        // Normalise both, and compute the factor that remains
         normalise(&mut plain);
         normalise(&mut large);
         let factor = factor * large.normalisation.scale / plain.normalisation.scale;
@@ -101,12 +103,13 @@ fn powers_of_two(trial: &Trial) -> Result<Tally, AccelError> {
     })
 }
 
-/// Asks for hits in a scene and in the same with all lengths times `factor`, a power of two.
+/// Compares the hits in a scene and in a copy with all lengths multiplied by `factor`, a power of two.
 fn scaled_hits(trial: &Trial, scenes: [&Scene; 2], factor: f32) -> Result<Tally, AccelError> {
     let [plain, large] = scenes;
     let [engine, other] = [trial.engine(plain)?, trial.engine(large)?];
     let ray = rays_about(plain);
     let tally = trial.in_chunks(&|random, count| {
+        // Trace a ray and its scaled copy
         let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
         let carried: Vec<Ray> = rays
             .iter()
@@ -118,6 +121,7 @@ fn scaled_hits(trial: &Trial, scenes: [&Scene; 2], factor: f32) -> Result<Tally,
         let mut tally = Tally::default();
         let order = order(random);
         let [expected, found] = [engine.nearest(&rays, order), other.nearest(&carried, order)];
+        // Require identical bits, but for the factor in t
         for (i, ray) in carried.iter().enumerate() {
             let bits = |hit: Option<Hit>, factor: f32| {
                 let floats = |hit: &Hit| [factor * hit.t, hit.u, hit.v].map(f32::to_bits);
@@ -131,7 +135,7 @@ fn scaled_hits(trial: &Trial, scenes: [&Scene; 2], factor: f32) -> Result<Tally,
     Ok(trial.with_drawing(&other, tally))
 }
 
-/// Rays from around a scene towards its middle.
+/// Returns a generator of rays from around a scene towards its centre.
 fn rays_about(scene: &Scene) -> impl Fn(&mut SplitMix64) -> Ray + Sync {
     let bounds = scene.bounds();
     let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
@@ -142,7 +146,7 @@ fn rays_about(scene: &Scene) -> impl Fn(&mut SplitMix64) -> Ray + Sync {
     }
 }
 
-/// The rotations that carry a cube into itself.
+/// Returns the 24 rotations that map a cube onto itself.
 fn rotations() -> impl Iterator<Item = DMat3> {
     let axes = [DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z];
     let pairs = axes.into_iter().flat_map(move |x| axes.map(|y| (x, y)));
@@ -151,22 +155,24 @@ fn rotations() -> impl Iterator<Item = DMat3> {
         .map(|(x, y)| DMat3::from_cols(x, y, x.cross(y)))
 }
 
-/// Everything turned about the origin, where it is: nothing is rounded.
+/// Returns the scene rotated about the origin without rounding.
 fn turned_scene(scene: &Scene, turn: &DMat3) -> Scene {
     let mut turned = scene.clone();
     for instance in &mut turned.instances {
         let geometry = &mut turned.geometries[instance.geometry as usize];
+        // Rotate the transform of an instance
         if !instance.is_identity() {
             let map = instance.world_from_object();
             let turned = DAffine3 {
                 matrix3: *turn * map.matrix3,
                 translation: *turn * map.translation,
             };
-            // It had an inverse, so this has one.
+            // The transform had an inverse, so the rotated one has, too.
             let is_placed = instance.place(turned);
             debug_assert!(is_placed.is_ok());
             continue;
         }
+        // Rotate untransformed geometry itself
         match geometry {
             Geometry::Mesh(mesh) => {
                 let corners = mesh.positions.iter().map(|&p| {
@@ -182,7 +188,7 @@ fn turned_scene(scene: &Scene, turn: &DMat3) -> Scene {
     turned
 }
 
-/// Meshes and shapes, each geometry either where its own space is the world or placed elsewhere, not both.
+/// Returns a scene of meshes and shapes in which no geometry has both transformed and untransformed instances.
 fn turnable() -> Scene {
     let mut scene = things();
     let unmoved = scene
@@ -190,6 +196,7 @@ fn turnable() -> Scene {
         .iter()
         .filter(|instance| instance.is_identity())
         .count() as u32;
+    // Give the transformed instances geometries of their own
     let copies = scene.geometries.clone();
     let first = copies.len() as u32;
     scene.geometries.extend(copies);
@@ -215,6 +222,7 @@ fn turned_hits(trial: &Trial, scene: &Scene, [engine, other]: [&Engine; 2], turn
     let carry = |v: Vec3| (*turn * v.as_dvec3()).as_vec3();
     let tally = trial.in_chunks(&|random, count| {
         let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
+        // Trace a ray and its rotated copy
         let carried: Vec<Ray> = rays
             .iter()
             .map(|ray| Ray::new(carry(ray.origin), carry(ray.direction)))
@@ -222,6 +230,7 @@ fn turned_hits(trial: &Trial, scene: &Scene, [engine, other]: [&Engine; 2], turn
         let mut tally = Tally::default();
         let order = order(random);
         let [expected, found] = [engine.nearest(&rays, order), other.nearest(&carried, order)];
+        // Count different hits within the rounding bounds as ties
         for (i, ray) in rays.iter().enumerate() {
             let key = |hit: Option<Hit>| hit.map(|hit| (hit.instance, hit.primitive, hit.t.to_bits()));
             let answer = if key(expected[i]) == key(found[i]) {
@@ -239,7 +248,7 @@ fn turned_hits(trial: &Trial, scene: &Scene, [engine, other]: [&Engine; 2], turn
     trial.with_drawing(engine, tally)
 }
 
-/// Where a scene is carried: points p go to `factor p + offset`, and what surrounds it.
+/// Affine map of a scene, which takes points p to `factor p + offset`, with an optional room around it.
 #[derive(Clone, Copy)]
 struct Carrying {
     factor: f64,
@@ -270,17 +279,17 @@ const IN_A_ROOM: Carrying = Carrying {
 };
 /// Half the width of the room.
 const ROOM: f64 = 1e6;
-/// Its colour, and that of the background where there is none.
+/// Colour of the room, and of the background without a room.
 const PAINT: [f32; 3] = [0.3, 0.5, 0.7];
 
-/// Half a mirror.
+/// Material that reflects half of the light as a mirror.
 const MIRRORING: Model = Model::Lecture(Lecture {
     reflection: [0.5; 3],
     diffuse: [0.4; 3],
     ..Lecture::DEFAULT
 });
 
-/// A mesh, a ball and a floor that mirror each other, lit by a lamp, and a camera.
+/// Returns a scene of a mesh, a sphere and a floor that mirror each other, with a point light and a camera.
 fn picture() -> Scene {
     let light = |position: DVec3, intensity: [f32; 3]| Light {
         name: "lamp".into(),
@@ -290,11 +299,13 @@ fn picture() -> Scene {
             falloff: Falloff::InverseSquare { range: None },
         },
     };
+    // Place the mesh and the sphere above the floor
     let place = |number, map| Instance::new("", number, 0, map).ok();
     let on_the_left = DAffine3::from_translation(DVec3::new(-1.1, 0.0, 0.0));
     let on_the_right = DAffine3::from_translation(DVec3::new(1.1, 0.0, 0.3));
     let below =
         DAffine3::from_translation(DVec3::new(0.0, -5.0, 0.0)) * DAffine3::from_scale(DVec3::splat(4.0));
+    // Look at them from the front
     let camera = Camera {
         world_from_camera: DAffine3::from_translation(DVec3::new(0.0, 0.5, 6.0)),
         ..Camera::default()
@@ -321,11 +332,12 @@ fn picture() -> Scene {
     }
 }
 
-/// The picture's scene as a file at such a place or of such a size would have it.
+/// Returns the scene of the image as if a file had stored it with this offset and scale.
 fn carried(carrying: &Carrying) -> Scene {
     let mut scene = picture();
     let map =
         DAffine3::from_translation(carrying.offset) * DAffine3::from_scale(DVec3::splat(carrying.factor));
+    // Map the instances and the camera
     for instance in &mut scene.instances {
         let is_placed = instance.place(map * instance.world_from_object());
         debug_assert!(is_placed.is_ok());
@@ -338,10 +350,11 @@ fn carried(carrying: &Carrying) -> Scene {
         if let LightKind::Point { position, .. } = &mut light.kind {
             *position = map.transform_point3(*position);
         }
-        // As much light on what is as many times as far away.
+        // Inverse-square falloff: scale the intensity by the square of the distances' factor
         let factor = (carrying.factor * carrying.factor) as f32;
         light.intensity = light.intensity.map(|intensity| factor * intensity);
     }
+    // Add a room of the background's colour
     if carrying.has_room {
         let walls = DAffine3::from_scale(DVec3::splat(ROOM));
         scene.instances.extend(Instance::new("room", 2, 1, walls));
@@ -354,10 +367,10 @@ fn carried(carrying: &Carrying) -> Scene {
     scene
 }
 
-/// Pixels each way, at least, so that one may differ, and at most.
+/// Smallest size of the image in pixels, which lets one pixel of ten thousand differ, and the largest.
 const SIZES: [u64; 2] = [104, 256];
 
-/// The codes of all pixels on a screen; the number that are not finite.
+/// Renders a scene and returns the sRGB bytes of all pixels, and the number of pixels that are not finite.
 fn shown(trial: &Trial, scene: &Scene, size: u32) -> Result<Option<(Vec<u8>, usize)>, AccelError> {
     let accel = (trial.subject.build)(scene)?;
     let settings = RenderSettings {
@@ -381,19 +394,22 @@ fn pictures(trial: &Trial, carryings: &[Carrying]) -> Result<Tally, AccelError> 
     let size = (trial.rays / carryings.len() as u64).isqrt();
     let size = size.clamp(SIZES[0], SIZES[1]) as u32;
     let mut tally = Tally::default();
+    // Render the original scene
     let Some((expected, _)) = shown(trial, &picture(), size)? else {
         return Ok(tally);
     };
     for carrying in carryings {
+        // Render the mapped scene after normalisation
         let mut scene = carried(carrying);
         (trial.subject.formulas.normalise)(&mut scene);
         let Some((found, bad_count)) = shown(trial, &scene, size)? else {
             continue;
         };
+        // Count pixels that differ by more than 1/255
         let differs = |(a, b): (&[u8], &[u8])| a.iter().zip(b).any(|(a, b)| a.abs_diff(*b) > 1);
         let pixels: Vec<bool> = expected.chunks(3).zip(found.chunks(3)).map(differs).collect();
         let differing = pixels.iter().filter(|&&differs| differs).count();
-        // One in ten thousand may be another's: rounding carries rays over edges.
+        // One pixel of ten thousand may differ, as rounding moves rays across edges.
         let is_alike = differing * 10_000 <= pixels.len() && bad_count == 0;
         for (pixel, differs) in pixels.into_iter().enumerate() {
             let answer = match (differs, is_alike) {

@@ -1,5 +1,5 @@
-//! Walls where a tree over space likes to cut, and rays in its cutting planes and through the lines and points where
-//! they meet.
+//! Split planes of a spatial tree: walls on integer coordinates, with rays in the split planes and through the lines
+//! and points where they intersect.
 
 use glam::{DVec3, Vec3};
 
@@ -40,10 +40,10 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// Boxes along each axis.
+/// Number of boxes along each axis.
 const COUNT: usize = 4;
 
-/// Unit boxes on a lattice, a third of them left out, so that faces lie on whole coordinates.
+/// Returns unit boxes on a lattice with every third left out, so that faces lie on integer coordinates.
 fn boxes() -> Mesh {
     let (mut corners, mut faces) = (Vec::new(), Vec::new());
     for number in (0..COUNT * COUNT * COUNT).filter(|number| number % 3 != 2) {
@@ -56,7 +56,7 @@ fn boxes() -> Mesh {
     mesh(&corners, faces)
 }
 
-/// A coordinate of the lattice, from one before it to one behind.
+/// Returns a coordinate of the lattice, from one before it to one behind.
 fn whole(random: &mut SplitMix64) -> f32 {
     random.below(COUNT + 3) as f32 - 1.0
 }
@@ -64,10 +64,11 @@ fn whole(random: &mut SplitMix64) -> f32 {
 fn on_planes(random: &mut SplitMix64) -> Ray {
     let mut component = || random.pick(&[0.0, -0.0, 1e-45, -1e-45, 1e-38, 1.0, -1.0, 0.5, -0.25]);
     let mut direction = Vec3::new(component(), component(), component());
-    // At least one is no smaller than others that count.
+    // Give one component unit size, so that the ray crosses the lattice
     let axis = random.below(3);
     direction[axis] = random.pick(&[1.0, -1.0]);
     let mut origin = Vec3::ZERO;
+    // Put most coordinates of the origin into split planes
     for axis in 0..3 {
         origin[axis] = match random.below(3) {
             0 => random.within(-1.0, COUNT as f64 + 1.0) as f32,
@@ -80,12 +81,12 @@ fn on_planes(random: &mut SplitMix64) -> Ray {
 fn through_corners(random: &mut SplitMix64) -> Ray {
     let mut target = Vec3::new(whole(random), whole(random), whole(random));
     if random.below(2) == 0 {
-        // On a line of the lattice, but on no point of it.
+        // Move the target along a lattice line, off the lattice point
         target[random.below(3)] += random.unit() as f32;
     }
     let mut away = random.direction();
     if random.below(2) == 0 {
-        // Through many points of the lattice, not one.
+        // Choose an integer direction, which passes through many lattice points
         let mut step = || random.below(5) as f64 - 2.0;
         away = DVec3::new(step(), step(), step());
         if away == DVec3::ZERO {
@@ -100,6 +101,7 @@ fn among_boxes(trial: &Trial, ray: impl Fn(&mut SplitMix64) -> Ray + Sync) -> Re
     let scene = scene(vec![Geometry::Mesh(boxes())]);
     let engine = trial.engine(&scene)?;
     let referee = Referee::new(&scene);
+    // Judge against culled brute force
     Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         compared(&scene, ray, referee.nearest(ray), hit)
     }))

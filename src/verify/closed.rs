@@ -1,4 +1,4 @@
-//! Closed meshes seen from inside: every ray must meet them, wherever it is aimed.
+//! Watertightness of closed meshes seen from inside: every ray must hit, whatever it is aimed at.
 
 use glam::{DVec3, Vec3};
 
@@ -60,10 +60,10 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// Squares along an edge of the lattice cube.
+/// Number of squares along an edge of the lattice cube.
 const LATTICE: u32 = 24;
 
-/// A closed mesh and a ball inside that rays start in.
+/// Closed mesh and a ball inside it in which rays start.
 struct Closed {
     mesh: Mesh,
     center: DVec3,
@@ -93,7 +93,7 @@ fn meshes() -> Vec<Closed> {
     ]
 }
 
-/// A ray from `origin` to `target`, both rounded.
+/// Returns a ray from `origin` to `target`, both rounded to f32.
 fn towards(origin: DVec3, target: DVec3) -> Ray {
     let origin = origin.as_vec3();
     Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
@@ -113,7 +113,7 @@ fn at_edge(closed: &Closed, random: &mut SplitMix64) -> Ray {
     let [a, b, _] = closed
         .mesh
         .corners_f64(random.below(closed.mesh.triangles.len()) as u32);
-    // Well away from the ends, which are another case.
+    // Stay away from the ends, which H11 tests
     towards(
         start(closed, random),
         a.lerp(b, random.within(1.0 / 16.0, 15.0 / 16.0)),
@@ -131,7 +131,7 @@ fn closed_meshes(
     })
 }
 
-/// Counts the rays that miss.
+/// Counts rays that miss a closed mesh.
 fn leaks(
     trial: &Trial,
     mesh: &Mesh,
@@ -147,7 +147,7 @@ fn far_away(trial: &Trial) -> Result<Tally, AccelError> {
         (100, DVec3::ZERO),
         (100, DVec3::new(1e3, 0.0, 0.0)),
         (100, DVec3::new(148_376.0, 1234.0, -223_423.0)),
-        // Its edges are some roundings of a coordinate long.
+        // Its edges are a few roundings of a coordinate long.
         (25, DVec3::new(1e6, -1e6, 1e6)),
     ];
     trial.over_parts(balls.len(), &|number, trial| {
@@ -167,7 +167,7 @@ fn far_away(trial: &Trial) -> Result<Tally, AccelError> {
 
 fn along_the_lattice(trial: &Trial) -> Result<Tally, AccelError> {
     let ray = |random: &mut SplitMix64| {
-        // Whole coordinates go through corners or along edges, half ones through the middle of diagonals or edges.
+        // Whole coordinates go through vertices or along edges, half ones through the midpoints of diagonals or edges.
         let mut inner = || 0.5 * (1 + random.below(2 * LATTICE as usize - 1)) as f32;
         let origin = Vec3::new(inner(), inner(), inner());
         let axis = random.below(3);

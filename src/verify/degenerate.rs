@@ -1,4 +1,4 @@
-//! Meshes that are broken, or nearly so: refused by name before anything is built, or answered as if nothing were.
+//! Degenerate meshes: they are rejected by name before anything is built, repaired, or intersected without error.
 
 use glam::{DVec3, Vec3};
 
@@ -25,11 +25,11 @@ pub(super) const CASES: &[Case] = &[Case {
     run: degenerate,
 }];
 
-/// Something that may be wrong with a mesh.
+/// Defect that can be injected into a scene.
 struct Fault {
-    /// What a refusal must name; empty where there is nothing to refuse.
+    /// Item that validation must name; empty if the scene is valid.
     place: &'static str,
-    /// Whether a loader drops the triangle and goes on.
+    /// Flag for a defect that a loader repairs by dropping the triangle.
     is_mended: bool,
     inject: fn(&mut Scene, &mut SplitMix64),
 }
@@ -58,10 +58,10 @@ const fn mended(inject: fn(&mut Scene, &mut SplitMix64)) -> Fault {
     }
 }
 
-/// Everything that may be wrong; the first is nothing.
+/// All defects; the first is none.
 static FAULTS: [Fault; 19] = [
     sound(|_, _| ()),
-    // The same corners and triangles twice, which is no fault.
+    // Duplicate vertices and triangles, which are valid
     sound(|scene, random| {
         edit(scene, |positions, triangles| {
             let face = random.below(triangles.len());
@@ -72,7 +72,7 @@ static FAULTS: [Fault; 19] = [
             triangles.push(triangles[face]);
         });
     }),
-    // A needle: as low as rounding allows.
+    // A needle, as low as rounding allows
     sound(|scene, random| {
         edit(scene, |positions, triangles| {
             let [a, b, c] = random.pick(triangles);
@@ -97,7 +97,7 @@ static FAULTS: [Fault; 19] = [
     mended(|scene, random| {
         edit(scene, |positions, triangles| {
             let [a, b, c] = random.pick(triangles);
-            // Corners on a line, exactly: sixteenths have few bits.
+            // Collinear vertices, exactly, because sixteenths have few bits
             let sixteenths = |p: DVec3| (16.0 * p).round() / 16.0;
             let (start, step) = (sixteenths(random.in_cube()), sixteenths(random.in_cube()));
             for (corner, steps) in [(a, 0.0), (b, 1.0), (c, 3.0)] {
@@ -178,20 +178,20 @@ fn set_coordinate(scene: &mut Scene, random: &mut SplitMix64, value: f32) {
     });
 }
 
-/// Has the instance refer to a geometry and a material.
+/// Makes the only instance refer to a geometry and a material.
 fn place(scene: &mut Scene, [geometry, material]: [u32; 2]) {
     let map = glam::DAffine3::IDENTITY;
     scene.instances = Instance::new("", geometry, material, map).into_iter().collect();
 }
 
-/// Triangles of a mesh.
+/// Number of triangles of a mesh.
 const TRIANGLES: u32 = 24;
-/// Rays for each mesh, where there are few.
+/// Number of rays for each mesh while there are few meshes.
 const RAYS_A_MESH: u64 = 64;
-/// Meshes at most: more rays go to each.
+/// Largest number of meshes; beyond it, each mesh gets more rays.
 const MAX_MESHES: u64 = 4096;
 
-/// Triangles that share no corner.
+/// Returns random triangles that share no vertices.
 fn triangles(random: &mut SplitMix64) -> Mesh {
     let corners: Vec<DVec3> = (0..TRIANGLES)
         .flat_map(|_| {
@@ -207,21 +207,24 @@ fn degenerate(trial: &Trial) -> Result<Tally, AccelError> {
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MAX_MESHES);
     trial.over_parts(mesh_count as usize, &|number, part| {
         let mut random = SplitMix64::new(0xde6e, number as u64);
+        // Inject a defect
         let fault = &FAULTS[number % FAULTS.len()];
         let mut scene = Scene {
             materials: vec![Material::default()],
             ..scene(vec![Geometry::Mesh(triangles(&mut random))])
         };
         (fault.inject)(&mut scene, &mut random);
+        // Check that validation reports it
         let mut tally = Tally::default();
         let is_sound = judge_refusal(trial, &scene, fault, &mut tally);
+        // Repair the mesh as a loader does
         if fault.is_mended {
             with_mesh(&mut scene, |mesh| {
                 drop_unusable(mesh);
                 clear_non_finite_positions(mesh);
             });
         }
-        // Nothing is asked of what was wrongly taken for sound.
+        // Trace no rays through a scene that was wrongly accepted.
         if is_sound || (fault.is_mended && judge_refusal(trial, &scene, &FAULTS[0], &mut tally)) {
             tally = tally.with(hits_of(&part, &scene)?);
         }
@@ -229,7 +232,7 @@ fn degenerate(trial: &Trial) -> Result<Tally, AccelError> {
     })
 }
 
-/// Counts whether the scene is refused as it should be; whether it is sound, and taken for it.
+/// Counts whether validation rejects the scene as it should. Returns whether the scene is valid and accepted.
 fn judge_refusal(trial: &Trial, scene: &Scene, fault: &Fault, tally: &mut Tally) -> bool {
     let verdict = (trial.subject.formulas.validate)(scene);
     let is_right = match &verdict {
@@ -259,6 +262,7 @@ fn hits_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
         let target = (a + b + c) / 3.0 + 0.1 * reach * random.in_cube();
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     };
+    // Require finite hits that agree with brute force
     Ok(trial.nearest(&engine, &ray, &|ray, hit, tally| {
         if hit.is_some_and(|hit| !(hit.t.is_finite() && hit.u.is_finite() && hit.v.is_finite())) {
             tally.note(f64::INFINITY);

@@ -1,9 +1,9 @@
-//! Decisions without rounding: on which side, before or behind, touching or not.
+//! Exact geometric predicates: signs of determinants without rounding.
 //!
-//! A number is the exact sum of floats that do not overlap (Shewchuk, "Adaptive Precision Floating-Point Arithmetic and
-//! Fast Robust Geometric Predicates", 1997). Differences and products of f32 numbers to the eighth degree stay far
-//! within the exponents of f64, so that nothing over- or underflows: what is asked of f32 rays and triangles has an
-//! answer without an error bound. Predicates first try f64 with a bound on its error, and mostly need no more.
+//! A number is an expansion, the exact sum of floats that do not overlap (Shewchuk, "Adaptive Precision Floating-Point
+//! Arithmetic and Fast Robust Geometric Predicates", 1997). Differences and products of f32 numbers to the eighth
+//! degree stay far within the exponent range of f64, so that nothing over- or underflows: predicates on f32 rays and
+//! triangles have no error bound. Predicates first try f64 with an error bound, which mostly suffices.
 
 use std::cmp::Ordering;
 
@@ -12,23 +12,23 @@ use glam::DVec3;
 use crate::numeric::DoubleDouble;
 use crate::shape::oracle::wide3;
 
-/// An exact number: a sum of floats, smallest first, none overlapping another.
+/// Floating-point expansion: an exact sum of floats, smallest first, without overlap.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Exact(Vec<f64>);
 
 impl Exact {
-    /// A float.
+    /// Converts a float to an expansion.
     pub(super) fn of(x: f64) -> Exact {
         Exact(vec![x])
     }
 
-    /// a - b.
+    /// Returns a - b without rounding.
     pub(super) fn difference(a: f64, b: f64) -> Exact {
         let (sum, error) = two_sum(a, -b);
         Exact(vec![error, sum])
     }
 
-    /// This number and a float.
+    /// Returns the sum of this number and a float (Shewchuk's GROW-EXPANSION).
     fn grown(mut self, x: f64) -> Exact {
         let mut carried = x;
         for part in &mut self.0 {
@@ -37,40 +37,42 @@ impl Exact {
             carried = sum;
         }
         self.0.push(carried);
+        // Drop zeros, which would only lengthen later sums
         self.0.retain(|&part| part != 0.0);
         self
     }
 
-    /// The sum of both.
+    /// Returns the exact sum of two numbers.
     pub(super) fn plus(self, other: &Exact) -> Exact {
         other.0.iter().fold(self, |sum, &x| sum.grown(x))
     }
 
-    /// The difference of both.
+    /// Returns the exact difference of two numbers.
     pub(super) fn minus(self, other: &Exact) -> Exact {
         other.0.iter().fold(self, |sum, &x| sum.grown(-x))
     }
 
-    /// The product of both.
+    /// Returns the exact product of two numbers.
     pub(super) fn times(&self, other: &Exact) -> Exact {
         let mut product = Exact::default();
         for &a in &self.0 {
             for &b in &other.0 {
                 let high = a * b;
+                // Add the product as its rounded value and the rounding error
                 product = product.grown(a.mul_add(b, -high)).grown(high);
             }
         }
         product
     }
 
-    /// The sign: `Greater` for positive numbers.
+    /// Returns the sign: `Greater` for positive numbers.
     pub(super) fn sign(&self) -> Ordering {
-        // Parts do not overlap, so the last one that is not zero outweighs all others.
+        // Components do not overlap, so the last one that is not zero outweighs all others.
         let last = self.0.iter().rev().find(|&&part| part != 0.0);
         last.map_or(Ordering::Equal, |part| part.total_cmp(&0.0))
     }
 
-    /// The number to 106 bits.
+    /// Returns the number rounded to 106 bits.
     pub(super) fn wide(&self) -> DoubleDouble {
         self.0
             .iter()
@@ -78,34 +80,34 @@ impl Exact {
     }
 }
 
-/// a + b without error.
+/// Returns a + b and its rounding error (Knuth's TwoSum).
 fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
     let b_part = sum - a;
     (sum, (a - (sum - b_part)) + (b - b_part))
 }
 
-/// An exact vector.
+/// Vector of three expansions.
 pub(super) type Exact3 = [Exact; 3];
 
-/// a - b.
+/// Returns the vector a - b without rounding.
 pub(super) fn between(a: DVec3, b: DVec3) -> Exact3 {
     [0, 1, 2].map(|k| Exact::difference(a[k], b[k]))
 }
 
-/// A vector of floats.
+/// Converts a vector of floats to expansions.
 pub(super) fn exact3(v: DVec3) -> Exact3 {
     v.to_array().map(Exact::of)
 }
 
-/// a · b.
+/// Returns the dot product a · b.
 pub(super) fn dot(a: &Exact3, b: &Exact3) -> Exact {
     a[0].times(&b[0])
         .plus(&a[1].times(&b[1]))
         .plus(&a[2].times(&b[2]))
 }
 
-/// a x b.
+/// Returns the cross product a x b.
 pub(super) fn cross(a: &Exact3, b: &Exact3) -> Exact3 {
     [0, 1, 2].map(|k| {
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
@@ -113,13 +115,14 @@ pub(super) fn cross(a: &Exact3, b: &Exact3) -> Exact3 {
     })
 }
 
-/// Roundings, of 2^-53 each, of a determinant of three differences as a share of its terms' sizes: 1 for a difference
-/// in each of three factors, 3 for products, 4 for sums, and rounded up.
+/// Error bound of a determinant of three differences, as a share of its terms' absolute values: in roundings of 2^-53,
+/// 1 for a difference in each of three factors, 3 for products, 4 for sums, and rounded up.
 const DETERMINANT_ERROR: f64 = 16.0 / (1u64 << 53) as f64;
 
-/// The sign of `d · ((a - o) x (b - o))`: on which side of the edge from `a` to `b` the line `o + t d` passes. All
-/// coordinates are f32.
+/// Returns the sign of `d · ((a - o) x (b - o))`, which is the side of the edge from `a` to `b` on which the line `o +
+/// t d` passes. All coordinates must be f32 values.
 pub(super) fn side(o: DVec3, d: DVec3, [a, b]: [DVec3; 2]) -> Ordering {
+    // Try f64 with its error bound
     let (p, q) = (a - o, b - o);
     let size = |p: DVec3, q: DVec3| {
         let minor = |i: usize, j: usize| p[i] * q[j] + p[j] * q[i];
@@ -129,23 +132,24 @@ pub(super) fn side(o: DVec3, d: DVec3, [a, b]: [DVec3; 2]) -> Ordering {
     if determinant.abs() > DETERMINANT_ERROR * d.abs().dot(size(p.abs(), q.abs())) {
         return determinant.total_cmp(&0.0);
     }
+    // Decide by exact arithmetic
     dot(&exact3(d), &cross(&between(a, o), &between(b, o))).sign()
 }
 
-/// How a line and a triangle lie to each other.
+/// Relative position of a line and a triangle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Crossing {
-    /// It passes beside it.
+    /// Line that misses the triangle.
     Beside,
-    /// It goes through its inside.
+    /// Line through the interior of the triangle.
     Through,
-    /// It meets an edge or a corner.
+    /// Line through an edge or a vertex of the triangle.
     Touching,
-    /// It runs in its plane.
+    /// Line in the plane of the triangle.
     Edgewise,
 }
 
-/// How the line `o + t d` and a triangle lie to each other. All coordinates are f32.
+/// Classifies the line `o + t d` against a triangle. All coordinates must be f32 values.
 pub(super) fn crossing(o: DVec3, d: DVec3, [a, b, c]: [DVec3; 3]) -> Crossing {
     let sides = [[a, b], [b, c], [c, a]].map(|edge| side(o, d, edge));
     let has = |sign| sides.contains(&sign);
@@ -157,11 +161,11 @@ pub(super) fn crossing(o: DVec3, d: DVec3, [a, b, c]: [DVec3; 3]) -> Crossing {
     }
 }
 
-/// The parameter at which the line `o + t d` meets the plane of a triangle; NaN or infinite where it runs along it. All
-/// coordinates are f32.
+/// Returns the parameter at which the line `o + t d` intersects the plane of a triangle; NaN or infinite if the line is
+/// parallel to the plane. All coordinates must be f32 values.
 ///
-/// Its two determinants are right to 2^-100 of their largest terms: a triangle 10^9 times as long as high, seen at 10^-4
-/// to its plane, leaves 55 bits of them.
+/// Its two determinants are correct to 2^-100 of their largest terms: a triangle 10^9 times as long as high, seen at
+/// 10^-4 to its plane, leaves 55 of their bits.
 pub(super) fn parameter(o: DVec3, d: DVec3, [a, b, c]: [DVec3; 3]) -> DoubleDouble {
     let minus = |p: DVec3, q: DVec3| [0, 1, 2].map(|k| DoubleDouble::of(p[k]) - DoubleDouble::of(q[k]));
     let (e1, e2) = (minus(b, a), minus(c, a));
@@ -173,8 +177,8 @@ pub(super) fn parameter(o: DVec3, d: DVec3, [a, b, c]: [DVec3; 3]) -> DoubleDoub
     along(minus(a, o)) / along(wide3(d))
 }
 
-/// `r² - |c - l|²` times `d · d`, where l is the line `o + t d` and c the centre of a sphere of radius `r`: positive
-/// where the line goes through the sphere, zero where it touches.
+/// Returns `r² - |c - l|²` times `d · d`, where l is the point of the line `o + t d` closest to the sphere's centre c
+/// and r is the radius: positive if the line intersects the sphere, zero if it is tangent.
 pub(super) fn discriminant(o: DVec3, d: DVec3, c: DVec3, r: f64) -> Exact {
     let (f, d) = (between(o, c), exact3(d));
     let moment = cross(&f, &d);
@@ -222,7 +226,7 @@ mod tests {
         let mut random = SplitMix64::new(seed, 0);
         let mut counts = [0; 3];
         for _ in 0..20_000 {
-            // Small enough that many determinants vanish, and that i64 holds all.
+            // Small coordinates, so that many determinants vanish, and i64 holds all of them
             let mut point = || [0; 3].map(|_| random.below(7) as i64 - 3);
             let [o, d, a, b] = [point(), point(), point(), point()];
             let minus = |p: [i64; 3]| [0, 1, 2].map(|k| p[k] - o[k]);

@@ -1,5 +1,5 @@
-//! Hits that are none, which users of Embree have met, frozen: on slivers at a glance, on huge boxes, far beside
-//! triangles.
+//! Regression cases for false hits that users of Embree reported: on slivers at grazing angles, on huge boxes, and far
+//! beside triangles.
 
 use std::f64::consts::TAU;
 
@@ -50,45 +50,47 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// A mesh of triangles that share no corners.
+/// Returns a mesh of triangles that share no vertices.
 fn soup(triangles: &[[DVec3; 3]]) -> Mesh {
     let corners: Vec<DVec3> = triangles.iter().flatten().copied().collect();
     let faces = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
     mesh(&corners, faces.collect())
 }
 
-/// The same after it is rounded.
+/// Returns the point with coordinates rounded to f32.
 fn rounded(p: DVec3) -> DVec3 {
     p.as_vec3().as_dvec3()
 }
 
-/// Slivers of a scene.
+/// Number of slivers in a scene.
 const SLIVERS: usize = 16;
-/// The edges that were complained of, in the plane: from the origin along x, and the third corner by its distances from
-/// both ends.
+/// Edge lengths from the bug report: the first from the origin along x, then the distances of the third vertex from its
+/// far and its near end.
 const EDGES: [f64; 3] = [11.15, 9.75, 1.42];
 
-/// A triangle of these edges, turned and moved.
+/// Returns a triangle of these edge lengths, randomly rotated and translated.
 fn sliver(random: &mut SplitMix64) -> [DVec3; 3] {
+    // Construct the third vertex from its distances
     let [along, far, near] = EDGES;
     let x = (along * along + near * near - far * far) / (2.0 * along);
     let y = (near * near - x * x).sqrt();
+    // Rotate, translate and round to f32
     let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 3.0));
     let place = 300.0 * random.in_cube();
     [DVec3::ZERO, along * DVec3::X, DVec3::new(x, y, 0.0)].map(|p| rounded(place + turn * p))
 }
 
-/// A ray at a sliver or beside it, at 0.1 to 2 degrees to its plane.
+/// Returns a ray at a sliver or beside it, at 0.1 to 2 degrees to its plane.
 fn at_a_glance(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
     let [a, b, c] = random.pick(triangles);
     let target = a + random.within(-0.2, 1.2) * (b - a) + random.within(-4.0, 4.0) * (c - a);
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let in_plane = normal.cross(random.direction()).normalize_or_zero();
-    // Tangents of the angles.
+    // Choose the tangent of the angle, from 0.1 to 2 degrees
     let slope = 10f64.powf(random.within(-2.76, -1.46)) * random.pick(&[1.0, -1.0]);
     let way = in_plane + slope * normal;
     let origin = (target - random.within(50.0, 600.0) * way).as_vec3();
-    // Of about unit length, as the complaint has it.
+    // The direction has about unit length, as in the bug report.
     let distance = target.distance(origin.as_dvec3());
     Ray::new(origin, ((target - origin.as_dvec3()) / distance).as_vec3())
 }
@@ -101,6 +103,7 @@ fn glancing(trial: &Trial) -> Result<Tally, AccelError> {
     Ok(trial.nearest(
         &engine,
         &|random| at_a_glance(&triangles, random),
+        // Judge against the exact nearest triangle
         &|ray, hit, _| {
             let exact = exact_nearest(&triangles, ray, |_| true).map(|(first, _)| first);
             compared(&scene, ray, exact, hit)
@@ -108,13 +111,13 @@ fn glancing(trial: &Trial) -> Result<Tally, AccelError> {
     ))
 }
 
-/// Widths of the boxes.
+/// Widths of the boxes along x and y.
 const WIDTHS: [f64; 4] = [5.890_75e8, 5.890_75e9, 5.890_75e10, 5.890_75e11];
-/// Their height, and where rays start.
+/// Height of the boxes, and of the points where rays start.
 const HEIGHT: f64 = 120_000.0;
 const START: f64 = 120_500.0;
 
-/// A box from the origin.
+/// Returns a box with its lower corner at the origin.
 fn huge_box(width: f64) -> Mesh {
     let (corners, faces) = box_of([DVec3::ZERO, DVec3::new(width, width, HEIGHT)], 0);
     mesh(&corners, faces)
@@ -122,6 +125,7 @@ fn huge_box(width: f64) -> Mesh {
 
 fn huge_boxes(trial: &Trial) -> Result<Tally, AccelError> {
     trial.over_parts(2 * WIDTHS.len(), &|number, trial| {
+        // Test each width as it is and normalised
         let (width, is_normal) = (WIDTHS[number / 2], number % 2 == 1);
         let mut scene = Scene {
             materials: vec![Material::default()],
@@ -137,9 +141,10 @@ fn huge_boxes(trial: &Trial) -> Result<Tally, AccelError> {
 fn huge_box_of(trial: &Trial, scene: &Scene, width: f64) -> Result<Tally, AccelError> {
     let engine = trial.engine(scene)?;
     let normalisation = scene.normalisation;
-    // Powers of two round nothing.
+    // Scaling by a power of two is exact.
     let expected = normalisation.scale * (START - HEIGHT);
     let ulp = f64::from((expected as f32).next_up()) - expected;
+    // Aim straight down inside the rim
     let ray = |random: &mut SplitMix64| {
         let mut inside = || random.within(0.01, 0.99) * width;
         let origin = normalisation.point(DVec3::new(inside(), inside(), START));
@@ -150,31 +155,32 @@ fn huge_box_of(trial: &Trial, scene: &Scene, width: f64) -> Result<Tally, AccelE
         let Some(hit) = hit else {
             return Answer::Wrong;
         };
+        // Compare with the exact distance, in ulps
         let off = (f64::from(hit.t) - expected).abs() / ulp;
         tally.note(off);
         Answer::wrong_if(!(off <= 8.0))
     }))
 }
 
-/// Triangles of a scene, and their distance: no segment reaches another.
+/// Number of triangles of a scene, and their distance, which no segment reaches across.
 const SMALL: usize = 64;
 const APART: f64 = 128.0;
-/// The size of one.
+/// Size of a triangle, and unit of the segments' lengths and distances.
 const SIZE: f64 = 1.0;
 
-/// A triangle of that size within its cell.
+/// Returns a triangle of that size within its cell of a grid.
 fn small(number: usize, random: &mut SplitMix64) -> [DVec3; 3] {
     let cell = DVec3::new((number % 4) as f64, (number / 4 % 4) as f64, (number / 16) as f64);
-    // Where the complaint's triangle is, among others.
+    // Place the triangle at the coordinates of the bug report, relative to its cell
     let place = APART * cell + DVec3::new(0.2287, 1.3526, 0.5);
     [0; 3].map(|_| rounded(place + 0.5 / 3f64.sqrt() * SIZE * random.in_cube()))
 }
 
-/// A segment beside a triangle.
+/// Returns a segment that misses its triangle: beside it, or ending half way to it.
 fn segment(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
     let [a, b, c] = random.pick(triangles);
     if random.below(4) == 0 {
-        // Straight at it, but only half of the way.
+        // Aim straight at the triangle, but end half way
         let target = (a + b + c) / 3.0;
         let origin = target + 6.0 * SIZE * random.direction();
         return Ray {
@@ -182,6 +188,7 @@ fn segment(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
             ..Ray::new(origin.as_vec3(), (0.5 * (target - origin)).as_vec3())
         };
     }
+    // Build a frame in the plane of the triangle
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let x = (b - a).normalize_or_zero();
     let y = normal.cross(x);
@@ -190,9 +197,10 @@ fn segment(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
         cos * x + sin * y
     };
     let (aside, along) = (in_plane(), in_plane());
+    // Tilt the segment slightly out of the plane
     let mut off = || 10f64.powf(random.within(-8.0, -1.0)) * SIZE * normal;
     let (low, high) = (off(), off());
-    // Its middle is three to forty sizes away and it is at most one long.
+    // Place its midpoint three to forty sizes away; the segment is at most one size long.
     let middle = (a + b + c) / 3.0 + random.within(3.0, 40.0) * SIZE * aside;
     let half = random.within(0.1, 0.5) * SIZE * along;
     let origin = (middle - half + low).as_vec3();

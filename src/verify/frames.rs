@@ -1,4 +1,4 @@
-//! Whole pictures: the same bits for any number of threads.
+//! Determinism of whole images: bit-identical for any number of threads.
 
 use std::collections::HashSet;
 use std::sync::atomic::AtomicBool;
@@ -26,12 +26,12 @@ pub(super) const CASES: &[Case] = &[Case {
     run: threads,
 }];
 
-/// Colours that the picture has at least: it must not be empty.
+/// Smallest number of colours of the image, to rule out an empty one.
 const MIN_COLORS: usize = 256;
-/// Pixels each way.
+/// Width and height of the image in pixels.
 const SIZE: u32 = 48;
 
-/// A mesh and a sphere over a cube, lit by what is around.
+/// Returns a scene of a mesh and a sphere over a cube, with a directional light and a gradient background.
 fn picture() -> Scene {
     let ball = Sphere {
         center: DVec3::new(1.2, 0.5, -4.0),
@@ -43,6 +43,7 @@ fn picture() -> Scene {
         shape(Shape::Sphere(ball)),
         shape(Shape::Cube),
     ]);
+    // Place the objects in front of the default camera
     let places = [
         DAffine3::from_translation(DVec3::new(-1.0, 0.0, -5.0)),
         DAffine3::IDENTITY,
@@ -53,6 +54,7 @@ fn picture() -> Scene {
         .zip(0..)
         .filter_map(|(place, geometry)| Instance::new("", geometry, 0, place).ok())
         .collect();
+    // Add light, so that there are shadow rays and mirror rays
     scene.materials = vec![Material::default()];
     scene.lights = vec![Light {
         name: "sun".into(),
@@ -70,7 +72,7 @@ fn picture() -> Scene {
     scene
 }
 
-/// The bits of all pixels.
+/// Renders an image with that number of threads and returns the bits of all pixels.
 fn bits(scene: &Scene, accel: &dyn Accel, thread_count: usize) -> Option<Vec<[u32; 3]>> {
     let settings = RenderSettings {
         width: SIZE,
@@ -105,18 +107,20 @@ fn threads(trial: &Trial) -> Result<Tally, AccelError> {
     let mut tally = Tally::default();
     let mut first = None;
     for thread_count in [1, 1, 2, 2, 3, 3, 8, 8] {
-        // Anew, as a structure may depend on who built it.
+        // Rebuild the structure, because it may depend on the threads that built it
         let accel = (trial.subject.build)(&scene)?;
         let Some(bits) = bits(&scene, &*accel, thread_count) else {
             continue;
         };
         let first = first.get_or_insert_with(|| bits.clone());
+        // Check that the image is not empty
         let looks: HashSet<_> = bits.iter().collect();
         if looks.len() < MIN_COLORS {
             tally.count(Answer::Wrong, || {
                 format!("the picture has {} colours", looks.len())
             });
         }
+        // Compare all pixels with the first image
         for (pixel, (was, is)) in first.iter().zip(&bits).enumerate() {
             tally.count(Answer::wrong_if(was != is), || {
                 format!("pixel {pixel} by {thread_count} threads")

@@ -1,4 +1,4 @@
-//! The white furnace: bodies that keep no light, in light that is the same from everywhere, cannot be seen.
+//! White furnace test: non-absorbing objects in uniform light are invisible.
 
 use glam::{DAffine3, DQuat, DVec3};
 
@@ -24,20 +24,20 @@ pub(super) const CASES: &[Case] = &[Case {
     run: furnace,
 }];
 
-/// What a pixel may differ from 1 by, beside the weight of rays not followed.
+/// Largest deviation of a pixel from 1, in addition to the weight of rays not traced.
 const BOUND: f64 = 1e-4;
-/// Generations of rays.
+/// Number of bounces that are traced.
 const DEPTH: u32 = 64;
-/// Rays that weigh less are not followed: of a pixel's there are some hundred.
+/// Throughput below which rays are not traced; a pixel has a few hundred such rays.
 const CUTOFF: f32 = 1e-7;
-/// What roundings may take or add, beside what is not followed: in each generation the shares, the weights and the sums
-/// of all that is in flight are rounded to f32 three times, by 2^-24 at most, and a pixel's light is summed once a ray,
-/// of which there are a hundred or so.
+/// Bound on rounding errors, in addition to the weight of rays not traced: in each bounce the Fresnel shares, the
+/// throughputs and the sums over all rays are rounded to f32 three times, by 2^-24 at most, and a pixel's radiance is
+/// summed up once a ray, of which there are about a hundred.
 const ROUNDING: f64 = (3 * DEPTH + 128) as f64 / (1u64 << 24) as f64;
-/// Rays a pixel, about.
+/// Approximate number of rays a pixel.
 const FOLLOWED: u64 = 32;
 
-/// A polished body of index `ior` and `priority`; a mirror without an index.
+/// Returns a smooth dielectric of index `ior` and `priority`; a mirror if there is no index.
 fn material(ior: Option<f64>, priority: i32) -> Material {
     let model = MetallicRoughness {
         metallic: if ior.is_some() { 0.0 } else { 1.0 },
@@ -57,7 +57,7 @@ fn material(ior: Option<f64>, priority: i32) -> Material {
     }
 }
 
-/// Bodies before the default camera.
+/// Returns a scene of glass, water, diamond and mirror objects in front of the default camera.
 fn bodies() -> Scene {
     let mut scene = scene(vec![
         Geometry::Shape(Shape::Sphere(Sphere::UNIT)),
@@ -65,6 +65,7 @@ fn bodies() -> Scene {
         Geometry::Shape(Shape::Cylinder(Cylinder { capped: true })),
         Geometry::Mesh(lattice_cube(1)),
     ]);
+    // Glass, water, diamond, mirror
     scene.materials = vec![
         material(Some(1.5), 1),
         material(Some(1.33), 0),
@@ -72,13 +73,14 @@ fn bodies() -> Scene {
         material(None, 0),
     ];
     scene.background = Background::Uniform([1.0; 3]);
+    // Place the objects
     let turn = |angle: f64| DQuat::from_axis_angle(DVec3::new(0.36, 0.48, 0.8), angle);
     let place = |size: f64, angle: f64, at: [f64; 3]| {
         DAffine3::from_scale_rotation_translation(DVec3::splat(size), turn(angle), DVec3::from_array(at))
     };
     let placed = [
         (0, 0, place(1.0, 0.0, [-1.2, 0.4, -6.0])),
-        // Water in the glass, half out of it.
+        // Half of the water sphere overlaps the glass.
         (0, 1, place(0.7, 0.0, [-0.6, 0.3, -6.2])),
         (1, 0, place(0.5, 0.7, [0.9, 0.9, -5.5])),
         (2, 2, place(0.5, 1.9, [0.8, -0.9, -5.0])),
@@ -92,8 +94,8 @@ fn bodies() -> Scene {
     scene
 }
 
-/// A cube around the default camera, of an index below 1.2247: in no direction is light reflected totally on all of its
-/// sides, so that none is caught.
+/// Returns a scene with a cube around the default camera, of an index below 1.2247: no direction is totally reflected
+/// on all of its sides, so that no light is trapped.
 fn around_the_eye() -> Scene {
     let cube = DAffine3::from_scale_rotation_translation(
         DVec3::splat(2.0),
@@ -111,10 +113,12 @@ fn around_the_eye() -> Scene {
 fn furnace(trial: &Trial) -> Result<Tally, AccelError> {
     let size = (trial.rays / (2 * FOLLOWED)).isqrt().max(4) as u32;
     let mut tally = Tally::default();
+    // Render each scene
     for scene in [bodies(), around_the_eye()] {
         let Some(rendering) = trial.picture((&scene, &Camera::default()), size, (DEPTH, CUTOFF))? else {
             continue;
         };
+        // Compare each pixel with 1, less the weight that was cut off
         let lost = rendering.ledger.max_lost_weight;
         for (number, pixel) in rendering.image.pixels.iter().enumerate() {
             let off = pixel.map(|channel| f64::from(channel) - 1.0);
@@ -127,6 +131,7 @@ fn furnace(trial: &Trial) -> Result<Tally, AccelError> {
                 format!("pixel {number} of {size} x {size} is {pixel:?}, rays not followed weigh {lost:e}")
             });
         }
+        // Count the secondary rays
         tally.count_followed(&rendering);
         if trial.is_drawn() {
             tally.sketch.draw(&scene);

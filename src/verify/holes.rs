@@ -1,5 +1,5 @@
-//! Holes in closed surfaces that users of other programs have met, frozen: rays at corners, along shared edges and on
-//! the lattice that a mesh was snapped to.
+//! Regression cases for leaks in closed surfaces that users of other renderers reported: rays at vertices, along shared
+//! edges and on the lattice that a mesh was snapped to.
 
 use std::f64::consts::TAU;
 
@@ -60,28 +60,29 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// Cylinders in each other.
+/// Number of nested cylinders.
 const CYLINDERS: usize = 11;
-/// Their sides.
+/// Number of sides of a cylinder.
 const COLUMNS: u32 = 36;
-/// Squares along a side.
+/// Number of squares along a side.
 const ROWS: u32 = 12;
-/// How often an origin is thrown again that is not between two cylinders; any other is asked about, too.
+/// Number of attempts to find an origin between two adjacent cylinders; the last is used even if it is elsewhere.
 const TRIES: usize = 16;
 
-/// Radius and half the height of a cylinder, so that each holds the one before.
+/// Returns radius and half height of a cylinder, so that each encloses the one before.
 fn measures(number: usize) -> [f64; 2] {
     let number = number as f64;
     [1.0 + number, 4.0 + number]
 }
 
-/// A closed cylinder about +y.
+/// Returns a closed cylinder of that radius and half height about the y axis.
 pub(super) fn cylinder([radius, half]: [f64; 2]) -> Mesh {
     let at = |row: u32, column: u32| {
         let (sin, cos) = (TAU * f64::from(column) / f64::from(COLUMNS)).sin_cos();
         let y = half * (2.0 * f64::from(row) / f64::from(ROWS) - 1.0);
         DVec3::new(radius * cos, y, radius * sin)
     };
+    // Place the vertices of the side, then the centres of both caps
     let mut corners: Vec<DVec3> = (0..=ROWS)
         .flat_map(|row| (0..COLUMNS).map(move |column| at(row, column)))
         .collect();
@@ -89,6 +90,7 @@ pub(super) fn cylinder([radius, half]: [f64; 2]) -> Mesh {
     let [bottom, top] = [corners.len() as u32 - 2, corners.len() as u32 - 1];
     let index = |row: u32, column: u32| row * COLUMNS + column % COLUMNS;
     let mut faces = Vec::new();
+    // Triangulate caps and side
     for column in 0..COLUMNS {
         faces.push([bottom, index(0, column), index(0, column + 1)]);
         faces.push([top, index(ROWS, column + 1), index(ROWS, column)]);
@@ -101,8 +103,9 @@ pub(super) fn cylinder([radius, half]: [f64; 2]) -> Mesh {
     mesh(&corners, faces)
 }
 
-/// The innermost cylinder that surely holds a point, by what fits into its corners.
+/// Returns the innermost cylinder that certainly encloses a point, judged by the inscribed circle of its cross-section.
 fn around(p: DVec3) -> Option<usize> {
+    // Ratio of the radii of the inscribed and the circumscribed circle
     let inner = (0.5 * TAU / f64::from(COLUMNS)).cos();
     (0..CYLINDERS).find(|&number| {
         let [radius, half] = measures(number);
@@ -114,6 +117,7 @@ fn nested_cylinders(trial: &Trial) -> Result<Tally, AccelError> {
     let meshes: Vec<Mesh> = (0..CYLINDERS).map(|number| cylinder(measures(number))).collect();
     let scene = scene(meshes.iter().cloned().map(Geometry::Mesh).collect());
     let engine = trial.engine(&scene)?;
+    // Aim at a vertex from a point between two cylinders
     let ray = |random: &mut SplitMix64| {
         let number = random.below(CYLINDERS);
         let vertex = Vec3::from(meshes[number].positions[random.below(meshes[number].positions.len())]);
@@ -121,13 +125,14 @@ fn nested_cylinders(trial: &Trial) -> Result<Tally, AccelError> {
         for _ in 0..TRIES {
             let aside = random.within(0.0, 4.0) * random.in_cube();
             origin = (random.within(0.8, 1.0) * vertex.as_dvec3() + aside).as_vec3();
-            // Between this cylinder and the next inner one.
+            // Accept a point between this cylinder and the next inner one
             if around(origin.as_dvec3()) == Some(number) {
                 break;
             }
         }
         Ray::new(origin, vertex - origin)
     };
+    // A miss, or a hit on a cylinder farther out, is a leak
     Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         let Some(number) = around(ray.origin.as_dvec3()) else {
             return Answer::Right;
@@ -136,21 +141,23 @@ fn nested_cylinders(trial: &Trial) -> Result<Tally, AccelError> {
     }))
 }
 
-/// Pairs of triangles, so far apart that no ray reaches two.
+/// Number of triangle pairs; they are so far apart that no ray reaches two.
 const PAIRS: usize = 64;
-/// Their distance.
+/// Distance between neighbouring pairs of triangles.
 const APART: f64 = 16.0;
 
-/// Two triangles that share their first edge; each turns left as seen from the same side.
+/// Two triangles that share their first edge, with opposite order of its vertices, so that both have the same
+/// orientation.
 type Pair = [[DVec3; 3]; 2];
 
-/// A pair about a point: half of them are a unit square with whole corners, cut along a diagonal.
+/// Returns a pair of triangles at its position in the grid; every other is a unit square with integer vertices, cut
+/// along a diagonal.
 fn pair(number: usize, random: &mut SplitMix64) -> Pair {
     let center = APART * DVec3::new((number % 8) as f64, (number / 8) as f64, 0.0);
     let [a, b, c, d] = if number.is_multiple_of(2) {
         [DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0), DVec3::Y, DVec3::X]
     } else {
-        // Folded towards the back by up to half a radian, so that both sides still face most rays.
+        // Fold the pair backwards by up to half a radian, so that both fronts still face most rays.
         let fold = random.within(0.0, 0.5);
         let corner = |x: f64, y: f64| DVec3::new(x, y, -fold * x.abs());
         [
@@ -164,24 +171,26 @@ fn pair(number: usize, random: &mut SplitMix64) -> Pair {
     [[a, b, c].map(place), [b, a, d].map(place)]
 }
 
-/// A ray at the shared edge that sees both triangles' fronts; down from above or at any angle.
+/// Returns a ray at the shared edge of a pair that faces both fronts, along -z or at a random angle.
 fn at_shared_edge(pairs: &[Pair], random: &mut SplitMix64) -> Ray {
     let [[a, b, c], [_, _, d]] = random.pick(pairs);
-    // In thirty-seconds, which a square's diagonal has exact points at.
+    // Choose a multiple of 1/32, where points on the diagonal of a unit square are exact
     let along = (2 + random.below(29)) as f64 / 32.0;
     let target = a.lerp(b, along);
+    // Choose a direction at a random angle to either triangle
     let normals = [(b - a).cross(c - a), (a - b).cross(d - b)].map(DVec3::normalize_or_zero);
     let way = if random.below(2) == 0 {
         -DVec3::Z
     } else {
         let normal = random.pick(&normals);
         let in_plane = normal.cross(random.direction()).normalize_or_zero();
-        // 0.3 degrees are 10^-2.28.
+        // 0.3 degrees are 10^-2.28 radians.
         in_plane - 10f64.powf(random.within(-2.28, 0.0)) * normal
     };
-    // So steep to both at least that the target's rounding cannot carry it beside them.
+    // Require an angle to both triangles so steep that rounding of the target cannot move it off them.
     let is_seen = normals.iter().all(|n| n.dot(way) < -1.0 / 256.0);
     let way = if is_seen { way } else { -DVec3::Z };
+    // Start one or two lengths before the target
     let origin = (target - random.pick(&[1.0, 2.0]) * way).as_vec3();
     Ray {
         t_far: 2.0,
@@ -191,6 +200,7 @@ fn at_shared_edge(pairs: &[Pair], random: &mut SplitMix64) -> Ray {
 
 fn shared_edges(trial: &Trial) -> Result<Tally, AccelError> {
     let mut random = SplitMix64::new(0x1149, 0);
+    // Merge all pairs into one mesh
     let pairs: Vec<Pair> = (0..PAIRS).map(|number| pair(number, &mut random)).collect();
     let mut corners = Vec::new();
     let mut faces = Vec::new();
@@ -201,6 +211,7 @@ fn shared_edges(trial: &Trial) -> Result<Tally, AccelError> {
     }
     let scene = scene(vec![Geometry::Mesh(mesh(&corners, faces))]);
     let engine = trial.engine(&scene)?;
+    // A miss is a leak, as nothing lies behind
     Ok(
         trial.nearest(&engine, &|random| at_shared_edge(&pairs, random), &|_, hit, _| {
             Answer::wrong_if(hit.is_none())
@@ -208,17 +219,17 @@ fn shared_edges(trial: &Trial) -> Result<Tally, AccelError> {
     )
 }
 
-/// Squares along a side of a terrain.
+/// Number of squares along a side of a terrain.
 const SQUARES: usize = 32;
-/// Where rays start above it.
+/// Height at which rays start above the terrain.
 const ABOVE: f64 = 16.0;
 
-/// A height from 0 to 7 for each corner.
+/// Returns the pseudo-random height of a vertex, a whole number from 0 to 7.
 fn height(x: usize, z: usize) -> f64 {
     (SplitMix64::new(0x589, (x * (SQUARES + 1) + z) as u64).below(8)) as f64
 }
 
-/// A terrain over a square; `axis` is up.
+/// Returns a terrain over a square with `axis` up.
 pub(super) fn terrain(axis: usize) -> Mesh {
     let count = SQUARES + 1;
     let corners: Vec<DVec3> = (0..count * count)
@@ -237,18 +248,19 @@ pub(super) fn terrain(axis: usize) -> Mesh {
     mesh(&corners, faces.collect())
 }
 
-/// A point with the second number along `axis`.
+/// Returns the point with `up` along `axis` and the other coordinates along the other two axes.
 fn turned(axis: usize, x: f64, up: f64, z: f64) -> DVec3 {
     let mut p = DVec3::ZERO;
     (p[(axis + 2) % 3], p[axis], p[(axis + 1) % 3]) = (x, up, z);
     p
 }
 
-/// The height of the terrain over whole and half coordinates: the middle of a square is on the diagonal that cuts it.
+/// Returns the height of the terrain at whole and half coordinates; the centre of a square lies on the diagonal that
+/// cuts it.
 fn height_at(x: f64, z: f64) -> f64 {
     let ends = |v: f64| [v.floor() as usize, v.ceil() as usize];
     let ([x0, x1], [z0, z1]) = (ends(x), ends(z));
-    // Of the diagonal from (x1, z0) to (x0, z1); the same as the mean of an edge's ends or of one corner.
+    // The mean over the diagonal from (x1, z0) to (x0, z1) is also that of an edge's ends or of a single vertex.
     0.5 * (height(x1, z0) + height(x0, z1))
 }
 
@@ -256,12 +268,14 @@ fn terrains(trial: &Trial) -> Result<Tally, AccelError> {
     trial.over_parts(3, &|axis, trial| {
         let scene = scene(vec![Geometry::Mesh(terrain(axis))]);
         let engine = trial.engine(&scene)?;
+        // Aim along the up axis, with signed zeros
         let ray = |random: &mut SplitMix64| {
             let mut inner = || 0.5 * (1 + random.below(2 * SQUARES - 1)) as f64;
             let origin = turned(axis, inner(), ABOVE, inner()).as_vec3();
             let mut zero = || random.pick(&[0.0, -0.0]);
             Ray::new(origin, turned(axis, zero(), -1.0, zero()).as_vec3())
         };
+        // Compare the parameter with the known height
         let judge = |ray: &Ray, hit: Option<Hit>, _: &mut Tally| {
             let [x, z] = [(axis + 2) % 3, (axis + 1) % 3].map(|k| f64::from(ray.origin[k]));
             let t = ABOVE - height_at(x, z);
@@ -271,10 +285,10 @@ fn terrains(trial: &Trial) -> Result<Tally, AccelError> {
     })
 }
 
-/// Units of a lattice that a mesh is snapped to, in its radius.
+/// Radius of the snapped mesh in lattice units.
 const RADIUS: f64 = 64.0;
 
-/// A bumpy closed mesh whose corners are whole numbers, at least 3/4 [`RADIUS`] from the origin.
+/// Returns a bumpy closed mesh with integer vertices, at least 3/4 [`RADIUS`] from the origin.
 fn snapped_mesh() -> Mesh {
     let mut mesh = icosphere(4);
     let snapped = mesh.positions.iter().map(|&p| {
@@ -291,12 +305,13 @@ fn snapped(trial: &Trial) -> Result<Tally, AccelError> {
     let scene = scene(vec![Geometry::Mesh(snapped_mesh())]);
     let engine = trial.engine(&scene)?;
     let ray = |random: &mut SplitMix64| {
-        // Within 1/4 of the radius along each axis, so within 0.44 of it: well inside.
+        // Start within 1/4 of the radius along each axis, so within 0.44 of it from the origin: well inside the surface
         let reach = RADIUS as usize / 2;
         let mut near = || 0.5 * (random.below(2 * reach + 1) as f32 - reach as f32);
         let mut origin = Vec3::new(near(), near(), near());
         let mut step = || random.pick(&[0.0, -0.0, 1.0, -1.0]);
         let mut direction = Vec3::new(step(), step(), step());
+        // Aim half of the rays straight down from above
         if random.below(2) == 0 || direction == Vec3::ZERO {
             origin.y = 2.0 * RADIUS as f32;
             direction = Vec3::new(0.0, -1.0, -0.0);
@@ -304,7 +319,7 @@ fn snapped(trial: &Trial) -> Result<Tally, AccelError> {
         Ray::new(origin, direction)
     };
     Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
-        // From above, what is met below the middle is the other side.
+        // From above, a hit beyond the centre is on the far side, so the near side leaks.
         let last = if ray.origin.y > RADIUS as f32 {
             ray.origin.y
         } else {
@@ -326,6 +341,7 @@ mod tests {
             (cylinder(measures(0)), 2 * COLUMNS * (ROWS + 1)),
             (snapped_mesh(), 20 * 256),
         ] {
+            // Check that each edge occurs once in either direction
             let edges: HashSet<[u32; 2]> = mesh
                 .triangles
                 .iter()
@@ -334,11 +350,13 @@ mod tests {
             assert_eq!(mesh.triangles.len(), count as usize);
             assert_eq!(edges.len(), 3 * mesh.triangles.len());
             assert!(edges.iter().all(|&[a, b]| edges.contains(&[b, a])));
+            // Check that no triangle is degenerate
             for face in 0..count {
                 let [a, b, c] = mesh.corners_f64(face);
                 assert!((b - a).cross(c - a) != DVec3::ZERO, "{face}");
             }
         }
+        // Check that the origins are inside the snapped mesh
         let mesh = snapped_mesh();
         let nearest = mesh.positions.iter().map(|&p| Vec3::from(p).length());
         assert!(nearest.fold(f32::INFINITY, f32::min) > 0.75 * RADIUS as f32);

@@ -1,6 +1,6 @@
-//! What is wrong with a mesh before any ray is sent: open edges, faces that are there twice or turned over, slivers.
+//! Mesh diagnostics before any ray is traced: open and non-manifold edges, duplicate or inverted faces, slivers.
 //!
-//! Vertices at the same place count as one, as files split them where normals or texture coordinates differ.
+//! Vertices at equal positions count as one, because files split them where normals or texture coordinates differ.
 
 use std::collections::HashMap;
 
@@ -8,36 +8,37 @@ use serde::Serialize;
 
 use crate::mesh::Mesh;
 
-/// A triangle is a sliver if it is lower than this share of its longest edge: in f32 its height has three digits left.
+/// Share of the longest edge below which the height of a triangle makes it a sliver: its height has three digits left
+/// in f32.
 const SLIVER: f64 = 1e-4;
 
-/// What was counted in a mesh.
+/// Counts of defects in a mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Hygiene {
-    /// Triangles.
+    /// Number of all triangles, including defective ones.
     pub triangles: u64,
-    /// Edges that belong to one triangle only: a hole, or the rim of a sheet.
+    /// Edges of one triangle only: a hole, or the boundary of an open surface.
     pub open_edges: u64,
-    /// Open edges with the corner of another triangle upon them, exactly: cracks that rays may slip through.
+    /// Open edges with the vertex of another triangle exactly on them (T-junctions): cracks that rays may slip through.
     pub t_junctions: u64,
-    /// Edges that belong to more than two triangles.
+    /// Non-manifold edges, which belong to more than two triangles.
     pub crowded_edges: u64,
-    /// Edges whose two triangles turn opposite ways, so that one of them shows its back.
+    /// Edges whose two triangles have opposite orientations, so that one of them shows its back.
     pub turned_edges: u64,
-    /// Triangles with the corners of an earlier one.
+    /// Triangles with the vertices of an earlier one.
     pub duplicates: u64,
     /// Triangles lower than 10^-4 of their longest edge.
     pub slivers: u64,
-    /// Triangles without area.
+    /// Degenerate triangles, which have no area.
     pub degenerate: u64,
 }
 
-/// How often an edge is walked from its lower to its higher vertex, and back.
+/// Numbers of times that triangles traverse an edge from its lower to its higher vertex, and back.
 #[derive(Clone, Copy, Default)]
 struct Walked([u32; 2]);
 
 impl Hygiene {
-    /// Counts what a mesh has; all its indices are in range.
+    /// Counts the defects of a mesh, whose indices must all be in range.
     pub fn of(mesh: &Mesh) -> Hygiene {
         let place = places(mesh);
         let mut found = Hygiene {
@@ -46,6 +47,7 @@ impl Hygiene {
         };
         let mut edges: HashMap<[u32; 2], Walked> = HashMap::new();
         let mut faces: HashMap<[u32; 3], ()> = HashMap::new();
+        // Classify each triangle, and skip degenerate and duplicate ones
         for (number, triangle) in mesh.triangles.iter().enumerate() {
             match shape(mesh, number as u32) {
                 Shape::Degenerate => {
@@ -62,12 +64,14 @@ impl Hygiene {
                 found.duplicates += 1;
                 continue;
             }
+            // Count the directions in which it traverses its edges
             let [a, b, c] = corners;
             for [from, to] in [[a, b], [b, c], [c, a]] {
                 let walked = edges.entry([from.min(to), from.max(to)]).or_default();
                 walked.0[usize::from(from > to)] += 1;
             }
         }
+        // Classify each edge by its number of triangles
         let mut open = Vec::new();
         for (&edge, &Walked([there, back])) in &edges {
             match (there + back, there) {
@@ -82,7 +86,7 @@ impl Hygiene {
         found
     }
 
-    /// Both together.
+    /// Returns the sum of two diagnostics.
     pub fn with(self, other: Hygiene) -> Hygiene {
         Hygiene {
             triangles: self.triangles + other.triangles,
@@ -96,7 +100,7 @@ impl Hygiene {
         }
     }
 
-    /// What was found, how often, and what to do about it; empty for a clean closed mesh.
+    /// Returns each defect that occurs, as its count, name and remedy; empty for a clean closed mesh.
     pub fn advice(&self) -> Vec<(u64, &'static str, &'static str)> {
         let all = [
             (
@@ -139,10 +143,10 @@ impl Hygiene {
     }
 }
 
-/// For each vertex the first one at its place.
+/// Returns for each vertex the first vertex at its position.
 fn places(mesh: &Mesh) -> Vec<u32> {
     let mut first: HashMap<[u32; 3], u32> = HashMap::with_capacity(mesh.positions.len());
-    // Adding 0 makes both zeros one.
+    // Adding 0 maps -0 to 0.
     let bits = |p: &[f32; 3]| p.map(|x| (x + 0.0).to_bits());
     (0..)
         .zip(mesh.positions.iter())
@@ -172,10 +176,10 @@ fn shape(mesh: &Mesh, number: u32) -> Shape {
     }
 }
 
-/// Open edges that hold a vertex of another open edge between their ends.
+/// Returns the number of open edges that contain a vertex of another open edge between their ends.
 fn t_junctions(mesh: &Mesh, open: &[[u32; 2]]) -> u64 {
     let p = |v: u32| glam::Vec3::from(mesh.positions[v as usize]).as_dvec3();
-    // Vertices of open edges by their first coordinate, so that each edge asks few.
+    // Sort the vertices of open edges by x, so that each edge tests few
     let mut rim: Vec<u32> = open.iter().flatten().copied().collect();
     rim.sort_unstable();
     rim.dedup();
@@ -183,12 +187,13 @@ fn t_junctions(mesh: &Mesh, open: &[[u32; 2]]) -> u64 {
     let is_between = |v: u32, [a, b]: [u32; 2]| {
         let (along, to) = (p(b) - p(a), p(v) - p(a));
         let t = along.dot(to);
-        // On the line to a rounding of f32, of which cracks are made.
+        // The vertex lies on the line up to a rounding of f32, which is how cracks arise.
         let off = along.cross(to).length_squared();
         let near = f64::from(f32::EPSILON) * along.length_squared();
         v != a && v != b && t > 0.0 && t < along.length_squared() && off <= near * near
     };
     let holds_one = |edge: &&[u32; 2]| {
+        // Test the vertices within the edge's interval along x
         let [a, b] = edge.map(|v| p(v).x);
         let from = rim.partition_point(|&v| p(v).x < a.min(b));
         let to = rim.partition_point(|&v| p(v).x <= a.max(b));
@@ -200,7 +205,7 @@ fn t_junctions(mesh: &Mesh, open: &[[u32; 2]]) -> u64 {
     open.iter().filter(holds_one).count() as u64
 }
 
-/// Vertices that are asked for one edge: more make a scan of a large open mesh take too long.
+/// Largest number of vertices tested for one edge, which limits the time for a large open mesh.
 const MAX_CANDIDATES: usize = 4096;
 
 #[cfg(test)]
@@ -219,6 +224,7 @@ mod tests {
                 ..Hygiene::default()
             };
             assert_eq!(Hygiene::of(&closed), clean);
+            // Split all vertices, as files do for flat shading
             let corners: Vec<DVec3> = (0..count as u32).flat_map(|t| closed.corners_f64(t)).collect();
             let split = mesh(
                 &corners,
@@ -232,7 +238,7 @@ mod tests {
     #[test]
     fn each_fault_is_counted_once() {
         let at = |x: f64, y: f64| DVec3::new(x, y, 0.0);
-        // A square whose lower side is split at its middle by the neighbour below: a crack.
+        // A square whose lower side is split at its midpoint by the neighbour below has a crack.
         let corners = [
             at(0.0, 0.0),
             at(2.0, 0.0),
@@ -245,6 +251,7 @@ mod tests {
         let found = Hygiene::of(&cracked);
         assert_eq!((found.t_junctions, found.open_edges), (1, 8));
 
+        // Count inverted, duplicate and degenerate triangles
         let square = [
             at(0.0, 0.0),
             at(1.0, 0.0),
@@ -258,6 +265,7 @@ mod tests {
             (1, 1, 1)
         );
 
+        // Count an edge of three triangles and a sliver
         let fan = [
             at(0.0, 0.0),
             at(1.0, 0.0),

@@ -1,5 +1,5 @@
-//! Snell's law and Fresnel's equations where the textbook's forms cancel: at the critical angle, at grazing incidence,
-//! at Brewster's angle, between media that nearly match.
+//! Snell's law and Fresnel's equations where the textbook form cancels: at the critical angle, at grazing incidence, at
+//! Brewster's angle, and between media that nearly match.
 
 use std::cmp::Ordering;
 
@@ -47,9 +47,9 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// Most ulps that the refracted cosine may be off.
+/// Largest admissible error of the refracted cosine in ulps.
 const COSINE_ULPS: f64 = 4.0;
-/// Most ulps that a share of the light may be off.
+/// Largest admissible error of a reflectance or transmittance in ulps.
 const SHARE_ULPS: f64 = 8.0;
 const COSINE: Axis = Axis {
     label: "cosine of the angle of incidence",
@@ -63,10 +63,10 @@ const ROUND: Axis = Axis {
     label: "cosine of the angle of incidence",
     bound: 1.0,
 };
-/// Most that reflectance and transmittance may differ from 1 by.
+/// Largest admissible error of the sum of reflectance and transmittance, which is 1.
 const SUM_ERROR: f64 = 4.0 * f64::EPSILON;
 
-/// Light at a boundary, exactly.
+/// Dielectric boundary with the cosine of incidence and both indices of refraction.
 struct Boundary {
     cos_i: f64,
     eta_i: f64,
@@ -74,7 +74,7 @@ struct Boundary {
 }
 
 impl Boundary {
-    /// (eta_t cos_t)²: eta_i² cos_i² - (eta_i² - eta_t²).
+    /// Returns (eta_t cos_t)² exactly, as eta_i² cos_i² - (eta_i² - eta_t²).
     fn square(&self) -> Exact {
         let [cos, i, t] = [self.cos_i, self.eta_i, self.eta_t].map(Exact::of);
         let p = i.times(&cos);
@@ -87,7 +87,7 @@ impl Boundary {
     }
 }
 
-/// A cosine near the one at which total reflection begins.
+/// Returns a boundary with a cosine near the critical one, at which total reflection begins.
 fn near_critical(random: &mut SplitMix64) -> Boundary {
     let [eta_t, eta_i] = match random.below(3) {
         0 => [1.0, 1.5],
@@ -99,6 +99,7 @@ fn near_critical(random: &mut SplitMix64) -> Boundary {
     };
     let ratio: f64 = eta_t / eta_i;
     let critical = ((1.0 - ratio) * (1.0 + ratio)).sqrt();
+    // Step some ulps from the critical cosine, or a small angle from the critical angle
     let cos_i = if random.below(4) == 0 {
         let steps = random.below(129) as i64 - 64;
         f64::from_bits((critical.to_bits() as i64 + steps) as u64)
@@ -118,6 +119,7 @@ fn critical(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
     for _ in 0..count {
         let at = near_critical(random);
         let found = (trial.subject.formulas.dielectric)(at.cos_i, at.eta_i, at.eta_t);
+        // Compare with the exact refracted cosine, or require total reflection
         let square = at.square();
         let answer = if square.sign() == Ordering::Greater {
             let cos_t = square.wide().sqrt() / DoubleDouble::of(at.eta_t);
@@ -132,7 +134,7 @@ fn critical(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
     tally
 }
 
-/// A boundary of any kind, where light goes through.
+/// Returns a boundary with random indices and a cosine for which light is mostly transmitted.
 fn any_boundary(random: &mut SplitMix64) -> Boundary {
     let eta = random.within(1.0, 1.5);
     let apart = match random.below(2) {
@@ -144,9 +146,10 @@ fn any_boundary(random: &mut SplitMix64) -> Boundary {
         pair.reverse();
     }
     let [eta_i, eta_t] = pair;
+    // Choose a cosine anywhere, grazing, near normal, or near Brewster's angle
     let cos_i = match random.below(4) {
         0 => random.unit(),
-        // Down to 89.9999 degrees, whose cosine is 1.7e-6.
+        // Down to 89.9999 degrees, whose cosine is 1.7e-6
         1 => 10f64.powf(random.within(-5.76, 0.0)),
         2 => 1.0 - random.unit() * random.unit() * 1e-6,
         _ => {
@@ -159,7 +162,7 @@ fn any_boundary(random: &mut SplitMix64) -> Boundary {
     Boundary { cos_i, eta_i, eta_t }
 }
 
-/// Reflectance and transmittance of s, then of p.
+/// Returns reflectance and transmittance of s, then of p polarisation, where `q` is eta_t cos_t.
 fn shares(at: &Boundary, q: DoubleDouble) -> [[DoubleDouble; 2]; 2] {
     let [cos_i, eta_i, eta_t] = [at.cos_i, at.eta_i, at.eta_t].map(DoubleDouble::of);
     let cos_t = q / eta_t;
@@ -178,11 +181,13 @@ fn fresnel(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
         let at = any_boundary(random);
         let found = (trial.subject.formulas.dielectric)(at.cos_i, at.eta_i, at.eta_t);
         let square = at.square();
+        // Require total reflection where the refracted cosine is imaginary
         if square.sign() != Ordering::Greater {
             let is_total = found.reflectance.mean() == 1.0 && found.transmittance.mean() == 0.0;
             tally.count(Answer::wrong_if(!is_total), || at.describe());
             continue;
         }
+        // Compare each polarisation and the means with double-double results
         let [[r_s, t_s], [r_p, t_p]] = shares(&at, square.wide().sqrt());
         let mean = DoubleDouble::of(0.5) * (r_s + r_p);
         let mut named = vec![
@@ -191,12 +196,13 @@ fn fresnel(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
             ("T of s", t_s.ulps_from(found.transmittance.s)),
             ("T of p", t_p.ulps_from(found.transmittance.p)),
         ];
-        // Near Brewster's angle, where it vanishes, no rounding of cos_t leaves this many digits of it.
+        // Near Brewster's angle R of p vanishes, and no rounding of cos_t leaves that many of its digits.
         if r_p.nearest() > 0.25 * r_s.nearest() {
             named.push(("R of p", r_p.ulps_from(found.reflectance.p)));
         }
         let off = named.iter().map(|(_, off)| *off).fold(0.0, f64::max);
         tally.note_at(SHARE, at.cos_i, off);
+        // Check that no energy is gained or lost
         let sum = found.reflectance.mean() + found.transmittance.mean() - 1.0;
         let is_wrong = !(off <= SHARE_ULPS && sum.abs() <= SUM_ERROR);
         tally.count(Answer::wrong_if(is_wrong), || {
@@ -206,16 +212,16 @@ fn fresnel(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
     tally
 }
 
-/// How far a direction may be off, and what is known of where light went.
+/// Largest admissible error of a direction, and of the total energy.
 const ROUND_TRIP: f64 = 1e-12;
-/// Reflections inside a cube.
+/// Number of reflections inside a cube.
 const BOUNCES: usize = 64;
 
 fn round_trips(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
     let mut tally = Tally::default();
     for _ in 0..count {
         let eta = 1.0 + 10f64.powf(random.within(-6.0, 0.2));
-        // Down to 89.9 degrees from the normal, whose cosine is 1.7e-3.
+        // Choose an angle of up to 89.9 degrees from the normal, whose cosine is 1.7e-3
         let cos = 10f64.powf(random.within(-2.76, 0.0));
         let sideways = random.direction().with_z(0.0).normalize_or_zero();
         let d = (((1.0 - cos) * (1.0 + cos)).sqrt() * sideways - cos * DVec3::Z).normalize();
@@ -228,7 +234,7 @@ fn round_trips(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
     tally
 }
 
-/// How far the direction is off behind a slab.
+/// Returns the error of a direction after refraction into a slab and out of it.
 fn through_slab(trial: &Trial, d: DVec3, eta: f64) -> f64 {
     let refract = trial.subject.formulas.refract;
     refract(d, DVec3::Z, 1.0, eta)
@@ -236,7 +242,7 @@ fn through_slab(trial: &Trial, d: DVec3, eta: f64) -> f64 {
         .map_or(f64::INFINITY, |out| (out.direction - d).length())
 }
 
-/// How far the direction is off, and how much light is lost, after many reflections at the faces of a cube.
+/// Returns the error of a direction, or of the total energy if larger, after many reflections at the faces of a cube.
 fn inside_cube(trial: &Trial, d: DVec3, eta: f64) -> f64 {
     let formulas = &trial.subject.formulas;
     let Some(inside) = (formulas.refract)(d, DVec3::Z, 1.0, eta) else {
@@ -244,6 +250,7 @@ fn inside_cube(trial: &Trial, d: DVec3, eta: f64) -> f64 {
     };
     let start = inside.direction;
     let (mut direction, mut left, mut gone) = (start, 1.0, 0.0);
+    // Reflect at the faces in turn, and add up the transmitted energy
     for bounce in 0..BOUNCES {
         let n = DVec3::AXES[bounce % 3];
         let fresnel = (formulas.dielectric)(direction.dot(n).abs(), eta, 1.0);
@@ -251,6 +258,7 @@ fn inside_cube(trial: &Trial, d: DVec3, eta: f64) -> f64 {
         left *= fresnel.reflectance.mean();
         direction = crate::optics::reflect(direction, n);
     }
+    // Compare with the direction mirrored exactly
     let flips = |axis: usize| (0..BOUNCES).filter(|bounce| bounce % 3 == axis).count();
     let sign = |axis: usize| if flips(axis).is_multiple_of(2) { 1.0 } else { -1.0 };
     let expected = start * DVec3::new(sign(0), sign(1), sign(2));

@@ -1,4 +1,4 @@
-//! What has been judged: most paths give most rays the same answer, and working out what the answer should be is dear.
+//! Cache of oracle verdicts: most variants return the same hit for most rays, and the exact oracle is expensive.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -6,21 +6,22 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::trial::Answer;
 use crate::accel::Hit;
 
-/// Most answers that are kept of a case, which take 40 bytes each.
+/// Largest number of verdicts that are kept of a case; each takes 40 bytes.
 const MAX_VERDICTS: usize = 1 << 24;
 
-/// An answer and what was said of it.
+/// Result of a query with the oracle's verdict.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Judgement {
     pub(super) hit: Option<Hit>,
     pub(super) answer: Answer,
-    /// The error met, in the unit of the case; 0 where it has none.
+    /// Error of the result, in the unit of the case; 0 if the case measures none.
     pub(super) error: f64,
 }
 
 impl Judgement {
-    /// What was said, if it was said of this very answer.
+    /// Returns the verdict if it was given for exactly this hit, bit for bit.
     pub(super) fn of(&self, hit: Option<Hit>) -> Option<Judgement> {
+        // Compare bits, because -0 == 0 and NaN != NaN
         (bits(self.hit) == bits(hit)).then_some(*self)
     }
 }
@@ -31,27 +32,28 @@ fn bits(hit: Option<Hit>) -> Option<[u32; 5]> {
     Some([hit.instance, hit.primitive, t, u, v])
 }
 
-/// The seed of a part of a case, and the number of the chunk.
+/// Key of a chunk: the seed of the part of a case, and the number of the chunk.
 type Chunk = (u64, u64);
 
-/// The answers of the first path to each chunk of a case's rays, for the paths that come after it.
+/// Verdicts on the first variant's results for each chunk of a case's rays, reused for the variants that follow.
 ///
-/// One is for one case with one number of rays, whose questions and oracle are the same on every path.
+/// A cache serves one case with one number of rays, whose queries and oracle are identical on every variant.
 #[derive(Debug, Default)]
 pub struct Judged {
     chunks: Mutex<HashMap<Chunk, Arc<[Judgement]>>>,
 }
 
 impl Judged {
-    /// What was said of a chunk's answers, in the order of its rays; nothing if nobody was asked or there is no room.
+    /// Returns the verdicts on a chunk in the order of its rays; empty if there are none or the cache was full.
     pub(super) fn recall(&self, chunk: Chunk) -> Arc<[Judgement]> {
         let chunks = self.chunks.lock().unwrap_or_else(PoisonError::into_inner);
         chunks.get(&chunk).cloned().unwrap_or_default()
     }
 
-    /// Keeps what was said of a chunk's answers, the first time.
+    /// Stores the verdicts on a chunk, unless it has some already or the cache is full.
     pub(super) fn keep(&self, chunk: Chunk, judgements: Vec<Judgement>) {
         let mut chunks = self.chunks.lock().unwrap_or_else(PoisonError::into_inner);
+        // Bound the memory by assuming chunks of equal size
         if chunks.len().saturating_mul(judgements.len()) < MAX_VERDICTS {
             chunks.entry(chunk).or_insert_with(|| judgements.into());
         }
@@ -80,6 +82,7 @@ mod tests {
         let of = |kept, hit| said(kept).of(hit).map(|said| said.error);
         assert_eq!(of(Some(HIT), Some(HIT)), Some(0.5));
         assert_eq!(of(None, None), Some(0.5));
+        // Change each field of the hit by itself
         for other in [
             Hit { instance: 0, ..HIT },
             Hit { primitive: 0, ..HIT },
@@ -109,6 +112,7 @@ mod tests {
         let judged = Judged::default();
         assert!(judged.recall((1, 0)).is_empty());
         judged.keep((1, 0), said(1.0, 2));
+        // The second verdicts on a chunk are ignored, and too large a chunk is not kept
         judged.keep((1, 0), said(2.0, 2));
         judged.keep((1, 1), said(3.0, 1));
         judged.keep((1, 2), said(4.0, MAX_VERDICTS));

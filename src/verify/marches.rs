@@ -1,4 +1,5 @@
-//! Marches through an even medium: however many steps there are, and however the last one ends, nothing changes.
+//! Ray marching through a homogeneous medium: neither the number of steps nor the length of the last one may affect the
+//! result.
 
 use std::sync::Arc;
 
@@ -23,12 +24,13 @@ pub(super) const CASES: &[Case] = &[Case {
     run: |trial| Ok(marches(trial)),
 }];
 
-/// The white light seen in a medium of extinction `sigma` over `length`, at most 2, marched in steps of `step`; and
-/// the share let through. NaN where the medium cannot be made.
+/// Returns white radiance and transmittance of a medium of extinction `sigma` over `length`, at most 2, marched in
+/// steps of `step`; NaN if the medium cannot be created.
 pub(super) fn march(sigma: f64, length: f64, step: f64) -> [f64; 2] {
     let Some(volume) = even_volume(sigma, step) else {
         return [f64::NAN; 2];
     };
+    // Pass through the cube parallel to z, off its centre
     let stretch = RaySegment {
         origin: DVec3::new(0.1, 0.2, -1.0),
         direction: DVec3::Z,
@@ -41,7 +43,7 @@ pub(super) fn march(sigma: f64, length: f64, step: f64) -> [f64; 2] {
     [marched.radiance[0], march.transmittance(&stretch)]
 }
 
-/// The cube [-1, 1]³ full of a white medium.
+/// Returns the cube [-1, 1]³ filled with a white homogeneous medium.
 fn even_volume(sigma: f64, step: f64) -> Option<Volume> {
     let grid = Grid::new([1; 3], Samples::Floats(vec![1.0])).ok()?;
     let node = TransferNode {
@@ -60,7 +62,7 @@ fn even_volume(sigma: f64, step: f64) -> Option<Volume> {
     Volume::new(description).ok()
 }
 
-/// What a march may be off by, times 1 and the depth.
+/// Relative error bound of a march, to be multiplied by 1 + optical depth.
 const BOUND: f64 = 1e-12;
 const STEPS: Axis = Axis {
     label: "steps",
@@ -72,6 +74,7 @@ fn marches(trial: &Trial) -> Tally {
     let mut tally = Tally::default();
     let mut count = 1;
     while count <= trial.rays.min(MAX_RAYS) {
+        // Try steps that divide the length exactly, nearly and not at all
         for length in [2.0, 1.0, 1.7, 1.0 / 3.0] {
             let even = length / count as f64;
             let beside = [even.next_up(), even.next_down(), even * (1.0 + 1e-9), even * 1.1];
@@ -87,7 +90,9 @@ fn marches(trial: &Trial) -> Tally {
 }
 
 fn ask(trial: &Trial, (sigma, length, step): (f64, f64, f64), tally: &mut Tally) {
+    // March through the medium
     let found = (trial.subject.formulas.march)(sigma, length, step);
+    // Compare with the Beer-Lambert law
     let depth = sigma * length;
     let exact = [-(-depth).exp_m1(), (-depth).exp()];
     let bound = BOUND * (1.0 + depth);

@@ -1,4 +1,4 @@
-//! Closed meshes, and scenes of one geometry.
+//! Closed test meshes, and test scenes of one or more geometries.
 
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
@@ -11,7 +11,7 @@ use crate::numeric::SplitMix64;
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Sphere};
 
-/// A mesh of these corners and faces.
+/// Returns a mesh of the vertices and triangles, with positions rounded to f32.
 pub(super) fn mesh(positions: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
     let positions: Vec<[f32; 3]> = positions.iter().map(|p| p.as_vec3().to_array()).collect();
     Mesh {
@@ -21,8 +21,9 @@ pub(super) fn mesh(positions: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
     }
 }
 
-/// The corners of a box and its faces: two triangles a side, numbered from the corner `first`.
+/// Returns the vertices of a box and its triangles, two a side, with vertex indices from `first` on.
 pub(super) fn box_of([low, high]: [DVec3; 2], first: u32) -> ([DVec3; 8], Vec<[u32; 3]>) {
+    // Outward quads; bit k of a vertex index chooses the upper end along axis k
     const SIDES: [[u32; 4]; 6] = [
         [0, 4, 6, 2],
         [1, 3, 7, 5],
@@ -44,8 +45,9 @@ pub(super) fn box_of([low, high]: [DVec3; 2], first: u32) -> ([DVec3; 8], Vec<[u
     (corners, numbered.collect())
 }
 
-/// Convex solids that hold the ball of radius 1/4 around the origin.
+/// Returns convex solids that contain the ball of radius 1/4 about the origin.
 pub(super) fn convex_solids() -> Vec<Shape> {
+    // Face normals of a regular tetrahedron
     let normals = [
         DVec3::ONE,
         DVec3::new(-1.0, -1.0, 1.0),
@@ -63,7 +65,7 @@ pub(super) fn convex_solids() -> Vec<Shape> {
     solids
 }
 
-/// A scene of geometries, each where its own space is the world.
+/// Returns a scene with one untransformed instance of each geometry.
 pub(super) fn scene(geometries: Vec<Geometry>) -> Scene {
     let instances = (0..geometries.len() as u32)
         .filter_map(|i| Instance::new("", i, 0, DAffine3::IDENTITY).ok())
@@ -75,10 +77,10 @@ pub(super) fn scene(geometries: Vec<Geometry>) -> Scene {
     }
 }
 
-/// Shapes around the one that is asked, so that there is a tree to walk.
+/// Number of shapes around the tested one, so that the acceleration structure has several nodes.
 const OTHERS: u64 = 24;
 
-/// A shape within `radius` of `center` in its own space, which is the world, and small spheres around it.
+/// Returns a scene of a shape within `radius` of `center`, untransformed, and small spheres around it.
 pub(super) fn among_others(shape: Shape, center: DVec3, radius: f64) -> Scene {
     let others = (0..OTHERS).map(|number| {
         let mut random = SplitMix64::new(0, number);
@@ -95,8 +97,8 @@ pub(super) fn among_others(shape: Shape, center: DVec3, radius: f64) -> Scene {
     )
 }
 
-/// A sphere of rings from pole to pole: `2 rings` columns, about `4 rings²` triangles, the radius of a point a function
-/// of its two angles, in radians.
+/// Returns a latitude-longitude sphere with `rings` rings and `2 rings` columns, about `4 rings²` triangles; `radius`
+/// is a function of the polar angle and the azimuth, in radians.
 pub(super) fn rings(rings: u32, center: DVec3, radius: impl Fn(f64, f64) -> f64) -> Mesh {
     let columns = 2 * rings;
     let at = |ring: u32, column: u32| {
@@ -105,6 +107,7 @@ pub(super) fn rings(rings: u32, center: DVec3, radius: impl Fn(f64, f64) -> f64)
         let (sin, cos) = theta.sin_cos();
         center + radius(theta, phi) * DVec3::new(sin * phi.cos(), cos, sin * phi.sin())
     };
+    // Place one vertex at each pole and the rings between
     let mut positions = vec![at(0, 0)];
     for ring in 1..rings {
         positions.extend((0..columns).map(|column| at(ring, column)));
@@ -112,6 +115,7 @@ pub(super) fn rings(rings: u32, center: DVec3, radius: impl Fn(f64, f64) -> f64)
     positions.push(at(rings, 0));
     let last = positions.len() as u32 - 1;
     let index = |ring: u32, column: u32| 1 + (ring - 1) * columns + column % columns;
+    // Triangulate pole caps and bands
     let mut triangles = Vec::new();
     for column in 0..columns {
         triangles.push([0, index(1, column + 1), index(1, column)]);
@@ -125,9 +129,10 @@ pub(super) fn rings(rings: u32, center: DVec3, radius: impl Fn(f64, f64) -> f64)
     mesh(&positions, triangles)
 }
 
-/// The corners and faces of an icosahedron in the unit sphere.
+/// Returns the vertices and faces of an icosahedron inscribed in the unit sphere.
 pub(super) fn icosahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
     let golden = 0.5 * (1.0 + 5f64.sqrt());
+    // Place the vertices of three golden rectangles
     let mut corners = Vec::new();
     for (a, b) in [(1.0, golden), (-1.0, golden), (1.0, -golden), (-1.0, -golden)] {
         corners.extend([
@@ -136,7 +141,8 @@ pub(super) fn icosahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
             DVec3::new(b, 0.0, a),
         ]);
     }
-    // Edges are 2 long, all other distances longer; a face turns left as seen from outside.
+    // Find faces as triples of mutual edges: edges have length 2, all other distances are longer. Orient faces
+    // counterclockwise as seen from outside.
     let is_edge = |i: usize, j: usize| corners[i].distance_squared(corners[j]) < 5.0;
     let mut faces = Vec::new();
     for i in 0..12 {
@@ -157,10 +163,11 @@ pub(super) fn icosahedron() -> (Vec<DVec3>, Vec<[u32; 3]>) {
     (corners.iter().map(|p| p.normalize()).collect(), faces)
 }
 
-/// An icosahedron whose faces are cut into four `levels` times and pushed out to the unit sphere.
+/// Returns an icosahedron whose faces are subdivided into four `levels` times and projected onto the unit sphere.
 pub(super) fn icosphere(levels: u32) -> Mesh {
     let (mut corners, mut faces) = icosahedron();
     for _ in 0..levels {
+        // Share the midpoint of an edge between its two faces
         let mut middles: HashMap<[u32; 2], u32> = HashMap::new();
         let mut middle = |a: u32, b: u32| {
             *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
@@ -168,6 +175,7 @@ pub(super) fn icosphere(levels: u32) -> Mesh {
                 corners.len() as u32 - 1
             })
         };
+        // Split each face into four
         faces = faces
             .iter()
             .flat_map(|&[a, b, c]| {
@@ -179,8 +187,8 @@ pub(super) fn icosphere(levels: u32) -> Mesh {
     mesh(&corners, faces)
 }
 
-/// The surface of the cube from 0 to `n` along each axis, in squares of side 1 cut along alternating diagonals: all
-/// corners are whole numbers.
+/// Returns the surface of the cube from 0 to `n` along each axis, in unit squares cut along alternating diagonals, with
+/// integer vertices.
 pub(super) fn lattice_cube(n: u32) -> Mesh {
     let mut numbers: HashMap<[u32; 3], u32> = HashMap::new();
     let mut positions = Vec::new();
@@ -189,6 +197,7 @@ pub(super) fn lattice_cube(n: u32) -> Mesh {
         for end in [0, n] {
             for square in 0..n * n {
                 let (i, j) = (square % n, square / n);
+                // Share vertices between squares and sides
                 let mut corner = |i: u32, j: u32| {
                     let mut p = [0; 3];
                     (p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3]) = (end, i, j);
@@ -203,11 +212,13 @@ pub(super) fn lattice_cube(n: u32) -> Mesh {
                     corner(i + 1, j + 1),
                     corner(i, j + 1),
                 ];
+                // Alternate the diagonal, as on a chessboard
                 let halves = if (i + j) % 2 == 0 {
                     [[a, b, c], [a, c, d]]
                 } else {
                     [[a, b, d], [b, c, d]]
                 };
+                // Flip the faces of the lower side, to point outward
                 let outward = |[a, b, c]: [u32; 3]| if end == 0 { [a, c, b] } else { [a, b, c] };
                 triangles.extend(halves.map(outward));
             }
@@ -232,7 +243,9 @@ mod tests {
             (lattice_cube(5), DVec3::splat(2.5), 6 * 25 * 2),
         ];
         for (mesh, center, count) in cases {
+            // Check the number of triangles
             assert_eq!(mesh.triangles.len(), count);
+            // Check that each edge occurs once in either direction
             let edges: HashSet<[u32; 2]> = mesh
                 .triangles
                 .iter()
@@ -243,6 +256,7 @@ mod tests {
                 edges.iter().all(|&[a, b]| edges.contains(&[b, a])),
                 "an edge is open"
             );
+            // Check the orientation of the faces
             for face in 0..count as u32 {
                 let [a, b, c] = mesh.corners_f64(face);
                 assert!((a - center).dot((b - a).cross(c - a)) > 0.0, "{face}");

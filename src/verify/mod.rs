@@ -1,16 +1,17 @@
-//! Hard cases with exact answers, put to every way of finding hits: where each one stands, measured.
+//! Numerically hard intersection cases with exact oracles, run on every backend variant.
 //!
-//! A [`Case`] constructs rays, or arguments of a formula, that sit where rounding decides: on edges and corners, at
-//! tangents, beside the critical angle. Its oracle knows the exact answer: by exact sums of floats where a decision is
-//! the sign of a polynomial, by numbers of 106 bits elsewhere, by a closed surface around the origin of a ray. What
-//! differs from it is sorted into wrong, where the exact answer is farther from a flip than the bound on rounding
-//! explains, and ties, where it is not. Only wrong answers count, and only on the paths that promise better; on the
-//! others they are measured.
+//! A [`Case`] constructs rays, or arguments of a formula, for which rounding decides the result: on edges and corners,
+//! at tangents, at the critical angle. Its oracle returns the exact result: by exact sums of floats where a decision is
+//! the sign of a polynomial, by 106-bit numbers elsewhere, or by a closed surface around the origin of a ray. Results
+//! that differ from the oracle are sorted into wrong results, where the exact result is farther from a flip than the
+//! rounding error bound explains, and ties, where it is not. Only wrong results count, and only on the variants that
+//! guarantee better; on the others they are measured.
 //!
-//! A scene's own rays have no exact answers that are known beforehand: [`compare_all`] puts them to two structures and
-//! sorts what differs, and [`Hygiene`] tells what is wrong with a mesh before any ray is sent.
+//! No exact results are known beforehand for a scene's own rays: [`compare_all`] traces them through two structures and
+//! sorts the differences, and [`Hygiene`] reports the defects of a mesh before any ray is traced.
 //!
-//! Each case can fail: the tests put a careless formula or structure in the place of ours and see it caught.
+//! Each case can fail: the tests replace a formula or structure of the renderer by a careless one and check that the
+//! case detects it.
 
 mod backends;
 mod boxes;
@@ -72,71 +73,72 @@ use crate::accel::{self, Accel, AccelError, AccelOptions, Backend, EmbreeIdentit
 use crate::scene::Scene;
 use trial::Trial;
 
-/// What a case is put to.
+/// Kind of code that a case tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Asks {
-    /// Triangles, on every path that finds hits.
+    /// Triangle intersection, on every variant that finds hits.
     Triangles,
-    /// Analytic shapes, on every path that finds hits.
+    /// Intersection of analytic shapes, on every variant that finds hits.
     Shapes,
-    /// Formulas without a scene.
+    /// Formulas that need no scene.
     Formulas,
 }
 
-/// A hard case.
+/// Numerically hard test case with its oracle and error bound.
 #[derive(Clone, Copy, Serialize)]
 pub struct Case {
-    /// `H` and two digits.
+    /// Identifier of the case: `H` and two digits.
     pub id: &'static str,
-    /// What it is called.
+    /// Name of the case in reports.
     pub title: &'static str,
-    /// What is asked.
+    /// Description of the rays or arguments that the case generates.
     pub construction: &'static str,
-    /// What knows the answer.
+    /// Description of the oracle that yields the expected results.
     pub oracle: &'static str,
-    /// What an answer may be off by.
+    /// Largest admissible error of a result, in words.
     pub bound: &'static str,
-    /// What the largest error is measured in; empty where none is.
+    /// Unit of the largest error; empty if the case measures none.
     pub unit: &'static str,
-    /// What it is put to.
+    /// Kind of code that the case tests.
     pub asks: Asks,
-    /// Paths that close this and more must answer nothing wrong.
+    /// Least watertightness from which on a variant must return nothing wrong.
     pub required: Closes,
     #[serde(skip)]
     run: fn(&Trial) -> Result<Tally, AccelError>,
 }
 
-/// How a case went.
+/// Verdict on a case on one variant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// Nothing was wrong.
+    /// Verdict for a case without wrong results.
     Holds,
-    /// Something was wrong on a path that promises no better.
+    /// Wrong results on a variant that does not guarantee better.
     Measured,
-    /// Something was wrong that must not be.
+    /// Wrong results on a variant that must not have any.
     Fails,
 }
 
-/// How a case went on a path.
+/// Result of a case on one variant.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Outcome {
-    /// What was counted.
+    /// Counts of rays, wrong results and ties.
     #[serde(flatten)]
     pub tally: Tally,
-    /// What to make of it.
+    /// Verdict that follows from the counts.
     pub verdict: Verdict,
-    /// Whether the path must answer nothing wrong.
+    /// Flag for a variant that must return nothing wrong.
     pub required: bool,
-    /// Which Embree answered, if one did.
+    /// Version and instruction set of Embree, if the variant uses it.
     pub embree: Option<EmbreeIdentity>,
-    /// Seconds that it took, with making the rays and working out what the answers should be.
+    /// Run time in seconds, including ray generation and the oracle.
     pub seconds: f64,
 }
 
-/// All cases, in the order of their names.
+/// Returns all cases, sorted by identifier.
 pub fn cases() -> Vec<&'static Case> {
+    // Collect the cases of all modules
     let rooms = [
         spheres::CASES,
         solids::CASES,
@@ -167,43 +169,44 @@ pub fn cases() -> Vec<&'static Case> {
         terminator::CASES,
         seams::CASES,
     ];
+    // Sort them by identifier
     let mut all: Vec<&Case> = rooms.into_iter().flatten().collect();
     all.sort_by_key(|case| case.id);
     all
 }
 
 impl Case {
-    /// Whether the case can be put to that path.
+    /// Returns whether the case can run on `path`.
     pub fn applies_to(&self, path: &Path) -> bool {
         (self.asks == Asks::Formulas) == path.accel.is_none()
     }
 
-    /// Whether nothing may be wrong on that path.
+    /// Returns whether the case must have no wrong results on `path`.
     pub fn requires(&self, path: &Path) -> bool {
         path.closes >= self.required
     }
 
-    /// Puts the case to `subject` with about `rays` questions.
+    /// Runs the case on `subject` with about `rays` queries.
     ///
     /// # Errors
     ///
-    /// Where a structure cannot be built.
+    /// Fails if an acceleration structure cannot be built.
     pub fn ask(&self, rays: u64, subject: &Subject) -> Result<Tally, AccelError> {
         (self.run)(&Trial::new(self.id, rays.max(1), subject))
     }
 
-    /// As [`Case::ask`], with lines of what the first rays are sent into: [`Tally::sketch`] is whole.
+    /// Runs the case as [`Case::ask`] does, and adds line drawings of the scenes to [`Tally::sketch`].
     fn ask_drawn(&self, rays: u64, subject: &Subject) -> Result<Tally, AccelError> {
         (self.run)(&Trial::new(self.id, rays.max(1), subject).drawn())
     }
 }
 
-/// Puts a case to a path with about `rays` questions; Embree is held to the instruction set `isa` if one is given.
-/// `judged` is for all paths that are asked as many questions of the case.
+/// Runs a case on one backend variant with about `rays` queries; restricts Embree to the instruction set `isa` if one
+/// is given. `judged` may be shared by all variants that run the case with the same number of rays.
 ///
 /// # Errors
 ///
-/// Where a structure cannot be built: without Embree, on a machine without the instruction set.
+/// Fails if the structure cannot be built: without Embree, or on a machine without the instruction set.
 pub fn check(
     (case, rays): (&Case, u64),
     path: &Path,
@@ -213,11 +216,11 @@ pub fn check(
     outcome(case, path, (isa, judged), |subject| case.ask(rays, subject))
 }
 
-/// As [`check`], with lines of what the first rays are sent into in [`Tally::sketch`].
+/// Runs a case as [`check`] does, and adds line drawings of the scenes to [`Tally::sketch`].
 ///
 /// # Errors
 ///
-/// As for [`check`].
+/// Fails if the structure cannot be built, as [`check`] does.
 pub fn check_drawn(
     (case, rays): (&Case, u64),
     path: &Path,
@@ -233,6 +236,7 @@ fn outcome(
     (isa, judged): (Option<&str>, &Judged),
     ask: impl FnOnce(&Subject) -> Result<Tally, AccelError>,
 ) -> Result<Outcome, AccelError> {
+    // Set up the system under test
     let build: &Build = &|scene| build_path(scene, path, isa);
     let subject = Subject {
         build,
@@ -244,9 +248,11 @@ fn outcome(
     } else {
         None
     };
+    // Run the case and measure its time
     let start = Instant::now();
     let tally = ask(&subject)?;
     let seconds = start.elapsed().as_secs_f64();
+    // Derive the verdict
     let required = case.requires(path);
     let verdict = match (tally.wrong, required) {
         (0, _) => Verdict::Holds,
@@ -262,7 +268,7 @@ fn outcome(
     })
 }
 
-/// Whether Embree can be held to that instruction set on this machine.
+/// Returns whether Embree can be restricted to the instruction set `isa` on this machine.
 pub fn has_instruction_set(isa: &str) -> bool {
     let options = AccelOptions {
         isa: Some(isa.to_owned()),
@@ -270,16 +276,16 @@ pub fn has_instruction_set(isa: &str) -> bool {
     };
     let scene = Scene::default();
     let built = accel::build(&scene, Backend::Embree, &options);
-    // Asked for more than the machine has, Embree takes what there is.
+    // Embree silently falls back to what the machine has, so compare the instruction set that it reports.
     built.is_ok_and(|accel| accel.report().embree.is_some_and(|embree| embree.isa == isa))
 }
 
-/// What finds hits on that path; brute force where it finds none. Embree is held to the instruction set `isa` if one is
-/// given.
+/// Builds the acceleration structure of a variant over `scene`; brute force for the variant without one. Restricts
+/// Embree to the instruction set `isa` if one is given.
 ///
 /// # Errors
 ///
-/// Where it cannot be built: without Embree, on a machine without the instruction set.
+/// Fails if the structure cannot be built: without Embree, or on a machine without the instruction set.
 pub fn build_path<'s>(
     scene: &'s Scene,
     path: &Path,
@@ -292,7 +298,7 @@ pub fn build_path<'s>(
         precision,
         kernel,
         isa: isa.filter(|_| path.is_embree()).map(str::to_owned),
-        // As many as the pool has that this runs in.
+        // Use the threads of the pool that this runs in.
         threads: rayon::current_num_threads(),
         ..AccelOptions::default()
     };

@@ -1,8 +1,9 @@
-//! Nested dielectrics: which bodies light goes through, one after the other, where they overlap by priority.
+//! Nested dielectrics: the sequence of media along a ray where objects overlap and priorities decide.
 //!
-//! Light falls straight through a stack of bodies, so it goes on straight. Each boundary that counts takes its share by
-//! Fresnel's equations and each body swallows by its thickness, in each channel another part: what comes out tells the
-//! sequence. With the indices here a boundary more or less changes it by 4·10^-4 or more.
+//! Rays pass straight down through a stack of layers, so their direction does not change. Each boundary that counts
+//! transmits a share given by Fresnel's equations, and each medium absorbs by its thickness with a different
+//! coefficient in each channel: the transmitted radiance reveals the sequence. With the indices used here one boundary
+//! more or less changes the radiance by 4·10^-4 or more.
 
 use glam::{DAffine3, DVec3};
 
@@ -32,40 +33,41 @@ pub(super) const CASES: &[Case] = &[Case {
 
 /// Indices of refraction, any two of which reflect at least 4·10^-4.
 const INDICES: [f64; 6] = [1.2, 1.31, 1.45, 1.6, 1.9, 2.42];
-/// Walls are at least so far apart, 64 roundings of coordinates up to 1.
+/// Smallest distance between two boundaries, 64 roundings of coordinates up to 1.
 const GAP: f32 = 1.0 / (1 << 17) as f32;
-/// Rays of a picture, about: of 16 pixels.
+/// Approximate number of rays of an image of 16 pixels.
 const RAYS_A_PICTURE: u64 = 16 * FOLLOWED;
-/// Rays a pixel, about: one for each wall.
+/// Approximate number of rays a pixel, one for each boundary.
 const FOLLOWED: u64 = 8;
-/// Stacks at most: larger pictures of each where there are more questions.
+/// Largest number of stacks; beyond it, their images get larger.
 const MAX_STACKS: u64 = 2000;
 
-/// A body between two heights.
+/// Dielectric layer between two heights.
 struct Layer {
     low: f32,
     high: f32,
-    /// Half its width, more than what is seen: another for each, so that no walls coincide at the sides either.
+    /// Half width of the layer, larger than the view and different for each layer, so that sides never coincide.
     half: f32,
     priority: i32,
     ior: f64,
-    /// Per unit of length.
+    /// Absorption coefficient per unit of length in each channel.
     sigma: [f64; 3],
     is_mesh: bool,
 }
 
-/// Layers from the first on, and the height of the eye, which looks down.
+/// Layers in the order of their instances, and the height of the camera, which looks down.
 struct Stack {
     layers: Vec<Layer>,
     eye: f32,
 }
 
 impl Stack {
-    /// A stack whose walls are far enough apart, as is the eye from all of them.
+    /// Returns a random stack in which the boundaries are far enough apart, and the camera from all of them.
     fn any(random: &mut SplitMix64) -> Stack {
         loop {
             let count = 2 + random.below(5);
             let mut walls: Vec<f32> = Vec::new();
+            // Choose heights anywhere, or close to another boundary
             while walls.len() < 2 * count {
                 let beside = GAP * (random.below(129) as f32 - 64.0);
                 let near = if walls.is_empty() {
@@ -76,10 +78,12 @@ impl Stack {
                 let anywhere = random.within(-1.0, 1.0) as f32;
                 walls.push(random.pick(&[near + beside, anywhere]));
             }
+            // Place the camera above the stack or inside it
             let anywhere = random.within(-1.0, 1.0) as f32;
             let eye = random.pick(&[2.0, anywhere]);
             let mut sorted = walls.clone();
             sorted.sort_by(f32::total_cmp);
+            // Reject boundaries that are too close to each other or to the camera
             let is_wide = sorted.windows(2).all(|pair| pair[1] - pair[0] >= GAP);
             if is_wide && walls.iter().all(|wall| (wall - eye).abs() > 1024.0 * GAP) {
                 let pairs = walls.chunks_exact(2).enumerate();
@@ -92,16 +96,18 @@ impl Stack {
         }
     }
 
-    /// The layer that is there where those of `around` are, by priority and then the first.
+    /// Returns the layer whose medium prevails among the overlapping layers `around`: the highest priority, then the
+    /// first.
     fn present(&self, around: &[usize]) -> Option<usize> {
         let rank = |&number: &usize| (self.layers[number].priority, -(number as i64));
         around.iter().copied().max_by_key(rank)
     }
 
-    /// What comes from below with 1 in each channel, and by what share of itself it may be off.
+    /// Returns the radiance from below if it enters with 1 in each channel, and its relative error bound.
     fn light(&self) -> ([f64; 3], f64) {
         let mut walls: Vec<(f32, usize)> = Vec::new();
         let mut around: Vec<usize> = Vec::new();
+        // Find the layers around the camera and the boundaries below it
         for (number, layer) in self.layers.iter().enumerate() {
             walls.extend([(layer.low, number), (layer.high, number)]);
             if layer.low < self.eye && self.eye < layer.high {
@@ -110,26 +116,30 @@ impl Stack {
         }
         walls.retain(|&(z, _)| z < self.eye);
         walls.sort_by(|a, b| b.0.total_cmp(&a.0));
+        // Walk down through the boundaries
         let (mut light, mut depth, mut z) = (1.0, [0.0; 3], f64::from(self.eye));
         for &(wall, number) in &walls {
             let before = self.present(&around);
+            // Absorb along the way to this boundary
             let thickness = z - f64::from(wall);
             if let Some(before) = before {
                 (0..3).for_each(|c| depth[c] += self.layers[before].sigma[c] * thickness);
             }
             z = wall.into();
+            // Enter or leave the layer
             match around.iter().position(|&other| other == number) {
                 Some(place) => drop(around.remove(place)),
                 None => around.push(number),
             }
+            // Apply the Fresnel transmittance at normal incidence, which is 1 between equal media
             let [a, b] = [before, self.present(&around)]
                 .map(|layer| layer.map_or(1.0, |layer| self.layers[layer].ior));
             light *= 4.0 * a * b / ((a + b) * (a + b));
         }
-        // A share, a weight and an exponential are rounded at each wall, and so are their products; a ray starts up to
-        // half a gap behind the wall that it has passed.
+        // Transmittance, throughput and exponential are rounded at each boundary, as are their products; a spawned ray
+        // starts up to half a gap behind the boundary.
         let roundings = 8.0 / f64::from(1 << 24);
-        // Where nothing is below, nothing is rounded but the sum.
+        // Even without a boundary below, the sum is rounded once.
         let bound = walls.len().max(1) as f64 * (roundings + MAX_SIGMA * 0.5 * f64::from(GAP));
         (depth.map(|depth: f64| light * (-depth).exp()), bound)
     }
@@ -153,7 +163,7 @@ impl Stack {
         scene
     }
 
-    /// Looks down from the eye, a little aside so that no ray runs along a diagonal.
+    /// Returns a camera that looks down, slightly off the axis so that no ray runs along a diagonal.
     fn camera(&self) -> Camera {
         Camera {
             world_from_camera: DAffine3::from_translation(DVec3::new(0.013, 0.029, self.eye.into())),
@@ -166,7 +176,7 @@ impl Stack {
     }
 }
 
-/// Most that a unit of length swallows, as an exponent.
+/// Largest absorption coefficient per unit of length.
 const MAX_SIGMA: f64 = 0.5;
 
 impl Layer {
@@ -182,7 +192,7 @@ impl Layer {
         }
     }
 
-    /// From the cube [-1, 1]³.
+    /// Returns the transform from the cube [-1, 1]³ to the layer.
     fn map(&self) -> DAffine3 {
         let (low, high) = (f64::from(self.low), f64::from(self.high));
         let half = f64::from(self.half);
@@ -209,7 +219,7 @@ impl Layer {
 
     fn material(&self) -> Material {
         Material {
-            // All that is let through, nothing mirrored.
+            // Transmit everything that is not reflected, and ignore the reflection
             model: Model::Lecture(Lecture {
                 ambient: [0.0; 3],
                 diffuse: [0.0; 3],
@@ -233,11 +243,13 @@ fn nested(trial: &Trial) -> Result<Tally, AccelError> {
     let size = (trial.rays / (FOLLOWED * stack_count)).isqrt().max(4) as u32;
     trial.over_parts(stack_count as usize, &|number, _| {
         let mut tally = Tally::default();
+        // Render a random stack
         let stack = Stack::any(&mut SplitMix64::new(0x38, number as u64));
         let scene = stack.scene();
         let Some(rendering) = trial.picture((&scene, &stack.camera()), size, (64, 0.0))? else {
             return Ok(tally);
         };
+        // Compare each pixel with the expected radiance
         let (light, bound) = stack.light();
         for pixel in &rendering.image.pixels {
             let off = |c: usize| (f64::from(pixel[c]) - light[c]).abs() / (bound * light[c]);
@@ -270,7 +282,7 @@ mod tests {
 
     #[test]
     fn a_stack_seen_from_above_and_from_inside_lets_through_what_its_walls_do() {
-        // Glass over [0, 1] hides the upper half of what fills [-1, 0.5].
+        // The medium over [0, 1] has priority and hides the upper part of the one over [-1, 0.5].
         let share = |a: f64, b: f64| 4.0 * a * b / ((a + b) * (a + b));
         let seen = |eye| {
             let stack = Stack {
@@ -280,7 +292,7 @@ mod tests {
             stack.light().0
         };
         let walls = share(1.0, 1.5) * share(1.5, 1.25) * share(1.25, 1.0);
-        // Two units of way, a quarter swallowed in each.
+        // The path is two units long, with absorption coefficient 1/4.
         assert!((seen(2.0)[0] - walls * (-0.5f64).exp()).abs() < 1e-15);
         let inner = share(1.25, 1.0) * (-0.125f64).exp();
         assert!((seen(-0.5)[0] - inner).abs() < 1e-15);

@@ -1,4 +1,5 @@
-//! Rays of any bits at all: what is no ray must meet nothing, quickly, and disturb no other.
+//! Invalid rays of arbitrary bits: a ray with NaN, infinite or zero direction must hit nothing, quickly, and must not
+//! affect other rays in its packet.
 
 use glam::{DVec3, Vec3};
 
@@ -24,7 +25,7 @@ pub(super) const CASES: &[Case] = &[Case {
     run: any_bits,
 }];
 
-/// What a coordinate may be besides a sound number.
+/// Special values of a coordinate: NaN, infinite, huge, zero and denormal.
 const ODD: [f32; 12] = [
     f32::NAN,
     f32::INFINITY,
@@ -41,6 +42,7 @@ const ODD: [f32; 12] = [
 ];
 
 fn any_bits(trial: &Trial) -> Result<Tally, AccelError> {
+    // Build a scene of a mesh and a sphere
     let ball = Sphere {
         center: DVec3::new(2.5, 0.0, 0.0),
         radius: 1.0,
@@ -51,12 +53,13 @@ fn any_bits(trial: &Trial) -> Result<Tally, AccelError> {
     ]);
     let engine = trial.engine(&scene)?;
     let referee = Referee::new(&scene);
+    // Judge valid rays against brute force
     Ok(trial.nearest(&engine, &odd_ray, &|ray, hit, _| {
         judge(&scene, &referee, ray, hit)
     }))
 }
 
-/// Every other ray is sound; of the others a number or more are odd.
+/// Returns a valid ray for about half of the calls, else a ray with one or more special values.
 fn odd_ray(random: &mut SplitMix64) -> Ray {
     let origin = 4.0 * random.in_cube();
     let direction = 2.0 * random.in_cube() - origin;
@@ -64,6 +67,7 @@ fn odd_ray(random: &mut SplitMix64) -> Ray {
     if random.below(2) == 0 {
         return ray;
     }
+    // Replace one to three numbers by special values
     for _ in 0..1 + random.below(3) {
         let odd = random.pick(&ODD);
         let axis = random.below(3);
@@ -74,6 +78,7 @@ fn odd_ray(random: &mut SplitMix64) -> Ray {
             _ => ray.t_far = odd,
         }
     }
+    // Occasionally replace the whole direction
     if random.below(16) == 0 {
         ray.direction = random.pick(&[Vec3::ZERO, -Vec3::ZERO, Vec3::NAN]);
     }
@@ -81,6 +86,7 @@ fn odd_ray(random: &mut SplitMix64) -> Ray {
 }
 
 fn judge(scene: &Scene, referee: &Referee, ray: &Ray, hit: Option<Hit>) -> Answer {
+    // An untraceable ray must not hit anything
     if !ray.is_traceable() {
         return Answer::wrong_if(hit.is_some());
     }

@@ -1,5 +1,5 @@
-//! Lines that show what stands in a scene, as drawn from one side: all edges of small meshes, silhouettes of large ones,
-//! circles and edges of shapes.
+//! Wireframe of a scene for figures, drawn from one side: all edges of small meshes, silhouettes of large ones, circles
+//! and edges of shapes.
 
 use std::cmp::Reverse;
 use std::f64::consts::TAU;
@@ -10,35 +10,36 @@ use crate::mesh::Mesh;
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{HalfSpace, Shape};
 
-/// A mesh with more edges is shown by its silhouette.
+/// Number of edges above which a mesh is drawn as its silhouette.
 const MAX_EDGES: usize = 600;
-/// Lines of a whole scene.
+/// Largest number of lines of a scene.
 const MAX_LINES: usize = 4000;
-/// Chords of a circle.
+/// Number of chords of a circle.
 const CHORDS: usize = 48;
 
-/// Lines of what stands in a scene.
+/// Line segments that show the geometry of a scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outline {
-    /// Both ends of each, in world space; all finite.
+    /// End points of all lines in world space; all finite.
     pub lines: Vec<[DVec3; 2]>,
-    /// Both ends of those of what was met most often; all where nothing was met.
+    /// Lines of the instance that was hit most often; all lines if nothing was hit.
     pub target: Vec<[DVec3; 2]>,
-    /// Edges of triangles that were met.
+    /// Edges of the triangles that were hit.
     pub met: Vec<[DVec3; 2]>,
 }
 
-/// What an outline is looked at along: the directions to the right, upward and towards the eye. A silhouette is right for
-/// this view alone.
+/// Returns the view directions of a wireframe: right, up, and towards the viewer. A silhouette is correct for this view
+/// only.
 pub fn view() -> [DVec3; 3] {
     let eye = DVec3::new(0.55, 0.42, 0.72).normalize();
     let right = DVec3::Y.cross(eye).normalize();
     [right, eye.cross(right), eye]
 }
 
-/// The outline of `scene` with the edges of the triangles `met`, as instance and primitive.
+/// Returns the wireframe of `scene` with the edges of the triangles `met`, given as instance and primitive.
 pub(super) fn of(scene: &Scene, met: &[[u32; 2]]) -> Outline {
     let mut outline = Outline::default();
+    // Add the lines of each instance, the most-hit one in any case
     let target = most_met(met);
     for (number, instance) in (0..).zip(&scene.instances) {
         if outline.lines.len() < MAX_LINES || Some(number) == target {
@@ -49,6 +50,7 @@ pub(super) fn of(scene: &Scene, met: &[[u32; 2]]) -> Outline {
             outline.lines.extend(lines);
         }
     }
+    // Add the edges of the triangles that were hit
     for &[instance, primitive] in met {
         let Some(instance) = scene.instances.get(instance as usize) else {
             continue;
@@ -62,6 +64,7 @@ pub(super) fn of(scene: &Scene, met: &[[u32; 2]]) -> Outline {
             outline.met.extend([[a, b], [b, c], [c, a]]);
         }
     }
+    // Drop infinite lines and limit their number
     for lines in [&mut outline.lines, &mut outline.target, &mut outline.met] {
         lines.retain(|line| line.iter().all(|p| p.is_finite()));
         lines.truncate(MAX_LINES);
@@ -69,7 +72,7 @@ pub(super) fn of(scene: &Scene, met: &[[u32; 2]]) -> Outline {
     outline
 }
 
-/// The instance that was met most often, the first of several.
+/// Returns the instance that was hit most often, the first of several.
 fn most_met(met: &[[u32; 2]]) -> Option<u32> {
     let count = |instance: u32| met.iter().filter(|[other, _]| *other == instance).count();
     let instances = met.iter().map(|&[instance, _]| instance);
@@ -87,12 +90,13 @@ fn instance_lines(scene: &Scene, instance: &Instance) -> Vec<[DVec3; 2]> {
     }
 }
 
-/// An edge from its lower to its higher vertex, and whether its triangle shows its face.
+/// Edge from its lower to its higher vertex index, and whether its triangle is front-facing.
 type Side = ([u32; 2], bool);
 
 fn mesh_lines(mesh: &Mesh, map: &DAffine3) -> Vec<[DVec3; 2]> {
     let [_, _, eye] = view();
     let at = |v: u32| map.transform_point3(glam::Vec3::from(mesh.positions[v as usize]).as_dvec3());
+    // List the edges of all triangles with their facing
     let mut sides: Vec<Side> = Vec::with_capacity(3 * mesh.triangles.len());
     for &[a, b, c] in mesh.triangles.iter() {
         let (p, q, r) = (at(a), at(b), at(c));
@@ -101,11 +105,13 @@ fn mesh_lines(mesh: &Mesh, map: &DAffine3) -> Vec<[DVec3; 2]> {
             sides.push(([from.min(to), from.max(to)], is_front));
         }
     }
+    // Group the entries of each edge
     sides.sort_unstable();
     let edges: Vec<&[Side]> = sides.chunk_by(|a, b| a.0 == b.0).collect();
     let is_few = edges.len() <= MAX_EDGES;
-    // An open edge, or one between a face and a back.
+    // Silhouette edge: an open edge, or one between a front-facing and a back-facing triangle.
     let is_rim = |edge: &&[Side]| edge.len() == 1 || edge[0].1 != edge[edge.len() - 1].1;
+    // Keep all edges of a small mesh, else the silhouette
     edges
         .into_iter()
         .filter(|edge| is_few || is_rim(edge))
@@ -113,7 +119,7 @@ fn mesh_lines(mesh: &Mesh, map: &DAffine3) -> Vec<[DVec3; 2]> {
         .collect()
 }
 
-/// A circle around `center` through `center + a` and `center + b`.
+/// Returns a circle around `center` through `center + a` and `center + b`, as chords.
 fn circle(center: DVec3, a: DVec3, b: DVec3) -> Vec<[DVec3; 2]> {
     let at = |i: usize| {
         let (sin, cos) = (TAU * i as f64 / CHORDS as f64).sin_cos();
@@ -127,7 +133,7 @@ fn polygon(corners: &[DVec3]) -> Vec<[DVec3; 2]> {
     corners.iter().zip(next).map(|(&a, &b)| [a, b]).collect()
 }
 
-/// Lines of a shape in its own space; none for what has no end.
+/// Returns lines of a shape in object space; none for unbounded shapes.
 fn shape_lines(shape: &Shape) -> Vec<[DVec3; 2]> {
     let (x, y, z) = (DVec3::X, DVec3::Y, DVec3::Z);
     let around = [x, y, -x, -y];
@@ -135,7 +141,7 @@ fn shape_lines(shape: &Shape) -> Vec<[DVec3; 2]> {
         Shape::Sphere(sphere) => {
             let (c, r) = (sphere.center, sphere.radius);
             let [right, up, _] = view();
-            // Its outline where it is not stretched, and three circles that make it round.
+            // Draw its silhouette, correct unless stretched, and three great circles
             [(right, up), (x, y), (y, z), (z, x)]
                 .into_iter()
                 .flat_map(|(a, b)| circle(c, r * a, r * b))
@@ -144,6 +150,7 @@ fn shape_lines(shape: &Shape) -> Vec<[DVec3; 2]> {
         Shape::Cube => edges_of(&[x, -x, y, -y, z, -z].map(|n| HalfSpace { n, h: 1.0 })),
         Shape::Disk => circle(DVec3::ZERO, x, y),
         Shape::Quad => polygon(&[x + y, y - x, -x - y, x - y]),
+        // Draw both rims and four lines along the side
         Shape::Cylinder(_) => {
             let sides = around.into_iter().map(|side| [side - z, side + z]);
             let rims = circle(z, x, y).into_iter().chain(circle(-z, x, y));
@@ -153,6 +160,7 @@ fn shape_lines(shape: &Shape) -> Vec<[DVec3; 2]> {
             let sides = around.into_iter().map(|side| [side - z, z]);
             circle(-z, x, y).into_iter().chain(sides).collect()
         }
+        // Draw four circles the long way and four around the tube
         Shape::Torus(torus) => {
             let r = torus.minor_radius;
             let long = [(1.0 + r, 0.0), (1.0 - r, 0.0), (1.0, r), (1.0, -r)];
@@ -167,15 +175,18 @@ fn shape_lines(shape: &Shape) -> Vec<[DVec3; 2]> {
     }
 }
 
-/// The edges of a solid within half-spaces: what the others leave of each line where two of its planes meet.
+/// Returns the edges of an intersection of half-spaces: each line where two planes intersect, clipped by the other
+/// half-spaces.
 fn edges_of(half_spaces: &[HalfSpace]) -> Vec<[DVec3; 2]> {
     let mut edges = Vec::new();
     for (i, a) in half_spaces.iter().enumerate() {
         for b in &half_spaces[i + 1..] {
+            // Intersect the two planes
             let along = a.n.cross(b.n);
             if along == DVec3::ZERO {
                 continue;
             }
+            // Clip the line by the other half-spaces
             let start = (a.h * b.n.cross(along) + b.h * along.cross(a.n)) / along.length_squared();
             let others = half_spaces.iter().filter(|s| **s != *a && **s != *b);
             let (mut low, mut high) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -208,7 +219,7 @@ mod tests {
 
     #[test]
     fn a_small_mesh_shows_each_edge_once() {
-        // Euler: 80 triangles have 120 edges.
+        // Euler's formula: 80 triangles have 120 edges.
         assert_eq!(lines(Geometry::Mesh(icosphere(1))).len(), 120);
     }
 
@@ -219,10 +230,10 @@ mod tests {
         assert!(rim.len() > 60 && rim.len() < 600, "{}", rim.len());
         for [a, _] in &rim {
             let r = (a.dot(right).powi(2) + a.dot(up).powi(2)).sqrt();
-            // Edges of 20 · 4^5 triangles are about 1/28 long.
+            // Edges of 20 · 4^5 triangles have a length of about 1/28.
             assert!(r > 1.0 - 1.0 / 100.0 && r <= 1.0 + f64::from(f32::EPSILON), "{r}");
         }
-        // From here a cube is a hexagon of six edges, of eleven parts each.
+        // In this view a cube is a hexagon of six edges, each of eleven parts.
         assert_eq!(lines(Geometry::Mesh(lattice_cube(11))).len(), 6 * 11);
     }
 

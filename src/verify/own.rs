@@ -1,8 +1,7 @@
-//! A scene's own rays through two ways of finding hits: what differs, and why it may.
+//! Cross-check of a scene's own rays through two acceleration structures.
 //!
-//! Whether a difference is a tie or wrong says [`hit_compare`]; what kind of place it is at says the nearer of the two
-//! hits, or the one that only one of them has found. What differs is kept ray by ray, to be drawn, written down and
-//! asked again.
+//! [`hit_compare`] decides whether a difference is a tie or wrong. The mesh feature of a difference is the first that
+//! applies to either of the two hits. Differences are kept ray by ray, to be drawn, written to a file and traced again.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -17,22 +16,22 @@ use crate::numeric::Ray;
 use crate::parallel;
 use crate::scene::Scene;
 
-/// What a scene's rays are sent for.
+/// Purpose of a scene's rays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RayKind {
-    /// From the eye: what is hit first?
+    /// Camera ray (nearest-hit query).
     Camera,
-    /// From a surface to a light: is anything in the way?
+    /// Shadow ray from a surface to a light (any-hit query).
     Shadow,
-    /// From mirrors: what is hit first?
+    /// Reflection ray of a mirror (nearest-hit query).
     Reflection,
 }
 
 impl RayKind {
-    /// All of them.
+    /// All kinds of rays.
     pub const ALL: [RayKind; 3] = [RayKind::Camera, RayKind::Shadow, RayKind::Reflection];
 
-    /// As tables and files have it.
+    /// Returns the word for the kind in tables and files.
     pub fn word(self) -> &'static str {
         match self {
             RayKind::Camera => "camera",
@@ -48,7 +47,7 @@ impl RayKind {
         }
     }
 
-    /// What a packet that was asked holds for a lane.
+    /// Returns the result that a traced packet holds for a lane.
     fn reply(self, packet: &RayPacket, lane: usize) -> Reply {
         match self {
             RayKind::Camera | RayKind::Reflection => Reply::of_hit(packet.hit(lane)),
@@ -58,28 +57,28 @@ impl RayKind {
     }
 }
 
-/// What was answered to one of these.
+/// Result of a nearest-hit or any-hit query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reply {
-    /// This is hit first.
+    /// Nearest hit of the ray.
     Hit {
-        /// Index into [`Scene::instances`].
+        /// Instance as an index into [`Scene::instances`].
         instance: u32,
         /// Triangle of the mesh or part of the shape.
         primitive: u32,
         /// Parameter along the ray.
         t: f32,
     },
-    /// Nothing is hit.
+    /// Miss of a nearest-hit query.
     Nothing,
-    /// Something is hit.
+    /// Any-hit query that is occluded.
     Blocked,
-    /// Nothing is in the way.
+    /// Any-hit query that is not occluded.
     Free,
 }
 
 impl Reply {
-    /// What is said of the nearest hit.
+    /// Converts the result of a nearest-hit query.
     pub(super) fn of_hit(hit: Option<Hit>) -> Reply {
         hit.map_or(Reply::Nothing, |hit| Reply::Hit {
             instance: hit.instance,
@@ -104,18 +103,18 @@ impl fmt::Display for Reply {
     }
 }
 
-/// A ray to which two structures answer differently.
+/// Ray for which two structures return different results.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Difference {
-    /// What it was sent for.
+    /// Purpose of the ray.
     pub kind: RayKind,
-    /// The ray.
+    /// Ray that was traced.
     pub ray: Ray,
-    /// What each answered.
+    /// Results of the first and the second structure.
     pub replies: [Reply; 2],
-    /// Whether rounding does not explain it.
+    /// Flag for a difference that rounding does not explain.
     pub is_wrong: bool,
-    /// What kind of place it is at.
+    /// Mesh feature at which the difference lies.
     pub place: Place,
 }
 
@@ -126,40 +125,41 @@ impl fmt::Display for Difference {
     }
 }
 
-/// Differences of each kind, ties and wrong ones, that are kept of a set of rays.
+/// Largest number of ties, and of wrong results, that are kept of a set of rays.
 pub const MAX_DIFFERENCES: usize = 20_000;
 
-/// How two answers to a set of rays compare.
+/// Comparison of two structures on a set of rays.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Comparison {
-    /// Rays that were asked.
+    /// Number of rays traced.
     pub rays: u64,
-    /// Differences that rounding explains, by place.
+    /// Differences that rounding explains, by mesh feature.
     pub ties: BTreeMap<Place, u64>,
-    /// Those that it does not.
+    /// Differences that rounding does not explain, by mesh feature.
     pub wrong: BTreeMap<Place, u64>,
-    /// The first wrong one, to be asked again.
+    /// First wrong result, in a form that allows reproducing the ray.
     pub example: Option<String>,
-    /// The first [`MAX_DIFFERENCES`] ties and as many wrong ones, in the order of the rays.
+    /// First [`MAX_DIFFERENCES`] ties and as many wrong results, in the order of the rays.
     #[serde(skip)]
     pub differences: Vec<Difference>,
-    /// How many ties and wrong ones those are.
+    /// Numbers of ties and of wrong results in `differences`.
     #[serde(skip)]
     kept: [usize; 2],
 }
 
 impl Comparison {
-    /// How many are wrong.
+    /// Returns the number of wrong results.
     pub fn wrong_count(&self) -> u64 {
         self.wrong.values().sum()
     }
 
-    /// How many are ties.
+    /// Returns the number of ties.
     pub fn tie_count(&self) -> u64 {
         self.ties.values().sum()
     }
 
     fn with(mut self, other: Comparison) -> Comparison {
+        // Add up the counts by feature
         self.rays += other.rays;
         for (sums, counts) in [(&mut self.ties, other.ties), (&mut self.wrong, other.wrong)] {
             for (place, count) in counts {
@@ -167,6 +167,7 @@ impl Comparison {
             }
         }
         self.example = self.example.or(other.example);
+        // Keep the first differences of both
         other
             .differences
             .iter()
@@ -194,10 +195,10 @@ impl Comparison {
     }
 }
 
-/// Packets that go to a thread at once.
+/// Packets that one thread traces at a time.
 const CHUNK: usize = 256;
 
-/// Compares what two structures over `scene` answer to all packets, which were sent for `kind`.
+/// Traces all packets, which are rays of kind `kind`, through two structures over `scene` and compares the results.
 pub fn compare_all(
     scene: &Scene,
     accels: [&dyn Accel; 2],
@@ -211,12 +212,14 @@ pub fn compare_all(
 }
 
 fn compare_chunk(scene: &Scene, accels: [&dyn Accel; 2], asked: &[RayPacket], kind: RayKind) -> Comparison {
+    // Trace copies of the packets through both structures
     let answered = accels.map(|accel| {
         let mut packets = asked.to_vec();
         kind.ask_all(accel, &mut packets);
         packets
     });
     let mut comparison = Comparison::default();
+    // Compare the results of each active lane
     for (number, packet) in asked.iter().enumerate() {
         for lane in (0..LANES).filter(|&lane| packet.is_active(lane)) {
             comparison.rays += 1;
@@ -228,6 +231,7 @@ fn compare_chunk(scene: &Scene, accels: [&dyn Accel; 2], asked: &[RayPacket], ki
                 let hits = [a.hit(lane), b.hit(lane)];
                 (hit_compare::compare(scene, &ray, hits[0], hits[1]), hits)
             };
+            // Record the difference with its feature
             if agreement != HitComparison::Same {
                 comparison.count(&Difference {
                     kind,
@@ -242,8 +246,8 @@ fn compare_chunk(scene: &Scene, accels: [&dyn Accel; 2], asked: &[RayPacket], ki
     comparison
 }
 
-/// What `accel` answers to a ray that was written down, and how that compares with what `reference` answers; meshes
-/// reach `accel` by that kind of instancing.
+/// Traces a recorded ray through `accel` again and compares the result with that of `reference`. `instancing` says how
+/// `accel` transforms rays into the space of meshes.
 pub fn ask_again(
     scene: &Scene,
     [reference, accel]: [&dyn Accel; 2],
@@ -251,12 +255,14 @@ pub fn ask_again(
     instancing: Instancing,
 ) -> (Reply, HitComparison) {
     let ray = &asked.ray;
+    // Trace the ray through both structures in packets of one
     let packets = [reference, accel].map(|accel| {
         let mut packet = [RayPacket::EMPTY];
         packet[0].set(0, ray);
         asked.kind.ask_all(accel, &mut packet);
         packet[0].clone()
     });
+    // Classify the difference under the rounding of that kind of instancing
     let agreement = if asked.kind == RayKind::Shadow {
         let blocked = packets.each_ref().map(|packet| packet.is_blocked(0));
         hit_compare::compare_occlusion_carried(scene, ray, blocked, instancing)
@@ -267,8 +273,8 @@ pub fn ask_again(
     (asked.kind.reply(&packets[1], 0), agreement)
 }
 
-/// Whether a shadow ray may be blocked or not as two structures tell, with their nearest hits: mostly these settle it;
-/// else the whole scene is asked, which takes long.
+/// Compares two any-hit results for a shadow ray, and returns the nearest hits of both structures. The nearest hits
+/// mostly decide whether a difference is a tie; otherwise all primitives of the scene are tested, which is slow.
 fn shadow(
     scene: &Scene,
     ray: &Ray,
@@ -278,12 +284,14 @@ fn shadow(
     if blocked[0] == blocked[1] {
         return (HitComparison::Same, [None; 2]);
     }
+    // Find the nearest hits, which explain most differences
     let hits = accels.map(|accel| {
         let mut packet = [RayPacket::EMPTY];
         packet[0].set(0, ray);
         accel.intersect(&mut packet, RayOrder::Incoherent);
         packet[0].hit(0)
     });
+    // Test the whole scene only if they are not a tie
     let agreement = match hit_compare::compare(scene, ray, hits[0], hits[1]) {
         HitComparison::Tie => HitComparison::Tie,
         _ => hit_compare::compare_occlusion(scene, ray, blocked[0], blocked[1]),
@@ -300,7 +308,7 @@ mod tests {
     use crate::accel::brute::BruteAccel;
     use crate::scene::Geometry;
 
-    /// Loses every hit on one triangle.
+    /// Structure that loses every hit on one triangle.
     struct Holed<'s>(BruteAccel<'s>, u32);
 
     impl Accel for Holed<'_> {
@@ -330,6 +338,7 @@ mod tests {
         let Geometry::Mesh(mesh) = &scene.geometries[0] else {
             panic!("it is a mesh");
         };
+        // Aim at points of the triangle that the second structure loses
         let brute = BruteAccel::new(&scene);
         let holed = Holed(BruteAccel::new(&scene), 7);
         let [a, b, c] = mesh.corners(7);
@@ -338,6 +347,7 @@ mod tests {
             packet.set(0, &Ray::new(Vec3::ZERO, target));
             compare_all(&scene, [&brute, &holed], &[packet], RayKind::Camera)
         };
+        // Check that its middle is reported as wrong
         let middle = at((a + b + c) / 3.0);
         assert_eq!(middle.wrong, BTreeMap::from([(Place::Other, 1)]));
         assert!(middle.example.is_some() && middle.ties.is_empty());
@@ -349,13 +359,14 @@ mod tests {
             difference.replies,
             [Reply::Hit { primitive: 7, .. }, Reply::Nothing]
         ));
-        // Asked again, brute force finds it, and the holed one still does not.
+        // Traced again, brute force finds it, and the structure with the hole still misses it.
         let again = |accel: &dyn Accel| ask_again(&scene, [&brute, accel], &difference, Instancing::Callback);
         assert_eq!(again(&brute), (difference.replies[0], HitComparison::Same));
         assert_eq!(again(&holed), (Reply::Nothing, HitComparison::Wrong));
-        // At the edge another triangle may have it: nothing, a tie, or this one's; never wrong elsewhere.
+        // On the edge, the neighbour may be hit instead: no difference, a tie, or an error at the edge only.
         let edge = at(0.5 * (a + b));
         assert!(!edge.wrong.contains_key(&Place::Other), "{edge:?}");
+        // Check that other triangles do not differ
         assert_eq!(at(-(a + b + c)).rays, 1);
         assert_eq!(at(-(a + b + c)).wrong_count() + at(-(a + b + c)).tie_count(), 0);
     }

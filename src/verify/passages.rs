@@ -1,4 +1,4 @@
-//! Rays that go straight on through one surface after the other: none may be met twice, and none left out.
+//! Continuation of rays straight through several surfaces: no surface may be hit twice or skipped.
 
 use glam::{DAffine3, DVec3, Vec3};
 
@@ -60,10 +60,11 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// More surfaces than any ray of these cases may meet: what goes on for longer does not get on.
+/// Limit on the number of surfaces; it exceeds those of all cases, so that reaching it reveals a ray that makes no
+/// progress.
 const MAX_SURFACES: usize = 12;
 
-/// The instances that each ray meets one after the other, going straight on, up to [`MAX_SURFACES`].
+/// Returns the instances that each ray hits one after the other when it continues straight, up to [`MAX_SURFACES`].
 fn passages(
     trial: &Trial,
     (engine, departures): (&Engine, &Departures),
@@ -73,10 +74,12 @@ fn passages(
     let mut met = vec![Vec::new(); rays.len()];
     let mut going: Vec<(usize, Ray)> = rays.iter().copied().enumerate().collect();
     for _ in 0..MAX_SURFACES {
+        // Trace the rays that have not left the scene
         let asked: Vec<Ray> = going.iter().map(|&(_, ray)| ray).collect();
         let packets = engine.traced(&asked, order(random));
         let at = packets.iter().flat_map(|packet| departures.of(packet));
         let mut next = Vec::with_capacity(going.len());
+        // Record the hit, and spawn a ray on the far side
         for ((&(number, ray), at), hit) in going.iter().zip(at).zip(hits(&packets)) {
             let (Some(at), Some(hit)) = (at, hit) else {
                 continue;
@@ -90,14 +93,14 @@ fn passages(
     met
 }
 
-/// What every lane has hit.
+/// Returns the hits of all lanes of the packets.
 fn hits(packets: &[RayPacket]) -> impl Iterator<Item = Option<Hit>> {
     packets
         .iter()
         .flat_map(|packet| (0..LANES).map(|lane| packet.hit(lane)))
 }
 
-/// Counts the rays that do not meet just the `expected` instances in a row.
+/// Counts the rays whose sequence of hit instances differs from `expected`.
 fn expect(
     trial: &Trial,
     scene: &Scene,
@@ -107,7 +110,7 @@ fn expect(
     let engine = trial.engine(scene)?;
     let departures = Departures::new(scene);
     let tally = trial.in_chunks(&|random, count| {
-        // A passage takes a question for each surface, and one that meets nothing.
+        // A ray costs one query a surface and a final one that misses.
         let rays: Vec<Ray> = (0..count.div_ceil(expected.len() + 1))
             .map(|_| ray(random))
             .collect();
@@ -123,7 +126,7 @@ fn expect(
     Ok(trial.with_drawing(&engine, tally))
 }
 
-/// A scene whose surfaces may be left.
+/// Returns the scene with a default material, so that rays can be spawned on its surfaces.
 fn solid(scene: Scene) -> Scene {
     Scene {
         materials: vec![Material::default()],
@@ -131,14 +134,14 @@ fn solid(scene: Scene) -> Scene {
     }
 }
 
-/// How far the sheets are.
+/// Distances of the first square from the origin.
 const DISTANCES: [f64; 6] = [10.0, 1e3, 1e5, 1e7, 1e9, 1e12];
-/// Sheets in a row.
+/// Number of parallel squares.
 const SHEETS: u32 = 8;
-/// Steps of f32 between two sheets: four times as many as rays are promised to resolve.
+/// Gap between neighbouring squares in ulps of f32, four times the guaranteed resolution.
 const GAP: u32 = 32;
 
-/// Squares about the z axis, as far away as half their size.
+/// Returns parallel squares across the z axis, whose distance is half their width.
 fn sheets(distance: f64) -> Scene {
     let sheet = |number: u32| {
         let z = f32::from_bits((distance as f32).to_bits() + GAP * number);
@@ -164,7 +167,7 @@ fn through_sheets(trial: &Trial) -> Result<Tally, AccelError> {
     })
 }
 
-/// Rays that end at, before or behind a sheet: what they meet must lie between their ends.
+/// Traces rays whose interval ends at, before or behind a square, and counts hits outside the interval.
 fn between_ends(trial: &Trial, scene: &Scene, distance: f64) -> Result<Tally, AccelError> {
     let engine = trial.engine(scene)?;
     let ray = |random: &mut SplitMix64| {
@@ -186,12 +189,12 @@ fn between_ends(trial: &Trial, scene: &Scene, distance: f64) -> Result<Tally, Ac
     }))
 }
 
-/// Powers of ten of the triangles' size.
+/// Decimal exponents of the triangles' size.
 const SCALES: std::ops::RangeInclusive<i32> = 0..=5;
-/// Triangles of a size.
+/// Number of triangles of each size.
 const TRIANGLES: usize = 64;
 
-/// Triangles of a size, ten of it apart, about the origin.
+/// Returns triangles of a size in a grid about the origin, ten sizes apart.
 fn triangles(size: f64) -> Mesh {
     let mut random = SplitMix64::new(48, size.to_bits());
     let corners: Vec<DVec3> = (0..TRIANGLES)
@@ -218,15 +221,18 @@ fn along_normals_of(trial: &Trial, scene: &Scene, mesh: &Mesh) -> Result<Tally, 
     let engine = trial.engine(scene)?;
     let departures = Departures::new(scene);
     let tally = trial.in_chunks(&|random, count| {
+        // Hit the triangles
         let rays: Vec<Ray> = (0..count).map(|_| at_a_triangle(mesh, random)).collect();
         let packets = engine.traced(&rays, order(random));
         let met = packets.iter().flat_map(|packet| departures.of(packet));
+        // Spawn rays along their normals
         let left: Vec<(Hit, Ray)> = met
             .zip(hits(&packets))
             .filter_map(|(at, hit)| at.zip(hit))
             .map(|(at, hit)| (hit, leave(trial, &at, at.ng)))
             .collect();
         let away: Vec<Ray> = left.iter().map(|&(_, ray)| ray).collect();
+        // Count hits on the triangle that a ray leaves
         let mut tally = Tally::default();
         for ((own, ray), hit) in left.iter().zip(engine.nearest(&away, order(random))) {
             let is_own = hit.is_some_and(|hit| hit.primitive == own.primitive);
@@ -237,7 +243,7 @@ fn along_normals_of(trial: &Trial, scene: &Scene, mesh: &Mesh) -> Result<Tally, 
     Ok(trial.with_drawing(&engine, tally))
 }
 
-/// A ray at the middle of a triangle, from a size or two away.
+/// Returns a ray at the centroid of a triangle, from two edge lengths away.
 fn at_a_triangle(mesh: &Mesh, random: &mut SplitMix64) -> Ray {
     let [a, b, c] = mesh.corners_f64(random.below(mesh.triangles.len()) as u32);
     let middle = (a + b + c) / 3.0;
@@ -245,10 +251,11 @@ fn at_a_triangle(mesh: &Mesh, random: &mut SplitMix64) -> Ray {
     Ray::new(origin, (middle - origin.as_dvec3()).as_vec3())
 }
 
-/// The gap that was complained of, in radii.
+/// Gap between the spheres from the bug report, in radii.
 const SHELL: f64 = 4e-5;
 
 fn through_shells(trial: &Trial) -> Result<Tally, AccelError> {
+    // Build concentric spheres, analytic and tessellated
     let ball = |radius| {
         let center = DVec3::ZERO;
         Geometry::Shape(Shape::Sphere(Sphere { center, radius }))
@@ -268,7 +275,7 @@ fn through_shells(trial: &Trial) -> Result<Tally, AccelError> {
     ];
     let ray = |random: &mut SplitMix64| {
         let origin = (3.0 * random.direction()).as_vec3();
-        // At most 0.9 radii beside the middle.
+        // Aim at most 0.9 radii beside the centre
         let target = 0.9 / 3f64.sqrt() * random.in_cube();
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     };
@@ -280,7 +287,7 @@ fn through_shells(trial: &Trial) -> Result<Tally, AccelError> {
 fn box_above_a_floor(trial: &Trial) -> Result<Tally, AccelError> {
     let mut scene = solid(scene(vec![Geometry::Shape(Shape::Cube)]));
     scene.geometries.push(Geometry::Shape(Shape::Plane));
-    // As the complaint has it, which the next version of that program could not do.
+    // Use the height from the bug report, which the following version of POV-Ray could not resolve
     let floor = DAffine3::from_translation(DVec3::new(0.0, -1.000_000_7, 0.0)) * upright();
     scene.instances.extend(Instance::new("floor", 1, 0, floor));
     let ray = |random: &mut SplitMix64| {
@@ -292,7 +299,7 @@ fn box_above_a_floor(trial: &Trial) -> Result<Tally, AccelError> {
     expect(trial, &scene, ray, &[0, 0, 1])
 }
 
-/// From the plane's own space to one where +y is its normal.
+/// Returns the rotation from the plane's object space to one where +y is its normal.
 fn upright() -> DAffine3 {
     DAffine3::from_rotation_x(-std::f64::consts::FRAC_PI_2)
 }

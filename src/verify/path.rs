@@ -1,36 +1,37 @@
-//! The ways of finding hits that cases are put to, as data.
+//! Table of the backend variants that cases run on.
 
 use serde::Serialize;
 
 use crate::accel::{Backend, Kernel, Precision};
 
-/// What a way of finding hits lets no ray slip through.
+/// Watertightness that a backend variant guarantees for triangle meshes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Closes {
-    /// Triangles themselves: rays may slip through where two of them meet.
+    /// Only the interior of triangles is tight: rays may slip through along shared edges.
     Faces,
-    /// Edges too: rays may slip through where several triangles meet in a corner.
+    /// Edges are tight too: rays may slip through where several triangles share a vertex.
     Edges,
-    /// All of a closed mesh.
+    /// Faces, edges and vertices of a closed mesh are tight.
     Vertices,
 }
 
-/// A way of finding hits, or none: the formulas alone.
+/// Backend configuration under test, or the formulas without a backend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Path {
-    /// What tables call it.
+    /// Name of the variant in tables.
     pub name: &'static str,
-    /// What is asked; `None` for formulas, which need no scene.
+    /// Backend, precision and kernel; `None` for formulas, which need no scene.
     #[serde(skip)]
     pub accel: Option<(Backend, Precision, Kernel)>,
-    /// What it guarantees of triangles. Analytic shapes are the same f64 functions on every path, as Embree's user
-    /// geometry or in leaves of the BSP.
+    /// Watertightness that the variant guarantees for triangles. Analytic shapes use the same f64 functions on every
+    /// variant, as Embree's user geometry or in leaves of the BSP.
     pub closes: Closes,
 }
 
-/// All of them, least guarantee first.
+/// All variants, sorted by ascending guarantee.
 pub const PATHS: &[Path] = &[
+    // Embree with its own fast, then robust triangle test
     Path {
         name: "embree fast",
         accel: Some((Backend::Embree, Precision::Fast, Kernel::Packet)),
@@ -46,11 +47,13 @@ pub const PATHS: &[Path] = &[
         accel: Some((Backend::Embree, Precision::Robust, Kernel::Single)),
         closes: Closes::Edges,
     },
+    // Embree with watertight clusters
     Path {
         name: "embree watertight",
         accel: Some((Backend::Embree, Precision::Watertight, Kernel::Packet)),
         closes: Closes::Vertices,
     },
+    // BSP with watertight triangle test
     Path {
         name: "bsp",
         accel: Some((Backend::Bsp, Precision::Watertight, Kernel::Packet)),
@@ -61,6 +64,7 @@ pub const PATHS: &[Path] = &[
         accel: Some((Backend::Bsp, Precision::Watertight, Kernel::Single)),
         closes: Closes::Vertices,
     },
+    // No backend: functions of the renderer alone
     Path {
         name: "formulas",
         accel: None,
@@ -69,12 +73,12 @@ pub const PATHS: &[Path] = &[
 ];
 
 impl Path {
-    /// Whether Embree answers.
+    /// Returns whether the variant uses Embree.
     pub fn is_embree(&self) -> bool {
         matches!(self.accel, Some((Backend::Embree, ..)))
     }
 
-    /// Whether this program can go it: without Embree built in, some cannot.
+    /// Returns whether this build contains the variant: without the feature `embree` some are missing.
     pub fn is_built_in(&self) -> bool {
         cfg!(feature = "embree") || !self.is_embree()
     }

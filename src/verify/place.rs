@@ -1,4 +1,4 @@
-//! What kind of place a ray meets a scene at, where two answers differ: an edge, a sliver, the end of the ray.
+//! Mesh feature at which two results for a ray differ: an edge, a sliver, the end of the ray.
 
 use glam::DVec3;
 use serde::Serialize;
@@ -7,34 +7,34 @@ use crate::accel::Hit;
 use crate::numeric::Ray;
 use crate::scene::{Geometry, Scene};
 
-/// What kind of place two answers differ at.
+/// Mesh feature at which two results differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Place {
-    /// A parameter is no number.
+    /// Hit parameter that is NaN.
     Nan,
-    /// An analytic shape.
+    /// Hit on an analytic shape.
     Shape,
-    /// Two triangles at the same distance, away from their edges: they lie in one plane, or cross there.
+    /// Two triangles at equal distance, away from their edges: coplanar, or intersecting there.
     Coplanar,
-    /// A corner.
+    /// Hit close to a vertex of a triangle.
     Vertex,
-    /// An edge.
+    /// Hit close to an edge of a triangle.
     Edge,
-    /// A triangle lower than 10^-4 of its longest edge.
+    /// Triangle lower than 10^-4 of its longest edge.
     Sliver,
-    /// A triangle seen at less than about half a degree to its plane.
+    /// Triangle seen at less than about half a degree to its plane.
     Grazing,
-    /// A triangle more than 10^5 of its own lengths away.
+    /// Triangle more than 10^5 of its own lengths away.
     Far,
-    /// Right at one end of the ray.
+    /// Hit at `t_near` or `t_far` of the ray.
     End,
-    /// None of these.
+    /// None of the other features.
     Other,
 }
 
 impl Place {
-    /// All of them.
+    /// All features, in the order in which they are tested for.
     pub const ALL: [Place; 10] = [
         Place::Nan,
         Place::Shape,
@@ -48,7 +48,7 @@ impl Place {
         Place::Other,
     ];
 
-    /// In one word, as files have it.
+    /// Returns the word for the feature in files.
     pub fn word(self) -> &'static str {
         match self {
             Place::Nan => "nan",
@@ -64,7 +64,7 @@ impl Place {
         }
     }
 
-    /// As a table has it.
+    /// Returns the name of the feature in tables.
     pub fn name(self) -> &'static str {
         match self {
             Place::Nan => "not a number",
@@ -75,21 +75,22 @@ impl Place {
     }
 }
 
-/// What is nearer to an edge than this share of the triangle's height above it is at the edge.
+/// Hits closer to an edge than this share of the triangle's height above it are at the edge.
 const AT_EDGE: f64 = 1.0 / 4096.0;
 /// Sine of the angle to a plane below which a ray grazes it.
 const GRAZING: f64 = 0.01;
-/// Lower than this share of the longest edge a triangle is a sliver.
+/// Share of the longest edge below which the height of a triangle makes it a sliver.
 const SLIVER: f64 = 1e-4;
-/// Lengths of a triangle from which on it is far.
+/// Distance, in lengths of a triangle, beyond which it is far.
 const FAR: f64 = 1e5;
-/// Parameters that differ by less than this share are the same.
+/// Relative difference of parameters below which they count as equal.
 const SAME_T: f64 = 1.0 / (1 << 18) as f64;
 
 pub(super) fn place(scene: &Scene, ray: &Ray, hits: [Option<Hit>; 2]) -> Place {
     if hits.iter().flatten().any(|hit| hit.t.is_nan()) {
         return Place::Nan;
     }
+    // Describe the ray at each triangle that it hits
     let views: Vec<View> = hits
         .iter()
         .flatten()
@@ -98,7 +99,9 @@ pub(super) fn place(scene: &Scene, ray: &Ray, hits: [Option<Hit>; 2]) -> Place {
     if views.len() < hits.iter().flatten().count() {
         return Place::Shape;
     }
+    // Choose the first feature that applies to either hit
     let any = |of: fn(&View) -> bool| views.iter().any(of);
+    // Compare the parameters with each other and with the ends of the ray
     let is_same = |a: f64, b: f64| (a - b).abs() <= SAME_T * a.abs().max(b.abs());
     let ends = [ray.t_near, ray.t_far].map(f64::from).into_iter();
     let ends: Vec<f64> = ends.filter(|end| end.is_finite()).collect();
@@ -124,10 +127,10 @@ pub(super) fn place(scene: &Scene, ray: &Ray, hits: [Option<Hit>; 2]) -> Place {
     }
 }
 
-/// How a ray sees a triangle that it is said to hit.
+/// Geometric relation of a ray to a triangle that it hits.
 struct View {
     t: f64,
-    /// Edges that it passes close to.
+    /// Number of edges that the ray passes close to.
     near_edges: usize,
     is_sliver: bool,
     is_grazed: bool,
@@ -135,20 +138,22 @@ struct View {
 }
 
 impl View {
-    /// `None` for a shape.
+    /// Computes the relation; `None` for a hit on a shape.
     fn of(scene: &Scene, ray: &Ray, hit: &Hit) -> Option<View> {
         let instance = scene.instances.get(hit.instance as usize)?;
         let Geometry::Mesh(mesh) = scene.geometries.get(instance.geometry as usize)? else {
             return None;
         };
+        // Transform the triangle to world space at the time of the ray
         let pose = instance.pose(ray.time);
         let map = pose.world_from_object();
         let [a, b, c] = mesh.corners_f64(hit.primitive).map(|p| map.transform_point3(p));
         let d = ray.direction.as_dvec3();
+        // Intersect the ray with the plane of the triangle in f64
         let n = (b - a).cross(c - a);
         let t = n.dot(a - ray.origin.as_dvec3()) / n.dot(d);
         let p = ray.at(t);
-        // Each weight is the distance from an edge as a share of the height above it.
+        // Compute barycentric weights: each is the distance from an edge as a share of the height above it
         let weight = |q: DVec3, r: DVec3| (q - p).cross(r - p).dot(n) / n.length_squared();
         let weights = [weight(b, c), weight(c, a), weight(a, b)];
         let longest = (b - a).length().max((c - b).length()).max((a - c).length());

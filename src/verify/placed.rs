@@ -1,4 +1,4 @@
-//! Shapes that are moved, turned, mirrored and stretched, and rays that leave them.
+//! Self-intersection of rays spawned on instanced shapes that are translated, rotated, mirrored and stretched.
 
 use glam::{DAffine3, DQuat, DVec3};
 
@@ -43,7 +43,7 @@ enum Way {
     Inward,
 }
 
-/// Placements of each solid.
+/// Number of transforms for each solid.
 const PLACEMENTS: usize = 24;
 
 fn placement(random: &mut SplitMix64) -> DAffine3 {
@@ -54,7 +54,7 @@ fn placement(random: &mut SplitMix64) -> DAffine3 {
         _ => DVec3::new(stretch(), stretch(), stretch()),
     };
     let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 3.0));
-    // A solid that is thinner than an f32 has steps at its place cannot be gone into.
+    // Limit the distance of stretched solids: one thinner than an f32 step there cannot be entered.
     let farthest = if scale == DVec3::ONE { 1e4 } else { 1e2 };
     let far = random.pick(&[0.0, 1.0, farthest]) * size * random.direction();
     DAffine3::from_scale_rotation_translation(size * scale, turn, far)
@@ -82,9 +82,10 @@ fn leaving_of(trial: &Trial, scene: &Scene, map: &DAffine3, way: Way) -> Result<
     let engine = trial.engine(scene)?;
     let departures = Departures::new(scene);
     let tally = trial.in_chunks(&|random, count| {
+        // Aim at a point well inside the solid
         let rays: Vec<Ray> = (0..count)
             .map(|_| {
-                // In object space, so that stretched solids are met on all sides.
+                // Choose the origin in object space, so that stretched solids are hit from all sides
                 let origin = map.transform_point3(6.0 * random.direction()).as_vec3();
                 let target = map.transform_point3(0.25 / 3f64.sqrt() * random.in_cube());
                 Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
@@ -94,6 +95,7 @@ fn leaving_of(trial: &Trial, scene: &Scene, map: &DAffine3, way: Way) -> Result<
         let packets = engine.traced(&rays, order(random));
         let met: Vec<Option<Departure>> = packets.iter().flat_map(|packet| departures.of(packet)).collect();
         let mut on = Vec::new();
+        // Count a miss as wrong, else spawn a ray
         for (ray, at) in rays.iter().zip(&met) {
             let Some(at) = at else {
                 tally.sketch.keep(Asked {
@@ -110,10 +112,11 @@ fn leaving_of(trial: &Trial, scene: &Scene, map: &DAffine3, way: Way) -> Result<
             let through = Departure { ng: -at.ng, ..*at };
             on.push(match way {
                 Way::Outward => leave(trial, at, direction),
-                // Straight on, which is well inside.
+                // Continue straight, which is well inside
                 Way::Inward => leave(trial, &through, ray.direction.as_dvec3()),
             });
         }
+        // Outward rays must be unoccluded, inward rays occluded
         for (ray, is_blocked) in on.iter().zip(engine.blocked(&on, order(random))) {
             let is_wrong = is_blocked == (way == Way::Outward);
             tally.count_ray(Answer::wrong_if(is_wrong), ray, None);

@@ -1,4 +1,4 @@
-//! NaN in every number that a scene is made of: none may reach a picture.
+//! NaN injection: a NaN in any number of a scene must be rejected before it reaches an image.
 
 use std::sync::Arc;
 
@@ -34,8 +34,9 @@ pub(super) const CASES: &[Case] = &[Case {
     run: poisoned,
 }];
 
-/// A scene with something of each kind, so that NaN may be put anywhere in it.
+/// Returns a valid scene with an object of each kind, so that NaN can be injected anywhere.
 fn sound_scene() -> Scene {
+    // Give the mesh every vertex attribute
     let mut mesh = icosphere(1);
     let count = mesh.positions.len();
     mesh.normals = Some(mesh.positions.clone());
@@ -67,12 +68,13 @@ fn sound_scene() -> Scene {
     }
 }
 
-/// A number of the scene: what a refusal of it names, and what adds something, 0 or NaN, to it. What is refused as soon
-/// as it is made, before there is a scene, names itself in the error that comes back.
+/// Number of a scene: the item that an error must name, and a function that adds 0 or NaN to the number. Where a
+/// constructor rejects the value before there is a scene, the returned error must name the item.
 type Input = (&'static str, Add);
 type Add = fn(&mut Scene, &mut SplitMix64, f64) -> Result<(), String>;
 
 static INPUTS: [Input; 67] = [
+    // Vertex attributes
     ("geometry 0", |s, r, x| {
         mesh(s, |m| m.positions = with(&m.positions, r, x))
     }),
@@ -88,6 +90,7 @@ static INPUTS: [Input; 67] = [
     ("geometry 0", |s, r, x| {
         mesh(s, |m| m.tex_coords[0] = with(&m.tex_coords[0], r, x))
     }),
+    // Shapes and transforms
     ("geometry 1", |s, _, x| sphere(s, DVec3::ZERO, 1.0 + x)),
     ("geometry 1", |s, r, x| sphere(s, one_of(DVec3::ZERO, r, x), 1.0)),
     ("geometry 1", |s, _, x| {
@@ -116,6 +119,7 @@ static INPUTS: [Input; 67] = [
         maps.swap(0, r.below(2));
         made(Instance::moving("", 0, 0, maps))
     }),
+    // Materials
     ("material 0", |s, r, x| {
         material(s, |m| m.base_color[r.below(4)] += x as f32)
     }),
@@ -148,6 +152,7 @@ static INPUTS: [Input; 67] = [
     ("material 0", |s, r, x| {
         lecture(s, |m| m.transmission[r.below(3)] += x as f32)
     }),
+    // Interiors and translucency
     ("material 0", |s, _, x| {
         interior(s, |i| i.ior = Dispersion::Constant(1.5 + x))
     }),
@@ -165,6 +170,7 @@ static INPUTS: [Input; 67] = [
     ("material 0", |s, r, x| {
         sheet(s, |t| t.color[r.below(3)] += x as f32)
     }),
+    // Textures
     ("material 0", |s, _, x| {
         layer(s, MaterialInput::Normal, |l| l.strength += x as f32)
     }),
@@ -208,6 +214,7 @@ static INPUTS: [Input; 67] = [
     ("texture 0", |s, _, x| {
         procedural(s, |p| p.pattern = Pattern::Wood { turbulence: 1.0 + x })
     }),
+    // Lights
     ("light 0", |s, r, x| {
         let to_light = DVec3::Y;
         s.lights = vec![light(LightKind::Directional { to_light })];
@@ -248,6 +255,7 @@ static INPUTS: [Input; 67] = [
         shine(s, spot(DVec3::X, any([0.9, 0.8], r, x)))
     }),
     ("light 0", |s, r, x| shine(s, area(r, x))),
+    // Cameras
     ("camera 0", |s, r, x| {
         camera(s, |c| c.world_from_camera = map(r, x))
     }),
@@ -266,6 +274,7 @@ static INPUTS: [Input; 67] = [
     }),
     ("lens", |_, _, x| made(Lens::new(0.1 + x, 1.0, Aperture::Disk))),
     ("focus", |_, _, x| made(Lens::new(0.1, 1.0 + x, Aperture::Disk))),
+    // Ambient light, background and volumes
     ("the ambient light", |s, r, x| {
         s.ambient[r.below(3)] += x as f32;
         Ok(())
@@ -300,7 +309,7 @@ static INPUTS: [Input; 67] = [
     }),
 ];
 
-/// The numbers, to one of which `x` is added.
+/// Returns the numbers with `x` added to a random one.
 fn any<const N: usize>(mut values: [f64; N], random: &mut SplitMix64, x: f64) -> [f64; N] {
     values[random.below(N)] += x;
     values
@@ -310,12 +319,12 @@ fn one_of(v: DVec3, random: &mut SplitMix64, x: f64) -> DVec3 {
     any(v.to_array(), random, x).into()
 }
 
-/// The identity, to one of whose numbers `x` is added.
+/// Returns the identity transform with `x` added to a random number.
 fn map(random: &mut SplitMix64, x: f64) -> DAffine3 {
     DAffine3::from_cols_array(&any(DAffine3::IDENTITY.to_cols_array(), random, x))
 }
 
-/// Vertex attributes, to one of whose numbers `x` is added.
+/// Returns vertex attributes with `x` added to a random number.
 fn with<T: Pod>(values: &Buffer<T>, random: &mut SplitMix64, x: f64) -> Buffer<T> {
     let mut values = values.to_vec();
     let numbers: &mut [f32] = bytemuck::cast_slice_mut(&mut values);
@@ -324,7 +333,7 @@ fn with<T: Pod>(values: &Buffer<T>, random: &mut SplitMix64, x: f64) -> Buffer<T
     values.into()
 }
 
-/// What a constructor says.
+/// Converts the result of a constructor to its error message.
 fn made<T, E: ToString>(result: Result<T, E>) -> Result<(), String> {
     result.map(|_| ()).map_err(|error| error.to_string())
 }
@@ -346,14 +355,14 @@ fn material(scene: &mut Scene, change: impl FnOnce(&mut Material)) -> Result<(),
     Ok(())
 }
 
-/// What glTF's model has.
+/// Sets a glTF metallic-roughness material after a change.
 fn gltf(scene: &mut Scene, change: impl FnOnce(&mut MetallicRoughness)) -> Result<(), String> {
     let mut model = MetallicRoughness::DEFAULT;
     change(&mut model);
     material(scene, |m| m.model = Model::MetallicRoughness(model))
 }
 
-/// What the lecture's model has.
+/// Sets a Phong and Whitted material after a change.
 fn lecture(scene: &mut Scene, change: impl FnOnce(&mut Lecture)) -> Result<(), String> {
     let mut model = Lecture::DEFAULT;
     change(&mut model);
@@ -390,7 +399,7 @@ fn sheet(scene: &mut Scene, change: impl FnOnce(&mut Translucency)) -> Result<()
     material(scene, |m| m.translucency = Some(sheet))
 }
 
-/// A texture on a parameter.
+/// Sets a texture on a material input after a change.
 fn layer(
     scene: &mut Scene,
     parameter: MaterialInput,
@@ -412,7 +421,7 @@ fn texels(scene: &mut Scene) -> &mut [[f32; 4]] {
     }
 }
 
-/// A channel of a texel of a texture on a parameter.
+/// Adds `x` to a channel of a random texel, and binds the texture to a material input.
 fn texel(
     scene: &mut Scene,
     parameter: MaterialInput,
@@ -480,7 +489,7 @@ fn area(random: &mut SplitMix64, x: f64) -> LightKind {
             half_u,
             half_v,
         },
-        // It has no sides, so that those are sound.
+        // Spheres have no sides, so that the poisoned vector is unused; poison their own numbers instead.
         _ => {
             let [cx, cy, cz, radius] = any([0.0, 1.0, 0.0, radius], random, x);
             let center = DVec3::new(cx, cy, cz);
@@ -498,7 +507,7 @@ fn camera(scene: &mut Scene, change: impl FnOnce(&mut Camera)) -> Result<(), Str
 fn projection(random: &mut SplitMix64, x: f64) -> Projection {
     let [a, b, c] = any([1.0; 3], random, x);
     match random.below(3) {
-        // One number each time, as `a + b + c` has whichever is not one.
+        // The sum contains whichever of the numbers is NaN.
         0 => Projection::Perspective {
             y_fov: a + b + c - 2.0,
             aspect: None,
@@ -515,23 +524,26 @@ fn projection(random: &mut SplitMix64, x: f64) -> Projection {
     }
 }
 
-/// Scenes at most.
+/// Largest number of scenes that are tested.
 const MAX_RAYS: u64 = 1 << 16;
 
 fn poisoned(trial: &Trial) -> Result<Tally, AccelError> {
     let sound = sound_scene();
     let mut tally = Tally::default();
     for number in 0..trial.rays.min(MAX_RAYS) {
+        // Add 0 and NaN to each input in turn
         let (place, add) = INPUTS[number as usize / 2 % INPUTS.len()];
         let x = [0.0, f64::NAN][number as usize % 2];
         let mut scene = sound.clone();
         let made = add(&mut scene, &mut SplitMix64::new(0x9015, number / 2), x);
+        // Collect the error of the constructor or of validation
         let said = match made {
             Err(fault) => Some((fault.contains(place), fault)),
             Ok(()) => (trial.subject.formulas.validate)(&scene)
                 .err()
                 .map(|error| (error.item.starts_with(place), error.to_string())),
         };
+        // Require an error that names the item for NaN, and none for 0
         let is_right = match &said {
             Some((is_named, _)) => *is_named && x.is_nan(),
             None => !x.is_nan(),

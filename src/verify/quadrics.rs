@@ -1,4 +1,4 @@
-//! Ellipsoids a million times as long as thin: where they are met, and which way they look there.
+//! Thin ellipsoids with aspect ratios of up to a million: hit points and normals.
 
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -23,17 +23,17 @@ pub(super) const CASES: &[Case] = &[Case {
     run: thin,
 }];
 
-/// Ellipsoids, each with its share of the rays.
+/// Number of ellipsoids, which share the rays equally.
 const COUNT: usize = 64;
-/// Powers of two of the axes: 2^-20 is just under 10^-6.
+/// Binary exponent of the shortest axis: 2^-20 is just under 10^-6.
 const MIN_POWER: usize = 20;
-/// What a normal may be off by, in radians.
+/// Largest admissible error of a normal in radians.
 const TILT: f64 = 1e-5;
 
-/// An ellipsoid as a shape and the map of the unit sphere to it.
+/// Returns an ellipsoid as a shape, the transform of its instance, and the map of the unit sphere to it.
 fn ellipsoid(part: usize, random: &mut SplitMix64) -> (Shape, DAffine3, DAffine3) {
     let mut axis = || 0.5f64.powi(random.below(MIN_POWER + 1) as i32);
-    // Every fourth is as thin as they come.
+    // Give every fourth the largest aspect ratio
     let axes = match part % 4 {
         0 => DVec3::new(1.0, 0.5f64.powi(MIN_POWER as i32), axis()),
         _ => DVec3::new(axis(), 1.0, axis()),
@@ -44,7 +44,7 @@ fn ellipsoid(part: usize, random: &mut SplitMix64) -> (Shape, DAffine3, DAffine3
         return (Shape::Sphere(Sphere::UNIT), stretched, stretched);
     }
     let mut q = [0.0; 10];
-    // Squares of powers of two, exactly.
+    // Squares of powers of two are exact.
     (q[0], q[4], q[7], q[9]) = (axes.x.powi(-2), axes.y.powi(-2), axes.z.powi(-2), -1.0);
     let clip = Bounds {
         min: -1.25 * axes,
@@ -77,6 +77,7 @@ fn thin_of(trial: &Trial, scene: &Scene, stretched: &DAffine3) -> Result<Tally, 
     let departures = Departures::new(scene);
     let oracle = Oracle::new(stretched);
     let judge = |ray: &Ray, hit: Option<Hit>, tally: &mut Tally| {
+        // Judge the hit, then the normal of an exact hit
         let answer = oracle.judge(ray, hit, &mut Tally::default());
         match hit {
             Some(hit) if answer == Answer::Right => {
@@ -92,7 +93,7 @@ fn thin_of(trial: &Trial, scene: &Scene, stretched: &DAffine3) -> Result<Tally, 
     Ok(trial.nearest(&engine, &|random| at(&stretched.matrix3, random), &judge))
 }
 
-/// A ray at an ellipsoid, from its own distances or from those of the world.
+/// Returns a ray at an ellipsoid, from a distance in units of its axes or of the world.
 fn at(map: &DMat3, random: &mut SplitMix64) -> Ray {
     let distance = 10f64.powf(random.within(0.1, 1.0)) * random.direction();
     let origin = random.pick(&[*map * distance, distance]).as_vec3();
@@ -101,6 +102,7 @@ fn at(map: &DMat3, random: &mut SplitMix64) -> Ray {
 }
 
 fn tilted(oracle: &Oracle, ray: &Ray, at: &Departure, tally: &mut Tally) -> Answer {
+    // The angle is undefined if the exact line misses
     let Some((angle, bound)) = oracle.tilt(ray, at.ng) else {
         return Answer::Right;
     };

@@ -1,17 +1,18 @@
-//! Rays written down bit by bit, to be asked again: `.rays` files.
+//! Files of recorded rays (`.rays`), bit-exact, to be traced again.
 //!
-//! Lines of text. The first is `whit rays 1`. Lines that are empty or begin with `#` count for nothing. `scene` and the
-//! file's name, `holds` with the numbers of instances and of triangles and parts of shapes, and `answers` with the names
-//! of the two that answered stand before the rays. A ray is a line of four parts with `|` between them:
+//! The format is lines of text. The first is `whit rays 1`. Lines that are empty or begin with `#` are ignored. Before
+//! the rays come `scene` with the file's name, `holds` with the number of instances and the number of triangles and
+//! parts of shapes, and `answers` with the names of the two backends. A ray is a line of four parts with `|` between
+//! them:
 //!
 //! ```text
 //! camera tie edge | 00000000 3f800000 40a00000 bf000000 … | hit 0 12 40b3c1a2 | nothing
 //! ```
 //!
-//! What it was sent for (`camera`, `shadow`, `reflection`), `tie` or `wrong`, and the kind of place; nine f32 as
-//! hexadecimal bits, which are origin, direction, the least and the largest parameter, and the time; and two answers:
-//! `hit` with instance, primitive and the bits of the parameter, or `nothing`; for shadow rays `blocked` or `free`.
-//! Coordinates are the scene's own, after it was moved and scaled as a power of two.
+//! The first part is the ray's purpose (`camera`, `shadow`, `reflection`), `tie` or `wrong`, and the mesh feature. The
+//! second is nine f32 as hexadecimal bits: origin, direction, smallest and largest parameter, and time. The last two
+//! are the results: `hit` with instance, primitive and the bits of the parameter, or `nothing`; for shadow rays
+//! `blocked` or `free`. Coordinates are the scene's own, after its translation and scaling by a power of two.
 
 use std::fmt::Write;
 
@@ -21,33 +22,33 @@ use super::own::{Difference, RayKind, Reply};
 use super::place::Place;
 use crate::numeric::Ray;
 
-/// The first line of a file.
+/// First line of a file, with the version of the format.
 const FIRST: &str = "whit rays 1";
 
-/// Rays of a scene to which two structures answered differently.
+/// Rays of a scene for which two structures returned different results.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RaysFile {
-    /// The scene's file, as it was named.
+    /// Name of the scene's file, as given by the user.
     pub scene: String,
-    /// How many instances the scene has, and triangles and parts of shapes: a guard against another scene.
+    /// Numbers of instances, and of triangles and parts of shapes, to detect a different scene.
     pub holds: [u64; 2],
-    /// What answered.
+    /// Names of the two backends.
     pub answers: [String; 2],
-    /// The rays.
+    /// Rays with the two results.
     pub rays: Vec<Difference>,
 }
 
-/// Why a file of rays cannot be read.
+/// Error in reading a file of rays.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: {what}")]
 pub struct RaysError {
-    /// Counted from 1.
+    /// Line number, counted from 1.
     pub line: usize,
-    /// What is wrong there, with what it should be.
+    /// Description of the error, with what was expected.
     pub what: String,
 }
 
-/// The bits of a ray's nine numbers as hexadecimal f32: origin, direction, the ends of its interval, its time.
+/// Formats a ray's nine numbers as hexadecimal f32 bits: origin, direction, `t_near`, `t_far`, time.
 pub fn bits(ray: &Ray) -> String {
     let ([a, b, c], [d, e, f]) = (ray.origin.to_array(), ray.direction.to_array());
     [a, b, c, d, e, f, ray.t_near, ray.t_far, ray.time]
@@ -56,10 +57,11 @@ pub fn bits(ray: &Ray) -> String {
 }
 
 impl RaysFile {
-    /// The file's text.
+    /// Returns the text of the file.
     pub fn text(&self) -> String {
         let [instances, primitives] = self.holds;
         let [first, second] = &self.answers;
+        // Write the header
         let mut text = format!(
             "{FIRST}\n# kind, tie or wrong, place | origin, direction, least and largest t, time | answer | answer\n\
              scene {}\nholds {instances} {primitives}\nanswers {} | {}\n",
@@ -67,6 +69,7 @@ impl RaysFile {
             in_one_line(first),
             in_one_line(second)
         );
+        // Write one line a ray
         for difference in &self.rays {
             let verdict = if difference.is_wrong { "wrong" } else { "tie" };
             let [first, second] = difference.replies.map(words_of);
@@ -82,19 +85,21 @@ impl RaysFile {
         text
     }
 
-    /// Reads a file's text.
+    /// Parses the text of a file.
     ///
     /// # Errors
     ///
-    /// The first line that is not as it should be.
+    /// Returns the first line that is malformed.
     pub fn parse(text: &str) -> Result<RaysFile, RaysError> {
         let mut file = RaysFile::default();
         let mut lines = text.lines().zip(1..).map(|(line, number)| (line.trim(), number));
+        // Check the version
         match lines.next() {
             Some((FIRST, _)) => {}
             _ => return Err(error(1, format!("a file of rays begins with `{FIRST}`"))),
         }
         let mut has_scene = false;
+        // Parse one line at a time
         for (line, number) in lines {
             let at = |what: String| error(number, what);
             let (word, rest) = line.split_once(' ').unwrap_or((line, ""));
@@ -112,6 +117,7 @@ impl RaysFile {
                         .ok_or_else(|| at("`answers` takes two names with `|` between them".into()))?;
                     file.answers = [first, second].map(|name| name.trim().to_owned());
                 }
+                // Require the scene's counts before the first ray
                 _ if !has_scene => {
                     return Err(at(
                         "`holds` with two whole numbers must stand before the rays".into()
@@ -150,12 +156,14 @@ fn words_of(reply: Reply) -> String {
     }
 }
 
-/// A ray and what was answered to it, or what is wrong with the line.
+/// Parses a line into a ray with its two results, or describes the error.
 fn ray_line(line: &str) -> Result<Difference, String> {
+    // Split the line into its four parts
     let parts: Vec<&str> = line.split('|').map(str::trim).collect();
     let [what, numbers, first, second] = parts[..] else {
         return Err("a ray has four parts with `|` between them".into());
     };
+    // Parse kind, verdict and feature
     let words: Vec<&str> = what.split_whitespace().collect();
     let [kind, verdict, place] = words[..] else {
         return Err("a ray begins with its kind, `tie` or `wrong`, and a place".into());
@@ -173,6 +181,7 @@ fn ray_line(line: &str) -> Result<Difference, String> {
         .into_iter()
         .find(|known| known.word() == place)
         .ok_or_else(|| format!("there is no place `{place}`"))?;
+    // Parse the numbers and the results
     Ok(Difference {
         kind,
         ray: ray_of(numbers)?,
@@ -268,7 +277,7 @@ mod tests {
         let file = file();
         let read = RaysFile::parse(&file.text()).unwrap();
         assert_eq!(read, file);
-        // Zero has a sign, which == does not see.
+        // == does not distinguish -0 from 0.
         assert!(read.rays[0].ray.origin.y.is_sign_negative());
     }
 
@@ -284,6 +293,7 @@ mod tests {
 
     #[test]
     fn a_bad_line_is_named_with_what_is_wrong_with_it() {
+        // Pair each malformed text with its line and a part of the message
         let good = file().text();
         let ray = |line: &str| format!("{good}{line}\n");
         let bits = bits(&file().rays[0].ray);
@@ -344,6 +354,7 @@ mod tests {
                 "no number",
             ),
         ];
+        // Check that the error gives both
         for (text, line, words) in cases {
             let error = RaysFile::parse(&text).unwrap_err();
             assert_eq!(error.line, line, "{error}");

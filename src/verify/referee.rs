@@ -1,4 +1,4 @@
-//! Brute force that passes over what a ray surely misses, and gives the same answers.
+//! Brute-force reference that culls groups of primitives, with results identical to plain brute force.
 
 use glam::DVec3;
 
@@ -8,40 +8,42 @@ use crate::mesh::Mesh;
 use crate::numeric::{Bounds, Ray};
 use crate::scene::{Geometry, Instance, Scene};
 
-/// Triangles that are passed over together: as many as a box has, or about.
+/// Triangles of a group that is culled as a whole: about as many as a box has.
 const TOGETHER: usize = 12;
 
-/// What a line may pass a ball by and yet be said to meet a triangle in it, as a share of the coordinates: far more than
-/// the few roundings of 2^-24 of a test in f32.
+/// Distance at which a line may pass a bounding sphere and still be reported as hitting a triangle in it, as a share of
+/// the coordinates: far more than the few roundings of 2^-24 of a test in f32.
 const SLACK: f64 = 1.0 / (1 << 16) as f64;
 
-/// The nearest hits of a scene.
+/// Nearest-hit reference of a scene.
 pub(super) struct Referee {
     groups: Vec<Group>,
 }
 
-/// Some primitives of an instance, in a ball.
+/// Primitives of one instance with their bounding sphere.
 struct Group {
     center: DVec3,
     radius: f64,
-    /// They alone.
+    /// Scene that contains only these primitives.
     scene: Scene,
     instance: u32,
-    /// The number of the first in the whole scene.
+    /// Number of the group's first primitive in the whole scene.
     first: u32,
 }
 
 impl Referee {
-    /// Takes a scene apart: meshes that stand unmoved into groups of neighbours, all else as it is.
+    /// Splits a scene: meshes with identity transform into groups of consecutive triangles, all other geometries as a
+    /// whole.
     pub(super) fn new(scene: &Scene) -> Referee {
         let mut groups = Vec::new();
         for (number, instance) in scene.instances.iter().enumerate() {
             let geometry = &scene.geometries[instance.geometry as usize];
             match geometry {
+                // Split meshes whose object space is world space
                 Geometry::Mesh(mesh) if instance.is_identity() => {
                     groups.extend(parts(mesh, number as u32, instance));
                 }
-                // Never passed over.
+                // Never cull shapes and transformed meshes
                 _ => groups.push(Group {
                     center: DVec3::ZERO,
                     radius: f64::INFINITY,
@@ -54,19 +56,22 @@ impl Referee {
         Referee { groups }
     }
 
-    /// The nearest hit of one ray, the one of brute force.
+    /// Returns the nearest hit of one ray, identical to that of brute force.
     pub(super) fn nearest(&self, ray: &Ray) -> Option<Hit> {
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let mut best: Option<Hit> = None;
+        // Trace the groups that the ray may hit
         for group in self.groups.iter().filter(|group| !group.is_missed(o, d)) {
             let Some(hit) = BruteAccel::new(&group.scene).nearest(ray) else {
                 continue;
             };
+            // Map the hit to the numbers of the whole scene
             let hit = Hit {
                 instance: group.instance,
                 primitive: group.first + hit.primitive,
                 ..hit
             };
+            // Break ties at equal t by the lower number, as brute force does
             let rank = |hit: &Hit| (hit.instance, hit.primitive);
             if best.is_none_or(|best| hit.t < best.t || hit.t == best.t && rank(&hit) < rank(&best)) {
                 best = Some(hit);
@@ -77,11 +82,11 @@ impl Referee {
 }
 
 impl Group {
-    /// Whether the line `o + t d` surely passes by.
+    /// Returns whether the line `o + t d` certainly misses the bounding sphere.
     fn is_missed(&self, o: DVec3, d: DVec3) -> bool {
         let f = self.center - o;
         let reach = self.radius + SLACK * (f.abs().element_sum() + self.radius);
-        // What is no number is not passed over.
+        // A comparison with NaN is false, so such rays are never culled.
         f.cross(d).length_squared() > reach * reach * d.length_squared()
     }
 }

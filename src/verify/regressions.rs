@@ -1,5 +1,6 @@
-//! What this program once got wrong, frozen where no other case holds it: rays of very short and very long directions,
-//! and placed meshes asked by whole packets. Embree's own instances, which only the path `fast` takes, lose some of them.
+//! Regression tests for past bugs that no other case covers: rays with very short and very long directions, and
+//! instanced meshes traced by whole packets. Embree's own instances, which only the variant `fast` uses, miss some of
+//! these hits.
 
 use glam::{DAffine3, DQuat, DVec3};
 
@@ -24,10 +25,10 @@ pub(super) const CASES: &[Case] = &[Case {
     run: any_length,
 }];
 
-/// Powers of two of the lengths of directions.
+/// Binary exponents of the lengths of directions.
 const EXPONENTS: [i32; 12] = [-80, -70, -62, -60, -59, -40, -20, -1, 1, 20, 40, 59];
 
-/// Meshes and shapes, each where its own space is the world and, turned and stretched, elsewhere.
+/// Returns a scene of meshes and shapes, each once with the identity transform and three times rotated and scaled.
 pub(super) fn things() -> Scene {
     let center = DVec3::new(3.0, 0.0, 0.0);
     let ball = Sphere { center, radius: 1.0 };
@@ -36,12 +37,14 @@ pub(super) fn things() -> Scene {
         Geometry::Mesh(rings(12, -center, |theta, _| 1.0 + 0.1 * (6.0 * theta).sin())),
         Geometry::Shape(Shape::Sphere(ball)),
     ]);
+    // Add analytic shapes
     let placed = [
         Shape::Cube,
         Shape::Cone(Cone { capped: true }),
         Shape::Torus(Torus { minor_radius: 0.3 }),
     ];
     scene.geometries.extend(placed.map(Geometry::Shape));
+    // Instance each geometry with random, partly mirroring, transforms
     for number in 0..18u32 {
         let mut random = SplitMix64::new(0x48, number.into());
         let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 3.0));
@@ -63,8 +66,9 @@ fn any_length(trial: &Trial) -> Result<Tally, AccelError> {
     Ok(trial.with_drawing(&engine, tally))
 }
 
-/// Asks about pairs of rays that differ by the lengths of their directions alone.
+/// Traces pairs of rays that differ only by the length of their directions, and counts the differences.
 fn lengths(scene: &Scene, engine: &Engine, random: &mut SplitMix64, count: usize) -> Tally {
+    // Generate pairs of rays whose directions differ by a power of two
     let plain: Vec<Ray> = (0..count.div_ceil(3)).map(|_| ray(random)).collect();
     let factors: Vec<f32> = plain.iter().map(|_| 2f32.powi(random.pick(&EXPONENTS))).collect();
     let scaled: Vec<Ray> = plain
@@ -72,12 +76,14 @@ fn lengths(scene: &Scene, engine: &Engine, random: &mut SplitMix64, count: usize
         .zip(&factors)
         .map(|(ray, &factor)| Ray::new(ray.origin, factor * ray.direction))
         .collect();
+    // Trace both, and the scaled ones as shadow rays
     let expected = engine.nearest(&plain, order(random));
     let found = engine.nearest(&scaled, order(random));
     let blocked = engine.blocked(&scaled, order(random));
     let mut tally = Tally::default();
+    // Compare the hits of each pair
     for i in 0..plain.len() {
-        // As the plain ray has it.
+        // Rescale t to that of the plain ray
         let hit = found[i].map(|hit| Hit {
             t: hit.t * factors[i],
             ..hit
@@ -87,12 +93,13 @@ fn lengths(scene: &Scene, engine: &Engine, random: &mut SplitMix64, count: usize
                 Answer::Right
             }
             (None, None) => Answer::Right,
-            // Between two triangles that it meets at the same distance Embree decides.
+            // Embree is free to choose between two triangles that the ray hits at equal distance.
             (expected, hit) => match compared(scene, &plain[i], expected, hit) {
                 Answer::Wrong => Answer::Wrong,
                 _ => Answer::Tie,
             },
         };
+        // Count the nearest hit, and the shadow ray against it
         tally.count_ray(answer, &scaled[i], found[i]);
         let is_wrong = blocked[i] != found[i].is_some() && answer == Answer::Right;
         tally.count(Answer::wrong_if(is_wrong), || {
@@ -102,7 +109,7 @@ fn lengths(scene: &Scene, engine: &Engine, random: &mut SplitMix64, count: usize
     tally
 }
 
-/// A ray with a direction of length 1 to 2.
+/// Returns a random ray with a direction of length 1 to 2.
 fn ray(random: &mut SplitMix64) -> Ray {
     let direction = random.within(1.0, 2.0) * random.direction();
     Ray::new((8.0 * random.in_cube()).as_vec3(), direction.as_vec3())

@@ -1,8 +1,8 @@
-//! What a case looks like: the first of its questions, and lines of what they are put to.
+//! Figure data of a case: its first queries, and line drawings of their scenes.
 //!
-//! Of rays of each kind (right, tie, wrong) the first are kept, with the scene that they were sent into: its edges if it
-//! has few, else its silhouette, and close-ups of what some of the rays pass. Of formulas the first arguments are kept
-//! with the errors there, and the worst.
+//! The first rays of each verdict (right, tie, wrong) are kept, with the scene that they were traced through: its edges
+//! if it has few, else its silhouette, and close-ups of what some of the rays pass. For formulas the first arguments
+//! are kept with the errors there, and the worst.
 
 use glam::{DVec2, DVec3};
 
@@ -13,79 +13,79 @@ use crate::mesh::Mesh;
 use crate::numeric::Ray;
 use crate::scene::{Geometry, Scene};
 
-/// Rays of each kind that are kept.
+/// Largest number of rays kept per verdict.
 const MAX_RAYS: usize = 24;
-/// Arguments that are kept, the worst one and wrong ones not counted.
+/// Largest number of arguments kept, not counting the worst one and wrong ones.
 const MAX_ARGUMENTS: usize = 320;
-/// Close-ups of each kind of ray.
+/// Largest number of close-ups per verdict.
 const MAX_CLOSE_UPS: usize = 3;
-/// Triangles of a close-up.
+/// Largest number of triangles in a close-up.
 const MAX_TRIANGLES: usize = 64;
-/// A close-up shows so many times what the triangle in its middle measures.
+/// Half width of a close-up relative to the farthest corner of the triangle at its centre.
 const AROUND: f64 = 1.7;
 
-/// A ray and what was answered.
+/// Ray with its result and verdict.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Asked {
-    /// As it was asked.
+    /// Ray that was traced.
     pub ray: Ray,
-    /// What was said to be hit, where that was asked.
+    /// Nearest hit that was returned; `None` also for any-hit queries.
     pub hit: Option<Hit>,
-    /// How that compares with the exact answer.
+    /// Verdict on the result.
     pub answer: Answer,
 }
 
-/// What a formula's error is plotted against.
+/// Abscissa of an error plot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
-    /// What the argument is called, with its unit.
+    /// Name of the argument, with its unit.
     pub label: &'static str,
-    /// The largest error that is right.
+    /// Largest error that counts as right.
     pub bound: f64,
 }
 
-/// The error of a formula at an argument, in the unit of the case.
+/// Error of a formula at an argument, in the unit of the case.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Error {
-    /// The argument, as its [`Axis`] names it.
+    /// Argument, in the unit that its [`Axis`] gives.
     pub at: f64,
-    /// How far off the answer was.
+    /// Absolute error of the result.
     pub off: f64,
-    /// What that was sorted into.
+    /// Verdict on the error.
     pub answer: Answer,
 }
 
-/// What lies around a ray, as seen along it: the ray is the point in the middle.
+/// Triangles around a ray, projected along it; the ray is the point in the centre.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CloseUp {
-    /// Index into [`Sketch::asked`].
+    /// Ray as an index into [`Sketch::asked`].
     pub asked: usize,
-    /// Triangles ahead; the picture shows the square [-1, 1]².
+    /// Triangles ahead of the origin; the figure shows the square [-1, 1]².
     pub triangles: Vec<[DVec2; 3]>,
-    /// Half the width of that square, in the scene's unit.
+    /// Half the width of the square, in the scene's unit.
     pub size: f64,
 }
 
-/// The first questions of a case.
+/// First queries of a case, with the drawings of their scene.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sketch {
-    /// Rays, in the order in which they were asked.
+    /// Rays, in the order in which they were traced.
     pub asked: Vec<Asked>,
-    /// How many of each kind were kept: right, tie, wrong.
+    /// Numbers of queries kept that were right, tied and wrong.
     counts: [usize; 3],
-    /// What the rays were sent into.
+    /// Wireframe of the scene that the rays were traced through.
     pub outline: Option<Outline>,
-    /// What some of the rays pass.
+    /// Close-ups around some of the rays.
     pub close_ups: Vec<CloseUp>,
-    /// What errors are plotted against, for formulas.
+    /// Abscissa of the error plot, for formulas.
     pub axis: Option<Axis>,
-    /// Errors of formulas.
+    /// Errors of formulas, one an argument.
     pub errors: Vec<Error>,
     worst: Option<Error>,
 }
 
 impl Sketch {
-    /// Keeps a ray if it is among the first of its kind.
+    /// Keeps a ray if it is among the first of its verdict.
     pub(super) fn keep(&mut self, asked: Asked) {
         let count = &mut self.counts[asked.answer as usize];
         if *count < MAX_RAYS {
@@ -97,6 +97,7 @@ impl Sketch {
     /// Keeps an error if it is among the first, the worst so far, or wrong.
     pub(super) fn plot(&mut self, axis: Axis, error: Error) {
         self.axis = Some(axis);
+        // The negated comparison lets a NaN replace the worst error.
         if self.worst.is_none_or(|worst| !(error.off <= worst.off)) {
             self.worst = Some(error);
         }
@@ -108,19 +109,21 @@ impl Sketch {
         }
     }
 
-    /// The errors to be shown: the first ones, and the worst.
+    /// Returns the errors to be plotted: the first ones, and the worst.
     pub fn shown_errors(&self) -> impl Iterator<Item = &Error> {
         self.errors.iter().chain(&self.worst)
     }
 
-    /// Both together; of two scenes the one where more went wrong, else the first.
+    /// Merges two sketches; of two scenes keeps the one with the worse verdict, else the first.
     pub(super) fn with(mut self, other: Sketch) -> Sketch {
+        // Keep one scene only: the one with the worse verdict
         if self.outline.is_some() && other.outline.is_some() {
             return if other.rank() > self.rank() { other } else { self };
         }
         if other.outline.is_some() && self.asked.is_empty() {
             return other;
         }
+        // Merge the rays and errors
         other.asked.into_iter().for_each(|asked| self.keep(asked));
         if let Some(axis) = other.axis {
             for error in other.errors.into_iter().chain(other.worst) {
@@ -130,7 +133,7 @@ impl Sketch {
         self
     }
 
-    /// What there is to see: 3 where something is wrong, 2 where something ties, 1 where there are rays at all.
+    /// Returns the interest of the sketch: 3 if something is wrong, 2 if something ties, 1 if there are rays, else 0.
     fn rank(&self) -> usize {
         match self.counts {
             [0, 0, 0] => 0,
@@ -140,8 +143,9 @@ impl Sketch {
         }
     }
 
-    /// Adds what the rays were sent into.
+    /// Adds the wireframe of `scene` and close-ups around some of the rays.
     pub(super) fn draw(&mut self, scene: &Scene) {
+        // Draw the outline of the scene
         let met: Vec<[u32; 2]> = self
             .asked
             .iter()
@@ -149,6 +153,7 @@ impl Sketch {
             .map(|hit| [hit.instance, hit.primitive])
             .collect();
         self.outline = Some(outline::of(scene, &met));
+        // Draw close-ups, those of wrong results first
         for answer in [Answer::Wrong, Answer::Tie, Answer::Right] {
             let kind = (0..self.asked.len()).filter(|&i| self.asked[i].answer == answer);
             let views: Vec<CloseUp> = kind
@@ -160,12 +165,12 @@ impl Sketch {
     }
 }
 
-/// A triangle seen along a ray.
+/// Triangle projected along a ray.
 struct Seen {
     corners: [DVec2; 3],
-    /// How far its middle is ahead.
+    /// Mean depth of the corners ahead of the ray origin.
     depth: f64,
-    /// How far the ray passes beside it, 0 where it passes through.
+    /// Distance at which the ray passes the triangle, 0 if it passes through.
     beside: f64,
 }
 
@@ -173,10 +178,12 @@ fn close_up(scene: &Scene, ray: &Ray, asked: usize) -> Option<CloseUp> {
     if !ray.is_traceable() {
         return None;
     }
+    // Build the coordinate system of the ray
     let ahead = ray.direction.as_dvec3().normalize();
     let across = ahead.any_orthonormal_vector();
     let up = across.cross(ahead);
     let o = ray.origin.as_dvec3();
+    // Project the triangles that are not wholly behind the origin
     let mut seen = Vec::new();
     for instance in &scene.instances {
         let Geometry::Mesh(mesh) = &scene.geometries[instance.geometry as usize] else {
@@ -197,20 +204,22 @@ fn close_up(scene: &Scene, ray: &Ray, asked: usize) -> Option<CloseUp> {
             })
         }));
     }
-    // What the ray passes through or comes closest to, and of that the nearest.
+    // Find the triangle that the ray passes closest to; of several the nearest along the ray
     let order = |a: &Seen, b: &Seen| {
         let by_depth = a.depth.total_cmp(&b.depth);
         a.beside.total_cmp(&b.beside).then(by_depth)
     };
     let middle = seen.iter().min_by(|a, b| order(a, b))?;
     let size = AROUND * middle.corners.iter().map(|p| p.length()).fold(0.0, f64::max);
+    // Reject empty and infinite windows
     if !(size > 0.0 && size < f64::INFINITY) {
         return None;
     }
+    // Keep the triangles in the window that are closest to the ray
     seen.retain(|triangle| triangle.beside < size);
     seen.sort_by(order);
     seen.truncate(MAX_TRIANGLES);
-    // Far ones first, for who paints them.
+    // Sort far ones first, for the painter's algorithm
     seen.sort_by(|a, b| b.depth.total_cmp(&a.depth));
     Some(CloseUp {
         asked,
@@ -223,7 +232,7 @@ fn triangles_of(mesh: &Mesh) -> impl Iterator<Item = [DVec3; 3]> {
     (0..mesh.triangles.len() as u32).map(|number| mesh.corners_f64(number))
 }
 
-/// The distance from the origin to a triangle, 0 inside.
+/// Returns the distance from the origin to a triangle, 0 inside.
 fn beside([a, b, c]: &[DVec2; 3]) -> f64 {
     let sides = [(a, b), (b, c), (c, a)];
     let turns = sides.map(|(p, q)| p.perp_dot(*q));
@@ -294,7 +303,7 @@ mod tests {
         };
         let around = view.triangles.iter().filter(|t| beside(t) == 0.0).count();
         assert_eq!(around, 1);
-        // The ray starts in the middle: of 80 triangles about half are behind it.
+        // The ray starts inside the sphere, so about half of the 80 triangles are behind its origin.
         assert!(view.triangles.len() < 60, "{}", view.triangles.len());
         assert!(view.size < 2.0);
     }

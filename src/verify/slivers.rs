@@ -1,7 +1,7 @@
-//! Triangles that are hardly there: slivers seen edge-on, and triangles of any bits at all.
+//! Degenerate triangles: slivers seen edge-on, and triangles of arbitrary bits.
 //!
-//! Embree's robust test reports slivers at parameters far beyond its own error bounds now and then; only a path with
-//! another test is required to do better.
+//! Embree's robust test occasionally reports slivers at parameters far beyond its own error bounds; only a variant with
+//! a different test is required to do better.
 
 use glam::{DVec3, Vec3};
 
@@ -41,10 +41,10 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// Slivers of a scene.
+/// Number of slivers in a scene.
 const SLIVERS: usize = 128;
 
-/// A sliver in the cube [-1, 1]³.
+/// Returns a sliver near the cube [-1, 1]³.
 fn sliver(random: &mut SplitMix64) -> [DVec3; 3] {
     let a = random.in_cube();
     let along = random.within(0.3, 1.0) * random.direction();
@@ -54,16 +54,16 @@ fn sliver(random: &mut SplitMix64) -> [DVec3; 3] {
     [a, a + along, third].map(|p| p.as_vec3().as_dvec3())
 }
 
-/// A ray at one of the triangles, close to its plane.
+/// Returns a ray at one of the triangles, at a small angle to its plane.
 fn grazing(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
     let [a, b, c] = random.pick(triangles);
-    // Within it or a little beside it.
+    // Choose a target within the triangle or slightly beside it
     let (u, v) = (random.within(-0.1, 1.1), random.within(-0.1, 1.1));
     let (u, v) = if u + v > 1.1 { (1.0 - u, 1.0 - v) } else { (u, v) };
     let target = a + u * (b - a) + v * (c - a);
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let in_plane = normal.cross(random.direction()).normalize_or_zero();
-    // 0.01 degrees are 1.7e-4.
+    // Choose an angle from 0.01 degrees (1.7e-4) up
     let slope = 10f64.powf(random.within(-3.76, 0.0)) * random.pick(&[1.0, -1.0]);
     let way = in_plane + slope * normal;
     let origin = (target - random.within(0.5, 3.0) * way).as_vec3();
@@ -71,6 +71,7 @@ fn grazing(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
 }
 
 fn slivers(trial: &Trial) -> Result<Tally, AccelError> {
+    // Build a scene of slivers with bounding needles
     let mut random = SplitMix64::new(0x5117, 0);
     let triangles: Vec<[DVec3; 3]> = (0..SLIVERS).map(|_| sliver(&mut random)).collect();
     let corners: Vec<DVec3> = triangles.iter().flatten().copied().collect();
@@ -83,7 +84,9 @@ fn slivers(trial: &Trial) -> Result<Tally, AccelError> {
         &|random| grazing(&triangles, random),
         &|ray, hit, tally| {
             let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+            // Find the exact hit among the slivers that the ray may hit
             let exact = exact_nearest(&triangles, ray, |number| !needles[number].is_missed(o, d));
+            // Record the error of t
             if let (Some((first, t)), Some(hit)) = (&exact, hit)
                 && first.primitive == hit.primitive
             {
@@ -95,11 +98,11 @@ fn slivers(trial: &Trial) -> Result<Tally, AccelError> {
     ))
 }
 
-/// A sliver as a line along its first edge, which all of it is close to.
+/// Sliver bounded by the line along its first edge and a distance from that line.
 struct Needle {
     a: DVec3,
     along: DVec3,
-    /// How far from the line it reaches at most.
+    /// Largest distance of the sliver from the line.
     height: f64,
 }
 
@@ -110,28 +113,31 @@ impl Needle {
         Needle {
             a: *a,
             along,
-            // With what the cross product cancels.
+            // Include the rounding errors of the cross product
             height: height + NEEDLE_ERROR * up.length(),
         }
     }
 
-    /// Whether the line `o + t d` surely passes beside it: farther from its line than it reaches.
+    /// Returns whether the line `o + t d` certainly misses the sliver: its distance from the needle's line exceeds
+    /// `height`.
     fn is_missed(&self, o: DVec3, d: DVec3) -> bool {
         let w = self.a - o;
         let apart = d.dot(w.cross(self.along)).abs();
         let across = d.cross(self.along);
-        // The largest of three coordinates is at least 1 / √3 of a length.
+        // The largest of three coordinates is at least 1 / √3 of a vector's length.
         let size = 6.0 * w.abs().max_element() * self.along.abs().max_element() * d.abs().max_element();
+        // Subtract the rounding error, so that the test is conservative
         let rest = apart - NEEDLE_ERROR * size;
         rest > 0.0 && rest * rest > self.height * self.height * across.length_squared() * (1.0 + NEEDLE_ERROR)
     }
 }
 
-/// Roundings of a triple product, of 2^-53 of its size each: 3 differences, 3 products, 5 sums, and as many for what it
-/// is compared with.
+/// Rounding error of a triple product relative to its size, in units of 2^-53: 3 differences, 3 products, 5 sums, and
+/// as many for the other side of the comparison.
 const NEEDLE_ERROR: f64 = 16.0 * f64::EPSILON;
 
-/// The first triangle that the ray meets, and where, among those whose numbers `is_near` admits.
+/// Returns the nearest triangle that the ray hits, with its parameter in f64, among the triangles that `is_near`
+/// admits.
 pub(super) fn exact_nearest(
     triangles: &[[DVec3; 3]],
     ray: &Ray,
@@ -144,11 +150,13 @@ pub(super) fn exact_nearest(
             Crossing::Through | Crossing::Touching
         )
     };
+    // Keep triangles that the line intersects exactly
     let near = triangles
         .iter()
         .enumerate()
         .filter(|&(number, _)| is_near(number));
     let met = near.filter(|(_, corners)| meets(corners));
+    // Find the nearest one ahead of the origin
     let at = met.map(|(number, corners)| (number, exact::parameter(o, d, *corners)));
     let ahead = at.filter(|(_, t)| t.nearest() >= 0.0);
     let (number, t) = ahead.reduce(|a, b| if b.1 < a.1 { b } else { a })?;
@@ -162,7 +170,7 @@ pub(super) fn exact_nearest(
     Some((hit, t.nearest()))
 }
 
-/// What the comparison of backends says of an answer.
+/// Converts the verdict of the backend comparison on `hit` against `exact`.
 pub(super) fn compared(scene: &Scene, ray: &Ray, exact: Option<Hit>, hit: Option<Hit>) -> Answer {
     match compare(scene, ray, exact, hit) {
         HitComparison::Same => Answer::Right,
@@ -171,12 +179,13 @@ pub(super) fn compared(scene: &Scene, ray: &Ray, exact: Option<Hit>, hit: Option
     }
 }
 
-/// Rays for each mesh of garbage, where there are few.
+/// Number of rays for each garbage mesh while there are few meshes.
 const RAYS_A_MESH: u64 = 64;
-/// Meshes of garbage at most: more rays go to each.
+/// Largest number of garbage meshes; beyond it, each mesh gets more rays.
 const MAX_MESHES: u64 = 10_000;
 
 fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
+    // Distribute the rays among random meshes
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MAX_MESHES);
     trial.over_parts(mesh_count as usize, &|number, part| {
         let mut random = SplitMix64::new(0x6a7ba6e, number as u64);
@@ -185,7 +194,7 @@ fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
             ..scene(vec![Geometry::Mesh(any_mesh(&mut random))])
         };
         if scene.validate().is_err() {
-            // Named and refused before anything is built.
+            // Validation reports such a mesh before anything is built.
             return Ok(Tally::default());
         }
         scene.normalise();
@@ -193,7 +202,7 @@ fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
     })
 }
 
-/// A number of any exponent and sign that passes the checks of a scene's vertices.
+/// Returns a number of any exponent and sign that scene validation accepts as a coordinate.
 fn any_number(random: &mut SplitMix64) -> f32 {
     loop {
         let x = f32::from_bits(random.bits() as u32);
@@ -205,7 +214,7 @@ fn any_number(random: &mut SplitMix64) -> f32 {
 
 fn any_mesh(random: &mut SplitMix64) -> Mesh {
     let count = 1 + random.below(30) as u32;
-    // Some of one size, some of all sizes together.
+    // Use one size for half of the meshes, random exponents for the others
     let size = any_number(random).abs();
     let is_even = random.below(2) == 0;
     let corners = (0..3 * count).map(|_| {
@@ -225,8 +234,8 @@ fn any_mesh(random: &mut SplitMix64) -> Mesh {
     )
 }
 
-/// Reach of a ray at a triangle below which the sums of a parameter lose digits: 2^-34, as a distance times an edge
-/// function is of its cube, and that times 2^-24 is just normal.
+/// Distance of a triangle below which the sums of a parameter lose digits: 2^-34, as a distance times an edge function
+/// is of the order of its cube, and that times 2^-24 is just a normal number.
 const SMALLEST: f32 = 1.0 / (1u64 << 34) as f32;
 
 fn garbage_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
@@ -235,6 +244,7 @@ fn garbage_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
     let Geometry::Mesh(mesh) = &scene.geometries[0] else {
         return Ok(Tally::default());
     };
+    // Aim at random points of the triangles
     let triangles: Vec<[DVec3; 3]> = (0..mesh.triangles.len() as u32)
         .map(|number| mesh.corners_f64(number))
         .collect();
@@ -246,14 +256,15 @@ fn garbage_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
         let origin: Vec3 = (target + reach * random.direction()).as_vec3();
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     };
+    // Judge against brute force, and against exact arithmetic where they differ
     Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         if !ray.is_traceable() {
             return Answer::wrong_if(hit.is_some());
         }
         match compared(scene, ray, brute.nearest(ray), hit) {
-            // Products of what is so small underflow in f32, which the bounds leave out.
+            // Products of such small numbers underflow in f32, which the error bounds do not cover.
             Answer::Wrong if ray.direction.abs().max_element() < SMALLEST => Answer::Tie,
-            // Brute force rounds as well.
+            // Brute force rounds, too.
             Answer::Wrong => {
                 let exact = exact_nearest(&triangles, ray, |_| true);
                 compared(scene, ray, exact.map(|(hit, _)| hit), hit)

@@ -1,11 +1,12 @@
-//! Cylinder, cone, torus and polyhedra where their equations lose a degree, cancel or touch.
+//! Intersection of cylinder, cone, torus and polyhedra where their equations lose a degree, cancel or have double
+//! roots.
 //!
-//! An answer is right if it is the exact one for a solid whose surface is moved by no more than rounding explains: what
-//! the smaller solid surely meets must be hit, and what is hit must lie between the two.
+//! A result is right if it is exact for a solid whose surface is displaced by no more than rounding explains: a ray
+//! that certainly hits the smaller solid must hit, and a hit must lie between the surfaces of both.
 //!
-//! Embree walks to user geometry without the care that it takes for robust triangles: boxes of shapes are missed by some
-//! roundings of the distance of a ray's origin, which their padding covers for as far away as a camera of the scene
-//! stands.
+//! Embree traverses to user geometry without the conservative rounding of its robust triangles: it misses boxes of
+//! shapes by some roundings of the distance of a ray's origin. The padding of the boxes compensates for origins as far
+//! away as the farthest camera of the scene.
 
 use std::sync::Arc;
 
@@ -22,7 +23,7 @@ use crate::shape::oracle::{
 };
 use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Torus};
 
-/// How far from a solid's centre rays start at most, about.
+/// Approximate largest distance of a ray's origin from a solid's centre.
 const FARTHEST: f64 = 1e5;
 
 const ORACLE: &str = "where the line is inside the solid made smaller and larger by rounding, to 100 bits";
@@ -77,19 +78,19 @@ pub(super) const CASES: &[Case] = &[
 
 type Inside = dyn Fn(DVec3, DVec3, f64) -> Intervals + Sync;
 
-/// A shape, and where a line is inside it when its surface is moved outward.
+/// Shape with an oracle for the parts of a line inside it when its surface is displaced outward.
 struct Solid {
     shape: Shape,
     inside: Box<Inside>,
-    /// By how many roundings, of 2^-53 of the coordinates involved, the surface may seem to be moved.
+    /// Displacement that rounding may explain, in roundings of 2^-53 of the coordinates involved.
     roundings: f64,
-    /// What rays are aimed at: corners.
+    /// Vertices of a polyhedron, at which rays are aimed.
     corners: Vec<DVec3>,
-    /// The tube's radius of a torus, whose roots are dear: a march tells most answers right.
+    /// Tube radius of a torus, whose exact roots are expensive: marching confirms most results without them.
     tube: Option<f64>,
 }
 
-/// x² + y² <= 1, |z| <= 1.
+/// Returns the capped cylinder x² + y² <= 1, |z| <= 1.
 fn cylinder() -> Solid {
     let inside = |o: DVec3, d: DVec3, delta: f64| {
         let radius = 1.0 + delta;
@@ -106,10 +107,10 @@ fn cylinder() -> Solid {
     }
 }
 
-/// The lower nappe of x² + y² <= (1 - z)² / 4 above z = -1.
+/// Returns the lower nappe of the cone x² + y² <= (1 - z)² / 4 above z = -1.
 fn cone() -> Solid {
     let inside = |o: DVec3, d: DVec3, delta: f64| {
-        // A wall that moves by delta moves its apex by √5 delta.
+        // Displacing the wall by delta moves the apex by √5 delta.
         let apex = 1.0 + 5f64.sqrt() * delta;
         let walls = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.25, 0.0, 0.0];
         let walls = inside_quadric(&walls, apex * DVec3::Z, o, d);
@@ -128,14 +129,14 @@ fn torus(minor_radius: f64) -> Solid {
     Solid {
         shape: Shape::Torus(Torus { minor_radius }),
         inside: Box::new(move |o, d, delta| inside_torus(minor_radius, delta, o, d)),
-        // The coefficients of the quartic, up to 16, and the division by the tube's radius count at tangents.
+        // At tangents the coefficients of the quartic, up to 16, and the division by the tube radius amplify rounding.
         roundings: 64.0,
         corners: Vec::new(),
         tube: Some(minor_radius),
     }
 }
 
-/// The solid within half-spaces.
+/// Returns the intersection of half-spaces as a solid.
 fn within(shape: Shape, half_spaces: Vec<HalfSpace>) -> Solid {
     let corners = corners(&half_spaces);
     let inside = move |o: DVec3, d: DVec3, delta: f64| {
@@ -152,7 +153,7 @@ fn within(shape: Shape, half_spaces: Vec<HalfSpace>) -> Solid {
     }
 }
 
-/// Where three planes meet and no other cuts the point off.
+/// Returns the vertices: points where three planes intersect that lie within all other half-spaces.
 fn corners(half_spaces: &[HalfSpace]) -> Vec<DVec3> {
     let mut corners = Vec::new();
     for (i, a) in half_spaces.iter().enumerate() {
@@ -160,7 +161,7 @@ fn corners(half_spaces: &[HalfSpace]) -> Vec<DVec3> {
             for c in half_spaces.iter().skip(j + 1) {
                 let m = glam::DMat3::from_cols(a.n, b.n, c.n).transpose();
                 let p = m.inverse() * DVec3::new(a.h, b.h, c.h);
-                // Rounding is far smaller than the distance of any other corner's planes.
+                // Rounding is far smaller than the distance of any other vertex from these planes.
                 let slack = f64::from(f32::EPSILON);
                 if p.is_finite() && half_spaces.iter().all(|s| s.n.dot(p) <= s.h + slack) {
                     corners.push(p);
@@ -178,7 +179,7 @@ fn cube() -> Solid {
 
 fn dodecahedron() -> Solid {
     match Polyhedron::from_half_spaces(&oracle::dodecahedron()) {
-        // As it is held, its normals brought to unit length again.
+        // Use the half-spaces as stored, with renormalised normals
         Ok(polyhedron) => {
             let half_spaces = polyhedron.half_spaces().to_vec();
             within(Shape::Polyhedron(Arc::new(polyhedron)), half_spaces)
@@ -187,7 +188,7 @@ fn dodecahedron() -> Solid {
     }
 }
 
-/// The parameter at which the first boundary ahead is met, and whether it is an entry.
+/// Returns the parameter of the first boundary that is not behind the origin, and whether it is an entry.
 fn first_ahead(intervals: &Intervals) -> Option<(f64, bool)> {
     let ends = intervals.iter().map(|[a, b]| (a.nearest(), b.nearest()));
     let mut ahead = ends.filter(|&(_, b)| b >= 0.0);
@@ -199,15 +200,18 @@ fn first_ahead(intervals: &Intervals) -> Option<(f64, bool)> {
 impl Solid {
     fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Tally) -> Answer {
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        // Try the torus march, which confirms most results
         let delta = self.roundings * 0.5 * f64::EPSILON * (1.0 + o.length());
         if let Some(off) = self.tube.and_then(|r| found_by_march(r, delta, (o, d), hit)) {
             tally.note(off);
             return Answer::Right;
         }
+        // Intersect the smaller and the larger solid
         let [inner, outer] = [-delta, delta].map(|delta| (self.inside)(o, d, delta));
         let [sure, possible] = [&inner, &outer].map(first_ahead);
-        // What is farther than any f32 is out of reach.
+        // A parameter beyond the largest f32 counts as a miss.
         let is_near = |&(t, _): &(f64, bool)| (t as f32) < f32::INFINITY;
+        // Compare the hit with the first boundaries of both
         match (sure.filter(is_near), possible.filter(is_near), hit) {
             (None, None, None) => Answer::Right,
             (None, Some(_), None) => Answer::Tie,
@@ -217,7 +221,7 @@ impl Solid {
                 tally.note(off);
                 Answer::wrong_if(!(off <= 1.0))
             }
-            // At a tangent, or from a start on the surface: any place between the two surfaces.
+            // At a tangent, or for an origin on the surface, any point between the two surfaces is a tie.
             (_, _, Some(hit)) => {
                 let t = f64::from(hit.t);
                 let ulp = f64::from(hit.t.next_up()) - t;
@@ -238,14 +242,14 @@ impl Solid {
     }
 }
 
-/// By how many ulps a ray's answer may be off for all that a march tells; `None` where it does not tell it is right.
+/// Returns the largest error in ulps that marching a torus admits for a result; `None` if the march cannot confirm it.
 fn found_by_march(r: f64, delta: f64, ray: (DVec3, DVec3), hit: Option<Hit>) -> Option<f64> {
-    // A 64th of an ulp.
+    // Stop the march at an interval of 1/64 ulp
     const SHARE: f64 = 1.0 / (1u64 << 30) as f64;
     match (first_crossing_of_torus(r, delta, ray, SHARE)?, hit) {
         (FirstCrossing::Nowhere, None) => Some(0.0),
         (FirstCrossing::Between(low, high), Some(hit)) => {
-            // It may be at either end.
+            // The crossing may be at either end of the interval.
             let off = beyond(hit.t, high, low);
             (off <= 1.0).then_some(off)
         }
@@ -253,7 +257,7 @@ fn found_by_march(r: f64, delta: f64, ray: (DVec3, DVec3), hit: Option<Hit>) -> 
     }
 }
 
-/// By how many ulps of f32 `t` is outside [`low`, `high`].
+/// Returns the distance of `t` from the interval [`low`, `high`] in ulps of f32.
 fn beyond(t: f32, low: f64, high: f64) -> f64 {
     let wide = f64::from(t);
     let ulp = f64::from(t.abs().next_up()) - f64::from(t.abs());
@@ -276,7 +280,7 @@ fn at_solids(
         let engine = trial.engine(&scene)?;
         Ok(
             trial.nearest(&engine, &|random| ray(solid, random), &|ray, hit, tally| {
-                // One of the others may stand in the way.
+                // One of the other geometries may occlude the solid.
                 if hit.is_some_and(|hit| hit.instance != 0) {
                     return Answer::Right;
                 }
@@ -287,6 +291,7 @@ fn at_solids(
 }
 
 fn along_cylinder(_: &Solid, random: &mut SplitMix64) -> Ray {
+    // Choose a direction almost parallel to the axis
     let off = |random: &mut SplitMix64| match random.below(4) {
         0 => random.pick(&[0.0, -0.0]),
         _ => random.pick(&[1.0, -1.0]) * 0.5f64.powi(1 + random.below(149) as i32),
@@ -303,7 +308,7 @@ fn along_cylinder(_: &Solid, random: &mut SplitMix64) -> Ray {
 fn along_cone(_: &Solid, random: &mut SplitMix64) -> Ray {
     let around = random.direction().with_z(0.0).normalize_or_zero();
     let around = random.pick(&[around, DVec3::X, -DVec3::Y]);
-    // From the apex down along the wall, which is 2 high where it is 1 wide.
+    // The wall descends by 2 from the apex where its radius grows by 1.
     let generator = around - 2.0 * DVec3::Z;
     let nudge = match random.below(3) {
         0 => DVec3::ZERO,
@@ -331,7 +336,7 @@ fn distant_tori(trial: &Trial) -> Result<Tally, AccelError> {
         let around = random.direction().with_z(0.0).normalize_or_zero();
         let way = random.direction();
         let beside = way.cross(random.direction()).normalize_or_zero();
-        // At the tube's middle, within it and just beside it.
+        // Aim at the centre of the tube, within it, or at its tangents
         let off = radius * random.pick(&[0.0, 0.5, 1.0, 1.0 - 1e-6, 1.0 + 1e-6]);
         let distance = 10f64.powi(random.below(6) as i32);
         let origin = (around + off * beside - distance * way).as_vec3();
@@ -342,7 +347,7 @@ fn distant_tori(trial: &Trial) -> Result<Tally, AccelError> {
 
 fn along_faces(solid: &Solid, random: &mut SplitMix64) -> Ray {
     let mut corner = || random.pick(&solid.corners);
-    // Through a corner, along an edge or a diagonal, in a face or across.
+    // Aim through a vertex, along an edge or diagonal, in a face, or across
     let [a, b, c] = [corner(), corner(), corner()];
     let along = if a == b { random.direction() } else { b - a };
     let target = match random.below(3) {

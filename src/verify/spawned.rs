@@ -1,4 +1,5 @@
-//! Rays that leave a surface: they must neither meet it again nor start behind what is close in front of it.
+//! Self-intersection of spawned rays: a ray that leaves a surface must neither hit it again nor start beyond a surface
+//! close in front of it.
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
 
@@ -47,18 +48,18 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// Powers of ten of the mesh's radius.
+/// Decimal exponents of the mesh's radius.
 const SCALES: std::ops::RangeInclusive<i32> = -9..=9;
-/// Powers of ten of its distance, in radii.
+/// Decimal exponents of the mesh's distance from the origin, in radii.
 const DISTANCES: std::ops::RangeInclusive<i32> = 0..=6;
 
-/// The ray that leaves `at` along a direction on the side of its normal.
+/// Returns the ray that leaves the hit point `at` along a direction on the side of its normal.
 pub(super) fn leave(trial: &Trial, at: &Departure, direction: DVec3) -> Ray {
     let origin = (trial.subject.formulas.spawn_point)(at.p, at.ng, at.error);
     Ray::new(origin, direction.as_vec3())
 }
 
-/// The hits of `rays` that a surface was found for, with the ray that leaves each, chosen by `direction`.
+/// Returns the hit points of `rays`, each with a ray spawned there along the direction that `direction` chooses.
 fn leaving(
     trial: &Trial,
     (engine, departures): (&Engine, &Departures),
@@ -66,22 +67,25 @@ fn leaving(
     random: &mut SplitMix64,
     direction: impl Fn(&Departure, &mut SplitMix64) -> Option<DVec3>,
 ) -> Vec<(Departure, Ray)> {
+    // Find the points where rays leave surfaces
     let packets = engine.traced(rays, order(random));
     let met = packets.iter().flat_map(|packet| departures.of(packet));
+    // Spawn a ray from each
     met.flatten()
         .filter_map(|at| direction(&at, random).map(|way| (at, leave(trial, &at, way))))
         .collect()
 }
 
-/// A direction on the side of the normal, and surely so after it is rounded.
+/// Returns a random direction on the side of the normal, so far from the tangent plane that rounding keeps it there.
 pub(super) fn outward(at: &Departure, random: &mut SplitMix64) -> Option<DVec3> {
     let way = random.direction();
     let way = if way.dot(at.ng) < 0.0 { -way } else { way };
-    // The normal and the direction are off by a few roundings of f32.
+    // Normal and direction have errors of a few roundings of f32.
     (way.dot(at.ng) > 16.0 * f64::from(f32::EPSILON)).then_some(way)
 }
 
 fn self_shadows(trial: &Trial) -> Result<Tally, AccelError> {
+    // Combine all sizes with all distances
     let cells: Vec<(i32, i32)> = SCALES
         .flat_map(|scale| DISTANCES.map(move |distance| (scale, distance)))
         .collect();
@@ -91,7 +95,8 @@ fn self_shadows(trial: &Trial) -> Result<Tally, AccelError> {
     })
 }
 
-/// A turned icosahedron of that radius, so many radii from the origin, where another stands: as a scene is loaded.
+/// Returns a scene, normalised as after loading, of a rotated icosahedron of that radius, `distance` + 3 radii from the
+/// origin, and a second one at the origin.
 fn far_icosahedron(random: &mut SplitMix64, radius: f64, distance: f64) -> Scene {
     let (corners, faces) = icosahedron();
     let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 3.0));
@@ -100,7 +105,7 @@ fn far_icosahedron(random: &mut SplitMix64, radius: f64, distance: f64) -> Scene
         let corners: Vec<DVec3> = corners.iter().map(|&p| map.transform_point3(p)).collect();
         Geometry::Mesh(mesh(&corners, faces.clone()))
     };
-    // Far enough apart that none shadows the other.
+    // The distance is large enough that neither occludes the other.
     let far = (distance + 3.0) * radius * random.direction();
     let mut scene = Scene {
         materials: vec![Material::default()],
@@ -111,6 +116,7 @@ fn far_icosahedron(random: &mut SplitMix64, radius: f64, distance: f64) -> Scene
 }
 
 fn self_shadows_of(trial: &Trial, radius: f64, distance: f64) -> Result<Tally, AccelError> {
+    // Build the scene
     let scene = far_icosahedron(
         &mut SplitMix64::new(trial.rays, radius.to_bits() ^ distance.to_bits()),
         radius,
@@ -118,6 +124,7 @@ fn self_shadows_of(trial: &Trial, radius: f64, distance: f64) -> Result<Tally, A
     );
     let engine = trial.engine(&scene)?;
     let departures = Departures::new(&scene);
+    // Bound the distant mesh, which is instance 0
     let bounds = scene.geometries[0].bounds();
     let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
     let tally = trial.in_chunks(&|random, count| {
@@ -128,14 +135,14 @@ fn self_shadows_of(trial: &Trial, radius: f64, distance: f64) -> Result<Tally, A
                 Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
             })
             .collect();
-        // Rays that pass by the first meet the other, or nothing: either is left outward.
+        // Rays that miss the distant mesh hit the one at the origin, or nothing; keep points on the distant mesh only.
         let leaving = leaving(trial, (&engine, &departures), &rays, random, |at, random| {
             let is_far = at.p.distance(center) < 2.0 * reach;
             outward(at, random).filter(|_| is_far)
         });
         let out: Vec<Ray> = leaving.iter().map(|&(_, ray)| ray).collect();
         let mut tally = Tally::default();
-        // Only the mesh that is left counts: the other may well stand in the way.
+        // A hit on the other mesh is legitimate; only hits on the mesh that the ray leaves count.
         for (ray, hit) in out.iter().zip(engine.nearest(&out, order(random))) {
             let is_own = hit.is_some_and(|hit| hit.instance == 0);
             tally.count_ray(Answer::wrong_if(is_own), ray, hit);
@@ -145,9 +152,9 @@ fn self_shadows_of(trial: &Trial, radius: f64, distance: f64) -> Result<Tally, A
     Ok(trial.with_drawing(&engine, tally))
 }
 
-/// Powers of ten of how many times a triangle is as long as high.
+/// Decimal exponents of a triangle's aspect ratio, length over height.
 const ASPECTS: std::ops::RangeInclusive<i32> = 0..=6;
-/// Triangles of each kind.
+/// Number of triangles of each aspect ratio.
 const TRIANGLES: usize = 16;
 
 fn sliver_shadows(trial: &Trial) -> Result<Tally, AccelError> {
@@ -160,7 +167,7 @@ fn sliver_shadows(trial: &Trial) -> Result<Tally, AccelError> {
     })
 }
 
-/// A triangle within a few units of the origin, so many times as long as high.
+/// Returns a triangle within a few units of the origin with that aspect ratio.
 fn triangle(random: &mut SplitMix64, aspect: f64) -> [DVec3; 3] {
     let a = 2.0 * random.in_cube();
     let along = random.within(0.3, 1.0) * random.direction();
@@ -177,6 +184,7 @@ fn shadows_of_triangle(trial: &Trial, corners: [DVec3; 3]) -> Result<Tally, Acce
     let departures = Departures::new(&scene);
     let [a, b, c] = corners;
     let tally = trial.in_chunks(&|random, count| {
+        // Aim at random points of the triangle, from all directions
         let rays: Vec<Ray> = (0..count)
             .map(|_| {
                 let (u, v) = (random.unit(), random.unit());
@@ -186,6 +194,7 @@ fn shadows_of_triangle(trial: &Trial, corners: [DVec3; 3]) -> Result<Tally, Acce
                 Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
             })
             .collect();
+        // Spawn rays outward; any hit is a self-intersection
         let leaving = leaving(trial, (&engine, &departures), &rays, random, outward);
         let out: Vec<Ray> = leaving.iter().map(|&(_, ray)| ray).collect();
         let mut tally = Tally::default();
@@ -197,12 +206,12 @@ fn shadows_of_triangle(trial: &Trial, corners: [DVec3; 3]) -> Result<Tally, Acce
     Ok(trial.with_drawing(&engine, tally))
 }
 
-/// Most ulps of a gap that is tried.
+/// Largest gap that is tested, in ulps.
 const GAPS: u32 = 64;
-/// Beyond a sheet that is farther away than this no ray may start.
+/// Gap in ulps beyond which no ray may start on the far side of the next surface.
 const RESOLVED: u32 = 8;
 
-/// Pairs of parallel sheets about the point (1, 1, 1) times a power of two, `gap` ulp of the coordinates apart.
+/// Returns a scene of two parallel squares about (1, 1, 1.5), `gap` ulps of their z coordinate apart.
 fn sheets(gap: u32) -> Scene {
     const HEIGHT: f32 = 1.5;
     let above = f32::from_bits(HEIGHT.to_bits() + gap);
@@ -229,7 +238,8 @@ fn smallest_gap(trial: &Trial) -> Result<Tally, AccelError> {
     })
 }
 
-/// Rays from below the lower sheet, that go through it upward from where they have met it; they must meet the upper one.
+/// Traces rays from below to the lower square, spawns rays there that continue upward, and counts those that miss the
+/// upper square.
 fn across(
     trial: &Trial,
     (engine, departures): (&Engine, &Departures),
@@ -237,6 +247,7 @@ fn across(
     random: &mut SplitMix64,
     count: usize,
 ) -> Tally {
+    // Aim at the lower square from below
     let rays: Vec<Ray> = (0..count)
         .map(|_| {
             let mut inner = || random.within(0.7, 1.3);
@@ -247,10 +258,11 @@ fn across(
         })
         .collect();
     let leaving = leaving(trial, (engine, departures), &rays, random, |_, random| {
-        // On the other side of the lower sheet, steeply enough to meet the upper one.
+        // Continue above the lower square, steeply enough to hit the upper one
         let way = DVec3::new(random.within(-0.5, 0.5), random.within(-0.5, 0.5), 1.0);
         Some(way)
     });
+    // Spawn on the far side of the lower square, by flipping the normal
     let up: Vec<Ray> = leaving
         .iter()
         .map(|(at, ray)| {
@@ -258,6 +270,7 @@ fn across(
             leave(trial, &through, ray.direction.as_dvec3())
         })
         .collect();
+    // Count shadow rays that miss the upper square
     let mut tally = Tally::default();
     for (ray, is_blocked) in up.iter().zip(engine.blocked(&up, order(random))) {
         if !is_blocked {

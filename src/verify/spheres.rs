@@ -1,4 +1,4 @@
-//! Spheres far away, huge, touched, and left from inside: the quadratic equation where it cancels.
+//! Sphere intersection where the quadratic equation cancels: distant and huge spheres, tangents, and rays from inside.
 
 use std::cmp::Ordering;
 use std::ops::RangeInclusive;
@@ -75,24 +75,25 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// By how many roundings, of 2^-53 of the coordinates involved, the sphere may seem to be moved: an answer that is exact
-/// for such a sphere is a tie.
+/// Distance by which rounding may seem to move the sphere, in roundings of 2^-53 relative to the coordinates involved:
+/// a result that is exact for such a moved sphere is a tie.
 const MOVED: f64 = 16.0 / (1u64 << 53) as f64;
 
-/// What the exact answer is, and which others rounding explains.
+/// Exact result for a ray and a sphere, with the deviations that rounding explains.
 struct Exact {
-    /// The nearest root that is not behind the origin.
+    /// Nearest root that is not behind the origin.
     t: Option<f64>,
-    /// Both roots, to f64; NaN where there are none.
+    /// Both roots, rounded to f64; without real roots, the parameter of the closest approach twice.
     roots: [f64; 2],
-    /// By how much each may be off.
+    /// Admissible error of each root.
     slack: f64,
-    /// Whether the line may as well miss.
+    /// Flag for a line so close to tangent that it may as well miss.
     is_tangent: bool,
 }
 
 impl Exact {
     fn new(sphere: &Sphere, ray: &Ray) -> Exact {
+        // Compute the coefficients of a t² - 2 b t + c in 106 bits
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let f = [0, 1, 2].map(|k| DoubleDouble::of(o[k]) - DoubleDouble::of(sphere.center[k]));
         let direction = wide3(d);
@@ -101,10 +102,11 @@ impl Exact {
         let b = -dot(f, direction);
         let c = dot(f, f) - square;
         let (discriminant, sign) = discriminant(sphere, (o, d), f, a * square);
+        // Bound the error of the roots for a sphere that rounding has moved
         let delta = MOVED * (o.length() + sphere.center.length() + sphere.radius);
         let length = a.nearest().sqrt();
         let half_chord = discriminant.nearest().abs().sqrt() / length;
-        // r² - h² for a line outside, where h is imaginary: the distance from the sphere is h² / 2r.
+        // With r² - h² for a line outside, h is imaginary: the distance from the sphere is h² / 2r.
         let is_tangent = half_chord * half_chord <= 2.0 * sphere.radius * delta;
         let slack = delta * sphere.radius / half_chord.max((sphere.radius * delta).sqrt()) / length;
         if sign == Ordering::Less {
@@ -116,6 +118,7 @@ impl Exact {
                 is_tangent,
             };
         }
+        // Solve without cancellation: the root of larger magnitude first
         let root = discriminant.sqrt();
         let q = if b < DoubleDouble::ZERO {
             b - root
@@ -132,17 +135,17 @@ impl Exact {
         }
     }
 
-    /// By how many ulps of f32 `t` is off the root at `exact`.
+    /// Returns the error of `t` against the root at `exact`, in ulps of f32.
     fn ulps(&self, t: f32, exact: f64) -> f64 {
         (f64::from(t) - exact).abs() / ulp(exact)
     }
 
-    /// Whether `t` is the root at `exact` of a sphere that is moved by rounding.
+    /// Returns whether `t` is the root at `exact` of a sphere that rounding has moved.
     fn explains(&self, t: f32, exact: f64) -> bool {
         (f64::from(t) - exact).abs() <= self.slack + ulp(exact)
     }
 
-    /// Judges an answer and notes its error.
+    /// Judges a result and records its error.
     fn judge(&self, hit: Option<Hit>, tally: &mut Tally) -> Answer {
         match (hit, self.t) {
             (None, None) => Answer::Right,
@@ -155,7 +158,7 @@ impl Exact {
             (Some(hit), expected) => {
                 let [first, second] = self.roots;
                 let meets = |root: f64| root >= -self.slack && self.explains(hit.t, root);
-                // A root that is as good as at the origin may count or not.
+                // A root that is indistinguishable from the origin may count or not.
                 let is_open = match expected {
                     None => self.is_tangent || second.abs() <= self.slack,
                     Some(_) => first.abs() <= self.slack,
@@ -166,27 +169,29 @@ impl Exact {
     }
 }
 
-/// What a discriminant of 106 bits may be off by, as a share of its terms: 12 roundings of 2^-104 and a few to spare.
+/// Error of a discriminant of 106 bits, as a share of its terms: 12 roundings of 2^-104 and a few to spare.
 const DISCRIMINANT_ERROR: f64 = 32.0 / (1u64 << 52) as f64 / (1u64 << 52) as f64;
 
-/// `a r² - |f x d|²` and its sign, which is exact. `f` is the line's origin `o` as seen from the centre.
+/// Returns `a r² - |f x d|²` and its exact sign. `f` is the line's origin `o` relative to the centre.
 fn discriminant(
     sphere: &Sphere,
     (o, d): (DVec3, DVec3),
     f: Wide3,
     chord: DoubleDouble,
 ) -> (DoubleDouble, Ordering) {
+    // Compute the discriminant from the moment of the line, to 106 bits
     let direction = wide3(d);
     let moment = [0, 1, 2].map(|k| {
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
         f[i] * direction[j] - f[j] * direction[i]
     });
     let found = chord - dot(moment, moment);
-    // The products that a moment is the difference of may be larger than it.
+    // The terms of the cross product may be larger than the moment itself.
     let size = chord.nearest() + dot(f, f).nearest() * d.length_squared();
     if found.nearest().abs() > DISCRIMINANT_ERROR * size {
         return (found, found.nearest().total_cmp(&0.0));
     }
+    // Fall back to exact arithmetic
     let exact = exact::discriminant(o, d, sphere.center, sphere.radius);
     (exact.wide(), exact.sign())
 }
@@ -195,13 +200,13 @@ fn tie_if(is_tie: bool) -> Answer {
     if is_tie { Answer::Tie } else { Answer::Wrong }
 }
 
-/// The distance from the f32 nearest to `x` to the next one.
+/// Returns the distance from the f32 nearest to `x` to the next one.
 fn ulp(x: f64) -> f64 {
     let nearest = (x as f32).abs();
     f64::from(nearest.next_up()) - f64::from(nearest)
 }
 
-/// Rays at one sphere among others.
+/// Traces rays at one sphere among other geometries.
 fn at_sphere(
     trial: &Trial,
     sphere: Sphere,
@@ -210,7 +215,7 @@ fn at_sphere(
     at_sphere_from(trial, sphere, 0.0, ray)
 }
 
-/// The same, for a scene with a camera so far away.
+/// Traces rays at one sphere, in a scene with a camera `farthest` units away; without a camera if that is 0.
 fn at_sphere_from(
     trial: &Trial,
     sphere: Sphere,
@@ -226,7 +231,7 @@ fn at_sphere_from(
     }
     let engine = trial.engine(&scene)?;
     Ok(trial.nearest(&engine, &ray, &|ray, hit, tally| {
-        // One of the others may stand in the way.
+        // One of the other geometries may occlude the sphere.
         if hit.is_some_and(|hit| hit.instance != 0) {
             return Answer::Right;
         }
@@ -234,14 +239,14 @@ fn at_sphere_from(
     }))
 }
 
-/// Rays from so many powers of ten of the radius away.
+/// Traces rays from distances of powers of ten of the radius.
 fn distant(trial: &Trial, powers: RangeInclusive<i32>) -> Result<Tally, AccelError> {
     let distances: Vec<f64> = powers.map(|power| 10f64.powi(power)).collect();
     let farthest = distances.iter().copied().fold(0.0, f64::max);
     at_sphere_from(trial, Sphere::UNIT, farthest, |random| {
         let distance = random.pick(&distances);
         let origin = (distance * random.direction()).as_vec3();
-        // A point of a ball a little larger than the sphere.
+        // Aim at a point of a ball a little larger than the sphere
         let target = 1.05 * random.unit().cbrt() * random.direction();
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     })
@@ -270,7 +275,7 @@ fn tangents(trial: &Trial) -> Result<Tally, AccelError> {
         let offset = 1.0 + (random.below(129) as f64 - 64.0) * 0.5f64.powi(24);
         let distance = random.pick(&[2.0, 5.0, 100.0]);
         if random.below(2) == 0 {
-            // Along an axis, so that the offset is exact where f32 has it.
+            // Choose a line along an axis, so that the offset is exact where f32 can represent it
             let axis = random.below(3);
             let sign = random.pick(&[1.0, -1.0]);
             let mut origin = Vec3::ZERO;
@@ -278,6 +283,7 @@ fn tangents(trial: &Trial) -> Result<Tally, AccelError> {
             origin[(axis + 1) % 3] = random.pick(&[1.0, -1.0]) * offset as f32;
             return Ray::new(origin, sign as f32 * Vec3::AXES[axis]);
         }
+        // Choose a tangent of random direction
         let direction = random.direction();
         let beside = direction.cross(random.direction()).normalize_or_zero();
         let origin = offset * beside - distance * direction;

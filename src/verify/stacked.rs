@@ -1,4 +1,4 @@
-//! Surfaces at the same place, and so close to each other that rounding may swap them.
+//! Coincident surfaces, and surfaces so close to each other that rounding may swap them.
 
 use glam::{DAffine3, DVec3};
 
@@ -36,10 +36,11 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// Sheets at one place.
+/// Number of coincident squares of each kind.
 const SHEETS: u32 = 8;
 
 fn coincident(trial: &Trial) -> Result<Tally, AccelError> {
+    // Stack meshes, and shapes beside them
     let at = |x: f64, y: f64| DVec3::new(x, y, 0.0);
     let corners = [at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)];
     let sheet = || Geometry::Mesh(mesh(&corners, vec![[0, 1, 2], [0, 2, 3]]));
@@ -49,6 +50,7 @@ fn coincident(trial: &Trial) -> Result<Tally, AccelError> {
     let shapes = (0..SHEETS).filter_map(|_| Instance::new("", SHEETS, 0, beside).ok());
     scene.instances.extend(shapes);
     let engine = trial.engine(&scene)?;
+    // Aim at either stack from both sides
     let ray = |random: &mut SplitMix64| {
         let is_shape = random.below(2) == 0;
         let shift = if is_shape { 3.0 } else { 0.0 };
@@ -62,15 +64,16 @@ fn coincident(trial: &Trial) -> Result<Tally, AccelError> {
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     };
     Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
+        // The first instance of the stack must win
         let first = if ray.at(1.0).x > 1.5 { SHEETS } else { 0 };
         Answer::wrong_if(hit.is_none_or(|hit| hit.instance != first))
     }))
 }
 
-/// How many ulps the sheets of each pair are apart.
+/// Gaps between the triangles of a pair, in ulps.
 const GAPS: [u32; 8] = [1, 2, 3, 5, 8, 16, 32, 64];
 
-/// A pair of slanted triangles, `gap` ulp apart in every corner, number `place` of a row.
+/// Returns a pair of slanted triangles, `gap` ulps apart in every vertex, at position `place` of a row.
 fn pair(place: usize, gap: u32) -> [[DVec3; 3]; 2] {
     let x = 4.0 * place as f64;
     let corner = |x: f64, y: f64, z: f32| DVec3::new(x, y, f64::from(z));
@@ -91,10 +94,12 @@ fn in_order(trial: &Trial) -> Result<Tally, AccelError> {
         .enumerate()
         .map(|(place, &gap)| pair(place, gap))
         .collect();
+    // Merge all pairs into one mesh
     let corners: Vec<DVec3> = pairs.iter().flatten().flatten().copied().collect();
     let faces = (0..corners.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
     let scene = scene(vec![Geometry::Mesh(mesh(&corners, faces.collect()))]);
     let engine = trial.engine(&scene)?;
+    // Aim at a random point of the first triangle of a pair
     let ray = |random: &mut SplitMix64| {
         let [first, _] = pairs[random.below(pairs.len())];
         let (u, v) = (random.unit(), random.unit());
@@ -108,6 +113,7 @@ fn in_order(trial: &Trial) -> Result<Tally, AccelError> {
         let origin = (target + random.within(0.5, 4.0) * aside).as_vec3();
         Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
     };
+    // Judge against the exact nearest triangle
     Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         let exact = exact_nearest(pairs.as_flattened(), ray, |_| true).map(|(first, _)| first);
         compared(&scene, ray, exact, hit)

@@ -1,4 +1,4 @@
-//! Long sums and products: opacities for other steps, light through many layers, samples of a pixel.
+//! Accuracy of long sums and products: opacity correction, transmittance of many layers, and sums of pixel samples.
 
 use super::sketch::Axis;
 use super::trial::{Answer, Tally, Trial};
@@ -41,7 +41,7 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// Most ulps that an opacity may be off.
+/// Largest admissible error of an opacity in ulps.
 const OPACITY_ULPS: f64 = 4.0;
 const OPACITY: Axis = Axis {
     label: "length over the step that the opacity is of",
@@ -59,12 +59,14 @@ const SAMPLES: Axis = Axis {
 fn opacities(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
     let mut tally = Tally::default();
     for _ in 0..count {
+        // Choose opacities close to 0 and close to 1
         let small = 10f64.powf(random.within(-9.0, 0.0));
         let alpha = match random.below(2) {
             0 => small.min(1.0 - 0.5f64.powi(24)),
-            // Near 1, where the logarithm cancels.
+            // Close to 1 the logarithm cancels.
             _ => 1.0 - small.max(0.5f64.powi(24)),
         };
+        // Compare with the double-double result
         let ratio = 10f64.powf(random.within(-6.0, 6.0));
         let found = (trial.subject.formulas.corrected_opacity)(alpha, ratio);
         let exact = -(DoubleDouble::of(ratio) * (-DoubleDouble::of(alpha)).ln_1p()).exp_m1();
@@ -77,7 +79,7 @@ fn opacities(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
     tally
 }
 
-/// Notes the error of `found` as a share of `bound` and counts it, plotted over `at`.
+/// Counts `found` against `exact` and records its error as a share of `bound`, plotted over `at`.
 fn hold(
     tally: &mut Tally,
     (axis, at): (Axis, f64),
@@ -85,6 +87,7 @@ fn hold(
     bound: f64,
     describe: impl FnOnce() -> String,
 ) {
+    // Avoid 0 / 0 where the result is exactly 0
     let off = (found - exact).abs();
     let share = if off == 0.0 { 0.0 } else { off / bound };
     tally.note_at(axis, at, share);
@@ -93,11 +96,12 @@ fn hold(
     });
 }
 
-/// One layer, ten, a hundred and so on, up to so many as there are questions.
+/// Tests 1, 10, 100, ... layers, up to the number of rays or 10^7.
 fn layers(trial: &Trial) -> Tally {
     const MAX_RAYS: u64 = 10_000_000;
     let mut tally = Tally::default();
     let mut count = 1;
+    // Try optical depths from 0 to beyond underflow, in layers of equal depth
     while count <= trial.rays.min(MAX_RAYS) {
         for tau in [
             0.0,
@@ -114,8 +118,9 @@ fn layers(trial: &Trial) -> Tally {
         ] {
             let layer = tau / count as f64;
             let found = (trial.subject.formulas.transmittance)(layer, count);
-            // Of what the layers add up to, which is not quite the whole.
+            // Take the sum of the rounded layers, which differs slightly from the total depth
             let depth = DoubleDouble::of(layer) * DoubleDouble::of(count as f64);
+            // Beyond a depth of 745 the transmittance underflows to 0
             let exact = if tau > 745.0 {
                 0.0
             } else {
@@ -131,14 +136,15 @@ fn layers(trial: &Trial) -> Tally {
     tally
 }
 
-/// What the samples of a pixel are.
+/// Sample values that a pixel sums up cyclically.
 const MIXTURES: [&[f32]; 4] = [&[1.0], &[0.1], &[1.0, 1e8, 1e-8], &[1e8, 1e-8, -1e8, 1.0]];
 
 fn pixels(trial: &Trial) -> Tally {
     const MAX_RAYS: u64 = 1 << 30;
     let mut tally = Tally::default();
-    // Whole packets, in four sums.
+    // Sum up whole packets, with four accumulators
     let packets = (trial.rays.min(MAX_RAYS) / LANES as u64).max(1);
+    // Add up the mixture cyclically with the function under test
     for (number, mixture) in MIXTURES.iter().enumerate() {
         let sample = |i: u64| mixture[(i % mixture.len() as u64) as usize];
         let lanes = |packet: u64| -> Lanes<f32> {
@@ -146,13 +152,14 @@ fn pixels(trial: &Trial) -> Tally {
         };
         let found = (trial.subject.formulas.pixel_sum)(&lanes, packets);
         let count = packets * LANES as u64;
+        // Compute the exact sum from whole cycles and a rest
         let (rounds, rest) = (count / mixture.len() as u64, count % mixture.len() as u64);
         let sum = |part: &[f32]| {
             part.iter()
                 .fold(DoubleDouble::ZERO, |sum, &x| sum + DoubleDouble::of(x.into()))
         };
         let exact = sum(mixture) * DoubleDouble::of(rounds as f64) + sum(&mixture[..rest as usize]);
-        // Where signs mix, of what the absolute values add up to.
+        // For mixed signs the bound is relative to the sum of absolute values.
         let size: f64 = mixture.iter().map(|x| f64::from(x.abs())).sum::<f64>() * (rounds + 1) as f64;
         let (at, answers) = ((SAMPLES, number as f64), [found, exact.nearest()]);
         hold(&mut tally, at, answers, 1e-12 * size, || {

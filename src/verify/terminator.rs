@@ -1,5 +1,5 @@
-//! The shading terminator: where light just grazes a sphere of triangles, facets fall into shadow that the smooth normals
-//! would light, and others may be lit that look away.
+//! Shading terminator: near grazing light on a tessellated sphere, facets are in shadow that smooth normals would
+//! light, and others may be lit although they face away.
 
 use std::f64::consts::PI;
 
@@ -27,16 +27,16 @@ pub(super) const CASES: &[Case] = &[Case {
     run: terminators,
 }];
 
-/// Rings of the coarsest sphere and of the finest.
+/// Numbers of rings of the coarsest and of the finest sphere.
 const RINGS: [u32; 2] = [8, 512];
-/// Triangles that are asked about however few rays there are.
+/// Largest number of triangles that is tested even if there are fewer rays.
 const MIN_TRIANGLES: u64 = 4096;
-/// Half the height of what is seen.
+/// Half the height of the orthographic view.
 const REACH: f64 = 1.05;
-/// Pixels each way, at least and at most.
+/// Smallest and largest size of the image in pixels.
 const SIZES: [f64; 2] = [24.0, 512.0];
 
-/// A ball before a camera that looks along -z, lit along x by a lamp of which it reflects the cosine.
+/// Returns a scene of a ball lit along x, with a diffuse material that reflects the cosine of the angle to the light.
 fn lit(geometry: Geometry) -> Scene {
     let mut scene = scene(vec![geometry]);
     scene.materials = vec![Material {
@@ -47,7 +47,7 @@ fn lit(geometry: Geometry) -> Scene {
         base_color: [1.0, 1.0, 0.0, 1.0],
         ..Material::default()
     }];
-    // What is not the ball is blue.
+    // Mark pixels beside the ball by blue
     scene.background = Background::Uniform([0.0, 0.0, 1.0]);
     scene.lights = vec![Light {
         name: String::new(),
@@ -68,7 +68,7 @@ fn camera() -> Camera {
     }
 }
 
-/// A ball of triangles with the normals of the sphere.
+/// Returns a tessellated ball with the normals of the sphere.
 fn ball(ring_count: u32) -> Mesh {
     let mesh = rings(ring_count, DVec3::ZERO, |_, _| 1.0);
     Mesh {
@@ -77,7 +77,7 @@ fn ball(ring_count: u32) -> Mesh {
     }
 }
 
-/// What is seen of a ball: the light of each pixel, NaN beside it.
+/// Renders a ball and returns the radiance of each pixel, NaN beside the ball.
 fn seen(trial: &Trial, geometry: Geometry, size: u32) -> Result<Option<Vec<f64>>, AccelError> {
     let rendering = trial.picture((&lit(geometry), &camera()), size, (0, 0.0))?;
     let light = |pixel: &[f32; 3]| match pixel[2] {
@@ -89,19 +89,23 @@ fn seen(trial: &Trial, geometry: Geometry, size: u32) -> Result<Option<Vec<f64>>
 
 fn terminators(trial: &Trial) -> Result<Tally, AccelError> {
     let mut tally = Tally::default();
+    // Share the rays among the resolutions
     let steps = (RINGS[1] / RINGS[0]).ilog2() + 1;
     let size = ((trial.rays / u64::from(steps)) as f64)
         .sqrt()
         .clamp(SIZES[0], SIZES[1]) as u32;
+    // Render the analytic sphere
     let Some(exact) = seen(trial, Geometry::Shape(Shape::Sphere(Sphere::UNIT)), size)? else {
         return Ok(tally);
     };
+    // Render balls of doubling resolution
     let mut coarser = f64::INFINITY;
     let mut ring_count = RINGS[0];
     while ring_count <= RINGS[1] && 4 * u64::from(ring_count).pow(2) <= trial.rays.max(MIN_TRIANGLES) {
         let Some(found) = seen(trial, Geometry::Mesh(ball(ring_count)), size)? else {
             break;
         };
+        // Compare pixels, and the mean error with that of the coarser ball
         let error = judge(ring_count, size, (&exact, &found), &mut tally);
         tally.note(error / coarser);
         tally.count(Answer::wrong_if(!(error < coarser)), || {
@@ -113,19 +117,21 @@ fn terminators(trial: &Trial) -> Result<Tally, AccelError> {
     Ok(tally)
 }
 
-/// Counts the pixels and returns what they are off by together, as a share of all light.
+/// Counts the pixels and returns their total error as a share of all light.
 fn judge(ring_count: u32, size: u32, (exact, found): (&[f64], &[f64]), tally: &mut Tally) -> f64 {
     let pixel = 2.0 * REACH / f64::from(size);
-    // A facet is at most that far across, and tilted against no point of the sphere below it by more.
+    // A facet is at most that far across, and its tilt against each point of the sphere below it is no larger.
     let tilt = 2f64.sqrt() * PI / f64::from(ring_count);
     let (mut sum, mut error) = (0.0, 0.0);
     for (number, (&exact, &found)) in exact.iter().zip(found).enumerate() {
-        // Beside either ball.
+        // Skip pixels beside either ball
         if exact.is_nan() || found.is_nan() {
             continue;
         }
+        // Compute the cosine of the angle to the light from the column
         let column = (number % size as usize) as f64;
         let cosine = (column + 0.5) * pixel - REACH;
+        // Check the analytic sphere, and facets beyond and before the terminator
         let is_off = (exact - cosine.max(0.0)).abs() > COSINE_ERROR;
         let leaks = cosine < -tilt && found > 0.0;
         let is_dark = cosine > tilt && !(found > 0.0);
@@ -140,6 +146,6 @@ fn judge(ring_count: u32, size: u32, (exact, found): (&[f64], &[f64]), tally: &m
     error / sum
 }
 
-/// What the light of the analytic sphere may be off by: the normal and the sum over its products are rounded to f32,
-/// three times each.
+/// Error bound of the analytic sphere's radiance: the normal and the sum of its products are rounded to f32, three
+/// times each.
 const COSINE_ERROR: f64 = 8.0 / (1 << 24) as f64;

@@ -1,4 +1,4 @@
-//! Placed spheres: mirrored, sheared, stretched, tiny and huge, and maps that place nothing.
+//! Instanced spheres under mirroring, shear, stretching, and tiny and huge scales; and singular transforms.
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
@@ -45,13 +45,14 @@ pub(super) const CASES: &[Case] = &[
     },
 ];
 
-/// Maps of a case, each with its share of the rays.
+/// Number of transforms of a case, which share the rays equally.
 const MAPS: usize = 64;
-/// By how many roundings, of 2^-53 of the coordinates involved, the sphere may seem to be moved, times the square of the
-/// condition number: the inverse is off by that number of roundings of itself, and what it carries is as much larger.
+/// Displacement of the sphere that rounding may explain, in roundings of 2^-53 of the coordinates involved, times the
+/// square of the condition number: the relative error of the inverse grows with it, and so do the vectors that it
+/// transforms.
 const MOVED: f64 = 16.0 / (1u64 << 53) as f64;
 
-/// Any turn.
+/// Returns a rotation about a random axis.
 pub(super) fn turn(random: &mut SplitMix64) -> DMat3 {
     DMat3::from_quat(DQuat::from_axis_angle(
         random.direction(),
@@ -59,7 +60,7 @@ pub(super) fn turn(random: &mut SplitMix64) -> DMat3 {
     ))
 }
 
-/// A map of any condition number up to 10^4.
+/// Returns an affine map of condition number up to 10^4.
 fn stretched(random: &mut SplitMix64) -> DAffine3 {
     let mut stretch = || 10f64.powf(random.within(-2.0, 2.0)) * random.pick(&[1.0, -1.0]);
     let diagonal = DMat3::from_diagonal(DVec3::new(stretch(), stretch(), stretch()));
@@ -91,6 +92,7 @@ fn placed(trial: &Trial, map: fn(&mut SplitMix64) -> DAffine3) -> Result<Tally, 
         };
         let engine = trial.engine(&scene)?;
         let oracle = Oracle::new(&map);
+        // Aim at a point of a ball slightly larger than the sphere
         let ray = |random: &mut SplitMix64| {
             let distance = 10f64.powf(random.within(0.3, 2.0));
             let origin = map.transform_point3(distance * random.direction()).as_vec3();
@@ -120,7 +122,7 @@ fn wide(v: DVec3) -> Wide3 {
     v.to_array().map(DoubleDouble::of)
 }
 
-/// The unit sphere under a map.
+/// Exact intersection oracle for the unit sphere under an affine map.
 pub(super) struct Oracle {
     /// Rows of the inverse of the linear part.
     inverse: [Wide3; 3],
@@ -129,8 +131,9 @@ pub(super) struct Oracle {
 }
 
 impl Oracle {
-    /// The oracle of a map that has an inverse.
+    /// Creates the oracle of an invertible map.
     pub(super) fn new(map: &DAffine3) -> Oracle {
+        // Invert the linear part by its adjugate, in double-double precision
         let [a, b, c] = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis].map(wide);
         let rows = [cross(b, c), cross(c, a), cross(a, b)];
         let determinant = dot(a, rows[0]);
@@ -142,17 +145,19 @@ impl Oracle {
         }
     }
 
-    /// In object space.
+    /// Transforms a vector to object space.
     fn carried(&self, v: Wide3) -> Wide3 {
         self.inverse.map(|row| dot(row, v))
     }
 
-    /// Both roots for the sphere of radius 1 + `delta`.
+    /// Returns both roots for the sphere of radius 1 + `delta`.
     fn roots(&self, ray: &Ray, delta: f64) -> Option<[DoubleDouble; 2]> {
         let o = wide(ray.origin.as_dvec3());
+        // Transform the ray to object space
         let o = self.carried([0, 1, 2].map(|k| o[k] - self.translation[k]));
         let d = self.carried(wide(ray.direction.as_dvec3()));
         let radius = DoubleDouble::ONE + DoubleDouble::of(delta);
+        // Solve the quadratic equation without cancellation
         let (a, b, c) = (dot(d, d), -dot(o, d), dot(o, o) - radius * radius);
         let discriminant = b * b - a * c;
         (discriminant > DoubleDouble::ZERO).then(|| {
@@ -171,12 +176,12 @@ impl Oracle {
         })
     }
 
-    /// The entry, if it lies ahead.
+    /// Returns the entry point, if it lies ahead of the origin.
     fn ahead(roots: Option<[DoubleDouble; 2]>) -> Option<f64> {
         roots.map(|roots| roots[0].nearest()).filter(|&t| t > 0.0)
     }
 
-    /// By how much the sphere may seem to be moved, in its own space.
+    /// Returns the displacement of the sphere that rounding may explain, in object space.
     fn slack(&self, ray: &Ray) -> f64 {
         let o = wide(ray.origin.as_dvec3());
         let o = self.carried([0, 1, 2].map(|k| o[k] - self.translation[k]));
@@ -185,25 +190,29 @@ impl Oracle {
         MOVED * self.condition * self.condition * (1.0 + length(o) + length(place))
     }
 
-    /// The angle between the normal where the ray enters and `n`, either way round, and what rounding explains of it:
-    /// normals are carried by the inverse's transpose, which tilts those most that it makes shortest.
+    /// Returns the angle between the exact normal at the entry point and `n` or its opposite, and the angle that
+    /// rounding explains: normals are transformed by the inverse transpose, which tilts those most that it shortens
+    /// most.
     pub(super) fn tilt(&self, ray: &Ray, n: DVec3) -> Option<(f64, f64)> {
+        // Find the exact hit point in object space
         let [t, _] = self.roots(ray, 0.0)?;
         let (o, d) = (wide(ray.origin.as_dvec3()), wide(ray.direction.as_dvec3()));
         let along = self.carried(d);
         let o = self.carried([0, 1, 2].map(|k| o[k] - self.translation[k]));
         let p: Wide3 = [0, 1, 2].map(|k| o[k] + t * along[k]);
+        // Transform its normal by the inverse transpose, and compute the angle
         let column = |k: usize| [self.inverse[0][k], self.inverse[1][k], self.inverse[2][k]];
         let exact = [0, 1, 2].map(|k| dot(column(k), p));
         let length = |v: Wide3| dot(v, v).sqrt();
         let sine = length(cross(exact, wide(n))) / (length(exact) * length(wide(n)));
+        // Bound the angle by the displacement of the hit point
         let largest = (0..3).map(|k| length(column(k)).nearest()).fold(0.0, f64::max);
         let cosine = (dot(p, along) / length(along)).nearest().abs();
         let bound = largest / length(exact).nearest() * self.slack(ray) / cosine;
         Some((sine.nearest().asin(), bound + NORMAL_ERROR))
     }
 
-    /// Rays start outside: the first root ahead is the entry.
+    /// Judges a result. Rays start outside, so the first root ahead is the entry point.
     pub(super) fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Tally) -> Answer {
         let expected = Oracle::ahead(self.roots(ray, 0.0));
         match (hit, expected) {
@@ -221,7 +230,7 @@ impl Oracle {
         self.moved(ray, hit)
     }
 
-    /// Judges an answer that is not the exact one, by spheres that are as much smaller and larger as rounding explains.
+    /// Judges a result that is not exact, by spheres that are smaller and larger by what rounding explains.
     fn moved(&self, ray: &Ray, hit: Option<Hit>) -> Answer {
         let delta = self.slack(ray);
         let [inner, outer] = [-delta, delta].map(|delta| self.roots(ray, delta));
@@ -229,6 +238,7 @@ impl Oracle {
             None if Oracle::ahead(inner).is_none() => Answer::Tie,
             None => Answer::Wrong,
             Some(hit) => {
+                // Require t between the entry points of both spheres
                 let ulp = f64::from(hit.t.next_up()) - f64::from(hit.t);
                 let t = f64::from(hit.t);
                 let Some(low) = Oracle::ahead(outer) else {
@@ -243,10 +253,10 @@ impl Oracle {
     }
 }
 
-/// What normals that are rounded to f32 may be off by, in radians.
+/// Error of a normal that is rounded to f32, in radians.
 const NORMAL_ERROR: f64 = 2.0 * f32::EPSILON as f64;
 
-/// A map, and whether it is to be refused.
+/// Returns a matrix, and whether it must be rejected.
 fn any_map(random: &mut SplitMix64) -> (DMat3, bool) {
     let (left, right) = (turn(random), turn(random));
     let size = 10f64.powf(random.within(-30.0, 30.0));
@@ -260,7 +270,7 @@ fn any_map(random: &mut SplitMix64) -> (DMat3, bool) {
             DVec3::new(1.0, random.pick(&[f64::NAN, f64::INFINITY]), 1.0),
             true,
         ),
-        // Half a million times below what is refused.
+        // The condition number is half a million times below the limit for rejection.
         _ => (DVec3::new(1.0, between(random), 1e-6 * between(random)), false),
     };
     (size * left * DMat3::from_diagonal(diagonal) * right, is_bad)

@@ -1,4 +1,4 @@
-//! One case put to one path: rays in chunks, all at once, and what is counted.
+//! Runs one case on one system under test: generates rays in chunks, in parallel, and counts the results.
 
 use std::convert::Infallible;
 use std::sync::atomic::AtomicBool;
@@ -16,52 +16,52 @@ use crate::parallel;
 use crate::render::{Monitor, RenderSettings, Rendering};
 use crate::scene::{Camera, Scene, SceneError};
 
-/// Builds what finds the hits of a scene.
+/// Function that builds the acceleration structure of a scene.
 pub type Build<'a> = dyn for<'s> Fn(&'s Scene) -> Result<Box<dyn Accel + 's>, AccelError> + Sync + 'a;
 
-/// What is put to the test.
+/// System under test: acceleration structure and formulas.
 pub struct Subject<'a> {
-    /// What finds hits.
+    /// Builder of the acceleration structure.
     pub build: &'a Build<'a>,
-    /// What is computed without a scene.
+    /// Functions that need no scene.
     pub formulas: Formulas,
-    /// What was said of the answers of other subjects to the same case.
+    /// Cached verdicts on the results of other systems under test for this case.
     pub judged: &'a Judged,
 }
 
-/// The formulas that cases ask, so that a test may put a careless one in the place of any.
+/// Functions of the renderer that cases test; a test may replace any of them by a careless one.
 #[derive(Clone, Copy)]
 pub struct Formulas {
-    /// As [`crate::optics::dielectric`].
+    /// Fresnel reflectance, see [`crate::optics::dielectric`].
     pub dielectric: fn(f64, f64, f64) -> Fresnel,
-    /// As [`crate::optics::refract`].
+    /// Refracted direction, see [`crate::optics::refract`].
     pub refract: fn(DVec3, DVec3, f64, f64) -> Option<Refraction>,
-    /// As [`crate::volume::composite::corrected_opacity`].
+    /// Opacity correction for a step length, see [`crate::volume::composite::corrected_opacity`].
     pub corrected_opacity: fn(f64, f64) -> f64,
-    /// The share of light that comes through so many layers of that depth, as [`crate::volume::transmittance_of`].
+    /// Transmittance of a number of layers of one optical depth, see [`crate::volume::transmittance_of`].
     pub transmittance: fn(f64, u64) -> f64,
-    /// The white light seen in an even medium of an extinction over a length of at most 2, in steps of a length, and the
-    /// share let through: what [`crate::volume::March`] makes of it.
+    /// White radiance and transmittance of a homogeneous medium from its extinction, a length of at most 2 and the step
+    /// length, computed with [`crate::volume::March`].
     pub march: fn(f64, f64, f64) -> [f64; 2],
-    /// The sum of so many packets of samples, as [`crate::render::pixel_sum`].
+    /// Sum of a number of packets of samples, see [`crate::render::pixel_sum`].
     pub pixel_sum: fn(&dyn Fn(u64) -> Lanes<f32>, u64) -> f64,
-    /// Whether a geometry can be placed by that map, as [`crate::scene::Instance::new`] has it.
+    /// Test whether a geometry can be instanced with a transform, see [`crate::scene::Instance::new`].
     pub is_invertible: fn(&DAffine3) -> bool,
-    /// As [`crate::numeric::spawn_point`].
+    /// Offset origin of a spawned ray, see [`crate::numeric::spawn_point`].
     pub spawn_point: fn(DVec3, DVec3, f64) -> glam::Vec3,
-    /// As [`Scene::validate`].
+    /// Scene validation, see [`Scene::validate`].
     pub validate: fn(&Scene) -> Result<(), SceneError>,
-    /// As [`Scene::normalise`].
+    /// Scene normalisation, see [`Scene::normalise`].
     pub normalise: fn(&mut Scene),
-    /// As [`crate::render::render`].
+    /// Renderer of whole images, see [`crate::render::render`].
     pub render: Render,
 }
 
-/// Makes a picture of a scene.
+/// Function that renders an image of a scene.
 pub type Render = fn(&Scene, &Camera, &dyn Accel, &RenderSettings, &Monitor) -> Option<Rendering>;
 
 impl Formulas {
-    /// Those of the renderer.
+    /// Functions of the renderer itself.
     pub const OURS: Formulas = Formulas {
         dielectric: crate::optics::dielectric,
         refract: crate::optics::refract,
@@ -77,45 +77,45 @@ impl Formulas {
     };
 }
 
-/// What was counted.
+/// Counts of a case, with its largest error.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Tally {
-    /// Questions asked: rays, or arguments of a formula.
+    /// Number of queries: rays, or arguments of a formula.
     pub rays: u64,
-    /// Answers that are wrong by more than the bound on rounding.
+    /// Results that are wrong by more than the rounding error bound.
     pub wrong: u64,
-    /// Answers that differ from the exact one within that bound.
+    /// Results that differ from the exact one within the rounding error bound.
     pub ties: u64,
-    /// The largest error met, in the unit of the case; 0 where it has none.
+    /// Largest error, in the unit of the case; 0 if the case measures none.
     pub worst: f64,
-    /// The first wrong answer, to be asked again.
+    /// First wrong result, in a form that allows reproducing the ray.
     pub example: Option<String>,
-    /// The first questions of each kind.
+    /// First queries of each kind, for figures.
     #[serde(skip)]
     pub sketch: Sketch,
 }
 
-/// How one answer compares with the exact one.
+/// Verdict on one result against the exact one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Answer {
-    /// As exact as it must be.
+    /// Result as exact as the case requires.
     Right,
-    /// Another one, which rounding explains.
+    /// Different result that rounding explains.
     Tie,
-    /// Another one, which it does not.
+    /// Different result that rounding does not explain.
     Wrong,
 }
 
 impl Answer {
-    /// Wrong if `is_wrong`, else right.
+    /// Returns `Wrong` if `is_wrong`, else `Right`.
     pub(super) fn wrong_if(is_wrong: bool) -> Answer {
         if is_wrong { Answer::Wrong } else { Answer::Right }
     }
 }
 
 impl Tally {
-    /// Counts one answer.
+    /// Counts one result; `describe` is called only for the first wrong one.
     pub(super) fn count(&mut self, answer: Answer, describe: impl FnOnce() -> String) {
         self.rays += 1;
         match answer {
@@ -128,34 +128,34 @@ impl Tally {
         }
     }
 
-    /// Counts what was answered to a ray, and keeps it if it is among the first.
+    /// Counts the result of a ray query and keeps the ray if it is among the first of its kind.
     pub(super) fn count_ray(&mut self, answer: Answer, ray: &Ray, hit: Option<Hit>) {
         let ray = *ray;
         self.sketch.keep(Asked { ray, hit, answer });
         self.count(answer, || describe(&ray, hit));
     }
 
-    /// Counts the rays of a picture that came after those of its pixels, each of which was counted with its answer.
+    /// Counts the secondary rays of an image; its camera rays have been counted with their verdicts.
     pub(super) fn count_followed(&mut self, rendering: &Rendering) {
         let pixels = rendering.image.pixels.len() as u64;
         self.rays += rendering.ledger.total().rays.saturating_sub(pixels);
     }
 
-    /// Notes the error of a formula at an argument, to be plotted.
+    /// Records the error of a formula at an argument, for the plot.
     pub(super) fn note_at(&mut self, axis: Axis, at: f64, off: f64) {
         self.note(off);
         let answer = Answer::wrong_if(!(off <= axis.bound));
         self.sketch.plot(axis, Error { at, off, answer });
     }
 
-    /// Notes an error, in the unit of the case.
+    /// Records an error, in the unit of the case.
     pub(super) fn note(&mut self, error: f64) {
-        // A NaN is as bad as can be.
+        // NaN counts as an infinite error.
         let error = if error.is_nan() { f64::INFINITY } else { error };
         self.worst = self.worst.max(error);
     }
 
-    /// Both together.
+    /// Returns the sum of two tallies; the first example wins.
     pub(super) fn with(self, other: Tally) -> Tally {
         Tally {
             rays: self.rays + other.rays,
@@ -168,29 +168,29 @@ impl Tally {
     }
 }
 
-/// What a trial keeps beside its counts.
+/// Detail that a trial records beside its counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Keeps {
-    /// The first questions.
+    /// First queries of each kind.
     Questions,
-    /// The first questions, and lines of what they are put to.
+    /// First queries of each kind, and line drawings of their scenes.
     Drawings,
 }
 
-/// Questions of a chunk: so many that threads share the work, so few that memory does not count.
+/// Queries of a chunk: enough chunks to share the work among threads, few enough queries that memory is negligible.
 const CHUNK: u64 = 4096;
 
-/// One case put to one subject.
+/// One case on one system under test.
 pub(super) struct Trial<'a> {
     pub(super) subject: &'a Subject<'a>,
-    /// How many questions, about.
+    /// Approximate number of queries.
     pub(super) rays: u64,
     seed: u64,
     keeps: Keeps,
 }
 
 impl<'a> Trial<'a> {
-    /// The trial of a case: its name says which random numbers it takes.
+    /// Creates the trial of a case; the identifier seeds its random numbers.
     pub(super) fn new(id: &str, rays: u64, subject: &'a Subject<'a>) -> Trial<'a> {
         let seed = id.bytes().fold(0, |seed: u64, byte| seed << 8 | u64::from(byte));
         Trial {
@@ -201,7 +201,7 @@ impl<'a> Trial<'a> {
         }
     }
 
-    /// The same with drawings of what is asked.
+    /// Returns the trial with line drawings of its scenes enabled.
     pub(super) fn drawn(self) -> Trial<'a> {
         Trial {
             keeps: Keeps::Drawings,
@@ -209,7 +209,7 @@ impl<'a> Trial<'a> {
         }
     }
 
-    /// The same with its share of the rays, where a case consists of `count` parts; this is number `part`.
+    /// Returns part `part` of a case that consists of `count` parts, with its share of the rays and its own seed.
     pub(super) fn part(&self, part: usize, count: usize) -> Trial<'a> {
         Trial {
             subject: self.subject,
@@ -219,8 +219,8 @@ impl<'a> Trial<'a> {
         }
     }
 
-    /// Puts its share of the questions to each of `count` parts, several at once, and adds up what they count: the same
-    /// for every number of threads.
+    /// Runs `ask` for each of `count` parts with its share of the queries, in parallel, and adds up the tallies. The
+    /// result does not depend on the number of threads.
     pub(super) fn over_parts(
         &self,
         count: usize,
@@ -232,14 +232,14 @@ impl<'a> Trial<'a> {
         })
     }
 
-    /// Builds what finds the hits of `scene`.
+    /// Builds the acceleration structure of `scene`.
     pub(super) fn engine<'s>(&self, scene: &'s Scene) -> Result<Engine<'s>, AccelError> {
         let accel = (self.subject.build)(scene)?;
         Ok(Engine { accel, scene })
     }
 
-    /// A picture of `scene` with one sample in the middle of each of `size` x `size` pixels and `depth` generations of
-    /// rays that weigh `weight_cutoff` or more.
+    /// Renders an image of `scene` with one sample in the centre of each of `size` x `size` pixels and `depth` bounces
+    /// of rays whose throughput is `weight_cutoff` or more.
     pub(super) fn picture(
         &self,
         (scene, camera): (&Scene, &Camera),
@@ -265,12 +265,13 @@ impl<'a> Trial<'a> {
         ))
     }
 
-    /// Asks `ask` for the questions of each chunk and adds up what it counts: the same for every number of threads.
+    /// Runs `ask` for the queries of each chunk and adds up the tallies. The result does not depend on the number of
+    /// threads.
     pub(super) fn in_chunks(&self, ask: &(dyn Fn(&mut SplitMix64, usize) -> Tally + Sync)) -> Tally {
         self.in_numbered_chunks(&|_, random, count| ask(random, count))
     }
 
-    /// As [`Trial::in_chunks`], with the number of the chunk.
+    /// Runs `ask` as [`Trial::in_chunks`] does, and passes it the number of the chunk.
     fn in_numbered_chunks(&self, ask: &(dyn Fn(u64, &mut SplitMix64, usize) -> Tally + Sync)) -> Tally {
         let Ok(tally) = sum::<Infallible>(self.rays.div_ceil(CHUNK), &|index| {
             let count = CHUNK.min(self.rays - index * CHUNK);
@@ -279,12 +280,12 @@ impl<'a> Trial<'a> {
         tally
     }
 
-    /// Whether lines of scenes are wanted.
+    /// Returns whether line drawings of scenes are enabled.
     pub(super) fn is_drawn(&self) -> bool {
         self.keeps == Keeps::Drawings
     }
 
-    /// What was counted of rays through `engine`, with lines of its scene where they are wanted.
+    /// Returns `tally` with a line drawing of the engine's scene if drawings are enabled.
     pub(super) fn with_drawing(&self, engine: &Engine, mut tally: Tally) -> Tally {
         if self.is_drawn() {
             tally.sketch.draw(engine.scene);
@@ -292,8 +293,8 @@ impl<'a> Trial<'a> {
         tally
     }
 
-    /// Asks for the nearest hits of rays that `ray` makes, and counts what `judge` says of each, and the error that it
-    /// notes. An answer that another subject gave is not judged again.
+    /// Traces nearest-hit queries for rays made by `ray`, judges each result with `judge`, and counts the verdicts and
+    /// errors. A result that another system under test has returned bit for bit is not judged again.
     pub(super) fn nearest(
         &self,
         engine: &Engine,
@@ -301,12 +302,15 @@ impl<'a> Trial<'a> {
         judge: &(dyn Fn(&Ray, Option<Hit>, &mut Tally) -> Answer + Sync),
     ) -> Tally {
         let tally = self.in_numbered_chunks(&|number, random, count| {
+            // Generate the rays of the chunk and trace them
             let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
             let hits = engine.nearest(&rays, order(random));
+            // Look up the verdicts of an earlier system under test
             let said = self.subject.judged.recall((self.seed, number));
             let mut judgements = Vec::with_capacity(if said.is_empty() { count } else { 0 });
             let mut tally = Tally::default();
             for (i, (ray, hit)) in rays.iter().zip(hits).enumerate() {
+                // Judge the hit, unless its verdict is cached
                 let judgement = said.get(i).and_then(|said| said.of(hit));
                 let judgement = judgement.unwrap_or_else(|| {
                     let mut own = Tally::default();
@@ -314,12 +318,14 @@ impl<'a> Trial<'a> {
                     let error = own.worst;
                     Judgement { hit, answer, error }
                 });
+                // Count the verdict
                 tally.note(judgement.error);
                 tally.count_ray(judgement.answer, ray, hit);
                 if said.is_empty() {
                     judgements.push(judgement);
                 }
             }
+            // Cache the verdicts of the first system under test
             if said.is_empty() {
                 self.subject.judged.keep((self.seed, number), judgements);
             }
@@ -329,10 +335,10 @@ impl<'a> Trial<'a> {
     }
 }
 
-/// Runs of tallies that are summed up each by one thread, at most: as many are kept until all are there.
+/// Largest number of runs of tallies; each run is summed up by one thread, and all sums stay in memory until the end.
 const MAX_RUNS: u64 = 1 << 10;
 
-/// Returns the sum of `tally(0..count)` in that order, or the error of the first that fails.
+/// Returns the sum of `tally(0..count)` in ascending order, or the error of the first that fails.
 fn sum<E: Send>(count: u64, tally: &(dyn Fn(u64) -> Result<Tally, E> + Sync)) -> Result<Tally, E> {
     let run = count.div_ceil(MAX_RUNS).max(1);
     let runs = parallel::try_map(count.div_ceil(run) as usize, &|number| {
@@ -346,17 +352,17 @@ fn sum<E: Send>(count: u64, tally: &(dyn Fn(u64) -> Result<Tally, E> + Sync)) ->
     Ok(runs.into_iter().reduce(Tally::with).unwrap_or_default())
 }
 
-/// Either order: it changes the speed, never the answer.
+/// Returns a random ray order, which affects the speed but never the result.
 pub(super) fn order(random: &mut SplitMix64) -> RayOrder {
     random.pick(&[RayOrder::Coherent, RayOrder::Incoherent])
 }
 
-/// A ray and what was answered, so that both can be had again.
+/// Formats a ray with its hit so that both can be reproduced.
 pub fn describe(ray: &Ray, hit: Option<Hit>) -> String {
     format!("{}: {}", describe_ray(ray), Reply::of_hit(hit))
 }
 
-/// A ray, so that it can be had again.
+/// Formats a ray so that it can be reproduced.
 pub fn describe_ray(ray: &Ray) -> String {
     let Ray {
         origin: o,
@@ -371,26 +377,26 @@ pub fn describe_ray(ray: &Ray) -> String {
     )
 }
 
-/// What was built over a scene.
+/// Acceleration structure with the scene that it was built over.
 pub(super) struct Engine<'s> {
     accel: Box<dyn Accel + 's>,
     scene: &'s Scene,
 }
 
 impl<'s> Engine<'s> {
-    /// One that was built elsewhere, over that scene.
+    /// Wraps a structure that was built elsewhere over `scene`.
     pub(super) fn of(accel: Box<dyn Accel + 's>, scene: &'s Scene) -> Engine<'s> {
         Engine { accel, scene }
     }
 
-    /// The rays in packets, asked for their nearest hits.
+    /// Packs the rays into packets and traces their nearest hits.
     pub(super) fn traced(&self, rays: &[Ray], order: RayOrder) -> Vec<RayPacket> {
         let mut packets = packets(rays);
         self.accel.intersect(&mut packets, order);
         packets
     }
 
-    /// The nearest hit of each ray.
+    /// Returns the nearest hit of each ray.
     pub(super) fn nearest(&self, rays: &[Ray], order: RayOrder) -> Vec<Option<Hit>> {
         let packets = self.traced(rays, order);
         (0..rays.len())
@@ -398,7 +404,7 @@ impl<'s> Engine<'s> {
             .collect()
     }
 
-    /// Whether each ray meets anything.
+    /// Returns whether each ray is occluded.
     pub(super) fn blocked(&self, rays: &[Ray], order: RayOrder) -> Vec<bool> {
         let mut packets = packets(rays);
         self.accel.occluded(&mut packets, order);
@@ -408,7 +414,7 @@ impl<'s> Engine<'s> {
     }
 }
 
-/// Which Embree a subject's is, if it is one.
+/// Returns the version and instruction set of Embree if the system under test uses it.
 pub(super) fn embree_identity(subject: &Subject) -> Result<Option<EmbreeIdentity>, AccelError> {
     let scene = Scene::default();
     Ok((subject.build)(&scene)?.report().embree)

@@ -1,4 +1,4 @@
-//! Twelve scenes of all kinds, made by code: what a renderer meets, and what is hard on trees over space.
+//! Twelve procedural test scenes of all kinds, including cases that are hard for spatial trees.
 
 use glam::{DAffine3, DQuat, DVec3};
 
@@ -9,10 +9,10 @@ use crate::numeric::SplitMix64;
 use crate::scene::{Geometry, Instance, Material, Scene};
 use crate::shape::{Shape, Torus};
 
-/// How many there are.
+/// Number of test scenes.
 pub(super) const COUNT: usize = 12;
 
-/// Scene `number` of [`COUNT`], a few units large, about the origin; it passes all checks.
+/// Returns test scene `number` of [`COUNT`], a few units large, about the origin; it passes validation.
 pub(super) fn world(number: usize) -> Scene {
     let random = &mut SplitMix64::new(0x37041d, number as u64);
     let plain = match number % COUNT {
@@ -24,7 +24,7 @@ pub(super) fn world(number: usize) -> Scene {
             [0; 3].map(|_| size * random.in_cube())
         }))]),
         4 => scene(vec![Geometry::Mesh(soup(random, |random| {
-            // Up to ten thousand times as long as high.
+            // Use aspect ratios up to ten thousand
             let (along, height) = (random.direction(), 10f64.powf(random.within(-4.0, -2.0)));
             [DVec3::ZERO, along, 0.4 * along + height * random.direction()]
         }))]),
@@ -53,6 +53,7 @@ pub(super) fn world(number: usize) -> Scene {
             Geometry::Mesh(icosphere(2)),
         ]),
     };
+    // Give all objects one material
     Scene {
         materials: vec![Material::default()],
         ..plain
@@ -65,10 +66,10 @@ fn bumpy() -> Mesh {
     })
 }
 
-/// Triangles of a mesh that share no corners.
+/// Number of triangles of a mesh that share no vertices.
 const SOUP: u32 = 512;
 
-/// Triangles that `triangle` makes about the origin, strewn about.
+/// Returns a mesh of triangles that `triangle` makes about the origin, translated at random.
 fn soup(random: &mut SplitMix64, triangle: impl Fn(&mut SplitMix64) -> [DVec3; 3]) -> Mesh {
     let corners: Vec<DVec3> = (0..SOUP)
         .flat_map(|_| {
@@ -80,14 +81,14 @@ fn soup(random: &mut SplitMix64, triangle: impl Fn(&mut SplitMix64) -> [DVec3; 3
     mesh(&corners, faces.collect())
 }
 
-/// A shape of each closed kind.
+/// Returns one shape of each closed kind and a disk.
 fn solids() -> Vec<Geometry> {
     let mut shapes = convex_solids();
     shapes.extend([Shape::Torus(Torus { minor_radius: 0.3 }), Shape::Disk]);
     shapes.into_iter().map(Geometry::Shape).collect()
 }
 
-/// Meshes, shapes and a plane without end.
+/// Returns a scene of a mesh, a cube and an infinite plane.
 fn on_a_floor() -> Scene {
     let mut scene = scene(vec![Geometry::Mesh(icosphere(3)), Geometry::Shape(Shape::Cube)]);
     scene.geometries.push(Geometry::Shape(Shape::Plane));
@@ -96,18 +97,20 @@ fn on_a_floor() -> Scene {
     scene
 }
 
-/// Where each geometry stands besides.
+/// Number of additional instances in a scene.
 const PLACES: u32 = 24;
 
 fn place(random: &mut SplitMix64) -> DAffine3 {
+    // Random rotation, with independent and partly mirroring scale
     let turn = DQuat::from_axis_angle(random.direction(), random.within(0.0, 3.0));
     let mut scale = || random.within(0.2, 1.0) * random.pick(&[1.0, -1.0]);
     let scale = DVec3::new(scale(), scale(), scale());
     DAffine3::from_scale_rotation_translation(scale, turn, 4.0 * random.in_cube())
 }
 
-/// Everything that has an end once more, turned, mirrored and stretched.
+/// Adds transformed instances of all bounded geometries, rotated, mirrored and stretched.
 fn placed(mut scene: Scene, random: &mut SplitMix64) -> Scene {
+    // Infinite planes come last, and are not instanced again
     let count = scene
         .geometries
         .iter()
@@ -122,7 +125,7 @@ fn placed(mut scene: Scene, random: &mut SplitMix64) -> Scene {
     scene
 }
 
-/// Everything once more, on its way from one place to the next.
+/// Adds moving instances of all geometries, each between two transforms.
 fn moving(mut scene: Scene, random: &mut SplitMix64) -> Scene {
     let count = scene.geometries.len() as u32;
     for number in 0..PLACES {

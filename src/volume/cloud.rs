@@ -1,8 +1,9 @@
-//! Procedural clouds: fractal noise in a shape, baked into a grid.
+//! Procedural clouds: fractal noise modulates a shape, and the density is baked into a grid.
 //!
-//! The density at a point is how far the shape's own density, roughened by noise, exceeds a threshold, so that clouds
-//! have billows and clear sky between them (D. Ebert et al., "Texturing and Modeling: A Procedural Approach", 3rd ed.,
-//! 2003, ch. 9: "hypertexture" and "puffy clouds"). What is under the threshold is exactly 0, hence empty space.
+//! The density at a point is the excess of the shape's own density, perturbed by noise, over a threshold, so that
+//! clouds have billows and clear sky between them (D. Ebert et al., "Texturing and Modeling: A Procedural Approach",
+//! 3rd ed., 2003, ch. 9: "hypertexture" and "puffy clouds"). Below the threshold the density is exactly 0, hence empty
+//! space.
 
 use glam::{DVec3, Vec3Swizzles};
 
@@ -10,36 +11,36 @@ use super::{Grid, Samples, VolumeError};
 use crate::numeric::noise::{fractal, turbulence};
 use crate::parallel;
 
-/// A cloud in the cube [-1, 1]³, with densities from 0 to 1.
+/// Procedural cloud in the cube [-1, 1]³, with densities from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cloud {
-    /// What the noise roughens.
+    /// Mean density, which the noise perturbs.
     pub shape: CloudShape,
-    /// Cells of the coarsest noise along half the cube's side; positive.
+    /// Number of cells of the coarsest noise along half the cube's side; positive.
     pub frequency: f64,
-    /// Octaves of noise, each twice as fine and half as strong as the one before.
+    /// Number of octaves of noise, each with twice the frequency and half the amplitude of the previous.
     pub octaves: u32,
-    /// How much of the density is the noise's, from 0 (the plain shape) up; 1 is about as much as the shape's.
+    /// Amplitude of the noise relative to the mean density, from 0 (the plain shape) up; 1 makes both about equal.
     pub roughness: f64,
-    /// Density at which the cloud begins, from 0; what is over it is stretched to [0, 1].
+    /// Density threshold of the cloud, from 0; the excess is rescaled to [0, 1].
     pub threshold: f64,
-    /// Clouds of other seeds look alike but have nothing in common.
+    /// Seed of the noise: clouds of different seeds look similar but are uncorrelated.
     pub seed: u32,
 }
 
-/// The mean density of a [`Cloud`].
+/// Mean density of a [`Cloud`] as a function of position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CloudShape {
-    /// The same all over the cube.
+    /// Constant density throughout the cube.
     Layer,
-    /// 1 in the middle, 0 from the unit sphere on.
+    /// Ball with density 1 in the centre, falling to 0 at the unit sphere.
     Puff,
-    /// A column of smoke that rises along +y from the cube's bottom, widens, sways and thins out.
+    /// Column of smoke that rises along +y from the cube's bottom, widens, sways and thins out.
     Plume,
 }
 
 impl Cloud {
-    /// The smoke that rises from a chimney: mostly empty space.
+    /// Smoke that rises from a chimney: mostly empty space.
     pub const SMOKE: Cloud = Cloud {
         shape: CloudShape::Plume,
         frequency: 3.0,
@@ -49,27 +50,31 @@ impl Cloud {
         seed: 1,
     };
 
-    /// The density at `p` in the cube [-1, 1]³.
+    /// Returns the density at `p` in the cube [-1, 1]³.
     pub fn density(&self, p: DVec3) -> f64 {
-        // Noise repeats after 256 cells: seeds start at other places of it.
+        // Noise repeats after 256 cells: seeds start at different positions of it.
         let start = DVec3::new(17.0, 31.0, 59.0) * f64::from(self.seed % 251) + 0.37;
         let q = p * self.frequency + start;
         let mean = self.shape.mean(p, q);
+        // Return early where the noise cannot raise the density above 0
         if mean <= 0.0 {
             return 0.0;
         }
+        // Evaluate the noise
         let noise = match self.shape {
             CloudShape::Plume => 2.0 * turbulence(q, self.octaves, 0.0) - 0.5,
             _ => 2.0 * fractal(q, self.octaves, 0.0),
         };
+        // Subtract the threshold and rescale
         let rough = mean * (1.0 + self.roughness * noise) - self.threshold;
         (rough / (1.0 - self.threshold).max(f64::EPSILON)).clamp(0.0, 1.0)
     }
 
-    /// The cloud as a grid of `size` samples along x, y, z; at least one each.
+    /// Bakes the cloud into a grid of `size` samples along x, y, z; at least one each.
     pub fn bake(&self, size: [usize; 3]) -> Result<Grid, VolumeError> {
         let [nx, ny, nz] = size;
         let middle = |i: usize, count: usize| 2.0 * (i as f64 + 0.5) / count as f64 - 1.0;
+        // Evaluate densities at voxel centres, one row a task
         let row = |j: usize| {
             let [y, z] = [middle(j % ny, ny), middle(j / ny, nz)];
             let density = |i: usize| self.density(DVec3::new(middle(i, nx), y, z)) as f32;
@@ -81,20 +86,20 @@ impl Cloud {
 }
 
 impl CloudShape {
-    /// The mean density at `p`; `q` is the same point in cells of noise.
+    /// Returns the mean density at `p`; `q` is `p` in cells of noise.
     fn mean(self, p: DVec3, q: DVec3) -> f64 {
         match self {
             CloudShape::Layer => 0.5,
             CloudShape::Puff => 1.0 - p.length_squared(),
             CloudShape::Plume => {
                 let height = 0.5 * (p.y + 1.0);
-                // Slow, tall noise sways the axis, more the higher it is.
+                // Low-frequency noise, stretched along y, displaces the axis in proportion to the height.
                 let slow = DVec3::new(7.5, 0.35 * q.y, 3.5);
                 let sway = DVec3::new(fractal(slow, 2, 0.0), 0.0, fractal(slow.zyx(), 2, 0.0));
                 let away = (p - 1.2 * height * sway) * DVec3::new(1.0, 0.0, 1.0);
                 let radius = 0.07 + 0.33 * height;
                 let across = 1.0 - away.length_squared() / (radius * radius);
-                // Thins out over the topmost fifth.
+                // Fade out over the topmost fifth.
                 across * (5.0 * (1.0 - height)).min(1.0) * (1.0 - 0.4 * height)
             }
         }

@@ -1,61 +1,65 @@
-//! Compositing front to back: C += (1 - A) alpha c, A += (1 - A) alpha, and the correction of an opacity for the step.
+//! Front-to-back compositing: C += (1 - A) alpha c, A += (1 - A) alpha, and opacity correction for the step length.
 //!
-//! The operator is that of Porter and Duff ("Compositing digital images", SIGGRAPH 1984), met from the viewer on. An
-//! opacity holds for the step it was measured over; over another step it is 1 - (1 - alpha)^ratio (Bruckner, thesis,
-//! 2004, eq. 3.13), here through logarithms that do not cancel: the plain power loses all of an opacity of 10^-7 in f32.
+//! The operator is Porter and Duff's "over" ("Compositing digital images", SIGGRAPH 1984), applied from the viewer on.
+//! An opacity holds for the step it was measured over; over another step it is 1 - (1 - alpha)^ratio (Bruckner, thesis,
+//! 2004, eq. 3.13), here through logarithms that do not cancel: the plain power loses all of an opacity of 10^-7 in
+//! f32.
 
 use super::optical_depth::{opacity, optical_depth};
 
-/// The opacity over `ratio` reference steps of what has the opacity `alpha` in [0, 1] over one. Within 4 ulp.
+/// Returns the opacity over `ratio` reference steps of a medium with opacity `alpha` in [0, 1] over one. Within 4 ulp.
 #[inline(always)]
 pub fn corrected_opacity(alpha: f64, ratio: f64) -> f64 {
     opacity(ratio * optical_depth(alpha))
 }
 
-/// What has been met so far along a ray, from the viewer on.
+/// Radiance and transmittance accumulated along a ray, from the viewer on.
 ///
-/// Each sum keeps what its roundings lost (D. Knuth, The Art of Computer Programming 2, 4.2.2, theorem B): those of a
-/// million equal steps may all go one way.
+/// Each sum carries its rounding error (D. Knuth, The Art of Computer Programming 2, 4.2.2, theorem B): the errors of a
+/// million equal steps may all have one sign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Composite {
-    /// Linear red, green and blue that reach the viewer, and the share of what lies behind.
+    /// Linear RGB radiance that reaches the viewer, and the transmittance.
     sums: [f64; 4],
+    /// Rounding errors of the sums, to be added to them.
     lost: [f64; 4],
 }
 
-/// Where the share of what lies behind is among the sums.
+/// Index of the transmittance in the sums.
 const BEHIND: usize = 3;
 
 impl Composite {
-    /// Nothing met yet.
+    /// Composite of an empty segment: no radiance, transmittance 1.
     pub const CLEAR: Composite = Composite {
         sums: [0.0, 0.0, 0.0, 1.0],
         lost: [0.0; 4],
     };
 
-    /// Linear red, green and blue that reach the viewer.
+    /// Returns the linear RGB radiance that reaches the viewer.
     pub fn color(&self) -> [f64; 3] {
         [0, 1, 2].map(|channel| self.sums[channel] + self.lost[channel])
     }
 
-    /// The share of what lies behind that still comes through, in [0, 1].
+    /// Returns the transmittance to the background, in [0, 1].
     #[inline(always)]
     pub fn transmittance(&self) -> f64 {
         self.sums[BEHIND] + self.lost[BEHIND]
     }
 
-    /// Goes through a layer of the colour `color` and opacity `alpha`, behind all before it.
+    /// Composites a layer of colour `color` and opacity `alpha` behind all layers before it.
     #[inline(always)]
     pub fn push(&mut self, color: [f64; 3], alpha: f64) {
         self.add(color.map(|c| alpha * c), alpha);
     }
 
-    /// The same with a colour that is multiplied by the opacity already, as that of flames, which have none.
+    /// Composites a layer whose radiance is premultiplied by its opacity, as that of flames, which have none.
     #[inline(always)]
     pub fn add(&mut self, radiance: [f64; 3], alpha: f64) {
+        // Attenuate by the layers in front
         let transmittance = self.transmittance();
         let [red, green, blue] = radiance;
         let added = [red, green, blue, -alpha].map(|source| transmittance * source);
+        // Add with the rounding error of each sum (two-sum)
         for i in 0..added.len() {
             let (was, added) = (self.sums[i], added[i]);
             let sum = was + added;
@@ -65,7 +69,7 @@ impl Composite {
         }
     }
 
-    /// The whole, before the opaque `background`.
+    /// Returns the accumulated radiance in front of the opaque `background`.
     #[inline(always)]
     pub fn over(&self, background: [f64; 3]) -> [f64; 3] {
         let (color, transmittance) = (self.color(), self.transmittance());
@@ -77,6 +81,7 @@ impl Composite {
 mod tests {
     use super::*;
 
+    /// Composites `layers` from front to back over `background`.
     fn layers(layers: &[([f64; 3], f64)], background: [f64; 3]) -> [f64; 3] {
         let mut met = Composite::CLEAR;
         for &(color, alpha) in layers {
@@ -111,7 +116,8 @@ mod tests {
         assert_eq!(met.over([7.0; 3]), [0.25, 0.5, 0.75]);
     }
 
-    /// 1 - (1 - alpha)^ratio with 80 digits, of the f64 alpha, and of the f64 ratios 10^-6, 10^-5, ... 10^6.
+    /// Reference values of 1 - (1 - alpha)^ratio, computed with 80 digits for the f64 alpha and the f64 ratios 10^-6,
+    /// 10^-5, ... 10^6.
     #[rustfmt::skip]
     const CORRECTED: [(f64, [f64; 13]); 6] = [
         (1e-09, [1.0000000004999994e-15, 1.0000000004999952e-14, 1.0000000004999502e-13, 1.0000000004995001e-12,
@@ -138,7 +144,7 @@ mod tests {
         let mut worst = 0.0f64;
         for (alpha, row) in CORRECTED {
             for (i, expected) in row.into_iter().enumerate() {
-                // As literals: powf need not round as the parser does.
+                // Parse literals: powf need not round as the parser does.
                 let ratio: f64 = format!("1e{}", i as i32 - 6).parse().unwrap();
                 let got = corrected_opacity(alpha, ratio);
                 worst = worst.max((got - expected).abs() / (expected.next_up() - expected));
@@ -155,7 +161,7 @@ mod tests {
             for _ in 0..count {
                 met.push([1.0; 3], short);
             }
-            // An opacity is off by 4 ulp, products by a half: steps share these, and the rest is rounded once.
+            // An opacity is off by 4 ulp, products by half an ulp: steps share these, and the rest is rounded once.
             let bound = 6.0 * f64::EPSILON;
             assert!((met.color()[0] - alpha).abs() <= bound, "{alpha} {count}");
             assert!((met.transmittance() - (1.0 - alpha)).abs() <= bound);

@@ -1,23 +1,24 @@
-//! Samples of one ray that were taken and wait for light: what lamps send to them is asked for sixteen at a time.
+//! Deferred lighting of volume samples: samples of one ray are queued, and the in-scattered light is computed for
+//! sixteen at a time.
 //!
-//! Only those that add something wait: whole batches of points that scatter light go to the lamps, however much of what a
-//! march goes through is clear. They are composited in their order along the ray once they are lit.
+//! Only samples that contribute are queued: lights are evaluated for whole batches of points that scatter light,
+//! however much of the march is empty. Once lit, samples are composited in their order along the ray.
 
 use super::composite::Composite;
 use super::march::{Lighting, PointLanes, RaySegment};
 use super::sample_batch::{ROOM, ShadedSamples};
 use crate::numeric::{LANES, Lanes};
 
-/// Taken samples, the nearest first.
+/// Queue of samples with their optical properties, nearest first.
 #[derive(Clone, Debug)]
 pub(super) struct PendingSamples {
+    /// One row a property, as numbered by [`T`] and the constants after it.
     rows: [[f64; ROOM]; ROWS],
-    /// Fewer than sixteen, but while more are put to them.
+    /// Number of pending samples: fewer than sixteen, except while more are being added.
     filled: usize,
 }
 
-/// Numbers that are known of a sample: where on the ray it is, alpha, share, and three channels each of what it scatters
-/// and what it sends out.
+/// Number of properties of a sample: ray parameter, alpha, share, and three channels each of scattering and emission.
 const ROWS: usize = 9;
 const T: usize = 0;
 const ALPHA: usize = 1;
@@ -26,26 +27,27 @@ const SCATTERING: usize = 3;
 const EMISSION: usize = 6;
 
 impl PendingSamples {
-    /// None.
+    /// Queue without pending samples.
     pub(super) const NONE: PendingSamples = PendingSamples {
         rows: [[0.0; ROOM]; ROWS],
         filled: 0,
     };
 
-    /// Whether none is left.
+    /// Returns whether no samples are pending.
     pub(super) fn is_empty(&self) -> bool {
         self.filled == 0
     }
 
-    /// Whether there are enough for the lamps to be asked.
+    /// Returns whether there are enough samples for a full batch of lighting.
     #[inline(always)]
     pub(super) fn is_full(&self) -> bool {
         self.filled >= LANES
     }
 
-    /// Puts those of the first `count` samples that add anything to the ones that wait, which are fewer than sixteen.
+    /// Appends those of the first `count` samples that contribute to the pending ones, which are fewer than sixteen.
     #[inline(always)]
     pub(super) fn push(&mut self, t: &Lanes<f64>, seen: &ShadedSamples, count: usize) {
+        // Collect the rows of the batch
         let from = self.filled % LANES;
         let [red, green, blue] = &seen.matter.scattering;
         let [red_sent, green_sent, blue_sent] = &seen.matter.emission;
@@ -60,15 +62,17 @@ impl PendingSamples {
             green_sent,
             blue_sent,
         ];
+        // Copy whole rows if all samples contribute
         let mut left = u32::from(seen.adds) & ((1 << count) - 1);
         if left.count_ones() as usize == count {
-            // What is copied in excess is written over by what comes next.
+            // Lanes beyond `count` are overwritten by the next call.
             for (own, row) in self.rows.iter_mut().zip(rows) {
                 own[from..from + LANES].copy_from_slice(row);
             }
             self.filled = from + count;
             return;
         }
+        // Otherwise append the contributing samples one by one
         self.filled = from;
         while left != 0 {
             let l = left.trailing_zeros() as usize % LANES;
@@ -81,22 +85,26 @@ impl PendingSamples {
         }
     }
 
-    /// Lights the first sixteen, or all, of the ray along `stretch`, and puts them behind what has been met before.
+    /// Lights the oldest sixteen samples, or all, of the ray along `stretch`, and composites them behind the earlier
+    /// ones.
     pub(super) fn composite(
         &mut self,
         stretch: &RaySegment,
         light: Option<&mut Lighting>,
         composite: &mut Composite,
     ) {
+        // Add direct lighting
         let count = self.filled.min(LANES);
         if let Some(light) = light {
             self.light_up(stretch, light, count);
         }
+        // Composite the samples in order along the ray
         let rows = &self.rows;
         for l in 0..count {
             let source = |c: usize| rows[SHARE][l] * (rows[SCATTERING + c][l] + rows[EMISSION + c][l]);
             composite.add([source(0), source(1), source(2)], rows[ALPHA][l]);
         }
+        // Remove them from the queue
         self.filled -= count;
         if self.filled > 0 {
             for row in &mut self.rows {
@@ -105,8 +113,9 @@ impl PendingSamples {
         }
     }
 
-    /// Asks for the light at those of the first `count` samples that scatter any.
+    /// Multiplies scattering by the in-scattered light, at those of the first `count` samples that scatter any.
     fn light_up(&mut self, stretch: &RaySegment, light: &mut Lighting, count: usize) {
+        // Find the samples that scatter
         let mut active = 0;
         for l in 0..count {
             let scatters = (0..3).any(|channel| self.rows[SCATTERING + channel][l] > 0.0);
@@ -115,12 +124,14 @@ impl PendingSamples {
         if active == 0 {
             return;
         }
+        // Compute their positions
         let mut points = [[0.0; LANES]; 3];
         for axis in 0..3 {
             for l in 0..LANES {
                 points[axis][l] = stretch.origin[axis] + self.rows[T][l] * stretch.direction[axis];
             }
         }
+        // Evaluate the lights and modulate the scattering
         let arriving = light(&PointLanes { points, active });
         for channel in 0..3 {
             for l in 0..LANES {

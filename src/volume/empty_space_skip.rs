@@ -1,4 +1,4 @@
-//! Which of the next steps of a march may have matter in them: sixteen are looked at together.
+//! Empty-space skipping: finds the next steps of a march that may be non-empty, sixteen at a time.
 
 use std::ops::Range;
 
@@ -9,24 +9,25 @@ use super::sample_batch::{PendingBatch, VolumeSegment, places};
 use super::steps::Steps;
 use crate::numeric::{LANES, Lanes};
 
-/// Up to sixteen steps in a row.
+/// Window of up to sixteen consecutive steps.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct StepWindow {
-    /// Middles of the steps.
+    /// Ray parameters of the steps' middles.
     pub(super) t: Lanes<f64>,
-    /// Their lengths, in units of t.
+    /// Lengths of the steps, in units of t.
     pub(super) length: Lanes<f64>,
-    /// How many of them, from the first on, are to be taken; the others are not of the march, or empty like what lies
-    /// before the first.
+    /// Number of steps, from the first on, to be sampled; the others are beyond the march's end or empty, as are the
+    /// skipped steps before the first.
     pub(super) wanted: usize,
-    /// The step to go on from when these are done; what lies between is empty.
+    /// Index of the step to continue from afterwards; the steps in between are empty.
     pub(super) next: u64,
 }
 
 impl StepWindow {
-    /// Looks at the steps from `i` on, which lies before `end`, along a ray through all of `met`.
+    /// Classifies the steps from `i` on, which lies before `end`, along a ray through all of `met`.
     #[inline(always)]
     pub(super) fn new(met: &[VolumeSegment], skip: SkipEmpty, steps: &Steps, i: u64, end: u64) -> StepWindow {
+        // Compute the next sixteen steps
         let [t, length] = steps.lanes(i);
         let count = (end - i).min(LANES as u64);
         let mut survey = StepWindow {
@@ -38,14 +39,16 @@ impl StepWindow {
         if skip == SkipEmpty::Never {
             return survey;
         }
-        // No closures here: one that is not inlined would be compiled for the lowest instruction set.
+        // Use no closures: one that is not inlined would be compiled for the lowest instruction set.
+        // Mark steps in non-empty cells of any volume
         let mut matter = 0;
         for met in met {
             matter |= met.volume.empty.matter(&places(&met.ray, &t));
         }
         matter &= u16::MAX >> (LANES as u64 - count);
-        // Empty steps between others are taken: to pick out the others costs more.
+        // Trim empty steps at both ends only: removing those in between costs more than sampling them.
         let beyond = LANES - matter.leading_zeros() as usize;
+        // Skip ahead through empty blocks if the window ends in empty space
         if beyond < LANES && survey.next < end {
             survey.next = leap(met, steps, t[LANES - 1]).clamp(survey.next, end);
         }
@@ -56,12 +59,13 @@ impl StepWindow {
     }
 }
 
-/// The steps outside which there is no matter.
+/// Returns the range of steps outside which all volumes are empty.
 #[inline(always)]
 pub(super) fn range(met: &[VolumeSegment], skip: SkipEmpty, steps: &Steps) -> Range<u64> {
     if skip == SkipEmpty::Never {
         return 0..steps.count;
     }
+    // Unite the intervals of the volumes' non-empty boxes
     let (mut start, mut end) = (f64::INFINITY, f64::NEG_INFINITY);
     for met in met {
         let [from, to] = met.volume.empty.span(&met.ray);
@@ -76,7 +80,7 @@ pub(super) fn range(met: &[VolumeSegment], skip: SkipEmpty, steps: &Steps) -> Ra
     steps.around(steps.last_before(start), steps.last_before(end))
 }
 
-/// The step up to which there is nothing from `t` on.
+/// Returns the index of the step up to which all of `met` are empty from `t` on.
 #[inline(always)]
 fn leap(met: &[VolumeSegment], steps: &Steps, t: f64) -> u64 {
     let mut until = f64::INFINITY;
@@ -84,12 +88,12 @@ fn leap(met: &[VolumeSegment], steps: &Steps, t: f64) -> u64 {
         let leap = met.volume.empty.leap(&met.ray, t);
         until = if leap < until { leap } else { until };
     }
-    // The step before the last is a whole step away from where it ends: much more than any rounding.
+    // Step back by one: a whole step is a margin much larger than any rounding error.
     steps.last_before(until)
 }
 
-/// Lets those steps of `range` that may have matter wait, until there is a batch of them; their lengths times `unit`
-/// are in world units. Returns the step to go on from.
+/// Fills `waiting` with the steps of `range` that may be non-empty, until it holds a batch; their lengths are
+/// multiplied by `unit` to get world units. Returns the step to continue from.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma",
@@ -104,7 +108,9 @@ pub(super) fn fill(
 ) -> u64 {
     let mut i = range.start;
     while i < range.end && waiting.filled < LANES {
+        // Find the non-empty steps of the next window
         let mut survey = StepWindow::new(met, skip, steps, i, range.end);
+        // Convert lengths to world units
         for l in 0..LANES {
             survey.length[l] *= unit;
         }

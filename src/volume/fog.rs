@@ -1,33 +1,40 @@
-//! Homogeneous fog: what a stretch of it does has a closed form.
+//! Homogeneous fog, whose radiance and transmittance along a segment have a closed form.
 
 use super::composite::Composite;
 use super::optical_depth::opacity;
 use super::{MAX_STEPS, VolumeError};
 
-/// A medium that is the same everywhere.
+/// Homogeneous medium that fills all space.
 #[derive(Clone, Copy, Debug, PartialEq)]
+/// Extinction coefficient per world unit.
 pub struct Fog {
+    /// Linear RGB single-scattering albedo.
     extinction: f64,
+    /// Linear RGB radiance emitted per world unit.
     color: [f64; 3],
+    /// Ray-marching step in world units, for fog lit by lights.
     emission: [f64; 3],
     step: f64,
 }
 
 impl Fog {
-    /// Fog of `extinction` per world unit, which scatters the share `color` of what it takes away, and sends out the
-    /// radiance `emission` per world unit. `step` is the step where lamps light it; else none is needed.
+    /// Creates fog of `extinction` per world unit, with the albedo `color` and the emitted radiance `emission` per
+    /// world unit. `step` is the ray-marching step where lights illuminate the fog; the closed form needs none.
     pub fn new(extinction: f64, color: [f64; 3], emission: [f64; 3], step: f64) -> Result<Fog, VolumeError> {
         let wrong = |fault| Err(VolumeError::Fog { fault });
         let in_range = |x: f64| (0.0..=f64::from(f32::MAX)).contains(&x);
+        // Check ranges; beyond those of f32, products could overflow
         if !in_range(extinction) {
             return wrong("has an extinction that is negative or not finite");
         }
         if !color.into_iter().chain(emission).all(in_range) {
             return wrong("has a colour or emission that is negative or not finite");
         }
+        // Reject emission without extinction: its integral to infinity diverges
         if extinction == 0.0 && emission != [0.0; 3] {
             return wrong("glows without end where nothing takes light away");
         }
+        // Check that a march to full opacity takes at most MAX_STEPS steps
         if !(step > 0.0 && step.is_finite()) {
             return wrong("has a step that is not positive");
         }
@@ -42,7 +49,7 @@ impl Fog {
         })
     }
 
-    /// The same where lengths are `scale`, a power of two, times as large: exact.
+    /// Returns the fog for lengths that are `scale`, a power of two, times as large: exact.
     #[must_use]
     pub fn rescaled(&self, scale: f64) -> Fog {
         Fog {
@@ -53,7 +60,8 @@ impl Fog {
         }
     }
 
-    /// The same marched through in steps that are `factor` times as long, but not so short that a march would never end.
+    /// Returns the fog with its step length multiplied by `factor`, or unchanged if the steps would become so short
+    /// that a march hardly ends.
     #[must_use]
     pub fn with_steps(self, factor: f64) -> Fog {
         let step = factor * self.step;
@@ -61,27 +69,27 @@ impl Fog {
         if ends { Fog { step, ..self } } else { self }
     }
 
-    /// Extinction per world unit.
+    /// Returns the extinction coefficient per world unit.
     pub fn extinction(&self) -> f64 {
         self.extinction
     }
 
-    /// The share of what is taken away that is scattered.
+    /// Returns the linear RGB albedo: the scattered fraction of the extinction.
     pub fn color(&self) -> [f64; 3] {
         self.color
     }
 
-    /// Radiance sent out per world unit.
+    /// Returns the emitted radiance per world unit, linear RGB.
     pub fn emission(&self) -> [f64; 3] {
         self.emission
     }
 
-    /// Step where lamps light it, in world units.
+    /// Returns the ray-marching step for fog lit by lights, in world units.
     pub fn step(&self) -> f64 {
         self.step
     }
 
-    /// The optical depth of `length` world units, which may be infinite.
+    /// Returns the optical depth of `length` world units, which may be infinite.
     #[inline(always)]
     pub fn depth(&self, length: f64) -> f64 {
         if self.extinction > 0.0 {
@@ -91,11 +99,12 @@ impl Fog {
         }
     }
 
-    /// Goes through `length` world units, which may be infinite, in the light 1: C and alpha of one layer, whatever its
-    /// length.
+    /// Composites a segment of `length` world units, which may be infinite, lit by incident radiance 1, as one layer in
+    /// closed form.
     pub(super) fn pass(&self, length: f64, met: &mut Composite) {
         if self.extinction > 0.0 {
             let alpha = opacity(self.depth(length));
+            // Scale emission to radiance per unit of optical depth
             let source = |channel| self.color[channel] + self.emission[channel] / self.extinction;
             met.push([0, 1, 2].map(source), alpha);
         }

@@ -1,10 +1,10 @@
-//! A dense 3-D array of numbers and the trilinear interpolation between them.
+//! Dense 3-D grids of scalars with trilinear interpolation.
 //!
-//! Sample (i, j, k) of nx · ny · nz is the middle of a cell of the box [0, 1]³, x fastest: it lies at
-//! ((i + 1/2) / nx, ...), as a texel does. Outside the outermost middles the outermost samples go on. In *voxel space*
-//! the samples lie at the integers, so that a point's cell is its floor.
+//! Sample (i, j, k) of nx · ny · nz is the centre of a voxel of the box [0, 1]³, x fastest: it lies at ((i + 1/2) / nx,
+//! ...), like a texel. Outside the outermost centres values are clamped to the outermost samples. In *voxel space* the
+//! samples lie at the integers, so that the cell of a point is its floor.
 //!
-//! The interpolation is three lerps a + t (b - a), in f64: equal samples give themselves, to the bit, and no weight is
+//! Interpolation is three lerps a + t (b - a), in f64: eight equal samples give exactly their value, and no weight is
 //! lost to rounding.
 
 use glam::{DAffine3, DVec3};
@@ -12,28 +12,29 @@ use glam::{DAffine3, DVec3};
 use super::VolumeError;
 use crate::numeric::{LANES, Lanes, Lanes3};
 
-/// A 3-D array, immutable, all values finite.
+/// Immutable 3-D array whose values are all finite.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
-    /// Samples along x, y, z as given.
+    /// Numbers of samples along x, y, z as given.
     size: [usize; 3],
-    /// Samples along x, y, z as stored: an axis of one sample is stored twice, so that every cell has eight corners.
+    /// Numbers of samples along x, y, z as stored: an axis of one sample is stored twice, so that every cell has eight
+    /// corners.
     stored: [usize; 3],
     samples: Samples,
 }
 
-/// The numbers of a [`Grid`], x fastest, as narrow as their source had them.
+/// Values of a [`Grid`], x fastest, in the narrowest type that holds those of their source.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Samples {
-    /// Whole numbers from 0 to 255, which stand for themselves.
+    /// Integers from 0 to 255, not normalised.
     Bytes(Vec<u8>),
-    /// Whole numbers from 0 to 65535, which stand for themselves.
+    /// Integers from 0 to 65535, not normalised.
     Words(Vec<u16>),
-    /// Any finite numbers.
+    /// Finite floating-point numbers of any range.
     Floats(Vec<f32>),
 }
 
-/// Runs `$body` with the vector of whatever type the samples have.
+/// Expands `$body` for each variant of [`Samples`], with its vector bound to `$values`.
 macro_rules! of_any_type {
     ($samples:expr, $values:ident => $body:expr) => {
         match $samples {
@@ -45,17 +46,17 @@ macro_rules! of_any_type {
 }
 
 impl Samples {
-    /// How many there are.
+    /// Returns the number of samples.
     pub fn len(&self) -> usize {
         of_any_type!(self, values => values.len())
     }
 
-    /// Whether there is none.
+    /// Returns whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The value at `index`, which is less than [`Samples::len`].
+    /// Returns the value at `index`, which is less than [`Samples::len`].
     pub fn get(&self, index: usize) -> f32 {
         fn at<T: Copy + Into<f32>>(values: &[T], index: usize) -> f32 {
             values[index].into()
@@ -64,12 +65,12 @@ impl Samples {
     }
 }
 
-/// 2^52: adding it leaves a whole number in the low bits.
+/// Constant 2^52: adding it moves an integer below 2^52 to the low bits of the mantissa.
 const ROUNDER: f64 = 4_503_599_627_370_496.0;
-/// The bits of the mantissa.
+/// Mask of the 52 mantissa bits of an f64.
 const MANTISSA: u64 = (1 << 52) - 1;
 
-/// Sixteen places between samples: the first corner of the cell, and the weights of the corners beyond it.
+/// Cells of sixteen points: index of the lowest corner, and interpolation weights of the upper corners along each axis.
 #[derive(Clone, Copy, Debug)]
 struct Places {
     first: Lanes<u64>,
@@ -77,10 +78,11 @@ struct Places {
 }
 
 impl Grid {
-    /// A grid of `size` samples along x, y, z. `samples` holds as many as their product, x fastest.
+    /// Creates a grid of `size` samples along x, y, z. `samples` holds as many as their product, x fastest.
     ///
-    /// Refused are an axis of no sample, another count, and values that are not finite.
+    /// Rejects an axis without samples, a different count, and values that are not finite.
     pub fn new(size: [usize; 3], samples: Samples) -> Result<Grid, VolumeError> {
+        // Check the number of samples
         let count = size
             .iter()
             .try_fold(1usize, |product, &side| product.checked_mul(side));
@@ -90,6 +92,7 @@ impl Grid {
                 count: samples.len(),
             });
         }
+        // Reject NaN and infinity; integers cannot hold them
         if let Samples::Floats(values) = &samples
             && let Some(index) = values.iter().position(|value| !value.is_finite())
         {
@@ -101,6 +104,7 @@ impl Grid {
                 ],
             });
         }
+        // Duplicate the sample of axes that have only one
         let stored = size.map(|side| side.max(2));
         let samples = if stored == size {
             samples
@@ -114,32 +118,33 @@ impl Grid {
         })
     }
 
-    /// Samples along x, y, z.
+    /// Returns the numbers of samples along x, y, z.
     pub fn size(&self) -> [usize; 3] {
         self.size
     }
 
-    /// Bytes of memory that the samples take.
+    /// Returns the bytes of memory that the samples take.
     pub fn memory(&self) -> usize {
         of_any_type!(&self.samples, values => size_of_val(values.as_slice()))
     }
 
-    /// The map from the box [0, 1]³ to voxel space.
+    /// Returns the map from the box [0, 1]³ to voxel space.
     pub fn voxel_from_box(&self) -> DAffine3 {
         let size = DVec3::from_array(self.size.map(|side| side as f64));
         DAffine3::from_translation(DVec3::splat(-0.5)) * DAffine3::from_scale(size)
     }
 
-    /// Cells along x, y, z: one fewer than samples, at least one.
+    /// Returns the numbers of cells along x, y, z: one fewer than samples, at least one.
     pub(super) fn cells(&self) -> [usize; 3] {
         self.stored.map(|side| side - 1)
     }
 
-    /// Lowest and highest value among the samples of the cells `from` to `to`, the latter excluded.
+    /// Returns the minimum and maximum over the corner samples of the cells from `from` to `to`, the latter excluded.
     pub(super) fn range(&self, from: [usize; 3], to: [usize; 3]) -> [f32; 2] {
         of_any_type!(&self.samples, values => self.range_of(values, from, to))
     }
 
+    /// Implements [`Grid::range`] for one sample type.
     fn range_of<T: Copy + Into<f32>>(&self, values: &[T], from: [usize; 3], to: [usize; 3]) -> [f32; 2] {
         let [nx, ny, _] = self.stored;
         let mut range = [f32::INFINITY, f32::NEG_INFINITY];
@@ -155,16 +160,18 @@ impl Grid {
         range
     }
 
-    /// The interpolated value at `p` in voxel space.
+    /// Returns the interpolated value at `p` in voxel space.
     pub fn sample(&self, p: DVec3) -> f64 {
         self.sample_lanes(&p.to_array().map(|x| [x; LANES]))[0]
     }
 
-    /// The interpolated values at sixteen points of voxel space, finite each.
+    /// Returns the interpolated values at sixteen points in voxel space, each finite.
     #[inline(always)]
     pub(super) fn sample_lanes(&self, p: &Lanes3<f64>) -> Lanes<f64> {
+        // Load the eight corners of each cell
         let places = self.places(p);
         let rows = of_any_type!(&self.samples, values => self.rows(values, &places.first));
+        // Interpolate along x, then y, then z
         let [u, v, w] = &places.weight;
         let mut value = [0.0; LANES];
         for l in 0..LANES {
@@ -177,7 +184,7 @@ impl Grid {
         value
     }
 
-    /// Cells and weights of sixteen points.
+    /// Returns the cells and weights of sixteen points; coordinates are clamped to the outermost samples.
     #[inline(always)]
     fn places(&self, p: &Lanes3<f64>) -> Places {
         let mut weight = [[0.0; LANES]; 3];
@@ -186,12 +193,13 @@ impl Grid {
         for axis in 0..3 {
             let last_sample = (self.size[axis] - 1) as f64;
             let last_cell = (self.stored[axis] - 2) as f64;
+            // Clamp to the samples and split into cell and weight
             for l in 0..LANES {
                 let x = clamped(p[axis][l], last_sample);
                 let floor = x.floor();
                 let cell = if floor < last_cell { floor } else { last_cell };
                 weight[axis][l] = x - cell;
-                // Whole numbers under 2^52: exact.
+                // Integers below 2^52: exact.
                 index[l] += cell * stride;
             }
             stride *= self.stored[axis] as f64;
@@ -200,7 +208,7 @@ impl Grid {
         Places { first, weight }
     }
 
-    /// The corners of sixteen cells.
+    /// Loads the corners of sixteen cells, two neighbours along x at a time.
     #[inline(always)]
     fn rows<T: Sample>(&self, values: &[T], first: &Lanes<u64>) -> Rows {
         let row = self.stored[0];
@@ -213,7 +221,8 @@ impl Grid {
             let values = &values[ahead..];
             let mut pairs = [0; LANES];
             for l in 0..LANES {
-                // Known to be so: the end of the pair then does not overflow, which saves a check.
+                // The mask is a no-op that lets the compiler prove that start + 2 does not overflow, which saves a
+                // check.
                 let start = (first[l] & MANTISSA) as usize;
                 pairs[l] = match values.get(start..start + 2) {
                     Some(&[a, b]) => T::pair([a, b]),
@@ -228,21 +237,25 @@ impl Grid {
     }
 }
 
-/// Cells lie inside their grid.
+/// Panics for a cell outside its grid, out of line so that the hot loop stays small.
 #[cold]
 fn outside() -> ! {
     panic!("a cell outside its grid")
 }
 
-/// The corners of sixteen cells in rows along x: at (y, z) of (0, 0), (1, 0), (0, 1), (1, 1) from the first corner.
+/// Corner values of sixteen cells in rows along x: row r has (y, z) offsets (0, 0), (1, 0), (0, 1), (1, 1) from the
+/// lowest corner.
 struct Rows {
     near: [Lanes<f64>; 4],
     far: [Lanes<f64>; 4],
 }
 
-/// A type of samples, two of which are held in 64 bits, so that they are loaded at once and told apart lane by lane.
+/// Sample type of which two neighbours are packed in 64 bits, to be loaded at once and unpacked with vector
+/// instructions.
 trait Sample: Copy {
+    /// Packs two neighbours into 64 bits.
     fn pair(pair: [Self; 2]) -> u64;
+    /// Unpacks two neighbours and converts them to f32.
     fn apart(pair: u64) -> [f32; 2];
 }
 
@@ -282,29 +295,31 @@ impl Sample for u16 {
     }
 }
 
-/// A whole number from 0 to 2^52, excluded, as an integer.
+/// Converts an integral f64 from 0 to 2^52, excluded, to an integer.
 #[inline(always)]
 pub(super) fn whole(x: f64) -> u64 {
     (x + ROUNDER).to_bits() & MANTISSA
 }
 
-/// `x` brought into [0, last].
+/// Returns `x` clamped to [0, last]; NaN gives 0.
 #[inline(always)]
 pub(super) fn clamped(x: f64, last: f64) -> f64 {
     let x = if x > 0.0 { x } else { 0.0 };
     if x < last { x } else { last }
 }
 
+/// Interpolates linearly; exact at t = 0, and where a = b.
 #[inline(always)]
 fn lerp(t: f64, a: f64, b: f64) -> f64 {
     a + t * (b - a)
 }
 
-/// Bound on what rounding can add to an interpolated value, relative to the largest magnitude among the corners: each
-/// lerp rounds a difference of up to twice that magnitude, a product and a sum, each to a share of 2^-53.
+/// Bound on the rounding error of an interpolated value, relative to the largest magnitude among the corners: each of
+/// the three lerps rounds a difference of up to twice that magnitude, a product and a sum, each with a relative error
+/// of 2^-53.
 pub(super) const LERP_ERROR: f64 = 3.0 * 5.0 * (f64::EPSILON / 2.0);
 
-/// The samples with every axis of one made one of two equal ones.
+/// Copies the samples so that every axis of one sample has two equal samples.
 fn doubled(samples: Samples, size: [usize; 3], stored: [usize; 3]) -> Samples {
     fn copy<T: Copy>(values: &[T], size: [usize; 3], stored: [usize; 3]) -> Vec<T> {
         let at = |i: usize| {
@@ -329,11 +344,12 @@ fn doubled(samples: Samples, size: [usize; 3], stored: [usize; 3]) -> Samples {
 mod tests {
     use super::*;
 
-    /// A value that is linear in each coordinate, so that interpolation is exact.
+    /// Returns a function that is linear in each coordinate, so that trilinear interpolation is exact.
     fn trilinear(p: DVec3) -> f64 {
         1.0 + 2.0 * p.x - 3.0 * p.y + 0.5 * p.z + p.x * p.y - 0.25 * p.x * p.y * p.z
     }
 
+    /// Returns a grid of `value` at the integer points of voxel space.
     fn grid(size: [usize; 3], value: impl Fn(DVec3) -> f64) -> Grid {
         let mut values = Vec::new();
         for z in 0..size[2] {
@@ -356,7 +372,7 @@ mod tests {
             DVec3::new(4.0, 2.0, 3.0),
             DVec3::new(1.0, 1.9, 3.0),
         ] {
-            // Values are of a few bits, weights too; 1.9 has rounding errors of magnitudes up to 20.
+            // Values and weights have few bits; 1.9 has rounding errors of magnitudes up to 20.
             assert!((grid.sample(p) - trilinear(p)).abs() <= 20.0 * LERP_ERROR, "{p}");
         }
     }

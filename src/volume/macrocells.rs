@@ -1,12 +1,14 @@
-//! Where a volume is empty: lowest and highest values of blocks of cells, and how far the nearest matter is.
+//! Min-max macrocells for empty-space skipping, with a distance transform: blocks of 4³ cells and their distance to the
+//! nearest non-empty block.
 //!
-//! A block is empty if the transfer function has neither opacity nor emission over all values between its lowest and its
-//! highest, widened by what the interpolation can round; so is a single cell of a block that is not. Samples there add
-//! exactly nothing, so that leaving them out changes no bit. Sixteen samples are asked about at once. Every empty block
-//! knows how far the nearest matter is, in blocks in the maximum norm (Zuiderveld, Koning & Viergever, "Acceleration of
-//! ray-casting using 3-D distance transforms", 1992), so that a ray leaps through a whole cube of them. It knows that for
-//! each octant of directions, as what lies behind a ray is no matter of it: a ray that has left the last matter before it
-//! leaps out of the volume.
+//! A block is empty if the transfer function has neither opacity nor emission over all values between the block's
+//! minimum and maximum, widened by the rounding error of the interpolation; single cells of non-empty blocks are
+//! classified likewise. Samples in empty cells contribute exactly nothing, so that skipping them changes no bit.
+//! Sixteen samples are classified at once. Every empty block stores its distance to the nearest non-empty one, in
+//! blocks in the maximum norm (Zuiderveld, Koning & Viergever, "Acceleration of ray-casting using 3-D distance
+//! transforms", 1992), so that a ray skips a whole cube of blocks. Distances are stored for each octant of directions,
+//! as blocks behind a ray are irrelevant: a ray that has passed the last non-empty block skips to the end of the
+//! volume.
 
 use glam::DVec3;
 
@@ -15,55 +17,56 @@ use super::transfer_function::Transfer;
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::parallel;
 
-/// Cells along a block's side: fewer make shorter leaps and take more memory, more leave less empty.
+/// Cells along a block's side: fewer make shorter skips and take more memory, more leave fewer blocks empty.
 const SIDE: usize = 4;
 
-/// Blocks that a thread looks into at once.
+/// Blocks that a thread classifies as one unit of work.
 const CHUNK: usize = 1 << 8;
 
-/// Bits of a block, one a cell.
+/// Bits of a block's mask, one a cell.
 const BITS: f64 = (SIDE * SIDE * SIDE) as f64;
 
-/// The empty space of one grid under one transfer function.
+/// Macrocells of one grid under one transfer function.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MacrocellGrid {
-    /// Blocks along x, y, z.
+    /// Numbers of blocks along x, y, z.
     count: [usize; 3],
-    /// Highest cell along x, y, z.
+    /// Largest cell index along x, y, z.
     last_cell: DVec3,
-    /// Bits of each block say which of its cells may have matter: x + 4 y + 16 z; blocks are in order, x fastest.
+    /// Masks of the cells of each block that may be non-empty: bit x + 4 y + 16 z; blocks are in order, x fastest.
     matter: Vec<u64>,
-    /// Blocks to the nearest with matter, at most 255; 0 in those that have it; x fastest. One after the other for rays
-    /// of each octant: what they leave behind does not count.
+    /// Distances in blocks to the nearest non-empty one, at most 255; 0 in non-empty blocks; x fastest. One array after
+    /// another for rays of each octant: blocks behind the ray do not count.
     distance: Vec<u8>,
-    /// Share of the blocks that are empty.
+    /// Fraction of the blocks that are empty.
     share: f64,
-    /// A box in voxel space around all matter; it has no end where matter lies at the grid's border, as it goes on there.
+    /// Box in voxel space around all non-empty blocks; it is unbounded where they touch the grid's border, as values
+    /// are clamped there.
     around_matter: [DVec3; 2],
 }
 
-/// Octants of directions: bit `axis` says that rays go down along that axis.
+/// Number of octants of directions: bit `axis` of an octant is set if rays have a negative component along that axis.
 const OCTANTS: usize = 8;
 
-/// A ray in voxel space.
+/// Ray in voxel space, with its reciprocal direction.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct VoxelRay {
     pub(super) origin: DVec3,
     pub(super) direction: DVec3,
-    /// 1 / direction.
+    /// Componentwise reciprocal of the direction.
     pub(super) inverse: DVec3,
-    /// Of the direction.
+    /// Octant of the direction, 0 to 7.
     octant: usize,
 }
 
 impl VoxelRay {
-    /// The ray from `origin` in `direction`.
+    /// Creates the ray from `origin` in `direction`.
     #[inline(always)]
     pub(super) fn new(origin: DVec3, direction: DVec3) -> VoxelRay {
         VoxelRay::with_inverse(origin, direction, direction.recip())
     }
 
-    /// The same where the `inverse` of the direction is known.
+    /// Creates the ray with a precomputed reciprocal of the direction.
     #[inline(always)]
     pub(super) fn with_inverse(origin: DVec3, direction: DVec3, inverse: DVec3) -> VoxelRay {
         let down = |axis: usize| usize::from(direction[axis] < 0.0) << axis;
@@ -77,16 +80,19 @@ impl VoxelRay {
 }
 
 impl MacrocellGrid {
-    /// Finds the empty space of `grid` as `transfer_function` shows it.
+    /// Classifies the blocks of `grid` under the transfer function `transfer`.
     pub fn new(grid: &Grid, transfer: &Transfer) -> MacrocellGrid {
+        // Classify blocks and cells
         let cells = grid.cells();
         let count = cells.map(|cells| cells.div_ceil(SIDE));
         let matter = full_bits(grid, transfer, count);
+        // Start distances with 0 in non-empty blocks
         let nearest: Vec<u8> = matter
             .iter()
             .map(|&matter| if matter == 0 { u8::MAX } else { 0 })
             .collect();
         let empty_count = nearest.iter().filter(|&&distance| distance > 0).count();
+        // Propagate distances for each octant of directions
         let mut distance = nearest.repeat(OCTANTS);
         parallel::for_each_chunk_mut(&mut distance, nearest.len(), &|octant, distance| {
             spread(distance, count, octant);
@@ -101,7 +107,8 @@ impl MacrocellGrid {
         }
     }
 
-    /// From where to where along the ray there may be matter; the end lies before the start if there is none.
+    /// Returns the parameters between which the ray may be in non-empty space; the end lies before the start if there
+    /// is none.
     #[inline(always)]
     pub(super) fn span(&self, ray: &VoxelRay) -> [f64; 2] {
         let mut span = [f64::NEG_INFINITY, f64::INFINITY];
@@ -112,25 +119,27 @@ impl MacrocellGrid {
         span
     }
 
-    /// The lowest and the highest corner of a box in voxel space outside which there is no matter.
+    /// Returns the minimum and maximum corner of a box in voxel space outside which all is empty.
     #[inline(always)]
     pub(super) fn around_matter(&self) -> [DVec3; 2] {
         self.around_matter
     }
 
-    /// Share of the blocks that are empty.
+    /// Returns the fraction of the blocks that are empty.
     pub fn share(&self) -> f64 {
         self.share
     }
 
-    /// Bytes of memory that the blocks take.
+    /// Returns the bytes of memory that the masks and distances take.
     pub fn byte_count(&self) -> usize {
         size_of_val(&self.matter[..]) + size_of_val(&self.distance[..])
     }
 
-    /// Which of sixteen points of voxel space may have matter: bit `l` says so of point `l`.
+    /// Returns a mask of sixteen points in voxel space: bit `l` is set if point `l` lies in a cell that may be
+    /// non-empty.
     #[inline(always)]
     pub(super) fn matter(&self, places: &Lanes3<f64>) -> u16 {
+        // Compute the bit index of each point's cell
         let [nx, ny, _] = self.count.map(|count| count as f64);
         let mut index = [0.0; LANES];
         let side = SIDE as f64;
@@ -146,14 +155,16 @@ impl MacrocellGrid {
         for l in 0..LANES {
             bit[l] = whole(index[l]);
         }
-        // Through memory, here and below: a compiler that takes the sixteen apart here does so all the way up, and one
-        // that puts them together again gathers, which is slower than sixteen loads.
+        // Pass through memory, here and below: a compiler that extracts the sixteen lanes here propagates that to all
+        // callers, and one that joins them again uses a gather, which is slower than sixteen loads.
         std::hint::black_box(&mut bit);
+        // Load the mask of each point's block
         let mut bits = [0; LANES];
         for l in 0..LANES {
             bits[l] = self.matter[(bit[l] / u64::from(u64::BITS)) as usize];
         }
         std::hint::black_box(&mut bits);
+        // Extract the bit of each point's cell
         let mut mask = 0;
         for l in 0..LANES {
             mask |= (bits[l] >> (bit[l] % u64::from(u64::BITS)) & 1) << l;
@@ -161,8 +172,8 @@ impl MacrocellGrid {
         mask as u16
     }
 
-    /// Adds what an axis has to do with the numbers of the bits of the cells that sixteen points are in: from block to
-    /// block and from cell to cell they go on by the two strides.
+    /// Adds one axis's contribution to the bit indices of the cells of sixteen points: the strides are those between
+    /// blocks and between cells of a block.
     #[inline(always)]
     fn bit_lanes(
         &self,
@@ -179,19 +190,21 @@ impl MacrocellGrid {
         }
     }
 
-    /// Up to where along the ray there is nothing, from the empty block on that it is in at `t`: a parameter, computed
-    /// with rounding.
+    /// Returns the parameter up to which the ray is in empty space, from its empty block at `t` on, computed with
+    /// rounding.
     #[inline(always)]
     pub(super) fn leap(&self, ray: &VoxelRay, t: f64) -> f64 {
         const SIZE: f64 = SIDE as f64;
+        // Find the block of the point at `t`
         let p = ray.origin + t * ray.direction;
         let cell = p.max(DVec3::ZERO).min(self.last_cell);
         let block = (cell * (1.0 / SIZE)).floor();
         let [x, y, z] = [block.x as usize, block.y as usize, block.z as usize];
         let [nx, ny, nz] = self.count;
         let distance = self.distance[((ray.octant * nz + z) * ny + y) * nx + x];
-        // A cube of blocks from this one on that is all empty.
+        // The cube of this many more blocks ahead is empty.
         let reach = f64::from(distance) - 1.0;
+        // Intersect the ray with the faces ahead of the cube
         let mut until = f64::INFINITY;
         for axis in 0..3 {
             let direction = ray.direction[axis];
@@ -206,8 +219,8 @@ impl MacrocellGrid {
     }
 }
 
-/// The part of the span of t in which a coordinate lies between two `sides`, whose `line` has this origin, direction and
-/// inverse of the latter. There is none if the end lies before the start.
+/// Clips an interval of t to a slab between two `sides` along one axis; the line is given as origin, direction and
+/// reciprocal direction. The result is empty, with its end before its start, if they do not intersect.
 #[inline(always)]
 pub(super) fn clipped(
     [start, end]: [f64; 2],
@@ -216,8 +229,9 @@ pub(super) fn clipped(
 ) -> [f64; 2] {
     let a = (low - origin) * inverse;
     let b = (high - origin) * inverse;
-    // By the direction, as a box of nothing is inside out.
+    // Order by the direction, not by the values: the sides of an empty box are reversed.
     let (near, far) = if direction > 0.0 { (a, b) } else { (b, a) };
+    // A ray parallel to the slab lies inside or outside as a whole
     let crosses = direction != 0.0;
     let is_outside = !crosses & !((origin >= low) & (origin <= high));
     let start = if crosses & (near > start) { near } else { start };
@@ -225,9 +239,10 @@ pub(super) fn clipped(
     [start, if is_outside { f64::NEG_INFINITY } else { end }]
 }
 
-/// The bits of all blocks, `[nx, ny, nz]` of them: [`MacrocellGrid::matter`].
+/// Returns the cell masks of all `[nx, ny, nz]` blocks, as in [`MacrocellGrid::matter`].
 fn full_bits(grid: &Grid, transfer: &Transfer, [nx, ny, nz]: [usize; 3]) -> Vec<u64> {
     let (cells, count) = (grid.cells(), nx * ny * nz);
+    // Test a range of cells with its min and max, widened by the interpolation error
     let is_empty = |from: [usize; 3], to: [usize; 3]| {
         let [low, high] = grid.range(from, to).map(f64::from);
         let slack = LERP_ERROR * low.abs().max(high.abs());
@@ -241,12 +256,13 @@ fn full_bits(grid: &Grid, transfer: &Transfer, [nx, ny, nz]: [usize; 3]) -> Vec<
         let [from, to] = box_of(i);
         !is_empty(from, to)
     };
-    // Where no block is empty nothing is leapt over: nobody asks about cells.
+    // Skip the cell masks if no block is empty: marches then never query them.
     let mut matter = vec![u64::MAX; count];
     let are_full = |chunk: usize| {
         let first = chunk * CHUNK;
         (first..count.min(first + CHUNK)).all(full_block)
     };
+    // Classify the single cells of non-empty blocks
     if !parallel::all(count.div_ceil(CHUNK), &are_full) {
         parallel::for_each_chunk_mut(&mut matter, CHUNK, &|chunk, matter| {
             for (i, matter) in (chunk * CHUNK..).zip(matter) {
@@ -262,7 +278,7 @@ fn full_bits(grid: &Grid, transfer: &Transfer, [nx, ny, nz]: [usize; 3]) -> Vec<
     matter
 }
 
-/// The bits of the cells `from` to `to` of a block, the latter excluded, that are not empty.
+/// Returns the mask of the non-empty cells from `from` to `to` of a block, the latter excluded.
 fn full_cells(from: [usize; 3], to: [usize; 3], is_empty: impl Fn([usize; 3], [usize; 3]) -> bool) -> u64 {
     let mut full = 0;
     for z in from[2]..to[2] {
@@ -276,8 +292,8 @@ fn full_cells(from: [usize; 3], to: [usize; 3], is_empty: impl Fn([usize; 3], [u
     full
 }
 
-/// The box around the blocks whose distance is 0, a voxel wider than they are, which is more than any rounding of a
-/// place.
+/// Returns the box around the blocks whose distance is 0, extended by a voxel, a margin larger than any rounding error
+/// of a position.
 fn around_matter(distance: &[u8], [nx, ny, nz]: [usize; 3]) -> [DVec3; 2] {
     let mut low = DVec3::INFINITY;
     let mut high = DVec3::NEG_INFINITY;
@@ -287,6 +303,7 @@ fn around_matter(distance: &[u8], [nx, ny, nz]: [usize; 3]) -> [DVec3; 2] {
         .filter(|(_, distance)| **distance == 0)
     {
         let block = [i % nx, i / nx % ny, i / nx / ny];
+        // Extend to infinity at the grid's border
         for (axis, last) in [nx - 1, ny - 1, nz - 1].into_iter().enumerate() {
             let [from, to] = [block[axis], block[axis] + 1].map(|border| (border * SIDE) as f64);
             let is_first = block[axis] == 0;
@@ -301,10 +318,10 @@ fn around_matter(distance: &[u8], [nx, ny, nz]: [usize; 3]) -> [DVec3; 2] {
     [low, high]
 }
 
-/// Brings every distance down to one more than the lowest among the seven neighbours that a ray of the octant may go to:
-/// exact for the maximum norm, as a way to a block goes diagonally first.
+/// Propagates distances in one sweep: each becomes at most one more than the minimum among the seven neighbours ahead
+/// of a ray of the octant. This is exact for the maximum norm, as a shortest path takes its diagonal steps first.
 fn spread(distance: &mut [u8], [nx, ny, nz]: [usize; 3], octant: usize) {
-    // From the last block that a ray comes to on, back to the first.
+    // Sweep from the last block that a ray visits back to the first.
     let order = |axis: usize, count: usize| {
         let is_down = octant >> axis & 1 == 1;
         (0..count).map(move |i| if is_down { i } else { count - 1 - i })
@@ -313,12 +330,13 @@ fn spread(distance: &mut [u8], [nx, ny, nz]: [usize; 3], octant: usize) {
         0 => (i + 1).min(count - 1),
         _ => i.saturating_sub(1),
     };
+    // Visit blocks in an order in which all neighbours ahead are final
     for z in order(2, nz) {
         for y in order(1, ny) {
             let rows = [y, ahead(1, y, ny)].map(|y| [z, ahead(2, z, nz)].map(|z| (z * ny + y) * nx));
             for x in order(0, nx) {
                 let i = rows[0][0] + x;
-                // At the border a neighbour is the block itself, or another one of them.
+                // At the border a missing neighbour is replaced by the block itself or by another of the seven.
                 let lowest = |x: usize| rows.as_flattened().iter().map(|row| distance[row + x]).min();
                 let others = lowest(x).min(lowest(ahead(0, x, nx))).unwrap_or(0);
                 distance[i] = distance[i].min(others.saturating_add(1));
@@ -333,6 +351,7 @@ mod tests {
     use crate::volume::Samples;
     use crate::volume::transfer_function::{Thickness, TransferNode};
 
+    /// Returns a transfer function that is clear up to `clear_to` and has extinction 1 from 2 on.
     fn transfer(clear_to: f64) -> Transfer {
         let node = |value, thickness| TransferNode {
             value,
@@ -343,10 +362,10 @@ mod tests {
         Transfer::new(&[node(clear_to, 0.0), node(2.0, 1.0)], Thickness::Extinction).unwrap()
     }
 
-    /// Blocks of a grid of 50³ samples, 49³ cells.
+    /// Number of blocks of a grid of 50³ samples, 49³ cells.
     const BLOCKS: usize = 13 * 13 * 13;
 
-    /// A grid of 50³ that is `inside` at the samples `matter` and 0 elsewhere.
+    /// Returns a grid of 50³ that is `inside` at the samples `matter` and 0 elsewhere.
     fn grid(matter: &[[usize; 3]], inside: f32) -> Grid {
         let mut values = vec![0.0; 50 * 50 * 50];
         for [x, y, z] in matter {
@@ -367,7 +386,7 @@ mod tests {
                 0 => (sample[axis] / 4).checked_sub(block[axis]),
                 _ => block[axis].checked_sub(sample[axis] / 4),
             };
-            // None of what is behind along any axis.
+            // Skip samples that lie behind along any axis.
             let ways = matter.iter().filter_map(|sample| {
                 let [x, y, z] = [0, 1, 2].map(|axis| away(axis, sample));
                 Some(x?.max(y?).max(z?))
@@ -396,7 +415,7 @@ mod tests {
         assert_eq!(MacrocellGrid::new(&matter, &transfer(1.5)).share(), 1.0);
         let all_but_one = (BLOCKS - 1) as f64 / BLOCKS as f64;
         assert_eq!(MacrocellGrid::new(&matter, &transfer(0.5)).share(), all_but_one);
-        // At the very edge what rounding may add is not empty.
+        // At the threshold itself, the rounding margin makes the block non-empty.
         assert_eq!(MacrocellGrid::new(&matter, &transfer(1.0)).share(), all_but_one);
     }
 
@@ -405,11 +424,12 @@ mod tests {
         let space = MacrocellGrid::new(&grid(&[[42, 5, 5]], 1.0), &transfer(0.0));
         let along_x =
             |x: f64, speed: f64| VoxelRay::new(DVec3::new(x, 5.0, 5.0), DVec3::new(speed, 0.0, 0.0));
-        // Matter is in block 10, cells 40 to 43; block 0 has a distance of 10: it sees to the end of block 9, x = 40.
+        // The sample is in block 10, cells 40 to 43; block 0 has a distance of 10: the skip ends at block 9's far side,
+        // x = 40.
         assert_eq!(space.leap(&along_x(-1.0, 2.0), 0.5), 20.5);
         // From block 11 on there is none: to the end of 255 blocks, x = 44 + 1020.
         assert_eq!(space.leap(&along_x(-1.0, 2.0), 23.0), 532.5);
-        // The other way there is: to the end of block 11, x = 44.
+        // In the opposite direction the skip ends at block 11's near side, x = 44.
         assert_eq!(space.leap(&along_x(49.0, -2.0), 0.5), 2.5);
     }
 

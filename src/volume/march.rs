@@ -1,12 +1,13 @@
-//! Marching: samples along one ray, sixteen at a time, composited front to back.
+//! Ray marching through volumes: samples along one ray, sixteen at a time, composited front to back.
 //!
-//! A ray is cut where it enters and leaves volumes, so that along each piece the same ones are met, and every piece is
-//! marched in the shortest of their steps. The sixteen lanes are neighbours along the ray: they share cache lines, and no
-//! lane waits for another ray. Rays of which transmittance alone is wanted are short: those of a packet fill their lanes
-//! together. Samples in empty space are left out; what they would add is exactly 0, so the bits are those of all samples.
+//! A ray is split where it enters and leaves volumes, so that every interval lies in a fixed set of volumes, and each
+//! interval is marched in the shortest of their steps. The sixteen lanes are neighbours along the ray: they share cache
+//! lines, and no lane waits for another ray. Shadow rays, which need transmittance only, are short: the rays of a
+//! packet fill the lanes together. Samples in empty space are skipped; they would contribute exactly 0, so the result
+//! is bit-identical to that of all samples.
 //!
-//! A march stops once the transmittance T is at most the cut-off. What it leaves out is then at most T times the
-//! brightest source behind, and at most T of the transmittance.
+//! A march stops once the transmittance T is at most the cut-off. The omitted radiance is then at most T times the
+//! largest source radiance behind, and the omitted transmittance at most T.
 
 use glam::DVec3;
 
@@ -19,21 +20,21 @@ use super::steps::Steps;
 use super::{Fog, Volume};
 use crate::numeric::{Lanes, Lanes3};
 
-/// The part of a ray that is marched, in world space.
+/// Segment of a ray that is marched, in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RaySegment {
-    /// The point at t = 0.
+    /// Point of the ray at t = 0.
     pub origin: DVec3,
-    /// Direction of any length but 0; `t` is measured in it.
+    /// Direction of any length but 0; `t` is measured in units of this length.
     pub direction: DVec3,
-    /// Where the march begins.
+    /// Parameter where the march begins.
     pub t_near: f64,
-    /// Where it ends: at the surface that is hit, or at infinity.
+    /// Parameter where the march ends: at the surface that is hit, or infinity.
     pub t_far: f64,
 }
 
 impl RaySegment {
-    /// One of no length.
+    /// Empty segment, which contributes nothing.
     pub const NONE: RaySegment = RaySegment {
         origin: DVec3::ZERO,
         direction: DVec3::Z,
@@ -42,55 +43,59 @@ impl RaySegment {
     };
 }
 
-/// What a march found.
+/// Result of [`March::radiance`]: emitted and scattered light of a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Marched {
-    /// Linear RGB radiance that reaches the near end from what lies on the way.
+    /// Linear RGB radiance that the segment's media send to the near end.
     pub radiance: [f64; 3],
-    /// The share of the light from beyond the far end that reaches the near one.
+    /// Fraction of the radiance at the far end that reaches the near end.
     pub transmittance: f64,
-    /// Samples that were taken.
+    /// Number of samples that were taken.
     pub sample_count: u64,
 }
 
-/// Whether empty space is left out.
+/// Treatment of empty space: skipped or sampled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SkipEmpty {
-    /// Leaps over it.
+    /// Empty-space skipping with the macrocells.
     #[default]
     Leap,
-    /// Takes every sample: the referee.
+    /// Every sample is taken: the reference for tests.
     Never,
 }
 
-/// Sixteen points along a ray.
+/// Sixteen points along a ray, for lighting.
 #[derive(Clone, Copy, Debug)]
 pub struct PointLanes {
-    /// In world space.
+    /// Positions in world space.
     pub points: Lanes3<f64>,
-    /// Bit `l` says whether lane `l` scatters light; the others are not looked at.
+    /// Mask: bit `l` is set if lane `l` scatters light; the other lanes are ignored.
     pub active: u16,
 }
 
-/// Light at sixteen points of a ray: the linear RGB radiance that matter of colour 1 sends to the viewer there. For a
-/// lamp of irradiance E that is E times the phase function, which is 1 / 4 pi for matter that scatters evenly.
+/// Callback for in-scattering at sixteen points of a ray: returns the linear RGB radiance that a medium of albedo 1
+/// scatters to the viewer. For a light of irradiance E that is E times the phase function, which is 1 / (4 pi) for
+/// isotropic scattering.
 pub type Lighting<'l> = &'l mut dyn FnMut(&PointLanes) -> Lanes3<f64>;
 
-/// A march through volumes and fog; it keeps its working memory from ray to ray.
+/// Ray marcher through volumes and fog; it reuses its working memory from ray to ray.
 #[derive(Clone, Debug)]
 pub struct March<'a> {
     pub(super) volumes: &'a [Volume],
     pub(super) fog: Option<Fog>,
-    /// Optical depth from which on nothing counts.
+    /// Optical depth of the cut-off, at which a march stops.
     pub(super) deepest: f64,
     pub(super) skip: SkipEmpty,
     pub(super) met: Vec<VolumeSegment<'a>>,
+    /// Sorted parameters where the ray enters or leaves a volume.
     cuts: Vec<f64>,
+    /// Volumes that contain the current interval.
     active: Vec<VolumeSegment<'a>>,
+    /// Samples of the current interval that are not lit yet.
     unlit: PendingSamples,
 }
 
-/// Light on its way: what has been composited.
+/// State of a march: the segment, its lighting and the sums so far.
 struct Progress<'s, 'l> {
     stretch: &'s RaySegment,
     light: Option<Lighting<'l>>,
@@ -99,20 +104,20 @@ struct Progress<'s, 'l> {
     sample_count: u64,
 }
 
-/// Whether a march goes on.
+/// Decision to continue or to end a march.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Flow {
     GoOn,
     Stop,
 }
 
-/// Optical depth from which on a transmittance is 0 in f64.
+/// Optical depth from which on a transmittance underflows to 0 in f64.
 const DARKEST: f64 = 746.0;
-/// A transmittance that 24-bit colours cannot show, of light up to a thousand times white.
+/// Default cut-off: a transmittance that is invisible in 24-bit colours, for radiance of up to a thousand times white.
 const DEFAULT_CUTOFF: f64 = 1e-7;
 
 impl<'a> March<'a> {
-    /// A march through `volumes` and `fog`, with a cut-off of 10^-7.
+    /// Creates a march through `volumes` and `fog`, with a cut-off of 10^-7.
     pub fn new(volumes: &'a [Volume], fog: Option<Fog>) -> March<'a> {
         March {
             volumes,
@@ -126,7 +131,7 @@ impl<'a> March<'a> {
         }
     }
 
-    /// Stops where the transmittance is at most `cutoff`, from 0 (never) to 1.
+    /// Sets the transmittance at which a march stops, from 0 (never) to 1.
     pub fn with_cutoff(self, cutoff: f64) -> March<'a> {
         March {
             deepest: -cutoff.ln(),
@@ -134,14 +139,14 @@ impl<'a> March<'a> {
         }
     }
 
-    /// Leaps over empty space, or does not.
+    /// Enables or disables empty-space skipping.
     pub fn with_skip(self, skip: SkipEmpty) -> March<'a> {
         March { skip, ..self }
     }
 
-    /// The light that reaches the near end of `stretch`, and what is left of the light from the far end.
+    /// Returns the radiance that the media of `stretch` send to its near end, and the transmittance from the far end.
     ///
-    /// Without `light` everything is lit by 1: colours are seen as they are.
+    /// Without `light` the in-scattered radiance is 1 everywhere: colours are seen as they are.
     pub fn radiance(&mut self, stretch: &RaySegment, light: Option<Lighting<'_>>) -> Marched {
         let mut progress = Progress {
             stretch,
@@ -150,6 +155,7 @@ impl<'a> March<'a> {
             depth: CompensatedSum::default(),
             sample_count: 0,
         };
+        // Find volumes along the ray and march through them
         self.meet(stretch);
         self.walk::<true>(&mut progress);
         Marched {
@@ -159,13 +165,14 @@ impl<'a> March<'a> {
         }
     }
 
-    /// What share of the light from the far end of `stretch` reaches the near one: for shadow rays.
+    /// Returns the fraction of the radiance at the far end of `stretch` that reaches the near end: for shadow rays.
     pub fn transmittance(&mut self, stretch: &RaySegment) -> f64 {
         self.meet(stretch);
         self.depth(stretch, &mut 0).transmittance()
     }
 
-    /// The depth of `stretch`, which [`March::meet`] has seen; adds how many samples it took to `sample_count`.
+    /// Returns the optical depth of `stretch`, for which [`March::meet`] was called; adds the number of samples to
+    /// `sample_count`.
     pub(super) fn depth(&mut self, stretch: &RaySegment, sample_count: &mut u64) -> CompensatedSum {
         let mut progress = Progress {
             stretch,
@@ -179,17 +186,20 @@ impl<'a> March<'a> {
         progress.depth
     }
 
-    /// Goes along the ray, piece by piece.
+    /// Marches along the ray, interval by interval.
     fn walk<const COLORED: bool>(&mut self, progress: &mut Progress) {
         for i in 1..self.cuts.len() {
+            // Skip intervals of zero length
             let (from, to) = (self.cuts[i - 1], self.cuts[i]);
             if from >= to {
                 continue;
             }
+            // Collect the volumes that contain the interval
             let met = self.met.iter().copied();
             self.active.clear();
             self.active
                 .extend(met.filter(|met| met.enter <= from && to <= met.leave));
+            // Integrate the interval: empty, fog only, or volumes
             let flow = match (self.active.is_empty(), self.fog) {
                 (true, None) => Flow::GoOn,
                 (true, Some(fog)) => self.pass_fog::<COLORED>(&fog, from, to, progress),
@@ -201,16 +211,18 @@ impl<'a> March<'a> {
         }
     }
 
-    /// Finds the volumes that the ray meets, and all places where it enters or leaves one.
+    /// Clips the ray to all volumes, and collects the sorted parameters where it enters or leaves one.
     pub(super) fn meet(&mut self, stretch: &RaySegment) {
         self.met.clear();
         self.cuts.clear();
         if !(stretch.t_near < stretch.t_far) {
             return;
         }
+        // Fog fills the whole segment
         if self.fog.is_some() {
             self.cuts.extend([stretch.t_near, stretch.t_far]);
         }
+        // Clip the segment to each volume
         for volume in self.volumes {
             if let Some(met) = volume.meet(stretch) {
                 self.cuts.extend([met.enter, met.leave]);
@@ -220,7 +232,7 @@ impl<'a> March<'a> {
         self.cuts.sort_unstable_by(f64::total_cmp);
     }
 
-    /// A stretch of nothing but fog.
+    /// Integrates an interval that contains only fog.
     fn pass_fog<const COLORED: bool>(
         &mut self,
         fog: &Fog,
@@ -229,28 +241,31 @@ impl<'a> March<'a> {
         progress: &mut Progress,
     ) -> Flow {
         let unit = progress.stretch.direction.length();
+        // Use the closed form where incident radiance is constant
         if !COLORED || progress.light.is_none() || fog.extinction() == 0.0 {
             let length = (to - from) * unit;
             fog.pass(length, &mut progress.composite);
             progress.depth.add(fog.depth(length));
             return progress.flow(self.deepest);
         }
-        // Lamps make it differ from place to place; beyond the cut-off nothing is seen.
+        // March fog lit by lights, as its in-scattering varies; beyond the cut-off nothing is visible.
         let seen = self.deepest.min(DARKEST) / (fog.extinction() * unit);
         self.march::<COLORED>(from, to.min(from + seen), progress)
     }
 
-    /// Marches through the volumes at hand.
+    /// Marches through the volumes of [`March::active`], from `from` to `to`.
     fn march<const COLORED: bool>(&mut self, from: f64, to: f64, progress: &mut Progress) -> Flow {
         let unit = progress.stretch.direction.length();
+        // Divide the interval by the shortest step of its media
         let volume_steps = self.active.iter().map(|met| met.volume.step);
         let lit_fog = self.fog.filter(|_| self.active.is_empty()).map(|fog| fog.step());
         let step = volume_steps.chain(lit_fog).fold(f64::INFINITY, f64::min);
         let steps = Steps::new(from, to, step / unit);
-        // Fog is everywhere, and some volumes have no empty block.
+        // Disable skipping where fog fills all space or a volume has no empty block
         let is_full = |met: &VolumeSegment| met.volume.empty.share() == 0.0;
         let leaps = self.fog.is_none() && !self.active.iter().any(is_full);
         let skip = if leaps { self.skip } else { SkipEmpty::Never };
+        // Evaluate batches of non-empty steps up to the cut-off
         let mut waiting = PendingBatch::NONE;
         let mut steps_left = range(&self.active, skip, &steps);
         let mut flow = Flow::GoOn;
@@ -266,20 +281,23 @@ impl<'a> March<'a> {
                 flow = self.take::<COLORED>(&waiting.pop(), progress);
             }
         }
+        // Light and composite the remaining samples
         while COLORED && !self.unlit.is_empty() {
             progress.composite(&mut self.unlit);
         }
         flow
     }
 
-    /// Takes the samples of a batch; those that add something wait for their light.
+    /// Evaluates the samples of a batch; those that contribute are queued for lighting.
     fn take<const COLORED: bool>(&mut self, batch: &Batch, progress: &mut Progress) -> Flow {
         progress.sample_count += batch.filled as u64;
+        // Sum optical depths only, for shadow rays
         if !COLORED {
             let depth = sample_depth(&self.active, self.fog.as_ref(), batch);
             progress.deepen(&depth, batch.filled, self.deepest);
             return progress.flow(self.deepest);
         }
+        // Sample media, and queue the contributing samples for lighting
         let seen = sample(&self.active, self.fog.as_ref(), batch);
         let count = progress.deepen(&seen.matter.depth, batch.filled, self.deepest);
         self.unlit.push(&batch.t, &seen, count);
@@ -291,12 +309,13 @@ impl<'a> March<'a> {
 }
 
 impl Progress<'_, '_> {
-    /// Adds the depths of the first `filled` samples up to the one that ends the march. Returns how many these are.
+    /// Adds the depths of the first `filled` samples up to the one that ends the march. Returns the number of depths
+    /// added.
     #[inline(always)]
     fn deepen(&mut self, depths: &Lanes<f64>, filled: usize, deepest: f64) -> usize {
         for (l, depth) in depths[..filled].iter().enumerate() {
             self.depth.add(*depth);
-            // After the sample that did it, wherever a batch ends.
+            // Stop right after the sample that reaches the cut-off, wherever a batch ends.
             if self.depth.rounded() >= deepest {
                 return l + 1;
             }
@@ -304,12 +323,12 @@ impl Progress<'_, '_> {
         filled
     }
 
-    /// Lights up to sixteen samples and puts them behind what has been met before.
+    /// Lights up to sixteen samples and composites them behind the earlier ones.
     fn composite(&mut self, unlit: &mut PendingSamples) {
         unlit.composite(self.stretch, self.light.as_mut(), &mut self.composite);
     }
 
-    /// Whether anything more could be seen.
+    /// Returns [`Flow::Stop`] once the optical depth has reached that of the cut-off.
     fn flow(&self, deepest: f64) -> Flow {
         if self.depth.rounded() >= deepest {
             Flow::Stop

@@ -1,16 +1,17 @@
-//! Volumes: smoke, fire, fog and scans, as colour C(P) and opacity alpha(P) over 3-D arrays, marched front to back.
-//!
+//! Volume rendering of smoke, fire, fog and scans: colour C(P) and opacity alpha(P) on 3-D grids, ray-marched front to
+//! back.
 //! A [`Volume`] is a [`Grid`] with trilinear interpolation, placed by any affine map of the cube [-1, 1]³, and a
-//! [`Transfer`] function from its numbers to colour, opacity and emission; [`Fog`] is the same at every point of space.
-//! A [`March`] takes a stretch of a ray through any number of them, overlapping or not, in steps t0 + i h, and says what
-//! light they add and what share of the light behind them is left. The stretch ends at surfaces, so these may lie inside.
-//! Empty space is leapt over, which changes no bit of the answer.
+//! [`Transfer`] function from its values to colour, opacity and emission; [`Fog`] is a homogeneous medium that fills
+//! all space. A [`March`] integrates a ray segment through any number of volumes, overlapping or not, in steps
+//! t0 + i · h, and returns the radiance that they add and the transmittance to the background. The segment ends at
+//! surfaces, so these may lie inside a volume. Empty space is skipped, which changes no bit of the result.
+//! these may lie inside a volume. Empty space is skipped, which changes no bit of the result.
 //!
-//! Flames whose temperature has an array of its own are a second volume in the same place: one without opacity.
+//! Flames whose temperature has a grid of its own are a second volume at the same position: one without opacity.
 //!
-//! What a sample is: light changes along a step of depth tau by exp(-tau), and a source S is seen as
-//! S (1 - exp(-tau)) / tau. In matter that does not change along the step this is exact, so that the size of the step
-//! does not matter there (N. Max, "Optical models for direct volume rendering", 1995).
+//! Radiative model of a sample: radiance changes along a step of optical depth tau by exp(-tau), and a source S
+//! contributes S (1 - exp(-tau)) / tau. In a medium that is constant along the step this is exact, so that the step
+//! size does not matter there (N. Max, "Optical models for direct volume rendering", 1995).
 
 pub mod cloud;
 pub mod composite;
@@ -44,22 +45,22 @@ use glam::{DAffine3, DVec3};
 
 use crate::numeric::{Bounds, SingularMatrix, inverse};
 
-/// What a volume is made from.
+/// Input of [`Volume::new`]: grids, transfer function, transform and step.
 #[derive(Clone, Debug)]
 pub struct VolumeDescription {
-    /// The numbers that the transfer function turns into matter.
+    /// Scalar field that the transfer function maps to the medium's properties.
     pub density: Arc<Grid>,
-    /// Linear red, green and blue that the transfer function's colour is multiplied by: C(P). Of any sizes.
+    /// Linear RGB grids, of any sizes, that the transfer function's colour is multiplied by: C(P).
     pub color: Option<Arc<[Grid; 3]>>,
-    /// What the numbers mean.
+    /// Map from grid values to the medium's properties.
     pub transfer: Transfer,
-    /// Places the cube [-1, 1]³ that the grids fill.
+    /// Affine map of the cube [-1, 1]³ that the grids fill.
     pub world_from_cube: DAffine3,
-    /// Length of a step in world units; half the shortest edge of a voxel if absent.
+    /// Length of a ray-marching step in world units; half the shortest edge of a voxel if absent.
     pub step: Option<f64>,
 }
 
-/// A placed volume, ready to be marched through.
+/// Placed volume, ready for ray marching.
 #[derive(Clone, Debug)]
 pub struct Volume {
     name: Arc<str>,
@@ -69,78 +70,78 @@ pub struct Volume {
     empty: MacrocellGrid,
     world_from_cube: DAffine3,
     cube_from_world: DAffine3,
-    /// To where the grid's samples lie at the integers.
+    /// Affine map to voxel coordinates, where the grid's samples lie at the integers.
     voxel_from_cube: DAffine3,
     step: f64,
 }
 
-/// What can be wrong with a volume. One sentence: what, where, and what to do.
+/// Reasons to reject a volume. Each message is one sentence: the fault, its location and the remedy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum VolumeError {
-    /// The samples do not fill the grid.
+    /// Number of samples that does not fill the grid.
     #[error(
         "a grid of {size:?} samples is given {count}: give as many as the product of the three, and at least one"
     )]
     Size {
-        /// Samples along x, y, z.
+        /// Numbers of samples along x, y, z.
         size: [usize; 3],
-        /// Samples given.
+        /// Number of samples given.
         count: usize,
     },
-    /// A sample is NaN or infinite.
+    /// Sample that is NaN or infinite.
     #[error(
         "the sample {at:?} (x, y, z from 0) of a grid is not finite: replace NaN and infinity by numbers"
     )]
     NotFinite {
-        /// The first such sample.
+        /// Indices of the first such sample, along x, y, z.
         at: [usize; 3],
     },
-    /// A transfer function has a node without meaning.
+    /// Transfer-function node with an invalid value.
     #[error(
         "node {node} (from 0) of the transfer function {fault}: give rising values, opacities from 0 to 1, and the rest not negative"
     )]
     Transfer {
-        /// Counted from 0.
+        /// Index of the node, counted from 0.
         node: usize,
-        /// What is wrong.
+        /// Description of the fault, as the predicate of a sentence.
         fault: &'static str,
     },
-    /// The length that opacities hold over has no meaning.
+    /// Reference length of opacities that is not positive and finite.
     #[error("opacity over a length of {reference}: give a positive length")]
     Reference {
-        /// As given.
+        /// Reference length as the caller gave it.
         reference: f64,
     },
-    /// The placement flattens the volume.
+    /// Transform that flattens the volume, so that it has no inverse.
     #[error("a volume's transform cannot be undone ({0}): use scales that are not 0")]
     Placement(#[from] SingularMatrix),
-    /// The step has no meaning, or a march would never end.
+    /// Step that is not finite, or so short that a march would not end in reasonable time.
     #[error(
         "a step of {step} through a volume of diameter {diameter}: give a positive step of at least {least:.1e}"
     )]
     Step {
-        /// As given.
+        /// Step as given, in world units.
         step: f64,
-        /// Of the placed volume.
+        /// Diameter of the placed volume, in world units.
         diameter: f64,
-        /// The shortest one.
+        /// Shortest step that is accepted, in world units.
         least: f64,
     },
-    /// A fog's numbers have no meaning.
+    /// Fog with an invalid parameter.
     #[error(
         "fog {fault}: give numbers that are not negative, an extinction to what glows, and a longer step"
     )]
     Fog {
-        /// What is wrong.
+        /// Description of the fault, as the predicate of a sentence.
         fault: &'static str,
     },
 }
 
-/// Steps through a volume's diameter at most: a ray of 2^26 takes about a second.
+/// Largest number of steps through a volume's diameter: a ray of 2^26 steps takes about a second.
 const MAX_STEPS: f64 = (1u64 << 26) as f64;
 
 impl Volume {
-    /// Checks and places a volume, and finds its empty space.
+    /// Checks and places a volume, and builds its macrocell grid for empty-space skipping.
     pub fn new(description: VolumeDescription) -> Result<Volume, VolumeError> {
         let VolumeDescription {
             density,
@@ -149,7 +150,9 @@ impl Volume {
             world_from_cube,
             step,
         } = description;
+        // Invert transform; fails if it is singular
         let cube_from_world = inverse(&world_from_cube)?;
+        // Choose step from the voxel size and bound it by the diameter
         let step = step.unwrap_or_else(|| 0.5 * shortest_edge(&density, &world_from_cube));
         let diameter = 2.0 * DVec3::from_array(axis_lengths(&world_from_cube)).length();
         let least = diameter / MAX_STEPS;
@@ -160,6 +163,7 @@ impl Volume {
                 least,
             });
         }
+        // Precompute macrocells and the map to voxel coordinates
         Ok(Volume {
             name: "".into(),
             empty: MacrocellGrid::new(&density, &transfer),
@@ -173,7 +177,7 @@ impl Volume {
         })
     }
 
-    /// The same under a name that messages call it.
+    /// Returns the volume under a name that messages use.
     #[must_use]
     pub fn named(self, name: impl Into<Arc<str>>) -> Volume {
         Volume {
@@ -182,13 +186,13 @@ impl Volume {
         }
     }
 
-    /// What messages call it.
+    /// Returns the name that messages use.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The same in coordinates that are `scale`, a power of two, times as large, its cube placed by `world_from_cube`:
-    /// what lies in a unit of length changes with the unit.
+    /// Returns the volume in coordinates that are `scale`, a power of two, times as large, its cube placed by
+    /// `world_from_cube`. Extinction and emission per unit of length are divided by `scale`.
     pub fn rescaled(&self, scale: f64, world_from_cube: DAffine3) -> Result<Volume, VolumeError> {
         Ok(Volume {
             transfer: self.transfer.rescaled(scale),
@@ -199,22 +203,22 @@ impl Volume {
         })
     }
 
-    /// Places the cube [-1, 1]³ that the grids fill.
+    /// Returns the affine map of the cube [-1, 1]³ that the grids fill.
     pub fn world_from_cube(&self) -> &DAffine3 {
         &self.world_from_cube
     }
 
-    /// Samples along x, y, z.
+    /// Returns the numbers of samples along x, y, z.
     pub fn size(&self) -> [usize; 3] {
         self.density.size()
     }
 
-    /// Whether it neither takes light away nor sends any out, anywhere.
+    /// Returns whether the volume neither attenuates nor emits light anywhere.
     pub fn is_clear(&self) -> bool {
         self.empty.share() == 1.0
     }
 
-    /// The box around it in the world.
+    /// Returns the axis-aligned bounding box in world space.
     pub fn bounds(&self) -> Bounds {
         let cube = Bounds {
             min: -DVec3::ONE,
@@ -223,7 +227,7 @@ impl Volume {
         cube.transformed(&self.world_from_cube)
     }
 
-    /// The same marched through in steps that are `factor` times as long, but not so short that a march would never end.
+    /// Returns the volume with its step length multiplied by `factor`, but not below the limit of [`MAX_STEPS`].
     #[must_use]
     pub fn with_steps(self, factor: f64) -> Volume {
         let diameter = 2.0 * DVec3::from_array(axis_lengths(&self.world_from_cube)).length();
@@ -233,36 +237,38 @@ impl Volume {
         }
     }
 
-    /// Length of a step in world units.
+    /// Returns the length of a ray-marching step in world units.
     pub fn step(&self) -> f64 {
         self.step
     }
 
-    /// The space in it that is leapt over.
+    /// Returns the macrocell grid that empty-space skipping uses.
     pub fn empty_space(&self) -> &MacrocellGrid {
         &self.empty
     }
 
-    /// Bytes of memory that its grids take; those that are shared count each time.
+    /// Returns the bytes of memory that the grids take; shared grids count each time.
     pub fn memory(&self) -> usize {
         let colors = self.color.iter().flat_map(|color| color.iter());
         self.density.memory() + colors.map(Grid::memory).sum::<usize>()
     }
 }
 
-/// The cube [-1, 1]³ as the box [0, 1]³.
+/// Returns the affine map of the cube [-1, 1]³ to the box [0, 1]³.
 fn box_from_cube() -> DAffine3 {
     DAffine3::from_translation(DVec3::splat(0.5)) * DAffine3::from_scale(DVec3::splat(0.5))
 }
 
+/// Returns the lengths of the images of the three unit axes.
 fn axis_lengths(map: &DAffine3) -> [f64; 3] {
     [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis].map(DVec3::length)
 }
 
-/// The shortest edge of a voxel in the world.
+/// Returns the shortest edge of a voxel in world units.
 fn shortest_edge(grid: &Grid, world_from_cube: &DAffine3) -> f64 {
     let axes = axis_lengths(world_from_cube);
     let size = grid.size();
+    // The cube has edges of length 2, divided among the voxels
     (0..3)
         .map(|axis| 2.0 * axes[axis] / size[axis] as f64)
         .fold(f64::INFINITY, f64::min)

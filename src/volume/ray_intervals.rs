@@ -1,7 +1,8 @@
-//! Sixteen rays through one volume, set up together: where each goes through it, and the steps that may have matter.
+//! Ray-volume intervals of packets: sixteen rays are clipped to one volume, and the steps that may be non-empty are
+//! found.
 //!
-//! Shadow rays are short, so that as much is done for a ray as for its samples. Lanes do it for all at once, in the
-//! arithmetic of a ray alone, which gives the same bits.
+//! Shadow rays are short, so that the set-up of a ray costs as much as its samples. Lanes do it for all rays at once,
+//! in the arithmetic of the single ray, which gives identical bits.
 
 use std::ops::Range;
 
@@ -14,22 +15,22 @@ use super::sample_batch::{CUBE, VolumeSegment};
 use super::steps::Steps;
 use crate::numeric::{LANES, Lanes, Lanes3};
 
-/// Up to sixteen rays in world space.
+/// Packet of up to sixteen rays in world space.
 pub(super) struct Rays {
     origin: Lanes3<f64>,
     direction: Lanes3<f64>,
     t_near: Lanes<f64>,
     t_far: Lanes<f64>,
-    /// World units in one of t.
+    /// Length of the direction: world units per unit of t.
     unit: Lanes<f64>,
 }
 
-/// Their ways through one volume.
+/// Segments of a packet's rays inside one volume.
 pub(super) struct VolumeSegments<'a> {
     volume: &'a Volume,
-    /// Bit `l` says whether ray `l` meets it.
+    /// Mask: bit `l` is set if ray `l` intersects the volume.
     pub(super) met: u16,
-    /// In voxel space.
+    /// Origins in voxel space.
     origin: Lanes3<f64>,
     direction: Lanes3<f64>,
     inverse: Lanes3<f64>,
@@ -37,27 +38,28 @@ pub(super) struct VolumeSegments<'a> {
     leave: Lanes<f64>,
 }
 
-/// Their steps there.
+/// Ray-marching steps of a packet's rays in one volume.
 pub(super) struct SegmentSteps {
     size: Lanes<f64>,
-    /// How many there are, and the middle and the length of the last.
+    /// Number of steps of each ray, and the middle and the length of the last step.
     cut: Lanes3<f64>,
-    /// The numbers of the steps at the first and at the last matter; none if the latter is infinite.
+    /// Indices of the steps at the first and the last non-empty point; there are none if the latter is -infinity.
     matter: [Lanes<f64>; 2],
 }
 
 impl Rays {
-    /// Up to sixteen.
+    /// Converts up to sixteen ray segments to lanes.
     #[inline(always)]
     pub(super) fn new(stretches: &[RaySegment]) -> Rays {
         let mut rays = Rays {
             origin: [[0.0; LANES]; 3],
-            // Of the lanes without a ray, which have no length.
+            // Lanes without a ray have zero length; any direction does.
             direction: [[1.0; LANES]; 3],
             t_near: [0.0; LANES],
             t_far: [0.0; LANES],
             unit: [0.0; LANES],
         };
+        // Transpose segments to structure-of-arrays
         for (l, stretch) in stretches.iter().take(LANES).enumerate() {
             for axis in 0..3 {
                 rays.origin[axis][l] = stretch.origin[axis];
@@ -66,6 +68,7 @@ impl Rays {
             rays.t_near[l] = stretch.t_near;
             rays.t_far[l] = stretch.t_far;
         }
+        // Compute the length of each direction
         let [x, y, z] = &rays.direction;
         for l in 0..LANES {
             rays.unit[l] = DVec3::new(x[l], y[l], z[l]).length();
@@ -73,7 +76,7 @@ impl Rays {
         rays
     }
 
-    /// World units in one of t, along ray `l`.
+    /// Returns the world units per unit of t along ray `l`.
     #[inline(always)]
     pub(super) fn unit(&self, l: usize) -> f64 {
         self.unit[l]
@@ -81,12 +84,14 @@ impl Rays {
 }
 
 impl<'a> VolumeSegments<'a> {
-    /// Finds where `rays` enter and leave `volume`, as [`Volume::meet`] does.
+    /// Clips `rays` to `volume`, with the arithmetic of [`Volume::meet`].
     #[inline(always)]
     pub(super) fn new(volume: &'a Volume, rays: &Rays) -> VolumeSegments<'a> {
+        // Transform rays to the cube's space
         let origin = mapped(&volume.cube_from_world, &rays.origin);
         let direction = turned(&volume.cube_from_world, &rays.direction);
         let inverse = inverses(&direction);
+        // Clip segments to the cube with the slab test
         let (mut enter, mut leave) = (rays.t_near, rays.t_far);
         for axis in 0..3 {
             for l in 0..LANES {
@@ -94,10 +99,12 @@ impl<'a> VolumeSegments<'a> {
                 [enter[l], leave[l]] = clipped([enter[l], leave[l]], line, CUBE);
             }
         }
+        // Collect the mask of rays that intersect the volume
         let mut met = 0;
         for l in 0..LANES {
             met |= u16::from((enter[l] < leave[l]) & (leave[l] < f64::INFINITY)) << l;
         }
+        // Map rays to voxel coordinates
         let direction = turned(&volume.voxel_from_cube, &direction);
         VolumeSegments {
             volume,
@@ -110,7 +117,7 @@ impl<'a> VolumeSegments<'a> {
         }
     }
 
-    /// The way of ray `l`, which meets the volume.
+    /// Returns the segment of ray `l`, which must intersect the volume.
     #[inline(always)]
     pub(super) fn met(&self, l: usize) -> VolumeSegment<'a> {
         let at = |lanes: &Lanes3<f64>| DVec3::new(lanes[0][l], lanes[1][l], lanes[2][l]);
@@ -122,7 +129,7 @@ impl<'a> VolumeSegments<'a> {
         }
     }
 
-    /// Cuts the ways into steps.
+    /// Divides the segments into steps, and finds the steps that overlap the box around non-empty voxels.
     #[inline(always)]
     pub(super) fn steps(&self, rays: &Rays) -> SegmentSteps {
         let mut steps = SegmentSteps {
@@ -130,6 +137,7 @@ impl<'a> VolumeSegments<'a> {
             cut: [[0.0; LANES]; 3],
             matter: [[0.0; LANES]; 2],
         };
+        // Divide each segment into steps
         for l in 0..LANES {
             let size = self.volume.step / rays.unit[l];
             let cut = Steps::cut(self.enter[l], self.leave[l], size);
@@ -138,6 +146,7 @@ impl<'a> VolumeSegments<'a> {
                 row[l] = number;
             }
         }
+        // Clip rays to the box around non-empty voxels
         let [mut from, mut to] = [[f64::NEG_INFINITY; LANES], [f64::INFINITY; LANES]];
         let around = self.volume.empty.around_matter();
         for axis in 0..3 {
@@ -151,6 +160,7 @@ impl<'a> VolumeSegments<'a> {
                 [from[l], to[l]] = clipped([from[l], to[l]], line, sides);
             }
         }
+        // Convert parameters of that box to step indices
         for l in 0..LANES {
             let number = |t: f64| Steps::number(self.enter[l], steps.size[l], t);
             let is_any = from[l] <= to[l];
@@ -162,13 +172,13 @@ impl<'a> VolumeSegments<'a> {
 }
 
 impl SegmentSteps {
-    /// Those of ray `l` of `ray_intervals`.
+    /// Returns the steps of ray `l` of `courses`.
     #[inline(always)]
     pub(super) fn of(&self, courses: &VolumeSegments, l: usize) -> Steps {
         Steps::of_cut(courses.enter[l], self.size[l], self.cut.map(|row| row[l]))
     }
 
-    /// Those of the `steps` of ray `l` outside which there is no matter.
+    /// Returns the range of the `steps` of ray `l` outside which all samples are empty.
     #[inline(always)]
     pub(super) fn range(&self, skip: SkipEmpty, steps: &Steps, l: usize) -> Range<u64> {
         let [first, last] = self.matter.map(|row| row[l]);
@@ -180,7 +190,7 @@ impl SegmentSteps {
     }
 }
 
-/// Points under an affine map.
+/// Transforms points by an affine map.
 #[inline(always)]
 fn mapped(map: &DAffine3, points: &Lanes3<f64>) -> Lanes3<f64> {
     let mut mapped = turned(map, points);
@@ -192,7 +202,7 @@ fn mapped(map: &DAffine3, points: &Lanes3<f64>) -> Lanes3<f64> {
     mapped
 }
 
-/// Directions under an affine map.
+/// Transforms vectors by the linear part of an affine map.
 #[inline(always)]
 fn turned(map: &DAffine3, [x, y, z]: &Lanes3<f64>) -> Lanes3<f64> {
     let matrix = &map.matrix3;
@@ -206,6 +216,7 @@ fn turned(map: &DAffine3, [x, y, z]: &Lanes3<f64>) -> Lanes3<f64> {
     turned
 }
 
+/// Returns the reciprocals of the components.
 #[inline(always)]
 fn inverses(direction: &Lanes3<f64>) -> Lanes3<f64> {
     let mut inverse = [[0.0; LANES]; 3];

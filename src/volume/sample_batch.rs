@@ -1,6 +1,7 @@
-//! Sixteen samples of one ray at once: places, densities, matter, and what it does to light.
+//! Batches of sixteen samples of one ray: positions, densities, medium properties, and their optical depth and opacity.
 //!
-//! Straight loops over lanes, compiled for several instruction sets: the same arithmetic in each, hence the same bits.
+//! Straight loops over lanes, compiled for several instruction sets: the arithmetic is identical in each, hence the
+//! result is bit-identical.
 
 use multiversion::multiversion;
 
@@ -12,7 +13,7 @@ use super::transfer_function::MediumSample;
 use super::{Fog, Volume};
 use crate::numeric::{LANES, Lanes, Lanes3};
 
-/// A volume that a ray goes through.
+/// Segment of a ray inside a volume, `enter <= t <= leave`, with the ray in voxel space.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct VolumeSegment<'a> {
     pub(super) volume: &'a Volume,
@@ -21,17 +22,17 @@ pub(super) struct VolumeSegment<'a> {
     pub(super) leave: f64,
 }
 
-/// Where the cube of a volume lies along each axis.
+/// Bounds of a volume's cube along each axis.
 pub(super) const CUBE: [f64; 2] = [-1.0, 1.0];
 
-/// Less than a batch may wait when sixteen more come.
+/// Capacity of a [`PendingBatch`]: fewer than sixteen samples are pending when sixteen more arrive.
 pub(super) const ROOM: usize = 2 * LANES;
 
-/// Samples of one ray that wait to be taken together.
+/// Queue of samples of one ray that are evaluated sixteen at a time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PendingBatch {
     t: [f64; ROOM],
-    /// In world units.
+    /// Step lengths in world units.
     length: [f64; ROOM],
     pub(super) filled: usize,
 }
@@ -40,19 +41,21 @@ pub(super) struct PendingBatch {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Batch {
     pub(super) t: Lanes<f64>,
-    /// In world units.
+    /// Step lengths in world units.
     pub(super) length: Lanes<f64>,
-    /// Those before it are samples; the others have no meaning.
+    /// Number of valid samples, which come first; the others have no meaning.
     pub(super) filled: usize,
 }
 
 impl Volume {
-    /// The ray in voxel space and the stretch of it inside the volume, if there is one.
+    /// Clips the ray segment to the volume and maps it to voxel space; `None` if they do not intersect.
     #[inline(always)]
     pub(super) fn meet(&self, stretch: &RaySegment) -> Option<VolumeSegment<'_>> {
+        // Transform ray to the cube's space
         let origin = self.cube_from_world.transform_point3(stretch.origin);
         let direction = self.cube_from_world.transform_vector3(stretch.direction);
         let inverse = direction.recip();
+        // Clip segment to the cube with the slab test
         let mut span = [stretch.t_near, stretch.t_far];
         for axis in 0..3 {
             span = clipped(span, [origin[axis], direction[axis], inverse[axis]], CUBE);
@@ -61,6 +64,7 @@ impl Volume {
         if !(enter < leave && leave < f64::INFINITY) {
             return None;
         }
+        // Map ray to voxel coordinates; t is unchanged by affine maps
         Some(VolumeSegment {
             volume: self,
             ray: VoxelRay::new(
@@ -80,18 +84,19 @@ impl PendingBatch {
         filled: 0,
     };
 
-    /// Puts the first `count` of sixteen samples to those that wait, which are fewer than sixteen.
+    /// Appends the first `count` of sixteen samples to the pending ones, which are fewer than sixteen.
     #[inline(always)]
     pub(super) fn push(&mut self, t: &Lanes<f64>, length: &Lanes<f64>, count: usize) {
         let from = self.filled % LANES;
-        // What is copied in excess is written over by what comes next.
+        // Lanes beyond `count` are overwritten by the next call.
         self.t[from..from + LANES].copy_from_slice(t);
         self.length[from..from + LANES].copy_from_slice(length);
         self.filled = from + count;
     }
 
-    /// The sixteen that have waited longest, or all.
+    /// Removes and returns the sixteen oldest samples, or all if there are fewer.
     pub(super) fn pop(&mut self) -> Batch {
+        // Copy the oldest samples
         let mut batch = Batch {
             t: [0.0; LANES],
             length: [0.0; LANES],
@@ -99,6 +104,7 @@ impl PendingBatch {
         };
         batch.t.copy_from_slice(&self.t[..LANES]);
         batch.length.copy_from_slice(&self.length[..LANES]);
+        // Shift the remaining samples to the front
         self.t.copy_within(LANES.., 0);
         self.length.copy_within(LANES.., 0);
         self.filled -= batch.filled;
@@ -106,24 +112,25 @@ impl PendingBatch {
     }
 }
 
-/// What sixteen samples show.
+/// Optical properties of sixteen samples.
 pub(super) struct ShadedSamples {
     pub(super) matter: MediumSample,
-    /// 1 - exp(-depth).
+    /// Opacity 1 - exp(-depth) of each step.
     pub(super) alpha: Lanes<f64>,
-    /// (1 - exp(-depth)) / depth: how much of the source is seen through its own matter.
+    /// Factor (1 - exp(-depth)) / depth of the source term: emission attenuated by the step's own medium.
     pub(super) share: Lanes<f64>,
-    /// Bit `l` says whether sample `l` takes or sends light; the others add exactly nothing.
+    /// Mask: bit `l` is set if sample `l` attenuates or emits light; the others contribute exactly nothing.
     pub(super) adds: u16,
 }
 
-/// Samples all volumes and fog at the places of a batch.
+/// Samples all volumes and the fog at the positions of a batch.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma",
     "x86_64+sse4.2"
 ))]
 pub(super) fn sample(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) -> ShadedSamples {
+    // Sum the medium properties of all volumes
     let mut sum = MediumSample::NONE;
     for met in met {
         let volume = met.volume;
@@ -135,9 +142,11 @@ pub(super) fn sample(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) ->
         }
         sum.add(&matter);
     }
+    // Add the homogeneous fog
     if let Some(fog) = fog {
         sum.add(&fog_matter(fog, &batch.length));
     }
+    // Convert optical depths to opacities
     let mut alpha = [0.0; LANES];
     let mut share = [0.0; LANES];
     let mut amount = [0.0; LANES];
@@ -146,9 +155,10 @@ pub(super) fn sample(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) ->
         alpha[l] = opacity(depth);
         share[l] = if depth > 0.0 { alpha[l] / depth } else { 1.0 };
         let [red, green, blue] = [0, 1, 2].map(|channel| sum.emission[channel][l]);
-        // None is negative.
+        // Depth and emission are not negative, so the sum is 0 only if each is 0.
         amount[l] = depth + (red + green + blue);
     }
+    // Collect the mask in a loop of its own, so that the one above vectorises
     let mut adds = 0;
     for l in 0..LANES {
         adds |= u16::from(amount[l] > 0.0) << l;
@@ -161,13 +171,14 @@ pub(super) fn sample(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) ->
     }
 }
 
-/// The optical depths alone.
+/// Returns the optical depths of a batch, without colours and emission, for shadow rays.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma",
     "x86_64+sse4.2"
 ))]
 pub(super) fn sample_depth(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) -> Lanes<f64> {
+    // Sum the optical depths of all volumes
     let mut sum = [0.0; LANES];
     for met in met {
         let volume = met.volume;
@@ -177,6 +188,7 @@ pub(super) fn sample_depth(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Bat
             sum[l] += depth[l];
         }
     }
+    // Add the homogeneous fog
     if let Some(fog) = fog {
         for l in 0..LANES {
             sum[l] += fog.extinction() * batch.length[l];
@@ -185,7 +197,7 @@ pub(super) fn sample_depth(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Bat
     sum
 }
 
-/// Sixteen points of a ray.
+/// Returns the points of a ray at sixteen parameters, in voxel space.
 #[inline(always)]
 pub(super) fn places(ray: &VoxelRay, t: &Lanes<f64>) -> Lanes3<f64> {
     let mut places = [[0.0; LANES]; 3];
@@ -197,17 +209,19 @@ pub(super) fn places(ray: &VoxelRay, t: &Lanes<f64>) -> Lanes3<f64> {
     places
 }
 
-/// Multiplies the colour of matter by that of grids, which need not be of the size of `density`.
+/// Multiplies the scattering of a medium by the colour grids, which need not have the size of `density`.
 #[inline(always)]
 fn tint(matter: &mut MediumSample, density: &Grid, colors: &[Grid; 3], places: &Lanes3<f64>) {
     for (channel, color) in colors.iter().enumerate() {
         let mut there = *places;
+        // Convert between voxel coordinates; samples lie at the voxels' centres
         for axis in 0..3 {
             let [from, to] = [density, color].map(|grid| grid.size()[axis] as f64);
             for l in 0..LANES {
                 there[axis][l] = (there[axis][l] + 0.5) / from * to - 0.5;
             }
         }
+        // Modulate scattering by the interpolated colour
         let color = color.sample_lanes(&there);
         for l in 0..LANES {
             matter.scattering[channel][l] *= color[l];
@@ -215,6 +229,7 @@ fn tint(matter: &mut MediumSample, density: &Grid, colors: &[Grid; 3], places: &
     }
 }
 
+/// Returns the medium sample of homogeneous fog over steps of `length` world units.
 #[inline(always)]
 fn fog_matter(fog: &Fog, length: &Lanes<f64>) -> MediumSample {
     let mut matter = MediumSample::NONE;
@@ -231,6 +246,7 @@ fn fog_matter(fog: &Fog, length: &Lanes<f64>) -> MediumSample {
 }
 
 impl MediumSample {
+    /// Adds the depth, scattering and emission of `other`, as for media that overlap.
     #[inline(always)]
     fn add(&mut self, other: &MediumSample) {
         for l in 0..LANES {

@@ -1,59 +1,61 @@
-//! The steps of a march: the i-th begins at start + i · size, never at a running sum, and the last ends where the stretch
-//! does.
+//! Ray-marching steps: the i-th begins at start + i · size, never at a running sum, and the last ends at the end of the
+//! segment.
 //!
-//! Each is represented by its middle. A sum of sizes in f32 is off by 0.9 % after a million steps; the product is within
-//! 1 ulp at any.
+//! Each step is sampled at its middle. A running sum of sizes in f32 is off by 0.9 % after a million steps; the product
+//! is within 1 ulp at any step.
 
 use std::ops::Range;
 
 use crate::numeric::{LANES, Lanes};
 
-/// A stretch of a ray, cut into steps.
+/// Segment of a ray, divided into steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Steps {
     start: f64,
     size: f64,
-    /// How many, at least one.
+    /// Number of steps, at least one.
     pub(super) count: u64,
-    /// Middle and length of the last.
+    /// Middle and length of the last step.
     last: [f64; 2],
 }
 
-/// Twice the error of one rounding: what a place on the ray, and each operation on lengths, is trusted to.
+/// Error bound of a parameter on the ray, and of each operation on lengths: twice the error of one rounding.
 const SLACK: f64 = f64::EPSILON;
 
 impl Steps {
-    /// Cuts `start` to `end` into steps of `size`; all finite, `end` beyond `start`, `size` positive.
+    /// Divides `start` to `end` into steps of `size`; all finite, `end` beyond `start`, `size` positive.
     #[inline(always)]
     pub(super) fn new(start: f64, end: f64, size: f64) -> Steps {
         Steps::of_cut(start, size, Steps::cut(start, end, size))
     }
 
-    /// How many steps [`Steps::new`] makes, and the middle and the length of the last.
+    /// Returns the number of steps that [`Steps::new`] makes, and the middle and the length of the last.
     ///
-    /// A length that is a whole number of steps but for rounding gets no sliver of a step after the last.
+    /// A length that is a whole number of steps up to rounding gets no sliver of a step at the end.
     #[inline(always)]
     pub(super) fn cut(start: f64, end: f64, size: f64) -> [f64; 3] {
+        // Shorten the length by its error bound before rounding up
         let length = (end - start) * (1.0 - 2.0 * SLACK) - SLACK * (start.abs() + end.abs());
         let count = (length / size).ceil();
         let count = if count > 1.0 { count } else { 1.0 };
+        // Place the last step, which ends where the segment does
         let begin = start + (count - 1.0) * size;
         [count, 0.5 * (begin + end), end - begin]
     }
 
-    /// The steps that a cut has found.
+    /// Builds the steps from the result of [`Steps::cut`].
     #[inline(always)]
     pub(super) fn of_cut(start: f64, size: f64, [count, middle, length]: [f64; 3]) -> Steps {
         Steps {
             start,
             size,
-            // Saturates far beyond what anybody would wait for.
+            // The conversion saturates, far beyond any feasible number of steps.
             count: count as u64,
             last: [middle, length],
         }
     }
 
-    /// The middles and lengths of steps `i` to `i + 15`. Those beyond the last have no meaning.
+    /// Returns the middles and lengths of steps `i` to `i + 15`. Values beyond the last step have no meaning.
     #[inline(always)]
     pub(super) fn lanes(&self, i: u64) -> [Lanes<f64>; 2] {
         let first = i as f64;
@@ -70,20 +72,21 @@ impl Steps {
         [middle, length]
     }
 
-    /// The last step whose middle is not beyond `t`, but for rounding; 0 before the first.
+    /// Returns the last step whose middle is not beyond `t`, up to rounding; 0 before the first.
     #[inline(always)]
     pub(super) fn last_before(&self, t: f64) -> u64 {
         // A negative quotient becomes 0.
         Steps::number(self.start, self.size, t) as u64
     }
 
-    /// The number of the step whose middle is at `t`, in steps of `size` from `start` on.
+    /// Returns the real-valued index of the step whose middle is at `t`, in steps of `size` from `start` on.
     #[inline(always)]
     pub(super) fn number(start: f64, size: f64, t: f64) -> f64 {
         (t - start) / size - 0.5
     }
 
-    /// The steps from `first` to `last`, and one more at either end: much more than any rounding.
+    /// Returns the steps from `first` to `last`, extended by one at either end: a margin much larger than any rounding
+    /// error.
     #[inline(always)]
     pub(super) fn around(&self, first: u64, last: u64) -> Range<u64> {
         let end = last.saturating_add(2).min(self.count);

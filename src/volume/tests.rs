@@ -1,10 +1,10 @@
-//! Whole marches against closed forms, against each other, and with empty space left out.
+//! Tests of complete marches against closed forms, against each other, and with empty-space skipping.
 
 use super::cloud::{Cloud, CloudShape};
 use super::*;
 use crate::numeric::{LANES, Lanes3};
 
-/// What one rounding of f64 is off at most, relatively.
+/// Unit roundoff of f64: bound on the relative error of one rounding.
 const U: f64 = f64::EPSILON / 2.0;
 
 fn node(value: f64, thickness: f64, color: [f64; 3], emission: [f64; 3]) -> TransferNode {
@@ -31,7 +31,7 @@ fn constant() -> Grid {
     Grid::new([3, 4, 5], Samples::Bytes(vec![1; 60])).unwrap()
 }
 
-/// A box of one matter over z in [from, to], x and y in [-1, 1].
+/// Returns a homogeneous box over z in [from, to], x and y in [-1, 1].
 fn slab([from, to]: [f64; 2], matter: TransferNode, thickness: Thickness, step: f64) -> Volume {
     let map = DAffine3::from_translation(DVec3::Z * 0.5 * (from + to))
         * DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.5 * (to - from)));
@@ -43,7 +43,7 @@ fn slab([from, to]: [f64; 2], matter: TransferNode, thickness: Thickness, step: 
     )
 }
 
-/// Along z from z = 0.
+/// Returns the segment along z from z = 0 to `t_far`.
 fn along_z(t_far: f64) -> RaySegment {
     RaySegment {
         origin: DVec3::new(0.25, -0.5, 0.0),
@@ -85,7 +85,7 @@ fn two_slabs_are_the_lectures_compositing_example_at_any_step() {
         let volumes = [layer([2.0, 3.0], PINK, 0.1), layer([1.0, 2.0], PINK, 0.2)];
         let marched = March::new(&volumes, None).radiance(&along_z(10.0), None);
         assert_near(over(&marched, GREEN), [0.28, 0.86, 0.14], bound);
-        // The order of the list does not matter, that along the ray does.
+        // Only the order along the ray is relevant, not that of the list.
         let volumes = [
             layer([2.0, 3.0], [0.0, 0.0, 1.0], 0.1),
             layer([1.0, 2.0], [1.0, 0.0, 0.0], 0.2),
@@ -97,7 +97,7 @@ fn two_slabs_are_the_lectures_compositing_example_at_any_step() {
 
 #[test]
 fn the_step_does_not_matter_in_a_homogeneous_slab() {
-    // Length 2 and the steps around its whole fractions, down to a millionth of it.
+    // Segment length 2, and steps around its integer fractions, down to a millionth of it.
     let matter = node(1.0, 1.7, PINK, [0.0, 0.3, 2.0]);
     let alpha = 1.0 - (-3.4f64).exp();
     let expected = [0, 1, 2].map(|c| alpha * (matter.color[c] + matter.emission[c] / 1.7));
@@ -152,7 +152,7 @@ fn a_density_that_rises_linearly_has_the_depth_of_its_mean() {
     let grid = Grid::new([1, 1, 2], Samples::Bytes(vec![0, 4])).unwrap();
     let nodes = [node(0.0, 0.0, DARK, DARK), node(4.0, 4.0, DARK, DARK)];
     let transfer = Transfer::new(&nodes, Thickness::Extinction).unwrap();
-    // Eight steps: no kink lies inside one, and the middle of a step has its mean.
+    // Eight steps: no kink lies inside one, and the midpoint rule is exact for each.
     let volumes = [volume(grid, transfer, DAffine3::IDENTITY, 0.25)];
     let stretch = RaySegment {
         origin: DVec3::new(0.0, 0.0, -5.0),
@@ -181,7 +181,7 @@ fn overlapping_volumes_add_their_matter() {
         [&apart[..], &cut[..]].map(|volumes| March::new(volumes, None).radiance(&along_z(9.0), None));
     assert_near(a.radiance, b.radiance, 1e-13);
     assert!((a.transmittance - b.transmittance).abs() <= 1e-14);
-    // 1 - exp(-2) of red; of blue 2 exp(-1) (1 - exp(-1)) and 2 exp(-2).
+    // Red is 1 - exp(-2); blue is 2 exp(-1) (1 - exp(-1)) + 2 exp(-2).
     let e = (-1.0f64).exp();
     assert_near(
         a.radiance,
@@ -199,7 +199,7 @@ fn placement_direction_and_origin_do_not_change_what_is_met() {
     let matter = [node(1.0, 0.8, PINK, DARK)];
     let transfer = Transfer::new(&matter, Thickness::Extinction).unwrap();
     let volumes = [volume(constant(), transfer, map, 0.07)];
-    // Through the slab along its own z, 1 thick: entering, from inside, and ending inside.
+    // Cross the slab along its own z, 1 thick: from outside, from inside, and ending inside.
     let direction = map.transform_vector3(DVec3::Z) * 2.0;
     let stretch = |z: f64, t_far| RaySegment {
         origin: map.transform_point3(DVec3::new(0.3, 0.2, z)),
@@ -207,7 +207,7 @@ fn placement_direction_and_origin_do_not_change_what_is_met() {
         t_near: 0.0,
         t_far,
     };
-    // t runs over 4 thicknesses.
+    // One thickness is 1/4 of t.
     for (stretch, length) in [
         (stretch(-2.0, 10.0), 1.0),
         (stretch(-0.5, 10.0), 0.75),
@@ -241,7 +241,7 @@ fn rays_beside_along_and_inside_out_meet_what_they_should() {
     let near = |got: f64, expected: f64| (got - expected).abs() <= 1e-13;
     assert!(near(depth(DVec3::new(1.5, 0.0, 0.0), DVec3::Z, 0.0, 9.0), 0.0));
     assert!(near(depth(DVec3::new(-3.0, 0.0, 2.0), DVec3::X, 0.0, 9.0), 2.0));
-    // Along a face it grazes it.
+    // A ray in the plane of a face counts as inside.
     assert!(near(depth(DVec3::new(-3.0, 1.0, 2.0), DVec3::X, 0.0, 9.0), 2.0));
     assert!(near(depth(DVec3::new(0.0, 0.0, 9.0), -DVec3::Z, 0.0, 99.0), 2.0));
     assert!(near(depth(DVec3::ZERO, DVec3::Z, 2.0, 2.5), 0.5));
@@ -250,7 +250,7 @@ fn rays_beside_along_and_inside_out_meet_what_they_should() {
     assert!(near(depth(DVec3::NAN, DVec3::Z, 0.0, 9.0), 0.0));
 }
 
-/// Smoke with a glowing heart, rays all around it.
+/// Returns smoke that emits light where it is dense.
 fn smoke() -> [Volume; 1] {
     let nodes = [
         node(0.0, 0.0, [0.9; 3], DARK),
@@ -264,7 +264,7 @@ fn smoke() -> [Volume; 1] {
 }
 
 fn rays(count: u32) -> impl Iterator<Item = RaySegment> {
-    // Fractions of Roberts's sequence: where from, and where to.
+    // Fractions of Roberts's sequence determine start and target.
     let share = |i: u32, k: i32| (f64::from(i) * 1.167_303_978_261_418_7f64.powi(-k)).fract();
     (0..count).map(move |i| {
         let from = DVec3::new(share(i, 1), share(i, 2), share(i, 3)) - 0.5;
@@ -321,7 +321,8 @@ fn leaving_out_empty_space_changes_no_bit_where_volumes_overlap() {
     }
 }
 
-/// What each of `stretches` leaves, taken one by one and together, and how many samples the latter took.
+/// Returns the transmittances of `stretches`, computed one by one and together, and the number of samples of the
+/// latter.
 fn one_by_one_and_together(march: &mut March, stretches: &[RaySegment]) -> ([f64; LANES], [f64; LANES], u64) {
     let mut single = [1.0; LANES];
     for (left, stretch) in single.iter_mut().zip(stretches) {
@@ -363,7 +364,7 @@ fn rays_whose_samples_share_batches_find_what_each_finds_alone() {
         ] {
             let mut march = March::new(volumes, fog).with_cutoff(cutoff).with_skip(skip);
             let mut darkened = 0;
-            // Of every number, sixteen and fewer.
+            // Use packets of sixteen and fewer rays.
             for (i, stretches) in stretches.chunks(LANES).enumerate() {
                 let count = stretches.len().min(1 + 5 * i % LANES);
                 let (single, together, _) = one_by_one_and_together(&mut march, &stretches[..count]);
@@ -380,7 +381,7 @@ fn samples_that_are_leapt_over_do_not_count() {
     let matter = node(1.0, 0.1, PINK, DARK);
     let volumes = [slab([1.0, 3.0], matter, Thickness::Extinction, 0.125)];
     let stretches = [along_z(9.0), along_z(0.5), along_z(2.0)];
-    // 16 steps, none, and 8.
+    // Expect 16 steps, none, and 8.
     let mut march = March::new(&volumes, None);
     assert_eq!(one_by_one_and_together(&mut march, &stretches).2, 24);
     assert_eq!(march.radiance(&stretches[2], None).sample_count, 8);
@@ -461,7 +462,7 @@ fn fog_goes_on_through_volumes_and_between_them() {
     let got = march.radiance(&along_z(4.0), None);
     assert!((got.transmittance - (-0.4f64 * 4.0 - 2.0).exp()).abs() <= 1e-14);
     assert_eq!(march.transmittance(&along_z(4.0)), got.transmittance);
-    // The slab and its fog as one matter: 1.4 thick, of the mean colour.
+    // The slab and its fog as one medium: extinction 1.4, mean colour.
     let mixed = [0, 1, 2].map(|c| (0.4 * PINK[c] + GREEN[c]) / 1.4);
     let mut met = composite::Composite::CLEAR;
     fog.pass(1.0, &mut met);
@@ -488,7 +489,7 @@ fn light_is_asked_for_where_matter_scatters_and_nowhere_else() {
         [[4.0; LANES], [2.0; LANES], [0.0; LANES]]
     };
     let marched = March::new(&volumes, None).radiance(&along_z(9.0), Some(&mut light));
-    // Colour times light, emission as it is.
+    // Colour times light, plus emission unchanged.
     let alpha = 1.0 - (-1.0f64).exp();
     assert_near(marched.radiance, [2.0 * alpha, alpha, alpha], 1e-14);
     assert_eq!((asked, marched.sample_count), (10, 20));
@@ -515,7 +516,7 @@ fn colour_grids_tint_what_the_transfer_function_says() {
         };
         March::new(&volumes, None).radiance(&stretch, None).radiance
     };
-    // Thin: radiance is 10^-6 a unit times the mean colour, but for its square.
+    // Optically thin: radiance is 10^-6 per unit of length times the mean colour, up to second order.
     assert_near(colors(0.0, 0.5), [0.25e-6, 0.0, 0.0], 1e-12);
     assert_near(colors(1.5, 2.0), [0.0, 0.25e-6, 0.0], 1e-12);
     assert_near(colors(0.0, 2.0), [0.5e-6, 0.5e-6, 0.0], 1e-11);

@@ -1,36 +1,36 @@
-//! Transfer functions: from the number in a grid to colour, opacity and emission, linear between nodes.
+//! Transfer functions: piecewise linear maps from grid values to colour, opacity and emission.
 //!
-//! Below the first node and above the last their values go on. Opacity is either the lecture's alpha(P), over a reference
-//! length, or an extinction per unit of length; emission is radiance per unit of length, so that flames need no opacity.
-//! Colours stand for the share of light that is sent on to the viewer, and are seen only where something is opaque.
+//! Below the first node and above the last the function is constant. Opacity is either alpha(P) over a reference length
+//! or an extinction per unit of length; emission is radiance per unit of length, so that flames need no opacity. Colour
+//! is the single-scattering albedo, and contributes only where the medium attenuates.
 
 use super::VolumeError;
 use super::optical_depth::{OPAQUE, optical_depth};
 use crate::numeric::{LANES, Lanes, Lanes3};
 
-/// What a grid's number means at one node; between nodes all of it is interpolated linearly.
+/// Medium properties at one grid value; between nodes all of them are interpolated linearly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TransferNode {
-    /// The grid's number.
+    /// Grid value of the node.
     pub value: f64,
-    /// How densely matter lies there, in the unit that [`Thickness`] says; not negative.
+    /// Opacity or extinction, in the unit that [`Thickness`] gives; not negative.
     pub thickness: f64,
-    /// Linear RGB of the light that the matter scatters, as a share of what it takes away; not negative.
+    /// Linear RGB albedo: scattered light as a fraction of the light removed by extinction; not negative.
     pub color: [f64; 3],
-    /// Linear RGB radiance that is sent out per unit of length; not negative.
+    /// Linear RGB radiance emitted per unit of length; not negative.
     pub emission: [f64; 3],
 }
 
-/// What [`TransferNode::thickness`] means.
+/// Unit in which [`TransferNode::thickness`] is given.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Thickness {
     /// Opacity in [0, 1] over this length, in world units.
     OpacityOver(f64),
-    /// Extinction per world unit: absorption and scattering together.
+    /// Extinction coefficient per world unit: the sum of absorption and scattering.
     Extinction,
 }
 
-/// A checked transfer function.
+/// Validated transfer function, as linear pieces.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transfer {
     thickness: Thickness,
@@ -38,32 +38,32 @@ pub struct Transfer {
     emits: bool,
 }
 
-/// Thickness, colour and emission in one row.
+/// Number of interpolated fields: thickness, three of colour, three of emission.
 const FIELDS: usize = 7;
 
-/// From `start` on to the next piece.
+/// Linear piece of the function, from `start` to the start of the next piece.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Piece {
     start: f64,
-    /// All fields at the start.
+    /// Values of all fields at the start.
     base: [f64; FIELDS],
-    /// How they rise per unit of the value.
+    /// Slope of each field per unit of the grid value.
     slope: [f64; FIELDS],
 }
 
-/// What sixteen samples do to light over their steps.
+/// Optical properties of sixteen samples, integrated over their steps.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MediumSample {
-    /// Optical depth.
+    /// Optical depth of the step.
     pub(super) depth: Lanes<f64>,
-    /// Depth times colour.
+    /// Optical depth times colour.
     pub(super) scattering: Lanes3<f64>,
-    /// Length times emission.
+    /// Step length times emission.
     pub(super) emission: Lanes3<f64>,
 }
 
 impl MediumSample {
-    /// Nothing at all.
+    /// Vacuum: no depth, scattering or emission.
     pub(super) const NONE: MediumSample = MediumSample {
         depth: [0.0; LANES],
         scattering: [[0.0; LANES]; 3],
@@ -72,15 +72,16 @@ impl MediumSample {
 }
 
 impl Transfer {
-    /// The function through `nodes`, whose values rise; there is at least one.
+    /// Builds the function through `nodes`, whose values increase; there is at least one.
     ///
-    /// Refused are values that do not rise, numbers that are negative or not finite, opacities above 1, and a reference
+    /// Rejects values that do not increase, numbers that are negative or not finite, opacities above 1, and a reference
     /// length that is not positive.
     pub fn new(nodes: &[TransferNode], thickness: Thickness) -> Result<Transfer, VolumeError> {
         check(nodes, thickness)?;
         let mut pieces = Vec::with_capacity(nodes.len() + 1);
-        // Not from -infinity: 0 times the distance from there would be NaN.
+        // Start at a finite value: 0 times the distance from -infinity would be NaN.
         pieces.push(flat(f64::MIN, fields(&nodes[0])));
+        // Add a linear piece between each pair of nodes
         for pair in nodes.windows(2) {
             let (base, end) = (fields(&pair[0]), fields(&pair[1]));
             let width = pair[1].value - pair[0].value;
@@ -91,6 +92,7 @@ impl Transfer {
                 slope,
             });
         }
+        // Extend the last node's values to infinity
         let last = &nodes[nodes.len() - 1];
         pieces.push(flat(last.value, fields(last)));
         Ok(Transfer {
@@ -100,8 +102,8 @@ impl Transfer {
         })
     }
 
-    /// The grid's number is the opacity itself over the length `over`, in world units, clamped to [0, 1], of the colour
-    /// `color`: the lecture's alpha(P).
+    /// Builds the transfer function whose opacity alpha(P) over the length `over`, in world units, is the grid value
+    /// clamped to [0, 1], with colour `color`.
     pub fn opacity(color: [f64; 3], over: f64) -> Result<Transfer, VolumeError> {
         let node = |value| TransferNode {
             value,
@@ -112,12 +114,14 @@ impl Transfer {
         Transfer::new(&[node(0.0), node(1.0)], Thickness::OpacityOver(over))
     }
 
-    /// The same where lengths are `scale`, a power of two, times as large: exact.
+    /// Returns the function for lengths that are `scale`, a power of two, times as large: exact.
     pub(super) fn rescaled(&self, scale: f64) -> Transfer {
+        // Scale the reference length or the extinction
         let (thickness, thinner) = match self.thickness {
             Thickness::OpacityOver(length) => (Thickness::OpacityOver(length * scale), 1.0),
             Thickness::Extinction => (Thickness::Extinction, scale.recip()),
         };
+        // Scale emission per unit of length
         let dimmer = scale.recip();
         let factors = [thinner, 1.0, 1.0, 1.0, dimmer, dimmer, dimmer];
         let scaled = |fields: &[f64; FIELDS]| std::array::from_fn(|i| fields[i] * factors[i]);
@@ -133,15 +137,15 @@ impl Transfer {
         }
     }
 
-    /// The highest thickness over values in [low, high], and whether anything is emitted there.
+    /// Returns the maximum thickness over values in [low, high], and whether any of them emits.
     ///
-    /// Exact: where it finds nothing, every value of the interval is clear and dark to the last bit.
+    /// Exact: if both are absent, every value of the interval has exactly zero opacity and emission.
     pub fn most(&self, low: f64, high: f64) -> (f64, bool) {
         let (mut thickness, mut emits) = (0.0f64, false);
         for i in self.piece_of(low)..=self.piece_of(high) {
             let piece = &self.pieces[i];
             let end = self.pieces.get(i + 1).map_or(high, |next| high.min(next.start));
-            // Linear: the ends of what lies in the interval have the most.
+            // A linear function has its maximum at an end of the interval.
             for value in [low.max(piece.start), end] {
                 let fields: [f64; FIELDS] = std::array::from_fn(|field| {
                     piece.base[field] + piece.slope[field] * (value - piece.start)
@@ -153,26 +157,27 @@ impl Transfer {
         (thickness, emits)
     }
 
-    /// The piece that holds `value`.
+    /// Returns the index of the piece that contains `value`.
     fn piece_of(&self, value: f64) -> usize {
         self.pieces
             .partition_point(|piece| piece.start <= value)
             .saturating_sub(1)
     }
 
-    /// Optical depths of sixteen values over steps of `length` world units.
+    /// Returns the optical depths of sixteen values over steps of `length` world units.
     #[inline(always)]
     pub(super) fn depth_lanes(&self, values: &Lanes<f64>, length: &Lanes<f64>) -> Lanes<f64> {
         let fields: [Lanes<f64>; 1] = self.field_lanes(values);
         self.depths(&fields[0], length)
     }
 
-    /// What matter of sixteen values does to light over steps of `length` world units.
+    /// Returns the medium sample of sixteen values over steps of `length` world units.
     #[inline(always)]
     pub(super) fn matter_lanes(&self, values: &Lanes<f64>, length: &Lanes<f64>) -> MediumSample {
         let mut matter = MediumSample::NONE;
         let colors: &[Lanes<f64>];
         let (with_emission, without_emission): ([Lanes<f64>; FIELDS], [Lanes<f64>; 4]);
+        // Interpolate the fields, without emission if no node emits
         if self.emits {
             with_emission = self.field_lanes(values);
             for channel in 0..3 {
@@ -185,6 +190,7 @@ impl Transfer {
             without_emission = self.field_lanes(values);
             colors = &without_emission;
         }
+        // Compute optical depth and scattering
         matter.depth = self.depths(&colors[0], length);
         for channel in 0..3 {
             for l in 0..LANES {
@@ -194,9 +200,9 @@ impl Transfer {
         matter
     }
 
-    /// The first `COUNT` fields at sixteen values.
+    /// Interpolates the first `COUNT` fields at sixteen values.
     ///
-    /// Neighbours along a ray have similar values: only the pieces between the lowest and the highest are looked at.
+    /// Neighbours along a ray have similar values: only the pieces between the lowest and the highest are visited.
     #[inline(always)]
     fn field_lanes<const COUNT: usize>(&self, values: &Lanes<f64>) -> [Lanes<f64>; COUNT] {
         let [low, high] = range(values);
@@ -209,7 +215,7 @@ impl Transfer {
             for i in 0..COUNT {
                 for l in 0..LANES {
                     let here = piece.base[i] + piece.slope[i] * (values[l] - piece.start);
-                    // A fall to 0 may end a rounding below it.
+                    // A slope down to 0 may round below it.
                     let here = if here > 0.0 { here } else { 0.0 };
                     fields[i][l] = if values[l] >= piece.start {
                         here
@@ -222,7 +228,7 @@ impl Transfer {
         fields
     }
 
-    /// Optical depths over steps of `length` world units where matter lies this thick.
+    /// Converts thicknesses to optical depths over steps of `length` world units.
     #[inline(always)]
     fn depths(&self, thickness: &Lanes<f64>, length: &Lanes<f64>) -> Lanes<f64> {
         let mut depth = [0.0; LANES];
@@ -234,7 +240,7 @@ impl Transfer {
             }
             Thickness::OpacityOver(reference) => {
                 for l in 0..LANES {
-                    // What is opaque is so over the shortest step too, but not over none.
+                    // An opacity of 1 is opaque over any step, except one of length 0.
                     let here = length[l] / reference * optical_depth(thickness[l]);
                     let opaque = (thickness[l] >= 1.0) & (length[l] > 0.0);
                     depth[l] = if opaque { OPAQUE } else { here };
@@ -245,7 +251,7 @@ impl Transfer {
     }
 }
 
-/// The lowest and the highest of sixteen values, halving by halving.
+/// Returns the minimum and maximum of sixteen values by pairwise reduction.
 #[inline(always)]
 fn range(values: &Lanes<f64>) -> [f64; 2] {
     let (mut low, mut high) = (*values, *values);
@@ -268,7 +274,7 @@ fn range(values: &Lanes<f64>) -> [f64; 2] {
     [low[0], high[0]]
 }
 
-/// A piece on which nothing changes.
+/// Returns a piece on which all fields are constant.
 fn flat(start: f64, base: [f64; FIELDS]) -> Piece {
     Piece {
         start,
@@ -277,16 +283,19 @@ fn flat(start: f64, base: [f64; FIELDS]) -> Piece {
     }
 }
 
+/// Returns the fields of a node in the order of [`Piece::base`].
 fn fields(node: &TransferNode) -> [f64; FIELDS] {
     let ([r, g, b], [er, eg, eb]) = (node.color, node.emission);
     [node.thickness, r, g, b, er, eg, eb]
 }
 
+/// Rejects nodes and reference lengths that are out of range.
 fn check(nodes: &[TransferNode], thickness: Thickness) -> Result<(), VolumeError> {
     let wrong = |node: usize, fault: &'static str| Err(VolumeError::Transfer { node, fault });
     if nodes.is_empty() {
         return wrong(0, "is missing");
     }
+    // Find the limit of the thickness, and check its unit
     let most = match thickness {
         Thickness::OpacityOver(reference) if !(reference > 0.0 && reference.is_finite()) => {
             return Err(VolumeError::Reference { reference });
@@ -294,8 +303,9 @@ fn check(nodes: &[TransferNode], thickness: Thickness) -> Result<(), VolumeError
         Thickness::OpacityOver(_) => 1.0,
         Thickness::Extinction => f64::from(f32::MAX),
     };
-    // Beyond the range of f32 differences could overflow.
+    // Beyond the range of f32, differences could overflow.
     let in_range = |x: f64, most: f64| (0.0..=most).contains(&x);
+    // Check each node
     for (i, node) in nodes.iter().enumerate() {
         let mut shades = node.color.into_iter().chain(node.emission);
         if !(node.value.abs() <= f64::from(f32::MAX)) {
@@ -330,7 +340,8 @@ mod tests {
         }
     }
 
-    /// Clear up to 1, rising to 4 at 3, falling to 0 at 5, then clear; glowing from 8 to 10.
+    /// Returns a function that is clear up to 1, rises to 4 at 3, falls to 0 at 5, then is clear; it emits from 8 on,
+    /// fully from 9.
     fn hill() -> Transfer {
         let nodes = [
             node(1.0, 0.0, 0.0, 0.0),
@@ -397,7 +408,7 @@ mod tests {
         values[1..4].copy_from_slice(&[1.0, 1.5, -3.0]);
         let whole = transfer.depth_lanes(&values, &[2.0; LANES]);
         let half = transfer.depth_lanes(&values, &[1.0; LANES]);
-        // -ln 0.7 over the whole length.
+        // Optical depth -ln 0.7 over the whole length.
         assert!((whole[0] - 0.356_674_943_938_732_4).abs() <= 2.0 * f64::EPSILON);
         assert_eq!(half[0], 0.5 * whole[0]);
         assert_eq!((half[1], half[2], half[3]), (OPAQUE, OPAQUE, 0.0));

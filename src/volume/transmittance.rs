@@ -1,7 +1,8 @@
-//! Transmittances along many rays at once: the samples of all of them wait for each other in one batch, so that sixteen
-//! are taken together however few a ray has.
+//! Transmittances of shadow-ray packets: the samples of all rays share one batch, so that sixteen are evaluated
+//! together however few a ray has.
 //!
-//! A ray's depths are summed in their order along it, so that its neighbours change no bit of what it finds.
+//! The optical depths of a ray are summed in their order along it, so that other rays of the packet change no bit of
+//! its result.
 
 use std::ops::Range;
 
@@ -16,35 +17,36 @@ use super::steps::Steps;
 use super::{March, Volume};
 use crate::numeric::{LANES, Lanes, Lanes3};
 
-/// Samples of several rays through one volume that wait to be taken together.
+/// Queue of samples of several rays through one volume that are evaluated sixteen at a time.
 struct TransmittanceBatch<'a> {
     volume: Option<&'a Volume>,
-    /// In voxel space.
+    /// Positions in voxel space.
     places: [[f64; ROOM]; 3],
-    /// In world units.
+    /// Step lengths in world units.
     length: [f64; ROOM],
-    /// Which ray each belongs to.
+    /// Index of the ray that each sample belongs to.
     ray: [u8; ROOM],
-    /// Fewer than sixteen, but while a survey's are put to them.
+    /// Number of pending samples: fewer than sixteen, except while a window is being added.
     filled: usize,
 }
 
-/// What up to sixteen rays have met.
+/// Optical depths of up to sixteen rays.
 struct OpticalDepths<'a> {
     waiting: TransmittanceBatch<'a>,
     sums: [CompensatedSum; LANES],
-    /// From which on nothing counts.
+    /// Optical depth of the cut-off, at which a ray's march stops.
     deepest: f64,
     sample_count: u64,
 }
 
 impl<'a> March<'a> {
-    /// [`March::transmittance`] of each of up to sixteen stretches, in the first lanes; returns how many samples were
-    /// taken.
+    /// Computes [`March::transmittance`] of each of up to sixteen segments, into the first lanes of `left`; returns the
+    /// number of samples taken.
     ///
-    /// The answers are the same to the last bit.
+    /// The results are bit-identical to those of single segments.
     pub fn transmittances(&mut self, stretches: &[RaySegment], left: &mut Lanes<f64>) -> u64 {
         let stretches = &stretches[..stretches.len().min(LANES)];
+        // March all rays through at most one volume together
         let mut depths = OpticalDepths {
             waiting: TransmittanceBatch::EMPTY,
             sums: [CompensatedSum::default(); LANES],
@@ -55,6 +57,7 @@ impl<'a> March<'a> {
             Some(_) => u16::MAX,
             None => follow_all(&mut depths, self.volumes, self.skip, stretches),
         };
+        // March the rest one by one: rays through fog or several volumes
         for (l, stretch) in stretches.iter().enumerate() {
             if through_more >> l & 1 == 1 {
                 self.meet(stretch);
@@ -66,7 +69,8 @@ impl<'a> March<'a> {
     }
 }
 
-/// Takes the samples of all rays that meet one volume at most. Bit `l` of the answer says that ray `l` meets more.
+/// Sums the samples of all rays that intersect at most one volume. Bit `l` of the result is set if ray `l` intersects
+/// more.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma",
@@ -79,6 +83,7 @@ fn follow_all<'a>(
     stretches: &[RaySegment],
 ) -> u16 {
     let rays = Rays::new(stretches);
+    // Find rays that intersect more than one volume
     let (mut through_any, mut through_more) = (0, 0);
     if volumes.len() > 1 {
         for volume in volumes {
@@ -87,6 +92,7 @@ fn follow_all<'a>(
             through_any |= met;
         }
     }
+    // Process the rays of each volume in turn
     for volume in volumes {
         let courses = VolumeSegments::new(volume, &rays);
         let mut left = courses.met & !through_more;
@@ -94,14 +100,17 @@ fn follow_all<'a>(
             continue;
         }
         let steps = courses.steps(&rays);
-        // Through memory: a compiler that takes single lanes out of loops over all no longer makes vectors of them.
+        // Pass through memory: a compiler that extracts single lanes from loops over all no longer vectorises these
+        // loops.
         let (courses, steps) = std::hint::black_box((&courses, &steps));
         depths.waiting.volume = Some(volume);
+        // Disable skipping where no block is empty
         let skip = if volume.empty.share() == 0.0 {
             SkipEmpty::Never
         } else {
             skip
         };
+        // Queue the samples of each ray
         while left != 0 {
             let l = left.trailing_zeros() as usize % LANES;
             left &= left - 1;
@@ -109,14 +118,15 @@ fn follow_all<'a>(
             let range = steps.range(skip, &own, l);
             depths.follow(&courses.met(l), skip, (&own, range, rays.unit(l)), l);
         }
+        // Evaluate the rest before the next volume is bound
         depths.take();
     }
     through_more
 }
 
 impl<'a> OpticalDepths<'a> {
-    /// Takes the samples in `range` of the `steps` of ray `l` through the one volume that it meets, and lets the last of
-    /// them wait; `unit` is that of t in the world.
+    /// Samples the steps in `range` of ray `l` through the one volume that it intersects; the last of them stay in the
+    /// queue. `unit` is the number of world units per unit of t.
     #[inline(always)]
     fn follow(
         &mut self,
@@ -131,6 +141,7 @@ impl<'a> OpticalDepths<'a> {
             let survey = StepWindow::new(met, skip, steps, i, end);
             self.waiting
                 .push(&places(&met[0].ray, &survey.t), &survey, unit, l as u8);
+            // Evaluate a full batch and stop at the cut-off
             if self.waiting.filled >= LANES {
                 self.take();
                 if self.sums[l].rounded() >= self.deepest {
@@ -141,16 +152,18 @@ impl<'a> OpticalDepths<'a> {
         }
     }
 
-    /// Takes the first sixteen of the samples that wait, or all.
+    /// Evaluates the oldest sixteen of the pending samples, or all if there are fewer.
     #[inline(always)]
     fn take(&mut self) {
         let waiting = &mut self.waiting;
         let Some(volume) = waiting.volume.filter(|_| waiting.filled > 0) else {
             return;
         };
+        // Compute the optical depths of the batch
         let (places, length) = waiting.batch();
         let density = volume.density.sample_lanes(&places);
         let depth = volume.transfer.depth_lanes(&density, &length);
+        // Add each depth to the sum of its ray
         let count = waiting.filled.min(LANES);
         let mut ray = usize::from(waiting.ray[0]) % LANES;
         let mut sum = self.sums[ray];
@@ -161,7 +174,7 @@ impl<'a> OpticalDepths<'a> {
                 ray = whose;
                 sum = self.sums[ray];
             }
-            // What lies behind the sample that ends a march does not count, wherever a batch ends.
+            // Ignore samples behind the one that ends a march, wherever a batch ends.
             if sum.rounded() < self.deepest {
                 sum.add(depth[l]);
             }
@@ -181,7 +194,7 @@ impl TransmittanceBatch<'_> {
         filled: 0,
     };
 
-    /// Puts the steps of `empty_space_skip` that are wanted, which lie at `places`, to the ones that wait.
+    /// Appends the wanted steps of `survey`, which lie at `places`, to the pending samples.
     #[inline(always)]
     fn push(&mut self, places: &Lanes3<f64>, survey: &StepWindow, unit: f64, ray: u8) {
         let mut length = survey.length;
@@ -189,7 +202,7 @@ impl TransmittanceBatch<'_> {
             length[l] *= unit;
         }
         let from = self.filled % LANES;
-        // What is copied in excess is written over by what comes next.
+        // Lanes beyond `wanted` are overwritten by the next call.
         for axis in 0..3 {
             self.places[axis][from..from + LANES].copy_from_slice(&places[axis]);
         }
@@ -198,7 +211,7 @@ impl TransmittanceBatch<'_> {
         self.filled = from + survey.wanted;
     }
 
-    /// The first sixteen.
+    /// Returns the positions and lengths of the oldest sixteen samples.
     #[inline(always)]
     fn batch(&self) -> (Lanes3<f64>, Lanes<f64>) {
         let mut places = [[0.0; LANES]; 3];
@@ -210,7 +223,7 @@ impl TransmittanceBatch<'_> {
         (places, length)
     }
 
-    /// Does away with the first sixteen.
+    /// Removes the oldest sixteen samples.
     #[inline(always)]
     fn shift(&mut self) {
         for axis in 0..3 {

@@ -1,4 +1,4 @@
-//! Watching a render from outside: a live picture in the viewer tev.
+//! Live preview of a render in an external viewer: the client of the image viewer tev.
 
 mod packet;
 mod queue;

@@ -1,8 +1,8 @@
-//! The packets of the network protocol of tev, a viewer of pictures (Thomas Müller, github.com/Tom94/tev: "Over the
-//! Network" in its README, and `src/Ipc.cpp`, which spells out what is read).
+//! Packets of the network protocol of the image viewer tev (Thomas Müller, github.com/Tom94/tev: "Over the Network" in
+//! its README, and `src/Ipc.cpp`, which defines exactly what is parsed).
 //!
-//! A packet is its own length in bytes, these four included, a byte that names the operation, and what the operation
-//! takes. Numbers are little-endian; names are UTF-8 and end with a zero; a flag is a byte.
+//! A packet consists of its own length in bytes (including these four), one byte that names the operation, and the
+//! arguments of the operation. Numbers are little-endian; names are UTF-8 and end with a zero; a flag is a byte.
 //!
 //! ```text
 //! close  2  name
@@ -11,9 +11,9 @@
 //!           offset of each channel, stride of each channel (64-bit, in floats)  floats
 //! ```
 //!
-//! Updates were 3 (one channel) and 5 (several, one plane after the other) before they were 6, which says itself where
-//! each channel is; tev still takes all three. Pixels are sent whole, one after the other, as tev's client for Python
-//! does.
+//! Updates had operation 3 (one channel) and 5 (several channels, one plane after another) before 6, which states the
+//! offset and stride of each channel; tev still accepts all three. Pixels are sent interleaved, one after another, as
+//! tev's Python client does.
 
 use super::tev::Rectangle;
 
@@ -21,16 +21,16 @@ const CLOSE: u8 = 2;
 const CREATE: u8 = 4;
 const UPDATE: u8 = 6;
 
-/// Bytes of pixels that one packet holds at most: tev reads a mebibyte at once, and a slow line is given up on by
-/// packets.
+/// Largest number of bytes of pixels in one packet: tev reads one MiB at a time, and the timeout of a slow connection
+/// counts packets.
 const MAX_BYTES: usize = 1 << 18;
 
-/// A packet in the making.
+/// Packet that is being assembled.
 struct Packet(Vec<u8>);
 
 impl Packet {
     fn new(operation: u8) -> Packet {
-        // The length comes last.
+        // The first four bytes are replaced by the length in `finish`.
         Packet(vec![0, 0, 0, 0, operation])
     }
 
@@ -39,7 +39,7 @@ impl Packet {
         self
     }
 
-    /// A name, in which a zero would be its end.
+    /// Appends a name; a zero inside it would end it and is replaced by U+FFFD.
     fn name(mut self, name: &str) -> Packet {
         self.0.extend(name.replace('\0', "\u{fffd}").bytes());
         self.0.push(0);
@@ -58,19 +58,19 @@ impl Packet {
     }
 
     fn finish(mut self) -> Vec<u8> {
-        // Names come from command lines, and pixels are few.
+        // The length fits: names come from command lines, and `MAX_BYTES` bounds the pixels.
         let length = u32::try_from(self.0.len()).unwrap_or(u32::MAX);
         self.0[..4].copy_from_slice(&length.to_le_bytes());
         self.0
     }
 }
 
-/// Closes a picture.
+/// Returns the packet that closes the image `name`.
 pub(super) fn close(name: &str) -> Vec<u8> {
     Packet::new(CLOSE).name(name).finish()
 }
 
-/// Makes a picture, or makes it anew, and shows it.
+/// Returns the packet that creates or re-creates the image `name` and shows it.
 pub(super) fn create(name: &str, [width, height]: [u32; 2], channels: &[&str]) -> Vec<u8> {
     let packet = Packet::new(CREATE)
         .flag(true)
@@ -82,9 +82,9 @@ pub(super) fn create(name: &str, [width, height]: [u32; 2], channels: &[&str]) -
         .finish()
 }
 
-/// Changes a rectangle of a picture, by as many packets as it takes: each with its part of the rectangle.
+/// Returns the packets that update a rectangle of an image, each with a part of the rectangle that fits into it.
 ///
-/// `planes` hold the rectangle of each channel, row by row; there is at least one, and all have its size.
+/// `planes` hold the rectangle of each channel, row by row; there is at least one, and all have the rectangle's size.
 pub(super) fn update<'a>(
     name: &'a str,
     whole: Rectangle,
@@ -93,16 +93,19 @@ pub(super) fn update<'a>(
 ) -> impl Iterator<Item = Vec<u8>> + 'a {
     pieces(whole, planes.len()).map(move |piece| {
         let count = planes.len() as u64;
+        // Write the operation, the image and its channels
         let packet = Packet::new(UPDATE)
             .flag(false)
             .name(name)
             .numbers(&[planes.len() as u32]);
+        // Describe interleaved pixels: channel i starts at float i, and the stride is the channel count
         let mut packet = channels
             .iter()
             .fold(packet, |packet, channel| packet.name(channel))
             .numbers(&[piece.x, piece.y, piece.width, piece.height])
             .long_numbers(0..count)
             .long_numbers(planes.iter().map(|_| count));
+        // Interleave the planes row by row
         for y in piece.y - whole.y..piece.y - whole.y + piece.height {
             let first = y as usize * whole.width as usize + (piece.x - whole.x) as usize;
             for pixel in first..first + piece.width as usize {
@@ -114,7 +117,7 @@ pub(super) fn update<'a>(
     })
 }
 
-/// Parts of a rectangle that fit into a packet each: rows, or parts of them where rows are long.
+/// Returns the parts of a rectangle that fit into one packet each: runs of rows, or parts of a row where rows are long.
 fn pieces(whole: Rectangle, channel_count: usize) -> impl Iterator<Item = Rectangle> {
     let most_pixels = (MAX_BYTES / (size_of::<f32>() * channel_count)).max(1) as u32;
     let width = whole.width.min(most_pixels).max(1);
@@ -136,7 +139,7 @@ mod tests {
 
     #[test]
     fn a_packet_begins_with_its_length_and_its_operation() {
-        // 4 of the length, 1 of the operation, 2 of the name, 1 of its end.
+        // 4 bytes of length, 1 of the operation, 2 of the name, 1 of its terminator.
         assert_eq!(close("ab"), [8, 0, 0, 0, 2, b'a', b'b', 0]);
         assert_eq!(close("a\0b").len(), 5 + 1 + 3 + 1 + 1);
     }

@@ -1,7 +1,7 @@
-//! What waits to be sent to a viewer: a bounded queue that never keeps the one who fills it waiting.
+//! Bounded send queue between the render threads and a viewer; pushing a message never blocks.
 //!
-//! A rectangle that is changed again before it was sent is sent once, with the newest pixels. Where a viewer takes less
-//! than is rendered, the oldest rectangles are left out.
+//! A rectangle that is changed again before it was sent is sent once, with the newest pixels. When a viewer accepts
+//! less than is rendered, the oldest rectangles are dropped.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -9,14 +9,14 @@ use std::time::{Duration, Instant};
 
 use super::tev::Rectangle;
 
-/// Bytes that may wait: a picture of 22 million pixels.
+/// Largest number of bytes in the queue: an image of 22 million pixels.
 const MAX_BYTES: usize = 1 << 28;
-/// Messages that may wait: they are looked through whenever one is added, which so takes microseconds.
+/// Largest number of messages in the queue. Each push scans all of them, which takes microseconds at this size.
 const MAX_MESSAGES: usize = 1 << 12;
 
-/// Packets that belong together.
+/// Packets that are sent together and superseded together.
 pub(super) struct Message {
-    /// Which rectangle of which picture they change; none for what must not be left out.
+    /// Image name and rectangle that the packets change; none for messages that must not be dropped.
     pub(super) changes: Option<(String, Rectangle)>,
     pub(super) packets: Vec<Vec<u8>>,
 }
@@ -26,7 +26,7 @@ impl Message {
         self.packets.iter().map(Vec::len).sum()
     }
 
-    /// Whether it need not be sent, as `newer` says all of it and more.
+    /// Returns whether this message need not be sent because `newer` covers its whole rectangle of the same image.
     fn is_outdone_by(&self, newer: &Message) -> bool {
         match (&self.changes, &newer.changes) {
             (Some((name, old)), Some((newer_name, new))) => new.holds(old) && name == newer_name,
@@ -39,15 +39,15 @@ impl Message {
 struct State {
     waiting: VecDeque<Message>,
     byte_count: usize,
-    /// Whether a message was taken that is not yet known to be sent.
+    /// True while a message that was taken from the queue is not yet known to be sent.
     sending: bool,
-    /// Packets that went out.
+    /// Number of packets sent so far.
     sent_count: u64,
-    /// No more will come, or nobody takes any.
+    /// True once the queue is closed: no more messages come, or the sender has stopped.
     ended: bool,
 }
 
-/// The queue between a render's threads and the one that sends.
+/// Queue between the threads of a render and the thread that sends.
 #[derive(Default)]
 pub(super) struct Queue {
     state: Mutex<State>,
@@ -56,17 +56,18 @@ pub(super) struct Queue {
 
 impl Queue {
     fn lock(&self) -> MutexGuard<'_, State> {
-        // No state is left half-changed by a panic elsewhere.
+        // Ignoring poisoning is safe: a panic in another thread leaves no state half-changed.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a message; takes no longer than it takes to look through what waits.
+    /// Appends a message; takes no longer than one scan of the queue.
     pub(super) fn push(&self, message: Message) {
         let mut state = self.lock();
         if state.ended {
             return;
         }
         let mut byte_count = state.byte_count + message.byte_count();
+        // Remove queued messages that the new one supersedes
         state.waiting.retain(|old| {
             let is_outdone = old.is_outdone_by(&message);
             byte_count -= if is_outdone { old.byte_count() } else { 0 };
@@ -74,6 +75,7 @@ impl Queue {
         });
         state.byte_count = byte_count;
         state.waiting.push_back(message);
+        // Drop the oldest updates until both limits hold
         while state.byte_count > MAX_BYTES || state.waiting.len() > MAX_MESSAGES {
             let oldest = state.waiting.iter().position(|old| old.changes.is_some());
             let Some(left_out) = oldest.and_then(|place| state.waiting.remove(place)) else {
@@ -85,11 +87,13 @@ impl Queue {
         self.changed.notify_all();
     }
 
-    /// The next message, once there is one; `None` at the end. The one before it is known to be sent.
+    /// Waits for the next message and returns it, or `None` once the queue is closed. The call also confirms that the
+    /// previous message is sent.
     pub(super) fn next(&self) -> Option<Message> {
         let mut state = self.lock();
         state.sending = false;
         self.changed.notify_all();
+        // Taking the next message shows that the last one is sent
         loop {
             if state.ended {
                 return None;
@@ -103,13 +107,13 @@ impl Queue {
         }
     }
 
-    /// Counts a packet that went out.
+    /// Counts a packet that was sent.
     pub(super) fn note_sent(&self) {
         self.lock().sent_count += 1;
         self.changed.notify_all();
     }
 
-    /// Ends it; what waits is forgotten.
+    /// Closes the queue and discards all messages in it.
     pub(super) fn end(&self) {
         let mut state = self.lock();
         state.ended = true;
@@ -119,16 +123,18 @@ impl Queue {
         self.changed.notify_all();
     }
 
-    /// Whether nobody takes anything any more.
+    /// Returns whether the queue is closed, so that no message is sent any more.
     pub(super) fn has_ended(&self) -> bool {
         self.lock().ended
     }
 
-    /// Waits until all is sent, or for as long as `patience` after the last packet; whether all is sent.
+    /// Waits until all messages are sent, or until `patience` has passed since the last packet; returns whether all are
+    /// sent.
     pub(super) fn drain(&self, patience: Duration) -> bool {
         let mut state = self.lock();
         let mut deadline = Instant::now() + patience;
         loop {
+            // Report failure if the connection was lost meanwhile
             if state.ended || (state.waiting.is_empty() && !state.sending) {
                 return !state.ended;
             }
@@ -142,6 +148,7 @@ impl Queue {
                 .wait_timeout(state, left)
                 .unwrap_or_else(PoisonError::into_inner)
                 .0;
+            // Restart the timeout after each packet: a slow viewer is not a dead one
             if state.sent_count != before {
                 deadline = Instant::now() + patience;
             }
@@ -166,7 +173,7 @@ mod tests {
         }
     }
 
-    /// The first byte of everything that waits.
+    /// Returns the first byte of every queued message.
     fn waiting(queue: &Queue) -> Vec<u8> {
         let state = queue.lock();
         assert_eq!(
@@ -216,7 +223,7 @@ mod tests {
         queue.push(change("a", 0, 1, 1, 9));
         assert!(!queue.drain(Duration::from_millis(1)));
         assert!(queue.next().is_some());
-        // It was taken, but nobody knows whether it was sent.
+        // The message was taken, but it is unknown whether it was sent.
         assert!(!queue.drain(Duration::from_millis(1)));
         queue.end();
         assert!(queue.next().is_none());

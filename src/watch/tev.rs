@@ -1,7 +1,7 @@
-//! A picture in the viewer tev, live, over its network protocol.
+//! Client of the image viewer tev: shows an image while it is rendered, over tev's network protocol.
 //!
-//! The render is never held up: its threads put rectangles into a queue, and a thread of its own sends them. A viewer
-//! that is slow misses rectangles; one that goes away is told of once, and the render goes on.
+//! The render never blocks: its threads put rectangles into a queue, and a separate thread sends them. A slow viewer
+//! misses rectangles; a lost connection is reported once, and the render goes on.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -13,21 +13,21 @@ use std::time::Duration;
 use super::packet;
 use super::queue::{Message, Queue};
 
-/// A rectangle of a picture's pixels.
+/// Rectangle of an image's pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rectangle {
-    /// Its first column.
+    /// First column, counted from the left.
     pub x: u32,
-    /// Its first row.
+    /// First row, counted from the top.
     pub y: u32,
-    /// Columns.
+    /// Number of columns, in pixels.
     pub width: u32,
-    /// Rows.
+    /// Number of rows, in pixels.
     pub height: u32,
 }
 
 impl Rectangle {
-    /// Whether all of `other` lies in it.
+    /// Returns whether all of `other` lies in this rectangle.
     pub(super) fn holds(&self, other: &Rectangle) -> bool {
         let within = |start: u32, size: u32, inner: u32, inner_size: u32| {
             let end = |start: u32, size: u32| u64::from(start) + u64::from(size);
@@ -37,33 +37,33 @@ impl Rectangle {
     }
 }
 
-/// Why there is no connection to a viewer.
+/// Reasons why there is no connection to a viewer.
 #[derive(Debug, thiserror::Error)]
 pub enum TevError {
-    /// The address makes no sense or is not known.
+    /// The address is malformed, or its host name is unknown.
     #[error("`{address}` is no address of a tev viewer: give HOST:PORT, as in localhost:14158")]
     Address {
-        /// What was given.
+        /// Address as given by the caller.
         address: String,
     },
-    /// Nobody answers there.
+    /// No viewer accepts connections at the address.
     #[error(
         "no tev viewer answers at {address}: {source}: start tev there, or give the address of its `--host`"
     )]
     Unreachable {
-        /// What was given.
+        /// Address as given by the caller.
         address: String,
-        /// What the system said.
+        /// Error of the operating system.
         source: io::Error,
     },
 }
 
-/// A connection to a viewer.
+/// Connection to a tev viewer, with the thread that sends.
 pub struct TevViewer {
     address: String,
     stream: TcpStream,
     queue: Arc<Queue>,
-    /// Why the connection was lost, until somebody asks.
+    /// Reason why the connection was lost, until [`TevViewer::trouble`] takes it.
     trouble: Arc<Mutex<Option<io::Error>>>,
     sender: Option<JoinHandle<()>>,
 }
@@ -77,15 +77,17 @@ impl fmt::Debug for TevViewer {
 }
 
 impl TevViewer {
-    /// Connects to the viewer at `address`, `HOST:PORT`, which has so long to answer.
+    /// Connects to the viewer at `address`, `HOST:PORT`; `timeout` applies to each address of the host.
     pub fn connect(address: &str, timeout: Duration) -> Result<TevViewer, TevError> {
         let unreachable = |source| TevError::Unreachable {
             address: address.to_owned(),
             source,
         };
+        // Connect, and duplicate the socket for the sending thread
         let stream = open(address, timeout)?;
         let sending = stream.try_clone().map_err(unreachable)?;
         let (queue, trouble) = (Arc::<Queue>::default(), Arc::default());
+        // Start the thread that sends
         let sender = {
             let (queue, trouble) = (Arc::clone(&queue), Arc::clone(&trouble));
             std::thread::Builder::new()
@@ -102,7 +104,7 @@ impl TevViewer {
         })
     }
 
-    /// Makes a black picture of that name, or makes it anew, and shows it; the viewer takes channels R, G and B for
+    /// Creates or re-creates a black image of the given name and shows it; the viewer interprets channels R, G and B as
     /// colours.
     pub fn create(&self, name: &str, width: u32, height: u32, channels: &[&str]) {
         self.queue.push(Message {
@@ -111,7 +113,7 @@ impl TevViewer {
         });
     }
 
-    /// Changes a rectangle of the picture of that name. Returns at once.
+    /// Updates a rectangle of the image of the given name. Returns at once.
     ///
     /// `planes` has the rectangle of each of `channels`, row by row, the top row first.
     ///
@@ -133,7 +135,7 @@ impl TevViewer {
         });
     }
 
-    /// Takes the picture of that name off the viewer.
+    /// Removes the image of the given name from the viewer.
     pub fn close(&self, name: &str) {
         self.queue.push(Message {
             changes: None,
@@ -141,7 +143,7 @@ impl TevViewer {
         });
     }
 
-    /// One sentence if the connection has been lost, the first time that it is asked for.
+    /// Returns one sentence if the connection has been lost, and `None` at every later call.
     pub fn trouble(&self) -> Option<String> {
         let error = self
             .trouble
@@ -154,8 +156,8 @@ impl TevViewer {
         ))
     }
 
-    /// Ends the connection once all is sent, or `patience` after the viewer has last taken anything. One sentence if not
-    /// all is sent and nobody has been told of that.
+    /// Closes the connection once all messages are sent, or `patience` after the last packet. Returns one sentence if
+    /// not all is sent and the loss has not been reported yet.
     pub fn finish(self, patience: Duration) -> Option<String> {
         let is_sent = self.queue.drain(patience);
         let slow = || {
@@ -165,7 +167,7 @@ impl TevViewer {
             )
         };
         let is_slow = !is_sent && !self.queue.has_ended();
-        // Dropped then, which ends the connection.
+        // `self` is dropped at the end, which closes the connection.
         self.trouble().or_else(|| is_slow.then(slow))
     }
 }
@@ -173,7 +175,7 @@ impl TevViewer {
 impl Drop for TevViewer {
     fn drop(&mut self) {
         self.queue.end();
-        // Whatever is being written comes to its end at once; there is nobody to tell of what is not.
+        // The shutdown aborts a pending write at once; its error is of no use any more.
         let _ = self.stream.shutdown(Shutdown::Both);
         if let Some(sender) = self.sender.take() {
             let _ = sender.join();
@@ -181,17 +183,19 @@ impl Drop for TevViewer {
     }
 }
 
-/// The first of the address's places where somebody answers.
+/// Connects to the first of the address's socket addresses that accepts the connection.
 fn open(address: &str, timeout: Duration) -> Result<TcpStream, TevError> {
     let no_address = || TevError::Address {
         address: address.to_owned(),
     };
+    // Try the addresses of the host in order
     let places = address.to_socket_addrs().map_err(|_| no_address())?;
     let mut refusal = None;
     for place in places {
         match TcpStream::connect_timeout(&place, timeout) {
             Ok(stream) => {
-                // Small rectangles are to be seen at once; without it they are seen a little later.
+                // Without Nagle's algorithm small rectangles appear at once; failing to disable it only delays them a
+                // little.
                 let _ = stream.set_nodelay(true);
                 return Ok(stream);
             }
@@ -204,7 +208,7 @@ fn open(address: &str, timeout: Duration) -> Result<TcpStream, TevError> {
     }))
 }
 
-/// Sends what comes through the queue, until its end or until nobody listens any more.
+/// Sends the messages of the queue until it is closed or the connection is lost.
 fn send_all(mut stream: TcpStream, queue: &Queue, trouble: &Mutex<Option<io::Error>>) {
     while let Some(message) = queue.next() {
         for packet in &message.packets {

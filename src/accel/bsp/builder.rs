@@ -1,10 +1,10 @@
-//! Building the BSP: cells cut by axis-aligned planes until a leaf is cheaper.
+//! Top-down construction of the BSP: cells are split by axis-aligned planes until a leaf is cheaper.
 //!
-//! The tree that comes out is abstract: cells with tight boxes, planes, and the numbers of the primitives in each leaf.
-//! The layouts that rays walk through are made from it.
+//! The result is abstract: cells with tight boxes, planes, and the indices of the primitives in each leaf. The layouts
+//! for traversal are made from it.
 //!
 //! A primitive that a plane crosses goes to both sides, so a BSP of careless planes can grow without end. Three limits
-//! hold on any input: [`MAX_DEPTH`], [`MAX_DUPLICATION`], and every cut must leave both sides with fewer pieces. The
+//! hold on any input: [`MAX_DEPTH`], [`MAX_DUPLICATION`], and every split must leave both sides with fewer pieces. The
 //! result does not depend on the number of threads: the allowance for duplicates is handed down the tree, in proportion
 //! to the pieces, and never shared.
 
@@ -15,53 +15,54 @@ use super::heuristic::{Plane, best_plane};
 use super::primitives::Primitives;
 use crate::parallel;
 
-/// Cuts from the root to any leaf, at most. 2 million triangles need about 22.
+/// Maximum number of splits from the root to any leaf. 2 million triangles need about 22.
 pub(super) const MAX_DEPTH: usize = 56;
-/// Pieces in all leaves a primitive, at most, averaged over the tree: what bounds the memory. Ordinary meshes need
-/// about 2, long thin triangles in all directions would take 7 and more.
+/// Maximum number of pieces in all leaves per primitive, averaged over the tree, which bounds the memory. Ordinary
+/// meshes need about 2, long thin triangles in all directions would take 7 and more.
 pub(super) const MAX_DUPLICATION: f64 = 4.0;
-/// Cells with more pieces are built by several threads.
+/// Number of pieces above which a cell is built by several threads.
 const PARALLEL_COUNT: usize = 1 << 12;
-/// How much of the whole must be done before somebody is told.
+/// Fraction of the whole work between progress reports.
 const PROGRESS_STEP: f64 = 1.0 / 128.0;
-/// Shares are added up as integers.
+/// Resolution in which work shares are added up as integers.
 const SHARE_UNITS: f64 = (1u64 << 40) as f64;
 
-/// A cell and what is in it.
+/// A cell with its contents.
 pub(super) struct Branch {
-    /// The box around everything in the cell.
+    /// Bounding box of everything in the cell.
     pub(super) cell: Cell,
-    /// What the cell holds.
+    /// Contents of the cell.
     pub(super) content: Content,
 }
 
-/// What a cell holds.
+/// Contents of a cell: a leaf or two halves.
 pub(super) enum Content {
-    /// The numbers of all primitives with a part in the cell, in ascending order.
+    /// Indices of all primitives with a part in the cell, in ascending order.
     Leaf(Box<[u32]>),
-    /// Two halves.
+    /// Inner cell, split by a plane.
     Cut {
-        /// Axis the plane is perpendicular to.
+        /// Axis that the plane is perpendicular to.
         axis: usize,
-        /// Where it crosses that axis.
+        /// Coordinate of the plane on that axis.
         position: f32,
-        /// Below and above the plane; what lies in it is below.
+        /// Halves below and above the plane; primitives within the plane are below.
         halves: Box<[Branch; 2]>,
     },
 }
 
-/// A tree together with what building it took.
+/// A tree together with the memory that building it took.
 pub(super) struct Built {
-    /// The whole cell.
+    /// Root cell of the tree.
     pub(super) root: Branch,
-    /// Most bytes in use at a time.
+    /// Peak bytes in use during the build.
     pub(super) peak_bytes: u64,
-    /// Bytes in use at the end.
+    /// Bytes in use by the finished cells.
     pub(super) branch_bytes: u64,
 }
 
-/// Builds the tree of `primitives`; `progress` is told the finished fraction.
+/// Builds the tree of `primitives`; `progress` receives the finished fraction.
 pub(super) fn build(primitives: &Primitives, progress: &(dyn Fn(f64) + Sync)) -> Built {
+    // Bound all primitives
     let pieces = primitives.pieces();
     let mut cell = Cell::EMPTY;
     for piece in &pieces {
@@ -74,6 +75,7 @@ pub(super) fn build(primitives: &Primitives, progress: &(dyn Fn(f64) + Sync)) ->
         bytes: Meter::default(),
     };
     builder.bytes.add(byte_count(&pieces));
+    // Build recursively, with the allowance for duplicates
     let spare = (pieces.len() as f64 * (MAX_DUPLICATION - 1.0)) as usize;
     let task = Task {
         pieces,
@@ -95,10 +97,10 @@ pub(super) fn build(primitives: &Primitives, progress: &(dyn Fn(f64) + Sync)) ->
 struct Task {
     pieces: Vec<Piece>,
     cell: Cell,
-    /// How many pieces may yet be added by cutting.
+    /// Number of pieces that splits may still add.
     spare: usize,
     depth: usize,
-    /// What part of the whole work this is estimated to be.
+    /// Estimated fraction of the whole work.
     share: f64,
     parent_share: f64,
 }
@@ -106,7 +108,7 @@ struct Task {
 struct Builder<'a> {
     primitives: &'a Primitives<'a>,
     progress: &'a (dyn Fn(f64) + Sync),
-    /// Finished shares, in [`SHARE_UNITS`].
+    /// Sum of finished shares, in [`SHARE_UNITS`].
     done: AtomicU64,
     bytes: Meter,
 }
@@ -119,6 +121,7 @@ impl Builder<'_> {
         let content = match plane {
             None => Content::Leaf(self.leaf(task.pieces)),
             Some(plane) => {
+                // Split the pieces and build both halves, in parallel if they are many
                 let parallel = task.pieces.len() > PARALLEL_COUNT;
                 let [left, right] = self.divide(task, plane);
                 let halves = if parallel {
@@ -134,6 +137,7 @@ impl Builder<'_> {
                 }
             }
         };
+        // Report progress once per subtree of about one step
         if share < PROGRESS_STEP && whole >= PROGRESS_STEP || share >= PROGRESS_STEP && is_leaf {
             self.report(share);
         }
@@ -151,7 +155,7 @@ impl Builder<'_> {
             return None;
         }
         let plane = best_plane(&task.pieces, &task.cell, task.spare)?;
-        // Slices are counted by rounded borders: count again by the plane itself.
+        // Bins are counted by rounded borders: count again by the plane itself.
         let count = task.pieces.len();
         let [mut left, mut right] = [0, 0];
         for piece in &task.pieces {
@@ -171,7 +175,7 @@ impl Builder<'_> {
         numbers
     }
 
-    /// Moves the pieces to their sides, cutting those that the plane crosses. The left half keeps the buffer.
+    /// Moves the pieces to their sides, splitting those that the plane crosses. The left half reuses the buffer.
     fn divide(&self, task: Task, plane: Plane) -> [Task; 2] {
         let Plane { axis, position, .. } = plane;
         let mut pieces = task.pieces;
@@ -182,6 +186,7 @@ impl Builder<'_> {
                 .filter(|piece| piece.sides(axis, position).1)
                 .count(),
         );
+        // Assign each piece to its sides and bound both halves
         let mut cells = [Cell::EMPTY; 2];
         let mut kept = 0;
         for i in 0..before {
@@ -203,6 +208,7 @@ impl Builder<'_> {
         }
         pieces.truncate(kept);
         self.bytes.add(byte_count(&rest));
+        // Share the remaining allowance and the work in proportion to the pieces
         let total = (kept + rest.len()).max(1);
         let spare = task.spare - total.saturating_sub(before).min(task.spare);
         let left_spare = (spare as u128 * kept as u128 / total as u128) as usize;
@@ -222,7 +228,7 @@ impl Builder<'_> {
     }
 }
 
-/// Counts bytes in use, and the most there have been.
+/// Counter of the bytes in use and of their peak.
 #[derive(Default)]
 struct Meter {
     current: AtomicU64,
@@ -263,7 +269,7 @@ mod tests {
         }
     }
 
-    /// Long thin triangles through the unit cube in all directions.
+    /// Returns long thin triangles through the unit cube in all directions.
     fn soup(count: u32) -> Mesh {
         let at = |i: u32, k: u32| {
             let fraction = |x: f64| x.fract() as f32;
@@ -284,7 +290,7 @@ mod tests {
         build(&Primitives::of_mesh(mesh).unwrap(), &|_| ()).root
     }
 
-    /// Number of pieces in all leaves, longest leaf, depth.
+    /// Returns the number of pieces in all leaves, the size of the longest leaf, and the depth.
     fn census(branch: &Branch) -> (usize, usize, usize) {
         match &branch.content {
             Content::Leaf(numbers) => (numbers.len(), numbers.len(), 0),
@@ -349,7 +355,7 @@ mod tests {
             [p, p + Vec3::X, p + Vec3::Y]
         }));
         let (pieces, longest, _) = census(&built(&row));
-        // Only cells of more than 64 may be cut through a triangle, at most one of the row each: 2^5 - 1 cells.
+        // Only cells of more than 64 may be split through a triangle, at most one of the row each: 2^5 - 1 cells.
         assert!(pieces < 1000 + 31, "{pieces}");
         assert!(longest <= 32, "{longest}");
     }

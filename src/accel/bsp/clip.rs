@@ -1,4 +1,4 @@
-//! The part of a primitive within a cell, known by its bounds, and how a plane cuts it in two.
+//! Bounds of the part of a primitive within a cell, and their split by a plane.
 
 use glam::Vec3;
 
@@ -7,14 +7,14 @@ use super::primitives::Primitives;
 /// An axis-aligned box in f32. Empty when any `low` exceeds its `high`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Cell {
-    /// Lowest corner.
+    /// Lowest corner of the box.
     pub(super) low: [f32; 3],
-    /// Highest corner.
+    /// Highest corner of the box.
     pub(super) high: [f32; 3],
 }
 
 impl Cell {
-    /// The box that contains nothing.
+    /// Box that contains nothing.
     pub(super) const EMPTY: Cell = Cell {
         low: [f32::INFINITY; 3],
         high: [f32::NEG_INFINITY; 3],
@@ -29,17 +29,17 @@ impl Cell {
         }
     }
 
-    /// Half the surface area; 0 for an empty box.
+    /// Returns half the surface area; 0 for an empty box.
     #[inline(always)]
     pub(super) fn half_area(&self) -> f32 {
         let [x, y, z] = self.extent();
         x * y + y * z + z * x
     }
 
-    /// Edge lengths; 0 for an empty box.
+    /// Returns the edge lengths; 0 for an empty box.
     #[inline(always)]
     pub(super) fn extent(&self) -> [f32; 3] {
-        // No closure: one that is not inlined would be compiled for the lowest instruction set.
+        // No closure here: one that is not inlined would be compiled for the lowest instruction set.
         let mut extent = [0.0; 3];
         for axis in 0..3 {
             extent[axis] = (self.high[axis] - self.low[axis]).max(0.0);
@@ -54,47 +54,51 @@ impl Cell {
 pub(super) struct Piece {
     /// Lowest corner of its bounds.
     pub(super) low: [f32; 3],
-    /// The primitive's number.
+    /// Index of the primitive in the tree.
     pub(super) number: u32,
     /// Highest corner of its bounds.
     pub(super) high: [f32; 3],
 }
 
 impl Piece {
-    /// A piece by its bounds.
+    /// Creates a piece from its bounds.
     pub(super) fn new(number: u32, low: [f32; 3], high: [f32; 3]) -> Piece {
         Piece { low, number, high }
     }
 
-    /// A whole triangle.
+    /// Returns the piece of a whole triangle.
     #[inline(always)]
     pub(super) fn of_triangle(number: u32, [a, b, c]: [Vec3; 3]) -> Piece {
         Piece::new(number, a.min(b).min(c).to_array(), a.max(b).max(c).to_array())
     }
 
-    /// On which sides of a plane it has a part: (left, right). What lies in the plane is on the left.
+    /// Returns on which sides of a plane the piece has a part: (left, right). A piece within the plane is on the left.
     #[inline(always)]
     pub(super) fn sides(&self, axis: usize, position: f32) -> (bool, bool) {
         let right = self.high[axis] > position;
         (self.low[axis] < position || !right, right)
     }
 
-    /// Its parts on both sides of a plane that crosses it; `None` where the primitive itself has no part.
+    /// Returns the parts on both sides of a plane that crosses the piece; `None` where the primitive itself has no
+    /// part.
     ///
-    /// The bounds are those of the exactly cut triangle, rounded outward, within those of the piece.
+    /// The bounds are those of the exactly clipped triangle, rounded outward, within those of the piece.
     pub(super) fn cut(&self, primitives: &Primitives, axis: usize, position: f32) -> [Option<Piece>; 2] {
+        // Split the box alone if the primitive is no triangle
         let Some(corners) = primitives.corners(self.number) else {
             let (mut left, mut right) = (*self, *self);
             left.high[axis] = position;
             right.low[axis] = position;
             return [Some(left), Some(right)];
         };
+        // Compute in f64, where differences of f32 coordinates are nearly exact
         let [a, b, c] = corners;
         let corners = [
             a.as_dvec3().to_array(),
             b.as_dvec3().to_array(),
             c.as_dvec3().to_array(),
         ];
+        // Bound the triangle's vertices on each side and its edges' crossings with the plane
         let plane = f64::from(position);
         let mut low = [[f64::INFINITY; 3]; 2];
         let mut high = [[f64::NEG_INFINITY; 3]; 2];
@@ -104,6 +108,7 @@ impl Piece {
                 high[side][k] = high[side][k].max(p[k]);
             }
         };
+        // Add each vertex to its side, and the crossing of each edge to both
         for i in 0..3 {
             let (p, q) = (corners[i], corners[(i + 1) % 3]);
             let (from, to) = (p[axis] - plane, q[axis] - plane);
@@ -125,7 +130,7 @@ impl Piece {
         [self.within(low[0], high[0]), self.within(low[1], high[1])]
     }
 
-    /// The part within f64 bounds, rounded outward.
+    /// Returns the part within f64 bounds, rounded outward, or `None` if it is empty.
     fn within(&self, low: [f64; 3], high: [f64; 3]) -> Option<Piece> {
         let mut part = *self;
         for axis in 0..3 {
@@ -185,7 +190,7 @@ mod tests {
 
     #[test]
     fn a_cut_piece_may_lose_a_side_that_only_its_box_reached() {
-        // The hypotenuse cuts the box's upper right corner off; there the plane x = 1.5 finds nothing above y = 0.5.
+        // The hypotenuse cuts the box's upper right corner off; there the plane x = 1.5 has nothing above y = 0.5.
         let mesh = one_triangle([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]]);
         let primitives = Primitives::of_mesh(&mesh).unwrap();
         let [_, upper] = primitives.pieces()[0]

@@ -1,6 +1,6 @@
-//! Counts of the work that rays cause, behind the cargo feature `counters`. Without it there is no code and no cost.
+//! Counters of traversal work, behind the cargo feature `counters`. Without it there is no code and no cost.
 
-/// Work since the last [`take`], of all trees and threads together.
+/// Traversal work since the last [`take`], over all trees and threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Nodes entered, by one ray or by a group of rays.
@@ -28,7 +28,7 @@ mod totals {
     }
 }
 
-/// The counts so far, which start again from zero; `None` without the feature `counters`.
+/// Returns the counts so far and resets them to zero; `None` without the feature `counters`.
 pub fn take() -> Option<Counts> {
     #[cfg(feature = "counters")]
     return Some(Counts {

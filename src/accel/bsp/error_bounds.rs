@@ -1,52 +1,53 @@
-//! How far rounding may move things, and slab arithmetic that allows for it.
+//! Rounding-error bounds of the triangle test, and slab tests widened by them.
 //!
-//! The triangle test projects each corner with an error of a few units in the last place of its distance from the ray's
-//! origin. Along axis `a`, with `p` where the ray passes and `e` the extent of the tree, a corner moves by at most
-//! `2u (|v_a - o_a| + |d_a / d_z| |v_z - o_z|) <= 4u |p_a - o_a| + 4u e`, u = 2^-24. A ray may so hit a triangle that
-//! exactly it passes by, and cells must not hide it. The first part is relative to the parameter on the slab's axis and
-//! is given to the parameter, together with the rounding of the parameter itself; the second is given to the planes.
+//! The triangle test projects each vertex with an error of a few units in the last place of its distance from the ray's
+//! origin. Along axis `a`, with `p` where the ray passes and `e` the extent of the tree, a vertex moves by at most
+//! `2u (|v_a - o_a| + |d_a / d_z| |v_z - o_z|) <= 4u |p_a - o_a| + 4u e`, u = 2^-24. So a ray may hit a triangle that
+//! it misses in exact arithmetic, and cells must not hide this hit. The first part is relative to the parameter on the
+//! slab's axis and is added to the parameter's error, together with the rounding of the parameter itself; the second is
+//! added to the planes.
 
 use super::clip::Cell;
 
 /// Relative error of a slab parameter: 4u by the triangle test; 4u by a difference, a reciprocal, a product and this
 /// factor itself. Doubled, for the effect of one rounding on another.
 const PARAMETER_SLACK: f32 = 16.0 * UNIT;
-/// Error of a plane relative to the extent of the tree: 4u, doubled likewise.
+/// Error of a plane relative to the extent of the tree: 4u, doubled for the effect of one rounding on another.
 const PLANE_SLACK: f32 = 8.0 * UNIT;
-/// Half a unit in the last place of 1.
+/// Unit roundoff of f32: half a unit in the last place of 1.
 const UNIT: f32 = 5.960_464_5e-8;
-/// A direction component smaller than this part of the largest one is taken for zero: over any length the ray can have
-/// in the tree it moves less than [`PLANE_SLACK`].
+/// Ratio to the largest direction component below which a component counts as zero: over any length the ray can have in
+/// the tree it moves less than [`PLANE_SLACK`].
 const ZERO_COMPONENT: f32 = 7.888_609e-31;
 
-/// How much to widen a tree's planes and boxes.
+/// Distance by which a tree's planes and boxes are widened.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SlabError(f32);
 
 impl SlabError {
-    /// The slack of a tree with that root cell.
+    /// Computes the error bound of a tree with that root cell.
     pub(super) fn of(root: &Cell) -> SlabError {
         let [x, y, z] = root.extent();
         SlabError(PLANE_SLACK * x.max(y).max(z))
     }
 
-    /// A coordinate moved down.
+    /// Returns a coordinate moved down by the bound.
     #[inline(always)]
     pub(super) fn below(self, x: f32) -> f32 {
         (x - self.0).next_down()
     }
 
-    /// A coordinate moved up.
+    /// Returns a coordinate moved up by the bound.
     #[inline(always)]
     pub(super) fn above(self, x: f32) -> f32 {
         (x + self.0).next_up()
     }
 }
 
-/// A line, as slabs see it.
+/// A line with precomputed reciprocals for slab tests.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::accel) struct Line {
-    /// A point on it.
+    /// Origin of the line.
     pub(super) origin: [f32; 3],
     /// Reciprocal direction, its magnitude reduced by the slack; infinite, with a sign, where the component is zero.
     pub(super) enter: [f32; 3],
@@ -55,7 +56,7 @@ pub(in crate::accel) struct Line {
 }
 
 impl Line {
-    /// The line of a ray with a finite, non-zero direction.
+    /// Prepares the line of a ray with a finite, non-zero direction.
     #[inline(always)]
     pub(super) fn new(origin: [f32; 3], direction: [f32; 3]) -> Line {
         let [x, y, z] = direction;
@@ -67,10 +68,11 @@ impl Line {
         }
     }
 
-    /// [`Line::enter`] and [`Line::leave`] of `N` rays, by axis.
+    /// Computes [`Line::enter`] and [`Line::leave`] of `N` rays, by axis.
     #[inline(always)]
     pub(in crate::accel) fn reciprocals<const N: usize>(direction: &[[f32; N]; 3]) -> [[[f32; N]; 3]; 2] {
         let [mut enter, mut leave] = [[[0.0; N]; 3]; 2];
+        // Scale the threshold by the largest component
         let mut least = [0.0f32; N];
         for row in direction {
             for i in 0..N {
@@ -78,6 +80,7 @@ impl Line {
                 least[i] = if part > least[i] { part } else { least[i] };
             }
         }
+        // Treat negligible components as zero, with an infinite reciprocal
         for axis in 0..3 {
             for i in 0..N {
                 let d = direction[axis][i];
@@ -93,13 +96,13 @@ impl Line {
         [enter, leave]
     }
 
-    /// Whether the coordinate grows along the line, zero by its sign.
+    /// Returns whether the coordinate grows along the line; a zero component counts by its sign.
     #[inline(always)]
     pub(super) fn rises(&self, axis: usize) -> bool {
         self.enter[axis].is_sign_positive()
     }
 
-    /// The parameters from and to which the line is below (`side` < 0) or above (`side` > 0) a thick plane.
+    /// Returns the interval of parameters in which the line is below (`side` < 0) or above (`side` > 0) a thick plane.
     pub(super) fn half_space(&self, axis: usize, position: f32, side: f32, slack: SlabError) -> [f32; 2] {
         let border = if side < 0.0 {
             slack.above(position)

@@ -1,6 +1,6 @@
-//! Where to cut a cell: the plane of least expected cost by the surface-area heuristic.
+//! Choice of the splitting plane of a cell: least expected cost by the surface area heuristic.
 //!
-//! A leaf tests its triangles eight at a time, so its cost is a staircase, and memory rather than arithmetic limits
+//! A leaf tests its triangles eight at a time, so its cost is a step function, and memory rather than arithmetic limits
 //! large scenes: visiting a node and testing a pack cost the same, which makes leaves of 15-25 triangles (measured; the
 //! textbook ratios make far deeper trees that are slower and twice as large).
 
@@ -9,35 +9,35 @@ use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
 use crate::mesh::triangle::PACK;
 use crate::parallel;
 
-/// The cost of visiting a node, in tests of a pack of triangles.
+/// Cost of visiting a node, in tests of a pack of triangles.
 const NODE_COST: f32 = 1.0;
-/// Above this many packs a leaf costs more than its packs: it is read from memory with nothing to hide it.
+/// Number of packs above which a leaf costs more than its packs: it is read from memory, and nothing hides the latency.
 const LONG_LEAF_PACKS: f32 = 4.0;
-/// By how much more.
+/// Cost factor of such a long leaf.
 const LONG_LEAF_FACTOR: f32 = 1.2;
-/// Cells with at most this many pieces try every bound of every piece.
+/// Largest number of pieces for which every bound of every piece is a candidate plane.
 pub(super) const EXACT_COUNT: usize = 64;
-/// Slices of a larger cell along each axis, at whose borders it may be cut.
+/// Number of bins of a larger cell along each axis; the candidate planes are their borders.
 const BINS: usize = 32;
-/// Cells with more pieces are counted by several threads.
+/// Number of pieces above which several threads count a cell.
 const PARALLEL_COUNT: usize = 1 << 16;
-/// Pieces a thread counts at once.
+/// Number of pieces that a thread counts at once.
 const CHUNK: usize = 1 << 14;
-/// Candidate planes tried at once.
+/// Number of candidate planes evaluated at once.
 const WIDTH: usize = 16;
 
-/// A plane, and what it costs to cut there.
+/// A splitting plane with its cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Plane {
-    /// Axis it is perpendicular to.
+    /// Axis that the plane is perpendicular to.
     pub(super) axis: usize,
-    /// Where it crosses that axis.
+    /// Coordinate of the plane on that axis.
     pub(super) position: f32,
     /// Expected cost of the two halves.
     pub(super) cost: f32,
 }
 
-/// The expected cost of testing all `count` pieces of a leaf.
+/// Returns the expected cost of testing all `count` pieces of a leaf.
 #[inline(always)]
 fn leaf_cost(count: f32) -> f32 {
     let packs = count * (1.0 / PACK as f32);
@@ -48,13 +48,14 @@ fn leaf_cost(count: f32) -> f32 {
     }
 }
 
-/// The best plane to cut a cell, `None` if a leaf is cheaper or no plane leaves less on both sides. At most `spare`
-/// pieces may be cut in two.
+/// Returns the best plane to split a cell, or `None` if a leaf is cheaper or no plane leaves less on both sides. At
+/// most `spare` pieces may be split in two.
 pub(super) fn best_plane(pieces: &[Piece], cell: &Cell, spare: usize) -> Option<Plane> {
     let area = cell.half_area();
     if pieces.len() <= PACK || !(area.is_finite() && area > 0.0) {
         return None;
     }
+    // Evaluate every bound of a small cell, and bin borders of a large one
     let plane = if pieces.len() <= EXACT_COUNT {
         dispatch(ExactPlane(pieces, cell, spare))
     } else {
@@ -66,16 +67,16 @@ pub(super) fn best_plane(pieces: &[Piece], cell: &Cell, spare: usize) -> Option<
         };
         bins.best_plane(pieces.len(), cell, spare)
     };
-    // The estimate looks one cut ahead. Among long triangles no single cut pays and many do, so a cell this large is
-    // cut for as long as there is an allowance for duplicates.
+    // The estimate looks one split ahead. Among long triangles no single split pays and many do, so a large cell is
+    // split as long as the allowance for duplicates lasts.
     plane.filter(|plane| pieces.len() > EXACT_COUNT || plane.cost < leaf_cost(pieces.len() as f32))
 }
 
-/// Cost of cutting a cell at planes perpendicular to one axis.
+/// Cost of splitting a cell at planes perpendicular to one axis.
 struct CutCost {
     low: f32,
     high: f32,
-    /// Half area at no thickness, and its growth with thickness; both over the whole half area.
+    /// Half area at zero thickness, and its growth with thickness; both relative to the half area of the cell.
     flat: f32,
     slope: f32,
 }
@@ -102,7 +103,7 @@ impl CutCost {
     }
 }
 
-/// How many pieces begin and end in each slice, by axis.
+/// Numbers of pieces that begin and end in each bin, by axis.
 struct Bins {
     begin: [[u32; BINS]; 3],
     end: [[u32; BINS]; 3],
@@ -157,7 +158,7 @@ impl Bins {
 fn count_bins(pieces: &[Piece], cell: &Cell) -> Bins {
     let mut bins = Bins::default();
     let extent = cell.extent();
-    // A flat cell puts everything into slice 0, where no plane is tried.
+    // A flat cell puts everything into bin 0, where no plane is evaluated.
     let mut scale = [0.0; 3];
     for axis in 0..3 {
         if extent[axis] > 0.0 {
@@ -174,7 +175,7 @@ fn count_bins(pieces: &[Piece], cell: &Cell) -> Bins {
     bins
 }
 
-/// [`count_bins`] as work for an instruction set.
+/// [`count_bins`] as a SIMD kernel.
 struct CountBins<'a>(&'a [Piece], &'a Cell);
 
 impl SimdKernel for CountBins<'_> {
@@ -186,7 +187,7 @@ impl SimdKernel for CountBins<'_> {
     }
 }
 
-/// [`exact_plane`] as work for an instruction set.
+/// [`exact_plane`] as a SIMD kernel.
 struct ExactPlane<'a>(&'a [Piece], &'a Cell, usize);
 
 impl SimdKernel for ExactPlane<'_> {
@@ -198,18 +199,19 @@ impl SimdKernel for ExactPlane<'_> {
     }
 }
 
-/// Tries every bound of every piece. Counting all of them for sixteen planes at a time is faster than sorting.
+/// Evaluates every bound of every piece. Counting all pieces for sixteen planes at a time is faster than sorting.
 #[inline(always)]
 fn exact_plane<I: SimdLevel>(isa: I, pieces: &[Piece], cell: &Cell, spare: usize) -> Option<Plane> {
     let count = pieces.len();
     let mut best: Option<Plane> = None;
     for axis in 0..3 {
         let costs = CutCost::new(cell, axis);
+        // Collect the bounds inside the cell as candidates
         let mut candidates = [f32::NAN; 2 * EXACT_COUNT + WIDTH];
         let mut candidate_count = 0;
         for piece in pieces {
             for position in [piece.low[axis], piece.high[axis]] {
-                // Written always, counted only where it lies inside: no branch to mispredict.
+                // Write always, and advance only for a candidate inside: no branch to mispredict.
                 candidates[candidate_count] = position;
                 candidate_count += usize::from(costs.low < position && position < costs.high);
             }
@@ -218,19 +220,21 @@ fn exact_plane<I: SimdLevel>(isa: I, pieces: &[Piece], cell: &Cell, spare: usize
             .as_chunks::<WIDTH>()
             .0
         {
+            // Count the pieces on each side of sixteen candidates
             let mut right = [0i32; WIDTH];
             let mut right_only = [0i32; WIDTH];
             for piece in pieces {
                 let (low, high) = (piece.low[axis], piece.high[axis]);
                 isa.count_below(chunk, low, high, &mut right, &mut right_only);
             }
+            // Evaluate the costs and keep the least
             let mut cost = [0.0; WIDTH];
             for i in 0..WIDTH {
                 let left = count as i32 - right_only[i];
                 cost[i] = costs.cost(chunk[i], left as f32, right[i] as f32);
             }
             for i in 0..WIDTH {
-                // Comparisons with NaN, the cost of a slot left over, are false.
+                // Comparisons with NaN, the cost of an unused slot, are false.
                 if cost[i] < best.map_or(f32::INFINITY, |b| b.cost) {
                     let left = count - right_only[i] as usize;
                     let right = right[i] as usize;

@@ -1,14 +1,13 @@
-//! Our own backend: an axis-aligned BSP tree in two levels, in safe Rust.
+//! Backend on a two-level, axis-aligned BSP tree, in safe Rust.
 //!
-//! The world tree holds the triangles of all baked meshes, the analytic shapes and the placed meshes; every mesh that
-//! is placed has a tree of its own, which the ray enters in object space. Infinite planes are outside all trees.
+//! The world tree holds the triangles of all baked meshes, the analytic shapes and the instanced meshes; every
+//! instanced mesh has a tree of its own, which the ray enters in object space. Infinite planes are outside all trees.
 //!
-//! * [`builder`] cuts the cells, [`heuristic`] says where, [`clip`] what lies on which side.
-//! * [`counters`] counts what rays cause, if that is compiled in.
-//! * [`reference`](mod@reference) is the walk of the lecture: plain, slow, and what the others are tested against.
-//! * [`node8`] stores the same cells eight to a node; [`single`] and [`packet`] walk them. They are written as loops
-//!   over arrays and compiled for each instruction set; there is no fused multiply-add in them, so all give the same
-//!   bits.
+//! * [`builder`] splits the cells, [`heuristic`] chooses the plane, [`clip`] computes the parts on both sides.
+//! * [`counters`] counts the traversal work, if that is compiled in.
+//! * [`reference`](mod@reference) is the textbook traversal: plain, slow, and the reference for tests.
+//! * [`node8`] stores the same cells eight to a node; [`single`] and [`packet`] traverse them. They are loops over
+//!   arrays, compiled for each instruction set; they contain no fused multiply-add, so all give the same bits.
 
 mod builder;
 mod clip;
@@ -38,12 +37,12 @@ use two_level::{Layout, TwoLevelTree};
 /// The BSP trees of a scene.
 pub struct BspAccel<'s> {
     walker: Walker<'s>,
-    /// How far hits of triangles may be trusted: at [`Precision::Fast`] f32 decides, else f64 where f32 cannot.
+    /// Guarantee for triangle hits: at [`Precision::Fast`] f32 decides, else f64 where f32 cannot.
     precision: Precision,
     report: AccelReport,
 }
 
-/// The trees in the layout of the kernel that walks them.
+/// The trees in the layout of the kernel that traverses them.
 enum Walker<'s> {
     Reference(TwoLevelTree<'s, PlaneTree>),
     Single(TwoLevelTree<'s, Tree8>),
@@ -65,12 +64,14 @@ impl<'s> BspAccel<'s> {
         BspAccel::build_with_spheres(scene, options, Spheres::Always)
     }
 
-    /// [`BspAccel::build`], which takes [`Spheres::Always`], with or without spheres. The answers are the same.
+    /// Builds the trees of a validated scene with or without bounding spheres; [`BspAccel::build`] uses
+    /// [`Spheres::Always`]. The results are equal.
     pub fn build_with_spheres(
         scene: &'s Scene,
         options: &AccelOptions,
         spheres: Spheres,
     ) -> Result<BspAccel<'s>, AccelError> {
+        // Build the trees, then the bounding spheres of shapes
         let levels = in_pool(options.threads, || -> Result<_, AccelError> {
             let mut levels: TwoLevelTree<Tree8> = TwoLevelTree::build(scene, options)?;
             if spheres == Spheres::Always {
@@ -78,6 +79,7 @@ impl<'s> BspAccel<'s> {
             }
             Ok(levels)
         })?;
+        // Add the spheres to the report
         let mut report = report(&levels);
         let spheres = size_of_val(&*levels.spheres) as u64;
         report.bytes += spheres;
@@ -86,6 +88,7 @@ impl<'s> BspAccel<'s> {
             what: "spheres",
             bytes: spheres,
         });
+        // Choose the kernel; both traverse the same layout
         let walker = match options.kernel {
             Kernel::Single => Walker::Single(levels),
             Kernel::Packet => Walker::Packet(levels),
@@ -100,7 +103,7 @@ impl<'s> BspAccel<'s> {
         })
     }
 
-    /// How many instances have a sphere.
+    /// Returns the number of instances with a bounding sphere.
     pub fn sphere_count(&self) -> usize {
         match &self.walker {
             Walker::Reference(_) => 0,
@@ -108,7 +111,7 @@ impl<'s> BspAccel<'s> {
         }
     }
 
-    /// Builds trees that are walked by the reference kernel: plain, slow, and what the fast kernels are tested against.
+    /// Builds trees for the reference kernel, which is plain and slow; the fast kernels are tested against it.
     pub fn build_reference(scene: &'s Scene, options: &AccelOptions) -> Result<BspAccel<'s>, AccelError> {
         let levels = in_pool(options.threads, || TwoLevelTree::build(scene, options))?;
         let report = report(&levels);
@@ -162,12 +165,13 @@ impl Accel for BspAccel<'_> {
     }
 }
 
-/// A batch of packets for the fast kernels. One dispatch a batch: all below is compiled for each instruction set.
+/// A batch of packets for the fast kernels. SIMD dispatch happens once per batch: all code below is compiled for each
+/// instruction set.
 struct Batch<'a, 's> {
     levels: &'a TwoLevelTree<'s, Tree8>,
     packets: &'a mut [RayPacket],
     question: Query,
-    /// Absent for singles.
+    /// Coherence hint; `None` for the single-ray kernel.
     order: Option<RayOrder>,
 }
 
@@ -180,7 +184,7 @@ impl SimdKernel for Batch<'_, '_> {
     }
 }
 
-/// A batch whose triangles are left to f32.
+/// A batch whose triangles are decided in f32 alone.
 struct RoundedBatch<'a, 's>(Batch<'a, 's>);
 
 impl SimdKernel for RoundedBatch<'_, '_> {
@@ -196,7 +200,7 @@ impl Batch<'_, '_> {
     #[inline(always)]
     fn ask(self, isa: impl SimdLevel) {
         let Batch { levels, packets, .. } = self;
-        // A kernel for each question, so that what only the other one needs is not in it.
+        // Compile a kernel for each kind of query, without the code of the other.
         match (self.order, self.question) {
             (None, Query::Nearest) => single::trace_singles(isa, levels, packets, Query::Nearest),
             (None, Query::Any) => single::trace_singles(isa, levels, packets, Query::Any),
@@ -250,12 +254,12 @@ fn report<T: Layout>(levels: &TwoLevelTree<T>) -> AccelReport {
     }
 }
 
-/// Runs `work` on `threads` threads of its own, or on the current pool for 0.
+/// Runs `work` on a new pool of `threads` threads, or on the current pool for 0.
 pub(super) fn in_pool<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     if threads == 0 || threads == rayon::current_num_threads() {
         return work();
     }
-    // Where the system grants no more threads, the current ones do the work.
+    // If the system grants no more threads, the current ones do the work.
     let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(threads).build() else {
         return work();
     };

@@ -1,10 +1,10 @@
-//! The layout that the fast kernels walk: eight cells a node, each with the box around what is in it.
+//! Node layout of the fast kernels: eight cells per node, each with the bounding box of its contents.
 //!
-//! The cells of a node are disjoint, as those of the binary tree are that it is made from; so for each octant of
-//! directions there is one order, stored with the node, in which a ray meets them. The boxes do what planes alone
-//! cannot: they cut empty space off on all six sides at once. They are widened by the [`SlabError`], so they may overlap a
-//! little; a kernel therefore never takes the first hit for the nearest, but goes on until everything left lies beyond
-//! it.
+//! The cells of a node are disjoint, like those of the binary tree that it is made from; so for each octant of
+//! directions there is one order, stored with the node, in which a ray visits them. The boxes cut off empty space on
+//! all six sides at once, which planes alone cannot. They are widened by the [`SlabError`], so they may overlap a
+//! little; a kernel therefore never takes the first hit for the nearest, but continues until everything left lies
+//! beyond it.
 
 use super::builder::{Branch, Content};
 use super::clip::Cell;
@@ -14,24 +14,25 @@ use super::two_level::Layout;
 use crate::mesh::triangle::{PACK, TrianglePack};
 use crate::parallel;
 
-/// Children of a node.
+/// Number of children of a node.
 pub(super) const WIDTH: usize = 8;
-/// Marks an unused slot of a pack.
+/// Index in an unused slot of a pack.
 pub(super) const NO_NUMBER: u32 = u32::MAX;
 
-/// Eight cells.
+/// A node of eight cells.
 #[repr(C, align(64))]
 #[derive(Clone, Copy)]
 pub(super) struct Node {
-    /// By side (low, high), axis, child. Unused children have empty boxes.
+    /// Bounds by side (low, high), axis and child. Unused children have empty boxes.
     pub(super) bounds: [[[f32; WIDTH]; 3]; 2],
-    /// What is in the cells.
+    /// Contents of the cells: nodes or leaves.
     pub(super) children: [Child; WIDTH],
-    /// By octant (bit `a` set where the direction falls along axis `a`): the children from far to near, four bits each.
+    /// Child order from far to near, four bits each, by octant (bit `a` set where the direction is negative along axis
+    /// `a`).
     pub(super) far_to_near: [u32; 8],
 }
 
-/// A node, or a leaf with its size.
+/// Link to a node, or to a leaf with its size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Child(u32);
 
@@ -41,24 +42,24 @@ const PACK_COUNT_MASK: u32 = 15;
 const FIRST_PACK_MASK: u32 = (1 << PACK_COUNT_SHIFT) - 1;
 
 impl Child {
-    /// The index of the node, if it is one.
+    /// Returns the index of the node, or `None` for a leaf.
     #[inline(always)]
     pub(super) fn node(self) -> Option<usize> {
         (self.0 & LEAF == 0).then_some(self.0 as usize)
     }
 }
 
-/// Eight triangles with their numbers.
+/// Eight triangles with their indices.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, bytemuck::Zeroable)]
 pub(super) struct LeafPack {
-    /// The corners; NaN in unused slots.
+    /// Vertices of the triangles; NaN in unused slots.
     pub(super) triangles: TrianglePack,
-    /// Ascending; [`NO_NUMBER`] in unused slots, which come last.
+    /// Indices in ascending order; [`NO_NUMBER`] in unused slots, which come last.
     pub(super) numbers: [u32; PACK],
 }
 
-/// A leaf that is too long for a [`Child`], or holds shapes or placed meshes.
+/// A leaf that is too long for a [`Child`], or contains shapes or instanced meshes.
 #[derive(Clone, Copy)]
 struct LongLeaf {
     first_pack: u32,
@@ -67,21 +68,21 @@ struct LongLeaf {
     whole_count: u32,
 }
 
-/// The tree in its fast layout.
+/// A tree of eight-wide nodes.
 pub(super) struct Tree8 {
     nodes: Vec<Node>,
     packs: Vec<LeafPack>,
     long_leaves: Vec<LongLeaf>,
-    /// Numbers of what leaves ask as a whole.
+    /// Indices of the shapes and instanced meshes in leaves, which are intersected as a whole.
     wholes: Vec<u32>,
 }
 
-/// What a leaf holds.
+/// Contents of a leaf.
 #[derive(Clone, Copy)]
 pub(super) struct Leaf<'a> {
-    /// Its triangles.
+    /// Triangles of the leaf, in packs of eight.
     pub(super) packs: &'a [LeafPack],
-    /// The numbers of its shapes and placed meshes.
+    /// Indices of its shapes and instanced meshes.
     pub(super) wholes: &'a [u32],
 }
 
@@ -115,19 +116,19 @@ impl Layout for Tree8 {
 }
 
 impl Tree8 {
-    /// The root.
+    /// Returns the link to the root.
     #[inline(always)]
     pub(super) fn root(&self) -> Child {
         Child(0)
     }
 
-    /// A node by its index.
+    /// Returns a node by its index.
     #[inline(always)]
     pub(super) fn node(&self, index: usize) -> &Node {
         &self.nodes[index]
     }
 
-    /// A leaf by its link.
+    /// Returns the contents of a leaf by its link.
     #[inline(always)]
     pub(super) fn leaf(&self, child: Child) -> Leaf<'_> {
         let count = (child.0 >> PACK_COUNT_SHIFT & PACK_COUNT_MASK) as usize;
@@ -161,19 +162,19 @@ fn pack(slots: &[u32; PACK], primitives: &Primitives) -> LeafPack {
     }
 }
 
-/// A layout in the making.
+/// A layout under construction.
 struct Gathering<'a> {
     primitives: &'a Primitives<'a>,
     slack: SlabError,
     nodes: Vec<Node>,
-    /// The numbers of each pack to be.
+    /// Triangle indices of each future pack.
     slots: Vec<[u32; PACK]>,
     long_leaves: Vec<LongLeaf>,
     wholes: Vec<u32>,
 }
 
 impl Gathering<'_> {
-    /// Adds the node for the upper levels of `branch` and all that is below it; returns its index.
+    /// Adds the node for the upper levels of `branch` and everything below; returns its index.
     fn add_node(&mut self, branch: &Branch) -> Option<u32> {
         let family = gather(branch);
         let mut node = Node {
@@ -182,7 +183,9 @@ impl Gathering<'_> {
             far_to_near: std::array::from_fn(|octant| far_to_near(branch, &family, octant)),
         };
         let index = self.nodes.len();
+        // Reserve the slot, so that a parent comes before its children
         self.nodes.push(node);
+        // Widen the boxes and add the children
         for (slot, member) in family.iter().enumerate() {
             for axis in 0..3 {
                 node.bounds[0][axis][slot] = self.slack.below(member.cell.low[axis]);
@@ -200,6 +203,7 @@ impl Gathering<'_> {
     fn add_leaf(&mut self, numbers: &[u32]) -> Option<Child> {
         let first_pack = self.slots.len();
         let first_whole = self.wholes.len();
+        // Distribute the triangles over packs of eight
         let mut used = PACK;
         for &number in numbers {
             if self.primitives.corners(number).is_none() {
@@ -217,12 +221,14 @@ impl Gathering<'_> {
         }
         let pack_count = self.slots.len() - first_pack;
         let whole_count = self.wholes.len() - first_whole;
+        // Link the leaf directly, or through a record if it is long or contains other primitives
         let first = u32::try_from(first_pack)
             .ok()
             .filter(|&first| first <= FIRST_PACK_MASK)?;
         if whole_count == 0 && (1..=PACK_COUNT_MASK as usize).contains(&pack_count) {
             return Some(Child(LEAF | (pack_count as u32) << PACK_COUNT_SHIFT | first));
         }
+        // A pack count of 0 in the link marks a long leaf
         let index = u32::try_from(self.long_leaves.len())
             .ok()
             .filter(|&index| index <= FIRST_PACK_MASK)?;
@@ -236,12 +242,12 @@ impl Gathering<'_> {
     }
 }
 
-/// Whether a branch holds nothing.
+/// Returns whether a branch is an empty leaf.
 fn is_empty(branch: &Branch) -> bool {
     matches!(&branch.content, Content::Leaf(numbers) if numbers.is_empty())
 }
 
-/// The up to eight cells that a node stands for: the largest one is opened as long as there is room.
+/// Collects up to eight cells for a node: the largest inner cell is opened as long as there is room.
 fn gather(branch: &Branch) -> Vec<&Branch> {
     let mut family = vec![branch];
     while family.len() < WIDTH {
@@ -261,8 +267,9 @@ fn gather(branch: &Branch) -> Vec<&Branch> {
     family
 }
 
-/// The slots of `family` in the order in which a ray of that octant meets them, the last first.
+/// Returns the slots of `family` in the order in which a ray of that octant visits them, the last first.
 fn far_to_near(branch: &Branch, family: &[&Branch], octant: usize) -> u32 {
+    // Traverse the binary cells near side first
     let mut near_to_far = Vec::with_capacity(WIDTH);
     let mut waiting = vec![branch];
     while let Some(member) = waiting.pop() {
@@ -274,7 +281,7 @@ fn far_to_near(branch: &Branch, family: &[&Branch], octant: usize) -> u32 {
             waiting.push(&halves[near]);
         }
     }
-    // Slots left over hold nothing and may come anywhere.
+    // Unused slots have empty boxes and may come anywhere.
     let unused = (family.len()..WIDTH).map(|slot| slot as u32);
     near_to_far
         .into_iter()
@@ -318,7 +325,8 @@ mod tests {
         let family = gather(&row);
         let lows: Vec<f32> = family.iter().map(|member| member.cell.low[0]).collect();
         assert_eq!(lows, [0.0, 2.0, 3.0]);
-        // Far to near for a rising ray: slots 2, 1, 0; for one that falls along x: 0, 1, 2; unused slots after.
+        // Far to near for a ray that rises along x: slots 2, 1, 0; for one that falls along x: 0, 1, 2; unused slots
+        // after.
         assert_eq!(far_to_near(&row, &family, 0), 0x7654_3012);
         assert_eq!(far_to_near(&row, &family, 1), 0x7654_3210);
     }

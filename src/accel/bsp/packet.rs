@@ -1,9 +1,9 @@
-//! The kernel for sixteen rays that run side by side.
+//! Packet traversal kernel for sixteen coherent rays.
 //!
-//! Rays are grouped by octant and by the axis along which they are longest, so that within a group the near and far
-//! side of every box, the order of cells and the axes of the triangle test are the same for all. A node is first tested
-//! against the interval that bounds the whole group, eight children at once; the children that are left, against each
-//! ray, sixteen at once. Small groups go ray by ray.
+//! Rays are grouped by octant and by dominant axis, so that within a group the near and far side of every box, the
+//! order of cells and the axes of the triangle test are the same for all. A node is first tested against the interval
+//! that bounds the whole group, eight children at once; the children that are left are tested against each ray, sixteen
+//! at once. Small groups are traced ray by ray.
 
 use super::counters;
 use super::error_bounds::Line;
@@ -14,17 +14,17 @@ use crate::accel::{LANES, RayOrder, RayPacket};
 use crate::mesh::simd::{SimdLevel, lanes};
 use crate::mesh::triangle::{LaneHits, PACK, ShearLanes, dominant_axis};
 
-/// A value for each ray.
+/// One value per ray of the packet.
 type Lanes = [f32; LANES];
 
-/// All lanes.
+/// Mask of all sixteen lanes.
 const FULL: u32 = (1 << LANES) - 1;
-/// Groups of fewer rays go ray by ray.
+/// Least size of a group that is traced as a packet.
 const SMALL_GROUP: u32 = 4;
-/// Up to this many rays, a leaf is tested eight triangles at a time; above, sixteen rays at a time.
+/// Maximum number of rays at which a leaf is tested eight triangles at a time; above it, sixteen rays at a time.
 const FEW_RAYS: u32 = 8;
 
-/// Asks packets.
+/// Traces packets: coherent ones in groups, incoherent ones as single rays.
 #[inline(always)]
 pub(super) fn trace_packets(
     isa: impl SimdLevel,
@@ -41,6 +41,7 @@ pub(super) fn trace_packets(
     let mut cells = Box::new([(root, 0, 0.0); STACK]);
     for packet in packets {
         packet.drop_untraceable();
+        // Classify the rays by octant and dominant axis
         let mut left = 0u32;
         let mut kinds = [0u32; LANES];
         for lane in 0..LANES {
@@ -48,6 +49,7 @@ pub(super) fn trace_packets(
             kinds[lane] = kind(packet, lane);
         }
         while left != 0 {
+            // Take the next group of rays of equal kind
             let leader = left.trailing_zeros() as usize % LANES;
             let mut group = 0u32;
             for i in 0..LANES {
@@ -55,6 +57,7 @@ pub(super) fn trace_packets(
             }
             group &= left;
             left &= !group;
+            // Trace a small group ray by ray, a larger one as a packet
             if group.count_ones() < SMALL_GROUP {
                 for lane in lanes(group) {
                     trace_lane(isa, levels, (packet, lane % LANES), question, &mut stacks);
@@ -73,7 +76,7 @@ pub(super) fn trace_packets(
     }
 }
 
-/// What the rays of a group have in common: the octant in the low three bits, then the longest axis.
+/// Returns the kind of a ray, which is equal within a group: octant in the low three bits, then the dominant axis.
 #[inline(always)]
 fn kind(packet: &RayPacket, lane: usize) -> u32 {
     let direction = [
@@ -85,10 +88,10 @@ fn kind(packet: &RayPacket, lane: usize) -> u32 {
     falls(0) | falls(1) | falls(2) | (dominant_axis(direction) as u32) << 3
 }
 
-/// A cell that waits: what is in it, the rays that meet it, and where the first of them enters.
+/// Stack entry: link to a cell, mask of the rays that intersect it, and least entry parameter.
 type StackEntry = (Child, u32, f32);
 
-/// A group of rays as the kernel sees it. Lanes outside the group have an interval that ends before it begins.
+/// A group of rays with precomputed data. Lanes outside the group have `t_far` below `t_near`.
 struct Group {
     octant: usize,
     origin: [Lanes; 3],
@@ -100,21 +103,21 @@ struct Group {
     best: Best,
 }
 
-/// The best hits so far, as [`HitRecord`] is for one ray.
+/// Nearest hits so far, as in [`HitRecord`] for one ray.
 struct Best {
     t: Lanes,
     u: Lanes,
     v: Lanes,
     number: [u32; LANES],
     primitive: [u32; LANES],
-    /// The largest `t` of all.
+    /// Largest `t` of all lanes.
     t_last: f32,
-    /// Lanes that are still asked about; with [`Query::Any`] the blocked ones leave.
+    /// Lanes that are still traced; with [`Query::Any`] occluded ones are removed.
     active: u32,
     hit: u32,
 }
 
-/// Bounds on the lines of a group: least and greatest, by axis.
+/// Interval bounds of the lines of a group: minimum and maximum, by axis.
 struct PacketBounds {
     origin: [[f32; 2]; 3],
     enter: [[f32; 2]; 3],
@@ -122,7 +125,7 @@ struct PacketBounds {
     t_near: f32,
 }
 
-/// The least and greatest value, by halves: a chain of sixteen comparisons would wait for itself.
+/// Returns the minimum and maximum, reduced by halves: a chain of sixteen comparisons would be bound by latency.
 #[inline(always)]
 fn range(values: &Lanes) -> [f32; 2] {
     let (mut low, mut high) = (*values, *values);
@@ -150,7 +153,7 @@ fn ranges([x, y, z]: &[Lanes; 3]) -> [[f32; 2]; 3] {
     [range(x), range(y), range(z)]
 }
 
-/// The values of the lanes in `mask`, and that of its first lane elsewhere.
+/// Returns the values of the lanes in `mask`, and that of its first lane elsewhere.
 #[inline(always)]
 fn fill(row: &Lanes, mask: u32) -> Lanes {
     if mask == FULL {
@@ -167,19 +170,21 @@ fn fill(row: &Lanes, mask: u32) -> Lanes {
 impl Group {
     #[inline(always)]
     fn new(packet: &RayPacket, [mask, kind]: [u32; 2]) -> Group {
-        // Lanes outside the group stand in as copies of its first ray, so that they widen nothing.
+        // Replace lanes outside the group by copies of its first ray, so that they widen no bound
         let [ox, oy, oz] = &packet.origin;
         let origin = [fill(ox, mask), fill(oy, mask), fill(oz, mask)];
         let [dx, dy, dz] = &packet.direction;
         let direction = [fill(dx, mask), fill(dy, mask), fill(dz, mask)];
         let [enter, leave] = Line::reciprocals(&direction);
         let t_near = fill(&packet.t_near, mask);
+        // Clamp the ends, and give lanes outside the group an empty interval
         let mut t = [f32::NEG_INFINITY; LANES];
         for i in 0..LANES {
             let t_far = packet.t_far[i];
             let t_far = if t_far < f32::MAX { t_far } else { f32::MAX };
             t[i] = if mask >> i & 1 != 0 { t_far } else { t[i] };
         }
+        // Bound the group's lines by intervals
         Group {
             octant: kind as usize & 7,
             hull: PacketBounds {
@@ -207,7 +212,7 @@ impl Group {
     }
 }
 
-/// Asks the rays of one group.
+/// Traces the rays of one group.
 #[inline(always)]
 fn trace_group(
     isa: impl SimdLevel,
@@ -217,6 +222,7 @@ fn trace_group(
     (cells, object_stack): (&mut [StackEntry; STACK], &mut Stack),
 ) {
     let mut group = Group::new(packet, members);
+    // Traverse the world tree, with shapes and instanced meshes lane by lane
     walk(
         isa,
         &levels.world.tree,
@@ -230,6 +236,7 @@ fn trace_group(
             }
         },
     );
+    // Write the results into the packet
     for lane in lanes(group.best.hit) {
         let lane = lane % LANES;
         match question {
@@ -239,7 +246,7 @@ fn trace_group(
     }
 }
 
-/// Walks one tree. `ask` is shown the numbers that are no triangles, lane by lane.
+/// Traverses one tree. `ask` is called lane by lane with the indices of primitives other than triangles.
 #[inline(always)]
 fn walk(
     isa: impl SimdLevel,
@@ -251,16 +258,19 @@ fn walk(
     cells[0] = (tree.root(), group.best.active, group.hull.t_near);
     let mut waiting = 1;
     while waiting > 0 {
+        // Pop a cell and skip it if no active ray reaches it
         waiting -= 1;
         let (child, mask, enters) = cells[waiting];
         let mask = mask & group.best.active;
         if mask == 0 || enters > group.best.t_last {
             continue;
         }
+        // Push the children of an inner node
         if let Some(index) = child.node() {
             waiting = enter(isa, tree.node(index), group, cells, waiting);
             continue;
         }
+        // Intersect the triangles of the leaf, for few rays one by one
         let Leaf { packs, wholes } = tree.leaf(child);
         for pack in packs {
             if mask.count_ones() <= FEW_RAYS {
@@ -269,6 +279,7 @@ fn walk(
                 group.triangle_by_triangle(isa, pack, question);
             }
         }
+        // Intersect shapes and instanced meshes
         for &number in wholes {
             for lane in lanes(mask & group.best.active) {
                 ask(number, lane % LANES, &mut group.best);
@@ -280,7 +291,7 @@ fn walk(
     }
 }
 
-/// Puts the children that any ray meets on the stack, the nearest on top; returns how many wait now.
+/// Pushes the children that any ray intersects, the nearest on top; returns the new stack size.
 #[inline(always)]
 fn enter(
     isa: impl SimdLevel,
@@ -290,11 +301,13 @@ fn enter(
     waiting: usize,
 ) -> usize {
     counters::node();
+    // Cull the children by the bounds of the whole group
     let (candidates, near) = group.hull.children(isa, node, group.octant, group.best.t_last);
     let order = node.far_to_near[group.octant & 7];
     let Some(slots) = cells[waiting..].first_chunk_mut::<WIDTH>() else {
         return waiting;
     };
+    // Test the rest against each ray and push from far to near
     let mut count = 0;
     for i in 0..WIDTH {
         let slot = (order >> (4 * i)) as usize & (WIDTH - 1);
@@ -309,7 +322,8 @@ fn enter(
 }
 
 impl PacketBounds {
-    /// The children that a line of the group may meet up to `t_last`, and bounds on where the first of them enters.
+    /// Returns the children that a line of the group may intersect up to `t_last`, and lower bounds on the entry
+    /// parameters.
     #[inline(always)]
     fn children(&self, isa: impl SimdLevel, node: &Node, octant: usize, t_last: f32) -> (u32, [f32; WIDTH]) {
         let mut near = [self.t_near; WIDTH];
@@ -318,7 +332,7 @@ impl PacketBounds {
             let falls = octant >> axis & 1;
             let near_bounds = &node.bounds[falls][axis];
             let far_bounds = &node.bounds[1 - falls][axis];
-            // The origins that are entered first and left last, by the direction along the axis.
+            // Origins that are entered first and left last, by the direction along the axis.
             let [least, greatest] = self.origin[axis];
             let (first, last) = if falls == 0 {
                 (greatest, least)
@@ -326,6 +340,7 @@ impl PacketBounds {
                 (least, greatest)
             };
             let ([enter_a, enter_b], [leave_a, leave_b]) = (self.enter[axis], self.leave[axis]);
+            // Take the least product over both bounds of the reciprocal direction for entry, the greatest for exit
             for i in 0..WIDTH {
                 let from = near_bounds[i] - first;
                 let to = far_bounds[i] - last;
@@ -342,7 +357,7 @@ impl PacketBounds {
 }
 
 impl Group {
-    /// The rays that meet a child.
+    /// Returns the mask of rays that intersect a child.
     #[inline(always)]
     fn meets(&self, isa: impl SimdLevel, node: &Node, slot: usize) -> u32 {
         let mut near = self.t_near;
@@ -429,7 +444,7 @@ impl Best {
         self.settle(1 << lane, question);
     }
 
-    /// Takes over the hits on one triangle.
+    /// Records the hits on one triangle.
     #[inline(always)]
     fn merge(&mut self, hits: &LaneHits<LANES>, number: u32, question: Query) {
         self.hit |= hits.mask;
@@ -446,7 +461,7 @@ impl Best {
         self.settle(hits.mask, question);
     }
 
-    /// With [`Query::Any`], lanes that are hit are done with.
+    /// Removes lanes that were hit, with [`Query::Any`], and updates the largest `t`.
     #[inline(always)]
     fn settle(&mut self, hit: u32, question: Query) {
         if question == Query::Any {

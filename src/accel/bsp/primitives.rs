@@ -1,8 +1,8 @@
-//! What one tree holds, under consecutive numbers.
+//! Primitives of one tree, with consecutive indices.
 //!
-//! The world tree numbers the triangles of all baked meshes, the analytic shapes and the placed meshes in the order of
-//! their instances; the tree of a placed mesh numbers its triangles. So the smaller of two numbers is also the smaller
-//! (instance, primitive), and ties break by comparing numbers.
+//! The world tree numbers the triangles of all baked meshes, the analytic shapes and the instanced meshes in the order
+//! of their instances; the tree of an instanced mesh numbers its triangles. So the smaller of two indices is also the
+//! smaller (instance, primitive), and ties are broken by comparing indices.
 
 use glam::Vec3;
 
@@ -18,34 +18,37 @@ pub(super) struct Primitives<'s> {
     count: usize,
 }
 
-/// Consecutive numbers that belong to one instance.
+/// Range of consecutive indices that belong to one instance.
 pub(super) struct Run<'s> {
-    /// The first number.
+    /// First index of the range.
     pub(super) first: u32,
-    /// Index into [`Scene::instances`].
+    /// Index of the instance in [`Scene::instances`].
     pub(super) instance: u32,
-    /// What the numbers stand for.
+    /// Kind of the primitives in the range.
     pub(super) kind: RunKind<'s>,
 }
 
-/// What a run of numbers stands for.
+/// Kind of the primitives in a run.
 pub(super) enum RunKind<'s> {
-    /// One number a triangle, in the space of the tree.
+    /// One index per triangle, in the space of the tree.
     Triangles(&'s Mesh),
-    /// One number for something that is asked as a whole: a shape or a placed mesh, by its bounds in the tree's space.
+    /// One index for an object that is intersected as a whole, a shape or an instanced mesh, with its bounds in the
+    /// tree's space.
     Whole(Bounds),
 }
 
 impl<'s> Primitives<'s> {
-    /// Everything in the world but what has no end; `None` if there is more than 32 bits can number.
+    /// Collects all bounded primitives of the world; `None` if there are too many for 32-bit indices.
     pub(super) fn of_world(scene: &'s Scene) -> Option<Primitives<'s>> {
         let mut world = Primitives {
             runs: Vec::with_capacity(scene.instances.len()),
             count: 0,
         };
+        // Compute object bounds once per geometry, not per instance
         let object_bounds = parallel::map(scene.geometries.len(), &|index| scene.geometries[index].bounds());
         for (index, instance) in scene.instances.iter().enumerate() {
             let geometry = &scene.geometries[instance.geometry as usize];
+            // Number baked meshes by triangle, other objects as a whole
             let kind = match geometry {
                 Geometry::Mesh(mesh) if instance.is_identity() => RunKind::Triangles(mesh),
                 _ if geometry.is_unbounded() => continue,
@@ -59,7 +62,7 @@ impl<'s> Primitives<'s> {
         Some(world)
     }
 
-    /// The triangles of one mesh in its own space; `None` if there are more than 32 bits can number.
+    /// Collects the triangles of one mesh in object space; `None` if there are too many for 32-bit indices.
     pub(super) fn of_mesh(mesh: &'s Mesh) -> Option<Primitives<'s>> {
         let mut object = Primitives {
             runs: Vec::with_capacity(1),
@@ -83,27 +86,27 @@ impl<'s> Primitives<'s> {
             kind,
         });
         self.count += count;
-        // The largest number marks an empty slot.
+        // The largest index marks an empty slot.
         (self.count < u32::MAX as usize).then_some(())
     }
 
-    /// Bytes of the list of runs.
+    /// Returns the bytes of the list of runs.
     pub(super) fn byte_count(&self) -> u64 {
         (self.runs.capacity() * size_of::<Run>()) as u64
     }
 
-    /// How many of them are asked as a whole.
+    /// Returns the number of objects that are intersected as a whole.
     pub(super) fn object_count(&self) -> usize {
         let is_whole = |run: &&Run| matches!(run.kind, RunKind::Whole(_));
         self.runs.iter().filter(is_whole).count()
     }
 
-    /// How many there are.
+    /// Returns the number of primitives.
     pub(super) fn count(&self) -> usize {
         self.count
     }
 
-    /// The run that a number belongs to.
+    /// Returns the run that an index belongs to.
     #[inline(always)]
     pub(super) fn run(&self, number: u32) -> &Run<'s> {
         match self.runs.as_slice() {
@@ -112,7 +115,7 @@ impl<'s> Primitives<'s> {
         }
     }
 
-    /// The corners of a triangle; `None` for something that is asked as a whole.
+    /// Returns the vertices of a triangle; `None` for an object that is intersected as a whole.
     #[inline(always)]
     pub(super) fn corners(&self, number: u32) -> Option<[Vec3; 3]> {
         let run = self.run(number);
@@ -122,9 +125,10 @@ impl<'s> Primitives<'s> {
         }
     }
 
-    /// All of them, uncut.
+    /// Returns all primitives, unsplit, with their bounds.
     pub(super) fn pieces(&self) -> Vec<Piece> {
         const CHUNK: usize = 1 << 12;
+        // Allocate first, so that threads fill disjoint chunks
         let mut pieces: Vec<Piece> = bytemuck::zeroed_vec(self.count);
         for run in &self.runs {
             let of_run = &mut pieces[run.first as usize..];

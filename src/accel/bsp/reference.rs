@@ -1,13 +1,13 @@
-//! The reference kernel: one ray, one plane, one triangle at a time, as the lecture walks a BSP tree.
+//! Reference traversal kernel: one ray, one plane, one triangle at a time, the textbook traversal of a BSP tree.
 //!
-//! "Near side first; the other side if the ray crosses the boundary." What rounding asks for besides:
+//! "Near side first; the other side if the ray crosses the boundary." Rounding errors require in addition:
 //!
-//! * Planes are thick: by [`SlabError`], so that a hit which the triangle test sees a little beside the true triangle is
-//!   met from both sides of a plane close by.
+//! * Planes are thick by [`SlabError`], so that a hit which the triangle test reports a little beside the true triangle
+//!   is found from both sides of a nearby plane.
 //! * A ray that runs within a plane never divides by its zero component; it visits the side or sides it lies on.
-//! * A hit counts wherever it lies, in this cell or not; the walk ends only when everything left lies beyond it.
+//! * A hit counts wherever it lies, in this cell or not; the traversal ends only when everything left lies beyond it.
 //!
-//! It is slow and stays so: the fast kernels are tested against it.
+//! It is slow on purpose: the fast kernels are tested against it.
 
 use glam::Vec3;
 
@@ -23,7 +23,7 @@ use crate::mesh::triangle::Shear;
 use crate::numeric::Ray;
 use crate::scene::Geometry;
 
-/// A tree of planes.
+/// A binary tree of planes, in depth-first order.
 pub(super) struct PlaneTree {
     nodes: Vec<Node>,
     numbers: Vec<u32>,
@@ -35,7 +35,7 @@ enum Node {
         first: u32,
         count: u32,
     },
-    /// The lower half follows, the upper one is at `above`.
+    /// Inner node; the lower half follows it, the upper half is at index `above`.
     Cut {
         axis: usize,
         position: f32,
@@ -43,12 +43,12 @@ enum Node {
     },
 }
 
-/// Whether a walk goes on.
+/// Instruction of the visitor to the traversal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Walk {
-    /// Up to this parameter.
+    /// Continue up to this parameter.
     Until(f32),
-    /// Not at all: the question is answered.
+    /// Stop: the query is resolved.
     Done,
 }
 
@@ -79,6 +79,7 @@ impl PlaneTree {
                 halves,
             } => {
                 let here = self.nodes.len();
+                // Reserve the node until the index of the upper half is known
                 self.nodes.push(Node::Leaf { first: 0, count: 0 });
                 self.add(&halves[0]);
                 let above = self.nodes.len() as u32;
@@ -92,8 +93,8 @@ impl PlaneTree {
         }
     }
 
-    /// Shows `visit` every primitive that the line may meet between `t_near` and `t_far`, nearest cells first; `visit`
-    /// says how far the walk still has to go.
+    /// Calls `visit` for every primitive that the line may hit between `t_near` and `t_far`, nearest cells first;
+    /// `visit` returns how far the traversal must still go.
     pub(super) fn walk(
         &self,
         origin: Vec3,
@@ -104,6 +105,7 @@ impl PlaneTree {
         let line = Line::new(origin.to_array(), direction.to_array());
         let mut end = t_far;
         let mut waiting = vec![(0u32, t_near, t_far)];
+        // Pop a cell; skip it if it lies beyond the nearest hit
         while let Some((index, enter, leave)) = waiting.pop() {
             if enter > end {
                 continue;
@@ -122,11 +124,12 @@ impl PlaneTree {
                     position,
                     above,
                 } => {
+                    // Intersect the line with both half spaces
                     let [low, high] = [(index + 1, -1.0), (above, 1.0)].map(|(child, side)| {
                         let [from, to] = line.half_space(axis, position, side, self.slack);
                         (child, enter.max(from), leave.min(to))
                     });
-                    // The far side waits below the near one.
+                    // Push the far side first, so that the near side is visited first
                     let order = if line.rises(axis) {
                         [high, low]
                     } else {
@@ -150,12 +153,13 @@ impl Layout for PlaneTree {
 }
 
 impl TwoLevelTree<'_, PlaneTree> {
-    /// The nearest hit of one ray.
+    /// Returns the nearest hit of one ray.
     pub(super) fn nearest(&self, ray: &Ray) -> Option<Hit> {
         let mut best = Best::new(ray.t_far);
         let shear = Shear::new(ray);
         let span = [ray.t_near, ray.t_far.min(f32::MAX)];
         self.world.tree.walk(ray.origin, ray.direction, span, |number| {
+            // Triangles of baked meshes are in the world tree itself
             let run = self.world.primitives.run(number);
             match &run.kind {
                 RunKind::Triangles(mesh) => {
@@ -180,6 +184,7 @@ impl TwoLevelTree<'_, PlaneTree> {
                 let Some(object) = &self.objects[instance.geometry as usize] else {
                     return;
                 };
+                // Traverse the object-space tree up to the nearest hit so far
                 let ray = ray_in(instance, ray);
                 let shear = Shear::new(&ray);
                 object
@@ -192,7 +197,7 @@ impl TwoLevelTree<'_, PlaneTree> {
         }
     }
 
-    /// Whether one ray meets anything.
+    /// Returns whether one ray hits anything within its interval.
     pub(super) fn is_blocked(&self, ray: &Ray) -> bool {
         let mut blocked = false;
         let shear = Shear::new(ray);
@@ -230,7 +235,7 @@ impl TwoLevelTree<'_, PlaneTree> {
     }
 }
 
-/// The best hit so far.
+/// Nearest hit so far, with its parameter.
 struct Best {
     t: f32,
     hit: Option<Hit>,

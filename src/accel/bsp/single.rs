@@ -1,4 +1,4 @@
-//! The kernel for one ray: eight cells at a time, then eight triangles at a time.
+//! Single-ray traversal kernel: eight cells at a time, then eight triangles at a time.
 
 use super::builder::MAX_DEPTH;
 use super::counters;
@@ -13,34 +13,35 @@ use crate::mesh::triangle::{PACK, Shear};
 use crate::numeric::Ray;
 use crate::scene::Geometry;
 
-/// Cells that can wait at most: every level leaves all but one of its children behind, and the last writes a full set.
+/// Maximum number of stack entries: every level leaves all but one of its children behind, and the last writes a full
+/// set.
 pub(super) const STACK: usize = MAX_DEPTH * (WIDTH - 1) + 2 * WIDTH;
 
-/// Cells that wait for their turn, and where the ray enters them. Made once and used for many rays.
+/// Traversal stack of cells with their entry parameters. Allocated once for many rays.
 pub(super) struct Stack([(f32, Child); STACK]);
 
 impl Stack {
-    /// An empty one for each level.
+    /// Allocates an empty stack for each of the two levels.
     pub(super) fn pair(root: Child) -> Box<[Stack; 2]> {
         Box::new(std::array::from_fn(|_| Stack([(0.0, root); STACK])))
     }
 }
 
-/// What a question wants to know.
+/// Kind of ray query.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Query {
-    /// The nearest hit.
+    /// Query for the nearest hit.
     Nearest,
-    /// Whether there is one.
+    /// Query for any hit, that is, occlusion.
     Any,
 }
 
-/// One ray as the kernel sees it.
+/// Ray with precomputed data for slab and triangle tests.
 pub(super) struct RayState {
     pub(super) line: Line,
     pub(super) shear: Shear,
     pub(super) t_near: f32,
-    /// Which of low and high bounds the ray meets first, by axis.
+    /// Side of the box that the ray enters first, by axis: 0 for the low bound, 1 for the high one.
     first: [usize; 3],
     pub(super) octant: usize,
 }
@@ -61,14 +62,15 @@ impl RayState {
     }
 }
 
-/// The best hit so far, by the numbers of one tree. It starts as a hit at the ray's end that every other one beats.
+/// Nearest hit so far, by the indices of one tree. It is initialized as a hit at the ray's end that every other one
+/// replaces.
 #[derive(Clone, Copy)]
 pub(super) struct HitRecord {
     pub(super) t: f32,
     pub(super) u: f32,
     pub(super) v: f32,
     pub(super) number: u32,
-    /// Where `number` is that of a placed mesh or a shape: its triangle or part.
+    /// Triangle or part, if `number` is that of an instanced mesh or a shape.
     pub(super) primitive: u32,
 }
 
@@ -84,8 +86,8 @@ impl HitRecord {
         }
     }
 
-    /// The start of a search within the placed mesh that has the number `number` in the world: what is found there at
-    /// the same parameter must count exactly if (number, primitive) is smaller than what is known.
+    /// Returns the initial record for a search within the instanced mesh with index `number` in the world: a hit there
+    /// at the same parameter must count exactly if (number, primitive) is smaller than that of the record.
     #[inline(always)]
     pub(super) fn within(&self, number: u32) -> HitRecord {
         let bar = match number.cmp(&self.number) {
@@ -102,7 +104,7 @@ impl HitRecord {
     }
 }
 
-/// Asks one ray after the other.
+/// Traces one ray after the other.
 #[inline(always)]
 pub(super) fn trace_singles(
     isa: impl SimdLevel,
@@ -121,7 +123,7 @@ pub(super) fn trace_singles(
     }
 }
 
-/// Asks one lane.
+/// Traces the ray of one lane.
 #[inline(always)]
 pub(super) fn trace_lane(
     isa: impl SimdLevel,
@@ -130,6 +132,7 @@ pub(super) fn trace_lane(
     question: Query,
     stacks: &mut [Stack; 2],
 ) {
+    // Traverse the world tree
     let ray = packet.ray(lane);
     let [world_stack, object_stack] = stacks;
     let mut found = HitRecord::nothing(ray.t_far);
@@ -142,6 +145,7 @@ pub(super) fn trace_lane(
         (question, world_stack),
         |number, found| ask_whole(isa, levels, (&ray, number), found, (question, object_stack)),
     );
+    // Write the result into the packet
     match question {
         Query::Any if is_hit => packet.set_blocked(lane),
         Query::Nearest if is_hit => packet.set_hit(lane, &hit_of(levels, &found)),
@@ -154,7 +158,7 @@ pub(super) fn hit_of(levels: &TwoLevelTree<Tree8>, found: &HitRecord) -> Hit {
     levels.hit(found.number, found.primitive, [found.t, found.u, found.v])
 }
 
-/// Asks a shape or a placed mesh; whether it was hit, nearer than what is known.
+/// Intersects a shape or an instanced mesh as a whole; returns whether the hit replaces the record.
 #[inline(always)]
 pub(super) fn ask_whole(
     isa: impl SimdLevel,
@@ -164,10 +168,12 @@ pub(super) fn ask_whole(
     (question, stack): (Query, &mut Stack),
 ) -> bool {
     let run = levels.world.primitives.run(number);
+    // Cull by the bounding sphere
     if !levels.lets_through(run.instance, ray) {
         return false;
     }
     let instance = &levels.scene.instances[run.instance as usize];
+    // Intersect the shape, or transform the ray and traverse the mesh's own tree
     match &levels.scene.geometries[instance.geometry as usize] {
         Geometry::Shape(shape) => match shape_hit(run.instance, instance, shape, ray) {
             Some(hit) if found.is_beaten_by(hit.t, number) => {
@@ -186,6 +192,7 @@ pub(super) fn ask_whole(
             let Some(object) = &levels.objects[instance.geometry as usize] else {
                 return false;
             };
+            // Break ties against the record of the world
             let mut inner = found.within(number);
             let beam = RayState::new(&ray_in(instance, ray));
             let is_hit = walk(isa, &object.tree, &beam, &mut inner, (question, stack), |_, _| {
@@ -203,7 +210,8 @@ pub(super) fn ask_whole(
     }
 }
 
-/// Walks one tree; whether anything was hit. `ask` is shown the numbers that are no triangles.
+/// Traverses one tree and returns whether anything was hit. `ask` is called with the indices of primitives other than
+/// triangles.
 #[inline(always)]
 fn walk(
     isa: impl SimdLevel,
@@ -217,6 +225,7 @@ fn walk(
     let mut child = tree.root();
     let mut waiting = 0;
     loop {
+        // Descend to the nearest leaf
         while let Some(index) = child.node() {
             waiting = enter(isa, tree.node(index), (beam, found.t), stack, waiting);
             match next(stack, &mut waiting, found.t) {
@@ -225,6 +234,7 @@ fn walk(
             }
         }
         let Leaf { packs, wholes } = tree.leaf(child);
+        // Intersect the triangles of the leaf, eight at a time
         for pack in packs {
             counters::pack();
             let hits = beam
@@ -244,12 +254,14 @@ fn walk(
                 }
             }
         }
+        // Intersect shapes and instanced meshes of the leaf
         for &number in wholes {
             is_hit |= ask(number, found);
             if is_hit && question == Query::Any {
                 return true;
             }
         }
+        // Continue with the next cell on the stack
         match next(stack, &mut waiting, found.t) {
             Some(nearest) => child = nearest,
             None => return is_hit,
@@ -257,7 +269,7 @@ fn walk(
     }
 }
 
-/// Takes the next cell that the ray enters before `t`.
+/// Pops the next cell that the ray enters before `t`.
 #[inline(always)]
 fn next(stack: &Stack, waiting: &mut usize, t: f32) -> Option<Child> {
     while *waiting > 0 {
@@ -270,7 +282,7 @@ fn next(stack: &Stack, waiting: &mut usize, t: f32) -> Option<Child> {
     None
 }
 
-/// Puts the children that the ray meets up to `t_far` on the stack, the nearest on top; returns how many wait now.
+/// Pushes the children that the ray intersects up to `t_far`, the nearest on top; returns the new stack size.
 #[inline(always)]
 fn enter(
     isa: impl SimdLevel,
@@ -280,6 +292,7 @@ fn enter(
     waiting: usize,
 ) -> usize {
     counters::node();
+    // Intersect the ray with the eight boxes by the slab method
     let mut near = [beam.t_near; WIDTH];
     let mut far = [t_far; WIDTH];
     for axis in 0..3 {
@@ -294,7 +307,7 @@ fn enter(
         for i in 0..WIDTH {
             let t0 = (near_bounds[i] - origin) * enter;
             let t1 = (far_bounds[i] - origin) * leave;
-            // NaN, from a ray within a face, leaves the interval as it is.
+            // NaN, from a ray within a face, leaves the interval unchanged.
             near[i] = if t0 > near[i] { t0 } else { near[i] };
             far[i] = if t1 < far[i] { t1 } else { far[i] };
         }
@@ -303,6 +316,7 @@ fn enter(
     if mask == 0 {
         return waiting;
     }
+    // Push the children from far to near, in the order stored for the octant
     let order = node.far_to_near[beam.octant & 7];
     let Some(slots) = stack.0[waiting..].first_chunk_mut::<WIDTH>() else {
         return waiting;
@@ -310,7 +324,7 @@ fn enter(
     let mut count = 0;
     for i in 0..WIDTH {
         let slot = (order >> (4 * i)) as usize & (WIDTH - 1);
-        // Written always, kept where it is met: no branch to mispredict.
+        // Write always, and advance only for a child that is hit: no branch to mispredict.
         slots[count & (WIDTH - 1)] = (near[slot], node.children[slot]);
         count += (mask >> slot & 1) as usize;
     }

@@ -1,4 +1,4 @@
-//! The two levels of a scene: the world tree, and one tree for each mesh that is placed.
+//! Two-level structure of a scene: the world tree, and one tree for each instanced mesh.
 
 use std::collections::BTreeSet;
 
@@ -12,40 +12,41 @@ use crate::scene::{Geometry, Scene};
 
 /// All trees of a scene, in the layout `T`.
 pub(super) struct TwoLevelTree<'s, T> {
-    /// What the trees stand for.
+    /// Scene that the trees were built from.
     pub(super) scene: &'s Scene,
-    /// The world.
+    /// Top level: the tree in world space.
     pub(super) world: Level<'s, T>,
-    /// What no tree can hold.
+    /// Infinite planes, which no tree can hold.
     pub(super) planes: Planes,
-    /// By instance, what is tested before a shape, where anything is.
+    /// Bounding spheres of shapes by instance; empty if spheres are not used.
     pub(super) spheres: Vec<Option<SphereExtent>>,
-    /// By geometry; absent where no instance but a baked one uses it.
+    /// Object-space trees by geometry; `None` unless the geometry is an instanced mesh.
     pub(super) objects: Vec<Option<Level<'s, T>>>,
-    /// Most bytes in use at any time of the build.
+    /// Peak bytes in use at any time of the build.
     pub(super) peak_bytes: u64,
 }
 
-/// One tree and what its numbers stand for.
+/// One tree with its primitives.
 pub(super) struct Level<'s, T> {
-    /// What the numbers in the tree stand for.
+    /// Primitives that the indices in the tree stand for.
     pub(super) primitives: Primitives<'s>,
-    /// The tree.
+    /// Nodes of the tree in its layout.
     pub(super) tree: T,
 }
 
-/// A tree in some layout.
+/// A layout of a tree in memory.
 pub(super) trait Layout: Sized {
     /// Lays out a built tree; `None` if it is too large.
     fn lay_out(root: &Branch, primitives: &Primitives) -> Option<Self>;
 
-    /// Bytes in use.
+    /// Returns the number of bytes in use.
     fn byte_count(&self) -> u64;
 }
 
 impl<'s, T: Layout> TwoLevelTree<'s, T> {
     /// Builds all trees on the current thread pool.
     pub(super) fn build(scene: &'s Scene, options: &AccelOptions) -> Result<TwoLevelTree<'s, T>, AccelError> {
+        // Estimate the total work by primitive counts
         let silent = |_: f64| ();
         let progress: &(dyn Fn(f64) + Sync) = options.progress.unwrap_or(&silent);
         let placed = placed_meshes(scene);
@@ -59,6 +60,7 @@ impl<'s, T: Layout> TwoLevelTree<'s, T> {
             bytes: 0,
             peak_bytes: 0,
         };
+        // Build the tree of each instanced mesh
         let mut objects = Vec::new();
         for (index, geometry) in scene.geometries.iter().enumerate() {
             objects.push(match geometry {
@@ -68,6 +70,7 @@ impl<'s, T: Layout> TwoLevelTree<'s, T> {
                 _ => None,
             });
         }
+        // Build the world tree
         let world = meter.level(world)?;
         progress(1.0);
         Ok(TwoLevelTree {
@@ -80,7 +83,7 @@ impl<'s, T: Layout> TwoLevelTree<'s, T> {
         })
     }
 
-    /// Whether a sphere lets the ray through to an instance.
+    /// Returns whether a ray may hit an instance by its bounding sphere; true without a sphere.
     #[inline(always)]
     pub(super) fn lets_through(&self, instance: u32, ray: &Ray) -> bool {
         match self.spheres.get(instance as usize) {
@@ -89,13 +92,13 @@ impl<'s, T: Layout> TwoLevelTree<'s, T> {
         }
     }
 
-    /// Bytes of all trees, and of the list of what is in the world's.
+    /// Returns the bytes of all trees, and of the world's primitive list.
     pub(super) fn byte_count(&self) -> u64 {
         let objects = self.objects.iter().flatten().map(|level| level.tree.byte_count());
         self.world.tree.byte_count() + self.world.primitives.byte_count() + objects.sum::<u64>()
     }
 
-    /// Bytes of the trees, each for what it serves.
+    /// Returns the bytes of the trees by category.
     pub(super) fn parts(&self) -> Vec<AccelPart> {
         let world = self.world.tree.byte_count() + self.world.primitives.byte_count();
         let objects = self.world.primitives.object_count();
@@ -107,7 +110,7 @@ impl<'s, T: Layout> TwoLevelTree<'s, T> {
         ]
     }
 
-    /// One line about what was built.
+    /// Returns a one-line summary of the trees.
     pub(super) fn summary(&self) -> String {
         let objects = self.objects.iter().flatten().count();
         let count = self.world.primitives.count();
@@ -115,7 +118,8 @@ impl<'s, T: Layout> TwoLevelTree<'s, T> {
         format!("BSP of {count} primitives in the world, {objects} trees of placed meshes, {planes} planes")
     }
 
-    /// The hit on world number `number`; `primitive` is that of a placed mesh or a shape.
+    /// Returns the hit on world index `number`; `primitive` is the triangle or part if that is an instanced mesh or a
+    /// shape.
     #[inline(always)]
     pub(super) fn hit(&self, number: u32, primitive: u32, [t, u, v]: [f32; 3]) -> Hit {
         let run = self.world.primitives.run(number);
@@ -133,7 +137,7 @@ impl<'s, T: Layout> TwoLevelTree<'s, T> {
     }
 }
 
-/// Adds up what building one tree after the other takes.
+/// Accumulated work and memory while the trees are built one after the other.
 struct BuildMeter<'a> {
     progress: &'a (dyn Fn(f64) + Sync),
     total: f64,
@@ -152,6 +156,7 @@ impl BuildMeter<'_> {
             branch_bytes,
         } = build(&primitives, &|part| progress((before + part * count) / total));
         let tree = T::lay_out(&root, &primitives).ok_or(AccelError::OutOfMemory)?;
+        // Take the peak of the build itself, and of the binary tree beside its layout
         self.peak_bytes = self.peak_bytes.max(self.bytes + peak_bytes);
         self.peak_bytes = self.peak_bytes.max(self.bytes + branch_bytes + tree.byte_count());
         self.bytes += tree.byte_count();
@@ -160,7 +165,7 @@ impl BuildMeter<'_> {
     }
 }
 
-/// The meshes that need a tree in their own space.
+/// Returns the meshes that need a tree in object space.
 fn placed_meshes(scene: &Scene) -> BTreeSet<usize> {
     let placed = scene.instances.iter().filter(|instance| !instance.is_identity());
     let is_mesh = |index: &usize| matches!(scene.geometries[*index], Geometry::Mesh(_));

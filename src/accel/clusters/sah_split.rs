@@ -1,7 +1,7 @@
-//! Where a set of boxes is best cut in two: by the surface area heuristic (Goldsmith and Salmon, "Automatic creation of
-//! object hierarchies for ray tracing", 1987), across one axis by the midpoints of the boxes, where the halves' areas
-//! times the cost of asking about them sum to the least. A large set is cut at the borders of bins (Wald, "On fast
-//! construction of SAH-based bounding volume hierarchies", 2007), a small one wherever it can be.
+//! Best split of a set of boxes in two by the surface area heuristic (Goldsmith and Salmon, "Automatic creation of
+//! object hierarchies for ray tracing", 1987): perpendicular to one axis, by the midpoints of the boxes, with the least
+//! sum of the halves' areas times the cost of testing them. A large set is split at the borders of bins (Wald, "On fast
+//! construction of SAH-based bounding volume hierarchies", 2007), a small one at any position.
 
 use glam::DVec3;
 
@@ -9,16 +9,16 @@ use super::{Cost, Item};
 use crate::numeric::Bounds;
 use crate::parallel;
 
-/// Boxes that a thread bins at once.
+/// Number of boxes that a thread bins at once.
 const CHUNK: usize = 1 << 14;
-/// Places to cut a large set across an axis, and one.
+/// Number of bins along an axis for a large set, one more than its candidate positions.
 const BINS: usize = 16;
-/// Sets of at most so many are cut wherever it costs least.
+/// Largest size of sets that are split at any position.
 const SWEEP_COUNT: usize = 32;
-/// Sets of more than so many are looked at before it is worked out where it would cost least to cut what need not be cut.
+/// Size above which a set that fits into a cluster is checked by [`may_fall_apart`] before its best split is searched.
 const LOOK_COUNT: usize = 8;
 
-/// Sorts a set into two and says how many are in the first; `None` where it is a cluster.
+/// Partitions a set in two and returns the size of the first half; `None` if the set is a cluster.
 pub(super) fn cut(items: &mut [Item], cost: &Cost, cuts: u32) -> Option<usize> {
     let count = items.len();
     let limit = cost.limit as usize;
@@ -31,6 +31,7 @@ pub(super) fn cut(items: &mut [Item], cost: &Cost, cuts: u32) -> Option<usize> {
         _ if count <= SWEEP_COUNT => sweep(items, cost),
         _ => bin(items, cost),
     };
+    // A set that fits is split only if that is cheaper; another one always
     match found {
         Some((_, at)) if !fits => Some(at),
         Some((halves, at)) => (halves < (cost.of(count as u32) - cost.cut) * area_of(items)).then_some(at),
@@ -38,8 +39,8 @@ pub(super) fn cut(items: &mut [Item], cost: &Cost, cuts: u32) -> Option<usize> {
     }
 }
 
-/// Whether it might pay to cut a set that is a cluster as it is: by how it falls apart across the middle of its longest
-/// side. The halves cost at least a visit each, over the chance of reaching them.
+/// Returns whether it might pay to split a set that fits into a cluster, by a trial split across the middle of its
+/// longest side. The halves cost at least a visit each, relative to the probability of reaching them.
 fn may_fall_apart(items: &[Item], cost: &Cost) -> bool {
     let whole = items
         .iter()
@@ -58,7 +59,7 @@ fn may_fall_apart(items: &[Item], cost: &Cost) -> bool {
     least < (cost.of(items.len() as u32) - cost.cut) * whole.half_area()
 }
 
-/// A box that grows. The fourth numbers are unused.
+/// A growing box. The fourth components are unused.
 #[derive(Clone, Copy)]
 pub(super) struct Extent {
     min: [f32; 4],
@@ -104,7 +105,7 @@ impl Extent {
         self
     }
 
-    /// The same box; that of an empty one is empty.
+    /// Returns the box in f64; an empty box stays empty.
     pub(super) fn bounds(&self) -> Bounds {
         let point = |[x, y, z, _]: [f32; 4]| DVec3::new(x.into(), y.into(), z.into());
         Bounds {
@@ -113,7 +114,7 @@ impl Extent {
         }
     }
 
-    /// Half its area; 0 of an empty one.
+    /// Returns half the surface area; 0 for an empty box.
     #[inline(always)]
     fn half_area(&self) -> f64 {
         let edge = |axis: usize| (f64::from(self.max[axis]) - f64::from(self.min[axis])).max(0.0);
@@ -129,7 +130,7 @@ fn area_of(items: &[Item]) -> f64 {
     whole.half_area()
 }
 
-/// Sorts a small set by the axis across which it is best cut; says what the halves cost and where the cut is.
+/// Sorts a small set along the axis of its best split; returns the cost of the halves and the size of the first.
 fn sweep(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
     let count = items.len();
     if area_of(items) == 0.0 {
@@ -139,12 +140,13 @@ fn sweep(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
     let mut orders = [[0u64; SWEEP_COUNT]; 3];
     let mut best: Option<(f64, usize, usize)> = None;
     for (axis, order) in orders.iter_mut().enumerate() {
-        // By the midpoint, then by the number, in one word.
+        // Sort by the midpoint, then by the index, packed into one word
         for (number, (place, item)) in (0u64..).zip(order.iter_mut().zip(&*items)) {
             *place = u64::from(rank(item.center(axis))) << 32 | number;
         }
         order[..count].sort_unstable();
         let extent = |i: usize| Extent::of(&items[order[i] as u32 as usize]);
+        // Sweep from above and below to get the cost of every split
         let mut above = [0.0; SWEEP_COUNT];
         let mut grown = Extent::EMPTY;
         for i in (1..count).rev() {
@@ -161,6 +163,7 @@ fn sweep(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
         }
     }
     let (halves, axis, cut) = best?;
+    // Put the items in the order of the best axis
     let mut sorted = [items[0]; SWEEP_COUNT];
     for (to, &place) in sorted.iter_mut().zip(&orders[axis][..count]) {
         *to = items[place as u32 as usize];
@@ -169,22 +172,22 @@ fn sweep(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
     Some((halves, cut))
 }
 
-/// A number whose order among those of others is that of the number itself, the sign of zero included.
+/// Returns an integer that orders as the float does, including the sign of zero.
 #[inline(always)]
 fn rank(x: f32) -> u32 {
     let bits = x.to_bits();
-    // Negative numbers rise as their bits fall.
+    // Negative floats increase as their bits decrease.
     bits ^ ((bits as i32 >> 31) as u32 | 1 << 31)
 }
 
-/// What lies in the bins of each axis.
+/// Contents of the bins of each axis.
 #[derive(Clone)]
 struct Bins {
     extents: [[Extent; BINS]; 3],
     counts: [[u32; BINS]; 3],
 }
 
-/// Where the bins are along each axis.
+/// Position and width of the bins along each axis.
 #[derive(Clone, Copy)]
 struct Scale {
     start: [f32; 3],
@@ -196,7 +199,8 @@ impl Scale {
         let [x, y, z, _] = centers.min;
         Scale {
             start: [x, y, z],
-            // Infinite where all centers are one: 0 · infinity, which is NaN, goes to the first bin, as does all else.
+            // Infinite if all centres are equal: 0 · infinity is NaN, which converts to the first bin, as does
+            // everything else.
             bins_per_unit: [0, 1, 2].map(|axis| BINS as f32 / (centers.max[axis] - centers.min[axis])),
         }
     }
@@ -236,12 +240,13 @@ impl Bins {
         self
     }
 
-    /// The axis and the bin before which the halves cost least, with that cost.
+    /// Returns the least cost of two halves, with the axis and the bin before which to split.
     fn best(&self, cost: &Cost) -> Option<(f64, usize, usize)> {
         let mut best: Option<(f64, usize, usize)> = None;
         for axis in 0..3 {
             let (extents, counts) = (&self.extents[axis], &self.counts[axis]);
             let half = |extent: &Extent, count: u32| extent.half_area() * cost.of(count);
+            // Sum up the bins from above
             let mut above = [(0.0, 0); BINS];
             let (mut grown, mut count) = (Extent::EMPTY, 0);
             for bin in (1..BINS).rev() {
@@ -249,6 +254,7 @@ impl Bins {
                 count += counts[bin];
                 above[bin] = (half(&grown, count), count);
             }
+            // Sum up the bins from below and keep the cheapest split
             (grown, count) = (Extent::EMPTY, 0);
             for bin in 1..BINS {
                 grown = grown.with(&extents[bin - 1]);
@@ -264,7 +270,7 @@ impl Bins {
     }
 }
 
-/// Parts a large set at the border of a bin where it is best cut; says what the halves cost and where the cut is.
+/// Partitions a large set at the best bin border; returns the cost of the halves and the size of the first.
 fn bin(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
     let scale = Scale::over(&centers(items));
     let bins = if is_large(items) {
@@ -277,7 +283,7 @@ fn bin(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
     Some((halves, part(items, |item| scale.bin(item, axis) < border)))
 }
 
-/// The box around the midpoints of a set.
+/// Returns the bounding box of the midpoints of a set.
 pub(super) fn centers(items: &[Item]) -> Extent {
     let around = |items: &[Item]| {
         let all = items.iter().map(Extent::of_centers);
@@ -290,12 +296,12 @@ pub(super) fn centers(items: &[Item]) -> Extent {
     chunks.iter().fold(Extent::EMPTY, |whole, part| whole.with(part))
 }
 
-/// Whether several threads had better look at it.
+/// Returns whether a set is large enough for several threads.
 fn is_large(items: &[Item]) -> bool {
     items.len() >= 2 * CHUNK
 }
 
-/// Puts those first of which it is so, and counts them.
+/// Partitions `items` so that those with `is_first` come first, and returns their number.
 pub(super) fn part<T>(items: &mut [T], is_first: impl Fn(&T) -> bool) -> usize {
     let (mut low, mut high) = (0, items.len());
     loop {

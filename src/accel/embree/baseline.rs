@@ -1,4 +1,4 @@
-//! The bare loop over Embree's own calls: what the rest of the program is measured against.
+//! Baseline loops over Embree's own calls, against which the rest of the program is measured.
 
 use super::EmbreeAccel;
 use super::query::{intersect_packet, new_query, occluded_packet};
@@ -6,11 +6,12 @@ use super::ray_packet::{Lanes, row};
 use crate::accel::{LANES, RayOrder, RayPacket};
 
 impl EmbreeAccel<'_> {
-    /// `rtcIntersect16` on every packet and nothing else.
+    /// Calls `rtcIntersect16` on every packet and does nothing else.
     ///
-    /// Only for packets that went through [`RayPacket::drop_untraceable`] and whose other lanes end before they begin:
-    /// Embree 3.13 as Debian builds it ends the process on a lane with a NaN or an infinite coordinate, on processors
-    /// without packets of 16 even if it is off, and over its own instances on one beyond 2^36.
+    /// Valid only for packets that went through [`RayPacket::drop_untraceable`] and whose inactive lanes have
+    /// `t_far < t_near`: Embree 3.13 as Debian builds it ends the process on a lane with a NaN or an infinite
+    /// coordinate, on processors without packets of 16 even if the lane is inactive, and over its own instances on a
+    /// coordinate beyond 2^36.
     pub fn raw_intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
         let scene = self.world.as_ref();
         let mut query = new_query(scene.order(order));
@@ -20,7 +21,8 @@ impl EmbreeAccel<'_> {
         }
     }
 
-    /// `rtcOccluded16` on every packet and nothing else; as [`EmbreeAccel::raw_intersect`].
+    /// Calls `rtcOccluded16` on every packet and does nothing else, under the conditions of
+    /// [`EmbreeAccel::raw_intersect`].
     pub fn raw_occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
         let scene = self.world.as_ref();
         let mut query = new_query(scene.order(order));
@@ -29,13 +31,13 @@ impl EmbreeAccel<'_> {
             occluded_packet(scene, query, packet);
         }
     }
-    /// `rtcIntersect1` on every active lane, and nothing else but what carries a ray there and its distance back; of the
-    /// hits only these are kept. As [`EmbreeAccel::raw_intersect`].
+    /// Calls `rtcIntersect1` on every active lane and copies only the ray in and the distance out; other hit data is
+    /// dropped. The conditions of [`EmbreeAccel::raw_intersect`] apply.
     pub fn baseline_intersect1(&self, packets: &mut [RayPacket]) {
         self.raw_one_by_one(packets, |ray, query| ray.intersect(self.world.as_ref(), query));
     }
 
-    /// `rtcOccluded1` on every active lane; as [`EmbreeAccel::baseline_intersect1`].
+    /// Calls `rtcOccluded1` on every active lane, in the manner of [`EmbreeAccel::baseline_intersect1`].
     pub fn raw_occluded_one_by_one(&self, packets: &mut [RayPacket]) {
         self.raw_one_by_one(packets, |ray, query| ray.occluded(self.world.as_ref(), query));
     }

@@ -1,5 +1,5 @@
-//! Which meshes go where: into the world or into a scene of their own, as Embree's own triangles or, where they are to be
-//! watertight, as patches.
+//! Assignment of meshes to Embree scenes: the world or a scene of their own, as native triangles or, at watertight
+//! precision, as triangle clusters.
 
 use super::duplicate_triangles::later_duplicates;
 use super::origin_bound::OriginBound;
@@ -10,62 +10,65 @@ use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::scene::{Geometry, Instance, Scene};
 
-/// Which meshes go where.
+/// Assignment of all meshes of a scene.
 pub(super) struct BuildPlan<'s> {
     scene: &'s Scene,
-    /// Meshes in the world, each with the first instance that has it there.
+    /// World-space meshes, each with its first instance.
     world: Vec<(u32, &'s Mesh)>,
-    /// The same as Embree's own triangles, if they are to be that.
+    /// World-space meshes as native triangles; empty at watertight precision.
     native: Vec<(u32, NativeMesh<'s>)>,
-    /// By geometry: whether it is a mesh with a scene of its own.
+    /// Flags by geometry, set if it is a mesh with a scene of its own.
     is_placed: Vec<bool>,
-    /// How far rays come from.
+    /// Bound on the origins of rays.
     reach: OriginBound,
-    /// Whether triangles are patches.
+    /// Flag for triangle clusters instead of native triangles.
     is_patched: bool,
 }
 
-/// A mesh for Embree.
+/// A mesh whose triangles become Embree's own.
 pub(super) struct NativeMesh<'s> {
     pub(super) mesh: &'s Mesh,
-    /// Triangles, in rising order, that coincide with an earlier one of the same Embree scene and can never be the
-    /// answer.
+    /// Triangles, in rising order, that coincide with an earlier one of the same Embree scene and are omitted, as they
+    /// can never be the nearest hit.
     pub(super) held_back: Vec<u32>,
 }
 
-/// A mesh with a scene of its own.
+/// A mesh with an Embree scene of its own.
 pub(super) struct InstancedMesh<'s> {
     mesh: &'s Mesh,
-    /// How far rays come from in its space, where its triangles are patches.
+    /// Bound on the ray origins in object space, present if its triangles are clusters.
     reach: Option<OriginBound>,
 }
 
-/// What a mesh's scene holds.
+/// Contents of the Embree scene of a mesh.
 pub(super) enum Triangles<'s> {
-    /// Embree's own.
+    /// Native triangles, tested by Embree.
     Native(NativeMesh<'s>),
-    /// Ours.
+    /// Triangle clusters, tested by callbacks.
     TriangleClusters(TriangleClusters),
 }
 
 impl<'s> BuildPlan<'s> {
-    /// Of a validated scene.
+    /// Plans the build of a validated scene.
     pub(super) fn new(scene: &'s Scene, precision: Precision) -> BuildPlan<'s> {
+        // Find world-space and instanced meshes; a mesh may be both
         let mut is_in_world = vec![false; scene.geometries.len()];
         let mut is_placed = vec![false; scene.geometries.len()];
         let mut world = Vec::new();
         for (index, instance) in (0u32..).zip(&scene.instances) {
             let geometry = instance.geometry as usize;
             if let Some(mesh) = world_mesh(scene, instance) {
-                // A second instance in the same place would coincide with the first in every triangle.
+                // A second instance with the identity transform would coincide with the first in every triangle.
                 if !std::mem::replace(&mut is_in_world[geometry], true) {
                     world.push((index, mesh));
                 }
             }
             is_placed[geometry] |= placed_mesh(scene, instance).is_some();
         }
+        // Find duplicates among native triangles only; callbacks break ties themselves
         let is_patched = precision == Precision::Watertight;
         let native = if is_patched { Vec::new() } else { natives(&world) };
+        // Bound the ray origins by the bounds of all geometries
         let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
         BuildPlan {
             scene,
@@ -77,17 +80,18 @@ impl<'s> BuildPlan<'s> {
         }
     }
 
-    /// What it is a plan of.
+    /// Returns the scene that is planned.
     pub(super) fn scene(&self) -> &'s Scene {
         self.scene
     }
 
-    /// Meshes in the world that are Embree's own triangles, each with its instance.
+    /// Returns the world-space meshes that are native triangles, each with its instance.
     pub(super) fn native(&self) -> &[(u32, NativeMesh<'s>)] {
         &self.native
     }
 
-    /// The triangles of the world that are not; on the current pool.
+    /// Builds the triangle clusters of the world-space meshes, empty unless watertight; runs on the current thread
+    /// pool.
     pub(super) fn patches(&self, mesh_cache: Option<&MeshCache>) -> TriangleClusters {
         if !self.is_patched {
             return TriangleClusters::default();
@@ -95,19 +99,19 @@ impl<'s> BuildPlan<'s> {
         TriangleClusters::of(self.world.iter().copied(), self.reach, mesh_cache)
     }
 
-    /// How far rays come from.
+    /// Returns the bound on the origins of rays.
     pub(super) fn reach(&self) -> OriginBound {
         self.reach
     }
 
-    /// Triangles that nobody is asked about, those of repeated instances included.
+    /// Returns the number of world triangles that Embree does not get, including repeated instances.
     pub(super) fn held_back_count(&self) -> usize {
         let given: usize = self.world.iter().map(|(_, mesh)| mesh.triangles.len()).sum();
         let held_back = self.native.iter().map(|(_, given)| given.held_back.len());
         world_triangle_count(self.scene) - given + held_back.sum::<usize>()
     }
 
-    /// The meshes with scenes of their own, by geometry.
+    /// Returns the meshes with scenes of their own, by geometry.
     pub(super) fn placed(&self) -> impl Iterator<Item = Option<InstancedMesh<'s>>> {
         let geometries = (0u32..).zip(&self.scene.geometries).zip(&self.is_placed);
         geometries.map(|((number, geometry), is_placed)| {
@@ -125,12 +129,13 @@ impl<'s> BuildPlan<'s> {
 }
 
 impl<'s> InstancedMesh<'s> {
-    /// How many triangles it has.
+    /// Returns the number of triangles of the mesh.
     pub(super) fn triangle_count(&self) -> usize {
         self.mesh.triangles.len()
     }
 
-    /// What its scene holds, and a box around all rays that may meet it; on the current pool.
+    /// Returns the contents of the mesh's scene, and a box around all rays that may hit it; runs on the current thread
+    /// pool.
     pub(super) fn triangles(&self, mesh_cache: Option<&MeshCache>) -> (Triangles<'s>, Bounds) {
         let bounds = self.mesh.bounds();
         match self.reach {
@@ -156,7 +161,8 @@ fn natives<'s>(world: &[(u32, &'s Mesh)]) -> Vec<(u32, NativeMesh<'s>)> {
         .collect()
 }
 
-/// What Embree builds trees over, for telling how far it is: triangles of the world and of placed meshes, and objects.
+/// Returns the number of primitives of all trees, for the progress: triangles of the world and of instanced meshes, and
+/// objects.
 pub(super) fn primitive_count(scene: &Scene) -> usize {
     let mut is_placed = vec![false; scene.geometries.len()];
     for instance in &scene.instances {
@@ -169,13 +175,13 @@ pub(super) fn primitive_count(scene: &Scene) -> usize {
     placed.sum::<usize>() + world_triangle_count(scene) + objects
 }
 
-/// Triangles of the world, those of repeated instances included.
+/// Returns the number of triangles of the world, including repeated instances.
 pub(super) fn world_triangle_count(scene: &Scene) -> usize {
     let meshes = scene.instances.iter().filter_map(|i| world_mesh(scene, i));
     meshes.map(|mesh| mesh.triangles.len()).sum()
 }
 
-/// The mesh of an instance whose object space is world space.
+/// Returns the mesh of an instance with the identity transform.
 fn world_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&'s Mesh> {
     match &scene.geometries[instance.geometry as usize] {
         Geometry::Mesh(mesh) if instance.is_identity() && !mesh.triangles.is_empty() => Some(mesh),
@@ -183,7 +189,7 @@ fn world_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&'s Mesh> {
     }
 }
 
-/// The mesh of an instance that stands elsewhere.
+/// Returns the mesh of an instance with a transform other than the identity.
 pub(super) fn placed_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&'s Mesh> {
     match &scene.geometries[instance.geometry as usize] {
         Geometry::Mesh(mesh) if !instance.is_identity() && !mesh.triangles.is_empty() => Some(mesh),

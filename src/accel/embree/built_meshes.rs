@@ -1,7 +1,7 @@
-//! What was made of meshes of scenes before, for those that are built next.
+//! Cache of per-mesh build results of earlier scenes, keyed by mesh content.
 //!
-//! Meshes are known by the bits of their vertices and indices. What is kept is a function of these alone, so nobody can
-//! tell from a picture that it was.
+//! Meshes are identified by the bits of their vertices and indices. An entry is a function of these alone, so the cache
+//! never changes an image.
 
 use std::collections::HashMap;
 use std::collections::hash_map::DefaultHasher;
@@ -14,12 +14,12 @@ use crate::accel::MeshCounts;
 use crate::mesh::{Buffer, Mesh};
 use crate::parallel;
 
-/// Positions that are looked at before all are.
+/// Number of vertex positions that are hashed; all arrays are compared only if the hashes agree.
 const SAMPLES: usize = 16;
-/// Bytes that a thread compares at a time.
+/// Number of bytes that a thread compares at a time.
 const CHUNK: usize = 1 << 20;
 
-/// What is kept of meshes, by their bits.
+/// Content-keyed cache of the build results of meshes.
 pub(in crate::accel) struct BuiltMeshes<T> {
     meshes: Mutex<Meshes<T>>,
 }
@@ -29,7 +29,7 @@ struct Meshes<T> {
     counts: MeshCounts,
 }
 
-/// What a mesh is known by; copies share it.
+/// Arrays that identify a mesh; copies share the memory.
 #[derive(Clone)]
 struct Arrays {
     positions: Buffer<[f32; 3]>,
@@ -39,11 +39,12 @@ struct Arrays {
 struct Kept<T> {
     arrays: Arrays,
     made: Arc<T>,
-    /// How often it was told to forget since anybody asked for it.
+    /// Number of evictions since the last lookup.
     age: u32,
 }
 
-/// What is older than that is forgotten: two scenes may be set up at a time, each of which tells it once it has asked.
+/// Largest age that is not evicted: two scenes may be in preparation at a time, each of which evicts once after its
+/// lookups.
 const MAX_AGE: u32 = 2;
 
 impl<T> Default for BuiltMeshes<T> {
@@ -58,11 +59,12 @@ impl<T> Default for BuiltMeshes<T> {
 }
 
 impl<T> BuiltMeshes<T> {
-    /// What is kept of a mesh, or what `make` makes of it.
+    /// Returns the cached result of a mesh, or that of `make`, which is then stored.
     pub(in crate::accel) fn of(&self, mesh: &Mesh, make: impl FnOnce() -> T) -> Arc<T> {
+        // Look up candidates by hash
         let label = label(mesh);
-        // Compared while nothing is locked: other threads are waited for, and this one may take up another mesh
-        // meanwhile.
+        // Compare while nothing is locked: the comparison waits for other threads, and this thread may start on another
+        // mesh meanwhile.
         let alike = self.all().alike(label);
         let arrays = Arrays::of(mesh);
         let found = alike.into_iter().find(|(kept, _)| kept.is_same(&arrays));
@@ -70,6 +72,7 @@ impl<T> BuiltMeshes<T> {
             self.all().note(label, &made, arrays);
             return made;
         }
+        // Build without the lock and insert
         let made = Arc::new(make());
         let kept = Kept {
             arrays,
@@ -80,11 +83,12 @@ impl<T> BuiltMeshes<T> {
         made
     }
 
-    /// Forgets what nobody has asked for of late.
+    /// Evicts the entries that recent scenes have not looked up.
     pub(in crate::accel) fn evict_unused(&self) {
         let meshes = &mut self.all().by_label;
         for kept in meshes.values_mut() {
             kept.retain_mut(|kept| {
+                // An entry becomes young again when it is found
                 kept.age += 1;
                 kept.age <= MAX_AGE
             });
@@ -92,12 +96,12 @@ impl<T> BuiltMeshes<T> {
         meshes.retain(|_, kept| !kept.is_empty());
     }
 
-    /// How often meshes were asked for so far.
+    /// Returns the numbers of lookups and hits so far.
     pub(in crate::accel) fn counts(&self) -> MeshCounts {
         self.all().counts
     }
 
-    /// The sum of what `bytes` tells of everything that is kept.
+    /// Returns the sum of `bytes` over all entries.
     pub(in crate::accel) fn byte_count(&self, bytes: impl Fn(&T) -> u64) -> u64 {
         let all = self.all();
         let kept = all.by_label.values().flatten();
@@ -110,7 +114,7 @@ impl<T> BuiltMeshes<T> {
 }
 
 impl<T> Meshes<T> {
-    /// What may be of a mesh of this label.
+    /// Returns the entries with this hash and counts a lookup.
     fn alike(&mut self, label: u64) -> Vec<(Arrays, Arc<T>)> {
         self.counts.asked += 1;
         let kept = self.by_label.get(&label).into_iter().flatten();
@@ -118,13 +122,13 @@ impl<T> Meshes<T> {
             .collect()
     }
 
-    /// That `made` was found for equal arrays.
+    /// Records a cache hit: the entry of `made` becomes recent.
     fn note(&mut self, label: u64, made: &Arc<T>, arrays: Arrays) {
         self.counts.found += 1;
         let mut kept = self.by_label.get_mut(&label).into_iter().flatten();
         if let Some(kept) = kept.find(|kept| Arc::ptr_eq(&kept.made, made)) {
             kept.age = 0;
-            // So that those of the scene before can go.
+            // Keep the new arrays, so that those of the previous scene can be freed.
             kept.arrays = arrays;
         }
     }
@@ -143,7 +147,7 @@ impl Arrays {
     }
 }
 
-/// Equal meshes have equal ones.
+/// Returns a hash of a mesh: its counts and a sample of its positions. Equal meshes have equal hashes.
 fn label(mesh: &Mesh) -> u64 {
     let mut hasher = DefaultHasher::new();
     [mesh.positions.len(), mesh.triangles.len()].hash(&mut hasher);
@@ -154,7 +158,7 @@ fn label(mesh: &Mesh) -> u64 {
     hasher.finish()
 }
 
-/// Whether two arrays have the same bits.
+/// Returns whether two arrays have the same bits.
 fn is_same<T: Pod + Sync>(one: &Buffer<T>, other: &Buffer<T>) -> bool {
     let [one, other] = [one, other].map(|rows| bytemuck::cast_slice::<T, u8>(rows));
     if one.len() != other.len() || one.as_ptr() == other.as_ptr() {
@@ -182,7 +186,7 @@ mod tests {
         let make = |x: f32, made: u32| *shelf.of(&mesh(x), || made);
         assert_eq!(make(0.0, 1), 1);
         assert_eq!(make(0.0, 2), 1);
-        // An equal number of other bits.
+        // An equal number with different bits is another mesh.
         assert_eq!(make(-0.0, 3), 3);
         let mut turned = mesh(0.0);
         turned.triangles = Buffer::from(vec![[2, 0, 1]]);

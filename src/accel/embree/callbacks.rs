@@ -1,6 +1,6 @@
-//! Callbacks from Embree: the rays of one packet, of any width, and the number of one primitive of the user geometry.
+//! Callbacks from Embree for user geometry: one packet of rays of any width against one primitive.
 //!
-//! Hits are written into the packet itself, under the number of the scene's instance.
+//! Hits are written into the packet itself, with the index of the scene's instance as geometry ID.
 
 use embree_sys as sys;
 use glam::DAffine3;
@@ -18,11 +18,11 @@ use crate::numeric::object_ray;
 use crate::scene::{Geometry, Instance};
 use crate::shape::Shape;
 
-/// Tells Embree the box of one primitive.
+/// Writes the bounding box of one primitive for Embree's build.
 pub(super) unsafe extern "C" fn on_bounds(args: *const sys::RTCBoundsFunctionArguments) {
     // SAFETY: Embree's arguments live for this call.
     let args = unsafe { &*args };
-    // SAFETY: the pointer that `attach_user` set, kept by `EmbreeAccel` while the scene lives.
+    // SAFETY: the pointer is that set by `attach_user`, and `EmbreeAccel` keeps its target while the scene lives.
     let user = unsafe { &*args.geometryUserPtr.cast::<UserGeometry>() };
     let mut bounds = EMPTY_BOX;
     user.guarded(|| {
@@ -41,14 +41,14 @@ pub(super) unsafe extern "C" fn on_bounds(args: *const sys::RTCBoundsFunctionArg
         upper_z: high[2],
         align1: 0.0,
     };
-    // SAFETY: Embree gives room for one box.
+    // SAFETY: Embree provides memory for one box.
     unsafe { args.bounds_o.write(bounds) };
 }
 
-/// A box that Embree leaves out.
+/// Empty box, which makes Embree skip the primitive.
 const EMPTY_BOX: ([f32; 3], [f32; 3]) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
 
-/// Nearest hit of the packet's rays with one primitive.
+/// Finds the nearest hit of the packet's rays with one primitive.
 pub(super) unsafe extern "C" fn on_intersect(args: *const sys::RTCIntersectFunctionNArguments) {
     // SAFETY: Embree's arguments live for this call.
     let args = unsafe { &*args };
@@ -64,7 +64,7 @@ pub(super) unsafe extern "C" fn on_intersect(args: *const sys::RTCIntersectFunct
     call.run(user, Query::Nearest);
 }
 
-/// Whether the packet's rays meet one primitive.
+/// Tests whether the packet's rays hit one primitive.
 pub(super) unsafe extern "C" fn on_occluded(args: *const sys::RTCOccludedFunctionNArguments) {
     // SAFETY: Embree's arguments live for this call.
     let args = unsafe { &*args };
@@ -80,25 +80,25 @@ pub(super) unsafe extern "C" fn on_occluded(args: *const sys::RTCOccludedFunctio
     call.run(user, Query::Any);
 }
 
-/// What Embree asks.
+/// Kind of query that Embree makes.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Query {
-    /// The nearest hit.
+    /// Query for the nearest hit.
     Nearest,
-    /// Whether there is one.
+    /// Query for any hit, that is, occlusion.
     Any,
 }
 
-/// Up to so many lanes are answered one by one.
+/// Maximum number of active lanes that are tested one by one.
 const FEW_LANES: u32 = 2;
 
-/// One callback: `count` lanes against one primitive.
+/// Arguments of one callback: `count` lanes against one primitive.
 struct CallbackArgs {
     valid: *mut i32,
     rays: *mut u32,
     count: usize,
     primitive: usize,
-    /// The context that Embree hands back begins the query that it was given.
+    /// Context that Embree passes back; it is the first field of the query that the trace call was given.
     query: *mut sys::EmbreeQuery,
 }
 
@@ -106,7 +106,7 @@ impl CallbackArgs {
     fn run(&self, user: &UserGeometry, question: Query) {
         let mut first = 0;
         while first < self.count {
-            // Embree's own widths in one step each; anything else in several.
+            // Embree's own packet widths take one step each; other counts take several.
             first += match self.count - first {
                 16.. => self.few_or_block::<16>(user, first, question),
                 8.. => self.few_or_block::<8>(user, first, question),
@@ -116,11 +116,11 @@ impl CallbackArgs {
         }
     }
 
-    /// Answers lanes `first .. first + W` and returns `W`. For incoherent rays Embree asks about one lane of a wide
-    /// packet at a time, so few lanes are answered without a look at the others.
+    /// Tests lanes `first .. first + W` and returns `W`. For incoherent rays Embree activates one lane of a wide packet
+    /// at a time, so few active lanes are tested without loading the others.
     #[inline(always)]
     fn few_or_block<const W: usize>(&self, user: &UserGeometry, first: usize, question: Query) -> usize {
-        // SAFETY: Embree passes `count` values, and `first + W` is at most that.
+        // SAFETY: Embree passes `count` values, and `first + W` is at most `count`.
         let asked = unsafe { self.valid.wrapping_add(first).cast::<[i32; W]>().read_unaligned() };
         let mut mask = 0u32;
         for lane in 0..W {
@@ -135,14 +135,15 @@ impl CallbackArgs {
         W
     }
 
-    /// Answers lanes `first .. first + W` and returns `W`.
+    /// Tests lanes `first .. first + W` and returns `W`.
     #[inline(always)]
     fn block<const W: usize>(&self, user: &UserGeometry, first: usize, question: Query) -> usize {
         let valid = self.valid.wrapping_add(first);
-        // SAFETY: Embree passes `count` values, and `first + W` is at most that.
+        // SAFETY: Embree passes `count` values, and `first + W` is at most `count`.
         let asked = unsafe { valid.cast::<[i32; W]>().read_unaligned() };
-        // SAFETY: Embree's packet of `count` lanes is this callback's alone while it runs.
+        // SAFETY: this callback has exclusive access to Embree's packet of `count` lanes while it runs.
         let packet = unsafe { CallbackPacket::new(self.rays, self.count, first) };
+        // Dispatch on the kind of primitive; a panic must not unwind into Embree
         let mut hit = [0; W];
         let done = user.guarded(|| {
             hit = match user.primitive(self.primitive) {
@@ -156,10 +157,11 @@ impl CallbackArgs {
                 None => [0; W],
             };
         });
+        // Treat a panicked callback as a miss of all lanes
         if !done {
             hit = [0; W];
         }
-        // SAFETY: `W` values both sides, as above.
+        // SAFETY: both pointers are valid for `W` values: `first + W` is at most `count`, and `hit` has `W` elements.
         unsafe { sys::embree_report_lanes(valid, hit.as_ptr(), W as u32) };
         W
     }
@@ -192,6 +194,7 @@ fn answer_shape<const W: usize>(
     asked: &[i32; W],
     question: Query,
 ) -> [i32; W] {
+    // Test all lanes at once if the shape is a static sphere in world space
     if W > 1
         && !instance.is_moving()
         && let Some(sphere) = world_sphere(&instance.pose(0.0), shape)
@@ -204,11 +207,13 @@ fn answer_shape<const W: usize>(
             question,
         });
     }
+    // Otherwise test the active lanes one by one
     let (origin, direction) = (
         packet.vectors::<W>(row::ORIGIN),
         packet.vectors::<W>(row::DIRECTION),
     );
     let (t_near, t_far) = (packet.floats::<W>(row::T_NEAR), packet.floats::<W>(row::T_FAR));
+    // Load the ray times only if the instance moves
     let times = times_of::<W>(instance, packet);
     let mut hit = [0; W];
     for lane in (0..W).filter(|&lane| asked[lane] != 0) {
@@ -225,7 +230,7 @@ fn answer_shape<const W: usize>(
     hit
 }
 
-/// When the rays are sent, where that counts: for what moves.
+/// Returns the times of the rays if the instance moves, else zeros.
 #[inline(always)]
 fn times_of<const W: usize>(instance: &Instance, packet: CallbackPacket) -> [f32; W] {
     if instance.is_moving() {
@@ -235,12 +240,13 @@ fn times_of<const W: usize>(instance: &Instance, packet: CallbackPacket) -> [f32
     }
 }
 
-/// Nearest hits are asked for a little beyond the ray's end, and judged afterwards: Embree compares a triangle's distance
-/// before the division that makes it `t`, and so may refuse a hit whose `t` is exactly the end, which a tie is.
+/// Factor that extends rays for nearest-hit queries; hits are compared to the true end afterwards. Embree compares a
+/// triangle's distance before the division that makes it `t`, and so may reject a hit whose `t` is exactly the end,
+/// which is a tie.
 const REACH: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 
 impl CallbackArgs {
-    /// Carries the rays into a placed mesh's object space and traces its own scene with the query at hand.
+    /// Transforms the rays into the object space of an instanced mesh and traces its own scene with the current query.
     #[inline(always)]
     fn answer_mesh<const W: usize>(
         &self,
@@ -250,6 +256,7 @@ impl CallbackArgs {
         asked: &[i32; W],
         question: Query,
     ) -> [i32; W] {
+        // Transform the active rays into object space
         let (origin, direction) = (
             packet.vectors::<W>(row::ORIGIN),
             packet.vectors::<W>(row::DIRECTION),
@@ -271,7 +278,8 @@ impl CallbackArgs {
         if !lanes.any_active() {
             return hit;
         }
-        // Rays that are tame in the world may be wild in object space.
+        // Flag the query as incoherent if a transformed direction has a vanishing component, which the world-space ray
+        // need not have
         let mut incoherent;
         let query = if lanes.may_be_coherent() {
             self.query
@@ -279,10 +287,12 @@ impl CallbackArgs {
             incoherent = new_query(RayOrder::Incoherent);
             &raw mut incoherent
         };
+        // Trace the mesh's own scene
         match question {
             Query::Nearest => lanes.intersect(part, query),
             Query::Any => lanes.occluded(part, query),
         }
+        // Copy hits within the true interval into Embree's packet
         for lane in (0..W).filter(|&lane| lanes.is_active(lane)) {
             let found = match question {
                 Query::Nearest if lanes.get(row::INSTANCE, lane) != NO_HIT => {
@@ -307,14 +317,14 @@ impl CallbackArgs {
     }
 }
 
-/// Writes what was found into Embree's packet, unless an equally near hit has the lower number.
+/// Writes a hit into Embree's packet, unless an equally near hit has a lower index.
 #[inline(always)]
 pub(super) fn answer(packet: CallbackPacket, lane: usize, t_far: f32, found: &Hit, question: Query) -> i32 {
     if question == Query::Any {
         packet.set(row::T_FAR, lane, f32::NEG_INFINITY.to_bits());
         return ACTIVE;
     }
-    // A lane without a hit has the highest number, so a hit at its very end is taken.
+    // A lane without a hit has the highest index, so a hit at its very end is recorded.
     if found.t == t_far && number_of(packet, lane) <= [found.instance, found.primitive] {
         return 0;
     }
@@ -327,7 +337,7 @@ pub(super) fn answer(packet: CallbackPacket, lane: usize, t_far: f32, found: &Hi
     ACTIVE
 }
 
-/// Instance and primitive of a lane's hit; the highest numbers if it has none.
+/// Returns instance and primitive of a lane's hit; the highest indices if it has none.
 #[inline(always)]
 pub(super) fn number_of(packet: CallbackPacket, lane: usize) -> [u32; 2] {
     let geometry = packet.load_one(row::INSTANCE, lane);
@@ -354,13 +364,14 @@ pub(super) mod tests {
         static PANIC: Cell<bool> = const { Cell::new(false) };
     }
 
-    /// Called inside every guarded callback of a test build.
+    /// Panics on demand; called inside every guarded callback of a test build.
     pub(in super::super) fn maybe_panic() {
         assert!(!PANIC.get(), "asked to panic");
     }
 
     #[test]
     fn a_panic_in_a_callback_is_a_counted_miss() {
+        // Build a scene with one sphere, which is intersected by a callback
         let scene = Scene {
             geometries: vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
             instances: vec![Instance::new("sphere", 0, 0, DAffine3::IDENTITY).unwrap()],
@@ -389,6 +400,7 @@ pub(super) mod tests {
             instances: vec![Instance::new("sphere", 0, 0, DAffine3::IDENTITY).unwrap()],
             ..Scene::default()
         };
+        // Register the sphere as a user geometry, without an Embree scene
         let near = (&scene, OriginBound::default());
         let [user, _] = UserGeometry::pair(
             near,
@@ -398,9 +410,11 @@ pub(super) mod tests {
         );
         for count in 1..=37 {
             const ROWS: usize = 21;
+            // Lay out a packet of `count` rays as Embree does, one row per field
             let mut rows = vec![0u32; ROWS * count];
             for lane in 0..count {
-                // From (x, 0, 3) down -z at the unit sphere: t = 3 - sqrt(1 - x²), here with x = 0; odd lanes look away.
+                // From (x, 0, 3) along -z at the unit sphere: t = 3 - sqrt(1 - x²), here with x = 0; odd lanes point
+                // away.
                 rows[2 * count + lane] = 3f32.to_bits();
                 rows[6 * count + lane] = if lane % 2 == 0 { -1f32 } else { 1f32 }.to_bits();
                 rows[8 * count + lane] = f32::INFINITY.to_bits();
@@ -409,6 +423,7 @@ pub(super) mod tests {
                 rows[18 * count + lane] = NO_HIT;
             }
             let mut valid = vec![ACTIVE; count];
+            // Call back and compare each lane with the expected hit
             let query = std::ptr::null_mut();
             let call = CallbackArgs {
                 valid: valid.as_mut_ptr(),

@@ -1,4 +1,4 @@
-//! One Embree device: its settings, what it says went wrong, and how much memory it took.
+//! An Embree device: its settings, its error messages, and its memory use.
 
 use std::ffi::{CStr, CString, c_char, c_void};
 use std::sync::Mutex;
@@ -8,26 +8,26 @@ use embree_sys as sys;
 
 use crate::accel::{AccelError, AccelOptions, EmbreeIdentity};
 
-/// Instruction sets that Embree can be held to, least first.
+/// Instruction sets that Embree can be restricted to, in ascending order.
 const INSTRUCTION_SETS: [&str; 5] = ["sse2", "sse4.2", "avx", "avx2", "avx512"];
 
 /// An Embree device. Scenes made from it keep it alive inside Embree, but must be released before it, because they
-/// report to its monitors when they are.
+/// report to its monitors on release.
 pub(super) struct Device {
     handle: sys::RTCDevice,
-    // Boxed by hand: Embree holds its address, which moving a `Box` would claim for itself.
+    // A raw pointer: Embree holds the address, and moving a `Box` would assert unique access to it.
     monitors: *mut Monitors,
     identity: EmbreeIdentity,
 }
 
-/// What Embree's callbacks write to, from any thread.
+/// Data that Embree's callbacks write to, from any thread.
 #[derive(Default)]
 struct Monitors {
     memory: Memory,
     error: Mutex<Option<(sys::RTCError, String)>>,
 }
 
-/// Bytes that Embree has taken.
+/// Bytes of memory that Embree has allocated.
 #[derive(Default)]
 pub(super) struct Memory {
     bytes: AtomicI64,
@@ -40,16 +40,17 @@ unsafe impl Send for Device {}
 unsafe impl Sync for Device {}
 
 impl Device {
-    /// Opens a device and checks that the running library is the one that the bindings describe.
+    /// Opens a device and checks that the running library has the version of the bindings.
     pub(super) fn new(options: &AccelOptions) -> Result<Device, AccelError> {
         let config = config(options)?;
         // SAFETY: `config` is a C string that outlives the call; Embree copies it.
         let handle = unsafe { sys::rtcNewDevice(config.as_ptr()) };
         if handle.is_null() {
-            // SAFETY: without a device this reads the calling thread's own error.
+            // SAFETY: with a null device this reads the calling thread's own error.
             let code = unsafe { sys::rtcGetDeviceError(std::ptr::null_mut()) };
             return Err(refusal("start", code, String::new()));
         }
+        // Install the monitors for errors and memory
         let monitors = Box::into_raw(Box::<Monitors>::default());
         let mut device = Device {
             handle,
@@ -61,8 +62,9 @@ impl Device {
         };
         // SAFETY: the device is live, and the monitors are freed only after it is released.
         unsafe { sys::rtcSetDeviceErrorFunction(handle, Some(on_error), monitors.cast()) };
-        // SAFETY: as above.
+        // SAFETY: the device is live, and the monitors are freed only after it is released.
         unsafe { sys::rtcSetDeviceMemoryMonitorFunction(handle, Some(on_memory), monitors.cast()) };
+        // Check the version before any scene is built
         device.identity = EmbreeIdentity {
             version: device.checked_version()?,
             isa: device.instruction_set(options.isa.as_deref()).to_owned(),
@@ -70,27 +72,27 @@ impl Device {
         Ok(device)
     }
 
-    /// For Embree's functions; live as long as `self`.
+    /// Returns the handle for Embree's functions, valid as long as `self`.
     pub(super) fn handle(&self) -> sys::RTCDevice {
         self.handle
     }
 
-    /// Version and instruction set.
+    /// Returns version and instruction set.
     pub(super) fn identity(&self) -> &EmbreeIdentity {
         &self.identity
     }
 
-    /// What Embree has taken so far.
+    /// Returns the memory that Embree has allocated so far.
     pub(super) fn memory(&self) -> &Memory {
         &self.monitors().memory
     }
 
-    /// Whether packets of that property's width run without being split.
+    /// Returns whether packets of that property's width run without being split.
     pub(super) fn has(&self, property: sys::RTCDeviceProperty) -> bool {
         self.property(property) != 0
     }
 
-    /// The first error since the last check, if any.
+    /// Returns the first error since the last check, if any.
     pub(super) fn check(&self, action: &'static str) -> Result<(), AccelError> {
         let error = self
             .monitors()
@@ -111,7 +113,8 @@ impl Device {
         unsafe { sys::rtcGetDeviceProperty(self.handle, property) }
     }
 
-    /// The running library's version. Structures may differ between minor versions under one library name.
+    /// Returns the running library's version, or an error if it is not that of the headers: structures may differ
+    /// between minor versions under one library name.
     fn checked_version(&self) -> Result<String, AccelError> {
         // Embree writes 4.3.3 as 40303.
         let number = self.property(sys::RTC_DEVICE_PROPERTY_VERSION);
@@ -129,9 +132,9 @@ impl Device {
         Err(AccelError::VersionMismatch { built, running })
     }
 
-    /// The instruction set in use. Embree does not tell; its native packet widths do, up to pairs that share a width,
-    /// and there the request or else the processor decides, which is right for builds that hold every set, as Debian's
-    /// do.
+    /// Returns the instruction set in use. Embree does not report it; its native packet widths show it up to pairs that
+    /// share a width. Between these the request or else the processor decides, which is right for builds that include
+    /// every set, as Debian's do.
     fn instruction_set(&self, requested: Option<&str>) -> &'static str {
         if !cfg!(any(target_arch = "x86", target_arch = "x86_64")) {
             return "neon";
@@ -154,18 +157,18 @@ impl Drop for Device {
     fn drop(&mut self) {
         // SAFETY: `self` owns this reference and gives it up once; all scenes are gone (see `EmbreeAccel`).
         unsafe { sys::rtcReleaseDevice(self.handle) };
-        // SAFETY: from `Box::into_raw` in `new`, and the only one who could still call back is gone.
+        // SAFETY: from `Box::into_raw` in `new`, and the device, which alone could still call back, is released.
         drop(unsafe { Box::from_raw(self.monitors) });
     }
 }
 
 impl Memory {
-    /// Bytes in use now.
+    /// Returns the bytes in use now.
     pub(super) fn bytes(&self) -> u64 {
         self.bytes.load(Ordering::Relaxed).max(0) as u64
     }
 
-    /// Most bytes in use at any time.
+    /// Returns the peak of bytes in use.
     pub(super) fn peak_bytes(&self) -> u64 {
         self.peak.load(Ordering::Relaxed).max(0) as u64
     }
@@ -176,17 +179,17 @@ impl Memory {
     }
 }
 
-/// The device's settings in Embree's own words.
+/// Returns the device's settings as Embree's configuration string.
 fn config(options: &AccelOptions) -> Result<CString, AccelError> {
     let mut config = format!("threads={}", options.threads);
     if let Some(isa) = &options.isa {
         config += &format!(",isa={}", checked_instruction_set(isa)?);
     }
-    // Digits and names from the list above hold no zero byte.
+    // Digits and names from the list above contain no zero byte.
     Ok(CString::new(config).unwrap_or_default())
 }
 
-/// A set that is known and that this processor has: Embree itself would accept anything, and then die on it.
+/// Returns the name of a known set that this processor has: Embree itself would accept any, and then crash.
 fn checked_instruction_set(isa: &str) -> Result<&'static str, AccelError> {
     let refused = |message: String| AccelError::Embree {
         action: "be held to an instruction set",
@@ -260,7 +263,7 @@ fn refusal(action: &'static str, code: sys::RTCError, message: String) -> AccelE
     AccelError::Embree { action, message }
 }
 
-/// Keeps the first error until someone asks.
+/// Stores the first error until the next check.
 unsafe extern "C" fn on_error(monitors: *mut c_void, code: sys::RTCError, message: *const c_char) {
     // SAFETY: the pointer given together with this function, alive as long as the device.
     let monitors = unsafe { &*monitors.cast::<Monitors>() };
@@ -277,7 +280,7 @@ unsafe extern "C" fn on_error(monitors: *mut c_void, code: sys::RTCError, messag
         .get_or_insert((code, text));
 }
 
-/// Counts what is taken (positive) and given back (negative). Returning false would refuse it.
+/// Counts allocated (positive) and freed (negative) bytes. Returning false would refuse the allocation.
 unsafe extern "C" fn on_memory(monitors: *mut c_void, bytes: isize, _is_done: bool) -> bool {
     // SAFETY: as in `on_error`.
     let monitors = unsafe { &*monitors.cast::<Monitors>() };

@@ -1,36 +1,37 @@
-//! Rays with tiny or huge directions, tamed on their way to Embree.
+//! Rescaling of very short or very long ray directions before they are passed to Embree.
 //!
-//! Embree takes components of a direction below 10^-18 for +10^-18 where it walks its tree, whatever their sign and the
-//! other components: a ray with none larger is sent astray. And it takes none above 10^18, which a direction may become
-//! in the space of something that is placed smaller. Such directions are therefore multiplied by a power of two, and
-//! their intervals divided by it, which is exact and undone on the answer. Beside a component of [`SMALL`] and more, what
-//! Embree makes of the others is off by 10^-12 of it, which boxes allow for.
+//! Embree's traversal replaces components of a direction below 10^-18 by +10^-18, regardless of their sign and the
+//! other components: a ray with no larger component gets a wrong direction. It accepts none above 10^18, which a
+//! direction may reach in the object space of a scaled-down instance. Such directions are therefore multiplied by a
+//! power of two, and their intervals divided by it, which is exact and undone on the results. Beside a component of
+//! [`SMALL`] or more, the error that Embree makes in the other components is 10^-12 of it, which the padding of boxes
+//! covers.
 
 use crate::accel::{LANES, RayPacket};
 
-/// Directions whose largest component is smaller are made longer: 2^-20.
+/// Directions whose largest component is below this are lengthened: 2^-20.
 const SMALL: f32 = 1.0 / (1 << 20) as f32;
-/// Directions whose largest component is as large are made shorter: 2^40, beyond the way to any lamp, as such a ray takes
-/// longer.
+/// Directions whose largest component is at least this are shortened: 2^40, larger than the distance to any light, as
+/// rescaled rays are slower.
 const LARGE: f32 = (1u64 << 40) as f32;
 
-/// A lane as it was before its direction was tamed.
+/// State of a lane before its direction was rescaled.
 struct Lane {
     packet: usize,
     lane: usize,
     direction: [f32; 3],
     t_near: f32,
     t_far: f32,
-    /// What the direction was multiplied by.
+    /// Factor that the direction was multiplied by.
     scale: f64,
 }
 
-/// The lanes of packets whose directions are of another length than they were.
+/// Original rays of all lanes whose directions were rescaled.
 #[must_use = "answers are in the wrong unit until they are restored"]
 pub(super) struct RescaledRays(Vec<Lane>);
 
 impl RescaledRays {
-    /// Makes the tiny directions among `packets` longer and the huge ones shorter.
+    /// Rescales the very short and very long directions among `packets`.
     #[inline(always)]
     pub(super) fn of(packets: &mut [RayPacket]) -> RescaledRays {
         let mut lanes = Vec::new();
@@ -42,7 +43,7 @@ impl RescaledRays {
         RescaledRays(lanes)
     }
 
-    /// Gives the lanes back the rays they had, and their hits the parameters that belong to these.
+    /// Restores the original rays, and converts the parameters of their hits back.
     #[inline(always)]
     pub(super) fn restore(self, packets: &mut [RayPacket]) {
         for was in self.0 {
@@ -56,10 +57,10 @@ fn has_out_of_range(packet: &RayPacket) -> bool {
     let [x, y, z] = &packet.direction;
     let mut any = false;
     for lane in 0..LANES {
-        // Without their signs, floats are ordered as their bits are. Lanes that are off often have no direction at all.
+        // Without sign bits, floats order as their bits do. Inactive lanes often have a zero direction and are ignored.
         let size = |x: f32| x.to_bits() & 0x7fff_ffff;
         let largest = size(x[lane]).max(size(y[lane])).max(size(z[lane]));
-        // One comparison for both ends, as what is below the first wraps around.
+        // One unsigned comparison tests both ends, as values below the lower bound wrap around.
         let is_wild = largest.wrapping_sub(SMALL.to_bits()) >= LARGE.to_bits() - SMALL.to_bits();
         any |= is_wild & packet.is_active(lane);
     }
@@ -75,8 +76,9 @@ fn tame(packet: &mut RayPacket, number: usize, lanes: &mut Vec<Lane>) {
         if is_tame || !packet.is_active(lane) || !ray.is_traceable() {
             continue;
         }
+        // Choose the power of two that brings the largest component into [1, 2)
         let largest = f64::from(largest);
-        // The largest component becomes 1 to 2.
+        // It is the negated exponent of the component.
         let exponent = (largest.to_bits() >> 52) as i32 - 1023;
         let scale = f64::from_bits(((1023 - exponent) as u64) << 52);
         lanes.push(Lane {
@@ -90,7 +92,7 @@ fn tame(packet: &mut RayPacket, number: usize, lanes: &mut Vec<Lane>) {
         for axis in 0..3 {
             packet.direction[axis][lane] = (f64::from(ray.direction[axis]) * scale) as f32;
         }
-        // No hit is farther than the largest float, where an interval may begin no later.
+        // Clamp to the largest float: no hit is farther, and an interval may not start later.
         packet.t_near[lane] = ((f64::from(ray.t_near) / scale) as f32).min(f32::MAX);
         packet.t_far[lane] = (f64::from(ray.t_far) / scale) as f32;
     }
@@ -108,7 +110,7 @@ fn restore(was: &Lane, packet: &mut RayPacket) {
     if is_hit && t < f32::INFINITY {
         packet.t_far[lane] = t;
     } else if !packet.is_blocked(lane) {
-        // A hit that is farther than any float is none.
+        // A hit beyond the largest float is a miss.
         packet.forget_hit(lane);
         packet.t_far[lane] = was.t_far;
     }
@@ -186,7 +188,7 @@ mod tests {
         assert_eq!(packets[0].hit(3), Some(Hit { t, ..hit }));
         assert_eq!(packets[0].ray(3), Ray { t_far: t, ..ray });
 
-        // It begins where no float can tell: nothing can be met.
+        // The interval starts beyond the largest float after rescaling: nothing can be hit.
         let mut packets = [packet(huge, 2f32.powi(100), f32::INFINITY)];
         let ray = packets[0].ray(3);
         let tamed = RescaledRays::of(&mut packets);
@@ -219,7 +221,7 @@ mod tests {
         };
         packets[0].set_hit(3, &far);
         tamed.restore(&mut packets);
-        // 1 times 2^133 is no f32.
+        // 1 times 2^133 overflows f32.
         assert_eq!(packets[0].hit(3), None);
         assert_eq!(packets[0].t_far[3], f32::INFINITY);
     }

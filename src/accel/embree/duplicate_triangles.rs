@@ -1,29 +1,28 @@
-//! Which triangles lie exactly where an earlier one lies.
+//! Detection of triangles that coincide with an earlier triangle.
 //!
-//! Ties go to the lowest instance, then the lowest primitive, so of triangles with the same three corners only the
-//! first can be the answer. Embree does not know that rule and cannot be taught it: a filter function is asked only
-//! about the triangle that Embree has picked from a block. So Embree is not given the later ones. They are found at a
-//! few per cent of the cost of Embree's build:
+//! Ties go to the lowest instance, then the lowest primitive, so of triangles with the same three vertices only the
+//! first can be the nearest hit. Embree has no such rule, and a filter function cannot add it: it is called only for
+//! the triangle that Embree has picked from a block. So the later triangles are not passed to Embree. They are found at
+//! a few per cent of the cost of Embree's build:
 //!
-//! 1. The bits of the three corners of each triangle are hashed to a key that does not depend on their order. The upper
-//!    bits of the key choose a bin, the lower half goes into it.
-//! 2. A bin fits a processor's own cache. There its keys pass a Bloom filter (Bloom, Space/time trade-offs in hash
-//!    coding with allowable errors, 1970) whose bits for one key lie in one word (Putze, Sanders, Singler, Cache-,
-//!    hash- and space-efficient Bloom filters, 2007). Those that seem to come twice are few, and sorting tells those
-//!    that do.
-//! 3. Pieces of meshes with a key that came twice are swept again; their triangles with such a key are sorted by their
-//!    corners: exact, and of no worse order when all triangles are alike.
+//! 1. The bits of the three vertices of each triangle are hashed to a key that does not depend on their order. The
+//!   upper bits of the key choose a bin, and the lower half is stored in it.
+//! 2. A bin fits a processor's own cache. Its keys pass a Bloom filter (Bloom, Space/time trade-offs in hash coding
+//!   with allowable errors, 1970) whose bits for one key lie in one word (Putze, Sanders, Singler, Cache-, hash- and
+//!   space-efficient Bloom filters, 2007). The keys that seem to repeat are few, and sorting finds those that do.
+//! 3. Runs of meshes with a repeated key are scanned again; their triangles with such a key are sorted by their
+//!   vertices: exact, and with the same complexity if all triangles are equal.
 
 use rayon::prelude::*;
 
 use crate::mesh::Mesh;
 use crate::parallel;
 
-/// For each mesh, in rising order, its triangles that have the same corners as an earlier triangle: of an earlier mesh,
-/// or of the same one with a lower number.
+/// Returns for each mesh, in rising order, its triangles with the same vertices as an earlier triangle: of an earlier
+/// mesh, or of the same mesh with a lower index.
 ///
-/// Corners are compared as numbers, -0 equals 0, in any order. Runs on the current pool; the answer does not depend on
-/// it.
+/// Vertices are compared as numbers, with -0 equal to 0, in any order. Runs on the current thread pool; the result does
+/// not depend on the number of threads.
 pub(super) fn later_duplicates(meshes: &[&Mesh]) -> Vec<Vec<u32>> {
     let mut duplicates = vec![Vec::new(); meshes.len()];
     let runs = runs_of(meshes);
@@ -44,16 +43,17 @@ pub(super) fn later_duplicates(meshes: &[&Mesh]) -> Vec<Vec<u32>> {
     duplicates
 }
 
-/// Triangles in one piece of work: few enough that their keys stay in a processor's own cache while they are dealt out.
+/// Triangles per run, the unit of parallel work: few enough that their keys stay in a processor's own cache while they
+/// are binned.
 const RUN: usize = 1 << 15;
 
-/// Keys in a bin, about: few enough that the filter stays in the first-level cache.
+/// Approximate number of keys per bin: few enough that the filter stays in the first-level cache.
 const KEYS_PER_BIN: usize = 1 << 13;
 
-/// Bits of the filter for each key: of the keys without a double, about one in 2000 is suspect.
+/// Bits of the filter for each key: about one in 2000 of the unique keys is suspect.
 const BITS_PER_KEY: usize = 32;
 
-/// A piece of one mesh.
+/// A range of consecutive triangles of one mesh.
 struct Run<'s> {
     mesh: u32,
     positions: &'s [[f32; 3]],
@@ -61,7 +61,7 @@ struct Run<'s> {
     triangles: &'s [[u32; 3]],
 }
 
-/// A triangle that may have a double. The order is that of its corners first, then the one in which ties are broken.
+/// A triangle that may have a duplicate, ordered by its vertices first, then by the order in which ties are broken.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct Candidate {
     corners: [[u32; 3]; 3],
@@ -83,14 +83,14 @@ fn runs_of<'s>(meshes: &[&'s Mesh]) -> Vec<Run<'s>> {
     runs.collect()
 }
 
-/// A key that comes more than once in its bin, and a run that has it.
+/// A key that occurs more than once in its bin, and a run that contains it.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
 struct Suspect {
     key: u32,
     run: u32,
 }
 
-/// At least the keys of all triangles that coincide, in each run that has one.
+/// Returns the keys of all coincident triangles, and possibly a few others, with each run that contains one.
 fn suspects(runs: &[Run]) -> Vec<Suspect> {
     let triangle_count: usize = runs.iter().map(|run| run.triangles.len()).sum();
     let bin_bits = (triangle_count / KEYS_PER_BIN).max(1).ilog2();
@@ -98,28 +98,31 @@ fn suspects(runs: &[Run]) -> Vec<Suspect> {
     parallel::map(1 << bin_bits, &|bin| suspects_of_bin(&dealt, bin)).concat()
 }
 
-/// The lower halves of the keys of one run, by bins.
+/// Lower halves of the keys of one run, grouped by bin.
 struct Dealt {
     keys: Vec<u32>,
-    /// Where each bin begins, and the end.
+    /// Start offset of each bin, followed by the end.
     begins: Vec<u32>,
 }
 
 impl Dealt {
-    /// Sorts by the upper `bin_bits` bits, by counting.
+    /// Groups the keys by their upper `bin_bits` bits with a counting sort.
     fn new(run: &Run, bin_bits: u32) -> Dealt {
-        // A shift in two steps, because there may be nothing left to tell bins by.
+        // Shift in two steps, because `bin_bits` may be 0 and a shift by 64 overflows.
         let bin = |key: u64| (key >> 1 >> (u64::BITS - 1 - bin_bits)) as usize;
         let mut all = Vec::with_capacity(run.triangles.len());
+        // Count the keys of each bin
         let mut begins = vec![0u32; (1 << bin_bits) + 1];
         for triangle in run.triangles {
             let key = run.key(triangle);
             begins[bin(key) + 1] += 1;
             all.push(key);
         }
+        // Turn counts into start offsets by a prefix sum
         for i in 1..begins.len() {
             begins[i] += begins[i - 1];
         }
+        // Scatter the keys into their bins
         let mut keys = vec![0; all.len()];
         let mut next = begins.clone();
         for key in all {
@@ -135,9 +138,10 @@ impl Dealt {
     }
 }
 
-/// The keys that come more than once in a bin.
+/// Returns the keys that occur more than once in a bin.
 fn suspects_of_bin(dealt: &[Dealt], bin: usize) -> Vec<Suspect> {
     let key_count: usize = dealt.iter().map(|of_run| of_run.bin(bin).len()).sum();
+    // Insert all keys into a Bloom filter and note those that seem to repeat
     let mut seen = KeySet::new((key_count * BITS_PER_KEY).div_ceil(u64::BITS as usize));
     let mut again = Vec::new();
     for of_run in dealt {
@@ -150,6 +154,7 @@ fn suspects_of_bin(dealt: &[Dealt], bin: usize) -> Vec<Suspect> {
     if again.is_empty() {
         return Vec::new();
     }
+    // Collect all occurrences of these keys, with a second filter over them alone
     let again = KeySet::of(again.iter().copied(), again.len());
     let mut suspects = Vec::new();
     for (run, of_run) in (0u32..).zip(dealt) {
@@ -159,6 +164,7 @@ fn suspects_of_bin(dealt: &[Dealt], bin: usize) -> Vec<Suspect> {
             }
         }
     }
+    // Sort to drop the false positives of the filters
     suspects.sort_unstable();
     let groups = suspects.chunk_by(|a, b| a.key == b.key);
     let repeated = groups.filter(|group| group.len() > 1).flatten();
@@ -167,7 +173,7 @@ fn suspects_of_bin(dealt: &[Dealt], bin: usize) -> Vec<Suspect> {
         .collect()
 }
 
-/// All triangles with a suspect key, and a few others.
+/// Returns all triangles with a suspect key, and a few others.
 fn candidates(runs: &[Run], suspects: &[Suspect]) -> Vec<Candidate> {
     let keys = KeySet::of(suspects.iter().map(|suspect| suspect.key), suspects.len());
     let mut is_suspect = vec![false; runs.len()];
@@ -192,7 +198,7 @@ fn candidates(runs: &[Run], suspects: &[Suspect]) -> Vec<Candidate> {
 }
 
 impl Run<'_> {
-    /// A hash of a triangle's corners, the same for any order of them.
+    /// Returns a hash of a triangle's vertices that does not depend on their order.
     #[inline(always)]
     fn key(&self, triangle: &[u32; 3]) -> u64 {
         let [a, b, c] = *triangle;
@@ -211,17 +217,18 @@ impl Run<'_> {
     }
 }
 
-/// The bits of a position; equal numbers have equal bits.
+/// Returns the bits of a position; equal numbers have equal bits.
 #[inline(always)]
 fn bits_of([x, y, z]: [f32; 3]) -> [u32; 3] {
-    // -0 + 0 is 0; nothing else changes.
+    // Adding +0 turns -0 into 0 and changes nothing else.
     [(x + 0.0).to_bits(), (y + 0.0).to_bits(), (z + 0.0).to_bits()]
 }
 
 /// Odd words of evenly mixed bits: the fractions of the golden ratio and of the square root of 2.
 const SALTS: [u64; 2] = [0x9e37_79b9_7f4a_7c15, 0x6a09_e667_f3bc_c909];
 
-/// Mixes a position by one long product, folded (Wang Yi, wyhash, 2019). Sums of it are as good as random.
+/// Mixes a position by one 128-bit product, folded to 64 bits (Wang Yi, wyhash, 2019). Sums of hashes are as good as
+/// random.
 #[inline(always)]
 fn hash([x, y, z]: [u32; 3]) -> u64 {
     let xy = u64::from(x) | u64::from(y) << 32;
@@ -229,7 +236,7 @@ fn hash([x, y, z]: [u32; 3]) -> u64 {
     (product >> 64) as u64 ^ product as u64
 }
 
-/// A Bloom filter: holds every key that was inserted, and seems to hold a few others.
+/// A Bloom filter: contains every inserted key, and reports a few others as present.
 struct KeySet {
     words: Vec<u64>,
 }
@@ -249,7 +256,7 @@ impl KeySet {
         set
     }
 
-    /// False if the key was, or seemed to be, in it before.
+    /// Inserts a key; returns false if the key was, or seemed to be, present before.
     #[inline(always)]
     fn insert(&mut self, key: u32) -> bool {
         let (word, bits) = self.place(key);
@@ -264,7 +271,7 @@ impl KeySet {
         self.words[word] & bits == bits
     }
 
-    /// The word from the upper half of a product, four bits in it from the lower one.
+    /// Returns the word index, from the upper half of a product, and four bits in the word, from the lower half.
     #[inline(always)]
     fn place(&self, key: u32) -> (usize, u64) {
         let mixed = u64::from(key).wrapping_mul(SALTS[0]);
@@ -287,7 +294,7 @@ mod tests {
         }
     }
 
-    /// A strip of `n` triangles with corners of its own each; no two coincide.
+    /// Returns a strip of `n` triangles with separate vertices each; no two coincide.
     fn strip(n: u32) -> Mesh {
         let corner = |i: u32| [i as f32, (i % 2) as f32, (i / 7) as f32];
         let positions = (0..n).flat_map(|i| [corner(i), corner(i + 1), corner(i + 2)]);
@@ -297,7 +304,7 @@ mod tests {
         )
     }
 
-    /// By comparing each triangle with each earlier one.
+    /// Finds duplicates by comparing each triangle with each earlier one.
     fn referee(meshes: &[&Mesh]) -> Vec<Vec<u32>> {
         let same = |a: [[f32; 3]; 3], b: [[f32; 3]; 3]| {
             let orders = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
@@ -346,7 +353,7 @@ mod tests {
 
     #[test]
     fn triangles_that_share_two_corners_are_no_doubles() {
-        // The second differs in one corner by one unit in the last place, the third uses a corner twice.
+        // The second differs in one vertex by one unit in the last place, the third uses a vertex twice.
         let next = 1f32.next_up();
         let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, next, 0.0]];
         let alike = mesh(corners, vec![[0, 1, 2], [0, 1, 3], [0, 1, 1]]);
@@ -355,7 +362,7 @@ mod tests {
 
     #[test]
     fn random_triangles_agree_with_comparing_all_pairs_on_any_number_of_threads() {
-        // Marsaglia's xorshift; five values a coordinate, so that doubles are common.
+        // Marsaglia's xorshift; five values per coordinate, so that duplicates are common.
         let mut state = 0x1234_5678_9abc_def1u64;
         let mut random = |n: u64| {
             state ^= state << 13;

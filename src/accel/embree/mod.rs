@@ -1,26 +1,28 @@
-//! Finding hits with the system's Embree, 3.13 or 4.
+//! Backend on the system's Embree, version 3.13 or 4.
 //!
-//! One Embree scene holds the world. A mesh whose object space is world space becomes native triangles under the
-//! instance's own number, over the scene's own arrays; where [`Precision::Watertight`](super::Precision::Watertight) is
-//! asked for, up to sixteen of its triangles that lie together are a primitive of the user geometry (see `triangle_cluster`), and so
-//! are those of placed meshes. Everything else is one user geometry: each shape and each placed
-//! mesh is one of its primitives, because Embree traverses one tree for each kind of geometry and pays for every
-//! further one; spheres that stand still are one primitive for up to eight that lie together (see `sphere_cluster`). A placed
-//! mesh has an Embree scene of its own, built once for all its instances; the callback carries the rays into it in f64.
+//! One Embree scene holds the world. A mesh whose object space is world space becomes native triangles with the
+//! instance's own index as geometry ID, over the scene's own arrays. At
+//! [`Precision::Watertight`](super::Precision::Watertight) up to sixteen nearby triangles are one primitive of the user
+//! geometry instead (see `triangle_cluster`), also in instanced meshes. All other objects are one user geometry: each
+//! shape and each instanced mesh is one of its primitives, because Embree traverses one tree for each kind of geometry
+//! and each further tree costs time. Up to eight nearby static spheres are one primitive (see `sphere_cluster`). An
+//! instanced mesh has an Embree scene of its own, built once for all its instances; the callback transforms the rays
+//! into it in f64.
 //!
-//! By [`Instancing::Native`](super::Instancing::Native) placed meshes are Embree's own instances instead, which carry
-//! rays in f32 by an inverse in f32 (see `native_instances`). On 3.13.5 a coherent `rtcOccluded16` over them never returns, so
-//! Embree is never told of coherence where it has instances.
+//! With [`Instancing::Native`](super::Instancing::Native) instanced meshes are Embree's own instances instead, which
+//! transform rays by an inverse in f32 (see `native_instances`). On 3.13.5 a coherent `rtcOccluded16` over them never
+//! returns, so rays are never flagged as coherent where Embree has instances.
 //!
-//! What moves is a second user geometry, whose boxes Embree interpolates between steps of time; the callback works out
-//! the instance's place at each ray's time. Where nothing moves there is none, and Embree asks for no time.
+//! Moving objects are a second user geometry, whose boxes Embree interpolates between time steps; the callback computes
+//! the instance's transform at each ray's time. A scene without moving objects has no second geometry, and Embree
+//! ignores the time.
 //!
 //! Infinite planes are outside Embree, which would drop them.
 //!
 //! Ties go to the smallest `t`, then instance, then primitive, wherever a callback decides. Of native triangles that
-//! coincide, in all three corners, Embree is given only the first by that rule. Between different native triangles that
-//! a ray meets at the same `t`, at an edge they share or where they overlap in one plane, Embree decides, by the order
-//! in which it meets them. Watertight triangles are the callbacks' alone, which answer as brute force does.
+//! coincide in all three vertices, Embree is given only the first by that rule. Between different native triangles that
+//! a ray hits at the same `t`, at a shared edge or where they overlap in one plane, Embree decides, by the order of
+//! traversal. Watertight triangles are tested by the callbacks alone, whose results equal those of brute force.
 
 mod baseline;
 mod build_plan;
@@ -57,36 +59,37 @@ use super::{
 };
 use crate::scene::{Instance, Scene};
 
-/// Embree's structure over a scene that it borrows: Embree reads the vertices where they are.
+/// Embree's structure over a scene that it borrows: Embree reads the vertices in place.
 pub struct EmbreeAccel<'s> {
-    // In the order of release: whoever is called back goes last.
+    // Fields in the order of release: the user geometries must outlive the scene that calls back into them.
     world: EmbreeScene<'s>,
     users: [Arc<UserGeometry<'s>>; 2],
     device: Device,
-    /// For coherent and for incoherent rays.
+    /// SIMD widths for coherent and for incoherent rays.
     widths: [Width; 2],
     planes: Planes,
     placed_mesh_count: usize,
     native_instance_count: usize,
-    /// Of Embree's memory: that of the scenes of placed meshes.
+    /// Embree's memory for the scenes of instanced meshes, in bytes.
     placed_bytes: u64,
-    /// Whose the rest of it is.
+    /// Memory category of the rest of Embree's memory.
     world_holder: &'static str,
     summary: String,
 }
 
 impl<'s> EmbreeAccel<'s> {
-    /// Builds over a validated scene.
+    /// Builds the structure of a validated scene.
     ///
     /// # Errors
     ///
-    /// Where the instruction set is unknown here, the running library is not the one whose headers were compiled in, or
-    /// memory runs out.
+    /// If the instruction set is unknown, the running library is not the one whose headers were compiled in, or memory
+    /// runs out.
     ///
     /// # Panics
     ///
-    /// Where `options.progress` panics: the build is cancelled and the panic goes on.
+    /// If `options.progress` panics: the build is cancelled and the panic is resumed.
     pub fn build(scene: &'s Scene, options: &AccelOptions) -> Result<EmbreeAccel<'s>, AccelError> {
+        // Create the device and build all Embree scenes
         let device = Device::new(options)?;
         let width = Width::of(&device, options.kernel);
         let Built {
@@ -96,6 +99,7 @@ impl<'s> EmbreeAccel<'s> {
             native_instance_count,
             placed_bytes,
         } = scene::build(scene, &device, options)?;
+        // Summarize the structure for the report
         let mut summary = format!(
             "Embree {}, {}, {width}, {} triangles {}, {} shapes and placed meshes as user geometry",
             device.identity().version,
@@ -116,6 +120,7 @@ impl<'s> EmbreeAccel<'s> {
         if held_back_count > 0 {
             summary += &format!(", {held_back_count} triangles held back that coincide with earlier ones");
         }
+        // Choose packet widths for coherent and incoherent rays
         let user_count: usize = users.iter().map(|user| user.object_count()).sum();
         let object_count = user_count + native_instance_count;
         let asked_count = object_count + users[0].patch_count();
@@ -143,12 +148,14 @@ impl<'s> EmbreeAccel<'s> {
         }
     }
 
-    /// How many meshes stand elsewhere than in their own space, which [`super::AccelOptions::instancing`] is about.
+    /// Returns the number of instances of meshes with a transform, to which [`super::AccelOptions::instancing`]
+    /// applies.
     pub fn placed_mesh_count(&self) -> usize {
         self.placed_mesh_count
     }
 
-    /// How many callbacks have panicked since the build. Their lanes missed; the message is on standard error.
+    /// Returns the number of callbacks that panicked since the build. Their lanes missed; the message is on standard
+    /// error.
     pub fn panicked_callback_count(&self) -> u64 {
         let [still, moving] = &self.users;
         still.panic_count() + moving.own_panic_count()
@@ -177,9 +184,11 @@ impl Accel for EmbreeAccel<'_> {
     fn report(&self) -> AccelReport {
         let memory = self.device.memory();
         let [still, moving] = &self.users;
+        // Count memory that Embree does not report: records of the user geometry and of instances
         let untold = still.byte_count()
             + moving.own_byte_count()
             + native_instances::RECORD_BYTES * self.native_instance_count as u64;
+        // The monitor counts memory of the world and of instanced meshes together
         let placed = self.placed_bytes.min(memory.bytes());
         let records = match still.object_count() + moving.object_count() {
             0 => "tree",
@@ -187,6 +196,7 @@ impl Accel for EmbreeAccel<'_> {
         };
         let part = |holder, what, bytes| AccelPart { holder, what, bytes };
         let patches = still.patch_byte_count();
+        // Split the memory by category
         let mut parts = vec![
             part("triangles", "trees of placed meshes", placed),
             part(self.world_holder, "tree of the world", memory.bytes() - placed),
@@ -205,7 +215,7 @@ impl Accel for EmbreeAccel<'_> {
     }
 }
 
-/// Which Embree there is, held to an instruction set.
+/// Returns version and instruction set of Embree when restricted to `isa`.
 pub(super) fn identity(isa: Option<&str>) -> Result<super::EmbreeIdentity, AccelError> {
     let options = AccelOptions {
         isa: isa.map(str::to_owned),
@@ -224,7 +234,7 @@ mod tests {
     use crate::accel::{BuildQuality, PrimitiveCounts};
     use crate::gltf::LoadOptions;
 
-    /// Objects that are asked by callbacks, and records and holders of the build.
+    /// Returns the number of objects tested by callbacks, and the report of the build.
     fn built(scene: &Scene) -> (usize, AccelReport) {
         let accel = EmbreeAccel::build(scene, &AccelOptions::default()).unwrap();
         (accel.users[0].object_count(), accel.report())

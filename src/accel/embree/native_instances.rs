@@ -1,37 +1,38 @@
-//! Which placed meshes Embree may place itself, and what that costs in accuracy.
+//! Selection of the instanced meshes that Embree may transform itself, by the loss of accuracy.
 //!
-//! Embree rounds the map to f32, inverts it in f32 and carries every ray by that inverse in f32. Relative to the ray's
-//! and the mesh's distances from the origin of the world the ray is then off by some 2^-24 times the condition number
-//! of the map, where the callback is off by 2^-24 of object space (the bound is in `accel::hit_compare`). One ray is
-//! carried once for all triangles of a mesh, so edges within it stay closed; its place is what is rounded.
+//! Embree rounds the matrix to f32, inverts it in f32 and transforms every ray by that inverse in f32. Relative to the
+//! ray's and the mesh's distances from the world origin the ray is then off by some 2^-24 times the condition number of
+//! the matrix, where the callback is off by 2^-24 of object space (the bound is in `accel::hit_compare`). A ray is
+//! transformed once for all triangles of a mesh, so edges within it stay closed; only its position is rounded.
 //!
-//! What moves stays with the callback, as do maps that would lose more than the condition numbers allowed here and
-//! those by which a ray could leave the range of coordinates in which Embree 3.13, as Debian builds it, does not end
-//! the process.
+//! Moving instances stay with the callback, and so do matrices that would lose more accuracy than the condition numbers
+//! allowed here and those by which a ray could leave the range of coordinates in which Embree 3.13, as Debian builds
+//! it, does not end the process.
 
 use glam::{DAffine3, DMat3};
 
 use crate::accel::Instancing;
 use crate::scene::Instance;
 
-/// Largest row sum of a map or of its inverse. With [`RAY_LIMIT`] it keeps rays in object space under 2^60 plus 2^24,
-/// while [`crate::numeric::Ray::LIMIT`] is over 2^60.6.
+/// Largest row sum of a matrix or of its inverse. With [`RAY_LIMIT`] it keeps rays in object space under 2^60 plus
+/// 2^24, while [`crate::numeric::Ray::LIMIT`] is over 2^60.6.
 const NORM_LIMIT: f64 = (1 << 24) as f64;
-/// Rays from here on are not asked about where Embree has instances; a normalised scene is of size 1.
+/// Least coordinate of rays that are not traced where Embree has instances; a normalised scene is of size 1.
 pub(super) const RAY_LIMIT: f32 = (1u64 << 36) as f32;
-/// What Embree 3.13.5 takes for an instance beside its trees, by how much the process grows; its memory monitor is not
-/// told.
+/// Bytes that Embree 3.13.5 takes for an instance beside its trees, by the growth of the process; its memory monitor
+/// does not report them.
 pub(super) const RECORD_BYTES: u64 = 240;
 /// Largest condition number, and largest product of the columns' lengths over the determinant: of the 24 bits of an f32
-/// they leave 18, less what the rounding itself takes.
+/// they leave 18, less the loss by rounding itself.
 const CONDITION_LIMIT: f64 = (1 << 6) as f64;
 
-/// Whether a placed mesh becomes an instance of Embree's own.
+/// Returns whether an instanced mesh becomes an instance of Embree's own.
 pub(super) fn takes(instance: &Instance, instancing: Instancing) -> bool {
     if instancing != Instancing::Native || instance.is_moving() {
         return false;
     }
     let (map, inverse) = (instance.world_from_object(), instance.object_from_world());
+    // Bound the range of transformed rays and the loss of accuracy
     let norms = [norm(&map.matrix3), norm(&inverse.matrix3)];
     let moves = [&map, &inverse].map(|map| map.translation.abs().max_element());
     let m = &map.matrix3;
@@ -41,12 +42,12 @@ pub(super) fn takes(instance: &Instance, instancing: Instancing) -> bool {
         && lengths <= CONDITION_LIMIT * m.determinant().abs()
 }
 
-/// The largest row sum of magnitudes.
+/// Returns the largest row sum of magnitudes.
 fn norm(m: &DMat3) -> f64 {
     (m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs()).max_element()
 }
 
-/// A map as Embree takes it: three columns and the translation, each rounded to f32.
+/// Returns a matrix in Embree's format: three columns and the translation, each rounded to f32.
 pub(super) fn columns(map: &DAffine3) -> [f32; 12] {
     map.to_cols_array().map(|x| x as f32)
 }

@@ -1,42 +1,44 @@
-//! How far from the origin rays come, and by how much the boxes of watertight triangles are larger for it.
+//! Bound on the distance of ray origins from the coordinate origin, and the padding of watertight triangles' boxes that
+//! follows from it.
 //!
-//! Embree asks about a box only if the ray meets it, by a test that is right for the exact ray. The triangle test is
-//! right for a ray that is a little aside: with the unit roundoff `u = 2^-24`, a ray from `o`, and `p` where it passes
-//! the triangle, a difference, a quotient and a product move a projected corner by at most `4 u |p_a - o_a|` along an
-//! axis `a`, and by `u` of the triangle's size. And its parameter, which is held against where the ray enters a box, is
-//! off by at most `10 u` of the distance: a weighted mean of depths, each of which is rounded three times, with weights
-//! that are rounded twice, over their sum. With `M` the largest coordinate of the box and `R` that of the origin, all of
-//! it is under `16 u (M + R)`, by which boxes are larger on every side.
+//! Embree reaches the triangles of a box only if the ray hits the box, by a test that is right for the exact ray. The
+//! triangle test is right for a slightly displaced ray: with the unit roundoff `u = 2^-24`, a ray from `o`, and `p`
+//! where it passes the triangle, a difference, a quotient and a product move a projected vertex by at most
+//! `4 u |p_a - o_a|` along an axis `a`, and by `u` of the triangle's size. The parameter, which is compared to the
+//! ray's entry into a box, is off by at most `10 u` of the distance: a weighted mean of depths, each of which is
+//! rounded three times, with weights that are rounded twice, over their sum. With `M` the largest coordinate of the box
+//! and `R` that of the origin, all of this is under `16 u (M + R)`, by which boxes are padded on every side.
 //!
-//! The boxes of other user geometry have that room too, on every rung: Embree walks to user geometry by `b/d - o/d`,
-//! robust or not, and finds a side `b` some 3 u of the distance aside.
+//! The boxes of other user geometry have the same padding, at every precision: Embree's traversal to user geometry
+//! computes `b/d - o/d`, robust or not, and places a side `b` some 3 u of the distance aside.
 //!
-//! That is no bound for triangles that are seen nearly edge-on, whose weights may be anything. They are met wherever they
-//! are; but which of two that lie within their own depth of each other is the nearer, rounding decides.
+//! The bound does not hold for triangles seen nearly edge-on, whose weights may be anything. They are hit wherever they
+//! are; but between two that lie within their own depth of each other, rounding decides which is nearer.
 //!
-//! Where rays may start is known of a scene: at a camera, or on or in something that has an end. Rays that start on an
-//! infinite plane or in fog farther away than all of that lose a part of their place in their own coordinates, and the
-//! promise with it.
+//! The possible origins of rays follow from a scene: at a camera, or on or in a bounded object. Rays that start on an
+//! infinite plane or in fog farther away than all of these lose a part of their position in their own coordinates, and
+//! the watertight guarantee with it.
 
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::numeric::{Bounds, Ray};
 use crate::scene::{Camera, Instance, Projection, Scene};
 
-/// By how much boxes are larger, in parts of the distances involved: 16 units of roundoff.
+/// Padding of boxes relative to the distances involved: 16 units of roundoff.
 const PADDING: f64 = 16.0 / (1 << 24) as f64;
 
-/// The largest coordinate, along any axis, of the origins of rays in some space.
+/// Largest coordinate, along any axis, of ray origins in some space.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct OriginBound {
     distance: f64,
-    /// [`PADDING`], if no test says otherwise.
+    /// Relative padding: [`PADDING`], unless a test overrides it.
     padding: f64,
 }
 
 impl OriginBound {
-    /// In the world of a validated scene, whose geometries have the bounds `object_bounds`.
+    /// Computes the bound in the world space of a validated scene, whose geometries have the bounds `object_bounds`.
     pub(super) fn of(scene: &Scene, object_bounds: &[Bounds]) -> OriginBound {
+        // Rays start on objects, in volumes and at cameras
         let volumes = scene.volumes.iter().map(|volume| volume.bounds().magnitude());
         let solid = scene.bounds_from(object_bounds).magnitude();
         let cameras = scene.cameras.iter().map(|camera| camera_reach(camera, solid));
@@ -54,7 +56,7 @@ impl OriginBound {
         }
     }
 
-    /// In the space of a mesh that is placed by all of `instances`; `self` is the one in the world.
+    /// Computes the bound in the object space of a mesh over all of `instances`; `self` is the bound in world space.
     pub(super) fn in_object<'a>(self, instances: impl Iterator<Item = &'a Instance>) -> OriginBound {
         let distances = instances.map(|instance| self.in_instance(instance));
         let distance = distances.fold(0.0, f64::max);
@@ -64,12 +66,12 @@ impl OriginBound {
         }
     }
 
-    /// By how much a box must be larger on every side for what rounding does.
+    /// Returns the padding on every side of a box that rounding errors require.
     pub(super) fn padding(self, bounds: &Bounds) -> f64 {
         self.padding * (bounds.magnitude() + self.distance)
     }
 
-    /// A box with room for what rounding does.
+    /// Returns a box padded for rounding errors.
     pub(super) fn padded(self, bounds: &Bounds) -> Bounds {
         let padding = DVec3::splat(self.padding(bounds));
         Bounds {
@@ -78,7 +80,7 @@ impl OriginBound {
         }
     }
 
-    /// [`OriginBound::padded`] as Embree takes it, which leaves out what is larger than its coordinates may be.
+    /// Returns [`OriginBound::padded`] in f32, clamped to Embree's coordinate range, as Embree skips boxes beyond it.
     pub(super) fn boxed(self, bounds: &Bounds) -> ([f32; 3], [f32; 3]) {
         #[cfg(test)]
         if self.padding == 0.0 {
@@ -89,14 +91,16 @@ impl OriginBound {
         (low.map(|x| x.max(-most)), high.map(|x| x.min(most)))
     }
 
-    /// At any time: of the stretches between two, none lengthens a vector more than the ends' do by either way, as they
-    /// are definite (see [`crate::numeric::AnimatedTransform`]).
+    /// Bounds the origins in one instance's object space at any time. No interpolated stretch matrix, nor its inverse,
+    /// lengthens a vector by more than those of the two ends, as they are definite (see
+    /// [`crate::numeric::AnimatedTransform`]).
     fn in_instance(self, instance: &Instance) -> f64 {
         let ends = match instance.motion() {
             Some(motion) => motion.ends(),
             None => [instance.world_from_object(); 2],
         };
         let size = |m: &DMat3| m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt();
+        // Frobenius norms bound the factor by which the inverse lengthens a vector
         let shrink = ends
             .iter()
             .map(|map| size(&map.matrix3.inverse()))
@@ -106,7 +110,7 @@ impl OriginBound {
     }
 }
 
-/// The largest coordinate of where those of a camera's rays start that meet anything with coordinates up to `solid`.
+/// Returns the largest coordinate of the origins of those camera rays that hit anything with coordinates up to `solid`.
 fn camera_reach(camera: &Camera, solid: f64) -> f64 {
     let ends = [Some(camera.world_from_camera), camera.world_from_camera_end];
     let eyes = ends
@@ -115,8 +119,8 @@ fn camera_reach(camera: &Camera, solid: f64) -> f64 {
         .map(|map| map.translation.abs().max_element());
     let eye = eyes.fold(0.0, f64::max) + camera.lens_radius();
     match camera.projection {
-        // Seen along the rays they start where they end, and as deep as the eye is; a turned coordinate is at most the
-        // square root of 3 times as large.
+        // Orthographic rays start, seen along them, where they end, and at the depth of the camera; a rotated
+        // coordinate is at most the square root of 3 times as large.
         Projection::Orthographic { .. } => 2.0 * (eye + solid),
         Projection::Perspective { .. } | Projection::Window { .. } => eye,
     }
@@ -137,12 +141,12 @@ pub(super) mod tests {
         static IS_PADDED: Cell<bool> = const { Cell::new(true) };
     }
 
-    /// [`PADDING`], or nothing within [`unpadded`].
+    /// Returns [`PADDING`], or zero within [`unpadded`].
     pub(super) fn padding() -> f64 {
         if IS_PADDED.get() { PADDING } else { 0.0 }
     }
 
-    /// What `build` makes on this thread with boxes that are no larger than the triangles in them.
+    /// Runs `build` on this thread with boxes that are not padded.
     pub(in super::super) fn unpadded<T>(build: impl FnOnce() -> T) -> T {
         IS_PADDED.set(false);
         let built = build();

@@ -1,18 +1,18 @@
-//! How far a build is, as Embree tells it.
+//! Progress of a build, from Embree's progress monitor.
 
 use std::any::Any;
 use std::ffi::c_void;
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Mutex;
 
-/// How far the whole build is, over all its commits.
+/// Progress of the whole build, over all its commits.
 pub(super) struct Progress<'a> {
     report: Option<&'a (dyn Fn(f64) + Sync)>,
     done: usize,
     total: usize,
 }
 
-/// One commit's part of the progress.
+/// Part of the progress that one commit covers.
 pub(super) struct Stage<'a> {
     report: Option<&'a (dyn Fn(f64) + Sync)>,
     from: f64,
@@ -21,7 +21,7 @@ pub(super) struct Stage<'a> {
 }
 
 impl<'a> Progress<'a> {
-    /// Of a build of `total` primitives, told to `report`.
+    /// Starts the progress of a build of `total` primitives, which calls `report`.
     pub(super) fn new(report: Option<&'a (dyn Fn(f64) + Sync)>, total: usize) -> Progress<'a> {
         Progress {
             report,
@@ -30,7 +30,7 @@ impl<'a> Progress<'a> {
         }
     }
 
-    /// The next commit, of `count` primitives.
+    /// Starts the next commit, of `count` primitives.
     pub(super) fn stage(&mut self, count: usize) -> Stage<'a> {
         let fraction = |done: usize| {
             if self.total == 0 {
@@ -51,14 +51,14 @@ impl<'a> Progress<'a> {
 }
 
 impl Stage<'_> {
-    /// Tells that it is done.
+    /// Reports that the stage is finished.
     pub(super) fn finish(&self) {
         if let Some(report) = self.report {
             report(self.to);
         }
     }
 
-    /// Goes on with the panic that cancelled it, if one did.
+    /// Resumes the panic that cancelled the stage, if there was one.
     pub(super) fn resume_panic(&self) {
         let payload = self.panic.lock().unwrap_or_else(|e| e.into_inner()).take();
         if let Some(payload) = payload {
@@ -67,9 +67,10 @@ impl Stage<'_> {
     }
 }
 
-/// Passes progress on. False cancels the build: after a panic, which must not cross into C, nothing else makes sense.
+/// Forwards progress to the caller. Returning false cancels the build, which is done after a panic, as it must not
+/// unwind into C.
 pub(super) unsafe extern "C" fn on_progress(stage: *mut c_void, fraction: f64) -> bool {
-    // SAFETY: `commit` set this pointer and takes it away before the stage goes.
+    // SAFETY: `commit` set this pointer and removes it before the stage is dropped.
     let stage = unsafe { &*stage.cast::<Stage>() };
     let Some(report) = stage.report else {
         return true;

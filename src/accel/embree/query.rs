@@ -1,4 +1,4 @@
-//! Packets in, answers out: as wide as the processor takes them, or one ray at a time.
+//! Packet queries: traces packets at the width that the processor supports natively, or as single rays.
 
 use std::fmt;
 use std::mem::{MaybeUninit, offset_of};
@@ -12,21 +12,21 @@ use super::ray_packet::{Lanes, row, vanishes};
 use super::scene::{EmbreeScene, SceneRef};
 use crate::accel::{Hit, Kernel, LANES, NO_HIT, RayOrder, RayPacket};
 
-/// How many rays go into one call.
+/// Number of rays in one Embree call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Width {
     /// The whole packet, without a copy.
     Sixteen,
-    /// Halves of it.
+    /// Halves of the packet, copied.
     Eight,
-    /// Quarters of it.
+    /// Quarters of the packet, copied.
     Four,
-    /// Each lane by itself.
+    /// Single lanes, each copied.
     One,
 }
 
 impl Width {
-    /// The widest that runs natively; wider packets Embree would take apart itself, Embree 4 into single rays.
+    /// Returns the largest native width; Embree would split wider packets itself, Embree 4 into single rays.
     pub(super) fn of(device: &Device, kernel: Kernel) -> Width {
         if kernel == Kernel::Single {
             Width::One
@@ -42,14 +42,14 @@ impl Width {
     }
 }
 
-/// From so many primitives of the user geometry on, or instances of Embree's own, incoherent rays go one by one. Embree
-/// walks a packet through either as a whole, every ray into every cell that any of them meets, and not ray by ray as it
-/// does over triangles: measured against single rays (`cargo bench --bench timing -- packet_width`) that is slower from
-/// some hundred spheres on, nine times with 10^5.
+/// Least number of user-geometry primitives, or instances of Embree's own, at which incoherent rays are traced one by
+/// one. Embree traverses both with the packet as a whole, every ray into every node that any of them hits, and not ray
+/// by ray as it does over triangles: measured against single rays (`cargo bench --bench timing -- packet_width`) that
+/// is slower from some hundred spheres on, nine times with 10^5.
 const MANY_OBJECTS: usize = 256;
 
 impl Width {
-    /// What to take for incoherent rays through a scene with that many shapes and placed meshes.
+    /// Returns the width for incoherent rays in a scene with that many shapes and instanced meshes.
     pub(super) fn for_incoherent(self, object_count: usize) -> Width {
         if object_count >= MANY_OBJECTS {
             Width::One
@@ -70,7 +70,7 @@ impl fmt::Display for Width {
     }
 }
 
-/// Nearest hits of every packet.
+/// Finds the nearest hits of all lanes of every packet.
 pub(super) fn intersect(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: RayOrder) {
     let scene = scene.as_ref();
     for_each_traceable(scene, packets, order, |query, packet| match width {
@@ -81,7 +81,7 @@ pub(super) fn intersect(scene: &EmbreeScene, width: Width, packets: &mut [RayPac
     });
 }
 
-/// Blocked lanes of every packet.
+/// Marks the occluded lanes of every packet.
 pub(super) fn occluded(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: RayOrder) {
     let scene = scene.as_ref();
     for_each_traceable(scene, packets, order, |query, packet| match width {
@@ -92,7 +92,7 @@ pub(super) fn occluded(scene: &EmbreeScene, width: Width, packets: &mut [RayPack
     });
 }
 
-/// Hands on every packet of which anything may be traced, with the query that suits its rays.
+/// Calls `ask` for every packet with a traceable lane, with the query that suits its rays.
 #[inline(always)]
 fn for_each_traceable(
     scene: SceneRef,
@@ -106,6 +106,7 @@ fn for_each_traceable(
         if scene.has_instances() {
             packet.drop_beyond(native_instances::RAY_LIMIT);
         }
+        // Embree must see neither untraceable rays nor a wrong coherence flag
         match keep_traceable(packet) {
             Remaining::Nothing => {}
             Remaining::Tame => ask(coherent, packet),
@@ -114,16 +115,16 @@ fn for_each_traceable(
     }
 }
 
-/// A query without a filter, for any number of calls.
+/// Creates a query without a filter, for any number of calls.
 pub(super) fn new_query(order: RayOrder) -> sys::EmbreeQuery {
     let mut query = MaybeUninit::uninit();
-    // SAFETY: room for a query, which the call fills.
+    // SAFETY: the pointer is to memory for one query, which the call fills.
     unsafe { sys::embree_query_init(query.as_mut_ptr(), i32::from(order == RayOrder::Coherent)) };
-    // SAFETY: filled just now, in every field that Embree reads.
+    // SAFETY: the call above has written every field that Embree reads.
     unsafe { query.assume_init() }
 }
 
-/// `rtcIntersect16` on the packet itself. Embree may abort the process, but no more, if an active lane is not
+/// Calls `rtcIntersect16` on the packet in place. Embree may abort the process, but no more, if an active lane is not
 /// traceable.
 #[inline(always)]
 pub(super) fn intersect_packet(scene: SceneRef, query: *mut sys::EmbreeQuery, packet: &mut RayPacket) {
@@ -131,15 +132,15 @@ pub(super) fn intersect_packet(scene: SceneRef, query: *mut sys::EmbreeQuery, pa
     let valid = rays
         .wrapping_byte_add(offset_of!(RayPacket, active))
         .cast::<i32>();
-    // SAFETY: a `RayPacket` begins as an `RTCRayHit16` and holds its aligned mask (asserted in `ray_packet`); both are this
-    // thread's own, as is the query.
+    // SAFETY: a `RayPacket` begins as an `RTCRayHit16` and holds its aligned mask (asserted in `ray_packet`); both
+    // belong to this thread alone, as does the query.
     unsafe { sys::embree_intersect16(valid, scene.handle(), query, rays.cast()) };
     if scene.has_instances() {
         packet.name_instances();
     }
 }
 
-/// `rtcOccluded16` on the packet itself, as [`intersect_packet`].
+/// Calls `rtcOccluded16` on the packet in place, under the conditions of [`intersect_packet`].
 #[inline(always)]
 pub(super) fn occluded_packet(scene: SceneRef, query: *mut sys::EmbreeQuery, packet: &mut RayPacket) {
     let rays: *mut RayPacket = packet;
@@ -157,6 +158,7 @@ fn intersect_split<const W: usize>(scene: SceneRef, query: *mut sys::EmbreeQuery
             continue;
         }
         part.intersect(scene, query);
+        // Copy the hits back into the packet
         for lane in (0..W).filter(|&lane| part.is_active(lane)) {
             if part.get(row::INSTANCE, lane) != NO_HIT {
                 packet.set_hit(first + lane, &hit_of(&part, lane));
@@ -172,6 +174,7 @@ fn occluded_split<const W: usize>(scene: SceneRef, query: *mut sys::EmbreeQuery,
             continue;
         }
         part.occluded(scene, query);
+        // Copy the occlusion back into the packet
         for lane in (0..W).filter(|&lane| part.is_active(lane)) {
             if f32::from_bits(part.get(row::T_FAR, lane)) == f32::NEG_INFINITY {
                 packet.set_blocked(first + lane);
@@ -188,7 +191,7 @@ fn part_of<const W: usize>(packet: &RayPacket, first: usize) -> Lanes<W> {
     part
 }
 
-/// The hit of a lane that has one.
+/// Returns the hit of a lane that has one.
 #[inline(always)]
 pub(super) fn hit_of<const W: usize>(lanes: &Lanes<W>, lane: usize) -> Hit {
     Hit {
@@ -200,31 +203,32 @@ pub(super) fn hit_of<const W: usize>(lanes: &Lanes<W>, lane: usize) -> Hit {
     }
 }
 
-/// The scene's number of the instance hit, out of Embree's numbers of the geometry and of the instance around it. In an
-/// instance of Embree's own the geometry's number means nothing; everything else is within none.
+/// Returns the scene's index of the instance hit, from Embree's geometry ID and instance ID. In an instance of Embree's
+/// own the geometry ID has no meaning; all other geometry is in no instance.
 #[inline(always)]
 pub(super) fn number_of_instance([geometry, level]: [u32; 2]) -> u32 {
     if level == NO_HIT { geometry } else { level }
 }
 
-/// What is left of a packet to trace.
+/// State of a packet after untraceable lanes are deactivated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Remaining {
-    /// No ray.
+    /// No active lane is left.
     Nothing,
-    /// Rays that Embree may be told are coherent, if they are.
+    /// All rays may be flagged as coherent, if they are.
     Tame,
-    /// Rays that must not be called coherent (see [`vanishes`]).
+    /// Some ray must not be flagged as coherent (see [`vanishes`]).
     Wild,
 }
 
-/// Switches off what Embree may not be asked about, 3.13.5 aborts on it, and says what is left.
+/// Deactivates the lanes that Embree cannot trace, on which 3.13.5 aborts, and returns what is left.
 #[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
 fn keep_traceable(packet: &mut RayPacket) -> Remaining {
     packet.drop_untraceable();
     if !packet.any_active() {
         return Remaining::Nothing;
     }
+    // Look for vanishing direction components in active lanes
     let mut vanishing = 0;
     for lane in 0..LANES {
         let [x, y, z] = [0, 1, 2].map(|axis| vanishes(packet.direction[axis][lane]));

@@ -1,4 +1,4 @@
-//! Embree's ray packets of any width: rows of lanes, and Embree's calls on them.
+//! Embree's ray packets of any width as rows of lanes, and the trace calls on them.
 
 use std::mem::{align_of, offset_of, size_of};
 
@@ -10,10 +10,10 @@ use crate::accel::{ACTIVE, LANES, NO_HIT, RayPacket};
 use crate::mesh::simd::SimdLevel;
 use crate::numeric::Ray;
 
-/// Rows of `RTCRayHitN` in the widest version, in 4-byte words a lane. Embree 3 ends one row earlier.
+/// Number of rows of `RTCRayHitN` in the widest version, each of one 4-byte word per lane. Embree 3 has one row fewer.
 const ROW_COUNT: usize = 21;
 
-/// Where each field of `RTCRayHitN` is. `Y` and `Z` follow `X`.
+/// Row index of each field of `RTCRayHitN`. The `Y` and `Z` rows follow `X`.
 pub(super) mod row {
     pub(crate) const ORIGIN: usize = 0;
     pub(crate) const T_NEAR: usize = 3;
@@ -28,8 +28,8 @@ pub(super) mod row {
     pub(crate) const LEVEL: usize = 19;
 }
 
-// `RayPacket` begins as `RTCRayHit16` does, and its valid mask is behind all of it. Its private rows lie between public
-// ones of the same size, so they are where they must be if these are.
+// `RayPacket` begins with the layout of `RTCRayHit16`, followed by its valid mask. Its private rows lie between public
+// ones of the same size, so their offsets are correct if those of the public rows are.
 const _: () = {
     assert!(offset_of!(RayPacket, origin) == offset_of!(sys::RTCRayHit16, ray.org_x));
     assert!(offset_of!(RayPacket, t_near) == offset_of!(sys::RTCRayHit16, ray.tnear));
@@ -46,7 +46,7 @@ const _: () = {
     assert!(align_of::<RayPacket>() >= align_of::<sys::RTCRayHit16>());
 };
 
-// `Lanes<W>` holds every `RTCRayHitW` of both versions. Embree pads the single one to a multiple of 16 bytes.
+// `Lanes<W>` is large enough for `RTCRayHitW` of both versions. Embree pads the single one to a multiple of 16 bytes.
 const _: () = {
     assert!(size_of::<Lanes<1>>() >= size_of::<sys::RTCRayHit>());
     assert!(offset_of!(Lanes<4>, active) >= size_of::<sys::RTCRayHit4>());
@@ -64,19 +64,21 @@ const _: () = {
     assert!(offset_of!(sys::RTCRayHit8, hit.geomID) == row::INSTANCE * 32);
 };
 
-/// Direction components under this are taken as +1e-18 by Embree's reciprocal, whatever their sign, while the signs
-/// decide which octant a ray belongs to. The bounds of a coherent packet then contradict themselves: 3.13.5 misses
-/// hits, or ends the process in an assertion. Ten times Embree's own limit, which is a rounded 1e-18.
+/// Upper bound of direction components that Embree's reciprocal may replace. It takes components below a rounded 1e-18
+/// as +1e-18, regardless of their sign, while the signs choose the octant of a ray. The bounds of a coherent packet
+/// then contradict each other: 3.13.5 misses hits, or ends the process in an assertion. This limit is ten times
+/// Embree's.
 const VANISHING: f32 = 1e-17;
 
-/// Whether a ray with this direction component must not be called coherent. Zeros may: their sign decides nothing.
+/// Returns whether a ray with this direction component must not be flagged as coherent. Zeros may: their sign decides
+/// nothing.
 #[inline(always)]
 pub(super) fn vanishes(component: f32) -> bool {
-    // Of the bits without the sign; zero, less one, is above every other.
+    // Compare the bits without the sign; zero minus one wraps around and is above every other value.
     (component.to_bits() & 0x7fff_ffff).wrapping_sub(1) < VANISHING.to_bits() - 1
 }
 
-/// A packet of `W` = 1, 4, 8 or 16 rays as Embree lays it out.
+/// A packet of `W` = 1, 4, 8 or 16 rays in Embree's layout.
 #[repr(C, align(64))]
 pub(super) struct Lanes<const W: usize> {
     rows: [[u32; W]; ROW_COUNT],
@@ -84,7 +86,7 @@ pub(super) struct Lanes<const W: usize> {
 }
 
 impl<const W: usize> Lanes<W> {
-    /// No lane active, no lane hit.
+    /// Creates a packet with no active lane and no hit.
     pub(super) fn new() -> Lanes<W> {
         let mut rows = [[0; W]; ROW_COUNT];
         rows[row::MASK] = [u32::MAX; W];
@@ -94,7 +96,7 @@ impl<const W: usize> Lanes<W> {
         Lanes { rows, active: [0; W] }
     }
 
-    /// Sets a lane to a ray without a hit; a ray that Embree may not be asked about stays inactive.
+    /// Sets a lane to a ray without a hit; a ray that is not traceable stays inactive.
     #[inline(always)]
     pub(super) fn set(&mut self, lane: usize, ray: &Ray) {
         for axis in 0..3 {
@@ -107,13 +109,13 @@ impl<const W: usize> Lanes<W> {
         self.active[lane] = if ray.is_traceable() { ACTIVE } else { 0 };
     }
 
-    /// Whether any lane is to be traced.
+    /// Returns whether any lane is active.
     #[inline(always)]
     pub(super) fn any_active(&self) -> bool {
         self.active.iter().fold(0, |a, &b| a | b) != 0
     }
 
-    /// Whether Embree may be told that the active lanes are coherent (see [`vanishes`]).
+    /// Returns whether the active lanes may be flagged as coherent (see [`vanishes`]).
     #[inline(always)]
     pub(super) fn may_be_coherent(&self) -> bool {
         let directions = &self.rows[row::DIRECTION..row::DIRECTION + 3];
@@ -122,13 +124,13 @@ impl<const W: usize> Lanes<W> {
             .any(|row| (0..W).any(|lane| self.active[lane] != 0 && vanishes(f32::from_bits(row[lane]))))
     }
 
-    /// Whether a lane is to be traced.
+    /// Returns whether a lane is active.
     #[inline(always)]
     pub(super) fn is_active(&self, lane: usize) -> bool {
         self.active[lane] != 0
     }
 
-    /// One value of one lane.
+    /// Returns one field of one lane, as bits.
     #[inline(always)]
     pub(super) fn get(&self, row: usize, lane: usize) -> u32 {
         self.rows[row][lane]
@@ -141,7 +143,7 @@ impl<const W: usize> Lanes<W> {
         let valid = rays.wrapping_byte_add(offset_of!(Lanes<W>, active)).cast::<i32>();
         let scene = scene.handle();
         match W {
-            // SAFETY: the lane is active (its caller asks first) and traceable; `query` is this thread's own.
+            // SAFETY: the lane is active (the caller checks it first) and traceable; `query` belongs to this thread.
             1 => unsafe { sys::embree_intersect1(scene, query, rays.cast()) },
             // SAFETY: `Lanes` holds an `RTCRayHit4` and, behind it, its aligned mask; active lanes are traceable.
             4 => unsafe { sys::embree_intersect4(valid, scene, query, rays.cast()) },
@@ -153,7 +155,7 @@ impl<const W: usize> Lanes<W> {
         }
     }
 
-    /// Sets `T_FAR` of every active lane that meets anything to negative infinity.
+    /// Sets `T_FAR` of every active lane that hits anything to negative infinity.
     #[inline(always)]
     pub(super) fn occluded(&mut self, scene: SceneRef, query: *mut sys::EmbreeQuery) {
         let rays: *mut Lanes<W> = self;
@@ -162,18 +164,18 @@ impl<const W: usize> Lanes<W> {
         match W {
             // SAFETY: as in `intersect`; an `RTCRayN` is the beginning of an `RTCRayHitN`.
             1 => unsafe { sys::embree_occluded1(scene, query, rays.cast()) },
-            // SAFETY: as above.
+            // SAFETY: as for 1 and as in `intersect`.
             4 => unsafe { sys::embree_occluded4(valid, scene, query, rays.cast()) },
-            // SAFETY: as above.
+            // SAFETY: as for 1 and as in `intersect`.
             8 => unsafe { sys::embree_occluded8(valid, scene, query, rays.cast()) },
-            // SAFETY: as above.
+            // SAFETY: as for 1 and as in `intersect`.
             16 => unsafe { sys::embree_occluded16(valid, scene, query, rays.cast()) },
             _ => unreachable!("Embree has packets of 1, 4, 8 and 16"),
         }
     }
 }
 
-/// Lanes `first .. first + W` of a packet that Embree hands to a callback.
+/// View of lanes `first .. first + W` of a packet that Embree passes to a callback.
 #[derive(Clone, Copy)]
 pub(super) struct CallbackPacket {
     base: *mut u32,
@@ -182,26 +184,28 @@ pub(super) struct CallbackPacket {
 }
 
 impl CallbackPacket {
+    /// Wraps a packet of a callback.
+    ///
     /// # Safety
     ///
-    /// `base` points to an `RTCRayN` or `RTCRayHitN` of `count` lanes that this thread alone uses while the value
-    /// lives, and `first` plus the width asked for never exceeds `count`.
+    /// `base` points to an `RTCRayN` or `RTCRayHitN` of `count` lanes to which this thread has exclusive access while
+    /// the value lives, and `first` plus the width used never exceeds `count`.
     pub(super) unsafe fn new(base: *mut u32, count: usize, first: usize) -> CallbackPacket {
         CallbackPacket { base, count, first }
     }
 
-    /// One row, as bits. Rows from `U` on exist only in an `RTCRayHitN`.
+    /// Loads one row as bits. Rows from `U` on exist only in an `RTCRayHitN`.
     #[inline(always)]
     pub(super) fn load<const W: usize>(&self, row: usize) -> [u32; W] {
         let at = self
             .base
             .wrapping_add(row * self.count + self.first)
             .cast::<[u32; W]>();
-        // SAFETY: within the packet by the promise of `new`; plain words of alignment 4.
+        // SAFETY: within the packet by the contract of `new`; plain words of alignment 4.
         unsafe { at.read_unaligned() }
     }
 
-    /// One row as floats.
+    /// Loads one row as floats.
     #[inline(always)]
     pub(super) fn floats<const W: usize>(&self, row: usize) -> [f32; W] {
         let at = self
@@ -212,41 +216,41 @@ impl CallbackPacket {
         unsafe { at.read_unaligned() }
     }
 
-    /// Three rows as vectors' coordinates.
+    /// Loads three rows as the coordinates of vectors.
     #[inline(always)]
     pub(super) fn vectors<const W: usize>(&self, row: usize) -> [[f32; W]; 3] {
         [self.floats(row), self.floats(row + 1), self.floats(row + 2)]
     }
 
-    /// One value of one lane.
+    /// Loads one field of one lane, as bits.
     #[inline(always)]
     pub(super) fn load_one(&self, row: usize, lane: usize) -> u32 {
         let at = self.base.wrapping_add(row * self.count + self.first + lane);
-        // SAFETY: within the packet by the promise of `new`.
+        // SAFETY: within the packet by the contract of `new`.
         unsafe { at.read() }
     }
 
-    /// Writes one row.
+    /// Stores one row of `W` lanes.
     #[inline(always)]
     pub(super) fn store<const W: usize>(&self, row: usize, bits: [u32; W]) {
         let at = self
             .base
             .wrapping_add(row * self.count + self.first)
             .cast::<[u32; W]>();
-        // SAFETY: within the packet by the promise of `new`, which no one else uses meanwhile.
+        // SAFETY: within the packet by the contract of `new`, which also gives exclusive access.
         unsafe { at.write_unaligned(bits) };
     }
 
-    /// Writes one value of one lane.
+    /// Stores one field of one lane.
     #[inline(always)]
     pub(super) fn set(&self, row: usize, lane: usize, bits: u32) {
         let at = self.base.wrapping_add(row * self.count + self.first + lane);
-        // SAFETY: within the packet by the promise of `new`, which no one else uses meanwhile.
+        // SAFETY: within the packet by the contract of `new`, which also gives exclusive access.
         unsafe { at.write(bits) };
     }
 }
 
-/// The ray of one lane out of loaded rows; `interval` is nearest and farthest parameter and the time.
+/// Gathers the ray of one lane from loaded rows; `interval` is `t_near`, `t_far` and the time.
 #[inline(always)]
 pub(super) fn ray_of<const W: usize>(
     origin: &[[f32; W]; 3],
@@ -264,12 +268,12 @@ pub(super) fn ray_of<const W: usize>(
     }
 }
 
-/// Bit `i` says whether lane `i` is asked.
+/// Returns a bit mask of the active lanes: bit `i` is set if lane `i` is active.
 #[inline(always)]
 pub(super) fn asked_lanes<I: SimdLevel, const W: usize>(isa: I, asked: &[i32; W]) -> u32 {
     let mut bits = [0.0; W];
     for lane in 0..W {
-        // What is asked is all ones, as a float NaN.
+        // An active lane is all ones, which as a float is NaN and so unequal to zero.
         bits[lane] = f32::from_bits(asked[lane] as u32);
     }
     !isa.eq(&bits, &[0.0; W]) & (u32::MAX >> (u32::BITS as usize - W))

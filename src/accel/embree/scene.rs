@@ -1,4 +1,4 @@
-//! From a scene to Embree's scenes: triangles, scenes for placed meshes, their instances, and the user geometry.
+//! Construction of Embree's scenes: native triangles, scenes of instanced meshes, their instances, and user geometry.
 
 use std::collections::HashSet;
 use std::ffi::c_void;
@@ -21,20 +21,20 @@ use crate::accel::{AccelError, AccelOptions, BuildQuality, Instancing, Precision
 use crate::mesh::{Buffer, Mesh};
 use crate::scene::{Instance, Scene};
 
-/// Bytes that Embree loads to read one vertex or one row of indices.
+/// Number of bytes that Embree loads to read one vertex or one row of indices.
 const LOAD_BYTES: usize = 16;
 
-/// Every geometry answers every ray; the default differs between versions.
+/// Geometry mask that lets every ray hit; the default differs between versions.
 const ALL_RAYS: u32 = u32::MAX;
 
-/// An Embree scene, which reads arrays that live for `'s`.
+/// Owned Embree scene, which reads arrays that live for `'s`.
 pub(super) struct EmbreeScene<'s> {
     handle: sys::RTCScene,
     has_instances: bool,
     arrays: PhantomData<&'s Mesh>,
 }
 
-/// A committed Embree scene, for tracing.
+/// Reference to a committed Embree scene, for tracing.
 #[derive(Clone, Copy)]
 pub(super) struct SceneRef<'a> {
     handle: sys::RTCScene,
@@ -44,22 +44,22 @@ pub(super) struct SceneRef<'a> {
 
 // SAFETY: Embree's scenes may be used from any thread; they are changed only while one thread builds them.
 unsafe impl Send for EmbreeScene<'_> {}
-// SAFETY: tracing a committed scene from many threads at once is what it is for.
+// SAFETY: Embree allows many threads to trace a committed scene at once.
 unsafe impl Sync for EmbreeScene<'_> {}
 
 impl SceneRef<'_> {
-    /// For Embree's functions.
+    /// Returns the handle for Embree's functions.
     pub(super) fn handle(self) -> sys::RTCScene {
         self.handle
     }
 
-    /// Whether Embree's own instances are in it, whose hits carry the instance's number apart.
+    /// Returns whether the scene has instances of Embree's own, whose hits carry the instance ID in a separate field.
     #[inline(always)]
     pub(super) fn has_instances(self) -> bool {
         self.has_instances
     }
 
-    /// What Embree may be told of rays in that order: over its own instances 3.13.5 never comes back from a coherent
+    /// Returns the coherence hint to pass to Embree: over its own instances 3.13.5 never returns from a coherent
     /// `rtcOccluded16`.
     pub(super) fn order(self, order: RayOrder) -> RayOrder {
         if self.has_instances {
@@ -77,49 +77,54 @@ impl Drop for EmbreeScene<'_> {
     }
 }
 
-/// What Embree was given.
+/// Result of building all scenes.
 pub(super) struct Built<'s> {
-    /// The scene that rays start in.
+    /// Top-level scene that rays are traced in.
     pub(super) world: EmbreeScene<'s>,
-    /// What the callbacks answer: what stands still, and what moves.
+    /// User geometries: static objects, and moving ones.
     pub(super) users: [Arc<UserGeometry<'s>>; 2],
-    /// Triangles that were held back because they coincide with an earlier one.
+    /// Number of triangles omitted because they coincide with an earlier one.
     pub(super) held_back_count: usize,
-    /// Placed meshes that are Embree's own instances.
+    /// Number of instanced meshes that are Embree's own instances.
     pub(super) native_instance_count: usize,
-    /// Bytes of the scenes of placed meshes.
+    /// Bytes of the scenes of instanced meshes.
     pub(super) placed_bytes: u64,
 }
 
-/// Builds the world and the user geometry in it.
+/// Builds the world scene and its user geometry.
 pub(super) fn build<'s>(
     scene: &'s Scene,
     device: &Device,
     options: &AccelOptions,
 ) -> Result<Built<'s>, AccelError> {
+    // Assign meshes to scenes
     let instancing = options.instancing.resolved(options.precision);
     let mut progress = Progress::new(options.progress, primitive_count(scene));
     let plan = in_pool(options.threads, || BuildPlan::new(scene, options.precision));
     let held_back_count = plan.held_back_count();
+    // Build a scene for each instanced mesh and measure its memory
     let before = device.memory().bytes();
     let parts = build_placed(&plan, device, options, &mut progress)?;
     let placed_bytes = device.memory().bytes().saturating_sub(before);
+    // Build triangle clusters and user geometries
     let patches = in_pool(options.threads, || plan.patches(options.mesh_cache));
     let users = UserGeometry::pair((scene, plan.reach()), parts, patches, instancing).map(Arc::new);
 
+    // Attach native triangles to the world
     let mut world = EmbreeScene::new(device, options)?;
     for (instance, given) in plan.native() {
         world.attach_mesh(device, given, *instance)?;
     }
-    // Instances have the numbers below these, and their hits carry the number that the callback writes.
+    // Attach user geometries; instances have the IDs below theirs, and user hits carry the ID that the callback writes
     for (user, id) in users.iter().zip(scene.instances.len() as u32..) {
         if user.primitive_count() > 0 {
             world.attach_user(device, user, id)?;
         }
     }
+    // Attach Embree's own instances
     let [still, moving] = &users;
     let native_instance_count = attach_instances(scene, device, &mut world, still, instancing)?;
-    // Patches are of triangles, which are counted themselves.
+    // Commit; triangle clusters are not counted, as their triangles are
     let user_count = still.primitive_count() - still.patch_count() + moving.primitive_count();
     let object_count = user_count + native_instance_count;
     world.commit(
@@ -135,7 +140,7 @@ pub(super) fn build<'s>(
     })
 }
 
-/// One Embree scene for each mesh with placed instances, by the number of its geometry.
+/// Builds one Embree scene for each mesh with transformed instances, indexed by geometry.
 fn build_placed<'s>(
     plan: &BuildPlan<'s>,
     device: &Device,
@@ -144,8 +149,10 @@ fn build_placed<'s>(
 ) -> Result<Vec<Option<user_geometry::InstancedScene<'s>>>, AccelError> {
     let mut build = |placed: InstancedMesh<'s>| {
         let scene = EmbreeScene::new(device, options)?;
+        // Build clusters or find duplicates, on the build threads
         let (triangles, bounds) = in_pool(options.threads, || placed.triangles(options.mesh_cache));
         let stage = progress.stage(placed.triangle_count());
+        // Attach the triangles as native geometry or as user geometry
         let patches = match triangles {
             Triangles::Native(given) => {
                 scene.attach_mesh(device, &given, 0)?;
@@ -157,6 +164,7 @@ fn build_placed<'s>(
                 Some(user)
             }
         };
+        // Commit before any instance refers to the scene
         scene.commit(device, &stage)?;
         Ok(user_geometry::InstancedScene {
             scene,
@@ -168,8 +176,8 @@ fn build_placed<'s>(
     placed.map(|placed| placed.map(&mut build).transpose()).collect()
 }
 
-/// Makes every placed mesh that Embree may place itself an instance of Embree's own, under the scene's number, and
-/// counts them; of several in the same place only the first.
+/// Attaches every instanced mesh that Embree may transform itself as an instance of Embree's own, with the scene's
+/// instance index as ID, and returns their number; of several with equal transforms only the first is attached.
 fn attach_instances(
     scene: &Scene,
     device: &Device,
@@ -183,7 +191,7 @@ fn attach_instances(
         if placed_mesh(scene, instance).is_none() || !native_instances::takes(instance, instancing) {
             continue;
         }
-        // Of instances of one mesh in one place the lowest is hit; Embree would answer with any.
+        // Of instances of one mesh with equal transforms the lowest index must be hit; Embree would return any.
         let place = native_instances::columns(&instance.world_from_object()).map(f32::to_bits);
         if !taken.insert((instance.geometry, place)) {
             continue;
@@ -196,7 +204,7 @@ fn attach_instances(
     Ok(count)
 }
 
-/// What Embree is told of a scene: nothing that it need not know.
+/// Returns the scene flags, only those that the options require.
 pub(super) fn flags(options: &AccelOptions) -> sys::RTCSceneFlags {
     let trusted = match options.precision {
         Precision::Fast => sys::RTC_SCENE_FLAG_NONE,
@@ -231,13 +239,13 @@ impl<'s> EmbreeScene<'s> {
         };
         // SAFETY: the scene is live and not yet committed.
         unsafe { sys::rtcSetSceneFlags(handle, flags(options)) };
-        // SAFETY: as above.
+        // SAFETY: the scene is live and not yet committed.
         unsafe { sys::rtcSetSceneBuildQuality(handle, quality(options)) };
         device.check("set up a scene")?;
         Ok(scene)
     }
 
-    /// For tracing; only after [`EmbreeScene::commit`].
+    /// Returns a reference for tracing; valid only after [`EmbreeScene::commit`].
     pub(super) fn as_ref(&self) -> SceneRef<'_> {
         SceneRef {
             handle: self.handle,
@@ -270,24 +278,24 @@ impl<'s> EmbreeScene<'s> {
         // SAFETY: the geometry is live and of the user kind.
         unsafe { sys::rtcSetGeometryUserPrimitiveCount(geometry.0, count) };
         if user.step_count() > 0 {
-            // SAFETY: as above.
+            // SAFETY: the geometry is live and of the user kind.
             unsafe { sys::rtcSetGeometryTimeStepCount(geometry.0, user.step_count() + 1) };
         }
-        // SAFETY: `EmbreeAccel` keeps the `Arc` until the scene is released; callbacks only share it.
+        // SAFETY: `EmbreeAccel` keeps the `Arc` until the scene is released; callbacks only read through it.
         unsafe { sys::rtcSetGeometryUserData(geometry.0, data) };
         // SAFETY: the callbacks take the data just set, and run only for this geometry.
         unsafe {
             sys::rtcSetGeometryBoundsFunction(geometry.0, Some(callbacks::on_bounds), std::ptr::null_mut())
         };
-        // SAFETY: as above.
+        // SAFETY: the callback takes the data just set, and runs only for this geometry.
         unsafe { sys::rtcSetGeometryIntersectFunction(geometry.0, Some(callbacks::on_intersect)) };
-        // SAFETY: as above.
+        // SAFETY: the callback takes the data just set, and runs only for this geometry.
         unsafe { sys::rtcSetGeometryOccludedFunction(geometry.0, Some(callbacks::on_occluded)) };
         geometry.attach(self, id);
         device.check("take the shapes")
     }
 
-    /// The part's scene must be committed; Embree keeps it alive.
+    /// Attaches an instance of Embree's own. The scene `part` must be committed; Embree keeps it alive.
     fn attach_instance(
         &mut self,
         device: &Device,
@@ -300,7 +308,7 @@ impl<'s> EmbreeScene<'s> {
         // SAFETY: both are live; the geometry takes a reference of its own.
         unsafe { sys::rtcSetGeometryInstancedScene(geometry.0, part.handle()) };
         let format = sys::RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR;
-        // SAFETY: twelve floats, as the format says, which Embree copies.
+        // SAFETY: the array has twelve floats, as the format says, and Embree copies them.
         unsafe { sys::rtcSetGeometryTransform(geometry.0, 0, format, columns.as_ptr().cast()) };
         geometry.attach(self, id);
         self.has_instances = true;
@@ -309,11 +317,11 @@ impl<'s> EmbreeScene<'s> {
 
     fn commit(&self, device: &Device, stage: &Stage) -> Result<(), AccelError> {
         let data = std::ptr::from_ref(stage).cast_mut().cast::<c_void>();
-        // SAFETY: `stage` outlives the commit and is taken away from Embree right after it.
+        // SAFETY: `stage` outlives the commit, and the callback is removed right after it.
         unsafe { sys::rtcSetSceneProgressMonitorFunction(self.handle, Some(on_progress), data) };
-        // SAFETY: the scene is live and this thread alone holds it.
+        // SAFETY: the scene is live, and this thread has exclusive access to it.
         unsafe { sys::rtcCommitScene(self.handle) };
-        // SAFETY: as above.
+        // SAFETY: the scene is live, and this thread has exclusive access to it.
         unsafe { sys::rtcSetSceneProgressMonitorFunction(self.handle, None, std::ptr::null_mut()) };
         stage.resume_panic();
         device.check("build a scene")?;
@@ -322,7 +330,7 @@ impl<'s> EmbreeScene<'s> {
     }
 }
 
-/// A geometry until a scene holds it.
+/// A new geometry, not yet attached to a scene.
 struct NewGeometry(sys::RTCGeometry);
 
 impl NewGeometry {
@@ -338,13 +346,14 @@ impl NewGeometry {
         Ok(NewGeometry(handle))
     }
 
-    /// Gives Embree an array of three words a row where it lies, or a copy where a load of the last row would leave it.
+    /// Shares an array of three-word rows with Embree in place, or copies it if a load of the last row would leave the
+    /// array.
     fn set_array<T: Pod>(&self, slab: &Buffer<T>, kind: sys::RTCBufferType, format: sys::RTCFormat) {
         let row = size_of::<T>();
         let past_end = LOAD_BYTES - row;
         if slab.readable_bytes_past_end() >= past_end {
             let data = slab.as_ptr().cast::<c_void>();
-            // SAFETY: the slab lives for the scene's `'s`, is never written, and may be read past its end as Embree
+            // SAFETY: the buffer lives for the scene's `'s`, is never written, and may be read past its end as Embree
             // does.
             unsafe { sys::rtcSetSharedGeometryBuffer(self.0, kind, 0, format, data, 0, row, slab.len()) };
             return;
@@ -352,27 +361,28 @@ impl NewGeometry {
         self.set_copy(slab, kind, format);
     }
 
-    /// Gives Embree a copy of an array. Null, and an error of the device, where there is no memory for it.
+    /// Gives Embree a copy of an array. Returns null, and sets an error of the device, if memory runs out.
     fn set_copy<T: Pod>(&self, rows: &[T], kind: sys::RTCBufferType, format: sys::RTCFormat) -> *mut T {
         // SAFETY: the geometry is live.
         let copy =
             unsafe { sys::rtcSetNewGeometryBuffer(self.0, kind, 0, format, size_of::<T>(), rows.len()) };
         let copy = copy.cast::<T>();
         if !copy.is_null() {
-            // SAFETY: Embree made room for `rows.len()` rows of `T`'s size, which nobody else knows yet.
+            // SAFETY: Embree allocated `rows.len()` rows of `T`'s size, and nothing else has a pointer to them yet.
             unsafe { std::ptr::copy_nonoverlapping(rows.as_ptr(), copy, rows.len()) };
         }
         copy
     }
 
-    /// Gives Embree a copy of the indices in which some triangles are points, which no ray meets; the others keep their
-    /// numbers.
+    /// Gives Embree a copy of the indices in which the omitted triangles are degenerate, so that no ray hits them; the
+    /// others keep their indices.
     fn set_triangles_without(&self, triangles: &[[u32; 3]], held_back: &[u32]) {
         let copy = self.set_copy(triangles, sys::RTC_BUFFER_TYPE_INDEX, sys::RTC_FORMAT_UINT3);
         if copy.is_null() {
             return;
         }
-        // SAFETY: all rows have just been filled, nobody else knows them, and Embree reads them only in the commit.
+        // SAFETY: all rows have just been written, nothing else has a pointer to them, and Embree reads them only in
+        // the commit.
         let copy = unsafe { std::slice::from_raw_parts_mut(copy, triangles.len()) };
         for &number in held_back {
             let [corner, ..] = copy[number as usize];

@@ -1,9 +1,9 @@
-//! Spheres in callbacks: the lanes of a packet against one sphere of a cluster after the other, or one ray against all of
-//! them at once, for the instruction set at hand.
+//! Sphere intersection in callbacks: the lanes of a packet against one sphere of a cluster after the other, or one ray
+//! against all of its spheres at once, with run-time SIMD dispatch.
 //!
-//! In a packet a sphere is asked about in f64 only where not all rays surely miss it (see `sphere_cull`). To the bits of
-//! [`crate::accel::shape_query::shape_hit`]; only for spheres that are spheres in the world: ellipsoids carry each ray into
-//! object space and go lane by lane, as all other shapes.
+//! In a packet a sphere is tested in f64 only if some ray may hit it by the f32 test (see `sphere_cull`). Results equal
+//! those of [`crate::accel::shape_query::shape_hit`] to the bit. This applies only to spheres that are spheres in world
+//! space: for ellipsoids each ray is transformed into object space lane by lane, as for all other shapes.
 
 use super::callbacks::{Query, answer};
 use super::ray_packet::{CallbackPacket, asked_lanes, ray_of, row};
@@ -15,7 +15,7 @@ use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, lanes};
 use crate::numeric::Ray;
 use crate::shape::Sphere;
 
-/// Tests the spheres of a cluster in f64, on the exact extension of the f32 rays; says which asked lanes were hit.
+/// Tests the spheres of a cluster in f64, on the exact extension of the f32 rays; returns the mask of lanes with a hit.
 #[inline(always)]
 pub(super) fn answer_spheres<const W: usize>(
     (cluster, instances): (&SphereCluster, &[u32; MEMBERS]),
@@ -23,6 +23,7 @@ pub(super) fn answer_spheres<const W: usize>(
     asked: &[i32; W],
     question: Query,
 ) -> [i32; W] {
+    // Test a packet against one sphere after the other
     if W > 1 {
         return dispatch(ClusterLanes {
             cluster,
@@ -32,6 +33,7 @@ pub(super) fn answer_spheres<const W: usize>(
             question,
         });
     }
+    // Test a single ray against all spheres at once
     let (origin, direction) = (
         packet.vectors::<W>(row::ORIGIN),
         packet.vectors::<W>(row::DIRECTION),
@@ -52,7 +54,7 @@ pub(super) fn answer_spheres<const W: usize>(
     hit
 }
 
-/// The spheres of a cluster against the asked lanes of a packet; says which were hit.
+/// SIMD kernel for the spheres of a cluster against the active lanes of a packet; returns the mask of hits.
 struct ClusterLanes<'a, const W: usize> {
     cluster: &'a SphereCluster,
     instances: &'a [u32; MEMBERS],
@@ -67,7 +69,9 @@ impl<const W: usize> SimdKernel for ClusterLanes<'_, W> {
     #[inline(always)]
     fn run<I: SimdLevel>(self, isa: I) -> [i32; W] {
         let (packet, question) = (self.packet, self.question);
+        // Load the rays for culling
         let (origin, direction) = (packet.vectors(row::ORIGIN), packet.vectors(row::DIRECTION));
+        // Cull the sphere if all active rays surely miss it in f32
         let mut sieve = PacketCull::<W>::of(origin, direction, packet.floats(row::T_FAR));
         let (mut asked, mut hit) = (*self.asked, [0; W]);
         for (member, &instance) in self.instances.iter().enumerate() {
@@ -78,6 +82,7 @@ impl<const W: usize> SimdKernel for ClusterLanes<'_, W> {
             if asked_lanes(isa, &asked) & !missed == 0 {
                 continue;
             }
+            // Intersect the sphere in f64
             let met = SphereLanes {
                 sphere,
                 instance,
@@ -89,6 +94,7 @@ impl<const W: usize> SimdKernel for ClusterLanes<'_, W> {
             for lane in 0..W {
                 hit[lane] |= met[lane];
             }
+            // Shorten the rays, or drop the occluded ones
             match question {
                 Query::Nearest => sieve.end_at(packet.floats(row::T_FAR)),
                 Query::Any => {
@@ -102,7 +108,7 @@ impl<const W: usize> SimdKernel for ClusterLanes<'_, W> {
     }
 }
 
-/// A sphere in world space against the asked lanes of a packet; says which were hit.
+/// SIMD kernel for one world-space sphere against the active lanes of a packet; returns the mask of hits.
 pub(super) struct SphereLanes<'a, const W: usize> {
     pub(super) sphere: &'a Sphere,
     pub(super) instance: u32,
@@ -145,7 +151,7 @@ impl<const W: usize> SimdKernel for SphereLanes<'_, W> {
 }
 
 impl<const W: usize> SphereLanes<'_, W> {
-    /// Writes what meets one sphere at the parameters `exact`; says which lanes do.
+    /// Records the hits of one sphere at the parameters `exact` and returns the mask of lanes with a hit.
     #[inline(always)]
     fn meet(&self, instance: u32, exact: &[f64; W]) -> [i32; W] {
         let t_far: [f32; W] = self.packet.floats(row::T_FAR);
@@ -181,12 +187,12 @@ impl<const W: usize> SphereLanes<'_, W> {
         self.packet.store(row::T_FAR, ends);
     }
 
-    /// Writes the hits, but those of lanes whose equally near hit has a lower number.
+    /// Writes the hits, except in lanes whose equally near hit has a lower index.
     #[inline(always)]
     fn take(&self, instance: u32, t_far: &[f32; W], t: &[f32; W], hit: &mut [i32; W]) {
         let held: [u32; W] = self.packet.load(row::INSTANCE);
         for lane in 0..W {
-            // A lane without a hit holds the highest number.
+            // A lane without a hit holds the highest index.
             let is_first = (t[lane] < t_far[lane]) | (instance < held[lane]);
             hit[lane] = if is_first & (hit[lane] != 0) { ACTIVE } else { 0 };
         }
@@ -212,8 +218,8 @@ impl<const W: usize> SphereLanes<'_, W> {
     }
 }
 
-/// One ray against the spheres of a cluster: which it meets first within its interval, and where; of equals the one that
-/// is the instance with the lower number.
+/// SIMD kernel for one ray against the spheres of a cluster: nearest hit within its interval, with ties to the lower
+/// instance index.
 struct ClusterRay<'a> {
     cluster: &'a SphereCluster,
     instances: &'a [u32; MEMBERS],
@@ -221,7 +227,7 @@ struct ClusterRay<'a> {
 }
 
 impl SimdKernel for ClusterRay<'_> {
-    /// The instance and the parameter.
+    /// Instance and parameter of the nearest hit.
     type Output = Option<(u32, f32)>;
 
     #[inline(always)]
@@ -261,7 +267,7 @@ mod tests {
     use crate::scene::{Geometry, Instance, Scene};
     use crate::shape::Shape;
 
-    /// A number in [-1, 1) (Weyl's sequence on the golden ratio).
+    /// Returns a number in [-1, 1) (Weyl's sequence on the golden ratio).
     fn number(i: usize) -> f64 {
         2.0 * (0.5 + i as f64 * 0.618_033_988_749_894_9).fract() - 1.0
     }
@@ -270,7 +276,7 @@ mod tests {
         DVec3::new(number(3 * i), number(5 * i + 1), number(7 * i + 2))
     }
 
-    /// Spheres that overlap, of every six three in the same place.
+    /// Builds overlapping spheres, of which in every six three coincide.
     fn scene(count: usize) -> Scene {
         let place = |i: usize| {
             let at = if (i / 3).is_multiple_of(2) { i - i % 3 } else { i };
@@ -285,7 +291,7 @@ mod tests {
         }
     }
 
-    /// Sixteen rays, some of them not asked about, from near each other to near each other, of any length.
+    /// Returns sixteen rays with nearby origins and targets and any length, some lanes of them inactive.
     fn packet(i: usize, spread: f32) -> RayPacket {
         let (from, to) = (2.0 * vector(i).as_vec3(), vector(2 * i + 1).as_vec3());
         let mut packet = RayPacket::EMPTY;
@@ -302,7 +308,7 @@ mod tests {
 
     #[test]
     fn clusters_answer_as_their_spheres_one_by_one_do_ties_by_the_lowest_instance() {
-        // Few enough for packets in any order, and so many that incoherent rays go one by one.
+        // The first count allows packets in any order; with the second, incoherent rays are traced one by one.
         for count in [40, 400] {
             let scene = scene(count);
             let ours = EmbreeAccel::build(&scene, &AccelOptions::default()).unwrap();

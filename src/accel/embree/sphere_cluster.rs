@@ -1,6 +1,6 @@
-//! Spheres of the world that are asked about together, up to eight to a primitive of the user geometry.
+//! Clusters of up to eight world-space spheres, each one primitive of the user geometry.
 //!
-//! A callback's time goes by being called and by waiting for memory, and Embree's by walking down to it: eight times
+//! A callback spends its time on the call and on memory latency, and Embree on the traversal down to it: eight times
 //! fewer primitives make a tree that is a level lower and eight times smaller, and the spheres of a cluster are loaded
 //! together. Clusters are numbered in the order of a tree, as their boxes will be in Embree's.
 
@@ -11,32 +11,32 @@ use crate::accel::clusters::{self, Cost};
 use crate::numeric::Bounds;
 use crate::shape::Sphere;
 
-/// Most spheres of a cluster.
+/// Maximum number of spheres in a cluster.
 pub(super) const MEMBERS: usize = 8;
-/// What it costs Embree's walk to come to a cluster and to call, to ask about one more sphere, and to find its box under
-/// one more node: a ray is asked about all eight in a few vectors, so eight spheres to a call is best nearly everywhere
-/// (by `cargo bench --bench timing -- spheres` anything from 0 to 0.15 for a member is within the noise).
+/// Cost model: traversal to a cluster and its callback, one further sphere in the test, and one further node. A ray is
+/// tested against all eight in a few vectors, so eight spheres per callback are best nearly everywhere (by
+/// `cargo bench --bench timing -- spheres` anything from 0 to 0.15 for a member is within the noise).
 const COST: Cost = Cost {
     limit: MEMBERS as u32,
     visit: 1.0,
     member: 0.05,
     cut: 1.0,
 };
-/// Fewer spheres stay alone: they would take more memory than as primitives of their own.
+/// Least number of spheres in a cluster; fewer would take more memory than as primitives of their own.
 const MIN_MEMBERS: usize = 3;
 
-/// Spheres side by side, in four lines of the cache.
+/// Eight spheres as structure of arrays, in four cache lines.
 #[derive(Clone, Debug, PartialEq)]
 #[repr(C, align(64))]
 pub(super) struct SphereCluster {
-    /// By axis.
+    /// Coordinates of the centres, by axis.
     pub(super) center: [[f64; MEMBERS]; 3],
-    /// NaN, which nothing meets, where there is no sphere; these are the last.
+    /// Radii; NaN, which no ray hits, in unused slots, which are the last.
     pub(super) radius: [f64; MEMBERS],
 }
 
 impl SphereCluster {
-    /// Of at most [`MEMBERS`] spheres.
+    /// Packs at most [`MEMBERS`] spheres.
     fn of(spheres: impl Iterator<Item = Sphere>) -> SphereCluster {
         let mut cluster = SphereCluster {
             center: [[0.0; MEMBERS]; 3],
@@ -51,7 +51,7 @@ impl SphereCluster {
         cluster
     }
 
-    /// One of its spheres, if there are so many.
+    /// Returns one of the spheres, or `None` for an unused slot.
     #[inline(always)]
     pub(super) fn sphere(&self, member: usize) -> Option<Sphere> {
         let radius = self.radius[member];
@@ -59,28 +59,29 @@ impl SphereCluster {
         (!radius.is_nan()).then_some(Sphere { center, radius })
     }
 
-    /// The box around its spheres.
+    /// Returns the bounding box of the spheres.
     pub(super) fn bounds(&self) -> Bounds {
         let spheres = (0..MEMBERS).filter_map(|member| self.sphere(member));
         spheres.fold(Bounds::EMPTY, |bounds, sphere| bounds.union(sphere.bounds()))
     }
 }
 
-/// Spheres that are asked about together, and those that are not.
+/// All sphere clusters of a scene.
 #[derive(Debug, Default)]
 pub(super) struct SphereClusters {
     clusters: Vec<SphereCluster>,
-    /// The instances that the members of each are; [`NO_HIT`] where there is none.
+    /// Instance index of each member; [`NO_HIT`] in unused slots.
     instances: Vec<[u32; MEMBERS]>,
 }
 
 impl SphereClusters {
-    /// Gathers spheres of the world, each with the number of its instance; the second is who stays alone.
+    /// Clusters world-space spheres, each with its instance index; also returns the instances that stay unclustered.
     pub(super) fn of(spheres: &[(u32, Sphere)]) -> (SphereClusters, Vec<u32>) {
         let bounds = |i: u32| {
             let Bounds { min, max } = spheres[i as usize].1.bounds();
             [min.as_vec3(), max.as_vec3()]
         };
+        // Group nearby spheres by the surface area heuristic
         let found = clusters::Clusters::of(spheres.len(), bounds, &COST);
         let mut alone = Vec::new();
         let mut clusters = SphereClusters {
@@ -89,10 +90,12 @@ impl SphereClusters {
         };
         for members in found.iter() {
             let members = members.iter().map(|&i| spheres[i as usize]);
+            // Leave small clusters as single primitives
             if members.len() < MIN_MEMBERS {
                 alone.extend(members.map(|(instance, _)| instance));
                 continue;
             }
+            // Store the instances and pack the spheres
             let mut instances = [NO_HIT; MEMBERS];
             for (to, (instance, _)) in instances.iter_mut().zip(members.clone()) {
                 *to = instance;
@@ -105,25 +108,25 @@ impl SphereClusters {
         (clusters, alone)
     }
 
-    /// How many there are.
+    /// Returns the number of clusters.
     pub(super) fn len(&self) -> usize {
         self.clusters.len()
     }
 
-    /// A cluster, and the instances that its members are.
+    /// Returns a cluster, and the instance indices of its members.
     #[inline(always)]
     pub(super) fn get(&self, index: usize) -> Option<(&SphereCluster, &[u32; MEMBERS])> {
-        // Only the cluster is looked at where nothing is met.
+        // The instance indices are in an array of their own, as they are read only for hits.
         Some((self.clusters.get(index)?, self.instances.get(index)?))
     }
 
-    /// How many spheres they hold.
+    /// Returns the number of spheres in all clusters.
     pub(super) fn sphere_count(&self) -> usize {
         let instances = self.instances.as_flattened().iter();
         instances.filter(|&&instance| instance != NO_HIT).count()
     }
 
-    /// Bytes on the heap.
+    /// Returns the number of bytes on the heap.
     pub(super) fn byte_count(&self) -> u64 {
         (size_of_val(&self.clusters[..]) + size_of_val(&self.instances[..])) as u64
     }
@@ -165,7 +168,7 @@ mod tests {
 
     #[test]
     fn every_sphere_is_in_one_place() {
-        // A large one among small ones, some of them concentric.
+        // One large sphere among small ones, some of them concentric.
         let spheres: Vec<(u32, Sphere)> = (0..1000)
             .map(|i| (i, sphere(f64::from(i % 97), if i == 500 { 50.0 } else { 0.3 })))
             .collect();

@@ -1,32 +1,32 @@
-//! Which rays of a packet surely miss a sphere: all of them at once, in f32.
+//! Conservative sphere culling in f32: finds the rays of a packet that surely miss a sphere, all of them at once.
 //!
-//! Of the sphere around `c` with radius `r` and the ray `o + t d`, let `f = o - c`, `s = -f·d / d·d` where the ray is
-//! nearest to the centre, and `p = f + s d` the way from the centre to there. The ray misses where `|p| > r`, where `s +
-//! r / |d| < 0`, as it starts at 0 or after, and where `s - r / |d|` is beyond its end.
+//! Of the sphere around `c` with radius `r` and the ray `o + t d`, let `f = o - c`, `s = -f·d / d·d` the parameter
+//! nearest to the centre, and `p = f + s d` the vector from the centre to the nearest point. The ray misses where
+//! `|p| > r`, where `s + r / |d| < 0`, as it starts at 0 or after, and where `s - r / |d|` is beyond its end.
 //!
-//! With the unit roundoff `u = 2^-24`, rounding the centre and `f` moves the sphere by at most `u (|c| + |f|)`; then `s
-//! |d|` is off by `8 u |f|`, by the usual bounds for products and sums (N. Higham, "Accuracy and Stability of Numerical
-//! Algorithms", 2002, ch. 3), and `p` by `11 u |f|`. The three comparisons are thus right for a radius that is larger by
-//! `u (|c| + 16 |f|)` and by `8 u r` for what they round themselves; that a root is rounded to f32 before it is compared
-//! with the end takes another `u |f|`. Here it is larger by `32 u (|c| + r + |f|)`. Roots in f64 are `2^-24` times as
-//! exact where they are asked for, and where the sphere is behind the start or beyond the end neither comes by
-//! cancellation.
+//! With the unit roundoff `u = 2^-24`, rounding the centre and `f` moves the sphere by at most `u (|c| + |f|)`; then
+//! `s |d|` is off by `8 u |f|`, by the usual bounds for products and sums (N. Higham, "Accuracy and Stability of
+//! Numerical Algorithms", 2002, ch. 3), and `p` by `11 u |f|`. The three comparisons are thus right for a radius that
+//! is larger by `u (|c| + 16 |f|)` and by `8 u r` for their own rounding; rounding a root to f32 before it is compared
+//! with the end takes another `u |f|`. The radius used here is larger by `32 u (|c| + r + |f|)`. Roots in f64 are
+//! `2^-24` times as exact where they are needed, and where the sphere is behind the start or beyond the end neither
+//! root suffers cancellation.
 
 use crate::mesh::simd::SimdLevel;
 use crate::numeric::Ray;
 use crate::shape::Sphere;
 
-/// By how much radii are larger, in parts of the distances involved: 32 units of roundoff.
+/// Enlargement of radii relative to the distances involved: 32 units of roundoff.
 const SLACK: f32 = 32.0 / (1 << 24) as f32;
-/// What is added to every radius for numbers too small for f32 to hold, 2^-60: squares are at most 2^-126 off.
+/// Enlargement of every radius against underflow in f32, 2^-60: squares are at most 2^-126 off.
 const MIN_REACH: f64 = 1.0 / (1u64 << 60) as f64;
-/// Rays whose direction has a lesser square, 2^-100, miss nothing surely.
+/// Least squared length of a direction, 2^-100; shorter rays are never culled.
 const MIN_SQUARE: f32 = 1.0 / (1u128 << 100) as f32;
 
-/// A sphere for a sieve.
+/// A sphere in f32 with an enlarged radius, for culling.
 pub(super) struct Sphere32 {
     center: [f32; 3],
-    /// The radius, as much larger as it and the centre call for.
+    /// Radius, enlarged by the error terms of radius and centre.
     reach: f32,
 }
 
@@ -35,7 +35,7 @@ impl Sphere32 {
     pub(super) fn of(sphere: &Sphere) -> Sphere32 {
         let center = sphere.center.to_array();
         let [x, y, z] = center.map(f64::abs);
-        // Products with what lies farther away than rays do might overflow.
+        // Distances beyond the range of rays might overflow in products.
         let is_near = x.max(y).max(z) < f64::from(Ray::LIMIT);
         let reach = sphere.radius + f64::from(SLACK) * (x + y + z + sphere.radius) + MIN_REACH;
         Sphere32 {
@@ -45,19 +45,19 @@ impl Sphere32 {
     }
 }
 
-/// Traceable rays side by side.
+/// Packet of traceable rays, prepared for culling.
 pub(super) struct PacketCull<const W: usize> {
     origin: [[f32; W]; 3],
     direction: [[f32; W]; 3],
     t_far: [f32; W],
-    /// One over the square of the direction's length.
+    /// Inverse squared length of the direction, or NaN for directions too short to cull.
     per_square: [f32; W],
-    /// One over its length.
+    /// Inverse length of the direction.
     per_length: [f32; W],
 }
 
 impl<const W: usize> PacketCull<W> {
-    /// For rays that end at `t_far`.
+    /// Prepares rays that end at `t_far`.
     #[inline(always)]
     pub(super) fn of(origin: [[f32; W]; 3], direction: [[f32; W]; 3], t_far: [f32; W]) -> PacketCull<W> {
         let (mut per_square, mut per_length) = ([0.0; W], [0.0; W]);
@@ -80,13 +80,13 @@ impl<const W: usize> PacketCull<W> {
         }
     }
 
-    /// Moves the rays' ends.
+    /// Sets the ends of the rays.
     #[inline(always)]
     pub(super) fn end_at(&mut self, t_far: [f32; W]) {
         self.t_far = t_far;
     }
 
-    /// Bit `i` says that ray `i` surely misses.
+    /// Returns a mask of sure misses: bit `i` is set if ray `i` surely misses.
     #[inline(always)]
     pub(super) fn misses<I: SimdLevel>(&self, isa: I, ball: &Sphere32) -> u32 {
         let (mut square, mut most) = ([0.0; W], [0.0; W]);
@@ -103,7 +103,7 @@ impl<const W: usize> PacketCull<W> {
             first[lane] = s - half;
             last[lane] = s + half;
         }
-        // Comparisons with NaN are false, so what overflows is no sure miss.
+        // Comparisons with NaN are false, so an overflow never counts as a sure miss.
         isa.lt(&most, &square) | isa.lt(&last, &[0.0; W]) | isa.lt(&self.t_far, &first)
     }
 }
@@ -116,7 +116,7 @@ mod tests {
     use crate::accel::shape_query::sphere_hit;
     use crate::mesh::simd::{SimdKernel, dispatch};
 
-    /// SplitMix64 (Steele, Lea and Flood, 2014).
+    /// SplitMix64 generator (Steele, Lea and Flood, 2014).
     struct Random(u64);
 
     impl Random {
@@ -127,7 +127,7 @@ mod tests {
             z ^ (z >> 31)
         }
 
-        /// Uniform in [-1, 1).
+        /// Returns a uniform number in [-1, 1).
         fn number(&mut self) -> f64 {
             (self.bits() >> 11) as f64 / (1u64 << 52) as f64 - 1.0
         }
@@ -137,7 +137,7 @@ mod tests {
         }
     }
 
-    /// One ray in every lane.
+    /// Cull test of one ray, repeated in every lane.
     struct Ask<'a>(&'a Ray, &'a Sphere);
 
     impl SimdKernel for Ask<'_> {
@@ -168,8 +168,8 @@ mod tests {
             let scale = 10f64.powi((random.bits() % 25) as i32 - 12);
             let origin = (scale * random.vector()).as_vec3();
             let direction = (10f64.powi((random.bits() % 13) as i32 - 6) * random.vector()).as_vec3();
-            // Centres near and far, ahead and behind; radii that the ray just meets or misses, from a hair to the
-            // distance.
+            // Centres near and far, ahead and behind; radii that the ray just hits or misses, by a relative amount from
+            // 0 to 0.5.
             let center =
                 origin.as_dvec3() + scale * 10f64.powi(-((random.bits() % 6) as i32)) * random.vector();
             let (f, d) = (origin.as_dvec3() - center, direction.as_dvec3().normalize());
@@ -181,6 +181,7 @@ mod tests {
             let Some(t) = sphere_hit(&sphere, &ray) else {
                 continue;
             };
+            // Shorten the ray down to its hit: it must never be culled
             hits += 1;
             for t_far in [f32::INFINITY, t.next_up(), t] {
                 ray.t_far = t_far;
@@ -205,7 +206,7 @@ mod tests {
             is_sure_miss(&toward(-sphere.center), &sphere) && !is_sure_miss(&toward(sphere.center), &sphere)
         );
         let until = |t_far: f32| Ray { t_far, ..past(0.0) };
-        // From (3, 4, 0) along z it is met at 11.
+        // From (3, 4, 0) along z it is hit at 11.
         assert!(is_sure_miss(&until(10.9999), &sphere) && !is_sure_miss(&until(11.0), &sphere));
         let from = |z: f32| Ray::new(Vec3::new(3.0, 4.0, z), Vec3::Z);
         assert!(is_sure_miss(&from(13.0001), &sphere) && !is_sure_miss(&from(13.0), &sphere));

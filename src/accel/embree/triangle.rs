@@ -1,8 +1,8 @@
-//! Triangles in callbacks: each ray against all triangles of a patch at once, or all rays of a packet against one after
-//! the other, for the instruction set at hand.
+//! Triangle-cluster intersection in callbacks: one ray against all triangles of a cluster at once, or all rays of a
+//! packet against one triangle after the other, with run-time SIMD dispatch.
 //!
-//! To the bits of [`Shear::intersect`], and so of brute force; only the sign of a zero parameter is always +, as Embree
-//! compares ends of rays by their bits.
+//! Results equal those of [`Shear::intersect`], and so of brute force, to the bit, except that a zero parameter is
+//! always +0, as Embree compares the ends of rays by their bits.
 
 use std::mem::MaybeUninit;
 
@@ -14,11 +14,11 @@ use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, div, lanes};
 use crate::mesh::triangle::{HitLanes, PACK, ProjectedVertices, Shear, ShearLanes, may_hold_origin};
 use crate::numeric::Ray;
 
-/// Up to this part of a packet's rays are asked about one by one, against all triangles at once: eight times as much is
-/// done at a time, after more preparation.
+/// Maximum fraction of a packet's rays that are tested one by one, each against all triangles at once: a step does
+/// eight times as much, after more preparation.
 const FEW_RAYS: f32 = 3.0 / 8.0;
 
-/// Tests the triangles of a patch; says which asked lanes were hit.
+/// Tests the triangles of a cluster against a packet and returns the mask of active lanes with a hit.
 #[inline(always)]
 pub(super) fn answer_patch<const W: usize>(
     patch: TriangleCluster,
@@ -34,7 +34,7 @@ pub(super) fn answer_patch<const W: usize>(
     })
 }
 
-/// The triangles of a patch against the asked lanes of a packet; says which were hit.
+/// SIMD kernel for the triangles of a cluster against the active lanes of a packet; returns the mask of hits.
 struct PatchLanes<'a, const W: usize> {
     patch: TriangleCluster<'a>,
     packet: CallbackPacket,
@@ -48,13 +48,14 @@ impl<const W: usize> SimdKernel for PatchLanes<'_, W> {
     #[inline(always)]
     fn run<I: SimdLevel>(self, isa: I) -> [i32; W] {
         let mut hit = [0; W];
-        // Comparisons are of eight numbers side by side.
+        // SIMD comparisons work on eight values at a time.
         if W < PACK {
             for lane in (0..W).filter(|&lane| self.asked[lane] != 0) {
                 self.answer_ray(isa, lane, &mut hit);
             }
             return hit;
         }
+        // Test few rays one by one, each against all triangles
         let asked = asked_lanes(isa, self.asked);
         if asked.count_ones() <= const { (FEW_RAYS * W as f32) as u32 } {
             for lane in lanes(asked) {
@@ -62,6 +63,7 @@ impl<const W: usize> SimdKernel for PatchLanes<'_, W> {
             }
             return hit;
         }
+        // Group the rays by dominant axis and test each group against one triangle after the other
         let origin = self.packet.vectors::<W>(row::ORIGIN);
         let direction = self.packet.vectors::<W>(row::DIRECTION);
         let along = dominant_axes(isa, &direction);
@@ -76,7 +78,7 @@ impl<const W: usize> SimdKernel for PatchLanes<'_, W> {
     }
 }
 
-/// Bit `i` of one of the masks says along which axis direction `i` is longest, as [`dominant_axis`] does.
+/// Returns one mask per axis: bit `i` is set if direction `i` is longest along that axis, as [`dominant_axis`] decides.
 ///
 /// [`dominant_axis`]: crate::mesh::triangle::dominant_axis
 #[inline(always)]
@@ -94,7 +96,7 @@ fn dominant_axes<I: SimdLevel, const W: usize>(isa: I, direction: &[[f32; W]; 3]
 }
 
 impl<const W: usize> PatchLanes<'_, W> {
-    /// One ray against all triangles at once.
+    /// Tests one ray against all triangles at once.
     #[inline(always)]
     fn answer_ray<I: SimdLevel>(&self, isa: I, lane: usize, hit: &mut [i32; W]) {
         let of = |row: usize| f32::from_bits(self.packet.load_one(row, lane));
@@ -110,10 +112,11 @@ impl<const W: usize> PatchLanes<'_, W> {
         }
     }
 
-    /// The rays of `group`, all longest along the axis of `shears`, against one triangle after the other.
+    /// Tests the rays of `group`, all with the dominant axis of `shears`, against one triangle after the other.
     #[inline(always)]
     fn answer_group<I: SimdLevel>(&self, isa: I, shears: &ShearLanes<W>, group: u32, hit: &mut [i32; W]) {
         let patch = self.patch;
+        // Project each vertex of the cluster once for all rays
         let mut projected = [const { MaybeUninit::<ProjectedVertices<W>>::uninit() }; CORNERS];
         let mut depths = [0.0; CORNERS];
         for (index, slot) in projected.iter_mut().enumerate().take(patch.corner_count()) {
@@ -122,8 +125,9 @@ impl<const W: usize> PatchLanes<'_, W> {
             depths[index] = corner[2];
         }
         let first = projected.as_ptr().cast::<ProjectedVertices<W>>();
-        // SAFETY: a triangle's corners are below `corner_count`, and so many were written.
+        // SAFETY: a triangle's vertex indices are below `corner_count`, and that many elements were written.
         let flat = |corner: usize| unsafe { &*first.wrapping_add(corner) };
+        // Find the triangles whose projection may contain the origin for some ray
         let (mut masks, mut members) = ([0u32; MEMBERS], 0u32);
         for member in 0..patch.member_count() {
             let [a, b, c] = patch.triangle(member);
@@ -134,6 +138,7 @@ impl<const W: usize> PatchLanes<'_, W> {
         if members == 0 {
             return;
         }
+        // Intersect the remaining triangles and keep the nearest hits
         let mut found = Found::of(self.packet);
         let t_near: [f32; W] = self.packet.floats(row::T_NEAR);
         let mut asked = group;
@@ -142,6 +147,7 @@ impl<const W: usize> PatchLanes<'_, W> {
             let [a, b, c] = patch.triangle(member);
             let triangle = ([flat(a), flat(b), flat(c)], [depths[a], depths[b], depths[c]]);
             let (mut met, on_edge) = shears.meet(isa, triangle, maybe, [&t_near, &found.t]);
+            // Resolve rays on an edge in f64, one by one
             if on_edge != 0 {
                 settle(&mut met, on_edge, (shears, patch, member), [&t_near, &found.t]);
             }
@@ -156,6 +162,7 @@ impl<const W: usize> PatchLanes<'_, W> {
                 }
             }
         }
+        // Write the hits into Embree's packet
         found.write(self.question);
         for lane in 0..W {
             hit[lane] |= if found.changed >> lane & 1 != 0 { ACTIVE } else { 0 };
@@ -163,7 +170,7 @@ impl<const W: usize> PatchLanes<'_, W> {
     }
 }
 
-/// Asks about the rays that meet an edge one by one.
+/// Retests the rays that lie on an edge one by one, with the f64 fallback of the scalar test.
 #[cold]
 #[inline(never)]
 fn settle<const W: usize>(
@@ -181,14 +188,14 @@ fn settle<const W: usize>(
     }
 }
 
-/// The best hits of a packet so far.
+/// Nearest hits of a packet so far.
 struct Found<const W: usize> {
     packet: CallbackPacket,
     t: [f32; W],
-    /// As of [`HitLanes`].
+    /// Unnormalized barycentric weights, as in [`HitLanes`].
     weights: [[f32; W]; 2],
     det: [f32; W],
-    /// Instance and primitive, of lanes that have changed.
+    /// Instance and primitive, valid for lanes in `changed`.
     number: [[u32; W]; 2],
     changed: u32,
 }
@@ -206,7 +213,7 @@ impl<const W: usize> Found<W> {
         }
     }
 
-    /// Takes over hits within the intervals, but those of lanes whose equally near hit has a lower number.
+    /// Records hits within the intervals, except in lanes whose equally near hit has a lower index.
     #[inline(always)]
     fn merge<I: SimdLevel>(&mut self, isa: I, met: &HitLanes<W>, patch: TriangleCluster, member: usize) {
         let number = [patch.instance(), patch.primitive(member)];
@@ -217,7 +224,7 @@ impl<const W: usize> Found<W> {
         }
         for lane in 0..W {
             let is_taken = taken >> lane & 1 != 0;
-            // The sum is +0 for a zero of either sign.
+            // Adding +0 turns a zero of either sign into +0.
             self.t[lane] = if is_taken { met.t[lane] + 0.0 } else { self.t[lane] };
             self.det[lane] = if is_taken { met.det[lane] } else { self.det[lane] };
             for i in 0..2 {
@@ -229,7 +236,7 @@ impl<const W: usize> Found<W> {
         self.changed |= taken;
     }
 
-    /// The number of a lane's hit; the highest if it has none.
+    /// Returns instance and primitive of a lane's hit; the highest indices if it has none.
     #[inline(always)]
     fn held(&self, lane: usize) -> [u32; 2] {
         if self.changed >> lane & 1 == 0 {
@@ -238,7 +245,7 @@ impl<const W: usize> Found<W> {
         [self.number[0][lane], self.number[1][lane]]
     }
 
-    /// Writes what has changed into Embree's packet.
+    /// Writes the changed lanes into Embree's packet.
     #[inline(always)]
     fn write(&self, question: Query) {
         if self.changed == 0 {
@@ -275,13 +282,15 @@ fn bits_of<const W: usize>(values: &[f32; W]) -> [u32; W] {
     bits
 }
 
-/// What a ray meets of a patch within its interval: the nearest, of equals the one with the lowest number, or anything.
+/// Returns the nearest hit of a ray with a cluster within its interval, with ties to the lowest index, or any hit for
+/// [`Query::Any`].
 #[inline(always)]
 fn nearest_of<I: SimdLevel>(isa: I, patch: TriangleCluster, ray: &Ray, question: Query) -> Option<Hit> {
+    // Project the vertices into the ray's sheared frame
     let shear = Shear::new(ray);
     let [first, second] = patch.own();
     let first = shear.flatten(first);
-    // Of boxes, which have eight corners, there are many.
+    // Clusters of eight vertices are common: those of boxes.
     let mut maybe = if patch.corner_count() <= PACK {
         may_hold(isa, patch, &first)
     } else {
@@ -295,8 +304,9 @@ fn nearest_of<I: SimdLevel>(isa: I, patch: TriangleCluster, ray: &Ray, question:
             ),
         }
     };
-    // Triangles that there are not are points, which are met by nothing and may be by everything.
+    // Clear the bits of unused slots: their degenerate triangles are hit by no ray but may pass the conservative test
     maybe &= (1 << patch.member_count()) - 1;
+    // Intersect the candidates in order
     let mut best: Option<Hit> = None;
     for member in lanes(maybe) {
         let [a, b, c] = patch.triangle(member);
@@ -322,7 +332,7 @@ fn nearest_of<I: SimdLevel>(isa: I, patch: TriangleCluster, ray: &Ray, question:
     best
 }
 
-/// Blocks of projected corners one after the other.
+/// Concatenates blocks of projected vertices.
 #[inline(always)]
 fn joined<const M: usize, const N: usize>(blocks: [ProjectedVertices<PACK>; M]) -> ProjectedVertices<N> {
     let mut all = [[0.0; N]; 2];
@@ -334,7 +344,7 @@ fn joined<const M: usize, const N: usize>(blocks: [ProjectedVertices<PACK>; M]) 
     all
 }
 
-/// Bit `i` says whether triangle `i` may be met, of the corners as they are projected.
+/// Returns a mask of candidates: bit `i` is set if the ray may hit triangle `i`, given the projected vertices.
 #[inline(always)]
 fn may_hold<I: SimdLevel, const N: usize>(
     isa: I,
@@ -344,6 +354,7 @@ fn may_hold<I: SimdLevel, const N: usize>(
     if is_aside(isa, x) || is_aside(isa, y) {
         return 0;
     }
+    // Gather the vertices of eight triangles at a time and test the signs of their edge functions
     let mut maybe = 0;
     for first in (0..MEMBERS).step_by(PACK) {
         if first >= patch.member_count() {
@@ -364,8 +375,8 @@ fn may_hold<I: SimdLevel, const N: usize>(
     maybe
 }
 
-/// Whether all are on one side of zero: no triangle of such corners holds the origin, as signs of edge functions are
-/// exact.
+/// Returns whether all coordinates are on one side of zero. No triangle of such vertices contains the origin, as the
+/// signs of edge functions are exact.
 #[inline(always)]
 fn is_aside<I: SimdLevel, const N: usize>(isa: I, all: &[f32; N]) -> bool {
     let zero = [0.0; N];
@@ -384,12 +395,14 @@ mod tests {
     use crate::mesh::{Buffer, Mesh};
     use crate::scene::{Geometry, Instance, Scene};
 
-    /// A closed ball of 8 n² triangles around a point: an octahedron whose faces are cut up and blown up.
+    /// Builds a closed sphere-like mesh of 8 n² triangles around a point: a subdivided octahedron with displaced
+    /// vertices.
     fn ball(n: i32, middle: DVec3) -> Scene {
         let mut positions = Vec::new();
         let mut triangles = Vec::new();
         let mut number = std::collections::HashMap::new();
         let mut corner = |p: [i32; 3]| {
+            // Displace each lattice point of the octahedron from the centre, once per shared vertex
             *number.entry(p).or_insert_with(|| {
                 let direction = DVec3::from_array(p.map(f64::from)).normalize();
                 let height = 1.0 + 0.1 * (9.0 * direction.x + 4.0 * direction.y - 7.0 * direction.z).sin();
@@ -397,6 +410,7 @@ mod tests {
                 positions.len() as u32 - 1
             })
         };
+        // Triangulate the eight faces
         for octant in 0..8 {
             let sign = |axis: i32| if octant >> axis & 1 == 0 { 1 } else { -1 };
             let mut at = |i: i32, j: i32| corner([sign(0) * i, sign(1) * j, sign(2) * (n - i - j)]);
@@ -421,7 +435,7 @@ mod tests {
         }
     }
 
-    /// How many of the rays from near the middle to each corner, so many to each, meet nothing.
+    /// Counts rays that miss the mesh, of `rounds` rays from near the middle to each vertex.
     fn leaks(accel: &EmbreeAccel, scene: &Scene, (middle, rounds): (DVec3, usize)) -> usize {
         let Geometry::Mesh(mesh) = &scene.geometries[0] else {
             unreachable!("the scene is of a mesh")

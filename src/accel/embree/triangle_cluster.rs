@@ -1,8 +1,8 @@
-//! Watertight triangles: up to sixteen that lie together are one primitive of the user geometry, a patch.
+//! Clusters of up to sixteen nearby watertight triangles, each one primitive of the user geometry.
 //!
-//! The triangles of a patch share most of their corners. Each corner is kept once, which takes half the memory of the
-//! triangles one by one, and is projected once for all triangles that have it. Corners that coincide are one, whether or
-//! not the mesh says so.
+//! The triangles of a cluster share most of their vertices. Each vertex is stored once, which takes half the memory of
+//! separate triangles, and is projected once for all triangles that have it. Coincident vertices are merged even if the
+//! mesh has different indices for them.
 
 use super::origin_bound::OriginBound;
 use crate::accel::MeshCache;
@@ -12,46 +12,47 @@ use crate::mesh::triangle::PACK;
 use crate::numeric::Bounds;
 use crate::parallel;
 
-/// Most triangles of a patch.
+/// Maximum number of triangles in a cluster.
 pub(super) const MEMBERS: usize = 16;
-/// Most corners of a patch: sixteen triangles of a surface have from 13 in a compact patch to 18 in a strip.
+/// Maximum number of vertices in a cluster: sixteen triangles of a surface have from 13 in a compact cluster to 18 in a
+/// strip.
 pub(super) const CORNERS: usize = 24;
-/// What it costs Embree's walk to come to a patch and to call, to ask about one more triangle, and to find its box under
-/// one more node: a ray is asked about all of a patch in a few vectors.
+/// Cost model: traversal to a cluster and its callback, one further triangle in the test, and one further node. A ray
+/// is tested against a whole cluster in a few vectors.
 const COST: Cost = Cost {
     limit: MEMBERS as u32,
     visit: 1.0,
     member: 0.05,
     cut: 0.5,
 };
-/// Blocks of corners in a patch's own record: few patches have more than sixteen corners, and what is elsewhere is waited
-/// for.
+/// Number of vertex blocks in the cluster's own record: few clusters have more than sixteen vertices, and a block
+/// elsewhere costs memory latency.
 const OWN: usize = 2;
-/// Patches of a mesh are made so many clusters at a time, in so many parts: what is made is moved once.
+/// Number of clusters of a mesh built at a time, and number of parallel parts: the result of a part is copied once.
 const CHUNK: usize = 1 << 14;
 const PARTS: usize = 1 << 6;
 
-/// Corners of a patch by axis, eight by eight; the first of the patch is repeated where there are no more.
+/// Eight vertices by axis; unused slots repeat the first vertex of the cluster.
 pub(super) type Block = [[f32; PACK]; 3];
 
-/// Up to sixteen triangles of one instance, without their corners beyond the sixteenth: five lines of the cache, of which
-/// the last is read of patches that are hit.
+/// Up to sixteen triangles of one instance, with their first sixteen vertices: five cache lines, of which the last is
+/// read only for clusters that are hit.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 struct Record {
     corners: [Block; OWN],
-    /// For each of a triangle's corners, by triangle: which of the patch's, below `corner_count`.
+    /// Vertex indices within the cluster, below `corner_count`, by vertex of the triangle and triangle.
     triangles: [[u8; MEMBERS]; 3],
     corner_count: u8,
     member_count: u8,
-    /// Where the last block of corners is among those of all patches, if there is one.
+    /// Index of the last block of vertices in the array shared by all clusters, if the cluster has such a block.
     last: u32,
     instance: u32,
-    /// The numbers of the triangles.
+    /// Indices of the triangles in the mesh.
     primitives: [u32; MEMBERS],
 }
 
-/// Up to sixteen triangles of one instance.
+/// View of up to sixteen triangles of one instance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TriangleCluster<'p> {
     record: &'p Record,
@@ -59,43 +60,43 @@ pub(super) struct TriangleCluster<'p> {
 }
 
 impl<'p> TriangleCluster<'p> {
-    /// The instance that its triangles are of.
+    /// Returns the instance that the triangles belong to.
     #[inline(always)]
     pub(super) fn instance(self) -> u32 {
         self.record.instance
     }
 
-    /// The number of one of its triangles.
+    /// Returns the index of one triangle in the mesh.
     #[inline(always)]
     pub(super) fn primitive(self, member: usize) -> u32 {
         self.record.primitives[member % MEMBERS]
     }
 
-    /// How many triangles it has; at most [`MEMBERS`].
+    /// Returns the number of triangles, at most [`MEMBERS`].
     #[inline(always)]
     pub(super) fn member_count(self) -> usize {
         usize::from(self.record.member_count)
     }
 
-    /// How many corners they have; at most [`CORNERS`].
+    /// Returns the number of vertices, at most [`CORNERS`].
     #[inline(always)]
     pub(super) fn corner_count(self) -> usize {
         usize::from(self.record.corner_count)
     }
 
-    /// Its first sixteen corners, the second eight of which mean nothing if there are no more than eight.
+    /// Returns the first sixteen vertices, of which the second eight are meaningless if the cluster has at most eight.
     #[inline(always)]
     pub(super) fn own(self) -> &'p [Block; OWN] {
         &self.record.corners
     }
 
-    /// Its corners from the seventeenth on.
+    /// Returns the vertices from the seventeenth on, if there are any.
     #[inline(always)]
     pub(super) fn last(self) -> Option<&'p Block> {
         self.last
     }
 
-    /// One corner.
+    /// Returns one vertex of the cluster.
     #[inline(always)]
     pub(super) fn corner(self, index: usize) -> [f32; 3] {
         let [first, second] = &self.record.corners;
@@ -107,13 +108,13 @@ impl<'p> TriangleCluster<'p> {
         [x[index % PACK], y[index % PACK], z[index % PACK]]
     }
 
-    /// For each of a triangle's corners, by triangle: which it is. Triangles that there are not have the first thrice.
+    /// Returns the vertex indices by vertex of the triangle and triangle. Unused slots have index 0 three times.
     #[inline(always)]
     pub(super) fn triangles(self) -> &'p [[u8; MEMBERS]; 3] {
         &self.record.triangles
     }
 
-    /// Which corners a triangle has.
+    /// Returns the three vertex indices of a triangle, within the cluster.
     #[inline(always)]
     pub(super) fn triangle(self, member: usize) -> [usize; 3] {
         let member = member % MEMBERS;
@@ -131,11 +132,11 @@ impl<'p> TriangleCluster<'p> {
     }
 }
 
-/// A patch in the making.
+/// A cluster under construction.
 #[derive(Clone, Debug, Default)]
 struct Gathering {
     corners: [[f32; CORNERS]; 3],
-    /// The mesh's numbers of the corners; of those that coincide, that of the first.
+    /// Vertex indices in the mesh; of coincident vertices, that of the first.
     vertices: [u32; CORNERS],
     triangles: [[u8; MEMBERS]; 3],
     primitives: [u32; MEMBERS],
@@ -144,13 +145,14 @@ struct Gathering {
 }
 
 impl Gathering {
-    /// Of the first of `members` that have room; says how many these are, at least one of those there are.
+    /// Builds a cluster from the first of `members` that fit, and returns their number, at least one.
     fn of_first(mesh: &Mesh, members: &[u32]) -> (Gathering, usize) {
         let mut gathering = Gathering::default();
         let taken = members.iter().take(MEMBERS);
         let taken = taken
             .take_while(|&&primitive| gathering.push(mesh, primitive))
             .count();
+        // Fill unused slots with the first vertex
         for row in &mut gathering.corners {
             let first = row[0];
             row[usize::from(gathering.corner_count)..].fill(first);
@@ -158,7 +160,7 @@ impl Gathering {
         (gathering, taken)
     }
 
-    /// Adds a triangle; false, and nothing changes, if it has too many new corners.
+    /// Adds a triangle; returns false, and changes nothing, if it has too many new vertices.
     fn push(&mut self, mesh: &Mesh, primitive: u32) -> bool {
         let member = usize::from(self.member_count);
         let before = self.corner_count;
@@ -166,6 +168,7 @@ impl Gathering {
             match self.add_corner(mesh, vertex) {
                 Some(corner) => self.triangles[row][member] = corner,
                 None => {
+                    // Undo the vertices of this triangle
                     self.corner_count = before;
                     for row in &mut self.triangles {
                         row[member] = 0;
@@ -179,7 +182,8 @@ impl Gathering {
         true
     }
 
-    /// Where a corner is, new or not; none if there is no room.
+    /// Returns the index of a vertex, adding it if it is new; `None` if the cluster is full.
+    // Look for the same index, then for the same position
     fn add_corner(&mut self, mesh: &Mesh, vertex: u32) -> Option<u8> {
         let known = &self.vertices[..usize::from(self.corner_count)];
         if let Some(found) = known.iter().position(|&other| other == vertex) {
@@ -195,6 +199,7 @@ impl Gathering {
         if let Some(found) = (0..self.corner_count).find(same) {
             return Some(found);
         }
+        // Append a new vertex
         let new = self.corner_count;
         *self.vertices.get_mut(usize::from(new))? = vertex;
         for axis in 0..3 {
@@ -204,7 +209,7 @@ impl Gathering {
         Some(new)
     }
 
-    /// The corners of a block.
+    /// Returns the vertices of a block.
     fn block(&self, number: usize) -> Block {
         let mut block = [[0.0; PACK]; 3];
         for (row, all) in block.iter_mut().zip(&self.corners) {
@@ -214,18 +219,18 @@ impl Gathering {
     }
 }
 
-/// The patches of a space, and how far from its origin rays start.
+/// All triangle clusters of an Embree scene, with the bound on its ray origins.
 #[derive(Debug, Default)]
 pub(in crate::accel) struct TriangleClusters {
     records: Vec<Record>,
-    /// Corners beyond the sixteenth.
+    /// Blocks of vertices beyond the sixteenth.
     blocks: Vec<Block>,
     reach: OriginBound,
 }
 
 impl TriangleClusters {
-    /// Those of meshes, each as an instance, for rays from that far. Runs on the current pool; the answer does not depend
-    /// on it, nor on what `mesh_cache` has.
+    /// Builds the clusters of meshes, each as an instance, for ray origins within `reach`. Runs on the current thread
+    /// pool; the result depends neither on it nor on the contents of `mesh_cache`.
     pub(super) fn of<'m>(
         meshes: impl Iterator<Item = (u32, &'m Mesh)>,
         reach: OriginBound,
@@ -236,6 +241,7 @@ impl TriangleClusters {
             ..TriangleClusters::default()
         };
         for (instance, mesh) in meshes {
+            // Reuse the clusters of an equal mesh; only the instance index differs
             match mesh_cache {
                 None => patches.add(mesh, instance),
                 Some(mesh_cache) => {
@@ -261,6 +267,7 @@ impl TriangleClusters {
         let found = Clusters::of(mesh.triangles.len(), bounds, &COST);
         let clusters: Vec<&[u32]> = found.iter().collect();
         self.records.reserve(clusters.len());
+        // Build the clusters of a chunk in parallel and append them in order
         for chunk in clusters.chunks(CHUNK) {
             let parts = parallel::map_chunks(chunk, CHUNK / PARTS, &|_, clusters| {
                 TriangleClusters::of_clusters(mesh, instance, clusters)
@@ -273,6 +280,7 @@ impl TriangleClusters {
         let mut patches = TriangleClusters::default();
         patches.records.reserve(clusters.len());
         for mut rest in clusters.iter().copied() {
+            // Open a further cluster if the vertices do not fit into one
             while !rest.is_empty() {
                 let (gathering, taken) = Gathering::of_first(mesh, rest);
                 patches.push(&gathering, instance);
@@ -282,7 +290,7 @@ impl TriangleClusters {
         patches
     }
 
-    /// Adds those of `part` behind the others, as an instance.
+    /// Appends the clusters of `part`, as triangles of `instance`.
     fn append(&mut self, part: &TriangleClusters, instance: u32) {
         let block_count = self.blocks.len() as u32;
         let moved = |record: &Record| Record {
@@ -300,7 +308,7 @@ impl TriangleClusters {
             triangles: gathering.triangles,
             corner_count: gathering.corner_count,
             member_count: gathering.member_count,
-            // Below 2^32, as triangles are: seventeen corners are of six of them at least.
+            // Below 2^32, as are triangle indices: seventeen vertices need at least six triangles.
             last: self.blocks.len() as u32,
             instance,
             primitives: gathering.primitives,
@@ -310,12 +318,12 @@ impl TriangleClusters {
         }
     }
 
-    /// How many there are.
+    /// Returns the number of clusters.
     pub(super) fn len(&self) -> usize {
         self.records.len()
     }
 
-    /// One of them.
+    /// Returns one cluster, if the index is in range.
     #[inline(always)]
     pub(super) fn get(&self, index: usize) -> Option<TriangleCluster<'_>> {
         let record = self.records.get(index)?;
@@ -327,12 +335,12 @@ impl TriangleClusters {
         Some(TriangleCluster { record, last })
     }
 
-    /// The box that Embree is told of one of them.
+    /// Returns the padded box of one cluster for Embree.
     pub(super) fn boxed(&self, index: usize) -> Option<([f32; 3], [f32; 3])> {
         Some(self.reach.boxed(&self.get(index)?.bounds()))
     }
 
-    /// Bytes on the heap.
+    /// Returns the number of bytes on the heap.
     pub(in crate::accel) fn byte_count(&self) -> u64 {
         (self.records.capacity() * size_of::<Record>() + self.blocks.capacity() * size_of::<Block>()) as u64
     }
@@ -351,7 +359,7 @@ mod tests {
         }
     }
 
-    /// A wavy square of `n` by `n` cells, two triangles each.
+    /// Builds a wavy square of `n` by `n` cells, two triangles each.
     fn field(n: u32) -> Mesh {
         let at = |i: u32, j: u32| {
             [
@@ -366,7 +374,7 @@ mod tests {
         mesh(positions.collect(), triangles.collect())
     }
 
-    /// The same triangles, none of which shares a vertex with another.
+    /// Builds the same triangles with separate vertices.
     fn apart(mesh_in: &Mesh, moved: impl Fn(u32, [f32; 3]) -> [f32; 3]) -> Mesh {
         let count = mesh_in.triangles.len() as u32;
         let corners = |i: u32| mesh_in.corners(i).map(|corner| moved(i, corner.to_array()));
@@ -442,7 +450,7 @@ mod tests {
 
     #[test]
     fn triangles_that_share_no_corner_are_as_many_to_a_patch_as_have_room() {
-        // Sixteen triangles one above the other, of three corners each, for which there is room by eights.
+        // Sixteen triangles above each other, with three vertices each; only eight fit.
         let alone = apart(&field(1), |i, p| [p[0], p[1], p[2] + i as f32]);
         let first = alone.corners(0).map(|p| p.to_array());
         let positions = (0..16).flat_map(|i| first.map(|[x, y, z]| [x, y, z + i as f32]));

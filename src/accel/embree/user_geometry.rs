@@ -1,6 +1,6 @@
-//! The user geometry: clusters of spheres, patches of watertight triangles, and all other shapes and placed meshes, each
-//! one primitive, tested by callbacks from Embree (see `callbacks`). What moves is a second one, as Embree walks trees of
-//! boxes that move more slowly than those of boxes that do not.
+//! User geometry: clusters of spheres, clusters of watertight triangles, and all other shapes and instanced meshes,
+//! each one primitive, tested by callbacks from Embree (see `callbacks`). Moving objects are a second user geometry, as
+//! Embree traverses trees of moving boxes more slowly than those of static boxes.
 
 use std::panic::{self, AssertUnwindSafe};
 use std::sync::Arc;
@@ -20,45 +20,45 @@ use crate::numeric::{AnimatedTransform, Bounds};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::Sphere;
 
-/// Everything that Embree asks our callbacks about in one of its scenes.
+/// All primitives of one Embree scene that are tested by callbacks.
 pub(super) struct UserGeometry<'s> {
     scene: &'s Scene,
-    /// The first primitives: spheres that are asked about together.
+    /// Sphere clusters, which are the first primitives.
     clusters: SphereClusters,
-    /// The next ones: triangles that are.
+    /// Triangle clusters, which are the next primitives.
     patches: TriangleClusters,
-    /// The instance that each primitive after them is.
+    /// Instance index of each primitive after the clusters.
     instances: Vec<u32>,
-    /// By geometry; absent where it is no placed mesh.
+    /// Scenes of instanced meshes by geometry; `None` for other geometries.
     parts: Arc<[Option<Box<InstancedScene<'s>>>]>,
-    /// Equal steps of time between the boxes that Embree is told; 0 where nothing moves.
+    /// Number of equal time steps between the boxes for Embree; 0 if nothing moves.
     step_count: u32,
-    /// How far rays come from.
+    /// Bound on the origins of rays.
     reach: OriginBound,
     panic_count: AtomicU64,
 }
 
-/// A placed mesh in its own space.
+/// Embree scene of an instanced mesh, in object space.
 pub(super) struct InstancedScene<'s> {
-    // Released before what its callbacks read.
+    // Declared first, to be released before the data that its callbacks read.
     pub(super) scene: EmbreeScene<'s>,
-    /// Its triangles, where they are not Embree's own.
+    /// Triangle clusters of the mesh, unless its triangles are native.
     pub(super) patches: Option<Arc<UserGeometry<'s>>>,
-    /// A box around all rays, as they are carried there, that may meet it.
+    /// Object-space box around all transformed rays that may hit the mesh.
     pub(super) bounds: Bounds,
 }
 
-/// What one primitive is.
+/// Content of one primitive of the user geometry.
 pub(super) enum Primitive<'a> {
-    /// Spheres, and the instances that they are.
+    /// Sphere cluster, with the instance indices of its members.
     Spheres(&'a SphereCluster, &'a [u32; MEMBERS]),
-    /// Triangles.
+    /// Cluster of watertight triangles.
     TriangleCluster(TriangleCluster<'a>),
-    /// One instance, with its number.
+    /// One instance, with its index.
     Instance(u32, &'a Instance),
 }
 
-/// Spheres of the world, each with the number of its instance, and the numbers of all other `instances`.
+/// Splits `instances` into world-space spheres, each with its instance index, and the indices of all others.
 fn apart(scene: &Scene, instances: &[(u32, &Instance)]) -> (Vec<(u32, Sphere)>, Vec<u32>) {
     let (mut spheres, mut others) = (Vec::new(), Vec::new());
     for &(index, instance) in instances {
@@ -74,7 +74,7 @@ fn apart(scene: &Scene, instances: &[(u32, &Instance)]) -> (Vec<(u32, Sphere)>, 
     (spheres, others)
 }
 
-/// Whether an instance is a primitive of the user geometry.
+/// Returns whether an instance is a primitive of the user geometry.
 pub(super) fn is_user(scene: &Scene, instance: &Instance, instancing: Instancing) -> bool {
     match &scene.geometries[instance.geometry as usize] {
         Geometry::Mesh(_) => {
@@ -85,21 +85,25 @@ pub(super) fn is_user(scene: &Scene, instance: &Instance, instancing: Instancing
 }
 
 impl<'s> UserGeometry<'s> {
-    /// What stands still, and what moves, for rays from that far; `parts` holds a committed scene for every mesh with a
-    /// placed instance, and `patches` the triangles of the world that are not Embree's own.
+    /// Creates the user geometries of static and of moving objects for ray origins within `reach`; `parts` holds a
+    /// committed scene for every mesh with a transformed instance, and `patches` the world triangles that are not
+    /// native.
     pub(super) fn pair(
         (scene, reach): (&'s Scene, OriginBound),
         parts: Vec<Option<InstancedScene<'s>>>,
         patches: TriangleClusters,
         instancing: Instancing,
     ) -> [UserGeometry<'s>; 2] {
+        // Split the instances into static and moving ones
         let instances = (0u32..)
             .zip(&scene.instances)
             .filter(|(_, instance)| is_user(scene, instance, instancing));
         let (moving, others): (Vec<_>, Vec<_>) = instances.partition(|(_, instance)| instance.is_moving());
+        // Cluster the spheres among the static instances
         let (spheres, mut still) = apart(scene, &others);
         let (clusters, alone) = SphereClusters::of(&spheres);
         still.extend(alone);
+        // Use the largest number of time steps of all motions
         let motions = moving.iter().filter_map(|(_, instance)| instance.motion());
         let step_count = motions.map(AnimatedTransform::step_count).max().unwrap_or(0);
         let parts: Arc<[_]> = parts.into_iter().map(|part| part.map(Box::new)).collect();
@@ -120,7 +124,7 @@ impl<'s> UserGeometry<'s> {
         [still, moving]
     }
 
-    /// Triangles and nothing else.
+    /// Creates a user geometry of triangle clusters alone.
     pub(super) fn of_patches(scene: &'s Scene, patches: TriangleClusters) -> UserGeometry<'s> {
         UserGeometry {
             scene,
@@ -134,27 +138,27 @@ impl<'s> UserGeometry<'s> {
         }
     }
 
-    /// Equal steps of time between the boxes of a primitive; 0 where nothing moves.
+    /// Returns the number of equal time steps between the boxes of a primitive; 0 if nothing moves.
     pub(super) fn step_count(&self) -> u32 {
         self.step_count
     }
 
-    /// Shapes and placed meshes.
+    /// Returns the number of shapes and instanced meshes.
     pub(super) fn object_count(&self) -> usize {
         self.clusters.sphere_count() + self.instances.len()
     }
 
-    /// Patches of triangles.
+    /// Returns the number of triangle clusters.
     pub(super) fn patch_count(&self) -> usize {
         self.patches.len()
     }
 
-    /// What Embree keeps boxes of.
+    /// Returns the number of primitives for Embree, each of which has a box.
     pub(super) fn primitive_count(&self) -> usize {
         self.clusters.len() + self.patches.len() + self.instances.len()
     }
 
-    /// A primitive by its number.
+    /// Returns a primitive by its index.
     #[inline(always)]
     pub(super) fn primitive(&self, number: usize) -> Option<Primitive<'_>> {
         if let Some((cluster, instances)) = self.clusters.get(number) {
@@ -171,17 +175,18 @@ impl<'s> UserGeometry<'s> {
         ))
     }
 
-    /// The geometry of that number, which an instance has.
+    /// Returns the geometry of an instance by its index.
     #[inline(always)]
     pub(super) fn geometry(&self, number: u32) -> &'s Geometry {
         &self.scene.geometries[number as usize]
     }
 
-    /// The box of a primitive in world space after that many steps of time, padded.
+    /// Returns the padded world-space box of a primitive at a time step.
     ///
-    /// Embree interpolates boxes in f32, by a part of a step that is off by 2^-24 of all steps, over which a box moves by
-    /// twice the largest coordinate at most.
+    /// Embree interpolates boxes in f32, with a fraction of a step that is off by 2^-24 of all steps, over which a box
+    /// moves by twice the largest coordinate at most.
     pub(super) fn bounds(&self, primitive: usize, step: u32) -> Option<([f32; 3], [f32; 3])> {
+        // Clusters have boxes of their own
         let instance = match self.primitive(primitive)? {
             Primitive::Spheres(cluster, _) => {
                 let world = cluster.bounds();
@@ -195,10 +200,12 @@ impl<'s> UserGeometry<'s> {
             (Some(part), _) => part.bounds,
             (None, shape) => shape.bounds(),
         };
+        // Static box
         if self.step_count == 0 {
             let world = instance.world_bounds(geometry, &object);
             return Some(padded(&world, self.padding(&world)));
         }
+        // Box at one time step, with extra padding for Embree's interpolation
         let now = instance.step_bounds(geometry, &object, [step, self.step_count]);
         let always = instance.world_bounds(geometry, &object).magnitude();
         let interpolation = UNIT * f64::from(2 * self.step_count + 4);
@@ -208,36 +215,36 @@ impl<'s> UserGeometry<'s> {
         ))
     }
 
-    /// What a box is padded by on all sides.
+    /// Returns the padding of a box on all sides.
     fn padding(&self, world: &Bounds) -> f64 {
         let placement = PLACEMENT_PADDING * world.magnitude() + NEAR_PADDING * world.extent().max_element();
         placement.max(self.reach.padding(world))
     }
 
-    /// Bytes of its records and those of its parts, but for patches.
+    /// Returns the bytes of its own records and those of its mesh scenes, without triangle clusters.
     pub(super) fn byte_count(&self) -> u64 {
         let parts = self.parts.iter().flatten().count() * size_of::<InstancedScene>();
         self.own_byte_count() + (size_of_val(&*self.parts) + parts) as u64
     }
 
-    /// Bytes of its own records, but for patches.
+    /// Returns the bytes of its own records, without triangle clusters.
     pub(super) fn own_byte_count(&self) -> u64 {
         size_of_val(&*self.instances) as u64 + self.clusters.byte_count()
     }
 
-    /// Bytes of its patches and those of its parts.
+    /// Returns the bytes of its triangle clusters and those of its mesh scenes.
     pub(super) fn patch_byte_count(&self) -> u64 {
         let of_parts = self.patches_of_parts().map(|part| part.patches.byte_count());
         self.patches.byte_count() + of_parts.sum::<u64>()
     }
 
-    /// Callbacks that have panicked, those of its parts included.
+    /// Returns the number of panicked callbacks, including those of its mesh scenes.
     pub(super) fn panic_count(&self) -> u64 {
         let of_parts = self.patches_of_parts().map(|part| part.own_panic_count());
         self.own_panic_count() + of_parts.sum::<u64>()
     }
 
-    /// Callbacks that have panicked.
+    /// Returns the number of panicked callbacks of this geometry alone.
     pub(super) fn own_panic_count(&self) -> u64 {
         self.panic_count.load(Ordering::Relaxed)
     }
@@ -247,7 +254,8 @@ impl<'s> UserGeometry<'s> {
         parts.filter_map(|part| part.patches.as_deref())
     }
 
-    /// Runs a callback's work. No panic may cross into C: after one, the callback's lanes have missed.
+    /// Runs a callback's work and returns whether it completed. No panic may unwind into C: after one, the callback's
+    /// lanes have missed.
     pub(super) fn guarded(&self, work: impl FnOnce()) -> bool {
         let done = panic::catch_unwind(AssertUnwindSafe(|| {
             #[cfg(test)]
@@ -260,21 +268,21 @@ impl<'s> UserGeometry<'s> {
         done.is_ok()
     }
 
-    /// The scene of a placed mesh.
+    /// Returns the scene of an instanced mesh.
     pub(super) fn part(&self, geometry: u32) -> Option<SceneRef<'_>> {
         let part = self.parts.get(geometry as usize)?.as_ref()?;
         Some(part.scene.as_ref())
     }
 }
 
-/// Part of a box's largest coordinate by which it is padded: object-space rays are rounded to f32, which moves them
-/// against the geometry by a few 2^-24 of the coordinates involved.
+/// Padding relative to a box's largest coordinate: object-space rays are rounded to f32, which moves them against the
+/// geometry by a few 2^-24 of the coordinates involved.
 const PLACEMENT_PADDING: f64 = 1.0 / (1 << 20) as f64;
-/// Half a unit in the last place of an f32 at 1.
+/// Unit roundoff of f32: half a unit in the last place at 1.
 const UNIT: f64 = 1.0 / (1 << 24) as f64;
 
-/// Part of a box's longest edge by which it is padded at least: rays that start within hundreds of edges find it wherever
-/// they start, be it farther than [`OriginBound`] knows of.
+/// Least padding relative to a box's longest edge: rays that start within hundreds of edges hit the box even if their
+/// origin is outside the bound of [`OriginBound`].
 const NEAR_PADDING: f64 = 1.0 / (1 << 13) as f64;
 
 fn padded(world: &Bounds, by: f64) -> ([f32; 3], [f32; 3]) {

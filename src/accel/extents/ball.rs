@@ -1,30 +1,31 @@
-//! Balls around points: the lecture's, around the centroid, and the smallest there is.
+//! Enclosing balls of points: around the centroid, and the smallest one.
 //!
 //! The smallest ball is found by pivoting (Gärtner, "Fast and robust smallest enclosing balls", ESA 1999): the ball of
-//! a few points is exchanged for that of them and the farthest point outside it, until none is outside. Its radius
-//! grows with every step, so no set of points comes twice. The ball of five points is the best of those around one to
-//! four of them (Welzl 1991: the smallest ball is set by at most four points on it), each grown until it holds all
-//! five: so no tolerance decides anything. Wherever rounding ends the search, the ball then grows to its farthest
+//! a few points is replaced by that of these and the farthest point outside it, until none is outside. Its radius grows
+//! with every step, so no set of points repeats. The ball of five points is the best of those around one to four of
+//! them (Welzl 1991: the smallest ball is determined by at most four points on it), each grown until it contains all
+//! five: so no tolerance decides anything. If rounding ends the search early, the ball then grows to its farthest
 //! point.
 
 use glam::{DMat3, DVec3};
 
-/// A ball that holds what it was made for, but for a few roundings of 2^-53 of the coordinates.
+/// A ball that contains the points it was made for, up to a few roundings of 2^-53 of the coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ball {
-    /// Its centre.
+    /// Centre of the ball.
     pub center: DVec3,
-    /// Its radius.
+    /// Radius of the ball.
     pub radius: f64,
 }
 
-/// Exchanges after which the search ends: it takes ten or so, however many the points.
+/// Maximum number of pivot steps: about ten are needed, regardless of the number of points.
 const MAX_STEPS: usize = 64;
 /// Growth of the radius under which the search ends: a few roundings.
 const MIN_GROWTH: f64 = 1.0 + 16.0 * f64::EPSILON;
 
 impl Ball {
-    /// The lecture's: around the mean of the points, as far as the farthest of them. Empty at the origin for no points.
+    /// Returns the ball around the mean of the points that reaches the farthest one; for no points it is empty, at the
+    /// origin.
     pub fn of_centroid(points: &[DVec3]) -> Ball {
         let Some(&first) = points.first() else {
             return Ball {
@@ -37,7 +38,7 @@ impl Ball {
         Ball::around(first + sum / points.len() as f64, points)
     }
 
-    /// The smallest one.
+    /// Returns the smallest ball around the points.
     pub fn smallest(points: &[DVec3]) -> Ball {
         let mut best = Ball::of_centroid(points);
         let Some(&first) = points.first() else {
@@ -48,9 +49,11 @@ impl Ball {
             center: first,
             radius: 0.0,
         };
+        // Pivot on the farthest point until none is outside
         for _ in 0..MAX_STEPS {
             let farthest = farthest(ball.center, points);
             let distance = farthest.distance(ball.center);
+            // Keep the best ball that reaches all points
             if distance < best.radius {
                 best = Ball {
                     radius: distance,
@@ -60,6 +63,7 @@ impl Ball {
             if distance <= ball.radius * MIN_GROWTH {
                 break;
             }
+            // Replace the support by the points that determine the new ball
             support.push(farthest);
             let (next, kept) = of_few(&support);
             if next.radius <= ball.radius {
@@ -70,7 +74,7 @@ impl Ball {
         best
     }
 
-    /// The ball around `center` that just holds the points.
+    /// Returns the ball around `center` that just contains the points.
     fn around(center: DVec3, points: &[DVec3]) -> Ball {
         Ball {
             center,
@@ -79,7 +83,7 @@ impl Ball {
     }
 }
 
-/// The point farthest from `center`; `points` is not empty.
+/// Returns the point farthest from `center`; `points` is not empty.
 fn farthest(center: DVec3, points: &[DVec3]) -> DVec3 {
     let (mut found, mut most) = (center, -1.0);
     for &p in points {
@@ -91,7 +95,7 @@ fn farthest(center: DVec3, points: &[DVec3]) -> DVec3 {
     found
 }
 
-/// The smallest ball around at most five points, and those of them that set it.
+/// Returns the smallest ball around at most five points, and the points that determine it.
 fn of_few(points: &[DVec3]) -> (Ball, Vec<DVec3>) {
     let mut best = (
         Ball {
@@ -119,7 +123,8 @@ fn of_few(points: &[DVec3]) -> (Ball, Vec<DVec3>) {
     best
 }
 
-/// The point at the same distance from one to four points, in the flat that they span; `None` where they span less.
+/// Returns the point at equal distance from one to four points, in the affine subspace that they span; `None` if they
+/// are degenerate.
 fn circumcenter(points: &[DVec3]) -> Option<DVec3> {
     let (&first, rest) = points.split_first()?;
     let edge = |i: usize| rest[i] - first;
@@ -140,7 +145,7 @@ fn circumcenter(points: &[DVec3]) -> Option<DVec3> {
     Some(first + offset)
 }
 
-/// The x with `rows[i] · x = right[i]`; `None` if it is not finite.
+/// Solves `rows[i] · x = right[i]` for x; `None` if it is not finite.
 fn solve(rows: [DVec3; 3], right: [f64; 3]) -> Option<DVec3> {
     let matrix = DMat3::from_cols(rows[0], rows[1], rows[2]);
     let x = (right[0] * rows[1].cross(rows[2])
@@ -154,7 +159,7 @@ fn solve(rows: [DVec3; 3], right: [f64; 3]) -> Option<DVec3> {
 mod tests {
     use super::*;
 
-    /// Numbers in [0, 1) from a linear congruential generator.
+    /// Linear congruential generator of numbers in [0, 1).
     struct Random(u64);
 
     impl Random {
@@ -173,7 +178,7 @@ mod tests {
         }
     }
 
-    /// The best of all balls through one to four of the points.
+    /// Returns the least radius of all balls through one to four of the points.
     fn exhaustive(points: &[DVec3]) -> f64 {
         let mut least = f64::INFINITY;
         for subset in (1u32..1 << points.len()).filter(|s| s.count_ones() <= 4) {
@@ -195,7 +200,8 @@ mod tests {
         for round in 0..300 {
             let points = random.points(1 + round % 10);
             let (found, least) = (Ball::smallest(&points), exhaustive(&points));
-            // Coordinates of 5 are rounded by 2^-51, and flat triples magnify that; the farthest point settles it.
+            // Coordinates of 5 are rounded by 2^-51, and flat triples magnify that; growing to the farthest point
+            // bounds the error.
             assert!(
                 found.radius <= least * (1.0 + 1e-9) && found.radius >= least * (1.0 - 1e-9),
                 "seed {seed}, round {round}: {} not {least}",
@@ -214,7 +220,7 @@ mod tests {
             assert!(tight.radius <= centroid.radius, "seed {seed}");
             for ball in [tight, centroid] {
                 for p in &points {
-                    // The very distances that the radius is the largest of.
+                    // These are the very distances whose maximum is the radius.
                     assert!(p.distance(ball.center) <= ball.radius, "seed {seed}");
                 }
             }

@@ -1,9 +1,9 @@
-//! Which extent an object gets: what testing costs is measured, how often it pays is estimated.
+//! Cost model that chooses the bounding volume of an object: the cost of tests is measured, their benefit estimated.
 //!
-//! A ray is expected to take `C(extent) + P(extent) C(object)` before an object. The costs are nanoseconds, measured
-//! here on the objects themselves; P is the part of the lines through the scene that meet the extent, which for convex
-//! bodies is the ratio of their surfaces (Goldsmith and Salmon, "Automatic creation of object hierarchies for ray
-//! tracing", 1987). Timings differ from run to run, and so may choices: they change no answer.
+//! The expected time of a ray at an object is `C(volume) + P(volume) C(object)`. The costs are nanoseconds, measured
+//! here on the objects themselves; P is the fraction of the lines through the scene that hit the volume, which for
+//! convex bodies is the ratio of their surfaces (Goldsmith and Salmon, "Automatic creation of object hierarchies for
+//! ray tracing", 1987). Timings differ from run to run, and so may choices: they change no result.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -21,27 +21,27 @@ use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
 use crate::numeric::{Bounds, Ray};
 use crate::scene::{Geometry, Instance, Scene};
 
-/// Tests of an extent that are timed together.
+/// Number of volume tests that are timed together.
 const EXTENT_TESTS: usize = 256;
-/// Rays that are asked of an object.
+/// Number of rays that are timed against an object.
 const OBJECT_RAYS: usize = 64;
-/// Triangles of a mesh that are timed; all cost the same.
+/// Maximum number of triangles of a mesh that are timed; all cost the same.
 const MAX_TRIANGLES: usize = 256;
-/// Of so many timings the shortest counts: interruptions only ever add.
+/// Number of timings, of which the shortest counts: interruptions only add time.
 const TIMINGS: usize = 3;
 
-/// Nanoseconds for one ray.
+/// Measured costs of tests, in nanoseconds per ray.
 pub(super) struct Costs {
     of_box: f64,
     of_sphere: f64,
-    /// By geometry.
+    /// Cost of testing an object, by geometry.
     of_object: Vec<f64>,
-    /// The surface of the box around the scene.
+    /// Surface area of the scene's bounding box.
     scene_area: f64,
 }
 
 impl Costs {
-    /// Times the tests of extents, and every geometry in its first placement.
+    /// Times the tests of volumes, and every geometry in its first instance.
     pub(super) fn measure(scene: &Scene, hulls: &[Option<Hull>]) -> Costs {
         let mut first = vec![None; scene.geometries.len()];
         for instance in &scene.instances {
@@ -65,7 +65,7 @@ impl Costs {
         }
     }
 
-    /// The extent by which an object of that geometry costs least.
+    /// Returns the kind of volume with which an object of that geometry is cheapest.
     pub(super) fn cheapest(&self, geometry: u32, offers: &Offers) -> ExtentKind {
         let object = self.of_object[geometry as usize];
         let with = |cost: f64, area: f64| cost + (area / self.scene_area).min(1.0) * object;
@@ -86,7 +86,7 @@ impl Costs {
     }
 }
 
-/// Nanoseconds for one ray and the only object of a scene.
+/// Returns the nanoseconds for one ray and the only object of a scene.
 fn nearest_ns(scene: &Scene, rays: &[Ray]) -> f64 {
     let ns = shortest(|| {
         for ray in rays {
@@ -98,7 +98,7 @@ fn nearest_ns(scene: &Scene, rays: &[Ray]) -> f64 {
     ns / rays.len() as f64
 }
 
-/// A scene of one object.
+/// Returns a scene with one object.
 fn alone(geometry: &Geometry, instance: &Instance) -> Scene {
     let mut placed = instance.clone();
     placed.geometry = 0;
@@ -109,7 +109,7 @@ fn alone(geometry: &Geometry, instance: &Instance) -> Scene {
     }
 }
 
-/// The shortest of a few timings of `work`, in nanoseconds.
+/// Returns the shortest of a few timings of `work`, in nanoseconds.
 fn shortest(mut work: impl FnMut()) -> f64 {
     let time = |_| {
         let start = Instant::now();
@@ -119,7 +119,7 @@ fn shortest(mut work: impl FnMut()) -> f64 {
     (0..TIMINGS).map(time).fold(f64::INFINITY, f64::min)
 }
 
-/// Nanoseconds for one ray and one box, and for one ray and one sphere.
+/// Returns the nanoseconds for one ray and one box, and for one ray and one sphere.
 fn extent_costs() -> [f64; 2] {
     let mut packet = RayPacket::EMPTY;
     for lane in 0..LANES {
@@ -150,7 +150,7 @@ fn extent_costs() -> [f64; 2] {
     })
 }
 
-/// One packet against many extents.
+/// Timing kernel of one packet against many volumes.
 struct Calibration<'a> {
     packet: &'a RayPacket,
     objects: &'a [Object],
@@ -169,8 +169,9 @@ impl SimdKernel for Calibration<'_> {
     }
 }
 
-/// Nanoseconds for one ray and the object, rays coming from all around towards points in its box.
+/// Returns the nanoseconds for one ray and the object, for rays from all directions towards points in its box.
 fn object_cost(geometry: &Geometry, instance: &Instance, hull: &Hull) -> f64 {
+    // Time a part of a large mesh and scale the result
     let (sample, scale) = match geometry {
         Geometry::Mesh(mesh) if mesh.triangles.len() > MAX_TRIANGLES => {
             let mut part = mesh.clone();
@@ -184,7 +185,7 @@ fn object_cost(geometry: &Geometry, instance: &Instance, hull: &Hull) -> f64 {
     scale * nearest_ns(&alone(&sample, instance), &rays_towards(&bounds))
 }
 
-/// Rays from around a box to places all over it, by the golden ratio's multiples.
+/// Returns rays from around a box to points all over it, by a low-discrepancy sequence.
 fn rays_towards(bounds: &Bounds) -> Vec<Ray> {
     // Steps of the R3 sequence (Roberts 2018): the powers of the root of x⁴ = x + 1.
     const STEPS: DVec3 = DVec3::new(0.819_172_513_4, 0.671_043_606_7, 0.549_700_477_9);
@@ -235,7 +236,7 @@ mod tests {
             costs(5.0).cheapest(0, &offers(10.0, 20.0)),
             ExtentKind::TightSphere
         );
-        // Sphere 1 + 0.2 x 1 = 1.2, nothing 1.
+        // Sphere 1 + 0.2 x 1 = 1.2, no volume 1.
         assert_eq!(costs(1.0).cheapest(0, &offers(10.0, 20.0)), ExtentKind::None);
     }
 

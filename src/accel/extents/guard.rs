@@ -1,52 +1,52 @@
-//! How far a hit that is reported may lie beside the exact object, and so how much wider an extent must be.
+//! Bounds on the error of reported hits relative to the exact object, by which bounding volumes must be wider.
 //!
-//! With u = 2^-24, M the placement, B the largest coordinate of the object in its own space and T' the translation of
-//! M⁻¹, three things move what a ray meets, per axis of object space:
+//! With u = 2^-24, M the instance transform, B the largest coordinate of the object in its own space and T' the
+//! translation of M⁻¹, three things move a hit, per axis of object space:
 //!
 //! * the object-space ray is rounded to f32: `u |o'| + u |p' - o'|`;
-//! * the triangle test projects corners: `4u |p' - o'| + 4u e`, e <= 2B the extent (see the BSP's slack);
-//! * shapes are asked in f64, whose roundings are 2^29 times smaller.
+//! * the triangle test projects vertices: `4u |p' - o'| + 4u e`, e <= 2B the extent (see `bsp::error_bounds`);
+//! * shapes are tested in f64, whose roundings are 2^29 times smaller.
 //!
 //! As `|p'| <= B` and `|o'| <= |M⁻¹| |o| + |T'|`, that is at most `u (6 |M⁻¹| |o| + 6 |T'| + 13 B)`, in the world
 //! `u (6 |M| |M⁻¹| |o| + |M| (6 |T'| + 13 B))`. All is doubled, for the effect of one rounding on another.
 //!
-//! Besides, a triangle that is seen edge-on may be met anywhere along it: its parameter is a mean of those of its
-//! corners, with weights that rounding decides.
+//! Besides, a triangle that is seen edge-on may be hit anywhere along it: its parameter is a mean of those of its
+//! vertices, with weights that rounding decides.
 
 use glam::{DAffine3, DMat3, DVec3};
 
 use crate::numeric::Bounds;
 use crate::scene::{Geometry, Instance};
 
-/// Half a unit in the last place of 1.
+/// Unit roundoff of f32: half a unit in the last place of 1.
 pub(super) const UNIT: f64 = 1.0 / (1u64 << 24) as f64;
-/// Placements that mix axes so much that rounding moves hits by more than 64 times that get no extent; for them also
-/// the inverse in f64 would need a bound.
+/// Largest mixing of axes by an instance transform. Beyond it rounding moves hits by more than 64 times as much, the
+/// inverse in f64 would need a bound, too, and objects get no bounding volume.
 const MAX_MIXING: f64 = 64.0;
-/// Coordinates beyond this get no extent: squares of differences would overflow f32.
+/// Largest coordinate of objects with a bounding volume: beyond it squares of differences would overflow f32.
 const MAX_MAGNITUDE: f64 = 1e18;
 
-/// Bounds on what rounding does to the hits on one object; lengths are in world space.
+/// Bounds on the rounding errors of hits on one object; lengths are in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Guard {
     /// Displacement per axis relative to the largest coordinate of the ray's origin.
     pub(super) by_origin: f64,
-    /// Displacement per axis that the object itself brings.
+    /// Displacement per axis that the object itself causes.
     pub(super) own: f64,
     /// Distance along the ray by which a hit may be reported too near or too far; 0 for shapes.
     pub(super) depth: f64,
 }
 
 impl Guard {
-    /// Nothing is moved.
+    /// Bounds of zero, for exact rays and objects.
     pub(super) const NONE: Guard = Guard {
         by_origin: 0.0,
         own: 0.0,
         depth: 0.0,
     };
 
-    /// The guard of an object; `None` where no extent is safe: for what has no end, what moves, and for extreme
-    /// placements.
+    /// Computes the bounds of an instance; `None` if no bounding volume is safe: for unbounded or moving objects and
+    /// for extreme transforms.
     pub(super) fn of(instance: &Instance, geometry: &Geometry, object_bounds: &Bounds) -> Option<Guard> {
         if geometry.is_unbounded() || object_bounds.is_empty() || instance.is_moving() {
             return None;
@@ -54,12 +54,14 @@ impl Guard {
         let map = instance.world_from_object();
         let inverse = instance.object_from_world();
         let size = object_bounds.magnitude();
+        // Bound the displacement by the magnitudes of both transforms
         let linear = magnitudes(&map);
         let back = magnitudes(&inverse);
         let mixing = (linear * (back * DVec3::ONE)).max_element();
+        // Bound the part that does not depend on the ray
         let own = linear * (6.0 * inverse.translation.abs() + DVec3::splat(13.0 * size));
         let depth = match geometry {
-            // Corners of a triangle differ along the longest axis of the direction by the extent at most, and that
+            // Vertices of a triangle differ along the longest axis of the direction by the extent at most, and that
             // axis has at least 1 / √3 of its length.
             Geometry::Mesh(_) => {
                 3f64.sqrt() * object_bounds.extent().max_element() * spectral_bound(&map.matrix3)
@@ -67,9 +69,9 @@ impl Guard {
             Geometry::Shape(_) => 0.0,
         };
         let reach = own.max_element() + depth + object_bounds.transformed(&map).magnitude();
-        // NaN fails the comparison too.
+        // NaN fails the comparison, too.
         (mixing <= MAX_MIXING && reach < MAX_MAGNITUDE).then(|| Guard {
-            // One more for the rounding of the moved origin itself.
+            // The additional 1 covers the rounding of the moved origin itself.
             by_origin: 2.0 * UNIT * (6.0 * mixing + 1.0),
             // Behind the origin, slab parameters are off by 16u of `depth`.
             own: 2.0 * UNIT * (own.max_element() + 16.0 * depth),
@@ -78,19 +80,19 @@ impl Guard {
     }
 }
 
-/// The magnitudes of the linear part.
+/// Returns the magnitudes of the linear part.
 fn magnitudes(map: &DAffine3) -> DMat3 {
     let m = map.matrix3;
     DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs())
 }
 
-/// A bound on the largest factor by which a matrix lengthens a vector, exact for rotations with a scale, else at most
-/// 2 % too large.
+/// Returns a bound on the largest factor by which a matrix lengthens a vector, exact for rotations with a scale, else
+/// at most 2 % too large.
 ///
-/// The largest eigenvalue of a positive matrix is at most any norm, and at most the 32nd root of the trace of its
-/// 32nd power, which exceeds it by 3^(1/32) at most.
+/// The largest eigenvalue of a positive matrix is at most any norm, and at most the 32nd root of the trace of its 32nd
+/// power, which exceeds it by 3^(1/32) at most.
 pub(super) fn spectral_bound(m: &DMat3) -> f64 {
-    // Scaled by the largest entry, so that the squares of tiny and huge ones stay within range.
+    // Scale by the largest entry, so that the squares of tiny and huge ones stay within range.
     let largest = m.to_cols_array().iter().fold(0.0f64, |a, &x| a.max(x.abs()));
     if !(largest > 0.0) {
         return 0.0;
@@ -105,7 +107,7 @@ pub(super) fn spectral_bound(m: &DMat3) -> f64 {
     }
     let trace = power.x_axis.x + power.y_axis.y + power.z_axis.z;
     let by_trace = by_norm * trace.powf(1.0 / 32.0);
-    // Some hundred roundings of 2^-53.
+    // The factor covers some hundred roundings of 2^-53.
     largest * by_norm.min(by_trace).sqrt() * (1.0 + 2f64.powi(-44))
 }
 

@@ -1,7 +1,7 @@
-//! What an object can be held by: points whose convex hull contains it, in its own space.
+//! Points whose convex hull contains an object, in object space.
 //!
-//! A box or ball around the points contains the hull and so the object, after any affine map too. Round shapes are
-//! within a polygon of [`SIDES`] sides around their circles.
+//! A box or ball around the points contains the hull and so the object, also after any affine transform. Round shapes
+//! are enclosed by a polygon of [`SIDES`] sides around their circles.
 
 use std::f64::consts::{PI, TAU};
 
@@ -14,36 +14,36 @@ use crate::numeric::Bounds;
 use crate::scene::Geometry;
 use crate::shape::{Shape, Sphere};
 
-/// Sides of the polygons around circles: with 32 they reach 0.5 % beyond them.
+/// Number of sides of the polygons around circles: with 32 they reach 0.5 % beyond them.
 const SIDES: u32 = 32;
-/// Objects of more points are not looked at point by point in every placement, but by their balls.
+/// Number of points above which an instance is bounded by transformed balls instead of point by point.
 const MANY_POINTS: usize = 4096;
 
-/// A geometry as extents see it.
+/// Hull of a geometry with its bounds.
 pub(super) struct Hull {
     form: Form,
     bounds: Bounds,
-    /// In object space.
+    /// Enclosing balls in object space.
     balls: Balls,
 }
 
 enum Form {
     Points(Vec<DVec3>),
-    /// A sphere is its own hull.
+    /// A sphere, which is its own hull.
     Sphere(Sphere),
 }
 
-/// The two balls of an object.
+/// The two enclosing balls of an object.
 #[derive(Clone, Copy)]
 pub(super) struct Balls {
-    /// The lecture's.
+    /// Ball around the centroid of the points.
     pub(super) centroid: Ball,
-    /// The smallest that is known.
+    /// Smallest ball that is known.
     pub(super) tight: Ball,
 }
 
 impl Hull {
-    /// The hull of a geometry; `None` for what has no end or nothing in it.
+    /// Computes the hull of a geometry; `None` if it is unbounded or empty.
     pub(super) fn of(geometry: &Geometry) -> Option<Hull> {
         let bounds = geometry.bounds();
         if geometry.is_unbounded() || bounds.is_empty() {
@@ -59,7 +59,7 @@ impl Hull {
         ))
     }
 
-    /// The same, but for meshes only the corners of their boxes: quickly found, however large they are.
+    /// Computes a hull with only the box corners for meshes, which is fast for meshes of any size.
     pub(super) fn rough(geometry: &Geometry) -> Option<Hull> {
         match geometry {
             Geometry::Shape(_) => Hull::of(geometry),
@@ -87,14 +87,15 @@ impl Hull {
         Hull { form, bounds, balls }
     }
 
-    /// The box in object space.
+    /// Returns the bounding box in object space.
     pub(super) fn object_bounds(&self) -> &Bounds {
         &self.bounds
     }
 
-    /// The balls in world space, but for some roundings of 2^-53 of the coordinates.
+    /// Returns the balls in world space, up to some roundings of 2^-53 of the coordinates.
     pub(super) fn world_balls(&self, map: &DAffine3) -> Balls {
         match &self.form {
+            // A stretched object has smaller balls than the stretched balls
             Form::Points(points) if points.len() <= MANY_POINTS && !keeps_balls(map) => {
                 let placed: Vec<DVec3> = points.iter().map(|&p| map.transform_point3(p)).collect();
                 Balls::of(&placed)
@@ -113,7 +114,8 @@ impl Hull {
         }
     }
 
-    /// The box in world space, likewise; `by_box` is the one around the transformed box.
+    /// Returns the box in world space, up to some roundings of 2^-53 of the coordinates; `by_box` is the box around the
+    /// transformed object-space box.
     pub(super) fn world_bounds(&self, map: &DAffine3, by_box: Bounds) -> Bounds {
         match &self.form {
             Form::Points(points) if points.len() <= MANY_POINTS => {
@@ -123,8 +125,8 @@ impl Hull {
         }
     }
 
-    /// Points around the placed object: its own where there are few, else the corners of its box in object space; those
-    /// of its box in the world, `world`, for a sphere.
+    /// Returns points around the transformed object: its own if they are few, else the corners of its object-space box;
+    /// for a sphere the corners of its world-space box `world`.
     pub(super) fn placed_points(&self, map: &DAffine3, world: &Bounds) -> Vec<DVec3> {
         let placed = |points: &[DVec3]| points.iter().map(|&p| map.transform_point3(p)).collect();
         match &self.form {
@@ -144,12 +146,12 @@ impl Balls {
     }
 }
 
-/// Whether balls stay balls: the map turns, mirrors and scales, but does not stretch.
+/// Returns whether the transform maps balls to balls: it rotates, mirrors and scales uniformly.
 fn keeps_balls(map: &DAffine3) -> bool {
     let m = map.matrix3;
     let gram = m.transpose() * m;
     let scale = gram.x_axis.x;
-    // What f32 input leaves of a rotation; a ball of a slightly stretched object is that little too large.
+    // Error of a rotation given in f32; a ball of a slightly stretched object is that little too large.
     let slack = 1e-5 * scale;
     (0..3).all(|i| {
         let column = gram.col(i);
@@ -157,7 +159,7 @@ fn keeps_balls(map: &DAffine3) -> bool {
     })
 }
 
-/// The vertices that a triangle uses, each once.
+/// Returns the vertices that a triangle uses, each once.
 fn used_points(mesh: &Mesh) -> Vec<DVec3> {
     let mut is_used = vec![false; mesh.positions.len()];
     for &vertex in mesh.triangles.iter().flatten() {
@@ -167,7 +169,7 @@ fn used_points(mesh: &Mesh) -> Vec<DVec3> {
     used.map(|(p, _)| DVec3::from(p.map(f64::from))).collect()
 }
 
-/// Points around a shape that is neither a sphere nor endless.
+/// Returns points around a bounded shape other than a sphere.
 fn shape_points(shape: &Shape, bounds: &Bounds) -> Vec<DVec3> {
     match shape {
         Shape::Polyhedron(polyhedron) => polyhedron.vertices(),
@@ -185,7 +187,7 @@ fn shape_points(shape: &Shape, bounds: &Bounds) -> Vec<DVec3> {
     }
 }
 
-/// The corners of a regular polygon around the circle of that radius at that height.
+/// Returns the vertices of a regular polygon around the circle of that radius at that height.
 fn circle(radius: f64, z: f64) -> Vec<DVec3> {
     let outer = radius / (PI / f64::from(SIDES)).cos();
     let corner = |i: u32| {
@@ -195,7 +197,7 @@ fn circle(radius: f64, z: f64) -> Vec<DVec3> {
     (0..SIDES).map(corner).collect()
 }
 
-/// The corners of a box.
+/// Returns the corners of a box.
 pub(super) fn corners(bounds: &Bounds) -> [DVec3; 8] {
     std::array::from_fn(|corner| {
         let pick = |axis: usize| {
@@ -217,7 +219,7 @@ mod tests {
     #[test]
     fn round_shapes_have_smaller_balls_than_their_boxes() {
         let radius = |shape| Hull::of(&Geometry::Shape(shape)).unwrap().balls.tight.radius;
-        // The polygon reaches 1 / cos(π/32) = 1.0048 far.
+        // The polygon has the circumradius 1 / cos(π/32) = 1.0048.
         let outer = 1.0 / (PI / 32.0).cos();
         assert!((radius(Shape::Disk) - outer).abs() < 1e-12);
         let cylinder = Shape::Cylinder(Cylinder { capped: true });

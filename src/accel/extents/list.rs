@@ -1,7 +1,7 @@
-//! The lecture's list: every object is asked, but behind its extent.
+//! List backend: every object is tested, but behind its bounding volume.
 //!
-//! Sixteen rays are tested against an extent at once; the object is then asked ray by ray, as brute force asks it, to
-//! the same bits. In what order the objects come changes no answer, because ties have an order of their own.
+//! Sixteen rays are tested against a volume at once; the object is then tested ray by ray by the code of brute force,
+//! to the same bits. The order of the objects changes no result, because ties have an order of their own.
 
 use super::rays::RayLanes;
 use super::{ExtentCounts, ExtentKind, Extents, Object};
@@ -11,37 +11,37 @@ use crate::accel::{Accel, AccelPart, AccelReport, Hit, LANES, RayOrder, RayPacke
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, lanes};
 use crate::scene::Scene;
 
-/// The objects of a scene in a list, each behind its extent.
+/// The objects of a scene in a list, each behind its bounding volume.
 pub struct ListAccel<'s> {
     pub(super) scene: &'s Scene,
     pub(super) extents: Extents,
     pub(super) planes: Planes,
 }
 
-/// Work that rays cause, planes not counted: each has the one test that nothing could save.
+/// Numbers of tests that rays cause. Planes are not counted: each has the one test that no volume could save.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Tally {
-    /// Rays asked.
+    /// Number of rays traced.
     pub rays: u64,
-    /// Objects that each ray would be tested against without extents, together.
+    /// Tests of a ray against an object that would be made without bounding volumes.
     pub objects: u64,
     /// Tests of a ray against an object.
     pub object_tests: u64,
-    /// Tests of a ray against an extent.
+    /// Tests of a ray against a bounding volume.
     pub extent_tests: u64,
-    /// Tests of a packet's place on the film against the box of an object.
+    /// Tests of a packet's screen-space box against the box of an object.
     pub film_tests: u64,
 }
 
-/// What counts, or does not.
+/// Counter of tests; the default methods count nothing, at no cost.
 pub(super) trait Count {
-    /// So many rays were asked.
+    /// Counts the rays of a packet, each against this many objects.
     fn rays(&mut self, _mask: u32, _objects: usize) {}
-    /// So many rays were tested against an extent.
+    /// Counts the rays that are tested against a bounding volume.
     fn extents(&mut self, _mask: u32) {}
-    /// So many rays were tested against an object.
+    /// Counts the rays that are tested against an object.
     fn objects(&mut self, _mask: u32) {}
-    /// A packet was held against a box on the film.
+    /// Counts a test of a packet against a screen-space box.
     fn film(&mut self) {}
 }
 
@@ -66,7 +66,7 @@ impl Count for Tally {
     }
 }
 
-/// Which question.
+/// Kind of ray query: nearest hit, or any hit.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Query {
     Nearest,
@@ -84,12 +84,12 @@ impl std::ops::AddAssign for Tally {
 }
 
 impl<'s> ListAccel<'s> {
-    /// A list of a validated scene's objects with extents of that kind.
+    /// Lists a validated scene's objects with bounding volumes of that kind.
     pub fn new(scene: &'s Scene, kind: ExtentKind) -> ListAccel<'s> {
         ListAccel::of_extents(scene, Extents::new(scene, kind))
     }
 
-    /// The same by extents that are known.
+    /// Lists the objects with volumes that are already computed.
     pub(super) fn of_extents(scene: &'s Scene, extents: Extents) -> ListAccel<'s> {
         ListAccel {
             scene,
@@ -98,19 +98,19 @@ impl<'s> ListAccel<'s> {
         }
     }
 
-    /// How many objects have which extent.
+    /// Returns the numbers of objects by kind of bounding volume.
     pub fn counts(&self) -> ExtentCounts {
         self.extents.counts()
     }
 
-    /// [`Accel::intersect`] with the work counted.
+    /// Runs [`Accel::intersect`] and returns the number of tests.
     pub fn count_intersect(&self, packets: &mut [RayPacket]) -> Tally {
         let mut tally = Tally::default();
         self.trace(packets, Query::Nearest, &mut tally);
         tally
     }
 
-    /// [`Accel::occluded`] with the work counted.
+    /// Runs [`Accel::occluded`] and returns the number of tests.
     pub fn count_occluded(&self, packets: &mut [RayPacket]) -> Tally {
         let mut tally = Tally::default();
         self.trace(packets, Query::Any, &mut tally);
@@ -179,6 +179,7 @@ impl<C: Count> SimdKernel for Batch<'_, '_, C> {
             packet.drop_untraceable();
             let mut search = Search::new(isa, self.list, packet, self.question);
             self.count.rays(search.active, extents.objects().len());
+            // Test every object until no lane is active
             for object in extents.objects() {
                 search.ask(isa, object, u32::MAX, self.count);
                 if search.active == 0 {
@@ -190,16 +191,16 @@ impl<C: Count> SimdKernel for Batch<'_, '_, C> {
     }
 }
 
-/// The search of one packet through objects, in whatever order they come.
+/// State of one packet while it is tested against objects, in any order.
 pub(super) struct Search<'a, 's> {
     list: &'a ListAccel<'s>,
     question: Query,
     rays: RayLanes,
     asked: RayPacket,
     best: [Option<Hit>; LANES],
-    /// The parameters beyond which nothing counts any more.
+    /// Parameters beyond which hits are ignored.
     pub(super) t_far: [f32; LANES],
-    /// Lanes that are still asked about; blocked ones leave.
+    /// Lanes that are still traced; occluded ones are removed.
     pub(super) active: u32,
     blocked: u32,
 }
@@ -225,16 +226,18 @@ impl<'a, 's> Search<'a, 's> {
         }
     }
 
-    /// Asks the active lanes of `among` about one object.
+    /// Tests the active lanes in `among` against one object.
     #[inline(always)]
     pub(super) fn ask(&mut self, isa: impl SimdLevel, object: &Object, among: u32, count: &mut impl Count) {
         let asked = self.active & among;
         let mut mask = asked;
+        // Cull lanes by the bounding volume
         if object.has_extent() {
             count.extents(asked);
             mask &= object.meets(isa, &self.rays, &self.t_far);
         }
         count.objects(mask);
+        // Test the object ray by ray
         for lane in lanes(mask) {
             let lane = lane % LANES;
             let ray = self.asked.ray(lane);
@@ -255,13 +258,13 @@ impl<'a, 's> Search<'a, 's> {
         }
     }
 
-    /// The largest parameter that still counts in any active lane.
+    /// Returns the largest parameter at which a hit still counts in any active lane.
     #[inline(always)]
     pub(super) fn last(&self) -> f32 {
         lanes(self.active).fold(f32::NEG_INFINITY, |last, lane| last.max(self.t_far[lane % LANES]))
     }
 
-    /// Puts the answers into the packet.
+    /// Writes the results into the packet.
     #[inline(always)]
     pub(super) fn write(self, packet: &mut RayPacket) {
         for lane in lanes(self.blocked) {

@@ -1,14 +1,15 @@
-//! Extents: simple volumes around objects, tested before the objects themselves, as in the lecture.
+//! Bounding volumes around objects, tested before the objects themselves.
 //!
-//! * [`BoxExtent`] is the box of the object, [`SphereExtent`] a sphere around it: the lecture's, whose centre is the
-//!   centroid of the vertices, or the smallest one ([`Ball`]).
-//! * [`ExtentKind::Chosen`] takes for every object what measured costs make cheapest, or nothing.
-//! * [`ProjectionExtents`] are boxes on the film: a camera ray cannot meet an object whose box does not hold its pixel,
-//!   so no arithmetic on rays is needed to skip it.
-//! * [`ListAccel`] is the lecture's list of objects, each behind its extent, with what the extents save counted.
+//! * [`BoxExtent`] is the bounding box of the object, [`SphereExtent`] a bounding sphere: the centroid sphere, whose
+//!   centre is the centroid of the vertices, or the smallest one ([`Ball`]).
+//! * [`ExtentKind::Chosen`] takes for every object the volume that measured costs make cheapest, or none.
+//! * [`ProjectionExtents`] are screen-space bounding boxes: a camera ray cannot hit an object whose box does not
+//!   contain its pixel, so no arithmetic on rays is needed to skip it.
+//! * [`ListAccel`] is a list of objects, each behind its bounding volume, with counters of the tests that the volumes
+//!   save.
 //!
-//! An extent changes the time, never an answer: [`guard`] bounds what rounding does to hits, and extents are that much
-//! wider. Planes have none, nor have placements that are too extreme for the bound.
+//! A bounding volume changes the time, never a result: [`guard`] bounds the rounding errors of hits, and volumes are
+//! that much wider. Planes have none, nor have instance transforms that are too extreme for the bound.
 
 mod ball;
 mod choice;
@@ -36,24 +37,24 @@ use crate::numeric::Bounds;
 use crate::parallel;
 use crate::scene::{Geometry, Instance, Scene};
 
-/// Which extents objects get.
+/// Kind of bounding volume for objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ExtentKind {
-    /// None: every object is asked.
+    /// No volume: every object is tested.
     None,
-    /// Boxes.
+    /// Axis-aligned boxes in world space.
     Box,
-    /// The lecture's spheres, around the centroids of the vertices.
+    /// Centroid spheres, around the mean of the vertices.
     CentroidSphere,
-    /// The smallest spheres.
+    /// Smallest enclosing spheres of the objects.
     TightSphere,
-    /// For every object the cheapest of these, by measured costs.
+    /// For every object the cheapest kind by measured costs.
     Chosen,
 }
 
 impl ExtentKind {
-    /// All of them.
+    /// All kinds, in the order of their declaration.
     pub const ALL: [ExtentKind; 5] = [
         ExtentKind::None,
         ExtentKind::Box,
@@ -75,42 +76,42 @@ impl std::fmt::Display for ExtentKind {
     }
 }
 
-/// Whether shapes in a tree get the smallest sphere around them, tested before them.
+/// Use of smallest enclosing spheres around shapes in a tree, tested before the shapes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spheres {
-    /// None has one.
+    /// No shape has a sphere.
     Never,
-    /// All have.
+    /// All shapes have a sphere.
     Always,
 }
 
-/// How many objects have which extent.
+/// Numbers of objects by kind of bounding volume.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct ExtentCounts {
-    /// Without one.
+    /// Objects without a bounding volume.
     pub none: u64,
-    /// Behind a box.
+    /// Objects behind a box.
     pub boxes: u64,
-    /// Behind the lecture's sphere.
+    /// Objects behind a centroid sphere.
     pub centroid_spheres: u64,
-    /// Behind the smallest sphere.
+    /// Objects behind the smallest sphere.
     pub tight_spheres: u64,
 }
 
-/// The objects of a scene but its planes, each behind its extent.
+/// The objects of a scene without planes, each with its bounding volume.
 pub(crate) struct Extents {
     objects: Vec<Object>,
     by_origin: f32,
     counts: ExtentCounts,
 }
 
-/// An instance and what is tested before it.
+/// An instance and the volume that is tested before it.
 pub(crate) struct Object {
     pub(crate) instance: u32,
     pub(crate) extent: Extent,
 }
 
-/// All extents of one object.
+/// Candidate bounding volumes of one object.
 pub(crate) struct Offers {
     bounds: BoxExtent,
     centroid: SphereExtent,
@@ -118,10 +119,11 @@ pub(crate) struct Offers {
 }
 
 impl Offers {
-    /// `None` where no extent is safe.
+    /// Computes the candidates of an instance; `None` if no volume is safe.
     fn of(scene: &Scene, instance: &Instance, hull: &Hull) -> Option<(Offers, Guard)> {
         let geometry = &scene.geometries[instance.geometry as usize];
         let guard = Guard::of(instance, geometry, hull.object_bounds())?;
+        // Enclose the transformed points and widen by the error bound
         let map = instance.world_from_object();
         let balls = hull.world_balls(&map);
         let bounds = hull.world_bounds(&map, instance.world_bounds(geometry, hull.object_bounds()));
@@ -133,7 +135,7 @@ impl Offers {
         Some((offers, guard))
     }
 
-    /// The extent of a kind that is not chosen.
+    /// Returns the volume of a kind; none for [`ExtentKind::Chosen`], which must be resolved before.
     fn of_kind(&self, kind: ExtentKind) -> Extent {
         match kind {
             ExtentKind::None | ExtentKind::Chosen => Extent::None,
@@ -145,15 +147,17 @@ impl Offers {
 }
 
 impl Extents {
-    /// Extents of one kind for all objects that may have one. [`ExtentKind::Chosen`] takes some milliseconds to
-    /// measure.
+    /// Computes volumes of one kind for all objects that may have one. [`ExtentKind::Chosen`] takes some milliseconds
+    /// to measure.
     pub(crate) fn new(scene: &Scene, kind: ExtentKind) -> Extents {
         Extents::of_hulls(scene, &hulls_of(scene), kind)
     }
 
-    /// The same by hulls that are known, one a geometry.
+    /// Computes volumes of one kind from known hulls, one per geometry.
     fn of_hulls(scene: &Scene, hulls: &[Option<Hull>], kind: ExtentKind) -> Extents {
+        // Measure the costs of tests if the kind is to be chosen
         let costs = (kind == ExtentKind::Chosen).then(|| Costs::measure(scene, hulls));
+        // Compute the volume of each instance
         let object = |index: usize| -> Option<(Object, ExtentKind, f64)> {
             let instance = &scene.instances[index];
             let hull = hulls[instance.geometry as usize].as_ref()?;
@@ -175,6 +179,7 @@ impl Extents {
             let extent = offers.of_kind(kind);
             Some((Object { extent, ..without }, kind, guard.by_origin))
         };
+        // Collect the objects and the largest error factor of ray origins
         let objects = parallel::map(scene.instances.len(), &object);
         let mut extents = Extents {
             objects: Vec::with_capacity(objects.len()),
@@ -189,33 +194,33 @@ impl Extents {
         extents
     }
 
-    /// The objects, in the order of their instances.
+    /// Returns the objects, in the order of their instances.
     pub(crate) fn objects(&self) -> &[Object] {
         &self.objects
     }
 
-    /// How many have which extent.
+    /// Returns the numbers of objects by kind of volume.
     pub(crate) fn counts(&self) -> ExtentCounts {
         self.counts
     }
 
-    /// What [`RayLanes`] need to know.
+    /// Returns the largest error factor of ray origins, for [`RayLanes::new`].
     pub(crate) fn by_origin(&self) -> f32 {
         self.by_origin
     }
 }
 
-/// The hulls of all geometries.
+/// Computes the hulls of all geometries.
 fn hulls_of(scene: &Scene) -> Vec<Option<Hull>> {
     parallel::map(scene.geometries.len(), &|index| {
         Hull::of(&scene.geometries[index])
     })
 }
 
-/// The smallest spheres around shapes, by instance, for a tree that asks them; absent where none is safe, and for
-/// meshes.
+/// Returns the smallest spheres around shapes, by instance, for a tree that tests them; `None` where none is safe, and
+/// for meshes.
 ///
-/// A cell of a tree holds several shapes, so many rays that come to a cell pass a shape by.
+/// A cell of a tree contains several shapes, so many rays that reach a cell miss a shape in it.
 pub(crate) fn spheres_of_shapes(scene: &Scene) -> Vec<Option<SphereExtent>> {
     let hulls = parallel::map(scene.geometries.len(), &|index| {
         let geometry = &scene.geometries[index];
@@ -233,7 +238,7 @@ pub(crate) fn spheres_of_shapes(scene: &Scene) -> Vec<Option<SphereExtent>> {
 }
 
 impl Object {
-    /// The lanes that may meet the object before `t_far`.
+    /// Returns the mask of lanes that may hit the object before `t_far`.
     #[inline(always)]
     pub(crate) fn meets(&self, isa: impl SimdLevel, rays: &RayLanes, t_far: &Lanes) -> u32 {
         match &self.extent {
@@ -243,7 +248,7 @@ impl Object {
         }
     }
 
-    /// Whether there is anything to test.
+    /// Returns whether the object has a bounding volume.
     #[inline(always)]
     pub(crate) fn has_extent(&self) -> bool {
         self.extent != Extent::None
@@ -261,7 +266,7 @@ impl ExtentCounts {
     }
 }
 
-/// The surface of a box.
+/// Returns the surface area of a box.
 fn surface(bounds: &Bounds) -> f64 {
     let e = bounds.extent();
     2.0 * (e.x * e.y + e.y * e.z + e.z * e.x)

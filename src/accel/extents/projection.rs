@@ -1,11 +1,12 @@
-//! Projection extents: where on the film of a camera an object can be seen at all.
+//! Screen-space bounding boxes of objects as seen by a camera.
 //!
-//! A point goes to the film by one matrix, the inverse of the columns that span it: for a perspective
-//! `(X, Y, Z) = A (p - E)` is seen at `(X / Z, Y / Z)` in depth Z, for an orthographic camera `A (p - corner)` is place
-//! and depth at once. Rays are taken to the film by the same matrix, from the f32 numbers that are traced: so it need
-//! not be exact, only the same.
+//! A point is projected to the film by one matrix, the inverse of the columns that span it: for a perspective camera
+//! `(X, Y, Z) = A (p - E)` projects to `(X / Z, Y / Z)` at depth Z, for an orthographic camera `A (p - corner)` is
+//! position and depth at once. Rays are projected by the same matrix, from the f32 numbers that are traced: so the
+//! matrix need not be exact, only the same for both.
 //!
-//! What is behind the eye, or nearer than the near plane, is nowhere; what reaches around the eye is everywhere.
+//! Objects behind the camera, or nearer than the near plane, have an empty box; objects that reach around the
+//! projection centre have an infinite one.
 
 use glam::{DMat3, DVec3, Vec3};
 
@@ -17,44 +18,45 @@ use crate::numeric::LANES;
 use crate::parallel;
 use crate::scene::{CameraView, Instance, Scene};
 
-/// Added to all sides of boxes on the film: far more than f64 makes of a place there.
+/// Padding on all sides of screen-space boxes: far more than the error of a position in f64.
 const FILM_SLACK: f64 = 1.0 / (1u64 << 30) as f64;
-/// Cameras whose matrix mixes coordinates so much that 16 roundings of 2^-53 of them would come near
-/// [`FILM_SLACK`] have no projection: their angle is under a thousandth of a radian.
+/// Largest ratio by which a camera's matrix may mix coordinates. Beyond it 16 roundings of 2^-53 of them would come
+/// near [`FILM_SLACK`], and the camera has no projection: its angle is under a thousandth of a radian.
 const MAX_MIXING: f64 = (1u32 << 12) as f64;
-/// By this part the depth of a direction that is rounded to f32 may differ from 1: u times [`MAX_MIXING`], with room.
+/// Bound on the difference from 1 of the depth of a direction that is rounded to f32: u times [`MAX_MIXING`], with a
+/// margin.
 const DEPTH_SLACK: f64 = 1.0 / (1u32 << 10) as f64;
-/// What f64 computations leave over, relative to their terms: a dozen roundings of 2^-53.
+/// Error of f64 computations relative to their terms: a dozen roundings of 2^-53.
 const WIDE_SLACK: f64 = 1.0 / (1u64 << 48) as f64;
 
-/// A box on the film: x from 0 at the left edge of the image to 1 at the right, y from 0 at the top to 1 at the bottom.
-/// Places beyond the image count too.
+/// A box in screen space: x from 0 at the left edge of the image to 1 at the right, y from 0 at the top to 1 at the
+/// bottom. Positions outside the image are valid, too.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FilmBox {
-    /// Left and top.
+    /// Left and top bounds.
     pub low: [f32; 2],
-    /// Right and bottom.
+    /// Right and bottom bounds.
     pub high: [f32; 2],
-    /// No hit is nearer, in the camera's own parameter.
+    /// Lower bound on the depth of hits, in the camera's own parameter.
     pub depth: f32,
 }
 
 impl FilmBox {
-    /// Nowhere on the film.
+    /// Empty box, for objects that cannot be seen.
     pub const NOWHERE: FilmBox = FilmBox {
         low: [f32::INFINITY; 2],
         high: [f32::NEG_INFINITY; 2],
         depth: f32::INFINITY,
     };
 
-    /// Everywhere on the film.
+    /// Infinite box, for objects without a bound.
     pub const EVERYWHERE: FilmBox = FilmBox {
         low: [f32::NEG_INFINITY; 2],
         high: [f32::INFINITY; 2],
         depth: f32::NEG_INFINITY,
     };
 
-    /// Whether two boxes have a place in common.
+    /// Returns whether two boxes have a point in common.
     #[inline(always)]
     pub fn overlaps(&self, other: &FilmBox) -> bool {
         (self.low[0] <= other.high[0])
@@ -63,49 +65,49 @@ impl FilmBox {
             & (other.low[1] <= self.high[1])
     }
 
-    /// Whether it is nowhere.
+    /// Returns whether the box is empty.
     pub fn is_nowhere(&self) -> bool {
         !(self.low[0] <= self.high[0] && self.low[1] <= self.high[1])
     }
 }
 
-/// Where the objects of a scene are seen by one camera.
+/// Screen-space boxes of the objects of a scene for one camera.
 pub struct ProjectionExtents {
     film: Film,
     boxes: Vec<FilmBox>,
 }
 
-/// The way to the film.
+/// Projection from world space to the film.
 #[derive(Clone, Copy, Debug)]
 struct Film {
-    /// A.
+    /// Projection matrix A of the module documentation.
     film_from_world: DMat3,
-    /// E, or the corner of the film.
+    /// Projection centre E, or the corner of the film for an orthographic camera.
     origin: DVec3,
     rays: CameraRays,
     t_near: f64,
-    /// What f64 makes of the depth where a ray begins.
+    /// Error of an f64 depth at the start of a ray.
     depth_slack: f64,
-    /// Largest coordinate of an origin.
+    /// Largest coordinate of a ray origin.
     reach: f64,
 }
 
-/// What all rays of a camera have in common, as they are traced.
+/// Property that all rays of a camera share, as they are traced.
 #[derive(Clone, Copy, Debug)]
 enum CameraRays {
-    /// Their origin.
+    /// Common origin of perspective rays.
     From(Vec3),
-    /// Their direction.
+    /// Common direction of orthographic rays.
     Along(Vec3),
 }
 
 impl ProjectionExtents {
-    /// The boxes of all instances of a validated scene; `None` for cameras of extremely narrow angles.
+    /// Computes the boxes of all instances of a validated scene; `None` for cameras of extremely narrow angles.
     pub fn new(scene: &Scene, view: &CameraView) -> Option<ProjectionExtents> {
         ProjectionExtents::of_hulls(scene, &hulls_of(scene), view)
     }
 
-    /// The same by hulls that are known, one a geometry.
+    /// Computes the boxes from known hulls, one per geometry.
     pub(super) fn of_hulls(
         scene: &Scene,
         hulls: &[Option<Hull>],
@@ -119,18 +121,18 @@ impl ProjectionExtents {
         Some(ProjectionExtents { film, boxes })
     }
 
-    /// The box of an instance: planes are everywhere, and so is what is too extreme for a bound.
+    /// Returns the box of an instance: infinite for planes, and for transforms too extreme for an error bound.
     pub fn film_box(&self, instance: u32) -> FilmBox {
         self.boxes[instance as usize]
     }
 
-    /// All of them, in the order of the instances.
+    /// Returns the boxes of all instances, in their order.
     pub(super) fn boxes(&self) -> &[FilmBox] {
         &self.boxes
     }
 
-    /// Where the active rays of a packet go through the film, if they are the camera's; its depth is by how much one
-    /// unit of their parameter is deeper at most, and where they begin at the deepest.
+    /// Returns the screen-space box of the active rays of a packet, or `None` if they are not the camera's. The pair
+    /// `[scale, base]` bounds the depth of the rays at parameter `t` by `scale * t + base`.
     #[inline(always)]
     pub(super) fn film_of(&self, packet: &RayPacket) -> Option<(FilmBox, [f32; 2])> {
         self.film.of_packet(packet)
@@ -139,6 +141,7 @@ impl ProjectionExtents {
 
 impl Film {
     fn new(view: &CameraView) -> Option<Film> {
+        // Take the columns that span the film from three rays
         let [corner, right, below] = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(|(x, y)| view.ray(x, y));
         let (columns, origin, rays, reach) = match view.eye() {
             Some(eye) => {
@@ -156,7 +159,7 @@ impl Film {
                 let traced = corner.direction.as_vec3();
                 let [across, down] = [right, below].map(|ray| ray.origin - corner.origin);
                 let columns = [across, down, traced.as_dvec3()];
-                // Up to a film's width beyond the film.
+                // Allow origins up to a film's width beyond the film
                 let reach = corner.origin.abs() + 2.0 * (across.abs() + down.abs());
                 (
                     columns,
@@ -166,12 +169,13 @@ impl Film {
                 )
             }
         };
+        // Invert the columns, and reject matrices that amplify rounding errors too much
         let [across, down, forward] = columns;
         let film_from_world = DMat3::from_cols(across, down, forward).inverse();
         let terms = rows(&film_from_world) * (across.abs() + down.abs() + forward.abs());
         let mixing = match rays {
             CameraRays::From(_) => terms.max_element(),
-            // Its depth is a length, not a ratio.
+            // The depth of orthographic rays is a length, not a ratio.
             CameraRays::Along(_) => terms.x.max(terms.y),
         };
         (mixing <= MAX_MIXING).then_some(Film {
@@ -201,11 +205,12 @@ impl Film {
         self.box_of_points(&hull.placed_points(&map, &world), &guard)
     }
 
-    /// The box around points, each of which may be displaced as the guard says.
+    /// Returns the box around points, each of which may be displaced by the guard's bounds.
     fn box_of_points(&self, points: &[DVec3], guard: &Guard) -> FilmBox {
         let pad = DVec3::splat(guard.by_origin * self.reach + guard.own);
         let magnitudes = rows(&self.film_from_world);
         let depth_of_meshes = guard.depth * self.film_from_world.row(2).length();
+        // Project the points, with error bounds
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let (mut nearest, mut farthest) = (f64::INFINITY, f64::NEG_INFINITY);
         for p in points {
@@ -226,13 +231,15 @@ impl Film {
                 high = high.max(to);
             }
         }
-        // Parallel rays start on the film but for the rounding of their origins.
+        // Parallel rays start on the film, except for the rounding of their origins.
         let off_film = (magnitudes * DVec3::splat(2.0 * UNIT * self.reach)).z;
         let last = farthest + depth_of_meshes + off_film + self.depth_slack;
+        // Reject objects behind the camera or the near plane
         if last < 0.0 || last * (1.0 + DEPTH_SLACK) < self.t_near {
             return FilmBox::NOWHERE;
         }
         let depth = ((nearest - depth_of_meshes - self.depth_slack) as f32).next_down();
+        // Return an infinite box if the object reaches around the projection centre
         if matches!(self.rays, CameraRays::From(_)) && !(nearest > 0.0) {
             return FilmBox {
                 depth,
@@ -250,6 +257,7 @@ impl Film {
 
     #[inline(always)]
     fn of_packet(&self, packet: &RayPacket) -> Option<(FilmBox, [f32; 2])> {
+        // Project the rays and check that they are the camera's
         let (same, shared, moving, origin) = match self.rays {
             CameraRays::From(origin) => (&packet.origin, origin, &packet.direction, DVec3::ZERO),
             CameraRays::Along(direction) => (&packet.direction, direction, &packet.origin, self.origin),
@@ -272,6 +280,7 @@ impl Film {
             return None;
         }
         let is_perspective = matches!(self.rays, CameraRays::From(_));
+        // Divide by depth for perspective
         if is_perspective {
             for l in 0..LANES {
                 let inverse = 1.0 / places[2][l];
@@ -279,6 +288,7 @@ impl Film {
                 places[1][l] *= inverse;
             }
         }
+        // Bound the active lanes
         for axis in 0..3 {
             for l in 0..LANES {
                 let counts = packet.active[l] != 0;
@@ -295,7 +305,7 @@ impl Film {
                 };
             }
         }
-        // Within a film's width of the film, where the bounds on rounding hold; NaN is not.
+        // Accept only rays within a film's width of the film, where the error bounds hold; NaN fails the test
         let near_film = (0..2).all(|axis| low[axis] >= -1.0 && high[axis] <= 2.0);
         if !near_film || is_perspective && !(low[2] > 0.5) {
             return None;
@@ -317,7 +327,7 @@ impl Film {
     }
 }
 
-/// The magnitudes of a matrix.
+/// Returns the matrix of magnitudes.
 fn rows(m: &DMat3) -> DMat3 {
     DMat3::from_cols(m.x_axis.abs(), m.y_axis.abs(), m.z_axis.abs())
 }

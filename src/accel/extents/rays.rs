@@ -1,8 +1,8 @@
-//! Sixteen rays against one extent.
+//! Test of sixteen rays against one bounding volume.
 //!
-//! A test may only say no where that is certain. The ray's origin is moved by the guard's share of its size, against
-//! the direction for entries and along it for exits, so the extents themselves need to know nothing of the ray; what
-//! rounding does to parameters is left to factors next to 1. Directions so short that their squares would be lost are
+//! A test may report a miss only if it is certain. The ray's origin is moved by the guard's factor times its size,
+//! against the direction for exits and along it for entries, so the volumes themselves do not depend on the ray;
+//! rounding of parameters is covered by factors next to 1. Directions so short that their squares would underflow are
 //! not tested at all.
 
 use crate::accel::bsp::error_bounds::Line;
@@ -11,22 +11,22 @@ use crate::mesh::simd::SimdLevel;
 
 use super::shape::{BoxExtent, SphereExtent};
 
-/// A value for each ray.
+/// One value per ray of the packet.
 pub(super) type Lanes = [f32; LANES];
 
-/// All lanes.
+/// Mask of all sixteen lanes.
 const FULL: u32 = (1 << LANES) - 1;
-/// Squared lengths below this have lost digits to the end of the range of f32, or will: its smallest normal number by
-/// the unit of rounding, 2^-126 / 2^-24.
+/// Squared length below which digits are lost at the end of the range of f32, or will be: its smallest normal number
+/// over the unit of rounding, 2^-126 / 2^-24.
 pub(super) const MIN_SQUARE: f32 = 1.972_152_3e-31;
 
-/// What the tests need of sixteen rays.
+/// Sixteen rays with precomputed data for volume tests.
 pub(crate) struct RayLanes {
     origin: [Lanes; 3],
     direction: [Lanes; 3],
-    /// The origin moved towards the entries of boxes.
+    /// Origins moved along the direction, for the entries of boxes.
     enter_origin: [Lanes; 3],
-    /// The origin moved towards their exits.
+    /// Origins moved against the direction, for the exits of boxes.
     leave_origin: [Lanes; 3],
     enter: [Lanes; 3],
     leave: [Lanes; 3],
@@ -35,16 +35,17 @@ pub(crate) struct RayLanes {
     /// Reciprocal of the length of the direction.
     inverse_length: Lanes,
     t_near: Lanes,
-    /// Rays that are not tested: everything may meet them.
+    /// Mask of rays that are not tested and may hit everything.
     always: u32,
 }
 
 impl RayLanes {
-    /// The rays of a packet. `by_origin` is the largest of the guards'.
+    /// Prepares the rays of a packet. `by_origin` is the largest such factor of all guards.
     #[inline(always)]
     pub(crate) fn new(isa: impl SimdLevel, packet: &RayPacket, by_origin: f32) -> RayLanes {
         let (origin, direction) = (packet.origin, packet.direction);
         let [enter, leave] = Line::reciprocals(&direction);
+        // Move the origins by the error bound, along and against the direction
         let mut pad = [0.0; LANES];
         for row in &origin {
             for l in 0..LANES {
@@ -55,11 +56,13 @@ impl RayLanes {
         let [mut enter_origin, mut leave_origin] = [origin; 2];
         for axis in 0..3 {
             for l in 0..LANES {
+                // Entries become earlier and exits later
                 let towards = pad[l].copysign(direction[axis][l]);
                 enter_origin[axis][l] += towards;
                 leave_origin[axis][l] -= towards;
             }
         }
+        // Compute reciprocal lengths for the sphere test
         let [mut inverse_square, mut inverse_length] = [[0.0f32; LANES]; 2];
         let mut square = [0.0f32; LANES];
         for l in 0..LANES {
@@ -82,11 +85,12 @@ impl RayLanes {
         }
     }
 
-    /// The lanes that may meet the box before `t_far`.
+    /// Returns the mask of lanes that may hit the box before `t_far`.
     #[inline(always)]
     pub(super) fn meet_box(&self, isa: impl SimdLevel, extent: &BoxExtent, t_far: &Lanes) -> u32 {
         let (mut near, mut far) = (self.t_near, *t_far);
         for l in 0..LANES {
+            // Extend the interval by the depth error of edge-on triangles
             let depth = extent.depth * self.inverse_length[l];
             near[l] -= depth;
             far[l] += depth;
@@ -98,7 +102,7 @@ impl RayLanes {
                 let (first, last) = if falls { (high, low) } else { (low, high) };
                 let t0 = (first - self.enter_origin[axis][l]) * self.enter[axis][l];
                 let t1 = (last - self.leave_origin[axis][l]) * self.leave[axis][l];
-                // NaN, from a ray within a face, leaves the interval as it is.
+                // NaN, from a ray within a face, leaves the interval unchanged.
                 near[l] = if t0 > near[l] { t0 } else { near[l] };
                 far[l] = if t1 < far[l] { t1 } else { far[l] };
             }
@@ -106,10 +110,10 @@ impl RayLanes {
         isa.le(&near, &far) | self.always
     }
 
-    /// The lanes that may meet the sphere before `t_far`.
+    /// Returns the mask of lanes that may hit the sphere before `t_far`.
     ///
     /// The squared distance of the line from the centre is `|f|² - (f.d)² / |d|²`, and no hit is farther along the ray
-    /// than the radius from where it is nearest.
+    /// than the radius from the point nearest to the centre.
     #[inline(always)]
     pub(super) fn meet_sphere(&self, isa: impl SimdLevel, extent: &SphereExtent, t_far: &Lanes) -> u32 {
         let [mut beside, mut from, mut to] = [[0.0f32; LANES]; 3];
@@ -121,7 +125,7 @@ impl RayLanes {
             let square = (x * x + y * y) + z * z;
             let along = (x * dx + y * dy) + z * dz;
             let t = -along * self.inverse_square[l];
-            // `along * t` is negative.
+            // The product `along * t` is negative.
             beside[l] = extent.shrink * square + along * t;
             let taxicab = (x.abs() + y.abs()) + z.abs();
             let reach = (extent.reach + extent.slack * taxicab) * self.inverse_length[l];

@@ -1,4 +1,4 @@
-//! The two extents: a box and a sphere, in f32, as much larger than the object as rounding may ever need.
+//! The two bounding volumes: a box and a sphere, in f32, enlarged by the rounding errors of hits.
 
 use glam::DVec3;
 
@@ -7,40 +7,40 @@ use super::guard::{Guard, UNIT};
 use super::rays::MIN_SQUARE;
 use crate::numeric::{Bounds, Ray};
 
-/// Relative error of the squared distance of a line from a point, in units of the squared distance of its origin: 4u
-/// by the differences, 3u by either sum of products, squared where it is the dot product's, 3u by the length, 3u more:
+/// Relative error of the squared distance of a line from a point, in units of the squared distance of its origin: 4u by
+/// the differences, 3u by either sum of products, squared where it is the dot product's, 3u by the length, 3u more:
 /// 16u. Doubled, for the effect of one rounding on another.
 const SQUARE_SLACK: f64 = 32.0 * UNIT;
-/// Relative error of a parameter found by a dot product, likewise: 8u, doubled.
+/// Relative error of a parameter computed by a dot product: 8u, doubled for the effect of one rounding on another.
 const ALONG_SLACK: f64 = 16.0 * UNIT;
-/// What f64 computations of points, boxes and balls leave over, relative to coordinates: far less than any guard.
+/// Error of f64 computations of points, boxes and balls relative to coordinates: far less than any guard.
 const WIDE_SLACK: f64 = 1.0 / (1u64 << 40) as f64;
 
-/// An axis-aligned box in world space.
+/// An axis-aligned bounding box in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoxExtent {
     pub(super) low: [f32; 3],
     pub(super) high: [f32; 3],
-    /// See [`Guard::depth`].
+    /// Depth error of hits, as in [`Guard::depth`].
     pub(super) depth: f32,
 }
 
-/// A sphere in world space.
+/// A bounding sphere in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SphereExtent {
     pub(super) center: [f32; 3],
-    /// The squared distance of the origin counts this much, a little less than 1.
+    /// Factor of the squared distance of the origin, a little less than 1.
     pub(super) shrink: f32,
-    /// Lines whose squared distance from the centre is larger pass by.
+    /// Squared distance from the centre beyond which a line misses.
     pub(super) square: f32,
-    /// How far from the point nearest to the centre a hit may lie along the ray.
+    /// Largest distance of a hit along the ray from the point nearest to the centre.
     pub(super) reach: f32,
-    /// And how much farther, relative to the distance of the origin.
+    /// Addition to `reach` relative to the distance of the origin.
     pub(super) slack: f32,
 }
 
 impl BoxExtent {
-    /// Around what lies within `bounds`.
+    /// Creates the box around everything within `bounds`.
     pub(super) fn new(bounds: &Bounds, guard: &Guard) -> BoxExtent {
         let pad = DVec3::splat(guard.own + WIDE_SLACK * bounds.magnitude());
         let padded = Bounds {
@@ -55,7 +55,7 @@ impl BoxExtent {
         }
     }
 
-    /// Its surface.
+    /// Returns the surface area of the box.
     pub fn area(&self) -> f64 {
         let [x, y, z] = [0, 1, 2].map(|axis| f64::from(self.high[axis]) - f64::from(self.low[axis]));
         2.0 * (x * y + y * z + z * x)
@@ -63,13 +63,14 @@ impl BoxExtent {
 }
 
 impl SphereExtent {
-    /// Around what lies within `ball`.
+    /// Creates the sphere around everything within `ball`.
     ///
     /// A hit is displaced by `√3 (k |o| + own)` at most, k = [`Guard::by_origin`], and |o| is at most the origin's
-    /// distance D from the centre C and |C|. With `R' = R + √3 (k |C| + own)` and `e = √3 k`, all lines that count are
-    /// nearer than `R' + e D`, whose square is at most `(1 + e) R'² + (e + e²) D²`.
+    /// distance D from the centre C and |C|. With `R' = R + √3 (k |C| + own)` and `e = √3 k`, all lines that may hit
+    /// are nearer than `R' + e D`, whose square is at most `(1 + e) R'² + (e + e²) D²`.
     pub(super) fn new(ball: &Ball, guard: &Guard) -> SphereExtent {
         let center = ball.center.as_vec3();
+        // Add the rounding of the centre, the displacement of hits, and f64 errors to the radius
         let moved = center.as_dvec3().distance(ball.center);
         let size = ball.center.abs().max_element();
         let root = 3f64.sqrt();
@@ -86,17 +87,19 @@ impl SphereExtent {
         }
     }
 
-    /// The lecture's sphere: around the mean of the points, as far as the farthest, for rays that are asked exactly.
+    /// Creates the centroid sphere: around the mean of the points, as far as the farthest, for rays that are tested
+    /// exactly.
     pub fn of_centroid(points: &[DVec3]) -> SphereExtent {
         SphereExtent::new(&Ball::of_centroid(points), &Guard::NONE)
     }
 
-    /// The smallest sphere around the points.
+    /// Creates the smallest sphere around the points.
     pub fn smallest(points: &[DVec3]) -> SphereExtent {
         SphereExtent::new(&Ball::smallest(points), &Guard::NONE)
     }
 
-    /// Whether a line may meet it: the test for a ray alone, in f64, where nothing overflows, and without a division.
+    /// Returns whether a line may hit the sphere: the test for a single ray, in f64, without overflow and without a
+    /// division.
     #[inline(always)]
     pub(crate) fn may_meet(&self, ray: &Ray) -> bool {
         let f = ray.origin.as_dvec3() - DVec3::from(self.center.map(f64::from));
@@ -107,24 +110,24 @@ impl SphereExtent {
         !(beside > f64::from(self.square) * square)
     }
 
-    /// Its radius, with all that it was widened by.
+    /// Returns the radius, including all enlargements.
     pub fn radius(&self) -> f64 {
         f64::from(self.square).sqrt()
     }
 
-    /// Its surface.
+    /// Returns the surface area of the sphere.
     pub fn area(&self) -> f64 {
         4.0 * std::f64::consts::PI * f64::from(self.square)
     }
 }
 
-/// What is tested before an object.
+/// Bounding volume that is tested before an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Extent {
-    /// Nothing: the object is always asked.
+    /// No volume: the object is always tested.
     None,
-    /// A box.
+    /// A box around the object.
     Box(BoxExtent),
-    /// A sphere.
+    /// A sphere around the object.
     Sphere(SphereExtent),
 }

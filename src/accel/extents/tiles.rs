@@ -1,8 +1,8 @@
-//! Camera rays by projection extents: the film in tiles, each with the list of the objects seen in it, front to back.
+//! Per-tile object lists for camera rays: the film in tiles, each with the objects seen in it, front to back.
 //!
-//! A packet of camera rays is asked about the objects of its tiles whose boxes its place on the film meets; as soon as
-//! all that is left lies deeper than what was hit, it is done. Packets in whose tiles too much is seen are left to a
-//! tree, as are rays that are not the camera's.
+//! A packet of camera rays is tested against the objects of its tiles whose screen-space boxes overlap its own; it is
+//! finished as soon as everything left lies deeper than its hits. Packets in tiles with too many objects are traced by
+//! another backend, as are rays that are not the camera's.
 
 use super::hull::Hull;
 use super::list::{Count, ListAccel, Query, Search, Tally};
@@ -15,74 +15,75 @@ use crate::numeric::LANES;
 use crate::parallel;
 use crate::scene::{CameraView, Geometry, Scene};
 
-/// Fewest tiles along a side.
+/// Least number of tiles along a side.
 const FEWEST_TILES: usize = 16;
-/// Most tiles along a side: of 8 pixels each in a picture of 1024.
+/// Maximum number of tiles along a side: of 8 pixels each in an image of 1024.
 const MAX_TILES: usize = 128;
-/// Most entries of all lists together, 64 MB.
+/// Maximum number of entries of all lists together, 64 MB.
 const MAX_ENTRIES: usize = 1 << 24;
-/// Packets that touch more tiles are not worth looking up: blocks of 4 pixels in a picture of 256 touch 3 by 3.
+/// Maximum number of tiles that a packet may touch for a lookup to pay: blocks of 4 pixels in an image of 256 touch 3
+/// by 3.
 const MAX_TILES_OF_PACKET: usize = 9;
 
-/// A backend whose camera rays skip objects by projection extents.
+/// A backend whose camera rays skip objects by screen-space bounding boxes.
 pub struct ProjectedAccel<'a, 's> {
-    /// Answers all that the lists do not.
+    /// Backend for all rays that the lists do not serve.
     inner: &'a dyn Accel,
     list: ListAccel<'s>,
     projection: ProjectionExtents,
     tiles: Tiles,
 }
 
-/// What is asked one by one, in place of the other backend.
+/// Limits up to which objects are tested one by one, instead of by the other backend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ListLimits {
-    /// Most objects in a tile.
+    /// Maximum number of objects in a tile.
     pub objects: usize,
-    /// Most primitives of each.
+    /// Maximum number of primitives of each object.
     pub primitives: usize,
 }
 
 impl ListLimits {
-    /// Everything, for a backend that asks all objects anyway.
+    /// No limits, for a backend that tests all objects anyway.
     pub const NONE: ListLimits = ListLimits {
         objects: usize::MAX,
         primitives: usize::MAX,
     };
 
-    /// What was measured to be sooner asked than found in a tree.
+    /// Limits within which testing a list was measured to be faster than a tree.
     pub const BESIDE_A_TREE: ListLimits = ListLimits {
         objects: 16,
         primitives: 4,
     };
 }
 
-/// An object as tiles see it.
+/// Screen-space data of an object.
 struct Seen {
     film: FilmBox,
-    /// Whether it may be asked one by one.
+    /// Flag for objects that may be tested one by one.
     is_listed: bool,
 }
 
-/// For each tile the objects seen in it.
+/// For each tile the list of objects seen in it.
 struct Tiles {
-    /// Tiles along a side.
+    /// Number of tiles along a side.
     side: usize,
-    /// Where the list of each tile starts, and where the last one ends.
+    /// Start of the list of each tile, followed by the end of the last one.
     starts: Vec<u32>,
-    /// Tiles that are left to the other backend.
+    /// Flags of the tiles that are left to the other backend.
     is_left: Vec<bool>,
-    /// Positions in the list of objects.
+    /// Object positions of all lists, tile by tile.
     entries: Vec<u32>,
-    /// By position in the list of objects.
+    /// Screen-space data by position in the list of objects.
     seen: Vec<Seen>,
 }
 
 impl<'a, 's> ProjectedAccel<'a, 's> {
-    /// Lists for one view of a validated scene, with extents of that kind; `None` for cameras of extremely narrow
-    /// angles.
+    /// Builds the lists for one view of a validated scene, with bounding volumes of that kind; `None` for cameras of
+    /// extremely narrow angles.
     ///
-    /// `inner` answers for packets in whose tile the limits are exceeded, and for all other rays; it must give the bits
-    /// of brute force.
+    /// `inner` traces the packets in whose tile the limits are exceeded, and all other rays; it must return the bits of
+    /// brute force.
     pub fn new(
         scene: &'s Scene,
         view: &CameraView,
@@ -90,6 +91,7 @@ impl<'a, 's> ProjectedAccel<'a, 's> {
         kind: ExtentKind,
         limits: ListLimits,
     ) -> Option<ProjectedAccel<'a, 's>> {
+        // Bound large meshes by their boxes only
         let is_listed = |geometry: &Geometry| geometry.primitive_count() <= limits.primitives;
         let hull = |geometry: &Geometry| {
             if is_listed(geometry) {
@@ -101,6 +103,7 @@ impl<'a, 's> ProjectedAccel<'a, 's> {
         let hulls = parallel::map(scene.geometries.len(), &|index| hull(&scene.geometries[index]));
         let projection = ProjectionExtents::of_hulls(scene, &hulls, view)?;
         let list = ListAccel::of_extents(scene, Extents::of_hulls(scene, &hulls, kind));
+        // Project the objects and sort them into tiles
         let objects = list.extents.objects().iter().map(|object| Seen {
             film: projection.boxes()[object.instance as usize],
             is_listed: is_listed(scene.geometry_of(object.instance)),
@@ -114,7 +117,7 @@ impl<'a, 's> ProjectedAccel<'a, 's> {
         })
     }
 
-    /// [`Accel::intersect`] of coherent rays with the work counted; what `inner` does is not.
+    /// Runs [`Accel::intersect`] for coherent rays and returns the number of tests; those of `inner` are not counted.
     pub fn count_intersect(&self, packets: &mut [RayPacket]) -> Tally {
         let mut tally = Tally::default();
         self.trace(packets, &mut tally);
@@ -124,7 +127,7 @@ impl<'a, 's> ProjectedAccel<'a, 's> {
     fn trace(&self, packets: &mut [RayPacket], count: &mut impl Count) {
         let mut rest = packets;
         while !rest.is_empty() {
-            // A run of packets by lists, then a run by the other backend: batches are cheaper than packets.
+            // Trace a run of packets by lists, then a run by the other backend: batches are cheaper than single packets
             let by_list = dispatch(Batch {
                 accel: self,
                 packets: rest,
@@ -143,7 +146,8 @@ impl<'a, 's> ProjectedAccel<'a, 's> {
         }
     }
 
-    /// The film of a packet, how parameters become depths, and its tiles' lists, if it is to be asked by them.
+    /// Returns the film box of a packet, the scale and base from parameters to depths, and its range of tiles, if lists
+    /// serve it.
     #[inline(always)]
     fn lists_of(&self, packet: &RayPacket) -> Option<(FilmBox, [f32; 2], [[usize; 2]; 2])> {
         let (film, depths) = self.projection.film_of(packet)?;
@@ -182,7 +186,7 @@ impl Accel for ProjectedAccel<'_, '_> {
     }
 }
 
-/// The packets from the first on that are answered by lists; how many there are.
+/// SIMD kernel for the leading packets that lists serve; returns their number.
 struct Batch<'b, 'a, 's, C> {
     accel: &'b ProjectedAccel<'a, 's>,
     packets: &'b mut [RayPacket],
@@ -218,7 +222,7 @@ impl<C: Count> SimdKernel for Batch<'_, '_, '_, C> {
 }
 
 impl ProjectedAccel<'_, '_> {
-    /// Asks about one list. An object of several tiles may be asked about again, to no effect.
+    /// Tests the objects of one list. An object of several tiles may be tested again, without effect.
     #[inline(always)]
     fn search_tile(
         &self,
@@ -228,6 +232,7 @@ impl ProjectedAccel<'_, '_> {
         search: &mut Search,
         count: &mut impl Count,
     ) {
+        // Visit the objects front to back until all are behind the farthest hit
         let mut deepest = f32::INFINITY;
         for &entry in entries {
             let on_film = &self.tiles.seen[entry as usize].film;
@@ -240,7 +245,7 @@ impl ProjectedAccel<'_, '_> {
             }
             search.ask(isa, &self.list.extents.objects()[entry as usize], u32::MAX, count);
             deepest = search.last() * scale + base;
-            // Three roundings.
+            // The factor covers three roundings.
             deepest += deepest.abs() * 4.0 * f32::EPSILON;
         }
     }
@@ -252,12 +257,14 @@ fn active(packet: &RayPacket) -> u32 {
 
 impl Tiles {
     fn new(seen: Vec<Seen>, most_objects: usize) -> Tiles {
+        // Sort the visible objects front to back
         let side = side_for(&seen);
         let mut front_to_back: Vec<u32> = (0..seen.len() as u32)
             .filter(|&i| !seen[i as usize].film.is_nowhere())
             .collect();
         let depth = |i: &u32| seen[*i as usize].film.depth;
         front_to_back.sort_by(|a, b| depth(a).total_cmp(&depth(b)));
+        // Enter each object into the tiles that it touches, unless a limit is exceeded
         let mut lists: Vec<Vec<u32>> = vec![Vec::new(); side * side];
         let mut is_left = vec![false; side * side];
         for i in front_to_back {
@@ -271,6 +278,7 @@ impl Tiles {
                 }
             }
         }
+        // Concatenate the lists
         let mut starts = Vec::with_capacity(lists.len() + 1);
         let mut end = 0;
         starts.push(0);
@@ -287,7 +295,7 @@ impl Tiles {
         }
     }
 
-    /// The tiles that a box on the film touches, by axis.
+    /// Returns the tiles that a screen-space box touches, by axis.
     #[inline(always)]
     fn range(&self, film: &FilmBox) -> [[usize; 2]; 2] {
         range(self.side, film)
@@ -298,13 +306,13 @@ impl Tiles {
         &self.entries[self.starts[tile] as usize..self.starts[tile + 1] as usize]
     }
 
-    /// Whether any tile of a range is left to the other backend.
+    /// Returns whether any tile of a range is left to the other backend.
     #[inline(always)]
     fn any_left(&self, range: [[usize; 2]; 2]) -> bool {
         tiles_of(self.side, range).any(|tile| self.is_left[tile])
     }
 
-    /// Whether nothing is listed in a range of tiles.
+    /// Returns whether all lists in a range of tiles are empty.
     #[inline(always)]
     fn are_empty(&self, range: [[usize; 2]; 2]) -> bool {
         tiles_of(self.side, range).all(|tile| self.starts[tile] == self.starts[tile + 1])
@@ -315,7 +323,7 @@ impl Tiles {
     }
 }
 
-/// Tiles along a side: so many that few objects share one, if their lists are not too many.
+/// Chooses the number of tiles along a side so that few objects share a tile, within the limit on entries.
 fn side_for(seen: &[Seen]) -> usize {
     let wish = (2.0 * (seen.len() as f64).sqrt()) as usize;
     let mut side = wish.next_power_of_two().clamp(FEWEST_TILES, MAX_TILES);
@@ -326,20 +334,21 @@ fn side_for(seen: &[Seen]) -> usize {
         };
         seen.iter().filter(|seen| !seen.film.is_nowhere()).map(of).sum()
     };
+    // Halve the resolution until the lists fit into memory
     while side > 1 && entries(side) > MAX_ENTRIES {
         side /= 2;
     }
     side
 }
 
-/// The numbers of the tiles in a range.
+/// Returns the indices of the tiles in a range.
 #[inline(always)]
 fn tiles_of(side: usize, [[x0, x1], [y0, y1]]: [[usize; 2]; 2]) -> impl Iterator<Item = usize> {
     (y0..=y1).flat_map(move |y| (x0..=x1).map(move |x| y * side + x))
 }
 
-/// The tiles that a box touches; what is beyond the film belongs to the tiles at its edge. Rounding is monotonic, so
-/// boxes that overlap have a tile in common.
+/// Returns the tiles that a box touches; the tiles at the edge include everything beyond the film. Rounding is
+/// monotonic, so boxes that overlap have a tile in common.
 #[inline(always)]
 fn range(side: usize, film: &FilmBox) -> [[usize; 2]; 2] {
     let tile = |x: f32| ((x * side as f32) as usize).min(side - 1);

@@ -8,9 +8,9 @@ use super::MAX_THREADS;
 use super::watching::WatchingArgs;
 use crate::batch::Shard;
 
-/// More than a week would be a mistake.
+/// Largest duration in seconds: one week; more is taken for a typing error.
 const MAX_SECONDS: f64 = 604_800.0;
-/// The units in which memory is given.
+/// Suffixes of memory sizes with their powers of two.
 const UNITS: [(char, u32); 4] = [('k', 10), ('m', 20), ('g', 30), ('t', 40)];
 
 const BATCH_HELP: &str = "\
@@ -28,20 +28,20 @@ One frame that fails does not stop the rest; the exit code is then 1.";
 #[derive(Debug, ArgGroup)]
 #[command(after_help = BATCH_HELP)]
 pub(in crate::cli) struct BatchArgs {
-    /// What is to be rendered, as the README describes it
+    /// Job file: the frames to render, in the format that the README describes
     #[arg(value_name = "JOBS.toml")]
     pub(in crate::cli) jobs: PathBuf,
 
-    /// Folder that pictures go into; it is made if it is not there
+    /// Output folder for the images; it is created if it does not exist
     #[arg(long, value_name = "DIR")]
     pub(in crate::cli) out: PathBuf,
 
-    /// Go on with what an earlier run left: frames that are done are kept, if their scenes and settings are the same
+    /// Go on with what an earlier run left: frames that are done are kept, if their scenes and settings are unchanged
     #[arg(long)]
     pub(in crate::cli) resume: bool,
 
-    /// Make part I of N only, as equal as can be; I may be `auto` within a job array of Slurm (from 1) or an indexed job
-    /// of Kubernetes (from 0)
+    /// Render only shard I of N, all of about the same size; I may be `auto` within a job array of Slurm (from 1) or an
+    /// indexed job of Kubernetes (from 0)
     #[arg(long, value_name = "I/N", default_value = "1/1", hide_default_value = true)]
     pub(in crate::cli) shard: Shard,
 
@@ -53,15 +53,15 @@ pub(in crate::cli) struct BatchArgs {
     #[arg(long, value_name = "FILE.sh", conflicts_with_all = ["dry_run", "shard"])]
     pub(in crate::cli) slurm: Option<PathBuf>,
 
-    /// Tasks of that script
+    /// Number of tasks of the script
     #[arg(long, value_name = "N", requires = "slurm", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=i64::from(crate::batch::slurm::MAX_TASKS)))]
     pub(in crate::cli) shards: u32,
 
-    /// Keep what there is of a frame about so often, so that little of a long one can be lost
+    /// Save the finished part of a frame at about this interval, so that little of a long one can be lost
     #[arg(long, value_name = "SECONDS", default_value_t = 60.0, value_parser = seconds)]
     pub(in crate::cli) checkpoint: f64,
 
-    /// Stop taking samples of a frame after so long, with as many of each pixel as there are by then
+    /// Stop taking samples of a frame after this time, with as many of each pixel as there are by then
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub(in crate::cli) time: Option<f64>,
 
@@ -69,11 +69,11 @@ pub(in crate::cli) struct BatchArgs {
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub(in crate::cli) max_memory: Option<u64>,
 
-    /// Threads; 0 takes one a processor
+    /// Number of threads; 0 takes one per processor
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
     pub(in crate::cli) threads: u32,
 
-    /// Leave the processors to others who want them: 19 takes only what is left over
+    /// Lower the priority of the process: 19 takes only processor time that is left over
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(i32).range(0..=19))]
     pub(in crate::cli) nice: Option<i32>,
 
@@ -84,7 +84,7 @@ pub(in crate::cli) struct BatchArgs {
     #[command(flatten)]
     pub(in crate::cli) watching: WatchingArgs,
 
-    /// Say nothing but errors
+    /// Print nothing but errors
     #[arg(long, short)]
     pub(in crate::cli) quiet: bool,
 }
@@ -100,11 +100,11 @@ and the exit code is 1. Shards do the same as soon as they have made the last pi
 #[derive(Debug, ArgGroup)]
 #[command(after_help = MERGE_HELP)]
 pub(in crate::cli) struct MergeArgs {
-    /// The folder that `whit batch` renders into
+    /// Output folder of `whit batch`
     #[arg(value_name = "DIR")]
     pub(in crate::cli) out: PathBuf,
 
-    /// Say nothing but errors
+    /// Print nothing but errors
     #[arg(long, short)]
     pub(in crate::cli) quiet: bool,
 }

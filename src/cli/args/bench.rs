@@ -6,15 +6,15 @@ use clap::Args as ArgGroup;
 
 use super::{FrameArgs, MAX_SPP, TracingArgs, or_scene};
 
-/// Samples a pixel of a benchmark where neither says it: every ray is kept, in about 100 bytes.
+/// Default number of samples per pixel of a benchmark: every ray is kept in memory, in about 100 bytes.
 pub(in crate::cli) const DEFAULT_BENCH_SPP: u32 = 1;
-/// Most repetitions of a benchmark.
+/// Largest number of repetitions of a benchmark.
 const MAX_REPEAT: i64 = 1000;
-/// Triangles of the largest mesh that is made, where nothing else is said.
+/// Default number of triangles of the largest generated mesh.
 const DEFAULT_MAX_TRIANGLES: u64 = 10_000_000;
-/// Triangles of the smallest mesh that is made.
+/// Number of triangles of the smallest generated mesh.
 pub(in crate::cli) const MIN_TRIANGLES: u64 = 1_000;
-/// More would not fit into the memory of any machine that this is likely to meet.
+/// Largest number of triangles, which would exceed the memory of any machine in use.
 const MAX_TRIANGLES: u64 = 300_000_000;
 
 const BENCH_HELP: &str = "\
@@ -40,23 +40,23 @@ pub(in crate::cli) struct BenchArgs {
     #[command(flatten)]
     pub(in crate::cli) frame: FrameArgs,
 
-    /// Samples a pixel
+    /// Samples per pixel of the frame whose rays are recorded
     #[arg(long, value_name = "N", help = or_scene("Samples a pixel", DEFAULT_BENCH_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
     pub(in crate::cli) spp: Option<u32>,
 
     #[command(flatten)]
     pub(in crate::cli) tracing: TracingArgs,
 
-    /// Repetitions; medians and extremes are over them
+    /// Number of repetitions, over which medians and extremes are taken
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=MAX_REPEAT))]
     pub(in crate::cli) repeat: u32,
 
-    /// Measure meshes that whit makes, in place of scenes: from 1000 triangles on, two sizes to a factor of ten, and say
-    /// where the lines of Embree and the BSP over the size cross
+    /// Measure generated meshes in place of scenes: from 1000 triangles on, two sizes to a factor of ten, and print at
+    /// which size Embree and the BSP are equally fast
     #[arg(long, conflicts_with = "scenes")]
     pub(in crate::cli) sweep: bool,
 
-    /// Triangles of the largest of these meshes; the sweep ends before it where memory is short
+    /// Triangles of the largest generated mesh; the sweep ends before it where memory is short
     #[arg(long, requires = "sweep", conflicts_with = "scenes", value_name = "N", default_value_t = DEFAULT_MAX_TRIANGLES, value_parser = clap::value_parser!(u64).range(MIN_TRIANGLES..=MAX_TRIANGLES))]
     pub(in crate::cli) most_triangles: u64,
 
@@ -64,7 +64,7 @@ pub(in crate::cli) struct BenchArgs {
     #[arg(long)]
     pub(in crate::cli) scaling: bool,
 
-    /// Measure extents instead: the tests that boxes and spheres around objects save, and the time
+    /// Measure bounding volumes instead: the tests that boxes and spheres around objects save, and the time
     #[arg(long, conflicts_with_all = ["sweep", "scaling", "html"])]
     pub(in crate::cli) extents: bool,
 
@@ -72,11 +72,11 @@ pub(in crate::cli) struct BenchArgs {
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) json: Option<PathBuf>,
 
-    /// Write one page for a browser: tables, and plots of what was measured
+    /// Write one page for a browser: tables, and plots of the measurements
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) html: Option<PathBuf>,
 
-    /// Date or other words that the page states of when it was made
+    /// Date or other text that the page states as its time of creation
     #[arg(long, value_name = "WORDS", requires = "html")]
     pub(in crate::cli) date: Option<String>,
 }

@@ -6,7 +6,7 @@ use clap::Args as ArgGroup;
 
 use crate::image::metrics::PIXELS_PER_DEGREE;
 
-/// Fewer, and no detail of a picture is seen as one; more, and no eye sees it.
+/// Accepted range of pixels per degree: with fewer, no detail of an image is visible; with more, the eye resolves none.
 const PIXELS_PER_DEGREE_RANGE: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 
 const COMPARE_HELP: &str = "\
@@ -24,11 +24,11 @@ Examples:
 #[derive(Debug, ArgGroup)]
 #[command(after_help = COMPARE_HELP)]
 pub(in crate::cli) struct CompareArgs {
-    /// What is held to be right: an EXR, HDR, PNG or JPEG
+    /// Reference image, taken to be right: an EXR, HDR, PNG or JPEG
     #[arg(value_name = "REFERENCE")]
     pub(in crate::cli) reference: PathBuf,
 
-    /// What is held against it, of the same size
+    /// Image that is compared with the reference, of the same size
     #[arg(value_name = "PICTURE")]
     pub(in crate::cli) picture: PathBuf,
 
@@ -44,11 +44,11 @@ pub(in crate::cli) struct CompareArgs {
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) json: Option<PathBuf>,
 
-    /// Write a page that slides one picture over the other, with the metrics and both pictures of differences
+    /// Write a page that slides one image over the other, with the metrics and both difference images
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) html: Option<PathBuf>,
 
-    /// Write the signed difference as displayed as a PNG: grey is alike, a tenth of the range is black or white
+    /// Write the signed difference as displayed as a PNG: grey is equal, a tenth of the range is black or white
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) difference: Option<PathBuf>,
 

@@ -18,15 +18,15 @@ Examples:
 #[derive(Debug, ArgGroup)]
 #[command(after_help = COMPARE_STATS_HELP)]
 pub(in crate::cli) struct CompareStatsArgs {
-    /// The earlier measurements
+    /// File of the earlier measurements
     #[arg(value_name = "BASE")]
     pub(in crate::cli) base: PathBuf,
 
-    /// The later ones
+    /// File of the later measurements
     #[arg(value_name = "NEW")]
     pub(in crate::cli) new: PathBuf,
 
-    /// By how much a measurement may be worse
+    /// Tolerance by which a measurement may be worse
     #[arg(long, value_name = "N%", default_value = "5%", value_parser = share)]
     pub(in crate::cli) max_regress: f64,
 
@@ -35,7 +35,7 @@ pub(in crate::cli) struct CompareStatsArgs {
     pub(in crate::cli) json: Option<PathBuf>,
 }
 
-/// A percentage as a part of 1.
+/// Parses a percentage and returns it as a fraction of 1.
 fn share(text: &str) -> Result<f64, String> {
     text.strip_suffix('%')
         .and_then(|number| number.trim_end().parse::<f64>().ok())

@@ -8,7 +8,7 @@ use super::{ImageSize, LeavingArgs, TracingArgs};
 use crate::accel::Backend;
 use crate::render::MIN_ADAPTIVE_ERROR;
 
-/// Enough for a few thousand pixels of a slow scene.
+/// Default time budget in seconds, enough for a few thousand pixels of a slow scene.
 const DEFAULT_BUDGET: f64 = 120.0;
 
 const COST_HELP: &str = "\
@@ -45,7 +45,7 @@ pub(in crate::cli) struct CostArgs {
     #[arg(long, value_name = "SECONDS", default_value_t = DEFAULT_BUDGET, value_parser = budget)]
     pub(in crate::cli) budget: f64,
 
-    /// Width and height of the pictures that are measured [default: as large as the budget affords]
+    /// Width and height of the images that are measured [default: as large as the budget affords]
     #[arg(long, value_name = "WxH")]
     pub(in crate::cli) size: Option<ImageSize>,
 
@@ -53,7 +53,7 @@ pub(in crate::cli) struct CostArgs {
     #[arg(long, value_name = "RMSE", value_parser = error, conflicts_with = "max_time")]
     pub(in crate::cli) max_error: Option<f64>,
 
-    /// Choose the closest settings at which the whole picture takes at most so many seconds, and measure them
+    /// Choose the most accurate settings at which the whole image takes at most this many seconds, and measure them
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub(in crate::cli) max_time: Option<f64>,
 
@@ -61,7 +61,7 @@ pub(in crate::cli) struct CostArgs {
     #[arg(long, value_name = "NAME|N")]
     pub(in crate::cli) camera: Option<String>,
 
-    /// What finds the hits of the base [default: embree if built in, else bsp]
+    /// Ray tracing backend of the base [default: embree if built in, else bsp]
     #[arg(long)]
     pub(in crate::cli) backend: Option<Backend>,
 
@@ -75,15 +75,15 @@ pub(in crate::cli) struct CostArgs {
     #[arg(long)]
     pub(in crate::cli) instructions: bool,
 
-    /// Folder to write the report into; it is made if it is not there
+    /// Folder to write the report into; it is created if it does not exist
     #[arg(long, value_name = "DIR")]
     pub(in crate::cli) out: Option<PathBuf>,
 
-    /// Go on with what was interrupted before it was written into --out
+    /// Go on with a study that was interrupted before it was written into --out
     #[arg(long, requires = "out")]
     pub(in crate::cli) resume: bool,
 
-    /// What the report's page says of its date
+    /// Date or other text that the report's page states as its time of creation
     #[arg(long, value_name = "WORDS", requires = "out")]
     pub(in crate::cli) date: Option<String>,
 }

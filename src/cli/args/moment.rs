@@ -1,23 +1,23 @@
-//! Flags of the moment at which a scene is shown.
+//! Flags of the animation time at which a scene is rendered.
 
 use clap::Args as ArgGroup;
 
 use crate::gltf::Pose;
 
-/// At which moment glTF animations are shown.
+/// Flags of the time and the clip of glTF animations.
 #[derive(Clone, Debug, Default, ArgGroup)]
 pub(in crate::cli) struct MomentArgs {
     /// Show glTF animations at this time in seconds; without it nodes stand where the file has them
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_hyphen_values = true)]
     pub(in crate::cli) time: Option<f64>,
 
-    /// The animation that is shown, by name or number, see `whit info`; all of them unless said
+    /// Animation to show, by name or number, see `whit info`; all of them by default
     #[arg(long, value_name = "NAME|N", requires = "time")]
     pub(in crate::cli) animation: Option<String>,
 }
 
 impl MomentArgs {
-    /// What is shown of animations, if anything.
+    /// Returns the animation and its time, or `None` for the scene at rest.
     pub(in crate::cli) fn pose(&self) -> Option<Pose> {
         self.time.map(|seconds| Pose {
             animation: self.animation.clone(),

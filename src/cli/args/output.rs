@@ -1,11 +1,11 @@
-//! Flags of how pictures are held by their files.
+//! Flags of the encoding of images in their files.
 
 use clap::Args as ArgGroup;
 
 use crate::image::PngBits;
 use crate::image::rows::{Compression, SampleType};
 
-/// How pictures are held by their files.
+/// Flags of the encoding of images in their files.
 #[derive(Clone, Copy, Debug, Default, ArgGroup)]
 pub(in crate::cli) struct OutputArgs {
     /// Values of an EXR's colours: 32-bit floats, or halves with 11 significant bits, infinite beyond 65504; counts,
@@ -13,7 +13,7 @@ pub(in crate::cli) struct OutputArgs {
     #[arg(long, value_enum, hide_possible_values = true, value_name = "half|float")]
     pub(in crate::cli) exr_type: Option<SampleType>,
 
-    /// How an EXR's rows are packed; all keep every bit: rle by runs, zips and zip by deflate in 1 and 16 rows, piz by
+    /// Compression of an EXR's rows; all keep every bit: rle by runs, zips and zip by deflate in 1 and 16 rows, piz by
     /// wavelets in 32 [default: none]
     #[arg(
         long,
@@ -23,7 +23,7 @@ pub(in crate::cli) struct OutputArgs {
     )]
     pub(in crate::cli) compression: Option<Compression>,
 
-    /// Bits of each colour of a PNG [default: 8]
+    /// Bits of each colour channel of a PNG [default: 8]
     #[arg(long, value_enum, hide_possible_values = true, value_name = "8|16")]
     pub(in crate::cli) png_bits: Option<PngBits>,
 }

@@ -7,9 +7,10 @@ use clap::Args as ArgGroup;
 use super::{ImageSize, MAX_THREADS};
 use crate::accel::Precision;
 
-/// So many rays that what happens to one in ten thousand is seen, in well under a minute for all cases.
+/// Default number of rays per case: enough to see an error in one ray of ten thousand, in well under a minute for all
+/// cases.
 const DEFAULT_RAYS: u64 = 100_000;
-/// Most rays a case: a day's work.
+/// Largest number of rays per case, which take about a day.
 const MAX_RAYS: u64 = 100_000_000_000;
 
 const VERIFY_HELP: &str = "\
@@ -38,55 +39,55 @@ pub(in crate::cli) struct VerifyArgs {
     #[arg(value_name = "SCENE", conflicts_with_all = ["cases", "list"])]
     pub(in crate::cli) scenes: Vec<PathBuf>,
 
-    /// Image size in pixels of the scenes' pictures
+    /// Size in pixels of the images of the scenes
     #[arg(long, value_name = "WxH", requires = "scenes", help = super::or_scene("Size in pixels of the picture whose rays are checked", super::DEFAULT_SIZE))]
     pub(in crate::cli) size: Option<ImageSize>,
 
-    /// How far Embree's triangle hits may be trusted that scenes' own rays meet; the cases are put to all
+    /// Precision of Embree's triangle hits for the scenes' own rays; the cases are run with all
     #[arg(long, requires = "scenes", default_value_t = Precision::default())]
     pub(in crate::cli) precision: Precision,
 
-    /// Rays a case and path
+    /// Rays per case and backend variant
     #[arg(long, value_name = "N", default_value_t = DEFAULT_RAYS, value_parser = clap::value_parser!(u64).range(1..=MAX_RAYS))]
     pub(in crate::cli) rays: u64,
 
-    /// Only this case, as in H11; may be given several times
+    /// Run only this case, as in H11; may be given several times
     #[arg(long = "case", value_name = "ID")]
     pub(in crate::cli) cases: Vec<String>,
 
-    /// Say what the cases construct, how they know the answers and what is required, and run none
+    /// Print what the cases construct, how they obtain the exact results and what is required, and run none
     #[arg(long)]
     pub(in crate::cli) list: bool,
 
-    /// Instruction set that Embree is held to, or all that this machine has, in turn [default: Embree's choice]
+    /// Instruction set that Embree is restricted to, or all that this machine has, in turn [default: Embree's choice]
     #[arg(long, value_parser = ["sse2", "sse4.2", "avx", "avx2", "avx512", "all"])]
     pub(in crate::cli) isa: Option<String>,
 
-    /// Write what was measured as JSON
+    /// Write the measurements as JSON
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) json: Option<PathBuf>,
 
-    /// Picture to write (.png) with what differs drawn over it: wrong red, ties yellow; for one scene
+    /// Image to write (.png) with the differences drawn over it: wrong red, ties yellow; for one scene
     #[arg(long, value_name = "FILE", requires = "scenes")]
     pub(in crate::cli) overlay: Option<PathBuf>,
 
-    /// Write the rays that differ, to the bit, with what was answered; for one scene
+    /// Write the rays that differ, to the bit, with their results; for one scene
     #[arg(long, value_name = "FILE", requires = "scenes")]
     pub(in crate::cli) rays_out: Option<PathBuf>,
 
-    /// Ask the rays of such a file again, on every path and by brute force, in place of the scene's own
+    /// Trace the rays of such a file again, with every backend variant and by brute force, in place of the scene's own
     #[arg(long, value_name = "FILE", requires = "scenes", conflicts_with_all = ["overlay", "rays_out", "json", "html", "size"])]
     pub(in crate::cli) replay: Option<PathBuf>,
 
-    /// Write one page for a browser: how each case went, with pictures of what was asked
+    /// Write one page for a browser: the result of each case, with figures of the rays
     #[arg(long, value_name = "FILE", conflicts_with = "list")]
     pub(in crate::cli) html: Option<PathBuf>,
 
-    /// Date or other words that the page states of when it was made
+    /// Date or other text that the page states as its time of creation
     #[arg(long, value_name = "WORDS", requires = "html")]
     pub(in crate::cli) date: Option<String>,
 
-    /// Threads; 0 takes one a processor
+    /// Number of threads; 0 takes one per processor
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
     pub(in crate::cli) threads: u32,
 }

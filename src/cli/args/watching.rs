@@ -1,13 +1,13 @@
-//! Flags of how the work is watched from outside.
+//! Flags of progress reports and of the live preview.
 
 use clap::Args as ArgGroup;
 
 use crate::cli::progress::ProgressKind;
 
-/// How the work is watched from outside.
+/// Flags of progress reports and of the live preview.
 #[derive(Clone, Debug, ArgGroup)]
 pub(in crate::cli) struct WatchingArgs {
-    /// How progress is shown on standard error: a bar on a terminal, JSON lines for programs, or not at all
+    /// Form of the progress on standard error: a bar on a terminal, JSON lines for programs, or none
     #[arg(
         long,
         value_enum,
@@ -17,8 +17,8 @@ pub(in crate::cli) struct WatchingArgs {
     )]
     pub(in crate::cli) progress: ProgressKind,
 
-    /// Show the picture while it is made in the viewer tev, which listens there, at localhost:14158 where nothing else
-    /// was said to it
+    /// Show the image while it is rendered in the viewer tev, which listens at this address, localhost:14158 unless tev
+    /// was given another
     #[arg(long, value_name = "HOST:PORT")]
     pub(in crate::cli) tev: Option<String>,
 }

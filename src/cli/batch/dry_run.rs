@@ -1,4 +1,4 @@
-//! What a batch would make, with a forecast, and the script that has a cluster make it.
+//! Forecast of a batch: a list of its frames with their costs, and a script for a cluster.
 
 use std::path::{Path, absolute};
 
@@ -17,21 +17,22 @@ use super::plan::Plan;
 use super::rows::film_bytes;
 use super::stage::{Kept, Loaded, Stage};
 
-/// What a frame will probably take.
+/// Forecast cost of a frame.
 #[derive(Clone, Copy)]
 struct Cost {
-    /// Seconds of processor time.
+    /// Seconds of processor time, summed over threads.
     seconds: f64,
-    /// Seconds that the first frame of a scene takes more: loading and building.
+    /// Additional seconds of the first frame of a scene, for loading and building.
     ready: f64,
     bytes: u64,
     size: [u32; 2],
     spp: u32,
 }
 
-/// Lists the frames.
+/// Prints the frames with their forecast time and memory, and the totals.
 pub(super) fn list(args: &BatchArgs, plans: &[Plan]) -> Result<(), Failure> {
     let threads = rayon::current_num_threads() as f64;
+    // Print one line per frame
     let mut total = 0.0;
     let mut most = 0;
     for (plan, cost) in plans.iter().zip(costs(plans, args)?) {
@@ -45,6 +46,7 @@ pub(super) fn list(args: &BatchArgs, plans: &[Plan]) -> Result<(), Failure> {
             .as_ref()
             .map_or_else(String::new, |camera| format!(", camera {camera}"));
         let edits: String = plan.frame.edits.iter().map(|edit| format!(", {edit}")).collect();
+        // Costs are processor times, divided evenly among the threads here
         output::print(&format!(
             "{}: {}{from}{edits}, {width}x{height}, {} samples a pixel: about {seconds:.2} s, {}\n",
             plan.name(),
@@ -53,6 +55,7 @@ pub(super) fn list(args: &BatchArgs, plans: &[Plan]) -> Result<(), Failure> {
             memory::in_words(cost.bytes)
         ))?;
     }
+    // Print the totals
     output::print(&format!(
         "{} frames: about {} on {threads} threads, up to {}\n",
         plans.len(),
@@ -61,16 +64,18 @@ pub(super) fn list(args: &BatchArgs, plans: &[Plan]) -> Result<(), Failure> {
     ))
 }
 
-/// Writes the script for a cluster.
+/// Writes the Slurm script for a batch.
 pub(super) fn write_script(args: &BatchArgs, path: &Path, plans: &[Plan]) -> Result<(), Failure> {
+    // Forecast the rendering time per shard
     let threads = rayon::current_num_threads() as u32;
     let costs = costs(plans, args)?;
     let pieces: usize = plans.iter().map(Plan::piece_count).sum();
     let shards = args.shards.min(u32::try_from(pieces).unwrap_or(u32::MAX)).max(1);
     let rendering: f64 = costs.iter().map(|cost| cost.seconds / f64::from(threads)).sum();
-    // Every shard loads the scenes of its own frames; at worst each loads the slowest more than it has frames of.
+    // Each shard loads the scenes of its own frames; in the worst case it loads one more than its share, the slowest.
     let ready: f64 = costs.iter().map(|cost| cost.ready).sum::<f64>() / f64::from(shards);
     let slowest = costs.iter().map(|cost| cost.ready).fold(0.0, f64::max);
+    // Use absolute paths, as the nodes may have another working directory
     let unknown = |error| Failure::Work(format!("where this program stands is not known: {error}"));
     let program = std::env::current_exe().map_err(unknown)?;
     let [jobs, folder] = [&args.jobs, &args.out].map(|path| absolute(path).unwrap_or_else(|_| path.clone()));
@@ -78,6 +83,7 @@ pub(super) fn write_script(args: &BatchArgs, path: &Path, plans: &[Plan]) -> Res
     if let Some(seconds) = args.time {
         arguments.extend(["--time".to_owned(), seconds.to_string()]);
     }
+    // Write the script with the time and the memory of the most expensive shard
     let text = script(&Task {
         program: &program,
         jobs: &jobs,
@@ -100,13 +106,14 @@ pub(super) fn write_script(args: &BatchArgs, path: &Path, plans: &[Plan]) -> Res
     ))
 }
 
-/// What the frames will take: of frames that share a scene the first is probed.
+/// Returns the forecast costs of all frames; of frames that share a scene only the first is probed.
 fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
     let progress = super::progress(args);
     let kept = Kept::for_frames(plans);
     let mut costs: Vec<Cost> = Vec::with_capacity(plans.len());
     for (index, plan) in plans.iter().enumerate() {
         let before = index.checked_sub(1).and_then(|before| plans.get(before));
+        // Frames of the same scene have the cost of the first, without loading and building
         match (
             before.filter(|before| before.shares_scene_with(plan)),
             costs.last(),
@@ -121,6 +128,7 @@ fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
 }
 
 fn probed(plan: &Plan, kept: &Kept, (args, progress): (&BatchArgs, &Progress)) -> Result<Cost, Failure> {
+    // Load and build the scene as for rendering, then probe a few pixels
     progress.phase(&plan.name(), "probe");
     let loaded = Loaded::new(plan, kept, progress)?;
     let stage = Stage::new(plan, &loaded, kept)?;
@@ -147,7 +155,7 @@ fn probed(plan: &Plan, kept: &Kept, (args, progress): (&BatchArgs, &Progress)) -
     })
 }
 
-/// Seconds as people say them.
+/// Returns a duration in hours, minutes or seconds with one decimal.
 fn in_words(seconds: f64) -> String {
     const MINUTE: f64 = 60.0;
     const HOUR: f64 = 3600.0;

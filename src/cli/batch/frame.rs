@@ -1,4 +1,4 @@
-//! One frame of a batch, or the pieces of it that are this process's: rows after rows, kept on the way.
+//! Rendering of one frame of a batch, or of this process's pieces of it: rows after rows, saved at intervals.
 
 use std::borrow::Cow;
 use std::ops::{ControlFlow, Range};
@@ -26,19 +26,19 @@ use super::queue::Task;
 use super::rows::{MAX_BUFFERED_BYTES, Steps, is_one};
 use super::stage::Stage;
 
-/// What came of a frame.
+/// Result of rendering a frame or some of its pieces.
 pub(super) struct Made {
     pub(super) head: FrameHead,
-    /// Whether its picture stands in its place, or only pieces do.
+    /// True if the image is complete in its place; otherwise only pieces are on disk.
     pub(super) is_whole: bool,
-    /// Samples a pixel, on average.
+    /// Mean number of samples per pixel.
     pub(super) samples: f64,
     pub(super) render_seconds: f64,
     pub(super) write_seconds: f64,
     pub(super) ledger: Ledger,
 }
 
-/// A frame that is being made.
+/// State of a frame that is being rendered.
 pub(super) struct Making<'a> {
     plan: &'a Plan,
     job: &'a RenderJob,
@@ -48,28 +48,30 @@ pub(super) struct Making<'a> {
     limits: Limits<'a>,
     folder: PieceFolder,
     monitor: Monitor<'a>,
-    /// Finished rows that are not on the disk, in order.
+    /// Finished rows that are not on disk yet, in order.
     kept: Vec<(Range<u32>, Vec<Plane>)>,
     kept_since: Instant,
-    /// Whether any of its pieces are on the disk.
+    /// True if pieces of the frame are on disk.
     has_pieces: bool,
-    /// Whether what adaptive sampling knows of it is.
+    /// True if a checkpoint of adaptive sampling is on disk.
     has_rounds: bool,
     ledger: Ledger,
     write_seconds: f64,
 }
 
-/// Makes some of the pieces of a frame, by their numbers, and the picture if these are all that were missing.
+/// Renders some of the pieces of a frame, by their indices, and writes the image if all its pieces are there then.
 pub(super) fn make<'a>(
     task: &Task<'a>,
     stage: &'a Stage<'a>,
     limits: Limits<'a>,
     monitor: Monitor<'a>,
 ) -> Result<Made, Failure> {
+    // Prepare the frame: settings, camera, metadata
     let start = Instant::now();
     let mut making = Making::new(task, stage, limits, monitor)?;
     let settings = making.shot.settings;
     let pieces = task.pieces.clone();
+    // Choose the strategy: limited time, whole image at once, all rows, or single pieces
     let asked = pieces.len() == task.plan.piece_count();
     let samples = if let Some(seconds) = limits.time {
         making.make_in_time(seconds)?
@@ -85,6 +87,7 @@ pub(super) fn make<'a>(
         making.make_pieces(pieces)?;
         f64::from(settings.spp)
     };
+    // Write the image if the frame is complete
     let is_whole = making.finish()?;
     Ok(Made {
         is_whole,
@@ -106,10 +109,11 @@ impl<'a> Making<'a> {
         let plan = task.plan;
         let job = &*plan.job;
         let mut shot = job.shot(&stage.loaded.file.output)?;
-        // For the page of the batch; it changes no bit.
+        // The batch's page shows the ray counts of the ledger; recording them changes no pixel.
         shot.settings.ledger = true;
         check_division(plan, &shot.settings, limits.time)?;
         let camera = stage.loaded.camera(plan)?;
+        // Collect the metadata of the image
         let effects = EffectPlan::new(stage.scene(), &camera, &shot.settings.effects);
         let embree = stage.accel.report().embree;
         let mut notes = Notes::of((job, &shot), (stage.scene(), &camera), embree.as_ref(), &effects);
@@ -119,6 +123,7 @@ impl<'a> Making<'a> {
             .iter()
             .map(|note| (note.name.to_owned(), note.text.to_owned()))
             .collect();
+        // Describe the frame for its pieces, so that another process can merge them
         let head = FrameHead {
             key: task.recipe.key,
             number: plan.number,
@@ -151,7 +156,7 @@ impl<'a> Making<'a> {
         })
     }
 
-    /// The whole picture by one render, which goes on from where an earlier one was; samples a pixel.
+    /// Renders the whole image at once, from the last checkpoint if there is one; returns the samples per pixel.
     fn make_at_once(&mut self) -> Result<f64, Failure> {
         let (stage, job, shot, monitor) = (self.stage, self.job, self.shot, self.monitor);
         let camera = self.camera.clone();
@@ -159,7 +164,7 @@ impl<'a> Making<'a> {
         let accel = projected
             .as_ref()
             .map_or(&*stage.accel, |projected| projected as &dyn Accel);
-        // What rays and time a pixel took only whoever made it knows.
+        // Costs of pixels are not part of a checkpoint, so such images cannot be resumed.
         let can_go_on = !shot.settings.cost_aovs;
         let start = if can_go_on {
             self.folder.read_rounds()?
@@ -167,6 +172,7 @@ impl<'a> Making<'a> {
             None
         };
         self.has_rounds = start.is_some();
+        // Save a checkpoint at intervals, and stop rendering if that fails
         let seconds = self.limits.checkpoint;
         let mut failure = None;
         let mut keep = |rounds: &Rounds| match self.save(|folder| folder.write_rounds(rounds)) {
@@ -184,6 +190,7 @@ impl<'a> Making<'a> {
             seconds,
             keep: &mut keep,
         };
+        // Render, then keep the rows in memory
         let rendered = render::render_on(
             stage.scene(),
             &camera,
@@ -200,7 +207,7 @@ impl<'a> Making<'a> {
         Ok(rendering.samples.mean)
     }
 
-    /// The whole picture by as many shares of its samples as there is time for; samples a pixel.
+    /// Renders the whole image with as many packets of samples as fit into the time; returns the samples per pixel.
     fn make_in_time(&mut self, seconds: f64) -> Result<f64, Failure> {
         let start = Instant::now();
         let settings = self.shot.settings;
@@ -211,6 +218,7 @@ impl<'a> Making<'a> {
         let mut all: Option<Sums> = None;
         let mut done = 0;
         while done < packet_count {
+            // Estimate from the packets so far how many more fit into the time
             let next = fitting(done, start.elapsed().as_secs_f64(), seconds).min(packet_count - done);
             if next == 0 {
                 break;
@@ -218,6 +226,7 @@ impl<'a> Making<'a> {
             let made = parts.sums_of(&region, done..done + next, &self.monitor);
             let (sums, ledger) = made.ok_or(Failure::Interrupted)?;
             self.ledger += ledger;
+            // Add the sums of the packets
             match &mut all {
                 None => all = Some(sums),
                 Some(all) => all.add(&sums),
@@ -229,12 +238,13 @@ impl<'a> Making<'a> {
         Ok(f64::from(sums.samples))
     }
 
-    /// Finished rows, as far as they are missing.
+    /// Renders all samples of the missing rows of a piece.
     fn make_rows(&mut self, piece: &Piece) -> Result<(), Failure> {
         let missing = self.missing(piece)?;
         if missing.is_empty() {
             return Ok(());
         }
+        // Trace camera rays with screen bounds where they pay
         let (stage, job, shot) = (self.stage, self.job, self.shot);
         let camera = self.camera.clone();
         let projected = project(job, &shot, (stage.scene(), &camera), &*stage.accel);
@@ -242,6 +252,7 @@ impl<'a> Making<'a> {
             .as_ref()
             .map_or(&*stage.accel, |projected| projected as &dyn Accel);
         let mut parts = self.parts(accel)?;
+        // Render each gap in steps, whose height follows the time of the steps before
         for rows in missing {
             let mut steps = Steps::new(
                 rows,
@@ -253,12 +264,13 @@ impl<'a> Making<'a> {
                 match self.rows(&mut parts, &rows) {
                     Some(planes) => self.keep(rows.clone(), planes),
                     None => {
-                        // What is finished is kept.
+                        // Finished rows are saved before the interruption is reported.
                         self.flush()?;
                         return Err(Failure::Interrupted);
                     }
                 }
                 steps.took(&rows, begun.elapsed().as_secs_f64());
+                // Save the rows at the checkpoint interval, or when they take too much memory
                 let is_due = self.kept_since.elapsed().as_secs_f64() >= self.limits.checkpoint;
                 if (is_due && rows.end < shot.settings.height) || self.kept_bytes() > MAX_BUFFERED_BYTES {
                     self.flush()?;
@@ -268,10 +280,11 @@ impl<'a> Making<'a> {
         Ok(())
     }
 
-    /// Some rows with all of their samples; `None` if that was interrupted.
+    /// Renders all samples of some rows; returns `None` if interrupted.
     fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Option<Vec<Plane>> {
         let settings = self.shot.settings;
         let region = Region::of_rows(&settings, rows.clone());
+        // Map the progress of these rows to that of the frame
         let height = f64::from(settings.height);
         let (before, part) = (f64::from(rows.start) / height, f64::from(region.height) / height);
         let progress = |fraction: f64| (self.monitor.progress)(before + part * fraction);
@@ -279,6 +292,7 @@ impl<'a> Making<'a> {
             progress: &progress,
             ..self.monitor
         };
+        // Without shares, render the rows directly
         let count = self.plan.frame.settings.shares;
         if count == 1 {
             let rendering = parts.region(&region, &monitor)?;
@@ -286,6 +300,7 @@ impl<'a> Making<'a> {
             self.ledger += rendering.ledger;
             return Some(planes);
         }
+        // With shares, add their sums in order, as a merge of pieces does
         let mut all: Option<Sums> = None;
         for index in 0..count {
             let (sums, ledger) = parts.sums(&region, Share { index, count }, &monitor)?;
@@ -298,7 +313,7 @@ impl<'a> Making<'a> {
         all.as_ref().map(planes_of)
     }
 
-    /// Some of the pieces that the frame is cut into, each to a file of its own.
+    /// Renders some of the pieces that the frame is divided into, each to a file of its own.
     fn make_pieces(&mut self, numbers: Range<usize>) -> Result<(), Failure> {
         let settings = self.shot.settings;
         let cut = crate::batch::Cut {
@@ -322,7 +337,7 @@ impl<'a> Making<'a> {
         Ok(())
     }
 
-    /// Rows of a share, as far as they are missing.
+    /// Renders the missing rows of one share of the samples.
     fn make_share(&mut self, piece: &Piece, index: u32) -> Result<(), Failure> {
         let settings = self.shot.settings;
         let missing = self.missing(piece)?;
@@ -332,6 +347,7 @@ impl<'a> Making<'a> {
         let stage = self.stage;
         let mut parts = self.parts(&*stage.accel)?;
         let share = self.folder.cut().share(index);
+        // Render each gap in steps, and save the sums after each step
         for rows in missing {
             let mut steps = Steps::new(rows, &self.stage.loaded.film(&settings), self.limits.checkpoint);
             while let Some(rows) = steps.next() {
@@ -348,7 +364,7 @@ impl<'a> Making<'a> {
         Ok(())
     }
 
-    /// What of a piece is to be made.
+    /// Returns the rows of a piece that are still missing.
     fn missing(&mut self, piece: &Piece) -> Result<Vec<Range<u32>>, Failure> {
         let unreadable = |error| {
             Failure::Work(format!(
@@ -374,7 +390,7 @@ impl<'a> Making<'a> {
         self.kept.push((rows, planes));
     }
 
-    /// Shows finished rows to whoever watches: filtered, and with all of their samples.
+    /// Shows finished rows in the live preview: filtered, and with all of their samples.
     fn show(&self, rows: &Range<u32>, planes: &[Plane]) {
         let (Some(show), [red, green, blue, ..]) = (self.monitor.tiles, planes) else {
             return;
@@ -397,7 +413,7 @@ impl<'a> Making<'a> {
         planes.map(|plane| size_of_val(&plane.values[..])).sum()
     }
 
-    /// Puts what is kept in memory onto the disk.
+    /// Writes the finished rows in memory to disk.
     fn flush(&mut self) -> Result<(), Failure> {
         for (rows, planes) in joined(std::mem::take(&mut self.kept)) {
             self.save(|folder| folder.write_finished(&rows, &planes))?;
@@ -410,11 +426,12 @@ impl<'a> Making<'a> {
         let start = Instant::now();
         let unwritable = |error| Failure::Work(format!("no folder can be made for pieces: {error}"));
         let attempt = || -> Result<(), Failure> {
+            // Create the folder on the first write
             self.folder.make().map_err(unwritable)?;
             Ok(interrupt::finish_first(|| write(&self.folder))?)
         };
         match attempt() {
-            // Whoever makes the same has put it together meanwhile, and removed the pieces with their folder.
+            // Another process has merged the same frame meanwhile and removed the folder of the pieces.
             Err(_) if !self.folder.folder().exists() => attempt()?,
             result => result?,
         }
@@ -422,10 +439,11 @@ impl<'a> Making<'a> {
         Ok(())
     }
 
-    /// Writes the picture if all of it is there.
+    /// Writes the image if all of its rows are there; returns whether they are.
     fn finish(&mut self) -> Result<bool, Failure> {
         let start = Instant::now();
         let out = self.limits.out;
+        // Without pieces on disk, write the rows from memory; otherwise merge the pieces
         if !self.has_pieces {
             let head = self.folder.head();
             let mut kept = std::mem::take(&mut self.kept).into_iter();
@@ -439,7 +457,7 @@ impl<'a> Making<'a> {
             match picture::merge(out, &self.folder) {
                 Ok(()) => {}
                 Err(MergeError::Missing { .. }) => return Ok(false),
-                // The same: a piece was there, and is gone.
+                // Another process has merged the frame meanwhile: a piece was listed and is gone.
                 Err(_) if matches!(Merge::of(&self.folder), Err(MergeError::Missing { .. })) => {
                     return Ok(false);
                 }
@@ -451,19 +469,20 @@ impl<'a> Making<'a> {
     }
 }
 
-/// How many packets of samples come next, where `done` took `elapsed` seconds: as many again, but no more than fit into
-/// the time. The first is taken whatever the time.
+/// Returns the number of packets of samples to take next, where `done` packets took `elapsed` seconds: as many again,
+/// but no more than fit into the time. The first packet is taken regardless of the time.
 fn fitting(done: usize, elapsed: f64, seconds: f64) -> usize {
     match done {
         0 => 1,
         _ => {
+            // Estimate the seconds per packet from those done
             let of_packet = (elapsed / done as f64).max(f64::MIN_POSITIVE);
             done.min(((seconds - elapsed) / of_packet).max(0.0) as usize)
         }
     }
 }
 
-/// Neighbouring rows as one.
+/// Joins neighbouring ranges of rows.
 fn joined(kept: Vec<(Range<u32>, Vec<Plane>)>) -> Vec<(Range<u32>, Vec<Plane>)> {
     let mut all: Vec<(Range<u32>, Vec<Plane>)> = Vec::new();
     for (rows, planes) in kept {
@@ -480,7 +499,7 @@ fn joined(kept: Vec<(Range<u32>, Vec<Plane>)>) -> Vec<(Range<u32>, Vec<Plane>)> 
     all
 }
 
-/// The channels of a rendering.
+/// Returns the channels of a rendering: its colours and its further layers.
 fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<Plane> {
     let mut planes = color_planes(&rendering.image.pixels);
     planes.extend(
@@ -496,7 +515,7 @@ fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<Plane> {
     planes
 }
 
-/// Refuses to divide what a scene says that cannot be.
+/// Returns an error if the frame cannot be divided as its job requests, given the settings of its scene.
 fn check_division(plan: &Plan, settings: &RenderSettings, time: Option<f64>) -> Result<(), Failure> {
     let refuse = |fault: String| Err(Failure::Input(format!("{}: {fault}", plan.name())));
     let most = Share::most(settings.spp);

@@ -1,4 +1,4 @@
-//! What a batch is to keep to, and how many frames go on at the same time within that.
+//! Limits of a batch, and the number of frames rendered concurrently within them.
 
 use std::path::Path;
 
@@ -10,30 +10,30 @@ use super::plan::Plan;
 use super::rows::film_bytes;
 use super::stage::{Kept, Loaded};
 
-/// Tiles that each thread has at a time, so that few of them wait while a frame runs out of tiles.
+/// Number of tiles per thread in flight, so that few threads are idle while a frame runs out of tiles.
 const TILES_OF_THREAD: u64 = 8;
-/// Pixels that are made at a time, but for those of a single frame.
+/// Largest number of pixels rendered concurrently; a single frame may have more.
 const MAX_PIXELS: u64 = 1 << 25;
 
-/// What frames are to keep to.
+/// Limits on the rendering of frames.
 #[derive(Clone, Copy)]
 pub(super) struct Limits<'a> {
-    /// The folder of results.
+    /// Output folder of the batch.
     pub(super) out: &'a Path,
-    /// Seconds after which what there is goes to the disk.
+    /// Seconds after which finished parts of a frame are saved to disk.
     pub(super) checkpoint: f64,
-    /// Seconds after which no more samples are taken.
+    /// Seconds after which no more samples are taken; unlimited if absent.
     pub(super) time: Option<f64>,
-    /// Bytes that all may take together; what is free unless that is said.
+    /// Bytes that all frames and scenes may take together; the free memory if absent.
     pub(super) max_memory: Option<u64>,
 }
 
 impl Limits<'_> {
-    /// How many frames of a loaded scene are made at the same time, by so many threads.
+    /// Returns the number of frames of a loaded scene that are rendered concurrently by `threads` threads.
     ///
     /// # Errors
     ///
-    /// Where the memory is not even enough for one. Nothing is built by then.
+    /// If the memory is too small for a single frame. Nothing is built by then.
     pub(super) fn frames_at_once(
         &self,
         plan: &Plan,
@@ -43,9 +43,10 @@ impl Limits<'_> {
         let settings = plan.job.shot(&loaded.file.output)?.settings;
         let film = film_bytes(&loaded.film(&settings), self.time);
         let bytes = loaded.forecast(&plan.job);
+        // Compare with the explicit limit, or with what is free now
         let (before, most) = match (self.max_memory, available_bytes()) {
             (Some(most), _) => (kept.bytes() + bytes.loaded + bytes.to_come, most),
-            // What there is already is not free.
+            // Memory in use already is not part of the free memory.
             (None, Some(free)) => (bytes.to_come, free),
             (None, None) => (0, u64::MAX),
         };
@@ -54,6 +55,7 @@ impl Limits<'_> {
             let at_once = self.wanted_at_once(&settings, threads).min(fitting);
             return Ok(usize::try_from(at_once).unwrap_or(usize::MAX));
         }
+        // Report that not even one frame fits
         let (name, needed, most) = (plan.name(), in_words(before + film), in_words(most));
         let sentence = match self.max_memory {
             Some(_) => format!(
@@ -66,10 +68,10 @@ impl Limits<'_> {
         Err(Failure::Work(sentence))
     }
 
-    /// As many frames as keep all threads busy, and one more, that has them while another is written.
+    /// Returns the number of frames that keep all threads busy, plus one that renders while another is written.
     fn wanted_at_once(&self, settings: &RenderSettings, threads: usize) -> u64 {
         if self.time.is_some() {
-            // Its time is its own.
+            // With a time limit, frames must not compete for the processors.
             return 1;
         }
         let [width, height] = [settings.width, settings.height].map(u64::from);
@@ -101,7 +103,7 @@ mod tests {
             limits.wanted_at_once(&settings, threads)
         };
         assert_eq!(at_once(&limits, [512, 512], 2), 2);
-        // 80 tiles a frame, of which 64 threads want 512: 6.4 frames.
+        // 80 tiles per frame, of which 64 threads want 512: 6.4 frames.
         assert_eq!(at_once(&limits, [320, 256], 64), 1 + 7);
         assert_eq!(at_once(&limits, [4096, 4096], 2), 2);
         assert_eq!(at_once(&limits, [16384, 16384], 2), 1);

@@ -1,4 +1,4 @@
-//! The page of a batch: what is there of it, what it took, how it looks.
+//! HTML page of a batch: status, times and a thumbnail of each frame.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -16,7 +16,7 @@ use super::frame::Made;
 use super::plan::Plan;
 use super::stage::Stage;
 
-/// What came of a frame.
+/// Result of a frame for the page.
 pub(super) struct Record {
     status: FrameStatus,
     message: String,
@@ -63,11 +63,11 @@ impl Record {
     }
 }
 
-/// The page while the batch runs.
+/// Contents of the page, collected while the batch runs.
 pub(super) struct Page<'a> {
     args: &'a BatchArgs,
     plans: &'a [Plan],
-    /// By the numbers of their plans.
+    /// Results of frames, by the index of their plans.
     records: HashMap<usize, Record>,
 }
 
@@ -86,7 +86,7 @@ impl<'a> Page<'a> {
         }
     }
 
-    /// Writes it.
+    /// Writes the page to `path`, with thumbnails of all images that exist.
     pub(super) fn write(&self, path: &Path, manifest: &Manifest, seconds: f64) -> Result<(), Failure> {
         let side = thumbnail_side(self.plans.len());
         let frames = self
@@ -113,6 +113,7 @@ impl<'a> Page<'a> {
             settings: plan.frame.edits.iter().map(ToString::to_string).collect(),
             ..GalleryFrame::default()
         };
+        // Fill in the result of this run; without one, an entry of the manifest means that the frame was skipped
         match self.records.get(&plan.number) {
             Some(record) => {
                 frame.status = record.status;
@@ -125,6 +126,7 @@ impl<'a> Page<'a> {
             None if manifest.has(&plan.frame.image) => frame.status = FrameStatus::Skipped,
             None => {}
         }
+        // Make the thumbnail from the image on disk, which an earlier run may have rendered
         if matches!(frame.status, FrameStatus::Done | FrameStatus::Skipped)
             && let Ok(picture) = read_picture(&path)
         {
@@ -137,7 +139,7 @@ impl<'a> Page<'a> {
 }
 
 fn add_ledger(frame: &mut GalleryFrame, ledger: &Ledger) {
-    // Threads that are idle in one frame are busy in the others that are made beside it.
+    // Idle threads are left out: a thread idle in one frame works on the frames rendered concurrently.
     for account in Account::ALL
         .into_iter()
         .filter(|&account| account != Account::Idle)
@@ -156,7 +158,7 @@ fn add_ledger(frame: &mut GalleryFrame, ledger: &Ledger) {
     }
 }
 
-/// The way to a file from a folder, with slashes; the file's own path where there is none.
+/// Returns the path of a file relative to a folder, with slashes; an absolute path where no relative one exists.
 fn relative(file: &Path, folder: &Path) -> String {
     let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let (file, folder) = (absolute(file), absolute(folder));

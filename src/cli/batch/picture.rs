@@ -1,5 +1,4 @@
-//! Final pictures, written from rows: by whoever has all of a frame in memory, or all of its pieces on the disk, with
-//! the same bytes.
+//! Writing of final images from rows in memory or from pieces on disk, with identical bytes in both cases.
 
 use std::path::Path;
 use std::{fs, io};
@@ -13,17 +12,17 @@ use crate::image::{Attribute, ChannelKind, ImageError, ImageFormat};
 use super::super::failure::Failure;
 use super::super::interrupt;
 
-/// A picture that is being written.
+/// Scanline writer of an image, by its format.
 enum Writer {
     Exr(Box<ExrScanlineWriter>),
     Png(Box<PngScanlineWriter>),
 }
 
-/// Writes a picture whose channels `rows` gives from the top to the bottom, block by block.
+/// Writes an image whose channels `rows` returns from top to bottom, block by block.
 ///
 /// # Errors
 ///
-/// Where rows cannot be had, or the disk is full; the picture is then as it was.
+/// If `rows` fails or the disk is full; an earlier image is then unchanged.
 pub(super) fn write<E: From<ImageError>>(
     out: &Path,
     head: &FrameHead,
@@ -32,6 +31,7 @@ pub(super) fn write<E: From<ImageError>>(
     let path = out.join(&head.image);
     let mut writer = None;
     while let Some(planes) = rows()? {
+        // The first rows give the channels of the file
         let writer = match &mut writer {
             Some(writer) => writer,
             None => writer.insert(Writer::begin(&path, head, &planes)?),
@@ -46,11 +46,11 @@ pub(super) fn write<E: From<ImageError>>(
     Ok(())
 }
 
-/// Puts a frame together from its pieces and removes these.
+/// Merges a frame from its pieces and removes the pieces.
 ///
 /// # Errors
 ///
-/// Where some are missing, or the disk is full.
+/// If pieces are missing, or the disk is full.
 pub(in crate::cli) fn merge(out: &Path, folder: &PieceFolder) -> Result<(), MergeError> {
     let mut merge = Merge::of(folder)?;
     interrupt::finish_first(|| write(out, folder.head(), || merge.next_rows()))?;
@@ -58,11 +58,11 @@ pub(in crate::cli) fn merge(out: &Path, folder: &PieceFolder) -> Result<(), Merg
     Ok(())
 }
 
-/// What is to be noted of a picture that stands in its place.
+/// Returns the manifest entry of a complete image.
 ///
 /// # Errors
 ///
-/// Where it does not.
+/// If there is no such image file.
 pub(in crate::cli) fn done(
     out: &Path,
     head: &FrameHead,
@@ -94,6 +94,7 @@ impl Writer {
             return Ok(Writer::Png(Box::new(writer)));
         }
         let channel = |plane: &Plane| {
+            // Only colours may be rounded to half precision
             let sample = match plane.kind {
                 ChannelKind::Color => head.exr.sample,
                 ChannelKind::Exact => SampleType::Float,
@@ -124,14 +125,14 @@ impl Writer {
     }
 }
 
-/// Channels by name, as pieces have them; others may not.
+/// Returns the channels sorted by name, the order in which pieces store them; rows in memory may have another.
 fn in_order(planes: &[Plane]) -> Vec<&Plane> {
     let mut planes: Vec<&Plane> = planes.iter().collect();
     planes.sort_by(|a, b| a.name.cmp(&b.name));
     planes
 }
 
-/// The pixels of the channels of colours.
+/// Returns the pixels of the channels R, G and B.
 fn colors(planes: &[Plane]) -> Vec<[f32; 3]> {
     let plane = |name: &str| {
         planes

@@ -1,20 +1,21 @@
-//! Where scenes are set up: small ones of a frame each side by side, so that one is loaded or written while the other has
-//! the processors; large ones, and those of several frames, which go on together themselves, alone.
+//! Admission of scenes: small scenes with a single frame are processed concurrently, so that one is loaded or written
+//! while another uses the processors; large scenes, and those with several frames, which run concurrently themselves,
+//! are exclusive.
 
 use std::sync::{PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 
-/// Room for scenes.
+/// Admission lock of the scenes: shared for small ones, exclusive for large ones.
 #[derive(Default)]
 pub(super) struct Place(RwLock<()>);
 
-/// A scene's part of the place, as long as it lives.
+/// Admission of a scene, released when dropped.
 pub(super) enum Standing<'p> {
     Beside { _others: RwLockReadGuard<'p, ()> },
     Alone { _none: RwLockWriteGuard<'p, ()> },
 }
 
 impl Place {
-    /// Waits until there is room, for a scene that is to stand alone or not.
+    /// Waits until the scene is admitted; `alone` requests exclusive admission.
     pub(super) fn enter(&self, alone: bool) -> Standing<'_> {
         match alone {
             true => Standing::Alone {
@@ -26,12 +27,12 @@ impl Place {
         }
     }
 
-    /// Waits until all others are gone.
+    /// Waits until all other scenes are finished and returns an exclusive admission.
     pub(super) fn clear<'p>(&'p self, standing: Standing<'p>) -> Standing<'p> {
         match standing {
             Standing::Alone { .. } => standing,
             Standing::Beside { .. } => {
-                // Two that wait for each other to go would wait for ever.
+                // Release the shared lock first: two scenes that wait for each other would deadlock.
                 drop(standing);
                 self.enter(true)
             }
@@ -52,7 +53,7 @@ mod tests {
         let (alone, most) = (Mutex::new(()), AtomicUsize::new(0));
         let set_up = || {
             let standing = place.enter(false);
-            // Neither gets here unless the other does.
+            // The barrier shows that both scenes are admitted at the same time.
             both.wait();
             let _standing = place.clear(standing);
             let _alone = alone.try_lock().unwrap();

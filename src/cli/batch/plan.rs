@@ -1,5 +1,5 @@
-//! What a batch is to make: its frames, each with the render command that its settings mean. Made before any scene is
-//! opened; whatever can be told before is told here.
+//! Plans of a batch: its frames, each with the render job that its settings describe. Plans are made before any scene
+//! is opened, so that all errors known by then are reported early.
 
 use std::collections::{BTreeSet, HashMap};
 use std::fs;
@@ -15,7 +15,7 @@ use super::super::args::{Args, Command};
 use super::super::failure::Failure;
 use super::super::job::RenderJob;
 
-/// Flags of `whit render` that a batch says in its own way, with that way.
+/// Flags of `whit render` that are not allowed in a job's settings, with the replacement for each.
 const SAID_OTHERWISE: [(&str, &str); 15] = [
     ("animation", "give the job an `animation`"),
     ("camera", "give the job a `camera`"),
@@ -37,25 +37,25 @@ const SAID_OTHERWISE: [(&str, &str); 15] = [
     ("time", "give the job an `animation`"),
 ];
 
-/// A frame and how it is rendered.
+/// Frame of a batch with its render job.
 #[derive(Clone, Debug)]
 pub(in crate::cli) struct Plan {
-    /// Its number in the batch.
+    /// Index of the frame in the batch.
     pub(super) number: usize,
     pub(super) frame: Frame,
-    /// The same for all frames of a job that are files of one kind.
+    /// Render job, shared by all frames of a job that have the same image format.
     pub(super) job: Arc<RenderJob>,
-    /// Where files that settings name lie.
+    /// Folder of the job file, which paths in settings are relative to.
     pub(super) jobs_folder: Arc<Path>,
 }
 
 impl Plan {
-    /// How it may be called in messages.
+    /// Returns the name of the frame in messages: its image path.
     pub(super) fn name(&self) -> String {
         self.frame.image.display().to_string()
     }
 
-    /// Whether both frames are of one loaded scene.
+    /// Returns whether both frames can share one loaded scene.
     pub(super) fn shares_scene_with(&self, other: &Plan) -> bool {
         let (a, b) = (&self.frame, &other.frame);
         Arc::ptr_eq(&a.settings, &b.settings)
@@ -63,17 +63,17 @@ impl Plan {
             && (&a.scene, &a.moment, &a.edits) == (&b.scene, &b.moment, &b.edits)
     }
 
-    /// How many pieces it is asked to be made in.
+    /// Returns the number of pieces that the job divides the frame into.
     pub(super) fn piece_count(&self) -> usize {
         self.frame.settings.bands as usize * self.frame.settings.shares as usize
     }
 }
 
-/// Refuses to divide frames that depend on all of themselves.
+/// Returns an error if a frame that must be rendered at once is to be divided.
 ///
 /// # Errors
 ///
-/// The first of them.
+/// The error of the first such frame.
 pub(super) fn check_division(plans: &[Plan], time: Option<f64>) -> Result<(), Failure> {
     for plan in plans {
         let refuse = |fault: &str| Err(Failure::Input(format!("{}: {fault}", plan.name())));
@@ -91,7 +91,7 @@ pub(super) fn check_division(plans: &[Plan], time: Option<f64>) -> Result<(), Fa
     Ok(())
 }
 
-/// Removes what processes have left in the folders of pictures that were killed while they wrote.
+/// Removes temporary files that killed processes have left in the folders of the images.
 pub(super) fn sweep_up(plans: &[Plan], out: &Path) {
     let folders: BTreeSet<PathBuf> = plans
         .iter()
@@ -108,23 +108,24 @@ pub(super) fn sweep_up(plans: &[Plan], out: &Path) {
             .and_then(|name| name.to_str())
             .is_some_and(is_left_over)
         {
-            // What cannot be removed is only in the way.
+            // Files that cannot be removed do no harm.
             let _ = fs::remove_file(path);
         }
     }
 }
 
-/// The plans of all frames of a job file.
+/// Returns the plans of all frames of a job file.
 ///
 /// # Errors
 ///
-/// What is wrong with the file, its settings or the folder, before anything is rendered.
+/// Any fault of the file, its settings or the output folder, before anything is rendered.
 pub(in crate::cli) fn plans(jobs: &Path, out: &Path, threads: u32) -> Result<Vec<Plan>, Failure> {
     let jobs = Jobs::load(jobs)?;
     make_folders(&jobs, out)?;
     let mut known: HashMap<(*const JobSettings, ImageFormat), Arc<RenderJob>> = HashMap::new();
     let mut plans = Vec::with_capacity(jobs.frames.len());
     let jobs_folder: Arc<Path> = jobs.path.parent().unwrap_or(Path::new("")).into();
+    // Parse the settings once per job and image format
     for (number, frame) in jobs.frames.iter().enumerate() {
         let format = ImageFormat::of_path(&frame.image).ok_or_else(|| {
             let (jobs, image) = (jobs.path.display(), frame.image.display());
@@ -141,6 +142,7 @@ pub(in crate::cli) fn plans(jobs: &Path, out: &Path, threads: u32) -> Result<Vec
                 job
             }
         };
+        // Keep the frame with its shared render job
         plans.push(Plan {
             number,
             frame: frame.clone(),
@@ -151,7 +153,7 @@ pub(in crate::cli) fn plans(jobs: &Path, out: &Path, threads: u32) -> Result<Vec
     Ok(plans)
 }
 
-/// Makes the folders of all pictures, and checks that they take files.
+/// Creates the folders of all images, and checks that files can be written to them.
 fn make_folders(jobs: &Jobs, out: &Path) -> Result<(), Failure> {
     let mut folders: Vec<PathBuf> = vec![out.to_owned()];
     folders.extend(
@@ -159,6 +161,7 @@ fn make_folders(jobs: &Jobs, out: &Path) -> Result<(), Failure> {
             .iter()
             .filter_map(|frame| Some(out.join(frame.image.parent()?))),
     );
+    // Create each folder once
     folders.sort();
     folders.dedup();
     for folder in folders {
@@ -173,12 +176,13 @@ fn make_folders(jobs: &Jobs, out: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What the settings of a frame mean, as flags of `whit render`.
+/// Returns the render job of a frame, by parsing its settings as flags of `whit render`.
 fn render_job(jobs: &Path, frame: &Frame, out: &Path, threads: u32) -> Result<RenderJob, Failure> {
     let refuse = |fault: String| {
         let (jobs, job) = (jobs.display(), &frame.settings.job);
         Failure::Input(format!("{jobs}: settings of job {job}: {fault}"))
     };
+    // Translate the settings to flags; paths are relative to the job file
     let mut words = vec!["whit".to_owned(), "render".into(), format!("--threads={threads}")];
     for (name, value) in &frame.settings.flags {
         if let Some((_, way)) = SAID_OTHERWISE.iter().find(|(other, _)| other == name) {
@@ -193,6 +197,7 @@ fn render_job(jobs: &Path, frame: &Frame, out: &Path, threads: u32) -> Result<Re
             FlagValue::Word(word) => format!("--{name}={word}"),
         });
     }
+    // Parse the command line as clap does for `whit render`
     let paths = [
         Path::new("-o"),
         &out.join(&frame.image),
@@ -209,6 +214,7 @@ fn render_job(jobs: &Path, frame: &Frame, out: &Path, threads: u32) -> Result<Re
     let Command::Render(args) = args.command else {
         return Err(refuse("are no settings of a render".into()));
     };
+    // Report errors in terms of the job file
     RenderJob::new(&args).map_err(|failure| match failure {
         Failure::Input(fault) => refuse(fault),
         failure => failure,

@@ -1,5 +1,5 @@
-//! The frames that are a process's to make, in their order: which they are its shard tells, and which are done already
-//! the manifest.
+//! Queue of the frames that this process renders: the shard selects them, and the manifest excludes those that are
+//! done.
 
 use std::iter::Peekable;
 use std::ops::Range;
@@ -11,7 +11,7 @@ use super::super::failure::Failure;
 use super::plan::Plan;
 use super::recipe::Recipe;
 
-/// A frame and the pieces of it that are to be made.
+/// Frame with the pieces of it to render.
 #[derive(Clone)]
 pub(super) struct Task<'a> {
     pub(super) plan: &'a Plan,
@@ -19,19 +19,20 @@ pub(super) struct Task<'a> {
     pub(super) pieces: Range<usize>,
 }
 
-/// Frames that wait.
+/// Frames that are not started yet, in order.
 pub(super) struct Queue<'a> {
     waiting: Peekable<IntoIter<(&'a Plan, Range<usize>)>>,
     sources: Sources,
 }
 
 impl<'a> Queue<'a> {
-    /// The frames that a shard has pieces of, with these.
+    /// Returns the queue of the frames that have pieces in the shard.
     pub(super) fn new(plans: &'a [Plan], shard: Shard) -> Queue<'a> {
         let total = plans.iter().map(Plan::piece_count).sum();
         let mine = shard.of(total);
         let mut first = 0;
         let mut tasks = Vec::new();
+        // Intersect the pieces of each frame with the shard's range
         for plan in plans {
             let end = first + plan.piece_count();
             let pieces = mine.start.max(first)..mine.end.min(end);
@@ -46,13 +47,13 @@ impl<'a> Queue<'a> {
         }
     }
 
-    /// How many wait.
+    /// Returns the number of frames in the queue.
     pub(super) fn len(&self) -> usize {
         self.waiting.len()
     }
 
-    /// The next ones that are of one scene and that `wants` says are to be made; none when all have been given. What a
-    /// frame is made of may not be known: `wants` hears why.
+    /// Returns the next frames that share one scene and that `wants` accepts; an empty list at the end. If the inputs
+    /// of a frame cannot be hashed, `wants` gets the error.
     pub(super) fn next_scene(
         &mut self,
         mut wants: impl FnMut(&'a Plan, Result<Recipe, Failure>) -> Option<Recipe>,
@@ -63,6 +64,7 @@ impl<'a> Queue<'a> {
                 .first()
                 .is_none_or(|first| first.plan.shares_scene_with(plan))
         };
+        // Stop at the first frame of another scene
         while let Some((plan, pieces)) = self.waiting.next_if(|(plan, _)| belongs(&tasks, plan)) {
             let recipe = wants(plan, Recipe::of(plan, &mut self.sources));
             tasks.extend(recipe.map(|recipe| Task { plan, recipe, pieces }));

@@ -1,4 +1,4 @@
-//! What a frame is made of: its files, what is said of it, and what makes it. Known before its scene is loaded.
+//! Inputs of a frame, hashed before its scene is loaded: files, settings, and the backend that renders it.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -9,23 +9,24 @@ use super::super::failure::Failure;
 use super::super::job::RenderJob;
 use super::plan::Plan;
 
-/// What a frame is made of.
+/// Hash and list of a frame's inputs.
 #[derive(Clone)]
 pub(super) struct Recipe {
-    /// All of it.
+    /// Hash of all inputs of the frame.
     pub(super) key: Key,
-    /// The files, with what they hold, for people.
+    /// Hashes and names of the input files, in readable form.
     pub(super) files: String,
 }
 
 impl Recipe {
-    /// Of a frame.
+    /// Hashes the inputs of a frame.
     ///
     /// # Errors
     ///
-    /// Where a file that it needs cannot be read.
+    /// If a file that the frame needs cannot be read.
     pub(super) fn of(plan: &Plan, sources: &mut Sources) -> Result<Recipe, Failure> {
         let frame = &plan.frame;
+        // Find and hash the scene's files, including those that edits name
         let words: Vec<&str> = frame
             .edits
             .iter()
@@ -34,6 +35,7 @@ impl Recipe {
         let unreadable = |error| Failure::Input(format!("{} cannot be read: {error}", frame.scene.display()));
         let files = sources.of(&frame.scene, &words).map_err(unreadable)?;
         let mut ring = Keyring::default();
+        // Hash the program's version and the backend
         ring.add("version", env!("CARGO_PKG_VERSION"));
         ring.add("backend", engine(&plan.job)?);
         for (path, key) in &files {
@@ -41,6 +43,7 @@ impl Recipe {
             ring.add("file", name.as_encoded_bytes())
                 .add("holds", key.digits());
         }
+        // Hash the edits, the settings and the settings file
         for edit in &frame.edits {
             ring.add("edit", edit.to_string());
         }
@@ -52,11 +55,12 @@ impl Recipe {
                 .map_err(|error| Failure::Input(format!("{} cannot be read: {error}", file.display())))?;
             ring.add("settings file", text);
         }
+        // Hash the camera, the time and the number of shares, which the rounding of sums depends on
         ring.add("camera", frame.camera.as_deref().unwrap_or_default());
         ring.add("view", format!("{:?}", frame.view));
         ring.add("moment", format!("{:?}", frame.moment));
         ring.add("shares", frame.settings.shares.to_string());
-        // Frames that differ in name alone keep their pieces apart.
+        // The name of the image keeps the pieces of otherwise identical frames apart.
         ring.add("image", plan.frame.image.as_os_str().as_encoded_bytes());
         Ok(Recipe {
             key: ring.key(),
@@ -65,7 +69,8 @@ impl Recipe {
     }
 }
 
-/// Hashes and names of files, a line each, as the program `b3sum` writes them: names from the scene's folder on.
+/// Returns hashes and names of files, one per line, in the format of the program `b3sum`; names are relative to the
+/// scene's folder.
 fn listed(files: &[(PathBuf, Key)], scene: &Path) -> String {
     let folder = scene.parent().unwrap_or(Path::new(""));
     let name = |path: &Path| match path.strip_prefix(folder) {
@@ -81,7 +86,7 @@ fn listed(files: &[(PathBuf, Key)], scene: &Path) -> String {
     })
 }
 
-/// A file of settings that a job takes.
+/// Returns the path of the settings file of a job, if it has one.
 fn settings_file(plan: &Plan) -> Option<PathBuf> {
     use crate::jobs::FlagValue;
     let flags = &plan.frame.settings.flags;
@@ -91,7 +96,7 @@ fn settings_file(plan: &Plan) -> Option<PathBuf> {
     })
 }
 
-/// What finds the hits, to the version and the instruction set, on which bits depend.
+/// Returns the backend with its version and instruction set, which the bits of an image depend on.
 fn engine(job: &RenderJob) -> Result<String, Failure> {
     let identity = crate::accel::identity(job.backend, job.tracing.isa.as_deref())?;
     Ok(format!("{:?} {identity:?}", job.backend))

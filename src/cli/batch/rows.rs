@@ -1,34 +1,35 @@
-//! How many rows of a frame are rendered at a time, and what they take: a picture of any size is made in little memory.
+//! Number of rows of a frame rendered at a time: bounds the memory of images of any size.
 
 use std::ops::Range;
 
 use crate::render::{RenderSettings, TILE_SIDE};
 use crate::report::memory;
 
-/// Tiles for each thread in the first rows that are rendered, by which is told how long the others will take.
+/// Number of tiles per thread in the first step, from whose time the later steps are estimated.
 const FIRST_TILES: usize = 8;
-/// Bytes of finished rows that are kept in memory; more go to the disk. Rows take no more while they are rendered.
+/// Largest number of bytes of finished rows in memory; further rows go to disk. A step of rows in progress takes no
+/// more.
 pub(super) const MAX_BUFFERED_BYTES: usize = 1 << 28;
 
-/// Whether a picture can only be made at once: where its pixels depend on each other, or on when they are made.
+/// Returns whether the image must be rendered at once: its pixels depend on each other, or on the time of rendering.
 pub(super) fn is_one(settings: &RenderSettings) -> bool {
     settings.adaptive.is_some() || settings.cost_aovs
 }
 
-/// Bytes that the picture takes until it is written; `time` is what there is for all of it, if that is limited.
+/// Returns the bytes that an image takes in memory until it is written; `time` is the time limit of the frame, if any.
 pub(super) fn film_bytes(film: &Film, time: Option<f64>) -> u64 {
     let whole = film.bytes_of(film.settings.height);
     if is_one(&film.settings) || time.is_some() {
         return whole;
     }
-    // Rows in the making, and those that are kept, which may be too many by the last that came to them.
+    // Count the rows in progress, the buffered rows, and the step that may exceed the buffer before it is flushed.
     whole.min(2 * film.bytes_of(film.most_rows()) + MAX_BUFFERED_BYTES as u64)
 }
 
-/// What is kept of a picture.
+/// Parameters of a frame's memory.
 pub(super) struct Film {
     pub(super) settings: RenderSettings,
-    /// Lights of the scene, which may have layers of their own.
+    /// Number of lights of the scene, which may have layers of their own.
     pub(super) light_count: usize,
 }
 
@@ -39,7 +40,7 @@ impl Film {
         memory::film_bytes(self.settings.width, rows) + of_pixel * pixels
     }
 
-    /// How many rows may be rendered at a time: whole tiles.
+    /// Returns the largest number of rows in a step, a multiple of the tile height.
     fn most_rows(&self) -> u32 {
         let fitting = MAX_BUFFERED_BYTES as u64 / self.bytes_of(TILE_SIDE);
         let rows = fitting.max(1).saturating_mul(u64::from(TILE_SIDE));
@@ -47,7 +48,7 @@ impl Film {
     }
 }
 
-/// Rows that are rendered step by step: few at first, then as many as can be lost.
+/// Iterator over steps of rows: few rows at first, then as many as fit into half the checkpoint interval.
 pub(super) struct Steps {
     rows: Range<u32>,
     step: u32,
@@ -56,7 +57,7 @@ pub(super) struct Steps {
 }
 
 impl Steps {
-    /// Steps through `rows`, of which so many seconds may be lost.
+    /// Returns the steps through `rows`, for an interval of `checkpoint` seconds.
     pub(super) fn new(rows: Range<u32>, film: &Film, checkpoint: f64) -> Steps {
         let columns = film.settings.width.div_ceil(TILE_SIDE) as usize;
         let tiles = FIRST_TILES * rayon::current_num_threads();
@@ -65,22 +66,22 @@ impl Steps {
             rows,
             step: most.min(TILE_SIDE * tiles.div_ceil(columns) as u32),
             most,
-            // So that at most half of what is kept at a time is in the making.
+            // Half the interval, so that at most half of the unsaved work is in progress.
             seconds: 0.5 * checkpoint,
         }
     }
 
-    /// The rows that come next.
+    /// Returns the rows of the next step, or `None` at the end.
     pub(super) fn next(&mut self) -> Option<Range<u32>> {
         let start = self.rows.start;
-        // To an edge of tiles, so that none is rendered twice.
+        // Steps end at edges of tiles, so that no tile is rendered twice.
         let edge = (start / TILE_SIDE * TILE_SIDE).saturating_add(self.step);
         let end = edge.min(self.rows.end);
         self.rows.start = end;
         (start < end).then_some(start..end)
     }
 
-    /// What rows took.
+    /// Adapts the size of the next steps to the seconds that the step of `rows` took.
     pub(super) fn took(&mut self, rows: &Range<u32>, seconds: f64) {
         let of_row = seconds / f64::from(rows.end - rows.start);
         let fitting = (self.seconds / of_row.max(f64::MIN_POSITIVE)).min(f64::from(self.most)) as u32;
@@ -153,7 +154,7 @@ mod tests {
         lit.light_count = 1000;
         assert_eq!(lit.bytes_of(64), plain);
         lit.settings.light_layers.lights = true;
-        // Three channels each at least.
+        // Each light has three channels of f32 at least.
         assert!(lit.bytes_of(64) > plain + 1000 * 3 * 4 * 64 * 64);
     }
 }

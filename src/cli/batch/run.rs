@@ -1,4 +1,4 @@
-//! The running of a batch: scene after scene, frame after frame.
+//! Scheduling of a batch: scenes one after another, and the frames of each scene concurrently.
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -27,10 +27,10 @@ use super::stage::{Kept, Loaded, Stage};
 use super::unnoted;
 use super::viewer::Viewer;
 
-/// Scenes of a frame each that are made at the same time: one has the processors while the other is loaded or written.
+/// Number of scenes processed concurrently: one is rendered while the other is loaded or written.
 const SCENES_AT_ONCE: usize = 2;
 
-/// A batch that is being made.
+/// State of a running batch, shared by its threads.
 pub(super) struct Batch<'a> {
     args: &'a BatchArgs,
     plans: &'a [Plan],
@@ -39,16 +39,16 @@ pub(super) struct Batch<'a> {
     manifest: Mutex<Manifest>,
     page: Mutex<Page<'a>>,
     failed: AtomicUsize,
-    /// What the pictures that this process has come to are made of.
+    /// Keys of the images that this process has considered so far, by path.
     keys: Mutex<HashMap<PathBuf, Key>>,
-    /// Set when nothing more can be written.
+    /// Set when the output folder accepts no more data.
     is_full: AtomicBool,
     saved: Mutex<Saved>,
     kept: Kept,
     place: Place,
 }
 
-/// What keeping scenes and structures has spared.
+/// Time saved by sharing scenes and acceleration structures among frames.
 #[derive(Default)]
 struct Saved {
     seconds: f64,
@@ -78,7 +78,7 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// Makes all that is this process's to make.
+    /// Renders all frames of this process's shard.
     pub(super) fn run(mut self, pool: &rayon::ThreadPool) -> Result<(), Failure> {
         let result = self.make_mine(pool);
         if let Some(viewer) = self.viewer.take() {
@@ -89,11 +89,13 @@ impl<'a> Batch<'a> {
 
     fn make_mine(&self, pool: &rayon::ThreadPool) -> Result<(), Failure> {
         let start = Instant::now();
+        // Queue the shard's frames, in the order of their scenes
         let queue = Queue::new(self.plans, self.args.shard);
         let total = queue.len();
         let shown = self.progress.batch(total);
         let queue = Mutex::new(queue);
         let skipped = AtomicUsize::new(0);
+        // Render scene after scene on a few threads
         let result = side_by_side(SCENES_AT_ONCE, || {
             while self.goes_on()? {
                 let tasks = self.next_scene(&queue, &shown, &skipped);
@@ -104,6 +106,7 @@ impl<'a> Batch<'a> {
             }
             Ok(())
         });
+        // Remove stale pieces, then print the summary and write the page
         drop(shown);
         self.progress.clear();
         self.sweep_up();
@@ -116,7 +119,7 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// The frames of the next scene that are still to be made.
+    /// Returns the tasks for the frames of the next scene that are not done yet.
     fn next_scene(&self, queue: &Mutex<Queue<'a>>, shown: &Shown, skipped: &AtomicUsize) -> Vec<Task<'a>> {
         let mut queue = queue.lock().unwrap_or_else(PoisonError::into_inner);
         queue.next_scene(|plan, recipe| {
@@ -127,7 +130,7 @@ impl<'a> Batch<'a> {
                 .unwrap_or_else(PoisonError::into_inner)
                 .insert(image, key);
             if self.is_done(plan, key) {
-                // Whoever made the same beside it may have left some.
+                // Another process that rendered the same frame may have left pieces.
                 PieceFolder::remove_of(&self.args.out, key);
                 shown.skip(&plan.name());
                 skipped.fetch_add(1, Ordering::Relaxed);
@@ -137,7 +140,7 @@ impl<'a> Batch<'a> {
         })
     }
 
-    /// Removes pieces of what the pictures of this process would have been before their scenes or settings were changed.
+    /// Removes pieces whose key is outdated because their scene or settings have changed.
     fn sweep_up(&self) {
         let keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
         for folder in PieceFolder::all(&self.args.out).unwrap_or_default() {
@@ -148,7 +151,7 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// Whether more is to be made.
+    /// Returns whether rendering continues; an error if it was interrupted.
     fn goes_on(&self) -> Result<bool, Failure> {
         interrupt::check()?;
         Ok(!self.is_full.load(Ordering::Relaxed))
@@ -160,27 +163,29 @@ impl<'a> Batch<'a> {
         }
         let manifest = self.manifest.lock().unwrap_or_else(PoisonError::into_inner);
         let done = manifest.find(&plan.frame.image, key);
-        // One that ran out of time is only done for who gives it no more.
+        // A frame that ran out of time is done only for runs with a time limit.
         done.is_some_and(|done| done.samples >= f64::from(done.spp) || self.args.time.is_some())
     }
 
-    /// Makes frames of one scene.
+    /// Renders frames that share one scene.
     fn make_all(&self, tasks: &[Task], shown: &Shown, pool: &rayon::ThreadPool) -> Result<(), Failure> {
         let Some(Task { plan, .. }) = tasks.first() else {
             return Ok(());
         };
-        // On this thread, which is none of the pool's: those may take up other work while they wait.
+        // This thread is not part of the pool, whose threads may take up other work while they wait.
         let place = self.place.enter(tasks.len() > 1 || self.args.time.is_some());
+        // Load the scene
         let loaded = parallel::install(pool, || Loaded::new(plan, &self.kept, &self.progress));
         let loaded = match loaded {
             Ok(loaded) => loaded,
             Err(failure) => return self.fail_all(tasks, shown, failure),
         };
-        // Until the structure is gone, which is dropped before it.
+        // The claim outlives the acceleration structure, which is declared later and dropped first.
         let _place = match loaded.is_large(&plan.job) {
             true => self.place.clear(place),
             false => place,
         };
+        // Build the acceleration structure if at least one frame fits into memory
         let threads = pool.current_num_threads();
         let at_once = self.limits().frames_at_once(plan, (&loaded, &self.kept), threads);
         let stage = at_once.and_then(|at_once| {
@@ -191,10 +196,12 @@ impl<'a> Batch<'a> {
             Ok(stage) => stage,
             Err(failure) => return self.fail_all(tasks, shown, failure),
         };
+        // Account for the time that sharing the scene has saved
         self.saved
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .add(tasks.len() - 1, loaded.seconds + stage.build_seconds);
+        // Render the frames concurrently
         let next = AtomicUsize::new(0);
         side_by_side(at_once.min(tasks.len()), || {
             while self.goes_on()? {
@@ -218,6 +225,7 @@ impl<'a> Batch<'a> {
 
     fn make_one(&self, task: &Task, stage: &Stage, shown: &Shown) -> Result<(), Failure> {
         let plan = task.plan;
+        // Connect the progress bar, the live preview and the cancellation flag
         let bar = shown.begin(&plan.name());
         let progress = |fraction: f64| bar.fraction(fraction);
         let name = plan.name();
@@ -231,6 +239,7 @@ impl<'a> Batch<'a> {
             cancel: &interrupt::CANCELLED,
             tiles: show.as_ref().map(|show| show as _),
         };
+        // Render the frame and add it to the manifest
         let made = make(task, stage, self.limits(), monitor);
         if let Some(viewer) = &self.viewer {
             viewer.warn_if_gone(&self.progress);
@@ -250,6 +259,7 @@ impl<'a> Batch<'a> {
             Err(Failure::Interrupted) => Err(Failure::Interrupted),
             Err(failure) => {
                 self.record(plan, Record::failed(&failure));
+                // On failure, check whether the disk is full: then no further frame can succeed
                 bar.fail(&failure);
                 self.failed.fetch_add(1, Ordering::Relaxed);
                 if !self.can_write() {
@@ -260,7 +270,7 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// Says that a frame has fewer samples than it was to have.
+    /// Warns that a frame has fewer samples than requested.
     fn tell_time(&self, plan: &Plan, made: &Made) {
         if self.args.time.is_some() && made.samples < f64::from(made.head.spp) {
             self.progress.warn(&format!(
@@ -272,7 +282,7 @@ impl<'a> Batch<'a> {
         }
     }
 
-    /// Notes a picture that stands in its place.
+    /// Adds a complete image to the manifest.
     fn note(&self, made: &Made) -> Result<(), Failure> {
         if !made.is_whole {
             return Ok(());
@@ -285,9 +295,9 @@ impl<'a> Batch<'a> {
         noted.map_err(|error| unnoted(&made.head.image, &error))
     }
 
-    /// Whether the folder of results takes any more: frames are not rendered for nothing.
+    /// Returns whether the output folder still accepts data, so that no frame is rendered in vain.
     fn can_write(&self) -> bool {
-        /// A picture has more.
+        /// Size of the probe file in bytes, below that of any image.
         const BYTES: usize = 1 << 14;
         let probe = self.args.out.join(format!(".whit-{}.probe", std::process::id()));
         let written = std::fs::write(&probe, [0; BYTES]);
@@ -301,7 +311,7 @@ impl<'a> Batch<'a> {
         self.failed.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// None of the frames of a scene can be made.
+    /// Records that none of the frames of a scene can be rendered.
     fn fail_all(&self, tasks: &[Task], shown: &Shown, failure: Failure) -> Result<(), Failure> {
         if matches!(failure, Failure::Interrupted) {
             return Err(failure);
@@ -327,7 +337,7 @@ impl<'a> Batch<'a> {
         page.record(plan.number, record);
     }
 
-    /// What is told at the end.
+    /// Prints the summary, and writes the page if one was requested.
     fn conclude(&self, (total, skipped): (usize, usize), seconds: f64) -> Result<(), Failure> {
         if self.is_full.load(Ordering::Relaxed) {
             output::tell(&format!(
@@ -335,6 +345,7 @@ impl<'a> Batch<'a> {
                 self.args.out.display()
             ));
         }
+        // Write the page of thumbnails
         if let Some(path) = &self.args.html {
             let manifest = self.manifest.lock().unwrap_or_else(PoisonError::into_inner);
             let page = self.page.lock().unwrap_or_else(PoisonError::into_inner);
@@ -343,6 +354,7 @@ impl<'a> Batch<'a> {
         if self.args.quiet {
             return Ok(());
         }
+        // Print the counts and the time saved
         let failed = self.failed.load(Ordering::Relaxed);
         let saved = self.saved.lock().unwrap_or_else(PoisonError::into_inner);
         let mut line =
@@ -365,7 +377,7 @@ impl Saved {
     }
 }
 
-/// Does the same by several threads, to their ends; the first failure, if there is one.
+/// Runs `work` on several threads to completion; returns the first failure, if there is one.
 fn side_by_side(threads: usize, work: impl Fn() -> Result<(), Failure> + Sync) -> Result<(), Failure> {
     std::thread::scope(|scope| {
         let threads: Vec<_> = (0..threads).map(|_| scope.spawn(&work)).collect();

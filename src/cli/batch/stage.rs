@@ -1,4 +1,4 @@
-//! A scene that is ready to be rendered, for all frames of it in a row: loaded once, its structure built once.
+//! Scene ready for rendering, shared by consecutive frames: loaded once, acceleration structure built once.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -19,18 +19,18 @@ use super::super::render;
 use super::plan::Plan;
 use super::rows::Film;
 
-/// A scene is large if it takes more than such a part of the memory that is free.
+/// A scene is large if it takes more than one part in this many of the free memory.
 const LARGE_PART: u64 = 8;
 
-/// What scenes leave for those that come next: of the last one only what was in it.
+/// Caches that scenes leave for the next: only the contents of the last scene remain.
 pub(super) struct Kept {
     images: ImageCache,
-    /// Where there is more than one scene.
+    /// Cache of built meshes, present only for more than one scene.
     meshes: Option<MeshCache>,
 }
 
 impl Kept {
-    /// Nothing yet, for the scenes of these frames.
+    /// Returns empty caches for the scenes of these frames.
     pub(super) fn for_frames(plans: &[Plan]) -> Kept {
         let differ = plans.windows(2).any(|pair| !pair[0].shares_scene_with(&pair[1]));
         Kept {
@@ -39,12 +39,12 @@ impl Kept {
         }
     }
 
-    /// Bytes of it that no scene has.
+    /// Returns the bytes of the caches that are not part of any scene.
     pub(super) fn bytes(&self) -> u64 {
         self.meshes.as_ref().map_or(0, MeshCache::byte_count)
     }
 
-    /// What it has spared, in words.
+    /// Returns a report of the cache hits, one line each; empty without hits.
     pub(super) fn tell(&self) -> String {
         let images = self.images.counts();
         let meshes = self
@@ -65,11 +65,11 @@ impl Kept {
     }
 }
 
-/// A loaded scene.
+/// Loaded scene with its loading time.
 pub(super) struct Loaded {
     pub(super) file: SceneFile,
     pub(super) seconds: f64,
-    /// The middle of what there is, about which cameras turn.
+    /// Centre of the scene's bounds, about which turntables rotate.
     pub(super) middle: DVec3,
 }
 
@@ -87,6 +87,7 @@ impl Loaded {
             &kept.images,
         )?;
         kept.images.evict_unused();
+        // Report the loader's warnings once per scene
         for warning in &file.scene.warnings {
             progress.warn(&format!("{}: {warning}", frame.scene.display()));
         }
@@ -103,7 +104,7 @@ impl Loaded {
         })
     }
 
-    /// The camera of a frame.
+    /// Returns the camera of a frame, placed according to its view.
     pub(super) fn camera(&self, plan: &Plan) -> Result<Camera, Failure> {
         let scene = &self.file.scene;
         let wish = plan.frame.camera.as_deref();
@@ -111,7 +112,7 @@ impl Loaded {
         Ok(plan.frame.view.of(camera, scene, self.middle))
     }
 
-    /// Bytes that it and its frames will take, about.
+    /// Returns the forecast memory of the scene and its acceleration structure.
     pub(super) fn forecast(&self, job: &RenderJob) -> Bytes {
         let forecast = MemoryForecast::of(&self.file.scene);
         let tree = match job.backend {
@@ -125,13 +126,13 @@ impl Loaded {
         }
     }
 
-    /// Whether there had better be no other scene beside it.
+    /// Returns whether the scene is too large to be processed beside another.
     pub(super) fn is_large(&self, job: &RenderJob) -> bool {
         let Bytes { loaded, to_come } = self.forecast(job);
         available_bytes().is_some_and(|free| loaded + to_come > free / LARGE_PART)
     }
 
-    /// What is kept of a picture of it.
+    /// Returns the memory parameters of a frame of this scene.
     pub(super) fn film(&self, settings: &RenderSettings) -> Film {
         Film {
             settings: *settings,
@@ -140,21 +141,21 @@ impl Loaded {
     }
 }
 
-/// Memory that a loaded scene takes.
+/// Forecast memory of a loaded scene in bytes.
 #[derive(Clone, Copy)]
 pub(super) struct Bytes {
-    /// Which it has.
+    /// Bytes that the scene takes already.
     pub(super) loaded: u64,
-    /// Which what finds the hits in it will have, and what is made ready before the first ray.
+    /// Bytes that the acceleration structure and the preparations before the first ray will take.
     pub(super) to_come: u64,
 }
 
-/// A loaded scene with what finds the hits in it.
+/// Loaded scene with its acceleration structure.
 pub(super) struct Stage<'s> {
     pub(super) loaded: &'s Loaded,
     pub(super) accel: Box<dyn Accel + 's>,
     pub(super) build_seconds: f64,
-    /// Whether a frame has been told what loading and building took.
+    /// Set once the times of loading and building are attributed to a frame.
     is_told: AtomicBool,
 }
 
@@ -177,7 +178,7 @@ impl<'s> Stage<'s> {
         })
     }
 
-    /// What loading and building took, for the first frame that asks; for all others nothing.
+    /// Returns the seconds of loading and building at the first call, zeros at later calls.
     pub(super) fn seconds_once(&self) -> [f64; 2] {
         match self.is_told.swap(true, Ordering::Relaxed) {
             false => [self.loaded.seconds, self.build_seconds],

@@ -1,4 +1,4 @@
-//! The pictures of a batch in the viewer tev while they are made: those of the last frames only, as a night's are many.
+//! Live preview of a batch in the viewer tev, limited to the most recent frames.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
@@ -9,18 +9,18 @@ use super::super::failure::Failure;
 use super::super::live::{self, Live};
 use super::super::progress::Progress;
 
-/// Pictures that the viewer shows at a time; older ones are closed.
+/// Largest number of images in the viewer; older ones are closed.
 const MAX_SHOWN: usize = 8;
 
-/// A viewer, and what it shows.
+/// Connection to a viewer with the names of the images that it shows.
 pub(super) struct Viewer {
     tev: TevViewer,
-    /// The oldest first.
+    /// Names of the images, the oldest first.
     shown: Mutex<VecDeque<String>>,
 }
 
 impl Viewer {
-    /// The viewer that listens at an address, if one is given.
+    /// Connects to the viewer at an address, if one is given.
     pub(super) fn connect(address: Option<&str>) -> Result<Option<Viewer>, Failure> {
         let viewer = live::connect(address)?;
         Ok(viewer.map(|tev| Viewer {
@@ -29,7 +29,7 @@ impl Viewer {
         }))
     }
 
-    /// Shows a black picture for a frame that is begun.
+    /// Shows a black image for a frame that starts, and closes the oldest if there are too many.
     pub(super) fn begin<'a>(&'a self, name: &'a str, size: [u32; 2]) -> Live<'a> {
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
         if shown.len() == MAX_SHOWN {
@@ -39,12 +39,12 @@ impl Viewer {
         Live::begin(&self.tev, name, size)
     }
 
-    /// Says it, once, if the viewer has gone away.
+    /// Warns once if the connection to the viewer is lost.
     pub(super) fn warn_if_gone(&self, progress: &Progress) {
         live::warn_if_gone(Some(&self.tev), progress);
     }
 
-    /// Lets the viewer take what it has not yet, within reason.
+    /// Waits for the viewer to accept the remaining data, up to a timeout.
     pub(super) fn finish(self, progress: &Progress) {
         live::finish(Some(self.tev), progress);
     }

@@ -1,4 +1,4 @@
-//! Everything that a scene's rays are asked of, and how long it takes to build.
+//! Acceleration structures of a benchmark, and the times of building them.
 
 use std::time::Instant;
 
@@ -17,27 +17,28 @@ use crate::parallel;
 use crate::report::bench::Mode;
 use crate::scene::Scene;
 
-/// The acceleration structures of a scene, once for each way of asking that needs its own.
+/// Acceleration structures of a scene for all contestants.
 pub(super) struct Structures<'s> {
-    /// With the precision and the kind of instancing that were chosen, with the other kind where the scene has placed
-    /// meshes, and with the other precisions.
+    /// Embree's structures: with the chosen precision and instancing, with the other kind of instancing if the scene
+    /// has instanced meshes, and with the other precisions.
     #[cfg(feature = "embree")]
     embree: Vec<EmbreeStructures<'s>>,
     bsp: [BspAccel<'s>; 2],
-    /// Of the first of these.
+    /// Build times of the first BSP tree, the one for packets.
     bsp_builds: Seconds,
 }
 
-/// Embree's structures for one precision and one kind of instancing, which is absent where nothing is placed.
+/// Embree's structures for one precision and one kind of instancing, which is absent for a scene without instanced
+/// meshes.
 #[cfg(feature = "embree")]
 struct EmbreeStructures<'s> {
     precision: Precision,
     instancing: Option<Instancing>,
     packet: EmbreeAccel<'s>,
-    /// How it is built, and what each time took.
+    /// Options of the build, also used to repeat it.
     options: AccelOptions<'s>,
     builds: Seconds,
-    /// Absent for precisions that were not chosen.
+    /// Structure with single-ray kernels; absent for precisions that were not chosen.
     single: Option<EmbreeAccel<'s>>,
 }
 
@@ -74,7 +75,7 @@ impl<'s> EmbreeStructures<'s> {
         })
     }
 
-    /// All that a scene is measured with.
+    /// Builds the structures for all precisions and kinds of instancing that are measured.
     fn all(
         scene: &'s Scene,
         wish: &AccelOptions<'s>,
@@ -105,7 +106,7 @@ impl<'s> EmbreeStructures<'s> {
         Ok(built)
     }
 
-    /// Seconds of another build, which is thrown away.
+    /// Builds the structure again, drops it, and returns the seconds.
     fn build_again(&self, scene: &Scene, pool: &ThreadPool) -> Result<f64, Failure> {
         let options = AccelOptions {
             threads: pool.current_num_threads(),
@@ -116,17 +117,18 @@ impl<'s> EmbreeStructures<'s> {
 }
 
 impl<'s> Structures<'s> {
-    /// Builds all that the rays of a scene are asked of, on the threads of `pool`.
+    /// Builds the structures of all contestants on the threads of `pool`.
     pub(super) fn build(
         scene: &'s Scene,
         job: &BenchJob,
         pool: &ThreadPool,
     ) -> Result<Structures<'s>, Failure> {
+        // Build each structure once and keep it
         let options = |kernel| AccelOptions {
             kernel,
             ..job.tracing.options()
         };
-        // The referee of answers, whatever Embree is asked for.
+        // The BSP is the reference of hits, so it is watertight for any precision requested from Embree.
         let exact = |kernel| AccelOptions {
             precision: Precision::Watertight,
             ..options(kernel)
@@ -139,10 +141,11 @@ impl<'s> Structures<'s> {
             bsp: [packet, bsp(Kernel::Single)?.0],
             bsp_builds: Seconds::of(seconds),
         };
-        // All in turn, so that whatever else the machine does hits all alike.
+        // All structures take turns, so that other load on the machine affects all alike.
         for _ in 1..job.repeat {
             structures.build_again(scene, pool, |builds| &mut builds.usual)?;
         }
+        // Repeat the builds with each thread count of the scaling measurement
         for repetition in 0..job.repeat {
             for (number, pool) in job.scaling.iter().enumerate() {
                 structures.build_again(scene, pool, |builds| {
@@ -156,7 +159,7 @@ impl<'s> Structures<'s> {
         Ok(structures)
     }
 
-    /// Times another build of each, which is thrown away.
+    /// Builds each structure again, drops it, and appends the seconds to the list that `place` selects.
     fn build_again(
         &mut self,
         scene: &Scene,
@@ -177,9 +180,10 @@ impl<'s> Structures<'s> {
         Ok(())
     }
 
-    /// Every way of asking, the referee of answers first.
+    /// Returns all contestants; the first is the reference of hits.
     pub(super) fn contestants(&self) -> Vec<Contestant<'_>> {
         let mut contestants = Vec::new();
+        // Embree: packets and single rays, each with and without the code of the backend
         #[cfg(feature = "embree")]
         for built in &self.embree {
             let packet = &built.packet;
@@ -199,6 +203,7 @@ impl<'s> Structures<'s> {
                 contestants.push(embree(Mode::RawSingle, Engine::RawSingle(single)));
             }
         }
+        // BSP: packets, single rays and batches
         let [packet, single] = &self.bsp;
         let bsp = |mode, accel| Contestant {
             backend: Backend::Bsp,
@@ -215,7 +220,7 @@ impl<'s> Structures<'s> {
         contestants
     }
 
-    /// What the frame is rendered with.
+    /// Returns the structure that the frame is rendered with.
     pub(super) fn first(&self) -> &dyn Accel {
         #[cfg(feature = "embree")]
         let first = &self.embree[0].packet;
@@ -225,7 +230,7 @@ impl<'s> Structures<'s> {
     }
 }
 
-/// What `work` built on the threads of a pool, and its wall-clock seconds.
+/// Returns the result of `work` on the threads of a pool, and its wall-clock seconds.
 fn timed<T: Send>(
     pool: &ThreadPool,
     work: impl FnOnce() -> Result<T, AccelError> + Send,
@@ -238,7 +243,7 @@ fn timed<T: Send>(
     Ok((built?, seconds))
 }
 
-/// One way of asking for hits.
+/// Implementation and mode that take part in a benchmark.
 pub(super) struct Contestant<'a> {
     pub(super) backend: Backend,
     pub(super) instancing: Option<Instancing>,
@@ -250,8 +255,8 @@ pub(super) struct Contestant<'a> {
 }
 
 impl<'a> Contestant<'a> {
-    /// Whose answers this one's are held against: the first one's. Raw calls, of which only distances are compared, bit
-    /// by bit, are held against what they are the bare form of.
+    /// Returns the contestant that this one's hits are compared with: the first one. Raw calls, of which only distances
+    /// are compared, bit by bit, are compared with the backend that wraps them.
     pub(super) fn referee<'c>(&self, contestants: &'c [Contestant<'a>]) -> &'c Contestant<'a> {
         let dressed = match self.mode {
             Mode::Raw => Mode::Packet,
@@ -263,7 +268,7 @@ impl<'a> Contestant<'a> {
         contestants.iter().find(is_referee).unwrap_or(&contestants[0])
     }
 
-    /// Whether whole frames are rendered with it: with the first one, and with Embree at each other precision.
+    /// Returns whether whole frames are rendered with it: the first contestant, and Embree with each other precision.
     pub(super) fn has_frames(&self, contestants: &[Contestant<'a>]) -> bool {
         let first = &contestants[0];
         let is_rung = self.backend == Backend::Embree && self.precision != first.precision;

@@ -1,4 +1,4 @@
-//! `whit bench --sweep`: scenes of ever more triangles, made on the spot.
+//! Generated scenes of increasing triangle count for `whit bench --sweep`.
 
 use glam::{DAffine3, DMat3, DVec3};
 
@@ -9,23 +9,23 @@ use crate::report::memory;
 use crate::report::table::in_groups;
 use crate::scene::{Background, Camera, Falloff, Geometry, Instance, Light, LightKind, Material, Scene};
 
-/// Sizes to a factor of ten.
+/// Number of mesh sizes per factor of ten.
 const SIZES_A_DECADE: i32 = 2;
-/// Most bytes a triangle that are held at a time: the mesh, its copy in Embree, and all structures over it, as measured
-/// by the peak of a sweep to 10^6 triangles, and a third more.
+/// Peak memory in bytes per triangle: the mesh, its copy in Embree, and all acceleration structures over it, as
+/// measured by the peak of a sweep to 10^6 triangles, and a third more.
 const BYTES_PER_TRIANGLE: u64 = 800;
 
-/// Half the edge of the ground, and its height: under the lowest bump.
+/// Half the edge length of the ground, and its height, which is below the lowest bump.
 const GROUND: f32 = 6.0;
 const GROUND_HEIGHT: f32 = -1.02;
-/// Where the camera stands, where it looks, and where the lamp hangs.
+/// Positions of the camera, of its target, and of the point light.
 const EYE: DVec3 = DVec3::new(1.1, 1.3, 3.9);
 const TARGET: DVec3 = DVec3::new(0.05, -0.12, 0.0);
 const LAMP: DVec3 = DVec3::new(2.6, 3.6, 3.2);
-/// The lamp's, in candela.
+/// Intensity of the point light in candela.
 const INTENSITY: f32 = 75.0;
 
-/// Triangles of the meshes, fewest first.
+/// Returns the triangle counts of the meshes in ascending order.
 pub(super) fn sizes(most: u64) -> Vec<u64> {
     let of_step = |step: i32| {
         let factor = 10f64.powf(f64::from(step) / f64::from(SIZES_A_DECADE));
@@ -39,12 +39,12 @@ pub(super) fn sizes(most: u64) -> Vec<u64> {
     sizes
 }
 
-/// What a mesh of about so many triangles is called.
+/// Returns the name of a mesh of about `triangles` triangles.
 pub(super) fn name(triangles: u64) -> String {
     format!("bumpy sphere, {} triangles", in_groups(triangles))
 }
 
-/// What to say if there is too little memory to measure so many triangles.
+/// Returns a warning if the memory is too small to measure so many triangles.
 pub(super) fn lacks_memory(triangles: u64) -> Option<String> {
     let needed = triangles * BYTES_PER_TRIANGLE;
     let free = memory::available_bytes().filter(|&free| needed > free)?;
@@ -56,8 +56,10 @@ pub(super) fn lacks_memory(triangles: u64) -> Option<String> {
     ))
 }
 
-/// A polished bumpy sphere of about so many triangles over a dull ground, under a lamp: rays of all kinds.
+/// Returns a scene with a polished bumpy sphere of about so many triangles over a dull ground, lit by a point light,
+/// which yields rays of all kinds.
 pub(super) fn scene(triangles: u64) -> Result<Scene, Failure> {
+    // Each instance uses the mesh and the material of the same index
     let place = |name: &str, number| {
         Instance::new(name, number, number, DAffine3::IDENTITY)
             .map_err(|error| Failure::Work(format!("{name}: {error}")))
@@ -129,7 +131,7 @@ mod tests {
 
     #[test]
     fn what_no_machine_holds_is_told() {
-        // Nothing is told where the system does not tell what is free.
+        // There is no warning on systems that do not report their free memory.
         if memory::available_bytes().is_some() {
             let words = lacks_memory(1 << 50).unwrap();
             assert!(words.contains("1 125 899 906 842 624 triangles"), "{words}");

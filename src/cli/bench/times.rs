@@ -1,4 +1,4 @@
-//! How long every way of asking takes for the rays of a frame, and the frame itself.
+//! Times of replaying a frame's rays through each contestant, and of rendering the frame itself.
 
 use super::BenchJob;
 use super::structures::Contestant;
@@ -12,17 +12,17 @@ use crate::render::{self, Ledger, Monitor, RenderSettings};
 use crate::report::bench::{FrameTime, Mode, RayKind, Spread};
 use crate::scene::{Camera, Scene};
 
-/// Seconds of every repetition.
+/// Seconds of each repetition of a measurement.
 #[derive(Clone, Default)]
 pub(super) struct Seconds {
-    /// Of builds with as many threads as were asked for, of replays with one.
+    /// Seconds of builds with the requested number of threads, and of replays with one thread.
     pub(super) usual: Vec<f64>,
-    /// With each number of threads whose speed is wanted.
+    /// Seconds by thread count of the scaling measurement, then by repetition.
     pub(super) by_threads: Vec<Vec<f64>>,
 }
 
 impl Seconds {
-    /// Of one repetition so far.
+    /// Returns the seconds of a single repetition.
     pub(super) fn of(usual: f64) -> Seconds {
         Seconds {
             usual: vec![usual],
@@ -31,7 +31,7 @@ impl Seconds {
     }
 }
 
-/// The picture whose rays are replayed.
+/// Frame whose rays are replayed.
 pub(super) struct Frame<'a> {
     pub(super) scene: &'a Scene,
     pub(super) camera: &'a Camera,
@@ -40,7 +40,7 @@ pub(super) struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    /// The frame's own rays and random ones, a set each; kinds without rays are left out.
+    /// Returns the frame's own rays and random ones, one set per kind; kinds without rays are left out.
     pub(super) fn ray_sets(&self) -> Vec<RaySet> {
         let recorded = render::record(self.scene, self.camera, self.accel, &self.settings);
         let pixel_count = self.settings.width as usize * self.settings.height as usize;
@@ -54,7 +54,7 @@ impl Frame<'_> {
         sets
     }
 
-    /// What one render of the frame takes, on the current thread pool.
+    /// Returns the ledger of one render of the frame on the current thread pool.
     fn ledger(&self, accel: &dyn Accel) -> Result<Ledger, Failure> {
         let monitor = Monitor {
             progress: &|_| {},
@@ -71,16 +71,16 @@ impl Frame<'_> {
     }
 }
 
-/// What every way of asking took.
+/// Measured times of all contestants.
 pub(super) struct Times {
-    /// By set, then by contestant.
+    /// Seconds of the replays, by ray set, then by contestant.
     pub(super) replays: Vec<Vec<Seconds>>,
-    /// By contestant; empty for those without frames.
+    /// Ledgers of rendered frames, by contestant; empty for contestants without frames.
     frames: Vec<Vec<Ledger>>,
 }
 
 impl Times {
-    /// Times everything in turn within each repetition, so that whatever else the machine does hits all alike.
+    /// Measures all contestants in turn within each repetition, so that other load on the machine affects all alike.
     pub(super) fn measure(
         contestants: &[Contestant],
         sets: &[RaySet],
@@ -88,6 +88,7 @@ impl Times {
         job: &BenchJob,
         progress: &Progress,
     ) -> Result<Times, Failure> {
+        // Frames and replays run on one thread, whose times vary least
         let single = rayon::ThreadPoolBuilder::new()
             .num_threads(1)
             .build()
@@ -100,10 +101,12 @@ impl Times {
             replays: vec![vec![none; contestants.len()]; sets.len()],
             frames: vec![Vec::new(); contestants.len()],
         };
+        // Replay each ray set through each contestant, on one thread and on several
         for repetition in 0..job.repeat {
             for (set, of_set) in sets.iter().zip(&mut times.replays) {
                 for (contestant, seconds) in contestants.iter().zip(of_set) {
                     interrupt::check()?;
+                    // Replay on one thread, then with every thread count
                     let (engine, mode) = (contestant.engine, contestant.mode);
                     seconds.usual.push(replay_seconds(engine, set, mode));
                     for (pool, seconds) in job.scaling.iter().zip(&mut seconds.by_threads) {
@@ -111,6 +114,7 @@ impl Times {
                     }
                 }
             }
+            // Render the frame with the contestants that can, on one thread
             for (contestant, ledgers) in contestants.iter().zip(&mut times.frames) {
                 if let Engine::Accel(accel) = contestant.engine
                     && contestant.has_frames(contestants)
@@ -123,20 +127,22 @@ impl Times {
         Ok(times)
     }
 
-    /// The render loop with one contestant, or with the first if it has no frames, against the first one's raw traces of
-    /// the same rays.
+    /// Returns the time of the frame with one contestant, or with the first if it has none, relative to the first
+    /// contestant's raw traces of the same rays.
     pub(super) fn frame(
         &self,
         contestants: &[Contestant],
         sets: &[RaySet],
         index: usize,
     ) -> Option<FrameTime> {
+        // Choose the frames and the raw contestant
         let raw = contestants
             .iter()
             .position(|contestant| contestant.mode == Mode::Raw)?;
         let frames = [index, 0].map(|index| &self.frames[index]);
         let frames = frames.into_iter().find(|frames| !frames.is_empty())?;
         let ledger = frames.first()?;
+        // Scale the raw times of each kind to the number of rays in the frame
         let raw_seconds: f64 = sets
             .iter()
             .zip(&self.replays)
@@ -150,6 +156,7 @@ impl Times {
                 rays as f64 * Spread::of(&of_set[raw].usual).median / set.ray_count as f64
             })
             .sum();
+        // Compare the medians
         let median = |of: fn(&Ledger) -> f64| Spread::of(&frames.iter().map(of).collect::<Vec<_>>()).median;
         let seconds = median(|ledger| ledger.seconds);
         Some(FrameTime {

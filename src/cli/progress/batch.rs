@@ -1,4 +1,4 @@
-//! Progress of a whole batch: how many pictures are finished, which are being made, and how long it will still take.
+//! Progress of a whole batch: finished images, images in progress, and the remaining time.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -11,10 +11,10 @@ use super::{Progress, STEPS, TICK};
 use crate::cli::events::{self, Event};
 use crate::cli::failure::Failure;
 
-/// Names of pictures that a bar has room for.
+/// Largest number of image names displayed beside the bar.
 const MAX_NAMES: usize = 2;
 
-/// A picture in the making.
+/// Image that is being rendered.
 struct Current {
     number: usize,
     image: String,
@@ -30,7 +30,7 @@ struct State {
     pace: Pace,
 }
 
-/// A batch of pictures, several of which may be made at once; for any thread.
+/// Progress of a batch of images, several of which may be rendered concurrently; usable from any thread.
 pub(in crate::cli) struct Batch<'p> {
     progress: &'p Progress,
     total: usize,
@@ -38,13 +38,13 @@ pub(in crate::cli) struct Batch<'p> {
     state: Mutex<State>,
 }
 
-/// A picture of a batch that has been begun. One that is dropped without a word was given up: it is not counted.
+/// Image of a batch that has been started. If it is dropped without a result, it does not count as finished.
 pub(in crate::cli) struct BatchFrame<'b> {
     batch: &'b Batch<'b>,
     number: usize,
 }
 
-/// Where a batch stands.
+/// Snapshot of the progress of a batch.
 struct Standing {
     images: Vec<String>,
     fraction: f64,
@@ -53,6 +53,7 @@ struct Standing {
 
 impl<'p> Batch<'p> {
     pub(super) fn new(progress: &'p Progress, total: usize) -> Batch<'p> {
+        // Replace the layout of the bar for single images by that for batches
         if let Ok(style) =
             ProgressStyle::with_template("{prefix} {wide_bar} {percent:>3} % {elapsed:>4} {msg}")
         {
@@ -79,7 +80,7 @@ impl<'p> Batch<'p> {
         }
     }
 
-    /// Begins a picture.
+    /// Starts an image and adds it to those in progress.
     pub(in crate::cli) fn begin(&self, image: &str) -> BatchFrame<'_> {
         let mut state = self.lock();
         state.begun += 1;
@@ -94,7 +95,7 @@ impl<'p> Batch<'p> {
         BatchFrame { batch: self, number }
     }
 
-    /// A picture need not be made, as it is there already.
+    /// Reports that an image is skipped because it exists already.
     pub(in crate::cli) fn skip(&self, image: &str) {
         let mut state = self.lock();
         state.finished += 1;
@@ -103,15 +104,17 @@ impl<'p> Batch<'p> {
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
-        // Nothing is left half-changed by a panic elsewhere.
+        // Ignoring poisoning is safe: a panic in another thread leaves no state half-changed.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn standing(&self, state: &State) -> Standing {
+        // Count the finished fractions of running frames
         let of_current = |frame: &Current| Running {
             fraction: frame.fraction,
             seconds: frame.since.elapsed().as_secs_f64(),
         };
+        // Estimate the remaining time from the running frames and the number of waiting ones
         let running: Vec<Running> = state.current.iter().map(of_current).collect();
         let waiting = self.total.saturating_sub(state.finished + running.len());
         let parts: f64 = running.iter().map(|frame| frame.fraction).sum();
@@ -122,7 +125,7 @@ impl<'p> Batch<'p> {
         }
     }
 
-    /// Shows where it stands, if it is time to.
+    /// Displays the progress, unless the last display was too recent.
     fn show(&self, state: &mut State) {
         if !state.pace.allows(Instant::now()) {
             return;
@@ -132,6 +135,7 @@ impl<'p> Batch<'p> {
             fraction,
             seconds_left,
         } = self.standing(state);
+        // Print an event, or update the bar
         if self.progress.lines.is_some() {
             return events::tell(&Event::Batch {
                 images: &images,
@@ -148,7 +152,7 @@ impl<'p> Batch<'p> {
         bar.set_message(message(&images, seconds_left));
     }
 
-    /// Tells that a picture has come to its end.
+    /// Prints the event that an image is finished, failed or skipped; only with JSON lines.
     fn tell(&self, state: &State, (image, status, message): (&str, &str, Option<&str>), seconds: f64) {
         if self.progress.lines.is_none() {
             return;
@@ -164,7 +168,7 @@ impl<'p> Batch<'p> {
         });
     }
 
-    /// Takes a picture from those that are being made.
+    /// Removes an image from those in progress and returns it.
     fn take(state: &mut State, number: usize) -> Option<Current> {
         let place = state.current.iter().position(|frame| frame.number == number)?;
         Some(state.current.remove(place))
@@ -178,6 +182,7 @@ impl<'p> Batch<'p> {
         let seconds = frame.since.elapsed().as_secs_f64();
         state.finished += 1;
         match failure {
+            // Only successful frames contribute to the typical duration
             None => {
                 state.durations.note(seconds);
                 self.tell(&state, (&frame.image, "done", None), seconds);
@@ -196,24 +201,25 @@ impl<'p> Batch<'p> {
 }
 
 impl BatchFrame<'_> {
-    /// Shows the finished fraction of the picture; from any thread. Threads that find another one telling go on.
+    /// Displays the finished fraction of the image; callable from any thread. Returns at once if another thread holds
+    /// the lock.
     pub(in crate::cli) fn fraction(&self, fraction: f64) {
         let Ok(mut state) = self.batch.state.try_lock() else {
             return;
         };
         if let Some(frame) = state.current.iter_mut().find(|frame| frame.number == self.number) {
-            // Fractions of several threads may come out of order.
+            // Fractions of several threads may arrive out of order.
             frame.fraction = frame.fraction.max(fraction.clamp(0.0, 1.0));
             self.batch.show(&mut state);
         }
     }
 
-    /// The picture is written.
+    /// Reports that the image is written.
     pub(in crate::cli) fn finish(self) {
         self.batch.end(self.number, None);
     }
 
-    /// The picture has failed; says why.
+    /// Reports that the image has failed, with the reason.
     pub(in crate::cli) fn fail(self, failure: &Failure) {
         self.batch.end(self.number, Some(failure));
     }
@@ -221,12 +227,12 @@ impl BatchFrame<'_> {
 
 impl Drop for BatchFrame<'_> {
     fn drop(&mut self) {
-        // Nothing is left to take of one that came to an end.
+        // An image that was finished or has failed is not in the list any more.
         Batch::take(&mut self.batch.lock(), self.number);
     }
 }
 
-/// What stands behind the bar.
+/// Returns the text beside the bar: the remaining time and the images in progress.
 fn message(images: &[String], seconds_left: Option<f64>) -> String {
     let left = match seconds_left {
         Some(seconds) => format!("{} left", duration(seconds)),
@@ -240,7 +246,7 @@ fn message(images: &[String], seconds_left: Option<f64>) -> String {
     }
 }
 
-/// Seconds in as few words as tell them.
+/// Returns a duration in at most two units.
 fn duration(seconds: f64) -> String {
     let whole = seconds.max(0.0).ceil() as u64;
     match (whole / 3600, whole / 60 % 60, whole % 60) {

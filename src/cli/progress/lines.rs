@@ -1,4 +1,4 @@
-//! Progress as JSON lines, few enough that reading them costs nothing.
+//! Progress as JSON lines, limited to a rate that costs readers nothing.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -7,17 +7,17 @@ use super::time_left;
 use crate::cli::events::{self, Event};
 use crate::cli::failure::Failure;
 
-/// Time between two lines of progress.
+/// Shortest time between two lines of progress.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Lets through one line of progress each [`PAUSE`].
+/// Rate limiter that allows one line of progress per [`PAUSE`].
 #[derive(Debug, Default)]
 pub(super) struct Pace {
     last: Option<Instant>,
 }
 
 impl Pace {
-    /// Whether it is time for another line, which is then taken for told.
+    /// Returns whether a line may be printed now; if so, counts it as printed.
     pub(super) fn allows(&mut self, now: Instant) -> bool {
         let is_time = self
             .last
@@ -29,18 +29,18 @@ impl Pace {
     }
 }
 
-/// What the lines are about.
+/// State of the current image and phase.
 struct About {
     scene: String,
     image: String,
     phase: &'static str,
-    /// When the phase began.
+    /// Start time of the phase.
     since: Instant,
     fraction: f64,
     pace: Pace,
 }
 
-/// Progress of one picture after the other.
+/// Progress of one image after another.
 pub(super) struct Lines(Mutex<About>);
 
 impl Default for Lines {
@@ -58,7 +58,7 @@ impl Default for Lines {
 
 impl Lines {
     fn lock(&self) -> MutexGuard<'_, About> {
-        // Nothing is left half-changed by a panic elsewhere.
+        // Ignoring poisoning is safe: a panic in another thread leaves no state half-changed.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -82,12 +82,12 @@ impl Lines {
         });
     }
 
-    /// Threads that find another one telling go on: a later fraction will be told.
+    /// Prints the fraction, unless another thread is printing; then a later fraction will be printed.
     pub(super) fn fraction(&self, fraction: f64) {
         let Ok(mut about) = self.0.try_lock() else {
             return;
         };
-        // Fractions of several threads may come out of order.
+        // Fractions of several threads may arrive out of order.
         if !(fraction > about.fraction) || !about.pace.allows(Instant::now()) {
             return;
         }

@@ -1,31 +1,31 @@
-//! How long a phase or a whole batch will still take.
+//! Estimates of the remaining time of a phase or of a whole batch.
 
 use std::collections::VecDeque;
 
-/// Durations of frames that are looked at: as many as tell what frames take now, later in a batch too.
+/// Number of most recent frame durations that are averaged, so that the estimate follows changes within a batch.
 const MAX_DURATIONS: usize = 64;
 
-/// Seconds that are left of what has taken `seconds` up to `fraction` of it; `None` where that cannot be told.
+/// Returns the remaining seconds of work that has taken `seconds` up to `fraction`; `None` if they cannot be estimated.
 pub(in crate::cli) fn of_phase(fraction: f64, seconds: f64) -> Option<f64> {
     let left = seconds * (1.0 - fraction) / fraction;
     (fraction > 0.0 && left.is_finite()).then_some(left.max(0.0))
 }
 
-/// A frame in the making.
+/// Progress of a frame that is being rendered.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Running {
-    /// How much of it is finished, 0 to 1.
+    /// Finished part of the frame, 0 to 1.
     pub(super) fraction: f64,
-    /// How long that took.
+    /// Seconds that the finished part took.
     pub(super) seconds: f64,
 }
 
-/// What finished frames tell of the others.
+/// Durations of the most recent finished frames in seconds.
 #[derive(Debug, Default)]
 pub(super) struct Durations(VecDeque<f64>);
 
 impl Durations {
-    /// Notes how long a frame took.
+    /// Adds the duration of a finished frame.
     pub(super) fn note(&mut self, seconds: f64) {
         if self.0.len() == MAX_DURATIONS {
             self.0.pop_front();
@@ -33,25 +33,26 @@ impl Durations {
         self.0.push_back(seconds);
     }
 
-    /// What a frame takes: the mean without the shortest and the longest eighth, so that no odd one, such as the first
-    /// that loads everything, counts for many.
+    /// Returns the typical duration of a frame: the mean without the shortest and the longest eighth, so that no
+    /// outlier, such as the first frame, which loads everything, dominates.
     fn typical(&self) -> Option<f64> {
         let mut all: Vec<f64> = self.0.iter().copied().collect();
         all.sort_by(f64::total_cmp);
-        // Of two, the longer may be the odd one; of three and more, the ends are.
+        // Of two durations, the longer may be the outlier; of three and more, both ends are cut.
         let cut = if all.len() < 3 { 0 } else { (all.len() / 8).max(1) };
         let middle = &all[cut..all.len() - cut];
         (!middle.is_empty()).then(|| middle.iter().sum::<f64>() / middle.len() as f64)
     }
 
-    /// Seconds until all are finished: those that run and `waiting` more, if as many go on at once as now.
+    /// Returns the seconds until the `running` frames and `waiting` more are finished, if as many run concurrently as
+    /// now.
     ///
-    /// A frame's own progress is believed the more, the farther it is.
+    /// The estimate for a running frame weights its own progress by the finished fraction.
     pub(super) fn left(&self, running: &[Running], waiting: usize) -> Option<f64> {
         let of_running = |frame: &Running| -> Option<f64> {
             let Running { fraction, seconds } = *frame;
             let whole = match self.typical() {
-                // (1 - f) typical + f (seconds / f)
+                // The weighted mean of both estimates: (1 - f) typical + f (seconds / f).
                 Some(typical) => (1.0 - fraction) * typical + seconds,
                 None => seconds + of_phase(fraction, seconds)?,
             };
@@ -59,17 +60,19 @@ impl Durations {
         };
         let all: Vec<f64> = running.iter().filter_map(of_running).collect();
         let typical = self.typical().or_else(|| {
-            // All that is known is what runs.
+            // Before any frame is finished, the estimates of the running frames replace the typical duration.
             let wholes = running.iter().zip(&all).map(|(frame, left)| frame.seconds + left);
             let sum: f64 = wholes.sum();
             (!all.is_empty()).then(|| sum / all.len() as f64)
         });
+        // At the end, the slowest running frame decides; before, the work is shared among the lanes
         if waiting == 0 {
             return match running {
                 [] => Some(0.0),
                 _ => all.iter().copied().reduce(f64::max),
             };
         }
+        // As many frames run concurrently as now
         let lanes = running.len().max(1) as f64;
         Some((all.iter().sum::<f64>() + waiting as f64 * typical?) / lanes)
     }
@@ -106,7 +109,7 @@ mod tests {
 
     #[test]
     fn frames_at_once_share_what_is_left() {
-        // Whole: half of 4 and 3 seconds so far, 5; half of that is left of each, and 4 for each of 6 that wait.
+        // Whole frame: half of 4 and 3 seconds so far, 5; half of that is left of each, and 4 for each of 6 that wait.
         let left = durations(&[4.0]).left(&[HALF, HALF], 6);
         assert_eq!(left, Some((2.0 * 2.5 + 6.0 * 4.0) / 2.0));
     }
@@ -117,14 +120,14 @@ mod tests {
             fraction: 0.5,
             seconds: 8.0,
         };
-        // (half of 4 and 8) times half.
+        // The slow frame takes 0.5 * 4 + 8 = 10 seconds, of which half is left.
         assert_eq!(durations(&[4.0]).left(&[HALF, slow], 0), Some(5.0));
         assert_eq!(durations(&[4.0]).left(&[], 0), Some(0.0));
     }
 
     #[test]
     fn before_any_frame_is_finished_the_running_ones_tell() {
-        // 3 seconds are left of it, and 6 for each of the others.
+        // 3 seconds are left of the running frame, and 6 for each of the others.
         assert_eq!(Durations::default().left(&[HALF], 2), Some(15.0));
         let begun = Running {
             fraction: 0.0,

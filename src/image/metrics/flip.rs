@@ -1,9 +1,9 @@
-//! LDR-FLIP: the error that an observer sees who flips between two pictures on a screen.
+//! LDR-FLIP: perceived difference when an observer flips between two images on a screen.
 //!
 //! P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström and M. D. Fairchild, "FLIP: A Difference
-//! Evaluator for Alternating Images", Proceedings of the ACM on Computer Graphics and Interactive Techniques
-//! 3(2), 2020. Colours are blurred as by the eye and their distance taken; where edges or points appear or vanish, that
-//! distance counts for more.
+//! Evaluator for Alternating Images", Proceedings of the ACM on Computer Graphics and Interactive Techniques 3(2),
+//! 2020. The metric is the distance of colours filtered by the eye's contrast sensitivity; it is amplified where edges
+//! or points appear or vanish.
 
 use glam::DVec3;
 
@@ -14,52 +14,56 @@ use crate::parallel;
 
 /// Exponent of colour distances (section 4.1.3).
 const COLOR_EXPONENT: f64 = 0.7;
-/// Part of the largest colour distance up to which errors are stretched, and what it is stretched to.
+/// Fraction of the largest colour distance up to which errors are stretched, and the value that it is stretched to.
 const STRETCH_END: f64 = 0.4;
 const STRETCHED: f64 = 0.95;
 /// Exponent of feature differences (section 4.2).
 const FEATURE_EXPONENT: f64 = 0.5;
 
-/// What a screen shows of a pixel of linear radiance.
+/// Function from a pixel of linear radiance to the displayed linear colour.
 type Shown<'a> = dyn Fn([f32; 3]) -> DVec3 + Sync + 'a;
 
-/// The error of each pixel, 0 to 1, of two pictures of one size; `shown` is what a screen shows of a pixel, linear and 0
-/// to 1.
+/// Returns the error of each pixel, 0 to 1, of two images of one size; `shown` maps a pixel to its displayed colour,
+/// linear and 0 to 1.
 pub(super) fn error_map(images: [&LinearImage; 2], shown: &Shown, pixels_per_degree: f64) -> Vec<f32> {
     if images[0].pixels.is_empty() {
         return Vec::new();
     }
+    // Filter both images
     let colors = Colors::new();
     let contrast = ContrastFilter::new(pixels_per_degree);
     let detector = FeatureDetector::new(pixels_per_degree);
     let [reference, test] = images.map(|image| Seen::new(image, shown, &colors, (&contrast, &detector)));
+    // Combine colour distance and feature difference
     let largest = largest_distance(&colors);
     let error = |index: usize| {
         let distance = hyab(reference.colors[index], test.colors[index]).powf(COLOR_EXPONENT);
         let color = stretched(distance, largest);
         let change = |kind: usize| (reference.features[kind][index] - test.features[kind][index]).abs();
-        // Each of the two is a length of two components of up to one.
+        // Edge and point strengths are lengths of two components of up to one: the maximum is sqrt(2).
         let feature = (change(0).max(change(1)) / std::f64::consts::SQRT_2).powf(FEATURE_EXPONENT);
         color.powf(1.0 - feature) as f32
     };
     parallel::generate(reference.colors.len(), error)
 }
 
-/// A picture as the eye sees it.
+/// Image after the filters that model human vision.
 struct Seen {
-    /// Blurred and perceived.
+    /// Filtered colours in a perceptually uniform space.
     colors: Vec<DVec3>,
-    /// Edges and points.
+    /// Strengths of edges and points.
     features: [Vec<f64>; 2],
 }
 
 impl Seen {
+    /// Filters an image: contrast sensitivity for colours, feature detection on luminance.
     fn new(
         image: &LinearImage,
         shown: &Shown,
         colors: &Colors,
         (contrast, detector): (&ContrastFilter, &FeatureDetector),
     ) -> Seen {
+        // Convert to opponent colours
         let opponent = parallel::generate(image.pixels.len(), |index| {
             colors.opponent(shown(image.pixels[index]))
         });
@@ -67,10 +71,11 @@ impl Seen {
             width: image.width as usize,
             values: parallel::generate(opponent.len(), |index| of(&opponent[index])),
         };
+        // Apply contrast sensitivity filters
         let [y, cx, cz] = contrast.apply(&[plane(&|c| c.x), plane(&|c| c.y), plane(&|c| c.z)]);
         let perceived = |index: usize| {
             let blurred = DVec3::new(y.values[index], cx.values[index], cz.values[index]);
-            // A sharp filter of one channel and a blunt one of another may leave what a screen can show.
+            // Kernels differ in width between channels, so that the filtered colour may leave the displayable range.
             colors.perceived(colors.linear(blurred).clamp(DVec3::ZERO, DVec3::ONE))
         };
         Seen {
@@ -80,12 +85,12 @@ impl Seen {
     }
 }
 
-/// The largest distance that two colours of a screen have: that of green from blue.
+/// Returns the largest distance of two displayable colours: that of green and blue.
 fn largest_distance(colors: &Colors) -> f64 {
     hyab(colors.perceived(DVec3::Y), colors.perceived(DVec3::Z)).powf(COLOR_EXPONENT)
 }
 
-/// A colour distance as a part of the largest, small ones stretched over most of the range.
+/// Returns a colour distance relative to the largest, with small distances stretched over most of the range.
 fn stretched(distance: f64, largest: f64) -> f64 {
     let end = STRETCH_END * largest;
     if distance < end {

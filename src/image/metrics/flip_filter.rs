@@ -1,40 +1,42 @@
-//! The filters of FLIP: what the eye resolves at a distance, and detectors of edges and points.
+//! Filters of FLIP: contrast sensitivity of the eye at a viewing distance, and detectors of edges and points.
 //!
-//! Andersson et al. 2020, sections 4.1.1 (contrast sensitivity) and 4.2 (features). All are Gaussians and their
-//! derivatives, or sums of them, and so are products of one filter across and one down. Beyond its edges a picture goes
+//! Andersson et al. 2020, sections 4.1.1 (contrast sensitivity) and 4.2 (features). All are Gaussians, their
+//! derivatives, or sums of Gaussians, and therefore separable into a horizontal and a vertical filter. Beyond its edges
+//! an image is extended by its border pixels.
 //! on with the pixels there.
 
 use std::f64::consts::PI;
 
 use crate::parallel;
 
-/// One channel of a picture, row by row.
+/// One channel of an image, row by row.
 pub(super) struct Plane {
     pub(super) width: usize,
     pub(super) values: Vec<f64>,
 }
 
-/// Weights of `2 radius + 1` neighbouring pixels.
+/// Weights of `2 radius + 1` neighbouring pixels, in one dimension.
 pub(super) struct Kernel(Vec<f64>);
 
 impl Kernel {
+    /// Samples `weight` at the integers from -`radius` to `radius`.
     fn new(radius: i32, weight: impl Fn(f64) -> f64) -> Kernel {
         Kernel((-radius..=radius).map(|x| weight(f64::from(x))).collect())
     }
 
-    /// The weights of a Gaussian, which sum to one.
+    /// Returns a Gaussian kernel whose weights sum to one.
     pub(super) fn gaussian(radius: i32, deviation: f64) -> Kernel {
         Kernel::new(radius, |x| (-x * x / (2.0 * deviation * deviation)).exp()).normalised()
     }
 
-    /// The same, so that its weights sum to one.
+    /// Scales the weights so that they sum to one.
     fn normalised(mut self) -> Kernel {
         let sum: f64 = self.0.iter().sum();
         self.0.iter_mut().for_each(|weight| *weight /= sum);
         self
     }
 
-    /// The same, so that its positive weights sum to one and its negative ones to minus one.
+    /// Scales positive weights to a sum of one, and negative weights to a sum of minus one.
     fn balanced(mut self) -> Kernel {
         let sum_of = |sign: f64| self.0.iter().map(|w| (sign * w).max(0.0)).sum::<f64>();
         let (above, below) = (sum_of(1.0), sum_of(-1.0));
@@ -46,11 +48,12 @@ impl Kernel {
 }
 
 impl Plane {
-    /// Filtered by the product of `across` and `down`.
+    /// Returns the plane filtered horizontally by `across` and vertically by `down`.
     pub(super) fn filtered(&self, across: &Kernel, down: &Kernel) -> Plane {
         self.filtered_across(across).filtered_down(down)
     }
 
+    /// Filters each row, extended by its border pixels.
     fn filtered_across(&self, kernel: &Kernel) -> Plane {
         let radius = kernel.0.len() / 2;
         let filter_row = |_, row: &[f64]| -> Vec<f64> {
@@ -66,6 +69,7 @@ impl Plane {
         }
     }
 
+    /// Filters each column, extended by its border pixels.
     fn filtered_down(&self, kernel: &Kernel) -> Plane {
         let (width, radius) = (self.width, kernel.0.len() / 2);
         let last = self.values.len() / width - 1;
@@ -82,14 +86,14 @@ impl Plane {
     }
 }
 
-/// A Gaussian of a channel's contrast sensitivity: `a √(π/b) exp(-π² d² / b)` at a distance of d degrees.
+/// Gaussian term of a channel's contrast sensitivity: `a √(π/b) exp(-π² d² / b)` at a distance of d degrees.
 #[derive(Clone, Copy)]
 struct Sensitivity {
     a: f64,
     b: f64,
 }
 
-/// Lightness, red-green, blue-yellow (table 1); the last is of two Gaussians.
+/// Sensitivities of lightness, red-green and blue-yellow (table 1); the last is a sum of two Gaussians.
 const LIGHTNESS: Sensitivity = Sensitivity { a: 1.0, b: 0.0047 };
 const RED_GREEN: Sensitivity = Sensitivity { a: 1.0, b: 0.0053 };
 const BLUE_YELLOW: [Sensitivity; 2] = [
@@ -97,22 +101,22 @@ const BLUE_YELLOW: [Sensitivity; 2] = [
     Sensitivity { a: 13.5, b: 0.025 },
 ];
 
-/// What the eye does to the channels of YCxCz.
+/// Contrast sensitivity filters of the channels of YCxCz.
 pub(super) struct ContrastFilter {
     lightness: Kernel,
     red_green: Kernel,
-    /// With their parts of the sum.
+    /// Two Gaussians with their shares of the sum.
     blue_yellow: [(Kernel, f64); 2],
 }
 
 impl ContrastFilter {
     pub(super) fn new(pixels_per_degree: f64) -> ContrastFilter {
-        // Three standard deviations of the widest.
+        // Truncate at three standard deviations of the widest Gaussian.
         let widest = BLUE_YELLOW[0].b / (2.0 * PI * PI);
         let radius = (3.0 * widest.sqrt() * pixels_per_degree).ceil() as i32;
         let kernel =
             |s: Sensitivity| Kernel::new(radius, |x| (-(PI * x / pixels_per_degree).powi(2) / s.b).exp());
-        // In two dimensions a Gaussian weighs the square of its sum along an axis.
+        // In two dimensions the sum of a separable Gaussian is the square of its sum along one axis.
         let parts = BLUE_YELLOW.map(|s| s.a * (PI / s.b).sqrt() * kernel(s).0.iter().sum::<f64>().powi(2));
         let sum: f64 = parts.iter().sum();
         ContrastFilter {
@@ -138,10 +142,10 @@ impl ContrastFilter {
     }
 }
 
-/// Width of the features that the eye looks for, in degrees.
+/// Width of the features that the eye detects, in degrees.
 const FEATURE_WIDTH: f64 = 0.082;
 
-/// How much of an edge and of a point there is at each pixel.
+/// Filters for the strength of edges and points at each pixel.
 pub(super) struct FeatureDetector {
     smooth: Kernel,
     edge: Kernel,
@@ -160,7 +164,7 @@ impl FeatureDetector {
         }
     }
 
-    /// Edges and points in a plane of luminance.
+    /// Returns the edge and point strengths of a luminance plane.
     pub(super) fn detect(&self, luminance: &Plane) -> [Vec<f64>; 2] {
         [&self.edge, &self.point].map(|derivative| {
             let across = luminance.filtered(derivative, &self.smooth).values;

@@ -1,9 +1,9 @@
-//! HDR-FLIP: what an observer may see of two pictures at any of the exposures at which they are likely to be looked at.
+//! HDR-FLIP: perceived difference of two images over the range of exposures at which they are likely to be viewed.
 //!
 //! P. Andersson, J. Nilsson, P. Shirley and T. Akenine-Möller, "Visualizing Errors in Rendered High Dynamic Range
-//! Images", Eurographics 2021 (short papers). The exposures are one stop or less apart and go from where the reference's
-//! brightest pixel is shown at [`SHOWN`] to where its median is; a pixel's error is the largest that LDR-FLIP sees at any
-//! of them.
+//! Images", Eurographics 2021 (short papers). The exposures are at most one stop apart and range from the one that
+//! displays the reference's brightest pixel at [`SHOWN`] to the one that displays its median there; a pixel's error is
+//! the maximum of LDR-FLIP over all of them.
 
 use glam::DVec3;
 
@@ -11,16 +11,16 @@ use super::clipped;
 use super::flip::error_map;
 use crate::image::LinearImage;
 
-/// What a screen shows, as a part of white, of the pixel that an exposure is made for.
+/// Displayed value, relative to white, of the pixel that an exposure is made for.
 const SHOWN: f64 = 0.85;
-/// The film-like curve that pictures are shown by: coefficients of x^2, x and 1 above and below the line (K. Narkowicz's
-/// fit of the curve of the Academy Color Encoding System, for radiances of a 0.6th).
+/// Filmic tone curve: coefficients of x^2, x and 1 of numerator and denominator (K. Narkowicz's fit of the curve of the
+/// Academy Color Encoding System, with radiance scaled by 0.6).
 const ABOVE: [f64; 3] = [0.36 * 2.51, 0.6 * 0.03, 0.0];
 const BELOW: [f64; 3] = [0.36 * 2.43, 0.6 * 0.59, 0.14];
-/// The least that a reference's median luminance is taken for, so that there are no more than some dozens of exposures.
+/// Lower bound of a reference's median luminance, which limits the exposures to some dozens.
 const MIN_MEDIAN: f64 = f32::EPSILON as f64;
 
-/// The error of each pixel, 0 to 1, of two pictures of one size and linear radiance.
+/// Returns the error of each pixel, 0 to 1, of two images of one size and linear radiance.
 pub(super) fn hdr_error_map(reference: &LinearImage, test: &LinearImage, pixels_per_degree: f64) -> Vec<f32> {
     let mut worst = vec![0.0f32; reference.pixels.len()];
     for exposure in exposures(reference) {
@@ -36,8 +36,9 @@ pub(super) fn hdr_error_map(reference: &LinearImage, test: &LinearImage, pixels_
     worst
 }
 
-/// Stops at which a reference is looked at, two or more and lowest first; none for one without light.
+/// Returns the exposures in stops for a reference, two or more and lowest first; none for a black one.
 fn exposures(reference: &LinearImage) -> Vec<f64> {
+    // Sort pixels by luminance; non-finite values count as 0
     let luminance = |[r, g, b]: &[f32; 3]| {
         let [r, g, b] = [r, g, b].map(|&x| if x.is_finite() { f64::from(x).max(0.0) } else { 0.0 });
         0.2126 * r + 0.7152 * g + 0.0722 * b
@@ -47,27 +48,30 @@ fn exposures(reference: &LinearImage) -> Vec<f64> {
     let Some(&brightest) = all.last().filter(|&&brightest| brightest > 0.0) else {
         return Vec::new();
     };
+    // Find exposures of the brightest pixel and the median
     let stops_for = |luminance: f64| (radiance_shown_at(SHOWN) / luminance).log2();
     let first = stops_for(brightest);
     let last = stops_for(all[all.len() / 2].max(MIN_MEDIAN)).max(first);
+    // Space the exposures evenly, at most one stop apart
     let count = (last - first).ceil().max(2.0);
     (0..count as u32)
         .map(|i| first + f64::from(i) * (last - first) / (count - 1.0))
         .collect()
 }
 
+/// Evaluates a quadratic polynomial.
 fn polynomial([a, b, c]: [f64; 3], x: f64) -> f64 {
     (a * x + b) * x + c
 }
 
-/// What a screen shows of a radiance, 0 to 1; what is no number is black.
+/// Returns the displayed value of a radiance, 0 to 1; NaN is black.
 fn curve(radiance: f64) -> f64 {
-    // Beyond, the curve is white; products with it stay finite.
+    // The curve is white beyond this bound, which keeps products finite.
     let x = if radiance > 0.0 { radiance.min(1e6) } else { 0.0 };
     clipped(polynomial(ABOVE, x) / polynomial(BELOW, x))
 }
 
-/// The radiance of which the curve makes `shown`: the larger root.
+/// Returns the radiance that the curve maps to `shown`: the larger root.
 fn radiance_shown_at(shown: f64) -> f64 {
     let [a, b, c] = [0, 1, 2].map(|i| ABOVE[i] - shown * BELOW[i]);
     (-b + (b * b - 4.0 * a * c).sqrt()) / (2.0 * a)
@@ -78,8 +82,8 @@ mod tests {
     use super::super::pairs::{COUNT, mean, pairs};
     use super::*;
 
-    /// What `flip-evaluator` 1.7, of FLIP's authors, gives for the pairs of LDR-FLIP's tests with radiance 2^(c/32 - 4)
-    /// for the code c: first and last exposure, how many there are, the mean at 67 pixels a degree, and the errors of the
+    /// Results of `flip-evaluator` 1.7, by FLIP's authors, for the pairs of LDR-FLIP's tests with radiance 2^(c/32 - 4)
+    /// for the code c: first and last exposure, their number, the mean at 67 pixels per degree, and the errors of the
     /// pixels (0, 0), (11, 8), (12, 8) and (23, 16).
     const PUBLISHED: [(f64, f64, usize, f64, [f64; 4]); COUNT] = [
         (
@@ -108,7 +112,7 @@ mod tests {
 
     #[test]
     fn errors_are_those_of_the_authors_program() {
-        // As for LDR-FLIP: it computes in f32, and takes 67.02 pixels for a degree.
+        // Tolerance as for LDR-FLIP: the program computes in f32, and uses 67.02 pixels per degree.
         const F32_IN_A_ROOT: f64 = 3.5e-4;
         let pairs = pairs(|code| (f64::from(code) / 32.0 - 4.0).exp2());
         for ((name, [reference, test]), published) in pairs.iter().zip(PUBLISHED) {

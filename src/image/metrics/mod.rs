@@ -1,8 +1,8 @@
-//! How far two pictures of one size lie apart: in radiance, as displayed, and as an observer sees it.
+//! Image-difference metrics for two images of one size: in radiance, as displayed, and as perceived.
 //!
-//! [`compare`] says it of whole pictures, with a map of where they differ; a [`Tally`] adds up parts of one picture.
-//! All sums are f64. *As displayed* means after exposure, clipping to black and white and the sRGB curve, not rounded
-//! to codes: 1/255 is the width of one.
+//! [`compare`] evaluates complete images, with an error map; a [`Tally`] accumulates over parts of an image. All sums
+//! are f64. *As displayed* means after exposure, clipping to black and white and the sRGB curve, not rounded to codes:
+//! 1/255 is the width of one.
 
 mod flip;
 mod flip_color;
@@ -17,22 +17,22 @@ use serde::Serialize;
 
 use super::{LinearImage, ToneMap};
 
-/// Pixels that a degree of the visual field holds where nobody says it: a screen 0.7 m wide with 3840 pixels, seen from
-/// 0.7 m (Andersson et al. 2020, section 6).
+/// Default number of pixels per degree of the visual field: a screen 0.7 m wide with 3840 pixels, seen from 0.7 m
+/// (Andersson et al. 2020, section 6).
 pub const PIXELS_PER_DEGREE: f64 = 67.0;
 
-/// Part of a channel's range from which on a pixel counts as changed: the width of an 8-bit code.
+/// Fraction of a channel's range above which a pixel counts as changed: the width of an 8-bit code.
 pub const VISIBLE_STEP: f64 = 1.0 / 255.0;
 
-/// What squares of radiance count as at least where errors are relative to them.
+/// Constant added to the squared reference radiance in the denominator of relative errors.
 pub const DARKEST_SQUARE: f64 = 1e-2;
 
-/// How a picture is looked at.
+/// Viewing conditions of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Viewing {
-    /// How radiance becomes what a screen shows.
+    /// Tone mapping of radiance to displayed values.
     pub tone: ToneMap,
-    /// Pixels in a degree of the visual field; at least 1.
+    /// Pixels per degree of the visual field; at least 1.
     pub pixels_per_degree: f64,
 }
 
@@ -48,58 +48,58 @@ impl Default for Viewing {
 /// Differences of values, over all pixels and channels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Deviation {
-    /// Root of the mean square.
+    /// Root of the mean square difference.
     pub rmse: f64,
-    /// Mean absolute difference.
+    /// Mean of the absolute differences.
     pub mae: f64,
-    /// Largest absolute difference.
+    /// Largest of the absolute differences.
     pub max: f64,
 }
 
-/// How far a picture is from its reference. All is 0 for equal ones, but for the ratio [`Metrics::psnr`]; which of two is
-/// the reference matters to [`Metrics::rel_mse`] alone.
+/// Difference of an image from its reference. All values are 0 for equal images, except the ratio [`Metrics::psnr`];
+/// only [`Metrics::rel_mse`] depends on which of the two is the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Metrics {
-    /// Of linear radiance, before exposure; not a number where a pixel is none.
+    /// Deviation of linear radiance, before exposure; NaN if a pixel is NaN.
     pub radiance: Deviation,
-    /// Mean of squared differences of radiance, each over the square of the reference's and [`DARKEST_SQUARE`].
+    /// Mean squared difference of radiance, each divided by the sum of the reference's square and [`DARKEST_SQUARE`].
     pub rel_mse: f64,
-    /// Of values as displayed, from 0 for black to 1 for white; what is no number is black.
+    /// Deviation of displayed values, from 0 for black to 1 for white; NaN is displayed black.
     pub displayed: Deviation,
-    /// Peak signal-to-noise ratio in decibels, as displayed, of a peak of 1; infinite for pictures displayed alike.
+    /// Peak signal-to-noise ratio in decibels, as displayed, for a peak of 1; infinite for images displayed alike.
     pub psnr: f64,
-    /// Part of the pixels that have a channel which differs by more than [`VISIBLE_STEP`] as displayed.
+    /// Fraction of the pixels with a channel that differs by more than [`VISIBLE_STEP`] as displayed.
     pub changed_share: f64,
-    /// Mean LDR-FLIP error, from 0 for equal to 1.
+    /// Mean LDR-FLIP error, from 0 for equal images to 1.
     pub flip: f64,
 }
 
-/// Two pictures next to each other.
+/// Result of [`compare`] for two images.
 #[derive(Clone, Debug)]
 pub struct Comparison {
-    /// In numbers, over the whole picture.
+    /// Metrics over the whole image.
     pub metrics: Metrics,
-    /// Mean structural similarity as displayed, 1 for pictures displayed alike; none for pictures of less than 11 pixels
+    /// Mean structural similarity as displayed, 1 for images displayed alike; `None` for images of less than 11 pixels
     /// a side.
     pub ssim: Option<f64>,
     /// LDR-FLIP error of each pixel, 0 to 1, row by row, the top row first.
     pub flip_map: Vec<f32>,
 }
 
-/// Why two pictures cannot be compared.
+/// Reasons that two images cannot be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CompareError {
-    /// There is no pixel for a pixel.
+    /// Images of different sizes, whose pixels do not correspond.
     #[error("pictures of {}x{} and {}x{} pixels have no pixels in common: give two of one size", .reference[0], .reference[1], .test[0], .test[1])]
     Sizes {
         /// Width and height of the reference.
         reference: [u32; 2],
-        /// Width and height of what is held against it.
+        /// Width and height of the test image.
         test: [u32; 2],
     },
 }
 
-/// Holds `test` against `reference`.
+/// Compares the image `test` with `reference`.
 pub fn compare(
     reference: &LinearImage,
     test: &LinearImage,
@@ -114,12 +114,12 @@ pub fn compare(
     })
 }
 
-/// HDR-FLIP error of each pixel, 0 to 1, row by row: the largest at any exposure at which `reference` is likely to be
-/// looked at. For pictures of linear radiance.
+/// Returns the HDR-FLIP error of each pixel, 0 to 1, row by row: the maximum over the exposures at which `reference` is
+/// likely to be viewed. For images of linear radiance.
 ///
 /// # Errors
 ///
-/// Where sizes differ.
+/// If the sizes differ.
 pub fn flip_hdr_map(
     reference: &LinearImage,
     test: &LinearImage,
@@ -129,7 +129,7 @@ pub fn flip_hdr_map(
     Ok(flip_hdr::hdr_error_map(reference, test, pixels_per_degree))
 }
 
-/// That two pictures have pixels in common.
+/// Checks that two images have one size.
 fn check_sizes(reference: &LinearImage, test: &LinearImage) -> Result<(), CompareError> {
     let [reference, test] = [reference, test].map(|image| [image.width, image.height]);
     if reference != test {
@@ -138,7 +138,7 @@ fn check_sizes(reference: &LinearImage, test: &LinearImage) -> Result<(), Compar
     Ok(())
 }
 
-/// Differences added up over several parts of a picture.
+/// Metrics accumulated over several parts of an image.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Tally {
     pixel_count: usize,
@@ -152,7 +152,7 @@ pub struct Tally {
 impl Tally {
     /// Adds a part; returns the FLIP error of its pixels, row by row.
     ///
-    /// FLIP looks a sixth of a degree around each pixel; beyond a part's edge it sees the edge again.
+    /// FLIP's filters extend a sixth of a degree around each pixel; a part is extended by its border pixels.
     pub fn add(
         &mut self,
         reference: &LinearImage,
@@ -160,6 +160,7 @@ impl Tally {
         viewing: &Viewing,
     ) -> Result<Vec<f32>, CompareError> {
         check_sizes(reference, test)?;
+        // Sum differences of radiance and of displayed values
         let gain = f64::from(viewing.tone.exposure_ev).exp2();
         for (a, b) in reference.pixels.iter().zip(&test.pixels) {
             let mut changed = false;
@@ -173,6 +174,7 @@ impl Tally {
             }
             self.changed_count += usize::from(changed);
         }
+        // Add the FLIP errors
         let shown = |pixel: [f32; 3]| DVec3::from(pixel.map(|x| clipped(gain * f64::from(x))));
         let map = flip::error_map([reference, test], &shown, viewing.pixels_per_degree);
         self.flip += map.iter().copied().map(f64::from).sum::<f64>();
@@ -180,7 +182,7 @@ impl Tally {
         Ok(map)
     }
 
-    /// The metrics over everything added; those of equal pictures if nothing was.
+    /// Returns the metrics over all parts added; those of equal images if there are none.
     pub fn metrics(&self) -> Metrics {
         let count = self.pixel_count.max(1) as f64;
         let displayed = self.displayed.deviation(3.0 * count);
@@ -195,7 +197,7 @@ impl Tally {
     }
 }
 
-/// Sums over differences.
+/// Sums over absolute and squared differences.
 #[derive(Clone, Copy, Debug, Default)]
 struct Sums {
     squares: f64,
@@ -208,7 +210,7 @@ impl Sums {
         let size = difference.abs();
         self.squares += size * size;
         self.absolute += size;
-        // What is no number stays: a comparison with it is never true.
+        // Keep a NaN: comparisons with it are false.
         if !(size <= self.max) && !self.max.is_nan() {
             self.max = size;
         }
@@ -223,14 +225,14 @@ impl Sums {
     }
 }
 
-/// The part of a linear channel that a screen can show: what is no number is black.
+/// Returns the displayable part of a linear channel, 0 to 1; NaN is black.
 fn clipped(radiance: f64) -> f64 {
     if radiance > 0.0 { radiance.min(1.0) } else { 0.0 }
 }
 
-/// The sRGB value of a radiance, 0 to 1 (IEC 61966-2-1).
+/// Returns the sRGB value of a radiance, 0 to 1 (IEC 61966-2-1).
 pub fn as_displayed(radiance: f64) -> f64 {
-    /// Where the curve's two pieces meet.
+    /// Upper end of the curve's linear piece.
     const LINEAR_END: f64 = 0.003_130_8;
     let linear = clipped(radiance);
     if linear <= LINEAR_END {
@@ -270,8 +272,8 @@ mod tests {
 
     #[test]
     fn differences_are_those_of_the_textbook() {
-        // Differences 0, 0, 0, 1 and their squares: means 1/4; root 1/2. Displayed alike, as 0 and 1 stay 0 and 1, but
-        // for a rounding of 1.055 - 0.055.
+        // Differences 0, 0, 0, 1 and their squares: means 1/4; root 1/2. Displayed values are equal to radiance, as 0
+        // and 1 stay 0 and 1, up to a rounding of 1.055 - 0.055.
         let metrics = metrics(&gray(&[0.0, 1.0, 1.0, 0.0]), &gray(&[0.0, 1.0, 1.0, 1.0]));
         let Deviation { rmse, mae, max } = metrics.radiance;
         assert_eq!((rmse, mae, max), (0.5, 0.25, 1.0));
@@ -300,7 +302,7 @@ mod tests {
 
     #[test]
     fn a_pixel_counts_as_changed_from_one_code_on() {
-        // The curve's linear piece: 12.92 times radiance.
+        // The curve's linear piece is 12.92 times radiance.
         let code = (VISIBLE_STEP / 12.92) as f32;
         let share = |radiance| metrics(&gray(&[0.0, 0.0]), &gray(&[0.0, radiance])).changed_share;
         assert_eq!((share(0.999 * code), share(1.001 * code)), (0.0, 0.5));

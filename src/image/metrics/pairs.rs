@@ -1,11 +1,11 @@
-//! Pairs of small pictures of which the tests of metrics know what published programs say.
+//! Test images: pairs of small images with published metric values.
 
 use crate::image::LinearImage;
 
-/// How many [`pairs`] there are.
+/// Number of image pairs that [`pairs`] returns.
 pub(super) const COUNT: usize = 4;
 
-/// A picture of 24x17 pixels from 8-bit codes, by column, row and channel, and what radiance each of them means.
+/// Returns an image of 24x17 pixels from 8-bit codes by column, row and channel, and a map from code to radiance.
 pub(super) fn image(code: impl Fn(u32, u32, u32) -> u32, radiance: impl Fn(u32) -> f64) -> LinearImage {
     let mut image = LinearImage::black(24, 17);
     for (index, pixel) in image.pixels.iter_mut().enumerate() {
@@ -15,7 +15,7 @@ pub(super) fn image(code: impl Fn(u32, u32, u32) -> u32, radiance: impl Fn(u32) 
     image
 }
 
-/// Noise, an edge that moves, a point that appears, and the largest distance of colours; reference and test.
+/// Returns pairs of reference and test: noise, a moved edge, an added point, and colours of the largest distance.
 pub(super) fn pairs(radiance: fn(u32) -> f64) -> [(&'static str, [LinearImage; 2]); COUNT] {
     let noise = |x, y, c| x * 37 + y * 17 + c * 91 + x * y * 3;
     let squares = |x: u32, y: u32| if (x / 4 + y / 4) % 2 == 1 { 40 } else { 0 };
@@ -35,7 +35,7 @@ pub(super) fn pairs(radiance: fn(u32) -> f64) -> [(&'static str, [LinearImage; 2
     ]
 }
 
-/// The mean of a map of errors.
+/// Returns the mean of an error map.
 pub(super) fn mean(map: &[f32]) -> f64 {
     map.iter().copied().map(f64::from).sum::<f64>() / map.len() as f64
 }

@@ -1,30 +1,31 @@
-//! SSIM: how alike two pictures are in the lightness, the contrast and the structure around each pixel.
+//! SSIM, structural similarity: compares luminance, contrast and structure of two images in a window around each pixel.
 //!
 //! Z. Wang, A. C. Bovik, H. R. Sheikh and E. P. Simoncelli, "Image Quality Assessment: From Error Visibility to
-//! Structural Similarity", IEEE Transactions on Image Processing 13(4), 2004, with their constants, on the luma of what
-//! is displayed; only pixels whose whole window is in the picture count.
+//! Structural Similarity", IEEE Transactions on Image Processing 13(4), 2004, with their constants, on the luma of
+//! displayed values; only pixels whose whole window lies in the image count.
 
 use super::as_displayed;
 use super::flip_filter::{Kernel, Plane};
 use crate::image::LinearImage;
 use crate::parallel;
 
-/// Pixels from a window's middle to its edge, and the standard deviation of its weights.
+/// Radius of the window in pixels, and the standard deviation of its Gaussian weights.
 const RADIUS: usize = 5;
 const DEVIATION: f64 = 1.5;
-/// What keeps the ratios of small means and variances apart from noise, of a range of 1.
+/// Stabilising constants for ratios of small means and variances, for values in a range of 1.
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
-/// Parts of red, green and blue in luma (ITU-R BT.601).
+/// Weights of red, green and blue in luma (ITU-R BT.601).
 const LUMA: [f64; 3] = [0.299, 0.587, 0.114];
 
-/// The mean similarity, -1 to 1 and 1 for pictures displayed alike, of two pictures of one size whose linear radiance is
-/// shown times `gain`; `None` where no window fits.
+/// Returns the mean similarity, -1 to 1 and 1 for images displayed alike, of two images of one size whose linear
+/// radiance is displayed times `gain`; `None` if no window fits.
 pub(super) fn ssim(images: [&LinearImage; 2], gain: f64) -> Option<f64> {
     let [width, height] = [images[0].width, images[0].height].map(|n| n as usize);
     if width.min(height) <= 2 * RADIUS {
         return None;
     }
+    // Compute the luma of displayed values
     let luma = |pixel: &[f32; 3]| -> f64 {
         let shown = pixel.map(|channel| as_displayed(gain * f64::from(channel)));
         LUMA.iter().zip(shown).map(|(part, shown)| part * shown).sum()
@@ -33,6 +34,7 @@ pub(super) fn ssim(images: [&LinearImage; 2], gain: f64) -> Option<f64> {
         let pixels = &image.pixels;
         parallel::generate(pixels.len(), |index| luma(&pixels[index]))
     });
+    // Compute local means and second moments
     let window = Kernel::gaussian(RADIUS as i32, DEVIATION);
     let blurred = |value: &(dyn Fn(usize) -> f64 + Sync)| {
         let values = parallel::generate(x.len(), value);
@@ -41,6 +43,7 @@ pub(super) fn ssim(images: [&LinearImage; 2], gain: f64) -> Option<f64> {
     let means = [blurred(&|i| x[i]), blurred(&|i| y[i])];
     let squares = [blurred(&|i| x[i] * x[i]), blurred(&|i| y[i] * y[i])];
     let products = blurred(&|i| x[i] * y[i]);
+    // Average the similarity over pixels whose window fits
     let similarity = |i: usize| {
         let [a, b] = [means[0][i], means[1][i]];
         let [var_x, var_y] = [squares[0][i] - a * a, squares[1][i] - b * b];
@@ -61,7 +64,7 @@ mod tests {
     use super::*;
     use crate::image::linear_from_srgb;
 
-    /// What scikit-image 0.26 gives for the pairs, with the weights and the constants of the paper.
+    /// Results of scikit-image 0.26 for the pairs, with the weights and the constants of the paper.
     const PUBLISHED: [f64; COUNT] = [
         0.391_864_651_034_604_05,
         0.596_087_298_946_888_2,
@@ -77,7 +80,7 @@ mod tests {
     fn similarities_are_those_of_a_published_program() {
         for ((name, [a, b]), expected) in all().iter().zip(PUBLISHED) {
             let found = ssim([a, b], 1.0).unwrap();
-            // Radiance is kept in f32, of which small variances are made.
+            // Radiance is stored in f32, which limits the precision of small variances.
             assert!((found - expected).abs() < 1e-5, "{name}: {found}");
             assert_eq!(ssim([b, a], 1.0), Some(found), "{name}");
         }

@@ -1,4 +1,4 @@
-//! Rows from EXR files: the table in the file says where each block of rows lies, so that any can be read alone.
+//! Streaming scanline reader for EXR files: the offset table locates each block of rows, so that any can be read alone.
 
 use std::fs::File;
 use std::io::{BufReader, Seek, SeekFrom};
@@ -17,19 +17,19 @@ use super::super::ImageError;
 use super::{ExrChannel, SampleType, Samples, Window};
 use crate::parallel;
 
-/// Most bytes of a block of rows: 64 channels of 32 rows of 2^17 pixels.
+/// Largest size in bytes of a block of rows: 64 channels of 32 rows of 2^17 pixels.
 const MAX_BLOCK_BYTES: u64 = 1 << 30;
 
-/// An EXR file of one part of scan lines, of which rows are read as they are asked for.
+/// Reader for an EXR file of one part of scan lines, which reads rows on demand.
 #[derive(Debug)]
 pub struct ExrScanlineReader {
     path: PathBuf,
     file: BufReader<File>,
     meta: MetaData,
     channels: Vec<ExrChannel>,
-    /// Where each block begins, from the top.
+    /// Offset of each block in the file, from the top.
     blocks_at: Vec<u64>,
-    /// The block that was read last, which the next rows may begin in.
+    /// Block that was read last, which the next rows may begin in.
     last: Option<UncompressedBlock>,
 }
 
@@ -38,7 +38,7 @@ impl ExrScanlineReader {
     ///
     /// # Errors
     ///
-    /// Where it cannot be read, is no EXR file, or one of tiles, of several parts, of deep or of subsampled pixels.
+    /// If it cannot be read, is no EXR file, or has tiles, several parts, or deep or subsampled pixels.
     pub fn open(path: &Path) -> Result<ExrScanlineReader, ImageError> {
         let opened = File::open(path).map_err(Error::from).and_then(|file| {
             let mut file = BufReader::new(file);
@@ -59,22 +59,22 @@ impl ExrScanlineReader {
         })
     }
 
-    /// The rectangle that the file has pixels of.
+    /// Returns the rectangle of pixels that the file contains.
     pub fn data_window(&self) -> Window {
         Window::of_bounds(self.header().data_window())
     }
 
-    /// The whole picture, of which the file may hold a part.
+    /// Returns the rectangle of the complete image, of which the file may contain a part.
     pub fn display_window(&self) -> Window {
         Window::of_bounds(self.header().shared_attributes.display_window)
     }
 
-    /// The channels, by name.
+    /// Returns the channels, sorted by name.
     pub fn channels(&self) -> &[ExrChannel] {
         &self.channels
     }
 
-    /// The text that the file carries under `name`.
+    /// Returns the text attribute `name` of the file, if present.
     pub fn note(&self, name: &str) -> Option<String> {
         match self
             .header()
@@ -87,17 +87,18 @@ impl ExrScanlineReader {
         }
     }
 
-    /// How many rows are packed together: whole blocks of them, counted from the top, are read without waste.
+    /// Returns the number of rows that are compressed together: reading whole blocks, counted from the top, wastes no
+    /// work.
     pub fn rows_per_block(&self) -> u32 {
         self.header().compression.scan_lines_per_block() as u32
     }
 
-    /// The values of `rows`, counted from the top of the data window: channel by channel, in the order of
+    /// Reads the values of `rows`, counted from the top of the data window: channel by channel, in the order of
     /// [`ExrScanlineReader::channels`].
     ///
     /// # Errors
     ///
-    /// Where the file cannot be read or is damaged, or has no such rows.
+    /// If the file cannot be read, is damaged, or has no such rows.
     pub fn read_rows(&mut self, rows: Range<u32>) -> Result<Vec<Samples<'static>>, ImageError> {
         let rows = rows.start as usize..rows.end as usize;
         let result = self.blocks(&rows);
@@ -107,11 +108,12 @@ impl ExrScanlineReader {
         Ok(samples)
     }
 
+    /// Returns the header of the file's only part.
     fn header(&self) -> &Header {
         &self.meta.headers[0]
     }
 
-    /// The blocks that hold `rows`.
+    /// Reads and decompresses the blocks that contain `rows`.
     fn blocks(&mut self, rows: &Range<usize>) -> ExrResult<Vec<UncompressedBlock>> {
         let height = self.header().layer_size.height();
         if rows.start > rows.end || rows.end > height {
@@ -121,15 +123,18 @@ impl ExrScanlineReader {
         if rows.is_empty() {
             return Ok(Vec::new());
         }
+        // Reuse the last block if the rows begin in it
         let block_rows = self.header().compression.scan_lines_per_block();
         let mut indices = rows.start / block_rows..rows.end.div_ceil(block_rows);
         let begins = |block: &UncompressedBlock| block.index.pixel_position.y() == indices.start * block_rows;
         let kept = self.last.take().filter(begins);
         indices.start += usize::from(kept.is_some());
+        // Read the remaining blocks from the file
         let chunks = indices
             .clone()
             .map(|index| self.chunk(index))
             .collect::<ExrResult<Vec<Chunk>>>()?;
+        // Decompress them in parallel
         let meta = &self.meta;
         let read = parallel::try_map_owned(chunks, &|number, chunk| {
             unpack(chunk, meta, (indices.start + number) * block_rows)
@@ -137,12 +142,13 @@ impl ExrScanlineReader {
         Ok(kept.into_iter().chain(read).collect())
     }
 
+    /// Reads the compressed block `index`.
     fn chunk(&mut self, index: usize) -> ExrResult<Chunk> {
         self.file.seek(SeekFrom::Start(self.blocks_at[index]))?;
         Chunk::read(&mut peekable(&mut self.file), &self.meta)
     }
 
-    /// The values of `rows` out of the blocks that hold them.
+    /// Copies the values of `rows` from the blocks that contain them.
     fn gather(&self, blocks: &[UncompressedBlock], rows: &Range<usize>) -> Vec<Samples<'static>> {
         let header = self.header();
         let value_count = rows.len() * header.layer_size.width();
@@ -164,7 +170,7 @@ impl ExrScanlineReader {
     }
 }
 
-/// Appends the values whose bytes these are.
+/// Appends the values of `bytes`, in native byte order, to a channel.
 fn append(plane: &mut Samples, sample: SampleType, bytes: &[u8]) {
     match plane {
         Samples::Integers(values) => {
@@ -187,7 +193,7 @@ fn append(plane: &mut Samples, sample: SampleType, bytes: &[u8]) {
     }
 }
 
-/// The rows of a block, which is to begin at `first_row`.
+/// Decompresses a block and checks that it begins at `first_row`.
 fn unpack(chunk: Chunk, meta: &MetaData, first_row: usize) -> ExrResult<UncompressedBlock> {
     let block = UncompressedBlock::decompress_chunk(chunk, meta, false)?;
     if block.index.pixel_position != Vec2(0, first_row) {
@@ -196,7 +202,7 @@ fn unpack(chunk: Chunk, meta: &MetaData, first_row: usize) -> ExrResult<Uncompre
     Ok(block)
 }
 
-/// The header and where the blocks begin.
+/// Reads the headers and the offset table of the blocks.
 fn read_head(file: &mut BufReader<File>) -> ExrResult<(MetaData, Vec<u64>)> {
     let mut file = peekable(file);
     magic_number::validate_exr(&mut file)?;
@@ -214,12 +220,13 @@ fn read_head(file: &mut BufReader<File>) -> ExrResult<(MetaData, Vec<u64>)> {
     Ok((meta, blocks_at))
 }
 
-/// The reader that the `exr` crate makes itself when it reads a whole image, so that its code is compiled for one.
+/// Wraps a file in the reader type that the `exr` crate uses for whole images, so that its code is compiled for one
+/// type.
 fn peekable(file: &mut BufReader<File>) -> PeekRead<Tracking<&mut BufReader<File>>> {
     PeekRead::new(Tracking::new(file))
 }
 
-/// Refuses what is not one part of scan lines with every channel in every pixel.
+/// Rejects files that are not one part of scan lines with every channel in every pixel.
 fn check_kind(meta: &MetaData) -> ExrResult<()> {
     let refuse = |fault: &'static str| Err(Error::NotSupported(fault.into()));
     let [header] = &meta.headers[..] else {
@@ -243,6 +250,7 @@ fn check_kind(meta: &MetaData) -> ExrResult<()> {
     Ok(())
 }
 
+/// Returns the error for a file that could not be read.
 fn read_error(path: &Path, error: &dyn std::fmt::Display) -> ImageError {
     ImageError::Read {
         path: path.to_owned(),
@@ -264,7 +272,7 @@ mod tests {
         Compression::Piz,
     ];
 
-    /// A part of a picture, of each kind of channel, in no order.
+    /// Returns the layout of a cropped image with each kind of channel, unsorted.
     fn layout(compression: Compression) -> ExrLayout<'static> {
         ExrLayout {
             data_window: Window {
@@ -291,7 +299,7 @@ mod tests {
         }
     }
 
-    /// Every bit pattern is as likely; among the floats are NaN and infinities.
+    /// Returns integers and floats of uniform bit patterns, including NaN and infinities, and exact halves.
     fn noise(count: usize) -> (Vec<u32>, Vec<f32>, Vec<f32>) {
         let mut state = 1u32;
         let mut next = || {
@@ -383,7 +391,7 @@ mod tests {
             write(&path, Compression::Piz);
             std::fs::read(path).unwrap()
         };
-        // The order of attributes in memory is another in each of these.
+        // Attributes are stored in a hash map, whose order differs in each of these.
         let first = file("0.exr");
         for again in 1..8 {
             assert_eq!(file(&format!("{again}.exr")), first);

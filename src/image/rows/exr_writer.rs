@@ -1,8 +1,8 @@
-//! EXR files from rows: the header, room for a table of where the blocks lie, the blocks, then the table.
+//! Streaming scanline writer for EXR files: the header, a placeholder for the offset table, the blocks, then the table.
 //!
-//! A block is as many rows as the compression packs together. Blocks wait until some megabytes of them can be packed
-//! by several threads; no more than that is ever held. Attributes are written in the order of their names, so that the
-//! same picture has the same bytes.
+//! A block is the number of rows that the compression packs together. Blocks are buffered until some megabytes of them
+//! can be compressed by several threads; memory is bounded by that. Attributes are written in the order of their names,
+//! so that equal images give identical bytes.
 
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -20,16 +20,16 @@ use super::super::{Attribute, ImageError, SOFTWARE};
 use super::{ExrLayout, Samples};
 use crate::parallel;
 
-/// Bytes of blocks that wait to be packed together.
+/// Bytes of uncompressed blocks that are buffered for parallel compression.
 const WAITING_BYTES: usize = 1 << 24;
 
-/// Bytes before a block's own: its first row and its length.
+/// Bytes of a block's header: its first row and its length.
 const BLOCK_HEAD_BYTES: u64 = 8;
 
-/// An EXR file that is written row by row, from the top to the bottom.
+/// Writer of an EXR file row by row, from top to bottom.
 ///
-/// It appears when [`ExrScanlineWriter::finish`] returns; dropped before that it leaves nothing. Beside the rows at hand it
-/// holds some 16 MiB, or one block where that is larger.
+/// The file appears when [`ExrScanlineWriter::finish`] returns; dropped before that, the writer leaves no file. It
+/// buffers some 16 MiB, or one block if that is larger, besides the rows of the current call.
 #[derive(Debug)]
 pub struct ExrScanlineWriter {
     path: PathBuf,
@@ -37,12 +37,12 @@ pub struct ExrScanlineWriter {
 }
 
 impl ExrScanlineWriter {
-    /// Begins the file at `path`, beside its place.
+    /// Creates a temporary file beside `path` and writes the header.
     ///
     /// # Errors
     ///
-    /// Where the folder takes no files, or the layout is none: no pixels, no channels or one twice, names that EXR keeps
-    /// for itself.
+    /// If the folder is not writable, or the layout is invalid: no pixels, no channels or one twice, names that EXR
+    /// reserves.
     pub fn create(path: &Path, layout: &ExrLayout) -> Result<ExrScanlineWriter, ImageError> {
         let encoder = AtomicFile::create(path).and_then(|file| RowEncoder::new(file, layout));
         Ok(ExrScanlineWriter {
@@ -51,27 +51,28 @@ impl ExrScanlineWriter {
         })
     }
 
-    /// Adds the next rows: for each channel of the layout, in its order, as many values as the rows have pixels.
+    /// Appends the next rows: for each channel of the layout, in its order, one value per pixel of the rows.
     ///
     /// # Errors
     ///
-    /// Where channels are missing or of another kind, rows are broken or more than the picture has, or the disk is full.
+    /// If channels are missing or of another type, rows are incomplete or exceed the image's height, or the disk is
+    /// full.
     pub fn write_rows(&mut self, channels: &[Samples]) -> Result<(), ImageError> {
         self.encoder
             .write_rows(channels)
             .map_err(|error| write_error(&self.path, &error))
     }
 
-    /// How many rows were added.
+    /// Returns the number of rows written so far.
     pub fn rows_written(&self) -> u32 {
         self.encoder.next_row as u32
     }
 
-    /// Ends the file and gives it its name, after it has reached the disk.
+    /// Completes the file, syncs it to disk and renames it to its final path.
     ///
     /// # Errors
     ///
-    /// Where rows are missing or the disk is full.
+    /// If rows are missing or the disk is full.
     pub fn finish(self) -> Result<(), ImageError> {
         let file = self.encoder.finish();
         file.and_then(AtomicFile::commit)
@@ -79,31 +80,34 @@ impl ExrScanlineWriter {
     }
 }
 
-/// What [`ExrScanlineWriter`] does, to whatever takes bytes.
+/// Implementation of [`ExrScanlineWriter`] for any output stream.
 #[derive(Debug)]
 struct RowEncoder<W> {
     out: W,
     header: Header,
-    /// For each channel of the file, which of the caller's it is.
+    /// Index of the caller's channel for each channel of the file.
     sources: Vec<usize>,
-    /// The row that comes next.
+    /// Index of the next row.
     next_row: usize,
-    /// The rows of a block that is not full.
+    /// Rows of the block that is not complete.
     block: Vec<u8>,
+    /// Complete blocks that are not compressed yet.
     waiting: Vec<UncompressedBlock>,
-    /// Where the table of blocks is to stand.
+    /// Offset of the table of blocks in the file.
     table_at: u64,
-    /// Where each block that is written begins.
+    /// Offset of each block that is written.
     blocks_at: Vec<u64>,
-    /// Where the next block begins.
+    /// Offset of the next block in the file.
     position: u64,
 }
 
 impl<W: Write + Seek> RowEncoder<W> {
-    /// Writes the header.
+    /// Writes the header and a placeholder for the offset table.
     fn new(mut out: W, layout: &ExrLayout) -> io::Result<RowEncoder<W>> {
+        // Sort channels by name, as EXR requires
         let mut sources: Vec<usize> = (0..layout.channels.len()).collect();
         sources.sort_by(|&a, &b| layout.channels[a].name.cmp(&layout.channels[b].name));
+        // Write the header and reserve the table
         let header = header(layout, &sources)?;
         let bytes = header_bytes(&header)?;
         out.write_all(&bytes)?;
@@ -122,7 +126,7 @@ impl<W: Write + Seek> RowEncoder<W> {
         })
     }
 
-    /// See [`ExrScanlineWriter::write_rows`].
+    /// Implements [`ExrScanlineWriter::write_rows`] for the output stream.
     fn write_rows(&mut self, channels: &[Samples]) -> io::Result<()> {
         let row_count = self.row_count(channels)?;
         for row in 0..row_count {
@@ -135,17 +139,20 @@ impl<W: Write + Seek> RowEncoder<W> {
         Ok(())
     }
 
-    /// Writes what is left, and the table; gives back what took the bytes, all of them passed on.
+    /// Writes the remaining blocks and the offset table; returns the flushed output.
     fn finish(mut self) -> io::Result<W> {
         let height = self.header.layer_size.height();
+        // Check that all rows are present
         if self.next_row < height {
             let fault = format!("only {} of {height} rows are there", self.next_row);
             return Err(io::Error::other(fault));
         }
+        // Write the remaining blocks
         self.write_waiting()?;
         if self.blocks_at.len() < self.header.chunk_count {
             return Err(io::Error::other("an earlier failure left a gap in it"));
         }
+        // Fill in the offset table
         let table: Vec<u8> = self.blocks_at.iter().flat_map(|at| at.to_le_bytes()).collect();
         self.out.seek(SeekFrom::Start(self.table_at))?;
         self.out.write_all(&table)?;
@@ -153,14 +160,16 @@ impl<W: Write + Seek> RowEncoder<W> {
         Ok(self.out)
     }
 
-    /// How many rows these values are.
+    /// Checks the values and returns the number of rows that they form.
     fn row_count(&self, channels: &[Samples]) -> io::Result<usize> {
         let refuse = |fault: String| Err(refusal(fault));
+        // Check the number of channels
         let (wanted, given) = (self.sources.len(), channels.len());
         if given != wanted {
             return refuse(format!("values of {given} channels were given for {wanted}"));
         }
         let Vec2(width, height) = self.header.layer_size;
+        // Check the length and type of each channel
         let value_count = channels[0].len();
         for (description, &source) in self.header.channels.list.iter().zip(&self.sources) {
             let (name, values) = (&description.name, &channels[source]);
@@ -172,6 +181,7 @@ impl<W: Write + Seek> RowEncoder<W> {
                 return refuse(format!("channel {name} was given values of another kind"));
             }
         }
+        // Check the number of rows
         let row_count = value_count / width;
         if row_count > height - self.next_row {
             return refuse(format!("more than its {height} rows were given"));
@@ -179,7 +189,7 @@ impl<W: Write + Seek> RowEncoder<W> {
         Ok(row_count)
     }
 
-    /// Adds a row to the block: channel by channel.
+    /// Appends a row to the block, channel by channel.
     fn push_row(&mut self, channels: &[Samples], row: usize) {
         let width = self.header.layer_size.width();
         let range = row * width..(row + 1) * width;
@@ -200,7 +210,7 @@ impl<W: Write + Seek> RowEncoder<W> {
         self.next_row += 1;
     }
 
-    /// Lets the block wait to be packed, or packs what waits.
+    /// Moves the complete block to the waiting ones, and writes these if they exceed the buffer size.
     fn end_block(&mut self) -> io::Result<()> {
         let Vec2(width, _) = self.header.layer_size;
         let block_rows = self.header.compression.scan_lines_per_block();
@@ -221,6 +231,7 @@ impl<W: Write + Seek> RowEncoder<W> {
         Ok(())
     }
 
+    /// Compresses the waiting blocks in parallel and writes them in order.
     fn write_waiting(&mut self) -> io::Result<()> {
         let waiting = std::mem::take(&mut self.waiting);
         let header = slice::from_ref(&self.header);
@@ -240,7 +251,7 @@ impl<W: Write + Seek> RowEncoder<W> {
     }
 }
 
-/// The header of a file whose channels are those of the layout in the order of `sources`.
+/// Returns the header of a file with the layout's channels in the order of `sources`.
 fn header(layout: &ExrLayout, sources: &[usize]) -> io::Result<Header> {
     if sources.is_empty() || layout.data_window.size.contains(&0) || layout.display_window.size.contains(&0) {
         return Err(refusal("it has no pixels or no channels".into()));
@@ -265,7 +276,7 @@ fn header(layout: &ExrLayout, sources: &[usize]) -> io::Result<Header> {
         .with_attributes(attributes(layout.notes)?.with_position(data.position)))
 }
 
-/// The notes that a file carries, and its maker.
+/// Returns the attributes of a file, including the name of the software.
 fn attributes(notes: &[Attribute]) -> io::Result<LayerAttributes> {
     let mut attributes = LayerAttributes {
         software_name: Some(Text::from(SOFTWARE)),
@@ -279,25 +290,26 @@ fn attributes(notes: &[Attribute]) -> io::Result<LayerAttributes> {
     Ok(attributes)
 }
 
-/// The name of a channel or of an attribute.
+/// Returns a valid name of a channel or of an attribute; rejects names that are empty or not ASCII.
 fn name(name: &str) -> io::Result<Text> {
     Text::new_or_none(name)
         .filter(|_| name.is_ascii() && !name.is_empty())
         .ok_or_else(|| refusal(format!("`{name}` cannot be a name in it: use ASCII letters")))
 }
 
-/// An error of who gives what the file cannot hold.
+/// Returns the error for invalid input of the caller.
 fn refusal(fault: String) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, fault)
 }
 
-/// All that stands before the table of blocks.
+/// Returns the bytes of the file before the offset table.
 fn header_bytes(header: &Header) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let mut write = || {
         let requirements = MetaData::validate(slice::from_ref(header), true)?;
         magic_number::write(&mut bytes)?;
         requirements.write(&mut bytes)?;
+        // Sort attributes by name, so that the bytes do not depend on a hash map
         let mut attributes: Vec<_> = header.all_named_attributes().collect();
         attributes.sort_by_key(|(name, _)| *name);
         for (name, value) in attributes {
@@ -309,7 +321,7 @@ fn header_bytes(header: &Header) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// What the system said, where it was the system.
+/// Converts an error of the `exr` crate; errors of the operating system are passed through.
 fn io_error(error: exr::error::Error) -> io::Error {
     match error {
         exr::error::Error::Io(error) => error,
@@ -417,7 +429,7 @@ mod tests {
     #[cfg(target_os = "linux")]
     #[test]
     fn a_disk_that_is_full_is_an_error_of_the_system() {
-        // A device that is always full.
+        // This device is always full.
         let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
         let error = RowEncoder::new(full, &layout()).unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::StorageFull);

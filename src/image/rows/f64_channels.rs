@@ -1,13 +1,14 @@
-//! f64 values as two integer channels, as EXR has no channels of 64 bits and sums must lose none of them.
+//! Lossless f64 in EXR: each value as two u32 channels, as EXR has no 64-bit channels and sums must keep all their
+//! bits.
 
-/// The upper and the lower 32 bits of every value.
+/// Returns the upper and the lower 32 bits of every value.
 pub fn split_f64(values: &[f64]) -> [Vec<u32>; 2] {
     let upper = values.iter().map(|value| (value.to_bits() >> 32) as u32);
     let lower = values.iter().map(|value| value.to_bits() as u32);
     [upper.collect(), lower.collect()]
 }
 
-/// The values whose upper and lower 32 bits these are, as many as the shorter has.
+/// Returns the values with these upper and lower 32 bits, as many as the shorter slice has.
 pub fn join_f64(upper: &[u32], lower: &[u32]) -> Vec<f64> {
     upper
         .iter()
@@ -39,7 +40,7 @@ mod tests {
 
     #[test]
     fn the_upper_half_holds_the_sign_and_the_exponent() {
-        // -2 is sign 1, exponent 1024, mantissa 0; one more unit in the last place is the lowest bit.
+        // -2 is sign 1, exponent 1024, mantissa 0; the next value differs in the lowest bit.
         let [upper, lower] = split_f64(&[-2.0, (-2.0f64).next_down()]);
         assert_eq!(upper, [0xc000_0000; 2]);
         assert_eq!(lower, [0, 1]);

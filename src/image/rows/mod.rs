@@ -1,7 +1,8 @@
-//! Pictures that are written and read some rows at a time, so that their size is not bounded by memory.
+//! Streaming scanline I/O: images are written and read some rows at a time, so that their size is not bounded by
+//! memory.
 //!
-//! Rows go from top to bottom. A file appears when its last row is in it and not before: until then it is a temporary
-//! neighbour, which vanishes with its writer.
+//! Rows go from top to bottom. A file appears only when it is complete: until then it is a temporary file in the same
+//! folder, which is deleted with its writer.
 
 mod exr_reader;
 mod exr_writer;
@@ -19,23 +20,23 @@ pub use exr_writer::ExrScanlineWriter;
 pub use f64_channels::{join_f64, split_f64};
 pub use png_writer::PngScanlineWriter;
 
-/// What an EXR file holds: one part of scan lines.
+/// Layout of an EXR file with one part of scan lines.
 #[derive(Clone, Debug)]
 pub struct ExrLayout<'a> {
-    /// The rectangle that the file has pixels of.
+    /// Rectangle of pixels that the file contains.
     pub data_window: Window,
-    /// The whole picture, of which the file may hold a part.
+    /// Rectangle of the complete image, of which the file may contain a part.
     pub display_window: Window,
-    /// Names, of which each is there once, in the order in which values are given. The file has them by name.
+    /// Channels with unique names, in the order in which the caller gives values. The file sorts them by name.
     pub channels: Vec<ExrChannel>,
-    /// How rows are packed.
+    /// Compression method of the rows.
     pub compression: Compression,
-    /// Texts beside the pixels; the last of those with one name counts.
+    /// Text attributes; of several with one name, the last is written.
     pub notes: &'a [Attribute<'a>],
 }
 
 impl ExrLayout<'_> {
-    /// A whole picture of `size` (width and height), not compressed and without notes.
+    /// Returns the layout of a complete image of `size` (width and height), uncompressed and without attributes.
     pub fn of_size(size: [u32; 2], channels: Vec<ExrChannel>) -> ExrLayout<'static> {
         ExrLayout {
             data_window: Window::of_size(size),
@@ -47,7 +48,7 @@ impl ExrLayout<'_> {
     }
 }
 
-/// A rectangle of pixels.
+/// Rectangle of pixels in an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
     /// Column and row of the pixel at the top left.
@@ -57,11 +58,12 @@ pub struct Window {
 }
 
 impl Window {
-    /// The rectangle of a picture of `size`, width and height.
+    /// Returns the rectangle of an image of `size`, width and height.
     pub fn of_size(size: [u32; 2]) -> Window {
         Window { origin: [0; 2], size }
     }
 
+    /// Converts from the rectangle type of the `exr` crate.
     fn of_bounds(bounds: IntegerBounds) -> Window {
         Window {
             origin: [bounds.position.x(), bounds.position.y()],
@@ -69,6 +71,7 @@ impl Window {
         }
     }
 
+    /// Converts to the rectangle type of the `exr` crate.
     fn bounds(&self) -> IntegerBounds {
         let [x, y] = self.origin;
         let [width, height] = self.size.map(|side| side as usize);
@@ -76,17 +79,17 @@ impl Window {
     }
 }
 
-/// A channel of an EXR file.
+/// Channel of an EXR file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ExrChannel {
-    /// What the file calls it; dots in it group channels.
+    /// Name of the channel; dots in it group channels into layers.
     pub name: String,
-    /// What its values are.
+    /// Type of its values.
     pub sample: SampleType,
 }
 
 impl ExrChannel {
-    /// A channel called `name`.
+    /// Creates a channel with the given name and type.
     pub fn new(name: impl Into<String>, sample: SampleType) -> ExrChannel {
         ExrChannel {
             name: name.into(),
@@ -95,22 +98,23 @@ impl ExrChannel {
     }
 }
 
-/// What the values of a channel are, by OpenEXR's names.
+/// Type of the values of a channel, by OpenEXR's names.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
 )]
 pub enum SampleType {
-    /// 16-bit floats: 11 significant bits; beyond 65504 infinite, as OpenEXR's own conversion has it.
+    /// 16-bit floats: 11 significant bits; infinite beyond 65504, as in OpenEXR's own conversion.
     Half,
     /// 32-bit floats, as rendered.
     #[default]
     Float,
-    /// 32-bit unsigned integers.
+    /// 32-bit unsigned integers, for ids and parts of f64.
     #[value(skip)]
     Uint,
 }
 
 impl SampleType {
+    /// Converts from the type of the `exr` crate.
     fn of_exr(sample: openexr::SampleType) -> SampleType {
         match sample {
             openexr::SampleType::F16 => SampleType::Half,
@@ -119,6 +123,7 @@ impl SampleType {
         }
     }
 
+    /// Converts to the type of the `exr` crate.
     fn to_exr(self) -> openexr::SampleType {
         match self {
             SampleType::Half => openexr::SampleType::F16,
@@ -128,25 +133,26 @@ impl SampleType {
     }
 }
 
-/// How the rows of an EXR file are packed; all of these keep every bit.
+/// Compression of an EXR file; all of these are lossless.
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
 )]
 pub enum Compression {
-    /// Not at all: the fastest to write.
+    /// No compression: the fastest to write.
     #[default]
     None,
-    /// Runs of equal bytes: fast, for flat pictures.
+    /// Run-length encoding of equal bytes: fast, for flat images.
     Rle,
-    /// Deflate, row by row.
+    /// Deflate, each row on its own.
     Zips,
     /// Deflate, 16 rows at a time.
     Zip,
-    /// Wavelets, 32 rows at a time: for noisy pictures.
+    /// Wavelets, 32 rows at a time: for noisy images.
     Piz,
 }
 
 impl Compression {
+    /// Converts to the type of the `exr` crate.
     fn to_exr(self) -> openexr::Compression {
         match self {
             Compression::None => openexr::Compression::Uncompressed,
@@ -161,13 +167,14 @@ impl Compression {
 /// Values of one channel, row by row, the top row first.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Samples<'a> {
-    /// Of a channel of halves or floats.
+    /// Values of a channel of halves or floats.
     Floats(Cow<'a, [f32]>),
-    /// Of a channel of integers.
+    /// Values of a channel of integers.
     Integers(Cow<'a, [u32]>),
 }
 
 impl Samples<'_> {
+    /// Returns the number of values.
     fn len(&self) -> usize {
         match self {
             Samples::Floats(values) => values.len(),
@@ -175,7 +182,7 @@ impl Samples<'_> {
         }
     }
 
-    /// Whether a channel of `sample` takes these values.
+    /// Returns whether a channel of type `sample` can store these values.
     fn fits(&self, sample: SampleType) -> bool {
         matches!(
             (self, sample),

@@ -1,4 +1,4 @@
-//! PNG files from rows. They appear whole or not at all, as every file does.
+//! Streaming scanline writer for PNG files, with atomic replacement of the target.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -10,25 +10,25 @@ use super::super::atomic_file::{AtomicFile, write_error};
 use super::super::png::{self, PngEncoding, io_error};
 use super::super::{Attribute, ImageError};
 
-/// A PNG that is written row by row, from the top to the bottom.
+/// Writer of a PNG row by row, from top to bottom.
 ///
-/// It appears when [`PngScanlineWriter::finish`] returns; dropped before that it leaves nothing.
+/// The file appears when [`PngScanlineWriter::finish`] returns; dropped before that, the writer leaves no file.
 pub struct PngScanlineWriter {
     path: PathBuf,
     encoding: PngEncoding,
     row_pixels: usize,
     rows_left: u32,
     encoder: StreamWriter<'static, png::Sink<'static>>,
-    /// What the encoder writes to.
+    /// Output of the encoder, shared to retrieve the file and its first error.
     output: Output,
 }
 
 impl PngScanlineWriter {
-    /// Begins the file at `path`, beside its place, of a picture of `size`, width and height.
+    /// Creates a temporary file beside `path` for an image of `size`, width and height, and writes the header.
     ///
     /// # Errors
     ///
-    /// Where the folder takes no files, there are no pixels, or a note's name is none for a PNG.
+    /// If the folder is not writable, there are no pixels, or an attribute's name is invalid in a PNG.
     pub fn create(
         path: &Path,
         size: [u32; 2],
@@ -51,13 +51,14 @@ impl PngScanlineWriter {
         })
     }
 
-    /// Adds the next rows, whose linear pixels these are.
+    /// Appends the next rows, given as linear pixels.
     ///
     /// # Errors
     ///
-    /// Where rows are broken or more than the picture has, or the disk is full.
+    /// If rows are incomplete or exceed the image's height, or the disk is full.
     pub fn write_rows(&mut self, pixels: &[[f32; 3]]) -> Result<(), ImageError> {
         let rows = pixels.len() / self.row_pixels;
+        // Check that whole rows are given, and no more than are left
         let result = if !pixels.len().is_multiple_of(self.row_pixels) || rows > self.rows_left as usize {
             let (width, left) = (self.row_pixels, self.rows_left);
             let fault = format!(
@@ -72,11 +73,11 @@ impl PngScanlineWriter {
         result.map_err(|error| write_error(&self.path, &error))
     }
 
-    /// Ends the file and gives it its name, after it has reached the disk.
+    /// Completes the file, syncs it to disk and renames it to its final path.
     ///
     /// # Errors
     ///
-    /// Where rows are missing or the disk is full.
+    /// If rows are missing or the disk is full.
     pub fn finish(self) -> Result<(), ImageError> {
         let PngScanlineWriter {
             path,
@@ -89,7 +90,8 @@ impl PngScanlineWriter {
             if rows_left > 0 {
                 return Err(io::Error::other(format!("{rows_left} rows are missing")));
             }
-            // The encoder ends the file only as it goes, and has no way to say how that went.
+            // The encoder writes its last chunk when it is dropped and cannot report errors of that: `output` records
+            // them.
             encoder.finish().map_err(io_error)?;
             output.close()?.commit()
         };
@@ -97,7 +99,7 @@ impl PngScanlineWriter {
     }
 }
 
-/// A file that an encoder keeps to itself, and what went wrong with it, which the encoder may keep to itself too.
+/// Shared output file: gives access to a file that the encoder owns, and to the first error that the encoder may drop.
 #[derive(Clone)]
 struct Output(Arc<Mutex<(Option<AtomicFile>, Option<io::Error>)>>);
 
@@ -106,7 +108,7 @@ impl Output {
         Output(Arc::new(Mutex::new((Some(file), None))))
     }
 
-    /// The file, if all was written to it.
+    /// Returns the file, or the first error of writing to it.
     fn close(self) -> io::Result<AtomicFile> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         match (state.0.take(), state.1.take()) {
@@ -125,6 +127,7 @@ impl Write for Output {
         if let Err(error) = &result
             && error.kind() != io::ErrorKind::Interrupted
         {
+            // Record the first error; io::Error is not Clone
             let again = error.raw_os_error().map(io::Error::from_raw_os_error);
             fault.get_or_insert(again.unwrap_or_else(|| io::Error::other(error.to_string())));
         }
@@ -132,7 +135,7 @@ impl Write for Output {
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        // The file flushes what it holds when it is committed.
+        // The file flushes its buffer when it is committed.
         Ok(())
     }
 }
@@ -166,7 +169,7 @@ mod tests {
             let read = |path: &Path| image::open(path).unwrap();
             assert_eq!(read(&path), read(&whole));
             let bytes = std::fs::read(&path).unwrap();
-            // The length, the name and the checksum of the last chunk.
+            // Length, name and checksum of the last chunk.
             assert_eq!(bytes[bytes.len() - 12..], *b"\0\0\0\0IEND\xae\x42\x60\x82");
             std::fs::remove_file(path).unwrap();
         }

@@ -1,17 +1,17 @@
-//! The test in two steps, for triangles that share corners: each corner is projected once, then each triangle is tested
-//! by the corners that it has.
+//! Watertight test in two steps for indexed triangles: each vertex is projected once per ray, then each triangle is
+//! tested by its projected vertices.
 //!
-//! The arithmetic is that of [`Shear::intersect`], operation by operation, so the answers have its bits.
+//! The arithmetic is that of [`Shear::intersect`], operation by operation, so the results are bit-identical.
 
 use super::near_origin::may_be_behind;
 use super::{Shear, ShearLanes, TriangleHit, project};
 use crate::mesh::simd::{SimdLevel, add, div, max, min, mul, sub};
 
-/// Projected corners side by side: x and y in the sheared frame, where the ray is the origin.
+/// Projected vertices in SIMD lanes: x and y in the sheared frame, where the ray is the origin.
 pub(crate) type ProjectedVertices<const N: usize> = [[f32; N]; 2];
 
-/// Bit `i` says whether the `i`-th of `N` triangles may hold the origin; it is clear only where two edge functions have
-/// opposite signs, so that [`Shear::intersect`] misses whatever the interval.
+/// Returns a mask whose bit `i` says that the `i`-th of `N` triangles may contain the origin. It is clear only if two
+/// edge functions have opposite signs, so that [`Shear::intersect`] misses for every interval.
 #[inline(always)]
 pub(crate) fn may_hold_origin<I: SimdLevel, const N: usize>(
     isa: I,
@@ -21,13 +21,13 @@ pub(crate) fn may_hold_origin<I: SimdLevel, const N: usize>(
     let zero = [0.0; N];
     let mut product = zero;
     for i in 0..N {
-        // Negative where the signs are opposite; too small a product is zero.
+        // The product is negative if the signs are opposite; if it underflows, it is zero, and the bit is set.
         product[i] = min(min(u[i], v[i]), w[i]) * max(max(u[i], v[i]), w[i]);
     }
     !isa.lt(&product, &zero) & (u32::MAX >> (u32::BITS as usize - N))
 }
 
-/// The edge functions opposite to each corner.
+/// Returns the edge functions opposite to each vertex.
 #[inline(always)]
 fn edges<const N: usize>([a, b, c]: [&ProjectedVertices<N>; 3]) -> [[f32; N]; 3] {
     [
@@ -51,19 +51,19 @@ impl Shear {
     }
 }
 
-/// Where rays meet one triangle. The numbers mean something where the lane's bit in `mask` is set.
+/// Hits of rays on one triangle; the arrays are valid only in lanes whose bit in `mask` is set.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct HitLanes<const N: usize> {
     pub(crate) mask: u32,
     /// Parameters along the rays.
     pub(crate) t: [f32; N],
-    /// Weights of the second and the third corner, times `det`.
+    /// Barycentric weights of the second and the third vertex, times `det`.
     pub(crate) weights: [[f32; N]; 2],
     pub(crate) det: [f32; N],
 }
 
 impl<const N: usize> ShearLanes<N> {
-    /// The coordinates of a point in the order of the rays' axes.
+    /// Returns the coordinates of a point in the order of the rays' axes.
     #[inline(always)]
     pub(crate) fn along_axes(&self, point: [f32; 3]) -> [f32; 3] {
         let [kx, ky, kz] = self.axes;
@@ -78,12 +78,12 @@ impl<const N: usize> ShearLanes<N> {
         [x, y]
     }
 
-    /// Tests a triangle against the rays of `asked`, which all [may hold](may_hold_origin) it, each as
-    /// [`Shear::intersect`] does; `flat` are its corners as [`ShearLanes::flatten`] projects them, `depths` their last
-    /// coordinates, and the interval is nearest and farthest parameters.
+    /// Intersects a triangle with the rays of the mask `asked`, all of which [may hold](may_hold_origin) it, each with
+    /// the result of [`Shear::intersect`]. `flat` are its vertices as projected by [`ShearLanes::flatten`], `depths`
+    /// their last coordinates; the interval is given by the smallest and largest parameters.
     ///
-    /// Second are the rays about which only [`Shear::intersect`] can say: those that meet an edge or a corner, and those
-    /// that may have met the triangle before they start.
+    /// The second result is a mask of the rays that only [`Shear::intersect`] can decide: those through an edge or a
+    /// vertex, and those whose hit may be behind their start.
     #[inline(always)]
     pub(crate) fn meet(
         &self,
@@ -92,6 +92,7 @@ impl<const N: usize> ShearLanes<N> {
         asked: u32,
         [t_near, t_far]: [&[f32; N]; 2],
     ) -> (HitLanes<N>, u32) {
+        // Compute the edge functions and their signs
         let [u, v, w] = edges(flat);
         let zero = [0.0; N];
         let [mut least, mut greatest, mut smallest] = [zero; 3];
@@ -102,6 +103,7 @@ impl<const N: usize> ShearLanes<N> {
         }
         let inside = isa.lt(&zero, &least) | isa.lt(&greatest, &zero);
         let on_edge = isa.eq(&smallest, &zero) & asked;
+        // Compute the parameters from the depths
         let [za, zb, zc] = depths.map(|z| sub(&[z; N], &self.origin[2]));
         let scale = &self.shear[2];
         let rows = [
@@ -112,8 +114,10 @@ impl<const N: usize> ShearLanes<N> {
         let [ta, tb, tc] = [mul(scale, &za), mul(scale, &zb), mul(scale, &zc)];
         let det = add(&add(&u, &v), &w);
         let t = div(&add(&add(&mul(&u, &ta), &mul(&v, &tb)), &mul(&w, &tc)), &det);
+        // Compare the parameters with the interval
         let within = isa.le(t_near, &t) & isa.le(&t, t_far) & isa.lt(&t, &[f32::INFINITY; N]);
         let mask = asked & inside & within;
+        // Leave hits that may be behind the start to the caller
         let doubtful = match mask {
             0 => 0,
             _ => mask & may_be_behind(isa, rows, scale, &det, [t_near, &t]),
@@ -129,7 +133,7 @@ impl<const N: usize> ShearLanes<N> {
 }
 
 impl<const N: usize> HitLanes<N> {
-    /// Takes over what [`Shear::intersect`] says of a lane.
+    /// Stores the result of [`Shear::intersect`] for a lane.
     #[inline(always)]
     pub(crate) fn set(&mut self, lane: usize, hit: &TriangleHit) {
         self.mask |= 1 << lane;
@@ -148,7 +152,8 @@ mod tests {
     use crate::mesh::simd::{Scalar, SimdKernel, dispatch, lanes};
     use crate::numeric::Ray;
 
-    /// Whole numbers from -2 to 2 (Weyl's sequence on the golden ratio), so that edges and corners are met often.
+    /// Returns a small integer from -2 to 2 (Weyl sequence of the golden ratio), so that many rays hit edges and
+    /// vertices.
     fn small(i: usize) -> f32 {
         ((i as f64 * 0.618_033_988_749_894_9).fract() * 5.0).floor() as f32 - 2.0
     }
@@ -157,7 +162,7 @@ mod tests {
         [small(3 * i), small(5 * i + 1), small(7 * i + 2)]
     }
 
-    /// Eight rays along the axis `dominant`, and their interval.
+    /// Returns eight rays with the dominant axis `dominant`, and their intervals.
     fn rays(i: usize, dominant: usize) -> [Ray; 8] {
         std::array::from_fn(|lane| {
             let mut direction = point(i * 8 + lane).map(|x| 0.25 * x);
@@ -168,7 +173,7 @@ mod tests {
         })
     }
 
-    /// The hits of eight rays on one triangle.
+    /// Kernel that computes the hits of eight rays on one triangle.
     struct Meet([Ray; 8], usize, [[f32; 3]; 3]);
 
     impl SimdKernel for Meet {
@@ -177,6 +182,7 @@ mod tests {
         #[inline(always)]
         fn run<I: SimdLevel>(self, isa: I) -> [Option<TriangleHit>; 8] {
             let Meet(rays, dominant, corners) = self;
+            // Project the vertices once
             let rows = |of: fn(&Ray) -> Vec3| {
                 [0, 1, 2].map(|axis| std::array::from_fn(|lane| of(&rays[lane])[axis]))
             };
@@ -184,6 +190,7 @@ mod tests {
             let along = corners.map(|corner| shears.along_axes(corner));
             let flat = along.map(|corner| shears.flatten(corner));
             let [a, b, c] = &flat;
+            // Test the triangle, and let the reference decide the uncertain lanes
             let asked = may_hold_origin(isa, [a, b, c]);
             let interval = [rays.map(|r| r.t_near), rays.map(|r| r.t_far)];
             let flat = ([a, b, c], along.map(|corner| corner[2]));
@@ -196,6 +203,7 @@ mod tests {
                     met.set(lane, &hit);
                 }
             }
+            // Divide the weights by the determinant
             std::array::from_fn(|lane| {
                 (met.mask >> lane & 1 != 0).then(|| TriangleHit {
                     t: met.t[lane],

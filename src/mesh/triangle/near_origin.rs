@@ -1,31 +1,32 @@
-//! Hits that are so near the start of their ray that rounding may have put them there.
+//! Self-hit check: hits so near the start of their ray that rounding may have put them there.
 //!
-//! A ray that leaves a triangle starts beside it by a bound on how far its start may be off. That is less than what
-//! rounding does to the parameter where the triangle is a sliver: an edge function is off by up to its products' last
-//! places, which of a sliver is a large part of the area, and the parameter by the same part of the triangle's depth. So
-//! a hit that is as near the start as its own error is asked about again, in f64 and from the corners as they are, and is
-//! none where the plane is met behind the start. A hit that stays keeps its parameter: put at the very start it would tie
-//! there with what coincides with it, and which of two boxes that end where a ray starts is entered is a walk's own
-//! choice.
+//! The origin of a ray spawned on a triangle is offset by an error bound of the hit point. If the triangle is a sliver,
+//! that is less than the rounding error of the parameter: an edge function has an error of the last places of its
+//! products, which is a large part of a sliver's area, and the parameter has an error of the same part of the
+//! triangle's depth. Therefore a hit that is as near the start as its own error is decided again, in f64 and from the
+//! original vertices, and is discarded if the ray intersects the plane behind the start. A hit that remains keeps its
+//! parameter: if it were clamped to the start, it would tie there with coincident primitives, and which of two boxes
+//! that end at the start is entered depends on the traversal.
 //!
-//! With `m` the largest projected coordinate, `R` the largest depth of a corner and `S` the depth between the nearest and
-//! the farthest, all in units of the dominant axis, and `u = 2^-24`: a projected coordinate is off by at most
-//! `3 u (m + 2 R)`, as are three roundings of sums up to there; an edge function by
-//! `2 u m² + 4 m · 3 u (m + 2 R)`; the mean of depths by three of these times `S` over the determinant, so by less than
-//! `72 u m (m + R) S / |det|`, and by `8 u R` from its own sum and quotient.
+//! With `m` the largest projected coordinate, `R` the largest depth of a vertex and `S` the depth between the nearest
+//! and the farthest, all in units of the dominant axis, and `u = 2^-24`: a projected coordinate has an error of at most
+//! `3 u (m + 2 R)`, as have three roundings of sums up to there; an edge function of `2 u m² + 4 m · 3 u (m + 2 R)`;
+//! the mean of depths of three of these times `S` over the determinant, so of less than `72 u m (m + R) S / |det|`, and
+//! of `8 u R` from its own sum and quotient.
 
 use glam::DVec3;
 
 use super::Shear;
 use crate::mesh::simd::{SimdLevel, max, min};
 
-/// Of the parameter, in parts of `m (m + R) S / |det|`: 128 units of roundoff, more than 72 as this is computed in f32.
+/// Error of the parameter from the weights, relative to `m (m + R) S / |det|`: 128 units of roundoff, more than 72
+/// because the bound is itself computed in f32.
 const OF_WEIGHTS: f32 = 1.0 / (1 << 17) as f32;
-/// Of the parameter, in parts of `R`: 8 units of roundoff.
+/// Error of the parameter from the depths, relative to `R`: 8 units of roundoff.
 const OF_DEPTHS: f32 = 1.0 / (1 << 21) as f32;
 
-/// Bit `i` says whether the hit of lane `i` at `t` may be as far before the start of the ray, `t_near`, as it is behind.
-/// `corners` are projected: x, y and the unscaled depth; `scale` is that of depths.
+/// Returns a mask whose bit `i` says that the hit of lane `i` at `t` is so close to the start of the ray, `t_near`,
+/// that it may be behind it. `corners` are projected: x, y and the unscaled depth; `scale` is that of depths.
 #[inline(always)]
 pub(super) fn may_be_behind<I: SimdLevel, const N: usize>(
     isa: I,
@@ -37,6 +38,7 @@ pub(super) fn may_be_behind<I: SimdLevel, const N: usize>(
     let [a, b, c] = corners;
     let [mut bound, mut ahead] = [[0.0; N]; 2];
     for i in 0..N {
+        // Bound the error of the parameter, times the determinant
         let m = max(
             max(max(a[0][i].abs(), b[0][i].abs()), c[0][i].abs()),
             max(max(a[1][i].abs(), b[1][i].abs()), c[1][i].abs()),
@@ -46,17 +48,17 @@ pub(super) fn may_be_behind<I: SimdLevel, const N: usize>(
         let reach = max(farthest.abs(), nearest.abs());
         let of_weights = OF_WEIGHTS * m * (m + reach) * (farthest - nearest);
         bound[i] = scale[i].abs() * (of_weights + OF_DEPTHS * reach * det[i].abs());
+        // Compare the distance from the start with the bound, both times the determinant
         ahead[i] = (t[i] - t_near[i]) * det[i].abs();
     }
     isa.le(&ahead, &bound)
 }
 
 impl Shear {
-    /// Whether the ray meets the plane of a triangle before `t_near`; false where there is no telling.
+    /// Returns whether the ray intersects the plane of a triangle before `t_near`; false if that is uncertain.
     ///
-    /// Where it meets the plane is looked for between the nearest and the farthest corner. Its sign is right: differences
-    /// of f32 are exact in f64, and the ray's direction is off in its last place only, which makes the parameter longer
-    /// or shorter.
+    /// The intersection is searched between the nearest and the farthest vertex. Its sign is correct: differences of
+    /// f32 are exact in f64, and the ray's direction has an error in its last place only, which scales the parameter.
     #[cold]
     #[inline(never)]
     pub(super) fn meets_before(&self, corners: [[f32; 3]; 3], t_near: f32) -> bool {
@@ -81,7 +83,7 @@ mod tests {
     use super::*;
     use crate::mesh::simd::{F32Only, Scalar};
 
-    /// A triangle in the cube [-1, 1]³, so many times as long as high.
+    /// Returns a triangle near the cube [-1, 1]³ of that aspect ratio, length over height.
     fn sliver(random: &mut Random, aspect: f64) -> [Vec3; 3] {
         let a = random.vector();
         let along = random.vector();
@@ -99,6 +101,7 @@ mod tests {
                 let Some(ray) = leaving(corners, &mut random) else {
                     continue;
                 };
+                // Intersect one triangle, eight triangles, and several rays
                 let corners = corners.map(|p| p.to_array());
                 let shear = Shear::new(&ray);
                 let one = shear.intersect(corners, 0.0, f32::INFINITY);
@@ -145,10 +148,10 @@ mod tests {
         let corners = [[0.0, 0.0, 3.0], [1.0, 0.0, 3.5], [0.0, 1.0, 4.0]];
         let ray = crate::numeric::Ray::new(Vec3::new(0.2, 0.3, 0.0), Vec3::Z);
         let shear = Shear::new(&ray);
-        // The plane is met at 3 + 0.2 · 0.5 + 0.3 · 1 = 3.4, to the roundings of 0.2 and 0.3.
+        // The ray intersects the plane at 3 + 0.2 · 0.5 + 0.3 · 1 = 3.4, up to the rounding of 0.2 and 0.3.
         assert!(!shear.meets_before(corners, 3.4 * (1.0 - f32::EPSILON)));
         assert!(shear.meets_before(corners, 3.4 * (1.0 + f32::EPSILON)));
-        // Without area there is no plane.
+        // A triangle without area has no plane.
         assert!(!shear.meets_before([[0.0; 3]; 3], 7.0));
     }
 
@@ -157,7 +160,7 @@ mod tests {
         let mut random = Random(5);
         let mut met = 0;
         for _ in 0..10_000 {
-            // In a plane of constant depth every sum is exact, and so is a start in it.
+            // In a plane of constant depth every sum is exact, and so is an origin in the plane.
             let [a, b, c] = sliver(&mut random, 1.0).map(|p| p.with_z(0.75));
             let origin = (a + b + c) / 3.0;
             let shear = Shear::new(&crate::numeric::Ray::new(

@@ -1,34 +1,35 @@
-//! The dipole: a source below the surface and its negative mirror image above it stand for all light scattered within.
+//! Dipole diffusion model: a source below the surface and its negative mirror image above it represent all light
+//! scattered within.
 //!
 //! With albedo' = sigma_s' / sigma_t', sigma_t' = sigma_s' + sigma_a and sigma_tr = (3 sigma_a sigma_t')^(1/2), the
 //! source lies z_r = 1 / sigma_t' deep and its image z_v = (1 + 4 A / 3) z_r high, where A = (1 + F_dr) / (1 - F_dr)
-//! moves the boundary outward for what the surface sends back. What leaves at a distance r of what enters is (Jensen et
-//! al. 2001, equation 4, its second term read as the first)
+//! moves the boundary outward to account for internal reflection. The diffuse reflectance at a distance r from the
+//! point of entry is (Jensen et al. 2001, equation 4, its second term read as the first)
 //!
 //! R_d(r) = albedo' / 4 pi · sum over z in {z_r, z_v} of z (1 + sigma_tr d) e^(-sigma_tr d) / d³, d² = r² + z².
 //!
-//! As d is never less than z, nothing here is singular. All of it is computed in units of z, so that no power of a
-//! length leaves the range of numbers, and without a difference of nearly equal ones.
+//! As d is never less than z, nothing is singular. All terms are computed in units of z, so that no power of a length
+//! leaves the range of numbers, and without a difference of nearly equal ones.
 
 use std::f64::consts::PI;
 
 use super::fast_exp::exp_neg;
 use super::scattering::{Scattering, ScatteringError, boundary_factor};
 
-/// A sum of coefficients below this is that of a clear body, which sends nothing back.
+/// Sum of coefficients below which a medium counts as clear, without diffuse reflectance.
 const CLEAR: f64 = 1e-15;
 
-/// How far apart samples of irradiance may lie, in mean free paths: the noise of their sum is 1 % then, and four times
-/// that at twice the distance.
+/// Largest spacing of irradiance samples in mean free paths: the noise of their sum is 1 % at this distance, and four
+/// times that at twice the distance.
 const SPACING: f64 = 0.5;
 
-/// What a half-space of a scattering material sends back from where light enters.
+/// Diffuse reflectance profile of a scattering half-space, by the dipole model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dipole {
     channels: [Channel; 3],
 }
 
-/// One colour of a dipole.
+/// Dipole of one colour channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Channel {
     /// Reduced albedo, within [0, 1].
@@ -40,10 +41,11 @@ struct Channel {
 }
 
 impl Dipole {
-    /// The dipole of a body, in units of the coefficients' length.
+    /// Creates the dipole of a scattering medium, in units of the coefficients' length.
     pub fn new(body: &Scattering) -> Result<Dipole, ScatteringError> {
         body.check()?;
         let image = 1.0 + 4.0 / 3.0 * boundary_factor(body.eta);
+        // Place source and image for each colour channel
         let channel = |c: usize| {
             let (sigma_s, sigma_a) = (body.sigma_s_reduced[c], body.sigma_a[c]);
             let sigma_t = sigma_s + sigma_a;
@@ -65,14 +67,14 @@ impl Dipole {
         })
     }
 
-    /// The diffuse reflectance R_d(r): radiant exitance at a distance `r` (not negative) of a point over the power that
-    /// enters there, per unit of area.
+    /// Returns the diffuse reflectance R_d(r): radiant exitance at a distance `r` (not negative) from a point over the
+    /// power that enters there, per unit of area.
     pub fn reflectance_at(&self, r: f64) -> [f64; 3] {
         self.channels.map(|channel| {
             let term = |z: f64| {
                 let d = r.hypot(z);
                 let x = channel.sigma_tr * d;
-                // Beyond where e^(-x) has vanished x may be infinite.
+                // x may be infinite beyond the distance where e^(-x) underflows.
                 let decay = if x < f64::MAX { (1.0 + x) * (-x).exp() } else { 0.0 };
                 (z / d).powi(3) / (z * z) * decay
             };
@@ -80,7 +82,7 @@ impl Dipole {
         })
     }
 
-    /// What leaves anywhere of what enters: 2 pi times the integral of R_d(r) r dr, in closed form; at most 1.
+    /// Returns the total diffuse reflectance: 2 pi times the integral of R_d(r) r dr, in closed form; at most 1.
     pub fn diffuse_reflectance(&self) -> [f64; 3] {
         self.channels.map(|channel| {
             let [source, image] = channel.z.map(|z| (-channel.sigma_tr * z).exp());
@@ -88,8 +90,8 @@ impl Dipole {
         })
     }
 
-    /// What leaves within `radius` of where it enters, in closed form; also what leaves at the middle of a disk of that
-    /// radius that is lit evenly, over its irradiance.
+    /// Returns the fraction of the entering light that leaves within `radius` of the point of entry, in closed form. By
+    /// symmetry it is also the exitance over irradiance at the centre of a uniformly lit disk of that radius.
     pub fn reflectance_within(&self, radius: f64) -> [f64; 3] {
         self.channels.map(|channel| {
             let term = |z: f64| {
@@ -97,7 +99,7 @@ impl Dipole {
                 if d == f64::INFINITY {
                     return (-channel.sigma_tr * z).exp();
                 }
-                // e^(-sigma z) - (z / d) e^(-sigma d), with d - z = r² / (d + z).
+                // Computes e^(-sigma z) - (z / d) e^(-sigma d) without cancellation, with d - z = r² / (d + z).
                 let rise = radius / (d + z) * radius;
                 let left = rise / d - z / d * (-channel.sigma_tr * rise).exp_m1();
                 (-channel.sigma_tr * z).exp() * left
@@ -106,13 +108,13 @@ impl Dipole {
         })
     }
 
-    /// How far light goes between two changes of its direction, 1 / sigma_t': the distance within which R_d changes
-    /// little.
+    /// Returns the reduced mean free path 1 / sigma_t': the distance light travels between two changes of its
+    /// direction, within which R_d changes little.
     pub fn mean_free_path(&self) -> [f64; 3] {
         self.channels.map(|channel| channel.z[0])
     }
 
-    /// How far apart irradiance is to be sampled for this dipole to be summed over it: half of the shortest mean free
+    /// Returns the spacing at which irradiance must be sampled to evaluate this dipole: half of the shortest mean free
     /// path. Infinite if nothing is scattered.
     pub fn sample_spacing(&self) -> f64 {
         let scattering = self.channels.iter().filter(|channel| channel.albedo > 0.0);
@@ -122,10 +124,10 @@ impl Dipole {
                 .fold(f64::INFINITY, f64::min)
     }
 
-    /// The same material where light spreads as wide as samples `spacing` apart can show.
+    /// Returns the dipole, widened where needed so that samples `spacing` apart can resolve it.
     ///
-    /// Channels for which they lie too far apart have their coefficients divided by one number each, which leaves their
-    /// reflectance as it is: light is blurred over the distance of samples, and none of it is lost.
+    /// Channels for which the samples lie too far apart have their coefficients divided by one number each, which
+    /// leaves their reflectance unchanged: light is blurred over the distance of samples, and energy is preserved.
     pub fn resolved_by(&self, spacing: f64) -> Dipole {
         let widen = |channel: Channel| {
             let factor = (spacing / (SPACING * channel.z[0])).max(1.0);
@@ -140,7 +142,7 @@ impl Dipole {
         }
     }
 
-    /// The constants of its f32 form.
+    /// Returns the constants of the f32 form of the dipole.
     pub(super) fn kernel(&self) -> Kernel {
         let constants = |channel: &Channel| {
             channel.z.map(|z| PointSource {
@@ -153,29 +155,29 @@ impl Dipole {
     }
 }
 
-/// R_d in f32, of squared distances.
+/// f32 form of R_d as a function of squared distances, by colour channel: source and image.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Kernel(pub(super) [[PointSource; 2]; 3]);
 
-/// The source or its image, in units of its distance z from the surface.
+/// Point source of the dipole or its image, in units of its distance z from the surface.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PointSource {
     inverse_z2: f32,
-    /// sigma_tr z.
+    /// Decay coefficient in units of z: sigma_tr z.
     decay: f32,
-    /// The term at r = 0, but for its decay.
+    /// Term at r = 0, without its decay.
     peak: f32,
 }
 
 impl PointSource {
-    /// The term of R_d at squared distance `r2`. Without branches, so that lanes vectorise.
+    /// Evaluates the term of R_d at squared distance `r2`. Branch-free, so that lanes vectorise.
     ///
-    /// Its relative error is within (16 + 4.5 x) 2^-24 for x = sigma_tr d, as long as it is no less than the least
-    /// normal number. In x itself 4.5 roundings meet:
-    /// of `decay`, `root` and their product, and half of the three in `u`.
+    /// Its relative error is within (16 + 4.5 x) 2^-24 for x = sigma_tr d, as long as it is no less than the smallest
+    /// normal number. The 4.5 roundings in x itself are those of `decay`, `root` and their product, and half of the
+    /// three in `u`.
     #[inline(always)]
     pub(super) fn at(&self, r2: f32) -> f32 {
-        // (d / z)².
+        // The squared relative distance (d / z)².
         let u = r2 * self.inverse_z2 + 1.0;
         let root = u.sqrt();
         let x = (self.decay * root).min(FAR);
@@ -183,7 +185,8 @@ impl PointSource {
     }
 }
 
-/// Decays from here on are as good as none: e^-87 is the last power that an f32 holds with all its digits.
+/// Largest exponent that is evaluated; larger ones count as zero: e^-87 is the last power that an f32 holds with all
+/// its digits.
 const FAR: f32 = 87.0;
 
 #[cfg(test)]
@@ -191,14 +194,15 @@ mod tests {
     use super::super::SubsurfacePreset;
     use super::*;
 
+    /// Returns the dipoles of all published materials with their names.
     fn dipoles() -> impl Iterator<Item = (&'static str, Dipole)> {
         SubsurfacePreset::ALL
             .iter()
             .map(|preset| (preset.name, Dipole::new(&preset.scattering).unwrap()))
     }
 
-    /// 2 pi times the integral of `f(r)` r dr over (0, `end`), by the double exponential rule (H. Takahasi, M. Mori
-    /// 1974): r = scale e^x with x = sinh t, which has no end to treat where `end` is infinite.
+    /// Integrates 2 pi `f(r)` r dr over all r by the double exponential rule (H. Takahasi, M. Mori 1974): r = scale e^x
+    /// with x = sinh t, which needs no special case at the infinite end.
     fn integral(scale: f64, f: impl Fn(f64) -> [f64; 3]) -> [f64; 3] {
         const STEP: f64 = 1.0 / 64.0;
         let mut sum = [0.0; 3];
@@ -275,7 +279,7 @@ mod tests {
     fn what_leaves_within_a_radius_is_the_integral_up_to_it() {
         for (name, dipole) in dipoles() {
             for radius in [1e-9, 1e-3, 0.5, 4.0, 100.0] {
-                // r = radius / (1 + e^-x) ends at the radius; its derivative is r (1 - r / radius).
+                // Substitute r = radius / (1 + e^-x), which ends at the radius; its derivative is r (1 - r / radius).
                 let disk = |x: f64| radius / (1.0 + (-x).exp());
                 let mut found = [0.0; 3];
                 for k in -2500..=2500 {
@@ -309,7 +313,7 @@ mod tests {
                 let found = Dipole::new(&body).unwrap().diffuse_reflectance();
                 for c in 0..3 {
                     assert!((0.0..=albedo).contains(&found[c]), "{albedo} {eta}: {found:?}");
-                    // The unit of length does not matter.
+                    // The result is independent of the unit of length.
                     assert!((found[c] - found[0]).abs() <= 1e-14, "{albedo} {eta}: {found:?}");
                 }
                 assert!(albedo < 1.0 || found == [1.0; 3]);

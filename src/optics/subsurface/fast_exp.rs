@@ -1,17 +1,17 @@
-//! The exponential of a negative number in f32, without branches or calls, so that lanes vectorise.
+//! Vectorisable f32 exponential of a negative number, without branches or calls.
 
-/// 1.5 · 2^23: added to a small number, it leaves the nearest integer in the lowest bits.
+/// Value of 1.5 · 2^23: added to a small number, it leaves the nearest integer in the lowest bits.
 const TO_INTEGER: f32 = 12_582_912.0;
 
-/// ln 2 with its last 9 bits cut off, so that its products with integers up to 2^9 are exact ...
+/// High part of ln 2, with the last 9 bits zero, so that its products with integers up to 2^9 are exact.
 const LN_2_HIGH: f32 = 0.693_145_75;
-/// ... and the rest of it.
+/// Low part of ln 2: the rest that [`LN_2_HIGH`] omits.
 const LN_2_LOW: f32 = 1.428_606_8e-6;
 
-/// e^-x for x within [0, 87], to a relative error of 2^-22.
+/// Returns e^-x for x within [0, 87], to a relative error of 2^-22.
 ///
-/// -x = n ln 2 + f with |f| <= ln 2 / 2 (Cody and Waite), and e^f by its series to f^7, whose remainder is below
-/// 0.35^8 / 8! < 2^-27 there.
+/// -x = n ln 2 + f with |f| <= ln 2 / 2 (Cody and Waite), and e^f by its series to f^7, whose remainder is below 0.35^8
+/// / 8! < 2^-27 there.
 #[inline(always)]
 pub(super) fn exp_neg(x: f32) -> f32 {
     let shifted = TO_INTEGER - x * std::f32::consts::LOG2_E;
@@ -31,7 +31,7 @@ mod tests {
 
     #[test]
     fn every_power_is_right_to_its_stated_error() {
-        // Every 97th of all numbers from 2^-20 to 87.
+        // Test every 97th of all numbers from 2^-20 to 87.
         let bits = (0.5f32.powi(20).to_bits()..=87f32.to_bits()).step_by(97);
         for x in bits.map(f32::from_bits).chain([0.0, 87.0]) {
             let exact = (-f64::from(x)).exp();

@@ -1,4 +1,5 @@
-//! What leaves a body at a point: the dipole times the power of every point that it may come from, or of their cells.
+//! Hierarchical evaluation of the radiant exitance at a point: the dipole times the power of every irradiance sample,
+//! or of far octree cells.
 
 use glam::DVec3;
 use multiversion::multiversion;
@@ -7,13 +8,13 @@ use super::dipole::Kernel;
 use super::octree::{IrradianceTree, Moments};
 use crate::numeric::{LANES, Lanes3};
 
-/// Sources that are evaluated at a time.
+/// Number of sources that are evaluated at a time.
 const BATCH: usize = 4 * LANES;
 
-/// Sources that wait for their evaluation, and the sum of those that have had it.
+/// Sources that await evaluation, and the sum of those evaluated.
 struct Batch<'k> {
     kernel: &'k Kernel,
-    /// Squared distances, by colour.
+    /// Squared distances of the sources, by colour.
     r2: [[f32; BATCH]; 3],
     power: [[f32; BATCH]; 3],
     count: usize,
@@ -22,20 +23,22 @@ struct Batch<'k> {
 }
 
 impl IrradianceTree {
-    /// The radiant exitance at `p` in linear red, green and blue: what leaves the body there per unit of area, towards
-    /// all directions together.
+    /// Returns the radiant exitance at `p` in linear red, green and blue: the power that leaves the medium there per
+    /// unit of area, in all directions together.
     ///
-    /// Takes no memory. The same bits on every machine, and for any number of threads.
+    /// Allocates no memory. The result has identical bits on every machine, and for any number of threads.
     pub fn radiant_exitance(&self, p: DVec3) -> [f32; 3] {
         self.gather(p).0
     }
 
-    /// The radiant exitance, and how many times the dipole was evaluated for it.
+    /// Returns the radiant exitance at `p`, and the number of evaluations of the dipole for it.
     pub(super) fn gather(&self, p: DVec3) -> ([f32; 3], usize) {
         let p = (p - self.origin).as_vec3().to_array();
         let mut batch = Batch::new(&self.kernel);
         let mut n = 0;
+        // Walk the octree in depth-first order, skipping the subtrees of far cells
         while let Some(node) = self.nodes.get(n) {
+            // Represent a far cell by its moments
             if squared_distance(p, node.position) > node.far2 {
                 if node.far2 >= 0.0 {
                     batch.push_cell(p, &self.moments[n]);
@@ -43,6 +46,7 @@ impl IrradianceTree {
                 n += node.node_count as usize;
                 continue;
             }
+            // Add the points of a near leaf; inner nodes have none
             let first = node.first as usize;
             for i in first..first + node.count as usize {
                 let of = |array: &[Vec<f32>; 3]| [array[0][i], array[1][i], array[2][i]];
@@ -56,8 +60,8 @@ impl IrradianceTree {
 }
 
 impl Moments {
-    /// Two squared distances from `p` that have the mean and the variance of those of its points, as far as their
-    /// second moments tell.
+    /// Returns two squared distances from `p` that have the mean and the variance of those of the cell's points, as far
+    /// as second moments determine them.
     #[inline(always)]
     fn squared_distances(&self, p: [f32; 3]) -> [f32; 2] {
         let [x, y, z] = [0, 1, 2].map(|axis| p[axis] - self.position[axis]);
@@ -69,6 +73,7 @@ impl Moments {
     }
 }
 
+/// Returns the squared distance between two points.
 fn squared_distance(a: [f32; 3], b: [f32; 3]) -> f32 {
     let d = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
@@ -86,6 +91,7 @@ impl Batch<'_> {
         }
     }
 
+    /// Adds a source with squared distance and power by colour, and evaluates the batch if it is full.
     #[inline(always)]
     fn push(&mut self, r2: [f32; 3], power: [f32; 3]) {
         for c in 0..3 {
@@ -98,7 +104,7 @@ impl Batch<'_> {
         }
     }
 
-    /// Two points for a whole cell.
+    /// Adds two sources that represent a whole cell.
     #[inline(always)]
     fn push_cell(&mut self, p: [f32; 3], moments: &[Moments; 3]) {
         let half = moments.each_ref().map(|of_color| 0.5 * of_color.power);
@@ -107,18 +113,21 @@ impl Batch<'_> {
         self.push(r2.map(|[_, farther]| farther), half);
     }
 
+    /// Evaluates the dipole for all sources of the batch and empties it.
     fn evaluate(&mut self) {
         add_exitance(self.kernel, &self.r2, &self.power, &mut self.sums);
         self.evaluation_count += self.count;
         self.count = 0;
     }
 
+    /// Evaluates the remaining sources; returns the exitance and the number of evaluations.
     fn finish(mut self) -> ([f32; 3], usize) {
+        // Unused slots must contribute zero
         for channel in &mut self.power {
             channel[self.count..].fill(0.0);
         }
         self.evaluate();
-        // In one order, and without a rounding of each step.
+        // Sum in a fixed order, in f64 so that no step rounds to f32.
         let sum = |lanes: [f32; LANES]| lanes.iter().map(|&x| f64::from(x)).sum::<f64>() as f32;
         (self.sums.map(sum), self.evaluation_count)
     }
@@ -154,7 +163,7 @@ mod tests {
 
     const CENTER: DVec3 = DVec3::new(100.0, -50.0, 7.0);
 
-    /// Points of a sphere of radius 1, evenly spread (a spiral of the golden angle).
+    /// Returns points of the unit sphere, evenly spread (a spiral of the golden angle).
     fn sphere_points(count: usize) -> impl Iterator<Item = DVec3> {
         (0..count).map(move |i| {
             let z = 1.0 - (2 * i + 1) as f64 / count as f64;
@@ -164,7 +173,8 @@ mod tests {
         })
     }
 
-    /// A sphere under a lamp, with the shadow of a bar across it: its unlit half only glows.
+    /// Returns samples of a sphere under one light, with the shadow of a bar across it: its unlit half receives
+    /// scattered light only.
     fn lit_sphere(count: usize, radius: f64, color: [f32; 3]) -> Vec<IrradianceSample> {
         let light = DVec3::new(2.0, 1.0, 2.0) / 3.0;
         sphere_points(count)
@@ -183,7 +193,7 @@ mod tests {
             .collect()
     }
 
-    /// Every point, in f64.
+    /// Returns the exitance by summing over every point, in f64.
     fn brute_force(samples: &[IrradianceSample], dipole: &Dipole, p: DVec3) -> [f64; 3] {
         let mut sum = [0.0; 3];
         for sample in samples {
@@ -197,14 +207,15 @@ mod tests {
         Dipole::new(&SubsurfacePreset::named(name).unwrap().scattering).unwrap()
     }
 
-    /// The radius at which a sphere of `count` points is sampled as densely as the dipole asks for.
+    /// Returns the radius at which a sphere of `count` points is sampled as densely as the dipole requires.
     fn radius_for(count: usize, dipole: &Dipole) -> f64 {
         dipole.sample_spacing() * (count as f64 / (4.0 * std::f64::consts::PI)).sqrt()
     }
 
-    /// Errors, as root mean square and greatest, and evaluations a point. Relative to each point's own exitance but for
-    /// the darkest, where it is less than a thousandth of what leaves where light is full.
+    /// Returns the root mean square and the greatest error, and the evaluations per point. Errors are relative to each
+    /// point's own exitance, but for the darkest points to a thousandth of the exitance in full light.
     fn errors(samples: &[IrradianceSample], dipole: &Dipole, solid_angle: f64) -> [f64; 3] {
+        // Compare every point with brute force, in parallel
         let tree = IrradianceTree::build(samples, dipole, solid_angle);
         let radius = samples[0].position.distance(CENTER);
         let floor = dipole.diffuse_reflectance().map(|reflectance| 1e-3 * reflectance);
@@ -216,6 +227,7 @@ mod tests {
             ([error(0), error(1), error(2)], evaluations)
         };
         let found: Vec<_> = points.par_iter().map(of_point).collect();
+        // Summarise errors and evaluations
         let all = || found.iter().flat_map(|f| f.0);
         let squares: f64 = all().map(|e| e * e).sum();
         let evaluations: usize = found.iter().map(|f| f.1).sum();
@@ -249,7 +261,7 @@ mod tests {
             "{coarse} {middle} {fine}"
         );
         let [_, most, evaluations] = errors(&samples, &dipole, 0.0);
-        // Half of the points are unlit, but those in leaves of others.
+        // Half of the points are unlit and skipped, except for those in leaves with lit ones.
         assert!(most <= 1e-5 && evaluations <= 20_000.0, "{most} {evaluations}");
     }
 
@@ -270,6 +282,7 @@ mod tests {
     fn a_half_space_in_even_light_sends_back_its_diffuse_reflectance() {
         let dipole = preset("skin1");
         let at = |x: f64, y: f64| 40.0 * DVec3::new(x, y, 0.0);
+        // Sample and light a square far larger than the mean free path
         let triangles = [
             [at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0)],
             [at(-1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)],
@@ -284,13 +297,14 @@ mod tests {
         let tree = IrradianceTree::build(&samples, &dipole, DEFAULT_SOLID_ANGLE);
         let (least, most) = (dipole.reflectance_within(30.0), dipole.diffuse_reflectance());
         let mut mean = [0.0; 3];
+        // Compare points near the centre with the closed form
         for i in 0..200 {
             let [x, y] = [0.7548, 0.5698].map(|step| (f64::from(i) * step).fract() - 0.5);
             let found = tree.radiant_exitance(20.0 * DVec3::new(x, y, 0.0));
             for c in 0..3 {
                 let reflectance = 0.5 * f64::from(found[c]);
                 mean[c] += reflectance / 200.0;
-                // The noise of points at this spacing, for the most absorbing channel.
+                // Noise of points at this spacing, for the most absorbing channel.
                 let noise = 0.04 * most[c];
                 assert!(
                     (least[c] - noise..most[c] + noise).contains(&reflectance),
@@ -316,7 +330,7 @@ mod tests {
             IrradianceTree::build(&[sample], &dipole, DEFAULT_SOLID_ANGLE).radiant_exitance(to)
         };
         assert_eq!(leaves(here, there), leaves(there, here));
-        // 3 · 0.1 · R_d(1.5).
+        // Expected exitance: 3 · 0.1 · R_d(1.5).
         let exact = dipole.reflectance_at(1.5).map(|reflectance| 0.3 * reflectance);
         for c in 0..3 {
             let found = f64::from(leaves(here, there)[c]);

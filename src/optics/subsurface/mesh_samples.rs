@@ -1,63 +1,64 @@
-//! Points spread evenly over a surface of triangles.
+//! Points spread evenly over a triangle mesh.
 //!
-//! The surface is cut into as many pieces of equal area as there are to be points, along Morton's curve through its
-//! triangles, and each piece has its point: in the triangle where the piece has its middle. Triangles much smaller than
-//! a piece thus share points with their neighbours; one much larger gets the first points of a lattice over it
-//! (Roberts' R2 sequence), begun at its centroid. Points depend on nothing but the triangles, not on who computes them.
+//! The surface is divided into as many pieces of equal area as there are points, along the Morton curve through its
+//! triangles, and each piece has its point in the triangle that contains the middle of the piece. Triangles much
+//! smaller than a piece thus share points with their neighbours; a much larger one gets the first points of a lattice
+//! over it (Roberts' R2 sequence), started at its centroid. Points depend on the triangles only, not on the number of
+//! threads.
 //!
-//! Summed over even light with the dipole of white marble, points
-//! [`Dipole::sample_spacing`](super::Dipole::sample_spacing) apart show as noise of 0.7 % (root mean square) where
-//! triangles are large and of 1.8 % where they are small.
+//! For uniform light and the dipole of white marble, points [`Dipole::sample_spacing`](super::Dipole::sample_spacing)
+//! apart cause noise of 0.7 % (root mean square) where triangles are large and of 1.8 % where they are small.
 
 use glam::DVec3;
 
 use crate::numeric::morton::sorted_keys;
 use crate::parallel;
 
-/// Most points on one surface, whatever is asked for: some 400 megabytes with their irradiance and their tree.
+/// Largest number of points on one surface: about 400 megabytes with their irradiance and their octree.
 pub const MAX_SAMPLES: usize = 1 << 21;
 
-/// Triangles that a thread takes at once.
+/// Number of triangles per task of a thread.
 const CHUNK: usize = 1 << 12;
 
-/// A point that stands for a piece of a surface.
+/// Point that represents a piece of a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceSample {
-    /// Where it is.
+    /// Position of the point on the surface.
     pub position: DVec3,
-    /// The unit normal of its triangle, towards which its corners are counter-clockwise.
+    /// Unit normal of its triangle, on the side from which the corners are counter-clockwise.
     pub normal: DVec3,
-    /// The area of its piece.
+    /// Area of the piece that the point represents.
     pub area: f64,
-    /// The triangle that it lies on; the part of a shape.
+    /// Index of the triangle that it lies on, or of the part of a shape.
     pub triangle: u32,
-    /// Its weights at the triangle's second and third corner.
+    /// Barycentric weights of the triangle's second and third corner.
     pub uv: [f64; 2],
 }
 
-/// Points spread over a surface.
+/// Points spread over a surface, with their spacing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SurfaceSamples {
-    /// The points, all of them for the same area; none if the surface has no area.
+    /// Points that all represent equal areas; empty if the surface has no area.
     pub samples: Vec<SurfaceSample>,
-    /// The edge of a square of that area; more than was asked for if that would have taken more than [`MAX_SAMPLES`].
+    /// Edge of a square of that area; larger than requested if that would have taken more than [`MAX_SAMPLES`].
     pub spacing: f64,
 }
 
-/// Points on the triangles `corners(0..triangle_count)`, one for a square of edge `spacing` (positive).
+/// Returns points on the triangles `corners(0..triangle_count)`, one per square of edge `spacing` (positive).
 ///
-/// Ask for [`Dipole::sample_spacing`](super::Dipole::sample_spacing), and evaluate
-/// [`Dipole::resolved_by`](super::Dipole::resolved_by) the spacing that came of it. There are at most [`MAX_SAMPLES`]
-/// points; a surface that would take more has them wider apart. Triangles without a finite area get none. There are
-/// fewer than 2^32 triangles. For shapes that lines can be crossed with there is
+/// Pass [`Dipole::sample_spacing`](super::Dipole::sample_spacing) as `spacing`, and afterwards evaluate the dipole that
+/// [`Dipole::resolved_by`](super::Dipole::resolved_by) returns for the resulting spacing. There are at most
+/// [`MAX_SAMPLES`] points; on a surface that would take more they are farther apart. Triangles without a finite area
+/// get none. There must be fewer than 2^32 triangles. For shapes that can be intersected with lines use
 /// [`lattice_samples`](super::lattice_samples).
 pub fn surface_samples(
     triangle_count: usize,
     corners: impl Fn(usize) -> [DVec3; 3] + Sync,
     spacing: f64,
 ) -> SurfaceSamples {
+    // Sort the triangles along the Morton curve
     let order = along_curve(triangle_count, &corners);
-    // Where each triangle ends along the curve, measured by area.
+    // Accumulate areas: the end of each triangle along the curve, measured by area.
     let mut ends = parallel::generate(triangle_count, |place| area(corners(order[place] as usize)));
     let mut total = 0.0;
     for end in &mut ends {
@@ -70,11 +71,12 @@ pub fn surface_samples(
             spacing,
         };
     }
+    // Divide the surface into pieces of equal area
     let count = (total / (spacing * spacing))
         .round()
         .clamp(1.0, MAX_SAMPLES as f64);
     let piece = total / count;
-    // Pieces whose middles come before a place along the curve.
+    // Number of pieces whose middles come before a position along the curve.
     let before = |end: f64| (end / piece - 0.5).ceil().clamp(0.0, count) as usize;
     let on_triangle = |place: usize| {
         let first = if place == 0 { 0 } else { before(ends[place - 1]) };
@@ -88,6 +90,7 @@ pub fn surface_samples(
             uv,
         })
     };
+    // Place the points of each triangle, in parallel chunks
     let in_chunk = |chunk: usize| -> Vec<SurfaceSample> {
         let first = chunk * CHUNK;
         (first..triangle_count.min(first + CHUNK))
@@ -100,7 +103,7 @@ pub fn surface_samples(
     }
 }
 
-/// The triangles in the order of their centroids along Morton's curve.
+/// Returns the triangles in the order of their centroids along the Morton curve.
 fn along_curve(triangle_count: usize, corners: &(impl Fn(usize) -> [DVec3; 3] + Sync)) -> Vec<u32> {
     let centroid = |t: usize| {
         let [a, b, c] = corners(t);
@@ -111,20 +114,21 @@ fn along_curve(triangle_count: usize, corners: &(impl Fn(usize) -> [DVec3; 3] + 
     keys.into_iter().map(|key| key.1).collect()
 }
 
-/// The area of a triangle; 0 if it is not finite.
+/// Returns the area of a triangle; 0 if it is not finite.
 fn area([a, b, c]: [DVec3; 3]) -> f64 {
     let area = 0.5 * (b - a).cross(c - a).length();
     if area.is_finite() { area } else { 0.0 }
 }
 
-/// `count` points of a triangle, each with its normal and its weights at the second and third corner.
+/// Returns `count` points of a triangle, each with its normal and its barycentric weights of the second and third
+/// corner.
 fn points([a, b, c]: [DVec3; 3], count: usize) -> impl Iterator<Item = (DVec3, DVec3, [f64; 2])> {
-    /// The plane's analogue of the golden ratio (M. Roberts 2018).
+    /// Steps of the two-dimensional analogue of the golden ratio (M. Roberts 2018).
     const STEP: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
     let normal = (b - a).cross(c - a).normalize_or_zero();
     (0u32..)
         .map(|k| STEP.map(|step| (1.0 / 3.0 + f64::from(k) * step).fract()))
-        // The lattice fills the parallelogram of which the triangle is a half.
+        // The lattice fills a parallelogram; keep the half that is the triangle.
         .filter(|[u, v]| u + v < 1.0)
         .take(count)
         .map(move |[u, v]| (a + u * (b - a) + v * (c - a), normal, [u, v]))
@@ -135,7 +139,7 @@ mod tests {
     use super::super::{Dipole, Scattering};
     use super::*;
 
-    /// A square of edge 2 `half` around the origin in z = 0, of 2 `cells`² triangles.
+    /// Returns a square of edge 2 `half` around the origin in z = 0, of 2 `cells`² triangles.
     fn square(half: f64, cells: usize) -> (usize, impl Fn(usize) -> [DVec3; 3] + Sync) {
         let corner = move |i: usize, j: usize| {
             let at = |k: usize| half * (2.0 * k as f64 / cells as f64 - 1.0);
@@ -183,7 +187,7 @@ mod tests {
                 let cell = |x: f64| ((x + 3.0) as usize).min(5);
                 counts[cell(sample.position.x) + 6 * cell(sample.position.y)] += 1;
             }
-            // 100 each; at random they would scatter by 10, and one of the 36 by 25.
+            // Each of the 36 cells should have 100 points; random ones would scatter by 10, and one of the 36 by 25.
             assert!(
                 counts.iter().all(|count| (count - 100).abs() <= 12),
                 "{cells}: {counts:?}"

@@ -1,16 +1,18 @@
-//! Light that enters a body, is scattered within and leaves elsewhere: milk, skin, marble, wax.
+//! Subsurface scattering: light that enters a medium, is scattered within and leaves elsewhere, as in milk, skin,
+//! marble and wax.
 //!
 //! The dipole (H. W. Jensen, S. Marschner, M. Levoy, P. Hanrahan, "A practical model for subsurface light transport",
-//! SIGGRAPH 2001) tells how much of what enters at one point leaves at another; it depends on their distance alone. Two
-//! passes use it (H. W. Jensen, J. Buhler, "A rapid hierarchical rendering technique for translucent materials",
-//! SIGGRAPH 2002): [`surface_samples`] and [`lattice_samples`] spread points over the body for which somebody works out
-//! the irradiance, and an [`IrradianceTree`] over them answers what leaves anywhere.
+//! SIGGRAPH 2001) gives the fraction of the light entering at one point that leaves at another; it depends on their
+//! distance alone. Two passes use it (H. W. Jensen, J. Buhler, "A rapid hierarchical rendering technique for
+//! translucent materials", SIGGRAPH 2002): [`surface_samples`] and [`lattice_samples`] spread points over the surface,
+//! for which the caller computes the irradiance, and an [`IrradianceTree`] over them returns the radiant exitance
+//! anywhere.
 //!
-//! Lengths are those of the space that positions are given in; coefficients are per unit of that length, published ones
-//! ([`SubsurfacePreset`]) per millimetre: [`Scattering::scaled`] goes from one to the other. Irradiance is what gets
-//! through the surface, so what arrives times Fresnel's transmittance. What leaves is spread over directions as
-//! Fresnel's transmittance has it: radiance towards `wo` is the radiant exitance / pi times the transmittance in that
-//! direction over [`diffuse_transmittance`], its mean. Light that is scattered only once is no part of it.
+//! Lengths are in the space that positions are given in; coefficients are per unit of that length. Published
+//! coefficients ([`SubsurfacePreset`]) are per millimetre: [`Scattering::scaled`] converts them. Irradiance is the
+//! transmitted one, that is the incident irradiance times the Fresnel transmittance. The exitance is distributed over
+//! directions by the Fresnel transmittance: radiance towards `wo` is the radiant exitance / pi times the transmittance
+//! in that direction over [`diffuse_transmittance`], its mean. Single scattering is not included.
 
 mod dipole;
 mod fast_exp;

@@ -1,14 +1,13 @@
-//! An octree over points of known irradiance, in which far cells stand for all their points.
+//! Octree over points of known irradiance, in which far cells represent all their points.
 //!
-//! Each cell keeps the sum of its points' power, and where that has its middle (Jensen and Buhler 2002, section 3.2).
-//! As one point it would be wrong by the second moments about the middle, so these are kept too, and a far cell is
-//! evaluated as two points that have them: at the same number of evaluations the error falls to about a tenth. Each
-//! colour has its own moments, as lamps of different colours on different sides would else pull each other's light
-//! along.
+//! Each cell stores the sum of its points' power, and its centroid (Jensen and Buhler 2002, section 3.2). A single
+//! point would be wrong by the second moments about the centroid, so these are stored too, and a far cell is evaluated
+//! as two points that have them: at equal numbers of evaluations the error falls to about a tenth. Each colour has its
+//! own moments, as otherwise lights of different colours on different sides would shift each other's centroid.
 //!
-//! Nodes lie in the order of Morton's curve, each followed by all that is below it, so that a walk needs no stack: it
-//! goes to the next node or past a whole cell. Points are sorted by exact keys and summed in their order: the tree has
-//! the same bits for any number of threads.
+//! Nodes are in the order of the Morton curve, each followed by its subtree, so that a traversal needs no stack: it
+//! goes to the next node or skips a whole cell. Points are sorted by exact keys and summed in their order: the tree has
+//! identical bits for any number of threads.
 
 use glam::DVec3;
 
@@ -17,89 +16,91 @@ use super::dipole::Kernel;
 use crate::numeric::morton::{Key, sorted_keys};
 use crate::parallel;
 
-/// The solid angle, in steradians, below which a cell is far, where nothing else is asked for: errors of 0.04 % (root
-/// mean square) and 0.2 % (greatest) at a hundredth of 100 000 evaluations, by the tests of this room.
+/// Default solid angle, in steradians, below which a cell is far: errors of 0.04 % (root mean square) and 0.2 %
+/// (greatest) at a hundredth of 100 000 evaluations, by the tests of this module.
 pub const DEFAULT_SOLID_ANGLE: f64 = 0.1;
 
-/// Points that a leaf holds at most, unless they coincide.
+/// Largest number of points in a leaf, unless they coincide.
 const LEAF_SIZE: usize = 8;
 
-/// Cells of more points than this are built by several threads.
+/// Number of points above which a cell is built by several threads.
 const PARALLEL_SIZE: usize = 1 << 13;
 
-/// A point through whose piece of the surface light enters.
+/// Irradiance sample: a point that represents a piece of the surface through which light enters.
 #[derive(Clone, Copy, Debug, PartialEq, bytemuck::Zeroable)]
 pub struct IrradianceSample {
-    /// Where it is; finite.
+    /// Position of the point; finite.
     pub position: DVec3,
-    /// The area of its piece; finite and not negative.
+    /// Area of the piece; finite and not negative.
     pub area: f64,
-    /// What gets through the surface there, in linear red, green and blue, per unit of area; finite and not negative.
+    /// Irradiance transmitted through the surface there, in linear red, green and blue, per unit of area; finite and
+    /// not negative.
     pub irradiance: [f32; 3],
 }
 
-/// Points of known irradiance on the surface of one body, ready to be asked what leaves it anywhere.
+/// Points of known irradiance on the surface of one medium, from which the exitance anywhere is evaluated.
 #[derive(Clone, Debug)]
 pub struct IrradianceTree {
     pub(super) kernel: Kernel,
-    /// What all positions are relative to.
+    /// Origin that all positions are relative to.
     pub(super) origin: DVec3,
     pub(super) nodes: Vec<Node>,
-    /// What each node's points are from afar, in red, green and blue.
+    /// Moments of each node's points, in red, green and blue.
     pub(super) moments: Vec<[Moments; 3]>,
     /// Coordinates of all points, in the order of the leaves.
     pub(super) position: [Vec<f32>; 3],
-    /// Their power, irradiance times area.
+    /// Power of all points: irradiance times area.
     pub(super) power: [Vec<f32>; 3],
 }
 
-/// A cell, and the points of a leaf.
+/// Node of the octree: a cell, and the points of a leaf.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Node {
-    /// The middle of its power, of all colours together.
+    /// Centroid of the cell's power, of all colours together.
     pub(super) position: [f32; 3],
-    /// The squared distance from which on its moments stand for all that is below it; negative if nothing is.
+    /// Squared distance beyond which the cell's moments represent its subtree; negative if it has no power.
     pub(super) far2: f32,
-    /// Nodes of its cell, itself among them.
+    /// Number of nodes in the subtree, including this one.
     pub(super) node_count: u32,
-    /// The first of its points.
+    /// Index of the first point of the cell.
     pub(super) first: u32,
-    /// How many points a leaf has; 0 for all other nodes.
+    /// Number of points of a leaf; 0 for all other nodes.
     pub(super) count: u32,
 }
 
-/// The power of a cell's points in one colour, and how it is spread.
+/// Power of a cell's points in one colour, and its spatial distribution.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Moments {
-    /// The sum.
+    /// Sum of the points' power.
     pub(super) power: f32,
-    /// Its middle.
+    /// Centroid of the points' power.
     pub(super) position: [f32; 3],
-    /// Its second moments about the middle, over the power: xx, yy, zz, 2 xy, 2 yz, 2 zx.
+    /// Second moments about the centroid, over the power: xx, yy, zz, 2 xy, 2 yz, 2 zx.
     pub(super) spread: [f32; 6],
 }
 
-/// What all cells are built from.
+/// Inputs from which all cells are built.
 struct Builder<'a> {
-    /// Places along the curve, in its order.
+    /// Morton keys of the points, in ascending order.
     keys: &'a [Key],
-    /// The points in the same order.
+    /// Points in the order of `keys`.
     samples: &'a [IrradianceSample],
     origin: DVec3,
     solid_angle: f64,
 }
 
 impl IrradianceTree {
-    /// The tree of `mesh_samples`, fewer than 2^32, under the surface of a body of that `dipole`, in the same units of
+    /// Builds the tree of `samples`, fewer than 2^32, on the surface of a medium with this `dipole`, in equal units of
     /// length.
     ///
-    /// A cell stands for its points where both their area and the disk around them are seen under less than
-    /// `solid_angle` (steradians, not negative); at 0 every point is evaluated. The error grows with about its power of
-    /// 3/2. Runs in the current rayon pool.
+    /// A cell represents its points where both their area and the disk around them are seen under less than
+    /// `solid_angle` (steradians, not negative); at 0 every point is evaluated. The error grows with about the power
+    /// 3/2 of `solid_angle`. Runs in the current rayon pool.
     pub fn build(samples: &[IrradianceSample], dipole: &Dipole, solid_angle: f64) -> IrradianceTree {
         debug_assert!(samples.iter().all(IrradianceSample::is_valid));
+        // Sort the points along the Morton curve
         let (bounds, keys) = sorted_keys(samples.len(), |i| samples[i].position);
-        // In the order in which all of them are read.
+        // Copy the points into the order in which they are read.
         let sorted = parallel::generate(samples.len(), |place| samples[keys[place].1 as usize]);
         let builder = Builder {
             keys: &keys,
@@ -111,11 +112,13 @@ impl IrradianceTree {
             },
             solid_angle,
         };
+        // Build all cells from the root down
         let cells = if samples.is_empty() {
             Vec::new()
         } else {
             builder.cell(0, samples.len())
         };
+        // Convert to structure of arrays, with positions relative to the origin
         let (nodes, moments) = cells.into_iter().unzip();
         IrradianceTree {
             kernel: dipole.kernel(),
@@ -130,12 +133,12 @@ impl IrradianceTree {
         }
     }
 
-    /// How many points it holds.
+    /// Returns the number of points in the tree.
     pub fn sample_count(&self) -> usize {
         self.position[0].len()
     }
 
-    /// Bytes of all arrays.
+    /// Returns the bytes of all arrays.
     pub fn byte_count(&self) -> usize {
         self.nodes.len() * (size_of::<Node>() + size_of::<[Moments; 3]>())
             + 6 * self.sample_count() * size_of::<f32>()
@@ -143,11 +146,13 @@ impl IrradianceTree {
 }
 
 impl IrradianceSample {
+    /// Returns the power that enters through the piece, by colour.
     fn power(&self) -> [f64; 3] {
         self.irradiance
             .map(|irradiance| f64::from(irradiance) * self.area)
     }
 
+    /// Returns whether all numbers are in range, which [`IrradianceTree::build`] requires.
     fn is_valid(&self) -> bool {
         let in_range = |x: f64| (0.0..f64::INFINITY).contains(&x);
         self.position.is_finite()
@@ -157,8 +162,9 @@ impl IrradianceSample {
 }
 
 impl Builder<'_> {
-    /// The cell of the points from `first` to before `end`, at least one, and all below it.
+    /// Builds the cell of the points from `first` to before `end`, at least one, and its subtree.
     fn cell(&self, first: usize, end: usize) -> Vec<(Node, [Moments; 3])> {
+        // Summarise the points and stop at a leaf
         let mut node = self.node(first, end);
         let moments = std::array::from_fn(|c| self.moments(first, end, c));
         let (lowest, highest) = (self.keys[first].0, self.keys[end - 1].0);
@@ -166,7 +172,7 @@ impl Builder<'_> {
             node.count = (end - first) as u32;
             return vec![(node, moments)];
         }
-        // The highest octal digit in which its points differ: levels with a single child are left out.
+        // Find the highest octal digit in which its points differ, so that levels with a single child are skipped.
         let shift = (lowest ^ highest).ilog2() / 3 * 3;
         let mut starts = [end; 9];
         starts[0] = first;
@@ -174,6 +180,7 @@ impl Builder<'_> {
             let run = &self.keys[first..end];
             starts[digit] = first + run.partition_point(|key| (key.0 >> shift & 7) < digit as u64);
         }
+        // Build the children, in parallel if the cell is large
         let child = |digit: usize| {
             let (first, end) = (starts[digit], starts[digit + 1]);
             if first < end {
@@ -187,6 +194,7 @@ impl Builder<'_> {
         } else {
             (0..8).map(child).collect()
         };
+        // Concatenate the node and its subtrees
         node.node_count += children.iter().map(|cells| cells.len() as u32).sum::<u32>();
         let mut cells = Vec::with_capacity(node.node_count as usize);
         cells.push((node, moments));
@@ -194,8 +202,9 @@ impl Builder<'_> {
         cells
     }
 
-    /// The node of the points from `first` to before `end`, as if nothing were below it.
+    /// Returns the node of the points from `first` to before `end`, without children.
     fn node(&self, first: usize, end: usize) -> Node {
+        // Sum area and power, and compute the centroid
         let (mut area, mut total, mut middle) = (0.0, 0.0, DVec3::ZERO);
         for sample in self.samples(first, end) {
             let power: f64 = sample.power().iter().sum();
@@ -205,6 +214,7 @@ impl Builder<'_> {
         }
         let is_lit = total > 0.0;
         middle = if is_lit { middle / total } else { DVec3::ZERO };
+        // Find the distance beyond which the cell is far
         let radius2 = self
             .samples(first, end)
             .map(|sample| (sample.position - self.origin).distance_squared(middle))
@@ -223,7 +233,7 @@ impl Builder<'_> {
         }
     }
 
-    /// What the points from `first` to before `end` are from afar, in one colour.
+    /// Returns the moments of the points from `first` to before `end`, in one colour.
     fn moments(&self, first: usize, end: usize, c: usize) -> Moments {
         let (mut total, mut middle) = (0.0, DVec3::ZERO);
         for sample in self.samples(first, end) {
@@ -235,6 +245,7 @@ impl Builder<'_> {
             return Moments::default();
         }
         middle /= total;
+        // Sum the second moments about the centroid
         let mut spread = [0.0; 6];
         for sample in self.samples(first, end) {
             let weight = sample.power()[c] / total;
@@ -250,6 +261,7 @@ impl Builder<'_> {
         }
     }
 
+    /// Returns the points from `first` to before `end`.
     fn samples(&self, first: usize, end: usize) -> impl Iterator<Item = &IrradianceSample> {
         self.samples[first..end].iter()
     }
@@ -260,7 +272,7 @@ mod tests {
     use super::super::SubsurfacePreset;
     use super::*;
 
-    /// Points of a crumpled sheet, some of them dark.
+    /// Returns points of a curved surface, some of them unlit.
     fn samples(count: usize) -> Vec<IrradianceSample> {
         let sample = |i: usize| {
             let [x, y] = [0.754_877_666, 0.569_840_291].map(|step| (i as f64 * step).fract());
@@ -302,7 +314,7 @@ mod tests {
             let count: u32 = cell.iter().map(|node| node.count).sum();
             let points = node.first as usize..(node.first + count) as usize;
             let power: f64 = tree.power[1][points.clone()].iter().map(|&p| f64::from(p)).sum();
-            // Every point rounded to f32, and the sum.
+            // Rounding of every point to f32, and of the sum.
             assert!(
                 (power - f64::from(tree.moments[n][1].power)).abs() <= 2.0 * 0.5f64.powi(24) * power,
                 "{n}"
@@ -326,7 +338,7 @@ mod tests {
             area: 1.0,
             irradiance: [irradiance; 3],
         };
-        // Around x = 2: the middle of 1 at 0 and 3 at 4 is at 3, their variance (1 · 9 + 3 · 1) / 4 = 3.
+        // Origin at x = 2: the centroid of 1 at 0 and 3 at 4 is at 3, the variance (1 · 9 + 3 · 1) / 4 = 3.
         let tree = build(&[sample(0.0, 1.0), sample(4.0, 3.0)]);
         let node = tree.nodes[0];
         assert_eq!(tree.origin, DVec3::new(2.0, 4.0, 0.0));
@@ -337,7 +349,7 @@ mod tests {
             spread: [3.0, 12.0, 0.0, 12.0, 0.0, 0.0],
         };
         assert_eq!(tree.moments[0], [moments; 3]);
-        // The disk around them, of radius 3 · 5^(1/2), under 0.1 steradians.
+        // Disk around both points, of radius 3 · 5^(1/2), under 0.1 steradians.
         let far2 = 45.0 * std::f64::consts::PI / DEFAULT_SOLID_ANGLE;
         assert!((f64::from(node.far2) / far2 - 1.0).abs() <= 1e-7);
     }

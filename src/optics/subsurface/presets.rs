@@ -1,18 +1,18 @@
-//! Measured materials.
+//! Published scattering coefficients of measured materials.
 
 use super::Scattering;
 
-/// A material with published coefficients.
+/// Material with published scattering coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SubsurfacePreset {
-    /// Its name in scene files.
+    /// Name of the material in scene files.
     pub name: &'static str,
-    /// Its coefficients, per millimetre.
+    /// Scattering and absorption coefficients, per millimetre.
     pub scattering: Scattering,
 }
 
 impl SubsurfacePreset {
-    /// The twelve materials of Jensen et al. 2001, figure 5, in its order.
+    /// The twelve materials of Jensen et al. 2001, figure 5, in the order of that figure.
     #[rustfmt::skip]
     pub const ALL: [SubsurfacePreset; 12] = [
         preset("apple", [2.29, 2.39, 1.97], [0.0030, 0.0034, 0.046], 1.3),
@@ -29,7 +29,7 @@ impl SubsurfacePreset {
         preset("wholemilk", [2.55, 3.21, 3.77], [0.0011, 0.0024, 0.014], 1.3),
     ];
 
-    /// The material of that name.
+    /// Returns the material of this name, or `None` if there is none.
     pub fn named(name: &str) -> Option<&'static SubsurfacePreset> {
         const { &SubsurfacePreset::ALL }
             .iter()
@@ -37,6 +37,7 @@ impl SubsurfacePreset {
     }
 }
 
+/// Creates a preset from the columns of the published table.
 const fn preset(
     name: &'static str,
     sigma_s_reduced: [f64; 3],
@@ -58,7 +59,7 @@ mod tests {
     use super::super::Dipole;
     use super::*;
 
-    /// The diffuse reflectances that the table prints beside the coefficients, to two digits.
+    /// Diffuse reflectances that the table prints beside the coefficients, to two digits.
     const PRINTED: [[f64; 3]; 12] = [
         [0.85, 0.84, 0.53],
         [0.31, 0.15, 0.10],
@@ -79,8 +80,8 @@ mod tests {
         for (preset, printed) in SubsurfacePreset::ALL.iter().zip(PRINTED) {
             let found = Dipole::new(&preset.scattering).unwrap().diffuse_reflectance();
             for c in 0..3 {
-                // Half a unit of the last digit for its rounding, and half a one for that of the coefficients; the blue
-                // of one chicken is farther off.
+                // Half a unit of the last digit for its rounding, and half a unit for that of the coefficients; the
+                // blue of chicken1 is farther off.
                 let bound = if preset.name == "chicken1" && c == 2 {
                     0.03
                 } else {

@@ -1,59 +1,59 @@
-//! How a translucent body scatters and absorbs, and how its surface sends scattered light back inside.
+//! Scattering and absorption coefficients of translucent media, and the internal reflection at their surface.
 
 use thiserror::Error;
 
-/// Coefficients beyond this, per unit of length, are refused: their squares must fit into an f32.
+/// Largest accepted coefficient, per unit of length: squares of coefficients must fit into an f32.
 const MAX_SIGMA: f64 = 1e15;
 
-/// The range of indices over which the fit of the diffuse Fresnel reflectance holds.
+/// Range of indices over which the fit of the diffuse Fresnel reflectance holds.
 const ETA_RANGE: std::ops::RangeInclusive<f64> = 1.0..=2.0;
 
-/// A homogeneous body that scatters light so often that only the sum of it counts.
+/// Homogeneous medium in which light is scattered so often that diffusion describes it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scattering {
     /// Reduced scattering coefficients (1 - g) sigma_s of linear red, green and blue, per unit of length; `sigma_s'` in
     /// the literature.
     pub sigma_s_reduced: [f64; 3],
-    /// Absorption coefficients, per unit of length.
+    /// Absorption coefficients of linear red, green and blue, per unit of length.
     pub sigma_a: [f64; 3],
-    /// The index of refraction over that of what surrounds the body; within [1, 2].
+    /// Index of refraction relative to the medium outside; within [1, 2].
     pub eta: f64,
 }
 
-/// What is wrong with a body's coefficients.
+/// Reason why coefficients of a scattering medium are invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum ScatteringError {
-    /// A coefficient that no body has.
+    /// Coefficient that is negative, too large or NaN.
     #[error(
         "{name} of the {channel} channel is {value}: give a number from 0 to 1e15, per unit of length of the scene"
     )]
     Coefficient {
-        /// The coefficient's name in the literature.
+        /// Name of the coefficient in the literature.
         name: &'static str,
-        /// red, green or blue.
+        /// Colour channel: red, green or blue.
         channel: &'static str,
-        /// What was given.
+        /// Value that was given.
         value: f64,
     },
-    /// An index of refraction for which the surface's reflectance is not known.
+    /// Index of refraction outside the range for which the internal reflectance is known.
     #[error("the index of refraction of a body with subsurface light is {0}: give one from 1 to 2")]
     Index(f64),
-    /// A diffuse reflectance that no body has.
+    /// Diffuse reflectance outside [0, 1] or NaN.
     #[error("the diffuse reflectance of the {channel} channel is {value}: give a number from 0 to 1")]
     Reflectance {
-        /// red, green or blue.
+        /// Colour channel: red, green or blue.
         channel: &'static str,
-        /// What was given.
+        /// Value that was given.
         value: f64,
     },
-    /// A mean free path that is none.
+    /// Mean free path that is too small, too large or NaN.
     #[error(
         "the mean free path of the {channel} channel is {value}: give a length from 1e-15 to 1e15, in units of the scene"
     )]
     MeanFreePath {
-        /// red, green or blue.
+        /// Colour channel: red, green or blue.
         channel: &'static str,
-        /// What was given.
+        /// Value that was given.
         value: f64,
     },
 }
@@ -61,12 +61,12 @@ pub enum ScatteringError {
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
 
 impl Scattering {
-    /// The body that looks as bright as `reflectance` in even light, each channel within [0, 1], and through which
-    /// light goes `mean_free_path` (1 / sigma_t', in units of the scene) between two changes of its direction.
+    /// Returns the medium that has the diffuse reflectance `reflectance` in uniform light, each channel within [0, 1],
+    /// and the mean free path `mean_free_path` (1 / sigma_t', in units of the scene) between two changes of direction.
     ///
-    /// Colour and depth are easier to choose than coefficients (Jensen and Buhler 2002, section 3.2): so for wax, soap
-    /// or jade, for which no measured ones are published. The reflectance is the dipole's closed form, which grows with
-    /// the albedo and is inverted by bisection to the last bit of its argument.
+    /// Colour and depth are easier to choose than coefficients (Jensen and Buhler 2002, section 3.2), for example for
+    /// wax, soap or jade, for which no measured coefficients are published. The reflectance is the dipole's closed
+    /// form, which increases with the albedo and is inverted by bisection to the last bit of its argument.
     pub fn from_reflectance(
         reflectance: [f64; 3],
         mean_free_path: [f64; 3],
@@ -79,6 +79,7 @@ impl Scattering {
             eta,
         };
         for c in 0..3 {
+            // Validate reflectance and mean free path
             let (channel, value, path) = (CHANNELS[c], reflectance[c], mean_free_path[c]);
             if !(0.0..=1.0).contains(&value) {
                 return Err(ScatteringError::Reflectance { channel, value });
@@ -86,7 +87,7 @@ impl Scattering {
             if !(1.0 / MAX_SIGMA..=MAX_SIGMA).contains(&path) {
                 return Err(ScatteringError::MeanFreePath { channel, value: path });
             }
-            // What is absorbed a collision, without the cancellation in one minus the albedo.
+            // The absorbed fraction per collision, without the cancellation in one minus the albedo.
             let s = decay_of_reflectance(value, boundary_factor(eta));
             let absorbed = (s * s / 3.0).min(1.0);
             body.sigma_a[c] = absorbed / path;
@@ -95,8 +96,8 @@ impl Scattering {
         Ok(body)
     }
 
-    /// The same body where a unit of its own length is `length` units of the scene: for coefficients per millimetre in
-    /// a scene in metres, 0.001.
+    /// Returns the medium with lengths converted so that one unit of its coefficients' length is `length` units of the
+    /// scene: 0.001 for coefficients per millimetre in a scene in metres.
     pub fn scaled(&self, length: f64) -> Scattering {
         Scattering {
             sigma_s_reduced: self.sigma_s_reduced.map(|sigma| sigma / length),
@@ -105,7 +106,7 @@ impl Scattering {
         }
     }
 
-    /// Whether every number is one that a body has.
+    /// Checks that index and coefficients are within their ranges.
     pub(super) fn check(&self) -> Result<(), ScatteringError> {
         check_eta(self.eta)?;
         for (name, sigma) in [("sigma_s'", self.sigma_s_reduced), ("sigma_a", self.sigma_a)] {
@@ -119,6 +120,7 @@ impl Scattering {
     }
 }
 
+/// Checks that the index of refraction is within [`ETA_RANGE`].
 fn check_eta(eta: f64) -> Result<(), ScatteringError> {
     if ETA_RANGE.contains(&eta) {
         Ok(())
@@ -127,41 +129,43 @@ fn check_eta(eta: f64) -> Result<(), ScatteringError> {
     }
 }
 
-/// The share of perfectly diffuse light inside a body that its smooth surface sends back inside, for a relative index
-/// of refraction `eta` within [1, 2].
+/// Returns the fraction of perfectly diffuse light inside a medium that its smooth surface reflects back inside, for a
+/// relative index of refraction `eta` within [1, 2].
 ///
-/// The fit that the dipole is published with (W. G. Egan, T. W. Hilgeman, "Optical properties of inhomogeneous
+/// It is the fit that the dipole is published with (W. G. Egan, T. W. Hilgeman, "Optical properties of inhomogeneous
 /// materials", 1979; Jensen et al. 2001, section 2.1). It is within 0.0017 of the integral of Fresnel's reflectance
-/// over that range, within 0.0006 from 1.2 on; beyond 2 it soon leaves it.
+/// over that range, and within 0.0006 from 1.2 on; beyond 2 it soon departs from the integral.
 pub fn diffuse_fresnel_reflectance(eta: f64) -> f64 {
     -1.440 / (eta * eta) + 0.710 / eta + 0.668 + 0.0636 * eta
 }
 
-/// The share of perfectly diffuse light from outside that gets into a body, and the mean that the transmittance of what
-/// leaves is to be divided by; `eta` as for [`diffuse_fresnel_reflectance`].
+/// Returns the fraction of perfectly diffuse light from outside that enters a medium, which is also the mean by which
+/// the transmittance of leaving light is divided; `eta` is as for [`diffuse_fresnel_reflectance`].
 ///
-/// Radiance is squeezed by `eta` squared on its way in, and Fresnel's transmittance is the same both ways.
+/// Radiance is scaled by `eta` squared on its way in, and Fresnel's transmittance is equal both ways.
 pub fn diffuse_transmittance(eta: f64) -> f64 {
     (eta * eta * (1.0 - diffuse_fresnel_reflectance(eta))).min(1.0)
 }
 
-/// How much farther out than in the dipole's boundary lies: `A` of Jensen et al. 2001.
+/// Returns the boundary factor `A` of Jensen et al. 2001, by which internal reflection moves the dipole's boundary
+/// outward.
 pub(super) fn boundary_factor(eta: f64) -> f64 {
     let reflectance = diffuse_fresnel_reflectance(eta);
     (1.0 + reflectance) / (1.0 - reflectance)
 }
 
-/// The dipole's total diffuse reflectance (Jensen et al. 2001, section 2.4) of s = (3 (1 - albedo'))^(1/2), by which
-/// light decays over a mean free path.
+/// Returns the dipole's total diffuse reflectance (Jensen et al. 2001, section 2.4) of s = (3 (1 - albedo'))^(1/2), the
+/// decay of light over a mean free path.
 fn reflectance_of_decay(s: f64, boundary: f64) -> f64 {
     let albedo = 1.0 - s * s / 3.0;
     0.5 * albedo * (1.0 + (-4.0 / 3.0 * boundary * s).exp()) * (-s).exp()
 }
 
-/// Its inverse. The reflectance falls from 1 at s = 0 to 0 at the square root of 3.
+/// Inverts [`reflectance_of_decay`] by bisection. The reflectance falls from 1 at s = 0 to 0 at the square root of 3.
 fn decay_of_reflectance(reflectance: f64, boundary: f64) -> f64 {
     let (mut low, mut high) = (0.0, 3f64.sqrt());
     loop {
+        // Bisect until the interval holds no number between its ends
         let middle = 0.5 * (low + high);
         if !(low < middle && middle < high) {
             return if reflectance == 1.0 { 0.0 } else { high };
@@ -180,8 +184,8 @@ mod tests {
     use super::*;
     use crate::optics::dielectric;
 
-    /// The integral of Fresnel's reflectance against the cosine, from inside, by way of the outside, where it has no
-    /// edge: 1 - R_in = (1 - R_out) / eta². In cos = u² the integrand is smooth at grazing incidence too.
+    /// Integrates Fresnel's reflectance from inside against the cosine, by way of the outside, where it has no kink: 1
+    /// - R_in = (1 - R_out) / eta². In cos = u² the integrand is smooth at grazing incidence too.
     fn integrated(eta: f64) -> f64 {
         let count = 4000;
         let middle = |i: i32| (f64::from(i) + 0.5) / f64::from(count);

@@ -1,11 +1,11 @@
-//! Points spread evenly over a surface that lines can be crossed with: an analytic shape of any kind, without
+//! Points spread evenly over a surface by intersecting it with lines: for analytic shapes of any kind, without
 //! triangles.
 //!
-//! The lines of three square lattices, one along each axis, meet a surface with the unit normal n
-//! in |n_x| + |n_y| + |n_z| points for a square of their spacing (Cauchy and Crofton's way of measuring a surface by
-//! lines, with three directions in place of all). So each point stands for the inverse of that, wherever it lies, and
-//! no part of the surface is missed that is wider than the spacing. Lattices lie in object space, where faces are along
-//! them, and fill the box around the shape exactly: a square or a cube gets a square lattice.
+//! The lines of three square lattices, one along each axis, intersect a surface with the unit normal n in |n_x| + |n_y|
+//! + |n_z| points per square of their spacing (the Cauchy-Crofton formula, with three directions in place of all). So
+//! each point represents the inverse of that area, at any position, and every part of the surface that is wider than
+//! the spacing gets a point. Lattices lie in object space, where faces are aligned with them, and fill the box around
+//! the shape exactly: a square or a cube gets a square lattice.
 
 use glam::{DAffine3, DVec3};
 
@@ -13,15 +13,15 @@ use super::mesh_samples::SurfaceSample;
 use crate::numeric::Bounds;
 use crate::parallel;
 
-/// Most lines along one axis of a lattice: more points than are ever asked for.
+/// Largest number of lines along one axis of a lattice: more points than are ever requested.
 const MAX_LINES: f64 = 65536.0;
 
-/// Points where lines cross a surface within `bounds`, in object space, of which no two neighbours lie farther apart
-/// than `spacing` in the world.
+/// Returns points where lines intersect a surface within `bounds`, in object space, of which no two neighbours lie
+/// farther apart than `spacing` in the world.
 ///
-/// `cross` is asked with a line's origin and unit direction and tells the crossings: point, outward unit normal, and
-/// part. There are about 1.5 points for a square of edge `spacing` of a curved surface. All is finite, and `spacing`
-/// positive. Runs in the current rayon pool; the points are the same for any number of threads.
+/// `cross` is called with a line's origin and unit direction and reports each intersection: point, outward unit normal,
+/// and part. There are about 1.5 points per square of edge `spacing` on a curved surface. All inputs must be finite,
+/// and `spacing` positive. Runs in the current rayon pool; the points are identical for any number of threads.
 pub fn lattice_samples(
     bounds: &Bounds,
     world_from_object: &DAffine3,
@@ -35,21 +35,22 @@ pub fn lattice_samples(
     parallel::map(rows.len(), &in_row).concat()
 }
 
-/// Lines along the axes through the box around a shape.
+/// Axis-aligned lines through the bounding box of a shape.
 struct Lattice<'a> {
     bounds: &'a Bounds,
     world_from_object: &'a DAffine3,
-    /// Lines side by side along each axis.
+    /// Number of lines side by side along each axis.
     counts: [u32; 3],
-    /// Their distance.
+    /// Distance between neighbouring lines along each axis.
     steps: [f64; 3],
-    /// How many lines along each axis cross a unit of area.
+    /// Number of lines along each axis that cross a unit of area.
     density: DVec3,
-    /// What a normal is multiplied by to tell the area in the world of a unit of area.
+    /// Columns of the matrix that maps an object-space normal to the area vector in the world of a unit of area.
     stretch: [DVec3; 3],
 }
 
 impl<'a> Lattice<'a> {
+    /// Lays out the lines so that neighbours are at most `spacing` apart in the world.
     fn new(bounds: &'a Bounds, world_from_object: &'a DAffine3, spacing: f64) -> Lattice<'a> {
         let extent = bounds.extent();
         let m = &world_from_object.matrix3;
@@ -59,7 +60,7 @@ impl<'a> Lattice<'a> {
         };
         let counts = [0, 1, 2].map(count);
         let steps = [0, 1, 2].map(|axis| extent[axis] / f64::from(counts[axis]));
-        // A sheet has no thickness that lines along it could cross.
+        // A flat surface has zero thickness that lines along it could cross.
         let density = |axis: usize| {
             let cell = steps[(axis + 1) % 3] * steps[(axis + 2) % 3];
             if cell > 0.0 { cell.recip() } else { 0.0 }
@@ -74,7 +75,7 @@ impl<'a> Lattice<'a> {
         }
     }
 
-    /// The points on a row of lines along `axis`.
+    /// Returns the points on one row of lines along `axis`.
     fn row(
         &self,
         axis: usize,
@@ -89,7 +90,7 @@ impl<'a> Lattice<'a> {
         let middle =
             |axis: usize, line: u32| self.bounds.min[axis] + (f64::from(line) + 0.5) * self.steps[axis];
         let mut origin = DVec3::ZERO;
-        // Well before the box, as what touches it is to be met too.
+        // Start well before the box, so that surfaces that touch it are intersected too.
         origin[axis] = self.bounds.min[axis] - self.bounds.extent().max_element();
         origin[j] = middle(j, row);
         for line in 0..self.counts[k] {
@@ -101,12 +102,12 @@ impl<'a> Lattice<'a> {
         found
     }
 
-    /// The point with the area that it stands for.
+    /// Returns the sample at `p` with the area that it represents; `None` if area or position is not finite.
     fn sample(&self, p: DVec3, n: DVec3, part: u32) -> Option<SurfaceSample> {
         let [x, y, z] = self.stretch;
         let normal = n.x * x + n.y * y + n.z * z;
         let area = normal.length() / self.density.dot(n.abs());
-        // The map may mirror, and the normal is to stay outside.
+        // Keep the normal outside if the map mirrors.
         let side = x.dot(self.world_from_object.matrix3.x_axis).signum();
         let sample = SurfaceSample {
             position: self.world_from_object.transform_point3(p),
@@ -125,7 +126,7 @@ mod tests {
 
     use super::*;
 
-    /// The unit sphere.
+    /// Intersects a line with the unit sphere.
     fn sphere(origin: DVec3, d: DVec3, out: &mut dyn FnMut(DVec3, DVec3, u32)) {
         let b = origin.dot(d);
         let discriminant = b * b - origin.length_squared() + 1.0;
@@ -137,7 +138,7 @@ mod tests {
         }
     }
 
-    /// The square [-1, 1]² in z = 0.
+    /// Intersects a line with the square [-1, 1]² in z = 0.
     fn square(origin: DVec3, d: DVec3, out: &mut dyn FnMut(DVec3, DVec3, u32)) {
         let p = origin - origin.z / d.z * d;
         if d.z != 0.0 && p.x.abs() <= 1.0 && p.y.abs() <= 1.0 {
@@ -154,16 +155,16 @@ mod tests {
     fn the_points_of_a_sphere_share_its_area_evenly() {
         let found = lattice_samples(&CUBE, &DAffine3::IDENTITY, 0.05, sphere);
         let total: f64 = found.iter().map(|sample| sample.area).sum();
-        // Three times 40² lines: how many of a lattice's points lie in a disk of radius 20 is known to 1 % (Gauss's
-        // circle).
+        // Three times 40² lines: the number of a lattice's points in a disk of radius 20 is accurate to 1 % (Gauss's
+        // circle problem).
         assert!((total / (4.0 * PI) - 1.0).abs() <= 0.01, "{total}");
-        // 4 pi 1.5 / 0.05².
+        // Expected number of points: 4 pi 1.5 / 0.05².
         assert!(
             (found.len() as f64 / 7540.0 - 1.0).abs() <= 0.02,
             "{}",
             found.len()
         );
-        // Caps around directions that are along no axis: 2 pi (1 - 0.9) each.
+        // Caps around directions along no axis have the area 2 pi (1 - 0.9) each.
         for axis in [DVec3::ONE, DVec3::new(-1.0, 2.0, 0.3), DVec3::new(0.1, -0.2, 1.0)] {
             let axis = axis.normalize();
             let cap: f64 = found
@@ -171,7 +172,7 @@ mod tests {
                 .filter(|s| s.position.dot(axis) > 0.9)
                 .map(|s| s.area)
                 .sum();
-            // Some 380 points, of which a few lie on one side of the edge or the other.
+            // About 380 points, of which a few lie on one side of the edge or the other.
             assert!((cap / (0.2 * PI) - 1.0).abs() <= 0.03, "{axis}: {cap}");
         }
     }
@@ -184,7 +185,7 @@ mod tests {
             max: DVec3::new(1.0, 1.0, 0.0),
         };
         let found = lattice_samples(&sheet, &map, 0.1, square);
-        // 4 by 1 in steps of 0.1.
+        // The square is 4 by 1 in steps of 0.1.
         assert_eq!(found.len(), 400);
         for sample in &found {
             assert!((sample.area - 0.01).abs() <= 1e-15 && sample.triangle == 7);

@@ -1,30 +1,31 @@
-//! When a picture that is sampled adaptively is kept half-made, and by whom.
+//! Checkpoints of adaptive sampling: when the state is stored, and by which callback.
 
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
 use super::rounds::Rounds;
 
-/// Tiles for each thread that are visited first, by which is told how long others will take.
+/// Number of tiles per thread that are visited first, to measure how long others will take.
 const FIRST_TILES: usize = 8;
 
-/// A render that may be ended at any time, and gone on with by another one to the same bits.
+/// Access to stored states of a render, which may end at any time and be resumed to the same bits.
 pub struct Checkpoints<'a> {
-    /// How far an earlier render of the same picture was; `None` begins it. What cannot be of the picture is taken for
-    /// none.
+    /// State of an earlier render of the image; `None` starts from the beginning. A state that cannot belong to the
+    /// image is ignored.
     pub start: Option<Rounds>,
-    /// Seconds of work that may be lost.
+    /// Largest amount of work in seconds that may be lost.
     pub seconds: f64,
-    /// Keeps what is known about so often, and when the render is cancelled. `Break` ends the render as cancelled.
+    /// Callback that stores the state about this often, and when the render is cancelled. `Break` ends the render as
+    /// cancelled.
     pub keep: &'a mut dyn FnMut(&Rounds) -> ControlFlow<()>,
 }
 
-/// How many tiles are visited before what is known is looked at for keeping.
+/// Number of tiles between two decisions about storing the state.
 pub(super) struct Pace<'c, 'a> {
     checkpoints: Option<&'c mut Checkpoints<'a>>,
     tile_count: usize,
     kept_at: Instant,
-    /// Whether anything has come that is not kept.
+    /// True if there are results that are not stored yet.
     has_news: bool,
 }
 
@@ -42,23 +43,23 @@ impl<'c, 'a> Pace<'c, 'a> {
         }
     }
 
-    /// How many tiles are to be visited next.
+    /// Returns the number of tiles to be visited next.
     pub(super) fn tile_count(&self) -> usize {
         self.tile_count
     }
 
-    /// What tiles took.
+    /// Records the time that tiles took, and adapts the number of tiles to it.
     pub(super) fn took(&mut self, tile_count: usize, time: Duration) {
         self.has_news = true;
         if let Some(checkpoints) = &self.checkpoints {
             let of_tile = (time.as_secs_f64() / tile_count as f64).max(f64::MIN_POSITIVE);
-            // So that at most half of what may be lost is in the making.
+            // At most half of the work that may be lost is then in progress.
             let fitting = (0.5 * checkpoints.seconds / of_tile) as usize;
             self.tile_count = fitting.max(rayon::current_num_threads());
         }
     }
 
-    /// Whether it is time to keep what is known.
+    /// Returns whether the state is due to be stored.
     pub(super) fn is_due(&self) -> bool {
         let is_due = |checkpoints: &&mut Checkpoints| {
             self.kept_at.elapsed().as_secs_f64() >= 0.5 * checkpoints.seconds
@@ -66,8 +67,9 @@ impl<'c, 'a> Pace<'c, 'a> {
         self.checkpoints.as_ref().is_some_and(is_due)
     }
 
-    /// Has what is known kept, if there is anything new and anybody who keeps it.
+    /// Stores the state, if it has changed and there is a callback.
     pub(super) fn keep(&mut self, known: &Rounds) -> ControlFlow<()> {
+        // Do not store an unchanged state
         if !std::mem::take(&mut self.has_news) {
             return ControlFlow::Continue(());
         }
@@ -102,7 +104,7 @@ mod tests {
         pace.took(1000, Duration::ZERO);
         assert_eq!(pace.tile_count(), usize::MAX);
         assert!(!pace.is_due());
-        // What is kept once is not kept again.
+        // An unchanged state is not stored again.
         let known = Rounds::new([1, 1]);
         assert!(pace.keep(&known).is_break());
         assert!(pace.keep(&known).is_continue());

@@ -1,33 +1,35 @@
-//! Whether the next round of adaptive sampling is worth it: the picture's error after it, against that of as many
-//! samples shared out evenly.
+//! Forecast of the error after the next round of adaptive sampling, compared with the same number of samples
+//! distributed uniformly.
 //!
-//! Let v be the estimated squared error of a pixel's mean, a part u of it noise and the rest that of edges; n its samples
-//! now and m after the round. The pixels' errors will come to Σ v (u n/m + (1 - u) (n/m)^1.5), as evenly spread samples
-//! have it. Were all samples Σ m shared out evenly, each pixel would have their mean number M in the place of m. To
-//! either comes the error of what no sample has met yet.
+//! Let v be the estimated squared error of a pixel's mean, a fraction u of it noise and the rest due to edges; n the
+//! number of its samples now and m that after the round. The errors of the pixels are then expected to be Σ v (u n/m
+//! + (1 - u) (n/m)^1.5), as for stratified samples. If all Σ m samples were distributed uniformly, each pixel would
+//! have their mean number M instead of m. Both sums are increased by the error of features that no sample has hit
+//! yet.
 
-/// The sums of a forecast.
+/// Sums over the pixels of a forecast.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Forecast {
     pixel_count: f64,
-    /// Σ m.
+    /// Number of samples after the round, Σ m.
     samples: f64,
-    /// Σ v.
+    /// Squared error before the round, Σ v.
     squares_now: f64,
-    /// Σ v (u n/m + (1 - u) (n/m)^1.5).
+    /// Squared error after the round, Σ v (u n/m + (1 - u) (n/m)^1.5).
     squares: f64,
-    /// Σ v u n.
+    /// Noise part scaled by samples, Σ v u n.
     scaled_noise: f64,
-    /// Σ v (1 - u) n^1.5.
+    /// Edge part scaled by samples, Σ v (1 - u) n^1.5.
     scaled_edges: f64,
 }
 
-/// How many times more of the squared error a round must take away than its samples shared out evenly: errors are
-/// estimates themselves.
+/// Smallest factor by which a round must reduce the squared error more than its samples distributed uniformly,
+/// because the errors are estimates themselves.
 const MIN_ADVANTAGE: f64 = 1.1;
 
 impl Forecast {
-    /// Counts a pixel of this squared error, so much of which is noise; it has `count` samples and will have `next`.
+    /// Adds a pixel with a squared error, of which the fraction `noise` is noise; it has `count` samples and will
+    /// have `next`.
     pub(super) fn add(&mut self, square: f64, noise: f64, count: u32, next: u32) {
         let [noise, edges] = [noise * square, (1.0 - noise) * square];
         let [count, next] = [count, next].map(f64::from);
@@ -39,14 +41,14 @@ impl Forecast {
         self.scaled_edges += edges * power(count);
     }
 
-    /// Counts the squared error of what pixels with `count` samples missed, which get no more of them.
+    /// Adds the squared error of features missed by pixels with `count` samples, which get no more samples.
     pub(super) fn add_missed(&mut self, square: f64, count: u32) {
         self.squares_now += square;
         self.squares += square;
         self.scaled_edges += square * power(count.into());
     }
 
-    /// Counts the pixels of `other` too.
+    /// Adds the pixels of `other`.
     pub(super) fn merge(&mut self, other: &Forecast) {
         self.pixel_count += other.pixel_count;
         self.samples += other.samples;
@@ -56,9 +58,10 @@ impl Forecast {
         self.scaled_edges += other.scaled_edges;
     }
 
-    /// The least number of samples a pixel, up to `most`, that come to no greater error when shared out evenly.
+    /// Returns the smallest number of samples per pixel, up to `most`, whose error is not larger when they are
+    /// distributed uniformly.
     pub(super) fn even_count(&self, most: u32) -> u32 {
-        // Looked for, as a root were anybody's `pow`.
+        // Bisection instead of a root, which would depend on the implementation of `pow`.
         let (mut low, mut high) = (1, most);
         while low < high {
             let middle = low + (high - low) / 2;
@@ -71,19 +74,19 @@ impl Forecast {
         low
     }
 
-    /// The squared error with so many samples for every pixel.
+    /// Returns the squared error with `count` samples for every pixel.
     fn evenly(&self, count: f64) -> f64 {
         self.scaled_noise / count + self.scaled_edges / power(count)
     }
 
-    /// Whether the round does more than its samples, and all earlier ones, shared out evenly.
+    /// Returns whether the round reduces the error more than its samples and all earlier ones distributed uniformly.
     pub(super) fn is_worth_it(&self) -> bool {
         let evenly = self.evenly(self.samples / self.pixel_count);
         self.squares_now - self.squares >= MIN_ADVANTAGE * (self.squares_now - evenly)
     }
 }
 
-/// n^1.5, by roots that are rounded alike on every machine.
+/// Returns n^1.5 from a square root, which is rounded identically on every machine.
 fn power(count: f64) -> f64 {
     count * count.sqrt()
 }
@@ -116,10 +119,11 @@ mod tests {
     fn noise_falls_with_the_number_of_samples_and_edges_faster() {
         let mut forecast = Forecast::default();
         forecast.add(4.0, 0.75, 16, 64);
-        // Three over four, and one over eight.
+        // The noise 3 is divided by four, the edges 1 by eight.
         assert!((forecast.squares - 0.875).abs() < 1e-15);
         assert_eq!(forecast.even_count(1000), 64);
-        // All of it noise: a pixel of error 1 at 64 and one of 1 at 16 are as 2 / (1/4 + 1) times 16 for both, 25.6.
+        // All of it noise: a pixel with error 1 at 64 samples and one with error 1 at 16 need 2 / (1/4 + 1) times 16
+        // each, 25.6.
         let mut noise = Forecast::default();
         noise.add(1.0, 1.0, 16, 64);
         noise.add(1.0, 1.0, 16, 16);
@@ -129,8 +133,8 @@ mod tests {
 
     #[test]
     fn a_round_for_the_few_uncertain_pixels_is_worth_it_and_one_for_some_of_many_like_them_is_not() {
-        // One pixel of ten is doubled, which takes away 1 - 2^-1.5 = 0.65; a tenth more samples for all take away
-        // 1 - 1.1^-1.5 = 0.13 of everything, which is 1 or 10.
+        // One of ten pixels is doubled, which removes 1 - 2^-1.5 = 0.65; a tenth more samples for all removes 1 -
+        // 1.1^-1.5 = 0.13 of the total, which is 1 or 10.
         let forecast = |certain: f64| {
             let mut forecast = Forecast::default();
             forecast.add(1.0, 0.0, 16, 32);
@@ -146,7 +150,7 @@ mod tests {
         let mut forecast = Forecast::default();
         forecast.add(1.0, 0.0, 16, 32);
         forecast.add(0.0, 0.0, 16, 16);
-        // It takes away 0.65, against 1 - 1.5^-1.5 = 0.46; with 1 missed that is 0.91.
+        // It removes 0.65, against 1 - 1.5^-1.5 = 0.46; with a missed error of 1 that is 0.91.
         assert!(forecast.is_worth_it());
         forecast.add_missed(1.0, 16);
         assert!(!forecast.is_worth_it());

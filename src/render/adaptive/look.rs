@@ -1,31 +1,35 @@
-//! A pixel as the display shows it, by which adaptive sampling decides.
-//! The display value is a curve close to sRGB's, but made of a square root, which is rounded alike on every machine:
-//! decisions must not depend on anybody's `pow`. It goes on above white, so highlights of linear pictures count too.
+//! Display-referred error of pixels, the basis of decisions in adaptive sampling.
+//!
+//! The display value is a curve close to that of sRGB, but based on a square root, which is rounded identically on
+//! every machine: decisions must not depend on the implementation of `pow`. It continues above white, so that
+//! highlights of linear images count too.
 
 use super::super::estimate::Estimate;
 
-/// A pixel as the display shows it.
+/// Statistics of a pixel in display values.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Look {
     /// Display value of one standard error of the mean.
     pub(super) error: f64,
-    /// How much of its square is noise, which falls with the number of samples n as 1 / n; the rest is that of edges,
-    /// which falls as 1 / n^1.5.
+    /// Fraction of the squared error that is noise, which decreases with the number of samples n as 1 / n; the rest
+    /// is due to edges and decreases as 1 / n^1.5.
     pub(super) noise: f64,
     /// Display values of the darkest and the brightest sample.
     pub(super) extremes: [f64; 2],
-    /// If the darkest, or the brightest, differs from all other samples: the step in display value if one sample in n +
-    /// 1 does so. Else 0.
+    /// Steps in display value if one of n + 1 samples has the darkest, or the brightest, value; 0 if more than one
+    /// sample has such a value.
     pub(super) single_steps: [f64; 2],
-    /// Of samples.
+    /// Number of samples of the pixel.
     pub(super) count: u32,
 }
 
 impl Look {
-    /// Of a pixel whose radiance is multiplied by `gain`, and whose variance is noise for so great a part.
+    /// Returns the statistics of a pixel whose radiance is multiplied by `gain`, with the fraction `noise` of its
+    /// variance.
     pub(super) fn of(estimate: &Estimate, noise: f64, gain: f64) -> Look {
         let count = f64::from(estimate.count);
         let mean = gain * estimate.luminance();
+        // The error of edges decreases faster with the number of samples than that of noise.
         let of_edges = (1.0 - noise) / count.sqrt();
         let error = gain * (estimate.variance() * (noise + of_edges) / count).sqrt();
         Look {
@@ -37,11 +41,13 @@ impl Look {
         }
     }
 
-    /// By how many samples, doubled until then, its error is likely to be at most `target`; at most so many.
+    /// Returns the number of samples, by doubling, at which the error is expected to be at most `target`, limited to
+    /// `most`.
     pub(super) fn likely_count(&self, target: f64, most: u32) -> u32 {
         let (mut noise, mut edges) = (self.noise, 1.0 - self.noise);
         let mut count = self.count.min(most);
         while count < most && self.error * self.error * (noise + edges) > target * target {
+            // Doubling the samples divides noise by 2 and edges by 2^1.5
             count = count.saturating_mul(2).min(most);
             noise /= 2.0;
             edges /= 8f64.sqrt();
@@ -49,7 +55,7 @@ impl Look {
         count
     }
 
-    /// How much more a neighbour has seen: the larger step beyond this pixel's own extremes.
+    /// Returns the larger of the steps in display value by which a neighbour exceeds this pixel's extremes.
     pub(super) fn unseen(&self, neighbour: &Look) -> f64 {
         let brighter = neighbour.extremes[1] - self.extremes[1];
         let darker = self.extremes[0] - neighbour.extremes[0];
@@ -57,7 +63,7 @@ impl Look {
     }
 }
 
-/// Of which kind the variance of some pixels' samples is.
+/// Sums of variance and of its noise part over several pixels.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Kinds {
     variance: f64,
@@ -65,13 +71,13 @@ pub(super) struct Kinds {
 }
 
 impl Kinds {
-    /// Counts a pixel.
+    /// Adds the variance of a pixel.
     pub(super) fn add(&mut self, estimate: &Estimate) {
         self.variance += estimate.variance();
         self.noise += estimate.noise_variance();
     }
 
-    /// Both together.
+    /// Returns the sums over both sets of pixels.
     pub(super) fn merged(self, other: &Kinds) -> Kinds {
         Kinds {
             variance: self.variance + other.variance,
@@ -79,7 +85,7 @@ impl Kinds {
         }
     }
 
-    /// How much of the variance is noise, from 0 to 1; the rest is that of edges.
+    /// Returns the fraction of the variance that is noise, from 0 to 1; the rest is due to edges.
     pub(super) fn noise(&self) -> f64 {
         if self.variance > 0.0 {
             (self.noise / self.variance).clamp(0.0, 1.0)
@@ -89,11 +95,11 @@ impl Kinds {
     }
 }
 
-/// [`Look::single_steps`], at the dark `end` 0 or the bright one 1.
+/// Returns one of [`Look::single_steps`], for the dark `end` 0 or the bright end 1.
 fn single_step(estimate: &Estimate, end: usize, gain: f64) -> f64 {
     let count = f64::from(estimate.count);
     let [own, others] = [end, 1 - end].map(|end| f64::from(estimate.extremes[end]));
-    // A single one moves the mean of n by 1/n of the way, two by 2/n. Of samples that are all alike this is no number.
+    // A single sample moves the mean of n by 1/n of the range, two by 2/n. For equal samples the quotient is NaN.
     let is_single = (estimate.luminance() - others) / (own - others) < 1.5 / count;
     if !is_single {
         return 0.0;
@@ -102,10 +108,10 @@ fn single_step(estimate: &Estimate, end: usize, gain: f64) -> f64 {
     (display_value(gain * moved) - display_value(gain * others)).abs()
 }
 
-/// Nearly the sRGB value of a luminance, from 0 for black to 1 for white and on: within 0.07 of it, and as steep at
-/// black.
+/// Returns approximately the sRGB value of a luminance, from 0 for black to 1 for white and beyond: within 0.07 of
+/// it, and with the same slope at black.
 pub(super) fn display_value(luminance: f64) -> f64 {
-    /// Makes the slope at zero 12.92, as in IEC 61966-2-1: (√(1 + r²) + r) / (2 r) = 12.92.
+    /// Offset that makes the slope at zero 12.92, as in IEC 61966-2-1: (√(1 + r²) + r) / (2 r) = 12.92.
     const ROOT: f64 = 0.0403;
     let shifted = |x: f64| (x + ROOT * ROOT).sqrt();
     (shifted(luminance.clamp(0.0, f64::INFINITY)) - ROOT) * (shifted(1.0) + ROOT)
@@ -135,14 +141,15 @@ mod tests {
         }
     }
 
-    /// The noise of 500 pixels that see this at so many evenly spread places, and at random.
+    /// Returns the noise fraction of 500 pixels that see `seen` at `count` stratified positions, and at random
+    /// positions.
     fn noise_at(count: u32, seen: impl Fn([u32; 2], [f64; 2]) -> f64) -> [f64; 2] {
         [Purpose::FILM, Purpose(7)].map(|purpose| {
             let mut kinds = Kinds::default();
             for number in 0..500 {
                 let pixel = [number, 3];
                 let samples = (0..count).map(|sample| {
-                    // Of every pixel one sample is random.
+                    // Take one sample from each of many pixels, which are random.
                     let (pixel_of_place, sample) = match purpose {
                         Purpose::FILM => (pixel, sample),
                         _ => ([sample, 1000 + number], 0),
@@ -158,7 +165,7 @@ mod tests {
 
     #[test]
     fn edges_and_noise_are_told_apart_by_evenly_spread_samples() {
-        // An edge across each pixel, at an angle and a distance from its middle that are its own.
+        // An edge across each pixel, with an angle and a distance from the centre that depend on the pixel.
         let edge = |pixel: [u32; 2], place: [f64; 2]| {
             let (angle, distance) = (f64::from(pixel[0]) * 2.4, f64::from(pixel[0] % 7) / 14.0 - 0.2);
             let (sin, cos) = angle.sin_cos();
@@ -178,7 +185,7 @@ mod tests {
         let mut half = vec![0.0; 16];
         half[..8].fill(1.0);
         let estimate = estimate(&half);
-        // Half of the variance, 4/15, over 16, and half of it over 64: four fifths of the square.
+        // Half of the variance, 4/15, over 16, and half of it over 64: four fifths of the square is noise.
         let look = Look::of(&estimate, 0.5, 1.0);
         let square: f64 = 0.5 * 4.0 / 15.0 * (1.0 / 16.0 + 1.0 / 64.0);
         let expected = display_value(0.5 + square.sqrt()) - display_value(0.5);

@@ -1,33 +1,35 @@
-//! Adaptive sampling: more samples where a pixel's mean is still uncertain, as seen on a screen.
+//! Adaptive sampling: takes more samples where the mean of a pixel is still uncertain, measured in display values.
 //!
-//! The picture is rendered in rounds. The first gives every pixel sixteen samples; each later one doubles those of the
-//! pixels that want more, as evenly spread points are evenest at powers of two. All of a round is known before the next
-//! is decided, so decisions depend on the picture alone, not on threads or tiles. A pixel wants more samples while one of
-//! these holds:
+//! The image is rendered in rounds. The first round gives every pixel sixteen samples; each later round doubles the
+//! samples of the selected pixels, because the point sets are best stratified at powers of two. A round is finished
+//! before the next one is decided, so decisions depend on the image alone, not on threads or tiles. A pixel is
+//! selected while one of these criteria holds:
 //!
-//! 1. *Its mean is uncertain*: one standard error of its mean luminance, brighter, is a display value off by more than
-//!    the target. That of n evenly spread samples is σ / n^¾ where edges are: an edge crosses about √n of n cells, and
-//!    all others are certain. It is σ / √n where the samples are noise. How much is which, [`Kinds`] tell.
-//! 2. *Its neighbourhood is uncertain*: so is the root mean square of those errors over the pixel and the eight around
-//!    it. Estimates from few samples are uncertain themselves; neighbours vouch for each other.
-//! 3. *Its neighbours know something that it has not seen*: where one of them saw a sample that is brighter or darker by
-//!    a display value of c than any of its own n, c / (n + 1) is more than the target. By Laplace's rule of succession, 1
-//!    / (n + 1) or so is what something unseen in n samples may cover.
-//! 4. *It inherits*: it has had one round only and the mean of a neighbour is uncertain.
+//! 1. *Its mean is uncertain*: adding one standard error to its mean luminance changes the display value by more than
+//!    the target. The standard error of n stratified samples is σ / n^¾ at edges: an edge crosses about √n of n
+//!    strata, and all others are certain. It is σ / √n where the variance is noise. [`Kinds`] estimates the
+//!    proportions of both.
+//! 2. *Its neighbourhood is uncertain*: the root mean square of these errors over the pixel and its eight neighbours
+//!    exceeds the target. Estimates from few samples are uncertain themselves; neighbours make them reliable.
+//! 3. *Its neighbours saw something that it has not seen*: a neighbour has a sample that is brighter or darker by a
+//!    display value of c than any of the pixel's own n samples, and c / (n + 1) is more than the target. By Laplace's
+//!    rule of succession, something unseen in n samples may cover about 1 / (n + 1) of the pixel.
+//! 4. *It inherits*: it has had one round only, and the mean of a neighbour is uncertain.
 //!
-//! Then [`Forecast`] tells whether the round does more than its samples would if all pixels shared them. Where most of a
-//! picture is about equally uncertain that is not so, and the pixels with the fewest samples join the round: such
-//! pictures are sampled evenly. The forecast also knows of things too small to be met. By Good and Turing's estimate (I.
-//! J. Good, "The population frequencies of species", Biometrika 40, 1953) what no sample has met covers about as much as
-//! what a single sample has met: for every pixel with one sample that differs from all its others and from its
-//! neighbours', as much lies hidden elsewhere. While its root mean square over the picture is more than the target,
-//! rounds go on.
+//! Then [`Forecast`] decides whether the round reduces the error more than the same number of samples distributed
+//! over all pixels. Where most of an image is about equally uncertain it does not, and the pixels with the fewest
+//! samples join the round, so that such images are sampled uniformly. The forecast also includes features that are
+//! too small to be hit. By the estimate of Good and Turing (I. J. Good, "The population frequencies of species",
+//! Biometrika 40, 1953), features that no sample has hit cover about as much as those that a single sample has hit:
+//! for every pixel with one sample that differs from all its others and from its neighbours', as much is hidden
+//! elsewhere. Rounds continue while the root mean square of this error over the image exceeds the target.
 //!
-//! A thing smaller than a sixteenth of a pixel that has neither a larger neighbour nor its like elsewhere may be missed:
-//! no later round looks where the first saw nothing. `tests/it/image/sampling.rs` measures what all of this saves.
+//! A feature smaller than a sixteenth of a pixel may be missed if it has neither a larger neighbour nor similar
+//! features elsewhere, because no later round samples where the first one saw nothing. `tests/it/image/sampling.rs`
+//! measures the savings of adaptive sampling.
 //!
-//! Between two rounds, and between two tiles of one, all that later ones need is in [`Rounds`]: whoever keeps that can go
-//! on at another time, to the same bits.
+//! Between two rounds, and between two tiles of a round, the complete state is in [`Rounds`]: a render that resumes
+//! from a stored state produces the same bits.
 
 mod checkpoints;
 mod forecast;
@@ -58,31 +60,31 @@ use rounds::Turn;
 pub use checkpoints::Checkpoints;
 pub use rounds::Rounds;
 
-/// Samples that a pixel gets at least: a full packet.
+/// Smallest number of samples per pixel: a full packet.
 pub(super) const ROUND: u32 = LANES as u32;
 
-/// The least error that may be asked for, as a display value: the most samples, 2^16, have one of σ / n^¾, which is 2^-20
-/// where σ is 2^-8, an 8-bit code. Less is out of reach for all pixels but those that are even already; the others would
-/// only take the most samples.
+/// Smallest target error, as a display value: the largest number of samples, 2^16, has an error of σ / n^¾, which is
+/// 2^-20 for σ = 2^-8, one 8-bit code. A smaller target is out of reach for all pixels but uniform ones; the others
+/// would only take the largest number of samples.
 pub const MIN_ADAPTIVE_ERROR: f64 = 1e-6;
 
-/// When a pixel has samples enough.
+/// Stopping criterion of adaptive sampling.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Adaptive {
-    /// Standard error of a pixel's mean that is let pass, as a display value: 0 is black, 1 is white, an 8-bit code is
-    /// 1/255. More than 0. It is estimated for evenly spread samples, on a curve close to sRGB's.
+    /// Target for the standard error of a pixel's mean, as a display value: 0 is black, 1 is white, an 8-bit code is
+    /// 1/255. More than 0. It is estimated for stratified samples, on a curve close to that of sRGB.
     pub error: f64,
-    /// What radiance is multiplied by on its way to the display: 2 to the power of the exposure.
+    /// Factor on radiance before display: 2 to the power of the exposure.
     pub gain: f64,
 }
 
-/// What a pixel that is visited takes: the visit and what it tells.
+/// Number of bytes for a visited pixel: the visit and its estimate.
 const VISIT_BYTES: usize = size_of::<Visit>() + size_of::<Estimate>();
 
-/// What a pixel takes between two rounds besides its estimate.
+/// Number of bytes per pixel between two rounds, in addition to its estimate.
 pub(super) const LOOK_BYTES: usize = size_of::<Look>() + size_of::<Turn>();
 
-/// What the samples of every pixel of the canvas tell, row by row, and what they took. `None` if the render was
+/// Returns the sample statistics of every pixel of the canvas, row by row, and the ledger. Returns `None` if
 /// cancelled.
 pub(super) fn render(
     frame: &mut Frame,
@@ -96,6 +98,7 @@ pub(super) fn render(
     let mut ledger = Ledger::default();
     let mut meter = Meter::new(&frame.settings);
     let has_widths = frame.effects().has(Effect::TextureFilter);
+    // Resume from a checkpoint, or find the width of rays in a pilot
     let start = checkpoints
         .as_mut()
         .and_then(|checkpoints| checkpoints.start.take());
@@ -112,7 +115,9 @@ pub(super) fn render(
     let waves = Waves::new(frame);
     let mut pace = Pace::new(checkpoints);
     let mut progress = Progress::default();
+    // Render rounds until no pixel needs more samples
     loop {
+        // Collect the pixels of the round and announce its size
         let mut left = picture.visits(sites);
         meter.lap_all_threads(Account::Sampling);
         let wanted_count: usize = left.iter().map(|(_, visits)| visits.len()).sum();
@@ -120,27 +125,31 @@ pub(super) fn render(
             memory.note_round(picture.byte_count() + wanted_count * VISIT_BYTES);
         }
         progress.begin_round(&picture, left.iter().flat_map(|(_, visits)| visits));
+        // Render the round in parts that a checkpoint interval can afford
         while !left.is_empty() {
             let later = left.split_off(pace.tile_count().min(left.len()));
             let begun = Instant::now();
             let Some(visited) = render_visits(&waves, left, monitor, Some(&progress)) else {
-                // It is ended anyway.
+                // The render ends in any case.
                 let _ = pace.keep(&picture.known);
                 return None;
             };
             left = later;
             meter.skip();
             pace.took(visited.len(), begun.elapsed());
+            // Merge the new samples into the state
             for (site, visits, estimates, tile_ledger) in visited {
                 ledger += tile_ledger;
                 picture.merge(site, &visits, &estimates);
                 monitor.show_estimates(site, &picture.known.estimates, picture.width);
             }
+            // Write a checkpoint if it is due
             if pace.is_due() && pace.keep(&picture.known).is_break() {
                 return None;
             }
             meter.lap(Account::Sampling);
         }
+        // Evaluate the errors and select the pixels of the next round
         picture.end_round();
         if !picture.decide() {
             meter.lap_all_threads(Account::Sampling);
@@ -150,9 +159,10 @@ pub(super) fn render(
     }
 }
 
-/// Makes rays as wide as [`pilot`] finds; what that took. The pixels that were asked last have had their first round,
-/// unless its rays were of another width. `None` if the render was cancelled.
+/// Sets the ray cones by the pilot rounds of [`pilot`] and returns their ledger. The pixels of the last pilot round
+/// keep their samples as first round, unless their rays had a different width. Returns `None` if cancelled.
 fn pilot(frame: &mut Frame, picture: &mut Picture, sites: &[Site], monitor: &Monitor) -> Option<Ledger> {
+    // Select the pixels of the pilot
     let size = [picture.width, picture.height];
     let turn = |index: usize| match pilot::is_asked([index % size[0], index / size[0]], size) {
         true => Turn::Waits,
@@ -160,6 +170,7 @@ fn pilot(frame: &mut Frame, picture: &mut Picture, sites: &[Site], monitor: &Mon
     };
     picture.known.turns = (0..picture.known.turns.len()).map(turn).collect();
     let mut ledger = Ledger::default();
+    // Repeat the pilot round until the width of rays settles
     for _ in 0..pilot::MAX_ROUNDS {
         let visited = render_visits(&Waves::new(frame), picture.visits(sites), monitor, None)?;
         let first_rounds: Vec<Estimate> = visited.iter().flat_map(|visited| &visited.2).copied().collect();
@@ -176,6 +187,7 @@ fn pilot(frame: &mut Frame, picture: &mut Picture, sites: &[Site], monitor: &Mon
             break;
         }
     }
+    // Let all other pixels have their first round
     for turn in &mut picture.known.turns {
         if *turn == Turn::None {
             *turn = Turn::Waits;
@@ -184,10 +196,11 @@ fn pilot(frame: &mut Frame, picture: &mut Picture, sites: &[Site], monitor: &Mon
     Some(ledger)
 }
 
-/// A tile, the pixels of it that were visited, what their new samples tell, and what they took.
+/// Site, its visited pixels, the statistics of their new samples, and the ledger.
 type Visited = (Site, Vec<Visit>, Vec<Estimate>, Ledger);
 
-/// Where there is `progress`, the monitor hears of every tile that is finished.
+/// Renders the visits of a round in parallel and returns `None` if cancelled. With `progress`, the monitor is
+/// notified of every finished tile.
 fn render_visits(
     waves: &Waves,
     round: Vec<(Site, Vec<Visit>)>,

@@ -1,4 +1,4 @@
-//! Which pixels of a picture want more samples, and how many.
+//! State of adaptive sampling: selection of pixels for the next round, and their numbers of samples.
 
 use std::ops::Range;
 
@@ -11,27 +11,27 @@ use super::rounds::{LEVELS, Missed, Rounds, Turn};
 use super::{Adaptive, ROUND};
 use crate::parallel;
 
-/// The state of all pixels.
+/// Sampling state of all pixels.
 pub(super) struct Picture {
     pub(super) target: Adaptive,
     pub(super) width: usize,
     pub(super) height: usize,
-    /// Those that are on a site; the others have no samples.
+    /// Number of pixels that belong to a site; all others have no samples.
     pub(super) pixel_count: usize,
-    /// Most samples a pixel.
+    /// Largest number of samples per pixel.
     pub(super) spp: u32,
     pub(super) known: Rounds,
-    /// One for each estimate, at the end of the last round.
+    /// Display-referred statistics of every pixel at the end of the last round.
     looks: Vec<Look>,
 }
 
-/// How often a pixel's samples have doubled.
+/// Returns how often a pixel's number of samples has doubled.
 fn level(count: u32) -> usize {
     count.div_ceil(ROUND).next_power_of_two().ilog2() as usize
 }
 
 impl Picture {
-    /// Bytes of what is known of all pixels.
+    /// Returns the bytes of the state of all pixels.
     pub(super) fn byte_count(&self) -> usize {
         let known = size_of_val(&self.known.estimates[..]) + size_of_val(&self.known.turns[..]);
         known + size_of_val(&self.looks[..])
@@ -51,8 +51,9 @@ impl Picture {
         }
     }
 
-    /// Finds out which pixels are in the next round; whether there are any.
+    /// Selects the pixels of the next round. Returns whether there are any.
     pub(super) fn decide(&mut self) -> bool {
+        // Apply the criteria to every pixel
         let mut turns = std::mem::take(&mut self.known.turns);
         parallel::for_each_chunk_mut(&mut turns, self.width, &|row, turns| {
             for (column, turn) in turns.iter_mut().enumerate() {
@@ -63,6 +64,7 @@ impl Picture {
             }
         });
         self.known.turns = turns;
+        // Compare the round with uniform sampling
         let counts = self.looks.iter().map(|look| look.count);
         let least = counts.filter(|&count| count > 0).min().unwrap_or(self.spp);
         let missed = self.known.missed[level(least)].square();
@@ -71,6 +73,7 @@ impl Picture {
         } else {
             missed > self.target.error * self.target.error * self.pixel_count as f64
         };
+        // Add the pixels with the fewest samples
         if least_join && least < self.spp {
             for (turn, look) in self.known.turns.iter_mut().zip(&self.looks) {
                 if look.count == least && look.error.is_finite() {
@@ -81,12 +84,13 @@ impl Picture {
         self.has_next()
     }
 
-    /// Whether any pixel is to be visited.
+    /// Returns whether any pixel waits for a visit.
     fn has_next(&self) -> bool {
         self.known.turns.contains(&Turn::Waits)
     }
 
-    /// Of the pixels in the next round, with what pixels of `least` samples have missed.
+    /// Returns the forecast for the pixels of the next round, with the squared error `missed` by pixels of `least`
+    /// samples.
     fn forecast(&self, missed: f64, least: u32) -> Forecast {
         let of_row = |row: usize| {
             let mut forecast = Forecast::default();
@@ -104,18 +108,18 @@ impl Picture {
             forecast
         };
         let rows: Vec<Forecast> = parallel::map(self.height, &of_row);
-        // Summed up in one order, whoever made the parts.
+        // Sum in a fixed order, so that the result does not depend on threads.
         let mut forecast = Forecast::default();
         rows.iter().for_each(|row| forecast.merge(row));
         forecast.add_missed(missed, least);
         forecast
     }
 
-    /// What lies hidden elsewhere for what single samples of this pixel met, as a squared error.
+    /// Returns the squared error of hidden features that single samples of this pixel indicate.
     fn missed_like(&self, column: usize, row: usize) -> f64 {
         let look = &self.looks[row * self.width + column];
         let middle = 0.5 * (look.extremes[0] + look.extremes[1]);
-        // Itself and those around it that see it too.
+        // Count the pixel itself and neighbours that saw the feature too.
         let mut seen_by = [0; 2];
         for y in row.saturating_sub(1)..(row + 2).min(self.height) {
             let start = y * self.width;
@@ -134,7 +138,7 @@ impl Picture {
         hidden(0) * hidden(0) + hidden(1) * hidden(1)
     }
 
-    /// The pixels of the round that are to be visited yet, by tile; tiles without any are left out.
+    /// Returns the pixels of the round that have not been visited yet, by tile; tiles without any are omitted.
     pub(super) fn visits(&self, sites: &[Site]) -> Vec<(Site, Vec<Visit>)> {
         let visits = parallel::map(sites.len(), &|index| self.visits_in(sites[index]));
         let of_sites = sites.iter().copied().zip(visits);
@@ -158,20 +162,20 @@ impl Picture {
         visits
     }
 
-    /// As many packets as a pixel has had already, up to the most samples that there are.
+    /// Returns as many sample groups as the pixel has had already, up to the largest number of samples.
     fn next_groups(&self, index: usize) -> Range<u32> {
         let first = self.known.estimates[index].count / ROUND;
         first..(2 * first).max(1).min(self.spp.div_ceil(ROUND))
     }
 
-    /// Samples that all pixels have together.
+    /// Returns the number of samples of all pixels together.
     pub(super) fn taken(&self) -> u64 {
         let counts = self.known.estimates.iter();
         counts.map(|estimate| u64::from(estimate.count)).sum()
     }
 
-    /// Samples that pixels of the round at hand are likely to want after it, by the errors that they had before it;
-    /// `None` where no round has ended since the picture was begun or gone on with.
+    /// Returns the number of samples that pixels of the current round will probably need after it, by their errors
+    /// before it; `None` if no round has ended since the start or since resuming.
     pub(super) fn likely_later(&self) -> Option<u64> {
         if self.looks.is_empty() {
             return None;
@@ -186,17 +190,19 @@ impl Picture {
         Some(self.known.turns.iter().zip(&self.looks).map(later).sum())
     }
 
-    /// The rule at the head of [this module](super).
+    /// Evaluates criteria 1 to 4 of the [module](super) documentation.
     fn wants_more(&self, column: usize, row: usize) -> bool {
         let target = self.target.error;
         let look = &self.looks[row * self.width + column];
-        // More samples do not make a number of what is none.
+        // Further samples do not make a non-finite value finite.
         if look.count >= self.spp || !look.error.is_finite() {
             return false;
         }
+        // Criterion 1
         if look.error > target {
             return true;
         }
+        // Criteria 3 and 4, and the sums of criterion 2
         let unseen_limit = target * f64::from(look.count + 1);
         let (mut squares, mut sound_count) = (0.0, 0.0);
         for y in row.saturating_sub(1)..(row + 2).min(self.height) {
@@ -210,10 +216,11 @@ impl Picture {
                 sound_count += 1.0;
             }
         }
+        // Criterion 2
         squares > target * target * sound_count
     }
 
-    /// Counts the new samples of pixels that have been visited.
+    /// Adds the new samples of visited pixels.
     pub(super) fn merge(&mut self, site: Site, visits: &[Visit], estimates: &[Estimate]) {
         for (visit, estimate) in visits.iter().zip(estimates) {
             let (column, row) = (site.at[0] + visit.x as usize, site.at[1] + visit.y as usize);
@@ -223,8 +230,8 @@ impl Picture {
         }
     }
 
-    /// How much of the variance is noise, for each pixel of a row by those around it too: of one pixel alone it is too
-    /// uncertain.
+    /// Returns the fraction of variance that is noise, for each pixel of a row, averaged over its neighbourhood,
+    /// because the estimate of a single pixel is too uncertain.
     fn noises(&self, row: usize) -> Vec<f64> {
         let rows = row.saturating_sub(1)..(row + 2).min(self.height);
         let of_column = |column: usize| {
@@ -233,6 +240,7 @@ impl Picture {
                 .for_each(|row| kinds.add(&self.known.estimates[row * self.width + column]));
             kinds
         };
+        // Sum over columns first, then over neighbouring columns
         let columns: Vec<Kinds> = (0..self.width).map(of_column).collect();
         let around = |column: usize| {
             let near = &columns[column.saturating_sub(1)..(column + 2).min(self.width)];
@@ -241,12 +249,13 @@ impl Picture {
         (0..self.width).map(around).collect()
     }
 
-    /// Sees all pixels anew, after the last visit of a round.
+    /// Updates the statistics of all pixels after the last visit of a round.
     pub(super) fn end_round(&mut self) {
         if std::mem::take(&mut self.known.is_first) {
-            // With those that a pilot asked.
+            // This includes the pixels that a pilot visited.
             self.known.turns.fill(Turn::Had);
         }
+        // Compute the display errors of all pixels
         let mut looks = std::mem::take(&mut self.looks);
         looks.resize(self.known.estimates.len(), Look::default());
         parallel::for_each_chunk_mut(&mut looks, self.width, &|row, looks| {
@@ -257,6 +266,7 @@ impl Picture {
             }
         });
         self.looks = looks;
+        // Sum up the errors of missed features by number of samples
         let missed_in = |row: usize| {
             let mut missed = [Missed::default(); LEVELS];
             for column in 0..self.width {
@@ -280,7 +290,7 @@ mod tests {
     use super::super::look::display_value;
     use super::*;
 
-    /// A picture of three by three pixels of `count` gray samples each, but for its middle.
+    /// Returns the state of three by three pixels with `count` gray samples each, except for the centre.
     fn around(middle: &[f64], gray: f64, count: usize, target: f64) -> Picture {
         let mut known = Rounds::new([3, 3]);
         known.estimates.fill(estimate(&vec![gray; count]));
@@ -313,7 +323,7 @@ mod tests {
         edge[5] = 0.9;
         let once = around(&edge, 0.5, 16, 0.01);
         assert!((0..9).all(|pixel| once.wants_more(pixel % 3, pixel / 3)));
-        // Having seen both extremes themselves, and with two rounds behind them, they mind the neighbourhood.
+        // With both extremes seen and two rounds taken, only the criterion of the neighbourhood remains.
         let mut twice = around(&edge, 0.5, 32, 0.01);
         for look in &mut twice.looks {
             look.extremes = [0.0, 1.0];
@@ -329,7 +339,7 @@ mod tests {
 
     #[test]
     fn what_kind_a_pixels_variance_is_its_neighbours_tell_too() {
-        // Of its own, this one's samples are all noise; those around have as much variance and none of it is.
+        // The samples of the centre are all noise by themselves; its neighbours have the same variance without noise.
         let noise = [[0.0; 4], [1.0; 4], [0.0; 4], [1.0; 4]].concat();
         let alone = around(&noise, 0.5, 16, 0.01);
         assert_eq!(alone.noises(1), [1.0; 3]);
@@ -356,7 +366,7 @@ mod tests {
 
     #[test]
     fn what_a_neighbour_saw_and_a_pixel_did_not_is_looked_for() {
-        // A step from black to white, each pixel certain of itself: 1 / (n + 1) of it may be hidden.
+        // A step from black to white between pixels that are certain: 1 / (n + 1) of it may be hidden.
         let target = 1.0 / 50.0;
         for (count, more) in [(16, true), (48, true), (64, false)] {
             let picture = around(&vec![1.0; count], 0.0, count, target);
@@ -383,7 +393,7 @@ mod tests {
         }
         assert!(picture.decide());
         assert_eq!(picture.known.turns, [Turn::Waits; 9]);
-        // None wants more: none gets more.
+        // No pixel needs more samples, so none gets any.
         picture.target.error *= 1.1;
         assert!(!picture.decide());
         assert_eq!(picture.known.turns, [Turn::None; 9]);
@@ -394,15 +404,15 @@ mod tests {
         let mut speck = vec![0.0; 16];
         speck[3] = 1.0;
         let picture = around(&speck, 0.0, 16, 0.01);
-        // One of seventeen samples that sees white.
+        // One of seventeen samples would be white.
         let square = display_value(1.0 / 17.0).powi(2);
         assert!((picture.known.missed[0].sum / square - 1.0).abs() < 1e-12);
         assert_eq!(picture.known.missed[0].square(), 0.0);
-        // Four of them: less a half, the root of four in four.
+        // Four such pixels: the sum of four minus the root of four is half of it.
         let mut four = Missed::default();
         (0..4).for_each(|_| four.add(square));
         assert!((four.square() / (2.0 * square) - 1.0).abs() < 1e-12);
-        // Two samples of a pixel, or neighbours that see it, tell of a larger thing.
+        // Two samples of a pixel, or neighbours that see the feature, indicate a larger one.
         speck[4] = 1.0;
         assert_eq!(around(&speck, 0.0, 16, 0.01).known.missed[0].sum, 0.0);
         let mut beside = around(&speck[..4], 0.0, 4, 0.01);

@@ -1,40 +1,45 @@
-//! A pilot for adaptive sampling: to how many even samples a pixel its samples will come up.
+//! Pilot rounds of adaptive sampling, which estimate the equivalent number of evenly distributed samples per pixel.
 //!
-//! Textures are blurred over what a sample stands for, so rays must be as wide as for the number of samples before the
-//! first is taken. Narrower rays leave gaps between samples, wider ones blur beyond the pixel, and rounds that each have
-//! a width of their own do both. Adaptive sampling is to give what so many even samples give, for less; so its rays are
-//! as wide as theirs. One pixel of every block of 8 x 8 has its first round before all others. By its error it tells in
-//! which round the target will be reached, and all of them together how many even samples have the same error; how much
-//! of it is noise they tell together as well. Rays as wide as for those may see more detail, so these pixels have their
-//! first round again until the number settles.
+//! Textures are filtered over the footprint of a sample, so ray cones must fit the final number of samples before the
+//! first one is taken. Narrower cones leave gaps between samples, wider ones blur beyond the pixel, and rounds with
+//! different widths do both. Adaptive sampling should give the same result as a number of evenly distributed samples
+//! at a lower cost, so its rays have the width of theirs.
+//!
+//! One pixel of every block of 8 x 8 has its first round before all others. Its error predicts the round in which it
+//! will reach the target, and all these pixels together predict how many evenly distributed samples have the same
+//! error; the fraction of noise is estimated from all of them together as well. Rays of that width may resolve more
+//! detail, so these pixels repeat their first round until the number settles.
 
 use super::super::estimate::Estimate;
 use super::forecast::Forecast;
 use super::look::{Kinds, Look};
 use super::{Adaptive, ROUND};
 
-/// Pixels of a block each way.
+/// Side of a block in pixels.
 const BLOCK: usize = 8;
 
-/// A number of even samples has settled if it changes by less than this factor: rays then are as wide to a tenth.
+/// Factor of change below which the number of evenly distributed samples has settled: ray widths are then accurate to
+/// a tenth.
 const SETTLED: f64 = 1.2;
 
-/// Rounds until it is taken as it is: each is a quarter of a sample for every pixel of the picture.
+/// Largest number of pilot rounds, after which the number is used as it is: each takes a quarter of a sample per
+/// pixel of the image.
 pub(super) const MAX_ROUNDS: usize = 4;
 
-/// Whether a pixel is asked: the middle one of its block, or the last there is.
+/// Returns whether a pixel belongs to the pilot: the middle one of its block, or the last one of a cut block.
 pub(super) fn is_asked([column, row]: [usize; 2], [width, height]: [usize; 2]) -> bool {
     let is_middle = |at: usize, size: usize| at == (at / BLOCK * BLOCK + BLOCK / 2).min(size - 1);
     is_middle(column, width) && is_middle(row, height)
 }
 
-/// Whether the number of even samples is known well enough.
+/// Returns whether the number of evenly distributed samples has settled.
 pub(super) fn has_settled(before: u32, now: u32) -> bool {
     let change = f64::from(now) / f64::from(before);
     (SETTLED.recip()..=SETTLED).contains(&change)
 }
 
-/// How many even samples, up to `spp`, have the error that pixels with these first rounds will have at the target.
+/// Returns the number of evenly distributed samples per pixel, up to `spp`, that has the error of pixels with these
+/// first rounds when they reach the target.
 pub(super) fn even_count(first_rounds: &[Estimate], target: Adaptive, spp: u32) -> u32 {
     let mut forecast = Forecast::default();
     let mut kinds = Kinds::default();
@@ -51,14 +56,15 @@ pub(super) fn even_count(first_rounds: &[Estimate], target: Adaptive, spp: u32) 
     forecast.even_count(spp).clamp(ROUND, spp)
 }
 
-/// The samples of a pixel, doubled until a squared error that is now so many times the target's is reached.
+/// Returns the number of samples of a pixel, by doubling, that reduces a squared error of `square` times the target's
+/// to the target.
 fn reached(look: &Look, square: f64, spp: u32) -> u32 {
     let mut count = look.count;
     let (mut noise, mut edges) = (look.noise * square, (1.0 - look.noise) * square);
     while noise + edges > 1.0 && count < spp {
         count = count.saturating_mul(2).min(spp);
         noise *= 0.5;
-        // 2^-1.5.
+        // Factor 2^-1.5.
         edges *= 0.353_553_390_593_273_8;
     }
     count
@@ -90,7 +96,8 @@ mod tests {
         }
     }
 
-    /// Sixteen samples, half of them black and half of luminance 1, whose error is `error` times the target.
+    /// Returns sixteen samples, half of them black and half of luminance 1, and a target such that their error is
+    /// `error` times the target.
     fn half(error: f64) -> (Estimate, Adaptive) {
         let half: Vec<f64> = (0..16).map(|sample| f64::from(sample % 2)).collect();
         let estimate = estimate(&half);
@@ -103,7 +110,7 @@ mod tests {
 
     #[test]
     fn rounds_double_until_the_target_is_reached() {
-        // Eight times less takes 16 times as many, by σ / n^¾.
+        // An error eight times smaller needs 16 times as many samples, by σ / n^¾.
         for (error, count) in [(0.5, 16), (1.5, 32), (7.9, 256), (8.1, 512)] {
             assert_eq!(
                 reached(&Look::of(&half(1.0).0, 0.0, 1.0), error * error, 4096),
@@ -120,10 +127,10 @@ mod tests {
     fn even_pixels_count_by_their_errors_not_by_their_number() {
         let (half, target) = half(7.9);
         let gray = estimate(&[0.5; 16]);
-        // Those without an error are certain after any number of samples.
+        // Pixels without error are certain after any number of samples.
         assert_eq!(even_count(&[half, gray, gray, gray], target, 4096), 256);
-        // One that has the target after the first round keeps its error, 1/7.9 of the other's: of (7.9² + 1) / n^1.5 is
-        // left 7.9² / 16^1.5 + 1, so n is 16 · (63.41 / 1.975)^(2/3) = 161.6: 162.
+        // A pixel that reaches the target in the first round keeps its error, 1/7.9 of the other's: of (7.9² + 1) /
+        // n^1.5 remains 7.9² / 16^1.5 + 1, so n is 16 · (63.41 / 1.975)^(2/3) = 161.6: 162.
         let mut calm = [0.0; 16];
         calm.iter_mut()
             .enumerate()

@@ -1,5 +1,5 @@
-//! How much of an adaptively sampled picture is done, counted in samples: those that were taken, and those that pixels
-//! are likely to want yet by what their errors are now.
+//! Progress of an adaptively sampled image in samples: those taken, and those that pixels will probably still need by
+//! their current errors.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -7,31 +7,31 @@ use super::super::wave::Visit;
 use super::ROUND;
 use super::picture::Picture;
 
-/// Samples taken and samples to come.
+/// Numbers of samples taken and samples expected.
 #[derive(Debug, Default)]
 pub(super) struct Progress {
-    /// Before the round at hand, or before it was gone on with.
+    /// Samples before the current round, or before it was resumed.
     taken: u64,
-    /// In it since then.
+    /// Samples in the round since then.
     finished: AtomicU64,
-    /// Likely in the end.
+    /// Expected final number of samples.
     all: u64,
-    /// The bits of the greatest fraction so far, which ascend as the numbers do: a forecast that rises takes back
-    /// nothing.
+    /// Bits of the largest fraction so far, which are ordered like the fractions: progress does not decrease if the
+    /// expected number rises.
     greatest: AtomicU64,
 }
 
 impl Progress {
-    /// Begins a round, in which `left` are still to be visited.
+    /// Begins a round in which `left` are still to be visited.
     pub(super) fn begin_round<'v>(&mut self, picture: &Picture, left: impl Iterator<Item = &'v Visit>) {
         self.taken = picture.taken();
         *self.finished.get_mut() = 0;
         let in_round = self.taken + left.map(samples).sum::<u64>();
-        // Before any error is known, half of the work is taken to be done after the round.
+        // Before any error is known, half of the work is assumed to be done after the round.
         self.all = in_round + picture.likely_later().unwrap_or(in_round);
     }
 
-    /// The fraction that is done after these visits of the round too.
+    /// Returns the finished fraction, including `visits` of the round.
     pub(super) fn finish(&self, visits: &[Visit]) -> f64 {
         let new: u64 = visits.iter().map(samples).sum();
         let done = self.taken + self.finished.fetch_add(new, Ordering::Relaxed) + new;
@@ -73,7 +73,7 @@ mod tests {
         progress.begin_round(&picture, first.iter());
         assert_eq!(progress.finish(&first[..1]), 0.25);
         assert_eq!(progress.finish(&first[1..]), 0.5);
-        // One pixel is certain, the other as uncertain as can be: it will want all of the 64.
+        // One pixel is certain, the other has the largest variance: it will need all of the 64 samples.
         let uncertain: Vec<f64> = (0..16).map(|sample| f64::from(sample % 2)).collect();
         picture.merge(
             canvas.sites[0],
@@ -83,11 +83,11 @@ mod tests {
         picture.end_round();
         assert!(picture.decide());
         assert_eq!(picture.likely_later(), Some(32));
-        // Both are doubled, as neighbours are: of 96 samples 64.
+        // Both are doubled, because they are neighbours: 64 of 96 samples.
         let second = picture.visits(&canvas.sites).remove(0).1;
         progress.begin_round(&picture, second.iter());
         assert_eq!(progress.finish(&second), 64.0 / 96.0);
-        // A picture that turns out to want much more.
+        // Image that turns out to need many more samples.
         progress.all = 1 << 20;
         assert_eq!(progress.finish(&[]), 64.0 / 96.0);
     }

@@ -1,4 +1,4 @@
-//! What adaptive sampling knows of a picture between two tiles of a round: all that it needs to go on.
+//! Complete state of adaptive sampling between two tiles of a round, from which a render can be resumed.
 
 use std::ops::Range;
 
@@ -7,46 +7,46 @@ use serde::{Deserialize, Serialize};
 use super::super::estimate::Estimate;
 use super::ROUND;
 
-/// How often a pixel's samples can double.
+/// Largest number of times that a pixel's samples can double.
 pub(super) const LEVELS: usize = u32::BITS as usize;
 
-/// What adaptive sampling knows of a picture that is not finished.
+/// State of an adaptively sampled image that is not finished.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rounds {
     width: usize,
-    /// Row by row.
+    /// Sample statistics of the pixels, row by row.
     pub(super) estimates: Vec<Estimate>,
-    /// Whose turn it is in the round at hand.
+    /// Status of each pixel in the current round.
     pub(super) turns: Vec<Turn>,
-    /// Whether that is the first.
+    /// True during the first round.
     pub(super) is_first: bool,
-    /// Even samples a pixel that rays are as wide as for.
+    /// Number of evenly distributed samples per pixel for which ray cones are as wide as a sample.
     pub(super) even_count: u32,
-    /// What was missed by all pixels when they had 16 samples, 32 and so on.
+    /// Errors of missed features, summed over all pixels when they had 16 samples, 32 and so on.
     pub(super) missed: [Missed; LEVELS],
 }
 
-/// What a pixel has to do with a round.
+/// Status of a pixel in the current round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Turn {
-    /// Nothing: it wants no more samples.
+    /// Pixel that needs no more samples.
     None,
-    /// It is to be visited.
+    /// Pixel that has not been visited yet.
     Waits,
-    /// It has been.
+    /// Pixel that has been visited.
     Had,
 }
 
-/// What no sample has met, by what single samples did.
+/// Estimated error of features that no sample has hit, derived from those that a single sample has hit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Missed {
-    /// Of squared errors.
+    /// Sum of squared errors.
     pub(super) sum: f64,
-    /// Of their squares.
+    /// Sum of the squares of squared errors.
     squares: f64,
 }
 
-/// What is known of no pixel alone; numbers by their bits.
+/// State that does not belong to single pixels; f64 numbers are stored as bits.
 #[derive(Serialize, Deserialize)]
 struct Rest {
     is_first: bool,
@@ -55,7 +55,7 @@ struct Rest {
 }
 
 impl Rounds {
-    /// The names of what each pixel is written down as, 32 bits each.
+    /// Names of the 32-bit values that each pixel is stored as.
     pub const WORDS: [&'static str; 17] = [
         "red.high",
         "red.low",
@@ -76,7 +76,7 @@ impl Rounds {
         "turn",
     ];
 
-    /// Nothing of a picture of so many columns and rows, all of whose pixels are to be visited.
+    /// Returns the initial state of an image of that width and height, with all pixels waiting.
     pub fn new([width, height]: [usize; 2]) -> Rounds {
         Rounds {
             width,
@@ -88,7 +88,7 @@ impl Rounds {
         }
     }
 
-    /// What some rows are to be written down as: [`Rounds::WORDS`] planes, a value a pixel each.
+    /// Returns the stored form of some rows: [`Rounds::WORDS`] planes with one value per pixel.
     pub fn words(&self, rows: &Range<usize>) -> Vec<Vec<u32>> {
         let pixels = self.pixels(rows);
         let of_pixel = |(estimate, &turn): (&Estimate, &Turn)| {
@@ -103,10 +103,11 @@ impl Rounds {
         (0..Self::WORDS.len()).map(plane).collect()
     }
 
-    /// Takes over rows by what was written down of them; `None` if that is not what rows are written down as.
+    /// Restores rows from their stored form; `None` if that is invalid.
     #[must_use]
     pub fn set_words(&mut self, rows: &Range<usize>, planes: &[&[u32]]) -> Option<()> {
         let pixels = self.pixels(rows);
+        // Check the number and the sizes of the planes
         let is_sound =
             planes.len() == Self::WORDS.len() && planes.iter().all(|plane| plane.len() == pixels.len());
         if !is_sound {
@@ -125,7 +126,7 @@ impl Rounds {
         Some(())
     }
 
-    /// What is to be written down beside the words.
+    /// Returns the state besides the words of pixels, as JSON.
     pub fn rest(&self) -> String {
         let rest = Rest {
             is_first: self.is_first,
@@ -139,7 +140,7 @@ impl Rounds {
         serde_json::to_string(&rest).unwrap_or_default()
     }
 
-    /// Takes over what was written down beside the words; `None` if it is something else.
+    /// Restores the state besides the words of pixels; `None` if the text is invalid.
     #[must_use]
     pub fn set_rest(&mut self, text: &str) -> Option<()> {
         let rest: Rest = serde_json::from_str(text).ok()?;
@@ -153,7 +154,7 @@ impl Rounds {
         Some(())
     }
 
-    /// Whether it may be of a picture of this size and so many samples a pixel at most.
+    /// Returns whether the state is consistent with an image of this size and at most `spp` samples per pixel.
     pub(super) fn is_of(&self, size: [usize; 2], spp: u32) -> bool {
         let most = spp.next_multiple_of(ROUND);
         let has_sound_counts = || self.estimates.iter().all(|estimate| estimate.count <= most);
@@ -179,8 +180,8 @@ impl Missed {
         self.squares += other.squares;
     }
 
-    /// The squared error of all pixels together, less its own standard error: one find alone, like a lamp's image in a
-    /// far mirror, says nothing about the rest of the picture.
+    /// Returns the squared error of all pixels together, minus its own standard error: a single observation, like a
+    /// light source reflected in a distant mirror, gives no information about the rest of the image.
     pub(super) fn square(&self) -> f64 {
         (self.sum - self.squares.sqrt()).max(0.0)
     }
@@ -193,6 +194,7 @@ mod tests {
 
     #[test]
     fn what_is_written_down_comes_back_by_every_bit() {
+        // Fill a state with distinct values
         let mut known = Rounds::new([3, 4]);
         for (pixel, known) in known.estimates.iter_mut().enumerate().skip(1) {
             let samples: Vec<f64> = (0..32)
@@ -205,6 +207,7 @@ mod tests {
         known.is_first = false;
         known.even_count = 48;
         known.missed[5].add(0.1);
+        // Restore it from its stored form, in two parts
         let mut read = Rounds::new([3, 4]);
         assert_ne!(read, known);
         for rows in [0..1, 1..4] {

@@ -1,28 +1,28 @@
-//! What a plan goes by: the materials, meshes and lights that are in use, gathered in one pass.
+//! Facts about a scene that a plan is based on: the materials, meshes and lights in use, collected in one pass.
 
 use super::reach::{self, LightReach};
 use crate::mesh::Mesh;
 use crate::scene::{Camera, Geometry, Material, Scene, TextureBinding};
 
-/// What is in use of a scene.
+/// Parts of a scene that are in use.
 pub struct Facts<'s> {
-    /// The scene.
+    /// Scene that is planned.
     pub scene: &'s Scene,
-    /// Who sees it.
+    /// Camera that sees the scene.
     pub camera: &'s Camera,
-    /// Materials that some instance has.
+    /// Materials that some instance uses.
     pub materials: Vec<&'s Material>,
-    /// Meshes that some instance shows, with the name of its material.
+    /// Meshes that some instance uses, with the name of its material.
     pub meshes: Vec<(&'s Mesh, &'s str)>,
-    /// Whose light may be hidden, one a light.
+    /// Occlusion of every light.
     pub lights: Vec<LightReach>,
 }
 
 impl<'s> Facts<'s> {
-    /// Those of a scene that has passed [`Scene::validate`].
+    /// Collects the facts of a scene that has passed [`Scene::validate`].
     pub fn of(scene: &'s Scene, camera: &'s Camera) -> Facts<'s> {
         let mut has_material = vec![false; scene.materials.len()];
-        // The material that a geometry was first met with.
+        // Material of the first instance of each geometry.
         let mut shown = vec![None; scene.geometries.len()];
         for instance in &scene.instances {
             has_material[instance.material as usize] = true;
@@ -48,12 +48,13 @@ impl<'s> Facts<'s> {
         }
     }
 
-    /// `reason` for the first material that `calls`, and how many more there are.
+    /// Returns `reason` for the first material that fulfils `calls`, and the number of further ones.
     pub(super) fn material(
         &self,
         calls: impl Fn(&Material) -> bool,
         reason: impl Fn(&Material) -> String,
     ) -> Option<String> {
+        // Find the first material and count the others
         let mut calling = self.materials.iter().filter(|material| calls(material));
         let first = calling.next()?;
         let of = self.materials.len();
@@ -67,7 +68,8 @@ impl<'s> Facts<'s> {
         })
     }
 
-    /// `reason` for the first layer that `calls`, and how many more materials have one.
+    /// Returns `reason` for the first texture layer that fulfils `calls`, and the number of further materials with
+    /// one.
     pub(super) fn layer(
         &self,
         calls: impl Fn(&TextureBinding) -> bool,

@@ -1,11 +1,11 @@
-//! The plan of a render: which effects a scene calls for, each with its reason.
+//! Plan of a render: the effects that a scene needs, each with its reason.
 //!
-//! Light may do many things, and most scenes need few of them. Every effect has triggers, necessary conditions that the
-//! scene's own data either meet or do not ([`TRIGGERS`]); an effect that none of its triggers asks for is off: no rays,
-//! no queue, no columns of memory, no code on the way of other effects but one test. What is off changes no bit of the
-//! picture, which `tests/it/scenes/effect_plan.rs` proves by rendering with everything on (`--effects all`).
+//! Most scenes need few of the effects that the renderer can simulate. Every effect has triggers, necessary
+//! conditions on the data of the scene ([`TRIGGERS`]); an effect without an active trigger is off: it costs no rays,
+//! no queue, no arrays, and no code in the path of other effects except one test. An effect that is off changes no
+//! bit of the image, which `tests/it/scenes/effect_plan.rs` proves by rendering with everything on (`--effects all`).
 //!
-//! After the plan nobody asks the scene again whether it has some effect.
+//! After planning, no code tests again whether the scene needs an effect.
 
 mod facts;
 mod reach;
@@ -20,40 +20,42 @@ pub use trigger::{TRIGGERS, Trigger};
 
 use crate::scene::{Camera, Effect, EffectOverrides, EffectSet, Scene};
 
-/// What is simulated, and why.
+/// Effects that are simulated, with the reason for each.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// One for every effect, in the order of [`Effect::ALL`].
+    /// Decisions about all effects, in the order of [`Effect::ALL`].
     pub decisions: Vec<Decision>,
-    /// For every light whether its shadow rays are traced.
+    /// Flag for every light: whether its shadow rays are traced.
     pub casting: Vec<bool>,
     on: EffectSet,
     forced: EffectSet,
 }
 
-/// Whether an effect is simulated, and why.
+/// Decision whether an effect is simulated, with its reason.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Decision {
-    /// Which.
+    /// Effect that the decision is about.
     pub effect: Effect,
-    /// Whether it is.
+    /// True if the effect is simulated.
     pub on: bool,
-    /// What in the scene calls for it, that nothing does, or that a person wants it otherwise.
+    /// Reason: data of the scene that needs the effect, a lack of any, or an override by the user.
     pub reason: String,
-    /// Whether a person wants it other than the scene calls for.
+    /// True if the user overrides the needs of the scene.
     #[serde(skip)]
     pub overridden: bool,
 }
 
 impl Plan {
-    /// The plan for a scene that has passed [`Scene::validate`], seen by `camera`, with what a person wants otherwise.
+    /// Plans a scene that has passed [`Scene::validate`], as seen by `camera`, with the overrides of the user.
     pub fn new(scene: &Scene, camera: &Camera, overrides: &EffectOverrides) -> Plan {
+        // Evaluate the triggers of every effect
         let facts = Facts::of(scene, camera);
         let mut decisions: Vec<Decision> = Effect::ALL
             .into_iter()
             .map(|effect| decide(effect, &facts))
             .collect();
         let called_for: EffectSet = on(&decisions);
+        // Apply the overrides
         for decision in &mut decisions {
             let effect = decision.effect;
             if overrides.removed.has(effect) && decision.on {
@@ -66,6 +68,7 @@ impl Plan {
                 decision.reason = format!("switched on, though {}", decision.reason);
             }
         }
+        // Switch off effects whose requirements are off
         drop_what_needs_more(&mut decisions);
         let on = on(&decisions);
         let everywhere = overrides.added.has(Effect::Shadow);
@@ -81,17 +84,17 @@ impl Plan {
         }
     }
 
-    /// The effects that are simulated.
+    /// Returns the effects that are simulated.
     pub fn effects(&self) -> EffectSet {
         self.on
     }
 
-    /// Those of them that nothing calls for.
+    /// Returns the simulated effects that the scene does not need.
     pub fn forced(&self) -> EffectSet {
         self.forced
     }
 
-    /// The decisions that are other than the scene calls for.
+    /// Iterates over the decisions that override the needs of the scene.
     pub fn overridden(&self) -> impl Iterator<Item = &Decision> {
         self.decisions.iter().filter(|decision| decision.overridden)
     }
@@ -104,7 +107,7 @@ impl fmt::Display for Decision {
     }
 }
 
-/// A line for each decision.
+/// Prints one line for each decision.
 impl fmt::Display for Plan {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         self.decisions
@@ -113,7 +116,7 @@ impl fmt::Display for Plan {
     }
 }
 
-/// What the scene itself says of an effect.
+/// Returns the decision about an effect that follows from the scene.
 fn decide(effect: Effect, facts: &Facts) -> Decision {
     let triggers = TRIGGERS.iter().filter(|trigger| trigger.effect == effect);
     let reasons: Vec<String> = triggers.filter_map(|trigger| (trigger.fires)(facts)).collect();
@@ -129,7 +132,7 @@ fn decide(effect: Effect, facts: &Facts) -> Decision {
     }
 }
 
-/// Switches off what can do nothing without an effect that is off.
+/// Switches off effects that have no result without another effect that is off.
 fn drop_what_needs_more(decisions: &mut [Decision]) {
     let present = on(decisions);
     for decision in decisions {

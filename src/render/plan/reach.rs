@@ -1,8 +1,8 @@
-//! Whether anything can stand between a light and what it lights.
+//! Conservative test whether anything can occlude a light.
 //!
-//! For every pair of objects: the box around the first is swept to the light, and if the box around the second is not
-//! touched by that, no point of the first has the second before the light. A convex object that is only seen from
-//! outside hides no light from itself. Boxes are the worst case, so what is found impossible is impossible.
+//! For every pair of objects, the bounding box of the first is swept to the light. If it does not touch the box of
+//! the second, no point of the first has the second in front of the light. A convex object that is seen only from
+//! outside occludes no light for itself. Boxes are conservative, so a light found to be unoccluded is unoccluded.
 
 use glam::DVec3;
 
@@ -10,15 +10,15 @@ use crate::numeric::Bounds;
 use crate::scene::{AlphaMode, Camera, Falloff, Geometry, Instance, Light, LightKind, Projection, Scene};
 use crate::shape::Shape;
 
-/// Objects whose pairs are looked at; in larger scenes every light is taken to be hidden somewhere.
+/// Largest number of objects whose pairs are tested; in larger scenes every light counts as occluded.
 const MAX_OBJECTS: usize = 64;
 
-/// What one light's shadow rays can meet.
+/// Result of the test for one light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LightReach {
-    /// Whether anything may hide it.
+    /// True if the light may be occluded.
     pub casts: bool,
-    /// Why, or why not.
+    /// Reason for the result, for reports.
     pub reason: String,
 }
 
@@ -38,18 +38,19 @@ impl LightReach {
     }
 }
 
-/// An instance as a light sees it.
+/// Instance with the data that the test needs.
 struct Object<'s> {
     bounds: Bounds,
     name: &'s str,
-    /// Its number.
+    /// Index of the instance in the scene.
     instance: u32,
-    /// Whether it may hide the light from itself: from its own far side, where it is translucent.
+    /// True if the object may occlude a light for itself, from its own far side, where it is translucent.
     hides_itself: bool,
 }
 
-/// What each light's shadow rays can meet, in the order of the lights.
+/// Returns the test results of all lights, in their order.
 pub(super) fn of_lights(scene: &Scene, camera: &Camera) -> Vec<LightReach> {
+    // Skip the quadratic test in large scenes
     if scene.instances.len() > MAX_OBJECTS {
         let reason = format!("any of {} objects", scene.instances.len());
         return vec![LightReach::some(reason); scene.lights.len()];
@@ -60,6 +61,7 @@ pub(super) fn of_lights(scene: &Scene, camera: &Camera) -> Vec<LightReach> {
         .zip(0..)
         .map(|(instance, number)| Object::of(scene, (instance, number), camera))
         .collect();
+    // Test surfaces first, then volumes and fog
     scene
         .lights
         .iter()
@@ -85,10 +87,11 @@ fn of_light(light: &Light, objects: &[Object]) -> LightReach {
         return LightReach::none("nothing is within its range");
     }
     for object in &lit {
-        // What is one itself, and convex, gets nothing of it.
+        // A convex object that is the light itself gets no light from itself.
         if !object.may_hide(light) {
             continue;
         }
+        // Test the object against itself and against all others
         if object.hides_itself {
             return LightReach::some(format!("`{}` may hide it from itself", object.name));
         }
@@ -103,7 +106,7 @@ fn of_light(light: &Light, objects: &[Object]) -> LightReach {
     LightReach::none("nothing stands between it and what it lights")
 }
 
-/// Whether an object may throw its shadow into what a light lights of volumes and fog.
+/// Returns a result if an object may cast its shadow into volumes or fog that the light reaches.
 fn beam_of(light: &Light, objects: &[Object], scene: &Scene) -> Option<LightReach> {
     if light.intensity == [0.0; 3] {
         return None;
@@ -117,7 +120,7 @@ fn beam_of(light: &Light, objects: &[Object], scene: &Scene) -> Option<LightReac
             return Some(LightReach::some(reason));
         }
     }
-    // Fog is everywhere: also behind whatever the light gets to.
+    // Fog is everywhere, also behind each object that the light reaches.
     let hiding = objects.iter().find(|object| light.lights(&object.bounds));
     let hiding = hiding.filter(|_| scene.has_fog())?;
     Some(LightReach::some(format!(
@@ -130,6 +133,7 @@ impl<'s> Object<'s> {
     fn of(scene: &'s Scene, (instance, number): (&'s Instance, u32), camera: &Camera) -> Object<'s> {
         let geometry = &scene.geometries[instance.geometry as usize];
         let material = &scene.materials[instance.material as usize];
+        // Bound the object; unbounded shapes get an infinite box
         let bounds = if geometry.is_unbounded() {
             Bounds {
                 min: DVec3::NEG_INFINITY,
@@ -138,6 +142,7 @@ impl<'s> Object<'s> {
         } else {
             instance.world_bounds(geometry, &geometry.bounds())
         };
+        // Classify its shape and visibility
         let is_flat = matches!(
             geometry,
             Geometry::Shape(Shape::Plane | Shape::Disk | Shape::Quad)
@@ -146,6 +151,7 @@ impl<'s> Object<'s> {
             geometry,
             Geometry::Shape(Shape::Sphere(_) | Shape::Cube | Shape::Polyhedron(_))
         );
+        // An opaque convex object that is seen from outside occludes no light for itself
         let from_outside = !material.transmits()
             && material.translucent().is_none()
             && material.alpha == AlphaMode::Opaque
@@ -164,23 +170,23 @@ impl<'s> Object<'s> {
 }
 
 impl Object<'_> {
-    /// Whether it may stand before a light: what is one itself, and convex, does not.
+    /// Returns whether the object may occlude a light; a convex object that is the light itself may not.
     fn may_hide(&self, light: &Light) -> bool {
         self.hides_itself || light.lamp() != Some(self.instance)
     }
 }
 
-/// Whether camera rays may begin within the box.
+/// Returns whether camera rays may start inside the box.
 fn may_be_seen_from_inside(bounds: &Bounds, camera: &Camera) -> bool {
     if camera.world_from_camera_end.is_some() {
-        // A camera that moves may be anywhere, as far as this is worth knowing.
+        // The path of a moving camera is not worth a closer test.
         return true;
     }
     let eye = camera.world_from_camera.translation;
     let ahead = -camera.world_from_camera.matrix3.z_axis;
     let is_point = !matches!(camera.projection, Projection::Orthographic { .. });
     if is_point && camera.z_near == 0.0 {
-        // With a lens they begin around the eye.
+        // With a lens, rays start around the camera position.
         let reach = camera.lens_radius();
         return touch(
             bounds,
@@ -190,14 +196,14 @@ fn may_be_seen_from_inside(bounds: &Bounds, camera: &Camera) -> bool {
             },
         );
     }
-    // They begin on the near plane.
+    // Otherwise rays start on the near plane.
     let middle = (0.5 * (bounds.min + bounds.max) - eye).dot(ahead);
     let reach = (0.5 * (bounds.max - bounds.min)).dot(ahead.abs());
     !((middle - camera.z_near).abs() > reach)
 }
 
 impl Light {
-    /// Whether any of its light gets to the box.
+    /// Returns whether any light reaches the box.
     fn lights(&self, bounds: &Bounds) -> bool {
         let (position, falloff) = match &self.kind {
             LightKind::Directional { .. } | LightKind::Area { .. } => return true,
@@ -218,10 +224,11 @@ impl Light {
         }
     }
 
-    /// A box around all ways from the box to the light.
+    /// Returns a box around all segments from the box to the light.
     fn swept(&self, bounds: &Bounds, objects: &[Object]) -> Bounds {
         match &self.kind {
             LightKind::Directional { to_light } => {
+                // Extend the box to infinity towards the light
                 let mut swept = *bounds;
                 for axis in 0..3 {
                     if to_light[axis] > 0.0 {
@@ -238,6 +245,7 @@ impl Light {
             },
             LightKind::Area { shape, .. } => {
                 let of_object = || self.lamp().and_then(|lamp| objects.get(lamp as usize));
+                // Sweep to the bounds of an area light
                 let light = shape.bounds().or_else(|| of_object().map(|object| object.bounds));
                 light.map_or(*bounds, |light| bounds.union(light))
             }
@@ -245,7 +253,7 @@ impl Light {
     }
 }
 
-/// Whether two boxes have a point in common; points on their sides count.
+/// Returns whether two boxes have a common point; points on their sides count.
 fn touch(a: &Bounds, b: &Bounds) -> bool {
     (0..3).all(|axis| a.min[axis] <= b.max[axis] && b.min[axis] <= a.max[axis])
 }

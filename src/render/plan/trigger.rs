@@ -1,7 +1,7 @@
-//! What calls for an effect: one entry for every way in which a scene may ask for it.
+//! Triggers of effects: one entry for every way in which a scene may need an effect.
 //!
-//! A trigger must fire wherever the effect could change a bit of the picture; that it does not fire elsewhere saves time.
-//! `tests/it/scenes/effect_plan.rs` removes the triggers one by one and sees to it that a picture changes each time.
+//! A trigger must fire wherever the effect could change a bit of the image; not firing elsewhere saves time.
+//! `tests/it/scenes/effect_plan.rs` removes the triggers one by one and checks that an image changes each time.
 
 use super::Facts;
 use crate::optics::{Absorption, LINE_D};
@@ -10,18 +10,19 @@ use crate::scene::{
     MaterialInput, MetallicRoughness, Model, Texture,
 };
 
-/// One way to call for an effect.
+/// Condition on a scene that needs an effect.
 pub struct Trigger {
-    /// What is called for.
+    /// Effect that the trigger switches on.
     pub effect: Effect,
-    /// What calls, for tests.
+    /// Name of the condition, for tests.
     pub name: &'static str,
-    /// Why, if a scene does.
+    /// Function that returns the reason if the scene fulfils the condition.
     pub fires: fn(&Facts) -> Option<String>,
 }
 
-/// All triggers. An effect is on if one of its triggers fires.
+/// List of all triggers. An effect is on if one of its triggers fires.
 pub const TRIGGERS: &[Trigger] = &[
+    // Shadows
     trigger(Effect::Shadow, "a light that may be hidden", shadow),
     trigger(Effect::Shadow, "light from all around", |facts| {
         environment(facts).map(|_| "the environment map may be hidden".into())
@@ -37,6 +38,7 @@ pub const TRIGGERS: &[Trigger] = &[
             |_| "is only partly there".into(),
         )
     }),
+    // Reflection and refraction
     trigger(Effect::Reflection, "smooth", |facts| {
         facts.material(is_smooth, |m| match m.model {
             Model::MetallicRoughness(model) => format!("has roughness {}", model.roughness),
@@ -73,6 +75,7 @@ pub const TRIGGERS: &[Trigger] = &[
     trigger(Effect::Absorption, "absorption", |facts| {
         facts.material(absorbs, |_| "swallows light".into())
     }),
+    // Textures and vertex attributes
     trigger(Effect::Texture, "a texture", |facts| {
         facts.layer(
             |layer| layer.effect() == Effect::Texture,
@@ -118,6 +121,7 @@ pub const TRIGGERS: &[Trigger] = &[
         let (_, material) = facts.meshes.iter().find(|(mesh, _)| mesh.normals.is_some())?;
         Some(format!("a mesh of material `{material}` has vertex normals"))
     }),
+    // Material models
     trigger(Effect::Lecture, "lecture", |facts| {
         facts.material(|m| lecture(m).is_some(), |_| "is of the lecture's model".into())
     }),
@@ -150,6 +154,7 @@ pub const TRIGGERS: &[Trigger] = &[
             |_| "has an occlusion map".into(),
         )
     }),
+    // Emission, background, volumes and lights
     trigger(Effect::Emission, "emission", |facts| {
         facts.material(|m| m.emission != [0.0; 3], |_| "shines".into())
     }),
@@ -192,8 +197,9 @@ pub const TRIGGERS: &[Trigger] = &[
         Some(format!("object `{}` is a lamp", light.name))
     }),
     trigger(Effect::Environment, "an environment map", environment),
+    // Rough surfaces, motion and subsurface scattering
     trigger(Effect::RoughReflection, "rough rays", |facts| {
-        // A texture may leave places that nothing goes through.
+        // A texture may leave parts of the surface opaque.
         let is_opaque = |m: &Material| !m.transmits() || m.layer(MaterialInput::Transmission).is_some();
         facts.material(|m| is_opaque(m) && m.rough_rays() > 0, blurs)
     }),
@@ -230,7 +236,7 @@ pub const TRIGGERS: &[Trigger] = &[
     }),
 ];
 
-/// Why an effect is off that nothing calls for.
+/// Returns the reason why an effect is off without any active trigger.
 pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
     match effect {
         Effect::Shadow => match &facts.lights[..] {
@@ -282,14 +288,14 @@ fn shadow(facts: &Facts) -> Option<String> {
     ))
 }
 
-/// The first light of such an extent that shines.
+/// Returns the first emitting area light whose shape fulfils `is_such`.
 fn soft_light<'s>(facts: &Facts<'s>, is_such: fn(&AreaShape) -> bool) -> Option<&'s Light> {
     let shines = |light: &&Light| light.intensity != [0.0; 3];
     let mut lights = facts.scene.lights.iter().filter(shines);
     lights.find(|light| matches!(&light.kind, LightKind::Area { shape, .. } if is_such(shape)))
 }
 
-/// The environment map that lights the scene.
+/// Returns a reason naming the environment map, if one lights the scene.
 fn environment(facts: &Facts) -> Option<String> {
     match facts.scene.background {
         Background::Environment { image, scale, .. } if scale > 0.0 => {
@@ -300,13 +306,13 @@ fn environment(facts: &Facts) -> Option<String> {
     }
 }
 
-/// Whether any light may be hidden.
+/// Returns `Some` if any light may be occluded.
 fn any_casting(facts: &Facts) -> Option<()> {
     let by_light = casting(facts).map(|_| ());
     by_light.or_else(|| environment(facts).map(|_| ()))
 }
 
-/// The first light that may be hidden.
+/// Returns the index of the first light that may be occluded.
 fn casting(facts: &Facts) -> Option<usize> {
     facts.lights.iter().position(|reach| reach.casts)
 }
@@ -332,17 +338,17 @@ fn lecture(material: &Material) -> Option<&Lecture> {
     }
 }
 
-/// Whether it is glTF's and reflects an image wherever it is seen.
+/// Returns whether the material is glTF's and mirrors everywhere.
 fn is_smooth(material: &Material) -> bool {
     matches!(&material.model, Model::MetallicRoughness(model) if model.roughness <= MIRROR_ROUGHNESS)
 }
 
-/// Whether a texture may make it smooth.
+/// Returns whether a texture may make parts of the material mirror.
 fn may_be_smooth(material: &Material) -> bool {
     material.may_mirror() && !is_smooth(material) && matches!(material.model, Model::MetallicRoughness(_))
 }
 
-/// How a material's rough places show what is around.
+/// Returns the reason for rough rays: roughness and number of rays of a material.
 fn blurs(material: &Material) -> String {
     match (&material.model, material.rough_rays()) {
         (Model::MetallicRoughness(model), 1) => format!("has roughness {} and sends a ray", model.roughness),

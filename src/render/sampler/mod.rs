@@ -1,7 +1,7 @@
-//! Where in its pixel each sample lies, and which sixteen samples make a packet.
+//! Sample positions within pixels, random numbers of samples, and the grouping of samples into packets.
 //!
-//! Samples are addressed by (pixel, sample, purpose), never drawn from a running stream, so a picture does not depend
-//! on who renders which tile when.
+//! Samples are addressed by (pixel, sample, purpose) instead of being drawn from a stateful generator, so an image
+//! does not depend on the thread or the order in which tiles are rendered.
 
 mod packet;
 mod sobol;
@@ -11,48 +11,51 @@ use crate::scene::image_settings::Pattern;
 
 pub(super) use packet::{PacketShape, SampleGroup};
 
-/// What a sample's pair of random numbers is for. Pairs of different purposes are independent of each other.
+/// Use of a sample's pair of random numbers. Pairs of different purposes are independent of each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Purpose(pub u32);
 
 impl Purpose {
-    /// The place within the pixel.
+    /// Position within the pixel.
     pub const FILM: Purpose = Purpose(0);
-    /// The point on the lens.
+    /// Point on the lens.
     pub const LENS: Purpose = Purpose(1);
-    /// The time within the shutter: the first number of the pair.
+    /// Time within the shutter interval: the first number of the pair.
     pub const TIME: Purpose = Purpose(2);
-    /// The point on a light, or the direction towards the surroundings.
+    /// Point on a light, or direction towards the environment map.
     pub const LIGHT: Purpose = Purpose(3);
-    /// The direction within a rough surface's lobe.
+    /// Direction within the lobe of a rough surface.
     pub const LOBE: Purpose = Purpose(4);
 
-    /// The same purpose for the `number`th of what needs it: a light of several, a surface of those that a path meets.
+    /// Returns the purpose for item `number`, for example one of several lights or one of the surfaces along a path.
     ///
-    /// Nesting goes to any depth and depends on the order. Hashed to 32 bits: of n purposes in use two are one with a
-    /// probability of about n²/2^33, and those are then correlated but still right on average.
+    /// Nesting works to any depth and depends on the order. Purposes are hashed to 32 bits: among n purposes in use,
+    /// two coincide with a probability of about n²/2^33. Their numbers are then correlated, but estimates stay
+    /// unbiased.
     pub const fn nested(self, number: u32) -> Purpose {
         Purpose(sobol::mixed(self.0 ^ sobol::mixed(number ^ NESTED)))
     }
 
-    /// The same purpose in the picture of another `seed`: itself for 0.
+    /// Returns the purpose for an image with another `seed`: itself for 0.
     pub const fn seeded(self, seed: u32) -> Purpose {
         Purpose(self.0 ^ sobol::mixed(seed) ^ sobol::mixed(0))
     }
 }
 
-/// Tells nested purposes from the plain ones.
+/// Constant that separates nested purposes from plain ones.
 const NESTED: u32 = 0x85a3_08d3;
 
-/// The two numbers in [0, 1) of sample `sample` of `pixel` (column and row) for `purpose`, of `spp` samples a pixel.
+/// Returns the two numbers in [0, 1) of sample `sample` of `pixel` (column and row) for `purpose`, with `spp` samples
+/// per pixel.
 ///
-/// For [`Purpose::FILM`] they are the place within the pixel, from its top left corner, as `pattern` has it; with one
-/// sample a pixel it is the middle, in every pattern. Grids have `spp` cells, in as many rows and columns as come
-/// nearest to a square; a prime number of samples thus lies in one row. Samples beyond `spp` begin another layer of
-/// cells. For every other purpose all patterns give Owen-scrambled Sobol points in an order of the purpose's own
-/// (Burley 2020, section 4): a grid there, in step with the one on the film, would show as bands.
+/// For [`Purpose::FILM`] they are the position within the pixel, from its top left corner, according to `pattern`;
+/// with one sample per pixel it is the centre for every pattern. Grids have `spp` cells, in the numbers of rows and
+/// columns that are closest to a square, so a prime number of samples lies in one row. Samples beyond `spp` start
+/// another layer of cells. For every other purpose, all patterns give Owen-scrambled Sobol points in an order
+/// specific to the purpose (Burley 2020, section 4): a grid in step with the one on the film would show as bands.
 pub fn sample_2d(pattern: Pattern, pixel: [u32; 2], sample: u32, spp: u32, purpose: Purpose) -> [f64; 2] {
     let seed = sobol::seed(pixel, purpose.0);
+    // All patterns use Sobol points for lenses, times, lights and lobes
     if purpose != Purpose::FILM {
         return sobol::point(sobol::shuffled(sample, seed), seed);
     }
@@ -64,7 +67,7 @@ pub fn sample_2d(pattern: Pattern, pixel: [u32; 2], sample: u32, spp: u32, purpo
     }
 }
 
-/// A pattern for a number of samples: what of it is the same in every pixel.
+/// Pattern for a number of samples, with the data that all pixels share.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
     pattern: Pattern,
@@ -73,32 +76,33 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// The pattern for `spp` samples a pixel, at least 1.
+    /// Returns the layout of `pattern` for `spp` samples per pixel, at least 1.
     pub(super) fn new(pattern: Pattern, spp: u32) -> Layout {
+        // Find the divisor of `spp` that is closest to its root from below
         let rows = (1..=spp.isqrt())
             .rev()
             .find(|&rows| spp.is_multiple_of(rows))
             .unwrap_or(1);
         Layout {
-            // The middle of the only cell, where every pattern has a single sample.
+            // Centre of the only cell, where every pattern has a single sample.
             pattern: if spp == 1 { Pattern::Regular } else { pattern },
             columns: spp / rows,
             rows,
         }
     }
 
-    /// Whether pixels differ, so that [`SampleGroup::position`] does not tell the places.
+    /// Returns whether positions differ between pixels, so that [`SampleGroup::position`] holds grid cells instead.
     pub(super) fn is_per_pixel(&self) -> bool {
         matches!(self.pattern, Pattern::Jittered | Pattern::Sobol)
     }
 
-    /// Column and row of the grid's cell that a sample belongs to.
+    /// Returns the column and row of the grid cell that a sample belongs to.
     fn cell(&self, sample: u32) -> [f64; 2] {
         let cell = sample % (self.columns * self.rows);
         [cell % self.columns, cell / self.columns].map(f64::from)
     }
 
-    /// The place of a sample in every pixel, where pixels do not differ.
+    /// Returns the position of a sample in every pixel, for patterns that are equal in all pixels.
     fn shared_position(&self, sample: u32) -> [f64; 2] {
         match self.pattern {
             Pattern::R2 => r2(sample),
@@ -112,7 +116,7 @@ impl Layout {
         }
     }
 
-    /// What the packets of a frame keep of a sample: its place or, where pixels differ, its cell.
+    /// Returns the shared data of a sample: its position or, if pixels differ, its grid cell.
     pub(super) fn shared(&self, sample: u32) -> [f64; 2] {
         if self.is_per_pixel() {
             self.cell(sample)
@@ -121,7 +125,7 @@ impl Layout {
         }
     }
 
-    /// A random place within `cell`.
+    /// Returns a random position within `cell`.
     #[inline(always)]
     fn jittered(&self, cell: [f64; 2], sample: u32, seed: u32) -> [f64; 2] {
         let across = sobol::mixed(seed ^ sobol::mixed(sample));
@@ -132,8 +136,8 @@ impl Layout {
         ]
     }
 
-    /// The places of sixteen samples in pixels of columns `x` and rows `y` of the picture of a `seed`, for a pattern in
-    /// which pixels differ.
+    /// Returns the positions of sixteen samples in pixels of columns `x` and rows `y` of the image with that `seed`,
+    /// for a pattern that differs between pixels.
     #[inline(always)]
     pub(super) fn lane_positions(
         &self,
@@ -145,6 +149,7 @@ impl Layout {
         let mut position = [[0.0; LANES]; 2];
         let purpose = Purpose::FILM.seeded(seed);
         let seed: Lanes<u32> = std::array::from_fn(|l| sobol::seed([x[l], y[l]], purpose.0));
+        // Scramble Sobol points, or jitter within the shared cells
         if self.pattern == Pattern::Sobol {
             for l in 0..LANES {
                 [position[0][l], position[1][l]] = sobol::point(group.sample[l], seed[l]);
@@ -159,10 +164,10 @@ impl Layout {
     }
 }
 
-/// Point `sample` of Roberts' R2 sequence, begun in the middle.
+/// Returns point `sample` of Roberts' R2 sequence, which starts at the centre.
 ///
-/// The plane's analogue of the golden ratio (M. Roberts, "The unreasonable effectiveness of quasirandom sequences",
-/// 2018). Any prefix of it is evenly spread.
+/// It is the two-dimensional analogue of the golden ratio (M. Roberts, "The unreasonable effectiveness of quasirandom
+/// sequences", 2018). Any prefix of the sequence is evenly distributed.
 #[inline(always)]
 fn r2(sample: u32) -> [f64; 2] {
     const STEP: [f64; 2] = [0.754_877_666_246_692_7, 0.569_840_290_998_053_2];
@@ -205,7 +210,7 @@ mod tests {
 
     #[test]
     fn sixteen_samples_of_r2_are_nearly_even_over_the_quarters() {
-        // A sequence of low discrepancy leaves no quarter of the pixel empty and none with half of the samples.
+        // A low-discrepancy sequence leaves no quarter of the pixel empty and none with half of the samples.
         let mut quarters = [0; 4];
         for sample in 0..16 {
             let [x, y] = r2(sample);
@@ -223,7 +228,7 @@ mod tests {
             let layout = Layout::new(Pattern::Regular, spp);
             assert_eq!((layout.columns, layout.rows), (columns, rows), "{spp}");
         }
-        // Three by two cells: the first middle is at (1/6, 1/4), the last at (5/6, 3/4).
+        // Three by two cells: the first centre is at (1/6, 1/4), the last at (5/6, 3/4).
         assert_eq!(film(Pattern::Regular, [9, 9], 0, 6), [0.5 / 3.0, 0.25]);
         assert_eq!(film(Pattern::Regular, [9, 9], 5, 6), [2.5 / 3.0, 0.75]);
     }
@@ -254,7 +259,7 @@ mod tests {
 
     #[test]
     fn pairs_of_different_purposes_are_not_correlated() {
-        // 4096 pairs: independent ones correlate by less than 4/64 but for one case in ten thousand.
+        // 4096 pairs: the correlation of independent ones is below 4/64 except in one case in ten thousand.
         let count = 4096;
         for pattern in Pattern::value_variants() {
             for other in [1, 2, 100] {
@@ -300,6 +305,7 @@ mod tests {
     fn the_samples_of_a_surface_and_light_are_even_and_not_those_of_another() {
         let count = 1024;
         let pair = |purpose, sample| sample_2d(Pattern::R2, [40, 2], sample, count, purpose);
+        // Plain and nested purposes
         let purposes = [
             Purpose::LENS,
             Purpose::TIME,
@@ -309,7 +315,7 @@ mod tests {
             Purpose::LOBE.nested(0),
         ];
         for (index, &purpose) in purposes.iter().enumerate() {
-            // Of every aligned run of sixteen, one lies in each cell of a four by four grid.
+            // Of every aligned run of sixteen samples, one lies in each cell of a four by four grid.
             for run in 0..count / 16 {
                 let cells: HashSet<_> = (16 * run..16 * (run + 1))
                     .map(|sample| pair(purpose, sample).map(|x| (4.0 * x) as u32))
@@ -320,7 +326,7 @@ mod tests {
                 for (a, b) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
                     let product = |s| 12.0 * (pair(purpose, s)[a] - 0.5) * (pair(other, s)[b] - 0.5);
                     let correlation = (0..count).map(product).sum::<f64>() / f64::from(count);
-                    // Four standard errors of independent ones, 1/32 each.
+                    // Four standard errors of independent pairs, 1/32 each.
                     assert!(
                         correlation.abs() < 4.0 / 32.0,
                         "{purpose:?} {other:?}: {correlation}"

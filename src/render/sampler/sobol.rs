@@ -1,16 +1,16 @@
-//! Owen-scrambled Sobol points and the hashes that they grow from.
+//! Owen-scrambled Sobol points and the hashes that they are based on.
 //!
-//! The first two dimensions of Sobol's sequence form a (0,2)-sequence: of the first 2^k points, each of the boxes of
-//! area 2^-k with sides that are powers of two holds exactly one. Owen's scrambling keeps that and makes the points
-//! otherwise random. It is done by a hash in which every bit changes only those above it (S. Laine, T. Karras,
-//! "Stratified sampling for stochastic transparency", EGSR 2011), on the digits in reverse (B. Burley, "Practical
-//! hash-based Owen scrambling", JCGT 9(4), 2020, sections 3 and 5). Everything is free of branches and of state, so
-//! that sixteen lanes are computed side by side.
+//! The first two dimensions of Sobol's sequence form a (0,2)-sequence: of the first 2^k points, each box of area 2^-k
+//! whose sides are powers of two holds exactly one. Owen's scrambling keeps this property and makes the points
+//! otherwise random. It is implemented by a hash in which every bit affects only the bits above it (S. Laine, T.
+//! Karras, "Stratified sampling for stochastic transparency", EGSR 2011), applied to the digits in reverse (B.
+//! Burley, "Practical hash-based Owen scrambling", JCGT 9(4), 2020, sections 3 and 5). All functions are free of
+//! branches and state, so that sixteen lanes are computed with SIMD.
 
-/// A well-mixed number (the finaliser of A. Appleby's MurmurHash3), also of zero.
+/// Returns a well-mixed hash of `value`, also for zero (the finalizer of A. Appleby's MurmurHash3).
 #[inline(always)]
 pub(super) const fn mixed(value: u32) -> u32 {
-    /// The golden ratio's fractional part in 32 bits: keeps zero from staying zero.
+    /// Fractional part of the golden ratio in 32 bits, which keeps zero from mapping to zero.
     const GOLDEN: u32 = 0x9e37_79b9;
     let mut v = value.wrapping_add(GOLDEN);
     v = (v ^ (v >> 16)).wrapping_mul(0x85eb_ca6b);
@@ -18,21 +18,21 @@ pub(super) const fn mixed(value: u32) -> u32 {
     v ^ (v >> 16)
 }
 
-/// What makes the random numbers of a pixel and purpose its own.
+/// Returns the seed of the random numbers of a pixel and purpose.
 #[inline(always)]
 pub(super) fn seed(pixel: [u32; 2], purpose: u32) -> u32 {
     mixed(pixel[0] ^ mixed(pixel[1] ^ mixed(purpose)))
 }
 
-/// A fraction in [0, 1) of 32 bits.
+/// Returns 32 bits as a fraction in [0, 1).
 #[inline(always)]
 pub(super) fn fraction(bits: u32) -> f64 {
-    /// 2^-32.
+    /// Weight 2^-32 of the lowest bit.
     const UNIT: f64 = 1.0 / (1u64 << 32) as f64;
     f64::from(bits) * UNIT
 }
 
-/// Point `index` of the sequence, scrambled by `seed`.
+/// Returns point `index` of the sequence, scrambled by `seed`.
 #[inline(always)]
 pub(super) fn point(index: u32, seed: u32) -> [f64; 2] {
     [
@@ -41,23 +41,25 @@ pub(super) fn point(index: u32, seed: u32) -> [f64; 2] {
     ]
 }
 
-/// A permutation of the indices that maps every aligned run of 2^k of them onto such a run.
+/// Permutes indices such that every aligned run of 2^k of them maps onto such a run.
 ///
-/// Pairs of different purposes that walk the same points in differently shuffled order are independent.
+/// Pairs of different purposes that use the same points in differently shuffled orders are independent.
 #[inline(always)]
 pub(super) fn shuffled(index: u32, seed: u32) -> u32 {
     owen_of_reversed(index.reverse_bits(), mixed(seed ^ SHUFFLE))
 }
 
-/// Tells the second dimension's scrambling from the first's.
+/// Constant that separates the scrambling of the second dimension from that of the first.
 const SECOND: u32 = 0x5bd1_e995;
-/// Tells the shuffling from the scrambling.
+/// Constant that separates the shuffling from the scrambling.
 const SHUFFLE: u32 = 0x2545_f491;
 
-/// The second dimension's digits, the first of them in the lowest bit: the index times Pascal's triangle modulo 2.
+/// Returns the digits of the second dimension, the first of them in the lowest bit: the index times Pascal's triangle
+/// modulo 2.
 ///
-/// By Lucas's theorem C(k, j) is odd where the bits of j are among those of k, so digit j is the sum of the index bits
-/// k whose numbers contain j: a transform over subsets, one step for each of the five bits of a bit number.
+/// By Lucas's theorem C(k, j) is odd where the bits of j are a subset of those of k, so digit j is the sum of the
+/// index bits k whose numbers contain j: a transform over subsets, with one step for each of the five bits of a bit
+/// number.
 #[inline(always)]
 fn pascal(index: u32) -> u32 {
     let mut digits = index;
@@ -68,10 +70,10 @@ fn pascal(index: u32) -> u32 {
     digits ^ ((digits >> 16) & 0x0000_ffff)
 }
 
-/// Owen's scrambling of the number whose digits, highest first, are the bits of `reversed`, lowest first.
+/// Returns Owen's scrambling of the number whose digits, highest first, are the bits of `reversed`, lowest first.
 #[inline(always)]
 fn owen_of_reversed(reversed: u32, seed: u32) -> u32 {
-    // Laine and Karras's hash: sums and products by even numbers carry upward only.
+    // Hash of Laine and Karras: sums and products by even numbers carry upwards only.
     let mut v = reversed.wrapping_add(seed);
     v ^= v.wrapping_mul(0x6c50_b47c);
     v ^= v.wrapping_mul(0xb82f_1e52);
@@ -85,7 +87,7 @@ mod tests {
     use super::*;
     use std::collections::HashSet;
 
-    /// Whether every elementary box of area 1 / 2^log2 holds one of the points.
+    /// Returns whether every elementary box of area 1 / 2^log2 holds one of the points.
     fn is_net(points: &[[f64; 2]], log2: u32) -> bool {
         (0..=log2).all(|across| {
             let (columns, rows) = (f64::from(1u32 << across), f64::from(1u32 << (log2 - across)));
@@ -107,13 +109,13 @@ mod tests {
 
     #[test]
     fn every_index_bit_brings_the_direction_number_of_the_recurrence() {
-        // For x + 1: v(k+1) = v(k) ^ v(k) / 2, begun with 1/2.
+        // For x + 1: v(k+1) = v(k) ^ v(k) / 2, starting with 1/2.
         let mut direction = 1u32 << 31;
         for bit in 0..32 {
             assert_eq!(pascal(1 << bit).reverse_bits(), direction, "bit {bit}");
             direction ^= direction >> 1;
         }
-        // And sums bit by bit.
+        // The transform is linear: sums are taken bit by bit.
         assert_eq!(pascal(0xdead_beef), pascal(0xdead_0000) ^ pascal(0xbeef));
     }
 
@@ -161,7 +163,7 @@ mod tests {
         let firsts: HashSet<u64> = (0..64)
             .flat_map(|y| (0..64).map(move |x| point(0, seed([x, y], 0))[0].to_bits()))
             .collect();
-        // 4096 draws of 2^32: two alike are expected in 0.002 of all cases.
+        // 4096 draws of 2^32: a coincidence is expected in 0.002 of all cases.
         assert_eq!(firsts.len(), 4096);
     }
 }

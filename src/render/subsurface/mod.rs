@@ -1,11 +1,11 @@
-//! Light that bodies scatter within: in place of what a surface would send back where light arrives, what leaves the
-//! body there of all the light that enters it anywhere.
+//! Subsurface scattering: the diffuse reflection of a surface is replaced by light that enters the object anywhere
+//! and leaves it at the hit.
 //!
-//! Before the first wave every such body is covered with points ([`points`]), and the light that gets in at each of
-//! them is found by the shadow rays that surfaces send ([`receive`]): from lights of every kind, the environment map and
-//! the ambient light, through whatever hides or colours it. A tree over the points ([`IrradianceTree`]) then tells the
-//! radiant exitance at every hit. Reflection stays the surface's own. Light that one body or mirror sends to another
-//! does not enter.
+//! Before the first wave, every such object is covered with points ([`points`]), and the irradiance that enters at
+//! each of them is computed with the shadow rays of surfaces ([`receive`]): from lights of every kind, the
+//! environment map and the ambient light, with all occlusion and transparent shadows. An octree over the points
+//! ([`IrradianceTree`]) then gives the radiant exitance at every hit. Specular reflection is handled at the surface
+//! as usual. Light that one object or mirror sends to another does not enter.
 
 mod points;
 mod receive;
@@ -28,50 +28,52 @@ use crate::optics::subsurface::{
 use crate::scene::{Effect, Scene};
 use points::Covered;
 
-/// Most bytes that a point takes while the trees are built: as a point, with its light, in order, and in its tree.
+/// Largest number of bytes per point while the trees are built: as a point, with its irradiance, sorted, and in its
+/// tree.
 const BYTES_PER_POINT: u64 = 256;
 
-/// What the bodies of a picture that scatter light within took.
+/// Statistics of subsurface scattering.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SubsurfaceStats {
-    /// How many there are.
+    /// Number of objects with subsurface scattering.
     pub bodies: usize,
-    /// Points at which the light that enters them was found: at most 2^21 for all bodies together, give or take what
-    /// rounding adds.
+    /// Number of points at which irradiance was computed: at most 2^21 for all objects together, except for rounding.
     pub samples: usize,
-    /// Bytes of their trees.
+    /// Number of bytes of the trees.
     pub bytes: u64,
-    /// How many times as far apart as their materials ask for points lie at most: light is blurred over so much more. 1
-    /// where there are points enough.
+    /// Largest ratio of the spacing of points to the spacing that the material needs: light is blurred by this
+    /// factor. 1 if there are enough points.
     pub coarseness: f64,
 }
 
-/// Bytes that the light within the bodies of a scene takes at most.
+/// Returns an upper bound on the bytes for subsurface scattering in a scene.
 pub fn subsurface_bytes(scene: &Scene) -> u64 {
     points::count(scene).min(MAX_SAMPLES as f64) as u64 * BYTES_PER_POINT
 }
 
-/// The bodies of a scene that scatter light within, with their light.
+/// Objects of a scene with subsurface scattering, with their irradiance.
 pub(super) struct Bodies {
-    /// One an instance.
+    /// Objects with subsurface scattering, indexed by instance.
     bodies: Vec<Option<Box<Body>>>,
     pub(super) stats: SubsurfaceStats,
 }
 
 struct Body {
     tree: IrradianceTree,
-    /// Index of refraction.
+    /// Index of refraction of the interior.
     eta: f64,
-    /// Radiance that leaves where Fresnel's transmittance is 1, over the radiant exitance.
+    /// Radiance that leaves where Fresnel's transmittance is 1, divided by the radiant exitance.
     scale: f64,
 }
 
 impl Frame<'_> {
-    /// Finds the light within all bodies, where that effect is on, and tells what it took. `None` if it was cancelled.
+    /// Computes the irradiance of all objects, if the effect is on, and returns the ledger. Returns `None` if
+    /// cancelled.
     pub(super) fn scatter(&mut self, monitor: &Monitor) -> Option<Ledger> {
         if !self.effects().has(Effect::Subsurface) {
             return Some(Ledger::default());
         }
+        // Distribute points over the objects
         let start = Instant::now();
         let covered = points::cover(self.scene);
         let Some(last) = covered.last() else {
@@ -86,6 +88,7 @@ impl Frame<'_> {
             coarseness: 1.0,
         };
         let mut taken = Ledger::default();
+        // Compute irradiance and build the tree of each object
         for covered in covered {
             let (irradiance, ledger) = self.receive(&covered, stats.samples, monitor)?;
             taken += ledger;
@@ -96,6 +99,7 @@ impl Frame<'_> {
             bodies[covered.instance as usize] = Some(Box::new(body));
         }
         self.bodies = Some(Bodies { bodies, stats });
+        // Book the whole time under one account
         let threads = rayon::current_num_threads() as f64;
         let seconds = if self.settings.ledger {
             threads * start.elapsed().as_secs_f64()
@@ -124,7 +128,7 @@ impl Body {
 }
 
 impl Outcome<'_, '_> {
-    /// Adds to the film what leaves bodies where rays have met them.
+    /// Adds the subsurface radiance of the hits of a packet to the film.
     pub(super) fn add_scattered(&mut self, traced: &Traced, surfaces: &Surfaces) {
         let Some(bodies) = &self.frame.bodies else { return };
         let (points, materials) = (&surfaces.points, &surfaces.materials);
@@ -135,6 +139,7 @@ impl Outcome<'_, '_> {
             let instance = traced.packet.instance[l] as usize;
             let body = bodies.bodies.get(instance).filter(|_| seen);
             let Some(Some(body)) = body else { continue };
+            // Weigh the exitance by Fresnel's transmittance towards the viewer
             let cosine: f32 = (0..3).map(|axis| points.ns[axis][l] * points.wo[axis][l]).sum();
             let cosine = f64::from(cosine.clamp(0.0, 1.0));
             let transmittance = dielectric(cosine, 1.0, body.eta).transmittance.mean();

@@ -1,4 +1,4 @@
-//! The points of bodies at which the light that enters them is found.
+//! Points on the surfaces of objects at which incident irradiance is computed.
 
 use glam::DVec3;
 
@@ -10,59 +10,60 @@ use crate::optics::subsurface::{
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{Implicit, Shape, ShapeRay};
 
-/// Points of a body however far light goes in it: shadows on it have edges.
+/// Smallest number of points per object, for any mean free path, because shadows on it have edges.
 const MIN_POINTS: f64 = 4096.0;
 
-/// Lines along each edge of the box around a shape by which its area is estimated.
+/// Number of lines along each edge of the bounding box of a shape, used to estimate its area.
 const LINES: f64 = 48.0;
 
-/// A point that stands for a piece of a body's surface, in world space.
+/// Point that represents a piece of the surface of an object, in world space.
 pub(super) type Point = SurfaceSample;
 
-/// A body covered with points.
+/// Object that is covered with points.
 pub(super) struct Covered {
-    /// Which instance it is.
+    /// Index of the instance in the scene.
     pub(super) instance: u32,
     pub(super) scattering: Scattering,
-    /// As far as the points can show it.
+    /// Dipole, limited to what the spacing of the points resolves.
     pub(super) dipole: Dipole,
     pub(super) points: Vec<Point>,
-    /// How far apart they lie.
+    /// Distance between neighbouring points.
     pub(super) spacing: f64,
-    /// How far apart they may.
+    /// Distance between points that the material needs.
     wanted: f64,
 }
 
 impl Covered {
-    /// How many times as far apart as they may the points lie.
+    /// Returns the ratio of the spacing of points to the spacing that the material needs.
     pub(super) fn coarseness(&self) -> f64 {
         self.spacing / self.wanted
     }
 }
 
-/// A body and the points that it asks for.
+/// Object and the points that it needs.
 struct Asking<'s> {
     index: u32,
     instance: &'s Instance,
     geometry: &'s Geometry,
     scattering: Scattering,
     dipole: Dipole,
-    /// Distance of its points.
+    /// Distance between its points.
     spacing: f64,
-    /// How many they are.
+    /// Estimated number of points.
     count: f64,
 }
 
-/// How many points the bodies of a scene ask for.
+/// Returns the number of points that the objects of a scene need.
 pub(super) fn count(scene: &Scene) -> f64 {
     asking(scene).iter().map(|asking| asking.count).sum()
 }
 
-/// The bodies of a scene that scatter light within, covered with points: at most [`MAX_SAMPLES`] of all bodies, for
-/// which the distances of all grow by one factor.
+/// Covers the objects of a scene that have subsurface scattering with points: at most [`MAX_SAMPLES`] for all of
+/// them, for which all distances grow by a common factor.
 pub(super) fn cover(scene: &Scene) -> Vec<Covered> {
     let asking = asking(scene);
     let count: f64 = asking.iter().map(|asking| asking.count).sum();
+    // Enlarge all spacings equally if there are too many points
     let factor = (count / MAX_SAMPLES as f64).sqrt().max(1.0);
     let covered = asking.iter().map(|asking| asking.covered(factor));
     covered.filter(|covered| !covered.points.is_empty()).collect()
@@ -75,12 +76,13 @@ fn asking(scene: &Scene) -> Vec<Asking<'_>> {
 }
 
 impl<'s> Asking<'s> {
-    /// What an instance asks for, if it scatters light within and has an area.
+    /// Returns the needs of an instance, if it has subsurface scattering and a finite area.
     fn of(scene: &'s Scene, index: u32, instance: &'s Instance) -> Option<Asking<'s>> {
         let scattering = *scene.materials[instance.material as usize].scatters()?;
         let dipole = Dipole::new(&scattering).ok()?;
         let geometry = &scene.geometries[instance.geometry as usize];
         let area = area(instance, geometry);
+        // Skip degenerate and infinite objects
         if !(area > 0.0 && area < f64::INFINITY) {
             return None;
         }
@@ -92,12 +94,12 @@ impl<'s> Asking<'s> {
             scattering,
             dipole,
             spacing,
-            // Lattices take half as many again on what is curved.
+            // Lattices need half as many points again on curved surfaces.
             count: 1.5 * area / (spacing * spacing),
         })
     }
 
-    /// The body with points `factor` times as far apart as it asks for.
+    /// Covers the object with points at `factor` times the distance that it needs.
     fn covered(&self, factor: f64) -> Covered {
         let asked = factor * self.spacing;
         let (points, spacing) = match self.geometry {
@@ -105,7 +107,7 @@ impl<'s> Asking<'s> {
                 let corners = triangles(self.instance, mesh);
                 let mut found = surface_samples(mesh.triangles.len(), corners, asked);
                 if self.instance.is_mirrored() {
-                    // Fronts stay fronts where the placement turns the corners round.
+                    // Keep the front side if the instance transform mirrors and so reverses the vertex order.
                     found
                         .samples
                         .iter_mut()
@@ -126,13 +128,13 @@ impl<'s> Asking<'s> {
     }
 }
 
-/// The corners of a mesh's triangles in the world.
+/// Returns the vertices of the triangles of a mesh in world space.
 fn triangles<'m>(instance: &Instance, mesh: &'m Mesh) -> impl Fn(usize) -> [DVec3; 3] + Sync + use<'m> {
     let map = instance.world_from_object();
     move |triangle| mesh.corners_f64(triangle as u32).map(|p| map.transform_point3(p))
 }
 
-/// Points of a shape, `spacing` apart.
+/// Distributes points over a shape, `spacing` apart.
 fn on_shape(instance: &Instance, shape: &Shape, spacing: f64) -> Vec<Point> {
     let cross = |origin: DVec3, direction: DVec3, out: &mut dyn FnMut(DVec3, DVec3, u32)| {
         let line = ShapeRay::new(origin, direction);
@@ -144,9 +146,10 @@ fn on_shape(instance: &Instance, shape: &Shape, spacing: f64) -> Vec<Point> {
     lattice_samples(&shape.bounds(), &instance.world_from_object(), spacing, cross)
 }
 
-/// The area of a body in the world; of a shape, about that.
+/// Returns the area of an object in world space; approximately for an analytic shape.
 fn area(instance: &Instance, geometry: &Geometry) -> f64 {
     match geometry {
+        // Sum up the triangles, without those that overflow
         Geometry::Mesh(mesh) => {
             let corners = triangles(instance, mesh);
             let of_triangle = |[a, b, c]: [DVec3; 3]| 0.5 * (b - a).cross(c - a).length();
@@ -159,6 +162,7 @@ fn area(instance: &Instance, geometry: &Geometry) -> f64 {
             let bounds: Bounds = shape.bounds();
             let m = instance.world_from_object().matrix3;
             let extent = bounds.extent();
+            // Estimate the area of a shape by the areas of its lattice samples
             let edge = (0..3)
                 .map(|axis| extent[axis] * m.col(axis).length())
                 .fold(0.0, f64::max);

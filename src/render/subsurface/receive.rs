@@ -1,8 +1,8 @@
-//! The light that gets into a body at its points, by the shadow rays that surfaces send.
+//! Irradiance pass: the light that enters an object at its points, computed with the shadow rays of surfaces.
 //!
-//! Each point becomes a hit, seen along its normal, and a film of as many pixels as a tile has collects what arrives.
-//! So points go through the same code as what the camera sees, and random points of lights are numbered by place and
-//! not by thread.
+//! Each point becomes a hit seen along its normal, and a film with the pixels of one tile collects the irradiance.
+//! Points therefore use the same code as camera hits, and random points on lights are numbered by position and not by
+//! thread.
 
 use std::cell::OnceCell;
 use std::sync::atomic::Ordering;
@@ -22,32 +22,33 @@ use crate::render::travel::Travels;
 use crate::render::{Frame, Ledger, Monitor};
 use crate::shading::MaterialPacket;
 
-/// Points whose light is found together: one for each pixel of a tile.
+/// Number of points whose irradiance is computed together: one for each pixel of a tile.
 const CHUNK: usize = (TILE * TILE) as usize;
 
-/// Tiles in a row of the picture that numbers the points.
+/// Number of tiles per row of the virtual image that numbers the points.
 const TILES_A_ROW: usize = 1 << 10;
 
-/// Irradiance up to which no sum over all points leaves the range of f32: 2^21 of them make 2 10^30, which leaves 10^8
-/// for what areas and dipoles make of that.
+/// Limit of irradiance such that no sum over all points exceeds the range of f32: 2^21 points make 2 10^30, which
+/// leaves 10^8 for the factors of areas and dipoles.
 const MAX_IRRADIANCE: f64 = 1e24;
 
-/// All of the light, in every lane.
+/// Throughput of 1 in every lane.
 const ALL: Lanes3<f32> = [[1.0; LANES]; 3];
 
 impl Frame<'_> {
-    /// What gets into a body at each of its points, per unit of area. `before` are the points of bodies before it.
-    /// `None` if it was cancelled.
+    /// Returns the irradiance that enters an object at each of its points. `before` is the number of points of
+    /// objects before it. Returns `None` if cancelled.
     pub(super) fn receive(
         &self,
         covered: &Covered,
         before: usize,
         monitor: &Monitor,
     ) -> Option<(Vec<[f32; 3]>, Ledger)> {
-        // Each body before this one may have left its last chunk unfilled.
+        // Each object before this one may have left its last chunk partly empty.
         let first = before.div_ceil(CHUNK) + covered.instance as usize;
         let idle: Mutex<Vec<Receiver>> = Mutex::default();
         let idle = || idle.lock().unwrap_or_else(PoisonError::into_inner);
+        // Process chunks in parallel with pooled working memory
         let chunks = parallel::map_chunks(&covered.points, CHUNK, &|chunk, points| {
             if monitor.cancel.load(Ordering::Relaxed) {
                 return None;
@@ -58,6 +59,7 @@ impl Frame<'_> {
             idle().push(receiver);
             Some(received)
         });
+        // Join the chunks in order
         let mut ledger = Ledger::default();
         let mut irradiance = Vec::with_capacity(covered.points.len());
         for received in chunks {
@@ -69,17 +71,17 @@ impl Frame<'_> {
     }
 }
 
-/// The working memory of one thread.
+/// Working memory of one thread for the irradiance pass.
 struct Receiver<'f, 's> {
     frame: &'f Frame<'s>,
     covered: &'f Covered,
     surfaces: Box<Surfaces>,
     outcome: Outcome<'f, 's>,
-    /// Asks for nothing but how much light gets in.
+    /// Material that returns the transmitted irradiance.
     entrance: MaterialPacket,
-    /// Of paths that begin at the points, outside of all bodies.
+    /// Path states at the points, outside of all interiors.
     travels: Travels,
-    /// Irradiance by the ambient light.
+    /// Irradiance of the ambient light, linear RGB.
     ambient: [f64; 3],
 }
 
@@ -104,12 +106,13 @@ impl<'f, 's> Receiver<'f, 's> {
         }
     }
 
-    /// What gets in at the points of a chunk.
+    /// Returns the irradiance that enters at the points of a chunk.
     fn receive(&mut self, points: &[Point], chunk: usize) -> (Vec<[f32; 3]>, Ledger) {
         let stage = Stage {
             order: RayOrder::Incoherent,
             depth: 0,
         };
+        // Give the chunk a tile of the virtual image
         let corner = [chunk % TILES_A_ROW, chunk / TILES_A_ROW].map(|tile| tile as u32 * TILE);
         self.outcome.meter.begin(Tile {
             x: corner[0],
@@ -120,6 +123,7 @@ impl<'f, 's> Receiver<'f, 's> {
         self.outcome.clear();
         self.outcome.corner = corner;
         let without_seen_lobes = OnceCell::new();
+        // Turn sixteen points at a time into hits and sample all lights
         for (number, points) in points.chunks(LANES).enumerate() {
             let (packet, pixel) = self.seen(points, number * LANES);
             self.frame
@@ -139,12 +143,13 @@ impl<'f, 's> Receiver<'f, 's> {
             };
             self.outcome.ask_lights::<false>(&traced, &lit, stage);
         }
+        // Trace the remaining shadow rays and read the film
         self.outcome.trace_shadow_rays::<false>(stage.order);
         let sums = &self.outcome.film.sums()[..points.len()];
         let total = |sum: &[f64; 3]| {
             let channel = |c: usize| match sum[c] + self.ambient[c] {
                 light if light > 0.0 => light.min(MAX_IRRADIANCE) as f32,
-                // Not a number counts as nothing.
+                // NaN counts as zero.
                 _ => 0.0,
             };
             [channel(0), channel(1), channel(2)]
@@ -152,7 +157,7 @@ impl<'f, 's> Receiver<'f, 's> {
         (sums.iter().map(total).collect(), self.outcome.meter.ledger)
     }
 
-    /// Sixteen points as hits, with their pixels from `first` on.
+    /// Returns a packet of up to sixteen points as hits, with their pixels from `first` on.
     fn seen(&self, points: &[Point], first: usize) -> (RayPacket, Lanes<u32>) {
         let mut packet = RayPacket::EMPTY;
         let mut pixel = [first as u32; LANES];

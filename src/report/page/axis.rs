@@ -3,32 +3,33 @@
 use super::plot::even_ticks;
 use crate::cost::Interval;
 
-/// An interval's lower end is shown down to this part of the least value; what reaches lower is cut off there.
+/// Smallest shown interval end as a fraction of the smallest value; ends below it are clipped.
 const REACH: f64 = 0.25;
-/// An axis of a single value spans so much on either side, and no axis spans less in all.
+/// Smallest factor that an axis spans, and the factor on either side of a single value.
 const MIN_SPAN: f64 = 2.0;
-/// Room at either end, as a part of what is shown.
+/// Margin at either end, as a fraction of the shown span.
 const ROOM: f64 = 0.05;
-/// Room below the least value if others are 0, which stand at the foot, as a part of what is shown.
+/// Margin below the smallest value if other values are 0 and drawn at the foot, as a fraction of the shown span.
 const ROOM_FOR_ZERO: f64 = 0.15;
-/// No tick is nearer to a foot that stands for 0, as a part of the axis.
+/// Smallest distance of a tick from a foot that stands for 0, as a fraction of the axis.
 const APART: f64 = 0.06;
 
-/// A logarithmic axis; what is no larger than 0 stands at its foot.
+/// Logarithmic axis; values of at most 0 are drawn at its foot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LogAxis<'a> {
-    /// What it shows, and its unit.
+    /// Label with the quantity and its unit.
     pub label: &'a str,
-    /// Decimal logarithms of the values at its ends.
+    /// Decimal logarithms of the values at the ends.
     low: f64,
     high: f64,
-    /// Whether its foot stands for 0.
+    /// True if the foot stands for 0.
     has_zero: bool,
 }
 
 impl<'a> LogAxis<'a> {
-    /// One that holds all values and what it can of their intervals.
+    /// Returns an axis that contains all values, and their intervals within limits.
     pub fn around(label: &'a str, all: &[Interval]) -> LogAxis<'a> {
+        // Find the smallest positive value
         let usable = |x: &f64| *x > 0.0 && x.is_finite();
         let values = || all.iter().map(|interval| interval.value);
         let least = values().filter(usable).fold(f64::INFINITY, f64::min);
@@ -41,12 +42,14 @@ impl<'a> LogAxis<'a> {
                 has_zero,
             };
         }
+        // Extend the range by the intervals
         let lows = all.iter().filter(|interval| interval.value > 0.0);
         let lows = lows.map(|interval| interval.low.max(REACH * least));
         let ends = lows.chain(values()).filter(usable);
         let low = ends.fold(least, f64::min).log10();
         let ends = all.iter().map(|interval| interval.high);
         let high = ends.chain(values()).filter(usable).fold(least, f64::max).log10();
+        // Widen a narrow range and add margins
         let lacking = (MIN_SPAN.log10() - 0.5 * (high - low)).max(0.0);
         let (low, high) = (low - lacking, high + lacking);
         let below = if has_zero { ROOM_FOR_ZERO } else { ROOM };
@@ -58,16 +61,16 @@ impl<'a> LogAxis<'a> {
         }
     }
 
-    /// From 0 to 1, whatever the value is; what is no number is far above all.
+    /// Returns the position of a value from 0 to 1; NaN is at the end.
     pub fn place(&self, value: f64) -> f64 {
         if value.is_nan() {
             return 1.0;
         }
-        // The logarithm of 0 is below all.
+        // The logarithm of 0 is negative infinity, which clamps to the foot.
         ((value.max(0.0).log10() - self.low) / (self.high - self.low)).clamp(0.0, 1.0)
     }
 
-    /// At most about `most` values with what is written there: round numbers, and the foot if it stands for 0.
+    /// Returns about `most` ticks with labels at most: round numbers, and the foot if it stands for 0.
     pub fn ticks(&self, most: f64) -> Vec<(f64, String)> {
         let mut ticks = self.round_numbers(most.max(2.0) as usize);
         if self.has_zero {
@@ -77,8 +80,8 @@ impl<'a> LogAxis<'a> {
         ticks
     }
 
-    /// The most that there may be: even steps where the axis spans less than a decade, else 1, 2 and 5 of each power of
-    /// ten, else powers alone.
+    /// Returns as many round ticks as `most` permits: linear steps if the axis spans less than a decade, otherwise 1, 2
+    /// and 5 times powers of ten, otherwise powers of ten alone.
     fn round_numbers(&self, most: usize) -> Vec<(f64, String)> {
         if self.high - self.low < 1.0 {
             let ticks = even_ticks(10f64.powf(self.low), 10f64.powf(self.high));
@@ -95,7 +98,7 @@ impl<'a> LogAxis<'a> {
         if powers.is_empty() { ticks } else { powers }
     }
 
-    /// Those factors of every power of ten whose exponent is a multiple of `step`, within the axis.
+    /// Returns the products of `factors` with powers of ten whose exponent is a multiple of `step`, within the axis.
     fn multiples(&self, factors: &[u32], step: i32) -> Vec<(f64, String)> {
         let powers = (self.low.floor() as i32..=self.high.ceil() as i32).filter(|power| power % step == 0);
         let all = powers.flat_map(|power| {
@@ -108,7 +111,7 @@ impl<'a> LogAxis<'a> {
     }
 }
 
-/// A tick of even steps, by its power of ten where there would be many noughts.
+/// Shortens the label of a linear tick to scientific notation if it has many zeros.
 fn in_few_letters((value, name): (f64, String)) -> (f64, String) {
     if (1e-4..1e6).contains(&value) {
         (value, name)
@@ -117,7 +120,7 @@ fn in_few_letters((value, name): (f64, String)) -> (f64, String) {
     }
 }
 
-/// In decimals where they are few.
+/// Formats a tick in positional notation where this is short.
 fn name(value: f64, factor: u32, power: i32) -> String {
     match power {
         0..=5 => format!("{value:.0}"),

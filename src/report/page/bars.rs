@@ -1,4 +1,4 @@
-//! Groups of bars over an even axis from 0, each with the range in which its value was.
+//! Groups of horizontal bars over a linear axis from 0, each with the range of its value.
 
 use std::fmt::Write;
 
@@ -8,53 +8,53 @@ use super::plot::even_ticks;
 use crate::cost::Interval;
 
 const WIDTH: f64 = 861.0;
-/// Room for names at the left, and for what is written behind a bar.
+/// Space for names at the left, and for labels behind a bar, in pixels.
 const NAMES: f64 = 235.0;
 const BEHIND: f64 = 58.0;
-/// Room above, below and between groups, which a group's name takes.
+/// Margins above and below, and height of a group's heading, in pixels.
 const ABOVE: f64 = 4.0;
 const BELOW: f64 = 42.0;
 const HEADING: f64 = 22.0;
-/// Height of a bar with the room to the next.
+/// Height of a bar with the space to the next, in pixels.
 const BAR: f64 = 16.0;
 
-/// A bar.
+/// Horizontal bar with its range.
 #[derive(Clone, Debug)]
 pub struct Length {
-    /// What stands at its left.
+    /// Name at the left of the bar.
     pub name: String,
-    /// Its colour.
+    /// Colour of the bar.
     pub look: Look,
-    /// How long it is, and its range.
+    /// Length of the bar and its range.
     pub value: Interval,
-    /// What is written behind it.
+    /// Label behind the bar.
     pub label: String,
-    /// What is told where one points at it.
+    /// Text of the tooltip.
     pub words: String,
 }
 
-/// Bars below a name of their own.
+/// Bars below a common heading.
 #[derive(Clone, Debug)]
 pub struct Group {
-    /// What they have in common.
+    /// Heading of the group.
     pub name: String,
-    /// One below the other.
+    /// Bars from top to bottom.
     pub bars: Vec<Length>,
 }
 
-/// Groups of bars with one axis; what is no number has no length.
+/// Groups of bars with a common axis; a value that is not finite has no length.
 #[derive(Clone, Debug)]
 pub struct Bars<'a> {
-    /// What lengths show, and the unit.
+    /// Label of the axis, with the unit.
     pub label: &'a str,
-    /// One below the other.
+    /// Groups from top to bottom.
     pub groups: Vec<Group>,
-    /// What colours mean.
+    /// Meanings of the colours.
     pub legend: Vec<(Look, &'a str)>,
 }
 
 impl Bars<'_> {
-    /// As HTML, with the legend below.
+    /// Returns the chart as HTML, with a legend below.
     pub fn html(&self) -> String {
         let legend = self.legend.iter().map(|(look, name)| {
             format!(
@@ -71,9 +71,10 @@ impl Bars<'_> {
         )
     }
 
-    /// The greatest end of all ranges; 1 where there is none.
+    /// Returns the largest end of all ranges; 1 if there is none.
     fn most(&self) -> f64 {
         let bars = self.groups.iter().flat_map(|group| &group.bars);
+        // Ignore ends that are not finite
         let ends = bars.flat_map(|bar| [bar.value.value, bar.value.high]);
         let most = ends.filter(|end| end.is_finite()).fold(0.0, f64::max);
         if most > 0.0 { most } else { 1.0 }
@@ -81,6 +82,7 @@ impl Bars<'_> {
 
     fn svg(&self) -> String {
         let most = self.most();
+        // Map values to pixels
         let across = |value: f64| {
             let part = if value.is_finite() {
                 (value / most).clamp(0.0, 1.0)
@@ -89,6 +91,7 @@ impl Bars<'_> {
             };
             NAMES + part * (WIDTH - NAMES - BEHIND)
         };
+        // Draw the bars of each group below its heading
         let mut rows = String::new();
         let mut y = ABOVE;
         for group in &self.groups {
@@ -105,6 +108,7 @@ impl Bars<'_> {
                 y += BAR;
             }
         }
+        // Draw the grid, whose height is known after the rows
         let mut grid = String::new();
         for (value, name) in even_ticks(0.0, most) {
             let x = across(value);
@@ -128,6 +132,7 @@ impl Bars<'_> {
 
 fn row(bar: &Length, top: f64, across: impl Fn(f64) -> f64) -> String {
     let Interval { value, low, high } = bar.value;
+    // Draw the bar from 0 to the value, and a line over its range
     let [left, end, low, high] = [0.0, value, low, high].map(across);
     let middle = top + 0.5 * BAR;
     format!(

@@ -6,32 +6,32 @@ use super::axis::LogAxis;
 use super::escape;
 use crate::cost::Interval;
 
-/// Room for labels: left, below, above and at the right.
+/// Margins for labels in pixels: left, bottom, top and right.
 const LEFT: f64 = 62.0;
 const BELOW: f64 = 44.0;
 const ABOVE: f64 = 12.0;
 const BESIDE: f64 = 16.0;
-/// Pixels from one tick to the next, at least: across and up.
+/// Smallest distance of ticks in pixels, horizontally and vertically.
 const ACROSS_TICK: f64 = 46.0;
 const UP_TICK: f64 = 24.0;
-/// Half the width of a mark.
+/// Half the width of a mark, in pixels.
 const MARK: f64 = 4.2;
-/// What a letter of a label takes, about.
+/// Approximate width and height of a label's letter, in pixels.
 const LETTER: [f64; 2] = [6.4, 11.0];
-/// Colours that the style knows.
+/// Number of colours in the style sheet.
 const COLORS: usize = 6;
 
-/// Colour and shape of a series: twenty-four numbers look different, and no two of one colour have one shape.
+/// Colour and shape of a series: twenty-four numbers have distinct looks, and no two of one colour share a shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Look {
-    /// What all else is held against: a ring.
+    /// Base of the comparison, drawn as a ring.
     Base,
-    /// One of many.
+    /// Numbered series with a colour and shape by its number.
     Number(usize),
 }
 
 impl Look {
-    /// What the style knows the colour by.
+    /// Returns the CSS class of the colour.
     pub fn class(self) -> String {
         match self {
             Look::Base => "base".to_owned(),
@@ -39,7 +39,7 @@ impl Look {
         }
     }
 
-    /// The shape around a place, as the path of an SVG.
+    /// Returns the mark's shape around a position, as an SVG path.
     fn path(self, x: f64, y: f64) -> String {
         let r = MARK;
         match self {
@@ -77,57 +77,57 @@ fn circle(x: f64, y: f64, r: f64) -> String {
     )
 }
 
-/// A measured point.
+/// Measured point with intervals in both directions.
 #[derive(Clone, Debug)]
 pub struct Spot {
-    /// Along the horizontal axis.
+    /// Value on the horizontal axis.
     pub x: Interval,
-    /// Upward.
+    /// Value on the vertical axis.
     pub y: Interval,
-    /// What is written beside it where there is room.
+    /// Label beside the point, drawn where there is room.
     pub label: String,
-    /// What is told where one points at it.
+    /// Text of the tooltip.
     pub words: String,
 }
 
-/// Points of one kind.
+/// Series of points with a common look.
 #[derive(Clone, Debug)]
 pub struct Series<'a> {
-    /// What the legend calls them.
+    /// Name of the series in the legend.
     pub name: &'a str,
-    /// What tells them from others.
+    /// Colour and shape of the points.
     pub look: Look,
-    /// Where they are.
+    /// Measured points of the series.
     pub spots: Vec<Spot>,
 }
 
-/// A line through places.
+/// Polyline in the chart.
 #[derive(Clone, Debug)]
 pub struct Line {
-    /// What the style knows it by.
+    /// CSS class of the line.
     pub class: String,
-    /// Its corners, as values of both axes.
+    /// Vertices as values of both axes.
     pub corners: Vec<[f64; 2]>,
 }
 
-/// A chart: what is no number stands at its top or is left out if it has no place across; what is no larger than 0 stands
-/// at its foot.
+/// Chart of points and lines. A y value that is NaN is drawn at the top, and a point whose x value is NaN is left out;
+/// values of at most 0 are drawn at the foot.
 #[derive(Clone, Debug)]
 pub struct Chart<'a> {
     /// Width and height in pixels.
     pub size: [f64; 2],
-    /// Across.
+    /// Logarithmic axis of the x values.
     pub x: LogAxis<'a>,
-    /// Upward.
+    /// Logarithmic axis of the y values.
     pub y: LogAxis<'a>,
-    /// Lines, which lie below the points.
+    /// Lines, which are drawn below the points.
     pub lines: Vec<Line>,
-    /// Points.
+    /// Series of points, drawn in order.
     pub series: Vec<Series<'a>>,
 }
 
 impl Chart<'_> {
-    /// As HTML, with a legend below if there are several series.
+    /// Returns the chart as HTML, with a legend below if there are several series.
     pub fn html(&self) -> String {
         let legend = if self.series.len() > 1 {
             self.legend()
@@ -140,7 +140,7 @@ impl Chart<'_> {
         )
     }
 
-    /// As SVG.
+    /// Returns the chart as SVG.
     pub fn svg(&self) -> String {
         let [width, height] = self.size;
         let series = self.series.iter().enumerate();
@@ -160,6 +160,7 @@ impl Chart<'_> {
     }
 
     fn legend(&self) -> String {
+        // Show each series by its mark
         let entries = self.series.iter().enumerate().map(|(number, series)| {
             format!(
                 "<span data-series=\"{number}\"><svg viewBox=\"0 0 16 16\" width=\"16\" height=\"16\" aria-hidden=\"true\">\
@@ -185,6 +186,7 @@ impl Chart<'_> {
     }
 
     fn grid(&self) -> String {
+        // Draw vertical grid lines with labels, then horizontal ones
         let [width, _] = self.size;
         let foot = self.foot();
         let mut svg = String::new();
@@ -235,7 +237,7 @@ impl Chart<'_> {
         format!("<path class=\"{}\" d=\"M{path}\"/>", escape(&line.class))
     }
 
-    /// Where a point is in pixels; `None` if it has no place across.
+    /// Returns a point's position in pixels; `None` if its x value is NaN.
     fn place(&self, spot: &Spot) -> Option<[f64; 2]> {
         let [x, y] = [spot.x.value, spot.y.value];
         (!x.is_nan()).then(|| [self.across(x), self.up(y)])
@@ -246,6 +248,7 @@ impl Chart<'_> {
         let mut svg = format!("<g class=\"series\" data-series=\"{number}\">");
         for spot in &series.spots {
             let Some([x, y]) = self.place(spot) else { continue };
+            // Draw the interval as a cross, and the mark above it
             let [left, right] = ends(spot.x).map(|x| self.across(x));
             let [low, high] = ends(spot.y).map(|y| self.up(y));
             let _ = write!(
@@ -260,8 +263,9 @@ impl Chart<'_> {
         svg + "</g>"
     }
 
-    /// Labels that lie neither on points nor on each other; the others are left out.
+    /// Returns labels that overlap neither points nor each other; others are left out.
     fn labels(&self) -> String {
+        // Reserve the area of every mark
         let spots = || self.series.iter().flat_map(|series| &series.spots);
         let mut taken: Vec<Area> = spots()
             .filter_map(|spot| self.place(spot))
@@ -269,6 +273,7 @@ impl Chart<'_> {
             .collect();
         let whole = Area([LEFT, ABOVE], [self.size[0] - BESIDE, self.foot()]);
         let mut svg = String::new();
+        // Try four positions around each point
         for spot in spots().filter(|spot| !spot.label.is_empty()) {
             let Some([x, y]) = self.place(spot) else { continue };
             let width = LETTER[0] * spot.label.chars().count() as f64;
@@ -282,6 +287,7 @@ impl Chart<'_> {
             .map(|[x, y]| Area([x, y - LETTER[1]], [x + width, y]))
             .into_iter()
             .find(|area| area.is_within(&whole) && !taken.iter().any(|other| area.overlaps(other)));
+            // Write the label and reserve its area
             let Some(area) = free else { continue };
             let _ = write!(
                 svg,
@@ -296,12 +302,12 @@ impl Chart<'_> {
     }
 }
 
-/// The ends of an interval, or its value in place of what is no number.
+/// Returns the ends of an interval, with its value in place of a NaN end.
 fn ends(interval: Interval) -> [f64; 2] {
     [interval.low, interval.high].map(|end| if end.is_nan() { interval.value } else { end })
 }
 
-/// A rectangle: the upper left and the lower right corner.
+/// Rectangle by its upper left and lower right corners, in pixels.
 struct Area([f64; 2], [f64; 2]);
 
 impl Area {
@@ -356,7 +362,7 @@ mod tests {
         };
         let svg = chart(vec![spot(Interval::exact(1.0), low)]).svg();
         is_sound(&svg);
-        // From the foot upward.
+        // The vertical line starts at the foot of the chart.
         assert!(svg.contains(&format!(" {:.1}V", 300.0 - BELOW)), "{svg}");
     }
 

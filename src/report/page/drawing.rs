@@ -1,38 +1,40 @@
-//! Drawings of lines and dots, cut off at the edges of a square view.
+//! Line drawings in SVG, clipped to a square view.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use glam::DVec2;
 
-/// A square part of the plane, up being up.
+/// Square region of the plane, with the y axis upwards.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Region {
-    /// Its middle.
+    /// Centre of the square.
     pub center: DVec2,
-    /// Half its side; positive.
+    /// Half side of the square; positive.
     pub half: f64,
 }
 
 impl Region {
-    /// What holds the middle of all points and all but the farthest seventh of them, and some room around; `None` where
-    /// there are no points or all are one.
+    /// Returns a region with a margin around the bulk of the points: centred by trimmed extremes, and large enough for
+    /// all but the farthest seventh. `None` without points, or if all coincide.
     pub fn around(points: &[DVec2]) -> Option<Region> {
+        // Ignore points that are not finite
         let mut all: Vec<DVec2> = points.iter().copied().filter(|p| p.is_finite()).collect();
         let last = all.len().checked_sub(1)?;
         let mut middle = |of: fn(&DVec2) -> f64| {
             all.sort_by(|a, b| of(a).total_cmp(&of(b)));
-            // Between the ends that count, not the median, so that what is even stands in the middle.
+            // Take the middle of the trimmed extremes rather than the median, so that an evenly spaced set is centred.
             0.5 * (of(&all[last / 14]) + of(&all[last - last / 14]))
         };
         let center = DVec2::new(middle(|p| p.x), middle(|p| p.y));
+        // Trim the farthest points
         let mut far: Vec<f64> = all.iter().map(|p| (*p - center).abs().max_element()).collect();
         far.sort_by(f64::total_cmp);
         let half = ROOM * far[last - last / 7];
         (half > 0.0 && half < f64::INFINITY).then_some(Region { center, half })
     }
 
-    /// What holds all points, and some room around.
+    /// Returns a region with a margin that contains all finite points; `None` without points, or if all coincide.
     pub fn holding(points: &[DVec2]) -> Option<Region> {
         let finite = || points.iter().filter(|p| p.is_finite());
         let low = finite().copied().reduce(DVec2::min)?;
@@ -43,21 +45,21 @@ impl Region {
     }
 }
 
-/// How much wider a view is than what it holds.
+/// Ratio of a view's size to the size of its contents.
 const ROOM: f64 = 1.12;
 
-/// A drawing in the making: lines and dots of classes that the style knows.
+/// Drawing under construction: lines and dots by CSS class.
 #[derive(Clone, Debug)]
 pub struct Drawing {
     region: Region,
-    /// Side in pixels.
+    /// Side of the drawing in pixels.
     size: f64,
     lines: BTreeMap<&'static str, String>,
     dots: String,
 }
 
 impl Drawing {
-    /// An empty one of `size` pixels each way.
+    /// Returns an empty drawing of `size` pixels each way.
     pub fn new(region: Region, size: u32) -> Drawing {
         Drawing {
             region,
@@ -67,17 +69,17 @@ impl Drawing {
         }
     }
 
-    /// Where a point is, in halves of the side from the middle.
+    /// Returns a point's position relative to the centre, in units of half the side.
     fn place(&self, p: DVec2) -> DVec2 {
         (p - self.region.center) / self.region.half
     }
 
-    /// In pixels from the upper left corner.
+    /// Returns a position in pixels from the upper left corner.
     fn pixel(&self, place: DVec2) -> DVec2 {
         0.5 * self.size * DVec2::new(1.0 + place.x, 1.0 - place.y)
     }
 
-    /// Adds what is to be seen of a line.
+    /// Adds the visible part of a line.
     pub fn line(&mut self, class: &'static str, ends: [DVec2; 2]) {
         let Some(ends) = clipped(ends.map(|p| self.place(p))) else {
             return;
@@ -88,14 +90,14 @@ impl Drawing {
         let _ = write!(path, "M{:.1} {:.1}L{:.1} {:.1}", a.x, a.y, b.x, b.y);
     }
 
-    /// Adds a triangle's sides.
+    /// Adds the visible parts of a triangle's sides.
     pub fn triangle(&mut self, class: &'static str, [a, b, c]: [DVec2; 3]) {
         for side in [[a, b], [b, c], [c, a]] {
             self.line(class, side);
         }
     }
 
-    /// Adds a dot, if it is to be seen.
+    /// Adds a dot, unless it is outside the view.
     pub fn dot(&mut self, class: &'static str, at: DVec2) {
         let place = self.place(at);
         if place.abs().max_element() <= 1.0 {
@@ -108,7 +110,7 @@ impl Drawing {
         }
     }
 
-    /// As SVG; `words` say what is to be seen, for those who hear them.
+    /// Returns the drawing as SVG; `words` describe it for screen readers.
     pub fn svg(&self, words: &str) -> String {
         let lines = self
             .lines
@@ -124,11 +126,12 @@ impl Drawing {
     }
 }
 
-/// What of a line lies in [-1, 1]² (Liang and Barsky, 1984); `None` where nothing does or an end is no number.
+/// Clips a line to [-1, 1]² (Liang and Barsky, 1984); `None` where no part is inside or an end is not finite.
 fn clipped([a, b]: [DVec2; 2]) -> Option<[DVec2; 2]> {
     if !a.is_finite() || !b.is_finite() {
         return None;
     }
+    // Intersect the line's parameter range with each half-plane
     let along = b - a;
     let (mut enter, mut leave) = (0.0, 1.0);
     for (slope, room) in [

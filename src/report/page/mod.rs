@@ -1,7 +1,7 @@
-//! Pages of measurements: one HTML file each, with nothing to load beside it.
+//! HTML pages of measurements: self-contained files without external resources.
 //!
-//! A page looks well on dark and light screens, narrow ones too, and on paper. It may run its own script and style only,
-//! and show pictures that it holds: its policy forbids everything else, so no page ever asks a network.
+//! A page adapts to dark and light screens, to narrow screens and to paper. Its content security policy permits only
+//! its own script and style and embedded images, so that a page never accesses a network.
 
 mod axis;
 mod bars;
@@ -23,15 +23,15 @@ pub use table::{Cell, Column, Table};
 pub use tornado::{Bar, End, Row, Tornado};
 pub use viewer::{View, picture, viewer};
 
-/// How pages look.
+/// Style sheet of all pages.
 const STYLE: &str = include_str!("page.css");
-/// What makes their filters and viewers work.
+/// Script for filters, viewers and charts.
 const SCRIPT: &str = include_str!("page.js");
-/// What pages may load.
+/// Content security policy of all pages.
 const POLICY: &str =
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; img-src data:";
 
-/// A whole page: `title` is text, `body` is HTML.
+/// Returns a complete page: `title` is text, `body` is HTML.
 pub fn page(title: &str, body: &str) -> String {
     let title = escape(title);
     format!(
@@ -43,7 +43,7 @@ pub fn page(title: &str, body: &str) -> String {
     )
 }
 
-/// Text as HTML, also within quotes of either kind.
+/// Escapes text for HTML, also within quotes of either kind.
 pub fn escape(text: &str) -> String {
     let mut html = String::with_capacity(text.len());
     for character in text.chars() {
@@ -59,7 +59,7 @@ pub fn escape(text: &str) -> String {
     html
 }
 
-/// Names and what they stand for, each pair a line; values are HTML.
+/// Returns a list of names and values, one pair per line; values are HTML.
 pub fn facts(pairs: &[(&str, String)]) -> String {
     let lines = pairs
         .iter()
@@ -67,7 +67,7 @@ pub fn facts(pairs: &[(&str, String)]) -> String {
     format!("<dl class=\"facts\">\n{}</dl>\n", lines.collect::<String>())
 }
 
-/// Large numbers with a word below each, the first with that class.
+/// Returns tiles of a large number with a word below each; the third value is the tile's CSS class.
 pub fn numbers(all: &[(String, &str, &str)]) -> String {
     let tiles = all.iter().map(|(number, word, class)| {
         format!(
@@ -79,13 +79,13 @@ pub fn numbers(all: &[(String, &str, &str)]) -> String {
     format!("<div class=\"tiles\">\n{}</div>\n", tiles.collect::<String>())
 }
 
-/// A picture with a line of words below it; `picture` and `words` are HTML.
+/// Returns an image with a caption below it; `picture` and `words` are HTML.
 pub fn figure(picture: &str, words: &str) -> String {
     format!("<figure>{picture}<figcaption>{words}</figcaption></figure>\n")
 }
 
-/// A search field and boxes to tick, one for each of the `verdicts` (its class and its word), for what carries
-/// `data-verdict` and `data-item`.
+/// Returns a form with a search field and a check box for each of the `verdicts` (CSS class and word), which filters
+/// elements with `data-verdict` and `data-item`.
 pub fn filter(verdicts: &[(&str, &str)]) -> String {
     let boxes = verdicts.iter().map(|(class, word)| {
         format!(

@@ -1,4 +1,4 @@
-//! Plots of points over an axis that is even or, where values span decades, logarithmic.
+//! Scatter plots over a linear axis or, where values span decades, a logarithmic one.
 
 use std::fmt::Write;
 
@@ -6,46 +6,46 @@ use super::escape;
 
 const WIDTH: f64 = 560.0;
 const HEIGHT: f64 = 260.0;
-/// Room for labels: left, below, and a little above and at the right.
+/// Margins for labels in pixels: left, bottom, and a smaller one at the top and right.
 const LEFT: f64 = 52.0;
 const BELOW: f64 = 42.0;
 const BESIDE: f64 = 14.0;
-/// What spans more is plotted by its logarithm.
+/// Ratio of the largest to the smallest value above which the axis is logarithmic.
 const DECADES: f64 = 100.0;
-/// Errors that are all smaller than this share of the limit are plotted by their logarithm.
+/// Fraction of the limit below which all errors are plotted on a logarithmic axis.
 const SMALL: f64 = 1.0 / 32.0;
-/// How far down such a plot reaches, as a share of the largest error; what is smaller stands at its foot.
+/// Lower end of a logarithmic error axis as a fraction of the largest error; smaller errors are drawn at the foot.
 const DEPTH: f64 = 1.0 / 4096.0;
-/// The plot reaches so many times as high as its limit; what is higher is shown at the top.
+/// Largest height of a plot relative to its limit; larger errors are drawn at the top.
 const ABOVE_LIMIT: f64 = 4.0;
-/// Ticks of an axis, about.
+/// Approximate number of ticks of an axis.
 const TICKS: f64 = 6.0;
 
-/// A point of a plot.
+/// Point of a scatter plot.
 #[derive(Clone, Copy, Debug)]
 pub struct Mark {
-    /// Along the horizontal axis.
+    /// Value on the horizontal axis.
     pub x: f64,
-    /// Upward, from 0.
+    /// Value on the vertical axis, which starts at 0.
     pub y: f64,
-    /// What the style knows it by.
+    /// CSS class of the point.
     pub class: &'static str,
 }
 
-/// A plot.
+/// Scatter plot with a limit line.
 #[derive(Clone, Debug)]
 pub struct Plot<'a> {
-    /// What the horizontal axis shows.
+    /// Label of the horizontal axis.
     pub x_label: &'a str,
-    /// What the vertical axis shows.
+    /// Label of the vertical axis.
     pub y_label: &'a str,
-    /// A height that is drawn as a line.
+    /// Height of the horizontal limit line.
     pub limit: f64,
-    /// Its points.
+    /// Points of the plot.
     pub marks: Vec<Mark>,
 }
 
-/// An axis: the values at its ends, or their decimal logarithms where these are shown.
+/// Axis by the values at its ends, or by their decimal logarithms.
 enum Axis {
     Even { low: f64, high: f64 },
     Logarithmic { low: f64, high: f64 },
@@ -53,6 +53,7 @@ enum Axis {
 
 impl Axis {
     fn of(values: impl Iterator<Item = f64> + Clone) -> Axis {
+        // Ignore values that are not finite
         let finite = values.filter(|x| x.is_finite());
         let low = finite.clone().fold(f64::INFINITY, f64::min);
         let high = finite.fold(f64::NEG_INFINITY, f64::max);
@@ -65,7 +66,7 @@ impl Axis {
         if low < high {
             Axis::Even { low, high }
         } else {
-            // One value, or none.
+            // A single value, or none, gets an axis of length 2 around it.
             let middle = if low.is_finite() { low } else { 0.0 };
             Axis::Even {
                 low: middle - 1.0,
@@ -74,7 +75,7 @@ impl Axis {
         }
     }
 
-    /// From 0 to 1.
+    /// Returns the position of a value on the axis, from 0 to 1.
     fn place(&self, x: f64) -> f64 {
         match *self {
             Axis::Even { low, high } => (x - low) / (high - low),
@@ -82,11 +83,12 @@ impl Axis {
         }
     }
 
-    /// Values with what is written there.
+    /// Returns the ticks as values with their labels.
     fn ticks(&self) -> Vec<(f64, String)> {
         match *self {
             Axis::Even { low, high } => even_ticks(low, high),
             Axis::Logarithmic { low, high } => {
+                // Choose a step in whole powers of ten
                 let step = ((high - low) / TICKS).ceil().max(1.0);
                 let first = (low / step).ceil() as i32;
                 let last = (high / step).floor() as i32;
@@ -99,8 +101,9 @@ impl Axis {
     }
 }
 
-/// Round numbers between two.
+/// Returns round numbers between `low` and `high` with their labels.
 pub(super) fn even_ticks(low: f64, high: f64) -> Vec<(f64, String)> {
+    // Choose a step of 1, 2 or 5 times a power of ten
     let rough = (high - low) / TICKS;
     let power = 10f64.powf(rough.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0]
@@ -117,7 +120,7 @@ pub(super) fn even_ticks(low: f64, high: f64) -> Vec<(f64, String)> {
 }
 
 impl Plot<'_> {
-    /// The vertical axis: from 0, or by logarithms where nothing comes near the limit.
+    /// Returns the vertical axis: linear from 0, or logarithmic where all errors are far below the limit.
     fn height(&self) -> Axis {
         let highest = self.marks.iter().map(|mark| mark.y).fold(0.0, f64::max);
         if highest > 0.0 && highest < SMALL * self.limit {
@@ -132,8 +135,9 @@ impl Plot<'_> {
         }
     }
 
-    /// As SVG.
+    /// Returns the plot as SVG.
     pub fn svg(&self) -> String {
+        // Map values to pixels
         let axis = Axis::of(self.marks.iter().map(|mark| mark.x));
         let height = self.height();
         let across = |x: f64| LEFT + axis.place(x) * (WIDTH - LEFT - BESIDE);
@@ -143,7 +147,7 @@ impl Plot<'_> {
             escape(self.y_label),
             escape(self.x_label)
         );
-        // Writing to a string cannot fail.
+        // Draw the grid of both axes. Writing to a string cannot fail.
         for (x, name) in axis.ticks() {
             let x = across(x);
             let _ = write!(
@@ -165,6 +169,7 @@ impl Plot<'_> {
                 y + 4.0
             );
         }
+        // Draw the limit
         let _ = write!(
             svg,
             "<path class=\"limit\" d=\"M{LEFT} {0:.1}H{1:.1}\"/>\
@@ -173,6 +178,7 @@ impl Plot<'_> {
             WIDTH - BESIDE,
             up(self.limit) - 4.0
         );
+        // Draw the points; a NaN error is drawn at the top.
         for mark in self.marks.iter().filter(|mark| mark.x.is_finite()) {
             let y = if mark.y.is_nan() { f64::INFINITY } else { mark.y };
             let _ = write!(
@@ -183,6 +189,7 @@ impl Plot<'_> {
                 up(y)
             );
         }
+        // Write the labels of the axes
         let _ = write!(
             svg,
             "<text class=\"label\" x=\"{0:.1}\" y=\"{1:.1}\" text-anchor=\"middle\">{2}</text>\

@@ -1,4 +1,4 @@
-//! Columns side by side over an even axis from 0, each a stack of parts.
+//! Stacked column charts over a linear axis from 0.
 
 use std::fmt::Write;
 
@@ -8,42 +8,42 @@ use super::plot::even_ticks;
 
 const WIDTH: f64 = 861.0;
 const HEIGHT: f64 = 240.0;
-/// Room for labels at the left and below, and a little above and at the right.
+/// Margins for labels in pixels: left, bottom, and a smaller one at the top and right.
 const LEFT: f64 = 52.0;
 const BELOW: f64 = 42.0;
 const BESIDE: f64 = 14.0;
-/// Most of its place that a column fills, and the width that it has at most.
+/// Largest fraction of its space that a column fills, and the largest width in pixels.
 const FILLED: f64 = 0.85;
 const WIDEST: f64 = 24.0;
-/// Height of the mark that stands for a column without a height.
+/// Height in pixels of the mark of a failed column.
 const FOOT: f64 = 7.0;
 
-/// A column.
+/// Column of a stacked chart.
 #[derive(Clone, Debug)]
 pub struct Stack {
-    /// Heights of its parts, from below.
+    /// Heights of the parts, from bottom to top.
     pub parts: Vec<f64>,
-    /// Whether it is marked as something that went wrong.
+    /// True if the column is marked as failed.
     pub is_wrong: bool,
-    /// What is told where one points at it.
+    /// Text of the tooltip.
     pub words: String,
 }
 
-/// Columns in their order, the first of number 1.
+/// Stacked columns in order, numbered from 1.
 #[derive(Clone, Debug)]
 pub struct Stacks<'a> {
-    /// What the horizontal axis counts.
+    /// Label of the horizontal axis.
     pub x_label: &'a str,
-    /// What the vertical axis shows.
+    /// Label of the vertical axis.
     pub y_label: &'a str,
-    /// Colours and names of the parts, from below.
+    /// Colours and names of the parts, from bottom to top.
     pub parts: Vec<(Look, &'a str)>,
-    /// From the left.
+    /// Columns from left to right.
     pub stacks: Vec<Stack>,
 }
 
 impl Stacks<'_> {
-    /// As HTML, with the legend below.
+    /// Returns the chart as HTML, with a legend below.
     pub fn html(&self) -> String {
         let legend = self.parts.iter().map(|(look, name)| {
             format!(
@@ -61,6 +61,7 @@ impl Stacks<'_> {
     }
 
     fn svg(&self) -> String {
+        // Scale the highest column to the plot's height
         let height = |stack: &Stack| stack.parts.iter().map(|&part| sound(part)).sum::<f64>();
         let most = self.stacks.iter().map(height).fold(0.0, f64::max);
         let most = if most > 0.0 { most } else { 1.0 };
@@ -71,7 +72,7 @@ impl Stacks<'_> {
             escape(self.y_label),
             escape(self.x_label)
         );
-        // Writing to a string cannot fail.
+        // Draw the grid of the vertical axis and the column numbers. Writing to a string cannot fail.
         for (value, name) in even_ticks(0.0, most) {
             let y = up(value);
             let _ = write!(
@@ -91,6 +92,7 @@ impl Stacks<'_> {
                 HEIGHT - BELOW + 15.0
             );
         }
+        // Draw the columns
         for (number, stack) in self.stacks.iter().enumerate() {
             svg += &self.column(stack, [LEFT + number as f64 * place, place], up);
         }
@@ -108,7 +110,7 @@ impl Stacks<'_> {
         svg
     }
 
-    /// A column within the room that it has: where that begins and how wide it is.
+    /// Returns a column within its space, given by left edge and width.
     fn column(&self, stack: &Stack, [left, room]: [f64; 2], up: impl Fn(f64) -> f64) -> String {
         let width = (FILLED * room).min(WIDEST);
         let left = left + 0.5 * (room - width);
@@ -116,6 +118,7 @@ impl Stacks<'_> {
             "<g class=\"point\" role=\"img\"><title>{}</title>",
             escape(&stack.words)
         );
+        // Stack the parts from bottom to top
         let mut below = 0.0;
         for (&part, (look, _)) in stack.parts.iter().zip(&self.parts) {
             let above = below + sound(part);
@@ -129,6 +132,7 @@ impl Stacks<'_> {
             );
             below = above;
         }
+        // Mark a failed column at its foot
         if stack.is_wrong {
             let foot = up(0.0);
             let _ = write!(
@@ -141,12 +145,12 @@ impl Stacks<'_> {
     }
 }
 
-/// What is no length has none.
+/// Returns the height, or 0 if it is negative or not finite.
 fn sound(part: f64) -> f64 {
     if part.is_finite() { part.max(0.0) } else { 0.0 }
 }
 
-/// Numbers of columns that are written below them: the first, and round ones.
+/// Returns the column numbers that are written below the axis: the first, and round ones.
 fn ticks(count: usize) -> Vec<usize> {
     let step = match even_ticks(0.0, count.max(1) as f64)[..] {
         [_, (step, _), ..] => (step as usize).max(1),
@@ -179,7 +183,7 @@ mod tests {
     #[test]
     fn parts_stand_on_each_other_and_the_highest_reaches_the_top() {
         let html = html(&[&[1.0, 3.0], &[2.0, 0.0]]);
-        // Of 184 pixels for 4, above a foot at 198: 46 for 1, 138 for 3 on top of it, 92 for 2.
+        // A height of 4 takes 184 pixels above a foot at 198: 46 for 1, 138 for 3 above it, 92 for 2.
         for part in [
             "y=\"152.0\" width=\"24.00\" height=\"46.0\"",
             "y=\"14.0\" width=\"24.00\" height=\"138.0\"",

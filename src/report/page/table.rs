@@ -1,22 +1,22 @@
-//! Tables of pages: rows that a filter may hide.
+//! Tables of HTML pages, with rows that a filter can hide.
 
 use super::escape;
 use crate::report::table::in_groups;
 
-/// A column and how its cells stand.
+/// Column with its heading and alignment.
 #[derive(Clone, Copy, Debug)]
 pub enum Column<'a> {
-    /// Words, from the left.
+    /// Text column, aligned to the left.
     Words(&'a str),
-    /// Numbers, from the right.
+    /// Number column, aligned to the right.
     Numbers(&'a str),
 }
 
-/// A cell, as HTML.
+/// Table cell as HTML.
 #[derive(Clone, Debug, Default)]
 pub struct Cell {
     html: String,
-    /// Whether its words may go on in another line.
+    /// True if the text may wrap into further lines.
     wraps: bool,
 }
 
@@ -25,12 +25,12 @@ impl Cell {
         Cell { html, wraps: false }
     }
 
-    /// Plain text in one line.
+    /// Returns a cell of plain text in one line.
     pub fn text(text: &str) -> Cell {
         Cell::of(escape(text))
     }
 
-    /// Plain text of several words, in as many lines as it takes.
+    /// Returns a cell of plain text that wraps into several lines.
     pub fn wrapped(text: &str) -> Cell {
         Cell {
             html: escape(text),
@@ -38,13 +38,13 @@ impl Cell {
         }
     }
 
-    /// Plain text of which as much is shown as has room in one line; the rest is told where one points at it.
+    /// Returns a cell of plain text that is cut off at one line; the tooltip has the complete text.
     pub fn short(text: &str) -> Cell {
         let text = escape(text);
         Cell::of(format!("<span class=\"short\" title=\"{text}\">{text}</span>"))
     }
 
-    /// A value and, fainter, where it may lie.
+    /// Returns a cell of a value with its range in a fainter colour.
     pub fn with_range(value: &str, range: &str) -> Cell {
         Cell::of(format!(
             "{} <span class=\"faint\">{}</span>",
@@ -53,12 +53,12 @@ impl Cell {
         ))
     }
 
-    /// A number with thin gaps between its thousands.
+    /// Returns a cell of a number with narrow spaces between thousands.
     pub fn count(number: u64) -> Cell {
         Cell::of(grouped(number))
     }
 
-    /// A word on a ground of the colour of its class, that leads to the element of that name on the page.
+    /// Returns a word in the colour of its class that links to the element `to` of the page.
     pub fn badge_link((word, class): (&str, &str), to: &str) -> Cell {
         Cell::of(format!(
             "<a class=\"badge {class}\" href=\"#{}\">{}</a>",
@@ -67,18 +67,18 @@ impl Cell {
         ))
     }
 
-    /// Text that leads to the element of that name on the page.
+    /// Returns text that links to the element `to` of the page.
     pub fn link(text: &str, to: &str) -> Cell {
         Cell::of(format!("<a href=\"#{}\">{}</a>", escape(to), escape(text)))
     }
 
-    /// A word on a ground of the colour of its class.
+    /// Returns a word on a background in the colour of its class.
     pub fn badge(word: &str, class: &str) -> Cell {
         Cell::of(format!("<span class=\"badge {class}\">{}</span>", escape(word)))
     }
 }
 
-/// A table in the making.
+/// Table under construction: columns and finished rows.
 #[derive(Clone, Debug)]
 pub struct Table<'a> {
     columns: Vec<Column<'a>>,
@@ -86,7 +86,7 @@ pub struct Table<'a> {
 }
 
 impl<'a> Table<'a> {
-    /// One without rows.
+    /// Returns a table without rows.
     pub fn new(columns: &[Column<'a>]) -> Table<'a> {
         Table {
             columns: columns.to_vec(),
@@ -94,11 +94,12 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// Adds a row that a filter knows by `verdict` and that belongs to the `item` of the page that has a section.
+    /// Adds a row with `verdict` as its key for the filter; `item` is the page's section that the row belongs to.
     pub fn row(&mut self, (verdict, item): (&str, &str), cells: &[Cell]) {
         let cells = cells
             .iter()
             .zip(&self.columns)
+            // Only text columns wrap
             .map(|(cell, column)| match column {
                 Column::Words(_) if cell.wraps => format!("<td class=\"wrap\">{}</td>", cell.html),
                 Column::Words(_) => format!("<td>{}</td>", cell.html),
@@ -112,7 +113,7 @@ impl<'a> Table<'a> {
         );
     }
 
-    /// The whole table, which scrolls by itself where it is too wide.
+    /// Returns the complete table, which scrolls horizontally where it is too wide.
     pub fn html(&self, class: &str) -> String {
         let head = self.columns.iter().map(|column| match column {
             Column::Words(name) => format!("<th scope=\"col\">{}</th>", escape(name)),
@@ -127,7 +128,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// A number with thin, unbroken gaps between its thousands.
+/// Formats a number with narrow no-break spaces between thousands.
 fn grouped(number: u64) -> String {
     in_groups(number).replace(' ', "\u{202f}")
 }

@@ -1,46 +1,46 @@
-//! Bars from the least to the greatest ratio that a change makes, in powers of two around no change at all.
+//! Tornado charts: bars from the smallest to the largest ratio of each change, on a binary logarithmic axis around 1.
 
 use std::fmt::Write;
 
 use super::escape;
 
 const WIDTH: f64 = 820.0;
-/// Room for names at the left, and beyond either end of the axis for what is written there.
+/// Space for names at the left, and beyond either end of the axis for levels, in pixels.
 const NAMES: f64 = 110.0;
 const BEYOND: f64 = 92.0;
-/// Room above and below.
+/// Margins above and below, in pixels.
 const ABOVE: f64 = 8.0;
 const BELOW: f64 = 42.0;
-/// Height of a bar, and room between two rows of bars.
+/// Height of a bar, and space between two rows of bars, in pixels.
 const BAR: f64 = 13.0;
 const BETWEEN: f64 = 12.0;
-/// Powers of two that are shown at most on either side.
+/// Largest power of two that is shown on either side.
 const FARTHEST: f64 = 40.0;
-/// Ticks of the axis, at most about.
+/// Approximate largest number of ticks of the axis.
 const TICKS: f64 = 9.0;
-/// Letters of a level that are written; the whole is told where one points at it.
+/// Largest number of letters of a level; the tooltip has the complete text.
 const MAX_LETTERS: usize = 13;
 
-/// An end of a bar.
+/// End of a bar with the level that causes it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct End {
-    /// Over what is held to be no change; 0 is at the end of the axis.
+    /// Ratio to the unchanged value; 0 is drawn at the end of the axis.
     pub ratio: f64,
-    /// What makes it; empty if nothing does.
+    /// Level that has this ratio; empty if no level has.
     pub level: String,
 }
 
-/// A bar: its ends are no NaN and none is negative.
+/// Bar between two ratios, which are neither NaN nor negative.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bar {
-    /// What is changed, as the style and the legend know it.
+    /// Changed quantity, as CSS class and legend text.
     pub class: &'static str,
-    /// Least and greatest.
+    /// Ends with the smallest and the largest ratio.
     pub ends: [End; 2],
 }
 
 impl Bar {
-    /// From the least to the greatest ratio, no change included; what is no number is left out.
+    /// Returns the bar from the smallest to the largest ratio, with 1 included; NaN ratios are ignored.
     pub fn of<'a>(class: &'static str, ratios: impl Iterator<Item = (f64, &'a str)>) -> Bar {
         let none = End {
             ratio: 1.0,
@@ -62,7 +62,7 @@ impl Bar {
         Bar { class, ends }
     }
 
-    /// How many powers of two it spans, as far as they are shown.
+    /// Returns the number of powers of two that the bar spans, as far as they are shown.
     pub fn span(&self) -> f64 {
         let [low, high] = self.powers();
         high - low
@@ -73,18 +73,18 @@ impl Bar {
     }
 }
 
-/// Bars of one name.
+/// Bars of one change, with a common name.
 #[derive(Clone, Debug)]
 pub struct Row<'a> {
-    /// What makes the changes.
+    /// Name of the change.
     pub name: &'a str,
-    /// One below the other.
+    /// Bars from top to bottom.
     pub bars: Vec<Bar>,
-    /// What is told where one points at it.
+    /// Text of the tooltip.
     pub words: String,
 }
 
-/// Rows of bars, the one with the longest bar above.
+/// Tornado chart, with the row of the longest bar at the top.
 #[derive(Clone, Debug)]
 pub struct Tornado<'a> {
     rows: Vec<Row<'a>>,
@@ -93,13 +93,14 @@ pub struct Tornado<'a> {
 }
 
 impl<'a> Tornado<'a> {
-    /// Of rows in any order.
+    /// Returns the chart of rows in any order.
     pub fn new(mut rows: Vec<Row<'a>>) -> Tornado<'a> {
+        // Sort by the longest bar
         let longest = |row: &Row| row.bars.iter().map(Bar::span).fold(0.0, f64::max);
         rows.sort_by(|a, b| longest(b).total_cmp(&longest(a)));
         let powers = || {
             let bars = rows.iter().flat_map(|row| &row.bars);
-            // A ratio of 0 needs no axis that reaches so far down.
+            // A ratio of 0 must not extend the axis to the largest power.
             bars.flat_map(|bar| bar.powers()).filter(|p| p.abs() < FARTHEST)
         };
         let ends = [
@@ -115,8 +116,9 @@ impl<'a> Tornado<'a> {
         NAMES + BEYOND + place * (WIDTH - NAMES - 2.0 * BEYOND)
     }
 
-    /// As HTML; `x_label` tells what the axis shows.
+    /// Returns the chart as HTML; `x_label` is the label of the axis.
     pub fn html(&self, x_label: &str) -> String {
+        // All rows have equal kinds of bars, so that the first one gives the legend.
         let classes = self.rows.first().map_or(&[][..], |row| &row.bars);
         let legend = classes.iter().map(|bar| {
             format!(
@@ -133,6 +135,7 @@ impl<'a> Tornado<'a> {
     }
 
     fn svg(&self, x_label: &str) -> String {
+        // Stack the rows, then draw the grid over their height
         let mut rows = String::new();
         let mut y = ABOVE;
         for row in &self.rows {
@@ -152,6 +155,7 @@ impl<'a> Tornado<'a> {
     }
 
     fn grid(&self, foot: f64) -> String {
+        // Draw grid lines at whole powers of two
         let [low, high] = self.ends;
         let step = ((high - low) / TICKS).ceil().max(1.0) as i32;
         let mut svg = String::new();
@@ -171,6 +175,7 @@ impl<'a> Tornado<'a> {
     }
 
     fn row(&self, row: &Row, top: f64) -> String {
+        // Write the name at the middle of the row
         let middle = top + 0.5 * BAR * row.bars.len() as f64;
         let mut svg = format!(
             "<g class=\"point\" role=\"img\"><title>{}</title>\
@@ -179,6 +184,7 @@ impl<'a> Tornado<'a> {
             middle + 4.0,
             escape(row.name)
         );
+        // Draw each bar with the levels at its ends
         for (number, bar) in row.bars.iter().enumerate() {
             let y = top + number as f64 * BAR;
             let [left, right] = bar.powers().map(|power| self.across(power));
@@ -190,6 +196,7 @@ impl<'a> Tornado<'a> {
                 (right - left).max(1.0),
                 BAR - 2.0
             );
+            // Write the levels beside both ends
             for (end, x, anchor) in [
                 (&bar.ends[0], left - 4.0, "end"),
                 (&bar.ends[1], right + 4.0, "start"),
@@ -206,7 +213,7 @@ impl<'a> Tornado<'a> {
     }
 }
 
-/// A power of two as a ratio.
+/// Formats a power of two as a ratio.
 fn tick(power: i32) -> String {
     let ratio = 1u64 << power.unsigned_abs().min(63);
     if power < 0 {

@@ -1,4 +1,4 @@
-//! Pictures of one size in one place: one slides over another, or they take turns.
+//! Image viewer of a page: a slider between two images, or alternation in one position.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -6,25 +6,26 @@ use base64::engine::general_purpose::STANDARD;
 use super::{escape, figure};
 use crate::image::{LinearImage, ToneMap, png_bytes};
 
-/// A picture of a viewer.
+/// Image of a viewer with its texts.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a> {
-    /// What its button says, one word or two.
+    /// Label of the image's button, of one or two words.
     pub name: &'a str,
-    /// What it shows.
+    /// Description of the image, shown below it.
     pub words: &'a str,
-    /// Its pixels.
+    /// Linear image to display.
     pub image: &'a LinearImage,
-    /// How they become what is displayed.
+    /// Tone mapping for the display.
     pub tone: ToneMap,
 }
 
-/// A picture that the page holds, `scale` times as large as it is.
+/// Returns an HTML image with embedded data, enlarged by `scale`.
 ///
 /// # Errors
 ///
-/// Where it has more pixels than a PNG.
+/// Returns an error if the image has more pixels than a PNG can store.
 pub fn picture(view: &View, scale: u32) -> std::io::Result<String> {
+    // Embed the PNG as base64
     let png = STANDARD.encode(png_bytes(view.image, view.tone)?);
     Ok(format!(
         "<img width=\"{}\" height=\"{}\" alt=\"{}\" src=\"data:image/png;base64,{png}\">",
@@ -34,13 +35,14 @@ pub fn picture(view: &View, scale: u32) -> std::io::Result<String> {
     ))
 }
 
-/// A viewer of `views`, the first two of which can be slid over each other and take turns. Without a script, and on
-/// paper, all are shown one below the other.
+/// Returns the HTML viewer of `views`; a slider or alternation compares the first two. Without a script, and on paper,
+/// all are shown one below the other.
 ///
 /// # Errors
 ///
-/// Where a picture has more pixels than a PNG.
+/// Returns an error if an image has more pixels than a PNG can store.
 pub fn viewer(views: &[View]) -> std::io::Result<String> {
+    // List the modes: slider, alternation, each image
     let mut modes = vec![("slide", "slide"), ("turns", "in turns")];
     modes.extend(views.iter().map(|view| (view.name, view.name)));
     let buttons = modes.iter().enumerate().map(|(number, (value, word))| {
@@ -52,6 +54,7 @@ pub fn viewer(views: &[View]) -> std::io::Result<String> {
         )
     });
     let buttons: String = buttons.collect();
+    // Embed each image with the name of its mode
     let mut figures = String::new();
     for view in views {
         let shown = figure(&picture(view, 1)?, &escape(view.words));

@@ -1,4 +1,4 @@
-//! Pictures of cases: rays and what they were sent into, what some of them pass, errors over arguments.
+//! Figures of verification cases: rays with the objects that they hit, close-ups, and errors over arguments.
 
 use glam::{DVec2, DVec3};
 
@@ -6,14 +6,14 @@ use crate::report::page::{Drawing, Mark, Plot, Region, escape, figure};
 use crate::report::verify::VerifyRow;
 use crate::verify::{Answer, Asked, Axis, CloseUp, Sketch, view};
 
-/// Side of the picture of all, in pixels.
+/// Side of the figure of all rays, in pixels.
 const LARGE: u32 = 360;
-/// Side of a close-up.
+/// Side of a close-up in pixels.
 const SMALL: u32 = 148;
-/// An object larger than so many times what rays meet of it is not shown whole.
+/// Largest ratio of an object's size to its hit region at which the whole object is shown.
 const WHOLE: f64 = 4.0;
 
-/// The class that an answer has.
+/// Returns the CSS class of a result.
 fn class(answer: Answer) -> &'static str {
     match answer {
         Answer::Right => "right",
@@ -22,7 +22,7 @@ fn class(answer: Answer) -> &'static str {
     }
 }
 
-/// Pictures of one case, whose rows these are: as the path saw it on which most was wrong, else the first.
+/// Returns the figures of one case from its rows: of the configuration with the most wrong results, or of the first.
 pub(super) fn of(rows: &[VerifyRow]) -> String {
     let badness = |row: &&VerifyRow| (row.outcome.tally.wrong, row.outcome.tally.ties);
     let Some(row) = rows.iter().rev().max_by_key(badness) else {
@@ -68,23 +68,24 @@ fn errors(sketch: &Sketch, axis: Axis, unit: &str) -> String {
     figure(&plot.svg(), &words)
 }
 
-/// A point as seen in the picture.
+/// Returns a point's projection into the plane of the figure.
 fn seen(p: DVec3) -> DVec2 {
     let [right, up, _] = view();
     DVec2::new(p.dot(right), p.dot(up))
 }
 
-/// Where a ray was said to end.
+/// Returns the reported hit point of a ray; `None` for a miss.
 fn end(asked: &Asked) -> Option<DVec3> {
     let hit = asked.hit.filter(|_| asked.ray.is_traceable())?;
     Some(asked.ray.at(hit.t.into())).filter(|p| p.is_finite())
 }
 
-/// All rays that were kept and the outline of what they were sent into.
+/// Returns the figure of all recorded rays with the outline of the objects.
 fn whole(sketch: &Sketch, path: &str) -> String {
     let Some(outline) = &sketch.outline else {
         return String::new();
     };
+    // Choose the visible region: the whole object unless it is too large
     let ends: Vec<DVec2> = sketch.asked.iter().filter_map(end).map(seen).collect();
     let lines: Vec<[DVec2; 2]> = outline.lines.iter().map(|line| line.map(seen)).collect();
     let target: Vec<DVec2> = outline.target.iter().flatten().map(|&p| seen(p)).collect();
@@ -96,6 +97,7 @@ fn whole(sketch: &Sketch, path: &str) -> String {
     let Some(region) = region else {
         return String::new();
     };
+    // Draw the outline and the hit primitives
     let mut drawing = Drawing::new(region, LARGE);
     for &line in &lines {
         drawing.line("outline", line);
@@ -103,7 +105,7 @@ fn whole(sketch: &Sketch, path: &str) -> String {
     for line in &outline.met {
         drawing.line("met", line.map(seen));
     }
-    // Farther than any corner of the view.
+    // This distance is beyond any corner of the view.
     let far = 4.0 * (region.half + region.center.length());
     for asked in sketch.asked.iter().filter(|asked| asked.ray.is_traceable()) {
         let start = asked.ray.origin.as_dvec3();
@@ -111,11 +113,13 @@ fn whole(sketch: &Sketch, path: &str) -> String {
         let stop = end(asked).unwrap_or(start + (far + start.length()) * way);
         drawing.line(class(asked.answer), [seen(start), seen(stop)]);
     }
+    // Draw hit points above the rays
     for asked in &sketch.asked {
         if let Some(p) = end(asked) {
             drawing.dot(class(asked.answer), seen(p));
         }
     }
+    // Describe the figure in words
     let count = |answer| sketch.asked.iter().filter(|asked| asked.answer == answer).count();
     let words = format!(
         "The first rays on {path}: {} right, {} ties, {} wrong, each to the dot where it was said to hit; \
@@ -128,7 +132,7 @@ fn whole(sketch: &Sketch, path: &str) -> String {
     figure(&drawing.svg(&words), &escape(&words))
 }
 
-/// What lies ahead of one ray.
+/// Returns the close-up of the triangles around one ray, in the direction of the ray.
 fn close_up(sketch: &Sketch, view: &CloseUp) -> String {
     let asked = &sketch.asked[view.asked];
     let region = Region {
@@ -150,9 +154,9 @@ fn close_up(sketch: &Sketch, view: &CloseUp) -> String {
     figure(&drawing.svg(&words), &words)
 }
 
-/// A length in few digits.
+/// Formats a length with three significant digits.
 fn length(x: f64) -> String {
-    // Between a hundredth and ten thousand powers of ten are harder to read than zeros.
+    // Between 0.01 and 10000, positional notation is easier to read than powers of ten.
     if (0.01..1e4).contains(&x) {
         let digits = (2.0 - x.log10().floor()).max(0.0) as usize;
         format!("{x:.digits$}")

@@ -1,4 +1,4 @@
-//! The suite of hard cases as one page: `whit verify --html`.
+//! HTML page of the verification suite of hard cases: `whit verify --html`.
 
 mod figures;
 
@@ -9,38 +9,41 @@ use super::page::{self, Cell, Column, Table, escape};
 use super::verify::{VerifyRow, required_of, word};
 use crate::verify::{Answer, Verdict, bits, describe};
 
-/// Wrong answers of a path that are shown with their bits.
+/// Largest number of wrong results of a backend configuration that are shown with their bits.
 const MAX_SHOWN: usize = 3;
 
-/// What a page says of the run besides its rows.
+/// Facts about the run besides its rows.
 #[derive(Clone, Debug)]
 pub struct Run {
-    /// Rays, or arguments, that each case was asked with on each path, about.
+    /// Approximate number of rays or arguments of each case on each configuration.
     pub rays: u64,
-    /// As the user words it, if at all.
+    /// Date as the user gave it, if any.
     pub date: Option<String>,
 }
 
-/// The page of all rows.
+/// Returns the HTML page of all rows.
 pub fn page(rows: &[VerifyRow], run: &Run) -> String {
+    // Show the summary and the number of wrong results by case and configuration
     let mut body = summary(rows, run);
     body += "<h2>Cases and paths</h2>\n\
              <p>How many answers were wrong. Green: none. Amber: some, on a path that promises no better. Red: \
              some that must not be.</p>\n";
     body += &overview(rows);
+    // Show all checks with a filter
     body += "<h2>All checks</h2>\n";
     body += &page::filter(&[("holds", "holds"), ("measured", "measured"), ("fails", "fails")]);
     body += &checks(rows);
     body += "<h2>What was asked</h2>\n\
              <p class=\"key\">Rays and arguments: <i class=\"right\"></i>right <i class=\"tie\"></i>tie: rounding \
              explains the answer <i class=\"wrong\"></i>wrong: it does not</p>\n";
+    // Show a section for each case
     for of_case in rows.chunk_by(|a, b| a.case.id == b.case.id) {
         body += &section(of_case);
     }
     page::page("whit verify: hard cases with exact answers", &body)
 }
 
-/// The class that a verdict has.
+/// Returns the CSS class of a verdict.
 fn class(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Holds => "holds",
@@ -50,7 +53,9 @@ fn class(verdict: Verdict) -> &'static str {
 }
 
 fn summary(rows: &[VerifyRow], run: &Run) -> String {
+    // Count verdicts for the tiles
     let count = |verdict| rows.iter().filter(|row| row.outcome.verdict == verdict).count();
+    // A tile has a colour only if its count is positive
     let tile = |verdict, words| {
         let class = if count(verdict) > 0 { class(verdict) } else { "" };
         (count(verdict).to_string(), words, class)
@@ -66,6 +71,7 @@ fn summary(rows: &[VerifyRow], run: &Run) -> String {
         tile(Verdict::Measured, "measured without a promise"),
         tile(Verdict::Fails, "failed"),
     ]);
+    // List Embree versions, processor and number of rays
     let embree: BTreeSet<String> = rows
         .iter()
         .filter_map(|row| row.outcome.embree.as_ref())
@@ -91,7 +97,7 @@ fn summary(rows: &[VerifyRow], run: &Run) -> String {
     html + &page::facts(&facts)
 }
 
-/// A path, with the instruction set where Embree was held to several.
+/// Returns the name of a row's configuration, with the instruction set if Embree ran with several.
 fn path_name(row: &VerifyRow, rows: &[VerifyRow]) -> String {
     let isas: BTreeSet<&str> = rows.iter().filter_map(|row| isa(row)).collect();
     match isa(row) {
@@ -104,8 +110,9 @@ fn isa(row: &VerifyRow) -> Option<&str> {
     row.outcome.embree.as_ref().map(|embree| embree.isa.as_str())
 }
 
-/// Cases down, paths across, and how many were wrong.
+/// Returns the table of wrong results with a row for each case and a column for each configuration.
 fn overview(rows: &[VerifyRow]) -> String {
+    // Collect the configurations as columns
     let mut paths: Vec<String> = Vec::new();
     for row in rows {
         let name = path_name(row, rows);
@@ -116,6 +123,7 @@ fn overview(rows: &[VerifyRow]) -> String {
     let mut columns = vec![Column::Words("case"), Column::Words("")];
     columns.extend(paths.iter().map(|path| Column::Numbers(path)));
     let mut table = Table::new(&columns);
+    // Add a row for each case
     for of_case in rows.chunk_by(|a, b| a.case.id == b.case.id) {
         let case = &of_case[0].case;
         let mut cells = vec![Cell::link(case.id, case.id), Cell::text(case.title)];
@@ -162,7 +170,7 @@ fn checks(rows: &[VerifyRow]) -> String {
     table.html("wide filtered")
 }
 
-/// What one case asks and how it went, with pictures.
+/// Returns the section of one case: construction, requirement, figures and failures.
 fn section(rows: &[VerifyRow]) -> String {
     let case = &rows[0].case;
     let mut html = format!(
@@ -183,9 +191,10 @@ fn section(rows: &[VerifyRow]) -> String {
     html + "</section>\n"
 }
 
-/// The first wrong answers of a path, to be asked again.
+/// Returns the first wrong results of a configuration with their bits, so that they can be traced again.
 fn failures(row: &VerifyRow) -> String {
     let tally = &row.outcome.tally;
+    // Describe recorded wrong rays, or the example where none was recorded
     let wrong = tally
         .sketch
         .asked
@@ -204,6 +213,7 @@ fn failures(row: &VerifyRow) -> String {
     if lines.is_empty() {
         lines.extend(tally.example.clone());
     }
+    // Name the configuration with its instruction set
     let path = match isa(row) {
         Some(isa) => format!("{} on {isa}", row.path),
         None => row.path.to_owned(),

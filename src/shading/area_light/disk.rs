@@ -1,4 +1,4 @@
-//! A light in the shape of a disk, or of an ellipse where its axes differ: points uniform in area.
+//! Area light in the shape of a disk, or of an ellipse where its axes differ; points are uniform in area.
 
 use std::f64::consts::PI;
 
@@ -7,9 +7,11 @@ use glam::DVec3;
 use super::{AreaLightError, LightSample, area_and_normal, of_area};
 use crate::numeric::warp;
 
-/// The points `center` + x `half_u` + y `half_v` with x² + y² <= 1; its front is to the side of `half_u` × `half_v`.
+/// Disk light: the points `center` + x `half_u` + y `half_v` with x² + y² <= 1; its front is to the side of `half_u` ×
+/// `half_v`.
 ///
-/// The image of the unit disk under any affine map: such a map stretches all areas alike, so uniform stays uniform.
+/// It is the image of the unit disk under any affine map: such a map scales all areas equally, so uniform points stay
+/// uniform.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DiskLight {
     center: DVec3,
@@ -20,7 +22,7 @@ pub struct DiskLight {
 }
 
 impl DiskLight {
-    /// The ellipse of these conjugate half axes around `center`, in metres.
+    /// Creates the ellipse of these conjugate half axes around `center`, in metres.
     pub fn new(center: DVec3, half_u: DVec3, half_v: DVec3) -> Result<DiskLight, AreaLightError> {
         let (square, normal) = area_and_normal(half_u, half_v)?;
         Ok(DiskLight {
@@ -32,7 +34,7 @@ impl DiskLight {
         })
     }
 
-    /// The point that `u` in [0, 1)² picks for `p`; `None` in the disk's plane.
+    /// Samples the point that `u` in [0, 1)² selects for `p`; `None` in the disk's plane.
     #[inline(always)]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
         let place = warp::disk(u);
@@ -40,7 +42,7 @@ impl DiskLight {
         of_area(p, position, self.normal, self.area)
     }
 
-    /// The area of one side in square metres.
+    /// Returns the area of one side in square metres.
     pub fn area(&self) -> f64 {
         self.area
     }
@@ -62,7 +64,7 @@ mod tests {
             let found = mean(&disk(DVec3::Z * height, radius), DVec3::ZERO, 512, |s| {
                 s.pdf.recip()
             });
-            // 2π (1 - cos) with tan = radius / height, as 2π sin² / (1 + cos).
+            // Solid angle 2π (1 - cos) with tan = radius / height, as 2π sin² / (1 + cos).
             let cos = height / height.hypot(radius);
             let exact = 2.0 * PI * (radius / height.hypot(radius)).powi(2) / (1.0 + cos);
             assert!(
@@ -95,7 +97,7 @@ mod tests {
 
     #[test]
     fn a_disk_shines_from_the_side_of_its_normal() {
-        // X × -Y is -Z: a disk above looks down.
+        // X × -Y is -Z: a disk above the point faces down.
         let front = |z: f64| {
             disk(DVec3::ZERO, 1.0)
                 .sample(DVec3::Z * z, [0.3, 0.3])

@@ -1,29 +1,30 @@
-//! Triangles that shine: one is chosen in proportion to its area, then a point of it.
+//! Area light of triangles: one is chosen in proportion to its area, then a point on it.
 //!
-//! The choice inverts the running sum of the areas, and what the first number has left over within its triangle is used
-//! again: neighbouring numbers give neighbouring points, so evenly spread ones stay so, which an alias table would
-//! scatter.
+//! The choice inverts the cumulative sum of the areas, and the remainder of the first number within its triangle is
+//! reused: neighbouring numbers give neighbouring points, so stratified numbers stay stratified, which an alias table
+//! would destroy.
 
 use glam::DVec3;
 
 use super::{AreaLightError, LightSample, is_density, of_area};
 use crate::numeric::warp;
 
-/// Triangles in world space, 80 bytes each; their fronts are where their corners run counter-clockwise.
+/// Mesh light of triangles in world space, 80 bytes each; their fronts are where their corners run counter-clockwise.
 #[derive(Clone, Debug)]
 pub struct MeshLight {
     triangles: Vec<[DVec3; 3]>,
-    /// The area of the triangles up to and with each.
+    /// Cumulative area up to and including each triangle.
     area_up_to: Vec<f64>,
 }
 
 impl MeshLight {
-    /// The light made of `triangles`, in metres. Those without an area are never chosen.
+    /// Creates the light of `triangles`, in metres. Triangles without an area are never chosen.
     pub fn new(triangles: impl IntoIterator<Item = [DVec3; 3]>) -> Result<MeshLight, AreaLightError> {
         let triangles: Vec<[DVec3; 3]> = triangles.into_iter().collect();
         if u32::try_from(triangles.len()).is_err() {
             return Err(AreaLightError::TooManyTriangles);
         }
+        // Accumulate the areas
         let mut area = 0.0;
         let area_up_to: Vec<f64> = triangles
             .iter()
@@ -32,7 +33,7 @@ impl MeshLight {
                 area
             })
             .collect();
-        // A NaN area makes the sum one.
+        // A NaN area makes the sum NaN.
         if !(is_density(area) && is_density(area.recip())) {
             return Err(AreaLightError::NoArea);
         }
@@ -42,20 +43,23 @@ impl MeshLight {
         })
     }
 
-    /// The point that `u` in [0, 1)² picks for `p`; `None` in the plane of the triangle that was chosen.
+    /// Samples the point that `u` in [0, 1)² selects for `p`; `None` in the plane of the chosen triangle.
     ///
     /// Of the 32 bits of a sampler's number, the choice among n triangles uses about log2 n.
     #[inline]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
+        // Choose a triangle by its area
         let target = u[0] * self.area();
         let last = self.triangles.len() - 1;
-        // The first sum beyond the target: never that of a triangle without area, which adds nothing to the one before.
+        // The first sum beyond the target is never that of a triangle without area, which adds nothing to the preceding
+        // sum.
         let chosen = self.area_up_to.partition_point(|&sum| sum <= target).min(last);
         let before = if chosen == 0 {
             0.0
         } else {
             self.area_up_to[chosen - 1]
         };
+        // Sample a point uniformly on the triangle
         let within = (target - before) / (self.area_up_to[chosen] - before);
         let [a, b, c] = self.triangles[chosen];
         let [to_b, to_c] = warp::triangle([within, u[1]]);
@@ -72,15 +76,15 @@ impl MeshLight {
         })
     }
 
-    /// The density per steradian with which the direction to a point of the light is chosen, which is `distance` away
-    /// and seen at `cosine` to its normal; 0 if edge-on.
+    /// Returns the density per steradian with which the direction to a point of the light is chosen that is `distance`
+    /// away and seen at `cosine` to its normal; 0 if edge-on.
     #[inline(always)]
     pub fn pdf(&self, distance: f64, cosine: f64) -> f64 {
         let pdf = distance * distance / (cosine.abs() * self.area());
         if is_density(pdf) { pdf } else { 0.0 }
     }
 
-    /// The area of all triangles, of one side, in square metres.
+    /// Returns the area of all triangles, of one side, in square metres.
     #[inline(always)]
     pub fn area(&self) -> f64 {
         self.area_up_to[self.area_up_to.len() - 1]
@@ -95,7 +99,8 @@ mod tests {
     use super::super::tests::mean;
     use super::*;
 
-    /// The cube of half-width 1 around `center`, its fronts outside, in triangles of two sizes and a flat one.
+    /// Returns the cube of half-width 1 around `center`, its fronts outside, in triangles of two sizes and a degenerate
+    /// one.
     fn cube(center: DVec3) -> Vec<[DVec3; 3]> {
         let mut triangles = vec![[center, center + DVec3::X, center + 2.0 * DVec3::X]];
         for (n, u) in [(DVec3::X, DVec3::Y), (DVec3::Y, DVec3::Z), (DVec3::Z, DVec3::X)] {
@@ -131,7 +136,7 @@ mod tests {
             let u = [(f64::from(step) + 0.5) / 2400.0, 0.5];
             count[light.sample(DVec3::splat(9.0), u).unwrap().primitive as usize] += 0.01;
         }
-        // 24 square metres in 2400 steps: each count is the area but for one step.
+        // 24 square metres in 2400 steps: each count is the area to within one step.
         for (triangle, &count) in light.triangles.iter().zip(&count) {
             let [a, b, c] = *triangle;
             let area = 0.5 * (b - a).cross(c - a).length();

@@ -1,11 +1,11 @@
-//! Lights with an extent: points of them to send shadow rays to.
+//! Area lights: points on emissive objects to which shadow rays are sent.
 //!
-//! The irradiance from a light of radiance L is ∫ L cos θ dω over the directions in which it is seen. A sample is a
-//! direction with the density `pdf` in which it was chosen, per steradian: L cos θ / pdf, and 0 where the way is
-//! blocked, is right on average, whatever the density. Where the solid angle is known in closed form, directions are
-//! chosen uniformly in it, so that without blockers only the cosine varies; else points are chosen uniformly on the
-//! light, with the density d² / (cos θ' A) of directions (P. Shirley, C. Wang, K. Zimmerman, "Monte Carlo Techniques
-//! for Direct Lighting Calculations", ACM TOG 15(1), 1996). Everything is in world space and f64.
+//! The irradiance from a light of radiance L is ∫ L cos θ dω over the directions in which the light is visible. A
+//! sample is a direction with the density `pdf` per steradian with which it was chosen. The estimate L cos θ / pdf, or
+//! 0 if the shadow ray is occluded, is unbiased for any density. Where the solid angle has a closed form, directions
+//! are chosen uniformly in it, so that without occluders only the cosine varies; otherwise points are chosen uniformly
+//! on the light, with the density d² / (cos θ' A) of directions (P. Shirley, C. Wang, K. Zimmerman, "Monte Carlo
+//! Techniques for Direct Lighting Calculations", ACM TOG 15(1), 1996). All quantities are in world space and f64.
 
 mod disk;
 mod mesh;
@@ -21,62 +21,61 @@ pub use quad::QuadLight;
 pub use shape_light::ShapeLight;
 pub use sphere::SphereLight;
 
-/// A point of a light as it is seen from a point that it lights.
+/// Point sampled on a light, relative to the point that it illuminates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LightSample {
-    /// Where on the light.
+    /// Position on the light in world space.
     pub position: DVec3,
-    /// Unit vector to there.
+    /// Unit vector from the shaded point to the light's point.
     pub direction: DVec3,
-    /// How far away it is, in metres.
+    /// Distance between the two points in metres.
     pub distance: f64,
-    /// The light's unit normal there, away from its front; out of a sphere.
+    /// Unit normal of the light there, on the side of its front; outward for a sphere.
     pub normal: DVec3,
-    /// Which triangle of a mesh, by its place in what the light was made of, or which part of a body; 0 for other
-    /// lights.
+    /// Index of the mesh triangle, in the order in which the light was given its triangles, or of the part of an
+    /// analytic shape; 0 for other lights.
     pub primitive: u32,
-    /// Density of the direction per steradian: positive and finite.
+    /// Density of the direction per steradian; positive and finite.
     pub pdf: f64,
 }
 
 impl LightSample {
-    /// Whether the light turns its front to the point that it lights. A light that shines from its front only gives
-    /// nothing elsewhere.
+    /// Returns whether the light's front faces the shaded point. A one-sided light contributes only if it does.
     #[inline(always)]
     pub fn is_front(&self) -> bool {
         self.direction.dot(self.normal) < 0.0
     }
 }
 
-/// A light with an extent, in world space.
+/// Light with an area, in world space.
 #[derive(Clone, Debug)]
 pub enum AreaLight {
-    /// A parallelogram.
+    /// Parallelogram light, sampled by solid angle where possible.
     Quad(QuadLight),
-    /// An ellipse.
+    /// Elliptic disk light, sampled by area.
     Disk(DiskLight),
-    /// A sphere.
+    /// Sphere light, sampled by solid angle.
     Sphere(SphereLight),
-    /// Triangles.
+    /// Triangle mesh light, sampled by area.
     Mesh(MeshLight),
-    /// Another analytic body.
+    /// Light of another analytic shape, sampled by area.
     Body(Box<ShapeLight>),
 }
 
-/// Why something is no light, worded as advice.
+/// Reason why an object cannot be an area light, worded as advice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AreaLightError {
-    /// It has no area that a number could tell.
+    /// Area that is zero, not finite, or outside the range of numbers.
     #[error("a light's area is zero or not finite: give it an extent, or make it a point light")]
     NoArea,
-    /// A mesh has more triangles than can be numbered.
+    /// Mesh of more triangles than an index can number.
     #[error("a light's mesh has more than 2^32 triangles: divide it")]
     TooManyTriangles,
 }
 
 impl AreaLight {
-    /// The point of the light that `u` in [0, 1)² picks for the point `p`; `None` where the light cannot be seen from
-    /// `p`, as in the plane of a flat one, or on the light itself.
+    /// Samples the point of the light that `u` in [0, 1)² selects for the point `p`. Returns `None` where the light is
+    /// not visible from `p`, as in the plane of a flat one, or on the light itself.
     #[inline]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
         match self {
@@ -88,7 +87,7 @@ impl AreaLight {
         }
     }
 
-    /// The area that shines, of one side, in square metres.
+    /// Returns the emissive area of one side in square metres.
     pub fn area(&self) -> f64 {
         match self {
             AreaLight::Quad(light) => light.area(),
@@ -100,12 +99,13 @@ impl AreaLight {
     }
 }
 
-/// The sample at `position`, chosen uniformly from a flat `area` of unit normal `normal`.
+/// Returns the sample at `position`, chosen uniformly from a flat `area` of unit normal `normal`.
 #[inline(always)]
 fn of_area(p: DVec3, position: DVec3, normal: DVec3, area: f64) -> Option<LightSample> {
     let to_light = position - p;
     let distance = to_light.length();
     let direction = to_light / distance;
+    // Convert the density per area into a density per solid angle
     let pdf = distance * distance / (direction.dot(normal).abs() * area);
     is_density(pdf).then_some(LightSample {
         position,
@@ -117,13 +117,13 @@ fn of_area(p: DVec3, position: DVec3, normal: DVec3, area: f64) -> Option<LightS
     })
 }
 
-/// Whether a density can be divided by; a NaN cannot.
+/// Returns whether `pdf` is positive and finite, so that it can be divided by; false for NaN.
 #[inline(always)]
 fn is_density(pdf: f64) -> bool {
     pdf > 0.0 && pdf < f64::INFINITY
 }
 
-/// Area and unit normal of a parallelogram of sides `a` and `b`.
+/// Returns area and unit normal of the parallelogram of sides `a` and `b`.
 fn area_and_normal(a: DVec3, b: DVec3) -> Result<(f64, DVec3), AreaLightError> {
     let across = a.cross(b);
     let area = across.length();
@@ -137,7 +137,8 @@ fn area_and_normal(a: DVec3, b: DVec3) -> Result<(f64, DVec3), AreaLightError> {
 mod tests {
     use super::*;
 
-    /// Mean of `value` over the samples of `cells` by `cells` middles; 0 where there is none.
+    /// Returns the mean of `value` over the samples of a grid of `cells` by `cells` midpoints; missing samples count as
+    /// 0.
     pub(super) fn mean(light: &AreaLight, p: DVec3, cells: u32, value: impl Fn(&LightSample) -> f64) -> f64 {
         let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(cells);
         let sum: f64 = (0..cells * cells)

@@ -1,5 +1,5 @@
-//! A light in the shape of a parallelogram: directions uniform in its solid angle where it is a rectangle seen from
-//! near, else points uniform in area.
+//! Area light in the shape of a parallelogram: directions are uniform in its solid angle if it is a rectangle seen from
+//! near, otherwise points are uniform in area.
 
 use std::f64::consts::TAU;
 
@@ -7,7 +7,8 @@ use glam::DVec3;
 
 use super::{AreaLightError, LightSample, area_and_normal, is_density, of_area};
 
-/// The points `center` + x `half_u` + y `half_v` with |x|, |y| <= 1; its front is to the side of `half_u` × `half_v`.
+/// Quad light: the points `center` + x `half_u` + y `half_v` with |x|, |y| <= 1; its front is to the side of `half_u` ×
+/// `half_v`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuadLight {
     center: DVec3,
@@ -18,16 +19,18 @@ pub struct QuadLight {
     is_rectangle: bool,
 }
 
-/// How far from 90 degrees the sides of a rectangle may be: what the rounding of the sides makes of a right angle.
+/// Largest deviation of a rectangle's sides from 90 degrees, as a cosine: the rounding of sides at a right angle.
 const SQUARENESS: f64 = 16.0 * f64::EPSILON;
 
-/// Solid angles below this are sampled by area. They come as a difference of angles of up to 2π, so to some 2^-50, and
-/// the point within with the same error: 2^-37 of 2^-13. So small a rectangle is seen at nearly one distance and angle,
-/// which is when the two ways agree.
+/// Solid angle in steradian below which points are sampled by area.
+///
+/// A solid angle is computed as a difference of angles of up to 2π, so to about 2^-50, and the point within with an
+/// equal error: 2^-37 of 2^-13. So small a rectangle is seen at nearly one distance and angle, which is when both
+/// sampling methods agree.
 const MIN_SOLID_ANGLE: f64 = 1.0 / 8192.0;
 
 impl QuadLight {
-    /// The parallelogram of these half sides around `center`, in metres.
+    /// Creates the parallelogram of these half sides around `center`, in metres.
     pub fn new(center: DVec3, half_u: DVec3, half_v: DVec3) -> Result<QuadLight, AreaLightError> {
         let (quarter, normal) = area_and_normal(half_u, half_v)?;
         Ok(QuadLight {
@@ -40,45 +43,49 @@ impl QuadLight {
         })
     }
 
-    /// The point that `u` in [0, 1)² picks for `p`; `None` in the plane of the parallelogram.
+    /// Samples the point that `u` in [0, 1)² selects for `p`; `None` in the plane of the parallelogram.
     #[inline(always)]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
+        // Sample by solid angle if the rectangle is large enough
         if self.is_rectangle {
             let seen = SphericalRectangle::new(self, p);
             if seen.solid_angle > MIN_SOLID_ANGLE {
                 return seen.sample(p, self, u);
             }
         }
+        // Otherwise sample by area
         let (x, y) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
         let position = self.center + x * self.half_u + y * self.half_v;
         of_area(p, position, self.normal, self.area)
     }
 
-    /// The area of one side in square metres.
+    /// Returns the area of one side in square metres.
     pub fn area(&self) -> f64 {
         self.area
     }
 }
 
-/// A rectangle as it is seen from a point (C. Ureña, M. Fajardo, A. King, "An Area-Preserving Parametrization for
-/// Spherical Rectangles", EGSR 2013), in coordinates along its sides, with the point as the origin.
+/// Rectangle projected onto the unit sphere around a point (C. Ureña, M. Fajardo, A. King, "An Area-Preserving
+/// Parametrization for Spherical Rectangles", EGSR 2013), in coordinates along its sides, with the point as the origin.
 struct SphericalRectangle {
     axes: [DVec3; 3],
     x: [f64; 2],
     y: [f64; 2],
-    /// Distance of the rectangle's plane; positive, against the third axis.
+    /// Distance of the rectangle's plane; positive, along the negative third axis.
     height: f64,
-    /// The third components of the normals of the planes through the point and the edges at `y[0]` and `y[1]`.
+    /// Third components of the normals of the planes through the point and the edges at `y[0]` and `y[1]`.
     b: [f64; 2],
-    /// 2π less the two angles of the spherical rectangle that end the count.
+    /// Value of 2π minus the last two of the four inner angles of the spherical rectangle.
     k: f64,
-    /// In steradian.
+    /// Solid angle of the rectangle in steradian.
     solid_angle: f64,
 }
 
 impl SphericalRectangle {
+    /// Projects `quad` onto the unit sphere around `p`.
     #[inline(always)]
     fn new(quad: &QuadLight, p: DVec3) -> SphericalRectangle {
+        // Build a frame along the sides, with the rectangle at negative z
         let to_center = quad.center - p;
         let [length_u, length_v] = [quad.half_u.length(), quad.half_v.length()];
         let side = if to_center.dot(quad.normal) > 0.0 {
@@ -98,7 +105,7 @@ impl SphericalRectangle {
         let [n3, n1] = x.map(|x| height.hypot(x));
         let b = [-y[0] / n0, y[1] / n2];
         let c = [x[1] / n1, -x[0] / n3];
-        // The angles at the corners: the dot products of neighbouring normals are those of their third components.
+        // Inner angles: the dot products of neighbouring normals are those of their third components.
         let angle = |a: f64, b: f64| (-a * b).clamp(-1.0, 1.0).acos();
         let g = [
             angle(b[0], c[0]),
@@ -118,15 +125,18 @@ impl SphericalRectangle {
         }
     }
 
+    /// Samples a point of the rectangle uniformly in solid angle.
     #[inline(always)]
     fn sample(&self, p: DVec3, quad: &QuadLight, u: [f64; 2]) -> Option<LightSample> {
         let angle = u[0] * self.solid_angle + self.k;
         let f = (angle.cos() * self.b[0] - self.b[1]) / angle.sin();
-        // The direction cosine of the third axis' plane, and from it x: c / sqrt(1 - c²) with c = ±1 / sqrt(f² + b²).
+        // Compute the direction cosine of the third axis' plane, and from it x: c / sqrt(1 - c²) with c = ±1 / sqrt(f²
+        // + b²).
         let squared = (f * f + self.b[0] * self.b[0] - 1.0).max(0.0);
         let x = (self.height / squared.sqrt())
             .copysign(f)
             .clamp(self.x[0], self.x[1]);
+        // Sample y uniformly in height on the sphere's arc at x
         let d = x.hypot(self.height);
         let [h0, h1] = self.y.map(|y| y / d.hypot(y));
         let h = h0 + u[1] * (h1 - h0);
@@ -153,14 +163,14 @@ mod tests {
     use super::super::tests::mean;
     use super::*;
 
-    /// A window of 3 by 1 metres in a skew place.
+    /// Returns a window of 3 by 1 metres in an oblique position.
     fn window() -> QuadLight {
         let u = DVec3::new(0.48, 0.6, 0.64) * 1.5;
         let v = DVec3::new(-0.8, 0.0, 0.6) * 0.5;
         QuadLight::new(DVec3::new(0.3, 0.1, 2.0), u, v).unwrap()
     }
 
-    /// Points at the side, in front, behind, near, very near.
+    /// Test points at the side, in front, behind, near and very near.
     const PLACES: [DVec3; 6] = [
         DVec3::ZERO,
         DVec3::new(3.0, -1.0, 1.0),
@@ -175,8 +185,8 @@ mod tests {
             .map(|(x, y)| quad.center + x * quad.half_u + y * quad.half_v)
     }
 
-    /// The solid angle of a triangle: tan(Ω/2) = |a·(b×c)| / (1 + a·b + b·c + c·a) for unit vectors (A. van Oosterom,
-    /// J. Strackee, IEEE Trans. Biomed. Eng. 30(2), 1983).
+    /// Returns the solid angle of a triangle: tan(Ω/2) = |a·(b×c)| / (1 + a·b + b·c + c·a) for unit vectors (A. van
+    /// Oosterom, J. Strackee, IEEE Trans. Biomed. Eng. 30(2), 1983).
     fn triangle_solid_angle(p: DVec3, triangle: [DVec3; 3]) -> f64 {
         let [a, b, c] = triangle.map(|corner| (corner - p).normalize());
         let below = 1.0 + a.dot(b) + b.dot(c) + c.dot(a);
@@ -188,8 +198,8 @@ mod tests {
         triangle_solid_angle(p, [a, b, c]) + triangle_solid_angle(p, [a, c, d])
     }
 
-    /// ∫ ω dω over the quad: half the sum over the edges of their angle times the normal of their plane (J. Lambert,
-    /// 1760).
+    /// Returns ∫ ω dω over the quad: half the sum over the edges of their angle times the normal of their plane (J.
+    /// Lambert, 1760).
     fn light_vector(quad: &QuadLight, p: DVec3) -> DVec3 {
         let seen = corners(quad).map(|corner| (corner - p).normalize());
         let sum: DVec3 = (0..4)
@@ -216,7 +226,7 @@ mod tests {
                 exact
             );
         }
-        // From the axis of a square at its half side: a sixth of the sphere.
+        // From the axis of a square at a distance of its half side, it covers a sixth of the sphere.
         let side = QuadLight::new(DVec3::Z, DVec3::X, DVec3::Y).unwrap();
         let sixth = side.sample(DVec3::ZERO, [0.5; 2]).unwrap().pdf.recip();
         assert!((sixth - 4.0 * PI / 6.0).abs() < 1e-14);
@@ -287,7 +297,7 @@ mod tests {
             let p = quad.center + distance * toward;
             let found = mean(&AreaLight::Quad(quad), p, 64, |s| s.pdf.recip());
             let exact = light_vector(&quad, p).length();
-            // The vector is shorter than the solid angle by some Ω / 8π; the closed form has lost 2^-50 / Ω.
+            // The vector is shorter than the solid angle by about Ω / 8π; the closed form has lost 2^-50 / Ω.
             let bound = 1e-4 * (100.0 / distance).powi(2) + 1e-15 / exact;
             assert!(
                 (found / exact - 1.0).abs() < bound.max(1e-5),

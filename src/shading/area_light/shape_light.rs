@@ -1,10 +1,10 @@
-//! Analytic bodies that shine, under any affine map: points of their pieces, picked in the body's own space.
+//! Area lights of analytic shapes under any affine map: points of their pieces, sampled in object space.
 //!
-//! A piece is chosen in proportion to its area there, then a point of it. A map M with the inverse transpose N makes of
-//! an area with the unit normal n one of |det M| |N n| times its size, so the density of points follows from the one
-//! before; that it is not even in the world does not matter, as every sample tells its own. From outside of a closed
-//! body its inner side is not seen, nor its outer one from inside, so points that turn that side to whoever asks are
-//! left out.
+//! A piece is chosen in proportion to its area in object space, then a point on it. A map M with the inverse transpose
+//! N scales an area with the unit normal n by |det M| |N n|, so the density of points in the world follows from that in
+//! object space; it need not be uniform, as every sample carries its own density. From outside of a closed shape its
+//! inner side is not visible, nor its outer one from inside, so points that face away from the shaded point are
+//! rejected.
 
 use std::f64::consts::{PI, TAU};
 
@@ -14,40 +14,40 @@ use super::{AreaLightError, LightSample, is_density, of_area};
 use crate::numeric::warp;
 use crate::shape::{Implicit, Shape};
 
-/// A body in the world.
+/// Analytic shape in the world, as a light.
 #[derive(Clone, Debug)]
 pub struct ShapeLight {
     shape: Shape,
     pieces: &'static [Piece],
     world_from_object: DAffine3,
     object_from_world: DAffine3,
-    /// The inverse transpose of the map, times its determinant.
+    /// Inverse transpose of the map, times its determinant.
     area_map: DMat3,
 }
 
-/// A part of a body's surface in its own space.
+/// Part of a shape's surface in object space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Piece {
-    /// The unit sphere.
+    /// Sphere of unit radius around the origin.
     Ball,
-    /// The cube's face across an axis, to one side of the origin.
+    /// Face of the cube across an axis, on one side of the origin.
     Face { axis: usize, side: f64 },
-    /// The wall of the cylinder.
+    /// Lateral surface of the cylinder.
     Wall,
-    /// The unit disk at a height, facing up or down.
+    /// Unit disk at a height, facing up or down.
     Cap { z: f64 },
-    /// The wall of the cone.
+    /// Lateral surface of the cone.
     Slope,
-    /// The torus.
+    /// Whole surface of the torus.
     Ring,
 }
 
-/// A point of a body in its own space.
+/// Sampled point on a shape in object space.
 struct PiecePoint {
     p: DVec3,
-    /// Unit normal, outward.
+    /// Unit normal, pointing outward.
     n: DVec3,
-    /// How much area is there for a unit of the square of numbers.
+    /// Area there per unit of the random numbers' unit square.
     area: f64,
 }
 
@@ -55,7 +55,7 @@ const fn face(axis: usize, side: f64) -> Piece {
     Piece::Face { axis, side }
 }
 
-/// In the order of the cube's parts, as the other bodies' pieces are in that of theirs.
+/// Faces of the cube, in the order of its part numbers, as the other arrays of pieces are in theirs.
 const CUBE: [Piece; 6] = [
     face(0, -1.0),
     face(0, 1.0),
@@ -68,13 +68,14 @@ const CYLINDER: [Piece; 3] = [Piece::Wall, Piece::Cap { z: 1.0 }, Piece::Cap { z
 const CONE: [Piece; 2] = [Piece::Slope, Piece::Cap { z: -1.0 }];
 
 impl ShapeLight {
-    /// The light that `shape` is where `world_from_object` puts it; `None` for sheets without an end, and for shapes
-    /// whose points cannot be picked.
+    /// Creates the light of `shape` transformed by `world_from_object`. Returns `None` for unbounded surfaces, and for
+    /// shapes whose points cannot be sampled.
     pub fn new(
         shape: &Shape,
         world_from_object: DAffine3,
         object_from_world: DAffine3,
     ) -> Option<Result<ShapeLight, AreaLightError>> {
+        // Divide the surface into pieces
         let pieces: &'static [Piece] = match shape {
             Shape::Sphere(_) => &[Piece::Ball],
             Shape::Cube => &CUBE,
@@ -94,12 +95,14 @@ impl ShapeLight {
             object_from_world,
             area_map: object_from_world.matrix3.transpose() * world_from_object.matrix3.determinant(),
         };
+        // Reject lights without a usable area
         let area = light.area();
         let is_light = is_density(area) && is_density(area.recip());
         Some(is_light.then_some(light).ok_or(AreaLightError::NoArea))
     }
 
-    /// The point that `u` in [0, 1)² picks for `p`; `None` where that is on a side that is not seen from there.
+    /// Samples the point that `u` in [0, 1)² selects for `p`. Returns `None` if it lies on a side that is not visible
+    /// from there.
     #[inline]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
         let (part, position, normal, area) = self.point(u);
@@ -107,6 +110,7 @@ impl ShapeLight {
             primitive: part,
             ..of_area(p, position, normal, area)?
         };
+        // Reject points on the side that faces away
         if self.shape.is_solid() {
             let is_inside = self.shape.contains(self.object_from_world.transform_point3(p));
             if is_inside == sample.is_front() {
@@ -116,7 +120,7 @@ impl ShapeLight {
         Some(sample)
     }
 
-    /// The area of the outer side in square metres, to some four digits where the map stretches.
+    /// Returns the area of the outer side in square metres, to about four digits where the map stretches.
     pub fn area(&self) -> f64 {
         const CELLS: u32 = 96;
         let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(CELLS);
@@ -124,15 +128,16 @@ impl ShapeLight {
         cells.sum::<f64>() / f64::from(CELLS * CELLS)
     }
 
-    /// Whether none of its points is hidden from anywhere by others that turn the same side.
+    /// Returns whether no point of the light is occluded by another point that faces the same side.
     pub fn is_convex(&self) -> bool {
         self.shape.is_solid() && !matches!(self.shape, Shape::Torus(_))
     }
 
-    /// The part and the point that `u` picks, its outward unit normal, and how much area is there for a unit of the
-    /// square of numbers.
+    /// Returns the part and the point that `u` selects, its outward unit normal, and the area there per unit of the
+    /// random numbers' unit square.
     #[inline(always)]
     fn point(&self, u: [f64; 2]) -> (u32, DVec3, DVec3, f64) {
+        // Choose a piece in proportion to its area, and rescale the random number
         let total: f64 = self.pieces.iter().map(|piece| piece.area()).sum();
         let mut target = u[0] * total;
         let last = self.pieces.len() - 1;
@@ -143,10 +148,11 @@ impl ShapeLight {
         }
         let chosen = self.pieces[part];
         let within = (target / chosen.area()).clamp(0.0, 1.0 - 0.5 * f64::EPSILON);
+        // Transform the normal, whose stretch is that of the area
         let at = chosen.point(&self.shape, [within, u[1]]);
         let n = self.area_map * at.n;
         let stretch = n.length();
-        // The determinant of a map that mirrors has turned it inward.
+        // The determinant of a mirroring map has turned the normal inward.
         let outward = n * self.world_from_object.matrix3.determinant().signum() / stretch;
         let area = at.area * stretch * total / chosen.area();
         (
@@ -159,7 +165,7 @@ impl ShapeLight {
 }
 
 impl Piece {
-    /// What pieces are chosen in proportion to: of those that are chosen among, their area.
+    /// Returns the weight with which the piece is chosen: its area in object space, if the shape has several pieces.
     fn area(self) -> f64 {
         match self {
             Piece::Ball | Piece::Ring | Piece::Wall => 4.0 * PI,
@@ -170,16 +176,19 @@ impl Piece {
         }
     }
 
+    /// Returns the point that `u` selects on the piece, with outward normal and area.
     #[inline(always)]
     fn point(self, shape: &Shape, u: [f64; 2]) -> PiecePoint {
         let (sin, cos) = (TAU * u[1]).sin_cos();
         let around = DVec3::new(cos, sin, 0.0);
         let (p, n, area) = match (self, shape) {
+            // Sample the sphere uniformly
             (Piece::Ball, Shape::Sphere(sphere)) => {
                 let n = warp::direction(2.0 * u[0], u[1]);
                 let p = sphere.center + sphere.radius * n;
                 (p, n, self.area() * sphere.radius * sphere.radius)
             }
+            // Sample the face of the cube uniformly
             (Piece::Face { axis, side }, _) => {
                 let n = side * DVec3::AXES[axis];
                 let (right, up) = (DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]);
@@ -189,6 +198,7 @@ impl Piece {
                     self.area(),
                 )
             }
+            // Sample the cap uniformly
             (Piece::Cap { z }, _) => {
                 let place = warp::disk(u);
                 (DVec3::new(place.x, place.y, z), DVec3::Z * z, self.area())
@@ -199,12 +209,14 @@ impl Piece {
                 let n = (2.0 * around + DVec3::Z) / 5f64.sqrt();
                 (radius * around + (1.0 - 2.0 * radius) * DVec3::Z, n, self.area())
             }
+            // Sample the torus uniformly in both angles
             (Piece::Ring, Shape::Torus(torus)) => {
                 let r = torus.minor_radius;
                 let (sin_tube, cos_tube) = (TAU * u[0]).sin_cos();
                 let n = cos_tube * around + sin_tube * DVec3::Z;
                 (around + r * n, n, TAU * TAU * r * (1.0 + r * cos_tube))
             }
+            // Sample the wall of the cylinder uniformly
             _ => (around + (2.0 * u[0] - 1.0) * DVec3::Z, around, self.area()),
         };
         PiecePoint { p, n, area }
@@ -220,6 +232,7 @@ mod tests {
     use super::*;
     use crate::shape::{Cone, Cylinder, Sphere, Torus};
 
+    /// Returns shapes with their areas in object space.
     fn bodies() -> Vec<(Shape, f64)> {
         let torus = Torus { minor_radius: 0.3 };
         vec![
@@ -294,7 +307,7 @@ mod tests {
             let light = AreaLight::Body(Box::new(light));
             let p = skew().transform_point3(inside);
             let around = mean(&light, p, 1024, |s| s.pdf.recip());
-            // Of a torus that bends away from itself, some of the inner side lies behind more of the outer one.
+            // The torus is not convex: part of its inner side lies behind more of its outer side.
             assert!(around / (4.0 * PI) > 1.0 - 2e-3, "{shape:?}: {around}");
             if is_convex {
                 assert!(around / (4.0 * PI) < 1.0 + 2e-3, "{shape:?}: {around}");
@@ -304,7 +317,8 @@ mod tests {
 
     #[test]
     fn a_stretched_sphere_is_seen_in_the_solid_angle_of_its_ellipsoid() {
-        // From 5 along the axis of symmetry of half axes 2 (across) and 1: tangent cone, tan² = 4 / (25 - 1).
+        // Seen from distance 5 along the axis of symmetry, half axes 2 (across) and 1: tangent cone, tan² = 4 / (25 -
+        // 1).
         let map = DAffine3::from_scale(DVec3::new(2.0, 2.0, 1.0));
         let light = AreaLight::Body(Box::new(light(&Shape::Sphere(Sphere::UNIT), map)));
         let found = mean(&light, DVec3::Z * 5.0, 1024, |s| s.pdf.recip());

@@ -1,7 +1,7 @@
-//! A light in the shape of a sphere: directions uniform in the cone in which it is seen.
+//! Area light in the shape of a sphere; directions are uniform in the cone that it subtends.
 //!
-//! The cone's half-angle has sin = r / d. Near and far spheres both lose their digits in the textbook's 1 - cos and
-//! d² - r², so these are taken as sin² / (1 + cos) and (d - r) (d + r).
+//! The cone's half-angle has sin = r / d. The textbook's 1 - cos and d² - r² lose their digits for far and near
+//! spheres, so they are computed as sin² / (1 + cos) and (d - r) (d + r).
 
 use std::f64::consts::{PI, TAU};
 
@@ -11,7 +11,7 @@ use super::{AreaLightError, LightSample, is_density};
 use crate::numeric::warp;
 use crate::shape::tangents;
 
-/// A sphere that shines outward, and inward where one is inside of it.
+/// Sphere light, which emits outward, and inward to points inside it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SphereLight {
     center: DVec3,
@@ -19,14 +19,15 @@ pub struct SphereLight {
 }
 
 impl SphereLight {
-    /// The sphere of `radius` metres around `center`.
+    /// Creates the sphere of `radius` metres around `center`.
     pub fn new(center: DVec3, radius: f64) -> Result<SphereLight, AreaLightError> {
         let light = SphereLight { center, radius };
         let has_area = radius > 0.0 && center.is_finite() && is_density(light.area());
         has_area.then_some(light).ok_or(AreaLightError::NoArea)
     }
 
-    /// The point that `u` in [0, 1)² picks for `p`: of the visible cap from outside, of all around from inside.
+    /// Samples the point that `u` in [0, 1)² selects for `p`: on the visible cap from outside, on the whole sphere from
+    /// inside.
     #[inline(always)]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
         let to_center = self.center - p;
@@ -34,6 +35,7 @@ impl SphereLight {
         if !(d > self.radius) {
             return self.sample_inside(to_center, p, u);
         }
+        // Sample a direction in the cone that the sphere subtends
         let sin_max = self.radius / d;
         let cos_max = ((d - self.radius) * (d + self.radius)).sqrt() / d;
         let below_max = sin_max * sin_max / (1.0 + cos_max);
@@ -41,13 +43,15 @@ impl SphereLight {
         let axis = to_center / d;
         let [right, up] = tangents(axis);
         let direction = (local.x * right + local.y * up + local.z * axis).normalize();
-        // The nearer root of t² - 2 t d cos + (d² - r²) = 0: its product with the other is known, which is a sum.
+        // Take the nearer root of t² - 2 t d cos + (d² - r²) = 0 as the known product of both roots over the other
+        // root, which is a sum.
         let aside = d * local.x.hypot(local.y);
         let half_chord = ((self.radius - aside) * (self.radius + aside)).max(0.0).sqrt();
         let distance = (d - self.radius) * (d + self.radius) / (d * local.z + half_chord);
         self.seen(p, direction, distance, (TAU * below_max).recip())
     }
 
+    /// Samples a direction uniformly from inside the sphere.
     #[inline(always)]
     fn sample_inside(&self, to_center: DVec3, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
         let direction = warp::direction(2.0 * u[0], u[1]);
@@ -55,7 +59,7 @@ impl SphereLight {
         let along = direction.dot(to_center);
         let power = (self.radius - d) * (self.radius + d);
         let root = (along * along + power).max(0.0).sqrt();
-        // The positive root of t² - 2 t along - power = 0.
+        // Positive root of t² - 2 t along - power = 0, without cancellation.
         let distance = if along > 0.0 {
             along + root
         } else {
@@ -64,6 +68,7 @@ impl SphereLight {
         self.seen(p, direction, distance, (2.0 * TAU).recip())
     }
 
+    /// Returns the sample in a direction, or `None` if density or distance is zero or not finite.
     #[inline(always)]
     fn seen(&self, p: DVec3, direction: DVec3, distance: f64, pdf: f64) -> Option<LightSample> {
         let position = p + distance * direction;
@@ -77,8 +82,8 @@ impl SphereLight {
         })
     }
 
-    /// The density per steradian with which directions from `p` to the sphere are chosen, the same for all of them; 0
-    /// from where the sphere is too small to have one.
+    /// Returns the density per steradian with which directions from `p` to the sphere are chosen, equal for all of
+    /// them; 0 where the sphere is too small to have one.
     #[inline(always)]
     pub fn pdf(&self, p: DVec3) -> f64 {
         let d = (self.center - p).length();
@@ -91,7 +96,7 @@ impl SphereLight {
         if is_density(pdf) { pdf } else { 0.0 }
     }
 
-    /// The area in square metres.
+    /// Returns the area in square metres.
     pub fn area(&self) -> f64 {
         4.0 * PI * self.radius * self.radius
     }
@@ -112,14 +117,14 @@ mod tests {
         for (distance, radius, exact) in [
             (2.0, 1.0, TAU * (1.0 - 0.75f64.sqrt())),
             (5.0, 3.0, TAU * 0.2),
-            // π sin² (1 + sin²/4 + ...) for small ones.
+            // Series π sin² (1 + sin²/4 + ...) for small spheres.
             (1e9, 1.0, PI * 1e-18),
             // Nearly the half-space: 2π (1 - sqrt(2 δ) ...) with d = 1 + δ.
             (1.0 + 1e-12, 1.0, TAU * (1.0 - 2e-12f64.sqrt())),
         ] {
             let light = SphereLight::new(DVec3::new(0.0, distance, 0.0), radius).unwrap();
             let found = light.pdf(DVec3::ZERO).recip();
-            // 1 + 1e-12 as a number is off by 1e-4 of its 1e-12, so its root of 1.4e-6 by 7e-11.
+            // 1 + 1e-12 as a number is off by 1e-4 of its 1e-12, so its root of 1.4e-6 is off by 7e-11.
             assert!(
                 (found / exact - 1.0).abs() < 1e-10,
                 "{distance}: {found}, not {exact}"
@@ -156,7 +161,7 @@ mod tests {
             let light = sphere(DVec3::new(0.0, 0.0, distance), radius);
             mean(&light, DVec3::ZERO, 32, |s| {
                 let off = (s.position - DVec3::new(0.0, 0.0, distance)).length() - radius;
-                // A few roundings of the distance; at the rim, where the ray grazes, the root of them in the normal
+                // A few roundings of the distance; at the rim, where the ray grazes, the root of them, in the normal
                 // only.
                 assert!(
                     off.abs() <= 8.0 * f64::EPSILON * distance,
@@ -182,7 +187,7 @@ mod tests {
                 s.pdf.recip()
             });
             assert!((around / (4.0 * PI) - 1.0).abs() < 1e-12);
-            // Whatever the normal, the whole hemisphere shines: E = π.
+            // For any normal, the whole hemisphere emits: E = π.
             let irradiance = mean(&light, p, 512, |s| s.direction.x.max(0.0) / s.pdf);
             assert!((irradiance / PI - 1.0).abs() < 1e-4, "{irradiance}");
         }

@@ -1,7 +1,8 @@
-//! Textures of one colour become values of the materials that they lie on, once, when a scene is loaded.
+//! Constant folding of textures: when a scene is loaded, textures of one colour are multiplied into the factors of
+//! their materials.
 //!
-//! A product with the same number at every point is a number, so no bit of a picture changes; but nothing is looked up,
-//! and an effect that a texture of zeros stifles is not called for.
+//! Multiplying by one number at load time gives the product that every lookup would give, so no bit of an image
+//! changes; but the lookup is saved, and an effect that a texture of zeros disables is not enabled at all.
 
 use crate::scene::{
     AlphaMode, Geometry, Image, Material, MaterialInput, MetallicRoughness, Model, Scene, Texels, Texture,
@@ -10,25 +11,28 @@ use crate::scene::{
 
 use super::{constant, slot};
 
-/// Folds the constant textures of a scene that has passed its checks into its materials.
+/// Folds the constant textures of a validated scene into its materials.
 pub fn fold_constant_textures(scene: &mut Scene) {
-    // What was not read is not known to be of one colour.
+    // An image that was not read may have any colours.
     let color_of = |image: &Image| match image.texels {
         Texels::Unread => None,
         _ => constant(image),
     };
     let images: Vec<Option<[[f32; 4]; 2]>> = scene.images.iter().map(color_of).collect();
+    // Find the textures of one colour
     let color = |texture: &Texture| match texture {
         Texture::Image { image, .. } => images[*image as usize],
         Texture::Procedural(rule) => (rule.colors[0] == rule.colors[1]).then_some([rule.colors[0]; 2]),
     };
     let colors: Vec<_> = scene.textures.iter().map(color).collect();
+    // Find the materials on meshes with vertex colours
     let mut varies = vec![false; scene.materials.len()];
     for instance in &scene.instances {
         let geometry = &scene.geometries[instance.geometry as usize];
         varies[instance.material as usize] |=
             matches!(geometry, Geometry::Mesh(mesh) if mesh.colors.is_some());
     }
+    // Fold constant textures and drop their bindings
     for (material, has_vertex_colors) in scene.materials.iter_mut().zip(varies) {
         let layers = std::mem::take(&mut material.layers);
         material.layers = layers
@@ -38,11 +42,13 @@ pub fn fold_constant_textures(scene: &mut Scene) {
                 !color.is_some_and(|color| fold(material, layer, color[slot(layer.parameter.encoding())]))
             })
             .collect();
+        // A material that is opaque everywhere needs no alpha test
         let is_even = material.layer(MaterialInput::BaseColor).is_none() && !has_vertex_colors;
         if is_even && material.alpha.coverage(material.base_color[3]) == 1.0 {
             material.alpha = AlphaMode::Opaque;
         }
     }
+    // Shrink the images of one colour to a single texel
     for (image, color) in scene.images.iter_mut().zip(images) {
         if color.is_some() {
             shrink(image);
@@ -50,7 +56,7 @@ pub fn fold_constant_textures(scene: &mut Scene) {
     }
 }
 
-/// Leaves an image of one colour a single pixel of it.
+/// Shrinks an image of one colour to a single texel.
 fn shrink(image: &mut Image) {
     match &mut image.texels {
         Texels::Bytes(texels) => *texels = texels[..1].to_vec().into(),
@@ -60,13 +66,13 @@ fn shrink(image: &mut Image) {
     (image.width, image.height) = (1, 1);
 }
 
-/// Multiplies `texel` into what the layer changes. Returns whether the layer has nothing left to do.
+/// Multiplies `texel` into the parameter of `layer`. Returns whether the layer has no effect left.
 fn fold(material: &mut Material, layer: &TextureBinding, texel: [f32; 4]) -> bool {
     let tint = |color: &mut [f32; 3]| (0..3).for_each(|c| color[c] *= texel[c]);
     match (layer.parameter, &mut material.model) {
         (MaterialInput::BaseColor, _) => (0..4).for_each(|c| material.base_color[c] *= texel[c]),
         (MaterialInput::Emission, _) => tint(&mut material.emission),
-        // A height that is the same everywhere has no slope.
+        // A constant height has no slope.
         (MaterialInput::Bump, _) => {}
         (MaterialInput::Normal, _) => return [0, 1, 2].map(|c| 2.0 * texel[c] - 1.0) == [0.0, 0.0, 1.0],
         (MaterialInput::Occlusion, _) => return layer.strength * (texel[0] - 1.0) == 0.0,
@@ -74,12 +80,13 @@ fn fold(material: &mut Material, layer: &TextureBinding, texel: [f32; 4]) -> boo
         (MaterialInput::SpecularColor, Model::Lecture(lecture)) => tint(&mut lecture.specular),
         (MaterialInput::Reflection, Model::Lecture(lecture)) => tint(&mut lecture.reflection),
         (MaterialInput::Transmission, Model::Lecture(lecture)) => tint(&mut lecture.transmission),
-        // A parameter that the model does not have.
+        // The model does not have this parameter.
         _ => {}
     }
     true
 }
 
+/// Multiplies `texel` into one parameter of the metallic-roughness model.
 fn fold_metallic_roughness(model: &mut MetallicRoughness, parameter: MaterialInput, texel: [f32; 4]) {
     match parameter {
         MaterialInput::MetallicRoughness => {
@@ -100,8 +107,10 @@ mod tests {
     use super::*;
     use crate::scene::{Filter, Sampler, TextureUse, Wrap};
 
-    /// A scene whose one material has a texture of `texel` on `parameter`, and another of two colours on its roughness.
+    /// Creates a scene whose only material has a texture of `texel` on `parameter`, and another of two colours on its
+    /// roughness.
     fn scene(parameter: MaterialInput, texel: [u8; 4]) -> Scene {
+        // Define an image of two texels and a texture of it
         let image = |texels: Vec<[u8; 4]>| Image {
             name: "plain".into(),
             width: 2,
@@ -121,6 +130,7 @@ mod tests {
             texture: TextureUse::new(texture),
             strength: 1.0,
         };
+        // Assemble a scene of two textures on one material
         Scene {
             images: vec![image(vec![texel; 2]), image(vec![[0; 4], [255; 4]])],
             textures: vec![texture(0), texture(1)],

@@ -1,4 +1,4 @@
-//! One level of an image: wrap modes, nearest and bilinear look-up, the sRGB curve.
+//! One mip level: wrap modes, nearest and bilinear lookup, and sRGB decoding.
 
 use std::sync::LazyLock;
 
@@ -6,11 +6,11 @@ use super::WHITE;
 use crate::image::linear_from_srgb;
 use crate::scene::{Encoding, Image, Sampler, Texels, Wrap};
 
-/// Linear values of the 256 sRGB codes (IEC 61966-2-1).
+/// Table of the linear values of the 256 sRGB codes (IEC 61966-2-1).
 static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|code| linear_from_srgb(code as f64 / 255.0) as f32));
 
-/// A rectangle of texels, row by row, the top row first.
+/// Rectangle of texels in row-major order, the top row first.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grid<'a> {
     pub(super) width: u32,
@@ -18,7 +18,7 @@ pub(super) struct Grid<'a> {
     texels: Decoder<'a>,
 }
 
-/// Stored texels and how they become linear ones.
+/// Stored texels and the conversion to linear values.
 #[derive(Clone, Copy, Debug)]
 enum Decoder<'a> {
     Bytes(&'a [[u8; 4]]),
@@ -27,7 +27,7 @@ enum Decoder<'a> {
 }
 
 impl<'a> Grid<'a> {
-    /// An image as it was read; `encoding` says how its bytes are meant.
+    /// Creates the finest level from an image as it was read; `encoding` gives the meaning of its bytes.
     pub(super) fn of_image(image: &'a Image, encoding: Encoding) -> Grid<'a> {
         let texels = match (&image.texels, encoding) {
             (Texels::Bytes(texels), Encoding::Linear) => Decoder::Bytes(texels),
@@ -42,7 +42,7 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// Linear texels.
+    /// Creates a level from texels that are linear already.
     pub(super) fn of_floats(width: u32, height: u32, texels: &'a [[f32; 4]]) -> Grid<'a> {
         Grid {
             width,
@@ -51,7 +51,7 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// The linear texel in column `x` and row `y`, both within the grid.
+    /// Returns the linear texel in column `x` and row `y`, both within the level.
     #[inline(always)]
     pub(super) fn texel(&self, x: usize, y: usize) -> [f32; 4] {
         let index = y * self.width as usize + x;
@@ -71,7 +71,7 @@ impl<'a> Grid<'a> {
         }
     }
 
-    /// The texel that contains (`u`, `v`).
+    /// Returns the texel that contains (`u`, `v`).
     pub(super) fn nearest(&self, sampler: Sampler, [u, v]: [f64; 2]) -> [f32; 4] {
         let x = (u * f64::from(self.width)).floor();
         let y = (v * f64::from(self.height)).floor();
@@ -81,11 +81,13 @@ impl<'a> Grid<'a> {
         )
     }
 
-    /// The bilinear mix of the four texels around (`u`, `v`), each at its middle. Decoded before they are mixed.
+    /// Returns the bilinear blend of the four texels around (`u`, `v`), whose samples lie at texel centres. Texels are
+    /// decoded to linear values before they are blended.
     pub(super) fn bilinear(&self, sampler: Sampler, [u, v]: [f64; 2]) -> [f32; 4] {
         let (x, y) = (u * f64::from(self.width) - 0.5, v * f64::from(self.height) - 0.5);
         let (left, top) = (x.floor(), y.floor());
         let (across, down) = ((x - left) as f32, (y - top) as f32);
+        // Wrap the neighbouring columns and rows into the image
         let columns = [left, left + 1.0].map(|x| wrap(sampler.wrap_u, x, self.width));
         let rows = [top, top + 1.0].map(|y| wrap(sampler.wrap_v, y, self.height));
         let row = |y: usize| mix(self.texel(columns[0], y), self.texel(columns[1], y), across);
@@ -93,17 +95,17 @@ impl<'a> Grid<'a> {
     }
 }
 
-/// From `a` at 0 to `b` at 1.
+/// Interpolates linearly from `a` at 0 to `b` at 1.
 #[inline(always)]
 pub(super) fn mix(a: [f32; 4], b: [f32; 4], t: f32) -> [f32; 4] {
     std::array::from_fn(|i| a[i] + (b[i] - a[i]) * t)
 }
 
-/// The texel index in 0..size that stands for the integer coordinate `i`.
+/// Returns the texel index in 0..size that the integer coordinate `i` wraps to.
 fn wrap(mode: Wrap, i: f64, size: u32) -> usize {
     let size = f64::from(size);
     let inside = match mode {
-        // The common case needs no division.
+        // Avoid the division in the common case.
         _ if i >= 0.0 && i < size => i,
         Wrap::Repeat => i.rem_euclid(size),
         Wrap::MirroredRepeat => {
@@ -168,7 +170,7 @@ mod tests {
         let image = black_and_white(188);
         let red =
             |u: f64| Grid::of_image(&image, Encoding::Srgb).bilinear(sampler(Wrap::ClampToEdge), [u, 0.5])[0];
-        // Code 188 is linear 0.5029; half of it lies half-way.
+        // Code 188 is linear 0.5029; half of it is half-way between black and white.
         assert!((red(0.75) - 0.502_886_5).abs() < 1e-6);
         assert!((red(0.5) - 0.251_443_2).abs() < 1e-6);
     }

@@ -1,20 +1,20 @@
-//! Mip pyramids: an image halved again and again (Williams, "Pyramidal parametrics", SIGGRAPH 1983).
+//! Mip maps: an image halved repeatedly (Williams, "Pyramidal parametrics", SIGGRAPH 1983).
 //!
-//! Every level is the exact area average of the one before, in linear light. A side of 2m + 1 texels becomes m, of
-//! which texel i covers the sources 2i, 2i + 1 and 2i + 2 with weights (m - i, m, i + 1) / (2m + 1): each source counts
-//! m / (2m + 1) in all, so the mean stays.
+//! Every level is the exact area average of the next finer one, in linear light. A side of 2m + 1 texels becomes m, of
+//! which texel i covers the sources 2i, 2i + 1 and 2i + 2 with weights (m - i, m, i + 1) / (2m + 1): each source has
+//! the total weight m / (2m + 1), so the mean is preserved.
 //!
-//! Levels are linear f32, so a look-up decodes nothing and rounding does not add up over the levels. They take a third
-//! of 16 bytes a texel of the image; the finest level stays the image itself.
+//! Levels are linear f32, so a lookup decodes nothing and rounding does not add up over the levels. They take a third
+//! of 16 bytes per texel of the image; the finest level is the image itself.
 //!
-//! Colours (sRGB) are averaged by their alpha, so that what cannot be seen does not bleed into what can; where all of
-//! it is invisible, they count alike. In other images the channels have nothing to do with each other.
+//! Colours (sRGB) are averaged with their alpha as weight, so that invisible texels do not bleed into visible ones;
+//! where all alphas are zero, the weights are equal. In linear images the channels are averaged independently.
 
 use super::mip_level::{Grid, mix};
 use crate::parallel;
 use crate::scene::{Encoding, Sampler};
 
-/// The levels of an image above its finest one.
+/// Mip levels of an image, except for the finest one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MipMap {
     levels: Vec<Level>,
@@ -34,7 +34,7 @@ impl Level {
 }
 
 impl MipMap {
-    /// Bytes of all levels but the finest, which is the image.
+    /// Returns the bytes of all levels except for the finest, which is the image.
     pub(super) fn byte_count(&self) -> usize {
         self.levels
             .iter()
@@ -42,7 +42,7 @@ impl MipMap {
             .sum()
     }
 
-    /// Halves `finest` until one texel is left.
+    /// Builds the levels by halving `finest` until one texel is left.
     pub(super) fn new(finest: Grid, encoding: Encoding) -> MipMap {
         let mut levels: Vec<Level> = Vec::new();
         loop {
@@ -54,8 +54,10 @@ impl MipMap {
         }
     }
 
-    /// The trilinear look-up where the ray is `width` texels of the finest level wide: the level is log2 of that.
+    /// Returns the trilinear lookup for a ray that is `width` texels of the finest level wide: the level is log2 of
+    /// that width.
     pub(super) fn trilinear(&self, finest: Grid, sampler: Sampler, uv: [f64; 2], width: f64) -> [f32; 4] {
+        // Select the level by the width of the ray
         let level = width.log2();
         if !(level > 0.0) || self.levels.is_empty() {
             return finest.bilinear(sampler, uv);
@@ -64,6 +66,7 @@ impl MipMap {
             None => finest.bilinear(sampler, uv),
             Some(above) => self.levels[above].grid().bilinear(sampler, uv),
         };
+        // Blend the two nearest levels
         let coarsest = self.levels.len();
         if level >= coarsest as f64 {
             return at(coarsest);
@@ -73,6 +76,7 @@ impl MipMap {
     }
 }
 
+/// Returns the next coarser level of `source`.
 fn halved(source: Grid, encoding: Encoding) -> Level {
     let [width, height] = [source.width, source.height].map(|side| (side / 2).max(1));
     let mut texels = vec![[0.0; 4]; width as usize * height as usize];
@@ -89,7 +93,7 @@ fn halved(source: Grid, encoding: Encoding) -> Level {
     }
 }
 
-/// Up to three neighbouring source texels that one texel of the next level covers, with their shares.
+/// Up to three neighbouring source texels that one texel of the next level covers, with their weights.
 #[derive(Clone, Copy)]
 struct Taps {
     first: usize,
@@ -98,7 +102,7 @@ struct Taps {
 }
 
 impl Taps {
-    /// What texel `i` of the next level covers of a side of `size` texels.
+    /// Returns the source texels that texel `i` of the next level covers on a side of `size` texels.
     fn new(i: usize, size: usize) -> Taps {
         if size == 1 {
             return Taps {
@@ -123,10 +127,12 @@ impl Taps {
     }
 }
 
-/// The mean of the texels that `across` and `down` cover. Summed in f64: equal texels come out as they went in.
+/// Returns the weighted mean of the texels that `across` and `down` cover. The sum is in f64, so equal texels keep
+/// their value.
 fn average(source: Grid, across: Taps, down: Taps, encoding: Encoding) -> [f32; 4] {
     let mut sum = [0.0; 4];
     let mut seen = [0.0; 3];
+    // Sum the texels, also weighted by alpha
     for j in 0..down.count {
         for i in 0..across.count {
             let weight = across.weights[i] * down.weights[j];
@@ -138,6 +144,7 @@ fn average(source: Grid, across: Taps, down: Taps, encoding: Encoding) -> [f32; 
             sum[3] += weight * texel[3];
         }
     }
+    // Divide colours by the mean alpha
     if encoding == Encoding::Srgb && sum[3] > 0.0 {
         for channel in 0..3 {
             sum[channel] = seen[channel] / sum[3];
@@ -167,7 +174,7 @@ mod tests {
         }
     }
 
-    /// Opaque, without any order.
+    /// Returns an opaque image of pseudo-random texels.
     fn scrambled(width: u32, height: u32) -> Image {
         image(width, height, |x, y| {
             let h = (x * 73 + y * 151).wrapping_mul(2_654_435_761);
@@ -208,7 +215,7 @@ mod tests {
             let coarsest = pyramid.levels.last().unwrap();
             assert_eq!((coarsest.width, coarsest.height), (1, 1));
             for c in 0..4 {
-                // One f32 rounding a level, of a number below 1.
+                // One f32 rounding per level, of a number below 1.
                 let tolerance = pyramid.levels.len() as f64 * f64::from(f32::EPSILON);
                 assert!(
                     (f64::from(coarsest.texels[0][c]) - mean[c]).abs() <= tolerance,
@@ -221,7 +228,7 @@ mod tests {
     #[test]
     fn three_texels_become_one_of_equal_shares_and_five_become_two() {
         assert_eq!(Taps::new(0, 3).weights, [1.0 / 3.0; 3]);
-        // 2½ texels each: (1, 1, ½) and (½, 1, 1) of 2½.
+        // 2½ source texels each: weights (1, 1, ½) and (½, 1, 1) over 2½.
         assert_eq!(Taps::new(0, 5).weights, [0.4, 0.4, 0.2]);
         assert_eq!(Taps::new(1, 5).weights, [0.2, 0.4, 0.4]);
         assert_eq!(Taps::new(1, 5).first, 2);
@@ -237,7 +244,7 @@ mod tests {
         let widths = |i: usize| 0.05 * 4000f64.powf(i as f64 / STEPS as f64);
         for i in 0..STEPS {
             let (a, b) = (look(widths(i)), look(widths(i + 1)));
-            // log2(4000) = 12 levels in 4000 steps: no step is more than 0.003 levels of at most 1 each.
+            // log2(4000) = 12 levels in 4000 steps: no step is more than 0.003 levels, and levels differ by at most 1.
             assert!(
                 (0..4).all(|c| (a[c] - b[c]).abs() <= 0.0031),
                 "width {}",

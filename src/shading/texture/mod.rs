@@ -1,12 +1,12 @@
-//! Textures, looked up at a point for a ray of some width: images through mip pyramids, procedures through their
+//! Textures, looked up at a point for a ray of some width: images through mip maps, procedural patterns through their
 //! integrals.
 //!
-//! A [`TextureSet`] is prepared once a render. It folds images of one colour into that colour, and halves the images
-//! that some sampler looks up by the ray's width.
+//! A [`TextureSet`] is prepared once per render. It replaces images of one colour by that colour, and builds mip maps
+//! of the images that some sampler looks up by the ray's width.
 //!
-//! Two kinds of footprint are known. [`TextureSet::sample`] takes one width for all directions, as a GPU without
+//! There are two kinds of footprint. [`TextureSet::sample`] takes one width for all directions, as a GPU without
 //! anisotropic filtering does. [`TextureSet::sample_footprint`] takes the two axes of the ray's footprint on the
-//! surface and follows the longer one with several narrower look-ups (McCormack et al., "Feline", SIGGRAPH 1999), so a
+//! surface and places several narrower lookups along the longer one (McCormack et al., "Feline", SIGGRAPH 1999), so a
 //! floor stays sharp across the view up to the horizon.
 
 mod constant_fold;
@@ -27,21 +27,21 @@ use crate::scene::{
     TextureUse,
 };
 
-/// Everything a texture is asked about at one point.
+/// Inputs of a texture lookup at one point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TexturePoint {
-    /// Texture coordinates, after the layer's transform: u to the right, v downwards from the image's top left corner.
+    /// Texture coordinates after the layer's transform: u to the right, v downwards from the image's top left corner.
     pub uv: [f32; 2],
-    /// The point in object space.
+    /// Shaded point in object space.
     pub p_object: DVec3,
-    /// Width of the ray's footprint in units of `uv`; 0 takes the finest level.
+    /// Width of the ray's footprint in units of `uv`; 0 selects the finest level.
     pub uv_width: f32,
-    /// The same in object space; 0 takes the sharp pattern.
+    /// Width of the ray's footprint in object space; 0 selects the unfiltered pattern.
     pub width: f32,
 }
 
 impl TexturePoint {
-    /// A point seen by a ray without width.
+    /// Creates a lookup point for a ray without width.
     pub fn sharp(uv: [f32; 2], p_object: DVec3) -> TexturePoint {
         TexturePoint {
             uv,
@@ -52,26 +52,26 @@ impl TexturePoint {
     }
 }
 
-/// The axes of a ray's footprint on a surface, full lengths, the longer first.
+/// Axes of a ray's footprint on a surface, as full lengths, the longer first.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Footprint {
-    /// In units of uv, after the layer's transform.
+    /// Axes in units of uv, after the layer's transform.
     pub uv: [[f32; 2]; 2],
-    /// In object space.
+    /// Axes of the footprint in object space.
     pub object: [DVec3; 2],
 }
 
-/// The scene's textures, made ready for look-ups.
+/// Textures of a scene, prepared for lookups.
 #[derive(Debug)]
 pub struct TextureSet<'s> {
     lookups: Vec<Lookup<'s>>,
-    /// Pyramids by image and [`Encoding`]; none where nothing asks for them.
+    /// Mip maps by image and [`Encoding`]; `None` where no lookup needs them.
     pyramids: Vec<[Option<MipMap>; 2]>,
 }
 
 #[derive(Debug)]
 enum Lookup<'s> {
-    /// An image of one colour, by [`Encoding`].
+    /// Colour of an image whose texels are all equal, by [`Encoding`].
     Constant([[f32; 4]; 2]),
     Image(ImageLookup<'s>),
     Procedural(&'s Procedural),
@@ -84,18 +84,19 @@ struct ImageLookup<'s> {
     sampler: Sampler,
 }
 
-/// Look-ups along the longer axis of a footprint, at most: as many as GPUs take.
+/// Largest number of lookups along the longer axis of a footprint, as on GPUs.
 const MAX_PROBES: f64 = 16.0;
 
 impl<'s> TextureSet<'s> {
-    /// Prepares the textures of a scene that has been validated.
+    /// Prepares the textures of a validated scene.
     pub fn new(scene: &'s Scene) -> TextureSet<'s> {
         TextureSet::of_effects(scene, EffectSet::ALL)
     }
 
-    /// Prepares them for look-ups by these effects only, and without halved images where [`Effect::TextureFilter`] is
-    /// not among them.
+    /// Prepares the textures for lookups by `effects` only, and without mip maps if [`Effect::TextureFilter`] is not
+    /// among them.
     pub fn of_effects(scene: &'s Scene, effects: EffectSet) -> TextureSet<'s> {
+        // Detect images of one colour
         let constants = parallel::map(scene.images.len(), &|index| constant(&scene.images[index]));
         let lookups: Vec<Lookup> = scene
             .textures
@@ -112,6 +113,7 @@ impl<'s> TextureSet<'s> {
                 },
             })
             .collect();
+        // Build the mip maps that materials need
         let wanted = wanted_pyramids(scene, &lookups, effects);
         let pyramids = parallel::map(scene.images.len(), &|index| {
             [Encoding::Srgb, Encoding::Linear].map(|encoding| {
@@ -123,10 +125,10 @@ impl<'s> TextureSet<'s> {
         TextureSet { pyramids, lookups }
     }
 
-    /// The linear RGBA of a texture at a point, averaged over the point's widths.
+    /// Returns the linear RGBA of a texture at a point, averaged over the point's widths.
     ///
-    /// `encoding` says how bytes are meant. A pyramid exists for the encodings that the scene's materials ask for;
-    /// others take the finest level. Coordinates that are not finite count as 0.
+    /// `encoding` gives the meaning of bytes. A mip map exists for the encodings that the scene's materials use; others
+    /// use the finest level. Coordinates that are not finite count as 0.
     ///
     /// # Panics
     /// If the scene has no such texture.
@@ -143,7 +145,7 @@ impl<'s> TextureSet<'s> {
         }
     }
 
-    /// The same, averaged over a footprint that may be longer than wide; the widths of `at` do not count.
+    /// Returns the linear RGBA of a texture averaged over an anisotropic footprint; the widths of `at` are ignored.
     ///
     /// # Panics
     /// If the scene has no such texture.
@@ -156,10 +158,12 @@ impl<'s> TextureSet<'s> {
     ) -> [f32; 4] {
         match &self.lookups[texture as usize] {
             Lookup::Constant(colors) => colors[slot(encoding)],
+            // Without mip maps take one lookup of the finest level
             Lookup::Image(lookup) if lookup.sampler.filter != Filter::Mipmap => {
                 self.texels(lookup, encoding, finite(at.uv), 0.0)
             }
             Lookup::Image(lookup) => {
+                // Place trilinear lookups along the longer axis in texels
                 let size = DVec3::new(lookup.image.width.into(), lookup.image.height.into(), 0.0);
                 let axes = footprint.uv.map(|axis| plane(finite(axis)) * size);
                 let probes = Probes::along(axes);
@@ -171,6 +175,7 @@ impl<'s> TextureSet<'s> {
                 })
             }
             Lookup::Procedural(procedural) => {
+                // Place box-filtered lookups along the longer axis in pattern space
                 let (p, _) = place(procedural, at);
                 let axes = match procedural.space {
                     Space::Uv => footprint.uv.map(|axis| plane(finite(axis))),
@@ -183,11 +188,12 @@ impl<'s> TextureSet<'s> {
         }
     }
 
-    /// The slope of a height map, R: derivatives by the surface's own u and v, before the layer's transform.
+    /// Returns the slope of a height map, channel R: derivatives by the surface's own u and v, before the layer's
+    /// transform.
     ///
-    /// `derivatives` are those of the point in object space by these u and v; procedures in object space need them.
-    /// Images are mixed bilinearly whatever their sampler says, and their slope is taken over one texel, or over the
-    /// width of the ray where that is more.
+    /// `derivatives` are those of the point in object space by these u and v; procedural patterns in object space need
+    /// them. Images are filtered bilinearly regardless of their sampler, and their slope is taken over one texel, or
+    /// over the width of the ray if that is more.
     ///
     /// # Panics
     /// If the scene has no such texture.
@@ -197,6 +203,7 @@ impl<'s> TextureSet<'s> {
         at: &TexturePoint,
         derivatives: [DVec3; 2],
     ) -> [f32; 2] {
+        // Differentiate the height by the texture coordinates
         let by_uv = match &self.lookups[layer.texture as usize] {
             Lookup::Constant(_) => return [0.0; 2],
             Lookup::Image(lookup) => self.image_slope(lookup, at),
@@ -210,11 +217,12 @@ impl<'s> TextureSet<'s> {
                 [gradient.x, gradient.y]
             }
         };
+        // Apply the chain rule of the layer's transform
         let matrix = layer.transform.matrix;
         [0, 1].map(|i| (by_uv[0] * f64::from(matrix[0][i]) + by_uv[1] * f64::from(matrix[1][i])) as f32)
     }
 
-    /// The colour of a texture that has one colour only.
+    /// Returns the colour of a texture that has one colour only.
     pub fn constant(&self, texture: u32, encoding: Encoding) -> Option<[f32; 4]> {
         match &self.lookups[texture as usize] {
             Lookup::Constant(colors) => Some(colors[slot(encoding)]),
@@ -222,7 +230,7 @@ impl<'s> TextureSet<'s> {
         }
     }
 
-    /// Bytes of the halved images.
+    /// Returns the bytes of all mip maps.
     pub fn level_byte_count(&self) -> usize {
         self.pyramids
             .iter()
@@ -232,7 +240,7 @@ impl<'s> TextureSet<'s> {
             .sum()
     }
 
-    /// An image where the ray is `width` texels wide.
+    /// Looks up an image for a ray that is `width` texels wide.
     fn texels(&self, lookup: &ImageLookup, encoding: Encoding, uv: [f64; 2], width: f64) -> [f32; 4] {
         let finest = Grid::of_image(lookup.image, encoding);
         match (
@@ -245,7 +253,9 @@ impl<'s> TextureSet<'s> {
         }
     }
 
+    /// Returns the slope of a height image by its texture coordinates, as central differences.
     fn image_slope(&self, lookup: &ImageLookup, at: &TexturePoint) -> [f64; 2] {
+        // Replace nearest by bilinear filtering, whose slope is defined
         let filter = match lookup.sampler.filter {
             Filter::Nearest => Filter::Linear,
             smooth => smooth,
@@ -260,6 +270,7 @@ impl<'s> TextureSet<'s> {
         let uv = finite(at.uv);
         let width = lookup.texels_across(at.uv_width);
         let mut slope = [0.0; 2];
+        // Difference over one texel or the ray's width
         for (axis, side) in [lookup.image.width, lookup.image.height].into_iter().enumerate() {
             let step = (0.5 / f64::from(side)).max(0.5 * finite([at.uv_width; 2])[0]);
             let height = |step: f64| {
@@ -274,14 +285,14 @@ impl<'s> TextureSet<'s> {
 }
 
 impl ImageLookup<'_> {
-    /// A width in uv, in texels. The geometric mean of both sides counts as the size of the image: where uv is
-    /// stretched so that texels are square on the surface, that is their number along either side.
+    /// Converts a width in uv to texels. The geometric mean of both sides is taken as the size of the image: where uv
+    /// is stretched so that texels are square on the surface, it gives their number along either side.
     fn texels_across(&self, uv_width: f32) -> f64 {
         f64::from(uv_width) * (f64::from(self.image.width) * f64::from(self.image.height)).sqrt()
     }
 }
 
-/// Points along the longer axis of a footprint that share it evenly.
+/// Lookup points spaced evenly along the longer axis of a footprint.
 struct Probes {
     count: f64,
     axis: DVec3,
@@ -291,13 +302,13 @@ impl Probes {
     fn along([longer, shorter]: [DVec3; 2]) -> Probes {
         let ratio = (longer.length() / shorter.length()).ceil();
         Probes {
-            // An axis of no length leaves no ratio; NaN means neither has any.
+            // An axis of zero length gives an infinite ratio; NaN means that both are zero.
             count: if ratio > 1.0 { ratio.min(MAX_PROBES) } else { 1.0 },
             axis: longer,
         }
     }
 
-    /// The mean of `look` at every offset from the middle.
+    /// Returns the mean of `look` over the offsets of all probes from the centre.
     fn mean(&self, look: impl Fn(DVec3) -> [f32; 4]) -> [f32; 4] {
         let mut sum = [0.0; 4];
         for probe in 0..self.count as usize {
@@ -309,7 +320,7 @@ impl Probes {
     }
 }
 
-/// Where a procedure is asked, and the width of the ray there.
+/// Returns the point in the pattern's space and the width of the ray there.
 fn place(procedural: &Procedural, at: &TexturePoint) -> (DVec3, f64) {
     match procedural.space {
         Space::Uv => (plane(finite(at.uv)), at.uv_width.into()),
@@ -332,10 +343,10 @@ fn slot(encoding: Encoding) -> usize {
     }
 }
 
-/// What is seen of images that were not read.
+/// Colour that images have which were not read.
 const WHITE: [f32; 4] = [1.0; 4];
 
-/// The colours, by encoding, of an image whose texels are all the same.
+/// Returns the colours, by encoding, of an image whose texels are all equal.
 fn constant(image: &Image) -> Option<[[f32; 4]; 2]> {
     let same = match &image.texels {
         Texels::Bytes(texels) => all_same(texels),
@@ -351,7 +362,7 @@ fn all_same<T: PartialEq>(texels: &[T]) -> bool {
     texels.windows(2).all(|pair| pair[0] == pair[1]) && !texels.is_empty()
 }
 
-/// Images and encodings of which the materials look up some by the width of the ray.
+/// Returns the pairs of image and encoding that some material looks up by the width of the ray.
 fn wanted_pyramids(scene: &Scene, lookups: &[Lookup], effects: EffectSet) -> HashSet<(usize, usize)> {
     let layers = scene.materials.iter().flat_map(|material| &material.layers);
     layers

@@ -1,9 +1,9 @@
-//! Procedural textures, each averaged over the ray's footprint: a box around the point, along the axes of the
-//! pattern's space.
+//! Procedural textures, averaged over the ray's footprint: a box around the point, along the axes of the pattern's
+//! space.
 //!
 //! Checker and gradient are averaged exactly, by the integral of the pattern (Heckbert, "Filtering by repeated
 //! integration", SIGGRAPH 1986). The sine of marble and wood is damped by the exact factor sinc of the phase that the
-//! box spans, as if the phase were linear there. Noise loses the octaves that the box cannot resolve
+//! box spans, as if the phase were linear there. Noise drops the octaves that the box cannot resolve
 //! ([`crate::numeric::noise`]).
 
 use std::f64::consts::{PI, TAU};
@@ -13,7 +13,8 @@ use glam::DVec3;
 use crate::numeric::noise::{fractal, kept, noise, turbulence};
 use crate::scene::{Pattern, Procedural, Space};
 
-/// The linear RGBA at `p`, in the pattern's space but before its scale, averaged over a box of sides `width` there.
+/// Returns the linear RGBA at `p`, in the pattern's space but before its scale, averaged over a box of sides `width`
+/// there.
 pub(super) fn sample(procedural: &Procedural, p: DVec3, width: DVec3) -> [f32; 4] {
     let scale = DVec3::from_array(procedural.scale);
     let second = share(procedural.pattern, finite(scale * p), finite_width(scale * width));
@@ -22,16 +23,17 @@ pub(super) fn sample(procedural: &Procedural, p: DVec3, width: DVec3) -> [f32; 4
     std::array::from_fn(|i| (1.0 - second) * a[i] + second * b[i])
 }
 
-/// The derivative of the red channel by `p`, the box as before: central differences over the box, or over what keeps
-/// most bits where there is none.
+/// Returns the derivative of the red channel by `p`, averaged over a box of sides `width`: central differences over the
+/// box, or over the step with the least rounding error where the box has no width.
 pub(super) fn gradient(procedural: &Procedural, p: DVec3, width: DVec3) -> DVec3 {
-    /// The cube root of f64's epsilon, 2^-52: balances the error of the difference, step², and its
-    /// rounding, which grows with the coordinate: epsilon |p| / step.
+    /// Relative step of the difference: the cube root of f64's epsilon, 2^-52. It balances the error of the difference,
+    /// step², and its rounding, which grows with the coordinate: epsilon |p| / step.
     const STEP: f64 = 1.0 / (1 << 17) as f64;
     let scale = DVec3::from_array(procedural.scale);
     let (p, width) = (finite(scale * p), finite_width(scale * width));
     let second = |p: DVec3| share(procedural.pattern, p, width).clamp(0.0, 1.0);
     let [a, b] = procedural.colors.map(|color| f64::from(color[0]));
+    // Take central differences along each axis
     let mut gradient = DVec3::ZERO;
     for axis in 0..3 {
         let step = (0.5 * width[axis]).max(STEP * p[axis].abs().cbrt().max(1.0));
@@ -41,10 +43,10 @@ pub(super) fn gradient(procedural: &Procedural, p: DVec3, width: DVec3) -> DVec3
     gradient
 }
 
-/// The sides of the box for a ray of which only its `width` is known.
+/// Returns the sides of the box for a ray of which only its `width` is given.
 ///
-/// A surface that lies in a face of a three-dimensional checker has coordinates exactly on it. A box across that face
-/// would mix both sides all over the surface, so it has no extent there.
+/// A surface that lies in a face of a three-dimensional checker has coordinates exactly on the face. A box across that
+/// face would blend both sides all over the surface, so it has zero width there.
 pub(super) fn isotropic(procedural: &Procedural, p: DVec3, width: f64) -> DVec3 {
     if procedural.space == Space::Uv {
         return DVec3::new(width, width, 0.0);
@@ -56,7 +58,7 @@ pub(super) fn isotropic(procedural: &Procedural, p: DVec3, width: f64) -> DVec3 
     }))
 }
 
-/// The share of the second colour at `p`.
+/// Returns the weight of the second colour at `p`, averaged over a box of sides `width`.
 fn share(pattern: Pattern, p: DVec3, width: DVec3) -> f64 {
     match pattern {
         Pattern::Checker => {
@@ -79,7 +81,7 @@ fn share(pattern: Pattern, p: DVec3, width: DVec3) -> f64 {
     }
 }
 
-/// The mean over [x - width/2, x + width/2] of the wave that is 1 on [0, 1), -1 on [1, 2), and so on.
+/// Returns the mean over [x - width/2, x + width/2] of the square wave that is 1 on [0, 1), -1 on [1, 2), and so on.
 fn mean_square_wave(x: f64, width: f64) -> f64 {
     let x = x - 2.0 * (0.5 * x).floor();
     let (low, high) = (x - 0.5 * width, x + 0.5 * width);
@@ -90,26 +92,27 @@ fn mean_square_wave(x: f64, width: f64) -> f64 {
             -1.0
         };
     }
-    // The wave's integral is a triangle of height 1.
+    // The integral of the square wave is a triangle wave of height 1.
     let integral = |x: f64| 1.0 - (x.rem_euclid(2.0) - 1.0).abs();
     ((integral(high) - integral(low)) / width).clamp(-1.0, 1.0)
 }
 
-/// The mean over [x - width/2, x + width/2] of x, cut off below 0 and above 1.
+/// Returns the mean over [x - width/2, x + width/2] of x clamped to [0, 1].
 fn mean_ramp(x: f64, width: f64) -> f64 {
     let (low, high) = (x - 0.5 * width, x + 0.5 * width);
     if !(low < 0.0 && high > 0.0 || low < 1.0 && high > 1.0) {
         return x.clamp(0.0, 1.0);
     }
-    // From 0 to x: half the square up to 1, then one each.
+    // Integral from 0 to x: half the square up to 1, then x - 1 more.
     let integral = |x: f64| 0.5 * x.clamp(0.0, 1.0).powi(2) + (x - 1.0).max(0.0);
     (integral(high) - integral(low)) / width
 }
 
-/// What is left of a wave of period 1 after averaging over the box: exact where `phase` is linear.
+/// Returns the amplitude that a wave of period 1 keeps after averaging over the box: exact where `phase` is linear.
 fn damping(phase: impl Fn(DVec3) -> f64, p: DVec3, width: DVec3) -> f64 {
     let mut left = 1.0;
     let mut here = None;
+    // Multiply the sinc factors of the box's three axes
     for axis in DVec3::AXES {
         let across = axis * width;
         if across != DVec3::ZERO {
@@ -120,19 +123,19 @@ fn damping(phase: impl Fn(DVec3) -> f64, p: DVec3, width: DVec3) -> f64 {
     left
 }
 
-/// sin(πx) / (πx).
+/// Returns sin(πx) / (πx), and 1 at 0.
 fn sinc(x: f64) -> f64 {
     let y = PI * x;
     if y == 0.0 { 1.0 } else { y.sin() / y }
 }
 
-/// Coordinates that are not finite, or so large that no fraction is left of them, count as 0.
+/// Replaces coordinates by 0 that are not finite, or so large that they have no fractional bits.
 fn finite(p: DVec3) -> DVec3 {
     const NO_FRACTION: f64 = (1u64 << 52) as f64;
     DVec3::from_array(p.to_array().map(|x| if x.abs() < NO_FRACTION { x } else { 0.0 }))
 }
 
-/// Widths without sign; NaN counts as 0, and what has no bound as much more than any pattern.
+/// Returns the absolute widths; NaN counts as 0, and an infinite width as far more than any pattern's period.
 fn finite_width(width: DVec3) -> DVec3 {
     const BOUNDLESS: f64 = 1e30;
     let bounded = |x: f64| if x.is_nan() { 0.0 } else { x.abs().min(BOUNDLESS) };
@@ -143,6 +146,7 @@ fn finite_width(width: DVec3) -> DVec3 {
 mod tests {
     use super::*;
 
+    /// Returns one pattern of each kind.
     fn patterns() -> [Pattern; 5] {
         [
             Pattern::Checker,
@@ -156,7 +160,7 @@ mod tests {
         ]
     }
 
-    /// The mean of `pattern` over the box, by `steps`³ points.
+    /// Returns the mean of `pattern` over the box, by `steps`³ points.
     fn numeric(pattern: Pattern, p: DVec3, width: DVec3, steps: usize) -> f64 {
         let at = |i: usize| (i as f64 + 0.5) / steps as f64 - 0.5;
         let mut sum = 0.0;
@@ -170,7 +174,7 @@ mod tests {
         sum / (steps as f64).powi(3)
     }
 
-    /// Boxes of all sizes at all places, a few hundred.
+    /// Returns a few hundred boxes of various sizes and positions.
     fn boxes() -> impl Iterator<Item = (DVec3, DVec3)> {
         const STEP: [f64; 3] = [
             0.819_172_513_396_164_4,
@@ -190,7 +194,7 @@ mod tests {
         for (p, width) in boxes() {
             let exact = share(Pattern::Checker, p, width);
             let sum = numeric(Pattern::Checker, p, width, STEPS);
-            // Each axis errs by one step an edge at most, and a box has width + 1 edges.
+            // Each axis is off by at most one step per edge, and a box has width + 1 edges.
             let edges = width.element_sum() + 3.0;
             assert!((exact - sum).abs() <= edges / STEPS as f64, "{p} {width}");
         }
@@ -207,7 +211,7 @@ mod tests {
             let (p, width) = (p * DVec3::X, width * DVec3::X);
             for (pattern, curvature) in [(Pattern::Gradient, 0.0), (straight, 0.5 * TAU * TAU)] {
                 let step = width.x / STEPS as f64;
-                // The midpoint rule: step²/24 of the second derivative; at a kink of slope 1, step²/8 of one step.
+                // Midpoint rule: step²/24 of the second derivative; at a kink of slope 1, step²/8 of one step.
                 let tolerance = step * step / 24.0 * curvature + step / 4.0 / STEPS as f64 + 1e-12;
                 let mut sum = 0.0;
                 for i in 0..STEPS {
@@ -278,10 +282,10 @@ mod tests {
             scale: [0.5, 7.0, 7.0],
         };
         for x in [0.0, 0.3, -17.9] {
-            // 1 + 2 (½ + ½ sin(2π x / 2)), derived by x.
+            // 1 + 2 (½ + ½ sin(2π x / 2)), differentiated by x.
             let exact = PI * (PI * x).cos();
             let computed = gradient(&marble, DVec3::new(x, 1.0, 2.0), DVec3::ZERO);
-            // 2^-34 |x|^⅔ / 6 of the third derivative, π³, and as much of rounding.
+            // 2^-34 |x|^⅔ / 6 of the third derivative, π³, and as much rounding.
             assert!((computed - exact * DVec3::X).length() < 1e-8, "{x}: {computed}");
         }
     }

@@ -1,4 +1,4 @@
-//! Look-ups through a prepared scene.
+//! Tests of texture lookups through a prepared scene.
 
 use super::*;
 use crate::scene::{AlphaMode, Material, MaterialInput, Model, Pattern, TextureBinding, UvTransform, Wrap};
@@ -18,7 +18,7 @@ fn image(width: u32, height: u32, texels: Texels) -> Image {
     }
 }
 
-/// A scene with one texture, on `parameter` of its only material.
+/// Creates a scene with one texture, on `parameter` of its only material.
 fn scene(texture: Texture, images: Vec<Image>, parameter: MaterialInput) -> Scene {
     Scene {
         materials: vec![Material {
@@ -54,7 +54,7 @@ fn at(uv: [f32; 2], uv_width: f32) -> TexturePoint {
 }
 
 fn stripes() -> Image {
-    // Black and white columns in turn, 64 by 64.
+    // Black and white columns alternate, 64 by 64.
     let texel = |i: u32| {
         if i.is_multiple_of(2) {
             [0, 0, 0, 255]
@@ -105,7 +105,7 @@ fn a_wide_ray_sees_the_mean_in_linear_light_and_a_narrow_one_the_texels() {
     let set = TextureSet::new(&scene);
     let red = |u: f32, width: f32| set.sample(0, Encoding::Srgb, &at([u, 0.5], width))[0];
     assert_eq!([red(0.5 / 64.0, 0.0), red(1.5 / 64.0, 0.0)], [0.0, 1.0]);
-    // Half of the light, not half of the code.
+    // The mean is half of the linear light, not half of the sRGB code.
     assert_eq!(red(0.5 / 64.0, 2.0 / 64.0), 0.5);
     assert_eq!(red(0.5 / 64.0, 1e9), 0.5);
 }
@@ -163,14 +163,14 @@ fn a_footprint_along_the_axes_gives_the_checkers_exact_mean() {
         ..Footprint::default()
     };
     let point = TexturePoint::sharp([0.0; 2], DVec3::new(0.5, 0.75, 0.0));
-    // Along y from -½ to 2: one ½ of the second colour, 1 of the first, 1 of the second; x and z stay inside.
+    // Along y from -½ to 2: ½ of the second colour, 1 of the first, 1 of the second; x and z stay inside one cell.
     let mean = set.sample_footprint(0, Encoding::Linear, &point, &footprint)[0];
     assert!((mean - 0.6).abs() < 1e-6, "{mean}");
 }
 
 #[test]
 fn one_ray_a_pixel_over_a_checkered_floor_to_the_horizon_comes_near_to_1024() {
-    // The eye stands one unit above the floor y = 0 and looks to the horizon, turned by 0.3 from the squares' axes.
+    // The camera is one unit above the floor y = 0 and looks to the horizon, turned by 0.3 from the squares' axes.
     const PIXELS: usize = 64;
     const SIDE: usize = 32;
     let scene = checker(Space::Object);
@@ -189,6 +189,7 @@ fn one_ray_a_pixel_over_a_checkered_floor_to_the_horizon_comes_near_to_1024() {
                 let point = TexturePoint::sharp([0.0; 2], p);
                 f64::from(set.sample_footprint(0, Encoding::Linear, &point, footprint)[0])
             };
+            // Average the pixel by many point samples
             let mut mean = 0.0;
             for sample in 0..SIDE * SIDE {
                 let within = |i: usize| (i as f64 + 0.5) / SIDE as f64;
@@ -196,8 +197,9 @@ fn one_ray_a_pixel_over_a_checkered_floor_to_the_horizon_comes_near_to_1024() {
                 mean += look(p, &Footprint::default()) / (SIDE * SIDE) as f64;
             }
             let p = corner(0.5, 0.5);
-            // A pixel on the window at depth 1, carried to the depth of the floor there.
+            // Project a pixel of the window at depth 1 to the depth of the floor there.
             let width = pixel / ((row as f64 + 0.5) * pixel);
+            // Filter the pixel with one footprint
             let d = DVec3::new(p.x, p.y, -1.0).normalize();
             let axes = crate::shading::ray_cone::axes_on_surface(width, d, DVec3::Z);
             let one = look(
@@ -217,7 +219,7 @@ fn one_ray_a_pixel_over_a_checkered_floor_to_the_horizon_comes_near_to_1024() {
 
 #[test]
 fn the_slope_of_a_ramp_is_its_rise_and_follows_the_layers_transform() {
-    // R rises by 1/32 a texel along u and by twice that along v.
+    // R rises by 1/32 per texel along u and by twice that along v.
     let rise = |i: u32| (i % 32 + 2 * (i / 32)) as f32 / 32.0;
     let texels: Vec<_> = (0..32 * 32).map(|i| [rise(i), 0.0, 0.0, 1.0]).collect();
     let scene = image_scene(
@@ -235,7 +237,7 @@ fn the_slope_of_a_ramp_is_its_rise_and_follows_the_layers_transform() {
     };
     let is_near = |a: [f32; 2], b: [f32; 2]| (0..2).all(|i| (a[i] - b[i]).abs() < 1e-4);
     assert!(is_near(slope(UvTransform::IDENTITY), [1.0, 2.0]));
-    // u' = 3 v, v' = -u: what rose by v falls by u, and what rose by u rises by v, three times as steeply.
+    // u' = 3 v, v' = -u: a rise by v becomes a fall by u, and a rise by u becomes a rise by v, three times as steep.
     let turned = UvTransform {
         matrix: [[0.0, 3.0], [-1.0, 0.0]],
         offset: [0.0; 2],
@@ -255,7 +257,7 @@ fn the_slope_of_a_solid_procedure_is_taken_along_the_surface() {
     let point = TexturePoint::sharp([0.0; 2], DVec3::new(0.5, 9.0, 9.0));
     let derivatives = [DVec3::new(3.0, 1.0, 0.0), DVec3::Z];
     let slope = TextureSet::new(&scene).height_gradient(&TextureUse::new(0), &point, derivatives);
-    // The red channel rises by 2 over 2 units of x; u moves 3 of them.
+    // The red channel rises by 2 over 2 units of x; u moves 3 units of x.
     assert!((slope[0] - 3.0).abs() < 1e-6 && slope[1] == 0.0, "{slope:?}");
 }
 

@@ -1,4 +1,4 @@
-//! Numbers as files hold them: their types, the order of their bytes, and where each lies.
+//! Scalar types of files, their byte order, and the memory layout (strides) of arrays.
 
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -6,64 +6,64 @@ use serde::Deserialize;
 use super::{Fault, SAVE_AGAIN, THREE_AXES, too_big};
 use crate::volume::Samples;
 
-/// The type of a file's numbers.
+/// Scalar type of a file's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Element {
-    /// Eight bits without sign; kept as they are.
+    /// Unsigned 8-bit integers, stored unchanged.
     U8,
-    /// Eight bits with sign.
+    /// Signed 8-bit integers, stored as f32.
     I8,
-    /// Sixteen bits without sign; kept as they are.
+    /// Unsigned 16-bit integers, stored unchanged.
     U16,
-    /// Sixteen bits with sign.
+    /// Signed 16-bit integers, stored as f32.
     I16,
-    /// 32 bits without sign, rounded to f32 as all that follow.
+    /// Unsigned 32-bit integers, rounded to f32 like all wider types.
     U32,
-    /// 32 bits with sign.
+    /// Signed 32-bit integers, rounded to f32.
     I32,
-    /// 64 bits without sign.
+    /// Unsigned 64-bit integers, rounded to f32.
     U64,
-    /// 64 bits with sign.
+    /// Signed 64-bit integers, rounded to f32.
     I64,
-    /// IEEE half precision.
+    /// IEEE half precision (binary16), stored as f32.
     F16,
-    /// IEEE single precision.
+    /// IEEE single precision (binary32), stored unchanged.
     F32,
-    /// IEEE double precision.
+    /// IEEE double precision (binary64), rounded to f32.
     F64,
 }
 
-/// The order of a number's bytes.
+/// Byte order (endianness) of a file's numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ByteOrder {
-    /// Least significant first.
+    /// Least significant byte first (little-endian).
     #[default]
     Little,
-    /// Most significant first.
+    /// Most significant byte first (big-endian).
     Big,
 }
 
-/// Where each number of an array lies, in numbers from its start.
+/// Strided layout of an array in a file; strides are counted in numbers, not bytes.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Layout {
     pub(super) element: Element,
     pub(super) order: ByteOrder,
-    /// Samples along x, y, z.
+    /// Numbers of samples along x, y, z.
     pub(super) size: [usize; 3],
     pub(super) channels: usize,
-    /// From one sample to the next along x, y, z.
+    /// Distances from one sample to the next along x, y, z.
     pub(super) strides: [usize; 3],
-    /// From one channel to the next.
+    /// Distance from one channel to the next.
     pub(super) channel_stride: usize,
 }
 
-/// The most channels: red, green, blue and density.
+/// Largest number of channels: red, green, blue and density.
 const MAX_CHANNELS: usize = 4;
 
 impl Element {
-    /// Bytes of one number.
+    /// Returns the bytes of one number in the file.
     pub fn bytes(self) -> u64 {
         match self {
             Element::U8 | Element::I8 => 1,
@@ -73,7 +73,7 @@ impl Element {
         }
     }
 
-    /// Bytes of one number in memory, as a grid keeps it.
+    /// Returns the bytes of one number in memory, as a [`Samples`] stores it.
     fn kept_bytes(self) -> u64 {
         match self {
             Element::U8 => 1,
@@ -83,7 +83,7 @@ impl Element {
     }
 }
 
-/// A role of an array's axis.
+/// Role of an array's axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Axis {
     X,
@@ -93,7 +93,8 @@ pub(super) enum Axis {
 }
 
 impl Layout {
-    /// The layout of an array whose axes have these roles and lengths, the fastest first. Each of x, y, z is among them.
+    /// Creates the layout of an array whose axes have these roles and lengths, the fastest first. Each of x, y, z is
+    /// among them.
     pub(super) fn new(element: Element, order: ByteOrder, axes: &[(Axis, u64)]) -> Result<Layout, Fault> {
         let mut layout = Layout {
             element,
@@ -104,10 +105,11 @@ impl Layout {
             channel_stride: 0,
         };
         let mut stride = 1u64;
+        // Reject products of lengths that overflow
         for &(axis, length) in axes {
             let numbers = stride.checked_mul(length);
             let bytes = numbers.and_then(|numbers| numbers.checked_mul(8));
-            // Under i64::MAX bytes also for the widest type, so that nothing below can overflow.
+            // Limit to i64::MAX bytes, also for the widest type, so that nothing below can overflow.
             let (Some(numbers), true) = (numbers, bytes.is_some_and(|bytes| bytes <= i64::MAX as u64)) else {
                 return Err(Fault::new(
                     "claims more numbers than any memory holds",
@@ -117,6 +119,7 @@ impl Layout {
             if length == 0 {
                 return Err(Fault::new("has an axis of length 0", THREE_AXES));
             }
+            // Assign length and stride by the axis's role
             match axis {
                 Axis::Channel => {
                     layout.channels = length as usize;
@@ -138,17 +141,17 @@ impl Layout {
         Ok(layout)
     }
 
-    /// How many numbers there are.
+    /// Returns the number of scalars, over all samples and channels.
     pub(super) fn count(&self) -> u64 {
         self.size.iter().map(|&side| side as u64).product::<u64>() * self.channels as u64
     }
 
-    /// Bytes of all numbers in the file.
+    /// Returns the bytes of all numbers in the file.
     pub(super) fn bytes(&self) -> u64 {
         self.count() * self.element.bytes()
     }
 
-    /// Whether the numbers are all there, and fit into memory.
+    /// Checks that the file's `available` bytes hold all numbers, and that these fit into `max_bytes` of memory.
     pub(super) fn check(&self, available: u64, max_bytes: u64) -> Result<(), Fault> {
         if self.bytes() > available {
             let [x, y, z] = self.size;
@@ -162,9 +165,9 @@ impl Layout {
         self.check_memory(max_bytes)
     }
 
-    /// Whether the numbers fit into memory.
+    /// Checks that the decoded numbers fit into `max_bytes` of memory.
     pub(super) fn check_memory(&self, max_bytes: u64) -> Result<(), Fault> {
-        // An axis of one is stored twice.
+        // A grid stores an axis of one sample twice.
         let stored = self.size.map(|side| side.max(2) as u128);
         let kept =
             stored.iter().product::<u128>() * self.channels as u128 * u128::from(self.element.kept_bytes());
@@ -174,7 +177,7 @@ impl Layout {
         Ok(())
     }
 
-    /// The numbers of one channel out of `data`, which has passed [`Layout::check`].
+    /// Decodes one channel of `data`, which has passed [`Layout::check`].
     pub(super) fn decode(&self, channel: usize, data: &[u8]) -> Samples {
         match self.element {
             Element::U8 => Samples::Bytes(self.numbers(channel, data, |[byte]: [u8; 1]| byte)),
@@ -191,6 +194,7 @@ impl Layout {
         }
     }
 
+    /// Decodes one channel to f32.
     fn floats<const BYTES: usize>(
         &self,
         channel: usize,
@@ -200,7 +204,7 @@ impl Layout {
         Samples::Floats(self.numbers(channel, data, from_little))
     }
 
-    /// The numbers of one channel, x fastest.
+    /// Decodes one channel, x fastest; `from_little` converts the bytes of one number in little-endian order.
     fn numbers<T, const BYTES: usize>(
         &self,
         channel: usize,
@@ -226,10 +230,10 @@ impl Layout {
     }
 }
 
-/// A number of half precision.
+/// Converts a number of half precision to f32.
 fn from_half(half: u16) -> f32 {
-    // Exponent and mantissa one after the other, as in f32 but 13 bits lower and with another bias: exact, also for
-    // subnormal numbers. Infinity and NaN become infinite.
+    // Shift exponent and mantissa into f32's fields, 13 bits higher, and multiply by the difference of the biases:
+    // exact, also for subnormal numbers. Infinity and NaN become infinite.
     let magnitude = f32::from_bits(u32::from(half & 0x7fff) << 13) * 2f32.powi(112);
     let magnitude = if half & 0x7c00 == 0x7c00 {
         f32::INFINITY
@@ -287,7 +291,7 @@ mod tests {
 
     #[test]
     fn axes_lie_where_their_order_says() {
-        // z fastest, then y, then x, then two channels.
+        // Order of axes: z fastest, then y, then x, then two channels.
         let axes = [(Axis::Z, 2), (Axis::Y, 2), (Axis::X, 3), (Axis::Channel, 2)];
         let layout = Layout::new(Element::U8, ByteOrder::Little, &axes).unwrap();
         let data: Vec<u8> = (0..24).collect();

@@ -1,14 +1,14 @@
-//! Reading 3-D arrays: NumPy `.npy`, NRRD, and raw numbers with a header of the caller's.
+//! Readers for 3-D arrays: NumPy `.npy`, NRRD, and raw numbers described by the caller.
 //!
-//! Files come from anywhere, so nothing is allocated before the size that a header claims was checked against the bytes
-//! that are there and against the caller's limit; whatever is wrong is one sentence with the file and a remedy.
+//! Files are untrusted: nothing is allocated before the size that a header claims was checked against the bytes present
+//! and against the caller's limit; every fault is reported in one sentence with the file and a remedy.
 //!
-//! Axes: x runs fastest in NRRD and raw files; a NumPy array is indexed `[z, y, x]`, with `[z, y, x, c]` for two to four
-//! channels, in C or Fortran order.
+//! Axes: x runs fastest in NRRD and raw files; a NumPy array is indexed `[z, y, x]`, with `[z, y, x, c]` for two to
+//! four channels, in C or Fortran order.
 //!
-//! OpenVDB files are refused with the advice to convert them. The one crate that reads them in Rust, vdb-rs, has had no
-//! release since January 2024, does not build its own documentation, panics on files that are damaged or of an older
-//! version, forgets background values and constant tiles, and unpacks untrusted bytes through C; the OpenVDB library
+//! OpenVDB files are rejected with the advice to convert them. The one crate that reads them in Rust, vdb-rs, has had
+//! no release since January 2024, does not build its own documentation, panics on files that are damaged or of an older
+//! version, drops background values and constant tiles, and decompresses untrusted bytes through C; the OpenVDB library
 //! itself is C++ with a dozen dependencies.
 
 mod dtype;
@@ -31,47 +31,48 @@ use glam::DAffine3;
 
 use super::{Grid, VolumeError};
 
-/// What a file holds.
+/// Grids and placement that a file contains.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadVolume {
-    /// One to four grids of one size: density; or red, green, blue, and perhaps density.
+    /// One to four grids of one size: density; or red, green, blue, and optionally density.
     pub channels: Vec<Grid>,
-    /// Where the file says that the cube [-1, 1]³ of the samples lies, in its own units; if it says so.
+    /// Placement of the cube [-1, 1]³ of the samples, in the file's units; `None` if the file gives none.
     pub world_from_cube: Option<DAffine3>,
 }
 
-/// Why a file could not become a grid. One sentence: what, where, and what to do.
+/// Reasons that a file could not be read as a grid. Each message is one sentence: the fault, its location and the
+/// remedy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ReadError {
-    /// The operating system does not give the file.
+    /// File that the operating system cannot open or read.
     #[error("{}: cannot be read ({fault}): check the path and whether you may read the file", .file.display())]
     Unreadable {
-        /// The file.
+        /// Path of the rejected file.
         file: PathBuf,
-        /// What the system says.
+        /// Error message of the operating system.
         fault: String,
     },
-    /// The content cannot be used.
+    /// File whose content is invalid or unsupported.
     #[error("{}: {fault}: {remedy}", .file.display())]
     Content {
-        /// The file.
+        /// Path of the rejected file.
         file: PathBuf,
-        /// What is wrong.
+        /// Description of the fault, as the predicate of a sentence.
         fault: String,
-        /// What to do.
+        /// Remedy, as a request to the user.
         remedy: &'static str,
     },
-    /// The numbers cannot be used.
+    /// File whose numbers form no valid grid.
     #[error("{}: {source}", .file.display())]
     Grid {
-        /// The file.
+        /// Path of the rejected file.
         file: PathBuf,
-        /// What is wrong with them.
+        /// Reason from the grid's validation.
         source: VolumeError,
     },
 }
 
-/// What is wrong with a file's content, and what to do.
+/// Fault of a file's content with its remedy, before the path is added.
 #[derive(Clone, Debug, PartialEq)]
 struct Fault {
     fault: String,
@@ -87,14 +88,14 @@ impl Fault {
     }
 }
 
-/// The remedy where a header has been damaged.
+/// Remedy for a damaged header.
 const SAVE_AGAIN: &str = "save the file again";
-/// The remedy for arrays of other ranks.
+/// Remedy for arrays of an unsupported rank.
 const THREE_AXES: &str = "give an array of three axes, or of four with 1 to 4 channels";
 
-/// Reads the array at `path`, told by its ending: `.npy`, `.nrrd` or `.nhdr`.
+/// Reads the array at `path`, in the format of its extension: `.npy`, `.nrrd` or `.nhdr`.
 ///
-/// Neither the file nor its numbers may take more than `max_bytes` of memory.
+/// Neither the file nor its decoded numbers may take more than `max_bytes` of memory.
 pub fn read(path: &Path, max_bytes: u64) -> Result<ReadVolume, ReadError> {
     let ending = path.extension().and_then(OsStr::to_str).unwrap_or_default();
     match ending.to_ascii_lowercase().as_str() {
@@ -118,6 +119,7 @@ pub fn read(path: &Path, max_bytes: u64) -> Result<ReadVolume, ReadError> {
     }
 }
 
+/// Adds the path of a file to a fault of its content.
 fn content(path: &Path, fault: Fault) -> ReadError {
     ReadError::Content {
         file: path.to_owned(),
@@ -126,12 +128,13 @@ fn content(path: &Path, fault: Fault) -> ReadError {
     }
 }
 
-/// All bytes of a file, of at most `max_bytes`.
+/// Returns all bytes of a file, at most `max_bytes`.
 fn bytes_of(path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError> {
     let unreadable = |error: std::io::Error| ReadError::Unreadable {
         file: path.to_owned(),
         fault: error.to_string(),
     };
+    // Reject by the length in the metadata, before anything is read
     let file = File::open(path).map_err(unreadable)?;
     let length = file.metadata().map_err(unreadable)?.len();
     let too_long = |length: u64| content(path, too_big(length, max_bytes));
@@ -139,7 +142,7 @@ fn bytes_of(path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError> {
         return Err(too_long(length));
     }
     let mut bytes = Vec::new();
-    // A pipe has no length, and a file may grow.
+    // Limit the read too: a pipe has no length, and a file may grow.
     let read = file.take(max_bytes.saturating_add(1)).read_to_end(&mut bytes);
     read.map_err(unreadable)?;
     if bytes.len() as u64 > max_bytes {
@@ -148,12 +151,13 @@ fn bytes_of(path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError> {
     Ok(bytes)
 }
 
+/// Returns the fault of an array that exceeds the memory limit.
 fn too_big(bytes: u64, max_bytes: u64) -> Fault {
     let fault = format!("takes {bytes} bytes of memory where {max_bytes} are allowed");
     Fault::new(fault, "give a smaller array or allow more memory")
 }
 
-/// The grids of the numbers in `data`, which may go on after them.
+/// Builds the grids of the numbers in `data`, which may have trailing bytes.
 fn grids(
     path: &Path,
     layout: &dtype::Layout,

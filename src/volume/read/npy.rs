@@ -1,21 +1,22 @@
-//! NumPy's `.npy` (NEP 1, "A simple file format for NumPy arrays"; versions 1 to 3): a Python dictionary, then numbers.
+//! Reader for NumPy's `.npy` (NEP 1, "A simple file format for NumPy arrays"; versions 1 to 3): a Python dictionary,
+//! then numbers.
 
 use super::dtype::{Axis, ByteOrder, Element, Layout};
 use super::{Fault, SAVE_AGAIN, THREE_AXES};
 
-/// The first bytes of every file.
+/// First bytes of every `.npy` file.
 const MAGIC: &[u8] = b"\x93NUMPY";
-/// The longest dictionary: NumPy itself refuses longer ones.
+/// Largest length of the dictionary in bytes: NumPy itself rejects longer ones.
 const MAX_HEADER: usize = 10_000;
 
-/// An array and where its numbers begin.
+/// Layout of an array and the offset of its numbers in the file.
 #[derive(Debug)]
 pub(super) struct Array {
     pub(super) layout: Layout,
     pub(super) data_start: usize,
 }
 
-/// What the dictionary says.
+/// Entries of the header's dictionary.
 #[derive(Debug, Default)]
 struct Header<'h> {
     descr: Option<&'h str>,
@@ -23,10 +24,11 @@ struct Header<'h> {
     shape: Option<Vec<u64>>,
 }
 
-/// Understands the header of `bytes`.
+/// Parses the header of `bytes`.
 pub(super) fn parse(bytes: &[u8]) -> Result<Array, Fault> {
     let broken = || Fault::new("is no whole .npy file", "save the array again with numpy.save");
     let rest = bytes.strip_prefix(MAGIC).ok_or_else(broken)?;
+    // Read the version and the length of the dictionary
     let (length, start) = match rest {
         [1, _, a, b, ..] => (usize::from(u16::from_le_bytes([*a, *b])), MAGIC.len() + 4),
         [2 | 3, _, a, b, c, d, ..] => (u32::from_le_bytes([*a, *b, *c, *d]) as usize, MAGIC.len() + 6),
@@ -39,6 +41,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Array, Fault> {
     if length > MAX_HEADER {
         return Err(Fault::new("has a header of unlikely length", SAVE_AGAIN));
     }
+    // Parse the dictionary
     let text = bytes.get(start..start + length).ok_or_else(broken)?;
     let text = std::str::from_utf8(text).map_err(|_| broken())?;
     let header = dictionary(text).ok_or_else(broken)?;
@@ -46,11 +49,13 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Array, Fault> {
         return Err(broken());
     };
     let (element, order) = element(descr)?;
+    // Assign roles to axes; NumPy indexes [z, y, x] or [z, y, x, c]
     let mut axes = match shape.len() {
         3 => vec![Axis::Z, Axis::Y, Axis::X],
         4 => vec![Axis::Z, Axis::Y, Axis::X, Axis::Channel],
         rank => return Err(Fault::new(format!("has {rank} axes"), THREE_AXES)),
     };
+    // Order axes from the fastest; C order stores the last index fastest
     if !fortran {
         axes.reverse();
         shape.reverse();
@@ -62,7 +67,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Array, Fault> {
     })
 }
 
-/// The type that a string such as `<f4` names.
+/// Parses the type string of NumPy, such as `<f4`.
 fn element(descr: &str) -> Result<(Element, ByteOrder), Fault> {
     let mut chars = descr.chars();
     let order = match chars.next() {
@@ -92,7 +97,7 @@ fn element(descr: &str) -> Result<(Element, ByteOrder), Fault> {
     Ok((element, order))
 }
 
-/// The dictionary of three known keys; nothing if it is not one.
+/// Parses a dictionary of the three known keys; `None` if it is anything else.
 fn dictionary(text: &str) -> Option<Header<'_>> {
     let mut header = Header::default();
     let mut rest = text.trim().strip_prefix('{')?.trim_start();
@@ -105,7 +110,7 @@ fn dictionary(text: &str) -> Option<Header<'_>> {
                 header.descr = Some(descr);
                 after
             }
-            // A record: a list of fields.
+            // A structured type: skip the list of fields.
             "descr" => {
                 header.descr = Some("record");
                 let end = value.find(']')?;
@@ -125,7 +130,7 @@ fn dictionary(text: &str) -> Option<Header<'_>> {
                     .split(',')
                     .map(str::trim)
                     .filter(|length| !length.is_empty());
-                // Python 2 marked long integers.
+                // Python 2 marked long integers with L.
                 let lengths = lengths.map(|length| length.trim_end_matches('L').parse().ok());
                 header.shape = Some(lengths.collect::<Option<_>>()?);
                 after
@@ -138,7 +143,7 @@ fn dictionary(text: &str) -> Option<Header<'_>> {
     Some(header)
 }
 
-/// A string in quotes at the start of `text`, and what follows.
+/// Splits off a quoted string at the start of `text`; returns it and the rest.
 fn quoted(text: &str) -> Option<(&str, &str)> {
     let quote = text.chars().next().filter(|quote| matches!(quote, '\'' | '"'))?;
     text[1..].split_once(quote)

@@ -1,7 +1,7 @@
-//! NRRD, "nearly raw raster data" (G. Kindlmann, teem.sourceforge.net/nrrd/format.html): lines of text, an empty line,
-//! then numbers; or the numbers in a file of their own.
+//! Reader for NRRD, "nearly raw raster data" (G. Kindlmann, teem.sourceforge.net/nrrd/format.html): header lines, an
+//! empty line, then numbers; or the numbers in a separate file.
 //!
-//! Encodings are raw, gzip and text. Of four axes the first or the last is that of channels.
+//! Supported encodings are raw, gzip and text. Of four axes the first or the last is that of channels.
 
 use std::io::Read;
 use std::path::Path;
@@ -13,12 +13,12 @@ use super::dtype::{Axis, ByteOrder, Element, Layout};
 use super::{Fault, ReadError, ReadVolume, SAVE_AGAIN, THREE_AXES, bytes_of, content, grids};
 use crate::volume::box_from_cube;
 
-/// The longest header that is looked for.
+/// Largest header length in bytes that is searched for the empty line.
 const MAX_HEADER: usize = 1 << 20;
-/// What deflate can shrink at most, 1032 to 1, and a little for the last block.
+/// Upper bound on deflate's compression ratio: 1032 to 1, and a little for the last block.
 const MAX_SHRINKAGE: u64 = 1033;
 
-/// How the numbers are written.
+/// Encoding of the numbers in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Encoding {
     Raw,
@@ -26,7 +26,7 @@ enum Encoding {
     Text,
 }
 
-/// The fields that matter.
+/// Header fields that the reader uses.
 #[derive(Debug, Default)]
 struct Header<'h> {
     element: Option<Element>,
@@ -39,17 +39,19 @@ struct Header<'h> {
     origin: Option<DVec3>,
     data_file: Option<&'h str>,
     line_skip: u64,
-    /// Before the numbers; `None` if these end the file.
+    /// Bytes before the numbers; `None` if these end the file.
     byte_skip: Option<u64>,
 }
 
-/// Reads the file at `path`, and the one it names if the numbers are there.
+/// Reads the file at `path`, and the data file that its header names, if any.
 pub(super) fn read(path: &Path, max_bytes: u64) -> Result<ReadVolume, ReadError> {
     let bytes = bytes_of(path, max_bytes)?;
+    // Parse the header
     let (text, attached) = split(&bytes).map_err(|fault| content(path, fault))?;
     let header = parse(text).map_err(|fault| content(path, fault))?;
     let layout = header.layout().map_err(|fault| content(path, fault))?;
     let detached;
+    // Load the detached data file, if there is one
     let (data_path, data) = match header.data_file {
         None => (path.to_owned(), attached),
         Some(name) => {
@@ -58,6 +60,7 @@ pub(super) fn read(path: &Path, max_bytes: u64) -> Result<ReadVolume, ReadError>
             (data_path, detached.as_slice())
         }
     };
+    // Decode the numbers and build grids
     let numbers = header.numbers(&layout, data, max_bytes);
     let (layout, numbers) = numbers.map_err(|fault| content(&data_path, fault))?;
     grids(
@@ -69,7 +72,7 @@ pub(super) fn read(path: &Path, max_bytes: u64) -> Result<ReadVolume, ReadError>
     )
 }
 
-/// The header's text and what follows its empty line.
+/// Splits a file into the header's text and the bytes after its empty line.
 fn split(bytes: &[u8]) -> Result<(&str, &[u8]), Fault> {
     if !bytes.starts_with(b"NRRD000") {
         return Err(Fault::new(
@@ -89,13 +92,14 @@ fn split(bytes: &[u8]) -> Result<(&str, &[u8]), Fault> {
     Ok((text, &bytes[end..]))
 }
 
+/// Parses the lines of the header after the magic line.
 fn parse(text: &str) -> Result<Header<'_>, Fault> {
     let mut header = Header {
         byte_skip: Some(0),
         ..Header::default()
     };
     for line in text.lines().skip(1) {
-        // Comments and pairs of other programs.
+        // Skip comments and key-value pairs of other programs.
         if line.starts_with('#') || line.contains(":=") {
             continue;
         }
@@ -108,6 +112,7 @@ fn parse(text: &str) -> Result<Header<'_>, Fault> {
 }
 
 impl<'h> Header<'h> {
+    /// Stores the value of one header field; unused fields are ignored.
     fn set(&mut self, field: &str, value: &'h str) -> Result<(), Fault> {
         let wrong = || Fault::new(format!("has the field {field}: {value:?}"), SAVE_AGAIN);
         let number = |word: &str| word.parse::<f64>().ok();
@@ -156,12 +161,13 @@ impl<'h> Header<'h> {
                     _ => Some(value.parse().map_err(|_| wrong())?),
                 };
             }
-            // Units, centres, the names of axes.
+            // Ignore units, centres and axis names.
             _ => {}
         }
         Ok(())
     }
 
+    /// Returns the layout of the numbers, from the required fields.
     fn layout(&self) -> Result<Layout, Fault> {
         let missing = |field: &str| Fault::new(format!("lacks the field {field:?}"), SAVE_AGAIN);
         let element = self.element.ok_or_else(|| missing("type"))?;
@@ -173,6 +179,7 @@ impl<'h> Header<'h> {
         if self.order.is_none() && element.bytes() > 1 && encoding != Encoding::Text {
             return Err(missing("endian"));
         }
+        // Assign roles to axes by their number and lengths
         let roles: &[Axis] = match self.sizes[..] {
             [_, _, _] => &[Axis::X, Axis::Y, Axis::Z],
             [1..=4, _, _, _] => &[Axis::Channel, Axis::X, Axis::Y, Axis::Z],
@@ -183,7 +190,7 @@ impl<'h> Header<'h> {
         Layout::new(element, self.order.unwrap_or_default(), &axes)
     }
 
-    /// The numbers behind their encoding, and how these lie.
+    /// Decodes the numbers, and returns them with their layout after decoding.
     fn numbers<'d>(
         &self,
         layout: &Layout,
@@ -192,6 +199,7 @@ impl<'h> Header<'h> {
     ) -> Result<(Layout, std::borrow::Cow<'d, [u8]>), Fault> {
         layout.check_memory(max_bytes)?;
         let mut data = data;
+        // Skip leading lines
         for _ in 0..self.line_skip {
             let line = data.iter().position(|&byte| byte == b'\n');
             let Some(line) = line else {
@@ -199,6 +207,7 @@ impl<'h> Header<'h> {
             };
             data = &data[line + 1..];
         }
+        // Decode by encoding
         match self.encoding {
             Some(Encoding::Gzip) => {
                 let bytes = inflate(layout, data, self.byte_skip.unwrap_or(0), max_bytes)?;
@@ -221,7 +230,7 @@ impl<'h> Header<'h> {
         }
     }
 
-    /// Where the cube [-1, 1]³ lies, by directions and origin, or else by spacings.
+    /// Returns the placement of the cube [-1, 1]³, from directions and origin, or else from spacings.
     fn placement(&self, layout: &Layout) -> Option<DAffine3> {
         let mut steps: Vec<DVec3> = self.directions.iter().copied().flatten().collect();
         if steps.is_empty() {
@@ -236,7 +245,7 @@ impl<'h> Header<'h> {
             return None;
         };
         let [nx, ny, nz] = layout.size.map(|side| side as f64);
-        // The origin is the middle of the first sample.
+        // The origin is the centre of the first sample.
         let corner = self.origin.unwrap_or(0.5 * (x + y + z)) - 0.5 * (x + y + z);
         let world_from_box =
             DAffine3::from_mat3_translation(DMat3::from_cols(nx * x, ny * y, nz * z), corner);
@@ -244,8 +253,9 @@ impl<'h> Header<'h> {
     }
 }
 
-/// The numbers of a gzip stream, as many as `layout` has, after the first `skip` bytes.
+/// Decompresses as many numbers as `layout` has from a gzip stream, after its first `skip` bytes.
 fn inflate(layout: &Layout, data: &[u8], skip: u64, max_bytes: u64) -> Result<Vec<u8>, Fault> {
+    // Reject sizes that the packed bytes cannot reach, before allocating
     let (wanted, packed) = (layout.bytes(), data.len() as u64);
     let most = packed.saturating_mul(MAX_SHRINKAGE);
     if wanted.saturating_add(skip) > most {
@@ -255,6 +265,7 @@ fn inflate(layout: &Layout, data: &[u8], skip: u64, max_bytes: u64) -> Result<Ve
     if wanted > max_bytes {
         return Err(super::too_big(wanted, max_bytes));
     }
+    // Decompress, discarding the skipped bytes
     let damaged = |error: std::io::Error| Fault::new(format!("has damaged gzip data ({error})"), SAVE_AGAIN);
     let mut stream = MultiGzDecoder::new(data);
     std::io::copy(&mut stream.by_ref().take(skip), &mut std::io::sink()).map_err(damaged)?;
@@ -263,10 +274,10 @@ fn inflate(layout: &Layout, data: &[u8], skip: u64, max_bytes: u64) -> Result<Ve
     Ok(bytes)
 }
 
-/// The numbers of a text, as bytes of f64.
+/// Parses the numbers of a text and returns them as little-endian bytes of f64.
 fn from_text(layout: &Layout, data: &[u8]) -> Result<Vec<u8>, Fault> {
     let count = layout.count();
-    // A digit and a space each.
+    // Each number takes at least a digit and a separator.
     if count > data.len() as u64 / 2 + 1 {
         let fault = format!(
             "is cut off: {} bytes of text cannot hold {count} numbers",
@@ -286,7 +297,7 @@ fn from_text(layout: &Layout, data: &[u8]) -> Result<Vec<u8>, Fault> {
     Ok(bytes)
 }
 
-/// Vectors in parentheses; `none` for an axis that is not of space.
+/// Parses vectors in parentheses; `none` marks an axis that is not spatial.
 fn directions(value: &str) -> Option<Vec<Option<DVec3>>> {
     let mut found = Vec::new();
     let mut rest = value.trim();
@@ -304,17 +315,19 @@ fn directions(value: &str) -> Option<Vec<Option<DVec3>>> {
     Some(found)
 }
 
+/// Parses one vector in parentheses.
 fn vector(value: &str) -> Option<DVec3> {
     components(value.strip_prefix('(')?.strip_suffix(')')?)
 }
 
+/// Parses three finite numbers separated by commas.
 fn components(inside: &str) -> Option<DVec3> {
     let mut numbers = inside.split(',').map(|word| word.trim().parse::<f64>().ok());
     let vector = DVec3::new(numbers.next()??, numbers.next()??, numbers.next()??);
     (numbers.next().is_none() && vector.is_finite()).then_some(vector)
 }
 
-/// The type by any of its names.
+/// Returns the scalar type for any of its NRRD names.
 fn element(name: &str) -> Option<Element> {
     Some(match name.to_ascii_lowercase().as_str() {
         "uchar" | "unsigned char" | "uint8" | "uint8_t" => Element::U8,

@@ -1,4 +1,4 @@
-//! Whole files: what is read from them, and that none, however damaged, does harm.
+//! Tests on complete files: correct content, clear errors, and no panic for damaged files.
 
 use std::io::Write;
 
@@ -8,7 +8,7 @@ use glam::DVec3;
 
 use super::*;
 
-/// Plenty for all arrays here.
+/// Memory limit that is sufficient for all arrays here.
 const MEMORY: u64 = 1 << 20;
 
 fn file(name: &str, bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
@@ -23,7 +23,7 @@ fn read_bytes(name: &str, bytes: &[u8]) -> Result<ReadVolume, ReadError> {
     read(&path, MEMORY)
 }
 
-/// Samples 0 to 23 of 4 x 3 x 2.
+/// Returns the bytes of samples 0 to 23 of 4 x 3 x 2.
 fn counted<T>(to_bytes: impl Fn(u8) -> T) -> Vec<u8>
 where
     T: IntoIterator<Item = u8>,
@@ -56,7 +56,7 @@ const RAW_FLOATS: &str = "type: float\ndimension: 3\nsizes: 4 3 2\nendian: big\n
 const GZIP_BYTES: &str = "type: uchar\ndimension: 3\nsizes: 4 3 2\nencoding: gzip";
 const TEXT: &str = "type: short\ndimension: 3\nsizes: 4 3 2\nencoding: ascii";
 
-/// The sample (x, y, z) of 4 x 3 x 2 is x + 4 y + 12 z.
+/// Asserts that sample (x, y, z) of 4 x 3 x 2 is x + 4 y + 12 z.
 fn assert_counted(volume: &ReadVolume) {
     let [grid] = &volume.channels[..] else {
         panic!("{} channels", volume.channels.len());
@@ -197,7 +197,7 @@ fn directions_and_origin_place_the_middles_of_samples() {
         format!("{RAW_FLOATS}\nspace directions: (2,0,0) (0,0,3) (0,-1,0)\nspace origin: (10,20,30)");
     let volume = read_bytes("a.nrrd", &nrrd(&fields, &[0; 96])).unwrap();
     let map = volume.world_from_cube.unwrap();
-    // The middle of the first of 4 x 3 x 2 samples, and of the one after it along each axis.
+    // Compare the centre of the first of 4 x 3 x 2 samples, and those of its neighbours along each axis.
     let first = DVec3::new(-0.75, -2.0 / 3.0, -0.5);
     let near =
         |p: DVec3, expected: DVec3| (map.transform_point3(p) - expected).length() <= 64.0 * f64::EPSILON;
@@ -290,7 +290,7 @@ fn more_memory_than_allowed_is_not_taken() {
     assert!(sentence.contains("allowed"), "{sentence}");
 }
 
-/// A generator of numbers (G. Marsaglia, "Xorshift RNGs", 2003).
+/// Returns a pseudo-random number (G. Marsaglia, "Xorshift RNGs", 2003).
 fn random(state: &mut u64) -> u64 {
     *state ^= *state << 13;
     *state ^= *state >> 7;
@@ -303,6 +303,7 @@ fn damaged_files_never_panic() {
     let big = counted(|i| f32::from(i).to_be_bytes());
     let placed =
         format!("{RAW_FLOATS}\nspace directions: (2,0,0) (0,0,3) none\nspace origin: (1,2,3)\nbyte skip: -1");
+    // Build one valid file for each format and encoding
     let whole = [
         (
             "a.npy",
@@ -320,13 +321,14 @@ fn damaged_files_never_panic() {
     ];
     let folder = tempfile::tempdir().unwrap();
     let mut state = 0x9e37_79b9_7f4a_7c15u64;
+    // Damage each file at random bytes and read it
     for (name, bytes) in &whole {
         let path = folder.path().join(name);
         for round in 0..600 {
             let mut damaged = bytes.clone();
             for _ in 0..1 + round % 4 {
                 let at = random(&mut state) as usize % damaged.len();
-                // Bits, digits and separators do the most harm.
+                // Flip bits, or insert digits and separators, which are likely to pass the parser's first checks.
                 damaged[at] = match random(&mut state) % 3 {
                     0 => damaged[at] ^ 1 << (random(&mut state) % 8),
                     1 => b"0123456789-"[random(&mut state) as usize % 11],

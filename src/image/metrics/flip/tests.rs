@@ -1,4 +1,4 @@
-//! LDR-FLIP against numbers of its authors' own program, and against its formulas written down plainly.
+//! Tests of LDR-FLIP against values of its authors' program, and against a direct implementation of its formulas.
 
 use std::f64::consts::PI;
 
@@ -24,11 +24,11 @@ fn map(pair: &[LinearImage; 2], pixels_per_degree: f64) -> Vec<f32> {
     error_map([&pair[0], &pair[1]], &clipped_pixel, pixels_per_degree)
 }
 
-/// What `flip-evaluator` 1.7, of FLIP's authors, gives for [`pairs`]: the means at 67 and at 30 pixels a degree, and at
-/// 67 the errors of the pixels (0, 0), (11, 8), (12, 8) and (23, 16).
+/// Results of `flip-evaluator` 1.7, by FLIP's authors, for [`pairs`]: the means at 67 and at 30 pixels per degree, and
+/// at 67 the errors of the pixels (0, 0), (11, 8), (12, 8) and (23, 16).
 ///
-/// It computes in f32. An error of 2^-23 in a feature difference is 3e-4 in its root, and the differences seen are no
-/// more.
+/// It computes in f32. An error of 2^-23 in a feature difference is 3e-4 in its root, and the observed differences are
+/// no larger.
 const PUBLISHED: [(f64, f64, [f64; 4]); COUNT] = [
     (0.291_920, 0.418_501, [0.059_762, 0.324_991, 0.442_9, 0.395_114]),
     (0.099_853, 0.077_810, [0.0, 0.392_042, 0.447_786, 0.0]),
@@ -60,7 +60,7 @@ fn errors_are_those_of_the_authors_program() {
     }
 }
 
-/// Weights of a filter in two dimensions by their offsets.
+/// Weights of a two-dimensional filter with their offsets.
 struct Weights(Vec<((i32, i32), f64)>);
 
 impl Weights {
@@ -73,7 +73,7 @@ impl Weights {
         )
     }
 
-    /// Positive weights sum to one, negative ones to minus one.
+    /// Scales positive weights to a sum of one, and negative weights to a sum of minus one.
     fn scaled(mut self) -> Weights {
         let sum_of = |sign: f64| self.0.iter().map(|(_, w)| (sign * w).max(0.0)).sum::<f64>();
         let (above, below) = (sum_of(1.0), sum_of(-1.0));
@@ -83,7 +83,7 @@ impl Weights {
         self
     }
 
-    /// As the paper has it, on a plane that goes on beyond its edges.
+    /// Convolves directly, as in the paper, with the plane extended by its border pixels.
     fn convolve(&self, plane: &Plane) -> Vec<f64> {
         let (width, height) = (plane.width as i32, (plane.values.len() / plane.width) as i32);
         let value = |at: i32, (x, y): (i32, i32)| {
@@ -96,8 +96,9 @@ impl Weights {
     }
 }
 
-/// A picture by the formulas: blurred and perceived colours, edges, points.
+/// Returns perceived colours, edges and points of an image, directly by the paper's formulas.
 fn seen_plainly(image: &LinearImage, ppd: f64) -> (Vec<DVec3>, [Vec<f64>; 2]) {
+    // Convert to opponent colours
     let colors = Colors::new();
     let opponent: Vec<DVec3> = image
         .pixels
@@ -108,6 +109,7 @@ fn seen_plainly(image: &LinearImage, ppd: f64) -> (Vec<DVec3>, [Vec<f64>; 2]) {
         width: image.width as usize,
         values: opponent.iter().map(of).collect(),
     };
+    // Filter by contrast sensitivity, with the constants of table 1
     let table = [
         [1.0, 0.0047, 0.0, 1e-5],
         [1.0, 0.0053, 0.0, 1e-5],
@@ -127,10 +129,12 @@ fn seen_plainly(image: &LinearImage, ppd: f64) -> (Vec<DVec3>, [Vec<f64>; 2]) {
                 .convolve(&plane(&|c| c[channel]))
         })
         .collect();
+    // Convert to perceptually uniform colours
     let perceived = |i: usize| {
         let linear = colors.linear(DVec3::new(blurred[0][i], blurred[1][i], blurred[2][i]));
         colors.perceived(linear.clamp(DVec3::ZERO, DVec3::ONE))
     };
+    // Detect edges and points
     let gray = plane(&|c| (c.x + 16.0) / 116.0);
     let sd = 0.5 * 0.082 * ppd;
     let radius = (3.0 * sd).ceil() as i32;
@@ -155,7 +159,7 @@ fn filters_in_two_passes_are_the_papers_in_one() {
         let detector = FeatureDetector::new(PIXELS_PER_DEGREE);
         let seen = Seen::new(&image, &clipped_pixel, &Colors::new(), (&contrast, &detector));
         let (colors, features) = seen_plainly(&image, PIXELS_PER_DEGREE);
-        // Sums of some 441 products of values up to 500: 441 · 500 · 2^-53 = 2.4e-11, as much from a cube root near
+        // Sums of some 441 products of values up to 500: 441 · 500 · 2^-53 = 2.4e-11, and as much from a cube root near
         // black.
         for (a, b) in seen.colors.iter().zip(&colors) {
             assert!(a.abs_diff_eq(*b, 1e-9), "{name}: {a} {b}");

@@ -25,15 +25,15 @@ pub(crate) fn for_each(count: usize, work: &(dyn Fn(usize) + Sync)) {
 
 /// Returns the results of tasks `0..count`, in their order.
 pub(crate) fn map<T: Send>(count: usize, work: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
-    let places: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
+    let slots: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
     for_each(count, &|task| {
         let result = work(task);
         // Each slot belongs to one task, so the lock is never contended
-        *locked(&places[task]) = Some(result);
+        *locked(&slots[task]) = Some(result);
     });
-    let results = places
+    let results = slots
         .into_iter()
-        .filter_map(|place| place.into_inner().unwrap_or_else(PoisonError::into_inner));
+        .filter_map(|slot| slot.into_inner().unwrap_or_else(PoisonError::into_inner));
     let mut results: Vec<T> = results.collect();
     // Collecting in place reuses the allocation of the slots, whose elements are larger than the results.
     results.shrink_to_fit();
@@ -80,9 +80,9 @@ pub(crate) fn try_map_owned<T: Send, U: Send, E: Send>(
     items: Vec<T>,
     work: &(dyn Fn(usize, T) -> Result<U, E> + Sync),
 ) -> Result<Vec<U>, E> {
-    let places: Vec<Mutex<Option<T>>> = items.into_iter().map(|item| Mutex::new(Some(item))).collect();
-    let results = try_map(places.len(), &|task| {
-        let item = locked(&places[task]).take();
+    let slots: Vec<Mutex<Option<T>>> = items.into_iter().map(|item| Mutex::new(Some(item))).collect();
+    let results = try_map(slots.len(), &|task| {
+        let item = locked(&slots[task]).take();
         item.map(|item| work(task, item)).transpose()
     })?;
     Ok(results.into_iter().flatten().collect())
@@ -117,8 +117,8 @@ pub(crate) fn generate<T: Zeroable + Send>(count: usize, element: impl Fn(usize)
     // The allocator returns zeroed pages, which are not written here.
     let mut elements: Vec<T> = bytemuck::zeroed_vec(count);
     for_each_chunk_mut(&mut elements, CHUNK, &|chunk, elements| {
-        for (index, place) in (chunk * CHUNK..).zip(elements) {
-            *place = element(index);
+        for (index, slot) in (chunk * CHUNK..).zip(elements) {
+            *slot = element(index);
         }
     });
     elements
@@ -138,7 +138,7 @@ pub(crate) fn join<A: Send, B: Send>(
 pub(crate) fn install<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T {
     let mut result = None;
     install_dyn(pool, &mut once(work, &mut result));
-    result.expect("rayon runs what it is given")
+    result.expect("rayon runs the closure")
 }
 
 fn join_dyn(first: &mut (dyn FnMut() + Send), second: &mut (dyn FnMut() + Send)) {
@@ -160,8 +160,8 @@ fn once<T>(work: impl FnOnce() -> T, result: &mut Option<T>) -> impl FnMut() {
 }
 
 /// Locks a result slot, ignoring poisoning: a panic in another task leaves no slot half written.
-fn locked<T>(place: &Mutex<T>) -> MutexGuard<'_, T> {
-    place.lock().unwrap_or_else(PoisonError::into_inner)
+fn locked<T>(slot: &Mutex<T>) -> MutexGuard<'_, T> {
+    slot.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn results_come_in_the_order_of_the_tasks() {
+    fn results_are_in_task_order() {
         in_pools(|| {
             for count in [0, 1, 1000] {
                 let squares: Vec<usize> = (0..count).map(|i| i * i).collect();
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_error_is_returned() {
+    fn first_error_is_returned() {
         in_pools(|| {
             let fails_from = |first: usize| move |i: usize| if i < first { Ok(i) } else { Err(i) };
             assert_eq!(try_map(500, &fails_from(77)), Err(77));
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn all_is_so_where_none_is_not() {
+    fn all_is_true_unless_one_task_is_false() {
         in_pools(|| {
             assert!(all(0, &|_| false));
             assert!(all(100, &|i| i < 100));
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn chunks_are_written_by_their_numbers() {
+    fn chunks_are_written_by_index() {
         in_pools(|| {
             let mut items = [0; 7];
             for_each_chunk_mut(&mut items, 3, &|number, chunk| chunk.fill(number));
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn both_results_of_a_pair_come_back() {
+    fn join_returns_both_results() {
         in_pools(|| assert_eq!(join(|| 1, || "two".to_string()), (1, "two".to_string())));
     }
 }

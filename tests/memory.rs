@@ -20,7 +20,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use support::{random_scenes, scene_folder};
 use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::render::{
-    Account, Adaptive, LayerKind, LightLayers, Memory, Monitor, RenderSettings, Rendering, render,
+    Adaptive, AovKind, Category, LightAovs, Memory, Monitor, RenderSettings, Rendering, render,
 };
 use whit::scene::{Effect, Scene};
 
@@ -88,7 +88,7 @@ const STRUCTURES: [&str; 7] = [
 
 fn check_sum(name: &str, memory: &Memory) {
     let effects = Effect::ALL.into_iter().map(Effect::name);
-    let accounts = Account::ALL.into_iter().map(Account::name);
+    let accounts = Category::ALL.into_iter().map(Category::name);
     let holders: HashSet<&str> = effects.chain(accounts).chain(STRUCTURES).collect();
     let sum: u64 = holders.iter().map(|holder| memory.of(holder)).sum();
     assert_eq!(sum, memory.total(), "{name}: {:?}", memory.holdings());
@@ -103,7 +103,7 @@ fn check_sum(name: &str, memory: &Memory) {
 }
 
 #[test]
-fn what_is_off_holds_no_bytes_and_the_rest_adds_up() {
+fn inactive_effects_hold_no_bytes_and_sums_match() {
     let _turn = alone();
     let settings = with_ledger(RenderSettings {
         width: 12,
@@ -204,7 +204,7 @@ fn share_of_counted(name: &str, threads: usize, change: fn(RenderSettings) -> Re
 }
 
 #[test]
-fn bytes_are_what_an_allocator_counts_to_within_a_twentieth() {
+fn reported_bytes_match_the_allocator_within_five_percent() {
     let _turn = alone();
     for (name, threads) in [
         ("textured", 1),
@@ -232,19 +232,19 @@ fn bytes_are_what_an_allocator_counts_to_within_a_twentieth() {
         }),
         ..settings
     });
-    let told = share_of_counted("lecture_lighting", 1, |settings| RenderSettings {
+    let with_aovs = share_of_counted("lecture_lighting", 1, |settings| RenderSettings {
         sample_aovs: true,
         cost_aovs: true,
         ..settings
     });
     let layered = share_of_counted("lecture_lighting", 1, |settings| RenderSettings {
-        layers: LayerKind::ALL.into_iter().collect(),
+        layers: AovKind::ALL.into_iter().collect(),
         ..settings
     });
     let divided = |name: &str| {
         share_of_counted(name, 1, |settings| RenderSettings {
             spp: 1,
-            light_layers: LightLayers {
+            light_layers: LightAovs {
                 lights: true,
                 effects: true,
             },
@@ -254,7 +254,7 @@ fn bytes_are_what_an_allocator_counts_to_within_a_twentieth() {
     let (lit, smoky) = (divided("glass_of_water"), divided("smoke"));
     for (name, share) in [
         ("adaptive", adaptive),
-        ("AOVs", told),
+        ("AOVs", with_aovs),
         ("layers", layered),
         ("layers of light", lit),
         ("layers of light in smoke", smoky),

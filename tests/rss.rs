@@ -1,4 +1,4 @@
-//! Pictures larger than what is held of them: rows come and go, and memory does not grow with the picture.
+//! Images larger than the memory that holds their rows: memory does not grow with the image.
 
 use whit::image::rows::{
     Compression, ExrChannel, ExrLayout, ExrScanlineReader, ExrScanlineWriter, SampleType, Samples,
@@ -10,11 +10,11 @@ const HEIGHT: u32 = 4096;
 /// Rows that are given and taken at once.
 const ROWS: u32 = 64;
 
-/// The picture has 400 MB; a third of that is room for what waits to be packed and for the threads that do it.
+/// The image has 400 MB; a third of that is room for what waits to be packed and for the threads that do it.
 const MAX_BYTES: u64 = 128 << 20;
 
 #[test]
-fn a_large_picture_is_written_and_read_in_a_part_of_its_memory() {
+fn large_image_is_written_and_read_in_part_of_its_memory() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("large.exr");
     let channels = ["R", "G", "B"].map(|name| ExrChannel::new(name, SampleType::Float));
@@ -44,6 +44,6 @@ fn a_large_picture_is_written_and_read_in_a_part_of_its_memory() {
             println!("{} at most", memory::in_words(peak));
             assert!(peak < MAX_BYTES, "{peak} bytes");
         }
-        None => println!("skipped: the system does not tell what a process holds"),
+        None => println!("skipped: the system does not report the memory of a process"),
     }
 }

@@ -1,7 +1,7 @@
 //! Brute force: every ray against every primitive. Reference for the other two backends.
 
 use super::shape_query::shape_hit;
-use super::{Accel, AccelReport, Hit, LANES, RayOrder, RayPacket};
+use super::{Accel, AccelReport, Coherence, Hit, LANES, RayPacket};
 use crate::mesh::Mesh;
 use crate::mesh::triangle::Shear;
 use crate::numeric::{Ray, object_ray};
@@ -29,12 +29,12 @@ impl<'s> BruteAccel<'s> {
 
     /// Returns whether one ray hits anything within its interval.
     pub fn is_blocked(&self, ray: &Ray) -> bool {
-        (0..self.scene.instances.len() as u32).any(|index| blocks(self.scene, index, ray))
+        (0..self.scene.instances.len() as u32).any(|index| is_occluded_by(self.scene, index, ray))
     }
 }
 
 impl Accel for BruteAccel<'_> {
-    fn intersect(&self, packets: &mut [RayPacket], _order: RayOrder) {
+    fn intersect(&self, packets: &mut [RayPacket], _order: Coherence) {
         for packet in packets {
             packet.drop_untraceable();
             for lane in 0..LANES {
@@ -47,7 +47,7 @@ impl Accel for BruteAccel<'_> {
         }
     }
 
-    fn occluded(&self, packets: &mut [RayPacket], _order: RayOrder) {
+    fn occluded(&self, packets: &mut [RayPacket], _order: Coherence) {
         for packet in packets {
             packet.drop_untraceable();
             for lane in 0..LANES {
@@ -82,7 +82,7 @@ pub(super) fn nearest_of(scene: &Scene, index: u32, ray: &Ray, best: &mut Option
 
 /// Returns whether the ray hits anything of one instance.
 #[inline(always)]
-pub(super) fn blocks(scene: &Scene, index: u32, ray: &Ray) -> bool {
+pub(super) fn is_occluded_by(scene: &Scene, index: u32, ray: &Ray) -> bool {
     let instance = &scene.instances[index as usize];
     match &scene.geometries[instance.geometry as usize] {
         Geometry::Mesh(mesh) => any_triangle(mesh, &ray_in(instance, ray)),

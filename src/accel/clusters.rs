@@ -9,8 +9,8 @@ mod sah_split;
 
 use glam::{DVec3, Vec3};
 
-use self::sah_split::{centers, cut, part};
-use crate::numeric::morton::{Curve, PLACE_DIGITS};
+use self::sah_split::{centers, part, split};
+use crate::numeric::morton::{CODE_BITS, MortonCurve};
 use crate::parallel;
 
 /// Cost model of testing a ray against clusters.
@@ -23,7 +23,7 @@ pub(super) struct Cost {
     /// Cost of testing each member.
     pub(super) member: f64,
     /// Cost of one further split in the tree.
-    pub(super) cut: f64,
+    pub(super) split: f64,
 }
 
 /// A partition of primitives into clusters.
@@ -41,7 +41,7 @@ const CELL_COUNT: usize = 1 << 8;
 /// Least size of sets that are split by several threads.
 const PARALLEL_COUNT: usize = 1 << 12;
 /// Number of splits after which sets are halved by index: whatever the boxes, the work stays proportional to n log n.
-const CUT_LIMIT: u32 = 64;
+const SPLIT_LIMIT: u32 = 64;
 
 impl Clusters {
     /// Clusters the primitives in the boxes `bounds(0..count)`, each given by its lowest and its highest corner, which
@@ -52,7 +52,7 @@ impl Clusters {
         // Compute a Morton key for the midpoint of each box
         let of_index = |index: u32| Item::new(index, bounds(index));
         let unsorted = parallel::generate(count, |index| of_index(index as u32));
-        let curve = Curve::around(&centers(&unsorted).bounds());
+        let curve = MortonCurve::around(&centers(&unsorted).bounds());
         let mut keys = parallel::generate(count, |index| Key::new(&unsorted[index], &curve));
         // Allocate zeroed pages without writing to them
         let mut items: Vec<Item> = bytemuck::zeroed_vec(count);
@@ -92,7 +92,7 @@ pub fn cluster_count(boxes: &[[Vec3; 2]], limit: u32) -> usize {
         limit,
         visit: 1.0,
         member: 0.05,
-        cut: 1.0,
+        split: 1.0,
     };
     Clusters::of(boxes.len(), |i| boxes[i as usize], &cost).len()
 }
@@ -156,9 +156,9 @@ struct Key {
 const KEY_DIGITS: u32 = 30;
 
 impl Key {
-    fn new(item: &Item, curve: &Curve) -> Key {
+    fn new(item: &Item, curve: &MortonCurve) -> Key {
         Key {
-            cell: (curve.place(item.midpoint()) >> (PLACE_DIGITS - KEY_DIGITS)) as u32,
+            cell: (curve.code(item.midpoint()) >> (CODE_BITS - KEY_DIGITS)) as u32,
             index: item.index,
         }
     }
@@ -173,14 +173,14 @@ fn divide_cell(items: &mut [Item], (keys, all): (&mut [Key], &[Item]), digits: u
         for (item, key) in items.iter_mut().zip(&*keys) {
             *item = all[key.index as usize];
         }
-        return divide(items, cost, CUT_LIMIT);
+        return divide(items, cost, SPLIT_LIMIT);
     };
     // Partition by the next digit of the key
-    let cut = part(keys, |key| key.cell >> digits & 1 == 0);
-    if cut == 0 || cut == keys.len() {
+    let split = part(keys, |key| key.cell >> digits & 1 == 0);
+    if split == 0 || split == keys.len() {
         return divide_cell(items, (keys, all), digits, cost);
     }
-    let ((low, high), (low_keys, high_keys)) = (items.split_at_mut(cut), keys.split_at_mut(cut));
+    let ((low, high), (low_keys, high_keys)) = (items.split_at_mut(split), keys.split_at_mut(split));
     parallel::join(
         || divide_cell(low, (low_keys, all), digits, cost),
         || divide_cell(high, (high_keys, all), digits, cost),
@@ -188,21 +188,24 @@ fn divide_cell(items: &mut [Item], (keys, all): (&mut [Key], &[Item]), digits: u
 }
 
 /// Clusters a non-empty set, which it sorts, and marks the last member of every cluster.
-fn divide(items: &mut [Item], cost: &Cost, cuts: u32) {
-    let Some(cut) = cut(items, cost, cuts) else {
+fn divide(items: &mut [Item], cost: &Cost, splits_left: u32) {
+    let Some(split) = split(items, cost, splits_left) else {
         if let Some(last) = items.last_mut() {
             last.last = 1;
         }
         return;
     };
     let is_large = items.len() >= PARALLEL_COUNT;
-    let (low, high) = items.split_at_mut(cut);
-    let cuts = cuts.saturating_sub(1);
+    let (low, high) = items.split_at_mut(split);
+    let splits_left = splits_left.saturating_sub(1);
     if is_large {
-        parallel::join(|| divide(low, cost, cuts), || divide(high, cost, cuts));
+        parallel::join(
+            || divide(low, cost, splits_left),
+            || divide(high, cost, splits_left),
+        );
     } else {
-        divide(low, cost, cuts);
-        divide(high, cost, cuts);
+        divide(low, cost, splits_left);
+        divide(high, cost, splits_left);
     }
 }
 
@@ -225,7 +228,7 @@ mod tests {
         limit: 8,
         visit: 1.0,
         member: 0.05,
-        cut: 1.0,
+        split: 1.0,
     };
 
     /// Returns point `i` of a sequence that fills the unit cube evenly (Weyl's sequence on the plastic number's
@@ -266,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn every_primitive_is_in_one_cluster_of_at_most_as_many_as_asked_for() {
+    fn every_primitive_is_in_one_cluster_of_limited_size() {
         for limit in [1, 3, 8, 16, 100] {
             for count in [0, 1, 2, 7, 8, 9, 31, 32, 33, 1000, 40_000] {
                 let boxes: Vec<Bounds> = (0..count).map(|i| around(in_cube(i), 0.01)).collect();
@@ -277,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn the_number_of_threads_changes_nothing() {
+    fn clusters_do_not_depend_on_thread_count() {
         let boxes: Vec<Bounds> = (0..100_000).map(|i| around(in_cube(i), 0.01)).collect();
         let by = |threads| {
             let pool = rayon::ThreadPoolBuilder::new()
@@ -292,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_together_is_asked_about_together() {
+    fn close_boxes_share_a_cluster() {
         // Eight beside the origin and eight a hundred away, alternating.
         let at = |i: u32| DVec3::new(100.0 * f64::from(i % 2) + 0.1 * f64::from(i / 2), 0.0, 0.0);
         let boxes: Vec<Bounds> = (0..16).map(|i| around(at(i), 0.1)).collect();
@@ -302,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cheaper_to_ask_about_apart_is_apart() {
+    fn distant_boxes_are_in_separate_clusters() {
         // Half areas: 12 of each cube, 4 + 2 · 204 = 412 of both. Together (1 + 0.1 - 1) 412 = 41.2, separate 2 · 1.05
         // · 12 = 25.2.
         let boxes = [0.0, 100.0].map(|x| around(DVec3::new(x, 0.0, 0.0), 1.0));
@@ -320,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn boxes_that_tell_nothing_are_shared_out_by_number() {
+    fn indistinguishable_boxes_are_split_by_count() {
         let everything = Bounds {
             min: DVec3::NEG_INFINITY,
             max: DVec3::INFINITY,
@@ -344,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_boxes_without_an_end_do_not_spoil_the_others() {
+    fn infinite_boxes_do_not_affect_the_other_clusters() {
         let mut boxes: Vec<Bounds> = (0..10_000).map(|i| around(in_cube(i), 0.01)).collect();
         boxes[77].max.x = f64::INFINITY;
         boxes[777].min = DVec3::NEG_INFINITY;
@@ -363,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn places_that_shrink_without_end_are_cut_a_limited_number_of_times() {
+    fn shrinking_boxes_are_split_a_limited_number_of_times() {
         let boxes: Vec<Bounds> = (0..5000)
             .map(|i| around(DVec3::splat(0.99f64.powi(i)), 0.5 * 0.99f64.powi(i)))
             .collect();

@@ -12,7 +12,7 @@
 //!   that, both hit and miss are valid.
 //!
 //! Where Embree transforms rays itself ([`Instancing::Native`]), they reach object space by an inverse in f32 and have
-//! a larger error, which [`compare_carried`] and [`compare_occlusion_carried`] allow for by the bound of
+//! a larger error, which [`compare_with_instancing`] and [`compare_occlusion_with_instancing`] allow for by the bound of
 //! [`TransformError`].
 //!
 //! Analytic shapes are computed in f64 by one function, so a backend with a different result for one is wrong.
@@ -54,11 +54,11 @@ const fn gamma(n: f64) -> f64 {
 
 /// Compares two results of [`super::Accel::intersect`] for `ray`, both from rays transformed into object space in f64.
 pub fn compare(scene: &Scene, ray: &Ray, a: Option<Hit>, b: Option<Hit>) -> HitComparison {
-    compare_carried(scene, ray, [a, b], Instancing::Callback)
+    compare_with_instancing(scene, ray, [a, b], Instancing::Callback)
 }
 
 /// Compares two results of [`super::Accel::intersect`] for `ray`, one of them computed with `instancing`.
-pub fn compare_carried(
+pub fn compare_with_instancing(
     scene: &Scene,
     ray: &Ray,
     [a, b]: [Option<Hit>; 2],
@@ -67,7 +67,7 @@ pub fn compare_carried(
     match (a, b) {
         (None, None) => HitComparison::Same,
         (Some(hit), None) | (None, Some(hit)) => match Exact::of(scene, ray, &hit, instancing) {
-            Some(exact) if exact.explains(&hit) && exact.is_doubtful(ray) => HitComparison::Tie,
+            Some(exact) if exact.is_within_bound(&hit) && exact.is_ambiguous(ray) => HitComparison::Tie,
             _ => HitComparison::Wrong,
         },
         (Some(a), Some(b)) => compare_hits(scene, ray, [&a, &b], instancing),
@@ -78,11 +78,11 @@ pub fn compare_carried(
 ///
 /// Different results cost a loop over the whole scene.
 pub fn compare_occlusion(scene: &Scene, ray: &Ray, a: bool, b: bool) -> HitComparison {
-    compare_occlusion_carried(scene, ray, [a, b], Instancing::Callback)
+    compare_occlusion_with_instancing(scene, ray, [a, b], Instancing::Callback)
 }
 
 /// Compares two results of [`super::Accel::occluded`] for `ray`, one of them computed with `instancing`.
-pub fn compare_occlusion_carried(
+pub fn compare_occlusion_with_instancing(
     scene: &Scene,
     ray: &Ray,
     [a, b]: [bool; 2],
@@ -92,19 +92,19 @@ pub fn compare_occlusion_carried(
         return HitComparison::Same;
     }
     // Find a primitive that the exact ray clearly hits, or whose result is ambiguous
-    let mut doubtful = false;
+    let mut any_ambiguous = false;
     for (index, instance) in scene.instances.iter().enumerate() {
         let count = scene.geometries[instance.geometry as usize].primitive_count();
         for primitive in 0..count as u32 {
             let exact = Exact::of_primitive(scene, ray, [index as u32, primitive], instancing);
-            match exact.map(|exact| exact.decision(ray)) {
-                Some(Decision::Hit) => return HitComparison::Wrong,
-                Some(Decision::Doubtful) => doubtful = true,
-                Some(Decision::Miss) | None => (),
+            match exact.map(|exact| exact.classify(ray)) {
+                Some(Classification::Hit) => return HitComparison::Wrong,
+                Some(Classification::Ambiguous) => any_ambiguous = true,
+                Some(Classification::Miss) | None => (),
             }
         }
     }
-    if doubtful {
+    if any_ambiguous {
         HitComparison::Tie
     } else {
         HitComparison::Wrong
@@ -116,7 +116,7 @@ fn compare_hits(scene: &Scene, ray: &Ray, [a, b]: [&Hit; 2], instancing: Instanc
     let (Some(exact_a), Some(exact_b)) = (exact(a), exact(b)) else {
         return HitComparison::Wrong;
     };
-    if !exact_a.explains(a) || !exact_b.explains(b) {
+    if !exact_a.is_within_bound(a) || !exact_b.is_within_bound(b) {
         return HitComparison::Wrong;
     }
     if (a.instance, a.primitive) == (b.instance, b.primitive) {
@@ -125,7 +125,7 @@ fn compare_hits(scene: &Scene, ray: &Ray, [a, b]: [&Hit; 2], instancing: Instanc
     let ties = (exact_a.t - exact_b.t).abs() <= exact_a.t_error + exact_b.t_error;
     // A hit that only one backend reports may be ambiguous: the other backend may go on to the next surface.
     let nearer = if exact_a.t < exact_b.t { &exact_a } else { &exact_b };
-    if ties || nearer.is_doubtful(ray) {
+    if ties || nearer.is_ambiguous(ray) {
         HitComparison::Tie
     } else {
         HitComparison::Wrong
@@ -196,10 +196,10 @@ struct Exact {
 
 /// Classification of an exact result relative to the f32 error bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Decision {
+enum Classification {
     Hit,
     Miss,
-    Doubtful,
+    Ambiguous,
 }
 
 impl Exact {
@@ -246,7 +246,7 @@ impl Exact {
         }
     }
 
-    fn of_triangle(corners: [DVec3; 3], ray: &Ray, carried: &TransformError) -> Exact {
+    fn of_triangle(corners: [DVec3; 3], ray: &Ray, transform_error: &TransformError) -> Exact {
         // Compute the exact parameter from the plane of the triangle
         let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let largest_corner = corners.iter().map(|p| p.abs().max_element()).fold(0.0, f64::max);
@@ -295,9 +295,9 @@ impl Exact {
         // Add the error of the ray transform, which acts as a shift of all vertices: along the ray by the part across
         // the plane, and each edge function by twice the shift in the sheared frame times the edge's two sheared
         // extents
-        let shift = carried.at(t, largest_corner);
-        let carried_t = 3f64.sqrt() * shift * n.length() / n.dot(direction).abs();
-        let t_error = watertight_t + normal_form_t + carried_t + gamma(2.0) * t.abs();
+        let shift = transform_error.at(t, largest_corner);
+        let transform_t = 3f64.sqrt() * shift * n.length() / n.dot(direction).abs();
+        let t_error = watertight_t + normal_form_t + transform_t + gamma(2.0) * t.abs();
         Exact {
             t,
             t_error,
@@ -308,14 +308,14 @@ impl Exact {
 
     /// Returns whether a backend may have reported this hit: its parameter is within bounds, and it is not clearly
     /// outside.
-    fn explains(&self, hit: &Hit) -> bool {
+    fn is_within_bound(&self, hit: &Hit) -> bool {
         // Edge-on, the exact parameter is NaN or the bound infinite, and no hit can be rejected.
         let off = (f64::from(hit.t) - self.t).abs();
         let is_clear = off > self.t_error || self.margin < -self.edge_error;
         !is_clear
     }
 
-    fn decision(&self, ray: &Ray) -> Decision {
+    fn classify(&self, ray: &Ray) -> Classification {
         let (from, to) = (f64::from(ray.t_near), f64::from(ray.t_far));
         let clearly = |sign: f64| {
             let margin = self.margin * sign > self.edge_error;
@@ -324,16 +324,16 @@ impl Exact {
             [margin, near, far]
         };
         if clearly(1.0) == [true; 3] {
-            Decision::Hit
+            Classification::Hit
         } else if clearly(-1.0) != [false; 3] {
-            Decision::Miss
+            Classification::Miss
         } else {
-            Decision::Doubtful
+            Classification::Ambiguous
         }
     }
 
     /// Returns whether both hit and miss are within the error bounds.
-    fn is_doubtful(&self, ray: &Ray) -> bool {
-        self.decision(ray) == Decision::Doubtful
+    fn is_ambiguous(&self, ray: &Ray) -> bool {
+        self.classify(ray) == Classification::Ambiguous
     }
 }

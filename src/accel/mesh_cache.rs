@@ -17,7 +17,7 @@ pub struct MeshCache {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MeshCounts {
     /// Number of meshes looked up.
-    pub asked: usize,
+    pub requested: usize,
     /// Number of meshes that were in the cache.
     pub found: usize,
 }

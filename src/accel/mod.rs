@@ -46,10 +46,10 @@ use crate::scene::Scene;
 /// whose ray is not traceable (see [`RayPacket::drop_untraceable`]) are deactivated, never traced.
 pub trait Accel: Send + Sync {
     /// Finds the nearest hit of every active lane within its interval.
-    fn intersect(&self, packets: &mut [RayPacket], order: RayOrder);
+    fn intersect(&self, packets: &mut [RayPacket], order: Coherence);
 
     /// Marks every active lane as blocked whose ray hits anything within its interval.
-    fn occluded(&self, packets: &mut [RayPacket], order: RayOrder);
+    fn occluded(&self, packets: &mut [RayPacket], order: Coherence);
 
     /// Returns statistics of the structure that was built.
     fn report(&self) -> AccelReport;
@@ -57,7 +57,7 @@ pub trait Accel: Send + Sync {
 
 /// Coherence hint for the rays of a packet. It changes the speed, never the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RayOrder {
+pub enum Coherence {
     /// Camera rays, or shadow rays in the order of their camera rays.
     Coherent,
     /// Rays without spatial coherence, for example after a bounce.
@@ -269,7 +269,9 @@ pub fn identity(backend: Backend, isa: Option<&str>) -> Result<Option<EmbreeIden
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum AccelError {
     /// The program was compiled without Embree.
-    #[error("this whit was built without Embree: use `--backend bsp`, or build it with the feature `embree`")]
+    #[error(
+        "this whit was built without Embree: use `--backend bsp`, or build whit with the feature `embree`"
+    )]
     NoEmbree,
     /// An Embree call failed.
     #[error("Embree could not {action}: {message}")]
@@ -283,7 +285,7 @@ pub enum AccelError {
     #[error("not enough memory for the acceleration structure: use a smaller scene or `--backend bsp`")]
     OutOfMemory,
     /// The running library is not the version that the headers described.
-    #[error("whit was built against Embree {built} but runs with {running}: build it again on this machine")]
+    #[error("whit was built against Embree {built} but runs with {running}: rebuild whit on this machine")]
     VersionMismatch {
         /// Version of the headers at compile time.
         built: String,

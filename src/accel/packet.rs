@@ -92,7 +92,7 @@ impl RayPacket {
 
     /// Clears the hit of one lane; the ray stays, except for its `t_far`.
     #[inline(always)]
-    pub fn forget_hit(&mut self, lane: usize) {
+    pub fn clear_hit(&mut self, lane: usize) {
         self.instance[lane] = NO_HIT;
         self.level[lane] = NO_HIT;
     }
@@ -163,7 +163,7 @@ impl RayPacket {
     /// hits.
     #[cfg(feature = "embree")]
     #[inline(always)]
-    pub(super) fn name_instances(&mut self) {
+    pub(super) fn use_instance_ids(&mut self) {
         for lane in 0..LANES {
             let level = self.level[lane];
             if level != NO_HIT {
@@ -230,7 +230,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_ray_comes_back_from_its_lane() {
+    fn packet_returns_the_ray_of_each_lane() {
         let mut packet = RayPacket::EMPTY;
         let ray = Ray {
             origin: Vec3::new(1.0, 2.0, 3.0),
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn lanes_that_would_abort_embree_are_switched_off() {
+    fn lanes_with_invalid_rays_are_inactive() {
         // Set one valid ray and five that Embree must not get
         let mut packet = RayPacket::EMPTY;
         let good = Ray::new(Vec3::ZERO, Vec3::X);

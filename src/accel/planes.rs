@@ -165,8 +165,12 @@ fn block(planes: &[PlaneForm], packet: &mut RayPacket) {
     for plane in planes {
         let crossings = plane.crossings(packet);
         for l in 0..LANES {
-            let met = crossings[l] < f32::INFINITY;
-            packet.t_far[l] = if met { f32::NEG_INFINITY } else { packet.t_far[l] };
+            let is_hit = crossings[l] < f32::INFINITY;
+            packet.t_far[l] = if is_hit {
+                f32::NEG_INFINITY
+            } else {
+                packet.t_far[l]
+            };
         }
     }
 }
@@ -197,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_plane_is_taken_and_of_equal_ones_the_first() {
+    fn nearest_plane_is_hit_and_ties_go_to_the_first() {
         let planes = Planes::of(&floors(&[0.0, 2.0, 2.0]));
         let mut packets = [falling(3.0)];
         planes.intersect(&mut packets);
@@ -207,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_traversal_found_is_kept_unless_a_plane_is_nearer_or_numbered_lower() {
+    fn hit_is_kept_unless_plane_is_nearer_or_lower_numbered() {
         let planes = Planes::of(&floors(&[0.0, 1.0]));
         for (instance, t, expected) in [(9, 1.5, 9), (9, 2.0, 1), (0, 2.0, 0), (9, 2.5, 1)] {
             let mut packets = [falling(3.0)];
@@ -225,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ray_is_blocked_only_within_its_interval() {
+    fn ray_is_occluded_only_within_its_interval() {
         let planes = Planes::of(&floors(&[0.0]));
         for (t_near, t_far, expected) in [(0.0, 2.9, false), (0.0, 3.0, true), (3.1, 9.0, false)] {
             let mut packets = [falling(3.0)];

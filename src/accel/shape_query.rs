@@ -19,7 +19,7 @@ pub(super) fn shape_hit(index: u32, instance: &Instance, shape: &Shape, ray: &Ra
         return sphere_hit(&sphere, ray).map(|t| sphere_at(index, t));
     }
     let ShapeHit { t, part } = shape.intersect(&shape_ray(&pose, ray))?;
-    let t = within(t, ray)?;
+    let t = t_in_range(t, ray)?;
     Some(Hit {
         primitive: part,
         ..sphere_at(index, t)
@@ -31,12 +31,12 @@ pub(super) fn shape_hit(index: u32, instance: &Instance, shape: &Shape, ray: &Ra
 pub(super) fn sphere_hit(sphere: &Sphere, ray: &Ray) -> Option<f32> {
     let (origin, direction) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let t = sphere.nearest(origin, direction, f64::from(ray.t_near), f64::INFINITY)?;
-    within(t, ray)
+    t_in_range(t, ray)
 }
 
 /// Rounds a parameter to f32; `None` if it is beyond the ray's `t_far`.
 #[inline(always)]
-fn within(t: f64, ray: &Ray) -> Option<f32> {
+fn t_in_range(t: f64, ray: &Ray) -> Option<f32> {
     let t = t as f32;
     (t <= ray.t_far && t < f32::INFINITY).then_some(t)
 }

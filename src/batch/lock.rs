@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lock_is_held_by_one_and_free_when_that_ends() {
+    fn lock_has_one_holder_and_is_free_after_release() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.lock");
         let first = Lock::take(&path, "process 1").unwrap();

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::key::Key;
+use super::fingerprint::Fingerprint;
 use super::shard::Shard;
 
 /// Prefix and suffix of the names of manifest files.
@@ -18,13 +18,13 @@ const NAME: (&str, &str) = ("whit-batch", ".jsonl");
 
 /// Manifest entry of one finished image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Done {
+pub struct CompletedFrame {
     /// Index of the frame in its batch.
     pub frame: usize,
     /// Path of the image relative to the output folder.
     pub image: PathBuf,
     /// Hash of the inputs that the image was rendered from.
-    pub key: Key,
+    pub key: Fingerprint,
     /// Size of the image file in bytes.
     pub bytes: u64,
     /// Seconds spent on this image alone, without work that is shared with other frames.
@@ -45,7 +45,7 @@ pub struct Done {
 pub struct Manifest {
     folder: PathBuf,
     file: File,
-    done: HashMap<PathBuf, Done>,
+    done: HashMap<PathBuf, CompletedFrame>,
 }
 
 impl Manifest {
@@ -78,7 +78,7 @@ impl Manifest {
     }
 
     /// Returns the entries of all shards in `folder`, by image path; truncated lines are ignored.
-    pub fn read(folder: &Path) -> io::Result<HashMap<PathBuf, Done>> {
+    pub fn read(folder: &Path) -> io::Result<HashMap<PathBuf, CompletedFrame>> {
         let mut done = HashMap::new();
         for entry in fs::read_dir(folder)? {
             let name = entry?.file_name();
@@ -88,7 +88,7 @@ impl Manifest {
             }
             let bytes = fs::read(folder.join(name))?;
             for line in String::from_utf8_lossy(&bytes).lines() {
-                if let Ok(one) = serde_json::from_str::<Done>(line) {
+                if let Ok(one) = serde_json::from_str::<CompletedFrame>(line) {
                     done.insert(one.image.clone(), one);
                 }
             }
@@ -97,7 +97,7 @@ impl Manifest {
     }
 
     /// Returns the entry of an image with the given key, if the file is still there with the recorded size.
-    pub fn find(&self, image: &Path, key: Key) -> Option<&Done> {
+    pub fn find(&self, image: &Path, key: Fingerprint) -> Option<&CompletedFrame> {
         let done = self.done.get(image).filter(|done| done.key == key)?;
         let bytes = fs::metadata(self.folder.join(image)).ok()?.len();
         (bytes == done.bytes).then_some(done)
@@ -109,7 +109,7 @@ impl Manifest {
     }
 
     /// Appends an entry and syncs the file to disk.
-    pub fn add(&mut self, done: Done) -> io::Result<()> {
+    pub fn add(&mut self, done: CompletedFrame) -> io::Result<()> {
         let mut line = serde_json::to_string(&done)?;
         line.push('\n');
         // Append the line in one write, so that lines of two processes do not mix
@@ -122,14 +122,14 @@ impl Manifest {
 
 #[cfg(test)]
 mod tests {
-    use super::super::key::Keyring;
+    use super::super::fingerprint::FingerprintHasher;
     use super::*;
 
-    fn done(image: &str, key: &str) -> Done {
-        Done {
+    fn done(image: &str, key: &str) -> CompletedFrame {
+        CompletedFrame {
             frame: 3,
             image: image.into(),
-            key: Keyring::default().add("", key).key(),
+            key: FingerprintHasher::default().add("", key).key(),
             bytes: 4,
             seconds: 0.5,
             render_seconds: 0.25,
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_noted_by_any_shard_is_found_if_it_is_the_same_and_still_there() {
+    fn entries_of_all_shards_are_found_if_image_and_key_match() {
         let folder = tempfile::tempdir().unwrap();
         let mut first = Manifest::open(folder.path(), Shard { number: 1, count: 2 }).unwrap();
         first.add(done("a.png", "one")).unwrap();
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_was_cut_short_loses_nothing_but_itself() {
+    fn truncated_line_leaves_other_entries_intact() {
         let folder = tempfile::tempdir().unwrap();
         let open = || Manifest::open(folder.path(), Shard::ALL).unwrap();
         open().add(done("a.png", "one")).unwrap();

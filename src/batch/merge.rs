@@ -8,13 +8,13 @@ use std::io;
 use std::ops::Range;
 use std::path::PathBuf;
 
-use super::piece::{Coverage, Part, Piece};
-use super::piece_file::{PieceFolder, PieceReader, PieceRows, Plane};
+use super::chunk::{Chunk, ChunkKind, Coverage};
+use super::chunk_file::{ChunkDirectory, ChunkReader, ChunkRows, Plane};
 use crate::image::{ChannelKind, ImageError};
 use crate::render::Sums;
 
 /// Number of rows that are read at a time: the largest block of rows that EXR compresses together.
-const STEP: u32 = 32;
+const ROWS_PER_STEP: u32 = 32;
 
 /// Reasons why pieces cannot be merged to a frame.
 #[derive(Debug, thiserror::Error)]
@@ -28,20 +28,20 @@ pub enum MergeError {
         height: u32,
     },
     /// The folder of the pieces cannot be read.
-    #[error("its pieces cannot be read: {0}")]
+    #[error("cannot read its pieces: {0}")]
     Folder(#[from] io::Error),
     /// A piece is unreadable or invalid.
     #[error(transparent)]
-    Piece(#[from] ImageError),
+    Chunk(#[from] ImageError),
 }
 
 /// Reader of a frame's rows from its pieces, from top to bottom.
 #[derive(Debug)]
 pub struct Merge<'f> {
-    folder: &'f PieceFolder,
-    pieces: Vec<(Piece, PathBuf)>,
+    folder: &'f ChunkDirectory,
+    pieces: Vec<(Chunk, PathBuf)>,
     /// Readers of the pieces in use, by the piece's index.
-    open: HashMap<usize, PieceReader>,
+    open: HashMap<usize, ChunkReader>,
     /// Row that is read next.
     next: u32,
 }
@@ -52,7 +52,7 @@ impl<'f> Merge<'f> {
     /// # Errors
     ///
     /// If rows are missing, or the folder cannot be read.
-    pub fn of(folder: &'f PieceFolder) -> Result<Merge<'f>, MergeError> {
+    pub fn of(folder: &'f ChunkDirectory) -> Result<Merge<'f>, MergeError> {
         let pieces = folder.pieces()?;
         let cut = folder.cut();
         let mut coverage = Coverage::none(cut);
@@ -84,11 +84,11 @@ impl<'f> Merge<'f> {
         // Close pieces that end above the next rows
         self.open.retain(|_, reader| reader.piece().rows.end > rows.start);
         // Prefer a piece with finished rows; otherwise add up the shares
-        let planes = match self.holder(&rows, Part::All) {
+        let planes = match self.holder(&rows, ChunkKind::All) {
             Some(index) => match self.read(index, &rows)? {
-                PieceRows::Finished(planes) => planes,
+                ChunkRows::Finished(planes) => planes,
                 // The variant follows from the name of the piece's file.
-                PieceRows::Sums(sums) => planes_of(&sums),
+                ChunkRows::Sums(sums) => planes_of(&sums),
             },
             None => planes_of(&self.sums(&rows)?),
         };
@@ -102,19 +102,19 @@ impl<'f> Merge<'f> {
             .pieces
             .iter()
             .flat_map(|(piece, _)| [piece.rows.start, piece.rows.end]);
-        let end = (self.next + STEP).min(height);
+        let end = (self.next + ROWS_PER_STEP).min(height);
         edges.filter(|&edge| edge > self.next).fold(end, u32::min)
     }
 
     /// Returns the index of a piece that contains all these rows.
-    fn holder(&self, rows: &Range<u32>, part: Part) -> Option<usize> {
-        let has = |(piece, _): &(Piece, PathBuf)| {
+    fn holder(&self, rows: &Range<u32>, part: ChunkKind) -> Option<usize> {
+        let has = |(piece, _): &(Chunk, PathBuf)| {
             piece.part == part && piece.rows.start <= rows.start && piece.rows.end >= rows.end
         };
         self.pieces.iter().position(has)
     }
 
-    fn read(&mut self, index: usize, rows: &Range<u32>) -> Result<PieceRows, MergeError> {
+    fn read(&mut self, index: usize, rows: &Range<u32>) -> Result<ChunkRows, MergeError> {
         if !self.open.contains_key(&index) {
             let (piece, path) = &self.pieces[index];
             self.open.insert(index, self.folder.open(piece, path)?);
@@ -122,7 +122,7 @@ impl<'f> Merge<'f> {
         let reader = self
             .open
             .get_mut(&index)
-            .ok_or_else(|| io::Error::other("a piece is gone"))?;
+            .ok_or_else(|| io::Error::other("a piece was removed meanwhile"))?;
         Ok(reader.read(rows)?)
     }
 
@@ -130,15 +130,17 @@ impl<'f> Merge<'f> {
     fn sums(&mut self, rows: &Range<u32>) -> Result<Sums, MergeError> {
         let mut all: Option<Sums> = None;
         for share in 0..self.folder.cut().shares {
-            let holder = self.holder(rows, Part::Share(share));
-            let index = holder.ok_or_else(|| io::Error::other("a piece is gone"))?;
+            let holder = self.holder(rows, ChunkKind::Share(share));
+            let index = holder.ok_or_else(|| io::Error::other("a piece was removed meanwhile"))?;
             match (self.read(index, rows)?, &mut all) {
-                (PieceRows::Sums(sums), None) => all = Some(sums),
-                (PieceRows::Sums(sums), Some(all)) => all.add(&sums),
-                (PieceRows::Finished(_), _) => return Err(io::Error::other("a share holds no sums").into()),
+                (ChunkRows::Sums(sums), None) => all = Some(sums),
+                (ChunkRows::Sums(sums), Some(all)) => all.add(&sums),
+                (ChunkRows::Finished(_), _) => {
+                    return Err(io::Error::other("a piece of a share has no sums").into());
+                }
             }
         }
-        all.ok_or_else(|| io::Error::other("there are no shares").into())
+        all.ok_or_else(|| io::Error::other("the frame has no shares").into())
     }
 }
 
@@ -172,8 +174,8 @@ fn exact(name: &str, values: Vec<f32>) -> Plane {
 
 #[cfg(test)]
 mod tests {
-    use super::super::key::Keyring;
-    use super::super::piece_file::FrameHead;
+    use super::super::chunk_file::FrameMetadata;
+    use super::super::fingerprint::FingerprintHasher;
     use super::*;
     use crate::image::{ExrEncoding, PngEncoding};
 
@@ -196,10 +198,10 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_added_and_finished_rows_taken_as_they_are() {
+    fn shares_are_added_and_finished_rows_are_copied() {
         let out = tempfile::tempdir().unwrap();
-        let head = FrameHead {
-            key: Keyring::default().key(),
+        let head = FrameMetadata {
+            key: FingerprintHasher::default().key(),
             number: 0,
             image: "a.exr".into(),
             size: [1, 100],
@@ -209,7 +211,7 @@ mod tests {
             png: PngEncoding::default(),
             notes: Vec::new(),
         };
-        let folder = PieceFolder::new(out.path(), head);
+        let folder = ChunkDirectory::new(out.path(), head);
         // The first share has all rows, the second none: no row is finished
         folder.make().unwrap();
         folder.write_sums(&(0..100), 0, &sums(16, 16.0, 100)).unwrap();

@@ -29,7 +29,7 @@ impl Shard {
 
     fn parse(text: &str, variable: impl Fn(&str) -> Option<String>) -> Result<Shard, String> {
         let form =
-            || "give a shard and how many there are, as in 3/24, or auto/24 within a job array".to_owned();
+            || "give a shard and the number of shards, as in 3/24, or auto/24 within a job array".to_owned();
         // Parse the number, or take it from the scheduler's environment variable
         let (number, count) = text.split_once('/').ok_or_else(form)?;
         let count: u32 = count.parse().map_err(|_| form())?;
@@ -62,7 +62,9 @@ fn task_number(variable: impl Fn(&str) -> Option<String>) -> Result<u32, String>
                 .parse()
                 .ok()
                 .and_then(|number: u32| number.checked_add(1)?.checked_sub(first));
-            return number.ok_or_else(|| format!("{name} is `{text}`, which is no number of a task"));
+            return number.ok_or_else(|| {
+                format!("{name} is `{text}`, which is not a task number: give the shard's number, as in 3/24")
+            });
         }
     }
     Err(
@@ -76,11 +78,11 @@ mod tests {
     use super::*;
 
     fn parse(text: &str, (name, value): (&str, &str)) -> Result<Shard, String> {
-        Shard::parse(text, |asked| (asked == name).then(|| value.to_owned()))
+        Shard::parse(text, |requested| (requested == name).then(|| value.to_owned()))
     }
 
     #[test]
-    fn a_shard_is_told_or_read_from_the_scheduler() {
+    fn shard_number_is_parsed_or_read_from_the_scheduler() {
         let shard = |number, count| Ok(Shard { number, count });
         assert_eq!(parse("3/24", ("", "")), shard(3, 24));
         assert_eq!(parse("auto/24", ("SLURM_ARRAY_TASK_ID", "24")), shard(24, 24));
@@ -102,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn shards_take_everything_once_and_about_as_much_each() {
+    fn shards_cover_all_items_once_in_equal_parts() {
         for (things, count) in [(24, 3), (5, 8), (100, 7), (0, 2)] {
             let mut next = 0;
             for number in 1..=count {

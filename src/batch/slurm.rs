@@ -72,8 +72,8 @@ pub fn script(task: &Task) -> String {
     // Fill in the script: resources, a signal handler, and the requeue at the time limit
     format!(
         "#!/bin/bash
-# {shards} shards of a batch, forecast to take {:.0} s and {} MiB each; {ROOM} times that is asked for.
-# Submit it with `sbatch`. What is left over when all tasks are done is put together by
+# {shards} shards of a batch, forecast to take {:.0} s and {} MiB each; the script requests {ROOM} times as much.
+# Submit it with `sbatch`. When all tasks are done, merge the frames that are left with
 #   {program} merge {folder}
 #SBATCH --job-name={name}
 #SBATCH --array=1-{shards}
@@ -83,7 +83,7 @@ pub fn script(task: &Task) -> String {
 #SBATCH --requeue
 #SBATCH --open-mode=append
 #SBATCH --signal=B:USR1@{NOTICE}
-# Slurm says so {NOTICE} s before the time is up.
+# Slurm sends USR1 {NOTICE} s before the time limit.
 late=
 trap 'late=yes; kill -TERM \"$task\"' USR1
 {program} batch {jobs} --out {folder} --shard \"$SLURM_ARRAY_TASK_ID/{shards}\" --resume --threads {threads}{arguments} &
@@ -91,12 +91,12 @@ task=$!
 wait \"$task\"
 code=$?
 if [ -n \"$late\" ]; then
-    # That was the signal; now comes the end, with 130 (143 where it had hardly begun) if work is left.
+    # The signal ended the first wait; now the task ends, with 130 (143 if it had hardly started) if work is left.
     wait \"$task\"
     code=$?
     case $code in
     130 | 143)
-        # What it has done is kept: the rest waits in line again, unless that was in vain all along.
+        # Finished work is kept: requeue the rest, unless restarts have been in vain.
         [ \"${{SLURM_RESTART_COUNT:-0}}\" -ge {MAX_RESTARTS} ] ||
             scontrol requeue \"${{SLURM_ARRAY_JOB_ID}}_$SLURM_ARRAY_TASK_ID\"
         ;;
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_script_asks_for_twice_the_forecast_and_can_be_started_anew() {
+    fn script_requests_twice_the_forecast_and_can_be_requeued() {
         let script = script(&task(&["--checkpoint".into(), "60".into()]));
         for line in [
             "#SBATCH --job-name=the_film.jobs",
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn little_is_rounded_up_to_what_cannot_fail() {
+    fn small_forecasts_are_raised_to_the_minimum_request() {
         let task = Task {
             seconds: 0.1,
             bytes: 1,

@@ -1,15 +1,15 @@
 //! Command-line flags and their ranges, as clap types. Modules below the command line do not depend on flags.
 
+mod animation;
 mod batch;
 mod bench;
 mod compare;
 mod compare_stats;
 mod cost;
-mod leaving;
-mod moment;
-mod output;
+mod image_format;
+mod progress;
+mod ray_offset;
 mod verify;
-mod watching;
 
 use std::fmt;
 use std::path::PathBuf;
@@ -18,16 +18,16 @@ use std::sync::LazyLock;
 
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
+pub(super) use animation::AnimationArgs;
 pub(super) use batch::{BatchArgs, MergeArgs};
 pub(super) use bench::{BenchArgs, DEFAULT_BENCH_SPP, MIN_TRIANGLES};
 pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
-pub(super) use leaving::LeavingArgs;
-pub(super) use moment::MomentArgs;
-pub(super) use output::OutputArgs;
+pub(super) use image_format::OutputArgs;
+pub(super) use progress::ProgressArgs;
+pub(super) use ray_offset::RayOffsetArgs;
 pub(super) use verify::VerifyArgs;
-pub(super) use watching::WatchingArgs;
 
 use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::image::ImageFormat;
@@ -41,7 +41,7 @@ const DEFAULT_SIZE: ImageSize = ImageSize {
 };
 /// Largest number of samples per pixel.
 const MAX_SPP: i64 = image_settings::MAX_SPP as i64;
-/// Largest depth: generations of reflected and refracted rays.
+/// Largest depth: number of bounces of reflected and refracted rays.
 const MAX_DEPTH: i64 = image_settings::MAX_DEPTH as i64;
 /// Largest number of wavelengths per path.
 const MAX_WAVELENGTHS: i64 = image_settings::MAX_WAVELENGTHS as i64;
@@ -49,7 +49,7 @@ const MAX_WAVELENGTHS: i64 = image_settings::MAX_WAVELENGTHS as i64;
 /// Largest number of threads, above that of any machine in use.
 const MAX_THREADS: i64 = 1024;
 
-/// Default time budget in seconds, enough to measure the prices of most scenes to a few percent.
+/// Default time budget in seconds, enough to measure the costs of most scenes to a few percent.
 const DEFAULT_BUDGET: f64 = 30.0;
 /// Largest time budget in seconds: one day; more is taken for a typing error.
 const MAX_BUDGET: f64 = 86_400.0;
@@ -71,7 +71,7 @@ pub(super) struct Args {
 }
 
 const EXIT_CODES: &str = "\
-Exit codes: 0 done; 1 a render or check failed; 2 bad usage or bad input; 130 interrupted (what was finished is kept).
+Exit codes: 0 success; 1 a render or check failed; 2 bad usage or bad input; 130 interrupted (finished work is kept).
 Results go to standard output, everything else to standard error.";
 
 #[derive(Debug, Subcommand)]
@@ -80,19 +80,19 @@ pub(super) enum Command {
     Render(Box<RenderArgs>),
     /// Render many frames, on one machine or on several, and resume after interruptions
     Batch(Box<BatchArgs>),
-    /// Merge the frames whose pieces several processes rendered
+    /// Merge the pieces of frames that several processes rendered
     Merge(MergeArgs),
-    /// Print a summary of a scene as it was understood
+    /// Print a summary of a scene as it was loaded
     Info(InfoArgs),
     /// Print the JSON schema of scene files, for editors
     Schema,
-    /// Time Embree against the BSP on the same recorded rays
+    /// Compare the times of Embree and the BSP on the same recorded rays
     Bench(BenchArgs),
-    /// Run hard cases with exact results through every way of finding hits
+    /// Check every backend variant on hard cases with known exact results
     Verify(VerifyArgs),
     /// Print how much an image differs from its reference
     Compare(CompareArgs),
-    /// Measure what accuracy costs in time: error over seconds for every parameter of a scene
+    /// Measure the cost of accuracy in time: error over seconds for every parameter of a scene
     Cost(CostArgs),
     /// Compare measurements with earlier ones; exit code 1 if any has regressed
     CompareStats(CompareStatsArgs),
@@ -102,7 +102,7 @@ const RENDER_EXAMPLES: &str = "\
 Examples:
   whit render scene.glb -o scene.png
   whit render scene.glb -o scene.exr --size 1920x1080 --spp 64 --camera top --stats scene.json
-  whit render a.glb b.gltf --out pictures --format exr
+  whit render a.glb b.gltf --out images --format exr
   whit render scene.glb -o scene.png --spp 64 --pattern sobol --filter mitchell
   whit render scene.glb -o scene.exr --adaptive 0.005 --spp 1024 --aov samples
   whit render scene.toml -o scene.png --effects=-dispersion,-transparent-shadow
@@ -110,7 +110,7 @@ Examples:
   whit render scene.toml -o scene.png --error 0.01
   whit render scene.toml -o scene.png --max-time 2.5 --pilot 60
 
-With several scenes, one that fails does not keep the others from being rendered; the exit code is then 1.";
+If one of several scenes fails, the others are still rendered; the exit code is then 1.";
 
 /// Flags of `whit render`.
 #[derive(Debug, ArgGroup)]
@@ -125,7 +125,7 @@ pub(super) struct RenderArgs {
     #[arg(short = 'o', value_name = "FILE")]
     pub(super) output: Option<PathBuf>,
 
-    /// Existing folder to write one image a scene into, named like the scene
+    /// Existing folder to write one image per scene into, named like the scene
     #[arg(long, value_name = "DIR", conflicts_with = "output")]
     pub(super) out: Option<PathBuf>,
 
@@ -150,14 +150,14 @@ pub(super) struct RenderArgs {
     pub(super) tracing: TracingArgs,
 
     #[command(flatten)]
-    pub(super) leaving: LeavingArgs,
+    pub(super) leaving: RayOffsetArgs,
 
-    /// Take the settings from a file that `whit cost --out` wrote, in place of flags
+    /// Read the settings from a file that `whit cost --out` wrote, in place of flags
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["spp", "pattern", "adaptive", "depth", "wavelengths", "backend", "precision", "instancing", "build_quality", "compact", "spawn", "hit_points", "rough_rays"])]
     pub(super) settings: Option<PathBuf>,
 
     /// Choose the fastest settings whose RMSE as displayed (black is 0, white 1) is at most this, by rendering parts of
-    /// the image; the flags for samples and the like give the start of the search
+    /// the image; the flags for samples and other settings are the start of the search
     #[arg(long, value_name = "RMSE", value_parser = cost::error, conflicts_with_all = ["settings", "adaptive", "max_time"])]
     pub(super) error: Option<f64>,
 
@@ -170,22 +170,22 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "SECONDS", default_value_t = DEFAULT_BUDGET, value_parser = cost::budget)]
     pub(super) pilot: f64,
 
-    /// Camera to look through, by name or number; see `whit info`
+    /// Camera to render from, by name or number; see `whit info`
     #[arg(long, value_name = "NAME|N")]
     pub(super) camera: Option<String>,
 
     #[command(flatten)]
-    pub(super) moment: MomentArgs,
+    pub(super) moment: AnimationArgs,
 
     /// Radiance of the environment, as X or R,G,B, in place of the scene's own
     #[arg(long, value_name = "RADIANCE", allow_hyphen_values = true)]
     pub(super) ambient: Option<Ambient>,
 
-    /// Seed: number N of the images that differ by their random numbers alone
+    /// Seed of the random numbers; images of different seeds differ only in their noise
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(super) seed: u32,
 
-    /// Rays that each camera ray sends into the lobe of a rough surface, 0 for none, in place of the materials' own
+    /// Number of rays per camera ray in the lobe of a rough surface, 0 for none, in place of the materials' own
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_ROUGH_RAYS)))]
     pub(super) rough_rays: Option<u32>,
 
@@ -193,7 +193,7 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "EV", help = or_scene("Stops of exposure for PNG images: radiance is multiplied by 2^EV", 0), value_parser = exposure, allow_hyphen_values = true)]
     pub(super) exposure: Option<f32>,
 
-    /// Simulate more (+NAME) or less (-NAME) than the scene calls for, or `all`; see `whit info`
+    /// Effects to add (+NAME) to those of the scene or to remove (-NAME), or `all`; see `whit info`
     #[arg(long, value_name = "LIST", allow_hyphen_values = true)]
     pub(super) effects: Option<EffectOverrides>,
 
@@ -207,9 +207,9 @@ pub(super) struct RenderArgs {
     pub(super) heat: Option<PathBuf>,
 
     #[command(flatten)]
-    pub(super) watching: WatchingArgs,
+    pub(super) watching: ProgressArgs,
 
-    /// Print nothing but errors
+    /// Print only errors
     #[arg(long, short)]
     pub(super) quiet: bool,
 }
@@ -218,15 +218,23 @@ pub(super) struct RenderArgs {
 #[derive(Clone, Debug, ArgGroup)]
 pub(super) struct SamplingArgs {
     /// Samples per pixel; with --adaptive the largest number that a pixel gets
-    #[arg(long, value_name = "N", help = or_scene("Samples a pixel; with --adaptive the most that a pixel gets", DEFAULT_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
+    #[arg(long, value_name = "N", help = or_scene("Samples per pixel; with --adaptive the largest number that a pixel gets", DEFAULT_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
     pub(super) spp: Option<u32>,
 
     /// Sampling pattern: positions of the samples in a pixel
-    #[arg(long, value_enum, help = or_scene("How samples lie in a pixel", word(Pattern::default())))]
+    #[arg(
+        long,
+        value_enum,
+        help = or_scene("Sampling pattern: positions of the samples in a pixel", word(Pattern::default()))
+    )]
     pub(super) pattern: Option<Pattern>,
 
     /// Reconstruction filter that combines samples to a pixel
-    #[arg(long, value_enum, help = or_scene("How samples become a pixel", word(FilterKind::default())))]
+    #[arg(
+        long,
+        value_enum,
+        help = or_scene("Reconstruction filter that combines samples to a pixel", word(FilterKind::default()))
+    )]
     pub(super) filter: Option<FilterKind>,
 
     /// Radius of the filter in pixels, 1 to 4 [default: the scene file's, else tent 1, gaussian 1.5, mitchell 2]
@@ -238,10 +246,11 @@ pub(super) struct SamplingArgs {
     #[arg(long, value_name = "ERR", value_parser = adaptive_error)]
     pub(super) adaptive: Option<f64>,
 
-    /// Further channels of EXR images; samples: their number and their variance in each pixel, as `samples` and
+    /// Additional channels of EXR images; samples: their number and their variance in each pixel, as `samples` and
     /// `variance`; rays, time: rays and nanoseconds of each pixel, in total and by effect, as `rays`, `rays.shadow`,
-    /// `time`, `time.shadow`; lights, effects: the image divided by light and by effect, which add up to it, with the
-    /// box filter only; the others describe the first hit of camera rays, as means over a pixel's samples
+    /// `time`, `time.shadow`; lights, effects: the contribution of each light and of each effect, which add up to the
+    /// image, with the box filter only; the others describe the first hit of camera rays, as means over the samples of
+    /// a pixel
     #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
     pub(super) aov: Vec<Aov>,
 }
@@ -267,7 +276,7 @@ pub(super) enum Aov {
     Uv,
     /// `id.object`, `id.material` and `id.primitive` of the first sample that hits anything; -1 where none does
     Ids,
-    /// `motion.X` and `.Y`, by how many pixels to the right and down surfaces move while the shutter is open
+    /// `motion.X` and `.Y`, the motion of surfaces to the right and down, in pixels, while the shutter is open
     Motion,
     /// `CryptoObject00.R` and so on: Cryptomatte of the names of objects, six ranks of id and coverage
     CryptoObject,
@@ -287,41 +296,40 @@ pub(super) struct FrameArgs {
     #[arg(long, value_name = "WxH", help = or_scene("Image size in pixels", DEFAULT_SIZE))]
     pub(super) size: Option<ImageSize>,
 
-    /// Generations of reflected and refracted rays; 0 for none
-    #[arg(long, value_name = "N", help = or_scene("Generations of reflected and refracted rays; 0 for none", DEFAULT_DEPTH), value_parser = clap::value_parser!(u32).range(0..=MAX_DEPTH))]
+    /// Largest number of bounces of reflected and refracted rays; 0 for none
+    #[arg(long, value_name = "N", help = or_scene("Largest number of bounces of reflected and refracted rays; 0 for none", DEFAULT_DEPTH), value_parser = clap::value_parser!(u32).range(0..=MAX_DEPTH))]
     pub(super) depth: Option<u32>,
 
-    /// Wavelengths that a path splits into where glass disperses it
-    #[arg(long, value_name = "N", help = or_scene("Wavelengths that a path splits into where glass disperses it", DEFAULT_WAVELENGTHS), value_parser = clap::value_parser!(u32).range(1..=MAX_WAVELENGTHS))]
+    /// Number of wavelengths into which a path splits where glass disperses it
+    #[arg(long, value_name = "N", help = or_scene("Number of wavelengths into which a path splits where glass disperses it", DEFAULT_WAVELENGTHS), value_parser = clap::value_parser!(u32).range(1..=MAX_WAVELENGTHS))]
     pub(super) wavelengths: Option<u32>,
 }
 
 /// Flags of ray tracing: precision, acceleration structures and threads.
 #[derive(Clone, Debug, ArgGroup)]
 pub(super) struct TracingArgs {
-    /// Precision of triangle hits; the BSP is watertight unless fast, where f32 alone decides, and brute force always
-    /// is
+    /// Precision of triangle hits; at fast, f32 alone decides and the BSP is not watertight; brute force always is
     #[arg(long, default_value_t = Precision::default())]
     pub(super) precision: Precision,
 
-    /// Form in which Embree gets instanced meshes; auto is the faster one that gives the requested precision
+    /// Representation of instanced meshes in Embree; auto is the fastest that provides the requested precision
     #[arg(long, value_enum, default_value_t = Instancing::default())]
     pub(super) instancing: Instancing,
 
-    /// Effort that Embree puts into its trees; high is medium unless --precision is fast
+    /// Build quality of Embree's trees; high acts as medium unless --precision is fast
     #[arg(long, value_enum, default_value_t = BuildQuality::default())]
     pub(super) build_quality: BuildQuality,
 
-    /// Let Embree save memory rather than time; no difference at --precision robust
+    /// Make Embree save memory at the cost of time; no effect at --precision robust
     #[arg(long)]
     pub(super) compact: bool,
 
-    /// Instruction set that Embree is restricted to, so that results repeat on other machines [default: Embree's
+    /// Instruction set that Embree is restricted to, so that results are the same on other machines [default: Embree's
     /// choice]
     #[arg(long, value_parser = ["sse2", "sse4.2", "avx", "avx2", "avx512"])]
     pub(super) isa: Option<String>,
 
-    /// Number of threads; 0 takes one per processor
+    /// Number of threads; 0 for one per processor
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
     pub(super) threads: u32,
 }
@@ -341,54 +349,54 @@ pub(super) struct InfoArgs {
     #[arg(value_name = "SCENE")]
     pub(super) scene: PathBuf,
 
-    /// Simulate more (+NAME) or less (-NAME) than the scene calls for, or `all`; see `whit info`
+    /// Effects to add (+NAME) to those of the scene or to remove (-NAME), or `all`; see `whit info`
     #[arg(long, value_name = "LIST", allow_hyphen_values = true)]
     pub(super) effects: Option<EffectOverrides>,
 
     #[command(flatten)]
-    pub(super) moment: MomentArgs,
+    pub(super) moment: AnimationArgs,
 
     /// Print the summary as JSON
     #[arg(long)]
     pub(super) json: bool,
 
-    /// Forecast of each effect's share of the time by a quick probe; auto: unless the scene takes long to make ready
+    /// Estimate each effect's share of the time by a quick probe; auto: unless loading and building take long
     #[arg(long, value_name = "WHEN", default_value = "auto")]
-    pub(super) forecast: WhenToForecast,
+    pub(super) forecast: ForecastMode,
 
     #[command(flatten)]
-    pub(super) prices: PriceArgs,
+    pub(super) ablation: AblationArgs,
 }
 
 /// Choices of `whit info --forecast`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub(super) enum WhenToForecast {
+pub(super) enum ForecastMode {
     Auto,
     Always,
     Never,
 }
 
-/// Flags of the image that is rendered to measure prices.
+/// Flags of the image that is rendered to measure costs.
 #[derive(Clone, Copy, Debug, ArgGroup)]
-pub(super) struct PriceArgs {
-    /// Measure what each effect and each step of depth costs in time, and how the image differs without it: renders
+pub(super) struct AblationArgs {
+    /// Measure the cost in time of each effect and of each bounce, and the difference of the image without it: renders
     /// some of its tiles many times
     #[arg(long)]
     pub(super) prices: bool,
 
     /// Size of the image that is sampled
-    #[arg(long, requires = "prices", value_name = "WxH", help = or_scene("Size in pixels of the picture that is sampled", DEFAULT_SIZE))]
+    #[arg(long, requires = "prices", value_name = "WxH", help = or_scene("Size in pixels of the image that is sampled", DEFAULT_SIZE))]
     pub(super) size: Option<ImageSize>,
 
     /// Samples per pixel of the image that is sampled
-    #[arg(long, requires = "prices", value_name = "N", help = or_scene("Its samples a pixel", DEFAULT_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
+    #[arg(long, requires = "prices", value_name = "N", help = or_scene("Samples per pixel of the image that is sampled", DEFAULT_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
     pub(super) spp: Option<u32>,
 
-    /// Generations of reflected and refracted rays in the image that is sampled
-    #[arg(long, requires = "prices", value_name = "N", help = or_scene("Its generations of reflected and refracted rays", DEFAULT_DEPTH), value_parser = clap::value_parser!(u32).range(0..=MAX_DEPTH))]
+    /// Largest number of bounces of reflected and refracted rays in the image that is sampled
+    #[arg(long, requires = "prices", value_name = "N", help = or_scene("Largest number of bounces in the image that is sampled", DEFAULT_DEPTH), value_parser = clap::value_parser!(u32).range(0..=MAX_DEPTH))]
     pub(super) depth: Option<u32>,
 
-    /// Seconds that the measurement may take, about; fewer tiles and runs keep within it, down to 8 tiles and 5 runs
+    /// Approximate seconds of the measurement, which takes fewer tiles and runs to fit, but at least 8 tiles and 5 runs
     #[arg(long, requires = "prices", value_name = "SECONDS", default_value_t = DEFAULT_BUDGET, value_parser = budget)]
     pub(super) budget: f64,
 
@@ -396,7 +404,7 @@ pub(super) struct PriceArgs {
     #[arg(long, requires = "prices")]
     pub(super) backend: Option<Backend>,
 
-    /// Number of threads; 0 takes one per processor
+    /// Number of threads; 0 for one per processor
     #[arg(long, requires = "prices", value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
     pub(super) threads: u32,
 }
@@ -439,10 +447,12 @@ impl FromStr for ImageSize {
             Some((side(width)?, side(height)?))
         });
         let Some((width, height)) = sides else {
-            return Err("give width and height in pixels as in 640x480".into());
+            return Err("give width and height in pixels, as in 640x480".into());
         };
         if width == 0 || height == 0 {
-            return Err("an image needs at least one pixel each way, as in 640x480".into());
+            return Err(
+                "an image needs at least one pixel in width and height: give a size as in 640x480".into(),
+            );
         }
         // Check the number of pixels in u64, where the product cannot overflow
         match (u32::try_from(width), u32::try_from(height)) {
@@ -527,13 +537,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clap_finds_nothing_wrong_with_the_flags() {
+    fn flags_pass_the_checks_of_clap() {
         use clap::CommandFactory;
         Args::command().debug_assert();
     }
 
     #[test]
-    fn a_size_is_two_whole_numbers_within_the_cap() {
+    fn size_is_two_whole_numbers_within_the_limit() {
         let size = |text: &str| text.parse::<ImageSize>();
         assert_eq!(
             size("640x480"),
@@ -559,7 +569,7 @@ mod tests {
     }
 
     #[test]
-    fn an_ambient_radiance_is_one_number_or_three() {
+    fn ambient_radiance_is_one_number_or_three() {
         let ambient = |text: &str| text.parse::<Ambient>();
         assert_eq!(ambient("0.25"), Ok(Ambient([0.25; 3])));
         assert_eq!(ambient("0.1,0.2, 3"), Ok(Ambient([0.1, 0.2, 3.0])));

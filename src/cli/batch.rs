@@ -4,34 +4,34 @@
 //! another uses the processors. Small scenes with a single frame overlap in the same way. Finished frames are recorded
 //! in a manifest; see [`crate::batch`] for interruptions and several processes.
 
+mod built_scene;
 mod dry_run;
+mod fingerprint;
 mod frame;
+mod gallery;
+mod image_writer;
 mod limits;
-mod page;
-mod picture;
-mod place;
 mod plan;
+mod preview;
 mod queue;
-mod recipe;
-mod rows;
+mod row_schedule;
 mod run;
-mod stage;
-mod viewer;
+mod scene_slots;
 
 use std::path::Path;
 use std::{fs, io};
 
-use crate::batch::{Lock, LockError, Manifest, MergeError, PieceFolder, Shard};
+use crate::batch::{ChunkDirectory, Lock, LockError, Manifest, MergeError, Shard};
 use crate::parallel;
 
+use super::accel_options::Tracing;
 use super::args::{BatchArgs, MergeArgs};
 use super::failure::Failure;
 use super::interrupt;
 use super::output;
 use super::progress::{Progress, Verbosity};
-use super::tracing::Tracing;
+use preview::Viewer;
 use run::Batch;
-use viewer::Viewer;
 
 /// Renders the frames of this process's shard, or lists them, or writes a Slurm script, as the arguments request.
 pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
@@ -39,7 +39,7 @@ pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
     let plans = plan::plans(&args.jobs, &args.out, args.threads)?;
     plan::check_division(&plans, args.time)?;
     if let Some(nice) = args.nice {
-        yield_to_others(nice);
+        lower_priority(nice);
     }
     let pool = Tracing::of_threads(args.threads).pool()?;
     // Only forecast for `--slurm` and `--dry-run`
@@ -53,7 +53,7 @@ pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
     let viewer = Viewer::connect(args.watching.tev.as_deref())?;
     let lock = lock(args)?;
     if lock.is_some() && args.shard == Shard::ALL {
-        plan::sweep_up(&plans, &args.out);
+        plan::remove_leftovers(&plans, &args.out);
     }
     // Render, and hold the lock until the end
     let manifest = manifest(args)?;
@@ -67,12 +67,12 @@ pub(super) fn merge(args: &MergeArgs) -> Result<(), Failure> {
     if !args.out.is_dir() {
         let out = args.out.display();
         return Err(Failure::Input(format!(
-            "there is no folder {out}: name that of a batch"
+            "there is no folder {out}: give the output folder of a batch"
         )));
     }
     // Find all frames with pieces
-    let unreadable = |error| Failure::Input(format!("{} cannot be read: {error}", args.out.display()));
-    let folders = PieceFolder::all(&args.out).map_err(unreadable)?;
+    let unreadable = |error| Failure::Input(format!("cannot read {}: {error}", args.out.display()));
+    let folders = ChunkDirectory::all(&args.out).map_err(unreadable)?;
     if folders.is_empty() {
         return Ok(());
     }
@@ -84,9 +84,9 @@ pub(super) fn merge(args: &MergeArgs) -> Result<(), Failure> {
         match merge_one(&args.out, folder, &mut manifest) {
             Ok(false) => {}
             Ok(true) if args.quiet => {}
-            Ok(true) => output::print(&format!("{image}: put together\n"))?,
+            Ok(true) => output::print(&format!("{image}: merged\n"))?,
             Err(failure) => {
-                output::tell(&format!("whit: {image}: {failure}"));
+                output::emit(&format!("whit: {image}: {failure}"));
                 failed += 1;
             }
         }
@@ -95,7 +95,7 @@ pub(super) fn merge(args: &MergeArgs) -> Result<(), Failure> {
     match failed {
         0 => Ok(()),
         _ => Err(Failure::Work(format!(
-            "{failed} of {} frames could not be put together",
+            "{failed} of {} frames could not be merged",
             folders.len()
         ))),
     }
@@ -103,18 +103,18 @@ pub(super) fn merge(args: &MergeArgs) -> Result<(), Failure> {
 
 /// Merges a frame and adds it to the manifest; returns whether it did. Removes the pieces of a frame that is done
 /// already.
-fn merge_one(out: &Path, folder: &PieceFolder, manifest: &mut Manifest) -> Result<bool, Failure> {
+fn merge_one(out: &Path, folder: &ChunkDirectory, manifest: &mut Manifest) -> Result<bool, Failure> {
     let head = folder.head();
     if manifest.find(&head.image, head.key).is_some() {
         folder.remove();
         return Ok(false);
     }
     // Merge, then record the image in the manifest
-    match picture::merge(out, folder) {
+    match image_writer::merge(out, folder) {
         Ok(()) => {
-            let done = picture::done(out, head, f64::from(head.spp), [0.0; 2]);
-            let noted = done.and_then(|done| interrupt::finish_first(|| manifest.add(done)));
-            noted.map_err(|error| unnoted(&head.image, &error))?;
+            let done = image_writer::done(out, head, f64::from(head.spp), [0.0; 2]);
+            let noted = done.and_then(|done| interrupt::without_interruption(|| manifest.add(done)));
+            noted.map_err(|error| manifest_error(&head.image, &error))?;
             Ok(true)
         }
         // A process of the batch may have merged the frame meanwhile.
@@ -122,7 +122,7 @@ fn merge_one(out: &Path, folder: &PieceFolder, manifest: &mut Manifest) -> Resul
             Ok(false)
         }
         Err(error @ MergeError::Missing { .. }) => Err(Failure::Work(format!(
-            "{error}: make them with `whit batch --resume`, or remove {} if they are not wanted any more",
+            "{error}: render them with `whit batch --resume`, or remove {} if they are not needed any more",
             folder.folder().display()
         ))),
         Err(error) => Err(error.into()),
@@ -130,9 +130,9 @@ fn merge_one(out: &Path, folder: &PieceFolder, manifest: &mut Manifest) -> Resul
 }
 
 /// Returns the error for a complete image that could not be added to the manifest.
-fn unnoted(image: &Path, error: &io::Error) -> Failure {
+fn manifest_error(image: &Path, error: &io::Error) -> Failure {
     Failure::Work(format!(
-        "{} cannot be noted in the manifest: {error}",
+        "{} cannot be added to the manifest: {error}",
         image.display()
     ))
 }
@@ -140,11 +140,11 @@ fn unnoted(image: &Path, error: &io::Error) -> Failure {
 /// Opens the manifest; rejects an output folder with results of an earlier run, unless these are to be kept.
 fn manifest(args: &BatchArgs) -> Result<Manifest, Failure> {
     let out = args.out.display();
-    let unreadable = |error| Failure::Input(format!("{out} cannot be used: {error}"));
+    let unreadable = |error| Failure::Input(format!("cannot open the manifest in {out}: {error}"));
     if !args.resume && args.shard == Shard::ALL && !Manifest::read(&args.out).map_err(unreadable)?.is_empty()
     {
         return Err(Failure::Input(format!(
-            "{out} has results of an earlier run: give `--resume` to keep what is done, or another `--out`"
+            "{out} has results of an earlier run: give `--resume` to keep them, or another `--out`"
         )));
     }
     Manifest::open(&args.out, args.shard).map_err(unreadable)
@@ -154,21 +154,21 @@ fn manifest(args: &BatchArgs) -> Result<Manifest, Failure> {
 fn lock(args: &BatchArgs) -> Result<Option<Lock>, Failure> {
     let BatchArgs { out, shard, .. } = args;
     let name = format!(".whit-batch.{}-of-{}.lock", shard.number, shard.count);
-    match Lock::take(&out.join(name), &who()) {
+    match Lock::take(&out.join(name), &describe_process()) {
         Ok(lock) => Ok(Some(lock)),
         // On this machine, a batch without shards must not run twice
         Err(LockError::Held(holder))
             if *shard == Shard::ALL && holder.ends_with(&format!(" on {}", host())) =>
         {
             Err(Failure::Work(format!(
-                "{} is being made by another whit ({holder}): wait for it, or end it",
+                "another whit ({holder}) is rendering into {}: wait for it, or stop it",
                 out.display()
             )))
         }
         // The holder may be the leftover of a restarted task and may never end; two processes do no harm.
         Err(LockError::Held(holder)) => {
             progress(args).warn(&format!(
-                "another whit ({holder}) makes the same part: both go on, to the same bytes"
+                "another whit ({holder}) renders the same shard: both continue and write the same bytes"
             ));
             Ok(None)
         }
@@ -188,7 +188,7 @@ fn progress(args: &BatchArgs) -> Progress {
 }
 
 /// Returns the description of this process in locks and manifests.
-fn who() -> String {
+fn describe_process() -> String {
     format!("process {} on {}", std::process::id(), host())
 }
 
@@ -199,7 +199,7 @@ fn host() -> String {
 }
 
 /// Lowers the scheduling priority of this process.
-fn yield_to_others(nice: i32) {
+fn lower_priority(nice: i32) {
     #[cfg(target_os = "linux")]
     {
         // Lowering the priority is always permitted.

@@ -15,17 +15,17 @@ use crate::numeric::LANES;
 use crate::parallel;
 use crate::render::RenderSettings;
 use crate::report::bench::{BenchRow, BenchTable, Scaled, ScaledBuild, Spread};
-use crate::report::{bench_page, crossing, memory};
+use crate::report::{bench_page, crossover, memory};
 use crate::scene::{Camera, EffectSet, Scene};
 use crate::scene_file::{Output, SceneFile};
 
 use super::args::{BenchArgs, DEFAULT_BENCH_SPP};
 use super::failure::Failure;
 use super::interrupt;
-use super::job::{Tracing, check_instancing, choose_camera, settings, wish};
+use super::job::{Tracing, check_instancing, choose_camera, requested, settings};
 use super::output;
 use super::progress::{Progress, Verbosity};
-use super::replay::{Differences, RaySet, differences};
+use super::replay::{Differences, RayWorkload, differences};
 use super::scene;
 use structures::{Contestant, Structures};
 use times::{Frame, Seconds, Times};
@@ -33,7 +33,7 @@ use times::{Frame, Seconds, Times};
 /// Checked parameters of `whit bench` for all scenes.
 pub(super) struct BenchJob {
     /// Image settings of the command line; the scene may give those that are absent.
-    wish: Output,
+    requested: Output,
     pub(super) tracing: Tracing,
     pub(super) repeat: u32,
     /// Thread pools of the scaling measurement, fewest threads first; empty without `--scaling`.
@@ -51,9 +51,9 @@ impl BenchJob {
         };
         let pool = |threads| Tracing::of_threads(threads).pool();
         Ok(BenchJob {
-            wish: Output {
+            requested: Output {
                 spp: args.spp,
-                ..wish(&args.frame)
+                ..requested(&args.frame)
             },
             tracing,
             repeat: args.repeat,
@@ -63,17 +63,17 @@ impl BenchJob {
 
     /// Returns the render settings for a scene whose file gives the image settings `output`.
     pub(super) fn settings(&self, output: &Output) -> Result<RenderSettings, Failure> {
-        let mut picture = self.wish.or(output);
-        picture.spp = picture.spp.or(Some(DEFAULT_BENCH_SPP));
-        let settings = settings(&picture)?;
+        let mut requested = self.requested.or(output);
+        requested.spp = requested.spp.or(Some(DEFAULT_BENCH_SPP));
+        let settings = settings(&requested)?;
         let (width, height, spp) = (settings.width, settings.height, settings.spp);
         // All rays are recorded, so even the camera rays must fit into memory
         let packets = u64::from(width) * u64::from(height) * u64::from(spp) / LANES as u64;
         let needed = packets * size_of::<RayPacket>() as u64;
         if let Some(free) = memory::available_bytes().filter(|&free| needed > free) {
             return Err(Failure::Input(format!(
-                "the camera rays alone of {width}x{height} pixels with {spp} samples take {} of memory and {} are free: \
-                 give a smaller `--size` or `--spp`",
+                "the camera rays of {width}x{height} pixels with {spp} samples alone take {} of memory and {} are \
+                 free: give a smaller `--size` or `--spp`",
                 memory::in_words(needed),
                 memory::in_words(free)
             )));
@@ -96,14 +96,14 @@ fn thread_counts(most: usize) -> Vec<u32> {
 /// Measures all scenes or generated meshes of the arguments.
 pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     if args.extents {
-        return super::extents::run(args);
+        return super::bench_bounding_volumes::run(args);
     }
     // Check the output files and the flags before anything is measured
     for path in [&args.json, &args.html].into_iter().flatten() {
         check_writable(path)?;
     }
-    let asks_embree = args.tracing.isa.is_some() || args.tracing.instancing != Instancing::Auto;
-    if asks_embree && !cfg!(feature = "embree") {
+    let needs_embree = args.tracing.isa.is_some() || args.tracing.instancing != Instancing::Auto;
+    if needs_embree && !cfg!(feature = "embree") {
         return Err(AccelError::NoEmbree.into());
     }
     check_instancing(&args.tracing)?;
@@ -122,7 +122,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
     };
     let rows = measure_scenes(args, &subjects, bench_scene, reporter)?;
     if args.sweep {
-        output::print(&crossing::text(&rows))?;
+        output::print(&crossover::text(&rows))?;
     }
     Ok(())
 }
@@ -136,13 +136,13 @@ fn write(args: &BenchArgs, rows: &[BenchRow]) -> Result<(), Failure> {
         repeat: args.repeat,
         date: args.date.as_deref(),
     };
-    interrupt::finish_first(|| output::write_text(path, &bench_page::page(rows, &facts)))
+    interrupt::without_interruption(|| output::write_text(path, &bench_page::page(rows, &facts)))
 }
 
 /// Writes all rows as JSON if the arguments request it.
 pub(super) fn write_json(args: &BenchArgs, rows: &[impl Serialize]) -> Result<(), Failure> {
     match &args.json {
-        Some(path) => interrupt::finish_first(|| output::write_json(path, &rows)),
+        Some(path) => interrupt::without_interruption(|| output::write_json(path, &rows)),
         None => Ok(()),
     }
 }
@@ -281,7 +281,7 @@ fn rows(
     job: &BenchJob,
     path: &Path,
     contestants: &[Contestant],
-    sets: &[RaySet],
+    sets: &[RayWorkload],
     times: &Times,
     frame: &Frame,
 ) -> Result<Vec<BenchRow>, Failure> {
@@ -300,13 +300,13 @@ fn rows(
                 _ => differences(
                     frame.scene,
                     set,
-                    contestant.referee(contestants).engine,
+                    contestant.reference(contestants).engine,
                     contestant.engine,
                 ),
             };
             // Convert times to speeds
-            let speed = speed(set.ray_count, &replays.usual);
-            let build = Spread::of(&contestant.builds.usual);
+            let speed = speed(set.ray_count, &replays.base);
+            let build = Spread::of(&contestant.builds.base);
             rows.push(BenchRow {
                 scene: path.to_owned(),
                 triangles: frame.scene.triangle_count() as u64,
@@ -379,7 +379,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn threads_double_up_to_as_many_as_there_are() {
+    fn thread_counts_double_up_to_the_largest() {
         assert_eq!(thread_counts(1), [1]);
         assert_eq!(thread_counts(2), [1, 2]);
         assert_eq!(thread_counts(6), [1, 2, 4, 6]);
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn the_slowest_run_has_the_least_speed() {
+    fn slowest_run_has_the_lowest_speed() {
         // Four million rays in 1, 2 and 4 seconds give 4, 2 and 1 million rays per second.
         let spread = speed(4_000_000, &[2.0, 4.0, 1.0]);
         let (median, min, max) = (2.0, 1.0, 4.0);

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::image::check_writable;
-use crate::report::regress::{Changes, Measure, Verdict, measures};
+use crate::report::regression::{Changes, Measurement, Verdict, measures};
 
 use super::args::CompareStatsArgs;
 use super::failure::Failure;
@@ -24,14 +24,14 @@ pub(super) fn run(args: &CompareStatsArgs) -> Result<(), Failure> {
     let changes = Changes::new(&base, &new, args.max_regress);
     if changes.changes.is_empty() {
         return Err(Failure::Input(format!(
-            "{} and {} measure nothing in common: give two files of the same kind and scenes",
+            "{} and {} have no measurements in common: give two files of the same kind and of the same scenes",
             args.base.display(),
             args.new.display()
         )));
     }
     output::print(&changes.to_string())?;
     if let Some(path) = &args.json {
-        interrupt::finish_first(|| output::write_json(path, &changes))?;
+        interrupt::without_interruption(|| output::write_json(path, &changes))?;
     }
     // Regressions are failures
     match changes.count(Verdict::Regressed) {
@@ -43,11 +43,11 @@ pub(super) fn run(args: &CompareStatsArgs) -> Result<(), Failure> {
     }
 }
 
-fn read(path: &Path) -> Result<Vec<Measure>, Failure> {
+fn read(path: &Path) -> Result<Vec<Measurement>, Failure> {
     let unreadable = |error| Failure::Input(format!("cannot read {}: {error}", path.display()));
     if fs::metadata(path).map_err(unreadable)?.len() > MAX_BYTES {
         return Err(Failure::Input(format!(
-            "{} is too large for a file of measurements: give one of `whit bench --json` or `whit cost`",
+            "{} is too large for a file of measurements: give a file of `whit bench --json` or `whit cost`",
             path.display()
         )));
     }

@@ -7,22 +7,22 @@ use std::time::{Duration, Instant};
 
 use crate::accel::{AccelError, Backend};
 use crate::cost::{
-    Configuration, Experiment, Findings, Keep, Measured, SceneChange, Settings, SettingsFile, Target,
-    Unfinished,
+    Configuration, Experiment, Keep, Measured, SceneChange, Settings, SettingsFile, StudyCheckpoint,
+    StudyResult, Target,
 };
 use crate::image::metrics::{self, Viewing};
 use crate::image::{ImageFormat, ToneMap, check_writable, write, write_atomically};
 use crate::parallel;
 use crate::render::RenderSettings;
 use crate::report::cost::{CostText, points_csv};
-use crate::report::{cost_page, difference, memory};
+use crate::report::{cost_page, difference_image, memory};
 use crate::scene::EffectSet;
 use crate::scene_file::{Output, SceneFile};
 
-use super::aim;
 use super::args::CostArgs;
+use super::autotune;
+use super::callgrind;
 use super::failure::Failure;
-use super::instructions;
 use super::interrupt;
 use super::job::{Tracing, check_instancing, choose_camera, settings};
 use super::output;
@@ -44,12 +44,12 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
     }
     if backend == Backend::Brute {
         return Err(Failure::Input(
-            "brute force is too slow for a base: choose `--backend embree` or `--backend bsp`".into(),
+            "brute force is too slow for a study: choose `--backend embree` or `--backend bsp`".into(),
         ));
     }
     check_instancing(&args.tracing)?;
     if args.instructions {
-        instructions::check()?;
+        callgrind::check()?;
     }
     let folder = args.out.as_deref().map(Folder::new).transpose()?;
     let tracing = Tracing::new(&args.tracing);
@@ -58,12 +58,12 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
     let unfinished = match &folder {
         Some(folder) if args.resume => Some(folder.unfinished()?),
         Some(folder) => {
-            folder.begin_anew(&progress);
+            folder.warn_of_checkpoint(&progress);
             None
         }
         None => None,
     };
-    let spent = unfinished.as_ref().map_or(0.0, Unfinished::spent);
+    let spent = unfinished.as_ref().map_or(0.0, StudyCheckpoint::spent);
     let start = start.checked_sub(Duration::from_secs_f64(spent)).unwrap_or(start);
     // Measure
     let findings = parallel::install(&tracing.pool()?, || {
@@ -79,8 +79,8 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
     if let (Err(Failure::Interrupted), Some(folder)) = (&findings, &folder)
         && folder.unfinished.exists()
     {
-        output::tell(&format!(
-            "whit: {} keeps what was measured: `--resume` goes on with it",
+        output::emit(&format!(
+            "whit: the measurements so far are in {}: resume the study with `--resume`",
             folder.unfinished.display()
         ));
     }
@@ -94,7 +94,7 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
     }
     match &findings.study.choice {
         Some(choice) if !choice.reached => Err(Failure::Work(
-            "no settings were found that reach the target: the nearest are told above; give a larger `--budget` or \
+            "no settings were found that reach the target (the nearest are printed above): give a larger `--budget` or \
              another target"
                 .into(),
         )),
@@ -105,9 +105,9 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
 fn measure(
     args: &CostArgs,
     (tracing, backend, folder): (&Tracing, Backend, Option<&Folder>),
-    (start, unfinished): (Instant, Option<Unfinished>),
+    (start, unfinished): (Instant, Option<StudyCheckpoint>),
     progress: &Progress,
-) -> Result<(Findings, ToneMap), Failure> {
+) -> Result<(StudyResult, ToneMap), Failure> {
     let name = args.scene.display().to_string();
     // Load the scene
     progress.phase(&name, "load");
@@ -118,7 +118,7 @@ fn measure(
     let camera = choose_camera(&scene, &args.scene, args.camera.as_deref())?;
     let size = args.size.map(|size| [size.width, size.height]);
     check_memory(size)?;
-    let picture = Output {
+    let requested = Output {
         size: size.or(output.size),
         ..output
     };
@@ -133,7 +133,7 @@ fn measure(
             settings: RenderSettings {
                 spawn: args.leaving.spawn,
                 hit_points: args.leaving.hit_points,
-                ..settings(&picture)?
+                ..settings(&requested)?
             },
             path: tracing.path(backend),
             change: SceneChange::default(),
@@ -156,14 +156,15 @@ fn measure(
         let Some(folder) = folder else {
             return;
         };
-        let kept =
-            interrupt::finish_first(|| write_atomically(&folder.unfinished, |file| file.write_all(bytes)));
+        let kept = interrupt::without_interruption(|| {
+            write_atomically(&folder.unfinished, |file| file.write_all(bytes))
+        });
         // A checkpoint that cannot be written does not stop the study.
         if let Err(error) = kept {
-            progress.warn(&format!("what was measured so far cannot be kept: {error}"));
+            progress.warn(&format!("cannot save the measurements so far: {error}"));
         }
     };
-    let findings = aim::run(&experiment, progress, folder.map(|_| &keep as Keep<'_>));
+    let findings = autotune::run(&experiment, progress, folder.map(|_| &keep as Keep<'_>));
     let mut findings = findings.map_err(|failure| match (failure, folder) {
         (Failure::Input(words), Some(folder)) if args.resume => {
             Failure::Input(format!("{} {words}", folder.unfinished.display()))
@@ -172,7 +173,7 @@ fn measure(
     })?;
     // Count instructions if requested
     if args.instructions {
-        instructions::count(args, &mut findings, progress)?;
+        callgrind::count(args, &mut findings, progress)?;
     }
     Ok((findings, tone))
 }
@@ -185,7 +186,7 @@ fn check_memory(size: Option<[u32; 2]>) -> Result<(), Failure> {
     let needed = u64::from(width) * u64::from(height) * BYTES_A_PIXEL * MAX_CONFIGURATIONS;
     match memory::available_bytes().filter(|&free| needed > free) {
         Some(free) => Err(Failure::Input(format!(
-            "pictures of {width}x{height} pixels in all settings take {} of memory and {} are free: give a smaller \
+            "images of {width}x{height} pixels in all settings take {} of memory and {} are free: give a smaller \
              `--size`",
             memory::in_words(needed),
             memory::in_words(free)
@@ -209,25 +210,25 @@ struct Folder {
 
 impl Folder {
     /// Reads the checkpoint of an interrupted study.
-    fn unfinished(&self) -> Result<Unfinished, Failure> {
+    fn unfinished(&self) -> Result<StudyCheckpoint, Failure> {
         let path = self.unfinished.display();
         let bytes = match fs::read(&self.unfinished) {
             Ok(bytes) => bytes,
             Err(error) if error.kind() == ErrorKind::NotFound => {
                 return Err(Failure::Input(format!(
-                    "{path} is not there: nothing was interrupted, leave `--resume` out"
+                    "{path} does not exist: no study was interrupted, so leave out `--resume`"
                 )));
             }
             Err(error) => return Err(Failure::Input(format!("cannot read {path}: {error}"))),
         };
-        Unfinished::parse(&bytes).map_err(|words| Failure::Input(format!("{path} {words}")))
+        StudyCheckpoint::parse(&bytes).map_err(|words| Failure::Input(format!("{path} {words}")))
     }
 
     /// Warns that the folder has a checkpoint which the new study will replace.
-    fn begin_anew(&self, progress: &Progress) {
+    fn warn_of_checkpoint(&self, progress: &Progress) {
         if self.unfinished.exists() {
             progress.warn(&format!(
-                "{} keeps an interrupted study, which is begun anew: `--resume` would go on with it",
+                "{} has an interrupted study, which starts again from the beginning: give `--resume` to continue it",
                 self.unfinished.display()
             ));
         }
@@ -236,7 +237,7 @@ impl Folder {
     /// Creates the folder if necessary, and checks that the files of the report can be written.
     fn new(folder: &Path) -> Result<Folder, Failure> {
         fs::create_dir_all(folder).map_err(|error| {
-            Failure::Input(format!("cannot make the folder {}: {error}", folder.display()))
+            Failure::Input(format!("cannot create the folder {}: {error}", folder.display()))
         })?;
         let files = Folder {
             page: folder.join("report.html"),
@@ -262,19 +263,19 @@ impl Folder {
         Ok(files)
     }
 
-    fn write(&self, args: &CostArgs, findings: &Findings, tone: ToneMap) -> Result<(), Failure> {
-        let Findings {
+    fn write(&self, args: &CostArgs, findings: &StudyResult, tone: ToneMap) -> Result<(), Failure> {
+        let StudyResult {
             study,
             reference,
-            pictures,
+            images: renderings,
             configurations,
             chosen,
-            gauge: _,
+            patch_reference: _,
             embree,
         } = findings;
         // Write the numbers as JSON and CSV
-        interrupt::finish_first(|| output::write_json(&self.json, study))?;
-        interrupt::finish_first(|| output::write_text(&self.csv, &points_csv(study)))?;
+        interrupt::without_interruption(|| output::write_json(&self.json, study))?;
+        interrupt::without_interruption(|| output::write_text(&self.csv, &points_csv(study)))?;
         // Write the chosen settings, or those at the knee of the Pareto front
         let knee = study.knee();
         let (configuration, rmse, seconds) = match (chosen, &study.choice) {
@@ -295,10 +296,10 @@ impl Folder {
                 converged: study.reference.has_converged(),
             }),
         };
-        interrupt::finish_first(|| output::write_text(&self.settings, &settings.text()))?;
+        interrupt::without_interruption(|| output::write_text(&self.settings, &settings.text()))?;
         // Write the reference, and the differences of the base image from it
-        interrupt::finish_first(|| write(reference, &self.reference, ImageFormat::Exr, tone))?;
-        let base = &pictures[0];
+        interrupt::without_interruption(|| write(reference, &self.reference, ImageFormat::Exr, tone))?;
+        let base = &renderings[0];
         let viewing = Viewing {
             tone,
             ..Viewing::default()
@@ -315,25 +316,25 @@ impl Folder {
             tone,
             date: args.date.as_deref(),
         };
-        let pictures = cost_page::Pictures {
+        let compared_images = cost_page::ComparedImages {
             reference,
-            picture: base,
-            difference: &difference::signed(reference, base, tone.exposure_ev),
-            flip: &difference::heat(&flip, reference.width),
+            image: base,
+            difference: &difference_image::signed(reference, base, tone.exposure_ev),
+            flip: &difference_image::heat(&flip, reference.width),
         };
         for (image, path) in [
-            (pictures.difference, &self.difference),
-            (pictures.flip, &self.flip),
+            (compared_images.difference, &self.difference),
+            (compared_images.flip, &self.flip),
         ] {
-            interrupt::finish_first(|| write(image, path, ImageFormat::Png, ToneMap::default()))?;
+            interrupt::without_interruption(|| write(image, path, ImageFormat::Png, ToneMap::default()))?;
         }
         // Write the HTML page
-        let page = cost_page::page(study, &facts, &pictures).map_err(|error| {
+        let page = cost_page::page(study, &facts, &compared_images).map_err(|error| {
             Failure::Work(format!(
-                "could not put the pictures into {}: {error}",
+                "cannot encode the images of {}: {error}",
                 self.page.display()
             ))
         })?;
-        interrupt::finish_first(|| output::write_text(&self.page, &page))
+        interrupt::without_interruption(|| output::write_text(&self.page, &page))
     }
 }

@@ -84,20 +84,20 @@ pub(super) enum Event<'a> {
 }
 
 /// Switches standard error to JSON lines for the rest of the process.
-pub(super) fn speak_json() {
+pub(super) fn use_json() {
     JSON.store(true, Ordering::Relaxed);
 }
 
 /// Returns whether standard error consists of JSON lines.
-pub(super) fn are_spoken() -> bool {
+pub(super) fn is_json() -> bool {
     JSON.load(Ordering::Relaxed)
 }
 
 /// Prints an event as one line, which is flushed before the function returns.
-pub(super) fn tell(event: &Event) {
+pub(super) fn emit(event: &Event) {
     // Serialization cannot fail: all fields are strings, numbers and lists of strings.
     if let Ok(line) = serde_json::to_string(event) {
-        output::tell(&line);
+        output::emit(&line);
     }
 }
 
@@ -106,7 +106,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_event_is_one_line_that_says_what_it_is() {
+    fn event_is_one_json_line_with_its_kind() {
         let event = Event::Progress {
             scene: "a \"b\"\n.toml",
             image: "a.png",

@@ -33,7 +33,7 @@ pub(super) enum Failure {
     Interrupted,
     /// Error that has been reported already.
     #[error("failed")]
-    Told {
+    AlreadyReported {
         /// Exit code of the process.
         exit_code: i32,
     },
@@ -52,7 +52,7 @@ impl Failure {
             Failure::Input(_) => 2,
             Failure::Work(_) | Failure::Some { .. } => 1,
             Failure::Interrupted => 130,
-            Failure::Told { exit_code } => *exit_code,
+            Failure::AlreadyReported { exit_code } => *exit_code,
         }
     }
 
@@ -63,15 +63,15 @@ impl Failure {
                 // A reader that has closed the pipe is no error.
                 let _ = error.print();
             }
-            Failure::Usage(error) => output::tell(&usage_sentence(error)),
-            Failure::Told { .. } => {}
-            _ if events::are_spoken() => events::tell(&Event::Failed {
+            Failure::Usage(error) => output::emit(&usage_sentence(error)),
+            Failure::AlreadyReported { .. } => {}
+            _ if events::is_json() => events::emit(&Event::Failed {
                 scene: None,
                 image: None,
                 message: &self.to_string(),
                 exit_code: self.exit_code(),
             }),
-            _ => output::tell(&format!("whit: {self}")),
+            _ => output::emit(&format!("whit: {self}")),
         }
     }
 }

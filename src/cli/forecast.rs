@@ -10,11 +10,11 @@ use crate::report::forecast::Forecast;
 use crate::scene::Scene;
 use crate::scene_file::SceneFile;
 
-use super::args::{InfoArgs, WhenToForecast};
+use super::ablation::settings_of;
+use super::args::{ForecastMode, InfoArgs};
 use super::failure::Failure;
 use super::interrupt;
 use super::job::Tracing;
-use super::prices::settings_of;
 
 /// Largest number of triangles and objects for an automatic forecast: about a quarter of a second to build on two
 /// threads.
@@ -23,25 +23,25 @@ const MAX_PRIMITIVES: usize = 1_000_000;
 const MAX_TEXELS: usize = 16_000_000;
 
 /// Result of the probe, or the reason why there is none.
-pub(super) enum Told {
+pub(super) enum ForecastResult {
     Forecast(Box<Forecast>),
-    LeftOut(String),
+    Unavailable(String),
 }
 
 /// Probes the image that the scene file describes, from the scene's first camera.
-pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<Told, Failure> {
+pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<ForecastResult, Failure> {
     let scene = &loaded.scene;
     // Check whether a forecast is possible and wanted
     let Some(camera) = scene.cameras.first() else {
-        return Ok(Told::LeftOut("there is no camera".into()));
+        return Ok(ForecastResult::Unavailable("the scene has no camera".into()));
     };
     if let Some(reason) = reason_against(args.forecast, scene) {
-        return Ok(Told::LeftOut(reason));
+        return Ok(ForecastResult::Unavailable(reason));
     }
     // Build the acceleration structure with the requested backend
-    let backend = args.prices.backend.unwrap_or_default();
+    let backend = args.ablation.backend.unwrap_or_default();
     let settings = settings_of(args, &loaded.output)?;
-    let tracing = Tracing::of_threads(args.prices.threads);
+    let tracing = Tracing::of_threads(args.ablation.threads);
     let options = AccelOptions {
         threads: tracing.threads,
         ..AccelOptions::default()
@@ -50,7 +50,7 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<Told, Failure> 
         let accel = match accel::build(scene, backend, &options) {
             Ok(accel) => accel,
             // The rest of the information about the scene does not depend on the backend.
-            Err(error) => return Ok(Told::LeftOut(error.to_string())),
+            Err(error) => return Ok(ForecastResult::Unavailable(error.to_string())),
         };
         let monitor = Monitor {
             progress: &|_| {},
@@ -63,24 +63,24 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<Told, Failure> 
         };
         interrupt::check()?;
         let forecast = Forecast::of(&probe, &settings, backend);
-        Ok(Told::Forecast(Box::new(forecast)))
+        Ok(ForecastResult::Forecast(Box::new(forecast)))
     })
 }
 
 /// Returns the reason against a forecast, if there is one.
-fn reason_against(when: WhenToForecast, scene: &Scene) -> Option<String> {
+fn reason_against(when: ForecastMode, scene: &Scene) -> Option<String> {
     let primitives: usize = scene.geometries.iter().map(|g| g.primitive_count()).sum();
     let primitives = primitives + scene.instances.len();
     let texels: usize = scene.images.iter().map(|image| image.texels.len()).sum();
     match when {
-        WhenToForecast::Always => None,
-        WhenToForecast::Never => Some("not asked for".into()),
-        WhenToForecast::Auto if primitives > MAX_PRIMITIVES => Some(format!(
-            "{primitives} triangles and objects take long to make ready; `--forecast always` waits for them"
+        ForecastMode::Always => None,
+        ForecastMode::Never => Some("not requested".into()),
+        ForecastMode::Auto if primitives > MAX_PRIMITIVES => Some(format!(
+            "building a tree of {primitives} triangles and objects takes long; request it with `--forecast always`"
         )),
-        WhenToForecast::Auto if texels > MAX_TEXELS => Some(format!(
-            "{texels} texels take long to make ready; `--forecast always` waits for them"
+        ForecastMode::Auto if texels > MAX_TEXELS => Some(format!(
+            "preparing {texels} texels takes long; request it with `--forecast always`"
         )),
-        WhenToForecast::Auto => None,
+        ForecastMode::Auto => None,
     }
 }

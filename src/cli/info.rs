@@ -2,13 +2,13 @@
 
 use crate::report::info::SceneInfo;
 
+use super::ablation::AblationJob;
 use super::args::InfoArgs;
 use super::failure::Failure;
-use super::forecast::{self, Told};
-use super::prices::PriceJob;
+use super::forecast::{self, ForecastResult};
 use super::{output, scene};
 
-/// Prints the contents of the scene, with prices and a forecast if requested.
+/// Prints the contents of the scene, with costs and a forecast if requested.
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
     // Load the scene at the requested time
     let pose = args.moment.pose();
@@ -16,15 +16,15 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
         (&args.scene, &[], pose.as_ref()),
         args.effects.unwrap_or_default().removed,
     )?;
-    // Measure the prices of effects, or forecast their shares of the time
-    let prices = if args.prices.prices {
-        Some(PriceJob::new(args, &loaded.output)?.run(&loaded)?)
+    // Measure the costs of effects, or forecast their shares of the time
+    let prices = if args.ablation.prices {
+        Some(AblationJob::new(args, &loaded.output)?.run(&loaded)?)
     } else {
         None
     };
     let (forecast, no_forecast) = match forecast::run(args, &loaded)? {
-        Told::Forecast(forecast) => (Some(*forecast), None),
-        Told::LeftOut(reason) => (None, Some(reason)),
+        ForecastResult::Forecast(forecast) => (Some(*forecast), None),
+        ForecastResult::Unavailable(reason) => (None, Some(reason)),
     };
     // Collect the information about the scene
     let info = SceneInfo {
@@ -41,7 +41,7 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
     }
     let mut text = serde_json::to_string_pretty(&info).map_err(|error| {
         Failure::Work(format!(
-            "could not put the scene's description into JSON: {error}"
+            "cannot convert the summary of the scene to JSON: {error}"
         ))
     })?;
     text.push('\n');

@@ -19,14 +19,14 @@ static WRITERS: Mutex<usize> = Mutex::new(0);
 static NO_WRITERS: Condvar = Condvar::new();
 
 /// Time that a phase with its own cancellation gets to stop.
-const GRACE: Duration = Duration::from_millis(500);
+const CANCEL_TIMEOUT: Duration = Duration::from_millis(500);
 
 /// Installs the Ctrl-C handler for the rest of the process.
 pub(super) fn install() {
     // If the handler cannot be installed, Ctrl-C ends the process at once.
     let _ = ctrlc::set_handler(|| {
         CANCELLED.store(true, Ordering::Relaxed);
-        thread::sleep(GRACE);
+        thread::sleep(CANCEL_TIMEOUT);
         // The process is still running: some phase cannot be cancelled. It holds nothing but memory, unless it writes a
         // file. While this lock is held, no thread can start writing.
         let _none = NO_WRITERS
@@ -47,7 +47,7 @@ pub(super) fn check() -> Result<(), Failure> {
 }
 
 /// Runs `write` to completion even if Ctrl-C is pressed meanwhile.
-pub(super) fn finish_first<T>(write: impl FnOnce() -> T) -> T {
+pub(super) fn without_interruption<T>(write: impl FnOnce() -> T) -> T {
     let _writer = Writer::new();
     write()
 }
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whoever_writes_may_write_another_file_meanwhile() {
-        assert!(finish_first(|| finish_first(|| *writers())) >= 2);
+    fn writers_may_be_nested() {
+        assert!(without_interruption(|| without_interruption(|| *writers())) >= 2);
     }
 }

@@ -7,22 +7,22 @@ use std::path::{Path, PathBuf};
 
 use crate::accel::Backend;
 use crate::cost::{self, SceneChange, Settings, SettingsFile};
-use crate::gltf::Pose;
+use crate::gltf::AnimationTime;
 use crate::image::{ImageFormat, ToneMap, check_writable};
 use crate::numeric::SpawnPolicy;
-use crate::render::{Adaptive, FilterKind, HitPoint, LightLayers, Pattern, PixelFilter, RenderSettings};
+use crate::render::{Adaptive, FilterKind, HitPoint, LightAovs, Pattern, PixelFilter, RenderSettings};
 use crate::report::memory;
 use crate::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS};
 use crate::scene::{Camera, Effect, EffectOverrides, Scene};
 use crate::scene_file::Output;
 
+use super::accel_options::check_backend;
+pub(super) use super::accel_options::{Tracing, check_instancing, effective_precision};
 use super::args::{Aov, FrameArgs, RenderArgs};
-use super::encoding::Encoding;
 use super::failure::Failure;
+use super::image_format::Encoding;
 use super::progress::Verbosity;
 use super::scene;
-use super::tracing::check_backend;
-pub(super) use super::tracing::{Tracing, check_instancing, effective_precision};
 
 /// Checked command of `whit render`, for all its scenes.
 #[derive(Clone, Debug)]
@@ -30,8 +30,8 @@ pub(super) struct RenderJob {
     pub(super) targets: Vec<Target>,
     /// Encoding of the images in their files.
     pub(super) encoding: Encoding,
-    /// Image settings of the command line; the scene may give those that are absent: see [`RenderJob::shot`].
-    wish: Output,
+    /// Image settings of the command line; the scene may give those that are absent: see [`RenderJob::resolved`].
+    requested: Output,
     /// Target standard error of pixels for adaptive sampling; absent for a fixed number of samples.
     adaptive: Option<f64>,
     pub(super) effects: EffectOverrides,
@@ -42,7 +42,7 @@ pub(super) struct RenderJob {
     pub(super) tracing: Tracing,
     pub(super) camera: Option<String>,
     /// Animation and time at which the scene is posed; absent for a scene at rest.
-    pub(super) pose: Option<Pose>,
+    pub(super) pose: Option<AnimationTime>,
     pub(super) ambient: Option<[f32; 3]>,
     /// Changes of every scene: glossy rays, samples of area lights, steps through volumes.
     pub(super) change: SceneChange,
@@ -54,8 +54,8 @@ pub(super) struct RenderJob {
     hit_points: HitPoint,
     pub(super) seed: u32,
     /// Target of the search for settings, if there is one.
-    pub(super) aim: Option<Aim>,
-    pub(super) stats: Option<StatsTo>,
+    pub(super) aim: Option<SettingsSearch>,
+    pub(super) stats: Option<StatsDestination>,
     pub(super) verbosity: Verbosity,
 }
 
@@ -69,21 +69,21 @@ pub(super) struct Target {
 
 /// Search for settings before the image is rendered.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Aim {
+pub(super) struct SettingsSearch {
     /// Error or time that the settings must reach.
     pub(super) target: cost::Target,
     /// Seconds that the search may take.
     pub(super) seconds: f64,
 }
 
-impl Aim {
-    fn of(args: &RenderArgs) -> Option<Aim> {
+impl SettingsSearch {
+    fn of(args: &RenderArgs) -> Option<SettingsSearch> {
         let target = match (args.error, args.max_time) {
             (Some(most), _) => cost::Target::Error(most),
             (None, Some(most)) => cost::Target::Seconds(most),
             (None, None) => return None,
         };
-        Some(Aim {
+        Some(SettingsSearch {
             target,
             seconds: args.pilot,
         })
@@ -92,27 +92,27 @@ impl Aim {
 
 /// Destination of the render statistics.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum StatsTo {
+pub(super) enum StatsDestination {
     /// JSON file at this path.
     File(PathBuf),
     /// Table on standard output.
-    Screen,
+    Stdout,
 }
 
-impl StatsTo {
+impl StatsDestination {
     /// Returns the destination for a path on the command line, where a dash is standard output.
-    fn of(path: &Path) -> StatsTo {
+    fn of(path: &Path) -> StatsDestination {
         if path == Path::new("-") {
-            StatsTo::Screen
+            StatsDestination::Stdout
         } else {
-            StatsTo::File(path.to_owned())
+            StatsDestination::File(path.to_owned())
         }
     }
 
     fn file(&self) -> Option<&Path> {
         match self {
-            StatsTo::File(path) => Some(path),
-            StatsTo::Screen => None,
+            StatsDestination::File(path) => Some(path),
+            StatsDestination::Stdout => None,
         }
     }
 }
@@ -132,18 +132,18 @@ impl RenderJob {
         // Resolve the image paths and check that their formats hold what is requested
         let targets = targets(args)?;
         let encoding = Encoding::new(&args.encoding, targets.iter().map(|target| target.format))?;
-        let stats = args.stats.as_deref().map(StatsTo::of);
+        let stats = args.stats.as_deref().map(StatsDestination::of);
         let aovs = args.sampling.aov.clone();
         if !aovs.is_empty() && targets.iter().any(|target| target.format != ImageFormat::Exr) {
             return Err(Failure::Input(
-                "`--aov` adds channels to EXR images, which a PNG has no room for: write an .exr".into(),
+                "`--aov` adds channels that a PNG cannot store: write an .exr".into(),
             ));
         }
         if let Some(path) = args.heat.as_deref()
             && ImageFormat::of_path(path) != Some(ImageFormat::Png)
         {
             return Err(Failure::Input(format!(
-                "a heat map is a PNG: end the name {} in .png",
+                "a heat map is a PNG: change the file name {} to end in .png",
                 path.display()
             )));
         }
@@ -151,22 +151,22 @@ impl RenderJob {
         for path in targets
             .iter()
             .map(|t| t.image.as_path())
-            .chain(stats.as_ref().and_then(StatsTo::file))
+            .chain(stats.as_ref().and_then(StatsDestination::file))
             .chain(args.heat.as_deref())
         {
             check_writable(path)?;
         }
-        let aim = Aim::of(args);
+        let aim = SettingsSearch::of(args);
         if aim.is_some() && backend == Backend::Brute {
             return Err(Failure::Input(
-                "brute force is too slow to look for settings by: choose `--backend embree` or `--backend bsp`".into(),
+                "brute force is too slow to search for settings: choose `--backend embree` or `--backend bsp`".into(),
             ));
         }
         // Collect the flags into the job
         let mut job = RenderJob {
             targets,
             encoding,
-            wish: Output {
+            requested: Output {
                 spp: args.sampling.spp,
                 pattern: args.sampling.pattern,
                 filter: args.sampling.filter,
@@ -174,7 +174,7 @@ impl RenderJob {
                 exposure: args.exposure,
                 depth: args.frame.depth,
                 wavelengths: args.frame.wavelengths,
-                ..wish(&args.frame)
+                ..requested(&args.frame)
             },
             adaptive: args.sampling.adaptive,
             effects: args.effects.unwrap_or_default(),
@@ -205,17 +205,17 @@ impl RenderJob {
         if let Some(chosen) = chosen {
             job = job.with(&chosen);
         }
-        job.check_wish()?;
+        job.check_requested()?;
         Ok(job)
     }
 
     /// Returns this job with the given settings in place of its own.
     pub(super) fn with(&self, chosen: &Settings) -> RenderJob {
         let mut job = self.clone();
-        job.wish.spp = chosen.spp.or(job.wish.spp);
-        job.wish.pattern = chosen.pattern.or(job.wish.pattern);
-        job.wish.depth = chosen.depth.or(job.wish.depth);
-        job.wish.wavelengths = chosen.wavelengths.or(job.wish.wavelengths);
+        job.requested.spp = chosen.spp.or(job.requested.spp);
+        job.requested.pattern = chosen.pattern.or(job.requested.pattern);
+        job.requested.depth = chosen.depth.or(job.requested.depth);
+        job.requested.wavelengths = chosen.wavelengths.or(job.requested.wavelengths);
         job.adaptive = chosen.adaptive;
         if chosen.texture_filter == Some(false) {
             job.effects.removed = job.effects.removed.with(Effect::TextureFilter);
@@ -237,50 +237,50 @@ impl RenderJob {
     }
 
     /// Returns whether any requested channels are not sums over samples.
-    pub(super) fn has_layers(&self) -> bool {
+    pub(super) fn has_first_hit_aovs(&self) -> bool {
         self.aovs.iter().any(|aov| *aov != Aov::Samples)
     }
 
     /// Returns whether the image must be rendered in one piece: pixels depend on each other, or on the time of
     /// rendering.
-    pub(super) fn is_one(&self) -> bool {
-        self.adaptive.is_some() || self.has_costs()
+    pub(super) fn must_render_at_once(&self) -> bool {
+        self.adaptive.is_some() || self.records_costs()
     }
 
     /// Returns whether the cost of each pixel is recorded.
-    fn has_costs(&self) -> bool {
+    fn records_costs(&self) -> bool {
         let is_cost = |aov: &Aov| matches!(aov, Aov::Rays | Aov::Time);
         self.heat.is_some() || self.aovs.iter().any(is_cost)
     }
 
     /// Checks the settings of the command line for errors that no scene file can resolve.
-    fn check_wish(&self) -> Result<(), Failure> {
+    fn check_requested(&self) -> Result<(), Failure> {
         let scene_may_filter = self
             .targets
             .iter()
             .any(|target| scene::is_scene_file(&target.scene));
         // A filter radius without a filter is valid if the scene file names a filter that has one
-        if self.wish.filter.is_none() && self.wish.filter_radius.is_some() && scene_may_filter {
+        if self.requested.filter.is_none() && self.requested.filter_radius.is_some() && scene_may_filter {
             return Ok(());
         }
-        self.shot(&Output::default()).map(|_| ())
+        self.resolved(&Output::default()).map(|_| ())
     }
 }
 
 /// Render settings and tone mapping of one scene: those of the command line, else those of the scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Shot {
+pub(super) struct ResolvedSettings {
     pub(super) settings: RenderSettings,
     pub(super) tone: ToneMap,
 }
 
 impl RenderJob {
     /// Returns the settings for a scene whose file gives the image settings `output`.
-    pub(super) fn shot(&self, output: &Output) -> Result<Shot, Failure> {
+    pub(super) fn resolved(&self, output: &Output) -> Result<ResolvedSettings, Failure> {
         // The command line takes precedence over the scene
-        let picture = self.wish.or(output);
-        let exposure_ev = picture.exposure.unwrap_or(0.0);
-        let cost_aovs = self.has_costs();
+        let requested = self.requested.or(output);
+        let exposure_ev = requested.exposure.unwrap_or(0.0);
+        let cost_aovs = self.records_costs();
         let settings = RenderSettings {
             adaptive: self.adaptive.map(|error| Adaptive {
                 error,
@@ -288,7 +288,7 @@ impl RenderJob {
             }),
             sample_aovs: self.aovs.contains(&Aov::Samples),
             layers: self.aovs.iter().filter_map(|aov| aov.layers()).collect(),
-            light_layers: LightLayers {
+            light_layers: LightAovs {
                 lights: self.aovs.contains(&Aov::Lights),
                 effects: self.aovs.contains(&Aov::Effects),
             },
@@ -298,9 +298,9 @@ impl RenderJob {
             spawn: self.spawn,
             hit_points: self.hit_points,
             ledger: self.stats.is_some() || cost_aovs,
-            ..settings(&picture)?
+            ..settings(&requested)?
         };
-        // Replace the cut-off only where the job has one
+        // Replace the cutoff only where the job has one
         let settings = RenderSettings {
             weight_cutoff: self.cutoff.unwrap_or(settings.weight_cutoff),
             ..settings
@@ -311,7 +311,7 @@ impl RenderJob {
         check_light_layers(&settings)?;
         // The number of lights is unknown here, so the check counts none.
         check_memory(&settings, 0)?;
-        Ok(Shot {
+        Ok(ResolvedSettings {
             settings,
             tone: ToneMap { exposure_ev },
         })
@@ -323,19 +323,19 @@ fn check_adaptive(settings: &RenderSettings) -> Result<(), Failure> {
     let refuse = |words: &str| Err(Failure::Input(words.into()));
     if settings.filter.kind != FilterKind::Box {
         return refuse(
-            "`--adaptive` gives neighbouring pixels unequal numbers of samples, which a filter cannot share: leave out \
-             `--filter`, or give `--filter box` where the scene file has another",
+            "`--adaptive` gives pixels different numbers of samples, which only the box filter supports: leave out \
+             `--filter`, or give `--filter box` if the scene file has another",
         );
     }
     if !(settings.layers.is_empty() && settings.light_layers.is_empty()) {
         return refuse(
-            "`--adaptive` tells nothing of what camera rays meet or whose light it is: give `--aov` only `samples`, `rays` and `time`, or leave out \
-             `--adaptive`",
+            "`--adaptive` supports only the channels `samples`, `rays` and `time`: give `--aov` only these, or leave \
+             out `--adaptive`",
         );
     }
     if settings.pattern == Pattern::Regular {
         return refuse(
-            "a regular pattern has the same samples in every round of `--adaptive`: choose another `--pattern`",
+            "a regular pattern repeats the same samples in every round of `--adaptive`: choose another `--pattern`",
         );
     }
     Ok(())
@@ -347,8 +347,8 @@ fn check_light_layers(settings: &RenderSettings) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::Input(
-        "`--aov lights` and `--aov effects` are not filtered and would not add up to the picture: leave out `--filter`, or \
-         give `--filter box` where the scene file has another"
+        "`--aov lights` and `--aov effects` are not filtered and would not add up to the image: leave out `--filter`, \
+         or give `--filter box` if the scene file has another"
             .into(),
     ))
 }
@@ -366,12 +366,12 @@ fn targets(args: &RenderArgs) -> Result<Vec<Target>, Failure> {
         (Some(image), _) => {
             let [scene] = &args.scenes[..] else {
                 return Err(Failure::Input(
-                    "`-o` names one image: give one scene, or a folder with `--out`".into(),
+                    "`-o` names a single image: give a single scene, or a folder with `--out`".into(),
                 ));
             };
             let format = ImageFormat::of_path(image).ok_or_else(|| {
                 Failure::Input(format!(
-                    "cannot tell the kind of image from the name {}: end it in .png or .exr",
+                    "the file name {} has no known image format: give a name that ends in .png or .exr",
                     image.display()
                 ))
             })?;
@@ -384,7 +384,7 @@ fn targets(args: &RenderArgs) -> Result<Vec<Target>, Failure> {
         (None, Some(folder)) => targets_in(folder, &args.scenes, args.format.unwrap_or_default()),
         // clap requires one of the two flags, so this case does not occur.
         (None, None) => Err(Failure::Input(
-            "name an image with `-o` or a folder with `--out`".into(),
+            "give an image with `-o` or a folder with `--out`".into(),
         )),
     }
 }
@@ -392,7 +392,7 @@ fn targets(args: &RenderArgs) -> Result<Vec<Target>, Failure> {
 fn targets_in(folder: &Path, scenes: &[PathBuf], format: ImageFormat) -> Result<Vec<Target>, Failure> {
     if !folder.is_dir() {
         return Err(Failure::Input(format!(
-            "there is no folder {}: make it first",
+            "there is no folder {}: create it first",
             folder.display()
         )));
     }
@@ -402,7 +402,7 @@ fn targets_in(folder: &Path, scenes: &[PathBuf], format: ImageFormat) -> Result<
     for scene in scenes {
         let Some(stem) = scene.file_stem() else {
             return Err(Failure::Input(format!(
-                "{} is no scene file: name a file",
+                "{} is no scene file: give the path of a file",
                 scene.display()
             )));
         };
@@ -412,7 +412,7 @@ fn targets_in(folder: &Path, scenes: &[PathBuf], format: ImageFormat) -> Result<
         // Two scenes of the same file name would overwrite each other's image
         if let Some(other) = taken.insert(image.clone(), scene) {
             return Err(Failure::Input(format!(
-                "{} and {} would both become {}: render them into different folders",
+                "{} and {} would both be written to {}: render them into different folders",
                 other.display(),
                 scene.display(),
                 image.display()
@@ -428,7 +428,7 @@ fn targets_in(folder: &Path, scenes: &[PathBuf], format: ImageFormat) -> Result<
 }
 
 /// Returns the image settings that flags give for every kind of render.
-pub(super) fn wish(frame: &FrameArgs) -> Output {
+pub(super) fn requested(frame: &FrameArgs) -> Output {
     Output {
         size: frame.size.map(|size| [size.width, size.height]),
         depth: frame.depth,
@@ -438,29 +438,30 @@ pub(super) fn wish(frame: &FrameArgs) -> Output {
 }
 
 /// Returns the render settings for an image, with defaults for what is absent; rejects images larger than the memory.
-pub(super) fn settings(picture: &Output) -> Result<RenderSettings, Failure> {
+pub(super) fn settings(output: &Output) -> Result<RenderSettings, Failure> {
     // Fill in the defaults
-    let [width, height] = picture.size.unwrap_or(DEFAULT_SIZE);
+    let [width, height] = output.size.unwrap_or(DEFAULT_SIZE);
     let settings = RenderSettings {
         width,
         height,
-        spp: picture.spp.unwrap_or(DEFAULT_SPP),
-        pattern: picture.pattern.unwrap_or_default(),
-        filter: filter(picture)?,
-        depth: picture.depth.unwrap_or(DEFAULT_DEPTH),
-        wavelengths: picture.wavelengths.unwrap_or(DEFAULT_WAVELENGTHS),
+        spp: output.spp.unwrap_or(DEFAULT_SPP),
+        pattern: output.pattern.unwrap_or_default(),
+        filter: filter(output)?,
+        depth: output.depth.unwrap_or(DEFAULT_DEPTH),
+        wavelengths: output.wavelengths.unwrap_or(DEFAULT_WAVELENGTHS),
         ..RenderSettings::default()
     };
     check_memory(&settings, 0)?;
     Ok(settings)
 }
 
-fn filter(picture: &Output) -> Result<PixelFilter, Failure> {
-    let usual = PixelFilter::of_kind(picture.filter.unwrap_or_default());
-    match picture.filter_radius {
+fn filter(output: &Output) -> Result<PixelFilter, Failure> {
+    let usual = PixelFilter::of_kind(output.filter.unwrap_or_default());
+    match output.filter_radius {
         None => Ok(usual),
         Some(_) if usual.kind == FilterKind::Box => Err(Failure::Input(
-            "a box filter is always the pixel itself: leave out `--filter-radius` or choose another `--filter`".into(),
+            "a box filter always covers one pixel: leave out `--filter-radius` or choose another `--filter`"
+                .into(),
         )),
         Some(radius) => Ok(PixelFilter { radius, ..usual }),
     }
@@ -486,16 +487,16 @@ pub(super) fn check_memory(settings: &RenderSettings, light_count: usize) -> Res
 pub(super) fn choose_camera<'s>(
     scene: &'s Scene,
     path: &Path,
-    wish: Option<&str>,
+    requested: Option<&str>,
 ) -> Result<&'s Camera, Failure> {
     // Search by name first: a name may look like an index
     let cameras = &scene.cameras;
-    let found = match wish {
+    let found = match requested {
         None => cameras.first(),
-        Some(wish) => cameras
+        Some(requested) => cameras
             .iter()
-            .find(|camera| camera.name == wish)
-            .or_else(|| cameras.get(wish.parse::<usize>().ok()?)),
+            .find(|camera| camera.name == requested)
+            .or_else(|| cameras.get(requested.parse::<usize>().ok()?)),
     };
     // List the cameras in the error message
     found.ok_or_else(|| {
@@ -507,7 +508,7 @@ pub(super) fn choose_camera<'s>(
         Failure::Input(format!(
             "{} has no camera `{}`: it has {}",
             path.display(),
-            wish.unwrap_or_default(),
+            requested.unwrap_or_default(),
             if known.is_empty() {
                 "none".into()
             } else {
@@ -544,9 +545,9 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_is_found_by_name_before_number() {
+    fn camera_is_found_by_name_before_number() {
         let scene = scene_with_cameras(&["front", "2", "top"]);
-        let name = |wish| choose_camera(&scene, Path::new("a.glb"), wish).map(|c| c.name.clone());
+        let name = |requested| choose_camera(&scene, Path::new("a.glb"), requested).map(|c| c.name.clone());
         assert_eq!(name(None).unwrap(), "front");
         assert_eq!(name(Some("top")).unwrap(), "top");
         assert_eq!(name(Some("2")).unwrap(), "2");
@@ -558,7 +559,7 @@ mod tests {
     }
 
     #[test]
-    fn two_scenes_of_one_name_are_refused_before_either_is_rendered() {
+    fn two_scenes_with_the_same_image_name_are_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let scenes = ["a/x.glb".into(), "b/x.gltf".into()];
         let error = targets_in(folder.path(), &scenes, ImageFormat::Png).unwrap_err();
@@ -566,7 +567,7 @@ mod tests {
         assert!(
             error
                 .to_string()
-                .contains("a/x.glb and b/x.gltf would both become")
+                .contains("a/x.glb and b/x.gltf would both be written to")
         );
         let named = targets_in(folder.path(), &scenes[..1], ImageFormat::Exr).unwrap();
         assert_eq!(named[0].image, folder.path().join("x.exr"));

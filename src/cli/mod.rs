@@ -3,35 +3,35 @@
 //! Results go to standard output, everything else to standard error. Exit codes: 0 done; 1 a render or check failed; 2
 //! bad usage or bad input; 130 interrupted.
 
-mod aim;
+mod ablation;
+mod accel_options;
+mod aov;
 mod args;
-mod asked_again;
+mod autotune;
 mod batch;
 mod bench;
-mod channels;
+mod bench_bounding_volumes;
+mod callgrind;
 mod compare;
 mod compare_stats;
 mod cost;
-mod encoding;
+mod cross_check;
 mod events;
-mod extents;
 mod failure;
 mod forecast;
+mod image_format;
 mod info;
-mod instructions;
 mod interrupt;
 mod job;
-mod live;
-mod notes;
+mod metadata;
 mod output;
-mod own;
-mod prices;
+mod preview;
 mod progress;
 mod render;
 mod replay;
 mod scene;
-mod tracing;
 mod verify;
+mod verify_replay;
 
 use clap::Parser;
 

@@ -13,15 +13,15 @@ use super::failure::Failure;
 pub(super) fn print(text: &str) -> Result<(), Failure> {
     let mut stdout = io::stdout().lock();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Failure::Work(format!(
-            "could not write to standard output: {error}"
-        ))),
+        Err(error) if error.kind() != ErrorKind::BrokenPipe => {
+            Err(Failure::Work(format!("cannot write to standard output: {error}")))
+        }
         _ => Ok(()),
     }
 }
 
 /// Prints a line on standard error.
-pub(super) fn tell(line: &str) {
+pub(super) fn emit(line: &str) {
     // An error of standard error cannot be reported anywhere.
     let _ = writeln!(io::stderr().lock(), "{line}");
 }

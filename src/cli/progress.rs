@@ -57,7 +57,7 @@ impl Progress {
     /// Returns a progress display of the given kind; when quiet it shows nothing but failures.
     pub(super) fn of_kind(kind: ProgressKind, verbosity: Verbosity) -> Progress {
         if kind == ProgressKind::Json {
-            events::speak_json();
+            events::use_json();
         }
         // Hide the bar when quiet or when another kind of progress is requested
         let target = match (verbosity, kind) {
@@ -70,10 +70,10 @@ impl Progress {
         {
             bar.set_style(style);
         }
-        let speaks = kind == ProgressKind::Json && verbosity == Verbosity::Normal;
+        let writes_json = kind == ProgressKind::Json && verbosity == Verbosity::Normal;
         Progress {
             bar,
-            lines: speaks.then(Lines::default),
+            lines: writes_json.then(Lines::default),
             verbosity,
         }
     }
@@ -101,7 +101,7 @@ impl Progress {
     }
 
     /// Displays the current activity within the phase.
-    pub(super) fn say(&self, what: &str) {
+    pub(super) fn show_activity(&self, what: &str) {
         self.bar.set_message(what.to_owned());
     }
 
@@ -119,10 +119,10 @@ impl Progress {
             return;
         }
         match &self.lines {
-            Some(_) => events::tell(&Event::Warning { message: warning }),
+            Some(_) => events::emit(&Event::Warning { message: warning }),
             None => self
                 .bar
-                .suspend(|| output::tell(&format!("whit: warning: {warning}"))),
+                .suspend(|| output::emit(&format!("whit: warning: {warning}"))),
         }
     }
 
@@ -141,9 +141,9 @@ impl Progress {
         }
     }
 
-    /// Runs `speak` while the bar is hidden, so that its output does not mix with the bar.
-    pub(super) fn suspend<T>(&self, speak: impl FnOnce() -> T) -> T {
-        self.bar.suspend(speak)
+    /// Runs `callback` while the bar is hidden, so that its output does not mix with the bar.
+    pub(super) fn suspend<T>(&self, callback: impl FnOnce() -> T) -> T {
+        self.bar.suspend(callback)
     }
 
     /// Removes the bar from the terminal.

@@ -4,10 +4,10 @@ use std::mem;
 use std::path::Path;
 use std::time::Instant;
 
-use crate::accel::extents::{ExtentKind, ListLimits, ProjectedAccel};
+use crate::accel::extents::{BoundingVolumeKind, ListLimits, TileCulledAccel};
 use crate::accel::{self, Accel, AccelOptions, Backend};
-use crate::cost::{Findings, Settings};
-use crate::gltf::Pose;
+use crate::cost::{Settings, StudyResult};
+use crate::gltf::AnimationTime;
 use crate::image::{self, Attribute, ImageChannel, ImageFormat, PngEncoding, ToneMap};
 use crate::parallel;
 use crate::render::{self, FinishedTile, Monitor, RenderSettings, Rendering};
@@ -16,20 +16,22 @@ use crate::report::stats::{
     AccelStats, CutoffStats, ImageStats, LedgerStats, PhaseSeconds, RayCounts, RenderStats, SceneStats,
     effect_stats,
 };
-use crate::report::{heat, memory, table};
+use crate::report::{heat_map, memory, table};
 use crate::scene::{Background, Camera, ImageCache, Scene};
 use crate::scene_file::{Edit, Output, SceneFile};
 use crate::watch::TevViewer;
 
-use super::aim;
+use super::aov;
 use super::args::RenderArgs;
-use super::channels;
+use super::autotune;
 use super::failure::Failure;
 use super::interrupt;
-use super::job::{RenderJob, Shot, StatsTo, Target, check_memory, choose_camera, effective_precision};
-use super::live::{self, Live};
-use super::notes::Notes;
+use super::job::{
+    RenderJob, ResolvedSettings, StatsDestination, Target, check_memory, choose_camera, effective_precision,
+};
+use super::metadata::Notes;
 use super::output;
+use super::preview::{self, Live};
 use super::progress::{Progress, Verbosity};
 use super::scene;
 
@@ -39,7 +41,7 @@ const SAMPLES_PER_OBJECT: f64 = 32.0;
 
 /// Ratio of actual to requested spacing of irradiance samples from which on a warning is printed; smaller ratios are
 /// invisible.
-const COARSE: f64 = 1.25;
+const COARSENESS_WARNING: f64 = 1.25;
 
 /// Renders all scenes of the arguments.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
@@ -51,7 +53,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let progress = Progress::of_kind(args.watching.progress, verbosity);
     let job = RenderJob::new(args)?;
     let pool = job.tracing.pool()?;
-    let viewer = live::connect(args.watching.tev.as_deref())?;
+    let viewer = preview::connect(args.watching.tev.as_deref())?;
     let mut finished = Vec::with_capacity(job.targets.len());
     let mut failed = 0;
     // Render each scene and check its image; one failure does not stop the others
@@ -65,14 +67,14 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
             write_stats(&job, &finished, &progress)?;
             verdict.map(|()| seconds)
         });
-        live::warn_if_gone(viewer.as_ref(), &progress);
+        preview::warn_if_gone(viewer.as_ref(), &progress);
         // With a single scene, its failure is that of the program
         match result {
             Ok(seconds) => progress.done(seconds),
             Err(failure) if job.targets.len() == 1 || matches!(failure, Failure::Interrupted) => {
                 progress.clear();
                 progress.failed(&failure);
-                return Err(Failure::Told {
+                return Err(Failure::AlreadyReported {
                     exit_code: failure.exit_code(),
                 });
             }
@@ -82,7 +84,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
             }
         }
     }
-    live::finish(viewer, &progress);
+    preview::finish(viewer, &progress);
     progress.clear();
     match failed {
         0 => Ok(()),
@@ -128,8 +130,8 @@ fn render_one(
     // Search for settings if the job has a target
     let aimed = aim(job, target, (&mut scene, &output), progress)?;
     let job = aimed.as_ref().map_or(job, |(job, _)| job);
-    let shot = job.shot(&output)?;
-    check_memory(&shot.settings, scene.lights.len())?;
+    let resolved = job.resolved(&output)?;
+    check_memory(&resolved.settings, scene.lights.len())?;
     let camera = choose_camera(&scene, &target.scene, job.camera.as_deref())?;
 
     // Build the acceleration structure
@@ -140,13 +142,13 @@ fn render_one(
     // Render, with screen bounds where they pay, and show tiles in the viewer
     progress.phase(&name, "render");
     let (rendering, render_seconds) = timed(|| {
-        let projected = project(job, &shot, (&scene, camera), &*accel);
+        let projected = project(job, &resolved, (&scene, camera), &*accel);
         let accel = projected
             .as_ref()
             .map_or(&*accel, |projected| projected as &dyn Accel);
-        let size = [shot.settings.width, shot.settings.height];
+        let size = [resolved.settings.width, resolved.settings.height];
         let live = viewer.map(|viewer| Live::begin(viewer, &image_name, size));
-        trace(&shot.settings, (&scene, camera), accel, (progress, live))
+        trace(&resolved.settings, (&scene, camera), accel, (progress, live))
     })?;
     seconds.render = render_seconds;
     seconds.trace = rendering.ledger.trace_seconds();
@@ -155,26 +157,34 @@ fn render_one(
     for decision in rendering.plan.overridden() {
         progress.warn(&format!("{name}: {decision}"));
     }
-    if let Some(bodies) = rendering.subsurface.filter(|bodies| bodies.coarseness > COARSE) {
+    if let Some(subsurface) = rendering
+        .subsurface
+        .filter(|subsurface| subsurface.coarseness > COARSENESS_WARNING)
+    {
         progress.warn(&format!(
-            "{name}: light within bodies is blurred over {:.1} times the distance that they ask for, as {} points are \
-             all that there may be: make bodies smaller or their `scale` larger for finer ones",
-            bodies.coarseness, bodies.samples
+            "{name}: subsurface light is blurred over {:.1} times the requested distance, as {} samples are the \
+             maximum: make the objects smaller or their `scale` larger for finer samples",
+            subsurface.coarseness, subsurface.samples
         ));
     }
 
     // Write the image and the heat map
     let (heat, write_seconds) = timed(|| {
         let embree = accel.report().embree;
-        let notes = Notes::of((job, &shot), (&scene, camera), embree.as_ref(), &rendering.plan);
-        write_image((job, &shot), target, &rendering, &notes.list())?;
+        let notes = Notes::of(
+            (job, &resolved),
+            (&scene, camera),
+            embree.as_ref(),
+            &rendering.plan,
+        );
+        write_image((job, &resolved), target, &rendering, &notes.list())?;
         write_heat(job, &rendering)
     })?;
     seconds.write = write_seconds;
     seconds.total = start.elapsed().as_secs_f64();
-    say_finished(job, target, (&rendering, seconds.total), progress)?;
+    print_finished(job, target, (&rendering, seconds.total), progress)?;
     let reached = match &aimed {
-        Some((_, findings)) => say_aimed(job, findings, (&rendering, seconds.render), progress)?,
+        Some((_, findings)) => print_tuning(job, findings, (&rendering, seconds.render), progress)?,
         None => true,
     };
     if let Some(line) = heat.filter(|_| job.verbosity != Verbosity::Quiet) {
@@ -182,7 +192,7 @@ fn render_one(
     }
 
     // Collect the statistics
-    let mut stats = stats((job, target, &shot), &scene, &*accel, &rendering);
+    let mut stats = stats((job, target, &resolved), &scene, &*accel, &rendering);
     stats.image.camera.clone_from(&camera.name);
     stats.seconds = seconds;
     if job.targets.last() == Some(target) {
@@ -200,14 +210,14 @@ fn aim(
     target: &Target,
     (scene, output): (&mut Scene, &Output),
     progress: &Progress,
-) -> Result<Option<(RenderJob, Findings)>, Failure> {
+) -> Result<Option<(RenderJob, StudyResult)>, Failure> {
     let Some(aim) = job.aim else {
         return Ok(None);
     };
     progress.phase(&target.scene.display().to_string(), "choose");
-    let shot = job.shot(output)?;
+    let resolved = job.resolved(output)?;
     let camera = choose_camera(scene, &target.scene, job.camera.as_deref())?;
-    let findings = aim::look((job, aim, &shot), (scene, camera), progress)?;
+    let findings = autotune::find_settings((job, aim, &resolved), (scene, camera), progress)?;
     let Some(chosen) = &findings.chosen else {
         return Ok(None);
     };
@@ -217,18 +227,18 @@ fn aim(
 }
 
 /// Prints the chosen settings and their result; returns whether they reach the target.
-fn say_aimed(
+fn print_tuning(
     job: &RenderJob,
-    findings: &Findings,
+    findings: &StudyResult,
     (rendering, seconds): (&Rendering, f64),
     progress: &Progress,
 ) -> Result<bool, Failure> {
     let text = AimText {
         study: &findings.study,
         rmse: findings
-            .gauge
+            .patch_reference
             .as_ref()
-            .and_then(|gauge| gauge.rmse(&rendering.image)),
+            .and_then(|patch_reference| patch_reference.rmse(&rendering.image)),
         seconds,
     };
     if job.verbosity != Verbosity::Quiet {
@@ -247,7 +257,7 @@ fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failu
 /// Loads a scene for rendering: reads its file, applies the edits, and poses its animations.
 pub(super) fn load(
     job: &RenderJob,
-    (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
+    (path, edits, pose): (&Path, &[Edit], Option<&AnimationTime>),
     image_cache: &ImageCache,
 ) -> Result<SceneFile, Failure> {
     let mut loaded = scene::load_from((path, edits, pose), job.effects.removed, image_cache)?;
@@ -289,13 +299,13 @@ pub(super) fn build_with<'s>(
 /// camera rays save by them.
 pub(super) fn project<'a>(
     job: &RenderJob,
-    shot: &Shot,
+    resolved: &ResolvedSettings,
     (scene, camera): (&'a Scene, &Camera),
     accel: &'a dyn Accel,
-) -> Option<ProjectedAccel<'a, 'a>> {
+) -> Option<TileCulledAccel<'a, 'a>> {
     let RenderSettings {
         width, height, spp, ..
-    } = shot.settings;
+    } = resolved.settings;
     // Compare the number of objects with the number of camera rays
     let sample_count = f64::from(width) * f64::from(height) * f64::from(spp);
     let pays = scene.instances.len() as f64 * SAMPLES_PER_OBJECT <= sample_count;
@@ -304,11 +314,11 @@ pub(super) fn project<'a>(
         return None;
     }
     let view = camera.view(width, height);
-    ProjectedAccel::new(
+    TileCulledAccel::new(
         scene,
         &view,
         accel,
-        ExtentKind::TightSphere,
+        BoundingVolumeKind::TightSphere,
         ListLimits::BESIDE_A_TREE,
     )
 }
@@ -334,7 +344,7 @@ fn trace(
 }
 
 fn write_image(
-    (job, shot): (&RenderJob, &Shot),
+    (job, resolved): (&RenderJob, &ResolvedSettings),
     target: &Target,
     rendering: &Rendering,
     notes: &[Attribute],
@@ -342,14 +352,14 @@ fn write_image(
     let (image, path) = (&rendering.image, &target.image);
     if target.format == ImageFormat::Png {
         let encoding = PngEncoding {
-            tone: shot.tone,
+            tone: resolved.tone,
             bits: job.encoding.png_bits,
         };
-        interrupt::finish_first(|| image::write_png_with(image, encoding, notes, path))?;
+        interrupt::without_interruption(|| image::write_png_with(image, encoding, notes, path))?;
         return Ok(());
     }
     // Collect the further channels, which only EXR files can hold
-    let channels = channels::channels(job, rendering);
+    let channels = aov::channels(job, rendering);
     let extra: Vec<ImageChannel> = channels
         .iter()
         .map(|layer| ImageChannel {
@@ -358,7 +368,7 @@ fn write_image(
             kind: layer.kind,
         })
         .collect();
-    interrupt::finish_first(|| image::write_exr_with(image, &extra, job.encoding.exr, notes, path))?;
+    interrupt::without_interruption(|| image::write_exr_with(image, &extra, job.encoding.exr, notes, path))?;
     Ok(())
 }
 
@@ -367,17 +377,19 @@ fn write_heat(job: &RenderJob, rendering: &Rendering) -> Result<Option<String>, 
     let (Some(path), Some(costs)) = (&job.heat, &rendering.costs) else {
         return Ok(None);
     };
-    let heat = heat::map(&costs.all_nanoseconds(), rendering.image.width);
-    interrupt::finish_first(|| image::write(&heat.image, path, ImageFormat::Png, ToneMap::default()))?;
+    let heat = heat_map::map(&costs.all_nanoseconds(), rendering.image.width);
+    interrupt::without_interruption(|| {
+        image::write(&heat.image, path, ImageFormat::Png, ToneMap::default())
+    })?;
     let [low, high] = heat.range;
     Ok(Some(format!(
-        "{}: {low:.0} to {high:.0} ns a pixel, notches at powers of ten\n",
+        "{}: {low:.0} to {high:.0} ns per pixel, tick marks at powers of ten\n",
         path.display()
     )))
 }
 
 /// Prints one line per image on standard output.
-fn say_finished(
+fn print_finished(
     job: &RenderJob,
     target: &Target,
     (rendering, seconds): (&Rendering, f64),
@@ -400,7 +412,7 @@ fn check_reached(reached: bool) -> Result<(), Failure> {
     match reached {
         true => Ok(()),
         false => Err(Failure::Work(
-            "no settings were found that reach the target, and the picture was made with the nearest: give a longer \
+            "no settings were found that reach the target, and the image was rendered with the nearest: give a longer \
              `--pilot` or another target"
                 .into(),
         )),
@@ -412,7 +424,7 @@ fn check_finite(stats: &RenderStats) -> Result<(), Failure> {
     match stats.image.non_finite_pixels {
         0 => Ok(()),
         n => Err(Failure::Work(format!(
-            "{n} pixels of {} are not finite: look for extreme light intensities in {}",
+            "{n} pixels of {} are not finite: check {} for extreme light intensities",
             stats.image.path.display(),
             stats.scene.path.display()
         ))),
@@ -424,13 +436,13 @@ fn check_finite(stats: &RenderStats) -> Result<(), Failure> {
 fn write_stats(job: &RenderJob, finished: &[RenderStats], progress: &Progress) -> Result<(), Failure> {
     let path = match &job.stats {
         None => return Ok(()),
-        Some(StatsTo::File(path)) => path,
-        Some(StatsTo::Screen) => {
+        Some(StatsDestination::File(path)) => path,
+        Some(StatsDestination::Stdout) => {
             let table = finished.last().map(table::ledger);
             return progress.suspend(|| output::print(&table.unwrap_or_default()));
         }
     };
-    interrupt::finish_first(|| match finished {
+    interrupt::without_interruption(|| match finished {
         [one] if job.targets.len() == 1 => output::write_json(path, one),
         several => output::write_json(path, &several),
     })
@@ -438,7 +450,7 @@ fn write_stats(job: &RenderJob, finished: &[RenderStats], progress: &Progress) -
 
 /// Returns the statistics of an image, without its times and its camera's name.
 fn stats(
-    (job, target, shot): (&RenderJob, &Target, &Shot),
+    (job, target, resolved): (&RenderJob, &Target, &ResolvedSettings),
     scene: &Scene,
     accel: &dyn Accel,
     rendering: &Rendering,
@@ -454,12 +466,12 @@ fn stats(
             height: rendering.image.height,
             camera: String::new(),
             ambient: scene.ambient,
-            exposure_ev: shot.tone.exposure_ev,
+            exposure_ev: resolved.tone.exposure_ev,
             non_finite_pixels: rendering.image.non_finite_count(),
         },
-        spp: shot.settings.spp,
+        spp: resolved.settings.spp,
         samples: rendering.samples,
-        depth: shot.settings.depth,
+        depth: resolved.settings.depth,
         cutoff: CutoffStats::of(&rendering.ledger, rendering.samples.total),
         backend: job.backend,
         precision: effective_precision(job.backend, job.tracing.precision),

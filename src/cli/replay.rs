@@ -7,7 +7,7 @@ use glam::DVec3;
 use rayon::ThreadPool;
 
 use crate::accel::hit_compare::{self, HitComparison};
-use crate::accel::{Accel, Hit, LANES, RayOrder, RayPacket};
+use crate::accel::{Accel, Coherence, Hit, LANES, RayPacket};
 use crate::numeric::{Bounds, Ray, SplitMix64};
 use crate::parallel;
 use crate::report::bench::{Mode, RayKind};
@@ -23,25 +23,25 @@ const SHARES: usize = 16;
 const MAX_PACKETS: usize = 1 << 16;
 
 /// Recorded rays of one kind.
-pub(super) struct RaySet {
+pub(super) struct RayWorkload {
     pub(super) kind: RayKind,
     packets: Vec<RayPacket>,
     /// Number of active lanes of all packets.
     pub(super) ray_count: u64,
 }
 
-impl RaySet {
+impl RayWorkload {
     /// Returns a set of the packets with at least one traceable ray; of too many an even selection.
-    pub(super) fn new(kind: RayKind, mut packets: Vec<RayPacket>) -> RaySet {
+    pub(super) fn new(kind: RayKind, mut packets: Vec<RayPacket>) -> RayWorkload {
         // The raw calls do not check rays, so untraceable ones are removed here.
         packets.iter_mut().for_each(|packet| {
             packet.drop_untraceable();
             empty_idle_lanes(packet);
         });
         packets.retain(RayPacket::any_active);
-        let packets = thinned(packets, MAX_PACKETS);
+        let packets = select_evenly(packets, MAX_PACKETS);
         let active = |packet: &RayPacket| (0..LANES).filter(|&lane| packet.is_active(lane)).count() as u64;
-        RaySet {
+        RayWorkload {
             kind,
             ray_count: packets.iter().map(active).sum(),
             packets,
@@ -50,7 +50,7 @@ impl RaySet {
 
     /// Returns about `count` rays with origins uniform in `bounds` and directions uniform on the sphere, from a fixed
     /// seed.
-    pub(super) fn random(bounds: &Bounds, count: usize) -> RaySet {
+    pub(super) fn random(bounds: &Bounds, count: usize) -> RayWorkload {
         let mut packets = Vec::new();
         // An empty scene has no bounds to start rays in
         if !bounds.is_empty() {
@@ -63,27 +63,27 @@ impl RaySet {
                 packet
             });
         }
-        RaySet::new(RayKind::Random, packets)
+        RayWorkload::new(RayKind::Random, packets)
     }
 
     /// Returns at most `most` packets, evenly spread over the set.
-    pub(super) fn some(&self, most: usize) -> RaySet {
+    pub(super) fn at_most(&self, most: usize) -> RayWorkload {
         let count = self.packets.len();
         let kept = most.clamp(1, count.max(1)).min(count);
         // Take every (count / kept)-th packet
         let packets = (0..kept)
             .map(|i| self.packets[i * count / kept].clone())
             .collect();
-        RaySet::new(self.kind, packets)
+        RayWorkload::new(self.kind, packets)
     }
 
     /// Returns the set without the lanes from `count` on.
-    pub(super) fn first_lanes(&self, count: usize) -> RaySet {
+    pub(super) fn first_lanes(&self, count: usize) -> RayWorkload {
         let mut packets = self.packets.clone();
         for packet in &mut packets {
             packet.active[count.min(LANES)..].fill(0);
         }
-        RaySet::new(self.kind, packets)
+        RayWorkload::new(self.kind, packets)
     }
 
     /// Returns the packets of the set.
@@ -92,10 +92,10 @@ impl RaySet {
     }
 
     /// Returns whether rays in neighbouring lanes are coherent.
-    pub(super) fn order(&self) -> RayOrder {
+    pub(super) fn order(&self) -> Coherence {
         match self.kind {
-            RayKind::Camera | RayKind::Shadow => RayOrder::Coherent,
-            RayKind::Reflection | RayKind::Random => RayOrder::Incoherent,
+            RayKind::Camera | RayKind::Shadow => Coherence::Coherent,
+            RayKind::Reflection | RayKind::Random => Coherence::Incoherent,
         }
     }
 }
@@ -111,7 +111,7 @@ fn empty_idle_lanes(packet: &mut RayPacket) {
 }
 
 /// Returns at most `most` packets in runs of one batch each, evenly spread over all.
-fn thinned(packets: Vec<RayPacket>, most: usize) -> Vec<RayPacket> {
+fn select_evenly(packets: Vec<RayPacket>, most: usize) -> Vec<RayPacket> {
     if packets.len() <= most {
         return packets;
     }
@@ -150,14 +150,14 @@ pub(super) enum Engine<'a> {
 }
 
 impl Engine<'_> {
-    fn ask(&self, packets: &mut [RayPacket], kind: RayKind, order: RayOrder) {
+    fn trace(&self, packets: &mut [RayPacket], kind: RayKind, order: Coherence) {
         match (self, kind) {
             #[cfg(feature = "embree")]
-            (Engine::Raw(embree), RayKind::Shadow) => embree.raw_occluded(packets, order),
+            (Engine::Raw(embree), RayKind::Shadow) => embree.baseline_occluded16(packets, order),
             #[cfg(feature = "embree")]
-            (Engine::Raw(embree), _) => embree.raw_intersect(packets, order),
+            (Engine::Raw(embree), _) => embree.baseline_intersect16(packets, order),
             #[cfg(feature = "embree")]
-            (Engine::RawSingle(embree), RayKind::Shadow) => embree.raw_occluded_one_by_one(packets),
+            (Engine::RawSingle(embree), RayKind::Shadow) => embree.baseline_occluded1(packets),
             #[cfg(feature = "embree")]
             (Engine::RawSingle(embree), _) => embree.baseline_intersect1(packets),
             (Engine::Accel(accel), RayKind::Shadow) => accel.occluded(packets, order),
@@ -167,7 +167,7 @@ impl Engine<'_> {
 }
 
 /// Returns the seconds that `engine` takes for all rays of `set` on this thread, copying of the packets included.
-pub(super) fn replay_seconds(engine: Engine, set: &RaySet, mode: Mode) -> f64 {
+pub(super) fn replay_seconds(engine: Engine, set: &RayWorkload, mode: Mode) -> f64 {
     let mut scratch = scratch(mode);
     let start = Instant::now();
     replay(engine, set, &set.packets, &mut scratch);
@@ -175,7 +175,7 @@ pub(super) fn replay_seconds(engine: Engine, set: &RaySet, mode: Mode) -> f64 {
 }
 
 /// Returns the seconds for all rays of `set`, shared among the threads of `pool`; see [`replay_seconds`].
-pub(super) fn shared_replay_seconds(pool: &ThreadPool, engine: Engine, set: &RaySet, mode: Mode) -> f64 {
+pub(super) fn shared_replay_seconds(pool: &ThreadPool, engine: Engine, set: &RayWorkload, mode: Mode) -> f64 {
     // Parts are small enough that every thread takes several, even if the threads differ in speed.
     let share = (set.packets.len() / (SHARES * pool.current_num_threads())).max(BATCH_PACKETS);
     let shares: Vec<&[RayPacket]> = set.packets.chunks(share).collect();
@@ -198,11 +198,11 @@ fn scratch(mode: Mode) -> Vec<RayPacket> {
     vec![RayPacket::EMPTY; chunk]
 }
 
-fn replay(engine: Engine, set: &RaySet, packets: &[RayPacket], scratch: &mut [RayPacket]) {
+fn replay(engine: Engine, set: &RayWorkload, packets: &[RayPacket], scratch: &mut [RayPacket]) {
     for packets in packets.chunks(scratch.len()) {
         let scratch = &mut scratch[..packets.len()];
         scratch.clone_from_slice(packets);
-        engine.ask(scratch, set.kind, set.order());
+        engine.trace(scratch, set.kind, set.order());
         black_box(scratch);
     }
 }
@@ -217,23 +217,23 @@ pub(super) struct Differences {
 }
 
 /// Compares the results of two engines for all rays of `set`.
-pub(super) fn differences(scene: &Scene, set: &RaySet, reference: Engine, other: Engine) -> Differences {
+pub(super) fn differences(scene: &Scene, set: &RayWorkload, reference: Engine, other: Engine) -> Differences {
     let mut differences = Differences::default();
-    for asked in &set.packets {
+    for original in &set.packets {
         // Trace copies of the packet with both engines
-        let [mut a, mut b] = [asked.clone(), asked.clone()];
-        reference.ask(std::slice::from_mut(&mut a), set.kind, set.order());
-        other.ask(std::slice::from_mut(&mut b), set.kind, set.order());
+        let [mut a, mut b] = [original.clone(), original.clone()];
+        reference.trace(std::slice::from_mut(&mut a), set.kind, set.order());
+        other.trace(std::slice::from_mut(&mut b), set.kind, set.order());
         // Classify the difference in each active lane
-        for lane in (0..LANES).filter(|&lane| asked.is_active(lane)) {
+        for lane in (0..LANES).filter(|&lane| original.is_active(lane)) {
             let agreement = match (set.kind, reference, other) {
                 #[cfg(feature = "embree")]
                 (_, _, Engine::Raw(_) | Engine::RawSingle(_)) => same_distance(&a, &b, lane),
                 (RayKind::Shadow, Engine::Accel(first), Engine::Accel(second)) => {
                     let blocked = [a.is_blocked(lane), b.is_blocked(lane)];
-                    shadow_agreement(scene, &asked.ray(lane), [first, second], blocked)
+                    shadow_agreement(scene, &original.ray(lane), [first, second], blocked)
                 }
-                _ => hit_compare::compare(scene, &asked.ray(lane), a.hit(lane), b.hit(lane)),
+                _ => hit_compare::compare(scene, &original.ray(lane), a.hit(lane), b.hit(lane)),
             };
             match agreement {
                 HitComparison::Same => {}
@@ -265,7 +265,7 @@ fn shadow_agreement(scene: &Scene, ray: &Ray, accels: [&dyn Accel; 2], blocked: 
     let [first, second] = accels.map(|accel| -> Option<Hit> {
         let mut packet = RayPacket::EMPTY;
         packet.set(0, ray);
-        accel.intersect(std::slice::from_mut(&mut packet), RayOrder::Incoherent);
+        accel.intersect(std::slice::from_mut(&mut packet), Coherence::Incoherent);
         packet.hit(0)
     });
     // A tie of the nearest hits explains the difference
@@ -284,12 +284,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn random_rays_start_within_the_bounds_and_repeat() {
+    fn random_rays_start_within_the_bounds_and_are_reproducible() {
         let bounds = Bounds {
             min: DVec3::new(-1.0, 2.0, 5.0),
             max: DVec3::new(1.0, 3.0, 5.0),
         };
-        let set = RaySet::random(&bounds, 1000);
+        let set = RayWorkload::random(&bounds, 1000);
         assert_eq!(set.ray_count, 1008);
         for packet in &set.packets {
             for lane in 0..LANES {
@@ -300,13 +300,13 @@ mod tests {
                 assert!((ray.direction.length_squared() - 1.0).abs() < 2f32.powi(-22));
             }
         }
-        let again = RaySet::random(&bounds, 1000);
+        let again = RayWorkload::random(&bounds, 1000);
         assert_eq!(again.packets[7].origin, set.packets[7].origin);
-        assert_eq!(RaySet::random(&Bounds::EMPTY, 1000).ray_count, 0);
+        assert_eq!(RayWorkload::random(&Bounds::EMPTY, 1000).ray_count, 0);
     }
 
     #[test]
-    fn of_too_many_packets_even_runs_are_kept() {
+    fn selection_of_packets_keeps_evenly_spaced_runs() {
         let packets: Vec<RayPacket> = (0..1000)
             .map(|i| {
                 let mut packet = RayPacket::EMPTY;
@@ -314,7 +314,7 @@ mod tests {
                 packet
             })
             .collect();
-        let kept = thinned(packets, 2 * BATCH_PACKETS);
+        let kept = select_evenly(packets, 2 * BATCH_PACKETS);
         let starts: Vec<f32> = kept.iter().map(|p| p.origin[0][0]).collect();
         assert_eq!(kept.len(), 128);
         // The runs begin at 0 and at (1000 - 64) / 2.
@@ -325,11 +325,11 @@ mod tests {
     }
 
     #[test]
-    fn lanes_and_packets_without_a_sound_ray_are_not_replayed() {
+    fn lanes_and_packets_without_valid_rays_are_dropped() {
         let mut packet = RayPacket::EMPTY;
         packet.set(3, &Ray::new(Vec3::ZERO, Vec3::X));
         packet.set(4, &Ray::new(Vec3::NAN, Vec3::X));
-        let set = RaySet::new(RayKind::Camera, vec![RayPacket::EMPTY, packet]);
+        let set = RayWorkload::new(RayKind::Camera, vec![RayPacket::EMPTY, packet]);
         assert_eq!((set.packets.len(), set.ray_count), (1, 1));
     }
 }

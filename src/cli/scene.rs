@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::gltf::{self, LoadOptions, Pose};
+use crate::gltf::{self, AnimationTime, LoadOptions};
 use crate::scene::{EffectSet, ImageCache};
 use crate::scene_file::{self, Edit, Output, SceneFile};
 
@@ -16,7 +16,7 @@ pub(super) fn is_scene_file(path: &Path) -> bool {
 /// Loads a scene file with edits if the name ends in `.toml`, else a glTF file, which has no image settings. Images
 /// used only by the effects `without` are not decoded.
 pub(super) fn load(
-    (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
+    (path, edits, pose): (&Path, &[Edit], Option<&AnimationTime>),
     without: EffectSet,
 ) -> Result<SceneFile, Failure> {
     load_from((path, edits, pose), without, &ImageCache::default())
@@ -24,7 +24,7 @@ pub(super) fn load(
 
 /// Loads a scene like [`load`], with a cache of decoded images.
 pub(super) fn load_from(
-    (path, edits, pose): (&Path, &[Edit], Option<&Pose>),
+    (path, edits, pose): (&Path, &[Edit], Option<&AnimationTime>),
     without: EffectSet,
     image_cache: &ImageCache,
 ) -> Result<SceneFile, Failure> {
@@ -39,8 +39,7 @@ pub(super) fn load_from(
         let mut loaded = scene_file::load_edited(path, edits, &options)?;
         // The glTF loader warns of each file without animations; a scene without glTF files is handled here.
         if pose.is_some() && loaded.gltf_count == 0 {
-            let warning =
-                "there are no glTF files in it, which could have animations: it is the same at all times";
+            let warning = "it includes no glTF files and thus has no animations: the time has no effect";
             loaded.scene.warnings.push(warning.into());
         }
         return Ok(loaded);
@@ -49,7 +48,7 @@ pub(super) fn load_from(
     if let Some(edit) = edits.first() {
         let path = path.display();
         return Err(Failure::Input(format!(
-            "{path} cannot have {edit}: sweeps change scene files, so include it in one"
+            "{path} cannot have {edit}: sweeps change scene files only, so include it in a scene file"
         )));
     }
     Ok(SceneFile {

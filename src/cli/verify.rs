@@ -1,4 +1,5 @@
-//! Command `whit verify`: hard cases with exact results, run through every backend variant. For scenes, see `own`.
+//! Command `whit verify`: hard cases with exact results, run through every backend variant. For scenes, see
+//! `cross_check`.
 
 use std::collections::BTreeSet;
 
@@ -7,7 +8,7 @@ use crate::image::check_writable;
 use crate::parallel;
 use crate::report::verify::{VerifyRow, case_list, table};
 use crate::report::verify_page;
-use crate::verify::{self, Case, Judged, PATHS, Path, Verdict};
+use crate::verify::{self, BackendVariant, Case, VARIANTS, Verdict, VerdictCache};
 
 use super::args::VerifyArgs;
 use super::failure::Failure;
@@ -23,10 +24,10 @@ const INSTRUCTION_SETS: [&str; 5] = ["sse2", "sse4.2", "avx", "avx2", "avx512"];
 pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
     // Dispatch the other two modes: recorded rays and scenes
     if let Some(file) = &args.replay {
-        return super::asked_again::run(args, file);
+        return super::verify_replay::run(args, file);
     }
     if !args.scenes.is_empty() {
-        return super::own::run(args);
+        return super::cross_check::run(args);
     }
     // Select the cases, and check the output files
     let cases = chosen(&args.cases)?;
@@ -47,22 +48,22 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
         &parallel::install(&pool, || instruction_sets(args.isa.as_deref())),
     );
     let mut rows = Vec::with_capacity(runs.len());
-    let mut judged = ("", Judged::default());
+    let mut verdict_cache = ("", VerdictCache::default());
     for (number, (case, path, isa)) in runs.iter().enumerate() {
         interrupt::check()?;
         progress.phase(case.id, path.name);
         progress.fraction(number as f64 / runs.len() as f64);
         let check = if args.html.is_some() {
-            verify::check_drawn
+            verify::check_with_drawings
         } else {
             verify::check
         };
         // Verdicts of the exact reference are cached for all variants of a case
-        if judged.0 != case.id {
-            judged = (case.id, Judged::default());
+        if verdict_cache.0 != case.id {
+            verdict_cache = (case.id, VerdictCache::default());
         }
         let outcome = parallel::install(&pool, || {
-            check((case, args.rays), path, isa.as_deref(), &judged.1)
+            check((case, args.rays), path, isa.as_deref(), &verdict_cache.1)
         })?;
         rows.push(VerifyRow::new(case, path, outcome));
     }
@@ -70,7 +71,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
     // Print the table and write the files
     output::print(&table(&rows))?;
     if let Some(path) = &args.json {
-        interrupt::finish_first(|| output::write_json(path, &rows))?;
+        interrupt::without_interruption(|| output::write_json(path, &rows))?;
     }
     if let Some(path) = &args.html {
         let run = verify_page::Run {
@@ -78,7 +79,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
             date: args.date.clone(),
         };
         let page = verify_page::page(&rows, &run);
-        interrupt::finish_first(|| output::write_text(path, &page))?;
+        interrupt::without_interruption(|| output::write_text(path, &page))?;
     }
     verdict(&rows)
 }
@@ -90,7 +91,7 @@ fn chosen(names: &[String]) -> Result<Vec<&'static Case>, Failure> {
     let unknown = |name: &&String| !all.iter().any(|case| name.eq_ignore_ascii_case(case.id));
     if let Some(name) = names.iter().find(unknown) {
         return Err(Failure::Input(format!(
-            "there is no case `{name}`: `whit verify --list` tells which there are"
+            "there is no case `{name}`: `whit verify --list` prints all cases"
         )));
     }
     Ok(all
@@ -100,9 +101,9 @@ fn chosen(names: &[String]) -> Result<Vec<&'static Case>, Failure> {
 }
 
 /// Returns the instruction sets that Embree is restricted to, each in a run of its own.
-fn instruction_sets(asked: Option<&str>) -> Vec<Option<String>> {
-    if asked != Some("all") {
-        return vec![asked.map(str::to_owned)];
+fn instruction_sets(requested: Option<&str>) -> Vec<Option<String>> {
+    if requested != Some("all") {
+        return vec![requested.map(str::to_owned)];
     }
     INSTRUCTION_SETS
         .into_iter()
@@ -111,14 +112,14 @@ fn instruction_sets(asked: Option<&str>) -> Vec<Option<String>> {
         .collect()
 }
 
-type Run = (&'static Case, Path, Option<String>);
+type Run = (&'static Case, BackendVariant, Option<String>);
 
 /// Returns every case on every variant that it applies to; variants other than Embree's appear once, as instruction
 /// sets do not affect them.
 fn runs(cases: &[&'static Case], instruction_sets: &[Option<String>]) -> Vec<Run> {
     let mut runs = Vec::new();
     for &case in cases {
-        for path in PATHS
+        for path in VARIANTS
             .iter()
             .copied()
             .filter(|path| case.applies_to(path) && path.is_built_in())

@@ -11,7 +11,7 @@ use super::{Interval, Timing};
 use crate::numeric::SplitMix64;
 
 /// Largest relative deviation of a block's kernel time from the median at which the block counts.
-const CALM: f64 = 0.05;
+const MAX_KERNEL_DEVIATION: f64 = 0.05;
 /// Rounds of the calibration kernel, which take some milliseconds.
 const KERNEL_ROUNDS: u64 = 1 << 23;
 
@@ -30,7 +30,7 @@ pub struct Protocol {
 
 impl Protocol {
     /// Returns whether another block begins after `blocks` of them, the longest of which took `longest` seconds.
-    pub(super) fn goes_on(&self, blocks: usize, longest: f64) -> bool {
+    pub(super) fn may_continue(&self, blocks: usize, longest: f64) -> bool {
         let left = self
             .deadline
             .saturating_duration_since(Instant::now())
@@ -49,30 +49,30 @@ pub struct Blocks {
 }
 
 impl Blocks {
-    /// Measures `contestants` candidates in blocks: `turn` receives the candidate and the block, and returns the
+    /// Measures `candidates` candidates in blocks: `turn` receives the candidate and the block, and returns the
     /// seconds.
     ///
     /// # Errors
     ///
     /// The first error of `turn`.
     pub fn measure<E>(
-        contestants: usize,
+        candidates: usize,
         protocol: &Protocol,
         mut turn: impl FnMut(usize, usize) -> Result<f64, E>,
     ) -> Result<Blocks, E> {
-        let mut blocks = Blocks::new(contestants);
+        let mut blocks = Blocks::new(candidates);
         let mut longest = 0.0f64;
-        while protocol.goes_on(blocks.count(), longest) {
+        while protocol.may_continue(blocks.count(), longest) {
             longest = longest.max(blocks.add(protocol.seed, &mut turn)?);
         }
         Ok(blocks)
     }
 
-    /// Returns an empty measurement of `contestants` candidates.
-    pub(super) fn new(contestants: usize) -> Blocks {
+    /// Returns an empty measurement of `candidates` candidates.
+    pub(super) fn new(candidates: usize) -> Blocks {
         Blocks {
             calibration: Vec::new(),
-            seconds: vec![Vec::new(); contestants],
+            seconds: vec![Vec::new(); candidates],
         }
     }
 
@@ -98,9 +98,9 @@ impl Blocks {
         shuffle(&mut order, &mut SplitMix64::new(seed, block as u64));
         // Measure each candidate between two runs of the kernel
         let before = kernel_seconds();
-        for contestant in order {
-            let seconds = turn(contestant, block)?;
-            self.seconds[contestant].push(seconds);
+        for candidate in order {
+            let seconds = turn(candidate, block)?;
+            self.seconds[candidate].push(seconds);
         }
         // Of the two kernel runs, take the less disturbed one.
         self.calibration.push(before.min(kernel_seconds()));
@@ -109,42 +109,45 @@ impl Blocks {
 
     /// Returns for each block whether it counts: the machine was undisturbed. If fewer than six such blocks exist, all
     /// count.
-    fn calm(&self) -> Vec<bool> {
+    fn undisturbed(&self) -> Vec<bool> {
         let usual = median(&self.calibration);
-        let calm: Vec<bool> = self
+        let undisturbed: Vec<bool> = self
             .calibration
             .iter()
-            .map(|seconds| (seconds / usual - 1.0).abs() <= CALM)
+            .map(|seconds| (seconds / usual - 1.0).abs() <= MAX_KERNEL_DEVIATION)
             .collect();
-        let count = calm.iter().filter(|&&is_calm| is_calm).count();
+        let count = undisturbed
+            .iter()
+            .filter(|&&is_undisturbed| is_undisturbed)
+            .count();
         // Six is the smallest number whose extremes enclose a median at 95 %.
         if count < self.calibration.len().min(6) {
             vec![true; self.calibration.len()]
         } else {
-            calm
+            undisturbed
         }
     }
 
-    fn counting<'a>(&'a self, contestant: usize, calm: &'a [bool]) -> impl Iterator<Item = f64> + 'a {
-        let seconds = self.seconds[contestant].iter();
+    fn counting<'a>(&'a self, candidate: usize, undisturbed: &'a [bool]) -> impl Iterator<Item = f64> + 'a {
+        let seconds = self.seconds[candidate].iter();
         seconds
-            .zip(calm)
-            .filter(|(_, is_calm)| **is_calm)
+            .zip(undisturbed)
+            .filter(|(_, is_undisturbed)| **is_undisturbed)
             .map(|(&seconds, _)| seconds)
     }
 
     /// Returns the median of a candidate's seconds.
-    pub fn seconds(&self, contestant: usize) -> Interval {
-        let calm = self.calm();
-        median_interval(&self.counting(contestant, &calm).collect::<Vec<_>>())
+    pub fn seconds(&self, candidate: usize) -> Interval {
+        let undisturbed = self.undisturbed();
+        median_interval(&self.counting(candidate, &undisturbed).collect::<Vec<_>>())
     }
 
     /// Returns the median ratio of a candidate's seconds to those of `base` in the same block.
-    pub fn ratio(&self, contestant: usize, base: usize) -> Interval {
-        let calm = self.calm();
+    pub fn ratio(&self, candidate: usize, base: usize) -> Interval {
+        let undisturbed = self.undisturbed();
         let ratios: Vec<f64> = self
-            .counting(contestant, &calm)
-            .zip(self.counting(base, &calm))
+            .counting(candidate, &undisturbed)
+            .zip(self.counting(base, &undisturbed))
             .map(|(seconds, base)| seconds / base)
             .collect();
         median_interval(&ratios)
@@ -152,21 +155,24 @@ impl Blocks {
 
     /// Returns the conditions of the measurement, in a run of `spent` seconds with a budget of `budget`.
     pub fn timing(&self, spent: f64, budget: f64) -> Timing {
-        let calm = self.calm();
+        let undisturbed = self.undisturbed();
         let usual = median(&self.calibration);
         let counting = self
             .calibration
             .iter()
-            .zip(&calm)
-            .filter(|(_, is_calm)| **is_calm);
+            .zip(&undisturbed)
+            .filter(|(_, is_undisturbed)| **is_undisturbed);
         // Find the largest deviation among the blocks that count
         let spread = counting
             .map(|(seconds, _)| (seconds / usual - 1.0).abs())
             .fold(0.0, f64::max);
-        let blocks = calm.iter().filter(|&&is_calm| is_calm).count();
+        let blocks = undisturbed
+            .iter()
+            .filter(|&&is_undisturbed| is_undisturbed)
+            .count();
         Timing {
             blocks,
-            dropped: calm.len() - blocks,
+            dropped: undisturbed.len() - blocks,
             calibration_spread: spread,
             spent,
             budget,
@@ -210,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn everyone_takes_one_turn_a_block_in_changing_order() {
+    fn each_block_runs_everything_once_in_changing_order() {
         let mut turns = Vec::new();
         let blocks = Blocks::measure(5, &protocol(8, 1), |who, block| {
             turns.push((block, who));
@@ -231,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_contestants_are_told_apart_at_most_five_times_of_100() {
+    fn equal_contestants_differ_significantly_in_at_most_five_percent() {
         let mut apart = 0;
         for run in 0..400 {
             let mut random = SplitMix64::new(5, run);
@@ -247,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn blocks_in_which_the_machine_was_busy_do_not_count() {
+    fn blocks_on_a_busy_machine_do_not_count() {
         let mut blocks = Blocks {
             calibration: vec![1.0; 9],
             seconds: vec![vec![1.0; 9], vec![1.1; 9]],
@@ -260,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn measuring_ends_before_the_deadline_if_the_least_is_done() {
+    fn measuring_ends_before_the_deadline_after_the_minimum() {
         let deadline = Instant::now() + Duration::from_millis(400);
         let protocol = Protocol {
             least: 1,

@@ -96,12 +96,12 @@ pub struct Configuration {
 impl Configuration {
     /// Returns this configuration with hits found by `path`.
     #[must_use]
-    pub fn through(self, path: HitPath) -> Configuration {
+    pub fn with_path(self, path: HitPath) -> Configuration {
         Configuration { path, ..self }
     }
 
     /// Returns whether hits and spawn points are at least as accurate as those of `other`.
-    pub fn is_trusted_like(&self, other: &Configuration) -> bool {
+    pub fn is_as_accurate_as(&self, other: &Configuration) -> bool {
         // Rank backends by accuracy; a position in `Precision::ALL` rises with it.
         let trust = |path: &HitPath| match (path.backend, path.precision) {
             (Backend::Embree, precision) => Precision::ALL.iter().position(|&known| known == precision),

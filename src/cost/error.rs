@@ -19,7 +19,7 @@ const NORMAL: f64 = 1.96;
 
 /// Image in displayed values, divided into blocks for resampling.
 #[derive(Clone, Debug)]
-pub struct Displayed {
+pub struct DisplayImage {
     width: usize,
     /// Side of the resampling blocks, in pixels.
     block: usize,
@@ -28,12 +28,12 @@ pub struct Displayed {
     pixels: Vec<[f32; 3]>,
 }
 
-impl Displayed {
+impl DisplayImage {
     /// Returns the displayed values of `image` under the tone mapping.
-    pub fn new(image: &LinearImage, tone: ToneMap) -> Displayed {
+    pub fn new(image: &LinearImage, tone: ToneMap) -> DisplayImage {
         let gain = f64::from(tone.exposure_ev).exp2();
         let shown = |pixel: &[f32; 3]| pixel.map(|x| as_displayed(gain * f64::from(x)) as f32);
-        Displayed {
+        DisplayImage {
             width: image.width as usize,
             block: BLOCK,
             share: 0.0,
@@ -43,8 +43,8 @@ impl Displayed {
 
     /// Returns this image with blocks so that `columns` are side by side: in an image of patches, the pixels of a patch
     /// share a block.
-    pub fn in_columns(self, columns: u32) -> Displayed {
-        Displayed {
+    pub fn with_block_columns(self, columns: u32) -> DisplayImage {
+        DisplayImage {
             block: self.width.div_ceil(columns.max(1) as usize).max(1),
             ..self
         }
@@ -52,15 +52,15 @@ impl Displayed {
 
     /// Returns this image as the fraction `share` of the image that the error is reported for. At 1, only noise makes
     /// the error uncertain. The default of 0 treats the image as a sample of all images of the scene.
-    pub fn as_share(self, share: f64) -> Displayed {
-        Displayed {
+    pub fn as_fraction(self, share: f64) -> DisplayImage {
+        DisplayImage {
             share: share.clamp(0.0, 1.0),
             ..self
         }
     }
 
     /// Returns the mean squared difference over all pixels and channels.
-    pub fn mean_square_to(&self, other: &Displayed) -> f64 {
+    pub fn mean_square_to(&self, other: &DisplayImage) -> f64 {
         let differences = self.minus(other);
         differences
             .iter()
@@ -70,7 +70,7 @@ impl Displayed {
     }
 
     /// Returns the difference of every channel of every pixel, pixels in row-major order.
-    pub fn minus(&self, other: &Displayed) -> Vec<f64> {
+    pub fn minus(&self, other: &DisplayImage) -> Vec<f64> {
         let pairs = self.pixels.iter().zip(&other.pixels);
         pairs
             .flat_map(|(a, b)| (0..3).map(|c| f64::from(a[c] - b[c])))
@@ -91,14 +91,14 @@ impl Displayed {
 
 /// Two independent halves of a reference.
 #[derive(Clone, Debug)]
-pub struct Halves {
+pub struct SplitReference {
     /// First half of the reference.
-    pub a: Displayed,
+    pub a: DisplayImage,
     /// Second half, of equal size.
-    pub b: Displayed,
+    pub b: DisplayImage,
 }
 
-impl Halves {
+impl SplitReference {
     /// Returns the mean squared error of the mean of the halves: a quarter of their mean squared difference.
     pub fn noise_squared(&self) -> f64 {
         0.25 * self.a.mean_square_to(&self.b)
@@ -106,7 +106,7 @@ impl Halves {
 
     /// Returns the fraction of blocks in which the halves differ by more than their noise. The significance level
     /// allows one image in 100 to have any such block by chance.
-    pub fn disagreeing_share(&self) -> f64 {
+    pub fn disagreeing_fraction(&self) -> f64 {
         // Accumulate the moments of the differences in each block
         let blocks = self.a.block_count();
         let mut sums = vec![[0.0; 3]; blocks];
@@ -151,7 +151,7 @@ fn student(freedom: f64) -> f64 {
 
 /// Accumulated images of one configuration, from which errors are estimated.
 #[derive(Clone, Debug)]
-pub struct Pictures {
+pub struct ImageSums {
     count: usize,
     /// Sum of all images, for each pixel.
     sum: Vec<[f32; 3]>,
@@ -170,10 +170,10 @@ pub struct ErrorEstimate {
     pub bias_squared: Interval,
 }
 
-impl Pictures {
+impl ImageSums {
     /// Returns an accumulator without images, of the size of `halves`.
-    pub fn new(halves: &Halves) -> Pictures {
-        Pictures {
+    pub fn new(halves: &SplitReference) -> ImageSums {
+        ImageSums {
             count: 0,
             sum: vec![[0.0; 3]; halves.a.pixels.len()],
             products: vec![0.0; halves.a.block_count()],
@@ -181,14 +181,14 @@ impl Pictures {
         }
     }
 
-    /// Returns an accumulator of `count` images from the values that [`Pictures::parts`] returns.
+    /// Returns an accumulator of `count` images from the values that [`ImageSums::parts`] returns.
     pub(super) fn from_parts(
         count: usize,
         sum: Vec<[f32; 3]>,
         products: Vec<f64>,
         squares: Vec<f64>,
-    ) -> Pictures {
-        Pictures {
+    ) -> ImageSums {
+        ImageSums {
             count,
             sum,
             products,
@@ -207,11 +207,11 @@ impl Pictures {
     }
 
     /// Adds an image to the sums.
-    pub fn add(&mut self, halves: &Halves, picture: &Displayed) {
+    pub fn add(&mut self, halves: &SplitReference, image: &DisplayImage) {
         self.count += 1;
         // Add the products of each pixel to its block, and the values to the image sum
         let mut products = vec![0.0; self.products.len()];
-        for (pixel, x) in picture.pixels.iter().enumerate() {
+        for (pixel, x) in image.pixels.iter().enumerate() {
             let (a, b) = (halves.a.pixels[pixel], halves.b.pixels[pixel]);
             let product = |c: usize| f64::from(x[c] - a[c]) * f64::from(x[c] - b[c]);
             products[halves.a.block_of(pixel)] += (0..3).map(product).sum::<f64>();
@@ -233,7 +233,7 @@ impl Pictures {
 
     /// Returns the variance of the images' mean product, summed over blocks, due to different random numbers. With one
     /// image it is unknown; the error of that image itself is then the estimated quantity, and the variance is 0.
-    fn noise_of_pictures(&self) -> f64 {
+    fn variance_between_images(&self) -> f64 {
         let count = self.count as f64;
         if self.count < 2 {
             return 0.0;
@@ -259,7 +259,7 @@ impl Pictures {
     ///
     /// With the mean M of the halves and half of their difference D, the product of a pixel is (X - M)² - D². The error
     /// of M is distributed like D and independent of D, so that the variance is about that of 2 (X - M) D.
-    fn noise_of(&self, halves: &Halves) -> f64 {
+    fn variance_by_reference(&self, halves: &SplitReference) -> f64 {
         let pixels = self.sum.iter().zip(halves.a.pixels.iter().zip(&halves.b.pixels));
         let variance = pixels.map(|(sum, (a, b))| {
             let product = |c: usize| {
@@ -272,7 +272,7 @@ impl Pictures {
     }
 
     /// Returns the error of one image. With a single image all of the error may be bias.
-    pub fn estimate(&self, halves: &Halves, seed: u64) -> ErrorEstimate {
+    pub fn estimate(&self, halves: &SplitReference, seed: u64) -> ErrorEstimate {
         let count = self.count as f64;
         let values = (3 * self.sum.len()) as f64;
         // Take the mean product of each block
@@ -304,10 +304,10 @@ impl Pictures {
                 .map(|square| (square - mean).powi(2))
                 .sum::<f64>()
         };
-        let noise = (self.noise_of_pictures() + self.noise_of(halves)) / (values * values);
+        let noise = (self.variance_between_images() + self.variance_by_reference(halves)) / (values * values);
         // Resample blocks for the intervals
         let mean_square = bootstrap(blocks, seed, |chosen| total(&mean_square, chosen));
-        let mean_square = narrowed(mean_square, halves.a.share, noise / between);
+        let mean_square = correct_for_population(mean_square, halves.a.share, noise / between);
         let bias_squared = if self.count > 1 {
             bootstrap(blocks, seed, |chosen| total(&bias, chosen))
         } else {
@@ -326,7 +326,7 @@ impl Pictures {
 /// Returns an interval that was resampled from a `share` of the population, corrected for the finite population;
 /// `noise` is the part of its squared width that is not due to the choice of the sample (W. Cochran, "Sampling
 /// Techniques", 1977, sections 2.6 and 11.5).
-fn narrowed(interval: Interval, share: f64, noise: f64) -> Interval {
+fn correct_for_population(interval: Interval, share: f64, noise: f64) -> Interval {
     let part = 1.0 - share + share * noise.clamp(0.0, 1.0);
     // Without any variance the quotient is NaN.
     let part = if part.is_nan() { 1.0 } else { part.sqrt() };
@@ -356,13 +356,13 @@ mod tests {
     use crate::numeric::SplitMix64;
 
     /// Returns a noisy image of a ramp with a known displayed value; the added noise has zero mean.
-    fn noisy(random: &mut SplitMix64, noise: f64, bias: f64) -> Displayed {
+    fn noisy(random: &mut SplitMix64, noise: f64, bias: f64) -> DisplayImage {
         let side = 64;
         let pixels = (0..side * side).map(|pixel| {
             let truth = 0.3 + 0.4 * (pixel % side) as f64 / side as f64;
             [0; 3].map(|_| (truth + bias + noise * random.within(-1.0, 1.0)) as f32)
         });
-        Displayed {
+        DisplayImage {
             width: side,
             block: BLOCK,
             share: 0.0,
@@ -371,19 +371,19 @@ mod tests {
     }
 
     #[test]
-    fn a_planted_bias_of_a_thousandth_is_found_under_noise_of_the_reference_and_of_the_pictures() {
+    fn bias_of_a_thousandth_is_found_under_noise() {
         let (mut held, mut bias_held, runs) = (0, 0, 200);
         for run in 0..runs {
             let mut random = SplitMix64::new(11, run);
-            let halves = Halves {
+            let halves = SplitReference {
                 a: noisy(&mut random, 0.01, 0.0),
                 b: noisy(&mut random, 0.01, 0.0),
             };
-            let mut pictures = Pictures::new(&halves);
+            let mut sums = ImageSums::new(&halves);
             for _ in 0..8 {
-                pictures.add(&halves, &noisy(&mut random, 0.005, 1e-3));
+                sums.add(&halves, &noisy(&mut random, 0.005, 1e-3));
             }
-            let estimate = pictures.estimate(&halves, run);
+            let estimate = sums.estimate(&halves, run);
             let truth = 1e-6 + 0.005f64.powi(2) / 3.0;
             held += usize::from(estimate.mean_square.holds(truth));
             bias_held += usize::from(estimate.bias_squared.holds(1e-6));
@@ -395,24 +395,24 @@ mod tests {
     }
 
     #[test]
-    fn the_noise_of_the_reference_does_not_count() {
+    fn reference_noise_does_not_increase_the_error() {
         let mut random = SplitMix64::new(12, 0);
-        let halves = Halves {
+        let halves = SplitReference {
             a: noisy(&mut random, 0.1, 0.0),
             b: noisy(&mut random, 0.1, 0.0),
         };
         let noise = halves.noise_squared();
         assert!((noise / (0.01 / 3.0 / 2.0) - 1.0).abs() < 0.05, "{noise}");
-        let mut pictures = Pictures::new(&halves);
-        pictures.add(&halves, &noisy(&mut random, 0.0, 0.0));
-        let estimate = pictures.estimate(&halves, 0);
+        let mut sums = ImageSums::new(&halves);
+        sums.add(&halves, &noisy(&mut random, 0.0, 0.0));
+        let estimate = sums.estimate(&halves, 0);
         assert!(estimate.mean_square.holds(0.0), "{estimate:?}");
         assert!(estimate.mean_square.value.abs() < 0.05 * noise, "{estimate:?}");
     }
 
     /// Compares with table 26.10 of the handbook.
     #[test]
-    fn students_distribution_is_as_wide_as_its_table_says() {
+    fn student_quantiles_match_published_tables() {
         for (freedom, width) in [
             (2.0, 4.303),
             (3.0, 3.182),
@@ -431,34 +431,34 @@ mod tests {
 
     /// Checks a complete image with large errors in a few pixels only: the error is known except for noise.
     #[test]
-    fn of_a_whole_picture_nothing_but_noise_is_uncertain() {
+    fn interval_of_a_whole_image_covers_only_noise() {
         let (runs, noise) = (200, 0.02);
         // Plant an error in every 173rd pixel
         let far_off = |pixel: usize| if pixel.is_multiple_of(173) { 0.3 } else { 0.0 };
         let (mut held, mut width, mut width_of_a_part) = (0, 0.0, 0.0);
         for run in 0..runs {
             let mut random = SplitMix64::new(14, run);
-            let halves = Halves {
-                a: noisy(&mut random, 0.01, 0.0).as_share(1.0),
-                b: noisy(&mut random, 0.01, 0.0).as_share(1.0),
+            let halves = SplitReference {
+                a: noisy(&mut random, 0.01, 0.0).as_fraction(1.0),
+                b: noisy(&mut random, 0.01, 0.0).as_fraction(1.0),
             };
-            let mut pictures = Pictures::new(&halves);
+            let mut sums = ImageSums::new(&halves);
             for _ in 0..2 {
-                let mut picture = noisy(&mut random, noise, 0.0);
-                for (pixel, value) in picture.pixels.iter_mut().enumerate() {
+                let mut image = noisy(&mut random, noise, 0.0);
+                for (pixel, value) in image.pixels.iter_mut().enumerate() {
                     *value = value.map(|x| x + far_off(pixel) as f32);
                 }
-                pictures.add(&halves, &picture);
+                sums.add(&halves, &image);
             }
             // Count intervals that hold the true error
             let pixels = 64 * 64;
             let off = (0..pixels).map(|pixel| f64::powi(far_off(pixel), 2)).sum::<f64>() / pixels as f64;
-            let interval = pictures.estimate(&halves, run).mean_square;
+            let interval = sums.estimate(&halves, run).mean_square;
             held += usize::from(interval.holds(noise * noise / 3.0 + off));
             width += interval.high - interval.low;
             // Measure the width of the interval without the correction
-            let [a, b] = [&halves.a, &halves.b].map(|half| half.clone().as_share(0.0));
-            let interval = pictures.estimate(&Halves { a, b }, run).mean_square;
+            let [a, b] = [&halves.a, &halves.b].map(|half| half.clone().as_fraction(0.0));
+            let interval = sums.estimate(&SplitReference { a, b }, run).mean_square;
             width_of_a_part += interval.high - interval.low;
         }
         assert!((184..=199).contains(&held), "{held} of {runs}");
@@ -466,18 +466,18 @@ mod tests {
     }
 
     #[test]
-    fn halves_that_differ_in_one_corner_are_found_out_and_noisy_ones_are_not() {
+    fn local_differences_of_halves_are_detected_and_noise_is_not() {
         let mut random = SplitMix64::new(13, 0);
-        let mut halves = Halves {
+        let mut halves = SplitReference {
             a: noisy(&mut random, 0.05, 0.0),
             b: noisy(&mut random, 0.05, 0.0),
         };
-        assert_eq!(halves.disagreeing_share(), 0.0);
+        assert_eq!(halves.disagreeing_fraction(), 0.0);
         for y in 0..8 {
             for x in 0..8 {
                 halves.b.pixels[64 * y + x] = halves.b.pixels[64 * y + x].map(|value| value + 0.05);
             }
         }
-        assert_eq!(halves.disagreeing_share(), 1.0 / 64.0);
+        assert_eq!(halves.disagreeing_fraction(), 1.0 / 64.0);
     }
 }

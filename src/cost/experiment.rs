@@ -4,13 +4,13 @@ use std::borrow::Cow;
 use std::time::{Duration, Instant};
 
 use super::blocks::{Blocks, Protocol};
-use super::layout::{Layout, widest};
-use super::reference::{Halved, checks, stricter, strictest};
-use super::stage::{Stage, View};
-use super::unfinished::{Kept, checksum};
+use super::budget::{Layout, widest};
+use super::checkpoint::{CheckpointData, checksum};
+use super::reference::{AccumulatedReference, checks, stricter, strictest_configuration};
+use super::workspace::{View, Workspace};
 use super::{
-    Configuration, Curve, Displayed, Halves, HitPath, Interval, Knob, Pictures, Place, Point, Reference,
-    SceneChange, Study, Target, Unfinished, front, slope,
+    Configuration, Curve, DisplayImage, HitPath, ImageSums, Interval, Knob, ParetoPoint, Point, Reference,
+    SceneChange, SplitReference, Study, StudyCheckpoint, Target, front, slope,
 };
 use crate::accel::{AccelError, EmbreeIdentity};
 use crate::image::metrics::{Metrics, Tally, Viewing};
@@ -55,15 +55,15 @@ pub struct Experiment<'a> {
     /// Instruction set that Embree is restricted to.
     pub isa: Option<String>,
     /// Checkpoint of an interrupted study that is resumed; `start` is then earlier by the time that it had taken.
-    pub unfinished: Option<Unfinished>,
+    pub unfinished: Option<StudyCheckpoint>,
 }
 
-/// Function that stores a checkpoint, in the bytes that [`Unfinished::parse`] reads.
+/// Function that stores a checkpoint, in the bytes that [`StudyCheckpoint::parse`] reads.
 pub type Keep<'a> = &'a dyn Fn(&[u8]);
 
 /// Callbacks of a long experiment: progress, cancellation and checkpoints.
 #[derive(Clone, Copy)]
-pub struct Watcher<'a> {
+pub struct Observer<'a> {
     /// Progress callback with the current step and the finished fraction of the whole.
     pub progress: &'a dyn Fn(&str, f64),
     /// Flag that stops the experiment when set.
@@ -79,7 +79,10 @@ pub enum CostError {
     #[error("interrupted")]
     Cancelled,
     /// Checkpoint that belongs to another scene, other settings or another version.
-    #[error("is of another scene, of other settings, or of another version of whit")]
+    #[error(
+        "belongs to another scene, to other settings or to another version of whit: repeat the command of the \
+         interrupted study, or leave out `--resume`"
+    )]
     Other,
     /// Failure to build an acceleration structure.
     #[error(transparent)]
@@ -87,52 +90,52 @@ pub enum CostError {
 }
 
 /// Result of an experiment: the study with its images.
-pub struct Findings {
+pub struct StudyResult {
     /// Numerical results of the study.
     pub study: Study,
     /// Mean image of the reference's halves.
     pub reference: LinearImage,
     /// First image of each point, in the order of the study's points.
-    pub pictures: Vec<LinearImage>,
+    pub images: Vec<LinearImage>,
     /// Configuration of each point, in the order of the study's points.
     pub configurations: Vec<Configuration>,
     /// Configuration chosen for the target; `None` without a target.
     pub chosen: Option<Configuration>,
     /// Data to compute the complete image's error, if there is a target.
-    pub gauge: Option<Gauge>,
+    pub patch_reference: Option<PatchReference>,
     /// Identity of the Embree library that the base used, if it used Embree.
     pub embree: Option<EmbreeIdentity>,
 }
 
 /// Measured patches of an image with the two halves of their reference.
-pub struct Gauge {
+pub struct PatchReference {
     view: View,
     settings: RenderSettings,
     tone: ToneMap,
-    halves: Halves,
+    halves: SplitReference,
 }
 
-impl Gauge {
+impl PatchReference {
     /// Returns the root mean squared error, in displayed values, of an image of the base's size, which must not be one
     /// of the measured images; `None` where the size differs.
-    pub fn rmse(&self, picture: &LinearImage) -> Option<Interval> {
+    pub fn rmse(&self, image: &LinearImage) -> Option<Interval> {
         let RenderSettings { width, height, .. } = self.settings;
-        if [picture.width, picture.height] != [width, height] {
+        if [image.width, image.height] != [width, height] {
             return None;
         }
         // Extract the patches that the reference covers
         let shown = match self.view {
-            View::Whole(size) if size == [width, height] => Displayed::new(picture, self.tone),
+            View::Whole(size) if size == [width, height] => DisplayImage::new(image, self.tone),
             View::Whole(_) => return None,
-            View::Pieces(mosaic) => self.view.in_its_blocks(Displayed::new(
-                &mosaic.of_picture(&self.settings, picture),
+            View::Patches(mosaic) => self.view.with_blocks(DisplayImage::new(
+                &mosaic.of_picture(&self.settings, image),
                 self.tone,
             )),
         };
         // Estimate the error against both halves
-        let mut pictures = Pictures::new(&self.halves);
-        pictures.add(&self.halves, &shown);
-        Some(pictures.estimate(&self.halves, 0).rmse())
+        let mut sums = ImageSums::new(&self.halves);
+        sums.add(&self.halves, &shown);
+        Some(sums.estimate(&self.halves, 0).rmse())
     }
 }
 
@@ -141,18 +144,18 @@ impl Gauge {
 /// # Errors
 ///
 /// Returns an error where an acceleration structure cannot be built, and on cancellation.
-pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostError> {
+pub fn run(experiment: &Experiment, observer: &Observer) -> Result<StudyResult, CostError> {
     // List all configurations that can be measured
     let plan = Plan::new(
         experiment.scene,
         experiment.camera,
         &experiment.base.settings.effects,
     );
-    let strict = strictest(&experiment.base, &plan);
+    let strict = strictest_configuration(&experiment.base, &plan);
     let widest = widest(experiment, &plan);
     let stricter = stricter(&strict, &plan);
     let all = || {
-        let measured = widest.iter().map(|contestant| contestant.configuration);
+        let measured = widest.iter().map(|candidate| candidate.configuration);
         measured
             .chain([strict])
             .chain(stricter.iter().map(|(_, configuration)| *configuration))
@@ -162,8 +165,8 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
         .into_iter()
         .map(|change| (change, scene_of(experiment.scene, &change)))
         .collect();
-    let mut stage = Stage::new(experiment, watcher, &scenes);
-    for configuration in all().chain([strict.through(HitPath::BSP)]) {
+    let mut stage = Workspace::new(experiment, observer, &scenes);
+    for configuration in all().chain([strict.with_path(HitPath::BSP)]) {
         stage.build(&configuration)?;
     }
     // Restore the checkpoint, or lay out the study and render the reference
@@ -173,19 +176,19 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
             let [a, b] = &unfinished.means;
             let halves = stage.halves(layout.view, [a, b]);
             let count = unfinished.head.reference_count;
-            let reference = Halved::new(count, unfinished.means.clone(), halves);
+            let reference = AccumulatedReference::new(count, unfinished.means.clone(), halves);
             let measured = stage.resumed(&layout, unfinished)?;
             (layout, reference, unfinished.head.left.clone(), measured)
         }
         None => {
-            let layout = stage.lay_out(&plan, &strict, stricter.len())?;
+            let layout = stage.plan_layout(&plan, &strict, stricter.len())?;
             let mut reference = stage.reference(&layout, &strict)?;
             stage.refine(&layout, &strict, &mut reference)?;
             let mut left = Vec::new();
             for (knob, configuration) in &stricter {
-                left.push((*knob, stage.left_by(&layout, &strict, configuration)?));
+                left.push((*knob, stage.residual_bias(&layout, &strict, configuration)?));
             }
-            let measured = Measured::none(layout.contestants.len(), &reference);
+            let measured = Measured::none(layout.candidates.len(), &reference);
             (layout, reference, left, measured)
         }
     };
@@ -199,7 +202,7 @@ pub fn run(experiment: &Experiment, watcher: &Watcher) -> Result<Findings, CostE
         let (choice, configuration) = stage.choose(target, (&layout, &reference), known)?;
         study.choice = Some(choice);
         findings.chosen = Some(configuration);
-        findings.gauge = Some(Gauge {
+        findings.patch_reference = Some(PatchReference {
             view: layout.view,
             settings: experiment.base.settings,
             tone: experiment.tone,
@@ -235,27 +238,27 @@ fn distinct(changes: impl Iterator<Item = SceneChange>) -> Vec<SceneChange> {
 /// Results of the measurement blocks so far.
 struct Measured {
     blocks: Blocks,
-    errors: Vec<Pictures>,
+    errors: Vec<ImageSums>,
     /// First image of each candidate.
     first: Vec<Option<Rendering>>,
 }
 
 impl Measured {
     /// Returns an empty result for `count` candidates.
-    fn none(count: usize, reference: &Halved) -> Measured {
+    fn none(count: usize, reference: &AccumulatedReference) -> Measured {
         Measured {
             blocks: Blocks::new(count),
-            errors: vec![Pictures::new(&reference.halves); count],
+            errors: vec![ImageSums::new(&reference.halves); count],
             first: (0..count).map(|_| None).collect(),
         }
     }
 }
 
-impl Stage<'_, '_> {
+impl Workspace<'_, '_> {
     /// Measures blocks until the time is up, after those in `measured`, and stores checkpoints at intervals.
     fn measure(
         &self,
-        (layout, reference, left): (&Layout, &Halved, &[(Knob, f64)]),
+        (layout, reference, left): (&Layout, &AccumulatedReference, &[(Knob, f64)]),
         mut measured: Measured,
     ) -> Result<Measured, CostError> {
         // Derive the number of blocks and the deadline
@@ -277,28 +280,28 @@ impl Stage<'_, '_> {
         } = &mut measured;
         let (mut longest, mut kept) = (0.0f64, None::<Instant>);
         // Measure one block: an image of every candidate
-        while protocol.goes_on(blocks.count(), longest) {
-            let seconds = blocks.add(protocol.seed, |contestant, block| {
-                self.say("measure");
-                let configuration = &layout.contestants[contestant].configuration;
-                let (rendering, seconds) = self.picture(configuration, layout.view, seed_of(block))?;
-                errors[contestant].add(&reference.halves, &self.displayed(&rendering.image, layout.view));
-                first[contestant].get_or_insert(rendering);
+        while protocol.may_continue(blocks.count(), longest) {
+            let seconds = blocks.add(protocol.seed, |candidate, block| {
+                self.report_step("measure");
+                let configuration = &layout.candidates[candidate].configuration;
+                let (rendering, seconds) = self.render_image(configuration, layout.view, seed_of(block))?;
+                errors[candidate].add(&reference.halves, &self.displayed(&rendering.image, layout.view));
+                first[candidate].get_or_insert(rendering);
                 Ok::<f64, CostError>(seconds)
             })?;
             longest = longest.max(seconds);
             // Store a checkpoint
-            if let Some(keep) = self.watcher.keep
+            if let Some(keep) = self.observer.keep
                 && kept.is_none_or(|kept| kept.elapsed() >= KEEP_EVERY)
             {
                 let base = first[0].as_ref();
-                let all = Kept {
+                let all = CheckpointData {
                     experiment: self.experiment,
                     layout,
                     reference,
                     left,
                     blocks,
-                    pictures: errors,
+                    sums: errors,
                     checksum: base.map_or(0, |base| checksum(&base.image)),
                     spent: self.spent(),
                 };
@@ -311,11 +314,11 @@ impl Stage<'_, '_> {
 
     /// Restores the measurements of an interrupted study. First images are rendered again; the base's checksum verifies
     /// that the scene is unchanged.
-    fn resumed(&self, layout: &Layout, unfinished: &Unfinished) -> Result<Measured, CostError> {
+    fn resumed(&self, layout: &Layout, unfinished: &StudyCheckpoint) -> Result<Measured, CostError> {
         let mut first = Vec::new();
-        for contestant in &layout.contestants {
-            self.say("resume");
-            let (rendering, _) = self.picture(&contestant.configuration, layout.view, seed_of(0))?;
+        for candidate in &layout.candidates {
+            self.report_step("resume");
+            let (rendering, _) = self.render_image(&candidate.configuration, layout.view, seed_of(0))?;
             if first.is_empty() && checksum(&rendering.image) != unfinished.head.checksum {
                 return Err(CostError::Other);
             }
@@ -323,7 +326,7 @@ impl Stage<'_, '_> {
         }
         Ok(Measured {
             blocks: unfinished.head.blocks.clone(),
-            errors: unfinished.pictures.clone(),
+            errors: unfinished.sums.clone(),
             first,
         })
     }
@@ -333,37 +336,37 @@ impl Stage<'_, '_> {
         &self,
         layout: &Layout,
         strict: &Configuration,
-        reference: &Halved,
+        reference: &AccumulatedReference,
         measured: Measured,
-    ) -> Findings {
-        self.say("analyse");
+    ) -> StudyResult {
+        self.report_step("analyse");
         // Compute image metrics of each first image against the reference
         let mean = reference.mean();
-        let pictures: Vec<Rendering> = measured.first.into_iter().flatten().collect();
+        let renderings: Vec<Rendering> = measured.first.into_iter().flatten().collect();
         let viewing = Viewing {
             tone: self.experiment.tone,
             ..Viewing::default()
         };
-        let metrics: Vec<Metrics> = parallel::map(pictures.len(), &|place| {
+        let metrics: Vec<Metrics> = parallel::map(renderings.len(), &|place| {
             let mut tally = Tally::default();
             // The sizes are equal, so that no error can occur.
-            let _ = tally.add(&mean, &pictures[place].image, &viewing);
+            let _ = tally.add(&mean, &renderings[place].image, &viewing);
             tally.metrics()
         });
         // Assemble the points with times and errors
         let mut points: Vec<Point> = layout
-            .contestants
+            .candidates
             .iter()
             .enumerate()
-            .map(|(place, contestant)| {
+            .map(|(place, candidate)| {
                 let error = measured.errors[place].estimate(&reference.halves, place as u64);
                 Point {
-                    knob: contestant.knob,
-                    level: contestant.level.clone(),
-                    settings: contestant.configuration.words(),
-                    build_seconds: self.built(&contestant.configuration).seconds,
-                    build_bytes: self.built(&contestant.configuration).accel.report().bytes,
-                    ready_seconds: pictures[place].ready_seconds,
+                    knob: candidate.knob,
+                    level: candidate.level.clone(),
+                    settings: candidate.configuration.words(),
+                    build_seconds: self.built(&candidate.configuration).seconds,
+                    build_bytes: self.built(&candidate.configuration).accel.report().bytes,
+                    ready_seconds: renderings[place].ready_seconds,
                     seconds: measured.blocks.seconds(place),
                     time_ratio: measured.blocks.ratio(place, 0),
                     rmse: error.rmse(),
@@ -373,8 +376,8 @@ impl Stage<'_, '_> {
                     flip: metrics[place].flip,
                     max: metrics[place].displayed.max,
                     changed_share: metrics[place].changed_share,
-                    non_finite: pictures[place].image.non_finite_count() as u64,
-                    rays: pictures[place].ledger.total().rays,
+                    non_finite: renderings[place].image.non_finite_count() as u64,
+                    rays: renderings[place].ledger.total().rays,
                     instructions: None,
                     geometry: None,
                     on_front: false,
@@ -383,9 +386,9 @@ impl Stage<'_, '_> {
             .collect();
         // Count wrong hits and mark the Pareto front
         self.count_geometric_errors(layout, &mut points);
-        let places: Vec<Place> = points
+        let places: Vec<ParetoPoint> = points
             .iter()
-            .map(|point| Place {
+            .map(|point| ParetoPoint {
                 time: point.time_ratio,
                 error: point.rmse,
             })
@@ -398,7 +401,7 @@ impl Stage<'_, '_> {
             size: self.size_of(layout.view),
             pieces_of: match layout.view {
                 View::Whole(_) => None,
-                View::Pieces(_) => Some(self.whole_size()),
+                View::Patches(_) => Some(self.whole_size()),
             },
             threads: self.experiment.threads,
             reference: Reference {
@@ -412,21 +415,21 @@ impl Stage<'_, '_> {
             choice: None,
             points,
         };
-        Findings {
+        StudyResult {
             study,
             reference: mean,
             chosen: None,
-            gauge: None,
+            patch_reference: None,
             embree: self
-                .built(&layout.contestants[0].configuration)
+                .built(&layout.candidates[0].configuration)
                 .accel
                 .report()
                 .embree,
-            pictures: pictures.into_iter().map(|rendering| rendering.image).collect(),
+            images: renderings.into_iter().map(|rendering| rendering.image).collect(),
             configurations: layout
-                .contestants
+                .candidates
                 .iter()
-                .map(|contestant| contestant.configuration)
+                .map(|candidate| candidate.configuration)
                 .collect(),
         }
     }
@@ -489,7 +492,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slope_ends_where_the_error_does_not_fall_any_more() {
+    fn slope_uses_points_only_while_the_error_falls() {
         let depth = Some(Knob::Depth);
         let points = [
             point(None, 8.0, 0.125),

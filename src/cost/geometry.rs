@@ -8,13 +8,13 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-use super::layout::{Layout, area};
-use super::stage::Stage;
+use super::budget::{Layout, area};
+use super::workspace::Workspace;
 use super::{Configuration, HitPath, Interval, Knob, Point};
-use crate::accel::{Accel, LANES, RayOrder, RayPacket};
+use crate::accel::{Accel, Coherence, LANES, RayPacket};
 use crate::numeric::{Ray, SpawnPolicy};
 use crate::parallel;
-use crate::render::{HitPoint, LayerSet, LightLayers, RecordedRays, RenderSettings, record};
+use crate::render::{AovSet, HitPoint, LightAovs, RecordedRays, RenderSettings, record};
 use crate::scene::Effect;
 
 /// Perturbation by f32 rounding, relative to the direction's length and to the origin's largest coordinate: sixteen
@@ -108,24 +108,24 @@ impl Knob {
 }
 
 /// Recorded ray packets with the reference backend's results.
-pub struct Answered<'a> {
+pub struct ReferenceResults<'a> {
     reference: &'a dyn Accel,
     camera: &'a [RayPacket],
     shadow: &'a [RayPacket],
     /// Ray parameters of the camera rays' nearest hits, infinite for a miss.
-    met: Vec<[f32; LANES]>,
+    nearest_t: Vec<[f32; LANES]>,
     /// Occlusion of the shadow rays by the reference.
     blocked: Vec<[bool; LANES]>,
 }
 
-impl<'a> Answered<'a> {
+impl<'a> ReferenceResults<'a> {
     /// Traces all recorded rays with `reference`, whose results count as right.
-    pub fn by(reference: &'a dyn Accel, rays: &'a RecordedRays) -> Answered<'a> {
+    pub fn by(reference: &'a dyn Accel, rays: &'a RecordedRays) -> ReferenceResults<'a> {
         let (camera, shadow) = (&rays.camera[..], &rays.shadow[..]);
-        let met = parallel::map_chunks(camera, CHUNK, &|_, chunk| hits(reference, chunk));
+        let nearest_t = parallel::map_chunks(camera, CHUNK, &|_, chunk| hits(reference, chunk));
         let blocked = parallel::map_chunks(shadow, CHUNK, &|_, chunk| shadows(reference, chunk));
-        Answered {
-            met: met.concat(),
+        ReferenceResults {
+            nearest_t: nearest_t.concat(),
             blocked: blocked.concat(),
             reference,
             camera,
@@ -154,7 +154,7 @@ impl<'a> Answered<'a> {
         errors: &(dyn Fn(std::ops::Range<usize>) -> GeometricErrors + Sync),
     ) -> GeometricErrors {
         let chunk_count = packet_count.div_ceil(CHUNK);
-        let asked = parallel::map(chunk_count, &|turn| {
+        let queried = parallel::map(chunk_count, &|turn| {
             // The first chunk is traced regardless of the deadline, so that there is a result.
             if turn > 0 && Instant::now() > deadline {
                 return GeometricErrors::default();
@@ -168,24 +168,24 @@ impl<'a> Answered<'a> {
             let start = chunk * CHUNK;
             errors(start..(start + CHUNK).min(packet_count))
         });
-        asked
+        queried
             .into_iter()
             .fold(GeometricErrors::default(), GeometricErrors::with)
     }
 
     fn camera_chunk(&self, accel: &dyn Accel, at: std::ops::Range<usize>) -> GeometricErrors {
         let mut errors = GeometricErrors::default();
-        let asked = &self.camera[at.clone()];
-        for ((packet, right), found) in asked.iter().zip(&self.met[at]).zip(hits(accel, asked)) {
+        let queried = &self.camera[at.clone()];
+        for ((packet, right), found) in queried.iter().zip(&self.nearest_t[at]).zip(hits(accel, queried)) {
             for lane in active(packet) {
                 errors.camera_rays += 1;
-                self.count_hit(&mut errors, &packet.ray(lane), [right[lane], found[lane]]);
+                self.classify_hit(&mut errors, &packet.ray(lane), [right[lane], found[lane]]);
             }
         }
         errors
     }
 
-    fn count_hit(&self, errors: &mut GeometricErrors, ray: &Ray, [right, found]: [f32; 2]) {
+    fn classify_hit(&self, errors: &mut GeometricErrors, ray: &Ray, [right, found]: [f32; 2]) {
         // Compare the hit distances within rounding
         let reach = ray.origin.abs().max_element() / ray.direction.length();
         let slack = |t: f32| ROUNDING * (reach + t.abs());
@@ -194,10 +194,10 @@ impl<'a> Answered<'a> {
         }
         // Trace rays perturbed by rounding with the reference
         let mut packet = [RayPacket::EMPTY];
-        for (lane, ray) in beside(ray).into_iter().flatten().enumerate() {
+        for (lane, ray) in perturbed_rays(ray).into_iter().flatten().enumerate() {
             packet[0].set(lane, &ray);
         }
-        self.reference.intersect(&mut packet, RayOrder::Incoherent);
+        self.reference.intersect(&mut packet, Coherence::Incoherent);
         // Classify the difference as tie, leak or false hit
         let around: [f32; LANES] = std::array::from_fn(|lane| parameter(&packet[0], lane));
         let nearest = around.iter().copied().fold(right, f32::min);
@@ -219,29 +219,29 @@ impl<'a> Answered<'a> {
         at: std::ops::Range<usize>,
     ) -> GeometricErrors {
         let mut errors = GeometricErrors::default();
-        let asked = &shadow[at.clone()];
+        let queried = &shadow[at.clone()];
         let right = self.shadow[at.clone()].iter().zip(&self.blocked[at]);
-        for (((packet, right), other), found) in right.zip(asked).zip(shadows(accel, asked)) {
+        for (((packet, right), other), found) in right.zip(queried).zip(shadows(accel, queried)) {
             // A lane that is active in one packet only results from rounding: the surface faces away from the light
             // there.
             for lane in active(packet).filter(|&lane| other.is_active(lane)) {
                 errors.shadow_rays += 1;
                 if right[lane] != found[lane] {
-                    self.count_shadow(&mut errors, &packet.ray(lane), found[lane]);
+                    self.classify_shadow(&mut errors, &packet.ray(lane), found[lane]);
                 }
             }
         }
         errors
     }
 
-    fn count_shadow(&self, errors: &mut GeometricErrors, ray: &Ray, found: bool) {
+    fn classify_shadow(&self, errors: &mut GeometricErrors, ray: &Ray, found: bool) {
         let mut packet = [RayPacket::EMPTY];
         // Perturb directions only: a shifted origin may lie inside the surface.
-        let [turned, _] = beside(ray);
+        let [turned, _] = perturbed_rays(ray);
         for (lane, ray) in turned.iter().enumerate() {
             packet[0].set(lane, ray);
         }
-        self.reference.occluded(&mut packet, RayOrder::Incoherent);
+        self.reference.occluded(&mut packet, Coherence::Incoherent);
         let is_tie = (0..LANES / 2).any(|lane| packet[0].is_blocked(lane) == found);
         errors.ties += u64::from(is_tie);
         errors.false_shadows += u64::from(!is_tie && found);
@@ -250,7 +250,7 @@ impl<'a> Answered<'a> {
 }
 
 /// Returns rays perturbed by the size of rounding: eight with rotated directions, and eight with shifted origins.
-fn beside(ray: &Ray) -> [[Ray; LANES / 2]; 2] {
+fn perturbed_rays(ray: &Ray) -> [[Ray; LANES / 2]; 2] {
     let (x, y) = ray.direction.normalize().any_orthonormal_pair();
     let length = ray.direction.length();
     let reach = ray.origin.abs().max_element();
@@ -279,24 +279,25 @@ fn parameter(packet: &RayPacket, lane: usize) -> f32 {
     packet.hit(lane).map_or(f32::INFINITY, |hit| hit.t)
 }
 
-fn hits(accel: &dyn Accel, asked: &[RayPacket]) -> Vec<[f32; LANES]> {
-    let mut packets = asked.to_vec();
-    accel.intersect(&mut packets, RayOrder::Coherent);
-    let met = packets.iter();
-    met.map(|packet| std::array::from_fn(|lane| parameter(packet, lane)))
+fn hits(accel: &dyn Accel, queried: &[RayPacket]) -> Vec<[f32; LANES]> {
+    let mut packets = queried.to_vec();
+    accel.intersect(&mut packets, Coherence::Coherent);
+    let nearest_t = packets.iter();
+    nearest_t
+        .map(|packet| std::array::from_fn(|lane| parameter(packet, lane)))
         .collect()
 }
 
-fn shadows(accel: &dyn Accel, asked: &[RayPacket]) -> Vec<[bool; LANES]> {
-    let mut packets = asked.to_vec();
-    accel.occluded(&mut packets, RayOrder::Coherent);
-    let answered = packets.iter();
-    answered
+fn shadows(accel: &dyn Accel, queried: &[RayPacket]) -> Vec<[bool; LANES]> {
+    let mut packets = queried.to_vec();
+    accel.occluded(&mut packets, Coherence::Coherent);
+    let traced = packets.iter();
+    traced
         .map(|packet| std::array::from_fn(|lane| packet.is_blocked(lane)))
         .collect()
 }
 
-impl Stage<'_, '_> {
+impl Workspace<'_, '_> {
     /// Counts the geometric errors of the base and of all points whose knob may change them.
     pub(super) fn count_geometric_errors(&self, layout: &Layout, points: &mut [Point]) {
         // List the points to count
@@ -305,7 +306,7 @@ impl Stage<'_, '_> {
             .collect();
         let Some(base) = points.first() else { return };
         let seconds = (PART * self.experiment.budget).min(MAX_SECONDS);
-        let configuration = &layout.contestants[0].configuration;
+        let configuration = &layout.candidates[0].configuration;
         let samples = area(self.size_of(layout.view)) * f64::from(configuration.settings.spp);
         // One thread records rays, and all threads trace them.
         let a_ray = base.seconds.value * self.experiment.threads as f64 / samples;
@@ -313,17 +314,17 @@ impl Stage<'_, '_> {
         let lists = (1 + self.scene(configuration).lights.len()) as f64;
         let rays = rays.clamp(MIN_RAYS, MAX_RAYS / lists.min(MAX_RAYS / MIN_RAYS));
         // Record rays and trace them with the reference
-        let recorded = self.recorded(&left_rightly(configuration), rays);
-        let reference = &*self.built(&configuration.through(HitPath::BSP)).accel;
-        let right = Answered::by(reference, &recorded);
+        let recorded = self.recorded(&with_exact_spawning(configuration), rays);
+        let reference = &*self.built(&configuration.with_path(HitPath::BSP)).accel;
+        let right = ReferenceResults::by(reference, &recorded);
         let share = Duration::from_secs_f64(0.5 * seconds / counted.len() as f64);
         // Trace the rays with each point's backend
         for place in counted {
-            self.say("geometry");
-            let configuration = &layout.contestants[place].configuration;
+            self.report_step("geometry");
+            let configuration = &layout.candidates[place].configuration;
             let accel = &*self.built(configuration).accel;
-            let own =
-                (left_rightly(configuration) != *configuration).then(|| self.recorded(configuration, rays));
+            let own = (with_exact_spawning(configuration) != *configuration)
+                .then(|| self.recorded(configuration, rays));
             let shadow = own.as_ref().map_or(&recorded.shadow, |own| &own.shadow);
             let errors = right.errors(accel, shadow, Instant::now() + share);
             points[place].geometry = Some(errors);
@@ -348,21 +349,21 @@ impl Stage<'_, '_> {
             depth: 0,
             adaptive: None,
             sample_aovs: false,
-            layers: LayerSet::NONE,
-            light_layers: LightLayers::NONE,
+            layers: AovSet::NONE,
+            light_layers: LightAovs::NONE,
             cost_aovs: false,
             ledger: false,
             effects,
             ..configuration.settings
         };
         let scene = self.scene(configuration);
-        let reference = &*self.built(&configuration.through(HitPath::BSP)).accel;
+        let reference = &*self.built(&configuration.with_path(HitPath::BSP)).accel;
         record(scene, self.experiment.camera, reference, &settings)
     }
 }
 
 /// Returns the configuration with exact hit points and bounded spawn offsets.
-fn left_rightly(configuration: &Configuration) -> Configuration {
+fn with_exact_spawning(configuration: &Configuration) -> Configuration {
     let mut left = *configuration;
     left.settings.spawn = SpawnPolicy::Bounded;
     left.settings.hit_points = HitPoint::Refined;
@@ -391,7 +392,7 @@ mod tests {
     };
 
     impl Disk {
-        fn meets(&self, ray: &Ray) -> Option<f32> {
+        fn intersect_disk(&self, ray: &Ray) -> Option<f32> {
             let t = (1.0 - ray.origin.x) / ray.direction.x;
             let aside = (ray.origin + t * ray.direction).with_x(0.0).length();
             match aside <= self.wrong_radius {
@@ -400,11 +401,15 @@ mod tests {
             }
         }
 
-        fn ask(&self, packets: &mut [RayPacket], mut answer: impl FnMut(&mut RayPacket, usize, f32)) {
+        fn for_each_hit(
+            &self,
+            packets: &mut [RayPacket],
+            mut record_hit: impl FnMut(&mut RayPacket, usize, f32),
+        ) {
             for packet in packets {
                 for lane in active(&packet.clone()) {
-                    if let Some(t) = self.meets(&packet.ray(lane)) {
-                        answer(packet, lane, t);
+                    if let Some(t) = self.intersect_disk(&packet.ray(lane)) {
+                        record_hit(packet, lane, t);
                     }
                 }
             }
@@ -412,8 +417,8 @@ mod tests {
     }
 
     impl Accel for Disk {
-        fn intersect(&self, packets: &mut [RayPacket], _: RayOrder) {
-            self.ask(packets, |packet, lane, t| {
+        fn intersect(&self, packets: &mut [RayPacket], _: Coherence) {
+            self.for_each_hit(packets, |packet, lane, t| {
                 let hit = crate::accel::Hit {
                     instance: 0,
                     primitive: 0,
@@ -425,8 +430,8 @@ mod tests {
             });
         }
 
-        fn occluded(&self, packets: &mut [RayPacket], _: RayOrder) {
-            self.ask(packets, |packet, lane, _| packet.set_blocked(lane));
+        fn occluded(&self, packets: &mut [RayPacket], _: Coherence) {
+            self.for_each_hit(packets, |packet, lane, _| packet.set_blocked(lane));
         }
 
         fn report(&self) -> AccelReport {
@@ -452,15 +457,15 @@ mod tests {
 
     fn errors_of(disk: Disk) -> GeometricErrors {
         let rays = rays();
-        let answered = Answered::by(&RIGHT, &rays);
-        answered.errors(&disk, &rays.shadow, Instant::now() + Duration::from_secs(60))
+        let results = ReferenceResults::by(&RIGHT, &rays);
+        results.errors(&disk, &rays.shadow, Instant::now() + Duration::from_secs(60))
     }
 
     #[test]
-    fn every_kind_of_wrong_answer_is_counted_as_what_it_is() {
+    fn wrong_results_are_counted_by_kind() {
         let none = errors_of(RIGHT);
-        let asked = (none.camera_rays, none.shadow_rays);
-        assert_eq!((asked, none.count(), none.ties), ((30, 10), 0, 0));
+        let queried = (none.camera_rays, none.shadow_rays);
+        assert_eq!((queried, none.count(), none.ties), ((30, 10), 0, 0));
         // The wrong disk covers rays at 0, 0.5 and 1, in three camera-ray packets and one shadow-ray packet.
         let within = |added| {
             errors_of(Disk {
@@ -483,7 +488,7 @@ mod tests {
     }
 
     #[test]
-    fn at_an_outline_an_answer_that_rounding_explains_is_a_tie() {
+    fn result_within_rounding_at_an_outline_is_a_tie() {
         // The ray at 3 misses this disk; so do nearby rays with the right one.
         let radius = 3f32.next_down();
         let errors = errors_of(Disk { radius, ..RIGHT });
@@ -491,16 +496,16 @@ mod tests {
     }
 
     #[test]
-    fn after_the_deadline_no_more_is_asked_than_a_chunk_of_each_kind() {
+    fn after_the_deadline_one_chunk_of_each_kind_is_traced() {
         let mut rays = rays();
         rays.camera = vec![rays.camera[0].clone(); 10 * CHUNK];
         let past = Instant::now() - Duration::from_millis(1);
-        let errors = Answered::by(&RIGHT, &rays).errors(&RIGHT, &rays.shadow, past);
+        let errors = ReferenceResults::by(&RIGHT, &rays).errors(&RIGHT, &rays.shadow, past);
         assert_eq!((errors.camera_rays, errors.shadow_rays), (10 * CHUNK as u64, 10));
     }
 
     #[test]
-    fn of_few_rays_a_share_is_not_known_well() {
+    fn share_of_few_rays_has_a_wide_interval() {
         let errors = GeometricErrors {
             camera_rays: 100,
             leaks: 10,

@@ -118,7 +118,7 @@ impl fmt::Display for Knob {
 
 /// Upper limits of the sampling knobs' levels.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Reach {
+pub struct LevelRange {
     /// Largest number of samples per pixel.
     pub samples: u32,
     /// Largest number of samples per pixel under adaptive sampling.
@@ -127,10 +127,10 @@ pub struct Reach {
     pub adaptive_errors: Vec<f64>,
 }
 
-impl Reach {
+impl LevelRange {
     /// Returns limits of `samples` spp, with the default adaptive errors.
-    pub fn of(samples: u32) -> Reach {
-        Reach {
+    pub fn of(samples: u32) -> LevelRange {
+        LevelRange {
             samples,
             adaptive_samples: samples,
             adaptive_errors: vec![0.04, 0.02, 0.01, 0.005],
@@ -144,10 +144,10 @@ pub fn knobs(
     scene: &Scene,
     plan: &Plan,
     base: &Configuration,
-    reach: &Reach,
+    reach: &LevelRange,
 ) -> Vec<(Knob, String, Configuration)> {
     // Collect the levels of every knob
-    let turns = Turns {
+    let turns = KnobLevels {
         scene,
         plan,
         base,
@@ -162,16 +162,16 @@ pub fn knobs(
         .collect()
 }
 
-struct Turns<'a> {
+struct KnobLevels<'a> {
     scene: &'a Scene,
     plan: &'a Plan,
     base: &'a Configuration,
-    reach: &'a Reach,
+    reach: &'a LevelRange,
 }
 
 type Level = (String, Configuration);
 
-impl Turns<'_> {
+impl KnobLevels<'_> {
     fn has(&self, effect: Effect) -> bool {
         self.plan.effects().has(effect)
     }

@@ -3,38 +3,38 @@
 //!
 //! A [`Configuration`] is a way of rendering a scene; measured configurations differ from the *base* in one [`Knob`]
 //! each. Errors are taken against two independent halves of a reference, so that the reference's own noise does not
-//! count ([`Halves`]). Times are ratios to the base in a randomised block design: every configuration runs once per
+//! count ([`SplitReference`]). Times are ratios to the base in a randomised block design: every configuration runs once per
 //! block ([`blocks`]). For a target, effects of single levels predict combinations, which orders what to measure
 //! ([`forecasts`]). Every reported value has a 95 % confidence interval.
 
 pub mod blocks;
-mod choose;
+mod budget;
+mod checkpoint;
 mod configuration;
+mod convergence_rate;
 mod error;
 mod experiment;
-mod front;
 mod geometry;
 mod knob;
-mod layout;
+mod pareto;
+mod predict;
 mod reference;
-mod search;
 mod settings;
-mod slope;
-mod stage;
 pub mod statistics;
 mod study;
 mod targets;
-mod unfinished;
+mod tuner;
+mod workspace;
 
-pub use choose::{Forecast, Goal, Target, forecasts, with_knob};
+pub use checkpoint::StudyCheckpoint;
 pub use configuration::{Configuration, HitPath, SceneChange};
-pub use error::{Displayed, ErrorEstimate, Halves, Pictures};
-pub use experiment::{CostError, Experiment, Findings, Gauge, Keep, Watcher, run};
-pub use front::{Place, front, knee};
-pub use geometry::{Answered, GeometricErrors};
-pub use knob::{Knob, Reach, knobs};
+pub use convergence_rate::slope;
+pub use error::{DisplayImage, ErrorEstimate, ImageSums, SplitReference};
+pub use experiment::{CostError, Experiment, Keep, Observer, PatchReference, StudyResult, run};
+pub use geometry::{GeometricErrors, ReferenceResults};
+pub use knob::{Knob, LevelRange, knobs};
+pub use pareto::{ParetoPoint, front, knee};
+pub use predict::{Goal, Prediction, Target, forecasts, with_knob};
 pub use settings::{Measured, Settings, SettingsFile};
-pub use slope::slope;
 pub use statistics::Interval;
 pub use study::{Check, Choice, Curve, Point, Reference, Study, Timing};
-pub use unfinished::Unfinished;

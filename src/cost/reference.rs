@@ -2,10 +2,12 @@
 
 use std::time::Instant;
 
+use super::budget::{Layout, NOISE_FOR_A_TARGET, PLANNED_BLOCKS};
 use super::experiment::MEASURED_PART;
-use super::layout::{Layout, NOISE_FOR_A_TARGET, PLANNED_BLOCKS};
-use super::stage::{Stage, View};
-use super::{Check, Configuration, CostError, Halves, HitPath, Knob, Pictures, SceneChange, Study, Target};
+use super::workspace::{View, Workspace};
+use super::{
+    Check, Configuration, CostError, HitPath, ImageSums, Knob, SceneChange, SplitReference, Study, Target,
+};
 use crate::accel::{Backend, Precision};
 use crate::image::LinearImage;
 use crate::numeric::SpawnPolicy;
@@ -27,7 +29,7 @@ const DISAGREEING_PART: f64 = 0.0025;
 const REFERENCE_SEEDS: [u32; 2] = [1_000_000_000, 2_000_000_000];
 
 /// Returns the base with every knob that causes bias at its strictest level.
-pub(super) fn strictest(base: &Configuration, plan: &Plan) -> Configuration {
+pub(super) fn strictest_configuration(base: &Configuration, plan: &Plan) -> Configuration {
     // Sampling noise is reduced by more samples; everything else is set to its strictest level.
     let settings = base.settings;
     let mut effects = settings.effects;
@@ -108,21 +110,21 @@ impl SceneChange {
 }
 
 /// Reference in two halves, with linear means and displayed values.
-pub(super) struct Halved {
+pub(super) struct AccumulatedReference {
     /// Number of images per half, all of equal spp.
     pub(super) count: u32,
     /// Mean linear image of each half.
     means: [LinearImage; 2],
     /// Means of both halves in displayed values.
-    pub(super) halves: Halves,
+    pub(super) halves: SplitReference,
     /// Seconds to render one image for each half.
     seconds: f64,
 }
 
-impl Halved {
+impl AccumulatedReference {
     /// Returns a reference from the halves' means over `count` images each.
-    pub(super) fn new(count: u32, means: [LinearImage; 2], halves: Halves) -> Halved {
-        Halved {
+    pub(super) fn new(count: u32, means: [LinearImage; 2], halves: SplitReference) -> AccumulatedReference {
+        AccumulatedReference {
             count,
             means,
             halves,
@@ -152,12 +154,16 @@ fn blend(image: &mut LinearImage, other: &LinearImage, part: f32) {
     }
 }
 
-impl Stage<'_, '_> {
+impl Workspace<'_, '_> {
     /// Renders both halves, each by its own intersection backend.
-    pub(super) fn reference(&self, layout: &Layout, strict: &Configuration) -> Result<Halved, CostError> {
+    pub(super) fn reference(
+        &self,
+        layout: &Layout,
+        strict: &Configuration,
+    ) -> Result<AccumulatedReference, CostError> {
         let start = Instant::now();
         let [a, b] = self.pair(layout, strict, 0)?;
-        Ok(Halved {
+        Ok(AccumulatedReference {
             count: 1,
             halves: self.halves(layout.view, [&a, &b]),
             means: [a, b],
@@ -165,9 +171,9 @@ impl Stage<'_, '_> {
         })
     }
 
-    pub(super) fn halves(&self, view: View, means: [&LinearImage; 2]) -> Halves {
+    pub(super) fn halves(&self, view: View, means: [&LinearImage; 2]) -> SplitReference {
         let [a, b] = means.map(|mean| self.displayed(mean, view));
-        Halves { a, b }
+        SplitReference { a, b }
     }
 
     /// Renders one image for each half; `before` is the number of earlier ones and selects the random numbers.
@@ -178,10 +184,10 @@ impl Stage<'_, '_> {
         before: u32,
     ) -> Result<[LinearImage; 2], CostError> {
         let half = |path, seed: u32| {
-            self.say("reference");
-            let mut configuration = strict.through(path);
+            self.report_step("reference");
+            let mut configuration = strict.with_path(path);
             configuration.settings.spp = layout.reference_spp;
-            let rendering = self.picture(&configuration, layout.view, seed + before)?.0;
+            let rendering = self.render_image(&configuration, layout.view, seed + before)?.0;
             Ok::<_, CostError>(rendering.image)
         };
         Ok([
@@ -196,7 +202,7 @@ impl Stage<'_, '_> {
         &self,
         layout: &Layout,
         strict: &Configuration,
-        reference: &mut Halved,
+        reference: &mut AccumulatedReference,
     ) -> Result<(), CostError> {
         // With a target, the planned reference is already as long as necessary.
         if self.experiment.target.is_some() {
@@ -205,12 +211,15 @@ impl Stage<'_, '_> {
         // Estimate the smallest error of any candidate from one image each
         let start = Instant::now();
         let mut least = f64::INFINITY;
-        for contestant in &layout.contestants {
-            self.say("reference");
-            let picture = self.picture(&contestant.configuration, layout.view, 0)?.0.image;
-            let mut pictures = Pictures::new(&reference.halves);
-            pictures.add(&reference.halves, &self.displayed(&picture, layout.view));
-            let square = pictures.mean_square();
+        for candidate in &layout.candidates {
+            self.report_step("reference");
+            let image = self
+                .render_image(&candidate.configuration, layout.view, 0)?
+                .0
+                .image;
+            let mut sums = ImageSums::new(&reference.halves);
+            sums.add(&reference.halves, &self.displayed(&image, layout.view));
+            let square = sums.mean_square();
             least = if square > 0.0 { least.min(square) } else { least };
         }
         // Add images to both halves, with time reserved for the measurement blocks
@@ -231,13 +240,13 @@ impl Stage<'_, '_> {
 
     /// Returns the root mean squared difference between `strict` and `stricter`, without noise: the mean product of the
     /// differences of two image pairs, each pair with its own seed.
-    pub(super) fn left_by(
+    pub(super) fn residual_bias(
         &self,
         layout: &Layout,
         strict: &Configuration,
         stricter: &Configuration,
     ) -> Result<f64, CostError> {
-        self.say("check");
+        self.report_step("check");
         // Render two independent pairs of images
         let mut differences = Vec::new();
         for seed in REFERENCE_SEEDS {
@@ -245,8 +254,8 @@ impl Stage<'_, '_> {
             for configuration in [strict, stricter] {
                 let mut configuration = *configuration;
                 configuration.settings.spp = layout.stricter_spp;
-                let picture = self.picture(&configuration, layout.view, seed)?.0.image;
-                pair.push(self.displayed(&picture, layout.view));
+                let image = self.render_image(&configuration, layout.view, seed)?.0.image;
+                pair.push(self.displayed(&image, layout.view));
             }
             differences.push(pair[0].minus(&pair[1]));
         }
@@ -261,7 +270,7 @@ impl Stage<'_, '_> {
 /// Returns the checks that a reference must pass before errors against it are reliable.
 pub(super) fn checks(
     strict: &Configuration,
-    reference: &Halved,
+    reference: &AccumulatedReference,
     study: &Study,
     left: &[(Knob, f64)],
 ) -> Vec<Check> {
@@ -292,15 +301,15 @@ pub(super) fn checks(
     let mut checks = vec![Check {
         name: "noise".to_owned(),
         holds: noise <= noise_bound,
-        words: format!("errs by {noise:.2e}; {noise_bound:.2e} may be, of {error:.2e}, {of_what}"),
+        words: format!("noise {noise:.2e}, at most {noise_bound:.2e} allowed for {of_what} of {error:.2e}"),
     }];
     // Check that both backends agree
-    let disagreeing = reference.halves.disagreeing_share();
+    let disagreeing = reference.halves.disagreeing_fraction();
     checks.push(Check {
             name: "two paths".to_owned(),
             holds: disagreeing <= DISAGREEING_PART,
             words: format!(
-                "halves through {} and {} differ by more than noise in {:.2} % of the blocks of pixels; {:.2} % may",
+                "halves by {} and {} differ by more than noise in {:.2} % of the pixel blocks, at most {:.2} % allowed",
                 strict.path.name(),
                 HitPath::BSP.name(),
                 100.0 * disagreeing,
@@ -313,14 +322,16 @@ pub(super) fn checks(
     checks.push(Check {
         name: "numbers".to_owned(),
         holds: non_finite == 0,
-        words: format!("{non_finite} pixels are no numbers"),
+        words: format!("{non_finite} pixels are not finite"),
     });
     // Check that stricter knobs do not change the image
     for (knob, left) in left {
         checks.push(Check {
             name: knob.name().to_owned(),
             holds: *left <= left_bound,
-            words: format!("stricter, it moves the picture by {left:.2e}; {left_bound:.2e} may be"),
+            words: format!(
+                "a stricter value changes the image by {left:.2e}, at most {left_bound:.2e} allowed"
+            ),
         });
     }
     checks

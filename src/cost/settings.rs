@@ -143,7 +143,7 @@ impl Settings {
     }
 
     /// Returns the name of the first setting that is out of range, with the valid range.
-    fn fault(&self) -> Option<(&'static str, String)> {
+    fn find_out_of_range(&self) -> Option<(&'static str, String)> {
         // List values with their valid ranges
         let counts = [
             ("spp", self.spp, 1, MAX_SPP),
@@ -214,11 +214,11 @@ impl SettingsFile {
                 let before = text.get(..span.start).unwrap_or_default();
                 format!(", line {}", before.matches('\n').count() + 1)
             });
-            format!("is no file of settings{line}: {}", error.message())
+            format!("is not a settings file{line}: {}", error.message())
         })?;
         // Check ranges of the values
-        match file.settings.fault() {
-            Some((name, range)) => Err(format!("says a `{name}` that cannot be: give {range}")),
+        match file.settings.find_out_of_range() {
+            Some((name, range)) => Err(format!("has a value of `{name}` out of range: give {range}")),
             None => Ok(file),
         }
     }
@@ -231,7 +231,7 @@ mod tests {
     use crate::render::RenderSettings;
 
     #[test]
-    fn what_is_written_is_read_again() {
+    fn written_settings_are_read_back_unchanged() {
         // Write settings that differ from the defaults
         let configuration = Configuration {
             settings: RenderSettings {
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_are_told_with_their_place() {
+    fn errors_name_the_value_or_the_line() {
         for (text, word) in [
             ("[settings]\nspp = 0\n", "`spp`"),
             ("[settings]\nmarch_step = 0.0\n", "`march_step`"),

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::numeric::SplitMix64;
 
 /// Number of bootstrap resamples.
-const DRAWS: usize = 2000;
+const RESAMPLES: usize = 2000;
 /// Tail probability on either side of a 95 % interval.
 const TAIL: f64 = 0.025;
 
@@ -85,7 +85,7 @@ pub fn median_interval(values: &[f64]) -> Interval {
     if sorted.is_empty() {
         return Interval::exact(value);
     }
-    let skipped = skipped_of(sorted.len());
+    let skipped = skipped_ranks(sorted.len());
     Interval {
         value,
         low: sorted[skipped],
@@ -95,7 +95,7 @@ pub fn median_interval(values: &[f64]) -> Interval {
 
 /// Returns the number of values that can be dropped at either end of `count` sorted values so that the rest enclose the
 /// true median with 95 % probability: the sum of binomial weights on either side is at most 1/40.
-fn skipped_of(count: usize) -> usize {
+fn skipped_ranks(count: usize) -> usize {
     let mut weight = 0.5f64.powi(count.min(1000) as i32);
     let mut sum = 0.0;
     // Add binomial weights from the end until they exceed the tail probability
@@ -117,7 +117,7 @@ pub fn bootstrap(count: usize, seed: u64, statistic: impl Fn(&[usize]) -> f64) -
     let value = statistic(&chosen);
     // Evaluate the statistic on resamples with replacement
     let mut random = SplitMix64::new(seed, count as u64);
-    let mut draws: Vec<f64> = (0..DRAWS)
+    let mut draws: Vec<f64> = (0..RESAMPLES)
         .map(|_| {
             chosen.iter_mut().for_each(|place| *place = random.below(count));
             statistic(&chosen)
@@ -125,7 +125,7 @@ pub fn bootstrap(count: usize, seed: u64, statistic: impl Fn(&[usize]) -> f64) -
         .collect();
     // Take quantiles of the resampled values
     draws.sort_by(f64::total_cmp);
-    let at = |part: f64| draws[((DRAWS - 1) as f64 * part).round() as usize];
+    let at = |part: f64| draws[((RESAMPLES - 1) as f64 * part).round() as usize];
     Interval {
         value,
         low: at(TAIL),
@@ -138,22 +138,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_median_is_in_the_middle() {
+    fn median_is_the_middle_value() {
         assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
         assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), 2.5);
         assert!(median(&[]).is_nan());
     }
 
     #[test]
-    fn order_statistics_are_those_of_published_tables() {
+    fn order_statistics_match_published_tables() {
         // The extremes of 6 values enclose the median with 96.9 %; of 20 values the 6th and 15th do with 95.9 %, by
         // tables of the sign test.
-        let skipped: Vec<usize> = [5, 6, 8, 9, 10, 12, 15, 20, 25, 50].map(skipped_of).into();
+        let skipped: Vec<usize> = [5, 6, 8, 9, 10, 12, 15, 20, 25, 50].map(skipped_ranks).into();
         assert_eq!(skipped, [0, 0, 0, 1, 1, 2, 3, 5, 7, 17]);
     }
 
     #[test]
-    fn an_interval_of_the_median_holds_it_95_times_of_100() {
+    fn median_interval_contains_the_median_in_95_percent() {
         for count in [6, 11, 30] {
             let held = (0..2000)
                 .filter(|&sample| {
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn the_bootstrap_holds_a_mean_about_95_times_of_100() {
+    fn bootstrap_interval_contains_the_mean_in_about_95_percent() {
         let held = (0..400)
             .filter(|&sample| {
                 let mut random = SplitMix64::new(8, sample);

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::choose::Target;
-use super::{GeometricErrors, Interval, Knob, Place, knee};
+use super::predict::Target;
+use super::{GeometricErrors, Interval, Knob, ParetoPoint, knee};
 
 /// All measurements of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -199,18 +199,18 @@ impl Study {
     /// Returns the index of the Pareto front's knee, beyond which less error costs much time; the base where there is
     /// no knee.
     pub fn knee(&self) -> usize {
-        let place = |point: &Point| Place {
+        let place = |point: &Point| ParetoPoint {
             time: point.time_ratio,
             error: point.rmse,
         };
-        let places: Vec<Place> = self.points.iter().map(place).collect();
+        let places: Vec<ParetoPoint> = self.points.iter().map(place).collect();
         let on_front: Vec<bool> = self.points.iter().map(|point| point.on_front).collect();
         knee(&places, &on_front).unwrap_or(0)
     }
 
     /// Returns the factor by which time grows for half the error along the curve, by its slope: `None` where the error
     /// does not fall.
-    pub fn price_of_half(&self, curve: &Curve) -> Option<Interval> {
+    pub fn time_factor_of_half_error(&self, curve: &Curve) -> Option<Interval> {
         let slope = curve.slope?;
         // Error grows like time^slope, so that half the error takes 2^(-1/slope) times the time.
         let price = |slope: f64| 2f64.powf(-1.0 / slope);

@@ -47,7 +47,7 @@ impl Document {
         let fault = |fault: String| self.fault(format!("accessor {number}"), fault, EXPORT_AGAIN);
         let (Checked::Valid(component), Checked::Valid(type_)) = (accessor.component_type, accessor.type_)
         else {
-            return Err(fault("has a type that glTF does not have".into()));
+            return Err(fault("has a type that glTF does not define".into()));
         };
         // Compute the size of an element
         let component = component.0;
@@ -136,11 +136,11 @@ impl<'a> Accessor<'a> {
         }
         // Use the mapped bytes if they are packed floats
         let is_float = self.component == ComponentType::F32;
-        if let Some(slab) = self
+        if let Some(mapped_values) = self
             .packed(size_of::<[f32; N]>(), self.count)
             .filter(|_| is_float)
         {
-            return Ok(slab);
+            return Ok(mapped_values);
         }
         // Decode the base, which is zero without a buffer view
         let mut values = vec![[0f32; N]; self.count];
@@ -216,7 +216,7 @@ impl<'a> Accessor<'a> {
 
     fn open_sparse(&self, sparse: &gltf::json::accessor::sparse::Sparse) -> Result<Sparse<'a>, GltfError> {
         let Checked::Valid(component) = sparse.indices.component_type else {
-            return Err(self.fault("has sparse indices of a type that glTF does not have".into()));
+            return Err(self.fault("has sparse indices of a type that glTF does not define".into()));
         };
         let document = self.document;
         let count = sparse.count.0;
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn every_component_type_decodes_to_the_value_of_the_specification() {
+    fn component_types_decode_as_specified() {
         let bytes = [0x80, 0x7f, 0xff, 0xff, 0x00, 0x00, 0x80, 0x3f];
         // i8: -128, 127; u8: 128, 127; i16: 0x7f80 = 32640, -1; u16: 32640, 65535; u32: 0xffff7f80 = 4294934400,
         // 0x3f800000 = 1065353216; f32: NaN, 1.
@@ -398,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn scalars_and_matrices_are_read_as_such_and_nothing_else_is_taken_for_them() {
+    fn accessor_types_must_match_scalars_and_matrices() {
         let bytes: Vec<u8> = (1..=16u8).flat_map(|i| f32::from(i).to_le_bytes()).collect();
         let of = |type_: &str, count: u32| {
             let accessor = json!([{"bufferView": 0, "componentType": 5126, "count": count, "type": type_}]);
@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stride_skips_what_lies_between_and_the_last_element_needs_no_padding() {
+    fn stride_skips_padding_except_after_the_last_element() {
         // Elements of 2 bytes every 4 bytes, from offset 1 on.
         let bytes = [9, 1, 2, 9, 9, 3, 4];
         let accessor =
@@ -439,7 +439,7 @@ mod tests {
     }
 
     #[test]
-    fn indices_of_8_16_and_32_bits_read_alike() {
+    fn indices_of_8_16_and_32_bits_are_read_alike() {
         let bytes = [1, 0, 0, 0, 2, 0, 0, 0];
         for (component, expected) in [
             (5121, vec![1, 0, 0, 0, 2, 0, 0, 0]),
@@ -467,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn sparse_values_replace_those_of_the_base_or_zeros() {
+    fn sparse_values_replace_base_values_or_zeros() {
         // Base: four u8 pairs; then the sparse index 2; then its value (7, 8).
         let bytes = [1, 1, 2, 2, 3, 3, 4, 4, 2, 7, 8];
         let sparse = json!({"count": 1,
@@ -493,7 +493,7 @@ mod tests {
     }
 
     #[test]
-    fn counts_offsets_and_strides_that_the_bytes_cannot_hold_are_refused() {
+    fn counts_offsets_and_strides_beyond_the_buffer_are_rejected() {
         let bytes = [0; 24];
         let base = json!({"bufferView": 0, "componentType": 5126, "count": 2, "type": "VEC3"});
         let with = |key: &str, value: Value| {

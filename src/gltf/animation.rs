@@ -18,7 +18,7 @@ use crate::scene::Animation;
 
 /// A time in an animation.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Pose {
+pub struct AnimationTime {
     /// Name or number of the animation; all animations together if `None`.
     pub animation: Option<String>,
     /// Time in seconds from the beginning of the animation.
@@ -53,7 +53,7 @@ impl Document {
     /// Evaluates the animations of a pose; returns the replaced properties by node number.
     pub(super) fn moved(
         &self,
-        pose: &Pose,
+        pose: &AnimationTime,
         warnings: &mut Vec<String>,
     ) -> Result<HashMap<usize, NodeOverride>, GltfError> {
         let mut moved = HashMap::new();
@@ -66,21 +66,26 @@ impl Document {
     }
 
     /// Returns the numbers of the animations that a pose refers to.
-    fn animations_of(&self, pose: &Pose, warnings: &mut Vec<String>) -> Result<Vec<usize>, GltfError> {
+    fn animations_of(
+        &self,
+        pose: &AnimationTime,
+        warnings: &mut Vec<String>,
+    ) -> Result<Vec<usize>, GltfError> {
         let animations = &self.root.animations;
         if animations.is_empty() {
-            warnings.push("there are no animations: it is the same at all times".into());
+            warnings.push("it has no animations: it is the same at all times".into());
             return Ok(Vec::new());
         }
-        let Some(wish) = &pose.animation else {
+        let Some(requested) = &pose.animation else {
             return Ok((0..animations.len()).collect());
         };
         // Find the animation by its name, else by its number
         let named = animations
             .iter()
-            .position(|animation| animation.name.as_ref() == Some(wish));
+            .position(|animation| animation.name.as_ref() == Some(requested));
         let number = named.or_else(|| {
-            wish.parse()
+            requested
+                .parse()
                 .ok()
                 .filter(|&number: &usize| number < animations.len())
         });
@@ -88,8 +93,8 @@ impl Document {
             let known: Vec<String> = (0..animations.len())
                 .map(|number| format!("{number} `{}`", self.animation_name(number)))
                 .collect();
-            let fault = format!("is not there: there are {}", known.join(", "));
-            self.fault(format!("animation `{wish}`"), fault, "name one of them")
+            let fault = format!("does not exist: the file has {}", known.join(", "));
+            self.fault(format!("animation `{requested}`"), fault, "name one of them")
         })
     }
 
@@ -112,7 +117,7 @@ impl Document {
             Property::Translation | Property::Scale => 3,
             Property::Rotation => 4,
             Property::MorphTargetWeights => self.target_count(node),
-        // Evaluate the sampler at the pose's time
+            // Evaluate the sampler at the pose's time
         };
         let curve = self.curve(animation, channel.sampler.value(), (property, width))?;
         let place = moved.entry(node).or_default();
@@ -142,7 +147,7 @@ impl Document {
         let item = self.node_item(node);
         match target.path {
             Checked::Invalid => fault(
-                "moves a property that glTF 2.0 does not have".into(),
+                "animates a property that glTF 2.0 does not define".into(),
                 EXPORT_AGAIN,
             ),
             Checked::Valid(Property::MorphTargetWeights) if self.target_count(node) == 0 => {
@@ -151,7 +156,7 @@ impl Document {
             Checked::Valid(Property::MorphTargetWeights) => Ok((node, Property::MorphTargetWeights)),
             // glTF 2.0 forbids animating a node that has a matrix
             Checked::Valid(_) if self.root.nodes[node].matrix.is_some() => fault(
-                format!("moves {item}, which has a matrix"),
+                format!("animates {item}, which has a matrix"),
                 "give the node translation, rotation and scale",
             ),
             Checked::Valid(property) => Ok((node, property)),
@@ -178,9 +183,7 @@ impl Document {
             .get(sampler)
             .ok_or_else(|| self.missing("sampler", sampler, samplers.len()))?;
         let Checked::Valid(interpolation) = form.interpolation else {
-            return Err(fault(
-                "goes from key to key in a way that glTF 2.0 does not have".into(),
-            ));
+            return Err(fault("has an interpolation that glTF 2.0 does not define".into()));
         };
         // Read the times and the values
         let times = self.numbers::<1>(form.input.value())?;
@@ -194,7 +197,7 @@ impl Document {
         let is_finite = times.iter().chain(&values).all(|number| number.is_finite());
         if times.is_empty() || !is_ordered || !is_finite {
             return Err(fault(
-                "has no times, or times that do not grow, or numbers that are not finite".into(),
+                "has no times, or times that do not increase, or numbers that are not finite".into(),
             ));
         }
         // Check that every time has its values

@@ -21,7 +21,7 @@ pub(super) struct AnimationSampler {
 }
 
 /// Position of a time among the keyframes.
-enum Place {
+enum KeyPosition {
     /// A keyframe's own value: at its time, before the first or after the last.
     Key(usize),
     /// A fraction, from 0 to 1, of the interval between a keyframe and the next.
@@ -40,16 +40,16 @@ impl AnimationSampler {
 
     /// Returns the value at a time.
     pub(super) fn at(&self, seconds: f64) -> Vec<f64> {
-        match self.place(seconds) {
-            Place::Key(key) => self.value(key).to_vec(),
-            Place::Between(key, u) => self.between(key, u),
+        match self.key_position(seconds) {
+            KeyPosition::Key(key) => self.value(key).to_vec(),
+            KeyPosition::Between(key, u) => self.between(key, u),
         }
     }
 
     /// Returns the rotation at a time, for a sampler of quaternions.
     pub(super) fn rotation_at(&self, seconds: f64) -> DQuat {
-        match (self.interpolation, self.place(seconds)) {
-            (Interpolation::Linear, Place::Between(key, u)) => {
+        match (self.interpolation, self.key_position(seconds)) {
+            (Interpolation::Linear, KeyPosition::Between(key, u)) => {
                 let [a, b] = [key, key + 1].map(|key| quaternion(self.value(key)));
                 // glam's slerp takes the shorter of the two arcs.
                 a.slerp(b, u)
@@ -58,16 +58,16 @@ impl AnimationSampler {
         }
     }
 
-    fn place(&self, seconds: f64) -> Place {
+    fn key_position(&self, seconds: f64) -> KeyPosition {
         // Binary search for the first keyframe after the time
         let next = self.times.partition_point(|&time| time <= seconds);
         let Some(key) = next.checked_sub(1) else {
-            return Place::Key(0);
+            return KeyPosition::Key(0);
         };
         let (start, Some(end)) = (self.times[key], self.times.get(next)) else {
-            return Place::Key(key);
+            return KeyPosition::Key(key);
         };
-        Place::Between(key, (seconds - start) / (end - start))
+        KeyPosition::Between(key, (seconds - start) / (end - start))
     }
 
     fn value(&self, key: usize) -> &[f64] {
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_wait_lines_go_and_both_stop_at_the_ends() {
+    fn step_and_linear_samplers_clamp_at_the_ends() {
         let at = |interpolation, seconds| {
             curve(interpolation, &[1.0, 2.0, 4.0], &[10.0, 20.0, 40.0]).at(seconds)[0]
         };
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spline_takes_its_tangents_times_the_step() {
+    fn spline_scales_its_tangents_by_the_time_step() {
         // From 0 to 1 in 2 s, leaving at 3 per second and arriving at -1: in the middle 1/2 + 2 (3 - -1) / 8.
         let spline = curve(
             Interpolation::CubicSpline,
@@ -148,13 +148,13 @@ mod tests {
     }
 
     #[test]
-    fn values_of_several_numbers_keep_them_apart() {
+    fn vector_components_are_interpolated_separately() {
         let line = curve(Interpolation::Linear, &[0.0, 1.0], &[0.0, 8.0, 4.0, 16.0]);
         assert_eq!(line.at(0.25), [1.0, 10.0]);
     }
 
     #[test]
-    fn rotations_take_the_shorter_way_and_are_made_unit() {
+    fn rotations_take_the_shorter_arc_and_are_normalised() {
         let quarter = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
         // Twice as long, and the other of the two quaternions of that rotation.
         let other = (quarter * -2.0).to_array();

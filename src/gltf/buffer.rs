@@ -137,7 +137,7 @@ impl Document {
                 bytes.len(),
                 buffer.byte_length.0
             );
-            return Err(self.fault(item, fault, "copy or export the file again, it is cut off"));
+            return Err(self.fault(item, fault, "copy or export the file again, it is truncated"));
         }
         Ok(bytes)
     }
@@ -153,12 +153,12 @@ impl Document {
         }
         // Reject URLs, as nothing is downloaded
         if uri.contains("://") {
-            let fault = format!("is at `{}`", shortened(uri));
+            let fault = format!("is at `{}`", truncated_uri(uri));
             return Err(self.fault(item, fault, "download it and put its file name instead"));
         }
         // Map the file, whose name may be percent-encoded
         let Ok(name) = percent_decode_str(uri).decode_utf8() else {
-            let fault = format!("has the URI `{}`, which is not UTF-8", shortened(uri));
+            let fault = format!("has the URI `{}`, which is not UTF-8", truncated_uri(uri));
             return Err(self.fault(item, fault, EXPORT_AGAIN));
         };
         let folder = self.file.parent().map_or_else(PathBuf::new, PathBuf::from);
@@ -190,7 +190,7 @@ fn decode_data_uri(data: &str) -> Option<Vec<u8>> {
 }
 
 /// Returns a URI shortened to a length that fits into a message.
-fn shortened(uri: &str) -> String {
+fn truncated_uri(uri: &str) -> String {
     const LENGTH: usize = 80;
     if uri.chars().count() <= LENGTH {
         return uri.into();
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_uri_is_cut_between_characters() {
-        assert_eq!(shortened(&"é".repeat(200)).chars().count(), 83);
+    fn long_uri_is_cut_between_characters() {
+        assert_eq!(truncated_uri(&"é".repeat(200)).chars().count(), 83);
     }
 }

@@ -20,11 +20,11 @@ const DEFAULT_SIDE: DVec3 = DVec3::new(0.5, 0.35, 1.0);
 /// Ratio of the default camera's distance to that at which the bounds would touch the image's edge.
 const MARGIN: f64 = 1.05;
 /// Direction from surfaces to the default light, in camera space: behind the camera's left shoulder.
-const LEFT_SHOULDER: DVec3 = DVec3::new(-0.5, 0.8, 1.0);
+const TO_DEFAULT_LIGHT: DVec3 = DVec3::new(-0.5, 0.8, 1.0);
 
 /// Returns a camera that frames `bounds`: a vertical field of view of 45 degrees, from the front, slightly from the
 /// right and above, at the distance where the box just fits a square image, with a margin of a twentieth.
-pub(crate) fn framing_camera(bounds: &Bounds) -> Camera {
+pub(crate) fn default_camera(bounds: &Bounds) -> Camera {
     let back = DEFAULT_SIDE.normalize();
     let axes = axes_looking_along(-back, DVec3::Y);
     let center = bounds.center();
@@ -61,7 +61,7 @@ pub(super) fn default_light(camera: &Camera) -> Light {
         name: "default".into(),
         intensity: [1.0 - DEFAULT_AMBIENT[0]; 3].map(|radiance| radiance * PI as f32),
         kind: LightKind::Directional {
-            to_light: (camera.world_from_camera.matrix3 * LEFT_SHOULDER).normalize(),
+            to_light: (camera.world_from_camera.matrix3 * TO_DEFAULT_LIGHT).normalize(),
         },
     }
 }
@@ -83,7 +83,7 @@ impl Document {
         let lens = lens(source);
         let place = rigid(&node.world_from_node);
         let (Some((projection, z_near, z_far)), Some(world_from_camera)) = (lens, place) else {
-            warnings.push(format!("camera {number} makes no sense and was skipped"));
+            warnings.push(format!("camera {number} is invalid and was skipped"));
             return Ok(None);
         };
         let name = source.name.as_deref().filter(|name| !name.is_empty());
@@ -121,9 +121,9 @@ impl Document {
         // Check the intensity and the type of the light
         let intensity = source.color.map(|c| c * source.intensity);
         let is_sound = intensity.iter().all(|x| (0.0..f32::INFINITY).contains(x));
-        let kind = shine(source, &node.world_from_node).filter(|_| is_sound);
+        let kind = emit(source, &node.world_from_node).filter(|_| is_sound);
         let Some(kind) = kind else {
-            warnings.push(format!("light {number} makes no sense and was skipped"));
+            warnings.push(format!("light {number} is invalid and was skipped"));
             return Ok(None);
         };
         let name = source.name.as_deref().filter(|name| !name.is_empty());
@@ -168,7 +168,7 @@ fn lens(source: &json::Camera) -> Option<(Projection, f64, f64)> {
 }
 
 /// Returns the type of a light at its node; it emits along the node's -z axis, unscaled.
-fn shine(source: &khr_lights_punctual::Light, world_from_node: &DAffine3) -> Option<LightKind> {
+fn emit(source: &khr_lights_punctual::Light, world_from_node: &DAffine3) -> Option<LightKind> {
     let position = Some(world_from_node.translation).filter(|p| p.is_finite())?;
     // Scale and shear are removed from the direction
     let forward = || world_from_node.matrix3.z_axis.try_normalize().map(|back| -back);
@@ -225,14 +225,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_framed_box_fits_a_square_picture_and_nearly_touches_its_edge() {
+    fn default_camera_frames_the_box_closely() {
         for (low, high) in [
             (DVec3::ZERO, DVec3::ONE),
             (DVec3::new(-5.0, 0.0, -1.0), DVec3::new(50.0, 0.0, 1.0)),
             (DVec3::splat(1e-9), DVec3::new(1e-6, 3e-6, 2e-6)),
         ] {
             let bounds = Bounds { min: low, max: high };
-            let camera = framing_camera(&bounds);
+            let camera = default_camera(&bounds);
             let slope = (0.5 * FRAC_PI_4).tan();
             let mut largest = 0.0f64;
             for corner in 0..8 {
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scaled_and_mirrored_camera_node_gives_an_orthonormal_camera() {
+    fn scaled_and_mirrored_camera_node_gives_an_orthonormal_camera() {
         let turn = DAffine3::from_rotation_y(0.5);
         let map = turn * DAffine3::from_scale(DVec3::new(-3.0, 2.0, 0.1));
         let axes = rigid(&map).unwrap().matrix3;

@@ -101,13 +101,13 @@ impl Document {
             return Ok(HashMap::new());
         }
         // Index the world transforms by node number
-        let places = nodes
+        let world_transforms = nodes
             .iter()
             .map(|node| (node.number, node.world_from_node))
             .collect();
         skins
             .into_iter()
-            .map(|skin| Ok((skin, Arc::new(self.joints(skin, &places)?))))
+            .map(|skin| Ok((skin, Arc::new(self.joints(skin, &world_transforms)?))))
             .collect()
     }
 
@@ -137,12 +137,12 @@ impl Document {
             .or_else(of_mesh)
             .map(widened)
             .unwrap_or_default();
-        let of_moment = moved.get(&node).and_then(|moved| moved.weights.as_ref());
+        let animated = moved.get(&node).and_then(|moved| moved.weights.as_ref());
         // The file's own weights are checked even if the animation replaces them.
-        for weights in [Some(&own), of_moment].into_iter().flatten() {
+        for weights in [Some(&own), animated].into_iter().flatten() {
             self.check_weights(node, weights, target_count)?;
         }
-        let weights = of_moment.cloned().unwrap_or(own);
+        let weights = animated.cloned().unwrap_or(own);
         Ok(if weights.iter().all(|&weight| weight == 0.0) {
             Vec::new()
         } else {

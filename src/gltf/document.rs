@@ -14,7 +14,7 @@ use super::buffer::Bytes;
 use super::mmap::map_file;
 
 /// Extensions that are implemented.
-const KNOWN: [&str; 11] = [
+const SUPPORTED_EXTENSIONS: [&str; 11] = [
     "KHR_lights_punctual",
     "KHR_materials_diffuse_transmission",
     "KHR_materials_dispersion",
@@ -78,7 +78,7 @@ impl Document {
 
     /// Returns an error about a reference to an item that does not exist.
     pub(super) fn missing(&self, kind: &str, number: usize, count: usize) -> GltfError {
-        let fault = format!("is referred to, but the file has {count} of them");
+        let fault = format!("does not exist, because the file has {count} of them");
         self.fault(format!("{kind} {number}"), fault, super::error::EXPORT_AGAIN)
     }
 
@@ -100,7 +100,7 @@ impl Document {
     }
 
     fn check_extensions(&self, warnings: &mut Vec<String>) -> Result<(), GltfError> {
-        let is_known = |name: &String| KNOWN.contains(&name.as_str());
+        let is_known = |name: &String| SUPPORTED_EXTENSIONS.contains(&name.as_str());
         let unknown = |names: &[String]| -> Vec<String> {
             let mut names: Vec<String> = names.iter().filter(|n| !is_known(n)).cloned().collect();
             names.sort();
@@ -116,9 +116,9 @@ impl Document {
         // An optional one is a warning
         for name in unknown(&self.root.extensions_used) {
             warnings.push(if name.starts_with(MATERIAL_EXTENSION) {
-                format!("the extension {name} was left out: materials are shown without it")
+                format!("the extension {name} is not supported: materials are rendered without it")
             } else {
-                format!("the extension {name} is not known and was ignored")
+                format!("the extension {name} is unknown and was ignored")
             });
         }
         Ok(())
@@ -139,7 +139,7 @@ fn split_container(whole: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
     const JSON: u32 = u32::from_le_bytes(*b"JSON");
     const BIN: u32 = u32::from_le_bytes(*b"BIN\0");
     let Some((map, start)) = whole.mapped() else {
-        return Err("it is not mapped".into());
+        return Err("it is not memory-mapped".into());
     };
     // Check the header
     let word = |at: usize| -> Option<u32> {
@@ -155,7 +155,7 @@ fn split_container(whole: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
     let end = length as usize;
     if end > whole.len() {
         return Err(format!(
-            "it is cut off: {} bytes of {length} are there",
+            "it is truncated: {} bytes of {length} are there",
             whole.len()
         ));
     }
@@ -215,13 +215,13 @@ fn parse(json: &[u8], warnings: &mut Vec<String>) -> Result<json::Root, String> 
 /// Image index of a texture that has no image, or one in an extension only.
 pub(super) const NO_IMAGE: u32 = u32::MAX;
 
-/// Parses the JSON with repairs: the parts in `spared` are removed, whole numbers may be written with a decimal point,
+/// Parses the JSON with repairs: the parts in `omitted` are removed, whole numbers may be written with a decimal point,
 /// and absent values with a sensible default get it.
-fn parse_leniently(json: &[u8], spared: &[&str]) -> Option<json::Root> {
+fn parse_leniently(json: &[u8], omitted: &[&str]) -> Option<json::Root> {
     let mut root: Value = serde_json::from_slice(json).ok()?;
     let object = root.as_object_mut()?;
     // Remove the parts to spare, and references to them
-    for &part in spared {
+    for &part in omitted {
         object.remove(part);
     }
     if !object.contains_key("skins") {
@@ -241,13 +241,13 @@ fn parse_leniently(json: &[u8], spared: &[&str]) -> Option<json::Root> {
             item.entry(key).or_insert_with(|| default.clone());
         }
     }
-    write_whole_numbers_plainly(&mut root);
+    integers_from_floats(&mut root);
     // The document is printed and parsed again, because the `gltf` crate's types hold raw JSON.
     json::Root::from_slice(&serde_json::to_vec(&root).ok()?).ok()
 }
 
 /// Replaces `3.0` by `3`, which JSON does not distinguish but the parser's types do. The parser limits the depth.
-fn write_whole_numbers_plainly(value: &mut Value) {
+fn integers_from_floats(value: &mut Value) {
     const EXACT: f64 = 9_007_199_254_740_992.0;
     match value {
         Value::Number(number) => {
@@ -257,8 +257,8 @@ fn write_whole_numbers_plainly(value: &mut Value) {
                 *value = Value::from(x as i64);
             }
         }
-        Value::Array(items) => items.iter_mut().for_each(write_whole_numbers_plainly),
-        Value::Object(object) => object.values_mut().for_each(write_whole_numbers_plainly),
+        Value::Array(items) => items.iter_mut().for_each(integers_from_floats),
+        Value::Object(object) => object.values_mut().for_each(integers_from_floats),
         _ => {}
     }
 }
@@ -280,7 +280,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_broken_part_that_is_not_used_does_not_spoil_the_file() {
+    fn unused_invalid_part_does_not_reject_the_file() {
         let json = br#"{"asset": {"version": "2.0"}, "animations": 7, "scenes": [{}],
             "textures": [{}], "buffers": [{"byteLength": 12.0}], "nodes": [{"mesh": 0, "skin": 0}]}"#;
         let mut warnings = Vec::new();
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn a_texture_without_an_image_does_not_cost_the_file_its_animations_and_skins() {
+    fn texture_without_image_keeps_animations_and_skins() {
         let json = br#"{"asset": {"version": "2.0"}, "textures": [{}], "skins": [{"joints": [0]}],
             "animations": [{"channels": [], "samplers": []}]}"#;
         let mut warnings = Vec::new();
@@ -306,13 +306,13 @@ mod tests {
     }
 
     #[test]
-    fn json_that_is_nested_without_end_is_refused() {
+    fn deeply_nested_json_is_rejected() {
         let json = format!("{{\"asset\": {}", "[".repeat(1_000_000));
         assert!(parse(json.as_bytes(), &mut Vec::new()).is_err());
     }
 
     #[test]
-    fn a_byte_order_mark_is_skipped() {
+    fn byte_order_mark_is_skipped() {
         assert!(
             parse(
                 b"\xef\xbb\xbf {\"asset\": {\"version\": \"2.0\"}}",

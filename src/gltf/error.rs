@@ -16,7 +16,7 @@ pub enum GltfError {
         fault: String,
     },
     /// The content is not glTF, or it is truncated.
-    #[error("{}: is not a whole glTF file ({fault}): give a .gltf or .glb file of glTF 2.0", .file.display())]
+    #[error("{}: is not a complete glTF file ({fault}): give a .gltf or .glb file of glTF 2.0", .file.display())]
     NotGltf {
         /// Path of the glTF file.
         file: PathBuf,
@@ -24,7 +24,7 @@ pub enum GltfError {
         fault: String,
     },
     /// The file needs another version of glTF.
-    #[error("{}: is made for glTF {version}: convert it to glTF 2.0", .file.display())]
+    #[error("{}: is written for glTF {version}: convert it to glTF 2.0", .file.display())]
     Version {
         /// Path of the glTF file.
         file: PathBuf,
@@ -32,7 +32,11 @@ pub enum GltfError {
         version: String,
     },
     /// The file requires extensions that are not implemented.
-    #[error("{}: needs what this program does not know: {}: export the file without it", .file.display(), .names.join(", "))]
+    #[error(
+        "{}: requires extensions that this program does not support ({}): export the file without them",
+        .file.display(),
+        .names.join(", ")
+    )]
     RequiredExtensions {
         /// Path of the glTF file.
         file: PathBuf,

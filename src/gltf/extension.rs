@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn senseless_members_get_their_default_and_numbers_outside_their_range_its_end() {
+    fn invalid_members_get_defaults_and_numbers_are_clamped() {
         let all = json!({"X": {"a": "2", "b": 7, "c": [1, 2], "d": [1, "x", -1], "e": -1, "f": {"index": -1}}, "Y": 3});
         let mut corrections = Corrections::default();
         let x = Extension::of(all.as_object(), "X", &mut corrections);

@@ -85,13 +85,15 @@ impl<'a> Materials<'a> {
         // Warn about what is left out
         for set in lacks {
             self.warnings.push(format!(
-                "material `{name}` looks up TEXCOORD_{set}, which a mesh lacks: shown there without those textures"
+                "material `{name}` looks up TEXCOORD_{set}, which a mesh lacks: it is rendered there \
+                 without those textures"
             ));
         }
         let mut corrections = Corrections::default();
-        if has_sheet_textures(source) {
+        if has_diffuse_transmission_textures(source) {
             self.warnings.push(format!(
-                "material `{name}` has textures of diffuse transmission, which are not read: shown with its factors"
+                "material `{name}` has textures of diffuse transmission, which are not supported: it is \
+                 rendered with its factors"
             ));
         }
         // Read the factors
@@ -101,7 +103,7 @@ impl<'a> Materials<'a> {
         };
         // Bind the textures that can have an effect
         for slot in slots(source, &mut corrections) {
-            if lacks.contains(&slot.tex_coord) || !material.heeds(slot.parameter, slot.strength) {
+            if lacks.contains(&slot.tex_coord) || !material.is_affected_by(slot.parameter, slot.strength) {
                 continue;
             }
             if let Some(texture) = self.texture_use(&slot)? {
@@ -116,7 +118,7 @@ impl<'a> Materials<'a> {
         if !corrections.names.is_empty() {
             let (name, factors) = (&material.name, corrections.names.join(", "));
             self.warnings.push(format!(
-                "material `{name}` has factors outside their range ({factors}): brought back into it"
+                "material `{name}` has factors outside their range ({factors}): clamped to it"
             ));
         }
         Ok(material)
@@ -251,11 +253,11 @@ fn surface(source: &json::Material, corrections: &mut Corrections) -> Material {
     // Read the model and the emission
     let model = metallic_roughness(pbr, extensions, corrections);
     let extension = Extension::of(extensions, "KHR_materials_emissive_strength", corrections);
-    let most = f64::from(f32::MAX);
-    let strength = extension.number("emissiveStrength", 1.0, 0.0..=most, corrections);
+    let max = f64::from(f32::MAX);
+    let strength = extension.number("emissiveStrength", 1.0, 0.0..=max, corrections);
     let emission = source.emissive_factor.0.map(|x| {
-        let x = corrections.within("emissiveFactor", f64::from(x), 0.0..=most, 0.0);
-        (x * strength).min(most) as f32
+        let x = corrections.within("emissiveFactor", f64::from(x), 0.0..=max, 0.0);
+        (x * strength).min(max) as f32
     });
     Material {
         translucency: translucency(extensions, model.transmission, corrections),
@@ -278,8 +280,8 @@ fn metallic_roughness(
     let roughness = core("roughnessFactor", pbr.roughness_factor.0);
     let specular = Extension::of(extensions, "KHR_materials_specular", corrections);
     let transmission = Extension::of(extensions, "KHR_materials_transmission", corrections);
-    let most = f64::from(f32::MAX);
-    let specular_color = specular.vector("specularColorFactor", [1.0; 3], 0.0..=most, corrections);
+    let max = f64::from(f32::MAX);
+    let specular_color = specular.vector("specularColorFactor", [1.0; 3], 0.0..=max, corrections);
     MetallicRoughness {
         metallic,
         roughness,
@@ -297,9 +299,9 @@ fn translucency(
     transmission: f32,
     corrections: &mut Corrections,
 ) -> Option<Translucency> {
-    let sheet = Extension::of(extensions, "KHR_materials_diffuse_transmission", corrections);
-    let factor = sheet.number("diffuseTransmissionFactor", 0.0, 0.0..=1.0, corrections);
-    let color = sheet.vector("diffuseTransmissionColorFactor", [1.0; 3], 0.0..=1.0, corrections);
+    let diffuse = Extension::of(extensions, "KHR_materials_diffuse_transmission", corrections);
+    let factor = diffuse.number("diffuseTransmissionFactor", 0.0, 0.0..=1.0, corrections);
+    let color = diffuse.vector("diffuseTransmissionColorFactor", [1.0; 3], 0.0..=1.0, corrections);
     (factor > 0.0 && transmission == 0.0).then(|| Translucency {
         factor: factor as f32,
         color: color.map(|x| x as f32),
@@ -307,11 +309,11 @@ fn translucency(
 }
 
 /// Returns whether a material has textures of `KHR_materials_diffuse_transmission`.
-fn has_sheet_textures(source: &json::Material) -> bool {
+fn has_diffuse_transmission_textures(source: &json::Material) -> bool {
     let extensions = source.extensions.as_ref();
-    let sheet = extensions.and_then(|e| e.others.get("KHR_materials_diffuse_transmission"));
+    let diffuse = extensions.and_then(|e| e.others.get("KHR_materials_diffuse_transmission"));
     let names = ["diffuseTransmissionTexture", "diffuseTransmissionColorTexture"];
-    sheet.is_some_and(|sheet| names.iter().any(|name| sheet.get(name).is_some()))
+    diffuse.is_some_and(|diffuse| names.iter().any(|name| diffuse.get(name).is_some()))
 }
 
 fn alpha_mode(source: &json::Material, corrections: &mut Corrections) -> AlphaMode {
@@ -319,8 +321,8 @@ fn alpha_mode(source: &json::Material, corrections: &mut Corrections) -> AlphaMo
         Checked::Valid(json::material::AlphaMode::Opaque) => AlphaMode::Opaque,
         Checked::Valid(json::material::AlphaMode::Mask) => {
             let cutoff = f64::from(source.alpha_cutoff.unwrap_or_default().0);
-            let most = f64::from(f32::MAX);
-            AlphaMode::Mask(corrections.within("alphaCutoff", cutoff, 0.0..=most, 0.5) as f32)
+            let max = f64::from(f32::MAX);
+            AlphaMode::Mask(corrections.within("alphaCutoff", cutoff, 0.0..=max, 0.5) as f32)
         }
         Checked::Valid(json::material::AlphaMode::Blend) => AlphaMode::Blend,
         Checked::Invalid => {
@@ -373,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn every_core_texture_is_a_layer_with_its_set_and_strength() {
+    fn core_textures_keep_their_coordinate_set_and_strength() {
         let found = read(json!({
             "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 1, "texCoord": 1}},
             "normalTexture": {"index": 2, "texCoord": 2, "scale": -0.5,
@@ -412,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn coverage_is_opaque_masked_or_blended() {
+    fn alpha_mode_is_opaque_mask_or_blend() {
         let alpha = |material: Value| read(material).material.alpha;
         assert_eq!(alpha(json!({})), AlphaMode::Opaque);
         assert_eq!(alpha(json!({"alphaMode": "MASK"})), AlphaMode::Mask(0.5));
@@ -430,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unlit_material_keeps_its_base_colour_alone() {
+    fn unlit_material_keeps_only_its_base_colour() {
         let found = read(json!({
             "pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.25, 0, 0.75], "baseColorTexture": {"index": 4}},
             "normalTexture": {"index": 5}, "emissiveFactor": [1, 1, 1], "alphaMode": "BLEND",
@@ -482,9 +484,10 @@ mod tests {
     }
 
     #[test]
-    fn what_transmits_diffusely_is_a_thin_sheet_unless_light_goes_straight_through() {
-        let sheet = json!({"diffuseTransmissionFactor": 0.25, "diffuseTransmissionColorFactor": [0, 1, 0.5]});
-        let leaf = with_extensions(json!({ "KHR_materials_diffuse_transmission": sheet }));
+    fn diffuse_transmission_makes_a_thin_surface_without_specular_transmission() {
+        let diffuse =
+            json!({"diffuseTransmissionFactor": 0.25, "diffuseTransmissionColorFactor": [0, 1, 0.5]});
+        let leaf = with_extensions(json!({ "KHR_materials_diffuse_transmission": diffuse }));
         let expected = Translucency {
             factor: 0.25,
             color: [0.0, 1.0, 0.5],
@@ -494,7 +497,7 @@ mod tests {
             (Some(expected), vec![])
         );
         let pane = with_extensions(json!({
-            "KHR_materials_diffuse_transmission": sheet,
+            "KHR_materials_diffuse_transmission": diffuse,
             "KHR_materials_transmission": {"transmissionFactor": 1}
         }));
         assert_eq!(pane.material.translucency, None);
@@ -502,30 +505,34 @@ mod tests {
             "KHR_materials_diffuse_transmission": {"diffuseTransmissionColorTexture": {"index": 1}}
         }));
         assert_eq!((veined.material.translucency, veined.images), (None, vec![]));
-        assert!(veined.warnings[0].contains("not read"), "{:?}", veined.warnings);
+        assert!(
+            veined.warnings[0].contains("not supported"),
+            "{:?}",
+            veined.warnings
+        );
     }
 
     #[test]
-    fn what_transmits_has_an_interior() {
+    fn transmissive_volume_material_has_an_interior() {
         let thin = with_extensions(json!({
             "KHR_materials_transmission": {"transmissionFactor": 0.5, "transmissionTexture": {"index": 8}}
         }));
         assert_eq!(model(&thin).transmission, 0.5);
         assert!(thin.material.interior.unwrap().is_thin && thin.material.transmits());
         assert_eq!(thin.images, [8]);
-        let body = with_extensions(json!({
+        let glass = with_extensions(json!({
             "KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_ior": {"ior": 1.7},
             "KHR_materials_volume": {"thicknessFactor": 1, "thicknessTexture": {"index": 9}},
             "KHR_materials_dispersion": {"dispersion": 0.3}
         }));
-        let interior = body.material.interior.unwrap();
+        let interior = glass.material.interior.unwrap();
         assert!(!interior.is_thin);
         assert_eq!(interior.ior, Dispersion::Cauchy(Cauchy::from_gltf(1.7, 0.3)));
-        assert!(body.images.is_empty(), "the way through the body is traced");
+        assert!(glass.images.is_empty(), "the path through the interior is traced");
     }
 
     #[test]
-    fn textures_that_cannot_show_are_not_decoded() {
+    fn textures_without_effect_are_not_decoded() {
         let found = read(json!({
             "emissiveTexture": {"index": 0}, "occlusionTexture": {"index": 1, "strength": 0},
             "extensions": {
@@ -538,7 +545,7 @@ mod tests {
     }
 
     #[test]
-    fn absurd_factors_are_corrected_with_one_warning_that_names_them() {
+    fn out_of_range_factors_are_clamped_with_one_warning() {
         let found = read(json!({
             "pbrMetallicRoughness": {"roughnessFactor": 7}, "normalTexture": {"index": 0, "scale": 1e39},
             "emissiveFactor": [-1, 0, 0], "occlusionTexture": {"index": 1, "strength": -1e39},

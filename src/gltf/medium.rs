@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use super::extension::{Corrections, Extension};
 use crate::optics::{Absorption, Cauchy, Dispersion, MIN_WAVELENGTH};
-use crate::scene::{DEFAULT_IOR, Interior};
+use crate::scene::{DEFAULT_IOR, Medium};
 
 /// Largest index of refraction that a scene accepts.
 const MAX_IOR: f64 = 16.0;
@@ -17,7 +17,7 @@ pub(super) fn interior(
     extensions: Option<&Map<String, Value>>,
     transmits: bool,
     corrections: &mut Corrections,
-) -> Option<Interior> {
+) -> Option<Medium> {
     let stated = Extension::of(extensions, "KHR_materials_ior", corrections);
     if !transmits && !stated.is_present() {
         return None;
@@ -30,7 +30,7 @@ pub(super) fn interior(
     // Read the thickness, which only decides whether there is an interior
     let volume = Extension::of(extensions, "KHR_materials_volume", corrections);
     let is_thin = volume.number("thicknessFactor", 0.0, 0.0..=f64::MAX, corrections) == 0.0;
-    let thin = Interior {
+    let thin = Medium {
         ior: Dispersion::Constant(ior),
         absorption: Absorption::NONE,
         priority: 0,
@@ -39,7 +39,7 @@ pub(super) fn interior(
     if is_thin {
         return Some(thin);
     }
-    Some(Interior {
+    Some(Medium {
         ior: dispersion(extensions, ior, corrections),
         absorption: absorption(&volume, corrections),
         ..thin
@@ -81,15 +81,15 @@ mod tests {
 
     use super::*;
 
-    fn read(extensions: Value, transmits: bool) -> (Option<Interior>, Vec<&'static str>) {
+    fn read(extensions: Value, transmits: bool) -> (Option<Medium>, Vec<&'static str>) {
         let mut corrections = Corrections::default();
         let found = interior(extensions.as_object(), transmits, &mut corrections);
         (found, corrections.names)
     }
 
     #[test]
-    fn a_surface_that_transmits_is_a_thin_wall_of_glass_by_default() {
-        let thin = Interior {
+    fn transmissive_surface_is_thin_glass_by_default() {
+        let thin = Medium {
             ior: Dispersion::Constant(1.5),
             absorption: Absorption::NONE,
             priority: 0,
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_absorbs_and_disperses() {
+    fn volume_material_absorbs_and_disperses() {
         let extensions = json!({
             "KHR_materials_ior": {"ior": 1.6},
             "KHR_materials_volume": {
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn absurd_numbers_are_corrected_and_named() {
+    fn out_of_range_numbers_are_clamped_and_reported() {
         let glass = |volume: Value, ior: Value, dispersion: Value| {
             let (found, names) = read(
                 json!({"KHR_materials_ior": {"ior": ior}, "KHR_materials_volume": volume,
@@ -134,9 +134,9 @@ mod tests {
             let found = found.unwrap();
             (found.ior, found.absorption, found.is_thin, names)
         };
-        let body =
+        let volume =
             || json!({"thicknessFactor": 1, "attenuationColor": [0.5, 0.5, 0.5], "attenuationDistance": -1});
-        let (ior, absorption, is_thin, names) = glass(body(), json!(1e6), json!(-1));
+        let (ior, absorption, is_thin, names) = glass(volume(), json!(1e6), json!(-1));
         assert_eq!((ior, absorption), (Dispersion::Constant(16.0), Absorption::NONE));
         assert!(!is_thin);
         assert_eq!(names, ["ior", "dispersion", "attenuationDistance"]);
@@ -145,7 +145,7 @@ mod tests {
             (ior, names),
             (Dispersion::Constant(1.0), vec!["ior", "thicknessFactor"])
         );
-        let (ior, .., names) = glass(body(), json!(0), json!(1e9));
+        let (ior, .., names) = glass(volume(), json!(0), json!(1e9));
         assert_eq!(ior, Dispersion::Constant(16.0));
         assert_eq!(names, ["dispersion", "attenuationDistance"]);
     }

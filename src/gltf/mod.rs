@@ -38,10 +38,10 @@ use std::path::Path;
 
 use glam::DMat3;
 
-pub use animation::Pose;
-pub(crate) use camera_light::framing_camera;
+pub use animation::AnimationTime;
+pub(crate) use camera_light::default_camera;
 pub use error::GltfError;
-pub(crate) use primitive::dropped_sentence;
+pub(crate) use primitive::describe_removed;
 
 use crate::numeric::Bounds;
 use crate::parallel;
@@ -63,7 +63,7 @@ pub struct LoadOptions {
     /// [`Texels::Unread`]: crate::scene::Texels::Unread
     pub without: EffectSet,
     /// Time at which animations are evaluated; `None` for the transforms of the nodes themselves.
-    pub pose: Option<Pose>,
+    pub pose: Option<AnimationTime>,
     /// Cache of images that are already decoded.
     pub image_cache: ImageCache,
 }
@@ -264,7 +264,7 @@ impl Document {
         let world_from_mesh = node.world_from_mesh();
         // A zero matrix has no inverse
         if world_from_mesh.matrix3 == DMat3::ZERO {
-            warnings.push(format!("{name} is scaled to nothing and was skipped"));
+            warnings.push(format!("{name} has a scale of zero and was skipped"));
             return Ok(None);
         }
         match Instance::new(name, geometry, material, world_from_mesh) {
@@ -295,7 +295,7 @@ impl Document {
             for (name, dropped) in scene.bake_single_uses() {
                 scene
                     .warnings
-                    .push(format!("{name} {}", dropped_sentence(dropped)));
+                    .push(format!("{name} {}", describe_removed(dropped)));
             }
             scene.remove_empty_meshes();
             if scene.instances.is_empty() {
@@ -305,7 +305,7 @@ impl Document {
         }
         // Add the default camera and light
         if scene.cameras.is_empty() {
-            let camera = camera_light::framing_camera(&scene.bounds_from(&bounds));
+            let camera = camera_light::default_camera(&scene.bounds_from(&bounds));
             scene.cameras.push(camera);
         }
         if scene.lights.is_empty() {
@@ -314,7 +314,7 @@ impl Document {
             scene.background = Background::Uniform(camera_light::DEFAULT_AMBIENT);
         }
         // Validate the scene, then fold constant textures
-        shorten(&mut scene.warnings);
+        truncate_warnings(&mut scene.warnings);
         match scene.validate_structure(&bounds) {
             Ok(()) => {
                 fold_constant_textures(&mut scene);
@@ -341,11 +341,11 @@ impl Document {
 }
 
 /// Truncates the warnings, so that those of a file with ten thousand odd nodes stay readable.
-fn shorten(warnings: &mut Vec<String>) {
+fn truncate_warnings(warnings: &mut Vec<String>) {
     const MAX_WARNINGS: usize = 100;
     let rest = warnings.len().saturating_sub(MAX_WARNINGS);
     warnings.truncate(MAX_WARNINGS);
     if rest > 0 {
-        warnings.push(format!("{rest} more warnings were left out"));
+        warnings.push(format!("{rest} more warnings are not shown"));
     }
 }

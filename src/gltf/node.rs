@@ -165,7 +165,7 @@ impl Document {
     }
 
     fn second_parent(&self, node: usize) -> GltfError {
-        let fault = "stands in the hierarchy twice";
+        let fault = "is in the hierarchy twice";
         self.fault(self.node_item(node), fault, "give every node one parent")
     }
 }
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn a_child_stands_in_its_parents_space() {
+    fn child_transform_is_relative_to_its_parent() {
         let nodes = json!([
             {"translation": [1, 2, 3], "scale": [2, 2, 2], "children": [1]},
             {"rotation": [0, 0, 3, 3], "translation": [1, 0, 0]}
@@ -238,20 +238,20 @@ mod tests {
     }
 
     #[test]
-    fn cycles_and_second_parents_are_named() {
+    fn cycles_and_second_parents_are_reported() {
         let fault = |nodes: Value, roots: Value| place(nodes, roots).unwrap_err().to_string();
         let cycle = json!([{"children": [1]}, {"children": [2]}, {"children": [0]}]);
         assert!(fault(cycle, json!([0])).contains("node 0 is its own ancestor"));
         let itself = json!([{"children": [0]}]);
         assert!(fault(itself, json!([0])).contains("its own ancestor"));
         let twice = json!([{"children": [2]}, {"children": [2]}, {"name": "leaf"}]);
-        assert!(fault(twice, json!([0, 1])).contains("node 2 `leaf` stands in the hierarchy twice"));
-        assert!(fault(json!([{}]), json!([0, 0])).contains("node 0 stands in the hierarchy twice"));
+        assert!(fault(twice, json!([0, 1])).contains("node 2 `leaf` is in the hierarchy twice"));
+        assert!(fault(json!([{}]), json!([0, 0])).contains("node 0 is in the hierarchy twice"));
         assert!(fault(json!([{"children": [7]}]), json!([0])).contains("node 7"));
     }
 
     #[test]
-    fn a_chain_of_a_hundred_thousand_nodes_is_followed() {
+    fn chain_of_a_hundred_thousand_nodes_is_traversed() {
         const DEPTH: usize = 100_000;
         let nodes: Vec<Value> = (0..DEPTH)
             .map(|i| {
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn without_scenes_every_node_without_a_parent_is_a_root() {
+    fn parentless_nodes_are_roots_without_scenes() {
         let json = json!({"asset": {"version": "2.0"}, "nodes": [{}, {"children": [0]}, {}]});
         let placed = of_json(&json).placed_nodes(&HashMap::new()).unwrap();
         assert_eq!(placed.iter().map(|p| p.number).collect::<Vec<_>>(), [1, 0, 2]);

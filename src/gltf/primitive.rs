@@ -35,7 +35,7 @@ impl Document {
         id: PrimitiveId,
         deformations: &[Deformation],
     ) -> Result<ReadPrimitive, GltfError> {
-        Reader {
+        PrimitiveReader {
             document: self,
             id,
             deformer: None,
@@ -64,7 +64,7 @@ impl Document {
     }
 }
 
-struct Reader<'a> {
+struct PrimitiveReader<'a> {
     document: &'a Document,
     id: PrimitiveId,
     deformation: Option<&'a Deformation>,
@@ -73,13 +73,13 @@ struct Reader<'a> {
     warnings: Vec<String>,
 }
 
-impl Reader<'_> {
+impl PrimitiveReader<'_> {
     fn read(mut self) -> Result<ReadPrimitive, GltfError> {
         let mut mesh = Mesh::default();
         let primitive = self.document.primitive(self.id);
         // Read the positions, if the primitive is made of triangles
         let Checked::Valid(mode) = primitive.mode else {
-            return Err(self.fault("has a mode that glTF does not have".into()));
+            return Err(self.fault("has a mode that glTF does not define".into()));
         };
         let is_triangles = matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan);
         match self.attribute(Semantic::Positions) {
@@ -103,7 +103,7 @@ impl Reader<'_> {
         if let Some(deformer) = &self.deformer {
             mesh.triangles = deformer.triangles(mesh.triangles);
         }
-        let bounds = self.sift(&mut mesh)?;
+        let bounds = self.discard_unusable(&mut mesh)?;
         // Read the attributes that the material needs
         self.read_attributes(&mut mesh)?;
         Ok(self.finish(mesh, bounds))
@@ -130,14 +130,14 @@ impl Reader<'_> {
                 return Err(self.fault("has more than 2^32 vertices".into()));
             };
             if count_fault(vertex_count) {
-                self.warn("has vertices left over that make no triangle");
+                self.warn("has leftover vertices that form no triangle");
             }
             return Ok(assemble(mode, vertex_count, |i| i as u32 % count));
         };
         // Use the mapped indices of a triangle list as they are
         let accessor = self.document.accessor(indices.value())?;
         if count_fault(accessor.count()) {
-            self.warn("has indices left over that make no triangle");
+            self.warn("has leftover indices that form no triangle");
         }
         if let Some(triangles) = accessor.mapped_triangles().filter(|_| mode == Mode::Triangles) {
             return Ok(triangles);
@@ -147,8 +147,8 @@ impl Reader<'_> {
     }
 
     /// Checks the indices and removes unusable triangles. A mesh without faults stays mapped.
-    fn sift(&mut self, mesh: &mut Mesh) -> Result<Bounds, GltfError> {
-        let found = mesh_cleanup::survey(mesh).map_err(|bad| {
+    fn discard_unusable(&mut self, mesh: &mut Mesh) -> Result<Bounds, GltfError> {
+        let found = mesh_cleanup::scan(mesh).map_err(|bad| {
             let count = mesh.positions.len();
             self.fault(format!(
                 "has in triangle {} the index {}, but {count} vertices",
@@ -157,7 +157,7 @@ impl Reader<'_> {
         })?;
         if found.unusable > 0 {
             let dropped = mesh_cleanup::drop_unusable(mesh);
-            self.warn(&dropped_sentence(dropped));
+            self.warn(&describe_removed(dropped));
         }
         mesh_cleanup::clear_non_finite_positions(mesh);
         Ok(found.bounds)
@@ -270,7 +270,7 @@ impl Reader<'_> {
         if mesh_cleanup::all_finite(bytemuck::cast_slice(&values)) {
             return values;
         }
-        self.warn(&format!("has {what} that are not finite: taken as zero"));
+        self.warn(&format!("has {what} that are not finite: replaced by zero"));
         let clear = |v: &[f32; N]| v.map(|x| if x.is_finite() { x } else { 0.0 });
         Buffer::from(values.iter().map(clear).collect::<Vec<_>>())
     }
@@ -289,7 +289,7 @@ impl Reader<'_> {
         let unit = parallel::generate(normals.len(), |vertex| unit_or_zero(normals[vertex]));
         let is_bad = |v: &u32| unit[*v as usize] == [0.0; 3];
         if triangles.iter().flatten().any(is_bad) {
-            self.warn("has normals without a direction: shaded flat");
+            self.warn("has normals without a direction: it is shaded flat");
             return None;
         }
         Some(Buffer::from(unit))
@@ -316,7 +316,7 @@ impl Reader<'_> {
         let unit = parallel::generate(tangents.len(), unit);
         let is_bad = |v: &u32| unit[*v as usize][..3] == [0.0; 3] || unit[*v as usize][3] == 0.0;
         if triangles.iter().flatten().any(is_bad) {
-            self.warn("has tangents without a direction: made afresh");
+            self.warn("has tangents without a direction: they are recomputed");
             return None;
         }
         Some(Buffer::from(unit))
@@ -360,7 +360,7 @@ fn unit_or_zero(n: [f32; 3]) -> [f32; 3] {
 }
 
 /// Returns a description of removed triangles, as the end of a sentence.
-pub(crate) fn dropped_sentence(dropped: Removed) -> String {
+pub(crate) fn describe_removed(dropped: Removed) -> String {
     let count = |n: usize, of: &str| {
         let s = if n == 1 { "" } else { "s" };
         (n > 0).then(|| format!("{n} triangle{s} {of}"))
@@ -393,7 +393,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn strips_and_fans_keep_the_winding() {
+    fn strips_and_fans_keep_the_winding_order() {
         let identity = |i: usize| i as u32;
         let strip = assemble(Mode::TriangleStrip, 5, identity);
         assert_eq!(strip[..], [[0, 1, 2], [1, 3, 2], [2, 3, 4]]);
@@ -404,13 +404,13 @@ mod tests {
     }
 
     #[test]
-    fn what_was_dropped_is_said_in_words() {
+    fn dropped_triangles_are_reported() {
         let dropped = Removed {
             no_area: 1,
             not_finite: 2,
         };
         assert_eq!(
-            dropped_sentence(dropped),
+            describe_removed(dropped),
             "had 1 triangle without an area and 2 triangles with vertices that are not finite: dropped"
         );
     }

@@ -37,8 +37,12 @@ struct Influences {
 }
 
 impl Document {
-    /// Returns the joint maps of a skin; `places` are the world transforms of the scene's nodes.
-    pub(super) fn joints(&self, skin: usize, places: &HashMap<usize, DAffine3>) -> Result<Joints, GltfError> {
+    /// Returns the joint maps of a skin; `world_transforms` are the world transforms of the scene's nodes.
+    pub(super) fn joints(
+        &self,
+        skin: usize,
+        world_transforms: &HashMap<usize, DAffine3>,
+    ) -> Result<Joints, GltfError> {
         let skins = &self.root.skins;
         let Some(form) = skins.get(skin) else {
             return Err(self.missing("skin", skin, skins.len()));
@@ -47,11 +51,11 @@ impl Document {
         let binds = self.inverse_binds(skin, form)?;
         let mut world_from_bind = Vec::with_capacity(binds.len());
         for (joint, bind) in form.joints.iter().zip(binds) {
-            let Some(place) = places.get(&joint.value()) else {
+            let Some(world_from_joint) = world_transforms.get(&joint.value()) else {
                 let fault = format!("has node {} as a joint, which the scene lacks", joint.value());
                 return Err(self.fault(self.skin_item(skin), fault, EXPORT_AGAIN));
             };
-            world_from_bind.push(*place * bind);
+            world_from_bind.push(*world_from_joint * bind);
         }
         // Move the origin to the first joint, for precision in f32
         let origin = world_from_bind
@@ -176,7 +180,7 @@ impl Joints {
                     return Err(format!("the weight {weight}"));
                 }
                 let Some(map) = self.map_of(joint) else {
-                    return Err(self.no_joint(joint));
+                    return Err(self.missing_joint(joint));
                 };
                 let weight = f64::from(weight);
                 matrix += map.matrix3 * weight;
@@ -186,7 +190,7 @@ impl Joints {
         }
         // Normalise by the sum of the weights
         if sum == 0.0 {
-            return self.loose_map(sets, vertex);
+            return self.unweighted_map(sets, vertex);
         }
         Ok(DAffine3::from_mat3_translation(
             matrix * sum.recip(),
@@ -196,13 +200,13 @@ impl Joints {
 
     /// Returns the map of a vertex whose weights are all zero: that of the first of its joints. Valid files have such
     /// vertices.
-    fn loose_map(&self, sets: &[Influences], vertex: usize) -> Result<DAffine3, String> {
+    fn unweighted_map(&self, sets: &[Influences], vertex: usize) -> Result<DAffine3, String> {
         let first = sets.first().map_or(0.0, |set| set.joints[vertex][0]);
         let map = self.map_of(first).copied();
-        map.ok_or_else(|| self.no_joint(first))
+        map.ok_or_else(|| self.missing_joint(first))
     }
 
-    fn no_joint(&self, joint: f32) -> String {
+    fn missing_joint(&self, joint: f32) -> String {
         let count = self.mesh_from_bind.len();
         format!("the joint {joint}, but its skin has {count}")
     }
@@ -244,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn weights_are_shares_of_their_sum_over_all_sets() {
+    fn weights_are_normalised_over_all_sets() {
         // 1 of 4 stays, 2 of 4 move by 8, 1 of 4 doubles: (1, 2, 3) (1 + 2 + 2) / 4 + (4, 0, 0).
         let sets = [
             set([0.0, 1.0, 9.0, 0.0], [0.5, 1.0, 0.0, 0.0]),
@@ -256,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vertex_without_weights_goes_with_its_first_joint() {
+    fn vertex_without_weights_follows_its_first_joint() {
         let map = joints()
             .mean_map(&[set([1.0, 2.0, 0.0, 0.0], [0.0; 4])], 0)
             .unwrap();
@@ -264,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn joints_and_weights_that_say_nothing_are_told() {
+    fn invalid_joints_and_weights_are_reported() {
         let fault = |joint, weight| {
             let set = set([joint, 0.0, 0.0, 0.0], [weight, 0.0, 0.0, 0.0]);
             joints().mean_map(&[set], 0).unwrap_err()
@@ -279,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn only_joints_that_all_mirror_turn_a_mesh_inside_out() {
+    fn winding_flips_only_if_all_joints_mirror() {
         let mut joints = joints();
         assert!(!joints.are_mirrored());
         let mirror = DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));

@@ -1,6 +1,6 @@
 //! Texture slots of a material: the material input that each texture modifies, its coordinates and its strength.
 //!
-//! A texture without effect ([`crate::scene::Material::heeds`]) is not decoded, such as a normal map
+//! A texture without effect ([`crate::scene::Material::is_affected_by`]) is not decoded, such as a normal map
 //! on an unlit surface, or a texture that multiplies a factor of zero.
 
 use gltf::json;
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn coordinates_are_scaled_then_turned_then_moved() {
+    fn coordinates_are_scaled_then_rotated_then_translated() {
         let eighth = std::f32::consts::FRAC_1_SQRT_2;
         let near = |[u, v]: [f32; 2], expected: [f32; 2]| {
             let error = (u - expected[0]).abs().max((v - expected[1]).abs());
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn the_extensions_set_of_coordinates_overrides_the_textures() {
+    fn extension_coordinate_set_overrides_the_texture_info() {
         let all = json!({"KHR_texture_transform": {"texCoord": 3}});
         assert_eq!(transform(all.as_object(), 1, &mut Corrections::default()).1, 3);
         assert_eq!(transform(None, 1, &mut Corrections::default()).1, 1);

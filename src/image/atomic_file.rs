@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failed_write_leaves_the_old_file_and_nothing_else() {
+    fn failed_write_leaves_only_the_old_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         std::fs::write(&path, b"old").unwrap();
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn a_finished_write_replaces_the_old_file() {
+    fn finished_write_replaces_the_old_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         std::fs::write(&path, b"old").unwrap();
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_dropped_before_it_is_whole_leaves_the_old_one_and_nothing_else() {
+    fn dropped_incomplete_file_leaves_only_the_old_one() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         std::fs::write(&path, b"old").unwrap();
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_whose_place_is_taken_by_a_folder_fails_and_leaves_nothing() {
+    fn folder_at_the_target_path_fails_and_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         std::fs::create_dir(&path).unwrap();
@@ -204,7 +204,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_full_disk_is_told_in_the_systems_words() {
+    fn full_disk_reports_the_system_error() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         std::fs::write(&path, b"old").unwrap();
@@ -224,7 +224,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_written_file_has_the_permissions_of_any_new_file() {
+    fn written_file_has_default_permissions() {
         use std::os::unix::fs::PermissionsExt;
         let folder = tempfile::tempdir().unwrap();
         let (ours, plain) = (folder.path().join("ours"), folder.path().join("plain"));
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn checking_tells_a_missing_folder_from_a_folder_in_the_way_and_leaves_nothing() {
+    fn path_check_separates_missing_parent_from_folder_at_path() {
         let folder = tempfile::tempdir().unwrap();
         let missing = folder.path().join("no/a.png");
         assert!(matches!(

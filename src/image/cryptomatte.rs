@@ -18,14 +18,14 @@ const KEY_DIGITS: usize = 7;
 ///
 /// Exponents of all zeros or all ones would be denormal, infinite or NaN; one exponent bit is flipped to avoid them.
 pub fn id_of(name: &str) -> f32 {
-    let hash = murmur3(called(name).as_bytes());
+    let hash = murmur3(name_or_unnamed(name).as_bytes());
     let exponent = hash >> 23 & 0xff;
     let is_special = exponent == 0 || exponent == 0xff;
     f32::from_bits(if is_special { hash ^ 1 << 23 } else { hash })
 }
 
 /// Returns the name, or [`UNNAMED`] if it is empty.
-fn called(name: &str) -> &str {
+fn name_or_unnamed(name: &str) -> &str {
     if name.is_empty() { UNNAMED } else { name }
 }
 
@@ -46,7 +46,7 @@ pub fn attributes<'n>(layer: &str, names: impl IntoIterator<Item = &'n str>) -> 
 fn manifest<'n>(names: impl IntoIterator<Item = &'n str>) -> String {
     let ids: BTreeMap<&str, String> = names
         .into_iter()
-        .map(|name| (called(name), format!("{:08x}", id_of(name).to_bits())))
+        .map(|name| (name_or_unnamed(name), format!("{:08x}", id_of(name).to_bits())))
         .collect();
     // Serialisation of a map of strings cannot fail.
     ascii(&serde_json::to_string(&ids).unwrap_or_default())
@@ -76,7 +76,7 @@ pub fn murmur3(bytes: &[u8]) -> u32 {
             .iter()
             .rev()
             .fold(0, |word, &byte| word << 8 | u32::from(byte));
-        (scrambled(word), chunk.len() == 4)
+        (scramble(word), chunk.len() == 4)
     });
     // Mix the words into the hash
     let hash = blocks.fold(0, |hash: u32, (word, is_whole)| match is_whole {
@@ -86,18 +86,18 @@ pub fn murmur3(bytes: &[u8]) -> u32 {
             .wrapping_add(0xe654_6b64),
         false => hash ^ word,
     });
-    finished(hash ^ bytes.len() as u32)
+    finalize(hash ^ bytes.len() as u32)
 }
 
 /// Scrambles one word of the input.
-fn scrambled(word: u32) -> u32 {
+fn scramble(word: u32) -> u32 {
     word.wrapping_mul(0xcc9e_2d51)
         .rotate_left(15)
         .wrapping_mul(0x1b87_3593)
 }
 
 /// Finalises the hash, so that every bit depends on all others (avalanche).
-fn finished(mut hash: u32) -> u32 {
+fn finalize(mut hash: u32) -> u32 {
     hash = (hash ^ hash >> 16).wrapping_mul(0x85eb_ca6b);
     hash = (hash ^ hash >> 13).wrapping_mul(0xc2b2_ae35);
     hash ^ hash >> 16
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hashes_are_those_of_the_reference_code() {
+    fn hashes_match_the_reference_code() {
         assert_eq!(murmur3(b""), 0);
         assert_eq!(murmur3(b"hello"), 0x248b_fa47);
         assert_eq!(murmur3(b"hello, world"), 0x149b_bb7f);
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn every_identifier_is_a_normal_number() {
+    fn every_identifier_is_a_normal_float() {
         for number in 0..10_000 {
             assert!(id_of(&number.to_string()).is_normal());
         }
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn identifiers_are_those_of_the_specification() {
+    fn identifiers_match_the_specification() {
         // Examples of manifests in the specification.
         for (name, bits) in [
             ("bunny", 0x1385_1a76),
@@ -139,14 +139,14 @@ mod tests {
     }
 
     #[test]
-    fn attributes_name_a_layer_under_its_hash_and_tell_each_name_once() {
+    fn attributes_name_a_layer_by_hash_and_list_each_name_once() {
         let text = |pair: &(String, String)| format!("{} {}", pair.0, pair.1);
-        let told = attributes("CryptoObject", ["default", "bunny", "default"])
+        let described = attributes("CryptoObject", ["default", "bunny", "default"])
             .each_ref()
             .map(text);
         // The hash of `CryptoObject` is 3ae39a58.
         assert_eq!(
-            told,
+            described,
             [
                 "cryptomatte/3ae39a5/name CryptoObject",
                 "cryptomatte/3ae39a5/hash MurmurHash3_32",
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn manifests_are_ascii_whatever_names_hold() {
+    fn manifests_are_ascii_for_all_names() {
         let names = ["Käse \"𝄞\"", "", "a\\b\n"];
         let text = manifest(names);
         assert!(text.is_ascii(), "{text}");

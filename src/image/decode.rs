@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn eight_bit_files_keep_their_codes_whatever_they_are_called() {
+    fn eight_bit_files_keep_their_codes_under_any_name() {
         let folder = Folder::new();
         let codes = [0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110];
         let path = folder.image("a.jpg", &codes, ExtendedColorType::Rgb8, ImageFormat::Png);
@@ -398,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn a_radiance_file_keeps_its_range() {
+    fn radiance_hdr_file_keeps_its_range() {
         let folder = Folder::new();
         // Flat pixels: mantissas and an exponent; 128 / 256 * 2^(e - 128).
         let mut bytes = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n".to_vec();
@@ -411,7 +411,7 @@ mod tests {
     }
 
     #[test]
-    fn an_exr_is_read_by_its_colours_or_its_luminance_and_alpha_is_divided_out() {
+    fn exr_is_read_from_colours_or_luminance_and_unpremultiplied() {
         use exr::prelude::WritableImage;
         let folder = Folder::new();
         let path = folder.exr([[1000.0, -0.5, 0.25, 0.5], [3.0, 0.0, 0.0, 0.0]]);
@@ -430,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_too_large_is_refused_before_it_is_decoded() {
+    fn oversized_images_are_rejected_before_decoding() {
         let folder = Folder::new();
         let png = folder.image("a.png", &[7; 4], ExtendedColorType::L8, ImageFormat::Png);
         assert!(
@@ -452,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn values_that_are_not_finite_are_refused() {
+    fn non_finite_values_are_rejected() {
         let folder = Folder::new();
         for bad in [f32::NAN, f32::INFINITY] {
             let said = message(&folder.exr([[1.0; 4], [bad, 0.0, 0.0, 1.0]]), BUDGET);
@@ -461,9 +461,10 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_cut_off_or_scrambled_gives_an_error_and_no_panic() {
+    fn truncated_or_corrupt_image_gives_an_error() {
         let folder = Folder::new();
         let noise: Vec<u8> = (0..12).map(|i| (i * 37) as u8).collect();
+        // Write a valid file of each format
         let files = [
             folder.image("a.png", &noise, ExtendedColorType::Rgb8, ImageFormat::Png),
             folder.image("a.jpg", &noise, ExtendedColorType::Rgb8, ImageFormat::Jpeg),
@@ -490,12 +491,14 @@ mod tests {
                     BUDGET,
                 );
             }
+            // Half a file is rejected by every decoder
             let half = folder.file("half", &whole[..whole.len() / 2]);
             assert!(
                 read(&half, TransferCurve::Linear, BUDGET).is_err(),
                 "{}",
                 path.display()
             );
+            // Flip bits of each byte
             for at in 0..whole.len() {
                 for mask in [0x01, 0x80, 0xff] {
                     let mut bytes = whole.clone();
@@ -507,7 +510,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_image_or_no_file_is_refused_in_one_sentence() {
+    fn invalid_or_missing_image_is_rejected_in_one_sentence() {
         let folder = Folder::new();
         let said = message(&folder.file("a.png", b"no image"), BUDGET);
         assert!(said.contains("a.png: cannot be decoded"), "{said}");

@@ -116,7 +116,7 @@ mod tests {
     };
 
     #[test]
-    fn an_exr_keeps_every_bit_and_names_its_maker() {
+    fn exr_keeps_every_bit_and_names_its_writer() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         let mut image = LinearImage::black(7, 4);
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn notes_are_kept_as_ascii() {
+    fn metadata_is_stored_as_ascii() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         let note = Attribute {
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn further_channels_stand_beside_the_picture_and_leave_it_alone() {
+    fn extra_channels_do_not_change_the_image() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         let mut image = LinearImage::black(5, 3);
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn halves_are_for_colours_only_and_round_to_the_nearest() {
+    fn half_floats_store_only_colours_and_round_to_nearest() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         let mut image = LinearImage::black(1, 1);
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_no_exr_is_refused_in_one_sentence() {
+    fn non_exr_file_is_rejected_in_one_sentence() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         std::fs::write(&path, b"not an image").unwrap();

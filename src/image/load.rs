@@ -22,14 +22,14 @@ pub struct LoadedImage {
 /// # Errors
 ///
 /// If the file cannot be read, is no image, or has more than 2^28 pixels.
-pub fn read_picture(path: &Path) -> Result<LoadedImage, ImageError> {
+pub fn load_image(path: &Path) -> Result<LoadedImage, ImageError> {
     // Reject images that are too large before decoding
     let [width, height] = read_size(path)?;
     if u64::from(width) * u64::from(height) > MAX_PIXELS {
         return Err(ImageError::Unusable {
             path: path.to_owned(),
             fault: format!("has {width} x {height} pixels, more than {MAX_PIXELS}"),
-            remedy: "compare parts of it",
+            remedy: "compare regions of it",
         });
     }
     // Read EXR with the reader that keeps NaN and infinities
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_png_is_read_as_it_is_displayed_and_an_exr_with_all_it_holds() {
+    fn png_is_read_as_displayed_and_exr_with_all_channels() {
         let folder = tempfile::tempdir().unwrap();
         let mut image = LinearImage::black(3, 2);
         image.pixels[1] = [0.25, 0.5, 2.0];
@@ -74,7 +74,7 @@ mod tests {
         write(&image, &path("a.exr"), ImageFormat::Exr, ToneMap::default()).unwrap();
         write(&image, &path("a.png"), ImageFormat::Png, ToneMap::default()).unwrap();
 
-        let radiance = read_picture(&path("a.exr")).unwrap();
+        let radiance = load_image(&path("a.exr")).unwrap();
         assert!(radiance.is_radiance);
         let bits = |image: &LinearImage| {
             image
@@ -85,7 +85,7 @@ mod tests {
         };
         assert_eq!(bits(&radiance.image), bits(&image));
 
-        let displayed = read_picture(&path("a.png")).unwrap();
+        let displayed = load_image(&path("a.png")).unwrap();
         assert!(!displayed.is_radiance);
         let [r, g, b] = displayed.image.pixels[1];
         assert!(
@@ -96,20 +96,15 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_picture_is_refused_with_its_name() {
+    fn non_image_is_rejected_with_its_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
-        for text in ["", "not a picture", "\u{76}/1\u{1}broken"] {
+        for text in ["", "not an image", "\u{76}/1\u{1}broken"] {
             std::fs::write(&path, text).unwrap();
-            let error = read_picture(&path).unwrap_err().to_string();
+            let error = load_image(&path).unwrap_err().to_string();
             assert!(error.contains("a.png"), "{error}");
         }
         let missing = folder.path().join("none.exr");
-        assert!(
-            read_picture(&missing)
-                .unwrap_err()
-                .to_string()
-                .contains("none.exr")
-        );
+        assert!(load_image(&missing).unwrap_err().to_string().contains("none.exr"));
     }
 }

@@ -24,7 +24,7 @@ pub use self::exr::ExrEncoding;
 pub use self::png::{PngBits, PngEncoding};
 pub use atomic_file::{check_writable, write_atomically};
 pub use decode::{DecodedImage, DecodedPixels, TransferCurve, read, read_size};
-pub use load::{LoadedImage, read_picture};
+pub use load::{LoadedImage, load_image};
 pub use tonemap::{ToneMap, linear_from_srgb};
 
 /// Image of linear RGB radiance.
@@ -112,7 +112,7 @@ impl fmt::Display for ImageFormat {
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
     /// Output file whose folder does not exist.
-    #[error("there is no folder {} for {}: make it first", .folder.display(), .path.display())]
+    #[error("there is no folder {} for {}: create it first", .folder.display(), .path.display())]
     NoFolder {
         /// Path of the output file.
         path: PathBuf,
@@ -120,7 +120,7 @@ pub enum ImageError {
         folder: PathBuf,
     },
     /// Output path that is an existing folder.
-    #[error("{} is a folder: name a file", .0.display())]
+    #[error("{} is a folder: give a file name", .0.display())]
     IsFolder(PathBuf),
     /// Folder in which no file can be created.
     #[error("cannot write into the folder {}: {source}", .folder.display())]
@@ -264,7 +264,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_name_asks_for_its_format_by_its_ending() {
+    fn file_extension_selects_the_format() {
         assert_eq!(ImageFormat::of_path(Path::new("a/b.png")), Some(ImageFormat::Png));
         assert_eq!(ImageFormat::of_path(Path::new("B.EXR")), Some(ImageFormat::Exr));
         assert_eq!(ImageFormat::of_path(Path::new("b.jpg")), None);
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_that_are_not_finite_are_counted_once_each() {
+    fn non_finite_pixels_are_counted_once_each() {
         let mut image = LinearImage::black(300, 200);
         assert_eq!(image.non_finite_count(), 0);
         image.pixels[3] = [f32::NAN, f32::INFINITY, 0.0];
@@ -281,7 +281,7 @@ mod tests {
     }
 
     #[test]
-    fn the_pixel_of_a_column_and_row_is_found_from_the_top_left() {
+    fn pixels_are_indexed_from_the_top_left() {
         let mut image = LinearImage::black(3, 2);
         image.pixels[4] = [1.0, 2.0, 3.0];
         assert_eq!(image.pixel(1, 1), [1.0, 2.0, 3.0]);

@@ -37,7 +37,7 @@ impl PngEncoding {
     pub(super) fn codes(&self, pixels: &[[f32; 3]]) -> Vec<u8> {
         match self.bits {
             PngBits::Eight => self.tone.srgb_codes(pixels),
-            PngBits::Sixteen => self.tone.srgb_wide_codes(pixels),
+            PngBits::Sixteen => self.tone.srgb_codes16(pixels),
         }
     }
 
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_png_reads_back_as_the_tone_mapped_codes() {
+    fn png_reads_back_as_tone_mapped_codes() {
         let image = ramp();
         let mut file = Vec::new();
         encode(&image, &PngEncoding::default(), &[], &mut file).unwrap();
@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_bits_are_the_curve_in_65535_steps() {
+    fn sixteen_bit_codes_are_the_srgb_curve_in_65535_steps() {
         let mut file = Vec::new();
         let encoding = PngEncoding {
             bits: PngBits::Sixteen,
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn notes_stand_beside_the_pixels_in_any_letters() {
+    fn text_metadata_is_stored_in_any_script() {
         let notes = [
             Attribute {
                 name: "whit.plan",
@@ -165,7 +165,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_disk_that_is_full_is_an_error_of_the_system() {
+    fn full_disk_is_a_system_error() {
         // This device is always full.
         let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
         let mut out = io::BufWriter::new(full);

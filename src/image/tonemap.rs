@@ -40,13 +40,13 @@ impl ToneMap {
     }
 
     /// Returns the 16-bit sRGB codes of `pixels`, three codes each, in big-endian order.
-    pub(super) fn srgb_wide_codes(&self, pixels: &[[f32; 3]]) -> Vec<u8> {
+    pub(super) fn srgb_codes16(&self, pixels: &[[f32; 3]]) -> Vec<u8> {
         let gain = self.exposure_ev.exp2();
         let mut bytes = vec![[0; 2]; 3 * pixels.len()];
         let values = pixels.as_flattened();
         parallel::for_each_chunk_mut(&mut bytes, CHUNK, &|chunk, codes| {
             for (code, &value) in codes.iter_mut().zip(&values[chunk * CHUNK..]) {
-                *code = wide_code(value * gain).to_be_bytes();
+                *code = code16(value * gain).to_be_bytes();
             }
         });
         bytes.into_flattened()
@@ -57,7 +57,7 @@ impl ToneMap {
 const CHUNK: usize = 3 << 14;
 
 /// Returns the 16-bit sRGB code of a radiance, rounded to nearest; NaN is black.
-fn wide_code(radiance: f32) -> u16 {
+fn code16(radiance: f32) -> u16 {
     let encoded = srgb_from_linear(f64::from(radiance));
     // The cast saturates, and converts NaN to zero.
     (encoded * f64::from(u16::MAX)).round() as u16
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn every_radiance_gets_the_code_of_the_standards_curve() {
+    fn every_radiance_gets_the_srgb_code() {
         // The standard's two pieces agree at their border only within 1e-7, far less than the half code that separates
         // steps: no tolerance is needed at points which are not themselves steps.
         let curve = &*CURVE;
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_brightness_is_black_and_what_is_too_bright_white() {
+    fn invalid_radiance_is_black_and_overflow_is_white() {
         let curve = &*CURVE;
         let dark = [f32::NAN, -f32::NAN, -1.0, f32::NEG_INFINITY, -0.0, 1e-40];
         assert_eq!(dark.map(|r| curve.code(r)), [0; 6]);
@@ -183,16 +183,16 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_bits_hold_every_step_of_the_curve_and_clamp_what_is_beyond() {
+    fn sixteen_bit_codes_resolve_the_curve_and_clamp() {
         for code in 0..=u16::MAX {
             let radiance = linear_from_srgb(f64::from(code) / 65535.0);
-            assert_eq!(wide_code(radiance as f32), code);
+            assert_eq!(code16(radiance as f32), code);
         }
         let beyond = [f32::NAN, -1.0, f32::NEG_INFINITY, 7.0, f32::INFINITY];
-        assert_eq!(beyond.map(wide_code), [0, 0, 0, u16::MAX, u16::MAX]);
+        assert_eq!(beyond.map(code16), [0, 0, 0, u16::MAX, u16::MAX]);
         let pixel = [[0.25, 0.5, 1.0]];
         let stop = ToneMap { exposure_ev: 1.0 };
-        let brighter = stop.srgb_wide_codes(&pixel);
+        let brighter = stop.srgb_codes16(&pixel);
         // 1.055 · 0.5^(1/2.4) - 0.055 = 0.7353570 -> 48191.6 = 0xbc40
         assert_eq!(brighter, [0xbc, 0x40, 0xff, 0xff, 0xff, 0xff]);
     }

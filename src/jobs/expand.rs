@@ -6,18 +6,18 @@ use std::sync::Arc;
 
 use toml::Value;
 
-use super::form::{AnimationForm, Document, JobForm, SplitForm};
-use super::motion::{Motion, motion};
-use super::names::check_names;
+use super::camera_motion::{CameraMotion, camera_motion};
+use super::output_paths::check_names;
 use super::range::{FrameRange, MAX_FRAMES};
-use super::sweep::{FIELDS, Swept, combinations, word};
+use super::spec::{AnimationSpec, Document, JobSpec, SplitSpec};
+use super::sweep::{FIELDS, SweepValue, combinations, word};
 use super::template::Template;
 use super::{FlagValue, Frame, JobSettings, Jobs, Moment};
 use crate::image::ImageFormat;
 use crate::scene_file::SceneFileError;
 use crate::scene_file::assembly::read;
-use crate::scene_file::fault::{Fault, Source, file_error};
-use crate::scene_file::value::At;
+use crate::scene_file::fault::{Diagnostic, Source, file_error};
+use crate::scene_file::value::Located;
 
 /// Largest number of pieces of a frame.
 const MAX_PIECES: u32 = 4096;
@@ -34,11 +34,10 @@ pub(super) fn load(path: &Path) -> Result<Jobs, SceneFileError> {
     for (number, form) in document.job.iter().enumerate() {
         let job = Job::of(form, (number, &document), &source).map_err(|fault| source.error(fault))?;
         if frames.len().saturating_add(job.count()) > MAX_FRAMES {
-            let sentence =
-                format!("is the one with which there are more than {MAX_FRAMES} frames: split the file");
+            let sentence = format!("brings the file to more than {MAX_FRAMES} frames: split the file");
             return Err(source.error(form.fault(sentence)));
         }
-        job.add_frames(&mut frames);
+        job.append_frames(&mut frames);
     }
     check_names(&frames, &source)?;
     Ok(Jobs {
@@ -53,10 +52,10 @@ struct Job {
     scenes: Vec<PathBuf>,
     cameras: Vec<Option<String>>,
     range: FrameRange,
-    motion: Motion,
+    camera_motion: CameraMotion,
     animation: Option<Animation>,
     /// Edits of each combination of swept values.
-    sweeps: Vec<Vec<Swept>>,
+    sweeps: Vec<Vec<SweepValue>>,
     settings: Arc<JobSettings>,
     image: Template,
 }
@@ -68,7 +67,11 @@ struct Animation {
 }
 
 impl Job {
-    fn of(form: &At<JobForm>, (number, document): (usize, &Document), source: &Source) -> Result<Job, Fault> {
+    fn of(
+        form: &Located<JobSpec>,
+        (number, document): (usize, &Document),
+        source: &Source,
+    ) -> Result<Job, Diagnostic> {
         // Parse the sweep first, as its fields are known to the image name
         let sweeps = combinations(&form.sweep, form.zip.as_ref())?;
         let range = range(form)?;
@@ -94,7 +97,7 @@ impl Job {
                 [] => vec![None],
                 several => several.iter().cloned().map(Some).collect(),
             },
-            motion: motion(form, &range)?,
+            camera_motion: camera_motion(form, &range)?,
             range,
             animation: form.animation.as_ref().map(animation).transpose()?,
             sweeps,
@@ -111,7 +114,7 @@ impl Job {
 
     /// Appends the frames in an order in which neighbours share as much as possible: scene, then edits, then frame
     /// number, then camera.
-    fn add_frames(&self, frames: &mut Vec<Frame>) {
+    fn append_frames(&self, frames: &mut Vec<Frame>) {
         for scene in &self.scenes {
             for sweep in &self.sweeps {
                 for number in self.range.numbers() {
@@ -123,7 +126,7 @@ impl Job {
         }
     }
 
-    fn frame(&self, scene: &Path, sweep: &[Swept], number: u32, camera: Option<&String>) -> Frame {
+    fn frame(&self, scene: &Path, sweep: &[SweepValue], number: u32, camera: Option<&String>) -> Frame {
         let seconds =
             |animation: &Animation| animation.from + f64::from(number - self.range.first) / animation.fps;
         let moment = self.animation.as_ref().map(|animation| Moment {
@@ -145,7 +148,7 @@ impl Job {
         Frame {
             scene: scene.to_owned(),
             camera: camera.cloned(),
-            view: self.motion.view(number, &self.range),
+            view: self.camera_motion.view(number, &self.range),
             image: self.image.name(value),
             moment,
             edits: sweep.iter().map(|point| point.edit.clone()).collect(),
@@ -162,18 +165,18 @@ fn stem(scene: &Path) -> String {
 }
 
 /// Returns the frame numbers of a job: from its `frames`, from its path, or from its animation.
-fn range(form: &At<JobForm>) -> Result<FrameRange, Fault> {
+fn range(form: &Located<JobSpec>) -> Result<FrameRange, Diagnostic> {
     if let Some(range) = form.frames {
         // `to` would give the range a second time
         return match &form.animation {
             Some(animation) if animation.to.is_some() => {
-                Err(animation.fault("ends `to` a time beside `frames`: keep one of them"))
+                Err(animation.fault("has `to` in addition to `frames`: keep one of them"))
             }
             _ => Ok(range),
         };
     }
     if form.turntable.is_some() {
-        return Err(form.fault("turns without frames: add `frames`, as in `frames = 24`"));
+        return Err(form.fault("has a turntable but no frames: add `frames`, as in `frames = 24`"));
     }
     // Without `frames`, a path gives the range by its first and last key
     let counted = |first: f64, last: f64| FrameRange {
@@ -196,44 +199,48 @@ fn range(form: &At<JobForm>) -> Result<FrameRange, Fault> {
     let last = last.filter(|last| (1.0..=MAX_FRAMES as f64).contains(last));
     last.map(|last| counted(1.0, last)).ok_or_else(|| {
         animation.fault(format!(
-            "has no end: add `frames`, or `to`, in seconds, not before `from` and at most {MAX_FRAMES} frames after it"
+            "has no valid end: add `frames`, or `to` in seconds, from `from` to at most {MAX_FRAMES} frames later"
         ))
     })
 }
 
-impl AnimationForm {
+impl AnimationSpec {
     /// Returns the index of the last frame relative to the first, such that it is not later than `to`.
     fn last_step(&self) -> Option<f64> {
         let to = self.to?;
         let steps = (to - self.from) * self.fps;
         // The product may be rounded below the integer that is meant.
-        let meant = steps.round();
-        Some(if self.from + meant / self.fps <= to {
-            meant
+        let nearest_step = steps.round();
+        Some(if self.from + nearest_step / self.fps <= to {
+            nearest_step
         } else {
             steps.floor()
         })
     }
 }
 
-fn scenes(form: &At<JobForm>, document: &Document, path: &Path) -> Result<Vec<PathBuf>, Fault> {
+fn scenes(form: &Located<JobSpec>, document: &Document, path: &Path) -> Result<Vec<PathBuf>, Diagnostic> {
     let Some(names) = form.scene.as_ref().or(document.scene.as_ref()) else {
         return Err(form.fault("lacks `scene`: add it, as in `scene = \"a.toml\"`"));
     };
     if names.0.is_empty() {
-        return Err(names.fault("names no scene: give one, or a list"));
+        return Err(names.fault("has no scene: give a file name or a list of them"));
     }
     let folder = path.parent().unwrap_or(Path::new(""));
     // Each scene must exist, and must be a scene file if it is swept
     let path = |name: &String| {
         let path = folder.join(name);
         if !path.is_file() {
-            return Err(names.fault(format!("there is no file {}: correct the name", path.display())));
+            return Err(names.fault(format!(
+                "there is no file {}: correct the file name",
+                path.display()
+            )));
         }
         let is_scene_file = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
         if !is_scene_file && !form.sweep.is_empty() {
             return Err(names.fault(format!(
-                "sweeps change scene files, which {name} is not: write one that has it as an [[object]] with `gltf = \"{name}\"`"
+                "sweeps change scene files, which {name} is not: write a scene file that includes it as an [[object]] \
+                 with `gltf = \"{name}\"`"
             )));
         }
         Ok(path)
@@ -241,9 +248,11 @@ fn scenes(form: &At<JobForm>, document: &Document, path: &Path) -> Result<Vec<Pa
     names.0.iter().map(path).collect()
 }
 
-fn animation(form: &At<AnimationForm>) -> Result<Animation, Fault> {
+fn animation(form: &Located<AnimationSpec>) -> Result<Animation, Diagnostic> {
     if !(form.fps > 0.0 && form.fps.is_finite() && form.from.is_finite()) {
-        return Err(form.fault("has no time: give `fps` above 0 and `from` in seconds"));
+        return Err(
+            form.fault("has no valid time: give a finite `fps` above 0 and a finite `from` in seconds")
+        );
     }
     Ok(Animation {
         name: form.name.as_ref().map(|name| name.0.clone()),
@@ -252,7 +261,7 @@ fn animation(form: &At<AnimationForm>) -> Result<Animation, Fault> {
     })
 }
 
-fn split(form: Option<&At<SplitForm>>, part: impl Fn(&SplitForm) -> u32) -> Result<u32, Fault> {
+fn split(form: Option<&Located<SplitSpec>>, part: impl Fn(&SplitSpec) -> u32) -> Result<u32, Diagnostic> {
     let Some(form) = form else {
         return Ok(1);
     };
@@ -260,7 +269,7 @@ fn split(form: Option<&At<SplitForm>>, part: impl Fn(&SplitForm) -> u32) -> Resu
     match (1..=MAX_PIECES).contains(&pieces) {
         true => Ok(part(form)),
         false => Err(form.fault(format!(
-            "makes {pieces} pieces of a frame: give 1 to {MAX_PIECES}"
+            "splits a frame into {pieces} pieces: give 1 to {MAX_PIECES}"
         ))),
     }
 }
@@ -268,10 +277,10 @@ fn split(form: Option<&At<SplitForm>>, part: impl Fn(&SplitForm) -> u32) -> Resu
 /// Returns the pattern of the image names of a job with `camera_count` cameras and with the keys `swept` of its first
 /// frame.
 fn image(
-    form: &At<JobForm>,
+    form: &Located<JobSpec>,
     document: &Document,
-    (camera_count, swept): (usize, &[Swept]),
-) -> Result<Template, Fault> {
+    (camera_count, swept): (usize, &[SweepValue]),
+) -> Result<Template, Diagnostic> {
     let mut known = FIELDS.to_vec();
     known.extend(swept.iter().map(|point| point.field.as_str()));
     // Without `image`, build the default name from all fields that differ between frames
@@ -287,24 +296,24 @@ fn image(
     // Parse the given pattern, whose extension selects the image format
     let template = Template::parse(text, &known).map_err(|sentence| text.fault(sentence))?;
     if ImageFormat::of_path(Path::new(text.as_str())).is_none() {
-        return Err(text.fault("tells no kind of image: end `image` in .png or .exr"));
+        return Err(text.fault("has no known image format: end `image` in .png or .exr"));
     }
     Ok(template)
 }
 
 /// Merges the settings of the whole file with those of one job, which take precedence.
 fn flags(
-    all: &BTreeMap<String, At<Value>>,
-    own: &BTreeMap<String, At<Value>>,
-) -> Result<Vec<(String, FlagValue)>, Fault> {
-    let mut merged: BTreeMap<&String, &At<Value>> = all.iter().collect();
+    all: &BTreeMap<String, Located<Value>>,
+    own: &BTreeMap<String, Located<Value>>,
+) -> Result<Vec<(String, FlagValue)>, Diagnostic> {
+    let mut merged: BTreeMap<&String, &Located<Value>> = all.iter().collect();
     merged.extend(own);
     let mut flags = Vec::with_capacity(merged.len());
     for (name, value) in merged {
         match flag_value(value) {
             Some(Some(given)) => flags.push((name.clone(), given)),
             Some(None) => {}
-            None => return Err(value.fault("is no setting: give a word, a number, true or false")),
+            None => return Err(value.fault("is not a valid setting: give a string, a number, true or false")),
         }
     }
     Ok(flags)
@@ -351,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turntable_steps_evenly_and_does_not_come_back() {
+    fn turntable_takes_equal_steps_and_omits_the_full_turn() {
         let jobs = jobs("[[job]]\nscene = \"a.toml\"\nframes = 4\nturntable = {}\n").unwrap();
         let turns: Vec<f64> = jobs
             .frames
@@ -380,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_are_those_of_all_and_its_own() {
+    fn job_settings_override_settings_of_the_file() {
         let text = "settings = { spp = 4, size = \"8x8\", quiet = true }\n[[job]]\nscene = \"a.toml\"\n\
                     settings = { spp = 9, aov = [\"rays\", \"time\"], quiet = false }\n";
         let flags = jobs(text).unwrap().frames[0].settings.flags.clone();
@@ -394,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn an_animation_has_frames_from_its_seconds() {
+    fn animation_range_and_rate_give_the_frames() {
         let text = "[[job]]\nscene = \"b.glb\"\nanimation = { name = 1, fps = 10, from = 2, to = 2.5 }\n";
         let seconds: Vec<f64> = jobs(text)
             .unwrap()
@@ -406,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn an_end_that_is_rounded_below_a_frame_is_one() {
+    fn end_rounded_just_below_a_frame_includes_that_frame() {
         // In f64, 0.29 * 100 is 28.999999999999996.
         let text = "[[job]]\nscene = \"b.glb\"\nanimation = { fps = 100, to = 0.29 }\n";
         let last = jobs(text).unwrap().frames.pop().unwrap();
@@ -414,7 +423,7 @@ mod tests {
     }
 
     #[test]
-    fn jobs_have_what_the_file_says_of_all() {
+    fn jobs_inherit_the_values_of_the_file() {
         let text = "scene = \"a.toml\"\nimage = \"{job}/{scene}.exr\"\nsplit = { bands = 2 }\n\
                     [[job]]\n[[job]]\nname = \"two\"\nscene = \"c.toml\"\nsplit = { shares = 3 }\n";
         assert_eq!(names(text), ["1/a.exr", "two/c.exr"]);
@@ -428,7 +437,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hundred_thousand_frames_are_read() {
+    fn hundred_thousand_frames_are_expanded() {
         let text = "[[job]]\nscene = \"a.toml\"\nframes = 1000\nsweep = { x = { from = 1, to = 100, steps = 100 } }\n\
                     image = \"{x}/{frame}.png\"\n";
         let all = jobs(text).unwrap().frames;

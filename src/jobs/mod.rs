@@ -57,21 +57,21 @@
 //!
 //! This module does not open scenes.
 
+mod camera_motion;
+mod camera_path;
 mod expand;
-mod form;
-mod motion;
-mod names;
+mod output_paths;
 mod range;
+mod spec;
 mod sweep;
 mod template;
 #[cfg(test)]
 mod tests;
-mod view;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-pub use view::{Pose, View};
+pub use camera_path::{CameraPose, View};
 
 use crate::scene_file::{Edit, SceneFileError};
 

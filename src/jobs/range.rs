@@ -39,7 +39,7 @@ impl FrameRange {
     }
 
     fn parse(text: &str) -> Result<FrameRange, String> {
-        let form = || "give a number of frames, or as in \"1-24\" or \"1-24x2\"".to_owned();
+        let form = || "give a number of frames, or a range as in \"1-24\" or \"1-24x2\"".to_owned();
         // Split off the step, then the two ends
         let (range, step) = match text.split_once('x') {
             Some((range, step)) => (range, step.parse().map_err(|_| form())?),
@@ -58,7 +58,7 @@ impl FrameRange {
     fn checked(self) -> Result<FrameRange, String> {
         if self.last < self.first || self.step == 0 {
             return Err(
-                "has no frames: give a first number that is not after the last, and a step of 1 or more"
+                "has no frames: give a first number that is not larger than the last, and a step of 1 or more"
                     .into(),
             );
         }
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranges_are_read_as_written() {
+    fn ranges_are_parsed_with_their_steps() {
         let numbers = |text| FrameRange::parse(text).map(|range| range.numbers().collect::<Vec<_>>());
         assert_eq!(numbers("3"), Ok(vec![3]));
         assert_eq!(numbers("0-3"), Ok(vec![0, 1, 2, 3]));

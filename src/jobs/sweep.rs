@@ -4,18 +4,18 @@ use std::collections::BTreeMap;
 
 use toml::Value;
 
-use super::form::{StepsForm, SweepForm};
 use super::range::MAX_FRAMES;
+use super::spec::{StepsSpec, SweepSpec};
 use crate::scene_file::Edit;
-use crate::scene_file::fault::Fault;
-use crate::scene_file::value::At;
+use crate::scene_file::fault::Diagnostic;
+use crate::scene_file::value::Located;
 
 /// Fields of image names that every job has, beside those of its sweeps.
 pub(super) const FIELDS: [&str; 5] = ["scene", "camera", "job", "frame", "time"];
 
 /// Swept key with one of its values.
 #[derive(Clone, Debug)]
-pub(super) struct Swept {
+pub(super) struct SweepValue {
     /// Name of the key in image names, as in `{field}`.
     pub(super) field: String,
     /// Spelling of the value in image names.
@@ -25,17 +25,17 @@ pub(super) struct Swept {
 
 /// Swept key with all its values.
 struct Axis<'f> {
-    form: &'f At<SweepForm>,
-    points: Vec<Swept>,
+    form: &'f Located<SweepSpec>,
+    points: Vec<SweepValue>,
 }
 
 /// Returns the edits of each frame of a sweep: every combination of the values, or with `zip` the first value of each
 /// key, the second of each, and so on. The last key in the file changes fastest. Without a sweep the result is one
 /// empty list.
 pub(super) fn combinations(
-    sweep: &BTreeMap<String, At<SweepForm>>,
-    zip: Option<&At<bool>>,
-) -> Result<Vec<Vec<Swept>>, Fault> {
+    sweep: &BTreeMap<String, Located<SweepSpec>>,
+    zip: Option<&Located<bool>>,
+) -> Result<Vec<Vec<SweepValue>>, Diagnostic> {
     let axes = axes(sweep)?;
     if let Some(zip) = zip.filter(|zip| ***zip) {
         return zipped(&axes, zip);
@@ -47,7 +47,8 @@ pub(super) fn combinations(
             let sentence = format!("makes more than {MAX_FRAMES} frames: give fewer values");
             return Err(axis.form.fault(sentence));
         }
-        let with = |before: &Vec<Swept>, point: &Swept| before.iter().chain([point]).cloned().collect();
+        let with =
+            |before: &Vec<SweepValue>, point: &SweepValue| before.iter().chain([point]).cloned().collect();
         all = all
             .iter()
             .flat_map(|before| axis.points.iter().map(|point| with(before, point)))
@@ -56,14 +57,16 @@ pub(super) fn combinations(
     Ok(all)
 }
 
-fn zipped(axes: &[Axis], zip: &At<bool>) -> Result<Vec<Vec<Swept>>, Fault> {
+fn zipped(axes: &[Axis], zip: &Located<bool>) -> Result<Vec<Vec<SweepValue>>, Diagnostic> {
     let Some(first) = axes.first() else {
-        return Err(zip.fault("has no `sweep` whose keys go together: add one, or take it away"));
+        return Err(
+            zip.fault("applies to a `sweep`, and there is no `sweep` in the job: add one, or remove `zip`")
+        );
     };
     let count = first.points.len();
     if let Some(other) = axes.iter().find(|axis| axis.points.len() != count) {
         return Err(other.form.fault(format!(
-            "has {} values where the first key has {count}: with `zip`, give each key as many",
+            "has {} values, but the first key has {count}: with `zip`, give all keys the same number",
             other.points.len()
         )));
     }
@@ -72,17 +75,18 @@ fn zipped(axes: &[Axis], zip: &At<bool>) -> Result<Vec<Vec<Swept>>, Fault> {
 }
 
 /// Returns the swept keys in the order in which the file has them.
-fn axes(sweep: &BTreeMap<String, At<SweepForm>>) -> Result<Vec<Axis<'_>>, Fault> {
-    let mut written: Vec<(&String, &At<SweepForm>)> = sweep.iter().collect();
+fn axes(sweep: &BTreeMap<String, Located<SweepSpec>>) -> Result<Vec<Axis<'_>>, Diagnostic> {
+    let mut written: Vec<(&String, &Located<SweepSpec>)> = sweep.iter().collect();
     written.sort_by_key(|(_, form)| form.span.start);
-    let words =
-        |(key, form): &(&String, &At<SweepForm>)| Edit::words(key).map_err(|sentence| form.fault(sentence));
+    let words = |(key, form): &(&String, &Located<SweepSpec>)| {
+        Edit::words(key).map_err(|sentence| form.fault(sentence))
+    };
     let keys: Vec<Vec<String>> = written.iter().map(words).collect::<Result<_, _>>()?;
     let mut axes = Vec::with_capacity(keys.len());
     for (index, (_, form)) in written.into_iter().enumerate() {
         let field = field(&keys, index).ok_or_else(|| form.fault("is swept twice: keep one of them"))?;
         let values = values(form)?;
-        let point = |(number, value): (usize, Value)| Swept {
+        let point = |(number, value): (usize, Value)| SweepValue {
             field: field.clone(),
             label: label(&value, number),
             edit: Edit {
@@ -132,19 +136,19 @@ pub(super) fn word(value: &Value) -> String {
     }
 }
 
-fn values(form: &At<SweepForm>) -> Result<Vec<Value>, Fault> {
+fn values(form: &Located<SweepSpec>) -> Result<Vec<Value>, Diagnostic> {
     match &**form {
-        SweepForm::List(values) if values.is_empty() => Err(form.fault("has no values: give some")),
-        SweepForm::List(values) => Ok(values.clone()),
-        SweepForm::Steps(steps) => steps.values().ok_or_else(|| {
+        SweepSpec::List(values) if values.is_empty() => Err(form.fault("has no values: give at least one")),
+        SweepSpec::List(values) => Ok(values.clone()),
+        SweepSpec::Steps(steps) => steps.values().ok_or_else(|| {
             form.fault(format!(
-                "makes no steps: give two numbers and 2 to {MAX_FRAMES} `steps`"
+                "has no valid steps: give two numbers and 2 to {MAX_FRAMES} `steps`"
             ))
         }),
     }
 }
 
-impl StepsForm {
+impl StepsSpec {
     /// Returns the values including both ends, or `None` if the range is invalid. They are integers if the ends are and
     /// the step between them is an integer.
     fn values(&self) -> Option<Vec<Value>> {
@@ -187,8 +191,8 @@ mod tests {
 
     #[derive(Deserialize)]
     struct Form {
-        sweep: BTreeMap<String, At<SweepForm>>,
-        zip: Option<At<bool>>,
+        sweep: BTreeMap<String, Located<SweepSpec>>,
+        zip: Option<Located<bool>>,
     }
 
     /// Returns fields and labels of all combinations.
@@ -196,7 +200,7 @@ mod tests {
         let form: Form = from_text(text).unwrap();
         let all =
             combinations(&form.sweep, form.zip.as_ref()).map_err(|fault| fault.sentence().to_owned())?;
-        let words = |points: &Vec<Swept>| {
+        let words = |points: &Vec<SweepValue>| {
             let words = points
                 .iter()
                 .map(|point| format!("{}={}", point.field, point.label));
@@ -206,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_key_that_is_written_changes_fastest() {
+    fn last_written_key_varies_fastest() {
         let text = "[sweep]\n\"material.b.ior\" = [1.5, 2]\n\"ambient\" = [0, 1]\n";
         let expected = [
             "ior=1.5 ambient=0",
@@ -218,15 +222,15 @@ mod tests {
     }
 
     #[test]
-    fn zipped_keys_go_together() {
+    fn zipped_keys_vary_together() {
         let text = "zip = true\n[sweep]\na = [1, 2]\nb = { from = 5, to = 6, steps = 2 }\n";
         assert_eq!(labels(text).unwrap(), ["a=1 b=5", "a=2 b=6"]);
         let uneven = labels("zip = true\n[sweep]\na = [1, 2]\nb = [3]\n").unwrap_err();
-        assert!(uneven.contains("1 values where the first key has 2"), "{uneven}");
+        assert!(uneven.contains("1 values, but the first key has 2"), "{uneven}");
     }
 
     #[test]
-    fn keys_that_end_alike_are_told_apart() {
+    fn keys_with_equal_last_parts_get_longer_field_names() {
         let text =
             "[sweep]\n\"material.a.ior\" = [1]\n\"material.b.ior\" = [2]\ntime = [3]\n\"x.camera\" = [4]\n";
         assert_eq!(labels(text).unwrap(), ["a.ior=1 b.ior=2 sweep.time=3 x.camera=4"]);
@@ -235,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn steps_keep_their_ends_and_whole_numbers() {
+    fn steps_include_exact_ends_and_stay_integers() {
         let steps = |values: &str| labels(&format!("[sweep]\na = {{ {values} }}\n"));
         assert_eq!(
             steps("from = 1, to = 7, steps = 3").unwrap(),
@@ -253,12 +257,12 @@ mod tests {
             "from = 'a', to = 1, steps = 2",
             "from = nan, to = 1, steps = 2",
         ] {
-            assert!(steps(bad).unwrap_err().contains("makes no steps"), "{bad}");
+            assert!(steps(bad).unwrap_err().contains("has no valid steps"), "{bad}");
         }
     }
 
     #[test]
-    fn tables_are_called_by_their_numbers() {
+    fn tables_are_labelled_by_position() {
         let text = "[sweep]\nbackground = [{ up = 1 }, { up = 2 }]\nsky = [[1, 2]]\n";
         let expected = ["background=1 sky=1,2", "background=2 sky=1,2"];
         assert_eq!(labels(text).unwrap(), expected);

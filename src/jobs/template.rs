@@ -7,10 +7,10 @@ const MAX_DIGITS: usize = 18;
 
 /// Parsed pattern: literal text alternating with fields.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Template(Vec<Piece>);
+pub(super) struct Template(Vec<Segment>);
 
 #[derive(Clone, Debug, PartialEq)]
-enum Piece {
+enum Segment {
     Text(String),
     /// Name of a field and its minimum number of digits.
     Field(String, usize),
@@ -19,7 +19,7 @@ enum Piece {
 impl Template {
     /// Parses a pattern, in which only the fields `known` may occur.
     pub(super) fn parse(text: &str, known: &[&str]) -> Result<Template, String> {
-        let mut pieces = Vec::new();
+        let mut segments = Vec::new();
         let mut rest = text;
         // Split at each `{name:width}`
         while let Some((before, after)) = rest.split_once('{') {
@@ -29,18 +29,20 @@ impl Template {
                 .parse()
                 .ok()
                 .filter(|&width| width <= MAX_DIGITS)
-                .ok_or_else(|| format!("has `{{{field}}}`: give a number of digits as in {{frame:04}}"))?;
+                .ok_or_else(|| format!("has `{{{field}}}`: give a number of digits, as in {{frame:04}}"))?;
             if !known.contains(&name) {
                 let known = known.join("}, {");
-                return Err(format!("has no field `{{{name}}}`: there are {{{known}}}"));
+                return Err(format!(
+                    "has an unknown field `{{{name}}}`: the fields are {{{known}}}"
+                ));
             }
-            pieces.push(Piece::Text(before.to_owned()));
-            pieces.push(Piece::Field(name.to_owned(), width));
+            segments.push(Segment::Text(before.to_owned()));
+            segments.push(Segment::Field(name.to_owned(), width));
             rest = after;
         }
-        pieces.push(Piece::Text(rest.to_owned()));
+        segments.push(Segment::Text(rest.to_owned()));
         // Check the path with a harmless value for every field
-        let template = Template(pieces);
+        let template = Template(segments);
         check_path(&template.name(|_| "x".to_owned()))?;
         Ok(template)
     }
@@ -50,8 +52,8 @@ impl Template {
         let mut name = String::new();
         for piece in &self.0 {
             match piece {
-                Piece::Text(text) => name.push_str(text),
-                Piece::Field(field, width) => name.push_str(&filled(&safe(&value(field)), *width)),
+                Segment::Text(text) => name.push_str(text),
+                Segment::Field(field, width) => name.push_str(&zero_padded(&safe(&value(field)), *width)),
             }
         }
         PathBuf::from(name)
@@ -69,7 +71,7 @@ fn safe(value: &str) -> String {
 }
 
 /// Returns a number with leading zeros, up to `width` digits; other values unchanged.
-fn filled(value: &str, width: usize) -> String {
+fn zero_padded(value: &str, width: usize) -> String {
     match value.parse::<u64>() {
         Ok(number) => format!("{number:0width$}"),
         Err(_) => value.to_owned(),
@@ -81,10 +83,9 @@ fn check_path(path: &Path) -> Result<(), String> {
     let stays = path.components().all(|part| matches!(part, Component::Normal(_)));
     match stays && path.file_name().is_some() {
         true => Ok(()),
-        false => Err(
-            "leads out of the folder of results: give a name without `..` and without a `/` at its start"
-                .into(),
-        ),
+        false => {
+            Err("is a path outside the output folder: give one without `..` and without a leading `/`".into())
+        }
     }
 }
 
@@ -95,7 +96,7 @@ mod tests {
     const KNOWN: [&str; 3] = ["scene", "frame", "rough"];
 
     #[test]
-    fn fields_become_their_values() {
+    fn fields_are_replaced_by_their_values() {
         let template = Template::parse("{scene}/a.{frame:04}.{rough}.png", &KNOWN).unwrap();
         let name = template.name(|field| match field {
             "scene" => "../b c".into(),
@@ -106,21 +107,21 @@ mod tests {
     }
 
     #[test]
-    fn a_value_makes_no_folder() {
+    fn values_create_no_folders() {
         assert_eq!([".", "..", "a/b", ""].map(safe), ["_", "_", "a_b", "_"]);
         // A number too long for u64 stays unchanged.
-        assert_eq!(filled("123456789012345678901", 4), "123456789012345678901");
+        assert_eq!(zero_padded("123456789012345678901", 4), "123456789012345678901");
     }
 
     #[test]
-    fn what_is_no_pattern_is_told() {
+    fn invalid_patterns_are_rejected() {
         for (bad, word) in [
             ("{scene", "close it"),
-            ("{hue}.png", "no field `{hue}`"),
+            ("{hue}.png", "unknown field `{hue}`"),
             ("{frame:x}.png", "digits"),
             ("{frame:99}.png", "digits"),
-            ("../{scene}.png", "leads out"),
-            ("/tmp/{scene}.png", "leads out"),
+            ("../{scene}.png", "outside the output folder"),
+            ("/tmp/{scene}.png", "outside the output folder"),
         ] {
             let message = Template::parse(bad, &KNOWN).unwrap_err();
             assert!(message.contains(word), "{bad}: {message}");

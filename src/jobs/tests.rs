@@ -115,13 +115,13 @@ fn refused(text: &str, words: &str) {
 }
 
 #[test]
-fn what_makes_no_frames_is_told_in_one_sentence() {
+fn invalid_job_files_are_rejected_in_one_sentence() {
     // Each entry is a job file and a part of its error message
     for (text, words) in [
         ("", "has no jobs: add a [[job]]"),
         ("[[job]]\n", "lacks"),
         ("[[job]]\nscene = \"d.toml\"\n", "there is no file"),
-        ("[[job]]\nscene = []\n", "names no scene"),
+        ("[[job]]\nscene = []\n", "has no scene"),
         ("[[job]]\nscene = \"a.toml\"\nframes = 0\n", "has no frames"),
         (
             "[[job]]\nscene = \"a.toml\"\nframes = 2000000\n",
@@ -129,17 +129,20 @@ fn what_makes_no_frames_is_told_in_one_sentence() {
         ),
         (
             "[[job]]\nscene = \"a.toml\"\nturntable = {}\n",
-            "turns without frames",
+            "has a turntable but no frames",
         ),
         (
             "[[job]]\nscene = \"a.toml\"\nframes = 2\nturntable = { axis = [0, 0, 0] }\n",
-            "has no axis",
+            "an `axis` of no direction",
         ),
         (
             "[[job]]\nscene = \"a.toml\"\ncolour = 2\n",
             "`colour` is not known here",
         ),
-        ("[[job]]\nscene = \"a.toml\"\nimage = \"../x.png\"\n", "leads out"),
+        (
+            "[[job]]\nscene = \"a.toml\"\nimage = \"../x.png\"\n",
+            "outside the output folder",
+        ),
         (
             "[[job]]\nscene = \"a.toml\"\nsweep = { \"a.b\" = [] }\n",
             "has no values",
@@ -150,33 +153,36 @@ fn what_makes_no_frames_is_told_in_one_sentence() {
         ),
         (
             "[[job]]\nscene = \"a.toml\"\nsweep = { a = { from = 0, to = 1, steps = 1 } }\n",
-            "makes no steps",
+            "has no valid steps",
         ),
         (
             "[[job]]\nscene = \"a.toml\"\nsplit = { bands = 0 }\n",
-            "makes 0 pieces",
+            "into 0 pieces",
         ),
         (
             "[[job]]\nscene = \"a.toml\"\nsplit = { bands = 99999, shares = 99999 }\n",
-            "pieces of a frame",
+            "splits a frame into",
         ),
         (
             "[[job]]\nscene = \"a.toml\"\nanimation = { fps = 0, to = 1 }\n",
             "has no",
         ),
-        ("[[job]]\nscene = \"a.toml\"\nanimation = {}\n", "has no end"),
+        (
+            "[[job]]\nscene = \"a.toml\"\nanimation = {}\n",
+            "has no valid end",
+        ),
         (
             "[[job]]\nscene = \"a.toml\"\nsettings = { spp = { a = 1 } }\n",
-            "is no setting",
+            "is not a valid setting",
         ),
         (
             "[[job]]\nscene = \"a.toml\"\npath = [{ frame = 1, from = [0, 0, 0], at = [0, 0, 0] }]\n",
-            "is no view",
+            "is not a valid view",
         ),
         (
             "[[job]]\nscene = \"a.toml\"\npath = [{ frame = 1, from = [0, 0, 5], at = [0, 0, 0] }, \
                  { frame = 1, from = [0, 0, 5], at = [0, 0, 0] }]\n",
-            "order them",
+            "order the keys",
         ),
         (
             "[[job]]\nscene = \"a.toml\"\nframse = 2\n",
@@ -193,11 +199,11 @@ fn what_makes_no_frames_is_told_in_one_sentence() {
         ),
         (
             "[[job]]\nscene = \"a.toml\"\nframes = 2\nimage = \"x.png\"\n",
-            "two frames would both become x.png, picture 1 of job 1 (of a.toml) and picture 2",
+            "image 1 of job 1 (of a.toml) and image 2 of job 1 (of a.toml) would both be written to x.png",
         ),
         (
             "[[job]]\nname = \"p\"\nscene = \"a.toml\"\nimage = \"x.png\"\n[[job]]\nscene = \"a.toml\"\nimage = \"x.png/y.png\"\n",
-            "picture 1 of job p (of a.toml) would become x.png, which is a folder of picture 1 of job 2",
+            "image 1 of job p (of a.toml) would be written to x.png, which is also the folder of image 1 of job 2",
         ),
         (
             "[[job]]\nscene = \"a.toml\"\nimage = \"x.jpg\"\n",
@@ -205,9 +211,12 @@ fn what_makes_no_frames_is_told_in_one_sentence() {
         ),
         (
             "[[job]]\nscene = \"a.toml\"\nimage = \"{hue}.png\"\n",
-            "no field `{hue}`",
+            "unknown field `{hue}`",
         ),
-        ("[[job]]\nscene = \"a.toml\"\nimage = \"/x.png\"\n", "leads out"),
+        (
+            "[[job]]\nscene = \"a.toml\"\nimage = \"/x.png\"\n",
+            "outside the output folder",
+        ),
         (
             "[[job]]\nscene = \"b.glb\"\nsweep = { a = [1] }\n",
             "sweeps change scene files, which b.glb is not",
@@ -227,7 +236,7 @@ fn what_makes_no_frames_is_told_in_one_sentence() {
         ("[[job]]\nscene = \"a.toml\"\nzip = true\n", "no `sweep`"),
         (
             "[[job]]\nscene = \"a.toml\"\ninterpolation = \"linear\"\n",
-            "is of a `path`",
+            "requires a `path`",
         ),
         (
             "[[job]]\nscene = \"a.toml\"\ninterpolation = \"cubic\"\n",
@@ -241,7 +250,7 @@ fn what_makes_no_frames_is_told_in_one_sentence() {
         (
             "[[job]]\nscene = \"a.toml\"\ninterpolation = \"linear\"\n\
                  path = [{ frame = 1, from = [0, 0, 5], at = [0, 0, 0] }, { frame = 3, from = [0, 0, 0], at = [0, 0, 5] }]\n",
-            "at frame 2 to no view",
+            "no valid view at frame 2",
         ),
         (
             "[[job]]\nscene = \"a.toml\"\n\
@@ -250,7 +259,7 @@ fn what_makes_no_frames_is_told_in_one_sentence() {
         ),
         (
             "[[job]]\nscene = \"b.glb\"\nframes = 3\nanimation = { to = 1 }\n",
-            "beside `frames`",
+            "in addition to `frames`",
         ),
     ] {
         refused(text, words);
@@ -275,7 +284,7 @@ fn edited(key: &[&str], value: toml::Value) -> Result<f32, String> {
 }
 
 #[test]
-fn changed_scenes_are_read_as_if_they_were_written_so() {
+fn edited_scenes_are_parsed_like_written_ones() {
     let value = |x: f64| toml::Value::Float(x);
     assert_eq!(edited(&["material", "ball", "roughness"], value(0.25)), Ok(1.0));
     // Misspelt keys and invalid values are reported in terms of the edit

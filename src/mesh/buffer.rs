@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn a_window_outside_the_map_or_unaligned_is_refused() {
+    fn window_outside_the_map_or_unaligned_is_rejected() {
         let map = mapped(&[0u8; 64]);
         assert!(Buffer::<[f32; 3]>::from_map(&map, 0, 5).is_some());
         assert!(Buffer::<[f32; 3]>::from_map(&map, 0, 6).is_none());
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn owned_and_mapped_arrays_leave_room_for_a_16_byte_load_of_the_last_vertex() {
+    fn arrays_are_padded_for_16_byte_loads_of_the_last_vertex() {
         assert!(Buffer::from(vec![[0f32; 3]; 7]).readable_bytes_past_end() >= 4);
         let map = mapped(&[0u8; 24]);
         let slab = Buffer::<[f32; 3]>::from_map(&map, 0, 2).unwrap();

@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_closed_and_faces_outward() {
+    fn bumpy_sphere_is_closed_and_faces_outward() {
         for (wished, edge) in [(1, 1), (12, 1), (1000, 9), (10_000, 29)] {
             let mesh = bumpy_sphere(wished);
             assert_eq!(mesh.triangles.len(), 12 * edge * edge, "{wished}");
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn its_normals_are_those_of_its_triangles_where_these_are_small() {
+    fn bumpy_sphere_normals_match_small_triangles() {
         let mesh = bumpy_sphere(100_000);
         let normals = mesh.normals.as_ref().unwrap();
         for number in 0..mesh.triangles.len() as u32 {

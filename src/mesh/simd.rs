@@ -20,7 +20,7 @@ pub trait SimdLevel: Copy {
 
     /// Gathers from a table: lane `i` of the result is `table[index[i]]`. The table's size must be a multiple of eight,
     /// and every index within it.
-    fn pick<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8];
+    fn permute<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8];
 
     /// Adds 1 to `below_high[i]` where `a[i] < high`, and to `below_both[i]` where `a[i] <= low` holds as well.
     fn count_below<const N: usize>(
@@ -108,7 +108,7 @@ impl SimdLevel for Scalar {
     }
 
     #[inline(always)]
-    fn pick<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
+    fn permute<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
         let mut out = [0.0; 8];
         for i in 0..8 {
             out[i] = table[(index[i] as usize).min(N - 1)];
@@ -155,8 +155,8 @@ impl<I: SimdLevel> SimdLevel for F32Only<I> {
     }
 
     #[inline(always)]
-    fn pick<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
-        self.0.pick(table, index)
+    fn permute<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
+        self.0.permute(table, index)
     }
 
     #[inline(always)]
@@ -213,23 +213,23 @@ mod x86 {
         /// Permutes each eight entries of the table by the low three bits of the index, and blends in the group that
         /// the high bits select.
         #[inline(always)]
-        fn pick<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
+        fn permute<const N: usize>(self, table: &[f32; N], index: &[u32; 8]) -> [f32; 8] {
             let (parts, _) = table.as_chunks::<8>();
             let index = cast(*index);
-            let mut picked = self.avx._mm256_setzero_ps();
+            let mut permuted = self.avx._mm256_setzero_ps();
             for part in 0..N / 8 {
                 let here = self.avx2._mm256_permutevar8x32_ps(cast(parts[part]), index);
-                picked = match part {
+                permuted = match part {
                     0 => here,
                     // Keep the lanes whose index lies in an earlier group
                     _ => {
                         let last_before = self.avx._mm256_set1_epi32(8 * part as i32 - 1);
                         let is_from_here = self.avx2._mm256_cmpgt_epi32(index, last_before);
-                        self.avx._mm256_blendv_ps(picked, here, cast(is_from_here))
+                        self.avx._mm256_blendv_ps(permuted, here, cast(is_from_here))
                     }
                 };
             }
-            cast(picked)
+            cast(permuted)
         }
 
         /// Compares eight lanes at a time; `N` must be a multiple of eight.
@@ -340,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn every_instruction_set_compares_alike() {
+    fn comparisons_agree_across_instruction_sets() {
         let mut a = [0.0; 16];
         let mut b = [-0.0; 16];
         a[3] = f32::NAN;
@@ -354,24 +354,24 @@ mod tests {
         assert_eq!(dispatch(Masks(a, b)), expected);
     }
 
-    struct Pick([f32; 24], [u32; 8]);
+    struct Permute([f32; 24], [u32; 8]);
 
-    impl SimdKernel for Pick {
+    impl SimdKernel for Permute {
         type Output = [f32; 8];
 
         #[inline(always)]
         fn run<I: SimdLevel>(self, isa: I) -> [f32; 8] {
-            isa.pick(&self.0, &self.1)
+            isa.permute(&self.0, &self.1)
         }
     }
 
     #[test]
-    fn every_instruction_set_picks_alike() {
+    fn selections_agree_across_instruction_sets() {
         let table = std::array::from_fn(|i| 100.0 + i as f32);
         for index in [[0, 7, 8, 15, 16, 23, 3, 20], [12; 8]] {
             let expected = index.map(|i| 100.0 + i as f32);
-            assert_eq!(Pick(table, index).run(Scalar), expected);
-            assert_eq!(dispatch(Pick(table, index)), expected);
+            assert_eq!(Permute(table, index).run(Scalar), expected);
+            assert_eq!(dispatch(Permute(table, index)), expected);
         }
     }
 
@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn every_instruction_set_counts_alike() {
+    fn counts_agree_across_instruction_sets() {
         let mut a: [f32; 16] = std::array::from_fn(|i| i as f32);
         a[15] = f32::NAN;
         // The values 0 to 5 are at most 5, 0 to 9 are below 9.5, and NaN is neither.

@@ -39,11 +39,11 @@ impl Mesh {
             tangents: vec![[[0.0; 4]; 3]; self.triangles.len()],
         };
         // The library reports no errors; tangents that it leaves at zero are filled in below.
-        if !corners.is_crowded() && generate_tangents(&mut corners).is_err() {
+        if !corners.exceeds_library_limits() && generate_tangents(&mut corners).is_err() {
             corners.tangents.fill([[0.0; 4]; 3]);
         }
         let filled: Vec<[[f32; 4]; 3]> = parallel::generate(self.triangles.len(), |face| {
-            std::array::from_fn(|corner| corners.sound_tangent(face, corner))
+            std::array::from_fn(|corner| corners.tangent_or_fallback(face, corner))
         });
         self.split(&filled)
     }
@@ -92,18 +92,22 @@ impl Mesh {
         }
         // Append the attributes of the copies
         Mesh {
-            positions: extended(&self.positions, &copied),
+            positions: append_copies(&self.positions, &copied),
             triangles: Buffer::from(triangles),
-            normals: self.normals.as_ref().map(|n| extended(n, &copied)),
+            normals: self.normals.as_ref().map(|n| append_copies(n, &copied)),
             tangents,
-            tex_coords: self.tex_coords.iter().map(|t| extended(t, &copied)).collect(),
-            colors: self.colors.as_ref().map(|c| extended(c, &copied)),
+            tex_coords: self
+                .tex_coords
+                .iter()
+                .map(|t| append_copies(t, &copied))
+                .collect(),
+            colors: self.colors.as_ref().map(|c| append_copies(c, &copied)),
         }
     }
 }
 
 /// Returns the values with those of the `copied` vertices appended; an empty array stays empty.
-fn extended<T: Pod>(values: &Buffer<T>, copied: &[u32]) -> Buffer<T> {
+fn append_copies<T: Pod>(values: &Buffer<T>, copied: &[u32]) -> Buffer<T> {
     if values.is_empty() {
         return values.clone();
     }
@@ -141,7 +145,7 @@ impl Corners<'_> {
 
     /// Returns whether so many triangles share a vertex that the library would need too much stack or time. Corners
     /// share a vertex if their position, normal and texture coordinates are equal.
-    fn is_crowded(&self) -> bool {
+    fn exceeds_library_limits(&self) -> bool {
         let face_count = self.mesh.triangles.len();
         if (face_count as u64) <= MAX_VERTEX_TRIANGLES {
             return false;
@@ -162,7 +166,7 @@ impl Corners<'_> {
 
     /// Returns the tangent that the library computed for a corner; else the triangle's own; if the texture coordinates
     /// have no direction, any unit vector perpendicular to the normal.
-    fn sound_tangent(&self, face: usize, corner: usize) -> [f32; 4] {
+    fn tangent_or_fallback(&self, face: usize, corner: usize) -> [f32; 4] {
         let [x, y, z, handedness] = self.tangents[face][corner];
         // The library returns unit vectors or zero.
         if handedness != 0.0 && Vec3::new(x, y, z).length_squared() > 0.5 {
@@ -170,14 +174,14 @@ impl Corners<'_> {
         }
         // Orthogonalise the triangle's own tangent
         let n = DVec3::from_array(self.normal(face, corner).map(f64::from)).normalize_or(DVec3::Z);
-        let (along, handedness) = self.own_tangent(face);
+        let (along, handedness) = self.triangle_tangent(face);
         let across = along - n * n.dot(along);
         let tangent = across.try_normalize().unwrap_or(n.any_orthonormal_vector());
         tangent.as_vec3().extend(handedness).to_array()
     }
 
     /// Returns the direction in which a triangle's first texture coordinate grows, and the handedness.
-    fn own_tangent(&self, face: usize) -> (DVec3, f32) {
+    fn triangle_tangent(&self, face: usize) -> (DVec3, f32) {
         let p = [0, 1, 2].map(|corner| DVec3::from_array(self.position(face, corner).map(f64::from)));
         let t = [0, 1, 2].map(|corner| self.tex_coord(face, corner).map(f64::from));
         let [[u1, v1], [u2, v2]] = [1, 2].map(|i| [t[i][0] - t[0][0], t[i][1] - t[0][1]]);
@@ -244,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn an_upright_image_has_its_tangent_to_the_right_and_its_bitangent_up() {
+    fn upright_texture_has_tangent_right_and_bitangent_up() {
         // n x t = z x x = y, which is up.
         let mesh = square().with_tangents(0);
         assert_eq!(tangents(&mesh), [[1.0, 0.0, 0.0, 1.0]; 4]);
@@ -256,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn very_large_and_very_small_meshes_and_textures_have_the_same_tangents() {
+    fn tangents_do_not_depend_on_mesh_or_texture_scale() {
         for (scale, tex_scale) in [(1e-38f32, 1e-38f32), (1e38, 1e38), (1e-38, 1e38)] {
             let scaled = Mesh {
                 positions: Buffer::from(square().positions.map_all(|x| x * scale)),
@@ -281,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vertex_is_split_where_the_texture_is_mirrored_and_keeps_its_attributes() {
+    fn vertex_is_split_at_mirrored_textures_with_its_attributes() {
         // The second triangle's image is mirrored about the shared edge from vertex 0 to vertex 2.
         let mesh = Mesh {
             tex_coords: vec![Buffer::from(vec![[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [0.0, 1.0]])],
@@ -307,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn texture_coordinates_without_an_area_still_give_unit_tangents_across_the_normal() {
+    fn degenerate_texture_coordinates_give_unit_tangents() {
         let mesh = Mesh {
             tex_coords: vec![Buffer::from(vec![[0.5, 0.5]; 4])],
             ..square()
@@ -335,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crowded_vertex_overflows_no_stack_and_takes_no_quadratic_time() {
+    fn vertex_with_many_triangles_is_processed_in_linear_time() {
         const STACK: usize = 1 << 18;
         for count in [
             MAX_VERTEX_TRIANGLES as u32,

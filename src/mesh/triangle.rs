@@ -25,7 +25,7 @@ use glam::Vec3;
 use super::simd::{Scalar, SimdLevel, add, div, lanes, max, min, mul, sub};
 use crate::numeric::Ray;
 #[cfg(feature = "embree")]
-pub(crate) use indexed::{HitLanes, ProjectedVertices, may_hold_origin};
+pub(crate) use indexed::{HitLanes, ProjectedVertices, may_contain_origin};
 use near_origin::may_be_behind;
 
 /// Number of triangles in a [`TrianglePack`].
@@ -158,7 +158,7 @@ impl Shear {
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
         if u == 0.0 || v == 0.0 || w == 0.0 {
-            return self.on_an_edge(corners, projected, [t_near, t_far]);
+            return self.resolve_edge_in_f64(corners, projected, [t_near, t_far]);
         }
         // Test whether the origin is on the same side of all edges
         let inside = (u > 0.0 && v > 0.0 && w > 0.0) || (u < 0.0 && v < 0.0 && w < 0.0);
@@ -170,8 +170,8 @@ impl Shear {
         let t = ((u * (sz * a[2]) + v * (sz * b[2])) + w * (sz * c[2])) / det;
         let within = t_near <= t && t <= t_far && t < f32::INFINITY;
         // Reject a hit behind the start, which rounding may move in front of it
-        let met = within && !self.is_behind(corners, projected, det, [t_near, t]);
-        met.then(|| TriangleHit {
+        let is_hit = within && !self.is_behind(corners, projected, det, [t_near, t]);
+        is_hit.then(|| TriangleHit {
             t,
             u: v / det,
             v: w / det,
@@ -191,13 +191,13 @@ impl Shear {
         let [a, b, c] = projected.map(|p| p.map(|x| [x]));
         let rows = [&a, &b, &c].map(|[x, y, z]| [x, y, z]);
         may_be_behind(Scalar, rows, &[self.shear[2]], &[det], [&[t_near], &[t]]) != 0
-            && self.meets_before(corners, t_near)
+            && self.plane_is_before(corners, t_near)
     }
 
     /// Decides in f64 where f32 cannot: the ray passes through an edge or a vertex, or the triangle is edge-on.
     #[cold]
     #[inline(never)]
-    fn on_an_edge(
+    fn resolve_edge_in_f64(
         &self,
         corners: [[f32; 3]; 3],
         projected: [[f32; 3]; 3],
@@ -216,8 +216,8 @@ impl Shear {
         let [za, zb, zc] = projected.map(|p| f64::from(self.shear[2] * p[2]));
         let t = ((u * za + v * zb + w * zc) / det) as f32;
         let within = t_near <= t && t <= t_far && t < f32::INFINITY;
-        let met = within && !self.is_behind(corners, projected, det as f32, [t_near, t]);
-        met.then(|| TriangleHit {
+        let is_hit = within && !self.is_behind(corners, projected, det as f32, [t_near, t]);
+        is_hit.then(|| TriangleHit {
             t,
             u: (v / det) as f32,
             v: (w / det) as f32,
@@ -245,8 +245,8 @@ impl Shear {
         let c = project([&c[kx], &c[ky], &c[kz]], &origin, &shear);
         // Test all lanes in f32, then the undecided ones in f64
         let test = edge_test(isa, [a, b, c], [sz; PACK], [&[t_near; PACK], &[t_far; PACK]]);
-        if test.unsettled != 0 {
-            return self.settle(test, pack, t_near, t_far);
+        if test.undecided != 0 {
+            return self.resolve_in_f64(test, pack, t_near, t_far);
         }
         test.hits
     }
@@ -254,15 +254,15 @@ impl Shear {
     // The arguments are passed by value, so that the arrays of the common path can stay in registers.
     #[cold]
     #[inline(never)]
-    fn settle(
+    fn resolve_in_f64(
         &self,
         mut test: EdgeTest<PACK>,
         pack: &TrianglePack,
         t_near: f32,
         t_far: f32,
     ) -> LaneHits<PACK> {
-        for lane in lanes(test.unsettled) {
-            test.settle(lane, self.intersect(pack.triangle(lane), t_near, t_far));
+        for lane in lanes(test.undecided) {
+            test.resolve_in_f64(lane, self.intersect(pack.triangle(lane), t_near, t_far));
         }
         test.hits
     }
@@ -320,23 +320,23 @@ impl<const N: usize> ShearLanes<N> {
         let c = project([&[c[kx]; N], &[c[ky]; N], &[c[kz]; N]], &self.origin, &shear);
         // Test all lanes in f32, then the undecided ones in f64
         let test = edge_test(isa, [a, b, c], sz, [t_near, t_far]);
-        if test.unsettled != 0 {
-            return self.settle(test, corners, [*t_near, *t_far]);
+        if test.undecided != 0 {
+            return self.resolve_in_f64(test, corners, [*t_near, *t_far]);
         }
         test.hits
     }
 
     #[cold]
     #[inline(never)]
-    fn settle(
+    fn resolve_in_f64(
         &self,
         mut test: EdgeTest<N>,
         corners: [[f32; 3]; 3],
         [t_near, t_far]: [[f32; N]; 2],
     ) -> LaneHits<N> {
-        for lane in lanes(test.unsettled) {
+        for lane in lanes(test.undecided) {
             let hit = self.lane(lane).intersect(corners, t_near[lane], t_far[lane]);
-            test.settle(lane, hit);
+            test.resolve_in_f64(lane, hit);
         }
         test.hits
     }
@@ -345,11 +345,11 @@ impl<const N: usize> ShearLanes<N> {
 /// Result of the f32 part of `N` tests, with a mask of the lanes that need f64.
 struct EdgeTest<const N: usize> {
     hits: LaneHits<N>,
-    unsettled: u32,
+    undecided: u32,
 }
 
 impl<const N: usize> EdgeTest<N> {
-    fn settle(&mut self, lane: usize, hit: Option<TriangleHit>) {
+    fn resolve_in_f64(&mut self, lane: usize, hit: Option<TriangleHit>) {
         let hits = &mut self.hits;
         hits.mask &= !(1 << lane);
         if let Some(hit) = hit {
@@ -376,19 +376,19 @@ fn edge_test<I: SimdLevel, const N: usize>(
     let w = sub(&mul(&b[0], &a[1]), &mul(&b[1], &a[0]));
     // Reduce them to the values that decide: minimum, maximum, and smallest magnitude
     let zero = [0.0; N];
-    let [mut least, mut greatest, mut smallest] = [zero; 3];
+    let [mut min_edge, mut max_edge, mut min_magnitude] = [zero; 3];
     for i in 0..N {
-        least[i] = min(min(u[i], v[i]), w[i]);
-        greatest[i] = max(max(u[i], v[i]), w[i]);
-        smallest[i] = min(min(u[i].abs(), v[i].abs()), w[i].abs());
+        min_edge[i] = min(min(u[i], v[i]), w[i]);
+        max_edge[i] = max(max(u[i], v[i]), w[i]);
+        min_magnitude[i] = min(min(u[i].abs(), v[i].abs()), w[i].abs());
     }
     // In f32 alone, an edge belongs to both triangles that share it.
     let (inside, on_edge) = match I::IS_EXACT {
         true => (
-            isa.lt(&zero, &least) | isa.lt(&greatest, &zero),
-            isa.eq(&smallest, &zero),
+            isa.lt(&zero, &min_edge) | isa.lt(&max_edge, &zero),
+            isa.eq(&min_magnitude, &zero),
         ),
-        false => (isa.le(&zero, &least) | isa.le(&greatest, &zero), 0),
+        false => (isa.le(&zero, &min_edge) | isa.le(&max_edge, &zero), 0),
     };
     let mut hits = LaneHits {
         mask: 0,
@@ -400,7 +400,7 @@ fn edge_test<I: SimdLevel, const N: usize>(
     if inside == 0 {
         return EdgeTest {
             hits,
-            unsettled: on_edge,
+            undecided: on_edge,
         };
     }
     // Compute the parameters and compare them with the interval
@@ -410,17 +410,17 @@ fn edge_test<I: SimdLevel, const N: usize>(
     hits.t = div(&scaled_t, &det);
     hits.mask =
         inside & isa.le(t_near, &hits.t) & isa.le(&hits.t, t_far) & isa.lt(&hits.t, &[f32::INFINITY; N]);
-    let mut unsettled = on_edge;
+    let mut undecided = on_edge;
     // Compute the weights, and mark hits that may be behind the start
     if hits.mask != 0 {
         hits.u = div(&v, &det);
         hits.v = div(&w, &det);
         if I::IS_EXACT {
             let rows = [&a, &b, &c].map(|[x, y, z]| [x, y, z]);
-            unsettled |= hits.mask & may_be_behind(isa, rows, &sz, &det, [t_near, &hits.t]);
+            undecided |= hits.mask & may_be_behind(isa, rows, &sz, &det, [t_near, &hits.t]);
         }
     }
-    EdgeTest { hits, unsettled }
+    EdgeTest { hits, undecided }
 }
 
 /// Projects vertices to the sheared frame: x, y and the unscaled z.
@@ -466,7 +466,7 @@ mod tests {
 
     /// Returns a ray spawned at a random point of the triangle, at an angle of at least 3 degrees to its plane; `None`
     /// for flatter rays and for triangles without area.
-    pub(super) fn leaving(corners: [Vec3; 3], random: &mut Random) -> Option<Ray> {
+    pub(super) fn spawned_ray(corners: [Vec3; 3], random: &mut Random) -> Option<Ray> {
         let [a, b, c] = corners.map(|p| p.as_dvec3());
         let normal = (b - a).cross(c - a).try_normalize()?;
         let (u, v) = (random.next(), random.next());
@@ -504,7 +504,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hand_computed_hit_has_embrees_barycentric_weights() {
+    fn hand_computed_hit_has_embrees_barycentric_weights() {
         // (0.25, 0.5) = (1 - 0.25 - 0.5) v0 + 0.25 v1 + 0.5 v2, and z falls from 3 to 0 over t = 3.
         let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
         let ray = Ray::new(Vec3::new(0.25, 0.5, 3.0), Vec3::new(0.0, 0.0, -1.0));
@@ -529,7 +529,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_on_or_degenerate_triangle_is_missed() {
+    fn edge_on_or_degenerate_triangle_is_missed() {
         let shear = Shear::new(&Ray::new(Vec3::ZERO, Vec3::X));
         assert_eq!(
             shear.intersect([[1.0, 0.0, -1.0], [2.0, 0.0, 1.0], [3.0, 0.0, 0.0]], 0.0, 9.0),
@@ -543,7 +543,7 @@ mod tests {
     }
 
     #[test]
-    fn no_ray_from_inside_a_closed_mesh_slips_through_a_corner_or_an_edge() {
+    fn no_ray_leaves_a_closed_mesh_through_corners_or_edges() {
         let mesh = closed_mesh();
         let mut random = Random(7);
         let mut leaks = 0;
@@ -568,7 +568,7 @@ mod tests {
     }
 
     #[test]
-    fn eight_triangles_and_sixteen_rays_at_once_give_the_bits_of_one_by_one() {
+    fn simd_tests_of_triangles_and_rays_match_scalar_bits() {
         let mesh = closed_mesh();
         let mut pack = TrianglePack::EMPTY;
         for (lane, &corners) in mesh.iter().skip(3).take(7).enumerate() {

@@ -18,7 +18,7 @@ pub enum MotionError {
     #[error(transparent)]
     Singular(#[from] SingularMatrix),
     /// Start or end that mirrors while the other does not, so that a map in between would be singular.
-    #[error("one end of the motion mirrors and the other does not: mirror both or neither")]
+    #[error("one end of the motion mirrors the object and the other does not: mirror both or neither")]
     Mirrored,
 }
 
@@ -28,7 +28,7 @@ pub struct AnimatedTransform {
     start: DAffine3,
     end: DAffine3,
     /// Decomposition of the linear parts; `None` if they are equal at both ends.
-    turning: Option<DecomposedRotation>,
+    decomposed: Option<DecomposedRotation>,
 }
 
 /// Rotation at the start, the relative rotation to the end, and the stretch at both ends.
@@ -46,10 +46,14 @@ impl AnimatedTransform {
     pub fn new(start: DAffine3, end: DAffine3) -> Result<AnimatedTransform, MotionError> {
         inverse(&start)?;
         inverse(&end)?;
-        let turning = (start.matrix3 != end.matrix3)
+        let decomposed = (start.matrix3 != end.matrix3)
             .then(|| DecomposedRotation::new(start.matrix3, end.matrix3))
             .transpose()?;
-        Ok(AnimatedTransform { start, end, turning })
+        Ok(AnimatedTransform {
+            start,
+            end,
+            decomposed,
+        })
     }
 
     /// Returns whether start and end are equal.
@@ -73,9 +77,9 @@ impl AnimatedTransform {
         // Interpolate rotation and stretch, and the translation
         DAffine3 {
             matrix3: self
-                .turning
+                .decomposed
                 .as_ref()
-                .map_or(self.start.matrix3, |turning| turning.at(s)),
+                .map_or(self.start.matrix3, |decomposed| decomposed.at(s)),
             translation: (1.0 - s) * self.start.translation + s * self.end.translation,
         }
     }
@@ -96,7 +100,11 @@ impl AnimatedTransform {
 
     /// Returns the number of steps at which [`AnimatedTransform::bounds`] takes the boxes.
     pub fn step_count(&self) -> u32 {
-        if self.turning.is_some() { TURNING_STEPS } else { 1 }
+        if self.decomposed.is_some() {
+            ROTATION_STEPS
+        } else {
+            1
+        }
     }
 
     /// Returns a box after `step` of `steps` equal steps such that linear interpolation between it and that of the next
@@ -125,9 +133,9 @@ impl AnimatedTransform {
         }
         // Pad the box by the curve's deviation from its chord, and by rounding
         let radius = bounds.min.abs().max(bounds.max.abs()).length();
-        let sag = self.turning.as_ref().map_or(0.0, |turning| {
+        let sag = self.decomposed.as_ref().map_or(0.0, |decomposed| {
             let step = f64::from(steps).recip();
-            step * step / 8.0 * turning.acceleration(radius)
+            step * step / 8.0 * decomposed.acceleration(radius)
         });
         let pad = DVec3::splat(sag + self.rounding(radius));
         Bounds {
@@ -152,7 +160,7 @@ const EVERYWHERE: Bounds = Bounds {
 
 /// Number of steps for the bounds of a rotating motion: for a half turn the deviation is (π/16)²/8 < 0.5 % of the
 /// radius.
-const TURNING_STEPS: u32 = 16;
+const ROTATION_STEPS: u32 = 16;
 
 /// Number of roundings, with a margin, between the parts of a map and a coordinate of a moved point: decomposition 16,
 /// quaternion to matrix 8, two products of matrices 6, lerp and transform 8.
@@ -237,7 +245,7 @@ mod tests {
     use super::*;
 
     /// Returns two maps with a relative rotation by 2.4 about a skew axis, with stretch, shear and translation.
-    fn wild() -> (DAffine3, DAffine3) {
+    fn general_motion() -> (DAffine3, DAffine3) {
         let shear = DMat3::from_cols(DVec3::X, DVec3::new(0.7, 1.0, 0.0), DVec3::new(0.0, -0.2, 1.0));
         let start = DAffine3::from_translation(DVec3::new(1.0, 2.0, -3.0))
             * DAffine3::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 0.4)
@@ -255,8 +263,8 @@ mod tests {
     }
 
     #[test]
-    fn the_ends_are_kept_to_the_bit_and_the_way_there_begins_and_ends_with_them() {
-        for (start, end) in [wild(), mirrored(wild())] {
+    fn motion_ends_are_exact() {
+        for (start, end) in [general_motion(), mirrored(general_motion())] {
             let motion = AnimatedTransform::new(start, end).unwrap();
             assert_eq!((motion.at(0.0), motion.at(1.0)), (start, end));
             assert_eq!((motion.at(-1.0), motion.at(2.0)), (start, end));
@@ -267,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_goes_at_constant_speed_the_short_way_round() {
+    fn rotation_has_constant_speed_and_takes_the_short_arc() {
         let turned = |degrees: f64| DAffine3::from_rotation_y(degrees.to_radians());
         for (from, to, middle) in [
             (0.0, 120.0, 60.0),
@@ -288,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn what_only_moves_or_only_grows_does_it_along_a_line() {
+    fn translation_and_scale_alone_are_linear() {
         let still = DAffine3::from_scale_rotation_translation(
             DVec3::new(1.0, 2.0, 3.0),
             DQuat::from_rotation_x(0.1),
@@ -316,8 +324,8 @@ mod tests {
     }
 
     #[test]
-    fn a_mirrored_map_stays_mirrored_and_none_is_flat_on_the_way() {
-        for (pair, sign) in [(wild(), 1.0), (mirrored(wild()), -1.0)] {
+    fn interpolated_maps_keep_their_orientation_and_stay_invertible() {
+        for (pair, sign) in [(general_motion(), 1.0), (mirrored(general_motion()), -1.0)] {
             let motion = AnimatedTransform::new(pair.0, pair.1).unwrap();
             for step in 0..=100 {
                 let map = motion.at(f64::from(step) / 100.0);
@@ -339,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn rotation_and_stretch_of_ill_conditioned_tiny_and_huge_maps_multiply_to_them() {
+    fn polar_factors_multiply_back_for_extreme_maps() {
         for scale in [
             DVec3::ONE,
             DVec3::new(1e6, 1.0, 1e-4),
@@ -356,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn the_swept_box_holds_every_corner_at_every_time_and_little_more() {
+    fn swept_bounds_are_conservative_and_tight() {
         let object = Bounds {
             min: DVec3::new(-1.0, -2.0, 0.5),
             max: DVec3::new(1.5, 0.0, 3.0),
@@ -366,7 +374,7 @@ mod tests {
             DAffine3::IDENTITY,
             DAffine3::from_translation(DVec3::new(0.0, 7.0, 0.1)),
         );
-        for (start, end) in [wild(), mirrored(wild()), half_turn, slide] {
+        for (start, end) in [general_motion(), mirrored(general_motion()), half_turn, slide] {
             let motion = AnimatedTransform::new(start, end).unwrap();
             let swept = motion.bounds(&object);
             let mut exact = Bounds::EMPTY;
@@ -385,8 +393,8 @@ mod tests {
     }
 
     #[test]
-    fn a_still_box_is_not_padded_an_empty_one_stays_empty_and_an_endless_one_is_everywhere() {
-        let (start, _) = wild();
+    fn swept_bounds_handle_still_empty_and_infinite_boxes() {
+        let (start, _) = general_motion();
         let still = AnimatedTransform::new(start, start).unwrap();
         let unit = Bounds {
             min: DVec3::ZERO,
@@ -399,7 +407,9 @@ mod tests {
             max: DVec3::new(f64::INFINITY, f64::INFINITY, 0.0),
         };
         assert_eq!(
-            AnimatedTransform::new(start, wild().1).unwrap().bounds(&plane),
+            AnimatedTransform::new(start, general_motion().1)
+                .unwrap()
+                .bounds(&plane),
             EVERYWHERE
         );
     }

@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_empty_box_stays_empty_through_union_and_transform() {
+    fn empty_box_stays_empty_through_union_and_transform() {
         assert!(Bounds::EMPTY.union(Bounds::EMPTY).is_empty());
         assert!(Bounds::EMPTY.transformed(&DAffine3::IDENTITY).is_empty());
         assert_eq!(Bounds::EMPTY.magnitude(), 0.0);
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rotated_unit_cube_grows_to_the_square_root_of_two() {
+    fn bounds_of_a_rotated_unit_cube_grow_to_sqrt_two() {
         let cube = Bounds::of_points([DVec3::splat(-0.5), DVec3::splat(0.5)]);
         let turned = cube.transformed(&DAffine3::from_rotation_z(std::f64::consts::FRAC_PI_4));
         assert!((turned.extent().x - 2f64.sqrt()).abs() < 4.0 * f64::EPSILON);

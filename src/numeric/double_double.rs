@@ -28,11 +28,11 @@ impl DoubleDouble {
 
     /// Returns a + b to 106 bits; requires |a| >= |b|.
     pub fn from_parts(a: f64, b: f64) -> DoubleDouble {
-        DoubleDouble::quick(a, b)
+        DoubleDouble::fast_two_sum(a, b)
     }
 
     /// Returns the sum a + b, exact if |a| >= |b| (Dekker's Fast2Sum).
-    fn quick(a: f64, b: f64) -> DoubleDouble {
+    fn fast_two_sum(a: f64, b: f64) -> DoubleDouble {
         let s = a + b;
         if s.is_finite() {
             DoubleDouble(s, b - (s - a))
@@ -67,8 +67,8 @@ impl DoubleDouble {
         // each time with two roundings of a positive multiple.
         const HALVINGS: i32 = 10;
         // Reduce the argument by multiples of ln 2
-        let turns = (self.0 / LN_2.0).round();
-        let x = (self - DoubleDouble::of(turns) * LN_2) * DoubleDouble::of(0.5f64.powi(HALVINGS));
+        let exponent = (self.0 / LN_2.0).round();
+        let x = (self - DoubleDouble::of(exponent) * LN_2) * DoubleDouble::of(0.5f64.powi(HALVINGS));
         // |x| <= ln 2 / 2^11: the eleventh term is below 2^-106 of the first.
         let mut term = x;
         let mut sum = x;
@@ -80,13 +80,13 @@ impl DoubleDouble {
         for _ in 0..HALVINGS {
             sum = sum * (sum + DoubleDouble::of(2.0));
         }
-        if turns == 0.0 {
+        if exponent == 0.0 {
             return sum;
         }
         // Multiply by the power of two in two steps, as the power may overflow where the result does not.
-        let half = (turns * 0.5).floor();
+        let half = (exponent * 0.5).floor();
         let power = |n: f64| DoubleDouble::of(n.clamp(-1074.0, 1023.0).exp2());
-        (sum + DoubleDouble::ONE) * power(half) * power(turns - half) - DoubleDouble::ONE
+        (sum + DoubleDouble::ONE) * power(half) * power(exponent - half) - DoubleDouble::ONE
     }
 
     /// Returns the natural logarithm of 1 plus this number, which must be above -1.
@@ -122,8 +122,8 @@ impl Add for DoubleDouble {
         let low = self.1 + other.1;
         let l = low - self.1;
         let low_error = (self.1 - (low - l)) + (other.1 - l);
-        let sum = DoubleDouble::quick(s, error + low);
-        DoubleDouble::quick(sum.0, sum.1 + low_error)
+        let sum = DoubleDouble::fast_two_sum(s, error + low);
+        DoubleDouble::fast_two_sum(sum.0, sum.1 + low_error)
     }
 }
 
@@ -146,7 +146,7 @@ impl Mul for DoubleDouble {
     fn mul(self, other: DoubleDouble) -> DoubleDouble {
         let p = self.0 * other.0;
         let error = self.0.mul_add(other.0, -p);
-        DoubleDouble::quick(p, error + (self.0 * other.1 + self.1 * other.0))
+        DoubleDouble::fast_two_sum(p, error + (self.0 * other.1 + self.1 * other.0))
     }
 }
 
@@ -172,7 +172,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn wide_numbers_keep_what_a_float_drops() {
+    fn double_double_keeps_the_rounding_error() {
         let tiny = DoubleDouble::of(2f64.powi(-80));
         assert_eq!((DoubleDouble::ONE + tiny) - DoubleDouble::ONE, tiny);
         // (1 + 2^-60)² - 1 - 2·2^-60 = 2^-120 is beyond 106 bits: 0 up to 2^-105.
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn e_has_its_first_thirty_one_digits() {
+    fn e_has_thirty_one_correct_digits() {
         // e = 2.71828182845904523536028747135266249775...: the nearest float and the remainder.
         let e = DoubleDouble::from_parts(std::f64::consts::E, 1.445_646_891_729_250_2e-16);
         let found = DoubleDouble::ONE.exp_m1() + DoubleDouble::ONE;
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn logarithm_and_exponential_undo_each_other_from_tiny_to_large() {
+    fn logarithm_and_exponential_are_inverse() {
         for x in [
             1e-300, 1e-30, 1e-9, 0.3, 1.0, 50.0, 700.0, -1e-12, -0.5, -0.999_999,
         ] {
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_are_in_units_of_the_last_place() {
+    fn ulp_distances_are_correct() {
         assert_eq!(DoubleDouble::ONE.ulps_from(1.0), 0.0);
         assert_eq!(DoubleDouble::ONE.ulps_from(1.0 + 3.0 * f64::EPSILON), 3.0);
         let half = DoubleDouble::ONE + DoubleDouble::of(0.5 * f64::EPSILON);

@@ -7,37 +7,37 @@ use super::Bounds;
 use crate::parallel;
 
 /// Number of binary digits of each coordinate.
-const DIGITS: u32 = 21;
+const BITS_PER_AXIS: u32 = 21;
 
 /// Number of binary digits of a Morton code.
 #[cfg(feature = "embree")]
-pub(crate) const PLACE_DIGITS: u32 = 3 * DIGITS;
+pub(crate) const CODE_BITS: u32 = 3 * BITS_PER_AXIS;
 
 /// Morton code of a point with its index.
-pub(crate) type Key = (u64, u32);
+pub(crate) type MortonKey = (u64, u32);
 
 /// Morton curve through a cube.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Curve {
+pub(crate) struct MortonCurve {
     corner: DVec3,
     cells_per_unit: f64,
 }
 
-impl Curve {
+impl MortonCurve {
     /// Creates the curve through the smallest cube at the lower corner of `bounds` that encloses them.
-    pub(crate) fn around(bounds: &Bounds) -> Curve {
-        Curve {
+    pub(crate) fn around(bounds: &Bounds) -> MortonCurve {
+        MortonCurve {
             corner: bounds.min,
-            cells_per_unit: f64::from(1u32 << DIGITS) / bounds.extent().max_element(),
+            cells_per_unit: f64::from(1u32 << BITS_PER_AXIS) / bounds.extent().max_element(),
         }
     }
 
-    /// Returns the Morton code of a finite position in the cube: a number of three times [`DIGITS`] bits.
+    /// Returns the Morton code of a finite position in the cube: a number of three times [`BITS_PER_AXIS`] bits.
     #[inline(always)]
-    pub(crate) fn place(&self, position: DVec3) -> u64 {
+    pub(crate) fn code(&self, position: DVec3) -> u64 {
         // In a cube of zero size all codes are 0: 0 · infinity is NaN, which is cast to 0.
         let cell = ((position - self.corner) * self.cells_per_unit).to_array();
-        let [x, y, z] = cell.map(|x| (x as u64).min((1 << DIGITS) - 1));
+        let [x, y, z] = cell.map(|x| (x as u64).min((1 << BITS_PER_AXIS) - 1));
         spread(x) | spread(y) << 1 | spread(z) << 2
     }
 }
@@ -46,7 +46,10 @@ impl Curve {
 /// by index. Also returns the bounds of the positions.
 ///
 /// The result does not depend on the number of threads. `count` must be below 2^32, and positions finite.
-pub(crate) fn sorted_keys(count: usize, position: impl Fn(usize) -> DVec3 + Sync) -> (Bounds, Vec<Key>) {
+pub(crate) fn sorted_keys(
+    count: usize,
+    position: impl Fn(usize) -> DVec3 + Sync,
+) -> (Bounds, Vec<MortonKey>) {
     const CHUNK: usize = 1 << 14;
     // Bound the positions
     let in_chunk = |chunk: usize| {
@@ -56,8 +59,8 @@ pub(crate) fn sorted_keys(count: usize, position: impl Fn(usize) -> DVec3 + Sync
     let bounds = parallel::map(count.div_ceil(CHUNK), &in_chunk);
     let bounds = bounds.into_iter().fold(Bounds::EMPTY, Bounds::union);
     // Compute and sort the codes
-    let curve = Curve::around(&bounds);
-    let mut keys: Vec<Key> = parallel::generate(count, |i| (curve.place(position(i)), i as u32));
+    let curve = MortonCurve::around(&bounds);
+    let mut keys: Vec<MortonKey> = parallel::generate(count, |i| (curve.code(position(i)), i as u32));
     keys.par_sort_unstable();
     (bounds, keys)
 }
@@ -77,15 +80,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn digits_are_spread_to_every_third_place() {
-        for bit in 0..DIGITS {
+    fn bits_are_spread_to_every_third_position() {
+        for bit in 0..BITS_PER_AXIS {
             assert_eq!(spread(1 << bit), 1 << (3 * bit));
         }
         assert_eq!(spread(0b1011), 0b1000001001);
     }
 
     #[test]
-    fn corners_of_a_cube_come_in_the_curves_order_and_equal_places_by_index() {
+    fn morton_order_sorts_cube_corners_and_ties_by_index() {
         let corner = |i: usize| DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2 & 1) as f64);
         let (bounds, keys) = sorted_keys(16, |i| corner(15 - i));
         assert_eq!((bounds.min, bounds.max), (DVec3::ZERO, DVec3::ONE));
@@ -94,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn points_that_coincide_have_one_place() {
+    fn coincident_points_have_one_code() {
         let (_, keys) = sorted_keys(3, |_| DVec3::splat(5.0));
         assert_eq!(keys, [(0, 0), (0, 1), (0, 2)]);
     }

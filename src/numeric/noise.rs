@@ -24,7 +24,7 @@ const PERMUTATION: [u8; 256] = [
 /// Footprint width, in cells, from which on an octave has faded completely. With the smooth step from 0 to here an
 /// octave fades as its mean over a square of that width does: measured 0.95, 0.86, 0.58, 0.32, 0.16 at widths 1/4, 1/2,
 /// 1, 3/2, 2.
-const LOST_WIDTH: f64 = 2.25;
+const FADE_OUT_WIDTH: f64 = 2.25;
 /// Mean of |noise| over all space, from four million points of a low-discrepancy sequence.
 const MEAN_MAGNITUDE: f64 = 0.2204;
 
@@ -55,39 +55,39 @@ pub fn noise(p: DVec3) -> f64 {
 /// Returns the sum of `octaves`, each of twice the frequency and half the amplitude of the one before, as a fraction of
 /// the largest sum: within [-1, 1]. `width` is that of the ray's footprint, in cells of the first octave.
 pub fn fractal(p: DVec3, octaves: u32, width: f64) -> f64 {
-    summed(p, octaves, width, |noise| noise, 0.0)
+    octave_sum(p, octaves, width, |noise| noise, 0.0)
 }
 
 /// Returns the sum of octaves of the noise's magnitude, with the arguments of [`fractal`]: within [0, 1].
 pub fn turbulence(p: DVec3, octaves: u32, width: f64) -> f64 {
-    summed(p, octaves, width, f64::abs, MEAN_MAGNITUDE)
+    octave_sum(p, octaves, width, f64::abs, MEAN_MAGNITUDE)
 }
 
 /// Returns the normalised sum of octaves `of` the noise; those narrower than the footprint are replaced by `mean`.
 #[inline(always)]
-fn summed(p: DVec3, octaves: u32, width: f64, of: impl Fn(f64) -> f64, mean: f64) -> f64 {
-    let (mut sum, mut most) = (0.0, 0.0);
+fn octave_sum(p: DVec3, octaves: u32, width: f64, of: impl Fn(f64) -> f64, mean: f64) -> f64 {
+    let (mut sum, mut max_sum) = (0.0, 0.0);
     let (mut height, mut frequency) = (1.0, 1.0);
     // Blend each octave towards its mean as its cells become narrower than the footprint
     for _ in 0..octaves {
-        let kept = kept(width * frequency);
-        let octave = if kept > 0.0 {
-            mean + kept * (of(noise(p * frequency)) - mean)
+        let remaining_amplitude = remaining_amplitude(width * frequency);
+        let octave = if remaining_amplitude > 0.0 {
+            mean + remaining_amplitude * (of(noise(p * frequency)) - mean)
         } else {
             mean
         };
         sum += height * octave;
-        most += height;
+        max_sum += height;
         height *= 0.5;
         frequency *= 2.0;
     }
-    sum / most
+    sum / max_sum
 }
 
 /// Returns the fraction of an octave's amplitude that remains for a ray footprint of this width in cells.
 #[inline(always)]
-pub fn kept(width: f64) -> f64 {
-    let t = (width / LOST_WIDTH).min(1.0);
+pub fn remaining_amplitude(width: f64) -> f64 {
+    let t = (width / FADE_OUT_WIDTH).min(1.0);
     1.0 - t * t * (3.0 - 2.0 * t)
 }
 
@@ -125,13 +125,13 @@ mod tests {
     }
 
     #[test]
-    fn noise_has_the_values_of_perlins_reference_implementation() {
+    fn noise_matches_perlins_reference_implementation() {
         let p = DVec3::new(157.0 / 50.0, 42.0, 7.0);
         assert!((noise(p) - 0.136_919_958_784_000_12).abs() < 1e-15);
     }
 
     #[test]
-    fn the_permutation_holds_every_byte_once() {
+    fn permutation_contains_every_byte_once() {
         let mut sorted = PERMUTATION;
         sorted.sort_unstable();
         assert!((0..=255).eq(sorted));
@@ -148,19 +148,19 @@ mod tests {
     }
 
     #[test]
-    fn octaves_narrower_than_the_ray_become_their_mean() {
+    fn octaves_narrower_than_the_footprint_become_their_mean() {
         for p in points(1000, 20.0) {
-            assert_eq!(fractal(p, 8, LOST_WIDTH), 0.0);
+            assert_eq!(fractal(p, 8, FADE_OUT_WIDTH), 0.0);
             assert!((turbulence(p, 8, f64::INFINITY) - MEAN_MAGNITUDE).abs() < 1e-15);
             assert_eq!(fractal(p, 1, 0.0), noise(p));
             // Of three octaves the second has twice, the third four times the frequency: both have faded.
-            let one = kept(0.5 * LOST_WIDTH) * noise(p) / 1.75;
-            assert!((fractal(p, 3, 0.5 * LOST_WIDTH) - one).abs() < 1e-15);
+            let one = remaining_amplitude(0.5 * FADE_OUT_WIDTH) * noise(p) / 1.75;
+            assert!((fractal(p, 3, 0.5 * FADE_OUT_WIDTH) - one).abs() < 1e-15);
         }
     }
 
     #[test]
-    fn the_mean_of_the_magnitude_is_the_stated_one() {
+    fn mean_magnitude_matches_the_constant() {
         const COUNT: usize = 100_000;
         let mean = points(COUNT, 256.0).map(|p| noise(p).abs()).sum::<f64>() / COUNT as f64;
         // The standard deviation of |noise| is 0.16: the tolerance is three times that over the root of the count.
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn an_octave_fades_as_its_mean_over_a_square_does() {
+    fn octave_fades_like_its_mean_over_a_square() {
         let (a, b) = (DVec3::new(0.6, 0.64, 0.48), DVec3::new(-0.8, 0.48, 0.36));
         for width in [0.25, 0.5, 1.0, 1.5, 2.0] {
             let (mut product, mut square) = (0.0, 0.0);
@@ -181,7 +181,7 @@ mod tests {
             }
             // The remaining fraction agrees within the misfit of the smooth step and the variance of 4000 points.
             assert!(
-                (product / square - kept(width)).abs() < 0.15,
+                (product / square - remaining_amplitude(width)).abs() < 0.15,
                 "{width}: {}",
                 product / square
             );
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn far_away_and_absurd_points_have_finite_noise() {
+    fn far_and_non_finite_points_have_finite_noise() {
         for x in [1e300, -1e300, 1e-320, -0.0] {
             assert!(turbulence(DVec3::new(x, 0.5, -x), 16, 0.0) <= 1.0);
         }

@@ -42,7 +42,7 @@ impl SplitMix64 {
     }
 
     /// Returns one of several values, each equally likely; there must be at least one.
-    pub fn pick<T: Copy>(&mut self, from: &[T]) -> T {
+    pub fn choose<T: Copy>(&mut self, from: &[T]) -> T {
         from[self.below(from.len())]
     }
 
@@ -70,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bits_are_those_of_the_published_generator() {
+    fn bits_match_the_published_generator() {
         // These are the first outputs of SplitMix64 for the seed 0.
         let mut random = SplitMix64(0);
         assert_eq!(random.bits(), 0xe220_a839_7b1d_cdaf);
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn every_value_below_a_count_is_met_about_equally_often() {
+    fn values_below_a_bound_are_uniform() {
         let mut random = SplitMix64::new(1, 2);
         let mut counts = [0; 7];
         (0..7000).for_each(|_| counts[random.below(7)] += 1);

@@ -68,8 +68,8 @@ struct Points {
 
 impl Points {
     fn push(&mut self, x: f64) -> bool {
-        if let Some(place) = self.values.get_mut(self.count) {
-            *place = x;
+        if let Some(slot) = self.values.get_mut(self.count) {
+            *slot = x;
             self.count += 1;
         }
         true
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_small_root_keeps_its_digits_beside_a_large_one() {
+    fn small_root_keeps_its_digits_beside_a_large_one() {
         // (t - 1e-9)(t - 1e9) = t² - (1e9 + 1e-9) t + 1.
         let b = 0.5 * (1e9 + 1e-9);
         let [t0, t1] = quadratic_roots(1.0, b, 1.0, b * b - 1.0);
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_quadratic_that_is_linear_has_one_finite_root_and_a_constant_none() {
+    fn degenerate_quadratics_have_one_or_no_finite_root() {
         // -2·2 t + 8 = 0 at t = 2.
         assert_eq!(quadratic_roots(0.0, 2.0, 8.0, 4.0), [2.0, f64::INFINITY]);
         assert_eq!(quadratic_roots(0.0, -2.0, 8.0, 4.0), [f64::NEG_INFINITY, -2.0]);
@@ -175,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn four_roots_are_found_in_order_each_to_the_last_digits() {
+    fn four_roots_are_found_in_order_and_accurately() {
         // (x + 2)(x + 1)(x - 1)(x - 3) = x⁴ - x³ - 7 x² + x + 6.
         let roots = quartic([6.0, 1.0, -7.0, -1.0, 1.0], [-10.0, 10.0], true);
         assert_eq!(roots.len(), 4);
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_touching_root_is_none_and_a_first_change_to_the_known_sign_is_not_told() {
+    fn double_roots_and_the_known_first_sign_change_are_omitted() {
         // (x² - 1)² touches zero twice.
         assert!(quartic([1.0, 0.0, -2.0, 0.0, 1.0], [-3.0, 3.0], true).is_empty());
         // x² - 1 from inside: if the sign starts as positive, the change to positive at 1 is not reported.
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_is_obeyed() {
+    fn root_search_stops_on_request() {
         let mut count = 0;
         quartic_sign_changes(&[6.0, 1.0, -7.0, -1.0, 1.0], [-10.0, 10.0], true, |_| {
             count += 1;

@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_spawned_point_lies_strictly_on_the_chosen_side_at_any_scale() {
+    fn spawned_point_lies_on_the_chosen_side_at_any_scale() {
         for scale in [1e-9, 1e-3, 1.0, 1e6, 1e9] {
             let (v0, e1, e2) = (
                 DVec3::new(0.3, -1.7, 2.9) * scale,
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn the_offset_stays_within_a_few_ulps_of_the_triangle() {
+    fn offset_stays_within_a_few_ulps_of_the_triangle() {
         let (v0, e1, e2) = (DVec3::ONE, DVec3::X, DVec3::Y);
         let origin = spawn_point(
             v0,
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_are_those_of_the_standard_library() {
+    fn float_neighbours_match_the_standard_library() {
         for x in [
             0.0,
             -0.0,

@@ -78,7 +78,7 @@ impl TryFrom<String> for SpawnPolicy {
 
 /// Returns the f32 origin of a ray that leaves `p` by `offset` along `normal`, rounded to nearest.
 #[inline(always)]
-pub fn shifted_point(p: DVec3, normal: DVec3, offset: f64) -> Vec3 {
+pub fn offset_point(p: DVec3, normal: DVec3, offset: f64) -> Vec3 {
     (p + normal * offset).as_vec3()
 }
 
@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_policy_is_read_as_it_is_written() {
+    fn spawn_policy_round_trips_as_text() {
         for policy in [
             SpawnPolicy::Bounded,
             SpawnPolicy::None,
@@ -114,10 +114,10 @@ mod tests {
     }
 
     #[test]
-    fn a_fixed_offset_goes_with_the_scene_and_a_bound_does_not() {
+    fn fixed_offset_scales_with_the_scene_and_bounded_does_not() {
         assert_eq!(SpawnPolicy::Fixed(0.01).offset(200.0), Some(2.0));
         assert_eq!(SpawnPolicy::None.offset(200.0), Some(0.0));
         assert_eq!(SpawnPolicy::Bounded.offset(200.0), None);
-        assert_eq!(shifted_point(DVec3::ONE, DVec3::Z, 0.5), Vec3::new(1.0, 1.0, 1.5));
+        assert_eq!(offset_point(DVec3::ONE, DVec3::Z, 0.5), Vec3::new(1.0, 1.0, 1.5));
     }
 }

@@ -159,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_inverse_undoes_a_strongly_non_uniform_map() {
+    fn inverse_undoes_a_strongly_non_uniform_map() {
         let map = DAffine3::from_rotation_x(0.3)
             * DAffine3::from_scale(DVec3::new(1e3, 1.0, -1e-3))
             * DAffine3::from_translation(DVec3::new(5.0, -7.0, 1e3));
@@ -169,12 +169,12 @@ mod tests {
     }
 
     #[test]
-    fn a_tiny_uniform_scale_is_not_singular() {
+    fn tiny_uniform_scale_is_not_singular() {
         assert!(inverse(&DAffine3::from_scale(DVec3::splat(1e-60))).is_ok());
     }
 
     #[test]
-    fn flat_zero_and_nan_maps_are_refused() {
+    fn flat_zero_and_nan_maps_are_rejected() {
         for scale in [
             DVec3::new(1.0, 1.0, 0.0),
             DVec3::ZERO,
@@ -186,14 +186,14 @@ mod tests {
     }
 
     #[test]
-    fn a_mirror_keeps_an_outward_normal_outward() {
+    fn mirror_keeps_an_outward_normal_outward() {
         let mirror = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
         assert_eq!(transform_normal(&mirror, DVec3::X), -DVec3::X);
         assert_eq!(transform_normal(&mirror, DVec3::Y), DVec3::Y);
     }
 
     #[test]
-    fn t_is_kept_by_an_unnormalised_object_ray() {
+    fn unnormalised_object_ray_keeps_t() {
         let ray = Ray::new(Vec3::new(4.0, 0.0, 0.0), Vec3::new(-1.0, 0.0, 0.0));
         let inner = object_ray(&DAffine3::from_scale(DVec3::splat(0.5)), &ray);
         // The unit sphere is scaled by 2: the world hit is at t = 2; the object ray from 2 with direction -0.5 reaches
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn untraceable_rays_are_named_so() {
+    fn invalid_rays_are_reported_as_untraceable() {
         let good = Ray::new(Vec3::ZERO, Vec3::X);
         assert!(good.is_traceable());
         for bad in [

@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn a_smaller_disk_of_half_the_radius_holds_a_quarter_of_the_points() {
+    fn disk_samples_are_uniform_by_area() {
         let inside = grid(512)
             .filter(|&u| {
                 let p = disk(u);
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn the_disks_second_moments_are_those_of_a_uniform_one() {
+    fn disk_second_moments_are_uniform() {
         let cells = 512;
         let mut moment = [0.0; 3];
         for u in grid(cells) {
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn the_triangles_points_lie_in_it_and_have_uniform_moments() {
+    fn triangle_samples_lie_inside_with_uniform_moments() {
         let cells = 512;
         let mut sum = [0.0; 3];
         for u in grid(cells) {
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_narrow_cone_keeps_its_digits() {
+    fn narrow_cone_samples_are_accurate() {
         // 1 - cos = 1e-20: sin = sqrt(2e-20).
         let w = direction(1e-20, 0.25);
         assert_eq!(w.z, 1.0);
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn a_linear_density_is_inverted_at_every_slope() {
+    fn linear_density_is_inverted_at_every_slope() {
         for (start, end) in [
             (1.0, 1.0),
             (0.0, 1.0),

@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_units_of_a_half_leave_one_over_e() {
+    fn absorption_of_one_half_over_two_units_is_one_over_e() {
         let left = Absorption { sigma_a: [0.5; 3] }.transmittance(2.0);
         assert!((left[0] - 0.367879441).abs() < 5e-10);
     }
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_multiply() {
+    fn transmittances_of_distances_multiply() {
         let medium = Absorption::from_color([0.2, 0.5, 0.8], 1.0);
         let (a, b, both) = (
             medium.transmittance(0.3),
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn a_channel_of_zero_is_opaque_at_once_and_whole_at_no_distance() {
+    fn zero_channel_is_opaque_except_at_distance_zero() {
         let medium = Absorption::from_color([0.0, -1.0, 1.0], 2.0);
         assert_eq!(medium.transmittance(1e-30), [0.0, 0.0, 1.0]);
         assert_eq!(medium.transmittance(0.0), [1.0; 3]);
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_meaning_absorbs_nothing() {
+    fn invalid_coefficients_absorb_nothing() {
         for distance in [f64::INFINITY, 0.0, -1.0, f64::NAN] {
             assert_eq!(
                 Absorption::from_color([0.0, 0.5, 1.0], distance),

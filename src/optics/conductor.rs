@@ -90,7 +90,7 @@ mod tests {
     use crate::optics::dielectric;
 
     #[test]
-    fn head_on_it_is_the_textbooks_quotient() {
+    fn normal_reflectance_equals_the_closed_form() {
         // ((eta - 1)² + k²) / ((eta + 1)² + k²): gold's green 5.8384 / 7.5227, silver's green 10.9069 / 11.4874.
         for (eta, k) in [(0.42108, 2.3459), (0.14512, 3.19), (6.0, 0.1)] {
             let expected = ((eta - 1.0f64).powi(2) + k * k) / ((eta + 1.0f64).powi(2) + k * k);
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn without_extinction_it_is_a_dielectric() {
+    fn conductor_without_extinction_is_a_dielectric() {
         for eta in [1.0 / 1.5, 1.2, 2.4] {
             for step in 1..100 {
                 let cos_i = f64::from(step) / 100.0;
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_reflects_more_than_it_gets_and_grazing_light_is_reflected_whole() {
+    fn reflectance_is_at_most_one_and_one_at_grazing() {
         for metal in [
             Conductor::GOLD,
             Conductor::SILVER,

@@ -41,7 +41,7 @@ impl DielectricInterface {
     pub(super) fn new(cos_i: f64, eta_i: f64, eta_t: f64) -> DielectricInterface {
         let (interface, is_critical) = DielectricInterface::away_from_critical(cos_i, eta_i, eta_t);
         if is_critical {
-            interface.settled()
+            interface.recompute_near_critical()
         } else {
             interface
         }
@@ -80,8 +80,8 @@ impl DielectricInterface {
     /// Returns the interface with q² computed from p² - delta without any rounding except for that of the result.
     #[cold]
     #[inline(never)]
-    fn settled(self) -> DielectricInterface {
-        let (p, apart, both) = (
+    fn recompute_near_critical(self) -> DielectricInterface {
+        let (p, difference_of_indices, both) = (
             self.p,
             two_sum(self.eta_i, -self.eta_t),
             two_sum(self.eta_i, self.eta_t),
@@ -91,10 +91,10 @@ impl DielectricInterface {
             (p.0, p.0),
             (2.0 * p.0, p.1),
             (p.1, p.1),
-            (-apart.0, both.0),
-            (-apart.0, both.1),
-            (-apart.1, both.0),
-            (-apart.1, both.1),
+            (-difference_of_indices.0, both.0),
+            (-difference_of_indices.0, both.1),
+            (-difference_of_indices.1, both.0),
+            (-difference_of_indices.1, both.1),
         ];
         // Split each product into value and error, and sum exactly
         let mut terms = [0.0; 14];
@@ -137,14 +137,14 @@ impl DielectricInterface {
     pub(super) fn reflectance(&self) -> Polarised {
         let [a, b] = self.in_plane();
         Polarised {
-            s: self.share_reflected(self.p, self.q),
-            p: self.share_reflected(a, b),
+            s: self.squared_amplitude(self.p, self.q),
+            p: self.squared_amplitude(a, b),
         }
     }
 
     /// Returns the squared amplitude ((a - b)/(a + b))².
     #[inline(always)]
-    fn share_reflected(&self, a: Double, b: Double) -> f64 {
+    fn squared_amplitude(&self, a: Double, b: Double) -> f64 {
         let amplitude = sum(a, (-b.0, -b.1)) / sum(a, b);
         // Between equal media not even the last digit may remain.
         let share = if self.delta == 0.0 {
@@ -178,7 +178,7 @@ impl DielectricInterface {
 
 /// Returns the cosine of the angle between the direction `d` and the normal `n`, and `n` flipped so that it faces `d`.
 #[inline(always)]
-pub(super) fn facing(d: DVec3, n: DVec3) -> (f64, DVec3) {
+pub(super) fn face_forward(d: DVec3, n: DVec3) -> (f64, DVec3) {
     let cos = -d.dot(n);
     (cos.abs(), 1f64.copysign(cos) * n)
 }
@@ -261,20 +261,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_product_keeps_what_one_rounding_loses() {
+    fn product_keeps_the_rounding_error() {
         // (1 + 2^-30)² = 1 + 2^-29 + 2^-60, whose last term does not fit into 53 bits.
         let a = 1.0 + 2f64.powi(-30);
         assert_eq!(two_product(a, a), (1.0 + 2f64.powi(-29), 2f64.powi(-60)));
     }
 
     #[test]
-    fn a_sum_keeps_what_one_rounding_loses() {
+    fn sum_keeps_the_rounding_error() {
         assert_eq!(two_sum(1.0, 2f64.powi(-60)), (1.0, 2f64.powi(-60)));
         assert_eq!(two_sum(2f64.powi(-60), -1.0), (-1.0, 2f64.powi(-60)));
     }
 
     #[test]
-    fn an_exact_sum_keeps_what_cancels_twice() {
+    fn exact_sum_survives_double_cancellation() {
         let tiny = 2f64.powi(-140);
         let sum = exact_sum([
             1.0,
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_number_is_never_refracted() {
+    fn nan_is_never_refracted() {
         assert!(DielectricInterface::new(f64::NAN, 1.0, 1.5).total);
     }
 }

@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 
-use super::dielectric_interface::{DielectricInterface, facing};
+use super::dielectric_interface::{DielectricInterface, face_forward};
 use super::snell::reflect;
 use crate::numeric::{LANES, Lanes, Lanes3};
 
@@ -29,12 +29,12 @@ impl DielectricLanes {
     /// and normal by axis, followed by the two indices.
     #[cold]
     #[inline(never)]
-    fn settle(&mut self, l: usize, axes: [(f64, f64); 3], [eta_i, eta_t]: [f64; 2]) {
+    fn recompute_near_critical(&mut self, l: usize, axes: [(f64, f64); 3], [eta_i, eta_t]: [f64; 2]) {
         let (d, n) = (
             DVec3::from_array(axes.map(|(d, _)| d)),
             DVec3::from_array(axes.map(|(_, n)| n)),
         );
-        let (cos_i, n) = facing(d, n);
+        let (cos_i, n) = face_forward(d, n);
         let interface = DielectricInterface::new(cos_i, eta_i, eta_t);
         for axis in 0..3 {
             self.refracted[axis][l] = if interface.total {
@@ -75,7 +75,7 @@ pub fn dielectric_lanes(
             DVec3::new(d[0][l], d[1][l], d[2][l]),
             DVec3::new(n[0][l], n[1][l], n[2][l]),
         );
-        let (cos_i, n) = facing(d, n);
+        let (cos_i, n) = face_forward(d, n);
         let (interface, is_critical) = DielectricInterface::away_from_critical(cos_i, eta_i[l], eta_t[l]);
         critical[l] = u64::from(is_critical);
         any_critical |= critical[l];
@@ -97,7 +97,7 @@ pub fn dielectric_lanes(
     // Recompute the rare lanes near the critical angle
     if any_critical != 0 {
         for l in (0..LANES).filter(|&l| critical[l] != 0) {
-            lanes.settle(
+            lanes.recompute_near_critical(
                 l,
                 [0, 1, 2].map(|axis| (d[axis][l], n[axis][l])),
                 [eta_i[l], eta_t[l]],

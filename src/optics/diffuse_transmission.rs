@@ -21,19 +21,19 @@ impl DiffuseTransmission {
     pub fn new(reflectance: [f64; 3], translucency: [f64; 3]) -> DiffuseTransmission {
         // Maps NaN to 0, and limits values so that the sum of two is finite.
         let part = |x: f64| if x > 0.0 { x.min(f64::MAX / 2.0) } else { 0.0 };
-        let mut leaf = DiffuseTransmission {
+        let mut surface = DiffuseTransmission {
             reflectance: reflectance.map(part),
             translucency: translucency.map(part),
         };
         for c in 0..3 {
-            let sum = leaf.reflectance[c] + leaf.translucency[c];
+            let sum = surface.reflectance[c] + surface.translucency[c];
             if sum > 1.0 {
-                leaf.reflectance[c] /= sum;
+                surface.reflectance[c] /= sum;
                 // Computed as a difference, because a rounded quotient might make the sum exceed 1.
-                leaf.translucency[c] = 1.0 - leaf.reflectance[c];
+                surface.translucency[c] = 1.0 - surface.reflectance[c];
             }
         }
-        leaf
+        surface
     }
 
     /// Creates the surface of base colour `base` that transmits `factor` of the light not reflected specularly,
@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_sheet_sends_out_more_than_arrives() {
+    fn no_thin_surface_emits_more_than_it_receives() {
         let values = [
             0.0,
             0.1,
@@ -91,45 +91,48 @@ mod tests {
         ];
         for r in values {
             for t in values {
-                let leaf = DiffuseTransmission::new([r, t, r], [t, r, 0.5]);
-                let out = leaf.radiant_exitance([1.0; 3], [1.0; 3]);
-                assert!(out.iter().all(|x| (0.0..=1.0).contains(x)), "{r} {t}: {leaf:?}");
-                let parts = leaf.reflectance().into_iter().chain(leaf.translucency());
-                assert!(parts.into_iter().all(|x| (0.0..=1.0).contains(&x)), "{leaf:?}");
+                let surface = DiffuseTransmission::new([r, t, r], [t, r, 0.5]);
+                let out = surface.radiant_exitance([1.0; 3], [1.0; 3]);
+                assert!(
+                    out.iter().all(|x| (0.0..=1.0).contains(x)),
+                    "{r} {t}: {surface:?}"
+                );
+                let parts = surface.reflectance().into_iter().chain(surface.translucency());
+                assert!(parts.into_iter().all(|x| (0.0..=1.0).contains(&x)), "{surface:?}");
             }
         }
     }
 
     #[test]
-    fn what_is_possible_stays_as_it_is_and_the_rest_keeps_its_proportion() {
-        let leaf = DiffuseTransmission::new([0.25, 0.5, 3.0], [0.5, 0.5, 1.0]);
-        assert_eq!(leaf.reflectance(), [0.25, 0.5, 0.75]);
-        assert_eq!(leaf.translucency(), [0.5, 0.5, 0.25]);
+    fn excessive_diffuse_parts_are_scaled_proportionally() {
+        let surface = DiffuseTransmission::new([0.25, 0.5, 3.0], [0.5, 0.5, 1.0]);
+        assert_eq!(surface.reflectance(), [0.25, 0.5, 0.75]);
+        assert_eq!(surface.translucency(), [0.5, 0.5, 0.25]);
     }
 
     #[test]
     fn the_lobes_sum_to_their_parts_over_the_hemispheres() {
-        let leaf = DiffuseTransmission::new([0.3; 3], [0.6; 3]);
+        let surface = DiffuseTransmission::new([0.3; 3], [0.6; 3]);
         // Integral of f |cos| over a hemisphere: 2 pi times that of f cos over cos in (0, 1); the integrand is linear,
         // so the midpoint rule is exact.
         let over = |side: f64| {
             let middle = |k: i32| (f64::from(k) + 0.5) / 100.0;
             let sum: f64 = (0..100)
-                .map(|k| leaf.scattering(side * middle(k), 0.5)[0] * middle(k))
+                .map(|k| surface.scattering(side * middle(k), 0.5)[0] * middle(k))
                 .sum();
             2.0 * std::f64::consts::PI * sum / 100.0
         };
         assert!((over(1.0) - 0.3).abs() <= 1e-14);
         assert!((over(-1.0) - 0.6).abs() <= 1e-14);
-        assert_eq!(leaf.scattering(-0.5, -0.5), leaf.scattering(0.5, 0.5));
+        assert_eq!(surface.scattering(-0.5, -0.5), surface.scattering(0.5, 0.5));
     }
 
     #[test]
-    fn a_sheet_lit_from_behind_shows_its_translucency() {
-        let leaf = DiffuseTransmission::from_diffuse_transmission([0.2, 0.8, 0.4], 0.25, [0.4, 1.0, 0.0]);
-        assert_eq!(leaf.radiant_exitance([0.0; 3], [2.0; 3]), [0.2, 0.5, 0.0]);
+    fn a_thin_surface_lit_from_behind_shows_its_translucency() {
+        let surface = DiffuseTransmission::from_diffuse_transmission([0.2, 0.8, 0.4], 0.25, [0.4, 1.0, 0.0]);
+        assert_eq!(surface.radiant_exitance([0.0; 3], [2.0; 3]), [0.2, 0.5, 0.0]);
         // The front reflects 3/4 of the base colour.
-        let front = leaf.radiant_exitance([1.0; 3], [0.0; 3]);
+        let front = surface.radiant_exitance([1.0; 3], [0.0; 3]);
         for c in 0..3 {
             assert!((front[c] - 0.75 * [0.2, 0.8, 0.4][c]).abs() <= f64::EPSILON);
         }

@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn abbe_numbers_are_the_catalogues() {
+    fn abbe_numbers_equal_catalogue_values() {
         for (medium, expected, half_digit) in [
             (Sellmeier::BK7, 64.166, 5e-4),
             (Sellmeier::N_SF10, 28.532, 5e-4),

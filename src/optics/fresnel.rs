@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn water_and_diamond_reflect_head_on_what_their_indices_say() {
+    fn water_and_diamond_have_normal_reflectance_of_their_index() {
         assert!((dielectric(1.0, 1.0, 1.33).reflectance.mean() - 0.02005931).abs() < 5e-9);
         assert!((dielectric(1.0, 1.0, 2.42).reflectance.mean() - 0.17239492).abs() < 5e-9);
     }
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_share_goes_through_from_either_side() {
+    fn transmittance_is_equal_from_either_side() {
         for step in 1..=1000 {
             let there = dielectric(f64::from(step) / 1000.0, 1.0, 1.5);
             let back = dielectric(there.cos_t, 1.5, 1.0);
@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_media_let_all_light_through_except_what_runs_inside_their_boundary() {
+    fn equal_media_transmit_all_light_except_along_the_boundary() {
         for cos_i in [1.0, 0.3, 1e-12] {
             let found = dielectric(cos_i, 1.33, 1.33);
             assert_eq!(found.reflectance.mean(), 0.0);

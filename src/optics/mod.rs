@@ -24,7 +24,9 @@ pub use dielectric_simd::{DielectricLanes, dielectric_lanes};
 pub use diffuse_transmission::DiffuseTransmission;
 pub use dispersion::{Cauchy, Dispersion, LINE_C, LINE_D, LINE_F, Sellmeier};
 pub use fresnel::{Fresnel, Polarised, dielectric};
-pub use nested_dielectrics::{Body, BoundaryCrossing, BoundaryEvent, InteriorStack, MEDIA_CAPACITY};
+pub use nested_dielectrics::{
+    BoundaryCrossing, BoundaryEvent, InteriorStack, MAX_NESTED_INTERIORS, NestedInterior,
+};
 pub use snell::{Refraction, brewster_angle, critical_angle, ior_from_speed, reflect, refract};
 pub use spectrum::{
     LINEAR_SRGB_FROM_XYZ, MAX_WAVELENGTH, MIN_WAVELENGTH, SpectralSampler, color_matching, linear_srgb,

@@ -10,27 +10,27 @@
 //! or leaving it unentered has no effect, and each such event is counted.
 
 /// Largest number of interiors that may overlap at one point of a ray's path.
-pub const MEDIA_CAPACITY: usize = 8;
+pub const MAX_NESTED_INTERIORS: usize = 8;
 
 /// Closed interior of some medium. Parts of one interior must not overlap each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Body {
+pub struct NestedInterior {
     /// Identifier that is unique among interiors.
     pub id: u32,
     /// Priority where interiors overlap: only the highest is present.
     pub priority: i32,
 }
 
-impl Body {
+impl NestedInterior {
     /// Returns whether this interior displaces `other` where both overlap.
     #[inline(always)]
-    fn has_priority_over(self, other: Body) -> bool {
+    fn has_priority_over(self, other: NestedInterior) -> bool {
         (self.priority, other.id) > (other.priority, self.id)
     }
 }
 
 /// Value of unused slots of the list, so that equal lists compare equal.
-const NO_INTERIOR: Body = Body { id: 0, priority: 0 };
+const NO_INTERIOR: NestedInterior = NestedInterior { id: 0, priority: 0 };
 
 /// Direction in which a ray crosses the surface of an interior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,9 +45,9 @@ pub enum BoundaryEvent {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundaryCrossing {
     /// Interior present on the near side; `None` for the outside.
-    pub before: Option<Body>,
+    pub before: Option<NestedInterior>,
     /// Interior present on the far side; `None` for the outside.
-    pub after: Option<Body>,
+    pub after: Option<NestedInterior>,
     /// Interiors around a ray after passing through; a reflected ray keeps those it had.
     pub through: InteriorStack,
 }
@@ -56,7 +56,7 @@ impl BoundaryCrossing {
     /// Returns whether the medium changes. If not, the ray continues as if there were no surface.
     #[inline(always)]
     pub fn is_real(&self) -> bool {
-        self.before.map(|body| body.id) != self.after.map(|body| body.id)
+        self.before.map(|interior| interior.id) != self.after.map(|interior| interior.id)
     }
 }
 
@@ -64,7 +64,7 @@ impl BoundaryCrossing {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InteriorStack {
     /// Interiors in descending order of precedence; only the first `count` slots are valid.
-    bodies: [Body; MEDIA_CAPACITY],
+    interiors: [NestedInterior; MAX_NESTED_INTERIORS],
     count: u8,
     anomalies: u8,
 }
@@ -78,28 +78,28 @@ impl Default for InteriorStack {
 impl InteriorStack {
     /// Stack of a point outside of all interiors.
     pub const EMPTY: InteriorStack = InteriorStack {
-        bodies: [NO_INTERIOR; MEDIA_CAPACITY],
+        interiors: [NO_INTERIOR; MAX_NESTED_INTERIORS],
         count: 0,
         anomalies: 0,
     };
 
     /// Creates the stack of a point inside one interior.
-    pub fn of(body: Body) -> InteriorStack {
+    pub fn of(interior: NestedInterior) -> InteriorStack {
         let mut stack = InteriorStack::EMPTY;
-        stack.enter(body);
+        stack.enter(interior);
         stack
     }
 
     /// Returns the interior that is present; `None` outside of all.
     #[inline(always)]
-    pub fn current(&self) -> Option<Body> {
-        self.bodies().first().copied()
+    pub fn current(&self) -> Option<NestedInterior> {
+        self.interiors().first().copied()
     }
 
     /// Returns all interiors around the point, the one that is present first.
     #[inline(always)]
-    pub fn bodies(&self) -> &[Body] {
-        &self.bodies[..usize::from(self.count)]
+    pub fn interiors(&self) -> &[NestedInterior] {
+        &self.interiors[..usize::from(self.count)]
     }
 
     /// Returns the number of impossible events: interiors entered twice, left without being entered, or too many at
@@ -108,13 +108,13 @@ impl InteriorStack {
         self.anomalies
     }
 
-    /// Returns the effect of the surface of `body` on a ray inside these interiors.
+    /// Returns the effect of the surface of `interior` on a ray inside these interiors.
     #[inline(always)]
-    pub fn crossing(&self, body: Body, passage: BoundaryEvent) -> BoundaryCrossing {
+    pub fn crossing(&self, interior: NestedInterior, event: BoundaryEvent) -> BoundaryCrossing {
         let mut through = *self;
-        match passage {
-            BoundaryEvent::Enter => through.enter(body),
-            BoundaryEvent::Leave => through.leave(body.id),
+        match event {
+            BoundaryEvent::Enter => through.enter(interior),
+            BoundaryEvent::Leave => through.leave(interior.id),
         }
         BoundaryCrossing {
             before: self.current(),
@@ -123,45 +123,46 @@ impl InteriorStack {
         }
     }
 
-    /// Adds `body`. If the list is full, the interior of lowest precedence is dropped.
-    pub fn enter(&mut self, body: Body) {
-        if self.position(body.id).is_some() {
+    /// Adds `interior`. If the list is full, the interior of lowest precedence is dropped.
+    pub fn enter(&mut self, interior: NestedInterior) {
+        if self.position(interior.id).is_some() {
             return self.count_anomaly();
         }
         // Find the slot by descending precedence
         let count = usize::from(self.count);
-        let place = self
-            .bodies()
+        let slot = self
+            .interiors()
             .iter()
-            .take_while(|other| other.has_priority_over(body))
+            .take_while(|other| other.has_priority_over(interior))
             .count();
-        if count == MEDIA_CAPACITY {
+        if count == MAX_NESTED_INTERIORS {
             self.count_anomaly();
-            if place == MEDIA_CAPACITY {
+            if slot == MAX_NESTED_INTERIORS {
                 return;
             }
         } else {
             self.count += 1;
         }
         // Shift the lower ones and insert
-        let last = count.min(MEDIA_CAPACITY - 1);
-        self.bodies.copy_within(place..last, place + 1);
-        self.bodies[place] = body;
+        let last = count.min(MAX_NESTED_INTERIORS - 1);
+        self.interiors.copy_within(slot..last, slot + 1);
+        self.interiors[slot] = interior;
     }
 
     /// Removes the interior `id`; counts an anomaly if it is not in the list.
     pub fn leave(&mut self, id: u32) {
-        let Some(place) = self.position(id) else {
+        let Some(slot) = self.position(id) else {
             return self.count_anomaly();
         };
-        self.bodies.copy_within(place + 1..usize::from(self.count), place);
+        self.interiors
+            .copy_within(slot + 1..usize::from(self.count), slot);
         self.count -= 1;
-        self.bodies[usize::from(self.count)] = NO_INTERIOR;
+        self.interiors[usize::from(self.count)] = NO_INTERIOR;
     }
 
     /// Returns the slot of the interior `id`.
     fn position(&self, id: u32) -> Option<usize> {
-        self.bodies().iter().position(|body| body.id == id)
+        self.interiors().iter().position(|interior| interior.id == id)
     }
 
     /// Counts an impossible event, saturating at 255.
@@ -174,28 +175,28 @@ impl InteriorStack {
 mod tests {
     use super::*;
 
-    const WATER: Body = Body { id: 1, priority: 10 };
-    const ICE: Body = Body { id: 2, priority: 20 };
-    const GLASS: Body = Body { id: 3, priority: 30 };
+    const WATER: NestedInterior = NestedInterior { id: 1, priority: 10 };
+    const ICE: NestedInterior = NestedInterior { id: 2, priority: 20 };
+    const GLASS: NestedInterior = NestedInterior { id: 3, priority: 30 };
 
-    fn around(bodies: &[Body]) -> InteriorStack {
+    fn around(interiors: &[NestedInterior]) -> InteriorStack {
         let mut stack = InteriorStack::EMPTY;
-        bodies.iter().for_each(|body| stack.enter(*body));
+        interiors.iter().for_each(|interior| stack.enter(*interior));
         stack
     }
 
     fn ids(stack: &InteriorStack) -> Vec<u32> {
-        stack.bodies().iter().map(|body| body.id).collect()
+        stack.interiors().iter().map(|interior| interior.id).collect()
     }
 
     /// Crosses surfaces one after the other and returns the real boundaries: the ids before and after, 0 for the
     /// outside.
-    fn walk(surfaces: &[(Body, BoundaryEvent)]) -> (Vec<(u32, u32)>, InteriorStack) {
+    fn walk(surfaces: &[(NestedInterior, BoundaryEvent)]) -> (Vec<(u32, u32)>, InteriorStack) {
         let mut stack = InteriorStack::EMPTY;
         let mut real = Vec::new();
-        let id = |body: Option<Body>| body.map_or(0, |body| body.id);
-        for (body, passage) in surfaces {
-            let crossing = stack.crossing(*body, *passage);
+        let id = |interior: Option<NestedInterior>| interior.map_or(0, |interior| interior.id);
+        for (interior, event) in surfaces {
+            let crossing = stack.crossing(*interior, *event);
             if crossing.is_real() {
                 real.push((id(crossing.before), id(crossing.after)));
             }
@@ -234,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reflected_ray_keeps_its_bodies_and_one_that_goes_through_adds_one() {
+    fn reflected_ray_keeps_its_media_and_transmitted_ray_adds_one() {
         let stack = around(&[WATER]);
         let crossing = stack.crossing(ICE, BoundaryEvent::Enter);
         assert_eq!(ids(&stack), [1]);
@@ -242,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_inside_starts_with_the_bodies_around_it() {
+    fn camera_inside_media_starts_with_them() {
         let stack = around(&[WATER, ICE]);
         let crossing = stack.crossing(ICE, BoundaryEvent::Leave);
         assert!(crossing.is_real());
@@ -254,8 +255,11 @@ mod tests {
     }
 
     #[test]
-    fn of_bodies_of_equal_priority_the_lower_id_is_there_whatever_the_order() {
-        let (a, b) = (Body { id: 7, priority: 5 }, Body { id: 9, priority: 5 });
+    fn equal_priority_media_are_ordered_by_lower_id() {
+        let (a, b) = (
+            NestedInterior { id: 7, priority: 5 },
+            NestedInterior { id: 9, priority: 5 },
+        );
         assert_eq!(around(&[a, b]).current(), Some(a));
         assert_eq!(around(&[b, a]).current(), Some(a));
     }
@@ -288,18 +292,18 @@ mod tests {
     }
 
     #[test]
-    fn where_too_many_overlap_the_lowest_is_forgotten() {
-        let bodies: Vec<Body> = (0..9)
-            .map(|id| Body {
+    fn too_many_media_drop_the_lowest_priority() {
+        let interiors: Vec<NestedInterior> = (0..9)
+            .map(|id| NestedInterior {
                 id,
                 priority: id as i32,
             })
             .collect();
-        let stack = around(&bodies);
+        let stack = around(&interiors);
         assert_eq!(ids(&stack), [8, 7, 6, 5, 4, 3, 2, 1]);
         assert_eq!(stack.anomalies(), 1);
-        let mut stack = around(&bodies[1..]);
-        stack.enter(bodies[0]);
+        let mut stack = around(&interiors[1..]);
+        stack.enter(interiors[0]);
         assert_eq!(ids(&stack), [8, 7, 6, 5, 4, 3, 2, 1]);
         assert_eq!(stack.anomalies(), 1);
     }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::dielectric_interface::{DielectricInterface, facing};
+use super::dielectric_interface::{DielectricInterface, face_forward};
 
 /// Refracted ray behind a boundary.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,7 +27,7 @@ pub fn reflect(v: DVec3, n: DVec3) -> DVec3 {
 /// carries their error. `n` may point to either side. Indices are positive and finite.
 #[inline(always)]
 pub fn refract(d: DVec3, n: DVec3, eta_i: f64, eta_t: f64) -> Option<Refraction> {
-    let (cos_i, n) = facing(d, n);
+    let (cos_i, n) = face_forward(d, n);
     let interface = DielectricInterface::new(cos_i, eta_i, eta_t);
     if interface.total {
         return None;
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lectures_ray_at_60_degrees_goes_on_at_28_444937_degrees() {
+    fn a_ray_at_60_degrees_is_refracted_to_28_444937_degrees() {
         // Snell's law for c2/c1 = 0.55: asin(0.55 sin 60°) = 28.444937144°.
         let refraction = refract(at(-30.0), DVec3::Y, ior_from_speed(1.0), ior_from_speed(0.55)).unwrap();
         assert_eq!(ior_from_speed(0.5), 2.0);
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mirrored_ray_leaves_at_the_angle_it_came_whichever_way_the_normal_points() {
+    fn reflection_keeps_the_angle_for_either_normal() {
         let v = DVec3::new(1.0, -2.0, 3.0);
         assert_eq!(reflect(v, DVec3::Y), DVec3::new(1.0, 2.0, 3.0));
         assert_eq!(reflect(v, -DVec3::Y), DVec3::new(1.0, 2.0, 3.0));
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_critical_angle_nothing_goes_on() {
+    fn no_refraction_beyond_the_critical_angle() {
         assert!(refract(at(-90.0 + 41.81), DVec3::Y, 1.5, 1.0).is_some());
         assert_eq!(refract(at(-90.0 + 41.82), DVec3::Y, 1.5, 1.0), None);
         assert_eq!(
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn critical_angles_are_the_textbooks() {
+    fn critical_angles_equal_textbook_values() {
         for (eta, degrees) in [(1.5, 41.810315), (1.33, 48.753467), (2.42, 24.407469)] {
             assert!((critical_angle(eta, 1.0).unwrap().to_degrees() - degrees).abs() <= 5e-7);
         }
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn brewsters_angles_are_the_textbooks_and_leave_one_polarisation() {
+    fn brewster_angles_equal_textbook_values_and_polarise() {
         for (eta, degrees) in [(1.5, 56.309932), (1.33, 53.061237), (2.42, 67.548454)] {
             let angle = brewster_angle(1.0, eta);
             assert!((angle.to_degrees() - degrees).abs() <= 5e-7);
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn rainbows_of_water_stand_where_they_are_seen() {
+    fn water_rainbows_have_observed_angles() {
         let primary = [40.629, 40.988, 41.429, 41.813, 42.019, 42.295, 42.461];
         let secondary = [53.509, 52.859, 52.061, 51.369, 50.996, 50.500, 50.201];
         for (bow, printed) in [(1, primary), (2, secondary)] {

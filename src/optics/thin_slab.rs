@@ -55,16 +55,16 @@ mod tests {
                 (slab.transmittance.s - passes).abs() <= 16.0 * f64::EPSILON,
                 "{degrees}"
             );
-            let sent_back = r + r * passes;
+            let reflected = r + r * passes;
             assert!(
-                (slab.reflectance.s - sent_back).abs() <= 16.0 * f64::EPSILON,
+                (slab.reflectance.s - reflected).abs() <= 16.0 * f64::EPSILON,
                 "{degrees}"
             );
         }
     }
 
     #[test]
-    fn a_film_of_air_under_water_sends_all_back_beyond_the_critical_angle() {
+    fn air_film_under_water_reflects_totally_beyond_critical_angle() {
         let film = thin_slab(0.5, 1.33, 1.0);
         assert_eq!(film.reflectance, Polarised { s: 1.0, p: 1.0 });
         assert_eq!(film.transmittance, Polarised { s: 0.0, p: 0.0 });

@@ -7,7 +7,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use super::film::{TILE, Tile};
-use super::ledger::{ACCOUNTS, Account};
+use super::ledger::{ACCOUNTS, Category};
 use super::samples::pixel_of;
 use crate::numeric::{LANES, Lanes};
 
@@ -30,13 +30,13 @@ impl PixelCosts {
     pub(super) const BYTES: usize = size_of::<Cost>();
 
     /// Returns the number of rays booked under `account`; integers.
-    pub fn rays(&self, account: Account) -> Vec<f32> {
+    pub fn rays(&self, account: Category) -> Vec<f32> {
         let of = |cost: &Cost| cost.rays[account as usize] as f32;
         self.pixels.iter().map(of).collect()
     }
 
     /// Returns the nanoseconds booked under `account`, summed over threads and samples.
-    pub fn nanoseconds(&self, account: Account) -> Vec<f32> {
+    pub fn nanoseconds(&self, account: Category) -> Vec<f32> {
         let of = |cost: &Cost| cost.nanoseconds[account as usize];
         self.pixels.iter().map(of).collect()
     }
@@ -55,11 +55,11 @@ impl PixelCosts {
 }
 
 /// Pixel costs of an image, to which finished tiles are added.
-pub(super) struct CostSheet(Mutex<PixelCosts>);
+pub(super) struct PixelCostBuffer(Mutex<PixelCosts>);
 
-impl CostSheet {
-    pub(super) fn new(width: u32, height: u32) -> CostSheet {
-        CostSheet(Mutex::new(PixelCosts {
+impl PixelCostBuffer {
+    pub(super) fn new(width: u32, height: u32) -> PixelCostBuffer {
+        PixelCostBuffer(Mutex::new(PixelCosts {
             width: width as usize,
             pixels: vec![Cost::default(); width as usize * height as usize],
         }))
@@ -67,12 +67,12 @@ impl CostSheet {
 
     /// Adds the costs of a tile.
     pub(super) fn add(&self, tile: Tile, costs: &TileCosts) {
-        let mut sheet = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut buffer = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         for y in 0..tile.height {
-            let start = (tile.y + y) as usize * sheet.width + tile.x as usize;
+            let start = (tile.y + y) as usize * buffer.width + tile.x as usize;
             // Add row by row, clipped to the tile
             let row = &costs.pixels[(y * TILE) as usize..][..tile.width as usize];
-            for (sum, cost) in sheet.pixels[start..].iter_mut().zip(row) {
+            for (sum, cost) in buffer.pixels[start..].iter_mut().zip(row) {
                 for account in 0..ACCOUNTS {
                     sum.rays[account] += cost.rays[account];
                     sum.nanoseconds[account] += cost.nanoseconds[account];
@@ -112,12 +112,12 @@ impl TileCosts {
     }
 
     /// Sets the packet that later costs belong to.
-    pub(super) fn turn_to(&mut self, labels: &Lanes<u32>, active: &Lanes<i32>) {
+    pub(super) fn set_packet(&mut self, labels: &Lanes<u32>, active: &Lanes<i32>) {
         (self.labels, self.active) = (*labels, *active);
     }
 
     /// Divides seconds among the active lanes of the current packet.
-    pub(super) fn share(&mut self, account: Account, seconds: f64) {
+    pub(super) fn share(&mut self, account: Category, seconds: f64) {
         let count = self.active.iter().filter(|&&active| active != 0).count();
         // Where no lane is active any more, the time belongs to all lanes.
         let is_all = count == 0;
@@ -132,7 +132,7 @@ impl TileCosts {
     }
 
     /// Counts the rays of the current packet, and divides their common time among them.
-    pub(super) fn trace(&mut self, account_of: impl Fn(usize) -> Account, seconds: f64) {
+    pub(super) fn trace(&mut self, account_of: impl Fn(usize) -> Category, seconds: f64) {
         let count = self.active.iter().filter(|&&active| active != 0).count();
         let each = (1e9 * seconds / count.max(1) as f64) as f32;
         for l in 0..LANES {
@@ -151,31 +151,31 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_packets_time_is_shared_by_its_active_lanes_and_added_to_the_picture() {
+    fn packet_time_is_divided_among_active_lanes() {
         let mut costs = TileCosts::new();
         let mut active = [0; LANES];
         (active[0], active[1]) = (-1, -1);
         let mut labels = [TILE + 1; LANES];
         labels[1] = 0;
-        costs.turn_to(&labels, &active);
-        costs.share(Account::Surface, 6e-9);
-        costs.trace(|_| Account::Camera, 2e-9);
-        let sheet = CostSheet::new(40, 3);
+        costs.set_packet(&labels, &active);
+        costs.share(Category::Surface, 6e-9);
+        costs.trace(|_| Category::Camera, 2e-9);
+        let buffer = PixelCostBuffer::new(40, 3);
         let tile = Tile {
             x: 32,
             y: 0,
             width: 8,
             height: 3,
         };
-        sheet.add(tile, &costs);
-        sheet.add(tile, &costs);
-        let sum = sheet.finish();
+        buffer.add(tile, &costs);
+        buffer.add(tile, &costs);
+        let sum = buffer.finish();
         // Two lanes share 6 ns and 2 ns, and the tile is added twice.
         let (first, second) = (32, 40 + 33);
         for pixel in [first, second] {
-            assert_eq!(sum.nanoseconds(Account::Surface)[pixel], 6.0);
+            assert_eq!(sum.nanoseconds(Category::Surface)[pixel], 6.0);
             assert_eq!(sum.all_nanoseconds()[pixel], 8.0);
-            assert_eq!(sum.rays(Account::Camera)[pixel], 2.0);
+            assert_eq!(sum.rays(Category::Camera)[pixel], 2.0);
         }
         assert_eq!(sum.all_rays().iter().sum::<f32>(), 4.0);
     }

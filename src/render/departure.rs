@@ -4,13 +4,13 @@ use glam::DVec3;
 
 use super::plan::Plan;
 use super::surface::{SurfaceScene, Surfaces};
-use super::texturing::Widths;
+use super::texturing::ConeSource;
 use crate::accel::{LANES, RayPacket};
 use crate::scene::{Camera, EffectOverrides, Scene};
 
 /// Surface point from which new rays start.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Departure {
+pub struct SpawnPoint {
     /// Hit point in world space.
     pub p: DVec3,
     /// Unit geometric normal on the side of the incident ray.
@@ -21,22 +21,23 @@ pub struct Departure {
 }
 
 /// Surface interactions of a scene, as computed by the renderer.
-pub struct Departures<'s>(SurfaceScene<'s>);
+pub struct SpawnProbe<'s>(SurfaceScene<'s>);
 
-impl<'s> Departures<'s> {
+impl<'s> SpawnProbe<'s> {
     /// Prepares a scene, which must have passed [`Scene::validate`].
-    pub fn new(scene: &'s Scene) -> Departures<'s> {
+    pub fn new(scene: &'s Scene) -> SpawnProbe<'s> {
         let plan = Plan::new(scene, &Camera::default(), &EffectOverrides::default());
-        Departures(SurfaceScene::new(scene, &plan))
+        SpawnProbe(SurfaceScene::new(scene, &plan))
     }
 
     /// Returns the spawn point of each lane of a traced packet that has a hit.
-    pub fn of(&self, packet: &RayPacket) -> [Option<Departure>; LANES] {
+    pub fn of(&self, packet: &RayPacket) -> [Option<SpawnPoint>; LANES] {
         let mut surfaces = Surfaces::new(self.0.effects);
-        self.0.meet(packet, Widths::None, &mut surfaces);
+        self.0
+            .compute_interactions(packet, ConeSource::None, &mut surfaces);
         let points = &surfaces.points;
         std::array::from_fn(|l| {
-            packet.hit(l).map(|_| Departure {
+            packet.hit(l).map(|_| SpawnPoint {
                 p: points.point(l),
                 ng: points.geometric_normal(l),
                 error: points.error(l),

@@ -8,7 +8,7 @@ pub(super) const RUN: u32 = 4;
 
 /// Sums over the samples of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Estimate {
+pub(super) struct PixelStatistics {
     /// Sum of radiance, linear RGB.
     pub(super) sum: [f64; 3],
     /// Sum of squared radiance, channels weighted by luminance.
@@ -32,8 +32,8 @@ struct Halves {
     count: u32,
 }
 
-impl Estimate {
-    pub(super) const NONE: Estimate = Estimate {
+impl PixelStatistics {
+    pub(super) const NONE: PixelStatistics = PixelStatistics {
         sum: [0.0; 3],
         squares: 0.0,
         squares_of_runs: 0.0,
@@ -46,12 +46,12 @@ impl Estimate {
     };
 
     /// Returns an estimate that has only the sums of `count` samples and of their squares.
-    pub(super) fn of_sums(sum: [f64; 3], squares: f64, count: u32) -> Estimate {
-        Estimate {
+    pub(super) fn of_sums(sum: [f64; 3], squares: f64, count: u32) -> PixelStatistics {
+        PixelStatistics {
             sum,
             squares,
             count,
-            ..Estimate::NONE
+            ..PixelStatistics::NONE
         }
     }
 
@@ -76,11 +76,11 @@ impl Estimate {
         words
     }
 
-    /// Returns the estimate with these bits, as made by [`Estimate::to_words`].
-    pub(super) fn of_words(words: [u32; 16]) -> Estimate {
+    /// Returns the estimate with these bits, as made by [`PixelStatistics::to_words`].
+    pub(super) fn of_words(words: [u32; 16]) -> PixelStatistics {
         let double =
             |place: usize| f64::from_bits(u64::from(words[place]) << 32 | u64::from(words[place + 1]));
-        Estimate {
+        PixelStatistics {
             sum: [0, 2, 4].map(double),
             squares: double(6),
             squares_of_runs: double(8),
@@ -122,7 +122,7 @@ impl Estimate {
     }
 
     /// Adds the samples of `other`, which were taken later.
-    pub(super) fn merge(&mut self, other: &Estimate) {
+    pub(super) fn merge(&mut self, other: &PixelStatistics) {
         if self.count == other.count && self.count > 0 {
             let [mean, other_mean] = [self.mean(), other.mean()];
             // The variance of two values is half of their squared difference.
@@ -194,15 +194,15 @@ impl Estimate {
     }
 }
 
-impl Default for Estimate {
-    fn default() -> Estimate {
-        Estimate::NONE
+impl Default for PixelStatistics {
+    fn default() -> PixelStatistics {
+        PixelStatistics::NONE
     }
 }
 
 /// Returns the estimate of gray samples: of the first sixteen, merged with as many again while there are more.
 #[cfg(test)]
-pub(super) fn estimate(samples: &[f64]) -> Estimate {
+pub(super) fn estimate(samples: &[f64]) -> PixelStatistics {
     const ROUND: usize = 16;
     let (first, later) = samples.split_at(samples.len().min(ROUND));
     let mut estimate = estimate_of_round(first);
@@ -217,8 +217,8 @@ pub(super) fn estimate(samples: &[f64]) -> Estimate {
 
 /// Returns the estimate of gray samples of a single round.
 #[cfg(test)]
-fn estimate_of_round(samples: &[f64]) -> Estimate {
-    let mut estimate = Estimate::NONE;
+fn estimate_of_round(samples: &[f64]) -> PixelStatistics {
+    let mut estimate = PixelStatistics::NONE;
     for &gray in samples {
         estimate.add([gray; 3]);
     }
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn means_of_runs_tell_noise_from_edges() {
+    fn run_means_distinguish_noise_from_edges() {
         // Runs of four that differ: the samples have the variance 8 / 7, the means 2, which is 8 for four samples.
         // Half of 8 / 7 would remain of edges: (8 - 4 / 7) / (1 - 1 / 2).
         let apart = estimate(&[0.0, 0.0, 0.0, 0.0, 2.0, 2.0, 2.0, 2.0]);
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn halves_have_the_word_as_soon_as_there_are_two() {
+    fn variance_of_halves_is_used_from_two_runs_on() {
         // The samples have the variance 32 / 31, the means of sixteen 2, which is 32 for sixteen samples; a quarter
         // would remain of edges.
         let variance = 32.0 / 31.0;
@@ -277,7 +277,7 @@ mod tests {
 
     #[test]
     fn an_edge_between_colours_of_equal_luminance_has_a_variance() {
-        let mut edge = Estimate::NONE;
+        let mut edge = PixelStatistics::NONE;
         edge.add([1.0 / LUMINANCE[0], 0.0, 0.0]);
         edge.add([0.0, 1.0 / LUMINANCE[1], 0.0]);
         assert!(edge.extremes[0] > 0.99 && edge.extremes[1] < 1.01);

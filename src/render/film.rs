@@ -5,11 +5,11 @@ use std::ops::Range;
 use multiversion::multiversion;
 
 use super::RenderSettings;
-use super::estimate::Estimate;
-use super::light_layers::{LightFilm, Source, without_step};
+use super::estimate::PixelStatistics;
+use super::light_layers::{LightGroupFilm, LightSource, without_step};
 use super::memory::Memory;
 use super::samples::{SampleFilm, pixel_of};
-use super::wave::{TilePicture, Visit};
+use super::wave::{PixelVisit, TileResult};
 use crate::numeric::{LANES, Lanes, Lanes3, sum_of_lanes};
 use crate::parallel;
 
@@ -62,12 +62,12 @@ pub(super) struct TileFilm {
 #[derive(Default)]
 struct Beside {
     samples: Option<SampleFilm>,
-    light: Option<LightFilm>,
+    light: Option<LightGroupFilm>,
 }
 
 impl Beside {
     #[inline(never)]
-    fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>, source: Source) {
+    fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>, source: LightSource) {
         if let Some(light) = &mut self.light {
             light.add(label, radiance, source);
         }
@@ -89,7 +89,7 @@ impl TileFilm {
     }
 
     /// Returns the film with sums of the layers of light, if they are requested.
-    pub(super) fn with_light(mut self, light: Option<LightFilm>) -> TileFilm {
+    pub(super) fn with_light(mut self, light: Option<LightGroupFilm>) -> TileFilm {
         if light.is_some() {
             self.beside.get_or_insert_default().light = light;
         }
@@ -97,7 +97,7 @@ impl TileFilm {
     }
 
     /// Returns the layers of light, if any are requested.
-    pub(super) fn light(&mut self) -> Option<&mut LightFilm> {
+    pub(super) fn light(&mut self) -> Option<&mut LightGroupFilm> {
         self.beside.as_mut()?.light.as_mut()
     }
 
@@ -126,7 +126,7 @@ impl TileFilm {
         let samples = self.kept_samples().map_or(0, SampleFilm::byte_count);
         memory.add("sampling", "single samples of a tile", samples);
         let light = self.beside.as_ref().and_then(|beside| beside.light.as_ref());
-        let light = light.map_or(0, LightFilm::byte_count);
+        let light = light.map_or(0, LightGroupFilm::byte_count);
         memory.add("film", "layers of light of a tile", light);
     }
 
@@ -139,7 +139,7 @@ impl TileFilm {
     ///
     /// Pixels get identical sums with and without statistics of single samples.
     #[inline(always)]
-    pub(super) fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>, source: Source) {
+    pub(super) fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>, source: LightSource) {
         match &mut self.beside {
             None => self.add_to_pixels(label, radiance),
             Some(beside) => {
@@ -170,13 +170,13 @@ impl TileFilm {
     }
 
     /// Returns the pixels of a tile after `settings.spp` samples per pixel.
-    pub(super) fn picture(&self, tile: Tile, settings: RenderSettings) -> TilePicture {
+    pub(super) fn picture(&self, tile: Tile, settings: RenderSettings) -> TileResult {
         let samples = self.kept_samples();
         // Crop the statistics to the tile
         let estimates = samples
             .filter(|_| settings.sample_aovs)
             .map(SampleFilm::estimates);
-        TilePicture {
+        TileResult {
             means: self.means(tile, settings.spp),
             sums: Vec::new(),
             splat: samples.and_then(SampleFilm::splat).cloned(),
@@ -190,11 +190,11 @@ impl TileFilm {
     }
 
     /// Returns the sample statistics of the visited pixels.
-    pub(super) fn estimates(&self, visits: &[Visit]) -> Vec<Estimate> {
+    pub(super) fn estimates(&self, visits: &[PixelVisit]) -> Vec<PixelStatistics> {
         let all = self.kept_samples().map_or(&[][..], SampleFilm::estimates);
-        let of = |visit: &Visit| {
+        let of = |visit: &PixelVisit| {
             let estimate = all.get((visit.y * TILE + visit.x) as usize);
-            estimate.copied().unwrap_or(Estimate::NONE)
+            estimate.copied().unwrap_or(PixelStatistics::NONE)
         };
         visits.iter().map(of).collect()
     }
@@ -215,7 +215,7 @@ pub fn pixel_sum(packets: impl Iterator<Item = Lanes<f32>>) -> f64 {
         film.add(
             &[0; LANES],
             &[samples, [0.0; LANES], [0.0; LANES]],
-            Source::Emission,
+            LightSource::Emission,
         );
     }
     film.sums()[0][0]
@@ -240,16 +240,16 @@ fn sums_of_lanes(radiance: &Lanes3<f32>) -> [f64; 3] {
 pub(super) fn assemble<T: Copy + Default + Send + Sync>(
     width: u32,
     height: u32,
-    tiles: &[(Tile, TilePicture)],
-    part: &(dyn Fn(&TilePicture) -> &Vec<T> + Sync),
+    tiles: &[(Tile, TileResult)],
+    part: &(dyn Fn(&TileResult) -> &Vec<T> + Sync),
 ) -> Vec<T> {
     let width_in_tiles = width.div_ceil(TILE) as usize;
     let mut pixels = vec![T::default(); width as usize * height as usize];
     // Copy each row of tiles into its band of the image, in parallel
-    let rows_of_tiles: Vec<&[(Tile, TilePicture)]> = tiles.chunks(width_in_tiles).collect();
+    let rows_of_tiles: Vec<&[(Tile, TileResult)]> = tiles.chunks(width_in_tiles).collect();
     parallel::for_each_chunk_mut(&mut pixels, width as usize * TILE as usize, &|index, band| {
-        for (tile, picture) in rows_of_tiles[index] {
-            for (row, part) in part(picture).chunks(tile.width as usize).enumerate() {
+        for (tile, result) in rows_of_tiles[index] {
+            for (row, part) in part(result).chunks(tile.width as usize).enumerate() {
                 let start = row * width as usize + tile.x as usize;
                 band[start..start + part.len()].copy_from_slice(part);
             }
@@ -278,13 +278,17 @@ mod tests {
     }
 
     #[test]
-    fn one_pixel_and_sixteen_pixels_sum_alike() {
+    fn packets_of_one_and_sixteen_pixels_sum_equally() {
         let radiance = [std::array::from_fn(|l| l as f32), [0.25; LANES], [0.0; LANES]];
         let mut film = TileFilm::new(None);
-        film.add(&[5; LANES], &radiance, Source::Emission);
+        film.add(&[5; LANES], &radiance, LightSource::Emission);
         // 0 + 1 + ... + 15 = 120.
         assert_eq!(film.sums[5], [120.0, 4.0, 0.0]);
-        film.add(&std::array::from_fn(|l| l as u32), &radiance, Source::Emission);
+        film.add(
+            &std::array::from_fn(|l| l as u32),
+            &radiance,
+            LightSource::Emission,
+        );
         assert_eq!(film.sums[7], [7.0, 0.25, 0.0]);
         assert_eq!(film.sums[5], [125.0, 4.25, 0.0]);
     }

@@ -9,7 +9,7 @@
 //! increases noise.
 
 use super::film::{TILE, Tile};
-use super::wave::TilePicture;
+use super::wave::TileResult;
 use crate::parallel;
 use crate::scene::image_settings::{FilterKind, MAX_FILTER_RADIUS, MIN_FILTER_RADIUS};
 
@@ -165,7 +165,7 @@ impl Splat {
 /// Replaces `means` by the filtered pixels of tiles, which must be in the order of [`super::film::tiles`].
 ///
 /// The unfiltered pixels in `means` are kept where weights happen to cancel.
-pub(super) fn assemble(width: u32, means: &mut [[f32; 3]], tiles: &[(Tile, TilePicture)]) {
+pub(super) fn assemble(width: u32, means: &mut [[f32; 3]], tiles: &[(Tile, TileResult)]) {
     let width = width as usize;
     let bands = Bands::of(width, tiles);
     // Filter each row of tiles, including samples of the rows above and below
@@ -180,7 +180,7 @@ pub(super) fn assemble(width: u32, means: &mut [[f32; 3]], tiles: &[(Tile, TileP
 
 /// Returns the weighted sums and weights of the pixels of tiles, which must be in the order of
 /// [`super::film::tiles`], for an image of `width` and `height`.
-pub(super) fn sums(width: u32, height: u32, tiles: &[(Tile, TilePicture)]) -> Vec<[f64; 4]> {
+pub(super) fn sums(width: u32, height: u32, tiles: &[(Tile, TileResult)]) -> Vec<[f64; 4]> {
     let width = width as usize;
     let bands = Bands::of(width, tiles);
     let mut sums = vec![[0.0; 4]; width * height as usize];
@@ -198,11 +198,11 @@ pub(super) fn weighted_mean([r, g, b, weight]: [f64; 4]) -> Option<[f32; 3]> {
 /// Tiles grouped by rows of tiles.
 struct Bands<'t> {
     width: usize,
-    rows_of_tiles: Vec<&'t [(Tile, TilePicture)]>,
+    rows_of_tiles: Vec<&'t [(Tile, TileResult)]>,
 }
 
 impl Bands<'_> {
-    fn of(width: usize, tiles: &[(Tile, TilePicture)]) -> Bands<'_> {
+    fn of(width: usize, tiles: &[(Tile, TileResult)]) -> Bands<'_> {
         Bands {
             width,
             rows_of_tiles: tiles.chunks(width.div_ceil(TILE as usize)).collect(),
@@ -214,8 +214,8 @@ impl Bands<'_> {
         let first_row = index * TILE as usize;
         // The radius is smaller than a tile, so only adjacent rows of tiles contribute.
         let near = index.saturating_sub(1)..(index + 2).min(self.rows_of_tiles.len());
-        for (tile, picture) in self.rows_of_tiles[near].iter().copied().flatten() {
-            if let Some(splat) = &picture.splat {
+        for (tile, result) in self.rows_of_tiles[near].iter().copied().flatten() {
+            if let Some(splat) = &result.splat {
                 splat.add_to_band(tile, band, self.width, first_row);
             }
         }
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn weights_are_those_of_the_book() {
+    fn filter_weights_equal_published_values() {
         let of = |kind, x| PixelFilter::of_kind(kind).weight(x);
         assert_eq!([0.0, 0.49, 0.5].map(|x| of(FilterKind::Box, x)), [1.0, 1.0, 0.0]);
         assert_eq!(
@@ -302,13 +302,13 @@ mod tests {
     }
 
     /// Returns the filtered image of `radiance` over image coordinates, with four samples per pixel.
-    fn picture(
+    fn filtered_image(
         filter: PixelFilter,
         (width, height): (u32, u32),
         radiance: impl Fn(f64, f64) -> [f64; 3],
     ) -> Vec<[f32; 3]> {
         // Splat four samples per pixel, tile by tile
-        let splatted: Vec<(Tile, TilePicture)> = tiles(width, height)
+        let splatted: Vec<(Tile, TileResult)> = tiles(width, height)
             .into_iter()
             .map(|tile| {
                 let mut splat = Splat::new(filter);
@@ -321,13 +321,13 @@ mod tests {
                         }
                     }
                 }
-                let picture = TilePicture {
+                let result = TileResult {
                     sums: Vec::new(),
                     means: Vec::new(),
                     splat: Some(splat),
                     estimates: Vec::new(),
                 };
-                (tile, picture)
+                (tile, result)
             })
             .collect();
         // Assemble the films of the tiles
@@ -337,11 +337,11 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_picture_stays_constant_under_every_filter() {
+    fn constant_image_stays_constant_under_every_filter() {
         let constant = [0.3, 1e6, 1.0 / 3.0];
         for filter in filters() {
             for size in [(1, 1), (33, 40), (100, 3)] {
-                for pixel in picture(filter, size, |_, _| constant) {
+                for pixel in filtered_image(filter, size, |_, _| constant) {
                     // Some hundred rounding errors of 2^-53 before the rounding to f32, which they rarely change.
                     for channel in 0..3 {
                         let relative = f64::from(pixel[channel]) / constant[channel] - 1.0;
@@ -367,12 +367,12 @@ mod tests {
     }
 
     #[test]
-    fn tiles_meet_without_a_seam() {
+    fn filtered_tiles_have_no_seams() {
         // A ramp is symmetric about the centre of every pixel. Filtered by symmetric weights it stays a ramp, except
         // for the uneven sample positions, which repeat from pixel to pixel: all steps are equal.
         for filter in filters() {
             let (width, height) = (70, 70);
-            let pixels = picture(filter, (width, height), |x, y| [x, y, x + y]);
+            let pixels = filtered_image(filter, (width, height), |x, y| [x, y, x + y]);
             let inner = 5..width - 5;
             for y in inner.clone() {
                 for x in inner.clone() {

@@ -6,9 +6,9 @@
 
 use multiversion::multiversion;
 
-use super::Frame;
+use super::RenderContext;
 use super::film::{TILE, Tile};
-use super::layers::{LayerKind, LayerSet};
+use super::layers::{AovKind, AovSet};
 use super::mattes::Matte;
 use super::planes::TileLayer;
 use super::samples::pixel_of;
@@ -22,7 +22,7 @@ const BLOCK: usize = 4;
 
 /// First-hit sums of one thread, reused from tile to tile.
 pub(super) struct FirstHits<'f, 's> {
-    frame: &'f Frame<'s>,
+    frame: &'f RenderContext<'s>,
     /// Number of samples of each pixel that hit a surface, `TILE` pixels per row.
     counts: Vec<u32>,
     /// Reciprocals of `counts`, which turn sums into means; 0 for pixels without hits.
@@ -36,15 +36,15 @@ pub(super) struct FirstHits<'f, 's> {
 }
 
 /// Lanes of a packet that hit a surface, with their pixels.
-struct Met {
+struct PrimaryHits {
     /// Bit mask per lane: all bits set if the lane hit a surface, otherwise zero.
     keep: Lanes<u32>,
     pixel: Lanes<u32>,
-    spread: Spread,
+    spread: PixelLayout,
 }
 
 /// Distribution of pixels over the lanes of a packet.
-enum Spread {
+enum PixelLayout {
     /// Single pixel for all lanes.
     One(usize),
     /// Block of neighbouring pixels, one per lane, row by row; holds the first of them.
@@ -55,7 +55,7 @@ enum Spread {
 
 impl<'f, 's> FirstHits<'f, 's> {
     /// Returns an empty accumulator if layers are requested.
-    pub(super) fn of(frame: &'f Frame<'s>) -> Option<Box<FirstHits<'f, 's>>> {
+    pub(super) fn of(frame: &'f RenderContext<'s>) -> Option<Box<FirstHits<'f, 's>>> {
         let pixel_count = (TILE * TILE) as usize;
         let wanted = frame.settings.layers;
         let new = || {
@@ -93,46 +93,46 @@ impl<'f, 's> FirstHits<'f, 's> {
     #[inline(always)]
     fn add_inlined(&mut self, packet: &RayPacket, label: &Lanes<u32>, surfaces: &Surfaces) {
         // Count the hits and remember the first of each pixel
-        let met = Met::of(packet, label, self.frame.shape.block as usize);
-        self.count(packet, &met);
+        let hits = PrimaryHits::of(packet, label, self.frame.shape.block as usize);
+        self.count(packet, &hits);
         let scale = self.frame.scene.normalisation.scale;
         let points = &surfaces.points;
-        let mut place = 0;
+        let mut index = 0;
         // Add to the sums of the requested layers
         for kind in self.frame.settings.layers.kinds() {
-            place += match kind {
-                LayerKind::Depth => {
+            index += match kind {
+                AovKind::Depth => {
                     let distances = [distances(packet, points, scale)];
-                    met.add(&distances, &mut self.sums[place..])
+                    hits.add(&distances, &mut self.sums[index..])
                 }
-                LayerKind::Normal => met.add(&points.ns, &mut self.sums[place..]),
-                LayerKind::Albedo => met.add(&albedo(&surfaces.materials), &mut self.sums[place..]),
-                LayerKind::Position => met.add(&self.positions(points), &mut self.sums[place..]),
-                LayerKind::Uv => met.add(&self.tex_coords(packet, &met), &mut self.sums[place..]),
-                LayerKind::Motion => met.add(&self.motions(packet, &met, points), &mut self.sums[place..]),
-                LayerKind::Ids | LayerKind::CryptoObject | LayerKind::CryptoMaterial => 0,
+                AovKind::Normal => hits.add(&points.ns, &mut self.sums[index..]),
+                AovKind::Albedo => hits.add(&albedo(&surfaces.materials), &mut self.sums[index..]),
+                AovKind::Position => hits.add(&self.positions(points), &mut self.sums[index..]),
+                AovKind::Uv => hits.add(&self.tex_coords(packet, &hits), &mut self.sums[index..]),
+                AovKind::Motion => hits.add(&self.motions(packet, &hits, points), &mut self.sums[index..]),
+                AovKind::Ids | AovKind::CryptoObject | AovKind::CryptoMaterial => 0,
             };
         }
         // Add to the mattes
         for (matte, ids) in self.mattes.iter_mut().zip(self.frame.mattes.iter()) {
-            for l in (0..LANES).filter(|&l| met.has(l)) {
-                matte.add(met.pixel[l], ids[packet.instance[l] as usize]);
+            for l in (0..LANES).filter(|&l| hits.has(l)) {
+                matte.add(hits.pixel[l], ids[packet.instance[l] as usize]);
             }
         }
     }
 
     /// Counts the samples that hit a surface, and records the ids of the first hit of each pixel.
     #[inline(always)]
-    fn count(&mut self, packet: &RayPacket, met: &Met) {
-        if let Spread::One(pixel) = met.spread {
+    fn count(&mut self, packet: &RayPacket, hits: &PrimaryHits) {
+        if let PixelLayout::One(pixel) = hits.spread {
             if self.counts[pixel] == 0 {
-                self.note_first(packet, met, pixel);
+                self.note_first(packet, hits, pixel);
             }
-            self.counts[pixel] += met.count();
+            self.counts[pixel] += hits.count();
             return;
         }
-        for l in (0..LANES).filter(|&l| met.has(l)) {
-            let pixel = met.pixel[l] as usize;
+        for l in (0..LANES).filter(|&l| hits.has(l)) {
+            let pixel = hits.pixel[l] as usize;
             if self.counts[pixel] == 0 {
                 self.note(packet, l, pixel);
             }
@@ -142,9 +142,9 @@ impl<'f, 's> FirstHits<'f, 's> {
 
     /// Records the ids of the first hit of a pixel that all lanes of the packet share.
     #[inline(never)]
-    fn note_first(&mut self, packet: &RayPacket, met: &Met, pixel: usize) {
+    fn note_first(&mut self, packet: &RayPacket, hits: &PrimaryHits, pixel: usize) {
         for l in 0..LANES {
-            if met.has(l) {
+            if hits.has(l) {
                 return self.note(packet, l, pixel);
             }
         }
@@ -164,21 +164,21 @@ impl<'f, 's> FirstHits<'f, 's> {
         std::array::from_fn(|axis| points.p[axis].map(|p| (p / file.scale + center[axis]) as f32))
     }
 
-    fn tex_coords(&self, packet: &RayPacket, met: &Met) -> [Lanes<f32>; 2] {
+    fn tex_coords(&self, packet: &RayPacket, hits: &PrimaryHits) -> [Lanes<f32>; 2] {
         let surfaces = &self.frame.surfaces;
         let mut coords = [[0.0; LANES]; 2];
-        for l in (0..LANES).filter(|&l| met.has(l)) {
+        for l in (0..LANES).filter(|&l| hits.has(l)) {
             let pose = surfaces.pose(packet, l);
-            let chart = surfaces.view(packet.instance[l]).chart(&pose, 0, packet, l);
-            [coords[0][l], coords[1][l]] = chart.uv;
+            let uv_frame = surfaces.view(packet.instance[l]).uv_frame(&pose, 0, packet, l);
+            [coords[0][l], coords[1][l]] = uv_frame.uv;
         }
         coords
     }
 
-    fn motions(&self, packet: &RayPacket, met: &Met, points: &SurfacePacket) -> [Lanes<f32>; 2] {
+    fn motions(&self, packet: &RayPacket, hits: &PrimaryHits, points: &SurfacePacket) -> [Lanes<f32>; 2] {
         let mut motions = [[0.0; LANES]; 2];
         if let Some(motion) = &self.frame.screen_motion {
-            for l in (0..LANES).filter(|&l| met.has(l)) {
+            for l in (0..LANES).filter(|&l| hits.has(l)) {
                 let instance = &self.frame.scene.instances[packet.instance[l] as usize];
                 let moved = motion.of(points.point(l), instance, packet.time[l]);
                 [motions[0][l], motions[1][l]] = moved.as_vec2().to_array();
@@ -203,13 +203,13 @@ impl<'f, 's> FirstHits<'f, 's> {
         // Collect the layers in their fixed order
         for kind in wanted.kinds() {
             match kind {
-                LayerKind::Ids => layers.extend((0..3).map(|part| TileLayer::Numbers {
+                AovKind::Ids => layers.extend((0..3).map(|part| TileLayer::Numbers {
                     numbers: &self.ids,
                     part,
                     counts: &self.counts,
                     nothing: nothing(kind),
                 })),
-                LayerKind::CryptoObject | LayerKind::CryptoMaterial => {
+                AovKind::CryptoObject | AovKind::CryptoMaterial => {
                     layers.extend(
                         mattes
                             .pop()
@@ -233,10 +233,10 @@ impl<'f, 's> FirstHits<'f, 's> {
     }
 }
 
-impl Met {
+impl PrimaryHits {
     /// Finds the hit lanes and their pixels, for a packet over a block of `block` pixels per side.
     #[inline(always)]
-    fn of(packet: &RayPacket, label: &Lanes<u32>, block: usize) -> Met {
+    fn of(packet: &RayPacket, label: &Lanes<u32>, block: usize) -> PrimaryHits {
         let (mut keep, mut pixel) = ([0; LANES], [0; LANES]);
         for l in 0..LANES {
             keep[l] = u32::from(packet.instance[l] != NO_HIT).wrapping_neg();
@@ -244,22 +244,22 @@ impl Met {
         }
         let first = pixel[0] as usize;
         let spread = match block {
-            1 => Spread::One(first),
-            BLOCK => Spread::Block(first),
-            _ => Spread::Any,
+            1 => PixelLayout::One(first),
+            BLOCK => PixelLayout::Block(first),
+            _ => PixelLayout::Any,
         };
-        let met = Met { keep, spread, pixel };
-        debug_assert!((0..LANES).all(|l| !met.has(l) || met.is_in_place(l)));
-        met
+        let hits = PrimaryHits { keep, spread, pixel };
+        debug_assert!((0..LANES).all(|l| !hits.has(l) || hits.is_in_place(l)));
+        hits
     }
 
     /// Returns whether the pixel of a lane agrees with the spread.
     fn is_in_place(&self, l: usize) -> bool {
         let pixel = self.pixel[l] as usize;
         match self.spread {
-            Spread::One(only) => pixel == only,
-            Spread::Block(first) => pixel == first + l / BLOCK * TILE as usize + l % BLOCK,
-            Spread::Any => true,
+            PixelLayout::One(only) => pixel == only,
+            PixelLayout::Block(first) => pixel == first + l / BLOCK * TILE as usize + l % BLOCK,
+            PixelLayout::Any => true,
         }
     }
 
@@ -296,8 +296,8 @@ impl Met {
     #[inline(always)]
     fn add_kept(&self, values: Lanes<f32>, sums: &mut [f64]) {
         match self.spread {
-            Spread::One(pixel) => sums[pixel] += f64::from(sum_of_lanes(values)),
-            Spread::Block(first) => {
+            PixelLayout::One(pixel) => sums[pixel] += f64::from(sum_of_lanes(values)),
+            PixelLayout::Block(first) => {
                 let (rows, _) = values.as_chunks::<BLOCK>();
                 for (row, values) in rows.iter().enumerate() {
                     let start = first + row * TILE as usize;
@@ -306,7 +306,7 @@ impl Met {
                     }
                 }
             }
-            Spread::Any => {
+            PixelLayout::Any => {
                 for l in 0..LANES {
                     sums[self.pixel[l] as usize] += f64::from(values[l]);
                 }
@@ -324,16 +324,16 @@ fn add(hits: &mut FirstHits, packet: &RayPacket, label: &Lanes<u32>, surfaces: &
 }
 
 /// Returns the value of a layer for pixels without hits.
-fn nothing(kind: LayerKind) -> f32 {
+fn nothing(kind: AovKind) -> f32 {
     match kind {
-        LayerKind::Depth => f32::INFINITY,
-        LayerKind::Ids => -1.0,
+        AovKind::Depth => f32::INFINITY,
+        AovKind::Ids => -1.0,
         _ => 0.0,
     }
 }
 
 /// Returns the number of requested layers that are means of sums.
-fn sum_count(wanted: LayerSet) -> usize {
+fn sum_count(wanted: AovSet) -> usize {
     let summed = wanted.kinds().filter(|kind| kind.is_sum());
     summed.map(|kind| kind.names().len()).sum()
 }
@@ -360,11 +360,11 @@ fn distances(packet: &RayPacket, points: &SurfacePacket, scale: f64) -> Lanes<f3
 #[inline(always)]
 fn albedo(materials: &MaterialPacket) -> Lanes3<f32> {
     let mut albedo = materials.base_color;
-    let rich = &materials.rich;
-    if rich.is_lecture.contains(&true) {
+    let extended = &materials.extended;
+    if extended.is_phong.contains(&true) {
         for channel in 0..3 {
-            for l in (0..LANES).filter(|&l| rich.is_lecture[l]) {
-                albedo[channel][l] *= rich.diffuse[channel][l];
+            for l in (0..LANES).filter(|&l| extended.is_phong[l]) {
+                albedo[channel][l] *= extended.diffuse[channel][l];
             }
         }
     }
@@ -376,7 +376,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lanes_without_a_hit_add_nothing_however_pixels_are_spread() {
+    fn lanes_without_hit_add_nothing() {
         let mut value = [f32::NAN; LANES];
         (value[2], value[9]) = (0.5, 4.0);
         let mut packet = RayPacket::EMPTY;
@@ -390,10 +390,10 @@ mod tests {
             (of_block, [35, 98], 4),
             (of_any, [7, 8], 2),
         ] {
-            let met = Met::of(&packet, &pixel, block);
-            assert_eq!(met.count(), 2);
+            let hits = PrimaryHits::of(&packet, &pixel, block);
+            assert_eq!(hits.count(), 2);
             let mut sums = vec![vec![1.0; (TILE * TILE) as usize]; 2];
-            assert_eq!(met.add(&[value], &mut sums), 1);
+            assert_eq!(hits.add(&[value], &mut sums), 1);
             let mut expected = vec![1.0; (TILE * TILE) as usize];
             expected[places[0]] += 0.5;
             expected[places[1]] += 4.0;
@@ -402,11 +402,11 @@ mod tests {
     }
 
     #[test]
-    fn layers_that_are_no_means_have_no_sums() {
+    fn layers_that_are_not_means_have_no_sums() {
         assert_eq!(
-            sum_count(LayerKind::ALL.into_iter().collect()),
+            sum_count(AovKind::ALL.into_iter().collect()),
             1 + 3 + 3 + 3 + 2 + 2
         );
-        assert_eq!(sum_count(LayerSet::NONE.with(LayerKind::Ids)), 0);
+        assert_eq!(sum_count(AovSet::NONE.with(AovKind::Ids)), 0);
     }
 }

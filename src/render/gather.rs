@@ -19,18 +19,18 @@ pub(super) struct MeshView<'s> {
 }
 
 /// Vertex positions and normals of the hit triangles. Lanes without a hit keep values of an earlier packet.
-pub(super) struct Gathered {
+pub(super) struct FetchedVertices {
     pub(super) corners: [Lanes3<f32>; 3],
     pub(super) normals: [Lanes3<f32>; 3],
     /// Lanes whose triangle has vertex normals; the others are flat.
     pub(super) smooth: Lanes<bool>,
     /// True if some lanes are not world-space triangles, so that they need the scalar path.
-    pub(super) odd: bool,
+    pub(super) needs_scalar_path: bool,
 }
 
-impl Gathered {
-    pub(super) fn new() -> Gathered {
-        Gathered {
+impl FetchedVertices {
+    pub(super) fn new() -> FetchedVertices {
+        FetchedVertices {
             // Valid triangle in the xy plane, for lanes that have not been filled yet.
             corners: [
                 [[0.0; LANES]; 3],
@@ -39,7 +39,7 @@ impl Gathered {
             ],
             normals: [[[0.0; LANES]; 3]; 3],
             smooth: [false; LANES],
-            odd: false,
+            needs_scalar_path: false,
         }
     }
 }
@@ -67,7 +67,7 @@ impl<'s> MeshView<'s> {
 impl MeshView<'_> {
     /// Fetches the vertices of one triangle, with vertex normals if the mesh has any, for all lanes.
     #[inline(always)]
-    pub(super) fn gather_everywhere(&self, primitive: u32, gathered: &mut Gathered) {
+    pub(super) fn gather_everywhere(&self, primitive: u32, gathered: &mut FetchedVertices) {
         let vertices = self.triangles[primitive as usize].map(|vertex| vertex as usize);
         for (corner, vertex) in vertices.into_iter().enumerate() {
             gathered.corners[corner] = self.positions[vertex].map(|axis| [axis; LANES]);
@@ -85,7 +85,7 @@ impl MeshView<'_> {
     /// Reads one array after the other, so that the loads of all lanes overlap. Lanes that missed use the first
     /// triangle, which avoids a branch.
     #[inline(always)]
-    pub(super) fn gather_lanes(&self, packet: &RayPacket, gathered: &mut Gathered) {
+    pub(super) fn gather_lanes(&self, packet: &RayPacket, gathered: &mut FetchedVertices) {
         // Look up the vertex indices of all lanes
         let mut vertices = [[0; 3]; LANES];
         for l in 0..LANES {
@@ -113,7 +113,7 @@ impl MeshView<'_> {
 
     /// Fetches the vertices of the triangle of lane `l`, with vertex normals if the mesh has any.
     #[inline(always)]
-    pub(super) fn gather(&self, packet: &RayPacket, l: usize, gathered: &mut Gathered) {
+    pub(super) fn gather(&self, packet: &RayPacket, l: usize, gathered: &mut FetchedVertices) {
         let vertices = self.triangles[packet.primitive[l] as usize].map(|vertex| vertex as usize);
         for (corner, vertex) in vertices.into_iter().enumerate() {
             let position = self.positions[vertex];

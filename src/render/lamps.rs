@@ -25,13 +25,13 @@ use crate::shape::Implicit;
 const SHADOW_RAY_ERROR: f64 = 19.0 / (1 << 24) as f64;
 
 /// Area light of a scene, prepared for sampling.
-pub(super) struct SoftLight<'s> {
+pub(super) struct AreaLightSampler<'s> {
     shape: AreaLight,
-    lamp: Option<Lamp<'s>>,
+    lamp: Option<EmissiveObject<'s>>,
 }
 
 /// Emissive object behind an area light.
-struct Lamp<'s> {
+struct EmissiveObject<'s> {
     geometry: &'s Geometry,
     instance: &'s Instance,
     /// Texture of the emission, if there is one and textures are simulated.
@@ -39,7 +39,7 @@ struct Lamp<'s> {
 }
 
 /// Sampled point of an area light, for one shaded point.
-pub(super) struct SoftSample {
+pub(super) struct AreaLightSample {
     /// Unit vector from the shaded point to the light point.
     pub(super) direction: DVec3,
     /// End point of the shadow ray.
@@ -51,9 +51,9 @@ pub(super) struct SoftSample {
 }
 
 /// Returns the area lights of a scene, with one entry per light; `None` for other lights.
-pub(super) fn soft_lights(scene: &Scene, effects: EffectSet) -> Vec<Option<SoftLight<'_>>> {
+pub(super) fn area_lights(scene: &Scene, effects: EffectSet) -> Vec<Option<AreaLightSampler<'_>>> {
     let with_extent = |kind: &LightKind| match kind {
-        LightKind::Area { shape, .. } => SoftLight::of(scene, shape, effects),
+        LightKind::Area { shape, .. } => AreaLightSampler::of(scene, shape, effects),
         _ => None,
     };
     scene
@@ -63,8 +63,8 @@ pub(super) fn soft_lights(scene: &Scene, effects: EffectSet) -> Vec<Option<SoftL
         .collect()
 }
 
-impl<'s> SoftLight<'s> {
-    fn of(scene: &'s Scene, shape: &AreaShape, effects: EffectSet) -> Option<SoftLight<'s>> {
+impl<'s> AreaLightSampler<'s> {
+    fn of(scene: &'s Scene, shape: &AreaShape, effects: EffectSet) -> Option<AreaLightSampler<'s>> {
         // Build analytic lights, which are invisible
         let shape = match *shape {
             AreaShape::Quad {
@@ -82,12 +82,16 @@ impl<'s> SoftLight<'s> {
             }
             AreaShape::Object { instance } => {
                 // Use the surface of an emissive object
-                let shape = scene.lamp_surface(instance).ok()?;
-                let lamp = Some(Lamp::of(scene, &scene.instances[instance as usize], effects));
-                return Some(SoftLight { shape, lamp });
+                let shape = scene.emissive_surface(instance).ok()?;
+                let lamp = Some(EmissiveObject::of(
+                    scene,
+                    &scene.instances[instance as usize],
+                    effects,
+                ));
+                return Some(AreaLightSampler { shape, lamp });
             }
         };
-        shape.map(|shape| SoftLight { shape, lamp: None })
+        shape.map(|shape| AreaLightSampler { shape, lamp: None })
     }
 
     /// Returns whether rays can hit the light.
@@ -99,25 +103,25 @@ impl<'s> SoftLight<'s> {
     ///
     /// For a light that rays can hit, `p` must be offset from the surface it belongs to, which may be that of the
     /// light itself, on the side that is shaded.
-    pub(super) fn sample(&self, textures: &TextureSet, p: DVec3, u: [f64; 2]) -> Option<SoftSample> {
+    pub(super) fn sample(&self, textures: &TextureSet, p: DVec3, u: [f64; 2]) -> Option<AreaLightSample> {
         // Sample a point by the density of its direction
         let sample = self.shape.sample(p, u)?;
         // Offset the shadow ray's end from an emissive surface
         let (end, tint) = match &self.lamp {
             None if !sample.is_front() => return None,
             None => (sample.position, [1.0; 3]),
-            Some(lamp) => {
-                let p_object = lamp
+            Some(object) => {
+                let p_object = object
                     .instance
                     .object_from_world()
                     .transform_point3(sample.position);
                 (
-                    lamp.end(&sample, p_object),
-                    lamp.tint(textures, &sample, p_object),
+                    object.end(&sample, p_object),
+                    object.tint(textures, &sample, p_object),
                 )
             }
         };
-        Some(SoftSample {
+        Some(AreaLightSample {
             direction: sample.direction,
             end,
             pdf: sample.pdf,
@@ -126,10 +130,10 @@ impl<'s> SoftLight<'s> {
     }
 }
 
-impl<'s> Lamp<'s> {
-    fn of(scene: &'s Scene, instance: &'s Instance, effects: EffectSet) -> Lamp<'s> {
+impl<'s> EmissiveObject<'s> {
+    fn of(scene: &'s Scene, instance: &'s Instance, effects: EffectSet) -> EmissiveObject<'s> {
         let material = &scene.materials[instance.material as usize];
-        Lamp {
+        EmissiveObject {
             geometry: &scene.geometries[instance.geometry as usize],
             instance,
             texture: material

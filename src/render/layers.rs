@@ -11,7 +11,7 @@ use crate::image::ChannelKind;
 
 /// Group of layers that are requested together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LayerKind {
+pub enum AovKind {
     /// `Z`: distance along the ray from its origin; infinite if no sample hit a surface.
     Depth,
     /// `normal.X`, `normal.Y`, `normal.Z`: unit shading normal in world space on the viewer's side. The mean of
@@ -41,53 +41,53 @@ pub enum LayerKind {
     CryptoMaterial,
 }
 
-impl LayerKind {
+impl AovKind {
     /// All groups, in the order of their layers.
-    pub const ALL: [LayerKind; 9] = [
-        LayerKind::Depth,
-        LayerKind::Normal,
-        LayerKind::Albedo,
-        LayerKind::Position,
-        LayerKind::Uv,
-        LayerKind::Ids,
-        LayerKind::Motion,
-        LayerKind::CryptoObject,
-        LayerKind::CryptoMaterial,
+    pub const ALL: [AovKind; 9] = [
+        AovKind::Depth,
+        AovKind::Normal,
+        AovKind::Albedo,
+        AovKind::Position,
+        AovKind::Uv,
+        AovKind::Ids,
+        AovKind::Motion,
+        AovKind::CryptoObject,
+        AovKind::CryptoMaterial,
     ];
 
     /// Returns the names of the layers in the group.
     pub fn names(self) -> &'static [&'static str] {
         match self {
-            LayerKind::Depth => &["Z"],
-            LayerKind::Normal => &["normal.X", "normal.Y", "normal.Z"],
-            LayerKind::Albedo => &["albedo.R", "albedo.G", "albedo.B"],
-            LayerKind::Position => &["position.X", "position.Y", "position.Z"],
-            LayerKind::Uv => &["uv.U", "uv.V"],
-            LayerKind::Ids => &["id.object", "id.material", "id.primitive"],
-            LayerKind::Motion => &["motion.X", "motion.Y"],
-            LayerKind::CryptoObject => &CRYPTO_OBJECT,
-            LayerKind::CryptoMaterial => &CRYPTO_MATERIAL,
+            AovKind::Depth => &["Z"],
+            AovKind::Normal => &["normal.X", "normal.Y", "normal.Z"],
+            AovKind::Albedo => &["albedo.R", "albedo.G", "albedo.B"],
+            AovKind::Position => &["position.X", "position.Y", "position.Z"],
+            AovKind::Uv => &["uv.U", "uv.V"],
+            AovKind::Ids => &["id.object", "id.material", "id.primitive"],
+            AovKind::Motion => &["motion.X", "motion.Y"],
+            AovKind::CryptoObject => &CRYPTO_OBJECT,
+            AovKind::CryptoMaterial => &CRYPTO_MATERIAL,
         }
     }
 
     /// Returns the Cryptomatte name of the group, if it is one of its layers.
     pub fn cryptomatte(self) -> Option<&'static str> {
         match self {
-            LayerKind::CryptoObject => Some("CryptoObject"),
-            LayerKind::CryptoMaterial => Some("CryptoMaterial"),
+            AovKind::CryptoObject => Some("CryptoObject"),
+            AovKind::CryptoMaterial => Some("CryptoMaterial"),
             _ => None,
         }
     }
 
     /// Returns whether the layers are means over the samples that hit a surface.
     pub(super) fn is_sum(self) -> bool {
-        self != LayerKind::Ids && self.cryptomatte().is_none()
+        self != AovKind::Ids && self.cryptomatte().is_none()
     }
 
     /// Returns whether a file of half floats may round the layers.
     fn rounding(self) -> ChannelKind {
         match self {
-            LayerKind::Albedo => ChannelKind::Color,
+            AovKind::Albedo => ChannelKind::Color,
             _ => ChannelKind::Exact,
         }
     }
@@ -127,32 +127,32 @@ const CRYPTO_MATERIAL: [&str; 2 * RANKS] = [
 
 /// Set of groups of layers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LayerSet(u16);
+pub struct AovSet(u16);
 
-impl LayerSet {
+impl AovSet {
     /// Set without any layers.
-    pub const NONE: LayerSet = LayerSet(0);
+    pub const NONE: AovSet = AovSet(0);
 
     /// Returns the set with `kind` added.
     #[must_use]
-    pub fn with(self, kind: LayerKind) -> LayerSet {
-        LayerSet(self.0 | (1 << kind as u16))
+    pub fn with(self, kind: AovKind) -> AovSet {
+        AovSet(self.0 | (1 << kind as u16))
     }
 
     /// Returns whether `kind` is in the set.
     #[inline(always)]
-    pub fn has(self, kind: LayerKind) -> bool {
+    pub fn has(self, kind: AovKind) -> bool {
         self.0 & (1 << kind as u16) != 0
     }
 
     /// Returns whether the set is empty.
     pub fn is_empty(self) -> bool {
-        self == LayerSet::NONE
+        self == AovSet::NONE
     }
 
     /// Iterates over the groups of the set in their fixed order.
-    pub fn kinds(self) -> impl Iterator<Item = LayerKind> {
-        LayerKind::ALL.into_iter().filter(move |&kind| self.has(kind))
+    pub fn kinds(self) -> impl Iterator<Item = AovKind> {
+        AovKind::ALL.into_iter().filter(move |&kind| self.has(kind))
     }
 
     /// Returns the number of layers in the set.
@@ -161,16 +161,16 @@ impl LayerSet {
     }
 }
 
-impl FromIterator<LayerKind> for LayerSet {
-    fn from_iter<I: IntoIterator<Item = LayerKind>>(kinds: I) -> LayerSet {
-        kinds.into_iter().fold(LayerSet::NONE, LayerSet::with)
+impl FromIterator<AovKind> for AovSet {
+    fn from_iter<I: IntoIterator<Item = AovKind>>(kinds: I) -> AovSet {
+        kinds.into_iter().fold(AovSet::NONE, AovSet::with)
     }
 }
 
 /// Layer of an image: one f32 value per pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layer {
-    /// Channel name in files, as listed for [`LayerKind`].
+    /// Channel name in files, as listed for [`AovKind`].
     pub name: String,
     /// Kind of channel, which decides whether a file of half floats may round the layer.
     pub kind: ChannelKind,
@@ -190,7 +190,7 @@ impl Layer {
 }
 
 /// Returns layers of zeros for the requested groups and the pixels of `region`.
-pub(super) fn blank(wanted: LayerSet, region: &Region) -> Vec<Layer> {
+pub(super) fn blank(wanted: AovSet, region: &Region) -> Vec<Layer> {
     let layers = wanted
         .kinds()
         .flat_map(|kind| kind.names().iter().map(move |&name| (kind, name)));
@@ -204,23 +204,20 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_set_has_what_was_put_into_it_in_one_order() {
-        let set: LayerSet = [LayerKind::Ids, LayerKind::Depth].into_iter().collect();
-        assert!(set.has(LayerKind::Ids) && set.has(LayerKind::Depth) && !set.has(LayerKind::Uv));
-        assert_eq!(
-            set.kinds().collect::<Vec<_>>(),
-            [LayerKind::Depth, LayerKind::Ids]
-        );
+    fn set_iterates_its_members_in_fixed_order() {
+        let set: AovSet = [AovKind::Ids, AovKind::Depth].into_iter().collect();
+        assert!(set.has(AovKind::Ids) && set.has(AovKind::Depth) && !set.has(AovKind::Uv));
+        assert_eq!(set.kinds().collect::<Vec<_>>(), [AovKind::Depth, AovKind::Ids]);
         // `Z` and three ids.
         assert_eq!(set.layer_count(), 4);
-        assert!(LayerSet::NONE.is_empty() && !set.is_empty());
-        let all: LayerSet = LayerKind::ALL.into_iter().collect();
+        assert!(AovSet::NONE.is_empty() && !set.is_empty());
+        let all: AovSet = AovKind::ALL.into_iter().collect();
         assert_eq!(all.layer_count(), 41);
     }
 
     #[test]
-    fn names_of_cryptomattes_begin_with_what_they_are_called() {
-        for kind in LayerKind::ALL {
+    fn cryptomatte_channels_begin_with_the_layer_name() {
+        for kind in AovKind::ALL {
             let Some(called) = kind.cryptomatte() else {
                 continue;
             };

@@ -6,14 +6,14 @@
 
 use std::ops::AddAssign;
 
-use super::losses::Limit;
-use super::queue::Sorts;
+use super::losses::TruncationLimit;
+use super::queue::RayTypeCounts;
 use crate::scene::Effect;
 
 /// Category of the profile: every ray and every second is booked under exactly one account.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub enum Account {
+pub enum Category {
     /// Generation of camera rays, and selection of pixels for adaptive sampling.
     Sampling,
     /// Camera rays, traced to their first hit.
@@ -56,60 +56,60 @@ pub enum Account {
 }
 
 /// Number of accounts, including `idle`.
-pub(super) const ACCOUNTS: usize = Account::ALL.len();
+pub(super) const ACCOUNTS: usize = Category::ALL.len();
 
-impl Account {
+impl Category {
     /// All accounts, in the order of reports.
-    pub const ALL: [Account; 19] = [
-        Account::Sampling,
-        Account::Camera,
-        Account::Shadow,
-        Account::TransparentShadow,
-        Account::Reflection,
-        Account::Refraction,
-        Account::RoughReflection,
-        Account::RoughRefraction,
-        Account::Dispersion,
-        Account::Absorption,
-        Account::Volume,
-        Account::Subsurface,
-        Account::Surface,
-        Account::Texture,
-        Account::Lighting,
-        Account::Surroundings,
-        Account::Film,
-        Account::Other,
-        Account::Idle,
+    pub const ALL: [Category; 19] = [
+        Category::Sampling,
+        Category::Camera,
+        Category::Shadow,
+        Category::TransparentShadow,
+        Category::Reflection,
+        Category::Refraction,
+        Category::RoughReflection,
+        Category::RoughRefraction,
+        Category::Dispersion,
+        Category::Absorption,
+        Category::Volume,
+        Category::Subsurface,
+        Category::Surface,
+        Category::Texture,
+        Category::Lighting,
+        Category::Surroundings,
+        Category::Film,
+        Category::Other,
+        Category::Idle,
     ];
 
     /// Returns the name in reports; the account of an effect has the name of the effect.
     pub const fn name(self) -> &'static str {
         match self {
-            Account::Sampling => "sampling",
-            Account::Camera => "camera",
-            Account::Shadow => "shadow",
-            Account::TransparentShadow => "transparent-shadow",
-            Account::Reflection => "reflection",
-            Account::Refraction => "refraction",
-            Account::RoughReflection => "rough-reflection",
-            Account::RoughRefraction => "rough-refraction",
-            Account::Dispersion => "dispersion",
-            Account::Absorption => "absorption",
-            Account::Volume => "volume",
-            Account::Subsurface => "subsurface",
-            Account::Surface => "surface",
-            Account::Texture => "texture",
-            Account::Lighting => "lighting",
-            Account::Surroundings => "surroundings",
-            Account::Film => "film",
-            Account::Other => "other",
-            Account::Idle => "idle",
+            Category::Sampling => "sampling",
+            Category::Camera => "camera",
+            Category::Shadow => "shadow",
+            Category::TransparentShadow => "transparent-shadow",
+            Category::Reflection => "reflection",
+            Category::Refraction => "refraction",
+            Category::RoughReflection => "rough-reflection",
+            Category::RoughRefraction => "rough-refraction",
+            Category::Dispersion => "dispersion",
+            Category::Absorption => "absorption",
+            Category::Volume => "volume",
+            Category::Subsurface => "subsurface",
+            Category::Surface => "surface",
+            Category::Texture => "texture",
+            Category::Lighting => "lighting",
+            Category::Surroundings => "surroundings",
+            Category::Film => "film",
+            Category::Other => "other",
+            Category::Idle => "idle",
         }
     }
 
     /// Returns the account of an effect, if the effect has one of its own.
-    pub fn of(effect: Effect) -> Option<Account> {
-        Account::ALL
+    pub fn of(effect: Effect) -> Option<Category> {
+        Category::ALL
             .into_iter()
             .find(|account| account.name() == effect.name())
     }
@@ -128,7 +128,7 @@ pub struct Tally {
 
 /// Profile of a render, or of a part of it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Ledger {
+pub struct RenderProfile {
     /// Wall-clock seconds of the render phase.
     pub seconds: f64,
     /// Number of threads that took part in the render phase.
@@ -159,33 +159,33 @@ pub struct Ledger {
     /// adaptive sampling it is the maximum over all rounds, which is not smaller.
     pub max_lost_weight: f64,
     /// Rays that were not traced because of the depth limit.
-    pub depth_limit: Loss,
+    pub depth_limit: TruncationBound,
     /// Rays that were not traced because of the weight cut-off.
-    pub weight_cutoff: Loss,
+    pub weight_cutoff: TruncationBound,
     /// Number of samples interpolated in volumes, along rays and shadow rays; skipped samples do not count.
     pub volume_samples: u64,
 }
 
 /// Rays that one limit terminated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Loss {
+pub struct TruncationBound {
     /// Number of terminated rays.
     pub rays: u64,
     /// Sum of the throughputs of the terminated rays.
     pub weight: f64,
-    /// Largest error bound of any pixel, defined like [`Ledger::max_lost_weight`].
+    /// Largest error bound of any pixel, defined like [`RenderProfile::max_lost_weight`].
     pub max_weight: f64,
 }
 
-impl Ledger {
+impl RenderProfile {
     /// Returns the rays and time of an account.
-    pub fn of(&self, account: Account) -> Tally {
+    pub fn of(&self, account: Category) -> Tally {
         self.tallies[account as usize]
     }
 
     /// Iterates over all accounts with their rays and times.
-    pub fn tallies(&self) -> impl Iterator<Item = (Account, Tally)> + '_ {
-        Account::ALL.into_iter().zip(self.tallies)
+    pub fn tallies(&self) -> impl Iterator<Item = (Category, Tally)> + '_ {
+        Category::ALL.into_iter().zip(self.tallies)
     }
 
     /// Returns the sum over all accounts.
@@ -197,28 +197,28 @@ impl Ledger {
 
     /// Returns the number of camera rays.
     pub fn camera_rays(&self) -> u64 {
-        self.of(Account::Camera).rays
+        self.of(Category::Camera).rays
     }
 
     /// Returns the number of shadow rays; one that goes through surfaces counts again behind each.
     pub fn shadow_rays(&self) -> u64 {
-        self.of(Account::Shadow).rays + self.of(Account::TransparentShadow).rays
+        self.of(Category::Shadow).rays + self.of(Category::TransparentShadow).rays
     }
 
     /// Returns the number of mirror rays from smooth surfaces, of all wavelengths or of a single one.
     pub fn reflection_rays(&self) -> u64 {
-        self.of(Account::Reflection).rays + self.mirrored_colors
+        self.of(Category::Reflection).rays + self.mirrored_colors
     }
 
     /// Returns the number of rays that went through surfaces, refracted or through alpha, of all wavelengths or of a
     /// single one.
     pub fn refraction_rays(&self) -> u64 {
-        self.of(Account::Refraction).rays + self.refracted_colors
+        self.of(Category::Refraction).rays + self.refracted_colors
     }
 
     /// Returns the number of rays into lobes of rough surfaces, of all wavelengths or of a single one.
     pub fn rough_rays(&self) -> u64 {
-        let (opaque, clear) = (Account::RoughReflection, Account::RoughRefraction);
+        let (opaque, clear) = (Category::RoughReflection, Category::RoughRefraction);
         self.of(opaque).rays + self.of(clear).rays + self.rough_colors
     }
 
@@ -233,12 +233,12 @@ impl Ledger {
     }
 
     /// Returns a ledger that books all rays under one account, with `seconds` summed over threads.
-    pub(super) fn gathered(&self, account: Account, seconds: f64) -> Ledger {
-        let mut gathered = Ledger {
+    pub(super) fn gathered(&self, account: Category, seconds: f64) -> RenderProfile {
+        let mut gathered = RenderProfile {
             clock_reads: self.clock_reads,
             clock_read_seconds: self.clock_read_seconds,
             volume_samples: self.volume_samples,
-            ..Ledger::default()
+            ..RenderProfile::default()
         };
         let tally = Tally {
             seconds,
@@ -249,13 +249,13 @@ impl Ledger {
     }
 
     /// Adds a tally to an account.
-    pub(super) fn book(&mut self, account: Account, tally: Tally) {
+    pub(super) fn book(&mut self, account: Category, tally: Tally) {
         self.tallies[account as usize] += tally;
     }
 
     /// Books rays that surfaces sent; rays of different types share packets, so time is divided by their numbers.
-    pub(super) fn book_sent(&mut self, all: Tally, sorts: Sorts) {
-        let shared = sorts.accounts(all.rays);
+    pub(super) fn book_sent(&mut self, all: Tally, ray_types: RayTypeCounts) {
+        let shared = ray_types.accounts(all.rays);
         for (account, rays) in shared {
             let share = rays as f64 / all.rays.max(1) as f64;
             let tally = Tally {
@@ -265,18 +265,18 @@ impl Ledger {
             };
             self.book(account, tally);
         }
-        self.mirrored_colors += sorts.mirrored_colors;
-        self.refracted_colors += sorts.refracted_colors;
-        self.rough_colors += sorts.rough_colors;
+        self.mirrored_colors += ray_types.mirrored_colors;
+        self.refracted_colors += ray_types.refracted_colors;
+        self.rough_colors += ray_types.rough_colors;
     }
 
-    /// Books seconds of shading, which [`Ledger::settle`] divides among accounts.
+    /// Books seconds of shading, which [`RenderProfile::settle`] divides among accounts.
     pub(super) fn book_shading(&mut self, seconds: f64) {
         self.shading += seconds;
     }
 
     /// Books seconds of a packet whose shading is timed in detail.
-    pub(super) fn book_watched(&mut self, account: Account, seconds: f64) {
+    pub(super) fn book_watched(&mut self, account: Category, seconds: f64) {
         self.watched[account as usize] += seconds;
     }
 
@@ -295,21 +295,21 @@ impl Ledger {
                 tally.seconds += self.shading * (part / watched);
             }
         } else {
-            self.tallies[Account::Surface as usize].seconds += self.shading;
+            self.tallies[Category::Surface as usize].seconds += self.shading;
         }
         (self.shading, self.watched) = (0.0, [0.0; ACCOUNTS]);
         // Book the remaining thread time as idle
         let idle = threads as f64 * seconds - self.total().seconds;
-        self.tallies[Account::Idle as usize].seconds += idle.max(0.0);
+        self.tallies[Category::Idle as usize].seconds += idle.max(0.0);
     }
 
     /// Books a ray that is not traced because of `limit`.
-    pub(super) fn lose(&mut self, limit: Limit, weight: f32) {
+    pub(super) fn lose(&mut self, limit: TruncationLimit, weight: f32) {
         self.lost_rays += 1;
         self.lost_weight += f64::from(weight);
         let loss = match limit {
-            Limit::Depth => &mut self.depth_limit,
-            Limit::Weight => &mut self.weight_cutoff,
+            TruncationLimit::Depth => &mut self.depth_limit,
+            TruncationLimit::Weight => &mut self.weight_cutoff,
         };
         loss.rays += 1;
         loss.weight += f64::from(weight);
@@ -324,18 +324,18 @@ impl AddAssign for Tally {
     }
 }
 
-impl AddAssign for Loss {
+impl AddAssign for TruncationBound {
     /// Adds the losses of another task, which covers different pixels.
-    fn add_assign(&mut self, other: Loss) {
+    fn add_assign(&mut self, other: TruncationBound) {
         self.rays += other.rays;
         self.weight += other.weight;
         self.max_weight = self.max_weight.max(other.max_weight);
     }
 }
 
-impl AddAssign for Ledger {
+impl AddAssign for RenderProfile {
     /// Adds the tallies of another task; wall-clock time is not summed.
-    fn add_assign(&mut self, other: Ledger) {
+    fn add_assign(&mut self, other: RenderProfile) {
         self.clock_reads += other.clock_reads;
         self.clock_read_seconds = self.clock_read_seconds.max(other.clock_read_seconds);
         for account in 0..ACCOUNTS {
@@ -360,48 +360,51 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_account_stands_in_the_list_at_its_own_place() {
-        for (index, account) in Account::ALL.into_iter().enumerate() {
+    fn accounts_are_listed_at_their_index() {
+        for (index, account) in Category::ALL.into_iter().enumerate() {
             assert_eq!(account as usize, index);
         }
-        assert_eq!(Account::of(Effect::Dispersion), Some(Account::Dispersion));
-        assert_eq!(Account::of(Effect::Occlusion), None);
+        assert_eq!(Category::of(Effect::Dispersion), Some(Category::Dispersion));
+        assert_eq!(Category::of(Effect::Occlusion), None);
     }
 
     #[test]
-    fn shading_is_divided_as_the_watched_packets_were_and_idle_is_the_rest() {
-        let mut ledger = Ledger {
+    fn shading_time_is_divided_by_sampled_packets() {
+        let mut ledger = RenderProfile {
             clock_reads: 4,
-            ..Ledger::default()
+            ..RenderProfile::default()
         };
         ledger.book_shading(8.0);
-        ledger.book_watched(Account::Surface, 0.25);
-        ledger.book_watched(Account::Texture, 0.75);
+        ledger.book_watched(Category::Surface, 0.25);
+        ledger.book_watched(Category::Texture, 0.75);
         let camera = Tally {
             rays: 5,
             seconds: 1.0,
             trace_seconds: 1.0,
         };
-        ledger.book(Account::Camera, camera);
+        ledger.book(Category::Camera, camera);
         ledger.settle(2, 6.0);
         let seconds = |account| ledger.of(account).seconds;
         // 8 s are divided 1 to 3 as 2 + 6; two threads for 6 s are 12 s, of which 8 + 1 are booked.
-        assert_eq!((seconds(Account::Surface), seconds(Account::Texture)), (2.0, 6.0));
-        assert_eq!(seconds(Account::Idle), 3.0);
+        assert_eq!(
+            (seconds(Category::Surface), seconds(Category::Texture)),
+            (2.0, 6.0)
+        );
+        assert_eq!(seconds(Category::Idle), 3.0);
         assert_eq!(ledger.total().seconds, 12.0);
         assert_eq!((ledger.total().rays, ledger.trace_seconds()), (5, 1.0));
     }
 
     #[test]
-    fn rays_of_one_wavelength_have_an_account_and_keep_their_direction() {
-        let mut ledger = Ledger::default();
+    fn dispersed_rays_have_their_own_account() {
+        let mut ledger = RenderProfile::default();
         let all = Tally {
             rays: 20,
             seconds: 1.0,
             trace_seconds: 0.5,
         };
         // 18 of the 20 rays have a counted type; the other two are mirror rays of all wavelengths.
-        let sorts = Sorts {
+        let ray_types = RayTypeCounts {
             refracted: 3,
             refracted_colors: 4,
             mirrored_colors: 1,
@@ -409,18 +412,18 @@ mod tests {
             rough_refracted: 3,
             rough_colors: 5,
         };
-        ledger.book_sent(all, sorts);
+        ledger.book_sent(all, ray_types);
         let rays = [
-            Account::Reflection,
-            Account::Refraction,
-            Account::RoughReflection,
-            Account::RoughRefraction,
-            Account::Dispersion,
+            Category::Reflection,
+            Category::Refraction,
+            Category::RoughReflection,
+            Category::RoughRefraction,
+            Category::Dispersion,
         ]
         .map(|account| ledger.of(account).rays);
         assert_eq!(rays, [2, 3, 2, 3, 10]);
         assert_eq!((ledger.reflection_rays(), ledger.refraction_rays()), (3, 7));
         assert_eq!(ledger.rough_rays(), 10);
-        assert_eq!(ledger.of(Account::Dispersion).seconds, 0.5);
+        assert_eq!(ledger.of(Category::Dispersion).seconds, 0.5);
     }
 }

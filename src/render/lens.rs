@@ -6,23 +6,23 @@
 //! has its position at that time. Ray cones are those of the lens centre, and the interiors around the camera are
 //! those around this point at the middle of the shutter interval.
 
-use super::Frame;
+use super::RenderContext;
 use super::sampler::{Purpose, SampleGroup};
 use super::wave::Block;
 use crate::accel::RayPacket;
 use crate::numeric::{AnimatedTransform, LANES, Lanes};
 use crate::scene::{Camera, CameraRay, CameraView, Effect, EffectSet, LensView};
 
-impl Frame<'_> {
+impl RenderContext<'_> {
     /// Returns whether camera rays differ from those of a static pinhole.
-    pub(super) fn is_bent(&self) -> bool {
+    pub(super) fn has_lens_or_motion(&self) -> bool {
         self.lens.is_some() || self.motion.is_some()
     }
 
     /// Returns whether camera rays are moved, have times, or carry path state.
-    pub(super) fn has_camera_travels(&self) -> bool {
+    pub(super) fn has_camera_path_states(&self) -> bool {
         // Times are part of the path state.
-        self.is_bent() || self.travels()
+        self.has_lens_or_motion() || self.has_path_state()
     }
 
     /// Returns the camera rays for the samples of a packet at `position` within their pixels.

@@ -1,13 +1,13 @@
 //! Layers of light (AOVs): the contribution of each light, and of each effect at the first bounce. Each kind adds up
 //! to the image.
 //!
-//! All radiance that is added to a tile's film has a [`Source`]. The first step of its path from the camera is part
+//! All radiance that is added to a tile's film has a [`LightSource`]. The first step of its path from the camera is part
 //! of the label that every ray carries with its pixel, so queues need no extra memory: rays receive it when their
 //! generation is traced, and rays that they send inherit it. Layers are sums in addition to the sum of the image.
 
 use super::film::TILE;
 use super::layers::Layer;
-use super::ledger::Account;
+use super::ledger::Category;
 use super::planes::TileLayer;
 use super::region::Region;
 use super::samples::pixel_of;
@@ -17,7 +17,7 @@ use crate::scene::{Effect, EffectSet, Light};
 
 /// Selection of the layers of light to compute.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LightLayers {
+pub struct LightAovs {
     /// Layers `light.NAME.R`, `.G`, `.B` for each light: its direct light on surfaces and in volumes. Also
     /// `light.environment` for light of the environment map by shadow rays, `light.subsurface` for all light that
     /// leaves objects with subsurface scattering, and `light.emission` for all light seen without a shadow ray:
@@ -28,20 +28,20 @@ pub struct LightLayers {
     pub effects: bool,
 }
 
-impl LightLayers {
+impl LightAovs {
     /// Selection without any layers.
-    pub const NONE: LightLayers = LightLayers {
+    pub const NONE: LightAovs = LightAovs {
         lights: false,
         effects: false,
     };
 
     /// Returns whether no layer is selected.
     pub fn is_empty(self) -> bool {
-        self == LightLayers::NONE
+        self == LightAovs::NONE
     }
 
     /// Returns the largest number of planes (three channels each) for a scene with `light_count` lights.
-    pub(super) fn most_planes(self, light_count: usize) -> usize {
+    pub(super) fn max_planes(self, light_count: usize) -> usize {
         // Three more for emission, the environment and subsurface scattering.
         let lights = usize::from(self.lights) * (light_count + 3);
         lights + usize::from(self.effects) * (STEPS.len() + 1)
@@ -50,7 +50,7 @@ impl LightLayers {
 
 /// Origin of radiance that reaches the film.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Source {
+pub(super) enum LightSource {
     /// Light that is seen without a shadow ray.
     Emission,
     /// Light of the scene with that index.
@@ -67,22 +67,22 @@ pub(super) enum Source {
 pub(super) const STEP_SHIFT: u32 = 20;
 
 /// First steps of paths from the camera, in the order of their numbers in labels, from 1.
-const STEPS: [Account; 7] = [
-    Account::Reflection,
-    Account::Refraction,
-    Account::RoughReflection,
-    Account::RoughRefraction,
-    Account::Dispersion,
-    Account::Volume,
-    Account::Subsurface,
+const STEPS: [Category; 7] = [
+    Category::Reflection,
+    Category::Refraction,
+    Category::RoughReflection,
+    Category::RoughRefraction,
+    Category::Dispersion,
+    Category::Volume,
+    Category::Subsurface,
 ];
 
-fn number_of(step: Account) -> usize {
+fn number_of(step: Category) -> usize {
     STEPS.iter().position(|&s| s == step).map_or(0, |index| index + 1)
 }
 
 /// Returns the label with `step` as its first step, if it has none yet.
-pub(super) fn with_step(label: u32, step: Account) -> u32 {
+pub(super) fn with_step(label: u32, step: Category) -> u32 {
     match label >> STEP_SHIFT {
         0 => label | (number_of(step) as u32) << STEP_SHIFT,
         _ => label,
@@ -96,7 +96,7 @@ pub(super) fn without_step(label: u32) -> u32 {
 
 /// Requested layers of light, as planes of three channels each.
 #[derive(Clone, Default)]
-pub(super) struct LightSheet {
+pub(super) struct LightGroups {
     names: Vec<String>,
     /// Number of planes of lights; planes of effects follow them.
     light_planes: usize,
@@ -106,18 +106,18 @@ pub(super) struct LightSheet {
     steps: Option<[usize; STEPS.len() + 1]>,
 }
 
-impl LightSheet {
+impl LightGroups {
     /// Returns the layers of a scene with these lights.
-    pub(super) fn new(wanted: LightLayers, lights: &[Light], effects: EffectSet) -> LightSheet {
-        let mut sheet = LightSheet::default();
+    pub(super) fn new(wanted: LightAovs, lights: &[Light], effects: EffectSet) -> LightGroups {
+        let mut groups = LightGroups::default();
         if wanted.lights {
-            sheet.add_lights(lights, effects);
+            groups.add_lights(lights, effects);
         }
-        sheet.light_planes = sheet.names.len();
+        groups.light_planes = groups.names.len();
         if wanted.effects {
-            sheet.add_effects(effects);
+            groups.add_effects(effects);
         }
-        sheet
+        groups
     }
 
     fn add_lights(&mut self, lights: &[Light], effects: EffectSet) {
@@ -144,7 +144,7 @@ impl LightSheet {
         for step in STEPS {
             let is_on = Effect::ALL
                 .into_iter()
-                .any(|effect| effects.has(effect) && Account::of(effect) == Some(step));
+                .any(|effect| effects.has(effect) && Category::of(effect) == Some(step));
             if is_on {
                 steps[number_of(step)] = self.names.len();
                 self.names.push(format!("effect.{}", step.name()));
@@ -174,24 +174,24 @@ impl LightSheet {
     }
 
     /// Returns the plane of the light from `source`, if layers by light are requested and it has one.
-    pub(super) fn plane_of(&self, source: Source) -> Option<usize> {
+    pub(super) fn plane_of(&self, source: LightSource) -> Option<usize> {
         let plane = match source {
-            Source::Emission => Some(0),
-            Source::Light(number) => Some(1 + number as usize),
-            Source::Environment => self.environment,
-            Source::Subsurface => self.subsurface,
-            Source::Volume => None,
+            LightSource::Emission => Some(0),
+            LightSource::Light(number) => Some(1 + number as usize),
+            LightSource::Environment => self.environment,
+            LightSource::Subsurface => self.subsurface,
+            LightSource::Volume => None,
         };
         plane.filter(|&plane| plane < self.light_planes)
     }
 
     /// Returns the plane of the effect for radiance from `source` along a ray with that label.
-    fn effect_plane(&self, label: u32, source: Source) -> Option<usize> {
+    fn effect_plane(&self, label: u32, source: LightSource) -> Option<usize> {
         let steps = self.steps?;
         // Scattering in volumes and below surfaces is the first step of a path that has none
         let step = match (label >> STEP_SHIFT, source) {
-            (0, Source::Volume) => number_of(Account::Volume),
-            (0, Source::Subsurface) => number_of(Account::Subsurface),
+            (0, LightSource::Volume) => number_of(Category::Volume),
+            (0, LightSource::Subsurface) => number_of(Category::Subsurface),
             (step, _) => step as usize,
         };
         steps.get(step).copied()
@@ -241,19 +241,19 @@ fn light_names(lights: &[Light]) -> Vec<String> {
 }
 
 /// Sums of the layers over one tile, plane by plane.
-pub(super) struct LightFilm {
-    sheet: LightSheet,
+pub(super) struct LightGroupFilm {
+    sheet: LightGroups,
     /// Sums of each plane, `TILE` pixels per row.
     planes: Vec<Vec<[f64; 3]>>,
 }
 
-impl LightFilm {
+impl LightGroupFilm {
     /// Returns an empty film if any layer is requested.
-    pub(super) fn of(sheet: &LightSheet) -> Option<LightFilm> {
+    pub(super) fn of(groups: &LightGroups) -> Option<LightGroupFilm> {
         let plane = || vec![[0.0; 3]; (TILE * TILE) as usize];
-        sheet.is_wanted().then(|| LightFilm {
-            planes: sheet.names.iter().map(|_| plane()).collect(),
-            sheet: sheet.clone(),
+        groups.is_wanted().then(|| LightGroupFilm {
+            planes: groups.names.iter().map(|_| plane()).collect(),
+            sheet: groups.clone(),
         })
     }
 
@@ -267,7 +267,7 @@ impl LightFilm {
     }
 
     /// Adds one value per lane to the layers of light from `source`.
-    pub(super) fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>, source: Source) {
+    pub(super) fn add(&mut self, label: &Lanes<u32>, radiance: &Lanes3<f32>, source: LightSource) {
         if let Some(plane) = self.sheet.plane_of(source) {
             self.add_to_plane(plane, label, radiance);
         }
@@ -308,7 +308,7 @@ mod tests {
     use super::*;
     use crate::scene::LightKind;
 
-    fn lamp(name: &str) -> Light {
+    fn light(name: &str) -> Light {
         Light {
             name: name.into(),
             intensity: [1.0; 3],
@@ -317,8 +317,8 @@ mod tests {
     }
 
     #[test]
-    fn names_of_lights_fit_into_channels_and_never_clash() {
-        let lights = ["sun", "light 3", "sun", "sun_2", "emission", "a.b", "", "ö"].map(lamp);
+    fn light_channel_names_are_valid_and_unique() {
+        let lights = ["sun", "light 3", "sun", "sun_2", "emission", "a.b", "", "ö"].map(light);
         assert_eq!(
             light_names(&lights),
             [
@@ -335,24 +335,24 @@ mod tests {
     }
 
     #[test]
-    fn a_label_keeps_its_pixel_its_sample_and_its_first_step() {
+    fn label_keeps_pixel_sample_and_first_bounce() {
         let label = (1 << STEP_SHIFT) - 7;
-        let mirrored = with_step(label, Account::Reflection);
+        let mirrored = with_step(label, Category::Reflection);
         assert_ne!(mirrored, label);
-        assert_eq!(with_step(mirrored, Account::Refraction), mirrored);
+        assert_eq!(with_step(mirrored, Category::Refraction), mirrored);
         assert_eq!(without_step(mirrored), label);
         assert_eq!(pixel_of(mirrored), pixel_of(label));
     }
 
     #[test]
     fn only_effects_that_are_on_have_layers() {
-        let wanted = LightLayers {
+        let wanted = LightAovs {
             lights: true,
             effects: true,
         };
-        let sheet = LightSheet::new(wanted, &[lamp("sun")], EffectSet::NONE.with(Effect::Reflection));
+        let groups = LightGroups::new(wanted, &[light("sun")], EffectSet::NONE.with(Effect::Reflection));
         assert_eq!(
-            sheet.names,
+            groups.names,
             [
                 "light.emission",
                 "light.sun",
@@ -360,6 +360,6 @@ mod tests {
                 "effect.reflection"
             ]
         );
-        assert!(!LightSheet::new(LightLayers::NONE, &[lamp("sun")], EffectSet::NONE).is_wanted());
+        assert!(!LightGroups::new(LightAovs::NONE, &[light("sun")], EffectSet::NONE).is_wanted());
     }
 }

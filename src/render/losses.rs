@@ -6,25 +6,25 @@
 //! per unit of radiance. Terminated rays are recorded one by one; where there are none, no memory or time is used.
 
 use super::film::TILE;
-use super::ledger::Ledger;
+use super::ledger::RenderProfile;
 use super::samples::pixel_of;
 
 /// Reason for which a ray is not traced.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Limit {
+pub(super) enum TruncationLimit {
     /// Largest number of bounces, which the path would exceed.
     Depth,
     /// Weight cut-off: the throughput is too small.
     Weight,
 }
 
-/// Lost throughputs of the pixels of a tile, by [`Limit`]; empty while nothing is lost.
+/// Lost throughputs of the pixels of a tile, by [`TruncationLimit`]; empty while nothing is lost.
 #[derive(Debug, Default)]
-pub(super) struct TileLosses {
+pub(super) struct TileTruncation {
     sums: Vec<[f64; 2]>,
 }
 
-impl TileLosses {
+impl TileTruncation {
     /// Returns the bytes of the sums.
     pub(super) fn byte_count(&self) -> usize {
         self.sums.capacity() * size_of::<[f64; 2]>()
@@ -36,7 +36,7 @@ impl TileLosses {
 
     /// Adds a lost throughput to the pixel of `label`.
     #[cold]
-    pub(super) fn add(&mut self, label: u32, limit: Limit, weight: f32) {
+    pub(super) fn add(&mut self, label: u32, limit: TruncationLimit, weight: f32) {
         if self.sums.is_empty() {
             self.sums.resize((TILE * TILE) as usize, [0.0; 2]);
         }
@@ -44,7 +44,7 @@ impl TileLosses {
     }
 
     /// Records the largest error bound among `pixels`, which are given with their numbers of samples.
-    pub(super) fn settle(&self, pixels: impl Iterator<Item = (u32, u32)>, ledger: &mut Ledger) {
+    pub(super) fn settle(&self, pixels: impl Iterator<Item = (u32, u32)>, ledger: &mut RenderProfile) {
         if self.sums.is_empty() {
             return;
         }
@@ -65,22 +65,22 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_worst_pixel_counts_by_the_mean_of_its_samples() {
-        let mut losses = TileLosses::default();
-        let mut ledger = Ledger::default();
+    fn largest_loss_is_a_pixel_mean() {
+        let mut losses = TileTruncation::default();
+        let mut ledger = RenderProfile::default();
         losses.settle([(3, 1)].into_iter(), &mut ledger);
-        assert_eq!(ledger, Ledger::default());
-        losses.add(3, Limit::Depth, 0.5);
-        losses.add(3, Limit::Weight, 0.25);
-        losses.add(7, Limit::Depth, 1.0);
+        assert_eq!(ledger, RenderProfile::default());
+        losses.add(3, TruncationLimit::Depth, 0.5);
+        losses.add(3, TruncationLimit::Weight, 0.25);
+        losses.add(7, TruncationLimit::Depth, 1.0);
         // Pixel 3 with two samples loses (0.5 + 0.25) / 2, pixel 7 with four samples 1 / 4.
         losses.settle([(3, 2), (7, 4), (8, 1)].into_iter(), &mut ledger);
         assert_eq!(ledger.depth_limit.max_weight, 0.25);
         assert_eq!(ledger.weight_cutoff.max_weight, 0.125);
         assert_eq!(ledger.max_lost_weight, 0.375);
         losses.clear();
-        let mut ledger = Ledger::default();
+        let mut ledger = RenderProfile::default();
         losses.settle([(3, 2)].into_iter(), &mut ledger);
-        assert_eq!(ledger, Ledger::default());
+        assert_eq!(ledger, RenderProfile::default());
     }
 }

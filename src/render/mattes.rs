@@ -10,7 +10,7 @@
 use std::cmp::Reverse;
 
 use super::film::{TILE, Tile};
-use super::layers::{LayerKind, LayerSet};
+use super::layers::{AovKind, AovSet};
 use crate::image::cryptomatte::id_of;
 use crate::scene::Scene;
 
@@ -20,14 +20,14 @@ pub(super) const RANKS: usize = 6;
 /// Initial capacity of a list: several entries per pixel of a tile.
 const FIRST_ENTRIES: usize = 4 * (TILE * TILE) as usize;
 
-impl LayerKind {
+impl AovKind {
     /// Returns the names whose hashes are the ids: for each instance of the scene, its name or that of its material;
     /// `None` if the group has no such ids.
     pub fn matte_names(self, scene: &Scene) -> Option<Vec<&str>> {
         let instances = scene.instances.iter();
         match self {
-            LayerKind::CryptoObject => Some(instances.map(|instance| &*instance.name).collect()),
-            LayerKind::CryptoMaterial => {
+            AovKind::CryptoObject => Some(instances.map(|instance| &*instance.name).collect()),
+            AovKind::CryptoMaterial => {
                 let name = |material: u32| &*scene.materials[material as usize].name;
                 Some(instances.map(|instance| name(instance.material)).collect())
             }
@@ -40,8 +40,8 @@ impl LayerKind {
 pub(super) struct MatteIds(Vec<Vec<f32>>);
 
 impl MatteIds {
-    pub(super) fn of(scene: &Scene, wanted: LayerSet) -> MatteIds {
-        let ids = |kind: LayerKind| Some(kind.matte_names(scene)?.into_iter().map(id_of).collect());
+    pub(super) fn of(scene: &Scene, wanted: AovSet) -> MatteIds {
+        let ids = |kind: AovKind| Some(kind.matte_names(scene)?.into_iter().map(id_of).collect());
         MatteIds(wanted.kinds().filter_map(ids).collect())
     }
 
@@ -57,13 +57,13 @@ impl MatteIds {
 
 /// Hits of the samples of a tile so far, by name.
 pub(super) struct Matte {
-    met: Vec<Met>,
+    hits: Vec<MatteHits>,
 }
 
 /// Number of samples of a pixel that hit one object; a pixel may have several entries for an object until the list is
 /// compacted.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Met {
+struct MatteHits {
     /// Pixel within the tile, `TILE` pixels per row.
     pixel: u32,
     /// Bits of the f32 id of the object.
@@ -74,17 +74,17 @@ struct Met {
 impl Matte {
     pub(super) fn new() -> Matte {
         Matte {
-            met: Vec::with_capacity(FIRST_ENTRIES),
+            hits: Vec::with_capacity(FIRST_ENTRIES),
         }
     }
 
     pub(super) fn clear(&mut self) {
-        self.met.clear();
+        self.hits.clear();
     }
 
     /// Returns the bytes of the list.
     pub(super) fn byte_count(&self) -> usize {
-        self.met.capacity() * size_of::<Met>()
+        self.hits.capacity() * size_of::<MatteHits>()
     }
 
     /// Adds a sample of `pixel` that hit the object `id`.
@@ -92,27 +92,27 @@ impl Matte {
         let id = id.to_bits();
         // Successive samples often belong to one pixel and hit the same object.
         if let Some(last) = self
-            .met
+            .hits
             .last_mut()
-            .filter(|met| (met.pixel, met.id) == (pixel, id))
+            .filter(|hits| (hits.pixel, hits.id) == (pixel, id))
         {
             last.count += 1;
             return;
         }
-        if self.met.len() == self.met.capacity() {
+        if self.hits.len() == self.hits.capacity() {
             self.count_up();
             // Ensure that at least a third of the list is free, so that it is rarely compacted.
-            if self.met.len() > self.met.capacity() / 2 {
-                self.met.reserve_exact(self.met.capacity());
+            if self.hits.len() > self.hits.capacity() / 2 {
+                self.hits.reserve_exact(self.hits.capacity());
             }
         }
-        self.met.push(Met { pixel, id, count: 1 });
+        self.hits.push(MatteHits { pixel, id, count: 1 });
     }
 
     /// Merges all entries of the same pixel and object.
     fn count_up(&mut self) {
-        self.met.sort_unstable_by_key(|met| (met.pixel, met.id));
-        self.met.dedup_by(|next, kept| {
+        self.hits.sort_unstable_by_key(|hits| (hits.pixel, hits.id));
+        self.hits.dedup_by(|next, kept| {
             let is_same = (next.pixel, next.id) == (kept.pixel, kept.id);
             kept.count += if is_same { next.count } else { 0 };
             is_same
@@ -125,13 +125,13 @@ impl Matte {
         self.count_up();
         // Rank the objects of each pixel by their coverage
         let mut planes = vec![vec![0.0; (tile.width * tile.height) as usize]; 2 * RANKS];
-        for met in self.met.chunk_by_mut(|a, b| a.pixel == b.pixel) {
-            met.sort_unstable_by_key(|met| (Reverse(met.count), met.id));
-            let [column, row] = [met[0].pixel % TILE, met[0].pixel / TILE];
+        for hits in self.hits.chunk_by_mut(|a, b| a.pixel == b.pixel) {
+            hits.sort_unstable_by_key(|hits| (Reverse(hits.count), hits.id));
+            let [column, row] = [hits[0].pixel % TILE, hits[0].pixel / TILE];
             let pixel = (row * tile.width + column) as usize;
-            for (met, planes) in met.iter().zip(planes.chunks_exact_mut(2)) {
-                planes[0][pixel] = f32::from_bits(met.id);
-                planes[1][pixel] = (f64::from(met.count) / f64::from(samples)) as f32;
+            for (hits, planes) in hits.iter().zip(planes.chunks_exact_mut(2)) {
+                planes[0][pixel] = f32::from_bits(hits.id);
+                planes[1][pixel] = (f64::from(hits.count) / f64::from(samples)) as f32;
             }
         }
         planes
@@ -158,10 +158,10 @@ mod tests {
     }
 
     #[test]
-    fn things_are_ranked_by_their_coverage_and_equal_ones_by_their_ids() {
+    fn mattes_are_ranked_by_coverage_then_id() {
         let mut matte = Matte::new();
-        let met = [7.0, 5.0, 5.0, -1.0, 7.0, 2.0];
-        met.into_iter().for_each(|id| matte.add(TILE + 2, id));
+        let hits = [7.0, 5.0, 5.0, -1.0, 7.0, 2.0];
+        hits.into_iter().for_each(|id| matte.add(TILE + 2, id));
         let planes = matte.planes(TINY, 8);
         // Two of eight samples missed; the sign is the highest bit of an id, so negative ids rank last.
         let expected = [
@@ -179,19 +179,19 @@ mod tests {
     }
 
     #[test]
-    fn of_more_things_than_ranks_the_largest_are_told_whatever_came_first() {
+    fn largest_mattes_are_kept_in_any_order() {
         let mut matte = Matte::new();
         // Object n is hit n times, of 1 + ... + 9 = 45 samples.
         for round in 1..10 {
             (round..10).for_each(|id| matte.add(0, id as f32));
         }
-        let told = ranks(&matte.planes(TINY, 45), 0);
+        let found = ranks(&matte.planes(TINY, 45), 0);
         let expected: Vec<(f32, f32)> = (4..10).rev().map(|n| (n as f32, n as f32 / 45.0)).collect();
-        assert_eq!(told, expected);
+        assert_eq!(found, expected);
     }
 
     #[test]
-    fn lists_that_run_full_lose_no_count() {
+    fn full_matte_lists_keep_total_coverage() {
         let mut matte = Matte::new();
         // No two successive entries are equal, and there are more than the initial capacity.
         let (pixels, things, rounds) = (TILE * TILE, 7, 3);
@@ -201,7 +201,7 @@ mod tests {
             }
         }
         let pairs = (pixels * things) as usize;
-        assert!(matte.byte_count() < 3 * pairs * size_of::<Met>());
+        assert!(matte.byte_count() < 3 * pairs * size_of::<MatteHits>());
         let tile = Tile {
             x: 0,
             y: 0,

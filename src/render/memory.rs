@@ -6,18 +6,18 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use super::estimate::Estimate;
+use super::estimate::PixelStatistics;
 use super::film::{self, Tile};
 use super::surface::InstanceView;
-use super::wave::TilePicture;
-use super::{Frame, Ledger, PixelCosts};
+use super::wave::TileResult;
+use super::{PixelCosts, RenderContext, RenderProfile};
 use crate::accel::AccelReport;
 use crate::mesh::Mesh;
 use crate::scene::{Background, Effect, EffectSet, Geometry, Instance, Scene, Texture};
 
 /// Entry of the memory statistics.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct Holding {
+pub struct MemoryEntry {
     /// Holder: the name of an effect or of an account; `geometry`, `instances`, `triangles`, `user-geometry`, `tree`
     /// or `extents` for data that serves to find hits; `unused` for data of the scene that no active effect reads.
     pub holder: &'static str,
@@ -30,13 +30,13 @@ pub struct Holding {
 /// Memory statistics of a render; empty with the ledger off.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Memory {
-    holdings: Vec<Holding>,
+    holdings: Vec<MemoryEntry>,
     at_once: u64,
 }
 
 impl Memory {
     /// Returns all entries, none of which is empty.
-    pub fn holdings(&self) -> &[Holding] {
+    pub fn holdings(&self) -> &[MemoryEntry] {
         &self.holdings
     }
 
@@ -69,7 +69,7 @@ impl Memory {
             .find(|holding| holding.holder == holder && holding.what == what)
         {
             Some(holding) => holding.bytes += bytes,
-            None => self.holdings.push(Holding { holder, what, bytes }),
+            None => self.holdings.push(MemoryEntry { holder, what, bytes }),
         }
     }
 
@@ -81,7 +81,8 @@ impl Memory {
 
     fn remove_all(&mut self, other: &Memory) {
         for gone in &other.holdings {
-            let is_it = |holding: &&mut Holding| (holding.holder, holding.what) == (gone.holder, gone.what);
+            let is_it =
+                |holding: &&mut MemoryEntry| (holding.holder, holding.what) == (gone.holder, gone.what);
             if let Some(holding) = self.holdings.iter_mut().find(is_it) {
                 holding.bytes -= gone.bytes;
             }
@@ -91,19 +92,19 @@ impl Memory {
 
 /// Memory of all threads of a render together.
 #[derive(Debug, Default)]
-pub(super) struct ThreadMemory(Mutex<Watched>);
+pub(super) struct ThreadMemory(Mutex<PeakMemory>);
 
 #[derive(Debug, Default)]
-struct Watched {
+struct PeakMemory {
     now: Memory,
     /// Memory of the threads when it was largest.
     peak: Memory,
     /// Bytes of the pixels of finished tiles.
     finished: u64,
     /// Largest sum of thread memory and finished tiles.
-    most: u64,
+    max_bytes: u64,
     /// Largest number of bytes of a round of adaptive sampling.
-    most_in_round: u64,
+    max_round_bytes: u64,
 }
 
 impl ThreadMemory {
@@ -112,7 +113,7 @@ impl ThreadMemory {
         let mut watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         watched.now.remove_all(before);
         watched.now.add_all(after);
-        watched.most = watched.most.max(watched.now.total() + watched.finished);
+        watched.max_bytes = watched.max_bytes.max(watched.now.total() + watched.finished);
         // Keep a copy of the entries at the peak
         if watched.now.total() > watched.peak.total() {
             watched.peak = watched.now.clone();
@@ -123,37 +124,37 @@ impl ThreadMemory {
     fn finish(&self, bytes: usize) {
         let mut watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         watched.finished += bytes as u64;
-        watched.most = watched.most.max(watched.now.total() + watched.finished);
+        watched.max_bytes = watched.max_bytes.max(watched.now.total() + watched.finished);
     }
 
     /// Records the bytes of a round of adaptive sampling: estimates of the image and results of its visits.
     pub(super) fn note_round(&self, bytes: usize) {
         let mut watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        watched.most_in_round = watched.most_in_round.max(bytes as u64);
+        watched.max_round_bytes = watched.max_round_bytes.max(bytes as u64);
     }
 
-    fn most_in_round(&self) -> u64 {
+    fn max_round_bytes(&self) -> u64 {
         let watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        watched.most_in_round
+        watched.max_round_bytes
     }
 
     /// Returns the memory of the threads when it was largest, and the largest sum of thread memory and finished
     /// tiles.
     fn peak(&self) -> (Memory, u64) {
         let watched = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        (watched.peak.clone(), watched.most)
+        (watched.peak.clone(), watched.max_bytes)
     }
 }
 
 /// Memory of one thread, as recorded last.
-pub(super) struct Held<'f> {
+pub(super) struct ThreadFootprint<'f> {
     together: &'f ThreadMemory,
     noted: Memory,
 }
 
-impl<'f> Held<'f> {
-    pub(super) fn new(together: &'f ThreadMemory) -> Held<'f> {
-        Held {
+impl<'f> ThreadFootprint<'f> {
+    pub(super) fn new(together: &'f ThreadMemory) -> ThreadFootprint<'f> {
+        ThreadFootprint {
             together,
             noted: Memory::default(),
         }
@@ -169,58 +170,55 @@ impl<'f> Held<'f> {
     }
 }
 
-impl Drop for Held<'_> {
+impl Drop for ThreadFootprint<'_> {
     fn drop(&mut self) {
         self.together.change(&self.noted, &Memory::default());
     }
 }
 
-impl Frame<'_> {
+impl RenderContext<'_> {
     /// Returns the memory of the whole render, each entry at its peak.
     pub(super) fn memory(&self) -> Memory {
         let Some(threads) = &self.thread_memory else {
             return Memory::default();
         };
         // Collect thread memory, film, scene and acceleration structure
-        let (mut memory, most_in_tiles) = threads.peak();
+        let (mut memory, max_tile_bytes) = threads.peak();
         let of_threads = memory.total();
         self.add_film(&mut memory);
         self.add_geometry(&mut memory);
         self.add_appearance(&mut memory);
         add_accel(&self.accel.report(), &mut memory);
         // Replace parts that do not exist at the same time by their maximum
-        let (counted, at_once) = self.phases(threads, most_in_tiles);
+        let (counted, at_once) = self.phases(threads, max_tile_bytes);
         memory.at_once = memory.total() - of_threads - counted + at_once;
         memory
     }
 
     /// Returns the bytes that do not all exist at the same time, and the maximum of them that does: during sampling
     /// or during assembly of the image.
-    fn phases(&self, threads: &ThreadMemory, most_in_tiles: u64) -> (u64, u64) {
-        let picture = self.picture_bytes() as u64;
+    fn phases(&self, threads: &ThreadMemory, max_tile_bytes: u64) -> (u64, u64) {
+        let image = self.picture_bytes() as u64;
         if self.settings.target().is_some() {
             // Adaptive sampling keeps estimates instead of tiles
-            let rounds = threads.most_in_round();
-            let estimates = (self.pixel_count() * size_of::<Estimate>()) as u64;
-            return (
-                rounds + picture,
-                (rounds + most_in_tiles).max(estimates + picture),
-            );
+            let rounds = threads.max_round_bytes();
+            let estimates = (self.pixel_count() * size_of::<PixelStatistics>()) as u64;
+            return (rounds + image, (rounds + max_tile_bytes).max(estimates + image));
         }
-        let put_together = self.all_tile_bytes() as u64 + picture;
-        (put_together, most_in_tiles.max(put_together))
+        let put_together = self.all_tile_bytes() as u64 + image;
+        (put_together, max_tile_bytes.max(put_together))
     }
 
     /// Returns the bytes that a finished tile keeps until the image is assembled.
     pub(super) fn tile_bytes(&self, tile: Tile) -> usize {
         let settings = &self.settings;
         let estimate = if settings.sample_aovs {
-            size_of::<Estimate>()
+            size_of::<PixelStatistics>()
         } else {
             0
         };
         let pixel = size_of::<[f32; 3]>() + estimate + settings.filter.bytes_per_pixel() as usize;
-        (tile.width * tile.height) as usize * pixel + size_of::<((Tile, TilePicture), Ledger)>()
+        (tile.width * tile.height) as usize * pixel + size_of::<((Tile, TileResult), RenderProfile)>()
     }
 
     /// Returns the bytes that all tiles keep when the last one is finished.
@@ -246,15 +244,18 @@ impl Frame<'_> {
     fn add_film(&self, memory: &mut Memory) {
         let settings = &self.settings;
         let pixels = self.pixel_count();
-        memory.add("film", "the picture", self.picture_bytes());
+        memory.add("film", "the image", self.picture_bytes());
         // Add the estimates of adaptive sampling, or the tiles kept until assembly
         if settings.target().is_some() {
-            let rounds = self.thread_memory.as_ref().map_or(0, ThreadMemory::most_in_round);
+            let rounds = self
+                .thread_memory
+                .as_ref()
+                .map_or(0, ThreadMemory::max_round_bytes);
             memory.add("sampling", "estimates", rounds as usize);
         } else {
-            memory.add("film", "pictures of tiles", self.all_tile_bytes());
+            memory.add("film", "images of tiles", self.all_tile_bytes());
             if settings.sample_aovs {
-                memory.add("sampling", "estimates", pixels * size_of::<Estimate>());
+                memory.add("sampling", "estimates", pixels * size_of::<PixelStatistics>());
             }
         }
         if settings.sample_aovs {
@@ -262,11 +263,11 @@ impl Frame<'_> {
         }
         // Add layers and costs
         memory.add("film", "layers", pixels * self.layer_count() * size_of::<f32>());
-        memory.add("film", "ids of mattes", self.mattes.byte_count());
+        memory.add("film", "Cryptomatte ids", self.mattes.byte_count());
         if self.costs.is_some() {
             memory.add("other", "costs of pixels", pixels * PixelCosts::BYTES);
         }
-        memory.add("sampling", "places of samples", size_of_val(&self.groups[..]));
+        memory.add("sampling", "positions of samples", size_of_val(&self.groups[..]));
     }
 
     /// Adds meshes, shapes and instances.
@@ -294,7 +295,7 @@ impl Frame<'_> {
             memory.add(effect.map_or(UNUSED, Effect::name), "decoded images", bytes);
         }
         let levels = self.surfaces.textures().level_byte_count();
-        memory.add(Effect::TextureFilter.name(), "levels of images", levels);
+        memory.add(Effect::TextureFilter.name(), "mip levels of images", levels);
         // Add data derived from images and volumes
         if let Some(environment) = &self.environment {
             let holder = match effects.has(Effect::Environment) {
@@ -306,7 +307,7 @@ impl Frame<'_> {
         let scattered = self.bodies.as_ref().map_or(0, |bodies| bodies.stats.bytes);
         memory.add(
             Effect::Subsurface.name(),
-            "trees of light within",
+            "trees of subsurface samples",
             scattered as usize,
         );
         let holder = holder(Effect::Volume, effects);
@@ -382,25 +383,25 @@ mod tests {
     }
 
     #[test]
-    fn threads_are_noted_at_the_moment_when_they_hold_most_together() {
+    fn peak_of_summed_thread_memory_is_recorded() {
         let together = ThreadMemory::default();
-        let mut first = Held::new(&together);
+        let mut first = ThreadFootprint::new(&together);
         first.note(of(&[("film", "sums", 10), ("camera", "rays", 5)]), 3);
-        let mut second = Held::new(&together);
+        let mut second = ThreadFootprint::new(&together);
         second.note(of(&[("film", "sums", 10), ("shadow", "rays", 1)]), 0);
         second.note(of(&[("film", "sums", 10), ("shadow", "rays", 7)]), 0);
         drop(first);
         second.note(of(&[("film", "sums", 10), ("shadow", "rays", 9)]), 0);
         drop(second);
-        let (peak, most) = together.peak();
+        let (peak, max_bytes) = together.peak();
         // 15 of the first thread and 17 of the second, before the first one ends; plus 3 of the finished tile.
-        assert_eq!(most, 35);
+        assert_eq!(max_bytes, 35);
         assert_eq!((peak.total(), peak.of("film"), peak.of("shadow")), (32, 20, 7));
         assert_eq!(together.0.lock().unwrap().now.total(), 0);
     }
 
     #[test]
-    fn what_is_held_twice_is_one_holding_and_what_is_empty_none() {
+    fn equal_holdings_are_merged_and_empty_ones_omitted() {
         let memory = of(&[
             ("film", "sums", 1),
             ("film", "sums", 2),

@@ -12,7 +12,7 @@ use std::time::Instant;
 use super::RenderSettings;
 use super::costs::TileCosts;
 use super::film::{TILE, Tile};
-use super::ledger::{Account, Ledger, Tally};
+use super::ledger::{Category, RenderProfile, Tally};
 use crate::accel::RayPacket;
 use crate::numeric::Lanes;
 
@@ -29,8 +29,8 @@ const COLUMN_STEP: u32 = 0x85eb_ca6b;
 const ROW_STEP: u32 = 0xc2b2_ae35;
 
 /// Clock of one thread, and the ledger of its current tile.
-pub(super) struct Meter {
-    pub(super) ledger: Ledger,
+pub(super) struct Profiler {
+    pub(super) ledger: RenderProfile,
     /// Start of the time that is not booked yet. `None` with the ledger off, in which case the clock is never read.
     since: Option<Instant>,
     /// Start of the time not booked yet within a packet that is timed in detail.
@@ -42,12 +42,12 @@ pub(super) struct Meter {
     pub(super) costs: Option<Box<TileCosts>>,
 }
 
-impl Meter {
+impl Profiler {
     /// Returns a clock that runs if the ledger is on.
-    pub(super) fn new(settings: &RenderSettings) -> Meter {
+    pub(super) fn new(settings: &RenderSettings) -> Profiler {
         let is_on = settings.ledger;
-        Meter {
-            ledger: Ledger::default(),
+        Profiler {
+            ledger: RenderProfile::default(),
             since: is_on.then(Instant::now),
             watched_since: None,
             turn: 0,
@@ -58,7 +58,7 @@ impl Meter {
 
     /// Starts the ledger of a tile.
     pub(super) fn begin(&mut self, tile: Tile) {
-        self.ledger = Ledger::default();
+        self.ledger = RenderProfile::default();
         self.ledger.clock_read_seconds = self.clock_read_seconds;
         // Select timed packets from a point of the sequence that depends on the tile
         self.turn = (tile.x / TILE).wrapping_mul(COLUMN_STEP) ^ (tile.y / TILE).wrapping_mul(ROW_STEP);
@@ -84,7 +84,7 @@ impl Meter {
     }
 
     /// Books all time since the last reading.
-    pub(super) fn lap(&mut self, account: Account) {
+    pub(super) fn lap(&mut self, account: Category) {
         self.lap_over(account, std::iter::empty());
     }
 
@@ -93,7 +93,7 @@ impl Meter {
     #[inline(always)]
     pub(super) fn lap_over<'a>(
         &mut self,
-        account: Account,
+        account: Category,
         packets: impl Iterator<Item = (&'a Lanes<u32>, &'a Lanes<i32>)> + Clone,
     ) {
         let Some(seconds) = self.pass() else { return };
@@ -105,7 +105,7 @@ impl Meter {
         if let Some(costs) = &mut self.costs {
             let each = seconds / packets.clone().count().max(1) as f64;
             for (labels, active) in packets {
-                costs.turn_to(labels, active);
+                costs.set_packet(labels, active);
                 costs.share(account, each);
             }
         }
@@ -117,7 +117,7 @@ impl Meter {
     }
 
     /// Books all time since the last reading for all threads of the pool, which worked on it together.
-    pub(super) fn lap_all_threads(&mut self, account: Account) {
+    pub(super) fn lap_all_threads(&mut self, account: Category) {
         if let Some(seconds) = self.pass() {
             let tally = Tally {
                 seconds: seconds * rayon::current_num_threads() as f64,
@@ -134,13 +134,13 @@ impl Meter {
         }
     }
 
-    /// Runs a trace and returns its number of active rays and its time, for the caller to book. `whose` returns the
+    /// Runs a trace and returns its number of active rays and its time, for the caller to book. `labels_and_accounts` returns the
     /// labels of a packet and the accounts of its lanes.
     #[inline(always)]
     pub(super) fn trace<'a>(
         &mut self,
         packets: &mut [RayPacket],
-        whose: impl Fn(usize) -> (&'a Lanes<u32>, Accounts<'a>),
+        labels_and_accounts: impl Fn(usize) -> (&'a Lanes<u32>, Accounts<'a>),
         trace: impl Fn(&mut [RayPacket]),
     ) -> Tally {
         // Count active lanes, which are -1
@@ -155,8 +155,8 @@ impl Meter {
             Some(mut costs) => {
                 let mut sum = 0.0;
                 for (index, packet) in packets.iter_mut().enumerate() {
-                    let (labels, accounts) = whose(index);
-                    costs.turn_to(labels, &packet.active);
+                    let (labels, accounts) = labels_and_accounts(index);
+                    costs.set_packet(labels, &packet.active);
                     trace(std::slice::from_mut(packet));
                     let seconds = self.pass().unwrap_or(0.0);
                     costs.trace(|l| accounts.of(l), seconds);
@@ -179,19 +179,19 @@ impl Meter {
             return false;
         }
         self.turn = self.turn.wrapping_add(GOLDEN);
-        let mut is_watched = self.turn < u32::MAX / WATCHED_ONE_IN;
+        let mut is_timed = self.turn < u32::MAX / WATCHED_ONE_IN;
         // With pixel costs, every packet is timed in detail.
         if let Some(costs) = &mut self.costs {
-            costs.turn_to(labels, active);
-            is_watched = true;
+            costs.set_packet(labels, active);
+            is_timed = true;
         }
-        self.watched_since = is_watched.then(|| self.now());
-        is_watched
+        self.watched_since = is_timed.then(|| self.now());
+        is_timed
     }
 
     /// Books the time since the last reading within a packet that is timed in detail.
     #[inline(always)]
-    pub(super) fn part(&mut self, account: Account) {
+    pub(super) fn part(&mut self, account: Category) {
         if self.watched_since.is_some() {
             let now = self.now();
             self.part_until(account, now);
@@ -199,7 +199,7 @@ impl Meter {
     }
 
     /// Books the time within a packet that is timed in detail up to `moment`, which was read elsewhere.
-    pub(super) fn part_until(&mut self, account: Account, moment: Instant) {
+    pub(super) fn part_until(&mut self, account: Category, moment: Instant) {
         if let Some(since) = self.watched_since.replace(moment) {
             // The time between two readings includes the duration of one reading.
             let seconds = moment.duration_since(since).as_secs_f64() - self.clock_read_seconds;
@@ -221,7 +221,7 @@ impl Meter {
             self.watched_since = self.since;
         }
         if let Some(costs) = &mut self.costs {
-            costs.turn_to(labels, active);
+            costs.set_packet(labels, active);
         }
     }
 
@@ -245,12 +245,12 @@ pub(super) enum Moment {
 /// Accounts that the lanes of a packet are booked under.
 #[derive(Clone, Copy)]
 pub(super) enum Accounts<'a> {
-    All(Account),
-    Each(&'a Lanes<Account>),
+    All(Category),
+    Each(&'a Lanes<Category>),
 }
 
 impl Accounts<'_> {
-    fn of(&self, l: usize) -> Account {
+    fn of(&self, l: usize) -> Category {
         match self {
             Accounts::All(account) => *account,
             Accounts::Each(accounts) => accounts[l],
@@ -291,24 +291,24 @@ mod tests {
 
     #[test]
     fn with_the_ledger_off_the_clock_is_never_read() {
-        let mut meter = Meter::new(&RenderSettings::default());
+        let mut meter = Profiler::new(&RenderSettings::default());
         meter.begin(SOME_TILE);
         for _ in 0..1000 {
             assert!(!meter.watch(&[0; LANES], &[-1; LANES]));
-            meter.part(Account::Surface);
+            meter.part(Category::Surface);
             meter.leave();
         }
-        meter.lap(Account::Film);
+        meter.lap(Category::Film);
         meter.lap_shading();
-        let whose = |_| (&[0; LANES], Accounts::All(Account::Camera));
-        let tally = meter.trace(&mut [RayPacket::EMPTY], whose, |_| {});
+        let labels_and_accounts = |_| (&[0; LANES], Accounts::All(Category::Camera));
+        let tally = meter.trace(&mut [RayPacket::EMPTY], labels_and_accounts, |_| {});
         assert_eq!(tally, Tally::default());
-        assert_eq!(meter.ledger, Ledger::default());
+        assert_eq!(meter.ledger, RenderProfile::default());
     }
 
     #[test]
-    fn one_packet_in_thirty_two_is_watched_in_step_with_no_power_of_two() {
-        let mut meter = Meter::new(&RenderSettings {
+    fn one_packet_in_thirty_two_is_timed_aperiodically() {
+        let mut meter = Profiler::new(&RenderSettings {
             ledger: true,
             ..RenderSettings::default()
         });

@@ -57,15 +57,15 @@ use glam::{DVec3, Vec3};
 
 pub use adaptive::{Adaptive, Checkpoints, MIN_ADAPTIVE_ERROR, Rounds};
 pub use costs::PixelCosts;
-pub use departure::{Departure, Departures};
+pub use departure::{SpawnPoint, SpawnProbe};
 pub use film::pixel_sum;
 pub use filter::PixelFilter;
-pub use layers::{Layer, LayerKind, LayerSet};
-pub use ledger::{Account, Ledger, Loss, Tally};
-pub use light_layers::LightLayers;
-pub use memory::{Holding, Memory};
+pub use layers::{AovKind, AovSet, Layer};
+pub use ledger::{Category, RenderProfile, Tally, TruncationBound};
+pub use light_layers::LightAovs;
+pub use memory::{Memory, MemoryEntry};
 pub use monitor::{FinishedTile, Monitor};
-pub use mosaic::{Mosaic, render_mosaic};
+pub use mosaic::{PatchGrid, render_patches};
 pub use plan::Plan;
 pub use probe::{Probe, probe};
 pub use record::{RecordedRays, record};
@@ -78,10 +78,10 @@ pub use surface::HitPoint;
 
 pub use crate::scene::image_settings::{FilterKind, Pattern};
 
-use crate::accel::{Accel, RayOrder, RayPacket};
+use crate::accel::{Accel, Coherence, RayPacket};
 use crate::image::LinearImage;
 use crate::numeric::{LANES, Lanes, Ray, SpawnPolicy};
-use crate::optics::{Body, InteriorStack, SpectralSampler};
+use crate::optics::{InteriorStack, NestedInterior, SpectralSampler};
 use crate::parallel;
 use crate::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS};
 use crate::scene::{
@@ -90,24 +90,24 @@ use crate::scene::{
 use crate::shading::ray_cone::Cone;
 use crate::volume::SkipEmpty;
 use adaptive::ROUND;
-use costs::CostSheet;
+use costs::PixelCostBuffer;
 use film::Tile;
-use lamps::SoftLight;
+use lamps::AreaLightSampler;
 use lens::MovingCamera;
-use light_layers::LightSheet;
+use light_layers::LightGroups;
 use mattes::MatteIds;
 use memory::ThreadMemory;
-use meter::Meter;
-use mosaic::Canvas;
-use planes::Planes;
+use meter::Profiler;
+use mosaic::PatchAtlas;
+use planes::AovBuffers;
 use region::Cover;
 use sampler::{Layout, PacketShape, SampleGroup};
 use screen_motion::ScreenMotion;
-use subsurface::Bodies;
+use subsurface::SubsurfaceObjects;
 use surface::{SurfaceScene, Surfaces};
 use surroundings::Environment;
-use texturing::Widths;
-use wave::{TilePicture, Waves};
+use texturing::ConeSource;
+use wave::{RendererPool, TileResult};
 
 /// Largest number of surfaces that are crossed when the interiors around the camera are determined.
 const MAX_BOUNDARIES: usize = 4096;
@@ -138,11 +138,11 @@ pub struct RenderSettings {
     pub sample_aovs: bool,
     /// Layers (AOVs) that [`Rendering::layers`] holds. They change no bit of the image. They are ignored with
     /// `adaptive`.
-    pub layers: LayerSet,
+    pub layers: AovSet,
     /// Layers of light (per light or per effect), appended to [`Rendering::layers`]. They change no bit of the image.
     /// They need samples that count equally and for their own pixel only: with `adaptive` or a `filter` other than a
     /// box they are ignored.
-    pub light_layers: LightLayers,
+    pub light_layers: LightAovs,
     /// Largest number of reflections and refractions along a path; 0 for none.
     pub depth: u32,
     /// Number of wavelengths that a path splits into at a dispersive dielectric; at least 1.
@@ -176,8 +176,8 @@ impl Default for RenderSettings {
             filter: PixelFilter::default(),
             adaptive: None,
             sample_aovs: false,
-            layers: LayerSet::NONE,
-            light_layers: LightLayers::NONE,
+            layers: AovSet::NONE,
+            light_layers: LightAovs::NONE,
             depth: DEFAULT_DEPTH,
             wavelengths: DEFAULT_WAVELENGTHS,
             weight_cutoff: 1.0 / 512.0,
@@ -206,7 +206,7 @@ pub struct Rendering {
     /// Cost of each pixel, if [`RenderSettings::cost_aovs`] is on.
     pub costs: Option<PixelCosts>,
     /// Numbers of rays and seconds, by account.
-    pub ledger: Ledger,
+    pub ledger: RenderProfile,
     /// Seconds before the first sample: mip levels, light tables, subsurface irradiance. Mostly independent of the
     /// image size.
     pub ready_seconds: f64,
@@ -219,7 +219,7 @@ pub struct Rendering {
 }
 
 /// Render context: everything that stays constant during one render.
-struct Frame<'s> {
+struct RenderContext<'s> {
     scene: &'s Scene,
     accel: &'s dyn Accel,
     settings: RenderSettings,
@@ -237,7 +237,7 @@ struct Frame<'s> {
     /// Range of `groups` that is rendered; all of them, unless the image is the sum of several partial renders.
     part: Range<usize>,
     /// True if the f64 sums of pixels are returned in addition to their means.
-    keeps_sums: bool,
+    returns_sums: bool,
     /// Effects that are simulated, and the lights that cast shadows.
     plan: Plan,
     ambient: [f32; 3],
@@ -245,15 +245,15 @@ struct Frame<'s> {
     /// Sampler of the wavelengths that a path splits into.
     spectrum: SpectralSampler,
     /// Dielectric interiors that contain the camera.
-    media_at_eye: InteriorStack,
-    /// Number of rays traced to determine `media_at_eye`.
+    media_at_camera: InteriorStack,
+    /// Number of rays traced to determine `media_at_camera`.
     probe_count: u64,
     /// Cost of each pixel, if it is requested.
-    costs: Option<CostSheet>,
+    costs: Option<PixelCostBuffer>,
     /// Names of the instances in matte (Cryptomatte) layers.
     mattes: MatteIds,
     /// Requested layers of light.
-    light_sheet: LightSheet,
+    light_sheet: LightGroups,
     /// Memory use of the render threads, with the ledger on.
     thread_memory: Option<ThreadMemory>,
     /// Ray cone of camera rays.
@@ -269,12 +269,12 @@ struct Frame<'s> {
     /// Shutter interval from which sample times are drawn.
     shutter: Shutter,
     /// Area lights, indexed like the lights of the scene (`None` for others); empty if no area light is simulated.
-    soft_lights: Vec<Option<SoftLight<'s>>>,
+    area_lights: Vec<Option<AreaLightSampler<'s>>>,
     environment: Option<Environment>,
     /// Number of camera packets whose complete ray trees are traced before the next packets begin.
     wave: usize,
     /// Objects with subsurface scattering, once their irradiance is computed.
-    bodies: Option<Bodies>,
+    bodies: Option<SubsurfaceObjects>,
 }
 
 /// Renders `scene` as seen by `camera`, in the current rayon pool. Returns `None` if cancelled.
@@ -304,8 +304,8 @@ pub fn render_on(
 ) -> Option<Rendering> {
     // Prepare the scene and compute subsurface irradiance
     let start = Instant::now();
-    let mut frame = Frame::new(scene, camera, accel, settings);
-    let made_ready = settings.ledger.then(|| start.elapsed().as_secs_f64());
+    let mut frame = RenderContext::new(scene, camera, accel, settings);
+    let setup_seconds = settings.ledger.then(|| start.elapsed().as_secs_f64());
     let scattered = frame.scatter(monitor)?;
     let ready_seconds = start.elapsed().as_secs_f64();
     // Render the image with fixed or adaptive sample counts
@@ -320,42 +320,39 @@ pub fn render_on(
     *ledger += scattered;
     let setting_up = Tally {
         rays: frame.probe_count,
-        seconds: made_ready.unwrap_or(0.0),
+        seconds: setup_seconds.unwrap_or(0.0),
         trace_seconds: 0.0,
     };
-    ledger.book(Account::Other, setting_up);
+    ledger.book(Category::Other, setting_up);
     ledger.settle(rayon::current_num_threads(), start.elapsed().as_secs_f64());
     rendering.memory = frame.memory();
-    rendering.costs = frame.costs.map(CostSheet::finish);
+    rendering.costs = frame.costs.map(PixelCostBuffer::finish);
     Some(rendering)
 }
 
 /// Renders a rectangle with `spp` samples in every pixel.
-fn render_uniformly(frame: &Frame, region: &Region, monitor: &Monitor) -> Option<Rendering> {
+fn render_uniformly(frame: &RenderContext, region: &Region, monitor: &Monitor) -> Option<Rendering> {
     let settings = &frame.settings;
     // Allocate the AOVs, which the tiles write directly
     let cover = Cover::of(region, settings);
     let mut layers = layers::blank(settings.layers, region);
     layers.extend(frame.light_sheet.blank(region));
-    let planes = Planes::over(&mut layers, region);
+    let planes = AovBuffers::over(&mut layers, region);
     // Render all tiles that the region touches
     let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, Some(&planes), monitor)?;
     drop(planes);
     let tiles = cover.placed(tiles);
     let [width, height] = cover.size();
     // Assemble tiles into pixels and add filtered neighbours
-    let mut meter = Meter::new(settings);
-    let mut pixels = film::assemble(width, height, &tiles, &|picture| &picture.means);
+    let mut meter = Profiler::new(settings);
+    let mut pixels = film::assemble(width, height, &tiles, &|result| &result.means);
     if !settings.filter.is_box() {
         filter::assemble(width, &mut pixels, &tiles);
     }
-    let aovs = || {
-        SampleAovs::of(&cover.cut(film::assemble(width, height, &tiles, &|picture| {
-            &picture.estimates
-        })))
-    };
+    let aovs =
+        || SampleAovs::of(&cover.cut(film::assemble(width, height, &tiles, &|result| &result.estimates)));
     let aovs = settings.sample_aovs.then(aovs);
-    meter.lap_all_threads(Account::Film);
+    meter.lap_all_threads(Category::Film);
     ledger += meter.ledger;
     let image = LinearImage {
         width: region.width,
@@ -372,31 +369,31 @@ fn render_uniformly(frame: &Frame, region: &Region, monitor: &Monitor) -> Option
 
 /// Renders `tiles` and returns them in order with their pixels; their AOVs are written to `planes`.
 fn render_tiles(
-    frame: &Frame,
+    frame: &RenderContext,
     tiles: &[Tile],
-    planes: Option<&Planes>,
+    planes: Option<&AovBuffers>,
     monitor: &Monitor,
-) -> Option<(Vec<(Tile, TilePicture)>, Ledger)> {
+) -> Option<(Vec<(Tile, TileResult)>, RenderProfile)> {
     let finished = AtomicUsize::new(0);
     // Render tiles in parallel with pooled working memory
-    let waves = Waves::new(frame);
+    let waves = RendererPool::new(frame);
     let render_tile = |index: usize| {
         // Stop between tiles if the render is cancelled
         if monitor.cancel.load(Ordering::Relaxed) {
             return None;
         }
         let tile = tiles[index];
-        let (picture, ledger) = waves.lend().render_tile(tile, planes);
+        let (result, ledger) = waves.acquire().render_tile(tile, planes);
         // Report the finished tile
-        monitor.show(tile, &picture.means);
+        monitor.show(tile, &result.means);
         let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
         (monitor.progress)(finished as f64 / tiles.len() as f64);
-        Some(((tile, picture), ledger))
+        Some(((tile, result), ledger))
     };
     let rendered = parallel::map(tiles.len(), &render_tile);
     drop(waves);
     // Merge the ledgers of tiles in tile order
-    let mut ledger = Ledger::default();
+    let mut ledger = RenderProfile::default();
     let mut finished_tiles = Vec::with_capacity(tiles.len());
     for tile in rendered {
         let (tile, tile_ledger) = tile?;
@@ -408,13 +405,13 @@ fn render_tiles(
 
 /// Renders with adaptive sampling, in rounds, until each pixel reaches its target error.
 fn render_adaptively(
-    frame: &mut Frame,
+    frame: &mut RenderContext,
     target: Adaptive,
     monitor: &Monitor,
     checkpoints: Option<&mut Checkpoints>,
 ) -> Option<Rendering> {
     // Sample the whole image as one canvas
-    let canvas = Canvas::whole(&frame.settings);
+    let canvas = PatchAtlas::whole(&frame.settings);
     let (estimates, ledger) = adaptive::render(frame, target, &canvas, monitor, checkpoints)?;
     let settings = &frame.settings;
     // Convert estimates to pixels
@@ -432,7 +429,12 @@ fn render_adaptively(
 
 impl Rendering {
     /// Returns a rendering without its optional outputs.
-    fn new(image: LinearImage, samples: SampleCounts, ledger: Ledger, frame: &Frame) -> Rendering {
+    fn new(
+        image: LinearImage,
+        samples: SampleCounts,
+        ledger: RenderProfile,
+        frame: &RenderContext,
+    ) -> Rendering {
         Rendering {
             image,
             samples,
@@ -448,8 +450,13 @@ impl Rendering {
     }
 }
 
-impl<'s> Frame<'s> {
-    fn new(scene: &'s Scene, camera: &Camera, accel: &'s dyn Accel, settings: &RenderSettings) -> Frame<'s> {
+impl<'s> RenderContext<'s> {
+    fn new(
+        scene: &'s Scene,
+        camera: &Camera,
+        accel: &'s dyn Accel,
+        settings: &RenderSettings,
+    ) -> RenderContext<'s> {
         // Determine effects, view and sample layout
         let plan = Plan::new(scene, camera, &settings.effects);
         let effects = plan.effects();
@@ -460,18 +467,18 @@ impl<'s> Frame<'s> {
         let layout = Layout::new(settings.pattern, even_count);
         let groups = shape.groups(layout, settings.spp);
         // Build the context without what depends on it
-        let mut frame = Frame {
+        let mut frame = RenderContext {
             scene,
             accel,
             settings: *settings,
             view,
-            surfaces: SurfaceScene::new(scene, &plan).left_as(settings),
+            surfaces: SurfaceScene::new(scene, &plan).with_spawn_policy(settings),
             pixel_size: [settings.width, settings.height].map(|size| 1.0 / f64::from(size)),
             layout,
             shape,
             pixels: shape.pixels(),
             part: 0..groups.len(),
-            keeps_sums: false,
+            returns_sums: false,
             groups,
             ambient: if effects.has(Effect::Ambient) {
                 scene.ambient
@@ -485,12 +492,12 @@ impl<'s> Frame<'s> {
             },
             plan,
             spectrum: SpectralSampler::new(settings.wavelengths as usize),
-            media_at_eye: InteriorStack::EMPTY,
+            media_at_camera: InteriorStack::EMPTY,
             probe_count: 0,
             costs: (settings.ledger && settings.cost_aovs)
-                .then(|| CostSheet::new(settings.width, settings.height)),
+                .then(|| PixelCostBuffer::new(settings.width, settings.height)),
             mattes: MatteIds::of(scene, settings.layers),
-            light_sheet: LightSheet::new(settings.wanted_light(), &scene.lights, effects),
+            light_sheet: LightGroups::new(settings.wanted_light(), &scene.lights, effects),
             thread_memory: settings.ledger.then(ThreadMemory::default),
             even_count,
             camera_cone: settings.camera_cone(&view, even_count),
@@ -498,11 +505,11 @@ impl<'s> Frame<'s> {
             motion: MovingCamera::of(camera, [settings.width, settings.height], effects),
             screen_motion: settings
                 .layers
-                .has(LayerKind::Motion)
+                .has(AovKind::Motion)
                 .then(|| ScreenMotion::new(camera, [settings.width, settings.height])),
             shutter: camera.shutter,
-            soft_lights: if effects.has(Effect::AreaLight) {
-                lamps::soft_lights(scene, effects)
+            area_lights: if effects.has(Effect::AreaLight) {
+                lamps::area_lights(scene, effects)
             } else {
                 Vec::new()
             },
@@ -511,8 +518,8 @@ impl<'s> Frame<'s> {
             bodies: None,
         };
         // Precompute direction offsets and find interiors around the camera
-        frame.set_samples_aside();
-        (frame.media_at_eye, frame.probe_count) = frame.media_at_eye();
+        frame.precompute_offsets();
+        (frame.media_at_camera, frame.probe_count) = frame.media_at_camera();
         frame
     }
 
@@ -529,23 +536,23 @@ impl<'s> Frame<'s> {
     }
 
     /// Returns whether paths carry state beyond their weights.
-    fn travels(&self) -> bool {
+    fn has_path_state(&self) -> bool {
         let effects = self.effects();
         let is_sampled = effects.samples_light() || effects.has(Effect::MotionBlur);
-        effects.has_sheets() || is_sampled || self.follows_widths()
+        effects.has_transmission() || is_sampled || self.tracks_cones()
     }
 
     /// Returns whether each path carries its own ray cone, because cones differ between paths.
-    fn follows_widths(&self) -> bool {
+    fn tracks_cones(&self) -> bool {
         let effects = self.effects();
         // Without scattering, all cones are those of camera rays
-        let differ = effects.has(Effect::Reflection) || effects.has_sheets() || effects.has_lobes();
+        let differ = effects.has(Effect::Reflection) || effects.has_transmission() || effects.has_lobes();
         effects.has(Effect::TextureFilter) && differ
     }
 
     /// Precomputes the direction offsets of samples from the corners of their pixels, if they are equal for all
     /// packets.
-    fn set_samples_aside(&mut self) {
+    fn precompute_offsets(&mut self) {
         // Offsets need a common ray origin, and positions that all pixels share
         if self.view.eye().is_none() || self.shape.block != 1 || self.layout.is_per_pixel() {
             return;
@@ -555,7 +562,7 @@ impl<'s> Frame<'s> {
             let mut aside = [[0.0; LANES]; 3];
             for l in 0..LANES {
                 let [x, y] = group.position.each_ref().map(|position| position[l]);
-                let step = self.view.aside(x * width, y * height).to_array();
+                let step = self.view.direction_offset(x * width, y * height).to_array();
                 (0..3).for_each(|axis| aside[axis][l] = step[axis]);
             }
             group.aside = Some(aside);
@@ -564,7 +571,7 @@ impl<'s> Frame<'s> {
 
     /// Returns the dielectric interiors around the camera at the middle of the shutter interval, and the number of
     /// rays traced.
-    fn media_at_eye(&self) -> (InteriorStack, u64) {
+    fn media_at_camera(&self) -> (InteriorStack, u64) {
         if !self.effects().has(Effect::MotionBlur) {
             return self.media_around(self.view.ray(0.5, 0.5).origin, 0.0);
         }
@@ -586,7 +593,7 @@ impl<'s> Frame<'s> {
         if !self.effects().has(Effect::Refraction) {
             return (around, probe_count);
         }
-        let mut met = Vec::new();
+        let mut visited_materials = Vec::new();
         let mut surfaces = Surfaces::new(self.effects());
         let mut packet = [RayPacket::EMPTY];
         // Oblique, so that the ray does not run along edges of axis-aligned geometry.
@@ -599,18 +606,19 @@ impl<'s> Frame<'s> {
             packet[0].recycle();
             packet[0].set(0, &ray);
             probe_count += 1;
-            self.accel.intersect(&mut packet, RayOrder::Incoherent);
+            self.accel.intersect(&mut packet, Coherence::Incoherent);
             let Some(hit) = packet[0].hit(0) else { break };
-            self.surfaces.meet(&packet[0], Widths::None, &mut surfaces);
+            self.surfaces
+                .compute_interactions(&packet[0], ConeSource::None, &mut surfaces);
             let index = self.scene.instances[hit.instance as usize].material;
             // Enter interiors whose first hit is a back face
             let material = &self.scene.materials[index as usize];
             let has_inside = material.interior.is_some_and(|inside| !inside.is_thin);
-            if material.transmits() && has_inside && !met.contains(&index) {
-                met.push(index);
+            if material.transmits() && has_inside && !visited_materials.contains(&index) {
+                visited_materials.push(index);
                 if !surfaces.points.front[0] {
                     let priority = material.interior.map_or(0, |inside| inside.priority);
-                    around.enter(Body { id: index, priority });
+                    around.enter(NestedInterior { id: index, priority });
                 }
             }
             ray.t_near = hit.t.next_up();
@@ -619,7 +627,7 @@ impl<'s> Frame<'s> {
     }
 
     /// Returns whether statistics of single samples are needed.
-    fn keeps_samples(&self) -> bool {
+    fn needs_sample_statistics(&self) -> bool {
         let settings = &self.settings;
         settings.target().is_some() || settings.sample_aovs || !settings.filter.is_box()
     }

@@ -2,9 +2,9 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::estimate::Estimate;
+use super::estimate::PixelStatistics;
 use super::film::Tile;
-use super::mosaic::Site;
+use super::mosaic::Patch;
 
 /// Callbacks and cancellation flag that connect a render with its caller.
 #[derive(Clone, Copy)]
@@ -50,7 +50,12 @@ impl Monitor<'_> {
 
     /// Passes the means of the pixels of a site to the callback; `estimates` are those of the whole canvas with
     /// `columns` columns.
-    pub(super) fn show_estimates(&self, Site { tile, at }: Site, estimates: &[Estimate], columns: usize) {
+    pub(super) fn show_estimates(
+        &self,
+        Patch { tile, at }: Patch,
+        estimates: &[PixelStatistics],
+        columns: usize,
+    ) {
         if self.tiles.is_none() {
             return;
         }

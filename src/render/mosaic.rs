@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::film::Tile;
 use super::sample::{pixels, reach, spread};
 use super::{
-    Frame, LayerSet, LightLayers, Monitor, Region, RenderSettings, Rendering, adaptive, render_tiles,
+    AovSet, LightAovs, Monitor, Region, RenderContext, RenderSettings, Rendering, adaptive, render_tiles,
 };
 use crate::accel::Accel;
 use crate::image::LinearImage;
@@ -18,11 +18,11 @@ use crate::scene::{Camera, Scene};
 
 /// Side of a patch in pixels: many small patches represent an image better than few large ones, but rays need
 /// coherent neighbours.
-const PIECE: u32 = 16;
+const PATCH_SIDE: u32 = 16;
 
 /// Grid of patches, by its numbers of columns and rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Mosaic {
+pub struct PatchGrid {
     /// Number of patches per row.
     pub columns: u32,
     /// Number of rows of patches.
@@ -30,47 +30,50 @@ pub struct Mosaic {
 }
 
 /// Layout of patches on a common pixel grid, one empty row and column of pixels apart.
-pub(super) struct Canvas {
+pub(super) struct PatchAtlas {
     /// Numbers of columns and rows of pixels.
     pub(super) size: [usize; 2],
-    pub(super) sites: Vec<Site>,
+    pub(super) sites: Vec<Patch>,
 }
 
 /// Patch of the image and its position on the canvas.
 #[derive(Clone, Copy)]
-pub(super) struct Site {
+pub(super) struct Patch {
     pub(super) tile: Tile,
     /// Column and row of the patch's first pixel on the canvas.
     pub(super) at: [usize; 2],
 }
 
-impl Canvas {
+impl PatchAtlas {
     /// Returns the whole image, with every tile at its own position.
-    pub(super) fn whole(settings: &RenderSettings) -> Canvas {
+    pub(super) fn whole(settings: &RenderSettings) -> PatchAtlas {
         let RenderSettings { width, height, .. } = *settings;
-        let place = |tile: Tile| Site {
+        let grid_position = |tile: Tile| Patch {
             tile,
             at: [tile.x as usize, tile.y as usize],
         };
-        Canvas {
+        PatchAtlas {
             size: [width as usize, height as usize],
-            sites: super::film::tiles(width, height).into_iter().map(place).collect(),
+            sites: super::film::tiles(width, height)
+                .into_iter()
+                .map(grid_position)
+                .collect(),
         }
     }
 }
 
-impl Mosaic {
+impl PatchGrid {
     /// Returns a grid of patches with about `pixels` pixels in all; `None` if the image has hardly more.
-    pub fn of(settings: &RenderSettings, pixels: f64) -> Option<Mosaic> {
+    pub fn of(settings: &RenderSettings, pixels: f64) -> Option<PatchGrid> {
         let side = f64::from(side(settings));
-        let [columns, rows] = whole_pieces(settings);
+        let [columns, rows] = complete_patches(settings);
         let wanted = (pixels / (side * side)).round().max(1.0);
         if wanted >= f64::from(columns) * f64::from(rows) {
             return None;
         }
         // Choose a nearly square grid with at most the wanted number
         let columns = wanted.sqrt().floor();
-        Some(Mosaic {
+        Some(PatchGrid {
             columns: columns as u32,
             rows: (wanted / columns).floor() as u32,
         })
@@ -82,38 +85,38 @@ impl Mosaic {
     }
 
     /// Returns the patches in their order on the grid, row by row.
-    fn pieces(&self, settings: &RenderSettings) -> Vec<Tile> {
-        let grid = whole_pieces(settings);
-        let piece = |index: usize| {
-            let [x, y] = [index as u32 % grid[0], index as u32 / grid[0]].map(|cell| cell * PIECE);
+    fn patches(&self, settings: &RenderSettings) -> Vec<Tile> {
+        let grid = complete_patches(settings);
+        let patch = |index: usize| {
+            let [x, y] = [index as u32 % grid[0], index as u32 / grid[0]].map(|cell| cell * PATCH_SIDE);
             Tile {
                 x,
                 y,
-                width: PIECE,
-                height: PIECE,
+                width: PATCH_SIDE,
+                height: PATCH_SIDE,
             }
         };
         let count = self.columns as usize * self.rows as usize;
         // Take the first cells of an evenly distributed order
         spread(grid.map(|cells| cells as usize))
             .take(count)
-            .map(piece)
+            .map(patch)
             .collect()
     }
 
-    /// Returns the patches of `picture`, an image that was rendered with `settings`, as one image.
-    pub fn of_picture(&self, settings: &RenderSettings, picture: &LinearImage) -> LinearImage {
+    /// Returns the patches of `rendered`, an image that was rendered with `settings`, as one image.
+    pub fn of_picture(&self, settings: &RenderSettings, rendered: &LinearImage) -> LinearImage {
         let mut image = self.blank(settings);
         let (reach, side) = (reach(settings), side(settings));
         // Copy the visible part of each patch
-        for (number, tile) in self.pieces(settings).into_iter().enumerate() {
+        for (number, tile) in self.patches(settings).into_iter().enumerate() {
             let row = |y: u32| {
                 let first =
-                    (tile.y + reach + y) as usize * picture.width as usize + (tile.x + reach) as usize;
-                &picture.pixels[first..first + side as usize]
+                    (tile.y + reach + y) as usize * rendered.width as usize + (tile.x + reach) as usize;
+                &rendered.pixels[first..first + side as usize]
             };
             let pixels: Vec<[f32; 3]> = (0..side).flat_map(row).copied().collect();
-            put(&mut image, self.place(number), side, &pixels);
+            put(&mut image, self.grid_position(number), side, &pixels);
         }
         image
     }
@@ -128,76 +131,78 @@ impl Mosaic {
     }
 
     /// Returns the column and row of a patch in the grid.
-    fn place(&self, number: usize) -> [usize; 2] {
+    fn grid_position(&self, number: usize) -> [usize; 2] {
         let columns = self.columns as usize;
         [number % columns, number / columns]
     }
 
-    fn canvas(&self, pieces: &[Tile]) -> Canvas {
-        let apart = PIECE as usize + 1;
-        let site = |(number, &tile): (usize, &Tile)| Site {
+    fn canvas(&self, patches: &[Tile]) -> PatchAtlas {
+        let apart = PATCH_SIDE as usize + 1;
+        let site = |(number, &tile): (usize, &Tile)| Patch {
             tile,
-            at: self.place(number).map(|place| place * apart),
+            at: self
+                .grid_position(number)
+                .map(|grid_position| grid_position * apart),
         };
-        Canvas {
+        PatchAtlas {
             size: [self.columns, self.rows].map(|count| count as usize * apart),
-            sites: pieces.iter().enumerate().map(site).collect(),
+            sites: patches.iter().enumerate().map(site).collect(),
         }
     }
 }
 
 /// Returns the side of the visible part of a patch: pixels that the filter would mix with other patches are left out.
 fn side(settings: &RenderSettings) -> u32 {
-    PIECE - 2 * reach(settings)
+    PATCH_SIDE - 2 * reach(settings)
 }
 
 /// Returns the number of complete patches in the image, horizontally and vertically.
-fn whole_pieces(settings: &RenderSettings) -> [u32; 2] {
-    [settings.width / PIECE, settings.height / PIECE]
+fn complete_patches(settings: &RenderSettings) -> [u32; 2] {
+    [settings.width / PATCH_SIDE, settings.height / PATCH_SIDE]
 }
 
 /// Renders the patches of the image that `settings` describe, in the current rayon pool. Returns `None` if cancelled.
 ///
 /// [`RenderSettings::sample_aovs`], [`RenderSettings::layers`] and [`RenderSettings::cost_aovs`] are ignored. `scene`
 /// must have passed [`Scene::validate`], and `accel` must have been built from it.
-pub fn render_mosaic(
+pub fn render_patches(
     (scene, camera): (&Scene, &Camera),
     accel: &dyn Accel,
     settings: &RenderSettings,
-    mosaic: Mosaic,
+    mosaic: PatchGrid,
     monitor: &Monitor,
 ) -> Option<Rendering> {
     let start = Instant::now();
     let settings = RenderSettings {
         sample_aovs: false,
-        layers: LayerSet::NONE,
-        light_layers: LightLayers::NONE,
+        layers: AovSet::NONE,
+        light_layers: LightAovs::NONE,
         cost_aovs: false,
         ..*settings
     };
     // Prepare the scene
-    let mut frame = Frame::new(scene, camera, accel, &settings);
+    let mut frame = RenderContext::new(scene, camera, accel, &settings);
     let scattered = frame.scatter(monitor)?;
     let ready_seconds = start.elapsed().as_secs_f64();
-    let pieces = mosaic.pieces(&settings);
+    let patches = mosaic.patches(&settings);
     let mut image = mosaic.blank(&settings);
     let (samples, mut ledger) = match settings.target() {
         Some(target) => {
             // Sample the canvas adaptively and copy its patches
-            let canvas = mosaic.canvas(&pieces);
+            let canvas = mosaic.canvas(&patches);
             let (estimates, ledger) = adaptive::render(&mut frame, target, &canvas, monitor, None)?;
             let mut shown = Vec::with_capacity(image.pixels.len());
             for (number, site) in canvas.sites.iter().enumerate() {
                 let row = |y: usize| {
                     let first = (site.at[1] + y) * canvas.size[0] + site.at[0];
-                    &estimates[first..first + PIECE as usize]
+                    &estimates[first..first + PATCH_SIDE as usize]
                 };
-                let of_piece: Vec<_> = (0..PIECE as usize).flat_map(row).copied().collect();
+                let of_piece: Vec<_> = (0..PATCH_SIDE as usize).flat_map(row).copied().collect();
                 let means = of_piece.iter().map(|estimate| estimate.mean().map(|x| x as f32));
                 put(
                     &mut image,
-                    mosaic.place(number),
-                    PIECE,
+                    mosaic.grid_position(number),
+                    PATCH_SIDE,
                     &means.collect::<Vec<_>>(),
                 );
                 shown.extend(of_piece);
@@ -206,17 +211,17 @@ pub fn render_mosaic(
         }
         None => {
             // Render patches as tiles and crop what the filter mixes
-            let (tiles, ledger) = render_tiles(&frame, &pieces, None, monitor)?;
+            let (tiles, ledger) = render_tiles(&frame, &patches, None, monitor)?;
             let (reach, side) = (reach(&settings), side(&settings));
-            for (number, (tile, picture)) in tiles.into_iter().enumerate() {
+            for (number, (tile, result)) in tiles.into_iter().enumerate() {
                 let inner = Tile {
                     x: tile.x + reach,
                     y: tile.y + reach,
                     width: side,
                     height: side,
                 };
-                let piece = pixels(tile, inner, picture, &settings);
-                put(&mut image, mosaic.place(number), side, &piece.pixels);
+                let patch = pixels(tile, inner, result, &settings);
+                put(&mut image, mosaic.grid_position(number), side, &patch.pixels);
             }
             (
                 super::SampleCounts::uniform(Region::whole(&settings).pixel_count(), settings.spp),
@@ -246,35 +251,38 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pieces_lie_in_the_picture_and_none_twice() {
+    fn patches_lie_in_the_image_without_overlap() {
         for (width, height, wanted) in [(64, 64, 9), (100, 33, 7), (640, 480, 100), (1920, 1080, 31)] {
             let settings = RenderSettings {
                 width,
                 height,
                 ..RenderSettings::default()
             };
-            let mosaic = Mosaic::of(&settings, 256.0 * f64::from(wanted)).unwrap();
-            let pieces = mosaic.pieces(&settings);
+            let mosaic = PatchGrid::of(&settings, 256.0 * f64::from(wanted)).unwrap();
+            let patches = mosaic.patches(&settings);
             let [across, down] = mosaic.size(&settings);
-            assert_eq!(pieces.len() as u32 * 256, across * down);
-            assert!((0.7..=1.0).contains(&(pieces.len() as f64 / f64::from(wanted))));
-            for (number, piece) in pieces.iter().enumerate() {
-                assert!(piece.x + PIECE <= width && piece.y + PIECE <= height);
-                assert!(!pieces[..number].contains(piece));
+            assert_eq!(patches.len() as u32 * 256, across * down);
+            assert!((0.7..=1.0).contains(&(patches.len() as f64 / f64::from(wanted))));
+            for (number, patch) in patches.iter().enumerate() {
+                assert!(patch.x + PATCH_SIDE <= width && patch.y + PATCH_SIDE <= height);
+                assert!(!patches[..number].contains(patch));
             }
         }
     }
 
     #[test]
-    fn a_picture_that_has_hardly_more_is_taken_whole() {
+    fn small_image_has_no_patches() {
         let settings = RenderSettings {
             width: 40,
             height: 33,
             ..RenderSettings::default()
         };
-        assert_eq!(Mosaic::of(&settings, 1024.0), None);
-        assert_eq!(Mosaic::of(&settings, 500.0), Some(Mosaic { columns: 1, rows: 2 }));
+        assert_eq!(PatchGrid::of(&settings, 1024.0), None);
+        assert_eq!(
+            PatchGrid::of(&settings, 500.0),
+            Some(PatchGrid { columns: 1, rows: 2 })
+        );
         let small = RenderSettings { width: 8, ..settings };
-        assert_eq!(Mosaic::of(&small, 1.0), None);
+        assert_eq!(PatchGrid::of(&small, 1.0), None);
     }
 }

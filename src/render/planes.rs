@@ -10,7 +10,7 @@ use super::layers::Layer;
 use super::region::Region;
 
 /// Layers of a rectangle of an image, which threads fill concurrently.
-pub(super) struct Planes<'p> {
+pub(super) struct AovBuffers<'p> {
     region: Region,
     /// Row of tiles that the first band belongs to.
     first: u32,
@@ -18,11 +18,11 @@ pub(super) struct Planes<'p> {
     bands: Vec<Mutex<Vec<&'p mut [f32]>>>,
 }
 
-impl<'p> Planes<'p> {
+impl<'p> AovBuffers<'p> {
     /// Divides `layers` of the pixels of `region` into bands that can be written concurrently.
-    pub(super) fn over(layers: &'p mut [Layer], region: &Region) -> Planes<'p> {
+    pub(super) fn over(layers: &'p mut [Layer], region: &Region) -> AovBuffers<'p> {
         let end = region.y + region.height;
-        let mut planes = Planes {
+        let mut planes = AovBuffers {
             region: *region,
             first: region.y / TILE,
             bands: Vec::new(),
@@ -167,8 +167,8 @@ fn common(start: u32, count: u32, other_start: u32, other_count: u32) -> Range<u
 }
 
 /// Returns the interval relative to `start`.
-fn within(stretch: &Range<u32>, start: u32) -> Range<usize> {
-    (stretch.start - start) as usize..(stretch.end - start) as usize
+fn within(interval: &Range<u32>, start: u32) -> Range<usize> {
+    (interval.start - start) as usize..(interval.end - start) as usize
 }
 
 #[cfg(test)]
@@ -178,7 +178,7 @@ mod tests {
     use crate::render::film::tiles;
 
     #[test]
-    fn pixels_of_tiles_come_to_their_places_in_a_rectangle() {
+    fn tile_pixels_are_copied_into_a_rectangle() {
         let [width, height] = [150, 130];
         let value = |x: u32, y: u32, layer: u32| ((layer * height + y) * width + x) as f32;
         for (x, y, columns, rows) in [
@@ -200,7 +200,7 @@ mod tests {
                 values: vec![f32::NAN; (columns * rows) as usize],
             };
             let mut layers: Vec<Layer> = (0..3).map(blank).collect();
-            let planes = Planes::over(&mut layers, &region);
+            let planes = AovBuffers::over(&mut layers, &region);
             // More tiles than are needed, in reverse order.
             for tile in tiles(width, height).into_iter().rev() {
                 // Encode layer, row and column in the values of each pixel
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn where_there_is_nothing_stands_what_is_said_of_that() {
+    fn pixels_without_hit_have_the_miss_value() {
         let region = Region {
             x: 0,
             y: 0,
@@ -246,7 +246,7 @@ mod tests {
         };
         let blank = |name: &str| Layer::blank(name.into(), ChannelKind::Exact, &region);
         let mut layers = vec![blank("Z"), blank("id.material")];
-        let planes = Planes::over(&mut layers, &region);
+        let planes = AovBuffers::over(&mut layers, &region);
         // The first of the two pixels has no hit.
         let means = TileLayer::Means {
             sums: &[0.0, 6.0],

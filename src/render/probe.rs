@@ -11,8 +11,8 @@ use super::film::{TILE, Tile};
 use super::queue::BATCH;
 use super::sample::{chosen_tiles, thread_seconds};
 use super::sampler::PacketShape;
-use super::wave::Wave;
-use super::{Account, Frame, Ledger, Monitor, Plan, RenderSettings, Tally};
+use super::wave::TileRenderer;
+use super::{Category, Monitor, Plan, RenderContext, RenderProfile, RenderSettings, Tally};
 use crate::accel::Accel;
 use crate::scene::{Camera, Scene};
 
@@ -31,9 +31,9 @@ const MAX_SPP: u32 = 64;
 #[derive(Clone, Debug)]
 pub struct Probe {
     /// Rays of the strips, and seconds of one thread.
-    pub ledger: Ledger,
+    pub ledger: RenderProfile,
     /// One-time cost of an image of any size: preparation and subsurface irradiance.
-    pub once: Ledger,
+    pub once: RenderProfile,
     /// Number of strips that were rendered.
     pub strips: usize,
     /// Number of samples that were taken.
@@ -61,7 +61,7 @@ pub fn probe(
         ledger: true,
         ..*settings
     };
-    let mut frame = Frame::new(scene, camera, accel, &settings);
+    let mut frame = RenderContext::new(scene, camera, accel, &settings);
     // Measure the one-time cost
     let setting_up = Tally {
         rays: frame.probe_count,
@@ -69,8 +69,8 @@ pub fn probe(
         trace_seconds: 0.0,
     };
     let mut once = frame.scatter(monitor)?;
-    once.book(Account::Other, setting_up);
-    let mut wave = Wave::new(&frame);
+    once.book(Category::Other, setting_up);
+    let mut wave = TileRenderer::new(&frame);
     // Select the strips
     let strips: Vec<Tile> = chosen_tiles(&settings, MAX_STRIPS)
         .into_iter()
@@ -81,7 +81,7 @@ pub fn probe(
     // more.
     strips.first().map(|&strip| wave.render_tile(strip, None));
     let mut probe = Probe {
-        ledger: Ledger::default(),
+        ledger: RenderProfile::default(),
         once,
         strips: 0,
         samples: 0,
@@ -103,25 +103,25 @@ pub fn probe(
 
 /// Returns the ledger of a strip. The strip is rendered again if other processes used the processor meanwhile,
 /// because their time would be booked for this thread.
-fn undisturbed(wave: &mut Wave, strip: Tile) -> Ledger {
+fn undisturbed(wave: &mut TileRenderer, strip: Tile) -> RenderProfile {
     /// Largest number of attempts per strip.
     const MAX_TRIES: usize = 4;
     /// Largest fraction of a strip's time that other processes may use.
     const ALLOWED: f64 = 0.02;
-    let mut least = (f64::INFINITY, Ledger::default());
+    let mut best = (f64::INFINITY, RenderProfile::default());
     for _ in 0..MAX_TRIES {
         let (start, worked) = (Instant::now(), thread_seconds());
         let ledger = wave.render_tile(strip, None).1;
         let (passed, worked) = (start.elapsed().as_secs_f64(), thread_seconds() - worked);
         let lost = (passed - worked) / passed;
-        if lost < least.0 {
-            least = (lost, ledger);
+        if lost < best.0 {
+            best = (lost, ledger);
         }
         if lost <= ALLOWED {
             break;
         }
     }
-    least.1
+    best.1
 }
 
 /// Returns the part of a tile that is rendered: enough rows for a batch of packets, at a different height in every
@@ -148,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn strips_lie_in_their_tiles_and_fill_a_batch_if_the_tile_can() {
+    fn strips_lie_in_their_tiles_and_fill_a_batch() {
         for spp in [1, 2, 4, 15, 16, 33, 64] {
             let settings = RenderSettings {
                 spp,

@@ -3,11 +3,11 @@
 //! Memory is reused from tile to tile; packets are refilled instead of allocated.
 
 use super::RenderSettings;
-use super::ledger::Account;
-use super::light_layers::{Source, with_step};
+use super::ledger::Category;
+use super::light_layers::{LightSource, with_step};
 use super::memory::Memory;
 use super::meter::Accounts;
-use super::travel::{MediaColumn, Travel, TravelPacket, Travels};
+use super::travel::{InteriorArray, PathState, PathStatePacket, PathStates};
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::InteriorStack;
@@ -33,19 +33,19 @@ impl PathPacket {
 }
 
 /// Secondary ray to be queued, with its path state.
-pub(super) struct Sent {
+pub(super) struct RayWorkItem {
     pub(super) ray: Ray,
     pub(super) pixel: u32,
     pub(super) weight: [f32; 3],
     /// Account of the effect that sent the ray; used for bookkeeping if the ray is of all wavelengths.
-    pub(super) sender: Account,
+    pub(super) sender: Category,
     /// Path state, in scenes whose paths carry one.
-    pub(super) travel: Option<Travel>,
+    pub(super) travel: Option<PathState>,
 }
 
 /// Numbers of rays of a generation by type; all others are mirror rays of all wavelengths from smooth surfaces.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Sorts {
+pub(super) struct RayTypeCounts {
     /// Refracted rays of all wavelengths.
     pub(super) refracted: u64,
     /// Refracted rays of a single wavelength.
@@ -60,81 +60,81 @@ pub(super) struct Sorts {
     pub(super) rough_colors: u64,
 }
 
-impl Sorts {
+impl RayTypeCounts {
     #[inline(always)]
-    fn count(&mut self, sent: &Sent) {
-        let is_color = sent.account() == Account::Dispersion;
+    fn count(&mut self, sent: &RayWorkItem) {
+        let is_color = sent.account() == Category::Dispersion;
         match (sent.sender, is_color) {
-            (Account::RoughReflection | Account::RoughRefraction, true) => self.rough_colors += 1,
-            (Account::RoughReflection, false) => self.rough_reflected += 1,
-            (Account::RoughRefraction, false) => self.rough_refracted += 1,
-            (Account::Refraction, true) => self.refracted_colors += 1,
-            (Account::Refraction, false) => self.refracted += 1,
+            (Category::RoughReflection | Category::RoughRefraction, true) => self.rough_colors += 1,
+            (Category::RoughReflection, false) => self.rough_reflected += 1,
+            (Category::RoughRefraction, false) => self.rough_refracted += 1,
+            (Category::Refraction, true) => self.refracted_colors += 1,
+            (Category::Refraction, false) => self.refracted += 1,
             (_, true) => self.mirrored_colors += 1,
             (_, false) => {}
         }
     }
 }
 
-impl Sorts {
+impl RayTypeCounts {
     /// Returns how many of the `rays` of the generation each account sent.
-    pub(super) fn accounts(&self, rays: u64) -> [(Account, u64); 5] {
+    pub(super) fn accounts(&self, rays: u64) -> [(Category, u64); 5] {
         // Rays without a counted type are mirror rays of all wavelengths.
         let colors = self.mirrored_colors + self.refracted_colors + self.rough_colors;
         let rough = self.rough_reflected + self.rough_refracted;
         [
             (
-                Account::Reflection,
+                Category::Reflection,
                 rays.saturating_sub(self.refracted + rough + colors),
             ),
-            (Account::Refraction, self.refracted),
-            (Account::RoughReflection, self.rough_reflected),
-            (Account::RoughRefraction, self.rough_refracted),
-            (Account::Dispersion, colors),
+            (Category::Refraction, self.refracted),
+            (Category::RoughReflection, self.rough_reflected),
+            (Category::RoughRefraction, self.rough_refracted),
+            (Category::Dispersion, colors),
         ]
     }
 }
 
-impl Sent {
-    fn account(&self) -> Account {
+impl RayWorkItem {
+    fn account(&self) -> Category {
         match self.travel {
-            Some(travel) if travel.wavelength != 0.0 => Account::Dispersion,
+            Some(travel) if travel.wavelength != 0.0 => Category::Dispersion,
             _ => self.sender,
         }
     }
 }
 
 /// Queue of the rays of one wavefront generation. Packets are kept for reuse.
-pub(super) struct Generation {
+pub(super) struct RayQueue {
     packets: Vec<RayPacket>,
     paths: Vec<PathPacket>,
-    travels: Travels,
+    path_states: PathStates,
     /// Number of packets in use.
     count: usize,
     /// Number of lanes in use in the last packet.
     filled: usize,
-    sorts: Sorts,
+    ray_types: RayTypeCounts,
     /// Account of each ray, if pixel costs or layers by effect are requested.
-    accounts: Option<Vec<Lanes<Account>>>,
+    accounts: Option<Vec<Lanes<Category>>>,
 }
 
-impl Generation {
+impl RayQueue {
     /// Returns an empty queue for rays of `effects`, whose paths may carry ray cones.
-    pub(super) fn new(effects: EffectSet, follows_widths: bool) -> Generation {
-        Generation {
+    pub(super) fn new(effects: EffectSet, tracks_cones: bool) -> RayQueue {
+        RayQueue {
             packets: Vec::new(),
             paths: Vec::new(),
-            travels: Travels::new(effects, follows_widths),
+            path_states: PathStates::new(effects, tracks_cones),
             count: 0,
             filled: LANES,
-            sorts: Sorts::default(),
+            ray_types: RayTypeCounts::default(),
             accounts: None,
         }
     }
 
     /// Returns the queue with an account per ray if `settings` request pixel costs or layers by effect.
-    pub(super) fn with_accounts(self, settings: &RenderSettings) -> Generation {
-        Generation {
+    pub(super) fn with_accounts(self, settings: &RenderSettings) -> RayQueue {
+        RayQueue {
             accounts: (settings.cost_aovs || settings.light_layers.effects).then(Vec::new),
             ..self
         }
@@ -144,8 +144,8 @@ impl Generation {
     pub(super) fn clear(&mut self) {
         self.count = 0;
         self.filled = LANES;
-        self.sorts = Sorts::default();
-        self.travels.clear();
+        self.ray_types = RayTypeCounts::default();
+        self.path_states.clear();
     }
 
     /// Writes the type of the first step of each path into the labels of rays that have not got one.
@@ -161,7 +161,7 @@ impl Generation {
             };
             for l in 0..lanes {
                 // Skip paths that have not bounced yet
-                if effects.has_sheets() && self.travels.at(packet).lane(l).depth == 0 {
+                if effects.has_transmission() && self.path_states.at(packet).lane(l).depth == 0 {
                     continue;
                 }
                 let label = &mut self.paths[packet].pixel[l];
@@ -170,9 +170,9 @@ impl Generation {
         }
     }
 
-    /// Returns the numbers of rays by type that [`Generation::push`] counted.
-    pub(super) fn sorts(&self) -> Sorts {
-        self.sorts
+    /// Returns the numbers of rays by type that [`RayQueue::push`] counted.
+    pub(super) fn ray_types(&self) -> RayTypeCounts {
+        self.ray_types
     }
 
     /// Returns the number of packets in use.
@@ -190,20 +190,16 @@ impl Generation {
 
     /// Adds the bytes of the optional arrays.
     pub(super) fn add_columns_to(&self, memory: &mut Memory, effects: EffectSet) {
-        self.travels.add_to(memory, effects);
+        self.path_states.add_to(memory, effects);
         let accounts = self.accounts.as_ref().map_or(0, Vec::capacity);
-        memory.add(
-            "other",
-            "accounts of rays",
-            accounts * size_of::<Lanes<Account>>(),
-        );
+        memory.add("other", "ray counters", accounts * size_of::<Lanes<Category>>());
     }
 
     /// Returns the packets in use and their paths.
     pub(super) fn parts(&mut self) -> (&mut [RayPacket], Paths<'_>) {
         let paths = Paths {
             paths: &self.paths[..self.count],
-            travels: &self.travels,
+            path_states: &self.path_states,
             accounts: self.accounts.as_deref(),
             first: 0,
         };
@@ -211,9 +207,9 @@ impl Generation {
     }
 
     /// Sets the path state of lane `l` of the packet pushed last.
-    pub(super) fn set_travel(&mut self, l: usize, travel: &Travel) {
-        self.travels.resize(self.count);
-        self.travels.set(self.count - 1, l, travel);
+    pub(super) fn set_travel(&mut self, l: usize, travel: &PathState) {
+        self.path_states.resize(self.count);
+        self.path_states.set(self.count - 1, l, travel);
     }
 
     /// Returns the packet that was pushed last.
@@ -236,7 +232,7 @@ impl Generation {
 
     /// Appends one ray after the last.
     #[inline(always)]
-    pub(super) fn push(&mut self, sent: &Sent) {
+    pub(super) fn push(&mut self, sent: &RayWorkItem) {
         // Start a new packet if the last one is full
         if self.filled == LANES {
             self.push_packet();
@@ -250,9 +246,9 @@ impl Generation {
             self.paths[last].weight[channel][lane] = sent.weight[channel];
         }
         // Count the ray and write its optional state
-        self.sorts.count(sent);
+        self.ray_types.count(sent);
         if let Some(accounts) = &mut self.accounts {
-            accounts.resize(self.count.max(accounts.len()), [Account::Reflection; LANES]);
+            accounts.resize(self.count.max(accounts.len()), [Category::Reflection; LANES]);
             accounts[last][lane] = sent.account();
         }
         if let Some(travel) = sent.travel {
@@ -267,8 +263,8 @@ impl Generation {
 #[derive(Clone, Copy)]
 pub(super) struct Paths<'a> {
     paths: &'a [PathPacket],
-    travels: &'a Travels,
-    accounts: Option<&'a [Lanes<Account>]>,
+    path_states: &'a PathStates,
+    accounts: Option<&'a [Lanes<Category>]>,
     /// Index of the first packet of the view within the generation.
     first: usize,
 }
@@ -276,15 +272,19 @@ pub(super) struct Paths<'a> {
 impl<'a> Paths<'a> {
     /// Returns the path packet of packet `index`, and its path states if any effect needs them.
     #[inline(always)]
-    pub(super) fn at(&self, index: usize) -> (&'a PathPacket, Option<TravelPacket<'a>>) {
+    pub(super) fn at(&self, index: usize) -> (&'a PathPacket, Option<PathStatePacket<'a>>) {
         let packet = self.first + index;
-        let travels = (!self.travels.is_void()).then(|| self.travels.at(packet));
-        (&self.paths[packet], travels)
+        let path_states = (!self.path_states.is_void()).then(|| self.path_states.at(packet));
+        (&self.paths[packet], path_states)
     }
 
     /// Returns the pixel labels of packet `index` and the accounts of its rays: `otherwise` if rays have no own
     /// account.
-    pub(super) fn whose(&self, index: usize, otherwise: Account) -> (&'a Lanes<u32>, Accounts<'a>) {
+    pub(super) fn labels_and_accounts(
+        &self,
+        index: usize,
+        otherwise: Category,
+    ) -> (&'a Lanes<u32>, Accounts<'a>) {
         let packet = self.first + index;
         let accounts = match self.accounts.and_then(|accounts| accounts.get(packet)) {
             Some(accounts) => Accounts::Each(accounts),
@@ -307,11 +307,11 @@ pub(super) struct ShadowQueue {
     packets: [RayPacket; BATCH],
     payloads: [ShadowPayload; BATCH],
     /// Dielectric interiors around the shaded points.
-    media: MediaColumn,
+    media: InteriorArray,
     /// Number of packets in use.
     count: usize,
     /// Light that each packet is sent to; not written in scenes with plain effects only.
-    sources: [Source; BATCH],
+    sources: [LightSource; BATCH],
 }
 
 /// Pixels that a packet of shadow rays contributes to, and its unoccluded radiance.
@@ -324,7 +324,7 @@ pub(super) struct ShadowPayload {
 impl ShadowQueue {
     /// Returns an empty queue for shadow rays of these effects.
     pub(super) fn new(effects: EffectSet) -> Box<ShadowQueue> {
-        let mut media = MediaColumn::new(effects);
+        let mut media = InteriorArray::new(effects);
         media.resize(BATCH);
         Box::new(ShadowQueue {
             packets: std::array::from_fn(|_| RayPacket::EMPTY),
@@ -334,7 +334,7 @@ impl ShadowQueue {
             }),
             media,
             count: 0,
-            sources: [Source::Emission; BATCH],
+            sources: [LightSource::Emission; BATCH],
         })
     }
 
@@ -357,12 +357,12 @@ impl ShadowQueue {
     }
 
     /// Sets the light that the packet committed next is sent to.
-    pub(super) fn set_source(&mut self, source: Source) {
+    pub(super) fn set_source(&mut self, source: LightSource) {
         self.sources[self.count] = source;
     }
 
     /// Returns the light that each packet was sent to.
-    pub(super) fn sources(&self) -> [Source; BATCH] {
+    pub(super) fn sources(&self) -> [LightSource; BATCH] {
         self.sources
     }
 
@@ -372,9 +372,9 @@ impl ShadowQueue {
     }
 
     /// Sets the interiors around the points of the packet last committed.
-    pub(super) fn set_media(&mut self, travels: TravelPacket) {
+    pub(super) fn set_media(&mut self, path_states: PathStatePacket) {
         for l in 0..LANES {
-            self.media.set(self.count - 1, l, &travels.media(l));
+            self.media.set(self.count - 1, l, &path_states.media(l));
         }
     }
 
@@ -386,7 +386,9 @@ impl ShadowQueue {
     }
 
     /// Empties the queue like [`ShadowQueue::drain`] and also returns the interiors around the points.
-    pub(super) fn drain_with_media(&mut self) -> (&mut [RayPacket], &mut [ShadowPayload], &mut MediaColumn) {
+    pub(super) fn drain_with_media(
+        &mut self,
+    ) -> (&mut [RayPacket], &mut [ShadowPayload], &mut InteriorArray) {
         let count = std::mem::take(&mut self.count);
         (
             &mut self.packets[..count],

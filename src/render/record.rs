@@ -4,7 +4,7 @@ use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 
 use super::{Monitor, RenderSettings, render};
-use crate::accel::{Accel, AccelReport, RayOrder, RayPacket};
+use crate::accel::{Accel, AccelReport, Coherence, RayPacket};
 use crate::parallel;
 use crate::scene::{Camera, Scene};
 
@@ -58,15 +58,15 @@ impl Recorder<'_> {
 }
 
 impl Accel for Recorder<'_> {
-    fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
+    fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
         match order {
-            RayOrder::Coherent => self.keep(|rays| &mut rays.camera, packets),
-            RayOrder::Incoherent => self.keep(|rays| &mut rays.reflection, packets),
+            Coherence::Coherent => self.keep(|rays| &mut rays.camera, packets),
+            Coherence::Incoherent => self.keep(|rays| &mut rays.reflection, packets),
         }
         self.accel.intersect(packets, order);
     }
 
-    fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
+    fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
         self.keep(|rays| &mut rays.shadow, packets);
         self.accel.occluded(packets, order);
     }

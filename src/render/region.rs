@@ -10,14 +10,16 @@
 use std::ops::Range;
 use std::time::Instant;
 
-use super::estimate::Estimate;
+use super::estimate::PixelStatistics;
 use super::film::{self, TILE, Tile, tiles_among};
 use super::filter;
-use super::ledger::{Ledger, Tally};
+use super::ledger::{RenderProfile, Tally};
 use super::sample::reach;
 use super::sampler::PacketShape;
-use super::wave::TilePicture;
-use super::{Account, Frame, Monitor, RenderSettings, Rendering, SampleAovs, render_tiles, render_uniformly};
+use super::wave::TileResult;
+use super::{
+    Category, Monitor, RenderContext, RenderSettings, Rendering, SampleAovs, render_tiles, render_uniformly,
+};
 use crate::accel::Accel;
 use crate::scene::{Camera, Scene};
 
@@ -86,10 +88,10 @@ pub const TILE_SIDE: u32 = TILE;
 
 /// Render of an image in parts, which share one preparation.
 pub struct Parts<'s> {
-    frame: Frame<'s>,
+    frame: RenderContext<'s>,
     ready_seconds: f64,
     /// Ledger of the preparation, until a part includes it.
-    ready: Ledger,
+    ready: RenderProfile,
 }
 
 impl<'s> Parts<'s> {
@@ -112,16 +114,16 @@ impl<'s> Parts<'s> {
             ..*settings
         };
         // Prepare the scene and compute subsurface irradiance
-        let mut frame = Frame::new(scene, camera, accel, &settings);
-        let made_ready = settings.ledger.then(|| start.elapsed().as_secs_f64());
+        let mut frame = RenderContext::new(scene, camera, accel, &settings);
+        let setup_seconds = settings.ledger.then(|| start.elapsed().as_secs_f64());
         let mut ready = frame.scatter(monitor)?;
         // Book the preparation, which the first part includes
         let setting_up = Tally {
             rays: frame.probe_count,
-            seconds: made_ready.unwrap_or(0.0),
+            seconds: setup_seconds.unwrap_or(0.0),
             trace_seconds: 0.0,
         };
-        ready.book(Account::Other, setting_up);
+        ready.book(Category::Other, setting_up);
         Some(Parts {
             frame,
             ready_seconds: start.elapsed().as_secs_f64(),
@@ -133,7 +135,7 @@ impl<'s> Parts<'s> {
     pub fn region(&mut self, region: &Region, monitor: &Monitor) -> Option<Rendering> {
         let start = Instant::now();
         self.frame.part = 0..self.packet_count();
-        self.frame.keeps_sums = false;
+        self.frame.returns_sums = false;
         let mut rendering = render_uniformly(&self.frame, region, monitor)?;
         // Include the preparation in the ledger of the first part
         rendering.ledger += std::mem::take(&mut self.ready);
@@ -146,7 +148,12 @@ impl<'s> Parts<'s> {
 
     /// Renders a share of the samples of a rectangle and returns their sums with the ledger. Returns `None` if
     /// cancelled.
-    pub fn sums(&mut self, region: &Region, share: Share, monitor: &Monitor) -> Option<(Sums, Ledger)> {
+    pub fn sums(
+        &mut self,
+        region: &Region,
+        share: Share,
+        monitor: &Monitor,
+    ) -> Option<(Sums, RenderProfile)> {
         let packets = share.of(self.packet_count());
         self.sums_of(region, packets, monitor)
     }
@@ -166,10 +173,10 @@ impl<'s> Parts<'s> {
         region: &Region,
         packets: Range<usize>,
         monitor: &Monitor,
-    ) -> Option<(Sums, Ledger)> {
+    ) -> Option<(Sums, RenderProfile)> {
         let start = Instant::now();
         self.frame.part = packets;
-        self.frame.keeps_sums = true;
+        self.frame.returns_sums = true;
         let frame = &self.frame;
         // Render the tiles that the region touches
         let cover = Cover::of(region, &frame.settings);
@@ -240,8 +247,8 @@ impl Sums {
     pub fn aovs(&self) -> Option<SampleAovs> {
         let squares = self.squares.as_ref()?;
         let estimates = self.radiance.iter().zip(squares);
-        let estimates: Vec<Estimate> = estimates
-            .map(|(&sum, &squares)| Estimate::of_sums(sum, squares, self.samples))
+        let estimates: Vec<PixelStatistics> = estimates
+            .map(|(&sum, &squares)| PixelStatistics::of_sums(sum, squares, self.samples))
             .collect();
         Some(SampleAovs::of(&estimates))
     }
@@ -280,7 +287,7 @@ impl Cover {
     }
 
     /// Returns the tiles with positions relative to the rectangle that they cover.
-    pub(super) fn placed(&self, mut tiles: Vec<(Tile, TilePicture)>) -> Vec<(Tile, TilePicture)> {
+    pub(super) fn placed(&self, mut tiles: Vec<(Tile, TileResult)>) -> Vec<(Tile, TileResult)> {
         for (tile, _) in &mut tiles {
             tile.x -= self.outer.x;
             tile.y -= self.outer.y;
@@ -305,23 +312,23 @@ impl Cover {
     }
 
     /// Returns the sums over the samples of the rectangle, from tiles with positions relative to the cover.
-    fn sums(&self, frame: &Frame, tiles: &[(Tile, TilePicture)]) -> Sums {
+    fn sums(&self, frame: &RenderContext, tiles: &[(Tile, TileResult)]) -> Sums {
         let [width, height] = self.size();
         let settings = &frame.settings;
         let squares = || {
-            let estimates = film::assemble(width, height, tiles, &|picture| &picture.estimates);
-            self.cut(estimates).iter().map(Estimate::squares).collect()
+            let estimates = film::assemble(width, height, tiles, &|result| &result.estimates);
+            self.cut(estimates).iter().map(PixelStatistics::squares).collect()
         };
         Sums {
             samples: frame.samples_taken(),
-            radiance: self.cut(film::assemble(width, height, tiles, &|picture| &picture.sums)),
+            radiance: self.cut(film::assemble(width, height, tiles, &|result| &result.sums)),
             weighted: (!settings.filter.is_box()).then(|| self.cut(filter::sums(width, height, tiles))),
             squares: settings.sample_aovs.then(squares),
         }
     }
 }
 
-impl Frame<'_> {
+impl RenderContext<'_> {
     /// Returns the number of samples per pixel in the share that is rendered.
     pub(super) fn samples_taken(&self) -> u32 {
         let before = |group: usize| self.settings.spp.min(group as u32 * self.shape.samples);

@@ -20,15 +20,15 @@ use std::f64::consts::TAU;
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::Frame;
-use super::ledger::Account;
-use super::outcome::{Outcome, Stage, Traced};
-use super::queue::Sent;
+use super::RenderContext;
+use super::ledger::Category;
+use super::outcome::{BatchInfo, ShadingState, TracedPacket};
+use super::queue::RayWorkItem;
 use super::sampler::Purpose;
-use super::soft::Draw;
+use super::soft::SampleIndex;
 use super::surface::Surfaces;
-use super::transparent::{Boundary, Facet};
-use super::travel::{Travel, TravelPacket};
+use super::transparent::{Boundary, Interface};
+use super::travel::{PathState, PathStatePacket};
 use super::wave::WAVE;
 use crate::numeric::{LANES, Lanes3, Ray};
 use crate::optics::{reflect, refract};
@@ -46,12 +46,12 @@ pub(super) fn camera_packets(scene: &Scene, effects: EffectSet) -> usize {
         .instances
         .iter()
         .map(|instance| &scene.materials[instance.material as usize]);
-    let most = used.map(Material::rough_rays).max();
-    (WAVE / most.unwrap_or(0).max(1) as usize).max(1)
+    let max_rays = used.map(Material::rough_rays).max();
+    (WAVE / max_rays.unwrap_or(0).max(1) as usize).max(1)
 }
 
 /// Scattered ray, without its origin.
-pub(super) struct Way {
+pub(super) struct ScatteredRay {
     /// Unit direction in world space.
     pub(super) direction: DVec3,
     /// Cosines of the angles of the incident and the scattered ray with the surface normal or a microfacet normal.
@@ -63,7 +63,7 @@ pub(super) struct Way {
 }
 
 /// Lobe of a rough surface for one incident direction.
-struct Lobe {
+struct GlossyLobe {
     ggx: Ggx,
     /// Rotation from the shading frame, whose z axis is the normal, to world space.
     world_from_lobe: DMat3,
@@ -79,19 +79,19 @@ struct Lobe {
 
 /// Microfacet of a rough surface, which scatters like a mirror.
 pub(super) struct Microfacet<'a> {
-    lobe: &'a Lobe,
+    lobe: &'a GlossyLobe,
     /// Unit normal of the microfacet, in the shading frame.
     m: DVec3,
 }
 
-impl Lobe {
+impl GlossyLobe {
     /// Returns the lobe of a surface with this roughness and unit normal `n` for light towards `wo`; `None` if `wo`
     /// is below the surface.
-    fn new(roughness: f32, [n, side]: [DVec3; 2], wo: DVec3) -> Option<Lobe> {
+    fn new(roughness: f32, [n, side]: [DVec3; 2], wo: DVec3) -> Option<GlossyLobe> {
         let (t, b) = n.any_orthonormal_pair();
         let world_from_lobe = DMat3::from_cols(t, b, n);
         let wo = world_from_lobe.transpose() * wo;
-        (wo.z > 0.0).then(|| Lobe {
+        (wo.z > 0.0).then(|| GlossyLobe {
             ggx: Ggx::from_roughness(f64::from(roughness)),
             world_from_lobe,
             wo,
@@ -110,10 +110,10 @@ impl Lobe {
 
     /// Returns the ray along `wi`, which has the density `pdf` and is transmitted if `wi` is below the surface;
     /// `None` if it leaves on the wrong side of the geometric surface.
-    fn way(&self, wi: DVec3, cosines: [f64; 2], [visible, pdf]: [f64; 2]) -> Option<Way> {
+    fn scattered_ray(&self, wi: DVec3, cosines: [f64; 2], [visible, pdf]: [f64; 2]) -> Option<ScatteredRay> {
         let direction = self.world_from_lobe * wi;
         // With an interpolated normal, a direction may lie on the wrong side of the geometric surface.
-        (direction.dot(self.side) * wi.z > 0.0).then(|| Way {
+        (direction.dot(self.side) * wi.z > 0.0).then(|| ScatteredRay {
             direction,
             cosines,
             share: (visible / f64::from(self.of)) as f32,
@@ -138,14 +138,14 @@ impl Microfacet<'_> {
     }
 
     /// Returns the reflected ray, or `None` if it points into the surface.
-    pub(super) fn reflected(&self) -> Option<Way> {
-        let Lobe { ggx, wo, .. } = self.lobe;
+    pub(super) fn reflected(&self) -> Option<ScatteredRay> {
+        let GlossyLobe { ggx, wo, .. } = self.lobe;
         let wi = reflect(-wo, self.m);
         if !(wi.z > 0.0) {
             return None;
         }
-        let weights = [ggx.g2_over_g1(wi), ggx.reflection_pdf(*wo, wi)];
-        self.lobe.way(wi, [self.cos_i(); 2], weights)
+        let weights = [ggx.smith_g1(wi), ggx.reflection_pdf(*wo, wi)];
+        self.lobe.scattered_ray(wi, [self.cos_i(); 2], weights)
     }
 
     /// Returns the refracted ray, or `None` with total internal reflection or if the ray does not leave behind the
@@ -153,21 +153,23 @@ impl Microfacet<'_> {
     ///
     /// Behind a thin surface are its interior and its equally rough back side, which `KHR_materials_transmission`
     /// models by the mirrored lobe on the far side.
-    pub(super) fn refracted(&self, boundary: &Boundary, [eta_i, eta_t]: [f64; 2]) -> Option<Way> {
-        let Lobe { ggx, wo, .. } = self.lobe;
+    pub(super) fn refracted(&self, boundary: &Boundary, [eta_i, eta_t]: [f64; 2]) -> Option<ScatteredRay> {
+        let GlossyLobe { ggx, wo, .. } = self.lobe;
         // Mirror the reflected lobe to the far side of a thin surface
-        if boundary.is_wall() {
+        if boundary.is_thin_surface() {
             let mirrored = reflect(-wo, self.m);
             if !(mirrored.z > 0.0) {
                 return None;
             }
-            let weights = [ggx.g2_over_g1(mirrored), ggx.reflection_pdf(*wo, mirrored)];
+            let weights = [ggx.smith_g1(mirrored), ggx.reflection_pdf(*wo, mirrored)];
             let wi = mirrored.with_z(-mirrored.z);
-            return self.lobe.way(wi, [self.cos_i(); 2], weights);
+            return self.lobe.scattered_ray(wi, [self.cos_i(); 2], weights);
         }
         if eta_i == eta_t {
             // Without a change of index, roughness has no effect.
-            return self.lobe.way(-wo, [self.cos_i(); 2], [1.0, f64::INFINITY]);
+            return self
+                .lobe
+                .scattered_ray(-wo, [self.cos_i(); 2], [1.0, f64::INFINITY]);
         }
         // Refract at the microfacet
         let refraction = refract(-wo, self.m, eta_i, eta_t)?;
@@ -177,21 +179,21 @@ impl Microfacet<'_> {
         }
         let pdf = ggx.transmission_pdf(*wo, wi, eta_t / eta_i);
         let cosines = [self.cos_i(), refraction.cos_t];
-        self.lobe.way(wi, cosines, [ggx.g2_over_g1(wi), pdf])
+        self.lobe.scattered_ray(wi, cosines, [ggx.smith_g1(wi), pdf])
     }
 }
 
-impl Frame<'_> {
+impl RenderContext<'_> {
     /// Returns the number of microfacets that a path samples at the surface in lane `l`: the material's number at
     /// depth 0, otherwise 1.
-    fn rough_rays(&self, surfaces: &Surfaces, travel: &Travel, (l, stage): (usize, Stage)) -> u32 {
-        let depth = if self.effects().has_sheets() {
+    fn rough_rays(&self, surfaces: &Surfaces, travel: &PathState, (l, stage): (usize, BatchInfo)) -> u32 {
+        let depth = if self.effects().has_transmission() {
             travel.depth
         } else {
             stage.depth
         };
         if depth == 0 {
-            surfaces.materials.rich.rough_rays[l]
+            surfaces.materials.extended.rough_rays[l]
         } else {
             1
         }
@@ -201,18 +203,18 @@ impl Frame<'_> {
     fn lobe_at(
         &self,
         surfaces: &Surfaces,
-        arrival: &Travel,
+        arrival: &PathState,
         n: DVec3,
-        (l, stage): (usize, Stage),
-    ) -> Option<Lobe> {
+        (l, stage): (usize, BatchInfo),
+    ) -> Option<GlossyLobe> {
         let points = &surfaces.points;
         let of = self.rough_rays(surfaces, arrival, (l, stage));
-        let lobe = Lobe::new(
+        let lobe = GlossyLobe::new(
             surfaces.materials.roughness[l],
             [n, points.geometric_normal(l)],
             -arrival.direction,
         )?;
-        Some(Lobe {
+        Some(GlossyLobe {
             of,
             of_pixel: f64::from(of) * f64::from(arrival.split) * f64::from(self.even_count),
             ..lobe
@@ -220,11 +222,11 @@ impl Frame<'_> {
     }
 }
 
-impl Outcome<'_, '_> {
+impl ShadingState<'_, '_> {
     /// Queues the rays into the lobes of opaque surfaces. Transmissive surfaces queue theirs in
-    /// `cross_rough_surfaces`.
-    pub(super) fn reflect_roughly(&mut self, traced: &Traced, surfaces: &Surfaces, stage: Stage) {
-        let Some(travels) = traced.travels else {
+    /// `refract_rough_rays`.
+    pub(super) fn reflect_roughly(&mut self, traced: &TracedPacket, surfaces: &Surfaces, stage: BatchInfo) {
+        let Some(path_states) = traced.path_states else {
             return;
         };
         let divides = self.frame.effects().has(Effect::Refraction);
@@ -233,49 +235,50 @@ impl Outcome<'_, '_> {
             // Weights of a single wavelength may be negative, so that the sum of the channels is not a valid test.
             let seen = surfaces.points.hit[l] && traced.weight.iter().any(|channel| channel[l] != 0.0);
             if seen && materials.has_lobe(l) && !(divides && materials.transmits(l)) {
-                self.reflect_lobe(traced, travels, surfaces, (l, stage));
+                self.reflect_lobe(traced, path_states, surfaces, (l, stage));
             }
         }
     }
 
     fn reflect_lobe(
         &mut self,
-        traced: &Traced,
-        travels: TravelPacket,
+        traced: &TracedPacket,
+        path_states: PathStatePacket,
         surfaces: &Surfaces,
-        (l, stage): (usize, Stage),
+        (l, stage): (usize, BatchInfo),
     ) {
         // Build the lobe in the shading frame
         let frame = self.frame;
         let points = &surfaces.points;
         let vector = |v: &Lanes3<f32>| Vec3::new(v[0][l], v[1][l], v[2][l]);
-        let arrival = Travel {
+        let arrival = PathState {
             // The path state holds a direction only with refraction.
             direction: -vector(&points.wo).as_dvec3().normalize(),
-            ..travels.lane(l)
+            ..path_states.lane(l)
         };
         let Some(lobe) = frame.lobe_at(surfaces, &arrival, points.shading_normal(l), (l, stage)) else {
             return;
         };
-        let cone = frame
-            .cone_at(traced, travels, l)
-            .reflected(frame.curvature(traced.packet, surfaces, l));
+        let cone =
+            frame
+                .cone_at(traced, path_states, l)
+                .reflected(frame.curvature(traced.packet, surfaces, l));
         // Sample microfacets and spawn their reflected rays
         for number in 0..lobe.of {
             let facet = lobe.microfacet(self.lobe_numbers(traced, (l, stage), [number, lobe.of]));
-            let Some(way) = facet.reflected() else {
+            let Some(scattered_ray) = facet.reflected() else {
                 continue;
             };
             let fresnel = surfaces.materials.fresnel(facet.cos_i() as f32, l);
-            let sent = Sent {
-                ray: Ray::new(vector(&points.origin), way.direction.as_vec3()),
+            let sent = RayWorkItem {
+                ray: Ray::new(vector(&points.origin), scattered_ray.direction.as_vec3()),
                 pixel: traced.pixel[l],
-                weight: std::array::from_fn(|c| traced.weight[c][l] * fresnel[c] * way.share),
-                sender: Account::RoughReflection,
-                travel: Some(Travel {
+                weight: std::array::from_fn(|c| traced.weight[c][l] * fresnel[c] * scattered_ray.share),
+                sender: Category::RoughReflection,
+                travel: Some(PathState {
                     depth: arrival.depth + 1,
-                    direction: way.direction,
-                    cone: cone.spread_by(way.spread),
+                    direction: scattered_ray.direction,
+                    cone: cone.spread_by(scattered_ray.spread),
                     ..arrival.one_of(number, lobe.of)
                 }),
             };
@@ -284,45 +287,53 @@ impl Outcome<'_, '_> {
     }
 
     /// Queues the reflected and refracted rays at rough transmissive surfaces.
-    pub(super) fn cross_rough_surfaces(
+    pub(super) fn refract_rough_rays(
         &mut self,
-        traced: &Traced,
-        travels: TravelPacket,
+        traced: &TracedPacket,
+        path_states: PathStatePacket,
         surfaces: &Surfaces,
-        stage: Stage,
+        stage: BatchInfo,
     ) {
         for l in 0..LANES {
             let materials = &surfaces.materials;
             let seen = surfaces.points.hit[l] && traced.weight.iter().any(|channel| channel[l] != 0.0);
             if seen && materials.transmits(l) && materials.has_lobe(l) {
-                self.cross_lobe(traced, travels, surfaces, (l, stage));
+                self.cross_lobe(traced, path_states, surfaces, (l, stage));
             }
         }
     }
 
     fn cross_lobe(
         &mut self,
-        traced: &Traced,
-        travels: TravelPacket,
+        traced: &TracedPacket,
+        path_states: PathStatePacket,
         surfaces: &Surfaces,
-        (l, stage): (usize, Stage),
+        (l, stage): (usize, BatchInfo),
     ) {
-        let mut meeting = self.frame.meeting(traced, travels, surfaces, l);
-        let arrival = meeting.arrival;
-        let Some(lobe) = self.frame.lobe_at(surfaces, &arrival, meeting.normal, (l, stage)) else {
+        let mut boundary_hit = self.frame.boundary_hit(traced, path_states, surfaces, l);
+        let arrival = boundary_hit.arrival;
+        let Some(lobe) = self
+            .frame
+            .lobe_at(surfaces, &arrival, boundary_hit.normal, (l, stage))
+        else {
             return;
         };
         // Scatter at each sampled microfacet
         for number in 0..lobe.of {
             let numbers = self.lobe_numbers(traced, (l, stage), [number, lobe.of]);
-            meeting.arrival = arrival.one_of(number, lobe.of);
-            self.divide(&meeting, &Facet::Rough(lobe.microfacet(numbers)));
+            boundary_hit.arrival = arrival.one_of(number, lobe.of);
+            self.scatter_at_boundary(&boundary_hit, &Interface::Rough(lobe.microfacet(numbers)));
         }
     }
 
     /// Returns the random pair for microfacet `number` of `of`, for the sample of lane `l`.
-    fn lobe_numbers(&self, traced: &Traced, (l, stage): (usize, Stage), [number, of]: [u32; 2]) -> [f64; 2] {
-        let draw = Draw {
+    fn lobe_numbers(
+        &self,
+        traced: &TracedPacket,
+        (l, stage): (usize, BatchInfo),
+        [number, of]: [u32; 2],
+    ) -> [f64; 2] {
+        let draw = SampleIndex {
             purpose: Purpose::LOBE.nested(stage.depth),
             number,
             of,
@@ -331,10 +342,10 @@ impl Outcome<'_, '_> {
     }
 }
 
-impl Travel {
+impl PathState {
     /// Returns the state of ray `number` of the `of` rays into one lobe.
-    fn one_of(self, number: u32, of: u32) -> Travel {
-        Travel {
+    fn one_of(self, number: u32, of: u32) -> PathState {
+        PathState {
             sample: self.sample.wrapping_mul(of).wrapping_add(number),
             split: self.split.saturating_mul(of),
             ..self
@@ -353,13 +364,13 @@ mod tests {
     use crate::shape::Shape;
 
     #[test]
-    fn the_width_of_a_ray_is_that_of_its_part_of_the_lobe() {
+    fn ray_width_covers_its_share_of_the_lobe() {
         let roughness = 0.25f32;
         let alpha = f64::from(roughness) * f64::from(roughness);
-        let lobe = Lobe {
+        let lobe = GlossyLobe {
             of: 4,
             of_pixel: 4.0 * 16.0,
-            ..Lobe::new(roughness, [DVec3::Z; 2], DVec3::Z).unwrap()
+            ..GlossyLobe::new(roughness, [DVec3::Z; 2], DVec3::Z).unwrap()
         };
         let middle = lobe.microfacet([0.0, 0.0]).reflected().unwrap();
         // One of 64 rays at the centre: 2 √π alpha over the root of 64.
@@ -376,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn waves_are_smaller_by_the_rays_of_a_lobe() {
+    fn wave_size_is_divided_by_rays_per_lobe() {
         let effects = EffectSet::NONE.with(Effect::RoughReflection);
         let of = |rays: u32| {
             let mut material = Material::metallic_roughness([1.0; 3], 1.0, 0.5);

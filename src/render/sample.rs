@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Instant;
 
 use super::film::{TILE, Tile, tiles};
-use super::wave::{TilePicture, Waves};
-use super::{Frame, LayerSet, Ledger, LightLayers, Monitor, Plan, RenderSettings, filter};
+use super::wave::{RendererPool, TileResult};
+use super::{AovSet, LightAovs, Monitor, Plan, RenderContext, RenderProfile, RenderSettings, filter};
 use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::parallel;
@@ -34,7 +34,7 @@ pub struct TileSample {
     /// Tiles in the order of their selection.
     pub tiles: Vec<SampledTile>,
     /// Numbers of rays and seconds of these tiles alone.
-    pub ledger: Ledger,
+    pub ledger: RenderProfile,
     /// Effects that were simulated, with the reason for each.
     pub plan: Plan,
 }
@@ -67,25 +67,25 @@ pub fn render_sample(
     let settings = RenderSettings {
         adaptive: None,
         sample_aovs: false,
-        layers: LayerSet::NONE,
-        light_layers: LightLayers::NONE,
+        layers: AovSet::NONE,
+        light_layers: LightAovs::NONE,
         ..*settings
     };
-    let mut frame = Frame::new(scene, camera, accel, &settings);
+    let mut frame = RenderContext::new(scene, camera, accel, &settings);
     // The cost of subsurface scattering belongs to the whole image, not to these tiles.
     frame.scatter(monitor)?;
     // Select the tiles
     let chosen = chosen_tiles(&settings, count);
     let finished = AtomicUsize::new(0);
-    let waves = Waves::new(&frame);
+    let waves = RendererPool::new(&frame);
     // Render them in parallel, each with its processor time
     let render = |index: usize| {
         if monitor.cancel.load(Ordering::Relaxed) {
             return None;
         }
-        let (tile, mut wave) = (chosen[index], waves.lend());
+        let (tile, mut wave) = (chosen[index], waves.acquire());
         let start = thread_seconds();
-        let (picture, ledger) = wave.render_tile(tile, None);
+        let (result, ledger) = wave.render_tile(tile, None);
         let seconds = thread_seconds() - start;
         let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
         (monitor.progress)(finished as f64 / chosen.len() as f64);
@@ -93,7 +93,7 @@ pub fn render_sample(
         let sampled = SampledTile {
             x: inner.x,
             y: inner.y,
-            image: pixels(tile, inner, picture, &settings),
+            image: pixels(tile, inner, result, &settings),
             seconds,
         };
         Some((sampled, ledger))
@@ -101,7 +101,7 @@ pub fn render_sample(
     // Merge the ledgers in the order of the tiles
     let rendered: Option<Vec<_>> = parallel::map(chosen.len(), &render).into_iter().collect();
     let (tiles, ledgers): (Vec<_>, Vec<_>) = rendered?.into_iter().unzip();
-    let mut ledger = Ledger::default();
+    let mut ledger = RenderProfile::default();
     ledgers.into_iter().for_each(|of_tile| ledger += of_tile);
     ledger.seconds = start.elapsed().as_secs_f64();
     Some(TileSample {
@@ -180,17 +180,12 @@ fn inner(tile: Tile, settings: &RenderSettings) -> Tile {
 }
 
 /// Returns the pixels of a rendered tile inside `inner`, filtered if necessary.
-pub(super) fn pixels(
-    tile: Tile,
-    inner: Tile,
-    picture: TilePicture,
-    settings: &RenderSettings,
-) -> LinearImage {
-    let mut means = picture.means.clone();
+pub(super) fn pixels(tile: Tile, inner: Tile, result: TileResult, settings: &RenderSettings) -> LinearImage {
+    let mut means = result.means.clone();
     // Filter the tile by itself
     if !settings.filter.is_box() {
         let alone = Tile { x: 0, y: 0, ..tile };
-        filter::assemble(tile.width, &mut means, &[(alone, picture)]);
+        filter::assemble(tile.width, &mut means, &[(alone, result)]);
     }
     // Crop it to the inner pixels
     let rows = means.chunks(tile.width as usize);
@@ -219,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn all_tiles_are_chosen_once_before_any_comes_again() {
+    fn tiles_are_sampled_without_repetition() {
         for (width, height) in [(1, 1), (33, 70), (640, 480), (3000, 20)] {
             let chosen = chosen_tiles(&settings(width, height), usize::MAX);
             assert_eq!(chosen.len(), tile_count(width, height));
@@ -229,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn a_few_tiles_lie_in_all_quarters() {
+    fn few_tiles_cover_all_quarters() {
         // 16 of 1024: four per quarter if perfectly even, off by at most one or two.
         let chosen = chosen_tiles(&settings(1024, 1024), 16);
         let mut quarters = [0; 4];

@@ -4,7 +4,7 @@
 //! its samples has arrived, and each sample is added to the statistics of its pixel and splatted by the
 //! reconstruction filter, in the order of sample numbers.
 
-use super::estimate::{Estimate, RUN};
+use super::estimate::{PixelStatistics, RUN};
 use super::film::TILE;
 use super::filter::{PixelFilter, Splat};
 use super::light_layers::STEP_SHIFT;
@@ -31,7 +31,7 @@ impl SampleCounts {
         }
     }
 
-    pub(super) fn of(estimates: &[Estimate]) -> SampleCounts {
+    pub(super) fn of(estimates: &[PixelStatistics]) -> SampleCounts {
         let counts = || estimates.iter().map(|estimate| estimate.count);
         let total = counts().map(u64::from).sum();
         SampleCounts {
@@ -54,7 +54,7 @@ pub struct SampleAovs {
 }
 
 impl SampleAovs {
-    pub(super) fn of(estimates: &[Estimate]) -> SampleAovs {
+    pub(super) fn of(estimates: &[PixelStatistics]) -> SampleAovs {
         SampleAovs {
             samples: estimates.iter().map(|e| e.count as f32).collect(),
             variance: estimates.iter().map(|e| e.variance() as f32).collect(),
@@ -75,14 +75,14 @@ pub(super) fn pixel_of(label: u32) -> u32 {
 /// Radiance of the samples of the current wave, and statistics of earlier waves of the tile.
 pub(super) struct SampleFilm {
     radiance: Vec<[f64; 3]>,
-    places: Vec<Place>,
-    estimates: Vec<Estimate>,
+    places: Vec<SamplePosition>,
+    estimates: Vec<PixelStatistics>,
     splat: Option<Splat>,
 }
 
 /// Pixel and position of a sample.
 #[derive(Clone, Copy)]
-struct Place {
+struct SamplePosition {
     /// Pixel within the tile, `TILE` pixels per row.
     pixel: u32,
     /// Position within the pixel, from its top left corner.
@@ -96,7 +96,7 @@ impl SampleFilm {
         SampleFilm {
             radiance: vec![[0.0; 3]; WAVE * LANES],
             places: Vec::with_capacity(WAVE * LANES),
-            estimates: vec![Estimate::NONE; (TILE * TILE) as usize],
+            estimates: vec![PixelStatistics::NONE; (TILE * TILE) as usize],
             splat: (!filter.is_box()).then(|| Splat::new(filter)),
         }
     }
@@ -104,7 +104,7 @@ impl SampleFilm {
     /// Returns the bytes of all arrays.
     pub(super) fn byte_count(&self) -> usize {
         size_of_val(&self.radiance[..])
-            + self.places.capacity() * size_of::<Place>()
+            + self.places.capacity() * size_of::<SamplePosition>()
             + size_of_val(&self.estimates[..])
             + self.splat.as_ref().map_or(0, Splat::byte_count)
     }
@@ -112,7 +112,7 @@ impl SampleFilm {
     pub(super) fn clear(&mut self) {
         self.radiance.fill([0.0; 3]);
         self.places.clear();
-        self.estimates.fill(Estimate::NONE);
+        self.estimates.fill(PixelStatistics::NONE);
         if let Some(splat) = &mut self.splat {
             splat.clear();
         }
@@ -126,7 +126,7 @@ impl SampleFilm {
         active: &Lanes<i32>,
     ) {
         for l in 0..LANES {
-            let place = Place {
+            let place = SamplePosition {
                 pixel: labels[l],
                 position: [position[0][l], position[1][l]],
                 exists: active[l] != 0,
@@ -175,7 +175,7 @@ impl SampleFilm {
     }
 
     /// Returns the statistics of the pixels of the tile, `TILE` per row.
-    pub(super) fn estimates(&self) -> &[Estimate] {
+    pub(super) fn estimates(&self) -> &[PixelStatistics] {
         &self.estimates
     }
 
@@ -191,7 +191,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_comes_in_pieces_is_weighed_as_one_sample() {
+    fn partial_contributions_count_as_one_sample() {
         let mut film = SampleFilm::new(PixelFilter::default());
         let mut labels = [7; LANES];
         let mut active = [-1; LANES];
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn runs_of_a_pixels_samples_are_noted_and_those_with_gaps_are_not() {
+    fn only_contiguous_sample_runs_are_recorded() {
         let mut film = SampleFilm::new(PixelFilter::default());
         let values: Lanes<f32> = std::array::from_fn(|sample| (sample * sample % 13) as f32);
         let mut labels = [7; LANES];

@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_is_followed_from_its_own_time_to_both_ends() {
+    fn screen_motion_spans_the_shutter_interval() {
         let motion = ScreenMotion::new(&camera(), [100, 100]);
         let body = body([at(0.0, 0.0, -2.0), at(0.5, 0.25, -2.0)]);
         // At half the time the origin of the object is here. At twice the distance a unit is 25 pixels.
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_happens_while_the_shutter_is_open_counts() {
+    fn motion_outside_the_shutter_interval_is_ignored() {
         let half = Camera {
             shutter: Shutter {
                 open: 0.25,
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn what_stands_still_moves_as_the_camera_does_not() {
+    fn static_points_move_against_the_camera() {
         let still = Instance::new("still", 0, 0, DAffine3::IDENTITY).unwrap();
         let p = DVec3::new(0.3, 0.7, -4.0);
         assert_eq!(
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_from_behind_the_camera_has_no_motion() {
+    fn points_behind_the_camera_have_no_motion() {
         let motion = ScreenMotion::new(&camera(), [10, 10]);
         let body = body([at(0.0, 0.0, 2.0), at(0.0, 0.0, -6.0)]);
         assert_eq!(motion.of(DVec3::new(0.5, 0.0, -2.0), &body, 0.5), DVec2::ZERO);

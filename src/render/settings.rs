@@ -1,9 +1,9 @@
 //! Quantities that depend on the settings of an image alone.
 
 use super::adaptive::{self, Adaptive, ROUND};
-use super::estimate::Estimate;
+use super::estimate::PixelStatistics;
 use super::sampler::{Purpose, sample_2d};
-use super::{LightLayers, PixelCosts, RenderSettings};
+use super::{LightAovs, PixelCosts, RenderSettings};
 use crate::scene::CameraView;
 use crate::shading::ray_cone::Cone;
 
@@ -14,7 +14,7 @@ impl RenderSettings {
         // Add statistics of single samples
         let estimates = if self.target().is_some() || self.sample_aovs {
             // Counted twice: for the tiles and for the image.
-            2 * size_of::<Estimate>() + adaptive::LOOK_BYTES
+            2 * size_of::<PixelStatistics>() + adaptive::LOOK_BYTES
         } else {
             0
         };
@@ -33,7 +33,7 @@ impl RenderSettings {
         };
         // Layers are counted twice: as rendered and when written to a file.
         let layers = 2 * self.layers.layer_count() * size_of::<f32>();
-        let light = 2 * 3 * self.wanted_light().most_planes(light_count) * size_of::<f32>();
+        let light = 2 * 3 * self.wanted_light().max_planes(light_count) * size_of::<f32>();
         (estimates + aovs + layers + light + costs) as u64 + self.filter.bytes_per_pixel()
     }
 
@@ -54,9 +54,9 @@ impl RenderSettings {
     }
 
     /// Returns the layers of light that can be computed with these settings.
-    pub(super) fn wanted_light(&self) -> LightLayers {
+    pub(super) fn wanted_light(&self) -> LightAovs {
         if self.target().is_some() || !self.filter.is_box() {
-            return LightLayers::NONE;
+            return LightAovs::NONE;
         }
         self.light_layers
     }

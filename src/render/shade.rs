@@ -7,46 +7,47 @@ use std::cell::OnceCell;
 
 use multiversion::multiversion;
 
-use super::outcome::Traced;
-use super::soft::Arrivals;
+use super::outcome::TracedPacket;
+use super::soft::IncidentLight;
 use super::surface::{SurfacePacket, Surfaces};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet, Light, LightKind};
 use crate::shading::{
-    MaterialPacket, direct_of, illuminate, mirror, phong_direct, through, transmitted_irradiance,
+    MaterialPacket, diffuse_transmission, direct_of, mirror, phong_direct, sample_punctual_light,
+    transmitted_irradiance,
 };
 
 /// Surface interactions to be lit, with the throughput of their rays.
 #[derive(Clone, Copy)]
-pub(super) struct Lit<'a> {
+pub(super) struct ShadingContext<'a> {
     pub(super) points: &'a SurfacePacket,
     pub(super) materials: &'a MaterialPacket,
     /// Path throughput of the rays that hit the surfaces.
     pub(super) weight: &'a Lanes3<f32>,
     /// Materials without the lobes that secondary rays sample, for lights that rays can hit; computed on first use.
-    pub(super) without_seen_lobes: &'a OnceCell<MaterialPacket>,
+    pub(super) without_sampled_lobes: &'a OnceCell<MaterialPacket>,
 }
 
-impl<'a> Lit<'a> {
+impl<'a> ShadingContext<'a> {
     /// Returns the surface interactions of a traced packet.
     #[inline(always)]
     pub(super) fn of(
-        traced: &Traced<'a>,
+        traced: &TracedPacket<'a>,
         surfaces: &'a Surfaces,
-        without_seen_lobes: &'a OnceCell<MaterialPacket>,
-    ) -> Lit<'a> {
-        Lit {
+        without_sampled_lobes: &'a OnceCell<MaterialPacket>,
+    ) -> ShadingContext<'a> {
+        ShadingContext {
             points: &surfaces.points,
             materials: &surfaces.materials,
             weight: traced.weight,
-            without_seen_lobes,
+            without_sampled_lobes,
         }
     }
 }
 
 /// Mirror reflection rays of sixteen surfaces.
-pub(super) struct Mirrored {
+pub(super) struct ReflectedRays {
     /// Unit directions of the reflected rays.
     pub(super) direction: Lanes3<f32>,
     /// Throughput along the whole path, zero for surfaces that are not mirrors.
@@ -56,7 +57,7 @@ pub(super) struct Mirrored {
 }
 
 /// Radiance terms that need no light sampling: ambient and background.
-pub(super) struct Uncaused<'a> {
+pub(super) struct AmbientTerms<'a> {
     /// Ambient radiance that surfaces receive from all directions, linear RGB.
     pub(super) ambient: [f32; 3],
     /// Background radiance along each ray.
@@ -68,7 +69,7 @@ pub(super) struct Uncaused<'a> {
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-pub(super) fn surroundings(
+pub(super) fn background_radiance(
     packet: &RayPacket,
     weight: &Lanes3<f32>,
     background: &Lanes3<f32>,
@@ -92,13 +93,13 @@ pub(super) fn surroundings(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-pub(super) fn glow(
+pub(super) fn emitted_radiance(
     packet: &RayPacket,
     surfaces: &Surfaces,
     weight: &Lanes3<f32>,
-    light: &Uncaused,
+    light: &AmbientTerms,
 ) -> Lanes3<f32> {
-    let glow = surfaces.materials.ambient(light.ambient);
+    let emitted_radiance = surfaces.materials.ambient(light.ambient);
     let (mut share, mut hit) = ([0.0; LANES], [0.0; LANES]);
     for l in 0..LANES {
         share[l] = if packet.active[l] != 0 { 1.0 } else { 0.0 };
@@ -107,7 +108,7 @@ pub(super) fn glow(
     let mut radiance = [[0.0; LANES]; 3];
     for channel in 0..3 {
         for l in 0..LANES {
-            let seen = glow[channel][l] * hit[l] + light.background[channel][l] * (1.0 - hit[l]);
+            let seen = emitted_radiance[channel][l] * hit[l] + light.background[channel][l] * (1.0 - hit[l]);
             radiance[channel][l] = weight[channel][l] * seen * share[l];
         }
     }
@@ -120,11 +121,11 @@ pub(super) fn glow(
 #[inline(always)]
 pub(super) fn sample_direct(
     light: &Light,
-    lit: &Lit,
+    lit: &ShadingContext,
     shadow_rays: &mut RayPacket,
     radiance: &mut Lanes3<f32>,
 ) -> bool {
-    if lit.materials.effects.is_rich() {
+    if lit.materials.effects.needs_full_material() {
         sample_direct_full(light, lit, shadow_rays, radiance)
     } else {
         sample_direct_basic(light, lit, shadow_rays, radiance)
@@ -137,7 +138,7 @@ pub(super) fn sample_direct(
 ))]
 fn sample_direct_full(
     light: &Light,
-    lit: &Lit,
+    lit: &ShadingContext,
     shadow_rays: &mut RayPacket,
     radiance: &mut Lanes3<f32>,
 ) -> bool {
@@ -150,7 +151,7 @@ fn sample_direct_full(
 ))]
 fn sample_direct_basic(
     light: &Light,
-    lit: &Lit,
+    lit: &ShadingContext,
     shadow_rays: &mut RayPacket,
     radiance: &mut Lanes3<f32>,
 ) -> bool {
@@ -158,18 +159,18 @@ fn sample_direct_basic(
 }
 
 #[inline(always)]
-fn sample_direct_lanes<const RICH: bool>(
+fn sample_direct_lanes<const EXTENDED: bool>(
     light: &Light,
-    lit: &Lit,
+    lit: &ShadingContext,
     shadow_rays: &mut RayPacket,
     radiance: &mut Lanes3<f32>,
 ) -> bool {
     // Evaluate the incident light
     let surfaces = lit.points;
-    let arriving = illuminate(light, &surfaces.p);
+    let arriving = sample_punctual_light(light, &surfaces.p);
     let irradiance = |channel: usize, l: usize| light.intensity[channel] * arriving.attenuation[l];
     // Evaluate the reflected radiance and activate its lanes
-    let any = fill_shadow_rays::<RICH>(lit, &arriving.wi, irradiance, (&mut *shadow_rays, radiance));
+    let any = fill_shadow_rays::<EXTENDED>(lit, &arriving.wi, irradiance, (&mut *shadow_rays, radiance));
     // Aim shadow rays at the light
     match light.kind {
         // Area lights are sampled point by point.
@@ -189,13 +190,13 @@ fn sample_direct_lanes<const RICH: bool>(
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
 pub(super) fn sample_direct_area(
-    arrivals: &Arrivals,
-    lit: &Lit,
+    arrivals: &IncidentLight,
+    lit: &ShadingContext,
     shadow_rays: &mut RayPacket,
     radiance: &mut Lanes3<f32>,
 ) -> bool {
     let irradiance = |channel: usize, l: usize| arrivals.irradiance[channel][l];
-    let any = if lit.materials.effects.is_rich() {
+    let any = if lit.materials.effects.needs_full_material() {
         fill_shadow_rays::<true>(lit, &arrivals.wi, irradiance, (&mut *shadow_rays, radiance))
     } else {
         fill_shadow_rays::<false>(lit, &arrivals.wi, irradiance, (&mut *shadow_rays, radiance))
@@ -210,15 +211,15 @@ pub(super) fn sample_direct_area(
 /// Evaluates the light reflected from `wi` and sets the origins of the shadow rays. Returns whether any lane is
 /// active.
 #[inline(always)]
-fn fill_shadow_rays<const RICH: bool>(
-    lit: &Lit,
+fn fill_shadow_rays<const EXTENDED: bool>(
+    lit: &ShadingContext,
     wi: &Lanes3<f32>,
     irradiance: impl Fn(usize, usize) -> f32,
     (shadow_rays, radiance): (&mut RayPacket, &mut Lanes3<f32>),
 ) -> bool {
     shadow_rays.origin = lit.points.origin;
-    let any = answer::<RICH>(lit, wi, irradiance, (&mut *shadow_rays, radiance));
-    if RICH {
+    let any = eval_direct::<EXTENDED>(lit, wi, irradiance, (&mut *shadow_rays, radiance));
+    if EXTENDED {
         start_behind(lit, wi, shadow_rays);
     }
     any
@@ -227,31 +228,31 @@ fn fill_shadow_rays<const RICH: bool>(
 /// Evaluates the weighted BSDF for light from `wi`; a lane's shadow ray is active where the result is not zero.
 /// Returns whether any lane is active.
 #[inline(always)]
-fn answer<const RICH: bool>(
-    lit: &Lit,
+fn eval_direct<const EXTENDED: bool>(
+    lit: &ShadingContext,
     wi: &Lanes3<f32>,
     irradiance: impl Fn(usize, usize) -> f32,
     (shadow_rays, radiance): (&mut RayPacket, &mut Lanes3<f32>),
 ) -> bool {
     let surfaces = lit.points;
-    let effects = if RICH {
+    let effects = if EXTENDED {
         lit.materials.effects
     } else {
         EffectSet::NONE
     };
     // Evaluate the BSDF, or the transmitted irradiance of a subsurface material
-    let mut reflected = match lit.materials.enters {
+    let mut reflected = match lit.materials.entry_ior {
         Some(eta) if effects.has(Effect::Subsurface) => transmitted_irradiance(eta, &surfaces.ns, wi),
-        _ => direct_of::<RICH>(lit.materials, &surfaces.ns, &surfaces.wo, wi),
+        _ => direct_of::<EXTENDED>(lit.materials, &surfaces.ns, &surfaces.wo, wi),
     };
     // Replace lanes of the Phong model
-    if effects.has(Effect::Lecture) {
-        let lecture = phong_direct(lit.materials, &surfaces.ns, &surfaces.wo, wi);
+    if effects.has(Effect::Phong) {
+        let phong = phong_direct(lit.materials, &surfaces.ns, &surfaces.wo, wi);
         for channel in 0..3 {
             for l in 0..LANES {
-                let is_lecture = lit.materials.rich.is_lecture[l];
-                reflected[channel][l] = if is_lecture {
-                    lecture[channel][l]
+                let is_phong = lit.materials.extended.is_phong[l];
+                reflected[channel][l] = if is_phong {
+                    phong[channel][l]
                 } else {
                     reflected[channel][l]
                 };
@@ -259,14 +260,18 @@ fn answer<const RICH: bool>(
         }
     }
     // Use diffuse transmission where light is behind a thin surface
-    let has_sheets = effects.has(Effect::Translucency);
-    if has_sheets {
-        let through = through(lit.materials, &surfaces.ns, &surfaces.wo, wi);
+    let has_thin_surfaces = effects.has(Effect::Translucency);
+    if has_thin_surfaces {
+        let diffuse_transmission = diffuse_transmission(lit.materials, &surfaces.ns, &surfaces.wo, wi);
         for channel in 0..3 {
             for l in 0..LANES {
                 let is_behind = above(surfaces, wi, l) < 0.0;
                 let here = reflected[channel][l];
-                reflected[channel][l] = if is_behind { through[channel][l] } else { here };
+                reflected[channel][l] = if is_behind {
+                    diffuse_transmission[channel][l]
+                } else {
+                    here
+                };
             }
         }
     }
@@ -274,7 +279,7 @@ fn answer<const RICH: bool>(
     let mut any = 0;
     for l in 0..LANES {
         let above = above(surfaces, wi, l);
-        let is_behind = has_sheets && (above < 0.0) & lit.materials.is_sheet(l);
+        let is_behind = has_thin_surfaces && (above < 0.0) & lit.materials.is_thin_surface(l);
         let reaches = surfaces.hit[l] & ((above > 0.0) | is_behind);
         let mut largest = 0.0f32;
         for channel in 0..3 {
@@ -301,7 +306,7 @@ fn above(surfaces: &SurfacePacket, wi: &Lanes3<f32>, l: usize) -> f32 {
 
 /// Moves the origins of shadow rays to the far side of thin surfaces that are lit from there.
 #[inline(always)]
-fn start_behind(lit: &Lit, wi: &Lanes3<f32>, shadow_rays: &mut RayPacket) {
+fn start_behind(lit: &ShadingContext, wi: &Lanes3<f32>, shadow_rays: &mut RayPacket) {
     let surfaces = lit.points;
     if !lit.materials.effects.has(Effect::Translucency) {
         return;
@@ -356,8 +361,8 @@ pub(super) fn block(shadow_rays: &RayPacket, radiance: &mut Lanes3<f32>) {
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-pub(super) fn reflection(lit: &Lit) -> Mirrored {
-    if lit.materials.effects.is_rich() {
+pub(super) fn reflection(lit: &ShadingContext) -> ReflectedRays {
+    if lit.materials.effects.needs_full_material() {
         reflection_of::<true>(lit)
     } else {
         reflection_of::<false>(lit)
@@ -365,9 +370,9 @@ pub(super) fn reflection(lit: &Lit) -> Mirrored {
 }
 
 #[inline(always)]
-fn reflection_of<const RICH: bool>(lit: &Lit) -> Mirrored {
+fn reflection_of<const EXTENDED: bool>(lit: &ShadingContext) -> ReflectedRays {
     let surfaces = lit.points;
-    let (direction, mut reflectance) = mirror::<RICH>(lit.materials, &surfaces.ns, &surfaces.wo);
+    let (direction, mut reflectance) = mirror::<EXTENDED>(lit.materials, &surfaces.ns, &surfaces.wo);
     let mut leaves = [false; LANES];
     for l in 0..LANES {
         let mut above = 0.0;
@@ -375,14 +380,14 @@ fn reflection_of<const RICH: bool>(lit: &Lit) -> Mirrored {
             above += surfaces.ng[axis][l] * direction[axis][l];
         }
         leaves[l] = above > 0.0;
-        // Transmissive surfaces divide light by Fresnel's equations in `cross_surfaces`.
-        let divides = RICH && lit.materials.effects.has(Effect::Refraction) & lit.materials.transmits(l);
+        // Transmissive surfaces divide light by Fresnel's equations in `refract_rays`.
+        let divides = EXTENDED && lit.materials.effects.has(Effect::Refraction) & lit.materials.transmits(l);
         for channel in 0..3 {
             let weight = if divides { 0.0 } else { lit.weight[channel][l] };
             reflectance[channel][l] *= weight;
         }
     }
-    Mirrored {
+    ReflectedRays {
         direction,
         weight: reflectance,
         leaves,

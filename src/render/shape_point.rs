@@ -54,7 +54,7 @@ mod tests {
     use crate::shape::Sphere;
 
     #[test]
-    fn a_squashed_mirrored_sphere_has_the_normal_of_its_ellipsoid() {
+    fn scaled_mirrored_sphere_has_ellipsoid_normal() {
         // x² / 4 + y² + z² = 1 at x = 1: y = √3 / 2, gradient (x / 4, y) ~ (1, 2 √3).
         let map = DAffine3::from_scale(DVec3::new(-2.0, 1.0, 1.0));
         let instance = Instance::new("", 0, 0, map).unwrap();
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn the_face_that_was_reported_is_the_one_that_is_worked_out() {
+    fn reported_face_determines_the_shading_point() {
         let instance = Instance::new("", 0, 0, DAffine3::IDENTITY).unwrap();
         // The ray crosses the cube from above: in at t = 2, out at t = 4, through different faces.
         let ray = |t_far| Ray {

@@ -13,18 +13,18 @@ use glam::DVec3;
 
 use super::RenderSettings;
 use super::film::TILE;
-use super::lamps::SoftLight;
-use super::ledger::Account;
-use super::outcome::{Outcome, Stage, Traced};
+use super::lamps::AreaLightSampler;
+use super::ledger::Category;
+use super::outcome::{BatchInfo, ShadingState, TracedPacket};
 use super::sampler::Purpose;
 use super::samples::pixel_of;
-use super::shade::{self, Lit};
+use super::shade::{self, ShadingContext};
 use crate::numeric::{LANES, Lanes3};
 use crate::scene::{Effect, LightKind, MIRROR_ROUGHNESS};
 use crate::shading::MaterialPacket;
 
 /// Incident light at sixteen surfaces from sampled points or directions; zero where `irradiance` is 0.
-pub(super) struct Arrivals {
+pub(super) struct IncidentLight {
     /// Unit vectors towards the light.
     pub(super) wi: Lanes3<f32>,
     /// Irradiance on a surface that faces the light, linear RGB.
@@ -33,9 +33,9 @@ pub(super) struct Arrivals {
     pub(super) from: Option<Lanes3<f64>>,
 }
 
-impl Arrivals {
+impl IncidentLight {
     /// Incident light of zero at all surfaces.
-    pub(super) const NONE: Arrivals = Arrivals {
+    pub(super) const NONE: IncidentLight = IncidentLight {
         wi: [[0.0; LANES]; 3],
         irradiance: [[0.0; LANES]; 3],
         from: None,
@@ -44,7 +44,7 @@ impl Arrivals {
 
 /// Index of a light sample: `number` of `of` samples for `purpose`.
 #[derive(Clone, Copy)]
-pub(super) struct Draw {
+pub(super) struct SampleIndex {
     pub(super) purpose: Purpose,
     pub(super) number: u32,
     pub(super) of: u32,
@@ -52,7 +52,7 @@ pub(super) struct Draw {
 
 /// Pixel and pixel sample that a ray belongs to.
 #[derive(Clone, Copy)]
-pub(super) struct Origin {
+pub(super) struct PixelSample {
     /// Column and row of the film's first pixel in the image.
     pub(super) corner: [u32; 2],
     /// Label of the ray on the film.
@@ -60,9 +60,9 @@ pub(super) struct Origin {
     pub(super) sample: u32,
 }
 
-impl Origin {
+impl PixelSample {
     /// Returns the random pair for one draw.
-    pub(super) fn numbers(&self, settings: &RenderSettings, draw: Draw) -> [f64; 2] {
+    pub(super) fn numbers(&self, settings: &RenderSettings, draw: SampleIndex) -> [f64; 2] {
         let pixel = pixel_of(self.label);
         let pixel = [self.corner[0] + pixel % TILE, self.corner[1] + pixel / TILE];
         // The draws of all samples of a pixel form one stratified set.
@@ -71,14 +71,14 @@ impl Origin {
     }
 }
 
-impl<'a> Lit<'a> {
+impl<'a> ShadingContext<'a> {
     /// Returns the surfaces with the materials for lights that rays can hit.
-    pub(super) fn without_seen_lobes(&self) -> Lit<'a> {
+    pub(super) fn without_sampled_lobes(&self) -> ShadingContext<'a> {
         let materials = self.materials;
-        Lit {
+        ShadingContext {
             materials: self
-                .without_seen_lobes
-                .get_or_init(|| without_seen_lobes(materials)),
+                .without_sampled_lobes
+                .get_or_init(|| without_sampled_lobes(materials)),
             ..*self
         }
     }
@@ -86,65 +86,71 @@ impl<'a> Lit<'a> {
 
 /// Returns the materials for lights that rays can hit: without a specular lobe where a mirror ray or lobe rays sample
 /// it, and without the highlight where the Phong model has a reflected ray.
-fn without_seen_lobes(materials: &MaterialPacket) -> MaterialPacket {
+fn without_sampled_lobes(materials: &MaterialPacket) -> MaterialPacket {
     let mut without = materials.clone();
     for l in 0..LANES {
         // Mirror rays or lobe rays sample this lobe
         if materials.roughness[l] <= MIRROR_ROUGHNESS || materials.has_lobe(l) {
             without.roughness[l] = 0.0;
         }
-        let rich = &mut without.rich;
+        let extended = &mut without.extended;
         // The reflected ray of the Phong model samples its highlight
-        if rich.is_lecture[l] && (0..3).any(|c| rich.reflection[c][l] != 0.0) {
-            (0..3).for_each(|c| rich.specular_color[c][l] = 0.0);
+        if extended.is_phong[l] && (0..3).any(|c| extended.reflection[c][l] != 0.0) {
+            (0..3).for_each(|c| extended.specular_color[c][l] = 0.0);
         }
     }
     without
 }
 
-impl Outcome<'_, '_> {
+impl ShadingState<'_, '_> {
     /// Queues shadow rays to sampled points of light `number`. Returns `false` if that light is not an area light.
-    pub(super) fn ask_area_light(&mut self, number: usize, traced: &Traced, lit: &Lit, stage: Stage) -> bool {
+    pub(super) fn queue_area_light(
+        &mut self,
+        number: usize,
+        traced: &TracedPacket,
+        lit: &ShadingContext,
+        stage: BatchInfo,
+    ) -> bool {
         let frame = self.frame;
         let light = &frame.scene.lights[number];
         let LightKind::Area { samples, .. } = light.kind else {
             return false;
         };
-        let Some(Some(shape)) = frame.soft_lights.get(number) else {
+        let Some(Some(shape)) = frame.area_lights.get(number) else {
             return true;
         };
         // Leave out lobes that secondary rays sample already
         let effects = frame.effects();
         let is_mirrored = shape.is_seen() && (effects.has(Effect::Reflection) || effects.has_lobes());
         let lit = if is_mirrored {
-            lit.without_seen_lobes()
+            lit.without_sampled_lobes()
         } else {
             *lit
         };
         // Draw the samples
         let purpose = Purpose::LIGHT.nested(number as u32).nested(stage.depth);
         for sample in 0..samples {
-            let draw = Draw {
+            let draw = SampleIndex {
                 purpose,
                 number: sample,
                 of: samples,
             };
-            let arrivals = self.arriving_from(shape, light.intensity, (traced, &lit), draw);
-            self.ask(&arrivals, (traced, &lit), frame.plan.casting[number], stage);
+            let arrivals = self.sample_area_light_point(shape, light.intensity, (traced, &lit), draw);
+            self.queue_shadow_rays(&arrivals, (traced, &lit), frame.plan.casts_shadows[number], stage);
         }
         true
     }
 
     /// Returns the incident light from one sampled point of an area light at each surface.
-    fn arriving_from(
+    fn sample_area_light_point(
         &self,
-        light: &SoftLight,
+        light: &AreaLightSampler,
         radiance: [f32; 3],
-        (traced, lit): (&Traced, &Lit),
-        draw: Draw,
-    ) -> Arrivals {
+        (traced, lit): (&TracedPacket, &ShadingContext),
+        draw: SampleIndex,
+    ) -> IncidentLight {
         let textures = self.frame.surfaces.textures();
-        let mut arrivals = Arrivals::NONE;
+        let mut arrivals = IncidentLight::NONE;
         let mut from = [[0.0; LANES]; 3];
         // Sample the light from each hit point
         for l in (0..LANES).filter(|&l| lit.points.hit[l]) {
@@ -171,15 +177,15 @@ impl Outcome<'_, '_> {
     }
 
     /// Queues a packet of shadow rays if any lane would contribute.
-    pub(super) fn ask(
+    pub(super) fn queue_shadow_rays(
         &mut self,
-        arrivals: &Arrivals,
-        (traced, lit): (&Traced, &Lit),
+        arrivals: &IncidentLight,
+        (traced, lit): (&TracedPacket, &ShadingContext),
         casts: bool,
-        stage: Stage,
+        stage: BatchInfo,
     ) {
         if self.shadow_queue.is_full() {
-            self.meter.part(Account::Lighting);
+            self.meter.part(Category::Lighting);
             self.trace_shadow_rays::<false>(stage.order);
             self.meter.resume(traced.pixel, &traced.packet.active);
         }
@@ -190,20 +196,20 @@ impl Outcome<'_, '_> {
     }
 
     /// Returns the random pair of the sample that lane `l` belongs to.
-    pub(super) fn numbers(&self, traced: &Traced, l: usize, draw: Draw) -> [f64; 2] {
-        Origin {
+    pub(super) fn numbers(&self, traced: &TracedPacket, l: usize, draw: SampleIndex) -> [f64; 2] {
+        PixelSample {
             corner: self.corner,
             label: traced.pixel[l],
-            sample: traced.travels.map_or(0, |travels| travels.sample(l)),
+            sample: traced.path_states.map_or(0, |path_states| path_states.sample(l)),
         }
         .numbers(&self.frame.settings, draw)
     }
 
     /// Commits the packet of shadow rays last written; packets to a light that cannot be occluded are not traced.
-    pub(super) fn commit_shadow_rays<const PLAIN: bool>(&mut self, traced: &Traced, casts: bool) {
-        let effects = self.effects::<PLAIN>();
-        if !PLAIN {
-            self.shadow_queue.set_source(self.asked);
+    pub(super) fn commit_shadow_rays<const BASIC: bool>(&mut self, traced: &TracedPacket, casts: bool) {
+        let effects = self.effects::<BASIC>();
+        if !BASIC {
+            self.shadow_queue.set_source(self.current_source);
         }
         let (packet, payload) = self.shadow_queue.next();
         payload.pixel = *traced.pixel;
@@ -215,8 +221,8 @@ impl Outcome<'_, '_> {
             packet.active = [0; LANES];
         }
         self.shadow_queue.commit();
-        if let Some(travels) = traced.travels.filter(|_| effects.has(Effect::Refraction)) {
-            self.shadow_queue.set_media(travels);
+        if let Some(path_states) = traced.path_states.filter(|_| effects.has(Effect::Refraction)) {
+            self.shadow_queue.set_media(path_states);
         }
     }
 }

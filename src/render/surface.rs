@@ -12,13 +12,13 @@ use multiversion::multiversion;
 use serde::{Deserialize, Serialize};
 
 use super::RenderSettings;
-use super::gather::{Gathered, MeshView};
+use super::gather::{FetchedVertices, MeshView};
 use super::meter::Moment;
 use super::plan::Plan;
 use super::shape_point::world_point;
 pub(super) use super::surface_packet::SurfacePacket;
 use super::surface_packet::lane;
-use super::texturing::{Chart, Widths};
+use super::texturing::{ConeSource, UvFrame};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{
     HitErrorBound, LANES, Lanes3, SpawnPolicy, transform_normal, triangle_spawn_bound, triangle_spawn_error,
@@ -69,7 +69,7 @@ enum Kind<'s> {
 
 /// Working memory for the surface interactions of a packet, reused from packet to packet.
 pub(super) struct Surfaces {
-    gathered: Gathered,
+    gathered: FetchedVertices,
     /// Hit points and normals of the lanes.
     pub(super) points: SurfacePacket,
     /// Materials of the lanes, after textures and vertex colours.
@@ -119,7 +119,7 @@ impl<'s> SurfaceScene<'s> {
     }
 
     /// Returns the scene with the spawn policy and the hit-point rule of `settings`.
-    pub(super) fn left_as(self, settings: &RenderSettings) -> SurfaceScene<'s> {
+    pub(super) fn with_spawn_policy(self, settings: &RenderSettings) -> SurfaceScene<'s> {
         let size = || {
             let bounds = self.scene.bounds();
             if bounds.is_empty() {
@@ -146,12 +146,17 @@ impl<'s> SurfaceScene<'s> {
     }
 
     /// Computes the surface interactions of a traced packet.
-    pub(super) fn meet(&self, packet: &RayPacket, widths: Widths, surfaces: &mut Surfaces) {
-        meet(self, packet, widths, surfaces);
+    pub(super) fn compute_interactions(
+        &self,
+        packet: &RayPacket,
+        widths: ConeSource,
+        surfaces: &mut Surfaces,
+    ) {
+        compute_interactions(self, packet, widths, surfaces);
     }
 
     #[inline(always)]
-    fn meet_inlined(&self, packet: &RayPacket, widths: Widths, surfaces: &mut Surfaces) {
+    fn compute_interactions_inlined(&self, packet: &RayPacket, widths: ConeSource, surfaces: &mut Surfaces) {
         let Surfaces {
             gathered,
             points,
@@ -164,19 +169,19 @@ impl<'s> SurfaceScene<'s> {
         let only = common
             .instance
             .and_then(|instance| self.views.get(instance as usize));
-        gathered.odd = false;
+        gathered.needs_scalar_path = false;
         match only {
             Some(view) => match (&view.kind, common.primitive) {
                 (Kind::Mesh(mesh), Some(primitive)) => {
-                    gathered.odd = view.is_odd();
+                    gathered.needs_scalar_path = view.needs_scalar_path();
                     mesh.gather_everywhere(primitive, gathered);
                 }
                 (Kind::Mesh(mesh), None) => {
-                    gathered.odd = view.is_odd();
+                    gathered.needs_scalar_path = view.needs_scalar_path();
                     mesh.gather_lanes(packet, gathered);
                 }
                 (Kind::Shape(_), _) => {
-                    gathered.odd = true;
+                    gathered.needs_scalar_path = true;
                     gathered.smooth = [false; LANES];
                 }
             },
@@ -190,8 +195,8 @@ impl<'s> SurfaceScene<'s> {
             Some(_) => triangle_surfaces::<false>(packet, gathered, points),
         }
         // Recompute lanes of analytic shapes and transformed instances
-        if gathered.odd {
-            self.place_odd_lanes(packet, gathered, points);
+        if gathered.needs_scalar_path {
+            self.recompute_scalar_lanes(packet, gathered, points);
         }
         // Apply the hit-point rule and compute ray origins
         if self.hit_points == HitPoint::Reported {
@@ -213,7 +218,7 @@ impl<'s> SurfaceScene<'s> {
                     if matches!(texturing, Moment::Wanted) {
                         *texturing = Moment::Read(Instant::now());
                     }
-                    self.vary_lanes(packet, widths, points, materials);
+                    self.evaluate_texture_lanes(packet, widths, points, materials);
                 }
             }
         }
@@ -234,14 +239,14 @@ impl<'s> SurfaceScene<'s> {
     }
 
     /// Gathers the vertices of the meshes lane by lane, for packets whose lanes hit several instances.
-    fn gather_by_lane(&self, packet: &RayPacket, gathered: &mut Gathered) {
+    fn gather_by_lane(&self, packet: &RayPacket, gathered: &mut FetchedVertices) {
         for l in 0..LANES {
             gathered.smooth[l] = false;
             if packet.instance[l] == NO_HIT {
                 continue;
             }
             let view = &self.views[packet.instance[l] as usize];
-            gathered.odd |= view.is_odd();
+            gathered.needs_scalar_path |= view.needs_scalar_path();
             if let Kind::Mesh(mesh) = &view.kind {
                 mesh.gather(packet, l, gathered);
             }
@@ -250,7 +255,12 @@ impl<'s> SurfaceScene<'s> {
 
     /// Recomputes the lanes that hit analytic shapes or transformed instances.
     #[cold]
-    fn place_odd_lanes(&self, packet: &RayPacket, gathered: &Gathered, surfaces: &mut SurfacePacket) {
+    fn recompute_scalar_lanes(
+        &self,
+        packet: &RayPacket,
+        gathered: &FetchedVertices,
+        surfaces: &mut SurfacePacket,
+    ) {
         for l in 0..LANES {
             if packet.instance[l] == NO_HIT {
                 continue;
@@ -260,8 +270,8 @@ impl<'s> SurfaceScene<'s> {
             // Compute the hit in world space
             let placed = match &view.kind {
                 Kind::Mesh(_) if !view.is_placed => continue,
-                Kind::Mesh(_) => placed_triangle(packet, gathered, l, &pose),
-                Kind::Shape(shape) => placed_shape(packet, l, shape, &pose),
+                Kind::Mesh(_) => world_triangle(packet, gathered, l, &pose),
+                Kind::Shape(shape) => world_shape(packet, l, shape, &pose),
             };
             // Turn the normals to the side of the ray
             let wo = lane(&surfaces.wo, l).as_dvec3();
@@ -294,7 +304,7 @@ impl<'s> SurfaceScene<'s> {
         if surfaces.gathered.smooth[l] || points.ns_differs(l) {
             return shading;
         }
-        if self.views[packet.instance[l] as usize].is_odd() {
+        if self.views[packet.instance[l] as usize].needs_scalar_path() {
             return points.exact_normal[l];
         }
         // Compute the geometric normal of a flat world-space triangle in f64
@@ -345,31 +355,37 @@ impl<'s> SurfaceScene<'s> {
 
 impl InstanceView<'_> {
     /// Returns whether hits need the scalar path: analytic shapes and transformed instances.
-    fn is_odd(&self) -> bool {
+    fn needs_scalar_path(&self) -> bool {
         self.is_placed || matches!(self.kind, Kind::Shape(_))
     }
 
     /// Returns the texture coordinates of a hit and the world-space derivatives of the point by them; zero where the
     /// mesh has none.
-    pub(super) fn chart(&self, pose: &InstanceTransform, set: u32, packet: &RayPacket, l: usize) -> Chart {
+    pub(super) fn uv_frame(
+        &self,
+        pose: &InstanceTransform,
+        set: u32,
+        packet: &RayPacket,
+        l: usize,
+    ) -> UvFrame {
         // Interpolate mesh coordinates, or evaluate the parametrization of the shape
         match &self.kind {
             Kind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
                 Some(set) => {
                     let linear = pose.world_from_object().matrix3;
-                    Chart {
+                    UvFrame {
                         uv: mesh.interpolate(set, packet, l),
                         derivatives: mesh.derivatives(set, packet.primitive[l]).map(|d| linear * d),
                     }
                 }
-                None => Chart {
+                None => UvFrame {
                     uv: [0.0; 2],
                     derivatives: [DVec3::ZERO; 2],
                 },
             },
             Kind::Shape(shape) => {
                 let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
-                Chart {
+                UvFrame {
                     uv: point.uv.map(|x| x as f32),
                     derivatives: [point.dpdu, point.dpdv],
                 }
@@ -407,7 +423,7 @@ impl<'s> Kind<'s> {
 impl Surfaces {
     pub(super) fn new(effects: EffectSet) -> Surfaces {
         Surfaces {
-            gathered: Gathered::new(),
+            gathered: FetchedVertices::new(),
             points: SurfacePacket::new(),
             materials: MaterialPacket {
                 effects,
@@ -419,13 +435,18 @@ impl Surfaces {
     }
 }
 
-/// Compiles [`SurfaceScene::meet`] for several instruction sets.
+/// Compiles [`SurfaceScene::compute_interactions`] for several instruction sets.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn meet(scene: &SurfaceScene, packet: &RayPacket, widths: Widths, surfaces: &mut Surfaces) {
-    scene.meet_inlined(packet, widths, surfaces);
+fn compute_interactions(
+    scene: &SurfaceScene,
+    packet: &RayPacket,
+    widths: ConeSource,
+    surfaces: &mut Surfaces,
+) {
+    scene.compute_interactions_inlined(packet, widths, surfaces);
 }
 
 /// Instance and primitive that all hit lanes of a packet have in common.
@@ -468,7 +489,7 @@ fn ranges(packet: &RayPacket) -> [[u32; 2]; 2] {
 #[inline(always)]
 fn triangle_surfaces<const BOUNDED: bool>(
     packet: &RayPacket,
-    gathered: &Gathered,
+    gathered: &FetchedVertices,
     surfaces: &mut SurfacePacket,
 ) {
     let [a, b, c] = &gathered.corners;
@@ -543,14 +564,19 @@ fn brought_near_one(n: DVec3) -> Vec3 {
 }
 
 /// World-space hit point of one lane; normals may be on either side.
-struct Placed {
+struct WorldHit {
     p: DVec3,
     ng: DVec3,
     ns: Option<DVec3>,
     error: HitErrorBound,
 }
 
-fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, pose: &InstanceTransform) -> Placed {
+fn world_triangle(
+    packet: &RayPacket,
+    gathered: &FetchedVertices,
+    l: usize,
+    pose: &InstanceTransform,
+) -> WorldHit {
     let [a, b, c] = std::array::from_fn(|corner| lane(&gathered.corners[corner], l).as_dvec3());
     let (e1, e2) = (b - a, c - a);
     let (u, v) = (f64::from(packet.u[l]), f64::from(packet.v[l]));
@@ -560,7 +586,7 @@ fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, pose: &Ins
         let [na, nb, nc] = std::array::from_fn(|corner| lane(&gathered.normals[corner], l).as_dvec3());
         transform_normal(&map.matrix3, (1.0 - u - v) * na + u * nb + v * nc)
     });
-    Placed {
+    WorldHit {
         p,
         ng: transform_normal(&map.matrix3, e1.cross(e2).normalize_or_zero()),
         ns: ns.filter(|n| *n != DVec3::ZERO),
@@ -572,9 +598,9 @@ fn placed_triangle(packet: &RayPacket, gathered: &Gathered, l: usize, pose: &Ins
     }
 }
 
-fn placed_shape(packet: &RayPacket, l: usize, shape: &Shape, pose: &InstanceTransform) -> Placed {
+fn world_shape(packet: &RayPacket, l: usize, shape: &Shape, pose: &InstanceTransform) -> WorldHit {
     let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
-    Placed {
+    WorldHit {
         p: point.p,
         ng: point.n,
         ns: None,
@@ -587,7 +613,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_instance_takes_the_renderer_at_most_24_bytes() {
+    fn instance_view_takes_at_most_24_bytes() {
         assert!(size_of::<InstanceView>() <= 24, "{}", size_of::<InstanceView>());
     }
 }

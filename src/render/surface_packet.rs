@@ -3,7 +3,7 @@
 use glam::{DVec3, Vec3};
 
 use crate::accel::RayPacket;
-use crate::numeric::{LANES, Lanes, Lanes3, shifted_point, spawn_point};
+use crate::numeric::{LANES, Lanes, Lanes3, offset_point, spawn_point};
 
 /// Sixteen surface interactions in world space, as structure of arrays. Lanes without a hit may hold any values,
 /// including NaN.
@@ -105,7 +105,7 @@ impl SurfacePacket {
     fn spawn_shifted(&mut self, offset: f64) {
         for l in 0..LANES {
             let p = DVec3::new(self.p[0][l], self.p[1][l], self.p[2][l]);
-            let origin = shifted_point(p, lane(&self.ng, l).as_dvec3(), offset);
+            let origin = offset_point(p, lane(&self.ng, l).as_dvec3(), offset);
             for axis in 0..3 {
                 self.origin[axis][l] = origin[axis];
             }
@@ -117,7 +117,7 @@ impl SurfacePacket {
     pub(super) fn leave(&self, l: usize, side: DVec3) -> Vec3 {
         match self.offset {
             None => spawn_point(self.point(l), side, self.error[l]),
-            Some(offset) => shifted_point(self.point(l), side, offset),
+            Some(offset) => offset_point(self.point(l), side, offset),
         }
     }
 }

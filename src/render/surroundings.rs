@@ -5,18 +5,18 @@
 //! that see the map by mirror rays or lobe rays leave out the specular lobe in these shadow rays, because it would
 //! count twice.
 
-use super::Frame;
-use super::outcome::{Outcome, Stage, Traced};
+use super::RenderContext;
+use super::outcome::{BatchInfo, ShadingState, TracedPacket};
 use super::sampler::Purpose;
-use super::shade::Lit;
-use super::soft::{Arrivals, Draw};
+use super::shade::ShadingContext;
+use super::soft::{IncidentLight, SampleIndex};
 use crate::image::LinearImage;
 use crate::numeric::{LANES, Lanes3};
 use crate::scene::{Background, Effect, EffectSet, Scene, Texels};
 use crate::shading::EnvironmentMap;
 
 /// Number of the environment map in the purposes of light samples.
-const SURROUNDINGS: u32 = u32::MAX;
+const ENVIRONMENT_LIGHT: u32 = u32::MAX;
 
 /// Environment map, prepared for sampling.
 pub(super) struct Environment {
@@ -27,10 +27,10 @@ pub(super) struct Environment {
 
 impl Environment {
     /// Returns the light samples for surfaces that are `depth` bounces from the camera.
-    pub(super) fn draws(&self, depth: u32) -> impl Iterator<Item = Draw> + use<> {
+    pub(super) fn draws(&self, depth: u32) -> impl Iterator<Item = SampleIndex> + use<> {
         let of = self.samples;
-        let purpose = Purpose::LIGHT.nested(SURROUNDINGS).nested(depth);
-        (0..of).map(move |number| Draw { purpose, number, of })
+        let purpose = Purpose::LIGHT.nested(ENVIRONMENT_LIGHT).nested(depth);
+        (0..of).map(move |number| SampleIndex { purpose, number, of })
     }
 
     /// Returns the map and its sampling tables.
@@ -74,9 +74,9 @@ impl Environment {
     }
 }
 
-impl Frame<'_> {
+impl RenderContext<'_> {
     /// Returns the background radiance in the directions of the rays of a packet.
-    pub(super) fn background_seen(&self, traced: &Traced) -> Lanes3<f32> {
+    pub(super) fn background_along(&self, traced: &TracedPacket) -> Lanes3<f32> {
         let mut seen = [[0.0; LANES]; 3];
         let direction = |l| traced.packet.ray(l).direction.as_dvec3().normalize();
         match self.background {
@@ -108,29 +108,34 @@ impl Frame<'_> {
     }
 }
 
-impl Outcome<'_, '_> {
+impl ShadingState<'_, '_> {
     /// Queues shadow rays to importance-sampled directions of the environment map.
-    pub(super) fn ask_surroundings(&mut self, traced: &Traced, lit: &Lit, stage: Stage) {
+    pub(super) fn sample_environment(
+        &mut self,
+        traced: &TracedPacket,
+        lit: &ShadingContext,
+        stage: BatchInfo,
+    ) {
         let frame = self.frame;
         let Some(environment) = &frame.environment else {
             return;
         };
-        let lit = lit.without_seen_lobes();
+        let lit = lit.without_sampled_lobes();
         for draw in environment.draws(stage.depth) {
-            let arrivals = self.arriving_from_afar(&environment.map, (traced, &lit), draw);
+            let arrivals = self.sample_environment_light(&environment.map, (traced, &lit), draw);
             let casts = frame.effects().has(Effect::Shadow);
-            self.ask(&arrivals, (traced, &lit), casts, stage);
+            self.queue_shadow_rays(&arrivals, (traced, &lit), casts, stage);
         }
     }
 
     /// Returns the incident light from one sampled direction at each surface.
-    fn arriving_from_afar(
+    fn sample_environment_light(
         &self,
         map: &EnvironmentMap,
-        (traced, lit): (&Traced, &Lit),
-        draw: Draw,
-    ) -> Arrivals {
-        let mut arrivals = Arrivals::NONE;
+        (traced, lit): (&TracedPacket, &ShadingContext),
+        draw: SampleIndex,
+    ) -> IncidentLight {
+        let mut arrivals = IncidentLight::NONE;
         for l in (0..LANES).filter(|&l| lit.points.hit[l]) {
             let Some(sample) = map.sample(self.numbers(traced, l, draw)) else {
                 continue;

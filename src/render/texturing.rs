@@ -6,32 +6,32 @@
 use glam::DVec3;
 
 use super::surface::{InstanceView, SurfacePacket, SurfaceScene};
-use super::travel::TravelPacket;
+use super::travel::PathStatePacket;
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes3};
 use crate::scene::{Effect, InstanceTransform, MaterialInput, Model, TextureBinding};
-use crate::shading::normal_map::{TangentFrame, bumped, kept_visible, transformed_derivatives};
+use crate::shading::normal_map::{TangentFrame, bend_toward_viewer, bumped, transformed_derivatives};
 use crate::shading::ray_cone::{Cone, axes_on_surface, uv_of};
 use crate::shading::{ExtendedMaterialLanes, Footprint, MaterialPacket, TexturePoint};
 
 /// Ray cones at the origins of the rays of a packet.
 #[derive(Clone, Copy)]
-pub(super) enum Widths<'a> {
+pub(super) enum ConeSource<'a> {
     /// Cone of camera rays, for all lanes.
     Camera(Cone),
     /// Cones from the path states, one per lane.
-    Paths(TravelPacket<'a>),
+    Paths(PathStatePacket<'a>),
     /// No cones, so that textures are not filtered.
     None,
 }
 
-impl Widths<'_> {
+impl ConeSource<'_> {
     /// Returns the cone of lane `l` at its ray origin.
     pub(super) fn at_start(&self, l: usize) -> Cone {
         match self {
-            Widths::Camera(cone) => *cone,
-            Widths::Paths(travels) => travels.cone(l),
-            Widths::None => Cone::default(),
+            ConeSource::Camera(cone) => *cone,
+            ConeSource::Paths(path_states) => path_states.cone(l),
+            ConeSource::None => Cone::default(),
         }
     }
 }
@@ -49,17 +49,17 @@ struct Textured<'a> {
 
 /// Texture coordinates of a hit and the derivatives of the point by them.
 #[derive(Clone, Copy)]
-pub(super) struct Chart {
+pub(super) struct UvFrame {
     pub(super) uv: [f32; 2],
     pub(super) derivatives: [DVec3; 2],
 }
 
 impl SurfaceScene<'_> {
     /// Evaluates textures and vertex colours for the lanes that have any.
-    pub(super) fn vary_lanes(
+    pub(super) fn evaluate_texture_lanes(
         &self,
         packet: &RayPacket,
-        widths: Widths,
+        widths: ConeSource,
         points: &mut SurfacePacket,
         materials: &mut MaterialPacket,
     ) {
@@ -68,16 +68,16 @@ impl SurfaceScene<'_> {
                 continue;
             }
             if !self.view(packet.instance[l]).uniform {
-                self.vary((packet, widths, l), points, materials);
+                self.evaluate_textures((packet, widths, l), points, materials);
             }
         }
     }
 
     /// Evaluates textures and vertex colours for lane `l`, including its alpha and its shading normal.
     #[cold]
-    fn vary(
+    fn evaluate_textures(
         &self,
-        (packet, widths, l): (&RayPacket, Widths, usize),
+        (packet, widths, l): (&RayPacket, ConeSource, usize),
         points: &mut SurfacePacket,
         materials: &mut MaterialPacket,
     ) {
@@ -92,15 +92,17 @@ impl SurfaceScene<'_> {
             if !self.effects.has(layer.effect()) {
                 continue;
             }
-            let (chart, at, footprint) = hit.look_up(layer);
+            let (uv_frame, at, footprint) = hit.look_up(layer);
             // Perturb the normal by a bump map
             if layer.parameter == MaterialInput::Bump {
                 let object_from_world = pose.object_from_world().matrix3;
-                let by_object = chart.derivatives.map(|derivative| object_from_world * derivative);
+                let by_object = uv_frame
+                    .derivatives
+                    .map(|derivative| object_from_world * derivative);
                 let gradient = self.textures().height_gradient(&layer.texture, &at, by_object);
                 let n = normal.unwrap_or_else(|| points.outward_normal(l));
                 let slope = gradient.map(|g| g * layer.strength);
-                normal = Some(bumped(n, chart.derivatives, slope));
+                normal = Some(bumped(n, uv_frame.derivatives, slope));
                 continue;
             }
             // Multiply the texel into its material input
@@ -122,11 +124,11 @@ impl SurfaceScene<'_> {
                 }
                 MaterialInput::Normal => {
                     let n = points.outward_normal(l);
-                    let frame = hit.tangent_frame(layer, &chart, n);
+                    let frame = hit.tangent_frame(layer, &uv_frame, n);
                     let texel = [texel[0], texel[1], texel[2]];
                     normal = frame.map(|frame| frame.perturbed(texel, layer.strength));
                 }
-                _ => rich_layer(layer, &texel, l, &mut materials.rich),
+                _ => rich_layer(layer, &texel, l, &mut materials.extended),
             }
         }
         // Multiply by the vertex colour and evaluate alpha
@@ -156,7 +158,7 @@ impl SurfacePacket {
     fn bend(&mut self, l: usize, n: DVec3) {
         let n = if self.front[l] { n } else { -n };
         let wo = DVec3::from([0, 1, 2].map(|axis| f64::from(self.wo[axis][l])));
-        let n = kept_visible(n, self.geometric_normal(l), wo);
+        let n = bend_toward_viewer(n, self.geometric_normal(l), wo);
         for axis in 0..3 {
             self.ns[axis][l] = n[axis] as f32;
         }
@@ -166,7 +168,7 @@ impl SurfacePacket {
 impl<'a> Textured<'a> {
     fn new(
         (view, pose): (&'a InstanceView<'a>, &'a InstanceTransform<'a>),
-        (packet, widths, l): (&'a RayPacket, Widths, usize),
+        (packet, widths, l): (&'a RayPacket, ConeSource, usize),
         points: &SurfacePacket,
     ) -> Textured<'a> {
         // Compute the footprint and the object-space point
@@ -189,10 +191,10 @@ impl<'a> Textured<'a> {
     }
 
     /// Returns the texture coordinates, the point and the footprint of the look-up for a layer.
-    fn look_up(&self, layer: &TextureBinding) -> (Chart, TexturePoint, Footprint) {
-        let chart = self
+    fn look_up(&self, layer: &TextureBinding) -> (UvFrame, TexturePoint, Footprint) {
+        let uv_frame = self
             .view
-            .chart(self.pose, layer.texture.tex_coord, self.packet, self.l);
+            .uv_frame(self.pose, layer.texture.tex_coord, self.packet, self.l);
         let transform = &layer.texture.transform;
         let turned = |[u, v]: [f32; 2]| {
             let matrix = transform.matrix;
@@ -201,16 +203,16 @@ impl<'a> Textured<'a> {
         // Transform the footprint to texture and object space
         let object_from_world = self.pose.object_from_world().matrix3;
         let footprint = Footprint {
-            uv: self.axes.map(|axis| turned(uv_of(axis, chart.derivatives))),
+            uv: self.axes.map(|axis| turned(uv_of(axis, uv_frame.derivatives))),
             object: self.axes.map(|axis| object_from_world * axis),
         };
-        let at = TexturePoint::sharp(transform.apply(chart.uv), self.p_object);
-        (chart, at, footprint)
+        let at = TexturePoint::sharp(transform.apply(uv_frame.uv), self.p_object);
+        (uv_frame, at, footprint)
     }
 
     /// Returns the tangent frame of a normal map on the surface with the outward unit normal `n`, from mesh tangents
     /// if present, otherwise from texture coordinates.
-    fn tangent_frame(&self, layer: &TextureBinding, chart: &Chart, n: DVec3) -> Option<TangentFrame> {
+    fn tangent_frame(&self, layer: &TextureBinding, uv_frame: &UvFrame, n: DVec3) -> Option<TangentFrame> {
         if let Some([x, y, z, w]) = self.view.tangent(self.packet, self.l) {
             let pose = self.pose;
             let tangent = DVec3::new(x.into(), y.into(), z.into());
@@ -220,21 +222,21 @@ impl<'a> Textured<'a> {
             return TangentFrame::from_tangent(n, tangent, handedness);
         }
         // Without mesh tangents, use the derivatives of the texture coordinates
-        let derivatives = transformed_derivatives(chart.derivatives, &layer.texture.transform)?;
+        let derivatives = transformed_derivatives(uv_frame.derivatives, &layer.texture.transform)?;
         TangentFrame::from_derivatives(n, derivatives)
     }
 }
 
 /// Applies a texel to a material input of the extended set, which few materials use.
-fn rich_layer(layer: &TextureBinding, texel: &[f32; 4], l: usize, rich: &mut ExtendedMaterialLanes) {
+fn rich_layer(layer: &TextureBinding, texel: &[f32; 4], l: usize, extended: &mut ExtendedMaterialLanes) {
     let tint = |lanes: &mut Lanes3<f32>| (0..3).for_each(|c| lanes[c][l] *= texel[c]);
     match layer.parameter {
-        MaterialInput::Specular => rich.specular[l] *= texel[3],
-        MaterialInput::SpecularColor => tint(&mut rich.specular_color),
-        MaterialInput::Reflection => tint(&mut rich.reflection),
-        MaterialInput::Transmission if rich.is_lecture[l] => tint(&mut rich.transmission),
-        MaterialInput::Transmission => (0..3).for_each(|c| rich.transmission[c][l] *= texel[0]),
-        MaterialInput::Occlusion => rich.occlusion[l] = 1.0 + layer.strength * (texel[0] - 1.0),
+        MaterialInput::Specular => extended.specular[l] *= texel[3],
+        MaterialInput::SpecularColor => tint(&mut extended.specular_color),
+        MaterialInput::Reflection => tint(&mut extended.reflection),
+        MaterialInput::Transmission if extended.is_phong[l] => tint(&mut extended.transmission),
+        MaterialInput::Transmission => (0..3).for_each(|c| extended.transmission[c][l] *= texel[0]),
+        MaterialInput::Occlusion => extended.occlusion[l] = 1.0 + layer.strength * (texel[0] - 1.0),
         _ => {}
     }
 }

@@ -4,85 +4,93 @@
 //! removes what Fresnel's equations reflect and multiplies by its colour, and each medium absorbs. A shadow ray
 //! continues as the same ray from just behind the hit, so it can neither hit a surface twice nor miss one.
 
-use super::ledger::Account;
-use super::meter::{Accounts, Meter};
-use super::outcome::Outcome;
+use super::ledger::Category;
+use super::meter::{Accounts, Profiler};
+use super::outcome::ShadingState;
 use super::queue::{BATCH, ShadowPayload};
 use super::surface::Surfaces;
-use super::texturing::Widths;
+use super::texturing::ConeSource;
 use super::transparent::Tints;
-use super::travel::MediaColumn;
-use super::{Frame, shade};
-use crate::accel::{NO_HIT, RayOrder, RayPacket};
+use super::travel::InteriorArray;
+use super::{RenderContext, shade};
+use crate::accel::{Coherence, NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes};
 use crate::optics::LINE_D;
 use crate::scene::Effect;
 
 /// Largest number of surfaces that a shadow ray passes before it counts as occluded; no real material leaves any
 /// light behind so many.
-const MAX_SHEETS: usize = 256;
+const MAX_SHADOW_SURFACES: usize = 256;
 
 /// Queued shadow rays, their pending radiance, and the interiors around the shaded points.
-type Waiting<'a> = (&'a mut [RayPacket], &'a mut [ShadowPayload], &'a mut MediaColumn);
+type QueuedShadowRays<'a> = (
+    &'a mut [RayPacket],
+    &'a mut [ShadowPayload],
+    &'a mut InteriorArray,
+);
 
-impl Outcome<'_, '_> {
+impl ShadingState<'_, '_> {
     /// Traces the queued shadow rays through transmissive surfaces and adds the attenuated radiance to the film.
-    pub(super) fn answer_through_sheets(&mut self, order: RayOrder) {
-        let Some(sheets) = &mut self.sheets else { return };
+    pub(super) fn trace_transparent_shadow_rays(&mut self, order: Coherence) {
+        let Some(shadow_surfaces) = &mut self.shadow_surfaces else {
+            return;
+        };
         let sources = self.shadow_queue.sources();
         let (packets, payloads, media) = self.shadow_queue.drain_with_media();
         let waiting = (&mut *packets, &mut *payloads, media);
-        let reaches = through_sheets(self.frame, waiting, sheets, &mut self.meter, order);
+        let reaches = attenuate_shadow_rays(self.frame, waiting, shadow_surfaces, &mut self.meter, order);
         // Attenuate by volumes and add to the film
         for (((packet, payload), reach), source) in packets.iter().zip(payloads).zip(&reaches).zip(sources) {
             if let Some(marches) = &mut self.marches {
-                let samples = marches.dim(packet, reach, &mut payload.radiance);
+                let samples = marches.attenuate(packet, reach, &mut payload.radiance);
                 self.meter.ledger.volume_samples += samples;
             }
             self.film.add(&payload.pixel, &payload.radiance, source);
         }
-        self.meter.lap(Account::Film);
+        self.meter.lap(Category::Film);
     }
 }
 
 /// Attenuates the pending radiance of shadow rays by the surfaces and media along them. Returns the ray parameters of
 /// the lights.
-pub(super) fn through_sheets(
-    frame: &Frame,
-    (packets, payloads, media): Waiting,
-    sheets: &mut Surfaces,
-    meter: &mut Meter,
-    order: RayOrder,
+pub(super) fn attenuate_shadow_rays(
+    frame: &RenderContext,
+    (packets, payloads, media): QueuedShadowRays,
+    shadow_surfaces: &mut Surfaces,
+    meter: &mut Profiler,
+    order: Coherence,
 ) -> [Lanes<f32>; BATCH] {
     // The packets still hold intervals and hits of earlier shadow rays.
     for packet in packets.iter_mut() {
         packet.t_near = [0.0; LANES];
-        (0..LANES).for_each(|l| packet.forget_hit(l));
+        (0..LANES).for_each(|l| packet.clear_hit(l));
     }
     // Remember the ray parameters of the lights
     let mut reaches = [[0.0; LANES]; BATCH];
     for (reach, packet) in reaches.iter_mut().zip(packets.iter()) {
         *reach = packet.t_far;
     }
-    let mut account = Account::Shadow;
+    let mut account = Category::Shadow;
     // Advance all rays to the next surface until none is left
-    for _ in 0..MAX_SHEETS {
+    for _ in 0..MAX_SHADOW_SURFACES {
         if !packets.iter().any(RayPacket::any_active) {
             break;
         }
-        let whose = |index: usize| (&payloads[index].pixel, Accounts::All(account));
-        let traced = meter.trace(packets, whose, |packets| frame.accel.intersect(packets, order));
+        let labels_and_accounts = |index: usize| (&payloads[index].pixel, Accounts::All(account));
+        let traced = meter.trace(packets, labels_and_accounts, |packets| {
+            frame.accel.intersect(packets, order)
+        });
         meter.ledger.book(account, traced);
-        account = Account::TransparentShadow;
+        account = Category::TransparentShadow;
         // Attenuate each packet at its hits
         for (index, packet) in packets.iter_mut().enumerate() {
             if packet.any_active() {
-                let way = Way {
+                let shadow_rays = ShadowRays {
                     reach: &reaches[index],
                     media,
                     index,
                 };
-                way.pass_next(frame, packet, &mut payloads[index], sheets);
+                shadow_rays.advance_rays(frame, packet, &mut payloads[index], shadow_surfaces);
             }
         }
         let lanes = (0..packets.len()).map(|index| (&payloads[index].pixel, &packets[index].active));
@@ -103,27 +111,29 @@ pub(super) fn through_sheets(
 }
 
 /// Remaining way of sixteen shadow rays to their lights.
-struct Way<'a> {
+struct ShadowRays<'a> {
     /// Ray parameters of the lights.
     reach: &'a Lanes<f32>,
     /// Dielectric interiors around the rays.
-    media: &'a mut MediaColumn,
+    media: &'a mut InteriorArray,
     /// Index of the packet within the batch.
     index: usize,
 }
 
-impl Way<'_> {
+impl ShadowRays<'_> {
     /// Advances each lane to its light or behind the surface that it hit, and attenuates its radiance.
-    fn pass_next(
+    fn advance_rays(
         mut self,
-        frame: &Frame,
+        frame: &RenderContext,
         packet: &mut RayPacket,
         payload: &mut ShadowPayload,
-        sheets: &mut Surfaces,
+        shadow_surfaces: &mut Surfaces,
     ) {
         let any_hit = (0..LANES).any(|l| packet.active[l] != 0 && packet.instance[l] != NO_HIT);
         if any_hit {
-            frame.surfaces.meet(packet, Widths::None, sheets);
+            frame
+                .surfaces
+                .compute_interactions(packet, ConeSource::None, shadow_surfaces);
         }
         // Attenuate by the medium and by the surface
         for l in 0..LANES {
@@ -140,7 +150,7 @@ impl Way<'_> {
                 left = frame.transmittance(&self.media.get(self.index, l), distance);
             }
             if is_hit {
-                let through = self.tint(frame, packet, sheets, l);
+                let through = self.tint(frame, packet, shadow_surfaces, l);
                 (0..3).for_each(|c| left[c] *= through[c]);
             }
             (0..3).for_each(|c| payload.radiance[c][l] *= left[c]);
@@ -153,7 +163,7 @@ impl Way<'_> {
             // Continue behind the surface
             packet.t_near[l] = end.next_up();
             packet.t_far[l] = self.reach[l];
-            packet.forget_hit(l);
+            packet.clear_hit(l);
             if !(packet.t_near[l] <= packet.t_far[l]) {
                 packet.active[l] = 0;
             }
@@ -162,12 +172,18 @@ impl Way<'_> {
 
     /// Returns the transmittance of the surface that lane `l` hit, and updates the lane's interiors to those behind
     /// it.
-    fn tint(&mut self, frame: &Frame, packet: &RayPacket, sheets: &Surfaces, l: usize) -> [f32; 3] {
-        let points = &sheets.points;
+    fn tint(
+        &mut self,
+        frame: &RenderContext,
+        packet: &RayPacket,
+        shadow_surfaces: &Surfaces,
+        l: usize,
+    ) -> [f32; 3] {
+        let points = &shadow_surfaces.points;
         let media = self.media.get(self.index, l);
         let boundary = frame.boundary(packet.instance[l], points.front[l], &media);
         let is_hidden = boundary.is_hidden();
-        let coverage = sheets.materials.alpha[l];
+        let coverage = shadow_surfaces.materials.alpha[l];
         let mut through = [0.0; 3];
         // A hidden boundary transmits everything
         if is_hidden {
@@ -175,10 +191,10 @@ impl Way<'_> {
         } else if frame.effects().has(Effect::Refraction) && boundary.material.transmits() {
             // Multiply Fresnel's transmittance by the tint
             let d = packet.ray(l).direction.as_dvec3().normalize();
-            let n = frame.surfaces.interface_normal(packet, sheets, l);
+            let n = frame.surfaces.interface_normal(packet, shadow_surfaces, l);
             let cos_i = (-d.dot(n)).clamp(0.0, 1.0);
-            let (reflectance, transmittance) = frame.shares(&boundary, cos_i, LINE_D);
-            let tints = Tints::of(&boundary.material.model, &sheets.materials, l);
+            let (reflectance, transmittance) = frame.fresnel_factors(&boundary, cos_i, LINE_D);
+            let tints = Tints::of(&boundary.material.model, &shadow_surfaces.materials, l);
             through = tints.weights(reflectance, transmittance).1;
         }
         self.media.set(self.index, l, &boundary.crossing.through);

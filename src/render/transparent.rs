@@ -8,20 +8,20 @@
 
 use glam::DVec3;
 
-use super::Frame;
-use super::ledger::Account;
-use super::outcome::{Outcome, Traced};
-use super::queue::{PathPacket, Sent};
-use super::rough::{Microfacet, Way};
+use super::RenderContext;
+use super::ledger::Category;
+use super::outcome::{ShadingState, TracedPacket};
+use super::queue::{PathPacket, RayWorkItem};
+use super::rough::{Microfacet, ScatteredRay};
 use super::surface::{SurfacePacket, Surfaces};
-use super::travel::{Travel, TravelPacket};
+use super::travel::{PathState, PathStatePacket};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes3, Ray};
 use crate::optics::{
-    Body, BoundaryCrossing, BoundaryEvent, InteriorStack, LINE_D, Polarised, dielectric, reflect, refract,
-    thin_slab,
+    BoundaryCrossing, BoundaryEvent, InteriorStack, LINE_D, NestedInterior, Polarised, dielectric, reflect,
+    refract, thin_slab,
 };
-use crate::scene::{Effect, Lecture, MIRROR_ROUGHNESS, Material, Model};
+use crate::scene::{Effect, MIRROR_ROUGHNESS, Material, Model, Phong};
 use crate::shading::MaterialPacket;
 use crate::shading::ray_cone::Cone;
 
@@ -30,36 +30,38 @@ pub(super) struct Boundary<'m> {
     pub(super) material: &'m Material,
     pub(super) crossing: BoundaryCrossing,
     /// True if the surface bounds a transmissive interior.
-    is_body: bool,
+    is_solid: bool,
 }
 
 impl Boundary<'_> {
     /// Returns whether the surface is thin, so that a ray is never inside it.
-    pub(super) fn is_wall(&self) -> bool {
-        self.material.is_wall()
+    pub(super) fn is_thin_surface(&self) -> bool {
+        self.material.is_thin_surface()
     }
 
     /// Returns whether an interior of higher priority hides the boundary, so that the ray passes unchanged.
     pub(super) fn is_hidden(&self) -> bool {
-        self.is_body && !self.crossing.is_real()
+        self.is_solid && !self.crossing.is_real()
     }
 }
 
 impl Material {
     /// Returns whether the material is thin, so that a ray is never inside it.
-    fn is_wall(&self) -> bool {
+    fn is_thin_surface(&self) -> bool {
         self.interior.is_none_or(|inside| inside.is_thin)
     }
 }
 
-impl Frame<'_> {
+impl RenderContext<'_> {
     /// Returns the ray cone of a traced ray at its hit.
-    pub(super) fn cone_at(&self, traced: &Traced, travels: TravelPacket, l: usize) -> Cone {
+    pub(super) fn cone_at(&self, traced: &TracedPacket, path_states: PathStatePacket, l: usize) -> Cone {
         if !self.effects().has(Effect::TextureFilter) {
-            return Travel::NONE.cone;
+            return PathState::NONE.cone;
         }
         let length = traced.packet.ray(l).direction.as_dvec3().length();
-        travels.cone(l).after(f64::from(traced.packet.t_far[l]) * length)
+        path_states
+            .cone(l)
+            .after(f64::from(traced.packet.t_far[l]) * length)
     }
 
     /// Returns the surface curvature at a hit, which changes the spread of ray cones; 0 without texture filtering.
@@ -82,8 +84,9 @@ impl Frame<'_> {
             BoundaryEvent::Leave
         };
         // Update the interior stack only at transmissive solids
-        let is_body = self.effects().has(Effect::Refraction) && material.transmits() && !material.is_wall();
-        let crossing = if !is_body {
+        let is_solid =
+            self.effects().has(Effect::Refraction) && material.transmits() && !material.is_thin_surface();
+        let crossing = if !is_solid {
             BoundaryCrossing {
                 before: media.current(),
                 after: media.current(),
@@ -91,65 +94,67 @@ impl Frame<'_> {
             }
         } else {
             let priority = material.interior.map_or(0, |inside| inside.priority);
-            media.crossing(Body { id: index, priority }, passage)
+            media.crossing(NestedInterior { id: index, priority }, passage)
         };
         Boundary {
             material,
             crossing,
-            is_body,
+            is_solid,
         }
     }
 
     /// Returns the hit of lane `l` with all that is needed to scatter the ray at the boundary.
-    pub(super) fn meeting<'a>(
+    pub(super) fn boundary_hit<'a>(
         &'a self,
-        traced: &Traced,
-        travels: TravelPacket,
+        traced: &TracedPacket,
+        path_states: PathStatePacket,
         surfaces: &'a Surfaces,
         l: usize,
-    ) -> Meeting<'a> {
-        let arrival = travels.lane(l);
+    ) -> BoundaryHit<'a> {
+        let arrival = path_states.lane(l);
         let (points, materials) = (&surfaces.points, &surfaces.materials);
         let boundary = self.boundary(traced.packet.instance[l], points.front[l], &arrival.media);
         // Split wavelengths only once, where either side is dispersive
         let disperses = self.effects().has(Effect::Dispersion)
             && arrival.wavelength == 0.0
-            && !boundary.is_wall()
+            && !boundary.is_thin_surface()
             && (self.disperses(boundary.crossing.before) || self.disperses(boundary.crossing.after));
-        Meeting {
+        BoundaryHit {
             points,
             l,
             pixel: traced.pixel[l],
             weight: std::array::from_fn(|c| traced.weight[c][l]),
             arrival,
-            cone: self.cone_at(traced, travels, l),
+            cone: self.cone_at(traced, path_states, l),
             curvature: self.curvature(traced.packet, surfaces, l),
             tints: Tints::of(&boundary.material.model, materials, l),
             boundary,
             normal: self.surfaces.interface_normal(traced.packet, surfaces, l),
             disperses,
-            is_smooth: materials.rich.is_lecture[l] || materials.roughness[l] <= MIRROR_ROUGHNESS,
+            is_smooth: materials.extended.is_phong[l] || materials.roughness[l] <= MIRROR_ROUGHNESS,
         }
     }
 
-    fn body_material(&self, body: Option<Body>) -> Option<&Material> {
+    fn interior_material(&self, body: Option<NestedInterior>) -> Option<&Material> {
         body.and_then(|body| self.scene.materials.get(body.id as usize))
     }
 
     /// Returns the index of refraction inside `body`, or of the background medium for `None`.
-    fn ior(&self, body: Option<Body>, wavelength: f64) -> f64 {
-        self.body_material(body)
+    fn ior(&self, body: Option<NestedInterior>, wavelength: f64) -> f64 {
+        self.interior_material(body)
             .map_or(1.0, |material| material.ior(wavelength))
     }
 
-    fn disperses(&self, body: Option<Body>) -> bool {
-        let interior = self.body_material(body).and_then(|material| material.interior);
+    fn disperses(&self, body: Option<NestedInterior>) -> bool {
+        let interior = self
+            .interior_material(body)
+            .and_then(|material| material.interior);
         interior.is_some_and(|inside| inside.ior.spread() != 0.0)
     }
 
     /// Returns the transmittance over `distance` inside the innermost interior of `media`, per channel.
     pub(super) fn transmittance(&self, media: &InteriorStack, distance: f64) -> [f32; 3] {
-        match self.body_material(media.current()).and_then(|m| m.interior) {
+        match self.interior_material(media.current()).and_then(|m| m.interior) {
             Some(inside) => inside.absorption.transmittance(distance).map(|x| x as f32),
             None => [1.0; 3],
         }
@@ -158,12 +163,12 @@ impl Frame<'_> {
     /// Returns the reflected and the transmitted share at a boundary, averaged over polarization.
     ///
     /// A thin surface is evaluated as a slab of its material between two sides of the surrounding medium.
-    pub(super) fn shares(&self, boundary: &Boundary, cos_i: f64, wavelength: f64) -> (f64, f64) {
+    pub(super) fn fresnel_factors(&self, boundary: &Boundary, cos_i: f64, wavelength: f64) -> (f64, f64) {
         let material = boundary.material;
         let outside = self.ior(boundary.crossing.before, wavelength);
         let mean = |r: Polarised, t: Polarised| (r.mean(), t.mean());
         // Evaluate a thin surface as a slab with internal reflections
-        if material.is_wall() {
+        if material.is_thin_surface() {
             if material.interior.is_none() {
                 return (0.0, 1.0);
             }
@@ -188,20 +193,20 @@ pub(super) struct Tints {
 
 impl Tints {
     pub(super) fn of(model: &Model, materials: &MaterialPacket, l: usize) -> Tints {
-        let rich = &materials.rich;
+        let extended = &materials.extended;
         let lane = |lanes: &Lanes3<f32>| [lanes[0][l], lanes[1][l], lanes[2][l]];
         match model {
-            Model::Lecture(Lecture { fresnel, .. }) => Tints {
-                reflected: lane(&rich.reflection),
-                through: lane(&rich.transmission),
+            Model::Phong(Phong { fresnel, .. }) => Tints {
+                reflected: lane(&extended.reflection),
+                through: lane(&extended.transmission),
                 fresnel: *fresnel,
             },
             _ => {
                 let color = lane(&materials.base_color);
-                let share = lane(&rich.transmission);
+                let share = lane(&extended.transmission);
                 let dielectric = 1.0 - materials.metallic[l];
                 Tints {
-                    reflected: lane(&rich.specular_color).map(|c| c * rich.specular[l]),
+                    reflected: lane(&extended.specular_color).map(|c| c * extended.specular[l]),
                     through: std::array::from_fn(|c| color[c] * share[c] * dielectric),
                     fresnel: true,
                 }
@@ -227,16 +232,21 @@ impl Tints {
     }
 }
 
-impl Outcome<'_, '_> {
+impl ShadingState<'_, '_> {
     /// Returns the path throughput of a packet at its hits, after absorption along the rays.
-    pub(super) fn dimmed(&self, packet: &RayPacket, path: &PathPacket, travels: TravelPacket) -> Lanes3<f32> {
+    pub(super) fn weight_after_absorption(
+        &self,
+        packet: &RayPacket,
+        path: &PathPacket,
+        path_states: PathStatePacket,
+    ) -> Lanes3<f32> {
         let mut weight = path.weight;
         for l in 0..LANES {
             if packet.active[l] == 0 {
                 continue;
             }
             // Only media absorb
-            let media = travels.media(l);
+            let media = path_states.media(l);
             if media.current().is_none() {
                 continue;
             }
@@ -259,10 +269,10 @@ impl Outcome<'_, '_> {
 
     /// Queues rays that continue through alpha and through hidden boundaries, and returns the throughput of what is
     /// shaded.
-    pub(super) fn pass_through(
+    pub(super) fn apply_alpha(
         &mut self,
-        traced: &Traced,
-        travels: TravelPacket,
+        traced: &TracedPacket,
+        path_states: PathStatePacket,
         surfaces: &mut Surfaces,
     ) -> Lanes3<f32> {
         let mut present = *traced.weight;
@@ -271,7 +281,7 @@ impl Outcome<'_, '_> {
                 continue;
             }
             let from_outside = surfaces.points.front[l];
-            let travel = travels.lane(l);
+            let travel = path_states.lane(l);
             let boundary = self
                 .frame
                 .boundary(traced.packet.instance[l], from_outside, &travel.media);
@@ -287,7 +297,7 @@ impl Outcome<'_, '_> {
             let weight = std::array::from_fn(|c| present[c][l] * (1.0 - coverage));
             (0..3).for_each(|c| present[c][l] *= coverage);
             let ray = traced.packet.ray(l);
-            let sent = Sent {
+            let sent = RayWorkItem {
                 // Continue as the same ray beyond the hit, so that no surface is hit twice or missed.
                 ray: Ray {
                     t_near: ray.t_far.next_up(),
@@ -296,9 +306,9 @@ impl Outcome<'_, '_> {
                 },
                 pixel: traced.pixel[l],
                 weight,
-                sender: Account::Refraction,
+                sender: Category::Refraction,
                 // A ray that passes through a gap in the surface of an interior enters that interior as well.
-                travel: Some(Travel {
+                travel: Some(PathState {
                     media: boundary.crossing.through,
                     ..travel
                 }),
@@ -309,99 +319,116 @@ impl Outcome<'_, '_> {
     }
 
     /// Queues the reflected and refracted rays at smooth transmissive surfaces. Rough ones are handled in
-    /// `cross_rough_surfaces`.
-    pub(super) fn cross_surfaces(&mut self, traced: &Traced, travels: TravelPacket, surfaces: &Surfaces) {
+    /// `refract_rough_rays`.
+    pub(super) fn refract_rays(
+        &mut self,
+        traced: &TracedPacket,
+        path_states: PathStatePacket,
+        surfaces: &Surfaces,
+    ) {
         for l in 0..LANES {
             // Weights of a single wavelength may be negative, so that the sum of the channels is not a valid test.
             let seen = traced.weight.iter().any(|channel| channel[l] != 0.0);
             let materials = &surfaces.materials;
             if surfaces.points.hit[l] && seen && materials.transmits(l) && !materials.has_lobe(l) {
-                self.cross(traced, travels, surfaces, l);
+                self.cross(traced, path_states, surfaces, l);
             }
         }
     }
 
-    fn cross(&mut self, traced: &Traced, travels: TravelPacket, surfaces: &Surfaces, l: usize) {
-        let meeting = self.frame.meeting(traced, travels, surfaces, l);
-        let bend = Bend {
-            d: meeting.arrival.direction,
-            n: meeting.normal,
+    fn cross(&mut self, traced: &TracedPacket, path_states: PathStatePacket, surfaces: &Surfaces, l: usize) {
+        let boundary_hit = self.frame.boundary_hit(traced, path_states, surfaces, l);
+        let bend = SmoothInterface {
+            d: boundary_hit.arrival.direction,
+            n: boundary_hit.normal,
             side: surfaces.points.geometric_normal(l),
         };
-        self.divide(&meeting, &Facet::Smooth(bend));
+        self.scatter_at_boundary(&boundary_hit, &Interface::Smooth(bend));
     }
 
     /// Queues the refracted rays, one per wavelength where light disperses, and the reflected ray of a hit.
-    pub(super) fn divide(&mut self, meeting: &Meeting, facet: &Facet) {
+    pub(super) fn scatter_at_boundary(&mut self, boundary_hit: &BoundaryHit, facet: &Interface) {
         let frame = self.frame;
-        let Meeting {
+        let BoundaryHit {
             weight,
             arrival,
             boundary,
             ..
-        } = meeting;
+        } = boundary_hit;
         let mut reflected = [0.0; 3];
         // Loop over the wavelengths of a dispersive boundary
-        let colors: &[[f32; 3]] = if meeting.disperses {
+        let colors: &[[f32; 3]] = if boundary_hit.disperses {
             frame.spectrum.weights()
         } else {
             &[[1.0; 3]]
         };
         for (index, color) in colors.iter().enumerate() {
-            let wavelength = if meeting.disperses {
+            let wavelength = if boundary_hit.disperses {
                 frame.spectrum.wavelength(index, 0.5)
             } else {
                 f64::from(arrival.wavelength)
             };
             let nanometres = if wavelength > 0.0 { wavelength } else { LINE_D };
             // Divide light by Fresnel's equations
-            let (reflectance, transmittance) = frame.shares(boundary, facet.cos_i(), nanometres);
-            let (mirrored, through) = meeting.tints.weights(reflectance, transmittance);
+            let (reflectance, transmittance) = frame.fresnel_factors(boundary, facet.cos_i(), nanometres);
+            let (mirrored, through) = boundary_hit.tints.weights(reflectance, transmittance);
             (0..3).for_each(|c| reflected[c] += color[c] * mirrored[c]);
             // Spawn the refracted ray
             let etas =
                 [boundary.crossing.before, boundary.crossing.after].map(|body| frame.ior(body, nanometres));
-            let Some(way) = facet.refracted(boundary, etas) else {
+            let Some(scattered_ray) = facet.refracted(boundary, etas) else {
                 continue;
             };
-            let weight = std::array::from_fn(|c| weight[c] * color[c] * through[c] * way.share);
-            let cone = meeting
-                .cone
-                .refracted(etas[1] / etas[0], way.cosines, meeting.curvature);
-            let travel = Travel {
+            let weight = std::array::from_fn(|c| weight[c] * color[c] * through[c] * scattered_ray.share);
+            let cone =
+                boundary_hit
+                    .cone
+                    .refracted(etas[1] / etas[0], scattered_ray.cosines, boundary_hit.curvature);
+            let travel = PathState {
                 depth: arrival.depth + 1,
                 wavelength: wavelength as f32,
-                direction: way.direction,
+                direction: scattered_ray.direction,
                 media: boundary.crossing.through,
-                cone: cone.spread_by(way.spread),
+                cone: cone.spread_by(scattered_ray.spread),
                 ..*arrival
             };
-            self.send_from(meeting, weight, facet.sender(Account::Refraction), travel);
+            self.send_from(boundary_hit, weight, facet.sender(Category::Refraction), travel);
         }
         // Spawn the reflected ray
-        if !facet.reflects(frame, meeting) {
+        if !facet.reflects(frame, boundary_hit) {
             return;
         }
-        let Some(way) = facet.reflected() else { return };
-        let travel = Travel {
+        let Some(scattered_ray) = facet.reflected() else {
+            return;
+        };
+        let travel = PathState {
             depth: arrival.depth + 1,
-            direction: way.direction,
-            cone: meeting.cone.reflected(meeting.curvature).spread_by(way.spread),
+            direction: scattered_ray.direction,
+            cone: boundary_hit
+                .cone
+                .reflected(boundary_hit.curvature)
+                .spread_by(scattered_ray.spread),
             ..*arrival
         };
-        let weight = std::array::from_fn(|c| weight[c] * reflected[c] * way.share);
-        self.send_from(meeting, weight, facet.sender(Account::Reflection), travel);
+        let weight = std::array::from_fn(|c| weight[c] * reflected[c] * scattered_ray.share);
+        self.send_from(boundary_hit, weight, facet.sender(Category::Reflection), travel);
     }
 
     /// Queues a ray that leaves the surface, with its origin on the side of its direction.
-    fn send_from(&mut self, meeting: &Meeting, weight: [f32; 3], sender: Account, travel: Travel) {
-        let (points, l) = (meeting.points, meeting.l);
+    fn send_from(
+        &mut self,
+        boundary_hit: &BoundaryHit,
+        weight: [f32; 3],
+        sender: Category,
+        travel: PathState,
+    ) {
+        let (points, l) = (boundary_hit.points, boundary_hit.l);
         let ng = points.geometric_normal(l);
         let side = if travel.direction.dot(ng) < 0.0 { -ng } else { ng };
         let origin = points.leave(l, side);
-        let sent = Sent {
+        let sent = RayWorkItem {
             ray: Ray::new(origin, travel.direction.as_vec3()),
-            pixel: meeting.pixel,
+            pixel: boundary_hit.pixel,
             weight,
             sender,
             travel: Some(travel),
@@ -411,12 +438,12 @@ impl Outcome<'_, '_> {
 }
 
 /// Ray at a boundary, with all that is needed to scatter it.
-pub(super) struct Meeting<'a> {
+pub(super) struct BoundaryHit<'a> {
     points: &'a SurfacePacket,
     l: usize,
     pixel: u32,
     weight: [f32; 3],
-    pub(super) arrival: Travel,
+    pub(super) arrival: PathState,
     cone: Cone,
     curvature: f64,
     boundary: Boundary<'a>,
@@ -430,54 +457,54 @@ pub(super) struct Meeting<'a> {
 }
 
 /// Interface that scatters a ray: a smooth surface, or a microfacet of a rough one.
-pub(super) enum Facet<'a> {
-    Smooth(Bend),
+pub(super) enum Interface<'a> {
+    Smooth(SmoothInterface),
     Rough(Microfacet<'a>),
 }
 
-impl Facet<'_> {
+impl Interface<'_> {
     fn cos_i(&self) -> f64 {
         match self {
-            Facet::Smooth(bend) => bend.cos_i(),
-            Facet::Rough(facet) => facet.cos_i(),
+            Interface::Smooth(bend) => bend.cos_i(),
+            Interface::Rough(facet) => facet.cos_i(),
         }
     }
 
     /// Returns whether a reflected ray is sent.
-    fn reflects(&self, frame: &Frame, meeting: &Meeting) -> bool {
+    fn reflects(&self, frame: &RenderContext, boundary_hit: &BoundaryHit) -> bool {
         match self {
-            Facet::Smooth(_) => meeting.is_smooth && frame.effects().has(Effect::Reflection),
-            Facet::Rough(_) => true,
+            Interface::Smooth(_) => boundary_hit.is_smooth && frame.effects().has(Effect::Reflection),
+            Interface::Rough(_) => true,
         }
     }
 
-    fn reflected(&self) -> Option<Way> {
+    fn reflected(&self) -> Option<ScatteredRay> {
         match self {
-            Facet::Smooth(bend) => Some(bend.way(bend.reflected())),
-            Facet::Rough(facet) => facet.reflected(),
+            Interface::Smooth(bend) => Some(bend.scattered_ray(bend.reflected())),
+            Interface::Rough(facet) => facet.reflected(),
         }
     }
 
-    fn refracted(&self, boundary: &Boundary, etas: [f64; 2]) -> Option<Way> {
+    fn refracted(&self, boundary: &Boundary, etas: [f64; 2]) -> Option<ScatteredRay> {
         match self {
-            Facet::Smooth(bend) => bend
+            Interface::Smooth(bend) => bend
                 .refracted(boundary, etas)
-                .map(|direction| bend.way(direction)),
-            Facet::Rough(facet) => facet.refracted(boundary, etas),
+                .map(|direction| bend.scattered_ray(direction)),
+            Interface::Rough(facet) => facet.refracted(boundary, etas),
         }
     }
 
     /// Returns the account of a ray; `smooth` is the account for a smooth surface.
-    fn sender(&self, smooth: Account) -> Account {
+    fn sender(&self, smooth: Category) -> Category {
         match self {
-            Facet::Smooth(_) => smooth,
-            Facet::Rough(_) => Account::RoughRefraction,
+            Interface::Smooth(_) => smooth,
+            Interface::Rough(_) => Category::RoughRefraction,
         }
     }
 }
 
 /// Incidence of a ray on a smooth boundary.
-pub(super) struct Bend {
+pub(super) struct SmoothInterface {
     /// Unit direction of the incident ray.
     d: DVec3,
     /// Unit shading normal for reflection and refraction, on the side of the incident ray.
@@ -487,14 +514,14 @@ pub(super) struct Bend {
     side: DVec3,
 }
 
-impl Bend {
+impl SmoothInterface {
     fn cos_i(&self) -> f64 {
         (-self.d.dot(self.n)).clamp(0.0, 1.0)
     }
 
     /// Returns the scattered ray along `direction`.
-    fn way(&self, direction: DVec3) -> Way {
-        Way {
+    fn scattered_ray(&self, direction: DVec3) -> ScatteredRay {
+        ScatteredRay {
             direction,
             cosines: [self.cos_i(), direction.dot(self.n).abs()],
             share: 1.0,
@@ -515,7 +542,7 @@ impl Bend {
     /// Returns the direction of the refracted ray, or `None` with total internal reflection.
     fn refracted(&self, boundary: &Boundary, [eta_i, eta_t]: [f64; 2]) -> Option<DVec3> {
         // Thin surfaces and equal indices do not change the direction
-        if boundary.material.is_wall() || eta_i == eta_t {
+        if boundary.material.is_thin_surface() || eta_i == eta_t {
             return Some(self.d);
         }
         let bent = refract(self.d, self.n, eta_i, eta_t)?.direction;

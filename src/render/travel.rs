@@ -7,13 +7,13 @@ use glam::DVec3;
 
 use super::memory::Memory;
 use crate::numeric::{LANES, Lanes};
-use crate::optics::{Body, InteriorStack};
+use crate::optics::{InteriorStack, NestedInterior};
 use crate::scene::{Effect, EffectSet};
 use crate::shading::ray_cone::Cone;
 
 /// State of one path, besides its throughput.
 #[derive(Clone, Copy)]
-pub(super) struct Travel {
+pub(super) struct PathState {
     /// Number of reflections and refractions so far.
     pub(super) depth: u32,
     /// Wavelength that the path follows, in nanometres; 0 for all wavelengths.
@@ -33,9 +33,9 @@ pub(super) struct Travel {
     pub(super) time: f32,
 }
 
-impl Travel {
+impl PathState {
     /// State of a path that has not begun.
-    pub(super) const NONE: Travel = Travel {
+    pub(super) const NONE: PathState = PathState {
         depth: 0,
         wavelength: 0.0,
         direction: DVec3::ZERO,
@@ -51,36 +51,39 @@ impl Travel {
 }
 
 /// Path states of several packets, as far as the effects need them.
-pub(super) struct Travels {
-    depth: Column<u32>,
-    wavelength: Column<f32>,
-    direction: Column<DVec3>,
-    media: MediaColumn,
-    cone: Column<Cone>,
-    sample: Column<u32>,
-    split: Column<u32>,
-    time: Column<f32>,
+pub(super) struct PathStates {
+    depth: OptionalArray<u32>,
+    wavelength: OptionalArray<f32>,
+    direction: OptionalArray<DVec3>,
+    media: InteriorArray,
+    cone: OptionalArray<Cone>,
+    sample: OptionalArray<u32>,
+    split: OptionalArray<u32>,
+    time: OptionalArray<f32>,
 }
 
-impl Travels {
+impl PathStates {
     /// Returns empty arrays for these effects, and for ray cones if paths carry them.
-    pub(super) fn new(effects: EffectSet, follows_widths: bool) -> Travels {
-        Travels {
-            depth: Column::new(effects.has_sheets()),
-            wavelength: Column::new(effects.has(Effect::Dispersion)),
-            direction: Column::new(effects.has(Effect::Refraction)),
-            media: MediaColumn::new(effects),
-            cone: Column::new(follows_widths),
-            sample: Column::new(effects.samples_light()),
-            split: Column::new(effects.has_lobes()),
-            time: Column::new(effects.has(Effect::MotionBlur)),
+    pub(super) fn new(effects: EffectSet, tracks_cones: bool) -> PathStates {
+        PathStates {
+            depth: OptionalArray::new(effects.has_transmission()),
+            wavelength: OptionalArray::new(effects.has(Effect::Dispersion)),
+            direction: OptionalArray::new(effects.has(Effect::Refraction)),
+            media: InteriorArray::new(effects),
+            cone: OptionalArray::new(tracks_cones),
+            sample: OptionalArray::new(effects.samples_light()),
+            split: OptionalArray::new(effects.has_lobes()),
+            time: OptionalArray::new(effects.has(Effect::MotionBlur)),
         }
     }
 
     /// Returns whether no array is allocated.
     pub(super) fn is_void(&self) -> bool {
         // Every other array exists only together with one of these.
-        !(self.depth.is_kept || self.cone.is_kept || self.sample.is_kept || self.time.is_kept)
+        !(self.depth.is_allocated
+            || self.cone.is_allocated
+            || self.sample.is_allocated
+            || self.time.is_allocated)
     }
 
     /// Removes the states of all packets.
@@ -94,14 +97,14 @@ impl Travels {
         self.wavelength.resize(packets, 0.0);
         self.direction.resize(packets, DVec3::ZERO);
         self.media.resize(packets);
-        self.cone.resize(packets, Travel::NONE.cone);
+        self.cone.resize(packets, PathState::NONE.cone);
         self.sample.resize(packets, 0);
-        self.split.resize(packets, Travel::NONE.split);
+        self.split.resize(packets, PathState::NONE.split);
         self.time.resize(packets, 0.0);
     }
 
     /// Sets the state of lane `l` of packet `packet`.
-    pub(super) fn set(&mut self, packet: usize, l: usize, travel: &Travel) {
+    pub(super) fn set(&mut self, packet: usize, l: usize, travel: &PathState) {
         self.depth.set(packet, l, travel.depth);
         self.wavelength.set(packet, l, travel.wavelength);
         self.direction.set(packet, l, travel.direction);
@@ -115,7 +118,7 @@ impl Travels {
     /// Adds the bytes of each array to the effect that needs it.
     pub(super) fn add_to(&self, memory: &mut Memory, effects: EffectSet) {
         // Attribute depths to the effect by which light passes surfaces
-        let through = effects.lets_through().name();
+        let through = effects.transmissive().name();
         memory.add(through, "steps of paths", self.depth.byte_count());
         let wavelengths = self.wavelength.byte_count();
         memory.add(Effect::Dispersion.name(), "wavelengths of paths", wavelengths);
@@ -142,9 +145,9 @@ impl Travels {
     }
 
     /// Returns a view of the states of one packet.
-    pub(super) fn at(&self, packet: usize) -> TravelPacket<'_> {
-        TravelPacket {
-            travels: self,
+    pub(super) fn at(&self, packet: usize) -> PathStatePacket<'_> {
+        PathStatePacket {
+            path_states: self,
             packet,
         }
     }
@@ -152,59 +155,59 @@ impl Travels {
 
 /// View of the path states of one packet.
 #[derive(Clone, Copy)]
-pub(super) struct TravelPacket<'a> {
-    travels: &'a Travels,
+pub(super) struct PathStatePacket<'a> {
+    path_states: &'a PathStates,
     packet: usize,
 }
 
-impl TravelPacket<'_> {
-    /// Returns the state of lane `l`; members without an array have the values of [`Travel::NONE`].
-    pub(super) fn lane(&self, l: usize) -> Travel {
-        let (travels, packet) = (self.travels, self.packet);
-        Travel {
-            depth: travels.depth.get(packet, l, 0),
-            wavelength: travels.wavelength.get(packet, l, 0.0),
-            direction: travels.direction.get(packet, l, DVec3::ZERO),
-            media: travels.media.get(packet, l),
+impl PathStatePacket<'_> {
+    /// Returns the state of lane `l`; members without an array have the values of [`PathState::NONE`].
+    pub(super) fn lane(&self, l: usize) -> PathState {
+        let (path_states, packet) = (self.path_states, self.packet);
+        PathState {
+            depth: path_states.depth.get(packet, l, 0),
+            wavelength: path_states.wavelength.get(packet, l, 0.0),
+            direction: path_states.direction.get(packet, l, DVec3::ZERO),
+            media: path_states.media.get(packet, l),
             cone: self.cone(l),
             sample: self.sample(l),
-            split: travels.split.get(packet, l, Travel::NONE.split),
-            time: travels.time.get(packet, l, 0.0),
+            split: path_states.split.get(packet, l, PathState::NONE.split),
+            time: path_states.time.get(packet, l, 0.0),
         }
     }
 
     /// Returns the ray cone of lane `l`.
     pub(super) fn cone(&self, l: usize) -> Cone {
-        self.travels.cone.get(self.packet, l, Travel::NONE.cone)
+        self.path_states.cone.get(self.packet, l, PathState::NONE.cone)
     }
 
     /// Returns the pixel sample that lane `l` belongs to.
     pub(super) fn sample(&self, l: usize) -> u32 {
-        self.travels.sample.get(self.packet, l, 0)
+        self.path_states.sample.get(self.packet, l, 0)
     }
 
     /// Returns the interiors around lane `l`.
     pub(super) fn media(&self, l: usize) -> InteriorStack {
-        self.travels.media.get(self.packet, l)
+        self.path_states.media.get(self.packet, l)
     }
 }
 
 /// Array with one value per lane, or nothing if no effect needs it.
-struct Column<T> {
-    is_kept: bool,
+struct OptionalArray<T> {
+    is_allocated: bool,
     packets: Vec<Lanes<T>>,
 }
 
-impl<T: Copy> Column<T> {
-    fn new(is_kept: bool) -> Column<T> {
-        Column {
-            is_kept,
+impl<T: Copy> OptionalArray<T> {
+    fn new(is_allocated: bool) -> OptionalArray<T> {
+        OptionalArray {
+            is_allocated,
             packets: Vec::new(),
         }
     }
 
     fn resize(&mut self, packets: usize, value: T) {
-        if self.is_kept {
+        if self.is_allocated {
             self.packets.resize(packets, [value; LANES]);
         }
     }
@@ -214,13 +217,13 @@ impl<T: Copy> Column<T> {
     }
 
     fn set(&mut self, packet: usize, l: usize, value: T) {
-        if self.is_kept {
+        if self.is_allocated {
             self.packets[packet][l] = value;
         }
     }
 
     fn get(&self, packet: usize, l: usize, otherwise: T) -> T {
-        if self.is_kept {
+        if self.is_allocated {
             self.packets[packet][l]
         } else {
             otherwise
@@ -230,18 +233,18 @@ impl<T: Copy> Column<T> {
 
 /// Interiors around every lane: no array without refraction, one interior per lane where no two can overlap, a stack
 /// otherwise.
-pub(super) struct MediaColumn {
-    single: Column<Option<Body>>,
-    nested: Column<InteriorStack>,
+pub(super) struct InteriorArray {
+    single: OptionalArray<Option<NestedInterior>>,
+    nested: OptionalArray<InteriorStack>,
 }
 
-impl MediaColumn {
+impl InteriorArray {
     /// Returns empty arrays for these effects.
-    pub(super) fn new(effects: EffectSet) -> MediaColumn {
+    pub(super) fn new(effects: EffectSet) -> InteriorArray {
         let nests = effects.has(Effect::NestedMedia);
-        MediaColumn {
-            single: Column::new(effects.has(Effect::Refraction) && !nests),
-            nested: Column::new(effects.has(Effect::Refraction) && nests),
+        InteriorArray {
+            single: OptionalArray::new(effects.has(Effect::Refraction) && !nests),
+            nested: OptionalArray::new(effects.has(Effect::Refraction) && nests),
         }
     }
 
@@ -254,9 +257,9 @@ impl MediaColumn {
     /// Adds the bytes of the arrays.
     pub(super) fn add_to(&self, memory: &mut Memory) {
         let single = self.single.byte_count();
-        memory.add(Effect::Refraction.name(), "the body around each path", single);
+        memory.add(Effect::Refraction.name(), "the medium around each path", single);
         let nested = self.nested.byte_count();
-        memory.add(Effect::NestedMedia.name(), "the bodies around each path", nested);
+        memory.add(Effect::NestedMedia.name(), "the media around each path", nested);
     }
 
     /// Sets the interiors of lane `l` of packet `packet`.

@@ -14,31 +14,31 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::lamps::SoftLight;
-use super::ledger::Account;
-use super::light_layers::{LightSheet, Source};
+use super::lamps::AreaLightSampler;
+use super::ledger::Category;
+use super::light_layers::{LightGroups, LightSource};
 use super::memory::Memory;
-use super::meter::{Accounts, Meter};
-use super::outcome::{Outcome, Stage};
+use super::meter::{Accounts, Profiler};
+use super::outcome::{BatchInfo, ShadingState};
 use super::queue::{PathPacket, ShadowQueue};
 use super::sampler::Purpose;
-use super::soft::{Draw, Origin};
+use super::soft::{PixelSample, SampleIndex};
 use super::surface::Surfaces;
-use super::tinted::through_sheets;
-use super::travel::TravelPacket;
-use super::{Frame, shade};
+use super::tinted::attenuate_shadow_rays;
+use super::travel::PathStatePacket;
+use super::{RenderContext, shade};
 use crate::accel::{ACTIVE, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::optics::InteriorStack;
 use crate::scene::{Effect, Light, LightKind};
-use crate::shading::{TextureSet, illuminate};
+use crate::shading::{TextureSet, sample_punctual_light};
 use crate::volume::{March, PointLanes, RaySegment};
 
 /// Isotropic phase function: the share of light that is scattered into a unit of solid angle.
 const PHASE: f32 = (0.25 / PI) as f32;
 
 /// Ray-marching state and working memory of one thread.
-pub(super) struct Marches<'f> {
+pub(super) struct MarchState<'f> {
     /// March along camera rays and secondary rays.
     seen: March<'f>,
     /// March along shadow rays, used while the other march is in progress.
@@ -49,11 +49,11 @@ pub(super) struct Marches<'f> {
     shares: Option<LightShares>,
 }
 
-impl<'f> Marches<'f> {
-    pub(super) fn new(frame: &Frame<'f>) -> Marches<'f> {
+impl<'f> MarchState<'f> {
+    pub(super) fn new(frame: &RenderContext<'f>) -> MarchState<'f> {
         let fog = frame.scene.fog.filter(|_| frame.scene.has_fog());
         let march = || March::new(&frame.scene.volumes, fog).with_skip(frame.settings.skip_empty);
-        Marches {
+        MarchState {
             seen: march(),
             shadow: march(),
             shadow_queue: ShadowQueue::new(frame.effects()),
@@ -63,23 +63,28 @@ impl<'f> Marches<'f> {
 
     /// Adds the bytes of the marches and of their shadow rays.
     pub(super) fn add_to(&self, memory: &mut Memory) {
-        let own = size_of::<Marches>() + ShadowQueue::BYTES;
+        let own = size_of::<MarchState>() + ShadowQueue::BYTES;
         memory.add(Effect::Volume.name(), "marches and their shadow rays", own);
         self.shadow_queue.add_columns_to(memory);
         let shares = self.shares.as_ref().map_or(0, LightShares::byte_count);
-        memory.add(Effect::Volume.name(), "light of each lamp", shares);
+        memory.add(Effect::Volume.name(), "radiance of each light", shares);
     }
 
     /// Attenuates the radiance that the shadow rays of `packet` carry by the volumes along them; ray parameters end
     /// at `reach`. Returns the number of samples.
-    pub(super) fn dim(&mut self, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) -> u64 {
-        dim(&mut self.shadow, packet, reach, radiance)
+    pub(super) fn attenuate(
+        &mut self,
+        packet: &RayPacket,
+        reach: &Lanes<f32>,
+        radiance: &mut Lanes3<f32>,
+    ) -> u64 {
+        attenuate(&mut self.shadow, packet, reach, radiance)
     }
 }
 
-fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) -> u64 {
+fn attenuate(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut Lanes3<f32>) -> u64 {
     // Collect the segments of lanes that carry radiance
-    let mut stretches = [RaySegment::NONE; LANES];
+    let mut segments = [RaySegment::NONE; LANES];
     let mut lane = [0; LANES];
     let mut count = 0;
     for l in 0..LANES {
@@ -87,7 +92,7 @@ fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut
             continue;
         }
         let ray = packet.ray(l);
-        stretches[count] = RaySegment {
+        segments[count] = RaySegment {
             origin: ray.origin.as_dvec3(),
             direction: ray.direction.as_dvec3(),
             t_near: 0.0,
@@ -98,7 +103,7 @@ fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut
     }
     // March them and multiply by the transmittances
     let mut left = [1.0; LANES];
-    let samples = march.transmittances(&stretches[..count], &mut left);
+    let samples = march.transmittances(&segments[..count], &mut left);
     for (l, left) in lane.into_iter().zip(left).take(count) {
         for channel in 0..3 {
             radiance[channel][l] *= left as f32;
@@ -107,15 +112,15 @@ fn dim(march: &mut March, packet: &RayPacket, reach: &Lanes<f32>, radiance: &mut
     samples
 }
 
-impl Outcome<'_, '_> {
+impl ShadingState<'_, '_> {
     /// Marches the rays of a packet, adds their radiance to the film, and returns the throughput behind the volumes;
     /// `weight` is the throughput without them.
     pub(super) fn march(
         &mut self,
         packet: &RayPacket,
-        (path, travels): (&PathPacket, Option<TravelPacket>),
+        (path, path_states): (&PathPacket, Option<PathStatePacket>),
         weight: &Lanes3<f32>,
-        stage: Stage,
+        stage: BatchInfo,
     ) -> Lanes3<f32> {
         let mut left = *weight;
         self.meter.lap_shading();
@@ -133,25 +138,25 @@ impl Outcome<'_, '_> {
                 continue;
             }
             // Set up the lights for the samples of this ray
-            let mut lamps = Lamps {
+            let mut light_sampler = LightSampler {
                 frame: self.frame,
                 shadow: &mut marches.shadow,
                 shadow_queue: &mut marches.shadow_queue,
                 shares: marches.shares.as_mut(),
-                source: Source::Emission,
-                sheets: self.sheets.as_deref_mut(),
+                source: LightSource::Emission,
+                shadow_surfaces: self.shadow_surfaces.as_deref_mut(),
                 meter: &mut self.meter,
-                media: travels.map_or(InteriorStack::EMPTY, |travels| travels.media(l)),
+                media: path_states.map_or(InteriorStack::EMPTY, |path_states| path_states.media(l)),
                 stage,
                 time: packet.time[l],
-                origin: Origin {
+                origin: PixelSample {
                     corner: self.corner,
                     label: path.pixel[l],
-                    sample: travels.map_or(0, |travels| travels.sample(l)),
+                    sample: path_states.map_or(0, |path_states| path_states.sample(l)),
                 },
             };
             let ray = packet.ray(l);
-            let stretch = RaySegment {
+            let segment = RaySegment {
                 origin: ray.origin.as_dvec3(),
                 direction: ray.direction.as_dvec3(),
                 t_near: f64::from(ray.t_near),
@@ -160,12 +165,12 @@ impl Outcome<'_, '_> {
             // Integrate radiance and transmittance along the ray
             let marched = marches
                 .seen
-                .radiance(&stretch, Some(&mut |points| lamps.light(points)));
+                .radiance(&segment, Some(&mut |points| light_sampler.light(points)));
             self.meter.ledger.volume_samples += marched.sample_count;
             // Repeat the march per light for layers by light
             if let Some(shares) = &mut marches.shares {
                 let weight = path.weight.map(|channel| channel[l]);
-                shares.divide(&mut marches.seen, &stretch, (weight, l));
+                shares.divide(&mut marches.seen, &segment, (weight, l));
             }
             for channel in 0..3 {
                 radiance[channel][l] = path.weight[channel][l] * marched.radiance[channel] as f32;
@@ -174,7 +179,7 @@ impl Outcome<'_, '_> {
         }
         // Add the radiance to the film
         if radiance.as_flattened().iter().any(|&value| value != 0.0) {
-            self.film.add(&path.pixel, &radiance, Source::Volume);
+            self.film.add(&path.pixel, &radiance, LightSource::Volume);
             if let (Some(light), Some(shares)) = (self.film.light(), &marches.shares) {
                 for (plane, radiance) in shares.seen.iter().enumerate() {
                     light.add_to_plane(plane, &path.pixel, radiance);
@@ -182,7 +187,7 @@ impl Outcome<'_, '_> {
             }
         }
         let lanes = std::iter::once((&path.pixel, &packet.active));
-        self.meter.lap_over(Account::Volume, lanes);
+        self.meter.lap_over(Category::Volume, lanes);
         self.meter.resume(&path.pixel, &packet.active);
         left
     }
@@ -202,10 +207,10 @@ struct LightShares {
 const DARK: Lanes3<f64> = [[0.0; LANES]; 3];
 
 impl LightShares {
-    fn of(sheet: &LightSheet) -> Option<LightShares> {
-        sheet.has_lights().then(|| LightShares {
-            lit: vec![Vec::new(); sheet.light_planes()],
-            seen: vec![[[0.0; LANES]; 3]; sheet.light_planes()],
+    fn of(groups: &LightGroups) -> Option<LightShares> {
+        groups.has_lights().then(|| LightShares {
+            lit: vec![Vec::new(); groups.light_planes()],
+            seen: vec![[[0.0; LANES]; 3]; groups.light_planes()],
         })
     }
 
@@ -239,9 +244,9 @@ impl LightShares {
     }
 
     /// Computes the radiance of each light for lane `l` of throughput `weight`, whose march has just finished.
-    fn divide(&mut self, march: &mut March, stretch: &RaySegment, (weight, l): ([f32; 3], usize)) {
+    fn divide(&mut self, march: &mut March, segment: &RaySegment, (weight, l): ([f32; 3], usize)) {
         // March without light to find the emission
-        let by_itself = march.radiance(stretch, Some(&mut |_| DARK)).radiance;
+        let by_itself = march.radiance(segment, Some(&mut |_| DARK)).radiance;
         for (plane, calls) in self.lit.iter_mut().enumerate() {
             let is_lit = calls
                 .iter()
@@ -250,7 +255,7 @@ impl LightShares {
                 // Replay the recorded light of one plane
                 let mut given = calls.iter();
                 let light = &mut |_: &PointLanes| given.next().copied().unwrap_or(DARK);
-                let marched = march.radiance(stretch, Some(light)).radiance;
+                let marched = march.radiance(segment, Some(light)).radiance;
                 for channel in 0..3 {
                     let own = if plane == 0 { 0.0 } else { by_itself[channel] };
                     self.seen[plane][channel][l] = weight[channel] * (marched[channel] - own) as f32;
@@ -262,26 +267,26 @@ impl LightShares {
 }
 
 /// Light sources for the samples of one march.
-struct Lamps<'a, 'f, 's> {
-    frame: &'a Frame<'s>,
+struct LightSampler<'a, 'f, 's> {
+    frame: &'a RenderContext<'s>,
     shadow: &'a mut March<'f>,
     shadow_queue: &'a mut ShadowQueue,
     /// Radiance by light, if layers by light are requested.
     shares: Option<&'a mut LightShares>,
     /// Light that is being sampled.
-    source: Source,
-    sheets: Option<&'a mut Surfaces>,
-    meter: &'a mut Meter,
+    source: LightSource,
+    shadow_surfaces: Option<&'a mut Surfaces>,
+    meter: &'a mut Profiler,
     /// Dielectric interiors around the ray.
     media: InteriorStack,
-    stage: Stage,
+    stage: BatchInfo,
     /// Time of the ray, as in [`crate::numeric::Ray::time`].
     time: f32,
     /// Pixel sample that the ray belongs to.
-    origin: Origin,
+    origin: PixelSample,
 }
 
-impl Lamps<'_, '_, '_> {
+impl LightSampler<'_, '_, '_> {
     /// Returns the radiance that matter of albedo 1 scatters towards the ray origin at `points`.
     fn light(&mut self, points: &PointLanes) -> Lanes3<f64> {
         let frame = self.frame;
@@ -290,9 +295,9 @@ impl Lamps<'_, '_, '_> {
         if let Some(shares) = &mut self.shares {
             shares.begin_call(&arriving);
         }
-        let lights = frame.scene.lights.iter().zip(&frame.plan.casting);
+        let lights = frame.scene.lights.iter().zip(&frame.plan.casts_shadows);
         for (number, (light, &casts)) in lights.enumerate() {
-            self.source = Source::Light(number as u32);
+            self.source = LightSource::Light(number as u32);
             // Add punctual lights
             let LightKind::Area { samples, .. } = light.kind else {
                 let (packet, payload) = self.shadow_queue.next();
@@ -301,12 +306,12 @@ impl Lamps<'_, '_, '_> {
                 }
                 continue;
             };
-            let Some(Some(shape)) = frame.soft_lights.get(number) else {
+            let Some(Some(shape)) = frame.area_lights.get(number) else {
                 continue;
             };
             // Add area lights, sampled with the numbers of the pixel sample
             for sample in 0..samples {
-                let draw = Draw {
+                let draw = SampleIndex {
                     purpose: Purpose::LIGHT.nested(number as u32).nested(self.stage.depth),
                     number: sample,
                     of: samples,
@@ -328,14 +333,14 @@ impl Lamps<'_, '_, '_> {
         }
         // Add the environment map
         if frame.effects().has(Effect::Environment) {
-            self.source = Source::Environment;
-            self.light_from_afar(points, &mut arriving);
+            self.source = LightSource::Environment;
+            self.add_environment_light(points, &mut arriving);
         }
         arriving
     }
 
     /// Adds the light of the environment map at `points` to `arriving`.
-    fn light_from_afar(&mut self, points: &PointLanes, arriving: &mut Lanes3<f64>) {
+    fn add_environment_light(&mut self, points: &PointLanes, arriving: &mut Lanes3<f64>) {
         let frame = self.frame;
         let Some(environment) = &frame.environment else {
             return;
@@ -357,7 +362,7 @@ impl Lamps<'_, '_, '_> {
     /// Traces the packet of shadow rays last written and adds its light to `arriving`.
     fn add(&mut self, casts: bool, arriving: &mut Lanes3<f64>) {
         self.shadow_queue.next().1.pixel = [self.origin.label; LANES];
-        let radiance = self.answer(casts);
+        let radiance = self.trace_last_packet(casts);
         if let Some(plane) = self.frame.light_sheet.plane_of(self.source)
             && let Some(shares) = &mut self.shares
         {
@@ -371,7 +376,7 @@ impl Lamps<'_, '_, '_> {
     }
 
     /// Returns the light that arrives along the packet of shadow rays last written.
-    fn answer(&mut self, casts: bool) -> Lanes3<f32> {
+    fn trace_last_packet(&mut self, casts: bool) -> Lanes3<f32> {
         let reach = self.shadow_queue.next().0.t_far;
         // Test the shadow rays, with transparent shadows if the scene has them
         if casts {
@@ -382,32 +387,32 @@ impl Lamps<'_, '_, '_> {
             self.shadow_queue.commit();
             let (packets, payloads, media) = self.shadow_queue.drain_with_media();
             let lanes = std::iter::once((&payloads[0].pixel, &packets[0].active));
-            self.meter.lap_over(Account::Volume, lanes);
+            self.meter.lap_over(Category::Volume, lanes);
             // Attenuate by transmissive surfaces, or test for occlusion
-            match &mut self.sheets {
-                Some(sheets) => {
-                    through_sheets(
+            match &mut self.shadow_surfaces {
+                Some(shadow_surfaces) => {
+                    attenuate_shadow_rays(
                         self.frame,
                         (&mut *packets, &mut *payloads, media),
-                        sheets,
+                        shadow_surfaces,
                         self.meter,
                         self.stage.order,
                     );
                 }
                 None => {
                     let accel = self.frame.accel;
-                    let whose = |_| (&payloads[0].pixel, Accounts::All(Account::Shadow));
-                    let traced = self.meter.trace(packets, whose, |packets| {
+                    let labels_and_accounts = |_| (&payloads[0].pixel, Accounts::All(Category::Shadow));
+                    let traced = self.meter.trace(packets, labels_and_accounts, |packets| {
                         accel.occluded(packets, self.stage.order)
                     });
-                    self.meter.ledger.book(Account::Shadow, traced);
+                    self.meter.ledger.book(Category::Shadow, traced);
                     shade::block(&packets[0], &mut payloads[0].radiance);
                 }
             }
         }
         // After draining, `next` is still the memory of the packet just traced.
         let (packet, payload) = self.shadow_queue.next();
-        self.meter.ledger.volume_samples += dim(self.shadow, packet, &reach, &mut payload.radiance);
+        self.meter.ledger.volume_samples += attenuate(self.shadow, packet, &reach, &mut payload.radiance);
         payload.radiance
     }
 }
@@ -420,12 +425,12 @@ fn sample_light(
     packet: &mut RayPacket,
     radiance: &mut Lanes3<f32>,
 ) -> bool {
-    let arriving = illuminate(light, &points.points);
+    let arriving = sample_punctual_light(light, &points.points);
     let mut any = 0;
     // Scale the intensity by phase function and attenuation
     for l in 0..LANES {
-        let is_asked = points.active >> l & 1 == 1;
-        let share = if is_asked {
+        let is_active = points.active >> l & 1 == 1;
+        let share = if is_active {
             PHASE * arriving.attenuation[l]
         } else {
             0.0
@@ -463,7 +468,7 @@ fn sample_light(
 /// unoccluded radiance for the given `intensity`. Returns whether any lane is active. All samples along a ray use the
 /// same numbers.
 fn sample_area_light(
-    (light, intensity, u): (&SoftLight, [f32; 3], [f64; 2]),
+    (light, intensity, u): (&AreaLightSampler, [f32; 3], [f64; 2]),
     (textures, points): (&TextureSet, &PointLanes),
     packet: &mut RayPacket,
     radiance: &mut Lanes3<f32>,
@@ -499,18 +504,18 @@ fn sample_direction(
 ) -> bool {
     packet.t_far = [f32::INFINITY; LANES];
     for l in 0..LANES {
-        let is_asked = points.active >> l & 1 == 1 && sent != [0.0; 3];
-        packet.active[l] = if is_asked { ACTIVE } else { 0 };
+        let is_active = points.active >> l & 1 == 1 && sent != [0.0; 3];
+        packet.active[l] = if is_active { ACTIVE } else { 0 };
         for axis in 0..3 {
             packet.origin[axis][l] = points.points[axis][l] as f32;
             packet.direction[axis][l] = direction[axis] as f32;
-            radiance[axis][l] = if is_asked { sent[axis] } else { 0.0 };
+            radiance[axis][l] = if is_active { sent[axis] } else { 0.0 };
         }
     }
     packet.any_active()
 }
 
-impl Frame<'_> {
+impl RenderContext<'_> {
     /// Returns whether the scene has volumes or fog to be marched.
     #[inline(always)]
     pub(super) fn marches(&self) -> bool {

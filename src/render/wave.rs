@@ -10,23 +10,23 @@ use std::sync::{Mutex, PoisonError};
 
 use multiversion::multiversion;
 
-use super::Frame;
-use super::estimate::Estimate;
+use super::RenderContext;
+use super::estimate::PixelStatistics;
 use super::film::{TILE, Tile, TileFilm};
 use super::filter::Splat;
-use super::ledger::{Account, Ledger, Tally};
+use super::ledger::{Category, RenderProfile, Tally};
 use super::lens;
-use super::light_layers::LightFilm;
-use super::memory::{Held, Memory};
+use super::light_layers::LightGroupFilm;
+use super::memory::{Memory, ThreadFootprint};
 use super::meter::Accounts;
-use super::outcome::{Outcome, Stage};
-use super::planes::Planes;
-use super::queue::{BATCH, Generation, ShadowQueue, Sorts};
+use super::outcome::{BatchInfo, ShadingState};
+use super::planes::AovBuffers;
+use super::queue::{BATCH, RayQueue, RayTypeCounts, ShadowQueue};
 use super::sampler::SampleGroup;
 use super::samples::SampleFilm;
 use super::surface::Surfaces;
-use super::travel::Travel;
-use crate::accel::{RayOrder, RayPacket};
+use super::travel::PathState;
+use crate::accel::{Coherence, RayPacket};
 use crate::numeric::{LANES, Lanes};
 use crate::scene::Effect;
 
@@ -36,38 +36,38 @@ pub(super) const WAVE: usize = 64;
 
 /// Largest number of bounces of any path. It bounds paths through a thousand fully transparent surfaces, which would
 /// otherwise not end.
-const LONGEST_PATH: u32 = 1024;
+const MAX_PATH_LENGTH: u32 = 1024;
 
 /// Working memory of one thread, reused from tile to tile.
-pub(super) struct Wave<'f, 's> {
-    frame: &'f Frame<'s>,
+pub(super) struct TileRenderer<'f, 's> {
+    frame: &'f RenderContext<'s>,
     /// Rays that are traced next.
-    current: Generation,
+    current: RayQueue,
     surfaces: Box<Surfaces>,
-    outcome: Outcome<'f, 's>,
+    outcome: ShadingState<'f, 's>,
     /// True if camera rays need per-path state, a lens or times.
-    has_camera_travels: bool,
+    has_camera_path_states: bool,
     /// Number of camera packets of the current tile so far.
     packets: usize,
     /// Memory use of this thread, with the ledger on.
-    held: Option<Held<'f>>,
+    held: Option<ThreadFootprint<'f>>,
     /// Packets, rays and ray types of the largest generation of secondary rays so far.
-    largest: (usize, u64, Sorts),
+    largest: (usize, u64, RayTypeCounts),
 }
 
 /// Pixels of one tile, row by row.
-pub(super) struct TilePicture {
+pub(super) struct TileResult {
     pub(super) means: Vec<[f32; 3]>,
     /// Sums behind the means, if partial images are to be added.
     pub(super) sums: Vec<[f64; 3]>,
     /// Filtered sums for this and neighbouring pixels, if the filter is not a box.
     pub(super) splat: Option<Splat>,
     /// Sample statistics of each pixel, if requested.
-    pub(super) estimates: Vec<Estimate>,
+    pub(super) estimates: Vec<PixelStatistics>,
 }
 
 /// Range of sample packets for one pixel.
-pub(super) struct Visit {
+pub(super) struct PixelVisit {
     /// Column within the tile.
     pub(super) x: u32,
     /// Row within the tile.
@@ -76,28 +76,32 @@ pub(super) struct Visit {
     pub(super) groups: Range<u32>,
 }
 
-impl<'f, 's> Wave<'f, 's> {
-    pub(super) fn new(frame: &'f Frame<'s>) -> Wave<'f, 's> {
+impl<'f, 's> TileRenderer<'f, 's> {
+    pub(super) fn new(frame: &'f RenderContext<'s>) -> TileRenderer<'f, 's> {
         let samples = frame
-            .keeps_samples()
+            .needs_sample_statistics()
             .then(|| SampleFilm::new(frame.settings.filter));
-        Wave {
+        TileRenderer {
             packets: 0,
-            held: frame.thread_memory.as_ref().map(Held::new),
-            largest: (0, 0, Sorts::default()),
+            held: frame.thread_memory.as_ref().map(ThreadFootprint::new),
+            largest: (0, 0, RayTypeCounts::default()),
             frame,
-            current: Generation::new(frame.effects(), frame.follows_widths()).with_accounts(&frame.settings),
+            current: RayQueue::new(frame.effects(), frame.tracks_cones()).with_accounts(&frame.settings),
             surfaces: Box::new(Surfaces::new(frame.effects())),
-            outcome: Outcome::new(
+            outcome: ShadingState::new(
                 frame,
-                TileFilm::new(samples).with_light(LightFilm::of(&frame.light_sheet)),
+                TileFilm::new(samples).with_light(LightGroupFilm::of(&frame.light_sheet)),
             ),
-            has_camera_travels: frame.has_camera_travels(),
+            has_camera_path_states: frame.has_camera_path_states(),
         }
     }
 
     /// Renders a tile and returns its pixels and its ledger; AOVs are written to `planes`.
-    pub(super) fn render_tile(&mut self, tile: Tile, planes: Option<&Planes>) -> (TilePicture, Ledger) {
+    pub(super) fn render_tile(
+        &mut self,
+        tile: Tile,
+        planes: Option<&AovBuffers>,
+    ) -> (TileResult, RenderProfile) {
         let frame = self.frame;
         let block = frame.shape.block as usize;
         let groups = &frame.groups[frame.part.clone()];
@@ -116,22 +120,26 @@ impl<'f, 's> Wave<'f, 's> {
         let outcome = &mut self.outcome;
         let pixels = (0..TILE * TILE).map(|pixel| (pixel, samples));
         outcome.losses.settle(pixels, &mut outcome.meter.ledger);
-        let mut picture = outcome.film.picture(tile, frame.settings);
-        if frame.keeps_sums {
-            picture.sums = outcome.film.sums_of(tile);
+        let mut result = outcome.film.picture(tile, frame.settings);
+        if frame.returns_sums {
+            result.sums = outcome.film.sums_of(tile);
         }
         if let Some(planes) = planes {
             planes.put(tile, &self.outcome.layers(tile));
         }
         self.note_memory(frame.tile_bytes(tile));
         self.outcome.finish(tile);
-        (picture, self.outcome.meter.ledger)
+        (result, self.outcome.meter.ledger)
     }
 
     /// Returns the sample statistics of the pixels of `visits`, and the ledger of the work.
     ///
     /// Each visit must be of a different pixel, and a packet must hold samples of a single pixel.
-    pub(super) fn render_visits(&mut self, tile: Tile, visits: &[Visit]) -> (Vec<Estimate>, Ledger) {
+    pub(super) fn render_visits(
+        &mut self,
+        tile: Tile,
+        visits: &[PixelVisit],
+    ) -> (Vec<PixelStatistics>, RenderProfile) {
         let frame = self.frame;
         debug_assert_eq!(frame.shape.block, 1);
         self.begin(tile);
@@ -179,7 +187,7 @@ impl<'f, 's> Wave<'f, 's> {
         self.follow_reflections();
         if let Some(samples) = self.outcome.film.samples() {
             samples.weigh();
-            self.outcome.meter.lap(Account::Film);
+            self.outcome.meter.lap(Category::Film);
         }
     }
 
@@ -198,14 +206,14 @@ impl<'f, 's> Wave<'f, 's> {
         if let Some(samples) = self.outcome.film.samples() {
             samples.expect(&mut path.pixel, position, &packet.active);
         }
-        if self.has_camera_travels {
-            self.begin_travels(block, group, position);
+        if self.has_camera_path_states {
+            self.begin_path_states(block, group, position);
         }
     }
 
     /// Sets the times, lens rays and path states of the camera packet pushed last.
     #[inline(never)]
-    fn begin_travels(&mut self, block: &Block, group: &SampleGroup, position: &[Lanes<f64>; 2]) {
+    fn begin_path_states(&mut self, block: &Block, group: &SampleGroup, position: &[Lanes<f64>; 2]) {
         let frame = self.frame;
         let packet = self.current.last_packet();
         if frame.effects().has(Effect::MotionBlur) {
@@ -213,29 +221,29 @@ impl<'f, 's> Wave<'f, 's> {
         }
         let time = packet.time;
         let rays = frame.camera_rays(block, (group, &time), position);
-        if frame.is_bent() {
+        if frame.has_lens_or_motion() {
             lens::aim(packet, &rays);
         }
-        if !frame.travels() {
+        if !frame.has_path_state() {
             return;
         }
         // Initialize the state of each path
         for l in 0..LANES {
-            let travel = Travel {
+            let travel = PathState {
                 direction: rays[l].direction.normalize(),
-                media: frame.media_at_eye,
+                media: frame.media_at_camera,
                 cone: frame.camera_cone,
                 sample: group.sample[l],
                 time: time[l],
-                ..Travel::NONE
+                ..PathState::NONE
             };
             self.current.set_travel(l, &travel);
         }
     }
 
     fn trace_camera_batch(&mut self) {
-        let stage = Stage {
-            order: RayOrder::Coherent,
+        let stage = BatchInfo {
+            order: Coherence::Coherent,
             depth: 0,
         };
         let (packets, paths) = self.current.parts();
@@ -245,13 +253,13 @@ impl<'f, 's> Wave<'f, 's> {
         // Book the time of ray generation
         let meter = &mut self.outcome.meter;
         let lanes = (0..packets.len()).map(|index| (&paths.at(index).0.pixel, &packets[index].active));
-        meter.lap_over(Account::Sampling, lanes);
+        meter.lap_over(Category::Sampling, lanes);
         // Intersect camera rays with the scene
-        let whose = |index| (&paths.at(index).0.pixel, Accounts::All(Account::Camera));
-        let traced = meter.trace(packets, whose, |packets| {
+        let labels_and_accounts = |index| (&paths.at(index).0.pixel, Accounts::All(Category::Camera));
+        let traced = meter.trace(packets, labels_and_accounts, |packets| {
             self.frame.accel.intersect(packets, stage.order)
         });
-        meter.ledger.book(Account::Camera, traced);
+        meter.ledger.book(Category::Camera, traced);
         // Shade the hits, which queues secondary rays
         self.outcome
             .shade_batch(&mut self.surfaces, packets, paths, stage);
@@ -261,7 +269,7 @@ impl<'f, 's> Wave<'f, 's> {
     /// Traces secondary rays, one wavefront generation after the other.
     fn follow_reflections(&mut self) {
         self.trace_camera_batch();
-        for depth in 1..=LONGEST_PATH {
+        for depth in 1..=MAX_PATH_LENGTH {
             if self.outcome.next.len() == 0 {
                 return;
             }
@@ -271,8 +279,8 @@ impl<'f, 's> Wave<'f, 's> {
             if self.frame.settings.wanted_light().effects {
                 self.current.label_steps(self.frame.effects());
             }
-            let stage = Stage {
-                order: RayOrder::Incoherent,
+            let stage = BatchInfo {
+                order: Coherence::Incoherent,
                 depth,
             };
             let mut all = Tally::default();
@@ -280,17 +288,17 @@ impl<'f, 's> Wave<'f, 's> {
             // Intersect and shade the generation in batches that fit in the cache
             for (batch, packets) in packets.chunks_mut(BATCH).enumerate() {
                 let paths = paths.from(batch * BATCH);
-                let whose = |index| paths.whose(index, Account::Reflection);
-                all += self.outcome.meter.trace(packets, whose, |packets| {
+                let labels_and_accounts = |index| paths.labels_and_accounts(index, Category::Reflection);
+                all += self.outcome.meter.trace(packets, labels_and_accounts, |packets| {
                     self.frame.accel.intersect(packets, stage.order)
                 });
                 self.outcome
                     .shade_batch(&mut self.surfaces, packets, paths, stage);
             }
             // Book the rays by type
-            self.outcome.meter.ledger.book_sent(all, self.current.sorts());
+            self.outcome.meter.ledger.book_sent(all, self.current.ray_types());
             if self.held.is_some() && self.current.len() > self.largest.0 {
-                self.largest = (self.current.len(), all.rays, self.current.sorts());
+                self.largest = (self.current.len(), all.rays, self.current.ray_types());
             }
             self.current.clear();
         }
@@ -300,58 +308,58 @@ impl<'f, 's> Wave<'f, 's> {
 /// Pool of the tile renderers of one render. It grows to the largest number of threads that work at the same time.
 ///
 /// The queues of a renderer have grown by the end of a tile, and the next tile reuses them.
-pub(super) struct Waves<'f, 's> {
-    frame: &'f Frame<'s>,
-    idle: Mutex<Vec<Wave<'f, 's>>>,
+pub(super) struct RendererPool<'f, 's> {
+    frame: &'f RenderContext<'s>,
+    idle: Mutex<Vec<TileRenderer<'f, 's>>>,
 }
 
-impl<'f, 's> Waves<'f, 's> {
-    pub(super) fn new(frame: &'f Frame<'s>) -> Waves<'f, 's> {
-        Waves {
+impl<'f, 's> RendererPool<'f, 's> {
+    pub(super) fn new(frame: &'f RenderContext<'s>) -> RendererPool<'f, 's> {
+        RendererPool {
             frame,
             idle: Mutex::default(),
         }
     }
 
     /// Takes a tile renderer out of the pool; it returns to the pool when the guard is dropped.
-    pub(super) fn lend(&self) -> Lent<'_, 'f, 's> {
+    pub(super) fn acquire(&self) -> PoolGuard<'_, 'f, 's> {
         let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        Lent {
+        PoolGuard {
             waves: self,
-            wave: Some(idle.unwrap_or_else(|| Wave::new(self.frame))),
+            wave: Some(idle.unwrap_or_else(|| TileRenderer::new(self.frame))),
         }
     }
 }
 
 /// Guard of a tile renderer that is taken out of the pool.
-pub(super) struct Lent<'w, 'f, 's> {
-    waves: &'w Waves<'f, 's>,
+pub(super) struct PoolGuard<'w, 'f, 's> {
+    waves: &'w RendererPool<'f, 's>,
     /// Tile renderer; `None` only while it is returned to the pool.
-    wave: Option<Wave<'f, 's>>,
+    wave: Option<TileRenderer<'f, 's>>,
 }
 
-impl<'f, 's> Deref for Lent<'_, 'f, 's> {
-    type Target = Wave<'f, 's>;
+impl<'f, 's> Deref for PoolGuard<'_, 'f, 's> {
+    type Target = TileRenderer<'f, 's>;
 
-    fn deref(&self) -> &Wave<'f, 's> {
+    fn deref(&self) -> &TileRenderer<'f, 's> {
         self.wave.as_ref().expect("given back only when dropped")
     }
 }
 
-impl<'f, 's> DerefMut for Lent<'_, 'f, 's> {
-    fn deref_mut(&mut self) -> &mut Wave<'f, 's> {
+impl<'f, 's> DerefMut for PoolGuard<'_, 'f, 's> {
+    fn deref_mut(&mut self) -> &mut TileRenderer<'f, 's> {
         self.wave.as_mut().expect("given back only when dropped")
     }
 }
 
-impl Drop for Lent<'_, '_, '_> {
+impl Drop for PoolGuard<'_, '_, '_> {
     fn drop(&mut self) {
         let mut idle = self.waves.idle.lock().unwrap_or_else(PoisonError::into_inner);
         idle.extend(self.wave.take());
     }
 }
 
-impl Wave<'_, '_> {
+impl TileRenderer<'_, '_> {
     /// Records the memory in use, with the ledger on, and adds `finished` bytes of output that a tile keeps.
     fn note_memory(&mut self, finished: usize) {
         if self.held.is_some() {
@@ -372,18 +380,18 @@ impl Wave<'_, '_> {
             generation.add_columns_to(&mut memory, effects);
         }
         let shadow_effect = match effects.has(Effect::Shadow) {
-            true => Account::Shadow,
-            false => Account::Lighting,
+            true => Category::Shadow,
+            false => Category::Lighting,
         };
         memory.add(shadow_effect.name(), "shadow rays", ShadowQueue::BYTES);
         outcome.shadow_queue.add_columns_to(&mut memory);
         // Add surface interactions
         memory.add(
-            Account::Surface.name(),
+            Category::Surface.name(),
             "points and materials",
             size_of::<Surfaces>(),
         );
-        if outcome.sheets.is_some() {
+        if outcome.shadow_surfaces.is_some() {
             let behind = Effect::TransparentShadow.name();
             memory.add(behind, "points and materials", size_of::<Surfaces>());
         }
@@ -394,11 +402,11 @@ impl Wave<'_, '_> {
             .for_each(|marches| marches.add_to(&mut memory));
         outcome.film.add_to(&mut memory);
         let first_hits = outcome.first_hits.as_ref().map_or(0, |hits| hits.byte_count());
-        memory.add(Account::Film.name(), "first hits of a tile", first_hits);
+        memory.add(Category::Film.name(), "first hits of a tile", first_hits);
         let losses = outcome.losses.byte_count();
-        memory.add(Account::Film.name(), "weights of lost rays", losses);
+        memory.add(Category::Film.name(), "weights of lost rays", losses);
         let costs = outcome.meter.costs.as_ref().map_or(0, |costs| costs.byte_count());
-        memory.add(Account::Other.name(), "costs of a tile", costs);
+        memory.add(Category::Other.name(), "costs of a tile", costs);
         memory
     }
 
@@ -406,14 +414,14 @@ impl Wave<'_, '_> {
     /// the largest generation of secondary rays.
     fn add_queues_to(&self, memory: &mut Memory) {
         let all = self.current.byte_count() + self.outcome.next.byte_count();
-        let camera = all.min(BATCH * Generation::PACKET_BYTES);
-        memory.add(Account::Camera.name(), "queued rays", camera);
-        let (_, rays, sorts) = self.largest;
+        let camera = all.min(BATCH * RayQueue::PACKET_BYTES);
+        memory.add(Category::Camera.name(), "queued rays", camera);
+        let (_, rays, ray_types) = self.largest;
         let mut left = (all - camera, rays);
-        for (account, part) in sorts.accounts(rays) {
+        for (account, part) in ray_types.accounts(rays) {
             let holder = match account {
                 // Rays through alpha-blended surfaces are booked as if they were refracted.
-                Account::Refraction => self.frame.effects().lets_through().name(),
+                Category::Refraction => self.frame.effects().transmissive().name(),
                 _ => account.name(),
             };
             // Round each part against the remaining bytes, so that the parts add up exactly.
@@ -422,7 +430,7 @@ impl Wave<'_, '_> {
             left = (left.0 - bytes, left.1.saturating_sub(part));
         }
         // Reserved for secondary rays, but camera rays sent none.
-        memory.add(Account::Camera.name(), "queued rays", left.0);
+        memory.add(Category::Camera.name(), "queued rays", left.0);
     }
 }
 
@@ -438,7 +446,7 @@ pub(super) struct Block {
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn lane_positions(frame: &Frame, block: &Block, group: &SampleGroup) -> [Lanes<f64>; 2] {
+fn lane_positions(frame: &RenderContext, block: &Block, group: &SampleGroup) -> [Lanes<f64>; 2] {
     let (tile, corner) = (block.tile, block.corner);
     let x = frame.pixels[0].map(|x| tile.x + corner.0 + x);
     let y = frame.pixels[1].map(|y| tile.y + corner.1 + y);
@@ -453,7 +461,7 @@ fn lane_positions(frame: &Frame, block: &Block, group: &SampleGroup) -> [Lanes<f
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
 fn fill_camera_packet(
-    frame: &Frame,
+    frame: &RenderContext,
     block: &Block,
     group: &SampleGroup,
     position: &[Lanes<f64>; 2],

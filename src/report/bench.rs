@@ -8,8 +8,8 @@ use serde::Serialize;
 use crate::accel::{Backend, EmbreeIdentity, Instancing, Precision};
 use crate::cost::Interval;
 
+use super::format::significant;
 use super::memory;
-use super::words::significant;
 
 /// Kind of rays in a benchmark set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
@@ -309,11 +309,11 @@ impl BenchTable<'_> {
         }
         writeln!(f, "{:>12}", "efficiency")?;
         // Print build times of each structure
-        let mut told = Vec::new();
+        let mut seen = Vec::new();
         for row in self
             .0
             .iter()
-            .filter(|row| !told_before(&mut told, row.structure()))
+            .filter(|row| !seen_before(&mut seen, row.structure()))
         {
             write!(f, "  {:<11}{:<width$}{:<11}", "build, s", row.name(), "")?;
             for build in &row.build_scaling {
@@ -334,12 +334,12 @@ impl BenchTable<'_> {
 
     /// Writes one line for each further precision of Embree: the frame time relative to the first one's.
     fn write_rungs(&self, f: &mut fmt::Formatter, first: FrameTime) -> fmt::Result {
-        let mut told: Vec<Precision> = self.0.iter().take(1).map(|row| row.precision).collect();
+        let mut seen: Vec<Precision> = self.0.iter().take(1).map(|row| row.precision).collect();
         for row in self.0.iter().filter(|row| row.backend == Backend::Embree) {
             if let Some(frame) = row.frame
-                && !told.contains(&row.precision)
+                && !seen.contains(&row.precision)
             {
-                told.push(row.precision);
+                seen.push(row.precision);
                 let (precision, seconds) = (row.precision, frame.seconds);
                 let ratio = seconds / first.seconds;
                 writeln!(f, "  frame, {precision}: {seconds:.3} s, {ratio:.2} times that")?;
@@ -350,9 +350,9 @@ impl BenchTable<'_> {
 
     /// Writes one line for each backend, precision and kind of instancing.
     fn write_builds(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let mut told = Vec::new();
+        let mut seen = Vec::new();
         for row in self.0 {
-            if told_before(&mut told, row.structure()) {
+            if seen_before(&mut seen, row.structure()) {
                 continue;
             }
             // Print the library's version, the options and the size
@@ -371,7 +371,7 @@ impl BenchTable<'_> {
                 row.threads,
                 memory::in_words(row.bytes),
                 row.bytes_per_triangle()
-                    .map_or(String::new(), |bytes| format!(", {bytes:.1} bytes a triangle"))
+                    .map_or(String::new(), |bytes| format!(", {bytes:.1} bytes per triangle"))
             )?;
         }
         Ok(())
@@ -393,11 +393,11 @@ impl BenchTable<'_> {
     }
 }
 
-/// Returns whether `structure` is in the list already, and appends it if not.
-pub(super) fn told_before<T: PartialEq>(told: &mut Vec<T>, structure: T) -> bool {
-    let is_known = told.contains(&structure);
+/// Returns whether `accel_info` is in the list already, and appends it if not.
+pub(super) fn seen_before<T: PartialEq>(seen: &mut Vec<T>, structure: T) -> bool {
+    let is_known = seen.contains(&structure);
     if !is_known {
-        told.push(structure);
+        seen.push(structure);
     }
     is_known
 }
@@ -450,7 +450,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn the_median_is_the_middle_one_or_the_mean_of_the_middle_two() {
+    fn median_is_the_middle_value_or_mean_of_the_middle_two() {
         let spread = |median, min, max| Spread { median, min, max };
         assert_eq!(Spread::of(&[3.0, 1.0, 9.0]), spread(3.0, 1.0, 9.0));
         assert_eq!(Spread::of(&[4.0, 1.0, 2.0, 9.0]), spread(3.0, 1.0, 9.0));
@@ -458,7 +458,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn each_mode_is_measured_against_embrees_same_mode_and_batches_against_packets() {
+    fn modes_compare_with_the_same_embree_mode_batches_with_packets() {
         let rows = [
             row(Backend::Embree, Mode::Single, 4.0),
             row(Backend::Embree, Mode::Packet, 10.0),
@@ -473,7 +473,7 @@ pub(super) mod tests {
         assert_eq!(BenchTable(&rows[2..]).over_embree(&rows[2]), None);
         let text = table.to_string();
         assert_eq!(
-            text.matches("built in 0.500 s (0.250 .. 1.00) on 1 threads, 2.0 MB, 100.0 bytes a triangle")
+            text.matches("built in 0.500 s (0.250 .. 1.00) on 1 threads, 2.0 MB, 100.0 bytes per triangle")
                 .count(),
             2,
             "{text}"
@@ -481,7 +481,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn efficiency_is_the_part_of_as_many_times_the_speed_of_one() {
+    fn efficiency_is_the_speed_over_ideal_scaling() {
         let scaled = |threads, mrays_per_s| Scaled {
             threads,
             mrays_per_s,

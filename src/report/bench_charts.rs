@@ -1,25 +1,25 @@
 //! Charts of the benchmark page of Embree against the BSP.
 
-use super::bench::{BenchRow, Mode, RayKind, told_before};
-use super::page::{Bars, Chart, Group, Length, Line, LogAxis, Look, Series, Spot, escape};
-use super::table::in_groups;
-use super::words::{range, significant};
+use super::bench::{BenchRow, Mode, RayKind, seen_before};
+use super::format::{range, significant};
+use super::page::{BarEntry, Bars, Chart, DataPoint, Group, Line, LogAxis, Series, SeriesStyle, escape};
+use super::table::group_thousands;
 use crate::accel::{Backend, Precision};
 use crate::cost::Interval;
 
 /// Labels of the charts' axes.
-const SPEED: &str = "million rays a second";
+const SPEED: &str = "million rays per second";
 const TRIANGLES: &str = "triangles";
 const THREADS: &str = "threads";
 /// Width and height of a line chart in pixels.
 const SIZE: [f64; 2] = [900.0, 360.0];
 
 /// Colours by tracing method: bare Embree calls, Embree and BSP.
-const BARE: Look = Look::Number(2);
-const EMBREE: Look = Look::Number(0);
-const BSP: Look = Look::Number(3);
+const BARE: SeriesStyle = SeriesStyle::Number(2);
+const EMBREE: SeriesStyle = SeriesStyle::Number(0);
+const BSP: SeriesStyle = SeriesStyle::Number(3);
 
-fn look(row: &BenchRow) -> Look {
+fn look(row: &BenchRow) -> SeriesStyle {
     match (row.backend, row.mode) {
         (Backend::Embree, Mode::Raw | Mode::RawSingle) => BARE,
         (Backend::Embree, _) => EMBREE,
@@ -31,13 +31,13 @@ fn look(row: &BenchRow) -> Look {
 pub(super) fn kinds(rows: &[&BenchRow]) -> Vec<RayKind> {
     let mut kinds = Vec::new();
     for row in rows {
-        told_before(&mut kinds, row.rays);
+        seen_before(&mut kinds, row.rays);
     }
     kinds
 }
 
 /// Returns the name of a row's tracing method within its scene and kind of ray.
-pub(super) fn way(row: &BenchRow) -> String {
+pub(super) fn method_name(row: &BenchRow) -> String {
     format!("{}, {}", row.name(), row.mode)
 }
 
@@ -48,8 +48,8 @@ pub(super) fn speeds(rows: &[&BenchRow]) -> String {
         bars: rows
             .iter()
             .filter(|row| row.rays == kind)
-            .map(|row| Length {
-                name: way(row),
+            .map(|row| BarEntry {
+                name: method_name(row),
                 look: look(row),
                 value: row.speed(),
                 label: significant(row.mrays_per_s, 3),
@@ -59,7 +59,7 @@ pub(super) fn speeds(rows: &[&BenchRow]) -> String {
     };
     let legend = [(BARE, "Embree, bare calls"), (EMBREE, "Embree"), (BSP, "BSP")];
     Bars {
-        label: "million rays a second on one thread",
+        label: "million rays per second on one thread",
         groups: kinds(rows).into_iter().map(group).collect(),
         legend: legend
             .into_iter()
@@ -71,8 +71,8 @@ pub(super) fn speeds(rows: &[&BenchRow]) -> String {
 
 fn speed_words(row: &BenchRow, speed: Interval) -> String {
     format!(
-        "{}, {} rays\n{} million rays a second ({})",
-        way(row),
+        "{}, {} rays\n{} million rays per second ({})",
+        method_name(row),
         row.rays,
         significant(speed.value, 3),
         range(speed, 3)
@@ -80,22 +80,22 @@ fn speed_words(row: &BenchRow, speed: Interval) -> String {
 }
 
 /// Named line of a chart with its measured points.
-struct Course {
+struct ChartLine {
     name: String,
-    spots: Vec<Spot>,
+    spots: Vec<DataPoint>,
 }
 
 /// Returns a line chart over `x` in which each line has its own look.
-fn lines(x: &str, y: &str, courses: &[Course], more: Vec<Line>) -> String {
+fn lines(x: &str, y: &str, chart_lines: &[ChartLine], more: Vec<Line>) -> String {
     // Fit the axes to all points
-    let all = |of: fn(&Spot) -> Interval| -> Vec<Interval> {
-        let spots = courses.iter().flat_map(|course| &course.spots);
+    let all = |of: fn(&DataPoint) -> Interval| -> Vec<Interval> {
+        let spots = chart_lines.iter().flat_map(|chart_line| &chart_line.spots);
         spots.map(of).collect()
     };
     // Join the points of each line
-    let joined = |(number, course): (usize, &Course)| Line {
-        class: format!("joined {}", Look::Number(number).class()),
-        corners: course
+    let joined = |(number, chart_line): (usize, &ChartLine)| Line {
+        class: format!("joined {}", SeriesStyle::Number(number).class()),
+        corners: chart_line
             .spots
             .iter()
             .map(|spot| [spot.x.value, spot.y.value])
@@ -108,15 +108,15 @@ fn lines(x: &str, y: &str, courses: &[Course], more: Vec<Line>) -> String {
         y: LogAxis::around(y, &all(|spot| spot.y)),
         lines: more
             .into_iter()
-            .chain(courses.iter().enumerate().map(joined))
+            .chain(chart_lines.iter().enumerate().map(joined))
             .collect(),
-        series: courses
+        series: chart_lines
             .iter()
             .enumerate()
-            .map(|(number, course)| Series {
-                name: &course.name,
-                look: Look::Number(number),
-                spots: course.spots.clone(),
+            .map(|(number, chart_line)| Series {
+                name: &chart_line.name,
+                look: SeriesStyle::Number(number),
+                spots: chart_line.spots.clone(),
             })
             .collect(),
     };
@@ -137,18 +137,18 @@ const OVER_SIZE: [(Backend, Mode); 6] = [
 pub(super) fn speeds_over_size(rows: &[&BenchRow]) -> String {
     let chart = |kind: RayKind| {
         let of_kind = || rows.iter().filter(move |row| row.rays == kind);
-        let mut courses = Vec::new();
+        let mut chart_lines = Vec::new();
         // Create a line for each method and precision
         for (backend, mode) in OVER_SIZE {
             let mut precisions: Vec<Precision> = Vec::new();
             for row in of_kind().filter(|row| (row.backend, row.mode) == (backend, mode)) {
-                told_before(&mut precisions, row.precision);
+                seen_before(&mut precisions, row.precision);
             }
             for precision in precisions {
                 let is_it =
                     |row: &&&BenchRow| (row.backend, row.mode, row.precision) == (backend, mode, precision);
                 let own: Vec<&&BenchRow> = of_kind().filter(is_it).collect();
-                courses.extend(course(&own, way, &|row| {
+                chart_lines.extend(chart_line(&own, method_name, &|row| {
                     Some((row.speed(), speed_words(row, row.speed())))
                 }));
             }
@@ -157,7 +157,7 @@ pub(super) fn speeds_over_size(rows: &[&BenchRow]) -> String {
         format!(
             "<h3>{}</h3>\n{}",
             escape(&words),
-            lines(TRIANGLES, SPEED, &courses, Vec::new())
+            lines(TRIANGLES, SPEED, &chart_lines, Vec::new())
         )
     };
     kinds(rows).into_iter().map(chart).collect()
@@ -168,17 +168,17 @@ pub(super) fn builds_over_size(rows: &[&BenchRow]) -> String {
     // Find the distinct acceleration structures
     let mut structures = Vec::new();
     for row in rows {
-        told_before(&mut structures, row.structure());
+        seen_before(&mut structures, row.structure());
     }
-    let courses = |of: &dyn Fn(&BenchRow) -> Option<(Interval, String)>| -> Vec<Course> {
+    let chart_lines = |of: &dyn Fn(&BenchRow) -> Option<(Interval, String)>| -> Vec<ChartLine> {
         let course_of = |structure| {
             let own: Vec<&&BenchRow> = rows.iter().filter(|row| row.structure() == structure).collect();
-            course(&own, BenchRow::name, of)
+            chart_line(&own, BenchRow::name, of)
         };
         structures.iter().copied().filter_map(course_of).collect()
     };
     // Collect build times and bytes of each structure
-    let seconds = courses(&|row| {
+    let seconds = chart_lines(&|row| {
         let build = row.build();
         let words = format!(
             "built in {} s ({}) on {} threads",
@@ -189,40 +189,40 @@ pub(super) fn builds_over_size(rows: &[&BenchRow]) -> String {
         Some((build, format!("{}\n{words}", row.name())))
     });
     // Draw both charts
-    let bytes = courses(&|row| {
+    let bytes = chart_lines(&|row| {
         let bytes = row.bytes_per_triangle()?;
-        let words = format!("{}\n{} bytes a triangle", row.name(), significant(bytes, 3));
+        let words = format!("{}\n{} bytes per triangle", row.name(), significant(bytes, 3));
         Some((Interval::exact(bytes), words))
     });
     format!(
-        "<h3>Building</h3>\n{}<h3>Memory</h3>\n{}",
-        lines(TRIANGLES, "seconds of a build", &seconds, Vec::new()),
-        lines(TRIANGLES, "bytes a triangle", &bytes, Vec::new())
+        "<h3>Build time</h3>\n{}<h3>Memory</h3>\n{}",
+        lines(TRIANGLES, "build seconds", &seconds, Vec::new()),
+        lines(TRIANGLES, "bytes per triangle", &bytes, Vec::new())
     )
 }
 
 /// Returns the line through the first row of each size; `None` without rows.
-fn course(
+fn chart_line(
     rows: &[&&BenchRow],
     name: impl Fn(&BenchRow) -> String,
     of: &dyn Fn(&BenchRow) -> Option<(Interval, String)>,
-) -> Option<Course> {
+) -> Option<ChartLine> {
     let mut sizes = Vec::new();
     // Keep the first row of each size
     let first: Vec<_> = rows
         .iter()
-        .filter(|row| !told_before(&mut sizes, row.triangles))
+        .filter(|row| !seen_before(&mut sizes, row.triangles))
         .collect();
     let spot = |row: &&&&BenchRow| {
         let (y, words) = of(row)?;
-        Some(Spot {
+        Some(DataPoint {
             x: Interval::exact(row.triangles as f64),
             y,
             label: String::new(),
-            words: format!("{} triangles\n{words}", in_groups(row.triangles)),
+            words: format!("{} triangles\n{words}", group_thousands(row.triangles)),
         })
     };
-    Some(Course {
+    Some(ChartLine {
         name: name(first.first()?),
         spots: first.iter().filter_map(spot).collect(),
     })
@@ -235,13 +235,13 @@ pub(super) fn scaling(rows: &[&BenchRow]) -> String {
     let mut ways = Vec::new();
     let is_shown = |row: &&&BenchRow| match (row.backend, row.mode) {
         (Backend::Embree, Mode::Packet) | (Backend::Bsp | Backend::Brute, Mode::Batch) => {
-            !told_before(&mut ways, (row.backend, row.rays))
+            !seen_before(&mut ways, (row.backend, row.rays))
         }
         _ => false,
     };
     let shown: Vec<&&BenchRow> = rows.iter().filter(is_shown).collect();
     let mut ideal = Vec::new();
-    let courses: Vec<Course> = shown
+    let chart_lines: Vec<ChartLine> = shown
         .iter()
         .map(|row| {
             // Add the ideal line from the smallest to the largest number of threads
@@ -256,18 +256,18 @@ pub(super) fn scaling(rows: &[&BenchRow]) -> String {
             // Add the measured speeds
             let spot = |scaled: &super::bench::Scaled| {
                 let speed = scaled.speed();
-                Spot {
+                DataPoint {
                     x: Interval::exact(scaled.threads as f64),
                     y: speed,
                     label: String::new(),
                     words: format!("{} threads\n{}", scaled.threads, speed_words(row, speed)),
                 }
             };
-            Course {
-                name: format!("{} rays: {}", row.rays, way(row)),
+            ChartLine {
+                name: format!("{} rays: {}", row.rays, method_name(row)),
                 spots: row.scaling.iter().map(spot).collect(),
             }
         })
         .collect();
-    lines(THREADS, SPEED, &courses, ideal)
+    lines(THREADS, SPEED, &chart_lines, ideal)
 }

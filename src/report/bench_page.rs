@@ -3,14 +3,14 @@
 use std::path::Path;
 use std::thread;
 
-use super::bench::{BenchRow, BenchTable, Mode, build_efficiency, efficiency, told_before};
+use super::bench::{BenchRow, BenchTable, Mode, build_efficiency, efficiency, seen_before};
 use super::bench_charts;
-use super::crossing;
-use super::machine;
+use super::cpu;
+use super::crossover;
+use super::format::{percent, range, significant, times};
 use super::memory;
 use super::page::{self, Cell, Column, Table, escape};
-use super::table::in_groups;
-use super::words::{percent, range, significant, times};
+use super::table::group_thousands;
 use crate::accel::Backend;
 use crate::cost::Interval;
 
@@ -28,8 +28,8 @@ pub struct Facts<'a> {
 /// Returns the page of all rows; rows of a scene are grouped.
 pub fn page(rows: &[BenchRow], facts: &Facts) -> String {
     let mut body = "<h1>Embree against the BSP</h1>\n\
-                    <p>The same rays, recorded from each scene’s picture, through Embree and through whit’s own tree, and \
-                    through bare loops over Embree’s calls.</p>\n"
+                    <p>The same rays, recorded from each scene’s image, are traced by Embree, by whit’s own tree and \
+                    by bare loops over Embree’s functions.</p>\n"
         .to_owned();
     let scenes = scenes(rows);
     body += &known(rows, facts);
@@ -62,23 +62,20 @@ fn known(rows: &[BenchRow], facts: &Facts) -> String {
     let mut all = vec![
         (
             "processor",
-            format!(
-                "{}, {processors} of them to be had",
-                escape(&machine::processor())
-            ),
+            format!("{}, {processors} available", escape(&cpu::processor())),
         ),
         ("whit", env!("CARGO_PKG_VERSION").to_owned()),
     ];
     let mut versions = Vec::new();
     for embree in rows.iter().filter_map(|row| row.embree.as_ref()) {
-        told_before(&mut versions, format!("{}, {}", embree.version, embree.isa));
+        seen_before(&mut versions, format!("{}, {}", embree.version, embree.isa));
     }
     if !versions.is_empty() {
         all.push(("Embree", escape(&versions.join("; "))));
     }
     if let Some(row) = rows.first() {
         let words = format!(
-            "builds on {} threads, rays on one where nothing else is said",
+            "builds on {} threads, rays on one unless stated otherwise",
             row.threads
         );
         all.push(("threads", words));
@@ -95,36 +92,36 @@ fn numbers(rows: &[BenchRow], scene_count: usize) -> String {
     let mut sets = Vec::new();
     let mut rays = 0;
     for row in rows {
-        if !told_before(&mut sets, (row.scene.as_path(), row.rays)) {
+        if !seen_before(&mut sets, (row.scene.as_path(), row.rays)) {
             rays += row.ray_count;
         }
     }
     page::numbers(&[
         (scene_count.to_string(), "scenes", ""),
-        (in_groups(rays), "rays, each asked in every way", ""),
+        (group_thousands(rays), "rays, each traced by every method", ""),
         (
-            in_groups(wrong),
-            "answers that differ by more than rounding",
+            group_thousands(wrong),
+            "results that differ by more than rounding",
             if wrong > 0 { "fails" } else { "holds" },
         ),
-        (in_groups(sum(|row| row.ties)), "ties", ""),
+        (group_thousands(sum(|row| row.ties)), "ties", ""),
     ])
 }
 
 /// Returns the section on speed and crossings over the size of the mesh.
 fn sweep(rows: &[BenchRow]) -> String {
     let all: Vec<&BenchRow> = rows.iter().collect();
-    let mut html = "<h2 id=\"size\">Over the size of the mesh</h2>\n".to_owned();
+    let mut html = "<h2 id=\"size\">Speed over mesh size</h2>\n".to_owned();
     // List the crossings of Embree and the BSP
-    let pairings = crossing::pairings(rows);
-    if !pairings.is_empty() {
+    let method_pairs = crossover::method_pairs(rows);
+    if !method_pairs.is_empty() {
         let mut table = Table::new(&[
             Column::Words("what"),
             Column::Words("Embree’s precision"),
             Column::Numbers("BSP over Embree"),
-            Column::Words("where the lines cross"),
+            Column::Words("crossings"),
         ]);
-        for pairing in &pairings {
+        for pairing in &method_pairs {
             let cells = [
                 Cell::text(&pairing.what),
                 Cell::text(&pairing.precision.to_string()),
@@ -133,8 +130,8 @@ fn sweep(rows: &[BenchRow]) -> String {
             ];
             table.row(("", &pairing.what), &cells);
         }
-        html += "<p>One is ahead where all of its repetitions, of several, were better than all of the other’s. Lines cross where \
-                 their medians do, joined by straight lines over both logarithms.</p>\n";
+        html += "<p>A method is ahead where all of its repetitions were better than all of the other’s. Lines cross \
+                 where their medians do, joined by straight lines on logarithmic axes.</p>\n";
         html += &table.html("crossings");
     }
     // Append charts over the size
@@ -150,7 +147,7 @@ fn section(rows: &[&BenchRow], number: usize) -> String {
         "<section id=\"scene{number}\">\n<h2>{}</h2>\n",
         escape(&first.scene.display().to_string())
     );
-    html += &page::facts(&[("triangles", in_groups(first.triangles))]);
+    html += &page::facts(&[("triangles", group_thousands(first.triangles))]);
     html += "<h3>Structures</h3>\n";
     html += &structures(rows);
     html += "<h3>Speed</h3>\n";
@@ -158,7 +155,7 @@ fn section(rows: &[&BenchRow], number: usize) -> String {
     html += &speeds(rows);
     html += &frames(rows);
     if !first.scaling.is_empty() {
-        html += "<h3>Threads</h3>\n<p>Dashed: as many times the speed of one thread.</p>\n";
+        html += "<h3>Threads</h3>\n<p>Dashed: ideal scaling of the speed of one thread.</p>\n";
         html += &bench_charts::scaling(rows);
         html += &scaling(rows);
     }
@@ -167,9 +164,9 @@ fn section(rows: &[&BenchRow], number: usize) -> String {
 
 /// Returns the first row of each acceleration structure.
 fn of_structures<'r>(rows: &[&'r BenchRow]) -> Vec<&'r BenchRow> {
-    let mut told = Vec::new();
+    let mut seen = Vec::new();
     let rows = rows.iter().copied();
-    rows.filter(|row| !told_before(&mut told, row.structure()))
+    rows.filter(|row| !seen_before(&mut seen, row.structure()))
         .collect()
 }
 
@@ -177,9 +174,9 @@ fn structures(rows: &[&BenchRow]) -> String {
     let mut table = Table::new(&[
         Column::Words("structure"),
         Column::Words("precision"),
-        Column::Numbers("built in, s"),
+        Column::Numbers("build, s"),
         Column::Numbers("memory"),
-        Column::Numbers("bytes a triangle"),
+        Column::Numbers("bytes per triangle"),
     ]);
     for row in of_structures(rows) {
         let name = row.name();
@@ -208,7 +205,7 @@ fn speeds(rows: &[&BenchRow]) -> String {
         Column::Words("structure"),
         Column::Words("mode"),
         Column::Numbers("Mrays/s"),
-        Column::Numbers("over Embree’s"),
+        Column::Numbers("relative to Embree"),
         Column::Numbers("rays"),
         Column::Numbers("wrong"),
         Column::Numbers("ties"),
@@ -236,15 +233,15 @@ fn frames(rows: &[&BenchRow]) -> String {
         Column::Words("whole frame, one thread"),
         Column::Numbers("seconds"),
         Column::Numbers("rays"),
-        Column::Numbers("over bare calls"),
+        Column::Numbers("relative to bare calls"),
         Column::Numbers("tracing"),
     ]);
-    let mut told = Vec::new();
+    let mut seen = Vec::new();
     // Frame times in the BSP's rows repeat those of the first row.
     let own = |row: &&&BenchRow| row.backend == Backend::Embree && row.mode == Mode::Packet;
     for row in rows.iter().filter(own) {
         let Some(frame) = row.frame else { continue };
-        if told_before(&mut told, row.precision) {
+        if seen_before(&mut seen, row.precision) {
             continue;
         }
         let cells = [
@@ -256,7 +253,7 @@ fn frames(rows: &[&BenchRow]) -> String {
         ];
         table.row(("", &row.name()), &cells);
     }
-    if told.is_empty() {
+    if seen.is_empty() {
         return String::new();
     }
     table.html("frames")
@@ -304,7 +301,7 @@ fn scaling(rows: &[&BenchRow]) -> String {
         table.row(("", &row.name()), &cells);
     }
     format!(
-        "{}<p class=\"faint\">efficiency: the speed of the most threads over as many times that of one.</p>\n",
+        "{}<p class=\"faint\">efficiency: the speed on the most threads relative to ideal scaling of one thread.</p>\n",
         table.html("scaling dense")
     )
 }
@@ -314,44 +311,43 @@ fn protocol(rows: &[BenchRow], facts: &Facts) -> String {
     let mut all = vec![
         (
             "rays",
-            "Camera, shadow and reflection rays are those that a render of the picture asks, recorded in its order; random \
-             ones start anywhere within the scene’s bounds. Of each kind at most 1 048 576 are kept, in even runs."
+            "Camera, shadow and reflection rays are recorded from a render of the image, in its order; random rays \
+             start anywhere within the scene’s bounds. At most 1 048 576 of each kind are kept, in evenly spaced runs."
                 .to_owned(),
         ),
         (
             "modes",
-            "raw: a bare loop over Embree’s calls for 16 rays; raw-single: over those for one; packet: 16 rays at a time \
-             through whit; single: one at a time; batch: 64 packets at once."
+            "raw: a bare loop over Embree’s functions for 16 rays; raw-single: for one ray; packet: 16 rays at a time \
+             through whit; single: one ray at a time; batch: 64 packets at once."
                 .to_owned(),
         ),
         (
             "times",
             format!(
-                "Everything takes its turn in each of {} repetitions. Values are medians, behind them stand the least and \
-                 the greatest; bars and crosses reach as far.",
+                "Each method runs once in each of {} repetitions. Values are medians, followed by the minimum and the \
+                 maximum; bars and crosses show the same range.",
                 facts.repeat
             ),
         ),
         (
-            "answers",
-            "Held against those of the packets that are listed first, bare calls against their own; wrong ones differ by \
-             more than the bound on rounding, ties within it."
+            "results",
+            "Compared with those of the packets that are listed first, and bare calls with their own; wrong results \
+             differ by more than the bound on rounding, ties by less."
                 .to_owned(),
         ),
     ];
     // Describe what only some benchmarks have
     if facts.is_sweep {
-        let words = "A closed, displaced sphere over a plane, polished and under a lamp, of ever more triangles in the same \
-                     picture.";
+        let words = "A closed, displaced, reflective sphere over a plane, lit by a point light; the number of \
+                     triangles grows, the image stays the same.";
         all.push(("meshes", words.to_owned()));
     }
     if rows.iter().any(|row| !row.scaling.is_empty()) {
-        let words =
-            "The same packets, shared among the threads in parts of at least 64, and builds on as many.";
+        let words = "The same packets, divided among the threads in parts of at least 64, and builds on as many threads.";
         all.push(("several threads", words.to_owned()));
     }
     format!(
-        "<section id=\"protocol\">\n<h2>How this was measured</h2>\n{}</section>\n",
+        "<section id=\"protocol\">\n<h2>Measurement protocol</h2>\n{}</section>\n",
         page::facts(&all)
     )
 }
@@ -392,12 +388,12 @@ mod tests {
     }
 
     #[test]
-    fn a_page_tells_all_rows_and_no_number_that_is_none() {
+    fn page_lists_all_rows_and_no_invalid_numbers() {
         // Check a page of valid rows
         let mut rows = rows();
         let html = page(&rows, &FACTS);
         for words in [
-            "nobody can tell who is ahead at any size",
+            "no method is significantly ahead at any size",
             "raw-single",
             "&lt;1000&gt;",
             "&lt;date&gt;",
@@ -422,7 +418,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_and_threads_are_told_where_they_were_measured() {
+    fn page_lists_frames_and_threads_where_measured() {
         // Add frame times and speeds on several threads
         let mut rows = rows();
         // Only one row has a frame time

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::words::percent;
+use super::format::percent;
 use crate::image::metrics::{Deviation, Metrics};
 
 /// Differences of an image from its reference.
@@ -43,10 +43,10 @@ impl fmt::Display for CompareReport {
         let what = if self.is_radiance {
             "radiance"
         } else {
-            "what a screen shows"
+            "display values"
         };
         writeln!(f, "{:<14}{}", "reference", self.reference.display())?;
-        writeln!(f, "{:<14}{}", "picture", self.picture.display())?;
+        writeln!(f, "{:<14}{}", "image", self.picture.display())?;
         writeln!(f, "{:<14}{}x{} pixels of {what}", "size", self.width, self.height)?;
         // Print errors of radiance and of displayed values
         let Metrics {
@@ -71,7 +71,7 @@ impl fmt::Display for CompareReport {
         }
         write!(
             f,
-            "{:<14}{flip:.6} at {} pixels a degree",
+            "{:<14}{flip:.6} at {} pixels per degree",
             "FLIP", self.pixels_per_degree
         )?;
         match self.flip_hdr {
@@ -79,12 +79,12 @@ impl fmt::Display for CompareReport {
             None => writeln!(f)?,
         }
         // Print the number of non-finite pixels
-        let [reference, picture] = self.non_finite;
-        if reference + picture > 0 {
+        let [reference, image] = self.non_finite;
+        if reference + image > 0 {
             writeln!(
                 f,
-                "{:<14}{reference} pixels of the reference and {picture} of the picture hold a NaN or an infinity",
-                "not numbers"
+                "{:<14}{reference} pixels of the reference and {image} of the image hold a NaN or an infinity",
+                "not finite"
             )?;
         }
         Ok(())
@@ -139,13 +139,13 @@ mod tests {
     };
 
     #[test]
-    fn lines_tell_what_there_is_and_no_more() {
+    fn text_lists_only_the_metrics_that_exist() {
         let text = report(ALIKE).to_string();
         for words in [
             "4x3 pixels of radiance",
             "PSNR inf dB",
             "HDR-FLIP 0.125000",
-            "and 2 of the picture",
+            "and 2 of the image",
         ] {
             assert!(text.contains(words), "{words} in {text}");
         }
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn what_json_has_no_number_for_is_null() {
+    fn infinite_and_absent_metrics_are_null_in_json() {
         let json = serde_json::to_value(report(ALIKE)).unwrap();
         assert!(json["psnr"].is_null() && json["ssim"].is_null());
         assert_eq!(json["radiance"]["rmse"], 0.0);

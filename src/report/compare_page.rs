@@ -1,19 +1,19 @@
 //! HTML page of an image comparison: `whit compare --html`.
 
 use super::compare::CompareReport;
-use super::difference::FULL_DIFFERENCE;
+use super::difference_image::FULL_DIFFERENCE;
+use super::format::percent;
 use super::page::{self, Cell, Column, Table, View, escape};
-use super::words::percent;
 use crate::image::metrics::Deviation;
 use crate::image::{LinearImage, ToneMap};
 
 /// Images of a comparison page, all of equal size.
 #[derive(Clone, Copy, Debug)]
-pub struct Pictures<'a> {
+pub struct ComparedImages<'a> {
     /// Reference image, which counts as correct.
     pub reference: &'a LinearImage,
     /// Image that is compared with the reference.
-    pub picture: &'a LinearImage,
+    pub image: &'a LinearImage,
     /// Signed difference of the two images.
     pub difference: &'a LinearImage,
     /// FLIP error of each pixel as a colour.
@@ -25,7 +25,7 @@ pub struct Pictures<'a> {
 /// # Errors
 ///
 /// Returns an error if an image has more pixels than a PNG can store.
-pub fn page(report: &CompareReport, pictures: &Pictures) -> std::io::Result<String> {
+pub fn page(report: &CompareReport, images: &ComparedImages) -> std::io::Result<String> {
     // List the metrics as tiles
     let metrics = &report.metrics;
     let mut tiles = vec![
@@ -46,20 +46,20 @@ pub fn page(report: &CompareReport, pictures: &Pictures) -> std::io::Result<Stri
     // Warn about non-finite pixels
     let not_numbers: usize = report.non_finite.iter().sum();
     if not_numbers > 0 {
-        tiles.push((not_numbers.to_string(), "pixels are no numbers", "fails"));
+        tiles.push((not_numbers.to_string(), "pixels are not finite", "fails"));
     }
     // Assemble the page from facts, viewer and error table
-    let mut body = "<h1>Two pictures</h1>\n".to_owned();
+    let mut body = "<h1>Image comparison</h1>\n".to_owned();
     body += &page::facts(&[
         ("reference", escape(&report.reference.display().to_string())),
-        ("picture", escape(&report.picture.display().to_string())),
+        ("image", escape(&report.picture.display().to_string())),
         ("size", format!("{}x{} pixels", report.width, report.height)),
     ]);
     body += &page::numbers(&tiles);
     let tone = ToneMap {
         exposure_ev: report.exposure_ev,
     };
-    body += &viewer(pictures, tone)?;
+    body += &viewer(images, tone)?;
     body += "<h2>Errors</h2>\n";
     body += &errors(report);
     Ok(page::page("whit compare", &body))
@@ -70,12 +70,12 @@ pub fn page(report: &CompareReport, pictures: &Pictures) -> std::io::Result<Stri
 /// # Errors
 ///
 /// Returns an error if an image has more pixels than a PNG can store.
-pub(super) fn viewer(pictures: &Pictures, tone: ToneMap) -> std::io::Result<String> {
+pub(super) fn viewer(images: &ComparedImages, tone: ToneMap) -> std::io::Result<String> {
     let plain = ToneMap::default();
     // Explain how to read the difference image
     let difference = format!(
-        "The picture less the reference as displayed: grey where they are alike, black or white where a channel differs by \
-         {} of its range or more",
+        "The image minus the reference as displayed: grey where they are equal, black or white where a channel differs \
+         by {} of its range or more",
         percent(FULL_DIFFERENCE)
     );
     let view = |name, words, image, tone| View {
@@ -85,13 +85,13 @@ pub(super) fn viewer(pictures: &Pictures, tone: ToneMap) -> std::io::Result<Stri
         tone,
     };
     page::viewer(&[
-        view("reference", "The reference", pictures.reference, tone),
-        view("picture", "The picture", pictures.picture, tone),
-        view("difference", &difference, pictures.difference, plain),
+        view("reference", "The reference", images.reference, tone),
+        view("image", "The image", images.image, tone),
+        view("difference", &difference, images.difference, plain),
         view(
             "FLIP",
-            "What an observer notices who flips between them (LDR-FLIP): from nothing, dark violet, to all there is, light yellow",
-            pictures.flip,
+            "Visible difference on flipping between the images (LDR-FLIP): none dark violet, the maximum light yellow",
+            images.flip,
             plain,
         ),
     ])

@@ -3,11 +3,11 @@
 use std::fmt;
 use std::fmt::Write;
 
-use super::cost_geometry;
-use super::words::{range, significant, times};
+use super::format::{range, significant, times};
+use super::intersection_errors;
 use crate::cost::{Choice, Curve, Interval, Point, Study, Target};
 
-/// Text in the knob column for the base.
+/// Text in the parameter column for the base.
 pub(super) const BASE: &str = "base";
 
 /// Column names of [`points_csv`].
@@ -25,7 +25,7 @@ impl fmt::Display for CostText<'_> {
         let study = self.0;
         // Align the columns
         let rows: Vec<[String; 5]> = study.points.iter().map(row).collect();
-        let head = ["knob", "level", "time", "RMSE", ""].map(str::to_owned);
+        let head = ["parameter", "level", "time", "RMSE", ""].map(str::to_owned);
         let widths: [usize; 5] = std::array::from_fn(|column| {
             let cells = rows.iter().chain([&head]);
             cells
@@ -43,14 +43,15 @@ impl fmt::Display for CostText<'_> {
             let seconds = significant(base.seconds.value, 3);
             writeln!(
                 f,
-                "times are ratios to the base's {seconds} s; * no other is known to be both faster and closer"
+                "times are ratios to the {seconds} s of the base; * no other configuration is known to be both \
+                 faster and more accurate"
             )?;
         }
         // Print the cost of half the error, geometric errors and the choice
         for curve in &study.curves {
-            writeln!(f, "{}", price_line(study, curve))?;
+            writeln!(f, "{}", time_factor_line(study, curve))?;
         }
-        for line in cost_geometry::lines(study) {
+        for line in intersection_errors::lines(study) {
             writeln!(f, "{line}")?;
         }
         if let Some(choice) = &study.choice {
@@ -58,7 +59,7 @@ impl fmt::Display for CostText<'_> {
                 writeln!(f, "{line}")?;
             }
         }
-        lacks(study, f)
+        write_failed_checks(study, f)
     }
 }
 
@@ -84,32 +85,40 @@ pub(super) fn error_ratio(study: &Study, point: &Point) -> f64 {
     point.rmse.value / base
 }
 
-fn price_line(study: &Study, curve: &Curve) -> String {
-    match study.price_of_half(curve) {
-        Some(price) => format!("half the error costs {} by {}", price_words(price), curve.knob),
-        None => format!("half the error: {} by {}", no_price(curve), curve.knob),
+fn time_factor_line(study: &Study, curve: &Curve) -> String {
+    match study.time_factor_of_half_error(curve) {
+        Some(factor) => format!(
+            "half the error with {}: {} the time",
+            curve.knob,
+            format_time_factor(factor)
+        ),
+        None => format!(
+            "half the error with {}: {}",
+            curve.knob,
+            missing_factor_reason(curve)
+        ),
     }
 }
 
 /// Formats a cost factor with its interval.
-pub(super) fn price_words(price: Interval) -> String {
+pub(super) fn format_time_factor(price: Interval) -> String {
     format!("x{} ({})", significant(price.value, 2), range(price, 2))
 }
 
 /// Returns the reason for which a curve has no cost of half the error.
-pub(super) fn no_price(curve: &Curve) -> &'static str {
+pub(super) fn missing_factor_reason(curve: &Curve) -> &'static str {
     match curve.slope {
-        None => "too few places for a price",
-        Some(_) => "more time is not known to bring it",
+        None => "too few points to fit the cost",
+        Some(_) => "the error does not fall significantly with time",
     }
 }
 
 /// Returns the description of the chosen settings, line by line.
 pub(super) fn choice_lines(choice: &Choice) -> Vec<String> {
     // Describe the target and the settings
-    let wish = match choice.target {
+    let target = match choice.target {
         Target::Error(most) => format!("an error of at most {}", significant(most, 3)),
-        Target::Seconds(most) => format!("at most {} s a picture", significant(most, 3)),
+        Target::Seconds(most) => format!("at most {} s per image", significant(most, 3)),
     };
     let settings: Vec<String> = choice
         .settings
@@ -120,14 +129,14 @@ pub(super) fn choice_lines(choice: &Choice) -> Vec<String> {
     // Compare the measurements with the prediction
     let mut lines = vec![
         format!(
-            "{} {wish}: {}",
+            "{} {target}: {}",
             if choice.reached { "for" } else { "nearest to" },
             settings.join(", ")
         ),
         format!(
-            "  {}: RMSE {}, {} s the whole picture; foretold {} and {} s",
+            "  {}: RMSE {}, {} s for the whole image; predicted {} and {} s",
             if choice.reached {
-                "measured on pictures that had no part in the choice"
+                "measured on images that were not used for the choice"
             } else {
                 "measured"
             },
@@ -142,7 +151,7 @@ pub(super) fn choice_lines(choice: &Choice) -> Vec<String> {
         && let Some((floor, knob)) = choice.floor
     {
         lines.push(format!(
-            "  the least error that is foretold of any settings is {}; {knob} would lower it most if it went further",
+            "  the smallest predicted error of any settings is {}; a wider range of {knob} would lower it most",
             significant(floor, 3)
         ));
     }
@@ -171,7 +180,7 @@ impl fmt::Display for AimText<'_> {
         }
         // List settings that differ from the base
         let before = self.study.points.first().map(|base| &base.settings);
-        let turned: Vec<String> = choice
+        let changed: Vec<String> = choice
             .settings
             .iter()
             .filter_map(|(name, now)| {
@@ -179,27 +188,23 @@ impl fmt::Display for AimText<'_> {
                 (before != now).then(|| format!("{name} from {before} to {now}"))
             })
             .collect();
-        if !turned.is_empty() {
-            writeln!(f, "  turned: {}", turned.join(", "))?;
+        if !changed.is_empty() {
+            writeln!(f, "  changed: {}", changed.join(", "))?;
         }
         // Print error and time of the image
         let rmse = self.rmse.map_or("not measured".to_owned(), |rmse| {
             format!("{} ({})", significant(rmse.value, 3), range(rmse, 3))
         });
-        writeln!(
-            f,
-            "  this picture: RMSE {rmse}, {} s",
-            significant(self.seconds, 3)
-        )?;
-        lacks(self.study, f)
+        writeln!(f, "  this image: RMSE {rmse}, {} s", significant(self.seconds, 3))?;
+        write_failed_checks(self.study, f)
     }
 }
 
-fn lacks(study: &Study, f: &mut fmt::Formatter) -> fmt::Result {
+fn write_failed_checks(study: &Study, f: &mut fmt::Formatter) -> fmt::Result {
     if study.reference.has_converged() {
         return Ok(());
     }
-    writeln!(f, "REFERENCE NOT CONVERGED: errors may not be trusted")?;
+    writeln!(f, "REFERENCE NOT CONVERGED: the errors are not reliable")?;
     for check in study.reference.checks.iter().filter(|check| !check.holds) {
         writeln!(f, "  {}: {}", check.name, check.words)?;
     }
@@ -277,13 +282,13 @@ mod tests {
     use crate::report::cost_page::tests::study;
 
     #[test]
-    fn lines_tell_ratios_prices_and_what_the_reference_lacks() {
+    fn text_lists_ratios_cost_factors_and_failed_checks() {
         let mut study = study();
         let text = CostText(&study).to_string();
         for words in [
-            "samples  16     x4.00  0.0100  *",
-            "half the error costs x4.0 (3.2 to 5.0) by samples",
-            "half the error: too few places for a price by depth",
+            "samples    16     x4.00  0.0100  *",
+            "half the error with samples: x4.0 (3.2 to 5.0) the time",
+            "half the error with depth: too few points to fit the cost",
         ] {
             assert!(text.contains(words), "{words} in\n{text}");
         }
@@ -291,13 +296,13 @@ mod tests {
         study.reference.checks[0].holds = false;
         let text = CostText(&study).to_string();
         assert!(
-            text.ends_with("errors may not be trusted\n  noise: 0.1 of 0.2\n"),
+            text.ends_with("the errors are not reliable\n  noise: 0.1 of 0.2\n"),
             "{text}"
         );
     }
 
     #[test]
-    fn every_line_has_every_column_and_words_keep_their_commas() {
+    fn csv_rows_have_all_columns_and_quote_commas() {
         let mut study = study();
         study.points[1].level = "a,\"b\"".to_owned();
         study.points[1].flip = f64::NAN;

@@ -1,12 +1,12 @@
 //! Charts of the page of error against render time.
 
 use super::cost::{BASE, error_ratio};
-use super::page::{Bar, Chart, Line, LogAxis, Look, Row, Series, Spot, Tornado, escape, figure};
-use super::words::{range, significant, times};
+use super::format::{range, significant, times};
+use super::page::{Bar, Chart, DataPoint, Line, LogAxis, Row, Series, SeriesStyle, Tornado, escape, figure};
 use crate::cost::{Curve, Interval, Knob, Point, Study};
 
 /// Labels of the charts' axes.
-const SECONDS: &str = "seconds a picture";
+const SECONDS: &str = "seconds per image";
 const RMSE: &str = "RMSE as displayed (black 0, white 1)";
 /// Width and height in pixels, of the chart of all points and of a single curve.
 const LARGE: [f64; 2] = [900.0, 460.0];
@@ -20,7 +20,7 @@ pub(super) fn front(study: &Study) -> String {
     let mut series: Vec<Series> = knobs
         .map(|(number, knob)| Series {
             name: knob.name(),
-            look: Look::Number(number),
+            look: SeriesStyle::Number(number),
             spots: points_of(study, Some(knob))
                 .map(|point| spot(point, ""))
                 .collect(),
@@ -29,7 +29,7 @@ pub(super) fn front(study: &Study) -> String {
         .collect();
     series.push(Series {
         name: BASE,
-        look: Look::Base,
+        look: SeriesStyle::Base,
         spots: points_of(study, None).map(|point| spot(point, BASE)).collect(),
     });
     // Draw the front first, so that points cover it
@@ -39,7 +39,7 @@ pub(super) fn front(study: &Study) -> String {
         y,
         lines: vec![Line {
             class: "front".to_owned(),
-            corners: steps(study),
+            corners: pareto_staircase(study),
         }],
         series,
     };
@@ -48,7 +48,7 @@ pub(super) fn front(study: &Study) -> String {
 
 /// Returns the corners of the Pareto staircase: the least error that each time allows, horizontal to the next faster
 /// point and then down.
-fn steps(study: &Study) -> Vec<[f64; 2]> {
+fn pareto_staircase(study: &Study) -> Vec<[f64; 2]> {
     let mut front: Vec<[f64; 2]> = study
         .points
         .iter()
@@ -88,7 +88,7 @@ fn axes<'a>(points: impl Iterator<Item = &'a Point> + Clone, rmse: &'static str)
     ]
 }
 
-fn spot(point: &Point, label: &str) -> Spot {
+fn spot(point: &Point, label: &str) -> DataPoint {
     // Describe the point by level, time, error and settings
     let settings = point
         .settings
@@ -107,7 +107,7 @@ fn spot(point: &Point, label: &str) -> Spot {
         range(point.rmse, 3),
         settings.collect::<Vec<_>>().join(", ")
     );
-    Spot {
+    DataPoint {
         x: point.seconds,
         y: point.rmse,
         label: label.to_owned(),
@@ -131,7 +131,7 @@ fn small_chart<'a>(study: &'a Study, curve: &Curve, [x, y]: [LogAxis<'a>; 2]) ->
     let points: Vec<&Point> = curve.points.iter().filter_map(|&i| study.points.get(i)).collect();
     // Use the look that the knob has in the chart of all points
     let number = Knob::ALL.iter().position(|&knob| knob == curve.knob);
-    let look = Look::Number(number.unwrap_or_default());
+    let look = SeriesStyle::Number(number.unwrap_or_default());
     let corners = points.iter().map(|point| [point.seconds.value, point.rmse.value]);
     // Join the points, and add the fitted line
     let mut lines = vec![Line {
@@ -196,7 +196,7 @@ fn slope_words(curve: &Curve) -> String {
             significant(slope.value, 2),
             range(slope, 2)
         ),
-        None => "too few places for a slope".to_owned(),
+        None => "too few points for a slope".to_owned(),
     }
 }
 

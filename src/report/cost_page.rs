@@ -3,17 +3,17 @@
 use std::path::Path;
 
 use super::compare_page::viewer;
-use super::cost::{choice_lines, error_ratio, knob_name, no_price, price_words};
+use super::cost::{choice_lines, error_ratio, format_time_factor, knob_name, missing_factor_reason};
 use super::cost_charts;
-use super::cost_geometry;
-use super::machine;
-use super::page::{self, Cell, Column, Table, View, escape, figure, picture};
-use super::words::{percent, range, significant, times};
+use super::cpu;
+use super::format::{percent, range, significant, times};
+use super::intersection_errors;
+use super::page::{self, Cell, Column, Table, View, embedded_image, escape, figure};
 use super::worst_tiles::{Tile, crop, worst};
 use crate::cost::{Interval, Point, Study};
 use crate::image::ToneMap;
 
-pub use super::compare_page::Pictures;
+pub use super::compare_page::ComparedImages;
 
 /// Largest number of enlarged tiles, and their scale.
 const MAX_TILES: usize = 8;
@@ -32,47 +32,47 @@ pub struct Facts<'a> {
     pub date: Option<&'a str>,
 }
 
-/// Returns the page of a study; `pictures` belong to the base.
+/// Returns the page of a study; `images` belong to the base.
 ///
 /// # Errors
 ///
 /// Returns an error if an image has more pixels than a PNG can store.
-pub fn page(study: &Study, facts: &Facts, pictures: &Pictures) -> std::io::Result<String> {
+pub fn page(study: &Study, facts: &Facts, images: &ComparedImages) -> std::io::Result<String> {
     // Show facts, main numbers and checks of the reference
-    let mut body = "<h1>What accuracy costs in time</h1>\n".to_owned();
+    let mut body = "<h1>Error against render time</h1>\n".to_owned();
     body += &known(study, facts);
     body += &numbers(study);
     body += &checks(study);
     // Show the choice for a target
     if let Some(choice) = &study.choice {
-        body += "<h2 id=\"choice\">What was chosen</h2>\n";
+        body += "<h2 id=\"choice\">Chosen settings</h2>\n";
         for line in choice_lines(choice) {
             body += &format!("<p>{}</p>\n", escape(line.trim()));
         }
     }
     // Show charts of error over time
     body += "<h2 id=\"front\">Error over time</h2>\n\
-             <p>Every configuration that was measured; each turns one knob of the base. Crosses are intervals that hold \
-             the true value 95 times of 100. Nothing is known to lie below the line; what stands at the foot has no error \
-             that could be told from none.</p>\n";
+             <p>All measured configurations; each changes one parameter of the base. Crosses are 95 % confidence \
+             intervals. No configuration is known to lie below the line. The error of a point at the foot does not \
+             differ significantly from 0.</p>\n";
     body += &cost_charts::front(study);
     if !study.curves.is_empty() {
-        body += "<h2 id=\"curves\">How the error falls as a knob takes more time</h2>\n\
-                 <p>Dashed: the fitted slope, through the middle of the points.</p>\n";
+        body += "<h2 id=\"curves\">Error over time for each parameter</h2>\n\
+                 <p>Dashed: the fitted slope, through the mean of the points.</p>\n";
         body += &cost_charts::curves(study);
     }
     if study.points.iter().any(|point| point.knob.is_some()) {
-        body += "<h2 id=\"extremes\">How far each knob reaches</h2>\n\
-                 <p>The least and the greatest time and error among a knob’s levels, over the base’s.</p>\n";
+        body += "<h2 id=\"extremes\">Range of each parameter</h2>\n\
+                 <p>Smallest and largest time and error among a parameter’s levels, relative to the base.</p>\n";
         body += &cost_charts::extremes(study);
-        body += "<h2 id=\"prices\">Prices</h2>\n";
-        body += &prices(study);
+        body += "<h2 id=\"prices\">Cost of half the error</h2>\n";
+        body += &time_factors(study);
     }
     // Show geometric errors and images of the base
-    body += &cost_geometry::section(study);
-    body += "<h2 id=\"pictures\">Pictures of the base</h2>\n";
-    body += &viewer(pictures, facts.tone)?;
-    body += &worst_tiles(pictures, facts.tone)?;
+    body += &intersection_errors::section(study);
+    body += "<h2 id=\"pictures\">Images of the base</h2>\n";
+    body += &viewer(images, facts.tone)?;
+    body += &worst_tiles(images, facts.tone)?;
     // Show all configurations and the protocol
     body += "<h2 id=\"points\">All configurations</h2>\n";
     body += &points(study);
@@ -87,11 +87,11 @@ fn known(study: &Study, facts: &Facts) -> String {
     let mut all = vec![
         ("scene", escape(&facts.scene.display().to_string())),
         (
-            "pictures",
+            "images",
             match study.pieces_of {
-                None => format!("{width}x{height} pixels by {} threads", study.threads),
+                None => format!("{width}x{height} pixels on {} threads", study.threads),
                 Some([all, high]) => format!(
-                    "{width}x{height} pixels, pieces of {all}x{high}, by {} threads",
+                    "{width}x{height} pixels, patches of an image of {all}x{high}, on {} threads",
                     study.threads
                 ),
             },
@@ -99,23 +99,23 @@ fn known(study: &Study, facts: &Facts) -> String {
         (
             "reference",
             format!(
-                "two halves of {} samples a pixel, by {}; their mean errs by {} (RMS as displayed)",
+                "two halves of {} samples per pixel, by {}; the error of their mean is {} (RMS as displayed)",
                 reference.spp,
                 escape(&reference.paths.join(" and ")),
                 significant(reference.noise, 2)
             ),
         ),
         // Identify the machine and the program
-        ("processor", escape(&machine::processor())),
+        ("processor", escape(&cpu::processor())),
         ("whit", env!("CARGO_PKG_VERSION").to_owned()),
     ];
     all.extend(study.points.first().map(|base| {
         let words = format!(
-            "in {} s a scene and {} s a picture, which are in no time below",
+            "{} s per scene and {} s per image, which the times below exclude",
             significant(base.build_seconds, 2),
             significant(base.ready_seconds, 2)
         );
-        ("made ready", words)
+        ("setup", words)
     }));
     // Add facts that may be absent
     all.extend(facts.embree.as_ref().map(|version| ("Embree", escape(version))));
@@ -128,14 +128,14 @@ fn numbers(study: &Study) -> String {
     // Show the base's time and error first
     let seconds = significant(of_base(|base| base.seconds.value), 3);
     page::numbers(&[
-        (format!("{seconds} s"), "a picture of the base", ""),
+        (format!("{seconds} s"), "per image of the base", ""),
         (
             significant(of_base(|base| base.rmse.value), 3),
             "RMSE of the base",
             "",
         ),
         (study.points.len().to_string(), "configurations", ""),
-        (study.timing.blocks.to_string(), "blocks of measured times", ""),
+        (study.timing.blocks.to_string(), "timed blocks", ""),
     ])
 }
 
@@ -150,13 +150,13 @@ fn checks(study: &Study) -> String {
             failed.map(|check| format!("<li>{}: {}</li>\n", escape(&check.name), escape(&check.words)));
         html += &format!(
             "<div class=\"stamp\" role=\"alert\"><b>REFERENCE NOT CONVERGED</b>\n<ul>\n{}</ul>\n\
-             <p>Errors on this page may not be trusted.</p></div>\n",
+             <p>The errors on this page are not reliable.</p></div>\n",
             lines.collect::<String>()
         );
     }
     // List all checks
     let mut table = Table::new(&[
-        Column::Words("asked of the reference"),
+        Column::Words("check of the reference"),
         Column::Words(""),
         Column::Words("measured"),
     ]);
@@ -173,12 +173,12 @@ fn checks(study: &Study) -> String {
 }
 
 /// Returns tables of the cost of half the error by graded knobs, and of the levels of other knobs.
-fn prices(study: &Study) -> String {
-    let mut halves = Table::new(&[Column::Words("knob"), Column::Words("price")]);
+fn time_factors(study: &Study) -> String {
+    let mut halves = Table::new(&[Column::Words("parameter"), Column::Words("cost")]);
     for curve in &study.curves {
-        let words = match study.price_of_half(curve) {
-            Some(price) => format!("the next halving of the error costs {} time", price_words(price)),
-            None => format!("the next halving of the error: {}", no_price(curve)),
+        let words = match study.time_factor_of_half_error(curve) {
+            Some(factor) => format!("half the error takes {} the time", format_time_factor(factor)),
+            None => format!("half the error: {}", missing_factor_reason(curve)),
         };
         let name = curve.knob.name();
         halves.row(("", name), &[Cell::text(name), Cell::wrapped(&words)]);
@@ -198,8 +198,8 @@ fn levels(study: &Study) -> String {
         return String::new();
     }
     let mut table = Table::new(&[
-        Column::Words("knob"),
-        Column::Words("turned to"),
+        Column::Words("parameter"),
+        Column::Words("level"),
         Column::Numbers("time"),
         Column::Numbers("error"),
     ]);
@@ -213,42 +213,39 @@ fn levels(study: &Study) -> String {
         table.row(("", knob_name(point)), &cells);
     }
     format!(
-        "<p>Knobs without an order, over the base:</p>\n{}",
+        "<p>Parameters without an order, relative to the base:</p>\n{}",
         table.html("levels")
     )
 }
 
 /// Returns the tiles where the base differs most from the reference, beside the reference.
-fn worst_tiles(pictures: &Pictures, tone: ToneMap) -> std::io::Result<String> {
-    let tiles = worst(pictures.reference, pictures.picture, tone, MAX_TILES);
+fn worst_tiles(images: &ComparedImages, tone: ToneMap) -> std::io::Result<String> {
+    let tiles = worst(images.reference, images.image, tone, MAX_TILES);
     if tiles.is_empty() {
         return Ok(String::new());
     }
     let mut figures = String::new();
     for tile in &tiles {
-        figures += &enlarged(pictures, tile, tone)?;
+        figures += &enlarged(images, tile, tone)?;
     }
     Ok(format!(
-        "<h3>Where the base is farthest from the reference</h3>\n\
-         <p>{ENLARGED} times as large: the picture at the left, the reference at the right.</p>\n\
+        "<h3>Largest differences of the base from the reference</h3>\n\
+         <p>Enlarged {ENLARGED} times: the image at the left, the reference at the right.</p>\n\
          <div class=\"pictures crops\">{figures}</div>\n"
     ))
 }
 
-fn enlarged(pictures: &Pictures, tile: &Tile, tone: ToneMap) -> std::io::Result<String> {
+fn enlarged(images: &ComparedImages, tile: &Tile, tone: ToneMap) -> std::io::Result<String> {
     // Show the image at the left and the reference at the right
     let mut pair = String::new();
-    for (image, words) in [
-        (pictures.picture, "The picture"),
-        (pictures.reference, "The reference"),
-    ] {
+    for (image, words) in [(images.image, "The image"), (images.reference, "The reference")] {
         let view = View {
             name: "",
             words,
             image: &crop(image, tile.at, tile.size),
             tone,
         };
-        pair += &picture(&view, ENLARGED)?;
+        pair += &embedded_image(&view, ENLARGED)?;
     }
     let words = format!(
         "column {}, row {}: RMSE {}",
@@ -262,7 +259,7 @@ fn enlarged(pictures: &Pictures, tile: &Tile, tone: ToneMap) -> std::io::Result<
 fn points(study: &Study) -> String {
     // Choose the columns
     let mut columns = vec![
-        Column::Words("knob"),
+        Column::Words("parameter"),
         Column::Words("level"),
         Column::Words("front"),
         Column::Numbers("seconds"),
@@ -297,9 +294,10 @@ fn points(study: &Study) -> String {
         table.row(("", knob_name(point)), &cells);
     }
     format!(
-        "{}<p class=\"faint\">time: over the base’s. RMSE as displayed, black 0 and white 1: bias is the part that stays \
-         however many pictures are averaged, deviation what differs from picture to picture. changed: pixels off by more \
-         than 1/255. instructions: of a pixel, where they were counted. Behind a value: where it lies 95 times of 100.</p>\n",
+        "{}<p class=\"faint\">time: relative to the base. RMSE as displayed, black 0 and white 1: bias is the part \
+         that remains however many images are averaged, deviation the part that differs between images. changed: \
+         pixels off by more than 1/255. instructions: per pixel, where counted. Behind a value: its 95 % confidence \
+         interval.</p>\n",
         table.html("wide dense")
     )
 }
@@ -334,26 +332,26 @@ fn protocol(study: &Study) -> String {
     let facts = page::facts(&[
         (
             "times",
-            "In each block every configuration takes one turn; a ratio is the median of the ratios to the base within blocks."
+            "In each block every configuration runs once; a ratio is the median of the blocks’ ratios to the base."
                 .to_owned(),
         ),
         (
             "blocks",
             format!(
-                "{} count, {} do not, as the machine was busy with something else",
+                "{} count, {} do not, because the machine was busy",
                 timing.blocks, timing.dropped
             ),
         ),
         (
             "calibration",
             format!(
-                "the same work took up to {} longer or shorter in the blocks that count",
+                "the time of the same work varied by up to {} in the blocks that count",
                 percent(timing.calibration_spread)
             ),
         ),
         (
             "errors",
-            "Held against two independent halves of the reference, so that its own noise does not count.".to_owned(),
+            "Computed from two independent halves of the reference, so that its own noise does not count.".to_owned(),
         ),
         (
             "spent",
@@ -364,7 +362,7 @@ fn protocol(study: &Study) -> String {
             ),
         ),
     ]);
-    format!("<section id=\"protocol\">\n<h2>How this was measured</h2>\n{facts}</section>\n")
+    format!("<section id=\"protocol\">\n<h2>Measurement protocol</h2>\n{facts}</section>\n")
 }
 
 #[cfg(test)]
@@ -453,9 +451,9 @@ pub(super) mod tests {
         let image = LinearImage::black(4, 3);
         let mut other = image.clone();
         other.pixels[5] = [1.0; 3];
-        let pictures = Pictures {
+        let images = ComparedImages {
             reference: &image,
-            picture: &other,
+            image: &other,
             difference: &image,
             flip: &image,
         };
@@ -465,18 +463,18 @@ pub(super) mod tests {
             tone: ToneMap::default(),
             date: Some("<date>"),
         };
-        page(study, &facts, &pictures).unwrap()
+        page(study, &facts, &images).unwrap()
     }
 
     #[test]
-    fn a_page_tells_prices_and_no_number_that_is_none() {
+    fn page_lists_cost_factors_and_no_invalid_numbers() {
         let mut study = study();
         let html = page_of(&study);
         for words in [
-            "the next halving of the error costs x4.0 (3.2 to 5.0) time",
+            "half the error takes x4.0 (3.2 to 5.0) the time",
             "samples: error ∝ time^-0.50 (-0.60 to -0.43)",
             "column 0, row 0: RMSE 0.29",
-            "two halves of 1024 samples a pixel, by robust and &lt;bsp&gt;",
+            "two halves of 1024 samples per pixel, by robust and &lt;bsp&gt;",
         ] {
             assert!(html.contains(words), "{words} in {html}");
         }
@@ -493,7 +491,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_reference_that_has_not_converged_is_told_loudly() {
+    fn page_warns_of_a_reference_that_has_not_converged() {
         let mut study = study();
         study.reference.checks[0].holds = false;
         let html = page_of(&study);
@@ -502,7 +500,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn a_study_of_the_base_alone_and_one_of_nothing_are_pages_too() {
+    fn studies_of_one_and_of_no_point_have_pages() {
         let mut study = study();
         study.curves.clear();
         study.points.truncate(1);

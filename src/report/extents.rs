@@ -5,13 +5,13 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use crate::accel::extents::{ExtentCounts, Tally};
+use crate::accel::extents::{BoundingVolumeCounts, Tally};
 
 use super::bench::{RayKind, Spread};
 
 /// Measurement of one kind of bounding volume with one kind of ray.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct ExtentRow {
+pub struct BoundingVolumeRow {
     /// Path of the scene as given on the command line.
     pub scene: PathBuf,
     /// Kind of rays that were traced.
@@ -35,10 +35,10 @@ pub struct ExtentRow {
     /// Number of results that differ from those without bounding volumes in any bit.
     pub differ: u64,
     /// Number of objects by kind of bounding volume; absent for trees.
-    pub counts: Option<ExtentCounts>,
+    pub counts: Option<BoundingVolumeCounts>,
 }
 
-impl ExtentRow {
+impl BoundingVolumeRow {
     /// Returns the fraction of object tests that the bounding volumes saved.
     pub fn saved(&self) -> Option<f64> {
         let tally = self.tally.filter(|tally| tally.objects > 0)?;
@@ -46,14 +46,14 @@ impl ExtentRow {
     }
 
     /// Returns whether the bounding volumes cost more time than they save, beyond the spread of the measurements.
-    pub fn loses(&self) -> bool {
+    pub fn is_slower(&self) -> bool {
         self.time_min > 1.0
     }
 
     /// Sets time and spread from the ratios of all repetitions.
-    pub fn with_ratios(self, ratios: &[f64]) -> ExtentRow {
+    pub fn with_ratios(self, ratios: &[f64]) -> BoundingVolumeRow {
         let spread = Spread::of(ratios);
-        ExtentRow {
+        BoundingVolumeRow {
             time: spread.median,
             time_min: spread.min,
             time_max: spread.max,
@@ -63,9 +63,9 @@ impl ExtentRow {
 }
 
 /// Rows of one scene as a text table.
-pub struct ExtentTable<'r>(pub &'r [ExtentRow]);
+pub struct BoundingVolumeTable<'r>(pub &'r [BoundingVolumeRow]);
 
-impl fmt::Display for ExtentTable<'_> {
+impl fmt::Display for BoundingVolumeTable<'_> {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Some(first) = self.0.first() else {
             return Ok(());
@@ -106,7 +106,7 @@ impl fmt::Display for ExtentTable<'_> {
         let losers: Vec<String> = self
             .0
             .iter()
-            .filter(|row| row.loses())
+            .filter(|row| row.is_slower())
             .map(|row| {
                 format!(
                     "{} in a {} for {} rays ({:.2})",
@@ -115,13 +115,13 @@ impl fmt::Display for ExtentTable<'_> {
             })
             .collect();
         match losers.as_slice() {
-            [] => writeln!(f, "  nowhere slower than without"),
-            _ => writeln!(f, "  slower than without: {}", losers.join(", ")),
+            [] => writeln!(f, "  never slower than without bounding volumes"),
+            _ => writeln!(f, "  slower than without bounding volumes: {}", losers.join(", ")),
         }
     }
 }
 
-fn write_row(f: &mut fmt::Formatter, row: &ExtentRow) -> fmt::Result {
+fn write_row(f: &mut fmt::Formatter, row: &BoundingVolumeRow) -> fmt::Result {
     // Divide counts by the number of rays
     let per_ray = |count: fn(&Tally) -> u64| {
         row.tally.map_or(String::new(), |tally| {
@@ -150,8 +150,8 @@ fn write_row(f: &mut fmt::Formatter, row: &ExtentRow) -> fmt::Result {
 mod tests {
     use super::*;
 
-    fn row(time_min: f64, object_tests: u64) -> ExtentRow {
-        ExtentRow {
+    fn row(time_min: f64, object_tests: u64) -> BoundingVolumeRow {
+        BoundingVolumeRow {
             scene: "a.toml".into(),
             rays: RayKind::Camera,
             structure: "list",
@@ -173,19 +173,22 @@ mod tests {
     }
 
     #[test]
-    fn what_is_slower_than_without_is_named() {
-        let text = ExtentTable(&[row(0.5, 50), row(1.25, 200)]).to_string();
+    fn rows_slower_than_without_bounding_volumes_are_listed() {
+        let text = BoundingVolumeTable(&[row(0.5, 50), row(1.25, 200)]).to_string();
         assert!(text.contains("75.0 %") && text.contains("0.0 %"), "{text}");
         assert!(
-            text.contains("slower than without: box in a list for camera rays (1.25)"),
+            text.contains("slower than without bounding volumes: box in a list for camera rays (1.25)"),
             "{text}"
         );
-        let text = ExtentTable(&[row(0.5, 50)]).to_string();
-        assert!(text.contains("nowhere slower than without"), "{text}");
+        let text = BoundingVolumeTable(&[row(0.5, 50)]).to_string();
+        assert!(
+            text.contains("never slower than without bounding volumes"),
+            "{text}"
+        );
     }
 
     #[test]
-    fn the_median_ratio_is_told_with_its_extremes() {
+    fn median_ratio_comes_with_its_extremes() {
         let row = row(1.0, 1).with_ratios(&[0.5, 0.9, 0.6]);
         assert_eq!((row.time, row.time_min, row.time_max), (0.6, 0.5, 0.9));
     }

@@ -6,7 +6,7 @@ use std::fmt::{self, Write};
 use serde::Serialize;
 
 use crate::accel::Backend;
-use crate::render::{Account, Ledger, Probe, RenderSettings, Tally};
+use crate::render::{Category, Probe, RenderProfile, RenderSettings, Tally};
 use crate::scene::Effect;
 
 /// Estimated distribution of rays and time.
@@ -49,16 +49,16 @@ impl Forecast {
         // Scale the strips by samples, and add setup once
         let samples = f64::from(settings.width) * f64::from(settings.height) * f64::from(settings.spp);
         let times = samples / probe.samples.max(1) as f64;
-        let of_picture = |of: &dyn Fn(&Ledger) -> Tally| {
+        let of_image = |of: &dyn Fn(&RenderProfile) -> Tally| {
             let (strips, once) = (of(&probe.ledger), of(&probe.once));
             let rays = strips.rays as f64 * times + once.rays as f64;
             (strips.seconds * times + once.seconds, rays)
         };
-        let (seconds, rays) = of_picture(&Ledger::total);
+        let (seconds, rays) = of_image(&RenderProfile::total);
         let part = |part: f64, whole: f64| if whole > 0.0 { part / whole } else { 0.0 };
         // Divide each account by the total
-        let shares = |account: Account| {
-            let (of_seconds, of_rays) = of_picture(&|ledger| ledger.of(account));
+        let shares = |account: Category| {
+            let (of_seconds, of_rays) = of_image(&|ledger| ledger.of(account));
             Shares {
                 time: part(of_seconds, seconds),
                 rays: part(of_rays, rays),
@@ -75,7 +75,7 @@ impl Forecast {
             rays: probe.ledger.total().rays,
             seconds,
             // Keep accounts that took time or rays
-            accounts: Account::ALL
+            accounts: Category::ALL
                 .into_iter()
                 .map(|account| (account.name(), shares(account)))
                 .filter(|(_, shares)| shares.time > 0.0 || shares.rays > 0.0)
@@ -115,7 +115,7 @@ impl fmt::Display for Forecast {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         writeln!(
             f,
-            "{:<15}by {} samples, {} rays, of {}x{} pixels, {} samples each; {}: about {:.2} s of processor time",
+            "{:<15}from {} samples, {} rays, of {}x{} pixels, {} samples each; {}: about {:.2} s of processor time",
             "forecast",
             self.samples,
             self.rays,
@@ -138,7 +138,7 @@ impl fmt::Display for Forecast {
             let comma = if line.is_empty() { "" } else { ", " };
             write!(line, "{comma}{name} {}", percent(shares.time))?;
         }
-        writeln!(f, "{:<15}beside effects: {line} of the time", "forecast")
+        writeln!(f, "{:<15}outside effects: {line} of the time", "forecast")
     }
 }
 
@@ -147,7 +147,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_are_whole_percents_and_rays_are_told_where_there_are_any() {
+    fn shares_are_whole_percents_and_zero_rays_are_omitted() {
         let shares = |time, rays| Shares { time, rays }.to_string();
         assert_eq!(shares(0.234, 0.0), "23 % of the time");
         assert_eq!(shares(0.004, 0.5), "<1 % of the time, 50 % of the rays");

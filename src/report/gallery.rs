@@ -10,10 +10,10 @@ use base64::engine::general_purpose::STANDARD;
 use percent_encoding::{AsciiSet, CONTROLS, utf8_percent_encode};
 use serde::{Deserialize, Serialize};
 
-use super::machine;
-use super::page::{self, Bars, Group, Length, Look, Stack, Stacks, escape};
-use super::table::in_groups;
-use super::words::{percent, significant};
+use super::cpu;
+use super::format::{percent, significant};
+use super::page::{self, BarEntry, Bars, Group, SeriesStyle, Stack, Stacks, escape};
+use super::table::group_thousands;
 use crate::cost::Interval;
 use crate::image::{LinearImage, ToneMap, png_bytes};
 
@@ -251,12 +251,12 @@ impl Gallery {
                 .filter(|&s| s != FrameStatus::Skipped || self.count(s) > 0)
                 .map(tile),
         );
-        tiles.push((time(self.seconds), "in all", ""));
+        tiles.push((time(self.seconds), "in total", ""));
         // Append total time, number of rays and the machine
         let rays: u64 = self.frames.iter().flat_map(|frame| frame.rays.values()).sum();
         // Narrow no-break spaces keep the number in one line.
-        tiles.push((in_groups(rays).replace(' ', "\u{202f}"), "rays", ""));
-        let machine = self.machine.clone().unwrap_or_else(machine::processor);
+        tiles.push((group_thousands(rays).replace(' ', "\u{202f}"), "rays", ""));
+        let machine = self.machine.clone().unwrap_or_else(cpu::processor);
         let mut facts = vec![
             ("whit", env!("CARGO_PKG_VERSION").to_owned()),
             ("machine", escape(&machine)),
@@ -270,11 +270,11 @@ impl Gallery {
     }
 
     /// Returns the effects with their seconds in all frames and their colours, in descending order of time.
-    fn effects(&self) -> Vec<(&str, f64, Look)> {
+    fn effects(&self) -> Vec<(&str, f64, SeriesStyle)> {
         // Sum the seconds of each effect over all frames
         let mut seconds: BTreeMap<&str, f64> = BTreeMap::new();
         for share in self.frames.iter().flat_map(|frame| &frame.ledger) {
-            *seconds.entry(&share.name).or_default() += sound(share.seconds);
+            *seconds.entry(&share.name).or_default() += finite_or_zero(share.seconds);
         }
         let mut all: Vec<_> = seconds
             .into_iter()
@@ -283,9 +283,9 @@ impl Gallery {
         all.sort_by(|a, b| b.1.total_cmp(&a.1));
         let look = |place| {
             if place < COLORS {
-                Look::Number(place)
+                SeriesStyle::Number(place)
             } else {
-                Look::Base
+                SeriesStyle::Base
             }
         };
         let colored = all.into_iter().enumerate();
@@ -305,22 +305,22 @@ impl Gallery {
             x_label: "frame",
             y_label: "seconds",
             parts: vec![
-                (Look::Number(3), "load"),
-                (Look::Number(1), "build"),
-                (Look::Number(0), "render"),
-                (Look::Number(2), "write"),
+                (SeriesStyle::Number(3), "load"),
+                (SeriesStyle::Number(1), "build"),
+                (SeriesStyle::Number(0), "render"),
+                (SeriesStyle::Number(2), "write"),
             ],
             stacks: self.frames.iter().map(stack).collect(),
         };
         format!("<h2>Seconds of each frame</h2>\n{}", stacks.html())
     }
 
-    fn effects_in_all(&self, effects: &[(&str, f64, Look)]) -> String {
+    fn effects_in_all(&self, effects: &[(&str, f64, SeriesStyle)]) -> String {
         if effects.is_empty() {
             return String::new();
         }
         let whole: f64 = effects.iter().map(|effect| effect.1).sum();
-        let bar = |&(name, seconds, look): &(&str, f64, Look)| Length {
+        let bar = |&(name, seconds, look): &(&str, f64, SeriesStyle)| BarEntry {
             name: name.to_owned(),
             look,
             value: Interval::exact(seconds),
@@ -343,7 +343,7 @@ impl Gallery {
 const ORDER: &str = "<form class=\"order\"><label>Order <select aria-label=\"Order\">\
     <option value=\"number\">by number</option><option value=\"name\">by name</option>\
     <option value=\"time\">longest first</option><option value=\"status\">failed first</option></select></label>\n\
-    <span class=\"faint\">Arrows go from frame to frame, Enter opens one, / looks for words.</span></form>\n";
+    <span class=\"faint\">Arrow keys move between frames, Enter opens a frame, / starts a search.</span></form>\n";
 
 impl GalleryFrame {
     /// Returns the total time and the time of each phase in words.
@@ -362,15 +362,15 @@ impl GalleryFrame {
         }
     }
 
-    fn card(&self, number: usize, effects: &[(&str, f64, Look)]) -> String {
+    fn card(&self, number: usize, effects: &[(&str, f64, SeriesStyle)]) -> String {
         // Escape name and path for HTML
         let status = self.status;
         let name = escape(&self.name);
         let is_there = matches!(status, FrameStatus::Done | FrameStatus::Skipped);
         let to = escape(&format!("./{}", utf8_percent_encode(&self.image, NOT_IN_PATHS)));
         // Show the thumbnail, or the status where there is none
-        let picture = match (&self.thumbnail[..], is_there) {
-            ([], true) => "<div class=\"nothing\">no small picture</div>".to_owned(),
+        let image = match (&self.thumbnail[..], is_there) {
+            ([], true) => "<div class=\"nothing\">no thumbnail</div>".to_owned(),
             ([], false) => format!("<div class=\"nothing\">{}</div>", status.word()),
             (png, _) => format!(
                 "<img loading=\"lazy\" decoding=\"async\" alt=\"{name}\" src=\"data:image/png;base64,{}\">",
@@ -378,18 +378,18 @@ impl GalleryFrame {
             ),
         };
         // Link to the image if it exists
-        let (picture, title) = if is_there {
+        let (image, title) = if is_there {
             (
-                format!("<a class=\"open\" tabindex=\"-1\" href=\"{to}\">{picture}</a>"),
+                format!("<a class=\"open\" tabindex=\"-1\" href=\"{to}\">{image}</a>"),
                 format!("<a tabindex=\"-1\" href=\"{to}\">{name}</a>"),
             )
         } else {
-            (picture, name.clone())
+            (image, name.clone())
         };
         let mut html = format!(
             "<article class=\"frame {class}\" data-verdict=\"{class}\" data-number=\"{number}\" data-name=\"{name}\" \
-             data-seconds=\"{}\" tabindex=\"0\">{picture}\n<h3>{title} <span class=\"badge {class}\">{}</span></h3>\n",
-            sound(self.seconds.sum()),
+             data-seconds=\"{}\" tabindex=\"0\">{image}\n<h3>{title} <span class=\"badge {class}\">{}</span></h3>\n",
+            finite_or_zero(self.seconds.sum()),
             status.word(),
             class = status.class()
         );
@@ -403,11 +403,11 @@ impl GalleryFrame {
     }
 
     /// Returns a bar with the shares of the effects in the threads' time.
-    fn share(&self, effects: &[(&str, f64, Look)]) -> String {
+    fn share(&self, effects: &[(&str, f64, SeriesStyle)]) -> String {
         // Select effects with a positive time
         let seconds = |name: &str| {
             let of = self.ledger.iter().filter(|share| share.name == name);
-            of.map(|share| sound(share.seconds)).sum::<f64>()
+            of.map(|share| finite_or_zero(share.seconds)).sum::<f64>()
         };
         let parts: Vec<_> = effects
             .iter()
@@ -421,7 +421,7 @@ impl GalleryFrame {
         // Draw a part of the bar for each effect
         let rays = |name: &str| {
             let of = self.ledger.iter().filter(|share| share.name == name);
-            in_groups(of.map(|share| share.rays).sum())
+            group_thousands(of.map(|share| share.rays).sum())
         };
         let bars = parts.iter().map(|&(name, seconds, look)| {
             format!(
@@ -434,13 +434,13 @@ impl GalleryFrame {
             )
         });
         // Describe the bar for screen readers
-        let told = parts
+        let descriptions = parts
             .iter()
             .map(|&(name, seconds, _)| format!("{name} {}", percent(seconds / whole)));
-        let told: Vec<String> = told.collect();
+        let descriptions: Vec<String> = descriptions.collect();
         format!(
             "<div class=\"share\" role=\"img\" aria-label=\"{}\">{}</div>\n",
-            escape(&told.join(", ")),
+            escape(&descriptions.join(", ")),
             bars.collect::<String>()
         )
     }
@@ -456,7 +456,7 @@ impl GalleryFrame {
             .rays
             .iter()
             .filter(|(_, count)| **count > 0)
-            .map(|(kind, &count)| format!("{kind} {}", in_groups(count)))
+            .map(|(kind, &count)| format!("{kind} {}", group_thousands(count)))
             .collect();
         if !rays.is_empty() {
             words.push(format!("rays: {}", rays.join(", ")));
@@ -466,7 +466,7 @@ impl GalleryFrame {
 }
 
 /// Returns the seconds, or 0 if they are negative or not finite.
-fn sound(seconds: f64) -> f64 {
+fn finite_or_zero(seconds: f64) -> f64 {
     if seconds.is_finite() {
         seconds.max(0.0)
     } else {
@@ -484,7 +484,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_thumbnail_has_the_means_of_what_it_stands_for() {
+    fn thumbnail_pixels_are_means_of_image_pixels() {
         let mut image = LinearImage::black(4, 2);
         image.pixels[0] = [1.0; 3];
         image.pixels[5] = [1.0; 3];
@@ -496,7 +496,7 @@ mod tests {
     }
 
     #[test]
-    fn a_thumbnail_of_any_shape_has_at_least_a_pixel_and_at_most_its_side() {
+    fn thumbnail_size_is_between_one_pixel_and_its_side() {
         for (width, height) in [(1, 1), (1000, 1), (1, 300), (257, 256), (64, 64)] {
             // Thumbnails of extreme aspect ratios keep at least one pixel per side
             let png = thumbnail(&LinearImage::black(width, height), 64, ToneMap::default()).unwrap();
@@ -510,7 +510,7 @@ mod tests {
     }
 
     #[test]
-    fn names_and_paths_cannot_leave_their_places() {
+    fn names_and_paths_are_escaped() {
         let frame = GalleryFrame {
             name: "\"><script>".to_owned(),
             image: "javascript:a#b c?.png".to_owned(),
@@ -530,7 +530,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_none_leave_no_trace() {
+    fn non_finite_numbers_are_not_shown() {
         let frame = GalleryFrame {
             seconds: FrameSeconds {
                 render: f64::NAN,

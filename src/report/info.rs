@@ -14,12 +14,12 @@ use crate::scene::{
 };
 use crate::shape::Shape;
 
+use super::ablation::AblationStudy;
+use super::accel_info::{self, StructureRow};
 use super::forecast::Forecast;
 use super::memory::{self, MemoryForecast};
-use super::prices::PriceList;
-use super::structure::{self, StructureRow};
-use super::volumes_info;
-pub use super::volumes_info::{FogInfo, VolumeInfo};
+use super::volume_info;
+pub use super::volume_info::{FogInfo, VolumeInfo};
 
 /// Numbers and names of a scene's contents.
 #[derive(Clone, Debug, Serialize)]
@@ -87,7 +87,7 @@ pub struct SceneInfo {
     pub no_forecast: Option<String>,
     /// Cost of each effect; absent unless requested.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub prices: Option<PriceList>,
+    pub prices: Option<AblationStudy>,
     /// Objects that were dropped or approximated while loading.
     pub warnings: Vec<String>,
 }
@@ -128,7 +128,7 @@ impl MaterialInfo {
                     scattering(material)
                 ),
             ),
-            Model::Lecture(l) => (
+            Model::Phong(l) => (
                 "lecture",
                 format!(
                     "ra {}, rd {}, rsp {}, f {}, kr {}, kt {}",
@@ -168,10 +168,12 @@ impl MaterialInfo {
 fn scattering(material: &Material) -> String {
     if let Some(Ok(dipole)) = material.scatters().map(Dipole::new) {
         let [_, path, _] = dipole.mean_free_path();
-        return format!(", scatters light within, mean free path {path:.3e}");
+        return format!(", subsurface scattering, mean free path {path:.3e}");
     }
-    let sheet = material.translucent();
-    sheet.map_or_else(String::new, |sheet| format!(", translucency {}", sheet.factor))
+    let surface = material.translucent();
+    surface.map_or_else(String::new, |surface| {
+        format!(", translucency {}", surface.factor)
+    })
 }
 
 /// Returns the number of rays into the rough lobe in words; empty if there are none.
@@ -202,13 +204,13 @@ impl fmt::Display for MaterialInfo {
             write!(f, ", textures on {}", self.textured.join(", "))?;
         }
         if let Some(ior) = self.ior {
-            write!(f, ", inside n = {ior:.4}")?;
+            write!(f, ", interior n = {ior:.4}")?;
         }
         if let Some(abbe) = self.abbe {
             write!(f, " (Abbe {abbe:.1})")?;
         }
         match self.absorption {
-            Some(sigma_a) if sigma_a != [0.0; 3] => write!(f, ", absorbs {sigma_a:?} a metre"),
+            Some(sigma_a) if sigma_a != [0.0; 3] => write!(f, ", absorbs {sigma_a:?} per metre"),
             _ => Ok(()),
         }
     }
@@ -283,9 +285,9 @@ impl SceneInfo {
             textures: scene.textures.len(),
             images: scene.images.len(),
             image_bytes: memory::image_bytes(scene),
-            volumes: volumes_info::volumes(scene),
+            volumes: volume_info::volumes(scene),
             volume_bytes: memory::volume_bytes(scene),
-            fog: volumes_info::fog(scene),
+            fog: volume_info::fog(scene),
             lights: lights(scene),
             ambient: scene.ambient,
             cameras: cameras(scene),
@@ -301,7 +303,7 @@ impl SceneInfo {
                 .map(|decision| (decision.effect.name(), decision.reason.clone()))
                 .collect(),
             plan,
-            structure: structure::rows(scene),
+            structure: accel_info::rows(scene),
             forecast: None,
             no_forecast: None,
             prices: None,
@@ -493,7 +495,10 @@ impl fmt::Display for SceneInfo {
         )?;
         // Print effects with forecast and cost
         for decision in &self.plan {
-            let forecast = self.forecast.as_ref().map(|told| told.note(decision.effect));
+            let forecast = self
+                .forecast
+                .as_ref()
+                .map(|forecast| forecast.note(decision.effect));
             let price = self.prices.as_ref().map(|prices| prices.note(decision.effect));
             let notes = [forecast, price].map(Option::unwrap_or_default).concat();
             line("effect", format!("{decision}{notes}"))?;
@@ -508,7 +513,7 @@ impl fmt::Display for SceneInfo {
         let memory = &self.memory;
         let within = match memory.subsurface_bytes {
             0 => String::new(),
-            bytes => format!(", plus {} for light within bodies", words(bytes)),
+            bytes => format!(", plus {} for subsurface scattering", words(bytes)),
         };
         line(
             "memory",
@@ -563,7 +568,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_are_told_in_the_files_coordinates() {
+    fn bounds_are_in_the_coordinates_of_the_file() {
         // A unit sphere in the scene, scaled by 1/2 and centred at 10: ±1 / 0.5 + 10 = 8 .. 12.
         let bounds = SceneInfo::of(&scene(), "a.glb", &EffectOverrides::default())
             .bounds
@@ -577,7 +582,7 @@ mod tests {
     }
 
     #[test]
-    fn intensities_are_told_as_in_the_file() {
+    fn intensities_are_those_of_the_file() {
         let mut scene = scene();
         scene.lights[0].kind = LightKind::Point {
             position: DVec3::ZERO,
@@ -591,7 +596,7 @@ mod tests {
     }
 
     #[test]
-    fn the_text_names_lights_units_and_warnings() {
+    fn text_lists_lights_with_units_and_warnings() {
         let text = SceneInfo::of(&scene(), "a.glb", &EffectOverrides::default()).to_string();
         assert!(
             text.contains("light 0        `sun`, directional, 3 2 1 lx\n"),

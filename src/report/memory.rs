@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_of_the_systems_report_is_read_in_bytes() {
+    fn proc_status_lines_are_read_in_bytes() {
         let text = "VmPeak:\t 9 kB\nVmHWM:\t  1234 kB\nThreads:\t1\n";
         assert_eq!(kilobytes_of(text, "VmHWM:"), Some(1234 * 1024));
         assert_eq!(kilobytes_of(text, "Threads:"), None);
@@ -119,7 +119,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn the_peak_grows_with_what_is_held() {
+    fn peak_memory_grows_with_allocations() {
         const HELD: u64 = 64 << 20;
         let before = peak_bytes().unwrap();
         let held = std::hint::black_box(vec![1u8; HELD as usize]);
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_are_told_with_one_decimal_in_the_unit_that_fits() {
+    fn bytes_are_formatted_with_one_decimal_and_a_unit() {
         let words = [0, 999, 1000, 12_345_678, 999_949, 999_950].map(in_words);
         assert_eq!(words, ["0 B", "999 B", "1.0 kB", "12.3 MB", "999.9 kB", "1.0 MB"]);
         assert_eq!(in_words(u64::MAX), "18446.7 PB");

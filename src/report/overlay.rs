@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 
-use super::letters;
+use super::bitmap_font;
 use crate::image::LinearImage;
 use crate::scene::CameraView;
 use crate::verify::{Difference, RayKind};
@@ -36,13 +36,13 @@ pub fn place(view: &CameraView, difference: &Difference) -> Option<DVec2> {
 /// Returns the image with a mark for each difference and the lines of `legend` below, the first in red and the second
 /// in yellow.
 pub fn draw(
-    picture: &LinearImage,
+    source: &LinearImage,
     view: &CameraView,
     differences: &[&Difference],
     legend: [&str; 2],
 ) -> LinearImage {
-    let mut image = dimmed(picture);
-    let reach = (picture.height / MARK).max(1);
+    let mut image = dimmed(source);
+    let reach = (source.height / MARK).max(1);
     // Draw wrong results last, so that ties do not cover them.
     for is_wrong in [false, true] {
         for difference in differences.iter().filter(|d| d.is_wrong == is_wrong) {
@@ -53,22 +53,22 @@ pub fn draw(
         }
     }
     // Append the legend
-    let scale = (picture.height / LETTER).max(1);
+    let scale = (source.height / LETTER).max(1);
     for (words, color) in legend.into_iter().zip([WRONG, TIE]) {
         add_line(&mut image, words, scale, color);
     }
     image
 }
 
-fn dimmed(picture: &LinearImage) -> LinearImage {
-    let pixels = picture.pixels.iter().map(|&[r, g, b]| {
+fn dimmed(image: &LinearImage) -> LinearImage {
+    let pixels = image.pixels.iter().map(|&[r, g, b]| {
         // Use Rec. 709 luminance, and clamp brightness so that marks remain brighter.
         let grey = 0.2126 * r + 0.7152 * g + 0.0722 * b;
         [r, g, b].map(|x| (DIMMED * 0.5 * (x + grey)).clamp(0.0, DIMMED))
     });
     LinearImage {
         pixels: pixels.collect(),
-        ..*picture
+        ..*image
     }
 }
 
@@ -104,17 +104,17 @@ fn mark(image: &mut LinearImage, at: DVec2, reach: u32, color: [f32; 3]) {
 
 /// Appends rows with a coloured square and text, which is cut off at the image's width.
 fn add_line(image: &mut LinearImage, words: &str, scale: u32, color: [f32; 3]) {
-    let height = (letters::HEIGHT + 2) * scale;
+    let height = (bitmap_font::HEIGHT + 2) * scale;
     let first = image.pixels.len();
     let width = image.width;
     image.pixels.resize(first + (width * height) as usize, GROUND);
     image.height += height;
     let rows = &mut image.pixels[first..];
-    let advance = letters::WIDTH + 1;
+    let advance = bitmap_font::WIDTH + 1;
     for y in 0..height {
         for x in 0..width {
             let (column, row) = (x / scale, y / scale);
-            let Some(row) = row.checked_sub(1).filter(|&row| row < letters::HEIGHT) else {
+            let Some(row) = row.checked_sub(1).filter(|&row| row < bitmap_font::HEIGHT) else {
                 continue;
             };
             let Some(column) = column.checked_sub(1) else {
@@ -122,11 +122,11 @@ fn add_line(image: &mut LinearImage, words: &str, scale: u32, color: [f32; 3]) {
             };
             // Draw the square at the left, then the letters
             let pixel = &mut rows[(y * width + x) as usize];
-            if column < letters::HEIGHT {
+            if column < bitmap_font::HEIGHT {
                 *pixel = color;
-            } else if let Some(at) = column.checked_sub(letters::HEIGHT + 1)
+            } else if let Some(at) = column.checked_sub(bitmap_font::HEIGHT + 1)
                 && let Some(letter) = words.chars().nth((at / advance) as usize)
-                && letters::is_set(letter, at % advance, row)
+                && bitmap_font::is_set(letter, at % advance, row)
             {
                 *pixel = INK;
             }
@@ -141,21 +141,21 @@ mod tests {
     use super::*;
     use crate::numeric::Ray;
     use crate::scene::Camera;
-    use crate::verify::{Place, Reply};
+    use crate::verify::{MeshFeature, QueryResult};
 
     fn difference(view: &CameraView, (x, y): (f64, f64), is_wrong: bool) -> Difference {
         let ray = view.ray(x, y);
         Difference {
             kind: RayKind::Camera,
             ray: Ray::new(ray.origin.as_vec3(), ray.direction.as_vec3()),
-            replies: [Reply::Nothing; 2],
+            query_results: [QueryResult::Nothing; 2],
             is_wrong,
-            place: Place::Edge,
+            feature: MeshFeature::Edge,
         }
     }
 
     #[test]
-    fn marks_stand_where_rays_go_through_the_film_and_wrong_ones_on_top() {
+    fn marks_are_at_film_positions_with_wrong_ones_on_top() {
         let view = Camera::default().view(40, 30);
         let all = [
             difference(&view, (10.5 / 40.0, 5.5 / 30.0), true),
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shadow_ray_is_marked_where_it_starts_and_one_behind_the_camera_nowhere() {
+    fn shadow_rays_are_marked_at_their_origin_unless_behind_the_camera() {
         let view = Camera::default().view(40, 30);
         let from = |origin| Difference {
             kind: RayKind::Shadow,

@@ -8,7 +8,8 @@ use serde::Serialize;
 use crate::accel::{Backend, EmbreeIdentity, Precision};
 use crate::render::plan::Decision;
 use crate::render::{
-    Account, Holding, Ledger, Loss, Memory, Rendering, SampleCounts, SubsurfaceStats, Tally,
+    Category, Memory, MemoryEntry, RenderProfile, Rendering, SampleCounts, SubsurfaceStats, Tally,
+    TruncationBound,
 };
 use crate::scene::{Geometry, Scene};
 
@@ -173,7 +174,7 @@ pub struct LossStats {
 }
 
 impl LossStats {
-    fn of(loss: &Loss, samples: u64) -> LossStats {
+    fn of(loss: &TruncationBound, samples: u64) -> LossStats {
         LossStats {
             rays: loss.rays,
             mean_weight: loss.weight / samples.max(1) as f64,
@@ -184,7 +185,7 @@ impl LossStats {
 
 impl CutoffStats {
     /// Returns the cut-off statistics of a ledger, for `samples` samples.
-    pub fn of(ledger: &Ledger, samples: u64) -> CutoffStats {
+    pub fn of(ledger: &RenderProfile, samples: u64) -> CutoffStats {
         CutoffStats {
             rays: ledger.lost_rays,
             mean_weight: ledger.lost_weight / samples.max(1) as f64,
@@ -197,7 +198,7 @@ impl CutoffStats {
 
 impl RayCounts {
     /// Returns the ray counts of a ledger.
-    pub fn of(ledger: &Ledger) -> RayCounts {
+    pub fn of(ledger: &RenderProfile) -> RayCounts {
         RayCounts {
             camera: ledger.camera_rays(),
             shadow: ledger.shadow_rays(),
@@ -228,7 +229,7 @@ pub fn effect_stats(rendering: &Rendering) -> BTreeMap<&'static str, EffectStats
         plan, ledger, memory, ..
     } = rendering;
     // Effects without an account of their own have zero rays and seconds
-    let tally = |effect| Account::of(effect).map_or(Tally::default(), |account| ledger.of(account));
+    let tally = |effect| Category::of(effect).map_or(Tally::default(), |account| ledger.of(account));
     let entry = |decision: &Decision| EffectStats {
         rays: tally(decision.effect).rays,
         seconds: tally(decision.effect).seconds,
@@ -261,7 +262,7 @@ pub struct LedgerStats {
     /// Largest number of bytes held at the same time.
     pub bytes_at_once: u64,
     /// Memory by purpose: effects, accounts, and the acceleration structure.
-    pub holdings: Vec<Holding>,
+    pub holdings: Vec<MemoryEntry>,
 }
 
 /// Cost of one account.
@@ -279,8 +280,8 @@ pub struct AccountStats {
 
 impl LedgerStats {
     /// Returns the statistics of a render's ledger and memory.
-    pub fn of(ledger: &Ledger, memory: &Memory) -> LedgerStats {
-        let entry = |(account, tally): (Account, Tally)| {
+    pub fn of(ledger: &RenderProfile, memory: &Memory) -> LedgerStats {
+        let entry = |(account, tally): (Category, Tally)| {
             let stats = AccountStats {
                 rays: tally.rays,
                 seconds: tally.seconds,

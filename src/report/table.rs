@@ -4,15 +4,15 @@ use std::fmt::Write;
 
 use super::memory::in_words;
 use super::stats::{AccountStats, RenderStats};
-use crate::render::Account;
+use crate::render::Category;
 
 /// Returns the render profile of an image with one line per account, and the overhead of the measurement.
 pub fn ledger(stats: &RenderStats) -> String {
-    let mut text = row(["", "rays", "seconds", "share", "bytes", "because"]);
+    let mut text = row(["", "rays", "seconds", "share", "bytes", "reason"]);
     let whole = stats.ledger.thread_seconds;
-    let is_account = |name: &str| Account::ALL.iter().any(|account| account.name() == name);
+    let is_account = |name: &str| Category::ALL.iter().any(|account| account.name() == name);
     // List accounts that took rays, time or memory
-    for account in Account::ALL {
+    for account in Category::ALL {
         let name = account.name();
         let Some(spent) = stats.ledger.accounts.get(name) else {
             continue;
@@ -41,7 +41,7 @@ pub fn ledger(stats: &RenderStats) -> String {
     // Writing to a string cannot fail.
     let _ = writeln!(
         text,
-        "at most {} at once in the render phase",
+        "peak memory of the render phase: {}",
         in_words(stats.ledger.bytes_at_once)
     );
     let _ = writeln!(
@@ -49,7 +49,7 @@ pub fn ledger(stats: &RenderStats) -> String {
         "{} threads, {:.3} s each; {} readings of the clock at {:.0} ns took {:.2} % of that",
         stats.threads,
         whole / stats.threads as f64,
-        in_groups(stats.ledger.clock_reads),
+        group_thousands(stats.ledger.clock_reads),
         stats.ledger.clock_read_seconds * 1e9,
         percent(stats.ledger.seconds_of_measuring, whole),
     );
@@ -85,7 +85,7 @@ fn total(stats: &RenderStats) -> AccountStats {
 fn spent_row(name: &str, spent: AccountStats, whole: f64, reason: &str) -> String {
     let rays = match spent.rays {
         0 => String::new(),
-        rays => in_groups(rays),
+        rays => group_thousands(rays),
     };
     let seconds = format!("{:.3}", spent.seconds);
     let share = format!("{:.1} %", percent(spent.seconds, whole));
@@ -116,7 +116,7 @@ fn percent(part: f64, whole: f64) -> f64 {
 }
 
 /// Formats a number with a space between thousands.
-pub(crate) fn in_groups(number: u64) -> String {
+pub(crate) fn group_thousands(number: u64) -> String {
     let digits = number.to_string();
     let mut text = String::with_capacity(digits.len() + digits.len() / 3);
     for (index, digit) in digits.chars().enumerate() {
@@ -133,15 +133,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn thousands_stand_apart() {
-        assert_eq!(in_groups(0), "0");
-        assert_eq!(in_groups(999), "999");
-        assert_eq!(in_groups(1_000), "1 000");
-        assert_eq!(in_groups(12_345_678), "12 345 678");
+    fn thousands_are_separated_by_spaces() {
+        assert_eq!(group_thousands(0), "0");
+        assert_eq!(group_thousands(999), "999");
+        assert_eq!(group_thousands(1_000), "1 000");
+        assert_eq!(group_thousands(12_345_678), "12 345 678");
     }
 
     #[test]
-    fn a_row_shows_the_share_and_no_rays_where_there_are_none() {
+    fn row_shows_the_share_and_omits_zero_rays() {
         let spent = AccountStats {
             rays: 0,
             seconds: 0.25,

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use serde::Serialize;
 
-use crate::verify::{Asks, Case, Closes, Outcome, PATHS, Path, Verdict};
+use crate::verify::{BackendVariant, Case, CaseKind, Outcome, VARIANTS, Verdict, Watertightness};
 
 /// Result of one case on one backend configuration.
 #[derive(Clone, Serialize)]
@@ -22,7 +22,7 @@ pub struct VerifyRow {
 
 impl VerifyRow {
     /// Returns the row of an outcome.
-    pub fn new(case: &Case, path: &Path, outcome: Outcome) -> VerifyRow {
+    pub fn new(case: &Case, path: &BackendVariant, outcome: Outcome) -> VerifyRow {
         VerifyRow {
             case: *case,
             path: path.name,
@@ -97,7 +97,7 @@ pub fn table(rows: &[VerifyRow]) -> String {
     let count = |verdict| rows.iter().filter(|row| row.outcome.verdict == verdict).count();
     let _ = writeln!(
         text,
-        "\n{} checks: {} hold, {} measured without a promise, {} failed",
+        "\n{} checks: {} hold, {} measured without a requirement, {} failed",
         rows.len(),
         count(Verdict::Holds),
         count(Verdict::Measured),
@@ -111,8 +111,8 @@ pub fn case_list(cases: &[&Case]) -> String {
     let mut text = String::new();
     for case in cases {
         let _ = writeln!(text, "{} {}", case.id, case.title);
-        let _ = writeln!(text, "    asks      {}", case.construction);
-        let _ = writeln!(text, "    knows     {}", case.oracle);
+        let _ = writeln!(text, "    input     {}", case.construction);
+        let _ = writeln!(text, "    oracle    {}", case.oracle);
         let _ = writeln!(text, "    requires  {}, {}", case.bound, required_of(case));
     }
     // List planned cases that the suite lacks
@@ -121,7 +121,7 @@ pub fn case_list(cases: &[&Case]) -> String {
         .filter(|id| !crate::verify::cases().iter().any(|case| case.id == id))
         .collect();
     if !missing.is_empty() {
-        let _ = writeln!(text, "\nPlanned and not in this suite: {}", missing.join(", "));
+        let _ = writeln!(text, "\nPlanned, but not in this suite: {}", missing.join(", "));
     }
     text
 }
@@ -130,16 +130,16 @@ pub fn case_list(cases: &[&Case]) -> String {
 const PLANNED: u32 = 48;
 
 pub(super) fn required_of(case: &Case) -> String {
-    if case.asks == Asks::Formulas {
-        return "of the formulas".into();
+    if case.kind == CaseKind::Formulas {
+        return "for the formulas".into();
     }
-    if case.required == Closes::Faces {
-        return "of every path".into();
+    if case.required == Watertightness::Faces {
+        return "on every path".into();
     }
-    let names: Vec<&str> = PATHS
+    let names: Vec<&str> = VARIANTS
         .iter()
         .filter(|path| case.applies_to(path) && case.requires(path))
         .map(|path| path.name)
         .collect();
-    format!("of {}; measured on the others", names.join(", "))
+    format!("on {}; measured on the others", names.join(", "))
 }

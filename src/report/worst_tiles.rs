@@ -21,7 +21,7 @@ pub struct Tile {
 ///
 /// Tiles at the right and lower edges are shifted inwards where the size is not a multiple of the tile's, and overlap
 /// their neighbours.
-pub fn worst(reference: &LinearImage, picture: &LinearImage, tone: ToneMap, most: usize) -> Vec<Tile> {
+pub fn worst(reference: &LinearImage, image: &LinearImage, tone: ToneMap, most: usize) -> Vec<Tile> {
     let size = [reference.width, reference.height].map(|side| side.min(SIDE));
     let rows = starts(reference.height);
     let places = rows.flat_map(|y| starts(reference.width).map(move |x| [x, y]));
@@ -29,7 +29,7 @@ pub fn worst(reference: &LinearImage, picture: &LinearImage, tone: ToneMap, most
         .map(|at| Tile {
             at,
             size,
-            mse: squared_difference([reference, picture], tone, at, size),
+            mse: squared_difference([reference, image], tone, at, size),
         })
         .filter(|tile| tile.mse > 0.0)
         .collect();
@@ -45,8 +45,8 @@ fn starts(side: u32) -> impl Iterator<Item = u32> {
     (0..side.div_ceil(SIDE)).map(move |number| (number * SIDE).min(last))
 }
 
-fn squared_difference(pictures: [&LinearImage; 2], tone: ToneMap, at: [u32; 2], size: [u32; 2]) -> f64 {
-    let [a, b] = pictures.map(|image| crop(image, at, size));
+fn squared_difference(images: [&LinearImage; 2], tone: ToneMap, at: [u32; 2], size: [u32; 2]) -> f64 {
+    let [a, b] = images.map(|image| crop(image, at, size));
     let gain = f64::from(tone.exposure_ev).exp2();
     let shown = |channel: f32| metrics::as_displayed(gain * f64::from(channel));
     let channels = a.pixels.iter().flatten().zip(b.pixels.iter().flatten());
@@ -74,27 +74,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_tile_that_differs_most_comes_first() {
+    fn tiles_are_sorted_by_decreasing_difference() {
         let reference = LinearImage::black(70, 40);
-        let mut picture = reference.clone();
-        picture.pixels[0] = [0.1; 3];
-        picture.pixels[39 * 70 + 69] = [1.0; 3];
-        let tiles = worst(&reference, &picture, ToneMap::default(), 8);
+        let mut image = reference.clone();
+        image.pixels[0] = [0.1; 3];
+        image.pixels[39 * 70 + 69] = [1.0; 3];
+        let tiles = worst(&reference, &image, ToneMap::default(), 8);
         let places: Vec<_> = tiles.iter().map(|tile| tile.at).collect();
         // The last column begins at 70 - 32, the last row at 40 - 32.
         assert_eq!(places, [[38, 8], [0, 0]]);
         // One of 32² pixels is white instead of black.
         assert!((tiles[0].mse - 1.0 / 1024.0).abs() < 1e-15, "{}", tiles[0].mse);
-        assert_eq!(worst(&reference, &picture, ToneMap::default(), 1).len(), 1);
+        assert_eq!(worst(&reference, &image, ToneMap::default(), 1).len(), 1);
     }
 
     #[test]
-    fn a_picture_smaller_than_a_tile_is_one_and_alike_ones_have_none() {
+    fn small_image_is_one_tile_and_equal_images_have_none() {
         let reference = LinearImage::black(5, 3);
         assert!(worst(&reference, &reference, ToneMap::default(), 8).is_empty());
-        let mut picture = reference.clone();
-        picture.pixels[7] = [f32::INFINITY, f32::NAN, -1.0];
-        let tiles = worst(&reference, &picture, ToneMap::default(), 8);
+        let mut image = reference.clone();
+        image.pixels[7] = [f32::INFINITY, f32::NAN, -1.0];
+        let tiles = worst(&reference, &image, ToneMap::default(), 8);
         assert_eq!((tiles[0].at, tiles[0].size), ([0, 0], [5, 3]));
         // One of three channels is white; NaN and negative values are black.
         assert!((tiles[0].mse - 1.0 / 45.0).abs() < 1e-15);
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crop_holds_the_pixels_of_its_place_and_no_others() {
+    fn crop_holds_exactly_the_pixels_of_its_rectangle() {
         let mut image = LinearImage::black(4, 3);
         image.pixels[2 * 4 + 3] = [1.0, 2.0, 3.0];
         let part = crop(&image, [2, 1], [2, 2]);

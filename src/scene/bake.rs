@@ -69,7 +69,7 @@ fn mapped<T: bytemuck::Pod + Send + Sync>(elements: &[T], map: impl Fn(T) -> T +
 }
 
 /// Returns whether `material` has a procedural texture in object space, which baking the transform would change.
-pub(crate) fn is_carved(material: &Material, textures: &[Texture]) -> bool {
+pub(crate) fn has_object_space_texture(material: &Material, textures: &[Texture]) -> bool {
     material.layers.iter().any(|layer| {
         let texture = textures.get(layer.texture.texture as usize);
         matches!(texture, Some(Texture::Procedural(procedural)) if procedural.space == Space::Object)
@@ -90,19 +90,19 @@ impl Scene {
             let Geometry::Mesh(mesh) = &mut self.geometries[instance.geometry as usize] else {
                 continue;
             };
-            let is_carved = self
+            let has_object_space_texture = self
                 .materials
                 .get(instance.material as usize)
-                .is_some_and(|m| is_carved(m, &self.textures));
-            let is_settled = instance.is_identity() || instance.is_moving();
-            if use_counts[instance.geometry as usize] != 1 || is_settled || is_carved {
+                .is_some_and(|m| has_object_space_texture(m, &self.textures));
+            let keeps_transform = instance.is_identity() || instance.is_moving();
+            if use_counts[instance.geometry as usize] != 1 || keeps_transform || has_object_space_texture {
                 continue;
             }
             // Transform the mesh to world space
             *mesh = bake_mesh(mesh, &instance.world_from_object());
-            instance.unplace();
+            instance.reset_transform();
             // Remove triangles that lost their area by rounding
-            let is_whole = mesh_cleanup::survey(mesh).is_ok_and(|survey| survey.unusable == 0);
+            let is_whole = mesh_cleanup::scan(mesh).is_ok_and(|scan| scan.unusable == 0);
             if !is_whole {
                 dropped.push((instance.name.to_string(), mesh_cleanup::drop_unusable(mesh)));
                 mesh_cleanup::clear_non_finite_positions(mesh);
@@ -134,13 +134,13 @@ impl Scene {
             .iter()
             .map(|i| {
                 let index = left;
-                let is_left = !is_empty[i.geometry as usize];
-                left += u32::from(is_left);
-                is_left.then_some(index)
+                let remains = !is_empty[i.geometry as usize];
+                left += u32::from(remains);
+                remains.then_some(index)
             })
             .collect();
         // Apply the new numbers
-        self.renumber_lamps(&new_instance);
+        self.renumber_emissive_lights(&new_instance);
         self.instances.retain(|i| !is_empty[i.geometry as usize]);
         for instance in &mut self.instances {
             instance.geometry = new_index[instance.geometry as usize];
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mirrored_triangle_swaps_its_winding_and_keeps_its_normal_outside() {
+    fn mirrored_triangle_swaps_winding_and_keeps_its_outward_normal() {
         let mirror = DAffine3::from_scale(DVec3::new(-2.0, 1.0, 1.0));
         let baked = bake_mesh(&triangle(), &mirror);
         assert_eq!(baked.positions[1], [-2.0, 0.0, 0.0]);
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn tangents_move_along_and_a_mirror_turns_their_handedness() {
+    fn tangents_are_transformed_and_mirrors_flip_handedness() {
         let tangent = |map: &DAffine3| bake_mesh(&triangle(), map).tangents.unwrap()[0];
         // x maps to -x, and n x t = z x -x = -y: the bitangent, which stays y, points the other way.
         let mirror = DAffine3::from_scale(DVec3::new(-2.0, 1.0, 1.0));
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn only_meshes_that_are_used_once_are_baked_and_collapsed_triangles_are_counted() {
+    fn only_single_use_meshes_are_baked_and_degenerate_triangles_counted() {
         let moved = DAffine3::from_translation(DVec3::new(1e9, 0.0, 0.0));
         let at = |geometry| Instance::new(format!("g{geometry}"), geometry, 0, moved).unwrap();
         let mut scene = Scene {

@@ -230,7 +230,7 @@ impl CameraView {
     }
 
     /// Returns the change of the ray direction over a film offset of (`x`, `y`).
-    pub fn aside(&self, x: f64, y: f64) -> DVec3 {
+    pub fn direction_offset(&self, x: f64, y: f64) -> DVec3 {
         x * self.direction.across + y * self.direction.down
     }
 
@@ -285,7 +285,7 @@ mod tests {
     }
 
     #[test]
-    fn a_right_angle_camera_sees_its_corners_at_45_degrees() {
+    fn right_angle_camera_sees_its_corners_at_45_degrees() {
         let view = camera(Projection::Perspective {
             y_fov: std::f64::consts::FRAC_PI_2,
             aspect: None,
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_is_found_on_the_film_where_its_ray_starts() {
+    fn point_projects_to_the_film_position_of_its_ray() {
         let perspective = Projection::Perspective {
             y_fov: 0.7,
             aspect: None,
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn an_orthographic_camera_starts_rays_on_its_window() {
+    fn orthographic_camera_starts_rays_on_its_window() {
         let view = camera(Projection::Orthographic {
             y_mag: 2.0,
             x_mag: None,

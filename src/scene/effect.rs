@@ -38,7 +38,7 @@ pub enum Effect {
     /// Shading normals interpolated over triangles.
     SmoothNormals,
     /// The illumination model of Phong and Whitted, and unlit surfaces.
-    Lecture,
+    Phong,
     /// Dielectrics that reflect more, less or in other colours than glTF's default.
     Specular,
     /// Occlusion maps, which reduce the ambient light in crevices.
@@ -86,7 +86,7 @@ impl Effect {
         Effect::AlphaTest,
         Effect::AlphaBlend,
         Effect::SmoothNormals,
-        Effect::Lecture,
+        Effect::Phong,
         Effect::Specular,
         Effect::Occlusion,
         Effect::Emission,
@@ -120,7 +120,7 @@ impl Effect {
             Effect::AlphaTest => "alpha-test",
             Effect::AlphaBlend => "alpha-blend",
             Effect::SmoothNormals => "smooth-normals",
-            Effect::Lecture => "lecture",
+            Effect::Phong => "lecture",
             Effect::Specular => "specular",
             Effect::Occlusion => "occlusion",
             Effect::Emission => "emission",
@@ -150,37 +150,41 @@ impl Effect {
     }
 
     /// Returns a sentence fragment on how an image without this effect is wrong.
-    pub const fn lack(self) -> &'static str {
+    pub const fn consequence(self) -> &'static str {
         match self {
-            Effect::Shadow => "every light reaches every surface that faces it",
-            Effect::TransparentShadow => "what lets light through casts black shadows",
-            Effect::Reflection => "mirrors show nothing",
-            Effect::Refraction => "what would go through a surface is lost",
-            Effect::NestedMedia => "a ray that leaves one of several bodies is outside of all",
-            Effect::Dispersion => "all wavelengths are bent alike, as the d line is",
-            Effect::Absorption => "bodies are clear",
-            Effect::Texture => "parameters have their factors' values everywhere",
-            Effect::TextureFilter => "textures are looked up at points, and may flicker",
+            Effect::Shadow => "lights have no shadows",
+            Effect::TransparentShadow => "transparent objects cast black shadows",
+            Effect::Reflection => "mirrors reflect nothing",
+            Effect::Refraction => "light that a surface transmits is lost",
+            Effect::NestedMedia => "a ray that leaves one of several nested media is outside all of them",
+            Effect::Dispersion => "all wavelengths refract like the d line",
+            Effect::Absorption => "interiors absorb nothing",
+            Effect::Texture => "parameters have the values of their factors everywhere",
+            Effect::TextureFilter => "textures are sampled at points and may flicker",
             Effect::NormalMap => "surfaces are as smooth as their geometry",
             Effect::VertexColor => "vertex colours are white",
             Effect::AlphaTest => "surfaces have no holes",
             Effect::AlphaBlend => "surfaces cover everything behind them",
             Effect::SmoothNormals => "triangles are flat",
-            Effect::Lecture => "surfaces of the lecture's model answer no light",
-            Effect::Specular => "dielectrics reflect as glTF's default, 4 %",
-            Effect::Occlusion => "crevices get all of the ambient light",
-            Effect::Emission => "nothing shines by itself",
-            Effect::Ambient => "no light comes from all around",
-            Effect::Background => "black is behind everything",
-            Effect::Volume => "the air is clear of smoke, fire and fog",
+            Effect::Phong => "surfaces with the Phong model are not lit",
+            Effect::Specular => "dielectrics reflect 4 %, the default of glTF",
+            Effect::Occlusion => "crevices receive all of the ambient light",
+            Effect::Emission => "no surface emits light",
+            Effect::Ambient => "there is no ambient light",
+            Effect::Background => "the background is black",
+            Effect::Volume => "there is no smoke, fire or fog",
             Effect::DepthOfField => "everything is in focus",
-            Effect::AreaLight => "lights with an extent are dark, and lamps only glow",
-            Effect::Environment => "the environment map is seen and lights nothing",
-            Effect::RoughReflection => "rough surfaces reflect lights only, and smooth ones sharply",
+            Effect::AreaLight => "area lights are dark, and emissive objects light nothing",
+            Effect::Environment => "the environment map is visible but lights nothing",
+            Effect::RoughReflection => {
+                "rough surfaces reflect only lights, and smooth surfaces reflect sharply"
+            }
             Effect::RoughRefraction => "what is seen through rough surfaces is sharp",
-            Effect::MotionBlur => "everything stands where its motion begins",
-            Effect::Subsurface => "what scatters light within is paint of its base colour",
-            Effect::Translucency => "thin sheets send back all of their diffuse light",
+            Effect::MotionBlur => "everything stays at the start of its motion",
+            Effect::Subsurface => {
+                "materials with subsurface scattering are opaque paint of their base colour"
+            }
+            Effect::Translucency => "thin surfaces reflect all of their diffuse light",
         }
     }
 
@@ -215,14 +219,14 @@ impl EffectSet {
     /// Effects that need no step of their own after a hit, beyond shadow rays and mirror rays.
     ///
     /// Scenes that need no others are shaded by code that is compiled for these only.
-    pub const PLAIN: EffectSet = EffectSet::NONE
+    pub const BASIC: EffectSet = EffectSet::NONE
         .with(Effect::Shadow)
         .with(Effect::Reflection)
         .with(Effect::Texture)
         .with(Effect::NormalMap)
         .with(Effect::VertexColor)
         .with(Effect::SmoothNormals)
-        .with(Effect::Lecture)
+        .with(Effect::Phong)
         .with(Effect::Specular)
         .with(Effect::Occlusion)
         .with(Effect::Emission)
@@ -278,8 +282,8 @@ impl EffectSet {
 
     /// Returns whether materials have more inputs than glTF's base colour, metalness, roughness and emission.
     #[inline(always)]
-    pub const fn is_rich(self) -> bool {
-        self.has(Effect::Lecture)
+    pub const fn needs_full_material(self) -> bool {
+        self.has(Effect::Phong)
             || self.has(Effect::Specular)
             || self.has(Effect::Refraction)
             || self.has(Effect::Occlusion)
@@ -291,21 +295,21 @@ impl EffectSet {
     /// Returns whether materials have no more than glTF's base colour, metalness and roughness, without emission or
     /// coverage.
     #[inline(always)]
-    pub const fn is_bare(self) -> bool {
+    pub const fn has_basic_materials(self) -> bool {
         // Coverage needs the fourth channel of the base colour
         let covers = self.has(Effect::AlphaTest) || self.has(Effect::AlphaBlend);
-        !(self.is_rich() || covers || self.has(Effect::Emission))
+        !(self.needs_full_material() || covers || self.has(Effect::Emission))
     }
 
     /// Returns whether light may continue behind some surfaces, by refraction or partial coverage.
     #[inline(always)]
-    pub const fn has_sheets(self) -> bool {
+    pub const fn has_transmission(self) -> bool {
         self.has(Effect::Refraction) || self.has(Effect::AlphaTest) || self.has(Effect::AlphaBlend)
     }
 
     /// Returns the first effect of the set by which light continues behind surfaces: refraction, alpha test or alpha
     /// blend.
-    pub fn lets_through(self) -> Effect {
+    pub fn transmissive(self) -> Effect {
         let effects = [Effect::Refraction, Effect::AlphaTest];
         let first = effects.into_iter().find(|&effect| self.has(effect));
         first.unwrap_or(Effect::AlphaBlend)
@@ -325,7 +329,7 @@ impl EffectSet {
 
     /// Returns whether any radiance is visible without a light: emission, ambient light or background.
     #[inline(always)]
-    pub const fn glows(self) -> bool {
+    pub const fn has_unlit_radiance(self) -> bool {
         self.has(Effect::Emission) || self.has(Effect::Ambient) || self.has(Effect::Background)
     }
 
@@ -419,7 +423,7 @@ impl FromStr for EffectOverrides {
             let unknown = || {
                 let names: Vec<&str> = Effect::ALL.iter().map(|effect| effect.name()).collect();
                 format!(
-                    "`{item}` is no effect: write `all`, or +NAME and -NAME of {}",
+                    "`{item}` is not an effect: write `all`, or +NAME and -NAME of {}",
                     names.join(", ")
                 )
             };
@@ -442,7 +446,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_list_holds_every_effect_once_in_its_own_order() {
+    fn effect_list_is_complete_and_in_order() {
         for (index, effect) in Effect::ALL.into_iter().enumerate() {
             assert_eq!(effect as usize, index);
         }
@@ -451,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn sets_hold_what_was_put_in() {
+    fn effect_sets_hold_their_members() {
         let set: EffectSet = [Effect::Shadow, Effect::Texture].into_iter().collect();
         assert!(set.has(Effect::Shadow) && set.has(Effect::Texture) && !set.has(Effect::Ambient));
         assert_eq!(
@@ -463,7 +467,7 @@ mod tests {
     }
 
     #[test]
-    fn overrides_are_read_and_wrong_ones_refused() {
+    fn overrides_are_parsed_and_invalid_ones_rejected() {
         let overrides: EffectOverrides = "+dispersion,-shadow".parse().unwrap();
         assert_eq!(overrides.added.iter().collect::<Vec<_>>(), [Effect::Dispersion]);
         assert_eq!(overrides.removed.iter().collect::<Vec<_>>(), [Effect::Shadow]);
@@ -471,12 +475,12 @@ mod tests {
         assert_eq!(overrides.added.iter().count(), Effect::ALL.len() - 1);
         for wrong in ["", "shadow", "+shade", "+", "all,"] {
             let message = wrong.parse::<EffectOverrides>().unwrap_err();
-            assert!(message.contains("is no effect"), "{wrong}: {message}");
+            assert!(message.contains("is not an effect"), "{wrong}: {message}");
         }
     }
 
     #[test]
-    fn names_in_the_compilers_environment_are_found() {
+    fn effect_names_in_the_compiler_environment_are_parsed() {
         assert_eq!(bits_of(b"shadow"), Effect::Shadow.bit());
         assert_eq!(
             bits_of(b"texture,ambient"),

@@ -22,12 +22,12 @@ impl Scene {
     /// One sentence that says why the instance cannot be a light: it does not exist, does not emit, moves or transmits
     /// light, or is a plane, a polyhedron or a quadric.
     pub fn add_emissive_light(&mut self, instance: u32, samples: u32) -> Result<(), String> {
-        self.lamp_surface(instance)?;
+        self.emissive_surface(instance)?;
         let placed = &self.instances[instance as usize];
         let material = &self.materials[placed.material as usize];
-        if !material.shines() {
+        if !material.is_emissive() {
             return Err(format!(
-                "its material `{}` has no emission: give it some",
+                "its material `{}` has no emission: give it an emission over 0",
                 material.name
             ));
         }
@@ -43,9 +43,9 @@ impl Scene {
     }
 
     /// Returns the surface of `instance` as an area light in world space, or a sentence that says why it cannot be one.
-    pub(crate) fn lamp_surface(&self, instance: u32) -> Result<AreaLight, String> {
+    pub(crate) fn emissive_surface(&self, instance: u32) -> Result<AreaLight, String> {
         let Some(instance) = self.instances.get(instance as usize) else {
-            return Err("its object does not exist: give the number of one of the scene's".into());
+            return Err("its object does not exist: give the number of an object of the scene".into());
         };
         let geometry = self.geometries.get(instance.geometry as usize);
         let material = self.materials.get(instance.material as usize);
@@ -54,12 +54,12 @@ impl Scene {
         };
         // Light samplers are built once, in world space, so the object must be at rest
         if instance.is_moving() {
-            return Err("it moves, and lights stand still: take its motion or the lamp away".into());
+            return Err("it moves, and lights cannot move: remove its motion or the area light".into());
         }
         // The light samplers do not model transmission through the surface
         if material.transmits() || material.alpha != AlphaMode::Opaque {
             return Err(format!(
-                "its material `{}` lets light through, which a lamp cannot: make it opaque",
+                "its material `{}` transmits light, but an area light must be opaque: make it opaque",
                 material.name
             ));
         }
@@ -68,7 +68,7 @@ impl Scene {
 
     /// Renumbers the instances of emissive lights: `new_index` holds the new index of each instance that remains.
     /// Lights of removed instances are removed.
-    pub(super) fn renumber_lamps(&mut self, new_index: &[Option<u32>]) {
+    pub(super) fn renumber_emissive_lights(&mut self, new_index: &[Option<u32>]) {
         self.lights.retain_mut(|light| match &mut light.kind {
             LightKind::Area {
                 shape: AreaShape::Object { instance },
@@ -87,7 +87,7 @@ impl Scene {
     /// Sets the intensity of emissive lights to the emission of their materials, after materials have changed.
     pub(crate) fn resolve_emissive_lights(&mut self) {
         for light in &mut self.lights {
-            if let Some(instance) = light.lamp() {
+            if let Some(instance) = light.emissive_instance() {
                 let material = self.instances[instance as usize].material;
                 light.intensity = self.materials[material as usize].emission;
             }
@@ -97,7 +97,7 @@ impl Scene {
 
 impl Material {
     /// Returns whether the material emits light; the colour of an unlit surface is no light.
-    pub(crate) fn shines(&self) -> bool {
+    pub(crate) fn is_emissive(&self) -> bool {
         self.emission != [0.0; 3] && self.model != Model::Unlit
     }
 }
@@ -125,10 +125,11 @@ fn surface(geometry: &Geometry, instance: &Instance) -> Result<AreaLight, String
             SphereLight::new(map.transform_point3(center), radius * x.length()).map(AreaLight::Sphere)
         }
         Geometry::Shape(shape) => match ShapeLight::new(shape, map, instance.object_from_world()) {
-            Some(made) => made.map(|body| AreaLight::Body(Box::new(body))),
+            Some(made) => made.map(|light| AreaLight::Shape(Box::new(light))),
             None => {
                 return Err(
-                    "no plane, polyhedron or quadric can be one: give another shape or a mesh".into(),
+                    "a plane, polyhedron or quadric cannot be an area light: give another shape or a mesh"
+                        .into(),
                 );
             }
         },

@@ -20,13 +20,13 @@ pub struct ImageCache(Option<Arc<CacheEntries>>);
 
 #[derive(Debug, Default)]
 struct CacheEntries {
-    images: Mutex<HashMap<Label, CachedImage>>,
+    images: Mutex<HashMap<CacheKey, CachedImage>>,
     found: AtomicUsize,
-    asked: AtomicUsize,
+    lookups: AtomicUsize,
 }
 
 /// Cache key: hash of the encoded image, and the encoding that it is read with; `None` where that makes no difference.
-type Label = (blake3::Hash, Option<Encoding>);
+type CacheKey = (blake3::Hash, Option<Encoding>);
 
 /// Size and pixels of a decoded image.
 #[derive(Clone, Debug)]
@@ -39,7 +39,7 @@ pub(crate) struct CachedImage {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CacheStats {
     /// Number of lookups in all.
-    pub asked: usize,
+    pub lookups: usize,
     /// Number of lookups that found an entry.
     pub found: usize,
 }
@@ -57,15 +57,15 @@ impl ImageCache {
         encoded: &[u8],
         decode: impl FnOnce() -> Result<CachedImage, E>,
     ) -> Result<CachedImage, E> {
-        let Some(shelves) = &self.0 else { return decode() };
+        let Some(entries) = &self.0 else { return decode() };
         // 8-bit images are decoded at lookup, so their encoding is not part of the key
-        let label = (blake3::hash(encoded), None);
-        if let Some(kept) = shelves.find(&label) {
-            return Ok(kept);
+        let key = (blake3::hash(encoded), None);
+        if let Some(cached) = entries.find(&key) {
+            return Ok(cached);
         }
         // Decoded without the lock held, so that threads decode different images in parallel
         let made = decode()?;
-        shelves.images().insert(label, made.clone());
+        entries.images().insert(key, made.clone());
         Ok(made)
     }
 
@@ -76,25 +76,25 @@ impl ImageCache {
     pub(crate) fn read(&self, path: &Path, encoding: Encoding, max_texels: u64) -> Result<Image, ImageError> {
         let read = || Image::read(path, encoding, max_texels);
         // Without a cache, or for an unreadable file, just read
-        let Some((shelves, hash)) = self.0.as_ref().zip(hash_of(path)) else {
+        let Some((entries, hash)) = self.0.as_ref().zip(hash_of(path)) else {
             return read();
         };
-        let label = (hash, Some(encoding));
-        match shelves.find(&label) {
+        let key = (hash, Some(encoding));
+        match entries.find(&key) {
             // An image beyond the limit is read all the same, as that reports the error.
-            Some(kept) if kept.texels.budget() <= max_texels => Ok(Image {
+            Some(cached) if cached.texels.budget() <= max_texels => Ok(Image {
                 name: path.display().to_string(),
-                width: kept.size[0],
-                height: kept.size[1],
-                texels: kept.texels,
+                width: cached.size[0],
+                height: cached.size[1],
+                texels: cached.texels,
             }),
             _ => {
                 let image = read()?;
-                let kept = CachedImage {
+                let cached = CachedImage {
                     size: [image.width, image.height],
                     texels: image.texels.clone(),
                 };
-                shelves.images().insert(label, kept);
+                entries.images().insert(key, cached);
                 Ok(image)
             }
         }
@@ -102,32 +102,32 @@ impl ImageCache {
 
     /// Removes images that no loaded scene uses.
     pub fn evict_unused(&self) {
-        if let Some(shelves) = &self.0 {
-            shelves.images().retain(|_, kept| kept.texels.is_shared());
+        if let Some(entries) = &self.0 {
+            entries.images().retain(|_, cached| cached.texels.is_shared());
         }
     }
 
     /// Returns the numbers of lookups and of hits so far.
     pub fn counts(&self) -> CacheStats {
-        let Some(shelves) = &self.0 else {
+        let Some(entries) = &self.0 else {
             return CacheStats::default();
         };
         CacheStats {
-            asked: shelves.asked.load(Ordering::Relaxed),
-            found: shelves.found.load(Ordering::Relaxed),
+            lookups: entries.lookups.load(Ordering::Relaxed),
+            found: entries.found.load(Ordering::Relaxed),
         }
     }
 }
 
 impl CacheEntries {
-    fn images(&self) -> MutexGuard<'_, HashMap<Label, CachedImage>> {
+    fn images(&self) -> MutexGuard<'_, HashMap<CacheKey, CachedImage>> {
         // Entries are inserted and removed whole, so the map is consistent even after a panic
         self.images.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn find(&self, label: &Label) -> Option<CachedImage> {
-        let found = self.images().get(label).cloned();
-        self.asked.fetch_add(1, Ordering::Relaxed);
+    fn find(&self, key: &CacheKey) -> Option<CachedImage> {
+        let found = self.images().get(key).cloned();
+        self.lookups.fetch_add(1, Ordering::Relaxed);
         self.found
             .fetch_add(usize::from(found.is_some()), Ordering::Relaxed);
         found
@@ -153,11 +153,11 @@ mod tests {
     }
 
     fn counts(image_cache: &ImageCache) -> [usize; 2] {
-        [image_cache.counts().asked, image_cache.counts().found]
+        [image_cache.counts().lookups, image_cache.counts().found]
     }
 
     #[test]
-    fn an_image_that_a_scene_holds_is_found_by_what_it_holds_and_others_are_forgotten() {
+    fn live_images_are_found_by_content_and_others_are_evicted() {
         let image_cache = ImageCache::new();
         let held = image_cache.image(b"a", || gray(1)).unwrap();
         drop(image_cache.image(b"b", || gray(2)).unwrap());
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_decoded_is_not_kept() {
+    fn failed_decodes_are_not_cached() {
         let image_cache = ImageCache::new();
         assert!(image_cache.image(b"a", || Err::<CachedImage, ()>(())).is_err());
         assert!(image_cache.image(b"a", || gray(1)).is_ok());
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_known_by_their_bytes_and_by_what_they_are_read_for() {
+    fn files_are_cached_by_bytes_and_by_usage() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         let write = |code: u8| {

@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 pub const DEFAULT_SIZE: [u32; 2] = [1024, 1024];
 /// Default number of samples per pixel.
 pub const DEFAULT_SPP: u32 = 16;
-/// Default number of generations of reflected and refracted rays.
+/// Default number of bounces of reflected and refracted rays.
 pub const DEFAULT_DEPTH: u32 = 5;
 /// Default number of wavelengths that a path splits into.
 pub const DEFAULT_WAVELENGTHS: u32 = 16;
 
 /// Largest number of samples per pixel: 2^16, with which noise is 1/256 of that of one sample.
 pub const MAX_SPP: u32 = 1 << 16;
-/// Largest number of generations of secondary rays.
+/// Largest number of bounces of secondary rays.
 pub const MAX_DEPTH: u32 = 255;
 /// Largest number of wavelengths: with more, neighbouring wavelengths would be under a nanometre apart, finer than any
 /// index of refraction is known.

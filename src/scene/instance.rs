@@ -29,7 +29,7 @@ pub struct Instance {
 #[derive(Clone, Debug)]
 enum Placement {
     /// The identity: object space is world space.
-    Unmoved,
+    Identity,
     /// A positive scale whose reciprocal is finite, then a translation.
     Similar(UniformScale),
     /// Any other map that can be inverted.
@@ -125,15 +125,15 @@ impl Instance {
     }
 
     /// Sets the transform to the identity, so that object space is world space.
-    pub(crate) fn unplace(&mut self) {
-        self.placement = Placement::Unmoved;
+    pub(crate) fn reset_transform(&mut self) {
+        self.placement = Placement::Identity;
     }
 
     /// Returns the object-to-world map; for a moving instance that at the start of its motion (see [`Instance::pose`]).
     #[inline]
     pub fn world_from_object(&self) -> DAffine3 {
         match &self.placement {
-            Placement::Unmoved => DAffine3::IDENTITY,
+            Placement::Identity => DAffine3::IDENTITY,
             Placement::Similar(UniformScale { scale, translation }) => DAffine3 {
                 matrix3: DMat3::from_diagonal(DVec3::splat(*scale)),
                 translation: *translation,
@@ -147,7 +147,7 @@ impl Instance {
     #[inline]
     pub fn object_from_world(&self) -> DAffine3 {
         match &self.placement {
-            Placement::Unmoved => DAffine3::IDENTITY,
+            Placement::Identity => DAffine3::IDENTITY,
             Placement::Similar(UniformScale { scale, translation }) => {
                 let scale = scale.recip();
                 DAffine3 {
@@ -163,7 +163,7 @@ impl Instance {
     /// Returns whether object space is world space, as for every baked mesh.
     #[inline(always)]
     pub fn is_identity(&self) -> bool {
-        matches!(self.placement, Placement::Unmoved)
+        matches!(self.placement, Placement::Identity)
     }
 
     /// Returns whether the transform mirrors, so that windings run clockwise when seen from the front.
@@ -171,7 +171,7 @@ impl Instance {
         match &self.placement {
             Placement::Affine(affine) => affine.world_from_object.matrix3.determinant() < 0.0,
             Placement::Moving(motion) => motion.at(0.0).matrix3.determinant() < 0.0,
-            Placement::Unmoved | Placement::Similar(_) => false,
+            Placement::Identity | Placement::Similar(_) => false,
         }
     }
 
@@ -179,7 +179,7 @@ impl Instance {
     #[inline(always)]
     pub(crate) fn world_sphere(&self, sphere: &Sphere) -> Option<Sphere> {
         match &self.placement {
-            Placement::Unmoved => Some(*sphere),
+            Placement::Identity => Some(*sphere),
             Placement::Similar(UniformScale { scale, translation }) => Some(Sphere {
                 center: *scale * sphere.center + *translation,
                 radius: *scale * sphere.radius,
@@ -191,7 +191,7 @@ impl Instance {
     /// Returns a world-space box around the instance at all times; `object_bounds` are the bounds of its `geometry`,
     /// and finite.
     pub(crate) fn world_bounds(&self, geometry: &Geometry, object_bounds: &Bounds) -> Bounds {
-        let boxed = |map: &DAffine3| placed_bounds(map, geometry, object_bounds);
+        let boxed = |map: &DAffine3| transformed_bounds(map, geometry, object_bounds);
         match &self.placement {
             Placement::Moving(motion) => motion.bounds_of(object_bounds, boxed),
             _ => boxed(&self.world_from_object()),
@@ -202,7 +202,7 @@ impl Instance {
     /// steps; equal for all steps if the instance is at rest. `object_bounds` are the bounds of its `geometry`, and
     /// finite.
     pub fn step_bounds(&self, geometry: &Geometry, object_bounds: &Bounds, steps: [u32; 2]) -> Bounds {
-        let boxed = |map: &DAffine3| placed_bounds(map, geometry, object_bounds);
+        let boxed = |map: &DAffine3| transformed_bounds(map, geometry, object_bounds);
         match &self.placement {
             Placement::Moving(motion) => motion.step_bounds(object_bounds, steps, boxed),
             _ => boxed(&self.world_from_object()),
@@ -214,13 +214,13 @@ impl Instance {
         match self.placement {
             Placement::Affine(_) => size_of::<Affine>(),
             Placement::Moving(_) => size_of::<AnimatedTransform>(),
-            Placement::Unmoved | Placement::Similar(_) => 0,
+            Placement::Identity | Placement::Similar(_) => 0,
         }
     }
 }
 
 /// Returns a box around a geometry that is transformed by `map`.
-fn placed_bounds(map: &DAffine3, geometry: &Geometry, object_bounds: &Bounds) -> Bounds {
+fn transformed_bounds(map: &DAffine3, geometry: &Geometry, object_bounds: &Bounds) -> Bounds {
     let Geometry::Shape(Shape::Sphere(sphere)) = geometry else {
         return object_bounds.transformed(map);
     };
@@ -261,7 +261,7 @@ impl Placement {
 
     fn new(map: &DAffine3) -> Result<Placement, SingularMatrix> {
         if *map == DAffine3::IDENTITY {
-            return Ok(Placement::Unmoved);
+            return Ok(Placement::Identity);
         }
         let object_from_world = numeric::inverse(map)?;
         // A scale of which all axes are equal needs no matrices
@@ -288,7 +288,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_placement_gives_back_its_map_and_an_inverse() {
+    fn every_transform_returns_its_map_and_inverse() {
         let moved = DAffine3::from_translation(DVec3::new(1.0, -2.0, 3.0));
         for map in [
             DAffine3::IDENTITY,
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn a_map_without_an_inverse_is_refused_and_changes_nothing() {
+    fn singular_map_is_rejected_without_change() {
         let mut instance = Instance::new("", 0, 0, DAffine3::IDENTITY).unwrap();
         for bad in [
             DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.0)),
@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turned_and_stretched_sphere_has_the_box_of_its_ellipsoid() {
+    fn transformed_sphere_has_the_bounds_of_its_ellipsoid() {
         let turn = DAffine3::from_rotation_z(std::f64::consts::FRAC_PI_4);
         let map = turn * DAffine3::from_scale(DVec3::new(3.0, 1.0, 1.0));
         let instance = Instance::new("", 0, 0, map).unwrap();
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn a_motion_from_a_place_to_the_same_is_none() {
+    fn motion_between_equal_transforms_is_none() {
         let map = DAffine3::from_rotation_x(0.4);
         let instance = Instance::moving("", 0, 0, [map; 2]).unwrap();
         assert!(!instance.is_moving());
@@ -355,7 +355,7 @@ mod tests {
     }
 
     #[test]
-    fn the_box_of_what_moves_holds_it_at_all_times_and_so_do_boxes_between_those_of_steps() {
+    fn moving_bounds_contain_the_object_at_all_times() {
         let start = DAffine3::from_translation(DVec3::new(1.0, 0.5, 0.0))
             * DAffine3::from_scale(DVec3::new(2.0, 0.3, 1.0));
         let end = DAffine3::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), 2.9)
@@ -369,7 +369,7 @@ mod tests {
             // Compare the exact box at many times with both kinds of bounds
             for number in 0..=1600u32 {
                 let time = f64::from(number) / 1600.0;
-                let exact = placed_bounds(
+                let exact = transformed_bounds(
                     &instance.pose(time as f32).world_from_object(),
                     &geometry,
                     &object,
@@ -400,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unturned_instance_takes_at_most_64_bytes() {
+    fn unrotated_instance_takes_at_most_64_bytes() {
         assert!(size_of::<Instance>() <= 64, "{}", size_of::<Instance>());
     }
 }

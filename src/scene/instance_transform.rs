@@ -8,11 +8,11 @@ use crate::shape::Sphere;
 
 /// Transform of an instance at the time of a ray: borrowed from an instance at rest, interpolated for a moving one.
 #[derive(Clone, Debug)]
-pub struct InstanceTransform<'i>(Standing<'i>);
+pub struct InstanceTransform<'i>(TransformSource<'i>);
 
 #[derive(Clone, Debug)]
-enum Standing<'i> {
-    Still(&'i Instance),
+enum TransformSource<'i> {
+    AtRest(&'i Instance),
     Moving(Affine),
 }
 
@@ -21,8 +21,8 @@ impl Instance {
     #[inline(always)]
     pub fn pose(&self, time: f32) -> InstanceTransform<'_> {
         InstanceTransform(match self.moving_at(time) {
-            None => Standing::Still(self),
-            Some(affine) => Standing::Moving(affine),
+            None => TransformSource::AtRest(self),
+            Some(affine) => TransformSource::Moving(affine),
         })
     }
 }
@@ -32,8 +32,8 @@ impl InstanceTransform<'_> {
     #[inline]
     pub fn world_from_object(&self) -> DAffine3 {
         match &self.0 {
-            Standing::Still(instance) => instance.world_from_object(),
-            Standing::Moving(affine) => affine.world_from_object,
+            TransformSource::AtRest(instance) => instance.world_from_object(),
+            TransformSource::Moving(affine) => affine.world_from_object,
         }
     }
 
@@ -41,8 +41,8 @@ impl InstanceTransform<'_> {
     #[inline]
     pub fn object_from_world(&self) -> DAffine3 {
         match &self.0 {
-            Standing::Still(instance) => instance.object_from_world(),
-            Standing::Moving(affine) => affine.object_from_world,
+            TransformSource::AtRest(instance) => instance.object_from_world(),
+            TransformSource::Moving(affine) => affine.object_from_world,
         }
     }
 
@@ -50,16 +50,16 @@ impl InstanceTransform<'_> {
     #[inline(always)]
     pub fn is_identity(&self) -> bool {
         match &self.0 {
-            Standing::Still(instance) => instance.is_identity(),
-            Standing::Moving(_) => false,
+            TransformSource::AtRest(instance) => instance.is_identity(),
+            TransformSource::Moving(_) => false,
         }
     }
 
     /// Returns whether the transform mirrors, so that windings run clockwise when seen from the front.
     pub fn is_mirrored(&self) -> bool {
         match &self.0 {
-            Standing::Still(instance) => instance.is_mirrored(),
-            Standing::Moving(affine) => affine.world_from_object.matrix3.determinant() < 0.0,
+            TransformSource::AtRest(instance) => instance.is_mirrored(),
+            TransformSource::Moving(affine) => affine.world_from_object.matrix3.determinant() < 0.0,
         }
     }
 
@@ -68,8 +68,8 @@ impl InstanceTransform<'_> {
     #[inline(always)]
     pub(crate) fn world_sphere(&self, sphere: &Sphere) -> Option<Sphere> {
         match &self.0 {
-            Standing::Still(instance) => instance.world_sphere(sphere),
-            Standing::Moving(_) => None,
+            TransformSource::AtRest(instance) => instance.world_sphere(sphere),
+            TransformSource::Moving(_) => None,
         }
     }
 }
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_moves_stands_where_its_motion_is_and_what_does_not_where_it_is() {
+    fn transform_follows_motion_only_for_moving_instances() {
         let from = DAffine3::from_translation(DVec3::X);
         let to = DAffine3::from_translation(DVec3::new(3.0, 4.0, 0.0));
         let moving = Instance::moving("", 0, 0, [from, to]).unwrap();

@@ -42,11 +42,11 @@ pub enum LensError {
     #[error("the radius of the lens is {0}: give the aperture's radius in metres, 0 for a pinhole")]
     Radius(f64),
     /// The distance of focus is not positive.
-    #[error("the focus distance is {0}: give how far away things are sharp, in metres and more than 0")]
+    #[error("the focus distance is {0}: give the distance of the plane in focus, in metres and more than 0")]
     FocusDistance(f64),
     /// An aperture has too few blades, or a rotation that is not finite.
     #[error(
-        "an aperture of {blades} blades turned by {rotation} is no polygon: give at least 3 blades and a finite angle"
+        "an aperture of {blades} blades turned by {rotation} is not a polygon: give 3 or more blades and a finite angle"
     )]
     Polygon {
         /// Number of blades that was requested.
@@ -138,12 +138,12 @@ impl LensView {
         if self.is_pinhole {
             return pinhole;
         }
-        let place = self.aperture.point(u);
-        let aside = place.x * self.right + place.y * self.up;
+        let lens_point = self.aperture.point(u);
+        let offset = lens_point.x * self.right + lens_point.y * self.up;
         CameraRay {
-            origin: pinhole.origin + aside,
+            origin: pinhole.origin + offset,
             // o + aside + t (d - aside / t_focus) equals the pinhole's point at t = t_focus
-            direction: pinhole.direction - aside * self.per_t_focus,
+            direction: pinhole.direction - offset * self.per_t_focus,
             ..pinhole
         }
     }
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn all_rays_of_a_film_point_meet_in_the_plane_of_focus() {
+    fn rays_of_a_film_point_converge_in_the_focus_plane() {
         const U: f64 = 0.5 * f64::EPSILON;
         for (projection, aperture) in projections().into_iter().flat_map(|p| OPENINGS.map(|a| (p, a))) {
             let camera = camera(projection);
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn the_parameter_of_every_lens_ray_is_the_depth_of_the_pinholes() {
+    fn lens_ray_parameters_match_pinhole_depth() {
         let camera = camera(projections()[1]);
         let axis = -camera.world_from_camera.matrix3.z_axis;
         let lens = Lens::new(0.3, 7.0, Aperture::Disk).unwrap().view(&camera);
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_radius_the_pinholes_ray_comes_back_to_the_bit() {
+    fn zero_radius_gives_the_exact_pinhole_ray() {
         for projection in projections() {
             let camera = camera(projection);
             let lens = Lens::new(0.0, 7.0, Aperture::Disk).unwrap().view(&camera);
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn focused_at_infinity_all_rays_of_a_film_point_are_parallel() {
+    fn rays_of_a_film_point_are_parallel_when_focused_at_infinity() {
         let camera = camera(projections()[0]);
         let lens = Lens::new(0.1, f64::INFINITY, Aperture::Disk)
             .unwrap()
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn a_polygons_points_lie_within_its_blades_and_fill_them_evenly() {
+    fn polygon_aperture_points_are_uniform_within_the_blades() {
         for blades in [3, 6, 9] {
             let aperture = Aperture::Polygon {
                 blades,
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_lenses_are_refused_with_advice() {
+    fn invalid_lenses_are_rejected_with_advice() {
         assert_eq!(Lens::new(-1.0, 1.0, Aperture::Disk), Err(LensError::Radius(-1.0)));
         assert!(Lens::new(f64::INFINITY, 1.0, Aperture::Disk).is_err());
         for focus in [0.0, -2.0, f64::NAN] {
@@ -336,7 +336,7 @@ mod tests {
             Lens::new(0.1, 1.0, line)
                 .unwrap_err()
                 .to_string()
-                .contains("at least 3 blades")
+                .contains("give 3 or more blades")
         );
     }
 }

@@ -18,7 +18,7 @@ pub struct Light {
 
 impl Light {
     /// Returns the instance that the light lies on; `None` unless it is the light of an emissive object.
-    pub fn lamp(&self) -> Option<u32> {
+    pub fn emissive_instance(&self) -> Option<u32> {
         match self.kind {
             LightKind::Area {
                 shape: AreaShape::Object { instance },
@@ -117,7 +117,7 @@ impl AreaShape {
                 center,
                 half_u,
                 half_v,
-            // Half extent of an ellipse with conjugate half axes
+                // Half extent of an ellipse with conjugate half axes
             } => (center, (half_u * half_u + half_v * half_v).map(f64::sqrt)),
             // The half extent of a sphere is its radius
             AreaShape::Sphere { center, radius } => (center, DVec3::splat(radius)),
@@ -131,7 +131,7 @@ impl AreaShape {
 
     /// Returns the shape with its centre mapped by `to` and its lengths multiplied by `scale`; an emissive object moves
     /// with its instance and is returned unchanged.
-    pub(super) fn moved(self, to: impl Fn(DVec3) -> DVec3, scale: f64) -> AreaShape {
+    pub(super) fn transformed(self, to: impl Fn(DVec3) -> DVec3, scale: f64) -> AreaShape {
         match self {
             AreaShape::Quad {
                 center,

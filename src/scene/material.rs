@@ -24,7 +24,7 @@ pub struct Material {
     /// Textures bound to material inputs; each input at most once.
     pub layers: Vec<TextureBinding>,
     /// Medium behind the surface, if light enters it.
-    pub interior: Option<Interior>,
+    pub interior: Option<Medium>,
     /// Subsurface scattering from which the diffuse light comes, per unit of length of the scene. Only with glTF's
     /// model, and without transmission or translucency. The base colour tints the light that leaves.
     pub subsurface: Option<Scattering>,
@@ -43,7 +43,7 @@ pub struct Translucency {
 
 impl Translucency {
     /// Returns the diffuse reflection and transmission under a white base colour.
-    pub fn leaf(&self) -> DiffuseTransmission {
+    pub fn diffuse_transmission(&self) -> DiffuseTransmission {
         DiffuseTransmission::from_diffuse_transmission(
             [1.0; 3],
             self.factor.into(),
@@ -59,7 +59,7 @@ pub enum Model {
     MetallicRoughness(MetallicRoughness),
     /// Model of Phong and Whitted: `I = Ia ra + sum of Il (rd (s.m) + rsp (r.v)^f) + kr I(reflected) + kt
     /// I(transmitted)`.
-    Lecture(Lecture),
+    Phong(Phong),
     /// Constant colour: the base colour, whatever the light (`KHR_materials_unlit`).
     Unlit,
 }
@@ -97,7 +97,7 @@ impl MetallicRoughness {
 
 /// Coefficients of Phong and Whitted's model. The base colour multiplies `ambient` and `diffuse`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lecture {
+pub struct Phong {
     /// Ambient coefficient ra, linear RGB.
     pub ambient: [f32; 3],
     /// Diffuse coefficient rd, linear RGB.
@@ -114,9 +114,9 @@ pub struct Lecture {
     pub fresnel: bool,
 }
 
-impl Lecture {
+impl Phong {
     /// A chalky surface: ambient and diffuse 1, all else 0.
-    pub const DEFAULT: Lecture = Lecture {
+    pub const DEFAULT: Phong = Phong {
         ambient: [1.0; 3],
         diffuse: [1.0; 3],
         specular: [0.0; 3],
@@ -154,7 +154,7 @@ impl AlphaMode {
 
 /// Medium inside a surface, for light that passes through.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Interior {
+pub struct Medium {
     /// Index of refraction as a function of the wavelength.
     pub ior: Dispersion,
     /// Absorption coefficients per metre of the medium.
@@ -206,7 +206,7 @@ impl Scene {
 
 impl Material {
     /// Returns whether a texture of `strength` on `parameter` can have an effect: a factor of zero stays zero.
-    pub fn heeds(&self, parameter: MaterialInput, strength: f32) -> bool {
+    pub fn is_affected_by(&self, parameter: MaterialInput, strength: f32) -> bool {
         let [r, g, b, a] = self.base_color;
         match (parameter, &self.model) {
             // Coverage only counts unless the surface is opaque
@@ -226,9 +226,9 @@ impl Material {
                 MaterialInput::Transmission => model.transmission != 0.0,
                 _ => true,
             },
-            (MaterialInput::SpecularColor, Model::Lecture(lecture)) => lecture.specular != [0.0; 3],
-            (MaterialInput::Reflection, Model::Lecture(lecture)) => lecture.reflection != [0.0; 3],
-            (MaterialInput::Transmission, Model::Lecture(lecture)) => lecture.transmission != [0.0; 3],
+            (MaterialInput::SpecularColor, Model::Phong(phong)) => phong.specular != [0.0; 3],
+            (MaterialInput::Reflection, Model::Phong(phong)) => phong.reflection != [0.0; 3],
+            (MaterialInput::Transmission, Model::Phong(phong)) => phong.transmission != [0.0; 3],
             _ => true,
         }
     }
@@ -260,7 +260,7 @@ impl Material {
     pub fn transmits(&self) -> bool {
         match &self.model {
             Model::MetallicRoughness(model) => model.transmission > 0.0,
-            Model::Lecture(lecture) => lecture.transmission != [0.0; 3],
+            Model::Phong(phong) => phong.transmission != [0.0; 3],
             Model::Unlit => false,
         }
     }
@@ -287,7 +287,7 @@ impl Material {
         let has_two_sides = matches!(self.model, Model::MetallicRoughness(_));
         self.translucency
             .as_ref()
-            .filter(|sheet| has_two_sides && sheet.factor > 0.0)
+            .filter(|diffuse_transmission| has_two_sides && diffuse_transmission.factor > 0.0)
     }
 
     /// Returns whether the surface may reflect an image. A texture multiplies the roughness factor, so it can only make
@@ -299,7 +299,7 @@ impl Material {
                 let smoother = [MaterialInput::MetallicRoughness, MaterialInput::Roughness];
                 model.roughness <= MIRROR_ROUGHNESS || smoother.into_iter().any(|p| self.layer(p).is_some())
             }
-            Model::Lecture(lecture) => lecture.reflection != [0.0; 3],
+            Model::Phong(phong) => phong.reflection != [0.0; 3],
             Model::Unlit => false,
         }
     }

@@ -38,11 +38,11 @@ pub(crate) struct Removed {
 }
 
 /// Scans every triangle once, in parallel. Returns the bounds of the usable triangles and the number of the others.
-pub(crate) fn survey(mesh: &Mesh) -> Result<MeshScan, BadIndex> {
+pub(crate) fn scan(mesh: &Mesh) -> Result<MeshScan, BadIndex> {
     let (positions, triangles) = (&mesh.positions[..], &mesh.triangles[..]);
     // Scan chunks in parallel
     let chunks = parallel::map_chunks(triangles, CHUNK, &|chunk, triangles| {
-        survey_chunk(positions, triangles, chunk * CHUNK)
+        scan_chunk(positions, triangles, chunk * CHUNK)
     });
     let nothing = MeshScan {
         bounds: Bounds::EMPTY,
@@ -94,7 +94,7 @@ pub(crate) fn clear_non_finite_positions(mesh: &mut Mesh) {
     mesh.positions = Buffer::from(mesh.positions.iter().map(clear).collect::<Vec<_>>());
 }
 
-fn survey_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) -> Result<MeshScan, BadIndex> {
+fn scan_chunk(positions: &[[f32; 3]], triangles: &[[u32; 3]], first: usize) -> Result<MeshScan, BadIndex> {
     let mut low = Vec3::INFINITY;
     let mut high = Vec3::NEG_INFINITY;
     let mut unusable = 0;
@@ -149,14 +149,14 @@ mod tests {
     }
 
     #[test]
-    fn a_needle_is_kept_and_a_line_dropped_at_any_scale() {
+    fn needles_are_kept_and_lines_dropped_at_any_scale() {
         for scale in [1e-30f32, 1e-3, 1.0, 1e30] {
             let p = |x: f32, y: f32| [x * scale, y * scale, 0.0];
             let mut mesh = mesh(
                 vec![p(0.0, 0.0), p(1.0, 1.0), p(2.0, 2.0), p(2.0, 2.0000002)],
                 vec![[0, 1, 2], [0, 1, 3]],
             );
-            assert_eq!(survey(&mesh).unwrap().unusable, 1, "scale {scale}");
+            assert_eq!(scan(&mesh).unwrap().unusable, 1, "scale {scale}");
             let dropped = drop_unusable(&mut mesh);
             assert_eq!((dropped.no_area, dropped.not_finite), (1, 0));
             assert_eq!(mesh.triangles[..], [[0, 1, 3]]);
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_vertex_at_infinity_takes_its_triangles_along_and_nothing_else() {
+    fn infinite_vertex_drops_only_its_triangles() {
         let mut mesh = mesh(
             vec![
                 [0.0; 3],
@@ -175,7 +175,7 @@ mod tests {
             ],
             vec![[0, 1, 2], [0, 1, 3], [4, 1, 2]],
         );
-        assert_eq!(survey(&mesh).unwrap().bounds.max, DVec3::new(1.0, 1.0, 0.0));
+        assert_eq!(scan(&mesh).unwrap().bounds.max, DVec3::new(1.0, 1.0, 0.0));
         assert_eq!(drop_unusable(&mut mesh).not_finite, 2);
         clear_non_finite_positions(&mut mesh);
         assert_eq!(mesh.positions[3..], [[0.0; 3]; 2]);
@@ -183,17 +183,17 @@ mod tests {
     }
 
     #[test]
-    fn the_first_bad_index_is_named() {
+    fn first_invalid_index_is_reported() {
         let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
         let mut triangles = vec![[0u32, 1, 2]; 40_000];
         triangles[20_000] = [0, 3, 1];
         triangles[39_999] = [0, 1, u32::MAX];
-        let found = survey(&mesh(positions, triangles)).unwrap_err();
+        let found = scan(&mesh(positions, triangles)).unwrap_err();
         assert_eq!((found.triangle, found.vertex), (20_000, 3));
     }
 
     #[test]
-    fn one_value_that_is_not_finite_is_found_among_many() {
+    fn single_non_finite_value_is_found() {
         let mut values = vec![f32::MAX; 200_000];
         assert!(all_finite(&values));
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {

@@ -31,8 +31,8 @@ pub use instance_transform::InstanceTransform;
 pub use lens::{Aperture, Lens, LensError, LensView};
 pub use light::{AreaShape, Falloff, Light, LightKind};
 pub use material::{
-    AlphaMode, DEFAULT_IOR, Interior, Lecture, MAX_ROUGH_RAYS, MIRROR_ROUGHNESS, Material, MetallicRoughness,
-    Model, Translucency,
+    AlphaMode, DEFAULT_IOR, MAX_ROUGH_RAYS, MIRROR_ROUGHNESS, Material, Medium, MetallicRoughness, Model,
+    Phong, Translucency,
 };
 pub use normalise::Normalisation;
 pub use texture::{

@@ -24,12 +24,12 @@ pub struct Normalisation {
 
 /// Largest ratio of an axis's largest coordinate to the scene's extent at which the axis is not recentred: recentring
 /// would then gain three of f32's 24 bits at most.
-const FAR: f64 = 8.0;
+const MAX_OFFSET_RATIO: f64 = 8.0;
 /// Smallest extent, in metres or the file's unit, that is not rescaled: squares and fourth powers of such lengths stay
 /// far inside the range of f32.
-const SMALLEST: f64 = 1.0 / 1024.0;
-/// Largest extent that is not rescaled, for the reason given at [`SMALLEST`].
-const LARGEST: f64 = 1024.0;
+const MIN_EXTENT: f64 = 1.0 / 1024.0;
+/// Largest extent that is not rescaled, for the reason given at [`MIN_EXTENT`].
+const MAX_EXTENT: f64 = 1024.0;
 
 impl Default for Normalisation {
     fn default() -> Normalisation {
@@ -53,14 +53,14 @@ impl Normalisation {
         let magnitude = bounds.min.abs().max(bounds.max.abs());
         let center = bounds.center();
         let axis = |i: usize| {
-            if magnitude[i] > FAR * extent {
+            if magnitude[i] > MAX_OFFSET_RATIO * extent {
                 (center[i] / step).round() * step
             } else {
                 0.0
             }
         };
         // Scale only scenes that are tiny or huge
-        let scale = if (SMALLEST..=LARGEST).contains(&extent) {
+        let scale = if (MIN_EXTENT..=MAX_EXTENT).contains(&extent) {
             1.0
         } else {
             step.recip()
@@ -123,11 +123,11 @@ impl Scene {
         if normalisation.is_identity() {
             return;
         }
-        self.move_instances(&normalisation);
-        self.move_cameras(&normalisation);
-        self.move_lights(&normalisation);
-        self.move_volumes(&normalisation);
-        self.scale_interiors(normalisation.scale);
+        self.transform_instances(&normalisation);
+        self.transform_cameras(&normalisation);
+        self.transform_lights(&normalisation);
+        self.transform_volumes(&normalisation);
+        self.scale_media(normalisation.scale);
         self.normalisation = self.normalisation.then(&normalisation);
     }
 
@@ -151,7 +151,7 @@ impl Scene {
                 continue;
             }
             // Map the mesh, and undo it in the transforms of its instances
-            *mesh = moved_mesh(mesh, &normalisation);
+            *mesh = transformed_mesh(mesh, &normalisation);
             let back = normalisation.inverse_map();
             for instance in self.instances.iter_mut().filter(|i| i.geometry as usize == index) {
                 // The factor is a power of two: a map that had an inverse keeps one.
@@ -163,17 +163,21 @@ impl Scene {
 
     /// Maps instances: meshes and spheres of a single instance with the identity transform are mapped themselves, which
     /// is exact; all others by their instances' transforms.
-    fn move_instances(&mut self, normalisation: &Normalisation) {
+    fn transform_instances(&mut self, normalisation: &Normalisation) {
         let use_counts = self.use_counts();
         for instance in &mut self.instances {
             let geometry = &mut self.geometries[instance.geometry as usize];
             let material = self.materials.get(instance.material as usize);
-            let is_carved = material.is_some_and(|m| bake::is_carved(m, &self.textures));
+            let has_object_space_texture =
+                material.is_some_and(|m| bake::has_object_space_texture(m, &self.textures));
             // Map the geometry itself where nothing else depends on its object space
-            if use_counts[instance.geometry as usize] == 1 && instance.is_identity() && !is_carved {
+            if use_counts[instance.geometry as usize] == 1
+                && instance.is_identity()
+                && !has_object_space_texture
+            {
                 match geometry {
                     Geometry::Mesh(mesh) => {
-                        *mesh = moved_mesh(mesh, normalisation);
+                        *mesh = transformed_mesh(mesh, normalisation);
                         continue;
                     }
                     Geometry::Shape(Shape::Sphere(sphere)) => {
@@ -196,7 +200,7 @@ impl Scene {
         }
     }
 
-    fn move_cameras(&mut self, normalisation: &Normalisation) {
+    fn transform_cameras(&mut self, normalisation: &Normalisation) {
         let scale = normalisation.scale;
         for camera in &mut self.cameras {
             let end = camera.world_from_camera_end.as_mut();
@@ -227,14 +231,14 @@ impl Scene {
         }
     }
 
-    fn move_lights(&mut self, normalisation: &Normalisation) {
+    fn transform_lights(&mut self, normalisation: &Normalisation) {
         let scale = normalisation.scale;
         for light in &mut self.lights {
             let (position, falloff) = match &mut light.kind {
                 LightKind::Directional { .. } => continue,
                 // Radiance does not depend on the size of the scene.
                 LightKind::Area { shape, .. } => {
-                    *shape = shape.moved(|p| normalisation.point(p), scale);
+                    *shape = shape.transformed(|p| normalisation.point(p), scale);
                     continue;
                 }
                 LightKind::Point { position, falloff } => (position, falloff),
@@ -264,7 +268,7 @@ impl Scene {
     }
 
     /// Scales absorption and scattering coefficients, which are per unit of length.
-    fn scale_interiors(&mut self, scale: f64) {
+    fn scale_media(&mut self, scale: f64) {
         for interior in self.materials.iter_mut().filter_map(|m| m.interior.as_mut()) {
             interior.absorption.sigma_a = interior.absorption.sigma_a.map(|sigma| sigma / scale);
         }
@@ -275,7 +279,7 @@ impl Scene {
 }
 
 /// Returns the mapped mesh. The subtraction comes first: for a far scene it is exact.
-fn moved_mesh(mesh: &Mesh, normalisation: &Normalisation) -> Mesh {
+fn transformed_mesh(mesh: &Mesh, normalisation: &Normalisation) -> Mesh {
     bake::with_positions(mesh, |p| normalisation.point(p))
 }
 
@@ -295,11 +299,11 @@ mod tests {
 
     /// Returns a scene of one baked triangle, a point light, a camera and an instanced sphere, moved and scaled.
     fn scene(scale: f64, offset: DVec3) -> Scene {
-        let moved = |p: DVec3| p * scale + offset;
+        let transformed = |p: DVec3| p * scale + offset;
         let triangle = Mesh {
             positions: Buffer::from(
                 POSITIONS
-                    .map(|p| moved(glam::Vec3::from(p).as_dvec3()).as_vec3().to_array())
+                    .map(|p| transformed(glam::Vec3::from(p).as_dvec3()).as_vec3().to_array())
                     .to_vec(),
             ),
             triangles: Buffer::from(vec![[0, 1, 2]]),
@@ -309,7 +313,7 @@ mod tests {
         let map = DAffine3::from_scale_rotation_translation(
             DVec3::splat(scale),
             glam::DQuat::IDENTITY,
-            moved(DVec3::new(0.5, 0.5, 0.5)),
+            transformed(DVec3::new(0.5, 0.5, 0.5)),
         );
         Scene {
             geometries: vec![
@@ -325,7 +329,7 @@ mod tests {
                 name: "lamp".into(),
                 intensity: [(3.0 * scale * scale) as f32; 3],
                 kind: LightKind::Point {
-                    position: moved(DVec3::new(0.0, 4.0, 0.0)),
+                    position: transformed(DVec3::new(0.0, 4.0, 0.0)),
                     falloff: Falloff::InverseSquare {
                         range: Some(8.0 * scale),
                     },
@@ -333,7 +337,7 @@ mod tests {
             }],
             cameras: vec![Camera {
                 name: "camera".into(),
-                world_from_camera: DAffine3::from_translation(moved(DVec3::Z)),
+                world_from_camera: DAffine3::from_translation(transformed(DVec3::Z)),
                 projection: Projection::Orthographic {
                     y_mag: 2.0 * scale,
                     x_mag: None,
@@ -354,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn a_well_placed_scene_is_not_touched() {
+    fn normalised_scene_is_unchanged() {
         let mut scene = scene(1.0, DVec3::ZERO);
         scene.normalise();
         assert!(scene.normalisation.is_identity());
@@ -362,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn scenes_that_differ_by_a_power_of_two_become_bit_identical() {
+    fn scenes_scaled_by_a_power_of_two_normalise_identically() {
         let normalised = |exponent: i32| {
             let mut scene = scene(2f64.powi(exponent), DVec3::ZERO);
             scene.normalise();
@@ -387,7 +391,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mesh_that_moves_keeps_what_it_turns_about() {
+    fn moving_mesh_keeps_its_pivot() {
         let mut scene = scene(1.0, DVec3::ZERO);
         let far = scene.geometries[0].bounds();
         scene.geometries[0] = Geometry::Mesh(match &scene.geometries[0] {
@@ -412,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn a_far_scene_comes_to_the_origin_without_losing_a_bit() {
+    fn far_scene_moves_to_the_origin_losslessly() {
         // 1e6 is a multiple of the centre's step, and the triangle's rounding at 1e6 happened before.
         let offset = DVec3::new(1e6, 0.0, -3e6);
         let mut scene = scene(1.0, offset);
@@ -434,7 +438,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tiny_and_far_scene_keeps_its_geometry_and_its_irradiance() {
+    fn tiny_far_scene_keeps_geometry_and_irradiance() {
         let offset = DVec3::new(0.0, 1.0, 0.0);
         let mut scene = scene(2f64.powi(-12), offset);
         // Intensity must grow with the square of the scale
@@ -453,7 +457,7 @@ mod tests {
     }
 
     #[test]
-    fn an_instanced_mesh_in_a_far_object_space_is_brought_back() {
+    fn instanced_mesh_far_in_object_space_is_recentred() {
         let mut scene = scene(1.0, DVec3::ZERO);
         let far = scene_far_triangle();
         let back = DAffine3::from_translation(DVec3::new(-1e6, 0.0, 0.0));

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::validate_geometry::{check_geometry, check_vertices};
-use super::validate_light::{check_environment, check_lamp, check_light, light_reach};
+use super::validate_light::{check_emissive_light, check_environment, check_light, max_light_coordinate};
 use super::validate_material::{
     check_interior, check_model, check_procedural, check_scattering, check_texels,
 };
@@ -70,13 +70,13 @@ impl Scene {
             .map_err(|(index, fault)| error(named("volume", index, self.volumes[index].name()), fault))?;
         for (index, light) in self.lights.iter().enumerate() {
             check_light(light)
-                .and_then(|()| check_reach(light_reach(light)))
-                .and_then(|()| check_lamp(self, light))
+                .and_then(|()| check_coordinate_range(max_light_coordinate(light)))
+                .and_then(|()| check_emissive_light(self, light))
                 .map_err(|fault| error(named("light", index, &light.name), fault))?;
         }
         for (index, camera) in self.cameras.iter().enumerate() {
             check_camera(camera)
-                .and_then(|()| check_reach(camera_reach(camera)))
+                .and_then(|()| check_coordinate_range(max_camera_coordinate(camera)))
                 .map_err(|fault| error(named("camera", index, &camera.name), fault))?;
         }
         // Check the ambient light and the background
@@ -129,18 +129,18 @@ impl Scene {
             let bounds = &bounds[instance.geometry as usize];
             instance.world_bounds(geometry, bounds).magnitude()
         };
-        check_reach(reach)?;
+        check_coordinate_range(reach)?;
         // Check restrictions of subsurface scattering
         if geometry.is_unbounded() && material.scatters().is_some() {
             return Err(format!(
-                "its material `{}` scatters light within, for which a plane has no end: give a disk or a quad",
+                "its material `{}` has subsurface scattering, but a plane is unbounded: give a disk or a quad",
                 material.name
             ));
         }
         if instance.is_moving() && material.scatters().is_some() {
             return Err(format!(
-                "moves, and its material `{}` scatters light within, which is worked out where a body stands: take the \
-                 motion or the scattering away",
+                "moves, and its material `{}` has subsurface scattering, which is precomputed at a fixed position: \
+                 remove the motion or the scattering",
                 material.name
             ));
         }
@@ -157,8 +157,8 @@ impl Scene {
             let set = mesh.tex_coords.get(texture.tex_coord as usize);
             if set.is_none_or(|set| set.len() != mesh.positions.len()) {
                 return Err(format!(
-                    "its material `{}` looks up texture coordinate set {}, which its mesh lacks: add the set or take \
-                     the texture away",
+                    "its material `{}` looks up texture coordinate set {}, which its mesh lacks: add the set or remove \
+                     the texture",
                     material.name, texture.tex_coord
                 ));
             }
@@ -255,7 +255,7 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
         let gram = axes.transpose() * axes - DMat3::IDENTITY;
         if !(place.is_finite() && row_sum(&gram) <= 3.0 * UNIT_TOLERANCE) {
             return Err(
-                "its place is not finite or its axes are not orthonormal: correct its transform".into(),
+                "its position is not finite or its axes are not orthonormal: correct its transform".into(),
             );
         }
     }
@@ -267,7 +267,7 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
     let Shutter { open, close } = camera.shutter;
     if !(0.0 <= open && open <= close && close <= 1.0) {
         return Err(format!(
-            "its shutter is open from {open} to {close}: give two parts of the motion from 0 to 1, the lesser first"
+            "its shutter is open from {open} to {close}: give two parts of the motion from 0 to 1, the smaller first"
         ));
     }
     // Check the projection and the depth range
@@ -292,7 +292,7 @@ pub(crate) fn check_camera(camera: &Camera) -> Result<(), String> {
 }
 
 /// Returns the largest coordinate of a camera's positions, or the radius of its lens if that is larger.
-fn camera_reach(camera: &Camera) -> f64 {
+fn max_camera_coordinate(camera: &Camera) -> f64 {
     [Some(camera.world_from_camera), camera.world_from_camera_end]
         .into_iter()
         .flatten()
@@ -313,11 +313,11 @@ pub(super) fn is_radiance(rgb: &[f32; 3]) -> bool {
 }
 
 /// Rejects anything whose largest coordinate, `magnitude`, is out of the range that the backends accept.
-pub(super) fn check_reach(magnitude: f64) -> Result<(), String> {
+pub(super) fn check_coordinate_range(magnitude: f64) -> Result<(), String> {
     if magnitude < f64::from(Ray::LIMIT) {
         Ok(())
     } else {
-        Err("leaves the range of coordinates: normalise the scene or make it smaller".into())
+        Err("exceeds the range of coordinates: normalise the scene or make it smaller".into())
     }
 }
 
@@ -353,8 +353,8 @@ mod tests {
     use crate::optics::subsurface::SubsurfacePreset;
     use crate::optics::{Absorption, Dispersion};
     use crate::scene::{
-        Filter, Image, Interior, Lecture, MaterialInput, MetallicRoughness, Model, Pattern, Procedural,
-        Sampler, Texels, TextureBinding, TextureUse, Translucency, Wrap,
+        Filter, Image, MaterialInput, Medium, MetallicRoughness, Model, Pattern, Phong, Procedural, Sampler,
+        Texels, TextureBinding, TextureUse, Translucency, Wrap,
     };
     use crate::scene::{Light, LightKind};
     use crate::shape::{Shape, Sphere, Torus};
@@ -429,13 +429,13 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_in_order_passes() {
+    fn valid_scene_passes_validation() {
         // The triangle is the worst valid case: mirrored and stretched by 1e6.
         assert_eq!(scene().validate(), Ok(()));
     }
 
     #[test]
-    fn every_fault_is_found_and_its_item_named() {
+    fn every_fault_is_found_with_its_item() {
         type Break = fn(&mut Scene);
         let breaks: [(&str, Break); 36] = [
             // Faults of geometries and instances
@@ -511,13 +511,13 @@ mod tests {
             }),
             ("material 0", |s| s.materials[0].alpha = AlphaMode::Mask(f32::NAN)),
             ("material 0", |s| {
-                s.materials[0].model = Model::Lecture(Lecture {
+                s.materials[0].model = Model::Phong(Phong {
                     reflection: [2.0; 3],
-                    ..Lecture::DEFAULT
+                    ..Phong::DEFAULT
                 })
             }),
             ("material 0", |s| {
-                s.materials[0].interior = Some(Interior {
+                s.materials[0].interior = Some(Medium {
                     ior: Dispersion::Constant(100.0),
                     absorption: Absorption::NONE,
                     priority: 0,

@@ -1,8 +1,8 @@
 //! Validation of meshes and shapes.
 
 use super::Geometry;
-use super::mesh_cleanup::{all_finite, survey};
-use super::validate::{check_reach, is_size};
+use super::mesh_cleanup::{all_finite, scan};
+use super::validate::{check_coordinate_range, is_size};
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::shape::{Shape, Sphere, Torus};
@@ -12,7 +12,7 @@ pub(super) fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
     if !all_finite(bytemuck::cast_slice(&mesh.positions)) {
         return Err("has a vertex that is not finite: correct its positions".into());
     }
-    let survey = survey(mesh).map_err(|bad| {
+    let scan = scan(mesh).map_err(|bad| {
         format!(
             "triangle {} refers to vertex {} of {}: correct its indices",
             bad.triangle,
@@ -20,10 +20,10 @@ pub(super) fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
             mesh.positions.len()
         )
     })?;
-    if survey.unusable > 0 {
+    if scan.unusable > 0 {
         return Err(format!(
-            "has {} triangles without an area: take them away",
-            survey.unusable
+            "has {} triangles without an area: remove them",
+            scan.unusable
         ));
     }
     // Check the optional vertex attributes
@@ -38,7 +38,7 @@ pub(super) fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
             "has a normal, tangent, colour or texture coordinate that is not finite: correct it".into(),
         );
     }
-    Ok(survey.bounds)
+    Ok(scan.bounds)
 }
 
 /// Checks the parameters that a shape's own constructor does not check.
@@ -56,7 +56,7 @@ fn check_shape(shape: &Shape) -> Result<(), String> {
 
 /// Runs all other checks of a geometry with these bounds.
 pub(super) fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(), String> {
-    let vertex_range = || check_reach(bounds.magnitude());
+    let vertex_range = || check_coordinate_range(bounds.magnitude());
     match geometry {
         Geometry::Shape(Shape::Plane) => Ok(()),
         Geometry::Shape(shape) => {
@@ -71,7 +71,7 @@ pub(super) fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(),
             let colors = mesh.colors.as_ref().map_or(count, |c| c.len());
             if [normals, tangents, colors] != [count; 3] {
                 return Err(
-                    "has not as many normals, tangents or colours as vertices: give one for each".into(),
+                    "has fewer or more normals, tangents or colours than vertices: give one for each".into(),
                 );
             }
             vertex_range()

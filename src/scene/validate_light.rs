@@ -16,7 +16,7 @@ pub(crate) fn check_light(light: &Light) -> Result<(), String> {
     if !is_radiance(&light.intensity) {
         return Err("its intensity is negative or not finite: correct the intensity".into());
     }
-    let is_place = |p: DVec3| p.is_finite();
+    let is_position = |p: DVec3| p.is_finite();
     let is_coefficient = |x: f64| (0.0..f64::INFINITY).contains(&x);
     let is_falloff = |falloff: Falloff| match falloff {
         Falloff::InverseSquare { range } => range.is_none_or(|r| r > 0.0),
@@ -32,7 +32,7 @@ pub(crate) fn check_light(light: &Light) -> Result<(), String> {
     // Check the parameters of the type
     let is_sound = match light.kind {
         LightKind::Directional { to_light } => is_unit(to_light),
-        LightKind::Point { position, falloff } => is_place(position) && is_falloff(falloff),
+        LightKind::Point { position, falloff } => is_position(position) && is_falloff(falloff),
         LightKind::Spot {
             position,
             direction,
@@ -42,19 +42,19 @@ pub(crate) fn check_light(light: &Light) -> Result<(), String> {
         } => {
             // A positive penumbra keeps the attenuation between the cones finite
             let has_cone = -1.0 <= cos_outer && cos_outer < cos_inner && cos_inner <= 1.0;
-            is_place(position) && is_falloff(falloff) && is_unit(direction) && has_cone
+            is_position(position) && is_falloff(falloff) && is_unit(direction) && has_cone
         }
         LightKind::Area { shape, samples } => return check_area(&shape, samples),
     };
     if is_sound {
         Ok(())
     } else {
-        Err("its place, direction, range or cone makes no sense: correct it".into())
+        Err("its position, direction, range or cone is invalid: correct it".into())
     }
 }
 
 /// Returns the largest coordinate of a light's position; 0 if it has none of its own.
-pub(super) fn light_reach(light: &Light) -> f64 {
+pub(super) fn max_light_coordinate(light: &Light) -> f64 {
     match &light.kind {
         LightKind::Directional { .. } => 0.0,
         LightKind::Point { position, .. } | LightKind::Spot { position, .. } => position.abs().max_element(),
@@ -67,7 +67,7 @@ fn check_area(shape: &AreaShape, samples: u32) -> Result<(), String> {
     if let Some(bounds) = shape.bounds() {
         let reach = bounds.min.abs().max(bounds.max.abs());
         if !reach.is_finite() {
-            return Err("its place makes no sense: correct it".into());
+            return Err("its position is invalid: correct it".into());
         }
     }
     check_samples(samples)?;
@@ -91,19 +91,17 @@ fn check_area(shape: &AreaShape, samples: u32) -> Result<(), String> {
 }
 
 /// Checks the object that a light lies on, if it is the light of an emissive object.
-pub(super) fn check_lamp(scene: &Scene, light: &Light) -> Result<(), String> {
+pub(super) fn check_emissive_light(scene: &Scene, light: &Light) -> Result<(), String> {
     light
-        .lamp()
-        .map_or(Ok(()), |instance| scene.lamp_surface(instance).map(|_| ()))
+        .emissive_instance()
+        .map_or(Ok(()), |instance| scene.emissive_surface(instance).map(|_| ()))
 }
 
 fn check_samples(samples: u32) -> Result<(), String> {
     if (1..=MAX_LIGHT_SAMPLES).contains(&samples) {
         Ok(())
     } else {
-        Err(format!(
-            "it asks for {samples} samples: give 1 to {MAX_LIGHT_SAMPLES}"
-        ))
+        Err(format!("it has {samples} samples: give 1 to {MAX_LIGHT_SAMPLES}"))
     }
 }
 
@@ -114,7 +112,7 @@ pub(super) fn check_environment(
     samples: u32,
 ) -> Result<(), String> {
     let Some(image) = image else {
-        return Err("its image does not exist: give the number of one of the scene's".into());
+        return Err("its image does not exist: give the number of an image of the scene".into());
     };
     // An image that is not simulated is not checked
     if image.texels == Texels::Unread {

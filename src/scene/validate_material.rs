@@ -47,7 +47,7 @@ pub(super) fn check_model(model: &Model) -> Result<(), String> {
             }
             if model.rough_rays > MAX_ROUGH_RAYS {
                 return Err(format!(
-                    "it asks for {} rough rays: give 0 to {MAX_ROUGH_RAYS}",
+                    "it has {} rough rays: give 0 to {MAX_ROUGH_RAYS}",
                     model.rough_rays
                 ));
             }
@@ -55,10 +55,10 @@ pub(super) fn check_model(model: &Model) -> Result<(), String> {
                 return Err("its specular colour is negative or not finite: correct the colour".into());
             }
         }
-        Model::Lecture(lecture) => {
-            let colors = [lecture.ambient, lecture.diffuse, lecture.specular];
-            let shares = [lecture.reflection, lecture.transmission];
-            if !colors.iter().all(is_radiance) || !(0.0..f32::INFINITY).contains(&lecture.exponent) {
+        Model::Phong(phong) => {
+            let colors = [phong.ambient, phong.diffuse, phong.specular];
+            let shares = [phong.reflection, phong.transmission];
+            if !colors.iter().all(is_radiance) || !(0.0..f32::INFINITY).contains(&phong.exponent) {
                 return Err("a coefficient or the exponent is negative or not finite: correct it".into());
             }
             if !shares.as_flattened().iter().all(|x| is_fraction(*x)) {
@@ -99,20 +99,20 @@ type TexelRange = (Range<usize>, RangeInclusive<f32>, &'static str);
 
 /// Returns the valid ranges of the texels of a float image on `parameter`.
 fn texel_ranges(material: &Material, parameter: MaterialInput) -> Vec<TexelRange> {
-    let share = |channels| (channels, 0.0..=1.0, "outside [0, 1]");
+    let fraction = |channels| (channels, 0.0..=1.0, "outside [0, 1]");
     let light = (0..3, 0.0..=f32::MAX, "below 0");
     let finite = |channels| (channels, f32::MIN..=f32::MAX, "not finite");
     match parameter {
         MaterialInput::Normal => vec![finite(0..3)],
         MaterialInput::Bump => vec![finite(0..1)],
-        MaterialInput::Roughness | MaterialInput::Metallic | MaterialInput::Occlusion => vec![share(0..1)],
-        MaterialInput::MetallicRoughness => vec![share(1..3)],
-        MaterialInput::Specular => vec![share(3..4)],
+        MaterialInput::Roughness | MaterialInput::Metallic | MaterialInput::Occlusion => vec![fraction(0..1)],
+        MaterialInput::MetallicRoughness => vec![fraction(1..3)],
+        MaterialInput::Specular => vec![fraction(3..4)],
         MaterialInput::Emission | MaterialInput::SpecularColor => vec![light],
         // Opaque surfaces ignore their coverage, so it may have any value.
         MaterialInput::BaseColor if material.model == Model::Unlit => vec![light, finite(3..4)],
-        MaterialInput::BaseColor => vec![share(0..3), finite(3..4)],
-        MaterialInput::Reflection | MaterialInput::Transmission => vec![share(0..3)],
+        MaterialInput::BaseColor => vec![fraction(0..3), finite(3..4)],
+        MaterialInput::Reflection | MaterialInput::Transmission => vec![fraction(0..3)],
     }
 }
 
@@ -140,24 +140,24 @@ pub(super) fn check_interior(material: &Material) -> Result<(), String> {
 /// Checks the subsurface scattering and the diffuse transmission of a material.
 pub(crate) fn check_scattering(material: &Material) -> Result<(), String> {
     // Check the combination with the model and with transmission
-    let is_asked = material.subsurface.is_some() || material.translucency.is_some();
-    if is_asked && !matches!(material.model, Model::MetallicRoughness(_)) {
+    let has_scattering = material.subsurface.is_some() || material.translucency.is_some();
+    if has_scattering && !matches!(material.model, Model::MetallicRoughness(_)) {
         return Err(
-            "scatters light within, which only the metallic-roughness model can: take `subsurface` or `translucency` \
-             away or give that `model`"
+            "has subsurface scattering, which only the metallic-roughness model supports: remove `subsurface` or \
+             `translucency` or give that `model`"
                 .into(),
         );
     }
-    if is_asked && material.transmits() {
+    if has_scattering && material.transmits() {
         return Err(
-            "lets light pass straight through and scatters it as well: give either `transmission` or one of \
+            "both transmits light straight through and scatters it: give either `transmission` or one of \
              `subsurface` and `translucency`"
                 .into(),
         );
     }
     if material.subsurface.is_some() && material.translucency.is_some() {
         return Err(
-            "is both a body that scatters within and a thin sheet: give `subsurface` or `translucency`"
+            "is both an interior with subsurface scattering and a thin surface: give `subsurface` or `translucency`"
                 .into(),
         );
     }
@@ -165,10 +165,10 @@ pub(crate) fn check_scattering(material: &Material) -> Result<(), String> {
     if let Some(scattering) = &material.subsurface {
         Dipole::new(scattering).map_err(|error| error.to_string())?;
     }
-    if let Some(sheet) = &material.translucency {
-        let mut parts = sheet.color.iter().chain([&sheet.factor]);
+    if let Some(translucency) = &material.translucency {
+        let mut parts = translucency.color.iter().chain([&translucency.factor]);
         if !parts.all(|x| (0.0..=1.0).contains(x)) {
-            return Err("its translucency or the colour of it is outside [0, 1]: correct it".into());
+            return Err("its translucency or its translucent colour is outside [0, 1]: correct it".into());
         }
     }
     Ok(())

@@ -2,14 +2,14 @@
 
 use glam::DAffine3;
 
-use super::validate::check_reach;
+use super::validate::check_coordinate_range;
 use super::{Normalisation, Scene};
 use crate::numeric::Bounds;
 use crate::volume::Volume;
 
 impl Scene {
     /// Returns whether the scene has a participating medium: a volume that is not empty, or fog.
-    pub fn has_matter(&self) -> bool {
+    pub fn has_medium(&self) -> bool {
         self.has_fog() || self.volumes.iter().any(|volume| !volume.is_clear())
     }
 
@@ -25,7 +25,7 @@ impl Scene {
     }
 
     /// Maps volumes and fog by `normalisation`, so that the image stays the same.
-    pub(super) fn move_volumes(&mut self, normalisation: &Normalisation) {
+    pub(super) fn transform_volumes(&mut self, normalisation: &Normalisation) {
         let scale = normalisation.scale;
         for volume in &mut self.volumes {
             let old = volume.world_from_cube();
@@ -53,7 +53,7 @@ impl Scene {
     /// Checks that volumes are within the range of coordinates; an error comes with the volume's index.
     pub(super) fn check_volumes(&self) -> Result<(), (usize, String)> {
         self.volumes.iter().enumerate().try_for_each(|(index, volume)| {
-            check_reach(volume.bounds().magnitude()).map_err(|fault| (index, fault))
+            check_coordinate_range(volume.bounds().magnitude()).map_err(|fault| (index, fault))
         })
     }
 }
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn normalisation_changes_nothing_that_a_ray_through_volumes_and_fog_sees() {
+    fn normalisation_preserves_radiance_through_volumes_and_fog() {
         for thickness in [Thickness::Extinction, Thickness::OpacityOver(0.5)] {
             let fog = Fog::new(0.125, [0.5; 3], [0.0, 0.25, 0.0], 0.25).unwrap();
             let mut scene = Scene {
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_volume_out_of_range_is_refused_by_number() {
+    fn out_of_range_volume_is_rejected_by_number() {
         let far = DAffine3::from_translation(DVec3::new(1e30, 0.0, 0.0));
         let volumes = vec![
             volume(Thickness::Extinction),

@@ -8,15 +8,15 @@ use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use super::SceneFileError;
-use super::assembly::{Assembler, find};
+use super::assembly::{Resolver, find};
 use super::document::Document;
-use super::fault::{Fault, Source};
+use super::fault::{Diagnostic, Source};
 use super::texture::{TextureForm, TextureKind};
-use super::value::At;
+use super::value::Located;
 use crate::image::ImageError;
 use crate::scene::{Effect, Encoding, Image, ImageCache, Texels, Texture, TextureBinding, TextureUse};
 
-impl Assembler {
+impl Resolver {
     /// Loads textures and materials into the scene; returns the indices of the materials by name.
     pub(super) fn materials(
         &mut self,
@@ -40,7 +40,7 @@ impl Assembler {
             form.scatter(&mut material).map_err(|fault| source.error(fault))?;
             // Bind textures to the inputs that they can affect
             for layer in form.layers() {
-                if !material.heeds(layer.parameter, layer.strength) {
+                if !material.is_affected_by(layer.parameter, layer.strength) {
                     continue;
                 }
                 let made = find("texture", layer.texture, &textures).map_err(|f| source.error(f))?;
@@ -80,10 +80,10 @@ impl Assembler {
             };
             for layer in form.layers() {
                 // Ignore textures that cannot change the image
-                let is_looked_at = named.contains(name.as_str())
-                    && material.heeds(layer.parameter, layer.strength)
+                let is_used = named.contains(name.as_str())
+                    && material.is_affected_by(layer.parameter, layer.strength)
                     && !self.without.has(layer.parameter.effect());
-                if is_looked_at {
+                if is_used {
                     uses.entry(layer.texture)
                         .or_default()
                         .add(layer.parameter.encoding());
@@ -94,7 +94,12 @@ impl Assembler {
     }
 
     /// Adds a texture of the file at `path` to the scene; an image is decoded once per use, or not at all if unused.
-    fn texture(&mut self, path: &Path, form: &At<TextureForm>, uses: Uses) -> Result<MadeTexture, Fault> {
+    fn texture(
+        &mut self,
+        path: &Path,
+        form: &Located<TextureForm>,
+        uses: Uses,
+    ) -> Result<MadeTexture, Diagnostic> {
         // A pattern needs no image
         let (file, sampler) = match form.kind().map_err(|s| form.fault(s))? {
             TextureKind::Procedural(procedural) => {
@@ -125,7 +130,7 @@ impl Assembler {
     }
 
     /// Loads the environment map of the file at `path`, if it has one; returns the image's index.
-    pub(super) fn surroundings(
+    pub(super) fn environment_map(
         &mut self,
         source: &Source,
         path: &Path,
@@ -135,10 +140,10 @@ impl Assembler {
         if let Some(file) = document.background.as_ref().and_then(|form| form.file()) {
             let full = path.with_file_name(&**file);
             // Read only the size of a map that no effect uses
-            let is_seen = [Effect::Background, Effect::Environment]
+            let is_used = [Effect::Background, Effect::Environment]
                 .into_iter()
                 .any(|effect| !self.without.has(effect));
-            let read = match is_seen {
+            let read = match is_used {
                 true => self.image_cache.read(&full, Encoding::Linear, self.texels_left),
                 false => Image::unread(&full),
             };

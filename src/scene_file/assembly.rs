@@ -14,19 +14,19 @@ use super::SceneFileError;
 use super::appearance::TEXEL_BYTES;
 use super::document::{Document, ObjectForm};
 use super::edit::Edit;
-use super::fault::{Fault, Source, file_error, suggestion};
-use super::light::LampForm;
+use super::fault::{Diagnostic, Source, file_error, suggestion};
+use super::light::EmissiveForm;
 use super::placement::{Copies, Step, map_of};
 use super::shape::{PlacedShape, ShapeForm, ShapeRef};
-use super::value::At;
+use super::value::Located;
 use super::volume::{MadeVolume, VolumeForm};
-use crate::gltf::{self, LoadOptions, Pose};
+use crate::gltf::{self, AnimationTime, LoadOptions};
 use crate::numeric::AnimatedTransform;
 use crate::scene::{Camera, EffectSet, Geometry, ImageCache, Light, Scene, Texture, TextureBinding};
 
 /// Objects that are placed together: those of a group or of a file.
 #[derive(Debug, Default)]
-pub(super) struct Assembly {
+pub(super) struct ObjectTree {
     pub(super) nodes: Vec<Node>,
     pub(super) lights: Vec<Light>,
     pub(super) cameras: Vec<Camera>,
@@ -50,12 +50,12 @@ pub(super) struct Node {
     /// The object's own transforms at the start and at the end of motions.
     pub(super) maps: [DAffine3; 2],
     pub(super) copies: Option<Copies>,
-    pub(super) what: What,
+    pub(super) what: ObjectKind,
     pub(super) material: Option<u32>,
     pub(super) lights: bool,
     pub(super) cameras: bool,
     /// Settings of the lights on its emissive surfaces, if they are to light the scene.
-    pub(super) lamp: Option<Lamp>,
+    pub(super) emissive: Option<EmissiveSettings>,
     /// Source file for messages about the object.
     pub(super) source: Rc<Source>,
     pub(super) span: std::ops::Range<usize>,
@@ -63,16 +63,16 @@ pub(super) struct Node {
 
 /// Settings of an object whose emission lights the scene.
 #[derive(Debug)]
-pub(super) struct Lamp {
+pub(super) struct EmissiveSettings {
     /// Samples of each light per shading point.
     pub(super) samples: u32,
     /// Span of the `lamp` key, for messages.
     pub(super) span: std::ops::Range<usize>,
 }
 
-impl Lamp {
-    fn of(form: &At<LampForm>) -> Option<Lamp> {
-        form.0.map(|samples| Lamp {
+impl EmissiveSettings {
+    fn of(form: &Located<EmissiveForm>) -> Option<EmissiveSettings> {
+        form.0.map(|samples| EmissiveSettings {
             samples,
             span: form.span.clone(),
         })
@@ -81,12 +81,12 @@ impl Lamp {
 
 /// Content of an object after name resolution.
 #[derive(Debug)]
-pub(super) enum What {
+pub(super) enum ObjectKind {
     /// A geometry, by its index in the scene.
     Geometry(u32),
-    Assembly(Rc<Assembly>),
+    ObjectTree(Rc<ObjectTree>),
     /// Meshes of a glTF file, which have materials of their own.
-    Import(Rc<Assembly>),
+    Import(Rc<ObjectTree>),
 }
 
 /// Largest number of instances of a scene: about 4 GiB of them.
@@ -97,7 +97,7 @@ const MAX_NESTING: usize = 64;
 const MAX_BYTES: u64 = 1 << 26;
 
 /// Builder of object trees, which adds the resources they refer to to the scene.
-pub(super) struct Assembler {
+pub(super) struct Resolver {
     pub(super) scene: Scene,
     pub(super) texels_left: u64,
     /// Effects that will not be simulated, whose images need not be decoded.
@@ -106,12 +106,12 @@ pub(super) struct Assembler {
     nesting: usize,
     /// Files that are being read, the outermost first.
     open_files: Vec<PathBuf>,
-    includes: HashMap<PathBuf, Rc<Assembly>>,
-    imports: HashMap<PathBuf, Rc<Assembly>>,
+    includes: HashMap<PathBuf, Rc<ObjectTree>>,
+    imports: HashMap<PathBuf, Rc<ObjectTree>>,
     words: HashMap<String, u32>,
     default_material: Option<u32>,
     /// Time at which glTF animations are evaluated.
-    pose: Option<Pose>,
+    pose: Option<AnimationTime>,
     /// Cache of images that are already decoded.
     pub(super) image_cache: ImageCache,
     /// Edits that apply to the outermost file.
@@ -120,19 +120,19 @@ pub(super) struct Assembler {
 }
 
 /// State of a file whose objects are being resolved.
-struct Unit {
+struct FileContext {
     source: Rc<Source>,
     folder: PathBuf,
     document: Document,
     materials: HashMap<String, u32>,
     shapes: HashMap<String, u32>,
-    groups: HashMap<String, Rc<Assembly>>,
+    groups: HashMap<String, Rc<ObjectTree>>,
     open_groups: Vec<String>,
 }
 
-impl Assembler {
-    pub(super) fn new(options: &LoadOptions, edits: &[Edit]) -> Assembler {
-        Assembler {
+impl Resolver {
+    pub(super) fn new(options: &LoadOptions, edits: &[Edit]) -> Resolver {
+        Resolver {
             edits: edits.to_vec(),
             pose: options.pose.clone(),
             image_cache: options.image_cache.clone(),
@@ -165,11 +165,11 @@ impl Assembler {
     }
 
     /// Reads the file at `path` and resolves its objects; returns them with the parsed document and its source.
-    pub(super) fn file(&mut self, path: &Path) -> Result<(Assembly, Document, Rc<Source>), SceneFileError> {
+    pub(super) fn file(&mut self, path: &Path) -> Result<(ObjectTree, Document, Rc<Source>), SceneFileError> {
         // Read, edit and parse the file
         let source = Rc::new(edited(read(path)?, &std::mem::take(&mut self.edits))?);
         let document: Document = source.parse()?;
-        let mut unit = Unit {
+        let mut unit = FileContext {
             folder: path.parent().unwrap_or(Path::new("")).to_owned(),
             materials: self.materials(&source, path, &document)?,
             shapes: HashMap::new(),
@@ -195,7 +195,7 @@ impl Assembler {
     }
 
     /// Loads the volumes of a file. Their bytes are charged to the image budget.
-    fn volumes(&mut self, unit: &Unit) -> Result<Vec<PlacedVolume>, SceneFileError> {
+    fn volumes(&mut self, unit: &FileContext) -> Result<Vec<PlacedVolume>, SceneFileError> {
         let forms = &unit.document.volume;
         let fail = |fault| unit.source.error(fault);
         check_names(forms.iter().map(|form| form.name.as_ref()), "volume").map_err(fail)?;
@@ -215,7 +215,7 @@ impl Assembler {
         Ok(volumes)
     }
 
-    fn named_shapes(&mut self, unit: &mut Unit) -> Result<(), SceneFileError> {
+    fn named_shapes(&mut self, unit: &mut FileContext) -> Result<(), SceneFileError> {
         for (name, form) in &unit.document.shape {
             // A name for a plain shape would be ambiguous
             if ShapeForm::of_word(name).is_some() {
@@ -241,7 +241,7 @@ impl Assembler {
     }
 
     /// Returns a group of the file, resolving it on first use.
-    fn group(&mut self, unit: &mut Unit, name: &str) -> Result<Rc<Assembly>, SceneFileError> {
+    fn group(&mut self, unit: &mut FileContext, name: &str) -> Result<Rc<ObjectTree>, SceneFileError> {
         if let Some(group) = unit.groups.get(name) {
             return Ok(group.clone());
         }
@@ -261,8 +261,12 @@ impl Assembler {
         Ok(group)
     }
 
-    fn objects(&mut self, unit: &mut Unit, forms: &[At<ObjectForm>]) -> Result<Assembly, SceneFileError> {
-        let mut assembly = Assembly::default();
+    fn objects(
+        &mut self,
+        unit: &mut FileContext,
+        forms: &[Located<ObjectForm>],
+    ) -> Result<ObjectTree, SceneFileError> {
+        let mut assembly = ObjectTree::default();
         let mut taken: HashMap<&str, ()> = HashMap::new();
         for (number, form) in forms.iter().enumerate() {
             // Reject names that are taken
@@ -270,7 +274,7 @@ impl Assembler {
                 && taken.insert(name, ()).is_some()
             {
                 let sentence = format!(
-                    "the name `{}` is taken by an object before it: choose another",
+                    "the name `{}` is already used by an earlier object: choose another",
                     **name
                 );
                 return Err(unit.source.error(name.fault(sentence)));
@@ -278,8 +282,8 @@ impl Assembler {
             let node = self.node(unit, form, number)?;
             // Count the instances, copies included
             let inner = match &node.what {
-                What::Geometry(_) => 1,
-                What::Assembly(inside) | What::Import(inside) => inside.count,
+                ObjectKind::Geometry(_) => 1,
+                ObjectKind::ObjectTree(inside) | ObjectKind::Import(inside) => inside.count,
             };
             let copies = node.copies.as_ref().map_or(1, Copies::count);
             assembly.count = assembly.count.saturating_add(inner.saturating_mul(copies));
@@ -294,8 +298,8 @@ impl Assembler {
 
     fn node(
         &mut self,
-        unit: &mut Unit,
-        form: &At<ObjectForm>,
+        unit: &mut FileContext,
+        form: &Located<ObjectForm>,
         number: usize,
     ) -> Result<Node, SceneFileError> {
         let source = unit.source.clone();
@@ -304,7 +308,7 @@ impl Assembler {
             .name
             .as_ref()
             .map_or_else(|| format!("object {}", number + 1), |n| n.to_string());
-        let map_of = |steps: &[At<Step>]| {
+        let map_of = |steps: &[Located<Step>]| {
             map_of(steps.iter().map(|step| &**step))
                 .map_err(|(step, sentence)| source.error(steps[step].fault(sentence)))
         };
@@ -314,7 +318,7 @@ impl Assembler {
         if let Some(steps) = &form.transform_end {
             end = map_of(steps)?;
             AnimatedTransform::new(start, end)
-                .map_err(|e| source.error(steps.fault(format!("cannot be moved to: {e}"))))?;
+                .map_err(|e| source.error(steps.fault(format!("cannot be the end of a motion: {e}"))))?;
         }
         // Resolve the material, the copies and the content
         let material = match &form.material {
@@ -324,7 +328,7 @@ impl Assembler {
         let copies = copies(form).map_err(|f| source.error(f))?;
         let what = self.what(unit, form)?;
         if (form.lights || form.cameras) && form.gltf.is_none() && form.include.is_none() {
-            let sentence = "has no lights or cameras to bring along: leave `lights` and `cameras` to `gltf` and `include`";
+            let sentence = "has no lights or cameras to import: give `lights` and `cameras` only to `gltf` and `include`";
             return Err(source.error(form.fault(sentence)));
         }
         self.check_coordinates(&what, material)
@@ -337,13 +341,17 @@ impl Assembler {
             material,
             lights: form.lights,
             cameras: form.cameras,
-            lamp: form.lamp.as_ref().and_then(Lamp::of),
+            emissive: form.lamp.as_ref().and_then(EmissiveSettings::of),
             source,
             span: form.span.clone(),
         })
     }
 
-    fn what(&mut self, unit: &mut Unit, form: &At<ObjectForm>) -> Result<What, SceneFileError> {
+    fn what(
+        &mut self,
+        unit: &mut FileContext,
+        form: &Located<ObjectForm>,
+    ) -> Result<ObjectKind, SceneFileError> {
         let source = unit.source.clone();
         // Limit the recursion of this resolver
         if self.nesting > MAX_NESTING {
@@ -352,38 +360,40 @@ impl Assembler {
         }
         // Resolve the one key that is given
         match (&form.shape, &form.group, &form.gltf, &form.include) {
-            (Some(shape), None, None, None) => self.shape_of(unit, shape).map(What::Geometry),
+            (Some(shape), None, None, None) => self.shape_of(unit, shape).map(ObjectKind::Geometry),
             (None, Some(group), None, None) => {
                 // A group that is open contains itself
                 if let Some(first) = unit.open_groups.iter().position(|open| *open == **group) {
                     let ring = [&unit.open_groups[first..], &[group.to_string()]]
                         .concat()
                         .join("` in `");
-                    let sentence = format!("groups contain each other (`{ring}`): break the ring");
+                    let sentence =
+                        format!("groups contain each other (`{ring}`): remove one of these references");
                     return Err(source.error(group.fault(sentence)));
                 }
                 let known: HashMap<String, ()> = (unit.document.group.keys().chain(unit.groups.keys()))
                     .map(|name| (name.clone(), ()))
                     .collect();
                 find("group", group, &known).map_err(|f| source.error(f))?;
-                self.group(unit, group).map(What::Assembly)
+                self.group(unit, group).map(ObjectKind::ObjectTree)
             }
             (None, None, Some(file), None) => {
                 let path = unit.folder.join(&**file);
                 self.import(&path)
-                    .map(What::Import)
+                    .map(ObjectKind::Import)
                     .map_err(|sentence| source.error(file.fault(sentence)))
             }
-            (None, None, None, Some(file)) => self.include(unit, file).map(What::Assembly),
+            (None, None, None, Some(file)) => self.include(unit, file).map(ObjectKind::ObjectTree),
             _ => {
-                let sentence = "is not one thing: give exactly one of `shape`, `group`, `gltf` and `include`";
+                let sentence =
+                    "is ambiguous or incomplete: give exactly one of `shape`, `group`, `gltf` and `include`";
                 Err(source.error(form.fault(sentence)))
             }
         }
     }
 
-    fn shape_of(&mut self, unit: &Unit, shape: &At<ShapeRef>) -> Result<u32, SceneFileError> {
-        let fail = |fault: super::shape::ShapeFault| {
+    fn shape_of(&mut self, unit: &FileContext, shape: &Located<ShapeRef>) -> Result<u32, SceneFileError> {
+        let fail = |fault: super::shape::ShapeDiagnostic| {
             unit.source
                 .error_at(fault.span.unwrap_or(shape.span.clone()), fault.sentence)
         };
@@ -413,7 +423,11 @@ impl Assembler {
     }
 
     /// Returns the objects of another scene file, which is read once.
-    fn include(&mut self, unit: &Unit, file: &At<String>) -> Result<Rc<Assembly>, SceneFileError> {
+    fn include(
+        &mut self,
+        unit: &FileContext,
+        file: &Located<String>,
+    ) -> Result<Rc<ObjectTree>, SceneFileError> {
         let path = unit.folder.join(&**file);
         // Files are compared by their canonical paths
         let key = path.canonicalize().map_err(|e| {
@@ -422,24 +436,27 @@ impl Assembler {
         })?;
         // A file that is open includes itself
         if self.open_files.contains(&key) {
-            let sentence = format!("{} includes itself in the end: break the ring", path.display());
+            let sentence = format!(
+                "{} includes itself, directly or indirectly: remove the include",
+                path.display()
+            );
             return Err(unit.source.error(file.fault(sentence)));
         }
         if let Some(known) = self.includes.get(&key) {
             return Ok(known.clone());
         }
-        let assembly = self.opened(&path, key.clone())?.0;
+        let assembly = self.parse_file(&path, key.clone())?.0;
         let assembly = Rc::new(assembly);
         self.includes.insert(key, assembly.clone());
         Ok(assembly)
     }
 
-    /// Runs [`Assembler::file`] with the file marked as open, which detects circular includes.
-    pub(super) fn opened(
+    /// Runs [`Resolver::file`] with the file marked as open, which detects circular includes.
+    pub(super) fn parse_file(
         &mut self,
         path: &Path,
         key: PathBuf,
-    ) -> Result<(Assembly, Document, Rc<Source>), SceneFileError> {
+    ) -> Result<(ObjectTree, Document, Rc<Source>), SceneFileError> {
         self.open_files.push(key);
         self.nesting += 1;
         let made = self.file(path)?;
@@ -449,7 +466,7 @@ impl Assembler {
     }
 
     /// Returns the objects of a glTF file, which is read once.
-    fn import(&mut self, path: &Path) -> Result<Rc<Assembly>, String> {
+    fn import(&mut self, path: &Path) -> Result<Rc<ObjectTree>, String> {
         let key = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         if let Some(known) = self.imports.get(&key) {
             return Ok(known.clone());
@@ -465,13 +482,13 @@ impl Assembler {
             path: path.to_owned(),
             text: String::new(),
         };
-        let assembly = Rc::new(self.absorb(part, Rc::new(source)));
+        let assembly = Rc::new(self.merge(part, Rc::new(source)));
         self.imports.insert(key, assembly.clone());
         Ok(assembly)
     }
 
     /// Moves the contents of a glTF file's scene into this one; its indices are shifted behind the existing ones.
-    fn absorb(&mut self, part: Scene, source: Rc<Source>) -> Assembly {
+    fn merge(&mut self, part: Scene, source: Rc<Source>) -> ObjectTree {
         let scene = &mut self.scene;
         let geometries = scene.geometries.len() as u32;
         let materials = scene.materials.len() as u32;
@@ -518,16 +535,16 @@ impl Assembler {
                 maps: [instance.world_from_object(); 2],
                 name: instance.name,
                 copies: None,
-                what: What::Geometry(instance.geometry + geometries),
+                what: ObjectKind::Geometry(instance.geometry + geometries),
                 material: Some(instance.material + materials),
                 lights: false,
                 cameras: false,
-                lamp: None,
+                emissive: None,
                 source: source.clone(),
                 span: 0..0,
             })
             .collect();
-        Assembly {
+        ObjectTree {
             count: nodes.len() as u64,
             nodes,
             lights: part.lights,
@@ -537,9 +554,9 @@ impl Assembler {
     }
 
     /// Checks that a mesh has the texture coordinates that its object's material uses.
-    fn check_coordinates(&self, what: &What, material: Option<u32>) -> Result<(), String> {
+    fn check_coordinates(&self, what: &ObjectKind, material: Option<u32>) -> Result<(), String> {
         // Only a mesh with a material of its own can lack coordinates at this point
-        let (What::Geometry(geometry), Some(material)) = (what, material) else {
+        let (ObjectKind::Geometry(geometry), Some(material)) = (what, material) else {
             return Ok(());
         };
         let Geometry::Mesh(mesh) = &self.scene.geometries[*geometry as usize] else {
@@ -561,7 +578,7 @@ impl Assembler {
     }
 }
 
-fn lights(unit: &Unit) -> Result<Vec<Light>, SceneFileError> {
+fn lights(unit: &FileContext) -> Result<Vec<Light>, SceneFileError> {
     let forms = &unit.document.light;
     check_names(forms.iter().map(|form| form.name.as_ref()), "light").map_err(|f| unit.source.error(f))?;
     (forms.iter().enumerate())
@@ -569,7 +586,7 @@ fn lights(unit: &Unit) -> Result<Vec<Light>, SceneFileError> {
         .collect()
 }
 
-fn cameras(unit: &Unit) -> Result<Vec<Camera>, SceneFileError> {
+fn cameras(unit: &FileContext) -> Result<Vec<Camera>, SceneFileError> {
     let forms = &unit.document.camera.0;
     check_names(forms.iter().map(|form| form.name.as_ref()), "camera").map_err(|f| unit.source.error(f))?;
     (forms.iter().enumerate())
@@ -577,12 +594,15 @@ fn cameras(unit: &Unit) -> Result<Vec<Camera>, SceneFileError> {
         .collect()
 }
 
-fn check_names<'f>(names: impl Iterator<Item = Option<&'f At<String>>>, kind: &str) -> Result<(), Fault> {
+fn check_names<'f>(
+    names: impl Iterator<Item = Option<&'f Located<String>>>,
+    kind: &str,
+) -> Result<(), Diagnostic> {
     let mut taken: Vec<&str> = Vec::new();
     for name in names.flatten() {
         if taken.contains(&name.as_str()) {
             return Err(name.fault(format!(
-                "the name `{}` is taken by a {kind} before it: choose another",
+                "the name `{}` is already used by an earlier {kind}: choose another",
                 **name
             )));
         }
@@ -591,10 +611,10 @@ fn check_names<'f>(names: impl Iterator<Item = Option<&'f At<String>>>, kind: &s
     Ok(())
 }
 
-fn copies(form: &ObjectForm) -> Result<Option<Copies>, Fault> {
+fn copies(form: &ObjectForm) -> Result<Option<Copies>, Diagnostic> {
     match (&form.repeat, &form.scatter) {
         (Some(_), Some(scatter)) => {
-            Err(scatter.fault("stands beside `repeat`: give one, and a group for the other"))
+            Err(scatter.fault("cannot be combined with `repeat`: give one, and use a group for the other"))
         }
         (Some(repeat), None) => repeat.copies().map(Some).map_err(|s| repeat.fault(s)),
         (None, Some(scatter)) => scatter.copies().map(Some).map_err(|s| scatter.fault(s)),
@@ -603,7 +623,11 @@ fn copies(form: &ObjectForm) -> Result<Option<Copies>, Fault> {
 }
 
 /// Returns the value of a name; an error suggests a known name.
-pub(super) fn find<T: Copy>(kind: &str, name: &At<String>, known: &HashMap<String, T>) -> Result<T, Fault> {
+pub(super) fn find<T: Copy>(
+    kind: &str,
+    name: &Located<String>,
+    known: &HashMap<String, T>,
+) -> Result<T, Diagnostic> {
     known.get(&**name).copied().ok_or_else(|| {
         // Sorted, as the order of a hash map would change the message from run to run
         let mut names: Vec<&str> = known.keys().map(String::as_str).collect();

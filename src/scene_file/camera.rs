@@ -4,7 +4,7 @@ use glam::{DAffine3, DMat3, DVec3};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::value::{At, Vector};
+use super::value::{Located, Vector};
 use crate::scene::{Aperture, Camera, Lens, Projection, Shutter};
 
 /// A camera, by look-at (`from`, `at`, `up`, with `fov` for a perspective or `height` for a parallel projection) or by
@@ -14,7 +14,7 @@ use crate::scene::{Aperture, Camera, Lens, Projection, Shutter};
 #[serde(deny_unknown_fields)]
 pub(super) struct CameraForm {
     /// Name by which `--camera` selects it.
-    pub(super) name: Option<At<String>>,
+    pub(super) name: Option<Located<String>>,
     /// Position of the camera.
     from: Option<Vector>,
     /// Point that the camera looks at.
@@ -93,9 +93,7 @@ impl LensForm {
         let aperture = match (self.blades, self.turn) {
             (None, None) => Aperture::Disk,
             (None, Some(_)) => {
-                return Err(
-                    "has a lens with `turn` and without `blades`: give `blades` or take it away".into(),
-                );
+                return Err("has a lens with `turn` and without `blades`: give `blades` or remove it".into());
             }
             (Some(blades), turn) => Aperture::Polygon {
                 blades,
@@ -146,7 +144,7 @@ impl CameraForm {
 
     fn view(&self) -> Result<(DAffine3, Projection), String> {
         if self.eye.is_some() {
-            self.lecture()
+            self.explicit_frame()
         } else {
             self.look_at()
         }
@@ -169,16 +167,16 @@ impl CameraForm {
         }
     }
 
-    fn lecture(&self) -> Result<(DAffine3, Projection), String> {
+    fn explicit_frame(&self) -> Result<(DAffine3, Projection), String> {
         // Reject keys of the look-at form
-        let strangers = [
+        let foreign_keys = [
             (self.from.is_some(), "from"),
             (self.at.is_some(), "at"),
             (self.up.is_some(), "up"),
             (self.fov.is_some(), "fov"),
             (self.height.is_some(), "height"),
         ];
-        if let Some((_, key)) = strangers.iter().find(|(given, _)| *given) {
+        if let Some((_, key)) = foreign_keys.iter().find(|(given, _)| *given) {
             return Err(format!(
                 "has both `eye` and `{key}`: give a frame or a look-at, not both"
             ));
@@ -186,7 +184,7 @@ impl CameraForm {
         // Require all keys of the frame
         let parts = (self.eye, self.i, self.j, self.k, self.near, self.window);
         let (Some(eye), Some(i), Some(j), Some(k), Some(distance), Some([width, height])) = parts else {
-            return Err("is not whole: with `eye` give `i`, `j`, `k`, `near` and `window`".into());
+            return Err("is incomplete: with `eye` give `i`, `j`, `k`, `near` and `window`".into());
         };
         let axes = DMat3::from_cols(i.0, j.0, k.0);
         let projection = Projection::Window {
@@ -199,19 +197,19 @@ impl CameraForm {
 
     fn look_at(&self) -> Result<(DAffine3, Projection), String> {
         // Reject keys of the explicit frame
-        let strangers = [
+        let foreign_keys = [
             (self.i.is_some(), "i"),
             (self.j.is_some(), "j"),
             (self.k.is_some(), "k"),
             (self.window.is_some(), "window"),
         ];
-        if let Some((_, key)) = strangers.iter().find(|(given, _)| *given) {
-            return Err(format!("has `{key}` without `eye`: add `eye` or take it away"));
+        if let Some((_, key)) = foreign_keys.iter().find(|(given, _)| *given) {
+            return Err(format!("has `{key}` without `eye`: add `eye` or remove it"));
         }
         // Require both points of the look-at
         let (Some(from), Some(at)) = (self.from, self.at) else {
             return Err(
-                "stands nowhere: give `from` and `at`, or `eye`, `i`, `j`, `k`, `near` and `window`".into(),
+                "has no position: give `from` and `at`, or `eye`, `i`, `j`, `k`, `near` and `window`".into(),
             );
         };
         // Choose the projection
@@ -232,8 +230,9 @@ impl CameraForm {
             },
         };
         // Orient the camera
-        let axes = axes_looking_along(at.0 - from.0, up)
-            .ok_or("looks nowhere, or along `up`: move `from` or `at`, or give another `up`")?;
+        let axes = axes_looking_along(at.0 - from.0, up).ok_or(
+            "has no viewing direction, or looks along `up`: move `from` or `at`, or give another `up`",
+        )?;
         Ok((DAffine3::from_mat3_translation(axes, from.0), projection))
     }
 }
@@ -262,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_look_at_camera_and_the_lectures_frame_see_the_same() {
+    fn look_at_camera_matches_the_explicit_frame() {
         // 90 degrees high at distance 2 is a window of 4 by 4.
         let look = camera("from = [1, 2, 3]\nat = [1, 2, 0]\nfov = 90\nnear = 2").unwrap();
         let frame =
@@ -275,10 +274,10 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_is_half_one_thing_and_half_another_is_refused() {
+    fn mixed_camera_forms_are_rejected() {
         for (bad, words) in [
-            ("", "stands nowhere"),
-            ("from = [0, 0, 0]\nat = [0, 0, 0]", "looks nowhere"),
+            ("", "has no position"),
+            ("from = [0, 0, 0]\nat = [0, 0, 0]", "has no viewing direction"),
             ("from = [0, 0, 0]\nat = [0, 5, 0]", "along `up`"),
             ("from = [0, 0, 0]\nat = [0, 0, 1]\nfov = 180", "between 0 and 180"),
             (
@@ -290,7 +289,7 @@ mod tests {
                 "without `eye`",
             ),
             ("eye = [0, 0, 0]\nfov = 20", "both `eye` and `fov`"),
-            ("eye = [0, 0, 0]", "is not whole"),
+            ("eye = [0, 0, 0]", "is incomplete"),
             (
                 "eye = [0, 0, 0]\ni = [2, 0, 0]\nj = [0, 1, 0]\nk = [0, 0, 1]\nnear = 1\nwindow = [1, 1]",
                 "not orthonormal",
@@ -301,7 +300,7 @@ mod tests {
             ),
             (
                 "from = [0, 0, 0]\nat = [0, 0, 1]\nlens = { radius = 1, focus = 2, blades = 2 }",
-                "at least 3 blades",
+                "give 3 or more blades",
             ),
             (
                 "from = [0, 0, 0]\nat = [0, 0, 1]\nlens = { radius = 1, focus = 2, turn = 9 }",

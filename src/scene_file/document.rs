@@ -6,12 +6,12 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::camera::CameraForm;
-use super::light::{BackgroundForm, LampForm, LightForm};
+use super::light::{BackgroundForm, EmissiveForm, LightForm};
 use super::material::MaterialForm;
 use super::placement::{Repeat, Scatter, Step};
 use super::shape::{ShapeForm, ShapeRef};
 use super::texture::TextureForm;
-use super::value::{At, Color, OneOrMany};
+use super::value::{Color, Located, OneOrMany};
 use super::volume::{FogForm, VolumeForm};
 use crate::scene::image_settings::{
     DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS, FilterKind, Pattern,
@@ -24,7 +24,7 @@ use crate::scene::image_settings::{
 pub(super) struct Document {
     /// Image settings; the command line overrides them.
     #[serde(default)]
-    pub(super) output: Option<At<OutputForm>>,
+    pub(super) output: Option<Located<OutputForm>>,
     /// Constant ambient radiance Ia that surfaces receive from all directions; black if absent.
     pub(super) ambient: Option<Color>,
     /// Radiance of rays that miss the scene; the ambient light if absent.
@@ -34,28 +34,28 @@ pub(super) struct Document {
     #[schemars(with = "Option<OneOrMany<CameraForm>>")]
     pub(super) camera: OneOrMany<CameraForm>,
     /// A medium that fills all space.
-    pub(super) fog: Option<At<FogForm>>,
+    pub(super) fog: Option<Located<FogForm>>,
     /// Volumes such as smoke, fire and scans.
     #[serde(default)]
-    pub(super) volume: Vec<At<VolumeForm>>,
+    pub(super) volume: Vec<Located<VolumeForm>>,
     /// Lights that illuminate the scene.
     #[serde(default)]
-    pub(super) light: Vec<At<LightForm>>,
+    pub(super) light: Vec<Located<LightForm>>,
     /// Materials by their names.
     #[serde(default)]
-    pub(super) material: BTreeMap<String, At<MaterialForm>>,
+    pub(super) material: BTreeMap<String, Located<MaterialForm>>,
     /// Textures by their names.
     #[serde(default)]
-    pub(super) texture: BTreeMap<String, At<TextureForm>>,
+    pub(super) texture: BTreeMap<String, Located<TextureForm>>,
     /// Shapes by name, for objects that share one.
     #[serde(default)]
-    pub(super) shape: BTreeMap<String, At<ShapeForm>>,
+    pub(super) shape: BTreeMap<String, Located<ShapeForm>>,
     /// Groups of objects by name, for objects that place them.
     #[serde(default)]
-    pub(super) group: BTreeMap<String, At<GroupForm>>,
+    pub(super) group: BTreeMap<String, Located<GroupForm>>,
     /// Objects in the world.
     #[serde(default)]
-    pub(super) object: Vec<At<ObjectForm>>,
+    pub(super) object: Vec<Located<ObjectForm>>,
 }
 
 /// Image settings; the command line overrides them.
@@ -92,7 +92,7 @@ pub(super) struct OutputForm {
 #[serde(deny_unknown_fields)]
 pub(super) struct GroupForm {
     /// Objects of the group.
-    pub(super) object: Vec<At<ObjectForm>>,
+    pub(super) object: Vec<Located<ObjectForm>>,
 }
 
 /// An object in the world: exactly one of `shape`, `group`, `gltf` and `include`, with its transform.
@@ -100,27 +100,27 @@ pub(super) struct GroupForm {
 #[serde(deny_unknown_fields)]
 pub(super) struct ObjectForm {
     /// Name of the object in messages.
-    pub(super) name: Option<At<String>>,
+    pub(super) name: Option<Located<String>>,
     /// A shape, or the name of one.
-    pub(super) shape: Option<At<ShapeRef>>,
+    pub(super) shape: Option<Located<ShapeRef>>,
     /// The name of a group.
-    pub(super) group: Option<At<String>>,
+    pub(super) group: Option<Located<String>>,
     /// A .gltf or .glb file, relative to this one, with its meshes and materials.
-    pub(super) gltf: Option<At<String>>,
+    pub(super) gltf: Option<Located<String>>,
     /// Another scene file, relative to this one, with its objects; names in it are its own.
-    pub(super) include: Option<At<String>>,
+    pub(super) include: Option<Located<String>>,
     /// The name of its material. Members of a group or an include keep their own; a glTF file's are replaced.
-    pub(super) material: Option<At<String>>,
+    pub(super) material: Option<Located<String>>,
     /// Transforms of the object, applied in the order written.
     #[serde(default)]
-    pub(super) transform: Vec<At<Step>>,
+    pub(super) transform: Vec<Located<Step>>,
     /// Transforms of the object at the end of its motion, which make it move: the origin of its own space along a line,
     /// its scale evenly, its rotation evenly the short way round, so by less than half a turn.
-    pub(super) transform_end: Option<At<Vec<At<Step>>>>,
+    pub(super) transform_end: Option<Located<Vec<Located<Step>>>>,
     /// Copies in a row, grid or block.
-    pub(super) repeat: Option<At<Repeat>>,
+    pub(super) repeat: Option<Located<Repeat>>,
     /// Copies at random positions in a box.
-    pub(super) scatter: Option<At<Scatter>>,
+    pub(super) scatter: Option<Located<Scatter>>,
     /// Import of the lights of a glTF file or an include with the object.
     #[serde(default)]
     pub(super) lights: bool,
@@ -130,5 +130,5 @@ pub(super) struct ObjectForm {
     /// Illumination of the scene by the object's emission, on both sides: the number of points on each emissive object
     /// that every shading point samples, for each sample of a pixel; `true` for the default number of a light.
     /// Otherwise the emission is only visible.
-    pub(super) lamp: Option<At<LampForm>>,
+    pub(super) lamp: Option<Located<EmissiveForm>>,
 }

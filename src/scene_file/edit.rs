@@ -69,31 +69,31 @@ impl Edit {
             return Err(format!("the scene has no `{first}`: {}", advice(first, &known)));
         }
         // Follow the inner words to the table or list that holds the last one
-        let mut place = &mut scene[first];
+        let mut current = &mut scene[first];
         for (depth, word) in between.iter().enumerate() {
-            place = self.step_to(place, (depth + 1, word))?;
+            current = self.step_to(current, (depth + 1, word))?;
         }
         // Insert into a table, replace in a list
-        if let Value::Table(table) = place {
+        if let Value::Table(table) = current {
             table.insert(last.clone(), self.value.clone());
             return Ok(());
         }
-        *self.step_to(place, (self.key.len() - 1, last))? = self.value.clone();
+        *self.step_to(current, (self.key.len() - 1, last))? = self.value.clone();
         Ok(())
     }
 
-    /// Returns the value of the next word `word` in `place`, to which the first `depth` words lead.
+    /// Returns the value of the next word `word` in `current`, to which the first `depth` words lead.
     fn step_to<'v>(
         &self,
-        place: &'v mut Value,
+        current: &'v mut Value,
         (depth, word): (usize, &str),
     ) -> Result<&'v mut Value, String> {
-        match index(place, word) {
-            Some(Index::Key) => Ok(&mut place[word]),
-            Some(Index::Number(number)) => Ok(&mut place[number]),
+        match index(current, word) {
+            Some(Index::Key) => Ok(&mut current[word]),
+            Some(Index::Number(number)) => Ok(&mut current[number]),
             None => {
                 let so_far = self.key[..depth].join(".");
-                let advice = advice(word, &names(place));
+                let advice = advice(word, &names(current));
                 Err(format!("`{so_far}` of the scene has no `{word}`: {advice}"))
             }
         }
@@ -111,8 +111,8 @@ fn advice(word: &str, known: &[&str]) -> String {
 }
 
 /// Returns the keys of a table, or the names in a list of tables.
-fn names(place: &Value) -> Vec<&str> {
-    match place {
+fn names(current: &Value) -> Vec<&str> {
+    match current {
         Value::Table(table) => table.keys().map(String::as_str).collect(),
         Value::Array(list) => list
             .iter()
@@ -129,8 +129,8 @@ enum Index {
 }
 
 /// Returns the position of `word` in a table or a list; `None` if it is absent.
-fn index(place: &Value, word: &str) -> Option<Index> {
-    match place {
+fn index(current: &Value, word: &str) -> Option<Index> {
+    match current {
         Value::Table(table) => table.contains_key(word).then_some(Index::Key),
         Value::Array(list) => {
             let is_called = |value: &Value| value.get("name").and_then(Value::as_str) == Some(word);
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_lead_through_tables_names_and_numbers() {
+    fn keys_address_tables_names_and_numbers() {
         let value = Value::Integer(7);
         // Keys of top-level values, of tables and of lists
         assert_eq!(edited("ambient", value.clone()).unwrap()["ambient"], value);
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_that_lead_nowhere_are_told() {
+    fn keys_that_address_nothing_are_reported() {
         for (key, word) in [
             (
                 "light.moon.intensity",

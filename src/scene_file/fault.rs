@@ -7,7 +7,7 @@ use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue};
 
 use super::node::{TomlError, from_text};
-use super::value::At;
+use super::value::Located;
 
 /// Reason why a scene file could not become a scene: one sentence with the file, the position, the item and the remedy.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -38,23 +38,23 @@ pub enum SceneFileError {
 
 /// A fault at a position of some file.
 #[derive(Clone, Debug)]
-pub(crate) struct Fault {
+pub(crate) struct Diagnostic {
     span: Range<usize>,
     sentence: String,
 }
 
 #[cfg(test)]
-impl Fault {
+impl Diagnostic {
     /// Returns the description of the fault and its remedy.
     pub(crate) fn sentence(&self) -> &str {
         &self.sentence
     }
 }
 
-impl<T> At<T> {
+impl<T> Located<T> {
     /// Returns a fault at the position of this value.
-    pub(crate) fn fault(&self, sentence: impl Into<String>) -> Fault {
-        Fault {
+    pub(crate) fn fault(&self, sentence: impl Into<String>) -> Diagnostic {
+        Diagnostic {
             span: self.span.clone(),
             sentence: sentence.into(),
         }
@@ -70,7 +70,7 @@ pub(crate) struct Source {
 
 impl Source {
     /// Returns the error for a fault at its position in this file.
-    pub(crate) fn error(&self, fault: Fault) -> SceneFileError {
+    pub(crate) fn error(&self, fault: Diagnostic) -> SceneFileError {
         self.error_at(fault.span, fault.sentence)
     }
 
@@ -164,7 +164,7 @@ fn reworded(message: &str) -> String {
         return format!("has {found} elements: give {}", in_words(wanted));
     }
     if message.starts_with("wanted exactly 1 element") {
-        return "is not one thing: give exactly one key".into();
+        return "is ambiguous or incomplete: give exactly one key".into();
     }
     message.to_owned()
 }
@@ -187,16 +187,16 @@ fn in_words(wanted: &str) -> &str {
 /// Returns advice on what may have been meant instead of `word`.
 pub(super) fn suggestion(word: &str, known: &[&str]) -> String {
     // With one error per three letters the intended word is still recognisable.
-    let most_slips = word.chars().count() / 3 + 1;
+    let max_edits = word.chars().count() / 3 + 1;
     // Find the known word with the fewest edits
     let near = known
         .iter()
         .map(|other| (strsim::damerau_levenshtein(word, other), other))
-        .filter(|(slips, _)| *slips <= most_slips)
+        .filter(|(edits, _)| *edits <= max_edits)
         .min();
     match (near, known) {
         (Some((_, near)), _) => format!("did you mean `{near}`?"),
-        (None, []) => "take it away".into(),
+        (None, []) => "remove it".into(),
         (None, known) => format!("give one of `{}`", known.join("`, `")),
     }
 }
@@ -268,7 +268,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_item_is_named_by_the_keys_that_lead_to_it() {
+    fn item_is_named_by_its_key_path() {
         let text = "[material.red]\ncolor = 1\n[[object]]\nshape = 'a'\n[[object]]\ntransform = [{ scale = 1 }, { scale = 0 }]\n";
         let item = |word: &str| item_at(text, text.rfind(word).unwrap());
         assert_eq!(item("color"), "material.red.color");
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn a_near_word_is_suggested_and_a_far_one_is_not() {
+    fn similar_words_are_suggested_and_others_are_not() {
         let known = ["color", "intensity", "range"];
         let suggest = |word| suggestion(word, &known);
         assert_eq!(suggest("colour"), "did you mean `color`?");
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_and_columns_are_counted_from_one_in_characters() {
+    fn lines_and_columns_count_characters_from_one() {
         let source = Source {
             path: "a.toml".into(),
             text: "# ä\n'ö' = 1".into(),

@@ -6,10 +6,10 @@ use std::path::Path;
 use glam::{DAffine3, DMat3};
 
 use super::SceneFileError;
-use super::assembly::{Assembly, Lamp, Node, What};
+use super::assembly::{EmissiveSettings, Node, ObjectKind, ObjectTree};
 use super::fault::file_error;
 use super::placement::Copies;
-use crate::gltf::{dropped_sentence, framing_camera};
+use crate::gltf::{default_camera, describe_removed};
 use crate::numeric::{Bounds, MotionError};
 use crate::scene::{AreaShape, Camera, Geometry, Instance, Light, LightKind, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
@@ -34,7 +34,7 @@ impl Inherited {
 /// Adds the objects of `assembly` to the scene; `default_material` is that of objects without one.
 pub(super) fn flatten(
     scene: &mut Scene,
-    assembly: &Assembly,
+    assembly: &ObjectTree,
     default_material: u32,
 ) -> Result<(), SceneFileError> {
     scene.instances.reserve(assembly.count as usize);
@@ -49,7 +49,7 @@ pub(super) fn flatten(
 
 fn place_assembly(
     scene: &mut Scene,
-    assembly: &Assembly,
+    assembly: &ObjectTree,
     inherited: Inherited,
 ) -> Result<(), SceneFileError> {
     // Add lights, cameras and volumes
@@ -57,14 +57,14 @@ fn place_assembly(
         let lights = assembly
             .lights
             .iter()
-            .map(|light| moved_light(light, &inherited.world[0]));
+            .map(|light| transformed_light(light, &inherited.world[0]));
         scene.lights.extend(lights);
     }
     if inherited.cameras {
         let cameras = assembly.cameras.iter();
         scene
             .cameras
-            .extend(cameras.filter_map(|camera| moved_camera(camera, &inherited.world)));
+            .extend(cameras.filter_map(|camera| transformed_camera(camera, &inherited.world)));
     }
     place_volumes(scene, assembly, &inherited)?;
     // Add every copy of every object
@@ -93,7 +93,7 @@ const MAX_VOLUMES: usize = 4096;
 
 fn place_volumes(
     scene: &mut Scene,
-    assembly: &Assembly,
+    assembly: &ObjectTree,
     inherited: &Inherited,
 ) -> Result<(), SceneFileError> {
     for volume in &assembly.volumes {
@@ -101,7 +101,7 @@ fn place_volumes(
         // Volumes have one transform for all times
         if inherited.moves() {
             return Err(fail(
-                "is in something that moves, and volumes cannot: take away its `transform_end`".into(),
+                "is part of something that moves, and volumes cannot move: remove the `transform_end`".into(),
             ));
         }
         if scene.volumes.len() == MAX_VOLUMES {
@@ -120,21 +120,21 @@ fn place_volumes(
 
 fn place_node(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), SceneFileError> {
     // Reject moving lights
-    if let What::Assembly(assembly) | What::Import(assembly) = &node.what
+    if let ObjectKind::ObjectTree(assembly) | ObjectKind::Import(assembly) = &node.what
         && inside.moves()
         && inside.lights
         && !assembly.lights.is_empty()
     {
         let sentence =
-            "moves, and the lights that come with it cannot: take away `lights` or its `transform_end`";
+            "moves, and the lights that it imports cannot move: remove `lights` or its `transform_end`";
         return Err(node.source.error_at(node.span.clone(), sentence.into()));
     }
     let first = scene.instances.len();
     let lights = scene.lights.len();
     // Add the instances, then the lights on their emissive surfaces
-    place_what(scene, node, inside)?;
-    match &node.lamp {
-        Some(lamp) => light_lamps(scene, (node, lamp), (first, lights)),
+    place_content(scene, node, inside)?;
+    match &node.emissive {
+        Some(emissive) => add_emissive_lights(scene, (node, emissive), (first, lights)),
         None => Ok(()),
     }
 }
@@ -142,69 +142,78 @@ fn place_node(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), S
 /// Adds lights to the emissive instances from index `first` on. Those that lights from index `lights` on already lie on
 /// keep them. An instance that cannot be a light is an error if the object is that geometry itself, and a warning
 /// otherwise.
-fn light_lamps(
+fn add_emissive_lights(
     scene: &mut Scene,
-    (node, lamp): (&Node, &Lamp),
+    (node, emissive): (&Node, &EmissiveSettings),
     (first, lights): (usize, usize),
 ) -> Result<(), SceneFileError> {
-    let fail = |sentence: String| node.source.error_at(lamp.span.clone(), sentence);
+    let fail = |sentence: String| node.source.error_at(emissive.span.clone(), sentence);
     // Skip instances that have a light already, and those without emission
-    let taken: HashSet<u32> = scene.lights[lights..].iter().filter_map(Light::lamp).collect();
-    let mut shines = !taken.is_empty();
+    let taken: HashSet<u32> = scene.lights[lights..]
+        .iter()
+        .filter_map(Light::emissive_instance)
+        .collect();
+    let mut is_emissive = !taken.is_empty();
     for instance in first as u32..scene.instances.len() as u32 {
         let placed = &scene.instances[instance as usize];
-        if taken.contains(&instance) || !scene.materials[placed.material as usize].shines() {
+        if taken.contains(&instance) || !scene.materials[placed.material as usize].is_emissive() {
             continue;
         }
         let name = placed.name.clone();
-        shines = true;
-        let Err(fault) = scene.add_emissive_light(instance, lamp.samples) else {
+        is_emissive = true;
+        let Err(fault) = scene.add_emissive_light(instance, emissive.samples) else {
             continue;
         };
         // Report an instance that cannot be a light
-        if matches!(node.what, What::Geometry(_)) {
-            return Err(fail(format!("cannot be a lamp, as {fault}")));
+        if matches!(node.what, ObjectKind::Geometry(_)) {
+            return Err(fail(format!("cannot be an area light, because {fault}")));
         }
-        let warning = format!("{name} of {} only glows, as {fault}", node.name);
+        let warning = format!(
+            "{name} of {} emits but lights nothing, because {fault}",
+            node.name
+        );
         if !scene.warnings.contains(&warning) {
             scene.warnings.push(warning);
         }
     }
     // An object without any emission is an error
-    if shines {
+    if is_emissive {
         return Ok(());
     }
-    let sentence =
-        "is a lamp of which nothing shines: give its material an `emission` over 0 or take `lamp` away";
+    let sentence = "has `lamp`, but none of its surfaces emits light: give its material an `emission` over 0 or remove `lamp`";
     Err(fail(sentence.into()))
 }
 
-fn place_what(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), SceneFileError> {
+fn place_content(scene: &mut Scene, node: &Node, inside: Inherited) -> Result<(), SceneFileError> {
     match &node.what {
-        What::Geometry(geometry) => {
+        ObjectKind::Geometry(geometry) => {
             let instance = Instance::moving(node.name.clone(), *geometry, inside.material, inside.world)
                 .map_err(|e| {
                     let sentence = match e {
                         MotionError::Singular(e) => {
-                            format!("with all that it is in, {e}: scale less extremely")
+                            format!("with the transforms of all its groups, {e}: scale less extremely")
                         }
-                        MotionError::Mirrored => format!("with all that it is in, {e}"),
+                        MotionError::Mirrored => format!("with the transforms of all its groups, {e}"),
                     };
                     node.source.error_at(node.span.clone(), sentence)
                 })?;
             scene.instances.push(instance);
             Ok(())
         }
-        What::Assembly(assembly) => place_assembly(scene, assembly, inside),
-        What::Import(assembly) => match node.material {
+        ObjectKind::ObjectTree(assembly) => place_assembly(scene, assembly, inside),
+        ObjectKind::Import(assembly) => match node.material {
             None => place_assembly(scene, assembly, inside),
-            Some(_) => place_repainted(scene, assembly, inside),
+            Some(_) => place_with_material(scene, assembly, inside),
         },
     }
 }
 
 /// Adds the objects of a glTF file with their materials replaced by the object's.
-fn place_repainted(scene: &mut Scene, assembly: &Assembly, inside: Inherited) -> Result<(), SceneFileError> {
+fn place_with_material(
+    scene: &mut Scene,
+    assembly: &ObjectTree,
+    inside: Inherited,
+) -> Result<(), SceneFileError> {
     let first = scene.instances.len();
     place_assembly(scene, assembly, inside)?;
     // Replace the materials of all instances that were just added
@@ -215,7 +224,7 @@ fn place_repainted(scene: &mut Scene, assembly: &Assembly, inside: Inherited) ->
 }
 
 /// Returns the light transformed by `world`. Its intensity and its range stay.
-fn moved_light(light: &Light, world: &DAffine3) -> Light {
+fn transformed_light(light: &Light, world: &DAffine3) -> Light {
     // A direction that the map collapses to zero is kept.
     let turned = |v| world.transform_vector3(v).try_normalize().unwrap_or(v);
     let kind = match light.kind {
@@ -240,7 +249,7 @@ fn moved_light(light: &Light, world: &DAffine3) -> Light {
             falloff,
         },
         LightKind::Area { shape, samples } => LightKind::Area {
-            shape: moved_shape(shape, world),
+            shape: transformed_shape(shape, world),
             samples,
         },
     };
@@ -252,7 +261,7 @@ fn moved_light(light: &Light, world: &DAffine3) -> Light {
 
 /// Returns the shape transformed by `world`: flat ones emit to the same side of the scene after mirroring, and a sphere
 /// stays a sphere, of the volume that the map gives it.
-fn moved_shape(shape: AreaShape, world: &DAffine3) -> AreaShape {
+fn transformed_shape(shape: AreaShape, world: &DAffine3) -> AreaShape {
     let at = |p| world.transform_point3(p);
     // A mirroring map exchanges u and v, so that u × v keeps its side
     let turned = |u, v| {
@@ -298,7 +307,7 @@ fn moved_shape(shape: AreaShape, world: &DAffine3) -> AreaShape {
 
 /// Returns the camera transformed by `world` without scale, shear and mirroring: the view axis keeps its direction, and
 /// up is made orthogonal to it.
-fn moved_camera(camera: &Camera, world: &[DAffine3; 2]) -> Option<Camera> {
+fn transformed_camera(camera: &Camera, world: &[DAffine3; 2]) -> Option<Camera> {
     let [start, end] = *world;
     // A camera at rest moves if something around it does
     let world_from_camera = rigid(&start, &camera.world_from_camera)?;
@@ -339,7 +348,7 @@ pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileEr
     for (name, dropped) in scene.bake_single_uses() {
         scene
             .warnings
-            .push(format!("{name} {}", dropped_sentence(dropped)));
+            .push(format!("{name} {}", describe_removed(dropped)));
     }
     scene.remove_empty_meshes();
     if scene.instances.is_empty() && scene.volumes.is_empty() {
@@ -358,7 +367,7 @@ pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileEr
                 "has no camera and nothing finite to frame: add a [camera]",
             ));
         }
-        scene.cameras.push(framing_camera(&finite));
+        scene.cameras.push(default_camera(&finite));
     }
     // Validate the scene, then fold constant textures
     match scene.validate() {

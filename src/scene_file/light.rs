@@ -8,7 +8,7 @@ use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Error, IntoDeserializer, MapAccess, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer};
 
-use super::value::{At, Color, Vector};
+use super::value::{Color, Located, Vector};
 use crate::scene::{AreaShape, Background, Falloff, Light, LightKind, MAX_LIGHT_SAMPLES};
 
 /// A light: a punctual one, or an area light, whose own surface is invisible.
@@ -16,7 +16,7 @@ use crate::scene::{AreaShape, Background, Falloff, Light, LightKind, MAX_LIGHT_S
 #[serde(deny_unknown_fields)]
 pub(super) struct LightForm {
     /// Name of the light in messages.
-    pub(super) name: Option<At<String>>,
+    pub(super) name: Option<Located<String>>,
     /// `point`, `directional` or `spot`; `quad`, `disk` or `sphere` for area lights with soft shadows.
     kind: Kind,
     /// Colour, a factor on the intensity.
@@ -82,12 +82,12 @@ const OUTER: f64 = 45.0;
 
 /// Number of points of an emissive object that shading points sample; `None` if the object does not light the scene.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct LampForm(pub(super) Option<u32>);
+pub(super) struct EmissiveForm(pub(super) Option<u32>);
 
-struct LampVisitor;
+struct EmissiveVisitor;
 
-impl Visitor<'_> for LampVisitor {
-    type Value = LampForm;
+impl Visitor<'_> for EmissiveVisitor {
+    type Value = EmissiveForm;
 
     fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
         write!(
@@ -96,25 +96,25 @@ impl Visitor<'_> for LampVisitor {
         )
     }
 
-    fn visit_bool<E: Error>(self, is_lamp: bool) -> Result<LampForm, E> {
-        Ok(LampForm(is_lamp.then_some(SAMPLES)))
+    fn visit_bool<E: Error>(self, is_emissive: bool) -> Result<EmissiveForm, E> {
+        Ok(EmissiveForm(is_emissive.then_some(SAMPLES)))
     }
 
-    fn visit_i64<E: Error>(self, number: i64) -> Result<LampForm, E> {
+    fn visit_i64<E: Error>(self, number: i64) -> Result<EmissiveForm, E> {
         match u32::try_from(number) {
-            Ok(samples @ 1..=MAX_LIGHT_SAMPLES) => Ok(LampForm(Some(samples))),
+            Ok(samples @ 1..=MAX_LIGHT_SAMPLES) => Ok(EmissiveForm(Some(samples))),
             _ => Err(E::invalid_value(Unexpected::Signed(number), &self)),
         }
     }
 }
 
-impl<'de> Deserialize<'de> for LampForm {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<LampForm, D::Error> {
-        deserializer.deserialize_any(LampVisitor)
+impl<'de> Deserialize<'de> for EmissiveForm {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<EmissiveForm, D::Error> {
+        deserializer.deserialize_any(EmissiveVisitor)
     }
 }
 
-impl JsonSchema for LampForm {
+impl JsonSchema for EmissiveForm {
     fn schema_name() -> Cow<'static, str> {
         "Lamp".into()
     }
@@ -192,18 +192,18 @@ impl LightForm {
         // Collect the keys that the kind of light needs
         let kind = match self.kind {
             Kind::Directional => LightKind::Directional {
-                to_light: -self.aim()?,
+                to_light: -self.unit_direction()?,
             },
             Kind::Point => LightKind::Point {
-                position: self.place()?,
-                falloff: self.fall()?,
+                position: self.required_position()?,
+                falloff: self.make_falloff()?,
             },
             Kind::Spot => LightKind::Spot {
-                position: self.place()?,
-                direction: self.aim()?,
+                position: self.required_position()?,
+                direction: self.unit_direction()?,
                 cos_inner: self.inner.unwrap_or(INNER).to_radians().cos(),
                 cos_outer: self.outer.unwrap_or(OUTER).to_radians().cos(),
-                falloff: self.fall()?,
+                falloff: self.make_falloff()?,
             },
             Kind::Quad | Kind::Disk | Kind::Sphere => LightKind::Area {
                 shape: self.shape()?,
@@ -245,7 +245,7 @@ impl LightForm {
         for (given, key, kinds) in keys {
             if given && !kinds.contains(&self.kind) {
                 return Err(format!(
-                    "a {:?} light has no `{key}`: take it away or give another `kind`",
+                    "a {:?} light has no `{key}`: remove it or give another `kind`",
                     self.kind
                 )
                 .to_lowercase());
@@ -263,7 +263,7 @@ impl LightForm {
 
     /// Returns the shape of an area light.
     fn shape(&self) -> Result<AreaShape, String> {
-        let center = self.place()?;
+        let center = self.required_position()?;
         // A quad by its sides
         if self.kind == Kind::Quad {
             let (Some(u), Some(v)) = (self.u, self.v) else {
@@ -278,7 +278,7 @@ impl LightForm {
         // A disk or a sphere by its radius
         let radius = self
             .radius
-            .ok_or("has no extent: give its `radius`, or make it a `point`")?;
+            .ok_or("has no size: give its `radius`, or make it a `point`")?;
         if !(radius > 0.0 && radius.is_finite()) {
             return Err(format!("its radius is {radius}: give a positive one, in metres"));
         }
@@ -286,7 +286,7 @@ impl LightForm {
             return Ok(AreaShape::Sphere { center, radius });
         }
         // Any orthonormal pair spans the disk; their cross product is its direction
-        let (half_u, half_v) = self.aim()?.any_orthonormal_pair();
+        let (half_u, half_v) = self.unit_direction()?.any_orthonormal_pair();
         Ok(AreaShape::Disk {
             center,
             half_u: radius * half_u,
@@ -294,28 +294,28 @@ impl LightForm {
         })
     }
 
-    fn place(&self) -> Result<glam::DVec3, String> {
+    fn required_position(&self) -> Result<glam::DVec3, String> {
         self.position
             .map(|p| p.0)
-            .ok_or_else(|| "stands nowhere: give its `position`".into())
+            .ok_or_else(|| "has no position: give its `position`".into())
     }
 
-    fn aim(&self) -> Result<glam::DVec3, String> {
+    fn unit_direction(&self) -> Result<glam::DVec3, String> {
         let direction = match (self.direction, self.at) {
             (Some(_), Some(_)) => {
                 return Err("has both `direction` and `at`: give one".into());
             }
             (Some(direction), None) => direction.0,
             // Aim from the light's position
-            (None, Some(at)) => at.0 - self.place()?,
-            (None, None) => return Err("points nowhere: give its `direction`".into()),
+            (None, Some(at)) => at.0 - self.required_position()?,
+            (None, None) => return Err("has no direction: give its `direction`".into()),
         };
         direction
             .try_normalize()
             .ok_or_else(|| "has a direction without length: give another".into())
     }
 
-    fn fall(&self) -> Result<Falloff, String> {
+    fn make_falloff(&self) -> Result<Falloff, String> {
         // Only physical falloff can have a range
         let falloff = match self.falloff.unwrap_or(FalloffForm::Physical) {
             FalloffForm::Physical => return Ok(Falloff::InverseSquare { range: self.range }),
@@ -328,7 +328,7 @@ impl LightForm {
         };
         if self.range.is_some() {
             return Err(
-                "has a `range` that its `falloff` does not know: take it away or make it \"physical\"".into(),
+                "has a `range` that its `falloff` does not support: remove it or make it \"physical\"".into(),
             );
         }
         Ok(falloff)
@@ -354,7 +354,7 @@ pub(super) struct Surroundings {
     /// Radiance straight down; as `horizon` if absent.
     down: Option<Color>,
     /// An .hdr or .exr file, relative to this one, twice as wide as high: its top row is up, its middle at -z.
-    pub(super) environment: Option<At<String>>,
+    pub(super) environment: Option<Located<String>>,
     /// Degrees that the image is turned by about +y, counter-clockwise as seen from above.
     #[schemars(extend("default" = 0.0))]
     turn: Option<f64>,
@@ -417,7 +417,7 @@ impl JsonSchema for BackgroundForm {
 
 impl BackgroundForm {
     /// Returns the file of the environment map, if there is one.
-    pub(super) fn file(&self) -> Option<&At<String>> {
+    pub(super) fn file(&self) -> Option<&Located<String>> {
         match self {
             BackgroundForm::Uniform(_) => None,
             BackgroundForm::Table(table) => table.environment.as_ref(),
@@ -438,7 +438,7 @@ impl Surroundings {
         let (horizon, up) = (self.horizon, self.up);
         // Exactly one group of keys may be given
         let has_gradient = horizon.is_some() || up.is_some() || self.down.is_some();
-        let has_knobs = self.turn.is_some() || self.scale.is_some() || self.samples.is_some();
+        let has_environment_keys = self.turn.is_some() || self.scale.is_some() || self.samples.is_some();
         match (&self.environment, horizon, up) {
             (Some(_), ..) if !has_gradient => Ok(Background::Environment {
                 image,
@@ -446,12 +446,14 @@ impl Surroundings {
                 scale: self.scale.unwrap_or(1.0) as f32,
                 samples: self.samples.unwrap_or(SAMPLES),
             }),
-            (None, Some(horizon), Some(up)) if !has_knobs => Ok(Background::Gradient {
+            (None, Some(horizon), Some(up)) if !has_environment_keys => Ok(Background::Gradient {
                 horizon: horizon.0,
                 up: up.0,
                 down: self.down.unwrap_or(horizon).0,
             }),
-            _ => Err("the background is not one thing: give `horizon` and `up`, or `environment`".into()),
+            _ => Err(
+                "the background is ambiguous or incomplete: give `horizon` and `up`, or `environment`".into(),
+            ),
         }
     }
 }
@@ -466,7 +468,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spot_light_points_at_what_it_is_pointed_at() {
+    fn spot_light_points_at_its_target() {
         let spot =
             light("kind = 'spot'\nposition = [0, 4, 0]\nat = [0, 1, 0]\ninner = 0\nouter = 60").unwrap();
         let LightKind::Spot {
@@ -480,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn flat_lights_shine_to_where_they_are_pointed() {
+    fn flat_lights_emit_towards_their_target() {
         let front = |text: &str| match light(text).unwrap().kind {
             LightKind::Area {
                 shape: AreaShape::Quad { half_u, half_v, .. } | AreaShape::Disk { half_u, half_v, .. },
@@ -500,7 +502,7 @@ mod tests {
     }
 
     #[test]
-    fn a_background_is_a_gradient_or_a_map() {
+    fn background_is_a_gradient_or_an_environment_map() {
         #[derive(Deserialize)]
         struct File {
             b: BackgroundForm,
@@ -522,12 +524,15 @@ mod tests {
             "b = { environment = 'sky.hdr', up = 1 }",
             "b = { horizon = 1, up = 1, turn = 3 }",
         ] {
-            assert!(background(bad).unwrap_err().contains("not one thing"), "{bad}");
+            assert!(
+                background(bad).unwrap_err().contains("ambiguous or incomplete"),
+                "{bad}"
+            );
         }
     }
 
     #[test]
-    fn a_light_of_one_kind_has_no_keys_of_another() {
+    fn light_rejects_keys_of_other_kinds() {
         for (bad, words) in [
             (
                 "kind = 'directional'\ndirection = [0, -1, 0]\nposition = [0, 1, 0]",
@@ -537,19 +542,19 @@ mod tests {
                 "kind = 'point'\nposition = [0, 1, 0]\ninner = 3",
                 "has no `inner`",
             ),
-            ("kind = 'point'", "stands nowhere"),
+            ("kind = 'point'", "has no position"),
             (
                 "kind = 'sphere'\nposition = [0, 1, 0]\nu = [1, 0, 0]",
                 "has no `u`",
             ),
-            ("kind = 'sphere'\nposition = [0, 1, 0]", "has no extent"),
+            ("kind = 'sphere'\nposition = [0, 1, 0]", "has no size"),
             (
                 "kind = 'disk'\nposition = [0, 1, 0]\nradius = 0\nat = [0, 0, 0]",
                 "its radius is 0",
             ),
             (
                 "kind = 'sphere'\nposition = [0, 1, 0]\nradius = 1\nsamples = 0",
-                "asks for 0 samples",
+                "has 0 samples",
             ),
             (
                 "kind = 'quad'\nposition = [0, 1, 0]\nu = [1, 0, 0]\nv = [2, 0, 0]",
@@ -563,7 +568,7 @@ mod tests {
             ),
             (
                 "kind = 'point'\nposition = [0, 1, 0]\nfalloff = [0, 0, 0]",
-                "makes no sense",
+                "cone is invalid",
             ),
             (
                 "kind = 'spot'\nposition = [0, 1, 0]\nat = [0, 0, 0]\ninner = 50",

@@ -5,10 +5,10 @@ use serde::Deserialize;
 
 use super::medium::{CauchyForm, Glass, SellmeierForm};
 use super::scattering::SubsurfaceForm;
-use super::value::{At, Color, NoValue, Param, Rgba, Textured};
+use super::value::{Color, Located, NoValue, Param, Rgba, Textured};
 use crate::optics::Conductor;
 use crate::scene::{
-    AlphaMode, Lecture, MAX_ROUGH_RAYS, Material, MaterialInput, MetallicRoughness, Model, UvTransform,
+    AlphaMode, MAX_ROUGH_RAYS, Material, MaterialInput, MetallicRoughness, Model, Phong, UvTransform,
 };
 
 /// Description of a surface. Every parameter that may have a texture is a value, or `{ texture = "NAME", value = ...
@@ -95,11 +95,11 @@ pub(super) struct MaterialForm {
     pub(super) thin: Option<bool>,
     /// Subsurface scattering: diffuse light that enters, is scattered inside and leaves elsewhere, as in milk, marble
     /// and wax; the base colour tints it.
-    pub(super) subsurface: Option<At<SubsurfaceForm>>,
+    pub(super) subsurface: Option<Located<SubsurfaceForm>>,
     /// Fraction of the diffuse light that leaves on the other side of a thin surface such as a leaf, 0 to 1.
-    pub(super) translucency: Option<At<f32>>,
+    pub(super) translucency: Option<Located<f32>>,
     /// Colour of the light that leaves on the other side; the base colour if absent.
-    pub(super) translucency_color: Option<At<Color>>,
+    pub(super) translucency_color: Option<Located<Color>>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, JsonSchema)]
@@ -107,7 +107,8 @@ pub(super) struct MaterialForm {
 enum ModelName {
     #[default]
     MetallicRoughness,
-    Lecture,
+    #[serde(rename = "lecture")]
+    Phong,
     Unlit,
 }
 
@@ -152,7 +153,7 @@ impl Metal {
 /// A texture on a material input, by the texture's name.
 pub(super) struct LayerForm<'f> {
     pub(super) parameter: MaterialInput,
-    pub(super) texture: &'f super::value::At<String>,
+    pub(super) texture: &'f super::value::Located<String>,
     pub(super) tex_coord: u32,
     pub(super) transform: UvTransform,
     pub(super) strength: f32,
@@ -168,7 +169,7 @@ impl MaterialForm {
         // Choose the model; a metal gives its colour to the base colour
         let model = match self.model {
             ModelName::MetallicRoughness => Model::MetallicRoughness(self.metallic_roughness()?),
-            ModelName::Lecture => Model::Lecture(self.lecture()),
+            ModelName::Phong => Model::Phong(self.phong()),
             ModelName::Unlit => Model::Unlit,
         };
         let metal_color = match (self.metal, self.model) {
@@ -200,17 +201,17 @@ impl MaterialForm {
         }
     }
 
-    fn lecture(&self) -> Lecture {
-        let plain = Lecture::DEFAULT;
+    fn phong(&self) -> Phong {
+        let plain = Phong::DEFAULT;
         // Presets for metals and glasses have no ambient and diffuse light of their own
         let preset = match (self.metal, self.glass) {
-            (Some(metal), _) => Lecture {
+            (Some(metal), _) => Phong {
                 ambient: [0.0; 3],
                 diffuse: [0.0; 3],
                 reflection: metal.reflectance(),
                 ..plain
             },
-            (None, Some(_)) => Lecture {
+            (None, Some(_)) => Phong {
                 ambient: [0.0; 3],
                 diffuse: [0.0; 3],
                 reflection: [1.0; 3],
@@ -222,7 +223,7 @@ impl MaterialForm {
         };
         // Given keys override the preset
         let color = |param: &Option<Param<Color>>, usual| param.as_ref().map_or(usual, |p| p.value().0);
-        Lecture {
+        Phong {
             ambient: self.ambient.map_or(preset.ambient, |c| c.0),
             diffuse: self.diffuse.map_or(preset.diffuse, |c| c.0),
             specular: color(&self.specular, preset.specular),
@@ -278,22 +279,22 @@ impl MaterialForm {
 
     /// Rejects keys that the model does not have.
     fn check_keys(&self) -> Result<(), String> {
-        use ModelName::{Lecture, MetallicRoughness};
+        use ModelName::{MetallicRoughness, Phong};
         // List each key with the models that have it
         let keys: [(bool, &str, &[ModelName]); 15] = [
-            (self.ambient.is_some(), "ambient", &[Lecture]),
-            (self.diffuse.is_some(), "diffuse", &[Lecture]),
-            (self.exponent.is_some(), "exponent", &[Lecture]),
-            (self.reflection.is_some(), "reflection", &[Lecture]),
-            (self.fresnel.is_some(), "fresnel", &[Lecture]),
-            (self.specular.is_some(), "specular", &[Lecture, MetallicRoughness]),
+            (self.ambient.is_some(), "ambient", &[Phong]),
+            (self.diffuse.is_some(), "diffuse", &[Phong]),
+            (self.exponent.is_some(), "exponent", &[Phong]),
+            (self.reflection.is_some(), "reflection", &[Phong]),
+            (self.fresnel.is_some(), "fresnel", &[Phong]),
+            (self.specular.is_some(), "specular", &[Phong, MetallicRoughness]),
             (
                 self.transmission.is_some(),
                 "transmission",
-                &[Lecture, MetallicRoughness],
+                &[Phong, MetallicRoughness],
             ),
-            (self.metal.is_some(), "metal", &[Lecture, MetallicRoughness]),
-            (self.glass.is_some(), "glass", &[Lecture, MetallicRoughness]),
+            (self.metal.is_some(), "metal", &[Phong, MetallicRoughness]),
+            (self.glass.is_some(), "glass", &[Phong, MetallicRoughness]),
             (self.metallic.is_some(), "metallic", &[MetallicRoughness]),
             (self.roughness.is_some(), "roughness", &[MetallicRoughness]),
             (self.rough_rays.is_some(), "rough_rays", &[MetallicRoughness]),
@@ -307,21 +308,17 @@ impl MaterialForm {
                 "specular_color",
                 &[MetallicRoughness],
             ),
-            (
-                self.occlusion.is_some(),
-                "occlusion",
-                &[Lecture, MetallicRoughness],
-            ),
+            (self.occlusion.is_some(), "occlusion", &[Phong, MetallicRoughness]),
         ];
         for (given, key, models) in keys {
             if given && !models.contains(&self.model) {
                 let model = match self.model {
                     MetallicRoughness => "metallic-roughness",
-                    Lecture => "lecture",
+                    Phong => "lecture",
                     ModelName::Unlit => "unlit",
                 };
                 return Err(format!(
-                    "the model \"{model}\" has no `{key}`: take it away or give another `model`"
+                    "the model \"{model}\" has no `{key}`: remove it or give another `model`"
                 ));
             }
         }
@@ -332,7 +329,7 @@ impl MaterialForm {
     pub(super) fn layers(&self) -> Vec<LayerForm<'_>> {
         // `specular` is a colour in one model and a strength in the other
         let specular = match self.model {
-            ModelName::Lecture => MaterialInput::SpecularColor,
+            ModelName::Phong => MaterialInput::SpecularColor,
             _ => MaterialInput::Specular,
         };
         [
@@ -395,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_material_is_white_chalk() {
+    fn empty_material_is_rough_and_white() {
         let chalk = Material {
             name: "test".into(),
             ..Material::metallic_roughness([1.0; 3], METALLIC, ROUGHNESS)
@@ -404,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn an_index_may_be_given_as_the_lectures_speed() {
+    fn refractive_index_may_be_given_as_speed() {
         let glass = material("model = 'lecture'\ntransmission = 0.8\nspeed = 0.55").unwrap();
         assert_eq!(glass.interior.unwrap().ior, Dispersion::Constant(1.0 / 0.55));
         let default = material("transmission = 1").unwrap();
@@ -412,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn presets_yield_to_what_is_stated() {
+    fn explicit_values_override_presets() {
         // A metal is smooth unless it has a roughness
         let gold = material("metal = 'gold'\nroughness = 0.3").unwrap();
         let Model::MetallicRoughness(model) = gold.model else {
@@ -422,15 +419,15 @@ mod tests {
         assert!(gold.base_color[0] > gold.base_color[2]);
         // A glass reflects and transmits everything unless it has coefficients
         let water = material("model = 'lecture'\nglass = 'water'\nreflection = 0.5").unwrap();
-        let Model::Lecture(lecture) = water.model else {
+        let Model::Phong(phong) = water.model else {
             unreachable!()
         };
-        assert_eq!((lecture.reflection, lecture.transmission), ([0.5; 3], [1.0; 3]));
+        assert_eq!((phong.reflection, phong.transmission), ([0.5; 3], [1.0; 3]));
         assert!((water.ior(LINE_D) - 1.333).abs() < 1e-3);
     }
 
     #[test]
-    fn what_does_not_fit_together_is_refused() {
+    fn conflicting_keys_are_rejected() {
         for (bad, words) in [
             ("exponent = 3", "has no `exponent`"),
             ("model = 'unlit'\nroughness = 1", "has no `roughness`"),
@@ -450,7 +447,7 @@ mod tests {
             ("absorption = 1\nattenuation_distance = 1", "both"),
             ("alpha_cutoff = 0.5", "without a mask"),
             ("sellmeier = { b = [1], c = [] }", "as many"),
-            ("normal = { texture = 'x', value = 1 }", "no value besides"),
+            ("normal = { texture = 'x', value = 1 }", "a value besides"),
         ] {
             let error = material(bad).unwrap_err();
             assert!(error.contains(words), "{bad}: {error}");
@@ -458,7 +455,7 @@ mod tests {
     }
 
     #[test]
-    fn a_texture_is_turned_after_it_is_scaled() {
+    fn texture_is_rotated_after_it_is_scaled() {
         let form: MaterialForm =
             from_text("roughness = { texture = 'x', scale = [2, 3], rotate = 90, offset = [0.5, 0] }")
                 .unwrap();

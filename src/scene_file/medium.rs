@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::optics::{Absorption, Cauchy, Dispersion, Sellmeier, ior_from_speed};
-use crate::scene::{DEFAULT_IOR, Interior};
+use crate::scene::{DEFAULT_IOR, Medium};
 
 use super::material::MaterialForm;
 
@@ -84,18 +84,18 @@ impl SellmeierForm {
 
 impl MaterialForm {
     /// Returns the interior, if a key describes it or light enters it.
-    pub(super) fn interior(&self, light_enters: bool) -> Result<Option<Interior>, String> {
+    pub(super) fn interior(&self, light_enters: bool) -> Result<Option<Medium>, String> {
         // Keys that describe an interior even if no light enters it
-        let says_more = self.priority.is_some()
+        let has_medium_keys = self.priority.is_some()
             || self.thin.is_some()
             || self.absorption.is_some()
             || self.attenuation_color.is_some()
             || self.attenuation_distance.is_some();
         let ior = self.dispersion()?;
-        if !(light_enters || says_more || ior.is_some()) {
+        if !(light_enters || has_medium_keys || ior.is_some()) {
             return Ok(None);
         }
-        Ok(Some(Interior {
+        Ok(Some(Medium {
             ior: ior.unwrap_or(Dispersion::Constant(DEFAULT_IOR)),
             absorption: self.absorption()?,
             priority: self.priority.unwrap_or(0),
@@ -105,14 +105,14 @@ impl MaterialForm {
 
     fn dispersion(&self) -> Result<Option<Dispersion>, String> {
         // Reject two indices of refraction
-        let ways = [
+        let keys = [
             (self.glass.is_some(), "glass"),
             (self.ior.is_some(), "ior"),
             (self.speed.is_some(), "speed"),
             (self.sellmeier.is_some(), "sellmeier"),
             (self.cauchy.is_some(), "cauchy"),
         ];
-        let given: Vec<&str> = ways
+        let given: Vec<&str> = keys
             .iter()
             .filter(|(given, _)| *given)
             .map(|(_, key)| *key)

@@ -94,10 +94,10 @@ use crate::scene::image_settings::{
     MIN_FILTER_RADIUS, Pattern,
 };
 use crate::scene::{Background, Scene};
-use assembly::Assembler;
+use assembly::Resolver;
 use document::{Document, OutputForm};
 use fault::{Source, file_error};
-use value::At;
+use value::Located;
 
 pub use edit::Edit;
 pub use fault::SceneFileError;
@@ -131,7 +131,7 @@ pub struct Output {
     pub filter: Option<FilterKind>,
     /// Radius of the filter in pixels; only with a filter that is not a box.
     pub filter_radius: Option<f64>,
-    /// Generations of secondary rays, up to [`MAX_DEPTH`].
+    /// Number of bounces of secondary rays, up to [`MAX_DEPTH`].
     pub depth: Option<u32>,
     /// Wavelengths that a path splits into where glass disperses it, 1 to [`MAX_WAVELENGTHS`].
     pub wavelengths: Option<u32>,
@@ -196,8 +196,8 @@ fn load_with(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<Scene
     let key = path
         .canonicalize()
         .map_err(|e| file_error(path, format!("cannot be read ({e}): check the path")))?;
-    let mut assembler = Assembler::new(options, edits);
-    let (assembly, document, source) = assembler.opened(path, key)?;
+    let mut assembler = Resolver::new(options, edits);
+    let (assembly, document, source) = assembler.parse_file(path, key)?;
     // Objects and volumes both count
     if assembly.count == 0 {
         return Err(file_error(path, "holds nothing to render: add an [[object]]"));
@@ -207,9 +207,9 @@ fn load_with(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<Scene
     let default_material = assembler.default_material();
     let [include_count, gltf_count] = assembler.file_counts();
     let group_count = assembler.group_count;
-    let surroundings = assembler.surroundings(&source, path, &document)?;
+    let environment_map = assembler.environment_map(&source, path, &document)?;
     let mut scene = assembler.scene;
-    surround(&mut scene, &document, (surroundings, path), &source)?;
+    set_background(&mut scene, &document, (environment_map, path), &source)?;
     // Flatten the objects into instances
     flatten::flatten(&mut scene, &assembly, default_material)?;
     if scene.instances.iter().all(|i| i.material != default_material) {
@@ -228,7 +228,7 @@ fn load_with(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<Scene
 }
 
 /// Sets the ambient light, the background and the fog; an environment map is the scene's image `image`.
-fn surround(
+fn set_background(
     scene: &mut Scene,
     document: &Document,
     (image, path): (u32, &Path),
@@ -250,12 +250,12 @@ fn surround(
     Ok(())
 }
 
-fn output(form: Option<&At<OutputForm>>, source: &Source) -> Result<Output, SceneFileError> {
+fn output(form: Option<&Located<OutputForm>>, source: &Source) -> Result<Output, SceneFileError> {
     let Some(form) = form else {
         return Ok(Output::default());
     };
     let refuse = |sentence: String| Err(source.error(form.fault(sentence)));
-    // Check the size and the numbers of samples, generations, stops and wavelengths
+    // Check the size and the numbers of samples, bounces, stops and wavelengths
     if let Some([width, height]) = form.size {
         let pixels = u64::from(width) * u64::from(height);
         if !(1..=MAX_PIXELS).contains(&pixels) {
@@ -287,8 +287,7 @@ fn output(form: Option<&At<OutputForm>>, source: &Source) -> Result<Output, Scen
         }
         if matches!(form.filter, None | Some(FilterKind::Box)) {
             return refuse(
-                "its filter is a box, which has no filter_radius: give another `filter` or take it away"
-                    .into(),
+                "its filter is a box, which has no filter_radius: give another `filter` or remove it".into(),
             );
         }
     }

@@ -17,8 +17,8 @@ use toml::Spanned;
 use toml::de::{DeFloat, DeInteger, DeString, DeTable, DeValue};
 use toml::value::Datetime;
 
-/// Name of a newtype struct that requests a value with its span: a map, of which [`read_place`] reads the first key.
-pub(super) const PLACED: &str = "$whit::Placed";
+/// Name of a newtype struct that requests a value with its span: a map, of which [`read_span`] reads the first key.
+pub(super) const SPANNED: &str = "$whit::Placed";
 
 /// Name of the only key of the map that serde sees for a date; `toml::Value` recognises dates by it.
 const DATE_KEY: &str = "$__toml_private_datetime";
@@ -77,7 +77,7 @@ impl de::Error for TomlError {
 }
 
 /// Returns `result`, its error with the span `span` unless it has one already.
-fn placed<T>(result: Result<T, TomlError>, span: Option<Range<usize>>) -> Result<T, TomlError> {
+fn with_span<T>(result: Result<T, TomlError>, span: Option<Range<usize>>) -> Result<T, TomlError> {
     match result {
         Err(TomlError { message, span: None }) => Err(TomlError { message, span }),
         result => result,
@@ -205,11 +205,11 @@ impl<'n> Deserializer<'n> for Node<'n> {
             Ok(Content::Map(entries)) => visitor.visit_map(entries),
             Err(error) => Err(error),
         };
-        placed(result, self.span())
+        with_span(result, self.span())
     }
 
     fn deserialize_option<V: Visitor<'n>>(self, visitor: V) -> Result<V::Value, TomlError> {
-        placed(visitor.visit_some(self), self.span())
+        with_span(visitor.visit_some(self), self.span())
     }
 
     fn deserialize_newtype_struct<V: Visitor<'n>>(
@@ -218,12 +218,12 @@ impl<'n> Deserializer<'n> for Node<'n> {
         visitor: V,
     ) -> Result<V::Value, TomlError> {
         match self {
-            Node::Value(value) if name == PLACED => visitor.visit_map(Placed(value)),
+            Node::Value(value) if name == SPANNED => visitor.visit_map(SpannedValue(value)),
             Node::Date(date) => {
                 let text = date.to_string();
                 Err(de::Error::invalid_type(Unexpected::Str(&text), &visitor))
             }
-            _ => placed(visitor.visit_newtype_struct(self), self.span()),
+            _ => with_span(visitor.visit_newtype_struct(self), self.span()),
         }
     }
 
@@ -237,7 +237,7 @@ impl<'n> Deserializer<'n> for Node<'n> {
             Ok(variant) => visitor.visit_enum(variant),
             Err(error) => Err(error),
         };
-        placed(result, self.span())
+        with_span(result, self.span())
     }
 
     serde::forward_to_deserialize_any! {
@@ -313,14 +313,14 @@ impl<'n> MapAccess<'n> for Entries<'n> {
 
     fn next_key_seed<K: DeserializeSeed<'n>>(&mut self, seed: K) -> Result<Option<K::Value>, TomlError> {
         match self.next() {
-            Some((key, span)) => placed(seed.deserialize(Node::Key(key)).map(Some), span),
+            Some((key, span)) => with_span(seed.deserialize(Node::Key(key)).map(Some), span),
             None => Ok(None),
         }
     }
 
     fn next_value_seed<V: DeserializeSeed<'n>>(&mut self, seed: V) -> Result<V::Value, TomlError> {
         match self.value.take() {
-            Some(value) => placed(seed.deserialize(value), value.span()),
+            Some(value) => with_span(seed.deserialize(value), value.span()),
             None => Err(de::Error::custom("a value was read before its key")),
         }
     }
@@ -334,9 +334,9 @@ impl<'n> MapAccess<'n> for Entries<'n> {
 }
 
 /// A value with its span, as a map: its key is the start and the end of the span, packed into one integer.
-struct Placed<'n>(&'n Spanned<DeValue<'n>>);
+struct SpannedValue<'n>(&'n Spanned<DeValue<'n>>);
 
-impl<'n> MapAccess<'n> for Placed<'n> {
+impl<'n> MapAccess<'n> for SpannedValue<'n> {
     type Error = TomlError;
 
     fn next_key_seed<K: DeserializeSeed<'n>>(&mut self, seed: K) -> Result<Option<K::Value>, TomlError> {
@@ -352,8 +352,8 @@ impl<'n> MapAccess<'n> for Placed<'n> {
     }
 }
 
-/// Reads the span of a value from the map that [`PLACED`] requests; the value comes next.
-pub(super) fn read_place<'de, A: MapAccess<'de>>(map: &mut A) -> Result<Range<usize>, A::Error> {
+/// Reads the span of a value from the map that [`SPANNED`] requests; the value comes next.
+pub(super) fn read_span<'de, A: MapAccess<'de>>(map: &mut A) -> Result<Range<usize>, A::Error> {
     let packed: Option<u128> = map.next_key()?;
     let packed = packed.ok_or_else(|| de::Error::custom("a value has no place"))?;
     Ok((packed >> u64::BITS) as usize..packed as u64 as usize)
@@ -384,7 +384,7 @@ impl<'n> EnumAccess<'n> for Variant<'n> {
         self,
         seed: V,
     ) -> Result<(V::Value, VariantContent<'n>), TomlError> {
-        let name = placed(seed.deserialize(Node::Key(self.name)), self.name_span)?;
+        let name = with_span(seed.deserialize(Node::Key(self.name)), self.name_span)?;
         Ok((name, VariantContent(self.content)))
     }
 }
@@ -439,7 +439,7 @@ mod tests {
 
     use serde::Deserialize;
 
-    use super::super::value::{At, Each};
+    use super::super::value::{Each, Located};
     use super::*;
 
     #[derive(Debug, PartialEq, Deserialize)]
@@ -531,14 +531,14 @@ mod tests {
     ];
 
     #[test]
-    fn forms_are_read_as_by_the_toml_crate() {
+    fn forms_deserialize_as_with_the_toml_crate() {
         for text in GOOD {
             let expected: Form = toml::from_str(text).unwrap();
             assert_eq!(from_text::<Form>(text), Ok(expected), "{text}");
         }
     }
 
-    /// Values with their spans, either by [`At`] or by the `toml` crate's own type.
+    /// Values with their spans, either by [`Located`] or by the `toml` crate's own type.
     #[derive(Debug, Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Places<V> {
@@ -556,9 +556,9 @@ mod tests {
     }
 
     #[test]
-    fn places_of_values_are_those_of_the_toml_crate() {
+    fn value_spans_match_the_toml_crate() {
         let text = "one = 1\nlist = [2, [3, 4]]\n[table]\na = 5\nb = [6, 7]";
-        let ours = from_text::<Places<At<Each<2>>>>(text).unwrap().all();
+        let ours = from_text::<Places<Located<Each<2>>>>(text).unwrap().all();
         let theirs = toml::from_str::<Places<Spanned<Each<2>>>>(text).unwrap().all();
         assert_eq!((ours.len(), theirs.len()), (5, 5));
         for (ours, theirs) in ours.iter().zip(&theirs) {
@@ -567,7 +567,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_within_values_with_places_lie_where_the_toml_crate_puts_them() {
+    fn errors_in_located_values_have_the_spans_of_the_toml_crate() {
         for text in [
             "one = 'a'",
             "one = [1]",
@@ -584,13 +584,13 @@ mod tests {
         ] {
             // Messages and spans must agree with those of the `toml` crate
             let expected = toml::from_str::<Places<Spanned<Each<2>>>>(text).unwrap_err();
-            let error = from_text::<Places<At<Each<2>>>>(text).unwrap_err();
+            let error = from_text::<Places<Located<Each<2>>>>(text).unwrap_err();
             assert_eq!(error, expected.into(), "{text}");
         }
     }
 
     #[test]
-    fn errors_and_their_places_are_those_of_the_toml_crate() {
+    fn errors_and_spans_match_the_toml_crate() {
         for text in BAD {
             let expected = toml::from_str::<Form>(text).unwrap_err();
             assert_eq!(from_text::<Form>(text), Err(expected.into()), "{text}");

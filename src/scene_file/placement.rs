@@ -56,7 +56,7 @@ impl Step {
         // Reject a map that cannot be inverted
         match numeric::inverse(&map) {
             Ok(_) => Ok(map),
-            Err(singular) => Err(format!("{singular}: give a transform that can be undone")),
+            Err(singular) => Err(format!("{singular}: give an invertible transform")),
         }
     }
 }
@@ -146,7 +146,7 @@ impl Scatter {
     pub(super) fn copies(&self) -> Result<Copies, String> {
         // The corners must be ordered along every axis
         if !self.min.0.cmple(self.max.0).all() {
-            return Err("its `min` is not below its `max`: exchange them".into());
+            return Err("its `min` is not below its `max`: swap them".into());
         }
         Copies {
             counts: [self.count, 1, 1],
@@ -170,7 +170,7 @@ fn axis(turn: Option<Vector>) -> Result<Option<DVec3>, String> {
 
 /// Random choices about a copy.
 #[derive(Clone, Copy)]
-enum Choice {
+enum RandomChoice {
     X,
     Y,
     Z,
@@ -180,10 +180,10 @@ enum Choice {
 
 impl Copies {
     fn checked(self) -> Result<Copies, String> {
-        let [least, most] = self.scale;
-        if !(0.0 < least && least <= most && most < f64::INFINITY) {
+        let [min_scale, max_scale] = self.scale;
+        if !(0.0 < min_scale && min_scale <= max_scale && max_scale < f64::INFINITY) {
             return Err(format!(
-                "scales copies by {least} to {most}: give positive numbers, the lesser first"
+                "scales copies by {min_scale} to {max_scale}: give positive numbers, the smaller first"
             ));
         }
         if self.counts.contains(&0) {
@@ -201,26 +201,32 @@ impl Copies {
     pub(super) fn map(&self, number: u64) -> DAffine3 {
         // Find the position in the grid and a random offset
         let [nx, ny, _] = self.counts.map(u64::from);
-        let place = [number % nx, number / nx % ny, number / nx / ny].map(|i| i as f64);
-        let random = |choice: Choice| uniform(self.seed, number, choice);
+        let grid_position = [number % nx, number / nx % ny, number / nx / ny].map(|i| i as f64);
+        let random = |choice: RandomChoice| uniform(self.seed, number, choice);
         let [low, size] = self.random;
-        let offset = low + size * DVec3::new(random(Choice::X), random(Choice::Y), random(Choice::Z));
+        let offset = low
+            + size
+                * DVec3::new(
+                    random(RandomChoice::X),
+                    random(RandomChoice::Y),
+                    random(RandomChoice::Z),
+                );
         // Choose a random rotation and a random scale
         let rotation = self.axis.map_or(DQuat::IDENTITY, |axis| {
-            DQuat::from_axis_angle(axis, std::f64::consts::TAU * random(Choice::Turn))
+            DQuat::from_axis_angle(axis, std::f64::consts::TAU * random(RandomChoice::Turn))
         });
-        let [least, most] = self.scale;
+        let [min_scale, max_scale] = self.scale;
         DAffine3::from_scale_rotation_translation(
-            DVec3::splat(least + (most - least) * random(Choice::Scale)),
+            DVec3::splat(min_scale + (max_scale - min_scale) * random(RandomChoice::Scale)),
             rotation,
-            self.step * DVec3::from(place) + offset,
+            self.step * DVec3::from(grid_position) + offset,
         )
     }
 }
 
 /// Returns a number in [0, 1) for one choice about one copy: SplitMix64's finaliser (Steele, Lea and Flood, 2014) over
 /// the key.
-fn uniform(seed: u32, number: u64, choice: Choice) -> f64 {
+fn uniform(seed: u32, number: u64, choice: RandomChoice) -> f64 {
     const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
     let mix = |z: u64| {
         let z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -251,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn transforms_are_done_in_the_order_they_are_written() {
+    fn transforms_apply_in_written_order() {
         // (1, 0, 0) doubled is (2, 0, 0), rotated (0, 2, 0), moved (5, 2, 0).
         let map = map("[{ scale = 2 }, { rotate = [0, 0, 1, 90] }, { translate = [5, 0, 0] }]").unwrap();
         let p = map.transform_point3(DVec3::X);
@@ -262,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn a_matrix_is_written_by_rows_and_z_is_turned_the_shortest_way() {
+    fn matrix_is_row_major_and_z_turns_the_shortest_way() {
         let matrix = map("[{ matrix = [[1, 0, 0, 7], [0, 2, 0, 8], [0, 0, 3, 9]] }]").unwrap();
         assert_eq!(matrix.transform_point3(DVec3::ONE), DVec3::new(8.0, 10.0, 12.0));
         let turned = map("[{ z-to = [0, 5, 0] }]").unwrap();
@@ -271,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_that_cannot_be_undone_is_named() {
+    fn singular_step_is_named() {
         let (number, fault) = map("[{ scale = 2 }, { scale = [1, 0, 1] }]").unwrap_err();
         assert_eq!(number, 1);
         assert!(fault.contains("singular"), "{fault}");
@@ -281,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn copies_stand_on_their_grid_and_jitter_by_their_seed() {
+    fn copies_follow_their_grid_and_jitter_by_seed() {
         let copies = |text: &str| from_text::<Repeat>(text).unwrap().copies().unwrap();
         // Without random choices copies are exactly on the grid
         let grid = copies("count = [3, 1, 2]\nstep = [2, 0, 5]");

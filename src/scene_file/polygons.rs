@@ -4,8 +4,8 @@ use glam::{DVec3, Vec3};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::shape::ShapeFault;
-use super::value::{At, Vector};
+use super::shape::ShapeDiagnostic;
+use super::value::{Located, Vector};
 use crate::mesh::{Buffer, Mesh};
 use crate::numeric::Bounds;
 
@@ -16,7 +16,7 @@ pub(super) struct PolygonsForm {
     /// Vertices of the mesh.
     vertices: Vec<Vector>,
     /// Faces as lists of vertex numbers from 0, counter-clockwise seen from the front; flat and convex.
-    faces: Vec<At<Vec<u32>>>,
+    faces: Vec<Located<Vec<u32>>>,
     /// Texture coordinates, as many as vertices.
     uv: Option<Vec<[f32; 2]>>,
     /// Smooth shading over all faces, with normals averaged at the vertices.
@@ -29,7 +29,7 @@ pub(super) struct PolygonsForm {
 const FLATNESS: f64 = 1.0 / (1 << 20) as f64;
 
 impl PolygonsForm {
-    pub(super) fn mesh(&self) -> Result<Mesh, ShapeFault> {
+    pub(super) fn mesh(&self) -> Result<Mesh, ShapeDiagnostic> {
         let count = self.vertices.len();
         // Check the texture coordinates
         if let Some(uv) = &self.uv
@@ -46,7 +46,7 @@ impl PolygonsForm {
         let slack = FLATNESS * Bounds::of_points(points.iter().copied()).extent().max_element();
         let mut triangles = Vec::new();
         for (number, face) in self.faces.iter().enumerate() {
-            let fan = fan(&points, face, slack).map_err(|fault| ShapeFault {
+            let fan = fan(&points, face, slack).map_err(|fault| ShapeDiagnostic {
                 span: Some(face.span.clone()),
                 sentence: format!("face {} of the mesh {fault}", number + 1),
             })?;
@@ -72,7 +72,7 @@ impl PolygonsForm {
 fn fan(points: &[DVec3], face: &[u32], slack: f64) -> Result<Vec<[u32; 3]>, String> {
     if let Some(bad) = face.iter().find(|v| **v as usize >= points.len()) {
         return Err(format!(
-            "names vertex {bad} of {}: correct the number",
+            "refers to vertex {bad} of {}: correct the number",
             points.len()
         ));
     }
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pentagon_becomes_three_triangles_of_its_area() {
+    fn pentagon_is_split_into_three_triangles_of_equal_total_area() {
         // Place the corners on the unit circle
         let corners: Vec<String> = (0..5)
             .map(|i| {
@@ -159,17 +159,17 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_in_the_middle_of_an_edge_is_no_dent() {
+    fn collinear_corner_keeps_a_face_convex() {
         let square =
             mesh("vertices = [[0,0,0],[1,0,0],[2,0,0],[2,2,0],[0,2,0]]\nfaces = [[0,1,2,3,4]]").unwrap();
         assert_eq!(square.triangles.len(), 2);
     }
 
     #[test]
-    fn faces_that_are_no_convex_polygons_are_refused() {
+    fn non_convex_faces_are_rejected() {
         let vertices = "vertices = [[0,0,0],[2,0,0],[2,2,0],[1.5,0.5,0],[0,2,0.5]]\n";
         for (faces, words) in [
-            ("[[0, 1, 7]]", "face 1 of the mesh names vertex 7 of 5"),
+            ("[[0, 1, 7]]", "face 1 of the mesh refers to vertex 7 of 5"),
             ("[[0, 1]]", "has 2 vertices"),
             ("[[0, 1, 2], [0, 1, 1]]", "face 2 of the mesh has no area"),
             ("[[0, 1, 2, 4]]", "is not flat"),
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn smooth_normals_are_unit_means_of_the_faces_around() {
+    fn smooth_normals_are_normalised_means_of_adjacent_faces() {
         let roof =
             mesh("smooth = true\nvertices = [[0,0,0],[1,0,0],[0,1,0],[0,0,1]]\nfaces = [[0,1,2],[0,2,3]]")
                 .unwrap();

@@ -8,12 +8,12 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 
-use super::fault::Fault;
+use super::fault::Diagnostic;
 use super::material::MaterialForm;
-use super::value::{At, Color, Each};
+use super::value::{Color, Each, Located};
 use crate::optics::subsurface::{Scattering, SubsurfacePreset};
 use crate::optics::{Absorption, Dispersion, LINE_D};
-use crate::scene::{DEFAULT_IOR, Interior, Material, Translucency, check_scattering};
+use crate::scene::{DEFAULT_IOR, Material, Medium, Translucency, check_scattering};
 
 /// Default length of a millimetre in units of the scene: a scene is in metres.
 const MILLIMETRE: f64 = 0.001;
@@ -28,18 +28,18 @@ pub(super) struct SubsurfaceForm(SubsurfaceTable);
 #[serde(deny_unknown_fields)]
 struct SubsurfaceTable {
     /// Name of a measured material.
-    preset: Option<At<String>>,
+    preset: Option<Located<String>>,
     /// Length of a millimetre, in which presets are measured, in units of the scene.
     #[schemars(extend("default" = MILLIMETRE))]
-    scale: Option<At<f64>>,
+    scale: Option<Located<f64>>,
     /// Reduced scattering coefficients (1 - g) sigma_s, per unit of length.
-    scattering: Option<At<Color>>,
+    scattering: Option<Located<Color>>,
     /// Absorption coefficients, per unit of length.
-    absorption: Option<At<Color>>,
+    absorption: Option<Located<Color>>,
     /// Diffuse reflectance of a thick medium under uniform illumination.
-    reflectance: Option<At<Color>>,
+    reflectance: Option<Located<Color>>,
     /// Mean free path of the light between two changes of its direction, for all colours or for red, green and blue.
-    mean_free_path: Option<At<Each<3>>>,
+    mean_free_path: Option<Located<Each<3>>>,
 }
 
 impl<'de> Deserialize<'de> for SubsurfaceForm {
@@ -59,7 +59,7 @@ impl<'de> Visitor<'de> for FormVisitor {
 
     fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<SubsurfaceForm, E> {
         Ok(SubsurfaceForm(SubsurfaceTable {
-            preset: Some(At::nowhere(name.to_owned())),
+            preset: Some(Located::without_span(name.to_owned())),
             ..SubsurfaceTable::default()
         }))
     }
@@ -84,9 +84,9 @@ impl JsonSchema for SubsurfaceForm {
     }
 }
 
-impl At<SubsurfaceForm> {
+impl Located<SubsurfaceForm> {
     /// Returns the scattering coefficients, with the index of refraction `ior` if the material has one.
-    fn scattering(&self, ior: Option<f64>) -> Result<Scattering, Fault> {
+    fn scattering(&self, ior: Option<f64>) -> Result<Scattering, Diagnostic> {
         let table = &self.0;
         let eta = ior.unwrap_or(DEFAULT_IOR);
         match (&table.preset, &table.scattering, &table.reflectance) {
@@ -118,21 +118,21 @@ impl At<SubsurfaceForm> {
             (None, None, Some(reflectance)) if table.absorption.is_none() => {
                 self.refuse_scale()?;
                 let Some(path) = &table.mean_free_path else {
-                    return Err(reflectance.fault("says how bright and not how deep: add `mean_free_path`"));
+                    return Err(reflectance.fault("has no depth of scattering: add `mean_free_path`"));
                 };
                 Scattering::from_reflectance(reflectance.0.map(f64::from), path.0, eta)
                     .map_err(|error| self.fault(error.to_string()))
             }
             _ => Err(self.fault(
-                "does not say what scatters in one way: give a `preset`, or `scattering` and `absorption`, or \
-                 `reflectance` and `mean_free_path`",
+                "does not define the scattering in exactly one way: give a `preset`, or `scattering` and \
+                 `absorption`, or `reflectance` and `mean_free_path`",
             )),
         }
     }
 
-    fn unknown(&self, preset: &At<String>) -> Fault {
+    fn unknown(&self, preset: &Located<String>) -> Diagnostic {
         let names = SubsurfacePreset::ALL.map(|preset| preset.name).join(", ");
-        let sentence = format!("`{}` is no measured material: give one of {names}", **preset);
+        let sentence = format!("`{}` is not a measured material: give one of {names}", **preset);
         // A preset that was given as a plain string has no span of its own
         if preset.span.is_empty() {
             self.fault(sentence)
@@ -141,7 +141,7 @@ impl At<SubsurfaceForm> {
         }
     }
 
-    fn millimetre(&self) -> Result<f64, Fault> {
+    fn millimetre(&self) -> Result<f64, Diagnostic> {
         match &self.0.scale {
             None => Ok(MILLIMETRE),
             Some(scale) if **scale > 0.0 && **scale < f64::INFINITY => Ok(**scale),
@@ -153,7 +153,7 @@ impl At<SubsurfaceForm> {
     }
 
     /// Rejects `scale` with other forms, as only presets are measured in millimetres.
-    fn refuse_scale(&self) -> Result<(), Fault> {
+    fn refuse_scale(&self) -> Result<(), Diagnostic> {
         match &self.0.scale {
             None => Ok(()),
             Some(scale) => Err(scale.fault("is for a `preset`: give lengths in units of the scene instead")),
@@ -163,14 +163,14 @@ impl At<SubsurfaceForm> {
 
 impl MaterialForm {
     /// Adds subsurface scattering and diffuse transmission to `material`.
-    pub(super) fn scatter(&self, material: &mut Material) -> Result<(), Fault> {
+    pub(super) fn scatter(&self, material: &mut Material) -> Result<(), Diagnostic> {
         if let Some(form) = &self.subsurface {
             // The dipole uses the index at the d line
             let stated = material.interior.map(|inside| inside.ior.ior(LINE_D));
             let scattering = form.scattering(stated)?;
             material.subsurface = Some(scattering);
             // The surface's Fresnel reflection must agree with the scattering medium's index of refraction.
-            material.interior.get_or_insert(Interior {
+            material.interior.get_or_insert(Medium {
                 ior: Dispersion::Constant(scattering.eta),
                 absorption: Absorption::NONE,
                 priority: 0,
@@ -181,7 +181,7 @@ impl MaterialForm {
         // Set the diffuse transmission, which needs a factor
         match (&self.translucency, &self.translucency_color) {
             (None, None) => Ok(()),
-            (None, Some(color)) => Err(color.fault("colours no light without `translucency`: add it")),
+            (None, Some(color)) => Err(color.fault("has no effect without `translucency`: add it")),
             (Some(factor), color) => {
                 // The colour defaults to the base colour
                 let [r, g, b, _] = material.base_color;
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn a_preset_is_in_millimetres_of_a_scene_in_metres_unless_said_otherwise() {
+    fn preset_is_in_millimetres_of_a_metric_scene_by_default() {
         let milk = material("subsurface = 'wholemilk'").unwrap();
         let scattering = milk.subsurface.unwrap();
         // 2.55 per millimetre, in metres.
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn coefficients_and_colours_are_in_units_of_the_scene() {
+    fn coefficients_and_colours_use_scene_units() {
         let given = material("subsurface = { scattering = [1, 2, 3], absorption = 0.5 }").unwrap();
         let scattering = given.subsurface.unwrap();
         assert_eq!(
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sheet_lets_through_its_base_colour_unless_it_says_another() {
+    fn thin_surface_transmits_its_base_colour_by_default() {
         let leaf = material("base_color = [0.2, 0.5, 0.1]\ntranslucency = 0.5").unwrap();
         let expected = Translucency {
             factor: 0.5,
@@ -248,11 +248,11 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_together_is_refused() {
+    fn conflicting_keys_are_rejected() {
         for (bad, words) in [
             (
                 "subsurface = 'chalk'",
-                "is no measured material: give one of apple, chicken1",
+                "is not a measured material: give one of apple, chicken1",
             ),
             ("subsurface = { preset = 'chalk' }", "give one of apple"),
             ("subsurface = { preset = 'skin1', scale = 0 }", "more than 0"),
@@ -270,8 +270,8 @@ mod tests {
                 "subsurface = { reflectance = 2, mean_free_path = 1 }",
                 "diffuse reflectance",
             ),
-            ("subsurface = {}", "in one way"),
-            ("subsurface = { absorption = 1 }", "in one way"),
+            ("subsurface = {}", "in exactly one way"),
+            ("subsurface = { absorption = 1 }", "in exactly one way"),
             (
                 "subsurface = 'marble'\ntransmission = 1",
                 "give either `transmission`",

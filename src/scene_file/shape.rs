@@ -11,7 +11,7 @@ use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 
 use super::polygons::PolygonsForm;
-use super::value::{At, Vector};
+use super::value::{Located, Vector};
 use crate::numeric::Bounds;
 use crate::scene::Geometry;
 use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Quadric, Shape, Sphere, Torus};
@@ -131,14 +131,14 @@ pub(super) struct QuadricForm {
 }
 
 /// Fault of a shape, with its span if it is narrower than that of the shape.
-pub(super) struct ShapeFault {
+pub(super) struct ShapeDiagnostic {
     pub(super) span: Option<Range<usize>>,
     pub(super) sentence: String,
 }
 
-impl From<String> for ShapeFault {
-    fn from(sentence: String) -> ShapeFault {
-        ShapeFault { span: None, sentence }
+impl From<String> for ShapeDiagnostic {
+    fn from(sentence: String) -> ShapeDiagnostic {
+        ShapeDiagnostic { span: None, sentence }
     }
 }
 
@@ -169,7 +169,7 @@ impl ShapeForm {
     }
 
     /// Returns the shape's geometry in its own space.
-    pub(super) fn geometry(&self) -> Result<Geometry, ShapeFault> {
+    pub(super) fn geometry(&self) -> Result<Geometry, ShapeDiagnostic> {
         let shape = match self {
             ShapeForm::Sphere(form) => Shape::Sphere(form.sphere()?),
             ShapeForm::Plane(_) => Shape::Plane,
@@ -294,4 +294,4 @@ impl JsonSchema for ShapeRef {
 }
 
 /// A shape with its span in the file.
-pub(super) type PlacedShape = At<ShapeForm>;
+pub(super) type PlacedShape = Located<ShapeForm>;

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::value::{At, Each, Rgba};
+use super::value::{Each, Located, Rgba};
 use crate::scene::{Filter, Pattern, Procedural, Sampler, Space, Wrap};
 
 /// A texture: an `image`, or a `pattern`.
@@ -12,7 +12,7 @@ use crate::scene::{Filter, Pattern, Procedural, Sampler, Space, Wrap};
 pub(super) struct TextureForm {
     /// A PNG, JPEG, Radiance HDR or EXR file, relative to the scene file. Values of PNG and JPEG are sRGB for colours
     /// and linear for all else; HDR and EXR are linear, and may exceed 1 for emission.
-    pub(super) image: Option<At<String>>,
+    pub(super) image: Option<Located<String>>,
     /// Continuation of the image outside [0, 1]: one word, or one for u and one for v.
     #[schemars(extend("default" = "repeat"))]
     wrap: Option<WrapForm>,
@@ -131,7 +131,10 @@ impl WrapWord {
 
 /// Kind of a texture, decided by its keys.
 pub(super) enum TextureKind<'f> {
-    Image { file: &'f At<String>, sampler: Sampler },
+    Image {
+        file: &'f Located<String>,
+        sampler: Sampler,
+    },
     Procedural(Procedural),
 }
 
@@ -143,14 +146,14 @@ impl TextureForm {
             (None, None) => Err("shows nothing: give an `image` or a `pattern`".into()),
             (Some(file), None) => {
                 // Reject keys of patterns
-                let strangers = [
+                let foreign_keys = [
                     (self.colors.is_some(), "colors"),
                     (self.scale.is_some(), "scale"),
                     (self.space.is_some(), "space"),
                     (self.octaves.is_some(), "octaves"),
                     (self.turbulence.is_some(), "turbulence"),
                 ];
-                refuse(&strangers, "an image")?;
+                refuse(&foreign_keys, "an image")?;
                 Ok(TextureKind::Image {
                     file,
                     sampler: self.sampler(),
@@ -158,8 +161,8 @@ impl TextureForm {
             }
             (None, Some(pattern)) => {
                 // Reject keys of images
-                let strangers = [(self.wrap.is_some(), "wrap"), (self.filter.is_some(), "filter")];
-                refuse(&strangers, "a pattern")?;
+                let foreign_keys = [(self.wrap.is_some(), "wrap"), (self.filter.is_some(), "filter")];
+                refuse(&foreign_keys, "a pattern")?;
                 Ok(TextureKind::Procedural(self.procedural(pattern)?))
             }
         }
@@ -185,18 +188,18 @@ impl TextureForm {
         // Choose the pattern and reject keys that it does not have
         let octaves = self.octaves.unwrap_or(OCTAVES);
         let turbulence = self.turbulence.unwrap_or(TURBULENCE);
-        let (pattern, knows_octaves, knows_turbulence) = match pattern {
+        let (pattern, has_octaves, has_turbulence) = match pattern {
             PatternForm::Checker => (Pattern::Checker, false, false),
             PatternForm::Gradient => (Pattern::Gradient, false, false),
             PatternForm::Noise => (Pattern::Noise { octaves }, true, false),
             PatternForm::Marble => (Pattern::Marble { octaves, turbulence }, true, true),
             PatternForm::Wood => (Pattern::Wood { turbulence }, false, true),
         };
-        let strangers = [
-            (self.octaves.is_some() && !knows_octaves, "octaves"),
-            (self.turbulence.is_some() && !knows_turbulence, "turbulence"),
+        let foreign_keys = [
+            (self.octaves.is_some() && !has_octaves, "octaves"),
+            (self.turbulence.is_some() && !has_turbulence, "turbulence"),
         ];
-        refuse(&strangers, "this pattern")?;
+        refuse(&foreign_keys, "this pattern")?;
         // Fill in the defaults
         let colors = self
             .colors
@@ -216,9 +219,9 @@ impl TextureForm {
     }
 }
 
-fn refuse(strangers: &[(bool, &str)], whose: &str) -> Result<(), String> {
-    match strangers.iter().find(|(given, _)| *given) {
-        Some((_, key)) => Err(format!("{whose} has no `{key}`: take it away")),
+fn refuse(foreign_keys: &[(bool, &str)], whose: &str) -> Result<(), String> {
+    match foreign_keys.iter().find(|(given, _)| *given) {
+        Some((_, key)) => Err(format!("{whose} has no `{key}`: remove it")),
         None => Ok(()),
     }
 }

@@ -11,23 +11,23 @@ use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{self, Error, IntoDeserializer, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::node::{PLACED, read_place};
+use super::node::{SPANNED, read_span};
 
 /// A value and the span of the file that it was read from, in bytes.
 #[derive(Clone, Debug)]
-pub(crate) struct At<T> {
+pub(crate) struct Located<T> {
     value: T,
     pub(crate) span: Range<usize>,
 }
 
-impl<T> At<T> {
+impl<T> Located<T> {
     /// Returns a value without a span in the file.
-    pub(super) fn nowhere(value: T) -> At<T> {
-        At { value, span: 0..0 }
+    pub(super) fn without_span(value: T) -> Located<T> {
+        Located { value, span: 0..0 }
     }
 }
 
-impl<T> Deref for At<T> {
+impl<T> Deref for Located<T> {
     type Target = T;
 
     fn deref(&self) -> &T {
@@ -35,29 +35,29 @@ impl<T> Deref for At<T> {
     }
 }
 
-impl<'de, T: Deserialize<'de>> Deserialize<'de> for At<T> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<At<T>, D::Error> {
-        deserializer.deserialize_newtype_struct(PLACED, AtVisitor(PhantomData))
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Located<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Located<T>, D::Error> {
+        deserializer.deserialize_newtype_struct(SPANNED, AtVisitor(PhantomData))
     }
 }
 
 struct AtVisitor<T>(PhantomData<T>);
 
 impl<'de, T: Deserialize<'de>> Visitor<'de> for AtVisitor<T> {
-    type Value = At<T>;
+    type Value = Located<T>;
 
     fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str("a spanned value")
     }
 
-    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<At<T>, A::Error> {
-        let span = read_place(&mut map)?;
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Located<T>, A::Error> {
+        let span = read_span(&mut map)?;
         let value = map.next_value()?;
-        Ok(At { value, span })
+        Ok(Located { value, span })
     }
 }
 
-impl<T: JsonSchema> JsonSchema for At<T> {
+impl<T: JsonSchema> JsonSchema for Located<T> {
     fn schema_name() -> Cow<'static, str> {
         T::schema_name()
     }
@@ -114,7 +114,7 @@ impl<'de> Visitor<'de> for ColorVisitor {
     }
 
     fn visit_str<E: Error>(self, text: &str) -> Result<Vec<f32>, E> {
-        hex_channels(text).ok_or_else(|| E::custom(format!("`{text}` is no colour: give {}", self.0)))
+        hex_channels(text).ok_or_else(|| E::custom(format!("`{text}` is not a colour: give {}", self.0)))
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Vec<f32>, A::Error> {
@@ -329,7 +329,7 @@ pub(super) enum Param<T> {
 #[serde(deny_unknown_fields)]
 pub(super) struct Textured<T> {
     /// Name of a texture.
-    pub(super) texture: At<String>,
+    pub(super) texture: Located<String>,
     /// Value that the texture multiplies; 1 if absent.
     pub(super) value: Option<T>,
     /// Number of the mesh's texture coordinate set.
@@ -438,7 +438,7 @@ pub(super) enum NoValue {}
 impl<'de> Deserialize<'de> for NoValue {
     fn deserialize<D: Deserializer<'de>>(_: D) -> Result<NoValue, D::Error> {
         Err(de::Error::custom(
-            "has no value besides its texture: leave it out",
+            "cannot have a value besides its texture: remove the value",
         ))
     }
 }
@@ -455,7 +455,7 @@ impl JsonSchema for NoValue {
 
 /// One table, or a list of tables.
 #[derive(Debug)]
-pub(super) struct OneOrMany<T>(pub(super) Vec<At<T>>);
+pub(super) struct OneOrMany<T>(pub(super) Vec<Located<T>>);
 
 impl<T> Default for OneOrMany<T> {
     fn default() -> Self {
@@ -466,7 +466,7 @@ impl<T> Default for OneOrMany<T> {
 struct OneOrManyVisitor<T>(PhantomData<T>);
 
 impl<'de, T: Deserialize<'de>> Visitor<'de> for OneOrManyVisitor<T> {
-    type Value = Result<T, Vec<At<T>>>;
+    type Value = Result<T, Vec<Located<T>>>;
 
     fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str("a table or several")
@@ -481,8 +481,8 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for OneOrManyVisitor<T> {
     }
 }
 
-/// Result of reading a [`OneOrMany`]; inside an [`At`], so that a single table has its span.
-struct Inner<T>(Result<T, Vec<At<T>>>);
+/// Result of reading a [`OneOrMany`]; inside an [`Located`], so that a single table has its span.
+struct Inner<T>(Result<T, Vec<Located<T>>>);
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for Inner<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Inner<T>, D::Error> {
@@ -494,10 +494,10 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Inner<T> {
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for OneOrMany<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<OneOrMany<T>, D::Error> {
-        let read = At::<Inner<T>>::deserialize(deserializer)?;
+        let read = Located::<Inner<T>>::deserialize(deserializer)?;
         Ok(OneOrMany(match read.value.0 {
             // A single table has the span of the whole value
-            Ok(value) => vec![At {
+            Ok(value) => vec![Located {
                 value,
                 span: read.span,
             }],
@@ -534,7 +534,7 @@ mod tests {
     }
 
     #[test]
-    fn a_colour_is_a_grey_three_numbers_or_srgb() {
+    fn colour_accepts_a_grey_three_numbers_or_srgb() {
         assert_eq!(read::<Color>("x = 2").unwrap(), Color([2.0; 3]));
         assert_eq!(read::<Color>("x = [0, 0.5, 1]").unwrap(), Color([0.0, 0.5, 1.0]));
         // sRGB 0.5019608 is linear 0.2158605.
@@ -548,7 +548,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_colour_is_told_at_its_place() {
+    fn invalid_colour_is_reported_at_its_position() {
         for bad in [
             "x = -1",
             "x = [0, 1]",
@@ -563,7 +563,7 @@ mod tests {
     }
 
     #[test]
-    fn a_parameter_is_a_value_or_a_texture() {
+    fn parameter_accepts_a_value_or_a_texture() {
         assert_eq!(read::<Param<f32>>("x = 1").unwrap().value(), 1.0);
         let textured: Param<Color> = read("x = { texture = \"wood\", value = 0.5 }").unwrap();
         assert_eq!(textured.value(), Color([0.5; 3]));

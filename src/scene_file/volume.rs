@@ -7,9 +7,9 @@ use glam::DAffine3;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::fault::Fault;
+use super::fault::Diagnostic;
 use super::placement::{Step, map_of};
-use super::value::{At, Color};
+use super::value::{Color, Located};
 use crate::volume::cloud::{Cloud, CloudShape};
 use crate::volume::read::{ByteOrder, Element, RawHeader, ReadVolume, read, read_raw};
 use crate::volume::{Fog, Grid, Thickness, Transfer, TransferNode, Volume, VolumeDescription, VolumeError};
@@ -20,24 +20,24 @@ use crate::volume::{Fog, Grid, Thickness, Transfer, TransferNode, Volume, Volume
 #[serde(deny_unknown_fields)]
 pub(super) struct VolumeForm {
     /// Name of the volume in messages.
-    pub(super) name: Option<At<String>>,
+    pub(super) name: Option<Located<String>>,
     /// A .npy, .nrrd or .nhdr file, relative to this one, with one number per sample (density) or four (red, green,
     /// blue, density).
-    file: Option<At<String>>,
+    file: Option<Located<String>>,
     /// Placement of the cube by the NRRD file's own transform, before `transform`.
     #[serde(default)]
     file_placement: bool,
     /// A file of raw numbers, relative to this one, and their format.
-    raw: Option<At<RawForm>>,
+    raw: Option<Located<RawForm>>,
     /// Procedural noise instead of a file.
-    cloud: Option<At<CloudForm>>,
+    cloud: Option<Located<CloudForm>>,
     /// Transforms of the cube, applied in the order written.
     #[serde(default)]
-    transform: Vec<At<Step>>,
+    transform: Vec<Located<Step>>,
     /// Length of a ray-marching step in metres; half the shortest edge of a voxel if absent.
     step: Option<f64>,
     /// Transfer function: nodes with rising values, between which everything is interpolated.
-    transfer: At<Vec<NodeForm>>,
+    transfer: Located<Vec<NodeForm>>,
     /// Length in metres over which the nodes' `opacity` holds; only with `opacity`.
     opacity_over: Option<f64>,
 }
@@ -185,11 +185,11 @@ impl MadeVolume {
 impl VolumeForm {
     /// Returns the volume with index `number` in a file in `folder`, of at most `max_bytes`.
     pub(super) fn volume(
-        form: &At<VolumeForm>,
+        form: &Located<VolumeForm>,
         number: usize,
         folder: &Path,
         max_bytes: u64,
-    ) -> Result<MadeVolume, Fault> {
+    ) -> Result<MadeVolume, Diagnostic> {
         // Compose the transform and the transfer function
         let map = map_of(form.transform.iter().map(|step| &**step))
             .map_err(|(step, sentence)| form.transform[step].fault(sentence))?;
@@ -202,7 +202,7 @@ impl VolumeForm {
             (false, _) => DAffine3::IDENTITY,
             (true, Some(map)) => map,
             (true, None) => {
-                let sentence = "has no place in its file: take `file_placement` away and give a `transform`";
+                let sentence = "has no placement in its file: remove `file_placement` and give a `transform`";
                 return Err(form.fault(sentence));
             }
         };
@@ -221,7 +221,7 @@ impl VolumeForm {
         })
     }
 
-    fn samples(form: &At<VolumeForm>, folder: &Path, max_bytes: u64) -> Result<ReadVolume, Fault> {
+    fn samples(form: &Located<VolumeForm>, folder: &Path, max_bytes: u64) -> Result<ReadVolume, Diagnostic> {
         match (&form.file, &form.raw, &form.cloud) {
             (Some(file), None, None) => {
                 read(&folder.join(&**file), max_bytes).map_err(|error| file.fault(error.to_string()))
@@ -235,7 +235,7 @@ impl VolumeForm {
                     world_from_cube: None,
                 })
             }
-            _ => Err(form.fault("is not one thing: give exactly one of `file`, `raw` and `cloud`")),
+            _ => Err(form.fault("is ambiguous or incomplete: give exactly one of `file`, `raw` and `cloud`")),
         }
     }
 
@@ -254,15 +254,17 @@ impl VolumeForm {
                 (Thickness::OpacityOver(_), None, Some(opacity)) => opacity,
                 (Thickness::Extinction, None, Some(_)) => {
                     return Err(format!(
-                        "node {number} has an opacity over no length: add `opacity_over` to the volume"
+                        "node {number} has an opacity without a reference length: add `opacity_over` to the volume"
                     ));
                 }
                 (Thickness::Extinction, ..) => {
-                    return Err(format!("node {number} is not one thing: give `extinction`"));
+                    return Err(format!(
+                        "node {number} is ambiguous or incomplete: give `extinction`"
+                    ));
                 }
                 (Thickness::OpacityOver(_), ..) => {
                     return Err(format!(
-                        "node {number} is not one thing: give `opacity`, or take `opacity_over` away"
+                        "node {number} is ambiguous or incomplete: give `opacity`, or remove `opacity_over`"
                     ));
                 }
             };

@@ -28,9 +28,9 @@ pub struct EnvironmentMap {
     /// Sine and cosine of the map's rotation about +y.
     turned: [f64; 2],
     /// Cumulative sums, along each row of cells, of luminance times solid angle (up to a constant factor).
-    cell_up_to: Vec<f64>,
+    cumulative_cells: Vec<f64>,
     /// Cumulative sums of the totals of the rows of cells.
-    row_up_to: Vec<f64>,
+    cumulative_rows: Vec<f64>,
 }
 
 /// Direction sampled from an environment map, with its radiance and density.
@@ -49,7 +49,7 @@ pub struct EnvironmentSample {
 pub enum EnvironmentError {
     /// Pixel count that is zero or differs from width times height.
     #[error(
-        "the environment map of {width}x{height} has {pixels} pixels: give as many as its size says, at least one"
+        "the environment map of {width}x{height} has {pixels} pixels: give width times height pixels, at least one"
     )]
     Size {
         /// Width of the image in pixels.
@@ -77,19 +77,21 @@ const LUMINANCE: [f64; 3] = [0.2126, 0.7152, 0.0722];
 
 /// Position in the image: a cell between four texel centres, and fractions within it.
 #[derive(Clone, Copy, Debug)]
-struct Place {
+struct ImagePosition {
     /// Column of the cell, counted from 0 at the first texel's centre; the last column lies across the seam.
     column: usize,
     /// Row of the cell, counted from 0 above the centres of the first texels to `height` below those of the last ones.
     row: usize,
     /// Fractions of the cell to the left of the position and above it.
-    part: [f64; 2],
+    fraction: [f64; 2],
 }
 
 impl EnvironmentMap {
     /// Returns the bytes that the image and its sampling tables take.
     pub fn byte_count(&self) -> usize {
-        size_of_val(&self.texels[..]) + size_of_val(&self.cell_up_to[..]) + size_of_val(&self.row_up_to[..])
+        size_of_val(&self.texels[..])
+            + size_of_val(&self.cumulative_cells[..])
+            + size_of_val(&self.cumulative_rows[..])
     }
 
     /// Creates the map of `image`, in linear RGB radiance, rotated by `rotation` radians about +y, counter-clockwise as
@@ -129,17 +131,17 @@ impl EnvironmentMap {
             height: height as usize,
             texels: pixels,
             turned: [rotation.sin(), rotation.cos()],
-            cell_up_to: Vec::new(),
-            row_up_to: Vec::new(),
+            cumulative_cells: Vec::new(),
+            cumulative_rows: Vec::new(),
         };
-        map.add_up();
+        map.build_tables();
         Ok(map)
     }
 
     /// Builds the cumulative sums over cells and rows that sampling inverts.
-    fn add_up(&mut self) {
-        let mut cell_up_to = Vec::with_capacity(self.width * (self.height + 1));
-        let mut row_up_to = Vec::with_capacity(self.height + 1);
+    fn build_tables(&mut self) {
+        let mut cumulative_cells = Vec::with_capacity(self.width * (self.height + 1));
+        let mut cumulative_rows = Vec::with_capacity(self.height + 1);
         let mut total = 0.0;
         // Accumulate luminance times solid angle, cell by cell and row by row
         for row in 0..=self.height {
@@ -147,18 +149,18 @@ impl EnvironmentMap {
             let mut sum = 0.0;
             for column in 0..self.width {
                 sum += weight * self.corners(column, row).into_iter().sum::<f64>();
-                cell_up_to.push(sum);
+                cumulative_cells.push(sum);
             }
             total += sum;
-            row_up_to.push(total);
+            cumulative_rows.push(total);
         }
-        (self.cell_up_to, self.row_up_to) = (cell_up_to, row_up_to);
+        (self.cumulative_cells, self.cumulative_rows) = (cumulative_cells, cumulative_rows);
     }
 
     /// Returns the radiance from `direction`, a unit vector in world space.
     #[inline]
     pub fn radiance(&self, direction: DVec3) -> [f32; 3] {
-        self.radiance_at(self.place(direction))
+        self.radiance_at(self.image_position(direction))
     }
 
     /// Samples a direction with the random numbers `u` in [0, 1)². Returns `None` if the map is black, and exactly at a
@@ -170,21 +172,21 @@ impl EnvironmentMap {
             return None;
         }
         // Sample a row of cells, then a cell within the row
-        let (row, down) = invert(&self.row_up_to, u[1]);
-        let cells = &self.cell_up_to[row * self.width..(row + 1) * self.width];
+        let (row, down) = invert(&self.cumulative_rows, u[1]);
+        let cells = &self.cumulative_cells[row * self.width..(row + 1) * self.width];
         let (column, across) = invert(cells, u[0]);
         // Sample the position within the cell by its bilinear luminance
         let [a, b, c, d] = self.corners(column, row);
         let t = warp::linear(a + b, c + d, down);
         let s = warp::linear(a + t * (c - a), b + t * (d - b), across);
-        let place = Place {
+        let image_position = ImagePosition {
             column,
             row,
-            part: [s, t],
+            fraction: [s, t],
         };
         // Convert the position into a direction, and the density into solid angle
-        let (direction, sin) = self.direction(place);
-        let radiance = self.radiance_at(place);
+        let (direction, sin) = self.direction(image_position);
+        let radiance = self.radiance_at(image_position);
         let pdf = self.pdf_at(row, sin, radiance);
         (pdf > 0.0 && pdf < f64::INFINITY).then_some(EnvironmentSample {
             direction,
@@ -197,15 +199,19 @@ impl EnvironmentMap {
     /// where the radiance is 0 and exactly at a pole.
     #[inline]
     pub fn pdf(&self, direction: DVec3) -> f64 {
-        let place = self.place(direction);
-        let pdf = self.pdf_at(place.row, direction.x.hypot(direction.z), self.radiance_at(place));
+        let image_position = self.image_position(direction);
+        let pdf = self.pdf_at(
+            image_position.row,
+            direction.x.hypot(direction.z),
+            self.radiance_at(image_position),
+        );
         if pdf < f64::INFINITY { pdf } else { 0.0 }
     }
 
     /// Returns four times the sum over all cells of mean luminance times [`EnvironmentMap::row_weight`].
     #[inline(always)]
     fn total(&self) -> f64 {
-        self.row_up_to[self.height]
+        self.cumulative_rows[self.height]
     }
 
     /// Returns the density per steradian of a position in cell row `row` with the given radiance and sine of the angle
@@ -217,9 +223,9 @@ impl EnvironmentMap {
     fn pdf_at(&self, row: usize, sin: f64, radiance: [f32; 3]) -> f64 {
         let [above, below] = self.row_angles(row);
         let steradian = TAU / self.width as f64 * (below - above) * sin;
-        let shining = luminance(radiance);
-        if shining > 0.0 {
-            4.0 * self.row_weight(row) * shining / (self.total() * steradian)
+        let radiance_luminance = luminance(radiance);
+        if radiance_luminance > 0.0 {
+            4.0 * self.row_weight(row) * radiance_luminance / (self.total() * steradian)
         } else {
             0.0
         }
@@ -257,11 +263,11 @@ impl EnvironmentMap {
 
     /// Returns the bilinearly interpolated radiance at a position in the image.
     #[inline(always)]
-    fn radiance_at(&self, place: Place) -> [f32; 3] {
+    fn radiance_at(&self, image_position: ImagePosition) -> [f32; 3] {
         let [a, b, c, d] = self
-            .corner_indices(place.column, place.row)
+            .corner_indices(image_position.column, image_position.row)
             .map(|index| self.texels[index]);
-        let [s, t] = place.part;
+        let [s, t] = image_position.fraction;
         std::array::from_fn(|channel| {
             let [a, b, c, d] = [a, b, c, d].map(|texel| f64::from(texel[channel]));
             ((1.0 - t) * ((1.0 - s) * a + s * b) + t * ((1.0 - s) * c + s * d)) as f32
@@ -270,7 +276,7 @@ impl EnvironmentMap {
 
     /// Returns the position in the image that a unit vector in world space points to.
     #[inline(always)]
-    fn place(&self, direction: DVec3) -> Place {
+    fn image_position(&self, direction: DVec3) -> ImagePosition {
         // Rotate the direction into the map's frame
         let [sin, cos] = self.turned;
         let x = cos * direction.x - sin * direction.z;
@@ -288,20 +294,20 @@ impl EnvironmentMap {
         let angle = x.hypot(z).atan2(direction.y);
         let row = ((angle / PI * self.height as f64 + 0.5) as usize).min(self.height);
         let [above, below] = self.row_angles(row);
-        let part = [across - column as f64, (angle - above) / (below - above)];
-        Place {
+        let fraction = [across - column as f64, (angle - above) / (below - above)];
+        ImagePosition {
             column,
             row,
-            part: part.map(|part| part.clamp(0.0, 1.0)),
+            fraction: fraction.map(|fraction| fraction.clamp(0.0, 1.0)),
         }
     }
 
     /// Returns the unit vector toward a position in the image, and the sine of its angle from +y.
     #[inline(always)]
-    fn direction(&self, place: Place) -> (DVec3, f64) {
-        let [above, below] = self.row_angles(place.row);
-        let (sin_angle, cos_angle) = (above + place.part[1] * (below - above)).sin_cos();
-        let across = (place.column as f64 + 0.5 + place.part[0]) / self.width as f64;
+    fn direction(&self, image_position: ImagePosition) -> (DVec3, f64) {
+        let [above, below] = self.row_angles(image_position.row);
+        let (sin_angle, cos_angle) = (above + image_position.fraction[1] * (below - above)).sin_cos();
+        let across = (image_position.column as f64 + 0.5 + image_position.fraction[0]) / self.width as f64;
         let (sin_turn, cos_turn) = (TAU * (across - 0.5)).sin_cos();
         let (x, z) = (sin_angle * sin_turn, -sin_angle * cos_turn);
         let [sin, cos] = self.turned;
@@ -323,18 +329,18 @@ fn luminance(color: [f32; 3]) -> f64 {
 /// Inverts cumulative sums: returns the index of the step that contains the fraction `u` of the last sum, and the
 /// position within that step, in [0, 1]. Never selects a step of zero; the last sum must be positive.
 #[inline(always)]
-fn invert(up_to: &[f64], u: f64) -> (usize, f64) {
-    let last = up_to.len() - 1;
-    let target = u * up_to[last];
-    let mut chosen = up_to.partition_point(|&sum| sum <= target).min(last);
+fn invert(cumulative: &[f64], u: f64) -> (usize, f64) {
+    let last = cumulative.len() - 1;
+    let target = u * cumulative[last];
+    let mut chosen = cumulative.partition_point(|&sum| sum <= target).min(last);
     // Rounding may carry the target to the end, where steps of zero may follow.
-    while chosen > 0 && up_to[chosen] == up_to[chosen - 1] {
+    while chosen > 0 && cumulative[chosen] == cumulative[chosen - 1] {
         chosen -= 1;
     }
-    let before = if chosen == 0 { 0.0 } else { up_to[chosen - 1] };
+    let before = if chosen == 0 { 0.0 } else { cumulative[chosen - 1] };
     (
         chosen,
-        ((target - before) / (up_to[chosen] - before)).clamp(0.0, 1.0),
+        ((target - before) / (cumulative[chosen] - before)).clamp(0.0, 1.0),
     )
 }
 
@@ -356,7 +362,7 @@ mod tests {
     }
 
     /// Returns a test map that is black except for some texels, one of them at the seam and one at each pole.
-    fn speckled() -> EnvironmentMap {
+    fn speckled_map() -> EnvironmentMap {
         map(12, 7, 0.7, |x, y| match (x, y) {
             (0, 3) => [5.0, 0.0, 0.0],
             (11, 2) | (4, 0) => [0.0, 0.1, 2.0],
@@ -366,7 +372,7 @@ mod tests {
         })
     }
 
-    fn middles(cells: u32) -> impl Iterator<Item = [f64; 2]> {
+    fn midpoints(cells: u32) -> impl Iterator<Item = [f64; 2]> {
         let middle = move |i: u32| (f64::from(i) + 0.5) / f64::from(cells);
         (0..cells * cells).map(move |i| [middle(i % cells), middle(i / cells)])
     }
@@ -374,7 +380,7 @@ mod tests {
     /// Integrates `value` over all directions by the midpoint rule in both angles, with `cells` by `cells` cells.
     fn integral(cells: u32, value: impl Fn(DVec3) -> f64) -> f64 {
         let steradian = PI * TAU / f64::from(cells * cells);
-        middles(cells)
+        midpoints(cells)
             .map(|[a, b]| {
                 let ((sin, cos), (sin_turn, cos_turn)) = ((PI * b).sin_cos(), (TAU * a).sin_cos());
                 value(DVec3::new(sin * cos_turn, cos, sin * sin_turn)) * sin * steradian
@@ -383,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn the_axes_lie_where_the_convention_says() {
+    fn environment_axes_follow_the_convention() {
         let sides = map(4, 2, 0.0, |x, y| [x as f32, y as f32, 0.0]);
         // Columns 0 to 3 have their centres at 1/8, 3/8, 5/8 and 7/8 of the width: -z is at 1/2, half-way between
         // columns 1 and 2, and +x at 3/4.
@@ -400,12 +406,12 @@ mod tests {
     }
 
     #[test]
-    fn a_rotation_turns_what_is_ahead_to_the_left() {
+    fn rotation_turns_the_environment_to_the_left() {
         let (plain, turned) = (
-            speckled(),
-            map(12, 7, 0.0, |x, y| speckled().texels[(y * 12 + x) as usize]),
+            speckled_map(),
+            map(12, 7, 0.0, |x, y| speckled_map().texels[(y * 12 + x) as usize]),
         );
-        for [a, b] in middles(20) {
+        for [a, b] in midpoints(20) {
             let d = warp::direction(2.0 * a, b);
             let rotated = glam::DQuat::from_rotation_y(0.7) * d;
             let (there, here) = (plain.radiance(rotated), turned.radiance(d));
@@ -416,7 +422,7 @@ mod tests {
     #[test]
     fn the_density_integrates_to_one() {
         for map in [
-            speckled(),
+            speckled_map(),
             map(1, 1, 0.0, |_, _| [2.0; 3]),
             map(5, 1, 1.0, |x, _| [x as f32; 3]),
         ] {
@@ -429,9 +435,9 @@ mod tests {
 
     #[test]
     fn every_sample_has_the_radiance_and_density_of_its_direction() {
-        let map = speckled();
+        let map = speckled_map();
         let mut count = 0;
-        for u in middles(100) {
+        for u in midpoints(100) {
             let sample = map.sample(u).unwrap();
             assert!((sample.direction.length() - 1.0).abs() < 4.0 * f64::EPSILON);
             let radiance = map.radiance(sample.direction);
@@ -445,8 +451,8 @@ mod tests {
     }
 
     #[test]
-    fn sampled_moments_are_those_of_the_light() {
-        let map = speckled();
+    fn sampled_moments_equal_those_of_the_environment() {
+        let map = speckled_map();
         let exact =
             |value: &dyn Fn(DVec3) -> f64| integral(1600, |d| f64::from(map.radiance(d)[2]) * value(d));
         // Roberts' R2 sequence: a number that selects a row would, on a regular grid, be off by a whole row of points.
@@ -454,7 +460,7 @@ mod tests {
         let point = |i: u32| {
             [0.754_877_666_246_692_7, 0.569_840_290_998_053_2].map(|step| (f64::from(i) * step).fract())
         };
-        let drawn = |value: &dyn Fn(DVec3) -> f64| {
+        let sampled_mean = |value: &dyn Fn(DVec3) -> f64| {
             let sum: f64 = (0..count)
                 .filter_map(|i| map.sample(point(i)))
                 .map(|s| f64::from(s.radiance[2]) * value(s.direction) / s.pdf)
@@ -464,7 +470,7 @@ mod tests {
         let all = exact(&|_| 1.0);
         let values: [&dyn Fn(DVec3) -> f64; 4] = [&|_| 1.0, &|d| d.x, &|d| d.y, &|d| d.z];
         for (index, value) in values.into_iter().enumerate() {
-            let (exact, found) = (exact(value), drawn(value));
+            let (exact, found) = (exact(value), sampled_mean(value));
             assert!(
                 (found - exact).abs() < 1e-3 * all,
                 "{index}: {found}, not {exact}"
@@ -473,9 +479,9 @@ mod tests {
     }
 
     #[test]
-    fn an_even_map_is_sampled_evenly() {
+    fn uniform_map_is_sampled_uniformly() {
         let map = map(64, 32, 0.3, |_, _| [1.0, 2.0, 3.0]);
-        for u in middles(32) {
+        for u in midpoints(32) {
             let sample = map.sample(u).unwrap();
             // Within a row of cells sin θ varies by half a cell's cotangent; the outermost rows reach the pole.
             let sin = sample.direction.x.hypot(sample.direction.z);
@@ -490,12 +496,12 @@ mod tests {
     }
 
     #[test]
-    fn a_black_map_gives_no_samples_and_a_single_bright_texel_all_of_them() {
+    fn black_map_gives_no_samples_and_single_texel_gets_all() {
         let black = map(8, 4, 0.0, |_, _| [0.0, -3.0, 0.0]);
         assert!(black.sample([0.5; 2]).is_none());
         assert_eq!((black.pdf(DVec3::X), black.radiance(DVec3::X)), (0.0, [0.0; 3]));
         for value in [1e-45, 1.0, f32::MAX] {
-            let lamp = map(
+            let bright_texel_map = map(
                 64,
                 32,
                 0.0,
@@ -504,10 +510,12 @@ mod tests {
             // Centre of the bright texel: column 48.5 of 64, row 8.5 of 32.
             let (turn, angle) = (TAU * (48.5 / 64.0 - 0.5), PI * 8.5 / 32.0);
             let toward = DVec3::new(angle.sin() * turn.sin(), angle.cos(), -angle.sin() * turn.cos());
-            for u in middles(16).chain([[0.0, 0.0], [1.0 - f64::EPSILON / 2.0; 2]]) {
+            for u in midpoints(16).chain([[0.0, 0.0], [1.0 - f64::EPSILON / 2.0; 2]]) {
                 // The bilinear tent reaches to the neighbouring texel centres: 2π/64 around and π/32 down; it is zero
                 // at its border.
-                let Some(sample) = lamp.sample(u) else { continue };
+                let Some(sample) = bright_texel_map.sample(u) else {
+                    continue;
+                };
                 assert!(sample.direction.dot(toward) > (0.15f64).cos(), "{value}: {u:?}");
                 assert!(sample.pdf.is_finite() && sample.pdf > 0.0);
             }
@@ -515,7 +523,7 @@ mod tests {
     }
 
     #[test]
-    fn maps_that_are_none_are_refused_with_the_place_of_the_fault() {
+    fn invalid_maps_are_rejected_with_the_position_of_the_fault() {
         let image = |width, height, pixels: Vec<[f32; 3]>| LinearImage {
             width,
             height,

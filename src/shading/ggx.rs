@@ -67,7 +67,7 @@ impl Ggx {
     /// Evaluates Smith's G1: the fraction of the microfacets facing `w` that are visible from there; equal on both
     /// sides of the surface. For a sampled direction it is G2 / G1, the weight of the sample.
     #[inline(always)]
-    pub fn g2_over_g1(&self, w: DVec3) -> f64 {
+    pub fn smith_g1(&self, w: DVec3) -> f64 {
         let cosine = w.z.abs();
         let root = (self.alpha * self.alpha * (w.x * w.x + w.y * w.y) + w.z * w.z).sqrt();
         // Keep the root at least the cosine, also where squares underflow.
@@ -85,7 +85,7 @@ impl Ggx {
         if wo.z <= 0.0 {
             return 0.0;
         }
-        self.g2_over_g1(wo) * self.distribution(m) * wo.dot(m).max(0.0) / wo.z
+        self.smith_g1(wo) * self.distribution(m) * wo.dot(m).max(0.0) / wo.z
     }
 
     /// Samples a microfacet normal among those visible from `wo`, which is above the surface, by `u` in [0, 1)².
@@ -110,7 +110,7 @@ impl Ggx {
         if wo.z <= 0.0 || wi.z <= 0.0 {
             return 0.0;
         }
-        let masking = self.g2_over_g1(wo) * self.g2_over_g1(wi);
+        let masking = self.smith_g1(wo) * self.smith_g1(wi);
         self.distribution((wo + wi).normalize()) * masking / (4.0 * wo.z * wi.z)
     }
 
@@ -137,7 +137,7 @@ impl Ggx {
         (wi.z > 0.0).then(|| LobeSample {
             wi,
             m,
-            weight: self.g2_over_g1(wi),
+            weight: self.smith_g1(wi),
         })
     }
 
@@ -148,10 +148,10 @@ impl Ggx {
     /// as m has that direction.
     #[inline(always)]
     pub fn transmission(&self, wo: DVec3, wi: DVec3, eta: f64) -> f64 {
-        let Some((m, below)) = self.refracting(wo, wi, eta) else {
+        let Some((m, below)) = self.refracting_normal(wo, wi, eta) else {
             return 0.0;
         };
-        let masking = self.g2_over_g1(wo) * self.g2_over_g1(wi);
+        let masking = self.smith_g1(wo) * self.smith_g1(wi);
         let cosines = wo.dot(m) * -wi.dot(m) / (wo.z * -wi.z);
         cosines * eta * eta * self.distribution(m) * masking / below
     }
@@ -159,7 +159,7 @@ impl Ggx {
     /// Returns the density of [`Ggx::sample_transmission`] per steradian of `wi` (Walter, equation 17).
     #[inline(always)]
     pub fn transmission_pdf(&self, wo: DVec3, wi: DVec3, eta: f64) -> f64 {
-        let Some((m, below)) = self.refracting(wo, wi, eta) else {
+        let Some((m, below)) = self.refracting_normal(wo, wi, eta) else {
             return 0.0;
         };
         self.vndf_pdf(wo, m) * eta * eta * -wi.dot(m) / below
@@ -167,7 +167,7 @@ impl Ggx {
 
     /// Returns the microfacet normal that refracts `wi` to `wo`, and |wo + eta wi|²; `None` if there is none.
     #[inline(always)]
-    fn refracting(&self, wo: DVec3, wi: DVec3, eta: f64) -> Option<(DVec3, f64)> {
+    fn refracting_normal(&self, wo: DVec3, wi: DVec3, eta: f64) -> Option<(DVec3, f64)> {
         let across = wo + eta * wi;
         let below = across.length_squared();
         // The half vector points to the side of the lower index.
@@ -188,7 +188,7 @@ impl Ggx {
         (wi.z < 0.0).then(|| LobeSample {
             wi,
             m,
-            weight: self.g2_over_g1(wi),
+            weight: self.smith_g1(wi),
         })
     }
 }
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn the_weights_are_the_lobe_times_the_cosine_over_the_density() {
+    fn sample_weight_is_lobe_times_cosine_over_density() {
         for roughness in ROUGHNESSES {
             let lobe = Ggx::from_roughness(roughness);
             let mut checked = 0;
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lobe_is_the_one_that_lights_are_answered_with() {
+    fn the_sampled_lobe_equals_the_one_evaluated_for_lights() {
         for roughness in ROUGHNESSES {
             let material = MaterialPacket {
                 base_color: [[1.0; LANES]; 3],
@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn the_microfacets_fill_the_surface_and_those_visible_what_the_viewer_sees() {
+    fn microfacet_areas_and_visible_areas_are_normalised() {
         for roughness in ROUGHNESSES {
             let lobe = Ggx::from_roughness(roughness);
             for degrees in [0.0, 30.0, 60.0, 85.0] {
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn drawn_microfacets_have_the_mean_of_those_visible() {
+    fn sampled_microfacets_have_the_mean_visible_normal() {
         for roughness in ROUGHNESSES {
             let lobe = Ggx::from_roughness(roughness);
             for degrees in [0.0, 50.0, 85.0] {
@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn reflection_is_the_same_both_ways_and_refraction_too_but_for_the_indices() {
+    fn lobes_are_reciprocal_up_to_squared_indices() {
         for [a, b, c, d] in quadruples(2000) {
             let (wo, wi) = (upper(a, b), upper(c, d));
             for roughness in ROUGHNESSES {
@@ -381,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn without_roughness_the_rays_are_those_of_a_smooth_surface() {
+    fn zero_roughness_gives_smooth_surface_directions() {
         let mirror = Ggx::from_roughness(0.0);
         assert!(mirror.is_smooth());
         for (u, degrees) in [([0.0, 0.0], 0.0), ([0.3, 0.99], 40.0), ([0.7, 0.5], 89.9)] {
@@ -401,7 +401,7 @@ mod tests {
     }
 
     #[test]
-    fn grazing_views_and_extreme_numbers_stay_numbers() {
+    fn grazing_and_extreme_inputs_stay_finite() {
         let last = 1.0 - 2f64.powi(-32);
         for roughness in [0.0, 1e-4, 0.05, 1.0] {
             let lobe = Ggx::from_roughness(roughness);

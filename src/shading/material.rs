@@ -1,11 +1,11 @@
 //! Materials of sixteen points: constant factors, which textures and vertex colours later multiply.
 
 use crate::numeric::{LANES, Lanes, Lanes3};
-use crate::scene::{AlphaMode, Effect, EffectSet, Lecture, Material, MetallicRoughness, Model, Translucency};
+use crate::scene::{AlphaMode, Effect, EffectSet, Material, MetallicRoughness, Model, Phong, Translucency};
 
 /// Material parameters of sixteen points.
 ///
-/// `rich` holds neutral values unless the effects need it.
+/// `extended` holds neutral values unless the effects need it.
 #[derive(Clone, Debug)]
 pub struct MaterialPacket {
     /// Effects whose parameters are written; parameters of other effects are neutral.
@@ -23,9 +23,9 @@ pub struct MaterialPacket {
     /// Reflectance of the dielectric at normal incidence, before `specular_color` and `specular`.
     pub f0: Lanes<f32>,
     /// Parameters that only few materials use.
-    pub rich: ExtendedMaterialLanes,
+    pub extended: ExtendedMaterialLanes,
     /// Index of refraction of a scattering interior, set only where irradiance that enters it is computed.
-    pub enters: Option<f32>,
+    pub entry_ior: Option<f32>,
 }
 
 /// Rarely used material parameters of sixteen points.
@@ -41,7 +41,7 @@ pub struct ExtendedMaterialLanes {
     pub occlusion: Lanes<f32>,
     /// True in lanes that are shaded by the Phong and Whitted model rather than glTF's. An unlit surface is one of that
     /// model with zero reflectance.
-    pub is_lecture: Lanes<bool>,
+    pub is_phong: Lanes<bool>,
     /// Ambient reflectance ra of the Phong and Whitted model, linear RGB.
     pub ambient: Lanes3<f32>,
     /// Diffuse reflectance rd of the Phong and Whitted model, linear RGB.
@@ -54,7 +54,7 @@ pub struct ExtendedMaterialLanes {
     pub rough_rays: Lanes<u32>,
     /// Fraction of the diffuse light that leaves where it arrived and on that side: less than 1 for thin surfaces, 0
     /// for interiors with subsurface scattering.
-    pub local: Lanes<f32>,
+    pub same_side_diffuse: Lanes<f32>,
     /// Fraction of the diffuse light of a white thin surface that leaves on the other side, linear RGB.
     pub translucency: Lanes3<f32>,
 }
@@ -73,24 +73,24 @@ impl MaterialPacket {
     pub const BLACK: MaterialPacket = MaterialPacket {
         effects: EffectSet::NONE,
         base_color: [[0.0; LANES]; 3],
-        enters: None,
+        entry_ior: None,
         alpha: [1.0; LANES],
         emission: [[0.0; LANES]; 3],
         metallic: [0.0; LANES],
         roughness: [1.0; LANES],
         f0: [DEFAULT_F0; LANES],
-        rich: ExtendedMaterialLanes {
+        extended: ExtendedMaterialLanes {
             specular: [1.0; LANES],
             specular_color: [[1.0; LANES]; 3],
             transmission: [[0.0; LANES]; 3],
             occlusion: [1.0; LANES],
-            is_lecture: [false; LANES],
+            is_phong: [false; LANES],
             ambient: [[0.0; LANES]; 3],
             diffuse: [[0.0; LANES]; 3],
             exponent: [1.0; LANES],
             reflection: [[0.0; LANES]; 3],
             rough_rays: [0; LANES],
-            local: [1.0; LANES],
+            same_side_diffuse: [1.0; LANES],
             translucency: [[0.0; LANES]; 3],
         },
     };
@@ -98,23 +98,23 @@ impl MaterialPacket {
     /// Sets every lane to the factors of `material`.
     #[inline(always)]
     pub fn fill(&mut self, material: &Material) {
-        if self.effects.is_bare() {
+        if self.effects.has_basic_materials() {
             self.fill_of::<true>(material);
         } else {
             self.fill_of::<false>(material);
         }
     }
 
-    /// Sets every lane; `BARE` skips the optional effects at compile time.
+    /// Sets every lane; `BASIC` skips the optional effects at compile time.
     #[inline(always)]
-    fn fill_of<const BARE: bool>(&mut self, material: &Material) {
+    fn fill_of<const BASIC: bool>(&mut self, material: &Material) {
         let factors = Factors::of(material);
         for l in 0..LANES {
-            self.set_plain::<BARE>(l, &factors);
+            self.set_basic::<BASIC>(l, &factors);
         }
-        if !BARE && self.effects.is_rich() {
+        if !BASIC && self.effects.needs_full_material() {
             for l in 0..LANES {
-                self.set_rich(l, &factors);
+                self.set_extended(l, &factors);
             }
         }
     }
@@ -128,42 +128,42 @@ impl MaterialPacket {
     /// Sets the lanes for which `material` returns one to the factors of that material.
     #[inline(always)]
     pub fn set_lanes<'m>(&mut self, material: impl FnMut(usize) -> Option<&'m Material>) {
-        if self.effects.is_bare() {
+        if self.effects.has_basic_materials() {
             self.set_lanes_of::<true>(material);
         } else {
             self.set_lanes_of::<false>(material);
         }
     }
 
-    /// Sets the lanes that have a material; `BARE` skips the optional effects at compile time.
+    /// Sets the lanes that have a material; `BASIC` skips the optional effects at compile time.
     #[inline(always)]
-    fn set_lanes_of<'m, const BARE: bool>(
+    fn set_lanes_of<'m, const BASIC: bool>(
         &mut self,
         mut material: impl FnMut(usize) -> Option<&'m Material>,
     ) {
         for l in 0..LANES {
             if let Some(material) = material(l) {
-                self.set_of::<BARE>(l, material);
+                self.set_of::<BASIC>(l, material);
             }
         }
     }
 
-    /// Sets one lane to the factors of `material`. `BARE` may be true only if [`EffectSet::is_bare`] holds for the
+    /// Sets one lane to the factors of `material`. `BASIC` may be true only if [`EffectSet::has_basic_materials`] holds for the
     /// packet's effects.
     #[inline(always)]
-    fn set_of<const BARE: bool>(&mut self, l: usize, material: &Material) {
+    fn set_of<const BASIC: bool>(&mut self, l: usize, material: &Material) {
         let factors = Factors::of(material);
-        self.set_plain::<BARE>(l, &factors);
-        if !BARE && self.effects.is_rich() {
-            self.set_rich(l, &factors);
+        self.set_basic::<BASIC>(l, &factors);
+        if !BASIC && self.effects.needs_full_material() {
+            self.set_extended(l, &factors);
         }
     }
 
     /// Returns whether the surface in lane `l` transmits light.
     #[inline(always)]
     pub fn transmits(&self, l: usize) -> bool {
-        let through = &self.rich.transmission;
-        through[0][l] + through[1][l] + through[2][l] > 0.0
+        let transmission = &self.extended.transmission;
+        transmission[0][l] + transmission[1][l] + transmission[2][l] > 0.0
     }
 
     /// Returns whether the surface in lane `l` gathers its environment by rays into a rough lobe, rather than by a
@@ -178,35 +178,39 @@ impl MaterialPacket {
         } else {
             Effect::RoughReflection
         };
-        self.effects.has(effect) && self.rich.rough_rays[l] > 0 && self.roughness[l] > 0.0
+        self.effects.has(effect) && self.extended.rough_rays[l] > 0 && self.roughness[l] > 0.0
     }
 
     /// Returns whether the surface in lane `l` is a thin surface with diffuse transmission.
     #[inline(always)]
-    pub fn is_sheet(&self, l: usize) -> bool {
-        let through = &self.rich.translucency;
-        through[0][l] + through[1][l] + through[2][l] > 0.0
+    pub fn is_thin_surface(&self, l: usize) -> bool {
+        let transmission = &self.extended.translucency;
+        transmission[0][l] + transmission[1][l] + transmission[2][l] > 0.0
     }
 
     /// Sets the parameters that every packet has, in lane `l`.
     #[inline(always)]
-    fn set_plain<const BARE: bool>(&mut self, l: usize, factors: &Factors) {
+    fn set_basic<const BASIC: bool>(&mut self, l: usize, factors: &Factors) {
         let material = factors.material;
         // Set colour and emission per channel
-        let shines = !BARE && self.effects.has(Effect::Emission);
+        let has_emission = !BASIC && self.effects.has(Effect::Emission);
         for channel in 0..3 {
             self.base_color[channel][l] = material.base_color[channel];
-            self.emission[channel][l] = if shines { factors.emission[channel] } else { 0.0 };
+            self.emission[channel][l] = if has_emission {
+                factors.emission[channel]
+            } else {
+                0.0
+            };
         }
         // Set coverage, metalness, roughness and reflectance
-        self.alpha[l] = if BARE {
+        self.alpha[l] = if BASIC {
             1.0
         } else {
             self.coverage(material, material.base_color[3])
         };
         self.metallic[l] = factors.model.metallic;
         self.roughness[l] = factors.model.roughness;
-        self.f0[l] = if !BARE && self.effects.has(Effect::Specular) {
+        self.f0[l] = if !BASIC && self.effects.has(Effect::Specular) {
             factors.f0
         } else {
             DEFAULT_F0
@@ -230,29 +234,29 @@ impl MaterialPacket {
 
     /// Sets the rarely used parameters in lane `l`, neutral where their effect is off.
     #[inline(always)]
-    fn set_rich(&mut self, l: usize, factors: &Factors) {
+    fn set_extended(&mut self, l: usize, factors: &Factors) {
         // Set the parameters that have one value per lane
-        let is_specular = factors.is_lecture || self.effects.has(Effect::Specular);
-        let local = self.local_share(factors);
-        let rich = &mut self.rich;
-        rich.local[l] = local;
-        rich.specular[l] = if is_specular { factors.model.specular } else { 1.0 };
-        rich.is_lecture[l] = factors.is_lecture;
-        rich.exponent[l] = factors.lecture.exponent;
-        rich.occlusion[l] = 1.0;
-        rich.rough_rays[l] = factors.model.rough_rays;
+        let is_specular = factors.is_phong || self.effects.has(Effect::Specular);
+        let same_side_diffuse = self.same_side_fraction(factors);
+        let extended = &mut self.extended;
+        extended.same_side_diffuse[l] = same_side_diffuse;
+        extended.specular[l] = if is_specular { factors.model.specular } else { 1.0 };
+        extended.is_phong[l] = factors.is_phong;
+        extended.exponent[l] = factors.phong.exponent;
+        extended.occlusion[l] = 1.0;
+        extended.rough_rays[l] = factors.model.rough_rays;
         // Set the parameters that have one value per colour channel
         for channel in 0..3 {
-            rich.specular_color[channel][l] = if is_specular {
+            extended.specular_color[channel][l] = if is_specular {
                 factors.specular_color[channel]
             } else {
                 1.0
             };
-            rich.transmission[channel][l] = factors.transmission[channel];
-            rich.ambient[channel][l] = factors.lecture.ambient[channel];
-            rich.diffuse[channel][l] = factors.lecture.diffuse[channel];
-            rich.reflection[channel][l] = factors.lecture.reflection[channel];
-            rich.translucency[channel][l] = if self.effects.has(Effect::Translucency) {
+            extended.transmission[channel][l] = factors.transmission[channel];
+            extended.ambient[channel][l] = factors.phong.ambient[channel];
+            extended.diffuse[channel][l] = factors.phong.diffuse[channel];
+            extended.reflection[channel][l] = factors.phong.reflection[channel];
+            extended.translucency[channel][l] = if self.effects.has(Effect::Translucency) {
                 factors.translucency[channel]
             } else {
                 0.0
@@ -262,11 +266,11 @@ impl MaterialPacket {
 
     /// Returns the fraction of the diffuse light that leaves where it arrived and on that side.
     #[inline(always)]
-    fn local_share(&self, factors: &Factors) -> f32 {
+    fn same_side_fraction(&self, factors: &Factors) -> f32 {
         if self.effects.has(Effect::Subsurface) && factors.material.scatters().is_some() {
             0.0
         } else if self.effects.has(Effect::Translucency) {
-            factors.local
+            factors.same_side_diffuse
         } else {
             1.0
         }
@@ -277,38 +281,38 @@ impl MaterialPacket {
 struct Factors<'m> {
     material: &'m Material,
     model: MetallicRoughness,
-    lecture: Lecture,
-    is_lecture: bool,
+    phong: Phong,
+    is_phong: bool,
     f0: f32,
     emission: [f32; 3],
     specular_color: [f32; 3],
     transmission: [f32; 3],
-    local: f32,
+    same_side_diffuse: f32,
     translucency: [f32; 3],
 }
 
 /// Parameters of the Phong and Whitted model for a surface with zero reflectance.
-const NOTHING: Lecture = Lecture {
+const UNLIT_PHONG: Phong = Phong {
     ambient: [0.0; 3],
     diffuse: [0.0; 3],
-    ..Lecture::DEFAULT
+    ..Phong::DEFAULT
 };
 
 impl<'m> Factors<'m> {
     fn of(material: &'m Material) -> Factors<'m> {
         // Fill in the model that the material does not use with neutral values
-        let (model, lecture, is_lecture) = match material.model {
-            Model::MetallicRoughness(model) => (model, NOTHING, false),
-            Model::Lecture(lecture) => (MetallicRoughness::DEFAULT, lecture, true),
-            Model::Unlit => (MetallicRoughness::DEFAULT, NOTHING, true),
+        let (model, phong, is_phong) = match material.model {
+            Model::MetallicRoughness(model) => (model, UNLIT_PHONG, false),
+            Model::Phong(phong) => (MetallicRoughness::DEFAULT, phong, true),
+            Model::Unlit => (MetallicRoughness::DEFAULT, UNLIT_PHONG, true),
         };
         // Split the diffuse light between the two sides of a thin surface
-        let leaf = material.translucent().map(Translucency::leaf);
+        let diffuse_transmission = material.translucent().map(Translucency::diffuse_transmission);
         Factors {
             material,
             model,
-            lecture,
-            is_lecture,
+            phong,
+            is_phong,
             f0: match &material.interior {
                 None => DEFAULT_F0,
                 Some(interior) => f0_of(interior.ior.ior(crate::optics::LINE_D)),
@@ -317,19 +321,23 @@ impl<'m> Factors<'m> {
                 Model::Unlit => [0, 1, 2].map(|channel| material.base_color[channel]),
                 _ => material.emission,
             },
-            specular_color: if is_lecture {
-                lecture.specular
+            specular_color: if is_phong {
+                phong.specular
             } else {
                 model.specular_color
             },
-            transmission: if is_lecture {
-                lecture.transmission
+            transmission: if is_phong {
+                phong.transmission
             } else {
                 [model.transmission; 3]
             },
             // Textures multiply the base colour in later; the fraction is equal in all channels.
-            local: leaf.map_or(1.0, |leaf| leaf.reflectance()[0] as f32),
-            translucency: leaf.map_or([0.0; 3], |leaf| leaf.translucency().map(|x| x as f32)),
+            same_side_diffuse: diffuse_transmission.map_or(1.0, |diffuse_transmission| {
+                diffuse_transmission.reflectance()[0] as f32
+            }),
+            translucency: diffuse_transmission.map_or([0.0; 3], |diffuse_transmission| {
+                diffuse_transmission.translucency().map(|x| x as f32)
+            }),
         }
     }
 }

@@ -13,10 +13,10 @@ use crate::scene::MIRROR_ROUGHNESS;
 impl MaterialPacket {
     /// Returns the diffuse albedo of one channel.
     #[inline(always)]
-    fn c_diff<const RICH: bool>(&self, channel: usize, l: usize) -> f32 {
+    fn c_diff<const EXTENDED: bool>(&self, channel: usize, l: usize) -> f32 {
         let scattered = self.base_color[channel][l] * (1.0 - self.metallic[l]);
-        if RICH {
-            scattered * (1.0 - self.rich.transmission[channel][l]) * self.rich.local[l]
+        if EXTENDED {
+            scattered * (1.0 - self.extended.transmission[channel][l]) * self.extended.same_side_diffuse[l]
         } else {
             scattered
         }
@@ -25,16 +25,18 @@ impl MaterialPacket {
     /// Returns the albedo of diffuse transmission to the other side of a thin surface, as a fraction of the light not
     /// reflected.
     #[inline(always)]
-    fn c_through(&self, channel: usize, l: usize) -> f32 {
-        let rich = &self.rich;
-        rich.translucency[channel][l] * (1.0 - self.metallic[l]) * (1.0 - rich.transmission[channel][l])
+    fn transmission_albedo(&self, channel: usize, l: usize) -> f32 {
+        let extended = &self.extended;
+        extended.translucency[channel][l]
+            * (1.0 - self.metallic[l])
+            * (1.0 - extended.transmission[channel][l])
     }
 
     /// Returns the specular reflectance at normal incidence.
     #[inline(always)]
-    fn f0<const RICH: bool>(&self, channel: usize, l: usize) -> f32 {
-        let dielectric = if RICH {
-            (self.f0[l] * self.rich.specular_color[channel][l]).min(1.0) * self.rich.specular[l]
+    fn f0<const EXTENDED: bool>(&self, channel: usize, l: usize) -> f32 {
+        let dielectric = if EXTENDED {
+            (self.f0[l] * self.extended.specular_color[channel][l]).min(1.0) * self.extended.specular[l]
         } else {
             DEFAULT_F0
         };
@@ -43,9 +45,9 @@ impl MaterialPacket {
 
     /// Returns the specular reflectance at grazing incidence.
     #[inline(always)]
-    fn f90<const RICH: bool>(&self, l: usize) -> f32 {
-        if RICH {
-            self.rich.specular[l] * (1.0 - self.metallic[l]) + self.metallic[l]
+    fn f90<const EXTENDED: bool>(&self, l: usize) -> f32 {
+        if EXTENDED {
+            self.extended.specular[l] * (1.0 - self.metallic[l]) + self.metallic[l]
         } else {
             1.0
         }
@@ -53,9 +55,9 @@ impl MaterialPacket {
 
     /// Evaluates Schlick's Fresnel reflectance; `grazing` is the fifth power of 1 minus the cosine of incidence.
     #[inline(always)]
-    fn schlick<const RICH: bool>(&self, grazing: f32, channel: usize, l: usize) -> f32 {
-        let f0 = self.f0::<RICH>(channel, l);
-        f0 + (self.f90::<RICH>(l) - f0) * grazing
+    fn schlick<const EXTENDED: bool>(&self, grazing: f32, channel: usize, l: usize) -> f32 {
+        let f0 = self.f0::<EXTENDED>(channel, l);
+        f0 + (self.f90::<EXTENDED>(l) - f0) * grazing
     }
 
     /// Returns Schlick's Fresnel reflectance of lane `l` at the cosine of incidence `cosine` to the surface or to a
@@ -69,21 +71,21 @@ impl MaterialPacket {
     /// diffusely, and specularly where no other ray gathers the environment.
     #[inline(always)]
     pub fn ambient(&self, ambient: [f32; 3]) -> Lanes3<f32> {
-        if self.effects.is_rich() {
+        if self.effects.needs_full_material() {
             self.ambient_of::<true>(ambient)
         } else {
             self.ambient_of::<false>(ambient)
         }
     }
 
-    /// Implements [`MaterialPacket::ambient`]; `RICH` must be true if the effects are rich.
+    /// Implements [`MaterialPacket::ambient`]; `EXTENDED` must be true if the effects are rich.
     #[inline(always)]
-    fn ambient_of<const RICH: bool>(&self, ambient: [f32; 3]) -> Lanes3<f32> {
-        let rich = &self.rich;
+    fn ambient_of<const EXTENDED: bool>(&self, ambient: [f32; 3]) -> Lanes3<f32> {
+        let extended = &self.extended;
         let mut rough = [0.0; LANES];
         // Mask lanes whose specular reflection is gathered by rays
         for l in 0..LANES {
-            rough[l] = if self.roughness[l] <= MIRROR_ROUGHNESS || (RICH && self.has_lobe(l)) {
+            rough[l] = if self.roughness[l] <= MIRROR_ROUGHNESS || (EXTENDED && self.has_lobe(l)) {
                 0.0
             } else {
                 1.0
@@ -93,12 +95,13 @@ impl MaterialPacket {
         let mut radiance = self.emission;
         for channel in 0..3 {
             for l in 0..LANES {
-                let mut albedo = self.c_diff::<RICH>(channel, l) + self.f0::<RICH>(channel, l) * rough[l];
-                if RICH {
-                    let lecture = rich.ambient[channel][l] * self.base_color[channel][l];
-                    albedo += self.c_through(channel, l);
-                    albedo = if rich.is_lecture[l] { lecture } else { albedo };
-                    albedo *= rich.occlusion[l];
+                let mut albedo =
+                    self.c_diff::<EXTENDED>(channel, l) + self.f0::<EXTENDED>(channel, l) * rough[l];
+                if EXTENDED {
+                    let phong = extended.ambient[channel][l] * self.base_color[channel][l];
+                    albedo += self.transmission_albedo(channel, l);
+                    albedo = if extended.is_phong[l] { phong } else { albedo };
+                    albedo *= extended.occlusion[l];
                 }
                 radiance[channel][l] += ambient[channel] * albedo;
             }
@@ -118,16 +121,16 @@ pub fn direct(
     wo: &Lanes3<f32>,
     wi: &Lanes3<f32>,
 ) -> Lanes3<f32> {
-    if material.effects.is_rich() {
+    if material.effects.needs_full_material() {
         direct_of::<true>(material, ns, wo, wi)
     } else {
         direct_of::<false>(material, ns, wo, wi)
     }
 }
 
-/// Evaluates [`direct`]; `RICH` must be true if the material's effects are rich.
+/// Evaluates [`direct`]; `EXTENDED` must be true if the material's effects are rich.
 #[inline(always)]
-pub fn direct_of<const RICH: bool>(
+pub fn direct_of<const EXTENDED: bool>(
     material: &MaterialPacket,
     ns: &Lanes3<f32>,
     wo: &Lanes3<f32>,
@@ -169,8 +172,8 @@ pub fn direct_of<const RICH: bool>(
         // Blend diffuse and specular by Schlick's Fresnel term
         let grazing = fifth_power(1.0 - v_dot_h);
         for channel in 0..3 {
-            let fresnel = material.schlick::<RICH>(grazing, channel, l);
-            let diffuse = (1.0 - fresnel) * material.c_diff::<RICH>(channel, l) * (1.0 / PI);
+            let fresnel = material.schlick::<EXTENDED>(grazing, channel, l);
+            let diffuse = (1.0 - fresnel) * material.c_diff::<EXTENDED>(channel, l) * (1.0 / PI);
             reflected[channel][l] = (diffuse + fresnel * lobe) * n_dot_l;
         }
     }
@@ -183,13 +186,13 @@ pub fn direct_of<const RICH: bool>(
 /// The back of the surface reflects as much as its front would of light from the mirrored direction; only the remainder
 /// is transmitted.
 #[inline(always)]
-pub fn through(
+pub fn diffuse_transmission(
     material: &MaterialPacket,
     ns: &Lanes3<f32>,
     wo: &Lanes3<f32>,
     wi: &Lanes3<f32>,
 ) -> Lanes3<f32> {
-    let mut passed = [[0.0; LANES]; 3];
+    let mut transmitted = [[0.0; LANES]; 3];
     for l in 0..LANES {
         let n = [ns[0][l], ns[1][l], ns[2][l]];
         let i = [wi[0][l], wi[1][l], wi[2][l]];
@@ -202,17 +205,18 @@ pub fn through(
         let grazing = fifth_power(1.0 - 0.5 * dot(h, h).sqrt());
         for channel in 0..3 {
             let fresnel = material.schlick::<true>(grazing, channel, l);
-            passed[channel][l] = (1.0 - fresnel) * material.c_through(channel, l) * (1.0 / PI) * behind;
+            transmitted[channel][l] =
+                (1.0 - fresnel) * material.transmission_albedo(channel, l) * (1.0 / PI) * behind;
         }
     }
-    passed
+    transmitted
 }
 
 /// Returns the mirror rays of sixteen surfaces: unit direction and Schlick's Fresnel reflectance, which is zero where
 /// the surface is rougher than [`MIRROR_ROUGHNESS`] or sends rays into its lobe. In lanes of the Phong and Whitted
-/// model the reflectance is kr. `RICH` must be true if the material's effects are rich.
+/// model the reflectance is kr. `EXTENDED` must be true if the material's effects are rich.
 #[inline(always)]
-pub fn mirror<const RICH: bool>(
+pub fn mirror<const EXTENDED: bool>(
     material: &MaterialPacket,
     ns: &Lanes3<f32>,
     wo: &Lanes3<f32>,
@@ -226,7 +230,7 @@ pub fn mirror<const RICH: bool>(
             direction[axis][l] = 2.0 * cosine * ns[axis][l] - wo[axis][l];
         }
         // Lanes that are rough or have a lobe send no mirror ray
-        let smooth = if material.roughness[l] <= MIRROR_ROUGHNESS && !(RICH && material.has_lobe(l)) {
+        let smooth = if material.roughness[l] <= MIRROR_ROUGHNESS && !(EXTENDED && material.has_lobe(l)) {
             1.0
         } else {
             0.0
@@ -234,9 +238,9 @@ pub fn mirror<const RICH: bool>(
         // Take Schlick's reflectance, or kr in lanes of the Phong and Whitted model
         let grazing = fifth_power(1.0 - cosine.abs());
         for channel in 0..3 {
-            let polished = smooth * material.schlick::<RICH>(grazing, channel, l);
-            reflectance[channel][l] = if RICH && material.rich.is_lecture[l] {
-                material.rich.reflection[channel][l]
+            let polished = smooth * material.schlick::<EXTENDED>(grazing, channel, l);
+            reflectance[channel][l] = if EXTENDED && material.extended.is_phong[l] {
+                material.extended.reflection[channel][l]
             } else {
                 polished
             };
@@ -285,14 +289,14 @@ mod tests {
     }
 
     #[test]
-    fn a_light_below_the_horizon_gives_nothing() {
+    fn light_below_horizon_contributes_nothing() {
         let up = lanes3([0.0, 0.0, 1.0]);
         let out = direct(&material(1.0, 0.0, 0.5), &up, &up, &lanes3([0.6, 0.0, -0.8]));
         assert_eq!(out, [[0.0; LANES]; 3]);
     }
 
     #[test]
-    fn the_peak_of_a_smooth_lobe_keeps_its_digits() {
+    fn peak_of_smooth_lobe_is_accurate() {
         let up = lanes3([0.0, 0.0, 1.0]);
         let roughness = 0.05f32;
         let out = direct(&material(1.0, 1.0, roughness), &up, &up, &up);

@@ -24,8 +24,8 @@ pub use area_light::{
 pub use environment::{EnvironmentError, EnvironmentMap, EnvironmentSample};
 pub use ggx::{Ggx, LobeSample};
 pub use material::{ExtendedMaterialLanes, MaterialPacket};
-pub use metallic_roughness::{direct, direct_of, mirror, through};
+pub use metallic_roughness::{diffuse_transmission, direct, direct_of, mirror};
 pub use phong::phong_direct;
-pub use punctual_light::{PunctualSample, illuminate};
+pub use punctual_light::{PunctualSample, sample_punctual_light};
 pub use subsurface_entry::transmitted_irradiance;
 pub use texture::{Footprint, TexturePoint, TextureSet, fold_constant_textures};

@@ -99,19 +99,19 @@ const MIN_ELEVATION: f64 = 0.01;
 /// 0.01, or the viewer's own where that is lower; the result is the normal half-way between it and the viewer, so that
 /// `n . wo > 0` too (after Keller et al., "The Iray light transport simulation and rendering system", 2017, A.3). It is
 /// a continuous function of `n`.
-pub fn kept_visible(n: DVec3, ng: DVec3, wo: DVec3) -> DVec3 {
-    let least = MIN_ELEVATION.min(ng.dot(wo));
+pub fn bend_toward_viewer(n: DVec3, ng: DVec3, wo: DVec3) -> DVec3 {
+    let min_elevation = MIN_ELEVATION.min(ng.dot(wo));
     // A normal that faces away from the viewer counts as edge-on: it sends the ray straight on.
     let reflected = n * (2.0 * n.dot(wo).max(0.0)) - wo;
-    if reflected.dot(ng) >= least {
+    if reflected.dot(ng) >= min_elevation {
         return n;
     }
     // Raise the reflected ray to the least elevation
-    let level = reflected - ng * reflected.dot(ng);
-    let Some(level) = level.try_normalize() else {
+    let horizontal = reflected - ng * reflected.dot(ng);
+    let Some(horizontal) = horizontal.try_normalize() else {
         return ng;
     };
-    let raised = level * (1.0 - least * least).sqrt() + ng * least;
+    let raised = horizontal * (1.0 - min_elevation * min_elevation).sqrt() + ng * min_elevation;
     (wo + raised).try_normalize().unwrap_or(ng)
 }
 
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn no_frame_is_made_of_derivatives_that_span_nothing() {
+    fn degenerate_derivatives_give_no_tangent_frame() {
         let none = |dpdu, dpdv| TangentFrame::from_derivatives(DVec3::Z, [dpdu, dpdv]).is_none();
         assert!(none(DVec3::ZERO, DVec3::Y));
         assert!(none(DVec3::X, DVec3::ZERO));
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bumped_normal_is_that_of_the_raised_surface() {
+    fn bump_map_gives_normal_of_displaced_surface() {
         // Plane with oblique derivatives, raised by 0.3 u - 0.2 v: its tangents are dpdu + 0.3 n and dpdv - 0.2 n.
         let (dpdu, dpdv) = (DVec3::new(1.0, 0.5, 0.0), DVec3::new(-0.25, 2.0, 0.0));
         let exact = (dpdu + 0.3 * DVec3::Z).cross(dpdv - 0.2 * DVec3::Z).normalize();
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rotated_map_turns_its_frame_along() {
+    fn rotated_map_rotates_its_tangent_frame() {
         // For u' = 2 v, v' = -u, right in the image is dp/dv / 2.
         let transform = UvTransform {
             matrix: [[0.0, 2.0], [-1.0, 0.0]],
@@ -210,25 +210,25 @@ mod tests {
     }
 
     #[test]
-    fn every_normal_that_is_kept_sees_the_viewer_and_reflects_off_the_surface() {
+    fn every_bent_normal_faces_the_viewer_and_reflects_off_the_surface() {
         let ng = DVec3::Z;
         for wo in directions().filter(|wo| wo.z > 0.0) {
             for n in directions() {
-                let kept = kept_visible(n, ng, wo);
-                let reflected = kept * (2.0 * kept.dot(wo)) - wo;
-                assert!((kept.length() - 1.0).abs() < 1e-12);
-                assert!(kept.dot(wo) > 0.0 && kept.dot(ng) > 0.0, "{n} {wo}: {kept}");
-                assert!(reflected.dot(ng) > 0.0, "{n} {wo}: {kept}");
+                let bent = bend_toward_viewer(n, ng, wo);
+                let reflected = bent * (2.0 * bent.dot(wo)) - wo;
+                assert!((bent.length() - 1.0).abs() < 1e-12);
+                assert!(bent.dot(wo) > 0.0 && bent.dot(ng) > 0.0, "{n} {wo}: {bent}");
+                assert!(reflected.dot(ng) > 0.0, "{n} {wo}: {bent}");
                 let fine = (n * (2.0 * n.dot(wo)) - wo).dot(ng) >= MIN_ELEVATION && n.dot(wo) > 0.0;
-                assert!(!fine || kept == n);
+                assert!(!fine || bent == n);
             }
         }
     }
 
     #[test]
-    fn the_geometric_normal_is_always_kept() {
+    fn the_geometric_normal_is_never_bent() {
         for wo in directions().filter(|wo| wo.z > 0.0) {
-            assert!(is_near(kept_visible(DVec3::Z, DVec3::Z, wo), DVec3::Z));
+            assert!(is_near(bend_toward_viewer(DVec3::Z, DVec3::Z, wo), DVec3::Z));
         }
     }
 }

@@ -19,7 +19,7 @@ const MIN_CONE_FADE: f64 = 0.001;
 
 /// Computes the directions to `light` and its attenuation at the points `p`.
 #[inline(always)]
-pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> PunctualSample {
+pub fn sample_punctual_light(light: &Light, p: &Lanes3<f64>) -> PunctualSample {
     match light.kind {
         // A directional light is not attenuated
         LightKind::Directional { to_light } => PunctualSample {
@@ -27,10 +27,10 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> PunctualSample {
             attenuation: [1.0; LANES],
         },
         LightKind::Point { position, falloff } => {
-            let (wi, inverse_distance) = toward(position, p);
+            let (wi, inverse_distance) = direction_to(position, p);
             PunctualSample {
                 wi,
-                attenuation: weaken(&inverse_distance, falloff),
+                attenuation: attenuate(&inverse_distance, falloff),
             }
         }
         // Area lights are sampled point by point elsewhere.
@@ -45,8 +45,8 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> PunctualSample {
             cos_outer,
             falloff,
         } => {
-            let (wi, inverse_distance) = toward(position, p);
-            let mut attenuation = weaken(&inverse_distance, falloff);
+            let (wi, inverse_distance) = direction_to(position, p);
+            let mut attenuation = attenuate(&inverse_distance, falloff);
             // Fade the light between the inner and the outer cone
             let scale = (cos_inner - cos_outer).max(MIN_CONE_FADE).recip() as f32;
             let direction = direction.as_vec3();
@@ -62,7 +62,7 @@ pub fn illuminate(light: &Light, p: &Lanes3<f64>) -> PunctualSample {
 
 /// Returns the unit vectors from `p` to `position`, and the inverse distances.
 #[inline(always)]
-fn toward(position: DVec3, p: &Lanes3<f64>) -> (Lanes3<f32>, Lanes<f32>) {
+fn direction_to(position: DVec3, p: &Lanes3<f64>) -> (Lanes3<f32>, Lanes<f32>) {
     let mut wi = [[0.0; LANES]; 3];
     let mut inverse_distance = [0.0; LANES];
     for l in 0..LANES {
@@ -84,7 +84,7 @@ fn toward(position: DVec3, p: &Lanes3<f64>) -> (Lanes3<f32>, Lanes<f32>) {
 /// Returns the attenuation at the given inverse distances; a range applies the extension's window to the inverse square
 /// law.
 #[inline(always)]
-fn weaken(inverse_distance: &Lanes<f32>, falloff: Falloff) -> Lanes<f32> {
+fn attenuate(inverse_distance: &Lanes<f32>, falloff: Falloff) -> Lanes<f32> {
     let mut attenuation = [0.0; LANES];
     // A light exactly at the shaded point has no direction: it contributes zero rather than infinity.
     let square = |x: f32| if x < f32::INFINITY { x * x } else { 0.0 };
@@ -135,15 +135,19 @@ mod tests {
             intensity: [1.0; 3],
             kind: light,
         };
-        let seen = illuminate(&light, &p.to_array().map(|axis| [axis; LANES]));
+        let sample = sample_punctual_light(&light, &p.to_array().map(|axis| [axis; LANES]));
         (
-            DVec3::new(seen.wi[0][3].into(), seen.wi[1][3].into(), seen.wi[2][3].into()),
-            seen.attenuation[3],
+            DVec3::new(
+                sample.wi[0][3].into(),
+                sample.wi[1][3].into(),
+                sample.wi[2][3].into(),
+            ),
+            sample.attenuation[3],
         )
     }
 
     #[test]
-    fn a_point_light_falls_with_the_square_of_the_distance() {
+    fn point_light_falls_off_with_squared_distance() {
         let light = LightKind::Point {
             position: DVec3::new(0.0, 4.0, 0.0),
             falloff: Falloff::PHYSICAL,
@@ -152,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_range_fades_to_nothing_by_the_fourth_power() {
+    fn range_fades_to_zero_by_the_fourth_power() {
         let light = LightKind::Point {
             position: DVec3::Y,
             falloff: Falloff::InverseSquare { range: Some(2.0) },
@@ -163,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spot_light_is_full_inside_half_faded_squared_between_and_dark_outside() {
+    fn spot_light_fades_from_inner_to_outer_cone() {
         let spot = |degrees: f64| {
             let angle = degrees.to_radians();
             let kind = LightKind::Spot {
@@ -182,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_at_the_light_itself_gets_nothing() {
+    fn point_at_the_light_receives_nothing() {
         let light = LightKind::Point {
             position: DVec3::Y,
             falloff: Falloff::PHYSICAL,

@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flat_surface_keeps_the_etendue_and_a_way_back_undoes_it() {
+    fn flat_refraction_keeps_etendue_and_is_reversible() {
         let cone = Cone {
             width: 0.3,
             spread: 0.02,
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_on_the_surface_is_found_again_in_uv_at_any_scale() {
+    fn surface_step_maps_to_uv_at_any_scale() {
         for scale in [1e-160, 1e-20, 1.0, 1e20] {
             let derivatives = [
                 DVec3::new(1.0, 2.0, 0.5) * scale,
@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn uv_goes_as_fast_over_a_triangle_as_over_the_shape_it_lies_on() {
+    fn uv_derivatives_of_triangle_and_shape_agree() {
         // For p = (4 u, 9 v, 0) one unit of uv area is 36 units of area.
         let uv = [[0.0f32, 0.0], [0.5, 0.0], [0.25, 0.75]];
         let p = uv.map(|[u, v]| DVec3::new(4.0 * f64::from(u), 9.0 * f64::from(v), 0.0));

@@ -28,7 +28,7 @@ mod tests {
     use crate::optics::subsurface::diffuse_transmittance;
 
     #[test]
-    fn head_on_all_but_the_normal_reflectance_gets_in_and_from_below_nothing() {
+    fn entry_transmittance_at_normal_incidence_and_below_horizon() {
         let lanes = |v: [f32; 3]| v.map(|axis| [axis; LANES]);
         let up = lanes([0.0, 0.0, 1.0]);
         // (0.5 / 2.5)² = 0.04.
@@ -45,7 +45,7 @@ mod tests {
     }
 
     #[test]
-    fn of_even_light_the_diffuse_transmittance_gets_in() {
+    fn uniform_light_enters_by_the_diffuse_transmittance() {
         let up = [[0.0; LANES], [0.0; LANES], [1.0; LANES]];
         // Mean over the hemisphere, weighted by the cosine: 2 times the integral over c of T c.
         let mean: f64 = (0..1000)

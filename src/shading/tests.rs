@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 use crate::numeric::{LANES, Lanes3};
 use crate::optics::{Absorption, Dispersion};
-use crate::scene::{EffectSet, Interior, Lecture, Material, MetallicRoughness, Model};
+use crate::scene::{EffectSet, Material, Medium, MetallicRoughness, Model, Phong};
 use crate::shading::{MaterialPacket, direct, phong_direct};
 use glam::DVec3;
 
@@ -163,7 +163,7 @@ fn gltf_material(random: &mut SplitMix64, specular: bool) -> Material {
         rough_rays: 0,
     });
     // Vary the index of refraction
-    material.interior = Some(Interior {
+    material.interior = Some(Medium {
         ior: Dispersion::Constant(1.0 + 1.5 * f64::from(number())),
         absorption: Absorption::NONE,
         priority: 0,
@@ -199,14 +199,14 @@ fn compare_gltf(seed: u64, specular: bool) -> (f64, f64) {
 }
 
 #[test]
-fn metallic_roughness_is_the_formula_of_gltfs_appendix_b() {
+fn metallic_roughness_equals_gltf_appendix_b() {
     let (worst, plain) = compare_gltf(11, false);
     println!("worst {worst} of its bound, {plain} with a plain one");
     assert!(worst <= 1.0 && plain > 0.5);
 }
 
 #[test]
-fn specular_strength_colour_and_index_are_the_formulas_of_their_extensions() {
+fn specular_and_ior_equal_their_gltf_extensions() {
     let (worst, plain) = compare_gltf(12, true);
     println!("worst {worst} of its bound, {plain} with a plain one");
     assert!(worst <= 1.0 && plain > 0.5);
@@ -256,10 +256,10 @@ fn pure_dielectrics_and_metals_are_the_two_brdfs_that_gltf_mixes() {
     }
 }
 
-fn lecture_material(random: &mut SplitMix64) -> Material {
+fn phong_material(random: &mut SplitMix64) -> Material {
     let mut number = || random.unit() as f32;
     Material {
-        model: Model::Lecture(Lecture {
+        model: Model::Phong(Phong {
             diffuse: [number(), number(), number()],
             specular: [number(), number(), number()],
             // Half of the highlights are broad.
@@ -268,7 +268,7 @@ fn lecture_material(random: &mut SplitMix64) -> Material {
             } else {
                 200.0 * number()
             },
-            ..Lecture::DEFAULT
+            ..Phong::DEFAULT
         }),
         base_color: [number(), number(), number(), 1.0],
         ..Material::default()
@@ -276,16 +276,16 @@ fn lecture_material(random: &mut SplitMix64) -> Material {
 }
 
 #[test]
-fn the_lectures_equation_is_its_formula_with_its_clamps() {
+fn phong_lighting_matches_its_formula_with_clamps() {
     let mut random = SplitMix64::new(14, 0);
     let mut worst = 0.0f64;
     let mut cases = [0; 3];
     for _ in 0..PACKETS {
-        let materials: Vec<Material> = (0..LANES).map(|_| lecture_material(&mut random)).collect();
+        let materials: Vec<Material> = (0..LANES).map(|_| phong_material(&mut random)).collect();
         let [m, v, s] = random_directions(&mut random);
         let found = phong_direct(&packet_of(&materials), &m.lanes, &v.lanes, &s.lanes);
         for l in 0..LANES {
-            let Model::Lecture(lecture) = materials[l].model else {
+            let Model::Phong(phong) = materials[l].model else {
                 unreachable!()
             };
             let (m, v, s) = (m.exact(l), v.exact(l), s.exact(l));
@@ -294,7 +294,7 @@ fn the_lectures_equation_is_its_formula_with_its_clamps() {
             // Behind the surface expect zero; with the mirrored light behind the viewer expect no highlight.
             let case = if s_m <= 0.0 { 0 } else { 1 + usize::from(r_v > 0.0) };
             cases[case] += 1;
-            let f = f64::from(lecture.exponent);
+            let f = f64::from(phong.exponent);
             // Compare each channel with the f64 formula
             for channel in 0..3 {
                 let found = f64::from(found[channel][l]);
@@ -303,8 +303,8 @@ fn the_lectures_equation_is_its_formula_with_its_clamps() {
                     continue;
                 }
                 let color = f64::from(materials[l].base_color[channel]);
-                let diffuse = f64::from(lecture.diffuse[channel]) * color * s_m;
-                let highlight = f64::from(lecture.specular[channel]) * r_v.max(0.0).powf(f);
+                let diffuse = f64::from(phong.diffuse[channel]) * color * s_m;
+                let highlight = f64::from(phong.specular[channel]) * r_v.max(0.0).powf(f);
                 // The power multiplies the relative error of its base by f.
                 let bound =
                     diffuse * (HARMLESS / s_m).max(1.0) + highlight * (2.0 * HARMLESS * f / r_v).max(1.0);
@@ -320,15 +320,15 @@ fn the_lectures_equation_is_its_formula_with_its_clamps() {
 }
 
 #[test]
-fn a_mirrored_ray_straight_to_the_viewer_shines_no_brighter_than_the_highlights_colour() {
+fn highlight_never_exceeds_specular_colour() {
     // r·v may round to above 1, which a large exponent would magnify.
     let mut random = SplitMix64::new(15, 0);
     let material = Material {
-        model: Model::Lecture(Lecture {
+        model: Model::Phong(Phong {
             diffuse: [0.0; 3],
             specular: [0.5; 3],
             exponent: 1e6,
-            ..Lecture::DEFAULT
+            ..Phong::DEFAULT
         }),
         ..Material::default()
     };

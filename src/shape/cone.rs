@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::disk::flat_point;
-use super::parametrization::{nearest_to_origin, polar, turn};
+use super::parametrization::{nearest_to_origin, polar, unit_angle};
 use super::span::{Crossings, Span, crossings_of_wall, nearest, report};
 use super::{Implicit, OriginSurface, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
@@ -35,12 +35,12 @@ const BASE: u32 = 1;
 impl Cone {
     /// Returns both hits of the ray.
     #[inline(always)]
-    fn both(&self, ray: &ShapeRay) -> Crossings {
+    fn intersections(&self, ray: &ShapeRay) -> Crossings {
         let wall = wall_span(ray);
         // Clip at the base only: the nappe itself ends at the apex.
         let above_base = Span::slab(ray.origin.z, ray.direction.z, [-1.0, f64::INFINITY], [BASE, WALL]);
         if self.capped {
-            let own_is_curved = ray.leaving.is_some_and(|l| l.part == WALL);
+            let own_is_curved = ray.origin_surface.is_some_and(|l| l.part == WALL);
             wall.overlap(above_base).crossings_of_convex(ray, own_is_curved)
         } else {
             crossings_of_wall(&wall, &above_base, ray)
@@ -79,7 +79,7 @@ fn wall_span(ray: &ShapeRay) -> Span {
     } else if dw > 0.0 {
         Span::new(t1, f64::INFINITY, WALL)
     } else if matches!(
-        ray.leaving,
+        ray.origin_surface,
         Some(OriginSurface {
             part: WALL,
             side: Side::Inside
@@ -103,11 +103,11 @@ impl Implicit for Cone {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, self.both(ray))
+        nearest(ray, self.intersections(ray))
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, self.both(ray), out);
+        report(ray, self.intersections(ray), out);
     }
 
     fn point(&self, p: DVec3, part: u32) -> ShapePoint {
@@ -124,7 +124,7 @@ impl Implicit for Cone {
         } else {
             DVec3::new(2.0 * cos, 2.0 * sin, 1.0) / 5f64.sqrt()
         };
-        let uv = [turn(cos, sin), 0.5 * (z + 1.0)];
+        let uv = [unit_angle(cos, sin), 0.5 * (z + 1.0)];
         let tangents = [
             TAU * radius * DVec3::new(-sin, cos, 0.0),
             DVec3::new(-cos, -sin, 2.0),
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn the_wall_is_met_at_half_height_and_the_base_from_below() {
+    fn the_wall_is_hit_at_half_height_and_the_base_from_below() {
         // At z = 0 the radius is 1/2.
         assert_eq!(
             hit(true, [3.0, 0.0, 0.0], [-1.0, 0.0, 0.0]),
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ray_along_a_generator_meets_the_other_wall_and_the_mirror_nappe_is_not_there() {
+    fn a_ray_along_a_generator_hits_the_opposite_wall_and_misses_the_mirror_nappe() {
         // From (-1, 0, 1) parallel to the generator (1, 0, -2): intersects x = -w, i.e. -1 + t = -t, at t = 1/2.
         let along = hit(true, [-1.0, 0.0, 1.0], [1.0, 0.0, -2.0]).unwrap();
         assert!((along.t - 0.5).abs() <= f64::EPSILON, "{along:?}");

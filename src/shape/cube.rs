@@ -14,7 +14,7 @@ pub struct Cube;
 impl Cube {
     /// Returns both hits of the ray by the overlap of three slabs.
     #[inline(always)]
-    fn both(ray: &ShapeRay) -> Crossings {
+    fn intersections(ray: &ShapeRay) -> Crossings {
         let (o, d) = (ray.origin, ray.direction);
         Span::slab(o.x, d.x, UNIT, [0, 1])
             .overlap(Span::slab(o.y, d.y, UNIT, [2, 3]))
@@ -34,11 +34,11 @@ impl Implicit for Cube {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, Cube::both(ray))
+        nearest(ray, Cube::intersections(ray))
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, Cube::both(ray), out);
+        report(ray, Cube::intersections(ray), out);
     }
 
     fn point(&self, p: DVec3, part: u32) -> ShapePoint {
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn every_face_is_met_head_on_under_its_own_number() {
+    fn every_face_is_hit_head_on_with_its_part_number() {
         for part in 0..6 {
             let n = Cube.point(DVec3::ZERO, part).n;
             assert_eq!(hit(3.0 * n, -n), Some(ShapeHit { t: 2.0, part }));

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use glam::DVec3;
 
 use super::disk::flat_point;
-use super::parametrization::{polar, turn};
+use super::parametrization::{polar, unit_angle};
 use super::span::{Crossings, Span, UNIT, crossings_of_wall, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::Bounds;
@@ -36,11 +36,11 @@ const BOTTOM: u32 = 2;
 impl Cylinder {
     /// Returns both hits of the ray.
     #[inline(always)]
-    fn both(&self, ray: &ShapeRay) -> Crossings {
+    fn intersections(&self, ray: &ShapeRay) -> Crossings {
         let wall = wall_span(ray);
         let caps = Span::slab(ray.origin.z, ray.direction.z, UNIT, [BOTTOM, TOP]);
         if self.capped {
-            let own_is_curved = ray.leaving.is_some_and(|l| l.part == WALL);
+            let own_is_curved = ray.origin_surface.is_some_and(|l| l.part == WALL);
             wall.overlap(caps).crossings_of_convex(ray, own_is_curved)
         } else {
             crossings_of_wall(&wall, &caps, ray)
@@ -57,7 +57,7 @@ fn wall_span(ray: &ShapeRay) -> Span {
     let c = (rho - 1.0) * (rho + 1.0);
     // Handle a line along the axis
     if a == 0.0 {
-        return if c <= 0.0 || ray.leaving.is_some() {
+        return if c <= 0.0 || ray.origin_surface.is_some() {
             Span::ALL
         } else {
             Span::NONE
@@ -85,11 +85,11 @@ impl Implicit for Cylinder {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, self.both(ray))
+        nearest(ray, self.intersections(ray))
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, self.both(ray), out);
+        report(ray, self.intersections(ray), out);
     }
 
     fn point(&self, p: DVec3, part: u32) -> ShapePoint {
@@ -100,7 +100,7 @@ impl Implicit for Cylinder {
         }
         let (_, cos, sin) = polar(p);
         let z = p.z.clamp(-1.0, 1.0);
-        let uv = [turn(cos, sin), 0.5 * (z + 1.0)];
+        let uv = [unit_angle(cos, sin), 0.5 * (z + 1.0)];
         let n = DVec3::new(cos, sin, 0.0);
         let tangents = [TAU * DVec3::new(-sin, cos, 0.0), 2.0 * DVec3::Z];
         ShapePoint::new(DVec3::new(cos, sin, z), n, uv, tangents, 1.0)
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tube_is_looked_through_where_caps_are_hit() {
+    fn open_tube_is_passed_where_caps_are_hit() {
         for zero in [0.0, -0.0] {
             assert_eq!(
                 hit(true, [0.5, 0.0, 3.0], [zero, zero, -1.0]),
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ray_along_the_wall_is_a_hit_of_the_solid_and_none_of_the_tube() {
+    fn ray_along_the_wall_hits_solid_but_not_tube() {
         assert_eq!(
             hit(true, [1.0, 0.0, 3.0], [0.0, 0.0, -1.0]).map(|h| h.t),
             Some(2.0)

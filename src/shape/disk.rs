@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::span::{NOWHERE, nearest, report};
+use super::span::{NO_HIT, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, plane};
 use crate::numeric::Bounds;
 
@@ -17,11 +17,7 @@ impl Disk {
     fn crossing(ray: &ShapeRay) -> ShapeHit {
         let hit = plane::crossing(ray);
         let p = ray.at(hit.t);
-        if p.x * p.x + p.y * p.y <= 1.0 {
-            hit
-        } else {
-            NOWHERE
-        }
+        if p.x * p.x + p.y * p.y <= 1.0 { hit } else { NO_HIT }
     }
 }
 
@@ -36,11 +32,11 @@ impl Implicit for Disk {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, [Disk::crossing(ray), NOWHERE])
+        nearest(ray, [Disk::crossing(ray), NO_HIT])
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, [Disk::crossing(ray), NOWHERE], out);
+        report(ray, [Disk::crossing(ray), NO_HIT], out);
     }
 
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
@@ -63,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_rim_belongs_to_the_disk_and_the_next_number_does_not() {
+    fn disk_includes_its_rim_exactly() {
         let hit = |x: f64| Disk.intersect(&ShapeRay::new(DVec3::new(x, 0.0, 2.0), -DVec3::Z));
         assert_eq!(hit(1.0), Some(ShapeHit { t: 2.0, part: 0 }));
         assert_eq!(hit(1.0 + f64::EPSILON), None);

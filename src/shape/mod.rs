@@ -54,7 +54,7 @@ pub struct ShapeRay {
     /// Largest parameter in range; may be infinite.
     pub t_far: f64,
     /// Set if the ray starts on the shape that is intersected.
-    pub leaving: Option<OriginSurface>,
+    pub origin_surface: Option<OriginSurface>,
 }
 
 impl ShapeRay {
@@ -65,7 +65,7 @@ impl ShapeRay {
             direction,
             t_near: 0.0,
             t_far: f64::INFINITY,
-            leaving: None,
+            origin_surface: None,
         }
     }
 
@@ -77,7 +77,7 @@ impl ShapeRay {
 
     /// Returns whether a hit at `t` is in range: within the interval, both ends included, and finite. False for NaN.
     #[inline(always)]
-    pub fn admits(&self, t: f64) -> bool {
+    pub fn in_range(&self, t: f64) -> bool {
         self.t_near <= t && t <= self.t_far && t < f64::INFINITY
     }
 }
@@ -87,7 +87,7 @@ impl ShapeRay {
     /// start off the surface and its line misses, it is treated as a tangent.
     #[inline(always)]
     fn discriminant(&self, computed: f64) -> f64 {
-        if self.leaving.is_some() {
+        if self.origin_surface.is_some() {
             computed.max(0.0)
         } else {
             computed

@@ -10,21 +10,21 @@ use super::HalfSpace;
 use crate::numeric::DoubleDouble;
 
 /// Point or vector of double-double numbers.
-pub(crate) type Wide3 = [DoubleDouble; 3];
+pub(crate) type DoubleDouble3 = [DoubleDouble; 3];
 
 /// Converts a vector to double-double numbers.
-pub(crate) fn wide3(v: DVec3) -> Wide3 {
+pub(crate) fn double_double3(v: DVec3) -> DoubleDouble3 {
     v.to_array().map(DoubleDouble::of)
 }
 
 /// Returns the dot product in double-double precision.
-pub(crate) fn dot(a: Wide3, b: Wide3) -> DoubleDouble {
+pub(crate) fn dot(a: DoubleDouble3, b: DoubleDouble3) -> DoubleDouble {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Returns the point of the line at `t`, in double-double precision.
-pub(crate) fn at(o: DVec3, d: DVec3, t: DoubleDouble) -> Wide3 {
-    let (o, d) = (wide3(o), wide3(d));
+pub(crate) fn at(o: DVec3, d: DVec3, t: DoubleDouble) -> DoubleDouble3 {
+    let (o, d) = (double_double3(o), double_double3(d));
     [0, 1, 2].map(|k| o[k] + t * d[k])
 }
 
@@ -57,21 +57,21 @@ const ALWAYS: [DoubleDouble; 2] = [
 
 /// Returns the intervals of the line in xᵀ Q x <= 0 about `center`, where `q` is the upper triangle row by row.
 pub(crate) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -> Intervals {
-    const PLACE: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]];
+    const ENTRY: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]];
     let form = |u: [DoubleDouble; 4], v: [DoubleDouble; 4]| {
         let mut sum = DoubleDouble::of(0.0);
-        for (i, row) in PLACE.iter().enumerate() {
-            for (j, place) in row.iter().enumerate() {
+        for (i, row) in ENTRY.iter().enumerate() {
+            for (j, entry) in row.iter().enumerate() {
                 // Skip zero coefficients, which most are.
-                if q[*place] != 0.0 {
-                    sum = sum + DoubleDouble::of(q[*place]) * u[i] * v[j];
+                if q[*entry] != 0.0 {
+                    sum = sum + DoubleDouble::of(q[*entry]) * u[i] * v[j];
                 }
             }
         }
         sum
     };
     // Form the quadratic in homogeneous coordinates
-    let (o, d, center) = (wide3(o), wide3(d), wide3(center));
+    let (o, d, center) = (double_double3(o), double_double3(d), double_double3(center));
     let o = [0, 1, 2].map(|k| o[k] - center[k]);
     let (one, zero) = (DoubleDouble::of(1.0), DoubleDouble::of(0.0));
     let (o, d) = ([o[0], o[1], o[2], one], [d[0], d[1], d[2], zero]);
@@ -108,12 +108,12 @@ pub(crate) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -
 /// Returns the part of `intervals` with n · x <= h.
 pub(crate) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) -> Intervals {
     // Skip the exact test if f64 shows that nothing is cut
-    if intervals.iter().all(|interval| is_kept(interval, n, h, (o, d))) {
+    if intervals.iter().all(|interval| is_uncut(interval, n, h, (o, d))) {
         return intervals;
     }
     // Clip with the half-line inside the plane
-    let slope = dot(wide3(n), wide3(d));
-    let room = DoubleDouble::of(h) - dot(wide3(n), wide3(o));
+    let slope = dot(double_double3(n), double_double3(d));
+    let room = DoubleDouble::of(h) - dot(double_double3(n), double_double3(o));
     let zero = DoubleDouble::of(0.0);
     let [mut low, mut high] = ALWAYS;
     if slope == zero {
@@ -136,7 +136,7 @@ pub(crate) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) ->
 const HEIGHT_ERROR: f64 = 8.0 * f64::EPSILON;
 
 /// Returns whether both ends of an interval are below a plane by more than rounding, as determined in f64.
-fn is_kept(interval: &[DoubleDouble; 2], n: DVec3, h: f64, (o, d): (DVec3, DVec3)) -> bool {
+fn is_uncut(interval: &[DoubleDouble; 2], n: DVec3, h: f64, (o, d): (DVec3, DVec3)) -> bool {
     interval.iter().all(|end| {
         let p = o + end.nearest() * d;
         let size = n.abs().dot(o.abs() + end.nearest().abs() * d.abs()) + h.abs();
@@ -177,15 +177,15 @@ pub(crate) fn inside_torus(r: f64, delta: f64, o: DVec3, d: DVec3) -> Intervals 
         }
     }
     // Insert the extrema between the samples
-    let mut places = samples.clone();
+    let mut positions = samples.clone();
     for around in samples.windows(3) {
         let [before, here, after] = [0, 1, 2].map(|k| depth(around[k]));
         if (here - before) * (after - here) <= 0.0 {
             let sign = if here <= before { 1.0 } else { -1.0 };
-            places.push(lowest(|t| sign * depth(t), around[0], around[2]));
+            positions.push(lowest(|t| sign * depth(t), around[0], around[2]));
         }
     }
-    places.sort_by(f64::total_cmp);
+    positions.sort_by(f64::total_cmp);
     // Bisect between points on different sides, in double-double precision
     let radius = DoubleDouble::of(r) + DoubleDouble::of(delta);
     let is_inside = |t: DoubleDouble| {
@@ -195,7 +195,7 @@ pub(crate) fn inside_torus(r: f64, delta: f64, o: DVec3, d: DVec3) -> Intervals 
         k * k <= DoubleDouble::of(4.0) * across
     };
     let mut ends = Vec::new();
-    for pair in places.windows(2) {
+    for pair in positions.windows(2) {
         let (mut a, mut b) = (DoubleDouble::of(pair[0]), DoubleDouble::of(pair[1]));
         let first = is_inside(a);
         if first != is_inside(b) {
@@ -272,7 +272,7 @@ fn lowest(f: impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> f64 {
 }
 
 /// Returns the interval of the whole line.
-pub(crate) fn whole() -> Intervals {
+pub(crate) fn whole_line() -> Intervals {
     vec![ALWAYS]
 }
 
@@ -289,7 +289,7 @@ mod tests {
     use crate::numeric::SplitMix64;
 
     #[test]
-    fn the_lectures_ray_is_inside_the_unit_sphere_between_its_two_roots() {
+    fn the_textbook_ray_is_inside_the_unit_sphere_between_its_two_roots() {
         let sphere = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, -1.0];
         let found = inside_quadric(
             &sphere,
@@ -323,9 +323,9 @@ mod tests {
         let (mut crossed, mut missed) = (0, 0);
         for number in 0..3000 {
             // Aim a random ray near the tube
-            let r = random.pick(&[0.5, 0.1, 0.01]);
+            let r = random.choose(&[0.5, 0.1, 0.01]);
             let delta = 1e-12;
-            let o = random.pick(&[0.3, 2.0, 100.0]) * random.direction();
+            let o = random.choose(&[0.3, 2.0, 100.0]) * random.direction();
             let around = random.direction().with_z(0.0).normalize_or_zero();
             let d = around + 1.2 * r * random.in_cube() - o;
             // Find the first hit by bisection

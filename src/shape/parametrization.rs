@@ -6,12 +6,16 @@ use glam::DVec3;
 
 /// Returns the angle around the z axis from +x towards +y, as a fraction of the full circle in [0, 1]; 0 on the axis.
 #[inline]
-pub(super) fn turn(x: f64, y: f64) -> f64 {
+pub(super) fn unit_angle(x: f64, y: f64) -> f64 {
     if x == 0.0 && y == 0.0 {
         return 0.0;
     }
-    let turn = y.atan2(x) / TAU;
-    if turn < 0.0 { turn + 1.0 } else { turn }
+    let unit_angle = y.atan2(x) / TAU;
+    if unit_angle < 0.0 {
+        unit_angle + 1.0
+    } else {
+        unit_angle
+    }
 }
 
 /// Returns the distance from the z axis and the unit vector (x, y) away from the axis, which is (1, 0) on the axis.
@@ -67,11 +71,11 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_starts_at_x_and_goes_towards_y() {
-        assert_eq!(turn(1.0, 0.0), 0.0);
-        assert_eq!(turn(0.0, 2.0), 0.25);
-        assert_eq!(turn(-1.0, 0.0), 0.5);
-        assert_eq!(turn(0.0, -1.0), 0.75);
-        assert_eq!(turn(-0.0, 0.0), 0.0);
+    fn azimuth_starts_at_x_towards_y() {
+        assert_eq!(unit_angle(1.0, 0.0), 0.0);
+        assert_eq!(unit_angle(0.0, 2.0), 0.25);
+        assert_eq!(unit_angle(-1.0, 0.0), 0.5);
+        assert_eq!(unit_angle(0.0, -1.0), 0.75);
+        assert_eq!(unit_angle(-0.0, 0.0), 0.0);
     }
 }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::span::{NOWHERE, nearest, report};
+use super::span::{NO_HIT, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::Bounds;
 
@@ -16,8 +16,8 @@ pub struct Plane;
 /// The result is one subtraction-free division of exact numbers: within half an ulp.
 #[inline(always)]
 pub(super) fn crossing(ray: &ShapeRay) -> ShapeHit {
-    if ray.direction.z == 0.0 || ray.leaving.is_some() {
-        return NOWHERE;
+    if ray.direction.z == 0.0 || ray.origin_surface.is_some() {
+        return NO_HIT;
     }
     // Adding 0 turns -0 into +0, so that a ray that starts on the plane hits at +0.
     let t = -ray.origin.z / ray.direction.z + 0.0;
@@ -35,11 +35,11 @@ impl Implicit for Plane {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, [crossing(ray), NOWHERE])
+        nearest(ray, [crossing(ray), NO_HIT])
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, [crossing(ray), NOWHERE], out);
+        report(ray, [crossing(ray), NO_HIT], out);
     }
 
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {

@@ -50,7 +50,7 @@ pub enum PolyhedronError {
     #[error("face {0} of the polyhedron has no area: give at least three vertices that are not on one line")]
     Degenerate(usize),
     /// Face that refers to a vertex that does not exist.
-    #[error("face {0} of the polyhedron names a vertex that does not exist")]
+    #[error("face {0} of the polyhedron refers to a vertex that does not exist")]
     NoSuchVertex(usize),
     /// Face whose vertices are not on one plane.
     #[error("face {0} of the polyhedron is not flat: split it or move its vertices onto one plane")]
@@ -67,7 +67,7 @@ pub enum PolyhedronError {
     #[error("the half-spaces do not enclose a bounded solid: add the missing ones")]
     Unbounded,
     /// Half-spaces without a common interior.
-    #[error("half-space {0} leaves nothing, or nothing of any thickness, of the polyhedron")]
+    #[error("half-space {0} leaves the polyhedron empty or flat")]
     Empty(usize),
 }
 
@@ -118,7 +118,7 @@ impl Polyhedron {
         }
         Ok(Polyhedron {
             half_spaces: unit.into(),
-            bounds: grown(bounds, slack),
+            bounds: expanded(bounds, slack),
         })
     }
 
@@ -159,10 +159,10 @@ impl Polyhedron {
 
     /// Returns both hits of the ray by clipping its line with every half-space.
     #[inline(always)]
-    fn both(&self, ray: &ShapeRay) -> Crossings {
+    fn intersections(&self, ray: &ShapeRay) -> Crossings {
         let mut span = Span::ALL;
         // A ray to the inside does not hit its own plane again, even if it is grazing and rounded.
-        let own = match ray.leaving {
+        let own = match ray.origin_surface {
             Some(OriginSurface {
                 part,
                 side: Side::Inside,
@@ -228,7 +228,7 @@ fn vertices_of(half_spaces: &[HalfSpace]) -> Vec<DVec3> {
 }
 
 /// Returns the bounds, enlarged by `by` on every side.
-fn grown(bounds: Bounds, by: f64) -> Bounds {
+fn expanded(bounds: Bounds, by: f64) -> Bounds {
     Bounds {
         min: bounds.min - DVec3::splat(by),
         max: bounds.max + DVec3::splat(by),
@@ -315,11 +315,11 @@ impl Implicit for Polyhedron {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, self.both(ray))
+        nearest(ray, self.intersections(ray))
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, self.both(ray), out);
+        report(ray, self.intersections(ray), out);
     }
 
     fn point(&self, p: DVec3, part: u32) -> ShapePoint {
@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn half_spaces_of_a_cube_answer_as_the_cube_does() {
+    fn half_spaces_of_a_cube_give_the_hits_of_the_cube() {
         let cube = Polyhedron::from_half_spaces(&cube_half_spaces()).unwrap();
         for (o, d) in [
             (DVec3::new(0.3, -0.2, 5.0), DVec3::new(0.0, -0.0, -2.0)),
@@ -392,7 +392,7 @@ mod tests {
     }
 
     #[test]
-    fn faulty_faces_are_named() {
+    fn invalid_faces_are_rejected_by_number() {
         let (vertices, faces) = tetrahedron();
         let with = |change: fn(&mut Vec<DVec3>, &mut Vec<Vec<u32>>)| {
             let (mut vertices, mut faces) = (vertices.clone(), faces.clone());
@@ -414,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn half_spaces_that_enclose_nothing_or_everything_are_refused() {
+    fn empty_or_unbounded_half_spaces_are_rejected() {
         let cube = cube_half_spaces();
         assert_eq!(
             Polyhedron::from_half_spaces(&cube[..5]),

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::disk::flat_point;
-use super::span::{NOWHERE, nearest, report};
+use super::span::{NO_HIT, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, plane};
 use crate::numeric::Bounds;
 
@@ -20,7 +20,7 @@ impl Quad {
         if (p.x.abs() <= 1.0) & (p.y.abs() <= 1.0) {
             hit
         } else {
-            NOWHERE
+            NO_HIT
         }
     }
 }
@@ -36,11 +36,11 @@ impl Implicit for Quad {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, [Quad::crossing(ray), NOWHERE])
+        nearest(ray, [Quad::crossing(ray), NO_HIT])
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, [Quad::crossing(ray), NOWHERE], out);
+        report(ray, [Quad::crossing(ray), NO_HIT], out);
     }
 
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {

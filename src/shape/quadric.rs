@@ -6,7 +6,7 @@
 use glam::DVec3;
 
 use super::parametrization::nearest_to_origin;
-use super::span::{Crossings, NOTHING, NOWHERE, Span, nearest, report};
+use super::span::{Crossings, NO_HIT, NO_HITS, Span, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 use crate::numeric::roots::quadratic_roots;
@@ -29,7 +29,7 @@ pub enum QuadricError {
     #[error("a coefficient of the quadric is not finite")]
     NotFinite,
     /// Equation whose coefficients except for the constant are all zero.
-    #[error("all coefficients of the quadric but the constant are zero, so that it is no surface")]
+    #[error("all coefficients of the quadric except the constant are zero, so it is not a surface")]
     Constant,
     /// Clip box without a volume.
     #[error("the quadric's clip box is empty, flat or not finite: give a low corner below a high one")]
@@ -79,7 +79,7 @@ impl Quadric {
 
     /// Returns both hits of the ray inside the clip box.
     #[inline(always)]
-    fn both(&self, ray: &ShapeRay) -> Crossings {
+    fn intersections(&self, ray: &ShapeRay) -> Crossings {
         // Form the quadratic at the line's point nearest to the box's centre
         let d = ray.direction;
         let center = self.clip.center();
@@ -87,10 +87,10 @@ impl Quadric {
         let (c, half_gradient) = self.value(center + o);
         let a = d.dot(self.linear(d));
         let b = -d.dot(half_gradient);
-        let kept = self.clip_span(ray);
+        let clip = self.clip_span(ray);
         let middle = b / a;
         // Refine halfway between the roots, unless that is outside the box, where the coefficients are larger again.
-        let [t0, t1] = if kept.contains(shift + middle) {
+        let [t0, t1] = if clip.contains(shift + middle) {
             let (c, half_gradient) = self.value(center + o + middle * d);
             let b = -d.dot(half_gradient);
             let half = (ray.discriminant(b * b - a * c).sqrt() / a).abs();
@@ -101,25 +101,25 @@ impl Quadric {
         };
         // Discard hits outside the clip box
         let cut = |t: f64| {
-            if kept.contains(t) {
+            if clip.contains(t) {
                 ShapeHit { t, part: 0 }
             } else {
-                NOWHERE
+                NO_HIT
             }
         };
-        let Some(leaving) = ray.leaving else {
+        let Some(origin_surface) = ray.origin_surface else {
             return [cut(t0), cut(t1)];
         };
         // The value changes sign at the own root in one direction and at the other root in the opposite one: the other
         // root lies ahead if it is the later of the two, and then beyond the start.
-        let ahead = match leaving.side {
+        let ahead = match origin_surface.side {
             Side::Outside => a < 0.0,
             Side::Inside => a > 0.0,
         };
         if ahead && t1 > 0.0 {
-            [NOWHERE, cut(t1)]
+            [NO_HIT, cut(t1)]
         } else {
-            NOTHING
+            NO_HITS
         }
     }
 
@@ -146,11 +146,11 @@ impl Implicit for Quadric {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, self.both(ray))
+        nearest(ray, self.intersections(ray))
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, self.both(ray), out);
+        report(ray, self.intersections(ray), out);
     }
 
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
@@ -189,7 +189,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_saddle_is_met_where_its_height_is_the_product() {
+    fn a_saddle_is_hit_where_its_height_is_the_product() {
         let mut q = [0.0; 10];
         (q[1], q[8]) = (0.5, -0.5);
         let clip = Bounds {
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_quadric_is_refused() {
+    fn invalid_quadrics_are_rejected() {
         let clip = Bounds {
             min: -DVec3::ONE,
             max: DVec3::ONE,

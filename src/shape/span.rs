@@ -93,28 +93,28 @@ impl Span {
     #[inline(always)]
     pub(super) fn crossings_of_convex(&self, ray: &ShapeRay, own_is_curved: bool) -> Crossings {
         // A ray from elsewhere hits both ends
-        match ray.leaving {
+        match ray.origin_surface {
             None if self.enter.t <= self.exit.t => [self.enter, self.exit],
-            None => NOTHING,
+            None => NO_HITS,
             // A ray from the surface to the outside hits nothing
             Some(OriginSurface {
                 side: Side::Outside, ..
-            }) => NOTHING,
+            }) => NO_HITS,
             // A ray from the surface to the inside hits another part, or its own if curved
             Some(OriginSurface { part, .. }) => {
                 let ShapeHit { t, part: exit } = self.exit;
                 if exit != part {
                     [
-                        NOWHERE,
+                        NO_HIT,
                         ShapeHit {
                             t: t.max(0.0),
                             part: exit,
                         },
                     ]
                 } else if own_is_curved && t > 0.0 {
-                    [NOWHERE, self.exit]
+                    [NO_HIT, self.exit]
                 } else {
-                    NOTHING
+                    NO_HITS
                 }
             }
         }
@@ -122,18 +122,18 @@ impl Span {
 }
 
 /// Returns the hits on an open surface: a convex wall, whose interior covers the interval `wall` of the line, clipped
-/// to `kept`.
+/// to `clip`.
 ///
 /// A ray that starts on the outer side never returns; from the inside, only the far wall lies ahead.
 #[inline(always)]
-pub(super) fn crossings_of_wall(wall: &Span, kept: &Span, ray: &ShapeRay) -> Crossings {
-    let cut = |hit: ShapeHit| if kept.contains(hit.t) { hit } else { NOWHERE };
-    match ray.leaving {
+pub(super) fn crossings_of_wall(wall: &Span, clip: &Span, ray: &ShapeRay) -> Crossings {
+    let cut = |hit: ShapeHit| if clip.contains(hit.t) { hit } else { NO_HIT };
+    match ray.origin_surface {
         None if wall.enter.t <= wall.exit.t => [cut(wall.enter), cut(wall.exit)],
         Some(OriginSurface {
             side: Side::Inside, ..
-        }) if wall.exit.t > 0.0 => [NOWHERE, cut(wall.exit)],
-        _ => NOTHING,
+        }) if wall.exit.t > 0.0 => [NO_HIT, cut(wall.exit)],
+        _ => NO_HITS,
     }
 }
 
@@ -141,18 +141,18 @@ pub(super) fn crossings_of_wall(wall: &Span, kept: &Span, ray: &ShapeRay) -> Cro
 pub(super) type Crossings = [ShapeHit; 2];
 
 /// Missing hit, whose parameter is NaN.
-pub(super) const NOWHERE: ShapeHit = ShapeHit { t: f64::NAN, part: 0 };
+pub(super) const NO_HIT: ShapeHit = ShapeHit { t: f64::NAN, part: 0 };
 
 /// Pair of missing hits, for a ray that misses.
-pub(super) const NOTHING: Crossings = [NOWHERE; 2];
+pub(super) const NO_HITS: Crossings = [NO_HIT; 2];
 
 /// Returns the first hit in the ray's range.
 #[inline(always)]
 pub(super) fn nearest(ray: &ShapeRay, [first, second]: Crossings) -> Option<ShapeHit> {
-    if ray.admits(first.t) {
+    if ray.in_range(first.t) {
         Some(first)
     } else {
-        ray.admits(second.t).then_some(second)
+        ray.in_range(second.t).then_some(second)
     }
 }
 
@@ -161,7 +161,7 @@ pub(super) fn nearest(ray: &ShapeRay, [first, second]: Crossings) -> Option<Shap
 pub(super) fn report(ray: &ShapeRay, crossings: Crossings, out: &mut dyn FnMut(ShapeHit)) {
     crossings
         .into_iter()
-        .filter(|hit| ray.admits(hit.t))
+        .filter(|hit| ray.in_range(hit.t))
         .for_each(out);
 }
 
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn a_ray_into_a_solid_exits_at_its_start_at_the_earliest_and_never_where_it_left() {
         let inward = |part| ShapeRay {
-            leaving: Some(OriginSurface {
+            origin_surface: Some(OriginSurface {
                 part,
                 side: Side::Inside,
             }),

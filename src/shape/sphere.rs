@@ -9,7 +9,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::parametrization::{nearest_to_origin, polar, turn};
+use super::parametrization::{nearest_to_origin, polar, unit_angle};
 use super::span::{Crossings, Span, nearest, report};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay};
 use crate::numeric::roots::quadratic_roots;
@@ -52,9 +52,9 @@ impl Sphere {
     /// Returns both roots as [`Sphere::roots`] does, NaN for a miss.
     #[inline(always)]
     fn roots_or_nan(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
-        let (roots, is_close) = self.far_roots(origin.to_array(), direction.to_array());
+        let (roots, is_close) = self.roots_f64(origin.to_array(), direction.to_array());
         if is_close {
-            self.close_roots(origin, direction)
+            self.roots_double_double(origin, direction)
         } else {
             roots
         }
@@ -63,7 +63,7 @@ impl Sphere {
     /// Computes the roots in f64, without branches. Also returns whether the ray is too close to the sphere for f64:
     /// see [`CLOSE`].
     #[inline(always)]
-    fn far_roots(&self, origin: [f64; 3], direction: [f64; 3]) -> ([f64; 2], bool) {
+    fn roots_f64(&self, origin: [f64; 3], direction: [f64; 3]) -> ([f64; 2], bool) {
         let direction = DVec3::from_array(direction);
         let f = DVec3::from_array(origin) - self.center;
         let a = direction.length_squared();
@@ -83,7 +83,7 @@ impl Sphere {
     /// cancel.
     #[cold]
     #[inline(never)]
-    fn close_roots(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
+    fn roots_double_double(&self, origin: DVec3, direction: DVec3) -> [f64; 2] {
         // Form the quadratic in double-double precision
         let f = [0, 1, 2].map(|k| DoubleDouble::of(origin[k]) - DoubleDouble::of(self.center[k]));
         let d = direction.to_array().map(DoubleDouble::of);
@@ -129,7 +129,7 @@ impl Sphere {
         let (mut t, mut close, mut any) = ([f64::NAN; W], [0u64; W], 0);
         for lane in 0..W {
             let of = |v: &[[f64; W]; 3]| [v[0][lane], v[1][lane], v[2][lane]];
-            let (roots, is_close) = self.far_roots(of(origin), of(direction));
+            let (roots, is_close) = self.roots_f64(of(origin), of(direction));
             t[lane] = first_within(roots, [t_near[lane], t_far[lane]]);
             close[lane] = u64::from(is_close);
             any |= close[lane];
@@ -138,7 +138,7 @@ impl Sphere {
         if any != 0 {
             for lane in (0..W).filter(|&lane| close[lane] != 0) {
                 let of = |v: &[[f64; W]; 3]| DVec3::new(v[0][lane], v[1][lane], v[2][lane]);
-                let roots = self.close_roots(of(origin), of(direction));
+                let roots = self.roots_double_double(of(origin), of(direction));
                 t[lane] = first_within(roots, [t_near[lane], t_far[lane]]);
             }
         }
@@ -162,7 +162,7 @@ impl Sphere {
         // Solve all spheres in f64, noting the close ones
         let (mut t, mut close, mut any) = ([f64::NAN; N], [0u64; N], 0);
         for i in 0..N {
-            let (roots, is_close) = sphere(i).far_roots(origin.to_array(), direction.to_array());
+            let (roots, is_close) = sphere(i).roots_f64(origin.to_array(), direction.to_array());
             t[i] = first_within(roots, [t_near, f64::INFINITY]);
             close[i] = u64::from(is_close);
             any |= close[i];
@@ -170,7 +170,10 @@ impl Sphere {
         // Solve the rare close ones again in double-double precision
         if any != 0 {
             for i in (0..N).filter(|&i| close[i] != 0) {
-                t[i] = first_within(sphere(i).close_roots(origin, direction), [t_near, f64::INFINITY]);
+                t[i] = first_within(
+                    sphere(i).roots_double_double(origin, direction),
+                    [t_near, f64::INFINITY],
+                );
             }
         }
         t
@@ -178,9 +181,9 @@ impl Sphere {
 
     /// Returns both hits of the ray, after removal of its own root if it starts on the sphere.
     #[inline(always)]
-    fn both(&self, ray: &ShapeRay) -> Crossings {
+    fn intersections(&self, ray: &ShapeRay) -> Crossings {
         let [mut t0, mut t1] = self.roots_or_nan(ray.origin, ray.direction);
-        if ray.leaving.is_some() && t0.is_nan() {
+        if ray.origin_surface.is_some() && t0.is_nan() {
             // A ray along the sphere whose start is rounded off the surface touches it at the nearest point.
             t0 = nearest_to_origin(ray.origin - self.center, ray.direction).0;
             t1 = t0;
@@ -230,11 +233,11 @@ impl Implicit for Sphere {
 
     #[inline]
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
-        nearest(ray, self.both(ray))
+        nearest(ray, self.intersections(ray))
     }
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
-        report(ray, self.both(ray), out);
+        report(ray, self.intersections(ray), out);
     }
 
     /// Returns the surface point; `u` is the longitude around z from +x towards +y as a fraction of the full circle,
@@ -243,7 +246,7 @@ impl Implicit for Sphere {
     fn point(&self, p: DVec3, _part: u32) -> ShapePoint {
         let n = self.normal(p);
         let (rho, cos, sin) = polar(n);
-        let uv = [turn(n.x, n.y), rho.atan2(-n.z) / PI];
+        let uv = [unit_angle(n.x, n.y), rho.atan2(-n.z) / PI];
         let dpdu = TAU * self.radius * rho * DVec3::new(-sin, cos, 0.0);
         let dpdv = PI * self.radius * DVec3::new(-n.z * cos, -n.z * sin, rho);
         ShapePoint::new(self.center + self.radius * n, n, uv, [dpdu, dpdv], self.radius)
@@ -294,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn the_lectures_ray_meets_the_unit_sphere_at_one_minus_and_plus_root_88_over_44() {
+    fn the_textbook_ray_hits_the_unit_sphere_at_one_minus_and_plus_root_88_over_44() {
         let [t0, t1] = Sphere::UNIT
             .roots(DVec3::new(3.0, 2.0, 3.0), DVec3::new(-3.0, -2.0, -3.0))
             .unwrap();
@@ -318,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_huge_sphere_under_the_feet_is_one_unit_away() {
+    fn huge_sphere_below_is_one_unit_away() {
         for k in 3..=8 {
             let radius = 10f64.powi(k);
             let ground = Sphere {
@@ -332,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ground_of_a_planet_is_as_far_away_as_it_is() {
+    fn planet_sized_sphere_has_accurate_distance() {
         for k in 3..=8 {
             let radius = 10f64.powi(k);
             let ground = Sphere {
@@ -355,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn from_inside_only_the_far_side_is_hit_and_from_behind_nothing() {
+    fn ray_from_inside_hits_far_side_and_behind_misses() {
         let hit = |z: f64| Sphere::UNIT.nearest(DVec3::new(0.0, 0.0, z), DVec3::Z, 0.0, f64::INFINITY);
         assert_eq!(hit(0.0), Some(1.0));
         assert_eq!(hit(-3.0), Some(2.0));

@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::oracle::{Intervals, at, cut, dodecahedron, dot, inside_quadric, inside_torus, is_within, whole};
+use super::oracle::{
+    Intervals, at, cut, dodecahedron, dot, inside_quadric, inside_torus, is_within, whole_line,
+};
 use super::{
     Cone, Cylinder, HalfSpace, Implicit, OriginSurface, Polyhedron, Quadric, Shape, ShapeRay, Side, Sphere,
     Torus,
@@ -26,7 +28,7 @@ type Moved = fn(delta: f64) -> ([f64; 10], DVec3);
 
 /// Description of a shape for the oracle: xᵀ Q x <= 0 moved outward by `delta`, and half-spaces. The half-spaces bound
 /// a solid, or they clip an open surface.
-struct Referee {
+struct ShapeOracle {
     shape: Shape,
     quadric: Option<Moved>,
     half_spaces: Vec<HalfSpace>,
@@ -92,14 +94,14 @@ fn box_half_spaces(axes: std::ops::Range<usize>) -> Vec<HalfSpace> {
 }
 
 /// Returns the oracle descriptions of all shapes except for the torus and flat open ones.
-fn referees() -> Vec<Referee> {
+fn shape_oracles() -> Vec<ShapeOracle> {
     let clip = Bounds {
         min: -DVec3::ONE,
         max: DVec3::ONE,
     };
     let mut all = Vec::new();
     let mut add = |shape, quadric, half_spaces, curvature| {
-        all.push(Referee {
+        all.push(ShapeOracle {
             shape,
             quadric,
             half_spaces,
@@ -146,11 +148,11 @@ fn referees() -> Vec<Referee> {
 /// snapping.
 fn random_ray(random: &mut SplitMix64) -> ShapeRay {
     let mut target = 1.3 * random.in_cube();
-    let distance = random.pick(&[0.0, 0.5, 3.0, 100.0, 1e6]);
-    let mut way = random.direction();
+    let distance = random.choose(&[0.0, 0.5, 3.0, 100.0, 1e6]);
+    let mut direction = random.direction();
     if random.bits() & 3 == 0 {
         let snap = |random: &mut SplitMix64, x: f64| match random.bits() % 8 {
-            0..6 => random.pick(&[0.0, -0.0, 1.0, -1.0, 0.5, -0.5]),
+            0..6 => random.choose(&[0.0, -0.0, 1.0, -1.0, 0.5, -0.5]),
             _ => x,
         };
         target = DVec3::new(
@@ -158,15 +160,19 @@ fn random_ray(random: &mut SplitMix64) -> ShapeRay {
             snap(random, target.y),
             snap(random, target.z),
         );
-        way = DVec3::new(snap(random, way.x), snap(random, way.y), snap(random, way.z));
-        if way == DVec3::ZERO {
-            way = DVec3::new(-0.0, 0.0, 1.0);
+        direction = DVec3::new(
+            snap(random, direction.x),
+            snap(random, direction.y),
+            snap(random, direction.z),
+        );
+        if direction == DVec3::ZERO {
+            direction = DVec3::new(-0.0, 0.0, 1.0);
         }
     }
     let scale = 2f64.powi((random.bits() % 60) as i32 - 30);
     ShapeRay {
         t_near: f64::NEG_INFINITY,
-        ..ShapeRay::new(target - distance * way, scale * way)
+        ..ShapeRay::new(target - distance * direction, scale * direction)
     }
 }
 
@@ -188,7 +194,7 @@ fn tolerance(ray: &ShapeRay) -> f64 {
     ROUNDINGS * 0.5 * f64::EPSILON * (1.0 + ray.origin.length())
 }
 
-impl Referee {
+impl ShapeOracle {
     /// Returns the intervals of the line inside the shape moved outward by `delta`.
     fn inside(&self, ray: &ShapeRay, delta: f64) -> Intervals {
         self.half_spaces.iter().fold(self.wall(ray, delta), |found, s| {
@@ -199,7 +205,7 @@ impl Referee {
     /// Returns the intervals inside the quadric alone; of a cone, inside the lower nappe.
     fn wall(&self, ray: &ShapeRay, delta: f64) -> Intervals {
         let Some(moved) = self.quadric else {
-            return whole();
+            return whole_line();
         };
         let (o, d) = (ray.origin, ray.direction);
         let (q, center) = moved(delta);
@@ -211,7 +217,7 @@ impl Referee {
     }
 
     /// Returns whether the claimed hits of a solid lie between those of the smaller and the larger shape.
-    fn judge_solid(&self, ray: &ShapeRay, claimed: &[f64]) -> bool {
+    fn check_solid(&self, ray: &ShapeRay, claimed: &[f64]) -> bool {
         let delta = tolerance(ray);
         claimed.len().is_multiple_of(2)
             && is_within(&pairs(claimed), &self.inside(ray, delta))
@@ -221,7 +227,7 @@ impl Referee {
     /// Returns whether the claimed hits of an open surface are correct and complete: every one lies between the smaller
     /// and the larger wall and inside the larger half-spaces; between two walls well inside the half-spaces there is
     /// one.
-    fn judge_sheet(&self, ray: &ShapeRay, claimed: &[f64]) -> bool {
+    fn check_open_surface(&self, ray: &ShapeRay, claimed: &[f64]) -> bool {
         let delta = tolerance(ray);
         // A quadric is moved by value, whose gradient within the tolerance is at most 4.
         let wall_delta = if matches!(self.shape, Shape::Quadric(_)) {
@@ -254,8 +260,8 @@ impl Referee {
                     && b.nearest().is_finite()
                     && kept(*a, -delta)
                     && kept(*b, -delta);
-                let met = |t: &f64| *a <= DoubleDouble::of(*t) && DoubleDouble::of(*t) <= *b;
-                !certain || claimed.iter().any(met)
+                let hit_count = |t: &f64| *a <= DoubleDouble::of(*t) && DoubleDouble::of(*t) <= *b;
+                !certain || claimed.iter().any(hit_count)
             })
         });
         right && complete
@@ -263,16 +269,16 @@ impl Referee {
 }
 
 #[test]
-fn a_torus_is_crossed_where_one_moved_by_a_few_roundings_is() {
+fn torus_crossings_equal_those_of_a_rounding_perturbed_torus() {
     for minor_radius in [0.25, 0.02, 0.9] {
         let shape = Shape::Torus(Torus { minor_radius });
         let mut random = SplitMix64::new(SEED, 0);
-        let (mut met, mut bad) = (0, 0);
+        let (mut hit_count, mut bad) = (0, 0);
         for _ in 0..20_000 {
             let ray = random_ray(&mut random);
             // Intersect a random ray
             let claimed = crossings(&shape, &ray);
-            met += usize::from(!claimed.is_empty());
+            hit_count += usize::from(!claimed.is_empty());
             // Compare with the enlarged and the shrunk torus
             let delta = TORUS_ROUNDINGS * 0.5 * f64::EPSILON * (1.0 + ray.origin.length());
             let good = claimed.len().is_multiple_of(2)
@@ -291,16 +297,16 @@ fn a_torus_is_crossed_where_one_moved_by_a_few_roundings_is() {
                 }
             }
         }
-        println!("{shape:?}: {bad} wrong, {met} met");
-        assert!(met > 400);
+        println!("{shape:?}: {bad} wrong, {hit_count} hits");
+        assert!(hit_count > 400);
         assert_eq!(bad, 0, "{shape:?}, seed {SEED}");
     }
 }
 
 #[test]
-fn sheets_are_crossed_where_exact_division_says() {
+fn flat_open_shapes_are_hit_where_exact_division_says() {
     let mut random = SplitMix64::new(SEED, 0);
-    let mut met = 0;
+    let mut hit_count = 0;
     for _ in 0..100_000 {
         let ray = random_ray(&mut random);
         let delta = tolerance(&ray);
@@ -319,16 +325,16 @@ fn sheets_are_crossed_where_exact_division_says() {
                 claimed.iter().all(|c| (c - t).abs() <= f64::EPSILON * t.abs()),
                 "{ray:?}"
             );
-            met += claimed.len();
+            hit_count += claimed.len();
         }
     }
-    assert!(met > 100_000);
+    assert!(hit_count > 100_000);
 }
 
 #[test]
 fn the_nearest_hit_is_the_first_crossing_of_the_interval() {
     let mut random = SplitMix64::new(SEED, 0);
-    let mut shapes: Vec<Shape> = referees().into_iter().map(|r| r.shape).collect();
+    let mut shapes: Vec<Shape> = shape_oracles().into_iter().map(|r| r.shape).collect();
     shapes.push(Shape::Torus(Torus { minor_radius: 0.4 }));
     for shape in shapes {
         for _ in 0..20_000 {
@@ -340,7 +346,7 @@ fn the_nearest_hit_is_the_first_crossing_of_the_interval() {
                 t_far: near + random.unit() * all.last().copied().unwrap_or(1.0).abs(),
                 ..ray
             };
-            let first = all.iter().copied().find(|t| interval.admits(*t));
+            let first = all.iter().copied().find(|t| interval.in_range(*t));
             let hit = shape.intersect(&interval);
             assert_eq!(hit.map(|h| h.t), first, "{shape:?} {interval:?} seed {SEED}");
         }
@@ -348,29 +354,29 @@ fn the_nearest_hit_is_the_first_crossing_of_the_interval() {
 }
 
 #[test]
-fn crossings_are_those_of_a_surface_moved_by_a_few_roundings() {
+fn crossings_equal_those_of_a_rounding_perturbed_surface() {
     let mut wrong = 0;
-    for referee in referees() {
+    for shape_oracle in shape_oracles() {
         let mut random = SplitMix64::new(SEED, 0);
-        let (mut met, mut bad) = (0, 0);
+        let (mut hit_count, mut bad) = (0, 0);
         for _ in 0..100_000 {
             let ray = random_ray(&mut random);
-            let claimed = crossings(&referee.shape, &ray);
-            met += usize::from(!claimed.is_empty());
-            let good = if referee.shape.is_solid() {
-                referee.judge_solid(&ray, &claimed)
+            let claimed = crossings(&shape_oracle.shape, &ray);
+            hit_count += usize::from(!claimed.is_empty());
+            let good = if shape_oracle.shape.is_solid() {
+                shape_oracle.check_solid(&ray, &claimed)
             } else {
-                referee.judge_sheet(&ray, &claimed)
+                shape_oracle.check_open_surface(&ray, &claimed)
             };
             if !good {
                 bad += 1;
                 if bad <= 3 {
-                    println!("{:?}: {ray:?} gave {claimed:?}", referee.shape);
+                    println!("{:?}: {ray:?} gave {claimed:?}", shape_oracle.shape);
                 }
             }
         }
-        println!("{:?}: {bad} wrong, {met} met", referee.shape);
-        assert!(met > 10_000, "{:?}", referee.shape);
+        println!("{:?}: {bad} wrong, {hit_count} hits", shape_oracle.shape);
+        assert!(hit_count > 10_000, "{:?}", shape_oracle.shape);
         wrong += bad;
     }
     assert_eq!(wrong, 0, "seed {SEED}");
@@ -400,22 +406,26 @@ fn surface_points(
 }
 
 fn all_with_curvature() -> Vec<(Shape, f64)> {
-    let mut all: Vec<_> = referees().into_iter().map(|r| (r.shape, r.curvature)).collect();
+    let mut all: Vec<_> = shape_oracles()
+        .into_iter()
+        .map(|r| (r.shape, r.curvature))
+        .collect();
     for minor_radius in [0.25f64, 0.6] {
         let curvature = minor_radius.min(1.0 - minor_radius);
         all.push((Shape::Torus(Torus { minor_radius }), curvature));
     }
-    for sheet in [Shape::Plane, Shape::Disk, Shape::Quad] {
-        all.push((sheet, f64::INFINITY));
+    for flat in [Shape::Plane, Shape::Disk, Shape::Quad] {
+        all.push((flat, f64::INFINITY));
     }
     all
 }
 
 #[test]
-fn a_ray_that_leaves_a_surface_does_not_hit_where_it_left() {
+fn spawned_ray_does_not_hit_its_origin_surface() {
     for (shape, curvature) in all_with_curvature() {
         let mut random = SplitMix64::new(SEED, 0);
-        let (mut left_false, mut spawned_false, mut left_met, mut spawned_met) = (0, 0, 0, 0);
+        let (mut deflated_false_hits, mut offset_false_hits, mut deflated_hits, mut offset_hits) =
+            (0, 0, 0, 0);
         surface_points(&shape, 100_000, &mut random, |random, p, part| {
             let point = shape.point(p, part);
             let mut direction = random.direction();
@@ -447,25 +457,31 @@ fn a_ray_that_leaves_a_surface_does_not_hit_where_it_left() {
                 })
             };
             // Remove the own root by naming the surface
-            let leaving = ShapeRay {
-                leaving: Some(OriginSurface { part, side }),
+            let origin_surface = ShapeRay {
+                origin_surface: Some(OriginSurface { part, side }),
                 ..ShapeRay::new(point.p.as_vec3().as_dvec3(), direction)
             };
-            let hit = shape.intersect(&leaving);
-            left_met += usize::from(hit.is_some());
-            left_false += usize::from(is_false(hit));
+            let hit = shape.intersect(&origin_surface);
+            deflated_hits += usize::from(hit.is_some());
+            deflated_false_hits += usize::from(is_false(hit));
             // Offset the origin instead
             let origin = spawn_point(point.p, n, point.error.along(n)).as_dvec3();
             let hit = shape.intersect(&ShapeRay::new(origin, direction));
-            spawned_met += usize::from(hit.is_some());
-            spawned_false += usize::from(is_false(hit));
+            offset_hits += usize::from(hit.is_some());
+            offset_false_hits += usize::from(is_false(hit));
         });
-        println!("{left_false} of {left_met}, {spawned_false} of {spawned_met}: {shape:.0?}");
-        assert_eq!((left_false, spawned_false), (0, 0), "{shape:?} seed {SEED}");
+        println!(
+            "{deflated_false_hits} of {deflated_hits}, {offset_false_hits} of {offset_hits}: {shape:.0?}"
+        );
+        assert_eq!(
+            (deflated_false_hits, offset_false_hits),
+            (0, 0),
+            "{shape:?} seed {SEED}"
+        );
         // Except for the rounding of the start, both methods find equal hits.
         assert!(
-            left_met.abs_diff(spawned_met) <= 300,
-            "{shape:?}: {left_met}, {spawned_met}"
+            deflated_hits.abs_diff(offset_hits) <= 300,
+            "{shape:?}: {deflated_hits}, {offset_hits}"
         );
     }
 }

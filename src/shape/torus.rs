@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::parametrization::{nearest_to_origin, polar, turn};
+use super::parametrization::{nearest_to_origin, polar, unit_angle};
 use super::{Implicit, ShapeHit, ShapePoint, ShapeRay, Side};
 use crate::numeric::Bounds;
 use crate::numeric::roots::{cubic_sign_changes, quartic_sign_changes};
@@ -53,7 +53,7 @@ impl Torus {
         let (second, foot) = nearest_to_origin(o, ray.direction);
         // Clip to the bounding sphere
         let room = (1.0 + r) * (1.0 + r) - foot.length_squared();
-        if !(room >= 0.0 || ray.leaving.is_some()) {
+        if !(room >= 0.0 || ray.origin_surface.is_some()) {
             return None;
         }
         let half = room.max(0.0).sqrt() + MARGIN;
@@ -63,7 +63,7 @@ impl Torus {
             let middle = -foot.z / direction.z;
             let thick = r / direction.z.abs() + MARGIN;
             reach = [reach[0].max(middle - thick), reach[1].min(middle + thick)];
-        } else if foot.z.abs() > r && ray.leaving.is_none() {
+        } else if foot.z.abs() > r && ray.origin_surface.is_none() {
             return None;
         }
         (reach[0] < reach[1]).then_some(Line {
@@ -106,7 +106,7 @@ impl Torus {
             part: 0,
         };
         // Without an own root, isolate the roots of the quartic
-        let Some(leaving) = ray.leaving else {
+        let Some(origin_surface) = ray.origin_surface else {
             let mut enters = false;
             return quartic_sign_changes(&c, line.reach, true, |tau| {
                 enters = !enters;
@@ -123,7 +123,7 @@ impl Torus {
             return;
         }
         // Isolate the roots of the cubic beyond the start
-        let starts_outside = leaving.side == Side::Outside;
+        let starts_outside = origin_surface.side == Side::Outside;
         let mut enters = !starts_outside;
         cubic_sign_changes(&cubic, [own, line.reach[1]], starts_outside, |tau| {
             enters = !enters;
@@ -172,7 +172,7 @@ impl Implicit for Torus {
     fn intersect(&self, ray: &ShapeRay) -> Option<ShapeHit> {
         let mut first = None;
         self.search(ray, |hit| {
-            first = ray.admits(hit.t).then_some(hit);
+            first = ray.in_range(hit.t).then_some(hit);
             hit.t < ray.t_near
         });
         first
@@ -180,7 +180,7 @@ impl Implicit for Torus {
 
     fn crossings(&self, ray: &ShapeRay, out: &mut dyn FnMut(ShapeHit)) {
         self.search(ray, |hit| {
-            if ray.admits(hit.t) {
+            if ray.in_range(hit.t) {
                 out(hit);
             }
             true
@@ -203,7 +203,13 @@ impl Implicit for Torus {
         let dpdu = TAU * rho * DVec3::new(-sin, cos, 0.0);
         let dpdv = TAU * r * DVec3::new(-up * cos, -up * sin, out);
         let p = DVec3::new(rho * cos, rho * sin, r * up);
-        ShapePoint::new(p, n, [turn(cos, sin), turn(out, up)], [dpdu, dpdv], 1.0)
+        ShapePoint::new(
+            p,
+            n,
+            [unit_angle(cos, sin), unit_angle(out, up)],
+            [dpdu, dpdv],
+            1.0,
+        )
     }
 
     #[inline]

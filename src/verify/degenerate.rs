@@ -2,10 +2,10 @@
 
 use glam::{DVec3, Vec3};
 
-use super::meshes::{mesh, scene};
-use super::slivers::compared;
-use super::trial::{Answer, Tally, Trial};
-use super::{Asks, Case, Closes};
+use super::runner::{CaseRunner, Correctness, Counts};
+use super::slivers::judge_against;
+use super::test_meshes::{mesh, scene};
+use super::{Case, CaseKind, Watertightness};
 use crate::accel::AccelError;
 use crate::accel::brute::BruteAccel;
 use crate::mesh::Mesh;
@@ -16,12 +16,13 @@ use crate::scene::{Geometry, Instance, Material, Scene};
 pub(super) const CASES: &[Case] = &[Case {
     id: "H16",
     title: "degenerate meshes",
-    construction: "no area, corners twice, NaN, infinite, 1e38, absent vertices: refused, mended as a loader does, or sound",
-    oracle: "what is wrong is known, as it was put there; brute force for what is sound or mended",
-    bound: "every fault refused by the name of its place, nothing else refused, no wrong hit or miss",
+    construction: "no area, repeated corners, NaN, infinity, 1e38, missing vertices: rejected, repaired as a loader \
+        does, or valid",
+    oracle: "the inserted fault is known; brute force for valid and repaired meshes",
+    bound: "every fault rejected with the name of its item, nothing else rejected, no wrong hit or miss",
     unit: "",
-    asks: Asks::Triangles,
-    required: Closes::Vertices,
+    kind: CaseKind::Triangles,
+    required: Watertightness::Vertices,
     run: degenerate,
 }];
 
@@ -75,7 +76,7 @@ static FAULTS: [Fault; 19] = [
     // A needle, as low as rounding allows
     sound(|scene, random| {
         edit(scene, |positions, triangles| {
-            let [a, b, c] = random.pick(triangles);
+            let [a, b, c] = random.choose(triangles);
             let middle = Vec3::from(positions[a as usize]).lerp(positions[b as usize].into(), 0.375);
             positions[c as usize] = [middle.x, middle.y.next_up(), middle.z.next_up()];
         });
@@ -96,7 +97,7 @@ static FAULTS: [Fault; 19] = [
     }),
     mended(|scene, random| {
         edit(scene, |positions, triangles| {
-            let [a, b, c] = random.pick(triangles);
+            let [a, b, c] = random.choose(triangles);
             // Collinear vertices, exactly, because sixteenths have few bits
             let sixteenths = |p: DVec3| (16.0 * p).round() / 16.0;
             let (start, step) = (sixteenths(random.in_cube()), sixteenths(random.in_cube()));
@@ -107,7 +108,7 @@ static FAULTS: [Fault; 19] = [
     }),
     mended(|scene, random| {
         edit(scene, |positions, triangles| {
-            let [a, b, c] = random.pick(triangles);
+            let [a, b, c] = random.choose(triangles);
             positions[b as usize] = positions[a as usize];
             positions[c as usize] = positions[a as usize];
         });
@@ -203,7 +204,7 @@ fn triangles(random: &mut SplitMix64) -> Mesh {
     mesh(&corners, faces.collect())
 }
 
-fn degenerate(trial: &Trial) -> Result<Tally, AccelError> {
+fn degenerate(trial: &CaseRunner) -> Result<Counts, AccelError> {
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MAX_MESHES);
     trial.over_parts(mesh_count as usize, &|number, part| {
         let mut random = SplitMix64::new(0xde6e, number as u64);
@@ -215,7 +216,7 @@ fn degenerate(trial: &Trial) -> Result<Tally, AccelError> {
         };
         (fault.inject)(&mut scene, &mut random);
         // Check that validation reports it
-        let mut tally = Tally::default();
+        let mut tally = Counts::default();
         let is_sound = judge_refusal(trial, &scene, fault, &mut tally);
         // Repair the mesh as a loader does
         if fault.is_mended {
@@ -233,26 +234,26 @@ fn degenerate(trial: &Trial) -> Result<Tally, AccelError> {
 }
 
 /// Counts whether validation rejects the scene as it should. Returns whether the scene is valid and accepted.
-fn judge_refusal(trial: &Trial, scene: &Scene, fault: &Fault, tally: &mut Tally) -> bool {
+fn judge_refusal(trial: &CaseRunner, scene: &Scene, fault: &Fault, tally: &mut Counts) -> bool {
     let verdict = (trial.subject.formulas.validate)(scene);
     let is_right = match &verdict {
         Ok(()) => fault.place.is_empty(),
         Err(error) => !fault.place.is_empty() && error.item.starts_with(fault.place),
     };
-    tally.count(Answer::wrong_if(!is_right), || {
+    tally.count(Correctness::wrong_if(!is_right), || {
         let said = verdict
             .as_ref()
             .map_or_else(ToString::to_string, |()| "nothing".into());
-        format!("{said} is said of a fault of {:?}", fault.place)
+        format!("validation reports {said} for a fault of {:?}", fault.place)
     });
     verdict.is_ok() && is_right
 }
 
-fn hits_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
+fn hits_of(trial: &CaseRunner, scene: &Scene) -> Result<Counts, AccelError> {
     let engine = trial.engine(scene)?;
     let brute = BruteAccel::new(scene);
     let Geometry::Mesh(mesh) = &scene.geometries[0] else {
-        return Ok(Tally::default());
+        return Ok(Counts::default());
     };
     let bounds = mesh.bounds();
     let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
@@ -265,9 +266,9 @@ fn hits_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
     // Require finite hits that agree with brute force
     Ok(trial.nearest(&engine, &ray, &|ray, hit, tally| {
         if hit.is_some_and(|hit| !(hit.t.is_finite() && hit.u.is_finite() && hit.v.is_finite())) {
-            tally.note(f64::INFINITY);
-            return Answer::Wrong;
+            tally.record_error(f64::INFINITY);
+            return Correctness::Wrong;
         }
-        compared(scene, ray, brute.nearest(ray), hit)
+        judge_against(scene, ray, brute.nearest(ray), hit)
     }))
 }

@@ -5,10 +5,10 @@ use std::f64::consts::TAU;
 
 use glam::{DQuat, DVec3, Vec3};
 
-use super::meshes::{box_of, mesh, scene};
-use super::slivers::{compared, exact_nearest};
-use super::trial::{Answer, Tally, Trial};
-use super::{Asks, Case, Closes};
+use super::runner::{CaseRunner, Correctness, Counts};
+use super::slivers::{exact_nearest, judge_against};
+use super::test_meshes::{box_of, mesh, scene};
+use super::{Case, CaseKind, Watertightness};
 use crate::accel::{AccelError, Hit};
 use crate::mesh::Mesh;
 use crate::numeric::{Ray, SplitMix64};
@@ -17,13 +17,13 @@ use crate::scene::{Geometry, Material, Scene};
 pub(super) const CASES: &[Case] = &[
     Case {
         id: "H48c",
-        title: "sliver at a glance",
+        title: "sliver at a grazing angle",
         construction: "Embree #387: triangles of edges 11.15, 9.75 and 1.42, rays from up to 600 away at about half a degree",
         oracle: "exact signs of the edges, the parameter to 100 bits",
         bound: "no hit beyond the derived bounds on f32",
         unit: "",
-        asks: Asks::Triangles,
-        required: Closes::Vertices,
+        kind: CaseKind::Triangles,
+        required: Watertightness::Vertices,
         run: glancing,
     },
     Case {
@@ -33,19 +33,20 @@ pub(super) const CASES: &[Case] = &[
         oracle: "the top is 500 below, exactly",
         bound: "t to 8 ulp",
         unit: "ulp of t",
-        asks: Asks::Triangles,
-        required: Closes::Faces,
+        kind: CaseKind::Triangles,
+        required: Watertightness::Faces,
         run: huge_boxes,
     },
     Case {
         id: "H48e",
         title: "segments beside triangles",
-        construction: "Embree #423: segments nearly in the plane of a triangle and two of its sizes beside it, or ending as far before it",
-        oracle: "their boxes lie apart",
+        construction: "Embree #423: segments nearly in the plane of a triangle, two of its sizes beside it or ending \
+            as far in front of it",
+        oracle: "the bounding boxes are disjoint",
         bound: "0 hits",
         unit: "",
-        asks: Asks::Triangles,
-        required: Closes::Vertices,
+        kind: CaseKind::Triangles,
+        required: Watertightness::Vertices,
         run: beside,
     },
 ];
@@ -82,12 +83,12 @@ fn sliver(random: &mut SplitMix64) -> [DVec3; 3] {
 
 /// Returns a ray at a sliver or beside it, at 0.1 to 2 degrees to its plane.
 fn at_a_glance(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
-    let [a, b, c] = random.pick(triangles);
+    let [a, b, c] = random.choose(triangles);
     let target = a + random.within(-0.2, 1.2) * (b - a) + random.within(-4.0, 4.0) * (c - a);
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let in_plane = normal.cross(random.direction()).normalize_or_zero();
     // Choose the tangent of the angle, from 0.1 to 2 degrees
-    let slope = 10f64.powf(random.within(-2.76, -1.46)) * random.pick(&[1.0, -1.0]);
+    let slope = 10f64.powf(random.within(-2.76, -1.46)) * random.choose(&[1.0, -1.0]);
     let way = in_plane + slope * normal;
     let origin = (target - random.within(50.0, 600.0) * way).as_vec3();
     // The direction has about unit length, as in the bug report.
@@ -95,7 +96,7 @@ fn at_a_glance(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
     Ray::new(origin, ((target - origin.as_dvec3()) / distance).as_vec3())
 }
 
-fn glancing(trial: &Trial) -> Result<Tally, AccelError> {
+fn glancing(trial: &CaseRunner) -> Result<Counts, AccelError> {
     let mut random = SplitMix64::new(0x387, 0);
     let triangles: Vec<[DVec3; 3]> = (0..SLIVERS).map(|_| sliver(&mut random)).collect();
     let scene = scene(vec![Geometry::Mesh(soup(&triangles))]);
@@ -106,7 +107,7 @@ fn glancing(trial: &Trial) -> Result<Tally, AccelError> {
         // Judge against the exact nearest triangle
         &|ray, hit, _| {
             let exact = exact_nearest(&triangles, ray, |_| true).map(|(first, _)| first);
-            compared(&scene, ray, exact, hit)
+            judge_against(&scene, ray, exact, hit)
         },
     ))
 }
@@ -123,7 +124,7 @@ fn huge_box(width: f64) -> Mesh {
     mesh(&corners, faces)
 }
 
-fn huge_boxes(trial: &Trial) -> Result<Tally, AccelError> {
+fn huge_boxes(trial: &CaseRunner) -> Result<Counts, AccelError> {
     trial.over_parts(2 * WIDTHS.len(), &|number, trial| {
         // Test each width as it is and normalised
         let (width, is_normal) = (WIDTHS[number / 2], number % 2 == 1);
@@ -138,7 +139,7 @@ fn huge_boxes(trial: &Trial) -> Result<Tally, AccelError> {
     })
 }
 
-fn huge_box_of(trial: &Trial, scene: &Scene, width: f64) -> Result<Tally, AccelError> {
+fn huge_box_of(trial: &CaseRunner, scene: &Scene, width: f64) -> Result<Counts, AccelError> {
     let engine = trial.engine(scene)?;
     let normalisation = scene.normalisation;
     // Scaling by a power of two is exact.
@@ -148,17 +149,17 @@ fn huge_box_of(trial: &Trial, scene: &Scene, width: f64) -> Result<Tally, AccelE
     let ray = |random: &mut SplitMix64| {
         let mut inside = || random.within(0.01, 0.99) * width;
         let origin = normalisation.point(DVec3::new(inside(), inside(), START));
-        let mut zero = || random.pick(&[0.0, -0.0]);
+        let mut zero = || random.choose(&[0.0, -0.0]);
         Ray::new(origin.as_vec3(), Vec3::new(zero(), zero(), -1.0))
     };
     Ok(trial.nearest(&engine, &ray, &|_, hit, tally| {
         let Some(hit) = hit else {
-            return Answer::Wrong;
+            return Correctness::Wrong;
         };
         // Compare with the exact distance, in ulps
         let off = (f64::from(hit.t) - expected).abs() / ulp;
-        tally.note(off);
-        Answer::wrong_if(!(off <= 8.0))
+        tally.record_error(off);
+        Correctness::wrong_if(!(off <= 8.0))
     }))
 }
 
@@ -178,7 +179,7 @@ fn small(number: usize, random: &mut SplitMix64) -> [DVec3; 3] {
 
 /// Returns a segment that misses its triangle: beside it, or ending half way to it.
 fn segment(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
-    let [a, b, c] = random.pick(triangles);
+    let [a, b, c] = random.choose(triangles);
     if random.below(4) == 0 {
         // Aim straight at the triangle, but end half way
         let target = (a + b + c) / 3.0;
@@ -211,11 +212,11 @@ fn segment(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
     }
 }
 
-fn beside(trial: &Trial) -> Result<Tally, AccelError> {
+fn beside(trial: &CaseRunner) -> Result<Counts, AccelError> {
     let mut random = SplitMix64::new(0x423, 0);
     let triangles: Vec<[DVec3; 3]> = (0..SMALL).map(|number| small(number, &mut random)).collect();
     let scene = scene(vec![Geometry::Mesh(soup(&triangles))]);
     let engine = trial.engine(&scene)?;
-    let judge = |_: &Ray, hit: Option<Hit>, _: &mut Tally| Answer::wrong_if(hit.is_some());
+    let judge = |_: &Ray, hit: Option<Hit>, _: &mut Counts| Correctness::wrong_if(hit.is_some());
     Ok(trial.nearest(&engine, &|random| segment(&triangles, random), &judge))
 }

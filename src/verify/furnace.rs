@@ -2,25 +2,27 @@
 
 use glam::{DAffine3, DQuat, DVec3};
 
-use super::meshes::{lattice_cube, scene};
-use super::trial::{Answer, Tally, Trial};
-use super::{Asks, Case, Closes};
+use super::runner::{CaseRunner, Correctness, Counts};
+use super::test_meshes::{lattice_cube, scene};
+use super::{Case, CaseKind, Watertightness};
 use crate::accel::AccelError;
 use crate::optics::{Absorption, Dispersion};
 use crate::scene::{
-    Background, Camera, Geometry, Instance, Interior, Material, MetallicRoughness, Model, Scene,
+    Background, Camera, Geometry, Instance, Material, Medium, MetallicRoughness, Model, Scene,
 };
 use crate::shape::{Cylinder, Shape, Sphere};
 
 pub(super) const CASES: &[Case] = &[Case {
     id: "H39",
     title: "white furnace",
-    construction: "glass, diamond, a mirror and water in glass in light of 1 all around, and a cube around the eye, to 64 generations of rays",
-    oracle: "what boundaries reflect and let through adds up to 1, so every pixel is 1, less the weights of rays not followed",
-    bound: "the derived roundings of f32, beside the weight of rays not followed in the worst pixel",
+    construction: "glass, diamond, a mirror and water in glass in an environment of radiance 1, and a cube around the \
+        camera, to 64 bounces",
+    oracle: "reflectance and transmittance of each boundary add up to 1, so every pixel is 1, less the weights of \
+        untraced rays",
+    bound: "the derived f32 rounding bound, plus the weight of untraced rays in the worst pixel",
     unit: "of 10^-4",
-    asks: Asks::Shapes,
-    required: Closes::Faces,
+    kind: CaseKind::Shapes,
+    required: Watertightness::Faces,
     run: furnace,
 }];
 
@@ -47,7 +49,7 @@ fn material(ior: Option<f64>, priority: i32) -> Material {
     };
     Material {
         model: Model::MetallicRoughness(model),
-        interior: ior.map(|ior| Interior {
+        interior: ior.map(|ior| Medium {
             ior: Dispersion::Constant(ior),
             absorption: Absorption::NONE,
             priority,
@@ -58,7 +60,7 @@ fn material(ior: Option<f64>, priority: i32) -> Material {
 }
 
 /// Returns a scene of glass, water, diamond and mirror objects in front of the default camera.
-fn bodies() -> Scene {
+fn dielectric_scene() -> Scene {
     let mut scene = scene(vec![
         Geometry::Shape(Shape::Sphere(Sphere::UNIT)),
         Geometry::Shape(Shape::Cube),
@@ -96,7 +98,7 @@ fn bodies() -> Scene {
 
 /// Returns a scene with a cube around the default camera, of an index below 1.2247: no direction is totally reflected
 /// on all of its sides, so that no light is trapped.
-fn around_the_eye() -> Scene {
+fn scene_around_camera() -> Scene {
     let cube = DAffine3::from_scale_rotation_translation(
         DVec3::splat(2.0),
         DQuat::from_axis_angle(DVec3::new(0.36, 0.48, 0.8), 0.5),
@@ -110,12 +112,12 @@ fn around_the_eye() -> Scene {
     }
 }
 
-fn furnace(trial: &Trial) -> Result<Tally, AccelError> {
+fn furnace(trial: &CaseRunner) -> Result<Counts, AccelError> {
     let size = (trial.rays / (2 * FOLLOWED)).isqrt().max(4) as u32;
-    let mut tally = Tally::default();
+    let mut tally = Counts::default();
     // Render each scene
-    for scene in [bodies(), around_the_eye()] {
-        let Some(rendering) = trial.picture((&scene, &Camera::default()), size, (DEPTH, CUTOFF))? else {
+    for scene in [dielectric_scene(), scene_around_camera()] {
+        let Some(rendering) = trial.render_image((&scene, &Camera::default()), size, (DEPTH, CUTOFF))? else {
             continue;
         };
         // Compare each pixel with 1, less the weight that was cut off
@@ -123,18 +125,18 @@ fn furnace(trial: &Trial) -> Result<Tally, AccelError> {
         for (number, pixel) in rendering.image.pixels.iter().enumerate() {
             let off = pixel.map(|channel| f64::from(channel) - 1.0);
             let worst = off.into_iter().map(f64::abs).fold(0.0, f64::max);
-            tally.note((worst - lost).max(0.0) / BOUND);
+            tally.record_error((worst - lost).max(0.0) / BOUND);
             // Comparisons with NaN are false.
             let is_right = |x: f64| -lost - ROUNDING <= x && x <= ROUNDING;
             let is_wrong = !(off.into_iter().all(is_right));
-            tally.count(Answer::wrong_if(is_wrong), || {
-                format!("pixel {number} of {size} x {size} is {pixel:?}, rays not followed weigh {lost:e}")
+            tally.count(Correctness::wrong_if(is_wrong), || {
+                format!("pixel {number} of {size} x {size} is {pixel:?}, untraced rays weigh {lost:e}")
             });
         }
         // Count the secondary rays
-        tally.count_followed(&rendering);
-        if trial.is_drawn() {
-            tally.sketch.draw(&scene);
+        tally.count_secondary_rays(&rendering);
+        if trial.draws_scenes() {
+            tally.figure_data.draw(&scene);
         }
     }
     Ok(tally)

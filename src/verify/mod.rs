@@ -7,76 +7,76 @@
 //! rounding error bound explains, and ties, where it is not. Only wrong results count, and only on the variants that
 //! guarantee better; on the others they are measured.
 //!
-//! No exact results are known beforehand for a scene's own rays: [`compare_all`] traces them through two structures and
-//! sorts the differences, and [`Hygiene`] reports the defects of a mesh before any ray is traced.
+//! No exact results are known beforehand for a scene's own rays: [`cross_check`] traces them through two structures and
+//! sorts the differences, and [`MeshDiagnostics`] reports the defects of a mesh before any ray is traced.
 //!
 //! Each case can fail: the tests replace a formula or structure of the renderer by a careless one and check that the
 //! case detects it.
 
-mod backends;
-mod boxes;
-mod carried;
-mod cells;
-mod closed;
+mod backend_comparison;
+mod box_slabs;
+mod coincident;
+mod cross_check;
 mod degenerate;
-mod exact;
+mod determinism;
+mod expansion;
 mod false_hits;
-mod frames;
+mod feature;
+mod figure_data;
+mod fresnel;
 mod furnace;
-mod holes;
-mod hygiene;
-mod interfaces;
-mod judged;
-mod marches;
-mod meshes;
-mod nested;
-mod odd_rays;
-mod outline;
-mod own;
-mod passages;
-mod path;
-mod place;
-mod placed;
-mod poison;
-mod quadrics;
+mod instance_seams;
+mod invalid_rays;
+mod invariance;
+mod leaks;
+mod mesh_diagnostics;
+mod nan_injection;
+mod nested_dielectrics;
+mod ray_continuation;
+mod ray_marching;
 mod rays_file;
-mod referee;
+mod reference;
 mod regressions;
-mod seams;
-mod sketch;
+mod runner;
+mod self_intersection;
+mod self_intersection_instanced;
 mod slivers;
 mod solids;
-mod spawned;
 mod spheres;
-mod stacked;
-mod sums;
+mod split_planes;
+mod summation;
 mod terminator;
+mod test_meshes;
+mod test_scenes;
+mod thin_ellipsoids;
 mod transforms;
-mod trial;
-mod worlds;
+mod variant;
+mod verdict_cache;
+mod watertight;
+mod wireframe;
 
 use std::time::Instant;
 
 use serde::Serialize;
 
-pub use hygiene::Hygiene;
-pub use judged::Judged;
-pub use outline::{Outline, view};
-pub use own::{Comparison, Difference, MAX_DIFFERENCES, RayKind, Reply, ask_again, compare_all};
-pub use path::{Closes, PATHS, Path};
-pub use place::Place;
+pub use cross_check::{Comparison, Difference, MAX_DIFFERENCES, QueryResult, RayKind, cross_check, retrace};
+pub use feature::MeshFeature;
+pub use figure_data::{Axis, CloseUp, Error, FigureData, TracedRay};
+pub use mesh_diagnostics::MeshDiagnostics;
 pub use rays_file::{RaysError, RaysFile, bits};
-pub use sketch::{Asked, Axis, CloseUp, Error, Sketch};
-pub use trial::{Answer, Build, Formulas, Render, Subject, Tally, describe, describe_ray};
+pub use runner::{Build, Correctness, Counts, Formulas, Render, SystemUnderTest, describe, describe_ray};
+pub use variant::{BackendVariant, VARIANTS, Watertightness};
+pub use verdict_cache::VerdictCache;
+pub use wireframe::{Wireframe, view};
 
 use crate::accel::{self, Accel, AccelError, AccelOptions, Backend, EmbreeIdentity};
 use crate::scene::Scene;
-use trial::Trial;
+use runner::CaseRunner;
 
 /// Kind of code that a case tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Asks {
+pub enum CaseKind {
     /// Triangle intersection, on every variant that finds hits.
     Triangles,
     /// Intersection of analytic shapes, on every variant that finds hits.
@@ -101,11 +101,12 @@ pub struct Case {
     /// Unit of the largest error; empty if the case measures none.
     pub unit: &'static str,
     /// Kind of code that the case tests.
-    pub asks: Asks,
+    #[serde(rename = "asks")]
+    pub kind: CaseKind,
     /// Least watertightness from which on a variant must return nothing wrong.
-    pub required: Closes,
+    pub required: Watertightness,
     #[serde(skip)]
-    run: fn(&Trial) -> Result<Tally, AccelError>,
+    run: fn(&CaseRunner) -> Result<Counts, AccelError>,
 }
 
 /// Verdict on a case on one variant.
@@ -125,7 +126,7 @@ pub enum Verdict {
 pub struct Outcome {
     /// Counts of rays, wrong results and ties.
     #[serde(flatten)]
-    pub tally: Tally,
+    pub tally: Counts,
     /// Verdict that follows from the counts.
     pub verdict: Verdict,
     /// Flag for a variant that must return nothing wrong.
@@ -142,32 +143,32 @@ pub fn cases() -> Vec<&'static Case> {
     let rooms = [
         spheres::CASES,
         solids::CASES,
-        boxes::CASES,
-        closed::CASES,
-        odd_rays::CASES,
+        box_slabs::CASES,
+        watertight::CASES,
+        invalid_rays::CASES,
         slivers::CASES,
-        spawned::CASES,
-        placed::CASES,
+        self_intersection::CASES,
+        self_intersection_instanced::CASES,
         transforms::CASES,
-        stacked::CASES,
-        cells::CASES,
-        interfaces::CASES,
-        sums::CASES,
-        marches::CASES,
-        frames::CASES,
-        quadrics::CASES,
+        coincident::CASES,
+        split_planes::CASES,
+        fresnel::CASES,
+        summation::CASES,
+        ray_marching::CASES,
+        determinism::CASES,
+        thin_ellipsoids::CASES,
         regressions::CASES,
-        holes::CASES,
+        leaks::CASES,
         false_hits::CASES,
-        passages::CASES,
+        ray_continuation::CASES,
         degenerate::CASES,
-        poison::CASES,
-        backends::CASES,
-        carried::CASES,
-        nested::CASES,
+        nan_injection::CASES,
+        backend_comparison::CASES,
+        invariance::CASES,
+        nested_dielectrics::CASES,
         furnace::CASES,
         terminator::CASES,
-        seams::CASES,
+        instance_seams::CASES,
     ];
     // Sort them by identifier
     let mut all: Vec<&Case> = rooms.into_iter().flatten().collect();
@@ -176,13 +177,13 @@ pub fn cases() -> Vec<&'static Case> {
 }
 
 impl Case {
-    /// Returns whether the case can run on `path`.
-    pub fn applies_to(&self, path: &Path) -> bool {
-        (self.asks == Asks::Formulas) == path.accel.is_none()
+    /// Returns whether the case can run on `variant`.
+    pub fn applies_to(&self, path: &BackendVariant) -> bool {
+        (self.kind == CaseKind::Formulas) == path.accel.is_none()
     }
 
-    /// Returns whether the case must have no wrong results on `path`.
-    pub fn requires(&self, path: &Path) -> bool {
+    /// Returns whether the case must have no wrong results on `variant`.
+    pub fn requires(&self, path: &BackendVariant) -> bool {
         path.closes >= self.required
     }
 
@@ -191,66 +192,70 @@ impl Case {
     /// # Errors
     ///
     /// Fails if an acceleration structure cannot be built.
-    pub fn ask(&self, rays: u64, subject: &Subject) -> Result<Tally, AccelError> {
-        (self.run)(&Trial::new(self.id, rays.max(1), subject))
+    pub fn run_case(&self, rays: u64, subject: &SystemUnderTest) -> Result<Counts, AccelError> {
+        (self.run)(&CaseRunner::new(self.id, rays.max(1), subject))
     }
 
-    /// Runs the case as [`Case::ask`] does, and adds line drawings of the scenes to [`Tally::sketch`].
-    fn ask_drawn(&self, rays: u64, subject: &Subject) -> Result<Tally, AccelError> {
-        (self.run)(&Trial::new(self.id, rays.max(1), subject).drawn())
+    /// Runs the case as [`Case::run_case`] does, and adds line drawings of the scenes to [`Counts::figure_data`].
+    fn run_case_with_drawings(&self, rays: u64, subject: &SystemUnderTest) -> Result<Counts, AccelError> {
+        (self.run)(&CaseRunner::new(self.id, rays.max(1), subject).with_drawings())
     }
 }
 
 /// Runs a case on one backend variant with about `rays` queries; restricts Embree to the instruction set `isa` if one
-/// is given. `judged` may be shared by all variants that run the case with the same number of rays.
+/// is given. `verdict_cache` may be shared by all variants that run the case with the same number of rays.
 ///
 /// # Errors
 ///
 /// Fails if the structure cannot be built: without Embree, or on a machine without the instruction set.
 pub fn check(
     (case, rays): (&Case, u64),
-    path: &Path,
+    path: &BackendVariant,
     isa: Option<&str>,
-    judged: &Judged,
+    verdict_cache: &VerdictCache,
 ) -> Result<Outcome, AccelError> {
-    outcome(case, path, (isa, judged), |subject| case.ask(rays, subject))
+    outcome(case, path, (isa, verdict_cache), |subject| {
+        case.run_case(rays, subject)
+    })
 }
 
-/// Runs a case as [`check`] does, and adds line drawings of the scenes to [`Tally::sketch`].
+/// Runs a case as [`check`] does, and adds line drawings of the scenes to [`Counts::figure_data`].
 ///
 /// # Errors
 ///
 /// Fails if the structure cannot be built, as [`check`] does.
-pub fn check_drawn(
+pub fn check_with_drawings(
     (case, rays): (&Case, u64),
-    path: &Path,
+    path: &BackendVariant,
     isa: Option<&str>,
-    judged: &Judged,
+    verdict_cache: &VerdictCache,
 ) -> Result<Outcome, AccelError> {
-    outcome(case, path, (isa, judged), |subject| case.ask_drawn(rays, subject))
+    outcome(case, path, (isa, verdict_cache), |subject| {
+        case.run_case_with_drawings(rays, subject)
+    })
 }
 
 fn outcome(
     case: &Case,
-    path: &Path,
-    (isa, judged): (Option<&str>, &Judged),
-    ask: impl FnOnce(&Subject) -> Result<Tally, AccelError>,
+    path: &BackendVariant,
+    (isa, verdict_cache): (Option<&str>, &VerdictCache),
+    run_case: impl FnOnce(&SystemUnderTest) -> Result<Counts, AccelError>,
 ) -> Result<Outcome, AccelError> {
     // Set up the system under test
-    let build: &Build = &|scene| build_path(scene, path, isa);
-    let subject = Subject {
+    let build: &Build = &|scene| build_variant(scene, path, isa);
+    let subject = SystemUnderTest {
         build,
-        formulas: Formulas::OURS,
-        judged,
+        formulas: Formulas::RENDERER,
+        verdict_cache,
     };
     let embree = if path.is_embree() {
-        trial::embree_identity(&subject)?
+        runner::embree_identity(&subject)?
     } else {
         None
     };
     // Run the case and measure its time
     let start = Instant::now();
-    let tally = ask(&subject)?;
+    let tally = run_case(&subject)?;
     let seconds = start.elapsed().as_secs_f64();
     // Derive the verdict
     let required = case.requires(path);
@@ -286,9 +291,9 @@ pub fn has_instruction_set(isa: &str) -> bool {
 /// # Errors
 ///
 /// Fails if the structure cannot be built: without Embree, or on a machine without the instruction set.
-pub fn build_path<'s>(
+pub fn build_variant<'s>(
     scene: &'s Scene,
-    path: &Path,
+    path: &BackendVariant,
     isa: Option<&str>,
 ) -> Result<Box<dyn Accel + 's>, AccelError> {
     let Some((backend, precision, kernel)) = path.accel else {
@@ -310,7 +315,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_case_has_a_name_of_its_own_and_says_what_it_does() {
+    fn every_case_has_unique_id_and_descriptions() {
         let all = cases();
         for pair in all.windows(2) {
             assert!(pair[0].id < pair[1].id, "{}", pair[1].id);
@@ -320,7 +325,7 @@ mod tests {
                 assert!(!text.is_empty() && !text.ends_with('.'), "{}: {text}", case.id);
             }
             assert!(
-                PATHS
+                VARIANTS
                     .iter()
                     .any(|path| case.applies_to(path) && case.requires(path))
             );
@@ -328,8 +333,10 @@ mod tests {
     }
 
     #[test]
-    fn paths_are_ordered_by_what_they_close() {
-        assert!(Closes::Faces < Closes::Edges && Closes::Edges < Closes::Vertices);
-        assert!(PATHS.windows(2).all(|pair| pair[0].closes <= pair[1].closes));
+    fn variants_are_ordered_by_watertightness() {
+        assert!(
+            Watertightness::Faces < Watertightness::Edges && Watertightness::Edges < Watertightness::Vertices
+        );
+        assert!(VARIANTS.windows(2).all(|pair| pair[0].closes <= pair[1].closes));
     }
 }

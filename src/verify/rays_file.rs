@@ -18,8 +18,8 @@ use std::fmt::Write;
 
 use glam::Vec3;
 
-use super::own::{Difference, RayKind, Reply};
-use super::place::Place;
+use super::cross_check::{Difference, QueryResult, RayKind};
+use super::feature::MeshFeature;
 use crate::numeric::Ray;
 
 /// First line of a file, with the version of the format.
@@ -33,7 +33,7 @@ pub struct RaysFile {
     /// Numbers of instances, and of triangles and parts of shapes, to detect a different scene.
     pub holds: [u64; 2],
     /// Names of the two backends.
-    pub answers: [String; 2],
+    pub backends: [String; 2],
     /// Rays with the two results.
     pub rays: Vec<Difference>,
 }
@@ -60,11 +60,11 @@ impl RaysFile {
     /// Returns the text of the file.
     pub fn text(&self) -> String {
         let [instances, primitives] = self.holds;
-        let [first, second] = &self.answers;
+        let [first, second] = &self.backends;
         // Write the header
         let mut text = format!(
-            "{FIRST}\n# kind, tie or wrong, place | origin, direction, least and largest t, time | answer | answer\n\
-             scene {}\nholds {instances} {primitives}\nanswers {} | {}\n",
+            "{FIRST}\n# kind, tie or wrong, feature | origin, direction, least and largest t, time | result | \
+             result\nscene {}\nholds {instances} {primitives}\nanswers {} | {}\n",
             in_one_line(&self.scene),
             in_one_line(first),
             in_one_line(second)
@@ -72,13 +72,13 @@ impl RaysFile {
         // Write one line a ray
         for difference in &self.rays {
             let verdict = if difference.is_wrong { "wrong" } else { "tie" };
-            let [first, second] = difference.replies.map(words_of);
+            let [first, second] = difference.query_results.map(format_query_result);
             // Writing to a string cannot fail.
             let _ = writeln!(
                 text,
                 "{} {verdict} {} | {} | {first} | {second}",
                 difference.kind.word(),
-                difference.place.word(),
+                difference.feature.word(),
                 bits(&difference.ray)
             );
         }
@@ -108,22 +108,23 @@ impl RaysFile {
                 _ if word.starts_with('#') => {}
                 "scene" => rest.trim().clone_into(&mut file.scene),
                 "holds" => {
-                    file.holds = counts(rest).ok_or_else(|| at("`holds` takes two whole numbers".into()))?;
+                    file.holds =
+                        parse_counts(rest).ok_or_else(|| at("`holds` takes two whole numbers".into()))?;
                     has_scene = true;
                 }
                 "answers" => {
                     let (first, second) = rest
                         .split_once('|')
                         .ok_or_else(|| at("`answers` takes two names with `|` between them".into()))?;
-                    file.answers = [first, second].map(|name| name.trim().to_owned());
+                    file.backends = [first, second].map(|name| name.trim().to_owned());
                 }
                 // Require the scene's counts before the first ray
                 _ if !has_scene => {
                     return Err(at(
-                        "`holds` with two whole numbers must stand before the rays".into()
+                        "`holds` with two whole numbers must come before the rays".into()
                     ));
                 }
-                _ => file.rays.push(ray_line(line).map_err(at)?),
+                _ => file.rays.push(parse_ray_line(line).map_err(at)?),
             }
         }
         Ok(file)
@@ -138,26 +139,26 @@ fn in_one_line(text: &str) -> String {
     text.replace(['\n', '\r', '|'], " ")
 }
 
-fn counts(text: &str) -> Option<[u64; 2]> {
+fn parse_counts(text: &str) -> Option<[u64; 2]> {
     let (a, b) = text.trim().split_once(' ')?;
     Some([a.parse().ok()?, b.trim().parse().ok()?])
 }
 
-fn words_of(reply: Reply) -> String {
-    match reply {
-        Reply::Hit {
+fn format_query_result(query_result: QueryResult) -> String {
+    match query_result {
+        QueryResult::Hit {
             instance,
             primitive,
             t,
         } => format!("hit {instance} {primitive} {:08x}", t.to_bits()),
-        Reply::Nothing => "nothing".into(),
-        Reply::Blocked => "blocked".into(),
-        Reply::Free => "free".into(),
+        QueryResult::Nothing => "nothing".into(),
+        QueryResult::Blocked => "blocked".into(),
+        QueryResult::Free => "free".into(),
     }
 }
 
 /// Parses a line into a ray with its two results, or describes the error.
-fn ray_line(line: &str) -> Result<Difference, String> {
+fn parse_ray_line(line: &str) -> Result<Difference, String> {
     // Split the line into its four parts
     let parts: Vec<&str> = line.split('|').map(str::trim).collect();
     let [what, numbers, first, second] = parts[..] else {
@@ -165,36 +166,39 @@ fn ray_line(line: &str) -> Result<Difference, String> {
     };
     // Parse kind, verdict and feature
     let words: Vec<&str> = what.split_whitespace().collect();
-    let [kind, verdict, place] = words[..] else {
-        return Err("a ray begins with its kind, `tie` or `wrong`, and a place".into());
+    let [kind, verdict, feature] = words[..] else {
+        return Err("a ray begins with its kind, `tie` or `wrong`, and a mesh feature".into());
     };
     let kind = RayKind::ALL
         .into_iter()
         .find(|known| known.word() == kind)
-        .ok_or_else(|| format!("there are no rays of kind `{kind}`: camera, shadow or reflection"))?;
+        .ok_or_else(|| format!("there is no ray kind `{kind}`: use `camera`, `shadow` or `reflection`"))?;
     let is_wrong = match verdict {
         "wrong" => true,
         "tie" => false,
         _ => return Err(format!("`{verdict}` is neither `tie` nor `wrong`")),
     };
-    let place = Place::ALL
+    let feature = MeshFeature::ALL
         .into_iter()
-        .find(|known| known.word() == place)
-        .ok_or_else(|| format!("there is no place `{place}`"))?;
+        .find(|known| known.word() == feature)
+        .ok_or_else(|| format!("there is no mesh feature `{feature}`"))?;
     // Parse the numbers and the results
     Ok(Difference {
         kind,
-        ray: ray_of(numbers)?,
-        replies: [reply_of(kind, first)?, reply_of(kind, second)?],
+        ray: parse_ray(numbers)?,
+        query_results: [
+            parse_query_result(kind, first)?,
+            parse_query_result(kind, second)?,
+        ],
         is_wrong,
-        place,
+        feature,
     })
 }
 
-fn ray_of(text: &str) -> Result<Ray, String> {
+fn parse_ray(text: &str) -> Result<Ray, String> {
     let numbers: Vec<f32> = text
         .split_whitespace()
-        .map(float_of)
+        .map(parse_float)
         .collect::<Result<_, String>>()?;
     let [ox, oy, oz, dx, dy, dz, t_near, t_far, time] = numbers[..] else {
         return Err(format!("a ray has nine numbers, not {}", numbers.len()));
@@ -208,31 +212,31 @@ fn ray_of(text: &str) -> Result<Ray, String> {
     })
 }
 
-fn float_of(word: &str) -> Result<f32, String> {
+fn parse_float(word: &str) -> Result<f32, String> {
     let is_hex = word.len() == 8 && word.bytes().all(|byte| byte.is_ascii_hexdigit());
     u32::from_str_radix(word, 16)
         .ok()
         .filter(|_| is_hex)
         .map(f32::from_bits)
-        .ok_or_else(|| format!("`{word}` is no f32 as eight hexadecimal digits"))
+        .ok_or_else(|| format!("`{word}` is not an f32: give eight hexadecimal digits"))
 }
 
-fn reply_of(kind: RayKind, text: &str) -> Result<Reply, String> {
+fn parse_query_result(kind: RayKind, text: &str) -> Result<QueryResult, String> {
     let words: Vec<&str> = text.split_whitespace().collect();
     let number = |word: &str| {
         word.parse::<u32>()
-            .map_err(|_| format!("`{word}` is no number of an instance or primitive"))
+            .map_err(|_| format!("`{word}` is not the number of an instance or primitive"))
     };
     match (words.as_slice(), kind) {
-        (["blocked"], RayKind::Shadow) => Ok(Reply::Blocked),
-        (["free"], RayKind::Shadow) => Ok(Reply::Free),
-        (["nothing"], RayKind::Camera | RayKind::Reflection) => Ok(Reply::Nothing),
-        (["hit", instance, primitive, t], RayKind::Camera | RayKind::Reflection) => Ok(Reply::Hit {
+        (["blocked"], RayKind::Shadow) => Ok(QueryResult::Blocked),
+        (["free"], RayKind::Shadow) => Ok(QueryResult::Free),
+        (["nothing"], RayKind::Camera | RayKind::Reflection) => Ok(QueryResult::Nothing),
+        (["hit", instance, primitive, t], RayKind::Camera | RayKind::Reflection) => Ok(QueryResult::Hit {
             instance: number(instance)?,
             primitive: number(primitive)?,
-            t: float_of(t)?,
+            t: parse_float(t)?,
         }),
-        _ => Err(format!("`{text}` is no answer to a {} ray", kind.word())),
+        _ => Err(format!("`{text}` is not a result of a {} ray", kind.word())),
     }
 }
 
@@ -249,14 +253,14 @@ mod tests {
                 Vec3::new(1.0 / 3.0, f32::MIN_POSITIVE, -1.0),
             )
         };
-        let difference = |kind, replies, is_wrong, place| Difference {
+        let difference = |kind, query_results, is_wrong, feature| Difference {
             kind,
             ray,
-            replies,
+            query_results,
             is_wrong,
-            place,
+            feature,
         };
-        let hit = Reply::Hit {
+        let hit = QueryResult::Hit {
             instance: 3,
             primitive: 70_073,
             t: 0.1 + 0.2,
@@ -264,16 +268,26 @@ mod tests {
         RaysFile {
             scene: "a folder/scene <1>.glb".into(),
             holds: [4, 70_074],
-            answers: ["Embree 3".into(), "BSP".into()],
+            backends: ["Embree 3".into(), "BSP".into()],
             rays: vec![
-                difference(RayKind::Camera, [hit, Reply::Nothing], true, Place::Edge),
-                difference(RayKind::Shadow, [Reply::Free, Reply::Blocked], false, Place::Nan),
+                difference(
+                    RayKind::Camera,
+                    [hit, QueryResult::Nothing],
+                    true,
+                    MeshFeature::Edge,
+                ),
+                difference(
+                    RayKind::Shadow,
+                    [QueryResult::Free, QueryResult::Blocked],
+                    false,
+                    MeshFeature::Nan,
+                ),
             ],
         }
     }
 
     #[test]
-    fn what_is_written_is_read_to_the_bit() {
+    fn written_rays_are_read_back_bit_exactly() {
         let file = file();
         let read = RaysFile::parse(&file.text()).unwrap();
         assert_eq!(read, file);
@@ -282,17 +296,17 @@ mod tests {
     }
 
     #[test]
-    fn every_place_has_a_word_of_its_own() {
-        for place in Place::ALL {
-            let named = Place::ALL
+    fn every_mesh_feature_has_a_unique_word() {
+        for feature in MeshFeature::ALL {
+            let named = MeshFeature::ALL
                 .into_iter()
-                .filter(|other| other.word() == place.word());
+                .filter(|other| other.word() == feature.word());
             assert_eq!(named.count(), 1);
         }
     }
 
     #[test]
-    fn a_bad_line_is_named_with_what_is_wrong_with_it() {
+    fn malformed_line_is_reported_with_its_error() {
         // Pair each malformed text with its line and a part of the message
         let good = file().text();
         let ray = |line: &str| format!("{good}{line}\n");
@@ -316,7 +330,7 @@ mod tests {
             (
                 ray(&format!("lamp tie edge | {bits} | nothing | nothing")),
                 8,
-                "kind `lamp`",
+                "ray kind `lamp`",
             ),
             (
                 ray(&format!("camera right edge | {bits} | nothing | nothing")),
@@ -326,7 +340,7 @@ mod tests {
             (
                 ray(&format!("camera tie moon | {bits} | nothing | nothing")),
                 8,
-                "no place `moon`",
+                "no mesh feature `moon`",
             ),
             (
                 ray("camera tie edge | 00000000 | nothing | nothing"),
@@ -341,17 +355,17 @@ mod tests {
             (
                 ray(&format!("camera tie edge | {bits} | blocked | nothing")),
                 8,
-                "no answer to a camera ray",
+                "not a result of a camera ray",
             ),
             (
                 ray(&format!("shadow tie edge | {bits} | hit 0 0 00000000 | free")),
                 8,
-                "no answer to a shadow ray",
+                "not a result of a shadow ray",
             ),
             (
                 ray(&format!("camera tie edge | {bits} | hit -1 0 00000000 | nothing")),
                 8,
-                "no number",
+                "not the number",
             ),
         ];
         // Check that the error gives both

@@ -4,10 +4,10 @@
 
 use glam::{DAffine3, DQuat, DVec3};
 
-use super::meshes::{icosphere, rings, scene};
-use super::slivers::compared;
-use super::trial::{Answer, Engine, Tally, Trial, describe, order};
-use super::{Asks, Case, Closes};
+use super::runner::{CaseRunner, Correctness, Counts, Engine, describe, order};
+use super::slivers::judge_against;
+use super::test_meshes::{icosphere, rings, scene};
+use super::{Case, CaseKind, Watertightness};
 use crate::accel::{AccelError, Hit};
 use crate::numeric::{Ray, SplitMix64};
 use crate::scene::{Geometry, Instance, Scene};
@@ -15,13 +15,14 @@ use crate::shape::{Cone, Shape, Sphere, Torus};
 
 pub(super) const CASES: &[Case] = &[Case {
     id: "H48",
-    title: "bugs of our own",
-    construction: "meshes and shapes, placed and not, rays with directions of length 2^-80 to 2^59, for hits and for shadows",
-    oracle: "the same ray with a direction of length about one; a ray is blocked where it has a hit",
+    title: "regressions of whit",
+    construction: "meshes and shapes, instanced and not, rays with directions of length 2^-80 to 2^59, for hits and \
+        for shadows",
+    oracle: "the same ray with a direction of length about one; a shadow ray is occluded exactly if the ray has a hit",
     bound: "the same hit, its t times the power of two",
     unit: "",
-    asks: Asks::Triangles,
-    required: Closes::Edges,
+    kind: CaseKind::Triangles,
+    required: Watertightness::Edges,
     run: any_length,
 }];
 
@@ -29,7 +30,7 @@ pub(super) const CASES: &[Case] = &[Case {
 const EXPONENTS: [i32; 12] = [-80, -70, -62, -60, -59, -40, -20, -1, 1, 20, 40, 59];
 
 /// Returns a scene of meshes and shapes, each once with the identity transform and three times rotated and scaled.
-pub(super) fn things() -> Scene {
+pub(super) fn mixed_scene() -> Scene {
     let center = DVec3::new(3.0, 0.0, 0.0);
     let ball = Sphere { center, radius: 1.0 };
     let mut scene = scene(vec![
@@ -59,18 +60,21 @@ pub(super) fn things() -> Scene {
     scene
 }
 
-fn any_length(trial: &Trial) -> Result<Tally, AccelError> {
-    let scene = things();
+fn any_length(trial: &CaseRunner) -> Result<Counts, AccelError> {
+    let scene = mixed_scene();
     let engine = trial.engine(&scene)?;
-    let tally = trial.in_chunks(&|random, count| lengths(&scene, &engine, random, count));
-    Ok(trial.with_drawing(&engine, tally))
+    let tally = trial.in_chunks(&|random, count| compare_lengths(&scene, &engine, random, count));
+    Ok(trial.with_drawing_of(&engine, tally))
 }
 
 /// Traces pairs of rays that differ only by the length of their directions, and counts the differences.
-fn lengths(scene: &Scene, engine: &Engine, random: &mut SplitMix64, count: usize) -> Tally {
+fn compare_lengths(scene: &Scene, engine: &Engine, random: &mut SplitMix64, count: usize) -> Counts {
     // Generate pairs of rays whose directions differ by a power of two
     let plain: Vec<Ray> = (0..count.div_ceil(3)).map(|_| ray(random)).collect();
-    let factors: Vec<f32> = plain.iter().map(|_| 2f32.powi(random.pick(&EXPONENTS))).collect();
+    let factors: Vec<f32> = plain
+        .iter()
+        .map(|_| 2f32.powi(random.choose(&EXPONENTS)))
+        .collect();
     let scaled: Vec<Ray> = plain
         .iter()
         .zip(&factors)
@@ -80,7 +84,7 @@ fn lengths(scene: &Scene, engine: &Engine, random: &mut SplitMix64, count: usize
     let expected = engine.nearest(&plain, order(random));
     let found = engine.nearest(&scaled, order(random));
     let blocked = engine.blocked(&scaled, order(random));
-    let mut tally = Tally::default();
+    let mut tally = Counts::default();
     // Compare the hits of each pair
     for i in 0..plain.len() {
         // Rescale t to that of the plain ray
@@ -88,21 +92,21 @@ fn lengths(scene: &Scene, engine: &Engine, random: &mut SplitMix64, count: usize
             t: hit.t * factors[i],
             ..hit
         });
-        let answer = match (expected[i], hit) {
+        let correctness = match (expected[i], hit) {
             (Some(a), Some(b)) if (a.instance, a.primitive) == (b.instance, b.primitive) && a.t == b.t => {
-                Answer::Right
+                Correctness::Right
             }
-            (None, None) => Answer::Right,
+            (None, None) => Correctness::Right,
             // Embree is free to choose between two triangles that the ray hits at equal distance.
-            (expected, hit) => match compared(scene, &plain[i], expected, hit) {
-                Answer::Wrong => Answer::Wrong,
-                _ => Answer::Tie,
+            (expected, hit) => match judge_against(scene, &plain[i], expected, hit) {
+                Correctness::Wrong => Correctness::Wrong,
+                _ => Correctness::Tie,
             },
         };
         // Count the nearest hit, and the shadow ray against it
-        tally.count_ray(answer, &scaled[i], found[i]);
-        let is_wrong = blocked[i] != found[i].is_some() && answer == Answer::Right;
-        tally.count(Answer::wrong_if(is_wrong), || {
+        tally.count_ray(correctness, &scaled[i], found[i]);
+        let is_wrong = blocked[i] != found[i].is_some() && correctness == Correctness::Right;
+        tally.count(Correctness::wrong_if(is_wrong), || {
             format!("shadow {}", describe(&scaled[i], found[i]))
         });
     }

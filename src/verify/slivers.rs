@@ -5,10 +5,10 @@
 
 use glam::{DVec3, Vec3};
 
-use super::exact::{self, Crossing};
-use super::meshes::{mesh, scene};
-use super::trial::{Answer, Tally, Trial};
-use super::{Asks, Case, Closes};
+use super::expansion::{self, Crossing};
+use super::runner::{CaseRunner, Correctness, Counts};
+use super::test_meshes::{mesh, scene};
+use super::{Case, CaseKind, Watertightness};
 use crate::accel::brute::BruteAccel;
 use crate::accel::hit_compare::{HitComparison, compare};
 use crate::accel::{AccelError, Hit};
@@ -22,22 +22,22 @@ pub(super) const CASES: &[Case] = &[
         title: "slivers",
         construction: "triangles 10^3 to 10^9 times as long as high, and rays at down to 0.01 degrees to their planes",
         oracle: "exact signs of the edges, the parameter to 100 bits",
-        bound: "no hit or miss beyond the derived bounds on f32, which grow as triangles turn edge-on",
+        bound: "no wrong hit or miss beyond the derived f32 bounds, which grow as triangles turn edge-on",
         unit: "ulp of t",
-        asks: Asks::Triangles,
-        required: Closes::Vertices,
+        kind: CaseKind::Triangles,
+        required: Watertightness::Vertices,
         run: slivers,
     },
     Case {
         id: "H17",
-        title: "garbage meshes",
-        construction: "meshes whose corners are random bits, as many of each exponent, as far as they pass the checks",
-        oracle: "brute force, and where it differs the exact crossings; within the derived bounds on f32 a tie",
-        bound: "no wrong hit or miss, no parameter that is no number",
+        title: "random-bit meshes",
+        construction: "meshes whose corners are random bits, uniform over exponents, that pass scene validation",
+        oracle: "brute force, and on a difference the exact intersections; within the derived f32 bounds a tie",
+        bound: "no wrong hit or miss, no parameter that is NaN",
         unit: "",
-        asks: Asks::Triangles,
-        required: Closes::Vertices,
-        run: garbage,
+        kind: CaseKind::Triangles,
+        required: Watertightness::Vertices,
+        run: random_meshes,
     },
 ];
 
@@ -56,7 +56,7 @@ fn sliver(random: &mut SplitMix64) -> [DVec3; 3] {
 
 /// Returns a ray at one of the triangles, at a small angle to its plane.
 fn grazing(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
-    let [a, b, c] = random.pick(triangles);
+    let [a, b, c] = random.choose(triangles);
     // Choose a target within the triangle or slightly beside it
     let (u, v) = (random.within(-0.1, 1.1), random.within(-0.1, 1.1));
     let (u, v) = if u + v > 1.1 { (1.0 - u, 1.0 - v) } else { (u, v) };
@@ -64,13 +64,13 @@ fn grazing(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
     let normal = (b - a).cross(c - a).normalize_or_zero();
     let in_plane = normal.cross(random.direction()).normalize_or_zero();
     // Choose an angle from 0.01 degrees (1.7e-4) up
-    let slope = 10f64.powf(random.within(-3.76, 0.0)) * random.pick(&[1.0, -1.0]);
+    let slope = 10f64.powf(random.within(-3.76, 0.0)) * random.choose(&[1.0, -1.0]);
     let way = in_plane + slope * normal;
     let origin = (target - random.within(0.5, 3.0) * way).as_vec3();
     Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
 }
 
-fn slivers(trial: &Trial) -> Result<Tally, AccelError> {
+fn slivers(trial: &CaseRunner) -> Result<Counts, AccelError> {
     // Build a scene of slivers with bounding needles
     let mut random = SplitMix64::new(0x5117, 0);
     let triangles: Vec<[DVec3; 3]> = (0..SLIVERS).map(|_| sliver(&mut random)).collect();
@@ -91,9 +91,9 @@ fn slivers(trial: &Trial) -> Result<Tally, AccelError> {
                 && first.primitive == hit.primitive
             {
                 let ulp = f64::from(first.t.next_up()) - f64::from(first.t);
-                tally.note((f64::from(hit.t) - t).abs() / ulp);
+                tally.record_error((f64::from(hit.t) - t).abs() / ulp);
             }
-            compared(&scene, ray, exact.map(|(first, _)| first), hit)
+            judge_against(&scene, ray, exact.map(|(first, _)| first), hit)
         },
     ))
 }
@@ -144,9 +144,9 @@ pub(super) fn exact_nearest(
     is_near: impl Fn(usize) -> bool,
 ) -> Option<(Hit, f64)> {
     let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
-    let meets = |corners: &[DVec3; 3]| {
+    let is_hit = |corners: &[DVec3; 3]| {
         matches!(
-            exact::crossing(o, d, *corners),
+            expansion::crossing(o, d, *corners),
             Crossing::Through | Crossing::Touching
         )
     };
@@ -155,9 +155,9 @@ pub(super) fn exact_nearest(
         .iter()
         .enumerate()
         .filter(|&(number, _)| is_near(number));
-    let met = near.filter(|(_, corners)| meets(corners));
+    let hits = near.filter(|(_, corners)| is_hit(corners));
     // Find the nearest one ahead of the origin
-    let at = met.map(|(number, corners)| (number, exact::parameter(o, d, *corners)));
+    let at = hits.map(|(number, corners)| (number, expansion::parameter(o, d, *corners)));
     let ahead = at.filter(|(_, t)| t.nearest() >= 0.0);
     let (number, t) = ahead.reduce(|a, b| if b.1 < a.1 { b } else { a })?;
     let hit = Hit {
@@ -170,21 +170,21 @@ pub(super) fn exact_nearest(
     Some((hit, t.nearest()))
 }
 
-/// Converts the verdict of the backend comparison on `hit` against `exact`.
-pub(super) fn compared(scene: &Scene, ray: &Ray, exact: Option<Hit>, hit: Option<Hit>) -> Answer {
+/// Converts the verdict of the backend comparison on `hit` against `expansion`.
+pub(super) fn judge_against(scene: &Scene, ray: &Ray, exact: Option<Hit>, hit: Option<Hit>) -> Correctness {
     match compare(scene, ray, exact, hit) {
-        HitComparison::Same => Answer::Right,
-        HitComparison::Tie => Answer::Tie,
-        HitComparison::Wrong => Answer::Wrong,
+        HitComparison::Same => Correctness::Right,
+        HitComparison::Tie => Correctness::Tie,
+        HitComparison::Wrong => Correctness::Wrong,
     }
 }
 
-/// Number of rays for each garbage mesh while there are few meshes.
+/// Number of rays for each random mesh while there are few meshes.
 const RAYS_A_MESH: u64 = 64;
-/// Largest number of garbage meshes; beyond it, each mesh gets more rays.
+/// Largest number of random meshes; beyond it, each mesh gets more rays.
 const MAX_MESHES: u64 = 10_000;
 
-fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
+fn random_meshes(trial: &CaseRunner) -> Result<Counts, AccelError> {
     // Distribute the rays among random meshes
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MAX_MESHES);
     trial.over_parts(mesh_count as usize, &|number, part| {
@@ -195,10 +195,10 @@ fn garbage(trial: &Trial) -> Result<Tally, AccelError> {
         };
         if scene.validate().is_err() {
             // Validation reports such a mesh before anything is built.
-            return Ok(Tally::default());
+            return Ok(Counts::default());
         }
         scene.normalise();
-        garbage_of(&part, &scene)
+        random_mesh_hits(&part, &scene)
     })
 }
 
@@ -238,18 +238,18 @@ fn any_mesh(random: &mut SplitMix64) -> Mesh {
 /// is of the order of its cube, and that times 2^-24 is just a normal number.
 const SMALLEST: f32 = 1.0 / (1u64 << 34) as f32;
 
-fn garbage_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
+fn random_mesh_hits(trial: &CaseRunner, scene: &Scene) -> Result<Counts, AccelError> {
     let engine = trial.engine(scene)?;
     let brute = BruteAccel::new(scene);
     let Geometry::Mesh(mesh) = &scene.geometries[0] else {
-        return Ok(Tally::default());
+        return Ok(Counts::default());
     };
     // Aim at random points of the triangles
     let triangles: Vec<[DVec3; 3]> = (0..mesh.triangles.len() as u32)
         .map(|number| mesh.corners_f64(number))
         .collect();
     let ray = |random: &mut SplitMix64| {
-        let [a, b, c] = random.pick(&triangles);
+        let [a, b, c] = random.choose(&triangles);
         let (u, v) = (0.5 * random.unit(), 0.5 * random.unit());
         let target = a + u * (b - a) + v * (c - a);
         let reach = (b - a).length().max((c - a).length());
@@ -259,17 +259,17 @@ fn garbage_of(trial: &Trial, scene: &Scene) -> Result<Tally, AccelError> {
     // Judge against brute force, and against exact arithmetic where they differ
     Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         if !ray.is_traceable() {
-            return Answer::wrong_if(hit.is_some());
+            return Correctness::wrong_if(hit.is_some());
         }
-        match compared(scene, ray, brute.nearest(ray), hit) {
+        match judge_against(scene, ray, brute.nearest(ray), hit) {
             // Products of such small numbers underflow in f32, which the error bounds do not cover.
-            Answer::Wrong if ray.direction.abs().max_element() < SMALLEST => Answer::Tie,
+            Correctness::Wrong if ray.direction.abs().max_element() < SMALLEST => Correctness::Tie,
             // Brute force rounds, too.
-            Answer::Wrong => {
+            Correctness::Wrong => {
                 let exact = exact_nearest(&triangles, ray, |_| true);
-                compared(scene, ray, exact.map(|(hit, _)| hit), hit)
+                judge_against(scene, ray, exact.map(|(hit, _)| hit), hit)
             }
-            answer => answer,
+            correctness => correctness,
         }
     }))
 }

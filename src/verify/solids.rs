@@ -12,21 +12,21 @@ use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
 
-use super::meshes::among_others;
-use super::trial::{Answer, Tally, Trial};
-use super::{Asks, Case, Closes};
+use super::runner::{CaseRunner, Correctness, Counts};
+use super::test_meshes::among_others;
+use super::{Case, CaseKind, Watertightness};
 use crate::accel::{AccelError, Hit};
 use crate::numeric::{Ray, SplitMix64};
 use crate::scene::Camera;
 use crate::shape::oracle::{
-    self, FirstCrossing, Intervals, cut, first_crossing_of_torus, inside_quadric, inside_torus, whole,
+    self, FirstCrossing, Intervals, cut, first_crossing_of_torus, inside_quadric, inside_torus, whole_line,
 };
 use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Torus};
 
 /// Approximate largest distance of a ray's origin from a solid's centre.
 const FARTHEST: f64 = 1e5;
 
-const ORACLE: &str = "where the line is inside the solid made smaller and larger by rounding, to 100 bits";
+const ORACLE: &str = "intervals of the line inside the solid, shrunk and grown by rounding, to 100 bits";
 const BOUND: &str = "no wrong decision, t to 1 ulp of f32; ties are right for a solid moved by rounding";
 
 pub(super) const CASES: &[Case] = &[
@@ -37,19 +37,19 @@ pub(super) const CASES: &[Case] = &[
         oracle: ORACLE,
         bound: BOUND,
         unit: "ulp of t",
-        asks: Asks::Shapes,
-        required: Closes::Faces,
+        kind: CaseKind::Shapes,
+        required: Watertightness::Faces,
         run: |trial| at_solids(trial, vec![cylinder()], along_cylinder),
     },
     Case {
         id: "H06",
         title: "along a cone",
-        construction: "lines parallel to a generator or nearly so, and through the apex and the roundings of it",
+        construction: "lines parallel to a generator or nearly so, and through the apex and roundings of it",
         oracle: ORACLE,
         bound: BOUND,
         unit: "ulp of t",
-        asks: Asks::Shapes,
-        required: Closes::Faces,
+        kind: CaseKind::Shapes,
+        required: Watertightness::Faces,
         run: |trial| at_solids(trial, vec![cone()], along_cone),
     },
     Case {
@@ -59,8 +59,8 @@ pub(super) const CASES: &[Case] = &[
         oracle: ORACLE,
         bound: BOUND,
         unit: "ulp of t",
-        asks: Asks::Shapes,
-        required: Closes::Faces,
+        kind: CaseKind::Shapes,
+        required: Watertightness::Faces,
         run: distant_tori,
     },
     Case {
@@ -70,8 +70,8 @@ pub(super) const CASES: &[Case] = &[
         oracle: ORACLE,
         bound: BOUND,
         unit: "ulp of t",
-        asks: Asks::Shapes,
-        required: Closes::Faces,
+        kind: CaseKind::Shapes,
+        required: Watertightness::Faces,
         run: |trial| at_solids(trial, vec![cube(), dodecahedron()], along_faces),
     },
 ];
@@ -140,9 +140,9 @@ fn torus(minor_radius: f64) -> Solid {
 fn within(shape: Shape, half_spaces: Vec<HalfSpace>) -> Solid {
     let corners = corners(&half_spaces);
     let inside = move |o: DVec3, d: DVec3, delta: f64| {
-        half_spaces
-            .iter()
-            .fold(whole(), |found, space| cut(found, space.n, space.h + delta, o, d))
+        half_spaces.iter().fold(whole_line(), |found, space| {
+            cut(found, space.n, space.h + delta, o, d)
+        })
     };
     Solid {
         shape,
@@ -198,13 +198,13 @@ fn first_ahead(intervals: &Intervals) -> Option<(f64, bool)> {
 }
 
 impl Solid {
-    fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Tally) -> Answer {
+    fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Counts) -> Correctness {
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         // Try the torus march, which confirms most results
         let delta = self.roundings * 0.5 * f64::EPSILON * (1.0 + o.length());
         if let Some(off) = self.tube.and_then(|r| found_by_march(r, delta, (o, d), hit)) {
-            tally.note(off);
-            return Answer::Right;
+            tally.record_error(off);
+            return Correctness::Right;
         }
         // Intersect the smaller and the larger solid
         let [inner, outer] = [-delta, delta].map(|delta| (self.inside)(o, d, delta));
@@ -213,13 +213,13 @@ impl Solid {
         let is_near = |&(t, _): &(f64, bool)| (t as f32) < f32::INFINITY;
         // Compare the hit with the first boundaries of both
         match (sure.filter(is_near), possible.filter(is_near), hit) {
-            (None, None, None) => Answer::Right,
-            (None, Some(_), None) => Answer::Tie,
-            (_, None, Some(_)) | (Some(_), _, None) => Answer::Wrong,
+            (None, None, None) => Correctness::Right,
+            (None, Some(_), None) => Correctness::Tie,
+            (_, None, Some(_)) | (Some(_), _, None) => Correctness::Wrong,
             (Some((a, was)), Some((b, is)), Some(hit)) if was == is => {
                 let off = beyond(hit.t, a.min(b), a.max(b));
-                tally.note(off);
-                Answer::wrong_if(!(off <= 1.0))
+                tally.record_error(off);
+                Correctness::wrong_if(!(off <= 1.0))
             }
             // At a tangent, or for an origin on the surface, any point between the two surfaces is a tie.
             (_, _, Some(hit)) => {
@@ -233,9 +233,9 @@ impl Solid {
                     .iter()
                     .any(|[a, b]| a.nearest() <= t + ulp && t - ulp <= b.nearest());
                 if is_between && !holds(&inner) {
-                    Answer::Tie
+                    Correctness::Tie
                 } else {
-                    Answer::Wrong
+                    Correctness::Wrong
                 }
             }
         }
@@ -265,10 +265,10 @@ fn beyond(t: f32, low: f64, high: f64) -> f64 {
 }
 
 fn at_solids(
-    trial: &Trial,
+    trial: &CaseRunner,
     solids: Vec<Solid>,
     ray: impl Fn(&Solid, &mut SplitMix64) -> Ray + Sync,
-) -> Result<Tally, AccelError> {
+) -> Result<Counts, AccelError> {
     trial.over_parts(solids.len(), &|number, trial| {
         let solid = &solids[number];
         // All of these solids lie within √3 of their centre.
@@ -282,7 +282,7 @@ fn at_solids(
             trial.nearest(&engine, &|random| ray(solid, random), &|ray, hit, tally| {
                 // One of the other geometries may occlude the solid.
                 if hit.is_some_and(|hit| hit.instance != 0) {
-                    return Answer::Right;
+                    return Correctness::Right;
                 }
                 solid.judge(ray, hit, tally)
             }),
@@ -293,21 +293,21 @@ fn at_solids(
 fn along_cylinder(_: &Solid, random: &mut SplitMix64) -> Ray {
     // Choose a direction almost parallel to the axis
     let off = |random: &mut SplitMix64| match random.below(4) {
-        0 => random.pick(&[0.0, -0.0]),
-        _ => random.pick(&[1.0, -1.0]) * 0.5f64.powi(1 + random.below(149) as i32),
+        0 => random.choose(&[0.0, -0.0]),
+        _ => random.choose(&[1.0, -1.0]) * 0.5f64.powi(1 + random.below(149) as i32),
     };
-    let direction = DVec3::new(off(random), off(random), random.pick(&[1.0, -1.0]));
-    let radius = random.pick(&[0.0, 0.5, 1.0, 1.0, 1.0, 1.5]);
+    let direction = DVec3::new(off(random), off(random), random.choose(&[1.0, -1.0]));
+    let radius = random.choose(&[0.0, 0.5, 1.0, 1.0, 1.0, 1.5]);
     let around = random.direction().with_z(0.0).normalize_or_zero();
-    let around = random.pick(&[around, DVec3::X, -DVec3::Y]);
-    let height = random.pick(&[0.0, 1.0, -1.0, 10.0, 1e4]);
+    let around = random.choose(&[around, DVec3::X, -DVec3::Y]);
+    let height = random.choose(&[0.0, 1.0, -1.0, 10.0, 1e4]);
     let origin = radius * around - direction.z * height * DVec3::Z;
     Ray::new(origin.as_vec3(), direction.as_vec3())
 }
 
 fn along_cone(_: &Solid, random: &mut SplitMix64) -> Ray {
     let around = random.direction().with_z(0.0).normalize_or_zero();
-    let around = random.pick(&[around, DVec3::X, -DVec3::Y]);
+    let around = random.choose(&[around, DVec3::X, -DVec3::Y]);
     // The wall descends by 2 from the apex where its radius grows by 1.
     let generator = around - 2.0 * DVec3::Z;
     let nudge = match random.below(3) {
@@ -318,15 +318,15 @@ fn along_cone(_: &Solid, random: &mut SplitMix64) -> Ray {
     let (target, direction) = match random.below(2) {
         0 => (
             DVec3::Z + nudge,
-            random.pick(&[generator, -DVec3::Z, DVec3::X, any]),
+            random.choose(&[generator, -DVec3::Z, DVec3::X, any]),
         ),
         _ => (random.in_cube(), generator + nudge),
     };
-    let origin = target - random.pick(&[0.0, 0.5, 1.0, 3.0, 100.0]) * direction;
+    let origin = target - random.choose(&[0.0, 0.5, 1.0, 3.0, 100.0]) * direction;
     Ray::new(origin.as_vec3(), direction.as_vec3())
 }
 
-fn distant_tori(trial: &Trial) -> Result<Tally, AccelError> {
+fn distant_tori(trial: &CaseRunner) -> Result<Counts, AccelError> {
     let tori: Vec<Solid> = [0.5, 0.1, 0.01, 0.001].map(torus).into();
     at_solids(trial, tori, |solid, random| {
         let radius = match &solid.shape {
@@ -337,7 +337,7 @@ fn distant_tori(trial: &Trial) -> Result<Tally, AccelError> {
         let way = random.direction();
         let beside = way.cross(random.direction()).normalize_or_zero();
         // Aim at the centre of the tube, within it, or at its tangents
-        let off = radius * random.pick(&[0.0, 0.5, 1.0, 1.0 - 1e-6, 1.0 + 1e-6]);
+        let off = radius * random.choose(&[0.0, 0.5, 1.0, 1.0 - 1e-6, 1.0 + 1e-6]);
         let distance = 10f64.powi(random.below(6) as i32);
         let origin = (around + off * beside - distance * way).as_vec3();
         let target = around + off * beside;
@@ -346,7 +346,7 @@ fn distant_tori(trial: &Trial) -> Result<Tally, AccelError> {
 }
 
 fn along_faces(solid: &Solid, random: &mut SplitMix64) -> Ray {
-    let mut corner = || random.pick(&solid.corners);
+    let mut corner = || random.choose(&solid.corners);
     // Aim through a vertex, along an edge or diagonal, in a face, or across
     let [a, b, c] = [corner(), corner(), corner()];
     let along = if a == b { random.direction() } else { b - a };
@@ -360,6 +360,6 @@ fn along_faces(solid: &Solid, random: &mut SplitMix64) -> Ray {
         1 => along + 0.5f64.powi(random.below(60) as i32) * random.in_cube(),
         _ => random.direction(),
     };
-    let origin = target - random.pick(&[0.0, 0.25, 1.0, 5.0, 100.0]) * direction;
+    let origin = target - random.choose(&[0.0, 0.25, 1.0, 5.0, 100.0]) * direction;
     Ray::new(origin.as_vec3(), direction.as_vec3())
 }

@@ -5,14 +5,14 @@ use std::ops::RangeInclusive;
 
 use glam::{DAffine3, DVec3, Vec3};
 
-use super::exact;
-use super::meshes::among_others;
-use super::trial::{Answer, Tally, Trial};
-use super::{Asks, Case, Closes};
+use super::expansion;
+use super::runner::{CaseRunner, Correctness, Counts};
+use super::test_meshes::among_others;
+use super::{Case, CaseKind, Watertightness};
 use crate::accel::{AccelError, Hit};
 use crate::numeric::{DoubleDouble, Ray, SplitMix64};
 use crate::scene::Camera;
-use crate::shape::oracle::{Wide3, dot, wide3};
+use crate::shape::oracle::{DoubleDouble3, dot, double_double3};
 use crate::shape::{Shape, Sphere};
 
 const ORACLE: &str = "exact sign of the discriminant, roots to 100 bits";
@@ -25,8 +25,8 @@ pub(super) const CASES: &[Case] = &[
         oracle: ORACLE,
         bound: "no wrong decision, t to 1 ulp of f32; ties are right for a sphere moved by 16 roundings of f64",
         unit: "ulp of t",
-        asks: Asks::Shapes,
-        required: Closes::Faces,
+        kind: CaseKind::Shapes,
+        required: Watertightness::Faces,
         run: |trial| distant(trial, 1..=3),
     },
     Case {
@@ -36,8 +36,8 @@ pub(super) const CASES: &[Case] = &[
         oracle: ORACLE,
         bound: "as for H01",
         unit: "ulp of t",
-        asks: Asks::Shapes,
-        required: Closes::Faces,
+        kind: CaseKind::Shapes,
+        required: Watertightness::Faces,
         run: |trial| distant(trial, 4..=7),
     },
     Case {
@@ -47,8 +47,8 @@ pub(super) const CASES: &[Case] = &[
         oracle: ORACLE,
         bound: "no wrong decision, t to 1 ulp of f32; ties are right for a sphere moved by 16 roundings of f64",
         unit: "ulp of t",
-        asks: Asks::Shapes,
-        required: Closes::Faces,
+        kind: CaseKind::Shapes,
+        required: Watertightness::Faces,
         run: huge,
     },
     Case {
@@ -58,19 +58,19 @@ pub(super) const CASES: &[Case] = &[
         oracle: ORACLE,
         bound: "no wrong decision",
         unit: "ulp of t",
-        asks: Asks::Shapes,
-        required: Closes::Faces,
+        kind: CaseKind::Shapes,
+        required: Watertightness::Faces,
         run: tangents,
     },
     Case {
         id: "H04",
         title: "from inside",
-        construction: "rays from the centre, from inside and from the roundings of points on the sphere",
+        construction: "rays from the centre, from inside and from rounded points on the sphere",
         oracle: ORACLE,
         bound: "no wrong root, t to 1 ulp of f32; ties as for H01",
         unit: "ulp of t",
-        asks: Asks::Shapes,
-        required: Closes::Faces,
+        kind: CaseKind::Shapes,
+        required: Watertightness::Faces,
         run: from_inside,
     },
 ];
@@ -80,7 +80,7 @@ pub(super) const CASES: &[Case] = &[
 const MOVED: f64 = 16.0 / (1u64 << 53) as f64;
 
 /// Exact result for a ray and a sphere, with the deviations that rounding explains.
-struct Exact {
+struct ExactRoots {
     /// Nearest root that is not behind the origin.
     t: Option<f64>,
     /// Both roots, rounded to f64; without real roots, the parameter of the closest approach twice.
@@ -91,12 +91,12 @@ struct Exact {
     is_tangent: bool,
 }
 
-impl Exact {
-    fn new(sphere: &Sphere, ray: &Ray) -> Exact {
+impl ExactRoots {
+    fn new(sphere: &Sphere, ray: &Ray) -> ExactRoots {
         // Compute the coefficients of a t² - 2 b t + c in 106 bits
         let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let f = [0, 1, 2].map(|k| DoubleDouble::of(o[k]) - DoubleDouble::of(sphere.center[k]));
-        let direction = wide3(d);
+        let direction = double_double3(d);
         let square = DoubleDouble::of(sphere.radius) * DoubleDouble::of(sphere.radius);
         let a = dot(direction, direction);
         let b = -dot(f, direction);
@@ -111,7 +111,7 @@ impl Exact {
         let slack = delta * sphere.radius / half_chord.max((sphere.radius * delta).sqrt()) / length;
         if sign == Ordering::Less {
             let nearest = b.nearest() / a.nearest();
-            return Exact {
+            return ExactRoots {
                 t: None,
                 roots: [nearest; 2],
                 slack: slack + half_chord / length,
@@ -127,7 +127,7 @@ impl Exact {
         };
         let mut roots = [(c / q).nearest(), (q / a).nearest()];
         roots.sort_by(f64::total_cmp);
-        Exact {
+        ExactRoots {
             t: roots.into_iter().find(|&t| t >= 0.0),
             roots,
             slack,
@@ -135,35 +135,39 @@ impl Exact {
         }
     }
 
-    /// Returns the error of `t` against the root at `exact`, in ulps of f32.
+    /// Returns the error of `t` against the root at `expansion`, in ulps of f32.
     fn ulps(&self, t: f32, exact: f64) -> f64 {
         (f64::from(t) - exact).abs() / ulp(exact)
     }
 
-    /// Returns whether `t` is the root at `exact` of a sphere that rounding has moved.
+    /// Returns whether `t` is the root at `expansion` of a sphere that rounding has moved.
     fn explains(&self, t: f32, exact: f64) -> bool {
         (f64::from(t) - exact).abs() <= self.slack + ulp(exact)
     }
 
     /// Judges a result and records its error.
-    fn judge(&self, hit: Option<Hit>, tally: &mut Tally) -> Answer {
+    fn judge(&self, hit: Option<Hit>, tally: &mut Counts) -> Correctness {
         match (hit, self.t) {
-            (None, None) => Answer::Right,
+            (None, None) => Correctness::Right,
             (None, Some(_)) => tie_if(self.is_tangent || self.roots[1] <= self.slack),
             (Some(hit), Some(t)) if self.explains(hit.t, t) => {
                 let off = self.ulps(hit.t, t);
-                tally.note(off);
-                if off <= 1.0 { Answer::Right } else { Answer::Tie }
+                tally.record_error(off);
+                if off <= 1.0 {
+                    Correctness::Right
+                } else {
+                    Correctness::Tie
+                }
             }
             (Some(hit), expected) => {
                 let [first, second] = self.roots;
-                let meets = |root: f64| root >= -self.slack && self.explains(hit.t, root);
+                let explains_hit = |root: f64| root >= -self.slack && self.explains(hit.t, root);
                 // A root that is indistinguishable from the origin may count or not.
                 let is_open = match expected {
                     None => self.is_tangent || second.abs() <= self.slack,
                     Some(_) => first.abs() <= self.slack,
                 };
-                tie_if(is_open && (meets(first) || meets(second)))
+                tie_if(is_open && (explains_hit(first) || explains_hit(second)))
             }
         }
     }
@@ -176,11 +180,11 @@ const DISCRIMINANT_ERROR: f64 = 32.0 / (1u64 << 52) as f64 / (1u64 << 52) as f64
 fn discriminant(
     sphere: &Sphere,
     (o, d): (DVec3, DVec3),
-    f: Wide3,
+    f: DoubleDouble3,
     chord: DoubleDouble,
 ) -> (DoubleDouble, Ordering) {
     // Compute the discriminant from the moment of the line, to 106 bits
-    let direction = wide3(d);
+    let direction = double_double3(d);
     let moment = [0, 1, 2].map(|k| {
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
         f[i] * direction[j] - f[j] * direction[i]
@@ -192,12 +196,16 @@ fn discriminant(
         return (found, found.nearest().total_cmp(&0.0));
     }
     // Fall back to exact arithmetic
-    let exact = exact::discriminant(o, d, sphere.center, sphere.radius);
-    (exact.wide(), exact.sign())
+    let exact = expansion::discriminant(o, d, sphere.center, sphere.radius);
+    (exact.to_double_double(), exact.sign())
 }
 
-fn tie_if(is_tie: bool) -> Answer {
-    if is_tie { Answer::Tie } else { Answer::Wrong }
+fn tie_if(is_tie: bool) -> Correctness {
+    if is_tie {
+        Correctness::Tie
+    } else {
+        Correctness::Wrong
+    }
 }
 
 /// Returns the distance from the f32 nearest to `x` to the next one.
@@ -208,20 +216,20 @@ fn ulp(x: f64) -> f64 {
 
 /// Traces rays at one sphere among other geometries.
 fn at_sphere(
-    trial: &Trial,
+    trial: &CaseRunner,
     sphere: Sphere,
     ray: impl Fn(&mut SplitMix64) -> Ray + Sync,
-) -> Result<Tally, AccelError> {
+) -> Result<Counts, AccelError> {
     at_sphere_from(trial, sphere, 0.0, ray)
 }
 
 /// Traces rays at one sphere, in a scene with a camera `farthest` units away; without a camera if that is 0.
 fn at_sphere_from(
-    trial: &Trial,
+    trial: &CaseRunner,
     sphere: Sphere,
     farthest: f64,
     ray: impl Fn(&mut SplitMix64) -> Ray + Sync,
-) -> Result<Tally, AccelError> {
+) -> Result<Counts, AccelError> {
     let mut scene = among_others(Shape::Sphere(sphere), sphere.center, sphere.radius);
     if farthest > 0.0 {
         scene.cameras = vec![Camera {
@@ -233,18 +241,18 @@ fn at_sphere_from(
     Ok(trial.nearest(&engine, &ray, &|ray, hit, tally| {
         // One of the other geometries may occlude the sphere.
         if hit.is_some_and(|hit| hit.instance != 0) {
-            return Answer::Right;
+            return Correctness::Right;
         }
-        Exact::new(&sphere, ray).judge(hit, tally)
+        ExactRoots::new(&sphere, ray).judge(hit, tally)
     }))
 }
 
 /// Traces rays from distances of powers of ten of the radius.
-fn distant(trial: &Trial, powers: RangeInclusive<i32>) -> Result<Tally, AccelError> {
+fn distant(trial: &CaseRunner, powers: RangeInclusive<i32>) -> Result<Counts, AccelError> {
     let distances: Vec<f64> = powers.map(|power| 10f64.powi(power)).collect();
     let farthest = distances.iter().copied().fold(0.0, f64::max);
     at_sphere_from(trial, Sphere::UNIT, farthest, |random| {
-        let distance = random.pick(&distances);
+        let distance = random.choose(&distances);
         let origin = (distance * random.direction()).as_vec3();
         // Aim at a point of a ball a little larger than the sphere
         let target = 1.05 * random.unit().cbrt() * random.direction();
@@ -252,7 +260,7 @@ fn distant(trial: &Trial, powers: RangeInclusive<i32>) -> Result<Tally, AccelErr
     })
 }
 
-fn huge(trial: &Trial) -> Result<Tally, AccelError> {
+fn huge(trial: &CaseRunner) -> Result<Counts, AccelError> {
     const MIN_EXPONENT: i32 = 3;
     const COUNT: usize = 6;
     trial.over_parts(COUNT, &|number, trial| {
@@ -270,17 +278,17 @@ fn huge(trial: &Trial) -> Result<Tally, AccelError> {
     })
 }
 
-fn tangents(trial: &Trial) -> Result<Tally, AccelError> {
+fn tangents(trial: &CaseRunner) -> Result<Counts, AccelError> {
     at_sphere(trial, Sphere::UNIT, |random| {
         let offset = 1.0 + (random.below(129) as f64 - 64.0) * 0.5f64.powi(24);
-        let distance = random.pick(&[2.0, 5.0, 100.0]);
+        let distance = random.choose(&[2.0, 5.0, 100.0]);
         if random.below(2) == 0 {
             // Choose a line along an axis, so that the offset is exact where f32 can represent it
             let axis = random.below(3);
-            let sign = random.pick(&[1.0, -1.0]);
+            let sign = random.choose(&[1.0, -1.0]);
             let mut origin = Vec3::ZERO;
             origin[axis] = -(sign * distance) as f32;
-            origin[(axis + 1) % 3] = random.pick(&[1.0, -1.0]) * offset as f32;
+            origin[(axis + 1) % 3] = random.choose(&[1.0, -1.0]) * offset as f32;
             return Ray::new(origin, sign as f32 * Vec3::AXES[axis]);
         }
         // Choose a tangent of random direction
@@ -291,12 +299,12 @@ fn tangents(trial: &Trial) -> Result<Tally, AccelError> {
     })
 }
 
-fn from_inside(trial: &Trial) -> Result<Tally, AccelError> {
+fn from_inside(trial: &CaseRunner) -> Result<Counts, AccelError> {
     at_sphere(trial, Sphere::UNIT, |random| {
         let origin = match random.below(4) {
             0 => DVec3::ZERO,
             1 => random.unit() * random.direction(),
-            2 => DVec3::AXES[random.below(3)] * random.pick(&[1.0, -1.0]),
+            2 => DVec3::AXES[random.below(3)] * random.choose(&[1.0, -1.0]),
             _ => random.direction(),
         };
         let direction = random.direction() * 10f64.powi(random.below(7) as i32 - 3);

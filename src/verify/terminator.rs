@@ -5,13 +5,13 @@ use std::f64::consts::PI;
 
 use glam::{DAffine3, DVec3};
 
-use super::meshes::{rings, scene};
-use super::trial::{Answer, Tally, Trial};
-use super::{Asks, Case, Closes};
+use super::runner::{CaseRunner, Correctness, Counts};
+use super::test_meshes::{rings, scene};
+use super::{Case, CaseKind, Watertightness};
 use crate::accel::AccelError;
 use crate::mesh::Mesh;
 use crate::scene::{
-    Background, Camera, Geometry, Lecture, Light, LightKind, Material, Model, Projection, Scene,
+    Background, Camera, Geometry, Light, LightKind, Material, Model, Phong, Projection, Scene,
 };
 use crate::shape::{Shape, Sphere};
 
@@ -19,11 +19,11 @@ pub(super) const CASES: &[Case] = &[Case {
     id: "H46",
     title: "shading terminator",
     construction: "spheres of 8, 16, ... up to 512 rings of triangles with smooth normals, lit from the side",
-    oracle: "the analytic sphere, whose light is the cosine of the angle to the lamp",
+    oracle: "the analytic sphere, whose irradiance is the cosine of the angle to the light",
     bound: "0 lit beyond the terminator, 0 dark before it, by more than a facet's tilt; the mean error falls with every doubling",
-    unit: "of the coarser one's error",
-    asks: Asks::Triangles,
-    required: Closes::Faces,
+    unit: "of the coarser mesh's error",
+    kind: CaseKind::Triangles,
+    required: Watertightness::Faces,
     run: terminators,
 }];
 
@@ -37,12 +37,12 @@ const REACH: f64 = 1.05;
 const SIZES: [f64; 2] = [24.0, 512.0];
 
 /// Returns a scene of a ball lit along x, with a diffuse material that reflects the cosine of the angle to the light.
-fn lit(geometry: Geometry) -> Scene {
+fn lit_scene(geometry: Geometry) -> Scene {
     let mut scene = scene(vec![geometry]);
     scene.materials = vec![Material {
-        model: Model::Lecture(Lecture {
+        model: Model::Phong(Phong {
             ambient: [0.0; 3],
-            ..Lecture::DEFAULT
+            ..Phong::DEFAULT
         }),
         base_color: [1.0, 1.0, 0.0, 1.0],
         ..Material::default()
@@ -78,8 +78,12 @@ fn ball(ring_count: u32) -> Mesh {
 }
 
 /// Renders a ball and returns the radiance of each pixel, NaN beside the ball.
-fn seen(trial: &Trial, geometry: Geometry, size: u32) -> Result<Option<Vec<f64>>, AccelError> {
-    let rendering = trial.picture((&lit(geometry), &camera()), size, (0, 0.0))?;
+fn render_radiance(
+    trial: &CaseRunner,
+    geometry: Geometry,
+    size: u32,
+) -> Result<Option<Vec<f64>>, AccelError> {
+    let rendering = trial.render_image((&lit_scene(geometry), &camera()), size, (0, 0.0))?;
     let light = |pixel: &[f32; 3]| match pixel[2] {
         0.0 => f64::from(pixel[0]),
         _ => f64::NAN,
@@ -87,29 +91,29 @@ fn seen(trial: &Trial, geometry: Geometry, size: u32) -> Result<Option<Vec<f64>>
     Ok(rendering.map(|rendering| rendering.image.pixels.iter().map(light).collect()))
 }
 
-fn terminators(trial: &Trial) -> Result<Tally, AccelError> {
-    let mut tally = Tally::default();
+fn terminators(trial: &CaseRunner) -> Result<Counts, AccelError> {
+    let mut tally = Counts::default();
     // Share the rays among the resolutions
     let steps = (RINGS[1] / RINGS[0]).ilog2() + 1;
     let size = ((trial.rays / u64::from(steps)) as f64)
         .sqrt()
         .clamp(SIZES[0], SIZES[1]) as u32;
     // Render the analytic sphere
-    let Some(exact) = seen(trial, Geometry::Shape(Shape::Sphere(Sphere::UNIT)), size)? else {
+    let Some(exact) = render_radiance(trial, Geometry::Shape(Shape::Sphere(Sphere::UNIT)), size)? else {
         return Ok(tally);
     };
     // Render balls of doubling resolution
     let mut coarser = f64::INFINITY;
     let mut ring_count = RINGS[0];
     while ring_count <= RINGS[1] && 4 * u64::from(ring_count).pow(2) <= trial.rays.max(MIN_TRIANGLES) {
-        let Some(found) = seen(trial, Geometry::Mesh(ball(ring_count)), size)? else {
+        let Some(found) = render_radiance(trial, Geometry::Mesh(ball(ring_count)), size)? else {
             break;
         };
         // Compare pixels, and the mean error with that of the coarser ball
         let error = judge(ring_count, size, (&exact, &found), &mut tally);
-        tally.note(error / coarser);
-        tally.count(Answer::wrong_if(!(error < coarser)), || {
-            format!("{ring_count} rings are off by {error:e} of all light, half as many by {coarser:e}")
+        tally.record_error(error / coarser);
+        tally.count(Correctness::wrong_if(!(error < coarser)), || {
+            format!("{ring_count} rings differ by {error:e} of the total light, half as many by {coarser:e}")
         });
         coarser = error;
         ring_count *= 2;
@@ -118,7 +122,7 @@ fn terminators(trial: &Trial) -> Result<Tally, AccelError> {
 }
 
 /// Counts the pixels and returns their total error as a share of all light.
-fn judge(ring_count: u32, size: u32, (exact, found): (&[f64], &[f64]), tally: &mut Tally) -> f64 {
+fn judge(ring_count: u32, size: u32, (exact, found): (&[f64], &[f64]), tally: &mut Counts) -> f64 {
     let pixel = 2.0 * REACH / f64::from(size);
     // A facet is at most that far across, and its tilt against each point of the sphere below it is no larger.
     let tilt = 2f64.sqrt() * PI / f64::from(ring_count);
@@ -135,9 +139,9 @@ fn judge(ring_count: u32, size: u32, (exact, found): (&[f64], &[f64]), tally: &m
         let is_off = (exact - cosine.max(0.0)).abs() > COSINE_ERROR;
         let leaks = cosine < -tilt && found > 0.0;
         let is_dark = cosine > tilt && !(found > 0.0);
-        tally.count(Answer::wrong_if(is_off || leaks || is_dark), || {
+        tally.count(Correctness::wrong_if(is_off || leaks || is_dark), || {
             format!(
-                "{ring_count} rings, pixel {number} of {size} x {size}: {found:e}, of the sphere {exact:e}"
+                "{ring_count} rings, pixel {number} of {size} x {size}: {found:e}, the sphere has {exact:e}"
             )
         });
         sum += exact;

@@ -2,8 +2,8 @@
 
 use glam::{DAffine3, DMat3, DQuat, DVec3};
 
-use super::trial::{Answer, Tally, Trial};
-use super::{Asks, Case, Closes};
+use super::runner::{CaseRunner, Correctness, Counts};
+use super::{Case, CaseKind, Watertightness};
 use crate::accel::{AccelError, Hit};
 use crate::numeric::{DoubleDouble, Ray, SplitMix64};
 use crate::scene::{Geometry, Instance, Scene};
@@ -17,19 +17,19 @@ pub(super) const CASES: &[Case] = &[
         oracle: "the map's inverse and the roots to 90 bits",
         bound: "no wrong decision, t to 1 ulp; ties are right for a sphere moved by 16 roundings of f64 times the condition squared",
         unit: "ulp of t",
-        asks: Asks::Shapes,
-        required: Closes::Faces,
+        kind: CaseKind::Shapes,
+        required: Watertightness::Faces,
         run: |trial| placed(trial, stretched),
     },
     Case {
         id: "H24",
         title: "maps without an inverse",
-        construction: "maps of rank 0, 1 and 2, of condition 10^13, of NaN and infinity; and sound ones of all sizes",
-        oracle: "how each was made",
-        bound: "the former are refused, the latter are not",
+        construction: "maps of rank 0, 1 and 2, of condition 10^13, of NaN and infinity; and valid ones of all sizes",
+        oracle: "the construction of each map",
+        bound: "maps without an inverse are rejected, valid ones are accepted",
         unit: "",
-        asks: Asks::Formulas,
-        required: Closes::Vertices,
+        kind: CaseKind::Formulas,
+        required: Watertightness::Vertices,
         run: |trial| Ok(trial.in_chunks(&|random, count| singular(trial, random, count))),
     },
     Case {
@@ -39,8 +39,8 @@ pub(super) const CASES: &[Case] = &[
         oracle: "the map's inverse and the roots to 90 bits",
         bound: "no wrong decision, t to 1 ulp; ties as for H23",
         unit: "ulp of t",
-        asks: Asks::Shapes,
-        required: Closes::Faces,
+        kind: CaseKind::Shapes,
+        required: Watertightness::Faces,
         run: |trial| placed(trial, scaled),
     },
 ];
@@ -62,12 +62,12 @@ pub(super) fn turn(random: &mut SplitMix64) -> DMat3 {
 
 /// Returns an affine map of condition number up to 10^4.
 fn stretched(random: &mut SplitMix64) -> DAffine3 {
-    let mut stretch = || 10f64.powf(random.within(-2.0, 2.0)) * random.pick(&[1.0, -1.0]);
+    let mut stretch = || 10f64.powf(random.within(-2.0, 2.0)) * random.choose(&[1.0, -1.0]);
     let diagonal = DMat3::from_diagonal(DVec3::new(stretch(), stretch(), stretch()));
     let linear = turn(random) * diagonal * turn(random);
     DAffine3 {
         matrix3: linear,
-        translation: linear * random.in_cube() * random.pick(&[0.0, 1.0, 10.0]),
+        translation: linear * random.in_cube() * random.choose(&[0.0, 1.0, 10.0]),
     }
 }
 
@@ -79,11 +79,11 @@ fn scaled(random: &mut SplitMix64) -> DAffine3 {
     }
 }
 
-fn placed(trial: &Trial, map: fn(&mut SplitMix64) -> DAffine3) -> Result<Tally, AccelError> {
+fn placed(trial: &CaseRunner, map: fn(&mut SplitMix64) -> DAffine3) -> Result<Counts, AccelError> {
     trial.over_parts(MAPS, &|number, trial| {
         let map = map(&mut SplitMix64::new(0x3a9, number as u64));
         let Ok(instance) = Instance::new("", 0, 0, map) else {
-            return Ok(Tally::default());
+            return Ok(Counts::default());
         };
         let scene = Scene {
             geometries: vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
@@ -105,28 +105,28 @@ fn placed(trial: &Trial, map: fn(&mut SplitMix64) -> DAffine3) -> Result<Tally, 
     })
 }
 
-type Wide3 = [DoubleDouble; 3];
+type DoubleDouble3 = [DoubleDouble; 3];
 
-fn dot(a: Wide3, b: Wide3) -> DoubleDouble {
+fn dot(a: DoubleDouble3, b: DoubleDouble3) -> DoubleDouble {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-fn cross(a: Wide3, b: Wide3) -> Wide3 {
+fn cross(a: DoubleDouble3, b: DoubleDouble3) -> DoubleDouble3 {
     [0, 1, 2].map(|k| {
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
         a[i] * b[j] - a[j] * b[i]
     })
 }
 
-fn wide(v: DVec3) -> Wide3 {
+fn double_double3(v: DVec3) -> DoubleDouble3 {
     v.to_array().map(DoubleDouble::of)
 }
 
 /// Exact intersection oracle for the unit sphere under an affine map.
 pub(super) struct Oracle {
     /// Rows of the inverse of the linear part.
-    inverse: [Wide3; 3],
-    translation: Wide3,
+    inverse: [DoubleDouble3; 3],
+    translation: DoubleDouble3,
     condition: f64,
 }
 
@@ -134,28 +134,28 @@ impl Oracle {
     /// Creates the oracle of an invertible map.
     pub(super) fn new(map: &DAffine3) -> Oracle {
         // Invert the linear part by its adjugate, in double-double precision
-        let [a, b, c] = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis].map(wide);
+        let [a, b, c] = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis].map(double_double3);
         let rows = [cross(b, c), cross(c, a), cross(a, b)];
         let determinant = dot(a, rows[0]);
         let norm = |m: DMat3| (m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs()).max_element();
         Oracle {
             inverse: rows.map(|row| row.map(|x| x / determinant)),
-            translation: wide(map.translation),
+            translation: double_double3(map.translation),
             condition: norm(map.matrix3) * norm(map.matrix3.inverse()),
         }
     }
 
     /// Transforms a vector to object space.
-    fn carried(&self, v: Wide3) -> Wide3 {
+    fn to_object_space(&self, v: DoubleDouble3) -> DoubleDouble3 {
         self.inverse.map(|row| dot(row, v))
     }
 
     /// Returns both roots for the sphere of radius 1 + `delta`.
     fn roots(&self, ray: &Ray, delta: f64) -> Option<[DoubleDouble; 2]> {
-        let o = wide(ray.origin.as_dvec3());
+        let o = double_double3(ray.origin.as_dvec3());
         // Transform the ray to object space
-        let o = self.carried([0, 1, 2].map(|k| o[k] - self.translation[k]));
-        let d = self.carried(wide(ray.direction.as_dvec3()));
+        let o = self.to_object_space([0, 1, 2].map(|k| o[k] - self.translation[k]));
+        let d = self.to_object_space(double_double3(ray.direction.as_dvec3()));
         let radius = DoubleDouble::ONE + DoubleDouble::of(delta);
         // Solve the quadratic equation without cancellation
         let (a, b, c) = (dot(d, d), -dot(o, d), dot(o, o) - radius * radius);
@@ -183,10 +183,10 @@ impl Oracle {
 
     /// Returns the displacement of the sphere that rounding may explain, in object space.
     fn slack(&self, ray: &Ray) -> f64 {
-        let o = wide(ray.origin.as_dvec3());
-        let o = self.carried([0, 1, 2].map(|k| o[k] - self.translation[k]));
-        let place = self.carried(self.translation);
-        let length = |v: Wide3| dot(v, v).sqrt().nearest();
+        let o = double_double3(ray.origin.as_dvec3());
+        let o = self.to_object_space([0, 1, 2].map(|k| o[k] - self.translation[k]));
+        let place = self.to_object_space(self.translation);
+        let length = |v: DoubleDouble3| dot(v, v).sqrt().nearest();
         MOVED * self.condition * self.condition * (1.0 + length(o) + length(place))
     }
 
@@ -196,15 +196,18 @@ impl Oracle {
     pub(super) fn tilt(&self, ray: &Ray, n: DVec3) -> Option<(f64, f64)> {
         // Find the exact hit point in object space
         let [t, _] = self.roots(ray, 0.0)?;
-        let (o, d) = (wide(ray.origin.as_dvec3()), wide(ray.direction.as_dvec3()));
-        let along = self.carried(d);
-        let o = self.carried([0, 1, 2].map(|k| o[k] - self.translation[k]));
-        let p: Wide3 = [0, 1, 2].map(|k| o[k] + t * along[k]);
+        let (o, d) = (
+            double_double3(ray.origin.as_dvec3()),
+            double_double3(ray.direction.as_dvec3()),
+        );
+        let along = self.to_object_space(d);
+        let o = self.to_object_space([0, 1, 2].map(|k| o[k] - self.translation[k]));
+        let p: DoubleDouble3 = [0, 1, 2].map(|k| o[k] + t * along[k]);
         // Transform its normal by the inverse transpose, and compute the angle
         let column = |k: usize| [self.inverse[0][k], self.inverse[1][k], self.inverse[2][k]];
         let exact = [0, 1, 2].map(|k| dot(column(k), p));
-        let length = |v: Wide3| dot(v, v).sqrt();
-        let sine = length(cross(exact, wide(n))) / (length(exact) * length(wide(n)));
+        let length = |v: DoubleDouble3| dot(v, v).sqrt();
+        let sine = length(cross(exact, double_double3(n))) / (length(exact) * length(double_double3(n)));
         // Bound the angle by the displacement of the hit point
         let largest = (0..3).map(|k| length(column(k)).nearest()).fold(0.0, f64::max);
         let cosine = (dot(p, along) / length(along)).nearest().abs();
@@ -213,41 +216,45 @@ impl Oracle {
     }
 
     /// Judges a result. Rays start outside, so the first root ahead is the entry point.
-    pub(super) fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Tally) -> Answer {
+    pub(super) fn judge(&self, ray: &Ray, hit: Option<Hit>, tally: &mut Counts) -> Correctness {
         let expected = Oracle::ahead(self.roots(ray, 0.0));
         match (hit, expected) {
-            (None, None) => return Answer::Right,
+            (None, None) => return Correctness::Right,
             (Some(hit), Some(exact)) => {
                 let ulp = f64::from(hit.t.next_up()) - f64::from(hit.t);
                 let off = (f64::from(hit.t) - exact).abs() / ulp;
                 if off <= 1.0 {
-                    tally.note(off);
-                    return Answer::Right;
+                    tally.record_error(off);
+                    return Correctness::Right;
                 }
             }
             _ => {}
         }
-        self.moved(ray, hit)
+        self.judge_displaced(ray, hit)
     }
 
     /// Judges a result that is not exact, by spheres that are smaller and larger by what rounding explains.
-    fn moved(&self, ray: &Ray, hit: Option<Hit>) -> Answer {
+    fn judge_displaced(&self, ray: &Ray, hit: Option<Hit>) -> Correctness {
         let delta = self.slack(ray);
         let [inner, outer] = [-delta, delta].map(|delta| self.roots(ray, delta));
         match hit {
-            None if Oracle::ahead(inner).is_none() => Answer::Tie,
-            None => Answer::Wrong,
+            None if Oracle::ahead(inner).is_none() => Correctness::Tie,
+            None => Correctness::Wrong,
             Some(hit) => {
                 // Require t between the entry points of both spheres
                 let ulp = f64::from(hit.t.next_up()) - f64::from(hit.t);
                 let t = f64::from(hit.t);
                 let Some(low) = Oracle::ahead(outer) else {
-                    return Answer::Wrong;
+                    return Correctness::Wrong;
                 };
                 let last = outer.map(|roots| roots[1].nearest());
                 let high = Oracle::ahead(inner).or(last).unwrap_or(low);
                 let is_between = low - ulp <= t && t <= high + ulp;
-                if is_between { Answer::Tie } else { Answer::Wrong }
+                if is_between {
+                    Correctness::Tie
+                } else {
+                    Correctness::Wrong
+                }
             }
         }
     }
@@ -267,7 +274,7 @@ fn any_map(random: &mut SplitMix64) -> (DMat3, bool) {
         2 => (DVec3::new(1.0, 0.5, 0.0), true),
         3 => (DVec3::new(1.0, 1.0, 1e-13 * between(random)), true),
         4 => (
-            DVec3::new(1.0, random.pick(&[f64::NAN, f64::INFINITY]), 1.0),
+            DVec3::new(1.0, random.choose(&[f64::NAN, f64::INFINITY]), 1.0),
             true,
         ),
         // The condition number is half a million times below the limit for rejection.
@@ -276,12 +283,12 @@ fn any_map(random: &mut SplitMix64) -> (DMat3, bool) {
     (size * left * DMat3::from_diagonal(diagonal) * right, is_bad)
 }
 
-fn singular(trial: &Trial, random: &mut SplitMix64, count: usize) -> Tally {
-    let mut tally = Tally::default();
+fn singular(trial: &CaseRunner, random: &mut SplitMix64, count: usize) -> Counts {
+    let mut tally = Counts::default();
     for _ in 0..count {
         let (matrix, is_bad) = any_map(random);
         let is_refused = !(trial.subject.formulas.is_invertible)(&DAffine3::from_mat3(matrix));
-        tally.count(Answer::wrong_if(is_bad != is_refused), || {
+        tally.count(Correctness::wrong_if(is_bad != is_refused), || {
             format!("{matrix:?}: {}", if is_refused { "refused" } else { "taken" })
         });
     }

@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn smoke_is_mostly_empty_and_reaches_from_bottom_to_top() {
+    fn smoke_is_mostly_empty_and_spans_the_height() {
         let size = 48;
         let grid = Cloud::SMOKE.bake([size; 3]).unwrap();
         let [mut full, mut layers] = [0, 0];
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn densities_stay_in_the_unit_interval_and_seeds_differ() {
+    fn densities_are_in_the_unit_interval_and_depend_on_the_seed() {
         for shape in [CloudShape::Layer, CloudShape::Puff, CloudShape::Plume] {
             let cloud = Cloud {
                 shape,
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_smooth_puff_is_a_paraboloid() {
+    fn smooth_puff_is_a_paraboloid() {
         let puff = Cloud {
             shape: CloudShape::Puff,
             roughness: 0.0,
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn no_sample_is_no_grid() {
+    fn zero_samples_are_rejected() {
         for size in [[0, 4, 4], [4, 0, 4], [4, 4, 0], [1, usize::MAX, usize::MAX]] {
             assert!(Cloud::SMOKE.bake(size).is_err(), "{size:?}");
         }

@@ -22,7 +22,7 @@ pub struct Composite {
     /// Linear RGB radiance that reaches the viewer, and the transmittance.
     sums: [f64; 4],
     /// Rounding errors of the sums, to be added to them.
-    lost: [f64; 4],
+    compensation: [f64; 4],
 }
 
 /// Index of the transmittance in the sums.
@@ -32,18 +32,18 @@ impl Composite {
     /// Composite of an empty segment: no radiance, transmittance 1.
     pub const CLEAR: Composite = Composite {
         sums: [0.0, 0.0, 0.0, 1.0],
-        lost: [0.0; 4],
+        compensation: [0.0; 4],
     };
 
     /// Returns the linear RGB radiance that reaches the viewer.
     pub fn color(&self) -> [f64; 3] {
-        [0, 1, 2].map(|channel| self.sums[channel] + self.lost[channel])
+        [0, 1, 2].map(|channel| self.sums[channel] + self.compensation[channel])
     }
 
     /// Returns the transmittance to the background, in [0, 1].
     #[inline(always)]
     pub fn transmittance(&self) -> f64 {
-        self.sums[BEHIND] + self.lost[BEHIND]
+        self.sums[BEHIND] + self.compensation[BEHIND]
     }
 
     /// Composites a layer of colour `color` and opacity `alpha` behind all layers before it.
@@ -64,7 +64,7 @@ impl Composite {
             let (was, added) = (self.sums[i], added[i]);
             let sum = was + added;
             let rounded = sum - was;
-            self.lost[i] += (was - (sum - rounded)) + (added - rounded);
+            self.compensation[i] += (was - (sum - rounded)) + (added - rounded);
             self.sums[i] = sum;
         }
     }
@@ -83,24 +83,24 @@ mod tests {
 
     /// Composites `layers` from front to back over `background`.
     fn layers(layers: &[([f64; 3], f64)], background: [f64; 3]) -> [f64; 3] {
-        let mut met = Composite::CLEAR;
+        let mut composite = Composite::CLEAR;
         for &(color, alpha) in layers {
-            met.push(color, alpha);
+            composite.push(color, alpha);
         }
-        met.over(background)
+        composite.over(background)
     }
 
     const GREEN: [f64; 3] = [0.0, 1.0, 0.0];
 
     #[test]
-    fn the_lectures_example_comes_out_exactly() {
+    fn compositing_example_is_reproduced_exactly() {
         // A = 0.2 + 0.8 · 0.1 = 0.28: 0.28 (1, 0.5, 0.5) + 0.72 (0, 1, 0).
         let pink = [1.0, 0.5, 0.5];
         assert_eq!(layers(&[(pink, 0.2), (pink, 0.1)], GREEN), [0.28, 0.86, 0.14]);
     }
 
     #[test]
-    fn the_order_matters_where_colours_differ() {
+    fn order_matters_for_different_colours() {
         let (red, blue) = (([1.0, 0.0, 0.0], 0.2), ([0.0, 0.0, 1.0], 0.1));
         // 0.2, 0.8 · 0.9 and 0.8 · 0.1; swapped 0.9 · 0.2 and 0.1. In f64 0.8 · 0.1 is not 0.08.
         let single = |colors: [f64; 3]| colors.map(|c| c as f32);
@@ -109,11 +109,11 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_behind_an_opaque_layer_is_not_seen() {
-        let mut met = Composite::CLEAR;
-        met.push([0.25, 0.5, 0.75], 1.0);
-        met.push([9.0; 3], 0.5);
-        assert_eq!(met.over([7.0; 3]), [0.25, 0.5, 0.75]);
+    fn opaque_layer_hides_everything_behind_it() {
+        let mut composite = Composite::CLEAR;
+        composite.push([0.25, 0.5, 0.75], 1.0);
+        composite.push([9.0; 3], 0.5);
+        assert_eq!(composite.over([7.0; 3]), [0.25, 0.5, 0.75]);
     }
 
     /// Reference values of 1 - (1 - alpha)^ratio, computed with 80 digits for the f64 alpha and the f64 ratios 10^-6,
@@ -140,7 +140,7 @@ mod tests {
     ];
 
     #[test]
-    fn opacities_are_corrected_to_4_ulp_over_twelve_powers_of_ten() {
+    fn opacity_correction_is_within_4_ulp_over_twelve_decades() {
         let mut worst = 0.0f64;
         for (alpha, row) in CORRECTED {
             for (i, expected) in row.into_iter().enumerate() {
@@ -154,17 +154,17 @@ mod tests {
     }
 
     #[test]
-    fn many_short_steps_are_as_opaque_as_one_long_one() {
+    fn many_short_steps_equal_one_long_step() {
         for (alpha, count) in [(0.3, 7), (1e-9, 1000), (0.999, 64)] {
             let short = corrected_opacity(alpha, 1.0 / f64::from(count));
-            let mut met = Composite::CLEAR;
+            let mut composite = Composite::CLEAR;
             for _ in 0..count {
-                met.push([1.0; 3], short);
+                composite.push([1.0; 3], short);
             }
             // An opacity is off by 4 ulp, products by half an ulp: steps share these, and the rest is rounded once.
             let bound = 6.0 * f64::EPSILON;
-            assert!((met.color()[0] - alpha).abs() <= bound, "{alpha} {count}");
-            assert!((met.transmittance() - (1.0 - alpha)).abs() <= bound);
+            assert!((composite.color()[0] - alpha).abs() <= bound, "{alpha} {count}");
+            assert!((composite.transmittance() - (1.0 - alpha)).abs() <= bound);
         }
     }
 }

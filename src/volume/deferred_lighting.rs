@@ -6,14 +6,14 @@
 
 use super::composite::Composite;
 use super::march::{Lighting, PointLanes, RaySegment};
-use super::sample_batch::{ROOM, ShadedSamples};
+use super::sample_batch::{QUEUE_CAPACITY, ShadedSamples};
 use crate::numeric::{LANES, Lanes};
 
 /// Queue of samples with their optical properties, nearest first.
 #[derive(Clone, Debug)]
 pub(super) struct PendingSamples {
     /// One row a property, as numbered by [`T`] and the constants after it.
-    rows: [[f64; ROOM]; ROWS],
+    rows: [[f64; QUEUE_CAPACITY]; ROWS],
     /// Number of pending samples: fewer than sixteen, except while more are being added.
     filled: usize,
 }
@@ -29,7 +29,7 @@ const EMISSION: usize = 6;
 impl PendingSamples {
     /// Queue without pending samples.
     pub(super) const NONE: PendingSamples = PendingSamples {
-        rows: [[0.0; ROOM]; ROWS],
+        rows: [[0.0; QUEUE_CAPACITY]; ROWS],
         filled: 0,
     };
 
@@ -49,8 +49,8 @@ impl PendingSamples {
     pub(super) fn push(&mut self, t: &Lanes<f64>, seen: &ShadedSamples, count: usize) {
         // Collect the rows of the batch
         let from = self.filled % LANES;
-        let [red, green, blue] = &seen.matter.scattering;
-        let [red_sent, green_sent, blue_sent] = &seen.matter.emission;
+        let [red, green, blue] = &seen.medium.scattering;
+        let [red_sent, green_sent, blue_sent] = &seen.medium.emission;
         let rows: [&Lanes<f64>; ROWS] = [
             t,
             &seen.alpha,
@@ -63,7 +63,7 @@ impl PendingSamples {
             blue_sent,
         ];
         // Copy whole rows if all samples contribute
-        let mut left = u32::from(seen.adds) & ((1 << count) - 1);
+        let mut left = u32::from(seen.contributes) & ((1 << count) - 1);
         if left.count_ones() as usize == count {
             // Lanes beyond `count` are overwritten by the next call.
             for (own, row) in self.rows.iter_mut().zip(rows) {
@@ -76,7 +76,7 @@ impl PendingSamples {
         self.filled = from;
         while left != 0 {
             let l = left.trailing_zeros() as usize % LANES;
-            let to = self.filled % ROOM;
+            let to = self.filled % QUEUE_CAPACITY;
             for (own, row) in self.rows.iter_mut().zip(rows) {
                 own[to] = row[l];
             }
@@ -85,18 +85,18 @@ impl PendingSamples {
         }
     }
 
-    /// Lights the oldest sixteen samples, or all, of the ray along `stretch`, and composites them behind the earlier
+    /// Lights the oldest sixteen samples, or all, of the ray along `segment`, and composites them behind the earlier
     /// ones.
     pub(super) fn composite(
         &mut self,
-        stretch: &RaySegment,
+        segment: &RaySegment,
         light: Option<&mut Lighting>,
         composite: &mut Composite,
     ) {
         // Add direct lighting
         let count = self.filled.min(LANES);
         if let Some(light) = light {
-            self.light_up(stretch, light, count);
+            self.shade(segment, light, count);
         }
         // Composite the samples in order along the ray
         let rows = &self.rows;
@@ -114,7 +114,7 @@ impl PendingSamples {
     }
 
     /// Multiplies scattering by the in-scattered light, at those of the first `count` samples that scatter any.
-    fn light_up(&mut self, stretch: &RaySegment, light: &mut Lighting, count: usize) {
+    fn shade(&mut self, segment: &RaySegment, light: &mut Lighting, count: usize) {
         // Find the samples that scatter
         let mut active = 0;
         for l in 0..count {
@@ -128,7 +128,7 @@ impl PendingSamples {
         let mut points = [[0.0; LANES]; 3];
         for axis in 0..3 {
             for l in 0..LANES {
-                points[axis][l] = stretch.origin[axis] + self.rows[T][l] * stretch.direction[axis];
+                points[axis][l] = segment.origin[axis] + self.rows[T][l] * segment.direction[axis];
             }
         }
         // Evaluate the lights and modulate the scattering

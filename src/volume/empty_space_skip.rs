@@ -5,7 +5,7 @@ use std::ops::Range;
 use multiversion::multiversion;
 
 use super::SkipEmpty;
-use super::sample_batch::{PendingBatch, VolumeSegment, places};
+use super::sample_batch::{PendingBatch, VolumeSegment, points};
 use super::steps::Steps;
 use crate::numeric::{LANES, Lanes};
 
@@ -24,51 +24,57 @@ pub(super) struct StepWindow {
 }
 
 impl StepWindow {
-    /// Classifies the steps from `i` on, which lies before `end`, along a ray through all of `met`.
+    /// Classifies the steps from `i` on, which lies before `end`, along a ray through all of `segments`.
     #[inline(always)]
-    pub(super) fn new(met: &[VolumeSegment], skip: SkipEmpty, steps: &Steps, i: u64, end: u64) -> StepWindow {
+    pub(super) fn new(
+        segments: &[VolumeSegment],
+        skip: SkipEmpty,
+        steps: &Steps,
+        i: u64,
+        end: u64,
+    ) -> StepWindow {
         // Compute the next sixteen steps
         let [t, length] = steps.lanes(i);
         let count = (end - i).min(LANES as u64);
-        let mut survey = StepWindow {
+        let mut window = StepWindow {
             t,
             length,
             wanted: count as usize,
             next: i + count,
         };
         if skip == SkipEmpty::Never {
-            return survey;
+            return window;
         }
         // Use no closures: one that is not inlined would be compiled for the lowest instruction set.
         // Mark steps in non-empty cells of any volume
-        let mut matter = 0;
-        for met in met {
-            matter |= met.volume.empty.matter(&places(&met.ray, &t));
+        let mut occupancy = 0;
+        for segment in segments {
+            occupancy |= segment.volume.empty.occupancy(&points(&segment.ray, &t));
         }
-        matter &= u16::MAX >> (LANES as u64 - count);
+        occupancy &= u16::MAX >> (LANES as u64 - count);
         // Trim empty steps at both ends only: removing those in between costs more than sampling them.
-        let beyond = LANES - matter.leading_zeros() as usize;
+        let beyond = LANES - occupancy.leading_zeros() as usize;
         // Skip ahead through empty blocks if the window ends in empty space
-        if beyond < LANES && survey.next < end {
-            survey.next = leap(met, steps, t[LANES - 1]).clamp(survey.next, end);
+        if beyond < LANES && window.next < end {
+            window.next = skip_ahead(segments, steps, t[LANES - 1]).clamp(window.next, end);
         }
-        let first = beyond.min(matter.trailing_zeros() as usize);
-        [survey.t, survey.length] = steps.lanes(i + first as u64);
-        survey.wanted = beyond - first;
-        survey
+        let first = beyond.min(occupancy.trailing_zeros() as usize);
+        [window.t, window.length] = steps.lanes(i + first as u64);
+        window.wanted = beyond - first;
+        window
     }
 }
 
 /// Returns the range of steps outside which all volumes are empty.
 #[inline(always)]
-pub(super) fn range(met: &[VolumeSegment], skip: SkipEmpty, steps: &Steps) -> Range<u64> {
+pub(super) fn range(segments: &[VolumeSegment], skip: SkipEmpty, steps: &Steps) -> Range<u64> {
     if skip == SkipEmpty::Never {
         return 0..steps.count;
     }
     // Unite the intervals of the volumes' non-empty boxes
     let (mut start, mut end) = (f64::INFINITY, f64::NEG_INFINITY);
-    for met in met {
-        let [from, to] = met.volume.empty.span(&met.ray);
+    for segment in segments {
+        let [from, to] = segment.volume.empty.span(&segment.ray);
         if from <= to {
             start = if from < start { from } else { start };
             end = if to > end { to } else { end };
@@ -80,19 +86,19 @@ pub(super) fn range(met: &[VolumeSegment], skip: SkipEmpty, steps: &Steps) -> Ra
     steps.around(steps.last_before(start), steps.last_before(end))
 }
 
-/// Returns the index of the step up to which all of `met` are empty from `t` on.
+/// Returns the index of the step up to which all of `segments` are empty from `t` on.
 #[inline(always)]
-fn leap(met: &[VolumeSegment], steps: &Steps, t: f64) -> u64 {
+fn skip_ahead(segments: &[VolumeSegment], steps: &Steps, t: f64) -> u64 {
     let mut until = f64::INFINITY;
-    for met in met {
-        let leap = met.volume.empty.leap(&met.ray, t);
-        until = if leap < until { leap } else { until };
+    for segment in segments {
+        let skip_ahead = segment.volume.empty.skip_ahead(&segment.ray, t);
+        until = if skip_ahead < until { skip_ahead } else { until };
     }
     // Step back by one: a whole step is a margin much larger than any rounding error.
     steps.last_before(until)
 }
 
-/// Fills `waiting` with the steps of `range` that may be non-empty, until it holds a batch; their lengths are
+/// Fills `pending` with the steps of `range` that may be non-empty, until it holds a batch; their lengths are
 /// multiplied by `unit` to get world units. Returns the step to continue from.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
@@ -100,22 +106,22 @@ fn leap(met: &[VolumeSegment], steps: &Steps, t: f64) -> u64 {
     "x86_64+sse4.2"
 ))]
 pub(super) fn fill(
-    met: &[VolumeSegment],
+    segments: &[VolumeSegment],
     skip: SkipEmpty,
     (steps, unit): (&Steps, f64),
     range: Range<u64>,
-    waiting: &mut PendingBatch,
+    pending: &mut PendingBatch,
 ) -> u64 {
     let mut i = range.start;
-    while i < range.end && waiting.filled < LANES {
+    while i < range.end && pending.filled < LANES {
         // Find the non-empty steps of the next window
-        let mut survey = StepWindow::new(met, skip, steps, i, range.end);
+        let mut window = StepWindow::new(segments, skip, steps, i, range.end);
         // Convert lengths to world units
         for l in 0..LANES {
-            survey.length[l] *= unit;
+            window.length[l] *= unit;
         }
-        waiting.push(&survey.t, &survey.length, survey.wanted);
-        i = survey.next;
+        pending.push(&window.t, &window.length, window.wanted);
+        i = window.next;
     }
     i
 }

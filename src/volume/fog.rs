@@ -32,14 +32,14 @@ impl Fog {
         }
         // Reject emission without extinction: its integral to infinity diverges
         if extinction == 0.0 && emission != [0.0; 3] {
-            return wrong("glows without end where nothing takes light away");
+            return wrong("emits without limit where nothing absorbs light");
         }
         // Check that a march to full opacity takes at most MAX_STEPS steps
         if !(step > 0.0 && step.is_finite()) {
             return wrong("has a step that is not positive");
         }
         if extinction > 0.0 && !(extinction * step * MAX_STEPS >= 1.0) {
-            return wrong("has steps so short that a march through it would hardly end");
+            return wrong("has steps too short to march through it");
         }
         Ok(Fog {
             extinction,
@@ -101,12 +101,12 @@ impl Fog {
 
     /// Composites a segment of `length` world units, which may be infinite, lit by incident radiance 1, as one layer in
     /// closed form.
-    pub(super) fn pass(&self, length: f64, met: &mut Composite) {
+    pub(super) fn pass(&self, length: f64, composite: &mut Composite) {
         if self.extinction > 0.0 {
             let alpha = opacity(self.depth(length));
             // Scale emission to radiance per unit of optical depth
             let source = |channel| self.color[channel] + self.emission[channel] / self.extinction;
-            met.push([0, 1, 2].map(source), alpha);
+            composite.push([0, 1, 2].map(source), alpha);
         }
     }
 }
@@ -116,29 +116,32 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fog_hides_half_after_its_half_value_distance_and_all_at_infinity() {
+    fn fog_absorbs_half_at_half_distance_and_all_at_infinity() {
         let fog = Fog::new(2.0, [0.5, 1.0, 0.0], [0.0, 0.0, 4.0], 1.0).unwrap();
-        let mut met = Composite::CLEAR;
-        fog.pass(std::f64::consts::LN_2 / 2.0, &mut met);
+        let mut composite = Composite::CLEAR;
+        fog.pass(std::f64::consts::LN_2 / 2.0, &mut composite);
         // Half of the colour, and half of 4 / 2.
-        for (got, expected) in met.color().into_iter().zip([0.25, 0.5, 1.0]) {
+        for (got, expected) in composite.color().into_iter().zip([0.25, 0.5, 1.0]) {
             assert!((got - expected).abs() <= 4.0 * f64::EPSILON);
         }
-        let mut met = Composite::CLEAR;
-        fog.pass(f64::INFINITY, &mut met);
-        assert_eq!((met.color(), met.transmittance()), ([0.5, 1.0, 2.0], 0.0));
+        let mut composite = Composite::CLEAR;
+        fog.pass(f64::INFINITY, &mut composite);
+        assert_eq!(
+            (composite.color(), composite.transmittance()),
+            ([0.5, 1.0, 2.0], 0.0)
+        );
     }
 
     #[test]
-    fn no_fog_is_clear_to_infinity() {
+    fn absent_fog_is_clear_to_infinity() {
         let fog = Fog::new(0.0, [1.0; 3], [0.0; 3], 1.0).unwrap();
-        let mut met = Composite::CLEAR;
-        fog.pass(f64::INFINITY, &mut met);
-        assert_eq!((met, fog.depth(f64::INFINITY)), (Composite::CLEAR, 0.0));
+        let mut composite = Composite::CLEAR;
+        fog.pass(f64::INFINITY, &mut composite);
+        assert_eq!((composite, fog.depth(f64::INFINITY)), (Composite::CLEAR, 0.0));
     }
 
     #[test]
-    fn senseless_fog_is_refused() {
+    fn invalid_fog_is_rejected() {
         for (extinction, emission, step) in [
             (-1.0, 0.0, 1.0),
             (f64::NAN, 0.0, 1.0),

@@ -72,7 +72,7 @@ const MANTISSA: u64 = (1 << 52) - 1;
 
 /// Cells of sixteen points: index of the lowest corner, and interpolation weights of the upper corners along each axis.
 #[derive(Clone, Copy, Debug)]
-struct Places {
+struct CellWeights {
     first: Lanes<u64>,
     weight: Lanes3<f64>,
 }
@@ -169,10 +169,10 @@ impl Grid {
     #[inline(always)]
     pub(super) fn sample_lanes(&self, p: &Lanes3<f64>) -> Lanes<f64> {
         // Load the eight corners of each cell
-        let places = self.places(p);
-        let rows = of_any_type!(&self.samples, values => self.rows(values, &places.first));
+        let points = self.points(p);
+        let rows = of_any_type!(&self.samples, values => self.rows(values, &points.first));
         // Interpolate along x, then y, then z
-        let [u, v, w] = &places.weight;
+        let [u, v, w] = &points.weight;
         let mut value = [0.0; LANES];
         for l in 0..LANES {
             let x00 = lerp(u[l], rows.near[0][l], rows.far[0][l]);
@@ -186,7 +186,7 @@ impl Grid {
 
     /// Returns the cells and weights of sixteen points; coordinates are clamped to the outermost samples.
     #[inline(always)]
-    fn places(&self, p: &Lanes3<f64>) -> Places {
+    fn points(&self, p: &Lanes3<f64>) -> CellWeights {
         let mut weight = [[0.0; LANES]; 3];
         let mut index = [0.0; LANES];
         let mut stride = 1.0;
@@ -205,7 +205,7 @@ impl Grid {
             stride *= self.stored[axis] as f64;
         }
         let first = index.map(whole);
-        Places { first, weight }
+        CellWeights { first, weight }
     }
 
     /// Loads the corners of sixteen cells, two neighbours along x at a time.
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_linear_in_each_coordinate_is_interpolated_exactly() {
+    fn trilinear_functions_are_interpolated_exactly() {
         let grid = grid([5, 3, 4], trilinear);
         for p in [
             DVec3::ZERO,
@@ -378,7 +378,7 @@ mod tests {
     }
 
     #[test]
-    fn beyond_the_outermost_samples_they_go_on() {
+    fn outermost_samples_extend_to_the_border() {
         let grid = grid([5, 3, 4], trilinear);
         let corner = trilinear(DVec3::new(4.0, 0.0, 3.0));
         for p in [DVec3::new(4.5, -0.5, 3.5), DVec3::new(1e300, -1e300, 1e9)] {
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_samples_give_themselves_to_the_bit() {
+    fn equal_samples_interpolate_exactly() {
         let grid = grid([3, 3, 3], |_| 0.1);
         for i in 0..100 {
             let t = f64::from(i) / 37.0;
@@ -396,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn an_axis_of_one_sample_is_constant_along_itself() {
+    fn axis_of_one_sample_is_constant() {
         let flat = grid([4, 1, 1], |p| p.x * p.x);
         assert_eq!(flat.size(), [4, 1, 1]);
         assert_eq!(flat.sample(DVec3::new(2.5, -0.5, 0.5)), 6.5);
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes_and_words_stand_for_themselves() {
+    fn bytes_and_words_keep_their_values() {
         let bytes = Grid::new([2, 1, 1], Samples::Bytes(vec![0, 255])).unwrap();
         assert_eq!(bytes.sample(DVec3::new(0.5, 0.0, 0.0)), 127.5);
         let words = Grid::new([2, 1, 1], Samples::Words(vec![65535, 1])).unwrap();
@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn the_middles_of_voxels_are_the_integers_of_voxel_space() {
+    fn voxel_centres_are_integers_in_voxel_space() {
         let grid = grid([4, 2, 1], |p| p.x);
         let map = grid.voxel_from_box();
         assert_eq!(
@@ -424,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_counts_empty_axes_and_nan_are_refused() {
+    fn wrong_counts_empty_axes_and_nan_are_rejected() {
         for size in [[2, 2, 2], [0, 3, 1], [usize::MAX, 4, 4], [3, 0, 0]] {
             assert!(matches!(
                 Grid::new(size, Samples::Bytes(vec![0; 3])),

@@ -34,7 +34,7 @@ pub struct MacrocellGrid {
     /// Largest cell index along x, y, z.
     last_cell: DVec3,
     /// Masks of the cells of each block that may be non-empty: bit x + 4 y + 16 z; blocks are in order, x fastest.
-    matter: Vec<u64>,
+    occupancy: Vec<u64>,
     /// Distances in blocks to the nearest non-empty one, at most 255; 0 in non-empty blocks; x fastest. One array after
     /// another for rays of each octant: blocks behind the ray do not count.
     distance: Vec<u8>,
@@ -42,7 +42,7 @@ pub struct MacrocellGrid {
     share: f64,
     /// Box in voxel space around all non-empty blocks; it is unbounded where they touch the grid's border, as values
     /// are clamped there.
-    around_matter: [DVec3; 2],
+    occupied_bounds: [DVec3; 2],
 }
 
 /// Number of octants of directions: bit `axis` of an octant is set if rays have a negative component along that axis.
@@ -85,25 +85,25 @@ impl MacrocellGrid {
         // Classify blocks and cells
         let cells = grid.cells();
         let count = cells.map(|cells| cells.div_ceil(SIDE));
-        let matter = full_bits(grid, transfer, count);
+        let occupancy = occupancy_masks(grid, transfer, count);
         // Start distances with 0 in non-empty blocks
-        let nearest: Vec<u8> = matter
+        let nearest: Vec<u8> = occupancy
             .iter()
-            .map(|&matter| if matter == 0 { u8::MAX } else { 0 })
+            .map(|&occupancy| if occupancy == 0 { u8::MAX } else { 0 })
             .collect();
         let empty_count = nearest.iter().filter(|&&distance| distance > 0).count();
         // Propagate distances for each octant of directions
         let mut distance = nearest.repeat(OCTANTS);
         parallel::for_each_chunk_mut(&mut distance, nearest.len(), &|octant, distance| {
-            spread(distance, count, octant);
+            propagate_distances(distance, count, octant);
         });
         MacrocellGrid {
             count,
             last_cell: DVec3::from_array(cells.map(|cells| (cells - 1) as f64)),
-            matter,
+            occupancy,
             share: empty_count as f64 / nearest.len() as f64,
             distance,
-            around_matter: around_matter(&nearest, count),
+            occupied_bounds: occupied_bounds(&nearest, count),
         }
     }
 
@@ -114,15 +114,15 @@ impl MacrocellGrid {
         let mut span = [f64::NEG_INFINITY, f64::INFINITY];
         for axis in 0..3 {
             let line = [ray.origin[axis], ray.direction[axis], ray.inverse[axis]];
-            span = clipped(span, line, self.around_matter.map(|corner| corner[axis]));
+            span = clipped(span, line, self.occupied_bounds.map(|corner| corner[axis]));
         }
         span
     }
 
     /// Returns the minimum and maximum corner of a box in voxel space outside which all is empty.
     #[inline(always)]
-    pub(super) fn around_matter(&self) -> [DVec3; 2] {
-        self.around_matter
+    pub(super) fn occupied_bounds(&self) -> [DVec3; 2] {
+        self.occupied_bounds
     }
 
     /// Returns the fraction of the blocks that are empty.
@@ -132,21 +132,21 @@ impl MacrocellGrid {
 
     /// Returns the bytes of memory that the masks and distances take.
     pub fn byte_count(&self) -> usize {
-        size_of_val(&self.matter[..]) + size_of_val(&self.distance[..])
+        size_of_val(&self.occupancy[..]) + size_of_val(&self.distance[..])
     }
 
     /// Returns a mask of sixteen points in voxel space: bit `l` is set if point `l` lies in a cell that may be
     /// non-empty.
     #[inline(always)]
-    pub(super) fn matter(&self, places: &Lanes3<f64>) -> u16 {
+    pub(super) fn occupancy(&self, points: &Lanes3<f64>) -> u16 {
         // Compute the bit index of each point's cell
         let [nx, ny, _] = self.count.map(|count| count as f64);
         let mut index = [0.0; LANES];
         let side = SIDE as f64;
-        self.bit_lanes(&places[0], self.last_cell.x, [BITS, 1.0], &mut index);
-        self.bit_lanes(&places[1], self.last_cell.y, [BITS * nx, side], &mut index);
+        self.bit_lanes(&points[0], self.last_cell.x, [BITS, 1.0], &mut index);
+        self.bit_lanes(&points[1], self.last_cell.y, [BITS * nx, side], &mut index);
         self.bit_lanes(
-            &places[2],
+            &points[2],
             self.last_cell.z,
             [BITS * nx * ny, side * side],
             &mut index,
@@ -161,7 +161,7 @@ impl MacrocellGrid {
         // Load the mask of each point's block
         let mut bits = [0; LANES];
         for l in 0..LANES {
-            bits[l] = self.matter[(bit[l] / u64::from(u64::BITS)) as usize];
+            bits[l] = self.occupancy[(bit[l] / u64::from(u64::BITS)) as usize];
         }
         std::hint::black_box(&mut bits);
         // Extract the bit of each point's cell
@@ -177,14 +177,14 @@ impl MacrocellGrid {
     #[inline(always)]
     fn bit_lanes(
         &self,
-        places: &Lanes<f64>,
+        points: &Lanes<f64>,
         last: f64,
         [block_stride, stride]: [f64; 2],
         index: &mut Lanes<f64>,
     ) {
         const SIZE: f64 = SIDE as f64;
         for l in 0..LANES {
-            let cell = clamped(places[l], last).floor();
+            let cell = clamped(points[l], last).floor();
             let block = (cell * (1.0 / SIZE)).floor();
             index[l] += block * block_stride + (cell - block * SIZE) * stride;
         }
@@ -193,7 +193,7 @@ impl MacrocellGrid {
     /// Returns the parameter up to which the ray is in empty space, from its empty block at `t` on, computed with
     /// rounding.
     #[inline(always)]
-    pub(super) fn leap(&self, ray: &VoxelRay, t: f64) -> f64 {
+    pub(super) fn skip_ahead(&self, ray: &VoxelRay, t: f64) -> f64 {
         const SIZE: f64 = SIDE as f64;
         // Find the block of the point at `t`
         let p = ray.origin + t * ray.direction;
@@ -239,14 +239,14 @@ pub(super) fn clipped(
     [start, if is_outside { f64::NEG_INFINITY } else { end }]
 }
 
-/// Returns the cell masks of all `[nx, ny, nz]` blocks, as in [`MacrocellGrid::matter`].
-fn full_bits(grid: &Grid, transfer: &Transfer, [nx, ny, nz]: [usize; 3]) -> Vec<u64> {
+/// Returns the cell masks of all `[nx, ny, nz]` blocks, as in [`MacrocellGrid::occupancy`].
+fn occupancy_masks(grid: &Grid, transfer: &Transfer, [nx, ny, nz]: [usize; 3]) -> Vec<u64> {
     let (cells, count) = (grid.cells(), nx * ny * nz);
     // Test a range of cells with its min and max, widened by the interpolation error
     let is_empty = |from: [usize; 3], to: [usize; 3]| {
         let [low, high] = grid.range(from, to).map(f64::from);
         let slack = LERP_ERROR * low.abs().max(high.abs());
-        transfer.most(low - slack, high + slack) == (0.0, false)
+        transfer.maximum(low - slack, high + slack) == (0.0, false)
     };
     let box_of = |i: usize| {
         let from = [i % nx, i / nx % ny, i / nx / ny].map(|b| b * SIDE);
@@ -257,29 +257,33 @@ fn full_bits(grid: &Grid, transfer: &Transfer, [nx, ny, nz]: [usize; 3]) -> Vec<
         !is_empty(from, to)
     };
     // Skip the cell masks if no block is empty: marches then never query them.
-    let mut matter = vec![u64::MAX; count];
+    let mut occupancy = vec![u64::MAX; count];
     let are_full = |chunk: usize| {
         let first = chunk * CHUNK;
         (first..count.min(first + CHUNK)).all(full_block)
     };
     // Classify the single cells of non-empty blocks
     if !parallel::all(count.div_ceil(CHUNK), &are_full) {
-        parallel::for_each_chunk_mut(&mut matter, CHUNK, &|chunk, matter| {
-            for (i, matter) in (chunk * CHUNK..).zip(matter) {
+        parallel::for_each_chunk_mut(&mut occupancy, CHUNK, &|chunk, occupancy| {
+            for (i, occupancy) in (chunk * CHUNK..).zip(occupancy) {
                 let [from, to] = box_of(i);
-                *matter = if is_empty(from, to) {
+                *occupancy = if is_empty(from, to) {
                     0
                 } else {
-                    full_cells(from, to, is_empty)
+                    occupied_cells(from, to, is_empty)
                 };
             }
         });
     }
-    matter
+    occupancy
 }
 
 /// Returns the mask of the non-empty cells from `from` to `to` of a block, the latter excluded.
-fn full_cells(from: [usize; 3], to: [usize; 3], is_empty: impl Fn([usize; 3], [usize; 3]) -> bool) -> u64 {
+fn occupied_cells(
+    from: [usize; 3],
+    to: [usize; 3],
+    is_empty: impl Fn([usize; 3], [usize; 3]) -> bool,
+) -> u64 {
     let mut full = 0;
     for z in from[2]..to[2] {
         for y in from[1]..to[1] {
@@ -294,7 +298,7 @@ fn full_cells(from: [usize; 3], to: [usize; 3], is_empty: impl Fn([usize; 3], [u
 
 /// Returns the box around the blocks whose distance is 0, extended by a voxel, a margin larger than any rounding error
 /// of a position.
-fn around_matter(distance: &[u8], [nx, ny, nz]: [usize; 3]) -> [DVec3; 2] {
+fn occupied_bounds(distance: &[u8], [nx, ny, nz]: [usize; 3]) -> [DVec3; 2] {
     let mut low = DVec3::INFINITY;
     let mut high = DVec3::NEG_INFINITY;
     for (i, _) in distance
@@ -320,7 +324,7 @@ fn around_matter(distance: &[u8], [nx, ny, nz]: [usize; 3]) -> [DVec3; 2] {
 
 /// Propagates distances in one sweep: each becomes at most one more than the minimum among the seven neighbours ahead
 /// of a ray of the octant. This is exact for the maximum norm, as a shortest path takes its diagonal steps first.
-fn spread(distance: &mut [u8], [nx, ny, nz]: [usize; 3], octant: usize) {
+fn propagate_distances(distance: &mut [u8], [nx, ny, nz]: [usize; 3], octant: usize) {
     // Sweep from the last block that a ray visits back to the first.
     let order = |axis: usize, count: usize| {
         let is_down = octant >> axis & 1 == 1;
@@ -365,19 +369,19 @@ mod tests {
     /// Number of blocks of a grid of 50³ samples, 49³ cells.
     const BLOCKS: usize = 13 * 13 * 13;
 
-    /// Returns a grid of 50³ that is `inside` at the samples `matter` and 0 elsewhere.
-    fn grid(matter: &[[usize; 3]], inside: f32) -> Grid {
+    /// Returns a grid of 50³ that is `inside` at the samples `occupancy` and 0 elsewhere.
+    fn grid(occupancy: &[[usize; 3]], inside: f32) -> Grid {
         let mut values = vec![0.0; 50 * 50 * 50];
-        for [x, y, z] in matter {
+        for [x, y, z] in occupancy {
             values[(z * 50 + y) * 50 + x] = inside;
         }
         Grid::new([50; 3], Samples::Floats(values)).unwrap()
     }
 
     #[test]
-    fn distances_are_those_of_a_search_through_all_blocks() {
-        let matter = [[3, 5, 6], [41, 5, 45], [17, 30, 21]];
-        let space = MacrocellGrid::new(&grid(&matter, 1.0), &transfer(0.0));
+    fn distances_match_an_exhaustive_search() {
+        let occupancy = [[3, 5, 6], [41, 5, 45], [17, 30, 21]];
+        let space = MacrocellGrid::new(&grid(&occupancy, 1.0), &transfer(0.0));
         assert_eq!(space.count, [13; 3]);
         // No sample lies on a border of blocks, so each is in one.
         for (i, &distance) in space.distance.iter().enumerate() {
@@ -387,7 +391,7 @@ mod tests {
                 _ => block[axis].checked_sub(sample[axis] / 4),
             };
             // Skip samples that lie behind along any axis.
-            let ways = matter.iter().filter_map(|sample| {
+            let ways = occupancy.iter().filter_map(|sample| {
                 let [x, y, z] = [0, 1, 2].map(|axis| away(axis, sample));
                 Some(x?.max(y?).max(z?))
             });
@@ -400,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_on_a_border_belongs_to_the_cells_on_both_sides() {
+    fn border_sample_belongs_to_both_adjacent_cells() {
         let space = MacrocellGrid::new(&grid(&[[8, 8, 8]], 1.0), &transfer(0.0));
         let full = space.distance[..BLOCKS]
             .iter()
@@ -410,38 +414,44 @@ mod tests {
     }
 
     #[test]
-    fn values_that_the_transfer_function_does_not_show_are_empty() {
-        let matter = grid(&[[3, 3, 3]], 1.0);
-        assert_eq!(MacrocellGrid::new(&matter, &transfer(1.5)).share(), 1.0);
+    fn values_invisible_to_the_transfer_function_are_empty() {
+        let occupancy = grid(&[[3, 3, 3]], 1.0);
+        assert_eq!(MacrocellGrid::new(&occupancy, &transfer(1.5)).share(), 1.0);
         let all_but_one = (BLOCKS - 1) as f64 / BLOCKS as f64;
-        assert_eq!(MacrocellGrid::new(&matter, &transfer(0.5)).share(), all_but_one);
+        assert_eq!(
+            MacrocellGrid::new(&occupancy, &transfer(0.5)).share(),
+            all_but_one
+        );
         // At the threshold itself, the rounding margin makes the block non-empty.
-        assert_eq!(MacrocellGrid::new(&matter, &transfer(1.0)).share(), all_but_one);
+        assert_eq!(
+            MacrocellGrid::new(&occupancy, &transfer(1.0)).share(),
+            all_but_one
+        );
     }
 
     #[test]
-    fn a_leap_ends_before_the_first_block_with_matter() {
+    fn skip_ends_before_the_first_occupied_block() {
         let space = MacrocellGrid::new(&grid(&[[42, 5, 5]], 1.0), &transfer(0.0));
         let along_x =
             |x: f64, speed: f64| VoxelRay::new(DVec3::new(x, 5.0, 5.0), DVec3::new(speed, 0.0, 0.0));
         // The sample is in block 10, cells 40 to 43; block 0 has a distance of 10: the skip ends at block 9's far side,
         // x = 40.
-        assert_eq!(space.leap(&along_x(-1.0, 2.0), 0.5), 20.5);
+        assert_eq!(space.skip_ahead(&along_x(-1.0, 2.0), 0.5), 20.5);
         // From block 11 on there is none: to the end of 255 blocks, x = 44 + 1020.
-        assert_eq!(space.leap(&along_x(-1.0, 2.0), 23.0), 532.5);
+        assert_eq!(space.skip_ahead(&along_x(-1.0, 2.0), 23.0), 532.5);
         // In the opposite direction the skip ends at block 11's near side, x = 44.
-        assert_eq!(space.leap(&along_x(49.0, -2.0), 0.5), 2.5);
+        assert_eq!(space.skip_ahead(&along_x(49.0, -2.0), 0.5), 2.5);
     }
 
     #[test]
-    fn the_span_of_matter_goes_on_beyond_the_border_only() {
+    fn occupied_span_extends_only_beyond_the_border() {
         let space = MacrocellGrid::new(&grid(&[[1, 21, 46], [5, 26, 49]], 1.0), &transfer(0.0));
         // Blocks 0 to 1, 5 to 6 and 11 to 12 of 0 to 12, and a voxel on either side.
         let [low, high] = [
             DVec3::new(-f64::INFINITY, 19.0, 43.0),
             DVec3::new(9.0, 29.0, f64::INFINITY),
         ];
-        assert_eq!(space.around_matter, [low, high]);
+        assert_eq!(space.occupied_bounds, [low, high]);
         let span = |origin: [f64; 3], direction: [f64; 3]| {
             space.span(&VoxelRay::new(origin.into(), direction.into()))
         };
@@ -461,9 +471,9 @@ mod tests {
     }
 
     #[test]
-    fn points_are_asked_about_where_they_are_and_beyond_the_border() {
+    fn occupancy_is_correct_inside_and_beyond_the_border() {
         let space = MacrocellGrid::new(&grid(&[[1, 1, 1], [49, 49, 49]], 1.0), &transfer(0.0));
-        let mut places = [[20.0; LANES]; 3];
+        let mut points = [[20.0; LANES]; 3];
         let all = |x: f64| [x; 3];
         for (l, place) in [
             (0, all(1.9)),
@@ -474,9 +484,9 @@ mod tests {
             (15, [49.5, 1e300, 60.0]),
         ] {
             for axis in 0..3 {
-                places[axis][l] = place[axis];
+                points[axis][l] = place[axis];
             }
         }
-        assert_eq!(space.matter(&places), 1 | 1 << 2 | 1 << 9 | 1 << 15);
+        assert_eq!(space.occupancy(&points), 1 | 1 << 2 | 1 << 9 | 1 << 15);
     }
 }

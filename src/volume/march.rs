@@ -84,20 +84,20 @@ pub struct March<'a> {
     pub(super) volumes: &'a [Volume],
     pub(super) fog: Option<Fog>,
     /// Optical depth of the cut-off, at which a march stops.
-    pub(super) deepest: f64,
+    pub(super) cutoff_depth: f64,
     pub(super) skip: SkipEmpty,
-    pub(super) met: Vec<VolumeSegment<'a>>,
+    pub(super) segments: Vec<VolumeSegment<'a>>,
     /// Sorted parameters where the ray enters or leaves a volume.
     cuts: Vec<f64>,
     /// Volumes that contain the current interval.
     active: Vec<VolumeSegment<'a>>,
     /// Samples of the current interval that are not lit yet.
-    unlit: PendingSamples,
+    pending_samples: PendingSamples,
 }
 
 /// State of a march: the segment, its lighting and the sums so far.
 struct Progress<'s, 'l> {
-    stretch: &'s RaySegment,
+    segment: &'s RaySegment,
     light: Option<Lighting<'l>>,
     composite: Composite,
     depth: CompensatedSum,
@@ -107,12 +107,12 @@ struct Progress<'s, 'l> {
 /// Decision to continue or to end a march.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Flow {
-    GoOn,
+    Continue,
     Stop,
 }
 
 /// Optical depth from which on a transmittance underflows to 0 in f64.
-const DARKEST: f64 = 746.0;
+const UNDERFLOW_DEPTH: f64 = 746.0;
 /// Default cut-off: a transmittance that is invisible in 24-bit colours, for radiance of up to a thousand times white.
 const DEFAULT_CUTOFF: f64 = 1e-7;
 
@@ -122,19 +122,19 @@ impl<'a> March<'a> {
         March {
             volumes,
             fog,
-            deepest: -DEFAULT_CUTOFF.ln(),
+            cutoff_depth: -DEFAULT_CUTOFF.ln(),
             skip: SkipEmpty::Leap,
-            met: Vec::new(),
+            segments: Vec::new(),
             cuts: Vec::new(),
             active: Vec::new(),
-            unlit: PendingSamples::NONE,
+            pending_samples: PendingSamples::NONE,
         }
     }
 
     /// Sets the transmittance at which a march stops, from 0 (never) to 1.
     pub fn with_cutoff(self, cutoff: f64) -> March<'a> {
         March {
-            deepest: -cutoff.ln(),
+            cutoff_depth: -cutoff.ln(),
             ..self
         }
     }
@@ -144,19 +144,19 @@ impl<'a> March<'a> {
         March { skip, ..self }
     }
 
-    /// Returns the radiance that the media of `stretch` send to its near end, and the transmittance from the far end.
+    /// Returns the radiance that the media of `segment` send to its near end, and the transmittance from the far end.
     ///
     /// Without `light` the in-scattered radiance is 1 everywhere: colours are seen as they are.
-    pub fn radiance(&mut self, stretch: &RaySegment, light: Option<Lighting<'_>>) -> Marched {
+    pub fn radiance(&mut self, segment: &RaySegment, light: Option<Lighting<'_>>) -> Marched {
         let mut progress = Progress {
-            stretch,
+            segment,
             light,
             composite: Composite::CLEAR,
             depth: CompensatedSum::default(),
             sample_count: 0,
         };
         // Find volumes along the ray and march through them
-        self.meet(stretch);
+        self.intersect(segment);
         self.walk::<true>(&mut progress);
         Marched {
             radiance: progress.composite.color(),
@@ -165,17 +165,17 @@ impl<'a> March<'a> {
         }
     }
 
-    /// Returns the fraction of the radiance at the far end of `stretch` that reaches the near end: for shadow rays.
-    pub fn transmittance(&mut self, stretch: &RaySegment) -> f64 {
-        self.meet(stretch);
-        self.depth(stretch, &mut 0).transmittance()
+    /// Returns the fraction of the radiance at the far end of `segment` that reaches the near end: for shadow rays.
+    pub fn transmittance(&mut self, segment: &RaySegment) -> f64 {
+        self.intersect(segment);
+        self.depth(segment, &mut 0).transmittance()
     }
 
-    /// Returns the optical depth of `stretch`, for which [`March::meet`] was called; adds the number of samples to
+    /// Returns the optical depth of `segment`, for which [`March::intersect`] was called; adds the number of samples to
     /// `sample_count`.
-    pub(super) fn depth(&mut self, stretch: &RaySegment, sample_count: &mut u64) -> CompensatedSum {
+    pub(super) fn depth(&mut self, segment: &RaySegment, sample_count: &mut u64) -> CompensatedSum {
         let mut progress = Progress {
-            stretch,
+            segment,
             light: None,
             composite: Composite::CLEAR,
             depth: CompensatedSum::default(),
@@ -195,13 +195,13 @@ impl<'a> March<'a> {
                 continue;
             }
             // Collect the volumes that contain the interval
-            let met = self.met.iter().copied();
+            let segments = self.segments.iter().copied();
             self.active.clear();
             self.active
-                .extend(met.filter(|met| met.enter <= from && to <= met.leave));
+                .extend(segments.filter(|inside| inside.enter <= from && to <= inside.leave));
             // Integrate the interval: empty, fog only, or volumes
             let flow = match (self.active.is_empty(), self.fog) {
-                (true, None) => Flow::GoOn,
+                (true, None) => Flow::Continue,
                 (true, Some(fog)) => self.pass_fog::<COLORED>(&fog, from, to, progress),
                 (false, _) => self.march::<COLORED>(from, to, progress),
             };
@@ -212,21 +212,21 @@ impl<'a> March<'a> {
     }
 
     /// Clips the ray to all volumes, and collects the sorted parameters where it enters or leaves one.
-    pub(super) fn meet(&mut self, stretch: &RaySegment) {
-        self.met.clear();
+    pub(super) fn intersect(&mut self, segment: &RaySegment) {
+        self.segments.clear();
         self.cuts.clear();
-        if !(stretch.t_near < stretch.t_far) {
+        if !(segment.t_near < segment.t_far) {
             return;
         }
         // Fog fills the whole segment
         if self.fog.is_some() {
-            self.cuts.extend([stretch.t_near, stretch.t_far]);
+            self.cuts.extend([segment.t_near, segment.t_far]);
         }
         // Clip the segment to each volume
         for volume in self.volumes {
-            if let Some(met) = volume.meet(stretch) {
-                self.cuts.extend([met.enter, met.leave]);
-                self.met.push(met);
+            if let Some(inside) = volume.intersect(segment) {
+                self.cuts.extend([inside.enter, inside.leave]);
+                self.segments.push(inside);
             }
         }
         self.cuts.sort_unstable_by(f64::total_cmp);
@@ -240,71 +240,71 @@ impl<'a> March<'a> {
         to: f64,
         progress: &mut Progress,
     ) -> Flow {
-        let unit = progress.stretch.direction.length();
+        let unit = progress.segment.direction.length();
         // Use the closed form where incident radiance is constant
         if !COLORED || progress.light.is_none() || fog.extinction() == 0.0 {
             let length = (to - from) * unit;
             fog.pass(length, &mut progress.composite);
             progress.depth.add(fog.depth(length));
-            return progress.flow(self.deepest);
+            return progress.flow(self.cutoff_depth);
         }
         // March fog lit by lights, as its in-scattering varies; beyond the cut-off nothing is visible.
-        let seen = self.deepest.min(DARKEST) / (fog.extinction() * unit);
+        let seen = self.cutoff_depth.min(UNDERFLOW_DEPTH) / (fog.extinction() * unit);
         self.march::<COLORED>(from, to.min(from + seen), progress)
     }
 
     /// Marches through the volumes of [`March::active`], from `from` to `to`.
     fn march<const COLORED: bool>(&mut self, from: f64, to: f64, progress: &mut Progress) -> Flow {
-        let unit = progress.stretch.direction.length();
+        let unit = progress.segment.direction.length();
         // Divide the interval by the shortest step of its media
-        let volume_steps = self.active.iter().map(|met| met.volume.step);
+        let volume_steps = self.active.iter().map(|inside| inside.volume.step);
         let lit_fog = self.fog.filter(|_| self.active.is_empty()).map(|fog| fog.step());
         let step = volume_steps.chain(lit_fog).fold(f64::INFINITY, f64::min);
         let steps = Steps::new(from, to, step / unit);
         // Disable skipping where fog fills all space or a volume has no empty block
-        let is_full = |met: &VolumeSegment| met.volume.empty.share() == 0.0;
+        let is_full = |inside: &VolumeSegment| inside.volume.empty.share() == 0.0;
         let leaps = self.fog.is_none() && !self.active.iter().any(is_full);
         let skip = if leaps { self.skip } else { SkipEmpty::Never };
         // Evaluate batches of non-empty steps up to the cut-off
-        let mut waiting = PendingBatch::NONE;
+        let mut pending = PendingBatch::NONE;
         let mut steps_left = range(&self.active, skip, &steps);
-        let mut flow = Flow::GoOn;
-        while flow == Flow::GoOn && (!steps_left.is_empty() || waiting.filled > 0) {
+        let mut flow = Flow::Continue;
+        while flow == Flow::Continue && (!steps_left.is_empty() || pending.filled > 0) {
             steps_left.start = fill(
                 &self.active,
                 skip,
                 (&steps, unit),
                 steps_left.clone(),
-                &mut waiting,
+                &mut pending,
             );
-            if waiting.filled > 0 {
-                flow = self.take::<COLORED>(&waiting.pop(), progress);
+            if pending.filled > 0 {
+                flow = self.evaluate_batch::<COLORED>(&pending.pop(), progress);
             }
         }
         // Light and composite the remaining samples
-        while COLORED && !self.unlit.is_empty() {
-            progress.composite(&mut self.unlit);
+        while COLORED && !self.pending_samples.is_empty() {
+            progress.composite(&mut self.pending_samples);
         }
         flow
     }
 
     /// Evaluates the samples of a batch; those that contribute are queued for lighting.
-    fn take<const COLORED: bool>(&mut self, batch: &Batch, progress: &mut Progress) -> Flow {
+    fn evaluate_batch<const COLORED: bool>(&mut self, batch: &Batch, progress: &mut Progress) -> Flow {
         progress.sample_count += batch.filled as u64;
         // Sum optical depths only, for shadow rays
         if !COLORED {
             let depth = sample_depth(&self.active, self.fog.as_ref(), batch);
-            progress.deepen(&depth, batch.filled, self.deepest);
-            return progress.flow(self.deepest);
+            progress.deepen(&depth, batch.filled, self.cutoff_depth);
+            return progress.flow(self.cutoff_depth);
         }
         // Sample media, and queue the contributing samples for lighting
         let seen = sample(&self.active, self.fog.as_ref(), batch);
-        let count = progress.deepen(&seen.matter.depth, batch.filled, self.deepest);
-        self.unlit.push(&batch.t, &seen, count);
-        if self.unlit.is_full() {
-            progress.composite(&mut self.unlit);
+        let count = progress.deepen(&seen.medium.depth, batch.filled, self.cutoff_depth);
+        self.pending_samples.push(&batch.t, &seen, count);
+        if self.pending_samples.is_full() {
+            progress.composite(&mut self.pending_samples);
         }
-        progress.flow(self.deepest)
+        progress.flow(self.cutoff_depth)
     }
 }
 
@@ -312,11 +312,11 @@ impl Progress<'_, '_> {
     /// Adds the depths of the first `filled` samples up to the one that ends the march. Returns the number of depths
     /// added.
     #[inline(always)]
-    fn deepen(&mut self, depths: &Lanes<f64>, filled: usize, deepest: f64) -> usize {
+    fn deepen(&mut self, depths: &Lanes<f64>, filled: usize, cutoff_depth: f64) -> usize {
         for (l, depth) in depths[..filled].iter().enumerate() {
             self.depth.add(*depth);
             // Stop right after the sample that reaches the cut-off, wherever a batch ends.
-            if self.depth.rounded() >= deepest {
+            if self.depth.rounded() >= cutoff_depth {
                 return l + 1;
             }
         }
@@ -324,16 +324,16 @@ impl Progress<'_, '_> {
     }
 
     /// Lights up to sixteen samples and composites them behind the earlier ones.
-    fn composite(&mut self, unlit: &mut PendingSamples) {
-        unlit.composite(self.stretch, self.light.as_mut(), &mut self.composite);
+    fn composite(&mut self, pending_samples: &mut PendingSamples) {
+        pending_samples.composite(self.segment, self.light.as_mut(), &mut self.composite);
     }
 
     /// Returns [`Flow::Stop`] once the optical depth has reached that of the cut-off.
-    fn flow(&self, deepest: f64) -> Flow {
-        if self.depth.rounded() >= deepest {
+    fn flow(&self, cutoff_depth: f64) -> Flow {
+        if self.depth.rounded() >= cutoff_depth {
             Flow::Stop
         } else {
-            Flow::GoOn
+            Flow::Continue
         }
     }
 }

@@ -80,7 +80,7 @@ pub struct Volume {
 pub enum VolumeError {
     /// Number of samples that does not fill the grid.
     #[error(
-        "a grid of {size:?} samples is given {count}: give as many as the product of the three, and at least one"
+        "a grid of {size:?} samples has {count} values: give the product of the three sizes, at least one"
     )]
     Size {
         /// Numbers of samples along x, y, z.
@@ -107,13 +107,13 @@ pub enum VolumeError {
         fault: &'static str,
     },
     /// Reference length of opacities that is not positive and finite.
-    #[error("opacity over a length of {reference}: give a positive length")]
+    #[error("the opacity refers to a length of {reference}: give a positive length")]
     Reference {
         /// Reference length as the caller gave it.
         reference: f64,
     },
     /// Transform that flattens the volume, so that it has no inverse.
-    #[error("a volume's transform cannot be undone ({0}): use scales that are not 0")]
+    #[error("a volume's transform cannot be inverted ({0}): use scales that are not 0")]
     Placement(#[from] SingularMatrix),
     /// Step that is not finite, or so short that a march would not end in reasonable time.
     #[error(
@@ -129,7 +129,7 @@ pub enum VolumeError {
     },
     /// Fog with an invalid parameter.
     #[error(
-        "fog {fault}: give numbers that are not negative, an extinction to what glows, and a longer step"
+        "fog {fault}: give numbers that are not negative, an extinction where it emits, and a longer step"
     )]
     Fog {
         /// Description of the fault, as the predicate of a sentence.
@@ -227,7 +227,8 @@ impl Volume {
         cube.transformed(&self.world_from_cube)
     }
 
-    /// Returns the volume with its step length multiplied by `factor`, but not below the limit of [`MAX_STEPS`].
+    /// Returns the volume with its step length multiplied by `factor`, but not so short that its diameter takes more
+    /// than `MAX_STEPS` steps.
     #[must_use]
     pub fn with_steps(self, factor: f64) -> Volume {
         let diameter = 2.0 * DVec3::from_array(axis_lengths(&self.world_from_cube)).length();

@@ -11,7 +11,7 @@ const LN2_LOW: f64 = 1.908_214_929_270_587_7e-10;
 /// Constant 1.5 · 2^52: adding it leaves a rounded integer in the low bits.
 const ROUNDER: f64 = 6_755_399_441_055_744.0;
 /// Depth from which on an opacity rounds to 1: exp(-64) < 2^-92.
-const DEEPEST: f64 = 64.0;
+const SATURATION_DEPTH: f64 = 64.0;
 /// Bit pattern of 1.0, that is, of the exponent bias.
 const ONE_BITS: u64 = 1.0f64.to_bits();
 /// Mask of the 52 mantissa bits of an f64.
@@ -27,7 +27,7 @@ pub(super) const OPAQUE: f64 = 1e6;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct CompensatedSum {
     rounded: f64,
-    lost: f64,
+    compensation: f64,
 }
 
 impl CompensatedSum {
@@ -36,7 +36,7 @@ impl CompensatedSum {
     pub(super) fn add(&mut self, depth: f64) {
         let sum = self.rounded + depth;
         let added = sum - self.rounded;
-        self.lost += (self.rounded - (sum - added)) + (depth - added);
+        self.compensation += (self.rounded - (sum - added)) + (depth - added);
         self.rounded = sum;
     }
 
@@ -49,12 +49,12 @@ impl CompensatedSum {
     /// Returns the transmittance exp(-sum), from 0 to 1.
     pub(super) fn transmittance(&self) -> f64 {
         // Drop the compensation of an infinite sum, which is NaN.
-        let lost = if self.rounded < f64::INFINITY {
-            self.lost
+        let compensation = if self.rounded < f64::INFINITY {
+            self.compensation
         } else {
             0.0
         };
-        (-(self.rounded + lost)).exp()
+        (-(self.rounded + compensation)).exp()
     }
 }
 
@@ -68,7 +68,11 @@ pub fn transmittance_of(depths: impl Iterator<Item = f64>) -> f64 {
 /// Returns the opacity 1 - exp(-tau) of an optical depth `tau`, which is not negative.
 #[inline(always)]
 pub fn opacity(tau: f64) -> f64 {
-    let x = -if tau < DEEPEST { tau } else { DEEPEST };
+    let x = -if tau < SATURATION_DEPTH {
+        tau
+    } else {
+        SATURATION_DEPTH
+    };
     // Reduce the argument: exp(x) = 2^k exp(r) with |r| at most ln 2 / 2
     let shifted = x * std::f64::consts::LOG2_E + ROUNDER;
     let k = shifted - ROUNDER;
@@ -109,7 +113,7 @@ fn exp_m1_near_zero(r: f64) -> f64 {
 pub fn optical_depth(alpha: f64) -> f64 {
     let rest = 1.0 - alpha;
     // Rounding error of the difference, exact.
-    let lost = (1.0 - rest) - alpha;
+    let compensation = (1.0 - rest) - alpha;
     // Reduce the argument: rest = 2^k (1 + f) with 1 + f between sqrt(1/2) and sqrt(2)
     let bits = rest.to_bits().wrapping_add(ONE_BITS - ROOT_HALF_BITS);
     let k = f64::from_bits(ROUNDER_BITS | (bits >> 52)) - ROUNDER_AND_BIAS;
@@ -118,7 +122,7 @@ pub fn optical_depth(alpha: f64) -> f64 {
     let s = f / (2.0 + f);
     let half_square = 0.5 * f * f;
     // Sum the parts, smallest first
-    let tail = s * (half_square + odd_powers(s * s)) + (k * LN2_LOW + lost / rest);
+    let tail = s * (half_square + odd_powers(s * s)) + (k * LN2_LOW + compensation / rest);
     let depth = ((half_square - tail) - f) - k * LN2_HIGH;
     if alpha < 1.0 { depth } else { OPAQUE }
 }
@@ -161,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn opacity_is_that_of_the_standard_library_over_all_depths() {
+    fn opacity_matches_the_standard_library_for_all_depths() {
         let mut worst = 0.0f64;
         for i in 0..400_000 {
             let tau = 10f64.powf(f64::from(i) / 400_000.0 * 322.0 - 320.0);
@@ -175,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn optical_depth_is_that_of_the_standard_library_over_all_opacities() {
+    fn optical_depth_matches_the_standard_library_for_all_opacities() {
         let mut worst = 0.0f64;
         for i in 0..400_000 {
             let alpha = 10f64.powf(f64::from(i) / 400_000.0 * -320.0);
@@ -203,12 +207,12 @@ mod tests {
                 sum.add(depth);
             }
             let expected = 1e7 * depth;
-            assert!((sum.rounded + sum.lost - expected).abs() <= f64::EPSILON * expected);
+            assert!((sum.rounded + sum.compensation - expected).abs() <= f64::EPSILON * expected);
         }
     }
 
     #[test]
-    fn an_infinite_depth_leaves_nothing() {
+    fn infinite_optical_depth_transmits_nothing() {
         let mut sum = CompensatedSum::default();
         for depth in [1.0, f64::INFINITY, 1.0, f64::INFINITY] {
             sum.add(depth);
@@ -217,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn depths_come_back_from_their_opacities() {
+    fn optical_depths_round_trip_through_opacities() {
         for tau in [1e-300, 1e-9, 0.1, 1.0, 5.0] {
             let there = opacity(tau);
             // An opacity near 1 keeps fewer bits of its depth: the error of 2 ulp is multiplied by exp(tau).

@@ -29,7 +29,7 @@ pub(super) struct Rays {
 pub(super) struct VolumeSegments<'a> {
     volume: &'a Volume,
     /// Mask: bit `l` is set if ray `l` intersects the volume.
-    pub(super) met: u16,
+    pub(super) hit_mask: u16,
     /// Origins in voxel space.
     origin: Lanes3<f64>,
     direction: Lanes3<f64>,
@@ -44,13 +44,13 @@ pub(super) struct SegmentSteps {
     /// Number of steps of each ray, and the middle and the length of the last step.
     cut: Lanes3<f64>,
     /// Indices of the steps at the first and the last non-empty point; there are none if the latter is -infinity.
-    matter: [Lanes<f64>; 2],
+    occupied_steps: [Lanes<f64>; 2],
 }
 
 impl Rays {
     /// Converts up to sixteen ray segments to lanes.
     #[inline(always)]
-    pub(super) fn new(stretches: &[RaySegment]) -> Rays {
+    pub(super) fn new(segments: &[RaySegment]) -> Rays {
         let mut rays = Rays {
             origin: [[0.0; LANES]; 3],
             // Lanes without a ray have zero length; any direction does.
@@ -60,13 +60,13 @@ impl Rays {
             unit: [0.0; LANES],
         };
         // Transpose segments to structure-of-arrays
-        for (l, stretch) in stretches.iter().take(LANES).enumerate() {
+        for (l, segment) in segments.iter().take(LANES).enumerate() {
             for axis in 0..3 {
-                rays.origin[axis][l] = stretch.origin[axis];
-                rays.direction[axis][l] = stretch.direction[axis];
+                rays.origin[axis][l] = segment.origin[axis];
+                rays.direction[axis][l] = segment.direction[axis];
             }
-            rays.t_near[l] = stretch.t_near;
-            rays.t_far[l] = stretch.t_far;
+            rays.t_near[l] = segment.t_near;
+            rays.t_far[l] = segment.t_far;
         }
         // Compute the length of each direction
         let [x, y, z] = &rays.direction;
@@ -84,12 +84,12 @@ impl Rays {
 }
 
 impl<'a> VolumeSegments<'a> {
-    /// Clips `rays` to `volume`, with the arithmetic of [`Volume::meet`].
+    /// Clips `rays` to `volume`, with the arithmetic of [`Volume::intersect`].
     #[inline(always)]
     pub(super) fn new(volume: &'a Volume, rays: &Rays) -> VolumeSegments<'a> {
         // Transform rays to the cube's space
-        let origin = mapped(&volume.cube_from_world, &rays.origin);
-        let direction = turned(&volume.cube_from_world, &rays.direction);
+        let origin = transformed_points(&volume.cube_from_world, &rays.origin);
+        let direction = transformed_vectors(&volume.cube_from_world, &rays.direction);
         let inverse = inverses(&direction);
         // Clip segments to the cube with the slab test
         let (mut enter, mut leave) = (rays.t_near, rays.t_far);
@@ -100,16 +100,16 @@ impl<'a> VolumeSegments<'a> {
             }
         }
         // Collect the mask of rays that intersect the volume
-        let mut met = 0;
+        let mut hit_mask = 0;
         for l in 0..LANES {
-            met |= u16::from((enter[l] < leave[l]) & (leave[l] < f64::INFINITY)) << l;
+            hit_mask |= u16::from((enter[l] < leave[l]) & (leave[l] < f64::INFINITY)) << l;
         }
         // Map rays to voxel coordinates
-        let direction = turned(&volume.voxel_from_cube, &direction);
+        let direction = transformed_vectors(&volume.voxel_from_cube, &direction);
         VolumeSegments {
             volume,
-            met,
-            origin: mapped(&volume.voxel_from_cube, &origin),
+            hit_mask,
+            origin: transformed_points(&volume.voxel_from_cube, &origin),
             inverse: inverses(&direction),
             direction,
             enter,
@@ -119,7 +119,7 @@ impl<'a> VolumeSegments<'a> {
 
     /// Returns the segment of ray `l`, which must intersect the volume.
     #[inline(always)]
-    pub(super) fn met(&self, l: usize) -> VolumeSegment<'a> {
+    pub(super) fn segment(&self, l: usize) -> VolumeSegment<'a> {
         let at = |lanes: &Lanes3<f64>| DVec3::new(lanes[0][l], lanes[1][l], lanes[2][l]);
         VolumeSegment {
             volume: self.volume,
@@ -135,7 +135,7 @@ impl<'a> VolumeSegments<'a> {
         let mut steps = SegmentSteps {
             size: [0.0; LANES],
             cut: [[0.0; LANES]; 3],
-            matter: [[0.0; LANES]; 2],
+            occupied_steps: [[0.0; LANES]; 2],
         };
         // Divide each segment into steps
         for l in 0..LANES {
@@ -148,7 +148,7 @@ impl<'a> VolumeSegments<'a> {
         }
         // Clip rays to the box around non-empty voxels
         let [mut from, mut to] = [[f64::NEG_INFINITY; LANES], [f64::INFINITY; LANES]];
-        let around = self.volume.empty.around_matter();
+        let around = self.volume.empty.occupied_bounds();
         for axis in 0..3 {
             let sides = around.map(|corner| corner[axis]);
             for l in 0..LANES {
@@ -164,24 +164,24 @@ impl<'a> VolumeSegments<'a> {
         for l in 0..LANES {
             let number = |t: f64| Steps::number(self.enter[l], steps.size[l], t);
             let is_any = from[l] <= to[l];
-            steps.matter[0][l] = number(from[l]);
-            steps.matter[1][l] = if is_any { number(to[l]) } else { f64::NEG_INFINITY };
+            steps.occupied_steps[0][l] = number(from[l]);
+            steps.occupied_steps[1][l] = if is_any { number(to[l]) } else { f64::NEG_INFINITY };
         }
         steps
     }
 }
 
 impl SegmentSteps {
-    /// Returns the steps of ray `l` of `courses`.
+    /// Returns the steps of ray `l` of `volume_segments`.
     #[inline(always)]
-    pub(super) fn of(&self, courses: &VolumeSegments, l: usize) -> Steps {
-        Steps::of_cut(courses.enter[l], self.size[l], self.cut.map(|row| row[l]))
+    pub(super) fn of(&self, volume_segments: &VolumeSegments, l: usize) -> Steps {
+        Steps::of_cut(volume_segments.enter[l], self.size[l], self.cut.map(|row| row[l]))
     }
 
     /// Returns the range of the `steps` of ray `l` outside which all samples are empty.
     #[inline(always)]
     pub(super) fn range(&self, skip: SkipEmpty, steps: &Steps, l: usize) -> Range<u64> {
-        let [first, last] = self.matter.map(|row| row[l]);
+        let [first, last] = self.occupied_steps.map(|row| row[l]);
         match skip {
             SkipEmpty::Never => 0..steps.count,
             SkipEmpty::Leap if last == f64::NEG_INFINITY => 0..0,
@@ -192,28 +192,28 @@ impl SegmentSteps {
 
 /// Transforms points by an affine map.
 #[inline(always)]
-fn mapped(map: &DAffine3, points: &Lanes3<f64>) -> Lanes3<f64> {
-    let mut mapped = turned(map, points);
+fn transformed_points(map: &DAffine3, points: &Lanes3<f64>) -> Lanes3<f64> {
+    let mut transformed_points = transformed_vectors(map, points);
     for axis in 0..3 {
         for l in 0..LANES {
-            mapped[axis][l] += map.translation[axis];
+            transformed_points[axis][l] += map.translation[axis];
         }
     }
-    mapped
+    transformed_points
 }
 
 /// Transforms vectors by the linear part of an affine map.
 #[inline(always)]
-fn turned(map: &DAffine3, [x, y, z]: &Lanes3<f64>) -> Lanes3<f64> {
+fn transformed_vectors(map: &DAffine3, [x, y, z]: &Lanes3<f64>) -> Lanes3<f64> {
     let matrix = &map.matrix3;
-    let mut turned = [[0.0; LANES]; 3];
+    let mut transformed_vectors = [[0.0; LANES]; 3];
     for axis in 0..3 {
         let [a, b, c] = [matrix.x_axis[axis], matrix.y_axis[axis], matrix.z_axis[axis]];
         for l in 0..LANES {
-            turned[axis][l] = a * x[l] + b * y[l] + c * z[l];
+            transformed_vectors[axis][l] = a * x[l] + b * y[l] + c * z[l];
         }
     }
-    turned
+    transformed_vectors
 }
 
 /// Returns the reciprocals of the components.

@@ -26,14 +26,14 @@ pub(super) struct VolumeSegment<'a> {
 pub(super) const CUBE: [f64; 2] = [-1.0, 1.0];
 
 /// Capacity of a [`PendingBatch`]: fewer than sixteen samples are pending when sixteen more arrive.
-pub(super) const ROOM: usize = 2 * LANES;
+pub(super) const QUEUE_CAPACITY: usize = 2 * LANES;
 
 /// Queue of samples of one ray that are evaluated sixteen at a time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PendingBatch {
-    t: [f64; ROOM],
+    t: [f64; QUEUE_CAPACITY],
     /// Step lengths in world units.
-    length: [f64; ROOM],
+    length: [f64; QUEUE_CAPACITY],
     pub(super) filled: usize,
 }
 
@@ -50,13 +50,13 @@ pub(super) struct Batch {
 impl Volume {
     /// Clips the ray segment to the volume and maps it to voxel space; `None` if they do not intersect.
     #[inline(always)]
-    pub(super) fn meet(&self, stretch: &RaySegment) -> Option<VolumeSegment<'_>> {
+    pub(super) fn intersect(&self, segment: &RaySegment) -> Option<VolumeSegment<'_>> {
         // Transform ray to the cube's space
-        let origin = self.cube_from_world.transform_point3(stretch.origin);
-        let direction = self.cube_from_world.transform_vector3(stretch.direction);
+        let origin = self.cube_from_world.transform_point3(segment.origin);
+        let direction = self.cube_from_world.transform_vector3(segment.direction);
         let inverse = direction.recip();
         // Clip segment to the cube with the slab test
-        let mut span = [stretch.t_near, stretch.t_far];
+        let mut span = [segment.t_near, segment.t_far];
         for axis in 0..3 {
             span = clipped(span, [origin[axis], direction[axis], inverse[axis]], CUBE);
         }
@@ -79,8 +79,8 @@ impl Volume {
 
 impl PendingBatch {
     pub(super) const NONE: PendingBatch = PendingBatch {
-        t: [0.0; ROOM],
-        length: [0.0; ROOM],
+        t: [0.0; QUEUE_CAPACITY],
+        length: [0.0; QUEUE_CAPACITY],
         filled: 0,
     };
 
@@ -114,13 +114,13 @@ impl PendingBatch {
 
 /// Optical properties of sixteen samples.
 pub(super) struct ShadedSamples {
-    pub(super) matter: MediumSample,
+    pub(super) medium: MediumSample,
     /// Opacity 1 - exp(-depth) of each step.
     pub(super) alpha: Lanes<f64>,
     /// Factor (1 - exp(-depth)) / depth of the source term: emission attenuated by the step's own medium.
     pub(super) share: Lanes<f64>,
     /// Mask: bit `l` is set if sample `l` attenuates or emits light; the others contribute exactly nothing.
-    pub(super) adds: u16,
+    pub(super) contributes: u16,
 }
 
 /// Samples all volumes and the fog at the positions of a batch.
@@ -129,22 +129,22 @@ pub(super) struct ShadedSamples {
     "x86_64+avx2+bmi1+bmi2+fma",
     "x86_64+sse4.2"
 ))]
-pub(super) fn sample(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) -> ShadedSamples {
+pub(super) fn sample(segments: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) -> ShadedSamples {
     // Sum the medium properties of all volumes
     let mut sum = MediumSample::NONE;
-    for met in met {
-        let volume = met.volume;
-        let places = places(&met.ray, &batch.t);
-        let density = volume.density.sample_lanes(&places);
-        let mut matter = volume.transfer.matter_lanes(&density, &batch.length);
+    for segment in segments {
+        let volume = segment.volume;
+        let points = points(&segment.ray, &batch.t);
+        let density = volume.density.sample_lanes(&points);
+        let mut medium = volume.transfer.medium_lanes(&density, &batch.length);
         if let Some(colors) = &volume.color {
-            tint(&mut matter, &volume.density, colors, &places);
+            tint(&mut medium, &volume.density, colors, &points);
         }
-        sum.add(&matter);
+        sum.add(&medium);
     }
     // Add the homogeneous fog
     if let Some(fog) = fog {
-        sum.add(&fog_matter(fog, &batch.length));
+        sum.add(&fog_medium(fog, &batch.length));
     }
     // Convert optical depths to opacities
     let mut alpha = [0.0; LANES];
@@ -159,15 +159,15 @@ pub(super) fn sample(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) ->
         amount[l] = depth + (red + green + blue);
     }
     // Collect the mask in a loop of its own, so that the one above vectorises
-    let mut adds = 0;
+    let mut contributes = 0;
     for l in 0..LANES {
-        adds |= u16::from(amount[l] > 0.0) << l;
+        contributes |= u16::from(amount[l] > 0.0) << l;
     }
     ShadedSamples {
-        matter: sum,
+        medium: sum,
         alpha,
         share,
-        adds,
+        contributes,
     }
 }
 
@@ -177,12 +177,12 @@ pub(super) fn sample(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) ->
     "x86_64+avx2+bmi1+bmi2+fma",
     "x86_64+sse4.2"
 ))]
-pub(super) fn sample_depth(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) -> Lanes<f64> {
+pub(super) fn sample_depth(segments: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) -> Lanes<f64> {
     // Sum the optical depths of all volumes
     let mut sum = [0.0; LANES];
-    for met in met {
-        let volume = met.volume;
-        let density = volume.density.sample_lanes(&places(&met.ray, &batch.t));
+    for segment in segments {
+        let volume = segment.volume;
+        let density = volume.density.sample_lanes(&points(&segment.ray, &batch.t));
         let depth = volume.transfer.depth_lanes(&density, &batch.length);
         for l in 0..LANES {
             sum[l] += depth[l];
@@ -199,21 +199,21 @@ pub(super) fn sample_depth(met: &[VolumeSegment], fog: Option<&Fog>, batch: &Bat
 
 /// Returns the points of a ray at sixteen parameters, in voxel space.
 #[inline(always)]
-pub(super) fn places(ray: &VoxelRay, t: &Lanes<f64>) -> Lanes3<f64> {
-    let mut places = [[0.0; LANES]; 3];
+pub(super) fn points(ray: &VoxelRay, t: &Lanes<f64>) -> Lanes3<f64> {
+    let mut points = [[0.0; LANES]; 3];
     for axis in 0..3 {
         for l in 0..LANES {
-            places[axis][l] = ray.origin[axis] + t[l] * ray.direction[axis];
+            points[axis][l] = ray.origin[axis] + t[l] * ray.direction[axis];
         }
     }
-    places
+    points
 }
 
 /// Multiplies the scattering of a medium by the colour grids, which need not have the size of `density`.
 #[inline(always)]
-fn tint(matter: &mut MediumSample, density: &Grid, colors: &[Grid; 3], places: &Lanes3<f64>) {
+fn tint(medium: &mut MediumSample, density: &Grid, colors: &[Grid; 3], points: &Lanes3<f64>) {
     for (channel, color) in colors.iter().enumerate() {
-        let mut there = *places;
+        let mut there = *points;
         // Convert between voxel coordinates; samples lie at the voxels' centres
         for axis in 0..3 {
             let [from, to] = [density, color].map(|grid| grid.size()[axis] as f64);
@@ -224,25 +224,25 @@ fn tint(matter: &mut MediumSample, density: &Grid, colors: &[Grid; 3], places: &
         // Modulate scattering by the interpolated colour
         let color = color.sample_lanes(&there);
         for l in 0..LANES {
-            matter.scattering[channel][l] *= color[l];
+            medium.scattering[channel][l] *= color[l];
         }
     }
 }
 
 /// Returns the medium sample of homogeneous fog over steps of `length` world units.
 #[inline(always)]
-fn fog_matter(fog: &Fog, length: &Lanes<f64>) -> MediumSample {
-    let mut matter = MediumSample::NONE;
+fn fog_medium(fog: &Fog, length: &Lanes<f64>) -> MediumSample {
+    let mut medium = MediumSample::NONE;
     for l in 0..LANES {
-        matter.depth[l] = fog.extinction() * length[l];
+        medium.depth[l] = fog.extinction() * length[l];
     }
     for channel in 0..3 {
         for l in 0..LANES {
-            matter.scattering[channel][l] = fog.color()[channel] * matter.depth[l];
-            matter.emission[channel][l] = fog.emission()[channel] * length[l];
+            medium.scattering[channel][l] = fog.color()[channel] * medium.depth[l];
+            medium.emission[channel][l] = fog.emission()[channel] * length[l];
         }
     }
-    matter
+    medium
 }
 
 impl MediumSample {

@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_whole_number_of_steps_but_for_rounding_is_that_number() {
+    fn step_count_tolerates_rounding() {
         for count in [1u32, 3, 7, 10, 1000, 1_000_000] {
             let size = 1.0 / f64::from(count);
             for end in [1.0f64.next_down(), 1.0, 1.0f64.next_up()] {
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn lengths_add_up_to_the_stretch_and_middles_lie_in_their_steps() {
+    fn step_lengths_sum_to_the_interval_and_midpoints_lie_inside() {
         for (start, end, size) in [(0.0, 1.0, 0.3), (100.0, 101.7, 0.1), (-3.0, 5.0, 9.0)] {
             let steps = Steps::new(start, end, size);
             let mut at = start;
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_steps_at_once_are_those_one_by_one() {
+    fn sixteen_lane_steps_match_single_steps() {
         for count in [1u32, 5, 16, 17, 100] {
             let (start, end, size) = (0.1, 0.1 + f64::from(count) / 7.0 - 0.03, 1.0 / 7.0);
             let steps = Steps::new(start, end, size);
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_step_before_a_place_has_its_middle_there_or_before() {
+    fn last_step_before_a_point_has_its_midpoint_at_or_before_it() {
         let steps = Steps::new(2.0, 12.0, 1.0);
         // Middles at 2.5, 3.5, ...
         for (t, last) in [

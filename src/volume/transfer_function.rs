@@ -140,7 +140,7 @@ impl Transfer {
     /// Returns the maximum thickness over values in [low, high], and whether any of them emits.
     ///
     /// Exact: if both are absent, every value of the interval has exactly zero opacity and emission.
-    pub fn most(&self, low: f64, high: f64) -> (f64, bool) {
+    pub fn maximum(&self, low: f64, high: f64) -> (f64, bool) {
         let (mut thickness, mut emits) = (0.0f64, false);
         for i in self.piece_of(low)..=self.piece_of(high) {
             let piece = &self.pieces[i];
@@ -173,8 +173,8 @@ impl Transfer {
 
     /// Returns the medium sample of sixteen values over steps of `length` world units.
     #[inline(always)]
-    pub(super) fn matter_lanes(&self, values: &Lanes<f64>, length: &Lanes<f64>) -> MediumSample {
-        let mut matter = MediumSample::NONE;
+    pub(super) fn medium_lanes(&self, values: &Lanes<f64>, length: &Lanes<f64>) -> MediumSample {
+        let mut medium = MediumSample::NONE;
         let colors: &[Lanes<f64>];
         let (with_emission, without_emission): ([Lanes<f64>; FIELDS], [Lanes<f64>; 4]);
         // Interpolate the fields, without emission if no node emits
@@ -182,7 +182,7 @@ impl Transfer {
             with_emission = self.field_lanes(values);
             for channel in 0..3 {
                 for l in 0..LANES {
-                    matter.emission[channel][l] = with_emission[4 + channel][l] * length[l];
+                    medium.emission[channel][l] = with_emission[4 + channel][l] * length[l];
                 }
             }
             colors = &with_emission;
@@ -191,13 +191,13 @@ impl Transfer {
             colors = &without_emission;
         }
         // Compute optical depth and scattering
-        matter.depth = self.depths(&colors[0], length);
+        medium.depth = self.depths(&colors[0], length);
         for channel in 0..3 {
             for l in 0..LANES {
-                matter.scattering[channel][l] = colors[1 + channel][l] * matter.depth[l];
+                medium.scattering[channel][l] = colors[1 + channel][l] * medium.depth[l];
             }
         }
-        matter
+        medium
     }
 
     /// Interpolates the first `COUNT` fields at sixteen values.
@@ -206,9 +206,9 @@ impl Transfer {
     #[inline(always)]
     fn field_lanes<const COUNT: usize>(&self, values: &Lanes<f64>) -> [Lanes<f64>; COUNT] {
         let [low, high] = range(values);
-        let met = &self.pieces[self.piece_of(low)..];
+        let pieces = &self.pieces[self.piece_of(low)..];
         let mut fields = [[0.0; LANES]; COUNT];
-        for piece in met {
+        for piece in pieces {
             if piece.start > high {
                 break;
             }
@@ -296,7 +296,7 @@ fn check(nodes: &[TransferNode], thickness: Thickness) -> Result<(), VolumeError
         return wrong(0, "is missing");
     }
     // Find the limit of the thickness, and check its unit
-    let most = match thickness {
+    let maximum = match thickness {
         Thickness::OpacityOver(reference) if !(reference > 0.0 && reference.is_finite()) => {
             return Err(VolumeError::Reference { reference });
         }
@@ -304,17 +304,17 @@ fn check(nodes: &[TransferNode], thickness: Thickness) -> Result<(), VolumeError
         Thickness::Extinction => f64::from(f32::MAX),
     };
     // Beyond the range of f32, differences could overflow.
-    let in_range = |x: f64, most: f64| (0.0..=most).contains(&x);
+    let in_range = |x: f64, maximum: f64| (0.0..=maximum).contains(&x);
     // Check each node
     for (i, node) in nodes.iter().enumerate() {
         let mut shades = node.color.into_iter().chain(node.emission);
         if !(node.value.abs() <= f64::from(f32::MAX)) {
-            return wrong(i, "has a value that is no number of f32");
+            return wrong(i, "has a value that f32 cannot represent");
         }
         if i > 0 && !(nodes[i - 1].value < node.value) {
-            return wrong(i, "does not lie above the one before");
+            return wrong(i, "is not above the one before");
         }
-        if !in_range(node.thickness, most) {
+        if !in_range(node.thickness, maximum) {
             return wrong(
                 i,
                 "has an opacity outside 0 to 1 or an extinction that is negative or not finite",
@@ -331,12 +331,12 @@ fn check(nodes: &[TransferNode], thickness: Thickness) -> Result<(), VolumeError
 mod tests {
     use super::*;
 
-    fn node(value: f64, thickness: f64, red: f64, glow: f64) -> TransferNode {
+    fn node(value: f64, thickness: f64, red: f64, emission: f64) -> TransferNode {
         TransferNode {
             value,
             thickness,
             color: [red, 0.5, 0.25],
-            emission: [glow, 0.0, 0.0],
+            emission: [emission, 0.0, 0.0],
         }
     }
 
@@ -354,23 +354,23 @@ mod tests {
     }
 
     #[test]
-    fn fields_are_linear_between_nodes_and_go_on_outside() {
+    fn fields_are_linear_between_nodes_and_constant_outside() {
         let mut values = [2.0; LANES];
         values[1..8].copy_from_slice(&[-1e30, 1.0, 3.0, 4.5, 5.0, 8.5, 1e30]);
-        let matter = hill().matter_lanes(&values, &[0.5; LANES]);
+        let medium = hill().medium_lanes(&values, &[0.5; LANES]);
         // Thickness 2, 0, 0, 4, 1, 0, 0, 0 over half a unit.
-        assert_eq!(matter.depth[..8], [1.0, 0.0, 0.0, 2.0, 0.5, 0.0, 0.0, 0.0]);
+        assert_eq!(medium.depth[..8], [1.0, 0.0, 0.0, 2.0, 0.5, 0.0, 0.0, 0.0]);
         // Red is a quarter of the thickness here.
-        assert_eq!(matter.scattering[0][..5], [0.5, 0.0, 0.0, 2.0, 0.125]);
-        assert_eq!(matter.scattering[1][3], 1.0);
-        assert_eq!(matter.emission[0][..8], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]);
-        assert_eq!(hill().depth_lanes(&values, &[0.5; LANES]), matter.depth);
+        assert_eq!(medium.scattering[0][..5], [0.5, 0.0, 0.0, 2.0, 0.125]);
+        assert_eq!(medium.scattering[1][3], 1.0);
+        assert_eq!(medium.emission[0][..8], [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5, 1.0]);
+        assert_eq!(hill().depth_lanes(&values, &[0.5; LANES]), medium.depth);
     }
 
     #[test]
-    fn the_most_of_an_interval_is_found_at_nodes_and_ends() {
+    fn interval_maximum_is_at_nodes_or_ends() {
         let hill = hill();
-        for (low, high, most) in [
+        for (low, high, maximum) in [
             (-5.0, 1.0, 0.0),
             (-5.0, 1.0f64.next_up(), 2.0 * f64::EPSILON),
             (0.0, 2.0, 2.0),
@@ -379,30 +379,30 @@ mod tests {
             (5.0, 8.0, 0.0),
             (9.0, 90.0, 0.0),
         ] {
-            assert_eq!(hill.most(low, high).0, most, "{low} {high}");
+            assert_eq!(hill.maximum(low, high).0, maximum, "{low} {high}");
         }
-        assert_eq!(hill.most(5.0, 8.0), (0.0, false));
-        assert_eq!(hill.most(5.0, 8.5), (0.0, true));
-        assert_eq!(hill.most(20.0, 30.0), (0.0, true));
+        assert_eq!(hill.maximum(5.0, 8.0), (0.0, false));
+        assert_eq!(hill.maximum(5.0, 8.5), (0.0, true));
+        assert_eq!(hill.maximum(20.0, 30.0), (0.0, true));
     }
 
     #[test]
-    fn what_an_interval_is_said_to_lack_no_value_in_it_has() {
+    fn interval_maximum_bounds_all_values_inside() {
         let hill = hill();
         let mut value = 0.5;
         while value < 12.0 {
             let [low, high] = [value, value + 0.037];
             let inside: Lanes<f64> = std::array::from_fn(|l| low + (high - low) * l as f64 / 15.0);
-            let matter = hill.matter_lanes(&inside, &[1.0; LANES]);
-            let (most, emits) = hill.most(low, high);
-            assert!(matter.depth.iter().all(|&depth| depth <= most));
-            assert!(emits || matter.emission[0] == [0.0; LANES]);
+            let medium = hill.medium_lanes(&inside, &[1.0; LANES]);
+            let (maximum, emits) = hill.maximum(low, high);
+            assert!(medium.depth.iter().all(|&depth| depth <= maximum));
+            assert!(emits || medium.emission[0] == [0.0; LANES]);
             value += 0.0173;
         }
     }
 
     #[test]
-    fn opacities_hold_over_their_reference_length() {
+    fn opacities_refer_to_their_reference_length() {
         let transfer = Transfer::opacity([1.0; 3], 2.0).unwrap();
         let mut values = [0.3; LANES];
         values[1..4].copy_from_slice(&[1.0, 1.5, -3.0]);
@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn senseless_nodes_are_refused_by_number() {
+    fn invalid_nodes_are_rejected_by_number() {
         let good = node(0.0, 0.5, 1.0, 0.0);
         let over = Thickness::OpacityOver(1.0);
         let refused = |nodes: &[TransferNode], thickness| Transfer::new(nodes, thickness).unwrap_err();

@@ -1,7 +1,7 @@
 //! Live preview of a render in an external viewer: the client of the image viewer tev.
 
-mod packet;
-mod queue;
-mod tev;
+mod client;
+mod protocol;
+mod send_queue;
 
-pub use tev::{Rectangle, TevError, TevViewer};
+pub use client::{Rectangle, TevError, TevViewer};

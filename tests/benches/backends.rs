@@ -1,6 +1,6 @@
 //! Embree against the BSP on a closed, displaced sphere: `cargo bench --bench backends -- [RINGS] [FILM]`.
 //!
-//! RINGS (default 707) makes about 4 RINGS² triangles, 2 million by default; FILM (default 1024) is the picture's
+//! RINGS (default 707) makes about 4 RINGS² triangles, 2 million by default; FILM (default 1024) is the image's
 //! width. Tracing takes one thread; the contestants take turns, and medians of five turns are printed.
 //!
 //! Beside them runs a BVH in Rust by others, the compressed wide one of the crate `obvhs` (Ylitie, Karras and Laine 2017,
@@ -17,7 +17,7 @@ use obvhs::cwbvh::{CwBvh, builder::build_cwbvh_from_tris};
 use obvhs::ray::RayHit;
 use obvhs::triangle::Triangle;
 use whit::accel::{
-    Accel, AccelOptions, AccelReport, Backend, Hit, Kernel, LANES, RayOrder, RayPacket, build,
+    Accel, AccelOptions, AccelReport, Backend, Coherence, Hit, Kernel, LANES, RayPacket, build,
 };
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Scene};
@@ -72,7 +72,7 @@ fn main() {
     let camera = scenes::camera_rays(&scene, film);
     let mut packets = scenes::packets(&camera);
     if let Some((_, accel)) = contestants.last() {
-        accel.intersect(&mut packets, RayOrder::Coherent);
+        accel.intersect(&mut packets, Coherence::Coherent);
     }
     let hits: Vec<Option<f32>> = (0..camera.len())
         .map(|i| packets[i / LANES].hit(i % LANES).map(|h| h.t))
@@ -85,22 +85,28 @@ fn main() {
         "camera",
         &contestants,
         &camera,
-        RayOrder::Coherent,
+        Coherence::Coherent,
         Question::Nearest,
     );
-    race("shadow", &contestants, &shadow, RayOrder::Coherent, Question::Any);
+    race(
+        "shadow",
+        &contestants,
+        &shadow,
+        Coherence::Coherent,
+        Question::Any,
+    );
     race(
         "bounce",
         &contestants,
         &bounce,
-        RayOrder::Incoherent,
+        Coherence::Incoherent,
         Question::Nearest,
     );
     race(
         "random",
         &contestants,
         &random,
-        RayOrder::Incoherent,
+        Coherence::Incoherent,
         Question::Nearest,
     );
 }
@@ -137,8 +143,12 @@ impl OthersBvh {
         OthersBvh { bvh, triangles }
     }
 
-    /// Asks about every active lane by itself.
-    fn ask(&self, packets: &mut [RayPacket], mut answer: impl FnMut(&mut RayPacket, usize, obvhs::ray::Ray)) {
+    /// Traces every active lane by itself.
+    fn trace_each(
+        &self,
+        packets: &mut [RayPacket],
+        mut record: impl FnMut(&mut RayPacket, usize, obvhs::ray::Ray),
+    ) {
         for packet in packets {
             for lane in 0..LANES {
                 if !packet.is_active(lane) {
@@ -147,15 +157,15 @@ impl OthersBvh {
                 let ray = packet.ray(lane);
                 let [origin, direction] = [ray.origin, ray.direction].map(glam::Vec3A::from);
                 let ray = obvhs::ray::Ray::new(origin, direction, ray.t_near, ray.t_far);
-                answer(packet, lane, ray);
+                record(packet, lane, ray);
             }
         }
     }
 }
 
 impl Accel for OthersBvh {
-    fn intersect(&self, packets: &mut [RayPacket], _: RayOrder) {
-        self.ask(packets, |packet, lane, ray| {
+    fn intersect(&self, packets: &mut [RayPacket], _: Coherence) {
+        self.trace_each(packets, |packet, lane, ray| {
             let mut found = RayHit::none();
             let triangle = |ray: &obvhs::ray::Ray, place: usize| self.triangles[place].intersect(ray);
             if self.bvh.ray_traverse(ray, &mut found, triangle) {
@@ -171,8 +181,8 @@ impl Accel for OthersBvh {
         });
     }
 
-    fn occluded(&self, packets: &mut [RayPacket], _: RayOrder) {
-        self.ask(packets, |packet, lane, ray| {
+    fn occluded(&self, packets: &mut [RayPacket], _: Coherence) {
+        self.trace_each(packets, |packet, lane, ray| {
             let triangle = |ray: &obvhs::ray::Ray, place: usize| self.triangles[place].intersect(ray);
             if !self.bvh.ray_traverse_miss(ray, triangle) {
                 packet.set_blocked(lane);
@@ -186,7 +196,7 @@ impl Accel for OthersBvh {
             + size_of_val(&self.triangles[..]);
         AccelReport {
             bytes: bytes as u64,
-            summary: "8-wide compressed BVH by others".into(),
+            summary: "8-wide compressed BVH of obvhs".into(),
             ..AccelReport::default()
         }
     }
@@ -213,12 +223,12 @@ fn race(
     kind: &str,
     contestants: &[(String, Box<dyn Accel + '_>)],
     rays: &[Ray],
-    order: RayOrder,
+    order: Coherence,
     question: Question,
 ) {
     let fresh = scenes::packets(rays);
     let mut rates = vec![Vec::new(); contestants.len()];
-    let mut answers = vec![0usize; contestants.len()];
+    let mut hit_counts = vec![0usize; contestants.len()];
     for _ in 0..TURNS {
         for (i, (_, accel)) in contestants.iter().enumerate() {
             let mut packets = fresh.clone();
@@ -231,7 +241,7 @@ fn race(
             }
             rates[i].push(rays.len() as f64 / start.elapsed().as_secs_f64() / 1e6);
             let lanes = packets.iter().flat_map(|p| (0..LANES).map(move |lane| (p, lane)));
-            answers[i] = lanes
+            hit_counts[i] = lanes
                 .filter(|(p, lane)| p.is_blocked(*lane) || p.hit(*lane).is_some())
                 .count();
         }
@@ -248,7 +258,7 @@ fn race(
         let (low, high) = (rates[i][0], rates[i][TURNS - 1]);
         println!(
             "{kind:7} {name:14} {:7.2} Mrays/s ({low:.2}-{high:.2}), {ratio:.2} of the first of its kind, {} hits",
-            medians[i], answers[i]
+            medians[i], hit_counts[i]
         );
     }
 }

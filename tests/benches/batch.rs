@@ -117,11 +117,11 @@ fn timed(arguments: &[&str]) -> Outcome<[f64; 2]> {
         .args(arguments)
         .stdin(Stdio::null())
         .output()?;
-    let told = String::from_utf8(output.stderr)?;
+    let report = String::from_utf8(output.stderr)?;
     if !output.status.success() {
-        return Err(told.into());
+        return Err(report.into());
     }
-    let numbers: Vec<f64> = told
+    let numbers: Vec<f64> = report
         .lines()
         .last()
         .unwrap_or_default()
@@ -130,7 +130,7 @@ fn timed(arguments: &[&str]) -> Outcome<[f64; 2]> {
         .collect::<Result<_, _>>()?;
     match numbers[..] {
         [wall, user, system] => Ok([wall, user + system]),
-        _ => Err(told.into()),
+        _ => Err(report.into()),
     }
 }
 
@@ -138,11 +138,10 @@ fn layers(scene: &Path, spp: &str) -> Outcome<()> {
     let folder = tempfile::tempdir()?;
     let path = |name: &str| folder.path().join(name).display().to_string();
     let render = |more: &[&str]| -> Outcome<f64> {
-        let (stats, picture) = (path("stats.json"), path("picture.exr"));
+        let (stats, image) = (path("stats.json"), path("picture.exr"));
         let scene = scene.display().to_string();
         let words = [
-            "render", &scene, "-o", &picture, "--size", "1024x768", "--spp", spp, "--stats", &stats,
-            "--quiet",
+            "render", &scene, "-o", &image, "--size", "1024x768", "--spp", spp, "--stats", &stats, "--quiet",
         ];
         timed(&[&words[..], more].concat())?;
         let stats: serde_json::Value = serde_json::from_slice(&fs::read(stats)?)?;

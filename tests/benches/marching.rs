@@ -23,7 +23,7 @@ use std::time::Instant;
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 use whit::accel::{self, Accel, AccelOptions, Backend};
-use whit::render::{Account, Monitor, RenderSettings, Rendering, render};
+use whit::render::{Category, Monitor, RenderSettings, Rendering, render};
 use whit::scene::{Camera, Light, LightKind, Scene};
 use whit::volume::cloud::{Cloud, CloudShape};
 use whit::volume::{
@@ -128,7 +128,7 @@ fn time_renders(name: &str, scene: &Scene, film: usize) -> Result<(), Box<dyn Er
     for _ in 0..TURNS {
         for (turns, skip) in turns.iter_mut().zip([SkipEmpty::Never, SkipEmpty::Leap]) {
             let (rendering, seconds) = timed(|| rendering(scene, &*accel, film, skip));
-            turns.push((rendering.ok_or("nobody cancels")?, seconds));
+            turns.push((rendering.ok_or("the render was cancelled")?, seconds));
         }
     }
     let empty = 100.0 * scene.volumes[0].empty_space().share();
@@ -140,7 +140,7 @@ fn time_renders(name: &str, scene: &Scene, film: usize) -> Result<(), Box<dyn Er
     print_comparison(sample_counts, &seconds);
     // In the ledger's account of volumes, shadow rays left out.
     let [all, skipping] = turns.each_ref().map(|turns| {
-        let marching = |turn: &(Rendering, Seconds)| turn.0.ledger.of(Account::Volume).seconds;
+        let marching = |turn: &(Rendering, Seconds)| turn.0.ledger.of(Category::Volume).seconds;
         Spread::of(turns.iter().map(marching)).median
     });
     let expected = pixel_bits(&turns[0][0].0);

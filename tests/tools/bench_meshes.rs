@@ -27,8 +27,12 @@ pub(crate) struct Arguments {
 /// Writes all meshes and prints their triangle counts.
 pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
     let folder = &arguments.folder;
-    std::fs::create_dir_all(folder)
-        .map_err(|e| format!("{}: cannot be made ({e}): choose another place", folder.display()))?;
+    std::fs::create_dir_all(folder).map_err(|e| {
+        format!(
+            "{}: cannot be created ({e}): choose another folder",
+            folder.display()
+        )
+    })?;
     let meshes: [(&'static str, Mesh, Vector, Vector); 4] = [
         ("city", city(), [14.0, 11.0, 34.0], [0.0, 3.0, 0.0]),
         ("mixed", mixed(), [1.5, 2.0, 6.0], [0.0; 3]),

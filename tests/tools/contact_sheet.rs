@@ -239,7 +239,7 @@ mod tests {
             let row = format!("\n| [{0}](scenes/{0}) | ", name(file));
             let at = readme
                 .find(&row)
-                .unwrap_or_else(|| panic!("README.md lacks{row}"));
+                .unwrap_or_else(|| panic!("README.md lacks the row{row}"));
             assert!(at > last, "{} is out of order", name(file));
             last = at;
             if file.extension().is_some_and(|e| e == "toml") {

@@ -69,7 +69,7 @@ fn replace_tables(file: &Path, tables: &str) -> Result<(), String> {
     let (before, after) = parts.ok_or_else(|| {
         let [start, end] = [START, END].map(str::trim_end);
         sentence(format!(
-            "has no lines `{start}` and `{end}` to put the tables between"
+            "has no lines `{start}` and `{end}` around the place of the tables"
         ))
     })?;
     fs::write(file, format!("{before}{START}\n{tables}\n{END}{after}"))
@@ -92,7 +92,7 @@ fn with_ends(interval: Interval) -> String {
 fn error_halving_table(studies: &[(String, Study)]) -> String {
     let price = |study: &Study, knob: Knob| {
         let curve = study.curves.iter().find(|curve| curve.knob == knob)?;
-        study.price_of_half(curve)
+        study.time_factor_of_half_error(curve)
     };
     let has_price = |knob: &Knob| studies.iter().any(|(_, study)| price(study, *knob).is_some());
     let knobs: Vec<Knob> = Knob::ALL.into_iter().filter(has_price).collect();

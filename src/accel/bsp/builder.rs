@@ -40,7 +40,7 @@ pub(super) enum Content {
     /// Indices of all primitives with a part in the cell, in ascending order.
     Leaf(Box<[u32]>),
     /// Inner cell, split by a plane.
-    Cut {
+    Split {
         /// Axis that the plane is perpendicular to.
         axis: usize,
         /// Coordinate of the plane on that axis.
@@ -130,7 +130,7 @@ impl Builder<'_> {
                 } else {
                     [self.build(left), self.build(right)]
                 };
-                Content::Cut {
+                Content::Split {
                     axis: plane.axis,
                     position: plane.position,
                     halves: Box::new(halves),
@@ -192,7 +192,7 @@ impl Builder<'_> {
         for i in 0..before {
             let piece = pieces[i];
             let halves = match piece.sides(axis, position) {
-                (true, true) => piece.cut(self.primitives, axis, position),
+                (true, true) => piece.split(self.primitives, axis, position),
                 (true, false) => [Some(piece), None],
                 (false, _) => [None, Some(piece)],
             };
@@ -294,7 +294,7 @@ mod tests {
     fn census(branch: &Branch) -> (usize, usize, usize) {
         match &branch.content {
             Content::Leaf(numbers) => (numbers.len(), numbers.len(), 0),
-            Content::Cut { halves, .. } => {
+            Content::Split { halves, .. } => {
                 let [l, r] = [&halves[0], &halves[1]].map(census);
                 (l.0 + r.0, l.1.max(r.1), 1 + l.2.max(r.2))
             }
@@ -305,12 +305,12 @@ mod tests {
         match (&a.content, &b.content) {
             (Content::Leaf(x), Content::Leaf(y)) => x == y && a.cell == b.cell,
             (
-                Content::Cut {
+                Content::Split {
                     axis,
                     position,
                     halves,
                 },
-                Content::Cut {
+                Content::Split {
                     axis: axis_b,
                     position: position_b,
                     halves: halves_b,
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_soup_of_long_thin_triangles_stays_within_the_limits() {
+    fn thin_triangle_soup_stays_within_tree_limits() {
         let count = 20_000;
         let (pieces, longest, depth) = census(&built(&soup(count)));
         assert!(
@@ -344,12 +344,12 @@ mod tests {
     }
 
     #[test]
-    fn nothing_makes_an_empty_leaf() {
+    fn empty_mesh_builds_an_empty_leaf() {
         assert_eq!(census(&built(&Mesh::default())), (0, 0, 0));
     }
 
     #[test]
-    fn a_row_of_triangles_is_cut_into_short_leaves_almost_without_duplicates() {
+    fn triangle_row_is_split_into_small_leaves_with_few_duplicates() {
         let row = mesh((0..1000).map(|i| {
             let p = Vec3::X * (2.0 * i as f32);
             [p, p + Vec3::X, p + Vec3::Y]

@@ -83,7 +83,7 @@ impl Piece {
     /// part.
     ///
     /// The bounds are those of the exactly clipped triangle, rounded outward, within those of the piece.
-    pub(super) fn cut(&self, primitives: &Primitives, axis: usize, position: f32) -> [Option<Piece>; 2] {
+    pub(super) fn split(&self, primitives: &Primitives, axis: usize, position: f32) -> [Option<Piece>; 2] {
         // Split the box alone if the primitive is no triangle
         let Some(corners) = primitives.corners(self.number) else {
             let (mut left, mut right) = (*self, *self);
@@ -182,29 +182,29 @@ mod tests {
         let mesh = one_triangle([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]]);
         let primitives = Primitives::of_mesh(&mesh).unwrap();
         let [left, right] = primitives.pieces()[0]
-            .cut(&primitives, 0, 1.0)
+            .split(&primitives, 0, 1.0)
             .map(Option::unwrap);
         assert_eq!((left.low, left.high), ([0.0, 0.0, 0.0], [1.0, 2.0, 0.0]));
         assert_eq!((right.low, right.high), ([1.0, 0.0, 0.0], [2.0, 1.0, 0.0]));
     }
 
     #[test]
-    fn a_cut_piece_may_lose_a_side_that_only_its_box_reached() {
+    fn clipped_polygon_may_be_on_one_side_of_a_plane() {
         // The hypotenuse cuts the box's upper right corner off; there the plane x = 1.5 has nothing above y = 0.5.
         let mesh = one_triangle([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0]]);
         let primitives = Primitives::of_mesh(&mesh).unwrap();
         let [_, upper] = primitives.pieces()[0]
-            .cut(&primitives, 1, 1.0)
+            .split(&primitives, 1, 1.0)
             .map(Option::unwrap);
         let mut wide = upper;
         wide.high[0] = 2.0;
-        let [kept, lost] = wide.cut(&primitives, 0, 1.5);
+        let [kept, lost] = wide.split(&primitives, 0, 1.5);
         assert!(kept.is_some());
         assert_eq!(lost, None);
     }
 
     #[test]
-    fn what_lies_in_the_plane_goes_left_and_what_touches_it_stays_on_its_side() {
+    fn coplanar_triangle_goes_left_and_touching_triangle_keeps_its_side() {
         let piece = |low: f32, high: f32| Piece::new(0, [low; 3], [high; 3]);
         assert_eq!(piece(1.0, 1.0).sides(0, 1.0), (true, false));
         assert_eq!(piece(0.0, 1.0).sides(0, 1.0), (true, false));

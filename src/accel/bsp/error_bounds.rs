@@ -11,13 +11,13 @@ use super::clip::Cell;
 
 /// Relative error of a slab parameter: 4u by the triangle test; 4u by a difference, a reciprocal, a product and this
 /// factor itself. Doubled, for the effect of one rounding on another.
-const PARAMETER_SLACK: f32 = 16.0 * UNIT;
+const PARAMETER_ERROR: f32 = 16.0 * UNIT;
 /// Error of a plane relative to the extent of the tree: 4u, doubled for the effect of one rounding on another.
-const PLANE_SLACK: f32 = 8.0 * UNIT;
+const PLANE_ERROR: f32 = 8.0 * UNIT;
 /// Unit roundoff of f32: half a unit in the last place of 1.
 const UNIT: f32 = 5.960_464_5e-8;
 /// Ratio to the largest direction component below which a component counts as zero: over any length the ray can have in
-/// the tree it moves less than [`PLANE_SLACK`].
+/// the tree it moves less than [`PLANE_ERROR`].
 const ZERO_COMPONENT: f32 = 7.888_609e-31;
 
 /// Distance by which a tree's planes and boxes are widened.
@@ -28,7 +28,7 @@ impl SlabError {
     /// Computes the error bound of a tree with that root cell.
     pub(super) fn of(root: &Cell) -> SlabError {
         let [x, y, z] = root.extent();
-        SlabError(PLANE_SLACK * x.max(y).max(z))
+        SlabError(PLANE_ERROR * x.max(y).max(z))
     }
 
     /// Returns a coordinate moved down by the bound.
@@ -89,8 +89,8 @@ impl Line {
                 } else {
                     1.0 / d
                 };
-                enter[axis][i] = reciprocal * (1.0 - PARAMETER_SLACK);
-                leave[axis][i] = reciprocal * (1.0 + PARAMETER_SLACK);
+                enter[axis][i] = reciprocal * (1.0 - PARAMETER_ERROR);
+                leave[axis][i] = reciprocal * (1.0 + PARAMETER_ERROR);
             }
         }
         [enter, leave]
@@ -103,11 +103,17 @@ impl Line {
     }
 
     /// Returns the interval of parameters in which the line is below (`side` < 0) or above (`side` > 0) a thick plane.
-    pub(super) fn half_space(&self, axis: usize, position: f32, side: f32, slack: SlabError) -> [f32; 2] {
+    pub(super) fn half_space(
+        &self,
+        axis: usize,
+        position: f32,
+        side: f32,
+        slab_error: SlabError,
+    ) -> [f32; 2] {
         let border = if side < 0.0 {
-            slack.above(position)
+            slab_error.above(position)
         } else {
-            slack.below(position)
+            slab_error.below(position)
         };
         let distance = border - self.origin[axis];
         // The product with an infinite reciprocal is infinite, or NaN on the border itself: both parts then count.
@@ -130,35 +136,35 @@ mod tests {
     };
 
     #[test]
-    fn a_ray_within_a_plane_is_on_both_sides_of_it_all_along() {
-        let slack = SlabError::of(&UNIT_CELL);
+    fn ray_in_a_plane_is_on_both_sides() {
+        let slab_error = SlabError::of(&UNIT_CELL);
         for zero in [0.0, -0.0, 1e-40, -1e-40] {
             let line = Line::new([0.5, 0.0, 0.0], [zero, 1.0, 0.0]);
             for side in [-1.0, 1.0] {
-                let [from, to] = line.half_space(0, 0.5, side, slack);
+                let [from, to] = line.half_space(0, 0.5, side, slab_error);
                 assert!(from <= 0.0 && to >= f32::MAX, "{zero} {side}: {from} {to}");
             }
         }
     }
 
     #[test]
-    fn a_ray_beside_a_plane_it_runs_along_is_on_one_side_only() {
+    fn ray_parallel_beside_a_plane_is_on_one_side() {
         let line = Line::new([0.25, 0.0, 0.0], [-0.0, 1.0, 0.0]);
-        let slack = SlabError::of(&UNIT_CELL);
-        let [from, to] = line.half_space(0, 0.5, -1.0, slack);
+        let slab_error = SlabError::of(&UNIT_CELL);
+        let [from, to] = line.half_space(0, 0.5, -1.0, slab_error);
         assert!(from <= 0.0 && to >= f32::MAX);
-        let [from, to] = line.half_space(0, 0.5, 1.0, slack);
+        let [from, to] = line.half_space(0, 0.5, 1.0, slab_error);
         assert!(from > f32::MAX || to < 0.0);
     }
 
     #[test]
-    fn the_sides_of_a_crossed_plane_overlap_by_a_little() {
+    fn intervals_at_a_crossed_plane_overlap() {
         let line = Line::new([0.0; 3], [1.0, 0.0, 0.0]);
-        let slack = SlabError::of(&UNIT_CELL);
-        let [_, leave] = line.half_space(0, 0.5, -1.0, slack);
-        let [enter, _] = line.half_space(0, 0.5, 1.0, slack);
+        let slab_error = SlabError::of(&UNIT_CELL);
+        let [_, leave] = line.half_space(0, 0.5, -1.0, slab_error);
+        let [enter, _] = line.half_space(0, 0.5, 1.0, slab_error);
         // Each border may be off by the slack of the plane and, relative to 0.5, that of the parameter, and an ulp.
-        let most = PLANE_SLACK + 0.5 * PARAMETER_SLACK + f32::EPSILON;
+        let most = PLANE_ERROR + 0.5 * PARAMETER_ERROR + f32::EPSILON;
         assert!(enter < 0.5 && 0.5 < leave && leave - enter < 2.0 * most);
     }
 }

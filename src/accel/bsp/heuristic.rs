@@ -73,7 +73,7 @@ pub(super) fn best_plane(pieces: &[Piece], cell: &Cell, spare: usize) -> Option<
 }
 
 /// Cost of splitting a cell at planes perpendicular to one axis.
-struct CutCost {
+struct SplitCost {
     low: f32,
     high: f32,
     /// Half area at zero thickness, and its growth with thickness; both relative to the half area of the cell.
@@ -81,13 +81,13 @@ struct CutCost {
     slope: f32,
 }
 
-impl CutCost {
+impl SplitCost {
     #[inline]
-    fn new(cell: &Cell, axis: usize) -> CutCost {
+    fn new(cell: &Cell, axis: usize) -> SplitCost {
         let extent = cell.extent();
         let (a, b) = (extent[(axis + 1) % 3], extent[(axis + 2) % 3]);
         let scale = cell.half_area().recip();
-        CutCost {
+        SplitCost {
             low: cell.low[axis],
             high: cell.high[axis],
             flat: a * b * scale,
@@ -134,7 +134,7 @@ impl Bins {
         let extent = cell.extent();
         let mut best: Option<Plane> = None;
         for axis in 0..3 {
-            let costs = CutCost::new(cell, axis);
+            let costs = SplitCost::new(cell, axis);
             let (mut left, mut right) = (0, count);
             for border in 1..BINS {
                 left += self.begin[axis][border - 1] as usize;
@@ -205,7 +205,7 @@ fn exact_plane<I: SimdLevel>(isa: I, pieces: &[Piece], cell: &Cell, spare: usize
     let count = pieces.len();
     let mut best: Option<Plane> = None;
     for axis in 0..3 {
-        let costs = CutCost::new(cell, axis);
+        let costs = SplitCost::new(cell, axis);
         // Collect the bounds inside the cell as candidates
         let mut candidates = [f32::NAN; 2 * EXACT_COUNT + WIDTH];
         let mut candidate_count = 0;

@@ -21,10 +21,10 @@ mod reference;
 mod single;
 mod two_level;
 
-use super::extents::{Spheres, spheres_of_shapes};
+use super::extents::{Spheres, shape_spheres};
 use super::planes::Planes;
 use super::{
-    Accel, AccelError, AccelOptions, AccelPart, AccelReport, Kernel, LANES, Precision, RayOrder, RayPacket,
+    Accel, AccelError, AccelOptions, AccelPart, AccelReport, Coherence, Kernel, LANES, Precision, RayPacket,
 };
 use crate::mesh::simd::{F32Only, SimdKernel, SimdLevel, dispatch};
 use crate::parallel;
@@ -36,24 +36,24 @@ use two_level::{Layout, TwoLevelTree};
 
 /// The BSP trees of a scene.
 pub struct BspAccel<'s> {
-    walker: Walker<'s>,
+    traversal: TraversalKernel<'s>,
     /// Guarantee for triangle hits: at [`Precision::Fast`] f32 decides, else f64 where f32 cannot.
     precision: Precision,
     report: AccelReport,
 }
 
 /// The trees in the layout of the kernel that traverses them.
-enum Walker<'s> {
+enum TraversalKernel<'s> {
     Reference(TwoLevelTree<'s, PlaneTree>),
     Single(TwoLevelTree<'s, Tree8>),
     Packet(TwoLevelTree<'s, Tree8>),
 }
 
-impl Walker<'_> {
+impl TraversalKernel<'_> {
     fn planes(&self) -> &Planes {
         match self {
-            Walker::Reference(levels) => &levels.planes,
-            Walker::Single(levels) | Walker::Packet(levels) => &levels.planes,
+            TraversalKernel::Reference(levels) => &levels.planes,
+            TraversalKernel::Single(levels) | TraversalKernel::Packet(levels) => &levels.planes,
         }
     }
 }
@@ -75,7 +75,7 @@ impl<'s> BspAccel<'s> {
         let levels = in_pool(options.threads, || -> Result<_, AccelError> {
             let mut levels: TwoLevelTree<Tree8> = TwoLevelTree::build(scene, options)?;
             if spheres == Spheres::Always {
-                levels.spheres = spheres_of_shapes(scene);
+                levels.spheres = shape_spheres(scene);
             }
             Ok(levels)
         })?;
@@ -89,15 +89,15 @@ impl<'s> BspAccel<'s> {
             bytes: spheres,
         });
         // Choose the kernel; both traverse the same layout
-        let walker = match options.kernel {
-            Kernel::Single => Walker::Single(levels),
-            Kernel::Packet => Walker::Packet(levels),
+        let traversal = match options.kernel {
+            Kernel::Single => TraversalKernel::Single(levels),
+            Kernel::Packet => TraversalKernel::Packet(levels),
         };
         if options.precision == Precision::Fast {
             report.summary += ", triangles in f32";
         }
         Ok(BspAccel {
-            walker,
+            traversal,
             precision: options.precision,
             report,
         })
@@ -105,9 +105,11 @@ impl<'s> BspAccel<'s> {
 
     /// Returns the number of instances with a bounding sphere.
     pub fn sphere_count(&self) -> usize {
-        match &self.walker {
-            Walker::Reference(_) => 0,
-            Walker::Single(levels) | Walker::Packet(levels) => levels.spheres.iter().flatten().count(),
+        match &self.traversal {
+            TraversalKernel::Reference(_) => 0,
+            TraversalKernel::Single(levels) | TraversalKernel::Packet(levels) => {
+                levels.spheres.iter().flatten().count()
+            }
         }
     }
 
@@ -116,7 +118,7 @@ impl<'s> BspAccel<'s> {
         let levels = in_pool(options.threads, || TwoLevelTree::build(scene, options))?;
         let report = report(&levels);
         Ok(BspAccel {
-            walker: Walker::Reference(levels),
+            traversal: TraversalKernel::Reference(levels),
             precision: Precision::Watertight,
             report,
         })
@@ -124,11 +126,11 @@ impl<'s> BspAccel<'s> {
 }
 
 impl Accel for BspAccel<'_> {
-    fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
-        match &self.walker {
-            Walker::Single(levels) => self.trace(levels, packets, Query::Nearest, None),
-            Walker::Packet(levels) => self.trace(levels, packets, Query::Nearest, Some(order)),
-            Walker::Reference(levels) => {
+    fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
+        match &self.traversal {
+            TraversalKernel::Single(levels) => self.trace(levels, packets, Query::Nearest, None),
+            TraversalKernel::Packet(levels) => self.trace(levels, packets, Query::Nearest, Some(order)),
+            TraversalKernel::Reference(levels) => {
                 for_each_lane(packets, |packet, lane| {
                     if let Some(hit) = levels.nearest(&packet.ray(lane)) {
                         packet.set_hit(lane, &hit);
@@ -136,17 +138,17 @@ impl Accel for BspAccel<'_> {
                 });
             }
         }
-        let planes = self.walker.planes();
+        let planes = self.traversal.planes();
         if !planes.is_empty() {
             planes.intersect(packets);
         }
     }
 
-    fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
-        match &self.walker {
-            Walker::Single(levels) => self.trace(levels, packets, Query::Any, None),
-            Walker::Packet(levels) => self.trace(levels, packets, Query::Any, Some(order)),
-            Walker::Reference(levels) => {
+    fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
+        match &self.traversal {
+            TraversalKernel::Single(levels) => self.trace(levels, packets, Query::Any, None),
+            TraversalKernel::Packet(levels) => self.trace(levels, packets, Query::Any, Some(order)),
+            TraversalKernel::Reference(levels) => {
                 for_each_lane(packets, |packet, lane| {
                     if levels.is_blocked(&packet.ray(lane)) {
                         packet.set_blocked(lane);
@@ -154,7 +156,7 @@ impl Accel for BspAccel<'_> {
                 });
             }
         }
-        let planes = self.walker.planes();
+        let planes = self.traversal.planes();
         if !planes.is_empty() {
             planes.occluded(packets);
         }
@@ -170,9 +172,9 @@ impl Accel for BspAccel<'_> {
 struct Batch<'a, 's> {
     levels: &'a TwoLevelTree<'s, Tree8>,
     packets: &'a mut [RayPacket],
-    question: Query,
+    query: Query,
     /// Coherence hint; `None` for the single-ray kernel.
-    order: Option<RayOrder>,
+    order: Option<Coherence>,
 }
 
 impl SimdKernel for Batch<'_, '_> {
@@ -180,7 +182,7 @@ impl SimdKernel for Batch<'_, '_> {
 
     #[inline(always)]
     fn run<I: SimdLevel>(self, isa: I) {
-        self.ask(isa);
+        self.trace_rays(isa);
     }
 }
 
@@ -192,16 +194,16 @@ impl SimdKernel for RoundedBatch<'_, '_> {
 
     #[inline(always)]
     fn run<I: SimdLevel>(self, isa: I) {
-        self.0.ask(F32Only(isa));
+        self.0.trace_rays(F32Only(isa));
     }
 }
 
 impl Batch<'_, '_> {
     #[inline(always)]
-    fn ask(self, isa: impl SimdLevel) {
+    fn trace_rays(self, isa: impl SimdLevel) {
         let Batch { levels, packets, .. } = self;
         // Compile a kernel for each kind of query, without the code of the other.
-        match (self.order, self.question) {
+        match (self.order, self.query) {
             (None, Query::Nearest) => single::trace_singles(isa, levels, packets, Query::Nearest),
             (None, Query::Any) => single::trace_singles(isa, levels, packets, Query::Any),
             (Some(order), Query::Nearest) => {
@@ -217,13 +219,13 @@ impl BspAccel<'_> {
         &self,
         levels: &TwoLevelTree<Tree8>,
         packets: &mut [RayPacket],
-        question: Query,
-        order: Option<RayOrder>,
+        query: Query,
+        order: Option<Coherence>,
     ) {
         let batch = Batch {
             levels,
             packets,
-            question,
+            query,
             order,
         };
         match self.precision {
@@ -233,12 +235,12 @@ impl BspAccel<'_> {
     }
 }
 
-fn for_each_lane(packets: &mut [RayPacket], mut ask: impl FnMut(&mut RayPacket, usize)) {
+fn for_each_lane(packets: &mut [RayPacket], mut trace_rays: impl FnMut(&mut RayPacket, usize)) {
     for packet in packets {
         packet.drop_untraceable();
         for lane in 0..LANES {
             if packet.is_active(lane) {
-                ask(packet, lane);
+                trace_rays(packet, lane);
             }
         }
     }

@@ -88,9 +88,9 @@ pub(super) struct Leaf<'a> {
 
 impl Layout for Tree8 {
     fn lay_out(root: &Branch, primitives: &Primitives) -> Option<Tree8> {
-        let mut layout = Gathering {
+        let mut layout = LayoutBuilder {
             primitives,
-            slack: SlabError::of(&root.cell),
+            slab_error: SlabError::of(&root.cell),
             nodes: Vec::new(),
             slots: Vec::new(),
             long_leaves: Vec::new(),
@@ -163,9 +163,9 @@ fn pack(slots: &[u32; PACK], primitives: &Primitives) -> LeafPack {
 }
 
 /// A layout under construction.
-struct Gathering<'a> {
+struct LayoutBuilder<'a> {
     primitives: &'a Primitives<'a>,
-    slack: SlabError,
+    slab_error: SlabError,
     nodes: Vec<Node>,
     /// Triangle indices of each future pack.
     slots: Vec<[u32; PACK]>,
@@ -173,7 +173,7 @@ struct Gathering<'a> {
     wholes: Vec<u32>,
 }
 
-impl Gathering<'_> {
+impl LayoutBuilder<'_> {
     /// Adds the node for the upper levels of `branch` and everything below; returns its index.
     fn add_node(&mut self, branch: &Branch) -> Option<u32> {
         let family = gather(branch);
@@ -188,12 +188,12 @@ impl Gathering<'_> {
         // Widen the boxes and add the children
         for (slot, member) in family.iter().enumerate() {
             for axis in 0..3 {
-                node.bounds[0][axis][slot] = self.slack.below(member.cell.low[axis]);
-                node.bounds[1][axis][slot] = self.slack.above(member.cell.high[axis]);
+                node.bounds[0][axis][slot] = self.slab_error.below(member.cell.low[axis]);
+                node.bounds[1][axis][slot] = self.slab_error.above(member.cell.high[axis]);
             }
             node.children[slot] = match &member.content {
                 Content::Leaf(numbers) => self.add_leaf(numbers)?,
-                Content::Cut { .. } => Child(self.add_node(member)?),
+                Content::Split { .. } => Child(self.add_node(member)?),
             };
         }
         self.nodes[index] = node;
@@ -255,11 +255,11 @@ fn gather(branch: &Branch) -> Vec<&Branch> {
         let largest = family
             .iter()
             .enumerate()
-            .filter(|(_, member)| matches!(member.content, Content::Cut { .. }))
+            .filter(|(_, member)| matches!(member.content, Content::Split { .. }))
             .max_by(|(_, a), (_, b)| area(&a.cell).total_cmp(&area(&b.cell)))
             .map(|(position, _)| position);
         let Some(position) = largest else { break };
-        if let Content::Cut { halves, .. } = &family[position].content {
+        if let Content::Split { halves, .. } = &family[position].content {
             family.splice(position..=position, halves.iter());
         }
     }
@@ -275,7 +275,7 @@ fn far_to_near(branch: &Branch, family: &[&Branch], octant: usize) -> u32 {
     while let Some(member) = waiting.pop() {
         if let Some(slot) = family.iter().position(|other| std::ptr::eq(*other, member)) {
             near_to_far.push(slot as u32);
-        } else if let Content::Cut { axis, halves, .. } = &member.content {
+        } else if let Content::Split { axis, halves, .. } = &member.content {
             let near = octant >> axis & 1;
             waiting.push(&halves[1 - near]);
             waiting.push(&halves[near]);
@@ -305,13 +305,13 @@ mod tests {
         }
     }
 
-    fn cut(position: f32, halves: [Branch; 2]) -> Branch {
+    fn split(position: f32, halves: [Branch; 2]) -> Branch {
         Branch {
             cell: Cell {
                 low: halves[0].cell.low,
                 high: halves[1].cell.high,
             },
-            content: Content::Cut {
+            content: Content::Split {
                 axis: 0,
                 position,
                 halves: Box::new(halves),
@@ -320,8 +320,11 @@ mod tests {
     }
 
     #[test]
-    fn cells_are_met_in_the_order_in_which_they_lie_along_the_ray() {
-        let row = cut(2.0, [leaf(0.0, 2.0), cut(3.0, [leaf(2.0, 3.0), leaf(3.0, 4.0)])]);
+    fn cells_are_visited_in_order_along_the_ray() {
+        let row = split(
+            2.0,
+            [leaf(0.0, 2.0), split(3.0, [leaf(2.0, 3.0), leaf(3.0, 4.0)])],
+        );
         let family = gather(&row);
         let lows: Vec<f32> = family.iter().map(|member| member.cell.low[0]).collect();
         assert_eq!(lows, [0.0, 2.0, 3.0]);
@@ -332,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_tells_a_node_from_a_leaf() {
+    fn link_distinguishes_node_from_leaf() {
         assert_eq!(Child(5).node(), Some(5));
         assert_eq!(Child(LEAF | 5).node(), None);
     }

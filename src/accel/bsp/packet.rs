@@ -8,9 +8,9 @@
 use super::counters;
 use super::error_bounds::Line;
 use super::node8::{Child, Leaf, LeafPack, NO_NUMBER, Node, Tree8, WIDTH};
-use super::single::{HitRecord, Query, STACK, Stack, ask_whole, hit_of, trace_lane, trace_singles};
+use super::single::{HitRecord, Query, STACK, Stack, hit_of, intersect_instance, trace_lane, trace_singles};
 use super::two_level::TwoLevelTree;
-use crate::accel::{LANES, RayOrder, RayPacket};
+use crate::accel::{Coherence, LANES, RayPacket};
 use crate::mesh::simd::{SimdLevel, lanes};
 use crate::mesh::triangle::{LaneHits, PACK, ShearLanes, dominant_axis};
 
@@ -30,11 +30,11 @@ pub(super) fn trace_packets(
     isa: impl SimdLevel,
     levels: &TwoLevelTree<Tree8>,
     packets: &mut [RayPacket],
-    question: Query,
-    order: RayOrder,
+    query: Query,
+    order: Coherence,
 ) {
-    if order == RayOrder::Incoherent {
-        return trace_singles(isa, levels, packets, question);
+    if order == Coherence::Incoherent {
+        return trace_singles(isa, levels, packets, query);
     }
     let root = levels.world.tree.root();
     let mut stacks = Stack::pair(root);
@@ -60,7 +60,7 @@ pub(super) fn trace_packets(
             // Trace a small group ray by ray, a larger one as a packet
             if group.count_ones() < SMALL_GROUP {
                 for lane in lanes(group) {
-                    trace_lane(isa, levels, (packet, lane % LANES), question, &mut stacks);
+                    trace_lane(isa, levels, (packet, lane % LANES), query, &mut stacks);
                 }
             } else {
                 let members = [group, kinds[leader]];
@@ -68,7 +68,7 @@ pub(super) fn trace_packets(
                     isa,
                     levels,
                     (packet, members),
-                    question,
+                    query,
                     (&mut cells, &mut stacks[1]),
                 );
             }
@@ -99,12 +99,12 @@ struct Group {
     leave: [Lanes; 3],
     t_near: Lanes,
     shears: ShearLanes<LANES>,
-    hull: PacketBounds,
-    best: Best,
+    line_bounds: PacketBounds,
+    best: PacketHits,
 }
 
 /// Nearest hits so far, as in [`HitRecord`] for one ray.
-struct Best {
+struct PacketHits {
     t: Lanes,
     u: Lanes,
     v: Lanes,
@@ -187,7 +187,7 @@ impl Group {
         // Bound the group's lines by intervals
         Group {
             octant: kind as usize & 7,
-            hull: PacketBounds {
+            line_bounds: PacketBounds {
                 origin: ranges(&origin),
                 enter: ranges(&enter),
                 leave: ranges(&leave),
@@ -198,7 +198,7 @@ impl Group {
             enter,
             leave,
             t_near,
-            best: Best {
+            best: PacketHits {
                 t_last: range(&t)[1],
                 t,
                 u: [0.0; LANES],
@@ -218,44 +218,44 @@ fn trace_group(
     isa: impl SimdLevel,
     levels: &TwoLevelTree<Tree8>,
     (packet, members): (&mut RayPacket, [u32; 2]),
-    question: Query,
+    query: Query,
     (cells, object_stack): (&mut [StackEntry; STACK], &mut Stack),
 ) {
     let mut group = Group::new(packet, members);
     // Traverse the world tree, with shapes and instanced meshes lane by lane
-    walk(
+    traverse(
         isa,
         &levels.world.tree,
         &mut group,
-        (question, cells),
+        (query, cells),
         |number, lane, best| {
             let mut found = best.found(lane);
             let ray = packet.ray(lane);
-            if ask_whole(isa, levels, (&ray, number), &mut found, (question, object_stack)) {
-                best.set(lane, &found, question);
+            if intersect_instance(isa, levels, (&ray, number), &mut found, (query, object_stack)) {
+                best.set(lane, &found, query);
             }
         },
     );
     // Write the results into the packet
     for lane in lanes(group.best.hit) {
         let lane = lane % LANES;
-        match question {
+        match query {
             Query::Any => packet.set_blocked(lane),
             Query::Nearest => packet.set_hit(lane, &hit_of(levels, &group.best.found(lane))),
         }
     }
 }
 
-/// Traverses one tree. `ask` is called lane by lane with the indices of primitives other than triangles.
+/// Traverses one tree. `visit` is called lane by lane with the indices of primitives other than triangles.
 #[inline(always)]
-fn walk(
+fn traverse(
     isa: impl SimdLevel,
     tree: &Tree8,
     group: &mut Group,
-    (question, cells): (Query, &mut [StackEntry; STACK]),
-    mut ask: impl FnMut(u32, usize, &mut Best),
+    (query, cells): (Query, &mut [StackEntry; STACK]),
+    mut visit: impl FnMut(u32, usize, &mut PacketHits),
 ) {
-    cells[0] = (tree.root(), group.best.active, group.hull.t_near);
+    cells[0] = (tree.root(), group.best.active, group.line_bounds.t_near);
     let mut waiting = 1;
     while waiting > 0 {
         // Pop a cell and skip it if no active ray reaches it
@@ -274,15 +274,15 @@ fn walk(
         let Leaf { packs, wholes } = tree.leaf(child);
         for pack in packs {
             if mask.count_ones() <= FEW_RAYS {
-                group.ray_by_ray(isa, pack, mask, question);
+                group.ray_by_ray(isa, pack, mask, query);
             } else {
-                group.triangle_by_triangle(isa, pack, question);
+                group.triangle_by_triangle(isa, pack, query);
             }
         }
         // Intersect shapes and instanced meshes
         for &number in wholes {
             for lane in lanes(mask & group.best.active) {
-                ask(number, lane % LANES, &mut group.best);
+                visit(number, lane % LANES, &mut group.best);
             }
         }
         if group.best.active == 0 {
@@ -302,7 +302,9 @@ fn enter(
 ) -> usize {
     counters::node();
     // Cull the children by the bounds of the whole group
-    let (candidates, near) = group.hull.children(isa, node, group.octant, group.best.t_last);
+    let (candidates, near) = group
+        .line_bounds
+        .children(isa, node, group.octant, group.best.t_last);
     let order = node.far_to_near[group.octant & 7];
     let Some(slots) = cells[waiting..].first_chunk_mut::<WIDTH>() else {
         return waiting;
@@ -314,7 +316,7 @@ fn enter(
         if candidates >> slot & 1 == 0 {
             continue;
         }
-        let mask = group.meets(isa, node, slot);
+        let mask = group.hit_mask(isa, node, slot);
         slots[count & (WIDTH - 1)] = (node.children[slot], mask, near[slot]);
         count += usize::from(mask != 0);
     }
@@ -359,7 +361,7 @@ impl PacketBounds {
 impl Group {
     /// Returns the mask of rays that intersect a child.
     #[inline(always)]
-    fn meets(&self, isa: impl SimdLevel, node: &Node, slot: usize) -> u32 {
+    fn hit_mask(&self, isa: impl SimdLevel, node: &Node, slot: usize) -> u32 {
         let mut near = self.t_near;
         let mut far = self.best.t;
         for axis in 0..3 {
@@ -377,7 +379,7 @@ impl Group {
     }
 
     #[inline(always)]
-    fn ray_by_ray(&mut self, isa: impl SimdLevel, pack: &LeafPack, mask: u32, question: Query) {
+    fn ray_by_ray(&mut self, isa: impl SimdLevel, pack: &LeafPack, mask: u32, query: Query) {
         for lane in lanes(mask & self.best.active) {
             let lane = lane % LANES;
             counters::pack();
@@ -398,13 +400,13 @@ impl Group {
                 }
             }
             if found.number != before {
-                self.best.set(lane, &found, question);
+                self.best.set(lane, &found, query);
             }
         }
     }
 
     #[inline(always)]
-    fn triangle_by_triangle(&mut self, isa: impl SimdLevel, pack: &LeafPack, question: Query) {
+    fn triangle_by_triangle(&mut self, isa: impl SimdLevel, pack: &LeafPack, query: Query) {
         for slot in 0..PACK {
             let number = pack.numbers[slot];
             if number == NO_NUMBER {
@@ -415,13 +417,13 @@ impl Group {
                 .shears
                 .intersect(isa, pack.triangles.triangle(slot), &self.t_near, &self.best.t);
             if hits.mask != 0 {
-                self.best.merge(&hits, number, question);
+                self.best.merge(&hits, number, query);
             }
         }
     }
 }
 
-impl Best {
+impl PacketHits {
     #[inline(always)]
     fn found(&self, lane: usize) -> HitRecord {
         HitRecord {
@@ -434,19 +436,19 @@ impl Best {
     }
 
     #[inline(always)]
-    fn set(&mut self, lane: usize, found: &HitRecord, question: Query) {
+    fn set(&mut self, lane: usize, found: &HitRecord, query: Query) {
         self.hit |= 1 << lane;
         self.t[lane] = found.t;
         self.u[lane] = found.u;
         self.v[lane] = found.v;
         self.number[lane] = found.number;
         self.primitive[lane] = found.primitive;
-        self.settle(1 << lane, question);
+        self.retire_hits(1 << lane, query);
     }
 
     /// Records the hits on one triangle.
     #[inline(always)]
-    fn merge(&mut self, hits: &LaneHits<LANES>, number: u32, question: Query) {
+    fn merge(&mut self, hits: &LaneHits<LANES>, number: u32, query: Query) {
         self.hit |= hits.mask;
         for lane in lanes(hits.mask) {
             let lane = lane % LANES;
@@ -458,13 +460,13 @@ impl Best {
                 self.primitive[lane] = 0;
             }
         }
-        self.settle(hits.mask, question);
+        self.retire_hits(hits.mask, query);
     }
 
     /// Removes lanes that were hit, with [`Query::Any`], and updates the largest `t`.
     #[inline(always)]
-    fn settle(&mut self, hit: u32, question: Query) {
-        if question == Query::Any {
+    fn retire_hits(&mut self, hit: u32, query: Query) {
+        if query == Query::Any {
             self.active &= !hit;
             for lane in lanes(hit) {
                 self.t[lane % LANES] = f32::NEG_INFINITY;

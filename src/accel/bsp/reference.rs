@@ -27,7 +27,7 @@ use crate::scene::Geometry;
 pub(super) struct PlaneTree {
     nodes: Vec<Node>,
     numbers: Vec<u32>,
-    slack: SlabError,
+    slab_error: SlabError,
 }
 
 enum Node {
@@ -36,7 +36,7 @@ enum Node {
         count: u32,
     },
     /// Inner node; the lower half follows it, the upper half is at index `above`.
-    Cut {
+    Split {
         axis: usize,
         position: f32,
         above: u32,
@@ -45,7 +45,7 @@ enum Node {
 
 /// Instruction of the visitor to the traversal.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Walk {
+pub(super) enum Continuation {
     /// Continue up to this parameter.
     Until(f32),
     /// Stop: the query is resolved.
@@ -58,7 +58,7 @@ impl PlaneTree {
         let mut tree = PlaneTree {
             nodes: Vec::new(),
             numbers: Vec::new(),
-            slack: SlabError::of(&root.cell),
+            slab_error: SlabError::of(&root.cell),
         };
         tree.add(root);
         tree
@@ -73,7 +73,7 @@ impl PlaneTree {
                 });
                 self.numbers.extend_from_slice(numbers);
             }
-            Content::Cut {
+            Content::Split {
                 axis,
                 position,
                 halves,
@@ -83,7 +83,7 @@ impl PlaneTree {
                 self.nodes.push(Node::Leaf { first: 0, count: 0 });
                 self.add(&halves[0]);
                 let above = self.nodes.len() as u32;
-                self.nodes[here] = Node::Cut {
+                self.nodes[here] = Node::Split {
                     axis: *axis,
                     position: *position,
                     above,
@@ -95,12 +95,12 @@ impl PlaneTree {
 
     /// Calls `visit` for every primitive that the line may hit between `t_near` and `t_far`, nearest cells first;
     /// `visit` returns how far the traversal must still go.
-    pub(super) fn walk(
+    pub(super) fn traverse(
         &self,
         origin: Vec3,
         direction: Vec3,
         [t_near, t_far]: [f32; 2],
-        mut visit: impl FnMut(u32) -> Walk,
+        mut visit: impl FnMut(u32) -> Continuation,
     ) {
         let line = Line::new(origin.to_array(), direction.to_array());
         let mut end = t_far;
@@ -114,19 +114,19 @@ impl PlaneTree {
                 Node::Leaf { first, count } => {
                     for &number in &self.numbers[first as usize..][..count as usize] {
                         match visit(number) {
-                            Walk::Until(t) => end = t,
-                            Walk::Done => return,
+                            Continuation::Until(t) => end = t,
+                            Continuation::Done => return,
                         }
                     }
                 }
-                Node::Cut {
+                Node::Split {
                     axis,
                     position,
                     above,
                 } => {
                     // Intersect the line with both half spaces
                     let [low, high] = [(index + 1, -1.0), (above, 1.0)].map(|(child, side)| {
-                        let [from, to] = line.half_space(axis, position, side, self.slack);
+                        let [from, to] = line.half_space(axis, position, side, self.slab_error);
                         (child, enter.max(from), leave.min(to))
                     });
                     // Push the far side first, so that the near side is visited first
@@ -155,24 +155,26 @@ impl Layout for PlaneTree {
 impl TwoLevelTree<'_, PlaneTree> {
     /// Returns the nearest hit of one ray.
     pub(super) fn nearest(&self, ray: &Ray) -> Option<Hit> {
-        let mut best = Best::new(ray.t_far);
+        let mut best = NearestHit::new(ray.t_far);
         let shear = Shear::new(ray);
         let span = [ray.t_near, ray.t_far.min(f32::MAX)];
-        self.world.tree.walk(ray.origin, ray.direction, span, |number| {
-            // Triangles of baked meshes are in the world tree itself
-            let run = self.world.primitives.run(number);
-            match &run.kind {
-                RunKind::Triangles(mesh) => {
-                    best.offer_triangle(&shear, mesh, ray, run.instance, number - run.first);
+        self.world
+            .tree
+            .traverse(ray.origin, ray.direction, span, |number| {
+                // Triangles of baked meshes are in the world tree itself
+                let run = self.world.primitives.run(number);
+                match &run.kind {
+                    RunKind::Triangles(mesh) => {
+                        best.offer_triangle(&shear, mesh, ray, run.instance, number - run.first);
+                    }
+                    RunKind::Whole(_) => self.nearest_within(run.instance, ray, &mut best),
                 }
-                RunKind::Whole(_) => self.nearest_within(run.instance, ray, &mut best),
-            }
-            Walk::Until(best.t)
-        });
+                Continuation::Until(best.t)
+            });
         best.hit
     }
 
-    fn nearest_within(&self, index: u32, ray: &Ray, best: &mut Best) {
+    fn nearest_within(&self, index: u32, ray: &Ray, best: &mut NearestHit) {
         let instance = &self.scene.instances[index as usize];
         match &self.scene.geometries[instance.geometry as usize] {
             Geometry::Shape(shape) => {
@@ -189,9 +191,9 @@ impl TwoLevelTree<'_, PlaneTree> {
                 let shear = Shear::new(&ray);
                 object
                     .tree
-                    .walk(ray.origin, ray.direction, [ray.t_near, best.t], |number| {
+                    .traverse(ray.origin, ray.direction, [ray.t_near, best.t], |number| {
                         best.offer_triangle(&shear, mesh, &ray, index, number);
-                        Walk::Until(best.t)
+                        Continuation::Until(best.t)
                     });
             }
         }
@@ -202,14 +204,20 @@ impl TwoLevelTree<'_, PlaneTree> {
         let mut blocked = false;
         let shear = Shear::new(ray);
         let span = [ray.t_near, ray.t_far.min(f32::MAX)];
-        self.world.tree.walk(ray.origin, ray.direction, span, |number| {
-            let run = self.world.primitives.run(number);
-            blocked = match &run.kind {
-                RunKind::Triangles(mesh) => is_blocked_by(&shear, mesh, ray, number - run.first),
-                RunKind::Whole(_) => self.is_blocked_within(run.instance, ray),
-            };
-            if blocked { Walk::Done } else { Walk::Until(span[1]) }
-        });
+        self.world
+            .tree
+            .traverse(ray.origin, ray.direction, span, |number| {
+                let run = self.world.primitives.run(number);
+                blocked = match &run.kind {
+                    RunKind::Triangles(mesh) => is_blocked_by(&shear, mesh, ray, number - run.first),
+                    RunKind::Whole(_) => self.is_blocked_within(run.instance, ray),
+                };
+                if blocked {
+                    Continuation::Done
+                } else {
+                    Continuation::Until(span[1])
+                }
+            });
         blocked
     }
 
@@ -225,9 +233,13 @@ impl TwoLevelTree<'_, PlaneTree> {
                 let ray = ray_in(instance, ray);
                 let shear = Shear::new(&ray);
                 let span = [ray.t_near, ray.t_far.min(f32::MAX)];
-                object.tree.walk(ray.origin, ray.direction, span, |number| {
+                object.tree.traverse(ray.origin, ray.direction, span, |number| {
                     blocked = is_blocked_by(&shear, mesh, &ray, number);
-                    if blocked { Walk::Done } else { Walk::Until(span[1]) }
+                    if blocked {
+                        Continuation::Done
+                    } else {
+                        Continuation::Until(span[1])
+                    }
                 });
                 blocked
             }
@@ -236,14 +248,14 @@ impl TwoLevelTree<'_, PlaneTree> {
 }
 
 /// Nearest hit so far, with its parameter.
-struct Best {
+struct NearestHit {
     t: f32,
     hit: Option<Hit>,
 }
 
-impl Best {
-    fn new(t_far: f32) -> Best {
-        Best {
+impl NearestHit {
+    fn new(t_far: f32) -> NearestHit {
+        NearestHit {
             t: t_far.min(f32::MAX),
             hit: None,
         }

@@ -110,14 +110,14 @@ pub(super) fn trace_singles(
     isa: impl SimdLevel,
     levels: &TwoLevelTree<Tree8>,
     packets: &mut [RayPacket],
-    question: Query,
+    query: Query,
 ) {
     let mut stacks = Stack::pair(levels.world.tree.root());
     for packet in packets {
         packet.drop_untraceable();
         for lane in 0..LANES {
             if packet.is_active(lane) {
-                trace_lane(isa, levels, (packet, lane), question, &mut stacks);
+                trace_lane(isa, levels, (packet, lane), query, &mut stacks);
             }
         }
     }
@@ -129,24 +129,24 @@ pub(super) fn trace_lane(
     isa: impl SimdLevel,
     levels: &TwoLevelTree<Tree8>,
     (packet, lane): (&mut RayPacket, usize),
-    question: Query,
+    query: Query,
     stacks: &mut [Stack; 2],
 ) {
     // Traverse the world tree
     let ray = packet.ray(lane);
     let [world_stack, object_stack] = stacks;
     let mut found = HitRecord::nothing(ray.t_far);
-    let beam = RayState::new(&ray);
-    let is_hit = walk(
+    let ray_state = RayState::new(&ray);
+    let is_hit = traverse(
         isa,
         &levels.world.tree,
-        &beam,
+        &ray_state,
         &mut found,
-        (question, world_stack),
-        |number, found| ask_whole(isa, levels, (&ray, number), found, (question, object_stack)),
+        (query, world_stack),
+        |number, found| intersect_instance(isa, levels, (&ray, number), found, (query, object_stack)),
     );
     // Write the result into the packet
-    match question {
+    match query {
         Query::Any if is_hit => packet.set_blocked(lane),
         Query::Nearest if is_hit => packet.set_hit(lane, &hit_of(levels, &found)),
         _ => (),
@@ -160,16 +160,16 @@ pub(super) fn hit_of(levels: &TwoLevelTree<Tree8>, found: &HitRecord) -> Hit {
 
 /// Intersects a shape or an instanced mesh as a whole; returns whether the hit replaces the record.
 #[inline(always)]
-pub(super) fn ask_whole(
+pub(super) fn intersect_instance(
     isa: impl SimdLevel,
     levels: &TwoLevelTree<Tree8>,
     (ray, number): (&Ray, u32),
     found: &mut HitRecord,
-    (question, stack): (Query, &mut Stack),
+    (query, stack): (Query, &mut Stack),
 ) -> bool {
     let run = levels.world.primitives.run(number);
     // Cull by the bounding sphere
-    if !levels.lets_through(run.instance, ray) {
+    if !levels.may_hit(run.instance, ray) {
         return false;
     }
     let instance = &levels.scene.instances[run.instance as usize];
@@ -194,10 +194,15 @@ pub(super) fn ask_whole(
             };
             // Break ties against the record of the world
             let mut inner = found.within(number);
-            let beam = RayState::new(&ray_in(instance, ray));
-            let is_hit = walk(isa, &object.tree, &beam, &mut inner, (question, stack), |_, _| {
-                false
-            });
+            let ray_state = RayState::new(&ray_in(instance, ray));
+            let is_hit = traverse(
+                isa,
+                &object.tree,
+                &ray_state,
+                &mut inner,
+                (query, stack),
+                |_, _| false,
+            );
             if is_hit {
                 *found = HitRecord {
                     number,
@@ -210,16 +215,16 @@ pub(super) fn ask_whole(
     }
 }
 
-/// Traverses one tree and returns whether anything was hit. `ask` is called with the indices of primitives other than
+/// Traverses one tree and returns whether anything was hit. `visit` is called with the indices of primitives other than
 /// triangles.
 #[inline(always)]
-fn walk(
+fn traverse(
     isa: impl SimdLevel,
     tree: &Tree8,
-    beam: &RayState,
+    ray_state: &RayState,
     found: &mut HitRecord,
-    (question, stack): (Query, &mut Stack),
-    mut ask: impl FnMut(u32, &mut HitRecord) -> bool,
+    (query, stack): (Query, &mut Stack),
+    mut visit: impl FnMut(u32, &mut HitRecord) -> bool,
 ) -> bool {
     let mut is_hit = false;
     let mut child = tree.root();
@@ -227,7 +232,7 @@ fn walk(
     loop {
         // Descend to the nearest leaf
         while let Some(index) = child.node() {
-            waiting = enter(isa, tree.node(index), (beam, found.t), stack, waiting);
+            waiting = enter(isa, tree.node(index), (ray_state, found.t), stack, waiting);
             match next(stack, &mut waiting, found.t) {
                 Some(nearest) => child = nearest,
                 None => return is_hit,
@@ -237,11 +242,11 @@ fn walk(
         // Intersect the triangles of the leaf, eight at a time
         for pack in packs {
             counters::pack();
-            let hits = beam
+            let hits = ray_state
                 .shear
-                .intersect_pack(isa, &pack.triangles, beam.t_near, found.t);
+                .intersect_pack(isa, &pack.triangles, ray_state.t_near, found.t);
             for lane in lanes(hits.mask) {
-                if question == Query::Any {
+                if query == Query::Any {
                     return true;
                 }
                 let lane = lane % PACK;
@@ -256,8 +261,8 @@ fn walk(
         }
         // Intersect shapes and instanced meshes of the leaf
         for &number in wholes {
-            is_hit |= ask(number, found);
-            if is_hit && question == Query::Any {
+            is_hit |= visit(number, found);
+            if is_hit && query == Query::Any {
                 return true;
             }
         }
@@ -287,22 +292,22 @@ fn next(stack: &Stack, waiting: &mut usize, t: f32) -> Option<Child> {
 fn enter(
     isa: impl SimdLevel,
     node: &Node,
-    (beam, t_far): (&RayState, f32),
+    (ray_state, t_far): (&RayState, f32),
     stack: &mut Stack,
     waiting: usize,
 ) -> usize {
     counters::node();
     // Intersect the ray with the eight boxes by the slab method
-    let mut near = [beam.t_near; WIDTH];
+    let mut near = [ray_state.t_near; WIDTH];
     let mut far = [t_far; WIDTH];
     for axis in 0..3 {
-        let first = beam.first[axis] & 1;
+        let first = ray_state.first[axis] & 1;
         let near_bounds = &node.bounds[first][axis];
         let far_bounds = &node.bounds[1 - first][axis];
         let (origin, enter, leave) = (
-            beam.line.origin[axis],
-            beam.line.enter[axis],
-            beam.line.leave[axis],
+            ray_state.line.origin[axis],
+            ray_state.line.enter[axis],
+            ray_state.line.leave[axis],
         );
         for i in 0..WIDTH {
             let t0 = (near_bounds[i] - origin) * enter;
@@ -317,7 +322,7 @@ fn enter(
         return waiting;
     }
     // Push the children from far to near, in the order stored for the octant
-    let order = node.far_to_near[beam.octant & 7];
+    let order = node.far_to_near[ray_state.octant & 7];
     let Some(slots) = stack.0[waiting..].first_chunk_mut::<WIDTH>() else {
         return waiting;
     };
@@ -336,7 +341,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tie_within_a_placed_mesh_goes_to_the_smaller_instance_then_to_the_smaller_triangle() {
+    fn tie_goes_to_lower_instance_then_to_lower_triangle() {
         let known = HitRecord {
             t: 1.0,
             number: 5,
@@ -351,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hit_at_the_very_end_of_the_ray_counts() {
+    fn hit_at_t_far_counts() {
         assert!(HitRecord::nothing(2.0).is_beaten_by(2.0, 0));
         assert!(!HitRecord::nothing(2.0).is_beaten_by(2f32.next_up(), 0));
     }

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::builder::{Branch, Built, build};
 use super::primitives::{Primitives, RunKind};
-use crate::accel::extents::SphereExtent;
+use crate::accel::extents::SphereVolume;
 use crate::accel::planes::Planes;
 use crate::accel::{AccelError, AccelOptions, AccelPart, Hit, holder_of_tree};
 use crate::numeric::Ray;
@@ -19,7 +19,7 @@ pub(super) struct TwoLevelTree<'s, T> {
     /// Infinite planes, which no tree can hold.
     pub(super) planes: Planes,
     /// Bounding spheres of shapes by instance; empty if spheres are not used.
-    pub(super) spheres: Vec<Option<SphereExtent>>,
+    pub(super) spheres: Vec<Option<SphereVolume>>,
     /// Object-space trees by geometry; `None` unless the geometry is an instanced mesh.
     pub(super) objects: Vec<Option<Level<'s, T>>>,
     /// Peak bytes in use at any time of the build.
@@ -49,7 +49,7 @@ impl<'s, T: Layout> TwoLevelTree<'s, T> {
         // Estimate the total work by primitive counts
         let silent = |_: f64| ();
         let progress: &(dyn Fn(f64) + Sync) = options.progress.unwrap_or(&silent);
-        let placed = placed_meshes(scene);
+        let placed = instanced_meshes(scene);
         let triangle_count = |index: usize| scene.geometries[index].primitive_count();
         let world = Primitives::of_world(scene).ok_or(AccelError::OutOfMemory)?;
         let total = world.count() + placed.iter().map(|&index| triangle_count(index)).sum::<usize>();
@@ -85,9 +85,9 @@ impl<'s, T: Layout> TwoLevelTree<'s, T> {
 
     /// Returns whether a ray may hit an instance by its bounding sphere; true without a sphere.
     #[inline(always)]
-    pub(super) fn lets_through(&self, instance: u32, ray: &Ray) -> bool {
+    pub(super) fn may_hit(&self, instance: u32, ray: &Ray) -> bool {
         match self.spheres.get(instance as usize) {
-            Some(Some(sphere)) => sphere.may_meet(ray),
+            Some(Some(sphere)) => sphere.may_hit(ray),
             _ => true,
         }
     }
@@ -105,8 +105,12 @@ impl<'s, T: Layout> TwoLevelTree<'s, T> {
         let triangles = self.world.primitives.count() - objects;
         let part = |holder, what, bytes| AccelPart { holder, what, bytes };
         vec![
-            part("triangles", "trees of placed meshes", self.byte_count() - world),
-            part(holder_of_tree(triangles, objects), "tree of the world", world),
+            part(
+                "triangles",
+                "trees of instanced meshes",
+                self.byte_count() - world,
+            ),
+            part(holder_of_tree(triangles, objects), "top-level tree", world),
         ]
     }
 
@@ -115,7 +119,9 @@ impl<'s, T: Layout> TwoLevelTree<'s, T> {
         let objects = self.objects.iter().flatten().count();
         let count = self.world.primitives.count();
         let planes = self.planes.count();
-        format!("BSP of {count} primitives in the world, {objects} trees of placed meshes, {planes} planes")
+        format!(
+            "BSP of {count} primitives in world space, {objects} trees of instanced meshes, {planes} planes"
+        )
     }
 
     /// Returns the hit on world index `number`; `primitive` is the triangle or part if that is an instanced mesh or a
@@ -166,7 +172,7 @@ impl BuildMeter<'_> {
 }
 
 /// Returns the meshes that need a tree in object space.
-fn placed_meshes(scene: &Scene) -> BTreeSet<usize> {
+fn instanced_meshes(scene: &Scene) -> BTreeSet<usize> {
     let placed = scene.instances.iter().filter(|instance| !instance.is_identity());
     let is_mesh = |index: &usize| matches!(scene.geometries[*index], Geometry::Mesh(_));
     placed

@@ -15,18 +15,18 @@ const CHUNK: usize = 1 << 14;
 const BINS: usize = 16;
 /// Largest size of sets that are split at any position.
 const SWEEP_COUNT: usize = 32;
-/// Size above which a set that fits into a cluster is checked by [`may_fall_apart`] before its best split is searched.
-const LOOK_COUNT: usize = 8;
+/// Size above which a set that fits into a cluster is checked by [`may_pay_to_split`] before its best split is searched.
+const TRIAL_COUNT: usize = 8;
 
 /// Partitions a set in two and returns the size of the first half; `None` if the set is a cluster.
-pub(super) fn cut(items: &mut [Item], cost: &Cost, cuts: u32) -> Option<usize> {
+pub(super) fn split(items: &mut [Item], cost: &Cost, splits_left: u32) -> Option<usize> {
     let count = items.len();
     let limit = cost.limit as usize;
     let fits = count <= limit;
-    if count == 1 || (fits && count > LOOK_COUNT && !may_fall_apart(items, cost)) {
+    if count == 1 || (fits && count > TRIAL_COUNT && !may_pay_to_split(items, cost)) {
         return None;
     }
-    let found = match cuts {
+    let found = match splits_left {
         0 => None,
         _ if count <= SWEEP_COUNT => sweep(items, cost),
         _ => bin(items, cost),
@@ -34,14 +34,14 @@ pub(super) fn cut(items: &mut [Item], cost: &Cost, cuts: u32) -> Option<usize> {
     // A set that fits is split only if that is cheaper; another one always
     match found {
         Some((_, at)) if !fits => Some(at),
-        Some((halves, at)) => (halves < (cost.of(count as u32) - cost.cut) * area_of(items)).then_some(at),
+        Some((halves, at)) => (halves < (cost.of(count as u32) - cost.split) * area_of(items)).then_some(at),
         None => (!fits).then(|| (count / 2).next_multiple_of(limit).min(count - 1)),
     }
 }
 
 /// Returns whether it might pay to split a set that fits into a cluster, by a trial split across the middle of its
 /// longest side. The halves cost at least a visit each, relative to the probability of reaching them.
-fn may_fall_apart(items: &[Item], cost: &Cost) -> bool {
+fn may_pay_to_split(items: &[Item], cost: &Cost) -> bool {
     let whole = items
         .iter()
         .fold(Extent::EMPTY, |whole, item| whole.with(&Extent::of(item)));
@@ -56,7 +56,7 @@ fn may_fall_apart(items: &[Item], cost: &Cost) -> bool {
         halves[half] = halves[half].with(&Extent::of(item));
     }
     let least = cost.visit * (halves[0].half_area() + halves[1].half_area());
-    least < (cost.of(items.len() as u32) - cost.cut) * whole.half_area()
+    least < (cost.of(items.len() as u32) - cost.split) * whole.half_area()
 }
 
 /// A growing box. The fourth components are unused.
@@ -136,7 +136,7 @@ fn sweep(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
     if area_of(items) == 0.0 {
         return None;
     }
-    let prices: [f64; SWEEP_COUNT + 1] = std::array::from_fn(|count| cost.of(count as u32));
+    let costs: [f64; SWEEP_COUNT + 1] = std::array::from_fn(|count| cost.of(count as u32));
     let mut orders = [[0u64; SWEEP_COUNT]; 3];
     let mut best: Option<(f64, usize, usize)> = None;
     for (axis, order) in orders.iter_mut().enumerate() {
@@ -151,25 +151,25 @@ fn sweep(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
         let mut grown = Extent::EMPTY;
         for i in (1..count).rev() {
             grown = grown.with(&extent(i));
-            above[i] = grown.half_area() * prices[count - i];
+            above[i] = grown.half_area() * costs[count - i];
         }
         grown = Extent::EMPTY;
         for i in 1..count {
             grown = grown.with(&extent(i - 1));
-            let halves = grown.half_area() * prices[i] + above[i];
+            let halves = grown.half_area() * costs[i] + above[i];
             if best.is_none_or(|(least, ..)| halves < least) {
                 best = Some((halves, axis, i));
             }
         }
     }
-    let (halves, axis, cut) = best?;
+    let (halves, axis, split) = best?;
     // Put the items in the order of the best axis
     let mut sorted = [items[0]; SWEEP_COUNT];
     for (to, &place) in sorted.iter_mut().zip(&orders[axis][..count]) {
         *to = items[place as u32 as usize];
     }
     items.copy_from_slice(&sorted[..count]);
-    Some((halves, cut))
+    Some((halves, split))
 }
 
 /// Returns an integer that orders as the float does, including the sign of zero.
@@ -260,8 +260,8 @@ impl Bins {
                 grown = grown.with(&extents[bin - 1]);
                 count += counts[bin - 1];
                 let halves = half(&grown, count) + above[bin].0;
-                let is_cut = count > 0 && above[bin].1 > 0;
-                if is_cut && best.is_none_or(|(least, ..)| halves < least) {
+                let is_split = count > 0 && above[bin].1 > 0;
+                if is_split && best.is_none_or(|(least, ..)| halves < least) {
                     best = Some((halves, axis, bin));
                 }
             }

@@ -3,7 +3,7 @@
 use super::EmbreeAccel;
 use super::query::{intersect_packet, new_query, occluded_packet};
 use super::ray_packet::{Lanes, row};
-use crate::accel::{LANES, RayOrder, RayPacket};
+use crate::accel::{Coherence, LANES, RayPacket};
 
 impl EmbreeAccel<'_> {
     /// Calls `rtcIntersect16` on every packet and does nothing else.
@@ -12,7 +12,7 @@ impl EmbreeAccel<'_> {
     /// `t_far < t_near`: Embree 3.13 as Debian builds it ends the process on a lane with a NaN or an infinite
     /// coordinate, on processors without packets of 16 even if the lane is inactive, and over its own instances on a
     /// coordinate beyond 2^36.
-    pub fn raw_intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
+    pub fn baseline_intersect16(&self, packets: &mut [RayPacket], order: Coherence) {
         let scene = self.world.as_ref();
         let mut query = new_query(scene.order(order));
         let query = &raw mut query;
@@ -22,8 +22,8 @@ impl EmbreeAccel<'_> {
     }
 
     /// Calls `rtcOccluded16` on every packet and does nothing else, under the conditions of
-    /// [`EmbreeAccel::raw_intersect`].
-    pub fn raw_occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
+    /// [`EmbreeAccel::baseline_intersect16`].
+    pub fn baseline_occluded16(&self, packets: &mut [RayPacket], order: Coherence) {
         let scene = self.world.as_ref();
         let mut query = new_query(scene.order(order));
         let query = &raw mut query;
@@ -32,29 +32,29 @@ impl EmbreeAccel<'_> {
         }
     }
     /// Calls `rtcIntersect1` on every active lane and copies only the ray in and the distance out; other hit data is
-    /// dropped. The conditions of [`EmbreeAccel::raw_intersect`] apply.
+    /// dropped. The conditions of [`EmbreeAccel::baseline_intersect16`] apply.
     pub fn baseline_intersect1(&self, packets: &mut [RayPacket]) {
-        self.raw_one_by_one(packets, |ray, query| ray.intersect(self.world.as_ref(), query));
+        self.for_each_active_lane(packets, |ray, query| ray.intersect(self.world.as_ref(), query));
     }
 
     /// Calls `rtcOccluded1` on every active lane, in the manner of [`EmbreeAccel::baseline_intersect1`].
-    pub fn raw_occluded_one_by_one(&self, packets: &mut [RayPacket]) {
-        self.raw_one_by_one(packets, |ray, query| ray.occluded(self.world.as_ref(), query));
+    pub fn baseline_occluded1(&self, packets: &mut [RayPacket]) {
+        self.for_each_active_lane(packets, |ray, query| ray.occluded(self.world.as_ref(), query));
     }
 
     #[inline(always)]
-    fn raw_one_by_one(
+    fn for_each_active_lane(
         &self,
         packets: &mut [RayPacket],
-        ask: impl Fn(&mut Lanes<1>, *mut embree_sys::EmbreeQuery),
+        trace_rays: impl Fn(&mut Lanes<1>, *mut embree_sys::EmbreeQuery),
     ) {
-        let mut query = new_query(RayOrder::Incoherent);
+        let mut query = new_query(Coherence::Incoherent);
         let query = &raw mut query;
         for packet in packets {
             for lane in (0..LANES).filter(|&lane| packet.active[lane] != 0) {
                 let mut ray = Lanes::new();
                 ray.set(0, &packet.ray(lane));
-                ask(&mut ray, query);
+                trace_rays(&mut ray, query);
                 packet.t_far[lane] = f32::from_bits(ray.get(row::T_FAR, 0));
             }
         }

@@ -18,11 +18,11 @@ pub(super) struct BuildPlan<'s> {
     /// World-space meshes as native triangles; empty at watertight precision.
     native: Vec<(u32, NativeMesh<'s>)>,
     /// Flags by geometry, set if it is a mesh with a scene of its own.
-    is_placed: Vec<bool>,
+    is_instanced: Vec<bool>,
     /// Bound on the origins of rays.
-    reach: OriginBound,
+    origin_bound: OriginBound,
     /// Flag for triangle clusters instead of native triangles.
-    is_patched: bool,
+    uses_clusters: bool,
 }
 
 /// A mesh whose triangles become Embree's own.
@@ -30,14 +30,14 @@ pub(super) struct NativeMesh<'s> {
     pub(super) mesh: &'s Mesh,
     /// Triangles, in rising order, that coincide with an earlier one of the same Embree scene and are omitted, as they
     /// can never be the nearest hit.
-    pub(super) held_back: Vec<u32>,
+    pub(super) skipped_duplicates: Vec<u32>,
 }
 
 /// A mesh with an Embree scene of its own.
 pub(super) struct InstancedMesh<'s> {
     mesh: &'s Mesh,
     /// Bound on the ray origins in object space, present if its triangles are clusters.
-    reach: Option<OriginBound>,
+    origin_bound: Option<OriginBound>,
 }
 
 /// Contents of the Embree scene of a mesh.
@@ -53,7 +53,7 @@ impl<'s> BuildPlan<'s> {
     pub(super) fn new(scene: &'s Scene, precision: Precision) -> BuildPlan<'s> {
         // Find world-space and instanced meshes; a mesh may be both
         let mut is_in_world = vec![false; scene.geometries.len()];
-        let mut is_placed = vec![false; scene.geometries.len()];
+        let mut is_instanced = vec![false; scene.geometries.len()];
         let mut world = Vec::new();
         for (index, instance) in (0u32..).zip(&scene.instances) {
             let geometry = instance.geometry as usize;
@@ -63,20 +63,24 @@ impl<'s> BuildPlan<'s> {
                     world.push((index, mesh));
                 }
             }
-            is_placed[geometry] |= placed_mesh(scene, instance).is_some();
+            is_instanced[geometry] |= instanced_mesh(scene, instance).is_some();
         }
         // Find duplicates among native triangles only; callbacks break ties themselves
-        let is_patched = precision == Precision::Watertight;
-        let native = if is_patched { Vec::new() } else { natives(&world) };
+        let uses_clusters = precision == Precision::Watertight;
+        let native = if uses_clusters {
+            Vec::new()
+        } else {
+            natives(&world)
+        };
         // Bound the ray origins by the bounds of all geometries
         let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
         BuildPlan {
             scene,
             world,
             native,
-            is_placed,
-            reach: OriginBound::of(scene, &bounds),
-            is_patched,
+            is_instanced,
+            origin_bound: OriginBound::of(scene, &bounds),
+            uses_clusters,
         }
     }
 
@@ -92,37 +96,40 @@ impl<'s> BuildPlan<'s> {
 
     /// Builds the triangle clusters of the world-space meshes, empty unless watertight; runs on the current thread
     /// pool.
-    pub(super) fn patches(&self, mesh_cache: Option<&MeshCache>) -> TriangleClusters {
-        if !self.is_patched {
+    pub(super) fn triangle_clusters(&self, mesh_cache: Option<&MeshCache>) -> TriangleClusters {
+        if !self.uses_clusters {
             return TriangleClusters::default();
         }
-        TriangleClusters::of(self.world.iter().copied(), self.reach, mesh_cache)
+        TriangleClusters::of(self.world.iter().copied(), self.origin_bound, mesh_cache)
     }
 
     /// Returns the bound on the origins of rays.
-    pub(super) fn reach(&self) -> OriginBound {
-        self.reach
+    pub(super) fn origin_bound(&self) -> OriginBound {
+        self.origin_bound
     }
 
     /// Returns the number of world triangles that Embree does not get, including repeated instances.
     pub(super) fn held_back_count(&self) -> usize {
         let given: usize = self.world.iter().map(|(_, mesh)| mesh.triangles.len()).sum();
-        let held_back = self.native.iter().map(|(_, given)| given.held_back.len());
-        world_triangle_count(self.scene) - given + held_back.sum::<usize>()
+        let skipped_duplicates = self
+            .native
+            .iter()
+            .map(|(_, given)| given.skipped_duplicates.len());
+        world_triangle_count(self.scene) - given + skipped_duplicates.sum::<usize>()
     }
 
     /// Returns the meshes with scenes of their own, by geometry.
     pub(super) fn placed(&self) -> impl Iterator<Item = Option<InstancedMesh<'s>>> {
-        let geometries = (0u32..).zip(&self.scene.geometries).zip(&self.is_placed);
-        geometries.map(|((number, geometry), is_placed)| {
+        let geometries = (0u32..).zip(&self.scene.geometries).zip(&self.is_instanced);
+        geometries.map(|((number, geometry), is_instanced)| {
             let Geometry::Mesh(mesh) = geometry else {
                 return None;
             };
             let instances = self.scene.instances.iter();
             let mine = instances.filter(|instance| instance.geometry == number);
-            is_placed.then(|| InstancedMesh {
+            is_instanced.then(|| InstancedMesh {
                 mesh,
-                reach: self.is_patched.then(|| self.reach.in_object(mine)),
+                origin_bound: self.uses_clusters.then(|| self.origin_bound.in_object(mine)),
             })
         })
     }
@@ -138,15 +145,25 @@ impl<'s> InstancedMesh<'s> {
     /// pool.
     pub(super) fn triangles(&self, mesh_cache: Option<&MeshCache>) -> (Triangles<'s>, Bounds) {
         let bounds = self.mesh.bounds();
-        match self.reach {
-            Some(reach) => {
-                let patches = TriangleClusters::of(std::iter::once((0, self.mesh)), reach, mesh_cache);
-                (Triangles::TriangleClusters(patches), reach.padded(&bounds))
+        match self.origin_bound {
+            Some(origin_bound) => {
+                let triangle_clusters =
+                    TriangleClusters::of(std::iter::once((0, self.mesh)), origin_bound, mesh_cache);
+                (
+                    Triangles::TriangleClusters(triangle_clusters),
+                    origin_bound.padded(&bounds),
+                )
             }
             None => {
-                let held_back = later_duplicates(&[self.mesh]).pop().unwrap_or_default();
+                let skipped_duplicates = later_duplicates(&[self.mesh]).pop().unwrap_or_default();
                 let mesh = self.mesh;
-                (Triangles::Native(NativeMesh { mesh, held_back }), bounds)
+                (
+                    Triangles::Native(NativeMesh {
+                        mesh,
+                        skipped_duplicates,
+                    }),
+                    bounds,
+                )
             }
         }
     }
@@ -154,21 +171,29 @@ impl<'s> InstancedMesh<'s> {
 
 fn natives<'s>(world: &[(u32, &'s Mesh)]) -> Vec<(u32, NativeMesh<'s>)> {
     let meshes: Vec<&Mesh> = world.iter().map(|&(_, mesh)| mesh).collect();
-    let held_back = later_duplicates(&meshes);
-    let given = world.iter().zip(held_back);
+    let skipped_duplicates = later_duplicates(&meshes);
+    let given = world.iter().zip(skipped_duplicates);
     given
-        .map(|(&(instance, mesh), held_back)| (instance, NativeMesh { mesh, held_back }))
+        .map(|(&(instance, mesh), skipped_duplicates)| {
+            (
+                instance,
+                NativeMesh {
+                    mesh,
+                    skipped_duplicates,
+                },
+            )
+        })
         .collect()
 }
 
 /// Returns the number of primitives of all trees, for the progress: triangles of the world and of instanced meshes, and
 /// objects.
 pub(super) fn primitive_count(scene: &Scene) -> usize {
-    let mut is_placed = vec![false; scene.geometries.len()];
+    let mut is_instanced = vec![false; scene.geometries.len()];
     for instance in &scene.instances {
-        is_placed[instance.geometry as usize] |= placed_mesh(scene, instance).is_some();
+        is_instanced[instance.geometry as usize] |= instanced_mesh(scene, instance).is_some();
     }
-    let geometries = scene.geometries.iter().zip(&is_placed);
+    let geometries = scene.geometries.iter().zip(&is_instanced);
     let placed = geometries.map(|(geometry, &placed)| if placed { geometry.primitive_count() } else { 0 });
     let is_object = |i: &&Instance| user_geometry::is_user(scene, i, Instancing::Callback);
     let objects = scene.instances.iter().filter(is_object).count();
@@ -190,7 +215,7 @@ fn world_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&'s Mesh> {
 }
 
 /// Returns the mesh of an instance with a transform other than the identity.
-pub(super) fn placed_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&'s Mesh> {
+pub(super) fn instanced_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Option<&'s Mesh> {
     match &scene.geometries[instance.geometry as usize] {
         Geometry::Mesh(mesh) if !instance.is_identity() && !mesh.triangles.is_empty() => Some(mesh),
         _ => None,

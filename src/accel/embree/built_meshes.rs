@@ -25,20 +25,20 @@ pub(in crate::accel) struct BuiltMeshes<T> {
 }
 
 struct Meshes<T> {
-    by_label: HashMap<u64, Vec<Kept<T>>>,
+    by_hash: HashMap<u64, Vec<Entry<T>>>,
     counts: MeshCounts,
 }
 
 /// Arrays that identify a mesh; copies share the memory.
 #[derive(Clone)]
-struct Arrays {
+struct MeshArrays {
     positions: Buffer<[f32; 3]>,
     triangles: Buffer<[u32; 3]>,
 }
 
-struct Kept<T> {
-    arrays: Arrays,
-    made: Arc<T>,
+struct Entry<T> {
+    arrays: MeshArrays,
+    result: Arc<T>,
     /// Number of evictions since the last lookup.
     age: u32,
 }
@@ -51,7 +51,7 @@ impl<T> Default for BuiltMeshes<T> {
     fn default() -> BuiltMeshes<T> {
         BuiltMeshes {
             meshes: Mutex::new(Meshes {
-                by_label: HashMap::new(),
+                by_hash: HashMap::new(),
                 counts: MeshCounts::default(),
             }),
         }
@@ -62,30 +62,30 @@ impl<T> BuiltMeshes<T> {
     /// Returns the cached result of a mesh, or that of `make`, which is then stored.
     pub(in crate::accel) fn of(&self, mesh: &Mesh, make: impl FnOnce() -> T) -> Arc<T> {
         // Look up candidates by hash
-        let label = label(mesh);
+        let content_hash = content_hash(mesh);
         // Compare while nothing is locked: the comparison waits for other threads, and this thread may start on another
         // mesh meanwhile.
-        let alike = self.all().alike(label);
-        let arrays = Arrays::of(mesh);
-        let found = alike.into_iter().find(|(kept, _)| kept.is_same(&arrays));
-        if let Some((_, made)) = found {
-            self.all().note(label, &made, arrays);
-            return made;
+        let candidates = self.all().candidates(content_hash);
+        let arrays = MeshArrays::of(mesh);
+        let found = candidates.into_iter().find(|(kept, _)| kept.is_same(&arrays));
+        if let Some((_, result)) = found {
+            self.all().mark_used(content_hash, &result, arrays);
+            return result;
         }
         // Build without the lock and insert
-        let made = Arc::new(make());
-        let kept = Kept {
+        let result = Arc::new(make());
+        let kept = Entry {
             arrays,
-            made: made.clone(),
+            result: result.clone(),
             age: 0,
         };
-        self.all().by_label.entry(label).or_default().push(kept);
-        made
+        self.all().by_hash.entry(content_hash).or_default().push(kept);
+        result
     }
 
     /// Evicts the entries that recent scenes have not looked up.
     pub(in crate::accel) fn evict_unused(&self) {
-        let meshes = &mut self.all().by_label;
+        let meshes = &mut self.all().by_hash;
         for kept in meshes.values_mut() {
             kept.retain_mut(|kept| {
                 // An entry becomes young again when it is found
@@ -104,8 +104,8 @@ impl<T> BuiltMeshes<T> {
     /// Returns the sum of `bytes` over all entries.
     pub(in crate::accel) fn byte_count(&self, bytes: impl Fn(&T) -> u64) -> u64 {
         let all = self.all();
-        let kept = all.by_label.values().flatten();
-        kept.map(|kept| bytes(&kept.made)).sum()
+        let kept = all.by_hash.values().flatten();
+        kept.map(|kept| bytes(&kept.result)).sum()
     }
 
     fn all(&self) -> MutexGuard<'_, Meshes<T>> {
@@ -115,18 +115,18 @@ impl<T> BuiltMeshes<T> {
 
 impl<T> Meshes<T> {
     /// Returns the entries with this hash and counts a lookup.
-    fn alike(&mut self, label: u64) -> Vec<(Arrays, Arc<T>)> {
-        self.counts.asked += 1;
-        let kept = self.by_label.get(&label).into_iter().flatten();
-        kept.map(|kept| (kept.arrays.clone(), kept.made.clone()))
+    fn candidates(&mut self, content_hash: u64) -> Vec<(MeshArrays, Arc<T>)> {
+        self.counts.requested += 1;
+        let kept = self.by_hash.get(&content_hash).into_iter().flatten();
+        kept.map(|kept| (kept.arrays.clone(), kept.result.clone()))
             .collect()
     }
 
-    /// Records a cache hit: the entry of `made` becomes recent.
-    fn note(&mut self, label: u64, made: &Arc<T>, arrays: Arrays) {
+    /// Records a cache hit: the entry of `result` becomes recent.
+    fn mark_used(&mut self, content_hash: u64, result: &Arc<T>, arrays: MeshArrays) {
         self.counts.found += 1;
-        let mut kept = self.by_label.get_mut(&label).into_iter().flatten();
-        if let Some(kept) = kept.find(|kept| Arc::ptr_eq(&kept.made, made)) {
+        let mut kept = self.by_hash.get_mut(&content_hash).into_iter().flatten();
+        if let Some(kept) = kept.find(|kept| Arc::ptr_eq(&kept.result, result)) {
             kept.age = 0;
             // Keep the new arrays, so that those of the previous scene can be freed.
             kept.arrays = arrays;
@@ -134,21 +134,21 @@ impl<T> Meshes<T> {
     }
 }
 
-impl Arrays {
-    fn of(mesh: &Mesh) -> Arrays {
-        Arrays {
+impl MeshArrays {
+    fn of(mesh: &Mesh) -> MeshArrays {
+        MeshArrays {
             positions: mesh.positions.clone(),
             triangles: mesh.triangles.clone(),
         }
     }
 
-    fn is_same(&self, other: &Arrays) -> bool {
+    fn is_same(&self, other: &MeshArrays) -> bool {
         is_same(&self.positions, &other.positions) && is_same(&self.triangles, &other.triangles)
     }
 }
 
 /// Returns a hash of a mesh: its counts and a sample of its positions. Equal meshes have equal hashes.
-fn label(mesh: &Mesh) -> u64 {
+fn content_hash(mesh: &Mesh) -> u64 {
     let mut hasher = DefaultHasher::new();
     [mesh.positions.len(), mesh.triangles.len()].hash(&mut hasher);
     let step = mesh.positions.len().div_ceil(SAMPLES).max(1);
@@ -181,28 +181,34 @@ mod tests {
     }
 
     #[test]
-    fn meshes_of_the_same_bits_are_made_once() {
-        let shelf = BuiltMeshes::default();
-        let make = |x: f32, made: u32| *shelf.of(&mesh(x), || made);
+    fn meshes_of_equal_bits_are_built_once() {
+        let cache = BuiltMeshes::default();
+        let make = |x: f32, result: u32| *cache.of(&mesh(x), || result);
         assert_eq!(make(0.0, 1), 1);
         assert_eq!(make(0.0, 2), 1);
         // An equal number with different bits is another mesh.
         assert_eq!(make(-0.0, 3), 3);
         let mut turned = mesh(0.0);
         turned.triangles = Buffer::from(vec![[2, 0, 1]]);
-        assert_eq!(*shelf.of(&turned, || 4), 4);
-        assert_eq!(shelf.counts(), MeshCounts { asked: 4, found: 1 });
-        assert_eq!(shelf.byte_count(|&made| u64::from(made)), 1 + 3 + 4);
+        assert_eq!(*cache.of(&turned, || 4), 4);
+        assert_eq!(
+            cache.counts(),
+            MeshCounts {
+                requested: 4,
+                found: 1
+            }
+        );
+        assert_eq!(cache.byte_count(|&result| u64::from(result)), 1 + 3 + 4);
     }
 
     #[test]
-    fn what_the_last_scenes_did_not_have_is_forgotten() {
-        let shelf = BuiltMeshes::default();
-        let make = |x: f32, made: u32| *shelf.of(&mesh(x), || made);
+    fn meshes_unused_by_recent_scenes_are_evicted() {
+        let cache = BuiltMeshes::default();
+        let make = |x: f32, result: u32| *cache.of(&mesh(x), || result);
         make(0.0, 1);
         make(5.0, 2);
         for _ in 0..=MAX_AGE {
-            shelf.evict_unused();
+            cache.evict_unused();
             assert_eq!(make(0.0, 3), 1);
         }
         assert_eq!(make(5.0, 4), 4);
@@ -210,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn large_arrays_that_differ_in_one_place_are_told_apart() {
+    fn large_arrays_that_differ_in_one_element_are_distinguished() {
         let rows = |odd: usize| -> Buffer<[f32; 3]> {
             Buffer::from(
                 (0..3 * CHUNK)

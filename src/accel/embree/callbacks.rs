@@ -8,11 +8,11 @@ use glam::DAffine3;
 use super::query::{hit_of, new_query, number_of_instance};
 use super::ray_packet::{CallbackPacket, Lanes, ray_of, row};
 use super::scene::SceneRef;
-use super::sphere::{SphereLanes, answer_spheres};
-use super::triangle::answer_patch;
+use super::sphere::{SphereKernel, intersect_spheres};
+use super::triangle::intersect_cluster;
 use super::user_geometry::{Primitive, UserGeometry};
 use crate::accel::shape_query::{shape_hit, world_sphere};
-use crate::accel::{ACTIVE, Hit, NO_HIT, RayOrder};
+use crate::accel::{ACTIVE, Coherence, Hit, NO_HIT};
 use crate::mesh::simd::{dispatch, lanes};
 use crate::numeric::object_ray;
 use crate::scene::{Geometry, Instance};
@@ -103,15 +103,15 @@ struct CallbackArgs {
 }
 
 impl CallbackArgs {
-    fn run(&self, user: &UserGeometry, question: Query) {
+    fn run(&self, user: &UserGeometry, query_kind: Query) {
         let mut first = 0;
         while first < self.count {
             // Embree's own packet widths take one step each; other counts take several.
             first += match self.count - first {
-                16.. => self.few_or_block::<16>(user, first, question),
-                8.. => self.few_or_block::<8>(user, first, question),
-                4.. => self.few_or_block::<4>(user, first, question),
-                _ => self.block::<1>(user, first, question),
+                16.. => self.intersect_lanes::<16>(user, first, query_kind),
+                8.. => self.intersect_lanes::<8>(user, first, query_kind),
+                4.. => self.intersect_lanes::<4>(user, first, query_kind),
+                _ => self.block::<1>(user, first, query_kind),
             };
         }
     }
@@ -119,28 +119,28 @@ impl CallbackArgs {
     /// Tests lanes `first .. first + W` and returns `W`. For incoherent rays Embree activates one lane of a wide packet
     /// at a time, so few active lanes are tested without loading the others.
     #[inline(always)]
-    fn few_or_block<const W: usize>(&self, user: &UserGeometry, first: usize, question: Query) -> usize {
+    fn intersect_lanes<const W: usize>(&self, user: &UserGeometry, first: usize, query_kind: Query) -> usize {
         // SAFETY: Embree passes `count` values, and `first + W` is at most `count`.
-        let asked = unsafe { self.valid.wrapping_add(first).cast::<[i32; W]>().read_unaligned() };
+        let active = unsafe { self.valid.wrapping_add(first).cast::<[i32; W]>().read_unaligned() };
         let mut mask = 0u32;
         for lane in 0..W {
-            mask |= u32::from(asked[lane] != 0) << lane;
+            mask |= u32::from(active[lane] != 0) << lane;
         }
         if mask.count_ones() > FEW_LANES {
-            return self.block::<W>(user, first, question);
+            return self.block::<W>(user, first, query_kind);
         }
         for lane in lanes(mask) {
-            self.block::<1>(user, first + lane, question);
+            self.block::<1>(user, first + lane, query_kind);
         }
         W
     }
 
     /// Tests lanes `first .. first + W` and returns `W`.
     #[inline(always)]
-    fn block<const W: usize>(&self, user: &UserGeometry, first: usize, question: Query) -> usize {
+    fn block<const W: usize>(&self, user: &UserGeometry, first: usize, query_kind: Query) -> usize {
         let valid = self.valid.wrapping_add(first);
         // SAFETY: Embree passes `count` values, and `first + W` is at most `count`.
-        let asked = unsafe { valid.cast::<[i32; W]>().read_unaligned() };
+        let active = unsafe { valid.cast::<[i32; W]>().read_unaligned() };
         // SAFETY: this callback has exclusive access to Embree's packet of `count` lanes while it runs.
         let packet = unsafe { CallbackPacket::new(self.rays, self.count, first) };
         // Dispatch on the kind of primitive; a panic must not unwind into Embree
@@ -148,11 +148,13 @@ impl CallbackArgs {
         let done = user.guarded(|| {
             hit = match user.primitive(self.primitive) {
                 Some(Primitive::Spheres(cluster, instances)) => {
-                    answer_spheres::<W>((cluster, instances), packet, &asked, question)
+                    intersect_spheres::<W>((cluster, instances), packet, &active, query_kind)
                 }
-                Some(Primitive::TriangleCluster(patch)) => answer_patch::<W>(patch, packet, &asked, question),
+                Some(Primitive::TriangleCluster(patch)) => {
+                    intersect_cluster::<W>(patch, packet, &active, query_kind)
+                }
                 Some(Primitive::Instance(index, instance)) => {
-                    self.answer_instance::<W>(user, (index, instance), (packet, &asked), question)
+                    self.intersect_instance::<W>(user, (index, instance), (packet, &active), query_kind)
                 }
                 None => [0; W],
             };
@@ -169,17 +171,19 @@ impl CallbackArgs {
 
 impl CallbackArgs {
     #[inline(always)]
-    fn answer_instance<const W: usize>(
+    fn intersect_instance<const W: usize>(
         &self,
         user: &UserGeometry,
         placed: (u32, &Instance),
-        (packet, asked): (CallbackPacket, &[i32; W]),
-        question: Query,
+        (packet, active): (CallbackPacket, &[i32; W]),
+        query_kind: Query,
     ) -> [i32; W] {
         let number = placed.1.geometry;
         match (user.geometry(number), user.part(number)) {
-            (Geometry::Shape(shape), _) => answer_shape::<W>(placed, shape, packet, asked, question),
-            (Geometry::Mesh(_), Some(part)) => self.answer_mesh::<W>(placed, part, packet, asked, question),
+            (Geometry::Shape(shape), _) => intersect_shape::<W>(placed, shape, packet, active, query_kind),
+            (Geometry::Mesh(_), Some(part)) => {
+                self.intersect_mesh::<W>(placed, part, packet, active, query_kind)
+            }
             (Geometry::Mesh(_), None) => [0; W],
         }
     }
@@ -187,24 +191,24 @@ impl CallbackArgs {
 
 /// Tests one shape in f64, on the exact extension of the f32 rays.
 #[inline(always)]
-fn answer_shape<const W: usize>(
+fn intersect_shape<const W: usize>(
     (index, instance): (u32, &Instance),
     shape: &Shape,
     packet: CallbackPacket,
-    asked: &[i32; W],
-    question: Query,
+    active: &[i32; W],
+    query_kind: Query,
 ) -> [i32; W] {
     // Test all lanes at once if the shape is a static sphere in world space
     if W > 1
         && !instance.is_moving()
         && let Some(sphere) = world_sphere(&instance.pose(0.0), shape)
     {
-        return dispatch(SphereLanes {
+        return dispatch(SphereKernel {
             sphere: &sphere,
             instance: index,
             packet,
-            asked,
-            question,
+            active,
+            query_kind,
         });
     }
     // Otherwise test the active lanes one by one
@@ -216,7 +220,7 @@ fn answer_shape<const W: usize>(
     // Load the ray times only if the instance moves
     let times = times_of::<W>(instance, packet);
     let mut hit = [0; W];
-    for lane in (0..W).filter(|&lane| asked[lane] != 0) {
+    for lane in (0..W).filter(|&lane| active[lane] != 0) {
         let ray = ray_of(
             &origin,
             &direction,
@@ -224,7 +228,7 @@ fn answer_shape<const W: usize>(
             lane,
         );
         if let Some(found) = shape_hit(index, instance, shape, &ray) {
-            hit[lane] = answer(packet, lane, t_far[lane], &found, question);
+            hit[lane] = record_hit(packet, lane, t_far[lane], &found, query_kind);
         }
     }
     hit
@@ -248,13 +252,13 @@ const REACH: f32 = 1.0 + 1.0 / (1 << 20) as f32;
 impl CallbackArgs {
     /// Transforms the rays into the object space of an instanced mesh and traces its own scene with the current query.
     #[inline(always)]
-    fn answer_mesh<const W: usize>(
+    fn intersect_mesh<const W: usize>(
         &self,
         (index, instance): (u32, &Instance),
         part: SceneRef,
         packet: CallbackPacket,
-        asked: &[i32; W],
-        question: Query,
+        active: &[i32; W],
+        query_kind: Query,
     ) -> [i32; W] {
         // Transform the active rays into object space
         let (origin, direction) = (
@@ -265,8 +269,8 @@ impl CallbackArgs {
         let still: Option<DAffine3> = (!instance.is_moving()).then(|| instance.object_from_world());
         let times = times_of::<W>(instance, packet);
         let mut lanes = Lanes::<W>::new();
-        for lane in (0..W).filter(|&lane| asked[lane] != 0) {
-            let end = match question {
+        for lane in (0..W).filter(|&lane| active[lane] != 0) {
+            let end = match query_kind {
                 Query::Nearest => t_far[lane] * REACH,
                 Query::Any => t_far[lane],
             };
@@ -284,17 +288,17 @@ impl CallbackArgs {
         let query = if lanes.may_be_coherent() {
             self.query
         } else {
-            incoherent = new_query(RayOrder::Incoherent);
+            incoherent = new_query(Coherence::Incoherent);
             &raw mut incoherent
         };
         // Trace the mesh's own scene
-        match question {
+        match query_kind {
             Query::Nearest => lanes.intersect(part, query),
             Query::Any => lanes.occluded(part, query),
         }
         // Copy hits within the true interval into Embree's packet
         for lane in (0..W).filter(|&lane| lanes.is_active(lane)) {
-            let found = match question {
+            let found = match query_kind {
                 Query::Nearest if lanes.get(row::INSTANCE, lane) != NO_HIT => {
                     let found = hit_of(&lanes, lane);
                     if found.t > t_far[lane] {
@@ -311,7 +315,7 @@ impl CallbackArgs {
                 instance: index,
                 ..found
             };
-            hit[lane] = answer(packet, lane, t_far[lane], &found, question);
+            hit[lane] = record_hit(packet, lane, t_far[lane], &found, query_kind);
         }
         hit
     }
@@ -319,8 +323,14 @@ impl CallbackArgs {
 
 /// Writes a hit into Embree's packet, unless an equally near hit has a lower index.
 #[inline(always)]
-pub(super) fn answer(packet: CallbackPacket, lane: usize, t_far: f32, found: &Hit, question: Query) -> i32 {
-    if question == Query::Any {
+pub(super) fn record_hit(
+    packet: CallbackPacket,
+    lane: usize,
+    t_far: f32,
+    found: &Hit,
+    query_kind: Query,
+) -> i32 {
+    if query_kind == Query::Any {
         packet.set(row::T_FAR, lane, f32::NEG_INFINITY.to_bits());
         return ACTIVE;
     }
@@ -366,7 +376,7 @@ pub(super) mod tests {
 
     /// Panics on demand; called inside every guarded callback of a test build.
     pub(in super::super) fn maybe_panic() {
-        assert!(!PANIC.get(), "asked to panic");
+        assert!(!PANIC.get(), "panic requested");
     }
 
     #[test]
@@ -383,18 +393,18 @@ pub(super) mod tests {
 
         PANIC.set(true);
         let mut broken = [packet.clone()];
-        accel.intersect(&mut broken, RayOrder::Coherent);
+        accel.intersect(&mut broken, Coherence::Coherent);
         PANIC.set(false);
         assert_eq!(broken[0].hit(3), None);
         assert!(accel.panicked_callback_count() > 0);
 
         let mut whole = [packet];
-        accel.intersect(&mut whole, RayOrder::Coherent);
+        accel.intersect(&mut whole, Coherence::Coherent);
         assert_eq!(whole[0].hit(3).map(|hit| hit.t), Some(2.0));
     }
 
     #[test]
-    fn a_callback_serves_any_number_of_lanes() {
+    fn callback_handles_any_number_of_lanes() {
         let scene = Scene {
             geometries: vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
             instances: vec![Instance::new("sphere", 0, 0, DAffine3::IDENTITY).unwrap()],

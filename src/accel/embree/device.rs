@@ -48,7 +48,7 @@ impl Device {
         if handle.is_null() {
             // SAFETY: with a null device this reads the calling thread's own error.
             let code = unsafe { sys::rtcGetDeviceError(std::ptr::null_mut()) };
-            return Err(refusal("start", code, String::new()));
+            return Err(embree_error("start", code, String::new()));
         }
         // Install the monitors for errors and memory
         let monitors = Box::into_raw(Box::<Monitors>::default());
@@ -100,7 +100,7 @@ impl Device {
             .lock()
             .unwrap_or_else(|e| e.into_inner())
             .take();
-        error.map_or(Ok(()), |(code, message)| Err(refusal(action, code, message)))
+        error.map_or(Ok(()), |(code, message)| Err(embree_error(action, code, message)))
     }
 
     fn monitors(&self) -> &Monitors {
@@ -192,7 +192,7 @@ fn config(options: &AccelOptions) -> Result<CString, AccelError> {
 /// Returns the name of a known set that this processor has: Embree itself would accept any, and then crash.
 fn checked_instruction_set(isa: &str) -> Result<&'static str, AccelError> {
     let refused = |message: String| AccelError::Embree {
-        action: "be held to an instruction set",
+        action: "be restricted to an instruction set",
         message,
     };
     let known = INSTRUCTION_SETS
@@ -200,7 +200,7 @@ fn checked_instruction_set(isa: &str) -> Result<&'static str, AccelError> {
         .find(|&&known| known == isa)
         .ok_or_else(|| {
             refused(format!(
-                "`{isa}` is none of {}: name one of these or none",
+                "there is no instruction set `{isa}`: choose one of {}, or none",
                 INSTRUCTION_SETS.join(", ")
             ))
         })?;
@@ -208,7 +208,7 @@ fn checked_instruction_set(isa: &str) -> Result<&'static str, AccelError> {
         Ok(known)
     } else {
         Err(refused(format!(
-            "this processor has no {isa}: name a lesser one of {} or none",
+            "this processor has no {isa}: choose an older one of {}, or none",
             INSTRUCTION_SETS.join(", ")
         )))
     }
@@ -244,7 +244,7 @@ fn processor_has(_isa: &str) -> bool {
     false
 }
 
-fn refusal(action: &'static str, code: sys::RTCError, message: String) -> AccelError {
+fn embree_error(action: &'static str, code: sys::RTCError, message: String) -> AccelError {
     if code == sys::RTC_ERROR_OUT_OF_MEMORY {
         return AccelError::OutOfMemory;
     }
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_instruction_set_is_refused_with_the_list_of_known_ones() {
+    fn unknown_instruction_set_is_rejected_with_list_of_known_ones() {
         let error = Device::new(&with_isa("avx3,threads=9"))
             .err()
             .unwrap()
@@ -309,14 +309,14 @@ mod tests {
     }
 
     #[test]
-    fn the_instruction_set_asked_for_is_the_one_reported() {
+    fn requested_instruction_set_is_reported() {
         for isa in INSTRUCTION_SETS.into_iter().filter(|isa| processor_has(isa)) {
             assert_eq!(Device::new(&with_isa(isa)).unwrap().identity().isa, isa);
         }
     }
 
     #[test]
-    fn the_peak_remembers_what_was_given_back() {
+    fn peak_memory_includes_freed_bytes() {
         let memory = Memory::default();
         memory.add(30);
         memory.add(-20);
@@ -325,9 +325,9 @@ mod tests {
     }
 
     #[test]
-    fn lack_of_memory_has_its_own_remedy() {
+    fn out_of_memory_has_its_own_error() {
         assert_eq!(
-            refusal("build", sys::RTC_ERROR_OUT_OF_MEMORY, "x".into()),
+            embree_error("build", sys::RTC_ERROR_OUT_OF_MEMORY, "x".into()),
             AccelError::OutOfMemory
         );
     }

@@ -27,7 +27,7 @@ struct Lane {
 }
 
 /// Original rays of all lanes whose directions were rescaled.
-#[must_use = "answers are in the wrong unit until they are restored"]
+#[must_use = "results are in the wrong unit until they are restored"]
 pub(super) struct RescaledRays(Vec<Lane>);
 
 impl RescaledRays {
@@ -37,7 +37,7 @@ impl RescaledRays {
         let mut lanes = Vec::new();
         for (number, packet) in packets.iter_mut().enumerate() {
             if has_out_of_range(packet) {
-                tame(packet, number, &mut lanes);
+                rescale(packet, number, &mut lanes);
             }
         }
         RescaledRays(lanes)
@@ -61,19 +61,19 @@ fn has_out_of_range(packet: &RayPacket) -> bool {
         let size = |x: f32| x.to_bits() & 0x7fff_ffff;
         let largest = size(x[lane]).max(size(y[lane])).max(size(z[lane]));
         // One unsigned comparison tests both ends, as values below the lower bound wrap around.
-        let is_wild = largest.wrapping_sub(SMALL.to_bits()) >= LARGE.to_bits() - SMALL.to_bits();
-        any |= is_wild & packet.is_active(lane);
+        let is_out_of_range = largest.wrapping_sub(SMALL.to_bits()) >= LARGE.to_bits() - SMALL.to_bits();
+        any |= is_out_of_range & packet.is_active(lane);
     }
     any
 }
 
 #[cold]
-fn tame(packet: &mut RayPacket, number: usize, lanes: &mut Vec<Lane>) {
+fn rescale(packet: &mut RayPacket, number: usize, lanes: &mut Vec<Lane>) {
     for lane in 0..LANES {
         let ray = packet.ray(lane);
         let largest = ray.direction.abs().max_element();
-        let is_tame = (SMALL..LARGE).contains(&largest);
-        if is_tame || !packet.is_active(lane) || !ray.is_traceable() {
+        let is_in_range = (SMALL..LARGE).contains(&largest);
+        if is_in_range || !packet.is_active(lane) || !ray.is_traceable() {
             continue;
         }
         // Choose the power of two that brings the largest component into [1, 2)
@@ -111,7 +111,7 @@ fn restore(was: &Lane, packet: &mut RayPacket) {
         packet.t_far[lane] = t;
     } else if !packet.is_blocked(lane) {
         // A hit beyond the largest float is a miss.
-        packet.forget_hit(lane);
+        packet.clear_hit(lane);
         packet.t_far[lane] = was.t_far;
     }
 }
@@ -137,12 +137,12 @@ mod tests {
     }
 
     #[test]
-    fn a_tiny_direction_goes_out_long_and_comes_back_as_it_was_with_its_hit() {
+    fn tiny_direction_is_scaled_up_and_restored_with_its_hit() {
         let tiny = Vec3::new(3.0 * 0.5f32.powi(100), -0.0, 0.5f32.powi(149));
         let mut packets = [packet(tiny, 2.0, 4.0)];
         let ray = packets[0].ray(3);
         let other = packets[0].ray(4);
-        let tamed = RescaledRays::of(&mut packets);
+        let rescaled = RescaledRays::of(&mut packets);
         // 3 / 2^100 times 2^99 is 1.5.
         assert_eq!(packets[0].ray(3).direction, Vec3::new(1.5, -0.0, 0.5f32.powi(50)));
         assert_eq!(packets[0].t_near[3], 2.0 * 0.5f32.powi(99));
@@ -155,17 +155,17 @@ mod tests {
             v: 0.5,
         };
         packets[0].set_hit(3, &hit);
-        tamed.restore(&mut packets);
+        rescaled.restore(&mut packets);
         assert_eq!(packets[0].hit(3), Some(Hit { t: 3.0, ..hit }));
         assert_eq!(packets[0].ray(3), Ray { t_far: 3.0, ..ray });
     }
 
     #[test]
-    fn a_huge_direction_goes_out_short_and_comes_back_as_it_was_with_its_hit() {
+    fn huge_direction_is_scaled_down_and_restored_with_its_hit() {
         let huge = Vec3::new(0.0, -5.0 * 2f32.powi(50), 1.0);
         let mut packets = [packet(huge, 0.5f32.powi(60), f32::INFINITY)];
         let ray = packets[0].ray(3);
-        let tamed = RescaledRays::of(&mut packets);
+        let rescaled = RescaledRays::of(&mut packets);
         // 5 times 2^50 over 2^52 is 1.25.
         assert_eq!(
             packets[0].ray(3),
@@ -183,7 +183,7 @@ mod tests {
             v: 0.5,
         };
         packets[0].set_hit(3, &hit);
-        tamed.restore(&mut packets);
+        rescaled.restore(&mut packets);
         let t = 3.0 * 0.5f32.powi(52);
         assert_eq!(packets[0].hit(3), Some(Hit { t, ..hit }));
         assert_eq!(packets[0].ray(3), Ray { t_far: t, ..ray });
@@ -191,27 +191,27 @@ mod tests {
         // The interval starts beyond the largest float after rescaling: nothing can be hit.
         let mut packets = [packet(huge, 2f32.powi(100), f32::INFINITY)];
         let ray = packets[0].ray(3);
-        let tamed = RescaledRays::of(&mut packets);
+        let rescaled = RescaledRays::of(&mut packets);
         assert!(packets[0].ray(3).is_traceable());
-        tamed.restore(&mut packets);
+        rescaled.restore(&mut packets);
         assert_eq!((packets[0].ray(3), packets[0].hit(3)), (ray, None));
     }
 
     #[test]
-    fn a_miss_a_blocked_lane_and_a_hit_out_of_reach_come_back_as_such() {
+    fn miss_occlusion_and_out_of_range_hit_are_restored() {
         let tiny = Vec3::splat(1e-40);
         let mut packets = [packet(tiny, 0.0, f32::INFINITY)];
         let ray = packets[0].ray(3);
         RescaledRays::of(&mut packets).restore(&mut packets);
         assert_eq!((packets[0].ray(3), packets[0].hit(3)), (ray, None));
 
-        let tamed = RescaledRays::of(&mut packets);
+        let rescaled = RescaledRays::of(&mut packets);
         packets[0].set_blocked(3);
-        tamed.restore(&mut packets);
+        rescaled.restore(&mut packets);
         assert!(packets[0].is_blocked(3));
 
         let mut packets = [packet(tiny, 0.0, f32::INFINITY)];
-        let tamed = RescaledRays::of(&mut packets);
+        let rescaled = RescaledRays::of(&mut packets);
         let far = Hit {
             instance: 0,
             primitive: 0,
@@ -220,7 +220,7 @@ mod tests {
             v: 0.0,
         };
         packets[0].set_hit(3, &far);
-        tamed.restore(&mut packets);
+        rescaled.restore(&mut packets);
         // 1 times 2^133 overflows f32.
         assert_eq!(packets[0].hit(3), None);
         assert_eq!(packets[0].t_far[3], f32::INFINITY);

@@ -94,20 +94,20 @@ struct Suspect {
 fn suspects(runs: &[Run]) -> Vec<Suspect> {
     let triangle_count: usize = runs.iter().map(|run| run.triangles.len()).sum();
     let bin_bits = (triangle_count / KEYS_PER_BIN).max(1).ilog2();
-    let dealt = parallel::map(runs.len(), &|run| Dealt::new(&runs[run], bin_bits));
-    parallel::map(1 << bin_bits, &|bin| suspects_of_bin(&dealt, bin)).concat()
+    let binned = parallel::map(runs.len(), &|run| BinnedKeys::new(&runs[run], bin_bits));
+    parallel::map(1 << bin_bits, &|bin| suspects_of_bin(&binned, bin)).concat()
 }
 
 /// Lower halves of the keys of one run, grouped by bin.
-struct Dealt {
+struct BinnedKeys {
     keys: Vec<u32>,
     /// Start offset of each bin, followed by the end.
     begins: Vec<u32>,
 }
 
-impl Dealt {
+impl BinnedKeys {
     /// Groups the keys by their upper `bin_bits` bits with a counting sort.
-    fn new(run: &Run, bin_bits: u32) -> Dealt {
+    fn new(run: &Run, bin_bits: u32) -> BinnedKeys {
         // Shift in two steps, because `bin_bits` may be 0 and a shift by 64 overflows.
         let bin = |key: u64| (key >> 1 >> (u64::BITS - 1 - bin_bits)) as usize;
         let mut all = Vec::with_capacity(run.triangles.len());
@@ -130,7 +130,7 @@ impl Dealt {
             keys[*place as usize] = key as u32;
             *place += 1;
         }
-        Dealt { keys, begins }
+        BinnedKeys { keys, begins }
     }
 
     fn bin(&self, bin: usize) -> &[u32] {
@@ -139,12 +139,12 @@ impl Dealt {
 }
 
 /// Returns the keys that occur more than once in a bin.
-fn suspects_of_bin(dealt: &[Dealt], bin: usize) -> Vec<Suspect> {
-    let key_count: usize = dealt.iter().map(|of_run| of_run.bin(bin).len()).sum();
+fn suspects_of_bin(binned: &[BinnedKeys], bin: usize) -> Vec<Suspect> {
+    let key_count: usize = binned.iter().map(|of_run| of_run.bin(bin).len()).sum();
     // Insert all keys into a Bloom filter and note those that seem to repeat
     let mut seen = KeySet::new((key_count * BITS_PER_KEY).div_ceil(u64::BITS as usize));
     let mut again = Vec::new();
-    for of_run in dealt {
+    for of_run in binned {
         for &key in of_run.bin(bin) {
             if !seen.insert(key) {
                 again.push(key);
@@ -157,7 +157,7 @@ fn suspects_of_bin(dealt: &[Dealt], bin: usize) -> Vec<Suspect> {
     // Collect all occurrences of these keys, with a second filter over them alone
     let again = KeySet::of(again.iter().copied(), again.len());
     let mut suspects = Vec::new();
-    for (run, of_run) in (0u32..).zip(dealt) {
+    for (run, of_run) in (0u32..).zip(binned) {
         for &key in of_run.bin(bin) {
             if again.contains(key) {
                 suspects.push(Suspect { key, run });
@@ -305,7 +305,7 @@ mod tests {
     }
 
     /// Finds duplicates by comparing each triangle with each earlier one.
-    fn referee(meshes: &[&Mesh]) -> Vec<Vec<u32>> {
+    fn reference(meshes: &[&Mesh]) -> Vec<Vec<u32>> {
         let same = |a: [[f32; 3]; 3], b: [[f32; 3]; 3]| {
             let orders = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
             orders.iter().any(|order| order.map(|i| a[i]) == b)
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn doubles_are_found_in_any_order_winding_and_sign_of_zero() {
+    fn duplicates_are_found_in_any_order_winding_and_zero_sign() {
         let corners = vec![
             [0.0, 0.0, 1.0],
             [1.0, 0.0, 1.0],
@@ -352,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_that_share_two_corners_are_no_doubles() {
+    fn triangles_with_two_shared_corners_are_not_duplicates() {
         // The second differs in one vertex by one unit in the last place, the third uses a vertex twice.
         let next = 1f32.next_up();
         let corners = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, next, 0.0]];
@@ -361,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn random_triangles_agree_with_comparing_all_pairs_on_any_number_of_threads() {
+    fn duplicates_equal_pairwise_comparison_for_any_thread_count() {
         // Marsaglia's xorshift; five values per coordinate, so that duplicates are common.
         let mut state = 0x1234_5678_9abc_def1u64;
         let mut random = |n: u64| {
@@ -378,7 +378,7 @@ mod tests {
         };
         let meshes = [random_mesh(700), random_mesh(0), random_mesh(900)];
         let meshes: Vec<&Mesh> = meshes.iter().collect();
-        let expected = referee(&meshes);
+        let expected = reference(&meshes);
         assert!(expected[0].len() > 10 && expected[2].len() > 100);
         for threads in 1..=4 {
             assert_eq!(
@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn a_double_far_from_its_first_is_found_across_the_pieces_of_work() {
+    fn duplicate_in_another_work_item_is_found() {
         let n = 3 * RUN as u32 + 5;
         let long = strip(n);
         let mut triangles = long.triangles.to_vec();
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn few_triangles_without_a_double_are_suspect() {
+    fn few_unique_triangles_are_duplicate_candidates() {
         let long = strip(1 << 17);
         // Of 2^17 keys of 36 bits, 2^34 / 2 / 2^36 = 1/8 pairs are equal by chance.
         let count = suspects(&runs_of(&[&long])).len();
@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hundred_thousand_equal_triangles_all_but_the_first_are_doubles() {
+    fn all_equal_triangles_but_the_first_are_duplicates() {
         let equal = mesh(
             vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
             vec![[0, 1, 2]; 100_000],

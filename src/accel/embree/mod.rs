@@ -55,7 +55,7 @@ pub(super) use self::triangle_cluster::TriangleClusters;
 use self::user_geometry::UserGeometry;
 use super::planes::Planes;
 use super::{
-    Accel, AccelError, AccelOptions, AccelPart, AccelReport, Precision, RayOrder, RayPacket, holder_of_tree,
+    Accel, AccelError, AccelOptions, AccelPart, AccelReport, Coherence, Precision, RayPacket, holder_of_tree,
 };
 use crate::scene::{Instance, Scene};
 
@@ -68,10 +68,10 @@ pub struct EmbreeAccel<'s> {
     /// SIMD widths for coherent and for incoherent rays.
     widths: [Width; 2],
     planes: Planes,
-    placed_mesh_count: usize,
+    instanced_mesh_count: usize,
     native_instance_count: usize,
     /// Embree's memory for the scenes of instanced meshes, in bytes.
-    placed_bytes: u64,
+    instanced_bytes: u64,
     /// Memory category of the rest of Embree's memory.
     world_holder: &'static str,
     summary: String,
@@ -97,35 +97,35 @@ impl<'s> EmbreeAccel<'s> {
             users,
             held_back_count,
             native_instance_count,
-            placed_bytes,
+            instanced_bytes,
         } = scene::build(scene, &device, options)?;
         // Summarize the structure for the report
         let mut summary = format!(
-            "Embree {}, {}, {width}, {} triangles {}, {} shapes and placed meshes as user geometry",
+            "Embree {}, {}, {width}, {} triangles {}, {} shapes and instanced meshes as user geometry",
             device.identity().version,
             options.precision,
             build_plan::world_triangle_count(scene),
             match options.precision {
-                Precision::Watertight => format!("in {} patches", users[0].patch_count()),
+                Precision::Watertight => format!("in {} clusters", users[0].triangle_cluster_count()),
                 Precision::Fast | Precision::Robust => "native".to_owned(),
             },
             users[0].object_count(),
         );
         if users[1].object_count() > 0 {
-            summary += &format!(", {} that move", users[1].object_count());
+            summary += &format!(", {} of them in motion", users[1].object_count());
         }
         if native_instance_count > 0 {
-            summary += &format!(", {native_instance_count} placed meshes as Embree's instances");
+            summary += &format!(", {native_instance_count} instances by Embree");
         }
         if held_back_count > 0 {
-            summary += &format!(", {held_back_count} triangles held back that coincide with earlier ones");
+            summary += &format!(", {held_back_count} duplicate triangles left out");
         }
         // Choose packet widths for coherent and incoherent rays
         let user_count: usize = users.iter().map(|user| user.object_count()).sum();
         let object_count = user_count + native_instance_count;
-        let asked_count = object_count + users[0].patch_count();
-        let widths = [width, width.for_incoherent(asked_count)];
-        let is_placed = |instance: &&Instance| build_plan::placed_mesh(scene, instance).is_some();
+        let callback_primitive_count = object_count + users[0].triangle_cluster_count();
+        let widths = [width, width.for_incoherent(callback_primitive_count)];
+        let is_instanced = |instance: &&Instance| build_plan::instanced_mesh(scene, instance).is_some();
         Ok(EmbreeAccel {
             world,
             users,
@@ -133,25 +133,25 @@ impl<'s> EmbreeAccel<'s> {
             widths,
             planes: Planes::of(scene),
             native_instance_count,
-            placed_bytes,
+            instanced_bytes,
             world_holder: holder_of_tree(build_plan::world_triangle_count(scene), object_count),
-            placed_mesh_count: scene.instances.iter().filter(is_placed).count(),
+            instanced_mesh_count: scene.instances.iter().filter(is_instanced).count(),
             summary,
         })
     }
 
-    fn width(&self, order: RayOrder) -> Width {
+    fn width(&self, order: Coherence) -> Width {
         let [coherent, incoherent] = self.widths;
         match order {
-            RayOrder::Coherent => coherent,
-            RayOrder::Incoherent => incoherent,
+            Coherence::Coherent => coherent,
+            Coherence::Incoherent => incoherent,
         }
     }
 
     /// Returns the number of instances of meshes with a transform, to which [`super::AccelOptions::instancing`]
     /// applies.
-    pub fn placed_mesh_count(&self) -> usize {
-        self.placed_mesh_count
+    pub fn instanced_mesh_count(&self) -> usize {
+        self.instanced_mesh_count
     }
 
     /// Returns the number of callbacks that panicked since the build. Their lanes missed; the message is on standard
@@ -163,19 +163,19 @@ impl<'s> EmbreeAccel<'s> {
 }
 
 impl Accel for EmbreeAccel<'_> {
-    fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
-        let tamed = RescaledRays::of(packets);
+    fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
+        let rescaled = RescaledRays::of(packets);
         query::intersect(&self.world, self.width(order), packets, order);
-        tamed.restore(packets);
+        rescaled.restore(packets);
         if !self.planes.is_empty() {
             self.planes.intersect(packets);
         }
     }
 
-    fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
-        let tamed = RescaledRays::of(packets);
+    fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
+        let rescaled = RescaledRays::of(packets);
         query::occluded(&self.world, self.width(order), packets, order);
-        tamed.restore(packets);
+        rescaled.restore(packets);
         if !self.planes.is_empty() {
             self.planes.occluded(packets);
         }
@@ -185,30 +185,30 @@ impl Accel for EmbreeAccel<'_> {
         let memory = self.device.memory();
         let [still, moving] = &self.users;
         // Count memory that Embree does not report: records of the user geometry and of instances
-        let untold = still.byte_count()
+        let unreported_bytes = still.byte_count()
             + moving.own_byte_count()
             + native_instances::RECORD_BYTES * self.native_instance_count as u64;
         // The monitor counts memory of the world and of instanced meshes together
-        let placed = self.placed_bytes.min(memory.bytes());
+        let placed = self.instanced_bytes.min(memory.bytes());
         let records = match still.object_count() + moving.object_count() {
             0 => "tree",
             _ => "user-geometry",
         };
         let part = |holder, what, bytes| AccelPart { holder, what, bytes };
-        let patches = still.patch_byte_count();
+        let triangle_clusters = still.triangle_cluster_byte_count();
         // Split the memory by category
         let mut parts = vec![
-            part("triangles", "trees of placed meshes", placed),
-            part(self.world_holder, "tree of the world", memory.bytes() - placed),
-            part(records, "records", untold),
+            part("triangles", "trees of instanced meshes", placed),
+            part(self.world_holder, "top-level tree", memory.bytes() - placed),
+            part(records, "records", unreported_bytes),
         ];
-        if patches > 0 {
-            parts.push(part("triangles", "patches", patches));
+        if triangle_clusters > 0 {
+            parts.push(part("triangles", "patches", triangle_clusters));
         }
         AccelReport {
             parts,
-            bytes: memory.bytes() + untold + patches,
-            peak_bytes: memory.peak_bytes() + untold + patches,
+            bytes: memory.bytes() + unreported_bytes + triangle_clusters,
+            peak_bytes: memory.peak_bytes() + unreported_bytes + triangle_clusters,
             embree: Some(self.device.identity().clone()),
             summary: self.summary.clone(),
         }
@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_of_triangles_has_no_user_geometry_and_one_of_shapes_no_triangles() {
+    fn triangle_scene_has_no_user_geometry_and_shape_scene_no_triangles() {
         let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
         let options = LoadOptions::default();
         let shapes = crate::scene_file::load(&scenes.join("table_of_shapes.toml"), &options).unwrap();
@@ -255,16 +255,16 @@ mod tests {
             .cloned()
             .collect();
         assert!(!meshes.instances.is_empty());
-        let (asked, report) = built(&meshes);
-        assert_eq!((asked, PrimitiveCounts::of(&meshes).user_geometry()), (0, 0));
+        let (user_count, report) = built(&meshes);
+        assert_eq!((user_count, PrimitiveCounts::of(&meshes).user_geometry()), (0, 0));
         assert!(report.parts.iter().all(|part| part.holder != "user-geometry"));
-        let (asked, _) = built(&shapes.scene);
-        assert_eq!(asked, PrimitiveCounts::of(&shapes.scene).user_geometry());
-        assert!(asked > 0);
+        let (user_count, _) = built(&shapes.scene);
+        assert_eq!(user_count, PrimitiveCounts::of(&shapes.scene).user_geometry());
+        assert!(user_count > 0);
     }
 
     #[test]
-    fn scenes_have_no_flag_but_the_one_that_closes_edges() {
+    fn scenes_have_only_the_robust_flag() {
         let at = |precision| AccelOptions {
             precision,
             ..AccelOptions::default()
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn compact_trees_take_less_memory_and_quickly_built_ones_are_others() {
+    fn compact_trees_take_less_memory_and_fast_builds_differ() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/first_light.gltf");
         let scene = crate::gltf::load(&path, &LoadOptions::default()).unwrap();
         let bytes = |compact, build_quality| {
@@ -293,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn no_filter_function_can_be_set_as_none_is_declared() {
+    fn no_filter_function_is_declared() {
         let declared = include_str!("../../../embree-sys/build.rs");
         let functions = declared
             .split("const FUNCTIONS")

@@ -27,7 +27,7 @@ pub(super) const RECORD_BYTES: u64 = 240;
 const CONDITION_LIMIT: f64 = (1 << 6) as f64;
 
 /// Returns whether an instanced mesh becomes an instance of Embree's own.
-pub(super) fn takes(instance: &Instance, instancing: Instancing) -> bool {
+pub(super) fn supports(instance: &Instance, instancing: Instancing) -> bool {
     if instancing != Instancing::Native || instance.is_moving() {
         return false;
     }
@@ -59,25 +59,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_maps_that_f32_can_invert_are_left_to_embree() {
-        let takes = |map| {
+    fn only_transforms_invertible_in_f32_use_native_instances() {
+        let supports = |map| {
             let instance = Instance::new("", 0, 0, map).unwrap();
-            takes(&instance, Instancing::Native)
+            supports(&instance, Instancing::Native)
         };
         let scale = |x, y, z| DAffine3::from_scale(DVec3::new(x, y, z));
-        assert!(takes(scale(-1.0, 1.0, 1.0)));
-        assert!(takes(scale(60.0, 1.0, 1.0)));
-        assert!(takes(scale(1e-6, 1e-6, 1e-6)));
-        assert!(!takes(scale(70.0, 1.0, 1.0)), "condition");
-        assert!(!takes(scale(1e-8, 1e-8, 1e-8)), "the inverse's norm");
-        assert!(!takes(DAffine3::from_translation(DVec3::new(0.0, 1e8, 0.0))));
+        assert!(supports(scale(-1.0, 1.0, 1.0)));
+        assert!(supports(scale(60.0, 1.0, 1.0)));
+        assert!(supports(scale(1e-6, 1e-6, 1e-6)));
+        assert!(!supports(scale(70.0, 1.0, 1.0)), "condition");
+        assert!(!supports(scale(1e-8, 1e-8, 1e-8)), "the inverse's norm");
+        assert!(!supports(DAffine3::from_translation(DVec3::new(0.0, 1e8, 0.0))));
     }
 
     #[test]
-    fn without_a_wish_for_embrees_own_instances_there_are_none() {
+    fn native_instances_are_used_only_on_request() {
         let instance = Instance::new("", 0, 0, DAffine3::from_translation(DVec3::X)).unwrap();
-        assert!(takes(&instance, Instancing::Native));
-        assert!(!takes(&instance, Instancing::Callback));
+        assert!(supports(&instance, Instancing::Native));
+        assert!(!supports(&instance, Instancing::Callback));
     }
 
     #[test]

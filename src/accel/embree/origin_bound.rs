@@ -41,7 +41,10 @@ impl OriginBound {
         // Rays start on objects, in volumes and at cameras
         let volumes = scene.volumes.iter().map(|volume| volume.bounds().magnitude());
         let solid = scene.bounds_from(object_bounds).magnitude();
-        let cameras = scene.cameras.iter().map(|camera| camera_reach(camera, solid));
+        let cameras = scene
+            .cameras
+            .iter()
+            .map(|camera| camera_origin_bound(camera, solid));
         OriginBound::to(volumes.chain(cameras).fold(solid, f64::max))
     }
 
@@ -81,7 +84,7 @@ impl OriginBound {
     }
 
     /// Returns [`OriginBound::padded`] in f32, clamped to Embree's coordinate range, as Embree skips boxes beyond it.
-    pub(super) fn boxed(self, bounds: &Bounds) -> ([f32; 3], [f32; 3]) {
+    pub(super) fn embree_box(self, bounds: &Bounds) -> ([f32; 3], [f32; 3]) {
         #[cfg(test)]
         if self.padding == 0.0 {
             return [bounds.min, bounds.max].map(|p| p.as_vec3().to_array()).into();
@@ -111,7 +114,7 @@ impl OriginBound {
 }
 
 /// Returns the largest coordinate of the origins of those camera rays that hit anything with coordinates up to `solid`.
-fn camera_reach(camera: &Camera, solid: f64) -> f64 {
+fn camera_origin_bound(camera: &Camera, solid: f64) -> f64 {
     let ends = [Some(camera.world_from_camera), camera.world_from_camera_end];
     let eyes = ends
         .into_iter()
@@ -155,7 +158,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn rays_of_cameras_and_of_all_that_has_an_end_start_within_reach() {
+    fn origin_bound_covers_cameras_and_bounded_objects() {
         let mesh = Mesh {
             positions: Buffer::from(vec![[0.0; 3], [1.0, 0.0, -5.0], [0.0, 1.0, 0.0]]),
             triangles: Buffer::from(vec![[0, 1, 2]]),
@@ -183,7 +186,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn rays_start_within_reach_of_a_placed_mesh_at_all_times() {
+    fn origin_bound_covers_moving_instances_at_all_times() {
         let place = |scale: DVec3, turn: f64, x: f64| {
             let turn = DQuat::from_axis_angle(DVec3::new(0.6, 0.0, 0.8), turn);
             DAffine3::from_scale_rotation_translation(scale, turn, DVec3::new(x, 0.5, 0.0))
@@ -208,14 +211,14 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn boxes_grow_by_what_rounding_takes_and_never_beyond_what_embree_takes() {
+    fn boxes_are_padded_by_rounding_within_embrees_range() {
         let unit = Bounds::of_points([DVec3::ZERO, DVec3::ONE]);
         let padded = OriginBound::to(3.0).padded(&unit);
         // 16 units of 2^-24 times 1 + 3.
         assert_eq!(padded.max - unit.max, DVec3::splat(4.0 / (1 << 20) as f64));
         assert_eq!(unit.min - padded.min, DVec3::splat(4.0 / (1 << 20) as f64));
         let far = Bounds::of_points([DVec3::splat(-1.8439e18), DVec3::ONE]);
-        let (low, high) = OriginBound::to(f64::INFINITY).boxed(&far);
+        let (low, high) = OriginBound::to(f64::INFINITY).embree_box(&far);
         assert!(low.into_iter().chain(high).all(|x| x.abs() < Ray::LIMIT));
     }
 }

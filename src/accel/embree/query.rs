@@ -8,9 +8,9 @@ use multiversion::multiversion;
 
 use super::device::Device;
 use super::native_instances;
-use super::ray_packet::{Lanes, row, vanishes};
+use super::ray_packet::{Lanes, is_vanishing, row};
 use super::scene::{EmbreeScene, SceneRef};
-use crate::accel::{Hit, Kernel, LANES, NO_HIT, RayOrder, RayPacket};
+use crate::accel::{Coherence, Hit, Kernel, LANES, NO_HIT, RayPacket};
 
 /// Number of rays in one Embree call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,7 +71,7 @@ impl fmt::Display for Width {
 }
 
 /// Finds the nearest hits of all lanes of every packet.
-pub(super) fn intersect(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: RayOrder) {
+pub(super) fn intersect(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: Coherence) {
     let scene = scene.as_ref();
     for_each_traceable(scene, packets, order, |query, packet| match width {
         Width::Sixteen => intersect_packet(scene, query, packet),
@@ -82,7 +82,7 @@ pub(super) fn intersect(scene: &EmbreeScene, width: Width, packets: &mut [RayPac
 }
 
 /// Marks the occluded lanes of every packet.
-pub(super) fn occluded(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: RayOrder) {
+pub(super) fn occluded(scene: &EmbreeScene, width: Width, packets: &mut [RayPacket], order: Coherence) {
     let scene = scene.as_ref();
     for_each_traceable(scene, packets, order, |query, packet| match width {
         Width::Sixteen => occluded_packet(scene, query, packet),
@@ -92,15 +92,15 @@ pub(super) fn occluded(scene: &EmbreeScene, width: Width, packets: &mut [RayPack
     });
 }
 
-/// Calls `ask` for every packet with a traceable lane, with the query that suits its rays.
+/// Calls `trace_rays` for every packet with a traceable lane, with the query that suits its rays.
 #[inline(always)]
 fn for_each_traceable(
     scene: SceneRef,
     packets: &mut [RayPacket],
-    order: RayOrder,
-    ask: impl Fn(*mut sys::EmbreeQuery, &mut RayPacket),
+    order: Coherence,
+    trace_rays: impl Fn(*mut sys::EmbreeQuery, &mut RayPacket),
 ) {
-    let (mut coherent, mut incoherent) = (new_query(scene.order(order)), new_query(RayOrder::Incoherent));
+    let (mut coherent, mut incoherent) = (new_query(scene.order(order)), new_query(Coherence::Incoherent));
     let (coherent, incoherent) = (&raw mut coherent, &raw mut incoherent);
     for packet in packets {
         if scene.has_instances() {
@@ -109,17 +109,17 @@ fn for_each_traceable(
         // Embree must see neither untraceable rays nor a wrong coherence flag
         match keep_traceable(packet) {
             Remaining::Nothing => {}
-            Remaining::Tame => ask(coherent, packet),
-            Remaining::Wild => ask(incoherent, packet),
+            Remaining::MayBeCoherent => trace_rays(coherent, packet),
+            Remaining::MustBeIncoherent => trace_rays(incoherent, packet),
         }
     }
 }
 
 /// Creates a query without a filter, for any number of calls.
-pub(super) fn new_query(order: RayOrder) -> sys::EmbreeQuery {
+pub(super) fn new_query(order: Coherence) -> sys::EmbreeQuery {
     let mut query = MaybeUninit::uninit();
     // SAFETY: the pointer is to memory for one query, which the call fills.
-    unsafe { sys::embree_query_init(query.as_mut_ptr(), i32::from(order == RayOrder::Coherent)) };
+    unsafe { sys::embree_query_init(query.as_mut_ptr(), i32::from(order == Coherence::Coherent)) };
     // SAFETY: the call above has written every field that Embree reads.
     unsafe { query.assume_init() }
 }
@@ -136,7 +136,7 @@ pub(super) fn intersect_packet(scene: SceneRef, query: *mut sys::EmbreeQuery, pa
     // belong to this thread alone, as does the query.
     unsafe { sys::embree_intersect16(valid, scene.handle(), query, rays.cast()) };
     if scene.has_instances() {
-        packet.name_instances();
+        packet.use_instance_ids();
     }
 }
 
@@ -216,9 +216,9 @@ enum Remaining {
     /// No active lane is left.
     Nothing,
     /// All rays may be flagged as coherent, if they are.
-    Tame,
-    /// Some ray must not be flagged as coherent (see [`vanishes`]).
-    Wild,
+    MayBeCoherent,
+    /// Some ray must not be flagged as coherent (see [`is_vanishing`]).
+    MustBeIncoherent,
 }
 
 /// Deactivates the lanes that Embree cannot trace, on which 3.13.5 aborts, and returns what is left.
@@ -231,12 +231,12 @@ fn keep_traceable(packet: &mut RayPacket) -> Remaining {
     // Look for vanishing direction components in active lanes
     let mut vanishing = 0;
     for lane in 0..LANES {
-        let [x, y, z] = [0, 1, 2].map(|axis| vanishes(packet.direction[axis][lane]));
+        let [x, y, z] = [0, 1, 2].map(|axis| is_vanishing(packet.direction[axis][lane]));
         vanishing |= if x | y | z { packet.active[lane] } else { 0 };
     }
     if vanishing == 0 {
-        Remaining::Tame
+        Remaining::MayBeCoherent
     } else {
-        Remaining::Wild
+        Remaining::MustBeIncoherent
     }
 }

@@ -73,7 +73,7 @@ const VANISHING: f32 = 1e-17;
 /// Returns whether a ray with this direction component must not be flagged as coherent. Zeros may: their sign decides
 /// nothing.
 #[inline(always)]
-pub(super) fn vanishes(component: f32) -> bool {
+pub(super) fn is_vanishing(component: f32) -> bool {
     // Compare the bits without the sign; zero minus one wraps around and is above every other value.
     (component.to_bits() & 0x7fff_ffff).wrapping_sub(1) < VANISHING.to_bits() - 1
 }
@@ -115,13 +115,13 @@ impl<const W: usize> Lanes<W> {
         self.active.iter().fold(0, |a, &b| a | b) != 0
     }
 
-    /// Returns whether the active lanes may be flagged as coherent (see [`vanishes`]).
+    /// Returns whether the active lanes may be flagged as coherent (see [`is_vanishing`]).
     #[inline(always)]
     pub(super) fn may_be_coherent(&self) -> bool {
         let directions = &self.rows[row::DIRECTION..row::DIRECTION + 3];
         !directions
             .iter()
-            .any(|row| (0..W).any(|lane| self.active[lane] != 0 && vanishes(f32::from_bits(row[lane]))))
+            .any(|row| (0..W).any(|lane| self.active[lane] != 0 && is_vanishing(f32::from_bits(row[lane]))))
     }
 
     /// Returns whether a lane is active.
@@ -151,7 +151,7 @@ impl<const W: usize> Lanes<W> {
             8 => unsafe { sys::embree_intersect8(valid, scene, query, rays.cast()) },
             // SAFETY: as for 4.
             16 => unsafe { sys::embree_intersect16(valid, scene, query, rays.cast()) },
-            _ => unreachable!("Embree has packets of 1, 4, 8 and 16"),
+            _ => unreachable!("Embree traces packets of 1, 4, 8 and 16 rays"),
         }
     }
 
@@ -170,7 +170,7 @@ impl<const W: usize> Lanes<W> {
             8 => unsafe { sys::embree_occluded8(valid, scene, query, rays.cast()) },
             // SAFETY: as for 1 and as in `intersect`.
             16 => unsafe { sys::embree_occluded16(valid, scene, query, rays.cast()) },
-            _ => unreachable!("Embree has packets of 1, 4, 8 and 16"),
+            _ => unreachable!("Embree traces packets of 1, 4, 8 and 16 rays"),
         }
     }
 }
@@ -270,11 +270,11 @@ pub(super) fn ray_of<const W: usize>(
 
 /// Returns a bit mask of the active lanes: bit `i` is set if lane `i` is active.
 #[inline(always)]
-pub(super) fn asked_lanes<I: SimdLevel, const W: usize>(isa: I, asked: &[i32; W]) -> u32 {
+pub(super) fn active_lanes<I: SimdLevel, const W: usize>(isa: I, valid: &[i32; W]) -> u32 {
     let mut bits = [0.0; W];
     for lane in 0..W {
         // An active lane is all ones, which as a float is NaN and so unequal to zero.
-        bits[lane] = f32::from_bits(asked[lane] as u32);
+        bits[lane] = f32::from_bits(valid[lane] as u32);
     }
     !isa.eq(&bits, &[0.0; W]) & (u32::MAX >> (u32::BITS as usize - W))
 }

@@ -9,7 +9,7 @@ use bytemuck::Pod;
 use embree_sys as sys;
 
 use super::build_plan::{
-    BuildPlan, InstancedMesh, NativeMesh, Triangles, placed_mesh, primitive_count, world_triangle_count,
+    BuildPlan, InstancedMesh, NativeMesh, Triangles, instanced_mesh, primitive_count, world_triangle_count,
 };
 use super::callbacks;
 use super::device::Device;
@@ -17,7 +17,7 @@ use super::native_instances;
 use super::progress::{Progress, Stage, on_progress};
 use super::user_geometry::{self, UserGeometry};
 use crate::accel::bsp::in_pool;
-use crate::accel::{AccelError, AccelOptions, BuildQuality, Instancing, Precision, RayOrder};
+use crate::accel::{AccelError, AccelOptions, BuildQuality, Coherence, Instancing, Precision};
 use crate::mesh::{Buffer, Mesh};
 use crate::scene::{Instance, Scene};
 
@@ -61,9 +61,9 @@ impl SceneRef<'_> {
 
     /// Returns the coherence hint to pass to Embree: over its own instances 3.13.5 never returns from a coherent
     /// `rtcOccluded16`.
-    pub(super) fn order(self, order: RayOrder) -> RayOrder {
+    pub(super) fn order(self, order: Coherence) -> Coherence {
         if self.has_instances {
-            RayOrder::Incoherent
+            Coherence::Incoherent
         } else {
             order
         }
@@ -88,7 +88,7 @@ pub(super) struct Built<'s> {
     /// Number of instanced meshes that are Embree's own instances.
     pub(super) native_instance_count: usize,
     /// Bytes of the scenes of instanced meshes.
-    pub(super) placed_bytes: u64,
+    pub(super) instanced_bytes: u64,
 }
 
 /// Builds the world scene and its user geometry.
@@ -104,11 +104,12 @@ pub(super) fn build<'s>(
     let held_back_count = plan.held_back_count();
     // Build a scene for each instanced mesh and measure its memory
     let before = device.memory().bytes();
-    let parts = build_placed(&plan, device, options, &mut progress)?;
-    let placed_bytes = device.memory().bytes().saturating_sub(before);
+    let parts = build_instanced(&plan, device, options, &mut progress)?;
+    let instanced_bytes = device.memory().bytes().saturating_sub(before);
     // Build triangle clusters and user geometries
-    let patches = in_pool(options.threads, || plan.patches(options.mesh_cache));
-    let users = UserGeometry::pair((scene, plan.reach()), parts, patches, instancing).map(Arc::new);
+    let triangle_clusters = in_pool(options.threads, || plan.triangle_clusters(options.mesh_cache));
+    let users =
+        UserGeometry::pair((scene, plan.origin_bound()), parts, triangle_clusters, instancing).map(Arc::new);
 
     // Attach native triangles to the world
     let mut world = EmbreeScene::new(device, options)?;
@@ -125,7 +126,7 @@ pub(super) fn build<'s>(
     let [still, moving] = &users;
     let native_instance_count = attach_instances(scene, device, &mut world, still, instancing)?;
     // Commit; triangle clusters are not counted, as their triangles are
-    let user_count = still.primitive_count() - still.patch_count() + moving.primitive_count();
+    let user_count = still.primitive_count() - still.triangle_cluster_count() + moving.primitive_count();
     let object_count = user_count + native_instance_count;
     world.commit(
         device,
@@ -136,12 +137,12 @@ pub(super) fn build<'s>(
         users,
         held_back_count,
         native_instance_count,
-        placed_bytes,
+        instanced_bytes,
     })
 }
 
 /// Builds one Embree scene for each mesh with transformed instances, indexed by geometry.
-fn build_placed<'s>(
+fn build_instanced<'s>(
     plan: &BuildPlan<'s>,
     device: &Device,
     options: &AccelOptions,
@@ -153,13 +154,16 @@ fn build_placed<'s>(
         let (triangles, bounds) = in_pool(options.threads, || placed.triangles(options.mesh_cache));
         let stage = progress.stage(placed.triangle_count());
         // Attach the triangles as native geometry or as user geometry
-        let patches = match triangles {
+        let triangle_clusters = match triangles {
             Triangles::Native(given) => {
                 scene.attach_mesh(device, &given, 0)?;
                 None
             }
-            Triangles::TriangleClusters(patches) => {
-                let user = Arc::new(UserGeometry::of_patches(plan.scene(), patches));
+            Triangles::TriangleClusters(triangle_clusters) => {
+                let user = Arc::new(UserGeometry::of_triangle_clusters(
+                    plan.scene(),
+                    triangle_clusters,
+                ));
                 scene.attach_user(device, &user, 0)?;
                 Some(user)
             }
@@ -168,7 +172,7 @@ fn build_placed<'s>(
         scene.commit(device, &stage)?;
         Ok(user_geometry::InstancedScene {
             scene,
-            patches,
+            triangle_clusters,
             bounds,
         })
     };
@@ -188,7 +192,7 @@ fn attach_instances(
     let mut count = 0;
     let mut taken = HashSet::new();
     for (number, instance) in (0u32..).zip(&scene.instances) {
-        if placed_mesh(scene, instance).is_none() || !native_instances::takes(instance, instancing) {
+        if instanced_mesh(scene, instance).is_none() || !native_instances::supports(instance, instancing) {
             continue;
         }
         // Of instances of one mesh with equal transforms the lowest index must be hit; Embree would return any.
@@ -229,7 +233,7 @@ impl<'s> EmbreeScene<'s> {
         // SAFETY: the device is live.
         let handle = unsafe { sys::rtcNewScene(device.handle()) };
         if handle.is_null() {
-            device.check("make a scene")?;
+            device.check("create a scene")?;
             return Err(AccelError::OutOfMemory);
         }
         let scene = EmbreeScene {
@@ -262,13 +266,13 @@ impl<'s> EmbreeScene<'s> {
             sys::RTC_BUFFER_TYPE_VERTEX,
             sys::RTC_FORMAT_FLOAT3,
         );
-        if given.held_back.is_empty() {
+        if given.skipped_duplicates.is_empty() {
             geometry.set_array(&mesh.triangles, sys::RTC_BUFFER_TYPE_INDEX, sys::RTC_FORMAT_UINT3);
         } else {
-            geometry.set_triangles_without(&mesh.triangles, &given.held_back);
+            geometry.set_triangles_without(&mesh.triangles, &given.skipped_duplicates);
         }
         geometry.attach(self, id);
-        device.check("take a mesh")
+        device.check("accept a mesh")
     }
 
     fn attach_user(&self, device: &Device, user: &Arc<UserGeometry<'s>>, id: u32) -> Result<(), AccelError> {
@@ -292,7 +296,7 @@ impl<'s> EmbreeScene<'s> {
         // SAFETY: the callback takes the data just set, and runs only for this geometry.
         unsafe { sys::rtcSetGeometryOccludedFunction(geometry.0, Some(callbacks::on_occluded)) };
         geometry.attach(self, id);
-        device.check("take the shapes")
+        device.check("accept the shapes")
     }
 
     /// Attaches an instance of Embree's own. The scene `part` must be committed; Embree keeps it alive.
@@ -312,7 +316,7 @@ impl<'s> EmbreeScene<'s> {
         unsafe { sys::rtcSetGeometryTransform(geometry.0, 0, format, columns.as_ptr().cast()) };
         geometry.attach(self, id);
         self.has_instances = true;
-        device.check("take an instance")
+        device.check("accept an instance")
     }
 
     fn commit(&self, device: &Device, stage: &Stage) -> Result<(), AccelError> {
@@ -338,7 +342,7 @@ impl NewGeometry {
         // SAFETY: the device is live.
         let handle = unsafe { sys::rtcNewGeometry(device.handle(), kind) };
         if handle.is_null() {
-            device.check("make a geometry")?;
+            device.check("create a geometry")?;
             return Err(AccelError::OutOfMemory);
         }
         // SAFETY: the geometry is live.
@@ -376,7 +380,7 @@ impl NewGeometry {
 
     /// Gives Embree a copy of the indices in which the omitted triangles are degenerate, so that no ray hits them; the
     /// others keep their indices.
-    fn set_triangles_without(&self, triangles: &[[u32; 3]], held_back: &[u32]) {
+    fn set_triangles_without(&self, triangles: &[[u32; 3]], skipped_duplicates: &[u32]) {
         let copy = self.set_copy(triangles, sys::RTC_BUFFER_TYPE_INDEX, sys::RTC_FORMAT_UINT3);
         if copy.is_null() {
             return;
@@ -384,7 +388,7 @@ impl NewGeometry {
         // SAFETY: all rows have just been written, nothing else has a pointer to them, and Embree reads them only in
         // the commit.
         let copy = unsafe { std::slice::from_raw_parts_mut(copy, triangles.len()) };
-        for &number in held_back {
+        for &number in skipped_duplicates {
             let [corner, ..] = copy[number as usize];
             copy[number as usize] = [corner; 3];
         }

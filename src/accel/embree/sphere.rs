@@ -5,8 +5,8 @@
 //! those of [`crate::accel::shape_query::shape_hit`] to the bit. This applies only to spheres that are spheres in world
 //! space: for ellipsoids each ray is transformed into object space lane by lane, as for all other shapes.
 
-use super::callbacks::{Query, answer};
-use super::ray_packet::{CallbackPacket, asked_lanes, ray_of, row};
+use super::callbacks::{Query, record_hit};
+use super::ray_packet::{CallbackPacket, active_lanes, ray_of, row};
 use super::sphere_cluster::{MEMBERS, SphereCluster};
 use super::sphere_cull::{PacketCull, Sphere32};
 use crate::accel::shape_query::sphere_at;
@@ -17,20 +17,20 @@ use crate::shape::Sphere;
 
 /// Tests the spheres of a cluster in f64, on the exact extension of the f32 rays; returns the mask of lanes with a hit.
 #[inline(always)]
-pub(super) fn answer_spheres<const W: usize>(
+pub(super) fn intersect_spheres<const W: usize>(
     (cluster, instances): (&SphereCluster, &[u32; MEMBERS]),
     packet: CallbackPacket,
-    asked: &[i32; W],
-    question: Query,
+    active: &[i32; W],
+    query_kind: Query,
 ) -> [i32; W] {
     // Test a packet against one sphere after the other
     if W > 1 {
-        return dispatch(ClusterLanes {
+        return dispatch(SphereClusterKernel {
             cluster,
             instances,
             packet,
-            asked,
-            question,
+            active,
+            query_kind,
         });
     }
     // Test a single ray against all spheres at once
@@ -40,66 +40,66 @@ pub(super) fn answer_spheres<const W: usize>(
     );
     let (t_near, t_far) = (packet.floats::<W>(row::T_NEAR), packet.floats::<W>(row::T_FAR));
     let mut hit = [0; W];
-    for lane in (0..W).filter(|&lane| asked[lane] != 0) {
+    for lane in (0..W).filter(|&lane| active[lane] != 0) {
         let ray = &ray_of(&origin, &direction, (t_near[lane], t_far[lane], 0.0), lane);
-        let work = ClusterRay {
+        let work = SphereClusterRay {
             cluster,
             instances,
             ray,
         };
         if let Some((instance, t)) = dispatch(work) {
-            hit[lane] = answer(packet, lane, t_far[lane], &sphere_at(instance, t), question);
+            hit[lane] = record_hit(packet, lane, t_far[lane], &sphere_at(instance, t), query_kind);
         }
     }
     hit
 }
 
 /// SIMD kernel for the spheres of a cluster against the active lanes of a packet; returns the mask of hits.
-struct ClusterLanes<'a, const W: usize> {
+struct SphereClusterKernel<'a, const W: usize> {
     cluster: &'a SphereCluster,
     instances: &'a [u32; MEMBERS],
     packet: CallbackPacket,
-    asked: &'a [i32; W],
-    question: Query,
+    active: &'a [i32; W],
+    query_kind: Query,
 }
 
-impl<const W: usize> SimdKernel for ClusterLanes<'_, W> {
+impl<const W: usize> SimdKernel for SphereClusterKernel<'_, W> {
     type Output = [i32; W];
 
     #[inline(always)]
     fn run<I: SimdLevel>(self, isa: I) -> [i32; W] {
-        let (packet, question) = (self.packet, self.question);
+        let (packet, query_kind) = (self.packet, self.query_kind);
         // Load the rays for culling
         let (origin, direction) = (packet.vectors(row::ORIGIN), packet.vectors(row::DIRECTION));
         // Cull the sphere if all active rays surely miss it in f32
-        let mut sieve = PacketCull::<W>::of(origin, direction, packet.floats(row::T_FAR));
-        let (mut asked, mut hit) = (*self.asked, [0; W]);
+        let mut cull = PacketCull::<W>::of(origin, direction, packet.floats(row::T_FAR));
+        let (mut active, mut hit) = (*self.active, [0; W]);
         for (member, &instance) in self.instances.iter().enumerate() {
             let Some(sphere) = &self.cluster.sphere(member) else {
                 break;
             };
-            let missed = sieve.misses(isa, &Sphere32::of(sphere));
-            if asked_lanes(isa, &asked) & !missed == 0 {
+            let missed = cull.miss_mask(isa, &Sphere32::of(sphere));
+            if active_lanes(isa, &active) & !missed == 0 {
                 continue;
             }
             // Intersect the sphere in f64
-            let met = SphereLanes {
+            let is_hit = SphereKernel {
                 sphere,
                 instance,
                 packet,
-                asked: &asked,
-                question,
+                active: &active,
+                query_kind,
             }
             .run(isa);
             for lane in 0..W {
-                hit[lane] |= met[lane];
+                hit[lane] |= is_hit[lane];
             }
             // Shorten the rays, or drop the occluded ones
-            match question {
-                Query::Nearest => sieve.end_at(packet.floats(row::T_FAR)),
+            match query_kind {
+                Query::Nearest => cull.end_at(packet.floats(row::T_FAR)),
                 Query::Any => {
                     for lane in 0..W {
-                        asked[lane] &= !met[lane];
+                        active[lane] &= !is_hit[lane];
                     }
                 }
             }
@@ -109,12 +109,12 @@ impl<const W: usize> SimdKernel for ClusterLanes<'_, W> {
 }
 
 /// SIMD kernel for one world-space sphere against the active lanes of a packet; returns the mask of hits.
-pub(super) struct SphereLanes<'a, const W: usize> {
+pub(super) struct SphereKernel<'a, const W: usize> {
     pub(super) sphere: &'a Sphere,
     pub(super) instance: u32,
     pub(super) packet: CallbackPacket,
-    pub(super) asked: &'a [i32; W],
-    pub(super) question: Query,
+    pub(super) active: &'a [i32; W],
+    pub(super) query_kind: Query,
 }
 
 #[inline(always)]
@@ -135,7 +135,7 @@ fn load<const W: usize>(packet: CallbackPacket, first: usize) -> [[f64; W]; 3] {
     ]
 }
 
-impl<const W: usize> SimdKernel for SphereLanes<'_, W> {
+impl<const W: usize> SimdKernel for SphereKernel<'_, W> {
     type Output = [i32; W];
 
     #[inline(always)]
@@ -146,26 +146,26 @@ impl<const W: usize> SimdKernel for SphereLanes<'_, W> {
         let exact = self
             .sphere
             .nearest_lanes(&origin, &direction, &t_near, &[f64::INFINITY; W]);
-        self.meet(self.instance, &exact)
+        self.record(self.instance, &exact)
     }
 }
 
-impl<const W: usize> SphereLanes<'_, W> {
+impl<const W: usize> SphereKernel<'_, W> {
     /// Records the hits of one sphere at the parameters `exact` and returns the mask of lanes with a hit.
     #[inline(always)]
-    fn meet(&self, instance: u32, exact: &[f64; W]) -> [i32; W] {
+    fn record(&self, instance: u32, exact: &[f64; W]) -> [i32; W] {
         let t_far: [f32; W] = self.packet.floats(row::T_FAR);
         let (mut t, mut hit) = ([0.0f32; W], [0i32; W]);
         let mut any = 0;
         for lane in 0..W {
             t[lane] = exact[lane] as f32;
             // Comparisons with NaN, which is a miss, are false.
-            let met = (t[lane] <= t_far[lane]) & (t[lane] < f32::INFINITY);
-            hit[lane] = if met { self.asked[lane] } else { 0 };
+            let is_hit = (t[lane] <= t_far[lane]) & (t[lane] < f32::INFINITY);
+            hit[lane] = if is_hit { self.active[lane] } else { 0 };
             any |= hit[lane];
         }
         if any != 0 {
-            match self.question {
+            match self.query_kind {
                 Query::Any => self.block(&t_far, &hit),
                 Query::Nearest => self.take(instance, &t_far, &t, &mut hit),
             }
@@ -220,13 +220,13 @@ impl<const W: usize> SphereLanes<'_, W> {
 
 /// SIMD kernel for one ray against the spheres of a cluster: nearest hit within its interval, with ties to the lower
 /// instance index.
-struct ClusterRay<'a> {
+struct SphereClusterRay<'a> {
     cluster: &'a SphereCluster,
     instances: &'a [u32; MEMBERS],
     ray: &'a Ray,
 }
 
-impl SimdKernel for ClusterRay<'_> {
+impl SimdKernel for SphereClusterRay<'_> {
     /// Instance and parameter of the nearest hit.
     type Output = Option<(u32, f32)>;
 
@@ -244,9 +244,9 @@ impl SimdKernel for ClusterRay<'_> {
             t[member] = exact[member] as f32;
         }
         // Comparisons with NaN, which is a miss, are false.
-        let met = isa.le(&t, &[self.ray.t_far; MEMBERS]) & isa.lt(&t, &[f32::INFINITY; MEMBERS]);
+        let is_hit = isa.le(&t, &[self.ray.t_far; MEMBERS]) & isa.lt(&t, &[f32::INFINITY; MEMBERS]);
         let mut first: Option<(u32, f32)> = None;
-        for member in lanes(met) {
+        for member in lanes(is_hit) {
             let (t, instance) = (t[member], self.instances[member]);
             if first.is_none_or(|held| t < held.1 || (t == held.1 && instance < held.0)) {
                 first = Some((instance, t));
@@ -263,7 +263,7 @@ mod tests {
     use super::super::EmbreeAccel;
     use super::*;
     use crate::accel::brute::BruteAccel;
-    use crate::accel::{Accel, AccelOptions, LANES, RayOrder, RayPacket};
+    use crate::accel::{Accel, AccelOptions, Coherence, LANES, RayPacket};
     use crate::scene::{Geometry, Instance, Scene};
     use crate::shape::Shape;
 
@@ -307,21 +307,21 @@ mod tests {
     }
 
     #[test]
-    fn clusters_answer_as_their_spheres_one_by_one_do_ties_by_the_lowest_instance() {
+    fn sphere_clusters_equal_single_spheres_with_ties_to_lowest_instance() {
         // The first count allows packets in any order; with the second, incoherent rays are traced one by one.
         for count in [40, 400] {
             let scene = scene(count);
             let ours = EmbreeAccel::build(&scene, &AccelOptions::default()).unwrap();
-            let referee = BruteAccel::new(&scene);
-            for order in [RayOrder::Coherent, RayOrder::Incoherent] {
+            let reference = BruteAccel::new(&scene);
+            for order in [Coherence::Coherent, Coherence::Incoherent] {
                 for i in 0..600 {
-                    let asked = packet(i, [0.01, 0.1, 1.0][i % 3]);
-                    let mut found = [asked.clone(), asked.clone()];
+                    let active = packet(i, [0.01, 0.1, 1.0][i % 3]);
+                    let mut found = [active.clone(), active.clone()];
                     ours.intersect(&mut found[..1], order);
-                    referee.intersect(&mut found[1..], order);
-                    let mut blocked = [asked.clone(), asked];
+                    reference.intersect(&mut found[1..], order);
+                    let mut blocked = [active.clone(), active];
                     ours.occluded(&mut blocked[..1], order);
-                    referee.occluded(&mut blocked[1..], order);
+                    reference.occluded(&mut blocked[1..], order);
                     for lane in 0..LANES {
                         let [ours, right] = [0, 1].map(|by| found[by].hit(lane));
                         assert_eq!(ours, right, "{count} spheres, packet {i}, lane {lane}");

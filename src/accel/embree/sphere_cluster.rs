@@ -20,7 +20,7 @@ const COST: Cost = Cost {
     limit: MEMBERS as u32,
     visit: 1.0,
     member: 0.05,
-    cut: 1.0,
+    split: 1.0,
 };
 /// Least number of spheres in a cluster; fewer would take more memory than as primitives of their own.
 const MIN_MEMBERS: usize = 3;
@@ -83,7 +83,7 @@ impl SphereClusters {
         };
         // Group nearby spheres by the surface area heuristic
         let found = clusters::Clusters::of(spheres.len(), bounds, &COST);
-        let mut alone = Vec::new();
+        let mut unclustered = Vec::new();
         let mut clusters = SphereClusters {
             clusters: Vec::with_capacity(found.len()),
             instances: Vec::with_capacity(found.len()),
@@ -92,7 +92,7 @@ impl SphereClusters {
             let members = members.iter().map(|&i| spheres[i as usize]);
             // Leave small clusters as single primitives
             if members.len() < MIN_MEMBERS {
-                alone.extend(members.map(|(instance, _)| instance));
+                unclustered.extend(members.map(|(instance, _)| instance));
                 continue;
             }
             // Store the instances and pack the spheres
@@ -105,7 +105,7 @@ impl SphereClusters {
                 .clusters
                 .push(SphereCluster::of(members.map(|(_, sphere)| sphere)));
         }
-        (clusters, alone)
+        (clusters, unclustered)
     }
 
     /// Returns the number of clusters.
@@ -144,11 +144,11 @@ mod tests {
     }
 
     #[test]
-    fn spheres_that_lie_close_are_asked_about_together_and_the_others_alone() {
+    fn close_spheres_are_clustered_and_distant_ones_single() {
         let far = 1e6;
         let at = [0.0, 1.0, 2.0, far, 2e5, far + 1.0, far + 2.0, far + 3.0];
         let spheres: Vec<(u32, Sphere)> = (10u32..).zip(at.map(|x| sphere(x, 1.0))).collect();
-        let (clusters, alone) = SphereClusters::of(&spheres);
+        let (clusters, unclustered) = SphereClusters::of(&spheres);
         let none = NO_HIT;
         assert_eq!(
             clusters.instances,
@@ -157,7 +157,7 @@ mod tests {
                 [13, 15, 16, 17, none, none, none, none]
             ]
         );
-        assert_eq!(alone, [14]);
+        assert_eq!(unclustered, [14]);
         assert_eq!((clusters.len(), clusters.sphere_count()), (2, 7));
         let (last, _) = clusters.get(1).unwrap();
         assert_eq!(last.sphere(1), Some(sphere(far + 1.0, 1.0)));
@@ -167,23 +167,23 @@ mod tests {
     }
 
     #[test]
-    fn every_sphere_is_in_one_place() {
+    fn every_sphere_is_in_exactly_one_cluster_or_single() {
         // One large sphere among small ones, some of them concentric.
         let spheres: Vec<(u32, Sphere)> = (0..1000)
             .map(|i| (i, sphere(f64::from(i % 97), if i == 500 { 50.0 } else { 0.3 })))
             .collect();
-        let (clusters, alone) = SphereClusters::of(&spheres);
+        let (clusters, unclustered) = SphereClusters::of(&spheres);
         let mut all: Vec<u32> = clusters.instances.as_flattened().to_vec();
         all.retain(|&instance| instance != NO_HIT);
         assert_eq!(all.len(), clusters.sphere_count());
-        all.extend(alone);
+        all.extend(unclustered);
         all.sort_unstable();
         assert!(all.into_iter().eq(0..1000));
     }
 
     #[test]
     fn no_spheres_make_no_clusters() {
-        let (clusters, alone) = SphereClusters::of(&[]);
-        assert_eq!((clusters.len(), alone.len()), (0, 0));
+        let (clusters, unclustered) = SphereClusters::of(&[]);
+        assert_eq!((clusters.len(), unclustered.len()), (0, 0));
     }
 }

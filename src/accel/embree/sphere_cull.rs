@@ -17,9 +17,9 @@ use crate::numeric::Ray;
 use crate::shape::Sphere;
 
 /// Enlargement of radii relative to the distances involved: 32 units of roundoff.
-const SLACK: f32 = 32.0 / (1 << 24) as f32;
+const RADIUS_ERROR: f32 = 32.0 / (1 << 24) as f32;
 /// Enlargement of every radius against underflow in f32, 2^-60: squares are at most 2^-126 off.
-const MIN_REACH: f64 = 1.0 / (1u64 << 60) as f64;
+const MIN_RADIUS_ERROR: f64 = 1.0 / (1u64 << 60) as f64;
 /// Least squared length of a direction, 2^-100; shorter rays are never culled.
 const MIN_SQUARE: f32 = 1.0 / (1u128 << 100) as f32;
 
@@ -27,7 +27,7 @@ const MIN_SQUARE: f32 = 1.0 / (1u128 << 100) as f32;
 pub(super) struct Sphere32 {
     center: [f32; 3],
     /// Radius, enlarged by the error terms of radius and centre.
-    reach: f32,
+    enlarged_radius: f32,
 }
 
 impl Sphere32 {
@@ -37,10 +37,15 @@ impl Sphere32 {
         let [x, y, z] = center.map(f64::abs);
         // Distances beyond the range of rays might overflow in products.
         let is_near = x.max(y).max(z) < f64::from(Ray::LIMIT);
-        let reach = sphere.radius + f64::from(SLACK) * (x + y + z + sphere.radius) + MIN_REACH;
+        let enlarged_radius =
+            sphere.radius + f64::from(RADIUS_ERROR) * (x + y + z + sphere.radius) + MIN_RADIUS_ERROR;
         Sphere32 {
             center: center.map(|x| x as f32),
-            reach: if is_near { reach as f32 } else { f32::INFINITY },
+            enlarged_radius: if is_near {
+                enlarged_radius as f32
+            } else {
+                f32::INFINITY
+            },
         }
     }
 }
@@ -88,7 +93,7 @@ impl<const W: usize> PacketCull<W> {
 
     /// Returns a mask of sure misses: bit `i` is set if ray `i` surely misses.
     #[inline(always)]
-    pub(super) fn misses<I: SimdLevel>(&self, isa: I, ball: &Sphere32) -> u32 {
+    pub(super) fn miss_mask<I: SimdLevel>(&self, isa: I, ball: &Sphere32) -> u32 {
         let (mut square, mut most) = ([0.0; W], [0.0; W]);
         let (mut first, mut last) = ([0.0; W], [0.0; W]);
         for lane in 0..W {
@@ -96,10 +101,10 @@ impl<const W: usize> PacketCull<W> {
             let [u, v, w] = [0, 1, 2].map(|axis| self.direction[axis][lane]);
             let s = -(x * u + y * v + z * w) * self.per_square[lane];
             let [p, q, r] = [x + s * u, y + s * v, z + s * w];
-            let reach = ball.reach + SLACK * (x.abs() + y.abs() + z.abs());
-            let half = reach * self.per_length[lane];
+            let enlarged_radius = ball.enlarged_radius + RADIUS_ERROR * (x.abs() + y.abs() + z.abs());
+            let half = enlarged_radius * self.per_length[lane];
             square[lane] = p * p + q * q + r * r;
-            most[lane] = reach * reach;
+            most[lane] = enlarged_radius * enlarged_radius;
             first[lane] = s - half;
             last[lane] = s + half;
         }
@@ -138,29 +143,29 @@ mod tests {
     }
 
     /// Cull test of one ray, repeated in every lane.
-    struct Ask<'a>(&'a Ray, &'a Sphere);
+    struct CullKernel<'a>(&'a Ray, &'a Sphere);
 
-    impl SimdKernel for Ask<'_> {
+    impl SimdKernel for CullKernel<'_> {
         type Output = u32;
 
         #[inline(always)]
         fn run<I: SimdLevel>(self, isa: I) -> u32 {
             let lanes = |v: Vec3| v.to_array().map(|x| [x; 8]);
-            let sieve = PacketCull::of(lanes(self.0.origin), lanes(self.0.direction), [self.0.t_far; 8]);
-            sieve.misses(isa, &Sphere32::of(self.1))
+            let cull = PacketCull::of(lanes(self.0.origin), lanes(self.0.direction), [self.0.t_far; 8]);
+            cull.miss_mask(isa, &Sphere32::of(self.1))
         }
     }
 
     fn is_sure_miss(ray: &Ray, sphere: &Sphere) -> bool {
-        match dispatch(Ask(ray, sphere)) {
+        match dispatch(CullKernel(ray, sphere)) {
             0 => false,
             0xff => true,
-            mask => panic!("equal lanes are answered differently: {mask:#b}"),
+            mask => panic!("equal lanes have different results: {mask:#b}"),
         }
     }
 
     #[test]
-    fn no_ray_that_hits_is_a_sure_miss_however_closely_it_grazes_ends_or_starts() {
+    fn cull_never_rejects_a_hitting_ray() {
         let seed = 11;
         let mut random = Random(seed);
         let mut hits = 0;
@@ -193,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_that_pass_by_start_behind_or_end_before_are_sure_misses() {
+    fn cull_rejects_rays_beside_behind_or_ending_before_the_sphere() {
         let sphere = Sphere {
             center: DVec3::new(3.0, 4.0, 12.0),
             radius: 1.0,
@@ -213,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_f32_does_not_hold_are_no_sure_misses() {
+    fn cull_keeps_rays_outside_the_range_of_f32() {
         let hits = |center: DVec3, radius: f64, direction: Vec3| {
             let (ray, sphere) = (Ray::new(Vec3::ZERO, direction), Sphere { center, radius });
             assert!(sphere_hit(&sphere, &ray).is_some(), "{ray:?} {sphere:?}");

@@ -6,12 +6,12 @@
 
 use std::mem::MaybeUninit;
 
-use super::callbacks::{Query, answer, number_of};
-use super::ray_packet::{CallbackPacket, asked_lanes, row};
+use super::callbacks::{Query, number_of, record_hit};
+use super::ray_packet::{CallbackPacket, active_lanes, row};
 use super::triangle_cluster::{CORNERS, MEMBERS, TriangleCluster};
 use crate::accel::{ACTIVE, Hit, NO_HIT};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, div, lanes};
-use crate::mesh::triangle::{HitLanes, PACK, ProjectedVertices, Shear, ShearLanes, may_hold_origin};
+use crate::mesh::triangle::{HitLanes, PACK, ProjectedVertices, Shear, ShearLanes, may_contain_origin};
 use crate::numeric::Ray;
 
 /// Maximum fraction of a packet's rays that are tested one by one, each against all triangles at once: a step does
@@ -20,29 +20,29 @@ const FEW_RAYS: f32 = 3.0 / 8.0;
 
 /// Tests the triangles of a cluster against a packet and returns the mask of active lanes with a hit.
 #[inline(always)]
-pub(super) fn answer_patch<const W: usize>(
-    patch: TriangleCluster,
+pub(super) fn intersect_cluster<const W: usize>(
+    cluster: TriangleCluster,
     packet: CallbackPacket,
-    asked: &[i32; W],
-    question: Query,
+    active: &[i32; W],
+    query_kind: Query,
 ) -> [i32; W] {
-    dispatch(PatchLanes {
-        patch,
+    dispatch(ClusterKernel {
+        cluster,
         packet,
-        asked,
-        question,
+        active,
+        query_kind,
     })
 }
 
 /// SIMD kernel for the triangles of a cluster against the active lanes of a packet; returns the mask of hits.
-struct PatchLanes<'a, const W: usize> {
-    patch: TriangleCluster<'a>,
+struct ClusterKernel<'a, const W: usize> {
+    cluster: TriangleCluster<'a>,
     packet: CallbackPacket,
-    asked: &'a [i32; W],
-    question: Query,
+    active: &'a [i32; W],
+    query_kind: Query,
 }
 
-impl<const W: usize> SimdKernel for PatchLanes<'_, W> {
+impl<const W: usize> SimdKernel for ClusterKernel<'_, W> {
     type Output = [i32; W];
 
     #[inline(always)]
@@ -50,16 +50,16 @@ impl<const W: usize> SimdKernel for PatchLanes<'_, W> {
         let mut hit = [0; W];
         // SIMD comparisons work on eight values at a time.
         if W < PACK {
-            for lane in (0..W).filter(|&lane| self.asked[lane] != 0) {
-                self.answer_ray(isa, lane, &mut hit);
+            for lane in (0..W).filter(|&lane| self.active[lane] != 0) {
+                self.intersect_ray(isa, lane, &mut hit);
             }
             return hit;
         }
         // Test few rays one by one, each against all triangles
-        let asked = asked_lanes(isa, self.asked);
-        if asked.count_ones() <= const { (FEW_RAYS * W as f32) as u32 } {
-            for lane in lanes(asked) {
-                self.answer_ray(isa, lane % W, &mut hit);
+        let active = active_lanes(isa, self.active);
+        if active.count_ones() <= const { (FEW_RAYS * W as f32) as u32 } {
+            for lane in lanes(active) {
+                self.intersect_ray(isa, lane % W, &mut hit);
             }
             return hit;
         }
@@ -68,10 +68,10 @@ impl<const W: usize> SimdKernel for PatchLanes<'_, W> {
         let direction = self.packet.vectors::<W>(row::DIRECTION);
         let along = dominant_axes(isa, &direction);
         for axis in 0..3 {
-            let group = along[axis] & asked;
+            let group = along[axis] & active;
             if group != 0 {
                 let shears = ShearLanes::new(axis, &origin, &direction);
-                self.answer_group(isa, &shears, group, &mut hit);
+                self.intersect_group(isa, &shears, group, &mut hit);
             }
         }
         hit
@@ -95,10 +95,10 @@ fn dominant_axes<I: SimdLevel, const W: usize>(isa: I, direction: &[[f32; W]; 3]
     [is_x, is_y, !(is_x | is_y)]
 }
 
-impl<const W: usize> PatchLanes<'_, W> {
+impl<const W: usize> ClusterKernel<'_, W> {
     /// Tests one ray against all triangles at once.
     #[inline(always)]
-    fn answer_ray<I: SimdLevel>(&self, isa: I, lane: usize, hit: &mut [i32; W]) {
+    fn intersect_ray<I: SimdLevel>(&self, isa: I, lane: usize, hit: &mut [i32; W]) {
         let of = |row: usize| f32::from_bits(self.packet.load_one(row, lane));
         let vector = |row: usize| glam::Vec3::new(of(row), of(row + 1), of(row + 2));
         let ray = Ray {
@@ -106,21 +106,21 @@ impl<const W: usize> PatchLanes<'_, W> {
             t_far: of(row::T_FAR),
             ..Ray::new(vector(row::ORIGIN), vector(row::DIRECTION))
         };
-        let found = nearest_of(isa, self.patch, &ray, self.question);
+        let found = nearest_of(isa, self.cluster, &ray, self.query_kind);
         if let Some(found) = found {
-            hit[lane] = answer(self.packet, lane, ray.t_far, &found, self.question);
+            hit[lane] = record_hit(self.packet, lane, ray.t_far, &found, self.query_kind);
         }
     }
 
     /// Tests the rays of `group`, all with the dominant axis of `shears`, against one triangle after the other.
     #[inline(always)]
-    fn answer_group<I: SimdLevel>(&self, isa: I, shears: &ShearLanes<W>, group: u32, hit: &mut [i32; W]) {
-        let patch = self.patch;
+    fn intersect_group<I: SimdLevel>(&self, isa: I, shears: &ShearLanes<W>, group: u32, hit: &mut [i32; W]) {
+        let cluster = self.cluster;
         // Project each vertex of the cluster once for all rays
         let mut projected = [const { MaybeUninit::<ProjectedVertices<W>>::uninit() }; CORNERS];
         let mut depths = [0.0; CORNERS];
-        for (index, slot) in projected.iter_mut().enumerate().take(patch.corner_count()) {
-            let corner = shears.along_axes(patch.corner(index));
+        for (index, slot) in projected.iter_mut().enumerate().take(cluster.corner_count()) {
+            let corner = shears.along_axes(cluster.corner(index));
             slot.write(shears.flatten(corner));
             depths[index] = corner[2];
         }
@@ -129,9 +129,9 @@ impl<const W: usize> PatchLanes<'_, W> {
         let flat = |corner: usize| unsafe { &*first.wrapping_add(corner) };
         // Find the triangles whose projection may contain the origin for some ray
         let (mut masks, mut members) = ([0u32; MEMBERS], 0u32);
-        for member in 0..patch.member_count() {
-            let [a, b, c] = patch.triangle(member);
-            let maybe = may_hold_origin(isa, [flat(a), flat(b), flat(c)]) & group;
+        for member in 0..cluster.member_count() {
+            let [a, b, c] = cluster.triangle(member);
+            let maybe = may_contain_origin(isa, [flat(a), flat(b), flat(c)]) & group;
             masks[member] = maybe;
             members |= u32::from(maybe != 0) << member;
         }
@@ -139,31 +139,37 @@ impl<const W: usize> PatchLanes<'_, W> {
             return;
         }
         // Intersect the remaining triangles and keep the nearest hits
-        let mut found = Found::of(self.packet);
+        let mut found = PacketHits::of(self.packet);
         let t_near: [f32; W] = self.packet.floats(row::T_NEAR);
-        let mut asked = group;
+        let mut active = group;
         for member in lanes(members) {
-            let maybe = masks[member] & asked;
-            let [a, b, c] = patch.triangle(member);
+            let maybe = masks[member] & active;
+            let [a, b, c] = cluster.triangle(member);
             let triangle = ([flat(a), flat(b), flat(c)], [depths[a], depths[b], depths[c]]);
-            let (mut met, on_edge) = shears.meet(isa, triangle, maybe, [&t_near, &found.t]);
+            let (mut new_hits, on_edge) =
+                shears.intersect_projected(isa, triangle, maybe, [&t_near, &found.t]);
             // Resolve rays on an edge in f64, one by one
             if on_edge != 0 {
-                settle(&mut met, on_edge, (shears, patch, member), [&t_near, &found.t]);
+                resolve_on_edge(
+                    &mut new_hits,
+                    on_edge,
+                    (shears, cluster, member),
+                    [&t_near, &found.t],
+                );
             }
-            match self.question {
-                Query::Nearest => found.merge(isa, &met, patch, member),
+            match self.query_kind {
+                Query::Nearest => found.merge(isa, &new_hits, cluster, member),
                 Query::Any => {
-                    found.changed |= met.mask;
-                    asked &= !met.mask;
-                    if asked == 0 {
+                    found.changed |= new_hits.mask;
+                    active &= !new_hits.mask;
+                    if active == 0 {
                         break;
                     }
                 }
             }
         }
         // Write the hits into Embree's packet
-        found.write(self.question);
+        found.write(self.query_kind);
         for lane in 0..W {
             hit[lane] |= if found.changed >> lane & 1 != 0 { ACTIVE } else { 0 };
         }
@@ -173,23 +179,23 @@ impl<const W: usize> PatchLanes<'_, W> {
 /// Retests the rays that lie on an edge one by one, with the f64 fallback of the scalar test.
 #[cold]
 #[inline(never)]
-fn settle<const W: usize>(
-    met: &mut HitLanes<W>,
+fn resolve_on_edge<const W: usize>(
+    new_hits: &mut HitLanes<W>,
     on_edge: u32,
-    (shears, patch, member): (&ShearLanes<W>, TriangleCluster, usize),
+    (shears, cluster, member): (&ShearLanes<W>, TriangleCluster, usize),
     [t_near, t_far]: [&[f32; W]; 2],
 ) {
-    let corners = patch.triangle(member).map(|corner| patch.corner(corner));
+    let corners = cluster.triangle(member).map(|corner| cluster.corner(corner));
     for lane in lanes(on_edge) {
         let hit = shears.lane(lane).intersect(corners, t_near[lane], t_far[lane]);
         if let Some(hit) = hit {
-            met.set(lane, &hit);
+            new_hits.set(lane, &hit);
         }
     }
 }
 
 /// Nearest hits of a packet so far.
-struct Found<const W: usize> {
+struct PacketHits<const W: usize> {
     packet: CallbackPacket,
     t: [f32; W],
     /// Unnormalized barycentric weights, as in [`HitLanes`].
@@ -200,10 +206,10 @@ struct Found<const W: usize> {
     changed: u32,
 }
 
-impl<const W: usize> Found<W> {
+impl<const W: usize> PacketHits<W> {
     #[inline(always)]
-    fn of(packet: CallbackPacket) -> Found<W> {
-        Found {
+    fn of(packet: CallbackPacket) -> PacketHits<W> {
+        PacketHits {
             packet,
             t: packet.floats(row::T_FAR),
             weights: [[0.0; W]; 2],
@@ -215,20 +221,34 @@ impl<const W: usize> Found<W> {
 
     /// Records hits within the intervals, except in lanes whose equally near hit has a lower index.
     #[inline(always)]
-    fn merge<I: SimdLevel>(&mut self, isa: I, met: &HitLanes<W>, patch: TriangleCluster, member: usize) {
-        let number = [patch.instance(), patch.primitive(member)];
-        let mut taken = met.mask;
-        for lane in lanes(met.mask & isa.eq(&met.t, &self.t)) {
+    fn merge<I: SimdLevel>(
+        &mut self,
+        isa: I,
+        new_hits: &HitLanes<W>,
+        cluster: TriangleCluster,
+        member: usize,
+    ) {
+        let number = [cluster.instance(), cluster.primitive(member)];
+        let mut taken = new_hits.mask;
+        for lane in lanes(new_hits.mask & isa.eq(&new_hits.t, &self.t)) {
             let is_lower = number < self.held(lane % W);
             taken &= !(u32::from(!is_lower) << lane);
         }
         for lane in 0..W {
             let is_taken = taken >> lane & 1 != 0;
             // Adding +0 turns a zero of either sign into +0.
-            self.t[lane] = if is_taken { met.t[lane] + 0.0 } else { self.t[lane] };
-            self.det[lane] = if is_taken { met.det[lane] } else { self.det[lane] };
+            self.t[lane] = if is_taken {
+                new_hits.t[lane] + 0.0
+            } else {
+                self.t[lane]
+            };
+            self.det[lane] = if is_taken {
+                new_hits.det[lane]
+            } else {
+                self.det[lane]
+            };
             for i in 0..2 {
-                let (new, old) = (met.weights[i][lane], self.weights[i][lane]);
+                let (new, old) = (new_hits.weights[i][lane], self.weights[i][lane]);
                 self.weights[i][lane] = if is_taken { new } else { old };
                 self.number[i][lane] = if is_taken { number[i] } else { self.number[i][lane] };
             }
@@ -247,11 +267,11 @@ impl<const W: usize> Found<W> {
 
     /// Writes the changed lanes into Embree's packet.
     #[inline(always)]
-    fn write(&self, question: Query) {
+    fn write(&self, query_kind: Query) {
         if self.changed == 0 {
             return;
         }
-        if question == Query::Any {
+        if query_kind == Query::Any {
             return self.write_row(row::T_FAR, [f32::NEG_INFINITY.to_bits(); W]);
         }
         self.write_row(row::T_FAR, bits_of(&self.t));
@@ -285,44 +305,44 @@ fn bits_of<const W: usize>(values: &[f32; W]) -> [u32; W] {
 /// Returns the nearest hit of a ray with a cluster within its interval, with ties to the lowest index, or any hit for
 /// [`Query::Any`].
 #[inline(always)]
-fn nearest_of<I: SimdLevel>(isa: I, patch: TriangleCluster, ray: &Ray, question: Query) -> Option<Hit> {
+fn nearest_of<I: SimdLevel>(isa: I, cluster: TriangleCluster, ray: &Ray, query_kind: Query) -> Option<Hit> {
     // Project the vertices into the ray's sheared frame
     let shear = Shear::new(ray);
-    let [first, second] = patch.own();
+    let [first, second] = cluster.first_blocks();
     let first = shear.flatten(first);
     // Clusters of eight vertices are common: those of boxes.
-    let mut maybe = if patch.corner_count() <= PACK {
-        may_hold(isa, patch, &first)
+    let mut maybe = if cluster.corner_count() <= PACK {
+        may_hold(isa, cluster, &first)
     } else {
         let second = shear.flatten(second);
-        match patch.last() {
-            None => may_hold(isa, patch, &joined::<2, 16>([first, second])),
+        match cluster.last() {
+            None => may_hold(isa, cluster, &joined::<2, 16>([first, second])),
             Some(last) => may_hold(
                 isa,
-                patch,
+                cluster,
                 &joined::<3, CORNERS>([first, second, shear.flatten(last)]),
             ),
         }
     };
     // Clear the bits of unused slots: their degenerate triangles are hit by no ray but may pass the conservative test
-    maybe &= (1 << patch.member_count()) - 1;
+    maybe &= (1 << cluster.member_count()) - 1;
     // Intersect the candidates in order
     let mut best: Option<Hit> = None;
     for member in lanes(maybe) {
-        let [a, b, c] = patch.triangle(member);
-        let corners = [patch.corner(a), patch.corner(b), patch.corner(c)];
+        let [a, b, c] = cluster.triangle(member);
+        let corners = [cluster.corner(a), cluster.corner(b), cluster.corner(c)];
         let t_far = best.map_or(ray.t_far, |best| best.t);
-        let Some(met) = shear.intersect(corners, ray.t_near, t_far) else {
+        let Some(crossing) = shear.intersect(corners, ray.t_near, t_far) else {
             continue;
         };
         let found = Hit {
-            instance: patch.instance(),
-            primitive: patch.primitive(member),
-            t: met.t + 0.0,
-            u: met.u,
-            v: met.v,
+            instance: cluster.instance(),
+            primitive: cluster.primitive(member),
+            t: crossing.t + 0.0,
+            u: crossing.u,
+            v: crossing.v,
         };
-        if question == Query::Any {
+        if query_kind == Query::Any {
             return Some(found);
         }
         if best.is_none_or(|best| found.t < best.t || found.primitive < best.primitive) {
@@ -348,7 +368,7 @@ fn joined<const M: usize, const N: usize>(blocks: [ProjectedVertices<PACK>; M]) 
 #[inline(always)]
 fn may_hold<I: SimdLevel, const N: usize>(
     isa: I,
-    patch: TriangleCluster,
+    cluster: TriangleCluster,
     [x, y]: &ProjectedVertices<N>,
 ) -> u32 {
     if is_aside(isa, x) || is_aside(isa, y) {
@@ -357,20 +377,20 @@ fn may_hold<I: SimdLevel, const N: usize>(
     // Gather the vertices of eight triangles at a time and test the signs of their edge functions
     let mut maybe = 0;
     for first in (0..MEMBERS).step_by(PACK) {
-        if first >= patch.member_count() {
+        if first >= cluster.member_count() {
             break;
         }
         let mut index = [[0u32; PACK]; 3];
         for row in 0..3 {
             for i in 0..PACK {
-                index[row][i] = u32::from(patch.triangles()[row][first + i]);
+                index[row][i] = u32::from(cluster.triangles()[row][first + i]);
             }
         }
         let [a, b, c] = &index;
-        let a = [isa.pick(x, a), isa.pick(y, a)];
-        let b = [isa.pick(x, b), isa.pick(y, b)];
-        let c = [isa.pick(x, c), isa.pick(y, c)];
-        maybe |= may_hold_origin(isa, [&a, &b, &c]) << first;
+        let a = [isa.permute(x, a), isa.permute(y, a)];
+        let b = [isa.permute(x, b), isa.permute(y, b)];
+        let c = [isa.permute(x, c), isa.permute(y, c)];
+        maybe |= may_contain_origin(isa, [&a, &b, &c]) << first;
     }
     maybe
 }
@@ -391,7 +411,7 @@ mod tests {
     use super::super::EmbreeAccel;
     use super::super::origin_bound::tests::unpadded;
     use super::*;
-    use crate::accel::{Accel, AccelOptions, LANES, Precision, RayOrder, RayPacket};
+    use crate::accel::{Accel, AccelOptions, Coherence, LANES, Precision, RayPacket};
     use crate::mesh::{Buffer, Mesh};
     use crate::scene::{Geometry, Instance, Scene};
 
@@ -453,7 +473,7 @@ mod tests {
                 packet.set(lane, &Ray::new(origin, direction.as_vec3()));
             }
             let mut packets = [packet];
-            accel.intersect(&mut packets, RayOrder::Coherent);
+            accel.intersect(&mut packets, Coherence::Coherent);
             leaks += (0..targets.len())
                 .filter(|&lane| packets[0].hit(lane).is_none())
                 .count();
@@ -462,7 +482,7 @@ mod tests {
     }
 
     #[test]
-    fn rays_slip_through_where_boxes_are_not_padded_and_nowhere_else() {
+    fn rays_leak_only_where_boxes_are_not_padded() {
         let options = AccelOptions {
             precision: Precision::Watertight,
             ..AccelOptions::default()

@@ -23,11 +23,11 @@ const COST: Cost = Cost {
     limit: MEMBERS as u32,
     visit: 1.0,
     member: 0.05,
-    cut: 0.5,
+    split: 0.5,
 };
 /// Number of vertex blocks in the cluster's own record: few clusters have more than sixteen vertices, and a block
 /// elsewhere costs memory latency.
-const OWN: usize = 2;
+const INLINE_BLOCKS: usize = 2;
 /// Number of clusters of a mesh built at a time, and number of parallel parts: the result of a part is copied once.
 const CHUNK: usize = 1 << 14;
 const PARTS: usize = 1 << 6;
@@ -40,7 +40,7 @@ pub(super) type Block = [[f32; PACK]; 3];
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 struct Record {
-    corners: [Block; OWN],
+    corners: [Block; INLINE_BLOCKS],
     /// Vertex indices within the cluster, below `corner_count`, by vertex of the triangle and triangle.
     triangles: [[u8; MEMBERS]; 3],
     corner_count: u8,
@@ -86,7 +86,7 @@ impl<'p> TriangleCluster<'p> {
 
     /// Returns the first sixteen vertices, of which the second eight are meaningless if the cluster has at most eight.
     #[inline(always)]
-    pub(super) fn own(self) -> &'p [Block; OWN] {
+    pub(super) fn first_blocks(self) -> &'p [Block; INLINE_BLOCKS] {
         &self.record.corners
     }
 
@@ -134,7 +134,7 @@ impl<'p> TriangleCluster<'p> {
 
 /// A cluster under construction.
 #[derive(Clone, Debug, Default)]
-struct Gathering {
+struct ClusterBuilder {
     corners: [[f32; CORNERS]; 3],
     /// Vertex indices in the mesh; of coincident vertices, that of the first.
     vertices: [u32; CORNERS],
@@ -144,20 +144,20 @@ struct Gathering {
     member_count: u8,
 }
 
-impl Gathering {
+impl ClusterBuilder {
     /// Builds a cluster from the first of `members` that fit, and returns their number, at least one.
-    fn of_first(mesh: &Mesh, members: &[u32]) -> (Gathering, usize) {
-        let mut gathering = Gathering::default();
+    fn of_first(mesh: &Mesh, members: &[u32]) -> (ClusterBuilder, usize) {
+        let mut builder = ClusterBuilder::default();
         let taken = members.iter().take(MEMBERS);
         let taken = taken
-            .take_while(|&&primitive| gathering.push(mesh, primitive))
+            .take_while(|&&primitive| builder.push(mesh, primitive))
             .count();
         // Fill unused slots with the first vertex
-        for row in &mut gathering.corners {
+        for row in &mut builder.corners {
             let first = row[0];
-            row[usize::from(gathering.corner_count)..].fill(first);
+            row[usize::from(builder.corner_count)..].fill(first);
         }
-        (gathering, taken)
+        (builder, taken)
     }
 
     /// Adds a triangle; returns false, and changes nothing, if it has too many new vertices.
@@ -225,19 +225,19 @@ pub(in crate::accel) struct TriangleClusters {
     records: Vec<Record>,
     /// Blocks of vertices beyond the sixteenth.
     blocks: Vec<Block>,
-    reach: OriginBound,
+    origin_bound: OriginBound,
 }
 
 impl TriangleClusters {
-    /// Builds the clusters of meshes, each as an instance, for ray origins within `reach`. Runs on the current thread
+    /// Builds the clusters of meshes, each as an instance, for ray origins within `origin_bound`. Runs on the current thread
     /// pool; the result depends neither on it nor on the contents of `mesh_cache`.
     pub(super) fn of<'m>(
         meshes: impl Iterator<Item = (u32, &'m Mesh)>,
-        reach: OriginBound,
+        origin_bound: OriginBound,
         mesh_cache: Option<&MeshCache>,
     ) -> TriangleClusters {
         let mut patches = TriangleClusters {
-            reach,
+            origin_bound,
             ..TriangleClusters::default()
         };
         for (instance, mesh) in meshes {
@@ -282,8 +282,8 @@ impl TriangleClusters {
         for mut rest in clusters.iter().copied() {
             // Open a further cluster if the vertices do not fit into one
             while !rest.is_empty() {
-                let (gathering, taken) = Gathering::of_first(mesh, rest);
-                patches.push(&gathering, instance);
+                let (builder, taken) = ClusterBuilder::of_first(mesh, rest);
+                patches.push(&builder, instance);
                 rest = &rest[taken..];
             }
         }
@@ -302,19 +302,19 @@ impl TriangleClusters {
         self.blocks.extend_from_slice(&part.blocks);
     }
 
-    fn push(&mut self, gathering: &Gathering, instance: u32) {
+    fn push(&mut self, builder: &ClusterBuilder, instance: u32) {
         self.records.push(Record {
-            corners: [gathering.block(0), gathering.block(1)],
-            triangles: gathering.triangles,
-            corner_count: gathering.corner_count,
-            member_count: gathering.member_count,
+            corners: [builder.block(0), builder.block(1)],
+            triangles: builder.triangles,
+            corner_count: builder.corner_count,
+            member_count: builder.member_count,
             // Below 2^32, as are triangle indices: seventeen vertices need at least six triangles.
             last: self.blocks.len() as u32,
             instance,
-            primitives: gathering.primitives,
+            primitives: builder.primitives,
         });
-        if usize::from(gathering.corner_count) > OWN * PACK {
-            self.blocks.push(gathering.block(OWN));
+        if usize::from(builder.corner_count) > INLINE_BLOCKS * PACK {
+            self.blocks.push(builder.block(INLINE_BLOCKS));
         }
     }
 
@@ -327,7 +327,7 @@ impl TriangleClusters {
     #[inline(always)]
     pub(super) fn get(&self, index: usize) -> Option<TriangleCluster<'_>> {
         let record = self.records.get(index)?;
-        let has_more = usize::from(record.corner_count) > OWN * PACK;
+        let has_more = usize::from(record.corner_count) > INLINE_BLOCKS * PACK;
         let last = match has_more {
             true => Some(self.blocks.get(record.last as usize)?),
             false => None,
@@ -336,8 +336,8 @@ impl TriangleClusters {
     }
 
     /// Returns the padded box of one cluster for Embree.
-    pub(super) fn boxed(&self, index: usize) -> Option<([f32; 3], [f32; 3])> {
-        Some(self.reach.boxed(&self.get(index)?.bounds()))
+    pub(super) fn embree_box(&self, index: usize) -> Option<([f32; 3], [f32; 3])> {
+        Some(self.origin_bound.embree_box(&self.get(index)?.bounds()))
     }
 
     /// Returns the number of bytes on the heap.
@@ -390,12 +390,12 @@ mod tests {
 
     fn assert_whole(patches: &TriangleClusters, mesh: &Mesh) {
         let mut seen = vec![false; mesh.triangles.len()];
-        for patch in (0..patches.len()).filter_map(|index| patches.get(index)) {
-            assert!(patch.corner_count() <= CORNERS && patch.instance() == 5);
-            for member in 0..patch.member_count() {
-                let primitive = patch.primitive(member);
+        for cluster in (0..patches.len()).filter_map(|index| patches.get(index)) {
+            assert!(cluster.corner_count() <= CORNERS && cluster.instance() == 5);
+            for member in 0..cluster.member_count() {
+                let primitive = cluster.primitive(member);
                 assert!(!std::mem::replace(&mut seen[primitive as usize], true));
-                let corners = patch.triangle(member).map(|corner| patch.corner(corner));
+                let corners = cluster.triangle(member).map(|corner| cluster.corner(corner));
                 assert_eq!(corners, mesh.corners(primitive).map(|p| p.to_array()));
             }
         }
@@ -403,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn every_triangle_is_in_one_patch_with_its_own_corners() {
+    fn every_triangle_is_in_one_cluster_with_its_corners() {
         for mesh in [
             field(1),
             field(40),
@@ -415,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn kept_patches_are_those_that_would_be_made_whoever_had_them_before() {
+    fn cached_clusters_equal_newly_built_ones() {
         let meshes = [field(12), field(30)];
         let of = |numbers: [u32; 2], mesh_cache| {
             let patches = TriangleClusters::of(
@@ -434,7 +434,7 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_takes_less_than_thirty_two_bytes_a_triangle() {
+    fn surface_clusters_take_less_than_thirty_two_bytes_per_triangle() {
         let mesh = field(100);
         let patches = patches_of(&mesh);
         let bytes = patches.byte_count() as f64 / mesh.triangles.len() as f64;
@@ -442,14 +442,14 @@ mod tests {
     }
 
     #[test]
-    fn corners_that_coincide_are_one_whether_or_not_the_mesh_says_so() {
+    fn coincident_corners_are_merged() {
         let mesh = field(20);
         let same = apart(&mesh, |_, corner| corner);
         assert_eq!(patches_of(&same).len(), patches_of(&mesh).len());
     }
 
     #[test]
-    fn triangles_that_share_no_corner_are_as_many_to_a_patch_as_have_room() {
+    fn triangles_without_shared_corners_fill_a_cluster() {
         // Sixteen triangles above each other, with three vertices each; only eight fit.
         let alone = apart(&field(1), |i, p| [p[0], p[1], p[2] + i as f32]);
         let first = alone.corners(0).map(|p| p.to_array());
@@ -457,9 +457,9 @@ mod tests {
         let triangles = (0..16).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
         let stack = mesh(positions.collect(), triangles.collect());
         let members: Vec<u32> = (0..16).collect();
-        let (gathering, taken) = Gathering::of_first(&stack, &members);
+        let (builder, taken) = ClusterBuilder::of_first(&stack, &members);
         assert_eq!(
-            (taken, gathering.member_count, usize::from(gathering.corner_count)),
+            (taken, builder.member_count, usize::from(builder.corner_count)),
             (8, 8, CORNERS)
         );
         assert_whole(&patches_of(&stack), &stack);

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec3;
 
-use super::build_plan::placed_mesh;
+use super::build_plan::instanced_mesh;
 use super::native_instances;
 use super::origin_bound::OriginBound;
 use super::scene::{EmbreeScene, SceneRef};
@@ -26,7 +26,7 @@ pub(super) struct UserGeometry<'s> {
     /// Sphere clusters, which are the first primitives.
     clusters: SphereClusters,
     /// Triangle clusters, which are the next primitives.
-    patches: TriangleClusters,
+    triangle_clusters: TriangleClusters,
     /// Instance index of each primitive after the clusters.
     instances: Vec<u32>,
     /// Scenes of instanced meshes by geometry; `None` for other geometries.
@@ -34,7 +34,7 @@ pub(super) struct UserGeometry<'s> {
     /// Number of equal time steps between the boxes for Embree; 0 if nothing moves.
     step_count: u32,
     /// Bound on the origins of rays.
-    reach: OriginBound,
+    origin_bound: OriginBound,
     panic_count: AtomicU64,
 }
 
@@ -43,7 +43,7 @@ pub(super) struct InstancedScene<'s> {
     // Declared first, to be released before the data that its callbacks read.
     pub(super) scene: EmbreeScene<'s>,
     /// Triangle clusters of the mesh, unless its triangles are native.
-    pub(super) patches: Option<Arc<UserGeometry<'s>>>,
+    pub(super) triangle_clusters: Option<Arc<UserGeometry<'s>>>,
     /// Object-space box around all transformed rays that may hit the mesh.
     pub(super) bounds: Bounds,
 }
@@ -59,7 +59,7 @@ pub(super) enum Primitive<'a> {
 }
 
 /// Splits `instances` into world-space spheres, each with its instance index, and the indices of all others.
-fn apart(scene: &Scene, instances: &[(u32, &Instance)]) -> (Vec<(u32, Sphere)>, Vec<u32>) {
+fn split_spheres(scene: &Scene, instances: &[(u32, &Instance)]) -> (Vec<(u32, Sphere)>, Vec<u32>) {
     let (mut spheres, mut others) = (Vec::new(), Vec::new());
     for &(index, instance) in instances {
         let sphere = match &scene.geometries[instance.geometry as usize] {
@@ -78,20 +78,20 @@ fn apart(scene: &Scene, instances: &[(u32, &Instance)]) -> (Vec<(u32, Sphere)>, 
 pub(super) fn is_user(scene: &Scene, instance: &Instance, instancing: Instancing) -> bool {
     match &scene.geometries[instance.geometry as usize] {
         Geometry::Mesh(_) => {
-            placed_mesh(scene, instance).is_some() && !native_instances::takes(instance, instancing)
+            instanced_mesh(scene, instance).is_some() && !native_instances::supports(instance, instancing)
         }
         shape => !shape.is_unbounded(),
     }
 }
 
 impl<'s> UserGeometry<'s> {
-    /// Creates the user geometries of static and of moving objects for ray origins within `reach`; `parts` holds a
-    /// committed scene for every mesh with a transformed instance, and `patches` the world triangles that are not
+    /// Creates the user geometries of static and of moving objects for ray origins within `origin_bound`; `parts` holds a
+    /// committed scene for every mesh with a transformed instance, and `triangle_clusters` the world triangles that are not
     /// native.
     pub(super) fn pair(
-        (scene, reach): (&'s Scene, OriginBound),
+        (scene, origin_bound): (&'s Scene, OriginBound),
         parts: Vec<Option<InstancedScene<'s>>>,
-        patches: TriangleClusters,
+        triangle_clusters: TriangleClusters,
         instancing: Instancing,
     ) -> [UserGeometry<'s>; 2] {
         // Split the instances into static and moving ones
@@ -100,9 +100,9 @@ impl<'s> UserGeometry<'s> {
             .filter(|(_, instance)| is_user(scene, instance, instancing));
         let (moving, others): (Vec<_>, Vec<_>) = instances.partition(|(_, instance)| instance.is_moving());
         // Cluster the spheres among the static instances
-        let (spheres, mut still) = apart(scene, &others);
-        let (clusters, alone) = SphereClusters::of(&spheres);
-        still.extend(alone);
+        let (spheres, mut still) = split_spheres(scene, &others);
+        let (clusters, unclustered) = SphereClusters::of(&spheres);
+        still.extend(unclustered);
         // Use the largest number of time steps of all motions
         let motions = moving.iter().filter_map(|(_, instance)| instance.motion());
         let step_count = motions.map(AnimatedTransform::step_count).max().unwrap_or(0);
@@ -111,29 +111,32 @@ impl<'s> UserGeometry<'s> {
             clusters,
             instances: still,
             parts: parts.clone(),
-            reach,
-            ..UserGeometry::of_patches(scene, patches)
+            origin_bound,
+            ..UserGeometry::of_triangle_clusters(scene, triangle_clusters)
         };
         let moving = UserGeometry {
             instances: moving.iter().map(|(index, _)| *index).collect(),
             parts,
             step_count,
-            reach,
-            ..UserGeometry::of_patches(scene, TriangleClusters::default())
+            origin_bound,
+            ..UserGeometry::of_triangle_clusters(scene, TriangleClusters::default())
         };
         [still, moving]
     }
 
     /// Creates a user geometry of triangle clusters alone.
-    pub(super) fn of_patches(scene: &'s Scene, patches: TriangleClusters) -> UserGeometry<'s> {
+    pub(super) fn of_triangle_clusters(
+        scene: &'s Scene,
+        triangle_clusters: TriangleClusters,
+    ) -> UserGeometry<'s> {
         UserGeometry {
             scene,
             clusters: SphereClusters::default(),
-            patches,
+            triangle_clusters,
             instances: Vec::new(),
             parts: Arc::new([]),
             step_count: 0,
-            reach: OriginBound::default(),
+            origin_bound: OriginBound::default(),
             panic_count: AtomicU64::new(0),
         }
     }
@@ -149,13 +152,13 @@ impl<'s> UserGeometry<'s> {
     }
 
     /// Returns the number of triangle clusters.
-    pub(super) fn patch_count(&self) -> usize {
-        self.patches.len()
+    pub(super) fn triangle_cluster_count(&self) -> usize {
+        self.triangle_clusters.len()
     }
 
     /// Returns the number of primitives for Embree, each of which has a box.
     pub(super) fn primitive_count(&self) -> usize {
-        self.clusters.len() + self.patches.len() + self.instances.len()
+        self.clusters.len() + self.triangle_clusters.len() + self.instances.len()
     }
 
     /// Returns a primitive by its index.
@@ -165,10 +168,12 @@ impl<'s> UserGeometry<'s> {
             return Some(Primitive::Spheres(cluster, instances));
         }
         let number = number.checked_sub(self.clusters.len())?;
-        if let Some(patch) = self.patches.get(number) {
+        if let Some(patch) = self.triangle_clusters.get(number) {
             return Some(Primitive::TriangleCluster(patch));
         }
-        let index = *self.instances.get(number.checked_sub(self.patches.len())?)?;
+        let index = *self
+            .instances
+            .get(number.checked_sub(self.triangle_clusters.len())?)?;
         Some(Primitive::Instance(
             index,
             self.scene.instances.get(index as usize)?,
@@ -192,7 +197,9 @@ impl<'s> UserGeometry<'s> {
                 let world = cluster.bounds();
                 return Some(padded(&world, self.padding(&world)));
             }
-            Primitive::TriangleCluster(_) => return self.patches.boxed(primitive - self.clusters.len()),
+            Primitive::TriangleCluster(_) => {
+                return self.triangle_clusters.embree_box(primitive - self.clusters.len());
+            }
             Primitive::Instance(_, instance) => instance,
         };
         let geometry = &self.scene.geometries[instance.geometry as usize];
@@ -218,7 +225,7 @@ impl<'s> UserGeometry<'s> {
     /// Returns the padding of a box on all sides.
     fn padding(&self, world: &Bounds) -> f64 {
         let placement = PLACEMENT_PADDING * world.magnitude() + NEAR_PADDING * world.extent().max_element();
-        placement.max(self.reach.padding(world))
+        placement.max(self.origin_bound.padding(world))
     }
 
     /// Returns the bytes of its own records and those of its mesh scenes, without triangle clusters.
@@ -233,14 +240,16 @@ impl<'s> UserGeometry<'s> {
     }
 
     /// Returns the bytes of its triangle clusters and those of its mesh scenes.
-    pub(super) fn patch_byte_count(&self) -> u64 {
-        let of_parts = self.patches_of_parts().map(|part| part.patches.byte_count());
-        self.patches.byte_count() + of_parts.sum::<u64>()
+    pub(super) fn triangle_cluster_byte_count(&self) -> u64 {
+        let of_parts = self
+            .mesh_cluster_geometries()
+            .map(|part| part.triangle_clusters.byte_count());
+        self.triangle_clusters.byte_count() + of_parts.sum::<u64>()
     }
 
     /// Returns the number of panicked callbacks, including those of its mesh scenes.
     pub(super) fn panic_count(&self) -> u64 {
-        let of_parts = self.patches_of_parts().map(|part| part.own_panic_count());
+        let of_parts = self.mesh_cluster_geometries().map(|part| part.own_panic_count());
         self.own_panic_count() + of_parts.sum::<u64>()
     }
 
@@ -249,9 +258,9 @@ impl<'s> UserGeometry<'s> {
         self.panic_count.load(Ordering::Relaxed)
     }
 
-    fn patches_of_parts(&self) -> impl Iterator<Item = &UserGeometry<'s>> {
+    fn mesh_cluster_geometries(&self) -> impl Iterator<Item = &UserGeometry<'s>> {
         let parts = self.parts.iter().flatten();
-        parts.filter_map(|part| part.patches.as_deref())
+        parts.filter_map(|part| part.triangle_clusters.as_deref())
     }
 
     /// Runs a callback's work and returns whether it completed. No panic may unwind into C: after one, the callback's

@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3};
 
 /// A ball that contains the points it was made for, up to a few roundings of 2^-53 of the coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Ball {
+pub struct BoundingSphere {
     /// Centre of the ball.
     pub center: DVec3,
     /// Radius of the ball.
@@ -23,29 +23,29 @@ const MAX_STEPS: usize = 64;
 /// Growth of the radius under which the search ends: a few roundings.
 const MIN_GROWTH: f64 = 1.0 + 16.0 * f64::EPSILON;
 
-impl Ball {
+impl BoundingSphere {
     /// Returns the ball around the mean of the points that reaches the farthest one; for no points it is empty, at the
     /// origin.
-    pub fn of_centroid(points: &[DVec3]) -> Ball {
+    pub fn of_centroid(points: &[DVec3]) -> BoundingSphere {
         let Some(&first) = points.first() else {
-            return Ball {
+            return BoundingSphere {
                 center: DVec3::ZERO,
                 radius: 0.0,
             };
         };
         // Relative to a point, so that a small object far away loses no digits.
         let sum: DVec3 = points.iter().map(|&p| p - first).sum();
-        Ball::around(first + sum / points.len() as f64, points)
+        BoundingSphere::around(first + sum / points.len() as f64, points)
     }
 
     /// Returns the smallest ball around the points.
-    pub fn smallest(points: &[DVec3]) -> Ball {
-        let mut best = Ball::of_centroid(points);
+    pub fn smallest(points: &[DVec3]) -> BoundingSphere {
+        let mut best = BoundingSphere::of_centroid(points);
         let Some(&first) = points.first() else {
             return best;
         };
         let mut support = vec![first];
-        let mut ball = Ball {
+        let mut ball = BoundingSphere {
             center: first,
             radius: 0.0,
         };
@@ -55,7 +55,7 @@ impl Ball {
             let distance = farthest.distance(ball.center);
             // Keep the best ball that reaches all points
             if distance < best.radius {
-                best = Ball {
+                best = BoundingSphere {
                     radius: distance,
                     ..ball
                 };
@@ -65,7 +65,7 @@ impl Ball {
             }
             // Replace the support by the points that determine the new ball
             support.push(farthest);
-            let (next, kept) = of_few(&support);
+            let (next, kept) = smallest_of_few(&support);
             if next.radius <= ball.radius {
                 break;
             }
@@ -75,8 +75,8 @@ impl Ball {
     }
 
     /// Returns the ball around `center` that just contains the points.
-    fn around(center: DVec3, points: &[DVec3]) -> Ball {
-        Ball {
+    fn around(center: DVec3, points: &[DVec3]) -> BoundingSphere {
+        BoundingSphere {
             center,
             radius: farthest(center, points).distance(center),
         }
@@ -96,9 +96,9 @@ fn farthest(center: DVec3, points: &[DVec3]) -> DVec3 {
 }
 
 /// Returns the smallest ball around at most five points, and the points that determine it.
-fn of_few(points: &[DVec3]) -> (Ball, Vec<DVec3>) {
+fn smallest_of_few(points: &[DVec3]) -> (BoundingSphere, Vec<DVec3>) {
     let mut best = (
-        Ball {
+        BoundingSphere {
             center: points[0],
             radius: f64::INFINITY,
         },
@@ -115,7 +115,7 @@ fn of_few(points: &[DVec3]) -> (Ball, Vec<DVec3>) {
         let Some(center) = circumcenter(&chosen) else {
             continue;
         };
-        let ball = Ball::around(center, points);
+        let ball = BoundingSphere::around(center, points);
         if ball.radius < best.0.radius {
             best = (ball, chosen);
         }
@@ -187,19 +187,19 @@ mod tests {
                 .map(|i| points[i])
                 .collect();
             if let Some(center) = circumcenter(&chosen) {
-                least = least.min(Ball::around(center, points).radius);
+                least = least.min(BoundingSphere::around(center, points).radius);
             }
         }
         least
     }
 
     #[test]
-    fn the_smallest_ball_is_that_of_an_exhaustive_search() {
+    fn smallest_bounding_sphere_equals_exhaustive_search() {
         let seed = 11;
         let mut random = Random(seed);
         for round in 0..300 {
             let points = random.points(1 + round % 10);
-            let (found, least) = (Ball::smallest(&points), exhaustive(&points));
+            let (found, least) = (BoundingSphere::smallest(&points), exhaustive(&points));
             // Coordinates of 5 are rounded by 2^-51, and flat triples magnify that; growing to the farthest point
             // bounds the error.
             assert!(
@@ -211,12 +211,15 @@ mod tests {
     }
 
     #[test]
-    fn it_holds_all_points_and_is_no_larger_than_the_centroids() {
+    fn smallest_sphere_contains_all_points_and_is_within_centroid_sphere() {
         let seed = 12;
         let mut random = Random(seed);
         for count in [1, 2, 3, 50, 2000] {
             let points = random.points(count);
-            let (tight, centroid) = (Ball::smallest(&points), Ball::of_centroid(&points));
+            let (tight, centroid) = (
+                BoundingSphere::smallest(&points),
+                BoundingSphere::of_centroid(&points),
+            );
             assert!(tight.radius <= centroid.radius, "seed {seed}");
             for ball in [tight, centroid] {
                 for p in &points {
@@ -228,29 +231,33 @@ mod tests {
     }
 
     #[test]
-    fn points_that_coincide_or_lie_on_a_line_or_circle_have_a_ball() {
+    fn degenerate_point_sets_have_a_bounding_sphere() {
         let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2));
         let cube: Vec<DVec3> = (0..8).map(corner).collect();
-        assert!((Ball::smallest(&cube).radius - 0.75f64.sqrt()).abs() < 1e-15);
-        assert_eq!(Ball::smallest(&[DVec3::ONE; 7]).radius, 0.0);
+        assert!((BoundingSphere::smallest(&cube).radius - 0.75f64.sqrt()).abs() < 1e-15);
+        assert_eq!(BoundingSphere::smallest(&[DVec3::ONE; 7]).radius, 0.0);
         let line: Vec<DVec3> = (0..9).map(|i| f64::from(i) * DVec3::X).collect();
         assert_eq!(
-            Ball::smallest(&line),
-            Ball {
+            BoundingSphere::smallest(&line),
+            BoundingSphere {
                 center: 4.0 * DVec3::X,
                 radius: 4.0
             }
         );
-        assert_eq!(Ball::smallest(&[]).radius, 0.0);
+        assert_eq!(BoundingSphere::smallest(&[]).radius, 0.0);
     }
 
     #[test]
-    fn an_obtuse_triangle_is_held_by_the_ball_of_its_longest_side() {
-        let ball = Ball::smallest(&[DVec3::ZERO, DVec3::new(10.0, 0.0, 0.0), DVec3::new(4.0, 1.0, 0.0)]);
+    fn obtuse_triangle_has_bounding_sphere_of_its_longest_side() {
+        let ball =
+            BoundingSphere::smallest(&[DVec3::ZERO, DVec3::new(10.0, 0.0, 0.0), DVec3::new(4.0, 1.0, 0.0)]);
         assert!((ball.radius - 5.0).abs() < 1e-14);
         // The centroid is at 14/3, and 16/3 from the far end, a third of a unit higher: √(16² + 1) / 3.
-        let lecture =
-            Ball::of_centroid(&[DVec3::ZERO, DVec3::new(10.0, 0.0, 0.0), DVec3::new(4.0, 1.0, 0.0)]);
-        assert!((lecture.radius - 257f64.sqrt() / 3.0).abs() < 1e-14);
+        let around_centroid = BoundingSphere::of_centroid(&[
+            DVec3::ZERO,
+            DVec3::new(10.0, 0.0, 0.0),
+            DVec3::new(4.0, 1.0, 0.0),
+        ]);
+        assert!((around_centroid.radius - 257f64.sqrt() / 3.0).abs() < 1e-14);
     }
 }

@@ -10,11 +10,11 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use super::guard::Guard;
-use super::hull::Hull;
+use super::guard::HitError;
+use super::hull::HullPoints;
 use super::rays::RayLanes;
-use super::shape::{BoxExtent, SphereExtent};
-use super::{Ball, ExtentKind, Object, Offers, surface};
+use super::shape::{BoxVolume, SphereVolume};
+use super::{BoundingSphere, BoundingVolumeKind, Candidates, Object, surface};
 use crate::accel::brute::nearest_of;
 use crate::accel::{LANES, RayPacket};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
@@ -42,7 +42,7 @@ pub(super) struct Costs {
 
 impl Costs {
     /// Times the tests of volumes, and every geometry in its first instance.
-    pub(super) fn measure(scene: &Scene, hulls: &[Option<Hull>]) -> Costs {
+    pub(super) fn measure(scene: &Scene, hulls: &[Option<HullPoints>]) -> Costs {
         let mut first = vec![None; scene.geometries.len()];
         for instance in &scene.instances {
             first[instance.geometry as usize].get_or_insert(instance);
@@ -66,17 +66,23 @@ impl Costs {
     }
 
     /// Returns the kind of volume with which an object of that geometry is cheapest.
-    pub(super) fn cheapest(&self, geometry: u32, offers: &Offers) -> ExtentKind {
+    pub(super) fn cheapest(&self, geometry: u32, candidates: &Candidates) -> BoundingVolumeKind {
         let object = self.of_object[geometry as usize];
         let with = |cost: f64, area: f64| cost + (area / self.scene_area).min(1.0) * object;
-        let mut best = (ExtentKind::None, object);
+        let mut best = (BoundingVolumeKind::None, object);
         for (kind, cost) in [
-            (ExtentKind::TightSphere, with(self.of_sphere, offers.tight.area())),
             (
-                ExtentKind::CentroidSphere,
-                with(self.of_sphere, offers.centroid.area()),
+                BoundingVolumeKind::TightSphere,
+                with(self.of_sphere, candidates.tight.area()),
             ),
-            (ExtentKind::Box, with(self.of_box, offers.bounds.area())),
+            (
+                BoundingVolumeKind::CentroidSphere,
+                with(self.of_sphere, candidates.centroid.area()),
+            ),
+            (
+                BoundingVolumeKind::Box,
+                with(self.of_box, candidates.bounds.area()),
+            ),
         ] {
             if cost < best.1 {
                 best = (kind, cost);
@@ -129,14 +135,14 @@ fn extent_costs() -> [f64; 2] {
         min: DVec3::ZERO,
         max: DVec3::ONE,
     };
-    let ball = Ball {
+    let ball = BoundingSphere {
         center: DVec3::ZERO,
         radius: 1.0,
     };
     let object = |extent| Object { instance: 0, extent };
     [
-        super::Extent::Box(BoxExtent::new(&bounds, &Guard::NONE)),
-        super::Extent::Sphere(SphereExtent::new(&ball, &Guard::NONE)),
+        super::BoundingVolume::Box(BoxVolume::new(&bounds, &HitError::NONE)),
+        super::BoundingVolume::Sphere(SphereVolume::new(&ball, &HitError::NONE)),
     ]
     .map(|extent| {
         let objects: Vec<Object> = (0..EXTENT_TESTS).map(|_| object(extent)).collect();
@@ -165,12 +171,12 @@ impl SimdKernel for Calibration<'_> {
         let t_far = black_box(self.packet.t_far);
         self.objects
             .iter()
-            .fold(0, |mask, object| mask ^ object.meets(isa, &rays, &t_far))
+            .fold(0, |mask, object| mask ^ object.hit_mask(isa, &rays, &t_far))
     }
 }
 
 /// Returns the nanoseconds for one ray and the object, for rays from all directions towards points in its box.
-fn object_cost(geometry: &Geometry, instance: &Instance, hull: &Hull) -> f64 {
+fn object_cost(geometry: &Geometry, instance: &Instance, hull: &HullPoints) -> f64 {
     // Time a part of a large mesh and scale the result
     let (sample, scale) = match geometry {
         Geometry::Mesh(mesh) if mesh.triangles.len() > MAX_TRIANGLES => {
@@ -204,25 +210,25 @@ fn rays_towards(bounds: &Bounds) -> Vec<Ray> {
 mod tests {
     use super::*;
 
-    fn offers(area_of_box: f64, area_of_sphere: f64) -> Offers {
+    fn candidates(area_of_box: f64, area_of_sphere: f64) -> Candidates {
         let side = (area_of_box / 6.0).sqrt();
         let bounds = Bounds {
             min: DVec3::ZERO,
             max: DVec3::splat(side),
         };
-        let ball = |area: f64| Ball {
+        let ball = |area: f64| BoundingSphere {
             center: DVec3::ZERO,
             radius: (area / (4.0 * std::f64::consts::PI)).sqrt(),
         };
-        Offers {
-            bounds: BoxExtent::new(&bounds, &Guard::NONE),
-            centroid: SphereExtent::new(&ball(2.0 * area_of_sphere), &Guard::NONE),
-            tight: SphereExtent::new(&ball(area_of_sphere), &Guard::NONE),
+        Candidates {
+            bounds: BoxVolume::new(&bounds, &HitError::NONE),
+            centroid: SphereVolume::new(&ball(2.0 * area_of_sphere), &HitError::NONE),
+            tight: SphereVolume::new(&ball(area_of_sphere), &HitError::NONE),
         }
     }
 
     #[test]
-    fn the_cheapest_is_chosen_and_nothing_where_nothing_pays() {
+    fn cheapest_bounding_volume_is_chosen_if_any_pays() {
         let costs = |of_object| Costs {
             of_box: 2.0,
             of_sphere: 1.0,
@@ -230,14 +236,20 @@ mod tests {
             scene_area: 100.0,
         };
         // Box 2 + 0.1 x 100 = 12, sphere 1 + 0.2 x 100 = 21.
-        assert_eq!(costs(100.0).cheapest(0, &offers(10.0, 20.0)), ExtentKind::Box);
+        assert_eq!(
+            costs(100.0).cheapest(0, &candidates(10.0, 20.0)),
+            BoundingVolumeKind::Box
+        );
         // Box 2 + 0.1 x 5 = 2.5, sphere 1 + 0.2 x 5 = 2.
         assert_eq!(
-            costs(5.0).cheapest(0, &offers(10.0, 20.0)),
-            ExtentKind::TightSphere
+            costs(5.0).cheapest(0, &candidates(10.0, 20.0)),
+            BoundingVolumeKind::TightSphere
         );
         // Sphere 1 + 0.2 x 1 = 1.2, no volume 1.
-        assert_eq!(costs(1.0).cheapest(0, &offers(10.0, 20.0)), ExtentKind::None);
+        assert_eq!(
+            costs(1.0).cheapest(0, &candidates(10.0, 20.0)),
+            BoundingVolumeKind::None
+        );
     }
 
     #[test]

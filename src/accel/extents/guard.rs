@@ -28,26 +28,26 @@ const MAX_MAGNITUDE: f64 = 1e18;
 
 /// Bounds on the rounding errors of hits on one object; lengths are in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Guard {
+pub(super) struct HitError {
     /// Displacement per axis relative to the largest coordinate of the ray's origin.
-    pub(super) by_origin: f64,
+    pub(super) origin_factor: f64,
     /// Displacement per axis that the object itself causes.
     pub(super) own: f64,
     /// Distance along the ray by which a hit may be reported too near or too far; 0 for shapes.
     pub(super) depth: f64,
 }
 
-impl Guard {
+impl HitError {
     /// Bounds of zero, for exact rays and objects.
-    pub(super) const NONE: Guard = Guard {
-        by_origin: 0.0,
+    pub(super) const NONE: HitError = HitError {
+        origin_factor: 0.0,
         own: 0.0,
         depth: 0.0,
     };
 
     /// Computes the bounds of an instance; `None` if no bounding volume is safe: for unbounded or moving objects and
     /// for extreme transforms.
-    pub(super) fn of(instance: &Instance, geometry: &Geometry, object_bounds: &Bounds) -> Option<Guard> {
+    pub(super) fn of(instance: &Instance, geometry: &Geometry, object_bounds: &Bounds) -> Option<HitError> {
         if geometry.is_unbounded() || object_bounds.is_empty() || instance.is_moving() {
             return None;
         }
@@ -70,9 +70,9 @@ impl Guard {
         };
         let reach = own.max_element() + depth + object_bounds.transformed(&map).magnitude();
         // NaN fails the comparison, too.
-        (mixing <= MAX_MIXING && reach < MAX_MAGNITUDE).then(|| Guard {
+        (mixing <= MAX_MIXING && reach < MAX_MAGNITUDE).then(|| HitError {
             // The additional 1 covers the rounding of the moved origin itself.
-            by_origin: 2.0 * UNIT * (6.0 * mixing + 1.0),
+            origin_factor: 2.0 * UNIT * (6.0 * mixing + 1.0),
             // Behind the origin, slab parameters are off by 16u of `depth`.
             own: 2.0 * UNIT * (own.max_element() + 16.0 * depth),
             depth,
@@ -117,7 +117,7 @@ mod tests {
     use crate::shape::{Shape, Sphere};
 
     #[test]
-    fn the_spectral_bound_is_exact_for_turns_and_close_for_stretches() {
+    fn spectral_bound_is_exact_for_rotations_and_close_for_scalings() {
         let turn = DMat3::from_rotation_x(0.7) * DMat3::from_rotation_z(1.9);
         assert!((spectral_bound(&(3.0 * turn)) - 3.0).abs() < 1e-12);
         let stretched = turn * DMat3::from_diagonal(DVec3::new(0.1, -5.0, 4.9)) * turn;
@@ -129,11 +129,11 @@ mod tests {
     }
 
     #[test]
-    fn extreme_placements_and_planes_have_no_guard() {
+    fn extreme_transforms_and_planes_have_no_bounding_volume() {
         let sphere = Geometry::Shape(Shape::Sphere(Sphere::UNIT));
         let turn = DAffine3::from_rotation_x(0.5);
         let placed = |map| Instance::new("", 0, 0, map).unwrap();
-        let guard = |map, geometry: &Geometry| Guard::of(&placed(map), geometry, &geometry.bounds());
+        let guard = |map, geometry: &Geometry| HitError::of(&placed(map), geometry, &geometry.bounds());
         let flat = DAffine3::from_scale(DVec3::new(1.0, 1.0, 1e-3));
         assert!(guard(flat, &sphere).is_some());
         assert!(guard(turn * flat, &sphere).is_some());

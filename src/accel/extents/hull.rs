@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DVec3};
 
-use super::ball::Ball;
+use super::ball::BoundingSphere;
 use super::guard::spectral_bound;
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
@@ -20,7 +20,7 @@ const SIDES: u32 = 32;
 const MANY_POINTS: usize = 4096;
 
 /// Hull of a geometry with its bounds.
-pub(super) struct Hull {
+pub(super) struct HullPoints {
     form: Form,
     bounds: Bounds,
     /// Enclosing balls in object space.
@@ -37,19 +37,19 @@ enum Form {
 #[derive(Clone, Copy)]
 pub(super) struct Balls {
     /// Ball around the centroid of the points.
-    pub(super) centroid: Ball,
+    pub(super) centroid: BoundingSphere,
     /// Smallest ball that is known.
-    pub(super) tight: Ball,
+    pub(super) tight: BoundingSphere,
 }
 
-impl Hull {
+impl HullPoints {
     /// Computes the hull of a geometry; `None` if it is unbounded or empty.
-    pub(super) fn of(geometry: &Geometry) -> Option<Hull> {
+    pub(super) fn of(geometry: &Geometry) -> Option<HullPoints> {
         let bounds = geometry.bounds();
         if geometry.is_unbounded() || bounds.is_empty() {
             return None;
         }
-        Some(Hull::with_form(
+        Some(HullPoints::with_form(
             match geometry {
                 Geometry::Mesh(mesh) => Form::Points(used_points(mesh)),
                 Geometry::Shape(Shape::Sphere(sphere)) => Form::Sphere(*sphere),
@@ -60,21 +60,22 @@ impl Hull {
     }
 
     /// Computes a hull with only the box corners for meshes, which is fast for meshes of any size.
-    pub(super) fn rough(geometry: &Geometry) -> Option<Hull> {
+    pub(super) fn from_bounds(geometry: &Geometry) -> Option<HullPoints> {
         match geometry {
-            Geometry::Shape(_) => Hull::of(geometry),
+            Geometry::Shape(_) => HullPoints::of(geometry),
             Geometry::Mesh(mesh) => {
                 let bounds = mesh.bounds();
-                (!bounds.is_empty()).then(|| Hull::with_form(Form::Points(corners(&bounds).to_vec()), bounds))
+                (!bounds.is_empty())
+                    .then(|| HullPoints::with_form(Form::Points(corners(&bounds).to_vec()), bounds))
             }
         }
     }
 
-    fn with_form(form: Form, bounds: Bounds) -> Hull {
+    fn with_form(form: Form, bounds: Bounds) -> HullPoints {
         let balls = match &form {
             Form::Points(points) => Balls::of(points),
             Form::Sphere(sphere) => {
-                let ball = Ball {
+                let ball = BoundingSphere {
                     center: sphere.center,
                     radius: sphere.radius,
                 };
@@ -84,7 +85,7 @@ impl Hull {
                 }
             }
         };
-        Hull { form, bounds, balls }
+        HullPoints { form, bounds, balls }
     }
 
     /// Returns the bounding box in object space.
@@ -96,13 +97,13 @@ impl Hull {
     pub(super) fn world_balls(&self, map: &DAffine3) -> Balls {
         match &self.form {
             // A stretched object has smaller balls than the stretched balls
-            Form::Points(points) if points.len() <= MANY_POINTS && !keeps_balls(map) => {
+            Form::Points(points) if points.len() <= MANY_POINTS && !preserves_spheres(map) => {
                 let placed: Vec<DVec3> = points.iter().map(|&p| map.transform_point3(p)).collect();
                 Balls::of(&placed)
             }
             _ => {
                 let scale = spectral_bound(&map.matrix3);
-                let placed = |ball: Ball| Ball {
+                let placed = |ball: BoundingSphere| BoundingSphere {
                     center: map.transform_point3(ball.center),
                     radius: scale * ball.radius,
                 };
@@ -127,7 +128,7 @@ impl Hull {
 
     /// Returns points around the transformed object: its own if they are few, else the corners of its object-space box;
     /// for a sphere the corners of its world-space box `world`.
-    pub(super) fn placed_points(&self, map: &DAffine3, world: &Bounds) -> Vec<DVec3> {
+    pub(super) fn world_points(&self, map: &DAffine3, world: &Bounds) -> Vec<DVec3> {
         let placed = |points: &[DVec3]| points.iter().map(|&p| map.transform_point3(p)).collect();
         match &self.form {
             Form::Sphere(_) => corners(world).to_vec(),
@@ -140,14 +141,14 @@ impl Hull {
 impl Balls {
     fn of(points: &[DVec3]) -> Balls {
         Balls {
-            centroid: Ball::of_centroid(points),
-            tight: Ball::smallest(points),
+            centroid: BoundingSphere::of_centroid(points),
+            tight: BoundingSphere::smallest(points),
         }
     }
 }
 
 /// Returns whether the transform maps balls to balls: it rotates, mirrors and scales uniformly.
-fn keeps_balls(map: &DAffine3) -> bool {
+fn preserves_spheres(map: &DAffine3) -> bool {
     let m = map.matrix3;
     let gram = m.transpose() * m;
     let scale = gram.x_axis.x;
@@ -218,7 +219,13 @@ mod tests {
 
     #[test]
     fn round_shapes_have_smaller_balls_than_their_boxes() {
-        let radius = |shape| Hull::of(&Geometry::Shape(shape)).unwrap().balls.tight.radius;
+        let radius = |shape| {
+            HullPoints::of(&Geometry::Shape(shape))
+                .unwrap()
+                .balls
+                .tight
+                .radius
+        };
         // The polygon has the circumradius 1 / cos(π/32) = 1.0048.
         let outer = 1.0 / (PI / 32.0).cos();
         assert!((radius(Shape::Disk) - outer).abs() < 1e-12);
@@ -229,21 +236,21 @@ mod tests {
     }
 
     #[test]
-    fn unused_vertices_and_planes_count_for_nothing() {
+    fn unused_vertices_and_planes_are_ignored() {
         let mesh = Mesh {
             positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [900.0; 3]].into(),
             triangles: vec![[0, 1, 2]].into(),
             ..Mesh::default()
         };
-        let hull = Hull::of(&Geometry::Mesh(mesh)).unwrap();
+        let hull = HullPoints::of(&Geometry::Mesh(mesh)).unwrap();
         assert!((hull.balls.tight.radius - 0.5f64.sqrt()).abs() < 1e-15);
-        assert!(Hull::of(&Geometry::Shape(Shape::Plane)).is_none());
-        assert!(Hull::of(&Geometry::Mesh(Mesh::default())).is_none());
+        assert!(HullPoints::of(&Geometry::Shape(Shape::Plane)).is_none());
+        assert!(HullPoints::of(&Geometry::Mesh(Mesh::default())).is_none());
     }
 
     #[test]
-    fn a_stretched_sphere_is_held_by_a_ball_around_its_longest_axis() {
-        let hull = Hull::of(&Geometry::Shape(Shape::Sphere(Sphere::UNIT))).unwrap();
+    fn stretched_sphere_has_bounding_sphere_of_its_longest_axis() {
+        let hull = HullPoints::of(&Geometry::Shape(Shape::Sphere(Sphere::UNIT))).unwrap();
         let map = DAffine3::from_rotation_x(0.4) * DAffine3::from_scale(DVec3::new(1.0, 3.0, 0.5));
         let ball = hull.world_balls(&map).tight;
         assert!((3.0..3.06).contains(&ball.radius), "{}", ball.radius);

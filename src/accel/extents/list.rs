@@ -4,17 +4,17 @@
 //! to the same bits. The order of the objects changes no result, because ties have an order of their own.
 
 use super::rays::RayLanes;
-use super::{ExtentCounts, ExtentKind, Extents, Object};
-use crate::accel::brute::{blocks, nearest_of};
+use super::{BoundingVolumeCounts, BoundingVolumeKind, BoundingVolumes, Object};
+use crate::accel::brute::{is_occluded_by, nearest_of};
 use crate::accel::planes::Planes;
-use crate::accel::{Accel, AccelPart, AccelReport, Hit, LANES, RayOrder, RayPacket};
+use crate::accel::{Accel, AccelPart, AccelReport, Coherence, Hit, LANES, RayPacket};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, lanes};
 use crate::scene::Scene;
 
 /// The objects of a scene in a list, each behind its bounding volume.
 pub struct ListAccel<'s> {
     pub(super) scene: &'s Scene,
-    pub(super) extents: Extents,
+    pub(super) extents: BoundingVolumes,
     pub(super) planes: Planes,
 }
 
@@ -85,12 +85,12 @@ impl std::ops::AddAssign for Tally {
 
 impl<'s> ListAccel<'s> {
     /// Lists a validated scene's objects with bounding volumes of that kind.
-    pub fn new(scene: &'s Scene, kind: ExtentKind) -> ListAccel<'s> {
-        ListAccel::of_extents(scene, Extents::new(scene, kind))
+    pub fn new(scene: &'s Scene, kind: BoundingVolumeKind) -> ListAccel<'s> {
+        ListAccel::of_extents(scene, BoundingVolumes::new(scene, kind))
     }
 
     /// Lists the objects with volumes that are already computed.
-    pub(super) fn of_extents(scene: &'s Scene, extents: Extents) -> ListAccel<'s> {
+    pub(super) fn of_extents(scene: &'s Scene, extents: BoundingVolumes) -> ListAccel<'s> {
         ListAccel {
             scene,
             extents,
@@ -99,7 +99,7 @@ impl<'s> ListAccel<'s> {
     }
 
     /// Returns the numbers of objects by kind of bounding volume.
-    pub fn counts(&self) -> ExtentCounts {
+    pub fn counts(&self) -> BoundingVolumeCounts {
         self.extents.counts()
     }
 
@@ -117,15 +117,15 @@ impl<'s> ListAccel<'s> {
         tally
     }
 
-    fn trace(&self, packets: &mut [RayPacket], question: Query, count: &mut impl Count) {
+    fn trace(&self, packets: &mut [RayPacket], query: Query, count: &mut impl Count) {
         dispatch(Batch {
             list: self,
             packets,
-            question,
+            query,
             count,
         });
         if !self.planes.is_empty() {
-            match question {
+            match query {
                 Query::Nearest => self.planes.intersect(packets),
                 Query::Any => self.planes.occluded(packets),
             }
@@ -134,11 +134,11 @@ impl<'s> ListAccel<'s> {
 }
 
 impl Accel for ListAccel<'_> {
-    fn intersect(&self, packets: &mut [RayPacket], _order: RayOrder) {
+    fn intersect(&self, packets: &mut [RayPacket], _order: Coherence) {
         self.trace(packets, Query::Nearest, &mut ());
     }
 
-    fn occluded(&self, packets: &mut [RayPacket], _order: RayOrder) {
+    fn occluded(&self, packets: &mut [RayPacket], _order: Coherence) {
         self.trace(packets, Query::Any, &mut ());
     }
 
@@ -165,7 +165,7 @@ impl Accel for ListAccel<'_> {
 struct Batch<'a, 's, C> {
     list: &'a ListAccel<'s>,
     packets: &'a mut [RayPacket],
-    question: Query,
+    query: Query,
     count: &'a mut C,
 }
 
@@ -177,11 +177,11 @@ impl<C: Count> SimdKernel for Batch<'_, '_, C> {
         let extents = &self.list.extents;
         for packet in self.packets {
             packet.drop_untraceable();
-            let mut search = Search::new(isa, self.list, packet, self.question);
+            let mut search = Search::new(isa, self.list, packet, self.query);
             self.count.rays(search.active, extents.objects().len());
             // Test every object until no lane is active
             for object in extents.objects() {
-                search.ask(isa, object, u32::MAX, self.count);
+                search.test_object(isa, object, u32::MAX, self.count);
                 if search.active == 0 {
                     break;
                 }
@@ -194,9 +194,9 @@ impl<C: Count> SimdKernel for Batch<'_, '_, C> {
 /// State of one packet while it is tested against objects, in any order.
 pub(super) struct Search<'a, 's> {
     list: &'a ListAccel<'s>,
-    question: Query,
+    query: Query,
     rays: RayLanes,
-    asked: RayPacket,
+    packet: RayPacket,
     best: [Option<Hit>; LANES],
     /// Parameters beyond which hits are ignored.
     pub(super) t_far: [f32; LANES],
@@ -211,14 +211,14 @@ impl<'a, 's> Search<'a, 's> {
         isa: impl SimdLevel,
         list: &'a ListAccel<'s>,
         packet: &RayPacket,
-        question: Query,
+        query: Query,
     ) -> Self {
         let active = (0..LANES).fold(0, |mask, l| mask | u32::from(packet.active[l] != 0) << l);
         Search {
             list,
-            question,
-            rays: RayLanes::new(isa, packet, list.extents.by_origin()),
-            asked: packet.clone(),
+            query,
+            rays: RayLanes::new(isa, packet, list.extents.origin_factor()),
+            packet: packet.clone(),
             best: [None; LANES],
             t_far: packet.t_far,
             active,
@@ -228,20 +228,26 @@ impl<'a, 's> Search<'a, 's> {
 
     /// Tests the active lanes in `among` against one object.
     #[inline(always)]
-    pub(super) fn ask(&mut self, isa: impl SimdLevel, object: &Object, among: u32, count: &mut impl Count) {
-        let asked = self.active & among;
-        let mut mask = asked;
+    pub(super) fn test_object(
+        &mut self,
+        isa: impl SimdLevel,
+        object: &Object,
+        among: u32,
+        count: &mut impl Count,
+    ) {
+        let among_active = self.active & among;
+        let mut mask = among_active;
         // Cull lanes by the bounding volume
-        if object.has_extent() {
-            count.extents(asked);
-            mask &= object.meets(isa, &self.rays, &self.t_far);
+        if object.has_volume() {
+            count.extents(among_active);
+            mask &= object.hit_mask(isa, &self.rays, &self.t_far);
         }
         count.objects(mask);
         // Test the object ray by ray
         for lane in lanes(mask) {
             let lane = lane % LANES;
-            let ray = self.asked.ray(lane);
-            match self.question {
+            let ray = self.packet.ray(lane);
+            match self.query {
                 Query::Nearest => {
                     nearest_of(self.list.scene, object.instance, &ray, &mut self.best[lane]);
                     if let Some(hit) = &self.best[lane] {
@@ -249,7 +255,7 @@ impl<'a, 's> Search<'a, 's> {
                     }
                 }
                 Query::Any => {
-                    if blocks(self.list.scene, object.instance, &ray) {
+                    if is_occluded_by(self.list.scene, object.instance, &ray) {
                         self.blocked |= 1 << lane;
                         self.active &= !(1 << lane);
                     }

@@ -1,9 +1,9 @@
 //! Bounding volumes around objects, tested before the objects themselves.
 //!
-//! * [`BoxExtent`] is the bounding box of the object, [`SphereExtent`] a bounding sphere: the centroid sphere, whose
-//!   centre is the centroid of the vertices, or the smallest one ([`Ball`]).
-//! * [`ExtentKind::Chosen`] takes for every object the volume that measured costs make cheapest, or none.
-//! * [`ProjectionExtents`] are screen-space bounding boxes: a camera ray cannot hit an object whose box does not
+//! * [`BoxVolume`] is the bounding box of the object, [`SphereVolume`] a bounding sphere: the centroid sphere, whose
+//!   centre is the centroid of the vertices, or the smallest one ([`BoundingSphere`]).
+//! * [`BoundingVolumeKind::Chosen`] takes for every object the volume that measured costs make cheapest, or none.
+//! * [`ScreenBounds`] are screen-space bounding boxes: a camera ray cannot hit an object whose box does not
 //!   contain its pixel, so no arithmetic on rays is needed to skip it.
 //! * [`ListAccel`] is a list of objects, each behind its bounding volume, with counters of the tests that the volumes
 //!   save.
@@ -21,17 +21,17 @@ mod rays;
 mod shape;
 mod tiles;
 
-pub use ball::Ball;
+pub use ball::BoundingSphere;
 pub use list::{ListAccel, Tally};
-pub use projection::{FilmBox, ProjectionExtents};
-pub use shape::{BoxExtent, SphereExtent};
-pub use tiles::{ListLimits, ProjectedAccel};
+pub use projection::{ScreenBounds, ScreenBox};
+pub use shape::{BoxVolume, SphereVolume};
+pub use tiles::{ListLimits, TileCulledAccel};
 
 use self::choice::Costs;
-use self::guard::Guard;
-use self::hull::Hull;
+use self::guard::HitError;
+use self::hull::HullPoints;
 use self::rays::{Lanes, RayLanes};
-use self::shape::Extent;
+use self::shape::BoundingVolume;
 use crate::mesh::simd::SimdLevel;
 use crate::numeric::Bounds;
 use crate::parallel;
@@ -40,7 +40,7 @@ use crate::scene::{Geometry, Instance, Scene};
 /// Kind of bounding volume for objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum ExtentKind {
+pub enum BoundingVolumeKind {
     /// No volume: every object is tested.
     None,
     /// Axis-aligned boxes in world space.
@@ -53,25 +53,25 @@ pub enum ExtentKind {
     Chosen,
 }
 
-impl ExtentKind {
+impl BoundingVolumeKind {
     /// All kinds, in the order of their declaration.
-    pub const ALL: [ExtentKind; 5] = [
-        ExtentKind::None,
-        ExtentKind::Box,
-        ExtentKind::CentroidSphere,
-        ExtentKind::TightSphere,
-        ExtentKind::Chosen,
+    pub const ALL: [BoundingVolumeKind; 5] = [
+        BoundingVolumeKind::None,
+        BoundingVolumeKind::Box,
+        BoundingVolumeKind::CentroidSphere,
+        BoundingVolumeKind::TightSphere,
+        BoundingVolumeKind::Chosen,
     ];
 }
 
-impl std::fmt::Display for ExtentKind {
+impl std::fmt::Display for BoundingVolumeKind {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         f.pad(match self {
-            ExtentKind::None => "none",
-            ExtentKind::Box => "box",
-            ExtentKind::CentroidSphere => "centroid sphere",
-            ExtentKind::TightSphere => "tight sphere",
-            ExtentKind::Chosen => "chosen",
+            BoundingVolumeKind::None => "none",
+            BoundingVolumeKind::Box => "box",
+            BoundingVolumeKind::CentroidSphere => "centroid sphere",
+            BoundingVolumeKind::TightSphere => "tight sphere",
+            BoundingVolumeKind::Chosen => "chosen",
         })
     }
 }
@@ -87,7 +87,7 @@ pub enum Spheres {
 
 /// Numbers of objects by kind of bounding volume.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
-pub struct ExtentCounts {
+pub struct BoundingVolumeCounts {
     /// Objects without a bounding volume.
     pub none: u64,
     /// Objects behind a box.
@@ -99,96 +99,96 @@ pub struct ExtentCounts {
 }
 
 /// The objects of a scene without planes, each with its bounding volume.
-pub(crate) struct Extents {
+pub(crate) struct BoundingVolumes {
     objects: Vec<Object>,
-    by_origin: f32,
-    counts: ExtentCounts,
+    origin_factor: f32,
+    counts: BoundingVolumeCounts,
 }
 
 /// An instance and the volume that is tested before it.
 pub(crate) struct Object {
     pub(crate) instance: u32,
-    pub(crate) extent: Extent,
+    pub(crate) extent: BoundingVolume,
 }
 
 /// Candidate bounding volumes of one object.
-pub(crate) struct Offers {
-    bounds: BoxExtent,
-    centroid: SphereExtent,
-    tight: SphereExtent,
+pub(crate) struct Candidates {
+    bounds: BoxVolume,
+    centroid: SphereVolume,
+    tight: SphereVolume,
 }
 
-impl Offers {
+impl Candidates {
     /// Computes the candidates of an instance; `None` if no volume is safe.
-    fn of(scene: &Scene, instance: &Instance, hull: &Hull) -> Option<(Offers, Guard)> {
+    fn of(scene: &Scene, instance: &Instance, hull: &HullPoints) -> Option<(Candidates, HitError)> {
         let geometry = &scene.geometries[instance.geometry as usize];
-        let guard = Guard::of(instance, geometry, hull.object_bounds())?;
+        let guard = HitError::of(instance, geometry, hull.object_bounds())?;
         // Enclose the transformed points and widen by the error bound
         let map = instance.world_from_object();
         let balls = hull.world_balls(&map);
         let bounds = hull.world_bounds(&map, instance.world_bounds(geometry, hull.object_bounds()));
-        let offers = Offers {
-            bounds: BoxExtent::new(&bounds, &guard),
-            centroid: SphereExtent::new(&balls.centroid, &guard),
-            tight: SphereExtent::new(&balls.tight, &guard),
+        let candidates = Candidates {
+            bounds: BoxVolume::new(&bounds, &guard),
+            centroid: SphereVolume::new(&balls.centroid, &guard),
+            tight: SphereVolume::new(&balls.tight, &guard),
         };
-        Some((offers, guard))
+        Some((candidates, guard))
     }
 
-    /// Returns the volume of a kind; none for [`ExtentKind::Chosen`], which must be resolved before.
-    fn of_kind(&self, kind: ExtentKind) -> Extent {
+    /// Returns the volume of a kind; none for [`BoundingVolumeKind::Chosen`], which must be resolved before.
+    fn of_kind(&self, kind: BoundingVolumeKind) -> BoundingVolume {
         match kind {
-            ExtentKind::None | ExtentKind::Chosen => Extent::None,
-            ExtentKind::Box => Extent::Box(self.bounds),
-            ExtentKind::CentroidSphere => Extent::Sphere(self.centroid),
-            ExtentKind::TightSphere => Extent::Sphere(self.tight),
+            BoundingVolumeKind::None | BoundingVolumeKind::Chosen => BoundingVolume::None,
+            BoundingVolumeKind::Box => BoundingVolume::Box(self.bounds),
+            BoundingVolumeKind::CentroidSphere => BoundingVolume::Sphere(self.centroid),
+            BoundingVolumeKind::TightSphere => BoundingVolume::Sphere(self.tight),
         }
     }
 }
 
-impl Extents {
-    /// Computes volumes of one kind for all objects that may have one. [`ExtentKind::Chosen`] takes some milliseconds
+impl BoundingVolumes {
+    /// Computes volumes of one kind for all objects that may have one. [`BoundingVolumeKind::Chosen`] takes some milliseconds
     /// to measure.
-    pub(crate) fn new(scene: &Scene, kind: ExtentKind) -> Extents {
-        Extents::of_hulls(scene, &hulls_of(scene), kind)
+    pub(crate) fn new(scene: &Scene, kind: BoundingVolumeKind) -> BoundingVolumes {
+        BoundingVolumes::of_hulls(scene, &hulls_of(scene), kind)
     }
 
     /// Computes volumes of one kind from known hulls, one per geometry.
-    fn of_hulls(scene: &Scene, hulls: &[Option<Hull>], kind: ExtentKind) -> Extents {
+    fn of_hulls(scene: &Scene, hulls: &[Option<HullPoints>], kind: BoundingVolumeKind) -> BoundingVolumes {
         // Measure the costs of tests if the kind is to be chosen
-        let costs = (kind == ExtentKind::Chosen).then(|| Costs::measure(scene, hulls));
+        let costs = (kind == BoundingVolumeKind::Chosen).then(|| Costs::measure(scene, hulls));
         // Compute the volume of each instance
-        let object = |index: usize| -> Option<(Object, ExtentKind, f64)> {
+        let object = |index: usize| -> Option<(Object, BoundingVolumeKind, f64)> {
             let instance = &scene.instances[index];
             let hull = hulls[instance.geometry as usize].as_ref()?;
             let without = Object {
                 instance: index as u32,
-                extent: Extent::None,
+                extent: BoundingVolume::None,
             };
-            let offers = if kind == ExtentKind::None {
+            let candidates = if kind == BoundingVolumeKind::None {
                 None
             } else {
-                Offers::of(scene, instance, hull)
+                Candidates::of(scene, instance, hull)
             };
-            let Some((offers, guard)) = offers else {
-                return Some((without, ExtentKind::None, 0.0));
+            let Some((candidates, guard)) = candidates else {
+                return Some((without, BoundingVolumeKind::None, 0.0));
             };
             let kind = costs
                 .as_ref()
-                .map_or(kind, |costs| costs.cheapest(instance.geometry, &offers));
-            let extent = offers.of_kind(kind);
-            Some((Object { extent, ..without }, kind, guard.by_origin))
+                .map_or(kind, |costs| costs.cheapest(instance.geometry, &candidates));
+            let extent = candidates.of_kind(kind);
+            Some((Object { extent, ..without }, kind, guard.origin_factor))
         };
         // Collect the objects and the largest error factor of ray origins
         let objects = parallel::map(scene.instances.len(), &object);
-        let mut extents = Extents {
+        let mut extents = BoundingVolumes {
             objects: Vec::with_capacity(objects.len()),
-            by_origin: 0.0,
-            counts: ExtentCounts::default(),
+            origin_factor: 0.0,
+            counts: BoundingVolumeCounts::default(),
         };
-        for (object, kind, by_origin) in objects.into_iter().flatten() {
+        for (object, kind, origin_factor) in objects.into_iter().flatten() {
             extents.objects.push(object);
-            extents.by_origin = extents.by_origin.max((by_origin as f32).next_up());
+            extents.origin_factor = extents.origin_factor.max((origin_factor as f32).next_up());
             extents.counts.add(kind);
         }
         extents
@@ -200,20 +200,20 @@ impl Extents {
     }
 
     /// Returns the numbers of objects by kind of volume.
-    pub(crate) fn counts(&self) -> ExtentCounts {
+    pub(crate) fn counts(&self) -> BoundingVolumeCounts {
         self.counts
     }
 
     /// Returns the largest error factor of ray origins, for [`RayLanes::new`].
-    pub(crate) fn by_origin(&self) -> f32 {
-        self.by_origin
+    pub(crate) fn origin_factor(&self) -> f32 {
+        self.origin_factor
     }
 }
 
 /// Computes the hulls of all geometries.
-fn hulls_of(scene: &Scene) -> Vec<Option<Hull>> {
+fn hulls_of(scene: &Scene) -> Vec<Option<HullPoints>> {
     parallel::map(scene.geometries.len(), &|index| {
-        Hull::of(&scene.geometries[index])
+        HullPoints::of(&scene.geometries[index])
     })
 }
 
@@ -221,18 +221,18 @@ fn hulls_of(scene: &Scene) -> Vec<Option<Hull>> {
 /// for meshes.
 ///
 /// A cell of a tree contains several shapes, so many rays that reach a cell miss a shape in it.
-pub(crate) fn spheres_of_shapes(scene: &Scene) -> Vec<Option<SphereExtent>> {
+pub(crate) fn shape_spheres(scene: &Scene) -> Vec<Option<SphereVolume>> {
     let hulls = parallel::map(scene.geometries.len(), &|index| {
         let geometry = &scene.geometries[index];
         match geometry {
-            Geometry::Shape(_) => Hull::of(geometry),
+            Geometry::Shape(_) => HullPoints::of(geometry),
             Geometry::Mesh(_) => None,
         }
     });
     let sphere_of = |index: usize| {
         let instance = &scene.instances[index];
         let hull = hulls[instance.geometry as usize].as_ref()?;
-        Some(Offers::of(scene, instance, hull)?.0.tight)
+        Some(Candidates::of(scene, instance, hull)?.0.tight)
     };
     parallel::map(scene.instances.len(), &sphere_of)
 }
@@ -240,28 +240,28 @@ pub(crate) fn spheres_of_shapes(scene: &Scene) -> Vec<Option<SphereExtent>> {
 impl Object {
     /// Returns the mask of lanes that may hit the object before `t_far`.
     #[inline(always)]
-    pub(crate) fn meets(&self, isa: impl SimdLevel, rays: &RayLanes, t_far: &Lanes) -> u32 {
+    pub(crate) fn hit_mask(&self, isa: impl SimdLevel, rays: &RayLanes, t_far: &Lanes) -> u32 {
         match &self.extent {
-            Extent::None => u32::MAX,
-            Extent::Box(extent) => rays.meet_box(isa, extent, t_far),
-            Extent::Sphere(extent) => rays.meet_sphere(isa, extent, t_far),
+            BoundingVolume::None => u32::MAX,
+            BoundingVolume::Box(extent) => rays.hit_box_mask(isa, extent, t_far),
+            BoundingVolume::Sphere(extent) => rays.hit_sphere_mask(isa, extent, t_far),
         }
     }
 
     /// Returns whether the object has a bounding volume.
     #[inline(always)]
-    pub(crate) fn has_extent(&self) -> bool {
-        self.extent != Extent::None
+    pub(crate) fn has_volume(&self) -> bool {
+        self.extent != BoundingVolume::None
     }
 }
 
-impl ExtentCounts {
-    fn add(&mut self, kind: ExtentKind) {
+impl BoundingVolumeCounts {
+    fn add(&mut self, kind: BoundingVolumeKind) {
         *match kind {
-            ExtentKind::None | ExtentKind::Chosen => &mut self.none,
-            ExtentKind::Box => &mut self.boxes,
-            ExtentKind::CentroidSphere => &mut self.centroid_spheres,
-            ExtentKind::TightSphere => &mut self.tight_spheres,
+            BoundingVolumeKind::None | BoundingVolumeKind::Chosen => &mut self.none,
+            BoundingVolumeKind::Box => &mut self.boxes,
+            BoundingVolumeKind::CentroidSphere => &mut self.centroid_spheres,
+            BoundingVolumeKind::TightSphere => &mut self.tight_spheres,
         } += 1;
     }
 }

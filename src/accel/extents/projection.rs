@@ -10,8 +10,8 @@
 
 use glam::{DMat3, DVec3, Vec3};
 
-use super::guard::{Guard, UNIT};
-use super::hull::Hull;
+use super::guard::{HitError, UNIT};
+use super::hull::HullPoints;
 use super::hulls_of;
 use crate::accel::RayPacket;
 use crate::numeric::LANES;
@@ -32,7 +32,7 @@ const WIDE_SLACK: f64 = 1.0 / (1u64 << 48) as f64;
 /// A box in screen space: x from 0 at the left edge of the image to 1 at the right, y from 0 at the top to 1 at the
 /// bottom. Positions outside the image are valid, too.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FilmBox {
+pub struct ScreenBox {
     /// Left and top bounds.
     pub low: [f32; 2],
     /// Right and bottom bounds.
@@ -41,16 +41,16 @@ pub struct FilmBox {
     pub depth: f32,
 }
 
-impl FilmBox {
+impl ScreenBox {
     /// Empty box, for objects that cannot be seen.
-    pub const NOWHERE: FilmBox = FilmBox {
+    pub const EMPTY: ScreenBox = ScreenBox {
         low: [f32::INFINITY; 2],
         high: [f32::NEG_INFINITY; 2],
         depth: f32::INFINITY,
     };
 
     /// Infinite box, for objects without a bound.
-    pub const EVERYWHERE: FilmBox = FilmBox {
+    pub const INFINITE: ScreenBox = ScreenBox {
         low: [f32::NEG_INFINITY; 2],
         high: [f32::INFINITY; 2],
         depth: f32::NEG_INFINITY,
@@ -58,7 +58,7 @@ impl FilmBox {
 
     /// Returns whether two boxes have a point in common.
     #[inline(always)]
-    pub fn overlaps(&self, other: &FilmBox) -> bool {
+    pub fn overlaps(&self, other: &ScreenBox) -> bool {
         (self.low[0] <= other.high[0])
             & (other.low[0] <= self.high[0])
             & (self.low[1] <= other.high[1])
@@ -72,9 +72,9 @@ impl FilmBox {
 }
 
 /// Screen-space boxes of the objects of a scene for one camera.
-pub struct ProjectionExtents {
+pub struct ScreenBounds {
     film: Film,
-    boxes: Vec<FilmBox>,
+    boxes: Vec<ScreenBox>,
 }
 
 /// Projection from world space to the film.
@@ -101,40 +101,40 @@ enum CameraRays {
     Along(Vec3),
 }
 
-impl ProjectionExtents {
+impl ScreenBounds {
     /// Computes the boxes of all instances of a validated scene; `None` for cameras of extremely narrow angles.
-    pub fn new(scene: &Scene, view: &CameraView) -> Option<ProjectionExtents> {
-        ProjectionExtents::of_hulls(scene, &hulls_of(scene), view)
+    pub fn new(scene: &Scene, view: &CameraView) -> Option<ScreenBounds> {
+        ScreenBounds::of_hulls(scene, &hulls_of(scene), view)
     }
 
     /// Computes the boxes from known hulls, one per geometry.
     pub(super) fn of_hulls(
         scene: &Scene,
-        hulls: &[Option<Hull>],
+        hulls: &[Option<HullPoints>],
         view: &CameraView,
-    ) -> Option<ProjectionExtents> {
+    ) -> Option<ScreenBounds> {
         let film = Film::new(view)?;
         let boxes = parallel::map(scene.instances.len(), &|index| {
             let instance = &scene.instances[index];
             film.box_of(scene, instance, hulls[instance.geometry as usize].as_ref())
         });
-        Some(ProjectionExtents { film, boxes })
+        Some(ScreenBounds { film, boxes })
     }
 
     /// Returns the box of an instance: infinite for planes, and for transforms too extreme for an error bound.
-    pub fn film_box(&self, instance: u32) -> FilmBox {
+    pub fn screen_box(&self, instance: u32) -> ScreenBox {
         self.boxes[instance as usize]
     }
 
     /// Returns the boxes of all instances, in their order.
-    pub(super) fn boxes(&self) -> &[FilmBox] {
+    pub(super) fn boxes(&self) -> &[ScreenBox] {
         &self.boxes
     }
 
     /// Returns the screen-space box of the active rays of a packet, or `None` if they are not the camera's. The pair
     /// `[scale, base]` bounds the depth of the rays at parameter `t` by `scale * t + base`.
     #[inline(always)]
-    pub(super) fn film_of(&self, packet: &RayPacket) -> Option<(FilmBox, [f32; 2])> {
+    pub(super) fn screen_box_of(&self, packet: &RayPacket) -> Option<(ScreenBox, [f32; 2])> {
         self.film.of_packet(packet)
     }
 }
@@ -188,26 +188,26 @@ impl Film {
         })
     }
 
-    fn box_of(&self, scene: &Scene, instance: &Instance, hull: Option<&Hull>) -> FilmBox {
+    fn box_of(&self, scene: &Scene, instance: &Instance, hull: Option<&HullPoints>) -> ScreenBox {
         let geometry = &scene.geometries[instance.geometry as usize];
         let Some(hull) = hull else {
             return if geometry.is_unbounded() {
-                FilmBox::EVERYWHERE
+                ScreenBox::INFINITE
             } else {
-                FilmBox::NOWHERE
+                ScreenBox::EMPTY
             };
         };
-        let Some(guard) = Guard::of(instance, geometry, hull.object_bounds()) else {
-            return FilmBox::EVERYWHERE;
+        let Some(guard) = HitError::of(instance, geometry, hull.object_bounds()) else {
+            return ScreenBox::INFINITE;
         };
         let map = instance.world_from_object();
         let world = instance.world_bounds(geometry, hull.object_bounds());
-        self.box_of_points(&hull.placed_points(&map, &world), &guard)
+        self.box_of_points(&hull.world_points(&map, &world), &guard)
     }
 
     /// Returns the box around points, each of which may be displaced by the guard's bounds.
-    fn box_of_points(&self, points: &[DVec3], guard: &Guard) -> FilmBox {
-        let pad = DVec3::splat(guard.by_origin * self.reach + guard.own);
+    fn box_of_points(&self, points: &[DVec3], guard: &HitError) -> ScreenBox {
+        let pad = DVec3::splat(guard.origin_factor * self.reach + guard.own);
         let magnitudes = rows(&self.film_from_world);
         let depth_of_meshes = guard.depth * self.film_from_world.row(2).length();
         // Project the points, with error bounds
@@ -236,19 +236,19 @@ impl Film {
         let last = farthest + depth_of_meshes + off_film + self.depth_slack;
         // Reject objects behind the camera or the near plane
         if last < 0.0 || last * (1.0 + DEPTH_SLACK) < self.t_near {
-            return FilmBox::NOWHERE;
+            return ScreenBox::EMPTY;
         }
         let depth = ((nearest - depth_of_meshes - self.depth_slack) as f32).next_down();
         // Return an infinite box if the object reaches around the projection centre
         if matches!(self.rays, CameraRays::From(_)) && !(nearest > 0.0) {
-            return FilmBox {
+            return ScreenBox {
                 depth,
-                ..FilmBox::EVERYWHERE
+                ..ScreenBox::INFINITE
             };
         }
         let down = |x: f64| ((x - FILM_SLACK) as f32).next_down();
         let up = |x: f64| ((x + FILM_SLACK) as f32).next_up();
-        FilmBox {
+        ScreenBox {
             low: [down(low.x), down(low.y)],
             high: [up(high.x), up(high.y)],
             depth,
@@ -256,7 +256,7 @@ impl Film {
     }
 
     #[inline(always)]
-    fn of_packet(&self, packet: &RayPacket) -> Option<(FilmBox, [f32; 2])> {
+    fn of_packet(&self, packet: &RayPacket) -> Option<(ScreenBox, [f32; 2])> {
         // Project the rays and check that they are the camera's
         let (same, shared, moving, origin) = match self.rays {
             CameraRays::From(origin) => (&packet.origin, origin, &packet.direction, DVec3::ZERO),
@@ -310,7 +310,7 @@ impl Film {
         if !near_film || is_perspective && !(low[2] > 0.5) {
             return None;
         }
-        let film = FilmBox {
+        let film = ScreenBox {
             low: [(low[0] as f32).next_down(), (low[1] as f32).next_down()],
             high: [(high[0] as f32).next_up(), (high[1] as f32).next_up()],
             depth: 0.0,

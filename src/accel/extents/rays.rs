@@ -9,7 +9,7 @@ use crate::accel::bsp::error_bounds::Line;
 use crate::accel::{LANES, RayPacket};
 use crate::mesh::simd::SimdLevel;
 
-use super::shape::{BoxExtent, SphereExtent};
+use super::shape::{BoxVolume, SphereVolume};
 
 /// One value per ray of the packet.
 pub(super) type Lanes = [f32; LANES];
@@ -40,16 +40,16 @@ pub(crate) struct RayLanes {
 }
 
 impl RayLanes {
-    /// Prepares the rays of a packet. `by_origin` is the largest such factor of all guards.
+    /// Prepares the rays of a packet. `origin_factor` is the largest such factor of all guards.
     #[inline(always)]
-    pub(crate) fn new(isa: impl SimdLevel, packet: &RayPacket, by_origin: f32) -> RayLanes {
+    pub(crate) fn new(isa: impl SimdLevel, packet: &RayPacket, origin_factor: f32) -> RayLanes {
         let (origin, direction) = (packet.origin, packet.direction);
         let [enter, leave] = Line::reciprocals(&direction);
         // Move the origins by the error bound, along and against the direction
         let mut pad = [0.0; LANES];
         for row in &origin {
             for l in 0..LANES {
-                let part = row[l].abs() * by_origin;
+                let part = row[l].abs() * origin_factor;
                 pad[l] = if part > pad[l] { part } else { pad[l] };
             }
         }
@@ -87,7 +87,7 @@ impl RayLanes {
 
     /// Returns the mask of lanes that may hit the box before `t_far`.
     #[inline(always)]
-    pub(super) fn meet_box(&self, isa: impl SimdLevel, extent: &BoxExtent, t_far: &Lanes) -> u32 {
+    pub(super) fn hit_box_mask(&self, isa: impl SimdLevel, extent: &BoxVolume, t_far: &Lanes) -> u32 {
         let (mut near, mut far) = (self.t_near, *t_far);
         for l in 0..LANES {
             // Extend the interval by the depth error of edge-on triangles
@@ -115,7 +115,7 @@ impl RayLanes {
     /// The squared distance of the line from the centre is `|f|² - (f.d)² / |d|²`, and no hit is farther along the ray
     /// than the radius from the point nearest to the centre.
     #[inline(always)]
-    pub(super) fn meet_sphere(&self, isa: impl SimdLevel, extent: &SphereExtent, t_far: &Lanes) -> u32 {
+    pub(super) fn hit_sphere_mask(&self, isa: impl SimdLevel, extent: &SphereVolume, t_far: &Lanes) -> u32 {
         let [mut beside, mut from, mut to] = [[0.0f32; LANES]; 3];
         for l in 0..LANES {
             let x = self.origin[0][l] - extent.center[0];

@@ -2,8 +2,8 @@
 
 use glam::DVec3;
 
-use super::ball::Ball;
-use super::guard::{Guard, UNIT};
+use super::ball::BoundingSphere;
+use super::guard::{HitError, UNIT};
 use super::rays::MIN_SQUARE;
 use crate::numeric::{Bounds, Ray};
 
@@ -18,16 +18,16 @@ const WIDE_SLACK: f64 = 1.0 / (1u64 << 40) as f64;
 
 /// An axis-aligned bounding box in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BoxExtent {
+pub struct BoxVolume {
     pub(super) low: [f32; 3],
     pub(super) high: [f32; 3],
-    /// Depth error of hits, as in [`Guard::depth`].
+    /// Depth error of hits, as in [`HitError::depth`].
     pub(super) depth: f32,
 }
 
 /// A bounding sphere in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SphereExtent {
+pub struct SphereVolume {
     pub(super) center: [f32; 3],
     /// Factor of the squared distance of the origin, a little less than 1.
     pub(super) shrink: f32,
@@ -39,16 +39,16 @@ pub struct SphereExtent {
     pub(super) slack: f32,
 }
 
-impl BoxExtent {
+impl BoxVolume {
     /// Creates the box around everything within `bounds`.
-    pub(super) fn new(bounds: &Bounds, guard: &Guard) -> BoxExtent {
+    pub(super) fn new(bounds: &Bounds, guard: &HitError) -> BoxVolume {
         let pad = DVec3::splat(guard.own + WIDE_SLACK * bounds.magnitude());
         let padded = Bounds {
             min: bounds.min - pad,
             max: bounds.max + pad,
         };
         let (low, high) = padded.to_f32_outward();
-        BoxExtent {
+        BoxVolume {
             low,
             high,
             depth: (guard.depth as f32).next_up(),
@@ -62,23 +62,23 @@ impl BoxExtent {
     }
 }
 
-impl SphereExtent {
+impl SphereVolume {
     /// Creates the sphere around everything within `ball`.
     ///
-    /// A hit is displaced by `√3 (k |o| + own)` at most, k = [`Guard::by_origin`], and |o| is at most the origin's
+    /// A hit is displaced by `√3 (k |o| + own)` at most, k = [`HitError::origin_factor`], and |o| is at most the origin's
     /// distance D from the centre C and |C|. With `R' = R + √3 (k |C| + own)` and `e = √3 k`, all lines that may hit
     /// are nearer than `R' + e D`, whose square is at most `(1 + e) R'² + (e + e²) D²`.
-    pub(super) fn new(ball: &Ball, guard: &Guard) -> SphereExtent {
+    pub(super) fn new(ball: &BoundingSphere, guard: &HitError) -> SphereVolume {
         let center = ball.center.as_vec3();
         // Add the rounding of the centre, the displacement of hits, and f64 errors to the radius
         let moved = center.as_dvec3().distance(ball.center);
         let size = ball.center.abs().max_element();
         let root = 3f64.sqrt();
-        let e = root * guard.by_origin;
+        let e = root * guard.origin_factor;
         let wide = WIDE_SLACK * (size + ball.radius);
         let radius = ball.radius + moved + e * size + root * guard.own + wide;
         let up = |x: f64| (x as f32).next_up();
-        SphereExtent {
+        SphereVolume {
             center: center.to_array(),
             shrink: ((1.0 - SQUARE_SLACK - e - e * e) as f32).next_down(),
             square: up((1.0 + e + SQUARE_SLACK) * radius * radius) + MIN_SQUARE,
@@ -89,19 +89,19 @@ impl SphereExtent {
 
     /// Creates the centroid sphere: around the mean of the points, as far as the farthest, for rays that are tested
     /// exactly.
-    pub fn of_centroid(points: &[DVec3]) -> SphereExtent {
-        SphereExtent::new(&Ball::of_centroid(points), &Guard::NONE)
+    pub fn of_centroid(points: &[DVec3]) -> SphereVolume {
+        SphereVolume::new(&BoundingSphere::of_centroid(points), &HitError::NONE)
     }
 
     /// Creates the smallest sphere around the points.
-    pub fn smallest(points: &[DVec3]) -> SphereExtent {
-        SphereExtent::new(&Ball::smallest(points), &Guard::NONE)
+    pub fn smallest(points: &[DVec3]) -> SphereVolume {
+        SphereVolume::new(&BoundingSphere::smallest(points), &HitError::NONE)
     }
 
     /// Returns whether a line may hit the sphere: the test for a single ray, in f64, without overflow and without a
     /// division.
     #[inline(always)]
-    pub(crate) fn may_meet(&self, ray: &Ray) -> bool {
+    pub(crate) fn may_hit(&self, ray: &Ray) -> bool {
         let f = ray.origin.as_dvec3() - DVec3::from(self.center.map(f64::from));
         let d = ray.direction.as_dvec3();
         let along = f.dot(d);
@@ -123,11 +123,11 @@ impl SphereExtent {
 
 /// Bounding volume that is tested before an object.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Extent {
+pub(crate) enum BoundingVolume {
     /// No volume: the object is always tested.
     None,
     /// A box around the object.
-    Box(BoxExtent),
+    Box(BoxVolume),
     /// A sphere around the object.
-    Sphere(SphereExtent),
+    Sphere(SphereVolume),
 }

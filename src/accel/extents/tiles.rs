@@ -4,12 +4,12 @@
 //! finished as soon as everything left lies deeper than its hits. Packets in tiles with too many objects are traced by
 //! another backend, as are rays that are not the camera's.
 
-use super::hull::Hull;
+use super::hull::HullPoints;
 use super::list::{Count, ListAccel, Query, Search, Tally};
-use super::projection::{FilmBox, ProjectionExtents};
-use super::{ExtentKind, Extents};
+use super::projection::{ScreenBounds, ScreenBox};
+use super::{BoundingVolumeKind, BoundingVolumes};
 
-use crate::accel::{Accel, AccelPart, AccelReport, RayOrder, RayPacket};
+use crate::accel::{Accel, AccelPart, AccelReport, Coherence, RayPacket};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
 use crate::numeric::LANES;
 use crate::parallel;
@@ -26,11 +26,11 @@ const MAX_ENTRIES: usize = 1 << 24;
 const MAX_TILES_OF_PACKET: usize = 9;
 
 /// A backend whose camera rays skip objects by screen-space bounding boxes.
-pub struct ProjectedAccel<'a, 's> {
+pub struct TileCulledAccel<'a, 's> {
     /// Backend for all rays that the lists do not serve.
     inner: &'a dyn Accel,
     list: ListAccel<'s>,
-    projection: ProjectionExtents,
+    projection: ScreenBounds,
     tiles: Tiles,
 }
 
@@ -58,8 +58,8 @@ impl ListLimits {
 }
 
 /// Screen-space data of an object.
-struct Seen {
-    film: FilmBox,
+struct TileObject {
+    film: ScreenBox,
     /// Flag for objects that may be tested one by one.
     is_listed: bool,
 }
@@ -71,14 +71,14 @@ struct Tiles {
     /// Start of the list of each tile, followed by the end of the last one.
     starts: Vec<u32>,
     /// Flags of the tiles that are left to the other backend.
-    is_left: Vec<bool>,
+    uses_inner: Vec<bool>,
     /// Object positions of all lists, tile by tile.
     entries: Vec<u32>,
     /// Screen-space data by position in the list of objects.
-    seen: Vec<Seen>,
+    objects_seen: Vec<TileObject>,
 }
 
-impl<'a, 's> ProjectedAccel<'a, 's> {
+impl<'a, 's> TileCulledAccel<'a, 's> {
     /// Builds the lists for one view of a validated scene, with bounding volumes of that kind; `None` for cameras of
     /// extremely narrow angles.
     ///
@@ -88,28 +88,28 @@ impl<'a, 's> ProjectedAccel<'a, 's> {
         scene: &'s Scene,
         view: &CameraView,
         inner: &'a dyn Accel,
-        kind: ExtentKind,
+        kind: BoundingVolumeKind,
         limits: ListLimits,
-    ) -> Option<ProjectedAccel<'a, 's>> {
+    ) -> Option<TileCulledAccel<'a, 's>> {
         // Bound large meshes by their boxes only
         let is_listed = |geometry: &Geometry| geometry.primitive_count() <= limits.primitives;
         let hull = |geometry: &Geometry| {
             if is_listed(geometry) {
-                Hull::of(geometry)
+                HullPoints::of(geometry)
             } else {
-                Hull::rough(geometry)
+                HullPoints::from_bounds(geometry)
             }
         };
         let hulls = parallel::map(scene.geometries.len(), &|index| hull(&scene.geometries[index]));
-        let projection = ProjectionExtents::of_hulls(scene, &hulls, view)?;
-        let list = ListAccel::of_extents(scene, Extents::of_hulls(scene, &hulls, kind));
+        let projection = ScreenBounds::of_hulls(scene, &hulls, view)?;
+        let list = ListAccel::of_extents(scene, BoundingVolumes::of_hulls(scene, &hulls, kind));
         // Project the objects and sort them into tiles
-        let objects = list.extents.objects().iter().map(|object| Seen {
+        let objects = list.extents.objects().iter().map(|object| TileObject {
             film: projection.boxes()[object.instance as usize],
             is_listed: is_listed(scene.geometry_of(object.instance)),
         });
         let tiles = Tiles::new(objects.collect(), limits.objects);
-        Some(ProjectedAccel {
+        Some(TileCulledAccel {
             inner,
             tiles,
             list,
@@ -137,10 +137,10 @@ impl<'a, 's> ProjectedAccel<'a, 's> {
                 self.list.planes.intersect(&mut rest[..by_list]);
             }
             rest = &mut rest[by_list..];
-            let is_left = |packet: &&RayPacket| self.lists_of(packet).is_none();
-            let by_inner = rest.iter().take_while(is_left).count();
+            let uses_inner = |packet: &&RayPacket| self.lists_of(packet).is_none();
+            let by_inner = rest.iter().take_while(uses_inner).count();
             if by_inner > 0 {
-                self.inner.intersect(&mut rest[..by_inner], RayOrder::Coherent);
+                self.inner.intersect(&mut rest[..by_inner], Coherence::Coherent);
             }
             rest = &mut rest[by_inner..];
         }
@@ -149,24 +149,24 @@ impl<'a, 's> ProjectedAccel<'a, 's> {
     /// Returns the film box of a packet, the scale and base from parameters to depths, and its range of tiles, if lists
     /// serve it.
     #[inline(always)]
-    fn lists_of(&self, packet: &RayPacket) -> Option<(FilmBox, [f32; 2], [[usize; 2]; 2])> {
-        let (film, depths) = self.projection.film_of(packet)?;
+    fn lists_of(&self, packet: &RayPacket) -> Option<(ScreenBox, [f32; 2], [[usize; 2]; 2])> {
+        let (film, depths) = self.projection.screen_box_of(packet)?;
         let range = self.tiles.range(&film);
         let [[x0, x1], [y0, y1]] = range;
-        let fits = (x1 - x0 + 1) * (y1 - y0 + 1) <= MAX_TILES_OF_PACKET && !self.tiles.any_left(range);
+        let fits = (x1 - x0 + 1) * (y1 - y0 + 1) <= MAX_TILES_OF_PACKET && !self.tiles.any_uses_inner(range);
         fits.then_some((film, depths, range))
     }
 }
 
-impl Accel for ProjectedAccel<'_, '_> {
-    fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
+impl Accel for TileCulledAccel<'_, '_> {
+    fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
         match order {
-            RayOrder::Coherent => self.trace(packets, &mut ()),
-            RayOrder::Incoherent => self.inner.intersect(packets, order),
+            Coherence::Coherent => self.trace(packets, &mut ()),
+            Coherence::Incoherent => self.inner.intersect(packets, order),
         }
     }
 
-    fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
+    fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
         self.inner.occluded(packets, order);
     }
 
@@ -188,7 +188,7 @@ impl Accel for ProjectedAccel<'_, '_> {
 
 /// SIMD kernel for the leading packets that lists serve; returns their number.
 struct Batch<'b, 'a, 's, C> {
-    accel: &'b ProjectedAccel<'a, 's>,
+    accel: &'b TileCulledAccel<'a, 's>,
     packets: &'b mut [RayPacket],
     count: &'b mut C,
 }
@@ -221,21 +221,21 @@ impl<C: Count> SimdKernel for Batch<'_, '_, '_, C> {
     }
 }
 
-impl ProjectedAccel<'_, '_> {
+impl TileCulledAccel<'_, '_> {
     /// Tests the objects of one list. An object of several tiles may be tested again, without effect.
     #[inline(always)]
     fn search_tile(
         &self,
         isa: impl SimdLevel,
         entries: &[u32],
-        (film, [scale, base]): (&FilmBox, [f32; 2]),
+        (film, [scale, base]): (&ScreenBox, [f32; 2]),
         search: &mut Search,
         count: &mut impl Count,
     ) {
         // Visit the objects front to back until all are behind the farthest hit
         let mut deepest = f32::INFINITY;
         for &entry in entries {
-            let on_film = &self.tiles.seen[entry as usize].film;
+            let on_film = &self.tiles.objects_seen[entry as usize].film;
             if on_film.depth > deepest {
                 return;
             }
@@ -243,7 +243,7 @@ impl ProjectedAccel<'_, '_> {
             if !on_film.overlaps(film) {
                 continue;
             }
-            search.ask(isa, &self.list.extents.objects()[entry as usize], u32::MAX, count);
+            search.test_object(isa, &self.list.extents.objects()[entry as usize], u32::MAX, count);
             deepest = search.last() * scale + base;
             // The factor covers three roundings.
             deepest += deepest.abs() * 4.0 * f32::EPSILON;
@@ -256,22 +256,22 @@ fn active(packet: &RayPacket) -> u32 {
 }
 
 impl Tiles {
-    fn new(seen: Vec<Seen>, most_objects: usize) -> Tiles {
+    fn new(objects_seen: Vec<TileObject>, max_objects: usize) -> Tiles {
         // Sort the visible objects front to back
-        let side = side_for(&seen);
-        let mut front_to_back: Vec<u32> = (0..seen.len() as u32)
-            .filter(|&i| !seen[i as usize].film.is_nowhere())
+        let side = side_for(&objects_seen);
+        let mut front_to_back: Vec<u32> = (0..objects_seen.len() as u32)
+            .filter(|&i| !objects_seen[i as usize].film.is_nowhere())
             .collect();
-        let depth = |i: &u32| seen[*i as usize].film.depth;
+        let depth = |i: &u32| objects_seen[*i as usize].film.depth;
         front_to_back.sort_by(|a, b| depth(a).total_cmp(&depth(b)));
         // Enter each object into the tiles that it touches, unless a limit is exceeded
         let mut lists: Vec<Vec<u32>> = vec![Vec::new(); side * side];
-        let mut is_left = vec![false; side * side];
+        let mut uses_inner = vec![false; side * side];
         for i in front_to_back {
-            let Seen { film, is_listed } = &seen[i as usize];
+            let TileObject { film, is_listed } = &objects_seen[i as usize];
             for tile in tiles_of(side, range(side, film)) {
-                is_left[tile] |= !is_listed || lists[tile].len() >= most_objects;
-                if is_left[tile] {
+                uses_inner[tile] |= !is_listed || lists[tile].len() >= max_objects;
+                if uses_inner[tile] {
                     lists[tile] = Vec::new();
                 } else {
                     lists[tile].push(i);
@@ -289,15 +289,15 @@ impl Tiles {
         Tiles {
             side,
             starts,
-            is_left,
+            uses_inner,
             entries: lists.concat(),
-            seen,
+            objects_seen,
         }
     }
 
     /// Returns the tiles that a screen-space box touches, by axis.
     #[inline(always)]
-    fn range(&self, film: &FilmBox) -> [[usize; 2]; 2] {
+    fn range(&self, film: &ScreenBox) -> [[usize; 2]; 2] {
         range(self.side, film)
     }
 
@@ -308,8 +308,8 @@ impl Tiles {
 
     /// Returns whether any tile of a range is left to the other backend.
     #[inline(always)]
-    fn any_left(&self, range: [[usize; 2]; 2]) -> bool {
-        tiles_of(self.side, range).any(|tile| self.is_left[tile])
+    fn any_uses_inner(&self, range: [[usize; 2]; 2]) -> bool {
+        tiles_of(self.side, range).any(|tile| self.uses_inner[tile])
     }
 
     /// Returns whether all lists in a range of tiles are empty.
@@ -319,20 +319,24 @@ impl Tiles {
     }
 
     fn byte_count(&self) -> u64 {
-        (size_of_val(&*self.starts) + size_of_val(&*self.entries) + size_of_val(&*self.seen)) as u64
+        (size_of_val(&*self.starts) + size_of_val(&*self.entries) + size_of_val(&*self.objects_seen)) as u64
     }
 }
 
 /// Chooses the number of tiles along a side so that few objects share a tile, within the limit on entries.
-fn side_for(seen: &[Seen]) -> usize {
-    let wish = (2.0 * (seen.len() as f64).sqrt()) as usize;
-    let mut side = wish.next_power_of_two().clamp(FEWEST_TILES, MAX_TILES);
+fn side_for(objects_seen: &[TileObject]) -> usize {
+    let wanted_side = (2.0 * (objects_seen.len() as f64).sqrt()) as usize;
+    let mut side = wanted_side.next_power_of_two().clamp(FEWEST_TILES, MAX_TILES);
     let entries = |side: usize| -> usize {
-        let of = |seen: &Seen| {
-            let [[x0, x1], [y0, y1]] = range(side, &seen.film);
+        let of = |objects_seen: &TileObject| {
+            let [[x0, x1], [y0, y1]] = range(side, &objects_seen.film);
             (x1 - x0 + 1) * (y1 - y0 + 1)
         };
-        seen.iter().filter(|seen| !seen.film.is_nowhere()).map(of).sum()
+        objects_seen
+            .iter()
+            .filter(|objects_seen| !objects_seen.film.is_nowhere())
+            .map(of)
+            .sum()
     };
     // Halve the resolution until the lists fit into memory
     while side > 1 && entries(side) > MAX_ENTRIES {
@@ -350,7 +354,7 @@ fn tiles_of(side: usize, [[x0, x1], [y0, y1]]: [[usize; 2]; 2]) -> impl Iterator
 /// Returns the tiles that a box touches; the tiles at the edge include everything beyond the film. Rounding is
 /// monotonic, so boxes that overlap have a tile in common.
 #[inline(always)]
-fn range(side: usize, film: &FilmBox) -> [[usize; 2]; 2] {
+fn range(side: usize, film: &ScreenBox) -> [[usize; 2]; 2] {
     let tile = |x: f32| ((x * side as f32) as usize).min(side - 1);
     [
         [tile(film.low[0]), tile(film.high[0])],

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args as ArgGroup;
 
 use super::MAX_THREADS;
-use super::watching::WatchingArgs;
+use super::progress::ProgressArgs;
 use crate::batch::Shard;
 
 /// Largest duration in seconds: one week; more is taken for a typing error.
@@ -21,8 +21,8 @@ Examples:
   whit batch film.jobs.toml --out film --shard 3/24
   whit batch film.jobs.toml --out film --slurm film.sh --shards 24 && sbatch film.sh
 
-A batch may be ended at any time, in whatever way: --resume goes on with what is missing, to the same bits.
-One frame that fails does not stop the rest; the exit code is then 1.";
+A batch may be stopped or killed at any time: --resume renders what is missing, and the images are the same to the bit.
+If one frame fails, the others are still rendered; the exit code is then 1.";
 
 /// Flags of `whit batch`.
 #[derive(Debug, ArgGroup)]
@@ -36,16 +36,16 @@ pub(in crate::cli) struct BatchArgs {
     #[arg(long, value_name = "DIR")]
     pub(in crate::cli) out: PathBuf,
 
-    /// Go on with what an earlier run left: frames that are done are kept, if their scenes and settings are unchanged
+    /// Resume an earlier run: finished frames are kept if their scenes and settings are unchanged
     #[arg(long)]
     pub(in crate::cli) resume: bool,
 
-    /// Render only shard I of N, all of about the same size; I may be `auto` within a job array of Slurm (from 1) or an
-    /// indexed job of Kubernetes (from 0)
+    /// Render only shard I of N shards of about the same size; I may be `auto` within a job array of Slurm (from 1)
+    /// or an indexed job of Kubernetes (from 0)
     #[arg(long, value_name = "I/N", default_value = "1/1", hide_default_value = true)]
     pub(in crate::cli) shard: Shard,
 
-    /// List the frames, with a forecast of their times and memory, and render nothing
+    /// List the frames with a forecast of their times and memory, without rendering
     #[arg(long)]
     pub(in crate::cli) dry_run: bool,
 
@@ -57,23 +57,23 @@ pub(in crate::cli) struct BatchArgs {
     #[arg(long, value_name = "N", requires = "slurm", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=i64::from(crate::batch::slurm::MAX_TASKS)))]
     pub(in crate::cli) shards: u32,
 
-    /// Save the finished part of a frame at about this interval, so that little of a long one can be lost
+    /// Save the finished part of a frame at about this interval, so that an interruption loses little of a long frame
     #[arg(long, value_name = "SECONDS", default_value_t = 60.0, value_parser = seconds)]
     pub(in crate::cli) checkpoint: f64,
 
-    /// Stop taking samples of a frame after this time, with as many of each pixel as there are by then
+    /// Stop sampling a frame after this time, and write the image from the samples taken by then
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub(in crate::cli) time: Option<f64>,
 
-    /// Render no frame that is forecast to take more memory, as in 4G or 800M [default: what is free]
+    /// Skip frames whose forecast exceeds this memory, as in 4G or 800M [default: the free memory]
     #[arg(long, value_name = "BYTES", value_parser = bytes)]
     pub(in crate::cli) max_memory: Option<u64>,
 
-    /// Number of threads; 0 takes one per processor
+    /// Number of threads; 0 for one per processor
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
     pub(in crate::cli) threads: u32,
 
-    /// Lower the priority of the process: 19 takes only processor time that is left over
+    /// Lower the priority of the process: 19 uses only processor time that no other process needs
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(i32).range(0..=19))]
     pub(in crate::cli) nice: Option<i32>,
 
@@ -82,9 +82,9 @@ pub(in crate::cli) struct BatchArgs {
     pub(in crate::cli) html: Option<PathBuf>,
 
     #[command(flatten)]
-    pub(in crate::cli) watching: WatchingArgs,
+    pub(in crate::cli) watching: ProgressArgs,
 
-    /// Print nothing but errors
+    /// Print only errors
     #[arg(long, short)]
     pub(in crate::cli) quiet: bool,
 }
@@ -93,8 +93,8 @@ const MERGE_HELP: &str = "\
 Example:
   whit merge film
 
-Every frame of which all pieces are there is put together, in little memory however large it is; the others are named,
-and the exit code is 1. Shards do the same as soon as they have made the last piece of a frame.";
+Merges every frame whose pieces are all present, in little memory even if the frame is large. Lists the other frames and
+returns exit code 1. A shard that renders the last piece of a frame merges the frame itself.";
 
 /// Flags of `whit merge`.
 #[derive(Debug, ArgGroup)]
@@ -104,7 +104,7 @@ pub(in crate::cli) struct MergeArgs {
     #[arg(value_name = "DIR")]
     pub(in crate::cli) out: PathBuf,
 
-    /// Print nothing but errors
+    /// Print only errors
     #[arg(long, short)]
     pub(in crate::cli) quiet: bool,
 }
@@ -134,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn memory_is_given_in_bytes_or_larger_units() {
+    fn memory_size_is_in_bytes_or_larger_units() {
         assert_eq!(bytes("4096"), Ok(4096));
         assert_eq!(bytes("2k"), Ok(2048));
         assert_eq!(bytes("4G"), Ok(4 << 30));
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn seconds_may_say_that_they_are() {
+    fn seconds_may_have_a_unit() {
         assert_eq!(seconds("60s"), Ok(60.0));
         assert_eq!(seconds("0.5"), Ok(0.5));
         assert!(seconds("-1").is_err() && seconds("nan").is_err());

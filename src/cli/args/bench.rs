@@ -18,11 +18,11 @@ pub(in crate::cli) const MIN_TRIANGLES: u64 = 1_000;
 const MAX_TRIANGLES: u64 = 300_000_000;
 
 const BENCH_HELP: &str = "\
-The rays of the frame itself (camera, shadow, reflection) are recorded, uniformly random ones added, and all replayed
-on one thread, every variant in turn within each repetition. Modes: raw is a bare loop over the Embree library's
-packet calls, raw-single over those for one ray; single and packet are the rays asked one by one or 16 at a time; batch
-hands 64 packets over at once. Where a scene has placed meshes, Embree is measured with both kinds of --instancing, the
-chosen one first.
+Records the rays of the frame (camera, shadow, reflection), adds uniformly random rays, and replays them all on one
+thread, through every variant in turn within each repetition. Modes: raw is a loop over the Embree library's packet
+calls alone, raw-single over its calls for one ray; single and packet trace the rays one by one or 16 at a time; batch
+passes 64 packets at once. If a scene has instances, Embree is measured with both kinds of --instancing, the selected
+one first.
 
 Examples:
   whit bench scene.glb --size 512x512 --repeat 3 --json bench.json --html bench.html
@@ -41,7 +41,7 @@ pub(in crate::cli) struct BenchArgs {
     pub(in crate::cli) frame: FrameArgs,
 
     /// Samples per pixel of the frame whose rays are recorded
-    #[arg(long, value_name = "N", help = or_scene("Samples a pixel", DEFAULT_BENCH_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
+    #[arg(long, value_name = "N", help = or_scene("Samples per pixel", DEFAULT_BENCH_SPP), value_parser = clap::value_parser!(u32).range(1..=MAX_SPP))]
     pub(in crate::cli) spp: Option<u32>,
 
     #[command(flatten)]
@@ -51,20 +51,20 @@ pub(in crate::cli) struct BenchArgs {
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=MAX_REPEAT))]
     pub(in crate::cli) repeat: u32,
 
-    /// Measure generated meshes in place of scenes: from 1000 triangles on, two sizes to a factor of ten, and print at
-    /// which size Embree and the BSP are equally fast
+    /// Measure generated meshes in place of scenes: from 1000 triangles on, two sizes per factor of ten, and print the
+    /// size at which Embree and the BSP are equally fast
     #[arg(long, conflicts_with = "scenes")]
     pub(in crate::cli) sweep: bool,
 
-    /// Triangles of the largest generated mesh; the sweep ends before it where memory is short
+    /// Triangles of the largest generated mesh; the sweep stops at smaller meshes if memory is insufficient
     #[arg(long, requires = "sweep", conflicts_with = "scenes", value_name = "N", default_value_t = DEFAULT_MAX_TRIANGLES, value_parser = clap::value_parser!(u64).range(MIN_TRIANGLES..=MAX_TRIANGLES))]
     pub(in crate::cli) most_triangles: u64,
 
-    /// Measure with 1, 2, 4 and so on up to --threads threads too
+    /// Also measure with 1, 2, 4 and so on up to --threads threads
     #[arg(long)]
     pub(in crate::cli) scaling: bool,
 
-    /// Measure bounding volumes instead: the tests that boxes and spheres around objects save, and the time
+    /// Measure bounding volumes instead: the intersection tests and the time that boxes and spheres around objects save
     #[arg(long, conflicts_with_all = ["sweep", "scaling", "html"])]
     pub(in crate::cli) extents: bool,
 

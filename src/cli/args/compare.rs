@@ -10,33 +10,33 @@ use crate::image::metrics::PIXELS_PER_DEGREE;
 const PIXELS_PER_DEGREE_RANGE: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 
 const COMPARE_HELP: &str = "\
-Told are differences of linear radiance and of values as displayed (after exposure, clipping and the sRGB curve, from 0
-to 1), the share of pixels that change visibly, and what an observer notices: SSIM (Wang et al. 2004; 1 is alike) and
-FLIP (Andersson et al. 2020; 0 is alike). Where both files are EXR or HDR, HDR-FLIP looks at them at all exposures that
-the reference is likely to be looked at. Alpha is not looked at.
+Prints the differences of linear radiance and of values as displayed (after exposure, clipping and the sRGB curve, from
+0 to 1), the share of pixels that change visibly, and two perceptual metrics: SSIM (Wang et al. 2004; 1 for equal
+images) and FLIP (Andersson et al. 2020; 0 for equal images). If both files are EXR or HDR, HDR-FLIP compares them at
+all exposures at which the reference is likely to be viewed. Alpha is ignored.
 
 Examples:
-  whit compare reference.exr picture.exr
+  whit compare reference.exr image.exr
   whit compare before.png after.png --html difference.html
-  whit compare reference.exr picture.exr --exposure 2 --json metrics.json --difference signed.png --heat flip.png";
+  whit compare reference.exr image.exr --exposure 2 --json metrics.json --difference signed.png --heat flip.png";
 
 /// Flags of `whit compare`.
 #[derive(Debug, ArgGroup)]
 #[command(after_help = COMPARE_HELP)]
 pub(in crate::cli) struct CompareArgs {
-    /// Reference image, taken to be right: an EXR, HDR, PNG or JPEG
+    /// Reference image, which is taken as correct: an EXR, HDR, PNG or JPEG
     #[arg(value_name = "REFERENCE")]
     pub(in crate::cli) reference: PathBuf,
 
-    /// Image that is compared with the reference, of the same size
-    #[arg(value_name = "PICTURE")]
-    pub(in crate::cli) picture: PathBuf,
+    /// Image to compare with the reference, of the same size
+    #[arg(value_name = "IMAGE")]
+    pub(in crate::cli) image: PathBuf,
 
     /// Stops of exposure before values are displayed: radiance is multiplied by 2^EV
     #[arg(long, value_name = "EV", default_value_t = 0.0, value_parser = super::exposure, allow_hyphen_values = true)]
     pub(in crate::cli) exposure: f32,
 
-    /// Pixels in a degree of the visual field, for FLIP: 67 is a 4K screen 0.7 m wide, seen from 0.7 m
+    /// Pixels per degree of the visual field, for FLIP: 67 is a 4K screen 0.7 m wide, seen from 0.7 m
     #[arg(long, value_name = "N", default_value_t = PIXELS_PER_DEGREE, value_parser = pixels_per_degree)]
     pub(in crate::cli) pixels_per_degree: f64,
 
@@ -44,11 +44,11 @@ pub(in crate::cli) struct CompareArgs {
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) json: Option<PathBuf>,
 
-    /// Write a page that slides one image over the other, with the metrics and both difference images
+    /// Write a page with both images under a slider, the metrics and both difference images
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) html: Option<PathBuf>,
 
-    /// Write the signed difference as displayed as a PNG: grey is equal, a tenth of the range is black or white
+    /// Write the signed difference of displayed values as a PNG: equal is grey, a tenth of the range is black or white
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) difference: Option<PathBuf>,
 

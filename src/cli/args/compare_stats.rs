@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use clap::Args as ArgGroup;
 
 const COMPARE_STATS_HELP: &str = "\
-Both files are of one kind: of `whit bench --json`, the report.json of `whit cost`, or an object of names and counts such
-as {\"instructions\": 11249172}. A measurement has regressed if it is worse by more than --max-regress however its interval
-and the earlier one's are taken; where values say so and intervals do not, it is unclear. The exit code is 1 if any has
-regressed.
+Both files are of the same kind: written by `whit bench --json`, the report.json of `whit cost`, or an object of names
+and counts such as {\"instructions\": 11249172}. A measurement has regressed if it is worse by more than --max-regress
+for all values within its interval and the earlier one; if the values are worse but the intervals do not show it, the
+result is unclear. The exit code is 1 if any measurement has regressed.
 
 Examples:
   whit compare-stats base.json new.json

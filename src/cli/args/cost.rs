@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args as ArgGroup;
 
-use super::{ImageSize, LeavingArgs, TracingArgs};
+use super::{ImageSize, RayOffsetArgs, TracingArgs};
 use crate::accel::Backend;
 use crate::render::MIN_ADAPTIVE_ERROR;
 
@@ -12,18 +12,18 @@ use crate::render::MIN_ADAPTIVE_ERROR;
 const DEFAULT_BUDGET: f64 = 120.0;
 
 const COST_HELP: &str = "\
-Every knob that the scene gives a meaning is turned by itself: samples a pixel and how they lie, adaptive sampling,
-depth, cut-off, wavelengths, points of lights, rays into lobes, steps through volumes, the texture filter, what finds
-the hits and how far it may be trusted, how Embree's trees are built, where hits lie and where rays start that leave
-them. What finds the hits is held against f64 by itself too: leaks, false hits, false shadows and light leaks. Errors
-are those of values as displayed (black is 0, white 1), held against two independent halves of a reference, one
-through Embree and one through the BSP; times are ratios within blocks in which every setting takes one turn. Pictures
-are as large as the budget affords, unless --size says it.
+Varies every parameter that affects the scene, one at a time: samples per pixel and their pattern, adaptive sampling,
+depth, contribution cutoff, wavelengths, samples per light, rays per lobe, volume steps, the texture filter, the
+backend and its precision, the build of Embree's trees, the computation of hit points and the offset of ray origins.
+Also compares the hits of the backends with those in f64: leaks, false hits, false shadows and light leaks. Errors are
+those of values as displayed (black is 0, white 1), compared with two independent halves of a reference, one through
+Embree and one through the BSP; times are ratios within blocks that run every setting once. Images are as large as the
+budget allows, unless --size is given.
 
-Written into --out: report.html (one file, nothing to load), report.json, points.csv, ref.exr, the base's
-difference.png and flip.png, and settings.toml, the settings from which on less error is dear and before which less
-time is, or those that --max-error or --max-time chose, for `whit render --settings`. Where no settings are found that
-reach a target, the exit code is 1 and the nearest are told.
+Files in --out: report.html (self-contained), report.json, points.csv, ref.exr, the base's difference.png and flip.png,
+and settings.toml for `whit render --settings`: the settings at the knee of the curve, beyond which less error is
+expensive, or those that --max-error or --max-time chose. If no settings reach the target, the exit code is 1, and the
+nearest settings are printed.
 
 Examples:
   whit cost scene.toml
@@ -41,11 +41,11 @@ pub(in crate::cli) struct CostArgs {
     #[arg(value_name = "SCENE")]
     pub(in crate::cli) scene: PathBuf,
 
-    /// Seconds that everything may take, loading included
+    /// Seconds that the whole study may take, including loading
     #[arg(long, value_name = "SECONDS", default_value_t = DEFAULT_BUDGET, value_parser = budget)]
     pub(in crate::cli) budget: f64,
 
-    /// Width and height of the images that are measured [default: as large as the budget affords]
+    /// Width and height of the images that are measured [default: as large as the budget allows]
     #[arg(long, value_name = "WxH")]
     pub(in crate::cli) size: Option<ImageSize>,
 
@@ -57,7 +57,7 @@ pub(in crate::cli) struct CostArgs {
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     pub(in crate::cli) max_time: Option<f64>,
 
-    /// Camera to look through, by name or number; see `whit info`
+    /// Camera to render from, by name or number; see `whit info`
     #[arg(long, value_name = "NAME|N")]
     pub(in crate::cli) camera: Option<String>,
 
@@ -69,9 +69,9 @@ pub(in crate::cli) struct CostArgs {
     pub(in crate::cli) tracing: TracingArgs,
 
     #[command(flatten)]
-    pub(in crate::cli) leaving: LeavingArgs,
+    pub(in crate::cli) leaving: RayOffsetArgs,
 
-    /// Count the instructions of a pixel of every setting too, by valgrind, which takes minutes beyond the budget
+    /// Also count the instructions per pixel of every setting by valgrind, which takes minutes beyond the budget
     #[arg(long)]
     pub(in crate::cli) instructions: bool,
 
@@ -79,7 +79,7 @@ pub(in crate::cli) struct CostArgs {
     #[arg(long, value_name = "DIR")]
     pub(in crate::cli) out: Option<PathBuf>,
 
-    /// Go on with a study that was interrupted before it was written into --out
+    /// Resume a study that was interrupted before its report was written into --out
     #[arg(long, requires = "out")]
     pub(in crate::cli) resume: bool,
 
@@ -92,7 +92,7 @@ pub(super) fn error(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
         .filter(|error| (MIN_ADAPTIVE_ERROR..=1.0).contains(error))
-        .ok_or_else(|| format!("give an error from {MIN_ADAPTIVE_ERROR} to 1, as in 0.01 of white"))
+        .ok_or_else(|| format!("give an error from {MIN_ADAPTIVE_ERROR} to 1, as in 0.01"))
 }
 
 pub(super) fn seconds(text: &str) -> Result<f64, String> {

@@ -14,10 +14,10 @@ const DEFAULT_RAYS: u64 = 100_000;
 const MAX_RAYS: u64 = 100_000_000_000;
 
 const VERIFY_HELP: &str = "\
-Each case constructs rays, or arguments of a formula, that sit where rounding decides, and knows the exact answers. It
-is put to every way of finding hits. `wrong` counts answers that rounding does not explain, `ties` those that it does.
-A path that promises as much must answer nothing wrong; what others get wrong is measured. The same number of rays
-gives the same rays, on any number of threads.
+Each case constructs rays, or arguments of a formula, for which rounding decides the result, and computes the exact
+results. It runs through every backend variant. `wrong` counts results that rounding does not explain, `ties` those
+that it does. A variant that guarantees exact results must have none that are wrong; the errors of the others are
+measured. The same number of rays gives the same rays, on any number of threads.
 
 Examples:
   whit verify
@@ -28,8 +28,8 @@ Examples:
   whit verify scene.glb --overlay differences.png --rays-out differences.rays --html scene.html
   whit verify scene.glb --replay differences.rays
 
-With scenes, the rays of their own pictures go through Embree and the BSP (without Embree: through the BSP and brute
-force). What differs is told by the kind of place, and what is wrong with the meshes with what to do about it.";
+With scenes, traces the rays of their own images through Embree and the BSP (without Embree: through the BSP and brute
+force). Prints the differences by the kind of place, and the defects of the meshes with their remedies.";
 
 /// Flags of `whit verify`.
 #[derive(Debug, ArgGroup)]
@@ -40,10 +40,10 @@ pub(in crate::cli) struct VerifyArgs {
     pub(in crate::cli) scenes: Vec<PathBuf>,
 
     /// Size in pixels of the images of the scenes
-    #[arg(long, value_name = "WxH", requires = "scenes", help = super::or_scene("Size in pixels of the picture whose rays are checked", super::DEFAULT_SIZE))]
+    #[arg(long, value_name = "WxH", requires = "scenes", help = super::or_scene("Size in pixels of the image whose rays are checked", super::DEFAULT_SIZE))]
     pub(in crate::cli) size: Option<ImageSize>,
 
-    /// Precision of Embree's triangle hits for the scenes' own rays; the cases are run with all
+    /// Precision of Embree's triangle hits for the scenes' own rays; cases run with every precision
     #[arg(long, requires = "scenes", default_value_t = Precision::default())]
     pub(in crate::cli) precision: Precision,
 
@@ -55,7 +55,7 @@ pub(in crate::cli) struct VerifyArgs {
     #[arg(long = "case", value_name = "ID")]
     pub(in crate::cli) cases: Vec<String>,
 
-    /// Print what the cases construct, how they obtain the exact results and what is required, and run none
+    /// Print the constructions of the cases, the sources of their exact results and their requirements; run none
     #[arg(long)]
     pub(in crate::cli) list: bool,
 
@@ -75,7 +75,7 @@ pub(in crate::cli) struct VerifyArgs {
     #[arg(long, value_name = "FILE", requires = "scenes")]
     pub(in crate::cli) rays_out: Option<PathBuf>,
 
-    /// Trace the rays of such a file again, with every backend variant and by brute force, in place of the scene's own
+    /// Trace the rays of a file of --rays-out with every backend variant and brute force, in place of the scene's own
     #[arg(long, value_name = "FILE", requires = "scenes", conflicts_with_all = ["overlay", "rays_out", "json", "html", "size"])]
     pub(in crate::cli) replay: Option<PathBuf>,
 
@@ -87,7 +87,7 @@ pub(in crate::cli) struct VerifyArgs {
     #[arg(long, value_name = "WORDS", requires = "html")]
     pub(in crate::cli) date: Option<String>,
 
-    /// Number of threads; 0 takes one per processor
+    /// Number of threads; 0 for one per processor
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=MAX_THREADS))]
     pub(in crate::cli) threads: u32,
 }

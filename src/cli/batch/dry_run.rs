@@ -13,9 +13,9 @@ use super::super::failure::Failure;
 use super::super::interrupt;
 use super::super::output;
 use super::super::progress::Progress;
+use super::built_scene::{BuiltScene, LoadedScene, SceneCaches};
 use super::plan::Plan;
-use super::rows::film_bytes;
-use super::stage::{Kept, Loaded, Stage};
+use super::row_schedule::film_bytes;
 
 /// Forecast cost of a frame.
 #[derive(Clone, Copy)]
@@ -23,7 +23,7 @@ struct Cost {
     /// Seconds of processor time, summed over threads.
     seconds: f64,
     /// Additional seconds of the first frame of a scene, for loading and building.
-    ready: f64,
+    setup_seconds: f64,
     bytes: u64,
     size: [u32; 2],
     spp: u32,
@@ -38,7 +38,7 @@ pub(super) fn list(args: &BatchArgs, plans: &[Plan]) -> Result<(), Failure> {
     for (plan, cost) in plans.iter().zip(costs(plans, args)?) {
         let [width, height] = cost.size;
         let seconds = cost.seconds / threads;
-        total += seconds + cost.ready;
+        total += seconds + cost.setup_seconds;
         most = most.max(cost.bytes);
         let from = plan
             .frame
@@ -48,7 +48,7 @@ pub(super) fn list(args: &BatchArgs, plans: &[Plan]) -> Result<(), Failure> {
         let edits: String = plan.frame.edits.iter().map(|edit| format!(", {edit}")).collect();
         // Costs are processor times, divided evenly among the threads here
         output::print(&format!(
-            "{}: {}{from}{edits}, {width}x{height}, {} samples a pixel: about {seconds:.2} s, {}\n",
+            "{}: {}{from}{edits}, {width}x{height}, {} samples per pixel: about {seconds:.2} s, {}\n",
             plan.name(),
             plan.frame.scene.display(),
             cost.spp,
@@ -73,10 +73,10 @@ pub(super) fn write_script(args: &BatchArgs, path: &Path, plans: &[Plan]) -> Res
     let shards = args.shards.min(u32::try_from(pieces).unwrap_or(u32::MAX)).max(1);
     let rendering: f64 = costs.iter().map(|cost| cost.seconds / f64::from(threads)).sum();
     // Each shard loads the scenes of its own frames; in the worst case it loads one more than its share, the slowest.
-    let ready: f64 = costs.iter().map(|cost| cost.ready).sum::<f64>() / f64::from(shards);
-    let slowest = costs.iter().map(|cost| cost.ready).fold(0.0, f64::max);
+    let setup_seconds: f64 = costs.iter().map(|cost| cost.setup_seconds).sum::<f64>() / f64::from(shards);
+    let slowest = costs.iter().map(|cost| cost.setup_seconds).fold(0.0, f64::max);
     // Use absolute paths, as the nodes may have another working directory
-    let unknown = |error| Failure::Work(format!("where this program stands is not known: {error}"));
+    let unknown = |error| Failure::Work(format!("cannot find the path of whit for the script: {error}"));
     let program = std::env::current_exe().map_err(unknown)?;
     let [jobs, folder] = [&args.jobs, &args.out].map(|path| absolute(path).unwrap_or_else(|_| path.clone()));
     let mut arguments = vec!["--checkpoint".to_owned(), args.checkpoint.to_string()];
@@ -90,18 +90,18 @@ pub(super) fn write_script(args: &BatchArgs, path: &Path, plans: &[Plan]) -> Res
         folder: &folder,
         shards,
         threads,
-        seconds: rendering / f64::from(shards) + ready + slowest,
+        seconds: rendering / f64::from(shards) + setup_seconds + slowest,
         bytes: costs.iter().map(|cost| cost.bytes).max().unwrap_or(0),
         arguments: &arguments,
     });
-    interrupt::finish_first(|| {
+    interrupt::without_interruption(|| {
         write_atomically(path, |file| std::io::Write::write_all(file, text.as_bytes()))
     })?;
     if args.quiet {
         return Ok(());
     }
     output::print(&format!(
-        "{}: {shards} tasks; submit it with `sbatch`\n",
+        "{}: {shards} tasks; submit the script with `sbatch`\n",
         path.display()
     ))
 }
@@ -109,7 +109,7 @@ pub(super) fn write_script(args: &BatchArgs, path: &Path, plans: &[Plan]) -> Res
 /// Returns the forecast costs of all frames; of frames that share a scene only the first is probed.
 fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
     let progress = super::progress(args);
-    let kept = Kept::for_frames(plans);
+    let kept = SceneCaches::for_frames(plans);
     let mut costs: Vec<Cost> = Vec::with_capacity(plans.len());
     for (index, plan) in plans.iter().enumerate() {
         let before = index.checked_sub(1).and_then(|before| plans.get(before));
@@ -118,8 +118,11 @@ fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
             before.filter(|before| before.shares_scene_with(plan)),
             costs.last(),
         ) {
-            (Some(_), Some(&cost)) => costs.push(Cost { ready: 0.0, ..cost }),
-            _ => costs.push(probed(plan, &kept, (args, &progress))?),
+            (Some(_), Some(&cost)) => costs.push(Cost {
+                setup_seconds: 0.0,
+                ..cost
+            }),
+            _ => costs.push(probe_frame(plan, &kept, (args, &progress))?),
         }
         progress.fraction(index as f64 / plans.len() as f64);
     }
@@ -127,31 +130,40 @@ fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
     Ok(costs)
 }
 
-fn probed(plan: &Plan, kept: &Kept, (args, progress): (&BatchArgs, &Progress)) -> Result<Cost, Failure> {
+fn probe_frame(
+    plan: &Plan,
+    kept: &SceneCaches,
+    (args, progress): (&BatchArgs, &Progress),
+) -> Result<Cost, Failure> {
     // Load and build the scene as for rendering, then probe a few pixels
     progress.phase(&plan.name(), "probe");
-    let loaded = Loaded::new(plan, kept, progress)?;
-    let stage = Stage::new(plan, &loaded, kept)?;
-    let shot = plan.job.shot(&loaded.file.output)?;
+    let loaded = LoadedScene::new(plan, kept, progress)?;
+    let stage = BuiltScene::new(plan, &loaded, kept)?;
+    let resolved = plan.job.resolved(&loaded.file.output)?;
     let camera = loaded.camera(plan)?;
     let monitor = Monitor {
         progress: &|_| (),
         cancel: &interrupt::CANCELLED,
         tiles: None,
     };
-    let probe = render::probe((stage.scene(), &camera), &*stage.accel, &shot.settings, &monitor);
+    let probe = render::probe(
+        (stage.scene(), &camera),
+        &*stage.accel,
+        &resolved.settings,
+        &monitor,
+    );
     let probe = probe.ok_or(Failure::Interrupted)?;
-    let forecast = Forecast::of(&probe, &shot.settings, plan.job.backend);
+    let forecast = Forecast::of(&probe, &resolved.settings, plan.job.backend);
     let bytes = loaded.forecast(&plan.job);
     Ok(Cost {
         seconds: forecast.seconds,
-        ready: loaded.seconds + stage.build_seconds,
+        setup_seconds: loaded.seconds + stage.build_seconds,
         bytes: kept.bytes()
             + bytes.loaded
             + bytes.to_come
-            + film_bytes(&loaded.film(&shot.settings), args.time),
-        size: [shot.settings.width, shot.settings.height],
-        spp: shot.settings.spp,
+            + film_bytes(&loaded.film(&resolved.settings), args.time),
+        size: [resolved.settings.width, resolved.settings.height],
+        spp: resolved.settings.spp,
     })
 }
 

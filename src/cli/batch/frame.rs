@@ -5,118 +5,125 @@ use std::ops::{ControlFlow, Range};
 use std::time::Instant;
 
 use crate::accel::Accel;
-use crate::batch::{FrameHead, Merge, MergeError, Part, Piece, PieceFolder, Plane, color_planes, planes_of};
+use crate::batch::{
+    Chunk, ChunkDirectory, ChunkKind, FrameMetadata, Merge, MergeError, Plane, color_planes, planes_of,
+};
 use crate::image::{ImageError, PngEncoding};
 use crate::render::{
-    self, Checkpoints, FinishedTile, Ledger, Monitor, Parts, Pattern, Plan as EffectPlan, Region,
+    self, Checkpoints, FinishedTile, Monitor, Parts, Pattern, Plan as EffectPlan, Region, RenderProfile,
     RenderSettings, Rendering, Rounds, Share, Sums,
 };
 use crate::scene::Camera;
 
-use super::super::channels::channels;
+use super::super::aov::channels;
 use super::super::failure::Failure;
 use super::super::interrupt;
-use super::super::job::{RenderJob, Shot};
-use super::super::notes::Notes;
+use super::super::job::{RenderJob, ResolvedSettings};
+use super::super::metadata::Notes;
 use super::super::render::project;
+use super::built_scene::BuiltScene;
+use super::image_writer;
 use super::limits::Limits;
-use super::picture;
 use super::plan::Plan;
 use super::queue::Task;
-use super::rows::{MAX_BUFFERED_BYTES, Steps, is_one};
-use super::stage::Stage;
+use super::row_schedule::{MAX_BUFFERED_BYTES, RowSteps, must_render_at_once};
 
 /// Result of rendering a frame or some of its pieces.
-pub(super) struct Made {
-    pub(super) head: FrameHead,
+pub(super) struct FrameResult {
+    pub(super) head: FrameMetadata,
     /// True if the image is complete in its place; otherwise only pieces are on disk.
     pub(super) is_whole: bool,
     /// Mean number of samples per pixel.
     pub(super) samples: f64,
     pub(super) render_seconds: f64,
     pub(super) write_seconds: f64,
-    pub(super) ledger: Ledger,
+    pub(super) ledger: RenderProfile,
 }
 
 /// State of a frame that is being rendered.
-pub(super) struct Making<'a> {
+pub(super) struct FrameTask<'a> {
     plan: &'a Plan,
     job: &'a RenderJob,
-    shot: Shot,
-    stage: &'a Stage<'a>,
+    resolved: ResolvedSettings,
+    stage: &'a BuiltScene<'a>,
     camera: Camera,
     limits: Limits<'a>,
-    folder: PieceFolder,
+    folder: ChunkDirectory,
     monitor: Monitor<'a>,
     /// Finished rows that are not on disk yet, in order.
-    kept: Vec<(Range<u32>, Vec<Plane>)>,
-    kept_since: Instant,
+    buffered: Vec<(Range<u32>, Vec<Plane>)>,
+    buffered_since: Instant,
     /// True if pieces of the frame are on disk.
     has_pieces: bool,
     /// True if a checkpoint of adaptive sampling is on disk.
     has_rounds: bool,
-    ledger: Ledger,
+    ledger: RenderProfile,
     write_seconds: f64,
 }
 
 /// Renders some of the pieces of a frame, by their indices, and writes the image if all its pieces are there then.
 pub(super) fn make<'a>(
     task: &Task<'a>,
-    stage: &'a Stage<'a>,
+    stage: &'a BuiltScene<'a>,
     limits: Limits<'a>,
     monitor: Monitor<'a>,
-) -> Result<Made, Failure> {
+) -> Result<FrameResult, Failure> {
     // Prepare the frame: settings, camera, metadata
     let start = Instant::now();
-    let mut making = Making::new(task, stage, limits, monitor)?;
-    let settings = making.shot.settings;
+    let mut frame_task = FrameTask::new(task, stage, limits, monitor)?;
+    let settings = frame_task.resolved.settings;
     let pieces = task.pieces.clone();
     // Choose the strategy: limited time, whole image at once, all rows, or single pieces
-    let asked = pieces.len() == task.plan.piece_count();
+    let is_whole_frame = pieces.len() == task.plan.piece_count();
     let samples = if let Some(seconds) = limits.time {
-        making.make_in_time(seconds)?
-    } else if is_one(&settings) {
-        making.make_at_once()?
-    } else if asked {
-        making.make_rows(&Piece {
+        frame_task.render_in_time(seconds)?
+    } else if must_render_at_once(&settings) {
+        frame_task.render_at_once()?
+    } else if is_whole_frame {
+        frame_task.render_rows(&Chunk {
             rows: 0..settings.height,
-            part: Part::All,
+            part: ChunkKind::All,
         })?;
         f64::from(settings.spp)
     } else {
-        making.make_pieces(pieces)?;
+        frame_task.render_chunks(pieces)?;
         f64::from(settings.spp)
     };
     // Write the image if the frame is complete
-    let is_whole = making.finish()?;
-    Ok(Made {
+    let is_whole = frame_task.finish()?;
+    Ok(FrameResult {
         is_whole,
         samples,
-        render_seconds: start.elapsed().as_secs_f64() - making.write_seconds,
-        write_seconds: making.write_seconds,
-        ledger: making.ledger,
-        head: making.folder.head().clone(),
+        render_seconds: start.elapsed().as_secs_f64() - frame_task.write_seconds,
+        write_seconds: frame_task.write_seconds,
+        ledger: frame_task.ledger,
+        head: frame_task.folder.head().clone(),
     })
 }
 
-impl<'a> Making<'a> {
+impl<'a> FrameTask<'a> {
     fn new(
         task: &Task<'a>,
-        stage: &'a Stage<'a>,
+        stage: &'a BuiltScene<'a>,
         limits: Limits<'a>,
         monitor: Monitor<'a>,
-    ) -> Result<Making<'a>, Failure> {
+    ) -> Result<FrameTask<'a>, Failure> {
         let plan = task.plan;
         let job = &*plan.job;
-        let mut shot = job.shot(&stage.loaded.file.output)?;
+        let mut resolved = job.resolved(&stage.loaded.file.output)?;
         // The batch's page shows the ray counts of the ledger; recording them changes no pixel.
-        shot.settings.ledger = true;
-        check_division(plan, &shot.settings, limits.time)?;
+        resolved.settings.ledger = true;
+        check_division(plan, &resolved.settings, limits.time)?;
         let camera = stage.loaded.camera(plan)?;
         // Collect the metadata of the image
-        let effects = EffectPlan::new(stage.scene(), &camera, &shot.settings.effects);
+        let effects = EffectPlan::new(stage.scene(), &camera, &resolved.settings.effects);
         let embree = stage.accel.report().embree;
-        let mut notes = Notes::of((job, &shot), (stage.scene(), &camera), embree.as_ref(), &effects);
+        let mut notes = Notes::of(
+            (job, &resolved),
+            (stage.scene(), &camera),
+            embree.as_ref(),
+            &effects,
+        );
         notes.add("whit.files", task.recipe.files.clone());
         let notes = notes
             .list()
@@ -124,48 +131,48 @@ impl<'a> Making<'a> {
             .map(|note| (note.name.to_owned(), note.text.to_owned()))
             .collect();
         // Describe the frame for its pieces, so that another process can merge them
-        let head = FrameHead {
+        let head = FrameMetadata {
             key: task.recipe.key,
             number: plan.number,
             image: plan.frame.image.clone(),
-            size: [shot.settings.width, shot.settings.height],
-            spp: shot.settings.spp,
+            size: [resolved.settings.width, resolved.settings.height],
+            spp: resolved.settings.spp,
             shares: plan.frame.settings.shares,
             exr: job.encoding.exr,
             png: PngEncoding {
-                tone: shot.tone,
+                tone: resolved.tone,
                 bits: job.encoding.png_bits,
             },
             notes,
         };
-        Ok(Making {
+        Ok(FrameTask {
             plan,
             job,
-            shot,
+            resolved,
             stage,
             camera,
-            folder: PieceFolder::new(limits.out, head),
+            folder: ChunkDirectory::new(limits.out, head),
             limits,
             monitor,
-            kept: Vec::new(),
-            kept_since: Instant::now(),
+            buffered: Vec::new(),
+            buffered_since: Instant::now(),
             has_pieces: false,
             has_rounds: false,
-            ledger: Ledger::default(),
+            ledger: RenderProfile::default(),
             write_seconds: 0.0,
         })
     }
 
     /// Renders the whole image at once, from the last checkpoint if there is one; returns the samples per pixel.
-    fn make_at_once(&mut self) -> Result<f64, Failure> {
-        let (stage, job, shot, monitor) = (self.stage, self.job, self.shot, self.monitor);
+    fn render_at_once(&mut self) -> Result<f64, Failure> {
+        let (stage, job, resolved, monitor) = (self.stage, self.job, self.resolved, self.monitor);
         let camera = self.camera.clone();
-        let projected = project(job, &shot, (stage.scene(), &camera), &*stage.accel);
+        let projected = project(job, &resolved, (stage.scene(), &camera), &*stage.accel);
         let accel = projected
             .as_ref()
             .map_or(&*stage.accel, |projected| projected as &dyn Accel);
         // Costs of pixels are not part of a checkpoint, so such images cannot be resumed.
-        let can_go_on = !shot.settings.cost_aovs;
+        let can_go_on = !resolved.settings.cost_aovs;
         let start = if can_go_on {
             self.folder.read_rounds()?
         } else {
@@ -195,22 +202,22 @@ impl<'a> Making<'a> {
             stage.scene(),
             &camera,
             accel,
-            &shot.settings,
+            &resolved.settings,
             &monitor,
             can_go_on.then_some(&mut checkpoints),
         );
         let Some(rendering) = rendered else {
             return Err(failure.unwrap_or(Failure::Interrupted));
         };
-        self.keep(0..shot.settings.height, planes_of_rendering(job, &rendering));
+        self.keep(0..resolved.settings.height, planes_of_rendering(job, &rendering));
         self.ledger += rendering.ledger;
         Ok(rendering.samples.mean)
     }
 
     /// Renders the whole image with as many packets of samples as fit into the time; returns the samples per pixel.
-    fn make_in_time(&mut self, seconds: f64) -> Result<f64, Failure> {
+    fn render_in_time(&mut self, seconds: f64) -> Result<f64, Failure> {
         let start = Instant::now();
-        let settings = self.shot.settings;
+        let settings = self.resolved.settings;
         let region = Region::whole(&settings);
         let stage = self.stage;
         let mut parts = self.parts(&*stage.accel)?;
@@ -219,7 +226,8 @@ impl<'a> Making<'a> {
         let mut done = 0;
         while done < packet_count {
             // Estimate from the packets so far how many more fit into the time
-            let next = fitting(done, start.elapsed().as_secs_f64(), seconds).min(packet_count - done);
+            let next =
+                affordable_packets(done, start.elapsed().as_secs_f64(), seconds).min(packet_count - done);
             if next == 0 {
                 break;
             }
@@ -239,24 +247,24 @@ impl<'a> Making<'a> {
     }
 
     /// Renders all samples of the missing rows of a piece.
-    fn make_rows(&mut self, piece: &Piece) -> Result<(), Failure> {
+    fn render_rows(&mut self, piece: &Chunk) -> Result<(), Failure> {
         let missing = self.missing(piece)?;
         if missing.is_empty() {
             return Ok(());
         }
         // Trace camera rays with screen bounds where they pay
-        let (stage, job, shot) = (self.stage, self.job, self.shot);
+        let (stage, job, resolved) = (self.stage, self.job, self.resolved);
         let camera = self.camera.clone();
-        let projected = project(job, &shot, (stage.scene(), &camera), &*stage.accel);
+        let projected = project(job, &resolved, (stage.scene(), &camera), &*stage.accel);
         let accel = projected
             .as_ref()
             .map_or(&*stage.accel, |projected| projected as &dyn Accel);
         let mut parts = self.parts(accel)?;
         // Render each gap in steps, whose height follows the time of the steps before
         for rows in missing {
-            let mut steps = Steps::new(
+            let mut steps = RowSteps::new(
                 rows,
-                &self.stage.loaded.film(&shot.settings),
+                &self.stage.loaded.film(&resolved.settings),
                 self.limits.checkpoint,
             );
             while let Some(rows) = steps.next() {
@@ -269,10 +277,12 @@ impl<'a> Making<'a> {
                         return Err(Failure::Interrupted);
                     }
                 }
-                steps.took(&rows, begun.elapsed().as_secs_f64());
+                steps.adapt(&rows, begun.elapsed().as_secs_f64());
                 // Save the rows at the checkpoint interval, or when they take too much memory
-                let is_due = self.kept_since.elapsed().as_secs_f64() >= self.limits.checkpoint;
-                if (is_due && rows.end < shot.settings.height) || self.kept_bytes() > MAX_BUFFERED_BYTES {
+                let is_due = self.buffered_since.elapsed().as_secs_f64() >= self.limits.checkpoint;
+                if (is_due && rows.end < resolved.settings.height)
+                    || self.buffered_bytes() > MAX_BUFFERED_BYTES
+                {
                     self.flush()?;
                 }
             }
@@ -282,7 +292,7 @@ impl<'a> Making<'a> {
 
     /// Renders all samples of some rows; returns `None` if interrupted.
     fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Option<Vec<Plane>> {
-        let settings = self.shot.settings;
+        let settings = self.resolved.settings;
         let region = Region::of_rows(&settings, rows.clone());
         // Map the progress of these rows to that of the frame
         let height = f64::from(settings.height);
@@ -314,23 +324,23 @@ impl<'a> Making<'a> {
     }
 
     /// Renders some of the pieces that the frame is divided into, each to a file of its own.
-    fn make_pieces(&mut self, numbers: Range<usize>) -> Result<(), Failure> {
-        let settings = self.shot.settings;
-        let cut = crate::batch::Cut {
+    fn render_chunks(&mut self, numbers: Range<usize>) -> Result<(), Failure> {
+        let settings = self.resolved.settings;
+        let cut = crate::batch::ChunkLayout {
             height: settings.height,
             bands: self
                 .plan
                 .frame
                 .settings
                 .bands
-                .min(crate::batch::Cut::most_bands(settings.height)),
+                .min(crate::batch::ChunkLayout::max_bands(settings.height)),
             shares: self.plan.frame.settings.shares,
         };
         for number in numbers.start..numbers.end.min(cut.piece_count()) {
             let piece = cut.piece(number);
             match piece.part {
-                Part::All => self.make_rows(&piece)?,
-                Part::Share(share) => self.make_share(&piece, share)?,
+                ChunkKind::All => self.render_rows(&piece)?,
+                ChunkKind::Share(share) => self.render_share(&piece, share)?,
             }
             self.flush()?;
         }
@@ -338,8 +348,8 @@ impl<'a> Making<'a> {
     }
 
     /// Renders the missing rows of one share of the samples.
-    fn make_share(&mut self, piece: &Piece, index: u32) -> Result<(), Failure> {
-        let settings = self.shot.settings;
+    fn render_share(&mut self, piece: &Chunk, index: u32) -> Result<(), Failure> {
+        let settings = self.resolved.settings;
         let missing = self.missing(piece)?;
         if missing.is_empty() {
             return Ok(());
@@ -349,14 +359,14 @@ impl<'a> Making<'a> {
         let share = self.folder.cut().share(index);
         // Render each gap in steps, and save the sums after each step
         for rows in missing {
-            let mut steps = Steps::new(rows, &self.stage.loaded.film(&settings), self.limits.checkpoint);
+            let mut steps = RowSteps::new(rows, &self.stage.loaded.film(&settings), self.limits.checkpoint);
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
                 let region = Region::of_rows(&settings, rows.clone());
                 let made = parts.sums(&region, share, &self.monitor);
                 let (sums, ledger) = made.ok_or(Failure::Interrupted)?;
                 self.ledger += ledger;
-                steps.took(&rows, begun.elapsed().as_secs_f64());
+                steps.adapt(&rows, begun.elapsed().as_secs_f64());
                 self.save(|folder| folder.write_sums(&rows, index, &sums))?;
                 self.has_pieces = true;
             }
@@ -365,13 +375,9 @@ impl<'a> Making<'a> {
     }
 
     /// Returns the rows of a piece that are still missing.
-    fn missing(&mut self, piece: &Piece) -> Result<Vec<Range<u32>>, Failure> {
-        let unreadable = |error| {
-            Failure::Work(format!(
-                "the pieces of {} cannot be read: {error}",
-                self.plan.name()
-            ))
-        };
+    fn missing(&mut self, piece: &Chunk) -> Result<Vec<Range<u32>>, Failure> {
+        let unreadable =
+            |error| Failure::Work(format!("cannot read the pieces of {}: {error}", self.plan.name()));
         let coverage = self.folder.coverage().map_err(unreadable)?;
         self.has_pieces |= !coverage.is_empty();
         Ok(coverage.missing(piece))
@@ -379,15 +385,15 @@ impl<'a> Making<'a> {
 
     fn parts(&self, accel: &'a dyn Accel) -> Result<Parts<'a>, Failure> {
         let scene = (self.stage.scene(), &self.camera);
-        Parts::new(scene, accel, &self.shot.settings, &self.monitor).ok_or(Failure::Interrupted)
+        Parts::new(scene, accel, &self.resolved.settings, &self.monitor).ok_or(Failure::Interrupted)
     }
 
     fn keep(&mut self, rows: Range<u32>, planes: Vec<Plane>) {
         self.show(&rows, &planes);
-        if self.kept.is_empty() {
-            self.kept_since = Instant::now();
+        if self.buffered.is_empty() {
+            self.buffered_since = Instant::now();
         }
-        self.kept.push((rows, planes));
+        self.buffered.push((rows, planes));
     }
 
     /// Shows finished rows in the live preview: filtered, and with all of their samples.
@@ -402,33 +408,33 @@ impl<'a> Making<'a> {
         show(FinishedTile {
             x: 0,
             y: rows.start,
-            width: self.shot.settings.width,
+            width: self.resolved.settings.width,
             height: rows.end - rows.start,
             pixels: &pixels,
         });
     }
 
-    fn kept_bytes(&self) -> usize {
-        let planes = self.kept.iter().flat_map(|(_, planes)| planes);
+    fn buffered_bytes(&self) -> usize {
+        let planes = self.buffered.iter().flat_map(|(_, planes)| planes);
         planes.map(|plane| size_of_val(&plane.values[..])).sum()
     }
 
     /// Writes the finished rows in memory to disk.
     fn flush(&mut self) -> Result<(), Failure> {
-        for (rows, planes) in joined(std::mem::take(&mut self.kept)) {
+        for (rows, planes) in join_rows(std::mem::take(&mut self.buffered)) {
             self.save(|folder| folder.write_finished(&rows, &planes))?;
             self.has_pieces = true;
         }
         Ok(())
     }
 
-    fn save(&mut self, write: impl Fn(&PieceFolder) -> Result<(), ImageError>) -> Result<(), Failure> {
+    fn save(&mut self, write: impl Fn(&ChunkDirectory) -> Result<(), ImageError>) -> Result<(), Failure> {
         let start = Instant::now();
-        let unwritable = |error| Failure::Work(format!("no folder can be made for pieces: {error}"));
+        let unwritable = |error| Failure::Work(format!("cannot create the folder for the pieces: {error}"));
         let attempt = || -> Result<(), Failure> {
             // Create the folder on the first write
             self.folder.make().map_err(unwritable)?;
-            Ok(interrupt::finish_first(|| write(&self.folder))?)
+            Ok(interrupt::without_interruption(|| write(&self.folder))?)
         };
         match attempt() {
             // Another process has merged the same frame meanwhile and removed the folder of the pieces.
@@ -446,15 +452,15 @@ impl<'a> Making<'a> {
         // Without pieces on disk, write the rows from memory; otherwise merge the pieces
         if !self.has_pieces {
             let head = self.folder.head();
-            let mut kept = std::mem::take(&mut self.kept).into_iter();
-            let rows = || Ok::<_, ImageError>(kept.next().map(|(_, planes)| planes));
-            interrupt::finish_first(|| picture::write(out, head, rows))?;
+            let mut buffered = std::mem::take(&mut self.buffered).into_iter();
+            let rows = || Ok::<_, ImageError>(buffered.next().map(|(_, planes)| planes));
+            interrupt::without_interruption(|| image_writer::write(out, head, rows))?;
             if self.has_rounds {
                 self.folder.remove();
             }
         } else {
             self.flush()?;
-            match picture::merge(out, &self.folder) {
+            match image_writer::merge(out, &self.folder) {
                 Ok(()) => {}
                 Err(MergeError::Missing { .. }) => return Ok(false),
                 // Another process has merged the frame meanwhile: a piece was listed and is gone.
@@ -471,7 +477,7 @@ impl<'a> Making<'a> {
 
 /// Returns the number of packets of samples to take next, where `done` packets took `elapsed` seconds: as many again,
 /// but no more than fit into the time. The first packet is taken regardless of the time.
-fn fitting(done: usize, elapsed: f64, seconds: f64) -> usize {
+fn affordable_packets(done: usize, elapsed: f64, seconds: f64) -> usize {
     match done {
         0 => 1,
         _ => {
@@ -483,14 +489,14 @@ fn fitting(done: usize, elapsed: f64, seconds: f64) -> usize {
 }
 
 /// Joins neighbouring ranges of rows.
-fn joined(kept: Vec<(Range<u32>, Vec<Plane>)>) -> Vec<(Range<u32>, Vec<Plane>)> {
+fn join_rows(buffered: Vec<(Range<u32>, Vec<Plane>)>) -> Vec<(Range<u32>, Vec<Plane>)> {
     let mut all: Vec<(Range<u32>, Vec<Plane>)> = Vec::new();
-    for (rows, planes) in kept {
+    for (rows, planes) in buffered {
         match all.last_mut() {
-            Some((before, joined)) if before.end == rows.start => {
+            Some((before, join_rows)) if before.end == rows.start => {
                 before.end = rows.end;
-                for (joined, plane) in joined.iter_mut().zip(planes) {
-                    joined.values.extend(plane.values);
+                for (join_rows, plane) in join_rows.iter_mut().zip(planes) {
+                    join_rows.values.extend(plane.values);
                 }
             }
             _ => all.push((rows, planes)),
@@ -521,13 +527,16 @@ fn check_division(plan: &Plan, settings: &RenderSettings, time: Option<f64>) -> 
     let most = Share::most(settings.spp);
     if plan.frame.settings.shares > most {
         return refuse(format!(
-            "{} samples a pixel make at most {most} shares: give fewer",
+            "{} samples per pixel can be split into at most {most} shares: give fewer",
             settings.spp
         ));
     }
     let in_order = matches!(settings.pattern, Pattern::Sobol | Pattern::R2);
     if time.is_some() && !in_order {
-        return refuse("the first samples of that pattern leave parts of pixels out: choose `pattern = \"sobol\"` for `--time`".into());
+        return refuse(
+            "the first samples of that pattern do not cover the whole pixel: choose `pattern = \"sobol\"` for `--time`"
+                .into(),
+        );
     }
     Ok(())
 }

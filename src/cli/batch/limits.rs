@@ -6,12 +6,12 @@ use crate::render::{RenderSettings, TILE_SIDE};
 use crate::report::memory::{available_bytes, in_words};
 
 use super::super::failure::Failure;
+use super::built_scene::{LoadedScene, SceneCaches};
 use super::plan::Plan;
-use super::rows::film_bytes;
-use super::stage::{Kept, Loaded};
+use super::row_schedule::film_bytes;
 
 /// Number of tiles per thread in flight, so that few threads are idle while a frame runs out of tiles.
-const TILES_OF_THREAD: u64 = 8;
+const TILES_PER_THREAD: u64 = 8;
 /// Largest number of pixels rendered concurrently; a single frame may have more.
 const MAX_PIXELS: u64 = 1 << 25;
 
@@ -37,10 +37,10 @@ impl Limits<'_> {
     pub(super) fn frames_at_once(
         &self,
         plan: &Plan,
-        (loaded, kept): (&Loaded, &Kept),
+        (loaded, kept): (&LoadedScene, &SceneCaches),
         threads: usize,
     ) -> Result<usize, Failure> {
-        let settings = plan.job.shot(&loaded.file.output)?.settings;
+        let settings = plan.job.resolved(&loaded.file.output)?.settings;
         let film = film_bytes(&loaded.film(&settings), self.time);
         let bytes = loaded.forecast(&plan.job);
         // Compare with the explicit limit, or with what is free now
@@ -52,24 +52,26 @@ impl Limits<'_> {
         };
         let fitting = most.saturating_sub(before) / film.max(1);
         if fitting > 0 {
-            let at_once = self.wanted_at_once(&settings, threads).min(fitting);
+            let at_once = self.frames_to_saturate(&settings, threads).min(fitting);
             return Ok(usize::try_from(at_once).unwrap_or(usize::MAX));
         }
         // Report that not even one frame fits
         let (name, needed, most) = (plan.name(), in_words(before + film), in_words(most));
         let sentence = match self.max_memory {
             Some(_) => format!(
-                "{name} is forecast to take {needed} of memory and may take {most}: give a larger `--max-memory` or a smaller `size`"
+                "{name} is forecast to take {needed} of memory and may take {most}: give a larger `--max-memory` or a \
+                 smaller `size`"
             ),
             None => format!(
-                "{name} is forecast to take {needed} of memory beside its scene, and {most} are free: give a smaller `size`"
+                "{name} is forecast to take {needed} of memory in addition to its scene, and {most} are free: give a \
+                 smaller `size`"
             ),
         };
         Err(Failure::Work(sentence))
     }
 
     /// Returns the number of frames that keep all threads busy, plus one that renders while another is written.
-    fn wanted_at_once(&self, settings: &RenderSettings, threads: usize) -> u64 {
+    fn frames_to_saturate(&self, settings: &RenderSettings, threads: usize) -> u64 {
         if self.time.is_some() {
             // With a time limit, frames must not compete for the processors.
             return 1;
@@ -77,7 +79,7 @@ impl Limits<'_> {
         let [width, height] = [settings.width, settings.height].map(u64::from);
         let side = u64::from(TILE_SIDE);
         let tiles = width.div_ceil(side) * height.div_ceil(side);
-        let busy = (TILES_OF_THREAD * threads as u64).div_ceil(tiles);
+        let busy = (TILES_PER_THREAD * threads as u64).div_ceil(tiles);
         (1 + busy).min((MAX_PIXELS / (width * height)).max(1))
     }
 }
@@ -87,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn small_frames_go_on_together_and_huge_ones_alone() {
+    fn small_frames_run_concurrently_and_huge_ones_alone() {
         let limits = Limits {
             out: Path::new(""),
             checkpoint: 60.0,
@@ -100,7 +102,7 @@ mod tests {
                 height,
                 ..RenderSettings::default()
             };
-            limits.wanted_at_once(&settings, threads)
+            limits.frames_to_saturate(&settings, threads)
         };
         assert_eq!(at_once(&limits, [512, 512], 2), 2);
         // 80 tiles per frame, of which 64 threads want 512: 6.4 frames.

@@ -16,12 +16,12 @@ use super::super::failure::Failure;
 use super::super::job::RenderJob;
 
 /// Flags of `whit render` that are not allowed in a job's settings, with the replacement for each.
-const SAID_OTHERWISE: [(&str, &str); 15] = [
+const REPLACED_FLAGS: [(&str, &str); 15] = [
     ("animation", "give the job an `animation`"),
     ("camera", "give the job a `camera`"),
     (
         "error",
-        "choose settings with `whit cost` and give its file as `settings = { settings = \"FILE\" }`",
+        "choose settings with `whit cost` and give their file as `settings = { settings = \"FILE\" }`",
     ),
     ("format", "end `image` in .png or .exr"),
     ("heat", "render that frame with `whit render --heat`"),
@@ -31,7 +31,7 @@ const SAID_OTHERWISE: [(&str, &str); 15] = [
     ("pilot", "leave it out"),
     ("progress", "give it to `whit batch`"),
     ("quiet", "give it to `whit batch`"),
-    ("stats", "look into the manifest in the folder of results"),
+    ("stats", "read the manifest in the output folder"),
     ("tev", "give it to `whit batch`"),
     ("threads", "give it to `whit batch`"),
     ("time", "give the job an `animation`"),
@@ -77,14 +77,15 @@ impl Plan {
 pub(super) fn check_division(plans: &[Plan], time: Option<f64>) -> Result<(), Failure> {
     for plan in plans {
         let refuse = |fault: &str| Err(Failure::Input(format!("{}: {fault}", plan.name())));
-        if plan.job.is_one() && (plan.piece_count() > 1 || time.is_some()) {
+        if plan.job.must_render_at_once() && (plan.piece_count() > 1 || time.is_some()) {
             return refuse(
-                "adaptive sampling and channels of rays and time need the whole frame at once: leave out `split` and `--time`",
+                "adaptive sampling and channels of rays and time require rendering the whole frame at once: leave out \
+                 `split` and `--time`",
             );
         }
-        if (plan.frame.settings.shares > 1 || time.is_some()) && plan.job.has_layers() {
+        if (plan.frame.settings.shares > 1 || time.is_some()) && plan.job.has_first_hit_aovs() {
             return refuse(
-                "of the further channels only `samples` can be summed up from shares: leave the others out",
+                "shares and `--time` support only `aov = \"samples\"`: leave out the other channels",
             );
         }
     }
@@ -92,7 +93,7 @@ pub(super) fn check_division(plans: &[Plan], time: Option<f64>) -> Result<(), Fa
 }
 
 /// Removes temporary files that killed processes have left in the folders of the images.
-pub(super) fn sweep_up(plans: &[Plan], out: &Path) {
+pub(super) fn remove_leftovers(plans: &[Plan], out: &Path) {
     let folders: BTreeSet<PathBuf> = plans
         .iter()
         .filter_map(|plan| Some(out.join(plan.frame.image.parent()?)))
@@ -130,7 +131,7 @@ pub(in crate::cli) fn plans(jobs: &Path, out: &Path, threads: u32) -> Result<Vec
         let format = ImageFormat::of_path(&frame.image).ok_or_else(|| {
             let (jobs, image) = (jobs.path.display(), frame.image.display());
             Failure::Input(format!(
-                "{jobs}: cannot tell the kind of image from the name {image}: end `image` in .png or .exr"
+                "{jobs}: the file name {image} has no known image format: end `image` in .png or .exr"
             ))
         })?;
         let key = (Arc::as_ptr(&frame.settings), format);
@@ -167,7 +168,7 @@ fn make_folders(jobs: &Jobs, out: &Path) -> Result<(), Failure> {
     for folder in folders {
         fs::create_dir_all(&folder).map_err(|error| {
             Failure::Input(format!(
-                "cannot make the folder {} ({error}): choose another `--out`",
+                "cannot create the folder {} ({error}): choose another `--out`",
                 folder.display()
             ))
         })?;
@@ -185,8 +186,8 @@ fn render_job(jobs: &Path, frame: &Frame, out: &Path, threads: u32) -> Result<Re
     // Translate the settings to flags; paths are relative to the job file
     let mut words = vec!["whit".to_owned(), "render".into(), format!("--threads={threads}")];
     for (name, value) in &frame.settings.flags {
-        if let Some((_, way)) = SAID_OTHERWISE.iter().find(|(other, _)| other == name) {
-            return Err(refuse(format!("`{name}` is no setting of a job: {way}")));
+        if let Some((_, way)) = REPLACED_FLAGS.iter().find(|(other, _)| other == name) {
+            return Err(refuse(format!("`{name}` is not a setting of a job: {way}")));
         }
         words.push(match value {
             FlagValue::None => format!("--{name}"),
@@ -212,7 +213,9 @@ fn render_job(jobs: &Path, frame: &Frame, out: &Path, threads: u32) -> Result<Re
         refuse(first.strip_prefix("error: ").unwrap_or(first).to_owned())
     })?;
     let Command::Render(args) = args.command else {
-        return Err(refuse("are no settings of a render".into()));
+        return Err(refuse(
+            "they are not settings of a render: give flags of `whit render`".into(),
+        ));
     };
     // Report errors in terms of the job file
     RenderJob::new(&args).map_err(|failure| match failure {

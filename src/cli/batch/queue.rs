@@ -8,14 +8,14 @@ use std::vec::IntoIter;
 use crate::batch::{Shard, Sources};
 
 use super::super::failure::Failure;
+use super::fingerprint::FrameFingerprint;
 use super::plan::Plan;
-use super::recipe::Recipe;
 
 /// Frame with the pieces of it to render.
 #[derive(Clone)]
 pub(super) struct Task<'a> {
     pub(super) plan: &'a Plan,
-    pub(super) recipe: Recipe,
+    pub(super) recipe: FrameFingerprint,
     pub(super) pieces: Range<usize>,
 }
 
@@ -56,7 +56,7 @@ impl<'a> Queue<'a> {
     /// of a frame cannot be hashed, `wants` gets the error.
     pub(super) fn next_scene(
         &mut self,
-        mut wants: impl FnMut(&'a Plan, Result<Recipe, Failure>) -> Option<Recipe>,
+        mut wants: impl FnMut(&'a Plan, Result<FrameFingerprint, Failure>) -> Option<FrameFingerprint>,
     ) -> Vec<Task<'a>> {
         let mut tasks: Vec<Task> = Vec::new();
         let belongs = |tasks: &[Task], plan: &Plan| {
@@ -66,7 +66,7 @@ impl<'a> Queue<'a> {
         };
         // Stop at the first frame of another scene
         while let Some((plan, pieces)) = self.waiting.next_if(|(plan, _)| belongs(&tasks, plan)) {
-            let recipe = wants(plan, Recipe::of(plan, &mut self.sources));
+            let recipe = wants(plan, FrameFingerprint::of(plan, &mut self.sources));
             tasks.extend(recipe.map(|recipe| Task { plan, recipe, pieces }));
         }
         tasks

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use crate::batch::{Key, Manifest, PieceFolder};
+use crate::batch::{ChunkDirectory, Fingerprint, Manifest};
 use crate::parallel;
 use crate::render::{FinishedTile, Monitor};
 use crate::report::gallery::FrameStatus;
@@ -16,16 +16,16 @@ use super::super::failure::Failure;
 use super::super::interrupt;
 use super::super::output;
 use super::super::progress::{Batch as Shown, Progress};
-use super::frame::{Made, make};
+use super::built_scene::{BuiltScene, LoadedScene, SceneCaches};
+use super::frame::{FrameResult, make};
+use super::gallery::{Page, Record};
+use super::image_writer;
 use super::limits::Limits;
-use super::page::{Page, Record};
-use super::picture;
-use super::place::Place;
+use super::manifest_error;
 use super::plan::Plan;
+use super::preview::Viewer;
 use super::queue::{Queue, Task};
-use super::stage::{Kept, Loaded, Stage};
-use super::unnoted;
-use super::viewer::Viewer;
+use super::scene_slots::SceneSlots;
 
 /// Number of scenes processed concurrently: one is rendered while the other is loaded or written.
 const SCENES_AT_ONCE: usize = 2;
@@ -40,17 +40,17 @@ pub(super) struct Batch<'a> {
     page: Mutex<Page<'a>>,
     failed: AtomicUsize,
     /// Keys of the images that this process has considered so far, by path.
-    keys: Mutex<HashMap<PathBuf, Key>>,
+    keys: Mutex<HashMap<PathBuf, Fingerprint>>,
     /// Set when the output folder accepts no more data.
-    is_full: AtomicBool,
-    saved: Mutex<Saved>,
-    kept: Kept,
-    place: Place,
+    is_disk_full: AtomicBool,
+    saved: Mutex<SharingSavings>,
+    kept: SceneCaches,
+    place: SceneSlots,
 }
 
 /// Time saved by sharing scenes and acceleration structures among frames.
 #[derive(Default)]
-struct Saved {
+struct SharingSavings {
     seconds: f64,
     frames: usize,
 }
@@ -71,23 +71,23 @@ impl<'a> Batch<'a> {
             page: Mutex::new(Page::new(args, plans)),
             failed: AtomicUsize::new(0),
             keys: Mutex::default(),
-            is_full: AtomicBool::new(false),
+            is_disk_full: AtomicBool::new(false),
             saved: Mutex::default(),
-            kept: Kept::for_frames(plans),
-            place: Place::default(),
+            kept: SceneCaches::for_frames(plans),
+            place: SceneSlots::default(),
         }
     }
 
     /// Renders all frames of this process's shard.
     pub(super) fn run(mut self, pool: &rayon::ThreadPool) -> Result<(), Failure> {
-        let result = self.make_mine(pool);
+        let result = self.render_shard(pool);
         if let Some(viewer) = self.viewer.take() {
             viewer.finish(&self.progress);
         }
         result
     }
 
-    fn make_mine(&self, pool: &rayon::ThreadPool) -> Result<(), Failure> {
+    fn render_shard(&self, pool: &rayon::ThreadPool) -> Result<(), Failure> {
         let start = Instant::now();
         // Queue the shard's frames, in the order of their scenes
         let queue = Queue::new(self.plans, self.args.shard);
@@ -96,22 +96,22 @@ impl<'a> Batch<'a> {
         let queue = Mutex::new(queue);
         let skipped = AtomicUsize::new(0);
         // Render scene after scene on a few threads
-        let result = side_by_side(SCENES_AT_ONCE, || {
-            while self.goes_on()? {
+        let result = run_on_threads(SCENES_AT_ONCE, || {
+            while self.should_continue()? {
                 let tasks = self.next_scene(&queue, &shown, &skipped);
                 if tasks.is_empty() {
                     break;
                 }
-                self.make_all(&tasks, &shown, pool)?;
+                self.render_scene_frames(&tasks, &shown, pool)?;
             }
             Ok(())
         });
         // Remove stale pieces, then print the summary and write the page
         drop(shown);
         self.progress.clear();
-        self.sweep_up();
+        self.remove_leftovers();
         let skipped = skipped.into_inner();
-        self.conclude((total, skipped), start.elapsed().as_secs_f64())?;
+        self.print_summary((total, skipped), start.elapsed().as_secs_f64())?;
         result?;
         match self.failed.load(Ordering::Relaxed) {
             0 => Ok(()),
@@ -131,7 +131,7 @@ impl<'a> Batch<'a> {
                 .insert(image, key);
             if self.is_done(plan, key) {
                 // Another process that rendered the same frame may have left pieces.
-                PieceFolder::remove_of(&self.args.out, key);
+                ChunkDirectory::remove_of(&self.args.out, key);
                 shown.skip(&plan.name());
                 skipped.fetch_add(1, Ordering::Relaxed);
                 return None;
@@ -141,9 +141,9 @@ impl<'a> Batch<'a> {
     }
 
     /// Removes pieces whose key is outdated because their scene or settings have changed.
-    fn sweep_up(&self) {
+    fn remove_leftovers(&self) {
         let keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
-        for folder in PieceFolder::all(&self.args.out).unwrap_or_default() {
+        for folder in ChunkDirectory::all(&self.args.out).unwrap_or_default() {
             let head = folder.head();
             if keys.get(&head.image).is_some_and(|key| *key != head.key) {
                 folder.remove();
@@ -152,12 +152,12 @@ impl<'a> Batch<'a> {
     }
 
     /// Returns whether rendering continues; an error if it was interrupted.
-    fn goes_on(&self) -> Result<bool, Failure> {
+    fn should_continue(&self) -> Result<bool, Failure> {
         interrupt::check()?;
-        Ok(!self.is_full.load(Ordering::Relaxed))
+        Ok(!self.is_disk_full.load(Ordering::Relaxed))
     }
 
-    fn is_done(&self, plan: &Plan, key: Key) -> bool {
+    fn is_done(&self, plan: &Plan, key: Fingerprint) -> bool {
         if !self.args.resume {
             return false;
         }
@@ -168,14 +168,19 @@ impl<'a> Batch<'a> {
     }
 
     /// Renders frames that share one scene.
-    fn make_all(&self, tasks: &[Task], shown: &Shown, pool: &rayon::ThreadPool) -> Result<(), Failure> {
+    fn render_scene_frames(
+        &self,
+        tasks: &[Task],
+        shown: &Shown,
+        pool: &rayon::ThreadPool,
+    ) -> Result<(), Failure> {
         let Some(Task { plan, .. }) = tasks.first() else {
             return Ok(());
         };
         // This thread is not part of the pool, whose threads may take up other work while they wait.
         let place = self.place.enter(tasks.len() > 1 || self.args.time.is_some());
         // Load the scene
-        let loaded = parallel::install(pool, || Loaded::new(plan, &self.kept, &self.progress));
+        let loaded = parallel::install(pool, || LoadedScene::new(plan, &self.kept, &self.progress));
         let loaded = match loaded {
             Ok(loaded) => loaded,
             Err(failure) => return self.fail_all(tasks, shown, failure),
@@ -189,7 +194,7 @@ impl<'a> Batch<'a> {
         let threads = pool.current_num_threads();
         let at_once = self.limits().frames_at_once(plan, (&loaded, &self.kept), threads);
         let stage = at_once.and_then(|at_once| {
-            let stage = parallel::install(pool, || Stage::new(plan, &loaded, &self.kept))?;
+            let stage = parallel::install(pool, || BuiltScene::new(plan, &loaded, &self.kept))?;
             Ok((at_once, stage))
         });
         let (at_once, stage) = match stage {
@@ -203,12 +208,12 @@ impl<'a> Batch<'a> {
             .add(tasks.len() - 1, loaded.seconds + stage.build_seconds);
         // Render the frames concurrently
         let next = AtomicUsize::new(0);
-        side_by_side(at_once.min(tasks.len()), || {
-            while self.goes_on()? {
+        run_on_threads(at_once.min(tasks.len()), || {
+            while self.should_continue()? {
                 let Some(task) = tasks.get(next.fetch_add(1, Ordering::Relaxed)) else {
                     break;
                 };
-                parallel::install(pool, || self.make_one(task, &stage, shown))?;
+                parallel::install(pool, || self.render_one_frame(task, &stage, shown))?;
             }
             Ok(())
         })
@@ -223,15 +228,15 @@ impl<'a> Batch<'a> {
         }
     }
 
-    fn make_one(&self, task: &Task, stage: &Stage, shown: &Shown) -> Result<(), Failure> {
+    fn render_one_frame(&self, task: &Task, stage: &BuiltScene, shown: &Shown) -> Result<(), Failure> {
         let plan = task.plan;
         // Connect the progress bar, the live preview and the cancellation flag
         let bar = shown.begin(&plan.name());
         let progress = |fraction: f64| bar.fraction(fraction);
         let name = plan.name();
         let live = self.viewer.as_ref().and_then(|viewer| {
-            let shot = plan.job.shot(&stage.loaded.file.output).ok()?;
-            Some(viewer.begin(&name, [shot.settings.width, shot.settings.height]))
+            let resolved = plan.job.resolved(&stage.loaded.file.output).ok()?;
+            Some(viewer.begin(&name, [resolved.settings.width, resolved.settings.height]))
         });
         let show = live.map(|live| move |tile: FinishedTile| live.show(tile));
         let monitor = Monitor {
@@ -246,7 +251,7 @@ impl<'a> Batch<'a> {
         }
         match made.and_then(|made| self.note(&made).map(|()| made)) {
             Ok(made) => {
-                self.tell_time(plan, &made);
+                self.warn_if_out_of_time(plan, &made);
                 let status = if made.is_whole {
                     FrameStatus::Done
                 } else {
@@ -263,7 +268,7 @@ impl<'a> Batch<'a> {
                 bar.fail(&failure);
                 self.failed.fetch_add(1, Ordering::Relaxed);
                 if !self.can_write() {
-                    self.is_full.store(true, Ordering::Relaxed);
+                    self.is_disk_full.store(true, Ordering::Relaxed);
                 }
                 Ok(())
             }
@@ -271,10 +276,10 @@ impl<'a> Batch<'a> {
     }
 
     /// Warns that a frame has fewer samples than requested.
-    fn tell_time(&self, plan: &Plan, made: &Made) {
+    fn warn_if_out_of_time(&self, plan: &Plan, made: &FrameResult) {
         if self.args.time.is_some() && made.samples < f64::from(made.head.spp) {
             self.progress.warn(&format!(
-                "{}: its time was up after {:.0} of {} samples a pixel",
+                "{}: the time limit was reached after {:.0} of {} samples per pixel",
                 plan.name(),
                 made.samples,
                 made.head.spp
@@ -283,16 +288,16 @@ impl<'a> Batch<'a> {
     }
 
     /// Adds a complete image to the manifest.
-    fn note(&self, made: &Made) -> Result<(), Failure> {
+    fn note(&self, made: &FrameResult) -> Result<(), Failure> {
         if !made.is_whole {
             return Ok(());
         }
         let out = &self.args.out;
         let seconds = [made.render_seconds, made.write_seconds];
-        let done = picture::done(out, &made.head, made.samples, seconds);
+        let done = image_writer::done(out, &made.head, made.samples, seconds);
         let mut manifest = self.manifest.lock().unwrap_or_else(PoisonError::into_inner);
-        let noted = done.and_then(|done| interrupt::finish_first(|| manifest.add(done)));
-        noted.map_err(|error| unnoted(&made.head.image, &error))
+        let noted = done.and_then(|done| interrupt::without_interruption(|| manifest.add(done)));
+        noted.map_err(|error| manifest_error(&made.head.image, &error))
     }
 
     /// Returns whether the output folder still accepts data, so that no frame is rendered in vain.
@@ -324,7 +329,10 @@ impl<'a> Batch<'a> {
                 0 => self.fail(task.plan, shown, &failure),
                 _ => {
                     let scene = scene.as_deref().unwrap_or_default();
-                    let again = Failure::Work(format!("{}: {scene} failed, see above", task.plan.name()));
+                    let again = Failure::Work(format!(
+                        "{}: its scene {scene} failed, see above",
+                        task.plan.name()
+                    ));
                     self.fail(task.plan, shown, &again);
                 }
             }
@@ -338,10 +346,10 @@ impl<'a> Batch<'a> {
     }
 
     /// Prints the summary, and writes the page if one was requested.
-    fn conclude(&self, (total, skipped): (usize, usize), seconds: f64) -> Result<(), Failure> {
-        if self.is_full.load(Ordering::Relaxed) {
-            output::tell(&format!(
-                "whit: nothing more can be written to {}: make room and go on with `--resume`",
+    fn print_summary(&self, (total, skipped): (usize, usize), seconds: f64) -> Result<(), Failure> {
+        if self.is_disk_full.load(Ordering::Relaxed) {
+            output::emit(&format!(
+                "whit: cannot write any more data to {}: free some space and continue with `--resume`",
                 self.args.out.display()
             ));
         }
@@ -358,19 +366,19 @@ impl<'a> Batch<'a> {
         let failed = self.failed.load(Ordering::Relaxed);
         let saved = self.saved.lock().unwrap_or_else(PoisonError::into_inner);
         let mut line =
-            format!("{total} frames in {seconds:.1} s: {skipped} were there already, {failed} failed\n");
+            format!("{total} frames in {seconds:.1} s: {skipped} existed already, {failed} failed\n");
         if saved.frames > 0 {
             line += &format!(
-                "{} frames found their scene loaded and its structure built, which spared {:.1} s\n",
+                "{} frames reused a loaded scene and its acceleration structure, which saved {:.1} s\n",
                 saved.frames, saved.seconds
             );
         }
-        line += &self.kept.tell();
+        line += &self.kept.emit();
         output::print(&line)
     }
 }
 
-impl Saved {
+impl SharingSavings {
     fn add(&mut self, frames: usize, seconds: f64) {
         self.frames += frames;
         self.seconds += frames as f64 * seconds;
@@ -378,11 +386,11 @@ impl Saved {
 }
 
 /// Runs `work` on several threads to completion; returns the first failure, if there is one.
-fn side_by_side(threads: usize, work: impl Fn() -> Result<(), Failure> + Sync) -> Result<(), Failure> {
+fn run_on_threads(threads: usize, work: impl Fn() -> Result<(), Failure> + Sync) -> Result<(), Failure> {
     std::thread::scope(|scope| {
         let threads: Vec<_> = (0..threads).map(|_| scope.spawn(&work)).collect();
         let ends = threads.into_iter().map(|thread| thread.join());
-        ends.map(|end| end.unwrap_or_else(|_| Err(Failure::Work("a frame came to a sudden end".into()))))
+        ends.map(|end| end.unwrap_or_else(|_| Err(Failure::Work("a render thread panicked".into()))))
             .fold(Ok(()), Result::and)
     })
 }

@@ -52,7 +52,7 @@ impl<'s> EmbreeStructures<'s> {
         let (packet, seconds) = timed(pool, || EmbreeAccel::build(scene, &options))?;
         Ok(EmbreeStructures {
             precision: options.precision,
-            instancing: (packet.placed_mesh_count() > 0).then_some(options.instancing),
+            instancing: (packet.instanced_mesh_count() > 0).then_some(options.instancing),
             single: None,
             packet,
             options,
@@ -78,18 +78,18 @@ impl<'s> EmbreeStructures<'s> {
     /// Builds the structures for all precisions and kinds of instancing that are measured.
     fn all(
         scene: &'s Scene,
-        wish: &AccelOptions<'s>,
+        requested: &AccelOptions<'s>,
         pool: &ThreadPool,
     ) -> Result<Vec<EmbreeStructures<'s>>, Failure> {
         let at = |precision: Precision| AccelOptions {
             precision,
-            instancing: wish.instancing.resolved(precision),
-            ..wish.clone()
+            instancing: requested.instancing.resolved(precision),
+            ..requested.clone()
         };
-        let chosen = at(wish.precision);
+        let chosen = at(requested.precision);
         let first = EmbreeStructures::build(scene, chosen.clone(), pool)?;
         let other = chosen.instancing.other();
-        let has_other = first.instancing.is_some() && other.resolved(wish.precision) == other;
+        let has_other = first.instancing.is_some() && other.resolved(requested.precision) == other;
         let mut built = vec![first];
         if has_other {
             let options = AccelOptions {
@@ -99,7 +99,7 @@ impl<'s> EmbreeStructures<'s> {
             built.push(EmbreeStructures::build(scene, options, pool)?);
         }
         for precision in Precision::ALL {
-            if precision != wish.precision {
+            if precision != requested.precision {
                 built.push(EmbreeStructures::build_packet(scene, at(precision), pool)?);
             }
         }
@@ -143,7 +143,7 @@ impl<'s> Structures<'s> {
         };
         // All structures take turns, so that other load on the machine affects all alike.
         for _ in 1..job.repeat {
-            structures.build_again(scene, pool, |builds| &mut builds.usual)?;
+            structures.build_again(scene, pool, |builds| &mut builds.base)?;
         }
         // Repeat the builds with each thread count of the scaling measurement
         for repetition in 0..job.repeat {
@@ -257,21 +257,21 @@ pub(super) struct Contestant<'a> {
 impl<'a> Contestant<'a> {
     /// Returns the contestant that this one's hits are compared with: the first one. Raw calls, of which only distances
     /// are compared, bit by bit, are compared with the backend that wraps them.
-    pub(super) fn referee<'c>(&self, contestants: &'c [Contestant<'a>]) -> &'c Contestant<'a> {
-        let dressed = match self.mode {
+    pub(super) fn reference<'c>(&self, contestants: &'c [Contestant<'a>]) -> &'c Contestant<'a> {
+        let wrapped_mode = match self.mode {
             Mode::Raw => Mode::Packet,
             Mode::RawSingle => Mode::Single,
             Mode::Packet | Mode::Single | Mode::Batch => return &contestants[0],
         };
         let of = |other: &Contestant| (other.backend, other.instancing, other.precision);
-        let is_referee = |other: &&Contestant| other.mode == dressed && of(other) == of(self);
-        contestants.iter().find(is_referee).unwrap_or(&contestants[0])
+        let is_reference = |other: &&Contestant| other.mode == wrapped_mode && of(other) == of(self);
+        contestants.iter().find(is_reference).unwrap_or(&contestants[0])
     }
 
     /// Returns whether whole frames are rendered with it: the first contestant, and Embree with each other precision.
     pub(super) fn has_frames(&self, contestants: &[Contestant<'a>]) -> bool {
         let first = &contestants[0];
-        let is_rung = self.backend == Backend::Embree && self.precision != first.precision;
-        std::ptr::eq(self, first) || is_rung
+        let is_other_precision = self.backend == Backend::Embree && self.precision != first.precision;
+        std::ptr::eq(self, first) || is_other_precision
     }
 }

@@ -6,7 +6,7 @@ use crate::cli::args::MIN_TRIANGLES;
 use crate::cli::failure::Failure;
 use crate::mesh::{Mesh, bumpy_sphere};
 use crate::report::memory;
-use crate::report::table::in_groups;
+use crate::report::table::group_thousands;
 use crate::scene::{Background, Camera, Falloff, Geometry, Instance, Light, LightKind, Material, Scene};
 
 /// Number of mesh sizes per factor of ten.
@@ -19,11 +19,11 @@ const BYTES_PER_TRIANGLE: u64 = 800;
 const GROUND: f32 = 6.0;
 const GROUND_HEIGHT: f32 = -1.02;
 /// Positions of the camera, of its target, and of the point light.
-const EYE: DVec3 = DVec3::new(1.1, 1.3, 3.9);
-const TARGET: DVec3 = DVec3::new(0.05, -0.12, 0.0);
-const LAMP: DVec3 = DVec3::new(2.6, 3.6, 3.2);
+const CAMERA_POSITION: DVec3 = DVec3::new(1.1, 1.3, 3.9);
+const CAMERA_TARGET: DVec3 = DVec3::new(0.05, -0.12, 0.0);
+const LIGHT_POSITION: DVec3 = DVec3::new(2.6, 3.6, 3.2);
 /// Intensity of the point light in candela.
-const INTENSITY: f32 = 75.0;
+const LIGHT_INTENSITY: f32 = 75.0;
 
 /// Returns the triangle counts of the meshes in ascending order.
 pub(super) fn sizes(most: u64) -> Vec<u64> {
@@ -41,7 +41,7 @@ pub(super) fn sizes(most: u64) -> Vec<u64> {
 
 /// Returns the name of a mesh of about `triangles` triangles.
 pub(super) fn name(triangles: u64) -> String {
-    format!("bumpy sphere, {} triangles", in_groups(triangles))
+    format!("bumpy sphere, {} triangles", group_thousands(triangles))
 }
 
 /// Returns a warning if the memory is too small to measure so many triangles.
@@ -49,8 +49,8 @@ pub(super) fn lacks_memory(triangles: u64) -> Option<String> {
     let needed = triangles * BYTES_PER_TRIANGLE;
     let free = memory::available_bytes().filter(|&free| needed > free)?;
     Some(format!(
-        "the sweep ends here: {} triangles take about {} of memory and {} are free",
-        in_groups(triangles),
+        "the sweep stops here: {} triangles take about {} of memory and {} are free",
+        group_thousands(triangles),
         memory::in_words(needed),
         memory::in_words(free)
     ))
@@ -73,10 +73,10 @@ pub(super) fn scene(triangles: u64) -> Result<Scene, Failure> {
             material([0.45, 0.50, 0.55], 0.9),
         ],
         lights: vec![Light {
-            name: "lamp".to_owned(),
-            intensity: [INTENSITY; 3],
+            name: "light".to_owned(),
+            intensity: [LIGHT_INTENSITY; 3],
             kind: LightKind::Point {
-                position: LAMP,
+                position: LIGHT_POSITION,
                 falloff: Falloff::PHYSICAL,
             },
         }],
@@ -99,11 +99,11 @@ fn ground() -> Mesh {
 }
 
 fn camera() -> Camera {
-    let back = (EYE - TARGET).normalize();
+    let back = (CAMERA_POSITION - CAMERA_TARGET).normalize();
     let right = DVec3::Y.cross(back).normalize();
     let axes = DMat3::from_cols(right, back.cross(right), back);
     Camera {
-        world_from_camera: DAffine3::from_mat3_translation(axes, EYE),
+        world_from_camera: DAffine3::from_mat3_translation(axes, CAMERA_POSITION),
         ..Camera::default()
     }
 }
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sizes_are_even_steps_of_a_logarithm_and_end_at_the_largest() {
+    fn sizes_are_logarithmic_steps_up_to_the_largest() {
         assert_eq!(sizes(1_000), [1_000]);
         assert_eq!(sizes(10_000), [1_000, 3_162, 10_000]);
         assert_eq!(sizes(20_000), [1_000, 3_162, 10_000, 20_000]);
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn the_scene_is_sound_and_its_sphere_stands_on_the_ground() {
+    fn scene_is_valid_and_its_sphere_touches_the_ground() {
         let scene = scene(5_000).unwrap();
         scene.validate().unwrap();
         assert_eq!(scene.triangle_count(), 12 * 20 * 20 + 2);
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_machine_holds_is_told() {
+    fn mesh_larger_than_memory_causes_a_warning() {
         // There is no warning on systems that do not report their free memory.
         if memory::available_bytes().is_some() {
             let words = lacks_memory(1 << 50).unwrap();

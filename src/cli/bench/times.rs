@@ -6,9 +6,9 @@ use crate::accel::Accel;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::progress::Progress;
-use crate::cli::replay::{Engine, RaySet, replay_seconds, shared_replay_seconds};
+use crate::cli::replay::{Engine, RayWorkload, replay_seconds, shared_replay_seconds};
 use crate::parallel;
-use crate::render::{self, Ledger, Monitor, RenderSettings};
+use crate::render::{self, Monitor, RenderProfile, RenderSettings};
 use crate::report::bench::{FrameTime, Mode, RayKind, Spread};
 use crate::scene::{Camera, Scene};
 
@@ -16,16 +16,16 @@ use crate::scene::{Camera, Scene};
 #[derive(Clone, Default)]
 pub(super) struct Seconds {
     /// Seconds of builds with the requested number of threads, and of replays with one thread.
-    pub(super) usual: Vec<f64>,
+    pub(super) base: Vec<f64>,
     /// Seconds by thread count of the scaling measurement, then by repetition.
     pub(super) by_threads: Vec<Vec<f64>>,
 }
 
 impl Seconds {
     /// Returns the seconds of a single repetition.
-    pub(super) fn of(usual: f64) -> Seconds {
+    pub(super) fn of(base: f64) -> Seconds {
         Seconds {
-            usual: vec![usual],
+            base: vec![base],
             by_threads: Vec::new(),
         }
     }
@@ -41,21 +41,21 @@ pub(super) struct Frame<'a> {
 
 impl Frame<'_> {
     /// Returns the frame's own rays and random ones, one set per kind; kinds without rays are left out.
-    pub(super) fn ray_sets(&self) -> Vec<RaySet> {
+    pub(super) fn ray_sets(&self) -> Vec<RayWorkload> {
         let recorded = render::record(self.scene, self.camera, self.accel, &self.settings);
         let pixel_count = self.settings.width as usize * self.settings.height as usize;
         let mut sets = vec![
-            RaySet::new(RayKind::Camera, recorded.camera),
-            RaySet::new(RayKind::Shadow, recorded.shadow),
-            RaySet::new(RayKind::Reflection, recorded.reflection),
-            RaySet::random(&self.scene.bounds(), pixel_count),
+            RayWorkload::new(RayKind::Camera, recorded.camera),
+            RayWorkload::new(RayKind::Shadow, recorded.shadow),
+            RayWorkload::new(RayKind::Reflection, recorded.reflection),
+            RayWorkload::random(&self.scene.bounds(), pixel_count),
         ];
         sets.retain(|set| set.ray_count > 0);
         sets
     }
 
     /// Returns the ledger of one render of the frame on the current thread pool.
-    fn ledger(&self, accel: &dyn Accel) -> Result<Ledger, Failure> {
+    fn ledger(&self, accel: &dyn Accel) -> Result<RenderProfile, Failure> {
         let monitor = Monitor {
             progress: &|_| {},
             cancel: &interrupt::CANCELLED,
@@ -76,14 +76,14 @@ pub(super) struct Times {
     /// Seconds of the replays, by ray set, then by contestant.
     pub(super) replays: Vec<Vec<Seconds>>,
     /// Ledgers of rendered frames, by contestant; empty for contestants without frames.
-    frames: Vec<Vec<Ledger>>,
+    frames: Vec<Vec<RenderProfile>>,
 }
 
 impl Times {
     /// Measures all contestants in turn within each repetition, so that other load on the machine affects all alike.
     pub(super) fn measure(
         contestants: &[Contestant],
-        sets: &[RaySet],
+        sets: &[RayWorkload],
         frame: &Frame,
         job: &BenchJob,
         progress: &Progress,
@@ -92,9 +92,9 @@ impl Times {
         let single = rayon::ThreadPoolBuilder::new()
             .num_threads(1)
             .build()
-            .map_err(|error| Failure::Work(format!("could not start a thread: {error}")))?;
+            .map_err(|error| Failure::Work(format!("cannot start a thread: {error}")))?;
         let none = Seconds {
-            usual: Vec::new(),
+            base: Vec::new(),
             by_threads: vec![Vec::new(); job.scaling.len()],
         };
         let mut times = Times {
@@ -108,7 +108,7 @@ impl Times {
                     interrupt::check()?;
                     // Replay on one thread, then with every thread count
                     let (engine, mode) = (contestant.engine, contestant.mode);
-                    seconds.usual.push(replay_seconds(engine, set, mode));
+                    seconds.base.push(replay_seconds(engine, set, mode));
                     for (pool, seconds) in job.scaling.iter().zip(&mut seconds.by_threads) {
                         seconds.push(shared_replay_seconds(pool, engine, set, mode));
                     }
@@ -132,7 +132,7 @@ impl Times {
     pub(super) fn frame(
         &self,
         contestants: &[Contestant],
-        sets: &[RaySet],
+        sets: &[RayWorkload],
         index: usize,
     ) -> Option<FrameTime> {
         // Choose the frames and the raw contestant
@@ -153,11 +153,12 @@ impl Times {
                     RayKind::Reflection => ledger.reflection_rays(),
                     RayKind::Random => 0,
                 };
-                rays as f64 * Spread::of(&of_set[raw].usual).median / set.ray_count as f64
+                rays as f64 * Spread::of(&of_set[raw].base).median / set.ray_count as f64
             })
             .sum();
         // Compare the medians
-        let median = |of: fn(&Ledger) -> f64| Spread::of(&frames.iter().map(of).collect::<Vec<_>>()).median;
+        let median =
+            |of: fn(&RenderProfile) -> f64| Spread::of(&frames.iter().map(of).collect::<Vec<_>>()).median;
         let seconds = median(|ledger| ledger.seconds);
         Some(FrameTime {
             seconds,

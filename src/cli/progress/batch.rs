@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use indicatif::ProgressStyle;
 
-use super::lines::Pace;
+use super::lines::RateLimiter;
 use super::time_left::{Durations, Running};
 use super::{Progress, STEPS, TICK};
 use crate::cli::events::{self, Event};
@@ -27,7 +27,7 @@ struct State {
     durations: Durations,
     finished: usize,
     begun: usize,
-    pace: Pace,
+    limiter: RateLimiter,
 }
 
 /// Progress of a batch of images, several of which may be rendered concurrently; usable from any thread.
@@ -45,7 +45,7 @@ pub(in crate::cli) struct BatchFrame<'b> {
 }
 
 /// Snapshot of the progress of a batch.
-struct Standing {
+struct Snapshot {
     images: Vec<String>,
     fraction: f64,
     seconds_left: Option<f64>,
@@ -75,7 +75,7 @@ impl<'p> Batch<'p> {
                 durations: Durations::default(),
                 finished: 0,
                 begun: 0,
-                pace: Pace::default(),
+                limiter: RateLimiter::default(),
             }),
         }
     }
@@ -99,7 +99,7 @@ impl<'p> Batch<'p> {
     pub(in crate::cli) fn skip(&self, image: &str) {
         let mut state = self.lock();
         state.finished += 1;
-        self.tell(&state, (image, "skipped", None), 0.0);
+        self.emit(&state, (image, "skipped", None), 0.0);
         self.show(&mut state);
     }
 
@@ -108,7 +108,7 @@ impl<'p> Batch<'p> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn standing(&self, state: &State) -> Standing {
+    fn snapshot(&self, state: &State) -> Snapshot {
         // Count the finished fractions of running frames
         let of_current = |frame: &Current| Running {
             fraction: frame.fraction,
@@ -118,7 +118,7 @@ impl<'p> Batch<'p> {
         let running: Vec<Running> = state.current.iter().map(of_current).collect();
         let waiting = self.total.saturating_sub(state.finished + running.len());
         let parts: f64 = running.iter().map(|frame| frame.fraction).sum();
-        Standing {
+        Snapshot {
             images: state.current.iter().map(|frame| frame.image.clone()).collect(),
             fraction: ((state.finished as f64 + parts) / self.total.max(1) as f64).min(1.0),
             seconds_left: state.durations.left(&running, waiting),
@@ -127,17 +127,17 @@ impl<'p> Batch<'p> {
 
     /// Displays the progress, unless the last display was too recent.
     fn show(&self, state: &mut State) {
-        if !state.pace.allows(Instant::now()) {
+        if !state.limiter.allows(Instant::now()) {
             return;
         }
-        let Standing {
+        let Snapshot {
             images,
             fraction,
             seconds_left,
-        } = self.standing(state);
+        } = self.snapshot(state);
         // Print an event, or update the bar
         if self.progress.lines.is_some() {
-            return events::tell(&Event::Batch {
+            return events::emit(&Event::Batch {
                 images: &images,
                 fraction,
                 finished: state.finished,
@@ -153,18 +153,18 @@ impl<'p> Batch<'p> {
     }
 
     /// Prints the event that an image is finished, failed or skipped; only with JSON lines.
-    fn tell(&self, state: &State, (image, status, message): (&str, &str, Option<&str>), seconds: f64) {
+    fn emit(&self, state: &State, (image, status, message): (&str, &str, Option<&str>), seconds: f64) {
         if self.progress.lines.is_none() {
             return;
         }
-        events::tell(&Event::Frame {
+        events::emit(&Event::Frame {
             image,
             status,
             message,
             seconds,
             finished: state.finished,
             total: self.total,
-            seconds_left: self.standing(state).seconds_left,
+            seconds_left: self.snapshot(state).seconds_left,
         });
     }
 
@@ -185,10 +185,10 @@ impl<'p> Batch<'p> {
             // Only successful frames contribute to the typical duration
             None => {
                 state.durations.note(seconds);
-                self.tell(&state, (&frame.image, "done", None), seconds);
+                self.emit(&state, (&frame.image, "done", None), seconds);
             }
             Some(failure) if self.progress.lines.is_some() => {
-                self.tell(
+                self.emit(
                     &state,
                     (&frame.image, "failed", Some(&failure.to_string())),
                     seconds,
@@ -262,7 +262,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_batch_counts_what_is_finished_and_parts_of_what_is_being_made() {
+    fn batch_fraction_counts_finished_and_partly_rendered_images() {
         let progress = Progress::new(Verbosity::Quiet);
         let batch = progress.batch(4);
         batch.skip("a");
@@ -270,19 +270,19 @@ mod tests {
         let frame = batch.begin("c");
         frame.fraction(0.5);
         frame.fraction(0.25);
-        let standing = batch.standing(&batch.lock());
+        let snapshot = batch.snapshot(&batch.lock());
         assert_eq!(
-            (standing.fraction, &*standing.images),
+            (snapshot.fraction, &*snapshot.images),
             (2.5 / 4.0, &["c".to_owned()][..])
         );
-        assert!(standing.seconds_left.is_some());
+        assert!(snapshot.seconds_left.is_some());
         drop(frame);
-        let standing = batch.standing(&batch.lock());
-        assert_eq!((standing.fraction, standing.images.len()), (0.5, 0));
+        let snapshot = batch.snapshot(&batch.lock());
+        assert_eq!((snapshot.fraction, snapshot.images.len()), (0.5, 0));
     }
 
     #[test]
-    fn the_time_that_is_left_is_told_in_few_words() {
+    fn remaining_time_is_formatted_briefly() {
         assert_eq!(
             [0.2, 59.5, 61.0, 3599.2, 86_400.0].map(duration),
             ["1 s", "1 min 00 s", "1 min 01 s", "1 h 00 min", "24 h 00 min"]

@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 const MAX_DURATIONS: usize = 64;
 
 /// Returns the remaining seconds of work that has taken `seconds` up to `fraction`; `None` if they cannot be estimated.
-pub(in crate::cli) fn of_phase(fraction: f64, seconds: f64) -> Option<f64> {
+pub(in crate::cli) fn remaining_seconds(fraction: f64, seconds: f64) -> Option<f64> {
     let left = seconds * (1.0 - fraction) / fraction;
     (fraction > 0.0 && left.is_finite()).then_some(left.max(0.0))
 }
@@ -54,7 +54,7 @@ impl Durations {
             let whole = match self.typical() {
                 // The weighted mean of both estimates: (1 - f) typical + f (seconds / f).
                 Some(typical) => (1.0 - fraction) * typical + seconds,
-                None => seconds + of_phase(fraction, seconds)?,
+                None => seconds + remaining_seconds(fraction, seconds)?,
             };
             Some((1.0 - fraction) * whole)
         };
@@ -94,28 +94,28 @@ mod tests {
     };
 
     #[test]
-    fn a_phase_takes_as_long_as_its_first_part_says() {
-        assert_eq!(of_phase(0.25, 2.0), Some(6.0));
-        assert_eq!(of_phase(1.0, 2.0), Some(0.0));
-        assert_eq!(of_phase(0.0, 2.0), None);
-        assert_eq!(of_phase(f64::NAN, 2.0), None);
+    fn remaining_time_of_a_phase_is_extrapolated_linearly() {
+        assert_eq!(remaining_seconds(0.25, 2.0), Some(6.0));
+        assert_eq!(remaining_seconds(1.0, 2.0), Some(0.0));
+        assert_eq!(remaining_seconds(0.0, 2.0), None);
+        assert_eq!(remaining_seconds(f64::NAN, 2.0), None);
     }
 
     #[test]
-    fn one_odd_frame_does_not_count() {
+    fn outlier_durations_are_ignored() {
         assert_eq!(durations(&[4.0, 900.0, 4.0, 4.0]).left(&[], 3), Some(12.0));
         assert_eq!(durations(&[4.0, 6.0]).left(&[], 2), Some(10.0));
     }
 
     #[test]
-    fn frames_at_once_share_what_is_left() {
+    fn concurrent_frames_divide_the_remaining_time() {
         // Whole frame: half of 4 and 3 seconds so far, 5; half of that is left of each, and 4 for each of 6 that wait.
         let left = durations(&[4.0]).left(&[HALF, HALF], 6);
         assert_eq!(left, Some((2.0 * 2.5 + 6.0 * 4.0) / 2.0));
     }
 
     #[test]
-    fn the_last_frames_take_as_long_as_the_longest_of_them() {
+    fn slowest_frame_determines_the_remaining_time_at_the_end() {
         let slow = Running {
             fraction: 0.5,
             seconds: 8.0,
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn before_any_frame_is_finished_the_running_ones_tell() {
+    fn running_frames_give_the_estimate_before_any_is_finished() {
         // 3 seconds are left of the running frame, and 6 for each of the others.
         assert_eq!(Durations::default().left(&[HALF], 2), Some(15.0));
         let begun = Running {
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_take_longer_and_longer_are_followed() {
+    fn estimate_follows_increasing_durations() {
         let growing: Vec<f64> = (0..1000).map(f64::from).collect();
         let left = durations(&growing).left(&[], 1).unwrap();
         assert!((936.0..1000.0).contains(&left), "{left}");

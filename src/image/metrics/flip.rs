@@ -21,11 +21,11 @@ const STRETCHED: f64 = 0.95;
 const FEATURE_EXPONENT: f64 = 0.5;
 
 /// Function from a pixel of linear radiance to the displayed linear colour.
-type Shown<'a> = dyn Fn([f32; 3]) -> DVec3 + Sync + 'a;
+type DisplayFn<'a> = dyn Fn([f32; 3]) -> DVec3 + Sync + 'a;
 
 /// Returns the error of each pixel, 0 to 1, of two images of one size; `shown` maps a pixel to its displayed colour,
 /// linear and 0 to 1.
-pub(super) fn error_map(images: [&LinearImage; 2], shown: &Shown, pixels_per_degree: f64) -> Vec<f32> {
+pub(super) fn error_map(images: [&LinearImage; 2], shown: &DisplayFn, pixels_per_degree: f64) -> Vec<f32> {
     if images[0].pixels.is_empty() {
         return Vec::new();
     }
@@ -33,7 +33,8 @@ pub(super) fn error_map(images: [&LinearImage; 2], shown: &Shown, pixels_per_deg
     let colors = Colors::new();
     let contrast = ContrastFilter::new(pixels_per_degree);
     let detector = FeatureDetector::new(pixels_per_degree);
-    let [reference, test] = images.map(|image| Seen::new(image, shown, &colors, (&contrast, &detector)));
+    let [reference, test] =
+        images.map(|image| FilteredImage::new(image, shown, &colors, (&contrast, &detector)));
     // Combine colour distance and feature difference
     let largest = largest_distance(&colors);
     let error = |index: usize| {
@@ -48,21 +49,21 @@ pub(super) fn error_map(images: [&LinearImage; 2], shown: &Shown, pixels_per_deg
 }
 
 /// Image after the filters that model human vision.
-struct Seen {
+struct FilteredImage {
     /// Filtered colours in a perceptually uniform space.
     colors: Vec<DVec3>,
     /// Strengths of edges and points.
     features: [Vec<f64>; 2],
 }
 
-impl Seen {
+impl FilteredImage {
     /// Filters an image: contrast sensitivity for colours, feature detection on luminance.
     fn new(
         image: &LinearImage,
-        shown: &Shown,
+        shown: &DisplayFn,
         colors: &Colors,
         (contrast, detector): (&ContrastFilter, &FeatureDetector),
-    ) -> Seen {
+    ) -> FilteredImage {
         // Convert to opponent colours
         let opponent = parallel::generate(image.pixels.len(), |index| {
             colors.opponent(shown(image.pixels[index]))
@@ -78,7 +79,7 @@ impl Seen {
             // Kernels differ in width between channels, so that the filtered colour may leave the displayable range.
             colors.perceived(colors.linear(blurred).clamp(DVec3::ZERO, DVec3::ONE))
         };
-        Seen {
+        FilteredImage {
             colors: parallel::generate(opponent.len(), perceived),
             features: detector.detect(&plane(&|c| luminance(c.x))),
         }

@@ -97,14 +97,14 @@ mod tests {
     }
 
     #[test]
-    fn opponent_colours_lead_back() {
+    fn opponent_colour_conversion_is_invertible() {
         let colors = Colors::new();
         let linear = DVec3::new(0.2, 0.7, 0.05);
         assert!(colors.linear(colors.opponent(linear)).abs_diff_eq(linear, 1e-13));
     }
 
     #[test]
-    fn luminance_is_that_of_rec_709() {
+    fn luminance_uses_rec_709_weights() {
         // 0.2126 R + 0.7152 G + 0.0722 B, as rounded in the standard.
         let y = |linear| luminance(Colors::new().opponent(linear).x);
         for (linear, expected) in [(DVec3::X, 0.2126), (DVec3::Y, 0.7152), (DVec3::Z, 0.0722)] {

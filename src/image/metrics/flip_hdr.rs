@@ -111,7 +111,7 @@ mod tests {
     ];
 
     #[test]
-    fn errors_are_those_of_the_authors_program() {
+    fn errors_match_the_published_program() {
         // Tolerance as for LDR-FLIP: the program computes in f32, and uses 67.02 pixels per degree.
         const F32_IN_A_ROOT: f64 = 3.5e-4;
         let pairs = pairs(|code| (f64::from(code) / 32.0 - 4.0).exp2());
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn the_curve_shows_what_exposures_are_made_for() {
+    fn tone_curve_inverts_and_clamps() {
         assert!((curve(radiance_shown_at(SHOWN)) - SHOWN).abs() < 1e-12);
         assert_eq!(curve(f64::INFINITY), 1.0);
         assert_eq!(curve(f64::NAN), 0.0);
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dark_reference_has_few_exposures() {
+    fn dark_reference_has_few_exposures() {
         let mut image = LinearImage::black(3, 3);
         assert!(exposures(&image).is_empty());
         assert_eq!(hdr_error_map(&image, &image, 67.0), [0.0; 9]);

@@ -90,7 +90,13 @@ pub struct Comparison {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CompareError {
     /// Images of different sizes, whose pixels do not correspond.
-    #[error("pictures of {}x{} and {}x{} pixels have no pixels in common: give two of one size", .reference[0], .reference[1], .test[0], .test[1])]
+    #[error(
+        "images of {}x{} and {}x{} pixels differ in size: give two of the same size",
+        .reference[0],
+        .reference[1],
+        .test[0],
+        .test[1]
+    )]
     Sizes {
         /// Width and height of the reference.
         reference: [u32; 2],
@@ -259,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_pictures_differ_by_nothing() {
+    fn equal_images_have_no_difference() {
         let image = gray(&[0.0, 0.25, 7.0, -1.0]);
         let metrics = metrics(&image, &image);
         assert_eq!(metrics.radiance, Deviation::default());
@@ -271,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn differences_are_those_of_the_textbook() {
+    fn differences_match_textbook_formulas() {
         // Differences 0, 0, 0, 1 and their squares: means 1/4; root 1/2. Displayed values are equal to radiance, as 0
         // and 1 stay 0 and 1, up to a rounding of 1.055 - 0.055.
         let metrics = metrics(&gray(&[0.0, 1.0, 1.0, 0.0]), &gray(&[0.0, 1.0, 1.0, 1.0]));
@@ -287,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_screen_shows_is_no_difference_on_it() {
+    fn values_clamped_by_the_display_do_not_differ() {
         let metrics = metrics(&gray(&[1.0, 0.0]), &gray(&[3.0, -2.0]));
         assert_eq!(
             metrics.radiance,
@@ -301,7 +307,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pixel_counts_as_changed_from_one_code_on() {
+    fn pixel_counts_as_changed_from_one_code_step() {
         // The curve's linear piece is 12.92 times radiance.
         let code = (VISIBLE_STEP / 12.92) as f32;
         let share = |radiance| metrics(&gray(&[0.0, 0.0]), &gray(&[0.0, radiance])).changed_share;
@@ -323,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_spoils_radiance_and_is_displayed_black() {
+    fn nan_makes_radiance_metrics_nan_and_displays_black() {
         let metrics = metrics(&gray(&[f32::NAN, 0.5, 0.0]), &gray(&[0.0, 0.5, 0.25]));
         assert!(metrics.radiance.rmse.is_nan() && metrics.radiance.max.is_nan());
         // 1.055 · 0.25^(1/2.4) - 0.055 = 0.5371.
@@ -332,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_add_up_to_the_mean_over_their_pixels() {
+    fn partial_metrics_sum_to_the_pixel_mean() {
         let (a, b) = (gray(&[0.0, 0.0, 0.5]), gray(&[1.0, 0.0, 0.5]));
         let mut tally = Tally::default();
         tally.add(&a, &b, &Viewing::default()).unwrap();
@@ -344,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_two_sizes_are_refused() {
+    fn images_of_different_sizes_are_rejected() {
         let error = compare(&gray(&[0.0]), &gray(&[0.0, 1.0]), &Viewing::default()).unwrap_err();
         assert!(error.to_string().contains("1x1 and 2x1"), "{error}");
     }

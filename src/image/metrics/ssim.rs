@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn similarities_are_those_of_a_published_program() {
+    fn ssim_matches_a_published_program() {
         for ((name, [a, b]), expected) in all().iter().zip(PUBLISHED) {
             let found = ssim([a, b], 1.0).unwrap();
             // Radiance is stored in f32, which limits the precision of small variances.
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_is_wholly_like_itself() {
+    fn image_has_full_similarity_to_itself() {
         for (name, [a, _]) in all() {
             let found = ssim([&a, &a], 1.0).unwrap();
             assert!((found - 1.0).abs() < 1e-12, "{name}: {found}");
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_without_room_for_a_window_has_none() {
+    fn image_smaller_than_the_window_has_no_similarity() {
         let small = LinearImage::black(10, 30);
         assert_eq!(ssim([&small, &small], 1.0), None);
         let fits = LinearImage::black(11, 11);

@@ -28,7 +28,7 @@ pub struct ExrScanlineReader {
     meta: MetaData,
     channels: Vec<ExrChannel>,
     /// Offset of each block in the file, from the top.
-    blocks_at: Vec<u64>,
+    block_offsets: Vec<u64>,
     /// Block that was read last, which the next rows may begin in.
     last: Option<UncompressedBlock>,
 }
@@ -42,10 +42,10 @@ impl ExrScanlineReader {
     pub fn open(path: &Path) -> Result<ExrScanlineReader, ImageError> {
         let opened = File::open(path).map_err(Error::from).and_then(|file| {
             let mut file = BufReader::new(file);
-            let (meta, blocks_at) = read_head(&mut file)?;
-            Ok((file, meta, blocks_at))
+            let (meta, block_offsets) = read_head(&mut file)?;
+            Ok((file, meta, block_offsets))
         });
-        let (file, meta, blocks_at) = opened.map_err(|error| read_error(path, &error))?;
+        let (file, meta, block_offsets) = opened.map_err(|error| read_error(path, &error))?;
         let channel = |channel: &exr::prelude::ChannelDescription| {
             ExrChannel::new(channel.name.to_string(), SampleType::of_exr(channel.sample_type))
         };
@@ -54,7 +54,7 @@ impl ExrScanlineReader {
             file,
             channels: meta.headers[0].channels.list.iter().map(channel).collect(),
             meta,
-            blocks_at,
+            block_offsets,
             last: None,
         })
     }
@@ -144,7 +144,7 @@ impl ExrScanlineReader {
 
     /// Reads the compressed block `index`.
     fn chunk(&mut self, index: usize) -> ExrResult<Chunk> {
-        self.file.seek(SeekFrom::Start(self.blocks_at[index]))?;
+        self.file.seek(SeekFrom::Start(self.block_offsets[index]))?;
         Chunk::read(&mut peekable(&mut self.file), &self.meta)
     }
 
@@ -197,7 +197,7 @@ fn append(plane: &mut Samples, sample: SampleType, bytes: &[u8]) {
 fn unpack(chunk: Chunk, meta: &MetaData, first_row: usize) -> ExrResult<UncompressedBlock> {
     let block = UncompressedBlock::decompress_chunk(chunk, meta, false)?;
     if block.index.pixel_position != Vec2(0, first_row) {
-        return Err(Error::Invalid("its table of blocks leads to other rows".into()));
+        return Err(Error::Invalid("its block table points to other rows".into()));
     }
     Ok(block)
 }
@@ -216,8 +216,8 @@ fn read_head(file: &mut BufReader<File>) -> ExrResult<(MetaData, Vec<u64>)> {
     };
     check_kind(&meta)?;
     let tables = MetaData::read_offset_tables(&mut file, &meta.headers)?;
-    let blocks_at = tables.into_iter().next().unwrap_or_default();
-    Ok((meta, blocks_at))
+    let block_offsets = tables.into_iter().next().unwrap_or_default();
+    Ok((meta, block_offsets))
 }
 
 /// Wraps a file in the reader type that the `exr` crate uses for whole images, so that its code is compiled for one
@@ -341,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_come_back_as_they_were_written_bit_for_bit_by_any_compression_and_in_any_pieces() {
+    fn rows_round_trip_exactly_for_all_compressions_and_pieces() {
         let folder = tempfile::tempdir().unwrap();
         for compression in ALL {
             let path = folder.path().join(format!("{compression:?}.exr"));
@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_of_a_picture_says_where_it_lies_and_keeps_its_notes() {
+    fn image_region_keeps_its_window_and_metadata() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("part.exr");
         write(&path, Compression::Zip);
@@ -384,7 +384,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_rows_give_the_same_bytes() {
+    fn equal_rows_give_equal_bytes() {
         let folder = tempfile::tempdir().unwrap();
         let file = |name: &str| {
             let path = folder.path().join(name);
@@ -399,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_that_are_not_there_are_refused_with_the_files_name() {
+    fn missing_rows_are_rejected_with_the_file_name() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("part.exr");
         write(&path, Compression::None);
@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn files_of_other_makers_are_read_unless_they_are_of_tiles() {
+    fn scan_line_files_of_other_writers_are_read() {
         use exr::prelude::{Encoding, Image, Layer, LayerAttributes, SpecificChannels, WritableImage};
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("other.exr");
@@ -435,7 +435,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_cut_off_or_scrambled_gives_an_error_or_rows_and_no_panic() {
+    fn truncated_or_corrupt_exr_never_panics() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("part.exr");
         let read = |bytes: &[u8]| {

@@ -92,11 +92,11 @@ struct RowEncoder<W> {
     /// Rows of the block that is not complete.
     block: Vec<u8>,
     /// Complete blocks that are not compressed yet.
-    waiting: Vec<UncompressedBlock>,
+    pending: Vec<UncompressedBlock>,
     /// Offset of the table of blocks in the file.
-    table_at: u64,
+    table_offset: u64,
     /// Offset of each block that is written.
-    blocks_at: Vec<u64>,
+    block_offsets: Vec<u64>,
     /// Offset of the next block in the file.
     position: u64,
 }
@@ -118,9 +118,9 @@ impl<W: Write + Seek> RowEncoder<W> {
             sources,
             next_row: 0,
             block: Vec::new(),
-            waiting: Vec::new(),
-            table_at: bytes.len() as u64,
-            blocks_at: Vec::with_capacity(header.chunk_count),
+            pending: Vec::new(),
+            table_offset: bytes.len() as u64,
+            block_offsets: Vec::with_capacity(header.chunk_count),
             position: (bytes.len() + table.len()) as u64,
             header,
         })
@@ -149,12 +149,16 @@ impl<W: Write + Seek> RowEncoder<W> {
         }
         // Write the remaining blocks
         self.write_waiting()?;
-        if self.blocks_at.len() < self.header.chunk_count {
-            return Err(io::Error::other("an earlier failure left a gap in it"));
+        if self.block_offsets.len() < self.header.chunk_count {
+            return Err(io::Error::other("an earlier failure left rows out of it"));
         }
         // Fill in the offset table
-        let table: Vec<u8> = self.blocks_at.iter().flat_map(|at| at.to_le_bytes()).collect();
-        self.out.seek(SeekFrom::Start(self.table_at))?;
+        let table: Vec<u8> = self
+            .block_offsets
+            .iter()
+            .flat_map(|at| at.to_le_bytes())
+            .collect();
+        self.out.seek(SeekFrom::Start(self.table_offset))?;
         self.out.write_all(&table)?;
         self.out.flush()?;
         Ok(self.out)
@@ -216,7 +220,7 @@ impl<W: Write + Seek> RowEncoder<W> {
         let block_rows = self.header.compression.scan_lines_per_block();
         let first_row = (self.next_row - 1) / block_rows * block_rows;
         let bytes = self.block.len();
-        self.waiting.push(UncompressedBlock {
+        self.pending.push(UncompressedBlock {
             index: BlockIndex {
                 layer: 0,
                 pixel_position: Vec2(0, first_row),
@@ -225,7 +229,7 @@ impl<W: Write + Seek> RowEncoder<W> {
             },
             data: std::mem::replace(&mut self.block, Vec::with_capacity(bytes)),
         });
-        if self.waiting.len() * bytes >= WAITING_BYTES {
+        if self.pending.len() * bytes >= WAITING_BYTES {
             self.write_waiting()?;
         }
         Ok(())
@@ -233,18 +237,18 @@ impl<W: Write + Seek> RowEncoder<W> {
 
     /// Compresses the waiting blocks in parallel and writes them in order.
     fn write_waiting(&mut self) -> io::Result<()> {
-        let waiting = std::mem::take(&mut self.waiting);
+        let pending = std::mem::take(&mut self.pending);
         let header = slice::from_ref(&self.header);
         let chunks: Vec<Chunk> =
-            parallel::try_map_owned(waiting, &|_, block| block.compress_to_chunk(header))
+            parallel::try_map_owned(pending, &|_, block| block.compress_to_chunk(header))
                 .map_err(io_error)?;
         for chunk in chunks {
             let exr::block::chunk::CompressedBlock::ScanLine(lines) = &chunk.compressed_block else {
-                return Err(io::Error::other("a block of rows became another kind of block"));
+                return Err(io::Error::other("a block of rows became a block of another kind"));
             };
             let bytes = BLOCK_HEAD_BYTES + lines.compressed_pixels_le.len() as u64;
             chunk.write(&mut self.out, 1).map_err(io_error)?;
-            self.blocks_at.push(self.position);
+            self.block_offsets.push(self.position);
             self.position += bytes;
         }
         Ok(())
@@ -294,7 +298,11 @@ fn attributes(notes: &[Attribute]) -> io::Result<LayerAttributes> {
 fn name(name: &str) -> io::Result<Text> {
     Text::new_or_none(name)
         .filter(|_| name.is_ascii() && !name.is_empty())
-        .ok_or_else(|| refusal(format!("`{name}` cannot be a name in it: use ASCII letters")))
+        .ok_or_else(|| {
+            refusal(format!(
+                "`{name}` cannot be a name in this file: use ASCII letters"
+            ))
+        })
 }
 
 /// Returns the error for invalid input of the caller.
@@ -349,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_not_finished_leaves_nothing() {
+    fn unfinished_file_leaves_nothing() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         let begun = || {
@@ -364,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_that_do_not_fit_are_refused_and_change_nothing() {
+    fn mismatched_rows_are_rejected_without_change() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         let mut writer = ExrScanlineWriter::create(&path, &layout()).unwrap();
@@ -393,9 +401,10 @@ mod tests {
     }
 
     #[test]
-    fn layouts_that_are_none_are_refused() {
+    fn invalid_layouts_are_rejected() {
         let folder = tempfile::tempdir().unwrap();
         let channel = |name: &str| ExrChannel::new(name, SampleType::Float);
+        // Layouts without pixels or with invalid names, and one that is too large
         let layouts = [
             ExrLayout::of_size([4, 3], Vec::new()),
             ExrLayout::of_size([0, 3], vec![channel("Y")]),
@@ -428,7 +437,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_disk_that_is_full_is_an_error_of_the_system() {
+    fn full_disk_is_a_system_error() {
         // This device is always full.
         let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
         let error = RowEncoder::new(full, &layout()).unwrap_err();

@@ -22,7 +22,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_split_and_joined_keep_every_bit() {
+    fn split_and_joined_values_keep_every_bit() {
         let nan = f64::from_bits(0x7ff8_0000_dead_beef);
         let values = [
             0.0,
@@ -39,7 +39,7 @@ mod tests {
     }
 
     #[test]
-    fn the_upper_half_holds_the_sign_and_the_exponent() {
+    fn upper_half_holds_the_sign_and_the_exponent() {
         // -2 is sign 1, exponent 1024, mantissa 0; the next value differs in the lowest bit.
         let [upper, lower] = split_f64(&[-2.0, (-2.0f64).next_down()]);
         assert_eq!(upper, [0xc000_0000; 2]);

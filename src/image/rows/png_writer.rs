@@ -146,7 +146,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_give_the_picture_that_is_written_at_once() {
+    fn rows_give_the_same_png_as_a_whole_image() {
         let folder = tempfile::tempdir().unwrap();
         let mut image = LinearImage::black(7, 50);
         for (i, pixel) in image.pixels.iter_mut().enumerate() {
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_with_missing_or_broken_rows_does_not_appear() {
+    fn missing_or_invalid_rows_leave_no_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.png");
         let begin = || PngScanlineWriter::create(&path, [3, 2], PngEncoding::default(), &[]).unwrap();

@@ -13,7 +13,7 @@ pub(crate) type ProjectedVertices<const N: usize> = [[f32; N]; 2];
 /// Returns a mask whose bit `i` says that the `i`-th of `N` triangles may contain the origin. It is clear only if two
 /// edge functions have opposite signs, so that [`Shear::intersect`] misses for every interval.
 #[inline(always)]
-pub(crate) fn may_hold_origin<I: SimdLevel, const N: usize>(
+pub(crate) fn may_contain_origin<I: SimdLevel, const N: usize>(
     isa: I,
     corners: [&ProjectedVertices<N>; 3],
 ) -> u32 {
@@ -78,57 +78,57 @@ impl<const N: usize> ShearLanes<N> {
         [x, y]
     }
 
-    /// Intersects a triangle with the rays of the mask `asked`, all of which [may hold](may_hold_origin) it, each with
-    /// the result of [`Shear::intersect`]. `flat` are its vertices as projected by [`ShearLanes::flatten`], `depths`
+    /// Intersects a triangle with the rays of the mask `active`, all of which [may hold](may_hold_origin) it, each with
+    /// the result of [`Shear::intersect`]. `projected` are its vertices as projected by [`ShearLanes::flatten`], `depths`
     /// their last coordinates; the interval is given by the smallest and largest parameters.
     ///
     /// The second result is a mask of the rays that only [`Shear::intersect`] can decide: those through an edge or a
     /// vertex, and those whose hit may be behind their start.
     #[inline(always)]
-    pub(crate) fn meet(
+    pub(crate) fn intersect_projected(
         &self,
         isa: impl SimdLevel,
-        (flat, depths): ([&ProjectedVertices<N>; 3], [f32; 3]),
-        asked: u32,
+        (projected, depths): ([&ProjectedVertices<N>; 3], [f32; 3]),
+        active: u32,
         [t_near, t_far]: [&[f32; N]; 2],
     ) -> (HitLanes<N>, u32) {
         // Compute the edge functions and their signs
-        let [u, v, w] = edges(flat);
+        let [u, v, w] = edges(projected);
         let zero = [0.0; N];
-        let [mut least, mut greatest, mut smallest] = [zero; 3];
+        let [mut min_edge, mut max_edge, mut min_magnitude] = [zero; 3];
         for i in 0..N {
-            least[i] = min(min(u[i], v[i]), w[i]);
-            greatest[i] = max(max(u[i], v[i]), w[i]);
-            smallest[i] = min(min(u[i].abs(), v[i].abs()), w[i].abs());
+            min_edge[i] = min(min(u[i], v[i]), w[i]);
+            max_edge[i] = max(max(u[i], v[i]), w[i]);
+            min_magnitude[i] = min(min(u[i].abs(), v[i].abs()), w[i].abs());
         }
-        let inside = isa.lt(&zero, &least) | isa.lt(&greatest, &zero);
-        let on_edge = isa.eq(&smallest, &zero) & asked;
+        let inside = isa.lt(&zero, &min_edge) | isa.lt(&max_edge, &zero);
+        let on_edge = isa.eq(&min_magnitude, &zero) & active;
         // Compute the parameters from the depths
         let [za, zb, zc] = depths.map(|z| sub(&[z; N], &self.origin[2]));
         let scale = &self.shear[2];
         let rows = [
-            [&flat[0][0], &flat[0][1], &za],
-            [&flat[1][0], &flat[1][1], &zb],
-            [&flat[2][0], &flat[2][1], &zc],
+            [&projected[0][0], &projected[0][1], &za],
+            [&projected[1][0], &projected[1][1], &zb],
+            [&projected[2][0], &projected[2][1], &zc],
         ];
         let [ta, tb, tc] = [mul(scale, &za), mul(scale, &zb), mul(scale, &zc)];
         let det = add(&add(&u, &v), &w);
         let t = div(&add(&add(&mul(&u, &ta), &mul(&v, &tb)), &mul(&w, &tc)), &det);
         // Compare the parameters with the interval
         let within = isa.le(t_near, &t) & isa.le(&t, t_far) & isa.lt(&t, &[f32::INFINITY; N]);
-        let mask = asked & inside & within;
+        let mask = active & inside & within;
         // Leave hits that may be behind the start to the caller
-        let doubtful = match mask {
+        let uncertain = match mask {
             0 => 0,
             _ => mask & may_be_behind(isa, rows, scale, &det, [t_near, &t]),
         };
-        let met = HitLanes {
-            mask: mask & !doubtful,
+        let hit_lanes = HitLanes {
+            mask: mask & !uncertain,
             t,
             weights: [v, w],
             det,
         };
-        (met, on_edge | doubtful)
+        (hit_lanes, on_edge | uncertain)
     }
 }
 
@@ -174,48 +174,49 @@ mod tests {
     }
 
     /// Kernel that computes the hits of eight rays on one triangle.
-    struct Meet([Ray; 8], usize, [[f32; 3]; 3]);
+    struct IndexedTest([Ray; 8], usize, [[f32; 3]; 3]);
 
-    impl SimdKernel for Meet {
+    impl SimdKernel for IndexedTest {
         type Output = [Option<TriangleHit>; 8];
 
         #[inline(always)]
         fn run<I: SimdLevel>(self, isa: I) -> [Option<TriangleHit>; 8] {
-            let Meet(rays, dominant, corners) = self;
+            let IndexedTest(rays, dominant, corners) = self;
             // Project the vertices once
             let rows = |of: fn(&Ray) -> Vec3| {
                 [0, 1, 2].map(|axis| std::array::from_fn(|lane| of(&rays[lane])[axis]))
             };
             let shears = ShearLanes::<8>::new(dominant, &rows(|r| r.origin), &rows(|r| r.direction));
             let along = corners.map(|corner| shears.along_axes(corner));
-            let flat = along.map(|corner| shears.flatten(corner));
-            let [a, b, c] = &flat;
+            let projected = along.map(|corner| shears.flatten(corner));
+            let [a, b, c] = &projected;
             // Test the triangle, and let the reference decide the uncertain lanes
-            let asked = may_hold_origin(isa, [a, b, c]);
+            let active = may_contain_origin(isa, [a, b, c]);
             let interval = [rays.map(|r| r.t_near), rays.map(|r| r.t_far)];
-            let flat = ([a, b, c], along.map(|corner| corner[2]));
-            let (mut met, on_edge) = shears.meet(isa, flat, asked, [&interval[0], &interval[1]]);
+            let projected = ([a, b, c], along.map(|corner| corner[2]));
+            let (mut hit_lanes, on_edge) =
+                shears.intersect_projected(isa, projected, active, [&interval[0], &interval[1]]);
             for lane in lanes(on_edge) {
                 let hit = shears
                     .lane(lane)
                     .intersect(corners, interval[0][lane], interval[1][lane]);
                 if let Some(hit) = hit {
-                    met.set(lane, &hit);
+                    hit_lanes.set(lane, &hit);
                 }
             }
             // Divide the weights by the determinant
             std::array::from_fn(|lane| {
-                (met.mask >> lane & 1 != 0).then(|| TriangleHit {
-                    t: met.t[lane],
-                    u: met.weights[0][lane] / met.det[lane],
-                    v: met.weights[1][lane] / met.det[lane],
+                (hit_lanes.mask >> lane & 1 != 0).then(|| TriangleHit {
+                    t: hit_lanes.t[lane],
+                    u: hit_lanes.weights[0][lane] / hit_lanes.det[lane],
+                    v: hit_lanes.weights[1][lane] / hit_lanes.det[lane],
                 })
             })
         }
     }
 
     #[test]
-    fn corners_that_are_projected_once_give_the_bits_of_the_whole_test() {
+    fn preprojected_corners_give_the_bits_of_the_full_test() {
         let (mut hits, mut edge_hits) = (0, 0);
         for i in 0..20_000 {
             let dominant = i % 3;
@@ -226,15 +227,15 @@ mod tests {
                     .all(|r| dominant_axis(r.direction.to_array()) == dominant)
             );
             let expected = rays.map(|ray| Shear::new(&ray).intersect(corners, ray.t_near, ray.t_far));
-            assert_eq!(Meet(rays, dominant, corners).run(Scalar), expected);
-            assert_eq!(dispatch(Meet(rays, dominant, corners)), expected);
+            assert_eq!(IndexedTest(rays, dominant, corners).run(Scalar), expected);
+            assert_eq!(dispatch(IndexedTest(rays, dominant, corners)), expected);
             for ray in rays {
                 let shear = Shear::new(&ray);
-                let flat = corners.map(|corner| shear.flatten::<8>(&corner.map(|x| [x; 8])));
-                let [a, b, c] = &flat;
-                let may_meet = may_hold_origin(Scalar, [a, b, c]);
-                assert!(may_meet == 0 || may_meet == 0xff);
-                assert!(may_meet != 0 || shear.intersect(corners, 0.0, f32::INFINITY).is_none());
+                let projected = corners.map(|corner| shear.flatten::<8>(&corner.map(|x| [x; 8])));
+                let [a, b, c] = &projected;
+                let may_hit = may_contain_origin(Scalar, [a, b, c]);
+                assert!(may_hit == 0 || may_hit == 0xff);
+                assert!(may_hit != 0 || shear.intersect(corners, 0.0, f32::INFINITY).is_none());
             }
             hits += expected.iter().flatten().count();
             let is_edge = |hit: &&TriangleHit| hit.u == 0.0 || hit.v == 0.0 || hit.u + hit.v == 1.0;

@@ -21,9 +21,9 @@ use crate::mesh::simd::{SimdLevel, max, min};
 
 /// Error of the parameter from the weights, relative to `m (m + R) S / |det|`: 128 units of roundoff, more than 72
 /// because the bound is itself computed in f32.
-const OF_WEIGHTS: f32 = 1.0 / (1 << 17) as f32;
+const WEIGHT_ERROR: f32 = 1.0 / (1 << 17) as f32;
 /// Error of the parameter from the depths, relative to `R`: 8 units of roundoff.
-const OF_DEPTHS: f32 = 1.0 / (1 << 21) as f32;
+const DEPTH_ERROR: f32 = 1.0 / (1 << 21) as f32;
 
 /// Returns a mask whose bit `i` says that the hit of lane `i` at `t` is so close to the start of the ray, `t_near`,
 /// that it may be behind it. `corners` are projected: x, y and the unscaled depth; `scale` is that of depths.
@@ -46,8 +46,8 @@ pub(super) fn may_be_behind<I: SimdLevel, const N: usize>(
         let nearest = min(min(a[2][i], b[2][i]), c[2][i]);
         let farthest = max(max(a[2][i], b[2][i]), c[2][i]);
         let reach = max(farthest.abs(), nearest.abs());
-        let of_weights = OF_WEIGHTS * m * (m + reach) * (farthest - nearest);
-        bound[i] = scale[i].abs() * (of_weights + OF_DEPTHS * reach * det[i].abs());
+        let weight_error = WEIGHT_ERROR * m * (m + reach) * (farthest - nearest);
+        bound[i] = scale[i].abs() * (weight_error + DEPTH_ERROR * reach * det[i].abs());
         // Compare the distance from the start with the bound, both times the determinant
         ahead[i] = (t[i] - t_near[i]) * det[i].abs();
     }
@@ -61,7 +61,7 @@ impl Shear {
     /// f32 are exact in f64, and the ray's direction has an error in its last place only, which scales the parameter.
     #[cold]
     #[inline(never)]
-    pub(super) fn meets_before(&self, corners: [[f32; 3]; 3], t_near: f32) -> bool {
+    pub(super) fn plane_is_before(&self, corners: [[f32; 3]; 3], t_near: f32) -> bool {
         let [kx, ky, kz] = self.axes;
         let origin = DVec3::from_array(self.origin.map(f64::from));
         let [a, b, c] = corners.map(|p| DVec3::from_array([p[kx], p[ky], p[kz]].map(f64::from)) - origin);
@@ -78,7 +78,7 @@ impl Shear {
 mod tests {
     use glam::Vec3;
 
-    use super::super::tests::{Random, leaving};
+    use super::super::tests::{Random, spawned_ray};
     use super::super::{PACK, ShearLanes, TrianglePack, dominant_axis};
     use super::*;
     use crate::mesh::simd::{F32Only, Scalar};
@@ -92,13 +92,13 @@ mod tests {
     }
 
     #[test]
-    fn rays_that_leave_a_sliver_do_not_meet_it_again() {
+    fn rays_leaving_a_sliver_do_not_hit_it_again() {
         let mut random = Random(23);
         for aspect in [1.0, 10.0, 100.0, 1e3, 1e4, 1e5] {
-            let mut met = 0;
+            let mut hit_count = 0;
             for _ in 0..20_000 {
                 let corners = sliver(&mut random, aspect);
-                let Some(ray) = leaving(corners, &mut random) else {
+                let Some(ray) = spawned_ray(corners, &mut random) else {
                     continue;
                 };
                 // Intersect one triangle, eight triangles, and several rays
@@ -112,27 +112,27 @@ mod tests {
                 let dominant = dominant_axis(ray.direction.to_array());
                 let shears = ShearLanes::new(dominant, &rows(ray.origin), &rows(ray.direction));
                 let lanes = shears.intersect(Scalar, corners, &[0.0; PACK], &[f32::INFINITY; PACK]);
-                met += u32::from(one.is_some() || eight.mask != 0 || lanes.mask != 0);
+                hit_count += u32::from(one.is_some() || eight.mask != 0 || lanes.mask != 0);
             }
-            assert_eq!(met, 0, "{aspect} times as long as high");
+            assert_eq!(hit_count, 0, "{aspect} times as long as high");
         }
     }
 
     #[test]
-    fn in_f32_alone_slivers_are_met_again_and_edges_belong_to_both_sides() {
+    fn f32_alone_hits_slivers_again_and_shares_edges() {
         let mut random = Random(23);
-        let mut met = 0;
+        let mut hit_count = 0;
         for _ in 0..20_000 {
             let corners = sliver(&mut random, 1e4);
-            let Some(ray) = leaving(corners, &mut random) else {
+            let Some(ray) = spawned_ray(corners, &mut random) else {
                 continue;
             };
             let mut pack = TrianglePack::EMPTY;
             pack.set(3, corners);
             let hits = Shear::new(&ray).intersect_pack(F32Only(Scalar), &pack, 0.0, f32::INFINITY);
-            met += u32::from(hits.mask == 1 << 3);
+            hit_count += u32::from(hits.mask == 1 << 3);
         }
-        assert!(met > 0);
+        assert!(hit_count > 0);
         let mut pack = TrianglePack::EMPTY;
         let [a, b, c, d] =
             [[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]].map(|[x, y]| Vec3::new(x, y, 2.0));
@@ -144,21 +144,21 @@ mod tests {
     }
 
     #[test]
-    fn what_is_behind_the_start_is_told_from_what_is_before() {
+    fn hits_behind_the_origin_are_separated_from_hits_ahead() {
         let corners = [[0.0, 0.0, 3.0], [1.0, 0.0, 3.5], [0.0, 1.0, 4.0]];
         let ray = crate::numeric::Ray::new(Vec3::new(0.2, 0.3, 0.0), Vec3::Z);
         let shear = Shear::new(&ray);
         // The ray intersects the plane at 3 + 0.2 · 0.5 + 0.3 · 1 = 3.4, up to the rounding of 0.2 and 0.3.
-        assert!(!shear.meets_before(corners, 3.4 * (1.0 - f32::EPSILON)));
-        assert!(shear.meets_before(corners, 3.4 * (1.0 + f32::EPSILON)));
+        assert!(!shear.plane_is_before(corners, 3.4 * (1.0 - f32::EPSILON)));
+        assert!(shear.plane_is_before(corners, 3.4 * (1.0 + f32::EPSILON)));
         // A triangle without area has no plane.
-        assert!(!shear.meets_before([[0.0; 3]; 3], 7.0));
+        assert!(!shear.plane_is_before([[0.0; 3]; 3], 7.0));
     }
 
     #[test]
-    fn a_hit_at_the_very_start_stays() {
+    fn hit_at_the_ray_origin_is_kept() {
         let mut random = Random(5);
-        let mut met = 0;
+        let mut hit_count = 0;
         for _ in 0..10_000 {
             // In a plane of constant depth every sum is exact, and so is an origin in the plane.
             let [a, b, c] = sliver(&mut random, 1.0).map(|p| p.with_z(0.75));
@@ -168,8 +168,8 @@ mod tests {
                 Vec3::new(0.3, -0.2, 0.9),
             ));
             let hit = shear.intersect([a, b, c].map(|p| p.to_array()), 0.0, 1.0);
-            met += u32::from(hit.is_some_and(|hit| hit.t == 0.0));
+            hit_count += u32::from(hit.is_some_and(|hit| hit.t == 0.0));
         }
-        assert!(met > 9_900, "{met}");
+        assert!(hit_count > 9_900, "{hit_count}");
     }
 }

@@ -42,12 +42,12 @@ struct Channel {
 
 impl Dipole {
     /// Creates the dipole of a scattering medium, in units of the coefficients' length.
-    pub fn new(body: &Scattering) -> Result<Dipole, ScatteringError> {
-        body.check()?;
-        let image = 1.0 + 4.0 / 3.0 * boundary_factor(body.eta);
+    pub fn new(medium: &Scattering) -> Result<Dipole, ScatteringError> {
+        medium.check()?;
+        let image = 1.0 + 4.0 / 3.0 * boundary_factor(medium.eta);
         // Place source and image for each colour channel
         let channel = |c: usize| {
-            let (sigma_s, sigma_a) = (body.sigma_s_reduced[c], body.sigma_a[c]);
+            let (sigma_s, sigma_a) = (medium.sigma_s_reduced[c], medium.sigma_a[c]);
             let sigma_t = sigma_s + sigma_a;
             if sigma_t < CLEAR {
                 return Channel {
@@ -128,7 +128,7 @@ impl Dipole {
     ///
     /// Channels for which the samples lie too far apart have their coefficients divided by one number each, which
     /// leaves their reflectance unchanged: light is blurred over the distance of samples, and energy is preserved.
-    pub fn resolved_by(&self, spacing: f64) -> Dipole {
+    pub fn widened_for_spacing(&self, spacing: f64) -> Dipole {
         let widen = |channel: Channel| {
             let factor = (spacing / (SPACING * channel.z[0])).max(1.0);
             Channel {
@@ -236,9 +236,9 @@ mod tests {
             let exact = dipole.diffuse_reflectance();
             let kernel = dipole.kernel();
             let at = |r: f64| {
-                kernel
-                    .0
-                    .map(|poles| poles.map(|pole| f64::from(pole.at((r * r) as f32))))
+                kernel.0.map(|point_sources| {
+                    point_sources.map(|point_source| f64::from(point_source.at((r * r) as f32)))
+                })
             };
             let found = integral(dipole.mean_free_path()[0], |r| at(r).map(|[a, b]| a + b));
             for c in 0..3 {
@@ -256,7 +256,10 @@ mod tests {
                 let exact = dipole.reflectance_at(f64::from(r2).sqrt());
                 for c in 0..3 {
                     let x = dipole.channels[c].sigma_tr * f64::from(r2).sqrt();
-                    let found: f64 = kernel.0[c].iter().map(|pole| f64::from(pole.at(r2))).sum();
+                    let found: f64 = kernel.0[c]
+                        .iter()
+                        .map(|point_source| f64::from(point_source.at(r2)))
+                        .sum();
                     let bound = (16.0 + 4.5 * x) * 0.5f64.powi(24);
                     let error = (found / exact[c] - 1.0).abs();
                     if exact[c] > 4.0 * f64::from(f32::MIN_POSITIVE) {
@@ -270,13 +273,13 @@ mod tests {
                     .0
                     .iter()
                     .flatten()
-                    .all(|pole| pole.at(f32::INFINITY) == 0.0)
+                    .all(|point_source| point_source.at(f32::INFINITY) == 0.0)
             );
         }
     }
 
     #[test]
-    fn what_leaves_within_a_radius_is_the_integral_up_to_it() {
+    fn exitance_within_radius_equals_the_integral() {
         for (name, dipole) in dipoles() {
             for radius in [1e-9, 1e-3, 0.5, 4.0, 100.0] {
                 // Substitute r = radius / (1 + e^-x), which ends at the radius; its derivative is r (1 - r / radius).
@@ -302,15 +305,15 @@ mod tests {
     }
 
     #[test]
-    fn no_material_sends_back_more_than_enters_and_a_white_one_sends_back_all() {
+    fn dipole_conserves_energy() {
         for albedo in [0.0, 1e-9, 0.5, 0.999, 1.0 - 1e-12, 1.0] {
             for eta in [1.0, 1.3, 2.0] {
-                let body = Scattering {
+                let medium = Scattering {
                     sigma_s_reduced: [albedo, 1e-9 * albedo, 1e9 * albedo],
                     sigma_a: [1.0 - albedo, 1e-9 * (1.0 - albedo), 1e9 * (1.0 - albedo)],
                     eta,
                 };
-                let found = Dipole::new(&body).unwrap().diffuse_reflectance();
+                let found = Dipole::new(&medium).unwrap().diffuse_reflectance();
                 for c in 0..3 {
                     assert!((0.0..=albedo).contains(&found[c]), "{albedo} {eta}: {found:?}");
                     // The result is independent of the unit of length.
@@ -322,39 +325,46 @@ mod tests {
     }
 
     #[test]
-    fn a_trace_of_absorption_is_not_lost() {
+    fn tiny_absorption_is_kept() {
         // 1 - R = s (1 + 2 A / 3) for small s = (3 sigma_a / sigma_t')^(1/2) = 3^(1/2) 1e-10.
-        let body = Scattering {
+        let medium = Scattering {
             sigma_s_reduced: [1.0; 3],
             sigma_a: [1e-20; 3],
             eta: 1.3,
         };
-        let lost = 1.0 - Dipole::new(&body).unwrap().diffuse_reflectance()[0];
+        let lost = 1.0 - Dipole::new(&medium).unwrap().diffuse_reflectance()[0];
         let expected = 3f64.sqrt() * 1e-10 * (1.0 + 2.0 / 3.0 * boundary_factor(1.3));
         assert!((lost - expected).abs() <= 2.0 * f64::EPSILON, "{lost} {expected}");
     }
 
     #[test]
-    fn clear_and_black_bodies_send_nothing_back() {
+    fn clear_and_black_media_return_nothing() {
         for sigma_a in [0.0, 1e-20, 1.0] {
-            let body = Scattering {
+            let medium = Scattering {
                 sigma_s_reduced: [0.0; 3],
                 sigma_a: [sigma_a; 3],
                 eta: 1.3,
             };
-            let dipole = Dipole::new(&body).unwrap();
+            let dipole = Dipole::new(&medium).unwrap();
             for r in [0.0, 1.0, f64::INFINITY] {
                 assert_eq!(dipole.reflectance_at(r), [0.0; 3]);
             }
             assert_eq!(dipole.diffuse_reflectance(), [0.0; 3]);
-            assert!(dipole.kernel().0.iter().flatten().all(|pole| pole.at(0.0) == 0.0));
+            assert!(
+                dipole
+                    .kernel()
+                    .0
+                    .iter()
+                    .flatten()
+                    .all(|point_source| point_source.at(0.0) == 0.0)
+            );
         }
     }
 
     #[test]
-    fn a_dipole_widened_for_its_samples_sends_back_as_much() {
+    fn widened_dipole_keeps_its_reflectance() {
         for (name, dipole) in dipoles() {
-            let wide = dipole.resolved_by(3.0 * SPACING);
+            let wide = dipole.widened_for_spacing(3.0 * SPACING);
             let (paths, wide_paths) = (dipole.mean_free_path(), wide.mean_free_path());
             let (exact, found) = (dipole.diffuse_reflectance(), wide.diffuse_reflectance());
             for c in 0..3 {
@@ -364,7 +374,7 @@ mod tests {
                 );
                 assert!((found[c] - exact[c]).abs() <= 8.0 * f64::EPSILON, "{name}");
             }
-            assert_eq!(dipole.resolved_by(dipole.sample_spacing()), dipole);
+            assert_eq!(dipole.widened_for_spacing(dipole.sample_spacing()), dipole);
         }
     }
 }

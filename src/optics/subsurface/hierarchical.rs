@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn lamps_of_two_colours_on_two_sides_keep_theirs() {
+    fn lights_of_two_colours_on_two_sides_keep_their_colours() {
         let dipole = preset("marble");
         let radius = radius_for(20_000, &dipole);
         let mut samples = lit_sphere(20_000, radius, [1.0, 0.5, 0.0]);
@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn light_goes_as_well_from_here_to_there_as_back() {
+    fn subsurface_transport_is_reciprocal() {
         let dipole = preset("wholemilk");
         let (here, there) = (DVec3::new(1.0, 2.0, 3.0), DVec3::new(1.5, 1.0, 2.0));
         let leaves = |from: DVec3, to: DVec3| {
@@ -339,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unlit_body_and_one_without_points_are_dark_and_cost_nothing() {
+    fn unlit_or_empty_media_are_dark_without_evaluations() {
         let dipole = preset("marble");
         let dark = lit_sphere(1000, 1.0, [0.0; 3]);
         for samples in [&dark[..], &[]] {
@@ -350,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn points_that_coincide_count_each() {
+    fn coincident_points_count_separately() {
         let sample = |i: usize| IrradianceSample {
             position: DVec3::splat((i / 100) as f64),
             area: 0.5,

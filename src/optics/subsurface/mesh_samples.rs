@@ -47,7 +47,7 @@ pub struct SurfaceSamples {
 /// Returns points on the triangles `corners(0..triangle_count)`, one per square of edge `spacing` (positive).
 ///
 /// Pass [`Dipole::sample_spacing`](super::Dipole::sample_spacing) as `spacing`, and afterwards evaluate the dipole that
-/// [`Dipole::resolved_by`](super::Dipole::resolved_by) returns for the resulting spacing. There are at most
+/// [`Dipole::widened_for_spacing`](super::Dipole::resolved_by) returns for the resulting spacing. There are at most
 /// [`MAX_SAMPLES`] points; on a surface that would take more they are farther apart. Triangles without a finite area
 /// get none. There must be fewer than 2^32 triangles. For shapes that can be intersected with lines use
 /// [`lattice_samples`](super::lattice_samples).
@@ -57,9 +57,9 @@ pub fn surface_samples(
     spacing: f64,
 ) -> SurfaceSamples {
     // Sort the triangles along the Morton curve
-    let order = along_curve(triangle_count, &corners);
+    let order = morton_order(triangle_count, &corners);
     // Accumulate areas: the end of each triangle along the curve, measured by area.
-    let mut ends = parallel::generate(triangle_count, |place| area(corners(order[place] as usize)));
+    let mut ends = parallel::generate(triangle_count, |slot| area(corners(order[slot] as usize)));
     let mut total = 0.0;
     for end in &mut ends {
         total += *end;
@@ -78,10 +78,10 @@ pub fn surface_samples(
     let piece = total / count;
     // Number of pieces whose middles come before a position along the curve.
     let before = |end: f64| (end / piece - 0.5).ceil().clamp(0.0, count) as usize;
-    let on_triangle = |place: usize| {
-        let first = if place == 0 { 0 } else { before(ends[place - 1]) };
-        let triangle = order[place];
-        let points = points(corners(triangle as usize), before(ends[place]) - first);
+    let on_triangle = |slot: usize| {
+        let first = if slot == 0 { 0 } else { before(ends[slot - 1]) };
+        let triangle = order[slot];
+        let points = points(corners(triangle as usize), before(ends[slot]) - first);
         points.map(move |(position, normal, uv)| SurfaceSample {
             position,
             normal,
@@ -104,7 +104,7 @@ pub fn surface_samples(
 }
 
 /// Returns the triangles in the order of their centroids along the Morton curve.
-fn along_curve(triangle_count: usize, corners: &(impl Fn(usize) -> [DVec3; 3] + Sync)) -> Vec<u32> {
+fn morton_order(triangle_count: usize, corners: &(impl Fn(usize) -> [DVec3; 3] + Sync)) -> Vec<u32> {
     let centroid = |t: usize| {
         let [a, b, c] = corners(t);
         let middle = (a + b + c) / 3.0;
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn every_part_of_a_surface_has_its_share_of_points_however_it_is_cut() {
+    fn samples_are_uniform_for_any_tessellation() {
         for cells in [1, 7, 100, 211] {
             let (count, corners) = square(3.0, cells);
             let found = surface_samples(count, corners, 0.1);
@@ -209,13 +209,13 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_that_would_take_too_many_points_has_them_wider_apart() {
+    fn large_surface_gets_wider_sample_spacing() {
         let (count, corners) = square(1.0, 1);
         let found = surface_samples(count, corners, 1e-4);
         assert_eq!(found.samples.len(), MAX_SAMPLES);
         assert!((found.spacing - (4.0 / MAX_SAMPLES as f64).sqrt()).abs() <= 1e-15);
-        let body = Scattering::from_reflectance([0.8; 3], [1e-5; 3], 1.3).unwrap();
-        let dipole = Dipole::new(&body).unwrap().resolved_by(found.spacing);
+        let medium = Scattering::from_reflectance([0.8; 3], [1e-5; 3], 1.3).unwrap();
+        let dipole = Dipole::new(&medium).unwrap().widened_for_spacing(found.spacing);
         assert!((dipole.sample_spacing() / found.spacing - 1.0).abs() <= 1e-12);
     }
 

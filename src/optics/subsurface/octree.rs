@@ -13,7 +13,7 @@ use glam::DVec3;
 
 use super::Dipole;
 use super::dipole::Kernel;
-use crate::numeric::morton::{Key, sorted_keys};
+use crate::numeric::morton::{MortonKey, sorted_keys};
 use crate::parallel;
 
 /// Default solid angle, in steradians, below which a cell is far: errors of 0.04 % (root mean square) and 0.2 %
@@ -82,7 +82,7 @@ pub(super) struct Moments {
 /// Inputs from which all cells are built.
 struct Builder<'a> {
     /// Morton keys of the points, in ascending order.
-    keys: &'a [Key],
+    keys: &'a [MortonKey],
     /// Points in the order of `keys`.
     samples: &'a [IrradianceSample],
     origin: DVec3,
@@ -101,7 +101,7 @@ impl IrradianceTree {
         // Sort the points along the Morton curve
         let (bounds, keys) = sorted_keys(samples.len(), |i| samples[i].position);
         // Copy the points into the order in which they are read.
-        let sorted = parallel::generate(samples.len(), |place| samples[keys[place].1 as usize]);
+        let sorted = parallel::generate(samples.len(), |slot| samples[keys[slot].1 as usize]);
         let builder = Builder {
             keys: &keys,
             samples: &sorted,
@@ -332,7 +332,7 @@ mod tests {
     }
 
     #[test]
-    fn two_points_have_their_middle_and_their_spread() {
+    fn cell_of_two_points_has_their_centroid_and_radius() {
         let sample = |x: f64, irradiance: f32| IrradianceSample {
             position: DVec3::new(x, 2.0 * x, 0.0),
             area: 1.0,

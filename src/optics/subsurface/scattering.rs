@@ -36,7 +36,7 @@ pub enum ScatteringError {
         value: f64,
     },
     /// Index of refraction outside the range for which the internal reflectance is known.
-    #[error("the index of refraction of a body with subsurface light is {0}: give one from 1 to 2")]
+    #[error("the index of refraction of a material with subsurface scattering is {0}: give one from 1 to 2")]
     Index(f64),
     /// Diffuse reflectance outside [0, 1] or NaN.
     #[error("the diffuse reflectance of the {channel} channel is {value}: give a number from 0 to 1")]
@@ -73,7 +73,7 @@ impl Scattering {
         eta: f64,
     ) -> Result<Scattering, ScatteringError> {
         check_eta(eta)?;
-        let mut body = Scattering {
+        let mut medium = Scattering {
             sigma_s_reduced: [0.0; 3],
             sigma_a: [0.0; 3],
             eta,
@@ -90,10 +90,10 @@ impl Scattering {
             // The absorbed fraction per collision, without the cancellation in one minus the albedo.
             let s = decay_of_reflectance(value, boundary_factor(eta));
             let absorbed = (s * s / 3.0).min(1.0);
-            body.sigma_a[c] = absorbed / path;
-            body.sigma_s_reduced[c] = (1.0 - absorbed) / path;
+            medium.sigma_a[c] = absorbed / path;
+            medium.sigma_s_reduced[c] = (1.0 - absorbed) / path;
         }
-        Ok(body)
+        Ok(medium)
     }
 
     /// Returns the medium with lengths converted so that one unit of its coefficients' length is `length` units of the
@@ -217,25 +217,25 @@ mod tests {
     }
 
     #[test]
-    fn a_body_made_for_a_reflectance_has_it() {
+    fn medium_from_reflectance_has_that_reflectance() {
         let wanted = [0.0, 0.37, 1.0];
         for eta in [1.0, 1.3, 2.0] {
-            let body = Scattering::from_reflectance(wanted, [0.1, 2.0, 5.0], eta).unwrap();
-            let found = Dipole::new(&body).unwrap().diffuse_reflectance();
+            let medium = Scattering::from_reflectance(wanted, [0.1, 2.0, 5.0], eta).unwrap();
+            let found = Dipole::new(&medium).unwrap().diffuse_reflectance();
             for c in 0..3 {
                 // |dR/ds| < 3 for these boundary factors and s < 2: a few roundings of s, times that.
                 assert!(
                     (found[c] - wanted[c]).abs() <= 16.0 * f64::EPSILON,
                     "{eta}: {found:?}"
                 );
-                let sum = body.sigma_s_reduced[c] + body.sigma_a[c];
+                let sum = medium.sigma_s_reduced[c] + medium.sigma_a[c];
                 assert!((sum * [0.1, 2.0, 5.0][c] - 1.0).abs() <= 2.0 * f64::EPSILON);
             }
         }
     }
 
     #[test]
-    fn numbers_that_no_body_has_are_refused_by_name() {
+    fn invalid_coefficients_are_rejected_by_name() {
         let good = Scattering {
             sigma_s_reduced: [1.0; 3],
             sigma_a: [0.1; 3],
@@ -243,11 +243,11 @@ mod tests {
         };
         assert_eq!(good.check(), Ok(()));
         for bad in [-1.0, f64::NAN, f64::INFINITY, 1e16] {
-            let body = Scattering {
+            let medium = Scattering {
                 sigma_a: [0.0, bad, 0.0],
                 ..good
             };
-            let text = Dipole::new(&body).unwrap_err().to_string();
+            let text = Dipole::new(&medium).unwrap_err().to_string();
             assert!(text.starts_with("sigma_a of the green channel is"), "{text}");
         }
         for eta in [0.9, 2.1, f64::NAN] {

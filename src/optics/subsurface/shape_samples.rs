@@ -31,7 +31,7 @@ pub fn lattice_samples(
     let lattice = Lattice::new(bounds, world_from_object, spacing);
     let rows = (0..3).flat_map(|axis| (0..lattice.counts[(axis + 1) % 3]).map(move |row| (axis, row)));
     let rows: Vec<(usize, u32)> = rows.collect();
-    let in_row = |place: usize| lattice.row(rows[place].0, rows[place].1, &cross);
+    let in_row = |slot: usize| lattice.row(rows[slot].0, rows[slot].1, &cross);
     parallel::map(rows.len(), &in_row).concat()
 }
 
@@ -180,11 +180,11 @@ mod tests {
     #[test]
     fn a_turned_and_stretched_square_gets_a_lattice_along_its_edges() {
         let map = DAffine3::from_rotation_x(0.7) * DAffine3::from_scale(DVec3::new(-2.0, 0.5, 3.0));
-        let sheet = Bounds {
+        let flat_bounds = Bounds {
             min: DVec3::new(-1.0, -1.0, 0.0),
             max: DVec3::new(1.0, 1.0, 0.0),
         };
-        let found = lattice_samples(&sheet, &map, 0.1, square);
+        let found = lattice_samples(&flat_bounds, &map, 0.1, square);
         // The square is 4 by 1 in steps of 0.1.
         assert_eq!(found.len(), 400);
         for sample in &found {
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn the_points_are_the_same_for_any_number_of_threads_and_none_where_nothing_is() {
+    fn shape_samples_do_not_depend_on_thread_count() {
         let with = |threads| {
             let pool = rayon::ThreadPoolBuilder::new()
                 .num_threads(threads)

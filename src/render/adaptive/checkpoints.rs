@@ -26,7 +26,7 @@ pub(super) struct Pace<'c, 'a> {
     tile_count: usize,
     kept_at: Instant,
     /// True if there are results that are not stored yet.
-    has_news: bool,
+    has_unsaved: bool,
 }
 
 impl<'c, 'a> Pace<'c, 'a> {
@@ -39,7 +39,7 @@ impl<'c, 'a> Pace<'c, 'a> {
             checkpoints,
             tile_count,
             kept_at: Instant::now(),
-            has_news: false,
+            has_unsaved: false,
         }
     }
 
@@ -49,8 +49,8 @@ impl<'c, 'a> Pace<'c, 'a> {
     }
 
     /// Records the time that tiles took, and adapts the number of tiles to it.
-    pub(super) fn took(&mut self, tile_count: usize, time: Duration) {
-        self.has_news = true;
+    pub(super) fn record_time(&mut self, tile_count: usize, time: Duration) {
+        self.has_unsaved = true;
         if let Some(checkpoints) = &self.checkpoints {
             let of_tile = (time.as_secs_f64() / tile_count as f64).max(f64::MIN_POSITIVE);
             // At most half of the work that may be lost is then in progress.
@@ -70,7 +70,7 @@ impl<'c, 'a> Pace<'c, 'a> {
     /// Stores the state, if it has changed and there is a callback.
     pub(super) fn keep(&mut self, known: &Rounds) -> ControlFlow<()> {
         // Do not store an unchanged state
-        if !std::mem::take(&mut self.has_news) {
+        if !std::mem::take(&mut self.has_unsaved) {
             return ControlFlow::Continue(());
         }
         let kept = self
@@ -87,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn as_many_tiles_come_next_as_half_of_the_time_is_enough_for() {
+    fn next_tile_count_fills_half_of_the_interval() {
         let mut keep = |_: &Rounds| ControlFlow::Break(());
         let mut checkpoints = Checkpoints {
             start: None,
@@ -97,20 +97,20 @@ mod tests {
         let threads = rayon::current_num_threads();
         let mut pace = Pace::new(Some(&mut checkpoints));
         assert_eq!(pace.tile_count(), FIRST_TILES * threads);
-        pace.took(100, Duration::from_secs(5));
+        pace.record_time(100, Duration::from_secs(5));
         assert_eq!(pace.tile_count(), 600.max(threads));
-        pace.took(1, Duration::from_secs(1000));
+        pace.record_time(1, Duration::from_secs(1000));
         assert_eq!(pace.tile_count(), threads);
-        pace.took(1000, Duration::ZERO);
+        pace.record_time(1000, Duration::ZERO);
         assert_eq!(pace.tile_count(), usize::MAX);
         assert!(!pace.is_due());
         // An unchanged state is not stored again.
         let known = Rounds::new([1, 1]);
         assert!(pace.keep(&known).is_break());
         assert!(pace.keep(&known).is_continue());
-        let mut nobody = Pace::new(None);
-        nobody.took(1, Duration::from_secs(1000));
-        assert_eq!(nobody.tile_count(), usize::MAX);
-        assert!(!nobody.is_due() && nobody.keep(&known).is_continue());
+        let mut without_sink = Pace::new(None);
+        without_sink.record_time(1, Duration::from_secs(1000));
+        assert_eq!(without_sink.tile_count(), usize::MAX);
+        assert!(!without_sink.is_due() && without_sink.keep(&known).is_continue());
     }
 }

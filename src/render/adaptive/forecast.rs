@@ -58,11 +58,11 @@ impl Forecast {
         self.scaled_edges += other.scaled_edges;
     }
 
-    /// Returns the smallest number of samples per pixel, up to `most`, whose error is not larger when they are
+    /// Returns the smallest number of samples per pixel, up to `limit`, whose error is not larger when they are
     /// distributed uniformly.
-    pub(super) fn even_count(&self, most: u32) -> u32 {
+    pub(super) fn even_count(&self, limit: u32) -> u32 {
         // Bisection instead of a root, which would depend on the implementation of `pow`.
-        let (mut low, mut high) = (1, most);
+        let (mut low, mut high) = (1, limit);
         while low < high {
             let middle = low + (high - low) / 2;
             if self.evenly(middle.into()) <= self.squares {
@@ -96,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sums_are_those_of_the_power_law() {
+    fn sums_equal_the_power_law() {
         let mut forecast = Forecast::default();
         forecast.add(2.0, 0.0, 16, 64);
         let mut other = Forecast::default();
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_round_for_the_few_uncertain_pixels_is_worth_it_and_one_for_some_of_many_like_them_is_not() {
+    fn round_pays_for_few_uncertain_pixels_only() {
         // One of ten pixels is doubled, which removes 1 - 2^-1.5 = 0.65; a tenth more samples for all removes 1 -
         // 1.1^-1.5 = 0.13 of the total, which is 1 or 10.
         let forecast = |certain: f64| {
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn a_round_that_leaves_out_where_most_was_missed_is_not_worth_it() {
+    fn round_without_the_worst_pixels_does_not_pay() {
         let mut forecast = Forecast::default();
         forecast.add(1.0, 0.0, 16, 32);
         forecast.add(0.0, 0.0, 16, 16);

@@ -4,11 +4,11 @@
 //! every machine: decisions must not depend on the implementation of `pow`. It continues above white, so that
 //! highlights of linear images count too.
 
-use super::super::estimate::Estimate;
+use super::super::estimate::PixelStatistics;
 
 /// Statistics of a pixel in display values.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Look {
+pub(super) struct DisplayError {
     /// Display value of one standard error of the mean.
     pub(super) error: f64,
     /// Fraction of the squared error that is noise, which decreases with the number of samples n as 1 / n; the rest
@@ -23,16 +23,16 @@ pub(super) struct Look {
     pub(super) count: u32,
 }
 
-impl Look {
+impl DisplayError {
     /// Returns the statistics of a pixel whose radiance is multiplied by `gain`, with the fraction `noise` of its
     /// variance.
-    pub(super) fn of(estimate: &Estimate, noise: f64, gain: f64) -> Look {
+    pub(super) fn of(estimate: &PixelStatistics, noise: f64, gain: f64) -> DisplayError {
         let count = f64::from(estimate.count);
         let mean = gain * estimate.luminance();
         // The error of edges decreases faster with the number of samples than that of noise.
         let of_edges = (1.0 - noise) / count.sqrt();
         let error = gain * (estimate.variance() * (noise + of_edges) / count).sqrt();
-        Look {
+        DisplayError {
             error: display_value(mean + error) - display_value(mean),
             noise: noise / (noise + of_edges),
             extremes: estimate.extremes.map(|l| display_value(gain * f64::from(l))),
@@ -42,13 +42,13 @@ impl Look {
     }
 
     /// Returns the number of samples, by doubling, at which the error is expected to be at most `target`, limited to
-    /// `most`.
-    pub(super) fn likely_count(&self, target: f64, most: u32) -> u32 {
+    /// `limit`.
+    pub(super) fn likely_count(&self, target: f64, limit: u32) -> u32 {
         let (mut noise, mut edges) = (self.noise, 1.0 - self.noise);
-        let mut count = self.count.min(most);
-        while count < most && self.error * self.error * (noise + edges) > target * target {
+        let mut count = self.count.min(limit);
+        while count < limit && self.error * self.error * (noise + edges) > target * target {
             // Doubling the samples divides noise by 2 and edges by 2^1.5
-            count = count.saturating_mul(2).min(most);
+            count = count.saturating_mul(2).min(limit);
             noise /= 2.0;
             edges /= 8f64.sqrt();
         }
@@ -56,7 +56,7 @@ impl Look {
     }
 
     /// Returns the larger of the steps in display value by which a neighbour exceeds this pixel's extremes.
-    pub(super) fn unseen(&self, neighbour: &Look) -> f64 {
+    pub(super) fn unseen_step(&self, neighbour: &DisplayError) -> f64 {
         let brighter = neighbour.extremes[1] - self.extremes[1];
         let darker = self.extremes[0] - neighbour.extremes[0];
         brighter.max(darker)
@@ -65,21 +65,21 @@ impl Look {
 
 /// Sums of variance and of its noise part over several pixels.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Kinds {
+pub(super) struct NoiseModel {
     variance: f64,
     noise: f64,
 }
 
-impl Kinds {
+impl NoiseModel {
     /// Adds the variance of a pixel.
-    pub(super) fn add(&mut self, estimate: &Estimate) {
+    pub(super) fn add(&mut self, estimate: &PixelStatistics) {
         self.variance += estimate.variance();
         self.noise += estimate.noise_variance();
     }
 
     /// Returns the sums over both sets of pixels.
-    pub(super) fn merged(self, other: &Kinds) -> Kinds {
-        Kinds {
+    pub(super) fn merged(self, other: &NoiseModel) -> NoiseModel {
+        NoiseModel {
             variance: self.variance + other.variance,
             noise: self.noise + other.noise,
         }
@@ -95,8 +95,8 @@ impl Kinds {
     }
 }
 
-/// Returns one of [`Look::single_steps`], for the dark `end` 0 or the bright end 1.
-fn single_step(estimate: &Estimate, end: usize, gain: f64) -> f64 {
+/// Returns one of [`DisplayError::single_steps`], for the dark `end` 0 or the bright end 1.
+fn single_step(estimate: &PixelStatistics, end: usize, gain: f64) -> f64 {
     let count = f64::from(estimate.count);
     let [own, others] = [end, 1 - end].map(|end| f64::from(estimate.extremes[end]));
     // A single sample moves the mean of n by 1/n of the range, two by 2/n. For equal samples the quotient is NaN.
@@ -125,7 +125,7 @@ mod tests {
     use crate::scene::image_settings::Pattern;
 
     #[test]
-    fn the_display_value_keeps_close_to_srgb_and_ends_where_it_ends() {
+    fn display_value_approximates_srgb_within_its_range() {
         assert_eq!(display_value(0.0), 0.0);
         assert_eq!(display_value(-1.0), 0.0);
         assert!((display_value(1.0) - 1.0).abs() < 1e-15);
@@ -145,7 +145,7 @@ mod tests {
     /// positions.
     fn noise_at(count: u32, seen: impl Fn([u32; 2], [f64; 2]) -> f64) -> [f64; 2] {
         [Purpose::FILM, Purpose(7)].map(|purpose| {
-            let mut kinds = Kinds::default();
+            let mut noise_model = NoiseModel::default();
             for number in 0..500 {
                 let pixel = [number, 3];
                 let samples = (0..count).map(|sample| {
@@ -157,14 +157,14 @@ mod tests {
                     let place = sample_2d(Pattern::Sobol, pixel_of_place, sample, 1024, purpose);
                     seen(pixel, place)
                 });
-                kinds.add(&estimate(&samples.collect::<Vec<f64>>()));
+                noise_model.add(&estimate(&samples.collect::<Vec<f64>>()));
             }
-            kinds.noise()
+            noise_model.noise()
         })
     }
 
     #[test]
-    fn edges_and_noise_are_told_apart_by_evenly_spread_samples() {
+    fn evenly_spread_samples_distinguish_edges_from_noise() {
         // An edge across each pixel, with an angle and a distance from the centre that depend on the pixel.
         let edge = |pixel: [u32; 2], place: [f64; 2]| {
             let (angle, distance) = (f64::from(pixel[0]) * 2.4, f64::from(pixel[0] % 7) / 14.0 - 0.2);
@@ -173,20 +173,20 @@ mod tests {
                 (place[0] - 0.5) * cos + (place[1] - 0.5) * sin > distance,
             ))
         };
-        for (count, most) in [(16, 0.3), (32, 0.15), (256, 0.15)] {
+        for (count, limit) in [(16, 0.3), (32, 0.15), (256, 0.15)] {
             let [even, random] = noise_at(count, edge);
-            assert!(even < most, "{count} samples: {even}");
+            assert!(even < limit, "{count} samples: {even}");
             assert!(random > 0.75, "{count} samples: {random}");
         }
     }
 
     #[test]
-    fn noise_has_a_greater_error_which_is_noise_for_the_most_part() {
+    fn noise_has_larger_error_that_is_mostly_noise() {
         let mut half = vec![0.0; 16];
         half[..8].fill(1.0);
         let estimate = estimate(&half);
         // Half of the variance, 4/15, over 16, and half of it over 64: four fifths of the square is noise.
-        let look = Look::of(&estimate, 0.5, 1.0);
+        let look = DisplayError::of(&estimate, 0.5, 1.0);
         let square: f64 = 0.5 * 4.0 / 15.0 * (1.0 / 16.0 + 1.0 / 64.0);
         let expected = display_value(0.5 + square.sqrt()) - display_value(0.5);
         assert!((look.error - expected).abs() < 1e-12, "{}", look.error);
@@ -194,11 +194,11 @@ mod tests {
     }
 
     #[test]
-    fn the_error_is_that_of_evenly_spread_samples_on_the_display() {
+    fn error_is_measured_in_display_values() {
         // Eight samples of 0 and eight of 1: variance 16/15 · 1/4; over 16^1.5 = 64, its root is 0.064550.
         let mut half = vec![0.0; 16];
         half[..8].fill(1.0);
-        let look = Look::of(&estimate(&half), 0.0, 1.0);
+        let look = DisplayError::of(&estimate(&half), 0.0, 1.0);
         let expected = display_value(0.5 + (16.0 / 15.0 / 4.0 / 64.0f64).sqrt()) - display_value(0.5);
         assert!((look.error - expected).abs() < 1e-12, "{}", look.error);
         assert_eq!(look.extremes[0], 0.0);

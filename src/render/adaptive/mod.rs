@@ -7,7 +7,7 @@
 //!
 //! 1. *Its mean is uncertain*: adding one standard error to its mean luminance changes the display value by more than
 //!    the target. The standard error of n stratified samples is σ / n^¾ at edges: an edge crosses about √n of n
-//!    strata, and all others are certain. It is σ / √n where the variance is noise. [`Kinds`] estimates the
+//!    strata, and all others are certain. It is σ / √n where the variance is noise. [`NoiseModel`] estimates the
 //!    proportions of both.
 //! 2. *Its neighbourhood is uncertain*: the root mean square of these errors over the pixel and its eight neighbours
 //!    exceeds the target. Estimates from few samples are uncertain themselves; neighbours make them reliable.
@@ -42,20 +42,20 @@ mod rounds;
 use std::sync::atomic::Ordering;
 use std::time::Instant;
 
-use super::estimate::Estimate;
-use super::ledger::{Account, Ledger};
-use super::meter::Meter;
-use super::mosaic::{Canvas, Site};
-use super::wave::{Visit, Waves};
-use super::{Frame, Monitor};
+use super::estimate::PixelStatistics;
+use super::ledger::{Category, RenderProfile};
+use super::meter::Profiler;
+use super::mosaic::{Patch, PatchAtlas};
+use super::wave::{PixelVisit, RendererPool};
+use super::{Monitor, RenderContext};
 use crate::numeric::LANES;
 use crate::parallel;
 use crate::scene::Effect;
 use checkpoints::Pace;
-use look::Look;
-use picture::Picture;
+use look::DisplayError;
+use picture::SamplingState;
 use progress::Progress;
-use rounds::Turn;
+use rounds::PixelStatus;
 
 pub use checkpoints::Checkpoints;
 pub use rounds::Rounds;
@@ -79,108 +79,114 @@ pub struct Adaptive {
 }
 
 /// Number of bytes for a visited pixel: the visit and its estimate.
-const VISIT_BYTES: usize = size_of::<Visit>() + size_of::<Estimate>();
+const VISIT_BYTES: usize = size_of::<PixelVisit>() + size_of::<PixelStatistics>();
 
 /// Number of bytes per pixel between two rounds, in addition to its estimate.
-pub(super) const LOOK_BYTES: usize = size_of::<Look>() + size_of::<Turn>();
+pub(super) const LOOK_BYTES: usize = size_of::<DisplayError>() + size_of::<PixelStatus>();
 
 /// Returns the sample statistics of every pixel of the canvas, row by row, and the ledger. Returns `None` if
 /// cancelled.
 pub(super) fn render(
-    frame: &mut Frame,
+    frame: &mut RenderContext,
     target: Adaptive,
-    canvas: &Canvas,
+    canvas: &PatchAtlas,
     monitor: &Monitor,
     mut checkpoints: Option<&mut Checkpoints>,
-) -> Option<(Vec<Estimate>, Ledger)> {
+) -> Option<(Vec<PixelStatistics>, RenderProfile)> {
     let sites = &canvas.sites;
-    let mut picture = Picture::new(target, canvas, frame.settings.spp);
-    let mut ledger = Ledger::default();
-    let mut meter = Meter::new(&frame.settings);
+    let mut state = SamplingState::new(target, canvas, frame.settings.spp);
+    let mut ledger = RenderProfile::default();
+    let mut meter = Profiler::new(&frame.settings);
     let has_widths = frame.effects().has(Effect::TextureFilter);
     // Resume from a checkpoint, or find the width of rays in a pilot
     let start = checkpoints
         .as_mut()
         .and_then(|checkpoints| checkpoints.start.take());
-    if let Some(rounds) = start.filter(|rounds| rounds.is_of(canvas.size, picture.spp)) {
+    if let Some(rounds) = start.filter(|rounds| rounds.is_of(canvas.size, state.spp)) {
         if has_widths {
             frame.set_even_count(rounds.even_count);
         }
-        picture.known = rounds;
+        state.known = rounds;
     } else if has_widths {
-        ledger += pilot(frame, &mut picture, sites, monitor)?;
+        ledger += pilot(frame, &mut state, sites, monitor)?;
         meter.skip();
     }
-    picture.known.even_count = frame.even_count;
-    let waves = Waves::new(frame);
+    state.known.even_count = frame.even_count;
+    let waves = RendererPool::new(frame);
     let mut pace = Pace::new(checkpoints);
     let mut progress = Progress::default();
     // Render rounds until no pixel needs more samples
     loop {
         // Collect the pixels of the round and announce its size
-        let mut left = picture.visits(sites);
-        meter.lap_all_threads(Account::Sampling);
+        let mut left = state.visits(sites);
+        meter.lap_all_threads(Category::Sampling);
         let wanted_count: usize = left.iter().map(|(_, visits)| visits.len()).sum();
         if let Some(memory) = &frame.thread_memory {
-            memory.note_round(picture.byte_count() + wanted_count * VISIT_BYTES);
+            memory.note_round(state.byte_count() + wanted_count * VISIT_BYTES);
         }
-        progress.begin_round(&picture, left.iter().flat_map(|(_, visits)| visits));
+        progress.begin_round(&state, left.iter().flat_map(|(_, visits)| visits));
         // Render the round in parts that a checkpoint interval can afford
         while !left.is_empty() {
             let later = left.split_off(pace.tile_count().min(left.len()));
             let begun = Instant::now();
             let Some(visited) = render_visits(&waves, left, monitor, Some(&progress)) else {
                 // The render ends in any case.
-                let _ = pace.keep(&picture.known);
+                let _ = pace.keep(&state.known);
                 return None;
             };
             left = later;
             meter.skip();
-            pace.took(visited.len(), begun.elapsed());
+            pace.record_time(visited.len(), begun.elapsed());
             // Merge the new samples into the state
             for (site, visits, estimates, tile_ledger) in visited {
                 ledger += tile_ledger;
-                picture.merge(site, &visits, &estimates);
-                monitor.show_estimates(site, &picture.known.estimates, picture.width);
+                state.merge(site, &visits, &estimates);
+                monitor.show_estimates(site, &state.known.estimates, state.width);
             }
             // Write a checkpoint if it is due
-            if pace.is_due() && pace.keep(&picture.known).is_break() {
+            if pace.is_due() && pace.keep(&state.known).is_break() {
                 return None;
             }
-            meter.lap(Account::Sampling);
+            meter.lap(Category::Sampling);
         }
         // Evaluate the errors and select the pixels of the next round
-        picture.end_round();
-        if !picture.decide() {
-            meter.lap_all_threads(Account::Sampling);
+        state.end_round();
+        if !state.decide() {
+            meter.lap_all_threads(Category::Sampling);
             ledger += meter.ledger;
-            return Some((picture.known.estimates, ledger));
+            return Some((state.known.estimates, ledger));
         }
     }
 }
 
 /// Sets the ray cones by the pilot rounds of [`pilot`] and returns their ledger. The pixels of the last pilot round
 /// keep their samples as first round, unless their rays had a different width. Returns `None` if cancelled.
-fn pilot(frame: &mut Frame, picture: &mut Picture, sites: &[Site], monitor: &Monitor) -> Option<Ledger> {
+fn pilot(
+    frame: &mut RenderContext,
+    state: &mut SamplingState,
+    sites: &[Patch],
+    monitor: &Monitor,
+) -> Option<RenderProfile> {
     // Select the pixels of the pilot
-    let size = [picture.width, picture.height];
-    let turn = |index: usize| match pilot::is_asked([index % size[0], index / size[0]], size) {
-        true => Turn::Waits,
-        false => Turn::None,
+    let size = [state.width, state.height];
+    let turn = |index: usize| match pilot::is_pilot_pixel([index % size[0], index / size[0]], size) {
+        true => PixelStatus::Waits,
+        false => PixelStatus::None,
     };
-    picture.known.turns = (0..picture.known.turns.len()).map(turn).collect();
-    let mut ledger = Ledger::default();
+    state.known.statuses = (0..state.known.statuses.len()).map(turn).collect();
+    let mut ledger = RenderProfile::default();
     // Repeat the pilot round until the width of rays settles
     for _ in 0..pilot::MAX_ROUNDS {
-        let visited = render_visits(&Waves::new(frame), picture.visits(sites), monitor, None)?;
-        let first_rounds: Vec<Estimate> = visited.iter().flat_map(|visited| &visited.2).copied().collect();
+        let visited = render_visits(&RendererPool::new(frame), state.visits(sites), monitor, None)?;
+        let first_rounds: Vec<PixelStatistics> =
+            visited.iter().flat_map(|visited| &visited.2).copied().collect();
         let before = frame.even_count;
-        frame.set_even_count(pilot::even_count(&first_rounds, picture.target, picture.spp));
+        frame.set_even_count(pilot::even_count(&first_rounds, state.target, state.spp));
         let has_settled = pilot::has_settled(before, frame.even_count);
         for (site, visits, estimates, tile_ledger) in visited {
             ledger += tile_ledger;
             if has_settled {
-                picture.merge(site, &visits, &estimates);
+                state.merge(site, &visits, &estimates);
             }
         }
         if has_settled {
@@ -188,38 +194,40 @@ fn pilot(frame: &mut Frame, picture: &mut Picture, sites: &[Site], monitor: &Mon
         }
     }
     // Let all other pixels have their first round
-    for turn in &mut picture.known.turns {
-        if *turn == Turn::None {
-            *turn = Turn::Waits;
+    for turn in &mut state.known.statuses {
+        if *turn == PixelStatus::None {
+            *turn = PixelStatus::Waits;
         }
     }
     Some(ledger)
 }
 
 /// Site, its visited pixels, the statistics of their new samples, and the ledger.
-type Visited = (Site, Vec<Visit>, Vec<Estimate>, Ledger);
+type Visited = (Patch, Vec<PixelVisit>, Vec<PixelStatistics>, RenderProfile);
 
 /// Renders the visits of a round in parallel and returns `None` if cancelled. With `progress`, the monitor is
 /// notified of every finished tile.
 fn render_visits(
-    waves: &Waves,
-    round: Vec<(Site, Vec<Visit>)>,
+    waves: &RendererPool,
+    round: Vec<(Patch, Vec<PixelVisit>)>,
     monitor: &Monitor,
     progress: Option<&Progress>,
 ) -> Option<Vec<Visited>> {
-    let told = parallel::map(round.len(), &|index| {
+    let rendered = parallel::map(round.len(), &|index| {
         if monitor.cancel.load(Ordering::Relaxed) {
             return None;
         }
         let (site, visits) = &round[index];
-        let told = waves.lend().render_visits(site.tile, visits);
+        let rendered = waves.acquire().render_visits(site.tile, visits);
         if let Some(progress) = progress {
             (monitor.progress)(progress.finish(visits));
         }
-        Some(told)
+        Some(rendered)
     });
-    let visited = round.into_iter().zip(told);
+    let visited = round.into_iter().zip(rendered);
     visited
-        .map(|((site, visits), told)| told.map(|(estimates, ledger)| (site, visits, estimates, ledger)))
+        .map(|((site, visits), rendered)| {
+            rendered.map(|(estimates, ledger)| (site, visits, estimates, ledger))
+        })
         .collect()
 }

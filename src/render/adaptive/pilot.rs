@@ -10,9 +10,9 @@
 //! error; the fraction of noise is estimated from all of them together as well. Rays of that width may resolve more
 //! detail, so these pixels repeat their first round until the number settles.
 
-use super::super::estimate::Estimate;
+use super::super::estimate::PixelStatistics;
 use super::forecast::Forecast;
-use super::look::{Kinds, Look};
+use super::look::{DisplayError, NoiseModel};
 use super::{Adaptive, ROUND};
 
 /// Side of a block in pixels.
@@ -27,7 +27,7 @@ const SETTLED: f64 = 1.2;
 pub(super) const MAX_ROUNDS: usize = 4;
 
 /// Returns whether a pixel belongs to the pilot: the middle one of its block, or the last one of a cut block.
-pub(super) fn is_asked([column, row]: [usize; 2], [width, height]: [usize; 2]) -> bool {
+pub(super) fn is_pilot_pixel([column, row]: [usize; 2], [width, height]: [usize; 2]) -> bool {
     let is_middle = |at: usize, size: usize| at == (at / BLOCK * BLOCK + BLOCK / 2).min(size - 1);
     is_middle(column, width) && is_middle(row, height)
 }
@@ -40,13 +40,13 @@ pub(super) fn has_settled(before: u32, now: u32) -> bool {
 
 /// Returns the number of evenly distributed samples per pixel, up to `spp`, that has the error of pixels with these
 /// first rounds when they reach the target.
-pub(super) fn even_count(first_rounds: &[Estimate], target: Adaptive, spp: u32) -> u32 {
+pub(super) fn even_count(first_rounds: &[PixelStatistics], target: Adaptive, spp: u32) -> u32 {
     let mut forecast = Forecast::default();
-    let mut kinds = Kinds::default();
-    first_rounds.iter().for_each(|estimate| kinds.add(estimate));
-    let noise = kinds.noise();
+    let mut noise_model = NoiseModel::default();
+    first_rounds.iter().for_each(|estimate| noise_model.add(estimate));
+    let noise = noise_model.noise();
     for estimate in first_rounds {
-        let look = Look::of(estimate, noise, target.gain);
+        let look = DisplayError::of(estimate, noise, target.gain);
         if look.error.is_finite() {
             let square = look.error * look.error;
             let next = reached(&look, square / (target.error * target.error), spp);
@@ -58,7 +58,7 @@ pub(super) fn even_count(first_rounds: &[Estimate], target: Adaptive, spp: u32) 
 
 /// Returns the number of samples of a pixel, by doubling, that reduces a squared error of `square` times the target's
 /// to the target.
-fn reached(look: &Look, square: f64, spp: u32) -> u32 {
+fn reached(look: &DisplayError, square: f64, spp: u32) -> u32 {
     let mut count = look.count;
     let (mut noise, mut edges) = (look.noise * square, (1.0 - look.noise) * square);
     while noise + edges > 1.0 && count < spp {
@@ -81,28 +81,32 @@ mod tests {
     };
 
     #[test]
-    fn one_pixel_of_every_block_is_asked_also_where_blocks_are_cut() {
+    fn pilot_samples_one_pixel_per_block() {
         for size @ [width, height] in [[24, 20], [1, 1], [8, 3], [13, 17]] {
-            let asked = |block: usize| {
+            let pilot_pixels = |block: usize| {
                 (0..width * height).filter(move |index| {
                     let (column, row) = (index % width, index / width);
                     let own = row / BLOCK * width.div_ceil(BLOCK) + column / BLOCK;
-                    is_asked([column, row], size) && own == block
+                    is_pilot_pixel([column, row], size) && own == block
                 })
             };
             for block in 0..width.div_ceil(BLOCK) * height.div_ceil(BLOCK) {
-                assert_eq!(asked(block).count(), 1, "{width} x {height}, block {block}");
+                assert_eq!(
+                    pilot_pixels(block).count(),
+                    1,
+                    "{width} x {height}, block {block}"
+                );
             }
         }
     }
 
     /// Returns sixteen samples, half of them black and half of luminance 1, and a target such that their error is
     /// `error` times the target.
-    fn half(error: f64) -> (Estimate, Adaptive) {
+    fn half(error: f64) -> (PixelStatistics, Adaptive) {
         let half: Vec<f64> = (0..16).map(|sample| f64::from(sample % 2)).collect();
         let estimate = estimate(&half);
         let target = Adaptive {
-            error: Look::of(&estimate, 0.0, 1.0).error / error,
+            error: DisplayError::of(&estimate, 0.0, 1.0).error / error,
             gain: 1.0,
         };
         (estimate, target)
@@ -113,18 +117,18 @@ mod tests {
         // An error eight times smaller needs 16 times as many samples, by σ / n^¾.
         for (error, count) in [(0.5, 16), (1.5, 32), (7.9, 256), (8.1, 512)] {
             assert_eq!(
-                reached(&Look::of(&half(1.0).0, 0.0, 1.0), error * error, 4096),
+                reached(&DisplayError::of(&half(1.0).0, 0.0, 1.0), error * error, 4096),
                 count,
                 "{error}"
             );
             let (half, target) = half(error);
             assert_eq!(even_count(&[half; 5], target, 4096), count, "{error}");
         }
-        assert_eq!(reached(&Look::of(&half(1.0).0, 0.0, 1.0), 1e18, 100), 100);
+        assert_eq!(reached(&DisplayError::of(&half(1.0).0, 0.0, 1.0), 1e18, 100), 100);
     }
 
     #[test]
-    fn even_pixels_count_by_their_errors_not_by_their_number() {
+    fn uniform_pixels_are_weighted_by_error() {
         let (half, target) = half(7.9);
         let gray = estimate(&[0.5; 16]);
         // Pixels without error are certain after any number of samples.
@@ -144,14 +148,14 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_without_errors_gets_rays_as_for_its_first_round() {
+    fn image_without_error_gets_first_round_samples() {
         assert_eq!(even_count(&[], TARGET, 4096), 16);
         assert_eq!(even_count(&[estimate(&[0.5; 16]); 3], TARGET, 4096), 16);
         assert_eq!(even_count(&[estimate(&[f64::NAN; 16])], TARGET, 4096), 16);
     }
 
     #[test]
-    fn a_number_has_settled_when_it_hardly_changes() {
+    fn value_has_converged_if_it_hardly_changes() {
         assert!(has_settled(100, 119) && has_settled(100, 84));
         assert!(!has_settled(100, 121) && !has_settled(100, 83));
     }

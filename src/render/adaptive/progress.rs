@@ -3,9 +3,9 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::super::wave::Visit;
+use super::super::wave::PixelVisit;
 use super::ROUND;
-use super::picture::Picture;
+use super::picture::SamplingState;
 
 /// Numbers of samples taken and samples expected.
 #[derive(Debug, Default)]
@@ -23,16 +23,20 @@ pub(super) struct Progress {
 
 impl Progress {
     /// Begins a round in which `left` are still to be visited.
-    pub(super) fn begin_round<'v>(&mut self, picture: &Picture, left: impl Iterator<Item = &'v Visit>) {
-        self.taken = picture.taken();
+    pub(super) fn begin_round<'v>(
+        &mut self,
+        state: &SamplingState,
+        left: impl Iterator<Item = &'v PixelVisit>,
+    ) {
+        self.taken = state.taken();
         *self.finished.get_mut() = 0;
         let in_round = self.taken + left.map(samples).sum::<u64>();
         // Before any error is known, half of the work is assumed to be done after the round.
-        self.all = in_round + picture.likely_later().unwrap_or(in_round);
+        self.all = in_round + state.likely_later().unwrap_or(in_round);
     }
 
     /// Returns the finished fraction, including `visits` of the round.
-    pub(super) fn finish(&self, visits: &[Visit]) -> f64 {
+    pub(super) fn finish(&self, visits: &[PixelVisit]) -> f64 {
         let new: u64 = visits.iter().map(samples).sum();
         let done = self.taken + self.finished.fetch_add(new, Ordering::Relaxed) + new;
         let fraction = (done as f64 / self.all.max(1) as f64).min(1.0);
@@ -41,7 +45,7 @@ impl Progress {
     }
 }
 
-fn samples(visit: &Visit) -> u64 {
+fn samples(visit: &PixelVisit) -> u64 {
     u64::from(ROUND) * visit.groups.len() as u64
 }
 
@@ -49,43 +53,43 @@ fn samples(visit: &Visit) -> u64 {
 mod tests {
     use super::super::super::estimate::estimate;
     use super::super::super::film::tiles;
-    use super::super::super::mosaic::{Canvas, Site};
+    use super::super::super::mosaic::{Patch, PatchAtlas};
     use super::super::Adaptive;
     use super::*;
 
     #[test]
-    fn what_pixels_are_likely_to_want_is_to_come_and_nothing_is_taken_back() {
-        let canvas = Canvas {
+    fn progress_includes_expected_samples_and_never_falls() {
+        let canvas = PatchAtlas {
             size: [2, 1],
             sites: tiles(2, 1)
                 .into_iter()
-                .map(|tile| Site { tile, at: [0, 0] })
+                .map(|tile| Patch { tile, at: [0, 0] })
                 .collect(),
         };
         let target = Adaptive {
             error: 1e-2,
             gain: 1.0,
         };
-        let mut picture = Picture::new(target, &canvas, 64);
+        let mut state = SamplingState::new(target, &canvas, 64);
         let mut progress = Progress::default();
-        let visit = |x: u32, groups: std::ops::Range<u32>| Visit { x, y: 0, groups };
+        let visit = |x: u32, groups: std::ops::Range<u32>| PixelVisit { x, y: 0, groups };
         let first = [visit(0, 0..1), visit(1, 0..1)];
-        progress.begin_round(&picture, first.iter());
+        progress.begin_round(&state, first.iter());
         assert_eq!(progress.finish(&first[..1]), 0.25);
         assert_eq!(progress.finish(&first[1..]), 0.5);
         // One pixel is certain, the other has the largest variance: it will need all of the 64 samples.
         let uncertain: Vec<f64> = (0..16).map(|sample| f64::from(sample % 2)).collect();
-        picture.merge(
+        state.merge(
             canvas.sites[0],
             &first,
             &[estimate(&[0.5; 16]), estimate(&uncertain)],
         );
-        picture.end_round();
-        assert!(picture.decide());
-        assert_eq!(picture.likely_later(), Some(32));
+        state.end_round();
+        assert!(state.decide());
+        assert_eq!(state.likely_later(), Some(32));
         // Both are doubled, because they are neighbours: 64 of 96 samples.
-        let second = picture.visits(&canvas.sites).remove(0).1;
-        progress.begin_round(&picture, second.iter());
+        let second = state.visits(&canvas.sites).remove(0).1;
+        progress.begin_round(&state, second.iter());
         assert_eq!(progress.finish(&second), 64.0 / 96.0);
         // Image that turns out to need many more samples.
         progress.all = 1 << 20;

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use super::super::estimate::Estimate;
+use super::super::estimate::PixelStatistics;
 use super::ROUND;
 
 /// Largest number of times that a pixel's samples can double.
@@ -15,9 +15,9 @@ pub(super) const LEVELS: usize = u32::BITS as usize;
 pub struct Rounds {
     width: usize,
     /// Sample statistics of the pixels, row by row.
-    pub(super) estimates: Vec<Estimate>,
+    pub(super) estimates: Vec<PixelStatistics>,
     /// Status of each pixel in the current round.
-    pub(super) turns: Vec<Turn>,
+    pub(super) statuses: Vec<PixelStatus>,
     /// True during the first round.
     pub(super) is_first: bool,
     /// Number of evenly distributed samples per pixel for which ray cones are as wide as a sample.
@@ -28,7 +28,7 @@ pub struct Rounds {
 
 /// Status of a pixel in the current round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Turn {
+pub(super) enum PixelStatus {
     /// Pixel that needs no more samples.
     None,
     /// Pixel that has not been visited yet.
@@ -80,8 +80,8 @@ impl Rounds {
     pub fn new([width, height]: [usize; 2]) -> Rounds {
         Rounds {
             width,
-            estimates: vec![Estimate::NONE; width * height],
-            turns: vec![Turn::Waits; width * height],
+            estimates: vec![PixelStatistics::NONE; width * height],
+            statuses: vec![PixelStatus::Waits; width * height],
             is_first: true,
             even_count: ROUND,
             missed: [Missed::default(); LEVELS],
@@ -91,14 +91,18 @@ impl Rounds {
     /// Returns the stored form of some rows: [`Rounds::WORDS`] planes with one value per pixel.
     pub fn words(&self, rows: &Range<usize>) -> Vec<Vec<u32>> {
         let pixels = self.pixels(rows);
-        let of_pixel = |(estimate, &turn): (&Estimate, &Turn)| {
+        let of_pixel = |(estimate, &turn): (&PixelStatistics, &PixelStatus)| {
             let mut words = [0; Self::WORDS.len()];
             words[..Self::WORDS.len() - 1].copy_from_slice(&estimate.to_words());
             words[Self::WORDS.len() - 1] = turn as u32;
             words
         };
-        let turns = &self.turns[pixels.clone()];
-        let words: Vec<_> = self.estimates[pixels].iter().zip(turns).map(of_pixel).collect();
+        let statuses = &self.statuses[pixels.clone()];
+        let words: Vec<_> = self.estimates[pixels]
+            .iter()
+            .zip(statuses)
+            .map(of_pixel)
+            .collect();
         let plane = |word: usize| words.iter().map(|words| words[word]).collect();
         (0..Self::WORDS.len()).map(plane).collect()
     }
@@ -115,11 +119,11 @@ impl Rounds {
         }
         for (number, pixel) in pixels.enumerate() {
             let word = |word: usize| planes[word][number];
-            self.estimates[pixel] = Estimate::of_words(std::array::from_fn(word));
-            self.turns[pixel] = match word(Self::WORDS.len() - 1) {
-                0 => Turn::None,
-                1 => Turn::Waits,
-                2 => Turn::Had,
+            self.estimates[pixel] = PixelStatistics::of_words(std::array::from_fn(word));
+            self.statuses[pixel] = match word(Self::WORDS.len() - 1) {
+                0 => PixelStatus::None,
+                1 => PixelStatus::Waits,
+                2 => PixelStatus::Had,
                 _ => return None,
             };
         }
@@ -156,9 +160,9 @@ impl Rounds {
 
     /// Returns whether the state is consistent with an image of this size and at most `spp` samples per pixel.
     pub(super) fn is_of(&self, size: [usize; 2], spp: u32) -> bool {
-        let most = spp.next_multiple_of(ROUND);
-        let has_sound_counts = || self.estimates.iter().all(|estimate| estimate.count <= most);
-        let has_sound_widths = (ROUND..=most).contains(&self.even_count);
+        let limit = spp.next_multiple_of(ROUND);
+        let has_sound_counts = || self.estimates.iter().all(|estimate| estimate.count <= limit);
+        let has_sound_widths = (ROUND..=limit).contains(&self.even_count);
         [self.width, self.estimates.len()] == [size[0], size[0] * size[1]]
             && has_sound_widths
             && has_sound_counts()
@@ -193,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_down_comes_back_by_every_bit() {
+    fn stored_rounds_are_restored_bit_exactly() {
         // Fill a state with distinct values
         let mut known = Rounds::new([3, 4]);
         for (pixel, known) in known.estimates.iter_mut().enumerate().skip(1) {
@@ -202,8 +206,8 @@ mod tests {
                 .collect();
             *known = estimate(&samples[..16 * (1 + pixel % 2)]);
         }
-        known.turns[2] = Turn::None;
-        known.turns[7] = Turn::Had;
+        known.statuses[2] = PixelStatus::None;
+        known.statuses[7] = PixelStatus::Had;
         known.is_first = false;
         known.even_count = 48;
         known.missed[5].add(0.1);
@@ -225,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_turn_is_none() {
+    fn invalid_status_word_is_rejected() {
         let mut known = Rounds::new([1, 1]);
         let mut words = known.words(&(0..1));
         words[Rounds::WORDS.len() - 1][0] = 3;

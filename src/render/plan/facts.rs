@@ -1,6 +1,6 @@
 //! Facts about a scene that a plan is based on: the materials, meshes and lights in use, collected in one pass.
 
-use super::reach::{self, LightReach};
+use super::reach::{self, LightVisibility};
 use crate::mesh::Mesh;
 use crate::scene::{Camera, Geometry, Material, Scene, TextureBinding};
 
@@ -15,7 +15,7 @@ pub struct Facts<'s> {
     /// Meshes that some instance uses, with the name of its material.
     pub meshes: Vec<(&'s Mesh, &'s str)>,
     /// Occlusion of every light.
-    pub lights: Vec<LightReach>,
+    pub lights: Vec<LightVisibility>,
 }
 
 impl<'s> Facts<'s> {

@@ -26,7 +26,7 @@ pub struct Plan {
     /// Decisions about all effects, in the order of [`Effect::ALL`].
     pub decisions: Vec<Decision>,
     /// Flag for every light: whether its shadow rays are traced.
-    pub casting: Vec<bool>,
+    pub casts_shadows: Vec<bool>,
     on: EffectSet,
     forced: EffectSet,
 }
@@ -61,7 +61,7 @@ impl Plan {
             if overrides.removed.has(effect) && decision.on {
                 decision.on = false;
                 decision.overridden = true;
-                decision.reason = format!("switched off, so {}; {}", effect.lack(), decision.reason);
+                decision.reason = format!("switched off, so {}; {}", effect.consequence(), decision.reason);
             } else if overrides.added.has(effect) && !decision.on {
                 decision.on = true;
                 decision.overridden = true;
@@ -73,7 +73,7 @@ impl Plan {
         let on = on(&decisions);
         let everywhere = overrides.added.has(Effect::Shadow);
         Plan {
-            casting: facts
+            casts_shadows: facts
                 .lights
                 .iter()
                 .map(|light| on.has(Effect::Shadow) && (everywhere || light.casts))
@@ -142,7 +142,7 @@ fn drop_what_needs_more(decisions: &mut [Decision]) {
         if decision.on && !present.has(needed) {
             decision.on = false;
             decision.overridden = true;
-            decision.reason = format!("nothing without {needed}, which is off; {}", decision.reason);
+            decision.reason = format!("no effect without {needed}, which is off; {}", decision.reason);
         }
     }
 }

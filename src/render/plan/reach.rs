@@ -15,23 +15,23 @@ const MAX_OBJECTS: usize = 64;
 
 /// Result of the test for one light.
 #[derive(Clone, Debug, PartialEq)]
-pub struct LightReach {
+pub struct LightVisibility {
     /// True if the light may be occluded.
     pub casts: bool,
     /// Reason for the result, for reports.
     pub reason: String,
 }
 
-impl LightReach {
-    fn none(reason: &str) -> LightReach {
-        LightReach {
+impl LightVisibility {
+    fn none(reason: &str) -> LightVisibility {
+        LightVisibility {
             casts: false,
             reason: reason.into(),
         }
     }
 
-    fn some(reason: impl Into<String>) -> LightReach {
-        LightReach {
+    fn some(reason: impl Into<String>) -> LightVisibility {
+        LightVisibility {
             casts: true,
             reason: reason.into(),
         }
@@ -49,11 +49,11 @@ struct Object<'s> {
 }
 
 /// Returns the test results of all lights, in their order.
-pub(super) fn of_lights(scene: &Scene, camera: &Camera) -> Vec<LightReach> {
+pub(super) fn of_lights(scene: &Scene, camera: &Camera) -> Vec<LightVisibility> {
     // Skip the quadratic test in large scenes
     if scene.instances.len() > MAX_OBJECTS {
         let reason = format!("any of {} objects", scene.instances.len());
-        return vec![LightReach::some(reason); scene.lights.len()];
+        return vec![LightVisibility::some(reason); scene.lights.len()];
     }
     let objects: Vec<Object> = scene
         .instances
@@ -75,16 +75,16 @@ pub(super) fn of_lights(scene: &Scene, camera: &Camera) -> Vec<LightReach> {
         .collect()
 }
 
-fn of_light(light: &Light, objects: &[Object]) -> LightReach {
+fn of_light(light: &Light, objects: &[Object]) -> LightVisibility {
     if light.intensity == [0.0; 3] {
-        return LightReach::none("it is dark");
+        return LightVisibility::none("it is dark");
     }
     let lit: Vec<&Object> = objects
         .iter()
         .filter(|object| light.lights(&object.bounds))
         .collect();
     if lit.is_empty() {
-        return LightReach::none("nothing is within its range");
+        return LightVisibility::none("nothing is within its range");
     }
     for object in &lit {
         // A convex object that is the light itself gets no light from itself.
@@ -93,21 +93,21 @@ fn of_light(light: &Light, objects: &[Object]) -> LightReach {
         }
         // Test the object against itself and against all others
         if object.hides_itself {
-            return LightReach::some(format!("`{}` may hide it from itself", object.name));
+            return LightVisibility::some(format!("`{}` may hide it from itself", object.name));
         }
         let swept = light.swept(&object.bounds, objects);
         let hiding = objects.iter().find(|other| {
             !std::ptr::eq(*other, *object) && other.may_hide(light) && touch(&swept, &other.bounds)
         });
         if let Some(other) = hiding {
-            return LightReach::some(format!("`{}` may hide it from `{}`", other.name, object.name));
+            return LightVisibility::some(format!("`{}` may hide it from `{}`", other.name, object.name));
         }
     }
-    LightReach::none("nothing stands between it and what it lights")
+    LightVisibility::none("nothing is between it and what it lights")
 }
 
 /// Returns a result if an object may cast its shadow into volumes or fog that the light reaches.
-fn beam_of(light: &Light, objects: &[Object], scene: &Scene) -> Option<LightReach> {
+fn beam_of(light: &Light, objects: &[Object], scene: &Scene) -> Option<LightVisibility> {
     if light.intensity == [0.0; 3] {
         return None;
     }
@@ -117,13 +117,13 @@ fn beam_of(light: &Light, objects: &[Object], scene: &Scene) -> Option<LightReac
         let hides = |other: &&Object| other.may_hide(light) && touch(&swept, &other.bounds);
         if let Some(other) = objects.iter().find(hides) {
             let reason = format!("`{}` may hide it from volume `{}`", other.name, volume.name());
-            return Some(LightReach::some(reason));
+            return Some(LightVisibility::some(reason));
         }
     }
     // Fog is everywhere, also behind each object that the light reaches.
     let hiding = objects.iter().find(|object| light.lights(&object.bounds));
     let hiding = hiding.filter(|_| scene.has_fog())?;
-    Some(LightReach::some(format!(
+    Some(LightVisibility::some(format!(
         "`{}` may hide it from fog",
         hiding.name
     )))
@@ -172,7 +172,7 @@ impl<'s> Object<'s> {
 impl Object<'_> {
     /// Returns whether the object may occlude a light; a convex object that is the light itself may not.
     fn may_hide(&self, light: &Light) -> bool {
-        self.hides_itself || light.lamp() != Some(self.instance)
+        self.hides_itself || light.emissive_instance() != Some(self.instance)
     }
 }
 
@@ -244,7 +244,10 @@ impl Light {
                 max: bounds.max.max(*position),
             },
             LightKind::Area { shape, .. } => {
-                let of_object = || self.lamp().and_then(|lamp| objects.get(lamp as usize));
+                let of_object = || {
+                    self.emissive_instance()
+                        .and_then(|instance| objects.get(instance as usize))
+                };
                 // Sweep to the bounds of an area light
                 let light = shape.bounds().or_else(|| of_object().map(|object| object.bounds));
                 light.map_or(*bounds, |light| bounds.union(light))

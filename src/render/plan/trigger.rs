@@ -6,8 +6,8 @@
 use super::Facts;
 use crate::optics::{Absorption, LINE_D};
 use crate::scene::{
-    AlphaMode, AreaShape, Background, Effect, Filter, Lecture, Light, LightKind, MIRROR_ROUGHNESS, Material,
-    MaterialInput, MetallicRoughness, Model, Texture,
+    AlphaMode, AreaShape, Background, Effect, Filter, Light, LightKind, MIRROR_ROUGHNESS, Material,
+    MaterialInput, MetallicRoughness, Model, Phong, Texture,
 };
 
 /// Condition on a scene that needs an effect.
@@ -24,18 +24,18 @@ pub struct Trigger {
 pub const TRIGGERS: &[Trigger] = &[
     // Shadows
     trigger(Effect::Shadow, "a light that may be hidden", shadow),
-    trigger(Effect::Shadow, "light from all around", |facts| {
+    trigger(Effect::Shadow, "light from all directions", |facts| {
         environment(facts).map(|_| "the environment map may be hidden".into())
     }),
-    trigger(Effect::TransparentShadow, "light goes through", |facts| {
+    trigger(Effect::TransparentShadow, "transmission", |facts| {
         any_casting(facts)?;
-        facts.material(Material::transmits, |_| "lets light through".into())
+        facts.material(Material::transmits, |_| "transmits light".into())
     }),
-    trigger(Effect::TransparentShadow, "surfaces not all there", |facts| {
+    trigger(Effect::TransparentShadow, "partial coverage", |facts| {
         any_casting(facts)?;
         facts.material(
             |m| m.alpha != AlphaMode::Opaque,
-            |_| "is only partly there".into(),
+            |_| "is partly transparent".into(),
         )
     }),
     // Reflection and refraction
@@ -50,30 +50,30 @@ pub const TRIGGERS: &[Trigger] = &[
     }),
     trigger(Effect::Reflection, "kr", |facts| {
         facts.material(
-            |m| lecture(m).is_some_and(|l| l.reflection != [0.0; 3]),
+            |m| phong_of(m).is_some_and(|l| l.reflection != [0.0; 3]),
             |_| "reflects".into(),
         )
     }),
     trigger(Effect::Reflection, "total reflection", |facts| {
         facts.material(
-            |m| m.transmits() && lecture(m).is_some(),
-            |_| "reflects totally from within".into(),
+            |m| m.transmits() && phong_of(m).is_some(),
+            |_| "has total internal reflection".into(),
         )
     }),
     trigger(Effect::Refraction, "transmission", |facts| {
         facts.material(Material::transmits, |m| {
-            format!("lets light through, index of refraction {:.3}", m.ior(LINE_D))
+            format!("transmits light, index of refraction {:.3}", m.ior(LINE_D))
         })
     }),
-    trigger(Effect::NestedMedia, "several bodies", nested),
+    trigger(Effect::NestedMedia, "several media", nested),
     trigger(Effect::Dispersion, "index by wavelength", |facts| {
         facts.material(disperses, |m| {
             let spread = m.interior.map_or(0.0, |inside| inside.ior.spread());
-            format!("bends blue light more than red, n by {spread:.4}")
+            format!("refracts blue light more than red, index differs by {spread:.4}")
         })
     }),
     trigger(Effect::Absorption, "absorption", |facts| {
-        facts.material(absorbs, |_| "swallows light".into())
+        facts.material(absorbs, |_| "absorbs light".into())
     }),
     // Textures and vertex attributes
     trigger(Effect::Texture, "a texture", |facts| {
@@ -87,7 +87,7 @@ pub const TRIGGERS: &[Trigger] = &[
         let is_mipmap = |texture: u32| matches!(&scene.textures[texture as usize], Texture::Image { sampler, .. } if sampler.filter == Filter::Mipmap);
         facts.layer(
             |layer| is_mipmap(layer.texture.texture),
-            |_| "asks for mip maps".into(),
+            |_| "uses mip maps".into(),
         )
     }),
     trigger(Effect::TextureFilter, "a pattern", |facts| {
@@ -112,20 +112,23 @@ pub const TRIGGERS: &[Trigger] = &[
         Some(format!("a mesh of material `{material}` has vertex colours"))
     }),
     trigger(Effect::AlphaTest, "mask", |facts| {
-        facts.material(|m| matches!(m.alpha, AlphaMode::Mask(_)), |_| "has holes".into())
+        facts.material(
+            |m| matches!(m.alpha, AlphaMode::Mask(_)),
+            |_| "has an alpha mask".into(),
+        )
     }),
     trigger(Effect::AlphaBlend, "blend", |facts| {
-        facts.material(|m| m.alpha == AlphaMode::Blend, |_| "covers only a part".into())
+        facts.material(|m| m.alpha == AlphaMode::Blend, |_| "is alpha-blended".into())
     }),
     trigger(Effect::SmoothNormals, "normals", |facts| {
         let (_, material) = facts.meshes.iter().find(|(mesh, _)| mesh.normals.is_some())?;
         Some(format!("a mesh of material `{material}` has vertex normals"))
     }),
     // Material models
-    trigger(Effect::Lecture, "lecture", |facts| {
-        facts.material(|m| lecture(m).is_some(), |_| "is of the lecture's model".into())
+    trigger(Effect::Phong, "Phong model", |facts| {
+        facts.material(|m| phong_of(m).is_some(), |_| "uses the Phong model".into())
     }),
-    trigger(Effect::Lecture, "unlit", |facts| {
+    trigger(Effect::Phong, "unlit", |facts| {
         facts.material(|m| m.model == Model::Unlit, |_| "is unlit".into())
     }),
     trigger(Effect::Specular, "strength or colour", |facts| {
@@ -156,10 +159,13 @@ pub const TRIGGERS: &[Trigger] = &[
     }),
     // Emission, background, volumes and lights
     trigger(Effect::Emission, "emission", |facts| {
-        facts.material(|m| m.emission != [0.0; 3], |_| "shines".into())
+        facts.material(|m| m.emission != [0.0; 3], |_| "emits light".into())
     }),
     trigger(Effect::Emission, "unlit", |facts| {
-        facts.material(|m| m.model == Model::Unlit, |_| "shines, being unlit".into())
+        facts.material(
+            |m| m.model == Model::Unlit,
+            |_| "emits light because it is unlit".into(),
+        )
     }),
     trigger(Effect::Ambient, "ambient light", |facts| {
         let [r, g, b] = facts.scene.ambient;
@@ -192,9 +198,9 @@ pub const TRIGGERS: &[Trigger] = &[
         let light = soft_light(facts, |shape| !matches!(shape, AreaShape::Object { .. }))?;
         Some(format!("light `{}` has an extent", light.name))
     }),
-    trigger(Effect::AreaLight, "a lamp", |facts| {
+    trigger(Effect::AreaLight, "an emissive object", |facts| {
         let light = soft_light(facts, |shape| matches!(shape, AreaShape::Object { .. }))?;
-        Some(format!("object `{}` is a lamp", light.name))
+        Some(format!("object `{}` is an area light", light.name))
     }),
     trigger(Effect::Environment, "an environment map", environment),
     // Rough surfaces, motion and subsurface scattering
@@ -222,15 +228,15 @@ pub const TRIGGERS: &[Trigger] = &[
         let camera = facts.camera;
         camera.motion().map(|_| format!("camera `{}` moves", camera.name))
     }),
-    trigger(Effect::Subsurface, "scattering within", |facts| {
-        facts.material(|m| m.scatters().is_some(), |_| "scatters light within".into())
+    trigger(Effect::Subsurface, "subsurface scattering", |facts| {
+        facts.material(|m| m.scatters().is_some(), |_| "has subsurface scattering".into())
     }),
     trigger(Effect::Translucency, "translucency", |facts| {
         facts.material(
             |m| m.translucent().is_some(),
             |m| {
-                let factor = m.translucent().map_or(0.0, |sheet| sheet.factor);
-                format!("lets through {factor} of its diffuse light")
+                let factor = m.translucent().map_or(0.0, |layer| layer.factor);
+                format!("transmits {factor} of its diffuse light")
             },
         )
     }),
@@ -243,12 +249,12 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
             [] => "there are no lights".into(),
             [light, ..] => format!("no light may be hidden: {}", light.reason),
         },
-        Effect::TransparentShadow => "nothing that lets light through stands before a light".into(),
+        Effect::TransparentShadow => "nothing that transmits light is in front of a light".into(),
         Effect::Reflection => format!("no material has a roughness of {MIRROR_ROUGHNESS} or less"),
-        Effect::Refraction => "no material lets light through".into(),
-        Effect::NestedMedia => "there are no two kinds of bodies that light goes through".into(),
+        Effect::Refraction => "no material transmits light".into(),
+        Effect::NestedMedia => "no two materials are transparent media".into(),
         Effect::Dispersion => "no index of refraction varies with the wavelength".into(),
-        Effect::Absorption => "no body swallows light".into(),
+        Effect::Absorption => "no medium absorbs light".into(),
         Effect::Texture => "no parameter varies".into(),
         Effect::TextureFilter => "no texture is averaged".into(),
         Effect::NormalMap => "there are no normal or bump maps".into(),
@@ -256,21 +262,21 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::AlphaTest => "no material is masked".into(),
         Effect::AlphaBlend => "no material is blended".into(),
         Effect::SmoothNormals => "no mesh has vertex normals".into(),
-        Effect::Lecture => "all materials are glTF's".into(),
+        Effect::Phong => "all materials are glTF's".into(),
         Effect::Specular => "all dielectrics reflect as glTF's default".into(),
         Effect::Occlusion => "there are no occlusion maps".into(),
-        Effect::Emission => "nothing shines by itself".into(),
+        Effect::Emission => "nothing emits light".into(),
         Effect::Ambient => "there is no ambient light".into(),
         Effect::Background => "the background is black".into(),
         Effect::Volume => "there is no fog, and no volume with anything in it".into(),
         Effect::DepthOfField => "the camera is a pinhole".into(),
-        Effect::AreaLight => "no light that shines has an extent, and no object is a lamp".into(),
+        Effect::AreaLight => "no active light has an extent, and no object is an area light".into(),
         Effect::Environment => "there is no environment map".into(),
-        Effect::RoughReflection => "no rough material that is opaque asks for rays".into(),
-        Effect::RoughRefraction => "no rough material that lets light through asks for rays".into(),
+        Effect::RoughReflection => "no rough opaque material requests rays".into(),
+        Effect::RoughRefraction => "no rough transmissive material requests rays".into(),
         Effect::MotionBlur => "nothing moves".into(),
-        Effect::Subsurface => "no material scatters light within".into(),
-        Effect::Translucency => "no material lets diffuse light through".into(),
+        Effect::Subsurface => "no material has subsurface scattering".into(),
+        Effect::Translucency => "no material transmits diffuse light".into(),
     }
 }
 
@@ -290,8 +296,8 @@ fn shadow(facts: &Facts) -> Option<String> {
 
 /// Returns the first emitting area light whose shape fulfils `is_such`.
 fn soft_light<'s>(facts: &Facts<'s>, is_such: fn(&AreaShape) -> bool) -> Option<&'s Light> {
-    let shines = |light: &&Light| light.intensity != [0.0; 3];
-    let mut lights = facts.scene.lights.iter().filter(shines);
+    let emits = |light: &&Light| light.intensity != [0.0; 3];
+    let mut lights = facts.scene.lights.iter().filter(emits);
     lights.find(|light| matches!(&light.kind, LightKind::Area { shape, .. } if is_such(shape)))
 }
 
@@ -300,7 +306,7 @@ fn environment(facts: &Facts) -> Option<String> {
     match facts.scene.background {
         Background::Environment { image, scale, .. } if scale > 0.0 => {
             let name = &facts.scene.images[image as usize].name;
-            Some(format!("`{name}` shines from all around"))
+            Some(format!("`{name}` lights the scene from all directions"))
         }
         _ => None,
     }
@@ -324,16 +330,16 @@ fn nested(facts: &Facts) -> Option<String> {
         return None;
     };
     Some(format!(
-        "{} materials may lie within each other, `{}` and `{}` among them",
+        "{} media may be nested, `{}` and `{}` among them",
         bodies.len(),
         first.name,
         second.name
     ))
 }
 
-fn lecture(material: &Material) -> Option<&Lecture> {
+fn phong_of(material: &Material) -> Option<&Phong> {
     match &material.model {
-        Model::Lecture(lecture) => Some(lecture),
+        Model::Phong(phong) => Some(phong),
         _ => None,
     }
 }
@@ -360,11 +366,12 @@ fn blurs(material: &Material) -> String {
 }
 
 fn disperses(material: &Material) -> bool {
-    let varies = |inside: &crate::scene::Interior| inside.ior.spread() != 0.0 && !inside.is_thin;
+    let varies = |inside: &crate::scene::Medium| inside.ior.spread() != 0.0 && !inside.is_thin;
     material.transmits() && material.interior.as_ref().is_some_and(varies)
 }
 
 fn absorbs(material: &Material) -> bool {
-    let swallows = |inside: &crate::scene::Interior| inside.absorption != Absorption::NONE && !inside.is_thin;
-    material.transmits() && material.interior.as_ref().is_some_and(swallows)
+    let has_absorption =
+        |inside: &crate::scene::Medium| inside.absorption != Absorption::NONE && !inside.is_thin;
+    material.transmits() && material.interior.as_ref().is_some_and(has_absorption)
 }

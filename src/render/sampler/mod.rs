@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_sample_is_the_middle_in_every_pattern() {
+    fn single_sample_is_at_the_pixel_centre() {
         for pattern in Pattern::value_variants() {
             for pixel in [[0, 0], [3, 1000]] {
                 assert_eq!(film(*pattern, pixel, 0, 1), [0.5, 0.5], "{pattern:?}");
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn all_samples_stay_inside() {
+    fn all_samples_are_in_the_unit_square() {
         for pattern in Pattern::value_variants() {
             for sample in 0..10_000 {
                 let place = film(*pattern, [12, 34], sample, 10_000);
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn the_samples_of_a_surface_and_light_are_even_and_not_those_of_another() {
+    fn light_samples_are_uniform_and_differ_between_lights() {
         let count = 1024;
         let pair = |purpose, sample| sample_2d(Pattern::R2, [40, 2], sample, count, purpose);
         // Plain and nested purposes
@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn sixteen_lanes_have_the_places_that_samples_have_one_by_one() {
+    fn packet_samples_equal_single_samples() {
         for pattern in [Pattern::Jittered, Pattern::Sobol] {
             for spp in [2, 5, 16, 40] {
                 let shape = PacketShape::for_samples(spp);

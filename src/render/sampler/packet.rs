@@ -76,7 +76,7 @@ mod tests {
     use std::collections::HashSet;
 
     #[test]
-    fn the_packets_of_a_block_hold_every_sample_of_every_pixel_once() {
+    fn block_packets_contain_every_sample_once() {
         for spp in [1, 3, 4, 15, 16, 100] {
             let shape = PacketShape::for_samples(spp);
             let [x, y] = shape.pixels();

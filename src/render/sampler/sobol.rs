@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn the_second_dimension_begins_as_sobol_has_it() {
+    fn second_dimension_equals_published_sobol_points() {
         // Direction numbers of x + 1: 1/2, 3/4, 5/8, 15/16; so 0, 1/2, 3/4, 1/4, 5/8, 1/8, 3/8, 7/8.
         let eighths: Vec<u32> = (0..8).map(|i| pascal(i).reverse_bits() >> 29).collect();
         assert_eq!(eighths, [0, 4, 6, 2, 5, 1, 3, 7]);
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn shuffling_moves_indices_only_within_runs_that_it_moves_as_a_whole() {
+    fn shuffling_preserves_power_of_two_runs() {
         for seed in [0, 1, 0xdead_beef] {
             for log2 in [0, 4, 8] {
                 let runs: HashSet<u32> = (0..1 << log2).map(|i| shuffled(i, seed) >> log2).collect();

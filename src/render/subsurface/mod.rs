@@ -15,18 +15,18 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::ledger::{Account, Ledger};
-use super::light_layers::Source;
-use super::outcome::{Outcome, Traced};
+use super::ledger::{Category, RenderProfile};
+use super::light_layers::LightSource;
+use super::outcome::{ShadingState, TracedPacket};
 use super::surface::Surfaces;
-use super::{Frame, Monitor};
+use super::{Monitor, RenderContext};
 use crate::numeric::LANES;
 use crate::optics::dielectric;
 use crate::optics::subsurface::{
     DEFAULT_SOLID_ANGLE, IrradianceSample, IrradianceTree, MAX_SAMPLES, diffuse_transmittance,
 };
 use crate::scene::{Effect, Scene};
-use points::Covered;
+use points::IrradiancePoints;
 
 /// Largest number of bytes per point while the trees are built: as a point, with its irradiance, sorted, and in its
 /// tree.
@@ -52,13 +52,13 @@ pub fn subsurface_bytes(scene: &Scene) -> u64 {
 }
 
 /// Objects of a scene with subsurface scattering, with their irradiance.
-pub(super) struct Bodies {
+pub(super) struct SubsurfaceObjects {
     /// Objects with subsurface scattering, indexed by instance.
-    bodies: Vec<Option<Box<Body>>>,
+    bodies: Vec<Option<Box<SubsurfaceObject>>>,
     pub(super) stats: SubsurfaceStats,
 }
 
-struct Body {
+struct SubsurfaceObject {
     tree: IrradianceTree,
     /// Index of refraction of the interior.
     eta: f64,
@@ -66,39 +66,39 @@ struct Body {
     scale: f64,
 }
 
-impl Frame<'_> {
+impl RenderContext<'_> {
     /// Computes the irradiance of all objects, if the effect is on, and returns the ledger. Returns `None` if
     /// cancelled.
-    pub(super) fn scatter(&mut self, monitor: &Monitor) -> Option<Ledger> {
+    pub(super) fn scatter(&mut self, monitor: &Monitor) -> Option<RenderProfile> {
         if !self.effects().has(Effect::Subsurface) {
-            return Some(Ledger::default());
+            return Some(RenderProfile::default());
         }
         // Distribute points over the objects
         let start = Instant::now();
-        let covered = points::cover(self.scene);
-        let Some(last) = covered.last() else {
-            return Some(Ledger::default());
+        let irradiance_points = points::cover(self.scene);
+        let Some(last) = irradiance_points.last() else {
+            return Some(RenderProfile::default());
         };
         let mut bodies = Vec::new();
         bodies.resize_with(last.instance as usize + 1, || None);
         let mut stats = SubsurfaceStats {
-            bodies: covered.len(),
+            bodies: irradiance_points.len(),
             samples: 0,
             bytes: 0,
             coarseness: 1.0,
         };
-        let mut taken = Ledger::default();
+        let mut taken = RenderProfile::default();
         // Compute irradiance and build the tree of each object
-        for covered in covered {
-            let (irradiance, ledger) = self.receive(&covered, stats.samples, monitor)?;
+        for irradiance_points in irradiance_points {
+            let (irradiance, ledger) = self.receive(&irradiance_points, stats.samples, monitor)?;
             taken += ledger;
-            let body = Body::new(&covered, &irradiance);
+            let body = SubsurfaceObject::new(&irradiance_points, &irradiance);
             stats.samples += irradiance.len();
             stats.bytes += body.tree.byte_count() as u64;
-            stats.coarseness = stats.coarseness.max(covered.coarseness());
-            bodies[covered.instance as usize] = Some(Box::new(body));
+            stats.coarseness = stats.coarseness.max(irradiance_points.coarseness());
+            bodies[irradiance_points.instance as usize] = Some(Box::new(body));
         }
-        self.bodies = Some(Bodies { bodies, stats });
+        self.bodies = Some(SubsurfaceObjects { bodies, stats });
         // Book the whole time under one account
         let threads = rayon::current_num_threads() as f64;
         let seconds = if self.settings.ledger {
@@ -106,30 +106,35 @@ impl Frame<'_> {
         } else {
             0.0
         };
-        Some(taken.gathered(Account::Subsurface, seconds))
+        Some(taken.gathered(Category::Subsurface, seconds))
     }
 }
 
-impl Body {
-    fn new(covered: &Covered, irradiance: &[[f32; 3]]) -> Body {
+impl SubsurfaceObject {
+    fn new(irradiance_points: &IrradiancePoints, irradiance: &[[f32; 3]]) -> SubsurfaceObject {
         let sample = |(point, &irradiance): (&points::Point, &[f32; 3])| IrradianceSample {
             position: point.position,
             area: point.area,
             irradiance,
         };
-        let samples: Vec<IrradianceSample> = covered.points.iter().zip(irradiance).map(sample).collect();
-        let eta = covered.scattering.eta;
-        Body {
-            tree: IrradianceTree::build(&samples, &covered.dipole, DEFAULT_SOLID_ANGLE),
+        let samples: Vec<IrradianceSample> = irradiance_points
+            .points
+            .iter()
+            .zip(irradiance)
+            .map(sample)
+            .collect();
+        let eta = irradiance_points.scattering.eta;
+        SubsurfaceObject {
+            tree: IrradianceTree::build(&samples, &irradiance_points.dipole, DEFAULT_SOLID_ANGLE),
             eta,
             scale: 1.0 / (PI * diffuse_transmittance(eta)),
         }
     }
 }
 
-impl Outcome<'_, '_> {
+impl ShadingState<'_, '_> {
     /// Adds the subsurface radiance of the hits of a packet to the film.
-    pub(super) fn add_scattered(&mut self, traced: &Traced, surfaces: &Surfaces) {
+    pub(super) fn add_scattered(&mut self, traced: &TracedPacket, surfaces: &Surfaces) {
         let Some(bodies) = &self.frame.bodies else { return };
         let (points, materials) = (&surfaces.points, &surfaces.materials);
         let mut radiance = [[0.0; LANES]; 3];
@@ -151,8 +156,8 @@ impl Outcome<'_, '_> {
             any = true;
         }
         if any {
-            self.film.add(traced.pixel, &radiance, Source::Subsurface);
+            self.film.add(traced.pixel, &radiance, LightSource::Subsurface);
         }
-        self.meter.part(Account::Subsurface);
+        self.meter.part(Category::Subsurface);
     }
 }

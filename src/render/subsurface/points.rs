@@ -20,7 +20,7 @@ const LINES: f64 = 48.0;
 pub(super) type Point = SurfaceSample;
 
 /// Object that is covered with points.
-pub(super) struct Covered {
+pub(super) struct IrradiancePoints {
     /// Index of the instance in the scene.
     pub(super) instance: u32,
     pub(super) scattering: Scattering,
@@ -33,7 +33,7 @@ pub(super) struct Covered {
     wanted: f64,
 }
 
-impl Covered {
+impl IrradiancePoints {
     /// Returns the ratio of the spacing of points to the spacing that the material needs.
     pub(super) fn coarseness(&self) -> f64 {
         self.spacing / self.wanted
@@ -41,7 +41,7 @@ impl Covered {
 }
 
 /// Object and the points that it needs.
-struct Asking<'s> {
+struct PointRequest<'s> {
     index: u32,
     instance: &'s Instance,
     geometry: &'s Geometry,
@@ -55,29 +55,37 @@ struct Asking<'s> {
 
 /// Returns the number of points that the objects of a scene need.
 pub(super) fn count(scene: &Scene) -> f64 {
-    asking(scene).iter().map(|asking| asking.count).sum()
+    point_requests(scene)
+        .iter()
+        .map(|point_requests| point_requests.count)
+        .sum()
 }
 
 /// Covers the objects of a scene that have subsurface scattering with points: at most [`MAX_SAMPLES`] for all of
 /// them, for which all distances grow by a common factor.
-pub(super) fn cover(scene: &Scene) -> Vec<Covered> {
-    let asking = asking(scene);
-    let count: f64 = asking.iter().map(|asking| asking.count).sum();
+pub(super) fn cover(scene: &Scene) -> Vec<IrradiancePoints> {
+    let point_requests = point_requests(scene);
+    let count: f64 = point_requests
+        .iter()
+        .map(|point_requests| point_requests.count)
+        .sum();
     // Enlarge all spacings equally if there are too many points
     let factor = (count / MAX_SAMPLES as f64).sqrt().max(1.0);
-    let covered = asking.iter().map(|asking| asking.covered(factor));
+    let covered = point_requests
+        .iter()
+        .map(|point_requests| point_requests.covered(factor));
     covered.filter(|covered| !covered.points.is_empty()).collect()
 }
 
-fn asking(scene: &Scene) -> Vec<Asking<'_>> {
+fn point_requests(scene: &Scene) -> Vec<PointRequest<'_>> {
     let all = (0..).zip(&scene.instances);
-    all.filter_map(|(index, instance)| Asking::of(scene, index, instance))
+    all.filter_map(|(index, instance)| PointRequest::of(scene, index, instance))
         .collect()
 }
 
-impl<'s> Asking<'s> {
+impl<'s> PointRequest<'s> {
     /// Returns the needs of an instance, if it has subsurface scattering and a finite area.
-    fn of(scene: &'s Scene, index: u32, instance: &'s Instance) -> Option<Asking<'s>> {
+    fn of(scene: &'s Scene, index: u32, instance: &'s Instance) -> Option<PointRequest<'s>> {
         let scattering = *scene.materials[instance.material as usize].scatters()?;
         let dipole = Dipole::new(&scattering).ok()?;
         let geometry = &scene.geometries[instance.geometry as usize];
@@ -87,7 +95,7 @@ impl<'s> Asking<'s> {
             return None;
         }
         let spacing = dipole.sample_spacing().min((area / MIN_POINTS).sqrt());
-        Some(Asking {
+        Some(PointRequest {
             index,
             instance,
             geometry,
@@ -100,12 +108,12 @@ impl<'s> Asking<'s> {
     }
 
     /// Covers the object with points at `factor` times the distance that it needs.
-    fn covered(&self, factor: f64) -> Covered {
-        let asked = factor * self.spacing;
+    fn covered(&self, factor: f64) -> IrradiancePoints {
+        let requested_spacing = factor * self.spacing;
         let (points, spacing) = match self.geometry {
             Geometry::Mesh(mesh) => {
                 let corners = triangles(self.instance, mesh);
-                let mut found = surface_samples(mesh.triangles.len(), corners, asked);
+                let mut found = surface_samples(mesh.triangles.len(), corners, requested_spacing);
                 if self.instance.is_mirrored() {
                     // Keep the front side if the instance transform mirrors and so reverses the vertex order.
                     found
@@ -115,12 +123,15 @@ impl<'s> Asking<'s> {
                 }
                 (found.samples, found.spacing)
             }
-            Geometry::Shape(shape) => (on_shape(self.instance, shape, asked), asked),
+            Geometry::Shape(shape) => (
+                on_shape(self.instance, shape, requested_spacing),
+                requested_spacing,
+            ),
         };
-        Covered {
+        IrradiancePoints {
             instance: self.index,
             scattering: self.scattering,
-            dipole: self.dipole.resolved_by(spacing),
+            dipole: self.dipole.widened_for_spacing(spacing),
             points,
             spacing,
             wanted: self.dipole.sample_spacing(),

@@ -8,18 +8,18 @@ use std::cell::OnceCell;
 use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
 
-use super::points::{Covered, Point};
-use crate::accel::{Hit, RayOrder, RayPacket};
+use super::points::{IrradiancePoints, Point};
+use crate::accel::{Coherence, Hit, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::subsurface::diffuse_transmittance;
 use crate::parallel;
 use crate::render::film::{TILE, Tile, TileFilm};
-use crate::render::outcome::{Outcome, Stage, Traced};
-use crate::render::shade::Lit;
+use crate::render::outcome::{BatchInfo, ShadingState, TracedPacket};
+use crate::render::shade::ShadingContext;
 use crate::render::surface::Surfaces;
-use crate::render::texturing::Widths;
-use crate::render::travel::Travels;
-use crate::render::{Frame, Ledger, Monitor};
+use crate::render::texturing::ConeSource;
+use crate::render::travel::PathStates;
+use crate::render::{Monitor, RenderContext, RenderProfile};
 use crate::shading::MaterialPacket;
 
 /// Number of points whose irradiance is computed together: one for each pixel of a tile.
@@ -35,33 +35,33 @@ const MAX_IRRADIANCE: f64 = 1e24;
 /// Throughput of 1 in every lane.
 const ALL: Lanes3<f32> = [[1.0; LANES]; 3];
 
-impl Frame<'_> {
+impl RenderContext<'_> {
     /// Returns the irradiance that enters an object at each of its points. `before` is the number of points of
     /// objects before it. Returns `None` if cancelled.
     pub(super) fn receive(
         &self,
-        covered: &Covered,
+        irradiance_points: &IrradiancePoints,
         before: usize,
         monitor: &Monitor,
-    ) -> Option<(Vec<[f32; 3]>, Ledger)> {
+    ) -> Option<(Vec<[f32; 3]>, RenderProfile)> {
         // Each object before this one may have left its last chunk partly empty.
-        let first = before.div_ceil(CHUNK) + covered.instance as usize;
+        let first = before.div_ceil(CHUNK) + irradiance_points.instance as usize;
         let idle: Mutex<Vec<Receiver>> = Mutex::default();
         let idle = || idle.lock().unwrap_or_else(PoisonError::into_inner);
         // Process chunks in parallel with pooled working memory
-        let chunks = parallel::map_chunks(&covered.points, CHUNK, &|chunk, points| {
+        let chunks = parallel::map_chunks(&irradiance_points.points, CHUNK, &|chunk, points| {
             if monitor.cancel.load(Ordering::Relaxed) {
                 return None;
             }
             let kept = idle().pop();
-            let mut receiver = kept.unwrap_or_else(|| Receiver::new(self, covered));
+            let mut receiver = kept.unwrap_or_else(|| Receiver::new(self, irradiance_points));
             let received = receiver.receive(points, first + chunk);
             idle().push(receiver);
             Some(received)
         });
         // Join the chunks in order
-        let mut ledger = Ledger::default();
-        let mut irradiance = Vec::with_capacity(covered.points.len());
+        let mut ledger = RenderProfile::default();
+        let mut irradiance = Vec::with_capacity(irradiance_points.points.len());
         for received in chunks {
             let (of_chunk, taken) = received?;
             irradiance.extend(of_chunk);
@@ -73,43 +73,43 @@ impl Frame<'_> {
 
 /// Working memory of one thread for the irradiance pass.
 struct Receiver<'f, 's> {
-    frame: &'f Frame<'s>,
-    covered: &'f Covered,
+    frame: &'f RenderContext<'s>,
+    irradiance_points: &'f IrradiancePoints,
     surfaces: Box<Surfaces>,
-    outcome: Outcome<'f, 's>,
+    outcome: ShadingState<'f, 's>,
     /// Material that returns the transmitted irradiance.
     entrance: MaterialPacket,
     /// Path states at the points, outside of all interiors.
-    travels: Travels,
+    path_states: PathStates,
     /// Irradiance of the ambient light, linear RGB.
     ambient: [f64; 3],
 }
 
 impl<'f, 's> Receiver<'f, 's> {
-    fn new(frame: &'f Frame<'s>, covered: &'f Covered) -> Receiver<'f, 's> {
-        let mut travels = Travels::new(frame.effects(), frame.follows_widths());
-        travels.resize(1);
-        let eta = covered.scattering.eta;
+    fn new(frame: &'f RenderContext<'s>, irradiance_points: &'f IrradiancePoints) -> Receiver<'f, 's> {
+        let mut path_states = PathStates::new(frame.effects(), frame.tracks_cones());
+        path_states.resize(1);
+        let eta = irradiance_points.scattering.eta;
         let even = std::f64::consts::PI * diffuse_transmittance(eta);
         Receiver {
             frame,
-            covered,
+            irradiance_points,
             surfaces: Box::new(Surfaces::new(frame.effects())),
-            outcome: Outcome::new(frame, TileFilm::new(None)),
+            outcome: ShadingState::new(frame, TileFilm::new(None)),
             entrance: MaterialPacket {
                 effects: frame.effects(),
-                enters: Some(eta as f32),
+                entry_ior: Some(eta as f32),
                 ..MaterialPacket::BLACK
             },
-            travels,
+            path_states,
             ambient: frame.ambient.map(|channel| even * f64::from(channel)),
         }
     }
 
     /// Returns the irradiance that enters at the points of a chunk.
-    fn receive(&mut self, points: &[Point], chunk: usize) -> (Vec<[f32; 3]>, Ledger) {
-        let stage = Stage {
-            order: RayOrder::Incoherent,
+    fn receive(&mut self, points: &[Point], chunk: usize) -> (Vec<[f32; 3]>, RenderProfile) {
+        let stage = BatchInfo {
+            order: Coherence::Incoherent,
             depth: 0,
         };
         // Give the chunk a tile of the virtual image
@@ -122,26 +122,26 @@ impl<'f, 's> Receiver<'f, 's> {
         });
         self.outcome.clear();
         self.outcome.corner = corner;
-        let without_seen_lobes = OnceCell::new();
+        let without_sampled_lobes = OnceCell::new();
         // Turn sixteen points at a time into hits and sample all lights
         for (number, points) in points.chunks(LANES).enumerate() {
             let (packet, pixel) = self.seen(points, number * LANES);
             self.frame
                 .surfaces
-                .meet(&packet, Widths::None, &mut self.surfaces);
-            let traced = Traced {
+                .compute_interactions(&packet, ConeSource::None, &mut self.surfaces);
+            let traced = TracedPacket {
                 packet: &packet,
                 pixel: &pixel,
                 weight: &ALL,
-                travels: Some(self.travels.at(0)),
+                path_states: Some(self.path_states.at(0)),
             };
-            let lit = Lit {
+            let lit = ShadingContext {
                 points: &self.surfaces.points,
                 materials: &self.entrance,
                 weight: &ALL,
-                without_seen_lobes: &without_seen_lobes,
+                without_sampled_lobes: &without_sampled_lobes,
             };
-            self.outcome.ask_lights::<false>(&traced, &lit, stage);
+            self.outcome.sample_lights::<false>(&traced, &lit, stage);
         }
         // Trace the remaining shadow rays and read the film
         self.outcome.trace_shadow_rays::<false>(stage.order);
@@ -161,7 +161,7 @@ impl<'f, 's> Receiver<'f, 's> {
     fn seen(&self, points: &[Point], first: usize) -> (RayPacket, Lanes<u32>) {
         let mut packet = RayPacket::EMPTY;
         let mut pixel = [first as u32; LANES];
-        let distance = self.covered.spacing;
+        let distance = self.irradiance_points.spacing;
         for (l, point) in points.iter().enumerate() {
             pixel[l] = (first + l) as u32;
             let origin = (point.position + distance * point.normal).as_vec3();
@@ -172,7 +172,7 @@ impl<'f, 's> Receiver<'f, 's> {
                     t: distance as f32,
                     u: point.uv[0] as f32,
                     v: point.uv[1] as f32,
-                    instance: self.covered.instance,
+                    instance: self.irradiance_points.instance,
                     primitive: point.triangle,
                 },
             );

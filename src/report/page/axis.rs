@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_round_and_no_more_than_there_is_room_for() {
+    fn ticks_are_round_and_limited_in_number() {
         assert_eq!(names(&[0.01, 0.1], 9.0), ["0.01", "0.02", "0.05", "0.1"]);
         assert_eq!(names(&[0.001, 1.0], 5.0), ["0.001", "0.01", "0.1", "1"]);
         assert_eq!(names(&[1e-9, 1e-3], 4.0), ["1e-8", "1e-6", "0.0001"]);
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn every_axis_has_ticks_that_are_numbers() {
+    fn every_axis_has_finite_ticks() {
         for exponent in -30..30 {
             for span in [1.0, 1.001, 1.9, 3.0, 9.9, 30.0, 1e3, 1e9] {
                 for most in [2.0, 5.0, 12.0] {
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn zero_has_a_tick_of_its_own_at_the_foot() {
+    fn zero_has_its_own_tick_at_the_foot() {
         let axis = axis(&[0.0, 1.0, 10.0]);
         assert_eq!(axis.place(0.0), 0.0);
         assert_eq!(axis.place(-1.0), 0.0);
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn an_end_far_below_all_values_is_cut_off() {
+    fn interval_end_far_below_all_values_is_clipped() {
         let wide = Interval {
             value: 1.0,
             low: 1e-30,
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_has_a_place() {
+    fn non_finite_values_have_a_position() {
         for values in [&[][..], &[f64::NAN], &[f64::INFINITY, 0.0], &[0.0]] {
             let axis = axis(values);
             for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, 1.0] {

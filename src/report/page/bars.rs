@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::chart::Look;
+use super::chart::SeriesStyle;
 use super::escape;
 use super::plot::even_ticks;
 use crate::cost::Interval;
@@ -20,11 +20,11 @@ const BAR: f64 = 16.0;
 
 /// Horizontal bar with its range.
 #[derive(Clone, Debug)]
-pub struct Length {
+pub struct BarEntry {
     /// Name at the left of the bar.
     pub name: String,
     /// Colour of the bar.
-    pub look: Look,
+    pub look: SeriesStyle,
     /// Length of the bar and its range.
     pub value: Interval,
     /// Label behind the bar.
@@ -39,7 +39,7 @@ pub struct Group {
     /// Heading of the group.
     pub name: String,
     /// Bars from top to bottom.
-    pub bars: Vec<Length>,
+    pub bars: Vec<BarEntry>,
 }
 
 /// Groups of bars with a common axis; a value that is not finite has no length.
@@ -50,7 +50,7 @@ pub struct Bars<'a> {
     /// Groups from top to bottom.
     pub groups: Vec<Group>,
     /// Meanings of the colours.
-    pub legend: Vec<(Look, &'a str)>,
+    pub legend: Vec<(SeriesStyle, &'a str)>,
 }
 
 impl Bars<'_> {
@@ -130,7 +130,7 @@ impl Bars<'_> {
     }
 }
 
-fn row(bar: &Length, top: f64, across: impl Fn(f64) -> f64) -> String {
+fn row(bar: &BarEntry, top: f64, across: impl Fn(f64) -> f64) -> String {
     let Interval { value, low, high } = bar.value;
     // Draw the bar from 0 to the value, and a line over its range
     let [left, end, low, high] = [0.0, value, low, high].map(across);
@@ -160,9 +160,9 @@ mod tests {
     use super::*;
 
     fn bars(values: &[Interval]) -> String {
-        let bar = |&value: &Interval| Length {
+        let bar = |&value: &Interval| BarEntry {
             name: "a<b".to_owned(),
-            look: Look::Number(0),
+            look: SeriesStyle::Number(0),
             value,
             label: "c<d".to_owned(),
             words: "e<f".to_owned(),
@@ -173,13 +173,13 @@ mod tests {
                 name: "i<j".to_owned(),
                 bars: values.iter().map(bar).collect(),
             }],
-            legend: vec![(Look::Base, "k<l")],
+            legend: vec![(SeriesStyle::Base, "k<l")],
         }
         .html()
     }
 
     #[test]
-    fn the_greatest_end_reaches_the_end_of_the_axis_and_half_of_it_half_way() {
+    fn bar_lengths_are_proportional_to_values() {
         let html = bars(&[
             Interval {
                 value: 4.0,
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_and_what_is_nothing_are_drawn_too() {
+    fn non_finite_values_and_empty_charts_are_drawn() {
         let odd = Interval {
             value: f64::NAN,
             low: f64::NEG_INFINITY,

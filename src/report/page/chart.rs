@@ -23,19 +23,19 @@ const COLORS: usize = 6;
 
 /// Colour and shape of a series: twenty-four numbers have distinct looks, and no two of one colour share a shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Look {
+pub enum SeriesStyle {
     /// Base of the comparison, drawn as a ring.
     Base,
     /// Numbered series with a colour and shape by its number.
     Number(usize),
 }
 
-impl Look {
+impl SeriesStyle {
     /// Returns the CSS class of the colour.
     pub fn class(self) -> String {
         match self {
-            Look::Base => "base".to_owned(),
-            Look::Number(number) => format!("look{}", number % COLORS),
+            SeriesStyle::Base => "base".to_owned(),
+            SeriesStyle::Number(number) => format!("look{}", number % COLORS),
         }
     }
 
@@ -43,8 +43,8 @@ impl Look {
     fn path(self, x: f64, y: f64) -> String {
         let r = MARK;
         match self {
-            Look::Base => circle(x, y, 1.6 * r),
-            Look::Number(number) => match (number + number / 12) % 4 {
+            SeriesStyle::Base => circle(x, y, 1.6 * r),
+            SeriesStyle::Number(number) => match (number + number / 12) % 4 {
                 0 => circle(x, y, r),
                 1 => format!(
                     "M{:.1} {:.1}h{w:.1}v{w:.1}h-{w:.1}z",
@@ -79,7 +79,7 @@ fn circle(x: f64, y: f64, r: f64) -> String {
 
 /// Measured point with intervals in both directions.
 #[derive(Clone, Debug)]
-pub struct Spot {
+pub struct DataPoint {
     /// Value on the horizontal axis.
     pub x: Interval,
     /// Value on the vertical axis.
@@ -96,9 +96,9 @@ pub struct Series<'a> {
     /// Name of the series in the legend.
     pub name: &'a str,
     /// Colour and shape of the points.
-    pub look: Look,
+    pub look: SeriesStyle,
     /// Measured points of the series.
-    pub spots: Vec<Spot>,
+    pub spots: Vec<DataPoint>,
 }
 
 /// Polyline in the chart.
@@ -238,7 +238,7 @@ impl Chart<'_> {
     }
 
     /// Returns a point's position in pixels; `None` if its x value is NaN.
-    fn place(&self, spot: &Spot) -> Option<[f64; 2]> {
+    fn place(&self, spot: &DataPoint) -> Option<[f64; 2]> {
         let [x, y] = [spot.x.value, spot.y.value];
         (!x.is_nan()).then(|| [self.across(x), self.up(y)])
     }
@@ -324,8 +324,8 @@ impl Area {
 mod tests {
     use super::*;
 
-    fn spot(x: Interval, y: Interval) -> Spot {
-        Spot {
+    fn spot(x: Interval, y: Interval) -> DataPoint {
+        DataPoint {
             x,
             y,
             label: "a<b".to_owned(),
@@ -333,8 +333,8 @@ mod tests {
         }
     }
 
-    fn chart(spots: Vec<Spot>) -> Chart<'static> {
-        let intervals = |of: fn(&Spot) -> Interval| spots.iter().map(of).collect::<Vec<_>>();
+    fn chart(spots: Vec<DataPoint>) -> Chart<'static> {
+        let intervals = |of: fn(&DataPoint) -> Interval| spots.iter().map(of).collect::<Vec<_>>();
         Chart {
             size: [400.0, 300.0],
             x: LogAxis::around("seconds", &intervals(|spot| spot.x)),
@@ -342,7 +342,7 @@ mod tests {
             lines: Vec::new(),
             series: vec![Series {
                 name: "all",
-                look: Look::Number(0),
+                look: SeriesStyle::Number(0),
                 spots,
             }],
         }
@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interval_that_reaches_0_ends_at_the_foot() {
+    fn interval_reaching_zero_ends_at_the_foot() {
         let low = Interval {
             value: 0.1,
             low: -0.2,
@@ -367,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_without_error_stands_at_the_foot() {
+    fn point_without_error_is_at_the_foot() {
         let at = |y| spot(Interval::exact(1.0), Interval::exact(y));
         let chart = chart(vec![at(0.0), at(0.1), at(-1.0)]);
         is_sound(&chart.svg());
@@ -382,7 +382,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_stands_at_the_top_or_nowhere() {
+    fn non_finite_points_are_at_the_top_or_omitted() {
         let odd = |value| Interval {
             value,
             low: f64::NAN,
@@ -405,7 +405,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chart_of_nothing_and_one_of_a_point_are_drawn_too() {
+    fn charts_of_no_point_and_one_point_are_drawn() {
         is_sound(&chart(Vec::new()).html());
         let one = chart(vec![spot(Interval::exact(3.0), Interval::exact(0.5))]);
         is_sound(&one.html());
@@ -415,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn labels_lie_apart() {
+    fn labels_do_not_overlap() {
         let at = |x| spot(Interval::exact(x), Interval::exact(1.0));
         let svg = chart(vec![at(1.0); 9]).svg();
         assert!((1..=4).contains(&svg.matches("class=\"level\"").count()), "{svg}");
@@ -426,7 +426,7 @@ mod tests {
     #[test]
     fn twenty_four_series_look_different() {
         let looks: Vec<_> = (0..24)
-            .map(Look::Number)
+            .map(SeriesStyle::Number)
             .map(|look| (look.class(), look.path(0.0, 0.0)))
             .collect();
         for (number, look) in looks.iter().enumerate() {

@@ -6,22 +6,22 @@
 mod axis;
 mod bars;
 mod chart;
-mod drawing;
+mod line_drawing;
 mod plot;
-mod stacks;
+mod stacked_bars;
 mod table;
 mod tornado;
 mod viewer;
 
 pub use axis::LogAxis;
-pub use bars::{Bars, Group, Length};
-pub use chart::{Chart, Line, Look, Series, Spot};
-pub use drawing::{Drawing, Region};
+pub use bars::{BarEntry, Bars, Group};
+pub use chart::{Chart, DataPoint, Line, Series, SeriesStyle};
+pub use line_drawing::{Drawing, Region};
 pub use plot::{Mark, Plot};
-pub use stacks::{Stack, Stacks};
+pub use stacked_bars::{Stack, Stacks};
 pub use table::{Cell, Column, Table};
 pub use tornado::{Bar, End, Row, Tornado};
-pub use viewer::{View, picture, viewer};
+pub use viewer::{View, embedded_image, viewer};
 
 /// Style sheet of all pages.
 const STYLE: &str = include_str!("page.css");
@@ -79,9 +79,9 @@ pub fn numbers(all: &[(String, &str, &str)]) -> String {
     format!("<div class=\"tiles\">\n{}</div>\n", tiles.collect::<String>())
 }
 
-/// Returns an image with a caption below it; `picture` and `words` are HTML.
-pub fn figure(picture: &str, words: &str) -> String {
-    format!("<figure>{picture}<figcaption>{words}</figcaption></figure>\n")
+/// Returns an image with a caption below it; `content` and `words` are HTML.
+pub fn figure(content: &str, words: &str) -> String {
+    format!("<figure>{content}<figcaption>{words}</figcaption></figure>\n")
 }
 
 /// Returns a form with a search field and a check box for each of the `verdicts` (CSS class and word), which filters
@@ -106,7 +106,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_cannot_leave_its_place() {
+    fn text_is_escaped() {
         assert_eq!(
             escape("a<b> & \"c\" 'd'"),
             "a&lt;b&gt; &amp; &quot;c&quot; &#39;d&#39;"
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_names_nothing_that_would_have_to_be_loaded() {
+    fn page_refers_to_no_external_resource() {
         let page = page("a", "");
         for word in ["http:", "https:", "src=", "href=", "@import", "url("] {
             assert!(!page.contains(word), "{word}");

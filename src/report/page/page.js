@@ -1,5 +1,5 @@
 "use strict";
-// Hides rows, and sections all of whose rows are hidden, that the field or the boxes of a filter leave out.
+// Filter: hides rows that do not match the search field or the checkboxes, and sections without a visible row.
 document.documentElement.classList.add("scripted");
 for (const form of document.querySelectorAll("form.filter")) {
   const field = form.querySelector("input[type=search]");
@@ -29,7 +29,7 @@ for (const form of document.querySelectorAll("form.filter")) {
   apply();
 }
 
-// Shows one picture of a viewer, or two of which one slides over the other, or both in turns.
+// Viewer: shows one image, two images with a slider between them, or two in alternation.
 for (const viewer of document.querySelectorAll(".viewer")) {
   const form = viewer.querySelector("form");
   const stage = viewer.querySelector(".stage");
@@ -61,7 +61,7 @@ for (const viewer of document.querySelectorAll(".viewer")) {
     if (form.elements.view.value === "turns") turn = 1 - turn;
     apply();
   });
-  // Whoever wants no motion takes the turns by clicking.
+  // With reduced motion, the images alternate only by clicks.
   if (!matchMedia("(prefers-reduced-motion: reduce)").matches) {
     setInterval(() => {
       if (form.elements.view.value !== "turns") return;
@@ -74,7 +74,7 @@ for (const viewer of document.querySelectorAll(".viewer")) {
   apply();
 }
 
-// Tells of what one points at in a chart, at once, and shows one series by itself while one points at its name.
+// Charts: shows a tooltip for the point under the pointer, and fades other series while a legend entry is hovered.
 const tip = document.createElement("div");
 tip.className = "tip";
 tip.hidden = true;
@@ -84,7 +84,7 @@ for (const point of document.querySelectorAll(".chart .point")) {
   title.remove();
   point.setAttribute("aria-label", words);
   point.setAttribute("tabindex", "0");
-  const tell = () => {
+  const showTip = () => {
     tip.textContent = words;
     document.body.append(tip);
     tip.hidden = false;
@@ -94,7 +94,7 @@ for (const point of document.querySelectorAll(".chart .point")) {
     tip.style.left = `${Math.max(left, 8)}px`;
     tip.style.top = `${below ? at.bottom + 8 : Math.max(at.top - 8 - tip.offsetHeight, 8)}px`;
   };
-  for (const begins of ["pointerenter", "focus"]) point.addEventListener(begins, tell);
+  for (const begins of ["pointerenter", "focus"]) point.addEventListener(begins, showTip);
   for (const ends of ["pointerleave", "blur"]) point.addEventListener(ends, () => { tip.hidden = true; });
 }
 for (const entry of document.querySelectorAll(".legend [data-series]")) {
@@ -104,7 +104,7 @@ for (const entry of document.querySelectorAll(".legend [data-series]")) {
   entry.addEventListener("pointerleave", () => show(() => true));
 }
 
-// Puts the frames of a gallery in order, and goes from one to the next by keys.
+// Gallery: sorts the frames, and moves the focus between them by keys.
 for (const list of document.querySelectorAll(".gallery")) {
   const order = document.querySelector("form.order");
   const select = order.querySelector("select");
@@ -121,7 +121,7 @@ for (const list of document.querySelectorAll(".gallery")) {
   order.addEventListener("submit", (event) => event.preventDefault());
   sort();
 
-  // How far each key goes among the frames that are shown, of which `across` stand side by side.
+  // Step of each key among the visible frames, with `across` frames in a row.
   const steps = {
     ArrowRight: () => 1,
     ArrowLeft: () => -1,
@@ -141,7 +141,7 @@ for (const list of document.querySelectorAll(".gallery")) {
     const at = shown.indexOf(document.activeElement.closest(".frame"));
     if (event.key === "Enter" && event.target === shown[at]) shown[at].querySelector("a.open")?.click();
     const step = steps[event.key];
-    // From elsewhere on the page arrows to the side go to the first; the others scroll.
+    // Without a focused frame, the right arrow focuses the first one, and the other keys scroll.
     if (!step || (at < 0 && event.key !== "ArrowRight")) return;
     event.preventDefault();
     const across = shown.filter((frame) => frame.offsetTop === shown[0].offsetTop).length;

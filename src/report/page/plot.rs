@@ -17,7 +17,7 @@ const SMALL: f64 = 1.0 / 32.0;
 /// Lower end of a logarithmic error axis as a fraction of the largest error; smaller errors are drawn at the foot.
 const DEPTH: f64 = 1.0 / 4096.0;
 /// Largest height of a plot relative to its limit; larger errors are drawn at the top.
-const ABOVE_LIMIT: f64 = 4.0;
+const MAX_HEIGHT_RATIO: f64 = 4.0;
 /// Approximate number of ticks of an axis.
 const TICKS: f64 = 6.0;
 
@@ -131,7 +131,7 @@ impl Plot<'_> {
         }
         Axis::Even {
             low: 0.0,
-            high: 1.1 * highest.clamp(self.limit, ABOVE_LIMIT * self.limit),
+            high: 1.1 * highest.clamp(self.limit, MAX_HEIGHT_RATIO * self.limit),
         }
     }
 
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_far_above_the_limit_or_no_number_stands_at_the_top() {
+    fn points_far_above_the_limit_or_not_finite_are_at_the_top() {
         let mark = |y| Mark {
             x: 1.0,
             y,
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_far_below_the_limit_are_told_apart_by_their_powers_of_ten() {
+    fn errors_far_below_the_limit_are_separated_by_decade() {
         let mark = |y| Mark {
             x: 1.0,
             y,
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plot_of_nothing_is_drawn_too() {
+    fn empty_plot_is_drawn() {
         let plot = Plot {
             x_label: "",
             y_label: "",

@@ -1,7 +1,7 @@
 //! Tables of HTML pages, with rows that a filter can hide.
 
 use super::escape;
-use crate::report::table::in_groups;
+use crate::report::table::group_thousands;
 
 /// Column with its heading and alignment.
 #[derive(Clone, Copy, Debug)]
@@ -130,7 +130,7 @@ impl<'a> Table<'a> {
 
 /// Formats a number with narrow no-break spaces between thousands.
 fn grouped(number: u64) -> String {
-    in_groups(number).replace(' ', "\u{202f}")
+    group_thousands(number).replace(' ', "\u{202f}")
 }
 
 #[cfg(test)]
@@ -138,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_row_keeps_its_numbers_to_the_right_and_its_words_as_they_are() {
+    fn row_aligns_numbers_and_escapes_text() {
         let mut table = Table::new(&[Column::Words("path"), Column::Numbers("rays")]);
         table.row(("holds", "H01"), &[Cell::text("<b>"), Cell::count(1_234_567)]);
         let html = table.html("checks");

@@ -7,7 +7,7 @@ use super::escape;
 const WIDTH: f64 = 820.0;
 /// Space for names at the left, and beyond either end of the axis for levels, in pixels.
 const NAMES: f64 = 110.0;
-const BEYOND: f64 = 92.0;
+const END_MARGIN: f64 = 92.0;
 /// Margins above and below, in pixels.
 const ABOVE: f64 = 8.0;
 const BELOW: f64 = 42.0;
@@ -15,7 +15,7 @@ const BELOW: f64 = 42.0;
 const BAR: f64 = 13.0;
 const BETWEEN: f64 = 12.0;
 /// Largest power of two that is shown on either side.
-const FARTHEST: f64 = 40.0;
+const MAX_POWER: f64 = 40.0;
 /// Approximate largest number of ticks of the axis.
 const TICKS: f64 = 9.0;
 /// Largest number of letters of a level; the tooltip has the complete text.
@@ -69,7 +69,7 @@ impl Bar {
     }
 
     fn powers(&self) -> [f64; 2] {
-        [0, 1].map(|i| self.ends[i].ratio.log2().clamp(-FARTHEST, FARTHEST))
+        [0, 1].map(|i| self.ends[i].ratio.log2().clamp(-MAX_POWER, MAX_POWER))
     }
 }
 
@@ -101,7 +101,7 @@ impl<'a> Tornado<'a> {
         let powers = || {
             let bars = rows.iter().flat_map(|row| &row.bars);
             // A ratio of 0 must not extend the axis to the largest power.
-            bars.flat_map(|bar| bar.powers()).filter(|p| p.abs() < FARTHEST)
+            bars.flat_map(|bar| bar.powers()).filter(|p| p.abs() < MAX_POWER)
         };
         let ends = [
             powers().fold(-1.0, f64::min).floor(),
@@ -113,7 +113,7 @@ impl<'a> Tornado<'a> {
     fn across(&self, power: f64) -> f64 {
         let [low, high] = self.ends;
         let place = ((power - low) / (high - low)).clamp(0.0, 1.0);
-        NAMES + BEYOND + place * (WIDTH - NAMES - 2.0 * BEYOND)
+        NAMES + END_MARGIN + place * (WIDTH - NAMES - 2.0 * END_MARGIN)
     }
 
     /// Returns the chart as HTML; `x_label` is the label of the axis.
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bar_reaches_from_the_least_to_the_greatest_and_holds_no_change() {
+    fn bar_spans_all_ratios_and_includes_one() {
         assert_eq!(bar(&[0.5, 4.0]).span(), 3.0);
         assert_eq!(bar(&[2.0, 4.0]).span(), 2.0);
         assert_eq!(bar(&[2.0, 4.0]).ends[0].level, "");
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn the_longest_bar_stands_above() {
+    fn longest_bar_comes_first() {
         let tornado = Tornado::new(vec![row("short", &[1.1]), row("long", &[0.1])]);
         let svg = tornado.svg("time");
         assert!(svg.find("long").unwrap() < svg.find("short").unwrap(), "{svg}");
@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn ratios_that_are_no_numbers_or_have_no_logarithm_are_drawn_within_the_axis() {
+    fn invalid_ratios_are_drawn_within_the_axis() {
         let odd = [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-300];
         for rows in [vec![row("odd", &odd)], vec![row("none", &[])], Vec::new()] {
             let html = Tornado::new(rows).html("a<b");
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn long_levels_are_cut_short() {
+    fn long_level_names_are_truncated() {
         assert_eq!(shortened("1/4096"), "1/4096");
         assert_eq!(shortened("1/2 of the scene's"), "1/2 of the s…");
     }

@@ -24,7 +24,7 @@ pub struct View<'a> {
 /// # Errors
 ///
 /// Returns an error if the image has more pixels than a PNG can store.
-pub fn picture(view: &View, scale: u32) -> std::io::Result<String> {
+pub fn embedded_image(view: &View, scale: u32) -> std::io::Result<String> {
     // Embed the PNG as base64
     let png = STANDARD.encode(png_bytes(view.image, view.tone)?);
     Ok(format!(
@@ -57,7 +57,7 @@ pub fn viewer(views: &[View]) -> std::io::Result<String> {
     // Embed each image with the name of its mode
     let mut figures = String::new();
     for view in views {
-        let shown = figure(&picture(view, 1)?, &escape(view.words));
+        let shown = figure(&embedded_image(view, 1)?, &escape(view.words));
         figures += &shown.replacen(
             "<figure>",
             &format!("<figure data-view=\"{}\">", escape(view.name)),
@@ -66,7 +66,8 @@ pub fn viewer(views: &[View]) -> std::io::Result<String> {
     }
     Ok(format!(
         "<div class=\"viewer\">\n<form>\n{buttons}<label><input type=\"checkbox\" name=\"pixels\"> pixel by pixel</label>\n\
-         <input type=\"range\" name=\"cut\" min=\"0\" max=\"100\" step=\"0.1\" value=\"50\" aria-label=\"Where one picture ends\">\n\
+         <input type=\"range\" name=\"cut\" min=\"0\" max=\"100\" step=\"0.1\" value=\"50\" \
+         aria-label=\"Boundary between the images\">\n\
          </form>\n<div class=\"stage\">\n{figures}</div>\n</div>\n"
     ))
 }
@@ -76,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_picture_has_a_button_and_a_place() {
+    fn every_image_has_a_button_and_a_figure() {
         let image = LinearImage::black(2, 1);
         let view = |name, words| View {
             name,
@@ -84,13 +85,8 @@ mod tests {
             image: &image,
             tone: ToneMap::default(),
         };
-        let html = viewer(&[
-            view("reference", "a <b>"),
-            view("picture", "b"),
-            view("FLIP", "c"),
-        ])
-        .unwrap();
-        for name in ["slide", "turns", "reference", "picture", "FLIP"] {
+        let html = viewer(&[view("reference", "a <b>"), view("image", "b"), view("FLIP", "c")]).unwrap();
+        for name in ["slide", "turns", "reference", "image", "FLIP"] {
             assert!(html.contains(&format!("value=\"{name}\"")), "{name} in {html}");
         }
         assert_eq!(html.matches("<figure data-view=").count(), 3);

@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 
 use crate::report::page::{Drawing, Mark, Plot, Region, escape, figure};
 use crate::report::verify::VerifyRow;
-use crate::verify::{Answer, Asked, Axis, CloseUp, Sketch, view};
+use crate::verify::{Axis, CloseUp, Correctness, FigureData, TracedRay, view};
 
 /// Side of the figure of all rays, in pixels.
 const LARGE: u32 = 360;
@@ -14,11 +14,11 @@ const SMALL: u32 = 148;
 const WHOLE: f64 = 4.0;
 
 /// Returns the CSS class of a result.
-fn class(answer: Answer) -> &'static str {
-    match answer {
-        Answer::Right => "right",
-        Answer::Tie => "tie",
-        Answer::Wrong => "wrong",
+fn class(correctness: Correctness) -> &'static str {
+    match correctness {
+        Correctness::Right => "right",
+        Correctness::Tie => "tie",
+        Correctness::Wrong => "wrong",
     }
 }
 
@@ -28,17 +28,17 @@ pub(super) fn of(rows: &[VerifyRow]) -> String {
     let Some(row) = rows.iter().rev().max_by_key(badness) else {
         return String::new();
     };
-    let sketch = &row.outcome.tally.sketch;
+    let figure_data = &row.outcome.tally.figure_data;
     let mut html = String::new();
-    if let Some(axis) = sketch.axis {
-        html += &errors(sketch, axis, row.case.unit);
+    if let Some(axis) = figure_data.axis {
+        html += &errors(figure_data, axis, row.case.unit);
     }
-    html += &whole(sketch, row.path);
-    if !sketch.close_ups.is_empty() {
-        let views: String = sketch
+    html += &whole(figure_data, row.path);
+    if !figure_data.close_ups.is_empty() {
+        let views: String = figure_data
             .close_ups
             .iter()
-            .map(|view| close_up(sketch, view))
+            .map(|view| close_up(figure_data, view))
             .collect();
         html += &format!("<div class=\"small\">{views}</div>\n");
     }
@@ -48,17 +48,17 @@ pub(super) fn of(rows: &[VerifyRow]) -> String {
     format!("<div class=\"pictures\">{html}</div>\n")
 }
 
-fn errors(sketch: &Sketch, axis: Axis, unit: &str) -> String {
-    let marks: Vec<Mark> = sketch
+fn errors(figure_data: &FigureData, axis: Axis, unit: &str) -> String {
+    let marks: Vec<Mark> = figure_data
         .shown_errors()
         .map(|error| Mark {
             x: error.at,
             y: error.off,
-            class: class(error.answer),
+            class: class(error.correctness),
         })
         .collect();
     let y_label = format!("error, {unit}");
-    let words = format!("{} of the arguments asked, the worst among them", marks.len());
+    let words = format!("{} of the tested arguments, including the worst", marks.len());
     let plot = Plot {
         x_label: axis.label,
         y_label: &y_label,
@@ -75,20 +75,20 @@ fn seen(p: DVec3) -> DVec2 {
 }
 
 /// Returns the reported hit point of a ray; `None` for a miss.
-fn end(asked: &Asked) -> Option<DVec3> {
-    let hit = asked.hit.filter(|_| asked.ray.is_traceable())?;
-    Some(asked.ray.at(hit.t.into())).filter(|p| p.is_finite())
+fn end(traced: &TracedRay) -> Option<DVec3> {
+    let hit = traced.hit.filter(|_| traced.ray.is_traceable())?;
+    Some(traced.ray.at(hit.t.into())).filter(|p| p.is_finite())
 }
 
 /// Returns the figure of all recorded rays with the outline of the objects.
-fn whole(sketch: &Sketch, path: &str) -> String {
-    let Some(outline) = &sketch.outline else {
+fn whole(figure_data: &FigureData, path: &str) -> String {
+    let Some(wireframe) = &figure_data.wireframe else {
         return String::new();
     };
     // Choose the visible region: the whole object unless it is too large
-    let ends: Vec<DVec2> = sketch.asked.iter().filter_map(end).map(seen).collect();
-    let lines: Vec<[DVec2; 2]> = outline.lines.iter().map(|line| line.map(seen)).collect();
-    let target: Vec<DVec2> = outline.target.iter().flatten().map(|&p| seen(p)).collect();
+    let ends: Vec<DVec2> = figure_data.traced.iter().filter_map(end).map(seen).collect();
+    let lines: Vec<[DVec2; 2]> = wireframe.lines.iter().map(|line| line.map(seen)).collect();
+    let target: Vec<DVec2> = wireframe.target.iter().flatten().map(|&p| seen(p)).collect();
     let region = match (Region::around(&ends), Region::holding(&target)) {
         (Some(ends), Some(target)) if target.half <= WHOLE * ends.half => Some(target),
         (Some(ends), _) => Some(ends),
@@ -102,39 +102,49 @@ fn whole(sketch: &Sketch, path: &str) -> String {
     for &line in &lines {
         drawing.line("outline", line);
     }
-    for line in &outline.met {
+    for line in &wireframe.hit_triangles {
         drawing.line("met", line.map(seen));
     }
     // This distance is beyond any corner of the view.
     let far = 4.0 * (region.half + region.center.length());
-    for asked in sketch.asked.iter().filter(|asked| asked.ray.is_traceable()) {
-        let start = asked.ray.origin.as_dvec3();
-        let way = asked.ray.direction.as_dvec3().normalize_or_zero();
-        let stop = end(asked).unwrap_or(start + (far + start.length()) * way);
-        drawing.line(class(asked.answer), [seen(start), seen(stop)]);
+    for traced in figure_data
+        .traced
+        .iter()
+        .filter(|traced| traced.ray.is_traceable())
+    {
+        let start = traced.ray.origin.as_dvec3();
+        let way = traced.ray.direction.as_dvec3().normalize_or_zero();
+        let stop = end(traced).unwrap_or(start + (far + start.length()) * way);
+        drawing.line(class(traced.correctness), [seen(start), seen(stop)]);
     }
     // Draw hit points above the rays
-    for asked in &sketch.asked {
-        if let Some(p) = end(asked) {
-            drawing.dot(class(asked.answer), seen(p));
+    for traced in &figure_data.traced {
+        if let Some(p) = end(traced) {
+            drawing.dot(class(traced.correctness), seen(p));
         }
     }
     // Describe the figure in words
-    let count = |answer| sketch.asked.iter().filter(|asked| asked.answer == answer).count();
+    let count = |correctness| {
+        let of_kind = figure_data
+            .traced
+            .iter()
+            .filter(|traced| traced.correctness == correctness);
+        of_kind.count()
+    };
     let words = format!(
-        "The first rays on {path}: {} right, {} ties, {} wrong, each to the dot where it was said to hit; \
-         the view is {} wide",
-        count(Answer::Right),
-        count(Answer::Tie),
-        count(Answer::Wrong),
+        "The first rays on {path}: {} right, {} ties, {} wrong. A dot marks a reported hit. \
+         The view is {} wide.",
+        count(Correctness::Right),
+        count(Correctness::Tie),
+        count(Correctness::Wrong),
         length(2.0 * region.half)
     );
     figure(&drawing.svg(&words), &escape(&words))
 }
 
 /// Returns the close-up of the triangles around one ray, in the direction of the ray.
-fn close_up(sketch: &Sketch, view: &CloseUp) -> String {
-    let asked = &sketch.asked[view.asked];
+fn close_up(figure_data: &FigureData, view: &CloseUp) -> String {
+    let traced = &figure_data.traced[view.traced];
     let region = Region {
         center: DVec2::ZERO,
         half: 1.0,
@@ -143,14 +153,14 @@ fn close_up(sketch: &Sketch, view: &CloseUp) -> String {
     for &triangle in &view.triangles {
         drawing.triangle("outline", triangle);
     }
-    drawing.dot(class(asked.answer), DVec2::ZERO);
-    let answer = match (asked.answer, asked.hit) {
-        (Answer::Right, _) => "right",
-        (Answer::Tie, _) => "tie",
-        (Answer::Wrong, None) => "wrong: nothing hit",
-        (Answer::Wrong, Some(_)) => "wrong",
+    drawing.dot(class(traced.correctness), DVec2::ZERO);
+    let result = match (traced.correctness, traced.hit) {
+        (Correctness::Right, _) => "right",
+        (Correctness::Tie, _) => "tie",
+        (Correctness::Wrong, None) => "wrong: miss",
+        (Correctness::Wrong, Some(_)) => "wrong",
     };
-    let words = format!("along a ray, {answer}; {} wide", length(2.0 * view.size));
+    let words = format!("along a ray, {result}; {} wide", length(2.0 * view.size));
     figure(&drawing.svg(&words), &words)
 }
 

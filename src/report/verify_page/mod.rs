@@ -4,10 +4,10 @@ mod figures;
 
 use std::collections::BTreeSet;
 
-use super::machine;
+use super::cpu;
 use super::page::{self, Cell, Column, Table, escape};
 use super::verify::{VerifyRow, required_of, word};
-use crate::verify::{Answer, Verdict, bits, describe};
+use crate::verify::{Correctness, Verdict, bits, describe};
 
 /// Largest number of wrong results of a backend configuration that are shown with their bits.
 const MAX_SHOWN: usize = 3;
@@ -26,21 +26,21 @@ pub fn page(rows: &[VerifyRow], run: &Run) -> String {
     // Show the summary and the number of wrong results by case and configuration
     let mut body = summary(rows, run);
     body += "<h2>Cases and paths</h2>\n\
-             <p>How many answers were wrong. Green: none. Amber: some, on a path that promises no better. Red: \
-             some that must not be.</p>\n";
+             <p>Number of wrong results. Green: none. Amber: some, on a path without this requirement. Red: some, on a \
+             path that must have none.</p>\n";
     body += &overview(rows);
     // Show all checks with a filter
     body += "<h2>All checks</h2>\n";
     body += &page::filter(&[("holds", "holds"), ("measured", "measured"), ("fails", "fails")]);
     body += &checks(rows);
-    body += "<h2>What was asked</h2>\n\
-             <p class=\"key\">Rays and arguments: <i class=\"right\"></i>right <i class=\"tie\"></i>tie: rounding \
-             explains the answer <i class=\"wrong\"></i>wrong: it does not</p>\n";
+    body += "<h2>Rays and arguments</h2>\n\
+             <p class=\"key\">Colours: <i class=\"right\"></i>right <i class=\"tie\"></i>tie: rounding \
+             explains the result <i class=\"wrong\"></i>wrong: it does not</p>\n";
     // Show a section for each case
     for of_case in rows.chunk_by(|a, b| a.case.id == b.case.id) {
         body += &section(of_case);
     }
-    page::page("whit verify: hard cases with exact answers", &body)
+    page::page("whit verify: hard cases with exact results", &body)
 }
 
 /// Returns the CSS class of a verdict.
@@ -60,15 +60,15 @@ fn summary(rows: &[VerifyRow], run: &Run) -> String {
         let class = if count(verdict) > 0 { class(verdict) } else { "" };
         (count(verdict).to_string(), words, class)
     };
-    let mut html = "<h1>Hard cases with exact answers</h1>\n\
-                    <p>Rays and arguments that sit where rounding decides, put to every way of finding hits. An \
-                    answer that differs from the exact one is wrong if the bounds on rounding do not explain it, \
-                    else a tie.</p>\n"
+    let mut html = "<h1>Hard cases with exact results</h1>\n\
+                    <p>Rays and arguments for which rounding decides the result, traced on every intersection path. A \
+                    result that differs from the exact one is wrong if the bounds on rounding do not explain it; \
+                    otherwise it is a tie.</p>\n"
         .to_owned();
     html += &page::numbers(&[
         (rows.len().to_string(), "checks", ""),
         tile(Verdict::Holds, "hold"),
-        tile(Verdict::Measured, "measured without a promise"),
+        tile(Verdict::Measured, "measured without a requirement"),
         tile(Verdict::Fails, "failed"),
     ]);
     // List Embree versions, processor and number of rays
@@ -88,8 +88,8 @@ fn summary(rows: &[VerifyRow], run: &Run) -> String {
                 escape(&embree.join(", "))
             },
         ),
-        ("processor", escape(&machine::processor())),
-        ("rays a case and path", run.rays.to_string()),
+        ("processor", escape(&cpu::processor())),
+        ("rays per case and path", run.rays.to_string()),
     ];
     if let Some(date) = &run.date {
         facts.push(("date", escape(date)));
@@ -179,8 +179,8 @@ fn section(rows: &[VerifyRow]) -> String {
         escape(case.title)
     );
     html += &page::facts(&[
-        ("asks", escape(case.construction)),
-        ("knows", escape(case.oracle)),
+        ("input", escape(case.construction)),
+        ("oracle", escape(case.oracle)),
         ("bound", escape(case.bound)),
         ("required", escape(&required_of(case))),
     ]);
@@ -196,17 +196,17 @@ fn failures(row: &VerifyRow) -> String {
     let tally = &row.outcome.tally;
     // Describe recorded wrong rays, or the example where none was recorded
     let wrong = tally
-        .sketch
-        .asked
+        .figure_data
+        .traced
         .iter()
-        .filter(|asked| asked.answer == Answer::Wrong);
+        .filter(|traced| traced.correctness == Correctness::Wrong);
     let mut lines: Vec<String> = wrong
         .take(MAX_SHOWN)
-        .map(|asked| {
+        .map(|traced| {
             format!(
                 "{}\n    bits {}",
-                describe(&asked.ray, asked.hit),
-                bits(&asked.ray)
+                describe(&traced.ray, traced.hit),
+                bits(&traced.ray)
             )
         })
         .collect();
@@ -232,23 +232,23 @@ fn failures(row: &VerifyRow) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verify::{Judged, PATHS, Path, cases, check_drawn};
+    use crate::verify::{BackendVariant, VARIANTS, VerdictCache, cases, check_with_drawings};
 
-    fn row(id: &str, path: &Path) -> VerifyRow {
+    fn row(id: &str, path: &BackendVariant) -> VerifyRow {
         let case = cases().into_iter().find(|case| case.id == id).unwrap();
         VerifyRow::new(
             case,
             path,
-            check_drawn((case, 300), path, None, &Judged::default()).unwrap(),
+            check_with_drawings((case, 300), path, None, &VerdictCache::default()).unwrap(),
         )
     }
 
-    fn bsp() -> &'static Path {
-        PATHS.iter().find(|path| path.name == "bsp").unwrap()
+    fn bsp() -> &'static BackendVariant {
+        VARIANTS.iter().find(|path| path.name == "bsp").unwrap()
     }
 
-    fn formulas() -> &'static Path {
-        PATHS.iter().find(|path| path.name == "formulas").unwrap()
+    fn formulas() -> &'static BackendVariant {
+        VARIANTS.iter().find(|path| path.name == "formulas").unwrap()
     }
 
     fn run() -> Run {
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn every_case_has_a_section_with_a_picture_and_rows_that_lead_to_it() {
+    fn every_case_has_a_section_with_a_figure_and_linked_rows() {
         let rows = [row("H11", bsp()), row("H35", formulas())];
         let html = page(&rows, &run());
         for id in ["H11", "H35"] {
@@ -275,14 +275,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_with_its_bits_and_drawn_as_such() {
+    fn wrong_results_are_listed_with_bits_and_drawn_as_wrong() {
         let mut failed = row("H11", bsp());
         failed.outcome.verdict = Verdict::Fails;
         failed.outcome.tally.wrong = 24;
-        for asked in &mut failed.outcome.tally.sketch.asked {
-            asked.answer = Answer::Wrong;
+        for traced in &mut failed.outcome.tally.figure_data.traced {
+            traced.correctness = Correctness::Wrong;
         }
-        let first = failed.outcome.tally.sketch.asked[0].ray;
+        let first = failed.outcome.tally.figure_data.traced[0].ray;
         let html = page(&[failed], &run());
         assert!(html.contains(&format!("bits {}", bits(&first))));
         assert!(html.contains("<path class=\"wrong\""));

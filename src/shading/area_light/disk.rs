@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::{AreaLightError, LightSample, area_and_normal, of_area};
+use super::{AreaLightError, LightSample, area_and_normal, sample_of_area};
 use crate::numeric::warp;
 
 /// Disk light: the points `center` + x `half_u` + y `half_v` with x² + y² <= 1; its front is to the side of `half_u` ×
@@ -37,9 +37,9 @@ impl DiskLight {
     /// Samples the point that `u` in [0, 1)² selects for `p`; `None` in the disk's plane.
     #[inline(always)]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
-        let place = warp::disk(u);
-        let position = self.center + place.x * self.half_u + place.y * self.half_v;
-        of_area(p, position, self.normal, self.area)
+        let offset = warp::disk(u);
+        let position = self.center + offset.x * self.half_u + offset.y * self.half_v;
+        sample_of_area(p, position, self.normal, self.area)
     }
 
     /// Returns the area of one side in square metres.
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disk_shines_from_the_side_of_its_normal() {
+    fn a_disk_emits_on_the_side_of_its_normal() {
         // X × -Y is -Z: a disk above the point faces down.
         let front = |z: f64| {
             disk(DVec3::ZERO, 1.0)

@@ -6,7 +6,7 @@
 
 use glam::DVec3;
 
-use super::{AreaLightError, LightSample, is_density, of_area};
+use super::{AreaLightError, LightSample, is_density, sample_of_area};
 use crate::numeric::warp;
 
 /// Mesh light of triangles in world space, 80 bytes each; their fronts are where their corners run counter-clockwise.
@@ -14,7 +14,7 @@ use crate::numeric::warp;
 pub struct MeshLight {
     triangles: Vec<[DVec3; 3]>,
     /// Cumulative area up to and including each triangle.
-    area_up_to: Vec<f64>,
+    cumulative_area: Vec<f64>,
 }
 
 impl MeshLight {
@@ -26,7 +26,7 @@ impl MeshLight {
         }
         // Accumulate the areas
         let mut area = 0.0;
-        let area_up_to: Vec<f64> = triangles
+        let cumulative_area: Vec<f64> = triangles
             .iter()
             .map(|[a, b, c]| {
                 area += 0.5 * (b - a).cross(c - a).length();
@@ -39,7 +39,7 @@ impl MeshLight {
         }
         Ok(MeshLight {
             triangles,
-            area_up_to,
+            cumulative_area,
         })
     }
 
@@ -53,18 +53,21 @@ impl MeshLight {
         let last = self.triangles.len() - 1;
         // The first sum beyond the target is never that of a triangle without area, which adds nothing to the preceding
         // sum.
-        let chosen = self.area_up_to.partition_point(|&sum| sum <= target).min(last);
+        let chosen = self
+            .cumulative_area
+            .partition_point(|&sum| sum <= target)
+            .min(last);
         let before = if chosen == 0 {
             0.0
         } else {
-            self.area_up_to[chosen - 1]
+            self.cumulative_area[chosen - 1]
         };
         // Sample a point uniformly on the triangle
-        let within = (target - before) / (self.area_up_to[chosen] - before);
+        let within = (target - before) / (self.cumulative_area[chosen] - before);
         let [a, b, c] = self.triangles[chosen];
         let [to_b, to_c] = warp::triangle([within, u[1]]);
         let across = (b - a).cross(c - a);
-        let sample = of_area(
+        let sample = sample_of_area(
             p,
             a + to_b * (b - a) + to_c * (c - a),
             across / across.length(),
@@ -87,7 +90,7 @@ impl MeshLight {
     /// Returns the area of all triangles, of one side, in square metres.
     #[inline(always)]
     pub fn area(&self) -> f64 {
-        self.area_up_to[self.area_up_to.len() - 1]
+        self.cumulative_area[self.cumulative_area.len() - 1]
     }
 }
 
@@ -129,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn triangles_are_chosen_as_often_as_their_areas_say() {
+    fn triangles_are_sampled_in_proportion_to_area() {
         let light = MeshLight::new(cube(DVec3::ZERO)).unwrap();
         let mut count = vec![0.0; light.triangles.len()];
         for step in 0..2400 {
@@ -145,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn the_ends_of_the_numbers_pick_the_first_and_the_last_triangle_with_an_area() {
+    fn extreme_samples_select_first_and_last_nondegenerate_triangle() {
         let mut triangles = cube(DVec3::ZERO);
         triangles.push([DVec3::ONE; 3]);
         let light = MeshLight::new(triangles).unwrap();
@@ -154,11 +157,11 @@ mod tests {
     }
 
     #[test]
-    fn the_density_of_a_sample_is_the_one_that_is_told() {
+    fn the_pdf_of_a_sample_equals_the_evaluated_pdf() {
         let light = MeshLight::new(cube(DVec3::ZERO)).unwrap();
         let sample = light.sample(DVec3::new(4.0, 3.0, 2.0), [0.7, 0.1]).unwrap();
-        let told = light.pdf(sample.distance, sample.direction.dot(sample.normal));
-        assert!((told / sample.pdf - 1.0).abs() < 4.0 * f64::EPSILON);
+        let evaluated_pdf = light.pdf(sample.distance, sample.direction.dot(sample.normal));
+        assert!((evaluated_pdf / sample.pdf - 1.0).abs() < 4.0 * f64::EPSILON);
         assert_eq!(light.pdf(1.0, 0.0), 0.0);
     }
 }

@@ -59,7 +59,7 @@ pub enum AreaLight {
     /// Triangle mesh light, sampled by area.
     Mesh(MeshLight),
     /// Light of another analytic shape, sampled by area.
-    Body(Box<ShapeLight>),
+    Shape(Box<ShapeLight>),
 }
 
 /// Reason why an object cannot be an area light, worded as advice.
@@ -69,7 +69,7 @@ pub enum AreaLightError {
     #[error("a light's area is zero or not finite: give it an extent, or make it a point light")]
     NoArea,
     /// Mesh of more triangles than an index can number.
-    #[error("a light's mesh has more than 2^32 triangles: divide it")]
+    #[error("a light's mesh has more than 2^32 triangles: split it")]
     TooManyTriangles,
 }
 
@@ -83,7 +83,7 @@ impl AreaLight {
             AreaLight::Disk(light) => light.sample(p, u),
             AreaLight::Sphere(light) => light.sample(p, u),
             AreaLight::Mesh(light) => light.sample(p, u),
-            AreaLight::Body(light) => light.sample(p, u),
+            AreaLight::Shape(light) => light.sample(p, u),
         }
     }
 
@@ -94,14 +94,14 @@ impl AreaLight {
             AreaLight::Disk(light) => light.area(),
             AreaLight::Sphere(light) => light.area(),
             AreaLight::Mesh(light) => light.area(),
-            AreaLight::Body(light) => light.area(),
+            AreaLight::Shape(light) => light.area(),
         }
     }
 }
 
 /// Returns the sample at `position`, chosen uniformly from a flat `area` of unit normal `normal`.
 #[inline(always)]
-fn of_area(p: DVec3, position: DVec3, normal: DVec3, area: f64) -> Option<LightSample> {
+fn sample_of_area(p: DVec3, position: DVec3, normal: DVec3, area: f64) -> Option<LightSample> {
     let to_light = position - p;
     let distance = to_light.length();
     let direction = to_light / distance;
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn every_sample_says_the_same_thing_in_all_its_fields() {
+    fn sample_fields_are_consistent() {
         for light in lights() {
             for p in [
                 DVec3::ZERO,
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_point_on_the_light_or_in_its_plane_gets_no_bad_number() {
+    fn point_on_the_light_or_its_plane_gives_finite_samples() {
         for light in lights() {
             let p = DVec3::new(0.5, -1.0, 3.0);
             for p in [
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn lights_without_an_area_are_refused() {
+    fn lights_without_area_are_rejected() {
         let tall = DVec3::new(0.0, f64::NAN, 0.0);
         for (u, v) in [
             (DVec3::X, 2.0 * DVec3::X),

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::{AreaLightError, LightSample, area_and_normal, is_density, of_area};
+use super::{AreaLightError, LightSample, area_and_normal, is_density, sample_of_area};
 
 /// Quad light: the points `center` + x `half_u` + y `half_v` with |x|, |y| <= 1; its front is to the side of `half_u` ×
 /// `half_v`.
@@ -56,7 +56,7 @@ impl QuadLight {
         // Otherwise sample by area
         let (x, y) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
         let position = self.center + x * self.half_u + y * self.half_v;
-        of_area(p, position, self.normal, self.area)
+        sample_of_area(p, position, self.normal, self.area)
     }
 
     /// Returns the area of one side in square metres.
@@ -171,7 +171,7 @@ mod tests {
     }
 
     /// Test points at the side, in front, behind, near and very near.
-    const PLACES: [DVec3; 6] = [
+    const VIEWPOINTS: [DVec3; 6] = [
         DVec3::ZERO,
         DVec3::new(3.0, -1.0, 1.0),
         DVec3::new(-1.0, 2.0, 4.0),
@@ -216,7 +216,7 @@ mod tests {
     fn a_rectangle_is_seen_in_its_solid_angle() {
         let quad = window();
         assert!(quad.is_rectangle);
-        for p in PLACES {
+        for p in VIEWPOINTS {
             let exact = quad_solid_angle(&quad, p);
             let sample = quad.sample(p, [0.2, 0.7]).unwrap();
             assert!(
@@ -235,7 +235,7 @@ mod tests {
     #[test]
     fn the_directions_to_a_rectangle_add_up_to_lamberts_vector() {
         let quad = window();
-        for p in PLACES {
+        for p in VIEWPOINTS {
             let exact = light_vector(&quad, p);
             for axis in 0..3 {
                 let found = mean(&AreaLight::Quad(quad), p, 512, |s| s.direction[axis] / s.pdf);
@@ -250,7 +250,7 @@ mod tests {
     #[test]
     fn all_samples_lie_within_the_rectangle() {
         let quad = window();
-        for p in PLACES {
+        for p in VIEWPOINTS {
             mean(&AreaLight::Quad(quad), p, 64, |s| {
                 let from_center = s.position - quad.center;
                 assert!(from_center.dot(quad.normal).abs() < 1e-14, "{p}");
@@ -272,7 +272,7 @@ mod tests {
             is_rectangle: false,
             ..window()
         };
-        for p in PLACES.into_iter().filter(|p| p.distance(quad.center) > 0.5) {
+        for p in VIEWPOINTS.into_iter().filter(|p| p.distance(quad.center) > 0.5) {
             let light = AreaLight::Quad(quad);
             let exact = quad_solid_angle(&quad, p);
             let found = mean(&light, p, 1024, |s| s.pdf.recip());
@@ -289,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn the_two_ways_agree_where_one_takes_over_from_the_other() {
+    fn sampling_methods_agree_at_their_boundary() {
         let quad = window();
         // 3 square metres at 2^-13 sr: a distance of about 157 metres.
         let toward = (quad.normal + 0.3 * quad.half_u).normalize();

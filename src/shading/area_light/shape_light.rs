@@ -10,7 +10,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::{AreaLightError, LightSample, is_density, of_area};
+use super::{AreaLightError, LightSample, is_density, sample_of_area};
 use crate::numeric::warp;
 use crate::shape::{Implicit, Shape};
 
@@ -29,17 +29,17 @@ pub struct ShapeLight {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Piece {
     /// Sphere of unit radius around the origin.
-    Ball,
+    Sphere,
     /// Face of the cube across an axis, on one side of the origin.
     Face { axis: usize, side: f64 },
     /// Lateral surface of the cylinder.
-    Wall,
+    CylinderWall,
     /// Unit disk at a height, facing up or down.
     Cap { z: f64 },
     /// Lateral surface of the cone.
-    Slope,
+    ConeWall,
     /// Whole surface of the torus.
-    Ring,
+    Torus,
 }
 
 /// Sampled point on a shape in object space.
@@ -64,8 +64,8 @@ const CUBE: [Piece; 6] = [
     face(2, -1.0),
     face(2, 1.0),
 ];
-const CYLINDER: [Piece; 3] = [Piece::Wall, Piece::Cap { z: 1.0 }, Piece::Cap { z: -1.0 }];
-const CONE: [Piece; 2] = [Piece::Slope, Piece::Cap { z: -1.0 }];
+const CYLINDER: [Piece; 3] = [Piece::CylinderWall, Piece::Cap { z: 1.0 }, Piece::Cap { z: -1.0 }];
+const CONE: [Piece; 2] = [Piece::ConeWall, Piece::Cap { z: -1.0 }];
 
 impl ShapeLight {
     /// Creates the light of `shape` transformed by `world_from_object`. Returns `None` for unbounded surfaces, and for
@@ -77,13 +77,13 @@ impl ShapeLight {
     ) -> Option<Result<ShapeLight, AreaLightError>> {
         // Divide the surface into pieces
         let pieces: &'static [Piece] = match shape {
-            Shape::Sphere(_) => &[Piece::Ball],
+            Shape::Sphere(_) => &[Piece::Sphere],
             Shape::Cube => &CUBE,
             Shape::Cylinder(cylinder) if cylinder.capped => &CYLINDER,
             Shape::Cylinder(_) => &CYLINDER[..1],
             Shape::Cone(cone) if cone.capped => &CONE,
             Shape::Cone(_) => &CONE[..1],
-            Shape::Torus(_) => &[Piece::Ring],
+            Shape::Torus(_) => &[Piece::Torus],
             Shape::Plane | Shape::Disk | Shape::Quad | Shape::Polyhedron(_) | Shape::Quadric(_) => {
                 return None;
             }
@@ -108,7 +108,7 @@ impl ShapeLight {
         let (part, position, normal, area) = self.point(u);
         let sample = LightSample {
             primitive: part,
-            ..of_area(p, position, normal, area)?
+            ..sample_of_area(p, position, normal, area)?
         };
         // Reject points on the side that faces away
         if self.shape.is_solid() {
@@ -168,11 +168,11 @@ impl Piece {
     /// Returns the weight with which the piece is chosen: its area in object space, if the shape has several pieces.
     fn area(self) -> f64 {
         match self {
-            Piece::Ball | Piece::Ring | Piece::Wall => 4.0 * PI,
+            Piece::Sphere | Piece::Torus | Piece::CylinderWall => 4.0 * PI,
             Piece::Face { .. } => 4.0,
             Piece::Cap { .. } => PI,
             // Radius 1 and a slant of √(1² + 2²).
-            Piece::Slope => PI * 5f64.sqrt(),
+            Piece::ConeWall => PI * 5f64.sqrt(),
         }
     }
 
@@ -183,7 +183,7 @@ impl Piece {
         let around = DVec3::new(cos, sin, 0.0);
         let (p, n, area) = match (self, shape) {
             // Sample the sphere uniformly
-            (Piece::Ball, Shape::Sphere(sphere)) => {
+            (Piece::Sphere, Shape::Sphere(sphere)) => {
                 let n = warp::direction(2.0 * u[0], u[1]);
                 let p = sphere.center + sphere.radius * n;
                 (p, n, self.area() * sphere.radius * sphere.radius)
@@ -200,17 +200,17 @@ impl Piece {
             }
             // Sample the cap uniformly
             (Piece::Cap { z }, _) => {
-                let place = warp::disk(u);
-                (DVec3::new(place.x, place.y, z), DVec3::Z * z, self.area())
+                let offset = warp::disk(u);
+                (DVec3::new(offset.x, offset.y, z), DVec3::Z * z, self.area())
             }
-            (Piece::Slope, _) => {
+            (Piece::ConeWall, _) => {
                 // The area within a radius grows with its square; there the height is 1 - 2 radius.
                 let radius = u[0].sqrt();
                 let n = (2.0 * around + DVec3::Z) / 5f64.sqrt();
                 (radius * around + (1.0 - 2.0 * radius) * DVec3::Z, n, self.area())
             }
             // Sample the torus uniformly in both angles
-            (Piece::Ring, Shape::Torus(torus)) => {
+            (Piece::Torus, Shape::Torus(torus)) => {
                 let r = torus.minor_radius;
                 let (sin_tube, cos_tube) = (TAU * u[0]).sin_cos();
                 let n = cos_tube * around + sin_tube * DVec3::Z;
@@ -233,7 +233,7 @@ mod tests {
     use crate::shape::{Cone, Cylinder, Sphere, Torus};
 
     /// Returns shapes with their areas in object space.
-    fn bodies() -> Vec<(Shape, f64)> {
+    fn shapes_with_areas() -> Vec<(Shape, f64)> {
         let torus = Torus { minor_radius: 0.3 };
         vec![
             (Shape::Sphere(Sphere::UNIT), 4.0 * PI),
@@ -260,8 +260,8 @@ mod tests {
     }
 
     #[test]
-    fn areas_are_those_of_geometry() {
-        for (shape, exact) in bodies() {
+    fn shape_areas_equal_closed_forms() {
+        for (shape, exact) in shapes_with_areas() {
             let found = light(&shape, DAffine3::IDENTITY).area();
             assert!(
                 (found / exact - 1.0).abs() < 1e-12,
@@ -273,8 +273,8 @@ mod tests {
     }
 
     #[test]
-    fn picked_points_lie_on_the_body_and_their_normals_point_out() {
-        for (shape, _) in bodies() {
+    fn sampled_points_lie_on_the_shape_with_outward_normals() {
+        for (shape, _) in shapes_with_areas() {
             for map in [DAffine3::IDENTITY, skew()] {
                 let light = light(&shape, map);
                 for i in 0..400 {
@@ -296,15 +296,15 @@ mod tests {
     }
 
     #[test]
-    fn closed_bodies_surround_what_is_in_them_and_shine_outward_no_more_than_their_outline() {
-        for (shape, _) in bodies().iter().filter(|(shape, _)| shape.is_solid()) {
+    fn closed_shapes_cover_the_full_sphere_from_inside() {
+        for (shape, _) in shapes_with_areas().iter().filter(|(shape, _)| shape.is_solid()) {
             let inside = match shape {
                 Shape::Torus(_) => DVec3::new(1.05, 0.05, 0.1),
                 _ => DVec3::new(0.05, 0.1, -0.4),
             };
             let light = light(shape, skew());
             let is_convex = light.is_convex();
-            let light = AreaLight::Body(Box::new(light));
+            let light = AreaLight::Shape(Box::new(light));
             let p = skew().transform_point3(inside);
             let around = mean(&light, p, 1024, |s| s.pdf.recip());
             // The torus is not convex: part of its inner side lies behind more of its outer side.
@@ -320,7 +320,7 @@ mod tests {
         // Seen from distance 5 along the axis of symmetry, half axes 2 (across) and 1: tangent cone, tan² = 4 / (25 -
         // 1).
         let map = DAffine3::from_scale(DVec3::new(2.0, 2.0, 1.0));
-        let light = AreaLight::Body(Box::new(light(&Shape::Sphere(Sphere::UNIT), map)));
+        let light = AreaLight::Shape(Box::new(light(&Shape::Sphere(Sphere::UNIT), map)));
         let found = mean(&light, DVec3::Z * 5.0, 1024, |s| s.pdf.recip());
         let cos = (1.0 + 4.0 / 24.0f64).sqrt().recip();
         let exact = TAU * (1.0 - cos);
@@ -328,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn shapes_whose_points_cannot_be_picked_are_none() {
+    fn unsampleable_shapes_give_none() {
         for shape in [Shape::Plane, Shape::Disk, Shape::Quad] {
             assert!(ShapeLight::new(&shape, DAffine3::IDENTITY, DAffine3::IDENTITY).is_none());
         }

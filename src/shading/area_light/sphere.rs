@@ -48,7 +48,7 @@ impl SphereLight {
         let aside = d * local.x.hypot(local.y);
         let half_chord = ((self.radius - aside) * (self.radius + aside)).max(0.0).sqrt();
         let distance = (d - self.radius) * (d + self.radius) / (d * local.z + half_chord);
-        self.seen(p, direction, distance, (TAU * below_max).recip())
+        self.sample_toward(p, direction, distance, (TAU * below_max).recip())
     }
 
     /// Samples a direction uniformly from inside the sphere.
@@ -65,12 +65,12 @@ impl SphereLight {
         } else {
             power / (root - along)
         };
-        self.seen(p, direction, distance, (2.0 * TAU).recip())
+        self.sample_toward(p, direction, distance, (2.0 * TAU).recip())
     }
 
     /// Returns the sample in a direction, or `None` if density or distance is zero or not finite.
     #[inline(always)]
-    fn seen(&self, p: DVec3, direction: DVec3, distance: f64, pdf: f64) -> Option<LightSample> {
+    fn sample_toward(&self, p: DVec3, direction: DVec3, distance: f64, pdf: f64) -> Option<LightSample> {
         let position = p + distance * direction;
         (is_density(pdf) && distance > 0.0 && distance < f64::INFINITY).then(|| LightSample {
             position,
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn the_solid_angle_is_that_of_the_cap_from_near_and_from_far() {
+    fn sphere_solid_angle_is_that_of_its_cap() {
         for (distance, radius, exact) in [
             (2.0, 1.0, TAU * (1.0 - 0.75f64.sqrt())),
             (5.0, 3.0, TAU * 0.2),
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn inside_every_direction_is_as_likely_and_meets_the_sphere() {
+    fn from_inside_directions_are_uniform_and_hit_the_sphere() {
         for p in [
             DVec3::ZERO,
             DVec3::new(0.6, 0.0, 0.5),
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sphere_too_far_away_to_be_told_from_a_point_gives_nothing() {
+    fn a_sphere_too_far_away_to_have_a_pdf_gives_no_sample() {
         let light = SphereLight::new(DVec3::new(0.0, 0.0, 1e160), 1.0).unwrap();
         assert_eq!(
             (light.sample(DVec3::ZERO, [0.5; 2]), light.pdf(DVec3::ZERO)),

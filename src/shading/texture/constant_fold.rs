@@ -9,7 +9,7 @@ use crate::scene::{
     TextureBinding,
 };
 
-use super::{constant, slot};
+use super::{constant, encoding_index};
 
 /// Folds the constant textures of a validated scene into its materials.
 pub fn fold_constant_textures(scene: &mut Scene) {
@@ -39,7 +39,9 @@ pub fn fold_constant_textures(scene: &mut Scene) {
             .into_iter()
             .filter(|layer| {
                 let color = colors[layer.texture.texture as usize];
-                !color.is_some_and(|color| fold(material, layer, color[slot(layer.parameter.encoding())]))
+                !color.is_some_and(|color| {
+                    fold(material, layer, color[encoding_index(layer.parameter.encoding())])
+                })
             })
             .collect();
         // A material that is opaque everywhere needs no alpha test
@@ -77,9 +79,9 @@ fn fold(material: &mut Material, layer: &TextureBinding, texel: [f32; 4]) -> boo
         (MaterialInput::Normal, _) => return [0, 1, 2].map(|c| 2.0 * texel[c] - 1.0) == [0.0, 0.0, 1.0],
         (MaterialInput::Occlusion, _) => return layer.strength * (texel[0] - 1.0) == 0.0,
         (parameter, Model::MetallicRoughness(model)) => fold_metallic_roughness(model, parameter, texel),
-        (MaterialInput::SpecularColor, Model::Lecture(lecture)) => tint(&mut lecture.specular),
-        (MaterialInput::Reflection, Model::Lecture(lecture)) => tint(&mut lecture.reflection),
-        (MaterialInput::Transmission, Model::Lecture(lecture)) => tint(&mut lecture.transmission),
+        (MaterialInput::SpecularColor, Model::Phong(phong)) => tint(&mut phong.specular),
+        (MaterialInput::Reflection, Model::Phong(phong)) => tint(&mut phong.reflection),
+        (MaterialInput::Transmission, Model::Phong(phong)) => tint(&mut phong.transmission),
         // The model does not have this parameter.
         _ => {}
     }
@@ -145,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_texture_of_one_colour_becomes_a_factor_and_one_of_zeros_switches_its_effect_off() {
+    fn constant_texture_is_folded_into_its_factor() {
         let mut black = scene(MaterialInput::Emission, [0, 0, 0, 255]);
         fold_constant_textures(&mut black);
         assert_eq!(black.materials[0].emission, [0.0; 3]);
@@ -160,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn what_covers_a_part_everywhere_and_what_bends_normals_stays() {
+    fn alpha_and_normal_textures_are_not_folded() {
         let mut half = scene(MaterialInput::BaseColor, [255, 255, 255, 128]);
         fold_constant_textures(&mut half);
         assert_eq!(half.materials[0].alpha, AlphaMode::Blend);

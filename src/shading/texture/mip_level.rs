@@ -12,7 +12,7 @@ static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> =
 
 /// Rectangle of texels in row-major order, the top row first.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Grid<'a> {
+pub(super) struct MipLevel<'a> {
     pub(super) width: u32,
     pub(super) height: u32,
     texels: Decoder<'a>,
@@ -26,16 +26,16 @@ enum Decoder<'a> {
     Floats(&'a [[f32; 4]]),
 }
 
-impl<'a> Grid<'a> {
+impl<'a> MipLevel<'a> {
     /// Creates the finest level from an image as it was read; `encoding` gives the meaning of its bytes.
-    pub(super) fn of_image(image: &'a Image, encoding: Encoding) -> Grid<'a> {
+    pub(super) fn of_image(image: &'a Image, encoding: Encoding) -> MipLevel<'a> {
         let texels = match (&image.texels, encoding) {
             (Texels::Bytes(texels), Encoding::Linear) => Decoder::Bytes(texels),
             (Texels::Bytes(texels), Encoding::Srgb) => Decoder::SrgbBytes(texels, &LINEAR_FROM_SRGB),
             (Texels::Floats(texels), _) => Decoder::Floats(texels),
-            (Texels::Unread, _) => return Grid::of_floats(1, 1, &[WHITE]),
+            (Texels::Unread, _) => return MipLevel::of_floats(1, 1, &[WHITE]),
         };
-        Grid {
+        MipLevel {
             width: image.width,
             height: image.height,
             texels,
@@ -43,8 +43,8 @@ impl<'a> Grid<'a> {
     }
 
     /// Creates a level from texels that are linear already.
-    pub(super) fn of_floats(width: u32, height: u32, texels: &'a [[f32; 4]]) -> Grid<'a> {
-        Grid {
+    pub(super) fn of_floats(width: u32, height: u32, texels: &'a [[f32; 4]]) -> MipLevel<'a> {
+        MipLevel {
             width,
             height,
             texels: Decoder::Floats(texels),
@@ -141,9 +141,9 @@ mod tests {
     }
 
     #[test]
-    fn each_wrap_mode_continues_the_image_its_own_way() {
+    fn wrap_modes_repeat_mirror_and_clamp() {
         let image = black_and_white(255);
-        let grid = Grid::of_image(&image, Encoding::Linear);
+        let grid = MipLevel::of_image(&image, Encoding::Linear);
         let red = |wrap, u: f64| grid.nearest(sampler(wrap), [u, 0.5])[0];
         // Texels: black on [0, ½), white on [½, 1).
         assert_eq!([red(Wrap::Repeat, 1.25), red(Wrap::Repeat, -0.25)], [0.0, 1.0]);
@@ -158,9 +158,9 @@ mod tests {
     }
 
     #[test]
-    fn bilinear_filtering_meets_texels_at_their_middles() {
+    fn bilinear_filtering_interpolates_texel_centres() {
         let image = black_and_white(255);
-        let grid = Grid::of_image(&image, Encoding::Linear);
+        let grid = MipLevel::of_image(&image, Encoding::Linear);
         let red = |u: f64| grid.bilinear(sampler(Wrap::ClampToEdge), [u, 0.5])[0];
         assert_eq!([red(0.25), red(0.5), red(0.75)], [0.0, 0.5, 1.0]);
     }
@@ -168,8 +168,9 @@ mod tests {
     #[test]
     fn srgb_is_decoded_before_mixing() {
         let image = black_and_white(188);
-        let red =
-            |u: f64| Grid::of_image(&image, Encoding::Srgb).bilinear(sampler(Wrap::ClampToEdge), [u, 0.5])[0];
+        let red = |u: f64| {
+            MipLevel::of_image(&image, Encoding::Srgb).bilinear(sampler(Wrap::ClampToEdge), [u, 0.5])[0]
+        };
         // Code 188 is linear 0.5029; half of it is half-way between black and white.
         assert!((red(0.75) - 0.502_886_5).abs() < 1e-6);
         assert!((red(0.5) - 0.251_443_2).abs() < 1e-6);

@@ -10,7 +10,7 @@
 //! Colours (sRGB) are averaged with their alpha as weight, so that invisible texels do not bleed into visible ones;
 //! where all alphas are zero, the weights are equal. In linear images the channels are averaged independently.
 
-use super::mip_level::{Grid, mix};
+use super::mip_level::{MipLevel, mix};
 use crate::parallel;
 use crate::scene::{Encoding, Sampler};
 
@@ -28,8 +28,8 @@ struct Level {
 }
 
 impl Level {
-    fn grid(&self) -> Grid<'_> {
-        Grid::of_floats(self.width, self.height, &self.texels)
+    fn grid(&self) -> MipLevel<'_> {
+        MipLevel::of_floats(self.width, self.height, &self.texels)
     }
 }
 
@@ -43,7 +43,7 @@ impl MipMap {
     }
 
     /// Builds the levels by halving `finest` until one texel is left.
-    pub(super) fn new(finest: Grid, encoding: Encoding) -> MipMap {
+    pub(super) fn new(finest: MipLevel, encoding: Encoding) -> MipMap {
         let mut levels: Vec<Level> = Vec::new();
         loop {
             let source = levels.last().map_or(finest, Level::grid);
@@ -56,7 +56,7 @@ impl MipMap {
 
     /// Returns the trilinear lookup for a ray that is `width` texels of the finest level wide: the level is log2 of
     /// that width.
-    pub(super) fn trilinear(&self, finest: Grid, sampler: Sampler, uv: [f64; 2], width: f64) -> [f32; 4] {
+    pub(super) fn trilinear(&self, finest: MipLevel, sampler: Sampler, uv: [f64; 2], width: f64) -> [f32; 4] {
         // Select the level by the width of the ray
         let level = width.log2();
         if !(level > 0.0) || self.levels.is_empty() {
@@ -77,7 +77,7 @@ impl MipMap {
 }
 
 /// Returns the next coarser level of `source`.
-fn halved(source: Grid, encoding: Encoding) -> Level {
+fn halved(source: MipLevel, encoding: Encoding) -> Level {
     let [width, height] = [source.width, source.height].map(|side| (side / 2).max(1));
     let mut texels = vec![[0.0; 4]; width as usize * height as usize];
     parallel::for_each_chunk_mut(&mut texels, width as usize, &|y, row| {
@@ -129,7 +129,7 @@ impl Taps {
 
 /// Returns the weighted mean of the texels that `across` and `down` cover. The sum is in f64, so equal texels keep
 /// their value.
-fn average(source: Grid, across: Taps, down: Taps, encoding: Encoding) -> [f32; 4] {
+fn average(source: MipLevel, across: Taps, down: Taps, encoding: Encoding) -> [f32; 4] {
     let mut sum = [0.0; 4];
     let mut seen = [0.0; 3];
     // Sum the texels, also weighted by alpha
@@ -186,7 +186,7 @@ mod tests {
     fn a_constant_image_is_the_same_on_every_level() {
         for (width, height) in [(1, 1), (2, 2), (7, 5), (1, 9), (33, 6), (255, 3)] {
             let image = image(width, height, |_, _| [200, 100, 3, 77]);
-            let finest = Grid::of_image(&image, Encoding::Srgb);
+            let finest = MipLevel::of_image(&image, Encoding::Srgb);
             let expected = finest.texel(0, 0);
             for level in MipMap::new(finest, Encoding::Srgb).levels {
                 for texel in level.texels {
@@ -203,7 +203,7 @@ mod tests {
     fn the_coarsest_level_is_the_mean_of_the_image_in_linear_light() {
         for (width, height) in [(64, 64), (63, 65), (100, 7), (1, 31), (5, 3)] {
             let image = scrambled(width, height);
-            let finest = Grid::of_image(&image, Encoding::Srgb);
+            let finest = MipLevel::of_image(&image, Encoding::Srgb);
             let mut mean = [0.0; 4];
             for y in 0..height as usize {
                 for x in 0..width as usize {
@@ -211,12 +211,12 @@ mod tests {
                     (0..4).for_each(|c| mean[c] += f64::from(texel[c]) / f64::from(width * height));
                 }
             }
-            let pyramid = MipMap::new(finest, Encoding::Srgb);
-            let coarsest = pyramid.levels.last().unwrap();
+            let mip_map = MipMap::new(finest, Encoding::Srgb);
+            let coarsest = mip_map.levels.last().unwrap();
             assert_eq!((coarsest.width, coarsest.height), (1, 1));
             for c in 0..4 {
                 // One f32 rounding per level, of a number below 1.
-                let tolerance = pyramid.levels.len() as f64 * f64::from(f32::EPSILON);
+                let tolerance = mip_map.levels.len() as f64 * f64::from(f32::EPSILON);
                 assert!(
                     (f64::from(coarsest.texels[0][c]) - mean[c]).abs() <= tolerance,
                     "{width} x {height}"
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn three_texels_become_one_of_equal_shares_and_five_become_two() {
+    fn odd_sizes_are_reduced_with_equal_weights() {
         assert_eq!(Taps::new(0, 3).weights, [1.0 / 3.0; 3]);
         // 2½ source texels each: weights (1, 1, ½) and (½, 1, 1) over 2½.
         assert_eq!(Taps::new(0, 5).weights, [0.4, 0.4, 0.2]);
@@ -235,11 +235,11 @@ mod tests {
     }
 
     #[test]
-    fn a_wider_ray_changes_the_colour_without_a_jump() {
+    fn colour_is_continuous_in_ray_width() {
         let image = scrambled(61, 35);
-        let finest = Grid::of_image(&image, Encoding::Srgb);
-        let pyramid = MipMap::new(finest, Encoding::Srgb);
-        let look = |width: f64| pyramid.trilinear(finest, CLAMPED, [0.37, 0.61], width);
+        let finest = MipLevel::of_image(&image, Encoding::Srgb);
+        let mip_map = MipMap::new(finest, Encoding::Srgb);
+        let look = |width: f64| mip_map.trilinear(finest, CLAMPED, [0.37, 0.61], width);
         const STEPS: usize = 4000;
         let widths = |i: usize| 0.05 * 4000f64.powf(i as f64 / STEPS as f64);
         for i in 0..STEPS {
@@ -252,21 +252,21 @@ mod tests {
             );
         }
         assert_eq!(look(0.0), finest.bilinear(CLAMPED, [0.37, 0.61]));
-        assert_eq!(look(f64::INFINITY), pyramid.levels.last().unwrap().texels[0]);
+        assert_eq!(look(f64::INFINITY), mip_map.levels.last().unwrap().texels[0]);
         assert_eq!(look(f64::NAN), look(0.0));
     }
 
     #[test]
-    fn a_whole_level_is_taken_where_the_ray_is_a_power_of_two_texels_wide() {
+    fn power_of_two_footprint_selects_a_whole_level() {
         let image = scrambled(64, 64);
-        let finest = Grid::of_image(&image, Encoding::Linear);
-        let pyramid = MipMap::new(finest, Encoding::Linear);
-        let second = pyramid.levels[1].grid().bilinear(CLAMPED, [0.3, 0.8]);
-        assert_eq!(pyramid.trilinear(finest, CLAMPED, [0.3, 0.8], 4.0), second);
+        let finest = MipLevel::of_image(&image, Encoding::Linear);
+        let mip_map = MipMap::new(finest, Encoding::Linear);
+        let second = mip_map.levels[1].grid().bilinear(CLAMPED, [0.3, 0.8]);
+        assert_eq!(mip_map.trilinear(finest, CLAMPED, [0.3, 0.8], 4.0), second);
     }
 
     #[test]
-    fn invisible_texels_lend_no_colour_to_visible_ones() {
+    fn transparent_texels_do_not_affect_visible_colour() {
         let image = image(
             2,
             1,
@@ -275,8 +275,8 @@ mod tests {
             },
         );
         let coarsest = |encoding| {
-            let pyramid = MipMap::new(Grid::of_image(&image, encoding), encoding);
-            pyramid.levels[0].texels[0]
+            let mip_map = MipMap::new(MipLevel::of_image(&image, encoding), encoding);
+            mip_map.levels[0].texels[0]
         };
         assert_eq!(coarsest(Encoding::Srgb), [1.0, 0.0, 0.0, 0.5]);
         assert_eq!(coarsest(Encoding::Linear), [0.5, 0.5, 0.0, 0.5]);

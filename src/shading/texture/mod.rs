@@ -19,7 +19,7 @@ use std::collections::HashSet;
 use glam::DVec3;
 
 pub use self::constant_fold::fold_constant_textures;
-use self::mip_level::Grid;
+use self::mip_level::MipLevel;
 use self::mipmap::MipMap;
 use crate::parallel;
 use crate::scene::{
@@ -66,7 +66,7 @@ pub struct Footprint {
 pub struct TextureSet<'s> {
     lookups: Vec<Lookup<'s>>,
     /// Mip maps by image and [`Encoding`]; `None` where no lookup needs them.
-    pyramids: Vec<[Option<MipMap>; 2]>,
+    mip_maps: Vec<[Option<MipMap>; 2]>,
 }
 
 #[derive(Debug)]
@@ -114,15 +114,15 @@ impl<'s> TextureSet<'s> {
             })
             .collect();
         // Build the mip maps that materials need
-        let wanted = wanted_pyramids(scene, &lookups, effects);
-        let pyramids = parallel::map(scene.images.len(), &|index| {
+        let wanted = needed_mip_maps(scene, &lookups, effects);
+        let mip_maps = parallel::map(scene.images.len(), &|index| {
             [Encoding::Srgb, Encoding::Linear].map(|encoding| {
                 wanted
-                    .contains(&(index, slot(encoding)))
-                    .then(|| MipMap::new(Grid::of_image(&scene.images[index], encoding), encoding))
+                    .contains(&(index, encoding_index(encoding)))
+                    .then(|| MipMap::new(MipLevel::of_image(&scene.images[index], encoding), encoding))
             })
         });
-        TextureSet { pyramids, lookups }
+        TextureSet { mip_maps, lookups }
     }
 
     /// Returns the linear RGBA of a texture at a point, averaged over the point's widths.
@@ -134,12 +134,12 @@ impl<'s> TextureSet<'s> {
     /// If the scene has no such texture.
     pub fn sample(&self, texture: u32, encoding: Encoding, at: &TexturePoint) -> [f32; 4] {
         match &self.lookups[texture as usize] {
-            Lookup::Constant(colors) => colors[slot(encoding)],
+            Lookup::Constant(colors) => colors[encoding_index(encoding)],
             Lookup::Image(lookup) => {
                 self.texels(lookup, encoding, finite(at.uv), lookup.texels_across(at.uv_width))
             }
             Lookup::Procedural(procedural) => {
-                let (p, width) = place(procedural, at);
+                let (p, width) = pattern_point(procedural, at);
                 procedural::sample(procedural, p, procedural::isotropic(procedural, p, width))
             }
         }
@@ -157,7 +157,7 @@ impl<'s> TextureSet<'s> {
         footprint: &Footprint,
     ) -> [f32; 4] {
         match &self.lookups[texture as usize] {
-            Lookup::Constant(colors) => colors[slot(encoding)],
+            Lookup::Constant(colors) => colors[encoding_index(encoding)],
             // Without mip maps take one lookup of the finest level
             Lookup::Image(lookup) if lookup.sampler.filter != Filter::Mipmap => {
                 self.texels(lookup, encoding, finite(at.uv), 0.0)
@@ -169,21 +169,21 @@ impl<'s> TextureSet<'s> {
                 let probes = Probes::along(axes);
                 let width = axes[1].length().max(axes[0].length() / probes.count);
                 let uv = plane(finite(at.uv));
-                probes.mean(|aside| {
-                    let uv = uv + aside / size.with_z(1.0);
+                probes.mean(|offset| {
+                    let uv = uv + offset / size.with_z(1.0);
                     self.texels(lookup, encoding, [uv.x, uv.y], width)
                 })
             }
             Lookup::Procedural(procedural) => {
                 // Place box-filtered lookups along the longer axis in pattern space
-                let (p, _) = place(procedural, at);
+                let (p, _) = pattern_point(procedural, at);
                 let axes = match procedural.space {
                     Space::Uv => footprint.uv.map(|axis| plane(finite(axis))),
                     Space::Object => footprint.object,
                 };
                 let probes = Probes::along(axes);
                 let width = axes[1].abs() + axes[0].abs() / probes.count;
-                probes.mean(|aside| procedural::sample(procedural, p + aside, width))
+                probes.mean(|offset| procedural::sample(procedural, p + offset, width))
             }
         }
     }
@@ -208,7 +208,7 @@ impl<'s> TextureSet<'s> {
             Lookup::Constant(_) => return [0.0; 2],
             Lookup::Image(lookup) => self.image_slope(lookup, at),
             Lookup::Procedural(procedural) => {
-                let (p, width) = place(procedural, at);
+                let (p, width) = pattern_point(procedural, at);
                 let width = procedural::isotropic(procedural, p, width);
                 let gradient = procedural::gradient(procedural, p, width);
                 if procedural.space == Space::Object {
@@ -225,14 +225,14 @@ impl<'s> TextureSet<'s> {
     /// Returns the colour of a texture that has one colour only.
     pub fn constant(&self, texture: u32, encoding: Encoding) -> Option<[f32; 4]> {
         match &self.lookups[texture as usize] {
-            Lookup::Constant(colors) => Some(colors[slot(encoding)]),
+            Lookup::Constant(colors) => Some(colors[encoding_index(encoding)]),
             Lookup::Image(_) | Lookup::Procedural(_) => None,
         }
     }
 
     /// Returns the bytes of all mip maps.
     pub fn level_byte_count(&self) -> usize {
-        self.pyramids
+        self.mip_maps
             .iter()
             .flatten()
             .flatten()
@@ -242,13 +242,13 @@ impl<'s> TextureSet<'s> {
 
     /// Looks up an image for a ray that is `width` texels wide.
     fn texels(&self, lookup: &ImageLookup, encoding: Encoding, uv: [f64; 2], width: f64) -> [f32; 4] {
-        let finest = Grid::of_image(lookup.image, encoding);
+        let finest = MipLevel::of_image(lookup.image, encoding);
         match (
             lookup.sampler.filter,
-            &self.pyramids[lookup.index][slot(encoding)],
+            &self.mip_maps[lookup.index][encoding_index(encoding)],
         ) {
             (Filter::Nearest, _) => finest.nearest(lookup.sampler, uv),
-            (Filter::Mipmap, Some(pyramid)) => pyramid.trilinear(finest, lookup.sampler, uv, width),
+            (Filter::Mipmap, Some(mip_map)) => mip_map.trilinear(finest, lookup.sampler, uv, width),
             (Filter::Linear | Filter::Mipmap, _) => finest.bilinear(lookup.sampler, uv),
         }
     }
@@ -312,8 +312,8 @@ impl Probes {
     fn mean(&self, look: impl Fn(DVec3) -> [f32; 4]) -> [f32; 4] {
         let mut sum = [0.0; 4];
         for probe in 0..self.count as usize {
-            let aside = self.axis * ((probe as f64 + 0.5) / self.count - 0.5);
-            let color = look(aside);
+            let offset = self.axis * ((probe as f64 + 0.5) / self.count - 0.5);
+            let color = look(offset);
             (0..4).for_each(|c| sum[c] += color[c]);
         }
         sum.map(|x| x / self.count as f32)
@@ -321,7 +321,7 @@ impl Probes {
 }
 
 /// Returns the point in the pattern's space and the width of the ray there.
-fn place(procedural: &Procedural, at: &TexturePoint) -> (DVec3, f64) {
+fn pattern_point(procedural: &Procedural, at: &TexturePoint) -> (DVec3, f64) {
     match procedural.space {
         Space::Uv => (plane(finite(at.uv)), at.uv_width.into()),
         Space::Object => (at.p_object, at.width.into()),
@@ -336,7 +336,7 @@ fn finite(uv: [f32; 2]) -> [f64; 2] {
     uv.map(|x| if x.is_finite() { f64::from(x) } else { 0.0 })
 }
 
-fn slot(encoding: Encoding) -> usize {
+fn encoding_index(encoding: Encoding) -> usize {
     match encoding {
         Encoding::Srgb => 0,
         Encoding::Linear => 1,
@@ -354,7 +354,7 @@ fn constant(image: &Image) -> Option<[[f32; 4]; 2]> {
         Texels::Unread => return Some([WHITE; 2]),
     };
     same.then(|| {
-        [Encoding::Srgb, Encoding::Linear].map(|encoding| Grid::of_image(image, encoding).texel(0, 0))
+        [Encoding::Srgb, Encoding::Linear].map(|encoding| MipLevel::of_image(image, encoding).texel(0, 0))
     })
 }
 
@@ -363,13 +363,13 @@ fn all_same<T: PartialEq>(texels: &[T]) -> bool {
 }
 
 /// Returns the pairs of image and encoding that some material looks up by the width of the ray.
-fn wanted_pyramids(scene: &Scene, lookups: &[Lookup], effects: EffectSet) -> HashSet<(usize, usize)> {
+fn needed_mip_maps(scene: &Scene, lookups: &[Lookup], effects: EffectSet) -> HashSet<(usize, usize)> {
     let layers = scene.materials.iter().flat_map(|material| &material.layers);
     layers
         .filter(|layer| effects.has(Effect::TextureFilter) && effects.has(layer.effect()))
         .filter_map(|layer| match &lookups[layer.texture.texture as usize] {
             Lookup::Image(lookup) if lookup.sampler.filter == Filter::Mipmap => {
-                Some((lookup.index, slot(layer.parameter.encoding())))
+                Some((lookup.index, encoding_index(layer.parameter.encoding())))
             }
             _ => None,
         })

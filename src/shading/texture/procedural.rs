@@ -10,14 +10,14 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use crate::numeric::noise::{fractal, kept, noise, turbulence};
+use crate::numeric::noise::{fractal, noise, remaining_amplitude, turbulence};
 use crate::scene::{Pattern, Procedural, Space};
 
 /// Returns the linear RGBA at `p`, in the pattern's space but before its scale, averaged over a box of sides `width`
 /// there.
 pub(super) fn sample(procedural: &Procedural, p: DVec3, width: DVec3) -> [f32; 4] {
     let scale = DVec3::from_array(procedural.scale);
-    let second = share(procedural.pattern, finite(scale * p), finite_width(scale * width));
+    let second = second_color_weight(procedural.pattern, finite(scale * p), finite_width(scale * width));
     let second = second.clamp(0.0, 1.0) as f32;
     let [a, b] = procedural.colors;
     std::array::from_fn(|i| (1.0 - second) * a[i] + second * b[i])
@@ -31,14 +31,14 @@ pub(super) fn gradient(procedural: &Procedural, p: DVec3, width: DVec3) -> DVec3
     const STEP: f64 = 1.0 / (1 << 17) as f64;
     let scale = DVec3::from_array(procedural.scale);
     let (p, width) = (finite(scale * p), finite_width(scale * width));
-    let second = |p: DVec3| share(procedural.pattern, p, width).clamp(0.0, 1.0);
+    let second = |p: DVec3| second_color_weight(procedural.pattern, p, width).clamp(0.0, 1.0);
     let [a, b] = procedural.colors.map(|color| f64::from(color[0]));
     // Take central differences along each axis
     let mut gradient = DVec3::ZERO;
     for axis in 0..3 {
         let step = (0.5 * width[axis]).max(STEP * p[axis].abs().cbrt().max(1.0));
-        let aside = DVec3::AXES[axis] * step;
-        gradient[axis] = scale[axis] * (b - a) * (second(p + aside) - second(p - aside)) / (2.0 * step);
+        let offset = DVec3::AXES[axis] * step;
+        gradient[axis] = scale[axis] * (b - a) * (second(p + offset) - second(p - offset)) / (2.0 * step);
     }
     gradient
 }
@@ -59,7 +59,7 @@ pub(super) fn isotropic(procedural: &Procedural, p: DVec3, width: f64) -> DVec3 
 }
 
 /// Returns the weight of the second colour at `p`, averaged over a box of sides `width`.
-fn share(pattern: Pattern, p: DVec3, width: DVec3) -> f64 {
+fn second_color_weight(pattern: Pattern, p: DVec3, width: DVec3) -> f64 {
     match pattern {
         Pattern::Checker => {
             let square = |axis: usize| mean_square_wave(p[axis], width[axis]);
@@ -75,7 +75,8 @@ fn share(pattern: Pattern, p: DVec3, width: DVec3) -> f64 {
             0.5 + 0.5 * (TAU * phase(p)).sin() * damping(phase, p, width)
         }
         Pattern::Wood { turbulence: shift } => {
-            let phase = |p: DVec3| p.x.hypot(p.y) + shift * kept(width.max_element()) * noise(p);
+            let phase =
+                |p: DVec3| p.x.hypot(p.y) + shift * remaining_amplitude(width.max_element()) * noise(p);
             0.5 - 0.5 * (TAU * phase(p)).cos() * damping(phase, p, width)
         }
     }
@@ -167,7 +168,11 @@ mod tests {
         for i in 0..steps {
             for j in 0..steps {
                 for k in 0..steps {
-                    sum += share(pattern, p + width * DVec3::new(at(i), at(j), at(k)), DVec3::ZERO);
+                    sum += second_color_weight(
+                        pattern,
+                        p + width * DVec3::new(at(i), at(j), at(k)),
+                        DVec3::ZERO,
+                    );
                 }
             }
         }
@@ -192,7 +197,7 @@ mod tests {
     fn the_filtered_checker_is_its_integral_over_the_box() {
         const STEPS: usize = 48;
         for (p, width) in boxes() {
-            let exact = share(Pattern::Checker, p, width);
+            let exact = second_color_weight(Pattern::Checker, p, width);
             let sum = numeric(Pattern::Checker, p, width, STEPS);
             // Each axis is off by at most one step per edge, and a box has width + 1 edges.
             let edges = width.element_sum() + 3.0;
@@ -216,10 +221,10 @@ mod tests {
                 let mut sum = 0.0;
                 for i in 0..STEPS {
                     let x = (i as f64 + 0.5) * step - 0.5 * width.x;
-                    sum += share(pattern, p + x * DVec3::X, DVec3::ZERO) / STEPS as f64;
+                    sum += second_color_weight(pattern, p + x * DVec3::X, DVec3::ZERO) / STEPS as f64;
                 }
                 assert!(
-                    (share(pattern, p, width) - sum).abs() <= tolerance,
+                    (second_color_weight(pattern, p, width) - sum).abs() <= tolerance,
                     "{pattern:?} {p} {width}"
                 );
             }
@@ -227,27 +232,27 @@ mod tests {
     }
 
     #[test]
-    fn every_pattern_tends_to_its_sharp_self_and_to_one_mean() {
+    fn patterns_converge_to_sharp_and_to_mean_colour() {
         for pattern in patterns() {
             for (p, _) in boxes() {
-                let [sharp, narrow] = [0.0, 1e-9].map(|w| share(pattern, p, DVec3::splat(w)));
+                let [sharp, narrow] = [0.0, 1e-9].map(|w| second_color_weight(pattern, p, DVec3::splat(w)));
                 assert!((sharp - narrow).abs() < 1e-6, "{pattern:?} {p}");
-                let wide = share(pattern, p, DVec3::splat(1e9));
+                let wide = second_color_weight(pattern, p, DVec3::splat(1e9));
                 assert!((wide - 0.5).abs() < 1e-3, "{pattern:?} {p}: {wide}");
             }
         }
     }
 
     #[test]
-    fn filtering_comes_nearer_to_the_mean_than_a_single_point_does() {
+    fn filtering_is_closer_to_the_mean_than_point_sampling() {
         for pattern in patterns() {
             for size in [0.3, 1.0, 3.0] {
                 let (mut filtered, mut single) = (0.0, 0.0);
                 for (p, _) in boxes().take(60) {
                     let width = DVec3::new(size, size, 0.0);
                     let mean = numeric(pattern, p, width, 12);
-                    filtered += (share(pattern, p, width) - mean).powi(2);
-                    single += (share(pattern, p, DVec3::ZERO) - mean).powi(2);
+                    filtered += (second_color_weight(pattern, p, width) - mean).powi(2);
+                    single += (second_color_weight(pattern, p, DVec3::ZERO) - mean).powi(2);
                 }
                 assert!(filtered <= single, "{pattern:?} {size}: {filtered} > {single}");
             }
@@ -255,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn squares_and_cubes_alternate_from_the_first_colour_at_the_origin() {
+    fn checkers_alternate_from_the_first_colour_at_origin() {
         let checker = Procedural {
             pattern: Pattern::Checker,
             colors: [[0.1, 0.2, 0.3, 1.0], [0.7, 0.8, 0.9, 0.5]],
@@ -306,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn absurd_points_and_widths_give_colours_between_the_two() {
+    fn extreme_points_and_widths_give_colours_in_range() {
         let absurd = [f64::NAN, f64::INFINITY, -f64::MAX, 1e300, 1e-320, -0.0];
         for pattern in patterns() {
             for x in absurd {

@@ -70,7 +70,7 @@ fn stripes() -> Image {
 }
 
 #[test]
-fn an_image_of_one_colour_is_that_colour_however_it_is_asked() {
+fn a_constant_image_returns_its_colour_for_every_lookup() {
     let scene = image_scene(
         image(3, 2, Texels::Bytes(vec![[188, 0, 255, 51]; 6].into())),
         MIPMAPPED,
@@ -88,11 +88,11 @@ fn an_image_of_one_colour_is_that_colour_however_it_is_asked() {
 }
 
 #[test]
-fn pyramids_are_built_only_for_what_is_looked_up_by_width() {
+fn mip_levels_are_built_only_for_filtered_textures() {
     let built = |filter, parameter| {
         let scene = image_scene(stripes(), Sampler { filter, ..MIPMAPPED }, parameter);
         let set = TextureSet::new(&scene);
-        set.pyramids[0].each_ref().map(Option::is_some)
+        set.mip_maps[0].each_ref().map(Option::is_some)
     };
     assert_eq!(built(Filter::Mipmap, MaterialInput::BaseColor), [true, false]);
     assert_eq!(built(Filter::Mipmap, MaterialInput::Normal), [false, true]);
@@ -125,7 +125,7 @@ fn half_floats_of_any_size_pass_through_unclipped() {
 }
 
 #[test]
-fn a_long_footprint_across_the_stripes_blurs_them_and_one_along_them_does_not() {
+fn elongated_footprint_blurs_only_across_stripes() {
     let scene = image_scene(stripes(), MIPMAPPED, MaterialInput::BaseColor);
     let set = TextureSet::new(&scene);
     let red = |longer: [f32; 2], shorter: [f32; 2]| {
@@ -169,7 +169,7 @@ fn a_footprint_along_the_axes_gives_the_checkers_exact_mean() {
 }
 
 #[test]
-fn one_ray_a_pixel_over_a_checkered_floor_to_the_horizon_comes_near_to_1024() {
+fn filtered_checkered_floor_is_close_to_1024_samples() {
     // The camera is one unit above the floor y = 0 and looks to the horizon, turned by 0.3 from the squares' axes.
     const PIXELS: usize = 64;
     const SIDE: usize = 32;
@@ -218,7 +218,7 @@ fn one_ray_a_pixel_over_a_checkered_floor_to_the_horizon_comes_near_to_1024() {
 }
 
 #[test]
-fn the_slope_of_a_ramp_is_its_rise_and_follows_the_layers_transform() {
+fn gradient_of_ramp_follows_the_uv_transform() {
     // R rises by 1/32 per texel along u and by twice that along v.
     let rise = |i: u32| (i % 32 + 2 * (i / 32)) as f32 / 32.0;
     let texels: Vec<_> = (0..32 * 32).map(|i| [rise(i), 0.0, 0.0, 1.0]).collect();
@@ -246,7 +246,7 @@ fn the_slope_of_a_ramp_is_its_rise_and_follows_the_layers_transform() {
 }
 
 #[test]
-fn the_slope_of_a_solid_procedure_is_taken_along_the_surface() {
+fn gradient_of_solid_texture_is_taken_along_the_surface() {
     let procedural = Procedural {
         pattern: Pattern::Gradient,
         colors: [[0.0; 4], [2.0; 4]],
@@ -262,7 +262,7 @@ fn the_slope_of_a_solid_procedure_is_taken_along_the_surface() {
 }
 
 #[test]
-fn absurd_points_find_some_texel() {
+fn extreme_coordinates_find_a_texel() {
     let absurd = [f32::NAN, f32::INFINITY, f32::MAX, -f32::MAX, -1e-45, 0.0];
     for wrap in [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge] {
         for filter in [Filter::Nearest, Filter::Linear, Filter::Mipmap] {

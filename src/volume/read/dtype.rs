@@ -74,7 +74,7 @@ impl Element {
     }
 
     /// Returns the bytes of one number in memory, as a [`Samples`] stores it.
-    fn kept_bytes(self) -> u64 {
+    fn stored_bytes(self) -> u64 {
         match self {
             Element::U8 => 1,
             Element::U16 => 2,
@@ -112,7 +112,7 @@ impl Layout {
             // Limit to i64::MAX bytes, also for the widest type, so that nothing below can overflow.
             let (Some(numbers), true) = (numbers, bytes.is_some_and(|bytes| bytes <= i64::MAX as u64)) else {
                 return Err(Fault::new(
-                    "claims more numbers than any memory holds",
+                    "declares more numbers than memory can hold",
                     SAVE_AGAIN,
                 ));
             };
@@ -156,7 +156,7 @@ impl Layout {
         if self.bytes() > available {
             let [x, y, z] = self.size;
             let fault = format!(
-                "is cut off: {x} x {y} x {z} samples of {} channels take {} bytes, and {available} are there",
+                "is truncated: {x} x {y} x {z} samples of {} channels take {} bytes, and {available} are there",
                 self.channels,
                 self.bytes()
             );
@@ -170,7 +170,7 @@ impl Layout {
         // A grid stores an axis of one sample twice.
         let stored = self.size.map(|side| side.max(2) as u128);
         let kept =
-            stored.iter().product::<u128>() * self.channels as u128 * u128::from(self.element.kept_bytes());
+            stored.iter().product::<u128>() * self.channels as u128 * u128::from(self.element.stored_bytes());
         if kept > u128::from(max_bytes) {
             return Err(too_big(u64::try_from(kept).unwrap_or(u64::MAX), max_bytes));
         }
@@ -248,7 +248,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn half_precision_has_its_values() {
+    fn half_floats_decode_to_their_values() {
         for (half, value) in [
             (0x0000, 0.0),
             (0x3c00, 1.0),
@@ -264,7 +264,7 @@ mod tests {
     }
 
     #[test]
-    fn every_type_is_read_in_both_byte_orders() {
+    fn number_types_are_read_in_both_byte_orders() {
         let axes = [(Axis::X, 1), (Axis::Y, 1), (Axis::Z, 1)];
         let cases: [(Element, &[u8], f32); 11] = [
             (Element::U8, &[200], 200.0),
@@ -290,7 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_lie_where_their_order_says() {
+    fn axes_follow_the_array_order() {
         // Order of axes: z fastest, then y, then x, then two channels.
         let axes = [(Axis::Z, 2), (Axis::Y, 2), (Axis::X, 3), (Axis::Channel, 2)];
         let layout = Layout::new(Element::U8, ByteOrder::Little, &axes).unwrap();
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_that_overflow_or_are_too_big_are_refused_before_they_are_used() {
+    fn overflowing_or_oversized_arrays_are_rejected_early() {
         let refused = |axes: &[(Axis, u64)]| Layout::new(Element::U8, ByteOrder::Little, axes).is_err();
         assert!(refused(&[(Axis::X, u64::MAX), (Axis::Y, 2), (Axis::Z, 1)]));
         assert!(refused(&[(Axis::X, 1 << 30), (Axis::Y, 1 << 30), (Axis::Z, 1)]));

@@ -108,11 +108,11 @@ pub fn read(path: &Path, max_bytes: u64) -> Result<ReadVolume, ReadError> {
         "nrrd" | "nhdr" => nrrd::read(path, max_bytes),
         "vdb" => {
             let remedy = "convert it, as by `copyToArray` of the Python module openvdb and `numpy.save`";
-            let fault = "is an OpenVDB file, which is not read";
+            let fault = "is an OpenVDB file, which is not supported";
             Err(content(path, Fault::new(fault, remedy)))
         }
         _ => {
-            let fault = format!("its ending {ending:?} is that of no known array");
+            let fault = format!("its extension {ending:?} is not that of a known array format");
             let remedy = "give a .npy or .nrrd file, or describe it as raw numbers";
             Err(content(path, Fault::new(fault, remedy)))
         }

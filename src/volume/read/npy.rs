@@ -26,7 +26,12 @@ struct Header<'h> {
 
 /// Parses the header of `bytes`.
 pub(super) fn parse(bytes: &[u8]) -> Result<Array, Fault> {
-    let broken = || Fault::new("is no whole .npy file", "save the array again with numpy.save");
+    let broken = || {
+        Fault::new(
+            "is not a complete .npy file",
+            "save the array again with numpy.save",
+        )
+    };
     let rest = bytes.strip_prefix(MAGIC).ok_or_else(broken)?;
     // Read the version and the length of the dictionary
     let (length, start) = match rest {
@@ -39,7 +44,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Array, Fault> {
         _ => return Err(broken()),
     };
     if length > MAX_HEADER {
-        return Err(Fault::new("has a header of unlikely length", SAVE_AGAIN));
+        return Err(Fault::new("has a header of implausible length", SAVE_AGAIN));
     }
     // Parse the dictionary
     let text = bytes.get(start..start + length).ok_or_else(broken)?;
@@ -102,8 +107,10 @@ fn dictionary(text: &str) -> Option<Header<'_>> {
     let mut header = Header::default();
     let mut rest = text.trim().strip_prefix('{')?.trim_start();
     while !rest.starts_with('}') {
+        // Split off the next key
         let (key, after) = quoted(rest)?;
         let value = after.trim_start().strip_prefix(':')?.trim_start();
+        // Parse the value of a known key
         rest = match key {
             "descr" if value.starts_with(['\'', '"']) => {
                 let (descr, after) = quoted(value)?;
@@ -166,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn an_array_is_indexed_z_y_x_in_either_order() {
+    fn array_is_indexed_z_y_x_in_either_order() {
         let c = parse(&file(
             "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4), }   \n",
         ))
@@ -186,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn arrays_that_cannot_be_volumes_are_refused_by_what_they_are() {
+    fn non_volume_arrays_are_rejected_by_type() {
         let with = |descr: &str, shape: &str| {
             fault(&format!(
                 "{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}}}"
@@ -203,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_headers_are_refused() {
+    fn invalid_headers_are_rejected() {
         for header in [
             "",
             "{",
@@ -229,7 +236,7 @@ mod tests {
             parse(b"\x93NUMPY\x02\x00\xff\xff\xff\xff")
                 .unwrap_err()
                 .fault
-                .contains("unlikely")
+                .contains("implausible")
         );
     }
 }

@@ -16,7 +16,7 @@ use crate::volume::box_from_cube;
 /// Largest header length in bytes that is searched for the empty line.
 const MAX_HEADER: usize = 1 << 20;
 /// Upper bound on deflate's compression ratio: 1032 to 1, and a little for the last block.
-const MAX_SHRINKAGE: u64 = 1033;
+const MAX_DEFLATE_RATIO: u64 = 1033;
 
 /// Encoding of the numbers in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -76,7 +76,7 @@ pub(super) fn read(path: &Path, max_bytes: u64) -> Result<ReadVolume, ReadError>
 fn split(bytes: &[u8]) -> Result<(&str, &[u8]), Fault> {
     if !bytes.starts_with(b"NRRD000") {
         return Err(Fault::new(
-            "is no NRRD file",
+            "is not an NRRD file",
             "give a file that begins with NRRD000",
         ));
     }
@@ -117,6 +117,7 @@ impl<'h> Header<'h> {
         let wrong = || Fault::new(format!("has the field {field}: {value:?}"), SAVE_AGAIN);
         let number = |word: &str| word.parse::<f64>().ok();
         match field {
+            // Fields that determine the layout
             "type" => self.element = Some(element(value).ok_or_else(wrong)?),
             "dimension" => self.dimension = Some(value.parse().map_err(|_| wrong())?),
             "sizes" => {
@@ -141,12 +142,14 @@ impl<'h> Header<'h> {
                     }
                 });
             }
+            // Fields that determine the placement
             "spacings" => {
                 let spacings = value.split_whitespace().map(number);
                 self.spacings = spacings.collect::<Option<_>>().ok_or_else(wrong)?;
             }
             "space directions" => self.directions = directions(value).ok_or_else(wrong)?,
             "space origin" => self.origin = vector(value),
+            // Fields that locate the numbers
             "data file" | "datafile" => {
                 if value.starts_with("LIST") || value.contains('%') {
                     let fault = "spreads its numbers over several files";
@@ -203,7 +206,7 @@ impl<'h> Header<'h> {
         for _ in 0..self.line_skip {
             let line = data.iter().position(|&byte| byte == b'\n');
             let Some(line) = line else {
-                return Err(Fault::new("has fewer lines than are to be skipped", SAVE_AGAIN));
+                return Err(Fault::new("has fewer lines than the header skips", SAVE_AGAIN));
             };
             data = &data[line + 1..];
         }
@@ -257,9 +260,9 @@ impl<'h> Header<'h> {
 fn inflate(layout: &Layout, data: &[u8], skip: u64, max_bytes: u64) -> Result<Vec<u8>, Fault> {
     // Reject sizes that the packed bytes cannot reach, before allocating
     let (wanted, packed) = (layout.bytes(), data.len() as u64);
-    let most = packed.saturating_mul(MAX_SHRINKAGE);
-    if wanted.saturating_add(skip) > most {
-        let fault = format!("is cut off: {packed} packed bytes cannot hold {wanted}");
+    let max_inflated = packed.saturating_mul(MAX_DEFLATE_RATIO);
+    if wanted.saturating_add(skip) > max_inflated {
+        let fault = format!("is truncated: {packed} packed bytes cannot hold {wanted}");
         return Err(Fault::new(fault, SAVE_AGAIN));
     }
     if wanted > max_bytes {
@@ -280,7 +283,7 @@ fn from_text(layout: &Layout, data: &[u8]) -> Result<Vec<u8>, Fault> {
     // Each number takes at least a digit and a separator.
     if count > data.len() as u64 / 2 + 1 {
         let fault = format!(
-            "is cut off: {} bytes of text cannot hold {count} numbers",
+            "is truncated: {} bytes of text cannot hold {count} numbers",
             data.len()
         );
         return Err(Fault::new(fault, SAVE_AGAIN));
@@ -291,7 +294,8 @@ fn from_text(layout: &Layout, data: &[u8]) -> Result<Vec<u8>, Fault> {
     let words = text.split(|c: char| c.is_whitespace() || c == ',');
     for word in words.filter(|word| !word.is_empty()).take(count as usize) {
         let number = word.parse::<f64>();
-        let number = number.map_err(|_| Fault::new(format!("has {word:?} for a number"), SAVE_AGAIN))?;
+        let number =
+            number.map_err(|_| Fault::new(format!("has {word:?} in place of a number"), SAVE_AGAIN))?;
         bytes.extend(number.to_le_bytes());
     }
     Ok(bytes)

@@ -69,7 +69,7 @@ fn assert_counted(volume: &ReadVolume) {
 }
 
 #[test]
-fn the_same_array_is_read_from_every_format() {
+fn same_array_is_read_from_every_format() {
     let big = counted(|i| f32::from(i).to_be_bytes());
     let text: String = (0..24).map(|i| format!("{i}\n")).collect();
     for (name, bytes) in [
@@ -101,7 +101,7 @@ fn the_same_array_is_read_from_every_format() {
 }
 
 #[test]
-fn fortran_order_transposes() {
+fn fortran_order_is_transposed() {
     // The element [z, y, x] is at z + 2 y + 6 x.
     let data: Vec<u8> = (0..24)
         .map(|at| (at / 6) + 4 * (at / 2 % 3) + 12 * (at % 2))
@@ -111,6 +111,7 @@ fn fortran_order_transposes() {
 
 #[test]
 fn raw_numbers_are_read_as_their_header_says() {
+    // Write a file with five leading bytes
     let mut bytes = vec![9; 5];
     bytes.extend(counted(|i| u16::from(i).to_be_bytes()));
     let (_folder, path) = file("a.raw", &bytes);
@@ -122,6 +123,7 @@ fn raw_numbers_are_read_as_their_header_says() {
         skip: 5,
     };
     assert_counted(&read_raw(&path, &header, MEMORY).unwrap());
+    // Try headers that do not fit the file or overflow
     for bad in [
         RawHeader { skip: 6, ..header },
         RawHeader {
@@ -169,7 +171,7 @@ fn colours_become_channels() {
 }
 
 #[test]
-fn numbers_may_lie_in_a_file_of_their_own() {
+fn data_may_be_in_a_separate_file() {
     let folder = tempfile::tempdir().unwrap();
     let mut data = b"first line\nsecond\nxx".to_vec();
     data.extend(counted(|i| [i]));
@@ -192,7 +194,7 @@ fn numbers_may_lie_in_a_file_of_their_own() {
 }
 
 #[test]
-fn directions_and_origin_place_the_middles_of_samples() {
+fn directions_and_origin_place_sample_centres() {
     let fields =
         format!("{RAW_FLOATS}\nspace directions: (2,0,0) (0,0,3) (0,-1,0)\nspace origin: (10,20,30)");
     let volume = read_bytes("a.nrrd", &nrrd(&fields, &[0; 96])).unwrap();
@@ -216,16 +218,18 @@ fn directions_and_origin_place_the_middles_of_samples() {
 }
 
 #[test]
-fn each_fault_is_told_in_one_sentence_with_file_and_remedy() {
+fn each_fault_is_one_sentence_with_file_and_remedy() {
+    // Prepare valid data, and a copy with NaN at (1, 0, 1)
     let floats = counted(|i| f32::from(i).to_le_bytes());
     let mut nan = floats.clone();
     nan[4 * 13..][..4].copy_from_slice(&f32::NAN.to_le_bytes());
     let shape = "(2, 3, 4)";
+    // Read invalid files of each format
     for (name, bytes, words) in [
         ("a.vdb", vec![], "OpenVDB"),
         ("a.txt", vec![], "\"txt\""),
-        ("a.npy", vec![], "no whole .npy"),
-        ("a.npy", npy("<f4", "False", shape, &floats[..95]), "cut off"),
+        ("a.npy", vec![], "complete .npy"),
+        ("a.npy", npy("<f4", "False", shape, &floats[..95]), "truncated"),
         ("a.npy", npy("<f4", "False", shape, &nan), "[1, 0, 1]"),
         (
             "a.npy",
@@ -235,10 +239,10 @@ fn each_fault_is_told_in_one_sentence_with_file_and_remedy() {
         (
             "a.npy",
             npy("<f4", "False", "(200, 200, 200)", &floats),
-            "cut off",
+            "truncated",
         ),
         ("a.nrrd", b"NRRD0004\n".to_vec(), "\"type\""),
-        ("a.nrrd", b"GIF89a".to_vec(), "no NRRD"),
+        ("a.nrrd", b"GIF89a".to_vec(), "not an NRRD"),
         (
             "a.nrrd",
             nrrd(&RAW_FLOATS.replace("endian: big\n", ""), &floats),
@@ -267,22 +271,23 @@ fn each_fault_is_told_in_one_sentence_with_file_and_remedy() {
         (
             "a.nrrd",
             nrrd(&GZIP_BYTES.replace("4 3 2", "40 50 50"), &gzip(&floats)),
-            "cut off",
+            "truncated",
         ),
         ("a.nrrd", nrrd(GZIP_BYTES, &floats), "gzip"),
         ("a.nrrd", nrrd(TEXT, &b"1 two 3 ".repeat(8)), "\"two\""),
-        ("a.nrrd", nrrd(TEXT, b"1 2 3"), "cut off"),
+        ("a.nrrd", nrrd(TEXT, b"1 2 3"), "truncated"),
     ] {
         let sentence = read_bytes(name, &bytes).unwrap_err().to_string();
         assert!(sentence.contains(words) && sentence.contains(name), "{sentence}");
         assert!(!sentence.contains('\n') && sentence.contains(": "), "{sentence}");
     }
+    // Read a file that does not exist
     let missing = read(Path::new("/nowhere/a.npy"), MEMORY).unwrap_err().to_string();
     assert!(missing.contains("check the path"), "{missing}");
 }
 
 #[test]
-fn more_memory_than_allowed_is_not_taken() {
+fn memory_limit_is_enforced() {
     let bytes = npy("|u1", "False", "(2, 3, 4)", &counted(|i| [i]));
     let (_folder, path) = file("a.npy", &bytes);
     assert!(read(&path, bytes.len() as u64).is_ok());

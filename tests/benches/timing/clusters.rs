@@ -1,4 +1,4 @@
-//! How long it takes to group two million boxes into clusters that are asked about together.
+//! How long it takes to group two million boxes into clusters that are tested together.
 
 use std::hint::black_box;
 use std::time::Instant;

@@ -3,7 +3,7 @@
 
 use glam::DAffine3;
 use whit::accel::embree::EmbreeAccel;
-use whit::accel::{Accel, AccelOptions, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelOptions, Coherence, RayPacket};
 use whit::mesh::{Buffer, Mesh};
 use whit::scene::{Geometry, Instance, Scene};
 
@@ -32,15 +32,15 @@ pub(crate) fn run(limits: &mut Limits) {
                 limits.at_least(ratios.median, MIN_RATE)
             );
         };
-        for order in [RayOrder::Coherent, RayOrder::Incoherent] {
+        for order in [Coherence::Coherent, Coherence::Incoherent] {
             compare(
                 &format!("intersect {order:?}"),
-                &|batch| accel.raw_intersect(batch, order),
+                &|batch| accel.baseline_intersect16(batch, order),
                 &|batch| accel.intersect(batch, order),
             );
             compare(
                 &format!("occluded {order:?}"),
-                &|batch| accel.raw_occluded(batch, order),
+                &|batch| accel.baseline_occluded16(batch, order),
                 &|batch| accel.occluded(batch, order),
             );
         }

@@ -1,7 +1,7 @@
-//! The shares of time that `whit info` forecasts from a few strips against those of the whole picture.
+//! The shares of time that `whit info` forecasts from a few strips against those of the whole image.
 
 use whit::accel::{self, AccelOptions, Backend};
-use whit::render::{Account, Ledger, probe};
+use whit::render::{Category, RenderProfile, probe};
 use whit::report::forecast::Forecast;
 
 use crate::ledgers::{MONITOR, ledger, load, one_thread};
@@ -47,20 +47,20 @@ pub(crate) fn run(limits: &mut Limits) {
 }
 
 /// Returns by how much the forecast share of an account differs from the true one at most, and which account that is.
-fn largest_error(forecast: &Forecast, ledger: &Ledger) -> (f64, Account) {
-    let error = |account: Account| {
+fn largest_error(forecast: &Forecast, ledger: &RenderProfile) -> (f64, Category) {
+    let error = |account: Category| {
         let share = ledger.of(account).seconds / seconds_of_work(ledger);
         let shares = forecast.accounts.get(account.name());
         (shares.map_or(0.0, |shares| shares.time) - share).abs()
     };
-    let accounts = Account::ALL.into_iter();
+    let accounts = Category::ALL.into_iter();
     accounts
-        .filter(|&account| account != Account::Idle)
+        .filter(|&account| account != Category::Idle)
         .map(|account| (error(account), account))
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .unwrap()
 }
 
-fn seconds_of_work(ledger: &Ledger) -> f64 {
-    ledger.total().seconds - ledger.of(Account::Idle).seconds
+fn seconds_of_work(ledger: &RenderProfile) -> f64 {
+    ledger.total().seconds - ledger.of(Category::Idle).seconds
 }

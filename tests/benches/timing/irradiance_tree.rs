@@ -24,7 +24,7 @@ const MAX_TIME: f64 = 0.1;
 /// Compares the two on a marble sphere.
 pub(crate) fn run(limits: &mut Limits) {
     let dipole = Dipole::new(&SubsurfacePreset::named("marble").unwrap().scattering).unwrap();
-    // As densely sampled as the dipole asks for.
+    // As densely sampled as the dipole requires.
     let radius = dipole.sample_spacing() * (SAMPLE_COUNT as f64 / (4.0 * PI)).sqrt();
     let samples = lit_sphere(radius);
     let start = Instant::now();
@@ -69,7 +69,7 @@ fn sphere_points(count: usize) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// Returns the irradiance of a sphere at the origin under a distant lamp, with the shadow of a bar across it.
+/// Returns the irradiance of a sphere at the origin under a distant light, with the shadow of a bar across it.
 fn lit_sphere(radius: f64) -> Vec<IrradianceSample> {
     let wi = DVec3::new(2.0, 1.0, 2.0) / 3.0;
     let cos = |n: DVec3| if n.x.abs() < 0.1 { 0.0 } else { n.dot(wi).max(0.0) };

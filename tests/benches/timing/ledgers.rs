@@ -4,13 +4,13 @@ use std::sync::atomic::AtomicBool;
 
 use rayon::ThreadPool;
 use whit::accel::Accel;
-use whit::render::{Ledger, Monitor, RenderSettings, render};
+use whit::render::{Monitor, RenderProfile, RenderSettings, render};
 
 use crate::scene_folder::{self, FiledScene};
 
 static IS_CANCELLED: AtomicBool = AtomicBool::new(false);
 
-/// A monitor that is told nothing and cancels nothing.
+/// A monitor that ignores progress and cancels nothing.
 pub(crate) const MONITOR: Monitor = Monitor {
     progress: &|_| {},
     cancel: &IS_CANCELLED,
@@ -28,7 +28,7 @@ pub(crate) fn one_thread() -> ThreadPool {
 }
 
 /// Renders what the first camera sees and returns the ledger.
-pub(crate) fn ledger(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> Ledger {
+pub(crate) fn ledger(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> RenderProfile {
     let settings = RenderSettings {
         ledger: true,
         ..*settings

@@ -9,23 +9,23 @@ pub(crate) struct Limits {
 }
 
 impl Limits {
-    /// Returns words that tell whether `value` is at most `limit`.
+    /// Returns a text on whether `value` is at most `limit`.
     pub(crate) fn at_most(&mut self, value: f64, limit: f64) -> String {
         self.judge(value <= limit, limit)
     }
 
-    /// Returns words that tell whether `value` is at least `limit`.
+    /// Returns a text on whether `value` is at least `limit`.
     #[cfg(feature = "embree")]
     pub(crate) fn at_least(&mut self, value: f64, limit: f64) -> String {
         self.judge(value >= limit, limit)
     }
 
-    /// Returns words that tell whether `value` lies from `low` to `high`.
+    /// Returns a text on whether `value` lies from `low` to `high`.
     pub(crate) fn between(&mut self, value: f64, low: f64, high: f64) -> String {
         self.judge((low..=high).contains(&value), format!("{low} to {high}"))
     }
 
-    /// Returns words that tell whether a value is within `limit`, which the caller has found out.
+    /// Returns a text on whether a value is within `limit`, which the caller has found out.
     pub(crate) fn judge(&mut self, is_within: bool, limit: impl Display) -> String {
         self.is_any_missed |= !is_within;
         let verdict = if is_within { "within" } else { "MISSES" };

@@ -62,7 +62,7 @@ const MEASUREMENTS: &[Measurement] = &[
     #[cfg(feature = "embree")]
     Measurement {
         name: "spheres",
-        description: "the rate of our spheres, in f64, over that of Embree's own, in f32",
+        description: "the rate of whit's spheres, in f64, over that of Embree's own, in f32",
         run: spheres::run,
     },
     #[cfg(feature = "embree")]

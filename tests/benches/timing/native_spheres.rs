@@ -3,7 +3,7 @@
 use std::mem::{MaybeUninit, offset_of};
 
 use embree_sys as sys;
-use whit::accel::{RayOrder, RayPacket};
+use whit::accel::{Coherence, RayPacket};
 
 /// Embree's scene of spheres, ready to be traced.
 pub(crate) struct NativeSpheres {
@@ -42,7 +42,7 @@ impl NativeSpheres {
     }
 
     /// Finds the nearest hits by `rtcIntersect16` on every packet; active lanes must be finite and without NaN.
-    pub(crate) fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
+    pub(crate) fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
         let mut query = new_query(order);
         for packet in packets {
             let (valid, rays) = pointers(packet);
@@ -53,7 +53,7 @@ impl NativeSpheres {
     }
 
     /// Marks blocked lanes by `rtcOccluded16` on every packet; active lanes must be finite and without NaN.
-    pub(crate) fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
+    pub(crate) fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
         let mut query = new_query(order);
         for packet in packets {
             let (valid, rays) = pointers(packet);
@@ -71,10 +71,10 @@ fn pointers(packet: &mut RayPacket) -> (*const i32, *mut RayPacket) {
 }
 
 /// Returns a query without a filter, for any number of calls.
-fn new_query(order: RayOrder) -> sys::EmbreeQuery {
+fn new_query(order: Coherence) -> sys::EmbreeQuery {
     let mut query = MaybeUninit::zeroed();
     // SAFETY: there is room for a query, which the call fills.
-    unsafe { sys::embree_query_init(query.as_mut_ptr(), i32::from(order == RayOrder::Coherent)) };
+    unsafe { sys::embree_query_init(query.as_mut_ptr(), i32::from(order == Coherence::Coherent)) };
     // SAFETY: a C struct of numbers and pointers, zeroed and then filled just now.
     unsafe { query.assume_init() }
 }
@@ -83,7 +83,7 @@ impl Device {
     fn new() -> Device {
         // SAFETY: without a configuration Embree takes its defaults, as many threads as processors among them.
         let handle = unsafe { sys::rtcNewDevice(std::ptr::null()) };
-        assert!(!handle.is_null(), "Embree does not start");
+        assert!(!handle.is_null(), "Embree could not create a device");
         Device(handle)
     }
 
@@ -99,7 +99,7 @@ impl Scene {
     fn new(device: &Device) -> Scene {
         // SAFETY: the device is live.
         let handle = unsafe { sys::rtcNewScene(device.0) };
-        assert!(!handle.is_null(), "Embree makes no scene");
+        assert!(!handle.is_null(), "Embree could not create a scene");
         // SAFETY: the scene is live and not yet committed.
         unsafe { sys::rtcSetSceneFlags(handle, sys::RTC_SCENE_FLAG_ROBUST) };
         Scene(handle)
@@ -115,8 +115,8 @@ impl Geometry {
     fn new(device: &Device) -> Geometry {
         // SAFETY: the device is live.
         let handle = unsafe { sys::rtcNewGeometry(device.0, sys::RTC_GEOMETRY_TYPE_SPHERE_POINT) };
-        assert!(!handle.is_null(), "Embree makes no geometry");
-        // SAFETY: the geometry is live. Every ray may meet it; the default differs between versions.
+        assert!(!handle.is_null(), "Embree could not create a geometry");
+        // SAFETY: the geometry is live. Every ray may hit it; the default differs between versions.
         unsafe { sys::rtcSetGeometryMask(handle, u32::MAX) };
         Geometry(handle)
     }
@@ -128,7 +128,7 @@ impl Geometry {
         // SAFETY: the geometry is live.
         let copy = unsafe { sys::rtcSetNewGeometryBuffer(self.0, kind, 0, format, row, count) };
         assert!(!copy.is_null(), "Embree has no memory for the spheres");
-        // SAFETY: Embree made room for `count` rows of this size, which nobody else knows yet.
+        // SAFETY: Embree made room for `count` rows of this size, which nothing else refers to yet.
         unsafe { std::ptr::copy_nonoverlapping(spheres.as_ptr(), copy.cast::<[f32; 4]>(), count) };
     }
 

@@ -4,7 +4,7 @@
 //! objects, which is chosen after this measurement.
 
 use whit::accel::AccelOptions;
-use whit::accel::RayOrder;
+use whit::accel::Coherence;
 use whit::accel::embree::EmbreeAccel;
 
 use crate::batches::Traced;
@@ -22,7 +22,7 @@ pub(crate) fn run(_: &mut Limits) {
         let accel = EmbreeAccel::build(&scene, &AccelOptions::default()).unwrap();
         let rates = Quartiles::compute((0..ROUNDS).map(|_| {
             let sixteen = Traced::measure(&packets, &|batch| {
-                accel.raw_intersect(batch, RayOrder::Incoherent);
+                accel.baseline_intersect16(batch, Coherence::Incoherent);
             });
             let one = Traced::measure(&packets, &|batch| accel.baseline_intersect1(batch));
             sixteen.seconds / one.seconds

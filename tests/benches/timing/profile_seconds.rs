@@ -1,7 +1,7 @@
 //! The part of a render's time that the accounts of its ledger add up to, and what measuring takes of it.
 
 use whit::accel::{self, AccelOptions, Backend};
-use whit::render::Account;
+use whit::render::Category;
 
 use crate::ledgers::{ledger, load, one_thread};
 use crate::limits::Limits;
@@ -21,10 +21,10 @@ pub(crate) fn run(limits: &mut Limits) {
         let filed = load(name);
         let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
         let ledger = pool.install(|| ledger(&filed, &*accel, &filed.settings(WIDTH, SPP)));
-        let booked = 1.0 - ledger.of(Account::Idle).seconds / ledger.seconds;
+        let booked = 1.0 - ledger.of(Category::Idle).seconds / ledger.seconds;
         let measuring = ledger.seconds_of_measuring() / ledger.seconds;
         println!(
-            "{name}: of {:.3} s booked {booked:.4}, {}; of that measuring {measuring:.4}, {}",
+            "{name}: of {:.3} s, {booked:.4} are accounted for, {}; of that measuring {measuring:.4}, {}",
             ledger.seconds,
             limits.between(booked, BOOKED[0], BOOKED[1]),
             limits.at_most(measuring, MAX_MEASURING)

@@ -11,8 +11,8 @@ use std::time::Instant;
 use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::cost::blocks::{Blocks, Protocol};
 use whit::cost::{
-    Choice, Configuration, Displayed, Experiment, Halves, HitPath, Interval, Knob, Pictures, Reach,
-    SceneChange, Target, Watcher, knobs, run as run_experiment, with_knob,
+    Choice, Configuration, DisplayImage, Experiment, HitPath, ImageSums, Interval, Knob, LevelRange,
+    Observer, SceneChange, SplitReference, Target, knobs, run as run_experiment, with_knob,
 };
 use whit::image::ToneMap;
 use whit::render::{Monitor, Pattern, Plan, RenderSettings, Rendering, render};
@@ -31,9 +31,9 @@ const MAX_TIME: f64 = 1.5;
 const PILOT: f64 = 60.0;
 /// Samples of each half of the reference.
 const REFERENCE_SPP: u32 = 512;
-/// Samples at which the error that more samples do not lower is told.
+/// Samples at which the error that more samples do not lower is estimated.
 const FLOOR_SPP: u32 = 16;
-/// Images by which an error and a time are told.
+/// Images by which an error and a time are estimated.
 const IMAGES: u32 = 7;
 /// Settings that are measured again, the fastest of those that reach the target.
 const FINALISTS: usize = 5;
@@ -84,7 +84,7 @@ fn check(filed: &FiledScene, limits: &mut Limits) {
         fastest.words()
     );
     println!(
-        "{}: {ratio:.2} times the least time, {}; RMSE {:.5} ({:.5} to {:.5}), {}; told {:.5}, {}",
+        "{}: {ratio:.2} times the least time, {}; RMSE {:.5} ({:.5} to {:.5}), {}; predicted {:.5}, {}",
         filed.name,
         limits.at_most(ratio, MAX_TIME),
         rmse.value,
@@ -126,7 +126,7 @@ fn choose(scene: &Scene, base: Configuration) -> (Configuration, Choice) {
         isa: None,
         unfinished: None,
     };
-    let watcher = Watcher {
+    let watcher = Observer {
         progress: &|_, _| {},
         cancel: &AtomicBool::new(false),
         keep: None,
@@ -140,8 +140,8 @@ fn choose(scene: &Scene, base: Configuration) -> (Configuration, Choice) {
 fn all_families(scene: &Scene, plan: &Plan, base: &Configuration) -> Vec<Vec<Configuration>> {
     // Gather the values of each parameter, of which the first is the base's
     let mut by_knob: BTreeMap<Knob, Vec<Configuration>> = BTreeMap::new();
-    for (knob, _, configuration) in knobs(scene, plan, base, &Reach::of(256)) {
-        let is_offered = configuration.path == base.path && configuration.is_trusted_like(base);
+    for (knob, _, configuration) in knobs(scene, plan, base, &LevelRange::of(256)) {
+        let is_offered = configuration.path == base.path && configuration.is_as_accurate_as(base);
         if is_offered && configuration != *base {
             by_knob
                 .entry(knob)
@@ -182,7 +182,7 @@ fn all_families(scene: &Scene, plan: &Plan, base: &Configuration) -> Vec<Vec<Con
 
 /// Returns the settings of a reference.
 fn strict(base: &Configuration, plan: &Plan, path: HitPath) -> Configuration {
-    let mut strict = base.through(path);
+    let mut strict = base.with_path(path);
     let settings = &mut strict.settings;
     settings.spp = REFERENCE_SPP;
     settings.pattern = Pattern::Sobol;
@@ -268,10 +268,10 @@ impl<'s> Stage<'s> {
     }
 }
 
-/// What tells the errors of configurations.
+/// Estimator of the errors of configurations.
 struct Judge<'a, 's> {
     stage: &'a Stage<'s>,
-    reference: Halves,
+    reference: SplitReference,
 }
 
 impl<'a, 's> Judge<'a, 's> {
@@ -283,20 +283,20 @@ impl<'a, 's> Judge<'a, 's> {
         });
         Judge {
             stage,
-            reference: Halves { a, b },
+            reference: SplitReference { a, b },
         }
     }
 
     /// Returns the error and the median of the seconds of some images, `None` if one takes longer than `limit` seconds.
     fn measure(&self, configuration: &Configuration, count: u32, limit: f64) -> Option<(Interval, f64)> {
-        let mut pictures = Pictures::new(&self.reference);
+        let mut images = ImageSums::new(&self.reference);
         let mut seconds = Vec::new();
         for seed in 0..count {
             let (rendering, taken) = self.stage.image(configuration, 77 + seed, limit)?;
-            pictures.add(&self.reference, &displayed(&rendering));
+            images.add(&self.reference, &displayed(&rendering));
             seconds.push(taken);
         }
-        let rmse = pictures.estimate(&self.reference, 5).rmse();
+        let rmse = images.estimate(&self.reference, 5).rmse();
         Some((rmse, Quartiles::compute(seconds).median))
     }
 
@@ -342,20 +342,20 @@ impl<'a, 's> Judge<'a, 's> {
         if let Some((_, reaches)) = floors.iter().find(|(known, _)| *known == sampled) {
             return *reaches;
         }
-        let mut pictures = Pictures::new(&self.reference);
+        let mut images = ImageSums::new(&self.reference);
         for seed in 0..2 {
             let (rendering, _) = self.stage.image(&sampled, 177 + seed, f64::INFINITY).unwrap();
-            pictures.add(&self.reference, &displayed(&rendering));
+            images.add(&self.reference, &displayed(&rendering));
         }
-        let estimate = pictures.estimate(&self.reference, 6);
+        let estimate = images.estimate(&self.reference, 6);
         let reaches = estimate.bias_squared.low <= TARGET * TARGET;
         floors.push((sampled, reaches));
         reaches
     }
 }
 
-fn displayed(rendering: &Rendering) -> Displayed {
-    Displayed::new(&rendering.image, ToneMap { exposure_ev: 0.0 })
+fn displayed(rendering: &Rendering) -> DisplayImage {
+    DisplayImage::new(&rendering.image, ToneMap { exposure_ev: 0.0 })
 }
 
 /// Times configurations by turns and returns the fastest, with the time of the first over that of the fastest.

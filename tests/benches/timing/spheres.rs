@@ -1,7 +1,7 @@
 //! Our spheres, in f64 through callbacks, against Embree's own, in f32, on the same rays.
 
 use whit::accel::embree::EmbreeAccel;
-use whit::accel::{Accel, AccelOptions, LANES, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelOptions, Coherence, LANES, RayPacket};
 use whit::scene::Scene;
 
 use crate::batches::Traced;
@@ -23,10 +23,10 @@ pub(crate) fn run(limits: &mut Limits) {
     let scene = unit_cube::spheres(SPHERE_COUNT);
     let ours = EmbreeAccel::build(&scene, &AccelOptions::default()).unwrap();
     let native = NativeSpheres::build(&centers_and_radii(&scene));
-    for order in [RayOrder::Coherent, RayOrder::Incoherent] {
+    for order in [Coherence::Coherent, Coherence::Incoherent] {
         let packets = match order {
-            RayOrder::Coherent => unit_cube::film_rays(2.0),
-            RayOrder::Incoherent => unit_cube::random_rays(),
+            Coherence::Coherent => unit_cube::film_rays(2.0),
+            Coherence::Incoherent => unit_cube::random_rays(),
         };
         compare(
             &format!("intersect {order:?}"),

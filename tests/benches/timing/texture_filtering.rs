@@ -3,7 +3,7 @@
 
 use std::time::Instant;
 
-use crate::checkerboards::{EMPTY, GLASS, MIPMAPPED, MIRROR, PROCEDURE, SHARP, bsp, picture, scene};
+use crate::checkerboards::{EMPTY, GLASS, MIPMAPPED, MIRROR, PROCEDURE, SHARP, bsp, render_image, scene};
 use crate::limits::Limits;
 use crate::quartiles::Quartiles;
 
@@ -25,7 +25,7 @@ pub(crate) fn run(_: &mut Limits) {
         for _ in 0..ROUNDS {
             for (kind, milliseconds) in milliseconds.iter_mut().enumerate() {
                 let start = Instant::now();
-                picture(&scenes[kind], &*accels[kind], WIDTH, SPP);
+                render_image(&scenes[kind], &*accels[kind], WIDTH, SPP);
                 milliseconds.push(1e3 * start.elapsed().as_secs_f64());
             }
         }

@@ -1,4 +1,4 @@
-//! All backends and all kernels answer alike: nothing wrong, ties counted.
+//! All backends and all kernels return the same results: nothing wrong, ties counted.
 //!
 //! The large versions, with their counts: `tests/ci/slow agreement`.
 
@@ -9,8 +9,8 @@ use glam::{DAffine3, DQuat, DVec3};
 use rayon::prelude::*;
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
-use whit::accel::hit_compare::{HitComparison, compare_carried, compare_occlusion_carried};
-use whit::accel::{Accel, AccelOptions, Hit, Instancing, Kernel, LANES, RayOrder};
+use whit::accel::hit_compare::{HitComparison, compare_occlusion_with_instancing, compare_with_instancing};
+use whit::accel::{Accel, AccelOptions, Coherence, Hit, Instancing, Kernel, LANES};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Scene};
 use whit::shape::{Implicit, Shape};
@@ -29,7 +29,7 @@ fn shuffled(rays: &[Ray], seed: u64) -> Vec<Ray> {
     rays
 }
 
-fn nearest(accel: &dyn Accel, rays: &[Ray], order: RayOrder) -> Vec<Option<Hit>> {
+fn nearest(accel: &dyn Accel, rays: &[Ray], order: Coherence) -> Vec<Option<Hit>> {
     let mut packets = packets(rays);
     packets
         .par_chunks_mut(64)
@@ -39,7 +39,7 @@ fn nearest(accel: &dyn Accel, rays: &[Ray], order: RayOrder) -> Vec<Option<Hit>>
         .collect()
 }
 
-fn blocked(accel: &dyn Accel, rays: &[Ray], order: RayOrder) -> Vec<bool> {
+fn blocked(accel: &dyn Accel, rays: &[Ray], order: Coherence) -> Vec<bool> {
     let mut packets = packets(rays);
     packets
         .par_chunks_mut(64)
@@ -123,13 +123,13 @@ impl Tally {
     }
 }
 
-/// Asks both about both questions and counts.
+/// Traces nearest-hit and any-hit queries through both structures and counts the differences.
 fn judge(
     scene: &Scene,
     truth: (&[Option<Hit>], &[bool]),
     (name, accel): (&str, &dyn Accel),
     rays: &[Ray],
-    order: RayOrder,
+    order: Coherence,
 ) -> Tally {
     let instancing = if name.starts_with("embree native") {
         Instancing::Native
@@ -138,14 +138,15 @@ fn judge(
     };
     let mut tally = Tally::default();
     for ((ray, &a), b) in rays.iter().zip(truth.0).zip(nearest(accel, rays, order)) {
-        tally.add(compare_carried(scene, ray, [a, b], instancing), || {
+        tally.add(compare_with_instancing(scene, ray, [a, b], instancing), || {
             format!("{ray:?}: {a:?} but {b:?}")
         });
     }
     for ((ray, &a), b) in rays.iter().zip(truth.1).zip(blocked(accel, rays, order)) {
-        tally.add(compare_occlusion_carried(scene, ray, [a, b], instancing), || {
-            format!("{ray:?}: blocked {a} but {b}")
-        });
+        tally.add(
+            compare_occlusion_with_instancing(scene, ray, [a, b], instancing),
+            || format!("{ray:?}: blocked {a} but {b}"),
+        );
     }
     tally
 }
@@ -156,9 +157,9 @@ fn batches(
     brute: &BruteAccel,
     film: usize,
     count: usize,
-) -> Vec<(&'static str, RayOrder, Vec<Ray>)> {
+) -> Vec<(&'static str, Coherence, Vec<Ray>)> {
     let camera = scenes::camera_rays(scene, film);
-    let hits: Vec<_> = nearest(brute, &camera, RayOrder::Coherent)
+    let hits: Vec<_> = nearest(brute, &camera, Coherence::Coherent)
         .iter()
         .map(|hit| hit.map(|h| h.t))
         .collect();
@@ -167,12 +168,12 @@ fn batches(
     let lattice = scenes::lattice_rays(scene, count, 23);
     let mixed = shuffled(&[&camera[..film], &random[..film], &lattice[..film]].concat(), 29);
     vec![
-        ("camera", RayOrder::Coherent, camera),
-        ("shadow", RayOrder::Coherent, shadow),
-        ("random", RayOrder::Incoherent, random),
-        ("lattice", RayOrder::Incoherent, lattice),
-        ("by octant", RayOrder::Coherent, by_octant(&mixed)),
-        ("mixed", RayOrder::Coherent, mixed),
+        ("camera", Coherence::Coherent, camera),
+        ("shadow", Coherence::Coherent, shadow),
+        ("random", Coherence::Incoherent, random),
+        ("lattice", Coherence::Incoherent, lattice),
+        ("by octant", Coherence::Coherent, by_octant(&mixed)),
+        ("mixed", Coherence::Coherent, mixed),
     ]
 }
 
@@ -183,7 +184,7 @@ fn by_octant(rays: &[Ray]) -> Vec<Ray> {
     sorted
 }
 
-/// Asks all backends about all batches and prints the counts; returns how many rays there were, and what was wrong.
+/// Traces all batches through all backends and prints the counts; returns how many rays there were, and what was wrong.
 fn compare_all(name: &str, scene: &Scene, film: usize, count: usize) -> (usize, Vec<String>) {
     let (mut ray_count, mut wrong) = (0, Vec::new());
     let brute = BruteAccel::new(scene);
@@ -192,7 +193,7 @@ fn compare_all(name: &str, scene: &Scene, film: usize, count: usize) -> (usize, 
     for (kind, order, rays) in batches(scene, &brute, film, count) {
         ray_count += rays.len();
         let hits = nearest(&brute, &rays, order);
-        // Brute force is blocked by what it hits; asking it again would double the time.
+        // Brute force is occluded by what it hits; tracing it again would double the time.
         let shadows: Vec<bool> = hits.iter().map(Option::is_some).collect();
         for ((name, accel), sum) in backends.iter().zip(&mut sums) {
             sum.merge(
@@ -262,7 +263,7 @@ fn placed_at_random(seed: u64) -> Scene {
 }
 
 #[test]
-fn all_backends_agree_on_meshes_placed_at_random() {
+fn all_backends_agree_on_randomly_placed_meshes() {
     let mut wrong = Vec::new();
     for seed in 0..3 {
         let name = format!("placed at random, seed {seed}");
@@ -281,13 +282,13 @@ fn compare_shapes(film: usize, count: usize) {
 }
 
 #[test]
-fn all_backends_agree_on_every_shape_however_it_is_placed() {
+fn all_backends_agree_on_every_shape_with_any_transform() {
     compare_shapes(50, 2_000);
 }
 
 #[test]
 #[ignore = "slow: a million rays per shape"]
-fn all_backends_agree_on_a_million_rays_a_shape() {
+fn all_backends_agree_on_a_million_rays_per_shape() {
     compare_shapes(400, 400_000);
 }
 
@@ -321,23 +322,23 @@ fn compare_inside_and_outside(count: usize) {
     for (name, shape) in scenes::all_shapes() {
         let start = Instant::now();
         let mut random = SplitMix64(43);
-        let (mut ray_count, mut met, mut bad) = (0, 0, 0);
+        let (mut ray_count, mut hit_count, mut bad) = (0, 0, 0);
         for map in scenes::all_placements() {
             let scene = scenes::scene(vec![Geometry::Shape(shape.clone())], vec![(0, map)]);
             let inside = (0..count).map(|_| ray_from_inside(&mut random, &map, &shape));
             let mut rays: Vec<Ray> = inside.collect();
             rays.extend((0..count).map(|_| ray_from_outside(&mut random, &map, &shape)));
-            let hits = nearest(&BruteAccel::new(&scene), &rays, RayOrder::Incoherent);
+            let hits = nearest(&BruteAccel::new(&scene), &rays, Coherence::Incoherent);
             let shadows: Vec<bool> = hits.iter().map(Option::is_some).collect();
             ray_count += rays.len();
-            met += shadows.iter().filter(|&&is_met| is_met).count();
+            hit_count += shadows.iter().filter(|&&is_blocked| is_blocked).count();
             for (backend, accel) in backends(&scene) {
                 let tally = judge(
                     &scene,
                     (&hits, &shadows),
                     (backend, accel.as_ref()),
                     &rays,
-                    RayOrder::Incoherent,
+                    Coherence::Incoherent,
                 );
                 bad += tally.wrong.len() + tally.tie;
                 wrong.extend(
@@ -351,20 +352,20 @@ fn compare_inside_and_outside(count: usize) {
         }
         let seconds = start.elapsed().as_secs_f64();
         println!(
-            "{name}: {ray_count} rays, half from inside, {met} meet it; {bad} wrong or tied, {seconds:.1} s"
+            "{name}: {ray_count} rays, half from inside, {hit_count} hit it; {bad} wrong or tied, {seconds:.1} s"
         );
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 #[test]
-fn all_backends_agree_on_random_rays_from_inside_and_outside_every_shape() {
+fn all_backends_agree_on_random_rays_at_every_shape() {
     compare_inside_and_outside(1_000);
 }
 
 #[test]
 #[ignore = "slow: a million rays per shape"]
-fn all_backends_agree_on_a_million_random_rays_from_inside_and_outside_every_shape() {
+fn all_backends_agree_on_a_million_random_rays_at_every_shape() {
     compare_inside_and_outside(100_000);
 }
 
@@ -380,14 +381,14 @@ fn one_and_two_build_threads_give_the_same_bits() {
         nearest(
             &BspAccel::build(&scene, &options).unwrap(),
             &rays,
-            RayOrder::Incoherent,
+            Coherence::Incoherent,
         )
     };
     assert_eq!(by(1), by(2));
 }
 
 #[test]
-fn rays_that_no_backend_may_be_asked_about_are_left_alone() {
+fn invalid_rays_are_left_unchanged() {
     let scene = scenes::baked(scenes::bumpy_sphere(8));
     let mut all = backends(&scene);
     all.push(("brute", Box::new(BruteAccel::new(&scene))));
@@ -409,17 +410,17 @@ fn rays_that_no_backend_may_be_asked_about_are_left_alone() {
     ];
     for (backend, accel) in all {
         assert_eq!(
-            nearest(accel.as_ref(), &bad, RayOrder::Coherent),
+            nearest(accel.as_ref(), &bad, Coherence::Coherent),
             [None; 4],
             "{backend}"
         );
         assert_eq!(
-            blocked(accel.as_ref(), &bad, RayOrder::Incoherent),
+            blocked(accel.as_ref(), &bad, Coherence::Incoherent),
             [false; 4],
             "{backend}"
         );
         assert!(
-            nearest(accel.as_ref(), &[good], RayOrder::Coherent)[0].is_some(),
+            nearest(accel.as_ref(), &[good], Coherence::Coherent)[0].is_some(),
             "{backend}"
         );
     }

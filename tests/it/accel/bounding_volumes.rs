@@ -1,21 +1,21 @@
-//! Extents change the time, never an answer: what brute force hits, lists behind extents hit, to the bit.
+//! Bounding volumes change the time, never a result: lists with bounding volumes return the bits of brute force.
 
 use crate::support::scenes::{self, SplitMix64, packets};
 use glam::{DAffine3, DVec3, Vec3};
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
 use whit::accel::extents::{
-    Ball, ExtentKind, FilmBox, ListAccel, ListLimits, ProjectedAccel, ProjectionExtents, SphereExtent,
-    Spheres,
+    BoundingSphere, BoundingVolumeKind, ListAccel, ListLimits, ScreenBounds, ScreenBox, SphereVolume,
+    Spheres, TileCulledAccel,
 };
-use whit::accel::{Accel, AccelOptions, Hit, LANES, RayOrder};
+use whit::accel::{Accel, AccelOptions, Coherence, Hit, LANES};
 use whit::numeric::Ray;
 use whit::scene::{Camera, CameraView, Geometry, Projection, Scene};
 use whit::shape::{Shape, Sphere};
 
 fn nearest(accel: &dyn Accel, rays: &[Ray]) -> Vec<Option<Hit>> {
     let mut packets = packets(rays);
-    accel.intersect(&mut packets, RayOrder::Coherent);
+    accel.intersect(&mut packets, Coherence::Coherent);
     (0..rays.len())
         .map(|i| packets[i / LANES].hit(i % LANES))
         .collect()
@@ -23,7 +23,7 @@ fn nearest(accel: &dyn Accel, rays: &[Ray]) -> Vec<Option<Hit>> {
 
 fn blocked(accel: &dyn Accel, rays: &[Ray]) -> Vec<bool> {
     let mut packets = packets(rays);
-    accel.occluded(&mut packets, RayOrder::Coherent);
+    accel.occluded(&mut packets, Coherence::Coherent);
     (0..rays.len())
         .map(|i| packets[i / LANES].is_blocked(i % LANES))
         .collect()
@@ -94,13 +94,13 @@ fn rays_of(scene: &Scene, count: usize) -> Vec<Ray> {
 }
 
 #[test]
-fn lists_behind_extents_of_every_kind_give_the_bits_of_brute_force() {
+fn lists_with_bounding_volumes_equal_brute_force() {
     let (mut ray_count, mut hit_count) = (0, 0);
     for (name, scene) in all_scenes() {
         let rays = rays_of(&scene, 4000);
         let brute = BruteAccel::new(&scene);
         let hits = nearest(&brute, &rays);
-        for kind in ExtentKind::ALL {
+        for kind in BoundingVolumeKind::ALL {
             let list = ListAccel::new(&scene, kind);
             for ((ray, a), b) in rays.iter().zip(&hits).zip(nearest(&list, &rays)) {
                 assert_eq!(*a, b, "{name}, {kind}: {ray:?}");
@@ -120,7 +120,7 @@ fn lists_behind_extents_of_every_kind_give_the_bits_of_brute_force() {
 }
 
 #[test]
-fn spheres_before_the_objects_of_a_bsp_change_no_bit() {
+fn bounding_spheres_in_the_bsp_change_no_bit() {
     for (name, scene) in all_scenes() {
         let rays = rays_of(&scene, 2000);
         let options = AccelOptions::default();
@@ -133,7 +133,7 @@ fn spheres_before_the_objects_of_a_bsp_change_no_bit() {
 }
 
 #[test]
-fn what_is_counted_adds_up() {
+fn intersection_test_counts_add_up() {
     for (name, scene) in all_scenes() {
         let rays = rays_of(&scene, 1000);
         let bounded = scene
@@ -141,13 +141,13 @@ fn what_is_counted_adds_up() {
             .iter()
             .filter(|i| !scene.geometries[i.geometry as usize].is_unbounded())
             .count() as u64;
-        for kind in ExtentKind::ALL {
+        for kind in BoundingVolumeKind::ALL {
             let list = ListAccel::new(&scene, kind);
             let counts = list.counts();
             let all = counts.none + counts.boxes + counts.centroid_spheres + counts.tight_spheres;
             assert_eq!(all, bounded, "{name}");
-            let mut asked = packets(&rays);
-            let tally = list.count_intersect(&mut asked);
+            let mut traced = packets(&rays);
+            let tally = list.count_intersect(&mut traced);
             assert_eq!(tally.rays, rays.len() as u64, "{name}");
             assert_eq!(tally.objects, tally.rays * bounded, "{name}");
             assert_eq!(
@@ -161,7 +161,7 @@ fn what_is_counted_adds_up() {
                 !scene.geometries[instance.geometry as usize].is_unbounded()
             });
             assert!(tally.object_tests >= on_objects.count() as u64, "{name}, {kind}");
-            if kind == ExtentKind::None {
+            if kind == BoundingVolumeKind::None {
                 assert_eq!(
                     (tally.object_tests, counts.none),
                     (tally.objects, bounded),
@@ -180,13 +180,13 @@ fn what_is_counted_adds_up() {
 }
 
 #[test]
-fn extents_save_most_tests_where_objects_are_many() {
+fn bounding_volumes_save_most_tests_for_many_objects() {
     let scene = scenes::instance_grid(5);
     let rays = scenes::random_rays(&scene, 4000, 7);
     for kind in [
-        ExtentKind::Box,
-        ExtentKind::CentroidSphere,
-        ExtentKind::TightSphere,
+        BoundingVolumeKind::Box,
+        BoundingVolumeKind::CentroidSphere,
+        BoundingVolumeKind::TightSphere,
     ] {
         let tally = ListAccel::new(&scene, kind).count_intersect(&mut packets(&rays));
         assert!(4 * tally.object_tests < tally.objects, "{kind}: {tally:?}");
@@ -207,7 +207,7 @@ fn camera(projection: Projection, eye: DVec3, at: DVec3, z_near: f64) -> Camera 
     }
 }
 
-/// The rays of a square picture in blocks of 4 x 4 pixels, as the renderer makes them.
+/// The rays of a square image in blocks of 4 x 4 pixels, as the renderer makes them.
 fn film_rays(view: &CameraView, width: usize) -> Vec<Ray> {
     let mut rays = Vec::new();
     for block in 0..(width / 4) * (width / 4) {
@@ -258,7 +258,7 @@ fn cameras(scene: &Scene) -> Vec<Camera> {
 }
 
 #[test]
-fn camera_rays_by_projection_extents_give_the_bits_of_brute_force() {
+fn screen_space_boxes_equal_brute_force() {
     let mut hit_count = 0;
     for (name, scene) in all_scenes() {
         let brute = BruteAccel::new(&scene);
@@ -273,16 +273,16 @@ fn camera_rays_by_projection_extents_give_the_bits_of_brute_force() {
                 primitives: 12,
             };
             for (inner, kind, limits) in [
-                (&brute as &dyn Accel, ExtentKind::None, ListLimits::NONE),
-                (&brute, ExtentKind::Chosen, ListLimits::NONE),
-                (&bsp, ExtentKind::TightSphere, few),
-                (&bsp, ExtentKind::TightSphere, ListLimits::BESIDE_A_TREE),
+                (&brute as &dyn Accel, BoundingVolumeKind::None, ListLimits::NONE),
+                (&brute, BoundingVolumeKind::Chosen, ListLimits::NONE),
+                (&bsp, BoundingVolumeKind::TightSphere, few),
+                (&bsp, BoundingVolumeKind::TightSphere, ListLimits::BESIDE_A_TREE),
             ] {
-                let projected = ProjectedAccel::new(&scene, &view, inner, kind, limits).unwrap();
+                let projected = TileCulledAccel::new(&scene, &view, inner, kind, limits).unwrap();
                 for ((ray, a), b) in rays.iter().zip(&hits).zip(nearest(&projected, &rays)) {
                     assert_eq!(*a, b, "{name}, camera {number}, {kind}: {ray:?}");
                 }
-                // Rays that are not the camera's are asked all the same.
+                // Rays that are not the camera's are traced all the same.
                 let others = scenes::random_rays(&scene, 160, 3);
                 assert_eq!(nearest(&projected, &others), nearest(inner, &others), "{name}");
             }
@@ -292,11 +292,11 @@ fn camera_rays_by_projection_extents_give_the_bits_of_brute_force() {
 }
 
 #[test]
-fn every_hit_lies_in_the_film_box_of_its_object() {
+fn every_hit_lies_in_its_objects_screen_space_box() {
     for (name, scene) in all_scenes() {
         for camera in cameras(&scene) {
             let view = camera.view(64, 64);
-            let boxes = ProjectionExtents::new(&scene, &view).unwrap();
+            let boxes = ScreenBounds::new(&scene, &view).unwrap();
             let rays = film_rays(&view, 64);
             for (i, hit) in nearest(&BruteAccel::new(&scene), &rays).iter().enumerate() {
                 let Some(hit) = hit else { continue };
@@ -304,13 +304,13 @@ fn every_hit_lies_in_the_film_box_of_its_object() {
                 let x = (4 * (block % 16) + pixel % 4) as f32 + 0.5;
                 let y = (4 * (block / 16) + pixel / 4) as f32 + 0.5;
                 // The direction was rounded: by far less than a hundredth of a pixel.
-                let pixel = FilmBox {
+                let pixel = ScreenBox {
                     low: [(x - 0.01) / 64.0, (y - 0.01) / 64.0],
                     high: [(x + 0.01) / 64.0, (y + 0.01) / 64.0],
                     depth: 0.0,
                 };
                 assert!(
-                    boxes.film_box(hit.instance).overlaps(&pixel),
+                    boxes.screen_box(hit.instance).overlaps(&pixel),
                     "{name}: {:?}",
                     rays[i]
                 );
@@ -326,7 +326,7 @@ fn balls(places: &[DVec3]) -> Scene {
 }
 
 #[test]
-fn what_is_behind_the_eye_is_nowhere_and_what_is_around_it_everywhere() {
+fn objects_behind_or_around_the_camera_have_empty_or_full_boxes() {
     let scene = balls(&[
         DVec3::new(0.0, 0.0, 5.0),
         DVec3::new(0.0, 0.0, 0.5),
@@ -337,12 +337,12 @@ fn what_is_behind_the_eye_is_nowhere_and_what_is_around_it_everywhere() {
         aspect: None,
     };
     let view = camera(right_angle, DVec3::ZERO, -DVec3::Z, 0.0).view(100, 100);
-    let boxes = ProjectionExtents::new(&scene, &view).unwrap();
-    assert!(boxes.film_box(0).is_nowhere());
-    let around = boxes.film_box(1);
+    let boxes = ScreenBounds::new(&scene, &view).unwrap();
+    assert!(boxes.screen_box(0).is_nowhere());
+    let around = boxes.screen_box(1);
     assert!(around.low[0] <= 0.0 && around.low[1] <= 0.0 && around.high[0] >= 1.0 && around.high[1] >= 1.0);
     // The cube around the ball begins in depth 4, where the film is 8 wide: 1/8 either way from its middle.
-    let ahead = boxes.film_box(2);
+    let ahead = boxes.screen_box(2);
     for (found, expected) in [(ahead.low, 0.375), (ahead.high, 0.625)] {
         assert!(
             (found[0] - expected).abs() < 1e-5 && (found[1] - expected).abs() < 1e-5,
@@ -351,19 +351,19 @@ fn what_is_behind_the_eye_is_nowhere_and_what_is_around_it_everywhere() {
     }
     assert!(ahead.depth <= 4.0 && ahead.depth > 3.9999);
     let beyond = camera(right_angle, DVec3::ZERO, -DVec3::Z, 6.5).view(100, 100);
-    let boxes = ProjectionExtents::new(&scene, &beyond).unwrap();
-    assert!(boxes.film_box(2).is_nowhere());
+    let boxes = ScreenBounds::new(&scene, &beyond).unwrap();
+    assert!(boxes.screen_box(2).is_nowhere());
 }
 
 #[test]
-fn a_parallel_camera_sees_a_ball_in_its_square() {
+fn orthographic_camera_bounds_a_sphere_by_its_square() {
     let scene = balls(&[DVec3::new(1.0, 0.0, -5.0)]);
     let parallel = Projection::Orthographic {
         y_mag: 4.0,
         x_mag: None,
     };
     let view = camera(parallel, DVec3::ZERO, -DVec3::Z, 0.0).view(100, 100);
-    let film = ProjectionExtents::new(&scene, &view).unwrap().film_box(0);
+    let film = ScreenBounds::new(&scene, &view).unwrap().screen_box(0);
     // From 0 to 2 of -4 to 4.
     assert!(
         (film.low[0] - 0.5).abs() < 1e-5 && (film.high[0] - 0.75).abs() < 1e-5,
@@ -373,18 +373,18 @@ fn a_parallel_camera_sees_a_ball_in_its_square() {
 }
 
 #[test]
-fn a_camera_of_a_hair_s_angle_has_no_projection() {
+fn camera_with_tiny_field_of_view_has_no_projection() {
     let scene = balls(&[DVec3::ZERO]);
     let hair = Projection::Perspective {
         y_fov: 1e-4,
         aspect: None,
     };
     let view = camera(hair, DVec3::new(5.0, 4.0, 9.0), DVec3::ZERO, 0.0).view(100, 100);
-    assert!(ProjectionExtents::new(&scene, &view).is_none());
+    assert!(ScreenBounds::new(&scene, &view).is_none());
 }
 
 #[test]
-fn a_tight_sphere_is_no_larger_than_the_centroids_and_both_hold_all_points() {
+fn tight_and_centroid_spheres_contain_all_points() {
     let seed = 5;
     let mut random = SplitMix64(seed);
     for count in [1, 3, 40, 3000] {
@@ -396,11 +396,11 @@ fn a_tight_sphere_is_no_larger_than_the_centroids_and_both_hold_all_points() {
             })
             .collect();
         let (tight, centroid) = (
-            SphereExtent::smallest(&points),
-            SphereExtent::of_centroid(&points),
+            SphereVolume::smallest(&points),
+            SphereVolume::of_centroid(&points),
         );
         assert!(tight.radius() <= centroid.radius(), "seed {seed}");
-        let ball = Ball::smallest(&points);
+        let ball = BoundingSphere::smallest(&points);
         assert!(
             ball.radius <= tight.radius() && points.iter().all(|p| p.distance(ball.center) <= ball.radius)
         );
@@ -408,9 +408,9 @@ fn a_tight_sphere_is_no_larger_than_the_centroids_and_both_hold_all_points() {
 }
 
 #[test]
-fn a_scene_of_nothing_and_rays_that_no_backend_takes_are_harmless() {
+fn empty_scene_and_invalid_rays_are_handled() {
     let empty = Scene::default();
-    let list = ListAccel::new(&empty, ExtentKind::Chosen);
+    let list = ListAccel::new(&empty, BoundingVolumeKind::Chosen);
     let good = Ray::new(Vec3::ZERO, Vec3::X);
     let bad = Ray::new(Vec3::NAN, Vec3::X);
     assert_eq!(nearest(&list, &[good, bad]), [None, None]);
@@ -424,7 +424,8 @@ fn a_scene_of_nothing_and_rays_that_no_backend_takes_are_harmless() {
         0.0,
     )
     .view(8, 8);
-    let projected = ProjectedAccel::new(&empty, &view, &list, ExtentKind::Chosen, ListLimits::NONE).unwrap();
+    let projected =
+        TileCulledAccel::new(&empty, &view, &list, BoundingVolumeKind::Chosen, ListLimits::NONE).unwrap();
     assert_eq!(nearest(&projected, &[good, bad]), [None, None]);
     assert_eq!(nearest(&projected, &[bad]), [None]);
 }

@@ -4,7 +4,7 @@ use crate::support::scenes::{self, SplitMix64};
 use glam::Vec3;
 use whit::accel::bsp::BspAccel;
 use whit::accel::hit_compare::{HitComparison, compare};
-use whit::accel::{Accel, AccelOptions, Kernel, Precision, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelOptions, Coherence, Kernel, Precision, RayPacket};
 use whit::numeric::{Ray, spawn_point, triangle_spawn_error};
 use whit::scene::Scene;
 
@@ -36,7 +36,7 @@ fn sliver(random: &mut SplitMix64) -> ([Vec3; 3], Ray) {
 }
 
 #[test]
-fn slivers_shadow_themselves_in_f32_and_not_where_f64_is_asked() {
+fn slivers_self_shadow_in_f32_but_not_in_f64() {
     let mut random = SplitMix64(29);
     let mut blocked = [0; 2];
     for _ in 0..2000 {
@@ -48,7 +48,7 @@ fn slivers_shadow_themselves_in_f32_and_not_where_f64_is_asked() {
         for (count, precision) in blocked.iter_mut().zip([Precision::Fast, Precision::Watertight]) {
             let mut packets = [RayPacket::EMPTY];
             packets[0].set(0, &ray);
-            tree(&scene, precision, Kernel::Packet).occluded(&mut packets, RayOrder::Incoherent);
+            tree(&scene, precision, Kernel::Packet).occluded(&mut packets, Coherence::Incoherent);
             *count += u32::from(packets[0].is_blocked(0));
         }
     }
@@ -57,7 +57,7 @@ fn slivers_shadow_themselves_in_f32_and_not_where_f64_is_asked() {
 }
 
 #[test]
-fn well_shaped_triangles_are_met_as_in_f64_up_to_rounding() {
+fn well_shaped_triangles_in_f32_agree_with_f64() {
     let scene = scenes::baked(scenes::bumpy_sphere(40));
     let rays = scenes::camera_rays(&scene, 64);
     let hits = |precision, kernel, order| {
@@ -73,12 +73,15 @@ fn well_shaped_triangles_are_met_as_in_f64_up_to_rounding() {
             .flat_map(|packet| std::array::from_fn::<_, 16, _>(|lane| packet.hit(lane)));
         all.take(rays.len()).collect::<Vec<_>>()
     };
-    let right = hits(Precision::Watertight, Kernel::Packet, RayOrder::Coherent);
-    assert_eq!(right, hits(Precision::Robust, Kernel::Packet, RayOrder::Coherent));
+    let right = hits(Precision::Watertight, Kernel::Packet, Coherence::Coherent);
+    assert_eq!(
+        right,
+        hits(Precision::Robust, Kernel::Packet, Coherence::Coherent)
+    );
     for (kernel, order) in [
-        (Kernel::Packet, RayOrder::Coherent),
-        (Kernel::Packet, RayOrder::Incoherent),
-        (Kernel::Single, RayOrder::Coherent),
+        (Kernel::Packet, Coherence::Coherent),
+        (Kernel::Packet, Coherence::Incoherent),
+        (Kernel::Single, Coherence::Coherent),
     ] {
         let found = hits(Precision::Fast, kernel, order);
         assert!(found.iter().flatten().count() > 500);

@@ -1,7 +1,7 @@
-//! Pictures that must have the same bits with every Embree, once its instruction set is pinned, and by the BSP.
+//! Images that must have the same bits with every Embree, once its instruction set is pinned, and by the BSP.
 //!
 //! The sums below were made with Embree 3.13.5; the same tests run against Embree 4. A change of the shading or of the
-//! spawn points changes them: look at the pictures, then take over what the failing test prints.
+//! spawn points changes them: look at the images, then take over what the failing test prints.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -16,7 +16,7 @@ use whit::scene::Scene;
 /// Present in every x86-64 processor of the last ten years, and as fast as wider ones for most scenes.
 const ISA: &str = "avx2";
 
-/// Each scene's name and the sum of its picture's bits.
+/// Each scene's name and the sum of its image's bits.
 const SUMS: [(&str, u64); 6] = [
     ("lamps", 0xcfc5_cb77_3286_f82d),
     ("facing mirrors", 0x5c7f_205a_5b10_a5ff),
@@ -28,7 +28,7 @@ const SUMS: [(&str, u64); 6] = [
 
 fn scene(name: &str) -> Scene {
     match name {
-        "lamps" => wave_scenes::lamps().scene,
+        "lamps" => wave_scenes::lights_of_all_kinds().scene,
         "facing mirrors" => wave_scenes::facing_mirrors().scene,
         "placements" => wave_scenes::placements().scene,
         "textures" => wave_scenes::textures().scene,
@@ -40,7 +40,7 @@ fn scene(name: &str) -> Scene {
     }
 }
 
-fn picture(scene: &Scene, backend: Backend) -> LinearImage {
+fn image(scene: &Scene, backend: Backend) -> LinearImage {
     let options = AccelOptions {
         isa: (backend == Backend::Embree).then(|| ISA.into()),
         ..AccelOptions::default()
@@ -76,7 +76,7 @@ fn sum_of_bits(image: &LinearImage) -> u64 {
 }
 
 #[test]
-fn six_pictures_have_the_bits_that_they_have_with_every_embree_and_by_the_bsp() {
+fn six_images_are_bit_equal_for_all_embree_versions_and_bsp() {
     if !is_x86_feature_detected!("avx2") {
         eprintln!("skipped: this processor has no AVX2");
         return;
@@ -84,7 +84,7 @@ fn six_pictures_have_the_bits_that_they_have_with_every_embree_and_by_the_bsp() 
     for backend in [Backend::Embree, Backend::Bsp] {
         let found: Vec<(&str, u64)> = SUMS
             .iter()
-            .map(|&(name, _)| (name, sum_of_bits(&picture(&scene(name), backend))))
+            .map(|&(name, _)| (name, sum_of_bits(&image(&scene(name), backend))))
             .collect();
         for (name, sum) in &found {
             println!("    (\"{name}\", {sum:#018x}),");

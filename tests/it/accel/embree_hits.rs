@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use glam::{DAffine3, DVec3, Vec3};
 use whit::accel::embree::EmbreeAccel;
-use whit::accel::{Accel, AccelError, AccelOptions, Hit, Kernel, LANES, Precision, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelError, AccelOptions, Coherence, Hit, Kernel, LANES, Precision, RayPacket};
 use whit::mesh::{Buffer, Mesh};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
@@ -52,9 +52,9 @@ fn down(x: f32, y: f32) -> Ray {
     Ray::new(Vec3::new(x, y, 4.0), Vec3::NEG_Z)
 }
 
-/// The answer for one ray in every lane and by every way of asking; they must agree.
+/// The result for one ray in every lane, kernel and ray order; all must agree.
 fn hit(scene: &Scene, ray: Ray) -> Option<Hit> {
-    let mut answers = Vec::new();
+    let mut results = Vec::new();
     for kernel in [Kernel::Packet, Kernel::Single] {
         let accel = EmbreeAccel::build(
             scene,
@@ -64,23 +64,23 @@ fn hit(scene: &Scene, ray: Ray) -> Option<Hit> {
             },
         )
         .unwrap();
-        for order in [RayOrder::Coherent, RayOrder::Incoherent] {
+        for order in [Coherence::Coherent, Coherence::Incoherent] {
             let mut packet = RayPacket::EMPTY;
             (0..LANES).for_each(|lane| packet.set(lane, &ray));
-            let mut asked = [packet.clone()];
-            accel.intersect(&mut asked, order);
-            answers.extend((0..LANES).map(|lane| asked[0].hit(lane)));
+            let mut traced = [packet.clone()];
+            accel.intersect(&mut traced, order);
+            results.extend((0..LANES).map(|lane| traced[0].hit(lane)));
             let mut shadow = [packet];
             accel.occluded(&mut shadow, order);
-            let is_hit = asked[0].hit(0).is_some();
+            let is_hit = traced[0].hit(0).is_some();
             assert!(
                 (0..LANES).all(|lane| shadow[0].is_blocked(lane) == is_hit),
                 "{kernel:?} {order:?}"
             );
         }
     }
-    assert!(answers.iter().all(|answer| *answer == answers[0]), "{answers:?}");
-    answers[0]
+    assert!(results.iter().all(|result| *result == results[0]), "{results:?}");
+    results[0]
 }
 
 /// Embree multiplies by reciprocals that it improves from what the processor guesses: on some processors all three
@@ -176,7 +176,7 @@ fn at_the_same_t_the_lower_instance_is_hit() {
 }
 
 #[test]
-fn one_mesh_may_be_native_and_placed_at_once() {
+fn one_mesh_may_be_native_and_instanced() {
     let up = DAffine3::from_translation(DVec3::new(2.0, 0.0, 1.0));
     let scene = scene(vec![triangle()], &[(0, DAffine3::IDENTITY), (0, up)]);
     let at = |x: f32| hit(&scene, down(x, 0.25));
@@ -196,7 +196,7 @@ fn an_empty_scene_is_built_and_missed() {
 }
 
 #[test]
-fn rays_that_are_not_numbers_neither_abort_nor_hit() {
+fn nan_rays_neither_abort_nor_hit() {
     let map = DAffine3::from_translation(DVec3::Z);
     let everything = scene(
         vec![triangle(), Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
@@ -243,15 +243,15 @@ fn rays_that_are_not_numbers_neither_abort_nor_hit() {
             },
         )
         .unwrap();
-        for order in [RayOrder::Coherent, RayOrder::Incoherent] {
+        for order in [Coherence::Coherent, Coherence::Incoherent] {
             let mut packet = RayPacket::EMPTY;
             bad.iter()
                 .enumerate()
                 .for_each(|(lane, ray)| packet.set(lane, ray));
             packet.set(15, &good);
-            let mut asked = [packet.clone()];
-            accel.intersect(&mut asked, order);
-            assert!((0..15).all(|lane| asked[0].hit(lane).is_none()) && asked[0].hit(15).is_some());
+            let mut traced = [packet.clone()];
+            accel.intersect(&mut traced, order);
+            assert!((0..15).all(|lane| traced[0].hit(lane).is_none()) && traced[0].hit(15).is_some());
             let mut shadow = [packet];
             accel.occluded(&mut shadow, order);
             assert!((0..15).all(|lane| !shadow[0].is_blocked(lane)) && shadow[0].is_blocked(15));
@@ -261,7 +261,7 @@ fn rays_that_are_not_numbers_neither_abort_nor_hit() {
 
 #[test]
 fn a_ray_that_leaves_the_range_in_object_space_misses() {
-    // Object space is 1e9 times finer: 4e12 away becomes 4e21, beyond what Embree may be asked.
+    // Object space is 1e9 times finer: 4e12 away becomes 4e21, beyond what Embree accepts.
     let map = DAffine3::from_scale(DVec3::splat(1e-9));
     let scene = scene(vec![triangle()], &[(0, map)]);
     assert_eq!(
@@ -308,11 +308,11 @@ fn every_width_finds_the_same_primitives() {
             }
             built => built.unwrap(),
         };
-        let mut asked = packets.clone();
-        accel.intersect(&mut asked, RayOrder::Coherent);
+        let mut traced = packets.clone();
+        accel.intersect(&mut traced, Coherence::Coherent);
         let id = |hit: Hit| (hit.instance, hit.primitive);
         Some(
-            asked
+            traced
                 .iter()
                 .flat_map(|p| (0..LANES).map(|lane| p.hit(lane).map(id)))
                 .collect::<Vec<_>>(),
@@ -354,30 +354,30 @@ fn progress_never_falls_and_ends_at_one() {
         &[(0, DAffine3::IDENTITY), (1, turned)],
     );
     for precision in Precision::ALL {
-        let told = Mutex::new(Vec::new());
-        let tell = |fraction: f64| told.lock().unwrap().push(fraction);
+        let reported = Mutex::new(Vec::new());
+        let on_progress = |fraction: f64| reported.lock().unwrap().push(fraction);
         let options = AccelOptions {
             precision,
-            progress: Some(&tell),
+            progress: Some(&on_progress),
             threads: 1,
             ..AccelOptions::default()
         };
         EmbreeAccel::build(&scene, &options).unwrap();
-        let told = told.into_inner().unwrap();
+        let reported = reported.into_inner().unwrap();
         assert!(
-            told.is_sorted() && told.last() == Some(&1.0),
-            "{precision}: {told:?}"
+            reported.is_sorted() && reported.last() == Some(&1.0),
+            "{precision}: {reported:?}"
         );
     }
 }
 
 #[test]
-fn a_panic_in_progress_cancels_the_build_and_goes_on() {
+fn panic_in_progress_cancels_the_build_and_propagates() {
     let scene = scene(vec![field(64)], &[(0, DAffine3::IDENTITY)]);
-    let tell = |_: f64| panic!("stop");
+    let on_progress = |_: f64| panic!("stop");
     let result = std::panic::catch_unwind(|| {
         let options = AccelOptions {
-            progress: Some(&tell),
+            progress: Some(&on_progress),
             ..AccelOptions::default()
         };
         EmbreeAccel::build(&scene, &options).map(|_| ())

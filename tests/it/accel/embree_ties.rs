@@ -3,7 +3,7 @@
 use glam::{DAffine3, DVec3, Vec3};
 use whit::accel::brute::BruteAccel;
 use whit::accel::embree::EmbreeAccel;
-use whit::accel::{Accel, AccelError, AccelOptions, Kernel, LANES, Precision, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelError, AccelOptions, Coherence, Kernel, LANES, Precision, RayPacket};
 use whit::mesh::{Buffer, Mesh};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
@@ -81,7 +81,7 @@ fn check(scene: &Scene, rays: &[Ray]) {
                 }
                 built => built.unwrap(),
             };
-            for order in [RayOrder::Coherent, RayOrder::Incoherent] {
+            for order in [Coherence::Coherent, Coherence::Incoherent] {
                 let mut packets = vec![RayPacket::EMPTY; rays.len().div_ceil(LANES)];
                 for (i, ray) in rays.iter().enumerate() {
                     packets[i / LANES].set(i % LANES, ray);
@@ -108,7 +108,7 @@ fn within_one_mesh_the_lowest_of_coincident_primitives_is_hit() {
 }
 
 #[test]
-fn of_coincident_meshes_the_lowest_instance_is_hit() {
+fn lowest_of_coincident_meshes_is_hit() {
     let mut reversed = all_orders();
     reversed.reverse();
     let meshes = vec![square(-0.0, reversed), square(0.0, all_orders())];
@@ -121,13 +121,13 @@ fn of_coincident_meshes_the_lowest_instance_is_hit() {
 }
 
 #[test]
-fn in_a_placed_mesh_the_lowest_of_coincident_primitives_is_hit() {
+fn within_an_instance_the_lowest_of_coincident_primitives_is_hit() {
     let aside = DAffine3::from_translation(DVec3::X * 4.0);
     check(&scene(vec![square(0.0, all_orders())], &[(0, aside)]), &rays(4.0));
 }
 
 #[test]
-fn of_coincident_placed_meshes_the_lowest_instance_is_hit() {
+fn lowest_of_coincident_instances_is_hit() {
     let aside = DAffine3::from_translation(DVec3::X * 4.0);
     check(
         &scene(
@@ -152,12 +152,15 @@ fn a_hundred_thousand_coincident_triangles_are_built_and_only_the_first_is_hit()
     let scene = scene(vec![square(0.0, all_alike)], &[(0, DAffine3::IDENTITY)]);
     let accel = EmbreeAccel::build(&scene, &native()).unwrap();
     let summary = accel.report().summary;
-    assert!(summary.contains("99999 triangles held back"), "{summary}");
+    assert!(
+        summary.contains("99999 duplicate triangles left out"),
+        "{summary}"
+    );
     let mut packet = RayPacket::EMPTY;
     packet.set(0, &Ray::new(Vec3::new(0.75, 0.25, 4.0), Vec3::NEG_Z));
-    let mut asked = [packet];
-    accel.intersect(&mut asked, RayOrder::Coherent);
-    assert_eq!(asked[0].hit(0).map(|hit| hit.primitive), Some(1));
+    let mut traced = [packet];
+    accel.intersect(&mut traced, Coherence::Coherent);
+    assert_eq!(traced[0].hit(0).map(|hit| hit.primitive), Some(1));
 }
 
 #[test]
@@ -165,7 +168,10 @@ fn only_a_mesh_with_coincident_triangles_costs_a_copy_of_its_indices() {
     let bytes = |triangles: Vec<[u32; 3]>| {
         let scene = scene(vec![square(0.0, triangles)], &[(0, DAffine3::IDENTITY)]);
         let report = EmbreeAccel::build(&scene, &native()).unwrap().report();
-        (report.bytes, report.summary.contains("held back"))
+        (
+            report.bytes,
+            report.summary.contains("duplicate triangles left out"),
+        )
     };
     let (shared, held_back) = bytes(vec![[0, 1, 2], [0, 2, 3]]);
     assert!(!held_back);

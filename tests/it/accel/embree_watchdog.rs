@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use glam::{DAffine3, DVec3, Vec3};
 use whit::accel::embree::EmbreeAccel;
-use whit::accel::{Accel, AccelOptions, Instancing, Kernel, LANES, Precision, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelOptions, Coherence, Instancing, Kernel, LANES, Precision, RayPacket};
 use whit::mesh::{Buffer, Mesh};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
@@ -143,7 +143,7 @@ fn every_call_flag_kernel_and_kind_returns() {
         for precision in Precision::ALL {
             for kernel in [Kernel::Packet, Kernel::Single] {
                 for isa in [None, Some("avx2"), Some("sse2")] {
-                    for order in [RayOrder::Coherent, RayOrder::Incoherent] {
+                    for order in [Coherence::Coherent, Coherence::Incoherent] {
                         for call in [
                             Call::Intersect,
                             Call::Occluded,
@@ -176,11 +176,11 @@ fn every_call_flag_kernel_and_kind_returns() {
                 match call {
                     Call::Intersect => accel.intersect(&mut packets, order),
                     Call::Occluded => accel.occluded(&mut packets, order),
-                    Call::RawIntersect => accel.raw_intersect(&mut packets, order),
-                    Call::RawOccluded => accel.raw_occluded(&mut packets, order),
+                    Call::RawIntersect => accel.baseline_intersect16(&mut packets, order),
+                    Call::RawOccluded => accel.baseline_occluded16(&mut packets, order),
                 }
-                let met = |p: &RayPacket| (0..LANES).any(|l| p.hit(l).is_some() || p.is_blocked(l));
-                assert!(packets.iter().any(met), "nothing was met");
+                let is_hit = |p: &RayPacket| (0..LANES).any(|l| p.hit(l).is_some() || p.is_blocked(l));
+                assert!(packets.iter().any(is_hit), "no ray hit anything");
             }
             let _ = done.send(());
         });

@@ -1,10 +1,10 @@
-//! Rays of a picture through ways of finding hits and of leaving surfaces that are not right: what they err by.
+//! Errors of the rays of an image for inexact intersection variants and spawn policies.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
 
 use whit::accel::{Accel, AccelOptions, Backend, Precision, build};
-use whit::cost::{Answered, GeometricErrors};
+use whit::cost::{GeometricErrors, ReferenceResults};
 use whit::gltf::{LoadOptions, load};
 use whit::numeric::SpawnPolicy;
 use whit::render::{HitPoint, RecordedRays, RenderSettings, record};
@@ -37,11 +37,11 @@ fn errors(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> Geomet
     let left = recorded(scene, settings);
     let reference = exact(scene);
     let deadline = Instant::now() + Duration::from_secs(600);
-    Answered::by(&*reference, &right).errors(accel, &left.shadow, deadline)
+    ReferenceResults::by(&*reference, &right).errors(accel, &left.shadow, deadline)
 }
 
 #[test]
-fn what_starts_where_the_bound_says_sees_every_light_and_what_does_not_shadows_itself() {
+fn error_bound_offset_avoids_self_shadowing() {
     let scene = scene();
     let accel = exact(&scene);
     let by = |spawn| errors(&scene, &*accel, &RenderSettings { spawn, ..settings() });
@@ -49,7 +49,7 @@ fn what_starts_where_the_bound_says_sees_every_light_and_what_does_not_shadows_i
     assert_eq!(bounded.camera_rays, 160 * 120);
     assert!(bounded.shadow_rays > 5000, "{bounded:?}");
     assert_eq!((bounded.count(), bounded.ties), (0, 0), "{bounded:?}");
-    // Where rounding takes every other point into its surface, about half of the rays meet it.
+    // Where rounding takes every other point into its surface, about half of the rays hit it.
     let none = by(SpawnPolicy::None);
     assert!(none.false_shadows > none.shadow_rays / 100, "{none:?}");
     // Less than the rounding of coordinates.
@@ -62,7 +62,7 @@ fn what_starts_where_the_bound_says_sees_every_light_and_what_does_not_shadows_i
 }
 
 #[test]
-fn watertight_paths_err_nowhere() {
+fn watertight_variants_have_no_intersection_errors() {
     let scene = scene();
     for backend in [Backend::default(), Backend::Bsp] {
         let options = AccelOptions {
@@ -76,7 +76,7 @@ fn watertight_paths_err_nowhere() {
 }
 
 #[test]
-fn points_where_the_parameter_says_are_not_within_the_bound() {
+fn points_from_the_ray_parameter_exceed_the_bound() {
     let scene = scene();
     let accel = exact(&scene);
     let reported = RenderSettings {

@@ -1,4 +1,4 @@
-//! Acceleration structures: Embree, the BSP tree and brute force against each other and against exact answers.
+//! Acceleration structures: Embree, the BSP tree and brute force compared with each other and with exact results.
 
 mod agreement;
 mod bounding_volumes;

@@ -1,13 +1,13 @@
-//! What moves is met by every backend where it is at the time of the ray: brute force, which boxes nothing, says where.
+//! Every backend hits a moving object where it is at the time of the ray; brute force, without boxes, is the reference.
 
 use crate::support::scenes::{self, SplitMix64, packets};
 use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
-use whit::accel::extents::{ExtentKind, ListAccel};
-use whit::accel::hit_compare::{HitComparison, compare_carried, compare_occlusion_carried};
-use whit::accel::{Accel, AccelOptions, Hit, Instancing, Kernel, LANES, RayOrder};
+use whit::accel::extents::{BoundingVolumeKind, ListAccel};
+use whit::accel::hit_compare::{HitComparison, compare_occlusion_with_instancing, compare_with_instancing};
+use whit::accel::{Accel, AccelOptions, Coherence, Hit, Instancing, Kernel, LANES};
 use whit::numeric::{Bounds, Ray};
 use whit::scene::{Geometry, Instance, Scene};
 use whit::shape::{Shape, Sphere};
@@ -109,7 +109,7 @@ fn rays(scene: &Scene, seed: u64) -> Vec<Ray> {
         .collect()
 }
 
-fn answers(accel: &dyn Accel, rays: &[Ray], order: RayOrder) -> Vec<(Option<Hit>, bool)> {
+fn query_results(accel: &dyn Accel, rays: &[Ray], order: Coherence) -> Vec<(Option<Hit>, bool)> {
     let [mut nearest, mut any] = [packets(rays), packets(rays)];
     nearest
         .par_chunks_mut(64)
@@ -139,7 +139,10 @@ fn backends(scene: &Scene) -> Vec<(&'static str, Box<dyn Accel + '_>)> {
             "bsp reference",
             Box::new(BspAccel::build_reference(scene, &packet).unwrap()),
         ),
-        ("list of boxes", Box::new(ListAccel::new(scene, ExtentKind::Box))),
+        (
+            "list of boxes",
+            Box::new(ListAccel::new(scene, BoundingVolumeKind::Box)),
+        ),
     ];
     bsp.into_iter()
         .chain(embree_backends(scene, [packet, single]))
@@ -172,24 +175,24 @@ fn embree_backends(_: &Scene, _: [AccelOptions; 2]) -> Vec<(&'static str, Box<dy
 }
 
 #[test]
-fn every_backend_meets_what_moves_where_brute_force_does() {
+fn every_backend_hits_moving_objects_like_brute_force() {
     for (with_plane, count) in [(false, RAYS / 5), (true, RAYS)] {
         let scene = scene(with_plane);
         scene_is_worth_it(&scene);
         let rays = &rays(&scene, 3)[..count];
-        let brute = answers(&BruteAccel::new(&scene), rays, RayOrder::Incoherent);
+        let brute = query_results(&BruteAccel::new(&scene), rays, Coherence::Incoherent);
         for (name, accel) in backends(&scene) {
             let instancing = if name == "embree native" {
                 Instancing::Native
             } else {
                 Instancing::Callback
             };
-            for order in [RayOrder::Coherent, RayOrder::Incoherent] {
-                let found = answers(&*accel, rays, order);
+            for order in [Coherence::Coherent, Coherence::Incoherent] {
+                let found = query_results(&*accel, rays, order);
                 let mut counts = [0; 2];
                 for ((ray, a), b) in rays.iter().zip(&brute).zip(&found) {
-                    let hits = compare_carried(&scene, ray, [a.0, b.0], instancing);
-                    let shadows = compare_occlusion_carried(&scene, ray, [a.1, b.1], instancing);
+                    let hits = compare_with_instancing(&scene, ray, [a.0, b.0], instancing);
+                    let shadows = compare_occlusion_with_instancing(&scene, ray, [a.1, b.1], instancing);
                     assert_ne!(
                         hits,
                         HitComparison::Wrong,
@@ -209,7 +212,7 @@ fn every_backend_meets_what_moves_where_brute_force_does() {
     }
 }
 
-/// Many rays meet many things that move, and what they meet depends on the time.
+/// Many rays hit many moving objects, and the hits depend on the time.
 fn scene_is_worth_it(scene: &Scene) {
     let brute = BruteAccel::new(scene);
     let rays = &rays(scene, 11)[..5000];
@@ -221,15 +224,15 @@ fn scene_is_worth_it(scene: &Scene) {
     };
     let (start, end) = (at(0.0), at(1.0));
     let changed = start.iter().zip(&end).filter(|(a, b)| a != b).count();
-    let met = start.iter().flatten().count();
+    let hit_count = start.iter().flatten().count();
     assert!(
-        met * 3 > rays.len() && changed * 5 > rays.len(),
-        "{met} met, {changed} changed"
+        hit_count * 3 > rays.len() && changed * 5 > rays.len(),
+        "{hit_count} hits, {changed} changed"
     );
 }
 
 #[test]
-fn a_frozen_scene_is_met_as_one_that_never_moved() {
+fn frozen_scene_equals_static_scene() {
     let moving = scene(true);
     let time = 0.375;
     let mut still = moving.clone();
@@ -241,15 +244,15 @@ fn a_frozen_scene_is_met_as_one_that_never_moved() {
         .iter()
         .map(|ray| Ray { time, ..*ray })
         .collect();
-    let a = answers(
+    let a = query_results(
         &BspAccel::build(&moving, &AccelOptions::default()).unwrap(),
         &rays,
-        RayOrder::Incoherent,
+        Coherence::Incoherent,
     );
-    let b = answers(
+    let b = query_results(
         &BspAccel::build(&still, &AccelOptions::default()).unwrap(),
         &rays,
-        RayOrder::Incoherent,
+        Coherence::Incoherent,
     );
     assert!(a.iter().flat_map(|(hit, _)| hit).count() > rays.len() / 3);
     assert_eq!(a, b);

@@ -1,4 +1,4 @@
-//! Rays that leave an analytic shape where the renderer starts them do not meet it where they left, in any backend.
+//! Rays that the renderer spawns on an analytic shape do not hit it at their origin, in any backend.
 //!
 //! The large version, with its counts: `tests/ci/slow self_intersection`.
 
@@ -8,7 +8,7 @@ use crate::support::scenes::{self, SplitMix64};
 use glam::{DAffine3, DVec3};
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
-use whit::accel::{Accel, AccelOptions, Hit, LANES, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelOptions, Coherence, Hit, LANES, RayPacket};
 use whit::numeric::{Ray, spawn_point};
 use whit::scene::{Geometry, Instance, Scene};
 use whit::shape::{Implicit, Shape};
@@ -31,21 +31,21 @@ fn traced(accel: &dyn Accel, starts: &[Start]) -> Vec<Option<Hit>> {
         for (lane, start) in chunk.iter().enumerate() {
             packets[0].set(lane, &start.ray);
         }
-        accel.intersect(&mut packets, RayOrder::Incoherent);
+        accel.intersect(&mut packets, Coherence::Incoherent);
         hits.extend((0..chunk.len()).map(|lane| packets[0].hit(lane)));
     }
     hits
 }
 
 /// The object-space point, normal and direction of a hit.
-fn met(instance: &Instance, shape: &Shape, ray: &Ray, hit: &Hit) -> (whit::shape::ShapePoint, DVec3) {
+fn hit_point(instance: &Instance, shape: &Shape, ray: &Ray, hit: &Hit) -> (whit::shape::ShapePoint, DVec3) {
     let inverse = instance.object_from_world();
     let p = inverse.transform_point3(ray.at(hit.t.into()));
     let direction = inverse.transform_vector3(ray.direction.as_dvec3());
     (shape.point(p, hit.primitive), direction.normalize())
 }
 
-/// Rays that leave to both sides of where random rays meet the shape, many of them along the surface.
+/// Rays that leave to both sides of the hits of random rays on the shape, many of them along the surface.
 fn starts(scene: &Scene, shape: &Shape, count: usize) -> Vec<Start> {
     let mut random = SplitMix64(SEED);
     let instance = &scene.instances[0];
@@ -57,7 +57,7 @@ fn starts(scene: &Scene, shape: &Shape, count: usize) -> Vec<Start> {
         let from = map.transform_point3(3.0 * random.on_sphere());
         let ray = Ray::new(from.as_vec3(), (target - from).as_vec3());
         let Some(hit) = brute.nearest(&ray) else { continue };
-        let (point, _) = met(instance, shape, &ray, &hit);
+        let (point, _) = hit_point(instance, shape, &ray, &hit);
         let p = map.transform_point3(point.p);
         let n = whit::numeric::transform_normal(&map.matrix3, point.n);
         let error = point.error.transformed(&map, &inverse, p).along(n);
@@ -78,7 +78,7 @@ fn starts(scene: &Scene, shape: &Shape, count: usize) -> Vec<Start> {
     all
 }
 
-/// Whether the answer can be true: from outside the next crossing of a closed surface enters, from inside it leaves,
+/// Whether the result can be correct: from outside the next crossing of a closed surface enters, from inside it leaves,
 /// and there is one.
 fn is_sound(instance: &Instance, shape: &Shape, start: &Start, hit: Option<Hit>) -> bool {
     let origin = instance
@@ -91,7 +91,7 @@ fn is_sound(instance: &Instance, shape: &Shape, start: &Start, hit: Option<Hit>)
     let Some(hit) = hit else {
         return start.side > 0.0 || !shape.is_solid();
     };
-    let (point, direction) = met(instance, shape, &start.ray, &hit);
+    let (point, direction) = hit_point(instance, shape, &start.ray, &hit);
     point.n.dot(direction) * start.side <= TOUCH
 }
 
@@ -112,7 +112,7 @@ fn backends<'s>(scene: &'s Scene) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
     ]
 }
 
-fn nothing_is_met_where_it_was_left(count: usize) {
+fn assert_no_self_intersection(count: usize) {
     let mut wrong = Vec::new();
     for (name, shape) in scenes::all_shapes() {
         let start = Instant::now();
@@ -144,19 +144,19 @@ fn nothing_is_met_where_it_was_left(count: usize) {
         }
         let seconds = start.elapsed().as_secs_f64();
         println!(
-            "{name}: {ray_count} rays leave it, {false_count} false answers of all backends, {seconds:.1} s"
+            "{name}: {ray_count} rays leave it, {false_count} false hits of all backends, {seconds:.1} s"
         );
     }
     assert!(wrong.is_empty(), "seed {SEED}\n{}", wrong.join("\n"));
 }
 
 #[test]
-fn no_shape_is_met_where_a_ray_left_it() {
-    nothing_is_met_where_it_was_left(2_000);
+fn spawned_rays_do_not_hit_their_own_surface() {
+    assert_no_self_intersection(2_000);
 }
 
 #[test]
 #[ignore = "slow: a million rays per shape"]
-fn no_shape_is_met_where_a_million_rays_left_it() {
-    nothing_is_met_where_it_was_left(100_000);
+fn a_million_spawned_rays_do_not_hit_their_own_surface() {
+    assert_no_self_intersection(100_000);
 }

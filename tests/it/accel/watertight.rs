@@ -3,7 +3,7 @@
 //!
 //! With `WHIT_WATERTIGHT_RAYS` that many rays are aimed at the corners and as many at the edges of each mesh, by each
 //! instruction set: `WHIT_WATERTIGHT_RAYS=100000000 tests/ci/slow watertight`.
-//! `WHIT_ISAS=sse2,avx2` asks by these alone.
+//! `WHIT_ISAS=sse2,avx2` tests these alone.
 
 use crate::support::scenes::{
     SplitMix64, all_small, baked, bumpy_sphere, camera_rays, lattice_rays, mesh, packets, random_rays,
@@ -12,15 +12,15 @@ use glam::{DAffine3, DQuat, DVec3, Vec3};
 use rayon::prelude::*;
 use whit::accel::brute::BruteAccel;
 use whit::accel::embree::EmbreeAccel;
-use whit::accel::{Accel, AccelError, AccelOptions, Kernel, LANES, Precision, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelError, AccelOptions, Coherence, Kernel, LANES, Precision, RayPacket};
 use whit::mesh::Mesh;
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
 
 const ALL_ISAS: [&str; 5] = ["sse2", "sse4.2", "avx", "avx2", "avx512"];
-/// Rays of a default run at the corners of each mesh, and as many at its edges, by each way of asking.
+/// Rays of a default run at the corners of each mesh, and as many at its edges, by each variant.
 const DEFAULT_RAYS: usize = 2048;
-/// Rays that are asked about at once.
+/// Rays that are traced at once.
 const BATCH: usize = 1 << 12;
 
 /// None where the processor lacks the instruction set.
@@ -159,16 +159,16 @@ fn aimed(closed: &Closed, target: Target, (count, seed): (usize, u64)) -> Vec<Ra
     (0..count).map(ray).collect()
 }
 
-/// Rays that meet nothing, and those that nothing blocks, asked in both orders.
+/// Rays that miss, and those that are not occluded, traced in both orders.
 fn leaks(accel: &EmbreeAccel, rays: &[Ray]) -> usize {
-    let asked = packets(rays);
+    let untraced = packets(rays);
     let mut leaks = 0;
-    for order in [RayOrder::Coherent, RayOrder::Incoherent] {
-        let (mut nearest, mut any) = (asked.clone(), asked.clone());
+    for order in [Coherence::Coherent, Coherence::Incoherent] {
+        let (mut nearest, mut any) = (untraced.clone(), untraced.clone());
         accel.intersect(&mut nearest, order);
         accel.occluded(&mut any, order);
-        let lost = |is_met: &dyn Fn(&RayPacket, usize) -> bool, packets: &[RayPacket]| {
-            let lanes = (0..rays.len()).filter(|&i| !is_met(&packets[i / LANES], i % LANES));
+        let lost = |is_hit: &dyn Fn(&RayPacket, usize) -> bool, packets: &[RayPacket]| {
+            let lanes = (0..rays.len()).filter(|&i| !is_hit(&packets[i / LANES], i % LANES));
             lanes.count()
         };
         leaks += lost(&|packet, lane| packet.hit(lane).is_some(), &nearest);
@@ -215,18 +215,18 @@ fn assert_tight(meshes: &[Closed], ray_count: usize, kernels: &[Kernel]) {
 }
 
 #[test]
-fn no_ray_at_a_corner_or_an_edge_of_a_closed_mesh_is_lost_by_any_instruction_set() {
+fn closed_meshes_are_watertight_for_every_instruction_set() {
     assert_tight(&closed_meshes(), DEFAULT_RAYS, &[Kernel::Packet, Kernel::Single]);
 }
 
 #[test]
-fn nor_is_one_where_the_mesh_is_placed_or_moves() {
+fn instanced_and_moving_meshes_are_watertight() {
     assert_tight(&placed_meshes(), DEFAULT_RAYS, &[Kernel::Packet, Kernel::Single]);
 }
 
 #[test]
 #[ignore = "slow: as many rays as WHIT_WATERTIGHT_RAYS says"]
-fn nor_is_one_of_very_many() {
+fn closed_meshes_are_watertight_for_many_rays() {
     let words = std::env::var("WHIT_WATERTIGHT_RAYS").unwrap_or_else(|_| "1000000".to_owned());
     let ray_count = words.parse().expect("WHIT_WATERTIGHT_RAYS is a number of rays");
     assert_tight(&closed_meshes(), ray_count, &[Kernel::Packet]);
@@ -234,7 +234,7 @@ fn nor_is_one_of_very_many() {
 }
 
 #[test]
-fn the_same_rays_slip_through_the_corners_of_robust_triangles() {
+fn robust_triangles_leak_at_corners() {
     let closed = &closed_meshes()[0];
     let robust = build(&closed.scene, Precision::Robust, ("avx2", Kernel::Packet));
     // A processor without the instruction set has nothing to show.
@@ -242,19 +242,19 @@ fn the_same_rays_slip_through_the_corners_of_robust_triangles() {
     assert!(count_leaks(closed, Target::Corner, &robust, 32 * DEFAULT_RAYS) > 0);
 }
 
-/// The answers to `rays` must be those of brute force to the bit, but for the sign of a zero parameter.
-fn assert_answers(name: &str, scene: &Scene, rays: &[Ray]) {
-    let mut asked = packets(rays);
-    for packet in &mut asked {
+/// The results for `rays` must be those of brute force to the bit, except for the sign of a zero parameter.
+fn assert_equals_brute_force(name: &str, scene: &Scene, rays: &[Ray]) {
+    let mut untraced = packets(rays);
+    for packet in &mut untraced {
         packet.drop_untraceable();
     }
     let brute = BruteAccel::new(scene);
-    let (mut nearest, mut any) = (asked.clone(), asked.clone());
+    let (mut nearest, mut any) = (untraced.clone(), untraced.clone());
     nearest
         .par_iter_mut()
-        .for_each(|packet| brute.intersect(std::slice::from_mut(packet), RayOrder::Incoherent));
+        .for_each(|packet| brute.intersect(std::slice::from_mut(packet), Coherence::Incoherent));
     any.par_iter_mut()
-        .for_each(|packet| brute.occluded(std::slice::from_mut(packet), RayOrder::Incoherent));
+        .for_each(|packet| brute.occluded(std::slice::from_mut(packet), Coherence::Incoherent));
     for (isa, kernel) in ALL_ISAS
         .into_iter()
         .flat_map(|isa| [(isa, Kernel::Packet), (isa, Kernel::Single)])
@@ -262,8 +262,8 @@ fn assert_answers(name: &str, scene: &Scene, rays: &[Ray]) {
         let Some(accel) = build(scene, Precision::Watertight, (isa, kernel)) else {
             continue;
         };
-        for order in [RayOrder::Coherent, RayOrder::Incoherent] {
-            let (mut found, mut blocked) = (asked.clone(), asked.clone());
+        for order in [Coherence::Coherent, Coherence::Incoherent] {
+            let (mut found, mut blocked) = (untraced.clone(), untraced.clone());
             found
                 .par_chunks_mut(64)
                 .for_each(|chunk| accel.intersect(chunk, order));
@@ -292,23 +292,23 @@ fn rays_of_all_kinds(scene: &Scene) -> Vec<Ray> {
 }
 
 #[test]
-fn every_answer_is_the_very_one_of_brute_force() {
+fn watertight_results_equal_brute_force() {
     for (name, scene) in all_small() {
-        assert_answers(name, &scene, &rays_of_all_kinds(&scene));
+        assert_equals_brute_force(name, &scene, &rays_of_all_kinds(&scene));
     }
 }
 
 #[test]
-fn so_it_is_where_rays_meet_several_triangles_in_one_point() {
+fn watertight_ties_equal_brute_force() {
     for closed in closed_meshes() {
         let mut rays = aimed(&closed, Target::Corner, (512, 3));
         rays.extend(aimed(&closed, Target::Edge, (512, 5)));
-        assert_answers(closed.name, &closed.scene, &rays);
+        assert_equals_brute_force(closed.name, &closed.scene, &rays);
     }
 }
 
 #[test]
-fn so_it_is_where_meshes_move_beside_what_does_not() {
+fn watertight_moving_meshes_equal_brute_force() {
     let mut closed = placed_meshes().remove(1);
     let turned = closed.scene.instances[0].pose(0.5).world_from_object();
     closed
@@ -326,5 +326,5 @@ fn so_it_is_where_meshes_move_beside_what_does_not() {
             ..ray
         });
     }
-    assert_answers(closed.name, &closed.scene, &rays);
+    assert_equals_brute_force(closed.name, &closed.scene, &rays);
 }

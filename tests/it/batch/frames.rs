@@ -1,5 +1,5 @@
-//! Batches are finished whatever happens on the way: killed, interrupted, out of room, shared out. Whatever comes of it
-//! has the bytes that an undisturbed run gives.
+//! Batches that are killed, interrupted, out of memory or disk space, or divided into shards: after resuming, the
+//! images equal those of an undisturbed run to the byte.
 
 use std::collections::HashMap;
 use std::fs;
@@ -11,10 +11,10 @@ use std::time::{Duration, Instant};
 
 const WHIT: &str = env!("CARGO_BIN_EXE_whit");
 
-/// How often a batch is ended.
+/// Number of times that a batch is ended.
 const ENDS: usize = 50;
 
-/// Kilobytes of addresses that are enough to begin with, and not for a large picture.
+/// Limit of the address space in kilobytes: enough for small images, but not for a large one.
 const LITTLE_MEMORY: u32 = 200_000;
 
 fn whit(arguments: &[&str]) -> Command {
@@ -32,13 +32,13 @@ fn assert_done(output: &Output) {
     assert_eq!(output.status.code(), Some(0), "{said}");
 }
 
-/// A folder with a scene, in which the tests lie.
+/// Temporary folder with a scene.
 struct Place(tempfile::TempDir);
 
 impl Place {
     fn new() -> Place {
         let place = Place(tempfile::tempdir().unwrap());
-        // Few wavelengths, as glass that disperses light takes most of the time.
+        // Use few wavelengths, as dispersion takes most of the time.
         let scene = "ambient = 0.1\nbackground = 0.5\n[output]\nwavelengths = 2\n[camera]\nfrom = [0, 1, 4]\nat = [0, 0, 0]\n\
                      [[light]]\nkind = \"point\"\nposition = [3, 5, 4]\nintensity = 80\n\
                      [material.glass]\nmodel = \"lecture\"\nglass = \"bk7\"\ndiffuse = 0.1\n\
@@ -52,7 +52,7 @@ impl Place {
         self.0.path().join(name)
     }
 
-    /// A job file, by its path.
+    /// Writes a job file and returns its path.
     fn jobs(&self, text: &str) -> String {
         let path = self.path("test.jobs.toml");
         fs::write(&path, text).unwrap();
@@ -64,18 +64,18 @@ impl Place {
     }
 }
 
-/// All pictures in a folder, by name.
-fn pictures(folder: &str) -> HashMap<String, Vec<u8>> {
+/// Returns all images of a folder, by name.
+fn images(folder: &str) -> HashMap<String, Vec<u8>> {
     let Ok(entries) = fs::read_dir(folder) else {
         return HashMap::new();
     };
-    let is_picture = |path: &PathBuf| {
+    let is_image = |path: &PathBuf| {
         path.extension()
             .is_some_and(|kind| kind == "png" || kind == "exr")
     };
     entries
         .map(|entry| entry.unwrap().path())
-        .filter(|path| is_picture(path) && !name(path).starts_with('.'))
+        .filter(|path| is_image(path) && !name(path).starts_with('.'))
         .map(|path| (name(&path), fs::read(&path).unwrap()))
         .collect()
 }
@@ -84,7 +84,7 @@ fn name(path: &Path) -> String {
     path.file_name().unwrap().to_string_lossy().into_owned()
 }
 
-/// The pictures that the manifests in a folder say are done, in the order of their lines.
+/// Returns the images that the manifests of a folder list, in the order of their lines.
 fn noted(folder: &str) -> Vec<String> {
     let Ok(entries) = fs::read_dir(folder) else {
         return Vec::new();
@@ -100,7 +100,7 @@ fn noted(folder: &str) -> Vec<String> {
         .collect()
 }
 
-/// Numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's multiplier).
+/// 64-bit linear congruential generator (Knuth's multiplier) of numbers in [0, 1).
 struct SplitMix64(u64);
 
 impl SplitMix64 {
@@ -125,48 +125,48 @@ const FORTY: &str = "[[job]]\nscene = \"scene.toml\"\nframes = 40\nturntable = {
                      settings = { size = \"48x36\", spp = 8, backend = \"bsp\" }\nimage = \"{frame:02}.png\"\n";
 
 #[test]
-fn a_batch_that_is_killed_fifty_times_is_what_an_undisturbed_one_is() {
-    ends_fifty_times("-KILL", None);
+fn batch_killed_fifty_times_equals_an_undisturbed_one() {
+    interrupt_fifty_times("-KILL", None);
 }
 
 #[test]
-fn a_batch_that_is_told_to_end_fifty_times_is_what_an_undisturbed_one_is() {
-    ends_fifty_times("-TERM", Some(130));
+fn batch_terminated_fifty_times_equals_an_undisturbed_one() {
+    interrupt_fifty_times("-TERM", Some(130));
 }
 
-/// Ends a batch at random moments, each time with that signal, upon which its exit code is this.
-fn ends_fifty_times(how: &str, exit_code: Option<i32>) {
+/// Ends a batch at random times with the signal `how`, and checks that its exit code is `exit_code`.
+fn interrupt_fifty_times(how: &str, exit_code: Option<i32>) {
     let place = Place::new();
     let jobs = place.jobs(FORTY);
     let reference = place.out("reference");
     assert_done(&run(&["batch", &jobs, "--out", &reference, "--quiet"]));
-    let expected = pictures(&reference);
+    let expected = images(&reference);
     assert_eq!(expected.len(), 40);
     let seed = u64::from(std::process::id());
     println!("seed {seed}");
     let mut random = SplitMix64(seed);
     let out = place.out("ended");
     let batch = ["batch", &jobs, "--out", &out, "--resume", "--quiet"];
-    // Which file a finished picture was: it is not made again.
+    // Record the inode of each finished image, which must not be rendered again.
     let mut files: HashMap<String, u64> = HashMap::new();
     let mut ends = 0;
     while ends < ENDS {
         let mut child = whit(&batch).stderr(Stdio::null()).spawn().unwrap();
-        // All of the while every picture that can be seen is whole.
+        // Meanwhile every visible image must be complete.
         let end = Instant::now() + Duration::from_secs_f64(0.15 * random.next());
         while Instant::now() < end {
-            assert_whole(&pictures(&out), &expected);
+            assert_whole(&images(&out), &expected);
             thread::sleep(Duration::from_millis(1));
         }
         let has_ended = child.try_wait().unwrap().is_some();
         if !has_ended {
             signal(&child, how);
             let code = child.wait().unwrap().code();
-            // It may have been done at that moment, or not have begun to listen.
+            // The batch may have finished at that moment, or not have installed its signal handler.
             assert!([exit_code, Some(0), None].contains(&code), "{code:?}");
             ends += 1;
         }
-        assert_whole(&pictures(&out), &expected);
+        assert_whole(&images(&out), &expected);
         let noted = noted(&out);
         for name in &noted {
             let file = fs::metadata(place.path("ended").join(name)).unwrap().ino();
@@ -177,13 +177,13 @@ fn ends_fifty_times(how: &str, exit_code: Option<i32>) {
             );
         }
         if noted.len() == 40 && ends < ENDS {
-            // Too fast to be ended fifty times: from the beginning.
+            // The batch finished before it was ended fifty times: start again.
             fs::remove_dir_all(&out).unwrap();
             files.clear();
         }
     }
     assert_done(&run(&batch));
-    assert_eq!(pictures(&out), expected);
+    assert_eq!(images(&out), expected);
     let mut noted = noted(&out);
     noted.sort();
     noted.dedup();
@@ -201,7 +201,7 @@ fn assert_whole(found: &HashMap<String, Vec<u8>>, expected: &HashMap<String, Vec
     }
 }
 
-/// Ends a child that does not come to its end.
+/// Returns the exit code of a child; kills the child and panics after `seconds`.
 fn wait_within(child: &mut Child, seconds: u64) -> Option<i32> {
     let end = Instant::now() + Duration::from_secs(seconds);
     while Instant::now() < end {
@@ -216,8 +216,8 @@ fn wait_within(child: &mut Child, seconds: u64) -> Option<i32> {
 }
 
 #[test]
-fn frames_that_several_threads_pack_wait_for_each_other_and_not_for_ever() {
-    // Threads that wait for one file to be packed take up the next frame, which is written too.
+fn concurrently_compressed_frames_do_not_deadlock() {
+    // Threads that wait for the compression of one file take up the next frame, which is written too.
     let place = Place::new();
     let jobs = place.jobs(
         "[[job]]\nscene = \"scene.toml\"\nframes = 100\nturntable = {}\n\
@@ -228,11 +228,11 @@ fn frames_that_several_threads_pack_wait_for_each_other_and_not_for_ever() {
         .spawn()
         .unwrap();
     assert_eq!(wait_within(&mut child, 300), Some(0));
-    assert_eq!(pictures(&out).len(), 100);
+    assert_eq!(images(&out).len(), 100);
 }
 
 #[test]
-fn a_batch_that_runs_out_of_memory_goes_on_when_there_is_more() {
+fn batch_that_ran_out_of_memory_resumes_with_more() {
     let place = Place::new();
     let job = |frames: u32, size: &str, image: &str| {
         format!(
@@ -243,9 +243,9 @@ fn a_batch_that_runs_out_of_memory_goes_on_when_there_is_more() {
     let jobs = place.jobs(&(job(8, "16x16", "{frame}.exr") + &job(1, "1280x1280", "large.exr")));
     let [reference, out] = ["reference", "out"].map(|name| place.out(name));
     assert_done(&run(&["batch", &jobs, "--out", &reference, "--quiet"]));
-    let expected = pictures(&reference);
-    // One frame after the other, so that the small ones are there before the large one is begun.
-    // Addresses are limited, of which an arena a thread would take far more than is used.
+    let expected = images(&reference);
+    // Render one frame after the other, so that the small ones are finished before the large one starts.
+    // Use a single malloc arena: one per thread would take far more address space than memory.
     let command = format!("ulimit -v {LITTLE_MEMORY}; exec \"$@\"");
     let batch = ["batch", &jobs, "--out", &out, "--resume", "--quiet"];
     let first = Command::new("bash")
@@ -258,7 +258,7 @@ fn a_batch_that_runs_out_of_memory_goes_on_when_there_is_more() {
         .unwrap();
     let said = String::from_utf8_lossy(&first.stderr);
     assert!(!first.status.success(), "{said}");
-    let found = pictures(&out);
+    let found = images(&out);
     assert!(
         !found.is_empty() && !found.contains_key("large.exr"),
         "{:?}: {said}",
@@ -266,31 +266,31 @@ fn a_batch_that_runs_out_of_memory_goes_on_when_there_is_more() {
     );
     assert_whole(&found, &expected);
     assert_done(&run(&batch));
-    assert!(pictures(&out) == expected);
+    assert!(images(&out) == expected);
 }
 
-/// A frame that takes a while, in many steps.
+/// Job of one long frame in many steps.
 const LONG: &str = "[[job]]\nscene = \"scene.toml\"\nsettings = { size = \"64x512\", spp = 16, backend = \"bsp\", \
                     aov = \"samples\" }\nimage = \"long.exr\"\n";
 
-/// The same with samples where they are wanted.
+/// Job of one long frame with adaptive sampling.
 const LONG_ADAPTIVE: &str = "[[job]]\nscene = \"scene.toml\"\nsettings = { size = \"64x128\", spp = 64, backend = \"bsp\", \
                              pattern = \"sobol\", adaptive = 0.002, aov = \"samples\" }\nimage = \"long.exr\"\n";
 
 #[test]
-fn a_long_frame_keeps_what_it_has_when_it_is_told_to_end() {
-    // Of rows there are many files; of rounds one, over and over.
+fn interrupted_long_frame_resumes_from_its_checkpoint() {
+    // Rows are saved in many files; rounds in a single one, which is replaced.
     for (job, files) in [(LONG, 3), (LONG_ADAPTIVE, 1)] {
-        ends_and_goes_on(job, files);
+        interrupt_and_resume(job, files);
     }
 }
 
-fn ends_and_goes_on(job: &str, files: usize) {
+fn interrupt_and_resume(job: &str, files: usize) {
     let place = Place::new();
     let jobs = place.jobs(job);
     let reference = place.out("reference");
     assert_done(&run(&["batch", &jobs, "--out", &reference, "--quiet"]));
-    let expected = pictures(&reference);
+    let expected = images(&reference);
     for (number, how) in ["-INT", "-TERM", "-KILL"].into_iter().enumerate() {
         let out = place.out(&format!("ended{number}"));
         let batch = [
@@ -323,16 +323,16 @@ fn ends_and_goes_on(job: &str, files: usize) {
         signal(&child, how);
         let code = child.wait().unwrap().code();
         assert_eq!(code, if how == "-KILL" { None } else { Some(130) });
-        assert!(pictures(&out).is_empty());
+        assert!(images(&out).is_empty());
         assert!(has_pieces());
         assert_done(&run(&batch));
-        assert_eq!(pictures(&out), expected, "after {how}");
+        assert_eq!(images(&out), expected, "after {how}");
         assert!(!pieces.exists());
     }
 }
 
 #[test]
-fn shards_in_any_order_make_the_bytes_of_one_run() {
+fn shards_in_any_order_equal_one_run_to_the_byte() {
     let place = Place::new();
     let job = |split: &str, image: &str, more: &str| {
         format!(
@@ -361,72 +361,75 @@ fn shards_in_any_order_make_the_bytes_of_one_run() {
     let jobs = place.jobs(&text.concat());
     let [one, many] = ["one", "many"].map(|name| place.out(name));
     assert_done(&run(&["batch", &jobs, "--out", &one, "--quiet"]));
-    let expected = pictures(&one);
+    let expected = images(&one);
     assert_eq!(expected.len(), 8);
     for shard in [5, 2, 7, 1, 3, 6, 4] {
         let shard = format!("{shard}/7");
         assert_done(&run(&[
             "batch", &jobs, "--out", &many, "--shard", &shard, "--quiet",
         ]));
-        // Again, as a task whose end nobody has seen.
+        // Run the shard again, as a scheduler does that has missed the end of a task.
         assert_done(&run(&[
             "batch", &jobs, "--out", &many, "--shard", &shard, "--resume", "--quiet",
         ]));
     }
-    assert_eq!(pictures(&many), expected);
+    assert_eq!(images(&many), expected);
     assert!(!Path::new(&many).join(".whit-pieces").exists());
 }
 
 #[test]
-fn merging_names_what_is_missing_and_puts_together_the_rest() {
+fn merge_lists_incomplete_frames_and_merges_the_rest() {
     let place = Place::new();
     let jobs = place.jobs(
         "[[job]]\nscene = \"scene.toml\"\nframes = 2\nturntable = {}\nsplit = { bands = 2 }\n\
          settings = { size = \"40x64\", backend = \"bsp\" }\nimage = \"{frame}.png\"\n",
     );
     let out = place.out("out");
-    // The first three pieces of four; frame 1 is put together by its second.
+    // Render three pieces of four; the second one completes frame 1.
     for shard in ["1/4", "2/4", "3/4"] {
         assert_done(&run(&[
             "batch", &jobs, "--out", &out, "--shard", shard, "--quiet",
         ]));
     }
-    assert_eq!(pictures(&out).len(), 1);
+    assert_eq!(images(&out).len(), 1);
     let merged = run(&["merge", &out]);
     assert_eq!(merged.status.code(), Some(1));
     let said = String::from_utf8_lossy(&merged.stderr);
     assert!(
-        said.contains("2.png: 32 of 64 rows are missing: make them with `whit batch --resume`"),
+        said.contains("2.png: 32 of 64 rows are missing: render them with `whit batch --resume`"),
         "{said}"
     );
     assert_done(&run(&[
         "batch", &jobs, "--out", &out, "--shard", "4/4", "--quiet",
     ]));
-    assert_eq!(pictures(&out).len(), 2);
+    assert_eq!(images(&out).len(), 2);
     assert_done(&run(&["merge", &out]));
 }
 
 #[test]
-fn a_second_process_in_the_same_folder_is_refused_and_harms_nothing() {
+fn second_process_in_the_same_folder_is_rejected() {
     let place = Place::new();
     let jobs = place.jobs(FORTY);
     let out = place.out("out");
     let mut first = whit(&["batch", &jobs, "--out", &out, "--quiet"]).spawn().unwrap();
     let start = Instant::now();
     while noted(&out).is_empty() {
-        assert!(start.elapsed() < Duration::from_secs(120), "nothing is made");
+        assert!(start.elapsed() < Duration::from_secs(120), "nothing is rendered");
         thread::sleep(Duration::from_millis(2));
     }
     let second = run(&["batch", &jobs, "--out", &out, "--resume"]);
     let said = String::from_utf8_lossy(&second.stderr);
     assert_eq!(second.status.code(), Some(1), "{said}");
-    assert!(said.contains("is being made by another whit (process"), "{said}");
+    assert!(
+        said.contains("another whit (process") && said.contains("is rendering into"),
+        "{said}"
+    );
     assert!(first.wait().unwrap().success());
-    assert_eq!(pictures(&out).len(), 40);
+    assert_eq!(images(&out).len(), 40);
 }
 
 #[test]
-fn two_processes_that_make_the_same_part_harm_nothing_as_a_task_and_its_ghost_may() {
+fn duplicate_processes_of_a_shard_do_no_harm() {
     let place = Place::new();
     let jobs = place.jobs(
         "[[job]]\nscene = \"scene.toml\"\nframes = 8\nturntable = {}\nsplit = { bands = 2, shares = 2 }\n\
@@ -434,7 +437,7 @@ fn two_processes_that_make_the_same_part_harm_nothing_as_a_task_and_its_ghost_ma
     );
     let [reference, out] = ["reference", "out"].map(|name| place.out(name));
     assert_done(&run(&["batch", &jobs, "--out", &reference, "--quiet"]));
-    // All four work on the same frames; two of them on the same pieces.
+    // All four processes work on the same frames, and pairs of them on the same pieces.
     let shards = ["1/2", "2/2", "1/2", "2/2"];
     let batch = |shard| {
         whit(&[
@@ -456,14 +459,14 @@ fn two_processes_that_make_the_same_part_harm_nothing_as_a_task_and_its_ghost_ma
     for child in shards.map(batch) {
         assert_done(&child.wait_with_output().unwrap());
     }
-    // What a ghost has left goes, and is no reason to complain.
+    // Merging removes the pieces of a duplicate task without an error.
     assert_done(&run(&["merge", &out]));
-    assert!(pictures(&out) == pictures(&reference));
+    assert!(images(&out) == images(&reference));
     assert!(!Path::new(&out).join(".whit-pieces").exists());
 }
 
 #[test]
-fn what_merging_put_together_is_done_and_pieces_of_what_has_changed_go() {
+fn merged_frames_are_done_and_outdated_pieces_are_removed() {
     let place = Place::new();
     let job = |spp: u32| {
         format!(
@@ -476,7 +479,7 @@ fn what_merging_put_together_is_done_and_pieces_of_what_has_changed_go() {
     let shard = |out: &str, shard: &str| {
         assert_done(&run(&["batch", &jobs, "--out", out, "--shard", shard, "-q"]));
     };
-    // Each knows of one piece only, as machines may that do not see each other's.
+    // Each folder has one piece only, as on machines that do not share a disk.
     shard(&one, "1/2");
     shard(&two, "2/2");
     let pieces = |out: &str| {
@@ -491,14 +494,14 @@ fn what_merging_put_together_is_done_and_pieces_of_what_has_changed_go() {
     let resumed = run(&["batch", &jobs, "--out", &one, "--resume"]);
     assert_done(&resumed);
     let said = String::from_utf8_lossy(&resumed.stdout);
-    assert!(said.contains("1 were there already"), "{said}");
+    assert!(said.contains("1 existed already"), "{said}");
     place.jobs(&job(2));
     shard(&two, "1/1");
     assert!(!Path::new(&two).join(".whit-pieces").exists());
 }
 
 #[test]
-fn one_frame_that_fails_does_not_stop_the_rest() {
+fn failure_of_one_frame_does_not_stop_the_rest() {
     let place = Place::new();
     let text = "[[job]]\nscene = \"scene.toml\"\nsweep = { \"camera.fov\" = [40, 400, 50] }\n\
                 settings = { size = \"16x16\", backend = \"bsp\" }\nimage = \"{fov}.png\"\n";
@@ -511,13 +514,13 @@ fn one_frame_that_fails_does_not_stop_the_rest() {
         said.contains("camera.fov = 400") && said.contains("1 of 3 frames failed"),
         "{said}"
     );
-    let mut names: Vec<String> = pictures(&out).into_keys().collect();
+    let mut names: Vec<String> = images(&out).into_keys().collect();
     names.sort();
     assert_eq!(names, ["40.png", "50.png"]);
 }
 
 #[test]
-fn a_frame_is_made_again_when_its_scene_or_its_settings_change() {
+fn frame_is_rendered_again_if_scene_or_settings_change() {
     let place = Place::new();
     let job = |spp: u32| {
         format!(
@@ -529,7 +532,7 @@ fn a_frame_is_made_again_when_its_scene_or_its_settings_change() {
     let resumed = || {
         let output = run(&["batch", &jobs, "--out", &out, "--resume"]);
         assert_done(&output);
-        String::from_utf8_lossy(&output.stdout).contains("1 were there already")
+        String::from_utf8_lossy(&output.stdout).contains("1 existed already")
     };
     assert!(!resumed());
     assert!(resumed());
@@ -540,7 +543,7 @@ fn a_frame_is_made_again_when_its_scene_or_its_settings_change() {
     let text = fs::read_to_string(&scene).unwrap();
     fs::write(&scene, text.replace("ambient = 0.1", "ambient = 0.2")).unwrap();
     assert!(!resumed());
-    // One that somebody has damaged, too.
+    // A damaged image is rendered again, too.
     fs::write(place.path("out/a.png"), b"short").unwrap();
     assert!(!resumed());
     let again = run(&["batch", &jobs, "--out", &out]);
@@ -548,7 +551,7 @@ fn a_frame_is_made_again_when_its_scene_or_its_settings_change() {
 }
 
 #[test]
-fn what_cannot_be_made_is_told_in_one_sentence_before_anything_is() {
+fn invalid_batches_are_rejected_in_one_sentence_before_rendering() {
     let place = Place::new();
     fs::write(place.path("file"), b"").unwrap();
     let job = |more: &str| format!("[[job]]\nscene = \"scene.toml\"\n{more}\n");
@@ -559,27 +562,27 @@ fn what_cannot_be_made_is_told_in_one_sentence_before_anything_is() {
         (
             job("frames = 3\nimage = \"a.png\""),
             "out",
-            "two frames would both become a.png",
+            "would both be written to a.png",
         ),
         (job("settings = { spp = 0 }"), "out", "settings of job 1"),
         (job("settings = { colour = 1 }"), "out", "settings of job 1"),
         (
             job("settings = { threads = 1 }"),
             "out",
-            "`threads` is no setting of a job",
+            "`threads` is not a setting of a job",
         ),
         (
             job("image = \"a.exr\"\nsplit = { shares = 2 }\nsettings = { spp = 32, aov = \"depth\" }"),
             "out",
-            "only `samples` can be summed up",
+            "support only `aov = \"samples\"`",
         ),
         (
             job("split = { bands = 2 }\nsettings = { spp = 32, adaptive = 0.01 }"),
             "out",
-            "need the whole frame at once",
+            "require rendering the whole frame at once",
         ),
-        (job(""), "file", "cannot make the folder"),
-        (job(""), "file/in", "cannot make the folder"),
+        (job(""), "file", "cannot create the folder"),
+        (job(""), "file/in", "cannot create the folder"),
     ] {
         let jobs = place.jobs(&text);
         let output = run(&["batch", &jobs, "--out", &place.out(out)]);
@@ -587,14 +590,14 @@ fn what_cannot_be_made_is_told_in_one_sentence_before_anything_is() {
         assert_eq!(output.status.code(), Some(2), "{text}: {said}");
         assert!(said.contains(words), "{text}: {said}");
         assert_eq!(said.trim_end().lines().count(), 1, "{said}");
-        assert!(pictures(&place.out("out")).is_empty());
+        assert!(images(&place.out("out")).is_empty());
     }
     let output = run(&["batch", &place.out("none.toml"), "--out", &place.out("out")]);
     assert_eq!(output.status.code(), Some(2));
 }
 
 #[test]
-fn time_that_is_up_leaves_a_picture_of_fewer_samples() {
+fn time_limit_gives_an_image_of_fewer_samples() {
     let place = Place::new();
     let jobs = place.jobs(
         "[[job]]\nscene = \"scene.toml\"\nsettings = { size = \"96x96\", spp = 65536, pattern = \"sobol\", backend = \"bsp\", \
@@ -606,10 +609,10 @@ fn time_that_is_up_leaves_a_picture_of_fewer_samples() {
     assert_done(&output);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(
-        said.contains("its time was up after ") && said.contains(" of 65536 samples a pixel"),
+        said.contains("the time limit was reached after ") && said.contains(" of 65536 samples per pixel"),
         "{said}"
     );
-    assert_eq!(pictures(&out).len(), 1);
+    assert_eq!(images(&out).len(), 1);
     println!("{:?}", start.elapsed());
     let coarse = place.jobs("[[job]]\nscene = \"scene.toml\"\nsettings = { spp = 64, pattern = \"regular\" }\nimage = \"b.png\"\n");
     let output = run(&["batch", &coarse, "--out", &out, "--time", "1", "--resume"]);
@@ -618,7 +621,7 @@ fn time_that_is_up_leaves_a_picture_of_fewer_samples() {
 }
 
 #[test]
-fn a_frame_that_would_take_more_memory_than_it_may_is_not_begun() {
+fn frame_beyond_the_memory_limit_is_not_started() {
     let place = Place::new();
     let jobs = place.jobs(
         "[[job]]\nscene = \"scene.toml\"\nimage = \"{frame}.png\"\nframes = 2\nturntable = {}\n\
@@ -632,11 +635,11 @@ fn a_frame_that_would_take_more_memory_than_it_may_is_not_begun() {
         said.contains("of memory and may take 8.4 MB: give a larger `--max-memory` or a smaller `size`"),
         "{said}"
     );
-    assert!(pictures(&out).is_empty());
+    assert!(images(&out).is_empty());
 }
 
 #[test]
-fn a_full_disk_loses_nothing_but_what_does_not_fit() {
+fn full_disk_keeps_finished_frames_and_allows_resuming() {
     let place = Place::new();
     let jobs = place.jobs(FORTY);
     let reference = place.out("reference");
@@ -659,18 +662,21 @@ fn a_full_disk_loses_nothing_but_what_does_not_fit() {
     let out = small.join("out").display().to_string();
     let first = run(&["batch", &jobs, "--out", &out, "--resume"]);
     let said = String::from_utf8_lossy(&first.stderr);
-    let found = pictures(&out);
-    let expected = pictures(&reference);
+    let found = images(&out);
+    let expected = images(&reference);
     let are_right = found.iter().all(|(name, bytes)| *bytes == expected[name]);
     let has_room = mount("remount,size=16m");
     let second = run(&["batch", &jobs, "--out", &out, "--resume", "--quiet"]);
-    let all = pictures(&out);
+    let all = images(&out);
     assert!(Command::new("umount").arg(&small).status().unwrap().success());
     assert_eq!(first.status.code(), Some(1), "{said}");
-    assert!(said.contains("make room and go on with `--resume`"), "{said}");
+    assert!(
+        said.contains("free some space and continue with `--resume`"),
+        "{said}"
+    );
     assert!(
         are_right && !found.is_empty() && found.len() < 40,
-        "{} pictures",
+        "{} images",
         found.len()
     );
     assert!(has_room);
@@ -679,14 +685,14 @@ fn a_full_disk_loses_nothing_but_what_does_not_fit() {
 }
 
 #[test]
-fn frames_that_differ_in_name_alone_keep_their_pieces_apart() {
+fn frames_that_differ_only_in_name_have_separate_pieces() {
     let place = Place::new();
     let jobs = place.jobs(
         "scene = \"scene.toml\"\nsettings = { size = \"24x70\" }\n[[job]]\nimage = \"whole.exr\"\n\
          [[job]]\nsplit = { bands = 3 }\nimage = \"bands.exr\"\n",
     );
     let out = place.out("out");
-    // The whole frame is finished while the other has two of its three bands.
+    // Finish the whole frame while the other has two of its three bands.
     for shard in ["4/4", "2/4", "1/4", "3/4"] {
         assert_done(&run(&["batch", &jobs, "--out", &out, "--shard", shard, "-q"]));
     }

@@ -1,4 +1,4 @@
-//! One frame by many shards: the bytes of one process, and no process holds more than its own part.
+//! One frame in many shards: same bytes as by one process, and each process holds only its own part in memory.
 
 use std::fs;
 use std::path::Path;
@@ -10,14 +10,14 @@ const WHIT: &str = env!("CARGO_BIN_EXE_whit");
 const SHARDS: usize = 16;
 
 #[test]
-fn a_large_frame_by_sixteen_shards_is_that_of_one_process_in_bounded_memory() {
+fn large_frame_in_shards_equals_one_process_in_bounded_memory() {
     by_shards(1024);
 }
 
-/// `tests/ci/slow huge_frame`: some minutes, 10 GB of the disk.
+/// Slow (`tests/ci/slow huge_frame`): takes some minutes and 10 GB of disk space.
 #[test]
-#[ignore = "slow: 10 GB of the disk"]
-fn a_huge_frame_by_sixteen_shards_is_that_of_one_process_in_bounded_memory() {
+#[ignore = "slow: 10 GB of disk space"]
+fn huge_frame_in_shards_equals_one_process_in_bounded_memory() {
     by_shards(16384);
 }
 
@@ -40,10 +40,10 @@ fn by_shards(side: u32) {
             peak(&["batch", &jobs, "--out", &many, "--shard", &shard, "--quiet"])
         })
         .collect();
-    // The last one put the frame together, beside its own part.
+    // The last shard also merges the frame.
     let [of_shard, of_last] = [peaks[0], peaks[SHARDS - 1]];
     println!(
-        "{side}x{side}: {} MB by one process, {} MB by a shard, {} MB by the one that puts it together",
+        "{side}x{side}: {} MB by one process, {} MB by a shard, {} MB by the one that merges it",
         whole >> 20,
         of_shard >> 20,
         of_last >> 20
@@ -54,7 +54,7 @@ fn by_shards(side: u32) {
     assert!(!many.with_file_name(".whit-pieces").exists());
 }
 
-/// Runs whit to its end; the most bytes that it ever had in memory.
+/// Runs whit to its end and returns its peak memory in bytes.
 fn peak(arguments: &[&str]) -> u64 {
     let mut child = Command::new(WHIT)
         .args(arguments)
@@ -63,7 +63,7 @@ fn peak(arguments: &[&str]) -> u64 {
         .unwrap();
     let mut peak = 0;
     let status = loop {
-        // The most so far, which is as good as the most of all when the end is near.
+        // Poll the peak so far; the last value is close to the peak of the whole run.
         peak = peak.max(peak_so_far(&child).unwrap_or(0));
         match child.try_wait().unwrap() {
             Some(status) => break status,
@@ -81,7 +81,7 @@ fn peak_so_far(child: &Child) -> Option<u64> {
     Some(1024 * kilobytes)
 }
 
-/// Files of several gigabytes.
+/// Compares two files of several gigabytes with `cmp`.
 fn assert_same(one: &Path, other: &Path) {
     let status = Command::new("cmp").args([one, other]).status().unwrap();
     assert!(status.success());

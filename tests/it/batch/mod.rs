@@ -1,4 +1,4 @@
-//! Batches of frames: interrupted, resumed, divided among processes, and made from what earlier frames left.
+//! Batches of frames: interruption, resuming, shards, and reuse of data between frames.
 
 mod frames;
 mod huge_frame;

@@ -1,4 +1,4 @@
-//! Frames whose scenes are loaded anew find what they have in common decoded, and have the bytes that they have alone.
+//! Frames with different scenes share decoded images and built meshes, and equal those rendered alone to the byte.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ fn backends() -> &'static [&'static str] {
     }
 }
 
-/// Adds an animation of a second to a glTF scene of the repository: its mirror rises.
+/// Adds an animation of one second to a glTF scene of the repository, in which the mirror rises.
 fn animated(folder: &Path) -> PathBuf {
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/first_light.gltf");
     let mut gltf: Value = serde_json::from_slice(&fs::read(scene).unwrap()).unwrap();
@@ -60,8 +60,8 @@ fn animated(folder: &Path) -> PathBuf {
     path
 }
 
-/// Makes the frames of a job at once, and each by a process of its own; returns what the former said.
-fn made_at_once_and_alone(folder: &Path, job: &str, backend: &str, names: &[&str]) -> String {
+/// Renders the frames of a job in one process, and each in its own process; returns the output of the former.
+fn render_together_and_alone(folder: &Path, job: &str, backend: &str, names: &[&str]) -> String {
     let folder = &folder.join(backend);
     fs::create_dir(folder).unwrap();
     let settings = format!("settings = {{ size = \"32x24\", spp = 2, backend = \"{backend}\" }}");
@@ -75,8 +75,8 @@ fn made_at_once_and_alone(folder: &Path, job: &str, backend: &str, names: &[&str
     };
     let said = run(&at_once, "1/1");
     for shard in 1..=names.len() {
-        let told = run(&alone, &format!("{shard}/{}", names.len()));
-        assert!(!told.contains("decoded already"), "{told}");
+        let stdout = run(&alone, &format!("{shard}/{}", names.len()));
+        assert!(!stdout.contains("images were reused"), "{stdout}");
     }
     let bytes: Vec<Vec<u8>> = names
         .iter()
@@ -85,12 +85,12 @@ fn made_at_once_and_alone(folder: &Path, job: &str, backend: &str, names: &[&str
     for (name, bytes) in names.iter().zip(&bytes) {
         assert!(*bytes == fs::read(alone.join(name)).unwrap(), "{name}");
     }
-    // What was kept is not the picture.
+    // The images differ, so the frames themselves were not reused.
     assert!(bytes.windows(2).all(|pair| pair[0] != pair[1]));
     said
 }
 
-/// The two numbers of the line with these words; zeros where there is none.
+/// Returns the two numbers of the line that contains `words`; zeros if there is none.
 fn numbers(said: &str, words: &str) -> [usize; 2] {
     let line = said.lines().find(|line| line.contains(words)).unwrap_or_default();
     let mut numbers = line.split(' ').filter_map(|word| word.parse().ok());
@@ -98,7 +98,7 @@ fn numbers(said: &str, words: &str) -> [usize; 2] {
 }
 
 #[test]
-fn moments_of_an_animation_decode_their_images_and_take_apart_their_still_meshes_once() {
+fn animation_frames_share_decoded_images_and_static_meshes() {
     let folder = tempfile::tempdir().unwrap();
     let scene = animated(folder.path());
     for backend in backends() {
@@ -106,35 +106,35 @@ fn moments_of_an_animation_decode_their_images_and_take_apart_their_still_meshes
             "scene = '{}'\nanimation = {{ fps = 2, from = 0, to = 1 }}\nimage = \"{{frame}}.png\"",
             scene.display()
         );
-        let said = made_at_once_and_alone(folder.path(), &job, backend, &["1.png", "2.png", "3.png"]);
-        // Two images, and three moments, of which the first two may be loaded side by side.
-        let [found, asked] = numbers(&said, "images were decoded already");
-        assert!(asked == 6 && (2..=4).contains(&found), "{said}");
-        let [found, asked] = numbers(&said, "meshes were made ready");
+        let said = render_together_and_alone(folder.path(), &job, backend, &["1.png", "2.png", "3.png"]);
+        // There are two images and three frames, of which the first two may be loaded concurrently.
+        let [found, requested] = numbers(&said, "images were reused");
+        assert!(requested == 6 && (2..=4).contains(&found), "{said}");
+        let [found, requested] = numbers(&said, "built meshes were reused");
         match *backend {
-            // One mesh of them all is elsewhere each time.
+            // One of the meshes moves from frame to frame.
             "embree" => {
-                let still = asked / 3 - 1;
+                let still = requested / 3 - 1;
                 assert!(still > 0 && (still..=2 * still).contains(&found), "{said}");
             }
-            _ => assert_eq!(asked, 0, "{said}"),
+            _ => assert_eq!(requested, 0, "{said}"),
         }
     }
 }
 
 #[test]
-fn scenes_of_a_sweep_decode_their_images_once() {
+fn sweep_frames_share_decoded_images() {
     let folder = tempfile::tempdir().unwrap();
     let scenes = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes");
     let job = format!(
         "scene = '{}'\nsweep = {{ \"light.0.intensity\" = [1, 2, 3] }}\nimage = \"{{intensity}}.png\"",
         scenes.join("textured.toml").display()
     );
-    let said = made_at_once_and_alone(folder.path(), &job, "bsp", &["1.png", "2.png", "3.png"]);
-    let [found, asked] = numbers(&said, "images were decoded already");
-    // The first two may be loaded side by side.
+    let said = render_together_and_alone(folder.path(), &job, "bsp", &["1.png", "2.png", "3.png"]);
+    let [found, requested] = numbers(&said, "images were reused");
+    // The first two frames may be loaded concurrently.
     assert!(
-        3 * found >= asked && 3 * found <= 2 * asked && found > 0,
+        3 * found >= requested && 3 * found <= 2 * requested && found > 0,
         "{said}"
     );
 }

@@ -1,4 +1,4 @@
-//! `whit info --prices`: its tiles are the picture's, its lines and its JSON say what was measured.
+//! `whit info --prices`: sampled tiles equal the image; text and JSON contain all measurements.
 
 use std::sync::atomic::AtomicBool;
 
@@ -7,8 +7,8 @@ use serde_json::Value;
 use whit::accel::brute::BruteAccel;
 use whit::render::{self, FilterKind, Monitor, PixelFilter, RenderSettings};
 
-/// A glass ball that swallows light over a checkered floor, in the sun: refraction, shadows, textures and what goes
-/// with them. A sphere behind the camera has an emission that no ray meets.
+/// Scene of an absorbing glass ball over a checkered floor in sunlight: refraction, shadows, textures and their
+/// dependent effects. The emissive sphere behind the camera is hit by no ray.
 const SCENE: &str = r##"
 background = "#9fc4f0"
 camera = { from = [0, 2, 6], at = [0, 1, 0], fov = 40 }
@@ -50,7 +50,7 @@ transform = [{ scale = 0.1 }, { translate = [0, 0, 900] }]
 material = "hidden"
 "##;
 
-/// The scene in a folder, and its path.
+/// Writes the scene to a temporary folder and returns the folder and the path.
 fn scene() -> (tempfile::TempDir, String) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("scene.toml");
@@ -71,7 +71,7 @@ fn prices(more: &[&str]) -> Value {
 }
 
 #[test]
-fn the_tiles_of_a_sample_have_the_bits_of_the_whole_picture() {
+fn sampled_tiles_equal_the_whole_image_to_the_bit() {
     let (_folder, path) = scene();
     let scene = whit::scene_file::load(path.as_ref(), &Default::default())
         .unwrap()
@@ -122,7 +122,7 @@ fn the_tiles_of_a_sample_have_the_bits_of_the_whole_picture() {
 }
 
 #[test]
-fn every_effect_and_every_step_of_depth_has_a_price() {
+fn every_effect_and_every_bounce_has_a_cost() {
     let prices = prices(&["--depth", "3", "--backend", "bsp", "--threads", "1"]);
     let key = |key: &str| prices[key].as_u64().unwrap();
     assert_eq!(
@@ -159,7 +159,7 @@ fn every_effect_and_every_step_of_depth_has_a_price() {
 }
 
 #[test]
-fn what_no_ray_meets_changes_no_pixel_and_the_rest_does() {
+fn effect_that_no_ray_hits_changes_no_pixel() {
     let prices = prices(&[]);
     let list = prices["list"].as_array().unwrap();
     let price = |effect: &str| list.iter().find(|price| price["without"] == effect).unwrap();
@@ -178,7 +178,7 @@ fn what_no_ray_meets_changes_no_pixel_and_the_rest_does() {
 }
 
 #[test]
-fn prices_are_sorted_and_noise_comes_last() {
+fn costs_are_sorted_with_noise_last() {
     let prices = prices(&[]);
     let list = prices["list"].as_array().unwrap();
     let key = |price: &Value| match price["time"]["within_noise"].as_bool().unwrap() {
@@ -189,7 +189,7 @@ fn prices_are_sorted_and_noise_comes_last() {
 }
 
 #[test]
-fn an_effect_says_what_it_takes_along() {
+fn removed_effect_lists_its_dependent_effects() {
     let prices = prices(&["--effects=+absorption"]);
     let list = prices["list"].as_array().unwrap();
     let refraction = list
@@ -201,8 +201,8 @@ fn an_effect_says_what_it_takes_along() {
 }
 
 #[test]
-fn steps_that_no_ray_reaches_are_free() {
-    // Through the ball and out of it, down to the floor: no ray goes far.
+fn depths_that_no_ray_reaches_are_omitted() {
+    // Paths pass through the ball and end at the floor, so they have few bounces.
     let prices = prices(&["--depth", "255"]);
     let reached = prices["depth_reached"].as_u64().unwrap();
     let steps = prices["list"]
@@ -215,7 +215,7 @@ fn steps_that_no_ray_reaches_are_free() {
 }
 
 #[test]
-fn the_text_has_a_line_for_each_price_and_a_share_in_the_plan() {
+fn text_has_a_line_per_cost_and_time_shares_of_effects() {
     let args = ["--prices", "--size", "64x64", "--spp", "1", "--budget", "0"];
     let run = whit(&[&["info", &*first_light()], &args[..]].concat());
     assert_eq!((run.code, &*run.stderr), (0, ""));
@@ -243,7 +243,7 @@ fn the_text_has_a_line_for_each_price_and_a_share_in_the_plan() {
 }
 
 #[test]
-fn flags_of_the_prices_need_prices() {
+fn cost_flags_require_the_prices_flag() {
     let (_folder, path) = scene();
     let run = whit(&["info", &path, "--spp", "4"]);
     assert_eq!((run.code, &*run.stdout), (2, ""));

@@ -1,4 +1,4 @@
-//! `whit bench` as its users meet it.
+//! Command `whit bench`, run as a process.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -6,7 +6,7 @@ use std::fs;
 use crate::support::cli_program::{fails_with, first_light, names_in, whit};
 
 #[test]
-fn every_backend_and_mode_is_measured_on_the_same_rays_and_agrees() {
+fn all_backends_and_modes_agree_on_the_same_rays() {
     let folder = tempfile::tempdir().unwrap();
     let [json, html] =
         ["bench.json", "bench.html"].map(|name| folder.path().join(name).display().to_string());
@@ -16,7 +16,7 @@ fn every_backend_and_mode_is_measured_on_the_same_rays_and_agrees() {
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(run.stdout.contains("Mrays/s"), "{}", run.stdout);
     let page = fs::read_to_string(&html).unwrap();
-    for words in ["first_light", "<dd>2026-01-02</dd>", "million rays a second"] {
+    for words in ["first_light", "<dd>2026-01-02</dd>", "million rays per second"] {
         assert!(page.contains(words), "{words}");
     }
     let rows: serde_json::Value = serde_json::from_slice(&fs::read(&json).unwrap()).unwrap();
@@ -63,10 +63,10 @@ fn every_backend_and_mode_is_measured_on_the_same_rays_and_agrees() {
 
 #[cfg(feature = "embree")]
 #[test]
-fn every_precision_is_measured_and_has_a_frame_of_its_own() {
+fn every_precision_is_measured_with_its_own_frame_time() {
     let folder = tempfile::tempdir().unwrap();
     let json = folder.path().join("bench.json").display().to_string();
-    // Some packets of so small a picture have lanes without a ray.
+    // In an image this small, some packets have inactive lanes.
     let flags = ["--size", "32x32", "--repeat", "1", "--json", &json];
     let run = whit(&[&["bench", &first_light()], &flags[..]].concat());
     assert_eq!(run.code, 0, "{}", run.stderr);
@@ -106,7 +106,7 @@ repeat = { count = [3, 1, 1], step = [2, 0, 0] }
 
 #[cfg(feature = "embree")]
 #[test]
-fn both_kinds_of_instancing_are_measured_where_meshes_are_placed_and_only_there() {
+fn both_kinds_of_instancing_are_measured_only_for_instances() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     fs::write(path("placed.toml"), PLACED).unwrap();
@@ -144,7 +144,7 @@ fn both_kinds_of_instancing_are_measured_where_meshes_are_placed_and_only_there(
 }
 
 #[test]
-fn a_scene_file_says_which_frame_is_measured_and_flags_override_it() {
+fn flags_override_the_image_settings_of_the_scene_file() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
     let text = "[output]\nsize = [6, 4]\nspp = 3\ndepth = 0\n[material.m]\nroughness = 0\n\
@@ -165,7 +165,7 @@ fn a_scene_file_says_which_frame_is_measured_and_flags_override_it() {
 }
 
 #[test]
-fn a_sweep_measures_meshes_of_its_own_on_one_thread_and_more_and_says_where_lines_cross() {
+fn sweep_measures_generated_meshes_and_reports_crossings() {
     let folder = tempfile::tempdir().unwrap();
     let [json, html] = ["a.json", "a.html"].map(|name| folder.path().join(name).display().to_string());
     let flags = ["--size", "32x24", "--repeat", "1", "--threads", "2", "--scaling"];
@@ -191,7 +191,7 @@ fn a_sweep_measures_meshes_of_its_own_on_one_thread_and_more_and_says_where_line
         }
         measured.insert((row["triangles"].as_u64().unwrap(), row["rays"].as_str().unwrap()));
     }
-    // 12 · 9² and 12 · 13² of the sphere, and 2 of the ground.
+    // The sphere has 12 · 9² or 12 · 13² triangles, the ground 2.
     let sizes = [974, 2030].map(|size| ["camera", "random", "reflection", "shadow"].map(|kind| (size, kind)));
     assert_eq!(Vec::from_iter(measured), sizes.concat());
     assert!(run.stdout.contains("efficiency"), "{}", run.stdout);
@@ -201,17 +201,17 @@ fn a_sweep_measures_meshes_of_its_own_on_one_thread_and_more_and_says_where_line
         run.stdout
     );
     let page = fs::read_to_string(&html).unwrap();
-    assert!(page.contains("Over the size of the mesh") && page.contains("Dashed:"));
-    for told in [
-        "where the lines cross",
+    assert!(page.contains("Speed over mesh size") && page.contains("Dashed:"));
+    for words in [
+        "crossings of Embree and the BSP",
         "camera rays, packets",
-        "builds a second",
-        "triangles a byte",
+        "builds per second",
+        "triangles per byte",
     ] {
         assert_eq!(
-            run.stdout.contains(told),
+            run.stdout.contains(words),
             cfg!(feature = "embree"),
-            "{told} in {}",
+            "{words} in {}",
             run.stdout
         );
     }
@@ -221,7 +221,7 @@ fn a_sweep_measures_meshes_of_its_own_on_one_thread_and_more_and_says_where_line
 }
 
 #[test]
-fn bad_input_ends_in_one_sentence_before_anything_is_written() {
+fn invalid_input_is_rejected_before_anything_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let there = |name: &str| folder.path().join(name).display().to_string();
     fails_with(

@@ -1,4 +1,4 @@
-//! `whit compare`: what it tells, what it writes, and what it refuses.
+//! Command `whit compare`: metrics, output files and rejected input.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use crate::support::browser::{chromium, is_clean, looked_at};
 use crate::support::cli_program::{fails_with, first_light, whit};
 use serde_json::{Value, json};
-use whit::image::{ImageFormat, LinearImage, ToneMap, read_picture, write};
+use whit::image::{ImageFormat, LinearImage, ToneMap, load_image, write};
 
-/// Two pictures of the project's own scene that differ by their samples, as EXR or PNG.
+/// Renders two images of the same scene with different numbers of samples, as EXR or PNG.
 fn pair(folder: &Path, ending: &str) -> [PathBuf; 2] {
     [(1, "rough"), (16, "fine")].map(|(spp, name)| {
         let path = folder.join(format!("{name}.{ending}"));
@@ -27,12 +27,12 @@ fn pair(folder: &Path, ending: &str) -> [PathBuf; 2] {
     })
 }
 
-/// What `whit compare` writes as JSON of two pictures, with more flags.
-fn compared([reference, picture]: [&Path; 2], flags: &[&str]) -> Value {
+/// Returns the JSON of `whit compare` for two images and additional flags.
+fn compared([reference, image]: [&Path; 2], flags: &[&str]) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let json = folder.path().join("metrics.json");
-    let [reference, picture, told] = [reference, picture, &json].map(|path| path.display().to_string());
-    let mut words = vec!["compare", &reference, &picture, "--json", &told];
+    let [reference, image, json_path] = [reference, image, &json].map(|path| path.display().to_string());
+    let mut words = vec!["compare", &reference, &image, "--json", &json_path];
     words.extend(flags);
     let run = whit(&words);
     assert_eq!(run.code, 0, "{}", run.stderr);
@@ -40,7 +40,7 @@ fn compared([reference, picture]: [&Path; 2], flags: &[&str]) -> Value {
 }
 
 #[test]
-fn equal_pictures_have_no_error_and_others_have() {
+fn equal_images_have_zero_error_and_others_do_not() {
     let folder = tempfile::tempdir().unwrap();
     for ending in ["exr", "png"] {
         let [rough, fine] = pair(folder.path(), ending);
@@ -69,11 +69,11 @@ fn equal_pictures_have_no_error_and_others_have() {
 }
 
 #[test]
-fn a_picture_displayed_by_the_renderer_is_the_radiance_as_displayed() {
+fn png_of_the_renderer_equals_the_displayed_radiance() {
     let folder = tempfile::tempdir().unwrap();
     let [[exr, _], [png, _]] = ["exr", "png"].map(|ending| pair(folder.path(), ending));
     let report = compared([&exr, &png], &[]);
-    // The width of a code is the most that rounding to codes takes.
+    // Rounding to 8-bit codes changes a value by at most half a code.
     assert!(
         report["displayed"]["max"].as_f64().unwrap() <= 0.5 / 255.0 + 1e-6,
         "{report}"
@@ -82,7 +82,7 @@ fn a_picture_displayed_by_the_renderer_is_the_radiance_as_displayed() {
 }
 
 #[test]
-fn pixels_that_are_no_numbers_are_told() {
+fn non_finite_pixels_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let mut image = LinearImage::black(12, 12);
     let paths = ["a.exr", "b.exr"].map(|name| folder.path().join(name));
@@ -94,21 +94,21 @@ fn pixels_that_are_no_numbers_are_told() {
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(
         run.stdout
-            .contains("0 pixels of the reference and 1 of the picture hold a NaN"),
+            .contains("0 pixels of the reference and 1 of the image hold a NaN"),
         "{}",
         run.stdout
     );
 }
 
 #[test]
-fn pictures_of_differences_have_the_pictures_size() {
+fn difference_images_have_the_size_of_the_input() {
     let folder = tempfile::tempdir().unwrap();
     let [rough, fine] = pair(folder.path(), "exr");
     let [signed, heat] = ["signed.png", "heat.png"].map(|name| folder.path().join(name));
     let [to_signed, to_heat] = [&signed, &heat].map(|path| path.display().to_string());
     compared([&fine, &rough], &["--difference", &to_signed, "--heat", &to_heat]);
     for path in [signed, heat] {
-        let image = read_picture(&path).unwrap().image;
+        let image = load_image(&path).unwrap().image;
         assert_eq!([image.width, image.height], [64, 48]);
         assert!(
             image.pixels.iter().any(|&pixel| pixel != image.pixels[0]),
@@ -119,7 +119,7 @@ fn pictures_of_differences_have_the_pictures_size() {
 }
 
 #[test]
-fn what_cannot_be_compared_is_refused_in_one_sentence() {
+fn incomparable_images_are_rejected_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     for (name, width) in [("a.exr", 12), ("b.exr", 13)] {
@@ -132,7 +132,7 @@ fn what_cannot_be_compared_is_refused_in_one_sentence() {
         )
         .unwrap();
     }
-    fs::write(path("c.png"), "no picture").unwrap();
+    fs::write(path("c.png"), "not an image").unwrap();
     let [a, b, c, none] = ["a.exr", "b.exr", "c.png", "none.png"].map(path);
     fails_with(2, "12x12 and 13x12", &["compare", &a, &b]);
     fails_with(2, "c.png", &["compare", &a, &c]);
@@ -145,7 +145,7 @@ fn what_cannot_be_compared_is_refused_in_one_sentence() {
     fails_with(2, "1 to 1000", &["compare", &a, &a, "--pixels-per-degree", "0.5"]);
 }
 
-/// Goes through all ways to look, and writes down which pictures are shown.
+/// Script that selects every view of the page and records the visible images.
 const PROBE: &str = r#"
   const form = document.querySelector(".viewer form");
   const names = () => shown(".viewer figure").map((figure) => figure.dataset.view);
@@ -177,7 +177,7 @@ const PROBE: &str = r#"
 "#;
 
 #[test]
-fn the_page_slides_pictures_and_shows_them_in_turns() {
+fn page_has_a_slider_and_alternates_the_images() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let [rough, fine] = pair(folder.path(), "exr");
@@ -185,14 +185,14 @@ fn the_page_slides_pictures_and_shows_them_in_turns() {
     compared([&fine, &rough], &["--html", &page.display().to_string()]);
     let found = looked_at(browser, &page, PROBE, &["--window-size=1200,900"]);
     is_clean(&found);
-    let all = ["slide", "turns", "reference", "picture", "difference", "FLIP"];
+    let all = ["slide", "turns", "reference", "image", "difference", "FLIP"];
     assert_eq!(found["views"], json!(all));
     for name in &all[2..] {
         assert_eq!(found["shown"][name], json!([name]), "{found}");
     }
-    assert_eq!(found["shown"]["slide"], json!(["reference", "picture"]));
-    // As it opens, after a click, and after a while.
-    let turns = json!([["reference"], ["picture"], ["reference"]]);
+    assert_eq!(found["shown"]["slide"], json!(["reference", "image"]));
+    // Visible images at the start, after a click, and after a delay.
+    let turns = json!([["reference"], ["image"], ["reference"]]);
     assert_eq!(found["turns"], turns, "{found}");
     assert!(found["clip"].as_str().unwrap().contains("25%"), "{found}");
     assert!((found["cut"].as_f64().unwrap() - 75.0).abs() < 0.5, "{found}");

@@ -1,4 +1,4 @@
-//! `whit compare-stats` on files that `whit bench` and `whit cost` really write, and on counts.
+//! Command `whit compare-stats` on files written by `whit bench` and `whit cost`, and on counts.
 
 use std::fs;
 use std::path::Path;
@@ -18,7 +18,7 @@ fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// The exit code and all that was said.
+/// Returns the exit code and the text of both output streams.
 fn compared(base: &Path, new: &Path, more: &[&str]) -> (i32, String) {
     let done = whit(&[&["compare-stats", text(base), text(new)], more].concat());
     let said = [done.stdout, done.stderr].concat();
@@ -26,7 +26,7 @@ fn compared(base: &Path, new: &Path, more: &[&str]) -> (i32, String) {
 }
 
 #[test]
-fn a_bench_holds_against_itself_and_a_slower_one_has_regressed() {
+fn slower_benchmark_has_regressed_and_an_equal_one_has_not() {
     let folder = tempfile::tempdir().unwrap();
     let [base, slow] = ["base.json", "slow.json"].map(|name| folder.path().join(name));
     let done = whit(&[
@@ -49,7 +49,7 @@ fn a_bench_holds_against_itself_and_a_slower_one_has_regressed() {
     let mut rows: Value = serde_json::from_slice(&fs::read(&base).unwrap()).unwrap();
     for key in ["mrays_per_s", "mrays_per_s_min", "mrays_per_s_max"] {
         let rate = rows[0][key].as_f64().unwrap();
-        // Slower than the slowest was.
+        // Slower than the slowest repetition.
         rows[0][key] = json!(0.01 * rate);
     }
     fs::write(&slow, rows.to_string()).unwrap();
@@ -65,7 +65,7 @@ fn a_bench_holds_against_itself_and_a_slower_one_has_regressed() {
 }
 
 #[test]
-fn a_study_holds_against_itself_and_larger_errors_have_regressed() {
+fn study_with_larger_errors_has_regressed_and_an_equal_one_has_not() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let done = whit(&[
@@ -92,7 +92,7 @@ fn a_study_holds_against_itself_and_larger_errors_have_regressed() {
 }
 
 #[test]
-fn counts_may_grow_by_so_much_and_no_more() {
+fn counts_may_grow_within_the_tolerance() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str, value: Value| {
         let path = folder.path().join(name);
@@ -107,7 +107,7 @@ fn counts_may_grow_by_so_much_and_no_more() {
     assert_eq!(code, 1);
     assert!(said.contains("dark") && said.contains("2.0 % worse"), "{said}");
     for (args, word) in [
-        ((&base, &other, &[][..]), "nothing in common"),
+        ((&base, &other, &[][..]), "no measurements in common"),
         ((&base, &folder.path().join("none.json"), &[]), "none.json"),
         ((&base, &more, &["--max-regress", "0.05"]), "percentage"),
     ] {

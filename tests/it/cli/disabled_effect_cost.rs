@@ -1,28 +1,29 @@
-//! What a scene does not call for costs nothing by being there, counted in instructions.
+//! Disabled effects cost no time, measured in instructions.
 //!
-//! Builds of `whit` are run under `valgrind --tool=callgrind`: as it is, without the code of all effects but shadows and
-//! mirrors, and in the slow tier without the code of all effects (`WHIT_WITHOUT` in the compiler's environment, see
-//! `scene::Effect`). A scene in which nothing but shadows and mirrors is on, shadows alone, or nothing, must take the first
-//! two equally many instructions, to 0.1 %, and a scene in which nothing is on the first and the third.
+//! Runs three builds of `whit` under `valgrind --tool=callgrind`: the normal build, one with the code of shadows and
+//! mirrors only, and in the slow tier one without the code of any effect (`WHIT_WITHOUT` in the compiler's environment,
+//! see `scene::Effect`). For scenes with only shadows and mirrors enabled, only shadows, or nothing, the first two
+//! builds must take equally many instructions, to 0.1 %; for the scene with nothing enabled, so must the first and the
+//! third.
 //!
-//! As that holds for the absence of all these effects together, it holds for each: code that is absent takes no more
-//! instructions than code that is there, so what one effect's code takes is at most what all take. And it is the hardest
-//! of cases: the scenes have few objects, one light and rays that end soon, so that whatever is asked once a packet or
-//! once a light is a larger share of their instructions than of those of any scene that calls for more.
+//! As this holds for the absence of all these effects together, it holds for each: removing code never adds
+//! instructions, so the cost of one effect's code is at most that of all. The scenes are the worst case: they have few
+//! objects, one light and short paths, so that tests per packet or per light are a larger share of their instructions
+//! than in any scene with more effects.
 //!
-//! Instructions are those of rendering alone: the count at one sample a pixel is subtracted from that at more. Each count
-//! is the least of three, as now and then a run takes some ten thousand more before it renders. Embree is held to one
-//! instruction set, and there is one thread. Embree calls back equally often in both builds, and never for what is off;
-//! that rays of effects that are off are none is held by `tests/it/scenes/effect_plan.rs` for random scenes.
+//! The counts are of rendering alone: the count at one sample per pixel is subtracted from that at more. Each count is
+//! the smallest of three, as some runs take about ten thousand more instructions before rendering. Embree is restricted
+//! to one instruction set, and there is one thread. Both builds must have equally many Embree callbacks, and none for
+//! disabled effects; `tests/it/scenes/effect_plan.rs` checks for random scenes that disabled effects trace no rays.
 //!
-//! `tests/ci/disabled_effects.sh` makes the builds and runs this; without them the test says so and passes.
+//! `tests/ci/disabled_effects.sh` makes the builds and runs this test; without them it prints a note and passes.
 
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 use std::thread;
 
-/// Share of the instructions that may differ.
+/// Largest accepted relative difference in instructions.
 const MAX_COST: f64 = 1e-3;
 
 const OBJECTS: &str = r#"
@@ -69,25 +70,25 @@ position = [3, 5, 4]
 intensity = 60
 "#;
 
-/// The objects, with a ball of chalk.
+/// Returns the objects with a diffuse ball.
 fn dull() -> String {
     OBJECTS.replace("METALLIC", "0").replace("ROUGHNESS", "0.8")
 }
 
-/// The objects, with a ball that is a mirror.
+/// Returns the objects with a mirror ball.
 fn polished() -> String {
     OBJECTS.replace("METALLIC", "1").replace("ROUGHNESS", "0")
 }
 
-/// What was counted of a run.
+/// Counts of one run.
 struct Count {
     instructions: f64,
-    /// Calls of what answers Embree on shapes and placed meshes: for nearest hits, and for any.
+    /// Calls of the Embree callbacks for shapes and instances: of intersection queries, and of occlusion queries.
     callbacks: [u64; 2],
 }
 
 impl Count {
-    /// From what callgrind has written.
+    /// Parses the output file of callgrind.
     fn of(profile: &str) -> Count {
         let summary = profile.lines().find_map(|line| line.strip_prefix("summary: "));
         Count {
@@ -97,7 +98,7 @@ impl Count {
     }
 }
 
-/// How often functions whose name contains `function` were called.
+/// Returns the number of calls of functions whose name contains `function`.
 fn calls(profile: &str, function: &str) -> u64 {
     let (mut callee, mut sum) = ("", 0);
     for line in profile.lines() {
@@ -110,7 +111,7 @@ fn calls(profile: &str, function: &str) -> u64 {
     sum
 }
 
-/// What `whit` takes to render `scene` with so many samples a pixel.
+/// Returns the counts of `whit` for a render of `scene` with `spp` samples per pixel.
 fn count(whit: &str, scene: &Path, backend: &str, spp: u32) -> Count {
     let folder = tempfile::tempdir().unwrap();
     let profile = folder.path().join("profile");
@@ -129,11 +130,11 @@ fn count(whit: &str, scene: &Path, backend: &str, spp: u32) -> Count {
     }
     let run = command.output().unwrap();
     assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
-    // Names of other libraries' functions may be anything.
+    // Function names of other libraries may not be UTF-8.
     Count::of(&String::from_utf8_lossy(&fs::read(profile).unwrap()))
 }
 
-/// What rendering alone takes.
+/// Returns the counts of rendering alone.
 fn rendering(whit: &str, scene: &Path, backend: &str) -> Count {
     let [more, one] = [17, 1].map(|spp| {
         let counts = (0..3).map(|_| count(whit, scene, backend, spp));
@@ -147,7 +148,7 @@ fn rendering(whit: &str, scene: &Path, backend: &str) -> Count {
     }
 }
 
-/// The effects that `whit info` says are on.
+/// Returns the effects that `whit info` lists as enabled.
 fn effects_on(whit: &str, scene: &Path) -> Vec<String> {
     let run = Command::new(whit).arg("info").arg(scene).output().unwrap();
     assert!(run.status.success());
@@ -160,7 +161,7 @@ fn effects_on(whit: &str, scene: &Path) -> Vec<String> {
 }
 
 #[test]
-fn effects_that_a_scene_does_not_call_for_take_no_instructions_by_being_there() {
+fn disabled_effects_take_no_instructions() {
     let builds = ["WHIT_WHOLE", "WHIT_MIRRORS", "WHIT_BARE"].map(|name| std::env::var(name).ok());
     let [Some(whole), Some(mirrors), bare] = builds else {
         eprintln!("skipped: tests/ci/disabled_effects.sh makes the builds that this compares");
@@ -190,15 +191,15 @@ fn effects_that_a_scene_does_not_call_for_take_no_instructions_by_being_there() 
                 [of(&whole), of(without)].map(|run| run.join().unwrap())
             });
             let more = there.instructions / absent.instructions - 1.0;
-            let told = format!(
+            let line = format!(
                 "{name} through {backend}: {} instructions, without the code of what is off {}: {:+.4} %",
                 there.instructions,
                 absent.instructions,
                 100.0 * more
             );
-            println!("{told}");
+            println!("{line}");
             if more.abs() > MAX_COST {
-                faults.push(told);
+                faults.push(line);
             }
             assert_eq!(there.callbacks, absent.callbacks, "{name} through {backend}");
             let [nearest, any] = there.callbacks.map(|calls| calls > 0);

@@ -1,11 +1,11 @@
-//! `whit info` as its users meet it.
+//! Command `whit info`, run as a process.
 
 use std::fs;
 
 use crate::support::cli_program::{fails_with, first_light, whit};
 
 #[test]
-fn the_text_tells_triangles_lights_cameras_and_memory() {
+fn text_lists_triangles_lights_cameras_and_memory() {
     let run = whit(&["info", &first_light()]);
     assert_eq!((run.code, &*run.stderr), (0, ""));
     for subject in [
@@ -27,7 +27,7 @@ fn the_text_tells_triangles_lights_cameras_and_memory() {
 }
 
 #[test]
-fn the_json_agrees_with_what_a_render_counts() {
+fn json_agrees_with_render_statistics() {
     let folder = tempfile::tempdir().unwrap();
     let [image, stats] = ["a.png", "a.json"].map(|name| folder.path().join(name).display().to_string());
     let info = whit(&["info", "--json", &first_light()]);
@@ -55,28 +55,28 @@ fn the_json_agrees_with_what_a_render_counts() {
 }
 
 #[test]
-fn effects_that_are_switched_say_what_that_changes() {
+fn switched_effects_print_their_consequences() {
     let run = whit(&["info", &first_light(), "--effects=-shadow,+dispersion"]);
     assert_eq!((run.code, &*run.stderr), (0, ""));
     for line in [
-        "shadow off: switched off, so every light reaches every surface that faces it; 3 of 3 lights",
-        "dispersion off: nothing without refraction, which is off; switched on, though no index",
+        "shadow off: switched off, so lights have no shadows; 3 of 3 lights",
+        "dispersion off: no effect without refraction, which is off; switched on, though no index",
     ] {
         assert!(run.stdout.contains(line), "{line} in {}", run.stdout);
     }
     fails_with(
         2,
-        "`shade` is no effect",
+        "`shade` is not an effect",
         &["info", &first_light(), "--effects", "shade"],
     );
 }
 
 #[test]
-fn a_forecast_is_left_out_if_nobody_wants_it() {
+fn forecast_is_omitted_if_not_requested() {
     let run = whit(&["info", &first_light(), "--forecast", "never"]);
     assert_eq!((run.code, &*run.stderr), (0, ""));
     assert!(
-        run.stdout.contains("forecast       none: not asked for"),
+        run.stdout.contains("forecast       none: not requested"),
         "{}",
         run.stdout
     );
@@ -88,18 +88,18 @@ fn a_forecast_is_left_out_if_nobody_wants_it() {
         .values()
         .map(|shares| shares["rays"].as_f64().unwrap())
         .sum();
-    // Rounding errors of so few terms are far below a millionth.
+    // Rounding errors of few terms are far below one millionth.
     assert!((sum - 1.0).abs() < 1e-6, "{sum}");
 }
 
 #[test]
-fn a_bad_scene_ends_in_one_sentence() {
+fn missing_scene_is_rejected_in_one_sentence() {
     fails_with(2, "no-such-scene.glb", &["info", "no-such-scene.glb"]);
 }
 
 #[cfg(unix)]
 #[test]
-fn a_reader_that_leaves_is_no_failure() {
+fn closed_pipe_is_not_a_failure() {
     use std::process::{Command, Stdio};
     let mut child = Command::new(env!("CARGO_BIN_EXE_whit"))
         .args(["info", &first_light()])

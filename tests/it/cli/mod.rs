@@ -1,4 +1,4 @@
-//! The program's commands, run as users run them.
+//! Commands of the program, run as processes.
 
 mod ablation;
 mod bench;

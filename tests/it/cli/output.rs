@@ -1,4 +1,4 @@
-//! Flags of `whit render` that say how pictures are held by their files, and what the files say of themselves.
+//! Encoding flags of `whit render`, and the metadata of image files.
 
 use std::fs;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::support::cli_program::{self, first_light, names_in, whit};
 use whit::image::rows::{ExrScanlineReader, SampleType};
 
-/// Renders a small picture to `out` with further `flags`.
+/// Renders a small image to `out` with additional `flags`.
 fn render(out: &Path, flags: &[&str]) -> cli_program::Run {
     let scene = first_light();
     let out = out.to_str().unwrap();
@@ -34,7 +34,7 @@ fn types(path: &Path) -> Vec<(String, SampleType)> {
 }
 
 #[test]
-fn halves_round_the_colours_and_leave_counts_alone() {
+fn half_type_rounds_colours_but_not_counts() {
     let folder = tempfile::tempdir().unwrap();
     let [float, half] = ["float.exr", "half.exr"].map(|name| folder.path().join(name));
     assert_eq!(render(&float, &["--aov", "samples"]).code, 0);
@@ -62,7 +62,7 @@ fn halves_round_the_colours_and_leave_counts_alone() {
         .iter()
         .zip(rounded.pixels.as_flattened())
     {
-        // Half a unit in the last of 11 places; the picture has no values that are too small for that.
+        // Half a unit in the last of 11 significant bits; the image has no subnormal values.
         assert!(
             (exact - rounded).abs() <= exact.abs() / 2048.0,
             "{exact} {rounded}"
@@ -71,7 +71,7 @@ fn halves_round_the_colours_and_leave_counts_alone() {
 }
 
 #[test]
-fn packing_changes_the_size_of_a_file_and_no_pixel() {
+fn compression_changes_file_size_but_no_pixel() {
     let folder = tempfile::tempdir().unwrap();
     let sizes = ["none", "rle", "zips", "zip", "piz"].map(|compression| {
         let path = folder.path().join(format!("{compression}.exr"));
@@ -85,7 +85,7 @@ fn packing_changes_the_size_of_a_file_and_no_pixel() {
 }
 
 #[test]
-fn a_png_of_sixteen_bits_is_finer_than_one_of_eight() {
+fn sixteen_bit_png_is_finer_than_eight_bit() {
     let folder = tempfile::tempdir().unwrap();
     let [wide, narrow] = ["wide.png", "narrow.png"].map(|name| folder.path().join(name));
     assert_eq!(render(&narrow, &[]).code, 0);
@@ -96,13 +96,13 @@ fn a_png_of_sixteen_bits_is_finer_than_one_of_eight() {
     let (wide, narrow) = (wide.into_rgb16(), narrow.into_rgb8());
     assert!(wide.iter().any(|code| code % 257 != 0));
     for (wide, narrow) in wide.iter().zip(narrow.iter()) {
-        // Half a code of either.
+        // Half a code of each.
         assert!((f64::from(*wide) / 257.0 - f64::from(*narrow)).abs() <= 0.5 + 0.5 / 257.0);
     }
 }
 
 #[test]
-fn a_flag_that_no_file_is_for_is_refused_in_one_sentence_and_nothing_is_rendered() {
+fn encoding_flags_for_another_format_are_rejected_before_rendering() {
     let folder = tempfile::tempdir().unwrap();
     let refused = [
         ("a.png", ["--exr-type", "half"], "write an .exr"),
@@ -123,7 +123,7 @@ fn a_flag_that_no_file_is_for_is_refused_in_one_sentence_and_nothing_is_rendered
 }
 
 #[test]
-fn files_say_how_they_were_made_and_the_same_picture_has_the_same_bytes() {
+fn files_record_their_settings_and_are_reproducible() {
     let folder = tempfile::tempdir().unwrap();
     let [png, exr, again] = ["a.png", "a.exr", "b.exr"].map(|name| folder.path().join(name));
     for (path, threads) in [(&png, "1"), (&exr, "1"), (&again, "2")] {

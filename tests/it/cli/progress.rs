@@ -1,11 +1,11 @@
-//! `whit render --progress`: what programs read of a render while it runs.
+//! `whit render --progress`: the events of a running render as JSON lines.
 
 use std::collections::BTreeSet;
 
 use crate::support::cli_program::{first_light, whit};
 use serde_json::Value;
 
-/// Keys of each event, all of which it always has.
+/// Keys of each kind of event, none of which is optional.
 const KEYS: [(&str, &[&str]); 6] = [
     ("start", &["scene", "image"]),
     ("phase", &["scene", "image", "phase"]),
@@ -18,7 +18,7 @@ const KEYS: [(&str, &[&str]); 6] = [
     ("failed", &["scene", "image", "message", "exit_code"]),
 ];
 
-/// Every line as an event, with the keys that it is to have and no others.
+/// Parses every line as an event, and checks that it has exactly the documented keys.
 fn events(stderr: &str) -> Vec<Value> {
     let event = |line: &str| -> Value {
         let event: Value = serde_json::from_str(line).unwrap_or_else(|error| panic!("{error}: {line}"));
@@ -47,7 +47,7 @@ fn folder() -> (tempfile::TempDir, String) {
 }
 
 #[test]
-fn a_render_is_told_from_its_start_to_its_end() {
+fn render_events_cover_start_phases_progress_and_end() {
     let (_folder, out) = folder();
     let run = whit(&[
         "render",
@@ -62,7 +62,7 @@ fn a_render_is_told_from_its_start_to_its_end() {
         "json",
     ]);
     assert_eq!(run.code, 0, "{}", run.stderr);
-    // Results stay where they are.
+    // Results still go to standard output.
     assert!(
         run.stdout.starts_with(&format!("{out}: 160x120")),
         "{}",
@@ -99,7 +99,7 @@ fn a_render_is_told_from_its_start_to_its_end() {
 }
 
 #[test]
-fn warnings_are_events_too() {
+fn warnings_are_events() {
     let (_folder, out) = folder();
     let run = whit(&[
         "render",
@@ -124,22 +124,22 @@ fn warnings_are_events_too() {
 }
 
 #[test]
-fn failures_say_what_failed_and_how_the_program_ends() {
+fn failure_events_have_message_and_exit_code() {
     let (folder, out) = folder();
     let run = whit(&["render", "missing.glb", "-o", &out, "--progress", "json"]);
-    let told = events(&run.stderr);
+    let failed = events(&run.stderr);
     assert_eq!(
-        (run.code, &*names(&told)),
+        (run.code, &*names(&failed)),
         (2, &["start", "phase", "failed"][..]),
         "{}",
         run.stderr
     );
     assert_eq!(
-        (&told[2]["scene"], &told[2]["exit_code"]),
+        (&failed[2]["scene"], &failed[2]["exit_code"]),
         (&"missing.glb".into(), &2.into())
     );
 
-    // Before any picture is begun.
+    // Failure before any image is started.
     let run = whit(&[
         "render",
         "a.glb",
@@ -148,11 +148,11 @@ fn failures_say_what_failed_and_how_the_program_ends() {
         "--progress",
         "json",
     ]);
-    let told = events(&run.stderr);
-    assert_eq!((run.code, &*names(&told)), (2, &["failed"][..]));
-    assert_eq!(told[0]["scene"], Value::Null);
+    let failed = events(&run.stderr);
+    assert_eq!((run.code, &*names(&failed)), (2, &["failed"][..]));
+    assert_eq!(failed[0]["scene"], Value::Null);
 
-    // One of two: its own failure, and that of all.
+    // Failure of one scene of two: its own event, and that of the command.
     let place = folder.path().to_str().unwrap();
     let run = whit(&[
         "render",
@@ -166,18 +166,18 @@ fn failures_say_what_failed_and_how_the_program_ends() {
         "json",
         "--quiet",
     ]);
-    let told = events(&run.stderr);
+    let failed = events(&run.stderr);
     assert_eq!(
-        (run.code, &*names(&told)),
+        (run.code, &*names(&failed)),
         (1, &["failed", "failed"][..]),
         "{}",
         run.stderr
     );
-    assert_eq!(told[1]["message"], "1 of 2 scenes failed");
+    assert_eq!(failed[1]["message"], "1 of 2 scenes failed");
 }
 
 #[test]
-fn without_a_terminal_nothing_is_told_unless_it_is_asked_for() {
+fn no_progress_is_printed_without_a_terminal_unless_requested() {
     let (_folder, out) = folder();
     for kind in ["auto", "none"] {
         let run = whit(&[

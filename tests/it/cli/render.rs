@@ -1,4 +1,4 @@
-//! `whit render` as its users meet it: the real program, its exit codes, its words, its files.
+//! Command `whit render`, run as a process: exit codes, output and files.
 
 use std::fs;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::support::cli_program::{fails_with, first_light, names_in, whit};
 
 #[test]
-fn a_scene_becomes_a_png_and_one_line_on_standard_output() {
+fn render_writes_a_png_and_prints_one_line() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.png");
     let run = whit(&[
@@ -35,7 +35,7 @@ fn a_scene_becomes_a_png_and_one_line_on_standard_output() {
 }
 
 #[test]
-fn quiet_renders_say_nothing() {
+fn quiet_renders_print_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.exr");
     let run = whit(&[
@@ -52,7 +52,7 @@ fn quiet_renders_say_nothing() {
 }
 
 #[test]
-fn a_png_is_the_exr_through_exposure_and_the_srgb_curve() {
+fn png_equals_exr_after_exposure_and_srgb_encoding() {
     let folder = tempfile::tempdir().unwrap();
     let (png, exr) = (folder.path().join("a.png"), folder.path().join("a.exr"));
     for out in [&png, &exr] {
@@ -82,19 +82,19 @@ fn a_png_is_the_exr_through_exposure_and_the_srgb_curve() {
 }
 
 #[test]
-fn of_several_scenes_those_that_can_be_are_rendered() {
+fn failing_scene_does_not_stop_the_others() {
     let folder = tempfile::tempdir().unwrap();
     let bad = folder.path().join("bad.glb");
     fs::write(&bad, b"no scene").unwrap();
-    let pictures = folder.path().join("pictures");
-    fs::create_dir(&pictures).unwrap();
+    let images = folder.path().join("images");
+    fs::create_dir(&images).unwrap();
     let stats = folder.path().join("stats.json");
     let other = folder.path().join("other.gltf");
     fs::copy(first_light(), &other).unwrap();
     let scenes = [path(&bad), &first_light(), path(&other)].map(str::to_owned);
     let flags = [
         "--out",
-        path(&pictures),
+        path(&images),
         "--size",
         "8x8",
         "--spp",
@@ -110,14 +110,14 @@ fn of_several_scenes_those_that_can_be_are_rendered() {
         "{}",
         run.stderr
     );
-    assert_eq!(names_in(&pictures), ["first_light.png", "other.png"]);
+    assert_eq!(names_in(&images), ["first_light.png", "other.png"]);
     assert_eq!(run.stdout.lines().count(), 2);
     let stats: serde_json::Value = serde_json::from_slice(&fs::read(&stats).unwrap()).unwrap();
     assert_eq!(stats.as_array().unwrap().len(), 2);
 }
 
 #[test]
-fn a_dash_for_the_statistics_prints_a_table_behind_the_images_line() {
+fn stats_dash_prints_a_table_after_the_image_line() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.png");
     let flags = ["--size", "32x16", "--spp", "1", "--stats", "-"];
@@ -132,7 +132,7 @@ fn a_dash_for_the_statistics_prints_a_table_behind_the_images_line() {
 }
 
 #[test]
-fn costs_of_pixels_become_channels_and_a_heat_map_where_they_are_asked_for() {
+fn pixel_costs_are_written_as_channels_and_heat_map() {
     let folder = tempfile::tempdir().unwrap();
     let [out, heat] = ["a.exr", "heat.png"].map(|name| folder.path().join(name));
     let flags = [
@@ -147,7 +147,7 @@ fn costs_of_pixels_become_channels_and_a_heat_map_where_they_are_asked_for() {
     ];
     let run = whit(&[&["render", &first_light(), "-o", path(&out)], &flags[..]].concat());
     assert_eq!(run.code, 0, "{}", run.stderr);
-    assert!(run.stdout.contains("ns a pixel"), "{}", run.stdout);
+    assert!(run.stdout.contains("ns per pixel"), "{}", run.stdout);
     let meta = exr::meta::MetaData::read_from_file(&out, true).unwrap();
     let channels = &meta.headers[0].channels.list;
     let names: Vec<String> = channels.iter().map(|channel| channel.name.to_string()).collect();
@@ -165,11 +165,11 @@ fn costs_of_pixels_become_channels_and_a_heat_map_where_they_are_asked_for() {
     let map = image::open(&heat).unwrap();
     assert_eq!((map.width(), map.height()), (32, 16 + 1 + 8));
     let args = ["render", &first_light(), "-o", path(&out), "--heat", "heat.exr"];
-    fails_with(2, "end the name heat.exr in .png", &args);
+    fails_with(2, "change the file name heat.exr to end in .png", &args);
 }
 
 #[test]
-fn statistics_have_every_key_that_scripts_rely_on() {
+fn statistics_have_all_documented_keys() {
     let folder = tempfile::tempdir().unwrap();
     let (out, stats) = (folder.path().join("a.png"), folder.path().join("a.json"));
     let flags = [
@@ -265,7 +265,7 @@ fn statistics_have_every_key_that_scripts_rely_on() {
 }
 
 #[test]
-fn adaptive_samples_are_counted_in_the_statistics_and_in_channels_of_the_image() {
+fn adaptive_sample_counts_are_in_statistics_and_channels() {
     let folder = tempfile::tempdir().unwrap();
     let (out, stats) = (folder.path().join("a.exr"), folder.path().join("a.json"));
     let flags = [
@@ -287,12 +287,12 @@ fn adaptive_samples_are_counted_in_the_statistics_and_in_channels_of_the_image()
     let counts: Vec<f32> = channels[3].sample_data.values_as_f32().collect();
     let total: f32 = counts.iter().sum();
     assert_eq!(stats["samples"]["total"].as_f64().unwrap(), f64::from(total));
-    // One pixel in 8 x 8 is asked how wide rays are to be, sixteen rays at a time.
-    let asked = stats["rays"]["camera"].as_f64().unwrap() - f64::from(total);
+    // Probe rays estimate the footprint at one pixel in 8 x 8, sixteen rays at a time.
+    let probe_rays = stats["rays"]["camera"].as_f64().unwrap() - f64::from(total);
     let round = f64::from(16 * 64 / 8 * 48 / 8);
     assert!(
-        asked >= 0.0 && asked <= 4.0 * round && asked % round == 0.0,
-        "{asked}"
+        probe_rays >= 0.0 && probe_rays <= 4.0 * round && probe_rays % round == 0.0,
+        "{probe_rays}"
     );
     assert_eq!(
         (&stats["samples"]["max"], &stats["spp"]),
@@ -303,7 +303,7 @@ fn adaptive_samples_are_counted_in_the_statistics_and_in_channels_of_the_image()
 }
 
 #[test]
-fn the_ambient_radiance_is_what_a_ray_into_the_void_sees() {
+fn ray_that_misses_everything_gets_the_ambient_radiance() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.exr");
     let scene = folder.path().join("behind.gltf");
@@ -328,13 +328,13 @@ fn the_ambient_radiance_is_what_a_ray_into_the_void_sees() {
 }
 
 #[test]
-fn rough_rays_may_be_asked_for_in_place_of_the_materials_own() {
+fn rough_rays_flag_overrides_the_material() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("ball.toml");
     let ball = "background = 1\n[material.m]\nmetal = 'gold'\nroughness = 0.4\nrough_rays = 3\n\
                 [[object]]\nshape = 'sphere'\nmaterial = 'm'\n";
     fs::write(&scene, ball).unwrap();
-    let picture = |flags: &[&str]| {
+    let render = |flags: &[&str]| {
         let out = folder.path().join("a.exr");
         let common = [
             "render",
@@ -350,14 +350,14 @@ fn rough_rays_may_be_asked_for_in_place_of_the_materials_own() {
         assert_eq!(run.code, 0, "{}", run.stderr);
         whit::image::read_exr(&out).unwrap().pixels
     };
-    let own = picture(&[]);
-    assert!(own == picture(&["--rough-rays", "3"]));
-    let none = picture(&["--rough-rays", "0"]);
-    assert!(own != none && none == picture(&["--effects=-rough-reflection"]));
+    let own = render(&[]);
+    assert!(own == render(&["--rough-rays", "3"]));
+    let none = render(&["--rough-rays", "0"]);
+    assert!(own != none && none == render(&["--effects=-rough-reflection"]));
 }
 
 #[test]
-fn bad_scenes_end_in_one_sentence_and_no_file() {
+fn invalid_scenes_give_one_sentence_and_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.png");
     let garbage = folder.path().join("garbage.glb");
@@ -370,7 +370,7 @@ fn bad_scenes_end_in_one_sentence_and_no_file() {
 }
 
 #[test]
-fn an_unknown_camera_is_answered_with_those_there_are() {
+fn unknown_camera_is_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.png");
     fails_with(
@@ -382,17 +382,17 @@ fn an_unknown_camera_is_answered_with_those_there_are() {
 }
 
 #[test]
-fn an_output_that_cannot_be_written_is_told_before_the_scene_is_opened() {
+fn unwritable_output_is_reported_before_opening_the_scene() {
     let folder = tempfile::tempdir().unwrap();
     let there = |name: &str| folder.path().join(name).display().to_string();
     let refused = |out: &str, words: &str| fails_with(2, words, &["render", "no-such-scene.glb", "-o", out]);
     refused(&there("no/a.png"), "there is no folder");
-    refused(&there("a.jpg"), "end it in .png or .exr");
-    refused(&there("a"), "end it in .png or .exr");
+    refused(&there("a.jpg"), "ends in .png or .exr");
+    refused(&there("a"), "ends in .png or .exr");
     fs::create_dir(there("b.png")).unwrap();
     refused(&there("b.png"), "is a folder");
     if Path::new("/sys/kernel").is_dir() {
-        // A folder that refuses new files even to root.
+        // A folder in which not even root can create files.
         refused("/sys/kernel/a.png", "cannot write into the folder /sys/kernel");
     }
     let out = there("c.png");
@@ -411,7 +411,7 @@ fn an_output_that_cannot_be_written_is_told_before_the_scene_is_opened() {
 }
 
 #[test]
-fn numbers_out_of_range_end_in_one_sentence() {
+fn numbers_out_of_range_are_rejected_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.png");
     for (flag, value, words) in [
@@ -443,19 +443,19 @@ fn numbers_out_of_range_end_in_one_sentence() {
 }
 
 #[test]
-fn flags_that_do_not_fit_together_are_refused() {
+fn conflicting_flags_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let (out, there) = (folder.path().join("a.png"), path(folder.path()));
     let scene = first_light();
-    fails_with(2, "one image", &["render", &scene, &scene, "-o", path(&out)]);
+    fails_with(2, "a single image", &["render", &scene, &scene, "-o", path(&out)]);
     fails_with(
         2,
-        "would both become",
+        "would both be written to",
         &["render", &scene, &scene, "--out", there],
     );
     fails_with(
         2,
-        "`--isa` is for Embree",
+        "`--isa` applies to Embree only",
         &["render", &scene, "-o", path(&out), "--backend=bsp", "--isa=avx2"],
     );
     let render = ["render", &scene, "-o", path(&out)];
@@ -492,7 +492,7 @@ fn flags_that_do_not_fit_together_are_refused() {
 }
 
 #[test]
-fn help_and_version_are_results() {
+fn help_and_version_go_to_standard_output() {
     for args in [
         &["--help"][..],
         &["render", "--help"],
@@ -523,7 +523,7 @@ fn help_and_version_are_results() {
 
 #[cfg(unix)]
 #[test]
-fn ctrl_c_ends_a_render_with_130_and_leaves_no_piece_of_it() {
+fn ctrl_c_exits_with_130_and_leaves_no_file() {
     use std::process::{Command, Stdio};
     use std::thread::sleep;
     use std::time::Duration;
@@ -545,9 +545,9 @@ fn ctrl_c_ends_a_render_with_130_and_leaves_no_piece_of_it() {
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    // Long enough to be rendering; the frame itself would take hours.
+    // Wait until the render runs; the whole frame would take hours.
     sleep(Duration::from_millis(700));
-    // The shell's own `kill`: the program of that name is not on every machine.
+    // Use the shell's built-in `kill`, as not every machine has the program.
     let kill = Command::new("sh")
         .args(["-c", "kill -INT \"$0\"", &child.id().to_string()])
         .status()
@@ -557,7 +557,7 @@ fn ctrl_c_ends_a_render_with_130_and_leaves_no_piece_of_it() {
     assert_eq!(names_in(folder.path()), Vec::<String>::new());
 }
 
-/// One triangle in the plane z = 5, seen from the origin along -z.
+/// Scene of one triangle in the plane z = 5; the camera at the origin looks along -z.
 const TRIANGLE_BEHIND_THE_CAMERA: &str = r#"{
     "asset": {"version": "2.0"},
     "scene": 0,

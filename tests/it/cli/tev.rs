@@ -1,5 +1,5 @@
-//! The live picture in tev, against a receiver that was written from the description of the protocol (tev's README, "Over
-//! the Network", and what its `Ipc.cpp` reads), not from what sends.
+//! Live preview in tev, tested against a receiver that is written from the description of the protocol (tev's README,
+//! "Over the Network", and its `Ipc.cpp`), independently of the sender.
 
 use std::io::{ErrorKind, Read};
 use std::net::{TcpListener, TcpStream};
@@ -16,7 +16,7 @@ use whit::watch::{Rectangle, TevViewer};
 
 const PATIENCE: Duration = Duration::from_secs(20);
 
-/// What a packet asks for.
+/// Operation of a packet.
 #[derive(Clone, Debug, PartialEq)]
 enum Packet {
     Close(String),
@@ -36,7 +36,7 @@ enum Packet {
     },
 }
 
-/// What is left of a packet.
+/// Reader of the rest of a packet.
 struct Reader<'a>(&'a [u8]);
 
 impl Reader<'_> {
@@ -76,7 +76,7 @@ impl Reader<'_> {
     }
 }
 
-/// Reads all of a packet: the length, which counts itself, the operation, and what that takes.
+/// Parses a whole packet: the length, which includes itself, the operation, and its arguments.
 fn packet(bytes: &[u8]) -> Packet {
     let mut reader = Reader(bytes);
     assert_eq!(reader.int() as usize, bytes.len());
@@ -132,7 +132,7 @@ fn update(reader: &mut Reader) -> Packet {
     }
 }
 
-/// The bytes of the next packet; `None` at the end.
+/// Returns the bytes of the next packet; `None` at the end.
 fn next(stream: &mut TcpStream) -> Option<Vec<u8>> {
     let mut bytes = vec![0; 4];
     match stream.read_exact(&mut bytes) {
@@ -144,7 +144,7 @@ fn next(stream: &mut TcpStream) -> Option<Vec<u8>> {
     Some(bytes)
 }
 
-/// A receiver of one connection, and its address.
+/// Starts a receiver of one connection and returns its address.
 fn receiver<T: Send + 'static>(
     receive: impl FnOnce(TcpStream) -> T + Send + 'static,
 ) -> (String, JoinHandle<T>) {
@@ -156,7 +156,7 @@ fn receiver<T: Send + 'static>(
     )
 }
 
-/// One that reads all there is.
+/// Starts a receiver that reads all packets.
 fn all_bytes() -> (String, JoinHandle<Vec<Vec<u8>>>) {
     receiver(|mut stream| std::iter::from_fn(|| next(&mut stream)).collect())
 }
@@ -169,7 +169,7 @@ fn rectangle(x: u32, y: u32, width: u32, height: u32) -> Rectangle {
     Rectangle { x, y, width, height }
 }
 
-/// A picture as it is shown.
+/// Image as the viewer shows it.
 struct Shown {
     size: [i32; 2],
     channels: Vec<String>,
@@ -189,8 +189,8 @@ impl Shown {
     }
 }
 
-/// The size and the planes of a picture after all packets.
-fn picture(packets: &[Packet], wanted: &str) -> ([i32; 2], Vec<Vec<f32>>) {
+/// Returns the size and the planes of an image after all packets.
+fn final_image(packets: &[Packet], wanted: &str) -> ([i32; 2], Vec<Vec<f32>>) {
     let mut seen: Option<Shown> = None;
     for packet in packets {
         match packet {
@@ -222,7 +222,7 @@ fn picture(packets: &[Packet], wanted: &str) -> ([i32; 2], Vec<Vec<f32>>) {
 }
 
 #[test]
-fn every_byte_is_as_the_protocol_says() {
+fn packets_match_the_protocol_to_the_byte() {
     let (address, received) = all_bytes();
     let viewer = connect(&address);
     viewer.create("a", 3, 2, &["R", "Zé"]);
@@ -256,7 +256,7 @@ fn every_byte_is_as_the_protocol_says() {
 }
 
 #[test]
-fn pictures_of_any_size_and_name_arrive_whole() {
+fn images_of_any_size_and_name_arrive_complete() {
     for (width, height, name) in [
         (1, 1, "a"),
         (7, 5, "Grün 緑/ü b.exr"),
@@ -277,17 +277,17 @@ fn pictures_of_any_size_and_name_arrive_whole() {
         let bytes = received.join().unwrap();
         assert!(bytes.iter().all(|packet| packet.len() < 1 << 20), "{name}");
         let packets: Vec<Packet> = bytes.iter().map(|bytes| packet(bytes)).collect();
-        let (size, shown) = picture(&packets, name);
+        let (size, shown) = final_image(&packets, name);
         assert_eq!(size, [width as i32, height as i32]);
         assert!(shown == planes, "{name} differs");
     }
 }
 
 #[test]
-fn a_viewer_that_takes_nothing_holds_nobody_up() {
+fn viewer_that_receives_nothing_does_not_block() {
     let (end, ended) = std::sync::mpsc::channel();
     let (address, received) = receiver(move |stream| {
-        // Until the render is over.
+        // Keep the connection open until the render is over.
         let _ = ended.recv();
         drop(stream);
     });
@@ -301,8 +301,8 @@ fn a_viewer_that_takes_nothing_holds_nobody_up() {
         viewer.update("a", at, &["R", "G", "B"], &[&plane, &plane, &plane]);
     }
     let sending = start.elapsed();
-    let told = viewer.finish(Duration::from_millis(50)).expect("a word about it");
-    assert!(told.contains("not complete"), "{told}");
+    let warning = viewer.finish(Duration::from_millis(50)).expect("a warning");
+    assert!(warning.contains("is incomplete"), "{warning}");
     let all = start.elapsed();
     end.send(()).unwrap();
     received.join().unwrap();
@@ -311,10 +311,10 @@ fn a_viewer_that_takes_nothing_holds_nobody_up() {
 }
 
 #[test]
-fn a_viewer_that_goes_away_is_told_of_once_and_nothing_else_happens() {
+fn lost_connection_is_reported_once() {
     let (address, received) = receiver(|mut stream| {
         packet(&next(&mut stream).unwrap());
-        // Half of the next one.
+        // Read only half of the next packet.
         stream.read_exact(&mut [0; 10]).unwrap();
     });
     let viewer = connect(&address);
@@ -326,12 +326,12 @@ fn a_viewer_that_goes_away_is_told_of_once_and_nothing_else_happens() {
         if let Some(trouble) = viewer.trouble() {
             break trouble;
         }
-        assert!(start.elapsed() < PATIENCE, "nobody noticed");
+        assert!(start.elapsed() < PATIENCE, "the loss is not reported");
         thread::sleep(Duration::from_millis(1));
     };
     received.join().unwrap();
     assert!(
-        trouble.contains(&address) && trouble.contains("goes on without it"),
+        trouble.contains(&address) && trouble.contains("continues without it"),
         "{trouble}"
     );
     viewer.update("a", rectangle(0, 0, 32, 32), &["Y"], &[&plane]);
@@ -340,8 +340,8 @@ fn a_viewer_that_goes_away_is_told_of_once_and_nothing_else_happens() {
 }
 
 #[test]
-fn where_nobody_listens_a_sentence_says_what_to_do() {
-    // A port that was free a moment ago.
+fn missing_viewer_is_an_error_with_its_remedy() {
+    // Use a port that was free a moment ago.
     let address = TcpListener::bind("127.0.0.1:0")
         .unwrap()
         .local_addr()
@@ -369,7 +369,7 @@ fn where_nobody_listens_a_sentence_says_what_to_do() {
     }
 }
 
-/// Renders with a viewer that receives like this: what it received, the program's words and the picture.
+/// Renders with a viewer that runs `receive`; returns its result, standard error, and the name and planes of the image.
 fn rendered<T: Send + 'static>(
     receive: impl FnOnce(TcpStream) -> T + Send + 'static,
     flags: &[&str],
@@ -401,7 +401,7 @@ fn rendered<T: Send + 'static>(
 }
 
 #[test]
-fn a_render_is_seen_tile_by_tile_and_in_the_end_as_it_is_written() {
+fn viewer_shows_tiles_and_finally_the_written_image() {
     for flags in [
         &["--spp", "4"][..],
         &["--spp", "4", "--filter", "mitchell"],
@@ -414,7 +414,7 @@ fn a_render_is_seen_tile_by_tile_and_in_the_end_as_it_is_written() {
         };
         let (packets, words, name, written) = rendered(receive, flags);
         assert_eq!(words, "", "{flags:?}");
-        let (size, shown) = picture(&packets, &name);
+        let (size, shown) = final_image(&packets, &name);
         assert_eq!(size, [100, 70]);
         assert!(shown == written, "{flags:?}");
         assert!(
@@ -424,7 +424,7 @@ fn a_render_is_seen_tile_by_tile_and_in_the_end_as_it_is_written() {
 }
 
 #[test]
-fn finished_tiles_are_the_picture_where_there_is_no_filter() {
+fn finished_tiles_equal_the_image_without_a_filter() {
     let scene = whit::gltf::load(first_light().as_ref(), &LoadOptions::default()).unwrap();
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
     let adaptive = Some(Adaptive {
@@ -456,7 +456,7 @@ fn finished_tiles_are_the_picture_where_there_is_no_filter() {
         let rendering = render(&scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap();
         let (pixels, count) = seen.into_inner().unwrap();
         assert!(pixels == rendering.image.pixels, "{spp} samples");
-        // 4 x 3 tiles, and with adaptive sampling some of them again.
+        // There are 4 x 3 tiles; adaptive sampling renders some of them again.
         assert!(
             if adaptive.is_none() {
                 count == 12
@@ -469,19 +469,19 @@ fn finished_tiles_are_the_picture_where_there_is_no_filter() {
 }
 
 #[test]
-fn a_render_goes_on_without_a_viewer_that_went_away() {
+fn render_continues_after_losing_the_viewer() {
     let (_, words, _, written) = rendered(drop, &["--spp", "8"]);
     let (_, _, _, alone) = rendered(|mut stream| while next(&mut stream).is_some() {}, &["--spp", "8"]);
     assert!(written == alone);
-    // The end of a connection may be noticed only after the last that was sent.
+    // The loss of the connection may go undetected until after the last packet.
     assert!(
-        words.is_empty() || (words.lines().count() == 1 && words.contains("goes on without it")),
+        words.is_empty() || (words.lines().count() == 1 && words.contains("continues without it")),
         "{words}"
     );
 }
 
 #[test]
-fn frames_of_a_batch_are_seen_as_they_are_written_and_all_but_the_last_are_closed() {
+fn batch_frames_are_shown_and_older_ones_are_closed() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (jobs, out) = (path("film.jobs.toml"), path("film"));
@@ -502,7 +502,7 @@ fn frames_of_a_batch_are_seen_as_they_are_written_and_all_but_the_last_are_close
         .collect();
     for frame in 1..=11 {
         let name = format!("{frame}.exr");
-        let (size, shown) = picture(&packets, &name);
+        let (size, shown) = final_image(&packets, &name);
         assert_eq!(size, [50, 40]);
         let written = whit::image::read_exr(path(&format!("film/{name}")).as_ref()).unwrap();
         for (channel, plane) in shown.iter().enumerate() {
@@ -516,7 +516,7 @@ fn frames_of_a_batch_are_seen_as_they_are_written_and_all_but_the_last_are_close
             );
         }
     }
-    // The first three that were begun, two at a time; eight stay.
+    // The first three frames are closed, which start two at a time; eight remain.
     let closed = packets.iter().filter_map(|packet| match packet {
         Packet::Close(name) => name.strip_suffix(".exr")?.parse::<u32>().ok(),
         _ => None,

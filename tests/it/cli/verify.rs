@@ -1,4 +1,4 @@
-//! The suite of hard cases: that it holds, that careless code does not get through it, and the program's own command.
+//! Suite of hard cases: the backends pass it, naive implementations fail it, and `whit verify` reports it.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -6,18 +6,18 @@ use std::fs;
 use crate::support::cli_program::{fails_with, whit};
 use crate::support::naive;
 use whit::accel::{self, AccelOptions, Backend};
-use whit::verify::{Build, Formulas, Judged, PATHS, Subject, Verdict, cases, check};
+use whit::verify::{Build, Formulas, SystemUnderTest, VARIANTS, Verdict, VerdictCache, cases, check};
 
-/// Enough to meet what happens to one ray in a hundred, and over in seconds without optimisation.
+/// Number of rays per case: enough to find an error in one ray of a hundred, within seconds in a debug build.
 const RAYS: u64 = 2000;
 
 #[test]
-fn nothing_is_wrong_on_any_path_that_promises_better() {
+fn variants_that_guarantee_exact_results_have_no_errors() {
     let mut failures = Vec::new();
     for case in cases() {
-        let judged = Judged::default();
-        for path in PATHS.iter().filter(|p| case.applies_to(p) && p.is_built_in()) {
-            let outcome = check((case, RAYS), path, None, &judged).unwrap();
+        let verdict_cache = VerdictCache::default();
+        for path in VARIANTS.iter().filter(|p| case.applies_to(p) && p.is_built_in()) {
+            let outcome = check((case, RAYS), path, None, &verdict_cache).unwrap();
             let tally = outcome.tally;
             if outcome.verdict == Verdict::Fails || tally.rays == 0 {
                 failures.push(format!("{} on {}: {tally:?}", case.id, path.name));
@@ -28,7 +28,7 @@ fn nothing_is_wrong_on_any_path_that_promises_better() {
 }
 
 #[test]
-fn every_case_catches_careless_code() {
+fn every_case_detects_a_naive_implementation() {
     let naive: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::new(scene)));
     let ours: &Build = &|scene| accel::build(scene, Backend::Bsp, &AccelOptions::default());
     let fat: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::fat(scene)));
@@ -38,19 +38,19 @@ fn every_case_catches_careless_code() {
         ("starts on the surface", ours, naive::FORMULAS),
         ("starts a fixed distance off", ours, naive::FIXED_EPSILON),
         ("refraction in f32", ours, naive::SINGLE),
-        ("larger triangles", fat, Formulas::OURS),
-        ("answers that change", fickle, Formulas::OURS),
+        ("larger triangles", fat, Formulas::RENDERER),
+        ("results that change", fickle, Formulas::RENDERER),
     ];
     let mut failures = Vec::new();
     for case in cases() {
         let caught = careless.iter().find(|&&(_, build, formulas)| {
-            let judged = &Judged::default();
-            let subject = Subject {
+            let verdict_cache = &VerdictCache::default();
+            let subject = SystemUnderTest {
                 build,
                 formulas,
-                judged,
+                verdict_cache,
             };
-            let tally = case.ask(RAYS / 2, &subject).unwrap();
+            let tally = case.run_case(RAYS / 2, &subject).unwrap();
             assert_eq!(tally.wrong > 0, tally.example.is_some(), "{}", case.id);
             tally.wrong > 0
         });
@@ -63,7 +63,7 @@ fn every_case_catches_careless_code() {
 }
 
 #[test]
-fn any_number_of_threads_counts_the_same() {
+fn tally_is_independent_of_the_number_of_threads() {
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
@@ -71,41 +71,46 @@ fn any_number_of_threads_counts_the_same() {
             .unwrap();
         let case = cases().into_iter().find(|case| case.id == "H36").unwrap();
         let build: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::new(scene)));
-        let subject = Subject {
+        let subject = SystemUnderTest {
             build,
-            formulas: Formulas::OURS,
-            judged: &Judged::default(),
+            formulas: Formulas::RENDERER,
+            verdict_cache: &VerdictCache::default(),
         };
-        pool.install(|| case.ask(20_000, &subject).unwrap())
+        pool.install(|| case.run_case(20_000, &subject).unwrap())
     };
     assert_eq!(on(1), on(3));
 }
 
 #[test]
-fn what_other_paths_were_told_changes_no_verdict() {
+fn cached_verdicts_equal_fresh_verdicts() {
     let naive: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::new(scene)));
     let ours: &Build = &|scene| accel::build(scene, Backend::Bsp, &AccelOptions::default());
     for case in cases()
         .into_iter()
         .filter(|case| ["H05", "H11", "H17", "H26"].contains(&case.id))
     {
-        let ask = |build, judged| {
-            let subject = Subject {
+        let run_case = |build, verdict_cache| {
+            let subject = SystemUnderTest {
                 build,
-                formulas: Formulas::OURS,
-                judged,
+                formulas: Formulas::RENDERER,
+                verdict_cache,
             };
-            case.ask(5000, &subject).unwrap()
+            case.run_case(5000, &subject).unwrap()
         };
-        let judged = Judged::default();
-        let first = ask(naive, &judged);
-        assert_eq!(first, ask(naive, &judged), "{}", case.id);
-        assert_eq!(ask(ours, &judged), ask(ours, &Judged::default()), "{}", case.id);
+        let verdict_cache = VerdictCache::default();
+        let first = run_case(naive, &verdict_cache);
+        assert_eq!(first, run_case(naive, &verdict_cache), "{}", case.id);
+        assert_eq!(
+            run_case(ours, &verdict_cache),
+            run_case(ours, &VerdictCache::default()),
+            "{}",
+            case.id
+        );
     }
 }
 
 #[test]
-fn the_table_names_every_case_and_path_and_the_json_holds_the_same() {
+fn table_and_json_list_every_case_and_variant() {
     let folder = tempfile::tempdir().unwrap();
     let json = folder.path().join("verify.json").display().to_string();
     let run = whit(&[
@@ -150,7 +155,7 @@ fn the_table_names_every_case_and_path_and_the_json_holds_the_same() {
 }
 
 #[test]
-fn the_list_tells_what_every_case_does_and_which_are_missing() {
+fn list_describes_every_case_and_names_missing_ones() {
     let run = whit(&["verify", "--list"]);
     assert_eq!(run.code, 0, "{}", run.stderr);
     for case in cases() {
@@ -169,7 +174,7 @@ fn the_list_tells_what_every_case_does_and_which_are_missing() {
 
 #[cfg(feature = "embree")]
 #[test]
-fn embree_is_held_to_each_instruction_set_in_turn() {
+fn embree_is_restricted_to_each_instruction_set_in_turn() {
     let run = whit(&["verify", "--rays", "64", "--case", "H01", "--isa", "all"]);
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(run.stdout.contains("sse2"), "{}", run.stdout);
@@ -181,7 +186,7 @@ fn embree_is_held_to_each_instruction_set_in_turn() {
 }
 
 #[test]
-fn what_cannot_be_run_is_refused_in_one_sentence() {
+fn invalid_requests_are_rejected_in_one_sentence() {
     fails_with(2, "there is no case `H99`", &["verify", "--case", "H99"]);
     fails_with(2, "--rays", &["verify", "--rays", "0"]);
     fails_with(

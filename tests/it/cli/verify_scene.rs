@@ -1,4 +1,4 @@
-//! `whit verify SCENE` as its users meet it.
+//! Command `whit verify SCENE`, run as a process.
 
 use std::fs;
 #[cfg(feature = "embree")]
@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::support::cli_program::{fails_with, first_light, whit};
 
-/// A square with a crack at its lower side, a triangle that is there twice, and a ball.
+/// Scene of a square with a crack at its lower side, a duplicate triangle, and a ball.
 const CRACKED: &str = r#"
 [camera]
 from = [1, 1, 6]
@@ -33,7 +33,7 @@ fn report(scene: &str) -> (String, serde_json::Value) {
 }
 
 #[test]
-fn a_scenes_own_rays_are_compared_and_nothing_is_wrong() {
+fn rays_of_a_scene_are_compared_without_errors() {
     let (text, json) = report(&first_light());
     for words in ["camera", "shadow", "reflection", "0 wrong", "triangles"] {
         assert!(text.contains(words), "{words} in {text}");
@@ -45,7 +45,7 @@ fn a_scenes_own_rays_are_compared_and_nothing_is_wrong() {
 }
 
 #[test]
-fn what_is_wrong_with_a_mesh_is_told_with_what_to_do() {
+fn mesh_defects_are_printed_with_their_remedies() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cracked.toml").display().to_string();
     fs::write(&path, CRACKED).unwrap();
@@ -53,10 +53,10 @@ fn what_is_wrong_with_a_mesh_is_told_with_what_to_do() {
     assert_eq!(json["meshes"]["t_junctions"], 1, "{text}");
     assert_eq!(json["meshes"]["duplicates"], 1, "{text}");
     assert!(text.contains("split the long edge at the corner"), "{text}");
-    assert!(text.contains("take the others away"), "{text}");
+    assert!(text.contains("remove the others"), "{text}");
 }
 
-/// A slanted square, and the same in the same plane cut along the other diagonal: which is hit first, rounding decides.
+/// Scene of two coincident slanted squares with different diagonals: rounding decides which of them is hit first.
 #[cfg(feature = "embree")]
 const COINCIDENT: &str = r#"
 [camera]
@@ -83,7 +83,7 @@ fn coincident(folder: &Path) -> String {
 
 #[cfg(feature = "embree")]
 #[test]
-fn what_differs_is_drawn_written_down_and_asked_again() {
+fn differences_are_drawn_recorded_and_replayed() {
     let folder = tempfile::tempdir().unwrap();
     let scene = coincident(folder.path());
     let at = |name: &str| folder.path().join(name).display().to_string();
@@ -107,18 +107,18 @@ fn what_differs_is_drawn_written_down_and_asked_again() {
         .lines()
         .filter(|line| line.matches('|').count() == 3 && !line.starts_with('#'))
         .count();
-    assert!(count > 0, "sheets in one plane tie: {}", run.stdout);
+    assert!(count > 0, "coincident surfaces tie: {}", run.stdout);
     let watertight = whit(&["verify", &scene, "--size", "80x60"]);
     assert!(
         watertight.stdout.contains("rays: 0 wrong, 0 ties"),
         "{}",
         watertight.stdout
     );
-    let picture = image::open(&png).unwrap().into_rgb8();
-    assert_eq!(picture.width(), 80);
-    assert!(picture.height() > 60, "it has a legend");
+    let overlay = image::open(&png).unwrap().into_rgb8();
+    assert_eq!(overlay.width(), 80);
+    assert!(overlay.height() > 60, "it has a legend");
     // Ties are drawn in yellow: much red and green, no blue.
-    let yellow = picture
+    let yellow = overlay
         .pixels()
         .filter(|p| p[0] > 250 && p[1] > 200 && p[2] < 10)
         .count();
@@ -136,19 +136,19 @@ fn what_differs_is_drawn_written_down_and_asked_again() {
     assert_eq!(lines("brute force"), count, "{}", again.stdout);
     assert_eq!(lines("bsp single"), count);
     assert_eq!(lines("embree fast"), count);
-    // What was answered then is answered now, by the same structures.
-    let replies = |name: &str| -> Vec<String> {
+    // The same structures give the recorded results again.
+    let query_results = |name: &str| -> Vec<String> {
         let of_name = |line: &str| Some(line.trim().strip_prefix(name)?.trim().to_owned());
         again.stdout.lines().filter_map(of_name).collect()
     };
-    let now: Vec<String> = replies("embree robust");
+    let now: Vec<String> = query_results("embree robust");
     assert_eq!(now.len(), count);
-    for (then, now) in replies("first, then").iter().zip(&now) {
+    for (then, now) in query_results("first, then").iter().zip(&now) {
         assert!(now.starts_with(then.as_str()), "{now} now, {then} then");
     }
     assert_eq!(
-        replies("second, then"),
-        replies("bsp")
+        query_results("second, then"),
+        query_results("bsp")
             .into_iter()
             .filter(|reply| !reply.starts_with("single"))
             .collect::<Vec<_>>()
@@ -157,7 +157,7 @@ fn what_differs_is_drawn_written_down_and_asked_again() {
 
 #[cfg(feature = "embree")]
 #[test]
-fn rays_of_another_scene_or_of_no_scene_are_refused_in_one_sentence() {
+fn invalid_ray_files_are_rejected_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let scene = coincident(folder.path());
     let rays = folder.path().join("a.rays").display().to_string();
@@ -174,7 +174,7 @@ fn rays_of_another_scene_or_of_no_scene_are_refused_in_one_sentence() {
     assert_eq!(run.code, 0, "{}", run.stderr);
     fails_with(
         2,
-        "is of another scene",
+        "has rays of another scene",
         &["verify", &first_light(), "--replay", &rays],
     );
     let good = fs::read_to_string(&rays).unwrap();
@@ -186,16 +186,12 @@ fn rays_of_another_scene_or_of_no_scene_are_refused_in_one_sentence() {
         &["verify", &scene, "--replay", &rays],
     );
     fs::write(&rays, [0xff, 0xfe]).unwrap();
-    fails_with(2, "could not read", &["verify", &scene, "--replay", &rays]);
-    fails_with(
-        2,
-        "could not read",
-        &["verify", &scene, "--replay", "no-such.rays"],
-    );
+    fails_with(2, "cannot read", &["verify", &scene, "--replay", &rays]);
+    fails_with(2, "cannot read", &["verify", &scene, "--replay", "no-such.rays"]);
 }
 
 #[test]
-fn one_scene_that_cannot_be_loaded_does_not_keep_the_others_from_being_checked() {
+fn failing_scene_does_not_stop_the_checks_of_others() {
     let run = whit(&["verify", "no-such-scene.glb", &first_light(), "--size", "20x15"]);
     assert_eq!(run.code, 1, "{}", run.stderr);
     assert!(run.stdout.contains("first_light"), "{}", run.stdout);
@@ -203,14 +199,14 @@ fn one_scene_that_cannot_be_loaded_does_not_keep_the_others_from_being_checked()
 }
 
 #[test]
-fn what_cannot_be_checked_is_refused_in_one_sentence() {
+fn invalid_arguments_are_rejected_in_one_sentence() {
     fails_with(2, "no-such-scene.glb", &["verify", "no-such-scene.glb"]);
     fails_with(
         2,
-        "is for one scene",
+        "applies to a single scene",
         &["verify", "a.glb", "b.glb", "--overlay", "a.png"],
     );
-    fails_with(2, "end the name", &["verify", "a.glb", "--overlay", "a.exr"]);
+    fails_with(2, "to end in .png", &["verify", "a.glb", "--overlay", "a.exr"]);
     fails_with(
         2,
         "no-such-folder",

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::support::scene_folder::{self, FiledScene};
 use whit::accel::{self, Accel, AccelOptions, Backend};
-use whit::render::{Account, Ledger, Monitor, RenderSettings, probe, render};
+use whit::render::{Category, Monitor, RenderProfile, RenderSettings, probe, render};
 use whit::report::forecast::Forecast;
 
 /// What the shares of a forecast may be off by.
@@ -39,7 +39,7 @@ fn forecast(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) ->
     Forecast::of(&probe, settings, Backend::default())
 }
 
-fn ledger(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> Ledger {
+fn ledger(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> RenderProfile {
     let settings = RenderSettings {
         ledger: true,
         ..*settings
@@ -51,19 +51,22 @@ fn ledger(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> L
 }
 
 #[test]
-fn shares_of_rays_are_forecast_to_within_ten_points() {
+fn ray_shares_are_forecast_within_ten_points() {
     for name in SCENES {
         let filed = filed(name);
         let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
         // As many tiles as strips, so that the probe still leaves most of the picture out.
         let settings = filed.settings(256, 4);
-        let told = forecast(&filed, &*accel, &settings);
+        let predicted = forecast(&filed, &*accel, &settings);
         let ledger = ledger(&filed, &*accel, &settings);
         let whole = ledger.total().rays as f64;
-        assert!(told.samples < ledger.camera_rays() / 2, "{name}: {told:?}");
-        for account in Account::ALL {
+        assert!(
+            predicted.samples < ledger.camera_rays() / 2,
+            "{name}: {predicted:?}"
+        );
+        for account in Category::ALL {
             let share = ledger.of(account).rays as f64 / whole;
-            let forecast = told
+            let forecast = predicted
                 .accounts
                 .get(account.name())
                 .map_or(0.0, |shares| shares.rays);
@@ -78,7 +81,7 @@ fn shares_of_rays_are_forecast_to_within_ten_points() {
 }
 
 #[test]
-fn a_probe_takes_the_same_rays_each_time_and_no_more_than_its_share() {
+fn probe_is_deterministic_and_limited_to_its_share() {
     let filed = filed("gems");
     let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
     let settings = filed.settings(1024, 16);
@@ -101,9 +104,9 @@ fn a_probe_takes_the_same_rays_each_time_and_no_more_than_its_share() {
 fn shares_add_up_to_one() {
     let filed = filed("whitted_1980");
     let accel = accel::build(&filed.scene, Backend::Bsp, &AccelOptions::default()).unwrap();
-    let told = forecast(&filed, &*accel, &filed.settings(64, 16));
+    let predicted = forecast(&filed, &*accel, &filed.settings(64, 16));
     let sum =
-        |part: fn(&whit::report::forecast::Shares) -> f64| told.accounts.values().map(part).sum::<f64>();
+        |part: fn(&whit::report::forecast::Shares) -> f64| predicted.accounts.values().map(part).sum::<f64>();
     // Rounding errors of so few terms are far below a millionth.
     assert!((sum(|shares| shares.time) - 1.0).abs() < 1e-6);
     assert!((sum(|shares| shares.rays) - 1.0).abs() < 1e-6);

@@ -2,7 +2,7 @@
 
 use crate::support::scene_folder;
 use whit::accel::{Backend, BuildQuality, Precision};
-use whit::cost::{Configuration, HitPath, Knob, Reach, SceneChange, Settings, knobs, with_knob};
+use whit::cost::{Configuration, HitPath, Knob, LevelRange, SceneChange, Settings, knobs, with_knob};
 use whit::render::{HitPoint, Plan, RenderSettings};
 use whit::scene::{Camera, Effect, Scene};
 
@@ -26,7 +26,7 @@ fn embree(precision: Precision) -> HitPath {
 fn turned(scene: &Scene, base: &Configuration, knob: Knob) -> Vec<(String, Configuration)> {
     let camera = scene.cameras.first().cloned().unwrap_or_else(Camera::default);
     let plan = Plan::new(scene, &camera, &base.settings.effects);
-    let all = knobs(scene, &plan, base, &Reach::of(8)).into_iter();
+    let all = knobs(scene, &plan, base, &LevelRange::of(8)).into_iter();
     all.filter(|(of, _, _)| *of == knob)
         .map(|(_, level, configuration)| (level, configuration))
         .collect()
@@ -38,7 +38,7 @@ fn levels(scene: &Scene, base: &Configuration, knob: Knob) -> Vec<String> {
 }
 
 #[test]
-fn embrees_trees_are_knobs_where_there_are_triangles_to_put_into_them() {
+fn embree_build_options_are_knobs_only_for_triangles() {
     let [meshes, shapes] =
         ["first_light.gltf", "mirror_room.toml"].map(|name| scene_folder::named(name).scene);
     let [fast, robust, watertight] = Precision::ALL.map(|precision| base(embree(precision)));
@@ -57,7 +57,7 @@ fn embrees_trees_are_knobs_where_there_are_triangles_to_put_into_them() {
 }
 
 #[test]
-fn a_knob_is_turned_alone_and_settings_tell_to_where() {
+fn each_knob_changes_alone_and_is_recorded_in_the_settings() {
     let meshes = scene_folder::named("first_light.gltf").scene;
     let base = base(embree(Precision::Fast));
     for (knob, level, word) in [
@@ -80,7 +80,7 @@ fn a_knob_is_turned_alone_and_settings_tell_to_where() {
         compact: true,
         ..base.path
     };
-    let settings = Settings::of(&base.through(low));
+    let settings = Settings::of(&base.with_path(low));
     assert_eq!(
         (settings.build_quality, settings.compact),
         (Some(BuildQuality::Low), Some(true))
@@ -88,7 +88,7 @@ fn a_knob_is_turned_alone_and_settings_tell_to_where() {
 }
 
 #[test]
-fn where_rays_start_matters_where_rays_leave_surfaces() {
+fn spawn_points_are_a_knob_only_where_rays_leave_surfaces() {
     let shaded = scene_folder::named("first_light.gltf").scene;
     let mut base = base(HitPath::BSP);
     let all = turned(&shaded, &base, Knob::SpawnPoints);
@@ -126,7 +126,7 @@ fn where_rays_start_matters_where_rays_leave_surfaces() {
 }
 
 #[test]
-fn the_bsp_in_f32_is_a_path_where_there_are_triangles() {
+fn bsp_in_f32_is_a_path_only_for_triangles() {
     let [meshes, shapes] =
         ["first_light.gltf", "mirror_room.toml"].map(|name| scene_folder::named(name).scene);
     let exact = base(HitPath::BSP);

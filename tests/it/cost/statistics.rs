@@ -5,9 +5,9 @@ use std::fs;
 use std::sync::atomic::AtomicBool;
 
 use crate::support::sampling_scenes::first_light;
-use crate::support::{pictures, scene_folder};
+use crate::support::{images, scene_folder};
 use whit::accel::{self, Accel, AccelOptions, Backend};
-use whit::cost::{Displayed, Halves, Pictures, slope};
+use whit::cost::{DisplayImage, ImageSums, SplitReference, slope};
 use whit::image::{LinearImage, ToneMap};
 use whit::render::{Monitor, Pattern, RenderSettings, render};
 use whit::scene::Scene;
@@ -21,13 +21,13 @@ from = [0, 0, 5]
 at = [0, 0, 0]
 height = 2
 
-[material.lamp]
+[material.emitter]
 base_color = '#000000'
 emission = 1
 
 [[object]]
 shape = { mesh = { vertices = [[-0.83, -0.71, 0], [0.92, -0.37, 0], [-0.13, 0.89, 0]], faces = [[0, 1, 2]] } }
-material = 'lamp'
+material = 'emitter'
 ";
 const CORNERS: [[f64; 2]; 3] = [[-0.83, -0.71], [0.92, -0.37], [-0.13, 0.89]];
 const SIDE: u32 = 48;
@@ -92,35 +92,35 @@ fn triangle() -> Scene {
     scene_folder::load(&file).scene
 }
 
-fn picture(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> Displayed {
+fn rendered(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> DisplayImage {
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(false),
         tiles: None,
     };
     let rendering = render(scene, &scene.cameras[0], accel, settings, &monitor).unwrap();
-    Displayed::new(&rendering.image, TONE)
+    DisplayImage::new(&rendering.image, TONE)
 }
 
 #[test]
-fn jittered_samples_of_edges_err_by_the_power_of_minus_three_quarters_and_the_fit_contains_it() {
+fn fit_contains_the_minus_three_quarters_rate_of_jittered_edges() {
     let scene = triangle();
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
-    let truth = Displayed::new(&exact(), TONE);
-    let halves = Halves {
+    let truth = DisplayImage::new(&exact(), TONE);
+    let halves = SplitReference {
         a: truth.clone(),
         b: truth,
     };
     let mut points = Vec::new();
     for side in [2, 4, 8, 16] {
-        let mut all = Pictures::new(&halves);
+        let mut all = ImageSums::new(&halves);
         for seed in 0..12 {
             let settings = RenderSettings {
                 pattern: Pattern::Jittered,
                 seed,
-                ..pictures::settings(SIDE, side * side)
+                ..images::settings(SIDE, side * side)
             };
-            all.add(&halves, &picture(&scene, &*accel, &settings));
+            all.add(&halves, &rendered(&scene, &*accel, &settings));
         }
         points.push((f64::from(side * side), all.mean_square().sqrt()));
     }
@@ -131,20 +131,20 @@ fn jittered_samples_of_edges_err_by_the_power_of_minus_three_quarters_and_the_fi
         "{found:?} of {points:?}"
     );
     assert!(found.value < -0.5, "steeper than without strata: {found:?}");
-    assert!(found.high - found.low < 0.5, "{found:?} tells something");
+    assert!(found.high - found.low < 0.5, "{found:?} is narrow");
 }
 
 /// Settings, by samples a pixel, that are chosen among.
 const OFFERED: [u32; 4] = [2, 4, 8, 16];
 
 #[test]
-fn what_is_certified_of_chosen_settings_is_nearly_always_true() {
+fn certificates_of_chosen_settings_are_nearly_always_true() {
     assert!(certified_share(8, 512) >= 0.75);
 }
 
 #[test]
 #[ignore = "slow: 200 repeats"]
-fn what_is_certified_of_chosen_settings_is_true_in_at_least_ninety_three_of_a_hundred_repeats() {
+fn certificates_of_chosen_settings_are_true_in_93_percent() {
     assert!(certified_share(200, 2048) >= 0.93);
 }
 
@@ -159,28 +159,28 @@ fn certified_share(repeats: u32, best_spp: u32) -> f64 {
             height: 24,
             seed,
             pattern: Pattern::Sobol,
-            ..pictures::settings(32, spp)
+            ..images::settings(32, spp)
         };
-        picture(&scene, &*accel, &settings)
+        rendered(&scene, &*accel, &settings)
     };
-    let judged = |halves: &Halves, spp: u32, seeds: std::ops::Range<u32>| {
-        let mut all = Pictures::new(halves);
+    let judged = |halves: &SplitReference, spp: u32, seeds: std::ops::Range<u32>| {
+        let mut all = ImageSums::new(halves);
         seeds.for_each(|seed| all.add(halves, &take(spp, seed)));
         all
     };
     // As good as the truth beside what a repeat can tell.
-    let best = Halves {
+    let best = SplitReference {
         a: take(best_spp, 1_000_001),
         b: take(best_spp, 2_000_001),
     };
     let seeds = 3_000_000..3_000_000 + 4 * repeats;
     let truths = OFFERED.map(|spp| judged(&best, spp, seeds.clone()).mean_square().sqrt());
     assert!(truths.is_sorted_by(|a, b| a > b), "{truths:?}");
-    let (mut true_count, mut told) = (0, 0);
+    let (mut true_count, mut chosen_count) = (0, 0);
     for repeat in 0..repeats {
-        let halves = Halves {
-            a: take(96, 1_100_000 + repeat).as_share(1.0),
-            b: take(96, 2_100_000 + repeat).as_share(1.0),
+        let halves = SplitReference {
+            a: take(96, 1_100_000 + repeat).as_fraction(1.0),
+            b: take(96, 2_100_000 + repeat).as_fraction(1.0),
         };
         // Targets from the worst to the best, on and off what settings reach.
         let part = f64::from(repeat) / f64::from(repeats);
@@ -196,11 +196,14 @@ fn certified_share(repeats: u32, best_spp: u32) -> f64 {
             (certified <= target).then_some((place, certified))
         });
         if let Some((place, certified)) = chosen {
-            told += 1;
+            chosen_count += 1;
             true_count += u32::from(truths[place] <= certified && truths[place] <= target);
         }
     }
-    assert!(told >= repeats / 2, "{told} of {repeats} were chosen for");
-    println!("{true_count} of {told} certificates are true");
-    f64::from(true_count) / f64::from(told)
+    assert!(
+        chosen_count >= repeats / 2,
+        "{chosen_count} of {repeats} were chosen for"
+    );
+    println!("{true_count} of {chosen_count} certificates are true");
+    f64::from(true_count) / f64::from(chosen_count)
 }

@@ -29,7 +29,7 @@ fn points<'a>(study: &'a Value, knob: &str) -> Vec<&'a Value> {
 }
 
 #[test]
-fn a_mirror_scene_has_its_knobs_and_more_samples_are_closer() {
+fn mirror_scene_has_its_knobs_and_more_samples_reduce_error() {
     let folder = tempfile::tempdir().unwrap();
     let study = study("scenes/mirror_room.toml", folder.path());
     let all = study["points"].as_array().unwrap();
@@ -96,7 +96,7 @@ fn a_mirror_scene_has_its_knobs_and_more_samples_are_closer() {
 }
 
 #[test]
-fn a_render_takes_the_settings_that_a_study_wrote() {
+fn render_applies_the_settings_file_of_a_study() {
     let folder = tempfile::tempdir().unwrap();
     study("scenes/first_light.gltf", folder.path());
     let settings = folder.path().join("settings.toml");
@@ -140,11 +140,11 @@ fn a_render_takes_the_settings_that_a_study_wrote() {
     let [settings, stats] = [&settings, &stats].map(|path| path.to_str().unwrap());
     rendered(&by_file, &["--settings", settings, "--stats", stats]);
     let stats: Value = serde_json::from_slice(&fs::read(stats).unwrap()).unwrap();
-    let told = fs::read_to_string(settings).unwrap();
-    assert!(told.contains(&format!("spp = {}\n", stats["spp"])), "{told}");
+    let text = fs::read_to_string(settings).unwrap();
+    assert!(text.contains(&format!("spp = {}\n", stats["spp"])), "{text}");
     for (more, word) in [
         (&["--settings", settings, "--spp", "4"][..], "--spp"),
-        (&["--settings", "Cargo.toml"], "no file of settings"),
+        (&["--settings", "Cargo.toml"], "not a settings file"),
         (&["--settings", "nowhere.toml"], "nowhere.toml"),
     ] {
         let done = whit(&[&["render", "scenes/first_light.gltf", "-o", "x.png"], more].concat());
@@ -155,7 +155,7 @@ fn a_render_takes_the_settings_that_a_study_wrote() {
 }
 
 #[test]
-fn settings_are_chosen_for_a_target_and_what_is_out_of_reach_is_told() {
+fn settings_are_chosen_and_unreachable_targets_reported() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let run = |target: &[&str]| {
@@ -203,7 +203,7 @@ fn settings_are_chosen_for_a_target_and_what_is_out_of_reach_is_told() {
 }
 
 #[test]
-fn a_picture_is_rendered_to_an_error_or_within_a_time_and_says_so_if_it_is_not() {
+fn render_reaches_error_and_time_targets_or_reports_failure() {
     let folder = tempfile::tempdir().unwrap();
     let image = folder.path().join("a.png");
     let run = |aim: &[&str]| {
@@ -226,16 +226,16 @@ fn a_picture_is_rendered_to_an_error_or_within_a_time_and_says_so_if_it_is_not()
     let (code, said) = run(&["--error", "0.2"]);
     assert_eq!(code, 0, "{said}");
     assert!(said.contains("for an error of at most 0.2"), "{said}");
-    let error = said.split("this picture: RMSE ").nth(1).unwrap();
+    let error = said.split("this image: RMSE ").nth(1).unwrap();
     let error: f64 = error.split(' ').next().unwrap().parse().unwrap();
     assert!(error > 0.0 && error <= 0.2, "{said}");
     let (code, said) = run(&["--max-time", "60", "--pattern", "sobol"]);
     assert_eq!(code, 0, "{said}");
-    assert!(said.contains("at most 60.0 s a picture"), "{said}");
+    assert!(said.contains("at most 60.0 s per image"), "{said}");
     let (code, said) = run(&["--error", "0.000001"]);
     assert_eq!(code, 1, "{said}");
     assert!(
-        said.contains("nearest to") && said.contains("made with the nearest"),
+        said.contains("nearest to") && said.contains("rendered with the nearest"),
         "{said}"
     );
     for more in [
@@ -249,7 +249,7 @@ fn a_picture_is_rendered_to_an_error_or_within_a_time_and_says_so_if_it_is_not()
 }
 
 #[test]
-fn smoke_is_marched_in_longer_and_shorter_steps() {
+fn smoke_scene_varies_the_march_step() {
     let folder = tempfile::tempdir().unwrap();
     let study = study("scenes/smoke.toml", folder.path());
     assert_eq!(points(&study, "march-step").len(), 3);
@@ -257,7 +257,7 @@ fn smoke_is_marched_in_longer_and_shorter_steps() {
 }
 
 #[test]
-fn what_cannot_be_measured_is_told_in_a_sentence() {
+fn invalid_studies_are_reported_in_one_sentence() {
     for (args, word) in [
         (&["cost", "scenes/nowhere.toml"][..], "nowhere.toml"),
         (
@@ -267,7 +267,7 @@ fn what_cannot_be_measured_is_told_in_a_sentence() {
         (&["cost", "scenes/smoke.toml", "--budget", "0"], "seconds"),
         (&["cost", "scenes/smoke.toml", "--out", "Cargo.toml/x"], "folder"),
         (&["cost", "scenes/smoke.toml", "--size", "40000x40000"], "memory"),
-        (&["cost", "scenes/smoke.toml", "--camera", "nobody"], "camera"),
+        (&["cost", "scenes/smoke.toml", "--camera", "missing"], "camera"),
     ] {
         let done = whit(args);
         let said = String::from_utf8_lossy(&done.stderr);
@@ -309,7 +309,7 @@ fn interrupted(scene: &str, folder: &Path) {
 }
 
 #[test]
-fn an_interrupted_study_is_gone_on_with_where_it_was_and_with_nothing_else() {
+fn interrupted_study_resumes_only_with_its_own_checkpoint() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let kept = folder.path().join("unfinished.study");
@@ -326,13 +326,20 @@ fn an_interrupted_study_is_gone_on_with_where_it_was_and_with_nothing_else() {
         assert!(said.contains(word) && said.contains("unfinished.study"), "{said}");
         assert_eq!(said.lines().count(), 1, "{said}");
     };
-    refused(scene, "nothing was interrupted");
+    refused(scene, "no study was interrupted");
     interrupted(scene, folder.path());
     let whole = fs::read(&kept).unwrap();
     refused("scenes/mirror_room.toml", "another scene");
     for length in [0, 5, 13, 200, whole.len() / 2, whole.len() - 1] {
         fs::write(&kept, &whole[..length]).unwrap();
-        refused(scene, if length < 5000 { "no study" } else { "cut short" });
+        refused(
+            scene,
+            if length < 5000 {
+                "not an interrupted study"
+            } else {
+                "truncated"
+            },
+        );
     }
     fs::write(&kept, &whole).unwrap();
     let done = resume(scene);
@@ -350,7 +357,7 @@ fn an_interrupted_study_is_gone_on_with_where_it_was_and_with_nothing_else() {
 }
 
 #[test]
-fn instructions_are_counted_where_valgrind_is() {
+fn instructions_are_counted_if_valgrind_is_installed() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let scene = folder.path().join("ball.toml");

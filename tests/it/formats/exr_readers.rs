@@ -1,4 +1,4 @@
-//! EXR files as other readers see them: OpenEXR's own tools and OpenImageIO's, where they are installed (Debian's
+//! Tests of EXR files with other readers: OpenEXR's own tools and OpenImageIO's, if they are installed (Debian's
 //! packages `openexr` and `openimageio-tools`).
 
 use std::path::Path;
@@ -8,7 +8,7 @@ use crate::support::exr_tools::tool;
 use whit::image::Attribute;
 use whit::image::rows::{Compression, ExrChannel, ExrLayout, ExrScanlineWriter, SampleType, Samples, Window};
 
-/// Every way to pack rows: what it is here, to OpenEXR's `exrinfo` and to OpenImageIO.
+/// Compression methods with their names in OpenEXR's `exrinfo` and in OpenImageIO.
 const PACKED: [(Compression, &str, &str); 5] = [
     (Compression::None, "none", "none"),
     (Compression::Rle, "rle", "rle"),
@@ -20,7 +20,7 @@ const PACKED: [(Compression, &str, &str); 5] = [
 const WIDTH: u32 = 21;
 const HEIGHT: u32 = 70;
 
-/// The value of a channel: numbers that halves hold, and a float that they do not.
+/// Returns the value of a channel: numbers that halves represent, and a float that they do not.
 fn value(channel: &str, column: u32, row: u32) -> f32 {
     match channel {
         "depth.Z" => 0.1 + (row * WIDTH + column) as f32,
@@ -29,13 +29,14 @@ fn value(channel: &str, column: u32, row: u32) -> f32 {
     }
 }
 
-/// The value of the channel of integers, of which the last lies near the largest that there are.
+/// Returns the value of the integer channel, of which the last is near the largest u32.
 fn integer(column: u32, row: u32) -> u32 {
     (row * WIDTH + column) * 2_900_000
 }
 
-/// A part of a picture with each kind of channel.
+/// Writes a cropped image with each kind of channel.
 fn write_part(path: &Path, compression: Compression) {
+    // Lay out a cropped image
     let layout = ExrLayout {
         data_window: Window {
             origin: [5, 40],
@@ -54,6 +55,7 @@ fn write_part(path: &Path, compression: Compression) {
             text: "shadow on",
         }],
     };
+    // Write it row by row
     let mut writer = ExrScanlineWriter::create(path, &layout).unwrap();
     for row in 0..HEIGHT {
         let plane = |name: &str| {
@@ -74,15 +76,15 @@ fn word(path: &Path) -> &str {
 }
 
 #[test]
-fn openexr_sees_the_channels_their_types_the_packing_and_where_a_part_lies() {
+fn openexr_reads_channels_types_compression_and_data_window() {
     let folder = tempfile::tempdir().unwrap();
     for (compression, name, _) in PACKED {
         let path = folder.path().join(format!("{name}.exr"));
         write_part(&path, compression);
-        let Some((is_well, told)) = tool("exrinfo", &["-v", "-s", word(&path)]) else {
+        let Some((is_well, output)) = tool("exrinfo", &["-v", "-s", word(&path)]) else {
             return;
         };
-        assert!(is_well, "{told}");
+        assert!(is_well, "{output}");
         for expected in [
             "'G': half samp 1 1",
             "'R': half samp 1 1",
@@ -94,45 +96,45 @@ fn openexr_sees_the_channels_their_types_the_packing_and_where_a_part_lies() {
             "lineOrder 0 (increasing)",
             "whit.plan: string 'shadow on'",
         ] {
-            assert!(told.contains(expected), "{expected} is not in {told}");
+            assert!(output.contains(expected), "{expected} is not in {output}");
         }
-        let Some((is_well, told)) = tool("exrheader", &[word(&path)]) else {
+        let Some((is_well, output)) = tool("exrheader", &[word(&path)]) else {
             return;
         };
         assert!(
-            is_well && told.contains("sum.upper, 32-bit unsigned integer"),
-            "{told}"
+            is_well && output.contains("sum.upper, 32-bit unsigned integer"),
+            "{output}"
         );
     }
 }
 
 #[test]
-fn openimageio_sees_the_channels_and_every_value() {
+fn openimageio_reads_channels_and_every_value() {
     let folder = tempfile::tempdir().unwrap();
     for (compression, _, name) in PACKED {
         let path = folder.path().join(format!("{name}.exr"));
         write_part(&path, compression);
-        let Some((is_well, told)) = tool("iinfo", &["-v", word(&path)]) else {
+        let Some((is_well, output)) = tool("iinfo", &["-v", word(&path)]) else {
             return;
         };
-        assert!(is_well, "{told}");
+        assert!(is_well, "{output}");
         for expected in [
             "R (half), G (half), depth.Z (float), sum.upper (uint)",
             &format!("compression: \"{name}\""),
             "pixel data origin: x=5, y=40",
             "full/display size: 200 x 150",
         ] {
-            assert!(told.contains(expected), "{expected} is not in {told}");
+            assert!(output.contains(expected), "{expected} is not in {output}");
         }
-        let Some((is_well, told)) = tool("oiiotool", &["--dumpdata", word(&path)]) else {
+        let Some((is_well, output)) = tool("oiiotool", &["--dumpdata", word(&path)]) else {
             return;
         };
-        assert!(is_well, "{told}");
-        assert_values(&told);
+        assert!(is_well, "{output}");
+        assert_values(&output);
     }
 }
 
-/// Holds the dump of a part, a line a pixel, against what was written.
+/// Compares the dump of a cropped image, one line per pixel, with the written values.
 #[track_caller]
 fn assert_values(dump: &str) {
     let mut pixel_count = 0;
@@ -143,15 +145,15 @@ fn assert_values(dump: &str) {
         let place: Vec<u32> = place.split(',').map(|n| n.trim().parse().unwrap()).collect();
         let (column, row) = (place[0] - 5, place[1] - 40);
         let values: Vec<f64> = values.split_whitespace().map(number).collect();
-        for (channel, &told) in ["R", "G", "depth.Z"].iter().zip(&values) {
+        for (channel, &output) in ["R", "G", "depth.Z"].iter().zip(&values) {
             // The dump has nine digits.
             let written = f64::from(value(channel, column, row));
             assert!(
-                (told - written).abs() <= written.abs() / 1e6,
+                (output - written).abs() <= written.abs() / 1e6,
                 "{line}: {channel} is {written}"
             );
         }
-        // Integers are told as parts of the largest, in f32.
+        // Integers are printed as fractions of the largest, in f32.
         let part = f64::from(integer(column, row)) / f64::from(u32::MAX);
         assert!((values[3] - part).abs() <= 1e-7, "{line}: sum.upper is {part}");
         pixel_count += 1;
@@ -160,7 +162,7 @@ fn assert_values(dump: &str) {
 }
 
 #[test]
-fn openimageio_finds_no_difference_between_ways_to_pack_and_one_where_there_is_one() {
+fn openimageio_diff_ignores_compression_and_finds_changes() {
     let folder = tempfile::tempdir().unwrap();
     let scene = first_light();
     let render = |name: &str, flags: &[&str]| {
@@ -179,22 +181,25 @@ fn openimageio_finds_no_difference_between_ways_to_pack_and_one_where_there_is_o
         assert_eq!(run.code, 0, "{}", run.stderr);
         path
     };
+    // Compare lossless compressions by OpenImageIO
     let plain = render("none.exr", &[]);
     for compression in ["rle", "zips", "zip", "piz"] {
         let packed = render(&format!("{compression}.exr"), &["--compression", compression]);
         let exact = ["-fail", "0", "-warn", "0", word(&plain), word(&packed)];
-        let Some((is_same, told)) = tool("idiff", &exact) else {
+        let Some((is_same, output)) = tool("idiff", &exact) else {
             return;
         };
-        assert!(is_same, "{compression}: {told}");
+        assert!(is_same, "{compression}: {output}");
     }
+    // Half floats must differ
     let half = render("half.exr", &["--exr-type", "half"]);
-    let Some((is_same, told)) = tool("idiff", &["-fail", "0", "-warn", "0", word(&plain), word(&half)])
+    let Some((is_same, output)) = tool("idiff", &["-fail", "0", "-warn", "0", word(&plain), word(&half)])
     else {
         return;
     };
-    assert!(!is_same, "{told}");
-    let Some((_, told)) = tool("exrheader", &[word(&half)]) else {
+    assert!(!is_same, "{output}");
+    // Only colours are halves
+    let Some((_, output)) = tool("exrheader", &[word(&half)]) else {
         return;
     };
     for expected in [
@@ -202,6 +207,6 @@ fn openimageio_finds_no_difference_between_ways_to_pack_and_one_where_there_is_o
         "samples, 32-bit floating-point",
         "whit.settings (type string)",
     ] {
-        assert!(told.contains(expected), "{expected} is not in {told}");
+        assert!(output.contains(expected), "{expected} is not in {output}");
     }
 }

@@ -1,4 +1,4 @@
-//! glTF animations of nodes: what is seen at a moment, in files made here.
+//! Tests of glTF node animations: transforms at given times, in generated files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,16 +6,17 @@ use std::path::{Path, PathBuf};
 use base64::Engine;
 use glam::DVec3;
 use serde_json::{Value, json};
-use whit::gltf::{LoadOptions, Pose, load};
+use whit::gltf::{AnimationTime, LoadOptions, load};
 use whit::scene::Scene;
 
-/// Interpolations, times and values.
+/// Samplers as interpolation, times and values.
 type Samplers<'a> = &'a [(&'a str, &'a [f32], &'a [f32])];
 
-/// A file with a triangle on a node that is animated, and a camera on its child.
+/// Writes a file with a triangle on an animated node, and a camera on its child.
 fn file(folder: &Path, samplers: Samplers, channels: Value) -> PathBuf {
     let mut bytes: Vec<u8> = Vec::new();
     let (mut views, mut accessors) = (Vec::new(), Vec::new());
+    // Append an array as buffer view and accessor
     let mut add = |numbers: &[f32], kind: &str, width: usize| {
         views.push(json!({"buffer": 0, "byteOffset": bytes.len(), "byteLength": 4 * numbers.len()}));
         accessors.push(json!({
@@ -25,6 +26,7 @@ fn file(folder: &Path, samplers: Samplers, channels: Value) -> PathBuf {
         accessors.len() - 1
     };
     let positions = add(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0], "VEC3", 3);
+    // Write the samplers, whose splines have three values a key
     let samplers: Vec<Value> = samplers
         .iter()
         .map(|(how, times, values)| {
@@ -34,6 +36,7 @@ fn file(folder: &Path, samplers: Samplers, channels: Value) -> PathBuf {
             json!({"input": input, "output": output, "interpolation": how})
         })
         .collect();
+    // Write the document with an embedded buffer
     let uri = format!(
         "data:;base64,{}",
         base64::engine::general_purpose::STANDARD.encode(&bytes)
@@ -54,7 +57,7 @@ fn file(folder: &Path, samplers: Samplers, channels: Value) -> PathBuf {
 
 fn at(path: &Path, animation: Option<&str>, seconds: f64) -> Result<Scene, String> {
     let options = LoadOptions {
-        pose: Some(Pose {
+        pose: Some(AnimationTime {
             animation: animation.map(str::to_owned),
             seconds,
         }),
@@ -63,7 +66,7 @@ fn at(path: &Path, animation: Option<&str>, seconds: f64) -> Result<Scene, Strin
     load(path, &options).map_err(|error| error.to_string())
 }
 
-/// The camera, which hangs on the animated node.
+/// Returns the position of the camera, a child of the animated node.
 fn eye(scene: &Scene) -> DVec3 {
     scene
         .normalisation
@@ -76,7 +79,7 @@ fn channel(path: &str) -> Value {
 }
 
 #[test]
-fn a_node_and_what_hangs_on_it_are_where_the_moment_has_them() {
+fn animated_node_and_children_follow_the_time() {
     let folder = tempfile::tempdir().unwrap();
     let values = [0.0, 0.0, 0.0, 4.0, 0.0, 0.0];
     let path = file(
@@ -93,7 +96,7 @@ fn a_node_and_what_hangs_on_it_are_where_the_moment_has_them() {
             .transform_point3(scene.bounds().min);
         assert_eq!(corner, DVec3::new(x, 0.0, 0.0), "at {seconds} s");
     }
-    // Without a moment the node stands where the file has it.
+    // Without a time the node has its static transform.
     let scene = load(&path, &LoadOptions::default()).unwrap();
     assert_eq!(eye(&scene), DVec3::new(0.0, 0.0, 5.0));
     assert_eq!(scene.animations.len(), 1);
@@ -104,7 +107,7 @@ fn a_node_and_what_hangs_on_it_are_where_the_moment_has_them() {
 }
 
 #[test]
-fn a_quarter_turn_is_an_eighth_in_the_middle() {
+fn quarter_turn_is_an_eighth_at_half_time() {
     let folder = tempfile::tempdir().unwrap();
     let half = std::f32::consts::FRAC_1_SQRT_2;
     let values = [0.0, 0.0, 0.0, 1.0, 0.0, half, 0.0, half];
@@ -115,7 +118,7 @@ fn a_quarter_turn_is_an_eighth_in_the_middle() {
     );
     let expected = DVec3::new(5.0, 0.0, 5.0) * std::f64::consts::FRAC_1_SQRT_2;
     let found = eye(&at(&path, None, 0.5).unwrap());
-    // The file's numbers are f32.
+    // The file stores f32.
     assert!(
         found.abs_diff_eq(expected, 5.0 * f64::from(f32::EPSILON)),
         "{found}"
@@ -123,7 +126,7 @@ fn a_quarter_turn_is_an_eighth_in_the_middle() {
 }
 
 #[test]
-fn a_spline_scales_a_node() {
+fn spline_animates_the_scale_of_a_node() {
     let folder = tempfile::tempdir().unwrap();
     // In tangent, value, out tangent for each key: from 1 to 3 in 2 s, both flat, is 2 in the middle and 1.3125 at 1/4:
     // 1 + 2 (3/16 - 2/64) = 1.3125.
@@ -142,7 +145,7 @@ fn a_spline_scales_a_node() {
 }
 
 #[test]
-fn what_makes_no_animation_is_told_in_one_sentence() {
+fn invalid_animations_are_reported_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let good: [f32; 6] = [0.0, 0.0, 0.0, 1.0, 1.0, 1.0];
     let cases: [(Samplers, Value, Option<&str>, &str); 7] = [
@@ -150,7 +153,7 @@ fn what_makes_no_animation_is_told_in_one_sentence() {
             &[("LINEAR", &[0.0, 1.0], &good)],
             channel("scale"),
             Some("run"),
-            "animation `run` is not there: there are 0 `move`",
+            "animation `run` does not exist: the file has 0 `move`",
         ),
         (
             &[("LINEAR", &[0.0, 1.0], &good)],
@@ -162,7 +165,7 @@ fn what_makes_no_animation_is_told_in_one_sentence() {
             &[("LINEAR", &[1.0, 1.0], &good)],
             channel("scale"),
             None,
-            "times that do not grow",
+            "times that do not increase",
         ),
         (&[("LINEAR", &[0.0, f32::NAN], &good)], channel("scale"), None, ""),
         (

@@ -1,4 +1,4 @@
-//! Morph targets and skins of glTF files: where their vertices go, in files made here and in other people's.
+//! Tests of glTF morph targets and skins: vertex positions in generated files and in assets of other authors.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use base64::Engine;
 use glam::DVec3;
 use serde_json::{Value, json};
-use whit::gltf::{LoadOptions, Pose, load};
+use whit::gltf::{AnimationTime, LoadOptions, load};
 use whit::mesh::Mesh;
 use whit::scene::{Geometry, Scene};
 
@@ -14,7 +14,7 @@ const TRIANGLE: [f32; 9] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
 const FLOAT: u32 = 5126;
 const BYTE: u32 = 5121;
 
-/// A file in the making: accessors are added, the rest is put in by hand.
+/// Builder of a glTF file: adds accessors; the rest of the JSON is edited directly.
 struct File {
     bytes: Vec<u8>,
     json: Value,
@@ -83,9 +83,9 @@ fn write(folder: &Path, json: &Value) -> PathBuf {
     path
 }
 
-/// Loads a file without a pose, or at a moment of all its animations.
+/// Loads a file without an animation time, or at a time of all its animations.
 fn at(path: &Path, seconds: Option<f64>) -> Result<Scene, String> {
-    let pose = seconds.map(|seconds| Pose {
+    let pose = seconds.map(|seconds| AnimationTime {
         animation: None,
         seconds,
     });
@@ -103,7 +103,7 @@ fn mesh(scene: &Scene, instance: usize) -> &Mesh {
     }
 }
 
-/// The first corners of an instance in the file's world.
+/// Returns the first corners of an instance in the file's world space.
 fn corners(scene: &Scene, instance: usize) -> [DVec3; 3] {
     let world_from_object = scene.instances[instance].world_from_object();
     let file_from_scene = scene.normalisation.inverse_map();
@@ -117,12 +117,12 @@ fn assert_corners(path: &Path, seconds: Option<f64>, expected: [[f64; 3]; 3]) {
     assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
 }
 
-/// A triangle with two targets: the first moves its second corner by 1 in z, the second its third by 2 in y.
+/// Returns a triangle with two targets: the first moves its second corner by 1 in z, the second its third by 2 in y.
 fn morphed() -> File {
     let mut file = File::new();
     let positions = file.floats("VEC3", &TRIANGLE);
     let first = file.floats("VEC3", &[0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
-    // The second is sparse: only element 2 is there.
+    // The second target is sparse: only element 2 is stored.
     let (index, value) = ([2u8], [0f32, 2.0, 0.0].map(f32::to_le_bytes).concat());
     let (indices, values) = (file.view(&index), file.view(&value));
     let sparse = json!({"count": 1, "indices": {"bufferView": indices, "componentType": BYTE},
@@ -144,7 +144,7 @@ fn morphed() -> File {
 }
 
 #[test]
-fn a_mesh_is_morphed_by_its_own_weights_its_nodes_or_those_of_the_moment() {
+fn morph_weights_come_from_mesh_node_or_animation() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = morphed();
     let still = |b: [f64; 3], c: [f64; 3]| [[0.0; 3], b, c];
@@ -168,7 +168,7 @@ fn a_mesh_is_morphed_by_its_own_weights_its_nodes_or_those_of_the_moment() {
 }
 
 #[test]
-fn normals_are_displaced_and_made_unit() {
+fn morphed_normals_are_normalised() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = morphed();
     let normals = file.floats("VEC3", &[0.0, 0.0, 1.0].repeat(3));
@@ -184,8 +184,8 @@ fn normals_are_displaced_and_made_unit() {
     assert!(normal.abs_diff_eq(expected, f64::from(f32::EPSILON)), "{normal}");
 }
 
-/// A triangle bound to a joint that stands at (0, 0, 0) and one that moves from (4, 0, 0) to (4, 8, 0) in a second: its
-/// corners by 1 and 0, 1 and 3 (of 4), 0 and 2 (of 2). Its own node is elsewhere.
+/// Returns a triangle bound to a joint at (0, 0, 0) and one that moves from (4, 0, 0) to (4, 8, 0) in a second: its
+/// corners have the weights 1 and 0, 1 and 3 (of 4), 0 and 2 (of 2). Its own node is elsewhere.
 fn skinned() -> File {
     let mut file = File::new();
     let positions = file.floats("VEC3", &TRIANGLE);
@@ -198,7 +198,7 @@ fn skinned() -> File {
     for i in [0, 5, 10, 15] {
         (binds[i], binds[16 + i]) = (1.0, 1.0);
     }
-    // The second joint stood at (4, 0, 0) when the mesh was bound.
+    // The second joint was at (4, 0, 0) when the mesh was bound.
     binds[16 + 12] = -4.0;
     let binds = file.floats("MAT4", &binds);
     let times = file.floats("SCALAR", &[0.0, 1.0]);
@@ -217,19 +217,19 @@ fn skinned() -> File {
 }
 
 #[test]
-fn a_skin_carries_vertices_by_the_shares_of_their_joints_and_not_by_their_node() {
+fn skinned_vertices_follow_joints_and_ignore_their_node() {
     let folder = tempfile::tempdir().unwrap();
     let path = skinned().write(folder.path());
     assert_corners(&path, None, [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
-    // The second joint is 4 higher: corners go up by 0, 3 and 4.
+    // The second joint is 4 higher: corners move up by 0, 3 and 4.
     assert_corners(&path, Some(0.5), [[0.0; 3], [1.0, 3.0, 0.0], [0.0, 5.0, 0.0]]);
 }
 
 #[test]
-fn targets_displace_vertices_before_their_joints_move_them() {
+fn morphing_precedes_skinning() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = skinned();
-    // The first joint doubles.
+    // The first joint scales by 2.
     file.json["nodes"][1]["scale"] = json!([2, 2, 2]);
     let target = file.floats("VEC3", &[0.0, 0.0, 1.0].repeat(3));
     file.json["meshes"][0]["primitives"][0]["targets"] = json!([{"POSITION": target}]);
@@ -239,7 +239,7 @@ fn targets_displace_vertices_before_their_joints_move_them() {
 }
 
 #[test]
-fn normals_of_a_skin_go_by_the_inverse_transpose() {
+fn skinned_normals_use_the_inverse_transpose() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = skinned();
     // Joints twice as wide in y, the second as the child of the first: (0, 1, 1) becomes (0, 1/2, 1) before it is made
@@ -258,7 +258,7 @@ fn normals_of_a_skin_go_by_the_inverse_transpose() {
 }
 
 #[test]
-fn a_skin_that_mirrors_keeps_the_front_of_its_triangles() {
+fn mirrored_skin_keeps_front_faces() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = skinned();
     file.json["nodes"][1]["scale"] = json!([-1, 1, 1]);
@@ -271,7 +271,7 @@ fn a_skin_that_mirrors_keeps_the_front_of_its_triangles() {
 }
 
 #[test]
-fn a_figure_far_from_the_origin_keeps_its_shape() {
+fn skinned_mesh_far_from_the_origin_keeps_its_shape() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = skinned();
     file.json["nodes"][1]["translation"] = json!([1e9, 0, 0]);
@@ -282,7 +282,7 @@ fn a_figure_far_from_the_origin_keeps_its_shape() {
 }
 
 #[test]
-fn a_mesh_is_made_once_for_each_skin_and_those_without_share_it() {
+fn mesh_is_built_once_per_skin_and_shared_otherwise() {
     let folder = tempfile::tempdir().unwrap();
     let mut file = skinned();
     file.json["scenes"] = json!([{"nodes": [0, 1, 3, 4, 5, 6]}]);
@@ -292,7 +292,7 @@ fn a_mesh_is_made_once_for_each_skin_and_those_without_share_it() {
     nodes.push(json!({"mesh": 0, "translation": [0, 0, 20]}));
     nodes.push(json!({"mesh": 0, "translation": [0, 0, 30]}));
     let skins = file.json["skins"].as_array_mut().unwrap();
-    // Without inverse bind matrices, the second joint is at (4, 0, 0) from where the mesh was bound.
+    // Without inverse bind matrices, the second joint is at (4, 0, 0) from the mesh's bind position.
     skins.push(json!({"joints": [1, 2]}));
     let scene = at(&file.write(folder.path()), None).unwrap();
     let used: Vec<u32> = scene.instances.iter().map(|instance| instance.geometry).collect();
@@ -306,11 +306,11 @@ fn a_mesh_is_made_once_for_each_skin_and_those_without_share_it() {
     assert_eq!(corners(&scene, 3)[0], DVec3::new(0.0, 0.0, 20.0));
 }
 
-/// A file with something wrong, and words of the sentence about it.
+/// Invalid file, with words of the expected error message.
 type BadFile = (File, &'static str, Value, &'static str);
 
 #[test]
-fn what_makes_no_skin_and_no_morph_is_told_in_one_sentence() {
+fn invalid_skins_and_morphs_are_reported_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let attributes = "/meshes/0/primitives/0/attributes";
     let mut short = skinned();
@@ -320,7 +320,7 @@ fn what_makes_no_skin_and_no_morph_is_told_in_one_sentence() {
     let mut infinite = skinned();
     let infinite_binds = infinite.floats("MAT4", &[f32::INFINITY; 32]);
     let cases: [BadFile; 13] = [
-        (skinned(), "/nodes/0/skin", json!(4), "skin 4 is referred to"),
+        (skinned(), "/nodes/0/skin", json!(4), "skin 4 does not exist"),
         (
             skinned(),
             "/skins/0/joints",
@@ -380,7 +380,7 @@ fn what_makes_no_skin_and_no_morph_is_told_in_one_sentence() {
             morphed(),
             "/animations/0/channels/0/target/node",
             json!(1),
-            "node 1 is referred to",
+            "node 1 does not exist",
         ),
         (
             morphed(),
@@ -400,7 +400,7 @@ fn what_makes_no_skin_and_no_morph_is_told_in_one_sentence() {
     }
 }
 
-/// The places of all values in a document.
+/// Collects the JSON pointers of all values in a document.
 fn places(value: &Value, at: &str, found: &mut Vec<String>) {
     found.push(at.to_owned());
     match value {
@@ -419,7 +419,7 @@ fn places(value: &Value, at: &str, found: &mut Vec<String>) {
 }
 
 #[test]
-fn no_value_in_the_place_of_another_makes_it_panic() {
+fn exchanged_values_never_panic() {
     let folder = tempfile::tempdir().unwrap();
     for file in [morphed(), skinned()] {
         let path = file.write(folder.path());
@@ -447,7 +447,7 @@ fn no_value_in_the_place_of_another_makes_it_panic() {
     }
 }
 
-/// An asset of others; `None`, said aloud, where it is absent.
+/// Returns the path of an external asset; prints a message and returns `None` if it is absent.
 fn asset(name: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("WHIT_TEST_ASSETS").map_or_else(
         || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/assets/gltf"),
@@ -462,7 +462,7 @@ fn asset(name: &str) -> Option<PathBuf> {
 }
 
 #[test]
-fn other_peoples_skins_and_targets_move_and_nothing_of_them_is_ignored() {
+fn sample_skins_and_targets_move_without_warnings() {
     for (name, moments) in [
         ("simple_skin/simple_skin.gltf", [0.0, 1.25, 4.0]),
         ("SimpleMorph/glTF/SimpleMorph.gltf", [0.0, 1.0, 2.5]),

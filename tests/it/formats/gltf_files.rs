@@ -1,7 +1,7 @@
-//! Other people's plain glTF files load, with the triangles they are known to have.
+//! Tests of plain glTF files of other authors: they load with their known triangle counts.
 //!
-//! The files are not part of the project: `WHIT_TEST_ASSETS` says where they lie, `../shared/assets/gltf` else. A file
-//! that is absent is skipped, and the test says so.
+//! The files are not part of the project: `WHIT_TEST_ASSETS` gives their folder, by default `../shared/assets/gltf`. A
+//! file that is absent is skipped, and the test prints a message.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ fn assets() -> PathBuf {
     )
 }
 
-/// Loads an asset; `None`, said aloud, where it is absent.
+/// Loads an asset; prints a message and returns `None` if it is absent.
 fn load(name: &str) -> Option<Result<Scene, GltfError>> {
     let path = assets().join(name);
     if !path.exists() {
@@ -27,8 +27,8 @@ fn load(name: &str) -> Option<Result<Scene, GltfError>> {
 }
 
 #[test]
-fn plain_files_load_with_the_triangles_they_have() {
-    // Triangles as the files' index counts give them, times their uses, less those without an area.
+fn plain_files_load_with_their_triangle_counts() {
+    // Triangles by the files' index counts, times their instances, minus those of zero area.
     let expected = [
         ("BoxVertexColors.glb", 12),
         ("DamagedHelmet.glb", 46356 / 3),
@@ -74,7 +74,7 @@ fn plain_files_load_with_the_triangles_they_have() {
 }
 
 #[test]
-fn files_that_need_an_extension_say_which() {
+fn files_that_require_an_extension_name_it() {
     for (name, extension) in [
         ("BoxMeshopt.glb", "EXT_meshopt_compression"),
         ("BoxMeshopt.gltf", "EXT_meshopt_compression"),
@@ -90,7 +90,7 @@ fn files_that_need_an_extension_say_which() {
 }
 
 #[test]
-fn points_and_lines_alone_are_nothing_to_render() {
+fn points_and_lines_alone_cannot_be_rendered() {
     for number in ["00", "01", "02", "03", "07", "08", "09", "10"] {
         let Some(loaded) = load(&format!("Mesh_PrimitiveMode/Mesh_PrimitiveMode_{number}.gltf")) else {
             continue;
@@ -101,7 +101,7 @@ fn points_and_lines_alone_are_nothing_to_render() {
 }
 
 #[test]
-fn a_box_whose_every_vertex_is_infinite_is_nothing_to_render() {
+fn mesh_of_infinite_vertices_cannot_be_rendered() {
     let Some(loaded) = load("BoxWithInfinites-glTF-Binary/BoxWithInfinites.glb") else {
         return;
     };
@@ -121,7 +121,7 @@ fn large_packed_arrays_stay_in_the_mapped_file() {
     let Geometry::Mesh(mesh) = &scene.geometries[0] else {
         panic!("the helmet is a mesh");
     };
-    // The node turns the helmet, so its vertices are baked; what a turn leaves alone is not copied.
+    // The node rotates the helmet, so its vertices are baked; arrays that a rotation does not change are not copied.
     assert!(!mesh.positions.is_mapped());
     assert!(mesh.tex_coords[0].is_mapped());
     assert_eq!(scene.images.len(), 5);
@@ -135,6 +135,7 @@ fn packed_vertices_and_indices_of_a_glb_are_not_copied() {
         "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},
         {"bufferView":0,"byteOffset":36,"componentType":5125,"count":3,"type":"SCALAR"}],
         "bufferViews":[{"buffer":0,"byteLength":48}],"buffers":[{"byteLength":48}]}"#;
+    // Write the GLB: header, JSON chunk, binary chunk
     let json = format!("{json:<width$}", width = json.len().next_multiple_of(4));
     let mut glb = b"glTF\x02\0\0\0".to_vec();
     glb.extend((12 + 8 + json.len() as u32 + 8 + 48).to_le_bytes());
@@ -150,7 +151,7 @@ fn packed_vertices_and_indices_of_a_glb_are_not_copied() {
         glb.extend(i.to_le_bytes());
     }
     let folder = tempfile::tempdir().unwrap();
-    // The content tells what the file is, not its name.
+    // The format is detected by the content, not by the name.
     let file = folder.path().join("triangle.gltf");
     std::fs::write(&file, glb).unwrap();
     let scene = gltf::load(&file, &LoadOptions::default()).unwrap();
@@ -164,7 +165,7 @@ fn packed_vertices_and_indices_of_a_glb_are_not_copied() {
 }
 
 #[test]
-fn cameras_stand_where_their_nodes_stand() {
+fn cameras_follow_their_nodes() {
     let Some(loaded) = load("cameras/Cameras.gltf") else {
         return;
     };
@@ -176,7 +177,7 @@ fn cameras_stand_where_their_nodes_stand() {
 }
 
 #[test]
-fn the_projects_own_scene_loads_with_its_lights_and_instances() {
+fn first_light_scene_loads_with_lights_and_instances() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/first_light.gltf");
     let scene = gltf::load(&path, &LoadOptions::default()).unwrap();
     assert_eq!(scene.validate(), Ok(()));
@@ -195,9 +196,10 @@ fn mesh(scene: &Scene, index: usize) -> &Mesh {
     }
 }
 
-/// Every tangent is unit, across its normal up to the rounding of both, and has a handedness.
+/// Asserts that every tangent has unit length, is perpendicular to its normal up to the rounding of both, and has a
+/// handedness.
 fn assert_frames(mesh: &Mesh, name: &str) {
-    /// Files round directions to f32 or coarser; baking turns them.
+    /// Tolerance: files round directions to f32 or coarser; baking rotates them.
     const ACROSS: f32 = 0.02;
     let (tangents, normals) = (mesh.tangents.as_ref().unwrap(), mesh.normals.as_ref().unwrap());
     assert_eq!(tangents.len(), mesh.positions.len(), "{name}");
@@ -212,7 +214,7 @@ fn assert_frames(mesh: &Mesh, name: &str) {
 }
 
 #[test]
-fn the_helmet_has_all_its_maps_and_tangents_for_the_normal_map() {
+fn helmet_loads_with_all_maps_and_tangents() {
     let Some(loaded) = load("DamagedHelmet.glb") else {
         return;
     };
@@ -234,12 +236,13 @@ fn the_helmet_has_all_its_maps_and_tangents_for_the_normal_map() {
 }
 
 #[test]
-fn tangents_made_here_agree_with_those_that_a_file_brings() {
+fn computed_tangents_agree_with_tangents_of_files() {
     let Some(loaded) = load("FlightHelmet/FlightHelmet.gltf") else {
         return;
     };
     let scene = loaded.unwrap();
     let (mut corner_count, mut agreeing) = (0u32, 0u32);
+    // Compare the file's tangents with generated ones, corner by corner
     for index in 0..scene.geometries.len() {
         let given = mesh(&scene, index);
         assert_frames(given, "FlightHelmet");
@@ -260,7 +263,7 @@ fn tangents_made_here_agree_with_those_that_a_file_brings() {
             agreeing += u32::from(cosine > 0.99 && a[3] == b[3]);
         }
     }
-    // The exporter's tangents are not MikkTSpace's to the last bit.
+    // The exporter's tangents are not bit-identical to MikkTSpace's.
     println!("{agreeing} of {corner_count} corners agree");
     assert!(
         agreeing as f64 > 0.95 * corner_count as f64,
@@ -269,7 +272,7 @@ fn tangents_made_here_agree_with_those_that_a_file_brings() {
 }
 
 #[test]
-fn the_texture_transform_test_turns_its_arrow_to_the_green_markers() {
+fn texture_transform_test_points_at_the_green_markers() {
     let Some(loaded) = load("textureTransform/TextureTransformTest.gltf") else {
         return;
     };
@@ -286,8 +289,8 @@ fn the_texture_transform_test_turns_its_arrow_to_the_green_markers() {
     assert_eq!(transform("Offset U").apply([0.25, 0.25]), [0.75, 0.25]);
     assert_eq!(transform("Offset V").apply([0.25, 0.25]), [0.25, 0.75]);
     assert_eq!(transform("Offset UV").apply([0.25, 0.25]), [0.75, 0.75]);
-    // Markers by their nodes' translations: the unturned arrow's tip is at the yellow one. A square reaches from -0.5
-    // to 0.5, and v runs downwards.
+    // Positions of markers by their nodes' translations: the unrotated arrow's tip is at the yellow one. A square
+    // extends from -0.5 to 0.5, and v increases downwards.
     let coordinates = |[x, y]: [f32; 2]| [x + 0.5, 0.5 - y];
     let tip = coordinates([0.277_817_46, -0.277_817_46]);
     let markers = [
@@ -303,7 +306,7 @@ fn the_texture_transform_test_turns_its_arrow_to_the_green_markers() {
 }
 
 #[test]
-fn extensions_that_real_files_use_are_read_and_the_others_named() {
+fn supported_extensions_of_real_files_are_read_others_reported() {
     if let Some(loaded) = load("terrain/Mountains.gltf") {
         assert!(loaded.unwrap().warnings.iter().all(|w| !w.contains("extension")));
     }

@@ -1,5 +1,5 @@
-//! Images that nothing looks at are not decoded: what is wrong with their pixels does not matter. What is wrong with an
-//! image that something looks at is told, and so is a name or a kind that is wrong.
+//! Tests of lazy image decoding: images that nothing uses are not decoded, so that faults in their pixels are not
+//! reported. Faults of used images are reported, and so are wrong names and types.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use whit::render::Plan;
 use whit::scene::{Effect, EffectOverrides, EffectSet, Scene, Texels};
 use whit::scene_file;
 
-/// A folder with the beginnings of a PNG and of an HDR file, without their pixels.
+/// Creates a folder with the first bytes of a PNG and of an HDR file, without their pixels.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for (name, bytes) in [("globe.png", 100), ("sky.hdr", 90)] {
@@ -30,7 +30,7 @@ fn without(effects: &[Effect]) -> LoadOptions {
     }
 }
 
-/// A ball of `material` and whatever else a scene file says.
+/// Writes a scene file with a sphere of `material` and the lines `more`.
 fn scene_file(folder: &Path, material: &str, more: &str) -> PathBuf {
     let path = folder.join("scene.toml");
     let text = format!(
@@ -55,7 +55,7 @@ fn is_refused(path: &Path, options: &LoadOptions) {
     assert!(message.contains("torn_"), "{message}");
 }
 
-/// The scene, whose only image must not have been read.
+/// Returns the scene, whose only image must not have been decoded.
 fn unread(path: &Path, options: &LoadOptions) -> Scene {
     let scene = load(path, options).unwrap_or_else(|message| panic!("{message}"));
     assert!(scene.images.iter().all(|image| image.texels == Texels::Unread));
@@ -63,14 +63,14 @@ fn unread(path: &Path, options: &LoadOptions) -> Scene {
 }
 
 #[test]
-fn an_image_that_only_absent_effects_look_at_is_left_in_its_file() {
+fn images_of_absent_effects_are_not_decoded() {
     let folder = folder();
     let base = scene_file(folder.path(), "base_color = { texture = 'torn' }", "");
     is_refused(&base, &LoadOptions::default());
     is_refused(&base, &without(&[Effect::NormalMap]));
     let scene = unread(&base, &without(&[Effect::Texture]));
     assert_eq!((scene.images[0].width, scene.images[0].height), (256, 128));
-    // The plan still knows what the scene calls for.
+    // The plan still includes the effects that the scene requires.
     let overrides = EffectOverrides {
         added: EffectSet::NONE,
         removed: EffectSet::NONE.with(Effect::Texture),
@@ -87,7 +87,7 @@ fn an_image_that_only_absent_effects_look_at_is_left_in_its_file() {
 }
 
 #[test]
-fn an_image_that_a_factor_of_nothing_takes_or_no_object_shows_is_left_in_its_file() {
+fn images_without_factor_or_object_are_not_decoded() {
     let folder = folder();
     for material in [
         "emission = { texture = 'torn', value = 0 }",
@@ -105,7 +105,7 @@ fn an_image_that_a_factor_of_nothing_takes_or_no_object_shows_is_left_in_its_fil
 }
 
 #[test]
-fn an_environment_that_is_neither_seen_nor_shines_is_left_in_its_file() {
+fn unused_environment_is_not_decoded() {
     let folder = folder();
     let more = "background = { environment = 'torn_sky.hdr' }";
     let path = scene_file(folder.path(), "roughness = 1", more);
@@ -115,16 +115,16 @@ fn an_environment_that_is_neither_seen_nor_shines_is_left_in_its_file() {
 }
 
 #[test]
-fn names_and_kinds_are_checked_whoever_looks() {
+fn names_and_kinds_are_always_checked() {
     let folder = folder();
     let path = scene_file(folder.path(), "roughness = 1", "");
-    fs::write(folder.path().join("torn_globe.png"), "no picture at all").unwrap();
+    fs::write(folder.path().join("torn_globe.png"), "not an image").unwrap();
     is_refused(&path, &LoadOptions::default());
     fs::remove_file(folder.path().join("torn_globe.png")).unwrap();
     is_refused(&path, &LoadOptions::default());
 }
 
-/// A glTF triangle whose material has `members`, over texture 0 with the torn image.
+/// Writes a glTF triangle whose material has `members`, with texture 0 of the truncated image.
 fn gltf_file(folder: &Path, members: &str) -> PathBuf {
     let floats: [f32; 15] = [
         0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, // positions
@@ -149,7 +149,7 @@ fn gltf_file(folder: &Path, members: &str) -> PathBuf {
 }
 
 #[test]
-fn gltf_files_leave_images_unread_for_the_same_reasons() {
+fn gltf_images_are_skipped_for_the_same_reasons() {
     let folder = folder();
     let normal = |scale: u32| format!(r#""normalTexture": {{"index": 0, "scale": {scale}}}"#);
     let path = gltf_file(folder.path(), &normal(1));
@@ -171,7 +171,7 @@ fn gltf_files_leave_images_unread_for_the_same_reasons() {
 }
 
 #[test]
-fn a_render_without_textures_does_not_need_the_images() {
+fn render_without_textures_does_not_need_images() {
     let folder = folder();
     let scene = scene_file(folder.path(), "base_color = { texture = 'torn' }", "ambient = 1");
     let scene = scene.display().to_string();

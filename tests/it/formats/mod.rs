@@ -1,4 +1,4 @@
-//! Files that are read and written: glTF, scene files, job files, images.
+//! Tests of file formats that are read and written: glTF, scene files, job files, images.
 
 mod exr_readers;
 mod gltf_animation;

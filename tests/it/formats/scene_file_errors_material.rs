@@ -1,19 +1,19 @@
-//! Scene files whose materials, textures, pictures, lamps or volumes are bad: each is told in one sentence with file,
-//! line, item and remedy, and the exit code is 2.
+//! Tests of scene files with invalid materials, textures, images, lights or volumes: each is reported in one sentence
+//! with file, line, item and remedy, and the exit code is 2.
 
 use crate::support::cli_program::refused;
 
 const BALL: &str = "[[object]]\nshape = 'sphere'\n";
 
 #[test]
-fn light_within_bodies_that_makes_no_sense() {
+fn invalid_subsurface_scattering_is_rejected() {
     let material = |text: &str| format!("[material.m]\nroughness = 0.5\n{text}\n{BALL}");
     refused(
         material("subsurface = 'chalk'"),
         ":3:",
         &[
             "material.m.subsurface",
-            "`chalk` is no measured material",
+            "`chalk` is not a measured material",
             "apple",
             "wholemilk",
         ],
@@ -57,7 +57,7 @@ fn light_within_bodies_that_makes_no_sense() {
         material("subsurface = 'marble'").replace("'sphere'", "'plane'\nmaterial = 'm'")
             + "[camera]\nfrom = [0, 0, 1]\nat = [0, 0, 0]\n",
         ":",
-        &["a plane has no end", "give a disk or a quad"],
+        &["a plane is unbounded", "give a disk or a quad"],
     );
     refused(
         material("subsurface = 'marble'").replace(
@@ -65,12 +65,12 @@ fn light_within_bodies_that_makes_no_sense() {
             "'sphere'\nmaterial = 'm'\ntransform_end = [{ translate = [1, 0, 0] }]",
         ) + "[camera]\nfrom = [0, 0, 5]\nat = [0, 0, 0]\n",
         ":",
-        &["moves", "scatters light within", "take the motion"],
+        &["moves", "has subsurface scattering", "remove the motion"],
     );
 }
 
 #[test]
-fn materials_that_make_no_sense() {
+fn invalid_materials_are_rejected() {
     let material = |text: &str| format!("[material.m]\n{text}\n{BALL}");
     refused(
         material("ior = 40"),
@@ -104,12 +104,12 @@ fn materials_that_make_no_sense() {
     refused(
         format!("[[light]]\nkind = 'point'\nposition = [0, 0, 0]\ncolor = '#ff00'\n{BALL}"),
         ":4:",
-        &["light 1.color", "is no colour"],
+        &["light 1.color", "is not a colour"],
     );
 }
 
 #[test]
-fn pictures_that_cannot_be_taken() {
+fn invalid_image_settings_are_rejected() {
     let with = |line: &str| format!("[output]\n{line}\n{BALL}");
     refused(
         with("filter_radius = 2"),
@@ -132,7 +132,7 @@ fn pictures_that_cannot_be_taken() {
 }
 
 #[test]
-fn textures_that_are_not_there_or_not_fit() {
+fn missing_or_unsuitable_textures_are_rejected() {
     refused(
         format!("[texture.t]\nimage = 'no.png'\n{BALL}"),
         ":2:",
@@ -159,7 +159,7 @@ fn textures_that_are_not_there_or_not_fit() {
 }
 
 #[test]
-fn lamps_that_are_none() {
+fn invalid_emissive_objects_are_rejected() {
     let with = |object: &str, lines: &str| {
         format!(
             "[material.neon]\nemission = 1\n{lines}\n[[object]]\nname = 'tube'\n{object}\nmaterial = 'neon'\n"
@@ -168,18 +168,22 @@ fn lamps_that_are_none() {
     refused(
         format!("{BALL}lamp = 2\n"),
         ":3:",
-        &["object 1.lamp", "of which nothing shines", "an `emission`"],
+        &[
+            "object 1.lamp",
+            "none of its surfaces emits light",
+            "an `emission`",
+        ],
     );
     let ball = "shape = 'sphere'\nlamp = true";
     for (object, lines, words) in [
-        (ball, "model = 'unlit'", "nothing shines"),
+        (ball, "model = 'unlit'", "none of its surfaces emits light"),
         ("shape = 'plane'\nlamp = true", "", "give another shape or a mesh"),
         (
             "shape = 'sphere'\nlamp = true\ntransform_end = [{ translate = [1, 0, 0] }]",
             "",
-            "it moves, and lights stand still",
+            "it moves, and lights cannot move",
         ),
-        (ball, "transmission = 1", "lets light through"),
+        (ball, "transmission = 1", "transmits light"),
         (ball, "alpha = 'blend'", "make it opaque"),
     ] {
         refused(with(object, lines), ":7:", &["object 1.lamp", words]);
@@ -195,7 +199,7 @@ fn lamps_that_are_none() {
 }
 
 #[test]
-fn volumes_and_fog_that_mean_nothing() {
+fn invalid_volumes_and_fog_are_rejected() {
     let with = |lines: &str| format!("{BALL}[[volume]]\nname = 'v'\n{lines}\n");
     let cloud = "cloud = { shape = 'puff', size = [4, 4, 4] }";
     let transfer = "transfer = [{ value = 0, extinction = 1 }]";

@@ -1,5 +1,5 @@
-//! Scene files whose transforms, shapes, names, keys, groups, copies or motions are bad, or that are no scene: each is
-//! told in one sentence with file, line, item and remedy, and the exit code is 2.
+//! Tests of scene files with invalid transforms, shapes, names, keys, groups, copies or motions, or that are no scene:
+//! each is reported in one sentence with file, line, item and remedy, and the exit code is 2.
 
 use std::fs;
 
@@ -8,7 +8,7 @@ use crate::support::cli_program::{refused, refused_in, whit};
 const BALL: &str = "[[object]]\nshape = 'sphere'\n";
 
 #[test]
-fn singular_and_non_finite_transforms() {
+fn singular_and_non_finite_transforms_are_rejected() {
     let with = |step: &str| format!("{BALL}transform = [\n  {{ translate = [0, 1, 0] }},\n  {step},\n]\n");
     refused(
         with("{ scale = 0 }"),
@@ -40,14 +40,14 @@ fn singular_and_non_finite_transforms() {
 }
 
 #[test]
-fn transforms_that_are_singular_only_together() {
+fn jointly_singular_transforms_are_rejected() {
     let text = "[[group.a.object]]\nshape = 'sphere'\ntransform = [{ scale = [1e-9, 1, 1] }]\n\
                 [[object]]\ngroup = 'a'\ntransform = [{ scale = [1e-9, 1, 1] }]\n";
     refused(text, ":1:", &["group.a.object 1", "singular", "less extremely"]);
 }
 
 #[test]
-fn shapes_that_are_none() {
+fn invalid_shapes_are_rejected() {
     let shape = |shape: &str| format!("[[object]]\nshape = {shape}\n");
     refused(
         shape("{ sphere = { radius = 0 } }"),
@@ -63,7 +63,7 @@ fn shapes_that_are_none() {
     refused(
         shape("{ quadric = { coefficients = [0,0,0,0,0,0,0,0,0,1], min = [0,0,0], max = [1,1,1] } }"),
         ":2:",
-        &["no surface"],
+        &["not a surface"],
     );
     refused(
         shape("{ polyhedron = { half_spaces = [[1, 0, 0, 1]] } }"),
@@ -94,7 +94,7 @@ fn shapes_that_are_none() {
 }
 
 #[test]
-fn polyhedra_and_polygons_that_are_not_convex() {
+fn non_convex_polyhedra_and_polygons_are_rejected() {
     let dented = "[shape.star.polyhedron]\nvertices = [[0,0,0],[1,0,0],[0,1,0],[0,0,1],[0.1,0.1,0.1]]\n\
                   faces = [[0,2,1],[0,1,3],[0,3,2],[1,2,4],[2,3,4],[3,1,4]]\n[[object]]\nshape = 'star'\n";
     refused(dented, ":1:", &["shape.star", "not convex"]);
@@ -107,7 +107,7 @@ fn polyhedra_and_polygons_that_are_not_convex() {
 }
 
 #[test]
-fn names_that_nothing_has() {
+fn unknown_names_are_rejected() {
     let red = "[material.red]\n[material.blue]\n";
     refused(
         format!("{red}{BALL}material = 'rad'\n"),
@@ -134,7 +134,7 @@ fn names_that_nothing_has() {
 }
 
 #[test]
-fn names_that_two_have() {
+fn duplicate_names_are_rejected() {
     refused(
         format!("[material.red]\n[material.red]\n{BALL}"),
         ":2:",
@@ -143,18 +143,18 @@ fn names_that_two_have() {
     refused(
         format!("{BALL}name = 'a'\n{BALL}name = 'a'\n"),
         ":6:",
-        &["object 2.name", "`a` is taken"],
+        &["object 2.name", "`a` is already used"],
     );
     let camera = "[[camera]]\nname = 'c'\nfrom = [0, 0, 5]\nat = [0, 0, 0]\n";
     refused(
         format!("{camera}{camera}{BALL}"),
         ":6:",
-        &["camera 2.name", "`c` is taken"],
+        &["camera 2.name", "`c` is already used"],
     );
 }
 
 #[test]
-fn keys_that_are_not_known_and_values_of_the_wrong_kind() {
+fn unknown_keys_and_wrong_value_types_are_rejected() {
     refused(
         format!("ambeint = 1\n{BALL}"),
         ":1:1:",
@@ -205,7 +205,7 @@ fn keys_that_are_not_known_and_values_of_the_wrong_kind() {
 }
 
 #[test]
-fn files_that_are_missing_or_contain_themselves() {
+fn missing_and_recursive_files_are_rejected() {
     refused(
         "[[object]]\ngltf = 'no.glb'\n",
         ":2:",
@@ -228,7 +228,7 @@ fn files_that_are_missing_or_contain_themselves() {
     let run = whit(&["info", &path.display().to_string()]);
     assert_eq!(run.code, 2);
     assert!(
-        run.stderr.contains("b.toml:4:") && run.stderr.contains("break the ring"),
+        run.stderr.contains("b.toml:4:") && run.stderr.contains("remove the include"),
         "{}",
         run.stderr
     );
@@ -237,7 +237,7 @@ fn files_that_are_missing_or_contain_themselves() {
 }
 
 #[test]
-fn groups_that_contain_each_other() {
+fn mutually_recursive_groups_are_rejected() {
     let text = "[[group.a.object]]\ngroup = 'b'\n[[group.b.object]]\ngroup = 'a'\n[[object]]\ngroup = 'a'\n";
     refused(
         text,
@@ -251,7 +251,7 @@ fn groups_that_contain_each_other() {
 }
 
 #[test]
-fn a_thousand_million_copies() {
+fn excessive_numbers_of_copies_are_rejected() {
     refused(
         format!("{BALL}repeat = {{ count = [1000, 1000, 1000], step = [1, 1, 1] }}\n"),
         ":1:",
@@ -281,7 +281,7 @@ fn a_thousand_million_copies() {
 }
 
 #[test]
-fn nests_that_are_too_deep() {
+fn excessive_nesting_is_rejected() {
     let mut text = String::from("[[group.g0.object]]\nshape = 'sphere'\n");
     for level in 1..5000 {
         text += &format!("[[group.g{level}.object]]\ngroup = 'g{}'\n", level - 1);
@@ -296,7 +296,7 @@ fn nests_that_are_too_deep() {
 }
 
 #[test]
-fn motions_that_cannot_be() {
+fn invalid_motions_are_rejected() {
     let moving = |end: &str| format!("{BALL}transform_end = [\n  {{ scale = 2 }},\n  {end},\n]\n");
     refused(
         moving("{ scale = [1, 0, 1] }"),
@@ -316,7 +316,7 @@ fn motions_that_cannot_be() {
         folder.path(),
         format!("[[object]]\ninclude = 'lamp.toml'\nlights = true\n{turning}"),
         ":1:",
-        &["object 1", "lights", "take away"],
+        &["object 1", "lights", "remove"],
     );
     let with_a_volume = format!(
         "{BALL}[[volume]]\ncloud = {{ shape = 'puff', size = [4, 4, 4] }}\ntransfer = [{{ value = 0, extinction = 1 }}]\n"
@@ -342,7 +342,7 @@ fn motions_that_cannot_be() {
     refused(
         camera("end = { from = [0, 0, 0] }"),
         ":3:",
-        &["camera", "at its `end`, looks nowhere"],
+        &["camera", "at its `end`, has no viewing direction"],
     );
     refused(
         camera("end = { to = [0, 0, 0] }"),
@@ -352,7 +352,7 @@ fn motions_that_cannot_be() {
 }
 
 #[test]
-fn files_that_are_no_scene_at_all() {
+fn non_scene_files_are_rejected() {
     refused("", ": ", &["nothing to render", "add an [[object]]"]);
     refused("# only a comment\n", ": ", &["add an [[object]]"]);
     refused([0u8, 159, 146, 150, 255], ": ", &["is not text"]);
@@ -371,6 +371,6 @@ fn files_that_are_no_scene_at_all() {
     refused(
         format!("{BALL}lights = true\n"),
         ":1:",
-        &["no lights or cameras to bring"],
+        &["no lights or cameras to import"],
     );
 }

@@ -1,4 +1,4 @@
-//! Scene files as their users meet them: the examples, the schema, groups, copies, includes and the command line.
+//! Tests of valid scene files: the examples, the schema, groups, copies, includes and the command line.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +13,7 @@ fn load(path: &Path) -> SceneFile {
     scene_file::load(path, &LoadOptions::default()).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Loads the scene with this text, among `others`.
+/// Loads the scene with this text, in a folder with the files `others`.
 fn load_text(text: &str, others: &[(&str, &str)]) -> SceneFile {
     let folder = tempfile::tempdir().unwrap();
     for (name, text) in others {
@@ -45,7 +45,7 @@ fn examples() -> Vec<PathBuf> {
 }
 
 #[test]
-fn every_example_loads_and_says_what_it_shows() {
+fn every_example_loads_and_describes_itself() {
     assert!(examples().len() >= 3);
     for path in examples() {
         let text = fs::read_to_string(&path).unwrap();
@@ -61,7 +61,7 @@ fn every_example_loads_and_says_what_it_shows() {
 }
 
 #[test]
-fn the_schema_in_the_repository_is_current() {
+fn schema_in_the_repository_is_current() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/schema.json");
     let stored = fs::read_to_string(path).unwrap();
     assert!(
@@ -72,7 +72,7 @@ fn the_schema_in_the_repository_is_current() {
 }
 
 #[test]
-fn the_schema_refuses_unknown_keys_as_the_reader_does() {
+fn schema_rejects_unknown_keys_like_the_reader() {
     let schema: serde_json::Value = serde_json::from_str(&scene_file::json_schema()).unwrap();
     assert_eq!(schema["additionalProperties"], false);
     let definitions = schema["definitions"].as_object().unwrap();
@@ -92,21 +92,21 @@ fn the_schema_refuses_unknown_keys_as_the_reader_does() {
 }
 
 #[test]
-fn nested_groups_and_copies_are_flattened_in_written_order() {
+fn nested_groups_and_copies_flatten_in_written_order() {
     let scene = load_text(
         "[[group.a.object]]\nshape = 'sphere'\nrepeat = { count = [2, 1, 1], step = [1, 0, 0] }\n\
          [[group.b.object]]\ngroup = 'a'\ntransform = [{ scale = 2 }, { translate = [0, 5, 0] }]\n\
          [[object]]\ngroup = 'b'\nrepeat = { count = [1, 1, 2], step = [0, 0, 7] }\n",
         &[],
     );
-    // In a: x = 0, 1. Doubled: 0, 2, lifted by 5; then once at z = 0 and once at z = 7.
+    // In a: x = 0, 1. Doubled: 0, 2, moved up by 5; then once at z = 0 and once at z = 7.
     let expected = [[0.0, 5.0, 0.0], [2.0, 5.0, 0.0], [0.0, 5.0, 7.0], [2.0, 5.0, 7.0]];
     assert_eq!(origins(&scene.scene), expected.map(DVec3::from));
     assert_eq!((scene.group_count, scene.scene.geometries.len()), (2, 1));
 }
 
 #[test]
-fn what_moves_in_a_group_that_moves_goes_from_where_both_begin_to_where_both_end() {
+fn motions_of_groups_and_members_compose() {
     let scene = load_text(
         "[[group.a.object]]\nshape = 'sphere'\ntransform = [{ translate = [1, 0, 0] }]\n\
          transform_end = [{ translate = [3, 0, 0] }]\n[[group.a.object]]\nshape = 'cube'\n\
@@ -117,7 +117,7 @@ fn what_moves_in_a_group_that_moves_goes_from_where_both_begin_to_where_both_end
     )
     .scene;
     let ends = scene.instances[0].motion().unwrap().ends();
-    // (1, 0, 0) to begin with; in the end (3, 0, 0), turned to (0, 3, 0).
+    // The start is (1, 0, 0); the end is (3, 0, 0), rotated to (0, 3, 0).
     assert_eq!(ends[0].translation, DVec3::X);
     assert!((ends[1].translation - 3.0 * DVec3::Y).length() < 1e-15);
     let moving: Vec<bool> = scene.instances.iter().map(|i| i.is_moving()).collect();
@@ -130,7 +130,7 @@ fn what_moves_in_a_group_that_moves_goes_from_where_both_begin_to_where_both_end
 }
 
 #[test]
-fn a_far_away_scene_that_moves_is_brought_near_with_its_motion_and_its_camera() {
+fn far_moving_scene_is_normalised_with_motion_and_camera() {
     let scene = load_text(
         "[[object]]\nshape = 'cube'\ntransform = [{ translate = [1e7, 0, 0] }]\n\
          transform_end = [{ translate = [1.0000004e7, 0, 0] }]\n\
@@ -138,7 +138,7 @@ fn a_far_away_scene_that_moves_is_brought_near_with_its_motion_and_its_camera() 
         &[],
     )
     .scene;
-    // The box around all of the motion, from 1e7 - 1 to 1e7 + 5, is within some of its sizes of the origin.
+    // The box around the whole motion, from 1e7 - 1 to 1e7 + 5, is moved to within some of its sizes of the origin.
     let bounds = scene.bounds();
     assert!(
         (bounds.extent().x - 6.0).abs() < 1e-6 && bounds.magnitude() < 60.0,
@@ -159,7 +159,7 @@ fn a_far_away_scene_that_moves_is_brought_near_with_its_motion_and_its_camera() 
 }
 
 #[test]
-fn a_material_goes_to_members_that_have_none() {
+fn group_material_applies_to_members_without_one() {
     let scene = load_text(
         "[material.red]\n[material.blue]\n\
          [[group.a.object]]\nshape = 'sphere'\nmaterial = 'red'\n[[group.a.object]]\nshape = 'cube'\n\
@@ -174,7 +174,7 @@ fn a_material_goes_to_members_that_have_none() {
 }
 
 #[test]
-fn an_include_keeps_its_names_and_brings_its_lights_if_asked() {
+fn include_keeps_names_and_imports_lights_on_request() {
     let other = "[material.red]\nbase_color = 0.25\n[[light]]\nkind = 'point'\nposition = [1, 0, 0]\n\
                  [[object]]\nshape = 'sphere'\nmaterial = 'red'\n";
     let main = "[material.red]\nbase_color = 0.75\n[[object]]\nshape = 'sphere'\nmaterial = 'red'\n\
@@ -195,7 +195,7 @@ fn an_include_keeps_its_names_and_brings_its_lights_if_asked() {
 }
 
 #[test]
-fn a_gltf_file_stands_where_it_is_placed_with_its_materials_or_another() {
+fn gltf_import_uses_its_transform_and_material() {
     let text = format!(
         "[material.red]\n[[object]]\ngltf = '{0}'\n[[object]]\ngltf = '{0}'\nmaterial = 'red'\n\
          transform = [{{ translate = [0, 100, 0] }}]\n",
@@ -214,8 +214,9 @@ fn a_gltf_file_stands_where_it_is_placed_with_its_materials_or_another() {
 }
 
 #[test]
-fn what_shines_of_an_object_lights_the_scene_where_the_file_says_so() {
-    // Named alike in one place each: the group's own word for its ball goes before the object's for the group.
+fn emissive_parts_light_the_scene_on_request() {
+    // Both levels use equal names: the group's own override for its ball takes precedence over the object's for the
+    // group.
     let text = "[material.neon]\nemission = [3, 2, 1]\n[material.dull]\n\
                 [[group.sign.object]]\nname = 'ball'\nshape = 'sphere'\nmaterial = 'neon'\nlamp = 9\n\
                 [[group.sign.object]]\nname = 'pole'\nshape = 'cylinder'\nmaterial = 'dull'\n\
@@ -224,7 +225,7 @@ fn what_shines_of_an_object_lights_the_scene_where_the_file_says_so() {
                 [[object]]\nname = 'sign'\ngroup = 'sign'\nlamp = true\nrepeat = { count = [2, 1, 1], step = [4, 0, 0] }\n\
                 [[object]]\nname = 'ring'\nshape = 'torus'\nmaterial = 'neon'\nlamp = false\n";
     let scene = load_text(text, &[]).scene;
-    let lamps: Vec<(&str, u32)> = scene
+    let area_lights: Vec<(&str, u32)> = scene
         .lights
         .iter()
         .map(|light| match light.kind {
@@ -232,18 +233,19 @@ fn what_shines_of_an_object_lights_the_scene_where_the_file_says_so() {
             _ => unreachable!(),
         })
         .collect();
-    assert_eq!(lamps, [("ball", 9), ("pane", 4), ("ball", 9), ("pane", 4)]);
+    assert_eq!(area_lights, [("ball", 9), ("pane", 4), ("ball", 9), ("pane", 4)]);
     for light in &scene.lights {
         assert_eq!(light.intensity, [3.0, 2.0, 1.0]);
-        let instance = &scene.instances[light.lamp().unwrap() as usize];
+        let instance = &scene.instances[light.emissive_instance().unwrap() as usize];
         assert_eq!(*instance.name, *light.name);
     }
-    let told = "ground of sign only glows, as no plane, polyhedron or quadric can be one: give another shape or a mesh";
-    assert_eq!(scene.warnings, [told]);
+    let warning = "ground of sign emits but lights nothing, because a plane, polyhedron or quadric cannot be an area \
+                light: give another shape or a mesh";
+    assert_eq!(scene.warnings, [warning]);
 }
 
 #[test]
-fn lamps_of_gltf_files_and_includes_are_those_that_shine() {
+fn area_lights_of_imports_are_their_emissive_parts() {
     let knot = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/meshes/neon_knot.glb");
     let other = format!("[[object]]\ngltf = '{knot}'\nlamp = 2\n");
     let text = format!(
@@ -251,19 +253,23 @@ fn lamps_of_gltf_files_and_includes_are_those_that_shine() {
          transform = [{{ translate = [0, 100, 0] }}, {{ scale = [-1, 1, 1] }}]\n[[object]]\ninclude = 'other.toml'\n"
     );
     let scene = load_text(&text, &[("other.toml", &other)]).scene;
-    let lamps: Vec<Option<u32>> = scene.lights.iter().map(Light::lamp).collect();
-    assert_eq!(lamps, [Some(1), Some(2)]);
-    // A triangle that has no area at its place goes, and with it the object: the other lamp's number follows.
+    let area_lights: Vec<Option<u32>> = scene.lights.iter().map(Light::emissive_instance).collect();
+    assert_eq!(area_lights, [Some(1), Some(2)]);
+    // A triangle of zero area after its transform is removed, and the object with it: the index of the other light
+    // follows.
     let text = "[material.neon]\nemission = 1\n\
                 [[object]]\nshape = { mesh = { vertices = [[0, 0, 0], [1e-30, 0, 0], [0, 1e-30, 0]], faces = [[0, 1, 2]] } }\n\
                 material = 'neon'\ntransform = [{ translate = [1, 1, 1] }]\n\
                 [[object]]\nshape = 'quad'\nmaterial = 'neon'\nlamp = true\n";
     let scene = load_text(text, &[]).scene;
-    assert_eq!((scene.instances.len(), scene.lights[0].lamp()), (1, Some(0)));
+    assert_eq!(
+        (scene.instances.len(), scene.lights[0].emissive_instance()),
+        (1, Some(0))
+    );
 }
 
 #[test]
-fn ten_thousand_scattered_copies_are_the_same_every_time() {
+fn scattered_copies_are_reproducible() {
     let text = "[[object]]\nshape = 'cube'\n\
                 scatter = { count = 10000, min = [-5, 0, -5], max = [5, 1, 5], turn = [0, 1, 0], scale = [0.1, 0.2] }\n";
     let [one, other] = [(); 2].map(|()| origins(&load_text(text, &[]).scene));
@@ -271,7 +277,8 @@ fn ten_thousand_scattered_copies_are_the_same_every_time() {
     assert_eq!(one, other);
     assert!(one.iter().all(|p| p.x.abs() <= 5.0 && (0.0..=1.0).contains(&p.y)));
     let mean = one.iter().sum::<DVec3>() / 1e4;
-    // Ten thousand uniform places of width 10: the mean is off by 10 / sqrt(12 * 10^4) = 0.03, five times that at most.
+    // Ten thousand uniform positions of width 10: the mean has an error of 10 / sqrt(12 * 10^4) = 0.03; the bound is
+    // five times that.
     assert!(
         mean.x.abs() < 0.15 && mean.z.abs() < 0.15 && (mean.y - 0.5).abs() < 0.015,
         "{mean}"
@@ -279,7 +286,7 @@ fn ten_thousand_scattered_copies_are_the_same_every_time() {
 }
 
 #[test]
-fn a_mesh_that_is_carved_from_a_pattern_keeps_its_object_space() {
+fn mesh_with_a_solid_pattern_keeps_its_object_space() {
     let text = |space: &str| {
         format!(
             "[shape.s.mesh]\nvertices = [[0,0,0],[1,0,0],[0,1,0]]\nuv = [[0,0],[1,0],[0,1]]\nfaces = [[0,1,2]]\n\
@@ -292,7 +299,7 @@ fn a_mesh_that_is_carved_from_a_pattern_keeps_its_object_space() {
 }
 
 #[test]
-fn the_command_line_overrides_what_the_file_says_of_the_picture() {
+fn command_line_overrides_image_settings() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
     let text = "[output]\nsize = [6, 4]\nspp = 2\ndepth = 3\n[[object]]\nshape = 'sphere'\n";
@@ -317,7 +324,7 @@ fn the_command_line_overrides_what_the_file_says_of_the_picture() {
     );
 }
 
-/// The bytes of the EXR that `whit render` makes of this text with these flags.
+/// Returns the bytes of the EXR that `whit render` writes for this text with these flags.
 fn rendered(text: &str, flags: &[&str]) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
@@ -334,7 +341,7 @@ fn rendered(text: &str, flags: &[&str]) -> Vec<u8> {
 }
 
 #[test]
-fn a_file_says_how_samples_lie_and_are_filtered_as_the_flags_do() {
+fn file_sets_sampling_and_filter_like_the_flags() {
     let with = |output: &str| {
         format!(
             "[output]\nsize = [9, 7]\nspp = 4\n{output}\n[material.m]\nemission = 1\n\
@@ -348,14 +355,14 @@ fn a_file_says_how_samples_lie_and_are_filtered_as_the_flags_do() {
     assert!(of_file == rendered(&plain, &flags));
     assert!(of_file != rendered(&plain, &flags[..4]), "the radius counts");
     assert!(of_file != rendered(&plain, &flags[2..]), "the pattern counts");
-    // Flags override; the radius goes with its filter, and a radius alone with the file's filter.
+    // Flags override; the radius belongs to its filter, and a radius alone applies to the file's filter.
     assert!(rendered(&with(tent), &["--pattern", "r2", "--filter", "box"]) == rendered(&plain, &[]));
     let wider = ["--pattern", "sobol", "--filter", "tent", "--filter-radius", "2"];
     assert!(rendered(&with(tent), &wider[4..]) == rendered(&plain, &wider));
 }
 
 #[test]
-fn a_file_says_into_how_many_wavelengths_glass_splits_a_path() {
+fn file_sets_the_number_of_wavelengths() {
     let text = |output: &str| {
         format!(
             "ambient = 1\nbackground = {{ horizon = 1, up = 0 }}\n[output]\nsize = [9, 7]\nspp = 1\n{output}\n\
@@ -369,7 +376,7 @@ fn a_file_says_into_how_many_wavelengths_glass_splits_a_path() {
 }
 
 #[test]
-fn a_filter_of_the_file_and_adaptive_sampling_are_told_apart() {
+fn filter_and_adaptive_sampling_conflict_is_reported() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).display().to_string();
     let text = "[output]\nsize = [9, 7]\nspp = 32\nfilter = 'mitchell'\n[[object]]\nshape = 'sphere'\n";
@@ -383,7 +390,7 @@ fn a_filter_of_the_file_and_adaptive_sampling_are_told_apart() {
 }
 
 #[test]
-fn info_tells_materials_media_shapes_and_groups() {
+fn info_lists_materials_media_shapes_and_groups() {
     let path = examples()
         .into_iter()
         .find(|p| p.ends_with("ellipsoids.toml"))
@@ -403,7 +410,11 @@ fn info_tells_materials_media_shapes_and_groups() {
         .find(|p| p.ends_with("whitted_1980.toml"))
         .unwrap();
     let run = whit(&["info", &path.display().to_string()]);
-    for words in ["`mirror`, lecture", "inside n = 1.5000", "textures on BaseColor"] {
+    for words in [
+        "`mirror`, lecture",
+        "interior n = 1.5000",
+        "textures on BaseColor",
+    ] {
         assert!(run.stdout.contains(words), "{words} in {}", run.stdout);
     }
 }

@@ -1,4 +1,5 @@
-//! Images of scene files: what their texels mean on each parameter, light beyond 1, and files that cannot be used.
+//! Tests of images in scene files: meaning of texels for each parameter, radiance above 1, and files that cannot be
+//! used.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +14,7 @@ use whit::render::{Monitor, RenderSettings, render};
 use whit::scene::{MaterialInput, Scene, Texels, Texture};
 use whit::scene_file;
 
-/// A folder with images of one colour, 2 x 2.
+/// Temporary folder with 2 x 2 images of one colour.
 struct Folder(TempDir);
 
 impl Folder {
@@ -25,7 +26,7 @@ impl Folder {
         self.0.path().join(name)
     }
 
-    /// A PNG with 16 bits a channel, all of this code but the last, so that it is no image of one colour.
+    /// Writes a 16-bit PNG in which all codes but the last are equal, so that it is not an image of one colour.
     fn wide_png(&self, name: &str, code: u16) {
         let mut codes = [code; 12];
         codes[11] = code / 2;
@@ -49,7 +50,7 @@ impl Folder {
         image.write().to_file(self.path(name)).unwrap();
     }
 
-    /// The scene of a quad under a material of these lines, with the texture `t` of `image`.
+    /// Writes the scene of a quad with these material lines, with the texture `t` of `image`.
     fn scene_text(&self, image: &str, material: &str) -> PathBuf {
         let text = format!(
             "[camera]\nfrom = [0, 0, 3]\nat = [0, 0, 0]\n[texture.t]\nimage = '{image}'\n[material.m]\n{material}\n\
@@ -67,20 +68,20 @@ impl Folder {
             .scene
     }
 
-    /// Asserts that `whit info` ends with 2 and one sentence that names the line and holds `words`.
+    /// Asserts that `whit info` ends with 2 and one sentence that names the line and contains `words`.
     #[track_caller]
     fn refuses(&self, (image, material): (&str, &str), place: &str, words: &[&str]) {
         let path = self.scene_text(image, material);
         let run = whit(&["info", &path.display().to_string()]);
-        let told = &run.stderr;
-        assert_eq!((run.code, told.lines().count()), (2, 1), "{told}");
+        let message = &run.stderr;
+        assert_eq!((run.code, message.lines().count()), (2, 1), "{message}");
         for word in [&[place], words].concat() {
-            assert!(told.contains(word), "`{word}` is not in {told}");
+            assert!(message.contains(word), "`{word}` is not in {message}");
         }
     }
 }
 
-/// The red of the first texel that a parameter sees.
+/// Returns the red channel of a parameter's first texel.
 fn red(scene: &Scene, parameter: MaterialInput) -> f32 {
     let material = scene.materials.iter().find(|m| m.name == "m").unwrap();
     let layer = material.layers.iter().find(|l| l.parameter == parameter).unwrap();
@@ -90,11 +91,11 @@ fn red(scene: &Scene, parameter: MaterialInput) -> f32 {
     match &scene.images[image as usize].texels {
         Texels::Floats(texels) => texels[0][0],
         Texels::Bytes(texels) => f32::from(texels[0][0]) / 255.0,
-        Texels::Unread => panic!("nobody read it"),
+        Texels::Unread => panic!("the image was not decoded"),
     }
 }
 
-/// The pixel in the middle of a picture of `scene`.
+/// Returns the pixel in the middle of an image of `scene`.
 fn middle(scene: &Scene) -> [f32; 3] {
     let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
     let settings = RenderSettings {
@@ -112,10 +113,10 @@ fn middle(scene: &Scene) -> [f32; 3] {
 }
 
 #[test]
-fn codes_of_sixteen_bits_are_srgb_on_colours_and_linear_on_all_else() {
+fn sixteen_bit_codes_are_srgb_for_colours_and_linear_otherwise() {
     let folder = Folder::new();
     folder.wide_png("a.png", 32_768);
-    // ((0.500008 + 0.055) / 1.055)^2.4, and the share itself.
+    // Expected values: ((0.500008 + 0.055) / 1.055)^2.4, and the linear fraction.
     let (color, data) = (0.214_048, 32_768.0 / 65_535.0);
     for (key, parameter, expected) in [
         ("base_color", MaterialInput::BaseColor, color),
@@ -136,7 +137,7 @@ fn codes_of_sixteen_bits_are_srgb_on_colours_and_linear_on_all_else() {
 }
 
 #[test]
-fn one_image_for_colours_and_for_data_is_kept_twice_only_where_its_texels_differ() {
+fn image_used_as_colour_and_data_is_duplicated_only_if_needed() {
     let folder = Folder::new();
     let both = "base_color = { texture = 't' }\nroughness = { texture = 't' }";
     folder.wide_png("a.png", 32_768);
@@ -151,7 +152,7 @@ fn one_image_for_colours_and_for_data_is_kept_twice_only_where_its_texels_differ
 }
 
 #[test]
-fn an_image_of_floats_shines_brighter_than_white() {
+fn float_image_can_exceed_white() {
     let folder = Folder::new();
     folder.exr("a.exr", [512.0, 0.25, 7.5]);
     let emission = "base_color = 0\nspecular = 0\nemission = { texture = 't', value = [1, 1, 2] }";
@@ -167,7 +168,7 @@ fn an_image_of_floats_shines_brighter_than_white() {
 }
 
 #[test]
-fn images_that_cannot_be_used_are_told_with_line_and_remedy() {
+fn unusable_images_are_reported_with_line_and_remedy() {
     let folder = Folder::new();
     let light = "emission = { texture = 't' }";
     let huge = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 30000 +X 2000000\n";
@@ -193,7 +194,7 @@ fn images_that_cannot_be_used_are_told_with_line_and_remedy() {
 }
 
 #[test]
-fn floats_that_a_parameter_cannot_have_are_refused_and_others_taken() {
+fn out_of_range_float_texels_are_rejected() {
     let folder = Folder::new();
     folder.exr("a.exr", [0.5, -0.25, 3.0]);
     for material in [
@@ -217,13 +218,13 @@ fn floats_that_a_parameter_cannot_have_are_refused_and_others_taken() {
             &["holds 3", "outside [0, 1]"],
         );
     }
-    // Only red counts for roughness; heights and normals may be anything.
+    // Only red is used for roughness; heights and normals may have any value.
     folder.load("a.exr", "roughness = { texture = 't' }");
     folder.load("a.exr", "bump = { texture = 't' }\nnormal = { texture = 't' }");
 }
 
 #[test]
-fn floats_count_four_times_against_the_budget_of_texels() {
+fn float_images_count_four_times_against_the_texel_budget() {
     let folder = Folder::new();
     folder.exr("a.exr", [1.0; 3]);
     let path = folder.scene_text("a.exr", "emission = { texture = 't' }");
@@ -237,9 +238,9 @@ fn floats_count_four_times_against_the_budget_of_texels() {
         )
     };
     assert!(load(16).is_ok());
-    let told = load(15).unwrap_err().to_string();
+    let message = load(15).unwrap_err().to_string();
     assert!(
-        told.contains("2 x 2 pixels of 16 bytes") && told.contains("left for images"),
-        "{told}"
+        message.contains("2 x 2 pixels of 16 bytes") && message.contains("left for images"),
+        "{message}"
     );
 }

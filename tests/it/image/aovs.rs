@@ -1,13 +1,12 @@
-//! Layers of what camera rays meet first: depth, normals, albedo, places, texture coordinates, ids and motion, against
-//! what is known in closed form; and that nobody who wants none, nor any picture, notices them. Cryptomatte has tests of
-//! its own.
+//! Tests of AOVs of camera-ray hits: depth, normals, albedo, positions, texture coordinates, ids and motion, against
+//! closed forms; and that requesting AOVs changes no bit of the image. Cryptomatte has its own tests.
 
 use std::f64::consts::FRAC_PI_4;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use crate::support::cli_program::{fails_with, whit};
-use crate::support::pictures::{add, rendered, settings};
+use crate::support::images::{add, rendered, settings};
 use crate::support::scene_folder;
 use glam::{DAffine3, DVec2, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
@@ -15,9 +14,9 @@ use whit::image::ChannelKind;
 use whit::image::rows::ExrScanlineReader;
 use whit::mesh::Mesh;
 use whit::render::{
-    FilterKind, LayerKind, LayerSet, Monitor, Parts, Pattern, PixelFilter, Region, RenderSettings, Rendering,
+    AovKind, AovSet, FilterKind, Monitor, Parts, Pattern, PixelFilter, Region, RenderSettings, Rendering,
 };
-use whit::scene::{Camera, Geometry, Instance, Lecture, Material, Model, Scene, Shutter};
+use whit::scene::{Camera, Geometry, Instance, Material, Model, Phong, Scene, Shutter};
 use whit::shape::{Shape, Sphere};
 
 static GO_ON: AtomicBool = AtomicBool::new(false);
@@ -28,17 +27,18 @@ const MONITOR: Monitor = Monitor {
     tiles: None,
 };
 
-/// f32 rounds rays and results; sums of a few such numbers are off by this, relative to the largest.
+/// Relative tolerance: f32 rounds rays and results; sums of a few such numbers have this error, relative to the
+/// largest.
 const ROUNDING: f64 = 8.0 * f32::EPSILON as f64;
 
-/// How many layers there are: 15 of means and ids, two of motion, twelve of each Cryptomatte.
+/// Number of layers: 15 of means and ids, two of motion, twelve of each Cryptomatte.
 const LAYERS: usize = 15 + 2 + 24;
 
-fn all() -> LayerSet {
-    LayerKind::ALL.into_iter().collect()
+fn all() -> AovSet {
+    AovKind::ALL.into_iter().collect()
 }
 
-/// All layers of a square picture of `size`² pixels.
+/// Returns settings with all layers for a square image of `size`² pixels.
 fn with_layers(size: u32, spp: u32) -> RenderSettings {
     RenderSettings {
         layers: all(),
@@ -52,7 +52,7 @@ fn values<'r>(rendering: &'r Rendering, name: &str) -> &'r [f32] {
     &layers.find(|layer| layer.name == name).unwrap().values
 }
 
-/// Three layers of one pixel.
+/// Returns three layers of one pixel as a vector.
 fn vector(rendering: &Rendering, names: [&str; 3], pixel: usize) -> DVec3 {
     DVec3::from(names.map(|name| f64::from(values(rendering, name)[pixel])))
 }
@@ -68,7 +68,7 @@ fn camera(z: f64) -> Camera {
     }
 }
 
-/// The unit sphere at the origin seen from (0, 0, 5).
+/// Returns the unit sphere at the origin seen from (0, 0, 5).
 fn ball() -> Scene {
     let mut scene = Scene::default();
     let sphere = Geometry::Shape(Shape::Sphere(Sphere::UNIT));
@@ -83,13 +83,13 @@ fn ball() -> Scene {
 }
 
 #[test]
-fn a_wall_seen_head_on_has_its_depth_place_normal_and_ids() {
+fn frontal_wall_has_depth_position_normal_and_ids() {
     let mut scene = Scene::default();
     let quad = || Geometry::Shape(Shape::Quad);
-    // Behind the wall, so that numbers 0 are nobody's that is seen.
+    // Add an object behind the wall, so that index 0 belongs to nothing visible.
     let behind = DAffine3::from_translation(DVec3::new(0.0, 0.0, -9.0));
     add(&mut scene, "behind", quad(), Material::default(), behind);
-    // Turned away, so that its back is seen: the normal is on the viewer's side all the same.
+    // Turn the wall away, so that its back is seen: the normal is still on the viewer's side.
     let wall = DAffine3::from_rotation_y(std::f64::consts::PI) * DAffine3::from_scale(DVec3::splat(3.0));
     add(&mut scene, "wall", quad(), Material::default(), wall);
     let camera = camera(5.0);
@@ -100,7 +100,7 @@ fn a_wall_seen_head_on_has_its_depth_place_normal_and_ids() {
         let at = |index: usize| (index as f64 + 0.5) / f64::from(size);
         let (x, y) = (at(pixel % size as usize), at(pixel / size as usize));
         let ray = view.ray(x, y);
-        // Where z = 0.
+        // Intersect the plane z = 0.
         let p = ray.origin - ray.direction * (ray.origin.z / ray.direction.z);
         let depth = f64::from(values(&seen, "Z")[pixel]);
         assert!(
@@ -115,7 +115,7 @@ fn a_wall_seen_head_on_has_its_depth_place_normal_and_ids() {
 }
 
 #[test]
-fn a_ball_ends_at_its_silhouette_and_beyond_it_is_nothing() {
+fn sphere_layers_end_at_its_silhouette() {
     let size = 33;
     let seen = rendered(&ball(), &camera(5.0), &with_layers(size, 1));
     let view = camera(5.0).view(size, size);
@@ -123,13 +123,13 @@ fn a_ball_ends_at_its_silhouette_and_beyond_it_is_nothing() {
     for pixel in 0..(size * size) as usize {
         let at = |index: usize| (index as f64 + 0.5) / f64::from(size);
         let ray = view.ray(at(pixel % size as usize), at(pixel / size as usize));
-        // |5 z + t d|² = 1 for a unit d: t² + 10 dz t + 24 = 0.
+        // Solve |5 z + t d|² = 1 for a unit d: t² + 10 dz t + 24 = 0.
         let dz = ray.direction.normalize().z;
         let discriminant = 25.0 * dz * dz - 24.0;
         let depth = f64::from(values(&seen, "Z")[pixel]);
         if discriminant > 0.0 {
             let expected = -5.0 * dz - discriminant.sqrt();
-            // Near the silhouette a ray that is off by little meets the ball much farther on.
+            // Near the silhouette a small error of the ray moves the hit by much more.
             let bound = 25.0 * ROUNDING / discriminant.sqrt();
             assert!((depth - expected).abs() <= bound, "{depth} for {expected}");
             let normal = vector(&seen, NORMAL, pixel);
@@ -148,12 +148,12 @@ fn a_ball_ends_at_its_silhouette_and_beyond_it_is_nothing() {
 }
 
 #[test]
-fn samples_that_miss_are_not_in_the_mean() {
-    // Pixels are so large that hardly any lies within the ball: were misses counted, depths would be under 4.
+fn missed_samples_are_excluded_from_the_mean() {
+    // Pixels are so large that hardly any lies within the sphere: if misses were counted, depths would be under 4.
     let seen = rendered(&ball(), &camera(5.0), &with_layers(7, 64));
     let depths = values(&seen, "Z").iter().filter(|depth| depth.is_finite());
     let depths: Vec<f32> = depths.copied().collect();
-    // From the nearest point to where rays touch the ball.
+    // The largest distance is that of tangent points.
     let farthest = 24f32.sqrt();
     assert!(
         depths.iter().all(|depth| (4.0..=farthest).contains(depth)),
@@ -165,32 +165,35 @@ fn samples_that_miss_are_not_in_the_mean() {
 }
 
 #[test]
-fn albedo_is_what_both_models_are_lit_by() {
+fn albedo_matches_the_lit_colour_of_both_models() {
     let mut scene = Scene::default();
     let wall = |x: f64| {
         DAffine3::from_translation(DVec3::new(x, 0.0, 0.0)) * DAffine3::from_scale(DVec3::splat(3.0))
     };
+    // Add one wall with each reflection model
     let base_color = [0.25, 0.5, 0.75, 1.0];
     let gltf = Material {
         base_color,
         ..Material::default()
     };
-    let lecture = Material {
+    let phong = Material {
         base_color,
-        model: Model::Lecture(Lecture {
+        model: Model::Phong(Phong {
             diffuse: [0.5, 0.5, 1.0],
-            ..Lecture::DEFAULT
+            ..Phong::DEFAULT
         }),
         ..Material::default()
     };
     let quad = || Geometry::Shape(Shape::Quad);
     add(&mut scene, "left", quad(), gltf, wall(-3.0));
-    add(&mut scene, "right", quad(), lecture, wall(3.0));
+    add(&mut scene, "right", quad(), phong, wall(3.0));
     let seen = rendered(&scene, &camera(5.0), &with_layers(4, 16));
+    // Compare with the base colour, times Phong's diffuse coefficient on the right
     for row in 0..4 {
         assert_eq!(vector(&seen, ALBEDO, 4 * row), DVec3::new(0.25, 0.5, 0.75));
         assert_eq!(vector(&seen, ALBEDO, 4 * row + 3), DVec3::new(0.125, 0.25, 0.75));
     }
+    // Only the albedo layers are colours
     let albedo = seen
         .layers
         .iter()
@@ -199,7 +202,7 @@ fn albedo_is_what_both_models_are_lit_by() {
 }
 
 #[test]
-fn texture_coordinates_are_those_of_shapes_and_of_meshes() {
+fn texture_coordinates_match_shapes_and_meshes() {
     let mesh = Mesh {
         positions: vec![
             [-1.0, -1.0, 0.0],
@@ -222,10 +225,12 @@ fn texture_coordinates_are_those_of_shapes_and_of_meshes() {
         (Geometry::Mesh(mesh), 8.0),
         (Geometry::Mesh(without), 0.0),
     ];
+    // Compare coordinates with the position, for each kind of wall
     for (quad, times) in quads {
         let mut scene = Scene::default();
         let place = DAffine3::from_scale(DVec3::splat(3.0));
         add(&mut scene, "wall", quad, Material::default(), place);
+        // The position determines the coordinates
         let seen = rendered(&scene, &camera(5.0), &with_layers(6, 4));
         for pixel in 0..36 {
             let p = vector(&seen, POSITION, pixel);
@@ -242,8 +247,8 @@ fn texture_coordinates_are_those_of_shapes_and_of_meshes() {
 }
 
 #[test]
-fn places_and_depths_are_in_the_units_of_the_file() {
-    // So large and so far away that the scene is moved and scaled before it is rendered.
+fn positions_and_depths_use_file_units() {
+    // The scene is so large and far away that it is translated and scaled before rendering.
     let center = DVec3::new(3e6, 0.0, 0.0);
     let mut scene = Scene::default();
     let place = DAffine3::from_translation(center) * DAffine3::from_scale(DVec3::splat(3e4));
@@ -260,13 +265,13 @@ fn places_and_depths_are_in_the_units_of_the_file() {
     });
     scene.normalise();
     assert!(!scene.normalisation.is_identity());
-    // The one pixel's one sample is in its middle.
+    // The only sample of the only pixel is in its middle.
     let seen = rendered(&scene, &scene.cameras[0], &with_layers(1, 1));
     assert!((f64::from(values(&seen, "Z")[0]) - 5e4).abs() <= 5e4 * ROUNDING);
     assert!(vector(&seen, POSITION, 0).distance(center) <= center.length() * ROUNDING);
 }
 
-/// A square wall that moves while the shutter is open, from one place to another.
+/// Returns a square wall that moves between two transforms while the shutter is open.
 fn moving_wall(ends: [DAffine3; 2]) -> Scene {
     let mut scene = Scene::default();
     scene.geometries.push(Geometry::Shape(Shape::Quad));
@@ -278,11 +283,11 @@ fn moving_wall(ends: [DAffine3; 2]) -> Scene {
 }
 
 #[test]
-fn a_wall_that_moves_across_the_picture_has_its_motion_in_pixels() {
+fn moving_wall_has_its_motion_in_pixels() {
     let scale = DAffine3::from_scale(DVec3::splat(3.0));
     let step = DVec3::new(0.5, -0.25, 0.0);
     let (camera, size) = (camera(5.0), 12);
-    // At a distance of 5 the picture's height is 10 tan(45 deg / 2); y is up in the world and down in the picture.
+    // At a distance of 5 the image's height is 10 tan(45 deg / 2); y is up in the world and down in the image.
     let pixel = 10.0 * (0.5 * FRAC_PI_4).tan() / f64::from(size);
     let expected = step.truncate() * DVec2::new(1.0, -1.0) / pixel;
     for part in [1.0, 0.5] {
@@ -298,7 +303,7 @@ fn a_wall_that_moves_across_the_picture_has_its_motion_in_pixels() {
         for pixel in 0..(size * size) as usize {
             let motion = ["motion.X", "motion.Y"].map(|name| f64::from(values(&seen, name)[pixel]));
             let error = (DVec2::from(motion) - part * expected).length();
-            // Points are known to the rounding of rays, and lie within some ten pixels.
+            // Positions are accurate to the rounding of rays, and motions are within some ten pixels.
             assert!(
                 error <= f64::from(size) * ROUNDING,
                 "{motion:?} for {}",
@@ -309,7 +314,7 @@ fn a_wall_that_moves_across_the_picture_has_its_motion_in_pixels() {
 }
 
 #[test]
-fn what_comes_nearer_moves_away_from_the_middle_and_what_stands_still_does_not_move() {
+fn approaching_objects_move_outward_and_still_ones_do_not() {
     let scale = DAffine3::from_scale(DVec3::splat(9.0));
     let nearer = DAffine3::from_translation(DVec3::Z) * scale;
     let size = 6;
@@ -321,7 +326,7 @@ fn what_comes_nearer_moves_away_from_the_middle_and_what_stands_still_does_not_m
     assert_eq!(corner(&still), [0.0; 2]);
 }
 
-/// A small picture with much in it.
+/// Returns settings for a small image with many effects.
 fn small(filter: FilterKind) -> RenderSettings {
     RenderSettings {
         width: 45,
@@ -334,7 +339,8 @@ fn small(filter: FilterKind) -> RenderSettings {
 }
 
 #[test]
-fn no_picture_has_other_bits_with_all_layers() {
+fn layers_do_not_change_image_bits() {
+    // Scenes that together use most effects
     let scenes = [
         "glass_of_water.toml",
         "prism.toml",
@@ -358,6 +364,7 @@ fn no_picture_has_other_bits_with_all_layers() {
                 layers: all(),
                 ..without
             };
+            // Render with and without layers
             let plain = rendered(&scene, &scene.cameras[0], &without);
             let layered = rendered(&scene, &scene.cameras[0], &with);
             assert_eq!(plain.image.pixels, layered.image.pixels, "{name}");
@@ -369,7 +376,7 @@ fn no_picture_has_other_bits_with_all_layers() {
 }
 
 #[test]
-fn a_region_has_the_bits_of_the_whole_pictures_layers() {
+fn region_layers_match_the_full_image_bits() {
     let scene = scene_folder::named("textured.toml").scene;
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
     let camera = &scene.cameras[0];
@@ -395,10 +402,10 @@ fn a_region_has_the_bits_of_the_whole_pictures_layers() {
 }
 
 #[test]
-fn only_the_layers_that_are_wanted_are_there_and_they_are_the_same() {
+fn only_requested_layers_exist_and_are_unchanged() {
     let scene = scene_folder::named("textured.toml").scene;
     let camera = &scene.cameras[0];
-    let of = |layers: LayerSet| {
+    let of = |layers: AovSet| {
         let settings = RenderSettings {
             layers,
             ..small(FilterKind::Box)
@@ -407,8 +414,8 @@ fn only_the_layers_that_are_wanted_are_there_and_they_are_the_same() {
     };
     let together = of(all());
     let mut alone = Vec::new();
-    for kind in LayerKind::ALL {
-        let layers = of(LayerSet::NONE.with(kind));
+    for kind in AovKind::ALL {
+        let layers = of(AovSet::NONE.with(kind));
         let names: Vec<&str> = layers.iter().map(|layer| &layer.name[..]).collect();
         assert_eq!(names, kind.names());
         alone.extend(layers);
@@ -420,10 +427,11 @@ const BALL: &str = "[camera]\nfrom = [0, 0, 5]\nat = [0, 0, 0]\n\n[[light]]\nkin
                     [material.red]\nbase_color = [0.8, 0.1, 0.1]\n\n[[object]]\nshape = \"sphere\"\nmaterial = \"red\"\n";
 
 #[test]
-fn a_file_of_halves_has_colours_as_halves_and_all_else_as_floats() {
+fn half_files_store_only_colours_as_halves() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (scene, image) = (path("ball.toml"), path("ball.exr"));
+    // Render a file of halves with all layers
     std::fs::write(&scene, BALL).unwrap();
     let aovs = "depth,normal,albedo,position,uv,ids,motion,crypto-object,crypto-material";
     let run = whit(&[
@@ -441,6 +449,7 @@ fn a_file_of_halves_has_colours_as_halves_and_all_else_as_floats() {
         aovs,
     ]);
     assert_eq!(run.code, 0, "{}", run.stderr);
+    // Check the types of the channels
     let mut reader = ExrScanlineReader::open(Path::new(&image)).unwrap();
     let mut kinds: Vec<String> = Vec::new();
     for channel in reader.channels() {
@@ -459,17 +468,18 @@ fn a_file_of_halves_has_colours_as_halves_and_all_else_as_floats() {
     ] {
         assert!(kinds.iter().any(|kind| kind == wanted), "{wanted}: {kinds:?}");
     }
+    // Check the number of channels
     assert_eq!(kinds.len(), 3 + LAYERS);
     assert_eq!(reader.read_rows(0..9).unwrap().len(), 3 + LAYERS);
 }
 
 #[test]
-fn layers_of_unequal_samples_are_refused() {
+fn layers_with_unequal_samples_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (scene, image) = (path("ball.toml"), path("ball.exr"));
     std::fs::write(&scene, BALL).unwrap();
-    let words = "`--adaptive` tells nothing of what camera rays meet";
+    let words = "`--adaptive` supports only the channels";
     fails_with(
         2,
         words,

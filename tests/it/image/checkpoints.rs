@@ -1,4 +1,4 @@
-//! Adaptive sampling in many goes: the bits of one.
+//! Tests of checkpoints of adaptive sampling: interrupted renders give the bits of uninterrupted ones.
 
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -10,7 +10,7 @@ use whit::render::{
 };
 use whit::scene::Scene;
 
-/// Beyond this number of goes something begins anew.
+/// Limit on the number of runs, above which rendering must have restarted.
 const MAX_RUNS: usize = 1000;
 
 fn settings(size: [u32; 2], spp: u32) -> RenderSettings {
@@ -42,7 +42,7 @@ fn by(
     render_on(scene, &scene.cameras[0], accel, settings, &monitor, checkpoints)
 }
 
-/// What comes back of what is written down.
+/// Returns the state after writing and reading a checkpoint.
 fn written(rounds: &Rounds, [width, height]: [usize; 2]) -> Rounds {
     let mut read = Rounds::new([width, height]);
     read.set_rest(&rounds.rest()).unwrap();
@@ -61,7 +61,7 @@ fn bits(rendering: &Rendering) -> Vec<u32> {
 }
 
 #[test]
-fn a_picture_in_many_goes_has_the_bits_of_one_go_and_nothing_is_done_twice() {
+fn resumed_render_has_the_bits_of_one_run_without_repeated_work() {
     for (name, spp) in [
         ("whitted_1980.toml", 128),
         ("textured.toml", 64),
@@ -70,14 +70,16 @@ fn a_picture_in_many_goes_has_the_bits_of_one_go_and_nothing_is_done_twice() {
         let scene = scene_folder::named(name).scene;
         let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
         let settings = settings([90, 70], spp);
+        // Render without interruption
         let whole = by(&scene, &*accel, &settings, None).unwrap();
         assert!(whole.samples.mean > 16.0, "{name}: one round only");
         let mut start = None;
         let mut goes = 0;
+        // Render in runs that stop at each checkpoint
         let last = loop {
             goes += 1;
             assert!(goes < MAX_RUNS, "{name}");
-            // Every go knows of one more look at what is to be kept than the one before.
+            // Each run is interrupted one checkpoint later than the previous one.
             let mut kept = None;
             let mut keep = |rounds: &Rounds| {
                 kept = Some(written(rounds, [90, 70]));
@@ -94,6 +96,7 @@ fn a_picture_in_many_goes_has_the_bits_of_one_go_and_nothing_is_done_twice() {
                 None => start = kept,
             }
         };
+        // The last run gives the whole image, and repeats no work
         assert!(goes > 2, "{name}: {goes} goes");
         assert_eq!(bits(&last), bits(&whole), "{name}");
         let [rest, all] = [&last, &whole].map(|rendering| rendering.ledger.camera_rays());
@@ -105,12 +108,12 @@ fn a_picture_in_many_goes_has_the_bits_of_one_go_and_nothing_is_done_twice() {
 }
 
 #[test]
-fn a_render_that_is_cancelled_keeps_what_it_has() {
+fn cancelled_render_keeps_its_checkpoint() {
     let scene = scene_folder::named("whitted_1980.toml").scene;
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
     let settings = settings([200, 150], 64);
     let cancel = AtomicBool::new(false);
-    // As soon as the tiles that come first are through.
+    // Cancel as soon as the first tiles are finished.
     let seen = AtomicUsize::new(0);
     let tiles = |_: FinishedTile| {
         if seen.fetch_add(1, Ordering::Relaxed) == 3 {
@@ -133,6 +136,7 @@ fn a_render_that_is_cancelled_keeps_what_it_has() {
         keep: &mut keep,
     };
     let camera = &scene.cameras[0];
+    // Render until cancelled
     let ended = render_on(
         &scene,
         camera,
@@ -143,6 +147,7 @@ fn a_render_that_is_cancelled_keeps_what_it_has() {
     );
     assert!(ended.is_none());
     let start = kept.expect("what was finished is kept");
+    // Resume from the checkpoint
     let mut keep = |_: &Rounds| ControlFlow::Continue(());
     let mut checkpoints = Checkpoints {
         start: Some(start),
@@ -150,13 +155,14 @@ fn a_render_that_is_cancelled_keeps_what_it_has() {
         keep: &mut keep,
     };
     let gone_on = by(&scene, &*accel, &settings, Some(&mut checkpoints)).unwrap();
+    // Compare with an uninterrupted render
     let whole = by(&scene, &*accel, &settings, None).unwrap();
     assert_eq!(bits(&gone_on), bits(&whole));
     assert!(gone_on.ledger.camera_rays() < whole.ledger.camera_rays());
 }
 
 #[test]
-fn what_is_of_another_picture_is_begun_anew() {
+fn checkpoint_of_another_image_is_discarded() {
     let scene = scene_folder::named("whitted_1980.toml").scene;
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
     let settings = settings([48, 40], 64);

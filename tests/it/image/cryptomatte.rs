@@ -1,25 +1,26 @@
-//! Cryptomatte against its specification: files are read as a compositor reads them, ids are hashed anew by a second way,
-//! coverages are held against pictures of single samples and against a known silhouette; and other readers see the same.
+//! Tests of Cryptomatte against its specification: files are read as a compositor reads them, ids are hashed by a
+//! second implementation, coverages are compared with images of single samples and with a known silhouette; and other
+//! readers return equal values.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::support::cli_program::whit;
 use crate::support::exr_tools::tool;
-use crate::support::pictures::{add, rendered, settings};
+use crate::support::images::{add, rendered, settings};
 use glam::{DAffine3, DVec3};
 use whit::image::rows::{ExrScanlineReader, SampleType, Samples};
-use whit::render::{LayerKind, Pattern, RenderSettings, Rendering};
+use whit::render::{AovKind, Pattern, RenderSettings, Rendering};
 use whit::scene::{Camera, Geometry, Material, Projection, Scene};
 use whit::shape::{Shape, Sphere};
 
-/// Ranks of a pixel, and the channels that hold them.
+/// Number of ranks of a pixel, stored in pairs of channels.
 const RANKS: usize = 6;
 
-/// The layers with the keys of their attributes: seven digits of the hashes of their names, told by another program.
+/// Layers with the keys of their attributes: seven digits of the hashes of their names, computed by another program.
 const LAYERS: [(&str, &str); 2] = [("CryptoObject", "3ae39a5"), ("CryptoMaterial", "be359d6")];
 
-/// MurmurHash3_x86_32 with seed 0, as its author describes it: whole words, then what is left, then the avalanche.
+/// Returns MurmurHash3_x86_32 with seed 0, as its author describes it: whole words, then the rest, then the avalanche.
 fn murmur3(text: &str) -> u32 {
     let bytes = text.as_bytes();
     let mix = |word: u32| {
@@ -49,7 +50,7 @@ fn murmur3(text: &str) -> u32 {
     hash ^ hash >> 16
 }
 
-/// The specification's number of a hash: sign and mantissa stay, the exponent is clamped to 1 to 254.
+/// Returns the specification's f32 of a hash: sign and mantissa are kept, the exponent is clamped to 1 to 254.
 fn id(name: &str) -> f32 {
     let hash = murmur3(name);
     let exponent = (hash >> 23 & 0xff).clamp(1, 254);
@@ -57,8 +58,8 @@ fn id(name: &str) -> f32 {
 }
 
 #[test]
-fn the_second_way_hashes_as_is_published() {
-    // Of the reference implementation, and manifests of the specification.
+fn independent_hash_matches_published_values() {
+    // Values of the reference implementation, and of manifests in the specification.
     for (text, hash) in [
         ("", 0),
         ("hello", 0x248b_fa47),
@@ -72,7 +73,7 @@ fn the_second_way_hashes_as_is_published() {
     }
 }
 
-/// What a file holds.
+/// Channels and attributes of a file.
 struct File {
     reader: ExrScanlineReader,
     width: usize,
@@ -103,7 +104,7 @@ impl File {
         }
     }
 
-    /// Ids and coverages of a pixel.
+    /// Returns the ids and coverages of a pixel.
     fn ranks(&self, layer: &str, pixel: usize) -> Vec<(f32, f32)> {
         ranks(|name| self.channels[name][pixel], layer)
     }
@@ -120,7 +121,7 @@ impl File {
     }
 }
 
-/// Ids and coverages of a pixel, of which `value` gives the channels.
+/// Returns the ids and coverages of a pixel from its channels, given by `value`.
 fn ranks(value: impl Fn(&str) -> f32, layer: &str) -> Vec<(f32, f32)> {
     let channel = |rank: usize, letters: [&str; 2]| {
         let name = format!("{layer}{:02}.{}", rank / 2, letters[rank % 2]);
@@ -130,7 +131,7 @@ fn ranks(value: impl Fn(&str) -> f32, layer: &str) -> Vec<(f32, f32)> {
     (0..RANKS).map(pair).collect()
 }
 
-/// A wall with two balls before it, of which one has a name that is not ASCII and one has none of its own.
+/// Scene of a wall with two spheres in front of it, of which one has a non-ASCII name and one has none.
 const SCENE: &str = "[camera]\nfrom = [0, 0, 5]\nat = [0, 0, 0]\n\n[[light]]\nkind = \"directional\"\n\
                      direction = [0, 0, -1]\n\n[material.red]\nbase_color = [0.8, 0.1, 0.1]\n\n[material.wall]\n\n\
                      [[object]]\nname = \"Käse \\\"𝄞\\\"\"\nshape = \"sphere\"\nmaterial = \"red\"\n\
@@ -138,13 +139,13 @@ const SCENE: &str = "[camera]\nfrom = [0, 0, 5]\nat = [0, 0, 0]\n\n[[light]]\nki
                      material = \"wall\"\ntransform = [{ translate = [0.2, 0, -2] }]\n\n[[object]]\n\
                      shape = \"sphere\"\nmaterial = \"red\"\ntransform = [{ scale = 0.3 }, { translate = [0.4, 0.3, 0.5] }]\n";
 
-const ASKED: &str = "depth,normal,ids,motion,crypto-object,crypto-material";
+const AOVS: &str = "depth,normal,ids,motion,crypto-object,crypto-material";
 
 /// Renders [`SCENE`] to a file in `folder`.
 fn render(folder: &Path, size: &str, flags: &[&str]) -> PathBuf {
     let (scene, image) = (folder.join("scene.toml"), folder.join("image.exr"));
     std::fs::write(&scene, SCENE).unwrap();
-    let fixed = ["--size", size, "--spp", "4", "--backend", "bsp", "--aov", ASKED];
+    let fixed = ["--size", size, "--spp", "4", "--backend", "bsp", "--aov", AOVS];
     let run = whit(&[&["render", word(&scene), "-o", word(&image)], &fixed[..], flags].concat());
     assert_eq!(run.code, 0, "{}", run.stderr);
     image
@@ -155,26 +156,30 @@ fn word(path: &Path) -> &str {
 }
 
 #[test]
-fn files_say_what_the_specification_asks_for_and_every_id_is_in_the_manifest() {
+fn files_follow_the_specification_and_manifests_list_every_id() {
     let folder = tempfile::tempdir().unwrap();
     for flags in [&[][..], &["--exr-type", "half", "--compression", "zip"]] {
         let file = File::open(&render(folder.path(), "41x33", flags));
         for (layer, key) in LAYERS {
+            // Check the metadata of the layer
             assert!(format!("{:08x}", murmur3(layer)).starts_with(key));
             assert_eq!(file.attribute(key, "name"), layer);
             assert_eq!(file.attribute(key, "hash"), "MurmurHash3_32");
             assert_eq!(file.attribute(key, "conversion"), "uint32_to_float32");
+            // Check the ids in the manifest
             let manifest = file.manifest(key);
             for (name, digits) in &manifest {
                 assert_eq!(*digits, format!("{:08x}", id(name).to_bits()), "{name}");
             }
+            // Ids must be 32-bit floats, even in files of halves
             let is_float = |name: &str| {
                 let mut channels = file.reader.channels().iter();
                 channels.any(|channel| channel.name == name && channel.sample == SampleType::Float)
             };
-            let told =
+            let described =
                 ["R", "G", "B", "A"].map(|letter| (0..3).all(|n| is_float(&format!("{layer}0{n}.{letter}"))));
-            assert_eq!(told, [true; 4]);
+            assert_eq!(described, [true; 4]);
+            // Check order, sum and ids of the ranks of each pixel
             let known: Vec<u32> = manifest.keys().map(|name| id(name).to_bits()).collect();
             for pixel in 0..file.width * 33 {
                 let ranks = file.ranks(layer, pixel);
@@ -199,7 +204,7 @@ fn files_say_what_the_specification_asks_for_and_every_id_is_in_the_manifest() {
 }
 
 #[test]
-fn files_without_cryptomattes_say_nothing_of_them() {
+fn files_without_cryptomattes_have_no_cryptomatte_attributes() {
     let folder = tempfile::tempdir().unwrap();
     let (scene, image) = (folder.path().join("scene.toml"), folder.path().join("plain.exr"));
     std::fs::write(&scene, SCENE).unwrap();
@@ -217,7 +222,7 @@ fn files_without_cryptomattes_say_nothing_of_them() {
     assert_eq!(File::open(&image).reader.note("cryptomatte/3ae39a5/name"), None);
 }
 
-/// Looks down -z from z = 5; a picture shows -1 to 1 each way.
+/// Returns a camera at z = 5 that looks along -z; an image shows -1 to 1 in each direction.
 fn camera() -> Camera {
     Camera {
         world_from_camera: DAffine3::from_translation(5.0 * DVec3::Z),
@@ -233,7 +238,7 @@ fn ball(x: f64, y: f64, radius: f64) -> DAffine3 {
     DAffine3::from_translation(DVec3::new(x, y, 0.0)) * DAffine3::from_scale(DVec3::splat(radius))
 }
 
-/// Balls so small that pixels of a small picture have many; names come again, and some have none.
+/// Returns spheres so small that pixels of a small image contain many; names repeat, and some are empty.
 fn crowd() -> Scene {
     let mut scene = Scene::default();
     for number in 0..400u32 {
@@ -254,7 +259,7 @@ fn crowd() -> Scene {
     scene
 }
 
-fn with(layers: &[LayerKind], size: u32, spp: u32) -> RenderSettings {
+fn with(layers: &[AovKind], size: u32, spp: u32) -> RenderSettings {
     RenderSettings {
         layers: layers.iter().copied().collect(),
         pattern: Pattern::Regular,
@@ -268,13 +273,13 @@ fn plane<'r>(rendering: &'r Rendering, name: &str) -> &'r [f32] {
 }
 
 #[test]
-fn coverages_are_those_of_a_picture_of_single_samples() {
-    // A pixel of 8 x 8 regular samples is 8 x 8 pixels of one in its middle; a pixel shows some nine balls.
+fn coverages_match_an_image_of_single_samples() {
+    // A pixel of 8 x 8 regular samples is 8 x 8 pixels with one sample in the middle; a pixel shows some nine spheres.
     let (size, side) = (7, 8);
     let scene = crowd();
-    let mattes = [LayerKind::CryptoObject, LayerKind::CryptoMaterial];
+    let mattes = [AovKind::CryptoObject, AovKind::CryptoMaterial];
     let seen = rendered(&scene, &camera(), &with(&mattes, size, side * side));
-    let single = rendered(&scene, &camera(), &with(&[LayerKind::Ids], size * side, 1));
+    let single = rendered(&scene, &camera(), &with(&[AovKind::Ids], size * side, 1));
     let object_name = |number: f32| match &*scene.instances[number as usize].name {
         "" => "unnamed".to_owned(),
         name => name.to_owned(),
@@ -299,7 +304,7 @@ fn coverages_are_those_of_a_picture_of_single_samples() {
             }
             most = most.max(counts.len());
             let mut expected: Vec<(u32, u32)> = counts.into_iter().collect();
-            // Those of equal coverage are in the order of their ids already.
+            // Entries of equal coverage are already in the order of their ids.
             expected.sort_by_key(|&(_, count)| std::cmp::Reverse(count));
             let expected = expected.into_iter().take(RANKS);
             let mut expected: Vec<(f32, f32)> = expected
@@ -317,8 +322,9 @@ fn coverages_are_those_of_a_picture_of_single_samples() {
 }
 
 #[test]
-fn a_matte_by_name_has_the_area_of_the_silhouette() {
+fn matte_by_name_has_the_area_of_the_silhouette() {
     let mut scene = Scene::default();
+    // Build a sphere in front of a wall
     let (size, side, radius) = (20, 4, 0.7);
     let sphere = Geometry::Shape(Shape::Sphere(Sphere::UNIT));
     add(
@@ -339,8 +345,9 @@ fn a_matte_by_name_has_the_area_of_the_silhouette() {
     let seen = rendered(
         &scene,
         &camera(),
-        &with(&[LayerKind::CryptoObject], size, side * side),
+        &with(&[AovKind::CryptoObject], size, side * side),
     );
+    // Sum the coverage of a name, as a compositor does
     let matte = |name: &str, pixel: usize| -> f64 {
         let ranks = ranks(|channel| plane(&seen, channel)[pixel], "CryptoObject");
         let ours = ranks
@@ -348,6 +355,7 @@ fn a_matte_by_name_has_the_area_of_the_silhouette() {
             .filter(|rank| rank.0.to_bits() == id(name).to_bits());
         ours.map(|rank| f64::from(rank.1)).sum()
     };
+    // Compare each pixel with its regular samples
     let mut area = 0.0;
     for pixel in 0..(size * size) as usize {
         let corner = [pixel as u32 % size, pixel as u32 / size];
@@ -364,7 +372,7 @@ fn a_matte_by_name_has_the_area_of_the_silhouette() {
         assert_eq!(matte("wall", pixel), 1.0 - inside);
         area += matte("ball", pixel) * 4.0 / f64::from(size * size);
     }
-    // Samples whose squares the circle crosses may be wrong by half a square each: 8 r / s squares of side s.
+    // Samples whose squares the circle crosses have an error of at most half a square: 8 r / s squares of side s.
     let step = 2.0 / f64::from(size * side);
     let bound = 0.5 * 8.0 * radius / step * step * step;
     assert!(
@@ -374,7 +382,7 @@ fn a_matte_by_name_has_the_area_of_the_silhouette() {
 }
 
 #[test]
-fn batches_in_pieces_have_the_channels_and_attributes_of_one_render() {
+fn sharded_batches_have_the_channels_and_attributes_of_one_render() {
     let folder = tempfile::tempdir().unwrap();
     let alone = File::open(&render(folder.path(), "24x70", &[]));
     for (split, shards) in [
@@ -383,9 +391,10 @@ fn batches_in_pieces_have_the_channels_and_attributes_of_one_render() {
     ] {
         let out = folder.path().join(format!("of {}", shards.len()));
         let jobs = folder.path().join("test.jobs.toml");
+        // Render as a batch, whole or in bands
         let text = format!(
             "[[job]]\nscene = \"scene.toml\"\n{split}\nimage = \"a.exr\"\n\
-             settings = {{ size = \"24x70\", spp = 4, backend = \"bsp\", aov = \"{ASKED}\" }}\n"
+             settings = {{ size = \"24x70\", spp = 4, backend = \"bsp\", aov = \"{AOVS}\" }}\n"
         );
         std::fs::write(&jobs, text).unwrap();
         for shard in shards {
@@ -393,6 +402,7 @@ fn batches_in_pieces_have_the_channels_and_attributes_of_one_render() {
             let run = whit(&[&batch[..], &["--shard", shard]].concat());
             assert_eq!(run.code, 0, "{}", run.stderr);
         }
+        // Compare with the single render
         let file = File::open(&out.join("a.exr"));
         assert_eq!(file.channels.len(), 3 + 1 + 3 + 3 + 2 + 24);
         for (channel, values) in &alone.channels {
@@ -407,7 +417,7 @@ fn batches_in_pieces_have_the_channels_and_attributes_of_one_render() {
     }
 }
 
-/// What a tool that must be content says, or `None` where it is not installed.
+/// Returns the output of a tool that must succeed, or `None` if it is not installed.
 fn words(name: &str, arguments: &[&str]) -> Option<String> {
     let (is_well, words) = tool(name, arguments)?;
     assert!(is_well, "{name}: {words}");
@@ -415,10 +425,11 @@ fn words(name: &str, arguments: &[&str]) -> Option<String> {
 }
 
 #[test]
-fn other_readers_see_the_channels_and_the_attributes() {
+fn other_readers_find_channels_and_attributes() {
     let folder = tempfile::tempdir().unwrap();
     let path = render(folder.path(), "41x33", &[]);
     let file = File::open(&path);
+    // Print the header with each installed tool
     let Some(header) = words("exrheader", &[word(&path)]) else {
         return;
     };
@@ -428,6 +439,7 @@ fn other_readers_see_the_channels_and_the_attributes() {
     let Some(image) = words("iinfo", &["-v", word(&path)]) else {
         return;
     };
+    // Check the channels
     for name in file.channels.keys() {
         assert!(
             header.contains(&format!("    {name}, 32-bit floating-point")),
@@ -439,14 +451,15 @@ fn other_readers_see_the_channels_and_the_attributes() {
         );
         assert!(image.contains(&format!(" {name}")), "{name}: {image}");
     }
+    // Check the attributes
     for (_, key) in LAYERS {
         for attribute in ["name", "hash", "conversion", "manifest"] {
             let (name, text) = (
                 format!("cryptomatte/{key}/{attribute}"),
                 file.attribute(key, attribute),
             );
-            let told = format!("{name} (type string): \"{text}\"");
-            assert!(header.contains(&told), "{told}: {header}");
+            let described = format!("{name} (type string): \"{text}\"");
+            assert!(header.contains(&described), "{described}: {header}");
             assert!(
                 info.contains(&format!("{name}: string '{text}'")),
                 "{name}: {info}"
@@ -471,7 +484,7 @@ fn openimageio_reads_the_same_bits() {
         "CryptoObject00.B",
         "CryptoObject00.A",
     ];
-    // A pixel that shows two things: its ids are those of an edge.
+    // Choose a pixel that shows two objects: its ids are those of an edge.
     let edge = (0..file.width * 33)
         .find(|&pixel| file.ranks("CryptoObject", pixel)[1].1 > 0.0)
         .unwrap();
@@ -486,13 +499,13 @@ fn openimageio_reads_the_same_bits() {
     assert_eq!(only_pixel(&std::fs::read(&tiff).unwrap(), names.len()), expected);
 }
 
-/// The bits of the values of a TIFF's only pixel, which is not packed.
+/// Returns the bits of the values of an uncompressed TIFF's only pixel.
 fn only_pixel(tiff: &[u8], channels: usize) -> Vec<u32> {
     let word = |at: usize| u32::from_le_bytes(tiff[at..at + 4].try_into().unwrap());
     let short = |at: usize| usize::from(u16::from_le_bytes(tiff[at..at + 2].try_into().unwrap()));
     assert_eq!(&tiff[..4], b"II*\0");
     let directory = word(4) as usize;
-    // Entries of a tag, a type, a count and a value, of which tag 273 tells where the strip lies.
+    // Each entry has a tag, a type, a count and a value; tag 273 gives the offset of the strip.
     let entries = (0..short(directory)).map(|entry| directory + 2 + 12 * entry);
     let strip = entries
         .filter(|&at| short(at) == 273)

@@ -1,17 +1,17 @@
-//! Layers of the picture's own light, by lamp and by effect: each kind adds up to the picture, whose bits stay.
+//! Tests of light layers, by light and by effect: each kind adds up to the image, whose bits are unchanged.
 
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
 use crate::support::cli_program::{fails_with, whit};
-use crate::support::pictures::{rendered, settings};
+use crate::support::images::{rendered, settings};
 use crate::support::scene_folder;
 use whit::accel::{self, AccelOptions, Backend};
 use whit::image::rows::{ExrScanlineReader, Samples};
-use whit::render::{LayerKind, LayerSet, LightLayers, Monitor, Parts, Region, RenderSettings, Rendering};
+use whit::render::{AovKind, AovSet, LightAovs, Monitor, Parts, Region, RenderSettings, Rendering};
 use whit::scene::Scene;
 
-/// Of several volumes and lamps, of glass, of mirrors, with textures, lobes and light within bodies.
+/// Scenes with several volumes and lights, glass, mirrors, textures, lobes and subsurface scattering.
 const SCENES: [&str; 11] = [
     "glass_of_water.toml",
     "prism.toml",
@@ -26,7 +26,7 @@ const SCENES: [&str; 11] = [
     "wax.toml",
 ];
 
-const BOTH: LightLayers = LightLayers {
+const BOTH: LightAovs = LightAovs {
     lights: true,
     effects: true,
 };
@@ -48,15 +48,16 @@ fn values<'r>(rendering: &'r Rendering, name: &str) -> &'r [f32] {
     &layer.unwrap_or_else(|| panic!("no {name}")).values
 }
 
-/// How far the sums of layers of one kind may lie from `whole`, if `magnitude` is the sum of their absolute values.
+/// Returns a bound on the difference of the sums of layers of one kind from `whole`; `magnitude` is the sum of their
+/// absolute values.
 ///
-/// Every layer is rounded to f32 once, and so is the picture; volumes round each lamp's part of a ray and their sum.
+/// Every layer is rounded to f32 once, and so is the image; volumes round each light's part of a ray and their sum.
 fn bound(magnitude: f64, layers: usize) -> f64 {
     (layers + 2) as f64 * f64::from(f32::EPSILON) * magnitude
 }
 
 #[test]
-fn layers_of_each_kind_add_up_to_the_picture_whose_bits_stay() {
+fn light_layers_sum_to_the_unchanged_image() {
     for name in SCENES {
         let scene = scene_folder::named(name).scene;
         let plain = render(&scene, &settings(24, 2));
@@ -87,7 +88,7 @@ fn layers_of_each_kind_add_up_to_the_picture_whose_bits_stay() {
 }
 
 #[test]
-fn each_light_alone_gives_its_layer() {
+fn single_light_render_matches_its_layer() {
     for name in [
         "lecture_lighting.toml",
         "soft_shadows.toml",
@@ -105,14 +106,15 @@ fn each_light_alone_gives_its_layer() {
             .collect();
         for number in 0..count {
             let mut alone = scene.clone();
-            // The others stay in their places, dark, so that samples of lights keep their numbers.
+            // Keep the other lights in their slots without emission, so that the sample indices of lights are
+            // unchanged.
             for (other, light) in alone.lights.iter_mut().enumerate() {
                 if other != number {
                     light.intensity = [0.0; 3];
                 }
             }
             let alone = render(&alone, &with_light(24));
-            // Behind `light.emission`.
+            // The first layer is `light.emission`.
             for layer in groups[1 + number] {
                 assert_eq!(values(&alone, &layer.name), layer.values, "{name} {}", layer.name);
             }
@@ -123,11 +125,11 @@ fn each_light_alone_gives_its_layer() {
 }
 
 #[test]
-fn reflections_are_dark_where_no_mirror_is_seen() {
+fn reflection_layer_is_black_without_mirrors() {
     let scene = scene_folder::named("whitted_1980.toml").scene;
     let seen = RenderSettings {
-        layers: LayerSet::NONE.with(LayerKind::Ids),
-        // One sample, so that a pixel sees one thing.
+        layers: AovSet::NONE.with(AovKind::Ids),
+        // Use one sample, so that a pixel sees one object.
         spp: 1,
         ..with_light(32)
     };
@@ -153,7 +155,7 @@ fn reflections_are_dark_where_no_mirror_is_seen() {
 }
 
 #[test]
-fn direct_light_is_what_a_picture_without_further_steps_shows() {
+fn direct_layer_matches_a_render_without_bounces() {
     let scene = scene_folder::named("whitted_1980.toml").scene;
     let no_steps = RenderSettings {
         depth: 0,
@@ -161,7 +163,7 @@ fn direct_light_is_what_a_picture_without_further_steps_shows() {
     };
     let (layered, direct) = (render(&scene, &with_light(24)), render(&scene, &no_steps));
     let green: Vec<f32> = direct.image.pixels.iter().map(|pixel| pixel[1]).collect();
-    // Rounded to f32 once each, of sums that may have been made in another order.
+    // Each value is rounded to f32 once, after sums whose order may differ.
     for (&layer, whole) in values(&layered, "effect.direct.G").iter().zip(green) {
         let off = (f64::from(layer) - f64::from(whole)).abs();
         assert!(off <= bound(f64::from(whole), 1), "{layer} for {whole}");
@@ -169,7 +171,7 @@ fn direct_light_is_what_a_picture_without_further_steps_shows() {
 }
 
 #[test]
-fn layers_of_a_region_are_those_of_the_whole() {
+fn layers_of_a_region_match_the_full_image() {
     let (scene, settings) = (scene_folder::named("glass_of_water.toml").scene, with_light(48));
     let whole = render(&scene, &settings);
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
@@ -196,7 +198,7 @@ fn layers_of_a_region_are_those_of_the_whole() {
     }
 }
 
-/// The channels of a file, by name.
+/// Returns the channels of a file, sorted by name.
 fn channels(path: &Path, height: u32) -> Vec<(String, Vec<f32>)> {
     let mut reader = ExrScanlineReader::open(path).unwrap();
     let names: Vec<String> = reader
@@ -213,10 +215,11 @@ fn channels(path: &Path, height: u32) -> Vec<(String, Vec<f32>)> {
 }
 
 #[test]
-fn files_of_renders_and_of_batches_in_pieces_have_the_same_layers_which_add_up() {
+fn sharded_batches_write_the_same_light_layers() {
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/glass_of_water.toml");
     let folder = tempfile::tempdir().unwrap();
     let [alone, jobs, out] = ["alone.exr", "test.jobs.toml", "out"].map(|name| folder.path().join(name));
+    // Write a job file that splits the image into bands
     let word = |path: &Path| path.display().to_string();
     let text = format!(
         "[[job]]\nscene = '{}'\nsplit = {{ bands = 2 }}\nimage = \"a.exr\"\n\
@@ -224,6 +227,7 @@ fn files_of_renders_and_of_batches_in_pieces_have_the_same_layers_which_add_up()
         scene.display()
     );
     std::fs::write(&jobs, text).unwrap();
+    // Render once directly and once as a batch
     let fixed = "--size 24x70 --spp 2 --backend bsp --aov lights,effects --quiet";
     let (scene, image, jobs) = (word(&scene), word(&alone), word(&jobs));
     let rendered = ["render", &scene, "-o", &image]
@@ -233,6 +237,7 @@ fn files_of_renders_and_of_batches_in_pieces_have_the_same_layers_which_add_up()
     for run in [whit(&rendered.collect::<Vec<_>>()), whit(&batched)] {
         assert_eq!(run.code, 0, "{}", run.stderr);
     }
+    // Compare both files
     let found = channels(&alone, 70);
     assert!(found == channels(&out.join("a.exr"), 70));
     let of = |name: &str| &found.iter().find(|(called, _)| called == name).unwrap().1;
@@ -242,6 +247,7 @@ fn files_of_renders_and_of_batches_in_pieces_have_the_same_layers_which_add_up()
         .map(|(_, values)| values)
         .collect();
     assert!(layers.len() > 2);
+    // Check that the light layers add up to the image
     for (index, &whole) in of("G").iter().enumerate() {
         let sum: f64 = layers.iter().map(|layer| f64::from(layer[index])).sum();
         let off = (sum - f64::from(whole)).abs();
@@ -250,7 +256,7 @@ fn files_of_renders_and_of_batches_in_pieces_have_the_same_layers_which_add_up()
 }
 
 #[test]
-fn filters_refuse_layers_of_light() {
+fn filters_reject_light_layers() {
     let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/prism.toml");
     let scene = scene.to_str().unwrap();
     let rest = ["-o", "unwritten.exr", "--filter", "mitchell", "--aov", "lights"];

@@ -1,4 +1,4 @@
-//! What an image is made of: samples, layers, regions and checkpoints.
+//! Tests of images: samples, layers, regions and checkpoints.
 
 mod aovs;
 mod checkpoints;

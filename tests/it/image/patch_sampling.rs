@@ -1,12 +1,12 @@
-//! Pieces of a picture tell what the whole of it is.
+//! Tests of patch sampling: patches of an image predict properties of the whole.
 
 use std::sync::atomic::AtomicBool;
 
 use crate::support::sampling_scenes::{first_light, mostly_empty};
 use whit::accel::{self, AccelOptions, Backend};
 use whit::render::{
-    Adaptive, FilterKind, Monitor, Mosaic, Pattern, PixelFilter, RenderSettings, Rendering, render,
-    render_mosaic,
+    Adaptive, FilterKind, Monitor, PatchGrid, Pattern, PixelFilter, RenderSettings, Rendering, render,
+    render_patches,
 };
 use whit::scene::Scene;
 
@@ -19,8 +19,8 @@ fn settings(spp: u32) -> RenderSettings {
     }
 }
 
-/// The whole picture and a mosaic of about so many pixels.
-fn both(scene: &Scene, settings: &RenderSettings, pixels: f64) -> (Rendering, Rendering, Mosaic) {
+/// Renders the whole image and a mosaic of about this many pixels.
+fn both(scene: &Scene, settings: &RenderSettings, pixels: f64) -> (Rendering, Rendering, PatchGrid) {
     let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
     let monitor = Monitor {
         progress: &|_| {},
@@ -28,14 +28,14 @@ fn both(scene: &Scene, settings: &RenderSettings, pixels: f64) -> (Rendering, Re
         tiles: None,
     };
     let camera = &scene.cameras[0];
-    let mosaic = Mosaic::of(settings, pixels).unwrap();
+    let mosaic = PatchGrid::of(settings, pixels).unwrap();
     let whole = render(scene, camera, &*accel, settings, &monitor).unwrap();
-    let pieces = render_mosaic((scene, camera), &*accel, settings, mosaic, &monitor).unwrap();
+    let pieces = render_patches((scene, camera), &*accel, settings, mosaic, &monitor).unwrap();
     (whole, pieces, mosaic)
 }
 
 #[test]
-fn pieces_have_the_bits_of_the_whole_picture() {
+fn patches_have_the_bits_of_the_full_image() {
     let scene = first_light();
     let mitchell = PixelFilter::of_kind(FilterKind::Mitchell);
     for (filter, side) in [(PixelFilter::default(), 16), (mitchell, 12)] {
@@ -58,7 +58,7 @@ fn pieces_have_the_bits_of_the_whole_picture() {
 }
 
 #[test]
-fn adaptive_sampling_takes_as_many_samples_on_pieces_as_on_the_whole() {
+fn adaptive_sample_counts_of_patches_match_the_full_image() {
     for (name, scene) in [("first light", first_light()), ("mostly empty", mostly_empty())] {
         let settings = RenderSettings {
             pattern: Pattern::Sobol,
@@ -68,7 +68,7 @@ fn adaptive_sampling_takes_as_many_samples_on_pieces_as_on_the_whole() {
             }),
             ..settings(256)
         };
-        // All but the edges: four columns of four rows, of six of four.
+        // The mosaic contains all but the edges: four columns of four rows, of six of four.
         let (whole, pieces, _) = both(&scene, &settings, 5400.0);
         let ratio = pieces.samples.mean / whole.samples.mean;
         assert!((0.8..1.25).contains(&ratio), "{name}: {ratio}");

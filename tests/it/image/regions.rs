@@ -1,5 +1,5 @@
-//! Parts of pictures are, bit by bit, what the whole pictures show there; shares of samples add up to the same bits
-//! whoever made them.
+//! Tests of regions and sample shares: regions have the bits of the whole image, and shares of samples add up to the
+//! same bits regardless of where they are rendered.
 
 use std::sync::atomic::AtomicBool;
 
@@ -22,7 +22,7 @@ fn tree(scene: &Scene) -> Box<dyn Accel + '_> {
     accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap()
 }
 
-/// Neither side is a multiple of a tile's.
+/// Returns settings in which neither side is a multiple of a tile's.
 fn settings(spp: u32, filter: FilterKind) -> RenderSettings {
     RenderSettings {
         width: 75,
@@ -64,7 +64,7 @@ fn assert_shows(part: &Rendering, whole: &Rendering, region: &Region) {
 }
 
 #[test]
-fn a_region_has_the_bits_of_the_whole_picture() {
+fn region_has_the_bits_of_the_full_image() {
     let regions = [
         [0, 0, 75, 101],
         [0, 32, 75, 32],
@@ -90,7 +90,7 @@ fn a_region_has_the_bits_of_the_whole_picture() {
     }
 }
 
-/// The shares of a picture's rows, made in this order of shares, added in order of their numbers.
+/// Renders the shares of an image's rows in this order, and adds them in the order of their numbers.
 fn added(parts: &mut Parts, rows: &Region, count: u32) -> Sums {
     let mut made: Vec<(u32, Sums)> = (0..count)
         .rev()
@@ -106,11 +106,11 @@ fn added(parts: &mut Parts, rows: &Region, count: u32) -> Sums {
 }
 
 #[test]
-fn shares_add_up_to_the_picture_and_one_share_to_its_very_bits() {
+fn sample_shares_sum_to_the_image() {
     for filter in [FilterKind::Box, FilterKind::Mitchell] {
         let scene = scene_folder::named("soft_shadows.toml").scene;
         let accel = tree(&scene);
-        // Four packets, the last of which is not full.
+        // Use four packets, the last of which is not full.
         let settings = settings(60, filter);
         let whole = render(&scene, &scene.cameras[0], &*accel, &settings, &MONITOR).unwrap();
         let mut parts = Parts::new((&scene, &scene.cameras[0]), &*accel, &settings, &MONITOR).unwrap();
@@ -120,7 +120,7 @@ fn shares_add_up_to_the_picture_and_one_share_to_its_very_bits() {
         assert_eq!(one.aovs(), whole.aovs);
         let three = added(&mut parts, &all, 3);
         assert_eq!(three.samples, 60);
-        // Sums in another order: f64 is off by some 2^-53 of the largest term each, f32 by one rounding.
+        // Sums in another order: f64 has an error of some 2^-53 of the largest term each, f32 of one rounding.
         for (made, whole) in three.pixels().iter().zip(&whole.image.pixels) {
             for channel in 0..3 {
                 let off = (made[channel] - whole[channel]).abs();
@@ -130,7 +130,7 @@ fn shares_add_up_to_the_picture_and_one_share_to_its_very_bits() {
                 );
             }
         }
-        // By rows: the same bits as by the whole.
+        // Check that rows alone have the bits of the whole.
         let rows = Region::of_rows(&settings, 32..64);
         let band = added(&mut parts, &rows, 3);
         assert_eq!(band.pixels(), cut(&three.pixels(), settings.width, &rows));
@@ -138,6 +138,6 @@ fn shares_add_up_to_the_picture_and_one_share_to_its_very_bits() {
 }
 
 #[test]
-fn there_may_be_as_many_shares_as_packets() {
+fn share_count_may_equal_packet_count() {
     assert_eq!([1, 3, 4, 15, 16, 17, 64].map(Share::most), [1, 3, 1, 4, 1, 2, 4]);
 }

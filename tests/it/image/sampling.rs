@@ -1,11 +1,11 @@
-//! What patterns, filters and adaptive sampling promise, on whole pictures.
+//! Tests of sample patterns, filters and adaptive sampling on complete images.
 //!
-//! The measurements that defaults rest on are in the slow tier: `tests/ci/slow sampling --nocapture`.
+//! The measurements that justify the defaults are in the slow tier: `tests/ci/slow sampling --nocapture`.
 
 use std::path::PathBuf;
 use std::sync::atomic::AtomicBool;
 
-use crate::support::picture_error::{Comparison, Judge};
+use crate::support::image_error::{Comparison, Judge};
 use crate::support::sampling_scenes::{self, scenes};
 use crate::support::scene_folder;
 use clap::ValueEnum;
@@ -14,7 +14,7 @@ use whit::render::{Adaptive, FilterKind, Monitor, Pattern, PixelFilter, RenderSe
 use whit::scene::Scene;
 
 const SIZE: (u32, u32) = (96, 72);
-/// Of the references of measurements: 45² and 45 · 46 samples.
+/// Side of the references' sample grids: 45² and 45 · 46 samples.
 const REFERENCE_SIDE: u32 = 45;
 
 fn settings(spp: u32) -> RenderSettings {
@@ -33,7 +33,7 @@ fn adaptive(error: f64, spp: u32) -> RenderSettings {
     }
 }
 
-/// The same picture, all pixels with one number of samples.
+/// Returns the settings with a uniform number of samples per pixel.
 fn uniform(settings: RenderSettings) -> RenderSettings {
     RenderSettings {
         adaptive: None,
@@ -51,7 +51,7 @@ fn rendered(scene: &Scene, settings: RenderSettings) -> Rendering {
     render(scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap()
 }
 
-/// All bits of a picture and of its sample counts.
+/// Returns all bits of an image and of its sample counts.
 fn bits(rendering: &Rendering) -> Vec<u32> {
     let aovs = rendering
         .aovs
@@ -62,13 +62,14 @@ fn bits(rendering: &Rendering) -> Vec<u32> {
 }
 
 #[test]
-fn patterns_filters_and_adaptive_rounds_give_the_same_bits_with_any_number_of_threads() {
+fn sampling_bits_do_not_depend_on_thread_count() {
     let scene = sampling_scenes::mirrored_spheres();
     let filtered = |kind| RenderSettings {
         filter: PixelFilter::of_kind(kind),
         pattern: Pattern::Jittered,
         ..settings(5)
     };
+    // Collect settings: every filter, every pattern, and adaptive sampling
     let mut variants: Vec<RenderSettings> = FilterKind::value_variants()
         .iter()
         .copied()
@@ -84,6 +85,7 @@ fn patterns_filters_and_adaptive_rounds_give_the_same_bits_with_any_number_of_th
             ..adaptive(0.01, 100)
         });
     }
+    // Compare the bits for several numbers of threads
     for settings in variants {
         let settings = RenderSettings {
             sample_aovs: true,
@@ -105,7 +107,7 @@ fn patterns_filters_and_adaptive_rounds_give_the_same_bits_with_any_number_of_th
 }
 
 #[test]
-fn every_pixel_gets_the_least_number_of_samples_and_none_more_than_the_most() {
+fn sample_counts_stay_between_minimum_and_maximum() {
     for spp in [17, 40, 100] {
         let settings = RenderSettings {
             sample_aovs: true,
@@ -129,7 +131,7 @@ fn every_pixel_gets_the_least_number_of_samples_and_none_more_than_the_most() {
 }
 
 #[test]
-fn pixels_that_tell_how_wide_rays_are_to_be_are_a_few_more_samples_and_the_same_with_any_number_of_threads() {
+fn ray_width_pilot_samples_are_few_and_deterministic() {
     let is_sought = |file: &PathBuf| file.ends_with("lecture_lighting.toml");
     let filed = scene_folder::load(&scene_folder::files().into_iter().find(is_sought).unwrap());
     let settings = RenderSettings {
@@ -145,7 +147,7 @@ fn pixels_that_tell_how_wide_rays_are_to_be_are_a_few_more_samples_and_the_same_
             .build()
             .unwrap();
         let rendering = pool.install(|| rendered(&filed.scene, settings));
-        // A sixty-fourth of the pixels, or a few more where blocks are cut, at most four times sixteen.
+        // A sixty-fourth of the pixels, or a few more where blocks are cropped, at most four times sixteen.
         let blocks = u64::from(settings.width.div_ceil(8) * settings.height.div_ceil(8));
         let more = rendering.ledger.camera_rays() - rendering.samples.total;
         assert!(
@@ -162,9 +164,9 @@ fn pixels_that_tell_how_wide_rays_are_to_be_are_a_few_more_samples_and_the_same_
 }
 
 #[test]
-fn a_picture_without_edges_gets_no_more_than_the_least() {
+fn image_without_edges_gets_the_minimum_samples() {
     let mut scene = sampling_scenes::mostly_empty();
-    // All balls behind the camera.
+    // Move the camera in front of all spheres.
     scene.cameras[0].world_from_camera.translation.z = -9.0;
     let rendering = rendered(&scene, adaptive(1e-6, 1024));
     assert_eq!((rendering.samples.mean, rendering.samples.max), (16.0, 16));
@@ -172,7 +174,7 @@ fn a_picture_without_edges_gets_no_more_than_the_least() {
 }
 
 #[test]
-fn up_to_sixteen_samples_there_is_nothing_to_adapt() {
+fn sixteen_or_fewer_samples_are_not_adaptive() {
     let scene = sampling_scenes::mirrored_spheres();
     for spp in [1, 5, 16] {
         let uniform = rendered(&scene, settings(spp)).image;
@@ -181,25 +183,25 @@ fn up_to_sixteen_samples_there_is_nothing_to_adapt() {
 }
 
 #[test]
-fn sample_channels_change_no_bit_of_the_picture() {
+fn sample_channels_do_not_change_image_bits() {
     let scene = sampling_scenes::mirrored_spheres();
     for settings in [settings(1), settings(5), settings(33), adaptive(0.01, 48)] {
         let plain = rendered(&scene, settings);
         assert!(plain.aovs.is_none());
-        let told = rendered(
+        let with_channels = rendered(
             &scene,
             RenderSettings {
                 sample_aovs: true,
                 ..settings
             },
         );
-        assert_eq!(plain.image, told.image);
-        assert_eq!(plain.samples, told.samples);
+        assert_eq!(plain.image, with_channels.image);
+        assert_eq!(plain.samples, with_channels.samples);
     }
 }
 
 #[test]
-fn a_constant_picture_stays_constant_under_every_filter_and_pattern() {
+fn constant_image_stays_constant_under_every_filter_and_pattern() {
     let mut scene = sampling_scenes::mostly_empty();
     scene.cameras[0].world_from_camera.translation.z = -9.0;
     for kind in FilterKind::value_variants() {
@@ -222,7 +224,7 @@ fn a_constant_picture_stays_constant_under_every_filter_and_pattern() {
 }
 
 #[test]
-fn adaptive_sampling_needs_two_fifths_of_the_samples_where_edges_are_few() {
+fn adaptive_sampling_needs_two_fifths_of_samples_with_few_edges() {
     for scene in [
         sampling_scenes::mostly_empty(),
         sampling_scenes::mirrored_spheres(),
@@ -244,7 +246,7 @@ fn adaptive_sampling_needs_two_fifths_of_the_samples_where_edges_are_few() {
 }
 
 #[test]
-fn adaptive_sampling_costs_nothing_where_nothing_can_be_saved() {
+fn adaptive_sampling_has_no_overhead_without_savings() {
     for scene in [sampling_scenes::noise(), sampling_scenes::dust()] {
         let sobol = RenderSettings {
             width: 32,
@@ -266,7 +268,7 @@ fn adaptive_sampling_costs_nothing_where_nothing_can_be_saved() {
 
 #[test]
 #[ignore = "slow: a measurement of some minutes"]
-fn errors_of_the_patterns() {
+fn print_errors_of_sampling_patterns() {
     println!("sRGB error in thousandths; jittered references of 4095 samples together");
     for (name, scene) in scenes() {
         let judge = Judge::new(&scene, Backend::Bsp, settings(1), REFERENCE_SIDE);
@@ -285,7 +287,7 @@ fn errors_of_the_patterns() {
     }
 }
 
-/// All scenes that adaptive sampling is measured on, with their settings for Sobol points.
+/// Returns all scenes for measurements of adaptive sampling, with their settings for Sobol points.
 fn measured_scenes() -> Vec<(String, Scene, RenderSettings)> {
     let mut all: Vec<_> = scenes()
         .into_iter()
@@ -293,7 +295,7 @@ fn measured_scenes() -> Vec<(String, Scene, RenderSettings)> {
         .collect();
     for file in scene_folder::files() {
         let filed = scene_folder::load(&file);
-        // It is among those above.
+        // This scene is in the list already.
         if filed.name != "first_light" {
             let settings = filed.settings(SIZE.0, 1);
             all.push((filed.name, filed.scene, settings));
@@ -305,28 +307,29 @@ fn measured_scenes() -> Vec<(String, Scene, RenderSettings)> {
     all
 }
 
-/// What adaptive sampling takes of the samples that uniform sampling needs for the same error, on scenes where most is
-/// even, with a target of about one 8-bit code.
+/// Upper bound on the samples of adaptive sampling relative to uniform sampling of equal error, on scenes that are
+/// mostly smooth, with a target of about one 8-bit code.
 const SAVING: f64 = 0.4;
-/// What it takes at most, on any, with any target.
+/// Upper bound on the relative number of samples, on any scene, with any target.
 const COST: f64 = 1.05;
-/// How uncertain the square of an error may be to count. Highlights of mirrors in mirrors, brighter than a thousand
-/// samples of white, make pictures whose error no reference tells.
-const TOLD: f64 = 0.1;
-/// Targets: two and a half 8-bit codes, one and a bit, less than one.
+/// Largest relative uncertainty of a squared error that is evaluated. Highlights in repeated mirrors, brighter than a
+/// thousand samples of white, make images whose error no reference can measure.
+const MAX_UNCERTAINTY: f64 = 0.1;
+/// Error targets: two and a half 8-bit codes, slightly more than one, less than one.
 const TARGETS: [f64; 3] = [0.01, 0.005, 0.0025];
 
 #[test]
 #[ignore = "slow: a measurement of some minutes"]
 fn adaptive_sampling_takes_fewer_samples_for_the_same_error() {
     let (mut savings, mut misses) = (0, Vec::new());
-    // The names of some alone, with commas between.
+    // The variable selects scenes by name, separated by commas.
     let some = std::env::var("WHIT_SCENES").ok();
     let scenes = measured_scenes();
     let is_measured = |name: &str| {
         some.as_ref()
             .is_none_or(|some| some.split(',').any(|one| one == name))
     };
+    // Measure each scene and target
     for (name, scene, settings) in scenes.iter().filter(|(name, ..)| is_measured(name)) {
         let mut judge = Judge::new(scene, Backend::default(), *settings, REFERENCE_SIDE);
         let mut ratios = Vec::new();
@@ -348,8 +351,9 @@ fn adaptive_sampling_takes_fewer_samples_for_the_same_error() {
                 1e3 * found,
                 1e2 * uncertainty,
             );
-            if !(uncertainty < TOLD) {
-                println!("    which the references cannot tell");
+            // Skip errors that the references cannot measure
+            if !(uncertainty < MAX_UNCERTAINTY) {
+                println!("    which the references cannot measure");
                 ratios.push(f64::NAN);
                 continue;
             }

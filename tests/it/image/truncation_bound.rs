@@ -1,6 +1,7 @@
-//! The worst error of rays that were not followed, against what the picture really lacks.
+//! Tests of the bound on the error of truncated paths, against the actual error of the image.
 //!
-//! Before white surroundings every ray brings back 1, so a clear ball is as dark as the weights that were lost in it.
+//! In a white environment every path has a radiance of 1, so that a clear sphere is darker by exactly the truncated
+//! throughput.
 
 use std::fs;
 use std::sync::atomic::AtomicBool;
@@ -10,7 +11,7 @@ use whit::gltf::LoadOptions;
 use whit::render::{Adaptive, Monitor, RenderSettings, Rendering, render};
 use whit::scene_file;
 
-/// What is seen of a ball of a material of these lines before white surroundings.
+/// Renders a sphere with these material lines in a white environment.
 fn seen(material: &str, settings: &RenderSettings) -> Rendering {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("ball.toml");
@@ -29,7 +30,7 @@ fn seen(material: &str, settings: &RenderSettings) -> Rendering {
     render(&scene, &scene.cameras[0], &*accel, settings, &monitor).unwrap()
 }
 
-/// By how much a picture is darker than 1: the most and the mean.
+/// Returns the maximum and the mean deficit of an image from 1.
 fn lacking(rendering: &Rendering) -> [f64; 2] {
     let pixels = rendering.image.pixels.iter();
     let lacks: Vec<f64> = pixels.map(|p| 1.0 - f64::from(p[1])).collect();
@@ -39,11 +40,11 @@ fn lacking(rendering: &Rendering) -> [f64; 2] {
 
 const GLASS: &str = "transmission = 1\nroughness = 0\nior = 1.5";
 
-/// Sums of a hundred weights and of their products in f32.
+/// Tolerance for sums of a hundred throughputs and of their products in f32.
 const ROUNDING: f64 = 1e-5;
 
 #[test]
-fn the_worst_pixel_lacks_what_is_booked_and_no_other_lacks_more() {
+fn worst_pixel_loss_equals_the_reported_bound() {
     for (depth, weight_cutoff, spp) in [(1, 0.0, 1), (3, 0.0, 4), (64, 0.05, 4), (4, 0.01, 9)] {
         let settings = RenderSettings {
             width: 45,
@@ -56,12 +57,18 @@ fn the_worst_pixel_lacks_what_is_booked_and_no_other_lacks_more() {
         let rendering = seen(GLASS, &settings);
         let ledger = &rendering.ledger;
         let [most, mean] = lacking(&rendering);
-        let told = (
+        let reported = (
             ledger.max_lost_weight,
             ledger.lost_weight / rendering.samples.total as f64,
         );
-        assert!((told.0 - most).abs() <= ROUNDING, "{depth}: {told:?}, not {most}");
-        assert!((told.1 - mean).abs() <= ROUNDING, "{depth}: {told:?}, not {mean}");
+        assert!(
+            (reported.0 - most).abs() <= ROUNDING,
+            "{depth}: {reported:?}, not {most}"
+        );
+        assert!(
+            (reported.1 - mean).abs() <= ROUNDING,
+            "{depth}: {reported:?}, not {mean}"
+        );
         assert!(most > 1e-3);
         let (by_depth, by_weight) = (ledger.depth_limit, ledger.weight_cutoff);
         assert_eq!(by_depth.rays + by_weight.rays, ledger.lost_rays);
@@ -74,7 +81,7 @@ fn the_worst_pixel_lacks_what_is_booked_and_no_other_lacks_more() {
 }
 
 #[test]
-fn with_adaptive_sampling_no_pixel_lacks_more_than_is_told() {
+fn adaptive_sampling_keeps_loss_within_the_bound() {
     let settings = RenderSettings {
         width: 45,
         height: 37,
@@ -90,15 +97,15 @@ fn with_adaptive_sampling_no_pixel_lacks_more_than_is_told() {
     let rendering = seen(GLASS, &settings);
     assert!(rendering.samples.max > 16, "some pixel takes several rounds");
     let [most, _] = lacking(&rendering);
-    let told = rendering.ledger.max_lost_weight;
+    let reported = rendering.ledger.max_lost_weight;
     assert!(
-        most > 0.01 && most <= told + ROUNDING && told <= 2.0 * most,
-        "{told} for {most}"
+        most > 0.01 && most <= reported + ROUNDING && reported <= 2.0 * most,
+        "{reported} for {most}"
     );
 }
 
 #[test]
-fn where_no_ray_is_cut_nothing_is_lacking() {
+fn loss_is_zero_without_truncated_rays() {
     let settings = RenderSettings {
         width: 16,
         height: 16,

@@ -1,18 +1,18 @@
 //! Soft light in whole renders: lights with an extent, environment maps and lenses against what is known in closed
 //! form.
 //!
-//! Estimates are compared in standard errors, which the pixels' own spread tells: their samples are unrelated.
+//! Estimates are compared in standard errors, estimated from the spread of the pixels: their samples are independent.
 
 use std::f64::consts::PI;
 
-use crate::support::pictures::{add, estimate, picture, settings};
+use crate::support::images::{add, estimate, render_image, settings};
 use glam::{DAffine3, DMat3, DVec3};
 use whit::accel::Backend;
 use whit::image::LinearImage;
 use whit::render::RenderSettings;
 use whit::scene::{
-    Aperture, AreaShape, Background, Camera, Effect, Geometry, Image, Lecture, Lens, Light, LightKind,
-    Material, Model, Projection, Scene, Texels,
+    Aperture, AreaShape, Background, Camera, Effect, Geometry, Image, Lens, Light, LightKind, Material,
+    Model, Phong, Projection, Scene, Texels,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -23,7 +23,7 @@ const ROUNDING: f64 = 16.0 / 16_777_216.0;
 
 fn matte() -> Material {
     Material {
-        model: Model::Lecture(Lecture::DEFAULT),
+        model: Model::Phong(Phong::DEFAULT),
         ..Material::default()
     }
 }
@@ -40,7 +40,7 @@ fn scene(objects: Vec<(Shape, Material, DAffine3)>, lights: Vec<Light>) -> Scene
     scene
 }
 
-fn lamp(shape: AreaShape, samples: u32) -> Light {
+fn area_light(shape: AreaShape, samples: u32) -> Light {
     Light {
         name: "lamp".into(),
         intensity: [2.0; 3],
@@ -82,7 +82,7 @@ fn assert_is_near(what: &str, image: &LinearImage, exact: f64) {
 }
 
 #[test]
-fn the_irradiance_under_lights_of_every_shape_is_that_of_the_closed_forms_and_converges() {
+fn area_light_irradiance_converges_to_closed_forms() {
     let high = DVec3::new(0.0, 0.0, 3.0);
     let (down_u, down_v) = (DVec3::Y, DVec3::X);
     // At a floor point under the middle, radiance 2. Sphere and disk: π L r² / d², d to the middle or to the rim. The
@@ -113,10 +113,10 @@ fn the_irradiance_under_lights_of_every_shape_is_that_of_the_closed_forms_and_co
             2.0 * 4.0 * corner,
         ),
     ] {
-        let scene = scene(vec![floor()], vec![lamp(shape, 1)]);
+        let scene = scene(vec![floor()], vec![area_light(shape, 1)]);
         let mut errors = Vec::new();
         for spp in [16, 256] {
-            let image = picture(&scene, &close_look(), Backend::Bsp, &settings(16, spp));
+            let image = render_image(&scene, &close_look(), Backend::Bsp, &settings(16, spp));
             assert_is_near(&format!("{shape:?}, {spp}"), &image, exact);
             errors.push(estimate(&image).1);
         }
@@ -126,19 +126,19 @@ fn the_irradiance_under_lights_of_every_shape_is_that_of_the_closed_forms_and_co
 }
 
 #[test]
-fn flat_lights_shine_to_their_front_only() {
+fn flat_lights_emit_to_their_front_only() {
     let shape = AreaShape::Quad {
         center: DVec3::new(0.0, 0.0, 3.0),
         half_u: DVec3::X,
         half_v: DVec3::Y,
     };
-    let scene = scene(vec![floor()], vec![lamp(shape, 4)]);
-    let image = picture(&scene, &close_look(), Backend::Bsp, &settings(4, 4));
+    let scene = scene(vec![floor()], vec![area_light(shape, 4)]);
+    let image = render_image(&scene, &close_look(), Backend::Bsp, &settings(4, 4));
     assert!(image.pixels.iter().all(|pixel| *pixel == [0.0; 3]));
 }
 
 #[test]
-fn the_penumbra_is_that_of_a_cut_spherical_cap() {
+fn penumbra_equals_that_of_a_cut_spherical_cap() {
     let (height, radius, above) = (4.0, 1.0, 2.0);
     for edge in [-0.3, 0.0, 0.2, 0.45] {
         // A wall at z = 2 over all x > edge, which the floor point sees up to the plane x = k z.
@@ -148,7 +148,10 @@ fn the_penumbra_is_that_of_a_cut_spherical_cap() {
             center: DVec3::new(0.0, 0.0, height),
             radius,
         };
-        let scene = scene(vec![floor(), (Shape::Quad, matte(), wall)], vec![lamp(shape, 1)]);
+        let scene = scene(
+            vec![floor(), (Shape::Quad, matte(), wall)],
+            vec![area_light(shape, 1)],
+        );
         // Nusselt: the irradiance is the radiance times the area of what is seen, put down from the unit sphere onto
         // the floor. The cap is a disk of radius s there; the plane's great circle is half an ellipse x = k / √(1 + k²)
         // √(1 - y²).
@@ -166,7 +169,7 @@ fn the_penumbra_is_that_of_a_cut_spherical_cap() {
             * s
             / f64::from(steps);
         for backend in [Backend::Bsp, Backend::default()] {
-            let image = picture(&scene, &close_look(), backend, &settings(16, 64));
+            let image = render_image(&scene, &close_look(), backend, &settings(16, 64));
             assert_is_near(&format!("edge {edge} {backend}"), &image, 2.0 * area);
         }
     }
@@ -190,7 +193,7 @@ fn white() -> (Image, Background) {
 }
 
 #[test]
-fn a_white_furnace_hides_white_balls_matte_and_mirroring() {
+fn white_diffuse_and_mirror_balls_vanish_in_white_furnace() {
     let ball = |material: Material| {
         let sphere = Sphere {
             center: DVec3::ZERO,
@@ -212,21 +215,21 @@ fn a_white_furnace_hides_white_balls_matte_and_mirroring() {
             x_mag: None,
         },
     );
-    // The lecture's rd is π times the albedo.
+    // The Phong model's rd is π times the albedo.
     let scattering = Material {
         base_color: [PI.recip() as f32; 4],
         ..matte()
     };
-    let image = picture(&ball(scattering), &view, Backend::Bsp, &settings(24, 64));
+    let image = render_image(&ball(scattering), &view, Backend::Bsp, &settings(24, 64));
     assert_is_near("matte", &image, 1.0);
     let mirror = Material::metallic_roughness([1.0; 3], 1.0, 0.0);
-    let image = picture(&ball(mirror), &view, Backend::Bsp, &settings(24, 4));
+    let image = render_image(&ball(mirror), &view, Backend::Bsp, &settings(24, 4));
     for pixel in image.pixels.as_flattened() {
         assert!((f64::from(*pixel) - 1.0).abs() < ROUNDING, "{pixel}");
     }
 }
 
-/// A small ball that shines, straight ahead.
+/// A small emissive ball, straight ahead.
 fn spark(distance: f64, radius: f64) -> Scene {
     let sphere = Sphere {
         center: DVec3::new(0.0, 0.0, -distance),
@@ -243,7 +246,7 @@ fn spark(distance: f64, radius: f64) -> Scene {
 }
 
 #[test]
-fn a_point_is_sharp_in_the_plane_of_focus_and_a_disk_of_the_lenses_formula_off_it() {
+fn circle_of_confusion_follows_the_lens_formula() {
     let (lens_radius, focus, size): (f64, f64, u32) = (0.2, 4.0, 64);
     let half_height = 0.5;
     let mut view = camera(
@@ -259,7 +262,7 @@ fn a_point_is_sharp_in_the_plane_of_focus_and_a_disk_of_the_lenses_formula_off_i
         let ball = 0.005 * distance;
         let scene = spark(distance, ball);
         view.lens = Some(Lens::new(lens_radius, focus, Aperture::Disk).unwrap());
-        let image = picture(&scene, &view, Backend::Bsp, &settings(size, 256));
+        let image = render_image(&scene, &view, Backend::Bsp, &settings(size, 256));
         // The circle of confusion, in the plane of focus: R |z - f| / z.
         let blur = lens_radius * (distance - focus).abs() / distance;
         let seen = ball * focus / distance;
@@ -304,8 +307,8 @@ fn everything() -> (Scene, Camera) {
     };
     let center = DVec3::new(1.0, 2.0, 4.0);
     let lights = vec![
-        lamp(AreaShape::Sphere { center, radius: 0.5 }, 2),
-        lamp(
+        area_light(AreaShape::Sphere { center, radius: 0.5 }, 2),
+        area_light(
             AreaShape::Quad {
                 center: -center.with_z(-5.0),
                 half_u: DVec3::Y,
@@ -315,7 +318,7 @@ fn everything() -> (Scene, Camera) {
         ),
     ];
     let glass = Material {
-        interior: Some(whit::scene::Interior {
+        interior: Some(whit::scene::Medium {
             ior: whit::optics::Dispersion::Constant(1.5),
             absorption: whit::optics::Absorption::NONE,
             priority: 0,
@@ -365,14 +368,14 @@ fn everything() -> (Scene, Camera) {
 }
 
 #[test]
-fn the_bits_are_the_same_for_any_number_of_threads_and_whoever_looks_at_the_samples() {
+fn image_bits_do_not_depend_on_threads_or_sample_callback() {
     let (scene, view) = everything();
     for spp in [1, 4, 20] {
         let settings = settings(40, spp);
         let by = |threads: usize, settings: &RenderSettings| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
             pool.unwrap()
-                .install(|| picture(&scene, &view, Backend::Bsp, settings).pixels)
+                .install(|| render_image(&scene, &view, Backend::Bsp, settings).pixels)
         };
         let one = by(1, &settings);
         assert!(one == by(3, &settings), "{spp}");
@@ -385,19 +388,19 @@ fn the_bits_are_the_same_for_any_number_of_threads_and_whoever_looks_at_the_samp
 }
 
 #[test]
-fn backends_agree_on_soft_pictures() {
+fn backends_agree_on_soft_shadows() {
     let (scene, view) = everything();
     let settings = settings(40, 16);
-    let [a, b] = [Backend::Bsp, Backend::default()].map(|b| picture(&scene, &view, b, &settings).pixels);
+    let [a, b] = [Backend::Bsp, Backend::default()].map(|b| render_image(&scene, &view, b, &settings).pixels);
     let differ = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).any(|c| (a[c] - b[c]).abs() > 1e-3 * (1.0 + a[c]));
     let different = a.iter().zip(&b).filter(|pair| differ(*pair)).count();
-    // Where a ray just meets an edge or does not, one sample of 16 is another's.
+    // Where a ray just hits an edge or misses it, one sample of 16 is another's.
     println!("{different} of {} pixels differ", a.len());
     assert!(different * 50 <= a.len(), "{different} of {}", a.len());
 }
 
 #[test]
-fn a_lens_without_radius_and_lights_that_are_dark_cost_nothing() {
+fn zero_lens_and_dark_lights_trace_no_rays() {
     let (mut scene, mut view) = everything();
     view.lens = Some(Lens::new(0.0, 6.0, Aperture::Disk).unwrap());
     for light in &mut scene.lights {

@@ -41,21 +41,21 @@ fn estimate(pixels: u32, spp: u32, purpose: Purpose, value: impl Fn([f64; 2]) ->
 
 /// A sphere light over the edge x = 0, z = `EDGE` of a roof that covers x < 0; what is lit lies on z = 0.
 const EDGE: f64 = 1.0;
-const LAMP: DVec3 = DVec3::new(0.0, 0.0, 4.0);
-const LAMP_RADIUS: f64 = 0.5;
+const LIGHT: DVec3 = DVec3::new(0.0, 0.0, 4.0);
+const LIGHT_RADIUS: f64 = 0.5;
 
-/// Which part of the lamp's solid angle is seen from (x, 0, 0): a cap of angular radius ρ cut by the great circle of
+/// Which part of the light's solid angle is seen from (x, 0, 0): a cap of angular radius ρ cut by the great circle of
 /// the plane through the point and the edge, at the angle δ from the cap's middle.
 ///
 /// The cut-off piece is a sector less two right-angled triangles: π - 2β - 2φ cos ρ with cos φ = tan δ / tan ρ and
 /// sin β = sin δ / sin ρ (spherical excess). For a small ρ it is the segment of a disk.
 fn visible_part(x: f64) -> f64 {
     let p = DVec3::new(x, 0.0, 0.0);
-    let to_lamp = LAMP - p;
-    let rho = (LAMP_RADIUS / to_lamp.length()).asin();
+    let to_light = LIGHT - p;
+    let rho = (LIGHT_RADIUS / to_light.length()).asin();
     // Normal of the plane through the edge, towards the open side.
     let open = DVec3::new(EDGE, 0.0, x).normalize();
-    let delta = to_lamp.normalize().dot(open).asin();
+    let delta = to_light.normalize().dot(open).asin();
     if delta.abs() >= rho {
         return if delta > 0.0 { 1.0 } else { 0.0 };
     }
@@ -89,9 +89,9 @@ fn penumbra_error(light: &AreaLight, spp: u32, point: impl Fn(u32, u32) -> [f64;
 }
 
 #[test]
-fn a_sphere_lights_soft_shadow_converges_to_the_cut_cap() {
-    let light = AreaLight::Sphere(SphereLight::new(LAMP, LAMP_RADIUS).unwrap());
-    // Half is seen from under the lamp and the edge, all and nothing outside of the penumbra.
+fn sphere_light_soft_shadow_converges_to_the_cut_cap() {
+    let light = AreaLight::Sphere(SphereLight::new(LIGHT, LIGHT_RADIUS).unwrap());
+    // Half is seen from under the light and the edge, all and nothing outside of the penumbra.
     assert!((visible_part(0.0) - 0.5).abs() < 1e-12);
     assert_eq!((visible_part(-0.2), visible_part(0.2)), (0.0, 1.0));
     let errors = [16, 64, 256, 1024, 4096]
@@ -106,7 +106,7 @@ fn a_sphere_lights_soft_shadow_converges_to_the_cut_cap() {
 
 #[test]
 fn owen_scrambled_shadows_are_far_less_noisy_than_random_ones() {
-    let light = AreaLight::Sphere(SphereLight::new(LAMP, LAMP_RADIUS).unwrap());
+    let light = AreaLight::Sphere(SphereLight::new(LIGHT, LIGHT_RADIUS).unwrap());
     let scrambled = penumbra_error(&light, 64, |pixel, s| sobol(pixel, s, Purpose::LIGHT));
     let random = penumbra_error(&light, 64, |pixel, s| unrelated(64 * pixel + s));
     println!("error at 64 samples: {scrambled:.4} scrambled, {random:.4} random");
@@ -114,7 +114,7 @@ fn owen_scrambled_shadows_are_far_less_noisy_than_random_ones() {
 }
 
 #[test]
-fn a_window_and_the_mesh_of_it_light_a_floor_alike() {
+fn rectangle_light_and_its_mesh_light_a_floor_equally() {
     let (u, v) = (DVec3::Y, 0.6 * DVec3::Z);
     let center = DVec3::new(2.0, 0.5, 1.0);
     let corner = |x: f64, y: f64| center + x * u + y * v;
@@ -166,7 +166,7 @@ fn furnace(lobe: &Ggx, alpha: f64, wo: DVec3, value: impl Fn(DVec3) -> f64) -> (
             second += share * value * value;
         }
     }
-    let scale = lobe.g2_over_g1(wo) / wo.z / f64::from(CELLS * CELLS);
+    let scale = lobe.smith_g1(wo) / wo.z / f64::from(CELLS * CELLS);
     let mean = scale * first;
     (mean, (scale * second - mean * mean).max(0.0))
 }
@@ -186,7 +186,7 @@ fn off_by(exact: (f64, f64), value: impl Fn([f64; 2]) -> f64) -> (f64, f64) {
 }
 
 #[test]
-fn a_white_furnace_shows_the_lobes_albedo_within_three_standard_errors() {
+fn white_furnace_shows_lobe_albedo_within_three_standard_errors() {
     let mut worst: f64 = 0.0;
     for roughness in ROUGHNESSES {
         let lobe = Ggx::from_roughness(roughness);
@@ -194,7 +194,7 @@ fn a_white_furnace_shows_the_lobes_albedo_within_three_standard_errors() {
             let wo = at(degrees);
             let exact = furnace(&lobe, roughness * roughness, wo, |m| {
                 let wi = optics::reflect(-wo, m);
-                if wi.z > 0.0 { lobe.g2_over_g1(wi) } else { 0.0 }
+                if wi.z > 0.0 { lobe.smith_g1(wi) } else { 0.0 }
             });
             let (found, off) = off_by(exact, |u| lobe.sample_reflection(wo, u).map_or(0.0, |s| s.weight));
             println!(
@@ -216,7 +216,7 @@ fn a_white_furnace_shows_the_lobes_albedo_within_three_standard_errors() {
 }
 
 #[test]
-fn rough_glass_in_a_furnace_refracts_what_it_should_and_gains_nothing() {
+fn rough_glass_in_white_furnace_conserves_energy() {
     let mut worst: f64 = 0.0;
     for (eta, roughness) in [1.5, 1.0 / 1.5, 2.4]
         .into_iter()
@@ -229,7 +229,7 @@ fn rough_glass_in_a_furnace_refracts_what_it_should_and_gains_nothing() {
             let exact = furnace(&lobe, roughness * roughness, wo, |m| {
                 match optics::refract(-wo, m, 1.0, eta) {
                     Some(through) if through.direction.z < 0.0 => {
-                        shares(m).transmittance.mean() * lobe.g2_over_g1(through.direction)
+                        shares(m).transmittance.mean() * lobe.smith_g1(through.direction)
                     }
                     _ => 0.0,
                 }
@@ -289,7 +289,7 @@ fn sun_and_sky(width: u32, height: u32) -> LinearImage {
 }
 
 #[test]
-fn on_a_sun_and_sky_map_importance_sampling_has_a_tenth_of_the_variance_at_most() {
+fn importance_sampling_cuts_sky_map_variance_to_a_tenth() {
     let map = EnvironmentMap::new(sun_and_sky(512, 256), 0.4).unwrap();
     let rays = 65_536;
     let green = |radiance: [f32; 3]| f64::from(radiance[1]);
@@ -337,8 +337,8 @@ fn irradiance(map: &EnvironmentMap, cells: u32) -> f64 {
 }
 
 #[test]
-fn the_histogram_of_sampled_directions_is_that_of_the_density() {
-    // Wide lamps on dim ground, no cell so empty that its count would not be nearly normal.
+fn sampled_direction_histogram_matches_the_density() {
+    // Wide lights on dim ground, no cell so empty that its count would not be nearly normal.
     let pixels = (0..32 * 16).map(|i| {
         if i % 37 < 5 || i / 32 == 9 {
             [8.0, 4.0, 1.0]

@@ -1,32 +1,31 @@
-//! Lamps: objects whose emission lights the scene, against lights of the same extent and against closed forms.
+//! Objects whose emission lights the scene, against lights of the same extent and against closed forms.
 //!
-//! Estimates are compared in standard errors, which the pixels' own spread tells: their samples are unrelated.
+//! Estimates are compared in standard errors, estimated from the spread of the pixels: their samples are independent.
 
 use std::f64::consts::PI;
 
-use crate::support::lamp_scenes::{
-    ERRORS, SHINE, assert_is_near, ball, lambert, look_at, matte, shining, skew, square, under_lamp,
-    under_light, up,
+use crate::support::emissive_scenes::{
+    EMISSION, ERRORS, assert_is_near, ball, emissive_material, lambert, look_at, matte, skew, square,
+    under_emissive_object, under_light, up,
 };
-use crate::support::pictures::{add, estimate, picture, rendered_by, settings};
+use crate::support::images::{add, estimate, render_image, rendered_by, settings};
 use glam::{DAffine3, DMat3, DQuat, DVec3, Vec3Swizzles};
 use whit::accel::{AccelOptions, Backend, Precision};
 use whit::mesh::Mesh;
 use whit::render::{Plan, RenderSettings};
 use whit::scene::{
     AlphaMode, AreaShape, Camera, Effect, EffectOverrides, Encoding, Filter, Geometry, Image, Instance,
-    Lecture, Material, MaterialInput, Model, Sampler, Scene, Texels, Texture, TextureBinding, TextureUse,
-    Wrap,
+    Material, MaterialInput, Model, Phong, Sampler, Scene, Texels, Texture, TextureBinding, TextureUse, Wrap,
 };
 use whit::shape::{Cylinder, Shape, Sphere, Torus};
 use whit::volume::Fog;
 
 #[test]
-fn a_square_mesh_lights_a_floor_as_the_light_of_its_shape_and_as_lamberts_formula_says() {
+fn emissive_square_mesh_matches_quad_light_and_lambert_formula() {
     for place in [up(3.0), skew()] {
         let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
             .map(|(x, y)| place.transform_point3(DVec3::new(x, y, 0.0)));
-        let exact = lambert(&corners, f64::from(SHINE));
+        let exact = lambert(&corners, f64::from(EMISSION));
         let [half_u, half_v] = [DVec3::X, DVec3::Y].map(|axis| place.transform_vector3(axis));
         let center = place.translation;
         let is_above = half_u.cross(half_v).dot(center) > 0.0;
@@ -44,38 +43,38 @@ fn a_square_mesh_lights_a_floor_as_the_light_of_its_shape_and_as_lamberts_formul
             1,
         );
         let view = look_at(DVec3::ZERO, 1e-6);
-        let sampled = picture(&light, &view, Backend::Bsp, &settings(16, 64));
+        let sampled = render_image(&light, &view, Backend::Bsp, &settings(16, 64));
         assert_is_near("light", &sampled, exact);
         for (name, geometry) in [
             ("mesh", Geometry::Mesh(square())),
             ("quad", Geometry::Shape(Shape::Quad)),
         ] {
-            let scene = under_lamp(geometry, place, 1);
+            let scene = under_emissive_object(geometry, place, 1);
             for backend in [Backend::Bsp, Backend::default()] {
-                let image = picture(&scene, &view, backend, &settings(16, 64));
+                let image = render_image(&scene, &view, backend, &settings(16, 64));
                 assert_is_near(&format!("{name} {backend}"), &image, exact);
             }
         }
         // Converged: 2^20 points.
-        let scene = under_lamp(Geometry::Mesh(square()), place, 16);
-        let image = picture(&scene, &view, Backend::Bsp, &settings(16, 256));
+        let scene = under_emissive_object(Geometry::Mesh(square()), place, 16);
+        let image = render_image(&scene, &view, Backend::Bsp, &settings(16, 256));
         let (found, _) = estimate(&image);
         assert!((found / exact - 1.0).abs() < 1e-4, "{found}, not {exact}");
     }
 }
 
 #[test]
-fn a_lamp_shines_on_both_sides_and_what_is_placed_twice_shines_twice() {
+fn emissive_object_emits_on_both_sides_and_per_instance() {
     let exact = lambert(
         &[(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| DVec3::new(x, y, 3.0)),
-        f64::from(SHINE),
+        f64::from(EMISSION),
     );
     let turned = up(3.0) * DAffine3::from_rotation_x(PI);
     let view = look_at(DVec3::ZERO, 1e-6);
     for place in [up(3.0), turned] {
         for shape in [Geometry::Mesh(square()), Geometry::Shape(Shape::Quad)] {
-            let image = picture(
-                &under_lamp(shape, place, 1),
+            let image = render_image(
+                &under_emissive_object(shape, place, 1),
                 &view,
                 Backend::Bsp,
                 &settings(16, 64),
@@ -84,7 +83,7 @@ fn a_lamp_shines_on_both_sides_and_what_is_placed_twice_shines_twice() {
         }
     }
     // The second one looks at the floor from over the first one's back, shifted by its width.
-    let mut twice = under_lamp(Geometry::Mesh(square()), up(3.0), 1);
+    let mut twice = under_emissive_object(Geometry::Mesh(square()), up(3.0), 1);
     let beside = DAffine3::from_translation(DVec3::new(2.0, 0.0, 3.0))
         * DAffine3::from_scale(DVec3::new(-1.0, 1.0, 1.0));
     twice
@@ -93,23 +92,23 @@ fn a_lamp_shines_on_both_sides_and_what_is_placed_twice_shines_twice() {
     twice.add_emissive_light(2, 1).unwrap();
     let both = lambert(
         &[(-1.0, -1.0), (3.0, -1.0), (3.0, 1.0), (-1.0, 1.0)].map(|(x, y)| DVec3::new(x, y, 3.0)),
-        f64::from(SHINE),
+        f64::from(EMISSION),
     );
     for backend in [Backend::Bsp, Backend::default()] {
-        let image = picture(&twice, &view, backend, &settings(16, 64));
+        let image = render_image(&twice, &view, backend, &settings(16, 64));
         assert_is_near("twice", &image, both);
     }
 }
 
 #[test]
-fn a_ball_of_triangles_lights_as_the_ball_does() {
+fn emissive_ball_mesh_matches_sphere_light() {
     let view = look_at(DVec3::ZERO, 1e-6);
     // π L (r / d)².
-    let exact = PI * f64::from(SHINE) / 9.0;
-    let round = under_lamp(Geometry::Shape(Shape::Sphere(Sphere::UNIT)), up(3.0), 1);
+    let exact = PI * f64::from(EMISSION) / 9.0;
+    let round = under_emissive_object(Geometry::Shape(Shape::Sphere(Sphere::UNIT)), up(3.0), 1);
     assert_is_near(
         "sphere",
-        &picture(&round, &view, Backend::Bsp, &settings(16, 64)),
+        &render_image(&round, &view, Backend::Bsp, &settings(16, 64)),
         exact,
     );
     // The mesh's outline lies between the circles of radius 1 and cos² (π / 128): within 2 sin² of the disk.
@@ -119,9 +118,9 @@ fn a_ball_of_triangles_lights_as_the_ball_does() {
         up(3.0),
         up(3.0) * DAffine3::from_scale(DVec3::new(1.0, -1.0, 1.0)),
     ] {
-        let scene = under_lamp(Geometry::Mesh(ball(rings)), place, 4);
+        let scene = under_emissive_object(Geometry::Mesh(ball(rings)), place, 4);
         for backend in [Backend::Bsp, Backend::default()] {
-            let image = picture(&scene, &view, backend, &settings(16, 64));
+            let image = render_image(&scene, &view, backend, &settings(16, 64));
             let (found, error) = estimate(&image);
             println!("mesh: {found:.6} ± {error:.6}, {exact:.6} - {bound:.6}");
             assert!(found <= exact + ERRORS * error && found >= exact - bound - ERRORS * error);
@@ -130,7 +129,7 @@ fn a_ball_of_triangles_lights_as_the_ball_does() {
 }
 
 #[test]
-fn bodies_light_as_their_meshes_do() {
+fn emissive_shapes_light_like_their_meshes() {
     let view = look_at(DVec3::new(0.4, -0.3, 0.0), 1e-6);
     // The cube is the mesh of its six faces; of the others, closed forms.
     let cube = |place| {
@@ -148,7 +147,7 @@ fn bodies_light_as_their_meshes_do() {
                 let is_seen = outward.dot(p - corners[0]) > 0.0;
                 let seen = corners.map(|corner| corner - p);
                 if is_seen {
-                    lambert(&seen, f64::from(SHINE))
+                    lambert(&seen, f64::from(EMISSION))
                 } else {
                     0.0
                 }
@@ -158,7 +157,7 @@ fn bodies_light_as_their_meshes_do() {
     // A sphere of half axes 2, 2, 1 over the point: the disk of its outline, of tan² = 4 / (25 - 1), has π L sin².
     let flat = DAffine3::from_translation(DVec3::new(0.4, -0.3, 5.0))
         * DAffine3::from_scale(DVec3::new(2.0, 2.0, -1.0));
-    let ellipsoid = PI * f64::from(SHINE) * 4.0 / 28.0;
+    let ellipsoid = PI * f64::from(EMISSION) * 4.0 / 28.0;
     let bodies = [
         (Shape::Cube, up(3.5), cube(up(3.5))),
         (Shape::Cube, up(1.0) * skew(), cube(up(1.0) * skew())),
@@ -166,15 +165,15 @@ fn bodies_light_as_their_meshes_do() {
     ];
     for (shape, place, exact) in bodies {
         for backend in [Backend::Bsp, Backend::default()] {
-            let scene = under_lamp(Geometry::Shape(shape.clone()), place, 4);
-            let image = picture(&scene, &view, backend, &settings(16, 64));
+            let scene = under_emissive_object(Geometry::Shape(shape.clone()), place, 4);
+            let image = render_image(&scene, &view, backend, &settings(16, 64));
             assert_is_near(&format!("{shape:?}"), &image, exact);
         }
     }
 }
 
 #[test]
-fn a_ring_and_its_mesh_light_a_floor_alike() {
+fn emissive_ring_and_its_mesh_light_equally() {
     let torus = Torus { minor_radius: 0.3 };
     let (around, along) = (48u32, 96u32);
     let at = |i: u32, j: u32| {
@@ -202,8 +201,8 @@ fn a_ring_and_its_mesh_light_a_floor_alike() {
     let place = up(1.2) * DAffine3::from_rotation_x(0.9);
     let view = look_at(DVec3::new(0.2, 0.1, 0.0), 1e-6);
     let found = [Geometry::Shape(Shape::Torus(torus)), Geometry::Mesh(mesh)].map(|geometry| {
-        let image = picture(
-            &under_lamp(geometry, place, 4),
+        let image = render_image(
+            &under_emissive_object(geometry, place, 4),
             &view,
             Backend::Bsp,
             &settings(16, 64),
@@ -217,21 +216,21 @@ fn a_ring_and_its_mesh_light_a_floor_alike() {
 }
 
 #[test]
-fn shadows_of_lamps_are_as_soft_as_those_of_lights() {
+fn emissive_objects_cast_soft_shadows_like_area_lights() {
     // A wall at half the height over all x > 0.1.
     let wall =
         DAffine3::from_translation(DVec3::new(50.1, 0.0, 2.0)) * DAffine3::from_scale(DVec3::splat(50.0));
     let (center, radius) = (DVec3::new(0.0, 0.0, 4.0), 1.0);
-    let lamp = DAffine3::from_translation(center) * DAffine3::from_rotation_x(0.7);
+    let emissive = DAffine3::from_translation(center) * DAffine3::from_rotation_x(0.7);
     let mut light = under_light(AreaShape::Sphere { center, radius }, 2);
-    let mut lamp = under_lamp(Geometry::Shape(Shape::Sphere(Sphere::UNIT)), lamp, 2);
-    for scene in [&mut light, &mut lamp] {
+    let mut emissive = under_emissive_object(Geometry::Shape(Shape::Sphere(Sphere::UNIT)), emissive, 2);
+    for scene in [&mut light, &mut emissive] {
         add(scene, "wall", Geometry::Shape(Shape::Quad), matte(), wall);
     }
     let view = look_at(DVec3::ZERO, 1.5);
     for backend in [Backend::Bsp, Backend::default()] {
-        let [a, b] = [&light, &lamp].map(|scene| picture(scene, &view, backend, &settings(48, 4)));
-        // The same points of the same ball; a shadow ray that just meets the wall's edge may be another's.
+        let [a, b] = [&light, &emissive].map(|scene| render_image(scene, &view, backend, &settings(48, 4)));
+        // The same points of the same ball; a shadow ray that just hits the wall's edge may differ.
         let differ = a
             .pixels
             .iter()
@@ -246,7 +245,7 @@ fn shadows_of_lamps_are_as_soft_as_those_of_lights() {
 }
 
 #[test]
-fn a_lamp_never_hides_its_own_points() {
+fn emissive_object_never_occludes_its_own_samples() {
     // Seen from a floor under grazing angles, from near and far, at all sizes: the same bits as without shadows.
     let without_shadows: EffectOverrides = "-shadow".parse().unwrap();
     let with_shadows: EffectOverrides = "+shadow".parse().unwrap();
@@ -265,7 +264,7 @@ fn a_lamp_never_hides_its_own_points() {
                 Geometry::Shape(Shape::Cube),
                 Geometry::Shape(Shape::Cylinder(Cylinder { capped: true })),
             ] {
-                let mut scene = under_lamp(geometry, place, 2);
+                let mut scene = under_emissive_object(geometry, place, 2);
                 // Twice, so that the mesh is no one's own.
                 scene
                     .instances
@@ -301,13 +300,13 @@ fn a_lamp_never_hides_its_own_points() {
 }
 
 #[test]
-fn what_lies_close_before_a_lamp_hides_it() {
+fn close_occluder_hides_emissive_object() {
     for distance in [1.0, 1e-3, 2e-5] {
-        let mut scene = under_lamp(Geometry::Mesh(square()), up(3.0), 4);
+        let mut scene = under_emissive_object(Geometry::Mesh(square()), up(3.0), 4);
         let screen = up(3.0 - distance) * DAffine3::from_scale(DVec3::splat(6.0));
         add(&mut scene, "screen", Geometry::Mesh(square()), matte(), screen);
         for backend in [Backend::Bsp, Backend::default()] {
-            let image = picture(&scene, &look_at(DVec3::ZERO, 4.0), backend, &settings(32, 4));
+            let image = render_image(&scene, &look_at(DVec3::ZERO, 4.0), backend, &settings(32, 4));
             assert!(
                 image.pixels.iter().all(|p| *p == [0.0; 3]),
                 "{distance} {backend}"
@@ -317,37 +316,37 @@ fn what_lies_close_before_a_lamp_hides_it() {
 }
 
 #[test]
-fn emission_is_seen_once_by_the_camera_and_in_mirrors() {
+fn emission_is_counted_once_by_camera_and_mirrors() {
     let looking_up = Camera {
         world_from_camera: DAffine3::from_mat3_translation(DMat3::from_rotation_x(PI), DVec3::Z),
         ..look_at(DVec3::ZERO, 0.5)
     };
-    let white_lamp = Material {
+    let white_emitter = Material {
         base_color: [1.0; 4],
-        ..shining()
+        ..emissive_material()
     };
     for geometry in [
         Geometry::Mesh(square()),
         Geometry::Shape(Shape::Sphere(Sphere::UNIT)),
     ] {
         let mut scene = Scene::default();
-        let lamp = add(&mut scene, "lamp", geometry, white_lamp.clone(), up(3.0));
-        let glow = picture(&scene, &looking_up, Backend::Bsp, &settings(16, 4));
-        scene.add_emissive_light(lamp, 4).unwrap();
-        let lit = picture(&scene, &looking_up, Backend::Bsp, &settings(16, 4));
-        // A convex lamp does not light itself.
-        assert!(glow.pixels == lit.pixels && lit.pixels.iter().all(|p| *p == [SHINE; 3]));
-        // A mirror below sees what it would of a thing that only glows.
-        let lecture = Lecture {
+        let emissive = add(&mut scene, "lamp", geometry, white_emitter.clone(), up(3.0));
+        let without_light = render_image(&scene, &looking_up, Backend::Bsp, &settings(16, 4));
+        scene.add_emissive_light(emissive, 4).unwrap();
+        let lit = render_image(&scene, &looking_up, Backend::Bsp, &settings(16, 4));
+        // A convex emissive object does not light itself.
+        assert!(without_light.pixels == lit.pixels && lit.pixels.iter().all(|p| *p == [EMISSION; 3]));
+        // A mirror below sees the same as without the light.
+        let phong = Phong {
             diffuse: [0.0; 3],
             specular: [0.5; 3],
             reflection: [0.5; 3],
-            ..Lecture::DEFAULT
+            ..Phong::DEFAULT
         };
         let mirrors = [
             Material::metallic_roughness([0.8; 3], 1.0, 0.05),
             Material {
-                model: Model::Lecture(lecture),
+                model: Model::Phong(phong),
                 ..Material::default()
             },
         ];
@@ -361,37 +360,37 @@ fn emission_is_seen_once_by_the_camera_and_in_mirrors() {
                 DAffine3::IDENTITY,
             );
             let view = look_at(DVec3::ZERO, 0.5);
-            let lit = picture(&scene, &view, Backend::Bsp, &settings(16, 4));
+            let lit = render_image(&scene, &view, Backend::Bsp, &settings(16, 4));
             scene.lights.clear();
-            let glow = picture(&scene, &view, Backend::Bsp, &settings(16, 4));
-            assert!(glow.pixels == lit.pixels && lit.pixels.iter().all(|p| p[1] > 0.4));
+            let without_light = render_image(&scene, &view, Backend::Bsp, &settings(16, 4));
+            assert!(without_light.pixels == lit.pixels && lit.pixels.iter().all(|p| p[1] > 0.4));
         }
     }
 }
 
 #[test]
-fn a_dome_lights_what_is_in_it_from_all_around() {
+fn emissive_dome_lights_its_inside_from_all_directions() {
     // Whatever the point and its normal: E = π L.
-    let exact = PI * f64::from(SHINE);
+    let exact = PI * f64::from(EMISSION);
     let place = DAffine3::from_scale(DVec3::splat(4.0));
     let view = look_at(DVec3::new(0.7, 0.3, 0.0), 1e-6);
-    let round = under_lamp(Geometry::Shape(Shape::Sphere(Sphere::UNIT)), place, 4);
+    let round = under_emissive_object(Geometry::Shape(Shape::Sphere(Sphere::UNIT)), place, 4);
     assert_is_near(
         "sphere",
-        &picture(&round, &view, Backend::Bsp, &settings(16, 64)),
+        &render_image(&round, &view, Backend::Bsp, &settings(16, 64)),
         exact,
     );
-    let mesh = under_lamp(Geometry::Mesh(ball(16)), place, 4);
+    let mesh = under_emissive_object(Geometry::Mesh(ball(16)), place, 4);
     assert_is_near(
         "mesh",
-        &picture(&mesh, &view, Backend::Bsp, &settings(16, 64)),
+        &render_image(&mesh, &view, Backend::Bsp, &settings(16, 64)),
         exact,
     );
 }
 
 #[test]
-fn a_picture_on_the_emission_shines_where_it_is_bright() {
-    let mut scene = under_lamp(Geometry::Mesh(square()), up(3.0), 1);
+fn emission_texture_scales_emitted_light() {
+    let mut scene = under_emissive_object(Geometry::Mesh(square()), up(3.0), 1);
     // Four texels a side; the left half is white, the right half black.
     let texel = |i: u32| if i % 4 < 2 { [1.0; 4] } else { [0.0, 0.0, 0.0, 1.0] };
     scene.images.push(Image {
@@ -415,34 +414,34 @@ fn a_picture_on_the_emission_shines_where_it_is_bright() {
     });
     assert_eq!(MaterialInput::Emission.encoding(), Encoding::Srgb);
     let left = [(-1.0, -1.0), (0.0, -1.0), (0.0, 1.0), (-1.0, 1.0)];
-    let image = |place: DVec3| picture(&scene, &look_at(place, 1e-6), Backend::Bsp, &settings(16, 64));
+    let image = |place: DVec3| render_image(&scene, &look_at(place, 1e-6), Backend::Bsp, &settings(16, 64));
     for place in [DVec3::ZERO, DVec3::X, -2.0 * DVec3::X] {
         let exact = lambert(
             &left.map(|(x, y)| DVec3::new(x, y, 3.0) - place),
-            f64::from(SHINE),
+            f64::from(EMISSION),
         );
         assert_is_near("half", &image(place), exact);
     }
 }
 
 #[test]
-fn fog_is_lit_by_lamps_as_by_lights() {
+fn fog_is_lit_equally_by_emissive_objects_and_lights() {
     let (center, radius) = (DVec3::new(0.0, 0.0, 4.0), 1.0);
     let mut light = under_light(AreaShape::Sphere { center, radius }, 1);
-    let mut lamp = under_lamp(Geometry::Shape(Shape::Sphere(Sphere::UNIT)), up(4.0), 1);
-    for scene in [&mut light, &mut lamp] {
+    let mut emissive = under_emissive_object(Geometry::Shape(Shape::Sphere(Sphere::UNIT)), up(4.0), 1);
+    for scene in [&mut light, &mut emissive] {
         scene.fog = Some(Fog::new(0.3, [0.9; 3], [0.0; 3], 0.2).unwrap());
     }
     let view = look_at(DVec3::new(0.0, 0.0, 2.0), 2.0);
-    let [a, b] = [&light, &lamp].map(|scene| picture(scene, &view, Backend::Bsp, &settings(16, 4)));
+    let [a, b] = [&light, &emissive].map(|scene| render_image(scene, &view, Backend::Bsp, &settings(16, 4)));
     for (a, b) in a.pixels.iter().zip(&b.pixels) {
         assert!(a[1] > 0.0 && (a[1] - b[1]).abs() < 1e-4 * a[1], "{a:?} {b:?}");
     }
 }
 
 #[test]
-fn the_bits_are_the_same_for_one_two_and_seven_threads() {
-    let mut scene = under_lamp(Geometry::Mesh(ball(8)), skew(), 2);
+fn image_bits_are_equal_for_one_two_and_seven_threads() {
+    let mut scene = under_emissive_object(Geometry::Mesh(ball(8)), skew(), 2);
     let mirror = Material::metallic_roughness([0.9, 0.7, 0.4], 1.0, 0.05);
     let side =
         DAffine3::from_translation(DVec3::new(-1.0, 0.5, 0.6)) * DAffine3::from_scale(DVec3::splat(0.6));
@@ -457,15 +456,15 @@ fn the_bits_are_the_same_for_one_two_and_seven_threads() {
     let by = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.unwrap()
-            .install(|| picture(&scene, &view, Backend::Bsp, &settings(40, 3)).pixels)
+            .install(|| render_image(&scene, &view, Backend::Bsp, &settings(40, 3)).pixels)
     };
     let one = by(1);
     assert!(one == by(2) && one == by(7));
 }
 
 #[test]
-fn the_plan_names_the_object_and_what_cannot_be_a_lamp_is_refused() {
-    let scene = under_lamp(Geometry::Shape(Shape::Quad), up(3.0), 1);
+fn plan_names_emissive_object_and_invalid_ones_are_rejected() {
+    let scene = under_emissive_object(Geometry::Shape(Shape::Quad), up(3.0), 1);
     let view = look_at(DVec3::ZERO, 1.0);
     let plan = Plan::new(&scene, &view, &EffectOverrides::default());
     let decision = plan
@@ -474,8 +473,8 @@ fn the_plan_names_the_object_and_what_cannot_be_a_lamp_is_refused() {
         .find(|d| d.effect == Effect::AreaLight)
         .unwrap();
     assert!(decision.on);
-    assert_eq!(decision.reason, "object `lamp` is a lamp");
-    // The lamp is flat and the floor hides nothing from itself.
+    assert_eq!(decision.reason, "object `lamp` is an area light");
+    // The emissive object is flat, and the floor does not occlude itself.
     assert!(!plan.effects().has(Effect::Shadow));
     let refused = |change: &dyn Fn(&mut Scene)| {
         let mut scene = scene.clone();
@@ -489,10 +488,10 @@ fn the_plan_names_the_object_and_what_cannot_be_a_lamp_is_refused() {
             "has no emission",
         ),
         (&|s| s.materials[1].model = Model::Unlit, "has no emission"),
-        (&|s| s.materials[1].alpha = AlphaMode::Blend, "lets light through"),
+        (&|s| s.materials[1].alpha = AlphaMode::Blend, "transmits light"),
         (
             &|s| s.geometries[1] = Geometry::Shape(Shape::Plane),
-            "no plane, polyhedron or quadric",
+            "a plane, polyhedron or quadric",
         ),
         (&|s| s.instances.truncate(1), "does not exist"),
     ] {
@@ -505,6 +504,6 @@ fn the_plan_names_the_object_and_what_cannot_be_a_lamp_is_refused() {
         bad.validate()
             .unwrap_err()
             .to_string()
-            .contains("no plane, polyhedron or quadric")
+            .contains("a plane, polyhedron or quadric")
     );
 }

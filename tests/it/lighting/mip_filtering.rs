@@ -7,7 +7,9 @@
 //!
 //! What it costs: `cargo bench --bench timing -- texture_filtering`.
 
-use crate::support::checkerboards::{EMPTY, GLASS, MIPMAPPED, MIRROR, PROCEDURE, SHARP, bsp, picture, scene};
+use crate::support::checkerboards::{
+    EMPTY, GLASS, MIPMAPPED, MIRROR, PROCEDURE, SHARP, bsp, render_image, scene,
+};
 use whit::image::LinearImage;
 
 /// Root mean square difference of radiance, black 0 and white 1.
@@ -25,18 +27,18 @@ fn rmse(image: &LinearImage, reference: &LinearImage) -> f64 {
 fn error_of_one_sample(texture: &str) -> f64 {
     let scene = scene(texture, EMPTY);
     let accel = bsp(&scene);
-    let [one, many] = [1, 256].map(|spp| picture(&scene, &*accel, 192, spp));
+    let [one, many] = [1, 256].map(|spp| render_image(&scene, &*accel, 192, spp));
     rmse(&one, &many)
 }
 
-/// A small picture of the board with a ball or without.
+/// A small image of the board with a ball or without.
 fn small(texture: &str, ball: &str, spp: u32) -> LinearImage {
     let scene = scene(texture, ball);
-    picture(&scene, &*bsp(&scene), 64, spp)
+    render_image(&scene, &*bsp(&scene), 64, spp)
 }
 
 #[test]
-fn a_checkerboard_up_to_the_horizon_looks_at_one_sample_a_pixel_as_at_256() {
+fn filtered_checkerboard_at_1_sample_matches_256() {
     for (kind, texture) in [("procedure", PROCEDURE), ("image", MIPMAPPED)] {
         let error = error_of_one_sample(texture);
         println!("{kind}: {error:.4}");
@@ -48,7 +50,7 @@ fn a_checkerboard_up_to_the_horizon_looks_at_one_sample_a_pixel_as_at_256() {
 }
 
 #[test]
-fn in_a_mirroring_ball_and_through_a_glass_ball_filtering_takes_away_half_of_the_error_at_least() {
+fn filtering_halves_the_error_in_mirror_and_glass_balls() {
     for (name, ball) in [("mirror", MIRROR), ("glass", GLASS)] {
         let truth = small(SHARP, ball, 256);
         let [procedure, image, sharp] =
@@ -60,7 +62,7 @@ fn in_a_mirroring_ball_and_through_a_glass_ball_filtering_takes_away_half_of_the
 }
 
 #[test]
-fn all_three_boards_show_the_same_squares() {
+fn all_three_checkerboards_show_equal_squares() {
     let sharp = small(SHARP, EMPTY, 64);
     for (kind, texture) in [("procedure", PROCEDURE), ("image", MIPMAPPED)] {
         let error = rmse(&small(texture, EMPTY, 64), &sharp);

@@ -1,14 +1,14 @@
 //! Motion blur in whole renders, against what is known in closed form.
 
-use crate::support::pictures::{picture, settings};
+use crate::support::images::{render_image, settings};
 use glam::{DAffine3, DVec3};
 use whit::accel::Backend;
 use whit::image::LinearImage;
 use whit::optics::{Absorption, Dispersion};
 use whit::render::{Plan, RenderSettings};
 use whit::scene::{
-    Camera, Effect, EffectOverrides, Geometry, Instance, Interior, Lecture, Light, LightKind, Material,
-    MetallicRoughness, Model, Projection, Scene, Shutter,
+    Camera, Effect, EffectOverrides, Geometry, Instance, Light, LightKind, Material, Medium,
+    MetallicRoughness, Model, Phong, Projection, Scene, Shutter,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -17,12 +17,12 @@ const ERRORS: f64 = 4.0;
 
 fn matte() -> Material {
     Material {
-        model: Model::Lecture(Lecture::DEFAULT),
+        model: Model::Phong(Phong::DEFAULT),
         ..Material::default()
     }
 }
 
-fn glowing() -> Material {
+fn emissive() -> Material {
     Material {
         model: Model::Unlit,
         ..Material::default()
@@ -114,10 +114,10 @@ fn a_moving_quad_fades_in_and_out_along_straight_ramps() {
         let start = from - shutter.open * length;
         let scale = DAffine3::from_scale(DVec3::new(half, 1.5, 1.0));
         let ends = [at(start, 0.0, 0.0) * scale, at(start + length, 0.0, 0.0) * scale];
-        let scene = scene(vec![(Shape::Quad, glowing(), ends)]);
+        let scene = scene(vec![(Shape::Quad, emissive(), ends)]);
         let camera = Camera { shutter, ..camera() };
         for backend in [Backend::default(), Backend::Bsp] {
-            let image = picture(&scene, &camera, backend, &settings(size, spp));
+            let image = render_image(&scene, &camera, backend, &settings(size, spp));
             let rows = 8..24;
             let samples = f64::from(spp * (rows.end - rows.start));
             let (mut worst, mut ramp) = (0.0f64, 0);
@@ -147,7 +147,7 @@ fn glass_far_away() -> (Shape, Material, [DAffine3; 2]) {
             transmission: 1.0,
             ..MetallicRoughness::DEFAULT
         }),
-        interior: Some(Interior {
+        interior: Some(Medium {
             ior: Dispersion::Constant(1.5),
             absorption: Absorption::NONE,
             priority: 0,
@@ -159,7 +159,7 @@ fn glass_far_away() -> (Shape, Material, [DAffine3; 2]) {
 }
 
 #[test]
-fn shadows_are_where_what_casts_them_is_when_the_ray_is_sent() {
+fn shadows_follow_the_caster_at_ray_time() {
     let (half, [from, to]) = (0.4, [-1.0, 0.8]);
     let flat = DAffine3::from_scale(DVec3::new(half, 1.8, 1.0));
     // Over the floor, beside the camera's rays, which come from between it and the floor.
@@ -171,7 +171,7 @@ fn shadows_are_where_what_casts_them_is_when_the_ray_is_sent() {
         let mut scene = scene(objects);
         scene.lights = vec![sun(DVec3::Z)];
         for backend in [Backend::default(), Backend::Bsp] {
-            let image = picture(&scene, &camera(), backend, &settings(32, 256));
+            let image = render_image(&scene, &camera(), backend, &settings(32, 256));
             let lit = f64::from(image.pixel(31, 16)[1]);
             assert!(lit > 0.1);
             for (column, found) in columns(&image, 8..24).into_iter().enumerate() {
@@ -188,27 +188,27 @@ fn shadows_are_where_what_casts_them_is_when_the_ray_is_sent() {
 }
 
 #[test]
-fn all_rays_of_a_path_are_sent_at_one_time() {
+fn all_rays_of_a_path_have_the_same_time() {
     let flat = |half: f64| DAffine3::from_scale(DVec3::new(half, half, 1.0));
     let along = |map: DAffine3| [at(-1.0, 0.0, 0.0) * map, at(1.0, 0.0, 0.0) * map];
     let mirror = Material::metallic_roughness([1.0; 3], 1.0, 0.0);
-    // A shelf goes with its roof, and a mirror with a glowing plate over it: whoever looks at another time sees light
+    // A board moves with its roof, and a mirror with an emissive plate over it: a ray at another time sees light
     // where there is none, or none where there is.
-    let shelf = (Shape::Quad, matte(), along(flat(0.3)));
+    let board = (Shape::Quad, matte(), along(flat(0.3)));
     let roof = (Shape::Quad, matte(), along(at(0.0, 0.0, 7.0) * flat(0.35)));
     let mirror = (Shape::Quad, mirror, along(flat(0.3)));
-    let plate = (Shape::Quad, glowing(), along(at(0.0, 0.0, 7.0) * flat(0.35)));
+    let plate = (Shape::Quad, emissive(), along(at(0.0, 0.0, 7.0) * flat(0.35)));
     for extra in [vec![], vec![glass_far_away()]] {
-        let mut dark = scene([vec![shelf.clone(), roof.clone()], extra.clone()].concat());
+        let mut dark = scene([vec![board.clone(), roof.clone()], extra.clone()].concat());
         dark.lights = vec![sun(DVec3::Z)];
-        let glow = scene([vec![mirror.clone(), plate.clone()], extra.clone()].concat());
+        let bright = scene([vec![mirror.clone(), plate.clone()], extra.clone()].concat());
         for backend in [Backend::default(), Backend::Bsp] {
-            let image = picture(&dark, &camera(), backend, &settings(24, 16));
+            let image = render_image(&dark, &camera(), backend, &settings(24, 16));
             assert!(
                 image.pixels.iter().all(|pixel| *pixel == [0.0; 3]),
                 "light under the roof"
             );
-            let image = picture(&glow, &camera(), backend, &settings(24, 256));
+            let image = render_image(&bright, &camera(), backend, &settings(24, 256));
             let found = columns(&image, 11..13);
             for (column, found) in found.into_iter().enumerate() {
                 let exact = covered(column as u32, 24, 0.3, [-1.0, 1.0]);
@@ -256,7 +256,7 @@ fn perspective() -> Camera {
 }
 
 #[test]
-fn a_camera_that_moves_sees_what_one_that_stands_sees_of_a_world_that_moves_the_other_way() {
+fn moving_camera_equals_oppositely_moving_scene() {
     // A slide leaves a sun where it is, and so does a roll about the way to it.
     for (motion, to_light) in [
         (at(0.7, -0.3, 0.4), DVec3::new(0.3, 0.5, 1.0)),
@@ -285,17 +285,17 @@ fn a_camera_that_moves_sees_what_one_that_stands_sees_of_a_world_that_moves_the_
                 ..view.clone()
             };
             let settings = settings(40, 64);
-            let by_camera = picture(&place(DAffine3::IDENTITY), &view, Backend::default(), &settings);
-            let by_world = picture(&place(motion.inverse()), &still, Backend::default(), &settings);
-            let unmoved = picture(&place(DAffine3::IDENTITY), &still, Backend::default(), &settings);
+            let by_camera = render_image(&place(DAffine3::IDENTITY), &view, Backend::default(), &settings);
+            let by_world = render_image(&place(motion.inverse()), &still, Backend::default(), &settings);
+            let unmoved = render_image(&place(DAffine3::IDENTITY), &still, Backend::default(), &settings);
             let distance = |a: &LinearImage, b: &LinearImage| {
                 let pairs = a.pixels.as_flattened().iter().zip(b.pixels.as_flattened());
                 let sum: f64 = pairs.map(|(a, b)| f64::from((a - b).abs())).sum();
                 sum / a.pixels.as_flattened().len() as f64
             };
             let (error, blur) = (distance(&by_camera, &by_world), distance(&by_camera, &unmoved));
-            println!("mean difference {error:.2e}, of the unmoved picture {blur:.2e}");
-            // Both take the same samples: only rounding at edges tells them apart, a sample of 64 in a few pixels.
+            println!("mean difference {error:.2e}, of the unmoved image {blur:.2e}");
+            // Both take the same samples: they differ only by rounding at edges, a sample of 64 in a few pixels.
             assert!(blur > 0.01 && error < 2e-4, "{error} {blur}");
         }
     }
@@ -328,14 +328,14 @@ fn everything() -> (Scene, Camera) {
 }
 
 #[test]
-fn the_bits_are_the_same_for_any_number_of_threads() {
+fn image_bits_do_not_depend_on_thread_count() {
     let (scene, view) = everything();
     for spp in [1, 4, 20] {
         let settings = settings(50, spp);
         let by = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
             pool.unwrap()
-                .install(|| picture(&scene, &view, Backend::default(), &settings).pixels)
+                .install(|| render_image(&scene, &view, Backend::default(), &settings).pixels)
         };
         let one = by(1);
         for threads in [2, 7] {
@@ -345,23 +345,23 @@ fn the_bits_are_the_same_for_any_number_of_threads() {
 }
 
 #[test]
-fn backends_agree_on_pictures_of_what_moves() {
+fn backends_agree_on_motion_blur() {
     let (scene, view) = everything();
     let settings = settings(40, 16);
     let images = [Backend::Brute, Backend::Bsp, Backend::default()]
-        .map(|b| picture(&scene, &view, b, &settings).pixels);
+        .map(|b| render_image(&scene, &view, b, &settings).pixels);
     for other in &images[1..] {
         let differ =
             |(a, b): (&[f32; 3], &[f32; 3])| (0..3).any(|c| (a[c] - b[c]).abs() > 1e-4 * (1.0 + a[c]));
         let different = images[0].iter().zip(other).filter(|pair| differ(*pair)).count();
-        // Where a ray just meets an edge or does not, one sample of 16 is another's.
+        // Where a ray just hits an edge or misses it, one sample of 16 is another's.
         println!("{different} of {} pixels differ", other.len());
         assert!(different * 100 <= other.len(), "{different} of {}", other.len());
     }
 }
 
 #[test]
-fn a_motion_that_leads_nowhere_is_none_and_costs_nothing() {
+fn zero_motion_is_static_and_costs_nothing() {
     let still = |[start, _]: [DAffine3; 2]| [start; 2];
     let (moving, view) = everything();
     let mut scene = moving.clone();
@@ -391,8 +391,8 @@ fn a_motion_that_leads_nowhere_is_none_and_costs_nothing() {
         effects: "-motion-blur".parse().unwrap(),
         ..settings
     };
-    let frozen = picture(&moving, &view, Backend::default(), &off).pixels;
+    let frozen = render_image(&moving, &view, Backend::default(), &off).pixels;
     let differ = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).any(|c| (a[c] - b[c]).abs() > 1e-4 * (1.0 + a[c]));
-    let still = picture(&scene, &view, Backend::default(), &settings).pixels;
+    let still = render_image(&scene, &view, Backend::default(), &settings).pixels;
     assert!(frozen.iter().zip(&still).filter(|pair| differ(*pair)).count() * 100 <= still.len());
 }

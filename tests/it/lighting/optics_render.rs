@@ -1,4 +1,4 @@
-//! The figures of the lecture and of textbooks on optics, measured on light that the renderer traces through bodies.
+//! The figures of textbooks on optics, measured on light that the renderer traces through media.
 //!
 //! Expected values are closed forms written out here, or printed tables; nothing is taken from the code that traces
 //! but coefficients of glasses.
@@ -8,11 +8,11 @@ use std::f64::consts::{FRAC_PI_3, LN_2, PI};
 use glam::{DAffine3, DVec3};
 use whit::accel::Backend;
 use whit::optics::{Absorption, Dispersion, Sellmeier, SpectralSampler};
-use whit::scene::{AlphaMode, Background, Geometry, Instance, Interior, Material, Model, Scene};
+use whit::scene::{AlphaMode, Background, Geometry, Instance, Material, Medium, Model, Scene};
 
 use crate::support::optical_bench::{Beam, Bench, backends, glass, ideal, prism, see_scene, slab, square};
 
-/// What the renderer shows is rounded to f32 a few times on its way: as weights, as radiance, in the picture.
+/// What the renderer shows is rounded to f32 a few times on its way: as weights, as radiance, in the image.
 const FEW_ROUNDINGS: f64 = 8.0 * f32::EPSILON as f64;
 /// Rays that are to be measured leave this far from an axis, in radians: to that f32 is relative.
 const NEARLY_LEVEL: f64 = 1e-3;
@@ -72,7 +72,7 @@ fn from_below(i: f64) -> Beam {
 }
 
 #[test]
-fn light_at_sixty_degrees_goes_on_at_28_444937_where_it_has_0_55_of_its_speed() {
+fn light_at_60_degrees_is_refracted_to_28_444937() {
     let expected = 28.444937144f64.to_radians();
     for backend in backends() {
         // The normal stands so that the refracted ray is nearly level.
@@ -98,7 +98,7 @@ fn light_at_sixty_degrees_goes_on_at_28_444937_where_it_has_0_55_of_its_speed() 
     }
 }
 
-/// The angle in degrees by which a prism of 60 degrees turns a ray that meets it at `i` radians, traced.
+/// The angle in degrees by which a prism of 60 degrees turns a ray that hits it at `i` radians, traced.
 fn traced_deviation(n: f64, i: f64, backend: Backend) -> f64 {
     // Bodies turned by this let the ray of least deviation leave nearly level.
     let turn = i - 0.5 * FRAC_PI_3 + NEARLY_LEVEL;
@@ -121,7 +121,7 @@ fn traced_deviation(n: f64, i: f64, backend: Backend) -> f64 {
 }
 
 #[test]
-fn prisms_turn_every_line_by_its_least_deviation() {
+fn prisms_deviate_every_line_by_its_minimum() {
     // Printed to four decimals.
     let bk7 = [39.8353, 39.5194, 39.1381, 38.8158, 38.6467, 38.4291, 38.3038];
     let sf10 = [65.2179, 63.5158, 61.6690, 60.2582, 59.5690, 58.7350, 58.2838];
@@ -159,7 +159,7 @@ fn deviation_by_snell(n: f64, i: f64) -> f64 {
 }
 
 #[test]
-fn a_prism_of_flint_glass_parts_white_light_into_its_wavelengths() {
+fn flint_prism_disperses_white_light() {
     let i = (0.5 * Sellmeier::N_SF10.ior(587.56)).asin();
     // Yellow leaves at 0.4 radians above the horizon, and all colours above it.
     let turn = i - 0.5 * FRAC_PI_3 + 0.4;
@@ -219,7 +219,7 @@ fn bow_angles(n: f64, inner: u32, backend: Backend) -> Vec<f64> {
         half_width: 0.499,
         rays: 500,
     };
-    // Rays that leave after exactly `inner` reflections are what one step more adds to the picture.
+    // Rays that leave after exactly `inner` reflections are what one step more adds to the image.
     let material = ideal(Dispersion::Constant(n), 1.0);
     let up_to = |depth| Bench::sphere(material.clone(), backend, depth).leaving(beam);
     let (with, without) = (up_to(inner + 2), up_to(inner + 1));
@@ -236,7 +236,7 @@ fn bow_angles(n: f64, inner: u32, backend: Backend) -> Vec<f64> {
 }
 
 #[test]
-fn rainbows_stand_at_their_angles_from_the_point_opposite_the_sun() {
+fn rainbows_appear_at_their_angles_from_the_antisolar_point() {
     // Lines F, d, C in water: indices, primary and secondary bow.
     let table = [
         (1.337492, 41.429, 52.061),
@@ -255,7 +255,7 @@ fn rainbows_stand_at_their_angles_from_the_point_opposite_the_sun() {
 }
 
 #[test]
-fn an_interface_divides_light_as_fresnels_table_says() {
+fn air_to_glass_interface_matches_fresnel_table() {
     let table = [
         (0.0f64, 0.04),
         (30.0, 0.04152263),
@@ -297,7 +297,7 @@ fn assert_shares(seen: DVec3, reflectance: f64, what: &str) {
 }
 
 #[test]
-fn light_inside_glass_is_divided_as_fresnels_table_says() {
+fn glass_to_air_interface_matches_fresnel_table() {
     let table = [
         (30.0f64, 0.05519017),
         (40.0, 0.24529120),
@@ -320,7 +320,7 @@ fn light_inside_glass_is_divided_as_fresnels_table_says() {
 }
 
 #[test]
-fn water_and_diamond_reflect_head_on_what_their_indices_say() {
+fn water_and_diamond_have_normal_reflectance_of_their_index() {
     for (n, printed) in [(1.33, 0.02005931), (2.42, 0.17239492)] {
         let seen = divided_by_color(n, Backend::Bsp).see(from_above(0.0), WHITE)[0];
         assert!((seen.x - printed).abs() < 5.1e-9 + 1e-6 * printed, "{n}: {seen}");
@@ -328,7 +328,7 @@ fn water_and_diamond_reflect_head_on_what_their_indices_say() {
 }
 
 #[test]
-fn at_brewsters_angle_the_two_rays_stand_at_right_angles_and_half_of_one_polarisation_is_reflected() {
+fn brewster_angle_has_perpendicular_rays_and_one_polarisation() {
     for (n, degrees) in [(1.5, 56.309932f64), (1.33, 53.061237), (2.42, 67.548454)] {
         let i = degrees.to_radians();
         for backend in backends() {
@@ -353,7 +353,7 @@ fn at_brewsters_angle_the_two_rays_stand_at_right_angles_and_half_of_one_polaris
 }
 
 #[test]
-fn nothing_leaves_beyond_the_critical_angle() {
+fn no_light_leaves_beyond_the_critical_angle() {
     for (n, degrees) in [(1.5, 41.810315), (1.33, 48.753467), (2.42, 24.407469)] {
         for backend in backends() {
             let bench = divided_by_color(n, backend);
@@ -380,12 +380,12 @@ fn plate(material: Material, thickness: f64, backend: Backend) -> Bench {
     }
 }
 
-/// Off the diagonals, where two triangles meet.
+/// Off the diagonals, where two triangles share an edge.
 const SPOT: DVec3 = DVec3::new(0.37, 0.0, 0.11);
 
 fn absorbing(ior: f64, sigma_a: [f64; 3]) -> Material {
     let mut material = glass(ior);
-    material.interior = Some(Interior {
+    material.interior = Some(Medium {
         absorption: Absorption { sigma_a },
         ..material.interior.unwrap()
     });
@@ -393,9 +393,9 @@ fn absorbing(ior: f64, sigma_a: [f64; 3]) -> Material {
 }
 
 #[test]
-fn a_slab_of_glass_passes_twelve_thirteenths_whether_it_is_real_or_a_thin_wall() {
+fn glass_slab_and_thin_wall_transmit_twelve_thirteenths() {
     let mut thin = glass(1.5);
-    thin.interior = Some(Interior {
+    thin.interior = Some(Medium {
         is_thin: true,
         ..thin.interior.unwrap()
     });
@@ -416,7 +416,7 @@ fn a_slab_of_glass_passes_twelve_thirteenths_whether_it_is_real_or_a_thin_wall()
 }
 
 #[test]
-fn a_slab_as_thick_as_its_half_value_passes_half_and_twice_the_way_a_quarter() {
+fn slab_of_half_value_thickness_transmits_half() {
     // Each channel a half value of its own: half of red, a quarter of green, an eighth of blue.
     let thickness = 0.6;
     let sigma = LN_2 / thickness;
@@ -437,7 +437,7 @@ fn a_slab_as_thick_as_its_half_value_passes_half_and_twice_the_way_a_quarter() {
 }
 
 #[test]
-fn a_slab_of_tinted_glass_is_the_series_of_its_inner_reflections() {
+fn tinted_slab_equals_series_of_internal_reflections() {
     let thickness = 0.5;
     let material = absorbing(1.5, [0.5, 2.0, 0.0]);
     for backend in backends() {
@@ -454,7 +454,7 @@ fn a_slab_of_tinted_glass_is_the_series_of_its_inner_reflections() {
 }
 
 #[test]
-fn a_ball_of_glass_in_a_white_furnace_is_white() {
+fn glass_ball_vanishes_in_white_furnace() {
     let depth = 64;
     for backend in backends() {
         let beam = Beam {
@@ -482,8 +482,8 @@ fn a_ball_of_glass_in_a_white_furnace_is_white() {
 }
 
 /// What is seen of two level squares, colours with their coverage, the first above the second, before `background`.
-fn composited(sheets: [[f32; 4]; 2], background: [f32; 3], backend: Backend) -> DVec3 {
-    let sheet = |base_color| Material {
+fn composited(layers: [[f32; 4]; 2], background: [f32; 3], backend: Backend) -> DVec3 {
+    let layer = |base_color| Material {
         model: Model::Unlit,
         alpha: AlphaMode::Blend,
         base_color,
@@ -496,7 +496,7 @@ fn composited(sheets: [[f32; 4]; 2], background: [f32; 3], backend: Backend) -> 
     let scene = Scene {
         geometries: vec![Geometry::Mesh(square())],
         instances: vec![place(0), place(1)],
-        materials: sheets.map(sheet).to_vec(),
+        materials: layers.map(layer).to_vec(),
         background: Background::Uniform(background),
         ..Scene::default()
     };
@@ -504,12 +504,12 @@ fn composited(sheets: [[f32; 4]; 2], background: [f32; 3], backend: Backend) -> 
 }
 
 #[test]
-fn sheets_cover_what_is_behind_them_by_their_shares() {
+fn blended_surfaces_cover_by_their_alpha() {
     let pink = |alpha| [1.0, 0.5, 0.5, alpha];
     let (red, blue, green) = ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]);
     let with = |[r, g, b]: [f32; 3], alpha| [r, g, b, alpha];
     for backend in backends() {
-        for (sheets, expected) in [
+        for (layers, expected) in [
             // 0.2 c + 0.8 (0.1 c + 0.9 background) = 0.28 c + 0.72 background, in either order.
             ([pink(0.2), pink(0.1)], DVec3::new(0.28, 0.86, 0.14)),
             ([pink(0.1), pink(0.2)], DVec3::new(0.28, 0.86, 0.14)),
@@ -517,7 +517,7 @@ fn sheets_cover_what_is_behind_them_by_their_shares() {
             ([with(red, 0.2), with(blue, 0.1)], DVec3::new(0.2, 0.72, 0.08)),
             ([with(blue, 0.1), with(red, 0.2)], DVec3::new(0.18, 0.72, 0.1)),
         ] {
-            let seen = composited(sheets, green, backend);
+            let seen = composited(layers, green, backend);
             assert!(
                 (seen - expected).abs().max_element() < FEW_ROUNDINGS,
                 "{backend:?}: {seen}, not {expected}"

@@ -1,17 +1,17 @@
 //! Rough surfaces in whole renders: what they reflect and let through against quadrature, and their limits.
 //!
-//! Estimates are compared in standard errors, which the pixels' own spread tells: their samples are unrelated. The
-//! quadrature has formulas of its own and goes over microfacets evenly.
+//! Estimates are compared in standard errors, estimated from the spread of the pixels: their samples are independent.
+//! The quadrature has formulas of its own and goes over microfacets evenly.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use crate::support::pictures::{self, add, estimate, rendered};
+use crate::support::images::{self, add, estimate, rendered};
 use glam::{DAffine3, DMat3, DVec3};
 use whit::optics::{Absorption, Cauchy, Dispersion};
-use whit::render::{Account, Plan, RenderSettings};
+use whit::render::{Category, Plan, RenderSettings};
 use whit::scene::{
-    AreaShape, Background, Camera, Effect, EffectOverrides, Geometry, Image, Interior, Light, LightKind,
-    Material, MetallicRoughness, Model, Projection, Scene, Texels,
+    AreaShape, Background, Camera, Effect, EffectOverrides, Geometry, Image, Light, LightKind, Material,
+    Medium, MetallicRoughness, Model, Projection, Scene, Texels,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -43,7 +43,7 @@ fn glass(roughness: f32, rough_rays: u32, is_thin: bool) -> Material {
             transmission: 1.0,
             ..MetallicRoughness::DEFAULT
         }),
-        interior: Some(Interior {
+        interior: Some(Medium {
             ior: Dispersion::Constant(IOR),
             absorption: Absorption::NONE,
             priority: 0,
@@ -92,7 +92,7 @@ fn settings(size: u32, spp: u32) -> RenderSettings {
     RenderSettings {
         // So that nothing is lost on purpose.
         weight_cutoff: 0.0,
-        ..pictures::settings(size, spp)
+        ..images::settings(size, spp)
     }
 }
 
@@ -188,7 +188,7 @@ fn alpha(roughness: f32) -> f64 {
 }
 
 #[test]
-fn a_rough_white_metal_in_white_surroundings_has_the_albedo_of_its_lobe() {
+fn rough_white_metal_in_white_furnace_has_lobe_albedo() {
     // Of narrower lobes so little misses that no sample shows it, and the pixels have no spread.
     for (rays, roughness) in [(4, 0.2), (1, 0.4), (3, 0.7), (4, 1.0)] {
         for degrees in [0.0, 40.0, 75.0] {
@@ -201,7 +201,7 @@ fn a_rough_white_metal_in_white_surroundings_has_the_albedo_of_its_lobe() {
 }
 
 #[test]
-fn rough_glass_in_white_surroundings_brings_what_its_lobes_let_by_from_outside_and_from_within() {
+fn rough_glass_in_white_furnace_matches_lobe_transmittance() {
     for (rays, roughness) in [(4, 0.2), (1, 0.4), (2, 0.8)] {
         for degrees in [10.0, 50.0, 75.0] {
             let wo = at(degrees);
@@ -217,7 +217,7 @@ fn rough_glass_in_white_surroundings_brings_what_its_lobes_let_by_from_outside_a
 }
 
 #[test]
-fn a_frosted_wall_loses_what_a_white_metal_loses() {
+fn frosted_wall_loses_as_much_as_white_metal() {
     for roughness in [0.2, 0.6] {
         let wo = at(30.0);
         let exact = reflected(alpha(roughness), wo, |_| 1.0, |_| 1.0);
@@ -227,7 +227,7 @@ fn a_frosted_wall_loses_what_a_white_metal_loses() {
 }
 
 #[test]
-fn a_rough_metal_under_a_sky_reflects_the_skys_mean_over_its_lobe() {
+fn rough_metal_reflects_mean_sky_over_its_lobe() {
     let (f0, horizon, up, down) = (0.5, 0.25, 1.5, 0.75);
     let sky = |wi: DVec3| horizon + (if wi.y < 0.0 { down } else { up } - horizon) * wi.y.abs();
     let schlick = |cos: f64| f0 + (1.0 - f0) * (1.0 - cos).powi(5);
@@ -245,7 +245,7 @@ fn a_rough_metal_under_a_sky_reflects_the_skys_mean_over_its_lobe() {
 }
 
 #[test]
-fn neither_the_ambient_light_nor_an_environment_map_nor_a_lamp_counts_twice() {
+fn ambient_environment_and_emission_count_once() {
     let (wo, roughness, color) = (at(50.0), 0.4f32, 0.5);
     let schlick = |cos: f64| 0.04 + 0.96 * (1.0 - cos).powi(5);
     let lobe = reflected(alpha(roughness), wo, schlick, |_| 1.0);
@@ -280,11 +280,11 @@ fn neither_the_ambient_light_nor_an_environment_map_nor_a_lamp_counts_twice() {
     let exact = reflected(alpha(roughness), wo, |_| 1.0, |_| 1.0);
     assert_is_near("environment map", &mapped, wo, exact);
 
-    // Rays do not see lamps, so nothing is added to what shadow rays bring.
+    // Rays do not hit point lights, so nothing is added to what shadow rays bring.
     let [with, without] = [4, 0].map(|rays| {
-        let mut lamp = furnace(paint(rays));
-        lamp.background = Background::default();
-        lamp.lights.push(Light {
+        let mut with_light = furnace(paint(rays));
+        with_light.background = Background::default();
+        with_light.lights.push(Light {
             name: "lamp".into(),
             intensity: [2.0; 3],
             kind: LightKind::Area {
@@ -295,12 +295,14 @@ fn neither_the_ambient_light_nor_an_environment_map_nor_a_lamp_counts_twice() {
                 samples: 2,
             },
         });
-        rendered(&lamp, &close_look(wo), &settings(8, 4)).image.pixels
+        rendered(&with_light, &close_look(wo), &settings(8, 4))
+            .image
+            .pixels
     });
     assert!(with == without && with[0] != [0.0; 3]);
 }
 
-/// Balls of rough metal and glass and a thin pane on a floor, under a lamp and a sky.
+/// Balls of rough metal and glass and a thin pane on a floor, under a light and a sky.
 fn still_life(rays: u32, roughness: f32) -> (Scene, Camera) {
     let ball = |x: f64, material: Material| {
         let sphere = Sphere {
@@ -352,7 +354,7 @@ fn still_life(rays: u32, roughness: f32) -> (Scene, Camera) {
     (scene, camera)
 }
 
-fn pictures(rays: [u32; 2], roughness: f32, settings: &RenderSettings) -> [Vec<[f32; 3]>; 2] {
+fn renders(rays: [u32; 2], roughness: f32, settings: &RenderSettings) -> [Vec<[f32; 3]>; 2] {
     rays.map(|rays| {
         let (scene, camera) = still_life(rays, roughness);
         rendered(&scene, &camera, settings).image.pixels
@@ -360,28 +362,28 @@ fn pictures(rays: [u32; 2], roughness: f32, settings: &RenderSettings) -> [Vec<[
 }
 
 #[test]
-fn without_roughness_the_picture_has_the_bits_of_a_smooth_one() {
-    let [with, without] = pictures([5, 0], 0.0, &settings(40, 4));
+fn zero_roughness_image_equals_smooth_image() {
+    let [with, without] = renders([5, 0], 0.0, &settings(40, 4));
     assert!(with == without);
 }
 
 #[test]
-fn as_roughness_vanishes_the_picture_becomes_the_smooth_one() {
+fn image_converges_to_smooth_as_roughness_vanishes() {
     let settings = settings(40, 4);
-    let [rough, smooth] = pictures([3, 0], 0.002, &settings);
+    let [rough, smooth] = renders([3, 0], 0.002, &settings);
     assert!(rough != smooth);
     let differ = |(a, b): (&[f32; 3], &[f32; 3])| (0..3).any(|c| (a[c] - b[c]).abs() > 2e-3 * (1.0 + b[c]));
     let different = rough.iter().zip(&smooth).filter(|pair| differ(*pair)).count();
-    // Where a ray just meets an edge or does not, a sample is another's.
+    // Where a ray just hits an edge or misses it, a sample is another's.
     println!("{different} of {} pixels differ", rough.len());
     assert!(different * 50 <= rough.len(), "{different} of {}", rough.len());
-    let [rough, smooth] = pictures([3, 0], 0.3, &settings);
+    let [rough, smooth] = renders([3, 0], 0.3, &settings);
     let different = rough.iter().zip(&smooth).filter(|pair| differ(*pair)).count();
     assert!(different * 5 > rough.len(), "{different}: this test cannot fail");
 }
 
 #[test]
-fn the_bits_are_the_same_for_any_number_of_threads_and_whoever_looks_at_the_samples() {
+fn image_bits_do_not_depend_on_threads_or_sample_callback() {
     let (scene, view) = still_life(3, 0.3);
     for spp in [1, 4, 20] {
         let settings = settings(40, spp);
@@ -405,7 +407,7 @@ fn the_bits_are_the_same_for_any_number_of_threads_and_whoever_looks_at_the_samp
 }
 
 #[test]
-fn who_asks_for_no_rays_gets_none_and_others_as_many_as_they_ask_for() {
+fn materials_send_as_many_rough_rays_as_requested() {
     // Two planes of metal that face each other.
     let facing = |rays: u32| {
         scene(vec![
@@ -424,14 +426,14 @@ fn who_asks_for_no_rays_gets_none_and_others_as_many_as_they_ask_for() {
     let none = rendered(&facing(0), &close_look(at(20.0)), &settings);
     assert!(!none.plan.effects().has_lobes());
     assert_eq!(none.ledger.rough_rays(), 0);
-    let asked = rendered(&facing(8), &close_look(at(20.0)), &settings);
-    assert!(asked.plan.effects().has(Effect::RoughReflection));
-    assert!(!asked.plan.effects().has(Effect::RoughRefraction));
+    let requested = rendered(&facing(8), &close_look(at(20.0)), &settings);
+    assert!(requested.plan.effects().has(Effect::RoughReflection));
+    assert!(!requested.plan.effects().has(Effect::RoughRefraction));
     // Eight a camera ray, and each of these sends one at either of the other two bounces.
-    let rays = asked.ledger.of(Account::RoughReflection).rays as f64 / f64::from(16 * 16 * 4);
+    let rays = requested.ledger.of(Category::RoughReflection).rays as f64 / f64::from(16 * 16 * 4);
     // But for those that would go into the surface, of which this roughness makes one in some hundred.
     assert!((23.7..=24.0).contains(&rays), "{rays} a camera ray");
-    assert_eq!(asked.ledger.reflection_rays(), 0);
+    assert_eq!(requested.ledger.reflection_rays(), 0);
 
     let (scene, camera) = still_life(4, 0.3);
     let reasons = Plan::new(&scene, &camera, &EffectOverrides::default()).to_string();
@@ -451,7 +453,7 @@ fn who_asks_for_no_rays_gets_none_and_others_as_many_as_they_ask_for() {
 }
 
 #[test]
-fn the_weight_cut_off_looks_at_all_rays_of_a_lobe_together() {
+fn weight_cutoff_applies_to_all_lobe_rays_together() {
     // 4 % over 64 rays are 1/1600 a ray, under the usual cut-off of 1/512.
     let paint = Material {
         model: Model::MetallicRoughness(MetallicRoughness {
@@ -467,7 +469,7 @@ fn the_weight_cut_off_looks_at_all_rays_of_a_lobe_together() {
         ..settings(4, 1)
     };
     let found = rendered(&furnace(paint), &close_look(DVec3::Z), &settings);
-    let rays = found.ledger.of(Account::RoughReflection).rays;
+    let rays = found.ledger.of(Category::RoughReflection).rays;
     assert!(rays * 100 > 99 * 64 * 16, "{rays}");
     assert!((0.039..0.041).contains(&estimate(&found.image).0));
 }

@@ -1,16 +1,16 @@
-//! Light within bodies and through thin sheets, in whole renders, against what is known in closed form.
+//! Subsurface scattering and translucent thin surfaces in whole renders, compared with closed forms.
 
 use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
 
+use crate::support::images::{add, rendered, settings};
 use crate::support::meshes::{Shading, ball};
-use crate::support::pictures::{add, rendered, settings};
 use glam::{DAffine3, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
 use whit::mesh::{Buffer, Mesh};
 use whit::optics::dielectric;
 use whit::optics::subsurface::{Dipole, Scattering, SubsurfacePreset, diffuse_transmittance};
-use whit::render::{Account, Monitor, RenderSettings, Rendering, render};
+use whit::render::{Category, Monitor, RenderSettings, Rendering, render};
 use whit::scene::{
     AreaShape, Background, Camera, Effect, EffectOverrides, Falloff, Geometry, Image, Instance, Light,
     LightKind, Material, MetallicRoughness, Model, Projection, Scene, Texels, Translucency,
@@ -115,7 +115,7 @@ fn squares(half: f64) -> [(Geometry, DAffine3); 2] {
 }
 
 #[test]
-fn a_wide_slab_in_the_sun_sends_back_the_closed_form_of_its_diffuse_reflectance() {
+fn wide_slab_reflects_closed_form_diffuse_reflectance() {
     for name in ["skin1", "marble"] {
         let scattering = preset(name);
         let dipole = Dipole::new(&scattering).unwrap();
@@ -161,7 +161,7 @@ fn a_wide_slab_in_the_sun_sends_back_the_closed_form_of_its_diffuse_reflectance(
 }
 
 #[test]
-fn a_ball_in_even_light_sends_back_what_leaves_within_its_diameter() {
+fn uniformly_lit_ball_reflects_exitance_within_its_diameter() {
     // Of a sphere, the part within a distance r of one of its points has an area of pi r², as a disk has.
     let radius = 6.0;
     let scattering = preset("wholemilk");
@@ -179,7 +179,7 @@ fn a_ball_in_even_light_sends_back_what_leaves_within_its_diameter() {
     let mut camera = from_above(1.0, 0.5);
     camera.world_from_camera.translation += DVec3::new(1.0, -2.0, 0.0);
     let found = rendered(&ball, &camera, &settings(8, SPP));
-    assert_eq!(found.ledger.of(Account::Subsurface).rays, 0);
+    assert_eq!(found.ledger.of(Category::Subsurface).rays, 0);
     let leaving = dielectric(1.0, 1.0, scattering.eta).transmittance.mean();
     for pixel in &found.image.pixels {
         for c in 0..3 {
@@ -250,7 +250,7 @@ fn studio() -> (Scene, Camera) {
 }
 
 #[test]
-fn the_picture_has_the_same_bits_for_one_thread_and_for_seven() {
+fn image_bits_are_equal_for_one_and_seven_threads() {
     let (scene, camera) = studio();
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new()
@@ -258,7 +258,7 @@ fn the_picture_has_the_same_bits_for_one_thread_and_for_seven() {
             .build()
             .unwrap();
         let found = pool.install(|| rendered(&scene, &camera, &settings(40, SPP)));
-        assert!(found.ledger.of(Account::Subsurface).rays > 1000);
+        assert!(found.ledger.of(Category::Subsurface).rays > 1000);
         assert_eq!(found.subsurface.unwrap().bodies, 2);
         let values = found.image.pixels.as_flattened().iter();
         values.map(|value| value.to_bits()).collect::<Vec<u32>>()
@@ -268,12 +268,12 @@ fn the_picture_has_the_same_bits_for_one_thread_and_for_seven() {
 }
 
 #[test]
-fn every_ray_to_the_points_of_bodies_is_booked_and_none_is_traced_when_they_are_off() {
+fn subsurface_shadow_rays_are_counted() {
     let (scene, camera) = studio();
     let found = rendered(&scene, &camera, &settings(16, SPP));
     let stats = found.subsurface.unwrap();
-    // Four lights, two of them asked twice, and the points of the ball that face none of them.
-    let rays = found.ledger.of(Account::Subsurface).rays;
+    // Four lights, two of them sampled twice, and the points of the ball that face none of them.
+    let rays = found.ledger.of(Category::Subsurface).rays;
     assert!(
         rays >= stats.samples as u64 && rays <= 2 * 6 * stats.samples as u64,
         "{rays} {stats:?}"
@@ -285,14 +285,14 @@ fn every_ray_to_the_points_of_bodies_is_booked_and_none_is_traced_when_they_are_
     };
     let paint = rendered(&scene, &camera, &off);
     assert_eq!(
-        (paint.subsurface, paint.ledger.of(Account::Subsurface).rays),
+        (paint.subsurface, paint.ledger.of(Category::Subsurface).rays),
         (None, 0)
     );
     assert!(paint.image != found.image);
 }
 
 #[test]
-fn what_stands_before_a_light_keeps_it_out_of_a_body() {
+fn occluders_shadow_subsurface_samples() {
     let scattering = preset("marble");
     let slab = || squares(3.0)[0].clone();
     let of = |with_lid: bool| {
@@ -310,7 +310,7 @@ fn what_stands_before_a_light_keeps_it_out_of_a_body() {
 }
 
 #[test]
-fn a_mirrored_mesh_takes_light_in_on_its_outside() {
+fn mirrored_mesh_receives_subsurface_light_on_its_outside() {
     let of = |size: DVec3| {
         let lit = scene(
             vec![(
@@ -332,7 +332,7 @@ fn a_mirrored_mesh_takes_light_in_on_its_outside() {
 }
 
 #[test]
-fn bodies_that_ask_for_too_many_points_are_coarser_and_say_so() {
+fn excessive_subsurface_sample_counts_are_limited_and_reported() {
     let fine = body(preset("spectralon").scaled(0.001));
     let (geometry, place) = squares(1.0)[0].clone();
     let mut lit = scene(vec![(geometry, fine, place)], Vec::new());
@@ -351,7 +351,7 @@ fn bodies_that_ask_for_too_many_points_are_coarser_and_say_so() {
 }
 
 #[test]
-fn nobody_waits_for_a_picture_that_was_cancelled() {
+fn cancelled_subsurface_render_returns_early() {
     let (scene, camera) = studio();
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
     let monitor = Monitor {
@@ -362,25 +362,25 @@ fn nobody_waits_for_a_picture_that_was_cancelled() {
     assert!(render(&scene, &camera, &*accel, &settings(16, SPP), &monitor).is_none());
 }
 
-const SHEET: Translucency = Translucency {
+const THIN_SURFACE: Translucency = Translucency {
     factor: 0.4,
     color: [0.9, 0.5, 0.2],
 };
 
-/// A sheet of base colour 0.8 seen from above, with a lamp at `height` over or under its middle.
-fn sheet(height: f64) -> Scene {
+/// A thin surface of base colour 0.8 seen from above, with a light at `height` over or under its middle.
+fn thin_surface(height: f64) -> Scene {
     let leaf = Material {
         base_color: [0.8, 0.8, 0.8, 1.0],
-        translucency: Some(SHEET),
+        translucency: Some(THIN_SURFACE),
         ..dull()
     };
-    let lamp = light(LightKind::Point {
+    let point_light = light(LightKind::Point {
         position: DVec3::new(0.0, 0.0, height),
         falloff: Falloff::PHYSICAL,
     });
     scene(
         vec![(Geometry::Shape(Shape::Quad), leaf, DAffine3::IDENTITY)],
-        vec![lamp],
+        vec![point_light],
     )
 }
 
@@ -397,12 +397,12 @@ fn middle(scene: &Scene) -> [f64; 3] {
 }
 
 #[test]
-fn a_leaf_lit_from_behind_shows_its_translucency_and_from_before_its_reflectance() {
-    let (front, back) = (middle(&sheet(2.0)), middle(&sheet(-2.0)));
+fn leaf_shows_translucency_backlit_and_reflectance_frontlit() {
+    let (front, back) = (middle(&thin_surface(2.0)), middle(&thin_surface(-2.0)));
     for c in 0..3 {
         let irradiance = [3.0, 2.0, 1.0][c] / 4.0;
-        let through = f64::from(SHEET.factor) * f64::from(SHEET.color[c]);
-        let reflected = (1.0 - f64::from(SHEET.factor)) * f64::from(0.8f32);
+        let through = f64::from(THIN_SURFACE.factor) * f64::from(THIN_SURFACE.color[c]);
+        let reflected = (1.0 - f64::from(THIN_SURFACE.factor)) * f64::from(0.8f32);
         assert!(
             (back[c] / (through * irradiance / PI) - 1.0).abs() <= ROUNDING,
             "{back:?}"
@@ -416,8 +416,8 @@ fn a_leaf_lit_from_behind_shows_its_translucency_and_from_before_its_reflectance
 }
 
 #[test]
-fn a_leaf_in_even_light_sends_out_no_more_than_arrives() {
-    let mut leaf = sheet(2.0);
+fn uniformly_lit_leaf_conserves_energy() {
+    let mut leaf = thin_surface(2.0);
     leaf.lights.clear();
     leaf.ambient = [1.0; 3];
     leaf.materials[0].base_color = [1.0; 4];
@@ -433,17 +433,17 @@ fn a_leaf_in_even_light_sends_out_no_more_than_arrives() {
 }
 
 #[test]
-fn what_stands_behind_a_leaf_shades_it_and_a_ball_of_leaf_shades_itself() {
+fn leaf_is_shadowed_from_behind_and_by_itself() {
     let lid = |z: f64| DAffine3::from_translation(DVec3::new(0.0, 0.0, z));
-    let mut shaded = sheet(-2.0);
+    let mut shaded = thin_surface(-2.0);
     shaded.geometries.push(Geometry::Shape(Shape::Disk));
     shaded.materials.push(dull());
     shaded
         .instances
         .push(Instance::new("lid", 1, 1, lid(-1.0)).unwrap());
     assert_eq!(middle(&shaded), [0.0; 3]);
-    // Its far half is between its top and a lamp below.
-    let mut ball = sheet(-4.0);
+    // Its far half is between its top and a light below.
+    let mut ball = thin_surface(-4.0);
     ball.geometries[0] = Geometry::Shape(Shape::Sphere(Sphere::UNIT));
     ball.instances[0] = Instance::new("ball", 0, 0, lid(-1.5)).unwrap();
     assert_eq!(middle(&ball), [0.0; 3]);
@@ -455,9 +455,9 @@ fn what_stands_behind_a_leaf_shades_it_and_a_ball_of_leaf_shades_itself() {
 }
 
 #[test]
-fn leaves_and_bodies_are_in_the_plan_with_the_name_of_their_material() {
+fn plan_names_materials_with_translucency_and_subsurface() {
     let (mut scene, camera) = studio();
-    scene.materials[3].translucency = Some(SHEET);
+    scene.materials[3].translucency = Some(THIN_SURFACE);
     scene.materials[3].name = "leaf".into();
     scene.materials[0].name = "milk".into();
     let plan = rendered(&scene, &camera, &settings(1, SPP)).plan;
@@ -467,10 +467,10 @@ fn leaves_and_bodies_are_in_the_plan_with_the_name_of_their_material() {
     };
     assert_eq!(
         reason(Effect::Subsurface),
-        "material `milk` scatters light within, and 1 more of 4"
+        "material `milk` has subsurface scattering, and 1 more of 4"
     );
     assert_eq!(
         reason(Effect::Translucency),
-        "material `leaf` lets through 0.4 of its diffuse light"
+        "material `leaf` transmits 0.4 of its diffuse light"
     );
 }

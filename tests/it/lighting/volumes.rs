@@ -129,7 +129,7 @@ fn assert_near(found: f64, expected: f64, tolerance: f64) {
 }
 
 #[test]
-fn a_slab_takes_light_away_by_beers_law_whatever_the_step() {
+fn slab_absorbs_by_beers_law_at_any_step() {
     for step in [0.3, 0.15, 0.07] {
         let white = Scene {
             background: Background::Uniform([1.0; 3]),
@@ -140,7 +140,7 @@ fn a_slab_takes_light_away_by_beers_law_whatever_the_step() {
 }
 
 #[test]
-fn fog_leaves_of_a_surface_what_beers_law_says_and_nothing_of_infinity() {
+fn fog_attenuates_by_beers_law_and_hides_the_background() {
     let mut foggy = Scene {
         background: Background::Uniform([1.0; 3]),
         fog: Some(Fog::new(SIGMA, [0.0; 3], [0.0; 3], 0.5).unwrap()),
@@ -159,7 +159,7 @@ fn unlit() -> Material {
 }
 
 #[test]
-fn a_surface_in_a_volume_is_seen_through_what_lies_before_it() {
+fn surface_in_a_volume_is_attenuated_by_the_part_in_front() {
     let mut inside = scene(vec![slab(SIGMA, 0.0, 0.3, DVec3::ZERO)]);
     let place = DAffine3::from_translation(DVec3::new(0.0, 0.0, 0.25));
     add(&mut inside, Shape::Quad, unlit(), place);
@@ -180,7 +180,7 @@ fn overlapping_volumes_add_their_extinctions_in_any_order() {
 }
 
 #[test]
-fn a_slab_lit_from_the_front_scatters_what_the_integral_says() {
+fn front_lit_slab_scatters_the_closed_integral() {
     let lit = Scene {
         lights: vec![sun(DVec3::Z)],
         ..scene(vec![slab(SIGMA, 0.5, 0.01, DVec3::ZERO)])
@@ -227,7 +227,7 @@ fn estimate(scene: &Scene, settings: &RenderSettings) -> (f64, f64) {
 }
 
 #[test]
-fn an_even_environment_is_scattered_once_as_the_integral_says() {
+fn uniform_environment_single_scattering_equals_the_integral() {
     // Behind the slab the map itself; of each step what its matter scatters of all that gets there, which is the mean
     // over all directions of exp(-sigma s), s being the way out of the cube: by the middles of 200 x 400 cells of equal
     // solid angle.
@@ -266,7 +266,7 @@ fn an_even_environment_is_scattered_once_as_the_integral_says() {
 }
 
 #[test]
-fn thin_white_matter_vanishes_in_a_white_environment_and_grey_takes_its_part() {
+fn thin_white_medium_vanishes_in_white_environment() {
     // What is scattered away comes from elsewhere, but for what is scattered twice: of sigma 2 s twice that, s being at
     // most the way of 2 through the cube plus 3.5 out of it. Samples of an even map have one radiance and density.
     let sigma = 1e-3;
@@ -306,13 +306,13 @@ fn unlit_black() -> Material {
 
 /// A floor seen along the axis, in light that comes from aside and goes through a volume's diagonal if `volumes` says
 /// so.
-fn floor(volumes: Vec<Volume>, sheet: Option<f32>) -> Scene {
+fn floor(volumes: Vec<Volume>, blended: Option<f32>) -> Scene {
     let mut floor = Scene {
         lights: vec![sun(DVec3::new(1.0, 0.0, 1.0))],
         ..scene(volumes)
     };
     add(&mut floor, Shape::Quad, Material::default(), DAffine3::IDENTITY);
-    if let Some(coverage) = sheet {
+    if let Some(coverage) = blended {
         let material = Material {
             alpha: AlphaMode::Blend,
             base_color: [1.0, 1.0, 1.0, coverage],
@@ -326,7 +326,7 @@ fn floor(volumes: Vec<Volume>, sheet: Option<f32>) -> Scene {
 }
 
 #[test]
-fn a_shadow_through_a_volume_is_its_transmittance_behind_sheets_too() {
+fn shadow_through_a_volume_is_its_transmittance() {
     let volume = || vec![slab(SIGMA, 0.5, 0.3, DVec3::new(3.0, 0.0, 3.0))];
     let clear = red(&floor(Vec::new(), None));
     let left = (-SIGMA * 8f64.sqrt()).exp();
@@ -366,7 +366,7 @@ fn busy() -> Scene {
     busy
 }
 
-fn small_picture() -> RenderSettings {
+fn small_image() -> RenderSettings {
     RenderSettings {
         width: 24,
         height: 18,
@@ -375,12 +375,12 @@ fn small_picture() -> RenderSettings {
 }
 
 #[test]
-fn leaps_over_empty_space_change_no_bit() {
+fn empty_space_skipping_changes_no_bit() {
     let clear = Scene { fog: None, ..busy() };
-    let leaping = rendered(&clear, Backend::Bsp, &small_picture());
+    let leaping = rendered(&clear, Backend::Bsp, &small_image());
     let settings = RenderSettings {
         skip_empty: SkipEmpty::Never,
-        ..small_picture()
+        ..small_image()
     };
     assert!(clear.volumes[0].empty_space().share() > 0.3);
     let everywhere = rendered(&clear, Backend::Bsp, &settings);
@@ -390,16 +390,16 @@ fn leaps_over_empty_space_change_no_bit() {
 }
 
 #[test]
-fn threads_change_no_bit_and_backends_little() {
+fn volume_images_do_not_depend_on_threads_or_backend() {
     let scene = busy();
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         pool.unwrap()
-            .install(|| rendered(&scene, Backend::Bsp, &small_picture()))
+            .install(|| rendered(&scene, Backend::Bsp, &small_image()))
     };
     let (one, many) = (on(1), on(3));
     assert!(bits(&one) == bits(&many));
-    let other = rendered(&scene, Backend::default(), &small_picture());
+    let other = rendered(&scene, Backend::default(), &small_image());
     let pairs = one.image.pixels.iter().zip(&other.image.pixels);
     let differ = |(a, b): &(&[f32; 3], &[f32; 3])| (0..3).any(|c| (a[c] - b[c]).abs() > 1e-4 * (1.0 + a[c]));
     // A silhouette's pixel or two, and samples at the edge of the ball's shadow.
@@ -407,17 +407,17 @@ fn threads_change_no_bit_and_backends_little() {
 }
 
 #[test]
-fn samples_of_volumes_send_shadow_rays_and_a_ball_cuts_its_shadow_out_of_the_beam() {
+fn ball_casts_a_shadow_into_a_light_beam() {
     let mut beam = scene(vec![slab(0.05, 1.0, 0.05, DVec3::ZERO)]);
     beam.lights = vec![sun(DVec3::X)];
-    let lit = rendered(&beam, Backend::Bsp, &small_picture());
+    let lit = rendered(&beam, Backend::Bsp, &small_image());
     // Nothing can hide the light.
     assert_eq!(lit.ledger.shadow_rays(), 0);
     let open = red(&beam);
     assert!(open > 0.0);
     let place = DAffine3::from_translation(DVec3::new(5.0, 0.0, 0.0));
     add(&mut beam, Shape::Sphere(Sphere::UNIT), Material::default(), place);
-    let cut = rendered(&beam, Backend::Bsp, &small_picture());
+    let cut = rendered(&beam, Backend::Bsp, &small_image());
     let camera_rays = cut.ledger.camera_rays();
     assert!(
         cut.ledger.shadow_rays() >= 10 * camera_rays,

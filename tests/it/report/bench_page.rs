@@ -127,14 +127,14 @@ const PROBE: &str = r##"
     titles: [...document.querySelectorAll(".chart .point")].every((point) => point.getAttribute("aria-label")),
     bars: [...new Set([...document.querySelectorAll("svg rect.bar")].map((bar) => getComputedStyle(bar).fill))].length,
   };
-  const told = (chart) => {
+  const tip = (chart) => {
     const point = chart.querySelector(".point");
     point.dispatchEvent(new Event("pointerenter"));
     const words = shown(".tip").map((tip) => tip.textContent);
     point.dispatchEvent(new Event("pointerleave"));
     return words[0];
   };
-  found.told = charts.map(told);
+  found.tips = charts.map(tip);
   found.quiet = shown(".tip").length;
   const entry = charts[0].querySelector(".legend [data-series]");
   entry?.dispatchEvent(new Event("pointerenter"));
@@ -172,7 +172,7 @@ fn strings(list: &Value) -> Vec<&str> {
 }
 
 #[test]
-fn every_size_and_way_is_drawn_and_crossings_are_told() {
+fn page_draws_all_sizes_and_methods_and_lists_crossings() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let rows = rows(SIZES.len());
@@ -192,12 +192,12 @@ fn every_size_and_way_is_drawn_and_crossings_are_told() {
     assert_eq!(found["points"], json!(points), "{found}");
     assert_eq!(found["rows"], json!(vec![4 * WAYS.len(); SIZES.len()]));
     let labels = strings(&found["labels"]);
-    assert_eq!(labels[0], "million rays a second over triangles");
+    assert_eq!(labels[0], "million rays per second over triangles");
     assert_eq!(
         labels[4..6],
         [
-            "seconds of a build over triangles",
-            "bytes a triangle over triangles"
+            "build seconds over triangles",
+            "bytes per triangle over triangles"
         ]
     );
     assert_eq!([&found["within"], &found["titles"]], [&json!(true); 2], "{found}");
@@ -207,10 +207,10 @@ fn every_size_and_way_is_drawn_and_crossings_are_told() {
     assert_eq!(found["bars"], 3);
     // All series of the first chart but the one pointed at.
     assert_eq!(found["faded"], WAYS.len() - 2);
-    let told = strings(&found["told"]);
+    let tips = strings(&found["tips"]);
     assert_eq!(
-        told[0],
-        "974 triangles\nembree watertight, packet, camera rays\n30.1 million rays a second (28.9 to 31.0)"
+        tips[0],
+        "974 triangles\nembree watertight, packet, camera rays\n30.1 million rays per second (28.9 to 31.0)"
     );
     // Three ways by three precisions, one of which is asked one by one; builds and memory.
     let verdicts = strings(&found["verdicts"]);
@@ -226,7 +226,7 @@ fn every_size_and_way_is_drawn_and_crossings_are_told() {
 }
 
 #[test]
-fn the_page_is_as_wide_as_the_window_and_as_dark_as_is_wished() {
+fn page_fits_narrow_windows_and_follows_the_color_scheme() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let page = written(folder.path(), &rows(2));
@@ -246,7 +246,7 @@ fn the_page_is_as_wide_as_the_window_and_as_dark_as_is_wished() {
 }
 
 #[test]
-fn one_scene_without_threads_has_bars_alone() {
+fn scene_without_thread_scaling_has_only_bars() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let mut rows = rows(1);

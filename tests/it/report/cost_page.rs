@@ -8,7 +8,7 @@ use crate::support::browser::{chromium, is_clean, looked_at};
 use serde_json::{Value, json};
 use whit::cost::{Check, Curve, Interval, Knob, Point, Reference, Study, Timing};
 use whit::image::{LinearImage, ToneMap};
-use whit::report::cost_page::{Facts, Pictures, page};
+use whit::report::cost_page::{ComparedImages, Facts, page};
 
 const SIZE: [u32; 2] = [120, 80];
 
@@ -174,7 +174,7 @@ fn study() -> Study {
                 check(
                     "depth",
                     false,
-                    "8 more generations change 1.3 % of the pixels; at most 0.1 %",
+                    "8 more bounces change 1.3 % of the pixels; at most 0.1 %",
                 ),
             ],
         },
@@ -223,15 +223,15 @@ fn written(folder: &Path, study: &Study) -> PathBuf {
         tone: ToneMap::default(),
         date: Some("2026-01-02"),
     };
-    let [reference, picture, difference] = [0.0, 0.3, 0.1].map(rings);
-    let pictures = Pictures {
+    let [reference, image, difference] = [0.0, 0.3, 0.1].map(rings);
+    let images = ComparedImages {
         reference: &reference,
-        picture: &picture,
+        image: &image,
         difference: &difference,
         flip: &difference,
     };
     let path = folder.join("cost.html");
-    fs::write(&path, page(study, &facts, &pictures).unwrap()).unwrap();
+    fs::write(&path, page(study, &facts, &images).unwrap()).unwrap();
     path
 }
 
@@ -255,7 +255,7 @@ const PROBE: &str = r##"
   };
   const point = chart.querySelector(".point");
   point.dispatchEvent(new Event("pointerenter"));
-  found.told = shown(".tip").map((tip) => tip.textContent);
+  found.tip = shown(".tip").map((tip) => tip.textContent);
   found.tipInside = shown(".tip").every((tip) => inside(tip.getBoundingClientRect(), { left: 0, top: -1e9, right: innerWidth, bottom: 1e9 }));
   point.dispatchEvent(new Event("pointerleave"));
   found.quiet = shown(".tip").length;
@@ -293,7 +293,7 @@ fn probed(browser: &str, page: &Path, flags: &[&str]) -> Value {
 }
 
 #[test]
-fn every_point_is_drawn_and_tells_what_it_is() {
+fn page_draws_every_point_with_a_tooltip() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let study = study();
@@ -325,16 +325,16 @@ fn every_point_is_drawn_and_tells_what_it_is() {
     assert_eq!(found["bad"], 0);
     assert_eq!(found["stamp"], json!(["REFERENCE NOT CONVERGED"]));
     assert_eq!(found["overlaps"], json!([]));
-    let told = found["told"][0].as_str().unwrap();
+    let tip = found["tip"][0].as_str().unwrap();
     assert!(
-        told.starts_with("samples 1") && told.contains("pattern sobol"),
-        "{told}"
+        tip.starts_with("samples 1") && tip.contains("pattern sobol"),
+        "{tip}"
     );
     assert_eq!([&found["quiet"], &found["faded"], &found["unfaded"]], [0, 11, 0]);
 }
 
 #[test]
-fn the_pictures_slide_and_the_worst_parts_are_enlarged() {
+fn viewer_slides_images_and_worst_tiles_are_enlarged() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let found = probed(
@@ -348,7 +348,7 @@ fn the_pictures_slide_and_the_worst_parts_are_enlarged() {
 }
 
 #[test]
-fn the_page_is_as_wide_as_the_window_and_as_dark_as_is_wished() {
+fn page_fits_narrow_windows_and_follows_the_color_scheme() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let page = written(folder.path(), &study());
@@ -368,7 +368,7 @@ fn the_page_is_as_wide_as_the_window_and_as_dark_as_is_wished() {
 }
 
 #[test]
-fn a_study_of_the_base_alone_that_converged_has_a_page_without_a_stamp() {
+fn page_of_a_converged_base_has_no_warning() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let mut study = study();

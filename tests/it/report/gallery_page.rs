@@ -86,8 +86,8 @@ fn frame(number: usize, small: &[Vec<u8>]) -> GalleryFrame {
 
 fn written(folder: &Path, count: usize) -> PathBuf {
     let small = |number: usize| {
-        let picture = rings(number as f32 * 0.26);
-        thumbnail(&picture, thumbnail_side(count), ToneMap::default()).unwrap()
+        let image = rings(number as f32 * 0.26);
+        thumbnail(&image, thumbnail_side(count), ToneMap::default()).unwrap()
     };
     let small: Vec<Vec<u8>> = (0..count.min(24)).map(small).collect();
     let gallery = Gallery {
@@ -153,7 +153,7 @@ fn probed(page: &Path, browser: &str, flags: &[&str]) -> Value {
 }
 
 #[test]
-fn frames_are_sorted_filtered_and_walked_through_and_nothing_is_loaded() {
+fn frames_can_be_sorted_filtered_and_focused_without_loading() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let page = written(folder.path(), 24);
@@ -183,7 +183,7 @@ fn frames_are_sorted_filtered_and_walked_through_and_nothing_is_loaded() {
 }
 
 #[test]
-fn a_failed_frame_is_seen_as_such_and_times_are_drawn() {
+fn failed_frames_are_marked_and_times_are_drawn() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let found = probed(&written(folder.path(), 24), browser, &["--window-size=1200,900"]);
@@ -208,7 +208,7 @@ fn a_failed_frame_is_seen_as_such_and_times_are_drawn() {
 }
 
 #[test]
-fn the_page_is_as_wide_as_the_window_and_as_dark_as_is_wished() {
+fn page_fits_narrow_windows_and_follows_the_color_scheme() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let page = written(folder.path(), 24);
@@ -228,13 +228,13 @@ fn the_page_is_as_wide_as_the_window_and_as_dark_as_is_wished() {
 }
 
 #[test]
-fn two_hundred_frames_fit_into_a_page_that_opens() {
+fn page_of_two_hundred_frames_opens() {
     assert_page_opens(200);
 }
 
 #[test]
 #[ignore = "slow: a thousand frames"]
-fn a_thousand_frames_fit_into_a_page_that_opens() {
+fn page_of_a_thousand_frames_opens() {
     assert_page_opens(1000);
 }
 
@@ -252,7 +252,7 @@ fn assert_page_opens(count: usize) {
 }
 
 #[test]
-fn a_batch_without_frames_has_a_page() {
+fn batch_without_frames_has_a_page() {
     let page = Gallery::default().page();
     assert!(page.contains("<div class=\"gallery\">\n</div>"), "{page}");
 }
@@ -260,7 +260,7 @@ fn a_batch_without_frames_has_a_page() {
 /// Writes the page of 24 frames to look at: `GALLERY_PAGE=FILE tests/ci/slow gallery_page`.
 #[test]
 #[ignore = "slow: writes a page to look at"]
-fn a_page_to_look_at() {
+fn writes_a_page_for_visual_inspection() {
     let Ok(path) = std::env::var("GALLERY_PAGE") else {
         return;
     };

@@ -17,7 +17,7 @@ const PROBE: &str = r#"
   const found = { sections: sections(), rows: rows() };
   if (field) {
     type("h35 FORMULAS");
-    found.typed = { sections: sections(), rows: rows(), told: document.querySelector(".filter output").textContent };
+    found.typed = { sections: sections(), rows: rows(), output: document.querySelector(".filter output").textContent };
     type("no such words");
     found.nothing = rows();
     type("");
@@ -26,7 +26,7 @@ const PROBE: &str = r#"
     boxes.find((box) => box.value === "holds").click();
     found.again = rows();
   }
-  found.pictures = shown("section svg, section img").length;
+  found.images = shown("section svg, section img").length;
   return found;
 "#;
 
@@ -56,7 +56,7 @@ fn suite(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn the_suites_page_loads_nothing_and_its_filter_works() {
+fn suite_page_loads_nothing_and_its_filter_works() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let found = looked_at(browser, &suite(folder.path()), &["--window-size=1200,900"]);
@@ -67,7 +67,7 @@ fn the_suites_page_loads_nothing_and_its_filter_works() {
     assert_eq!(found["rows"], rows, "{found}");
     assert_eq!(found["typed"]["rows"], 1, "{found}");
     assert_eq!(found["typed"]["sections"], serde_json::json!(["H35"]));
-    assert_eq!(found["typed"]["told"], format!("1 of {rows} rows"));
+    assert_eq!(found["typed"]["output"], format!("1 of {rows} rows"));
     assert_eq!(found["nothing"], 0);
     let left = found["unticked"].as_array().unwrap();
     assert!(!left.contains(&"holds".into()), "{found}");
@@ -77,11 +77,11 @@ fn the_suites_page_loads_nothing_and_its_filter_works() {
         "fast triangles lose rays"
     );
     assert_eq!(found["again"], rows);
-    assert!(found["pictures"].as_u64().unwrap() >= 3, "{found}");
+    assert!(found["images"].as_u64().unwrap() >= 3, "{found}");
 }
 
 #[test]
-fn pages_are_as_wide_as_the_window_and_as_dark_as_is_wished() {
+fn page_fits_narrow_windows_and_follows_the_color_scheme() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let page = suite(folder.path());
@@ -100,7 +100,7 @@ fn pages_are_as_wide_as_the_window_and_as_dark_as_is_wished() {
 }
 
 #[test]
-fn a_scenes_page_holds_its_picture_whatever_the_scene_is_called() {
+fn scene_page_shows_the_image_and_escapes_the_name() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("<b>it's & \"odd\".gltf");
@@ -124,7 +124,7 @@ fn a_scenes_page_holds_its_picture_whatever_the_scene_is_called() {
     let found = looked_at(browser, &page, &["--window-size=1200,900"]);
     is_clean(&found);
     assert_eq!(found["sections"], serde_json::json!(["scene0"]));
-    assert_eq!(found["pictures"], 1, "{found}");
+    assert_eq!(found["images"], 1, "{found}");
     assert!(
         fs::read_to_string(&page)
             .unwrap()
@@ -133,7 +133,7 @@ fn a_scenes_page_holds_its_picture_whatever_the_scene_is_called() {
 }
 
 #[test]
-fn what_a_page_would_load_or_get_wrong_is_noticed() {
+fn browser_check_detects_external_loads_and_script_errors() {
     let Some(browser) = chromium() else { return };
     let folder = tempfile::tempdir().unwrap();
     let page = suite(folder.path());

@@ -1,4 +1,4 @@
-//! The plan of effects: what it leaves out changes no bit of a picture, and none of its triggers can be spared.
+//! Tests of the effect plan: the effects that it disables change no bit of an image, and every trigger is necessary.
 
 use std::sync::atomic::AtomicBool;
 
@@ -6,10 +6,10 @@ use crate::support::{random_scenes, scene_folder};
 use rayon::prelude::*;
 use whit::accel::{self, AccelOptions, Backend};
 use whit::render::plan::{Facts, TRIGGERS, Trigger};
-use whit::render::{Account, Monitor, Plan, RenderSettings, Rendering, render};
+use whit::render::{Category, Monitor, Plan, RenderSettings, Rendering, render};
 use whit::scene::{Effect, EffectOverrides, EffectSet, Scene};
 
-/// Random scenes.
+/// Number of random scenes.
 const SCENES: u64 = 1000;
 
 fn settings() -> RenderSettings {
@@ -48,7 +48,7 @@ fn backend_of(seed: u64) -> Backend {
     }
 }
 
-/// What the plan says of the scene without one of its triggers, as the effects that would be missing.
+/// Returns the effects that the plan would disable in the scene if this trigger did not exist.
 fn missing_without(trigger: &Trigger, scene: &Scene) -> EffectSet {
     let facts = Facts::of(scene, &scene.cameras[0]);
     let called_for = |effect: Effect| {
@@ -66,7 +66,7 @@ fn missing_without(trigger: &Trigger, scene: &Scene) -> EffectSet {
 }
 
 #[test]
-fn a_thousand_random_scenes_look_the_same_with_every_effect_switched_on() {
+fn random_scenes_look_the_same_with_all_effects_on() {
     let plans: Vec<Plan> = (0..SCENES)
         .into_par_iter()
         .map(|seed| {
@@ -82,7 +82,7 @@ fn a_thousand_random_scenes_look_the_same_with_every_effect_switched_on() {
             planned.plan
         })
         .collect();
-    // The scenes are such that this proves something of every effect.
+    // Check that every effect was on in some scene and off in another
     for effect in Effect::ALL {
         let on = plans.iter().filter(|plan| plan.effects().has(effect)).count();
         println!("{effect}: on in {on} of {SCENES} scenes");
@@ -91,7 +91,7 @@ fn a_thousand_random_scenes_look_the_same_with_every_effect_switched_on() {
 }
 
 #[test]
-fn every_scene_of_the_folder_looks_the_same_with_every_effect_switched_on() {
+fn repository_scenes_look_the_same_with_all_effects_on() {
     for file in scene_folder::files() {
         let filed = scene_folder::load(&file);
         let settings = RenderSettings {
@@ -109,7 +109,7 @@ fn every_scene_of_the_folder_looks_the_same_with_every_effect_switched_on() {
 }
 
 #[test]
-fn without_any_one_trigger_some_picture_changes() {
+fn removing_any_trigger_changes_some_image() {
     let spared: Vec<&str> = TRIGGERS
         .par_iter()
         .filter(|trigger| {
@@ -134,7 +134,7 @@ fn without_any_one_trigger_some_picture_changes() {
 }
 
 #[test]
-fn what_is_off_has_no_rays() {
+fn disabled_effects_trace_no_rays() {
     for seed in 0..200 {
         let scene = random_scenes::scene(seed);
         let Rendering {
@@ -152,20 +152,23 @@ fn what_is_off_has_no_rays() {
             on.has(Effect::Reflection) || ledger.reflection_rays() == 0,
             "scene {seed}"
         );
-        assert!(on.has_sheets() || ledger.refraction_rays() == 0, "scene {seed}");
+        assert!(
+            on.has_transmission() || ledger.refraction_rays() == 0,
+            "scene {seed}"
+        );
         assert!(on.has_lobes() || ledger.rough_rays() == 0, "scene {seed}");
         assert!(on.has(Effect::Subsurface) == subsurface.is_some(), "scene {seed}");
         for effect in Effect::ALL {
-            // What goes through holes and veils is booked as if it were refracted.
-            let may = on.has(effect) || (effect == Effect::Refraction && on.has_sheets());
-            let rays = Account::of(effect).map_or(0, |account| ledger.of(account).rays);
+            // Rays through alpha-tested and blended surfaces count as refracted rays.
+            let may = on.has(effect) || (effect == Effect::Refraction && on.has_transmission());
+            let rays = Category::of(effect).map_or(0, |account| ledger.of(account).rays);
             assert!(may || rays == 0, "scene {seed}: {rays} rays of {effect}");
         }
     }
 }
 
 #[test]
-fn what_is_switched_off_is_off_with_all_that_needs_it() {
+fn disabled_effects_disable_their_dependents() {
     let scene = random_scenes::scene(1);
     let overrides: EffectOverrides = "all,-shadow,-refraction".parse().unwrap();
     let plan = Plan::new(&scene, &scene.cameras[0], &overrides);

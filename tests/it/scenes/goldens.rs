@@ -1,11 +1,11 @@
-//! Every scene of the folder `scenes` looks as it did when somebody last looked at it.
+//! Compares every scene of the folder `scenes` with its stored golden image.
 //!
-//! `tests/golden` holds a picture of each, 80 pixels a row and of one sample a pixel, by the BSP, which is Rust all
-//! through: the same everywhere but for what the system's mathematical functions round. Values are halves, zipped.
+//! `tests/golden` holds an image of each scene with 80 pixels per row and one sample per pixel. The BSP renders them,
+//! which is pure Rust: the images differ between systems only by the rounding of their mathematical functions. Values
+//! are half floats with ZIP compression.
 //!
-//! A change that is meant to change pictures makes them anew: run
-//! `WHIT_WRITE_GOLDENS=1 cargo test --release --test it goldens`, and look at the new files before they are
-//! committed.
+//! After an intended change of images, run `WHIT_WRITE_GOLDENS=1 cargo test --release --test it goldens`, and look at
+//! the new files before you commit them.
 
 use std::path::{Path, PathBuf};
 
@@ -14,18 +14,18 @@ use exr::prelude::{Encoding, Image, Layer, LayerAttributes, SpecificChannels, Ve
 use whit::accel::Backend;
 use whit::image::{LinearImage, read_exr};
 
-/// Set to anything, it has the pictures written instead of compared.
+/// Environment variable that makes the test write the images instead of comparing them.
 const WRITE: &str = "WHIT_WRITE_GOLDENS";
-/// Pixels a row.
+/// Number of pixels per row.
 const WIDTH: u32 = 80;
-/// Difference of a channel, of 1 more than its value, from which on a pixel counts as different: four roundings to half
-/// precision (2^-11), of which the file holds one.
+/// Difference of a channel, relative to 1 plus its value, above which a pixel counts as different: four roundings to
+/// half precision (2^-11), one of which is in the file.
 const TOLERANCE: f32 = 4.0 / 2048.0;
-/// One pixel in this many may be different: other mathematical functions may turn an edge's pixel or two.
+/// One pixel in this many may differ: other mathematical functions may change a pixel or two at edges.
 const DIFFERENT: usize = 500;
-/// Mean difference allowed, of 1 more than the value: half of what the rounding of the files may do.
+/// Allowed mean difference, relative to 1 plus the value: half of the maximum rounding error of the files.
 const MEAN: f64 = 1.0 / 4096.0;
-/// Bytes of all files together.
+/// Limit on the size of all files together, in bytes.
 const MAX_BYTES: u64 = 1_200_000;
 
 fn folder() -> PathBuf {
@@ -36,8 +36,8 @@ fn golden(name: &str) -> PathBuf {
     folder().join(format!("{name}.exr"))
 }
 
-fn picture(filed: &FiledScene) -> LinearImage {
-    filed.picture(Backend::Bsp, &filed.settings(WIDTH, 1))
+fn render_image(filed: &FiledScene) -> LinearImage {
+    filed.rendered(Backend::Bsp, &filed.settings(WIDTH, 1))
 }
 
 fn write(image: &LinearImage, path: &Path) {
@@ -57,8 +57,8 @@ fn write(image: &LinearImage, path: &Path) {
     Image::from_layer(layer).write().to_file(path).unwrap();
 }
 
-/// How far two pixels are apart: the worst channel's difference, of 1 more than its value; infinite if one is not
-/// finite.
+/// Returns the largest difference of the channels of two pixels, relative to 1 plus the value; infinite if a channel is
+/// not finite.
 fn distance(found: [f32; 3], expected: [f32; 3]) -> f32 {
     let channel = |c: usize| (found[c] - expected[c]).abs() / (1.0 + expected[c].abs());
     let channels = [0, 1, 2].map(channel);
@@ -69,7 +69,7 @@ fn distance(found: [f32; 3], expected: [f32; 3]) -> f32 {
     }
 }
 
-/// What is wrong with a picture, if anything.
+/// Returns a description of the difference between two images, if it exceeds the tolerances.
 fn fault(found: &LinearImage, expected: &LinearImage) -> Option<String> {
     if (found.width, found.height) != (expected.width, expected.height) {
         let [a, b] = [found, expected].map(|image| format!("{} x {}", image.width, image.height));
@@ -78,7 +78,7 @@ fn fault(found: &LinearImage, expected: &LinearImage) -> Option<String> {
     let pairs = found.pixels.iter().zip(&expected.pixels);
     let distances: Vec<f32> = pairs.map(|(a, b)| distance(*a, *b)).collect();
     let different = distances.iter().filter(|d| **d > TOLERANCE).count();
-    // What is not finite is among the different already.
+    // Non-finite pixels are already counted as different.
     let finite = distances.iter().filter(|d| d.is_finite());
     let mean = finite.map(|d| f64::from(*d)).sum::<f64>() / distances.len() as f64;
     let fine = different * DIFFERENT <= distances.len() && mean <= MEAN;
@@ -86,12 +86,12 @@ fn fault(found: &LinearImage, expected: &LinearImage) -> Option<String> {
 }
 
 #[test]
-fn every_scene_looks_as_it_did() {
+fn every_scene_matches_its_golden_image() {
     let writes = std::env::var_os(WRITE).is_some();
     let mut faults = Vec::new();
     for file in files() {
         let filed = load(&file);
-        let (image, path) = (picture(&filed), golden(&filed.name));
+        let (image, path) = (render_image(&filed), golden(&filed.name));
         if writes {
             write(&image, &path);
         }
@@ -102,7 +102,7 @@ fn every_scene_looks_as_it_did() {
 }
 
 #[test]
-fn every_golden_picture_is_that_of_a_scene_and_all_are_small() {
+fn every_golden_image_belongs_to_a_scene_and_is_small() {
     let stem = |file: PathBuf| file.file_stem().unwrap().to_string_lossy().into_owned();
     let names: Vec<PathBuf> = files().into_iter().map(|file| golden(&stem(file))).collect();
     let entries = folder().read_dir().unwrap();
@@ -120,7 +120,7 @@ fn every_golden_picture_is_that_of_a_scene_and_all_are_small() {
 }
 
 #[test]
-fn a_picture_with_a_patch_of_other_pixels_or_another_brightness_is_found_out() {
+fn golden_comparison_detects_patches_and_brightness_changes() {
     let mut expected = LinearImage::black(80, 60);
     expected
         .pixels

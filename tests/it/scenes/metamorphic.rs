@@ -1,10 +1,9 @@
-//! Scenes that are moved, scaled, turned or put in another order give the same pictures.
+//! Scenes that are translated, scaled, rotated or reordered give the same images.
 //!
-//! What a picture ought to be nobody need know for this: both pictures come from one file, read and changed as its author
-//! would. A rotation about the camera or a factor on all lengths, with the intensity of lamps by its square, changes
-//! nothing that is seen. Where coordinates are rounded otherwise, a ray may fall to the other side of an edge, so one
-//! pixel in ten thousand may differ by more than a step of an 8-bit picture. Powers of two round nothing, so they may not
-//! change one bit.
+//! These tests need no reference image: both images come from one file, which is edited before it is loaded. A rotation
+//! about the camera, or a factor on all lengths with its square on the intensity of lights, does not change the image.
+//! Where coordinates round differently, a ray may fall on the other side of an edge, so one pixel in ten thousand may
+//! differ by more than a step of an 8-bit image. Powers of two cause no rounding, so they must not change any bit.
 
 use std::fs;
 use std::path::Path;
@@ -21,7 +20,7 @@ const BACKENDS: &[Backend] = if cfg!(feature = "embree") {
     &[Backend::Bsp]
 };
 
-/// Points p go to `factor * turn * p + offset`.
+/// Similarity transform that maps a point p to `factor * turn * p + offset`.
 #[derive(Clone, Copy, Debug)]
 struct UniformScale {
     turn: DMat3,
@@ -58,7 +57,7 @@ impl UniformScale {
         self.vector(p) + self.offset
     }
 
-    /// The same scene file, of a scene that is carried by this map.
+    /// Returns the TOML scene file transformed by this map.
     fn carry_scene_file(&self, scene: &mut toml::Table) {
         let camera = scene["camera"].as_table_mut().unwrap();
         camera.entry("up").or_insert(numbers(DVec3::Y));
@@ -91,7 +90,7 @@ impl UniformScale {
         }
     }
 
-    /// The same glTF file, of a scene that is carried by this map, which does not turn.
+    /// Returns the glTF file transformed by this map, which must not rotate.
     fn carry_gltf(&self, document: &mut serde_json::Value) {
         let roots = document["scenes"][0]["nodes"].take();
         let nodes = document["nodes"].as_array_mut().unwrap();
@@ -124,7 +123,7 @@ fn numbers(v: DVec3) -> Value {
     v.to_array().to_vec().into()
 }
 
-/// Changes those vectors of a table that it has.
+/// Changes the named vectors of a table where they exist.
 fn change(table: &mut toml::Table, keys: &[&str], map: impl Fn(DVec3) -> DVec3) {
     for &key in keys {
         if let Some(value) = table.get_mut(key) {
@@ -134,29 +133,29 @@ fn change(table: &mut toml::Table, keys: &[&str], map: impl Fn(DVec3) -> DVec3) 
     }
 }
 
-/// Those of a list, `[[key]]`.
+/// Changes the named vectors of the tables in a list, `[[key]]`.
 fn tables<'t>(document: &'t mut toml::Table, key: &str) -> impl Iterator<Item = &'t mut toml::Table> {
     let list = document.get_mut(key).and_then(Value::as_array_mut);
     list.into_iter().flatten().filter_map(Value::as_table_mut)
 }
 
-/// Those with names, `[key.name]`.
+/// Changes the named vectors of named tables, `[key.name]`.
 fn named(value: &mut Value) -> impl Iterator<Item = &mut toml::Table> {
     let tables = value.as_table_mut().unwrap().iter_mut();
     tables.filter_map(|(_, table)| table.as_table_mut())
 }
 
-/// The scene of a file, changed before it is loaded.
+/// Loads the scene of a file after changing its text.
 fn changed_scene_file(name: &str, change: impl Fn(&mut toml::Table)) -> FiledScene {
     let mut document: toml::Table = source(name).parse().unwrap();
-    // The sky would turn with the axes.
+    // A background gradient does not rotate with the scene.
     document.insert("background".into(), "#9cc4f0".into());
     change(&mut document);
     let text = toml::to_string(&document).unwrap();
     loaded(name, &text)
 }
 
-/// The scene of a file, carried by `map`.
+/// Loads the scene of a file, transformed by `map`.
 fn carried(name: &str, map: &UniformScale) -> FiledScene {
     if name.ends_with(".toml") {
         return changed_scene_file(name, |document| map.carry_scene_file(document));
@@ -178,16 +177,16 @@ fn loaded(name: &str, text: &str) -> FiledScene {
     load(&file)
 }
 
-/// Scenes of one file each: shapes, nested bodies of glass and water, and a glTF file of meshes.
+/// Scenes of one file each: shapes, nested glass and water, and a glTF file of meshes.
 const SCENES: [&str; 3] = ["table_of_shapes.toml", "glass_of_water.toml", "first_light.gltf"];
 
-fn picture(scene: &FiledScene, backend: Backend) -> LinearImage {
-    /// Pixels a row.
+fn render_image(scene: &FiledScene, backend: Backend) -> LinearImage {
+    /// Number of pixels per row.
     const WIDTH: u32 = 192;
-    scene.picture(backend, &scene.settings(WIDTH, 1))
+    scene.rendered(backend, &scene.settings(WIDTH, 1))
 }
 
-/// How many pixels differ by more than a step of an 8-bit picture.
+/// Returns the number of pixels that differ by more than a step of an 8-bit image.
 fn differing_count(a: &LinearImage, b: &LinearImage) -> usize {
     let [a, b] = [a, b].map(|image| ToneMap::default().srgb_bytes(image));
     assert_eq!(a.len(), b.len());
@@ -195,13 +194,13 @@ fn differing_count(a: &LinearImage, b: &LinearImage) -> usize {
     a.chunks(3).zip(b.chunks(3)).filter(|&pair| differs(pair)).count()
 }
 
-/// That the maps do not change what is seen on more than one pixel in ten thousand.
-fn assert_pictures_stay(name: &str, maps: &[UniformScale]) {
+/// Asserts that the maps change at most one pixel in ten thousand.
+fn assert_images_stay(name: &str, maps: &[UniformScale]) {
     let plain = carried(name, &UniformScale::NONE);
     for &backend in BACKENDS {
-        let expected = picture(&plain, backend);
+        let expected = render_image(&plain, backend);
         for map in maps {
-            let found = picture(&carried(name, map), backend);
+            let found = render_image(&carried(name, map), backend);
             assert_eq!(found.non_finite_count(), 0, "{name}, {backend}, {map:?}");
             let differing = differing_count(&found, &expected);
             println!(
@@ -217,25 +216,25 @@ fn assert_pictures_stay(name: &str, maps: &[UniformScale]) {
 }
 
 #[test]
-fn scenes_far_away_look_like_those_at_the_origin() {
+fn far_scenes_look_like_scenes_at_the_origin() {
     let maps = [1e6, 1e8].map(|far| UniformScale::moved(DVec3::new(far, -0.5 * far, 2.0 * far)));
-    SCENES.iter().for_each(|name| assert_pictures_stay(name, &maps));
+    SCENES.iter().for_each(|name| assert_images_stay(name, &maps));
 }
 
 #[test]
-fn tiny_scenes_look_like_those_of_usual_size() {
+fn tiny_scenes_look_like_full_size_scenes() {
     let maps = [1e-6, 1e-9].map(UniformScale::scaled);
-    SCENES.iter().for_each(|name| assert_pictures_stay(name, &maps));
+    SCENES.iter().for_each(|name| assert_images_stay(name, &maps));
 }
 
 #[test]
-fn a_power_of_two_on_all_lengths_changes_no_bit() {
+fn scaling_by_a_power_of_two_changes_no_bit() {
     for name in SCENES {
         let plain = carried(name, &UniformScale::NONE);
         for &backend in BACKENDS {
-            let expected = picture(&plain, backend);
+            let expected = render_image(&plain, backend);
             for exponent in [-60, -13, 1, 60] {
-                let found = picture(
+                let found = render_image(
                     &carried(name, &UniformScale::scaled(2f64.powi(exponent))),
                     backend,
                 );
@@ -253,7 +252,7 @@ fn a_power_of_two_on_all_lengths_changes_no_bit() {
     }
 }
 
-/// The rotations that carry a cube into itself.
+/// Returns the rotations that map a cube to itself.
 fn rotations_of_a_cube() -> Vec<DMat3> {
     let axes = [DVec3::X, DVec3::Y, DVec3::Z, -DVec3::X, -DVec3::Y, -DVec3::Z];
     let pairs = axes.iter().flat_map(|&x| axes.iter().map(move |&y| (x, y)));
@@ -264,13 +263,13 @@ fn rotations_of_a_cube() -> Vec<DMat3> {
 }
 
 #[test]
-fn scenes_look_alike_from_sides_of_a_cube_that_they_are_turned_by() {
+fn rotated_scenes_look_alike_from_some_cube_sides() {
     assert_images_stay_from_sides(5);
 }
 
 #[test]
 #[ignore = "slow: all 24 rotations"]
-fn scenes_look_alike_from_all_sides_of_a_cube_that_they_are_turned_by() {
+fn rotated_scenes_look_alike_from_all_cube_sides() {
     assert_images_stay_from_sides(1);
 }
 
@@ -286,12 +285,12 @@ fn assert_images_stay_from_sides(step: usize) {
             ..UniformScale::NONE
         })
         .collect();
-    assert_pictures_stay("table_of_shapes.toml", &maps);
-    assert_pictures_stay("glass_of_water.toml", &maps);
+    assert_images_stay("table_of_shapes.toml", &maps);
+    assert_images_stay("glass_of_water.toml", &maps);
 }
 
 #[test]
-fn the_order_of_objects_does_not_matter() {
+fn object_order_does_not_matter() {
     for name in ["table_of_shapes.toml", "glass_of_water.toml"] {
         let [forward, backward] = [false, true].map(|is_reversed| {
             changed_scene_file(name, |document| {
@@ -302,7 +301,7 @@ fn the_order_of_objects_does_not_matter() {
             })
         });
         for &backend in BACKENDS {
-            let [a, b] = [&forward, &backward].map(|scene| picture(scene, backend));
+            let [a, b] = [&forward, &backward].map(|scene| render_image(scene, backend));
             let unlike = a.pixels.iter().zip(&b.pixels).filter(|(a, b)| a != b).count();
             println!("{name}, {backend}: {unlike} pixels have other bits in reverse order");
             let differing = differing_count(&a, &b);

@@ -1,15 +1,15 @@
-//! The ledger: every ray that a backend is asked for stands under exactly one account, and keeping it changes no bit.
+//! Tests of the ray counts: every ray query of a backend counts in exactly one account, and counting changes no bit.
 //!
 //! `cargo bench --bench timing -- profile_seconds` checks the seconds as well, which needs a quiet machine.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::support::{random_scenes, scene_folder};
-use whit::accel::{self, Accel, AccelOptions, AccelReport, Backend, RayOrder, RayPacket};
-use whit::render::{Account, Adaptive, Ledger, Monitor, RenderSettings, Rendering, Tally, render};
+use whit::accel::{self, Accel, AccelOptions, AccelReport, Backend, Coherence, RayPacket};
+use whit::render::{Adaptive, Category, Monitor, RenderProfile, RenderSettings, Rendering, Tally, render};
 use whit::scene::Scene;
 
-/// A backend that counts the rays that another one is asked for.
+/// Backend wrapper that counts the rays of all queries.
 struct Counter<'a> {
     accel: &'a dyn Accel,
     rays: AtomicU64,
@@ -24,12 +24,12 @@ impl Counter<'_> {
 }
 
 impl Accel for Counter<'_> {
-    fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
+    fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
         self.count(packets);
         self.accel.intersect(packets, order);
     }
 
-    fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
+    fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
         self.count(packets);
         self.accel.occluded(packets, order);
     }
@@ -48,7 +48,7 @@ fn rendered(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> Rend
     render(scene, &scene.cameras[0], accel, settings, &monitor).unwrap()
 }
 
-/// A picture and the number of rays that the backend was asked for.
+/// Returns the rendering and the number of rays that the backend traced.
 fn counted(scene: &Scene, backend: Backend, settings: &RenderSettings) -> (Rendering, u64) {
     let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
     let counter = Counter {
@@ -64,14 +64,14 @@ fn bits(rendering: &Rendering) -> Vec<u32> {
     values.map(|value| value.to_bits()).collect()
 }
 
-fn rays(ledger: &Ledger) -> Vec<u64> {
+fn rays(ledger: &RenderProfile) -> Vec<u64> {
     ledger.tallies().map(|(_, tally)| tally.rays).collect()
 }
 
-/// Holds the books of a scene against the counts of its backend, with the clock running and without.
-fn audit(name: &str, scene: &Scene, backend: Backend, settings: &RenderSettings) -> Ledger {
-    let (off, asked) = counted(scene, backend, settings);
-    assert_eq!(off.ledger.total().rays, asked, "{name}");
+/// Compares the ray counts of a render with those of its backend, with and without timing.
+fn audit(name: &str, scene: &Scene, backend: Backend, settings: &RenderSettings) -> RenderProfile {
+    let (off, query_count) = counted(scene, backend, settings);
+    assert_eq!(off.ledger.total().rays, query_count, "{name}");
     let booked = off.ledger.total();
     assert_eq!((booked.seconds, booked.trace_seconds), (0.0, 0.0), "{name}");
     assert_eq!(off.ledger.clock_reads, 0, "{name}");
@@ -79,10 +79,10 @@ fn audit(name: &str, scene: &Scene, backend: Backend, settings: &RenderSettings)
         ledger: true,
         ..*settings
     };
-    let (on, asked_again) = counted(scene, backend, &with);
+    let (on, second_query_count) = counted(scene, backend, &with);
     assert_eq!(
-        (asked_again, rays(&on.ledger)),
-        (asked, rays(&off.ledger)),
+        (second_query_count, rays(&on.ledger)),
+        (query_count, rays(&off.ledger)),
         "{name}"
     );
     assert_eq!(bits(&on), bits(&off), "{name}");
@@ -90,11 +90,11 @@ fn audit(name: &str, scene: &Scene, backend: Backend, settings: &RenderSettings)
     on.ledger
 }
 
-/// What holds whatever the clock says.
-fn check_seconds(name: &str, ledger: &Ledger) {
+/// Asserts the properties of the times that hold for any measurement.
+fn check_seconds(name: &str, ledger: &RenderProfile) {
     let sum: f64 = ledger.tallies().map(|(_, tally)| tally.seconds).sum();
     let whole = ledger.threads as f64 * ledger.seconds;
-    // Idle time fills the sum up; rounding errors of so many positive terms are far below a millionth.
+    // Idle time completes the sum; rounding errors of so many positive terms are far below a millionth.
     assert!((sum / whole - 1.0).abs() < 1e-6, "{name}: {sum} of {whole}");
     for (
         account,
@@ -115,14 +115,14 @@ fn check_seconds(name: &str, ledger: &Ledger) {
 }
 
 #[test]
-fn rays_add_up_exactly_in_random_scenes() {
+fn ray_counts_add_up_in_random_scenes() {
     let settings = RenderSettings {
         width: 12,
         height: 9,
         wavelengths: 4,
         ..RenderSettings::default()
     };
-    let mut ever = [0; Account::ALL.len()];
+    let mut ever = [0; Category::ALL.len()];
     for seed in 0..300 {
         let scene = random_scenes::scene(seed);
         let backend = if seed % 2 == 0 {
@@ -136,22 +136,22 @@ fn rays_add_up_exactly_in_random_scenes() {
         }
     }
     for account in [
-        Account::Camera,
-        Account::Shadow,
-        Account::TransparentShadow,
-        Account::Reflection,
-        Account::Refraction,
-        Account::RoughReflection,
-        Account::RoughRefraction,
-        Account::Dispersion,
-        Account::Other,
+        Category::Camera,
+        Category::Shadow,
+        Category::TransparentShadow,
+        Category::Reflection,
+        Category::Refraction,
+        Category::RoughReflection,
+        Category::RoughRefraction,
+        Category::Dispersion,
+        Category::Other,
     ] {
         assert!(ever[account as usize] > 0, "no ray of {}", account.name());
     }
 }
 
 #[test]
-fn rays_add_up_exactly_in_the_scenes_of_the_repository() {
+fn ray_counts_add_up_in_repository_scenes() {
     for file in scene_folder::files() {
         let filed = scene_folder::load(&file);
         audit(&filed.name, &filed.scene, Backend::Bsp, &filed.settings(48, 2));
@@ -159,7 +159,7 @@ fn rays_add_up_exactly_in_the_scenes_of_the_repository() {
 }
 
 #[test]
-fn rays_add_up_exactly_where_pixels_take_unequal_numbers_of_samples() {
+fn ray_counts_add_up_with_unequal_sample_counts() {
     let filed = scene_folder::named("prism.toml");
     let settings = RenderSettings {
         adaptive: Some(Adaptive {
@@ -169,45 +169,49 @@ fn rays_add_up_exactly_where_pixels_take_unequal_numbers_of_samples() {
         ..filed.settings(40, 64)
     };
     let ledger = audit(&filed.name, &filed.scene, Backend::Bsp, &settings);
-    assert!(ledger.of(Account::Dispersion).rays > 0);
+    assert!(ledger.of(Category::Dispersion).rays > 0);
 }
 
 #[test]
-fn sorts_of_rays_are_the_sum_of_their_accounts() {
+fn ray_kinds_are_sums_of_their_accounts() {
     let filed = scene_folder::named("prism.toml");
     let ledger = audit(&filed.name, &filed.scene, Backend::Bsp, &filed.settings(64, 1));
     let of = |account| ledger.of(account).rays;
     assert_eq!(
         ledger.reflection_rays() + ledger.refraction_rays(),
-        of(Account::Reflection) + of(Account::Refraction) + of(Account::Dispersion)
+        of(Category::Reflection) + of(Category::Refraction) + of(Category::Dispersion)
     );
-    assert!(ledger.refraction_rays() > of(Account::Refraction));
+    assert!(ledger.refraction_rays() > of(Category::Refraction));
 }
 
-/// Counts rays pixel by pixel: nothing of the picture changes, and they add up to the ledger's.
+/// Asserts that counting rays per pixel does not change the image, and that the counts add up to the totals.
 fn audit_pixels(name: &str, scene: &Scene, backend: Backend, settings: &RenderSettings) {
-    let (plain, asked) = counted(scene, backend, settings);
+    let (plain, query_count) = counted(scene, backend, settings);
     assert!(plain.costs.is_none(), "{name}");
     let with = RenderSettings {
         ledger: true,
         cost_aovs: true,
         ..*settings
     };
-    let (told, asked_again) = counted(scene, backend, &with);
-    assert_eq!((asked_again, bits(&told)), (asked, bits(&plain)), "{name}");
-    let costs = told.costs.unwrap();
+    let (with_costs, second_query_count) = counted(scene, backend, &with);
+    assert_eq!(
+        (second_query_count, bits(&with_costs)),
+        (query_count, bits(&plain)),
+        "{name}"
+    );
+    let costs = with_costs.costs.unwrap();
     let sum = |values: Vec<f32>| values.into_iter().map(f64::from).sum::<f64>();
-    for (account, tally) in told
+    for (account, tally) in with_costs
         .ledger
         .tallies()
-        // What is traced before the first pixel belongs to none.
-        .filter(|(account, _)| !matches!(account, Account::Other | Account::Subsurface))
+        // Rays traced before the first pixel belong to no pixel.
+        .filter(|(account, _)| !matches!(account, Category::Other | Category::Subsurface))
     {
         let name = format!("{name}: {}", account.name());
         assert_eq!(sum(costs.rays(account)), tally.rays as f64, "{name}");
-        // Shares are rounded to f32 and summed in it.
+        // Shares are rounded and summed in f32.
         let spent = 1e-9 * sum(costs.nanoseconds(account));
-        if account == Account::Camera {
+        if account == Category::Camera {
             assert!(
                 spent > 0.0 && spent < tally.seconds * 1.01,
                 "{name}: {spent} of {}",
@@ -216,11 +220,14 @@ fn audit_pixels(name: &str, scene: &Scene, backend: Backend, settings: &RenderSe
         }
     }
     let spent = 1e-9 * sum(costs.all_nanoseconds());
-    assert!(spent < told.ledger.total().seconds * 1.01, "{name}: {spent}");
+    assert!(
+        spent < with_costs.ledger.total().seconds * 1.01,
+        "{name}: {spent}"
+    );
 }
 
 #[test]
-fn rays_of_pixels_add_up_to_the_ledgers() {
+fn ray_counts_of_pixels_add_up_to_the_totals() {
     let settings = RenderSettings {
         width: 12,
         height: 9,

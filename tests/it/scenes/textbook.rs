@@ -1,29 +1,29 @@
-//! The scenes of the folder `scenes` are as the textbook has them, by every backend, in small pictures of one sample a
-//! pixel.
+//! Compares the scenes of the folder `scenes` with the recursive reference tracer, for every backend, in small images
+//! of one sample per pixel.
 //!
-//! All of them are compared but a few ([`BEYOND`]). Of what a scene shows, the textbook says nothing of mipmaps, which
-//! are off here, and of adaptive sampling and the filters of pixels, which one sample has no use for.
+//! All scenes are compared except those in [`BEYOND`]. The reference tracer has no mipmaps, which are off here, and
+//! no adaptive sampling or pixel filters, which do not apply to one sample.
 //!
-//! The large scenes: `tests/ci/slow textbook`.
+//! Run the large scenes with `tests/ci/slow textbook`.
 
 use whit::scene::{Filter, Texture};
 
 use crate::support::scene_folder::{FiledScene, files, load};
-use crate::support::textbook::{Request, picture};
+use crate::support::textbook::{Request, reference_image};
 use crate::support::verdict::{EXPLAINED_SHARE, assert_agree_but_for, backends};
 
-/// Pixels a row.
+/// Number of pixels per row.
 const WIDTH: u32 = 48;
 
-/// How a scene is compared.
+/// Parameters of the comparison of one scene.
 struct Entry {
     name: &'static str,
-    /// Share of the pixels that may differ visibly, each by no more than its bound or with a decision in doubt.
+    /// Share of the pixels that may differ visibly, each within its bound or with a doubtful decision.
     share: f64,
     cost: Cost,
 }
 
-/// Whether the textbook, which asks every primitive, is done in a moment.
+/// Cost of the reference render, which tests every primitive for each ray.
 #[derive(Clone, Copy, PartialEq)]
 enum Cost {
     Small,
@@ -45,7 +45,7 @@ const fn large(name: &'static str) -> Entry {
     }
 }
 
-/// All scenes.
+/// All scenes that are compared.
 const ENTRIES: [Entry; 20] = [
     small("adaptive_stress"),
     small("checkerboard_horizon"),
@@ -58,8 +58,7 @@ const ENTRIES: [Entry; 20] = [
     large("forest"),
     // Eight wavelengths through ten boundaries.
     large("gems"),
-    // Behind glass, water, ice and air within each other, nothing is promised of a third of the picture, and most of it
-    // is equal all the same.
+    // Nested glass, water, ice and air leave a third of the image without a useful bound; most of it is equal anyway.
     Entry {
         share: 0.05,
         ..small("glass_of_water")
@@ -70,18 +69,18 @@ const ENTRIES: [Entry; 20] = [
     // 66 482 primitives.
     large("model_among_shapes"),
     small("polyhedra"),
-    // The prisms stand on their plinths without a gap: rounding decides which a ray meets.
+    // The prisms touch their plinths without a gap: rounding decides which of the two a ray hits.
     Entry {
         share: 0.02,
         ..small("prism")
     },
-    // 7382 spheres. Between them rays go from one small mirror to the next, and few of the last are promised anything.
+    // 7382 spheres. Rays bounce between small mirrors, and few of the last bounces have a useful bound.
     Entry {
         share: 0.01,
         ..large("sphereflake")
     },
-    // A pattern's point lies a few roundings under the surface. The table is flat, so that in its space they are many,
-    // and its grain is fine.
+    // A pattern is evaluated a few roundings below the surface. The table is flat, so these roundings are large in its
+    // object space, and its grain is fine.
     Entry {
         share: 0.06,
         ..small("table_of_shapes")
@@ -91,45 +90,48 @@ const ENTRIES: [Entry; 20] = [
     small("whitted_1980"),
 ];
 
-/// Scenes that the textbook cannot tell, with the reason.
+/// Scenes that the reference tracer cannot render, with the reason.
 const BEYOND: [(&str, &str); 13] = [
-    ("depth_of_field", "rays leave from random points of the lens"),
+    ("depth_of_field", "rays start at random points of the lens"),
     (
         "fire",
-        "volumes are held to closed forms by tests/it/lighting/volumes.rs",
+        "tests/it/lighting/volumes.rs compares volumes with closed forms",
     ),
     (
         "fog_beam",
-        "fog is held to closed forms by tests/it/lighting/volumes.rs",
+        "tests/it/lighting/volumes.rs compares fog with closed forms",
     ),
     (
         "leaf",
-        "thin sheets are held to closed forms by tests/it/lighting/subsurface_render.rs",
+        "tests/it/lighting/subsurface_render.rs compares thin surfaces with closed forms",
     ),
     (
         "milk_and_paint",
-        "light within bodies is held to closed forms by tests/it/lighting/subsurface_render.rs",
+        "tests/it/lighting/subsurface_render.rs compares subsurface scattering with closed forms",
     ),
-    ("rough", "lobes are looked into in random directions"),
-    ("motion", "rays are sent at random times"),
-    ("glow", "lamps are asked at random points"),
+    ("rough", "glossy lobes are sampled in random directions"),
+    ("motion", "rays have random times"),
+    ("glow", "emissive objects are sampled at random points"),
     (
         "scan",
-        "volumes are held to closed forms by tests/it/lighting/volumes.rs",
+        "tests/it/lighting/volumes.rs compares volumes with closed forms",
     ),
     (
         "smoke",
-        "volumes are held to closed forms by tests/it/lighting/volumes.rs",
+        "tests/it/lighting/volumes.rs compares volumes with closed forms",
     ),
-    ("soft_shadows", "lights are asked at random points"),
-    ("sun_and_sky", "the environment map is asked in random directions"),
+    ("soft_shadows", "area lights are sampled at random points"),
+    (
+        "sun_and_sky",
+        "the environment map is sampled in random directions",
+    ),
     (
         "wax",
-        "light within bodies is held to closed forms by tests/it/lighting/subsurface_render.rs",
+        "tests/it/lighting/subsurface_render.rs compares subsurface scattering with closed forms",
     ),
 ];
 
-/// The scene with its images mixed bilinearly at a point: of mipmaps the textbook says nothing.
+/// Returns the scene with bilinear filtering in place of mipmaps, which the reference tracer does not have.
 fn without_mipmaps(mut filed: FiledScene) -> FiledScene {
     for texture in &mut filed.scene.textures {
         if let Texture::Image { sampler, .. } = texture
@@ -141,7 +143,7 @@ fn without_mipmaps(mut filed: FiledScene) -> FiledScene {
     filed
 }
 
-/// Compares the scenes of this cost.
+/// Compares all scenes of this cost.
 fn compare(cost: Cost) {
     for file in files() {
         let filed = without_mipmaps(load(&file));
@@ -162,9 +164,9 @@ fn compare(cost: Cost) {
             weight_cutoff: settings.weight_cutoff,
             wavelengths: settings.wavelengths,
         };
-        let referee = picture(&filed.scene, &filed.scene.cameras[0], request);
+        let referee = reference_image(&filed.scene, &filed.scene.cameras[0], request);
         for backend in backends() {
-            let image = filed.picture(backend, &settings);
+            let image = filed.rendered(backend, &settings);
             let what = format!("{} {backend}", filed.name);
             assert_agree_but_for(entry.share, &what, &image, &referee);
         }
@@ -172,12 +174,12 @@ fn compare(cost: Cost) {
 }
 
 #[test]
-fn scenes_are_as_the_textbook_has_them() {
+fn scenes_match_the_reference() {
     compare(Cost::Small);
 }
 
 #[test]
 #[ignore = "slow: brute force over large scenes"]
-fn large_scenes_are_as_the_textbook_has_them() {
+fn large_scenes_match_the_reference() {
     compare(Cost::Large);
 }

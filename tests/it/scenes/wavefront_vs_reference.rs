@@ -1,4 +1,5 @@
-//! The renderer's waves against the referee's recursion, pixel by pixel; and the same bits however it is run.
+//! Compares the wavefront renderer with the recursive reference tracer pixel by pixel, and checks that its bits do
+//! not depend on the number of threads.
 
 use std::sync::atomic::AtomicBool;
 
@@ -8,19 +9,20 @@ use whit::render::{Monitor, RenderSettings, render};
 use whit::scene::Scene;
 
 use crate::support::clear_scenes::{self, Division};
-use crate::support::textbook::{Pixel, Request, picture};
+use crate::support::textbook::{Pixel, Request, reference_image};
 use crate::support::texture_scenes::{self, Role};
 use crate::support::verdict::{EXPLAINED_SHARE, assert_agree, backends, relative_bound};
 use crate::support::wave_scenes::{self, WaveScene};
 
-/// The bounds themselves must be worth something: in units of the picture's mean radiance, those of half, of 95 % and
-/// of 99.5 % of the pixels are at most these. They are wide only in sharp highlights and behind several curved mirrors.
+/// Limits on the error bounds, so that the comparison is meaningful: in units of the mean radiance of the image, the
+/// bounds of 50 %, 95 % and 99.5 % of the pixels. They are wide only in sharp highlights and behind several curved
+/// mirrors.
 const USEFUL_BOUNDS: [(f64, f64); 3] = [(0.5, 2e-5), (0.95, 2e-3), (1.0 - EXPLAINED_SHARE, 0.1)];
 
-/// The same of textures, small hits in a mirror among them, whose slopes part rays.
+/// Limits on the error bounds of textured scenes, which include reflections in bump-mapped mirrors.
 const USEFUL_TEXTURE_BOUNDS: [(f64, f64); 3] = [(0.5, 2e-5), (0.9, 1e-2), (0.95, 5e-2)];
 
-/// The same of bodies of glass, behind whose curved boundaries rays part.
+/// Limits on the error bounds of glass objects, whose curved boundaries spread rays.
 const USEFUL_CLEAR_BOUNDS: [(f64, f64); 3] = [(0.4, 2e-5), (0.5, 1e-4), (0.65, 1e-3)];
 
 fn request(wave_scene: &WaveScene, width: u32, height: u32, spp: u32) -> Request {
@@ -66,7 +68,7 @@ fn compare_within(useful: [(f64, f64); 3], wave_scene: &WaveScene, (width, heigh
     let request = request(wave_scene, width, height, spp);
     let scene = &wave_scene.scene;
     scene.validate().unwrap();
-    let referee = picture(scene, &scene.cameras[0], request);
+    let referee = reference_image(scene, &scene.cameras[0], request);
     for (share, useful) in useful {
         let bound = relative_bound(&referee, share);
         println!(
@@ -87,11 +89,11 @@ fn compare_within(useful: [(f64, f64); 3], wave_scene: &WaveScene, (width, heigh
     }
 }
 
-/// The referee's own picture, rounded to f32, with `spoil` done to one pixel that `chosen` picks.
+/// Returns the reference image, rounded to f32, with one pixel that satisfies `chosen` replaced by `spoil`.
 fn spoiled(chosen: fn(&Pixel) -> bool, spoil: fn(&Pixel) -> f32) -> (LinearImage, Vec<Pixel>) {
     let wave_scene = wave_scenes::facing_mirrors();
     let request = request(&wave_scene, 96, 64, 1);
-    let referee = picture(&wave_scene.scene, &wave_scene.scene.cameras[0], request);
+    let referee = reference_image(&wave_scene.scene, &wave_scene.scene.cameras[0], request);
     let mut pixels: Vec<[f32; 3]> = referee
         .iter()
         .map(|p| p.radiance.value().as_vec3().to_array())
@@ -109,132 +111,132 @@ fn spoiled(chosen: fn(&Pixel) -> bool, spoil: fn(&Pixel) -> f32) -> (LinearImage
     )
 }
 
-/// Just outside the bound of the green channel.
+/// Returns a value just outside the bound of the green channel.
 fn just_outside(pixel: &Pixel) -> f32 {
     (pixel.radiance.y.value + 1.01 * pixel.radiance.y.error) as f32
 }
 
 #[test]
 #[should_panic(expected = "1 wrong pixels")]
-fn one_certain_pixel_just_outside_its_bound_is_wrong() {
+fn certain_pixel_outside_its_bound_fails() {
     let (image, referee) = spoiled(|p| p.doubt.slack > 1.0 && p.radiance.y.error > 1e-4, just_outside);
     assert_agree("spoiled", &image, &referee);
 }
 
 #[test]
 #[should_panic(expected = "1 wrong pixels")]
-fn a_pixel_that_is_no_number_is_wrong_even_in_doubt() {
+fn nan_pixel_fails_even_if_doubtful() {
     let (image, referee) = spoiled(|p| p.doubt.may_flip(), |_| f32::NAN);
     assert_agree("spoiled", &image, &referee);
 }
 
 #[test]
-fn one_pixel_with_a_decision_in_doubt_may_differ() {
+fn doubtful_pixel_may_differ() {
     let (image, referee) = spoiled(|p| p.doubt.may_flip(), |_| 7.0);
     assert_agree("spoiled", &image, &referee);
 }
 
 #[test]
-fn lamps_are_as_the_textbook_has_them() {
-    compare(&wave_scenes::lamps(), 96, 64, 1);
+fn lights_match_the_reference() {
+    compare(&wave_scenes::lights_of_all_kinds(), 96, 64, 1);
 }
 
 #[test]
-fn facing_mirrors_are_as_the_textbook_has_them() {
+fn facing_mirrors_match_the_reference() {
     compare(&wave_scenes::facing_mirrors(), 96, 64, 1);
 }
 
 #[test]
-fn placements_are_as_the_textbook_has_them() {
+fn transforms_match_the_reference() {
     compare(&wave_scenes::placements(), 96, 64, 1);
 }
 
 #[test]
-fn textures_are_as_the_textbook_has_them() {
+fn textures_match_the_reference() {
     compare(&wave_scenes::textures(), 96, 64, 1);
 }
 
-/// Every kind of texture in this role, on meshes and shapes, seen directly and in a mirror.
+/// Compares every kind of texture in this role, on meshes and shapes, seen directly and in a mirror.
 fn compare_gallery(role: Role) {
     println!("{role:?}");
     compare_within(USEFUL_TEXTURE_BOUNDS, &texture_scenes::gallery(role), (96, 64, 1));
 }
 
 #[test]
-fn textures_of_colour_are_as_the_textbook_has_them() {
+fn colour_textures_match_the_reference() {
     compare_gallery(Role::BaseColor);
     compare_gallery(Role::Emission);
-    compare_gallery(Role::Lecture);
+    compare_gallery(Role::Phong);
     compare_gallery(Role::Specular);
 }
 
 #[test]
-fn textures_of_roughness_are_as_the_textbook_has_them() {
+fn roughness_textures_match_the_reference() {
     compare_gallery(Role::Roughness);
     compare_gallery(Role::Packed);
 }
 
 #[test]
-fn textures_of_coverage_are_as_the_textbook_has_them() {
+fn coverage_textures_match_the_reference() {
     compare_gallery(Role::Mask);
     compare_gallery(Role::Blend);
 }
 
 #[test]
-fn normal_and_bump_maps_are_as_the_textbook_has_them() {
+fn normal_and_bump_maps_match_the_reference() {
     compare_gallery(Role::Normal);
     compare_gallery(Role::Bump);
     compare_gallery(Role::NormalAndBump);
 }
 
 #[test]
-fn the_inside_of_a_sphere_is_as_the_textbook_has_it() {
+fn inside_of_a_sphere_matches_the_reference() {
     compare(&wave_scenes::inside(), 96, 64, 1);
 }
 
 #[test]
-fn the_lectures_materials_are_as_the_textbook_has_them() {
+fn phong_materials_match_the_reference() {
     compare(&clear_scenes::blackboard(), 40, 30, 1);
 }
 
 #[test]
-fn paperweights_are_as_the_textbook_has_them() {
+fn paperweights_match_the_reference() {
     compare_clear(&clear_scenes::paperweights(Division::Fresnel));
 }
 
 #[test]
-fn paperweights_without_fresnel_are_as_the_textbook_has_them() {
+fn paperweights_without_fresnel_match_the_reference() {
     compare_clear(&clear_scenes::paperweights(Division::Constant));
 }
 
 #[test]
-fn ice_in_water_in_glass_is_as_the_textbook_has_it() {
+fn ice_in_water_in_glass_matches_the_reference() {
     compare_clear(&clear_scenes::tumbler());
 }
 
 #[test]
-fn the_view_from_under_water_is_as_the_textbook_has_it() {
+fn underwater_view_matches_the_reference() {
     compare_clear(&clear_scenes::pool());
 }
 
 #[test]
-fn cut_out_and_partial_layers_are_as_the_textbook_has_them() {
+fn alpha_masked_and_blended_layers_match_the_reference() {
     compare_clear(&clear_scenes::veils());
 }
 
 #[test]
-fn prisms_part_colours_as_the_textbook_does() {
+fn prism_dispersion_matches_the_reference() {
     compare_clear(&clear_scenes::prisms());
 }
 
 #[test]
-fn panes_behind_a_window_are_as_the_textbook_has_them() {
+fn panes_behind_a_window_match_the_reference() {
     compare_clear(&clear_scenes::window());
 }
 
 #[test]
-fn any_number_of_samples_is_the_mean_that_the_textbook_takes() {
-    // Packets of sixteen hold 16, 4 or 1 pixels by the number of samples: both ends of each, and one beyond.
+fn sample_mean_matches_the_reference() {
+    // A packet of sixteen holds 16, 4 or 1 pixels, depending on the number of samples: test both ends of each range.
     for spp in [1, 3, 4, 16, 17] {
         compare(&wave_scenes::placements(), 24, 16, spp);
         compare(&wave_scenes::inside(), 24, 16, spp);
@@ -242,14 +244,14 @@ fn any_number_of_samples_is_the_mean_that_the_textbook_takes() {
 }
 
 #[test]
-fn sizes_that_no_tile_divides_lose_no_pixel() {
+fn sizes_not_divisible_by_tiles_lose_no_pixel() {
     for (width, height) in [(1, 1), (17, 3), (33, 65), (1, 40)] {
-        compare(&wave_scenes::lamps(), width, height, 1);
+        compare(&wave_scenes::lights_of_all_kinds(), width, height, 1);
     }
 }
 
 #[test]
-fn depth_and_cut_off_end_paths_where_the_textbook_does() {
+fn depth_and_cutoff_end_paths_like_the_reference() {
     for depth in [0, 1, 7] {
         let wave_scene = WaveScene {
             depth,
@@ -260,10 +262,10 @@ fn depth_and_cut_off_end_paths_where_the_textbook_does() {
 }
 
 #[test]
-fn more_samples_come_nearer_to_a_fine_picture() {
-    // Against 256 samples a pixel, the root mean square error of 16 is less than half of that of 1: were the samples
-    // random it would be a quarter.
-    let wave_scene = wave_scenes::lamps();
+fn more_samples_approach_a_converged_image() {
+    // Against 256 samples per pixel, 16 samples have less than half of the root mean square error of 1 sample; with
+    // random samples the ratio would be a quarter.
+    let wave_scene = wave_scenes::lights_of_all_kinds();
     let of = |spp: u32| rendered(&wave_scene.scene, Backend::Bsp, request(&wave_scene, 24, 16, spp)).pixels;
     let fine = of(256);
     let error = |pixels: Vec<[f32; 3]>| {
@@ -278,17 +280,17 @@ fn more_samples_come_nearer_to_a_fine_picture() {
 }
 
 #[test]
-fn any_number_of_threads_gives_the_same_bits_every_time() {
+fn bits_do_not_depend_on_thread_count() {
     assert_bits_stay(3);
 }
 
 #[test]
 #[ignore = "slow: more runs"]
-fn any_number_of_threads_gives_the_same_bits_in_thirty_runs() {
+fn bits_do_not_depend_on_thread_count_in_thirty_runs() {
     assert_bits_stay(30);
 }
 
-/// Asserts that so many renders by each number of threads have the same bits.
+/// Asserts that this many renders with each number of threads have the same bits.
 fn assert_bits_stay(run_count: usize) {
     let bits = |image: LinearImage| {
         image
@@ -324,8 +326,8 @@ fn assert_bits_stay(run_count: usize) {
 }
 
 #[test]
-fn a_cancelled_render_gives_no_picture() {
-    let wave_scene = wave_scenes::lamps();
+fn cancelled_render_returns_no_image() {
+    let wave_scene = wave_scenes::lights_of_all_kinds();
     let accel = accel::build(&wave_scene.scene, Backend::Bsp, &AccelOptions::default()).unwrap();
     let monitor = Monitor {
         progress: &|_| {},

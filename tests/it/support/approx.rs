@@ -1,29 +1,29 @@
-//! Numbers that know how far an f32 computation of them may be off.
+//! Running error analysis: numbers with a bound on the error of an f32 computation.
 //!
 //! Running error analysis (Wilkinson; Higham, "Accuracy and Stability of Numerical Algorithms", 2nd ed., 3.3): the
-//! value is computed in f64, and beside it a bound on what inputs in doubt and one f32 rounding an operation can do
-//! to it. The bound thus follows the conditioning of every formula by itself: it grows at the peak of a highlight,
-//! at a silhouette and with every curved mirror, and stays at a few 2^-24 where nothing is delicate.
+//! value is computed in f64, together with a bound on the effect of uncertain inputs and of one f32 rounding per
+//! operation. The bound thus follows the conditioning of every formula: it grows at the peak of a highlight, at a
+//! silhouette and with every curved mirror, and stays at a few 2^-24 where the problem is well conditioned.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use glam::DVec3;
 
-/// Half the spacing of f32 around 1: the relative error of one rounding.
+/// Unit roundoff of f32: the relative error of one rounding.
 pub const ROUNDING: f64 = 1.0 / 16_777_216.0;
 
-/// The bound of a number of which nothing is known. Finite, so that a sign still counts for which nobody vouches.
+/// Error bound of an unknown number. It is finite, so that slacks of uncertain signs remain comparable.
 const LOST: f64 = 1e30;
 
-/// Bounds beyond this promise nothing.
+/// Error bound beyond which a value is regarded as unknown.
 pub const HOPELESS: f64 = 1e6;
 
-/// A number and a bound on the error that an f32 computation of it may have.
+/// Number with a bound on the error of its f32 computation.
 #[derive(Clone, Copy, Debug)]
 pub struct Approx {
-    /// What the referee thinks, in f64.
+    /// Value of the reference computation, in f64.
     pub value: f64,
-    /// How far an f32 computation may be from it; huge where nothing can be promised.
+    /// Bound on the error of an f32 computation; huge if no bound can be given.
     pub error: f64,
 }
 
@@ -31,17 +31,17 @@ impl Approx {
     pub const ZERO: Approx = Approx::exact(0.0);
     pub const ONE: Approx = Approx::exact(1.0);
 
-    /// A number that everybody holds without error.
+    /// Creates a number that every implementation represents exactly.
     pub const fn exact(value: f64) -> Approx {
         Approx { value, error: 0.0 }
     }
 
-    /// A number that others may hold rounded to f32.
+    /// Creates a number that other implementations may round to f32.
     pub fn rounded(value: f64) -> Approx {
         Approx::computed(value, 0.0)
     }
 
-    /// The result of one more f32 operation on operands that bring in `inherited`.
+    /// Creates the result of one more f32 operation on operands with the error `inherited`.
     fn computed(value: f64, inherited: f64) -> Approx {
         let error = (inherited + ROUNDING * value.abs()).min(LOST);
         if value.is_finite() && !error.is_nan() {
@@ -54,7 +54,7 @@ impl Approx {
         }
     }
 
-    /// The same number with `more` error.
+    /// Returns the number with its error increased by `more`.
     pub fn widened(self, more: f64) -> Approx {
         Approx {
             error: self.error + more,
@@ -84,7 +84,7 @@ impl Approx {
         }
     }
 
-    /// The number held within [`low`, `high`]: no error is left where it is surely outside.
+    /// Returns the number clamped to [`low`, `high`]: the error is 0 if it is surely outside.
     pub fn clamp(self, low: f64, high: f64) -> Approx {
         if self.value + self.error <= low {
             Approx::exact(low)
@@ -98,7 +98,7 @@ impl Approx {
         }
     }
 
-    /// A number of which everybody knows that it lies within [`low`, `high`].
+    /// Returns a number that is known to lie in [`low`, `high`].
     pub fn known_within(self, low: f64, high: f64) -> Approx {
         let value = self.value.clamp(low, high);
         Approx {
@@ -107,25 +107,25 @@ impl Approx {
         }
     }
 
-    /// The number where it is positive, else zero.
+    /// Returns the number if positive, else zero.
     pub fn positive_part(self) -> Approx {
         self.clamp(0.0, f64::INFINITY)
     }
 
-    /// The angle of the point (`x`, `self`) from +x towards +y, by C's `atan2`.
+    /// Returns the angle of the point (`x`, `self`) from +x towards +y, by C's `atan2`.
     pub fn atan2(self, x: Approx) -> Approx {
         let squared = self.value * self.value + x.value * x.value;
         let moved = self.value.abs() * x.error + x.value.abs() * self.error;
         Approx::computed(self.value.atan2(x.value), moved / squared)
     }
 
-    /// e to this power.
+    /// Returns the exponential function of the number.
     pub fn exp(self) -> Approx {
         let value = self.value.exp();
         Approx::computed(value, value * self.error.exp_m1())
     }
 
-    /// The number, which is not negative, to this power, which is at least 0.
+    /// Returns the number, which is not negative, to a power that is at least 0.
     pub fn powf(self, exponent: f64) -> Approx {
         let at = |x: f64| x.max(0.0).powf(exponent);
         let value = at(self.value);
@@ -133,7 +133,8 @@ impl Approx {
         Approx::computed(value, inherited)
     }
 
-    /// How sure the sign is: the value in units of its error bound. Beyond ±1 no f32 computation can get it wrong.
+    /// Returns the certainty of the sign: the value in units of its error bound. Beyond ±1 every f32 computation has
+    /// the right sign.
     pub fn slack(self) -> f64 {
         if self.error == 0.0 {
             if self.value < 0.0 {
@@ -207,7 +208,7 @@ impl Div for Approx {
     }
 }
 
-/// Three of them: a point, a vector or a colour.
+/// Vector of three numbers: a point, a direction or a colour.
 #[derive(Clone, Copy, Debug)]
 pub struct Approx3 {
     pub x: Approx,
@@ -278,12 +279,12 @@ impl Approx3 {
         Approx3::from(self.to_array().map(|v| v / length))
     }
 
-    /// What is farthest from zero, without its sign.
+    /// Returns the largest magnitude of the components.
     pub fn largest(self) -> Approx {
         Approx3::from(self.to_array().map(Approx::abs)).max_element()
     }
 
-    /// The channel of the largest value.
+    /// Returns the component of the largest value.
     pub fn max_element(self) -> Approx {
         let largest = |a: Approx, b: Approx| if b.value > a.value { b } else { a };
         largest(largest(self.x, self.y), self.z)
@@ -325,7 +326,7 @@ impl Neg for Approx3 {
     }
 }
 
-/// By component, as for colours.
+/// Multiplies componentwise, as for colours.
 impl Mul for Approx3 {
     type Output = Approx3;
     fn mul(self, b: Approx3) -> Approx3 {

@@ -1,7 +1,7 @@
-//! Transparent bodies as the textbooks have them: Snell's law, Fresnel's equations, the law of Beer and Lambert, and
-//! which body is there where several overlap.
+//! Dielectrics of the reference tracer: Snell's law, Fresnel's equations, the Beer-Lambert law, and nested interiors by
+//! priority.
 //!
-//! Of `whit`, only its tables of indices are used.
+//! Of `whit`, only its tables of refractive indices are used.
 
 use glam::DVec3;
 use whit::scene::{Geometry, Material, Scene};
@@ -10,23 +10,23 @@ use super::approx::{Approx, Approx3, ROUNDING};
 use super::hits::{Decision, Doubt, corners};
 use super::shapes;
 
-/// The bodies around a point, as indices of their materials.
+/// Interiors around a point, as indices of their materials.
 #[derive(Clone, Debug, Default)]
 pub struct Bodies(Vec<u32>);
 
-/// What a surface is to a ray that comes with certain bodies around it.
+/// Boundary that a ray crosses, given the interiors around it.
 pub struct Boundary<'s> {
     pub material: &'s Material,
-    /// The bodies that are there before and behind it; `None` for the surroundings.
+    /// Interiors before and behind the boundary; `None` for the outside.
     pub sides: [Option<u32>; 2],
-    /// Bodies of higher priority hide it.
+    /// True if an interior of higher priority hides the boundary.
     pub is_hidden: bool,
-    /// All bodies around a ray that has gone through.
+    /// All interiors around the ray after transmission.
     pub through: Bodies,
 }
 
 impl Bodies {
-    /// Those that the winding of their surfaces around `p` says to be there.
+    /// Returns the interiors around `p`, by the winding number of their surfaces.
     pub fn around(scene: &Scene, p: DVec3) -> Bodies {
         let mut around = Bodies::default();
         for index in 0..scene.materials.len() as u32 {
@@ -37,7 +37,7 @@ impl Bodies {
         around
     }
 
-    /// The one that is there: of the highest priority, of equals the one listed first in the scene.
+    /// Returns the effective interior: of the highest priority, among equals the first in the scene.
     pub fn present(&self, scene: &Scene) -> Option<u32> {
         let priority = |id: u32| scene.materials[id as usize].interior.unwrap().priority;
         self.0
@@ -46,7 +46,7 @@ impl Bodies {
             .reduce(|a, b| if (priority(b), a) > (priority(a), b) { b } else { a })
     }
 
-    /// What the surface of material `id` is, seen from outside or inside.
+    /// Returns the boundary at the surface of material `id`, seen from outside or inside.
     pub fn boundary<'s>(&self, scene: &'s Scene, id: u32, from_outside: bool) -> Boundary<'s> {
         let material = &scene.materials[id as usize];
         let mut through = self.clone();
@@ -65,7 +65,7 @@ impl Bodies {
         }
     }
 
-    /// exp(-σ d) of the body that is there; `None` for a way without end.
+    /// Returns exp(-σ d) of the effective interior; `None` is an infinite distance.
     pub fn transmittance(&self, scene: &Scene, distance: Option<Approx>) -> Approx3 {
         let Some(id) = self.present(scene) else {
             return Approx3::ONE;
@@ -80,13 +80,13 @@ impl Bodies {
     }
 }
 
-/// Whether light gets into it and it has an inside.
+/// Returns whether a material transmits light and has an interior.
 fn is_body(material: &Material) -> bool {
     material.transmits() && material.interior.is_some_and(|inside| !inside.is_thin)
 }
 
-/// How often the surfaces of a material go around `p`: the solid angles of their triangles over 4π (Van Oosterom and
-/// Strackee, IEEE Trans. Biomed. Eng. 30(2), 1983).
+/// Returns the winding number of a material's surfaces around `p`: the solid angles of their triangles over 4π (Van
+/// Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30(2), 1983).
 fn winding(scene: &Scene, material: u32, p: DVec3) -> f64 {
     let of = |geometry: &Geometry, p: DVec3| match geometry {
         Geometry::Shape(shape) => f64::from(u8::from(shapes::contains(shape, p))),
@@ -109,24 +109,24 @@ fn winding(scene: &Scene, material: u32, p: DVec3) -> f64 {
         .sum()
 }
 
-/// The index of refraction of a body, or of the surroundings, for light of `wavelength` nanometres.
+/// Returns the refractive index of an interior, or of the outside, at `wavelength` nanometres.
 pub fn index(scene: &Scene, body: Option<u32>, wavelength: f64) -> Approx {
     body.map_or(Approx::ONE, |id| {
         index_of(&scene.materials[id as usize], wavelength)
     })
 }
 
-/// glTF's default index is 1.5.
+/// Returns the refractive index of a material; glTF's default is 1.5.
 fn index_of(material: &Material, wavelength: f64) -> Approx {
     material.interior.map_or(Approx::exact(1.5), |inside| {
         let at = |wavelength: f64| inside.ior.ior(wavelength);
-        // Others may hold the wavelength in f32.
+        // Other implementations may store the wavelength in f32.
         let change = at(wavelength * (1.0 + ROUNDING)) - at(wavelength);
         Approx::exact(at(wavelength)).widened(change.abs())
     })
 }
 
-/// Whether a body's index differs from colour to colour.
+/// Returns whether an interior's index depends on the wavelength.
 pub fn disperses(scene: &Scene, body: Option<u32>) -> bool {
     body.is_some_and(|id| {
         let inside = scene.materials[id as usize].interior.unwrap();
@@ -134,17 +134,17 @@ pub fn disperses(scene: &Scene, body: Option<u32>) -> bool {
     })
 }
 
-/// A direction that meets a boundary.
+/// Direction incident on a boundary.
 pub struct Incidence {
-    /// Unit direction of travel.
+    /// Unit direction of propagation.
     pub d: Approx3,
-    /// Unit normal, against it.
+    /// Unit normal, opposed to the direction.
     pub n: Approx3,
-    /// Cosine of the angle between them.
+    /// Cosine of the angle of incidence.
     cos: Approx,
 }
 
-/// How a boundary divides unpolarised light.
+/// Division of unpolarised light at a boundary.
 pub struct Division {
     pub reflectance: Approx,
     pub transmittance: Approx,
@@ -162,12 +162,12 @@ impl Incidence {
         self.d - self.n * (along + along)
     }
 
-    /// The cosines of the angles of a direction before a boundary and of one behind it.
+    /// Returns the cosines of the incident and the refracted angle.
     pub fn cosines(&self, refracted: Approx3) -> [Approx; 2] {
         [self.cos, refracted.dot(self.n).abs()]
     }
 
-    /// cos θt by Snell's law, sin θt = η sin θi with η = η_i / η_t; `None` beyond the critical angle.
+    /// Returns cos θt by Snell's law, sin θt = η sin θi with η = η_i / η_t; `None` beyond the critical angle.
     fn cos_refracted(&self, [eta_i, eta_t]: [Approx; 2], doubt: &mut Doubt) -> Option<Approx> {
         let across = self.n.cross(self.d);
         let rest = 1.0 - (eta_i / eta_t).squared() * across.dot(across);
@@ -175,14 +175,14 @@ impl Incidence {
         (rest.value > 0.0).then(|| rest.sqrt())
     }
 
-    /// d' = η d + (η cos θi - cos θt) n.
+    /// Returns the refracted direction d' = η d + (η cos θi - cos θt) n.
     pub fn refracted(&self, etas: [Approx; 2], doubt: &mut Doubt) -> Option<Approx3> {
         let cos_t = self.cos_refracted(etas, doubt)?;
         let eta = etas[0] / etas[1];
         Some((self.d * eta + self.n * (eta * self.cos - cos_t)).normalize())
     }
 
-    /// Fresnel's equations at a boundary, by the squares of both amplitudes.
+    /// Evaluates Fresnel's equations at a boundary: the squares of both amplitudes.
     fn fresnel(&self, etas: [Approx; 2], doubt: &mut Doubt) -> Option<[Approx; 2]> {
         let cos_t = self.cos_refracted(etas, doubt)?;
         let [eta_i, eta_t] = etas;
@@ -192,13 +192,14 @@ impl Incidence {
         Some([s, p].map(|r| r.squared().known_within(0.0, 1.0)))
     }
 
-    /// How the boundary of two bodies divides light.
+    /// Returns the division of light at the boundary of two interiors.
     pub fn at_boundary(&self, etas: [Approx; 2], doubt: &mut Doubt) -> Division {
         let shares = self.fresnel(etas, doubt);
         Division::of(shares.map(|shares| shares.map(|r| (r, 1.0 - r))))
     }
 
-    /// How a thin wall does, with all reflections between its faces: 2R / (1 + R) and (1 - R) / (1 + R).
+    /// Returns the division of light at a thin wall, with all reflections between its faces: 2R / (1 + R) and
+    /// (1 - R) / (1 + R).
     fn at_wall(&self, etas: [Approx; 2], doubt: &mut Doubt) -> Division {
         let shares = self.fresnel(etas, doubt);
         let series = |r: Approx| ((r + r) / (Approx::ONE + r), (1.0 - r) / (Approx::ONE + r));
@@ -224,17 +225,17 @@ impl Division {
 }
 
 impl Boundary<'_> {
-    /// Whether it is a wall without an inside, through which light goes straight on.
+    /// Returns whether it is a thin wall without interior, through which light passes straight.
     pub fn is_wall(&self) -> bool {
         !is_body(self.material)
     }
 
-    /// The indices before and behind it.
+    /// Returns the indices before and behind the boundary.
     pub fn etas(&self, scene: &Scene, wavelength: f64) -> [Approx; 2] {
         self.sides.map(|body| index(scene, body, wavelength))
     }
 
-    /// How it divides light of this wavelength.
+    /// Returns the division of light of this wavelength.
     pub fn division(
         &self,
         scene: &Scene,
@@ -246,7 +247,7 @@ impl Boundary<'_> {
         match self.material.interior {
             _ if !self.is_wall() => incidence.at_boundary(etas, doubt),
             Some(_) => incidence.at_wall([etas[0], index_of(self.material, wavelength)], doubt),
-            // A surface of no thickness and of no body.
+            // A thin surface without an index: transmits all light.
             None => Division {
                 reflectance: Approx::ZERO,
                 transmittance: Approx::ONE,

@@ -1,4 +1,4 @@
-//! Pages in a browser: headless Chromium, where it is installed.
+//! Tests of HTML pages in headless Chromium, if it is installed.
 
 use std::fs;
 use std::path::Path;
@@ -6,10 +6,10 @@ use std::process::Command;
 
 use serde_json::Value;
 
-/// What Chromium is called.
+/// Names of Chromium's executable.
 const NAMES: [&str; 3] = ["chromium", "chromium-browser", "google-chrome"];
 
-/// Listens from the page's first moment on for whatever goes wrong.
+/// Script that records errors from the start of the page on.
 const LISTENER: &str = r#"<script>
 window.problems = [];
 addEventListener("error", (event) => problems.push(event.message || `no ${event.target.src}`), true);
@@ -17,7 +17,7 @@ document.addEventListener("securitypolicyviolation", (event) => problems.push(`f
 </script>
 "#;
 
-/// Looks at the page and writes down what came of it.
+/// Script that evaluates the page and writes the result into it.
 const PROBE: &str = r#"<script>
 const shown = (what) => [...document.querySelectorAll(what)].filter((element) => element.getClientRects().length > 0);
 const look = async () => { WHAT };
@@ -35,7 +35,7 @@ addEventListener("load", async () => {
 </script>
 "#;
 
-/// The browser, or `None` with a word about it.
+/// Returns the browser, or prints a message and returns `None`.
 pub(crate) fn chromium() -> Option<&'static str> {
     let is_there = |name: &&&str| Command::new(name).arg("--version").output().is_ok();
     let found = NAMES.iter().find(is_there).copied();
@@ -45,9 +45,10 @@ pub(crate) fn chromium() -> Option<&'static str> {
     found
 }
 
-/// What the browser finds in a page, looked at with these flags: `probe` is the body of a function of JavaScript that
-/// returns it once the page is loaded; what went wrong, was loaded or said on the console is there too.
+/// Returns the result of `probe` in a page opened with these flags: `probe` is the body of a JavaScript function that
+/// runs once the page is loaded; errors, loaded resources and console messages are included.
 pub(crate) fn looked_at(browser: &str, page: &Path, probe: &str, flags: &[&str]) -> Value {
+    // Insert the listener and the probe into a copy of the page
     let text = fs::read_to_string(page).unwrap();
     let text = text
         .replacen("<head>\n", &format!("<head>\n{LISTENER}"), 1)
@@ -55,6 +56,7 @@ pub(crate) fn looked_at(browser: &str, page: &Path, probe: &str, flags: &[&str])
     let folder = tempfile::tempdir().unwrap();
     let probed = folder.path().join("page.html");
     fs::write(&probed, text).unwrap();
+    // Run Chromium with a fresh profile
     let output = Command::new(browser)
         .args([
             "--headless",
@@ -77,19 +79,20 @@ pub(crate) fn looked_at(browser: &str, page: &Path, probe: &str, flags: &[&str])
         .arg(format!("file://{}", probed.display()))
         .output()
         .unwrap();
-    let (dom, told) = (
+    // Extract the result of the probe and the console messages
+    let (dom, log) = (
         String::from_utf8_lossy(&output.stdout),
         String::from_utf8_lossy(&output.stderr),
     );
-    let console: Vec<&str> = told.lines().filter(|line| line.contains("CONSOLE")).collect();
-    let (_, answer) = dom.split_once("<pre id=\"answer\">").expect("the probe has run");
-    let (answer, _) = answer.split_once("</pre>").unwrap();
-    let mut found: Value = serde_json::from_slice(&base64(answer)).unwrap();
+    let console: Vec<&str> = log.lines().filter(|line| line.contains("CONSOLE")).collect();
+    let (_, encoded) = dom.split_once("<pre id=\"answer\">").expect("the probe has run");
+    let (encoded, _) = encoded.split_once("</pre>").unwrap();
+    let mut found: Value = serde_json::from_slice(&base64(encoded)).unwrap();
     found["console"] = serde_json::json!(console);
     found
 }
 
-/// Decodes base64, which keeps answers free of what HTML would change.
+/// Decodes base64, which protects results from HTML escaping.
 fn base64(text: &str) -> Vec<u8> {
     let digit = |byte: u8| match byte {
         b'A'..=b'Z' => Some(byte - b'A'),

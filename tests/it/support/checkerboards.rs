@@ -56,7 +56,7 @@ pub fn scene(texture: &str, ball: &str) -> Scene {
 }
 
 /// Renders what the camera sees, in the proportion of 4 to 3.
-pub fn picture(scene: &Scene, accel: &dyn Accel, width: u32, spp: u32) -> LinearImage {
+pub fn render_image(scene: &Scene, accel: &dyn Accel, width: u32, spp: u32) -> LinearImage {
     let settings = RenderSettings {
         width,
         height: width / 4 * 3,

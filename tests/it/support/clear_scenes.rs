@@ -1,12 +1,11 @@
-//! Scenes of the lecture's materials, and of what lets light through, for the comparison of the renderer with its
-//! referee.
+//! Test scenes of Phong materials and transmissive objects, for the comparison of the renderer with the reference
+//! tracer.
 
 use glam::{DAffine3, DVec3};
 use whit::optics::{Absorption, Cauchy, Dispersion, Sellmeier};
 use whit::scene::{
-    AlphaMode, Background, Camera, Falloff, Filter, Geometry, Interior, Lecture, LightKind, Material,
-    MaterialInput, MetallicRoughness, Model, Projection, Sampler, Scene, Texture, TextureBinding, TextureUse,
-    Wrap,
+    AlphaMode, Background, Camera, Falloff, Filter, Geometry, LightKind, Material, MaterialInput, Medium,
+    MetallicRoughness, Model, Phong, Projection, Sampler, Scene, Texture, TextureBinding, TextureUse, Wrap,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -16,17 +15,17 @@ use super::wave_scenes::{
     perspective, place, spot,
 };
 
-fn lecture(base: [f32; 3], model: Lecture) -> Material {
+fn phong(base: [f32; 3], model: Phong) -> Material {
     Material {
-        model: Model::Lecture(model),
+        model: Model::Phong(model),
         base_color: [base[0], base[1], base[2], 1.0],
         ..Material::default()
     }
 }
 
-/// A body of constant index; `color` is what is left of white after a metre.
-fn inside(ior: f64, color: [f64; 3], priority: i32) -> Option<Interior> {
-    Some(Interior {
+/// Returns an interior of constant index; `color` is the transmittance of one metre.
+fn inside(ior: f64, color: [f64; 3], priority: i32) -> Option<Medium> {
+    Some(Medium {
         ior: Dispersion::Constant(ior),
         absorption: Absorption::from_color(color, 1.0),
         priority,
@@ -34,13 +33,13 @@ fn inside(ior: f64, color: [f64; 3], priority: i32) -> Option<Interior> {
     })
 }
 
-/// A clear body that the lecture's kr and kt divide, or Fresnel's equations.
-fn clear(division: Division, interior: Option<Interior>) -> Material {
+/// Returns a transmissive material with Whitted's kr and kt, or with Fresnel's equations.
+fn clear(division: Division, interior: Option<Medium>) -> Material {
     let (reflection, transmission) = match division {
         Division::Fresnel => ([1.0, 0.9, 0.95], [0.95, 1.0, 0.9]),
         Division::Constant => ([0.2, 0.15, 0.1], [0.7, 0.75, 0.8]),
     };
-    let model = Lecture {
+    let model = Phong {
         ambient: [0.02; 3],
         diffuse: [0.03, 0.02, 0.04],
         specular: [0.4, 0.5, 0.45],
@@ -51,15 +50,15 @@ fn clear(division: Division, interior: Option<Interior>) -> Material {
     };
     Material {
         interior,
-        ..lecture([1.0; 3], model)
+        ..phong([1.0; 3], model)
     }
 }
 
-/// What divides light at the boundary of a clear body.
+/// Rule that divides light at the boundary of a transmissive object.
 #[derive(Clone, Copy)]
 pub enum Division {
     Fresnel,
-    /// kr and kt, the same at all angles.
+    /// Constant kr and kt at all angles.
     Constant,
 }
 
@@ -95,36 +94,37 @@ fn add_floor(scene: &mut Scene, material: u32, height: f64) {
     bake(scene, rectangle(11.0, 9.0), material, at);
 }
 
-/// The lecture's materials under every kind of light: coloured coefficients, highlights, mirrors, falloff polynomials;
-/// an unlit ball, and one of glTF's that has the rarer parameters.
+/// Returns a scene of Phong materials under every kind of light: coloured coefficients, highlights, mirrors, falloff
+/// polynomials; an unlit sphere, and a glTF sphere with rarely used parameters.
 pub fn blackboard() -> WaveScene {
     let mut scene = Scene::default();
-    let clay = lecture(
+    // Define materials: diffuse, mirrors, unlit, and glTF with specular parameters
+    let clay = phong(
         [0.9, 0.5, 0.3],
-        Lecture {
+        Phong {
             ambient: [0.6, 0.8, 1.0],
             diffuse: [0.8, 0.7, 0.9],
             specular: [0.3, 0.5, 0.2],
             exponent: 17.5,
-            ..Lecture::DEFAULT
+            ..Phong::DEFAULT
         },
     );
-    let steel = lecture(
+    let steel = phong(
         [0.3, 0.35, 0.4],
-        Lecture {
+        Phong {
             specular: [0.9, 0.8, 0.6],
             exponent: 60.0,
             reflection: [0.7, 0.5, 0.6],
-            ..Lecture::DEFAULT
+            ..Phong::DEFAULT
         },
     );
-    let chalk = lecture(
+    let chalk = phong(
         [0.8, 0.75, 0.7],
-        Lecture {
+        Phong {
             specular: [0.1; 3],
             exponent: 0.5,
             reflection: [0.05, 0.08, 0.1],
-            ..Lecture::DEFAULT
+            ..Phong::DEFAULT
         },
     );
     let sign = Material {
@@ -145,6 +145,7 @@ pub fn blackboard() -> WaveScene {
     };
     let [clay, steel, chalk, sign, lacquer] =
         [clay, steel, chalk, sign, lacquer].map(|material| add_material(&mut scene, material));
+    // Add objects
     let ball_shape = add_ball(&mut scene);
     bake(
         &mut scene,
@@ -171,6 +172,7 @@ pub fn blackboard() -> WaveScene {
         moved(0.7, 0.35, 1.1) * scaled(0.35, 0.35, 0.35),
     );
     add_floor(&mut scene, chalk, 0.0);
+    // Add lights, including one with a falloff polynomial
     let polynomial = Falloff::Polynomial {
         constant: 0.7,
         linear: 0.2,
@@ -184,6 +186,7 @@ pub fn blackboard() -> WaveScene {
     ];
     scene.ambient = [0.1, 0.12, 0.15];
     scene.background = SKY;
+    // Add the camera
     scene.cameras = vec![camera([0.37, 2.2, 5.1], [0.05, 0.66, 0.0], perspective(0.72))];
     WaveScene {
         name: "blackboard",
@@ -192,13 +195,15 @@ pub fn blackboard() -> WaveScene {
     }
 }
 
-/// A ball, a cube and a mirrored wedge of coloured glass over a floor that they tint.
+/// Returns a scene of a sphere, a cube and a mirrored wedge of coloured glass over a floor that they tint.
 pub fn paperweights(division: Division) -> WaveScene {
     let mut scene = Scene::default();
+    // Define materials
     let chalk = add_material(&mut scene, matte([0.8, 0.78, 0.7], 0.9));
     let green = add_material(&mut scene, clear(division, inside(1.5, [0.35, 0.9, 0.5], 0)));
     let amber = add_material(&mut scene, clear(division, inside(1.62, [0.9, 0.6, 0.15], 0)));
     let violet = add_material(&mut scene, clear(division, inside(1.45, [0.5, 0.2, 0.8], 0)));
+    // Add transmissive objects
     let ball_shape = add_ball(&mut scene);
     let wedge = add_geometry(&mut scene, Geometry::Mesh(super::meshes::wedge()));
     place(
@@ -220,6 +225,7 @@ pub fn paperweights(division: Division) -> WaveScene {
         moved(0.3, 0.05, 1.1) * scaled(-0.8, 0.9, 0.8),
     );
     add_floor(&mut scene, chalk, 0.0);
+    // Add lights and the camera
     scene.lights = vec![
         light([14.0, 12.0, 10.0], point([-2.4, 3.6, 1.1], Falloff::PHYSICAL)),
         light([0.9, 1.0, 0.8], sun([0.5, 0.9, 0.3])),
@@ -237,13 +243,14 @@ pub fn paperweights(division: Division) -> WaveScene {
     }
 }
 
-/// Ice in water in a hollow glass ball. Water and ice reach into the wall of the glass, the ice rises above the water
-/// and a stone, which states an index but lets nothing through, lies in it.
+/// Returns a scene of ice in water in a hollow glass sphere. Water and ice overlap the wall of the glass, the ice rises
+/// above the water, and an opaque stone, which has an index, lies in it.
 pub fn tumbler() -> WaveScene {
     let mut scene = Scene::default();
+    // Define materials of different priorities
     let chalk = add_material(&mut scene, matte([0.8, 0.78, 0.7], 0.9));
     let of = |interior| clear(Division::Fresnel, interior);
-    // The order of priorities is not that of the list.
+    // The order of priorities differs from that of the list.
     let water = add_material(&mut scene, of(inside(1.333, [0.4, 0.7, 0.9], -2)));
     let ice = add_material(&mut scene, of(inside(1.31, [0.8, 0.9, 0.95], 5)));
     let glass = add_material(&mut scene, of(inside(1.52, [0.6, 0.8, 0.7], 9)));
@@ -252,6 +259,7 @@ pub fn tumbler() -> WaveScene {
         ..matte([0.7, 0.3, 0.2], 0.8)
     };
     let stone = add_material(&mut scene, stone);
+    // Add the hollow glass, water, ice and stone
     let ball_shape = add_ball(&mut scene);
     let at = |y: f64| moved(0.0, 1.3 + y, 0.0);
     place(&mut scene, ball_shape, glass, at(0.0) * scaled(1.25, 1.25, 1.25));
@@ -274,6 +282,7 @@ pub fn tumbler() -> WaveScene {
         stone,
         at(-0.55) * moved(0.3, 0.0, 0.3) * scaled(0.25, 0.2, 0.22),
     );
+    // Add the floor, lights and camera
     add_floor(&mut scene, chalk, 0.0);
     scene.lights = vec![
         light([14.0, 12.0, 10.0], point([-2.4, 4.6, 2.1], Falloff::PHYSICAL)),
@@ -289,16 +298,18 @@ pub fn tumbler() -> WaveScene {
     }
 }
 
-/// From under water, up to a surface that reflects all light outside of a circle; a ball of ice reaches out of the
-/// water, a bubble floats in it, and a pier stands in both.
+/// Returns a scene seen from under water, up to a surface that reflects all light outside of a circle; a sphere of ice
+/// extends out of the water, with a bubble in the water and a pier in both media.
 pub fn pool() -> WaveScene {
     let mut scene = Scene::default();
+    // Define materials of different priorities
     let chalk = add_material(&mut scene, matte([0.8, 0.78, 0.7], 0.9));
     let of = |interior| clear(Division::Fresnel, interior);
     let water = add_material(&mut scene, of(inside(1.333, [0.75, 0.9, 0.95], 1)));
     let ice = add_material(&mut scene, of(inside(1.31, [0.8, 0.9, 0.95], 2)));
     let air = add_material(&mut scene, of(inside(1.0, [1.0; 3], 3)));
     let wood = add_material(&mut scene, matte([0.6, 0.35, 0.2], 0.7));
+    // Add water, ice, a bubble and the pier
     let ball_shape = add_ball(&mut scene);
     bake(
         &mut scene,
@@ -320,6 +331,7 @@ pub fn pool() -> WaveScene {
     );
     let pier = DAffine3::from_rotation_y(0.3) * scaled(0.12, 1.6, 0.12);
     bake(&mut scene, cube(), wood, moved(-0.1, 0.6, -1.9) * pier);
+    // Add the floor, lights and camera
     add_floor(&mut scene, chalk, -1.1);
     scene.lights = vec![
         light([24.0, 22.0, 18.0], point([-1.4, 3.6, -0.7], Falloff::PHYSICAL)),
@@ -335,8 +347,8 @@ pub fn pool() -> WaveScene {
     }
 }
 
-/// Panels one behind the other, cut out or partly covering by the fourth channel of their texture; their shadows, and a
-/// mirror that shows them.
+/// Returns a scene of panels one behind the other, with alpha masks or partial coverage by their texture; their
+/// shadows, and a mirror that reflects them.
 pub fn veils() -> WaveScene {
     let mut scene = Scene {
         images: vec![noise(7, 5, 1), noise(8, 8, 2)],
@@ -345,6 +357,7 @@ pub fn veils() -> WaveScene {
     let chalk = add_material(&mut scene, matte([0.8, 0.78, 0.7], 0.9));
     let silver = add_material(&mut scene, metal([0.9, 0.92, 0.88], 0.05));
     let wraps = [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge];
+    // Add panels with masked and blended alpha
     let modes = [
         AlphaMode::Mask(0.4),
         AlphaMode::Blend,
@@ -381,7 +394,7 @@ pub fn veils() -> WaveScene {
         let at = moved(-0.6 + 0.4 * depth, 0.75, 0.9 - depth) * DAffine3::from_rotation_y(0.2 - 0.15 * depth);
         bake(&mut scene, textured_panel(), material, at * scaled(1.5, 1.3, 1.0));
     }
-    // Half of it is there, without any texture.
+    // Half coverage, without any texture.
     let haze = Material {
         alpha: AlphaMode::Blend,
         base_color: [0.3, 0.6, 0.9, 0.5],
@@ -395,6 +408,7 @@ pub fn veils() -> WaveScene {
         haze,
         moved(1.0, 0.6, 0.6) * scaled(0.5, 0.5, 0.5),
     );
+    // Add a mirror, the floor, lights and camera
     bake(
         &mut scene,
         rectangle(3.5, 2.0),
@@ -416,37 +430,37 @@ pub fn veils() -> WaveScene {
     }
 }
 
-/// Prisms that part colours: one by Sellmeier's equation, and a red one by Cauchy's, in which light of one wavelength
-/// has no positive weight left.
+/// Returns a scene of prisms with dispersion: one by Sellmeier's equation, and a red one by Cauchy's, in which light of
+/// one wavelength has no positive weight left.
 pub fn prisms() -> WaveScene {
     let mut scene = Scene::default();
     let chalk = add_material(&mut scene, matte([0.8, 0.78, 0.7], 0.9));
-    let flint = Interior {
+    let flint = Medium {
         ior: Dispersion::Sellmeier(Sellmeier::N_SF11),
         absorption: Absorption::from_color([0.9, 0.95, 0.8], 1.0),
         priority: 0,
         is_thin: false,
     };
-    let ruby = Interior {
+    let ruby = Medium {
         ior: Dispersion::Cauchy(Cauchy::from_abbe(1.6, 22.0)),
         ..flint
     };
     let flint = add_material(&mut scene, clear(Division::Fresnel, Some(flint)));
-    let red = Lecture {
+    let red = Phong {
         reflection: [0.1, 0.0, 0.0],
         transmission: [0.9, 0.0, 0.0],
-        ..Lecture::DEFAULT
+        ..Phong::DEFAULT
     };
     let ruby = Material {
         interior: Some(ruby),
-        ..lecture([0.02; 3], red)
+        ..phong([0.02; 3], red)
     };
     let ruby = add_material(&mut scene, ruby);
-    let glow = Material {
+    let emissive = Material {
         emission: [3.0, 2.5, 2.0],
         ..matte([0.0; 3], 1.0)
     };
-    let glow = add_material(&mut scene, glow);
+    let emissive = add_material(&mut scene, emissive);
     let wedge = add_geometry(&mut scene, Geometry::Mesh(prism()));
     let ball_shape = add_ball(&mut scene);
     let turn = DAffine3::from_rotation_y(1.2) * DAffine3::from_rotation_z(0.15);
@@ -473,7 +487,7 @@ pub fn prisms() -> WaveScene {
         bake(
             &mut scene,
             cube(),
-            glow,
+            emissive,
             moved(x, 1.0, -2.1) * scaled(0.09, 1.4, 0.09),
         );
     }
@@ -492,12 +506,12 @@ pub fn prisms() -> WaveScene {
     }
 }
 
-/// Through a window that is off the image's shape, at a near plane that cuts into things: a thin pane, a pane without
-/// any index, glTF's transmission in a smooth mesh and in a frosted ball, and a ball of glass that is half there.
+/// Returns a scene through an off-centre view window, with a near plane that clips objects: a thin pane, a pane without
+/// any index, glTF's transmission in a smooth mesh and in a frosted sphere, and a glass sphere of half coverage.
 pub fn window() -> WaveScene {
     let mut scene = Scene::default();
     let chalk = add_material(&mut scene, matte([0.8, 0.78, 0.7], 0.9));
-    let gltf = |transmission: f32, roughness: f32, interior: Option<Interior>| Material {
+    let gltf = |transmission: f32, roughness: f32, interior: Option<Medium>| Material {
         model: Model::MetallicRoughness(MetallicRoughness {
             metallic: 0.1,
             roughness,
@@ -509,7 +523,7 @@ pub fn window() -> WaveScene {
         interior,
         ..matte([0.7, 0.9, 0.8], 0.0)
     };
-    let thin = inside(1.5, [1.0; 3], 0).map(|interior| Interior {
+    let thin = inside(1.5, [1.0; 3], 0).map(|interior| Medium {
         is_thin: true,
         ..interior
     });
@@ -554,7 +568,7 @@ pub fn window() -> WaveScene {
         half,
         moved(0.1, 0.5, 1.5) * scaled(0.4, 0.4, 0.4),
     );
-    // It stands half before the window.
+    // Half of the object is in front of the view window.
     bake(
         &mut scene,
         cube(),

@@ -1,11 +1,11 @@
-//! The real program, run as its users run it, and the folders it works in.
+//! Runs of the compiled program, as users run it, and helpers for its folders.
 
 #![allow(dead_code, unreachable_pub, reason = "each test program uses its part")]
 
 use std::path::Path;
 use std::process::Command;
 
-/// What a run of the program said and how it ended.
+/// Exit code and output of a run of the program.
 pub struct Run {
     pub code: i32,
     pub stdout: String,
@@ -25,7 +25,7 @@ pub fn whit(args: &[&str]) -> Run {
     }
 }
 
-/// Runs `whit` with `args` and asserts that it ends with `code` and one sentence that holds `words`.
+/// Runs `whit` with `args` and asserts that it ends with `code` and one sentence that contains `words`.
 #[track_caller]
 pub fn fails_with(code: i32, words: &str, args: &[&str]) {
     let run = whit(args);
@@ -40,37 +40,37 @@ pub fn fails_with(code: i32, words: &str, args: &[&str]) {
     assert_eq!(run.stderr.lines().count(), 1, "{args:?}: {}", run.stderr);
 }
 
-/// Writes `text` and asserts that `whit info` ends with 2 and one sentence that names the line and holds `words`.
+/// Writes `text` and asserts that `whit info` ends with 2 and one sentence that names the line and contains `words`.
 #[track_caller]
 pub fn refused(text: impl AsRef<[u8]>, place: &str, words: &[&str]) {
     let folder = tempfile::tempdir().unwrap();
     refused_in(folder.path(), text, place, words);
 }
 
-/// As [`refused`], in a folder that may hold other files which `text` names.
+/// Asserts a rejection like [`refused`], in a folder that may contain other files which `text` names.
 #[track_caller]
 pub fn refused_in(folder: &Path, text: impl AsRef<[u8]>, place: &str, words: &[&str]) {
     let path = folder.join("bad.toml");
     std::fs::write(&path, text).unwrap();
     let run = whit(&["info", &path.display().to_string()]);
-    let told = &run.stderr;
-    assert_eq!(run.code, 2, "{told}{}", run.stdout);
-    assert_eq!(told.lines().count(), 1, "{told}");
+    let message = &run.stderr;
+    assert_eq!(run.code, 2, "{message}{}", run.stdout);
+    assert_eq!(message.lines().count(), 1, "{message}");
     assert!(
-        told.starts_with("whit: ") && told.contains(&format!("bad.toml{place}")),
-        "{place}: {told}"
+        message.starts_with("whit: ") && message.contains(&format!("bad.toml{place}")),
+        "{place}: {message}"
     );
     for word in words {
-        assert!(told.contains(word), "`{word}` is not in {told}");
+        assert!(message.contains(word), "`{word}` is not in {message}");
     }
 }
 
-/// The scene of the README.
+/// Returns the path of the README's scene.
 pub fn first_light() -> String {
     concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/first_light.gltf").into()
 }
 
-/// The names of all files in `folder`, hidden ones included, sorted.
+/// Returns the names of all files in `folder`, hidden ones included, sorted.
 pub fn names_in(folder: &Path) -> Vec<String> {
     let mut names: Vec<String> = std::fs::read_dir(folder)
         .unwrap()

@@ -1,5 +1,5 @@
-//! How wide a ray is: a cone of a width and a spread (Amanatides, SIGGRAPH 1984; Ray Tracing Gems, 2019, ch. 20), and
-//! what it cuts out of a surface.
+//! Ray cones: the width and the spread of a ray (Amanatides, SIGGRAPH 1984; Ray Tracing Gems, 2019, ch. 20), and its
+//! footprint on a surface.
 
 use glam::{DMat3, DVec3};
 use whit::scene::CameraView;
@@ -40,7 +40,7 @@ impl Cone {
         }
     }
 
-    /// The same cone seen from `distance` further on.
+    /// Returns the cone after a further `distance` along the ray.
     pub fn after(self, distance: Approx) -> Cone {
         Cone {
             width: self.width + self.spread * distance,

@@ -1,8 +1,8 @@
-//! What a ray meets, by asking every primitive, and how sure that answer is.
+//! Brute-force ray queries of the reference tracer, with the certainty of each result.
 //!
-//! Nothing of `whit` but its plain data is used. Every answer carries a signed slack: the distance to the nearest
-//! other answer in units of the error that an f32 computation may have there. Below 1 another program may honestly
-//! answer otherwise, and the textbook notes a [`Doubt`].
+//! Only the plain data of `whit` is used. Every result has a signed slack: the distance to the nearest other result in
+//! units of the error that an f32 computation may have there. Below 1 another program may legitimately return another
+//! result, and the tracer records a [`Doubt`].
 
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use whit::mesh::Mesh;
@@ -13,39 +13,39 @@ use super::approx::{Approx, Approx3, ROUNDING};
 use super::cones::Cone;
 use super::shapes::{self, Face};
 
-/// A decision on which a picture may jump.
+/// Decisions at which an image may be discontinuous.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Decision {
-    /// None was taken yet.
+    /// No decision was taken yet.
     Nothing,
-    /// Which primitive a camera or reflected ray meets: near an edge, or two at the same depth.
+    /// Nearest primitive of a camera or reflected ray: near an edge, or two at equal depth.
     Nearest,
-    /// Whether a shadow ray is blocked.
+    /// Occlusion of a shadow ray.
     Shadow,
-    /// To which side a normal points.
+    /// Side to which a normal points.
     Facing,
-    /// Whether a light or a reflected ray is above the horizon of the triangle.
+    /// Light or reflected ray above the horizon of the triangle.
     Horizon,
-    /// Which texel is read.
+    /// Index of the texel that is read.
     Texel,
-    /// Whether a surface is rough enough to be no mirror.
+    /// Roughness threshold of mirror reflection.
     Mirror,
-    /// Whether a boundary reflects all light.
+    /// Total internal reflection at a boundary.
     TotalReflection,
-    /// Whether a masked surface is there.
+    /// Alpha test of a masked surface.
     Coverage,
-    /// Whether a path weighs enough to be followed.
+    /// Cut-off of a path by its throughput.
     Cutoff,
-    /// No flip, but a value so badly conditioned that nothing can be promised.
+    /// No discontinuity, but a value too badly conditioned for any bound.
     Value,
 }
 
-/// The least certain decision so far.
+/// Least certain decision so far.
 #[derive(Clone, Copy, Debug)]
 pub struct Doubt {
     /// Distance to the nearest flip in units of the error bound; a flip is possible below 1.
     pub slack: f64,
-    /// What would flip.
+    /// Decision that would flip.
     pub decision: Decision,
 }
 
@@ -55,7 +55,7 @@ impl Doubt {
         decision: Decision::Nothing,
     };
 
-    /// Notes a decision that hangs on the sign of a number with this slack.
+    /// Records a decision that depends on the sign of a number with this slack.
     pub fn note(&mut self, decision: Decision, slack: f64) {
         if slack.abs() < self.slack {
             *self = Doubt {
@@ -65,36 +65,36 @@ impl Doubt {
         }
     }
 
-    /// Whether an f32 computation may have decided otherwise.
+    /// Returns whether an f32 computation may have decided otherwise.
     pub fn may_flip(&self) -> bool {
         self.slack < 1.0
     }
 }
 
-/// A ray segment in world space.
+/// Ray segment in world space.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
     pub origin: Approx3,
     pub direction: Approx3,
     pub t_near: Approx,
     pub t_far: f64,
-    /// The surface that the ray begins on, which it cannot meet at its start.
+    /// Surface that the ray starts on, which it cannot intersect at its origin.
     pub leaves: Option<Left>,
-    /// How wide it is at its origin, for textures.
+    /// Ray cone at the origin, for texture filtering.
     pub cone: Cone,
 }
 
-/// A surface on which a ray begins.
+/// Surface on which a ray starts.
 #[derive(Clone, Copy, Debug)]
 pub struct Left {
     pub instance: u32,
     pub primitive: u32,
-    /// Whether the ray starts elsewhere and has gone straight through it, at its `t_near`.
+    /// True if the ray starts elsewhere and has passed straight through the surface, at its `t_near`.
     pub is_passed: bool,
 }
 
 impl Ray {
-    /// The same ray behind what it has met.
+    /// Returns the ray continued behind a hit.
     pub fn beyond(self, found: &Found) -> Ray {
         Ray {
             t_near: found.t,
@@ -108,7 +108,7 @@ impl Ray {
 }
 
 impl Found {
-    /// As the surface on which a new ray begins.
+    /// Returns the hit as the surface on which a new ray starts.
     pub fn left(&self) -> Left {
         Left {
             instance: self.instance,
@@ -118,7 +118,7 @@ impl Found {
     }
 }
 
-/// The nearest thing that a ray meets.
+/// Nearest hit of a ray.
 #[derive(Clone, Copy, Debug)]
 pub struct Found {
     pub instance: u32,
@@ -130,31 +130,31 @@ pub struct Found {
     pub v: Approx,
 }
 
-/// One candidate's answer: what is found there if it is found, and how surely (negative: surely not).
+/// Possible hit with its certainty: negative slack means that it is surely missed.
 struct Candidate {
     found: Found,
     slack: f64,
 }
 
-/// A scene ready for brute force.
+/// Scene prepared for brute-force queries.
 pub struct World<'s> {
     pub scene: &'s Scene,
-    /// By instance; computed here, so that a wrong inverse in the scene shows.
+    /// Inverse transforms by instance; computed here, so that a wrong inverse in the scene is detected.
     pub object_from_world: Vec<DAffine3>,
     balls: Vec<Ball>,
-    /// By geometry: the faces of analytic shapes.
+    /// Faces of analytic shapes, by geometry.
     faces: Vec<Vec<Face>>,
 }
 
-/// A ball around a primitive, in world space, to pass over most of them quickly.
+/// Bounding sphere of a primitive in world space, for fast rejection.
 struct Ball {
     instance: u32,
     primitive: u32,
-    /// Which of its crossings with a line.
+    /// Index of the root among a primitive's crossings with a line.
     root: u32,
     center: DVec3,
     radius: f64,
-    /// By how much the instance's map and back again enlarges rounding errors.
+    /// Factor by which the instance's transform and its inverse amplify rounding errors.
     condition: f64,
 }
 
@@ -163,6 +163,7 @@ impl<'s> World<'s> {
         let faces: Vec<Vec<Face>> = scene.geometries.iter().map(faces).collect();
         let mut balls = Vec::new();
         for (index, instance) in scene.instances.iter().enumerate() {
+            // Bound rounding errors by the condition number of the transform
             let map = instance.world_from_object();
             let condition = norm(&map.matrix3) * norm(&map.inverse().matrix3);
             let mut add = |(primitive, root): (u32, u32), center: DVec3, radius: f64| {
@@ -175,6 +176,7 @@ impl<'s> World<'s> {
                     condition,
                 });
             };
+            // Compute a bounding sphere for each triangle or face
             match &scene.geometries[instance.geometry as usize] {
                 Geometry::Mesh(mesh) => {
                     for primitive in 0..mesh.triangles.len() as u32 {
@@ -197,6 +199,7 @@ impl<'s> World<'s> {
                 }
             }
         }
+        // Invert the transforms in f64
         World {
             scene,
             object_from_world: scene
@@ -209,12 +212,12 @@ impl<'s> World<'s> {
         }
     }
 
-    /// A face of an analytic shape.
+    /// Returns a face of an analytic shape.
     pub fn face(&self, geometry: u32, part: u32) -> &Face {
         &self.faces[geometry as usize][part as usize]
     }
 
-    /// The nearest hit; ties go to the first instance and primitive.
+    /// Returns the nearest hit; ties go to the first instance and primitive.
     pub fn nearest(&self, ray: &Ray, doubt: &mut Doubt) -> Option<Found> {
         let candidates: Vec<Candidate> = self.candidates(ray).filter(|c| c.slack > -1.0).collect();
         let hits = candidates.iter().filter(|c| c.slack > 0.0);
@@ -223,7 +226,7 @@ impl<'s> World<'s> {
             let slack = match nearest {
                 None => candidate.slack,
                 Some(n) if std::ptr::eq(n, candidate) => candidate.slack,
-                // Another one matters if it may be met and may be nearer.
+                // Another candidate is relevant if it may be hit and may be nearer.
                 Some(n) => {
                     let behind = candidate.found.t.value - n.found.t.value;
                     let depth = behind / (candidate.found.t.error + n.found.t.error);
@@ -240,7 +243,7 @@ impl<'s> World<'s> {
         nearest.map(|c| c.found)
     }
 
-    /// Whether anything lies within the segment.
+    /// Returns whether any primitive occludes the segment.
     pub fn blocked(&self, ray: &Ray, doubt: &mut Doubt) -> bool {
         let surest = self
             .candidates(ray)
@@ -249,13 +252,13 @@ impl<'s> World<'s> {
         surest > 0.0
     }
 
-    /// Whether an instance that `stops` light lies within the segment beyond any doubt.
+    /// Returns whether an instance that `stops` light surely occludes the segment.
     pub fn surely_blocked(&self, ray: &Ray, stops: impl Fn(u32) -> bool) -> bool {
         self.candidates(ray)
             .any(|c| c.slack > 1.0 && stops(c.found.instance))
     }
 
-    /// Every primitive that the ray may come near.
+    /// Returns candidates for every primitive whose bounding sphere the ray may intersect.
     fn candidates(&self, ray: &Ray) -> impl Iterator<Item = Candidate> {
         let (origin, direction) = (ray.origin.value(), ray.direction.value());
         let length = direction.length();
@@ -279,9 +282,11 @@ impl<'s> World<'s> {
 
     fn candidate(&self, ray: &Ray, ball: &Ball) -> Option<Candidate> {
         let (instance, primitive) = (ball.instance, ball.primitive);
+        // Check whether the ray starts on this primitive
         let leaves = ray
             .leaves
             .filter(|left| (left.instance, left.primitive) == (instance, primitive));
+        // Transform the ray to object space
         let placed = &self.scene.instances[instance as usize];
         let local = if placed.world_from_object() == DAffine3::IDENTITY {
             *ray
@@ -293,8 +298,9 @@ impl<'s> World<'s> {
                 ..*ray
             }
         };
+        // Intersect the primitive
         let (weights, t) = match &self.scene.geometries[placed.geometry as usize] {
-            // A flat triangle is never met again by a ray that leaves it.
+            // A ray that leaves a flat triangle cannot intersect it again.
             Geometry::Mesh(_) if leaves.is_some() => return None,
             Geometry::Mesh(mesh) => triangle(&local, corners(mesh, primitive))?,
             Geometry::Shape(Shape::Sphere(sphere)) => {
@@ -307,6 +313,7 @@ impl<'s> World<'s> {
                 (Weights::of_shape(slack), t)
             }
         };
+        // Combine the slacks of the position and of the ray's interval
         let range = (t - ray.t_near).slack().min(below(t, ray.t_far));
         let found = Found {
             instance,
@@ -322,7 +329,7 @@ impl<'s> World<'s> {
     }
 }
 
-/// The faces of a shape.
+/// Returns the faces of a shape.
 fn faces(geometry: &Geometry) -> Vec<Face> {
     match geometry {
         Geometry::Mesh(_) => Vec::new(),
@@ -330,7 +337,7 @@ fn faces(geometry: &Geometry) -> Vec<Face> {
     }
 }
 
-/// Slack of `t` against an upper end that may be infinite.
+/// Returns the slack of `t` against an upper end that may be infinite.
 fn below(t: Approx, end: f64) -> f64 {
     if end.is_finite() {
         (end - t).slack()
@@ -339,7 +346,7 @@ fn below(t: Approx, end: f64) -> f64 {
     }
 }
 
-/// Where within a primitive, and how surely within it.
+/// Position within a primitive, and certainty of being inside it.
 struct Weights {
     u: Approx,
     v: Approx,
@@ -347,7 +354,7 @@ struct Weights {
 }
 
 impl Weights {
-    /// Shapes have none.
+    /// Returns weights without barycentrics, for analytic shapes.
     fn of_shape(slack: f64) -> Weights {
         Weights {
             u: Approx::ZERO,
@@ -357,8 +364,8 @@ impl Weights {
     }
 }
 
-/// The triangle's corners as seen along the ray (Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT
-/// 2013, without its rounding tricks): three edge functions whose signs agree where the ray passes inside.
+/// Intersects a triangle in the ray's coordinates (Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT
+/// 2013, without its rounding rules): the signs of three edge functions agree if the ray passes inside.
 fn triangle(ray: &Ray, corners: [DVec3; 3]) -> Option<(Weights, Approx)> {
     let d = ray.direction;
     let steepest = d.value().abs().max_position();
@@ -387,7 +394,7 @@ fn triangle(ray: &Ray, corners: [DVec3; 3]) -> Option<(Weights, Approx)> {
     Some((weights, t))
 }
 
-/// How surely three edge functions have one sign: by the least sure of them where they do, else by the surest
+/// Returns the slack of three edge functions having one sign: the smallest magnitude if they agree, else the surest
 /// contradiction.
 fn inside(slacks: [f64; 3]) -> f64 {
     let smallest = slacks.iter().fold(f64::INFINITY, |a, &b| a.min(b));
@@ -401,7 +408,7 @@ fn inside(slacks: [f64; 3]) -> f64 {
     }
 }
 
-/// The sphere |f + t d|² = r²: the nearer root within the interval, or the other root for a ray that begins on it.
+/// Solves |f + t d|² = r²: the nearer root within the interval, or the other root for a ray that starts on the sphere.
 fn sphere_root(ray: &Ray, f: Approx3, radius: f64, leaves: Option<Left>) -> Option<(Weights, Approx)> {
     let d = ray.direction;
     let a = d.dot(d);
@@ -412,7 +419,7 @@ fn sphere_root(ray: &Ray, f: Approx3, radius: f64, leaves: Option<Left>) -> Opti
     let half_chord = (inside / a).sqrt();
     match leaves {
         Some(Left { is_passed: false, .. }) => return Some(root(f64::INFINITY, middle + middle)),
-        // Passed at its first root: the second is ahead, and none after that.
+        // The first root was passed: the second is ahead, and none after that.
         Some(_) if ray.t_near.value < middle.value => {
             return Some(root(f64::INFINITY, middle + half_chord));
         }
@@ -428,12 +435,12 @@ fn sphere_root(ray: &Ray, f: Approx3, radius: f64, leaves: Option<Left>) -> Opti
     Some(root(inside.slack(), t))
 }
 
-/// The three corners of a triangle in object space.
+/// Returns the three corners of a triangle in object space.
 pub fn corners(mesh: &Mesh, primitive: u32) -> [DVec3; 3] {
     mesh.triangles[primitive as usize].map(|v| Vec3::from(mesh.positions[v as usize]).as_dvec3())
 }
 
-/// The norm by which a map can lengthen a vector, bounded from above (Frobenius).
+/// Returns an upper bound on the factor by which a map lengthens a vector (Frobenius norm).
 pub fn norm(m: &DMat3) -> f64 {
     m.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt()
 }

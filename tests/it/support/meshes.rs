@@ -1,11 +1,11 @@
-//! Meshes for tests, built in code.
+//! Meshes for tests, generated in code.
 
 use std::f64::consts::FRAC_PI_3;
 
 use glam::{DAffine3, DVec3, Vec3};
 use whit::mesh::Mesh;
 
-/// A rectangle in the plane z = 0 around the origin, facing +z.
+/// Returns a rectangle in the plane z = 0 around the origin, facing +z.
 pub fn rectangle(width: f32, height: f32) -> Mesh {
     let (x, y) = (0.5 * width, 0.5 * height);
     Mesh {
@@ -15,7 +15,7 @@ pub fn rectangle(width: f32, height: f32) -> Mesh {
     }
 }
 
-/// A rectangle with two sets of coordinates that leave [0, 1] on all sides, and vertex colours.
+/// Returns a rectangle with two sets of coordinates that leave [0, 1] on all sides, and vertex colours.
 pub fn textured_panel() -> Mesh {
     Mesh {
         tex_coords: vec![
@@ -35,7 +35,7 @@ pub fn textured_panel() -> Mesh {
     }
 }
 
-/// A flat-shaded wedge without any symmetry, so that a mirrored one cannot be mistaken for it.
+/// Returns a flat-shaded wedge without any symmetry, so that a mirrored one is recognised.
 pub fn wedge() -> Mesh {
     Mesh {
         positions: vec![
@@ -50,7 +50,7 @@ pub fn wedge() -> Mesh {
     }
 }
 
-/// The cube [-1, 1]³, each face as two triangles that face outward.
+/// Returns the cube [-1, 1]³, each face as two triangles that face outward.
 pub fn cube() -> Mesh {
     let corner = |i: u32| [0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 });
     let faces = [
@@ -72,7 +72,7 @@ pub fn cube() -> Mesh {
     }
 }
 
-/// A prism along z with an equilateral base of circumradius 1.
+/// Returns a prism along z with an equilateral base of circumradius 1.
 pub fn prism() -> Mesh {
     let corner = |i: u32| {
         let (sin, cos) = (f64::from(i % 3) * 2.0 * FRAC_PI_3 + 0.5 * FRAC_PI_3 * 3.0).sin_cos();
@@ -95,7 +95,7 @@ pub fn prism() -> Mesh {
     }
 }
 
-/// The same surface with its inside outside: a cavity.
+/// Returns the mesh with reversed orientation, as a cavity.
 pub fn inverted(mesh: Mesh) -> Mesh {
     let triangles: Vec<[u32; 3]> = mesh.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect();
     Mesh {
@@ -104,14 +104,14 @@ pub fn inverted(mesh: Mesh) -> Mesh {
     }
 }
 
-/// Whether a mesh has normals of its own.
+/// Kind of normals of a mesh.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Shading {
     Flat,
     Smooth,
 }
 
-/// The unit sphere as 20 · 4^`level` triangles: an icosahedron, each triangle cut in four again and again.
+/// Returns the unit sphere as 20 · 4^`level` triangles: an icosahedron, each triangle subdivided into four repeatedly.
 pub fn ball(level: u32, shading: Shading) -> Mesh {
     let mut triangles = icosahedron();
     for _ in 0..level {
@@ -121,7 +121,7 @@ pub fn ball(level: u32, shading: Shading) -> Mesh {
         };
         triangles = triangles.into_iter().flat_map(cut).collect();
     }
-    // Corners are shared, so that neighbours have the very same edge.
+    // Corners are shared, so that neighbours have identical edges.
     let mut positions: Vec<[f32; 3]> = Vec::new();
     let mut index_of = |p: DVec3| {
         let near = |q: &[f32; 3]| Vec3::from(*q).as_dvec3().distance(p) < 1e-3;
@@ -141,7 +141,7 @@ pub fn ball(level: u32, shading: Shading) -> Mesh {
     }
 }
 
-/// The same mesh with normals made from its positions.
+/// Returns the mesh with normals computed from its positions.
 pub fn with_normals(mesh: Mesh, normal: impl Fn([f32; 3]) -> [f32; 3]) -> Mesh {
     let normals: Vec<[f32; 3]> = mesh.positions.iter().map(|&p| normal(p)).collect();
     Mesh {

@@ -1,5 +1,5 @@
-//! What several modules of tests share: the recursive reference renderer and the scenes that it is run on, random
-//! scenes and rays, the program as users run it, and readers of what it writes.
+//! Support code that several test modules share: the recursive reference tracer and its scenes, random scenes and rays,
+//! runs of the program, and readers of its output.
 
 pub mod approx;
 pub mod bodies;
@@ -8,16 +8,16 @@ pub mod checkerboards;
 pub mod clear_scenes;
 pub mod cli_program;
 pub mod cones;
+pub mod emissive_scenes;
 pub mod exr_tools;
 pub mod hits;
-pub mod lamp_scenes;
+pub mod image_error;
+pub mod images;
 pub mod meshes;
 pub mod naive;
 pub mod normals;
 pub mod optical_bench;
 pub mod patterns;
-pub mod picture_error;
-pub mod pictures;
 pub mod random_scenes;
 pub mod referee;
 pub mod referee_clear;

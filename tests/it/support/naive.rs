@@ -1,14 +1,13 @@
-//! Careless code, as one would write it first: what the suite of hard cases must catch.
+//! Naive implementations with well-known numerical defects, which the suite of hard cases must detect.
 //!
-//! Every formula is the textbook's, in f32 where a renderer might have it so, with the fixed epsilons that are copied
-//! from one program to the next.
+//! Every formula is the textbook's, in f32 where a renderer might use it, with commonly copied fixed epsilons.
 
 #![allow(unreachable_pub, reason = "a module of a test")]
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use glam::{DVec3, Vec3};
-use whit::accel::{Accel, AccelReport, Hit, LANES, RayOrder, RayPacket};
+use whit::accel::{Accel, AccelReport, Coherence, Hit, LANES, RayPacket};
 use whit::numeric::Ray;
 use whit::optics::{Fresnel, Polarised, Refraction};
 use whit::render::{Monitor, RenderSettings, Rendering};
@@ -16,7 +15,7 @@ use whit::scene::{Camera, Geometry, Scene};
 use whit::shape::{Implicit, Shape, ShapeRay};
 use whit::verify::Formulas;
 
-/// The textbook's formulas.
+/// Textbook formulas without numerical safeguards.
 pub const FORMULAS: Formulas = Formulas {
     dielectric,
     refract,
@@ -43,11 +42,11 @@ pub const FORMULAS: Formulas = Formulas {
     spawn_point: |p, _, _| p.as_vec3(),
     validate: |_| Ok(()),
     normalise: |_| (),
-    render: careless_picture,
+    render: careless_render,
 };
 
-/// A picture that knows nothing of priorities and gives up after three generations, without a word.
-fn careless_picture(
+/// Renders an image without interior priorities and truncates paths after three bounces, without a report.
+fn careless_render(
     scene: &Scene,
     camera: &Camera,
     accel: &dyn Accel,
@@ -69,22 +68,22 @@ fn careless_picture(
     Some(rendering)
 }
 
-/// Refraction in f32.
+/// Formulas with refraction in f32.
 pub const SINGLE: Formulas = Formulas {
     refract: |d, n, eta_i, eta_t| {
         let [d, n] = [d, n].map(|v| v.as_vec3().as_dvec3());
         refract(d, n, f64::from(eta_i as f32), f64::from(eta_t as f32))
     },
-    ..Formulas::OURS
+    ..Formulas::RENDERER
 };
 
-/// Rays that leave a surface start a fixed distance off it.
+/// Formulas that spawn rays at a fixed distance off the surface.
 pub const FIXED_EPSILON: Formulas = Formulas {
     spawn_point: |p, ng, _| (p + 1e-4 * ng).as_vec3(),
-    ..Formulas::OURS
+    ..Formulas::RENDERER
 };
 
-/// Fresnel's equations through sin_t, and the transmittance as what is left.
+/// Evaluates Fresnel's equations through sin_t, with the transmittance as one minus the reflectance.
 fn dielectric(cos_i: f64, eta_i: f64, eta_t: f64) -> Fresnel {
     let sin_t = eta_i / eta_t * (1.0 - cos_i * cos_i).sqrt();
     let cos_t = (1.0 - sin_t * sin_t).max(0.0).sqrt();
@@ -113,14 +112,14 @@ fn refract(d: DVec3, n: DVec3, eta_i: f64, eta_t: f64) -> Option<Refraction> {
     })
 }
 
-/// A loop over everything, in f32, that believes every ray it is given.
+/// Brute-force loop in f32 that does not validate its rays.
 pub struct NaiveAccel<'s> {
     scene: &'s Scene,
-    /// What is added to triangles all around, so that there are no cracks.
+    /// Relative enlargement of triangles, to close cracks.
     fat: f32,
 }
 
-/// Determinants below this are taken for zero.
+/// Determinants below this are treated as zero.
 const EPSILON: f32 = 1e-8;
 
 impl<'s> NaiveAccel<'s> {
@@ -128,7 +127,7 @@ impl<'s> NaiveAccel<'s> {
         NaiveAccel { scene, fat: 0.0 }
     }
 
-    /// Triangles are made larger by a part of themselves.
+    /// Creates a loop that enlarges each triangle by a fraction of its size.
     pub fn fat(scene: &'s Scene) -> NaiveAccel<'s> {
         NaiveAccel { scene, fat: 0.05 }
     }
@@ -136,9 +135,11 @@ impl<'s> NaiveAccel<'s> {
     fn nearest(&self, ray: &Ray) -> Option<Hit> {
         let mut best: Option<Hit> = None;
         for (index, instance) in self.scene.instances.iter().enumerate() {
+            // Transform the ray to object space in f64, then round to f32
             let map = instance.object_from_world();
             let o = map.transform_point3(ray.origin.as_dvec3()).as_vec3();
             let d = map.transform_vector3(ray.direction.as_dvec3()).as_vec3();
+            // Keep the nearest hit; later ones win ties
             let mut keep = |primitive: u32, t: f32| {
                 if best.is_none_or(|best| t <= best.t) {
                     best = Some(Hit {
@@ -150,6 +151,7 @@ impl<'s> NaiveAccel<'s> {
                     });
                 }
             };
+            // Intersect the geometry
             match &self.scene.geometries[instance.geometry as usize] {
                 Geometry::Mesh(mesh) => {
                     for primitive in 0..mesh.triangles.len() as u32 {
@@ -173,7 +175,7 @@ impl<'s> NaiveAccel<'s> {
                     }
                 }
                 Geometry::Shape(shape) => {
-                    // A direction of unit length, as f32 has it.
+                    // Normalise the direction in f32.
                     let unit = d.normalize();
                     let ray = ShapeRay::new(o.as_dvec3(), unit.as_dvec3());
                     if let Some(hit) = shape.intersect(&ray) {
@@ -186,7 +188,8 @@ impl<'s> NaiveAccel<'s> {
     }
 }
 
-/// The box around a triangle, with the origin multiplied by the reciprocal direction once for all boxes.
+/// Tests the box around a triangle by the slab test, with the origin multiplied by the reciprocal direction once for
+/// all boxes.
 fn is_in_reach([a, b, c]: [Vec3; 3], o: Vec3, d: Vec3) -> bool {
     let inverse = d.recip();
     let start = o * inverse;
@@ -197,7 +200,7 @@ fn is_in_reach([a, b, c]: [Vec3; 3], o: Vec3, d: Vec3) -> bool {
     low.min(high).max_element() <= low.max(high).min_element()
 }
 
-/// Möller and Trumbore's test with edges closed on no side.
+/// Intersects by Möller and Trumbore's test with edges excluded on both sides.
 fn triangle([a, b, c]: [Vec3; 3], o: Vec3, d: Vec3, fat: f32) -> Option<f32> {
     let (e1, e2) = (b - a, c - a);
     let p = d.cross(e2);
@@ -213,7 +216,7 @@ fn triangle([a, b, c]: [Vec3; 3], o: Vec3, d: Vec3, fat: f32) -> Option<f32> {
     (u > -fat && v > -fat && u + v < 1.0 + fat && t > 0.0).then_some(t)
 }
 
-/// b² - 4ac.
+/// Solves the sphere's quadratic with the discriminant b² - 4ac.
 fn sphere_root(center: Vec3, radius: f32, o: Vec3, d: Vec3) -> Option<f32> {
     let f = o - center;
     let (a, b, c) = (d.dot(d), 2.0 * f.dot(d), f.dot(f) - radius * radius);
@@ -227,7 +230,7 @@ fn sphere_root(center: Vec3, radius: f32, o: Vec3, d: Vec3) -> Option<f32> {
     [near, far].into_iter().find(|&t| t > EPSILON)
 }
 
-/// Slabs by reciprocals, 0 · ∞ and all.
+/// Intersects a cube by reciprocal slabs, with 0 · ∞ unhandled.
 fn cube(o: Vec3, d: Vec3) -> Option<f32> {
     let (mut near, mut far) = (f32::NEG_INFINITY, f32::INFINITY);
     for axis in 0..3 {
@@ -242,24 +245,24 @@ fn cube(o: Vec3, d: Vec3) -> Option<f32> {
     Some(if near >= 0.0 { near } else { far })
 }
 
-/// Answers that hang on how many were given before.
+/// Backend whose results depend on the number of earlier queries.
 pub struct FickleAccel<'s>(pub NaiveAccel<'s>);
 
-/// Packets that have been asked.
-static ASKED: AtomicU32 = AtomicU32::new(0);
+/// Number of packets queried so far.
+static QUERY_COUNT: AtomicU32 = AtomicU32::new(0);
 
 impl Accel for FickleAccel<'_> {
-    fn intersect(&self, packets: &mut [RayPacket], order: RayOrder) {
+    fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
         self.0.intersect(packets, order);
         for packet in packets {
-            // Lost now and then.
-            if ASKED.fetch_add(1, Ordering::Relaxed).is_multiple_of(5) {
-                (0..LANES).for_each(|lane| packet.forget_hit(lane));
+            // Drop every fifth packet's hits.
+            if QUERY_COUNT.fetch_add(1, Ordering::Relaxed).is_multiple_of(5) {
+                (0..LANES).for_each(|lane| packet.clear_hit(lane));
             }
         }
     }
 
-    fn occluded(&self, packets: &mut [RayPacket], order: RayOrder) {
+    fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
         self.0.occluded(packets, order);
     }
 
@@ -269,7 +272,7 @@ impl Accel for FickleAccel<'_> {
 }
 
 impl Accel for NaiveAccel<'_> {
-    fn intersect(&self, packets: &mut [RayPacket], _: RayOrder) {
+    fn intersect(&self, packets: &mut [RayPacket], _: Coherence) {
         for packet in packets {
             for lane in 0..LANES {
                 if packet.is_active(lane)
@@ -281,7 +284,7 @@ impl Accel for NaiveAccel<'_> {
         }
     }
 
-    fn occluded(&self, packets: &mut [RayPacket], _: RayOrder) {
+    fn occluded(&self, packets: &mut [RayPacket], _: Coherence) {
         for packet in packets {
             for lane in 0..LANES {
                 if packet.is_active(lane) && self.nearest(&packet.ray(lane)).is_some() {

@@ -24,7 +24,7 @@ pub fn frame_of_tangent(n: Approx3, tangent: Approx3, handedness: f64) -> [Appro
     [right, if handedness < 0.0 { -up } else { up }]
 }
 
-/// The same where u' and v' of a transformed image grow: v' downwards.
+/// Returns the directions in which u' and v' of a transformed image grow, with v' downwards.
 pub fn frame_of_chart(n: Approx3, chart: &Chart, transform: &UvTransform) -> [Approx3; 2] {
     // dp = dpdu du + dpdv dv with (du, dv) by Cramer's rule from u' = a u + b v, v' = c u + d v.
     let [[a, b], [c, d]] = transform
@@ -55,7 +55,7 @@ pub fn bumped(n: Approx3, chart: &Chart, [h_u, h_v]: [Approx; 2]) -> Approx3 {
 
 /// `n`, or what is nearest to it that lets the viewer be seen and its mirror image be above the surface: half-way
 /// between the viewer and that image raised to the least elevation.
-pub fn kept_visible(n: Approx3, ng: Approx3, wo: Approx3, doubt: &mut Doubt) -> Approx3 {
+pub fn bend_toward_viewer(n: Approx3, ng: Approx3, wo: Approx3, doubt: &mut Doubt) -> Approx3 {
     let viewer = ng.dot(wo);
     let least = if viewer.value < MIN_ELEVATION {
         viewer

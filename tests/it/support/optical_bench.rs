@@ -1,10 +1,10 @@
-//! An optical bench: rays of exactly known direction are sent into a scene by the renderer, and the directions in which
-//! they leave it are read off the picture.
+//! Optical bench: the renderer traces rays of exactly known direction into a scene, and the directions in which they
+//! leave it are decoded from the image.
 //!
-//! A background that grows with the height of a ray tells one component of its direction; turning the whole bench
-//! round tells the others. Red shows what leaves upwards, green what leaves downwards, blue how much leaves at all, so
-//! that quotients are free of the path's weight. A component is known to a few f32 roundings of itself: bodies are
-//! placed so that what is asked for is small.
+//! A background that grows with the height of a ray encodes one component of its direction; rotating the whole bench
+//! gives the others. Red encodes rays that leave upwards, green those that leave downwards, blue the total weight, so
+//! that quotients are independent of the path's throughput. A component is accurate to a few f32 roundings of itself:
+//! objects are placed so that the measured component is small.
 #![allow(
     dead_code,
     unreachable_pub,
@@ -19,19 +19,19 @@ use whit::mesh::Mesh;
 use whit::optics::{Absorption, Dispersion};
 use whit::render::{Monitor, RenderSettings, render};
 use whit::scene::{
-    Background, Camera, Geometry, Instance, Interior, Lecture, Material, MetallicRoughness, Model,
-    Projection, Scene,
+    Background, Camera, Geometry, Instance, Material, Medium, MetallicRoughness, Model, Phong, Projection,
+    Scene,
 };
 use whit::shape::{Shape, Sphere};
 
-/// Red of what leaves upwards and green of what leaves downwards, by the height of the direction; blue of everything.
+/// Background with red for upward and green for downward directions, by their height, and constant blue.
 const GAUGE: Background = Background::Gradient {
     horizon: [0.0, 0.0, 1.0],
     up: [1.0, 0.0, 1.0],
     down: [0.0, 1.0, 1.0],
 };
 
-/// All backends of this build.
+/// Returns all backends of this build.
 pub fn backends() -> Vec<Backend> {
     let mut backends = vec![Backend::Brute, Backend::Bsp];
     if cfg!(feature = "embree") {
@@ -40,7 +40,7 @@ pub fn backends() -> Vec<Backend> {
     backends
 }
 
-/// Clear glass of index `ior` with a polished surface that Fresnel's equations govern.
+/// Returns clear glass of index `ior` with a smooth surface that obeys Fresnel's equations.
 pub fn glass(ior: f64) -> Material {
     Material {
         model: Model::MetallicRoughness(MetallicRoughness {
@@ -49,7 +49,7 @@ pub fn glass(ior: f64) -> Material {
             transmission: 1.0,
             ..MetallicRoughness::DEFAULT
         }),
-        interior: Some(Interior {
+        interior: Some(Medium {
             ior: Dispersion::Constant(ior),
             absorption: Absorption::NONE,
             priority: 0,
@@ -59,17 +59,18 @@ pub fn glass(ior: f64) -> Material {
     }
 }
 
-/// A body of index `ior` whose surface sends every ray on whole: kt through it and kr back, without Fresnel's division.
+/// Returns a dielectric of index `ior` whose surface transmits kt and reflects kr at all angles, without Fresnel's
+/// equations.
 pub fn ideal(ior: Dispersion, reflection: f32) -> Material {
     Material {
-        model: Model::Lecture(Lecture {
+        model: Model::Phong(Phong {
             ambient: [0.0; 3],
             diffuse: [0.0; 3],
             reflection: [reflection; 3],
             transmission: [1.0; 3],
-            ..Lecture::DEFAULT
+            ..Phong::DEFAULT
         }),
-        interior: Some(Interior {
+        interior: Some(Medium {
             ior,
             absorption: Absorption::NONE,
             priority: 0,
@@ -79,7 +80,7 @@ pub fn ideal(ior: Dispersion, reflection: f32) -> Material {
     }
 }
 
-/// The square |x|, |z| <= 1 whose front looks to +y.
+/// Returns the square |x|, |z| <= 1 whose front faces +y.
 pub fn square() -> Mesh {
     mesh(
         &[[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]],
@@ -87,7 +88,7 @@ pub fn square() -> Mesh {
     )
 }
 
-/// The box |x|, |z| <= 1, -1 <= y <= 0.
+/// Returns the box |x|, |z| <= 1, -1 <= y <= 0.
 pub fn slab() -> Mesh {
     let corners = [
         [-1, 0, -1],
@@ -112,8 +113,8 @@ pub fn slab() -> Mesh {
     )
 }
 
-/// A prism of apex angle `apex` in radians: its edge stands at (0, 1), its base is at y = -1, |z| <= 1. The map gives
-/// it its angle, so that this angle is no matter of f32 vertices.
+/// Returns a prism of apex angle `apex` in radians: its edge is at (0, 1), its base at y = -1, |z| <= 1. The transform
+/// sets the angle, so that it does not depend on f32 vertices.
 pub fn prism(apex: f64) -> (Mesh, DAffine3) {
     let corners = [
         [0, 1, -1],
@@ -147,44 +148,44 @@ fn quads(corners: &[[u32; 4]]) -> Vec<[u32; 3]> {
     halves.collect()
 }
 
-/// One body on the bench.
+/// Object on the bench with its transform and backend.
 pub struct Bench {
     pub geometry: Geometry,
     pub place: DAffine3,
     pub material: Material,
     pub backend: Backend,
-    /// Steps that paths are followed.
+    /// Maximum depth of paths.
     pub depth: u32,
 }
 
-/// Parallel rays.
+/// Beam of parallel rays.
 #[derive(Clone, Copy)]
 pub struct Beam {
-    /// The middle of where they start.
+    /// Middle of the rays' origins.
     pub origin: DVec3,
-    /// Unit vector.
+    /// Unit direction of the rays.
     pub direction: DVec3,
-    /// Unit vector across the beam, along which the rays lie.
+    /// Unit vector across the beam, along which the origins lie.
     pub across: DVec3,
-    /// Half of its width.
+    /// Half of the beam's width.
     pub half_width: f64,
     pub rays: u32,
 }
 
 impl Beam {
-    /// One ray through `target`, `distance` before it.
+    /// Returns a beam of one ray through `target`, starting `distance` before it.
     pub fn ray(target: DVec3, direction: DVec3, distance: f64) -> Beam {
         Beam {
             origin: target - distance * direction,
             direction,
             across: direction.any_orthonormal_vector(),
-            // The middle of the one pixel; its width only must not be zero.
+            // The ray is in the middle of the only pixel; the width must not be zero.
             half_width: 1e-6,
             rays: 1,
         }
     }
 
-    /// How far ray `index` lies from the middle.
+    /// Returns the offset of ray `index` from the middle.
     pub fn offset(&self, index: u32) -> f64 {
         self.half_width * (1.0 - (2.0 * f64::from(index) + 1.0) / f64::from(self.rays))
     }
@@ -201,17 +202,17 @@ impl Bench {
         }
     }
 
-    /// What is seen by every ray of `beam` before `background`.
+    /// Returns the radiance of every ray of `beam` in front of `background`.
     pub fn see(&self, beam: Beam, background: Background) -> Vec<DVec3> {
         self.see_turned(beam, background, DMat3::IDENTITY)
     }
 
-    /// The directions in which the rays leave, each times the share that leaves, and those shares: of rays that divide,
-    /// the sums.
+    /// Returns the exit directions of the rays, weighted by their throughput, and the throughputs: sums for rays that
+    /// split.
     ///
-    /// A component is the sum over what leaves on its positive side less that on its negative one.
+    /// A component is the sum over rays that leave on its positive side minus the sum on its negative one.
     pub fn leaving(&self, beam: Beam) -> Vec<(DVec3, f64)> {
-        // x becomes y, y becomes z, z becomes x: without any rounding.
+        // Cyclic permutation of the axes, without any rounding: x becomes y, y becomes z, z becomes x.
         let turn = DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X);
         let heights = self.see(beam, GAUGE);
         let widths = self.see_turned(beam, GAUGE, turn);
@@ -225,13 +226,13 @@ impl Bench {
             .collect()
     }
 
-    /// The direction in which a single ray leaves that does not divide.
+    /// Returns the exit direction of a single ray that does not split.
     pub fn exit(&self, beam: Beam) -> DVec3 {
         let (sum, share) = self.leaving(beam)[0];
         sum / share
     }
 
-    /// What leaves upwards, what leaves downwards, and all of it, of the one ray of `beam`; the first two times the
+    /// Returns the upward, downward and total throughput of the one ray of `beam`; the first two multiplied by the
     /// height of their directions.
     pub fn divided(&self, beam: Beam) -> DVec3 {
         self.see(beam, GAUGE)[0]
@@ -257,7 +258,7 @@ impl Bench {
     }
 }
 
-/// What every ray of `beam` sees of `scene`, in `depth` steps.
+/// Returns the radiance of every ray of `beam` in `scene`, to a depth of `depth`.
 pub fn see_scene(scene: &Scene, beam: Beam, backend: Backend, depth: u32) -> Vec<DVec3> {
     let axes = DMat3::from_cols(beam.across.cross(-beam.direction), beam.across, -beam.direction);
     let camera = Camera {
@@ -275,11 +276,16 @@ pub fn see_scene(scene: &Scene, beam: Beam, backend: Backend, depth: u32) -> Vec
         weight_cutoff: 0.0,
         ..RenderSettings::default()
     };
-    picture(scene, &camera, backend, &settings)
+    render_image(scene, &camera, backend, &settings)
 }
 
-/// The pixels of a picture, row by row.
-pub fn picture(scene: &Scene, camera: &Camera, backend: Backend, settings: &RenderSettings) -> Vec<DVec3> {
+/// Returns the pixels of a rendered image, row by row.
+pub fn render_image(
+    scene: &Scene,
+    camera: &Camera,
+    backend: Backend,
+    settings: &RenderSettings,
+) -> Vec<DVec3> {
     let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
     let monitor = Monitor {
         progress: &|_| {},

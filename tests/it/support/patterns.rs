@@ -1,7 +1,7 @@
-//! Procedural textures in f64, straight from their definitions: at a point, or averaged over what a ray sees.
+//! Procedural textures in f64, directly from their definitions: at a point, or filtered over a ray's footprint.
 //!
-//! Errors are carried through by differences: each input is moved by its bound, both ways, and what that changes is
-//! doubled for the curvature between.
+//! Errors are propagated by differences: each input is moved by its bound in both directions, and the resulting change
+//! is doubled to cover the curvature in between.
 
 use std::f64::consts::{PI, TAU};
 
@@ -10,7 +10,7 @@ use whit::scene::{Pattern, Procedural};
 
 use super::approx::{Approx, Approx3, ROUNDING};
 
-/// Ken Perlin's permutation ("Improving noise", 2002), by which the noise is defined.
+/// Permutation table of Ken Perlin ("Improving noise", 2002), which defines the noise.
 #[rustfmt::skip]
 const PERLIN: [usize; 256] = [
     151, 160, 137, 91, 90, 15, 131, 13, 201, 95, 96, 53, 194, 233, 7, 225, 140, 36, 103, 30, 69, 142, 8, 99, 37, 240,
@@ -26,7 +26,7 @@ const PERLIN: [usize; 256] = [
     195, 78, 66, 215, 61, 156, 180,
 ];
 
-/// The twelve middles of a cube's edges, four of them twice, as that paper lists them.
+/// Gradient directions: the twelve midpoints of a cube's edges, four of them twice, as in that paper.
 #[rustfmt::skip]
 const DIRECTIONS: [[f64; 3]; 16] = [
     [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, -1.0, 0.0],
@@ -35,14 +35,14 @@ const DIRECTIONS: [[f64; 3]; 16] = [
     [1.0, 1.0, 0.0], [0.0, -1.0, 1.0], [-1.0, 1.0, 0.0], [0.0, -1.0, -1.0],
 ];
 
-/// Width in cells from which on an octave is gone; it fades by a smooth step up to there.
+/// Footprint width in cells from which on an octave has faded out; it fades by a smooth step up to there.
 const FADED: f64 = 2.25;
-/// What is left of the magnitude of noise that has faded: its mean.
+/// Mean magnitude of noise, which replaces an octave of turbulence that has faded out.
 const MEAN_MAGNITUDE: f64 = 0.2204;
-/// The most points that a long footprint is divided into.
+/// Largest number of samples along a long footprint.
 const MAX_POINTS: f64 = 16.0;
 
-/// Σ over the corners of the cell: the quintic weight of the corner times its direction's rise.
+/// Returns gradient noise: Σ over the corners of the cell of quintic weight times gradient.
 fn noise(p: DVec3) -> f64 {
     let cell = p.floor();
     let at = (p - cell).to_array();
@@ -68,13 +68,14 @@ fn noise(p: DVec3) -> f64 {
     sum
 }
 
-/// The part of an octave that a ray of this width in cells keeps.
+/// Returns the weight of an octave for a footprint of this width in cells.
 fn kept(width: f64) -> f64 {
     let x = (width / FADED).clamp(0.0, 1.0);
     1.0 - (3.0 * x.powi(2) - 2.0 * x.powi(3))
 }
 
-/// Octave i has 2^i times the frequency and 2^-i times the height; as a part of the sum of the heights.
+/// Returns a sum of octaves: octave i has 2^i times the frequency and 2^-i times the amplitude; relative to the sum of
+/// the amplitudes.
 fn octaves(p: DVec3, count: u32, width: f64, of: fn(f64) -> f64, mean: f64) -> f64 {
     let octave = |i: u32| {
         let frequency = f64::from(1u32 << i);
@@ -85,8 +86,8 @@ fn octaves(p: DVec3, count: u32, width: f64, of: fn(f64) -> f64, mean: f64) -> f
     (0..count).map(octave).sum::<f64>() / heights
 }
 
-/// The mean over an interval around `x` of the wave that is 1 from 0 to 1, -1 from 1 to 2, and so on: its integral is
-/// the distance from the nearest even number.
+/// Returns the mean over an interval around `x` of the wave that is 1 from 0 to 1, -1 from 1 to 2, and so on: its
+/// integral is the distance from the nearest even number.
 fn square_wave(x: f64, width: f64) -> f64 {
     let (low, high) = (x - 0.5 * width, x + 0.5 * width);
     if low.floor() == high.floor() {
@@ -100,18 +101,18 @@ fn square_wave(x: f64, width: f64) -> f64 {
     (integral(high) - integral(low)) / width
 }
 
-/// The mean over an interval around `x` of x held within [0, 1].
+/// Returns the mean over an interval around `x` of x clamped to [0, 1].
 fn ramp(x: f64, width: f64) -> f64 {
     let (low, high) = (x - 0.5 * width, x + 0.5 * width);
     if high <= 0.0 || low >= 1.0 || low >= 0.0 && high <= 1.0 {
         return x.clamp(0.0, 1.0);
     }
-    // The parts of the interval within the slope and above it.
+    // Parts of the interval within the slope and above it.
     let (a, b) = (low.clamp(0.0, 1.0), high.clamp(0.0, 1.0));
     (0.5 * (b - a) * (b + a) + (high - 1.0).max(0.0)) / width
 }
 
-/// What the mean over a box leaves of a wave with this phase: a sinc an axis.
+/// Returns the factor by which the mean over a box damps a wave with this phase: a sinc for each axis.
 fn damping(phase: impl Fn(DVec3) -> f64, p: DVec3, width: DVec3) -> f64 {
     let axes = DVec3::AXES.map(|axis| {
         let y = PI * (phase(p + axis * width) - phase(p));
@@ -120,7 +121,7 @@ fn damping(phase: impl Fn(DVec3) -> f64, p: DVec3, width: DVec3) -> f64 {
     axes.into_iter().product()
 }
 
-/// The share of the second colour in a box of sides `width` around `p`, both in cells.
+/// Returns the fraction of the second colour in a box of sides `width` around `p`, both in cells.
 fn share(pattern: Pattern, p: DVec3, width: DVec3) -> f64 {
     let widest = width.max_element();
     let wave = |phase: &dyn Fn(DVec3) -> f64, of: fn(f64) -> f64| {
@@ -147,7 +148,7 @@ fn share(pattern: Pattern, p: DVec3, width: DVec3) -> f64 {
     }
 }
 
-/// Into how many parts the longer axis of a footprint is divided, each about as long as it is wide.
+/// Returns the number of parts of a footprint's longer axis, each about as long as the footprint is wide.
 pub fn parts(ratio: f64) -> f64 {
     if ratio > 1.0 {
         ratio.ceil().min(MAX_POINTS)
@@ -156,12 +157,12 @@ pub fn parts(ratio: f64) -> f64 {
     }
 }
 
-/// Where the middles of `count` parts of an axis of length 1 are.
+/// Returns the midpoints of `count` parts of an axis of length 1.
 pub fn middles(count: f64) -> impl Iterator<Item = f64> {
     (0..count as u32).map(move |i| (f64::from(i) + 0.5) / count - 0.5)
 }
 
-/// The mean share of the second colour over a footprint: boxes of its width along its longer axis.
+/// Returns the mean fraction of the second colour over a footprint: boxes of its width along its longer axis.
 fn mean_share(procedural: &Procedural, p: DVec3, [longer, shorter]: [DVec3; 2], ratio: f64) -> f64 {
     let scale = DVec3::from_array(procedural.scale);
     let count = parts(ratio);
@@ -173,7 +174,7 @@ fn mean_share(procedural: &Procedural, p: DVec3, [longer, shorter]: [DVec3; 2], 
     middles(count).map(at).sum::<f64>() / count
 }
 
-/// `f` of inputs in doubt.
+/// Evaluates `f` and propagates the errors of its inputs.
 fn propagated<const N: usize>(inputs: [Approx; N], f: impl Fn([f64; N]) -> f64) -> Approx {
     let values = inputs.map(|x| x.value);
     let value = f(values);
@@ -191,7 +192,7 @@ fn propagated<const N: usize>(inputs: [Approx; N], f: impl Fn([f64; N]) -> f64) 
     Approx { value, error }
 }
 
-/// The share of the second colour over a footprint around `p`, all in the pattern's space before its scale.
+/// Returns the fraction of the second colour over a footprint around `p`, all in the pattern's space before its scale.
 pub fn second_share(procedural: &Procedural, p: Approx3, axes: [Approx3; 2]) -> Approx {
     let [longer, shorter] = axes.map(|axis| axis.value());
     let ratio = axes[0].length() / axes[1].length();
@@ -203,7 +204,7 @@ pub fn second_share(procedural: &Procedural, p: Approx3, axes: [Approx3; 2]) -> 
             mean_share(procedural, DVec3::new(a, b, c), axes, ratio.value)
         },
     );
-    // The number of parts may be the next one.
+    // The number of parts may round to the adjacent one.
     let [low, high] = [-1.0, 1.0].map(|side| {
         let ratio = ratio.value + side * ratio.error;
         mean_share(procedural, p.value(), [longer, shorter], ratio)
@@ -211,7 +212,7 @@ pub fn second_share(procedural: &Procedural, p: Approx3, axes: [Approx3; 2]) -> 
     found.widened((high - low).abs() + (MAX_POINTS + 4.0) * ROUNDING)
 }
 
-/// The derivatives of the red channel by the three coordinates of the pattern's space, of a ray without width.
+/// Returns the derivatives of the red channel by the three coordinates of the pattern's space, for a ray of zero width.
 pub fn gradient(procedural: &Procedural, p: Approx3) -> Approx3 {
     let scale = DVec3::from_array(procedural.scale);
     let [first, second] = procedural.colors.map(|color| f64::from(color[0]));
@@ -222,7 +223,7 @@ pub fn gradient(procedural: &Procedural, p: Approx3) -> Approx3 {
         };
         scale[axis] * (second - first) * (at(step) - at(-step)) / (2.0 * step)
     };
-    // What is left of the difference's error falls with the square of the step, and its rounding grows.
+    // The truncation error of the difference falls with the square of the step, and its rounding error grows.
     const STEP: f64 = 1e-5;
     let along = |axis: usize| {
         let found = propagated(p.to_array(), |p| slope(DVec3::from_array(p), axis, STEP));

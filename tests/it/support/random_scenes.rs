@@ -1,5 +1,4 @@
-//! Small random scenes: a few objects, materials, lights and textures of every kind, most effects absent from most of
-//! them.
+//! Small random scenes: a few objects, materials, lights and textures of every kind; most scenes lack most effects.
 
 use std::sync::Arc;
 
@@ -8,8 +7,8 @@ use whit::mesh::Mesh;
 use whit::optics::subsurface::SubsurfacePreset;
 use whit::optics::{Absorption, Cauchy, Dispersion};
 use whit::scene::{
-    AlphaMode, Aperture, AreaShape, Background, Camera, Falloff, Filter, Geometry, Image, Instance, Interior,
-    Lecture, Lens, Light, LightKind, Material, MaterialInput, MetallicRoughness, Model, Pattern, Procedural,
+    AlphaMode, Aperture, AreaShape, Background, Camera, Falloff, Filter, Geometry, Image, Instance, Lens,
+    Light, LightKind, Material, MaterialInput, Medium, MetallicRoughness, Model, Pattern, Phong, Procedural,
     Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureBinding, TextureUse, Translucency,
     Wrap,
 };
@@ -18,9 +17,9 @@ use whit::volume::{Fog, Grid, Samples, Thickness, Transfer, TransferNode, Volume
 use super::meshes::{Shading, ball, textured_panel};
 use super::scenes::{SplitMix64, all_shapes};
 
-/// The scene of number `seed`; it passes its checks.
+/// Returns the valid random scene of number `seed`.
 pub fn scene(seed: u64) -> Scene {
-    // Neighbouring seeds of such a generator begin alike.
+    // Neighbouring seeds of such a generator give similar first numbers, which are discarded.
     let mut random = SplitMix64(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15));
     (0..4).for_each(|_| _ = random.next());
     let r = &mut random;
@@ -40,13 +39,13 @@ pub fn scene(seed: u64) -> Scene {
             pattern(Pattern::Checker, Space::Object),
             pattern(Pattern::Noise { octaves: 3 }, Space::Object),
             pattern(Pattern::Gradient, Space::Uv),
-            picture(Filter::Linear),
-            picture(Filter::Mipmap),
+            image_texture(Filter::Linear),
+            image_texture(Filter::Mipmap),
         ],
         cameras: vec![camera(r)],
         ..Scene::default()
     };
-    // Most scenes draw from few kinds of material, so that most effects are absent.
+    // Draw from few kinds of material in most scenes, so that most effects are absent.
     let kinds: Vec<usize> = (0..1 + r.below(3)).map(|_| r.below(KINDS)).collect();
     for number in 0..1 + r.below(4) {
         let kind = kinds[r.below(kinds.len())];
@@ -129,7 +128,7 @@ pub fn scene(seed: u64) -> Scene {
         };
     }
     if r.next() < 0.75 {
-        // Some of them cannot be lamps, and most do not shine.
+        // Some instances cannot be area lights, and most have no emission.
         for instance in 0..scene.instances.len() as u32 {
             _ = scene.add_emissive_light(instance, 1 + r.below(2) as u32);
         }
@@ -138,7 +137,7 @@ pub fn scene(seed: u64) -> Scene {
     scene
 }
 
-/// Lets light into the first material of some scenes, if it is one that may scatter it.
+/// Adds subsurface scattering to the first material of some scenes, if it allows any.
 fn scatter(scene: &mut Scene, r: &mut SplitMix64) {
     let chance = r.next();
     let has_plane = scene.instances.iter().any(|instance| {
@@ -201,7 +200,7 @@ fn image(r: &mut SplitMix64) -> Image {
     }
 }
 
-fn picture(filter: Filter) -> Texture {
+fn image_texture(filter: Filter) -> Texture {
     Texture::Image {
         image: 0,
         sampler: Sampler {
@@ -229,7 +228,7 @@ fn layer(parameter: MaterialInput, texture: u32, strength: f32) -> TextureBindin
     }
 }
 
-/// How many kinds of material there are.
+/// Number of kinds of material.
 const KINDS: usize = 22;
 
 fn gltf(color: [f32; 3], model: MetallicRoughness) -> Material {
@@ -240,8 +239,8 @@ fn gltf(color: [f32; 3], model: MetallicRoughness) -> Material {
     }
 }
 
-fn body(ior: Dispersion, absorption: Absorption, priority: i32) -> Option<Interior> {
-    Some(Interior {
+fn body(ior: Dispersion, absorption: Absorption, priority: i32) -> Option<Medium> {
+    Some(Medium {
         ior,
         absorption,
         priority,
@@ -268,8 +267,8 @@ fn material(kind: usize, r: &mut SplitMix64) -> Material {
         layers: vec![layer],
         ..matte.clone()
     };
-    let taught = |lecture: Lecture| Material {
-        model: Model::Lecture(lecture),
+    let with_phong = |phong: Phong| Material {
+        model: Model::Phong(phong),
         ..matte.clone()
     };
     match kind {
@@ -298,7 +297,7 @@ fn material(kind: usize, r: &mut SplitMix64) -> Material {
             ..gltf([1.0; 3], glass)
         },
         5 => Material {
-            interior: Some(Interior {
+            interior: Some(Medium {
                 ior: constant,
                 absorption: Absorption::NONE,
                 priority: 0,
@@ -329,21 +328,21 @@ fn material(kind: usize, r: &mut SplitMix64) -> Material {
             model: Model::Unlit,
             ..matte
         },
-        16 => taught(Lecture {
+        16 => with_phong(Phong {
             specular: [0.4; 3],
             exponent: 12.0,
-            ..Lecture::DEFAULT
+            ..Phong::DEFAULT
         }),
-        17 => taught(Lecture {
+        17 => with_phong(Phong {
             reflection: [0.5, 0.3, 0.4],
-            ..Lecture::DEFAULT
+            ..Phong::DEFAULT
         }),
         18 => Material {
             interior: body(constant, Absorption::NONE, 0),
-            ..taught(Lecture {
+            ..with_phong(Phong {
                 transmission: [0.8; 3],
                 fresnel: r.next() < 0.5,
-                ..Lecture::DEFAULT
+                ..Phong::DEFAULT
             })
         },
         19 => gltf(
@@ -361,7 +360,7 @@ fn material(kind: usize, r: &mut SplitMix64) -> Material {
     }
 }
 
-/// With the first two coordinates of each vertex as its texture coordinates.
+/// Returns the mesh with the first two coordinates of each vertex as its texture coordinates.
 fn charted(mesh: Mesh) -> Mesh {
     let set: Vec<[f32; 2]> = mesh.positions.iter().map(|p| [p[0], p[1]]).collect();
     Mesh {
@@ -421,12 +420,12 @@ fn light(number: usize, r: &mut SplitMix64) -> Light {
     }
 }
 
-/// A few voxels, some of them empty, at times all.
+/// Returns a volume of a few voxels, of which some or all may be empty.
 fn volume(r: &mut SplitMix64) -> Volume {
     let fullness = [0.0, 0.3, 1.0][r.below(3)];
     let samples = (0..60).map(|_| if r.next() < fullness { r.next() as f32 } else { 0.0 });
     let grid = Grid::new([3, 4, 5], Samples::Floats(samples.collect())).unwrap();
-    let glow = sometimes(r, 0.5, [0.5, 0.2, 0.0]);
+    let emission = sometimes(r, 0.5, [0.5, 0.2, 0.0]);
     let node = |value: f64, emission: [f64; 3]| TransferNode {
         value,
         thickness: value,
@@ -440,7 +439,7 @@ fn volume(r: &mut SplitMix64) -> Volume {
     Volume::new(VolumeDescription {
         density: Arc::new(grid),
         color: None,
-        transfer: Transfer::new(&[node(0.0, [0.0; 3]), node(1.0, glow)], thickness).unwrap(),
+        transfer: Transfer::new(&[node(0.0, [0.0; 3]), node(1.0, emission)], thickness).unwrap(),
         world_from_cube: place,
         step: Some(0.2),
     })

@@ -1,4 +1,4 @@
-//! The referee's own tests: pictures small enough to be computed by hand.
+//! Tests of the reference tracer: images small enough to be computed by hand.
 
 use glam::{DAffine3, DVec3, Vec3};
 use whit::mesh::Mesh;
@@ -13,12 +13,12 @@ use super::cones::Cone;
 use super::hits::{Decision, Doubt, Ray, World};
 use super::meshes::{Shading, ball, rectangle};
 use super::texels::srgb;
-use super::textbook::{Pixel, Request, picture};
+use super::textbook::{Pixel, Request, reference_image};
 use super::wave_scenes::{
     add_geometry, add_material, camera, light, matte, metal, moved, perspective, place,
 };
 
-/// One pixel.
+/// Request for an image of one pixel.
 const SINGLE: Request = Request {
     width: 1,
     height: 1,
@@ -28,11 +28,11 @@ const SINGLE: Request = Request {
     wavelengths: 1,
 };
 
-/// Roundings of the camera ray to f32 move the point that is seen: a few 2^-24 of any result.
+/// Tolerance: roundings of the camera ray to f32 move the hit, by a few 2^-24 of any result.
 const HAND: f64 = 16.0 * ROUNDING;
 
 fn pixel(scene: &Scene, request: Request) -> Pixel {
-    picture(scene, &scene.cameras[0], request)[0]
+    reference_image(scene, &scene.cameras[0], request)[0]
 }
 
 fn assert_radiance(scene: &Scene, request: Request, expected: [f64; 3]) {
@@ -45,12 +45,12 @@ fn assert_radiance(scene: &Scene, request: Request, expected: [f64; 3]) {
     );
 }
 
-/// A square of side 2 in the plane z = 0, seen head-on from (0, 0, 2).
+/// Returns a square of side 2 in the plane z = 0, seen head-on from (0, 0, 2).
 fn square_seen_from_two_metres(material: Material) -> Scene {
     let mut scene = Scene::default();
     let material = add_material(&mut scene, material);
     let square = add_geometry(&mut scene, Geometry::Mesh(rectangle(2.0, 2.0)));
-    // A little aside, so that the ray does not run along the diagonal.
+    // Offset the square, so that the ray does not run along the diagonal.
     place(&mut scene, square, material, moved(0.3, 0.1, 0.0));
     scene.cameras = vec![head_on()];
     scene
@@ -62,7 +62,7 @@ fn head_on() -> whit::scene::Camera {
     camera
 }
 
-fn lamp_at(scene: &mut Scene, position: DVec3, candela: f32) {
+fn light_at(scene: &mut Scene, position: DVec3, candela: f32) {
     let kind = LightKind::Point {
         position,
         falloff: Falloff::PHYSICAL,
@@ -71,7 +71,7 @@ fn lamp_at(scene: &mut Scene, position: DVec3, candela: f32) {
 }
 
 #[test]
-fn in_a_white_furnace_a_white_dielectric_shines_by_its_diffuse_and_its_specular_albedo() {
+fn white_furnace_dielectric_shows_diffuse_plus_specular_albedo() {
     let mut scene = Scene::default();
     let white = add_material(&mut scene, matte([1.0; 3], 1.0));
     let smooth = add_geometry(&mut scene, Geometry::Mesh(ball(2, Shading::Smooth)));
@@ -85,19 +85,19 @@ fn in_a_white_furnace_a_white_dielectric_shines_by_its_diffuse_and_its_specular_
         ..SINGLE
     };
     let (mut on, mut beside) = (0, 0);
-    for pixel in picture(&scene, &scene.cameras[0], request) {
+    for pixel in reference_image(&scene, &scene.cameras[0], request) {
         // c_diff + f0 = 1 · (1 - 0) + 0.04 · (1 - 0) + 1 · 0
-        let shines = (pixel.radiance.x.value - 1.04).abs() < HAND;
+        let is_lit = (pixel.radiance.x.value - 1.04).abs() < HAND;
         let empty = pixel.radiance.x.value == 1.0;
-        assert!(shines || empty, "{:?}", pixel.radiance);
-        on += i32::from(shines);
+        assert!(is_lit || empty, "{:?}", pixel.radiance);
+        on += i32::from(is_lit);
         beside += i32::from(empty);
     }
     assert!(on > 50 && beside > 50, "{on} {beside}");
 }
 
 #[test]
-fn in_a_white_furnace_a_perfect_mirror_cannot_be_seen() {
+fn white_furnace_hides_a_perfect_mirror() {
     let mut scene = Scene::default();
     let silver = add_material(&mut scene, metal([1.0; 3], 0.0));
     let sphere = add_geometry(&mut scene, Geometry::Shape(Shape::Sphere(Sphere::UNIT)));
@@ -116,17 +116,17 @@ fn in_a_white_furnace_a_perfect_mirror_cannot_be_seen() {
         depth: 1,
         ..SINGLE
     };
-    for pixel in picture(&scene, &scene.cameras[0], request) {
+    for pixel in reference_image(&scene, &scene.cameras[0], request) {
         // f0 = 1, so Fs = 1 at every angle.
         assert!((pixel.radiance.value() - DVec3::ONE).abs().max_element() < HAND);
     }
 }
 
 #[test]
-fn a_lamp_beside_the_eye_lights_a_polished_square_by_lambert_alone() {
+fn frontal_light_gives_only_lambert_on_a_polished_square() {
     // alpha = 0 leaves no lobe: (1 - F) base / π · I / d² with F = f0 = 0.04, I = 8π, d² = 4 and cos = 1.
     let mut scene = square_seen_from_two_metres(matte([1.0, 0.5, 0.25], 0.0));
-    lamp_at(
+    light_at(
         &mut scene,
         DVec3::new(0.0, 0.0, 2.0),
         (8.0 * std::f64::consts::PI) as f32,
@@ -135,10 +135,10 @@ fn a_lamp_beside_the_eye_lights_a_polished_square_by_lambert_alone() {
 }
 
 #[test]
-fn a_lamp_beside_the_eye_adds_the_lobe_of_a_chalky_square() {
+fn frontal_light_adds_the_specular_lobe_on_a_rough_square() {
     // alpha = 1: D = 1/π, V = 1/((1 + 1)(1 + 1)) = 1/4, F D V = 0.04/(4π) = 0.01/π, over an irradiance of 2π.
     let mut scene = square_seen_from_two_metres(matte([1.0, 0.5, 0.25], 1.0));
-    lamp_at(
+    light_at(
         &mut scene,
         DVec3::new(0.0, 0.0, 2.0),
         (8.0 * std::f64::consts::PI) as f32,
@@ -147,9 +147,9 @@ fn a_lamp_beside_the_eye_adds_the_lobe_of_a_chalky_square() {
 }
 
 #[test]
-fn a_lamp_at_45_degrees_gives_a_cosine_and_a_schlick_term() {
+fn light_at_45_degrees_gives_cosine_and_schlick_terms() {
     let mut scene = square_seen_from_two_metres(matte([1.0; 3], 0.0));
-    lamp_at(&mut scene, DVec3::new(2.0, 0.0, 2.0), 1.0);
+    light_at(&mut scene, DVec3::new(2.0, 0.0, 2.0), 1.0);
     // h halves the angle of 45°: V·H = cos 22.5°. d² = 8, cos 45°.
     let f = 0.04 + 0.96 * (1.0 - 22.5f64.to_radians().cos()).powi(5);
     let expected = (1.0 - f) / std::f64::consts::PI / 8.0 * 0.5f64.sqrt();
@@ -157,14 +157,14 @@ fn a_lamp_at_45_degrees_gives_a_cosine_and_a_schlick_term() {
 }
 
 #[test]
-fn a_lamp_behind_a_surface_or_behind_something_gives_nothing() {
+fn light_behind_a_surface_or_occluder_contributes_nothing() {
     let mut scene = square_seen_from_two_metres(matte([1.0; 3], 0.5));
-    lamp_at(&mut scene, DVec3::new(0.0, 0.0, -2.0), 10.0);
+    light_at(&mut scene, DVec3::new(0.0, 0.0, -2.0), 10.0);
     assert_radiance(&scene, SINGLE, [0.0; 3]);
     let mut scene = square_seen_from_two_metres(matte([1.0; 3], 0.5));
-    lamp_at(&mut scene, DVec3::new(2.0, 0.0, 2.0), 10.0);
+    light_at(&mut scene, DVec3::new(2.0, 0.0, 2.0), 10.0);
     assert!(pixel(&scene, SINGLE).radiance.x.value > 0.01);
-    // A ball around the middle of the shadow ray.
+    // Add a sphere around the middle of the shadow ray.
     let sphere = Geometry::Shape(Shape::Sphere(Sphere {
         center: DVec3::new(1.0, 0.0, 1.0),
         radius: 0.2,
@@ -175,7 +175,7 @@ fn a_lamp_behind_a_surface_or_behind_something_gives_nothing() {
 }
 
 #[test]
-fn a_spot_fades_by_the_square_of_its_ramp_and_a_range_by_the_fourth_power() {
+fn spot_and_range_falloff_follow_gltf() {
     let mut scene = square_seen_from_two_metres(matte([1.0; 3], 0.0));
     let lit = |scene: &mut Scene, kind: LightKind| {
         scene.lights = vec![light([std::f32::consts::PI; 3], kind)];
@@ -209,11 +209,11 @@ fn a_spot_fades_by_the_square_of_its_ramp_and_a_range_by_the_fourth_power() {
     assert!((lit(&mut scene, spot) / full - 1.0 / 16.0).abs() < HAND);
 }
 
-/// A mirror at 45° in front of the eye shows a glowing wall at the right.
+/// Returns a mirror at 45° in front of the camera that reflects an emissive wall at the right.
 fn tilted_mirror() -> Scene {
     let mut scene = Scene::default();
     let copper = add_material(&mut scene, metal([1.0, 0.5, 0.25], 0.0));
-    let glow = add_material(
+    let emissive = add_material(
         &mut scene,
         Material {
             emission: [2.0, 4.0, 8.0],
@@ -222,7 +222,7 @@ fn tilted_mirror() -> Scene {
     );
     let square = add_geometry(&mut scene, Geometry::Mesh(rectangle(2.0, 2.0)));
     let quarter = std::f64::consts::FRAC_PI_4;
-    // The aside steps keep the rays off the diagonals.
+    // The offsets keep the rays off the diagonals.
     place(
         &mut scene,
         square,
@@ -232,7 +232,7 @@ fn tilted_mirror() -> Scene {
     place(
         &mut scene,
         square,
-        glow,
+        emissive,
         moved(3.0, 0.2, 0.3) * DAffine3::from_rotation_y(-2.0 * quarter),
     );
     scene.cameras = vec![head_on()];
@@ -240,14 +240,14 @@ fn tilted_mirror() -> Scene {
 }
 
 #[test]
-fn a_mirror_at_45_degrees_shows_a_glowing_wall_times_its_fresnel_term() {
+fn mirror_at_45_degrees_shows_the_emissive_wall_times_fresnel() {
     let scene = tilted_mirror();
     let grazing = (1.0 - 0.5f64.sqrt()).powi(5);
     let fs = [1.0, 0.5, 0.25].map(|f0| f0 + (1.0 - f0) * grazing);
     let expected = [2.0 * fs[0], 4.0 * fs[1], 8.0 * fs[2]];
     assert_radiance(&scene, Request { depth: 1, ..SINGLE }, expected);
     assert_radiance(&scene, Request { depth: 0, ..SINGLE }, [0.0; 3]);
-    // The largest weight is 1, that of red.
+    // The largest throughput is 1, that of red.
     let cut = |weight_cutoff: f32| Request {
         depth: 1,
         weight_cutoff,
@@ -258,7 +258,7 @@ fn a_mirror_at_45_degrees_shows_a_glowing_wall_times_its_fresnel_term() {
 }
 
 #[test]
-fn each_wrap_mode_and_filter_reads_the_texel_that_gltf_names() {
+fn wrap_modes_and_filters_read_the_texels_of_gltf() {
     // Two texels, red 255 and red 0, seen at u = 1.125, that is 2.25 texels.
     let seen = |wrap: Wrap, filter: Filter| {
         let mut scene = square_seen_from_two_metres(Material {
@@ -299,7 +299,7 @@ fn each_wrap_mode_and_filter_reads_the_texel_that_gltf_names() {
 }
 
 #[test]
-fn the_srgb_curve_joins_its_line_at_0_04045_and_ends_at_one() {
+fn srgb_curve_is_continuous_and_ends_at_one() {
     assert_eq!(srgb(255), 1.0);
     // 10/255 = 0.0392 is on the line, 11/255 = 0.0431 on the power.
     assert_eq!(srgb(10), 10.0 / 255.0 / 12.92);
@@ -308,7 +308,7 @@ fn the_srgb_curve_joins_its_line_at_0_04045_and_ends_at_one() {
 }
 
 #[test]
-fn brute_force_is_sure_inside_and_outside_and_in_doubt_on_an_edge() {
+fn brute_force_is_doubtful_only_on_edges() {
     let mut scene = Scene::default();
     let chalk = add_material(&mut scene, matte([1.0; 3], 1.0));
     let triangle = Mesh {
@@ -320,7 +320,7 @@ fn brute_force_is_sure_inside_and_outside_and_in_doubt_on_an_edge() {
     let placement = moved(10.0, 10.0, 0.0) * DAffine3::from_scale(DVec3::new(2.0, -1.0, 3.0));
     place(&mut scene, triangle, chalk, placement);
     let world = World::new(&scene);
-    let answer = |x: f64, y: f64| {
+    let query_at = |x: f64, y: f64| {
         let ray = Ray {
             origin: Approx3::exact([10.0 + x, 10.0 + y, 5.0]),
             direction: Approx3::exact([0.0, 0.0, -2.0]),
@@ -332,23 +332,23 @@ fn brute_force_is_sure_inside_and_outside_and_in_doubt_on_an_edge() {
         let mut doubt = Doubt::NONE;
         (world.nearest(&ray, &mut doubt), doubt)
     };
-    let (found, doubt) = answer(0.5, -0.25);
+    let (found, doubt) = query_at(0.5, -0.25);
     let found = found.unwrap();
     assert!(!doubt.may_flip());
     // The object's (0.25, 0.25), at 5 of a direction of length 2.
     assert_eq!([found.t, found.u, found.v].map(|a| a.value), [2.5, 0.25, 0.25]);
-    let (missed, doubt) = answer(0.5, 0.25);
+    let (missed, doubt) = query_at(0.5, 0.25);
     assert!(missed.is_none() && !doubt.may_flip());
-    // Beside 10 metres, f32 knows no 1e-9.
-    let (_, doubt) = answer(0.3, -1e-9);
+    // At a distance of 10, f32 cannot resolve 1e-9.
+    let (_, doubt) = query_at(0.3, -1e-9);
     assert_eq!((doubt.may_flip(), doubt.decision), (true, Decision::Nearest));
-    let (found, doubt) = answer(0.3, -1e-4);
+    let (found, doubt) = query_at(0.3, -1e-4);
     assert!(found.is_some() && !doubt.may_flip());
 }
 
 #[test]
-fn the_bounds_hold_what_f32_really_computes() {
-    // The formula of the lobe's peak, at 1000 angles ever nearer to it, where it is worst conditioned.
+fn error_bounds_contain_f32_results() {
+    // Evaluate the lobe's peak at 1000 angles ever nearer to it, where it is worst conditioned.
     for step in 0..1000 {
         let angle = 0.5 * 0.99f64.powi(step);
         let (n, w) = (

@@ -1,18 +1,18 @@
-//! The referee's own tests of what lets light through: pictures small enough to be computed by hand.
+//! Tests of the reference tracer's transmission: images small enough to be computed by hand.
 
 use glam::{DAffine3, DVec3};
 use whit::optics::{Absorption, Dispersion};
-use whit::scene::{AlphaMode, Background, Geometry, Interior, Lecture, LightKind, Material, Model, Scene};
+use whit::scene::{AlphaMode, Background, Geometry, LightKind, Material, Medium, Model, Phong, Scene};
 use whit::shape::{Shape, Sphere};
 
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::bodies::{Bodies, Incidence};
 use super::hits::Doubt;
 use super::meshes::{Shading, ball, cube, inverted, prism, rectangle};
-use super::textbook::{Request, picture};
+use super::textbook::{Request, reference_image};
 use super::wave_scenes::{add_geometry, add_material, camera, light, matte, moved, perspective, place};
 
-/// A few roundings of f32: those of the camera ray move the point that is seen.
+/// Tolerance of a few f32 roundings: those of the camera ray move the hit.
 const HAND: f64 = 64.0 * ROUNDING;
 
 fn seen(scene: &Scene, depth: u32) -> DVec3 {
@@ -24,7 +24,9 @@ fn seen(scene: &Scene, depth: u32) -> DVec3 {
         weight_cutoff: 0.0,
         wavelengths: 1,
     };
-    picture(scene, &scene.cameras[0], request)[0].radiance.value()
+    reference_image(scene, &scene.cameras[0], request)[0]
+        .radiance
+        .value()
 }
 
 fn assert_close(found: DVec3, expected: [f64; 3]) {
@@ -32,18 +34,18 @@ fn assert_close(found: DVec3, expected: [f64; 3]) {
     assert!(off < HAND, "{found} is not {expected:?}");
 }
 
-/// Clear by Fresnel's equations alone, and dark by itself.
+/// Returns a dielectric with Fresnel's equations and absorption `sigma_a`, without emission.
 fn glass(sigma_a: f64) -> Material {
     Material {
-        model: Model::Lecture(Lecture {
+        model: Model::Phong(Phong {
             ambient: [0.0; 3],
             diffuse: [0.0; 3],
             reflection: [1.0; 3],
             transmission: [1.0; 3],
             fresnel: true,
-            ..Lecture::DEFAULT
+            ..Phong::DEFAULT
         }),
-        interior: Some(Interior {
+        interior: Some(Medium {
             ior: Dispersion::Constant(1.5),
             absorption: Absorption {
                 sigma_a: [sigma_a; 3],
@@ -55,7 +57,7 @@ fn glass(sigma_a: f64) -> Material {
     }
 }
 
-/// A cube of side 2 seen head-on from (0, 0, 5) against white.
+/// Returns a cube of side 2 seen head-on from (0, 0, 5) against white.
 fn cube_before_white(material: Material) -> Scene {
     let mut scene = Scene::default();
     let material = add_material(&mut scene, material);
@@ -69,7 +71,7 @@ fn cube_before_white(material: Material) -> Scene {
 }
 
 #[test]
-fn a_clear_cube_before_white_shows_white_but_for_what_is_lost_inside() {
+fn clear_cube_shows_white_minus_truncated_light() {
     // R = 0.04: reflected 0.04, and 0.96² (1 + R² + R⁴ + ...) through or back. Depth 2 sees 0.04 + 0.96².
     assert_close(seen(&cube_before_white(glass(0.0)), 2), [0.04 + 0.9216; 3]);
     assert_close(seen(&cube_before_white(glass(0.0)), 40), [1.0; 3]);
@@ -82,9 +84,9 @@ fn a_clear_cube_before_white_shows_white_but_for_what_is_lost_inside() {
 }
 
 #[test]
-fn constant_shares_and_a_thin_pane_divide_as_they_say() {
+fn constant_coefficients_and_thin_panes_split_light_as_stated() {
     let mut constant = glass(0.0);
-    let Model::Lecture(model) = &mut constant.model else {
+    let Model::Phong(model) = &mut constant.model else {
         unreachable!()
     };
     (model.reflection, model.transmission, model.fresnel) = ([0.125; 3], [0.5; 3], false);
@@ -97,7 +99,7 @@ fn constant_shares_and_a_thin_pane_divide_as_they_say() {
 }
 
 #[test]
-fn half_a_cube_covers_half_of_what_is_behind_it() {
+fn half_covering_cube_hides_half_of_the_background() {
     let half = Material {
         base_color: [0.0, 0.0, 0.0, 0.5],
         alpha: AlphaMode::Blend,
@@ -114,13 +116,13 @@ fn half_a_cube_covers_half_of_what_is_behind_it() {
 }
 
 #[test]
-fn a_lamp_behind_glass_reaches_a_chalky_wall_weakened() {
-    // A wall behind the eye of the lamp, which is seen past a cube that stands between the wall and the sun alone.
+fn light_behind_glass_is_attenuated() {
+    // Add a wall behind the light's position, which is seen past a cube that stands between the wall and the sun alone.
     let mut scene = Scene::default();
     let chalk = add_material(
         &mut scene,
         Material {
-            model: Model::Lecture(Lecture::DEFAULT),
+            model: Model::Phong(Phong::DEFAULT),
             ..matte([1.0; 3], 1.0)
         },
     );
@@ -139,7 +141,7 @@ fn a_lamp_behind_glass_reaches_a_chalky_wall_weakened() {
 }
 
 #[test]
-fn snells_ray_at_60_degrees_goes_on_at_28_444937_degrees() {
+fn ray_at_60_degrees_refracts_to_28_444937_degrees() {
     let (sin, cos) = 60.0f64.to_radians().sin_cos();
     let incidence = Incidence::new(Approx3::exact([sin, -cos, 0.0]), Approx3::exact([0.0, 1.0, 0.0]));
     let mut doubt = Doubt::NONE;
@@ -158,7 +160,7 @@ fn snells_ray_at_60_degrees_goes_on_at_28_444937_degrees() {
 }
 
 #[test]
-fn the_bodies_around_a_point_are_those_whose_surfaces_wind_around_it() {
+fn interiors_at_a_point_follow_winding_numbers() {
     let mut scene = Scene::default();
     let [a, b] = [0, 1].map(|priority| {
         let mut material = glass(0.0);

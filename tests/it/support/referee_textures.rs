@@ -1,4 +1,4 @@
-//! The referee's own tests of textures and shapes: numbers that are known, or computed by hand.
+//! Tests of the reference tracer's textures and shapes, with known values or values computed by hand.
 
 use glam::{DAffine3, DVec3};
 use whit::scene::{MaterialInput, Pattern, Procedural, Space, TextureBinding, TextureUse, UvTransform};
@@ -7,7 +7,7 @@ use whit::shape::{Cone as ConeShape, Cylinder, Shape, Torus};
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::cones::{Cone, uv_of};
 use super::hits::{Doubt, Ray};
-use super::normals::{bumped, frame_of_chart, frame_of_tangent, kept_visible, mapped};
+use super::normals::{bend_toward_viewer, bumped, frame_of_chart, frame_of_tangent, mapped};
 use super::patterns::{gradient, second_share};
 use super::shapes::{Chart, chart, contains, faces};
 
@@ -46,13 +46,13 @@ fn is_near(a: Approx3, b: [f64; 3]) -> bool {
 }
 
 #[test]
-fn noise_has_the_value_of_perlins_reference_implementation() {
+fn noise_matches_perlins_reference_value() {
     let noise = share(Pattern::Noise { octaves: 1 }, [157.0 / 50.0, 42.0, 7.0], SHARP);
     assert!((2.0 * noise - 1.0 - 0.136_919_958_784_000_12).abs() < 1e-14);
 }
 
 #[test]
-fn patterns_have_the_values_and_means_that_their_rules_say() {
+fn patterns_have_their_defined_values_and_means() {
     assert_eq!(share(Pattern::Checker, [0.5, 0.5, 0.5], SHARP), 0.0);
     assert_eq!(share(Pattern::Checker, [0.5, -0.5, 0.5], SHARP), 1.0);
     // From x = ½ to 2: half a unit of the first square, one of the second.
@@ -81,7 +81,7 @@ fn patterns_have_the_values_and_means_that_their_rules_say() {
 }
 
 #[test]
-fn the_slope_of_a_wave_is_its_cosine() {
+fn slope_of_a_wave_is_its_cosine() {
     let straight = Pattern::Marble {
         octaves: 1,
         turbulence: 0.0,
@@ -92,7 +92,7 @@ fn the_slope_of_a_wave_is_its_cosine() {
 }
 
 #[test]
-fn a_torus_is_crossed_four_times_and_not_where_a_ray_leaves_it() {
+fn torus_has_four_crossings_excluding_the_ray_origin() {
     let torus = &faces(&Shape::Torus(Torus { minor_radius: 0.25 }))[0];
     let across = ray([-3.0, 0.0, 0.0], [1.0, 0.0, 0.0]);
     for (root, t) in [1.75, 2.25, 3.75, 4.25].into_iter().enumerate() {
@@ -112,19 +112,19 @@ fn a_torus_is_crossed_four_times_and_not_where_a_ray_leaves_it() {
         is_passed: false,
     };
     let inside = ray([0.75, 0.0, 0.0], [-1.0, 0.0, 0.0]);
-    let met: Vec<f64> = (0..4)
+    let crossings: Vec<f64> = (0..4)
         .filter_map(|root| torus.crossing(&inside, root, Some(left)))
         .filter(|(t, slack)| *slack > 0.0 && t.value >= 0.0)
         .map(|(t, _)| t.value)
         .collect();
     assert!(
-        met.len() == 2 && (met[0] - 1.5).abs() < 1e-9 && (met[1] - 2.0).abs() < 1e-9,
-        "{met:?}"
+        crossings.len() == 2 && (crossings[0] - 1.5).abs() < 1e-9 && (crossings[1] - 2.0).abs() < 1e-9,
+        "{crossings:?}"
     );
 }
 
 #[test]
-fn a_cylinder_and_a_cone_are_crossed_at_their_walls_and_caps() {
+fn cylinder_and_cone_are_hit_at_walls_and_caps() {
     let cylinder = faces(&Shape::Cylinder(Cylinder { capped: true }));
     let slanted = ray([-2.0, 0.0, 0.5], [1.0, 0.0, 0.0]);
     let (t, _) = cylinder[0].crossing(&slanted, 0, None).unwrap();
@@ -145,7 +145,7 @@ fn a_cylinder_and_a_cone_are_crossed_at_their_walls_and_caps() {
 }
 
 #[test]
-fn the_coordinates_of_a_sphere_and_a_cube_grow_where_their_derivatives_point() {
+fn texture_coordinates_grow_along_their_derivatives() {
     let sphere = Shape::Sphere(whit::shape::Sphere::UNIT);
     let at = |shape: &Shape, part: u32, p: DVec3| chart(shape, part, Approx3::exact(p));
     let h = 1e-5;
@@ -171,7 +171,7 @@ fn the_coordinates_of_a_sphere_and_a_cube_grow_where_their_derivatives_point() {
 }
 
 #[test]
-fn normals_bend_as_their_images_say() {
+fn normal_maps_bend_normals_as_defined() {
     let n = Approx3::exact(DVec3::Z);
     let texel = Approx3::exact([0.8, 0.5, 0.9]);
     let layer = TextureBinding {
@@ -193,17 +193,17 @@ fn normals_bend_as_their_images_say() {
     // Raised by 0.75 along x: the normal of the slope is (-0.6, 0, 0.8).
     let bent = bumped(n, &down, [Approx::exact(0.75), Approx::ZERO]);
     assert!(is_near(bent, [-0.6, 0.0, 0.8]), "{bent:?}");
-    let kept = kept_visible(bent, n, n, &mut Doubt::NONE.clone());
+    let kept = bend_toward_viewer(bent, n, n, &mut Doubt::NONE.clone());
     assert!(is_near(kept, [-0.6, 0.0, 0.8]));
     // The viewer's image of a normal that lies flat is below the surface: it comes to 0.01 above.
     let wo = Approx3::exact([0.8, 0.0, 0.6]);
-    let flat = kept_visible(Approx3::exact(-DVec3::X), n, wo, &mut Doubt::NONE.clone()).value();
+    let flat = bend_toward_viewer(Approx3::exact(-DVec3::X), n, wo, &mut Doubt::NONE.clone()).value();
     let image = 2.0 * flat.dot(wo.value()) * flat - wo.value();
     assert!((image.z - 0.01).abs() < HAND, "{image}");
 }
 
 #[test]
-fn a_slanted_cone_cuts_an_ellipse_that_is_longer_by_the_cosine() {
+fn oblique_cone_footprint_is_stretched_by_the_cosine() {
     let cone = Cone {
         width: Approx::exact(0.1),
         spread: Approx::exact(0.01),

@@ -1,4 +1,4 @@
-//! Scenes that are easy or hard to sample, each in its own way.
+//! Test scenes that are easy or hard to sample, for different reasons.
 
 use std::f64::consts::PI;
 use std::path::Path;
@@ -13,7 +13,7 @@ use super::wave_scenes::{
     add_geometry, add_material, camera, light, matte, metal, moved, perspective, place, textures,
 };
 
-/// All of them by name.
+/// Returns all scenes with their names.
 pub fn scenes() -> Vec<(&'static str, Scene)> {
     vec![
         ("first light", first_light()),
@@ -25,13 +25,13 @@ pub fn scenes() -> Vec<(&'static str, Scene)> {
     ]
 }
 
-/// The scene of the README.
+/// Loads the scene of the README.
 pub fn first_light() -> Scene {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/first_light.gltf");
     load(&path, &LoadOptions::default()).unwrap()
 }
 
-/// Two small balls before an even background.
+/// Returns two small spheres in front of a uniform background.
 pub fn mostly_empty() -> Scene {
     let mut scene = lit([0.4, 0.45, 0.6]);
     let clay = add_material(&mut scene, matte([0.7, 0.3, 0.2], 0.8));
@@ -52,8 +52,8 @@ pub fn mostly_empty() -> Scene {
     scene
 }
 
-/// Mirrors over a ground, each of which shows the others and what glows; no lamp, whose image in a mirror is a point
-/// that no number of samples resolves.
+/// Returns mirrors over a ground, which reflect each other and emissive objects; without a light, whose image in a
+/// mirror is a point that no number of samples resolves.
 pub fn mirrored_spheres() -> Scene {
     let mut scene = Scene {
         ambient: [0.1, 0.15, 0.3],
@@ -62,7 +62,7 @@ pub fn mirrored_spheres() -> Scene {
     };
     let silver = add_material(&mut scene, metal([0.95, 0.93, 0.9], 0.0));
     let glazed = add_material(&mut scene, matte([0.6, 0.1, 0.1], 0.05));
-    let lamp = add_material(
+    let emissive = add_material(
         &mut scene,
         Material {
             emission: [0.9, 0.8, 0.3],
@@ -73,7 +73,7 @@ pub fn mirrored_spheres() -> Scene {
     for i in 0..9 {
         let (x, z) = (f64::from(i % 3) - 1.0, f64::from(i / 3) - 1.0);
         let material = if i == 4 {
-            lamp
+            emissive
         } else {
             [silver, glazed][i as usize % 2]
         };
@@ -87,7 +87,7 @@ pub fn mirrored_spheres() -> Scene {
     scene
 }
 
-/// Slats a tenth of a pixel to a few pixels wide, running into the distance.
+/// Returns slats a tenth of a pixel to a few pixels wide, extending into the distance.
 pub fn fence() -> Scene {
     let mut scene = lit([0.05, 0.07, 0.1]);
     let chalk = add_material(&mut scene, matte([0.9, 0.9, 0.85], 1.0));
@@ -100,13 +100,13 @@ pub fn fence() -> Scene {
     scene
 }
 
-/// Balls much smaller than a pixel, far from each other, so that many are missed at first.
+/// Returns spheres much smaller than a pixel, far from each other, so that the first samples miss many of them.
 pub fn dust() -> Scene {
     let mut scene = lit([0.02; 3]);
     let chalk = add_material(&mut scene, matte([0.9; 3], 1.0));
     let ball = unit_sphere(&mut scene);
     for i in 0..400 {
-        // The golden angle spreads them over a disk (H. Vogel, 1979).
+        // The golden angle distributes them over a disk (H. Vogel, 1979).
         let (radius, angle) = (0.06 * f64::from(i).sqrt(), 2.399_963 * f64::from(i));
         let at = moved(radius * angle.cos(), radius * angle.sin(), 0.0);
         place(&mut scene, ball, chalk, at * scaled(0.003, 0.003, 0.003));
@@ -115,7 +115,7 @@ pub fn dust() -> Scene {
     scene
 }
 
-/// Random texels a third of a pixel wide all over: no pixel is certain, and none more so than others.
+/// Returns random texels a third of a pixel wide everywhere: every pixel has variance, none much more than others.
 pub fn noise() -> Scene {
     let mut scene = textures().scene;
     scene.instances.clear();

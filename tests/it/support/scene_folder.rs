@@ -1,4 +1,4 @@
-//! The scenes of the folder `scenes`, and small pictures of them.
+//! Scenes of the folder `scenes`, and small images of them.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -10,7 +10,7 @@ use whit::render::{Monitor, RenderSettings, render};
 use whit::scene::Scene;
 use whit::scene_file::{self, Output};
 
-/// A scene, how its file wants to be rendered, and the file's name without its ending.
+/// Scene with its file's output settings and name, without the extension.
 pub struct FiledScene {
     pub name: String,
     pub scene: Scene,
@@ -21,7 +21,7 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes")
 }
 
-/// The scene files, by name. Job files tell what to make of them, and are none.
+/// Returns the scene files, sorted by name. Job files, which only refer to scenes, are excluded.
 pub fn files() -> Vec<PathBuf> {
     let entries = folder().read_dir().unwrap().map(|entry| entry.unwrap().path());
     let is_scene = |path: &PathBuf| {
@@ -33,7 +33,7 @@ pub fn files() -> Vec<PathBuf> {
     files
 }
 
-/// The scene of the file of this name.
+/// Loads the scene file of this name.
 pub fn named(name: &str) -> FiledScene {
     load(&folder().join(name))
 }
@@ -55,7 +55,8 @@ pub fn load(file: &Path) -> FiledScene {
 }
 
 impl FiledScene {
-    /// The file's own settings, but `width` pixels a row, rows in the file's proportion, and `spp` samples a pixel.
+    /// Returns the file's settings with `width` pixels per row, rows in the file's proportion, and `spp` samples per
+    /// pixel.
     pub fn settings(&self, width: u32, spp: u32) -> RenderSettings {
         let [w, h] = self.output.size.unwrap_or([4, 3]);
         let defaults = RenderSettings::default();
@@ -68,8 +69,8 @@ impl FiledScene {
         }
     }
 
-    /// What the first camera sees, by `backend`.
-    pub fn picture(&self, backend: Backend, settings: &RenderSettings) -> LinearImage {
+    /// Renders the view of the first camera with `backend`.
+    pub fn rendered(&self, backend: Backend, settings: &RenderSettings) -> LinearImage {
         let accel = accel::build(&self.scene, backend, &AccelOptions::default()).unwrap();
         let monitor = Monitor {
             progress: &|_| {},

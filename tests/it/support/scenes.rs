@@ -1,4 +1,4 @@
-//! Small procedural scenes that tests share, each hard in its own way, and rays to ask them about.
+//! Small procedural test scenes, each difficult in a different way, and rays for queries.
 #![allow(
     dead_code,
     unreachable_pub,
@@ -16,7 +16,7 @@ use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
 use whit::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Quadric, Shape, Sphere, Torus};
 
-/// Numbers in [0, 1) from a 64-bit linear congruential generator (Knuth's multiplier).
+/// Generator of numbers in [0, 1): a 64-bit linear congruential generator (Knuth's multiplier).
 pub struct SplitMix64(pub u64);
 
 impl SplitMix64 {
@@ -28,12 +28,12 @@ impl SplitMix64 {
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// A point in the cube [-1, 1]³.
+    /// Returns a point in the cube [-1, 1]³.
     pub fn in_cube(&mut self) -> DVec3 {
         DVec3::new(self.next(), self.next(), self.next()) * 2.0 - DVec3::ONE
     }
 
-    /// A unit vector, uniformly distributed.
+    /// Returns a unit vector, uniformly distributed.
     pub fn on_sphere(&mut self) -> DVec3 {
         let z = 2.0 * self.next() - 1.0;
         let (sin, cos) = (TAU * self.next()).sin_cos();
@@ -54,9 +54,10 @@ pub fn mesh(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Mesh {
     }
 }
 
-/// A closed sphere of about 4 n² triangles, pushed out and in by waves.
+/// Returns a closed sphere of about 4 n² triangles, displaced by waves.
 pub fn bumpy_sphere(n: u32) -> Mesh {
     let (rings, columns) = (n, 2 * n);
+    // Displace the sphere's points by two waves
     let at = |ring: u32, column: u32| {
         let theta = PI * f64::from(ring) / f64::from(rings);
         let phi = TAU * f64::from(column % columns) / f64::from(columns);
@@ -66,6 +67,7 @@ pub fn bumpy_sphere(n: u32) -> Mesh {
         let p = r * DVec3::new(theta.sin() * phi.cos(), theta.cos(), theta.sin() * phi.sin());
         p.as_vec3().to_array()
     };
+    // Add the poles and rings of vertices
     let mut positions = vec![at(0, 0)];
     for ring in 1..rings {
         positions.extend((0..columns).map(|column| at(ring, column)));
@@ -73,6 +75,7 @@ pub fn bumpy_sphere(n: u32) -> Mesh {
     positions.push(at(rings, 0));
     let last = positions.len() as u32 - 1;
     let index = |ring: u32, column: u32| 1 + (ring - 1) * columns + column % columns;
+    // Connect them by triangles
     let mut triangles = Vec::new();
     for column in 0..columns {
         triangles.push([0, index(1, column + 1), index(1, column)]);
@@ -87,7 +90,7 @@ pub fn bumpy_sphere(n: u32) -> Mesh {
     mesh(positions, triangles)
 }
 
-/// Long thin triangles in all directions through the cube [-1, 1]³.
+/// Returns long thin triangles in all directions through the cube [-1, 1]³.
 pub fn thin_soup(count: u32) -> Mesh {
     let mut random = SplitMix64(3);
     let mut positions = Vec::new();
@@ -102,7 +105,7 @@ pub fn thin_soup(count: u32) -> Mesh {
     )
 }
 
-/// The twelve triangles of a box.
+/// Returns the twelve triangles of a box.
 pub fn box_mesh(low: Vec3, high: Vec3) -> Mesh {
     let corner =
         |i: u32| Vec3::select(glam::BVec3::new(i & 1 != 0, i & 2 != 0, i & 4 != 0), high, low).to_array();
@@ -121,12 +124,13 @@ pub fn box_mesh(low: Vec3, high: Vec3) -> Mesh {
     mesh((0..8).map(corner).collect(), triangles)
 }
 
-/// Unit boxes on a lattice, sharing faces with their neighbours; every face of the mesh lies on an integer plane.
+/// Returns unit boxes on a lattice, sharing faces with their neighbours; every face of the mesh lies on an integer
+/// plane.
 pub fn box_lattice(n: u32) -> Mesh {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for i in 0..n * n * n {
         let low = Vec3::new((i % n) as f32, (i / n % n) as f32, (i / n / n) as f32);
-        // Every third box is left out, so that there are holes to look through.
+        // Omit every third box, so that rays can pass through holes.
         if i % 3 == 2 {
             continue;
         }
@@ -138,7 +142,7 @@ pub fn box_lattice(n: u32) -> Mesh {
     mesh(positions, triangles)
 }
 
-/// A scene of geometries, each placed by an index and a map.
+/// Returns a scene of geometries, each instanced by an index and a transform.
 pub fn scene(geometries: Vec<Geometry>, places: Vec<(u32, DAffine3)>) -> Scene {
     let instances = places
         .into_iter()
@@ -156,7 +160,7 @@ pub fn baked(mesh: Mesh) -> Scene {
     scene(vec![Geometry::Mesh(mesh)], vec![(0, DAffine3::IDENTITY)])
 }
 
-/// A grid of copies of one mesh, each turned and scaled its own way, and one baked copy in the middle.
+/// Returns a grid of instances of one mesh, each rotated and scaled differently, and one baked copy in the middle.
 pub fn instance_grid(n: u32) -> Scene {
     let mut random = SplitMix64(5);
     let mut places = vec![(0, DAffine3::IDENTITY)];
@@ -169,7 +173,7 @@ pub fn instance_grid(n: u32) -> Scene {
     scene(vec![Geometry::Mesh(bumpy_sphere(5))], places)
 }
 
-/// Mirrored, squashed and sheared copies, overlapping one another, at an offset.
+/// Returns mirrored, squashed and sheared instances, overlapping one another, at an offset.
 pub fn mirrored_and_squashed() -> Scene {
     let shear = DAffine3::from_mat3(glam::DMat3::from_cols(
         DVec3::X,
@@ -211,7 +215,7 @@ pub fn mirrored_and_squashed() -> Scene {
     )
 }
 
-/// Spheres of very different sizes, squashed ones among them, over a baked floor.
+/// Returns spheres of very different sizes, some squashed, over a baked floor.
 pub fn spheres() -> Scene {
     let mut random = SplitMix64(9);
     let mut places = Vec::new();
@@ -243,7 +247,7 @@ pub fn spheres() -> Scene {
     )
 }
 
-/// The same walls several times over, baked and placed, on planes where a BSP likes to cut.
+/// Returns coincident walls, baked and instanced, on planes where a BSP tends to split.
 pub fn coplanar_duplicates() -> Scene {
     let cube = box_mesh(Vec3::ZERO, Vec3::splat(4.0));
     let half = box_mesh(Vec3::ZERO, Vec3::new(2.0, 4.0, 4.0));
@@ -265,7 +269,7 @@ pub fn coplanar_duplicates() -> Scene {
     )
 }
 
-/// Every analytic shape, by name. The quadric is an ellipsoid that its box does not cut.
+/// Returns every analytic shape, by name. The quadric is an ellipsoid that its box does not clip.
 pub fn all_shapes() -> Vec<(&'static str, Shape)> {
     let half_space = |n: DVec3| HalfSpace { n, h: 1.0 };
     let corners = [
@@ -300,7 +304,7 @@ pub fn all_shapes() -> Vec<(&'static str, Shape)> {
     ]
 }
 
-/// As it is, scaled, turned and scaled, mirrored, and strongly stretched.
+/// Returns five transforms: identity, scaled, rotated and scaled, mirrored, and strongly stretched.
 pub fn all_placements() -> [DAffine3; 5] {
     let at = |x: f64, y: f64, z: f64| DAffine3::from_translation(DVec3::new(x, y, z));
     let turn = DAffine3::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 1.1);
@@ -313,7 +317,7 @@ pub fn all_placements() -> [DAffine3; 5] {
     ]
 }
 
-/// A shape in all its placements, beside a baked box.
+/// Returns a shape under all transforms, beside a baked box.
 pub fn placed_shape(shape: Shape) -> Scene {
     let cube = box_mesh(Vec3::splat(-2.5), Vec3::splat(-1.5));
     let places = all_placements().map(|map| (0, map));
@@ -323,7 +327,7 @@ pub fn placed_shape(shape: Shape) -> Scene {
     )
 }
 
-/// The scenes on which all backends must agree, by name.
+/// Returns the scenes on which all backends must agree, by name.
 pub fn all_small() -> Vec<(&'static str, Scene)> {
     vec![
         ("bumpy sphere", baked(bumpy_sphere(9))),
@@ -336,7 +340,7 @@ pub fn all_small() -> Vec<(&'static str, Scene)> {
     ]
 }
 
-/// The rays in their order, the last packet filled up with lanes that are off.
+/// Groups rays into packets in order; unused lanes of the last packet are inactive.
 pub fn packets(rays: &[Ray]) -> Vec<RayPacket> {
     let packet = |rays: &[Ray]| {
         let mut packet = RayPacket::EMPTY;
@@ -348,7 +352,7 @@ pub fn packets(rays: &[Ray]) -> Vec<RayPacket> {
     rays.chunks(LANES).map(packet).collect()
 }
 
-/// Rays through the pixels of a square film, from outside the scene towards its middle.
+/// Returns rays through the pixels of a square film, from outside the scene towards its middle.
 pub fn camera_rays(scene: &Scene, width: usize) -> Vec<Ray> {
     let bounds = scene.bounds();
     let (center, size) = (bounds.center(), bounds.extent().length());
@@ -358,7 +362,7 @@ pub fn camera_rays(scene: &Scene, width: usize) -> Vec<Ray> {
     let origin = center - forward * size * 0.9;
     let film = |i: usize| (i as f64 + 0.5) / width as f64 - 0.5;
     let mut rays = Vec::with_capacity(width * width);
-    // Blocks of 4 x 4 pixels, so that sixteen rays in a row lie side by side.
+    // Order by blocks of 4 x 4 pixels, so that sixteen consecutive rays are adjacent.
     for block in 0..(width / 4) * (width / 4) {
         let (block_x, block_y) = (block % (width / 4), block / (width / 4));
         for pixel in 0..16 {
@@ -370,12 +374,12 @@ pub fn camera_rays(scene: &Scene, width: usize) -> Vec<Ray> {
     rays
 }
 
-/// Rays from where `rays` hit, given by parameter, to a light beside the scene; rays that hit nothing give none.
+/// Returns rays from the hits of `rays`, given by parameter, to a light beside the scene; misses give none.
 pub fn shadow_rays(scene: &Scene, rays: &[Ray], hits: &[Option<f32>]) -> Vec<Ray> {
     let bounds = scene.bounds();
     let light = bounds.center() + bounds.extent() * DVec3::new(0.3, 1.4, -0.4);
     let from = |(ray, t): (&Ray, &Option<f32>)| {
-        // A little before the surface: these rays need not be the renderer's.
+        // Start slightly before the surface: these rays need not be the renderer's.
         let origin = ray.at(f64::from((*t)?) * 0.9999).as_vec3();
         Some(Ray {
             t_far: 1.0,
@@ -385,7 +389,7 @@ pub fn shadow_rays(scene: &Scene, rays: &[Ray], hits: &[Option<f32>]) -> Vec<Ray
     rays.iter().zip(hits).filter_map(from).collect()
 }
 
-/// Rays from anywhere in and around the scene to anywhere; some with an interval, some far from unit length.
+/// Returns rays between random points in and around the scene; some with an interval, some far from unit length.
 pub fn random_rays(scene: &Scene, count: usize, seed: u64) -> Vec<Ray> {
     let bounds = scene.bounds();
     let mut random = SplitMix64(seed);
@@ -408,11 +412,12 @@ pub fn random_rays(scene: &Scene, count: usize, seed: u64) -> Vec<Ray> {
     (0..count).map(ray).collect()
 }
 
-/// Rays that start on vertex coordinates or in walls, run along axes and diagonals, or nearly so: zero of either sign,
-/// denormal and tiny components.
+/// Returns rays that start on vertex coordinates or in walls and run along axes and diagonals, or nearly so: with zero
+/// of either sign, denormal and tiny components.
 pub fn lattice_rays(scene: &Scene, count: usize, seed: u64) -> Vec<Ray> {
     let bounds = scene.bounds();
     let mut random = SplitMix64(seed);
+    // Collect the coordinates of all vertices, by axis
     let mut coordinates: [Vec<f32>; 3] = Default::default();
     for instance in &scene.instances {
         if let Geometry::Mesh(mesh) = &scene.geometries[instance.geometry as usize] {
@@ -426,6 +431,7 @@ pub fn lattice_rays(scene: &Scene, count: usize, seed: u64) -> Vec<Ray> {
         }
     }
     let small = [0.0, -0.0, 1e-40, -1e-40, 1e-20, -1e-20, 1e-7, -1e-7];
+    // Draw origins on these coordinates and directions with small components
     let ray = |_| {
         let anywhere = bounds.center() + bounds.extent() * random.in_cube();
         let mut origin = anywhere.as_vec3();
@@ -444,6 +450,7 @@ pub fn lattice_rays(scene: &Scene, count: usize, seed: u64) -> Vec<Ray> {
                 (2.0 * random.next() - 1.0) as f32
             };
         }
+        // Avoid directions that are almost zero
         if direction.iter().all(|d| d.abs() < 1e-5) {
             direction[random.below(3)] = if random.next() < 0.5 { 1.0 } else { -1.0 };
         }

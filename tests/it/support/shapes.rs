@@ -1,4 +1,4 @@
-//! Analytic shapes as the textbook has them: faces, each with its equation and what bounds it, and surface coordinates.
+//! Analytic shapes of the reference tracer: faces, each with its equation and bounds, and surface coordinates.
 //!
 //! A face is a part of a plane n · x = h or of a quadric xᵀ Q x = 0 within half-spaces, or within the unit disk; or a
 //! whole torus.
@@ -12,27 +12,27 @@ use super::approx::{Approx, Approx3, ROUNDING};
 use super::hits::{Left, Ray};
 use super::torus;
 
-/// A surface by its equation.
+/// Implicit equation of a surface.
 pub enum Equation {
-    /// n · x = h.
+    /// Plane with n · x = h.
     Plane(DVec3, f64),
-    /// xᵀ Q x = 0 with x = (x, y, z, 1), by the upper triangle row by row.
+    /// Quadric xᵀ Q x = 0 with x = (x, y, z, 1), by the upper triangle row by row.
     Quadric([f64; 10]),
-    /// |x - c| = r, of which [`super::hits`] finds the roots.
+    /// Sphere |x - c| = r, whose roots [`super::hits`] finds.
     Sphere(DVec3, f64),
-    /// The torus around z whose tube has this radius.
+    /// Torus around z whose tube has this radius.
     Torus(f64),
 }
 
-/// What a face lies within.
+/// Bound of a face on its surface.
 enum Limit {
-    /// n · x <= h.
+    /// Half-space with n · x <= h.
     HalfSpace(DVec3, f64),
-    /// x² + y² <= 1.
+    /// Unit disk x² + y² <= 1.
     Round,
 }
 
-/// One part of a shape.
+/// Part of a shape's surface.
 pub struct Face {
     pub equation: Equation,
     limits: Vec<Limit>,
@@ -46,13 +46,13 @@ pub struct Chart {
 }
 
 impl Chart {
-    /// Of what has no coordinates.
+    /// Chart of a surface without coordinates.
     pub const NONE: Chart = Chart {
         uv: [Approx::ZERO; 2],
         derivatives: [Approx3::ZERO; 2],
     };
 
-    /// Whether there are none.
+    /// Returns whether there are no coordinates.
     pub fn is_empty(&self) -> bool {
         self.derivatives.iter().all(|d| d.value() == DVec3::ZERO)
     }
@@ -84,7 +84,7 @@ fn whole(equation: Equation) -> Face {
     }
 }
 
-/// The faces of a solid that is bounded by these half-spaces.
+/// Returns the faces of a convex solid that is the intersection of these half-spaces.
 fn facets(half_spaces: &[(DVec3, f64)]) -> Vec<Face> {
     let face = |i: usize| {
         let others = half_spaces.iter().enumerate().filter(|&(j, _)| j != i);
@@ -97,7 +97,7 @@ fn facets(half_spaces: &[(DVec3, f64)]) -> Vec<Face> {
     (0..half_spaces.len()).map(face).collect()
 }
 
-/// The faces of a shape, by their part numbers.
+/// Returns the faces of a shape, by their part numbers.
 pub fn faces(shape: &Shape) -> Vec<Face> {
     let z = DVec3::Z;
     match shape {
@@ -126,7 +126,7 @@ pub fn faces(shape: &Shape) -> Vec<Face> {
             }
             faces
         }
-        // x² + y² = (1 - z)² / 4.
+        // The wall satisfies x² + y² = (1 - z)² / 4.
         Shape::Cone(cone) => {
             let wall = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.25, 0.25, -0.25];
             let mut faces = vec![curved(wall, slab(2, -1.0, 1.0))];
@@ -136,7 +136,7 @@ pub fn faces(shape: &Shape) -> Vec<Face> {
             faces
         }
         Shape::Quadric(quadric) => {
-            // Its box is what clips it.
+            // A quadric is clipped to its box.
             let clip = quadric.bounds();
             let limits = (0..3).flat_map(|axis| slab(axis, clip.min[axis], clip.max[axis]));
             vec![curved(quadric.coefficients(), limits)]
@@ -144,7 +144,7 @@ pub fn faces(shape: &Shape) -> Vec<Face> {
     }
 }
 
-/// A ball around all of a shape, in object space.
+/// Returns a bounding sphere of the shape, in object space.
 pub fn ball(shape: &Shape) -> (DVec3, f64) {
     match shape {
         Shape::Sphere(sphere) => (sphere.center, sphere.radius),
@@ -156,7 +156,7 @@ pub fn ball(shape: &Shape) -> (DVec3, f64) {
     }
 }
 
-/// Whether a shape's inside contains `p`; nothing is inside a sheet.
+/// Returns whether a solid contains `p`; surfaces without a volume contain nothing.
 pub fn contains(shape: &Shape, p: DVec3) -> bool {
     let is_solid = match shape {
         Shape::Sphere(_) | Shape::Cube | Shape::Polyhedron(_) | Shape::Torus(_) => true,
@@ -168,7 +168,7 @@ pub fn contains(shape: &Shape, p: DVec3) -> bool {
     is_solid && faces(shape).iter().all(behind)
 }
 
-/// aᵀ Q b of two homogeneous vectors.
+/// Returns aᵀ Q b of two homogeneous vectors.
 fn form(q: &[f64; 10], (a, wa): (Approx3, f64), (b, wb): (Approx3, f64)) -> Approx {
     let (a, b) = (
         [a.x, a.y, a.z, Approx::exact(wa)],
@@ -193,7 +193,7 @@ fn form(q: &[f64; 10], (a, wa): (Approx3, f64), (b, wb): (Approx3, f64)) -> Appr
 }
 
 impl Face {
-    /// How many crossings it may have with a line.
+    /// Returns the largest number of intersections with a line.
     pub fn root_count(&self) -> u32 {
         match self.equation {
             Equation::Plane(..) | Equation::Sphere(..) => 1,
@@ -202,7 +202,7 @@ impl Face {
         }
     }
 
-    /// Where a ray in object space crosses the face for the `root`-th time, and how surely it does.
+    /// Returns the `root`-th intersection of a ray in object space with the face, and its slack.
     pub fn crossing(&self, ray: &Ray, root: u32, leaves: Option<Left>) -> Option<(Approx, f64)> {
         let (t, slack) = match &self.equation {
             Equation::Plane(..) if leaves.is_some() => return None,
@@ -223,12 +223,12 @@ impl Face {
         Some((t, within.fold(slack, f64::min)))
     }
 
-    /// The normal at `p`, of any length, to the positive side.
+    /// Returns the normal at `p`, of any length, on the positive side.
     pub fn outward(&self, p: Approx3) -> Approx3 {
         match &self.equation {
             Equation::Plane(n, _) => Approx3::exact(*n),
             Equation::Sphere(center, _) => p - Approx3::exact(*center),
-            // From the nearest point of the circle.
+            // The normal points away from the nearest point of the circle.
             Equation::Torus(_) => {
                 let rho = (p.x.squared() + p.y.squared()).sqrt();
                 Approx3::from([p.x - p.x / rho, p.y - p.y / rho, p.z])
@@ -240,9 +240,10 @@ impl Face {
         }
     }
 
-    /// The point of the face near `t` of a ray in world space, in object space. Programs find it in f64 from the ray
-    /// that they hold, so that the ray's own error is all there is: it is carried through by differences.
+    /// Returns the point of the face near `t` of a ray in world space, in object space. Programs find it in f64 from
+    /// the ray that they store, so that the only error is the ray's own, which is propagated by differences.
     pub fn point(&self, object_from_world: &DAffine3, ray: &Ray, t: f64) -> Approx3 {
+        // Solve for the point in object space
         let (o, d) = (ray.origin, ray.direction);
         let at = |o: DVec3, d: DVec3| {
             let o = object_from_world.transform_point3(o);
@@ -250,6 +251,7 @@ impl Face {
                 .nearest(o, object_from_world.transform_vector3(d), t)
         };
         let p = at(o.value(), d.value());
+        // Propagate the ray's errors by differences
         let mut error = DVec3::splat(F64_ROUNDINGS * (p.length() + t * d.value().length()));
         for axis in DVec3::AXES {
             for side in [-1.0, 1.0] {
@@ -258,6 +260,7 @@ impl Face {
                 error += (moved - p).abs() + (turned - p).abs();
             }
         }
+        // Fall back to the ray's point if Newton's method diverged
         let p = if p.is_finite() {
             p
         } else {
@@ -268,18 +271,19 @@ impl Face {
         } else {
             DVec3::splat(UNKNOWN)
         };
+        // Project to the plane, which has no error along its axis
         let p = self.projected(Approx3::exact(p));
         let exactly = |axis: usize| self.is_across(axis);
         let error = [0, 1, 2].map(|axis| if exactly(axis) { 0.0 } else { error[axis] });
         p.widened(DVec3::from_array(error))
     }
 
-    /// Whether all its points have one coordinate along this axis.
+    /// Returns whether all points of the face have one coordinate along this axis.
     fn is_across(&self, axis: usize) -> bool {
         matches!(self.equation, Equation::Plane(n, _) if n[axis].abs() == 1.0)
     }
 
-    /// `p` on the face, where that is known without error.
+    /// Returns `p` projected to the face along axes in which the face is exact.
     fn projected(&self, p: Approx3) -> Approx3 {
         let Equation::Plane(n, h) = self.equation else {
             return p;
@@ -292,14 +296,14 @@ impl Face {
     }
 }
 
-/// Beyond all bounds, and yet finite.
+/// Error bound of an unpredictable value, finite for arithmetic.
 const UNKNOWN: f64 = 1e30;
 
-/// Roundings of 2^-53 of the ray's length in a root in f64, with the map to object space; rounded up.
+/// Error of a root in f64, with the map to object space, relative to the ray's length; rounded up.
 const F64_ROUNDINGS: f64 = 1e-13;
 
 impl Equation {
-    /// Zero on the surface, negative behind it.
+    /// Evaluates the equation: zero on the surface, negative behind it.
     fn at(&self, p: DVec3) -> f64 {
         match self {
             Equation::Plane(n, h) => n.dot(p) - h,
@@ -309,9 +313,9 @@ impl Equation {
         }
     }
 
-    /// The point of the line near `t` that is on the surface, by Newton's method.
+    /// Returns the point of the line near `t` that is on the surface, by Newton's method.
     fn nearest(&self, o: DVec3, d: DVec3, mut t: f64) -> DVec3 {
-        /// Each doubles the digits of an f32.
+        /// Number of Newton steps; each doubles the digits of an f32.
         const STEPS: usize = 4;
         for _ in 0..STEPS {
             let (p, h) = (o + t * d, 1e-4 / d.length());
@@ -323,13 +327,13 @@ impl Equation {
     }
 }
 
-/// The smaller or the larger root of F(o + t d) = 0, about the extremum of F along the line.
+/// Returns the smaller or the larger root of F(o + t d) = 0, about the extremum of F along the line.
 fn quadric_root(q: &[f64; 10], ray: &Ray, root: u32, leaves: Option<Left>) -> Option<(Approx, f64)> {
     let (o, d) = (ray.origin, ray.direction);
     let a = form(q, (d, 0.0), (d, 0.0));
     let middle = -(form(q, (o, 1.0), (d, 0.0)) / a);
     let aside = o + d * middle;
-    // F = f + a (t - middle)².
+    // Near the extremum F = f + a (t - middle)².
     let square = -(form(q, (aside, 1.0), (aside, 1.0)) / a);
     let half = square.sqrt();
     let is_later = root == 1;
@@ -339,7 +343,7 @@ fn quadric_root(q: &[f64; 10], ray: &Ray, root: u32, leaves: Option<Left>) -> Op
             return is_later.then_some((middle + middle, f64::INFINITY));
         }
         Some(_) => {
-            // The root that was passed is the one nearer to where the ray begins.
+            // The root that was passed is the one nearer to the ray's origin.
             let was_first = ray.t_near.value < middle.value;
             return (is_later && was_first).then_some((middle + half, f64::INFINITY));
         }
@@ -349,7 +353,7 @@ fn quadric_root(q: &[f64; 10], ray: &Ray, root: u32, leaves: Option<Left>) -> Op
     Some((t, square.slack()))
 }
 
-/// The part of a whole turn from +x towards +y.
+/// Returns the angle from +x towards +y as a fraction of a full turn.
 fn turn(y: Approx, x: Approx) -> Approx {
     let angle = y.atan2(x) / Approx::rounded(TAU);
     if angle.value < 0.0 {
@@ -359,7 +363,7 @@ fn turn(y: Approx, x: Approx) -> Approx {
     }
 }
 
-/// Coordinates in the square [-1, 1]² whose axes these are.
+/// Returns coordinates in the square [-1, 1]² with these axes.
 fn square_chart(p: Approx3, right: DVec3, up: DVec3) -> Chart {
     let part = |axis: DVec3| (Approx3::exact(axis).dot(p) + Approx::ONE) * 0.5;
     Chart {
@@ -368,13 +372,13 @@ fn square_chart(p: Approx3, right: DVec3, up: DVec3) -> Chart {
     }
 }
 
-/// Around the z axis: 2π (-y, x, 0).
+/// Returns the derivative of a rotation around the z axis: 2π (-y, x, 0).
 fn around(p: Approx3) -> Approx3 {
     let turned = Approx3::from([-p.y, p.x, Approx::ZERO]);
     turned * Approx::rounded(TAU)
 }
 
-/// The coordinates that `shape` documents for a point of a part, in object space.
+/// Returns the coordinates that `shape` documents for a point of a part, in object space.
 pub fn chart(shape: &Shape, part: u32, p: Approx3) -> Chart {
     let rho = (p.x.squared() + p.y.squared()).sqrt();
     match (shape, part) {
@@ -393,7 +397,7 @@ pub fn chart(shape: &Shape, part: u32, p: Approx3) -> Chart {
             uv: [turn(p.y, p.x), (p.z + Approx::ONE) * 0.5],
             derivatives: [around(p), Approx3::exact(2.0 * DVec3::Z)],
         },
-        // Up the wall: from the radius 1 to 0 while z goes from -1 to 1.
+        // v increases along the wall: from the radius 1 to 0 while z goes from -1 to 1.
         (Shape::Cone(_), _) => Chart {
             uv: [turn(p.y, p.x), (p.z + Approx::ONE) * 0.5],
             derivatives: [
@@ -429,7 +433,7 @@ pub fn chart(shape: &Shape, part: u32, p: Approx3) -> Chart {
     }
 }
 
-/// Duff et al., JCGT 6(1), 2017: x̂ and ŷ by the shortest turn from ±ẑ to `n`, as it comes out.
+/// Returns tangents by Duff et al., JCGT 6(1), 2017: x̂ and ŷ by the shortest rotation from ±ẑ to `n`, not normalised.
 fn tangents(n: DVec3) -> [DVec3; 2] {
     let sign = 1f64.copysign(n.z);
     let w = 1.0 / (1.0 + n.z.abs());
@@ -439,7 +443,7 @@ fn tangents(n: DVec3) -> [DVec3; 2] {
     ]
 }
 
-/// How far, in object space, a program may step off the surface at `p`.
+/// Returns the largest offset, in object space, by which a program may move a spawned ray off the surface at `p`.
 pub fn step(p: Approx3) -> f64 {
     8.0 * ROUNDING * p.value().abs().max_element().max(1.0)
 }

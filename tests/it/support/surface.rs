@@ -1,10 +1,10 @@
-//! What a ray has met, made ready to be shaded: normals, texture values, glTF's lobe and the lecture's highlight.
+//! Surface interaction of the reference tracer: normals, texture values, glTF's lobe and Phong's highlight.
 
 use glam::{DAffine3, DVec3, Vec3};
 use whit::mesh::Mesh;
 use whit::optics::LINE_D;
 use whit::scene::{
-    AlphaMode, Geometry, Instance, Lecture, Material, MaterialInput, MetallicRoughness, Model, Scene,
+    AlphaMode, Geometry, Instance, Material, MaterialInput, MetallicRoughness, Model, Phong, Scene,
     TextureUse,
 };
 use whit::shape;
@@ -12,83 +12,82 @@ use whit::shape;
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::cones::{Cone, curvature_of};
 use super::hits::{Decision, Doubt, Found, Ray, World, corners, norm, transform_point, transform_vector};
-use super::normals::{bumped, frame_of_chart, frame_of_tangent, kept_visible, mapped};
+use super::normals::{bend_toward_viewer, bumped, frame_of_chart, frame_of_tangent, mapped};
 use super::shapes;
 use super::texels::{Channels, Inputs, Spot, interpolate};
 
-/// Roughness up to which a surface is a mirror.
+/// Largest roughness of a surface that counts as a mirror.
 const MIRROR_ROUGHNESS: f32 = 0.1;
 
-/// A point of a surface as seen along a ray, in world space.
+/// Surface point at the hit of a ray, in world space.
 pub struct Surface {
-    /// The point.
+    /// Position of the hit.
     pub p: Approx3,
-    /// Where rays that leave it may start: the same point, with the distance by which a program steps off a surface
-    /// as its error.
+    /// Origin of rays that leave the surface: the hit, with the offset of a program's spawned rays as its error.
     pub start: Approx3,
-    /// Geometric normal, on the side that is seen.
+    /// Geometric normal, on the viewer's side.
     pub ng: Approx3,
-    /// Shading normal.
+    /// Shading normal, with normal and bump maps.
     pub ns: Approx3,
-    /// To the viewer.
+    /// Unit direction to the viewer.
     pub wo: Approx3,
-    /// Whether it is seen from outside: the front of a triangle, the outer side of a sphere.
+    /// True if seen from outside: the front of a triangle, the outer side of a sphere.
     pub is_outside: bool,
-    /// How wide the ray is here.
+    /// Ray cone at the hit, for texture filtering.
     pub cone: Cone,
-    /// Mean curvature 1 / r, positive where the surface bulges to the viewer.
+    /// Mean curvature 1 / r, positive if the surface is convex to the viewer.
     pub curvature: Approx,
-    /// The part of the surface that is there.
+    /// Alpha coverage at the hit.
     pub coverage: Approx,
     pub emission: Approx3,
-    /// What the ambient light is multiplied by.
+    /// Factor of the ambient light.
     pub ambient: Approx3,
-    /// How it answers lights.
-    pub answer: Answer,
-    /// How it mirrors what lets no light through.
+    /// Reflection model for the light of light sources.
+    pub response: Response,
+    /// Mirror reflectance if the surface is opaque.
     pub mirror: Mirror,
-    /// What passes of light that is let in: zero for what is opaque.
+    /// Tint of transmitted light: zero for an opaque surface.
     pub tint: Approx3,
-    /// What light is multiplied by that is reflected by a boundary which lets light through.
+    /// Tint of light that a transmissive boundary reflects.
     pub reflected_tint: Approx3,
-    /// Whether Fresnel's equations divide the light at such a boundary.
+    /// True if Fresnel's equations divide the light at a transmissive boundary.
     pub obeys_fresnel: bool,
-    /// Whether such a boundary sends a mirror ray.
+    /// True if a transmissive boundary spawns a mirror ray.
     pub is_smooth: bool,
 }
 
-/// A lighting model with its coefficients.
-pub enum Answer {
+/// Reflection model with its coefficients.
+pub enum Response {
     Gltf(Gltf),
-    Lecture {
-        /// rd, times the base colour.
+    Phong {
+        /// Diffuse coefficient rd, times the base colour.
         diffuse: Approx3,
-        /// rsp.
+        /// Specular coefficient rsp of Phong's model.
         specular: Approx3,
-        /// f.
+        /// Exponent f of Phong's highlight.
         exponent: f64,
     },
 }
 
-/// The numbers of glTF's lobe.
+/// Parameters of glTF's metallic-roughness lobe.
 #[derive(Clone, Copy)]
 pub struct Gltf {
-    /// Diffuse albedo.
+    /// Albedo of the diffuse lobe.
     c_diff: Approx3,
     /// Reflectance at normal incidence.
     f0: Approx3,
     /// Reflectance at grazing incidence.
     f90: Approx,
-    /// The square of the roughness.
+    /// Width alpha, the square of the roughness.
     alpha: Approx,
 }
 
-/// How much a surface mirrors.
+/// Mirror reflectance of a surface.
 pub enum Mirror {
     None,
-    /// The same at all angles: the lecture's kr.
+    /// Constant reflectance at all angles: Whitted's kr.
     Constant(Approx3),
-    /// By Schlick's formula.
+    /// Reflectance by Schlick's approximation.
     Schlick(Gltf),
 }
 
@@ -96,12 +95,14 @@ impl Surface {
     pub fn new(world: &World, ray: &Ray, found: &Found, doubt: &mut Doubt) -> Surface {
         let scene = world.scene;
         let instance = &scene.instances[found.instance as usize];
+        // Set up the instance and the direction to the viewer
         let place = Place {
             instance,
             object_from_world: &world.object_from_world[found.instance as usize],
             wo: -ray.direction.normalize(),
         };
         let cone = ray.cone.after(found.t * ray.direction.length());
+        // Compute the geometry, then evaluate the material there
         match &scene.geometries[instance.geometry as usize] {
             Geometry::Mesh(mesh) => {
                 let shape = place.on_triangle(mesh, found, doubt);
@@ -127,7 +128,7 @@ impl Surface {
     }
 }
 
-/// What its corner normals imply; a flat mesh has none.
+/// Returns the curvature that the corner normals imply; 0 for a flat mesh.
 fn mesh_curvature(mesh: &Mesh, found: &Found) -> f64 {
     mesh.normals.as_ref().map_or(0.0, |normals| {
         let wide = |v: u32| Vec3::from(normals[v as usize]).as_dvec3().normalize_or_zero();
@@ -136,7 +137,7 @@ fn mesh_curvature(mesh: &Mesh, found: &Found) -> f64 {
     })
 }
 
-/// The geometric half of a [`Surface`].
+/// Geometric part of a [`Surface`].
 struct Shape {
     p: Approx3,
     start: Approx3,
@@ -148,7 +149,7 @@ struct Shape {
     local: [Approx3; 2],
 }
 
-/// Where an object stands and from where it is seen.
+/// Instance and ray of a hit, with their transforms.
 struct Place<'a> {
     instance: &'a Instance,
     object_from_world: &'a DAffine3,
@@ -161,7 +162,7 @@ impl Place<'_> {
         let [v0, v1, v2] = corners(mesh, found.primitive);
         let p = Approx3::exact(v0) + Approx3::exact(v1 - v0) * found.u + Approx3::exact(v2 - v0) * found.v;
         let [e1, e2] = [v1 - v0, v2 - v0].map(|e| Approx3::rounded(map.transform_vector3(e)));
-        // Counterclockwise in object space is outside, which a mirroring map turns round.
+        // Counterclockwise order in object space is outside; a mirroring transform reverses it.
         let winding = e1.cross(e2).normalize();
         let outward = if map.matrix3.determinant() < 0.0 {
             -winding
@@ -189,10 +190,10 @@ impl Place<'_> {
         self.shape([p, outward], p.value().abs(), [ng, ng], is_outside)
     }
 
-    /// The parts put together; `size` is the largest coordinate that took part in finding `p`, in object space.
+    /// Combines the parts; `size` is the largest coordinate used in finding `p`, in object space.
     fn shape(&self, local: [Approx3; 2], size: DVec3, [ng, ns]: [Approx3; 2], is_outside: bool) -> Shape {
         let p = local[0];
-        // A step off the surface is a few roundings of the coordinates and of the triangle's extent.
+        // The offset of spawned rays is a few roundings of the coordinates and of the triangle's size.
         let step = DVec3::splat(8.0 * ROUNDING * size.max_element());
         let map = &self.instance.world_from_object();
         let (p, start) = if *map == DAffine3::IDENTITY {
@@ -214,8 +215,8 @@ impl Place<'_> {
         }
     }
 
-    /// What the ray sees there for textures. A pattern's point is just under the surface: by how much is left open, up
-    /// to a few roundings of the coordinates in either space.
+    /// Returns the texture footprint of the ray. A procedural texture's point is just under the surface: the depth is
+    /// left open, up to a few roundings of the coordinates in either space.
     fn spot(&self, shape: &Shape, cone: Cone) -> Spot {
         let map = self.instance.world_from_object();
         let [p, n] = shape.local;
@@ -223,7 +224,7 @@ impl Place<'_> {
         let inverse = &self.object_from_world.matrix3;
         let condition = norm(&map.matrix3) * norm(inverse);
         let most = condition * shapes::step(p) + norm(inverse) * shapes::step(shape.p);
-        // Along the normal by at most that much, and aside by as much as the normal is.
+        // The offset along the normal has at most that error, and sideways as much as the normal has.
         let below = p.value() - 0.5 * most * n.value();
         let aside = n
             .value()
@@ -251,13 +252,13 @@ impl Place<'_> {
         Some(facing(n, ng, doubt))
     }
 
-    /// A normal is perpendicular to its surface before and after: it goes by the transposed inverse.
+    /// Transforms a normal by the inverse transpose, which keeps it perpendicular to the surface.
     fn transform_normal(&self, n: Approx3) -> Approx3 {
         transform_vector(&self.object_from_world.matrix3.transpose(), n.normalize()).normalize()
     }
 }
 
-/// `n` or its opposite, whichever is on the side of `toward`.
+/// Returns `n` or its opposite, whichever is on the side of `toward`.
 fn facing(n: Approx3, toward: Approx3, doubt: &mut Doubt) -> Approx3 {
     let side = n.dot(toward);
     doubt.note(Decision::Facing, side.slack());
@@ -268,7 +269,7 @@ fn texture_on(material: &Material, parameter: MaterialInput) -> Option<TextureUs
     material.layer(parameter).map(|layer| layer.texture)
 }
 
-/// What textures and vertex colours make of a material's parameters.
+/// Evaluator of a material's parameters with textures and vertex colours.
 struct Looks<'a> {
     scene: &'a Scene,
     material: &'a Material,
@@ -289,7 +290,7 @@ impl Looks<'_> {
             * self.inputs.color
     }
 
-    /// glTF 2.0, 3.9.4.
+    /// Returns the alpha coverage (glTF 2.0, 3.9.4).
     fn coverage(&mut self) -> Approx {
         if self.material.alpha == AlphaMode::Opaque {
             return Approx::ONE;
@@ -311,6 +312,7 @@ impl Looks<'_> {
     }
 
     fn gltf(&mut self, model: &MetallicRoughness) -> Shades {
+        // Look up the textured parameters
         let base = self.base();
         let textured = [MaterialInput::MetallicRoughness, MaterialInput::Roughness]
             .into_iter()
@@ -320,6 +322,7 @@ impl Looks<'_> {
         let metal = self.lookup(MaterialInput::Metallic, Channels::Linear).x * f64::from(model.metallic);
         let roughness = (grey.y * rough).clamp(0.0, 1.0);
         let metallic = (grey.z * metal).clamp(0.0, 1.0);
+        // Decide whether the surface is a mirror
         let above_mirror = roughness.value - f64::from(MIRROR_ROUGHNESS);
         if textured {
             self.doubt.note(Decision::Mirror, above_mirror / roughness.error);
@@ -332,6 +335,7 @@ impl Looks<'_> {
             * self.lookup(MaterialInput::SpecularColor, Channels::Srgb);
         let through =
             self.lookup(MaterialInput::Transmission, Channels::Linear).x * f64::from(model.transmission);
+        // Compute the reflectance at normal incidence from the index
         let normal_incidence = self.material.interior.map_or(0.04, |inside| {
             let n = inside.ior.ior(LINE_D);
             ((n - 1.0) / (n + 1.0)).powi(2)
@@ -341,17 +345,18 @@ impl Looks<'_> {
                 .to_array()
                 .map(|v| v.clamp(0.0, 1.0)),
         );
+        // Mix the dielectric and the metallic lobe
         let gltf = Gltf {
             c_diff: base * (dielectric * (1.0 - through)),
             f0: f0 * (specular * dielectric) + base * metallic,
             f90: specular * dielectric + metallic,
             alpha: roughness.squared(),
         };
-        // A mirror shows its surroundings itself.
+        // A mirror reflects its environment by rays, not by the lobe.
         let glossy = if is_mirror { Approx3::ZERO } else { gltf.f0 };
         Shades {
             ambient: gltf.c_diff + glossy,
-            answer: Answer::Gltf(gltf),
+            response: Response::Gltf(gltf),
             mirror: if is_mirror {
                 Mirror::Schlick(gltf)
             } else {
@@ -364,7 +369,8 @@ impl Looks<'_> {
         }
     }
 
-    /// The shading normal on the viewer's side, bent by normal map and bump map in the order of the layers.
+    /// Returns the shading normal on the viewer's side, perturbed by normal map and bump map in the order of the
+    /// layers.
     fn bent(&mut self, shape: &Shape, instance: &Instance) -> Approx3 {
         let outward = |n: Approx3| if shape.is_outside { n } else { -n };
         let mut bent = None;
@@ -379,7 +385,7 @@ impl Looks<'_> {
                     let map = instance.world_from_object().matrix3;
                     let frame = match self.inputs.tangent {
                         Some((tangent, hand)) => {
-                            // Mirrored, the tangent goes along, and the normal stays outside.
+                            // Under a mirroring transform the tangent is mirrored too, and the normal stays outside.
                             let hand = hand * map.determinant();
                             frame_of_tangent(n, transform_vector(&map, tangent), hand)
                         }
@@ -398,11 +404,11 @@ impl Looks<'_> {
             }
         }
         bent.map_or(shape.ns, |n| {
-            kept_visible(outward(n), shape.ng, shape.wo, self.doubt)
+            bend_toward_viewer(outward(n), shape.ng, shape.wo, self.doubt)
         })
     }
 
-    fn lecture(&mut self, model: &Lecture) -> Shades {
+    fn phong(&mut self, model: &Phong) -> Shades {
         let base = self.base();
         let reflection =
             Approx3::exact_f32(model.reflection) * self.lookup(MaterialInput::Reflection, Channels::Linear);
@@ -410,7 +416,7 @@ impl Looks<'_> {
             * self.lookup(MaterialInput::Transmission, Channels::Linear);
         Shades {
             ambient: Approx3::exact_f32(model.ambient) * base,
-            answer: Answer::Lecture {
+            response: Response::Phong {
                 diffuse: Approx3::exact_f32(model.diffuse) * base,
                 specular: Approx3::exact_f32(model.specular)
                     * self.lookup(MaterialInput::SpecularColor, Channels::Srgb),
@@ -429,10 +435,10 @@ impl Looks<'_> {
     }
 }
 
-/// The half of a [`Surface`] that a model decides.
+/// Part of a [`Surface`] that depends on the reflection model.
 struct Shades {
     ambient: Approx3,
-    answer: Answer,
+    response: Response,
     mirror: Mirror,
     tint: Approx3,
     reflected_tint: Approx3,
@@ -440,11 +446,11 @@ struct Shades {
     is_smooth: bool,
 }
 
-/// A lecture's surface that answers no light.
-const SILENT: Lecture = Lecture {
+/// Coefficients of a Phong surface that reflects no light of light sources.
+const SILENT: Phong = Phong {
     ambient: [0.0; 3],
     diffuse: [0.0; 3],
-    ..Lecture::DEFAULT
+    ..Phong::DEFAULT
 };
 
 impl Shape {
@@ -457,6 +463,7 @@ impl Shape {
         doubt: &mut Doubt,
     ) -> Surface {
         let material = &scene.materials[instance.material as usize];
+        // Perturb the shading normal
         let mut looks = Looks {
             scene,
             material,
@@ -466,11 +473,13 @@ impl Shape {
         let ns = looks.bent(&self, instance);
         let scale = instance.world_from_object().matrix3.determinant().abs().cbrt();
         let curvature = Approx::rounded(curvature / scale);
+        // Evaluate the reflection model
         let shades = match &material.model {
             Model::MetallicRoughness(model) => looks.gltf(model),
-            Model::Lecture(model) => looks.lecture(model),
-            Model::Unlit => looks.lecture(&SILENT),
+            Model::Phong(model) => looks.phong(model),
+            Model::Unlit => looks.phong(&SILENT),
         };
+        // Look up emission and occlusion
         let emission = match &material.model {
             Model::Unlit => looks.base(),
             _ => {
@@ -495,7 +504,7 @@ impl Shape {
             coverage: looks.coverage(),
             emission,
             ambient: shades.ambient * occlusion,
-            answer: shades.answer,
+            response: shades.response,
             mirror: shades.mirror,
             tint: shades.tint,
             reflected_tint: shades.reflected_tint,
@@ -506,14 +515,14 @@ impl Shape {
 }
 
 impl Gltf {
-    /// Schlick's Fresnel term.
+    /// Returns Schlick's Fresnel term for all channels.
     fn fresnel(&self, cos: Approx) -> Approx3 {
         let rest = (1.0 - cos.abs()).positive_part();
         let fifth = rest.squared().squared() * rest;
         self.f0 + (Approx3::splat(self.f90) - self.f0) * fifth
     }
 
-    /// What part of light from `wi` goes to the viewer: glTF 2.0, Appendix B.
+    /// Returns the fraction of light from `wi` that is reflected to the viewer: glTF 2.0, Appendix B.
     fn lobe(&self, ns: Approx3, wo: Approx3, wi: Approx3) -> Approx3 {
         let h = (wi + wo).normalize();
         let f = self.fresnel(wo.dot(h));
@@ -524,10 +533,11 @@ impl Gltf {
         }
         let a2 = self.alpha.squared();
         let [n_h, n_l, n_v] = [h, wi, wo].map(|w| ns.dot(w));
-        // (N·H)²(α² - 1) + 1, with 1 - (N·H)² as |N×H|²: the bound of the difference would swallow sharp highlights.
+        // (N·H)²(α² - 1) + 1, with 1 - (N·H)² as |N×H|²: the error bound of the difference would exceed sharp
+        // highlights.
         let across = ns.cross(h);
         let width = across.dot(across) + a2 * n_h.squared();
-        // The peak, where the width is α², is as high as it gets; of that even f32 is sure, to a few roundings.
+        // The peak, where the width is α², is the maximum; even f32 computes it to a few roundings.
         let peak = Approx::ONE / (pi * a2);
         let d = (a2 / (pi * width.squared())).known_within(0.0, peak.value + 8.0 * peak.error);
         let smith = |cos: Approx| cos.abs() + (a2 + (1.0 - a2) * cos.squared()).sqrt();
@@ -537,12 +547,12 @@ impl Gltf {
 }
 
 impl Surface {
-    /// Whether light goes through it, where it is there.
+    /// Returns whether light passes through the surface where its coverage is not 0.
     pub fn lets_through(&self) -> bool {
         self.tint.value() != DVec3::ZERO
     }
 
-    /// The share of a mirror ray that makes this angle with the normal; `None` for what is no mirror.
+    /// Returns the mirror reflectance at this cosine with the normal; `None` for a surface without mirror reflection.
     pub fn mirror_share(&self, cos: Approx) -> Option<Approx3> {
         match &self.mirror {
             Mirror::None => None,
@@ -551,12 +561,12 @@ impl Surface {
         }
     }
 
-    /// What the viewer gets of a unit of light that arrives from `wi`, whose cosine with the normal is `cos`, if
+    /// Returns the radiance to the viewer for a unit of light from `wi`, whose cosine with the normal is `cos`, if
     /// positive.
-    pub fn answer(&self, wi: Approx3, cos: Approx, doubt: &mut Doubt) -> Approx3 {
-        match &self.answer {
-            Answer::Gltf(gltf) => gltf.lobe(self.ns, self.wo, wi) * cos,
-            Answer::Lecture {
+    pub fn response(&self, wi: Approx3, cos: Approx, doubt: &mut Doubt) -> Approx3 {
+        match &self.response {
+            Response::Gltf(gltf) => gltf.lobe(self.ns, self.wo, wi) * cos,
+            Response::Phong {
                 diffuse,
                 specular,
                 exponent,
@@ -566,7 +576,7 @@ impl Surface {
                     return *diffuse * cos;
                 }
                 doubt.note(Decision::Horizon, s_m.slack());
-                // r is s mirrored at the normal.
+                // The vector r is s mirrored at the normal.
                 let r = self.ns * (s_m + s_m) - wi;
                 let highlight = r.dot(self.wo).clamp(0.0, 1.0).powf(*exponent);
                 *diffuse * cos + *specular * highlight
@@ -574,7 +584,7 @@ impl Surface {
         }
     }
 
-    /// Whether a direction goes off the surface on the side that is seen.
+    /// Returns whether a direction leaves the surface on the visible side.
     pub fn rises(&self, direction: Approx3, doubt: &mut Doubt) -> bool {
         let height = self.ng.dot(direction);
         doubt.note(Decision::Horizon, height.slack());

@@ -1,4 +1,4 @@
-//! What a surface and its textures bring to a material: vertex colours, coordinates, texels, patterns.
+//! Material inputs of the reference tracer: vertex colours, texture coordinates, texels and procedural patterns.
 
 use glam::{DMat3, DVec3};
 use whit::mesh::Mesh;
@@ -10,50 +10,51 @@ use super::hits::{Decision, Doubt, Found, corners, transform_vector};
 use super::patterns::{gradient, middles, parts, second_share};
 use super::shapes::Chart;
 
-/// The barycentric mean of what the triangle's corners have.
+/// Returns the barycentric interpolation of values at the triangle's corners.
 pub fn interpolate(mesh: &Mesh, found: &Found, corner: impl Fn(u32) -> Approx3) -> Approx3 {
     let [a, b, c] = mesh.triangles[found.primitive as usize].map(corner);
-    // By differences, so that doubt about the weights counts only as far as the corners differ; and the roundings of
-    // a weighted sum, which is what others may compute.
+    // Use differences, so that uncertain weights count only as far as the corners differ; and add the roundings of a
+    // weighted sum, which other implementations may compute.
     let largest = a.value().abs().max(b.value().abs()).max(c.value().abs());
     (a + (b - a) * found.u + (c - a) * found.v).widened(4.0 * ROUNDING * largest)
 }
 
-/// What a hit brings to its material.
+/// Inputs of a material at a hit.
 pub struct Inputs<'a> {
-    /// The vertex colour.
+    /// Vertex colour at the hit.
     pub color: Approx3,
     pub alpha: Approx,
-    /// By sets of texture coordinates, in object space.
+    /// Texture coordinates by set, in object space.
     charts: Box<dyn Fn(u32) -> Chart + 'a>,
-    /// The mesh's tangent in object space, and its handedness.
+    /// Tangent of the mesh in object space, and its handedness.
     pub tangent: Option<(Approx3, f64)>,
     pub spot: Spot,
 }
 
-/// What a ray sees of a surface, for textures.
+/// Texture footprint of a ray on a surface.
 pub struct Spot {
-    /// The point in object space, just under the surface.
+    /// Point in object space, just under the surface.
     pub carved: Approx3,
-    /// The axes of the ray's footprint in world space, the longer first.
+    /// Axes of the ray's footprint in world space, the longer first.
     pub axes: [Approx3; 2],
     pub world_from_object: DMat3,
     pub object_from_world: DMat3,
 }
 
-/// Which channels of a texel count, and how bytes are meant.
+/// Channels of a texel and the encoding of its bytes.
 #[derive(Clone, Copy)]
 pub enum Channels {
-    /// RGB by the sRGB curve.
+    /// RGB, encoded by the sRGB curve.
     Srgb,
-    /// RGB.
+    /// RGB, stored as linear values.
     Linear,
-    /// The fourth channel, thrice.
+    /// Alpha channel, replicated to all three.
     Opacity,
 }
 
 impl<'a> Inputs<'a> {
     pub fn of_mesh(mesh: &'a Mesh, found: &'a Found, spot: Spot) -> Inputs<'a> {
+        // Interpolate vertex colour and alpha
         let color = mesh.colors.as_ref().map_or(Approx3::ONE, |colors| {
             let rgb = |v: u32| {
                 let [r, g, b, _] = colors[v as usize];
@@ -65,6 +66,7 @@ impl<'a> Inputs<'a> {
             let alpha = |v: u32| Approx3::exact_f32([colors[v as usize][3]; 3]);
             interpolate(mesh, found, alpha).x
         });
+        // Interpolate the tangent; its handedness has the sign of the interpolated w
         let tangent = mesh.tangents.as_ref().map(|tangents| {
             let along = |v: u32| {
                 let [x, y, z, _] = tangents[v as usize];
@@ -85,7 +87,7 @@ impl<'a> Inputs<'a> {
         }
     }
 
-    /// Of an analytic shape, which has one set of coordinates.
+    /// Creates the inputs of an analytic shape, which has one set of coordinates.
     pub fn of_shape(chart: Chart, spot: Spot) -> Inputs<'a> {
         Inputs {
             color: Approx3::ONE,
@@ -96,7 +98,7 @@ impl<'a> Inputs<'a> {
         }
     }
 
-    /// Surface coordinates before any transform, and the point's derivatives by them in world space.
+    /// Returns surface coordinates before any transform, and the point's derivatives by them in world space.
     pub fn chart(&self, set: u32) -> Chart {
         let chart = (self.charts)(set);
         let to_world = |d: Approx3| transform_vector(&self.spot.world_from_object, d);
@@ -106,7 +108,7 @@ impl<'a> Inputs<'a> {
         }
     }
 
-    /// The value of the texture on a parameter, 1 where there is none.
+    /// Returns the value of the texture on a parameter, 1 if there is none.
     pub fn lookup(
         &self,
         scene: &Scene,
@@ -117,12 +119,14 @@ impl<'a> Inputs<'a> {
         let Some(used) = texture else {
             return Approx3::ONE;
         };
+        // Transform coordinates and footprint to texture space
         let chart = self.chart(used.tex_coord);
         let uv = transformed(&used.transform, chart.uv);
         let axes = self.spot.axes.map(|axis| {
             let [u, v] = turned(&used.transform, uv_of(axis, chart.derivatives));
             plane([u, v])
         });
+        // Filter an image, or evaluate a procedural texture
         match &scene.textures[used.texture as usize] {
             Texture::Image { image, sampler } => {
                 let view = View {
@@ -149,7 +153,7 @@ impl<'a> Inputs<'a> {
         }
     }
 
-    /// How a height map, in R, rises by the surface's own u and v; of a ray without width.
+    /// Returns the slope of a height map, in R, along the surface's u and v; for a ray of zero width.
     pub fn slope(&self, scene: &Scene, used: TextureUse, doubt: &mut Doubt) -> [Approx; 2] {
         let chart = (self.charts)(used.tex_coord);
         let uv = transformed(&used.transform, chart.uv);
@@ -180,7 +184,7 @@ fn plane([u, v]: [Approx; 2]) -> Approx3 {
     Approx3::from([u, v, Approx::ZERO])
 }
 
-/// The linear part of `KHR_texture_transform`.
+/// Applies the linear part of `KHR_texture_transform`.
 fn turned(transform: &UvTransform, [u, v]: [Approx; 2]) -> [Approx; 2] {
     transform
         .matrix
@@ -193,7 +197,7 @@ fn transformed(transform: &UvTransform, uv: [Approx; 2]) -> [Approx; 2] {
     [u + x, v + y]
 }
 
-/// Coordinates by their weights, and derivatives from e = Δu dpdu + Δv dpdv of two edges.
+/// Interpolates coordinates, and solves e = Δu dpdu + Δv dpdv of two edges for the derivatives.
 fn mesh_chart(mesh: &Mesh, found: &Found, set: u32) -> Chart {
     let Some(coords) = mesh.tex_coords.get(set as usize) else {
         return Chart::NONE;
@@ -215,7 +219,7 @@ fn mesh_chart(mesh: &Mesh, found: &Found, set: u32) -> Chart {
     }
 }
 
-/// An image as it is looked up.
+/// Image with the parameters of a texture lookup.
 struct View<'a> {
     image: &'a Image,
     wraps: [Wrap; 2],
@@ -223,7 +227,7 @@ struct View<'a> {
 }
 
 impl View<'_> {
-    /// The image's width and height.
+    /// Returns the image's width and height.
     fn size(&self) -> DVec3 {
         DVec3::new(f64::from(self.image.width), f64::from(self.image.height), 1.0)
     }
@@ -256,7 +260,8 @@ impl View<'_> {
         mix(top, bottom, y)
     }
 
-    /// `axes` are those of the ray's footprint in uv. Where it is wider than a texel, nothing is promised of mipmaps.
+    /// Filters a texel; `axes` are those of the ray's footprint in uv. If it is wider than a texel, mipmapped values
+    /// have no bound.
     fn filtered(&self, filter: Filter, uv: [Approx; 2], axes: [Approx3; 2], doubt: &mut Doubt) -> Approx3 {
         match filter {
             Filter::Nearest => {
@@ -284,7 +289,7 @@ impl View<'_> {
         }
     }
 
-    /// The rise of R over the texel around a point, a unit of uv.
+    /// Returns the slope of R over the texel around a point, per unit of uv.
     fn slope(&self, [u, v]: [Approx; 2], doubt: &mut Doubt) -> [Approx; 2] {
         let [w, h] = [self.image.width, self.image.height].map(f64::from);
         let mut rise = |du: f64, dv: f64| {
@@ -296,7 +301,7 @@ impl View<'_> {
     }
 }
 
-/// Beyond all bounds.
+/// Error bound of a value that cannot be predicted.
 const UNKNOWN: f64 = 1e30;
 
 impl Channels {
@@ -316,7 +321,7 @@ impl Channels {
     }
 }
 
-/// A coordinate of a texture, in texels.
+/// Texture coordinate along one axis, in texels.
 struct Axis {
     at: Approx,
     count: i64,
@@ -324,7 +329,8 @@ struct Axis {
 }
 
 impl Axis {
-    /// The cell of unit length that the coordinate lies in, the first of which starts at `offset`, and where in it.
+    /// Returns the cell of unit length that contains the coordinate, the first of which starts at `offset`, and the
+    /// position in it.
     fn cell(&self, offset: f64, doubt: &mut Doubt) -> (i64, Approx) {
         let at = self.at - Approx::exact(offset);
         let index = at.value.floor();
@@ -350,7 +356,7 @@ impl Axis {
     }
 }
 
-/// IEC 61966-2-1, its piecewise curve.
+/// Decodes a byte by the piecewise curve of IEC 61966-2-1.
 pub fn srgb(byte: u8) -> f64 {
     let v = f64::from(byte) / 255.0;
     if v <= 0.04045 {

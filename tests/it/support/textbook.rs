@@ -1,10 +1,10 @@
-//! The referee: the lecture's recursion, as plainly as it is written on the board, in f64 over brute force.
+//! Reference tracer: Whitted's recursion, as plainly as in the literature, in f64 over brute force.
 //!
 //! I(P) = emission + ambient + Σ over visible lights (diffuse + specular) + kr · I(reflected) + kt · I(transmitted).
 //!
-//! It shares no code with the renderer and reads nothing but the scene's plain data. Beside each radiance it gives a
-//! bound on how far an honest f32 computation may be from it (see [`super::approx`]), and the least certain decision
-//! on the way, on which a picture may jump (see [`super::hits`]).
+//! It shares no code with the renderer and reads only the scene's plain data. With each radiance it returns a bound on
+//! the error of an f32 computation (see [`super::approx`]), and the least certain decision on the way, at which an
+//! image may be discontinuous (see [`super::hits`]).
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -17,7 +17,7 @@ use super::cones::Cone;
 use super::hits::{Decision, Doubt, Found, Ray, World};
 use super::surface::Surface;
 
-/// What is asked for.
+/// Image size and sampling that the reference tracer renders with.
 #[derive(Clone, Copy, Debug)]
 pub struct Request {
     pub width: u32,
@@ -28,39 +28,39 @@ pub struct Request {
     pub wavelengths: u32,
 }
 
-/// The referee's answer for a pixel.
+/// Result of the reference tracer for a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Pixel {
     /// Linear RGB, with the bound on the error of an f32 computation.
     pub radiance: Approx3,
-    /// The least certain decision of all samples.
+    /// Least certain decision of all samples.
     pub doubt: Doubt,
 }
 
-/// The lecture's ray tracer.
+/// Whitted-style reference ray tracer.
 pub struct Textbook<'s> {
     world: World<'s>,
     request: Request,
     spectrum: SpectralSampler,
-    /// Whether light goes through any surface.
+    /// True if any surface transmits light.
     is_clear: bool,
 }
 
-/// What a ray has behind it.
+/// State of a path before its next hit.
 #[derive(Clone)]
 struct Path {
-    /// Reflections and refractions that may still follow.
+    /// Number of reflections and refractions that may still follow.
     depth: u32,
-    /// How much of what it sees reaches the film.
+    /// Throughput from this vertex to the film.
     weight: Approx3,
-    /// The wavelength that it follows, nanometres, once it has been split.
+    /// Wavelength of the path in nanometres, once dispersion has split it.
     wavelength: Option<f64>,
-    /// The bodies around it.
+    /// Dielectric interiors around the origin.
     bodies: Bodies,
 }
 
-/// The picture of `scene`, top row first.
-pub fn picture(scene: &Scene, camera: &Camera, request: Request) -> Vec<Pixel> {
+/// Renders `scene`, top row first.
+pub fn reference_image(scene: &Scene, camera: &Camera, request: Request) -> Vec<Pixel> {
     let textbook = Textbook {
         world: World::new(scene),
         request,
@@ -77,7 +77,7 @@ pub fn picture(scene: &Scene, camera: &Camera, request: Request) -> Vec<Pixel> {
 }
 
 impl Textbook<'_> {
-    /// The mean of the samples of pixel (`i`, `j`).
+    /// Returns the mean of the samples of pixel (`i`, `j`).
     fn pixel(&self, camera: &Camera, i: u32, j: u32) -> Pixel {
         let Request {
             width,
@@ -86,17 +86,19 @@ impl Textbook<'_> {
             depth,
             ..
         } = self.request;
+        // Set up the ray cone and the interiors around the camera
         let view = camera.view(width, height);
         let cone = Cone::of_sample(&view, [width, height], spp);
         let bodies = Bodies::around(self.world.scene, view.ray(0.5, 0.5).origin);
         let mut doubt = Doubt::NONE;
         let (mut sum, mut error) = (DVec3::ZERO, DVec3::ZERO);
+        // Sum the samples, placed by a Kronecker sequence
         for sample in 0..spp {
             let shift = |ratio: f64| (0.5 + f64::from(sample) * ratio).fract();
             let x = (f64::from(i) + shift(0.754_877_666_246_692_7)) / f64::from(width);
             let y = (f64::from(j) + shift(0.569_840_290_998_053_2)) / f64::from(height);
             let seen = view.ray(x, y);
-            // From here on the ray is what f32 holds of it.
+            // From here on the ray is rounded to f32.
             let ray = Ray {
                 origin: Approx3::exact(seen.origin.as_vec3().as_dvec3()),
                 direction: Approx3::exact(seen.direction.as_vec3().as_dvec3()),
@@ -118,6 +120,7 @@ impl Textbook<'_> {
         // Samples are summed in f64; the mean is rounded once.
         let mean = sum / f64::from(spp);
         let error = error / f64::from(spp) + ROUNDING * mean.abs();
+        // Mark values without a usable bound as unknown
         let error = DVec3::select(error.cmplt(DVec3::splat(HOPELESS)), error, DVec3::INFINITY);
         let radiance = Approx3::exact(mean).widened(error);
         if !radiance.error().is_finite() {
@@ -126,7 +129,7 @@ impl Textbook<'_> {
         Pixel { radiance, doubt }
     }
 
-    /// I(P): the radiance that comes back along `ray`.
+    /// Returns I(P): the incident radiance along `ray`.
     fn radiance(&self, ray: &Ray, path: Path, doubt: &mut Doubt) -> Approx3 {
         let scene = self.world.scene;
         let found = self.world.nearest(ray, doubt);
@@ -136,7 +139,7 @@ impl Textbook<'_> {
             return left * background(scene, ray.direction);
         };
         let surface = Surface::new(&self.world, ray, &found, doubt);
-        let meeting = Meeting {
+        let interaction = Interaction {
             boundary: self.boundary(&surface, &found, &path.bodies),
             path: Path {
                 weight: path.weight * left,
@@ -146,7 +149,7 @@ impl Textbook<'_> {
             surface,
             found,
         };
-        left * self.partly_there(&meeting, doubt)
+        left * self.partly_there(&interaction, doubt)
     }
 
     fn boundary(&self, surface: &Surface, found: &Found, bodies: &Bodies) -> Boundary<'_> {
@@ -155,17 +158,18 @@ impl Textbook<'_> {
         bodies.boundary(scene, material, surface.is_outside)
     }
 
-    /// A surface and what is behind it, by how much of it is there.
-    fn partly_there(&self, meeting: &Meeting, doubt: &mut Doubt) -> Approx3 {
-        let coverage = if meeting.boundary.is_hidden {
+    /// Blends a surface and the radiance behind it by its alpha coverage.
+    fn partly_there(&self, interaction: &Interaction, doubt: &mut Doubt) -> Approx3 {
+        // A hidden boundary has no coverage
+        let coverage = if interaction.boundary.is_hidden {
             Approx::ZERO
         } else {
-            meeting.surface.coverage
+            interaction.surface.coverage
         };
         let with = |share: Approx, bodies: &Bodies| Path {
-            weight: meeting.path.weight * share,
+            weight: interaction.path.weight * share,
             bodies: bodies.clone(),
-            ..meeting.path
+            ..interaction.path
         };
         let is_some = |share: Approx| share.value != 0.0 || share.error != 0.0;
         let gap = if coverage.error == 0.0 {
@@ -173,43 +177,45 @@ impl Textbook<'_> {
         } else {
             1.0 - coverage
         };
+        // Add the radiance behind the surface
         let mut sum = Approx3::ZERO;
         if is_some(gap) {
-            let behind = with(gap, &meeting.boundary.through);
+            let behind = with(gap, &interaction.boundary.through);
             if self.matters(behind.weight, doubt) {
-                let ray = meeting.ray.beyond(&meeting.found);
+                let ray = interaction.ray.beyond(&interaction.found);
                 sum = sum + self.radiance(&ray, behind, doubt) * gap;
             }
         }
+        // Add the radiance of the surface
         if is_some(coverage) {
-            let here = with(coverage, &meeting.path.bodies);
-            sum = sum + self.shaded(meeting, &here, doubt) * coverage;
+            let here = with(coverage, &interaction.path.bodies);
+            sum = sum + self.shaded(interaction, &here, doubt) * coverage;
         }
         sum
     }
 
-    /// The lecture's sum.
-    fn shaded(&self, meeting: &Meeting, path: &Path, doubt: &mut Doubt) -> Approx3 {
+    /// Evaluates Whitted's sum at a hit.
+    fn shaded(&self, interaction: &Interaction, path: &Path, doubt: &mut Doubt) -> Approx3 {
         let scene = self.world.scene;
-        let surface = &meeting.surface;
+        let surface = &interaction.surface;
         let mut sum = surface.emission + Approx3::exact_f32(scene.ambient) * surface.ambient;
         for light in &scene.lights {
-            sum = sum + self.direct(meeting, light, doubt);
+            sum = sum + self.direct(interaction, light, doubt);
         }
         if path.depth > 0 {
             sum = sum
                 + if surface.lets_through() {
-                    self.divided(meeting, path, doubt)
+                    self.divided(interaction, path, doubt)
                 } else {
-                    self.mirrored(meeting, path, doubt)
+                    self.mirrored(interaction, path, doubt)
                 };
         }
         sum
     }
 
-    /// What one light adds, in the colour of what stands in its way.
-    fn direct(&self, meeting: &Meeting, light: &Light, doubt: &mut Doubt) -> Approx3 {
-        let surface = &meeting.surface;
+    /// Returns the reflected light of one source, tinted by transmissive occluders.
+    fn direct(&self, interaction: &Interaction, light: &Light, doubt: &mut Doubt) -> Approx3 {
+        let surface = &interaction.surface;
         let Arriving { wi, attenuation } = arriving(light, surface.p);
         let cos = surface.ns.dot(wi).positive_part();
         let intensity = Approx3::exact_f32(light.intensity) * attenuation;
@@ -227,22 +233,24 @@ impl Textbook<'_> {
                 LightKind::Point { .. } | LightKind::Spot { .. } => 1.0,
                 LightKind::Area { .. } => unreachable!("{NO_EXTENT}"),
             },
-            leaves: Some(meeting.found.left()),
+            leaves: Some(interaction.found.left()),
             cone: Cone::NONE,
         };
-        let answer = surface.answer(wi, cos, doubt);
-        if answer.value() + answer.error() == DVec3::ZERO {
+        let response = surface.response(wi, cos, doubt);
+        if response.value() + response.error() == DVec3::ZERO {
             return Approx3::ZERO;
         }
-        answer * intensity * self.reaching(shadow_ray, &meeting.path.bodies, doubt)
+        response * intensity * self.reaching(shadow_ray, &interaction.path.bodies, doubt)
     }
 
-    /// What is left of the light at the end of a shadow ray. It goes straight on through whatever lets light through.
+    /// Returns the transmittance along a shadow ray. It passes straight through transmissive surfaces.
     fn reaching(&self, mut shadow_ray: Ray, bodies: &Bodies, doubt: &mut Doubt) -> Approx3 {
+        // Test plain occlusion if no surface transmits light
         if !self.is_clear {
             let blocked = self.world.blocked(&shadow_ray, doubt);
             return if blocked { Approx3::ZERO } else { Approx3::ONE };
         }
+        // Return early if an opaque surface surely occludes the ray
         let scene = self.world.scene;
         let stops = |instance: u32| {
             let material = &scene.materials[scene.instances[instance as usize].material as usize];
@@ -251,6 +259,7 @@ impl Textbook<'_> {
         if self.world.surely_blocked(&shadow_ray, stops) {
             return Approx3::ZERO;
         }
+        // Follow the shadow ray through transmissive surfaces
         let length = shadow_ray.direction.length();
         let mut bodies = bodies.clone();
         let mut left = Approx3::ONE;
@@ -274,7 +283,7 @@ impl Textbook<'_> {
         Approx3::ZERO
     }
 
-    /// What a boundary lets pass of a shadow ray's light, which is not split into colours.
+    /// Returns the transmittance of a boundary for a shadow ray, without dispersion.
     fn passing(
         &self,
         surface: &Surface,
@@ -290,9 +299,9 @@ impl Textbook<'_> {
         shares(surface, &division)[1]
     }
 
-    /// kr · I(reflected), of what lets no light through.
-    fn mirrored(&self, meeting: &Meeting, path: &Path, doubt: &mut Doubt) -> Approx3 {
-        let surface = &meeting.surface;
+    /// Returns kr · I(reflected) of an opaque surface.
+    fn mirrored(&self, interaction: &Interaction, path: &Path, doubt: &mut Doubt) -> Approx3 {
+        let surface = &interaction.surface;
         let cos = surface.ns.dot(surface.wo);
         let Some(share) = surface.mirror_share(cos) else {
             return Approx3::ZERO;
@@ -302,7 +311,7 @@ impl Textbook<'_> {
             return Approx3::ZERO;
         }
         self.followed(
-            meeting,
+            interaction,
             (direction, surface.cone.mirrored(surface.curvature)),
             share,
             path.clone(),
@@ -310,14 +319,15 @@ impl Textbook<'_> {
         )
     }
 
-    /// kr · I(reflected) + kt · I(transmitted), of what lets light through.
-    fn divided(&self, meeting: &Meeting, path: &Path, doubt: &mut Doubt) -> Approx3 {
+    /// Returns kr · I(reflected) + kt · I(transmitted) of a transmissive surface.
+    fn divided(&self, interaction: &Interaction, path: &Path, doubt: &mut Doubt) -> Approx3 {
         let scene = self.world.scene;
-        let Meeting {
+        let Interaction {
             surface, boundary, ..
-        } = meeting;
+        } = interaction;
         let incidence = Incidence::new(-surface.wo, surface.ns);
         let (mut sum, mut reflected) = (Approx3::ZERO, Approx3::ZERO);
+        // Add refracted radiance for each wavelength
         for (color, wavelength) in self.colors(boundary, path) {
             let nanometres = wavelength.unwrap_or(LINE_D);
             let division = boundary.division(scene, &incidence, nanometres, doubt);
@@ -327,7 +337,7 @@ impl Textbook<'_> {
                 continue;
             }
             let etas = boundary.etas(scene, nanometres);
-            let Some(direction) = sunk(meeting, &incidence, etas, doubt) else {
+            let Some(direction) = sunk(interaction, &incidence, etas, doubt) else {
                 continue;
             };
             let path = Path {
@@ -338,21 +348,22 @@ impl Textbook<'_> {
             let cone = surface
                 .cone
                 .refracted(etas, incidence.cosines(direction), surface.curvature);
-            sum = sum + self.followed(meeting, (direction, cone), color * down, path, doubt);
+            sum = sum + self.followed(interaction, (direction, cone), color * down, path, doubt);
         }
+        // Add reflected radiance
         if surface.is_smooth {
             let mut direction = incidence.mirrored();
             if !surface.rises(direction, doubt) {
                 direction = Incidence::new(incidence.d, surface.ng).mirrored();
             }
             let cone = surface.cone.mirrored(surface.curvature);
-            sum = sum + self.followed(meeting, (direction, cone), reflected, path.clone(), doubt);
+            sum = sum + self.followed(interaction, (direction, cone), reflected, path.clone(), doubt);
         }
         sum
     }
 
-    /// The wavelengths that a path follows behind a boundary, each with its part of white: several where it is split
-    /// there.
+    /// Returns the wavelengths that a path follows behind a boundary, each with its fraction of white: several if
+    /// dispersion splits it there.
     fn colors(&self, boundary: &Boundary, path: &Path) -> Vec<(Approx3, Option<f64>)> {
         let splits = path.wavelength.is_none()
             && !boundary.is_wall()
@@ -369,10 +380,10 @@ impl Textbook<'_> {
             .collect()
     }
 
-    /// share · I(followed), if that still matters.
+    /// Returns share · I(followed), or zero below the cut-off.
     fn followed(
         &self,
-        meeting: &Meeting,
+        interaction: &Interaction,
         (direction, cone): (Approx3, Cone),
         share: Approx3,
         path: Path,
@@ -387,17 +398,17 @@ impl Textbook<'_> {
             return Approx3::ZERO;
         }
         let ray = Ray {
-            origin: meeting.surface.start,
+            origin: interaction.surface.start,
             direction,
             t_near: Approx::ZERO,
             t_far: f64::INFINITY,
-            leaves: Some(meeting.found.left()),
+            leaves: Some(interaction.found.left()),
             cone,
         };
         share * self.radiance(&ray, path, doubt)
     }
 
-    /// Whether a path of this weight is followed at all.
+    /// Returns whether a path of this throughput is above the cut-off.
     fn matters(&self, weight: Approx3, doubt: &mut Doubt) -> bool {
         let largest = weight.largest();
         if largest.value + largest.error == 0.0 {
@@ -409,18 +420,18 @@ impl Textbook<'_> {
     }
 }
 
-/// A surface as a path has met it.
-struct Meeting<'s> {
+/// Hit of a path with its surface and boundary.
+struct Interaction<'s> {
     ray: &'s Ray,
     found: Found,
     surface: Surface,
     boundary: Boundary<'s>,
-    /// With the weight that it has where it arrives.
+    /// Path state with the throughput at the hit.
     path: Path,
 }
 
-/// kr and kt of a surface whose boundary divides light so. Without Fresnel's equations they hold at all angles up to
-/// total reflection, which gets both.
+/// Returns kr and kt of a surface whose boundary divides light in this way. Without Fresnel's equations they hold at
+/// all angles up to total reflection, which gets the sum of both.
 fn shares(surface: &Surface, division: &Division) -> [Approx3; 2] {
     let (up, down) = (surface.reflected_tint, surface.tint);
     match (surface.obeys_fresnel, division.is_total) {
@@ -433,24 +444,29 @@ fn shares(surface: &Surface, division: &Division) -> [Approx3; 2] {
     }
 }
 
-/// The direction behind a boundary. One that an interpolated normal would keep on this side is bent by the geometric
-/// normal instead.
-fn sunk(meeting: &Meeting, incidence: &Incidence, etas: [Approx; 2], doubt: &mut Doubt) -> Option<Approx3> {
-    if meeting.boundary.is_wall() {
+/// Returns the refracted direction. If an interpolated normal would keep it on the incident side, the geometric normal
+/// is used instead.
+fn sunk(
+    interaction: &Interaction,
+    incidence: &Incidence,
+    etas: [Approx; 2],
+    doubt: &mut Doubt,
+) -> Option<Approx3> {
+    if interaction.boundary.is_wall() {
         return Some(incidence.d);
     }
     let bent = incidence.refracted(etas, doubt)?;
-    if meeting.surface.rises(bent, doubt) {
-        return Incidence::new(incidence.d, meeting.surface.ng).refracted(etas, doubt);
+    if interaction.surface.rises(bent, doubt) {
+        return Incidence::new(incidence.d, interaction.surface.ng).refracted(etas, doubt);
     }
     Some(bent)
 }
 
-/// What is behind everything in a direction of any length.
+/// Returns the background radiance in a direction of any length.
 fn background(scene: &Scene, direction: Approx3) -> Approx3 {
     match scene.background {
         Background::Uniform(color) => Approx3::exact_f32(color),
-        Background::Environment { .. } => unreachable!("the textbook knows no environment maps"),
+        Background::Environment { .. } => unreachable!("the reference tracer has no environment maps"),
         Background::Gradient { horizon, up, down } => {
             let height = direction.normalize().y;
             let pole = if height.value < 0.0 { down } else { up };
@@ -460,18 +476,18 @@ fn background(scene: &Scene, direction: Approx3) -> Approx3 {
     }
 }
 
-/// Light as it comes to a point.
+/// Incident light of a source at a point.
 struct Arriving {
-    /// To the light; unit.
+    /// Unit direction to the light.
     wi: Approx3,
-    /// What is left of the intensity, the cosine of the surface not counted.
+    /// Attenuation of the intensity, without the cosine at the surface.
     attenuation: Approx,
 }
 
-/// The textbook has no random numbers.
-const NO_EXTENT: &str = "the textbook knows no lights with an extent";
+/// Message for area lights, which need random numbers.
+const NO_EXTENT: &str = "the reference tracer has no area lights";
 
-/// Unnormalised way from `p` to the light.
+/// Returns the unnormalised vector from `p` to the light.
 fn toward(light: &Light, p: Approx3) -> Approx3 {
     match light.kind {
         LightKind::Directional { to_light } => Approx3::rounded(to_light),
@@ -482,10 +498,11 @@ fn toward(light: &Light, p: Approx3) -> Approx3 {
     }
 }
 
-/// `KHR_lights_punctual`.
+/// Returns the incident light by `KHR_lights_punctual`.
 fn arriving(light: &Light, p: Approx3) -> Arriving {
     let way = toward(light, p);
     let wi = way.normalize();
+    // Attenuate by distance
     let by_distance = |falloff: Falloff| {
         let square = way.dot(way);
         let range = match falloff {
@@ -506,6 +523,7 @@ fn arriving(light: &Light, p: Approx3) -> Arriving {
         });
         window / square
     };
+    // Attenuate by the kind of light
     let attenuation = match light.kind {
         LightKind::Directional { .. } => Approx::ONE,
         LightKind::Point { falloff, .. } => by_distance(falloff),

@@ -1,8 +1,9 @@
-//! Galleries of textures for the comparison of the renderer with its referee: one for each parameter that a texture may
-//! change, with every kind of texture on a mesh and on analytic shapes, over a mirror that shows all of it again.
+//! Texture test scenes for the comparison of the renderer with the reference tracer: one for each textured parameter,
+//! with every kind of texture on a mesh and on analytic shapes, over a mirror that reflects all of them.
 //!
-//! The renderer averages textures over what a ray sees. Of patterns the referee does the same; images with mipmaps are
-//! so coarse here that a texel is wider than any ray, where averaging is bilinear mixing at several points.
+//! The renderer filters textures over a ray's footprint. The reference filters procedural textures too; images with
+//! mipmaps are so coarse here that a texel is wider than any footprint, where filtering is bilinear interpolation at
+//! several points.
 
 use std::sync::Arc;
 
@@ -20,30 +21,30 @@ use super::wave_scenes::{
     place, spot,
 };
 
-/// What the textures of a gallery change.
+/// Parameters that the textures of a scene change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Role {
     BaseColor,
-    /// Roughness, on both sides of a mirror's, and metalness.
+    /// Roughness, around a mirror's threshold, and metalness.
     Roughness,
-    /// The same from one texture, in glTF's packing.
+    /// Roughness and metalness from one texture, in glTF's packing.
     Packed,
     Emission,
-    /// Surfaces with holes.
+    /// Alpha mask: surfaces with holes.
     Mask,
-    /// Surfaces that let through a part of what is behind.
+    /// Alpha blending: surfaces that transmit a part of the background.
     Blend,
     Normal,
     Bump,
-    /// A bump map on top of a normal map.
+    /// Bump map on top of a normal map.
     NormalAndBump,
-    /// The lecture's model: kr, rsp and the base colour.
-    Lecture,
-    /// Both of a dielectric's reflection, and the ambient light.
+    /// Phong's model: kr, rsp and the base colour.
+    Phong,
+    /// Specular reflection of a dielectric, both strength and colour, and the ambient light.
     Specular,
 }
 
-/// A kind of texture.
+/// Kind of texture: image or procedural pattern.
 #[derive(Clone, Copy)]
 enum Kind {
     Image(Filter, [Wrap; 2]),
@@ -64,13 +65,14 @@ const KINDS: [Kind; 8] = [
     Kind::Pattern(Pattern::Wood { turbulence: 0.4 }),
 ];
 
-/// The gallery of a role.
+/// Returns the test scene of a role.
 pub fn gallery(role: Role) -> WaveScene {
     let mut scene = Scene {
         images: vec![noise(5, 3, 4), noise(4, 7, 5), noise(2, 3, 6)],
         ..Scene::default()
     };
     let shapes = shapes();
+    // Add a panel and two objects for each kind of texture
     for (index, kind) in KINDS.into_iter().enumerate() {
         let (column, row) = (index % 4, index / 4);
         let at = moved(
@@ -110,7 +112,8 @@ pub fn gallery(role: Role) -> WaveScene {
             at * moved(0.28, -0.27, 0.15) * turn * DAffine3::from_scale(DVec3::splat(0.18)),
         );
     }
-    surroundings(&mut scene);
+    // Add the mirror, lights and camera
+    add_background(&mut scene);
     WaveScene {
         name: "gallery",
         scene,
@@ -118,8 +121,8 @@ pub fn gallery(role: Role) -> WaveScene {
     }
 }
 
-/// A mirror on the ground, lamps, and a camera that sees all objects in it again.
-fn surroundings(scene: &mut Scene) {
+/// Adds a mirror on the ground, lights, and a camera that sees all objects and their reflections.
+fn add_background(scene: &mut Scene) {
     let silver = add_material(scene, metal([0.9, 0.88, 0.85], 0.0));
     let mirror = add_geometry(scene, Geometry::Shape(Shape::Quad));
     place(
@@ -149,8 +152,9 @@ fn surroundings(scene: &mut Scene) {
     scene.cameras = vec![camera([0.31, 1.9, 5.2], [0.03, 0.62, 0.0], perspective(0.62))];
 }
 
-/// Texture, layers and material of one kind in one space; returns the material.
+/// Adds texture, layers and material of one kind in one space; returns the material.
 fn add_textured(scene: &mut Scene, role: Role, kind: Kind, index: usize, space: Space) -> u32 {
+    // Each layer has a texture of its own
     let mut layer = |parameter: MaterialInput, strength: f32| {
         let colors = colors(parameter);
         scene.textures.push(texture(kind, index, space, colors));
@@ -169,6 +173,7 @@ fn add_textured(scene: &mut Scene, role: Role, kind: Kind, index: usize, space: 
         layers,
         ..plain.clone()
     };
+    // Bind the textures that the role requires
     let material = match role {
         Role::BaseColor => with(vec![layer(MaterialInput::BaseColor, 1.0)]),
         Role::Mask | Role::Blend => Material {
@@ -200,12 +205,12 @@ fn add_textured(scene: &mut Scene, role: Role, kind: Kind, index: usize, space: 
             layer(MaterialInput::Normal, 0.8),
             layer(MaterialInput::Bump, 0.02),
         ]),
-        Role::Lecture => Material {
-            model: Model::Lecture(whit::scene::Lecture {
+        Role::Phong => Material {
+            model: Model::Phong(whit::scene::Phong {
                 specular: [0.7, 0.8, 0.6],
                 exponent: 20.0,
                 reflection: [0.5, 0.6, 0.7],
-                ..whit::scene::Lecture::DEFAULT
+                ..whit::scene::Phong::DEFAULT
             }),
             ..with(vec![
                 layer(MaterialInput::BaseColor, 1.0),
@@ -222,7 +227,7 @@ fn add_textured(scene: &mut Scene, role: Role, kind: Kind, index: usize, space: 
     add_material(scene, material)
 }
 
-/// Colours between which patterns choose: of a normal map, two normals.
+/// Returns the two colours of a pattern: for a normal map, two normals.
 fn colors(parameter: MaterialInput) -> [[f32; 4]; 2] {
     match parameter {
         MaterialInput::Normal => [[0.35, 0.6, 0.93, 1.0], [0.66, 0.38, 0.9, 1.0]],
@@ -246,7 +251,7 @@ fn texture(kind: Kind, index: usize, space: Space, colors: [[f32; 4]; 2]) -> Tex
             pattern,
             colors,
             space,
-            // Faces of a cube and the plane of a square lie between cells of the checker.
+            // Place the faces of a cube and the plane of a square between cells of the checkerboard.
             scale: match space {
                 Space::Uv => [2.3, 1.9, 1.0],
                 Space::Object => [2.0, 1.7, 2.0],
@@ -255,7 +260,7 @@ fn texture(kind: Kind, index: usize, space: Space, colors: [[f32; 4]; 2]) -> Tex
     }
 }
 
-/// A turn, a stretch and a shift; mipmapped images are magnified instead.
+/// Returns a rotation, scale and offset; mipmapped images are magnified instead.
 fn transform(kind: Kind, index: usize) -> UvTransform {
     let (sin, cos) = (0.4 + 0.3 * index as f32).sin_cos();
     let [x, y] = match kind {
@@ -268,7 +273,7 @@ fn transform(kind: Kind, index: usize) -> UvTransform {
     }
 }
 
-/// A rectangle with two sets of coordinates, one of them skew, with or without tangents.
+/// Returns a rectangle with two sets of coordinates, one of them skewed, with or without tangents.
 fn panel(has_tangents: bool) -> Mesh {
     let tangents = vec![
         [1.0, 0.0, 0.0, 1.0],
@@ -286,7 +291,7 @@ fn panel(has_tangents: bool) -> Mesh {
     }
 }
 
-/// A shape for each kind of texture.
+/// Returns a shape for each kind of texture.
 fn shapes() -> [Shape; 8] {
     let corners = [
         DVec3::ONE,

@@ -1,5 +1,5 @@
-//! Where a line crosses a torus, by looking along it: the distance from the tube's surface is sampled, its extrema are
-//! found between the samples, and its zeros between the extrema. No quartic is solved.
+//! Intersections of a line with a torus without solving a quartic: the distance from the tube's surface is sampled
+//! along the line, its extrema are found between the samples, and its zeros between the extrema.
 
 use glam::DVec3;
 

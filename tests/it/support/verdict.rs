@@ -1,4 +1,4 @@
-//! Whether a picture is the referee's, pixel by pixel.
+//! Comparison of an image with the reference tracer's, pixel by pixel.
 
 use std::collections::BTreeMap;
 
@@ -9,14 +9,15 @@ use whit::image::LinearImage;
 use super::hits::Decision;
 use super::textbook::Pixel;
 
-/// Largest share of pixels that may differ, by more than their bound or visibly, each of them with a decision in doubt.
+/// Largest fraction of pixels that may differ, by more than their bound or visibly, each with an uncertain decision.
 pub const EXPLAINED_SHARE: f64 = 0.005;
 
-/// A visible difference, relative to the pixel or to the picture's mean, whichever is more. Bounds follow the worst
-/// case and promise nothing behind several boundaries of glass, where nearly all pixels still agree to a few roundings.
+/// Threshold of a visible difference, relative to the pixel or to the image's mean, whichever is larger. Bounds follow
+/// the worst case and are infinite behind several boundaries of glass, where nearly all pixels still agree to a few
+/// roundings.
 pub const VISIBLE: f64 = 1e-4;
 
-/// All that this build has.
+/// Returns all backends of this build.
 pub fn backends() -> Vec<Backend> {
     let mut backends = vec![Backend::Brute, Backend::Bsp];
     if cfg!(feature = "embree") {
@@ -25,12 +26,12 @@ pub fn backends() -> Vec<Backend> {
     backends
 }
 
-/// Holds every pixel of `image` within its bound of the referee's, but for a few whose decisions are in doubt.
+/// Asserts that every pixel of `image` is within its bound of the reference, except for a few with uncertain decisions.
 pub fn assert_agree(what: &str, image: &LinearImage, referee: &[Pixel]) {
     assert_agree_but_for(EXPLAINED_SHARE, what, image, referee);
 }
 
-/// The same where another share of the pixels may differ visibly, each within its bound or in doubt.
+/// Asserts agreement with another fraction of pixels that may differ visibly, each within its bound or uncertain.
 pub fn assert_agree_but_for(share: f64, what: &str, image: &LinearImage, referee: &[Pixel]) {
     assert_eq!(image.pixels.len(), referee.len());
     let mut explained = BTreeMap::<Decision, usize>::new();
@@ -38,6 +39,7 @@ pub fn assert_agree_but_for(share: f64, what: &str, image: &LinearImage, referee
     let mut worst = 0.0f64;
     let mean = mean_radiance(referee);
     let (mut unpromised, mut visible) = (0, 0);
+    // Classify each pixel: within its bound, unknown, uncertain or wrong
     for (index, (&got, pixel)) in image.pixels.iter().zip(referee).enumerate() {
         let expected = pixel.radiance;
         let off = (DVec3::from(got.map(f64::from)) - expected.value()).abs();
@@ -45,10 +47,10 @@ pub fn assert_agree_but_for(share: f64, what: &str, image: &LinearImage, referee
             .cmple(VISIBLE * expected.value().abs().max(DVec3::splat(mean)))
             .all();
         visible += usize::from(is_visible);
-        // A NaN is never within, nor is anything within an infinite bound.
+        // A NaN is never within a bound; infinite bounds are treated below.
         if off.is_finite() && expected.error().is_finite() && off.cmple(expected.error()).all() {
             let used = (off / expected.error()).to_array();
-            // 0 / 0 where both are exact; `max` passes over it.
+            // 0 / 0 if both are exact; `max` ignores the NaN.
             worst = used.into_iter().fold(worst, f64::max);
         } else if !is_visible && !expected.error().is_finite() {
             unpromised += 1;
@@ -57,16 +59,18 @@ pub fn assert_agree_but_for(share: f64, what: &str, image: &LinearImage, referee
         } else {
             let (x, y) = (index as u32 % image.width, index as u32 / image.width);
             wrong.push(format!(
-                "pixel ({x}, {y}): {got:?}, the referee has {:?} ± {:?}; least certain: {:?}",
+                "pixel ({x}, {y}): {got:?}, the reference has {:?} ± {:?}; least certain: {:?}",
                 expected.value(),
                 expected.error(),
                 pixel.doubt
             ));
         }
     }
+    // Report and check
     let doubtful = referee.iter().filter(|p| p.doubt.may_flip()).count();
     println!(
-        "{what}: worst difference {worst:.3} of its bound; {doubtful} pixels in doubt, of which beyond any bound {explained:?}; {unpromised} equal without any promise; {visible} visibly different"
+        "{what}: worst difference {worst:.3} of its bound; {doubtful} doubtful pixels, of which outside all bounds \
+         {explained:?}; {unpromised} equal without a useful bound; {visible} visibly different"
     );
     let shown = wrong.len().min(8);
     assert!(
@@ -82,13 +86,13 @@ pub fn assert_agree_but_for(share: f64, what: &str, image: &LinearImage, referee
     );
 }
 
-/// Of the brightest channels.
+/// Returns the mean of the pixels' brightest channels.
 pub fn mean_radiance(referee: &[Pixel]) -> f64 {
     let radiances = referee.iter().map(|p| p.radiance.value().max_element());
     radiances.sum::<f64>() / referee.len() as f64
 }
 
-/// The bound, in units of the picture's mean radiance, that holds for this share of the pixels.
+/// Returns the bound, in units of the image's mean radiance, that holds for this fraction of the pixels.
 pub fn relative_bound(referee: &[Pixel], share: f64) -> f64 {
     let mean = mean_radiance(referee);
     let mut bounds: Vec<f64> = referee

@@ -1,6 +1,7 @@
-//! Scenes for the comparison of the renderer with its referee, each small enough for brute force in f64.
+//! Test scenes for the comparison of the renderer with the reference tracer, each small enough for brute force in f64.
 //!
-//! Cameras and objects stand askew on purpose: a ray through the exact middle of a pixel shall not run along an edge.
+//! Cameras and objects are slightly rotated on purpose, so that no ray through the exact middle of a pixel runs along
+//! an edge.
 
 use std::f64::consts::PI;
 
@@ -14,16 +15,17 @@ use whit::shape::{Shape, Sphere};
 
 use super::meshes::{Shading, ball, rectangle, textured_panel, wedge, with_normals};
 
-/// A scene and how deep its mirrors are to be followed.
+/// Scene with the recursion depth that its mirrors need.
 pub struct WaveScene {
     pub name: &'static str,
     pub scene: Scene,
     pub depth: u32,
 }
 
-/// Flat and smooth tessellated spheres over a ground, under every kind of light.
-pub fn lamps() -> WaveScene {
+/// Returns flat and smooth tessellated spheres over a ground, under every kind of light.
+pub fn lights_of_all_kinds() -> WaveScene {
     let mut scene = Scene::default();
+    // Define materials and geometry
     let clay = add_material(&mut scene, matte([0.7, 0.45, 0.3], 0.8));
     let gold = add_material(&mut scene, metal([1.0, 0.77, 0.34], 0.35));
     let plastic = add_material(&mut scene, matte([0.1, 0.35, 0.8], 0.3));
@@ -31,6 +33,7 @@ pub fn lamps() -> WaveScene {
     let smooth = ball(2, Shading::Smooth);
     let flat = ball(2, Shading::Flat);
     let ground = rectangle(9.0, 7.0);
+    // Add objects
     bake(
         &mut scene,
         flat,
@@ -50,6 +53,7 @@ pub fn lamps() -> WaveScene {
         chalk,
         DAffine3::from_rotation_y(0.31) * lying(),
     );
+    // Add lights and the camera
     scene.lights = vec![
         light(
             [14.0, 12.0, 10.0],
@@ -76,20 +80,22 @@ pub fn lamps() -> WaveScene {
     }
 }
 
-/// Two mirrors that face each other, things between them, and a ball that mirrors all of it.
+/// Returns two mirrors that face each other, objects between them, and a sphere that reflects all of it.
 pub fn facing_mirrors() -> WaveScene {
     let mut scene = Scene::default();
+    // Define materials
     let silver = add_material(&mut scene, metal([0.95, 0.93, 0.88], 0.0));
     let glazed = add_material(&mut scene, matte([0.2, 0.5, 0.3], 0.1));
-    // Only just too rough to be a mirror.
+    // Roughness slightly above the mirror's threshold.
     let red = add_material(&mut scene, matte([0.75, 0.12, 0.1], 0.101));
-    let lamp = add_material(
+    let emissive = add_material(
         &mut scene,
         Material {
             emission: [1.5, 1.2, 0.6],
             ..matte([0.0; 3], 1.0)
         },
     );
+    // Add the two mirrors
     let glass = rectangle(3.0, 2.2);
     let flat = add_geometry(&mut scene, Geometry::Mesh(ball(1, Shading::Flat)));
     let sphere = add_geometry(&mut scene, Geometry::Shape(Shape::Sphere(Sphere::UNIT)));
@@ -106,6 +112,7 @@ pub fn facing_mirrors() -> WaveScene {
         silver,
         moved(0.0, 1.0, 1.6) * DAffine3::from_rotation_y(PI - 0.05),
     );
+    // Add objects between them
     place(
         &mut scene,
         flat,
@@ -121,10 +128,11 @@ pub fn facing_mirrors() -> WaveScene {
     place(
         &mut scene,
         flat,
-        lamp,
+        emissive,
         moved(0.12, 1.37, 0.4) * DAffine3::from_scale(DVec3::splat(0.17)),
     );
     bake(&mut scene, floor, red, DAffine3::from_rotation_y(0.4) * lying());
+    // Add the light and the camera
     let position = DVec3::new(0.3, 2.6, 0.5);
     scene.lights = vec![light(
         [8.0; 3],
@@ -143,9 +151,10 @@ pub fn facing_mirrors() -> WaveScene {
     }
 }
 
-/// Mirrored, stretched and sheared instances, and spheres that became ellipsoids.
+/// Returns mirrored, stretched and sheared instances, and spheres that became ellipsoids.
 pub fn placements() -> WaveScene {
     let mut scene = Scene::default();
+    // Define materials and geometry
     let blue = add_material(&mut scene, matte([0.15, 0.3, 0.7], 0.45));
     let brass = add_material(&mut scene, metal([0.9, 0.7, 0.35], 0.4));
     let steel = add_material(&mut scene, metal([0.6, 0.62, 0.65], 0.05));
@@ -162,6 +171,7 @@ pub fn placements() -> WaveScene {
     let ground = add_geometry(&mut scene, Geometry::Mesh(rectangle(9.0, 9.0)));
     let shear = DAffine3::from_mat3(DMat3::from_cols(DVec3::X, DVec3::new(0.5, 1.0, 0.2), DVec3::Z));
     let scaled = |x, y, z| DAffine3::from_scale(DVec3::new(x, y, z));
+    // Add mirrored, stretched and sheared wedges
     place(&mut scene, wedge, blue, moved(-1.9, 0.1, 0.3));
     place(
         &mut scene,
@@ -175,6 +185,7 @@ pub fn placements() -> WaveScene {
         brass,
         moved(1.5, 0.75, -1.3) * DAffine3::from_rotation_z(0.7) * scaled(0.4, -1.1, 1.6),
     );
+    // Add instances of the sphere mesh
     place(
         &mut scene,
         smooth,
@@ -187,6 +198,7 @@ pub fn placements() -> WaveScene {
         blue,
         moved(0.35, 0.8, -0.5) * shear * scaled(0.4, 0.7, -0.4),
     );
+    // Add ellipsoids
     place(
         &mut scene,
         sphere,
@@ -205,6 +217,7 @@ pub fn placements() -> WaveScene {
         chalk,
         DAffine3::from_rotation_y(0.23) * lying() * scaled(1.0, 0.8, 2.0),
     );
+    // Add lights and the camera
     scene.lights = vec![
         light(
             [10.0, 9.0, 8.0],
@@ -232,12 +245,13 @@ pub fn placements() -> WaveScene {
     }
 }
 
-/// Every wrap mode with both filters on every textured parameter, vertex colours, emission, absent coordinates.
+/// Returns every wrap mode with both filters on every textured parameter, vertex colours, emission, absent coordinates.
 pub fn textures() -> WaveScene {
     let mut scene = Scene {
         images: vec![noise(7, 5, 1), noise(8, 8, 2), noise(3, 4, 3)],
         ..Scene::default()
     };
+    // Add a panel for each filter and wrap mode
     let panel = add_geometry(&mut scene, Geometry::Mesh(textured_panel()));
     let wraps = [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge];
     let filters = [Filter::Nearest, Filter::Linear];
@@ -277,13 +291,14 @@ pub fn textures() -> WaveScene {
                 0.11 * column as f64,
             );
             let at = at * DAffine3::from_rotation_y(0.12 * (1.0 - column as f64));
+            // Bake one row of panels, instance the other
             match filter {
                 Filter::Nearest => bake(&mut scene, textured_panel(), material, at),
                 Filter::Linear | Filter::Mipmap => place(&mut scene, panel, material, at),
             }
         }
     }
-    // A sphere has one set of coordinates, whichever is asked for.
+    // A sphere has one set of coordinates, which is used for every set index.
     let sphere = add_geometry(&mut scene, Geometry::Shape(Shape::Sphere(Sphere::UNIT)));
     place(
         &mut scene,
@@ -291,6 +306,7 @@ pub fn textures() -> WaveScene {
         4,
         moved(0.95, 0.4, 0.8) * DAffine3::from_scale(DVec3::splat(0.21)),
     );
+    // Add lights and the camera
     scene.lights = vec![
         light(
             [6.0, 5.5, 5.0],
@@ -316,10 +332,11 @@ pub fn textures() -> WaveScene {
     }
 }
 
-/// From inside a sphere, through a near plane that cuts a ball open, up to a far plane; normals that point inward, and
-/// normals of length zero.
+/// Returns a view from inside a sphere, through a near plane that clips a sphere, up to a far plane; normals that point
+/// inward, and normals of length zero.
 pub fn inside() -> WaveScene {
     let mut scene = Scene::default();
+    // Define materials
     let shell = add_material(&mut scene, matte([0.6, 0.6, 0.65], 0.7));
     let polished = add_material(&mut scene, matte([0.8, 0.3, 0.2], 0.08));
     let green = add_material(&mut scene, matte([0.2, 0.6, 0.25], 0.5));
@@ -330,10 +347,12 @@ pub fn inside() -> WaveScene {
             radius: 4.0,
         })),
     );
+    // Build meshes with inward normals and with normals of length zero
     let reversed = with_normals(ball(2, Shading::Smooth), |p| p.map(|axis| -axis));
     let placed_reversed = add_geometry(&mut scene, Geometry::Mesh(reversed.clone()));
     let unshaded = with_normals(ball(1, Shading::Smooth), |_| [0.0; 3]);
     let placed_unshaded = add_geometry(&mut scene, Geometry::Mesh(unshaded.clone()));
+    // Add baked and instanced objects
     place(&mut scene, sphere, shell, DAffine3::IDENTITY);
     bake(
         &mut scene,
@@ -354,6 +373,7 @@ pub fn inside() -> WaveScene {
         moved(-1.3, 0.5, -1.7) * DAffine3::from_scale(DVec3::splat(0.6)),
     );
     bake(&mut scene, unshaded, green, moved(-0.1, -1.5, -1.2));
+    // Add lights, and a camera with near clipping
     scene.lights = vec![
         light(
             [9.0, 8.0, 6.0],
@@ -394,7 +414,7 @@ pub fn place(scene: &mut Scene, geometry: u32, material: u32, world_from_object:
     scene.instances.push(instance);
 }
 
-/// Places a mesh by moving its vertices, as it is done with every mesh that is used once.
+/// Places a mesh by transforming its vertices, as the loader does with every mesh that is used once.
 pub fn bake(scene: &mut Scene, mesh: Mesh, material: u32, world_from_object: DAffine3) {
     let moved = |p: &[f32; 3]| world_from_object.transform_point3(Vec3::from(*p).as_dvec3());
     let normal_map = world_from_object.matrix3.inverse().transpose();
@@ -415,7 +435,7 @@ pub fn bake(scene: &mut Scene, mesh: Mesh, material: u32, world_from_object: DAf
     place(scene, geometry, material, DAffine3::IDENTITY);
 }
 
-/// A dielectric.
+/// Returns a dielectric material of this base colour and roughness.
 pub fn matte(rgb: [f32; 3], roughness: f32) -> Material {
     Material::metallic_roughness(rgb, 0.0, roughness)
 }
@@ -449,7 +469,7 @@ pub fn perspective(y_fov: f64) -> Projection {
 pub fn camera(eye: [f64; 3], target: [f64; 3], projection: Projection) -> Camera {
     let eye = DVec3::from(eye);
     let back = (eye - DVec3::from(target)).normalize();
-    // Slightly rolled, so that no horizon runs along a row of pixels.
+    // Roll slightly, so that no horizon runs along a row of pixels.
     let right = DVec3::new(0.013, 1.0, 0.0).cross(back).normalize();
     Camera {
         name: "eye".into(),
@@ -467,12 +487,12 @@ pub fn moved(x: f64, y: f64, z: f64) -> DAffine3 {
     DAffine3::from_translation(DVec3::new(x, y, z))
 }
 
-/// From a rectangle that stands, facing +z, to one that lies, facing up.
+/// Returns the rotation from an upright rectangle, facing +z, to a horizontal one, facing up.
 pub fn lying() -> DAffine3 {
     DAffine3::from_rotation_x(-0.5 * PI)
 }
 
-/// An image of pseudo-random bytes (the multiplier is Knuth's).
+/// Returns an image of pseudo-random bytes (the multiplier is Knuth's).
 pub fn noise(width: u32, height: u32, seed: u32) -> Image {
     let byte =
         |index: u32| (seed.wrapping_mul(0x9e37_79b9) ^ index.wrapping_mul(2_654_435_761)).rotate_left(13);

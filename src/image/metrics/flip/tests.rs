@@ -37,7 +37,7 @@ const PUBLISHED: [(f64, f64, [f64; 4]); COUNT] = [
 ];
 
 #[test]
-fn errors_are_those_of_the_authors_program() {
+fn errors_match_the_published_program() {
     const F32_IN_A_ROOT: f64 = 3.5e-4;
     for ((name, pair), (at_67, at_30, pixels)) in pairs().iter().zip(PUBLISHED) {
         let errors = map(pair, 67.0);
@@ -97,7 +97,7 @@ impl Weights {
 }
 
 /// Returns perceived colours, edges and points of an image, directly by the paper's formulas.
-fn seen_plainly(image: &LinearImage, ppd: f64) -> (Vec<DVec3>, [Vec<f64>; 2]) {
+fn filtered_directly(image: &LinearImage, ppd: f64) -> (Vec<DVec3>, [Vec<f64>; 2]) {
     // Convert to opponent colours
     let colors = Colors::new();
     let opponent: Vec<DVec3> = image
@@ -153,12 +153,12 @@ fn seen_plainly(image: &LinearImage, ppd: f64) -> (Vec<DVec3>, [Vec<f64>; 2]) {
 }
 
 #[test]
-fn filters_in_two_passes_are_the_papers_in_one() {
+fn separable_filters_match_the_single_pass_of_the_paper() {
     for (name, [image, _]) in pairs() {
         let contrast = ContrastFilter::new(PIXELS_PER_DEGREE);
         let detector = FeatureDetector::new(PIXELS_PER_DEGREE);
-        let seen = Seen::new(&image, &clipped_pixel, &Colors::new(), (&contrast, &detector));
-        let (colors, features) = seen_plainly(&image, PIXELS_PER_DEGREE);
+        let seen = FilteredImage::new(&image, &clipped_pixel, &Colors::new(), (&contrast, &detector));
+        let (colors, features) = filtered_directly(&image, PIXELS_PER_DEGREE);
         // Sums of some 441 products of values up to 500: 441 · 500 · 2^-53 = 2.4e-11, and as much from a cube root near
         // black.
         for (a, b) in seen.colors.iter().zip(&colors) {
@@ -171,14 +171,14 @@ fn filters_in_two_passes_are_the_papers_in_one() {
 }
 
 #[test]
-fn which_picture_is_the_reference_changes_nothing() {
+fn flip_error_is_symmetric() {
     for (name, [a, b]) in pairs() {
         assert_eq!(map(&[a.clone(), b.clone()], 67.0), map(&[b, a], 67.0), "{name}");
     }
 }
 
 #[test]
-fn a_picture_does_not_differ_from_itself() {
+fn image_has_no_error_against_itself() {
     for (name, [a, _]) in pairs() {
         assert!(
             map(&[a.clone(), a], 67.0).iter().all(|&error| error == 0.0),
@@ -188,7 +188,7 @@ fn a_picture_does_not_differ_from_itself() {
 }
 
 #[test]
-fn a_greater_difference_is_a_greater_error() {
+fn greater_difference_gives_greater_error() {
     let gray = |code| image(move |_, _, _| code, displayed);
     let errors: Vec<f64> = [100, 101, 110, 150, 255]
         .map(|code| mean(&map(&[gray(100), gray(code)], 67.0)))
@@ -200,7 +200,7 @@ fn a_greater_difference_is_a_greater_error() {
 }
 
 #[test]
-fn a_picture_of_one_pixel_or_none_has_an_error_too() {
+fn images_of_one_or_no_pixels_have_an_error() {
     let one = LinearImage {
         width: 1,
         height: 1,

@@ -1,0 +1,23 @@
+//! Flags of progress reports and of the live preview.
+
+use clap::Args as ArgGroup;
+
+use crate::cli::progress::ProgressKind;
+
+/// Flags of progress reports and of the live preview.
+#[derive(Clone, Debug, ArgGroup)]
+pub(in crate::cli) struct ProgressArgs {
+    /// Format of the progress on standard error: a bar on a terminal, JSON lines for programs, or none
+    #[arg(
+        long,
+        value_enum,
+        value_name = "auto|json|none",
+        default_value = "auto",
+        hide_possible_values = true
+    )]
+    pub(in crate::cli) progress: ProgressKind,
+
+    /// Show the image during rendering in the viewer tev, which listens at this address, by default localhost:14158
+    #[arg(long, value_name = "HOST:PORT")]
+    pub(in crate::cli) tev: Option<String>,
+}

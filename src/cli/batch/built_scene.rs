@@ -1,0 +1,195 @@
+//! Scene ready for rendering, shared by consecutive frames: loaded once, acceleration structure built once.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use glam::DVec3;
+
+use crate::accel::{Accel, AccelOptions, Backend, MeshCache, MeshCounts};
+use crate::gltf::AnimationTime;
+use crate::render::RenderSettings;
+use crate::report::memory::{MemoryForecast, available_bytes};
+use crate::scene::{Camera, ImageCache, Scene};
+use crate::scene_file::SceneFile;
+
+use super::super::failure::Failure;
+use super::super::job::{RenderJob, choose_camera};
+use super::super::progress::Progress;
+use super::super::render;
+use super::plan::Plan;
+use super::row_schedule::Film;
+
+/// A scene is large if it takes more than one part in this many of the free memory.
+const LARGE_PART: u64 = 8;
+
+/// Caches that scenes leave for the next: only the contents of the last scene remain.
+pub(super) struct SceneCaches {
+    images: ImageCache,
+    /// Cache of built meshes, present only for more than one scene.
+    meshes: Option<MeshCache>,
+}
+
+impl SceneCaches {
+    /// Returns empty caches for the scenes of these frames.
+    pub(super) fn for_frames(plans: &[Plan]) -> SceneCaches {
+        let differ = plans.windows(2).any(|pair| !pair[0].shares_scene_with(&pair[1]));
+        SceneCaches {
+            images: ImageCache::new(),
+            meshes: differ.then(MeshCache::default),
+        }
+    }
+
+    /// Returns the bytes of the caches that are not part of any scene.
+    pub(super) fn bytes(&self) -> u64 {
+        self.meshes.as_ref().map_or(0, MeshCache::byte_count)
+    }
+
+    /// Returns a report of the cache hits, one line each; empty without hits.
+    pub(super) fn emit(&self) -> String {
+        let images = self.images.counts();
+        let meshes = self
+            .meshes
+            .as_ref()
+            .map_or_else(MeshCounts::default, MeshCache::counts);
+        let mut lines = String::new();
+        if images.found > 0 {
+            let (found, requested) = (images.found, images.lookups);
+            lines += &format!("{found} of {requested} images were reused from a previous scene\n");
+        }
+        if meshes.found > 0 {
+            let (found, requested) = (meshes.found, meshes.requested);
+            lines += &format!("{found} of {requested} built meshes were reused from a previous scene\n");
+        }
+        lines
+    }
+}
+
+/// Loaded scene with its loading time.
+pub(super) struct LoadedScene {
+    pub(super) file: SceneFile,
+    pub(super) seconds: f64,
+    /// Centre of the scene's bounds, about which turntables rotate.
+    pub(super) middle: DVec3,
+}
+
+impl LoadedScene {
+    pub(super) fn new(plan: &Plan, kept: &SceneCaches, progress: &Progress) -> Result<LoadedScene, Failure> {
+        let start = Instant::now();
+        let frame = &plan.frame;
+        let pose = frame.moment.as_ref().map(|moment| AnimationTime {
+            animation: moment.animation.clone(),
+            seconds: moment.seconds,
+        });
+        let file = render::load(
+            &plan.job,
+            (&frame.scene, &frame.edits, pose.as_ref()),
+            &kept.images,
+        )?;
+        kept.images.evict_unused();
+        // Report the loader's warnings once per scene
+        for warning in &file.scene.warnings {
+            progress.warn(&format!("{}: {warning}", frame.scene.display()));
+        }
+        let bounds = file.scene.bounds();
+        let middle = if bounds.is_empty() {
+            DVec3::ZERO
+        } else {
+            bounds.center()
+        };
+        Ok(LoadedScene {
+            middle,
+            seconds: start.elapsed().as_secs_f64(),
+            file,
+        })
+    }
+
+    /// Returns the camera of a frame, placed according to its view.
+    pub(super) fn camera(&self, plan: &Plan) -> Result<Camera, Failure> {
+        let scene = &self.file.scene;
+        let requested = plan.frame.camera.as_deref();
+        let camera = choose_camera(scene, &plan.frame.scene, requested)?;
+        Ok(plan.frame.view.of(camera, scene, self.middle))
+    }
+
+    /// Returns the forecast memory of the scene and its acceleration structure.
+    pub(super) fn forecast(&self, job: &RenderJob) -> Bytes {
+        let forecast = MemoryForecast::of(&self.file.scene);
+        let tree = match job.backend {
+            Backend::Embree => forecast.embree_bytes,
+            Backend::Bsp => forecast.bsp_bytes,
+            Backend::Brute => 0,
+        };
+        Bytes {
+            loaded: forecast.scene_bytes,
+            to_come: tree + forecast.subsurface_bytes,
+        }
+    }
+
+    /// Returns whether the scene is too large to be processed beside another.
+    pub(super) fn is_large(&self, job: &RenderJob) -> bool {
+        let Bytes { loaded, to_come } = self.forecast(job);
+        available_bytes().is_some_and(|free| loaded + to_come > free / LARGE_PART)
+    }
+
+    /// Returns the memory parameters of a frame of this scene.
+    pub(super) fn film(&self, settings: &RenderSettings) -> Film {
+        Film {
+            settings: *settings,
+            light_count: self.file.scene.lights.len(),
+        }
+    }
+}
+
+/// Forecast memory of a loaded scene in bytes.
+#[derive(Clone, Copy)]
+pub(super) struct Bytes {
+    /// Bytes that the scene takes already.
+    pub(super) loaded: u64,
+    /// Bytes that the acceleration structure and the preparations before the first ray will take.
+    pub(super) to_come: u64,
+}
+
+/// Loaded scene with its acceleration structure.
+pub(super) struct BuiltScene<'s> {
+    pub(super) loaded: &'s LoadedScene,
+    pub(super) accel: Box<dyn Accel + 's>,
+    pub(super) build_seconds: f64,
+    /// Set once the times of loading and building are attributed to a frame.
+    is_attributed: AtomicBool,
+}
+
+impl<'s> BuiltScene<'s> {
+    pub(super) fn new(
+        plan: &Plan,
+        loaded: &'s LoadedScene,
+        kept: &SceneCaches,
+    ) -> Result<BuiltScene<'s>, Failure> {
+        let start = Instant::now();
+        let options = AccelOptions {
+            mesh_cache: kept.meshes.as_ref(),
+            ..plan.job.tracing.options()
+        };
+        let accel = render::build_with(&plan.job, &loaded.file.scene, &options)?;
+        if let Some(meshes) = &kept.meshes {
+            meshes.evict_unused();
+        }
+        Ok(BuiltScene {
+            loaded,
+            accel,
+            build_seconds: start.elapsed().as_secs_f64(),
+            is_attributed: AtomicBool::new(false),
+        })
+    }
+
+    /// Returns the seconds of loading and building at the first call, zeros at later calls.
+    pub(super) fn seconds_once(&self) -> [f64; 2] {
+        match self.is_attributed.swap(true, Ordering::Relaxed) {
+            false => [self.loaded.seconds, self.build_seconds],
+            true => [0.0; 2],
+        }
+    }
+
+    pub(super) fn scene(&self) -> &'s Scene {
+        &self.loaded.file.scene
+    }
+}

@@ -1,0 +1,155 @@
+//! Writing of final images from rows in memory or from pieces on disk, with identical bytes in both cases.
+
+use std::path::Path;
+use std::{fs, io};
+
+use crate::batch::{ChunkDirectory, CompletedFrame, FrameMetadata, Merge, MergeError, Plane};
+use crate::image::rows::{
+    ExrChannel, ExrLayout, ExrScanlineWriter, PngScanlineWriter, SampleType, Samples, Window,
+};
+use crate::image::{Attribute, ChannelKind, ImageError, ImageFormat};
+
+use super::super::failure::Failure;
+use super::super::interrupt;
+
+/// Scanline writer of an image, by its format.
+enum Writer {
+    Exr(Box<ExrScanlineWriter>),
+    Png(Box<PngScanlineWriter>),
+}
+
+/// Writes an image whose channels `row_schedule` returns from top to bottom, block by block.
+///
+/// # Errors
+///
+/// If `row_schedule` fails or the disk is full; an earlier image is then unchanged.
+pub(super) fn write<E: From<ImageError>>(
+    out: &Path,
+    head: &FrameMetadata,
+    mut rows: impl FnMut() -> Result<Option<Vec<Plane>>, E>,
+) -> Result<(), E> {
+    let path = out.join(&head.image);
+    let mut writer = None;
+    while let Some(planes) = rows()? {
+        // The first rows give the channels of the file
+        let writer = match &mut writer {
+            Some(writer) => writer,
+            None => writer.insert(Writer::begin(&path, head, &planes)?),
+        };
+        writer.add(&planes)?;
+    }
+    match writer {
+        Some(Writer::Exr(writer)) => writer.finish()?,
+        Some(Writer::Png(writer)) => writer.finish()?,
+        None => {}
+    }
+    Ok(())
+}
+
+/// Merges a frame from its pieces and removes the pieces.
+///
+/// # Errors
+///
+/// If pieces are missing, or the disk is full.
+pub(in crate::cli) fn merge(out: &Path, folder: &ChunkDirectory) -> Result<(), MergeError> {
+    let mut merge = Merge::of(folder)?;
+    interrupt::without_interruption(|| write(out, folder.head(), || merge.next_rows()))?;
+    folder.remove();
+    Ok(())
+}
+
+/// Returns the manifest entry of a complete image.
+///
+/// # Errors
+///
+/// If there is no such image file.
+pub(in crate::cli) fn done(
+    out: &Path,
+    head: &FrameMetadata,
+    samples: f64,
+    [render_seconds, write_seconds]: [f64; 2],
+) -> io::Result<CompletedFrame> {
+    Ok(CompletedFrame {
+        frame: head.number,
+        image: head.image.clone(),
+        key: head.key,
+        bytes: fs::metadata(out.join(&head.image))?.len(),
+        seconds: render_seconds + write_seconds,
+        render_seconds,
+        samples,
+        spp: head.spp,
+        by: super::describe_process(),
+    })
+}
+
+impl Writer {
+    fn begin(path: &Path, head: &FrameMetadata, planes: &[Plane]) -> Result<Writer, ImageError> {
+        let notes: Vec<Attribute> = head
+            .notes
+            .iter()
+            .map(|(name, text)| Attribute { name, text })
+            .collect();
+        if ImageFormat::of_path(path) == Some(ImageFormat::Png) {
+            let writer = PngScanlineWriter::create(path, head.size, head.png, &notes)?;
+            return Ok(Writer::Png(Box::new(writer)));
+        }
+        let channel = |plane: &Plane| {
+            // Only colours may be rounded to half precision
+            let sample = match plane.kind {
+                ChannelKind::Color => head.exr.sample,
+                ChannelKind::Exact => SampleType::Float,
+            };
+            ExrChannel::new(&plane.name, sample)
+        };
+        let layout = ExrLayout {
+            data_window: Window::of_size(head.size),
+            display_window: Window::of_size(head.size),
+            channels: sorted_by_name(planes).into_iter().map(channel).collect(),
+            compression: head.exr.compression,
+            notes: &notes,
+        };
+        Ok(Writer::Exr(Box::new(ExrScanlineWriter::create(path, &layout)?)))
+    }
+
+    fn add(&mut self, planes: &[Plane]) -> Result<(), ImageError> {
+        match self {
+            Writer::Exr(writer) => {
+                let values: Vec<Samples> = sorted_by_name(planes)
+                    .iter()
+                    .map(|plane| plane.values[..].into())
+                    .collect();
+                writer.write_rows(&values)
+            }
+            Writer::Png(writer) => writer.write_rows(&colors(planes)),
+        }
+    }
+}
+
+/// Returns the channels sorted by name, the order in which pieces store them; rows in memory may have another.
+fn sorted_by_name(planes: &[Plane]) -> Vec<&Plane> {
+    let mut planes: Vec<&Plane> = planes.iter().collect();
+    planes.sort_by(|a, b| a.name.cmp(&b.name));
+    planes
+}
+
+/// Returns the pixels of the channels R, G and B.
+fn colors(planes: &[Plane]) -> Vec<[f32; 3]> {
+    let plane = |name: &str| {
+        planes
+            .iter()
+            .find(|plane| plane.name == name)
+            .map_or(&[][..], |plane| &plane.values)
+    };
+    let [red, green, blue] = ["R", "G", "B"].map(plane);
+    let pixels = red.iter().zip(green).zip(blue);
+    pixels.map(|((&r, &g), &b)| [r, g, b]).collect()
+}
+
+impl From<MergeError> for Failure {
+    fn from(error: MergeError) -> Failure {
+        match error {
+            MergeError::Chunk(error) => error.into(),
+            error => Failure::Work(error.to_string()),
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Encoding of images in their files: the flags, checked against the formats that are written.
+
+use crate::image::{ExrEncoding, ImageFormat, PngBits};
+
+use super::args::OutputArgs;
+use super::failure::Failure;
+
+/// Encoding of images, for each file format.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Encoding {
+    pub(super) exr: ExrEncoding,
+    pub(super) png_bits: PngBits,
+}
+
+impl Encoding {
+    /// Returns the encoding that the flags request; rejects flags for a format that none of the files has.
+    pub(super) fn new(
+        args: &OutputArgs,
+        formats: impl Iterator<Item = ImageFormat> + Clone,
+    ) -> Result<Encoding, Failure> {
+        let is_written = |format| formats.clone().any(|written| written == format);
+        // EXR flags need an EXR among the files
+        if !is_written(ImageFormat::Exr) && args.exr_type.is_some() {
+            return Err(Failure::Input(
+                "`--exr-type` applies to EXR images only: write an .exr, or give `--png-bits` for a PNG"
+                    .into(),
+            ));
+        }
+        if !is_written(ImageFormat::Exr) && args.compression.is_some() {
+            return Err(Failure::Input(
+                "`--compression` applies to EXR images only, as PNG has only one compression method: write an .exr, or \
+                 leave out the flag"
+                    .into(),
+            ));
+        }
+        // PNG flags need a PNG among the files
+        if !is_written(ImageFormat::Png) && args.png_bits.is_some() {
+            return Err(Failure::Input(
+                "`--png-bits` applies to PNG images only: write a .png, or give `--exr-type` for an EXR"
+                    .into(),
+            ));
+        }
+        // Use the defaults for absent flags
+        Ok(Encoding {
+            exr: ExrEncoding {
+                sample: args.exr_type.unwrap_or_default(),
+                compression: args.compression.unwrap_or_default(),
+            },
+            png_bits: args.png_bits.unwrap_or_default(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::rows::{Compression, SampleType};
+
+    #[test]
+    fn encoding_flag_requires_an_output_file_of_its_format() {
+        let half = OutputArgs {
+            exr_type: Some(SampleType::Half),
+            ..OutputArgs::default()
+        };
+        let zip = OutputArgs {
+            compression: Some(Compression::Zip),
+            ..OutputArgs::default()
+        };
+        let wide = OutputArgs {
+            png_bits: Some(PngBits::Sixteen),
+            ..OutputArgs::default()
+        };
+        let (png, exr) = (ImageFormat::Png, ImageFormat::Exr);
+        for (args, fits, other) in [(half, exr, png), (zip, exr, png), (wide, png, exr)] {
+            assert!(Encoding::new(&args, [fits].into_iter()).is_ok());
+            assert!(Encoding::new(&args, [other, fits].into_iter()).is_ok());
+            let failure = Encoding::new(&args, [other, other].into_iter()).unwrap_err();
+            assert_eq!(failure.exit_code(), 2);
+        }
+        let encoding = Encoding::new(&half, [exr].into_iter()).unwrap();
+        assert_eq!(encoding.exr.sample, SampleType::Half);
+        assert_eq!(
+            Encoding::new(&wide, [png].into_iter()).unwrap().png_bits,
+            PngBits::Sixteen
+        );
+    }
+}

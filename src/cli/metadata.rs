@@ -1,0 +1,107 @@
+//! Metadata in image files that records how an image was made.
+//!
+//! The metadata contains nothing that may differ between two runs with equal pixels, such as times, threads or folders,
+//! so that the files are identical to the last byte.
+
+use std::borrow::Cow;
+
+use serde::Serialize;
+
+use crate::accel::EmbreeIdentity;
+use crate::cost::{Configuration, Settings};
+use crate::image::{Attribute, cryptomatte};
+use crate::render::{AovKind, Plan};
+use crate::scene::image_settings::FilterKind;
+use crate::scene::{Camera, Effect, EffectSet, Scene};
+
+use super::job::{RenderJob, ResolvedSettings};
+
+/// List of texts with their names.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Notes(Vec<(Cow<'static, str>, String)>);
+
+impl Notes {
+    /// Returns the metadata of an image: `whit.settings` as JSON, `whit.plan`, `whit.embree` if Embree found the hits,
+    /// and the attributes that Cryptomatte requires for its layers.
+    pub(super) fn of(
+        (job, resolved): (&RenderJob, &ResolvedSettings),
+        (scene, camera): (&Scene, &Camera),
+        embree: Option<&EmbreeIdentity>,
+        plan: &Plan,
+    ) -> Notes {
+        let mut notes = Notes::default();
+        // Record the Embree version, as bits depend on it
+        if let Some(EmbreeIdentity { version, isa }) = embree {
+            notes.add("whit.embree", format!("{version} {isa}"));
+        }
+        notes.add("whit.plan", plan.to_string());
+        notes.add("whit.settings", settings((job, resolved), camera));
+        for kind in resolved.settings.layers.kinds() {
+            notes.add_matte(kind, scene);
+        }
+        notes
+    }
+
+    /// Adds a text under a name.
+    pub(super) fn add(&mut self, name: impl Into<Cow<'static, str>>, text: String) {
+        self.0.push((name.into(), text));
+    }
+
+    /// Adds the attributes of a Cryptomatte layer; does nothing for other layers.
+    fn add_matte(&mut self, kind: AovKind, scene: &Scene) {
+        let Some(layer) = kind.cryptomatte() else { return };
+        let names = kind.matte_names(scene).unwrap_or_default();
+        let attributes = cryptomatte::attributes(layer, names);
+        for (name, text) in attributes {
+            self.add(name, text);
+        }
+    }
+
+    /// Returns the texts as attributes for image writers.
+    pub(super) fn list(&self) -> Vec<Attribute<'_>> {
+        self.0
+            .iter()
+            .map(|(name, text)| Attribute { name, text })
+            .collect()
+    }
+}
+
+/// Settings of an image, serialized to `whit.settings`.
+#[derive(Serialize)]
+struct ImageRecord<'a> {
+    size: [u32; 2],
+    camera: &'a str,
+    exposure: f32,
+    filter: FilterKind,
+    filter_radius: f64,
+    seed: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ambient: Option<[f32; 3]>,
+    effects_added: Vec<&'static str>,
+    effects_removed: Vec<&'static str>,
+    #[serde(flatten)]
+    settings: Settings,
+}
+
+fn settings((job, resolved): (&RenderJob, &ResolvedSettings), camera: &Camera) -> String {
+    // Record the settings with the chosen backend, so that the image can be reproduced
+    let names = |effects: EffectSet| effects.iter().map(Effect::name).collect();
+    let record = ImageRecord {
+        size: [resolved.settings.width, resolved.settings.height],
+        camera: &camera.name,
+        exposure: resolved.tone.exposure_ev,
+        filter: resolved.settings.filter.kind,
+        filter_radius: resolved.settings.filter.radius,
+        seed: resolved.settings.seed,
+        ambient: job.ambient,
+        effects_added: names(job.effects.added),
+        effects_removed: names(job.effects.removed),
+        settings: Settings::of(&Configuration {
+            settings: resolved.settings,
+            path: job.tracing.path(job.backend),
+            change: job.change,
+        }),
+    };
+    // Serialization cannot fail: the fields are numbers, strings and lists.
+    serde_json::to_string(&record).unwrap_or_default()
+}

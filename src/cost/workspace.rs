@@ -1,0 +1,205 @@
+//! Workspace of an experiment: its scene variants, and the acceleration structures that were built for them.
+
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::time::Instant;
+
+use super::budget::area;
+use super::{Configuration, CostError, DisplayImage, Experiment, HitPath, Observer, SceneChange};
+use crate::accel::{self, Accel, AccelOptions};
+use crate::image::LinearImage;
+use crate::render::{
+    AovSet, LightAovs, Monitor, PatchGrid, RenderSettings, Rendering, render, render_patches,
+};
+use crate::scene::Scene;
+
+/// Part of the image that a measurement renders.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum View {
+    /// Complete image at this width and height.
+    Whole([u32; 2]),
+    /// Patches of the image at its full width and height.
+    Patches(PatchGrid),
+}
+
+impl View {
+    /// Returns `displayed` with the blocks for resampling: one per patch where the view shows patches.
+    pub(super) fn with_blocks(self, displayed: DisplayImage) -> DisplayImage {
+        match self {
+            View::Whole(_) => displayed,
+            View::Patches(mosaic) => displayed.with_block_columns(mosaic.columns),
+        }
+    }
+}
+
+/// Acceleration structure with its build time in seconds.
+pub(super) struct BuiltAccel<'s> {
+    pub(super) accel: Box<dyn Accel + 's>,
+    pub(super) seconds: f64,
+}
+
+/// Workspace that renders the images of an experiment.
+pub(super) struct Workspace<'a, 's> {
+    pub(super) experiment: &'a Experiment<'a>,
+    pub(super) observer: &'a Observer<'a>,
+    scenes: &'s [(SceneChange, Cow<'a, Scene>)],
+    /// Structures by scene index and path.
+    built: HashMap<(usize, HitPath), BuiltAccel<'s>>,
+}
+
+impl<'a, 's> Workspace<'a, 's> {
+    /// Returns a workspace for these scene variants, without any acceleration structure.
+    pub(super) fn new(
+        experiment: &'a Experiment<'a>,
+        observer: &'a Observer<'a>,
+        scenes: &'s [(SceneChange, Cow<'a, Scene>)],
+    ) -> Workspace<'a, 's> {
+        Workspace {
+            experiment,
+            observer,
+            scenes,
+            built: HashMap::new(),
+        }
+    }
+}
+
+impl Workspace<'_, '_> {
+    /// Returns whether a scene variant with `change` exists.
+    pub(super) fn has_scene_variant(&self, change: &SceneChange) -> bool {
+        self.scenes.iter().any(|(known, _)| known == change)
+    }
+
+    /// Returns the seconds since the experiment began.
+    pub(super) fn spent(&self) -> f64 {
+        self.experiment.start.elapsed().as_secs_f64()
+    }
+
+    /// Reports the current step and the spent fraction of the budget.
+    pub(super) fn report_step(&self, what: &str) {
+        (self.observer.progress)(what, (self.spent() / self.experiment.budget).min(1.0));
+    }
+
+    fn scene_index(&self, change: &SceneChange) -> usize {
+        let place = self.scenes.iter().position(|(known, _)| known == change);
+        place.expect("scenes were made for all configurations")
+    }
+
+    /// Builds the acceleration structure for a configuration, unless it exists.
+    pub(super) fn build(&mut self, configuration: &Configuration) -> Result<(), CostError> {
+        let scene = self.scene_index(&configuration.change);
+        let path = configuration.path;
+        if self.built.contains_key(&(scene, path)) {
+            return Ok(());
+        }
+        self.report_step("build");
+        // Build with the options of the path, and measure the time
+        let options = AccelOptions {
+            precision: path.precision,
+            instancing: path.instancing,
+            build_quality: path.build_quality,
+            compact: path.compact,
+            threads: self.experiment.threads,
+            isa: self.experiment.isa.clone(),
+            ..AccelOptions::default()
+        };
+        let start = Instant::now();
+        let accel = accel::build(&self.scenes[scene].1, path.backend, &options)?;
+        let seconds = start.elapsed().as_secs_f64();
+        self.built.insert((scene, path), BuiltAccel { accel, seconds });
+        Ok(())
+    }
+
+    /// Returns the scene variant of a configuration.
+    pub(super) fn scene(&self, configuration: &Configuration) -> &Scene {
+        &self.scenes[self.scene_index(&configuration.change)].1
+    }
+
+    /// Returns the acceleration structure of a configuration.
+    pub(super) fn built(&self, configuration: &Configuration) -> &BuiltAccel<'_> {
+        &self.built[&(self.scene_index(&configuration.change), configuration.path)]
+    }
+
+    /// Renders an image, and returns it with the seconds of its samples, setup not counted.
+    pub(super) fn render_image(
+        &self,
+        configuration: &Configuration,
+        view: View,
+        seed: u32,
+    ) -> Result<(Rendering, f64), CostError> {
+        // Patches are rendered at the size of the complete image
+        let [width, height] = match view {
+            View::Whole(size) => size,
+            View::Patches(_) => self.whole_size(),
+        };
+        // Remove outputs that a measurement does not need
+        let settings = RenderSettings {
+            width,
+            height,
+            seed,
+            ledger: false,
+            sample_aovs: false,
+            layers: AovSet::NONE,
+            light_layers: LightAovs::NONE,
+            cost_aovs: false,
+            ..configuration.settings
+        };
+        let monitor = Monitor {
+            progress: &|_| {},
+            cancel: self.observer.cancel,
+            tiles: None,
+        };
+        // Render the view and measure the time
+        let scene = &self.scenes[self.scene_index(&configuration.change)].1;
+        let accel = &*self.built(configuration).accel;
+        let camera = self.experiment.camera;
+        let start = Instant::now();
+        let rendering = match view {
+            View::Whole(_) => render(scene, camera, accel, &settings, &monitor),
+            View::Patches(mosaic) => render_patches((scene, camera), accel, &settings, mosaic, &monitor),
+        };
+        let seconds = start.elapsed().as_secs_f64();
+        // Subtract the setup, so that the time is proportional to the samples
+        rendering
+            .map(|rendering| {
+                let seconds = seconds - rendering.ready_seconds;
+                (rendering, seconds)
+            })
+            .ok_or(CostError::Cancelled)
+    }
+
+    /// Returns width and height of the final image.
+    pub(super) fn whole_size(&self) -> [u32; 2] {
+        let RenderSettings { width, height, .. } = self.experiment.base.settings;
+        [width, height]
+    }
+
+    /// Returns a view of about `pixels` pixels, at most the complete image. With a target it consists of patches of the
+    /// image, whose errors depend on its size; otherwise it is a scaled-down image, which shows more of the scene.
+    pub(super) fn choose_view(&self, pixels: f64) -> View {
+        let whole @ [width, height] = self.whole_size();
+        if self.experiment.target.is_some() {
+            let mosaic = PatchGrid::of(&self.experiment.base.settings, pixels);
+            return mosaic.map_or(View::Whole(whole), View::Patches);
+        }
+        let scale = (pixels / (f64::from(width) * f64::from(height))).sqrt().min(1.0);
+        View::Whole([width, height].map(|side| ((f64::from(side) * scale).round() as u32).max(1)))
+    }
+
+    /// Returns width and height of the image that a view renders.
+    pub(super) fn size_of(&self, view: View) -> [u32; 2] {
+        match view {
+            View::Whole(size) => size,
+            View::Patches(mosaic) => mosaic.size(&self.experiment.base.settings),
+        }
+    }
+
+    /// Returns the displayed values of a view's image, with blocks for resampling. With a target it counts as a part of
+    /// the final image; otherwise as a sample of possible images of the scene.
+    pub(super) fn displayed(&self, image: &LinearImage, view: View) -> DisplayImage {
+        let displayed = view.with_blocks(DisplayImage::new(image, self.experiment.tone));
+        match self.experiment.target {
+            Some(_) => displayed.as_fraction(area(self.size_of(view)) / area(self.whole_size())),
+            None => displayed,
+        }
+    }
+}

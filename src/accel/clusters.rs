@@ -5,26 +5,17 @@
 //! costs no more. The cost of a test has a part per cluster and a part per member, which alone makes clusters full: a
 //! set of seventeen is better split into eight and nine than into one and sixteen.
 
+mod cost;
+mod item;
 mod sah_split;
 
-use glam::{DVec3, Vec3};
+use glam::Vec3;
 
+pub(super) use self::cost::Cost;
+use self::item::Item;
 use self::sah_split::{centers, part, split};
 use crate::numeric::morton::{CODE_BITS, MortonCurve};
 use crate::parallel;
-
-/// Cost model of testing a ray against clusters.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Cost {
-    /// Maximum number of members of a cluster; not 0.
-    pub(super) limit: u32,
-    /// Cost of reaching a cluster.
-    pub(super) visit: f64,
-    /// Cost of testing each member.
-    pub(super) member: f64,
-    /// Cost of one further split in the tree.
-    pub(super) split: f64,
-}
 
 /// A partition of primitives into clusters.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -97,53 +88,6 @@ pub fn cluster_count(boxes: &[[Vec3; 2]], limit: u32) -> usize {
     Clusters::of(boxes.len(), |i| boxes[i as usize], &cost).len()
 }
 
-/// A box in f32, precise enough for a heuristic, with its primitive.
-#[derive(Clone, Copy, Debug, bytemuck::Zeroable)]
-#[repr(C, align(32))]
-struct Item {
-    min: [f32; 3],
-    index: u32,
-    max: [f32; 3],
-    /// Flag for the last member of a cluster, not 0 if it is.
-    last: u32,
-}
-
-impl Item {
-    #[inline(always)]
-    fn new(index: u32, bounds: [Vec3; 2]) -> Item {
-        // Differences of such numbers are finite.
-        const MAX_COORDINATE: f32 = f32::MAX / 4.0;
-        let number = |x: f32| {
-            if x.is_nan() {
-                0.0
-            } else {
-                x.clamp(-MAX_COORDINATE, MAX_COORDINATE)
-            }
-        };
-        let [min, max] = bounds.map(|corner| corner.to_array().map(number));
-        Item {
-            min,
-            index,
-            max,
-            last: 0,
-        }
-    }
-
-    fn is_last(&self) -> bool {
-        self.last != 0
-    }
-
-    fn midpoint(&self) -> DVec3 {
-        DVec3::from_array([0, 1, 2].map(|axis| f64::from(self.center(axis))))
-    }
-
-    /// Returns the midpoint of the box along an axis.
-    #[inline(always)]
-    fn center(&self, axis: usize) -> f32 {
-        0.5 * (self.min[axis] + self.max[axis])
-    }
-}
-
 /// The octree cell of a box.
 #[derive(Clone, Copy, bytemuck::Zeroable)]
 struct Key {
@@ -209,18 +153,10 @@ fn divide(items: &mut [Item], cost: &Cost, splits_left: u32) {
     }
 }
 
-impl Cost {
-    /// Returns the cost of testing `count` members, at least one, relative to the probability of reaching them.
-    #[inline(always)]
-    fn of(&self, count: u32) -> f64 {
-        // With half of one less no quotient is near a whole number; division of integers takes longer.
-        let full = ((f64::from(count) - 0.5) / f64::from(self.limit)) as u32;
-        f64::from(full + 1) * self.visit + f64::from(count) * self.member
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
     use crate::numeric::Bounds;
 

@@ -5,21 +5,13 @@
 
 #[cfg(feature = "embree")]
 use super::embree::{BuiltMeshes, TriangleClusters};
+use super::mesh_counts::MeshCounts;
 
 /// Store of triangle clusters that lives from one build to the next.
 #[derive(Default)]
 pub struct MeshCache {
     #[cfg(feature = "embree")]
     pub(super) patches: BuiltMeshes<TriangleClusters>,
-}
-
-/// Lookup statistics of the cache.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct MeshCounts {
-    /// Number of meshes looked up.
-    pub requested: usize,
-    /// Number of meshes that were in the cache.
-    pub found: usize,
 }
 
 impl MeshCache {

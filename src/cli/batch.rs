@@ -11,15 +11,17 @@ mod frame;
 mod gallery;
 mod image_writer;
 mod limits;
+mod manifest;
 mod plan;
 mod preview;
+mod process;
+mod progress;
 mod queue;
 mod row_schedule;
 mod run;
 mod scene_slots;
 
 use std::path::Path;
-use std::{fs, io};
 
 use crate::batch::{ChunkDirectory, Lock, LockError, Manifest, MergeError, Shard};
 use crate::parallel;
@@ -29,8 +31,11 @@ use super::args::{BatchArgs, MergeArgs};
 use super::failure::Failure;
 use super::interrupt;
 use super::output;
-use super::progress::{Progress, Verbosity};
+use super::standard_error;
+use manifest::{manifest, manifest_error};
 use preview::Viewer;
+use process::{describe_process, host};
+use progress::progress;
 use run::Batch;
 
 /// Renders the frames of this process's shard, or lists them, or writes a Slurm script, as the arguments request.
@@ -86,7 +91,7 @@ pub(super) fn merge(args: &MergeArgs) -> Result<(), Failure> {
             Ok(true) if args.quiet => {}
             Ok(true) => output::print(&format!("{image}: merged\n"))?,
             Err(failure) => {
-                output::emit(&format!("whit: {image}: {failure}"));
+                standard_error::emit(&format!("whit: {image}: {failure}"));
                 failed += 1;
             }
         }
@@ -129,27 +134,6 @@ fn merge_one(out: &Path, folder: &ChunkDirectory, manifest: &mut Manifest) -> Re
     }
 }
 
-/// Returns the error for a complete image that could not be added to the manifest.
-fn manifest_error(image: &Path, error: &io::Error) -> Failure {
-    Failure::Work(format!(
-        "{} cannot be added to the manifest: {error}",
-        image.display()
-    ))
-}
-
-/// Opens the manifest; rejects an output folder with results of an earlier run, unless these are to be kept.
-fn manifest(args: &BatchArgs) -> Result<Manifest, Failure> {
-    let out = args.out.display();
-    let unreadable = |error| Failure::Input(format!("cannot open the manifest in {out}: {error}"));
-    if !args.resume && args.shard == Shard::ALL && !Manifest::read(&args.out).map_err(unreadable)?.is_empty()
-    {
-        return Err(Failure::Input(format!(
-            "{out} has results of an earlier run: give `--resume` to keep them, or another `--out`"
-        )));
-    }
-    Manifest::open(&args.out, args.shard).map_err(unreadable)
-}
-
 /// Takes the lock that keeps other processes of this machine from rendering the same shard.
 fn lock(args: &BatchArgs) -> Result<Option<Lock>, Failure> {
     let BatchArgs { out, shard, .. } = args;
@@ -175,27 +159,6 @@ fn lock(args: &BatchArgs) -> Result<Option<Lock>, Failure> {
         // Some network file systems do not support locks.
         Err(LockError::Unknown(_)) => Ok(None),
     }
-}
-
-/// Returns the progress display that the arguments request.
-fn progress(args: &BatchArgs) -> Progress {
-    let verbosity = if args.quiet {
-        Verbosity::Quiet
-    } else {
-        Verbosity::Normal
-    };
-    Progress::of_kind(args.watching.progress, verbosity)
-}
-
-/// Returns the description of this process in locks and manifests.
-fn describe_process() -> String {
-    format!("process {} on {}", std::process::id(), host())
-}
-
-/// Returns the host name of this machine.
-fn host() -> String {
-    let name = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    name.trim().to_owned()
 }
 
 /// Lowers the scheduling priority of this process.

@@ -28,6 +28,7 @@ use super::job::{Tracing, check_instancing, choose_camera, settings};
 use super::output;
 use super::progress::{Progress, Verbosity};
 use super::scene;
+use super::standard_error;
 
 /// Bytes per pixel of each configuration: sums, first image, and displayed image.
 const BYTES_A_PIXEL: u64 = 12 + 12 + 12;
@@ -79,7 +80,7 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
     if let (Err(Failure::Interrupted), Some(folder)) = (&findings, &folder)
         && folder.unfinished.exists()
     {
-        output::emit(&format!(
+        standard_error::emit(&format!(
             "whit: the measurements so far are in {}: resume the study with `--resume`",
             folder.unfinished.display()
         ));

@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use serde::Serialize;
 
-use super::output;
+use super::standard_error;
 
 /// True if standard error is JSON: a global of the process, as Ctrl-C is handled by a separate thread.
 static JSON: AtomicBool = AtomicBool::new(false);
@@ -97,7 +97,7 @@ pub(super) fn is_json() -> bool {
 pub(super) fn emit(event: &Event) {
     // Serialization cannot fail: all fields are strings, numbers and lists of strings.
     if let Ok(line) = serde_json::to_string(event) {
-        output::emit(&line);
+        standard_error::emit(&line);
     }
 }
 

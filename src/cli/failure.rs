@@ -6,7 +6,7 @@ use crate::image::ImageError;
 use crate::scene_file::SceneFileError;
 
 use super::events::{self, Event};
-use super::output;
+use super::standard_error;
 
 /// Error that ends a command.
 #[derive(Debug, thiserror::Error)]
@@ -63,7 +63,7 @@ impl Failure {
                 // A reader that has closed the pipe is no error.
                 let _ = error.print();
             }
-            Failure::Usage(error) => output::emit(&usage_sentence(error)),
+            Failure::Usage(error) => standard_error::emit(&usage_sentence(error)),
             Failure::AlreadyReported { .. } => {}
             _ if events::is_json() => events::emit(&Event::Failed {
                 scene: None,
@@ -71,7 +71,7 @@ impl Failure {
                 message: &self.to_string(),
                 exit_code: self.exit_code(),
             }),
-            _ => output::emit(&format!("whit: {self}")),
+            _ => standard_error::emit(&format!("whit: {self}")),
         }
     }
 }

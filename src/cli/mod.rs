@@ -30,6 +30,7 @@ mod progress;
 mod render;
 mod replay;
 mod scene;
+mod standard_error;
 mod verify;
 mod verify_replay;
 

@@ -1,4 +1,4 @@
-//! Output to the user: results to standard output, the rest to standard error; a closed pipe causes no panic.
+//! Output of results: to standard output, where a closed pipe causes no panic, and to files.
 
 use std::io::{self, ErrorKind, Write};
 use std::path::Path;
@@ -18,12 +18,6 @@ pub(super) fn print(text: &str) -> Result<(), Failure> {
         }
         _ => Ok(()),
     }
-}
-
-/// Prints a line on standard error.
-pub(super) fn emit(line: &str) {
-    // An error of standard error cannot be reported anywhere.
-    let _ = writeln!(io::stderr().lock(), "{line}");
 }
 
 /// Writes `value` to `path` as JSON, atomically.

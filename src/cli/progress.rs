@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::events::{self, Event};
 use super::failure::Failure;
-use super::output;
+use super::standard_error;
 use lines::Lines;
 
 pub(super) use batch::Batch;
@@ -122,7 +122,7 @@ impl Progress {
             Some(_) => events::emit(&Event::Warning { message: warning }),
             None => self
                 .bar
-                .suspend(|| output::emit(&format!("whit: warning: {warning}"))),
+                .suspend(|| standard_error::emit(&format!("whit: warning: {warning}"))),
         }
     }
 

@@ -2,9 +2,11 @@
 
 use super::checkpoint::StudyCheckpoint;
 use super::knob::{LevelRange, knobs};
-use super::predict::Target;
-use super::workspace::{View, Workspace};
-use super::{Configuration, CostError, Experiment, HitPath, Knob, SplitReference};
+use super::layout::{Candidate, Layout};
+use super::target::Target;
+use super::view::{View, area};
+use super::workspace::Workspace;
+use super::{Configuration, CostError, Experiment, HitPath, SplitReference};
 use crate::image::LinearImage;
 use crate::render::{MIN_ADAPTIVE_ERROR, Plan};
 
@@ -35,6 +37,8 @@ const PLANNED_IMAGES_OF_A_SEARCH: f64 = 8.0;
 /// Fraction of the budget that is planned, pilot included, and the pilot's fraction; the rest is a reserve.
 const LAID_OUT: f64 = 0.85;
 const PILOT_PART: f64 = 0.04;
+/// Fraction of the budget after which no block begins; the remaining work is small.
+pub(super) const MEASURED_PART: f64 = 0.94;
 /// Samples per pixel of the images that check whether stricter knobs still matter.
 const STRICTER_SPP: u32 = 16;
 /// Samples per pixel of these checks with a target, where the change must be small only relative to the target.
@@ -48,27 +52,6 @@ const REFERENCE_SPP_FOR_A_TARGET: [u32; 2] = [16, 1024];
 const ADAPTIVE_SAMPLES: u32 = 256;
 /// Adaptive errors that are measured with a target, relative to it; others are predicted from them.
 const ADAPTIVE_ERRORS: [f64; 2] = [8.0, 4.0];
-
-/// Planned size and samples of all images of an experiment.
-pub(super) struct Layout {
-    pub(super) view: View,
-    pub(super) candidates: Vec<Candidate>,
-    /// Samples per pixel of each half of the reference.
-    pub(super) reference_spp: u32,
-    /// Samples per pixel of the images that check whether stricter knobs still matter.
-    pub(super) stricter_spp: u32,
-    /// Samples per pixel of the base.
-    pub(super) base_spp: u32,
-    /// Upper limits of the sampling knobs.
-    pub(super) reach: LevelRange,
-}
-
-/// Configuration that is measured in every block, with its knob and level.
-pub(super) struct Candidate {
-    pub(super) knob: Option<Knob>,
-    pub(super) level: String,
-    pub(super) configuration: Configuration,
-}
 
 /// Cost of a sample and its variance, measured on small images.
 struct Pilot {
@@ -318,9 +301,4 @@ fn samples_of(candidates: &[Candidate]) -> f64 {
 fn power_of_two(number: f64) -> u32 {
     let whole = number.min(f64::from(u32::MAX)) as u32;
     1 << whole.max(1).ilog2()
-}
-
-/// Returns the number of pixels of an image.
-pub(super) fn area([width, height]: [u32; 2]) -> f64 {
-    f64::from(width) * f64::from(height)
 }

@@ -5,14 +5,13 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::accumulated_reference::AccumulatedReference;
 use super::blocks::Blocks;
-use super::budget::Layout;
 use super::error::ImageSums;
-use super::experiment::Experiment;
 use super::knob::{Knob, LevelRange};
-use super::predict::Target;
-use super::reference::AccumulatedReference;
-use super::workspace::View;
+use super::layout::Layout;
+use super::target::Target;
+use super::view::View;
 use crate::image::LinearImage;
 use crate::render::PatchGrid;
 
@@ -56,7 +55,8 @@ pub(super) struct Head {
 
 /// State of a running study that a checkpoint stores.
 pub(super) struct CheckpointData<'a> {
-    pub(super) experiment: &'a Experiment<'a>,
+    pub(super) threads: usize,
+    pub(super) target: Option<Target>,
     pub(super) layout: &'a Layout,
     pub(super) reference: &'a AccumulatedReference,
     pub(super) left: &'a [(Knob, f64)],
@@ -85,8 +85,8 @@ impl CheckpointData<'_> {
                 View::Whole(_) => None,
                 View::Patches(mosaic) => Some(*mosaic),
             },
-            threads: self.experiment.threads,
-            target: self.experiment.target,
+            threads: self.threads,
+            target: self.target,
             base_spp: *base_spp,
             reach: reach.clone(),
             reference_spp: *reference_spp,

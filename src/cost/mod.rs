@@ -7,34 +7,47 @@
 //! block ([`blocks`]). For a target, effects of single levels predict combinations, which orders what to measure
 //! ([`forecasts`]). Every reported value has a 95 % confidence interval.
 
+mod accumulated_reference;
+mod autotune;
 pub mod blocks;
 mod budget;
 mod checkpoint;
 mod configuration;
 mod convergence_rate;
 mod error;
+mod evaluate;
 mod experiment;
+mod geometric_errors;
 mod geometry;
 mod knob;
+mod layout;
+mod measure;
 mod pareto;
 mod predict;
 mod reference;
+mod run;
 mod settings;
 pub mod statistics;
 mod study;
-mod targets;
+mod study_result;
+mod target;
 mod tuner;
+mod view;
 mod workspace;
 
 pub use checkpoint::StudyCheckpoint;
 pub use configuration::{Configuration, HitPath, SceneChange};
 pub use convergence_rate::slope;
 pub use error::{DisplayImage, ErrorEstimate, ImageSums, SplitReference};
-pub use experiment::{CostError, Experiment, Keep, Observer, PatchReference, StudyResult, run};
-pub use geometry::{GeometricErrors, ReferenceResults};
+pub use experiment::{CostError, Experiment, Keep, Observer};
+pub use geometric_errors::GeometricErrors;
+pub use geometry::ReferenceResults;
 pub use knob::{Knob, LevelRange, knobs};
 pub use pareto::{ParetoPoint, front, knee};
-pub use predict::{Goal, Prediction, Target, forecasts, with_knob};
+pub use predict::{Prediction, forecasts, with_knob};
+pub use run::run;
 pub use settings::{Measured, Settings, SettingsFile};
 pub use statistics::Interval;
 pub use study::{Check, Choice, Curve, Point, Reference, Study, Timing};
+pub use study_result::{PatchReference, StudyResult};
+pub use target::{Goal, Target};

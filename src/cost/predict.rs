@@ -5,8 +5,6 @@
 //! fraction of the error, at least a share (`MIN_REMAINING_SHARE`) of the product of the fractions remains. Times are assumed
 //! to multiply. Neither assumption holds everywhere, so that predictions only order what to measure.
 
-use serde::{Deserialize, Serialize};
-
 use super::{Configuration, Knob, Point};
 use crate::render::MIN_ADAPTIVE_ERROR;
 
@@ -23,25 +21,6 @@ const MIN_REMAINING_SHARE: f64 = 0.25;
 const ADAPTIVE_HALVINGS: [f64; 6] = [-0.5, 0.5, 1.0, 1.5, 2.0, 2.5];
 /// Largest number of combinations that are considered: about ten megabytes.
 const MAX_COMBINATIONS: usize = 1 << 17;
-
-/// Target that settings are chosen for.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Target {
-    /// Least time at which the root mean squared error of displayed values is at most this.
-    Error(f64),
-    /// Least error at which the complete image takes at most so many seconds, setup included.
-    Seconds(f64),
-}
-
-/// Target in the units of a study.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Goal {
-    /// Largest root mean squared error of displayed values, as in [`Target::Error`].
-    Error(f64),
-    /// Largest time relative to the base's.
-    TimeRatio(f64),
-}
 
 /// Settings with their predicted error and time.
 #[derive(Clone, Debug, PartialEq)]

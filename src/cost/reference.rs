@@ -2,12 +2,13 @@
 
 use std::time::Instant;
 
-use super::budget::{Layout, NOISE_FOR_A_TARGET, PLANNED_BLOCKS};
-use super::experiment::MEASURED_PART;
-use super::workspace::{View, Workspace};
-use super::{
-    Check, Configuration, CostError, HitPath, ImageSums, Knob, SceneChange, SplitReference, Study, Target,
-};
+use super::accumulated_reference::{AccumulatedReference, blend};
+use super::budget::{MEASURED_PART, NOISE_FOR_A_TARGET, PLANNED_BLOCKS};
+use super::layout::Layout;
+use super::target::Target;
+use super::view::View;
+use super::workspace::Workspace;
+use super::{Check, Configuration, CostError, HitPath, ImageSums, Knob, SceneChange, SplitReference, Study};
 use crate::accel::{Backend, Precision};
 use crate::image::LinearImage;
 use crate::numeric::SpawnPolicy;
@@ -105,51 +106,6 @@ impl SceneChange {
                 1.0
             },
             ..self
-        }
-    }
-}
-
-/// Reference in two halves, with linear means and displayed values.
-pub(super) struct AccumulatedReference {
-    /// Number of images per half, all of equal spp.
-    pub(super) count: u32,
-    /// Mean linear image of each half.
-    means: [LinearImage; 2],
-    /// Means of both halves in displayed values.
-    pub(super) halves: SplitReference,
-    /// Seconds to render one image for each half.
-    seconds: f64,
-}
-
-impl AccumulatedReference {
-    /// Returns a reference from the halves' means over `count` images each.
-    pub(super) fn new(count: u32, means: [LinearImage; 2], halves: SplitReference) -> AccumulatedReference {
-        AccumulatedReference {
-            count,
-            means,
-            halves,
-            seconds: 0.0,
-        }
-    }
-
-    /// Returns the linear mean images of both halves.
-    pub(super) fn means(&self) -> &[LinearImage; 2] {
-        &self.means
-    }
-
-    /// Returns the linear mean image of both halves.
-    pub(super) fn mean(&self) -> LinearImage {
-        let mut mean = self.means[0].clone();
-        blend(&mut mean, &self.means[1], 0.5);
-        mean
-    }
-}
-
-/// Interpolates `image` linearly towards `other`; `part` = 1 replaces it.
-fn blend(image: &mut LinearImage, other: &LinearImage, part: f32) {
-    for (pixel, other) in image.pixels.iter_mut().zip(&other.pixels) {
-        for (channel, other) in pixel.iter_mut().zip(other) {
-            *channel += part * (other - *channel);
         }
     }
 }

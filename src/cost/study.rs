@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::predict::Target;
+use super::target::Target;
 use super::{GeometricErrors, Interval, Knob, ParetoPoint, knee};
 
 /// All measurements of a scene.

@@ -6,7 +6,8 @@
 //! as predicted.
 
 use super::Interval;
-use super::predict::{Goal, Prediction};
+use super::predict::Prediction;
+use super::target::Goal;
 
 /// Largest ratio of expected to best price at which settings are worth a measurement.
 const MAX_PRICE_RATIO: f64 = 0.95;

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::time::Instant;
 
-use super::budget::area;
+use super::view::{View, area};
 use super::{Configuration, CostError, DisplayImage, Experiment, HitPath, Observer, SceneChange};
 use crate::accel::{self, Accel, AccelOptions};
 use crate::image::LinearImage;
@@ -12,25 +12,6 @@ use crate::render::{
     AovSet, LightAovs, Monitor, PatchGrid, RenderSettings, Rendering, render, render_patches,
 };
 use crate::scene::Scene;
-
-/// Part of the image that a measurement renders.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum View {
-    /// Complete image at this width and height.
-    Whole([u32; 2]),
-    /// Patches of the image at its full width and height.
-    Patches(PatchGrid),
-}
-
-impl View {
-    /// Returns `displayed` with the blocks for resampling: one per patch where the view shows patches.
-    pub(super) fn with_blocks(self, displayed: DisplayImage) -> DisplayImage {
-        match self {
-            View::Whole(_) => displayed,
-            View::Patches(mosaic) => displayed.with_block_columns(mosaic.columns),
-        }
-    }
-}
 
 /// Acceleration structure with its build time in seconds.
 pub(super) struct BuiltAccel<'s> {

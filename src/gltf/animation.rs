@@ -5,15 +5,16 @@
 
 use std::collections::HashMap;
 
-use glam::{DAffine3, DQuat, DVec3};
+use glam::DVec3;
 use gltf::json;
 use gltf::json::animation::Property;
 use gltf::json::validation::Checked;
 
+use super::GltfError;
 use super::animation_sampler::AnimationSampler;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
-use super::{GltfError, node};
+use super::node_transform::NodeOverride;
 use crate::scene::Animation;
 
 /// A time in an animation.
@@ -23,30 +24,6 @@ pub struct AnimationTime {
     pub animation: Option<String>,
     /// Time in seconds from the beginning of the animation.
     pub seconds: f64,
-}
-
-/// Properties of a node that an animation replaces.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct NodeOverride {
-    translation: Option<DVec3>,
-    rotation: Option<DQuat>,
-    scale: Option<DVec3>,
-    /// Weights of the morph targets of the node's mesh.
-    pub(super) weights: Option<Vec<f64>>,
-}
-
-impl NodeOverride {
-    /// Returns the node-to-parent transform: the node's own, with the animated properties replaced.
-    pub(super) fn transform(&self, node: &json::Node) -> DAffine3 {
-        // Properties without a channel keep the node's own values
-        let own = node::parts(node);
-        let moved = node::Parts {
-            scale: self.scale.unwrap_or(own.scale),
-            rotation: self.rotation.unwrap_or(own.rotation),
-            translation: self.translation.unwrap_or(own.translation),
-        };
-        moved.transform()
-    }
 }
 
 impl Document {

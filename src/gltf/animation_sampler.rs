@@ -6,7 +6,7 @@
 use glam::DQuat;
 use gltf::json::animation::Interpolation;
 
-use super::node;
+use super::node_transform::rotation;
 
 /// Keyframes and their interpolation.
 #[derive(Debug)]
@@ -106,7 +106,7 @@ impl AnimationSampler {
 
 /// Returns the rotation of a quaternion of four numbers.
 fn quaternion(numbers: &[f64]) -> DQuat {
-    node::rotation(DQuat::from_slice(numbers))
+    rotation(DQuat::from_slice(numbers))
 }
 
 #[cfg(test)]

@@ -11,11 +11,11 @@ use glam::{DAffine3, DVec3};
 use gltf::json;
 
 use super::GltfError;
-use super::animation::NodeOverride;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
 use super::node::{Deformed, PlacedNode};
-use super::primitive::PrimitiveId;
+use super::node_transform::NodeOverride;
+use super::primitive_id::PrimitiveId;
 use super::skin::Joints;
 use crate::mesh::Buffer;
 use crate::numeric;

@@ -10,7 +10,7 @@ use gltf::json;
 use serde_json::Value;
 
 use super::GltfError;
-use super::buffer::Bytes;
+use super::bytes::Bytes;
 use super::mmap::map_file;
 
 /// Extensions that are implemented.

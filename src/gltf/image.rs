@@ -5,7 +5,7 @@ use std::io::Cursor;
 
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 
-use super::buffer::Bytes;
+use super::bytes::Bytes;
 use super::document::Document;
 use super::{GltfError, LoadOptions};
 use crate::parallel;

@@ -19,6 +19,7 @@ mod accessor;
 mod animation;
 mod animation_sampler;
 mod buffer;
+mod bytes;
 mod camera_light;
 mod deformation;
 mod document;
@@ -29,7 +30,9 @@ mod material;
 mod medium;
 mod mmap;
 mod node;
+mod node_transform;
 mod primitive;
+mod primitive_id;
 mod skin;
 mod texture_slot;
 
@@ -51,7 +54,8 @@ use deformation::Deformation;
 use document::Document;
 use material::Materials;
 use node::PlacedNode;
-use primitive::{PrimitiveId, ReadPrimitive};
+use primitive::ReadPrimitive;
+use primitive_id::PrimitiveId;
 
 /// Limits and options for loading a file.
 #[derive(Clone, Debug)]

@@ -2,13 +2,12 @@
 
 use std::collections::HashMap;
 
-use glam::{DAffine3, DMat4, DQuat, DVec3};
-use gltf::json;
+use glam::{DAffine3, DMat4};
 
 use super::GltfError;
-use super::animation::NodeOverride;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
+use super::node_transform::{NodeOverride, parts};
 
 /// A node with its world transform.
 #[derive(Clone, Debug, PartialEq)]
@@ -177,43 +176,9 @@ fn affine(matrix: &[f32; 16]) -> Option<DAffine3> {
     (last_row == [0.0, 0.0, 0.0, 1.0]).then(|| DAffine3::from_mat4(matrix))
 }
 
-/// Parts of a node's transform: scale, then rotation, then translation.
-pub(super) struct Parts {
-    pub(super) scale: DVec3,
-    pub(super) rotation: DQuat,
-    pub(super) translation: DVec3,
-}
-
-impl Parts {
-    pub(super) fn transform(&self) -> DAffine3 {
-        DAffine3::from_scale_rotation_translation(self.scale, self.rotation, self.translation)
-    }
-}
-
-/// Returns the node's own transform, in parts.
-pub(super) fn parts(node: &json::Node) -> Parts {
-    let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
-    Parts {
-        scale: node.scale.map_or(DVec3::ONE, vector),
-        rotation: node.rotation.map_or(DQuat::IDENTITY, |q| {
-            rotation(DQuat::from_array(q.0.map(f64::from)))
-        }),
-        translation: node.translation.map_or(DVec3::ZERO, vector),
-    }
-}
-
-/// Returns the rotation of a quaternion of any length; the identity if it has no valid direction.
-pub(super) fn rotation(q: DQuat) -> DQuat {
-    let length = q.length();
-    if length > 0.0 && length.is_finite() {
-        q * length.recip()
-    } else {
-        DQuat::IDENTITY
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
     use serde_json::{Value, json};
 
     use super::*;

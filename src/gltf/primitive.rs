@@ -8,6 +8,7 @@ use super::GltfError;
 use super::deformation::{Deformation, Deformer};
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
+use super::primitive_id::PrimitiveId;
 use crate::mesh::{Buffer, Mesh};
 use crate::numeric::Bounds;
 use crate::parallel;
@@ -18,14 +19,6 @@ pub(super) struct ReadPrimitive {
     pub(super) mesh: Mesh,
     pub(super) bounds: Bounds,
     pub(super) warnings: Vec<String>,
-}
-
-/// Identity of a primitive: its mesh, its number in it, and the deformation that is applied to it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(super) struct PrimitiveId {
-    pub(super) mesh: usize,
-    pub(super) primitive: usize,
-    pub(super) deformation: Option<usize>,
 }
 
 impl Document {
@@ -43,24 +36,6 @@ impl Document {
             warnings: Vec::new(),
         }
         .read()
-    }
-
-    /// Returns a primitive's description for messages.
-    pub(super) fn primitive_item(&self, id: PrimitiveId) -> String {
-        let mesh = &self.root.meshes[id.mesh];
-        let name = match &mesh.name {
-            Some(name) if !name.is_empty() => format!("mesh {} `{name}`", id.mesh),
-            _ => format!("mesh {}", id.mesh),
-        };
-        if mesh.primitives.len() > 1 {
-            format!("{name} primitive {}", id.primitive)
-        } else {
-            name
-        }
-    }
-
-    pub(super) fn primitive(&self, id: PrimitiveId) -> &json::mesh::Primitive {
-        &self.root.meshes[id.mesh].primitives[id.primitive]
     }
 }
 

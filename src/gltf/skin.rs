@@ -14,7 +14,7 @@ use json::validation::Checked;
 use super::GltfError;
 use super::document::Document;
 use super::error::EXPORT_AGAIN;
-use super::primitive::PrimitiveId;
+use super::primitive_id::PrimitiveId;
 use crate::mesh::Buffer;
 use crate::parallel;
 

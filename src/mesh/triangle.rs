@@ -19,14 +19,16 @@
 #[cfg(feature = "embree")]
 mod indexed;
 mod near_origin;
+mod shear;
 
 use glam::Vec3;
 
 use super::simd::{Scalar, SimdLevel, add, div, lanes, max, min, mul, sub};
-use crate::numeric::Ray;
 #[cfg(feature = "embree")]
 pub(crate) use indexed::{HitLanes, ProjectedVertices, may_contain_origin};
 use near_origin::may_be_behind;
+use shear::axes_around;
+pub use shear::{Shear, dominant_axis};
 
 /// Number of triangles in a [`TrianglePack`].
 pub const PACK: usize = 8;
@@ -91,50 +93,7 @@ impl TrianglePack {
     }
 }
 
-/// Ray set-up of the watertight test, computed once per ray: the axes with the dominant one last, and origin and shear
-/// in that order.
-#[derive(Clone, Copy, Debug)]
-pub struct Shear {
-    axes: [usize; 3],
-    origin: [f32; 3],
-    shear: [f32; 3],
-}
-
-/// Returns the axis along which a direction is longest; the later one of equals.
-#[inline(always)]
-pub fn dominant_axis(direction: [f32; 3]) -> usize {
-    let [x, y, z] = direction;
-    let (x, y, z) = (x.abs(), y.abs(), z.abs());
-    if x > y && x > z {
-        0
-    } else if y > z {
-        1
-    } else {
-        2
-    }
-}
-
-/// Returns the axes in the cyclic order that puts `dominant` last.
-#[inline(always)]
-fn axes_around(dominant: usize) -> [usize; 3] {
-    [[1, 2, 0], [2, 0, 1], [0, 1, 2]][dominant]
-}
-
 impl Shear {
-    /// Computes the shear of a ray with a finite, non-zero direction.
-    #[inline(always)]
-    pub fn new(ray: &Ray) -> Shear {
-        let (origin, direction) = (ray.origin.to_array(), ray.direction.to_array());
-        let axes = axes_around(dominant_axis(direction));
-        let [kx, ky, kz] = axes;
-        let z = direction[kz];
-        Shear {
-            axes,
-            origin: [origin[kx], origin[ky], origin[kz]],
-            shear: [direction[kx] / z, direction[ky] / z, 1.0 / z],
-        }
-    }
-
     /// Intersects one triangle from either side, for finite `t` within [`t_near`, `t_far`], both ends included.
     ///
     /// A triangle that is exactly edge-on, or has no area, is missed.
@@ -440,7 +399,7 @@ fn project<const N: usize>(
 mod tests {
     use super::*;
     use crate::mesh::simd::{SimdKernel, dispatch};
-    use crate::numeric::{spawn_point, triangle_spawn_error};
+    use crate::numeric::{Ray, spawn_point, triangle_spawn_error};
     use glam::DVec3;
 
     /// Generator of numbers in [0, 1): a 64-bit linear congruential generator (Knuth's multiplier).

@@ -4,7 +4,7 @@
 //! Both reflectances are then quotients of sums of squares (Born and Wolf, Principles of Optics, 7th ed., section
 //! 14.2). The smaller of a and b comes from their product eta k, not from a difference.
 
-use super::fresnel::Polarised;
+use super::polarised::Polarised;
 
 /// Complex index of refraction of a metal for linear red, green and blue, each channel at one wavelength: 650, 550 and
 /// 450 nm.

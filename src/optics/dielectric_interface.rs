@@ -10,7 +10,7 @@
 
 use glam::DVec3;
 
-use super::fresnel::Polarised;
+use super::polarised::Polarised;
 
 /// Factor that splits 53 bits into 26 and 26: 2^27 + 1 (Veltkamp).
 const SPLITTER: f64 = 134_217_729.0;

@@ -5,23 +5,7 @@
 //! directly, not as one minus the reflectance, which would lose its digits where it is small.
 
 use super::dielectric_interface::DielectricInterface;
-
-/// Fraction of the light for each linear polarisation.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Polarised {
-    /// Fraction for the electric field perpendicular to the plane of incidence.
-    pub s: f64,
-    /// Fraction for the electric field in the plane of incidence.
-    pub p: f64,
-}
-
-impl Polarised {
-    /// Returns the fraction of unpolarised light.
-    #[inline(always)]
-    pub fn mean(self) -> f64 {
-        0.5 * (self.s + self.p)
-    }
-}
+use super::polarised::Polarised;
 
 /// Reflectance and transmittance at the boundary of two dielectrics.
 #[derive(Clone, Copy, Debug, PartialEq)]

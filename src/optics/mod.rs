@@ -13,6 +13,7 @@ mod diffuse_transmission;
 mod dispersion;
 mod fresnel;
 mod nested_dielectrics;
+mod polarised;
 mod snell;
 mod spectrum;
 pub mod subsurface;
@@ -23,10 +24,11 @@ pub use conductor::{Conductor, conductor};
 pub use dielectric_simd::{DielectricLanes, dielectric_lanes};
 pub use diffuse_transmission::DiffuseTransmission;
 pub use dispersion::{Cauchy, Dispersion, LINE_C, LINE_D, LINE_F, Sellmeier};
-pub use fresnel::{Fresnel, Polarised, dielectric};
+pub use fresnel::{Fresnel, dielectric};
 pub use nested_dielectrics::{
     BoundaryCrossing, BoundaryEvent, InteriorStack, MAX_NESTED_INTERIORS, NestedInterior,
 };
+pub use polarised::Polarised;
 pub use snell::{Refraction, brewster_angle, critical_angle, ior_from_speed, reflect, refract};
 pub use spectrum::{
     LINEAR_SRGB_FROM_XYZ, MAX_WAVELENGTH, MIN_WAVELENGTH, SpectralSampler, color_matching, linear_srgb,

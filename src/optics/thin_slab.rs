@@ -3,7 +3,8 @@
 //! Light is reflected between the two faces repeatedly; the geometric series of all internal reflections gives 2R/(1 +
 //! R) reflected and (1 - R)/(1 + R) transmitted for each polarisation. Transmitted light keeps its direction.
 
-use super::fresnel::{Polarised, dielectric};
+use super::fresnel::dielectric;
+use super::polarised::Polarised;
 
 /// Reflectance and transmittance of a thin wall, all internal reflections included.
 #[derive(Clone, Copy, Debug, PartialEq)]

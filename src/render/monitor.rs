@@ -2,9 +2,9 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::estimate::PixelStatistics;
-use super::film::Tile;
-use super::mosaic::Patch;
+use super::film::PixelStatistics;
+use super::subset::Patch;
+use super::tile::Tile;
 
 /// Callbacks and cancellation flag that connect a render with its caller.
 #[derive(Clone, Copy)]

@@ -1,42 +1,109 @@
-//! Quantities that depend on the settings of an image alone.
+//! Settings of a render, and quantities that depend on them alone.
 
-use super::adaptive::{self, Adaptive, ROUND};
-use super::estimate::PixelStatistics;
+use serde::{Deserialize, Serialize};
+
+use super::adaptive::{Adaptive, ROUND};
+use super::aov::{AovSet, LightAovs};
+use super::film::PixelFilter;
 use super::sampler::{Purpose, sample_2d};
-use super::{LightAovs, PixelCosts, RenderSettings};
-use crate::scene::CameraView;
+use crate::numeric::SpawnPolicy;
+use crate::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS, Pattern};
+use crate::scene::{CameraView, EffectOverrides};
 use crate::shading::ray_cone::Cone;
+use crate::volume::SkipEmpty;
+
+/// Image size, sampling, effects and outputs of one render.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RenderSettings {
+    /// Pixels per row; at least 1.
+    pub width: u32,
+    /// Number of rows; at least 1.
+    pub height: u32,
+    /// Samples per pixel; at least 1. With `adaptive` this is the maximum.
+    pub spp: u32,
+    /// Pattern of the sample positions in the pixel.
+    pub pattern: Pattern,
+    /// Seed of the random numbers. The errors of two images with different seeds are independent, except for the
+    /// positions in the pixel of patterns that use no random numbers.
+    pub seed: u32,
+    /// Reconstruction filter that weighs the samples into pixels.
+    pub filter: PixelFilter,
+    /// Stopping criterion of adaptive sampling; `None` gives every pixel `spp` samples.
+    ///
+    /// Treats the filter as a box, because unequal numbers of samples would weigh the neighbours of a pixel
+    /// unequally. Has no effect up to 16 samples per pixel, the minimum that every pixel gets; needs a pattern that
+    /// can be continued, so not a regular one.
+    pub adaptive: Option<Adaptive>,
+    /// True if [`Rendering::aovs`](super::Rendering::aovs) are computed. They change no bit of the image.
+    pub sample_aovs: bool,
+    /// Layers (AOVs) that [`Rendering::layers`](super::Rendering::layers) holds. They change no bit of the image.
+    /// They are ignored with `adaptive`.
+    pub layers: AovSet,
+    /// Layers of light (per light or per effect), appended to [`Rendering::layers`](super::Rendering::layers). They
+    /// change no bit of the image. They need samples that count equally and for their own pixel only: with `adaptive`
+    /// or a `filter` other than a box they are ignored.
+    pub light_layers: LightAovs,
+    /// Largest number of reflections and refractions along a path; 0 for none.
+    pub depth: u32,
+    /// Number of wavelengths that a path splits into at a dispersive dielectric; at least 1.
+    pub wavelengths: u32,
+    /// Smallest throughput of a secondary ray: the ray is not traced if all channels are below this.
+    pub weight_cutoff: f32,
+    /// Rule for the origins of rays that leave surfaces.
+    pub spawn: SpawnPolicy,
+    /// Rule for the positions of hit points on surfaces.
+    pub hit_points: HitPoint,
+    /// Skipping of empty space in ray marching. It changes no bit of the image.
+    pub skip_empty: SkipEmpty,
+    /// Effects that are switched on or off against the needs of the scene.
+    pub effects: EffectOverrides,
+    /// True if [`Rendering::ledger`](super::Rendering::ledger) records times per account. When off, the clock is
+    /// read only at both ends of the render and before the first sample; rays are counted either way. It changes no
+    /// bit of the image.
+    pub ledger: bool,
+    /// True if [`Rendering::costs`](super::Rendering::costs) are computed, for which `ledger` must be on. They change
+    /// no bit of the image, but make rendering slower.
+    pub cost_aovs: bool,
+}
+
+impl Default for RenderSettings {
+    fn default() -> RenderSettings {
+        RenderSettings {
+            width: DEFAULT_SIZE[0],
+            height: DEFAULT_SIZE[1],
+            spp: 1,
+            pattern: Pattern::default(),
+            seed: 0,
+            filter: PixelFilter::default(),
+            adaptive: None,
+            sample_aovs: false,
+            layers: AovSet::NONE,
+            light_layers: LightAovs::NONE,
+            depth: DEFAULT_DEPTH,
+            wavelengths: DEFAULT_WAVELENGTHS,
+            weight_cutoff: 1.0 / 512.0,
+            spawn: SpawnPolicy::default(),
+            hit_points: HitPoint::default(),
+            skip_empty: SkipEmpty::default(),
+            effects: EffectOverrides::default(),
+            ledger: false,
+            cost_aovs: false,
+        }
+    }
+}
+
+/// Rule for the position of a hit on its surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum HitPoint {
+    /// Computed in f64 from the primitive: from the vertices of a triangle, from the equation of an analytic shape.
+    #[default]
+    Refined,
+    /// Computed in f32 along the ray, at the f32 parameter that the backend reports.
+    Reported,
+}
 
 impl RenderSettings {
-    /// Returns the bytes per pixel that filters, adaptive sampling and AOVs need in addition to the image itself, for
-    /// a scene with `light_count` lights.
-    pub fn sampling_bytes_per_pixel(&self, light_count: usize) -> u64 {
-        // Add statistics of single samples
-        let estimates = if self.target().is_some() || self.sample_aovs {
-            // Counted twice: for the tiles and for the image.
-            2 * size_of::<PixelStatistics>() + adaptive::LOOK_BYTES
-        } else {
-            0
-        };
-        let aovs = if self.sample_aovs {
-            // Two values per pixel, as rendered and when written to a file, with the three colour channels of the
-            // file.
-            2 * 2 * size_of::<f32>() + 3 * size_of::<f32>()
-        } else {
-            0
-        };
-        let costs = if self.cost_aovs {
-            // Counted three times: as recorded, and every channel when written to a file.
-            3 * PixelCosts::BYTES
-        } else {
-            0
-        };
-        // Layers are counted twice: as rendered and when written to a file.
-        let layers = 2 * self.layers.layer_count() * size_of::<f32>();
-        let light = 2 * 3 * self.wanted_light().max_planes(light_count) * size_of::<f32>();
-        (estimates + aovs + layers + light + costs) as u64 + self.filter.bytes_per_pixel()
-    }
-
     /// Returns the random pair of sample `sample` of `pixel` (column and row) for `purpose`.
     pub(super) fn numbers(&self, pixel: [u32; 2], sample: u32, purpose: Purpose) -> [f64; 2] {
         sample_2d(self.pattern, pixel, sample, self.spp, purpose.seeded(self.seed))
@@ -64,5 +131,15 @@ impl RenderSettings {
     /// Returns the target of adaptive sampling, if `spp` allows more than the first round.
     pub(super) fn target(&self) -> Option<Adaptive> {
         self.adaptive.filter(|_| self.spp > ROUND)
+    }
+
+    /// Returns the distance in pixels that a sample affects beyond its own pixel; adaptive sampling treats every filter
+    /// as a box.
+    pub(super) fn reach(&self) -> u32 {
+        if self.filter.is_box() || self.target().is_some() {
+            0
+        } else {
+            self.filter.reach() as u32
+        }
     }
 }

@@ -5,10 +5,8 @@ use std::fmt::Write;
 
 use super::format::{range, significant, times};
 use super::intersection_errors;
+use super::knob_name::knob_name;
 use crate::cost::{Choice, Curve, Interval, Point, Study, Target};
-
-/// Text in the parameter column for the base.
-pub(super) const BASE: &str = "base";
 
 /// Column names of [`points_csv`].
 const COLUMNS: &str = "id,knob,level,build,ready,t_med,t_lo,t_hi,ratio,ratio_lo,ratio_hi,rmse,rmse_lo,rmse_hi,bias2,var,rel_mse,flip,max,\
@@ -72,11 +70,6 @@ fn row(point: &Point) -> [String; 5] {
         significant(point.rmse.value, 3),
         front.to_owned(),
     ]
-}
-
-/// Returns the name of the knob that differs from the base, or [`BASE`].
-pub(super) fn knob_name(point: &Point) -> &'static str {
-    point.knob.map_or(BASE, |knob| knob.name())
 }
 
 /// Returns the ratio of a point's error to the base's.

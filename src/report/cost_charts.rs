@@ -1,7 +1,8 @@
 //! Charts of the page of error against render time.
 
-use super::cost::{BASE, error_ratio};
+use super::cost::error_ratio;
 use super::format::{range, significant, times};
+use super::knob_name::BASE;
 use super::page::{Bar, Chart, DataPoint, Line, LogAxis, Row, Series, SeriesStyle, Tornado, escape, figure};
 use crate::cost::{Curve, Interval, Knob, Point, Study};
 

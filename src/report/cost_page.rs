@@ -3,13 +3,12 @@
 use std::path::Path;
 
 use super::compare_page::viewer;
-use super::cost::{choice_lines, error_ratio, format_time_factor, knob_name, missing_factor_reason};
-use super::cost_charts;
-use super::cpu;
+use super::cost::{choice_lines, error_ratio, format_time_factor, missing_factor_reason};
 use super::format::{percent, range, significant, times};
-use super::intersection_errors;
+use super::knob_name::knob_name;
 use super::page::{self, Cell, Column, Table, View, embedded_image, escape, figure};
 use super::worst_tiles::{Tile, crop, worst};
+use super::{cost_charts, cpu, intersection_errors};
 use crate::cost::{Interval, Point, Study};
 use crate::image::ToneMap;
 

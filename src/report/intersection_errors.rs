@@ -1,7 +1,7 @@
 //! Geometric errors on the page of error against render time, and as text: leaks, false hits and false shadows.
 
-use super::cost::{BASE, knob_name};
 use super::format::{range, significant, times};
+use super::knob_name::{BASE, knob_name};
 use super::memory;
 use super::page::{Cell, Chart, Column, DataPoint, LogAxis, Series, SeriesStyle, Table};
 use crate::cost::{GeometricErrors, Interval, Knob, Point, Study};

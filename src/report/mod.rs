@@ -26,6 +26,7 @@ pub mod gallery;
 pub mod heat_map;
 pub mod info;
 mod intersection_errors;
+mod knob_name;
 pub mod memory;
 pub mod overlay;
 pub mod page;

@@ -4,7 +4,7 @@ use std::f64::consts::FRAC_PI_4;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
-use super::{Lens, LensView};
+use super::lens::Lens;
 use crate::numeric::AnimatedTransform;
 
 /// A camera in world space. Camera space looks along -z with +y up, as in glTF.
@@ -205,13 +205,6 @@ impl Camera {
     /// Returns the radius of the lens in metres; 0 for a pinhole.
     pub fn lens_radius(&self) -> f64 {
         self.lens.map_or(0.0, |lens| lens.radius())
-    }
-
-    /// Returns the lens prepared for this camera's rays; `None` for a pinhole or a lens of radius 0.
-    pub fn lens_view(&self) -> Option<LensView> {
-        self.lens
-            .filter(|lens| lens.radius() > 0.0)
-            .map(|lens| lens.view(self))
     }
 }
 

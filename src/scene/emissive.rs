@@ -6,8 +6,8 @@
 
 use glam::DVec3;
 
+use super::area_light::{AreaLight, DiskLight, MeshLight, QuadLight, ShapeLight, SphereLight};
 use super::{AlphaMode, AreaShape, Geometry, Instance, Light, LightKind, Material, Model, Scene};
-use crate::shading::{AreaLight, DiskLight, MeshLight, QuadLight, ShapeLight, SphereLight};
 use crate::shape::{Shape, Sphere};
 
 /// Largest difference of the squared axes of a round sphere, and of their products from 0, relative to the squares: the

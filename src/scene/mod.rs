@@ -1,5 +1,6 @@
 //! The scene as plain data: vectors linked by index. [`Scene::validate`] checks all of them.
 
+mod area_light;
 mod bake;
 mod camera;
 mod effect;
@@ -9,6 +10,7 @@ pub mod image_settings;
 mod instance;
 mod instance_transform;
 mod lens;
+mod lens_view;
 mod light;
 mod material;
 pub(crate) mod mesh_cleanup;
@@ -18,17 +20,22 @@ mod validate;
 mod validate_geometry;
 mod validate_light;
 mod validate_material;
+mod validate_value;
 mod volumes;
 
 use std::collections::HashSet;
 
+pub use area_light::{
+    AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, ShapeLight, SphereLight,
+};
 pub use camera::{Camera, CameraRay, CameraView, Projection, Shutter};
 pub use effect::{Effect, EffectOverrides, EffectSet};
 pub(crate) use image_cache::CachedImage;
 pub use image_cache::{CacheStats, ImageCache};
 pub use instance::Instance;
 pub use instance_transform::InstanceTransform;
-pub use lens::{Aperture, Lens, LensError, LensView};
+pub use lens::{Aperture, Lens, LensError};
+pub use lens_view::LensView;
 pub use light::{AreaShape, Falloff, Light, LightKind};
 pub use material::{
     AlphaMode, DEFAULT_IOR, MAX_ROUGH_RAYS, MIRROR_ROUGHNESS, Material, Medium, MetallicRoughness, Model,

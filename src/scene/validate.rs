@@ -3,18 +3,19 @@
 
 use std::f64::consts::PI;
 
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DMat3};
 
 use super::validate_geometry::{check_geometry, check_vertices};
 use super::validate_light::{check_emissive_light, check_environment, check_light, max_light_coordinate};
 use super::validate_material::{
     check_interior, check_model, check_procedural, check_scattering, check_texels,
 };
+use super::validate_value::{UNIT_TOLERANCE, check_coordinate_range, is_radiance, is_size};
 use super::{
     AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Shutter, Space, Texels,
     Texture,
 };
-use crate::numeric::{AnimatedTransform, Bounds, Ray};
+use crate::numeric::{AnimatedTransform, Bounds};
 use crate::shape::Implicit;
 
 /// A fault of a scene, worded as advice.
@@ -26,10 +27,6 @@ pub struct SceneError {
     /// Description of the fault and its remedy.
     pub fault: String,
 }
-
-/// Largest difference of a direction's squared length from 1: directions come from f32 files, whose rounding is 2^-24,
-/// through a few f64 steps.
-const UNIT_TOLERANCE: f64 = 1.0 / 1024.0 / 1024.0;
 
 impl Scene {
     /// Checks everything that later stages rely on: indices, lengths of arrays, finite and sensible values.
@@ -300,27 +297,6 @@ fn max_camera_coordinate(camera: &Camera) -> f64 {
         .fold(camera.lens_radius(), f64::max)
 }
 
-pub(super) fn is_size(x: f64) -> bool {
-    x > 0.0 && x < f64::INFINITY
-}
-
-pub(super) fn is_unit(v: DVec3) -> bool {
-    (v.length_squared() - 1.0).abs() <= UNIT_TOLERANCE
-}
-
-pub(super) fn is_radiance(rgb: &[f32; 3]) -> bool {
-    rgb.iter().all(|x| (0.0..f32::INFINITY).contains(x))
-}
-
-/// Rejects anything whose largest coordinate, `magnitude`, is out of the range that the backends accept.
-pub(super) fn check_coordinate_range(magnitude: f64) -> Result<(), String> {
-    if magnitude < f64::from(Ray::LIMIT) {
-        Ok(())
-    } else {
-        Err("exceeds the range of coordinates: normalise the scene or make it smaller".into())
-    }
-}
-
 fn row_sum(m: &DMat3) -> f64 {
     let rows = m.x_axis.abs() + m.y_axis.abs() + m.z_axis.abs();
     // `max_element` may ignore NaN
@@ -358,7 +334,7 @@ mod tests {
     };
     use crate::scene::{Light, LightKind};
     use crate::shape::{Shape, Sphere, Torus};
-    use glam::DAffine3;
+    use glam::{DAffine3, DVec3};
 
     /// Returns a valid scene of a textured triangle, a sphere, a light and a camera.
     fn scene() -> Scene {

@@ -2,7 +2,7 @@
 
 use super::Geometry;
 use super::mesh_cleanup::{all_finite, scan};
-use super::validate::{check_coordinate_range, is_size};
+use super::validate_value::{check_coordinate_range, is_size};
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::shape::{Shape, Sphere, Torus};

@@ -2,9 +2,9 @@
 
 use glam::DVec3;
 
-use super::validate::{is_radiance, is_unit};
+use super::area_light::{DiskLight, QuadLight, SphereLight};
+use super::validate_value::{is_radiance, is_unit};
 use super::{AreaShape, Falloff, Image, Light, LightKind, Scene, Texels};
-use crate::shading::{DiskLight, QuadLight, SphereLight};
 
 /// Largest number of samples of a light per shading point: more is probably a typing error.
 pub(crate) const MAX_LIGHT_SAMPLES: u32 = 4096;

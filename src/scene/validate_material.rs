@@ -2,7 +2,7 @@
 
 use std::ops::{Range, RangeInclusive};
 
-use super::validate::is_radiance;
+use super::validate_value::is_radiance;
 use super::{
     MAX_ROUGH_RAYS, Material, MaterialInput, Model, Pattern, Procedural, Scene, Texels, Texture,
     TextureBinding,

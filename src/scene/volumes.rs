@@ -2,7 +2,7 @@
 
 use glam::DAffine3;
 
-use super::validate::check_coordinate_range;
+use super::validate_value::check_coordinate_range;
 use super::{Normalisation, Scene};
 use crate::numeric::Bounds;
 use crate::volume::Volume;

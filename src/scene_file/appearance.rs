@@ -226,6 +226,3 @@ fn read_images(
     let differs = data.texels != color.texels;
     Ok((color, differs.then_some(data)))
 }
-
-/// Bytes of a texel in the unit of the image budget.
-pub(super) const TEXEL_BYTES: u64 = size_of::<[u8; 4]>() as u64;

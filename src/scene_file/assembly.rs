@@ -11,7 +11,6 @@ use std::sync::Arc;
 use glam::DAffine3;
 
 use super::SceneFileError;
-use super::appearance::TEXEL_BYTES;
 use super::document::{Document, ObjectForm};
 use super::edit::Edit;
 use super::fault::{Diagnostic, Source, file_error, suggestion};
@@ -96,6 +95,9 @@ const MAX_NESTING: usize = 64;
 /// Largest scene file in bytes; a mesh of that size belongs into a glTF file.
 const MAX_BYTES: u64 = 1 << 26;
 
+/// Bytes of a texel in the unit of the image budget.
+const TEXEL_BYTES: u64 = size_of::<[u8; 4]>() as u64;
+
 /// Builder of object trees, which adds the resources they refer to to the scene.
 pub(super) struct Resolver {
     pub(super) scene: Scene,
@@ -158,7 +160,7 @@ impl Resolver {
     pub(super) fn default_material(&mut self) -> u32 {
         let materials = &mut self.scene.materials;
         *self.default_material.get_or_insert_with(|| {
-            let plain = super::material::MaterialForm::default();
+            let plain = super::material_form::MaterialForm::default();
             materials.push(plain.material("default").unwrap_or_default());
             materials.len() as u32 - 1
         })
@@ -393,7 +395,7 @@ impl Resolver {
     }
 
     fn shape_of(&mut self, unit: &FileContext, shape: &Located<ShapeRef>) -> Result<u32, SceneFileError> {
-        let fail = |fault: super::shape::ShapeDiagnostic| {
+        let fail = |fault: super::shape_diagnostic::ShapeDiagnostic| {
             unit.source
                 .error_at(fault.span.unwrap_or(shape.span.clone()), fault.sentence)
         };

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::camera::CameraForm;
 use super::light::{BackgroundForm, EmissiveForm, LightForm};
-use super::material::MaterialForm;
+use super::material_form::MaterialForm;
 use super::placement::{Repeat, Scatter, Step};
 use super::shape::{ShapeForm, ShapeRef};
 use super::texture::TextureForm;

@@ -4,7 +4,7 @@ use glam::{DVec3, Vec3};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::shape::ShapeDiagnostic;
+use super::shape_diagnostic::ShapeDiagnostic;
 use super::value::{Located, Vector};
 use crate::mesh::{Buffer, Mesh};
 use crate::numeric::Bounds;

@@ -1,4 +1,4 @@
-//! Subsurface scattering and diffuse transmission in materials of scene files.
+//! Subsurface scattering in scene files: a measured material or coefficients.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -9,11 +9,9 @@ use serde::de::{MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 
 use super::fault::Diagnostic;
-use super::material::MaterialForm;
 use super::value::{Color, Each, Located};
 use crate::optics::subsurface::{Scattering, SubsurfacePreset};
-use crate::optics::{Absorption, Dispersion, LINE_D};
-use crate::scene::{DEFAULT_IOR, Material, Medium, Translucency, check_scattering};
+use crate::scene::DEFAULT_IOR;
 
 /// Default length of a millimetre in units of the scene: a scene is in metres.
 const MILLIMETRE: f64 = 0.001;
@@ -86,7 +84,7 @@ impl JsonSchema for SubsurfaceForm {
 
 impl Located<SubsurfaceForm> {
     /// Returns the scattering coefficients, with the index of refraction `ior` if the material has one.
-    fn scattering(&self, ior: Option<f64>) -> Result<Scattering, Diagnostic> {
+    pub(super) fn scattering(&self, ior: Option<f64>) -> Result<Scattering, Diagnostic> {
         let table = &self.0;
         let eta = ior.unwrap_or(DEFAULT_IOR);
         match (&table.preset, &table.scattering, &table.reflectance) {
@@ -161,44 +159,13 @@ impl Located<SubsurfaceForm> {
     }
 }
 
-impl MaterialForm {
-    /// Adds subsurface scattering and diffuse transmission to `material`.
-    pub(super) fn scatter(&self, material: &mut Material) -> Result<(), Diagnostic> {
-        if let Some(form) = &self.subsurface {
-            // The dipole uses the index at the d line
-            let stated = material.interior.map(|inside| inside.ior.ior(LINE_D));
-            let scattering = form.scattering(stated)?;
-            material.subsurface = Some(scattering);
-            // The surface's Fresnel reflection must agree with the scattering medium's index of refraction.
-            material.interior.get_or_insert(Medium {
-                ior: Dispersion::Constant(scattering.eta),
-                absorption: Absorption::NONE,
-                priority: 0,
-                is_thin: false,
-            });
-            check_scattering(material).map_err(|sentence| form.fault(sentence))?;
-        }
-        // Set the diffuse transmission, which needs a factor
-        match (&self.translucency, &self.translucency_color) {
-            (None, None) => Ok(()),
-            (None, Some(color)) => Err(color.fault("has no effect without `translucency`: add it")),
-            (Some(factor), color) => {
-                // The colour defaults to the base colour
-                let [r, g, b, _] = material.base_color;
-                material.translucency = Some(Translucency {
-                    factor: **factor,
-                    color: color.as_ref().map_or([r, g, b], |color| color.0),
-                });
-                check_scattering(material).map_err(|sentence| factor.fault(sentence))
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::material_form::MaterialForm;
     use super::super::node::from_text;
     use super::*;
+    use crate::optics::LINE_D;
+    use crate::scene::{Material, Translucency};
 
     fn material(text: &str) -> Result<Material, String> {
         let form = from_text::<MaterialForm>(text).map_err(|error| error.message().to_owned())?;

@@ -1,7 +1,6 @@
 //! Shapes of scene files and their conversion to geometries.
 
 use std::fmt;
-use std::ops::Range;
 use std::sync::Arc;
 
 use glam::DVec3;
@@ -11,6 +10,7 @@ use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 
 use super::polygons::PolygonsForm;
+use super::shape_diagnostic::ShapeDiagnostic;
 use super::value::{Located, Vector};
 use crate::numeric::Bounds;
 use crate::scene::Geometry;
@@ -128,18 +128,6 @@ pub(super) struct QuadricForm {
     min: Vector,
     /// High corner of the clipping box.
     max: Vector,
-}
-
-/// Fault of a shape, with its span if it is narrower than that of the shape.
-pub(super) struct ShapeDiagnostic {
-    pub(super) span: Option<Range<usize>>,
-    pub(super) sentence: String,
-}
-
-impl From<String> for ShapeDiagnostic {
-    fn from(sentence: String) -> ShapeDiagnostic {
-        ShapeDiagnostic { span: None, sentence }
-    }
 }
 
 impl ShapeForm {

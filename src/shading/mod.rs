@@ -4,7 +4,6 @@
 //! The code is branch-free arithmetic on lanes, so that it vectorises; results that a lane does not need are multiplied
 //! by zero.
 
-mod area_light;
 mod environment;
 mod ggx;
 mod material;
@@ -18,9 +17,6 @@ mod subsurface_entry;
 mod tests;
 mod texture;
 
-pub use area_light::{
-    AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, ShapeLight, SphereLight,
-};
 pub use environment::{EnvironmentError, EnvironmentMap, EnvironmentSample};
 pub use ggx::{Ggx, LobeSample};
 pub use material::{ExtendedMaterialLanes, MaterialPacket};
@@ -29,3 +25,7 @@ pub use phong::phong_direct;
 pub use punctual_light::{PunctualSample, sample_punctual_light};
 pub use subsurface_entry::transmitted_irradiance;
 pub use texture::{Footprint, TexturePoint, TextureSet, fold_constant_textures};
+
+pub use crate::scene::{
+    AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, ShapeLight, SphereLight,
+};

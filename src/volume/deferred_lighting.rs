@@ -5,9 +5,23 @@
 //! however much of the march is empty. Once lit, samples are composited in their order along the ray.
 
 use super::composite::Composite;
-use super::march::{Lighting, PointLanes, RaySegment};
+use super::ray_segment::RaySegment;
 use super::sample_batch::{QUEUE_CAPACITY, ShadedSamples};
-use crate::numeric::{LANES, Lanes};
+use crate::numeric::{LANES, Lanes, Lanes3};
+
+/// Sixteen points along a ray, for lighting.
+#[derive(Clone, Copy, Debug)]
+pub struct PointLanes {
+    /// Positions in world space.
+    pub points: Lanes3<f64>,
+    /// Mask: bit `l` is set if lane `l` scatters light; the other lanes are ignored.
+    pub active: u16,
+}
+
+/// Callback for in-scattering at sixteen points of a ray: returns the linear RGB radiance that a medium of albedo 1
+/// scatters to the viewer. For a light of irradiance E that is E times the phase function, which is 1 / (4 pi) for
+/// isotropic scattering.
+pub type Lighting<'l> = &'l mut dyn FnMut(&PointLanes) -> Lanes3<f64>;
 
 /// Queue of samples with their optical properties, nearest first.
 #[derive(Clone, Debug)]

@@ -4,10 +4,19 @@ use std::ops::Range;
 
 use multiversion::multiversion;
 
-use super::SkipEmpty;
 use super::sample_batch::{PendingBatch, VolumeSegment, points};
 use super::steps::Steps;
 use crate::numeric::{LANES, Lanes};
+
+/// Treatment of empty space: skipped or sampled.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SkipEmpty {
+    /// Empty-space skipping with the macrocells.
+    #[default]
+    Leap,
+    /// Every sample is taken: the reference for tests.
+    Never,
+}
 
 /// Window of up to sixteen consecutive steps.
 #[derive(Clone, Copy, Debug)]

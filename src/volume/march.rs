@@ -9,39 +9,15 @@
 //! A march stops once the transmittance T is at most the cut-off. The omitted radiance is then at most T times the
 //! largest source radiance behind, and the omitted transmittance at most T.
 
-use glam::DVec3;
-
 use super::composite::Composite;
-use super::deferred_lighting::PendingSamples;
-use super::empty_space_skip::{fill, range};
+use super::deferred_lighting::{Lighting, PendingSamples};
+use super::empty_space_skip::{SkipEmpty, fill, range};
 use super::optical_depth::CompensatedSum;
+use super::ray_segment::RaySegment;
 use super::sample_batch::{Batch, PendingBatch, VolumeSegment, sample, sample_depth};
 use super::steps::Steps;
 use super::{Fog, Volume};
-use crate::numeric::{Lanes, Lanes3};
-
-/// Segment of a ray that is marched, in world space.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RaySegment {
-    /// Point of the ray at t = 0.
-    pub origin: DVec3,
-    /// Direction of any length but 0; `t` is measured in units of this length.
-    pub direction: DVec3,
-    /// Parameter where the march begins.
-    pub t_near: f64,
-    /// Parameter where the march ends: at the surface that is hit, or infinity.
-    pub t_far: f64,
-}
-
-impl RaySegment {
-    /// Empty segment, which contributes nothing.
-    pub const NONE: RaySegment = RaySegment {
-        origin: DVec3::ZERO,
-        direction: DVec3::Z,
-        t_near: 0.0,
-        t_far: 0.0,
-    };
-}
+use crate::numeric::Lanes;
 
 /// Result of [`March::radiance`]: emitted and scattered light of a segment.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,30 +29,6 @@ pub struct Marched {
     /// Number of samples that were taken.
     pub sample_count: u64,
 }
-
-/// Treatment of empty space: skipped or sampled.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum SkipEmpty {
-    /// Empty-space skipping with the macrocells.
-    #[default]
-    Leap,
-    /// Every sample is taken: the reference for tests.
-    Never,
-}
-
-/// Sixteen points along a ray, for lighting.
-#[derive(Clone, Copy, Debug)]
-pub struct PointLanes {
-    /// Positions in world space.
-    pub points: Lanes3<f64>,
-    /// Mask: bit `l` is set if lane `l` scatters light; the other lanes are ignored.
-    pub active: u16,
-}
-
-/// Callback for in-scattering at sixteen points of a ray: returns the linear RGB radiance that a medium of albedo 1
-/// scatters to the viewer. For a light of irradiance E that is E times the phase function, which is 1 / (4 pi) for
-/// isotropic scattering.
-pub type Lighting<'l> = &'l mut dyn FnMut(&PointLanes) -> Lanes3<f64>;
 
 /// Ray marcher through volumes and fog; it reuses its working memory from ray to ray.
 #[derive(Clone, Debug)]

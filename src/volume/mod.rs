@@ -23,6 +23,7 @@ mod macrocells;
 mod march;
 mod optical_depth;
 mod ray_intervals;
+mod ray_segment;
 pub mod read;
 mod sample_batch;
 mod steps;
@@ -32,11 +33,14 @@ mod transmittance;
 #[cfg(test)]
 mod tests;
 
+pub use deferred_lighting::{Lighting, PointLanes};
+pub use empty_space_skip::SkipEmpty;
 pub use fog::Fog;
 pub use grid::{Grid, Samples};
 pub use macrocells::MacrocellGrid;
-pub use march::{Lighting, March, Marched, PointLanes, RaySegment, SkipEmpty};
+pub use march::{March, Marched};
 pub use optical_depth::{opacity, optical_depth, transmittance_of};
+pub use ray_segment::RaySegment;
 pub use transfer_function::{Thickness, Transfer, TransferNode};
 
 use std::sync::Arc;

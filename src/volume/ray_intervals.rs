@@ -9,8 +9,9 @@ use std::ops::Range;
 use glam::{DAffine3, DVec3};
 
 use super::Volume;
+use super::empty_space_skip::SkipEmpty;
 use super::macrocells::{VoxelRay, clipped};
-use super::march::{RaySegment, SkipEmpty};
+use super::ray_segment::RaySegment;
 use super::sample_batch::{CUBE, VolumeSegment};
 use super::steps::Steps;
 use crate::numeric::{LANES, Lanes, Lanes3};

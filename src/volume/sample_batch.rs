@@ -7,8 +7,8 @@ use multiversion::multiversion;
 
 use super::grid::Grid;
 use super::macrocells::{VoxelRay, clipped};
-use super::march::RaySegment;
 use super::optical_depth::opacity;
+use super::ray_segment::RaySegment;
 use super::transfer_function::MediumSample;
 use super::{Fog, Volume};
 use crate::numeric::{LANES, Lanes, Lanes3};

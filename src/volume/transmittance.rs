@@ -8,10 +8,10 @@ use std::ops::Range;
 
 use multiversion::multiversion;
 
-use super::empty_space_skip::StepWindow;
-use super::march::{RaySegment, SkipEmpty};
+use super::empty_space_skip::{SkipEmpty, StepWindow};
 use super::optical_depth::CompensatedSum;
 use super::ray_intervals::{Rays, VolumeSegments};
+use super::ray_segment::RaySegment;
 use super::sample_batch::{QUEUE_CAPACITY, VolumeSegment, points};
 use super::steps::Steps;
 use super::{March, Volume};

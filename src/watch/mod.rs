@@ -2,6 +2,8 @@
 
 mod client;
 mod protocol;
+mod rectangle;
 mod send_queue;
 
-pub use client::{Rectangle, TevError, TevViewer};
+pub use client::{TevError, TevViewer};
+pub use rectangle::Rectangle;

@@ -15,7 +15,7 @@
 //! offset and stride of each channel; tev still accepts all three. Pixels are sent interleaved, one after another, as
 //! tev's Python client does.
 
-use super::client::Rectangle;
+use super::rectangle::Rectangle;
 
 const CLOSE: u8 = 2;
 const CREATE: u8 = 4;

@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use super::client::Rectangle;
+use super::rectangle::Rectangle;
 
 /// Largest number of bytes in the queue: an image of 22 million pixels.
 const MAX_BYTES: usize = 1 << 28;

@@ -10,8 +10,8 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::clip::{Cell, Piece};
 use super::heuristic::{Plane, best_plane};
+use super::piece::{Cell, Piece};
 use super::primitives::Primitives;
 use crate::parallel;
 

@@ -7,7 +7,7 @@
 //! slab's axis and is added to the parameter's error, together with the rounding of the parameter itself; the second is
 //! added to the planes.
 
-use super::clip::Cell;
+use super::piece::Cell;
 
 /// Relative error of a slab parameter: 4u by the triangle test; 4u by a difference, a reciprocal, a product and this
 /// factor itself. Doubled, for the effect of one rounding on another.

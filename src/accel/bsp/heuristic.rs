@@ -4,7 +4,7 @@
 //! large scenes: visiting a node and testing a pack cost the same, which makes leaves of 15-25 triangles (measured; the
 //! textbook ratios make far deeper trees that are slower and twice as large).
 
-use super::clip::{Cell, Piece};
+use super::piece::{Cell, Piece};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
 use crate::mesh::triangle::PACK;
 use crate::parallel;

@@ -16,6 +16,7 @@ pub(super) mod error_bounds;
 mod heuristic;
 mod node8;
 mod packet;
+mod piece;
 mod primitives;
 mod reference;
 mod single;

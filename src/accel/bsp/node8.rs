@@ -7,8 +7,8 @@
 //! beyond it.
 
 use super::builder::{Branch, Content};
-use super::clip::Cell;
 use super::error_bounds::SlabError;
+use super::piece::Cell;
 use super::primitives::Primitives;
 use super::two_level::Layout;
 use crate::mesh::triangle::{PACK, TrianglePack};

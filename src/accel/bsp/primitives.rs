@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 
-use super::clip::Piece;
+use super::piece::Piece;
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::parallel;

@@ -5,7 +5,8 @@
 
 use glam::DVec3;
 
-use super::{Cost, Item};
+use super::cost::Cost;
+use super::item::Item;
 use crate::numeric::Bounds;
 use crate::parallel;
 

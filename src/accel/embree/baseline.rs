@@ -1,8 +1,8 @@
 //! Baseline loops over Embree's own calls, against which the rest of the program is measured.
 
-use super::EmbreeAccel;
-use super::query::{intersect_packet, new_query, occluded_packet};
-use super::ray_packet::{Lanes, row};
+use super::embree_accel::EmbreeAccel;
+use super::query::ray_packet::{Lanes, row};
+use super::query::trace::{intersect_packet, new_query, occluded_packet};
 use crate::accel::{Coherence, LANES, RayPacket};
 
 impl EmbreeAccel<'_> {

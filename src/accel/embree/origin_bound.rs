@@ -52,7 +52,7 @@ impl OriginBound {
         #[cfg(not(test))]
         let padding = PADDING;
         #[cfg(test)]
-        let padding = tests::padding();
+        let padding = test_padding();
         OriginBound {
             distance: distance.min(f64::from(Ray::LIMIT)),
             padding,
@@ -130,32 +130,33 @@ fn camera_origin_bound(camera: &Camera, solid: f64) -> f64 {
 }
 
 #[cfg(test)]
-pub(super) mod tests {
-    use std::cell::Cell;
+thread_local! {
+    static IS_PADDED: std::cell::Cell<bool> = const { std::cell::Cell::new(true) };
+}
 
+/// Returns [`PADDING`], or zero within [`unpadded`].
+#[cfg(test)]
+fn test_padding() -> f64 {
+    if IS_PADDED.get() { PADDING } else { 0.0 }
+}
+
+/// Runs `build` on this thread with boxes that are not padded.
+#[cfg(test)]
+pub(super) fn unpadded<T>(build: impl FnOnce() -> T) -> T {
+    IS_PADDED.set(false);
+    let built = build();
+    IS_PADDED.set(true);
+    built
+}
+
+#[cfg(test)]
+mod tests {
     use glam::{DQuat, Vec3};
 
     use super::*;
     use crate::mesh::{Buffer, Mesh};
     use crate::numeric::object_ray;
     use crate::scene::Geometry;
-
-    thread_local! {
-        static IS_PADDED: Cell<bool> = const { Cell::new(true) };
-    }
-
-    /// Returns [`PADDING`], or zero within [`unpadded`].
-    pub(super) fn padding() -> f64 {
-        if IS_PADDED.get() { PADDING } else { 0.0 }
-    }
-
-    /// Runs `build` on this thread with boxes that are not padded.
-    pub(in super::super) fn unpadded<T>(build: impl FnOnce() -> T) -> T {
-        IS_PADDED.set(false);
-        let built = build();
-        IS_PADDED.set(true);
-        built
-    }
 
     #[test]
     fn origin_bound_covers_cameras_and_bounded_objects() {

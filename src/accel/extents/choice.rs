@@ -10,11 +10,14 @@ use std::time::Instant;
 
 use glam::DVec3;
 
+use super::ball::BoundingSphere;
+use super::candidates::Candidates;
 use super::guard::HitError;
 use super::hull::HullPoints;
+use super::kind::BoundingVolumeKind;
+use super::object::Object;
 use super::rays::RayLanes;
-use super::shape::{BoxVolume, SphereVolume};
-use super::{BoundingSphere, BoundingVolumeKind, Candidates, Object, surface};
+use super::shape::{BoundingVolume, BoxVolume, SphereVolume};
 use crate::accel::brute::nearest_of;
 use crate::accel::{LANES, RayPacket};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
@@ -141,8 +144,8 @@ fn extent_costs() -> [f64; 2] {
     };
     let object = |extent| Object { instance: 0, extent };
     [
-        super::BoundingVolume::Box(BoxVolume::new(&bounds, &HitError::NONE)),
-        super::BoundingVolume::Sphere(SphereVolume::new(&ball, &HitError::NONE)),
+        BoundingVolume::Box(BoxVolume::new(&bounds, &HitError::NONE)),
+        BoundingVolume::Sphere(SphereVolume::new(&ball, &HitError::NONE)),
     ]
     .map(|extent| {
         let objects: Vec<Object> = (0..EXTENT_TESTS).map(|_| object(extent)).collect();
@@ -204,6 +207,12 @@ fn rays_towards(bounds: &Bounds) -> Vec<Ray> {
             Ray::new(origin.as_vec3(), (target - origin).as_vec3())
         })
         .collect()
+}
+
+/// Returns the surface area of a box.
+fn surface(bounds: &Bounds) -> f64 {
+    let e = bounds.extent();
+    2.0 * (e.x * e.y + e.y * e.z + e.z * e.x)
 }
 
 #[cfg(test)]

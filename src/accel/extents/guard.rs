@@ -20,6 +20,9 @@ use crate::scene::{Geometry, Instance};
 
 /// Unit roundoff of f32: half a unit in the last place of 1.
 pub(super) const UNIT: f64 = 1.0 / (1u64 << 24) as f64;
+/// Squared length below which digits are lost at the end of the range of f32, or will be: its smallest normal number
+/// over the unit of rounding, 2^-126 / 2^-24.
+pub(super) const MIN_SQUARE: f32 = 1.972_152_3e-31;
 /// Largest mixing of axes by an instance transform. Beyond it rounding moves hits by more than 64 times as much, the
 /// inverse in f64 would need a bound, too, and objects get no bounding volume.
 const MAX_MIXING: f64 = 64.0;

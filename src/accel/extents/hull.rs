@@ -11,7 +11,8 @@ use super::ball::BoundingSphere;
 use super::guard::spectral_bound;
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
-use crate::scene::Geometry;
+use crate::parallel;
+use crate::scene::{Geometry, Scene};
 use crate::shape::{Shape, Sphere};
 
 /// Number of sides of the polygons around circles: with 32 they reach 0.5 % beyond them.
@@ -209,6 +210,13 @@ pub(super) fn corners(bounds: &Bounds) -> [DVec3; 8] {
             }
         };
         DVec3::new(pick(0), pick(1), pick(2))
+    })
+}
+
+/// Computes the hulls of all geometries.
+pub(super) fn hulls_of(scene: &Scene) -> Vec<Option<HullPoints>> {
+    parallel::map(scene.geometries.len(), &|index| {
+        HullPoints::of(&scene.geometries[index])
     })
 }
 

@@ -3,8 +3,10 @@
 //! Sixteen rays are tested against a volume at once; the object is then tested ray by ray by the code of brute force,
 //! to the same bits. The order of the objects changes no result, because ties have an order of their own.
 
+use super::kind::{BoundingVolumeCounts, BoundingVolumeKind};
+use super::object::Object;
 use super::rays::RayLanes;
-use super::{BoundingVolumeCounts, BoundingVolumeKind, BoundingVolumes, Object};
+use super::volumes::BoundingVolumes;
 use crate::accel::brute::{is_occluded_by, nearest_of};
 use crate::accel::planes::Planes;
 use crate::accel::{Accel, AccelPart, AccelReport, Coherence, Hit, LANES, RayPacket};

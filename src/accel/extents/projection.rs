@@ -11,8 +11,7 @@
 use glam::{DMat3, DVec3, Vec3};
 
 use super::guard::{HitError, UNIT};
-use super::hull::HullPoints;
-use super::hulls_of;
+use super::hull::{HullPoints, hulls_of};
 use crate::accel::RayPacket;
 use crate::numeric::LANES;
 use crate::parallel;

@@ -9,6 +9,7 @@ use crate::accel::bsp::error_bounds::Line;
 use crate::accel::{LANES, RayPacket};
 use crate::mesh::simd::SimdLevel;
 
+use super::guard::MIN_SQUARE;
 use super::shape::{BoxVolume, SphereVolume};
 
 /// One value per ray of the packet.
@@ -16,10 +17,6 @@ pub(super) type Lanes = [f32; LANES];
 
 /// Mask of all sixteen lanes.
 const FULL: u32 = (1 << LANES) - 1;
-/// Squared length below which digits are lost at the end of the range of f32, or will be: its smallest normal number
-/// over the unit of rounding, 2^-126 / 2^-24.
-pub(super) const MIN_SQUARE: f32 = 1.972_152_3e-31;
-
 /// Sixteen rays with precomputed data for volume tests.
 pub(crate) struct RayLanes {
     origin: [Lanes; 3],

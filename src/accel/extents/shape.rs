@@ -3,8 +3,7 @@
 use glam::DVec3;
 
 use super::ball::BoundingSphere;
-use super::guard::{HitError, UNIT};
-use super::rays::MIN_SQUARE;
+use super::guard::{HitError, MIN_SQUARE, UNIT};
 use crate::numeric::{Bounds, Ray};
 
 /// Relative error of the squared distance of a line from a point, in units of the squared distance of its origin: 4u by

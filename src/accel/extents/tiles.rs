@@ -5,9 +5,10 @@
 //! another backend, as are rays that are not the camera's.
 
 use super::hull::HullPoints;
+use super::kind::BoundingVolumeKind;
 use super::list::{Count, ListAccel, Query, Search, Tally};
 use super::projection::{ScreenBounds, ScreenBox};
-use super::{BoundingVolumeKind, BoundingVolumes};
+use super::volumes::BoundingVolumes;
 
 use crate::accel::{Accel, AccelPart, AccelReport, Coherence, RayPacket};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};

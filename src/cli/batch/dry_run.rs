@@ -15,6 +15,7 @@ use super::super::output;
 use super::super::progress::Progress;
 use super::built_scene::{BuiltScene, LoadedScene, SceneCaches};
 use super::plan::Plan;
+use super::progress::progress;
 use super::row_schedule::film_bytes;
 
 /// Forecast cost of a frame.
@@ -108,7 +109,7 @@ pub(super) fn write_script(args: &BatchArgs, path: &Path, plans: &[Plan]) -> Res
 
 /// Returns the forecast costs of all frames; of frames that share a scene only the first is probed.
 fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
-    let progress = super::progress(args);
+    let progress = progress(args);
     let kept = SceneCaches::for_frames(plans);
     let mut costs: Vec<Cost> = Vec::with_capacity(plans.len());
     for (index, plan) in plans.iter().enumerate() {

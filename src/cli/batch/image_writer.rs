@@ -11,6 +11,7 @@ use crate::image::{Attribute, ChannelKind, ImageError, ImageFormat};
 
 use super::super::failure::Failure;
 use super::super::interrupt;
+use super::process::describe_process;
 
 /// Scanline writer of an image, by its format.
 enum Writer {
@@ -78,7 +79,7 @@ pub(in crate::cli) fn done(
         render_seconds,
         samples,
         spp: head.spp,
-        by: super::describe_process(),
+        by: describe_process(),
     })
 }
 

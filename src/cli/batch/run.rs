@@ -16,14 +16,16 @@ use super::super::failure::Failure;
 use super::super::interrupt;
 use super::super::output;
 use super::super::progress::{Batch as Shown, Progress};
+use super::super::standard_error;
 use super::built_scene::{BuiltScene, LoadedScene, SceneCaches};
 use super::frame::{FrameResult, make};
 use super::gallery::{Page, Record};
 use super::image_writer;
 use super::limits::Limits;
-use super::manifest_error;
+use super::manifest::manifest_error;
 use super::plan::Plan;
 use super::preview::Viewer;
+use super::progress::progress;
 use super::queue::{Queue, Task};
 use super::scene_slots::SceneSlots;
 
@@ -65,7 +67,7 @@ impl<'a> Batch<'a> {
         Batch {
             args,
             plans,
-            progress: super::progress(args),
+            progress: progress(args),
             viewer,
             manifest: Mutex::new(manifest),
             page: Mutex::new(Page::new(args, plans)),
@@ -348,7 +350,7 @@ impl<'a> Batch<'a> {
     /// Prints the summary, and writes the page if one was requested.
     fn print_summary(&self, (total, skipped): (usize, usize), seconds: f64) -> Result<(), Failure> {
         if self.is_disk_full.load(Ordering::Relaxed) {
-            output::emit(&format!(
+            standard_error::emit(&format!(
                 "whit: cannot write any more data to {}: free some space and continue with `--resume`",
                 self.args.out.display()
             ));

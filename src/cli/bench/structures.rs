@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use rayon::ThreadPool;
 
-use super::BenchJob;
-use super::times::Seconds;
+use super::job::BenchJob;
+use super::seconds::Seconds;
 use crate::accel::bsp::BspAccel;
 #[cfg(feature = "embree")]
 use crate::accel::embree::EmbreeAccel;

@@ -1,6 +1,7 @@
 //! Times of replaying a frame's rays through each contestant, and of rendering the frame itself.
 
-use super::BenchJob;
+use super::job::BenchJob;
+use super::seconds::Seconds;
 use super::structures::Contestant;
 use crate::accel::Accel;
 use crate::cli::failure::Failure;
@@ -11,25 +12,6 @@ use crate::parallel;
 use crate::render::{self, Monitor, RenderProfile, RenderSettings};
 use crate::report::bench::{FrameTime, Mode, RayKind, Spread};
 use crate::scene::{Camera, Scene};
-
-/// Seconds of each repetition of a measurement.
-#[derive(Clone, Default)]
-pub(super) struct Seconds {
-    /// Seconds of builds with the requested number of threads, and of replays with one thread.
-    pub(super) base: Vec<f64>,
-    /// Seconds by thread count of the scaling measurement, then by repetition.
-    pub(super) by_threads: Vec<Vec<f64>>,
-}
-
-impl Seconds {
-    /// Returns the seconds of a single repetition.
-    pub(super) fn of(base: f64) -> Seconds {
-        Seconds {
-            base: vec![base],
-            by_threads: Vec::new(),
-        }
-    }
-}
 
 /// Frame whose rays are replayed.
 pub(super) struct Frame<'a> {

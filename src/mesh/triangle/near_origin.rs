@@ -16,7 +16,7 @@
 
 use glam::DVec3;
 
-use super::Shear;
+use super::shear::Shear;
 use crate::mesh::simd::{SimdLevel, max, min};
 
 /// Error of the parameter from the weights, relative to `m (m + R) S / |det|`: 128 units of roundoff, more than 72

@@ -10,10 +10,10 @@
 //! error; the fraction of noise is estimated from all of them together as well. Rays of that width may resolve more
 //! detail, so these pixels repeat their first round until the number settles.
 
-use super::super::estimate::PixelStatistics;
+use super::super::film::PixelStatistics;
+use super::display_error::{DisplayError, NoiseModel};
 use super::forecast::Forecast;
-use super::look::{DisplayError, NoiseModel};
-use super::{Adaptive, ROUND};
+use super::target::{Adaptive, ROUND};
 
 /// Side of a block in pixels.
 const BLOCK: usize = 8;
@@ -72,7 +72,7 @@ fn reached(look: &DisplayError, square: f64, spp: u32) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::estimate::estimate;
+    use super::super::super::film::estimate;
     use super::*;
 
     const TARGET: Adaptive = Adaptive {

@@ -3,9 +3,9 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::super::wave::PixelVisit;
-use super::ROUND;
-use super::picture::SamplingState;
+use super::super::tile::PixelVisit;
+use super::state::SamplingState;
+use super::target::ROUND;
 
 /// Numbers of samples taken and samples expected.
 #[derive(Debug, Default)]
@@ -51,10 +51,10 @@ fn samples(visit: &PixelVisit) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::estimate::estimate;
-    use super::super::super::film::tiles;
-    use super::super::super::mosaic::{Patch, PatchAtlas};
-    use super::super::Adaptive;
+    use super::super::super::film::estimate;
+    use super::super::super::subset::{Patch, PatchAtlas};
+    use super::super::super::tile::tiles;
+    use super::super::target::Adaptive;
     use super::*;
 
     #[test]

@@ -4,8 +4,8 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use super::super::estimate::PixelStatistics;
-use super::ROUND;
+use super::super::film::PixelStatistics;
+use super::target::ROUND;
 
 /// Largest number of times that a pixel's samples can double.
 pub(super) const LEVELS: usize = u32::BITS as usize;
@@ -193,7 +193,7 @@ impl Missed {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::estimate::estimate;
+    use super::super::super::film::estimate;
     use super::*;
 
     #[test]

@@ -1,6 +1,6 @@
 //! Facts about a scene that a plan is based on: the materials, meshes and lights in use, collected in one pass.
 
-use super::reach::{self, LightVisibility};
+use super::light_visibility::{self, LightVisibility};
 use crate::mesh::Mesh;
 use crate::scene::{Camera, Geometry, Material, Scene, TextureBinding};
 
@@ -44,7 +44,7 @@ impl<'s> Facts<'s> {
                 .filter_map(|(material, is_used)| is_used.then_some(material))
                 .collect(),
             meshes: scene.geometries.iter().zip(&shown).filter_map(mesh).collect(),
-            lights: reach::of_lights(scene, camera),
+            lights: light_visibility::of_lights(scene, camera),
         }
     }
 

@@ -8,7 +8,7 @@
 //! After planning, no code tests again whether the scene needs an effect.
 
 mod facts;
-mod reach;
+mod light_visibility;
 mod trigger;
 
 use std::fmt;

@@ -8,18 +8,19 @@ use std::cell::OnceCell;
 use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
 
+use super::super::context::RenderContext;
+use super::super::film::TileFilm;
+use super::super::lighting::ShadingContext;
+use super::super::monitor::Monitor;
+use super::super::profile::RenderProfile;
+use super::super::surface::{ConeSource, Surfaces};
+use super::super::tile::{TILE, Tile};
+use super::super::wavefront::{BatchInfo, PathStates, ShadingState, TracedPacket};
 use super::points::{IrradiancePoints, Point};
 use crate::accel::{Coherence, Hit, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::subsurface::diffuse_transmittance;
 use crate::parallel;
-use crate::render::film::{TILE, Tile, TileFilm};
-use crate::render::outcome::{BatchInfo, ShadingState, TracedPacket};
-use crate::render::shade::ShadingContext;
-use crate::render::surface::Surfaces;
-use crate::render::texturing::ConeSource;
-use crate::render::travel::PathStates;
-use crate::render::{Monitor, RenderContext, RenderProfile};
 use crate::shading::MaterialPacket;
 
 /// Number of points whose irradiance is computed together: one for each pixel of a tile.

@@ -2,9 +2,11 @@
 
 use std::sync::LazyLock;
 
-use super::WHITE;
 use crate::image::linear_from_srgb;
 use crate::scene::{Encoding, Image, Sampler, Texels, Wrap};
+
+/// Colour that images have which were not read.
+pub(super) const WHITE: [f32; 4] = [1.0; 4];
 
 /// Table of the linear values of the 256 sRGB codes (IEC 61966-2-1).
 static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> =

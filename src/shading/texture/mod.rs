@@ -19,7 +19,7 @@ use std::collections::HashSet;
 use glam::DVec3;
 
 pub use self::constant_fold::fold_constant_textures;
-use self::mip_level::MipLevel;
+use self::mip_level::{MipLevel, WHITE};
 use self::mipmap::MipMap;
 use crate::parallel;
 use crate::scene::{
@@ -342,9 +342,6 @@ fn encoding_index(encoding: Encoding) -> usize {
         Encoding::Linear => 1,
     }
 }
-
-/// Colour that images have which were not read.
-const WHITE: [f32; 4] = [1.0; 4];
 
 /// Returns the colours, by encoding, of an image whose texels are all equal.
 fn constant(image: &Image) -> Option<[[f32; 4]; 2]> {

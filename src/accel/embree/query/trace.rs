@@ -1,0 +1,241 @@
+//! Packet queries: traces packets at the width that the processor supports natively, or as single rays.
+
+use std::fmt;
+use std::mem::{MaybeUninit, offset_of};
+
+use embree_sys as sys;
+use multiversion::multiversion;
+
+use super::ray_packet::{Lanes, hit_of, is_vanishing, row};
+use crate::accel::embree::device::Device;
+use crate::accel::embree::native_instances;
+use crate::accel::embree::scene::{EmbreeScene, SceneRef};
+use crate::accel::{Coherence, Kernel, LANES, NO_HIT, RayPacket};
+
+/// Number of rays in one Embree call.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::accel::embree) enum Width {
+    /// The whole packet, without a copy.
+    Sixteen,
+    /// Halves of the packet, copied.
+    Eight,
+    /// Quarters of the packet, copied.
+    Four,
+    /// Single lanes, each copied.
+    One,
+}
+
+impl Width {
+    /// Returns the largest native width; Embree would split wider packets itself, Embree 4 into single rays.
+    pub(in crate::accel::embree) fn of(device: &Device, kernel: Kernel) -> Width {
+        if kernel == Kernel::Single {
+            Width::One
+        } else if device.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY16_SUPPORTED) {
+            Width::Sixteen
+        } else if device.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY8_SUPPORTED) {
+            Width::Eight
+        } else if device.has(sys::RTC_DEVICE_PROPERTY_NATIVE_RAY4_SUPPORTED) {
+            Width::Four
+        } else {
+            Width::One
+        }
+    }
+}
+
+/// Least number of user-geometry primitives, or instances of Embree's own, at which incoherent rays are traced one by
+/// one. Embree traverses both with the packet as a whole, every ray into every node that any of them hits, and not ray
+/// by ray as it does over triangles: measured against single rays (`cargo bench --bench timing -- packet_width`) that
+/// is slower from some hundred spheres on, nine times with 10^5.
+const MANY_OBJECTS: usize = 256;
+
+impl Width {
+    /// Returns the width for incoherent rays in a scene with that many shapes and instanced meshes.
+    pub(in crate::accel::embree) fn for_incoherent(self, object_count: usize) -> Width {
+        if object_count >= MANY_OBJECTS {
+            Width::One
+        } else {
+            self
+        }
+    }
+}
+
+impl fmt::Display for Width {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(match self {
+            Width::Sixteen => "packets of 16",
+            Width::Eight => "packets of 8",
+            Width::Four => "packets of 4",
+            Width::One => "single rays",
+        })
+    }
+}
+
+/// Finds the nearest hits of all lanes of every packet.
+pub(in crate::accel::embree) fn intersect(
+    scene: &EmbreeScene,
+    width: Width,
+    packets: &mut [RayPacket],
+    order: Coherence,
+) {
+    let scene = scene.as_ref();
+    for_each_traceable(scene, packets, order, |query, packet| match width {
+        Width::Sixteen => intersect_packet(scene, query, packet),
+        Width::Eight => intersect_split::<8>(scene, query, packet),
+        Width::Four => intersect_split::<4>(scene, query, packet),
+        Width::One => intersect_split::<1>(scene, query, packet),
+    });
+}
+
+/// Marks the occluded lanes of every packet.
+pub(in crate::accel::embree) fn occluded(
+    scene: &EmbreeScene,
+    width: Width,
+    packets: &mut [RayPacket],
+    order: Coherence,
+) {
+    let scene = scene.as_ref();
+    for_each_traceable(scene, packets, order, |query, packet| match width {
+        Width::Sixteen => occluded_packet(scene, query, packet),
+        Width::Eight => occluded_split::<8>(scene, query, packet),
+        Width::Four => occluded_split::<4>(scene, query, packet),
+        Width::One => occluded_split::<1>(scene, query, packet),
+    });
+}
+
+/// Calls `trace_rays` for every packet with a traceable lane, with the query that suits its rays.
+#[inline(always)]
+fn for_each_traceable(
+    scene: SceneRef,
+    packets: &mut [RayPacket],
+    order: Coherence,
+    trace_rays: impl Fn(*mut sys::EmbreeQuery, &mut RayPacket),
+) {
+    let (mut coherent, mut incoherent) = (new_query(scene.order(order)), new_query(Coherence::Incoherent));
+    let (coherent, incoherent) = (&raw mut coherent, &raw mut incoherent);
+    for packet in packets {
+        if scene.has_instances() {
+            packet.drop_beyond(native_instances::RAY_LIMIT);
+        }
+        // Embree must see neither untraceable rays nor a wrong coherence flag
+        match keep_traceable(packet) {
+            Remaining::Nothing => {}
+            Remaining::MayBeCoherent => trace_rays(coherent, packet),
+            Remaining::MustBeIncoherent => trace_rays(incoherent, packet),
+        }
+    }
+}
+
+/// Creates a query without a filter, for any number of calls.
+pub(in crate::accel::embree) fn new_query(order: Coherence) -> sys::EmbreeQuery {
+    let mut query = MaybeUninit::uninit();
+    // SAFETY: the pointer is to memory for one query, which the call fills.
+    unsafe { sys::embree_query_init(query.as_mut_ptr(), i32::from(order == Coherence::Coherent)) };
+    // SAFETY: the call above has written every field that Embree reads.
+    unsafe { query.assume_init() }
+}
+
+/// Calls `rtcIntersect16` on the packet in place. Embree may abort the process, but no more, if an active lane is not
+/// traceable.
+#[inline(always)]
+pub(in crate::accel::embree) fn intersect_packet(
+    scene: SceneRef,
+    query: *mut sys::EmbreeQuery,
+    packet: &mut RayPacket,
+) {
+    let rays: *mut RayPacket = packet;
+    let valid = rays
+        .wrapping_byte_add(offset_of!(RayPacket, active))
+        .cast::<i32>();
+    // SAFETY: a `RayPacket` begins as an `RTCRayHit16` and holds its aligned mask (asserted in `ray_packet`); both
+    // belong to this thread alone, as does the query.
+    unsafe { sys::embree_intersect16(valid, scene.handle(), query, rays.cast()) };
+    if scene.has_instances() {
+        packet.use_instance_ids();
+    }
+}
+
+/// Calls `rtcOccluded16` on the packet in place, under the conditions of [`intersect_packet`].
+#[inline(always)]
+pub(in crate::accel::embree) fn occluded_packet(
+    scene: SceneRef,
+    query: *mut sys::EmbreeQuery,
+    packet: &mut RayPacket,
+) {
+    let rays: *mut RayPacket = packet;
+    let valid = rays
+        .wrapping_byte_add(offset_of!(RayPacket, active))
+        .cast::<i32>();
+    // SAFETY: as in `intersect_packet`; an `RTCRay16` is the beginning of an `RTCRayHit16`.
+    unsafe { sys::embree_occluded16(valid, scene.handle(), query, rays.cast()) };
+}
+
+fn intersect_split<const W: usize>(scene: SceneRef, query: *mut sys::EmbreeQuery, packet: &mut RayPacket) {
+    for first in (0..LANES).step_by(W) {
+        let mut part = part_of::<W>(packet, first);
+        if !part.any_active() {
+            continue;
+        }
+        part.intersect(scene, query);
+        // Copy the hits back into the packet
+        for lane in (0..W).filter(|&lane| part.is_active(lane)) {
+            if part.get(row::INSTANCE, lane) != NO_HIT {
+                packet.set_hit(first + lane, &hit_of(&part, lane));
+            }
+        }
+    }
+}
+
+fn occluded_split<const W: usize>(scene: SceneRef, query: *mut sys::EmbreeQuery, packet: &mut RayPacket) {
+    for first in (0..LANES).step_by(W) {
+        let mut part = part_of::<W>(packet, first);
+        if !part.any_active() {
+            continue;
+        }
+        part.occluded(scene, query);
+        // Copy the occlusion back into the packet
+        for lane in (0..W).filter(|&lane| part.is_active(lane)) {
+            if f32::from_bits(part.get(row::T_FAR, lane)) == f32::NEG_INFINITY {
+                packet.set_blocked(first + lane);
+            }
+        }
+    }
+}
+
+fn part_of<const W: usize>(packet: &RayPacket, first: usize) -> Lanes<W> {
+    let mut part = Lanes::new();
+    for lane in (0..W).filter(|&lane| packet.is_active(first + lane)) {
+        part.set(lane, &packet.ray(first + lane));
+    }
+    part
+}
+
+/// State of a packet after untraceable lanes are deactivated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Remaining {
+    /// No active lane is left.
+    Nothing,
+    /// All rays may be flagged as coherent, if they are.
+    MayBeCoherent,
+    /// Some ray must not be flagged as coherent (see [`is_vanishing`]).
+    MustBeIncoherent,
+}
+
+/// Deactivates the lanes that Embree cannot trace, on which 3.13.5 aborts, and returns what is left.
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
+fn keep_traceable(packet: &mut RayPacket) -> Remaining {
+    packet.drop_untraceable();
+    if !packet.any_active() {
+        return Remaining::Nothing;
+    }
+    // Look for vanishing direction components in active lanes
+    let mut vanishing = 0;
+    for lane in 0..LANES {
+        let [x, y, z] = [0, 1, 2].map(|axis| is_vanishing(packet.direction[axis][lane]));
+        vanishing |= if x | y | z { packet.active[lane] } else { 0 };
+    }
+    if vanishing == 0 {
+        Remaining::MayBeCoherent
+    } else {
+        Remaining::MustBeIncoherent
+    }
+}

@@ -1,0 +1,179 @@
+//! Drivers of a render: preparation, tiles in parallel, and assembly of the image.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Instant;
+
+use super::adaptive::{self, Adaptive, Checkpoints};
+use super::aov::{AovBuffers, PixelCostBuffer, layer};
+use super::context::RenderContext;
+use super::film::{SampleAovs, SampleCounts, TileResult, filtered_image, tile_result};
+use super::monitor::Monitor;
+use super::profile::{Category, Profiler, RenderProfile, Tally};
+use super::result::Rendering;
+use super::settings::RenderSettings;
+use super::subset::{Cover, PatchAtlas, Region};
+use super::tile::Tile;
+use super::wavefront::RendererPool;
+use crate::accel::Accel;
+use crate::image::LinearImage;
+use crate::parallel;
+use crate::scene::{Camera, Scene};
+
+/// Renders `scene` as seen by `camera`, in the current rayon pool. Returns `None` if cancelled.
+///
+/// `scene` must have passed [`Scene::validate`], and `accel` must have been built from it.
+pub fn render(
+    scene: &Scene,
+    camera: &Camera,
+    accel: &dyn Accel,
+    settings: &RenderSettings,
+    monitor: &Monitor,
+) -> Option<Rendering> {
+    render_on(scene, camera, accel, settings, monitor, None)
+}
+
+/// Renders as [`render`] does and, with adaptive sampling, resumes from and writes `checkpoints`.
+///
+/// Images without adaptive sampling are resumed by [`Parts`] instead. Pixel costs are not part of a checkpoint, so
+/// they count only the work after it.
+pub fn render_on(
+    scene: &Scene,
+    camera: &Camera,
+    accel: &dyn Accel,
+    settings: &RenderSettings,
+    monitor: &Monitor,
+    checkpoints: Option<&mut Checkpoints>,
+) -> Option<Rendering> {
+    // Prepare the scene and compute subsurface irradiance
+    let start = Instant::now();
+    let mut frame = RenderContext::new(scene, camera, accel, settings);
+    let setup_seconds = settings.ledger.then(|| start.elapsed().as_secs_f64());
+    let scattered = frame.scatter(monitor)?;
+    let ready_seconds = start.elapsed().as_secs_f64();
+    // Render the image with fixed or adaptive sample counts
+    let mut rendering = match settings.target() {
+        Some(target) => render_adaptively(&mut frame, target, monitor, checkpoints)?,
+        None => render_uniformly(&frame, &Region::whole(settings), monitor)?,
+    };
+    rendering.ready_seconds = ready_seconds;
+    rendering.subsurface = frame.bodies.as_ref().map(|bodies| bodies.stats);
+    // Account for the preparation and finish the statistics
+    let ledger = &mut rendering.ledger;
+    *ledger += scattered;
+    let setting_up = Tally {
+        rays: frame.probe_count,
+        seconds: setup_seconds.unwrap_or(0.0),
+        trace_seconds: 0.0,
+    };
+    ledger.book(Category::Other, setting_up);
+    ledger.settle(rayon::current_num_threads(), start.elapsed().as_secs_f64());
+    rendering.memory = frame.memory();
+    rendering.costs = frame.costs.map(PixelCostBuffer::finish);
+    Some(rendering)
+}
+
+/// Renders a rectangle with `spp` samples in every pixel.
+pub(super) fn render_uniformly(
+    frame: &RenderContext,
+    region: &Region,
+    monitor: &Monitor,
+) -> Option<Rendering> {
+    let settings = &frame.settings;
+    // Allocate the AOVs, which the tiles write directly
+    let cover = Cover::of(region, settings);
+    let mut layers = layer::blank(settings.layers, region);
+    layers.extend(frame.light_sheet.blank(region));
+    let planes = AovBuffers::over(&mut layers, region);
+    // Render all tiles that the region touches
+    let (tiles, mut ledger) = render_tiles(frame, &cover.tiles, Some(&planes), monitor)?;
+    drop(planes);
+    let tiles = cover.placed(tiles);
+    let [width, height] = cover.size();
+    // Assemble tiles into pixels and add filtered neighbours
+    let mut meter = Profiler::new(settings);
+    let mut pixels = tile_result::assemble(width, height, &tiles, &|result| &result.means);
+    if !settings.filter.is_box() {
+        filtered_image::assemble(width, &mut pixels, &tiles);
+    }
+    let aovs = || {
+        SampleAovs::of(
+            &cover.cut(tile_result::assemble(width, height, &tiles, &|result| {
+                &result.estimates
+            })),
+        )
+    };
+    let aovs = settings.sample_aovs.then(aovs);
+    meter.lap_all_threads(Category::Film);
+    ledger += meter.ledger;
+    let image = LinearImage {
+        width: region.width,
+        height: region.height,
+        pixels: cover.cut(pixels),
+    };
+    let samples = SampleCounts::uniform(region.pixel_count(), settings.spp);
+    Some(Rendering {
+        aovs,
+        layers,
+        ..Rendering::new(image, samples, ledger, frame)
+    })
+}
+
+/// Renders `tiles` and returns them in order with their pixels; their AOVs are written to `planes`.
+pub(super) fn render_tiles(
+    frame: &RenderContext,
+    tiles: &[Tile],
+    planes: Option<&AovBuffers>,
+    monitor: &Monitor,
+) -> Option<(Vec<(Tile, TileResult)>, RenderProfile)> {
+    let finished = AtomicUsize::new(0);
+    // Render tiles in parallel with pooled working memory
+    let waves = RendererPool::new(frame);
+    let render_tile = |index: usize| {
+        // Stop between tiles if the render is cancelled
+        if monitor.cancel.load(Ordering::Relaxed) {
+            return None;
+        }
+        let tile = tiles[index];
+        let (result, ledger) = waves.acquire().render_tile(tile, planes);
+        // Report the finished tile
+        monitor.show(tile, &result.means);
+        let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
+        (monitor.progress)(finished as f64 / tiles.len() as f64);
+        Some(((tile, result), ledger))
+    };
+    let rendered = parallel::map(tiles.len(), &render_tile);
+    drop(waves);
+    // Merge the ledgers of tiles in tile order
+    let mut ledger = RenderProfile::default();
+    let mut finished_tiles = Vec::with_capacity(tiles.len());
+    for tile in rendered {
+        let (tile, tile_ledger) = tile?;
+        ledger += tile_ledger;
+        finished_tiles.push(tile);
+    }
+    Some((finished_tiles, ledger))
+}
+
+/// Renders with adaptive sampling, in rounds, until each pixel reaches its target error.
+fn render_adaptively(
+    frame: &mut RenderContext,
+    target: Adaptive,
+    monitor: &Monitor,
+    checkpoints: Option<&mut Checkpoints>,
+) -> Option<Rendering> {
+    // Sample the whole image as one canvas
+    let canvas = PatchAtlas::whole(&frame.settings);
+    let (estimates, ledger) = adaptive::render(frame, target, &canvas, monitor, checkpoints)?;
+    let settings = &frame.settings;
+    // Convert estimates to pixels
+    let to_pixel = |index: usize| estimates[index].mean().map(|channel| channel as f32);
+    let image = LinearImage {
+        width: settings.width,
+        height: settings.height,
+        pixels: parallel::generate(estimates.len(), to_pixel),
+    };
+    Some(Rendering {
+        aovs: settings.sample_aovs.then(|| SampleAovs::of(&estimates)),
+        ..Rendering::new(image, SampleCounts::of(&estimates), ledger, frame)
+    })
+}

@@ -1,0 +1,182 @@
+//! Area lights: shadow rays to sampled points of lights with an extent.
+//!
+//! Each surface interaction samples some points of every area light, with the numbers of its pixel sample for
+//! [`Purpose::LIGHT`], the light and the bounce. The samples of a pixel are therefore stratified over the light, and
+//! nothing depends on the thread or on the order of rendering. The radiance of the light divided by the density of
+//! the direction is an unbiased estimate of the unoccluded irradiance ([`crate::shading::AreaLight`]). Rays into
+//! which one ray splits at a surface use the same points.
+//!
+//! Smooth surfaces see emissive objects by mirror rays. Shadow rays to these lights therefore leave out the specular
+//! lobe, which would count twice.
+
+use glam::DVec3;
+
+use super::super::profile::Category;
+use super::super::sampler::Purpose;
+use super::super::wavefront::{BatchInfo, ShadingState, TracedPacket};
+use super::area_light_sampler::AreaLightSampler;
+use super::direct::{self, IncidentLight, ShadingContext};
+use super::sample_index::{PixelSample, SampleIndex};
+use crate::numeric::LANES;
+use crate::scene::{Effect, LightKind, MIRROR_ROUGHNESS};
+use crate::shading::MaterialPacket;
+
+impl<'a> ShadingContext<'a> {
+    /// Returns the surfaces with the materials for lights that rays can hit.
+    pub(in crate::render) fn without_sampled_lobes(&self) -> ShadingContext<'a> {
+        let materials = self.materials;
+        ShadingContext {
+            materials: self
+                .without_sampled_lobes
+                .get_or_init(|| without_sampled_lobes(materials)),
+            ..*self
+        }
+    }
+}
+
+/// Returns the materials for lights that rays can hit: without a specular lobe where a mirror ray or lobe rays sample
+/// it, and without the highlight where the Phong model has a reflected ray.
+fn without_sampled_lobes(materials: &MaterialPacket) -> MaterialPacket {
+    let mut without = materials.clone();
+    for l in 0..LANES {
+        // Mirror rays or lobe rays sample this lobe
+        if materials.roughness[l] <= MIRROR_ROUGHNESS || materials.has_lobe(l) {
+            without.roughness[l] = 0.0;
+        }
+        let extended = &mut without.extended;
+        // The reflected ray of the Phong model samples its highlight
+        if extended.is_phong[l] && (0..3).any(|c| extended.reflection[c][l] != 0.0) {
+            (0..3).for_each(|c| extended.specular_color[c][l] = 0.0);
+        }
+    }
+    without
+}
+
+impl ShadingState<'_, '_> {
+    /// Queues shadow rays to sampled points of light `number`. Returns `false` if that light is not an area light.
+    pub(in crate::render) fn queue_area_light(
+        &mut self,
+        number: usize,
+        traced: &TracedPacket,
+        lit: &ShadingContext,
+        stage: BatchInfo,
+    ) -> bool {
+        let frame = self.frame;
+        let light = &frame.scene.lights[number];
+        let LightKind::Area { samples, .. } = light.kind else {
+            return false;
+        };
+        let Some(Some(shape)) = frame.area_lights.get(number) else {
+            return true;
+        };
+        // Leave out lobes that secondary rays sample already
+        let effects = frame.effects();
+        let is_mirrored = shape.is_seen() && (effects.has(Effect::Reflection) || effects.has_lobes());
+        let lit = if is_mirrored {
+            lit.without_sampled_lobes()
+        } else {
+            *lit
+        };
+        // Draw the samples
+        let purpose = Purpose::LIGHT.nested(number as u32).nested(stage.depth);
+        for sample in 0..samples {
+            let draw = SampleIndex {
+                purpose,
+                number: sample,
+                of: samples,
+            };
+            let arrivals = self.sample_area_light_point(shape, light.intensity, (traced, &lit), draw);
+            self.queue_shadow_rays(&arrivals, (traced, &lit), frame.plan.casts_shadows[number], stage);
+        }
+        true
+    }
+
+    /// Returns the incident light from one sampled point of an area light at each surface.
+    fn sample_area_light_point(
+        &self,
+        light: &AreaLightSampler,
+        radiance: [f32; 3],
+        (traced, lit): (&TracedPacket, &ShadingContext),
+        draw: SampleIndex,
+    ) -> IncidentLight {
+        let textures = self.frame.surfaces.textures();
+        let mut arrivals = IncidentLight::NONE;
+        let mut from = [[0.0; LANES]; 3];
+        // Sample the light from each hit point
+        for l in (0..LANES).filter(|&l| lit.points.hit[l]) {
+            let u = self.numbers(traced, l, draw);
+            // The hit point may lie on the emissive object itself, so use the origin that is offset from the surface.
+            let p = if light.is_seen() {
+                DVec3::from([0, 1, 2].map(|axis| f64::from(lit.points.origin[axis][l])))
+            } else {
+                lit.points.point(l)
+            };
+            let Some(sample) = light.sample(textures, p, u) else {
+                continue;
+            };
+            // Store direction, light point and irradiance
+            let share = (sample.pdf * f64::from(draw.of)).recip() as f32;
+            for axis in 0..3 {
+                arrivals.wi[axis][l] = sample.direction[axis] as f32;
+                from[axis][l] = sample.end[axis];
+                arrivals.irradiance[axis][l] = radiance[axis] * sample.tint[axis] * share;
+            }
+        }
+        arrivals.from = Some(from);
+        arrivals
+    }
+
+    /// Queues a packet of shadow rays if any lane would contribute.
+    pub(in crate::render) fn queue_shadow_rays(
+        &mut self,
+        arrivals: &IncidentLight,
+        (traced, lit): (&TracedPacket, &ShadingContext),
+        casts: bool,
+        stage: BatchInfo,
+    ) {
+        if self.shadow_queue.is_full() {
+            self.meter.part(Category::Lighting);
+            self.trace_shadow_rays::<false>(stage.order);
+            self.meter.resume(traced.pixel, &traced.packet.active);
+        }
+        let (packet, payload) = self.shadow_queue.next();
+        if direct::sample_direct_area(arrivals, lit, packet, &mut payload.radiance) {
+            self.commit_shadow_rays::<false>(traced, casts);
+        }
+    }
+
+    /// Returns the random pair of the sample that lane `l` belongs to.
+    pub(in crate::render) fn numbers(&self, traced: &TracedPacket, l: usize, draw: SampleIndex) -> [f64; 2] {
+        PixelSample {
+            corner: self.corner,
+            label: traced.pixel[l],
+            sample: traced.path_states.map_or(0, |path_states| path_states.sample(l)),
+        }
+        .numbers(&self.frame.settings, draw)
+    }
+
+    /// Commits the packet of shadow rays last written; packets to a light that cannot be occluded are not traced.
+    pub(in crate::render) fn commit_shadow_rays<const BASIC: bool>(
+        &mut self,
+        traced: &TracedPacket,
+        casts: bool,
+    ) {
+        let effects = self.effects::<BASIC>();
+        if !BASIC {
+            self.shadow_queue.set_source(self.current_source);
+        }
+        let (packet, payload) = self.shadow_queue.next();
+        payload.pixel = *traced.pixel;
+        if effects.has(Effect::MotionBlur) {
+            packet.time = traced.packet.time;
+        }
+        if !casts {
+            // Not traced, but queued, because radiance is summed in the order of sampling.
+            packet.active = [0; LANES];
+        }
+        self.shadow_queue.commit();
+        if let Some(path_states) = traced.path_states.filter(|_| effects.has(Effect::Refraction)) {
+            self.shadow_queue.set_media(path_states);
+        }
+    }
+}

@@ -1,0 +1,15 @@
+//! Direct light of all kinds of light sources, with shadow rays.
+
+mod area_light;
+mod area_light_sampler;
+mod background;
+pub(super) mod direct;
+mod environment;
+mod sample_index;
+mod transparent_shadow;
+
+pub(super) use area_light_sampler::{AreaLightSampler, area_lights};
+pub(super) use direct::ShadingContext;
+pub(super) use environment::Environment;
+pub(super) use sample_index::{PixelSample, SampleIndex};
+pub(super) use transparent_shadow::attenuate_shadow_rays;

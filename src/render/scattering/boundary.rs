@@ -1,0 +1,123 @@
+//! Boundaries between media, with the interiors on both sides and Fresnel's factors.
+
+use super::super::context::RenderContext;
+use crate::optics::{
+    BoundaryCrossing, BoundaryEvent, InteriorStack, NestedInterior, Polarised, dielectric, thin_slab,
+};
+use crate::scene::{Effect, Material};
+
+/// Boundary between two media that a ray hits.
+pub(in crate::render) struct Boundary<'m> {
+    pub(in crate::render) material: &'m Material,
+    pub(in crate::render) crossing: BoundaryCrossing,
+    /// True if the surface bounds a transmissive interior.
+    is_solid: bool,
+}
+
+impl Boundary<'_> {
+    /// Returns whether the surface is thin, so that a ray is never inside it.
+    pub(in crate::render) fn is_thin_surface(&self) -> bool {
+        self.material.is_thin_surface()
+    }
+
+    /// Returns whether an interior of higher priority hides the boundary, so that the ray passes unchanged.
+    pub(in crate::render) fn is_hidden(&self) -> bool {
+        self.is_solid && !self.crossing.is_real()
+    }
+}
+
+impl Material {
+    /// Returns whether the material is thin, so that a ray is never inside it.
+    pub(in crate::render) fn is_thin_surface(&self) -> bool {
+        self.interior.is_none_or(|inside| inside.is_thin)
+    }
+}
+
+impl RenderContext<'_> {
+    /// Returns the boundary that instance `instance` forms for a ray inside `media`; the ray arrives on the outside
+    /// of the surface if `from_outside`.
+    pub(in crate::render) fn boundary(
+        &self,
+        instance: u32,
+        from_outside: bool,
+        media: &InteriorStack,
+    ) -> Boundary<'_> {
+        let index = self.scene.instances[instance as usize].material;
+        let material = &self.scene.materials[index as usize];
+        let passage = if from_outside {
+            BoundaryEvent::Enter
+        } else {
+            BoundaryEvent::Leave
+        };
+        // Update the interior stack only at transmissive solids
+        let is_solid =
+            self.effects().has(Effect::Refraction) && material.transmits() && !material.is_thin_surface();
+        let crossing = if !is_solid {
+            BoundaryCrossing {
+                before: media.current(),
+                after: media.current(),
+                through: *media,
+            }
+        } else {
+            let priority = material.interior.map_or(0, |inside| inside.priority);
+            media.crossing(NestedInterior { id: index, priority }, passage)
+        };
+        Boundary {
+            material,
+            crossing,
+            is_solid,
+        }
+    }
+
+    fn interior_material(&self, body: Option<NestedInterior>) -> Option<&Material> {
+        body.and_then(|body| self.scene.materials.get(body.id as usize))
+    }
+
+    /// Returns the index of refraction inside `body`, or of the background medium for `None`.
+    pub(in crate::render) fn ior(&self, body: Option<NestedInterior>, wavelength: f64) -> f64 {
+        self.interior_material(body)
+            .map_or(1.0, |material| material.ior(wavelength))
+    }
+
+    pub(in crate::render) fn disperses(&self, body: Option<NestedInterior>) -> bool {
+        let interior = self
+            .interior_material(body)
+            .and_then(|material| material.interior);
+        interior.is_some_and(|inside| inside.ior.spread() != 0.0)
+    }
+
+    /// Returns the transmittance over `distance` inside the innermost interior of `media`, per channel.
+    pub(in crate::render) fn transmittance(&self, media: &InteriorStack, distance: f64) -> [f32; 3] {
+        match self.interior_material(media.current()).and_then(|m| m.interior) {
+            Some(inside) => inside.absorption.transmittance(distance).map(|x| x as f32),
+            None => [1.0; 3],
+        }
+    }
+
+    /// Returns the reflected and the transmitted share at a boundary, averaged over polarization.
+    ///
+    /// A thin surface is evaluated as a slab of its material between two sides of the surrounding medium.
+    pub(in crate::render) fn fresnel_factors(
+        &self,
+        boundary: &Boundary,
+        cos_i: f64,
+        wavelength: f64,
+    ) -> (f64, f64) {
+        let material = boundary.material;
+        let outside = self.ior(boundary.crossing.before, wavelength);
+        let mean = |r: Polarised, t: Polarised| (r.mean(), t.mean());
+        // Evaluate a thin surface as a slab with internal reflections
+        if material.is_thin_surface() {
+            if material.interior.is_none() {
+                return (0.0, 1.0);
+            }
+            let slab = thin_slab(cos_i, outside, material.ior(wavelength));
+            mean(slab.reflectance, slab.transmittance)
+        } else {
+            // Evaluate Fresnel's equations of a single interface
+            let inside = self.ior(boundary.crossing.after, wavelength);
+            let fresnel = dielectric(cos_i, outside, inside);
+            mean(fresnel.reflectance, fresnel.transmittance)
+        }
+    }
+}

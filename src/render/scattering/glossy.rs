@@ -1,0 +1,207 @@
+//! Glossy (GGX) reflection and transmission: rays into the lobes of rough surfaces, for materials that request them.
+//!
+//! The first surface that a path hits samples as many microfacets as its material requests, and every later surface
+//! samples one ([`Ggx`]; R. Cook, T. Porter and L. Carpenter, "Distributed ray tracing", SIGGRAPH 1984). Each
+//! microfacet reflects a ray, and on transmissive surfaces refracts another, like a smooth surface with the
+//! orientation of the microfacet. Fresnel's factor is that of the microfacet, and rays that leave on the wrong side
+//! of the surface contribute nothing. The random numbers are those of the pixel sample for [`Purpose::LOBE`] and the
+//! bounce, so that the microfacets of all samples of a pixel form one stratified set. From there on, rays into a lobe
+//! count as separate samples, so that their light samples are stratified as well.
+//!
+//! No light counts twice. Shadow rays sample lights that rays cannot hit, and the whole lobe reflects them. Light
+//! that rays can hit (the environment map, emissive objects and lit surfaces) reaches the lobe by lobe rays alone.
+//! The ambient term keeps its diffuse part.
+//!
+//! Rays of one lobe start at one point with similar directions, so they are put into the same packet. Because one hit
+//! may send many rays, a wave has fewer camera packets, which keeps queues as small as without lobes. The weight
+//! cut-off compares the sum of all rays of a lobe.
+
+use glam::{DVec3, Vec3};
+
+use super::super::context::RenderContext;
+use super::super::lighting::SampleIndex;
+use super::super::profile::Category;
+use super::super::sampler::Purpose;
+use super::super::surface::Surfaces;
+use super::super::wavefront::{
+    BatchInfo, PathState, PathStatePacket, RayWorkItem, ShadingState, TracedPacket,
+};
+use super::dielectric::Interface;
+use super::microfacet::GlossyLobe;
+use crate::numeric::{LANES, Lanes3, Ray};
+use crate::scene::Effect;
+
+impl RenderContext<'_> {
+    /// Returns the number of microfacets that a path samples at the surface in lane `l`: the material's number at
+    /// depth 0, otherwise 1.
+    fn rough_rays(&self, surfaces: &Surfaces, travel: &PathState, (l, stage): (usize, BatchInfo)) -> u32 {
+        let depth = if self.effects().has_transmission() {
+            travel.depth
+        } else {
+            stage.depth
+        };
+        if depth == 0 {
+            surfaces.materials.extended.rough_rays[l]
+        } else {
+            1
+        }
+    }
+
+    /// Returns the lobe at lane `l` for a ray with the path state `arrival`.
+    fn lobe_at(
+        &self,
+        surfaces: &Surfaces,
+        arrival: &PathState,
+        n: DVec3,
+        (l, stage): (usize, BatchInfo),
+    ) -> Option<GlossyLobe> {
+        let points = &surfaces.points;
+        let of = self.rough_rays(surfaces, arrival, (l, stage));
+        let lobe = GlossyLobe::new(
+            surfaces.materials.roughness[l],
+            [n, points.geometric_normal(l)],
+            -arrival.direction,
+        )?;
+        Some(GlossyLobe {
+            of,
+            of_pixel: f64::from(of) * f64::from(arrival.split) * f64::from(self.even_count),
+            ..lobe
+        })
+    }
+}
+
+impl ShadingState<'_, '_> {
+    /// Queues the rays into the lobes of opaque surfaces. Transmissive surfaces queue theirs in
+    /// `refract_rough_rays`.
+    pub(in crate::render) fn reflect_roughly(
+        &mut self,
+        traced: &TracedPacket,
+        surfaces: &Surfaces,
+        stage: BatchInfo,
+    ) {
+        let Some(path_states) = traced.path_states else {
+            return;
+        };
+        let divides = self.frame.effects().has(Effect::Refraction);
+        for l in 0..LANES {
+            let materials = &surfaces.materials;
+            // Weights of a single wavelength may be negative, so that the sum of the channels is not a valid test.
+            let seen = surfaces.points.hit[l] && traced.weight.iter().any(|channel| channel[l] != 0.0);
+            if seen && materials.has_lobe(l) && !(divides && materials.transmits(l)) {
+                self.reflect_lobe(traced, path_states, surfaces, (l, stage));
+            }
+        }
+    }
+
+    fn reflect_lobe(
+        &mut self,
+        traced: &TracedPacket,
+        path_states: PathStatePacket,
+        surfaces: &Surfaces,
+        (l, stage): (usize, BatchInfo),
+    ) {
+        // Build the lobe in the shading frame
+        let frame = self.frame;
+        let points = &surfaces.points;
+        let vector = |v: &Lanes3<f32>| Vec3::new(v[0][l], v[1][l], v[2][l]);
+        let arrival = PathState {
+            // The path state holds a direction only with refraction.
+            direction: -vector(&points.wo).as_dvec3().normalize(),
+            ..path_states.lane(l)
+        };
+        let Some(lobe) = frame.lobe_at(surfaces, &arrival, points.shading_normal(l), (l, stage)) else {
+            return;
+        };
+        let cone =
+            frame
+                .cone_at(traced, path_states, l)
+                .reflected(frame.curvature(traced.packet, surfaces, l));
+        // Sample microfacets and spawn their reflected rays
+        for number in 0..lobe.of {
+            let facet = lobe.microfacet(self.lobe_numbers(traced, (l, stage), [number, lobe.of]));
+            let Some(scattered_ray) = facet.reflected() else {
+                continue;
+            };
+            let fresnel = surfaces.materials.fresnel(facet.cos_i() as f32, l);
+            let sent = RayWorkItem {
+                ray: Ray::new(vector(&points.origin), scattered_ray.direction.as_vec3()),
+                pixel: traced.pixel[l],
+                weight: std::array::from_fn(|c| traced.weight[c][l] * fresnel[c] * scattered_ray.share),
+                sender: Category::RoughReflection,
+                travel: Some(PathState {
+                    depth: arrival.depth + 1,
+                    direction: scattered_ray.direction,
+                    cone: cone.spread_by(scattered_ray.spread),
+                    ..arrival.one_of(number, lobe.of)
+                }),
+            };
+            self.send::<false>(&sent, stage.depth + 1);
+        }
+    }
+
+    /// Queues the reflected and refracted rays at rough transmissive surfaces.
+    pub(in crate::render) fn refract_rough_rays(
+        &mut self,
+        traced: &TracedPacket,
+        path_states: PathStatePacket,
+        surfaces: &Surfaces,
+        stage: BatchInfo,
+    ) {
+        for l in 0..LANES {
+            let materials = &surfaces.materials;
+            let seen = surfaces.points.hit[l] && traced.weight.iter().any(|channel| channel[l] != 0.0);
+            if seen && materials.transmits(l) && materials.has_lobe(l) {
+                self.cross_lobe(traced, path_states, surfaces, (l, stage));
+            }
+        }
+    }
+
+    fn cross_lobe(
+        &mut self,
+        traced: &TracedPacket,
+        path_states: PathStatePacket,
+        surfaces: &Surfaces,
+        (l, stage): (usize, BatchInfo),
+    ) {
+        let mut boundary_hit = self.frame.boundary_hit(traced, path_states, surfaces, l);
+        let arrival = boundary_hit.arrival;
+        let Some(lobe) = self
+            .frame
+            .lobe_at(surfaces, &arrival, boundary_hit.normal, (l, stage))
+        else {
+            return;
+        };
+        // Scatter at each sampled microfacet
+        for number in 0..lobe.of {
+            let numbers = self.lobe_numbers(traced, (l, stage), [number, lobe.of]);
+            boundary_hit.arrival = arrival.one_of(number, lobe.of);
+            self.scatter_at_boundary(&boundary_hit, &Interface::Rough(lobe.microfacet(numbers)));
+        }
+    }
+
+    /// Returns the random pair for microfacet `number` of `of`, for the sample of lane `l`.
+    fn lobe_numbers(
+        &self,
+        traced: &TracedPacket,
+        (l, stage): (usize, BatchInfo),
+        [number, of]: [u32; 2],
+    ) -> [f64; 2] {
+        let draw = SampleIndex {
+            purpose: Purpose::LOBE.nested(stage.depth),
+            number,
+            of,
+        };
+        self.numbers(traced, l, draw)
+    }
+}
+
+impl PathState {
+    /// Returns the state of ray `number` of the `of` rays into one lobe.
+    fn one_of(self, number: u32, of: u32) -> PathState {
+        PathState {
+            sample: self.sample.wrapping_mul(of).wrapping_add(number),
+            split: self.split.saturating_mul(of),
+            ..self
+        }
+    }
+}

@@ -1,0 +1,20 @@
+//! Parts of an image that are rendered by themselves: rectangles, shares of samples, tiles, patches and strips.
+
+mod cover;
+mod parts;
+mod patch_atlas;
+mod patches;
+mod probe;
+mod ray_recorder;
+mod region;
+mod tiles;
+
+pub use parts::{Parts, Share, Sums};
+pub use patches::{PatchGrid, render_patches};
+pub use probe::{Probe, probe};
+pub use ray_recorder::{RecordedRays, record};
+pub use region::Region;
+pub use tiles::{SampledTile, TileSample, render_sample, tile_count};
+
+pub(super) use cover::Cover;
+pub(super) use patch_atlas::{Patch, PatchAtlas};

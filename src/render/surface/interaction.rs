@@ -1,0 +1,612 @@
+//! Surface interactions: points and normals of hits, computed in f64 from the primitive.
+//!
+//! Backends report the primitive that was hit and the position on it. All else is computed here by the same code for
+//! all backends, so that they can disagree only about *which* primitive is hit. Vertices of sixteen lanes are
+//! gathered from the meshes and then processed with SIMD.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use glam::{DVec3, Vec3};
+use multiversion::multiversion;
+
+use super::super::plan::Plan;
+use super::super::profile::Moment;
+use super::super::settings::{HitPoint, RenderSettings};
+use super::cone_source::ConeSource;
+use super::packet::{SurfacePacket, lane};
+use super::shape_hit::world_point;
+use super::uv_frame::UvFrame;
+use super::vertex_fetch::{FetchedVertices, MeshView};
+use crate::accel::{NO_HIT, RayPacket};
+use crate::numeric::{
+    HitErrorBound, LANES, Lanes3, SpawnPolicy, transform_normal, triangle_spawn_bound, triangle_spawn_error,
+};
+use crate::scene::{Effect, EffectSet, Geometry, InstanceTransform, Material, Scene};
+use crate::shading::ray_cone::triangle_curvature;
+use crate::shading::{MaterialPacket, TextureSet};
+use crate::shape::Shape;
+
+/// Scene data needed to shade hits, with one entry per instance.
+pub(in crate::render) struct SurfaceScene<'s> {
+    scene: &'s Scene,
+    textures: TextureSet<'s>,
+    views: Vec<InstanceView<'s>>,
+    pub(in crate::render) effects: EffectSet,
+    /// Offset of ray origins from a surface; `None` if each point uses a bound on its error.
+    offset: Option<f64>,
+    hit_points: HitPoint,
+}
+
+pub(in crate::render) struct InstanceView<'s> {
+    kind: Kind<'s>,
+    /// Index into the materials of the scene.
+    material: u32,
+    /// True if the material is constant over the surface: no texture and no vertex colour.
+    pub(in crate::render) uniform: bool,
+    /// True if object space differs from world space.
+    is_placed: bool,
+}
+
+#[derive(Clone)]
+enum Kind<'s> {
+    /// Mesh data, shared by all instances of the mesh.
+    Mesh(Arc<MeshView<'s>>),
+    Shape(&'s Shape),
+}
+
+/// Working memory for the surface interactions of a packet, reused from packet to packet.
+pub(in crate::render) struct Surfaces {
+    gathered: FetchedVertices,
+    /// Hit points and normals of the lanes.
+    pub(in crate::render) points: SurfacePacket,
+    /// Materials of the lanes, after textures and vertex colours.
+    pub(in crate::render) materials: MaterialPacket,
+    /// Instance whose uniform material fills every lane of `materials`, if there is one.
+    filled_for: Option<u32>,
+    /// Time at which texture look-ups began.
+    pub(in crate::render) texturing: Moment,
+}
+
+impl<'s> SurfaceScene<'s> {
+    /// Prepares `scene` for the effects of `plan`.
+    pub(in crate::render) fn new(scene: &'s Scene, plan: &Plan) -> SurfaceScene<'s> {
+        let effects = plan.effects();
+        // Create views of the geometries, which instances share
+        let kinds: Vec<Kind> = scene
+            .geometries
+            .iter()
+            .map(|geometry| Kind::of(geometry, effects))
+            .collect();
+        let varies = |material: &Material| material.layers.iter().any(|layer| effects.has(layer.effect()));
+        // A texture effect that is forced on without need treats every material as varying.
+        let forced = plan.forced();
+        let everywhere = [Effect::Texture, Effect::NormalMap, Effect::VertexColor]
+            .into_iter()
+            .any(|effect| forced.has(effect));
+        // Create one view per instance
+        let views = scene.instances.iter().map(|instance| {
+            let material = &scene.materials[instance.material as usize];
+            let kind = kinds[instance.geometry as usize].clone();
+            let colored = matches!(&kind, Kind::Mesh(mesh) if mesh.colors.is_some());
+            InstanceView {
+                kind,
+                material: instance.material,
+                uniform: !(colored || varies(material) || everywhere),
+                is_placed: !instance.is_identity(),
+            }
+        });
+        SurfaceScene {
+            scene,
+            textures: TextureSet::of_effects(scene, effects),
+            views: views.collect(),
+            effects,
+            offset: None,
+            hit_points: HitPoint::Refined,
+        }
+    }
+
+    /// Returns the scene with the spawn policy and the hit-point rule of `settings`.
+    pub(in crate::render) fn with_spawn_policy(self, settings: &RenderSettings) -> SurfaceScene<'s> {
+        let size = || {
+            let bounds = self.scene.bounds();
+            if bounds.is_empty() {
+                0.0
+            } else {
+                bounds.extent().length()
+            }
+        };
+        // Spawn points by error bounds need no offset; other policies depend on the size of the scene
+        let offset = match settings.spawn {
+            SpawnPolicy::Bounded => None,
+            policy => policy.offset(size()),
+        };
+        SurfaceScene {
+            offset,
+            hit_points: settings.hit_points,
+            ..self
+        }
+    }
+
+    #[inline(always)]
+    pub(in crate::render) fn material_of(&self, view: &InstanceView) -> &'s Material {
+        &self.scene.materials[view.material as usize]
+    }
+
+    /// Computes the surface interactions of a traced packet.
+    pub(in crate::render) fn compute_interactions(
+        &self,
+        packet: &RayPacket,
+        widths: ConeSource,
+        surfaces: &mut Surfaces,
+    ) {
+        compute_interactions(self, packet, widths, surfaces);
+    }
+
+    #[inline(always)]
+    fn compute_interactions_inlined(&self, packet: &RayPacket, widths: ConeSource, surfaces: &mut Surfaces) {
+        let Surfaces {
+            gathered,
+            points,
+            materials,
+            filled_for,
+            texturing,
+        } = surfaces;
+        // Fetch vertices, as a whole if all lanes share an instance
+        let common = Common::of(packet);
+        let only = common
+            .instance
+            .and_then(|instance| self.views.get(instance as usize));
+        gathered.needs_scalar_path = false;
+        match only {
+            Some(view) => match (&view.kind, common.primitive) {
+                (Kind::Mesh(mesh), Some(primitive)) => {
+                    gathered.needs_scalar_path = view.needs_scalar_path();
+                    mesh.gather_everywhere(primitive, gathered);
+                }
+                (Kind::Mesh(mesh), None) => {
+                    gathered.needs_scalar_path = view.needs_scalar_path();
+                    mesh.gather_lanes(packet, gathered);
+                }
+                (Kind::Shape(_), _) => {
+                    gathered.needs_scalar_path = true;
+                    gathered.smooth = [false; LANES];
+                }
+            },
+            None => self.gather_by_lane(packet, gathered),
+        }
+        points.offset = self.offset;
+        // Compute points and normals of world-space triangles; the rules are compiled separately, so that neither
+        // pays for the other.
+        match self.offset {
+            None => triangle_surfaces::<true>(packet, gathered, points),
+            Some(_) => triangle_surfaces::<false>(packet, gathered, points),
+        }
+        // Recompute lanes of analytic shapes and transformed instances
+        if gathered.needs_scalar_path {
+            self.recompute_scalar_lanes(packet, gathered, points);
+        }
+        // Apply the hit-point rule and compute ray origins
+        if self.hit_points == HitPoint::Reported {
+            points.report(packet);
+        }
+        points.spawn();
+        // Evaluate materials, reusing a uniform one from the last packet
+        match only {
+            // Lanes without a hit may hold any material.
+            Some(view) if view.uniform => {
+                if *filled_for != common.instance {
+                    materials.fill(self.material_of(view));
+                    *filled_for = common.instance;
+                }
+            }
+            _ => {
+                *filled_for = None;
+                if self.materials_by_lane(packet, materials) {
+                    if matches!(texturing, Moment::Wanted) {
+                        *texturing = Moment::Read(Instant::now());
+                    }
+                    self.evaluate_texture_lanes(packet, widths, points, materials);
+                }
+            }
+        }
+    }
+
+    /// Sets the materials of all hits before texturing. Returns whether any of them varies over its surface.
+    fn materials_by_lane(&self, packet: &RayPacket, materials: &mut MaterialPacket) -> bool {
+        let mut varies = false;
+        materials.set_lanes(|l| {
+            if packet.instance[l] == NO_HIT {
+                return None;
+            }
+            let view = &self.views[packet.instance[l] as usize];
+            varies |= !view.uniform;
+            Some(self.material_of(view))
+        });
+        varies
+    }
+
+    /// Gathers the vertices of the meshes lane by lane, for packets whose lanes hit several instances.
+    fn gather_by_lane(&self, packet: &RayPacket, gathered: &mut FetchedVertices) {
+        for l in 0..LANES {
+            gathered.smooth[l] = false;
+            if packet.instance[l] == NO_HIT {
+                continue;
+            }
+            let view = &self.views[packet.instance[l] as usize];
+            gathered.needs_scalar_path |= view.needs_scalar_path();
+            if let Kind::Mesh(mesh) = &view.kind {
+                mesh.gather(packet, l, gathered);
+            }
+        }
+    }
+
+    /// Recomputes the lanes that hit analytic shapes or transformed instances.
+    #[cold]
+    fn recompute_scalar_lanes(
+        &self,
+        packet: &RayPacket,
+        gathered: &FetchedVertices,
+        surfaces: &mut SurfacePacket,
+    ) {
+        for l in 0..LANES {
+            if packet.instance[l] == NO_HIT {
+                continue;
+            }
+            let view = &self.views[packet.instance[l] as usize];
+            let pose = self.pose(packet, l);
+            // Compute the hit in world space
+            let placed = match &view.kind {
+                Kind::Mesh(_) if !view.is_placed => continue,
+                Kind::Mesh(_) => world_triangle(packet, gathered, l, &pose),
+                Kind::Shape(shape) => world_shape(packet, l, shape, &pose),
+            };
+            // Turn the normals to the side of the ray
+            let wo = lane(&surfaces.wo, l).as_dvec3();
+            let front = !(placed.ng.dot(wo) < 0.0);
+            let ng = if front { placed.ng } else { -placed.ng };
+            surfaces.front[l] = front;
+            surfaces.exact_normal[l] = ng;
+            let mut ns = placed.ns.unwrap_or(ng);
+            if ns.dot(ng) < 0.0 {
+                ns = -ns;
+            }
+            if !(ns.dot(wo) > 0.0) {
+                ns = ng;
+            }
+            // Store the lane
+            for axis in 0..3 {
+                surfaces.p[axis][l] = placed.p[axis];
+                surfaces.ng[axis][l] = ng[axis] as f32;
+                surfaces.ns[axis][l] = ns[axis] as f32;
+            }
+            surfaces.error[l] = placed.error.along(ng);
+        }
+    }
+
+    /// Returns the unit normal for reflection and refraction, on the side of the incident ray: interpolated if the
+    /// mesh has vertex normals, otherwise the geometric normal to f64 accuracy.
+    pub(in crate::render) fn interface_normal(
+        &self,
+        packet: &RayPacket,
+        surfaces: &Surfaces,
+        l: usize,
+    ) -> DVec3 {
+        let points = &surfaces.points;
+        let shading = lane(&points.ns, l).as_dvec3().normalize();
+        if surfaces.gathered.smooth[l] || points.ns_differs(l) {
+            return shading;
+        }
+        if self.views[packet.instance[l] as usize].needs_scalar_path() {
+            return points.exact_normal[l];
+        }
+        // Compute the geometric normal of a flat world-space triangle in f64
+        let [a, b, c] = std::array::from_fn(|corner| lane(&surfaces.gathered.corners[corner], l).as_dvec3());
+        let n = (b - a).cross(c - a).normalize();
+        if n.dot(shading) < 0.0 { -n } else { n }
+    }
+
+    /// Returns the mean curvature of the surface at lane `l`, positive where it is convex on the side of the incident
+    /// ray; 0 where the surface is flat or its curvature is unknown.
+    pub(in crate::render) fn curvature(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> f64 {
+        let view = &self.views[packet.instance[l] as usize];
+        // Curvature is an inverse length, so divide by the mean scale of the transform
+        let map = self.pose(packet, l).world_from_object();
+        let scale = map.matrix3.determinant().abs().cbrt();
+        let outside = match &view.kind {
+            Kind::Shape(Shape::Sphere(sphere)) => 1.0 / (sphere.radius * scale),
+            Kind::Mesh(_) if surfaces.gathered.smooth[l] => {
+                let wide = |lanes: &Lanes3<f32>| lane(lanes, l).as_dvec3();
+                let corners = surfaces.gathered.corners.each_ref().map(wide);
+                let normals = surfaces.gathered.normals.each_ref().map(wide);
+                triangle_curvature(corners, normals.map(DVec3::normalize_or_zero)) / scale
+            }
+            _ => 0.0,
+        };
+        if surfaces.points.front[l] {
+            outside
+        } else {
+            -outside
+        }
+    }
+
+    /// Returns the transform of the instance that lane `l` hit, at the time of the ray.
+    pub(in crate::render) fn pose(&self, packet: &RayPacket, l: usize) -> InstanceTransform<'_> {
+        self.scene.instances[packet.instance[l] as usize].pose(packet.time[l])
+    }
+
+    /// Returns the shading data of an instance.
+    pub(in crate::render) fn view(&self, instance: u32) -> &InstanceView<'_> {
+        &self.views[instance as usize]
+    }
+
+    /// Returns the textures of the scene, prepared for look-up.
+    pub(in crate::render) fn textures(&self) -> &TextureSet<'_> {
+        &self.textures
+    }
+}
+
+impl InstanceView<'_> {
+    /// Returns whether hits need the scalar path: analytic shapes and transformed instances.
+    fn needs_scalar_path(&self) -> bool {
+        self.is_placed || matches!(self.kind, Kind::Shape(_))
+    }
+
+    /// Returns the texture coordinates of a hit and the world-space derivatives of the point by them; zero where the
+    /// mesh has none.
+    pub(in crate::render) fn uv_frame(
+        &self,
+        pose: &InstanceTransform,
+        set: u32,
+        packet: &RayPacket,
+        l: usize,
+    ) -> UvFrame {
+        // Interpolate mesh coordinates, or evaluate the parametrization of the shape
+        match &self.kind {
+            Kind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
+                Some(set) => {
+                    let linear = pose.world_from_object().matrix3;
+                    UvFrame {
+                        uv: mesh.interpolate(set, packet, l),
+                        derivatives: mesh.derivatives(set, packet.primitive[l]).map(|d| linear * d),
+                    }
+                }
+                None => UvFrame {
+                    uv: [0.0; 2],
+                    derivatives: [DVec3::ZERO; 2],
+                },
+            },
+            Kind::Shape(shape) => {
+                let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
+                UvFrame {
+                    uv: point.uv.map(|x| x as f32),
+                    derivatives: [point.dpdu, point.dpdv],
+                }
+            }
+        }
+    }
+
+    /// Returns the interpolated mesh tangent at a hit, in object space, with its handedness.
+    pub(in crate::render) fn tangent(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
+        match &self.kind {
+            Kind::Mesh(mesh) => mesh
+                .tangents
+                .map(|tangents| mesh.interpolate(tangents, packet, l)),
+            Kind::Shape(_) => None,
+        }
+    }
+
+    pub(in crate::render) fn vertex_color(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
+        match &self.kind {
+            Kind::Mesh(mesh) => mesh.colors.map(|colors| mesh.interpolate(colors, packet, l)),
+            Kind::Shape(_) => None,
+        }
+    }
+}
+
+impl<'s> Kind<'s> {
+    fn of(geometry: &'s Geometry, effects: EffectSet) -> Kind<'s> {
+        match geometry {
+            Geometry::Mesh(mesh) => Kind::Mesh(Arc::new(MeshView::of(mesh, effects))),
+            Geometry::Shape(shape) => Kind::Shape(shape),
+        }
+    }
+}
+
+impl Surfaces {
+    pub(in crate::render) fn new(effects: EffectSet) -> Surfaces {
+        Surfaces {
+            gathered: FetchedVertices::new(),
+            points: SurfacePacket::new(),
+            materials: MaterialPacket {
+                effects,
+                ..MaterialPacket::BLACK
+            },
+            filled_for: None,
+            texturing: Moment::Unknown,
+        }
+    }
+}
+
+/// Compiles [`SurfaceScene::compute_interactions`] for several instruction sets.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn compute_interactions(
+    scene: &SurfaceScene,
+    packet: &RayPacket,
+    widths: ConeSource,
+    surfaces: &mut Surfaces,
+) {
+    scene.compute_interactions_inlined(packet, widths, surfaces);
+}
+
+/// Instance and primitive that all hit lanes of a packet have in common.
+struct Common {
+    /// Instance of all hit lanes, if they agree.
+    instance: Option<u32>,
+    /// Primitive of all hit lanes, if they agree.
+    primitive: Option<u32>,
+}
+
+impl Common {
+    #[inline(always)]
+    fn of(packet: &RayPacket) -> Common {
+        let [instances, primitives] = ranges(packet);
+        let one = |[low, high]: [u32; 2]| (low == high).then_some(low);
+        Common {
+            instance: one(instances),
+            primitive: one(primitives),
+        }
+    }
+}
+
+/// Returns the smallest and the largest instance index, and primitive index, among the hit lanes.
+#[inline(always)]
+fn ranges(packet: &RayPacket) -> [[u32; 2]; 2] {
+    let mut ranges = [[NO_HIT, 0]; 2];
+    for (numbers, range) in [&packet.instance, &packet.primitive].into_iter().zip(&mut ranges) {
+        let [mut low, mut high] = *range;
+        for l in 0..LANES {
+            let hit = packet.instance[l] != NO_HIT;
+            low = low.min(if hit { numbers[l] } else { NO_HIT });
+            high = high.max(if hit { numbers[l] } else { 0 });
+        }
+        *range = [low, high];
+    }
+    ranges
+}
+
+/// Computes points and normals of all lanes, for triangles that are stored in world space.
+#[inline(always)]
+fn triangle_surfaces<const BOUNDED: bool>(
+    packet: &RayPacket,
+    gathered: &FetchedVertices,
+    surfaces: &mut SurfacePacket,
+) {
+    let [a, b, c] = &gathered.corners;
+    let [na, nb, nc] = &gathered.normals;
+    let d = &packet.direction;
+    // Find hit lanes and directions towards the ray origins
+    for l in 0..LANES {
+        surfaces.hit[l] = packet.instance[l] != NO_HIT;
+    }
+    for l in 0..LANES {
+        let length = (d[0][l] * d[0][l] + d[1][l] * d[1][l] + d[2][l] * d[2][l]).sqrt();
+        let scale = -1.0 / length;
+        for axis in 0..3 {
+            surfaces.wo[axis][l] = d[axis][l] * scale;
+        }
+    }
+    // Compute points and unnormalized geometric normals in f64
+    let mut across = [[0.0; LANES]; 3];
+    for l in 0..LANES {
+        let wide = |v: &Lanes3<f32>| DVec3::new(v[0][l].into(), v[1][l].into(), v[2][l].into());
+        let v0 = wide(a);
+        let (e1, e2) = (wide(b) - v0, wide(c) - v0);
+        let p = v0 + f64::from(packet.u[l]) * e1 + f64::from(packet.v[l]) * e2;
+        let n = brought_near_one(e1.cross(e2));
+        for axis in 0..3 {
+            surfaces.p[axis][l] = p[axis];
+            across[axis][l] = n[axis];
+        }
+    }
+    // Turn geometric normals towards the ray and bound the error of points
+    for l in 0..LANES {
+        let (n, wo) = (lane(&across, l), lane(&surfaces.wo, l));
+        let front = !(n.dot(wo) < 0.0);
+        surfaces.front[l] = front;
+        let facing = if front { 1.0 } else { -1.0 };
+        let ng = n * (facing / n.dot(n).sqrt());
+        if BOUNDED {
+            let v0 = lane(a, l);
+            let bound = triangle_spawn_bound(v0, lane(b, l) - v0, lane(c, l) - v0);
+            surfaces.error[l] = bound.dot(ng.abs()).into();
+        }
+        // Interpolate shading normals
+        let (u, v) = (packet.u[l], packet.v[l]);
+        let w = 1.0 - u - v;
+        let mut ns = [0.0; 3];
+        for axis in 0..3 {
+            surfaces.ng[axis][l] = ng[axis];
+            ns[axis] = w * na[axis][l] + u * nb[axis][l] + v * nc[axis][l];
+        }
+        let squared = ns[0] * ns[0] + ns[1] * ns[1] + ns[2] * ns[2];
+        let side = ns[0] * ng[0] + ns[1] * ng[1] + ns[2] * ng[2];
+        let scale = if side < 0.0 { -1.0 } else { 1.0 } / squared.sqrt();
+        let seen =
+            (ns[0] * surfaces.wo[0][l] + ns[1] * surfaces.wo[1][l] + ns[2] * surfaces.wo[2][l]) * scale;
+        // Zero normals give NaN or infinity here, and compare false.
+        let smooth = gathered.smooth[l] & (seen > 0.0) & (squared > 0.0) & (squared < f32::INFINITY);
+        for axis in 0..3 {
+            surfaces.ns[axis][l] = if smooth { ns[axis] * scale } else { ng[axis] };
+        }
+    }
+}
+
+/// Returns `n` times an exact power of two that brings its length near 1, so that its square neither underflows nor
+/// overflows in f32, however small the triangle is.
+#[inline(always)]
+fn brought_near_one(n: DVec3) -> Vec3 {
+    const EXPONENT: u64 = 0x7ff0_0000_0000_0000;
+    const DOUBLED_BIAS: u64 = 2046 << 52;
+    // Clear all but the exponent of the largest component, and multiply by its reciprocal
+    let exponent = n.abs().max_element().to_bits() & EXPONENT;
+    (n * f64::from_bits(DOUBLED_BIAS.wrapping_sub(exponent))).as_vec3()
+}
+
+/// World-space hit point of one lane; normals may be on either side.
+struct WorldHit {
+    p: DVec3,
+    ng: DVec3,
+    ns: Option<DVec3>,
+    error: HitErrorBound,
+}
+
+fn world_triangle(
+    packet: &RayPacket,
+    gathered: &FetchedVertices,
+    l: usize,
+    pose: &InstanceTransform,
+) -> WorldHit {
+    let [a, b, c] = std::array::from_fn(|corner| lane(&gathered.corners[corner], l).as_dvec3());
+    let (e1, e2) = (b - a, c - a);
+    let (u, v) = (f64::from(packet.u[l]), f64::from(packet.v[l]));
+    let map = pose.world_from_object();
+    let p = map.transform_point3(a + u * e1 + v * e2);
+    let ns = gathered.smooth[l].then(|| {
+        let [na, nb, nc] = std::array::from_fn(|corner| lane(&gathered.normals[corner], l).as_dvec3());
+        transform_normal(&map.matrix3, (1.0 - u - v) * na + u * nb + v * nc)
+    });
+    WorldHit {
+        p,
+        ng: transform_normal(&map.matrix3, e1.cross(e2).normalize_or_zero()),
+        ns: ns.filter(|n| *n != DVec3::ZERO),
+        error: triangle_spawn_error(a.as_vec3(), e1.as_vec3(), e2.as_vec3()).transformed(
+            &map,
+            &pose.object_from_world(),
+            p,
+        ),
+    }
+}
+
+fn world_shape(packet: &RayPacket, l: usize, shape: &Shape, pose: &InstanceTransform) -> WorldHit {
+    let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
+    WorldHit {
+        p: point.p,
+        ng: point.n,
+        ns: None,
+        error: point.error,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn instance_view_takes_at_most_24_bytes() {
+        assert!(size_of::<InstanceView>() <= 24, "{}", size_of::<InstanceView>());
+    }
+}

@@ -1,0 +1,16 @@
+//! Wavefront of a tile: ray queues, path states, and the shading of traced packets.
+
+mod path_state;
+mod ray_queue;
+mod shading;
+mod shading_state;
+mod tile_renderer;
+mod traced_packet;
+mod wave_size;
+
+pub(super) use path_state::{InteriorArray, PathState, PathStatePacket, PathStates};
+pub(super) use ray_queue::{BATCH, PathPacket, RayWorkItem, ShadowPayload, ShadowQueue};
+pub(super) use shading_state::ShadingState;
+pub(super) use tile_renderer::{RendererPool, TileRenderer};
+pub(super) use traced_packet::{BatchInfo, TracedPacket};
+pub(super) use wave_size::{WAVE, camera_packets};

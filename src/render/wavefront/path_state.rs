@@ -1,0 +1,278 @@
+//! Per-path state as structure of arrays; only arrays that an active effect needs are allocated.
+//!
+//! For example, a scene without dielectrics has no array of interiors, and one without filtered textures no array of
+//! ray cones. Each array holds the sixteen lanes of a packet side by side.
+
+use glam::DVec3;
+
+use super::super::profile::Memory;
+use crate::numeric::{LANES, Lanes};
+use crate::optics::{InteriorStack, NestedInterior};
+use crate::scene::{Effect, EffectSet};
+use crate::shading::ray_cone::Cone;
+
+/// State of one path, besides its throughput.
+#[derive(Clone, Copy)]
+pub(in crate::render) struct PathState {
+    /// Number of reflections and refractions so far.
+    pub(in crate::render) depth: u32,
+    /// Wavelength that the path follows, in nanometres; 0 for all wavelengths.
+    pub(in crate::render) wavelength: f32,
+    /// Unit direction, before it is rounded to the f32 direction of the ray.
+    pub(in crate::render) direction: DVec3,
+    /// Dielectric interiors around the path.
+    pub(in crate::render) media: InteriorStack,
+    /// Ray cone, as width and spread.
+    pub(in crate::render) cone: Cone,
+    /// Index of the pixel sample that the path belongs to. Rays into one lobe count as separate samples.
+    pub(in crate::render) sample: u32,
+    /// Number of rays that the lobe at the first visible surface was split into, this one included; 1 without a
+    /// split.
+    pub(in crate::render) split: u32,
+    /// Time of the rays, as in [`crate::numeric::Ray::time`].
+    pub(in crate::render) time: f32,
+}
+
+impl PathState {
+    /// State of a path that has not begun.
+    pub(in crate::render) const NONE: PathState = PathState {
+        depth: 0,
+        wavelength: 0.0,
+        direction: DVec3::ZERO,
+        media: InteriorStack::EMPTY,
+        cone: Cone {
+            width: 0.0,
+            spread: 0.0,
+        },
+        sample: 0,
+        split: 1,
+        time: 0.0,
+    };
+}
+
+/// Path states of several packets, as far as the effects need them.
+pub(in crate::render) struct PathStates {
+    depth: OptionalArray<u32>,
+    wavelength: OptionalArray<f32>,
+    direction: OptionalArray<DVec3>,
+    media: InteriorArray,
+    cone: OptionalArray<Cone>,
+    sample: OptionalArray<u32>,
+    split: OptionalArray<u32>,
+    time: OptionalArray<f32>,
+}
+
+impl PathStates {
+    /// Returns empty arrays for these effects, and for ray cones if paths carry them.
+    pub(in crate::render) fn new(effects: EffectSet, tracks_cones: bool) -> PathStates {
+        PathStates {
+            depth: OptionalArray::new(effects.has_transmission()),
+            wavelength: OptionalArray::new(effects.has(Effect::Dispersion)),
+            direction: OptionalArray::new(effects.has(Effect::Refraction)),
+            media: InteriorArray::new(effects),
+            cone: OptionalArray::new(tracks_cones),
+            sample: OptionalArray::new(effects.samples_light()),
+            split: OptionalArray::new(effects.has_lobes()),
+            time: OptionalArray::new(effects.has(Effect::MotionBlur)),
+        }
+    }
+
+    /// Returns whether no array is allocated.
+    pub(in crate::render) fn is_void(&self) -> bool {
+        // Every other array exists only together with one of these.
+        !(self.depth.is_allocated
+            || self.cone.is_allocated
+            || self.sample.is_allocated
+            || self.time.is_allocated)
+    }
+
+    /// Removes the states of all packets.
+    pub(in crate::render) fn clear(&mut self) {
+        self.resize(0);
+    }
+
+    /// Resizes the arrays to `packets` packets; new ones hold paths that have not begun.
+    pub(in crate::render) fn resize(&mut self, packets: usize) {
+        self.depth.resize(packets, 0);
+        self.wavelength.resize(packets, 0.0);
+        self.direction.resize(packets, DVec3::ZERO);
+        self.media.resize(packets);
+        self.cone.resize(packets, PathState::NONE.cone);
+        self.sample.resize(packets, 0);
+        self.split.resize(packets, PathState::NONE.split);
+        self.time.resize(packets, 0.0);
+    }
+
+    /// Sets the state of lane `l` of packet `packet`.
+    pub(in crate::render) fn set(&mut self, packet: usize, l: usize, travel: &PathState) {
+        self.depth.set(packet, l, travel.depth);
+        self.wavelength.set(packet, l, travel.wavelength);
+        self.direction.set(packet, l, travel.direction);
+        self.media.set(packet, l, &travel.media);
+        self.cone.set(packet, l, travel.cone);
+        self.sample.set(packet, l, travel.sample);
+        self.split.set(packet, l, travel.split);
+        self.time.set(packet, l, travel.time);
+    }
+
+    /// Adds the bytes of each array to the effect that needs it.
+    pub(in crate::render) fn add_to(&self, memory: &mut Memory, effects: EffectSet) {
+        // Attribute depths to the effect by which light passes surfaces
+        let through = effects.transmissive().name();
+        memory.add(through, "steps of paths", self.depth.byte_count());
+        let wavelengths = self.wavelength.byte_count();
+        memory.add(Effect::Dispersion.name(), "wavelengths of paths", wavelengths);
+        let directions = self.direction.byte_count();
+        memory.add(Effect::Refraction.name(), "directions of paths", directions);
+        self.media.add_to(memory);
+        memory.add(
+            Effect::TextureFilter.name(),
+            "widths of paths",
+            self.cone.byte_count(),
+        );
+        memory.add("sampling", "samples of paths", self.sample.byte_count());
+        // Attribute lobe rays to reflection if both effects are on
+        let lobes = match effects.has(Effect::RoughReflection) {
+            true => Effect::RoughReflection,
+            false => Effect::RoughRefraction,
+        };
+        memory.add(lobes.name(), "rays of lobes", self.split.byte_count());
+        memory.add(
+            Effect::MotionBlur.name(),
+            "times of paths",
+            self.time.byte_count(),
+        );
+    }
+
+    /// Returns a view of the states of one packet.
+    pub(in crate::render) fn at(&self, packet: usize) -> PathStatePacket<'_> {
+        PathStatePacket {
+            path_states: self,
+            packet,
+        }
+    }
+}
+
+/// View of the path states of one packet.
+#[derive(Clone, Copy)]
+pub(in crate::render) struct PathStatePacket<'a> {
+    path_states: &'a PathStates,
+    packet: usize,
+}
+
+impl PathStatePacket<'_> {
+    /// Returns the state of lane `l`; members without an array have the values of [`PathState::NONE`].
+    pub(in crate::render) fn lane(&self, l: usize) -> PathState {
+        let (path_states, packet) = (self.path_states, self.packet);
+        PathState {
+            depth: path_states.depth.get(packet, l, 0),
+            wavelength: path_states.wavelength.get(packet, l, 0.0),
+            direction: path_states.direction.get(packet, l, DVec3::ZERO),
+            media: path_states.media.get(packet, l),
+            cone: self.cone(l),
+            sample: self.sample(l),
+            split: path_states.split.get(packet, l, PathState::NONE.split),
+            time: path_states.time.get(packet, l, 0.0),
+        }
+    }
+
+    /// Returns the ray cone of lane `l`.
+    pub(in crate::render) fn cone(&self, l: usize) -> Cone {
+        self.path_states.cone.get(self.packet, l, PathState::NONE.cone)
+    }
+
+    /// Returns the pixel sample that lane `l` belongs to.
+    pub(in crate::render) fn sample(&self, l: usize) -> u32 {
+        self.path_states.sample.get(self.packet, l, 0)
+    }
+
+    /// Returns the interiors around lane `l`.
+    pub(in crate::render) fn media(&self, l: usize) -> InteriorStack {
+        self.path_states.media.get(self.packet, l)
+    }
+}
+
+/// Array with one value per lane, or nothing if no effect needs it.
+struct OptionalArray<T> {
+    is_allocated: bool,
+    packets: Vec<Lanes<T>>,
+}
+
+impl<T: Copy> OptionalArray<T> {
+    fn new(is_allocated: bool) -> OptionalArray<T> {
+        OptionalArray {
+            is_allocated,
+            packets: Vec::new(),
+        }
+    }
+
+    fn resize(&mut self, packets: usize, value: T) {
+        if self.is_allocated {
+            self.packets.resize(packets, [value; LANES]);
+        }
+    }
+
+    fn byte_count(&self) -> usize {
+        self.packets.capacity() * size_of::<Lanes<T>>()
+    }
+
+    fn set(&mut self, packet: usize, l: usize, value: T) {
+        if self.is_allocated {
+            self.packets[packet][l] = value;
+        }
+    }
+
+    fn get(&self, packet: usize, l: usize, otherwise: T) -> T {
+        if self.is_allocated {
+            self.packets[packet][l]
+        } else {
+            otherwise
+        }
+    }
+}
+
+/// Interiors around every lane: no array without refraction, one interior per lane where no two can overlap, a stack
+/// otherwise.
+pub(in crate::render) struct InteriorArray {
+    single: OptionalArray<Option<NestedInterior>>,
+    nested: OptionalArray<InteriorStack>,
+}
+
+impl InteriorArray {
+    /// Returns empty arrays for these effects.
+    pub(in crate::render) fn new(effects: EffectSet) -> InteriorArray {
+        let nests = effects.has(Effect::NestedMedia);
+        InteriorArray {
+            single: OptionalArray::new(effects.has(Effect::Refraction) && !nests),
+            nested: OptionalArray::new(effects.has(Effect::Refraction) && nests),
+        }
+    }
+
+    /// Resizes the arrays to `packets` packets; new lanes are outside of all interiors.
+    pub(in crate::render) fn resize(&mut self, packets: usize) {
+        self.single.resize(packets, None);
+        self.nested.resize(packets, InteriorStack::EMPTY);
+    }
+
+    /// Adds the bytes of the arrays.
+    pub(in crate::render) fn add_to(&self, memory: &mut Memory) {
+        let single = self.single.byte_count();
+        memory.add(Effect::Refraction.name(), "the medium around each path", single);
+        let nested = self.nested.byte_count();
+        memory.add(Effect::NestedMedia.name(), "the media around each path", nested);
+    }
+
+    /// Sets the interiors of lane `l` of packet `packet`.
+    pub(in crate::render) fn set(&mut self, packet: usize, l: usize, media: &InteriorStack) {
+        self.single.set(packet, l, media.current());
+        self.nested.set(packet, l, *media);
+    }
+
+    /// Returns the interiors around lane `l` of packet `packet`.
+    pub(in crate::render) fn get(&self, packet: usize, l: usize) -> InteriorStack {
+        match self.single.get(packet, l, None) {
+            Some(body) => InteriorStack::of(body),
+            None => self.nested.get(packet, l, InteriorStack::EMPTY),
+        }
+    }
+}

@@ -1,0 +1,362 @@
+//! Shading stage of the wavefront: accumulates radiance on the film and queues shadow rays and secondary rays.
+
+use std::cell::OnceCell;
+
+use glam::Vec3;
+
+use super::super::aov::LightSource;
+use super::super::lighting::direct;
+use super::super::profile::{Accounts, Category, Moment, TruncationLimit};
+use super::super::surface::{ConeSource, Surfaces};
+use super::path_state::{PathState, PathStatePacket};
+use super::ray_queue::{Paths, RayWorkItem};
+use super::shading_state::ShadingState;
+use super::traced_packet::{BatchInfo, TracedPacket};
+use crate::accel::{Coherence, NO_HIT, RayPacket};
+use crate::numeric::{LANES, Lanes, Lanes3, Ray};
+use crate::scene::{Effect, EffectSet};
+
+impl ShadingState<'_, '_> {
+    /// Shades the hits and misses of traced packets: adds radiance to the film and queues shadow rays and secondary
+    /// rays.
+    pub(in crate::render) fn shade_batch(
+        &mut self,
+        surfaces: &mut Surfaces,
+        packets: &[RayPacket],
+        paths: Paths,
+        stage: BatchInfo,
+    ) {
+        // Layers of light need the general path, which records the source of all radiance.
+        let divides_light = self.frame.light_sheet.is_wanted();
+        if !divides_light && self.frame.effects().are_within(EffectSet::BASIC) {
+            self.shade_packets::<true>(surfaces, packets, paths, stage);
+        } else {
+            self.shade_packets::<false>(surfaces, packets, paths, stage);
+        }
+    }
+
+    // Not inlined, so that neither variant suffers from the register pressure of the other.
+    #[inline(never)]
+    fn shade_packets<const BASIC: bool>(
+        &mut self,
+        surfaces: &mut Surfaces,
+        packets: &[RayPacket],
+        paths: Paths,
+        stage: BatchInfo,
+    ) {
+        let effects = self.effects::<BASIC>();
+        let has_layers = stage.depth == 0 && self.first_hits.is_some();
+        for (index, packet) in packets.iter().enumerate() {
+            let (path, path_states) = paths.at(index);
+            let path_states = path_states.filter(|_| !BASIC);
+            let is_timed = self.meter.watch(&path.pixel, &packet.active);
+            // Apply absorption and volumes along the rays
+            let weight_after_absorption = path_states
+                .filter(|_| effects.has(Effect::Absorption))
+                .map(|path_states| self.weight_after_absorption(packet, path, path_states));
+            if weight_after_absorption.is_some() {
+                self.meter.part(Category::Absorption);
+            }
+            let weight = weight_after_absorption.as_ref().unwrap_or(&path.weight);
+            let marched = effects
+                .has(Effect::Volume)
+                .then(|| self.march(packet, (path, path_states), weight, stage));
+            let traced = TracedPacket {
+                packet,
+                pixel: &path.pixel,
+                weight: marched.as_ref().unwrap_or(weight),
+                path_states,
+            };
+            let any_hit = packet.instance.iter().any(|&instance| instance != NO_HIT);
+            // Compute surface interactions, then shade them
+            if any_hit {
+                surfaces.texturing = if is_timed { Moment::Wanted } else { Moment::Unknown };
+                let widths = self.widths::<BASIC>(path_states);
+                self.frame.surfaces.compute_interactions(packet, widths, surfaces);
+                self.book_interactions(surfaces);
+                if has_layers {
+                    self.note_first_hits(packet, &path.pixel, surfaces);
+                }
+                self.shade::<BASIC>(effects, &traced, surfaces, stage);
+            // Add background radiance if all rays missed
+            } else if effects.has_unlit_radiance() {
+                self.add_background(traced);
+            }
+            self.meter.leave();
+        }
+        // Trace the shadow rays that the batch queued
+        self.trace_shadow_rays::<BASIC>(stage.order);
+    }
+
+    #[cold]
+    fn note_first_hits(&mut self, packet: &RayPacket, label: &Lanes<u32>, surfaces: &Surfaces) {
+        if let Some(first_hits) = &mut self.first_hits {
+            first_hits.add(packet, label, surfaces);
+            self.meter.part(Category::Film);
+        }
+    }
+
+    /// Books the time of surface interactions, and of textures if any were evaluated.
+    fn book_interactions(&mut self, surfaces: &Surfaces) {
+        match surfaces.texturing {
+            Moment::Unknown => {}
+            Moment::Wanted => self.meter.part(Category::Surface),
+            Moment::Read(moment) => {
+                self.meter.count_read();
+                self.meter.part_until(Category::Surface, moment);
+                self.meter.part(Category::Texture);
+            }
+        }
+    }
+
+    /// Returns the source of the ray cones of a packet.
+    fn widths<'t, const BASIC: bool>(&self, path_states: Option<PathStatePacket<'t>>) -> ConeSource<'t> {
+        if !self.effects::<BASIC>().has(Effect::TextureFilter) {
+            return ConeSource::None;
+        }
+        match path_states {
+            Some(path_states) if self.frame.tracks_cones() => ConeSource::Paths(path_states),
+            _ => ConeSource::Camera(self.frame.camera_cone),
+        }
+    }
+
+    // Not inlined, like other steps that only some scenes take, so that the loop over packets keeps its registers. By
+    // value, so that `TracedPacket` is written to memory only where such a step is taken.
+    #[inline(never)]
+    fn add_background(&mut self, traced: TracedPacket) {
+        let background = self.frame.background_along(&traced);
+        let radiance = direct::background_radiance(traced.packet, traced.weight, &background);
+        self.meter.part(Category::Surroundings);
+        self.film.add(traced.pixel, &radiance, LightSource::Emission);
+        self.meter.part(Category::Film);
+    }
+
+    #[inline(always)]
+    fn shade<const BASIC: bool>(
+        &mut self,
+        effects: EffectSet,
+        traced: &TracedPacket,
+        surfaces: &mut Surfaces,
+        stage: BatchInfo,
+    ) {
+        match traced
+            .path_states
+            .filter(|_| !BASIC && effects.has_transmission())
+        {
+            None => self.shade_surfaces::<BASIC>(effects, traced, surfaces, stage),
+            Some(path_states) => {
+                // Apply alpha and hidden boundaries, then shade what remains
+                let present = self.apply_alpha(traced, path_states, surfaces);
+                self.meter.part(Category::Refraction);
+                let traced = TracedPacket {
+                    weight: &present,
+                    ..*traced
+                };
+                self.shade_surfaces::<BASIC>(effects, &traced, surfaces, stage);
+                // Add reflected and refracted rays at dielectric boundaries
+                if effects.has(Effect::Refraction) {
+                    self.refract_rays(&traced, path_states, surfaces);
+                    self.meter.part(Category::Refraction);
+                }
+                if effects.has(Effect::RoughRefraction) {
+                    self.refract_rough_rays(&traced, path_states, surfaces, stage);
+                    self.meter.part(Category::RoughRefraction);
+                }
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn shade_surfaces<const BASIC: bool>(
+        &mut self,
+        effects: EffectSet,
+        traced: &TracedPacket,
+        surfaces: &Surfaces,
+        stage: BatchInfo,
+    ) {
+        // Add emission, ambient light and background
+        if effects.has_unlit_radiance() {
+            self.add_emission(*traced, surfaces);
+        }
+        let without_sampled_lobes = OnceCell::new();
+        let lit = direct::ShadingContext::of(traced, surfaces, &without_sampled_lobes);
+        // Add light scattered below the surface
+        if effects.has(Effect::Subsurface) {
+            self.add_scattered(traced, surfaces);
+        }
+        // Add direct lighting
+        self.sample_lights::<BASIC>(traced, &lit, stage);
+        self.meter.part(Category::Lighting);
+        // Spawn mirror rays and rays into GGX lobes
+        if effects.has(Effect::Reflection) {
+            self.reflect::<BASIC>(*traced, surfaces, stage);
+        }
+        if effects.has(Effect::RoughReflection) {
+            self.reflect_roughly(traced, surfaces, stage);
+            self.meter.part(Category::RoughReflection);
+        }
+    }
+
+    #[inline(never)]
+    fn add_emission(&mut self, traced: TracedPacket, surfaces: &Surfaces) {
+        let background = self.frame.background_along(&traced);
+        let light = direct::AmbientTerms {
+            ambient: self.frame.ambient,
+            background: &background,
+        };
+        let radiance = direct::emitted_radiance(traced.packet, surfaces, traced.weight, &light);
+        self.meter.part(Category::Surroundings);
+        self.film.add(traced.pixel, &radiance, LightSource::Emission);
+        self.meter.part(Category::Film);
+    }
+
+    /// Samples direct light from all lights and from the environment map.
+    pub(in crate::render) fn sample_lights<const BASIC: bool>(
+        &mut self,
+        traced: &TracedPacket,
+        lit: &direct::ShadingContext,
+        stage: BatchInfo,
+    ) {
+        let frame = self.frame;
+        let effects = self.effects::<BASIC>();
+        let lights = frame.scene.lights.iter().zip(&frame.plan.casts_shadows);
+        for (number, (light, &casts)) in lights.enumerate() {
+            if !BASIC {
+                self.current_source = LightSource::Light(number as u32);
+            }
+            // Sample area lights point by point
+            if effects.has(Effect::AreaLight) && self.queue_area_light(number, traced, lit, stage) {
+                continue;
+            }
+            // Trace the queued shadow rays if there is no room for more
+            if self.shadow_queue.is_full() {
+                self.meter.part(Category::Lighting);
+                self.trace_shadow_rays::<BASIC>(stage.order);
+                self.meter.resume(traced.pixel, &traced.packet.active);
+            }
+            // Queue shadow rays to a punctual light
+            let (packet, payload) = self.shadow_queue.next();
+            if direct::sample_direct(light, lit, packet, &mut payload.radiance) {
+                self.commit_shadow_rays::<BASIC>(traced, casts);
+            }
+        }
+        // Sample the environment map
+        if effects.has(Effect::Environment) {
+            self.current_source = LightSource::Environment;
+            self.sample_environment(traced, lit, stage);
+        }
+    }
+
+    /// Queues mirror reflection rays that exceed the cut-off. Transmissive surfaces queue theirs in `refract_rays`.
+    #[inline(never)]
+    fn reflect<const BASIC: bool>(&mut self, traced: TracedPacket, surfaces: &Surfaces, stage: BatchInfo) {
+        let mirrored = direct::reflection(&direct::ShadingContext::of(&traced, surfaces, &OnceCell::new()));
+        let points = &surfaces.points;
+        // Spawn the reflected ray of each lane
+        for l in 0..LANES {
+            let weight: [f32; 3] = std::array::from_fn(|channel| mirrored.weight[channel][l]);
+            // Skip lanes without a mirror ray above the surface
+            if !(points.hit[l] && mirrored.leaves[l]) {
+                continue;
+            }
+            let vector = |v: &Lanes3<f32>| Vec3::new(v[0][l], v[1][l], v[2][l]);
+            let direction = vector(&mirrored.direction);
+            let sent = RayWorkItem {
+                ray: Ray::new(vector(&points.origin), direction),
+                pixel: traced.pixel[l],
+                weight,
+                sender: Category::Reflection,
+                // Extend the path state by the reflection
+                travel: traced.path_states.filter(|_| !BASIC).map(|path_states| {
+                    let arrival = path_states.lane(l);
+                    PathState {
+                        depth: arrival.depth + 1,
+                        direction: direction.as_dvec3().normalize(),
+                        cone: self
+                            .frame
+                            .cone_at(&traced, path_states, l)
+                            .reflected(self.frame.curvature(traced.packet, surfaces, l)),
+                        ..arrival
+                    }
+                }),
+            };
+            self.send::<BASIC>(&sent, stage.depth + 1);
+        }
+        self.meter.part(Category::Reflection);
+    }
+
+    /// Queues a ray if it is within the depth limit and the weight cut-off; otherwise records its weight as
+    /// truncated.
+    ///
+    /// `steps` is the number of bounces including this one; it is used where the path itself does not count them.
+    pub(in crate::render) fn send<const BASIC: bool>(&mut self, sent: &RayWorkItem, steps: u32) {
+        let settings = &self.frame.settings;
+        // With dispersion, weights of a single wavelength may be negative.
+        let largest = sent.weight.into_iter().map(f32::abs).fold(0.0, f32::max);
+        // Drop rays that cannot contribute
+        if !(largest > 0.0) {
+            return;
+        }
+        let depth = match sent.travel {
+            Some(travel) if self.effects::<BASIC>().has_transmission() => travel.depth,
+            _ => steps,
+        };
+        // Rays of one lobe carry small weights each; compare their sum with the cut-off.
+        let together = sent.travel.filter(|_| !BASIC).map_or(1, |travel| travel.split) as f32;
+        // Terminate the path and record the lost weight
+        if depth > settings.depth || together * largest < settings.weight_cutoff {
+            let limit = if depth > settings.depth {
+                TruncationLimit::Depth
+            } else {
+                TruncationLimit::Weight
+            };
+            self.meter.ledger.lose(limit, largest);
+            self.losses.add(sent.pixel, limit, largest);
+            return;
+        }
+        self.next.push(sent);
+    }
+
+    /// Traces the queued shadow rays and adds the radiance of unoccluded lights to the film.
+    pub(in crate::render) fn trace_shadow_rays<const BASIC: bool>(&mut self, order: Coherence) {
+        // Transparent shadows use nearest-hit queries instead
+        self.meter.lap_shading();
+        if self.effects::<BASIC>().has(Effect::TransparentShadow) {
+            return self.trace_transparent_shadow_rays(order);
+        }
+        let sources = self.shadow_queue.sources();
+        let (packets, payloads) = self.shadow_queue.drain();
+        if packets.is_empty() {
+            return;
+        }
+        // Test shadow rays for occlusion
+        let accel = self.frame.accel;
+        let casts = self.frame.effects().has(Effect::Shadow);
+        if casts {
+            let labels_and_accounts =
+                |index: usize| (&payloads[index].pixel, Accounts::All(Category::Shadow));
+            let traced = self.meter.trace(packets, labels_and_accounts, |packets| {
+                accel.occluded(packets, order)
+            });
+            self.meter.ledger.book(Category::Shadow, traced);
+        }
+        // Attenuate unoccluded light by volumes and add it to the film
+        for (index, (packet, payload)) in packets.iter().zip(payloads.iter_mut()).enumerate() {
+            if casts {
+                direct::block(packet, &mut payload.radiance);
+            }
+            if let Some(marches) = self.marches.as_mut().filter(|_| !BASIC) {
+                let samples = marches.attenuate(packet, &packet.t_far, &mut payload.radiance);
+                self.meter.ledger.volume_samples += samples;
+            }
+            let source = if BASIC {
+                LightSource::Emission
+            } else {
+                sources[index]
+            };
+            self.film.add(&payload.pixel, &payload.radiance, source);
+        }
+        let lanes = (0..packets.len()).map(|index| (&payloads[index].pixel, &packets[index].active));
+        self.meter.lap_over(Category::Film, lanes);
+    }
+}

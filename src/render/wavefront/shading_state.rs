@@ -1,0 +1,89 @@
+//! Shading state of one thread: its film, its ray queues and its working memory.
+
+use super::super::aov::{FirstHits, LightSource, TileLayer};
+use super::super::context::RenderContext;
+use super::super::film::TileFilm;
+use super::super::profile::{Category, Profiler, TileTruncation};
+use super::super::scattering::MarchState;
+use super::super::surface::Surfaces;
+use super::super::tile::Tile;
+use super::ray_queue::{RayQueue, ShadowQueue};
+use crate::scene::{Effect, EffectSet};
+
+/// Shading state and working memory of one thread.
+pub(in crate::render) struct ShadingState<'f, 's> {
+    pub(in crate::render) frame: &'f RenderContext<'s>,
+    pub(in crate::render) film: TileFilm,
+    /// First-hit AOVs, if layers are requested.
+    pub(in crate::render) first_hits: Option<Box<FirstHits<'f, 's>>>,
+    /// Column and row of the film's first pixel in the image.
+    pub(in crate::render) corner: [u32; 2],
+    pub(in crate::render) shadow_queue: Box<ShadowQueue>,
+    /// Light that shadow rays are currently sampled from; not maintained in scenes with plain effects only.
+    pub(in crate::render) current_source: LightSource,
+    pub(in crate::render) next: RayQueue,
+    pub(in crate::render) meter: Profiler,
+    pub(in crate::render) losses: TileTruncation,
+    /// Surface interactions of shadow rays, in scenes with transparent shadows.
+    pub(in crate::render) shadow_surfaces: Option<Box<Surfaces>>,
+    /// Ray-marching state, in scenes with volumes or fog.
+    pub(in crate::render) marches: Option<Box<MarchState<'s>>>,
+}
+
+impl<'f, 's> ShadingState<'f, 's> {
+    pub(in crate::render) fn new(frame: &'f RenderContext<'s>, film: TileFilm) -> ShadingState<'f, 's> {
+        ShadingState {
+            frame,
+            film,
+            first_hits: FirstHits::of(frame),
+            corner: [0; 2],
+            shadow_queue: ShadowQueue::new(frame.effects()),
+            current_source: LightSource::Emission,
+            next: RayQueue::new(frame.effects(), frame.tracks_cones()).with_accounts(&frame.settings),
+            meter: Profiler::new(&frame.settings),
+            losses: TileTruncation::default(),
+            shadow_surfaces: frame
+                .effects()
+                .has(Effect::TransparentShadow)
+                .then(|| Box::new(Surfaces::new(frame.effects()))),
+            marches: frame.marches().then(|| Box::new(MarchState::new(frame))),
+        }
+    }
+
+    pub(in crate::render) fn clear(&mut self) {
+        self.film.clear();
+        self.next.clear();
+        self.losses.clear();
+        if let Some(first_hits) = &mut self.first_hits {
+            first_hits.clear();
+        }
+    }
+
+    /// Books the film time at the end of a tile, and adds the tile's pixel costs to the cost image.
+    pub(in crate::render) fn finish(&mut self, tile: Tile) {
+        self.meter.lap(Category::Film);
+        if let (Some(buffer), Some(costs)) = (&self.frame.costs, &self.meter.costs) {
+            buffer.add(tile, costs);
+        }
+    }
+
+    /// Returns the requested layers of a tile.
+    pub(in crate::render) fn layers(&mut self, tile: Tile) -> Vec<TileLayer<'_>> {
+        let first_hits = self.first_hits.as_mut();
+        let mut layers = first_hits.map_or(Vec::new(), |first_hits| first_hits.layers(tile));
+        if let Some(light) = self.film.light() {
+            layers.extend(light.layers(self.frame.settings.spp));
+        }
+        layers
+    }
+
+    /// Returns the effects that are on.
+    ///
+    /// Functions with `BASIC` serve scenes whose effects are all in [`EffectSet::BASIC`]. All other effects are off
+    /// there at compile time, so that a step that is not taken does not cost a test.
+    #[inline(always)]
+    pub(in crate::render) fn effects<const BASIC: bool>(&self) -> EffectSet {
+        let all = self.frame.effects();
+        if BASIC { all.within(EffectSet::BASIC) } else { all }
+    }
+}

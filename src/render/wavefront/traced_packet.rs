@@ -1,0 +1,24 @@
+//! Traced ray packets with the paths of their rays.
+
+use super::path_state::PathStatePacket;
+use crate::accel::{Coherence, RayPacket};
+use crate::numeric::{Lanes, Lanes3};
+
+/// Properties that all rays of a batch share.
+#[derive(Clone, Copy)]
+pub(in crate::render) struct BatchInfo {
+    pub(in crate::render) order: Coherence,
+    /// Number of bounces before these rays. In scenes where light goes through surfaces, each ray has its own depth
+    /// instead.
+    pub(in crate::render) depth: u32,
+}
+
+/// Traced packet with its pixels, weights and path states.
+#[derive(Clone, Copy)]
+pub(in crate::render) struct TracedPacket<'a> {
+    pub(in crate::render) packet: &'a RayPacket,
+    pub(in crate::render) pixel: &'a Lanes<u32>,
+    /// Path throughput at the hits, after absorption and scattering along the rays.
+    pub(in crate::render) weight: &'a Lanes3<f32>,
+    pub(in crate::render) path_states: Option<PathStatePacket<'a>>,
+}

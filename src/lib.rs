@@ -1,63 +1,150 @@
 //! A Whitted-style ray tracer for glTF meshes and analytic shapes.
 //!
-//! Camera rays, shadow rays, recursive reflection and refraction; hits are found by the system's Embree or by an
-//! axis-aligned BSP tree of our own, and the two check each other. All shading, shadow and recursion logic is Rust.
+//! Camera rays, shadow rays, recursive reflection and refraction. Hits are found by the system's Embree or by an
+//! axis-aligned BSP tree in Rust, and each is checked against the other. All shading, shadow and recursion logic is Rust.
 //!
-//! # The way of the data
+//! # Data flow
 //!
-//! 1. [`gltf::load`] or [`scene_file::load`] turns a file into a [`scene::Scene`]: checked, flattened, recentred.
-//! 2. [`accel::build`] makes the structure that answers two questions about packets of sixteen rays: what is hit
-//!    first, and is anything hit at all.
-//! 3. [`render::render`] sends waves of packets through it, tile by tile, and sums what comes back.
-//! 4. [`image`] writes the picture.
+//! 1. [`gltf::load`] or [`scene_file::load`] turns a file into a [`scene::Scene`]: checked, flattened into instances, and
+//!    moved near the origin.
+//! 2. [`accel::build`] builds an [`accel::Accel`], which answers two queries for packets of sixteen rays: nearest hit, and
+//!    occlusion.
+//! 3. [`render::render`] traces tiles of the image wavefront by wavefront and returns a [`render::Rendering`].
+//! 4. [`image`] writes PNG and EXR files.
 //!
-//! Rooms know only those before them: `parallel` · [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`] [`image`] ·
-//! [`scene`] · [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`jobs`] [`render`] · [`batch`] [`cost`] [`verify`]
-//! [`watch`] · [`report`] · [`cli`].
+//! Folders import only earlier ones: `parallel` · [`manual`] · [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`]
+//! [`image`] · [`scene`] · [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`jobs`] [`render`] · [`batch`] [`cost`]
+//! [`verify`] [`watch`] · [`report`]. `tests/ci/structure.py` checks it.
 //!
-//! `unsafe` is found in three places: `accel/embree`, which talks to C; `embree-sys`, which declares it; and the one
-//! function of `gltf/map.rs` that maps a file into memory.
+//! `unsafe` code is in three places: `accel/embree`, which calls C; `embree-sys`, which declares it; and the one function of
+//! `gltf/map.rs` that maps a file into memory.
 //!
-//! # A whole program
+//! # From glTF to PNG
 //!
 //! ```no_run
 //! use std::path::Path;
-//! use std::sync::atomic::AtomicBool;
 //!
 //! use whit::accel::{self, AccelOptions, Backend};
 //! use whit::gltf::LoadOptions;
 //! use whit::image::{ImageFormat, ToneMap};
-//! use whit::render::{Monitor, RenderSettings};
+//! use whit::render::{Monitor, RenderSettings, render};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scene = whit::gltf::load(Path::new("scenes/first_light.gltf"), &LoadOptions::default())?;
 //! let accel = accel::build(&scene, Backend::default(), &AccelOptions::default())?;
 //! let settings = RenderSettings { width: 640, height: 480, spp: 16, ..RenderSettings::default() };
-//! let monitor = Monitor { progress: &|_| {}, cancel: &AtomicBool::new(false), tiles: None };
-//! let rendering = whit::render::render(&scene, &scene.cameras[0], &*accel, &settings, &monitor)
-//!     .expect("nobody cancels it");
+//! let rendering = render(&scene, &scene.cameras[0], &*accel, &settings, &Monitor::default())
+//!     .ok_or("cancelled")?;
 //! whit::image::write(&rendering.image, Path::new("out.png"), ImageFormat::Png, ToneMap::default())?;
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! # A scene in code
+//!
+//! ```
+//! use glam::{DAffine3, DVec3};
+//! use whit::accel::{self, AccelOptions, Backend};
+//! use whit::render::{Monitor, RenderSettings, render};
+//! use whit::scene::{Camera, Geometry, Instance, Material, Scene};
+//! use whit::shape::Shape;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let scene = Scene {
+//!     geometries: vec![Geometry::Shape(Shape::Cube)],
+//!     instances: vec![Instance::new("cube", 0, 0, DAffine3::from_translation(DVec3::new(0.0, 0.0, -5.0)))?],
+//!     materials: vec![Material { emission: [0.5; 3], ..Material::default() }],
+//!     cameras: vec![Camera::default()],
+//!     ..Scene::default()
+//! };
+//! scene.validate()?;
+//! let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default())?;
+//! let settings = RenderSettings { width: 32, height: 32, ..RenderSettings::default() };
+//! let rendering = render(&scene, &scene.cameras[0], &*accel, &settings, &Monitor::default())
+//!     .ok_or("cancelled")?;
+//! assert_eq!(rendering.image.pixels[16 * 32 + 16], [0.5; 3]);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Rays through an `Accel`
+//!
+//! ```
+//! use glam::{DAffine3, Vec3};
+//! use whit::accel::{self, AccelOptions, Backend, Coherence, RayPacket};
+//! use whit::numeric::Ray;
+//! use whit::scene::{Geometry, Instance, Material, Scene};
+//! use whit::shape::Shape;
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let scene = Scene {
+//!     geometries: vec![Geometry::Shape(Shape::Cube)],
+//!     instances: vec![Instance::new("cube", 0, 0, DAffine3::IDENTITY)?],
+//!     materials: vec![Material::default()],
+//!     ..Scene::default()
+//! };
+//! scene.validate()?;
+//! let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default())?;
+//! let mut packet = [RayPacket::EMPTY];
+//! packet[0].set(0, &Ray::new(Vec3::new(0.25, 0.5, 5.0), Vec3::NEG_Z));
+//! accel.intersect(&mut packet, Coherence::Incoherent);
+//! assert_eq!(packet[0].hit(0).map(|hit| hit.t), Some(4.0));
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Glossary
+//!
+//! - **AOV**: arbitrary output variable, a further channel of an image such as depth.
+//! - **Area light**: light with an extent, which casts soft shadows; an *emissive object* is one that is visible.
+//! - **Backend**: what intersects rays with the scene: Embree, the BSP, or brute force.
+//! - **BSP**: binary space partitioning tree with axis-aligned planes (a k-d tree) over clipped primitives.
+//! - **Bounding volume**: box or sphere around an object, tested before it. Flags and keys call it *extent*.
+//! - **Camera ray**, **shadow ray**, **secondary ray**: ray from the camera, to a light, or after a bounce.
+//! - **Effect**: part of the simulation that a scene may need or not, such as refraction; see [`scene::Effect`].
+//! - **Generation**: all rays of equal depth in a wavefront.
+//! - **Hit**, **nearest hit**, **occluded**: results of queries.
+//! - **Instance**: geometry with a transform and a material.
+//! - **Interior**: medium inside a closed dielectric surface; *nested* interiors are ranked by priority.
+//! - **Lane**: one of the sixteen rays of a packet in structure-of-arrays layout.
+//! - **Packet**: sixteen rays that are traced and shaded together.
+//! - **Phong model**: ambient, diffuse and specular terms after Phong with Whitted's recursive terms. Scene files call it
+//!   *lecture*.
+//! - **Plan**: effects that are simulated, with the reason for each; see [`render::Plan`].
+//! - **Profile**: rays, seconds and bytes by effect. The JSON key is *ledger*.
+//! - **Spawn**: starting a secondary ray off a surface, by a bound on the rounding error.
+//! - **Thin surface**: surface without an interior, such as a soap film or a leaf.
+//! - **Throughput**: factor by which radiance at the end of a path contributes to its pixel.
+//! - **Tile**: square of 32x32 pixels that one task renders.
+//! - **Watertight**: property of a triangle test that lets no ray through shared edges and vertices.
+//! - **Wavefront**: breadth-first evaluation of ray trees.
 
 pub mod accel;
+#[doc(hidden)]
 pub mod batch;
-pub mod cli;
+#[doc(hidden)]
 pub mod cost;
 pub mod gltf;
 pub mod image;
+#[doc(hidden)]
 pub mod jobs;
+pub mod manual;
 pub mod mesh;
 pub mod numeric;
+#[doc(hidden)]
 pub mod optics;
-mod parallel;
+#[doc(hidden)]
+pub mod parallel;
 pub mod render;
+#[doc(hidden)]
 pub mod report;
 pub mod scene;
 pub mod scene_file;
+#[doc(hidden)]
 pub mod shading;
 pub mod shape;
+#[doc(hidden)]
 pub mod verify;
 pub mod volume;
+#[doc(hidden)]
 pub mod watch;

@@ -1,7 +1,8 @@
-//! Entry point of the program `whit`: runs the command line and exits with its exit code.
+//! Command-line program: parses arguments, runs a command, prints errors, and sets the exit code.
+
+mod cli;
 
 fn main() {
-    // Exit instead of returning from `main`: this skips freeing gigabytes of memory that the operating system reclaims
-    // anyway.
-    std::process::exit(whit::cli::run());
+    // Exit without returning: the system frees gigabytes of scene data faster than destructors do.
+    std::process::exit(cli::run());
 }

@@ -19,12 +19,12 @@ use rayon::prelude::*;
 const CHUNK: usize = 1 << 12;
 
 /// Runs tasks `0..count` in parallel, in no particular order.
-pub(crate) fn for_each(count: usize, work: &(dyn Fn(usize) + Sync)) {
+pub fn for_each(count: usize, work: &(dyn Fn(usize) + Sync)) {
     (0..count).into_par_iter().with_max_len(1).for_each(work);
 }
 
 /// Returns the results of tasks `0..count`, in their order.
-pub(crate) fn map<T: Send>(count: usize, work: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
+pub fn map<T: Send>(count: usize, work: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
     let slots: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
     for_each(count, &|task| {
         let result = work(task);
@@ -42,7 +42,7 @@ pub(crate) fn map<T: Send>(count: usize, work: &(dyn Fn(usize) -> T + Sync)) -> 
 
 /// Returns the results of `work` for each chunk of `chunk_len` items and its index, in order; the last chunk may be
 /// shorter.
-pub(crate) fn map_chunks<T: Sync, U: Send>(
+pub fn map_chunks<T: Sync, U: Send>(
     items: &[T],
     chunk_len: usize,
     work: &(dyn Fn(usize, &[T]) -> U + Sync),
@@ -55,7 +55,7 @@ pub(crate) fn map_chunks<T: Sync, U: Send>(
 ///
 /// The error is that of the smallest failing index for any number of threads. Tasks with a larger index than a known
 /// failure are not started.
-pub(crate) fn try_map<T: Send, E: Send>(
+pub fn try_map<T: Send, E: Send>(
     count: usize,
     work: &(dyn Fn(usize) -> Result<T, E> + Sync),
 ) -> Result<Vec<T>, E> {
@@ -76,7 +76,7 @@ pub(crate) fn try_map<T: Send, E: Send>(
 }
 
 /// Returns the results of `work`, which consumes each item and gets its index, or the first error, as [`try_map`] does.
-pub(crate) fn try_map_owned<T: Send, U: Send, E: Send>(
+pub fn try_map_owned<T: Send, U: Send, E: Send>(
     items: Vec<T>,
     work: &(dyn Fn(usize, T) -> Result<U, E> + Sync),
 ) -> Result<Vec<U>, E> {
@@ -89,7 +89,7 @@ pub(crate) fn try_map_owned<T: Send, U: Send, E: Send>(
 }
 
 /// Returns whether `is_so` holds for all of `0..count`; most tasks after the first failure are skipped.
-pub(crate) fn all(count: usize, is_so: &(dyn Fn(usize) -> bool + Sync)) -> bool {
+pub fn all(count: usize, is_so: &(dyn Fn(usize) -> bool + Sync)) -> bool {
     let holds = AtomicBool::new(true);
     for_each(count, &|task| {
         if holds.load(Ordering::Relaxed) && !is_so(task) {
@@ -100,7 +100,7 @@ pub(crate) fn all(count: usize, is_so: &(dyn Fn(usize) -> bool + Sync)) -> bool 
 }
 
 /// Runs `work` on each chunk of `chunk_len` items and its index; the last chunk may be shorter.
-pub(crate) fn for_each_chunk_mut<T: Send>(
+pub fn for_each_chunk_mut<T: Send>(
     items: &mut [T],
     chunk_len: usize,
     work: &(dyn Fn(usize, &mut [T]) + Sync),
@@ -113,7 +113,7 @@ pub(crate) fn for_each_chunk_mut<T: Send>(
 }
 
 /// Returns `element(0..count)` in order, for elements that are cheap: there is one dynamic call per chunk of many.
-pub(crate) fn generate<T: Zeroable + Send>(count: usize, element: impl Fn(usize) -> T + Sync) -> Vec<T> {
+pub fn generate<T: Zeroable + Send>(count: usize, element: impl Fn(usize) -> T + Sync) -> Vec<T> {
     // The allocator returns zeroed pages, which are not written here.
     let mut elements: Vec<T> = bytemuck::zeroed_vec(count);
     for_each_chunk_mut(&mut elements, CHUNK, &|chunk, elements| {
@@ -125,17 +125,14 @@ pub(crate) fn generate<T: Zeroable + Send>(count: usize, element: impl Fn(usize)
 }
 
 /// Returns the results of both closures, which may run in parallel.
-pub(crate) fn join<A: Send, B: Send>(
-    first: impl FnOnce() -> A + Send,
-    second: impl FnOnce() -> B + Send,
-) -> (A, B) {
+pub fn join<A: Send, B: Send>(first: impl FnOnce() -> A + Send, second: impl FnOnce() -> B + Send) -> (A, B) {
     let (mut one, mut other) = (None, None);
     join_dyn(&mut once(first, &mut one), &mut once(second, &mut other));
     (one.expect("rayon runs both"), other.expect("rayon runs both"))
 }
 
 /// Returns the result of `work`, run on a thread of `pool`, which is the current pool meanwhile.
-pub(crate) fn install<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T {
+pub fn install<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T {
     let mut result = None;
     install_dyn(pool, &mut once(work, &mut result));
     result.expect("rayon runs the closure")

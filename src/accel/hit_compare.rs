@@ -13,7 +13,7 @@
 //!
 //! Where Embree transforms rays itself ([`Instancing::Native`]), they reach object space by an inverse in f32 and have
 //! a larger error, which [`compare_with_instancing`] and [`compare_occlusion_with_instancing`] allow for by the bound of
-//! [`TransformError`].
+//! `TransformError`.
 //!
 //! Analytic shapes are computed in f64 by one function, so a backend with a different result for one is wrong.
 //!

@@ -8,7 +8,8 @@ use super::mesh_cache::MeshCache;
 use super::quality::BuildQuality;
 
 /// Backend that intersects rays with the scene.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, clap::ValueEnum, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Backend {
     /// The system's Embree library.
@@ -41,7 +42,8 @@ impl fmt::Display for Backend {
 }
 
 /// Guarantee for rays that pass close to the edges and vertices of triangles.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
     /// Rays may slip through edges; the BSP decides about triangles in f32 alone.
@@ -69,7 +71,8 @@ impl fmt::Display for Precision {
 }
 
 /// Method by which Embree intersects meshes whose instance has a transform.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum Instancing {
     /// The faster of the two that gives the requested precision.

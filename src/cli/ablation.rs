@@ -7,15 +7,15 @@
 
 use std::time::Instant;
 
-use crate::accel::{self, Accel, AccelOptions, Backend};
-use crate::image::ToneMap;
-use crate::image::metrics::{Tally, Viewing};
-use crate::parallel;
-use crate::render::{Monitor, Plan, RenderSettings, TileSample, render_sample, tile_count};
-use crate::report::ablation::{Ablation, AblationStudy, MIN_RUNS, TimeChange};
-use crate::report::bench::Spread;
-use crate::scene::{Camera, Effect, Scene};
-use crate::scene_file::{Output, SceneFile};
+use whit::accel::{self, Accel, AccelOptions, Backend};
+use whit::image::ToneMap;
+use whit::image::metrics::{Tally, Viewing};
+use whit::parallel;
+use whit::render::{Monitor, Plan, RenderSettings, TileSample, render_sample, tile_count};
+use whit::report::ablation::{Ablation, AblationStudy, MIN_RUNS, TimeChange};
+use whit::report::bench::Spread;
+use whit::scene::{Camera, Effect, Scene};
+use whit::scene_file::{Output, SceneFile};
 
 use super::args::InfoArgs;
 use super::failure::Failure;

@@ -2,8 +2,8 @@
 
 use std::thread;
 
-use crate::accel::{AccelOptions, Backend, BuildQuality, Instancing, Precision};
-use crate::cost::HitPath;
+use whit::accel::{AccelOptions, Backend, BuildQuality, Instancing, Precision};
+use whit::cost::HitPath;
 
 use super::args::TracingArgs;
 use super::failure::Failure;

@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 
-use crate::image::ChannelKind;
-use crate::render::{AovKind, Category, Layer, Rendering};
+use whit::image::ChannelKind;
+use whit::render::{AovKind, Category, Layer, Rendering};
 
 use super::args::Aov;
 use super::job::RenderJob;

@@ -14,7 +14,6 @@ mod verify;
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
-use std::sync::LazyLock;
 
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
@@ -29,11 +28,11 @@ pub(super) use progress::ProgressArgs;
 pub(super) use ray_offset::RayOffsetArgs;
 pub(super) use verify::VerifyArgs;
 
-use crate::accel::{Backend, BuildQuality, Instancing, Precision};
-use crate::image::ImageFormat;
-use crate::render::{FilterKind, MIN_ADAPTIVE_ERROR, Pattern, PixelFilter};
-use crate::scene::image_settings::{self, DEFAULT_DEPTH, DEFAULT_SPP, DEFAULT_WAVELENGTHS, MAX_EXPOSURE};
-use crate::scene::{EffectOverrides, MAX_ROUGH_RAYS};
+use whit::accel::{Backend, BuildQuality, Instancing, Precision};
+use whit::image::ImageFormat;
+use whit::render::{FilterKind, MIN_ADAPTIVE_ERROR, Pattern, PixelFilter};
+use whit::scene::image_settings::{self, DEFAULT_DEPTH, DEFAULT_SPP, DEFAULT_WAVELENGTHS, MAX_EXPOSURE};
+use whit::scene::{EffectOverrides, MAX_ROUGH_RAYS};
 /// Default image size, where neither the command line nor the scene gives one.
 const DEFAULT_SIZE: ImageSize = ImageSize {
     width: image_settings::DEFAULT_SIZE[0],
@@ -55,19 +54,23 @@ const DEFAULT_BUDGET: f64 = 30.0;
 const MAX_BUDGET: f64 = 86_400.0;
 
 // `--version` shows the Embree version of the build, as results depend on it
-static VERSION: LazyLock<String> = LazyLock::new(|| match embree_version() {
-    Some(embree) => format!("{} (Embree {embree})", env!("CARGO_PKG_VERSION")),
-    None => format!("{} (without Embree)", env!("CARGO_PKG_VERSION")),
-});
-
 /// A Whitted-style ray tracer for scene files and glTF scenes.
 ///
 /// Finds hits through the system's Embree or through its own BSP tree.
 #[derive(Debug, Parser)]
-#[command(name = "whit", version = VERSION.as_str(), after_help = EXIT_CODES)]
+#[command(name = "whit", disable_version_flag = true, disable_help_subcommand = true)]
+#[command(arg_required_else_help = true, after_help = EXIT_CODES)]
 pub(super) struct Args {
+    /// Print the version of the program
+    #[arg(short = 'V', long)]
+    pub(super) version: bool,
+
+    /// Print commit, features, SIMD level and Embree, too
+    #[arg(long, requires = "version")]
+    pub(super) verbose: bool,
+
     #[command(subcommand)]
-    pub(super) command: Command,
+    pub(super) command: Option<Command>,
 }
 
 const EXIT_CODES: &str = "\
@@ -96,6 +99,38 @@ pub(super) enum Command {
     Cost(CostArgs),
     /// Compare measurements with earlier ones; exit code 1 if any has regressed
     CompareStats(CompareStatsArgs),
+    /// Print a page of the manual, or the flags of a command
+    Help(HelpArgs),
+    /// Write man pages of all commands
+    Man(ManArgs),
+    /// Print completions for a shell
+    Completions(CompletionsArgs),
+}
+
+/// Arguments of `whit help`.
+#[derive(Debug, ArgGroup)]
+pub(super) struct HelpArgs {
+    /// Topic of the manual or command; without one, commands and topics are listed
+    #[arg(value_name = "TOPIC")]
+    pub(super) topic: Option<String>,
+}
+
+/// Arguments of `whit man`.
+#[derive(Debug, ArgGroup)]
+#[command(after_help = "Example:\n  whit man . && man ./whit-render.1")]
+pub(super) struct ManArgs {
+    /// Existing folder to write whit.1, whit-render.1 and so on into
+    #[arg(value_name = "DIR")]
+    pub(super) folder: PathBuf,
+}
+
+/// Arguments of `whit completions`.
+#[derive(Debug, ArgGroup)]
+#[command(after_help = "Example:\n  whit completions bash > ~/.local/share/bash-completion/completions/whit")]
+pub(super) struct CompletionsArgs {
+    /// Shell to print completions for
+    #[arg(value_name = "SHELL")]
+    pub(super) shell: clap_complete::Shell,
 }
 
 const RENDER_EXAMPLES: &str = "\
@@ -209,7 +244,7 @@ pub(super) struct RenderArgs {
     #[command(flatten)]
     pub(super) watching: ProgressArgs,
 
-    /// Print only errors
+    /// Print errors only, no warnings
     #[arg(long, short)]
     pub(super) quiet: bool,
 }
@@ -523,13 +558,6 @@ fn adaptive_error(text: &str) -> Result<f64, String> {
         .ok_or_else(|| {
             format!("give an error from {MIN_ADAPTIVE_ERROR} to 1, as in 0.004 for one 8-bit code")
         })
-}
-
-/// Returns the version of the Embree headers that whit was built with; the version of the library in use is in the
-/// statistics.
-fn embree_version() -> Option<&'static str> {
-    // The build script sets the variable; it is empty without the `embree` feature.
-    Some(env!("WHIT_EMBREE_HEADERS")).filter(|version| !version.is_empty())
 }
 
 #[cfg(test)]

@@ -2,9 +2,9 @@
 
 use std::time::Instant;
 
-use crate::cost::{self, Configuration, CostError, Experiment, Keep, Observer, SceneChange, StudyResult};
-use crate::render::RenderSettings;
-use crate::scene::{Camera, Scene};
+use whit::cost::{self, Configuration, CostError, Experiment, Keep, Observer, SceneChange, StudyResult};
+use whit::render::RenderSettings;
+use whit::scene::{Camera, Scene};
 
 use super::failure::Failure;
 use super::interrupt;

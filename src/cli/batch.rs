@@ -2,7 +2,7 @@
 //!
 //! Frames of one scene are rendered concurrently, at least two at a time: while one is written or runs out of tiles,
 //! another uses the processors. Small scenes with a single frame overlap in the same way. Finished frames are recorded
-//! in a manifest; see [`crate::batch`] for interruptions and several processes.
+//! in a manifest; see [`whit::batch`] for interruptions and several processes.
 
 mod built_scene;
 mod dry_run;
@@ -23,8 +23,8 @@ mod scene_slots;
 
 use std::path::Path;
 
-use crate::batch::{ChunkDirectory, Lock, LockError, Manifest, MergeError, Shard};
-use crate::parallel;
+use whit::batch::{ChunkDirectory, Lock, LockError, Manifest, MergeError, Shard};
+use whit::parallel;
 
 use super::accel_options::Tracing;
 use super::args::{BatchArgs, MergeArgs};

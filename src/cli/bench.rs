@@ -8,10 +8,10 @@ mod structures;
 mod sweep;
 mod times;
 
-use crate::accel::{AccelError, Instancing};
-use crate::image::check_writable;
-use crate::report::bench::{BenchRow, BenchTable};
-use crate::report::{bench_page, crossover};
+use whit::accel::{AccelError, Instancing};
+use whit::image::check_writable;
+use whit::report::bench::{BenchRow, BenchTable};
+use whit::report::{bench_page, crossover};
 
 use super::args::BenchArgs;
 use super::bench_bounding_volumes;

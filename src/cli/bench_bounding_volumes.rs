@@ -4,17 +4,17 @@ use std::path::Path;
 
 use rayon::ThreadPool;
 
-use crate::accel::bsp::BspAccel;
-use crate::accel::extents::{
+use whit::accel::bsp::BspAccel;
+use whit::accel::extents::{
     BoundingVolumeCounts, BoundingVolumeKind, ListAccel, ListLimits, Spheres, Tally, TileCulledAccel,
 };
-use crate::accel::{Accel, AccelError, AccelOptions, LANES, RayPacket};
-use crate::image::check_writable;
-use crate::parallel;
-use crate::render::{self, RenderSettings};
-use crate::report::bench::{Mode, RayKind, Spread};
-use crate::report::extents::{BoundingVolumeRow, BoundingVolumeTable};
-use crate::scene::{Camera, Scene};
+use whit::accel::{Accel, AccelError, AccelOptions, LANES, RayPacket};
+use whit::image::check_writable;
+use whit::parallel;
+use whit::render::{self, RenderSettings};
+use whit::report::bench::{Mode, RayKind, Spread};
+use whit::report::extents::{BoundingVolumeRow, BoundingVolumeTable};
+use whit::scene::{Camera, Scene};
 
 use super::args::BenchArgs;
 use super::bench::{BenchJob, BenchScene, Reporter, Subject, measure_scenes, write_json};
@@ -122,12 +122,7 @@ fn bench_scene(
         let screen_bounds = over_tree.iter().filter(|_| is_camera);
         tree_contestants
             .extend(screen_bounds.map(|accel| Contestant::of_tree("sphere + projection", accel, None)));
-        rows.extend(measure(
-            job,
-            path,
-            &tree_contestants,
-            &set.at_most(TREE_PACKETS),
-        )?);
+        rows.extend(measure(job, path, &tree_contestants, &set.at_most(TREE_PACKETS))?);
         progress.fraction(rows.len() as f64 / (rows.len() + 5) as f64);
     }
     Ok(rows)

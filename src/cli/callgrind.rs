@@ -4,8 +4,8 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::cost::{Configuration, Settings, SettingsFile, StudyResult};
-use crate::parallel;
+use whit::cost::{Configuration, Settings, SettingsFile, StudyResult};
+use whit::parallel;
 
 use super::args::CostArgs;
 use super::failure::Failure;

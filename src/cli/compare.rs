@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use crate::image::metrics::{self, Viewing};
-use crate::image::{ImageFormat, LinearImage, LoadedImage, ToneMap, check_writable, load_image, write};
-use crate::report::compare::CompareReport;
-use crate::report::{compare_page, difference_image};
+use whit::image::metrics::{self, Viewing};
+use whit::image::{ImageFormat, LinearImage, LoadedImage, ToneMap, check_writable, load_image, write};
+use whit::report::compare::CompareReport;
+use whit::report::{compare_page, difference_image};
 
 use super::args::CompareArgs;
 use super::failure::Failure;

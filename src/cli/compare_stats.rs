@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use crate::image::check_writable;
-use crate::report::regression::{Changes, Measurement, Verdict, measures};
+use whit::image::check_writable;
+use whit::report::regression::{Changes, Measurement, Verdict, measures};
 
 use super::args::CompareStatsArgs;
 use super::failure::Failure;

@@ -5,19 +5,19 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::accel::{AccelError, Backend};
-use crate::cost::{
+use whit::accel::{AccelError, Backend};
+use whit::cost::{
     Configuration, Experiment, Keep, Measured, SceneChange, Settings, SettingsFile, StudyCheckpoint,
     StudyResult, Target,
 };
-use crate::image::metrics::{self, Viewing};
-use crate::image::{ImageFormat, ToneMap, check_writable, write, write_atomically};
-use crate::parallel;
-use crate::render::RenderSettings;
-use crate::report::cost::{CostText, points_csv};
-use crate::report::{cost_page, difference_image, memory};
-use crate::scene::EffectSet;
-use crate::scene_file::{Output, SceneFile};
+use whit::image::metrics::{self, Viewing};
+use whit::image::{ImageFormat, ToneMap, check_writable, write, write_atomically};
+use whit::parallel;
+use whit::render::RenderSettings;
+use whit::report::cost::{CostText, points_csv};
+use whit::report::{cost_page, difference_image, memory};
+use whit::scene::EffectSet;
+use whit::scene_file::{Output, SceneFile};
 
 use super::args::CostArgs;
 use super::autotune;

@@ -3,15 +3,15 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::accel::{self, Accel, AccelOptions, Backend, Precision};
-use crate::image::{self, ImageFormat, LinearImage, ToneMap, check_writable};
-use crate::parallel;
-use crate::render::{self, Monitor, RenderSettings};
-use crate::report::cross_check::CrossCheckReport;
-use crate::report::{cross_check_page, overlay};
-use crate::scene::{Camera, EffectSet, Geometry, Scene};
-use crate::scene_file::{Output, SceneFile};
-use crate::verify::{Difference, MeshDiagnostics, RayKind, RaysFile, cross_check};
+use whit::accel::{self, Accel, AccelOptions, Backend, Precision};
+use whit::image::{self, ImageFormat, LinearImage, ToneMap, check_writable};
+use whit::parallel;
+use whit::render::{self, Monitor, RenderSettings};
+use whit::report::cross_check::CrossCheckReport;
+use whit::report::{cross_check_page, overlay};
+use whit::scene::{Camera, EffectSet, Geometry, Scene};
+use whit::scene_file::{Output, SceneFile};
+use whit::verify::{Difference, MeshDiagnostics, RayKind, RaysFile, cross_check};
 
 use super::args::VerifyArgs;
 use super::failure::Failure;

@@ -1,9 +1,9 @@
 //! Errors of commands: one sentence for the user and an exit code for the calling process.
 
-use crate::accel::AccelError;
-use crate::gltf::GltfError;
-use crate::image::ImageError;
-use crate::scene_file::SceneFileError;
+use whit::accel::AccelError;
+use whit::gltf::GltfError;
+use whit::image::ImageError;
+use whit::scene_file::SceneFileError;
 
 use super::events::{self, Event};
 use super::standard_error;

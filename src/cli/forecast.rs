@@ -3,12 +3,12 @@
 //! The probe needs an acceleration structure. If building it would delay the output of `whit info` noticeably, the
 //! forecast is left out, and the output states so.
 
-use crate::accel::{self, AccelOptions};
-use crate::parallel;
-use crate::render::{self, Monitor};
-use crate::report::forecast::Forecast;
-use crate::scene::Scene;
-use crate::scene_file::SceneFile;
+use whit::accel::{self, AccelOptions};
+use whit::parallel;
+use whit::render::{self, Monitor};
+use whit::report::forecast::Forecast;
+use whit::scene::Scene;
+use whit::scene_file::SceneFile;
 
 use super::ablation::settings_of;
 use super::args::{ForecastMode, InfoArgs};

@@ -1,6 +1,6 @@
 //! Encoding of images in their files: the flags, checked against the formats that are written.
 
-use crate::image::{ExrEncoding, ImageFormat, PngBits};
+use whit::image::{ExrEncoding, ImageFormat, PngBits};
 
 use super::args::OutputArgs;
 use super::failure::Failure;
@@ -54,7 +54,7 @@ impl Encoding {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::rows::{Compression, SampleType};
+    use whit::image::rows::{Compression, SampleType};
 
     #[test]
     fn encoding_flag_requires_an_output_file_of_its_format() {

@@ -1,6 +1,6 @@
 //! Command `whit info`: prints a summary of a scene.
 
-use crate::report::info::SceneInfo;
+use whit::report::info::SceneInfo;
 
 use super::ablation::AblationJob;
 use super::args::InfoArgs;

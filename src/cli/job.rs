@@ -5,16 +5,16 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::accel::Backend;
-use crate::cost::{self, SceneChange, Settings, SettingsFile};
-use crate::gltf::AnimationTime;
-use crate::image::{ImageFormat, ToneMap, check_writable};
-use crate::numeric::SpawnPolicy;
-use crate::render::{Adaptive, FilterKind, HitPoint, LightAovs, Pattern, PixelFilter, RenderSettings};
-use crate::report::memory;
-use crate::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS};
-use crate::scene::{Camera, Effect, EffectOverrides, Scene};
-use crate::scene_file::Output;
+use whit::accel::Backend;
+use whit::cost::{self, SceneChange, Settings, SettingsFile};
+use whit::gltf::AnimationTime;
+use whit::image::{ImageFormat, ToneMap, check_writable};
+use whit::numeric::SpawnPolicy;
+use whit::render::{Adaptive, FilterKind, HitPoint, LightAovs, Pattern, PixelFilter, RenderSettings};
+use whit::report::memory;
+use whit::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS};
+use whit::scene::{Camera, Effect, EffectOverrides, Scene};
+use whit::scene_file::Output;
 
 use super::accel_options::check_backend;
 pub(super) use super::accel_options::{Tracing, check_instancing, effective_precision};
@@ -125,7 +125,7 @@ impl RenderJob {
         let backend = args.backend.or(chosen.and_then(|chosen| chosen.backend));
         let backend = backend.unwrap_or_default();
         if backend == Backend::Embree && !cfg!(feature = "embree") {
-            return Err(crate::accel::AccelError::NoEmbree.into());
+            return Err(whit::accel::AccelError::NoEmbree.into());
         }
         check_backend(&args.tracing, backend)?;
         check_instancing(&args.tracing)?;
@@ -523,7 +523,7 @@ mod tests {
     use glam::DAffine3;
 
     use super::*;
-    use crate::scene::Projection;
+    use whit::scene::Projection;
 
     fn scene_with_cameras(names: &[&str]) -> Scene {
         let cameras = names

@@ -7,12 +7,12 @@ use std::borrow::Cow;
 
 use serde::Serialize;
 
-use crate::accel::EmbreeIdentity;
-use crate::cost::{Configuration, Settings};
-use crate::image::{Attribute, cryptomatte};
-use crate::render::{AovKind, Plan};
-use crate::scene::image_settings::FilterKind;
-use crate::scene::{Camera, Effect, EffectSet, Scene};
+use whit::accel::EmbreeIdentity;
+use whit::cost::{Configuration, Settings};
+use whit::image::{Attribute, cryptomatte};
+use whit::render::{AovKind, Plan};
+use whit::scene::image_settings::FilterKind;
+use whit::scene::{Camera, Effect, EffectSet, Scene};
 
 use super::job::{RenderJob, ResolvedSettings};
 

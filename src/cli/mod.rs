@@ -19,6 +19,7 @@ mod cross_check;
 mod events;
 mod failure;
 mod forecast;
+mod help;
 mod image_format;
 mod info;
 mod interrupt;
@@ -33,6 +34,7 @@ mod scene;
 mod standard_error;
 mod verify;
 mod verify_replay;
+mod version;
 
 use clap::Parser;
 
@@ -43,21 +45,32 @@ use failure::Failure;
 ///
 /// Prints results, warnings and errors itself. The caller must exit with the code at once: loaded scenes may have been
 /// left allocated on purpose.
-pub fn run() -> i32 {
+pub(crate) fn run() -> i32 {
     let result = Args::try_parse().map_err(Failure::of_usage).and_then(|args| {
         // Turn SIGINT and SIGTERM into a cancellation flag before any work starts
         interrupt::install();
-        match args.command {
+        if args.version {
+            return output::print(&version::describe(args.verbose));
+        }
+        let Some(command) = args.command else {
+            return Err(Failure::Input(
+                "a command is missing; `whit help` lists them".into(),
+            ));
+        };
+        match command {
             Command::Render(args) => render::run(&args),
             Command::Batch(args) => batch::run(&args),
             Command::Merge(args) => batch::merge(&args),
             Command::Info(args) => info::run(&args),
-            Command::Schema => output::print(&crate::scene_file::json_schema()),
+            Command::Schema => output::print(&whit::scene_file::json_schema()),
             Command::Bench(args) => bench::run(&args),
             Command::Verify(args) => verify::run(&args),
             Command::Compare(args) => compare::run(&args),
             Command::Cost(args) => cost::run(&args),
             Command::CompareStats(args) => compare_stats::run(&args),
+            Command::Help(args) => help::run(&args),
+            Command::Man(args) => help::write_man_pages(&args),
+            Command::Completions(args) => help::print_completions(&args),
         }
     });
     match result {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use crate::image::write_atomically;
+use whit::image::write_atomically;
 
 use super::failure::Failure;
 

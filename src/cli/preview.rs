@@ -4,9 +4,9 @@ use std::time::Duration;
 
 use super::failure::Failure;
 use super::progress::Progress;
-use crate::image::LinearImage;
-use crate::render::FinishedTile;
-use crate::watch::{Rectangle, TevViewer};
+use whit::image::LinearImage;
+use whit::render::FinishedTile;
+use whit::watch::{Rectangle, TevViewer};
 
 /// Timeout for connecting to a viewer.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);

@@ -4,22 +4,22 @@ use std::mem;
 use std::path::Path;
 use std::time::Instant;
 
-use crate::accel::extents::{BoundingVolumeKind, ListLimits, TileCulledAccel};
-use crate::accel::{self, Accel, AccelOptions, Backend};
-use crate::cost::{Settings, StudyResult};
-use crate::gltf::AnimationTime;
-use crate::image::{self, Attribute, ImageChannel, ImageFormat, PngEncoding, ToneMap};
-use crate::parallel;
-use crate::render::{self, FinishedTile, Monitor, RenderSettings, Rendering};
-use crate::report::cost::AimText;
-use crate::report::stats::{
+use whit::accel::extents::{BoundingVolumeKind, ListLimits, TileCulledAccel};
+use whit::accel::{self, Accel, AccelOptions, Backend};
+use whit::cost::{Settings, StudyResult};
+use whit::gltf::AnimationTime;
+use whit::image::{self, Attribute, ImageChannel, ImageFormat, PngEncoding, ToneMap};
+use whit::parallel;
+use whit::render::{self, FinishedTile, Monitor, RenderSettings, Rendering};
+use whit::report::cost::AimText;
+use whit::report::stats::{
     AccelStats, CutoffStats, ImageStats, LedgerStats, PhaseSeconds, RayCounts, RenderStats, SceneStats,
     effect_stats,
 };
-use crate::report::{heat_map, memory, table};
-use crate::scene::{Background, Camera, ImageCache, Scene};
-use crate::scene_file::{Edit, Output, SceneFile};
-use crate::watch::TevViewer;
+use whit::report::{heat_map, memory, table};
+use whit::scene::{Background, Camera, ImageCache, Scene};
+use whit::scene_file::{Edit, Output, SceneFile};
+use whit::watch::TevViewer;
 
 use super::aov;
 use super::args::RenderArgs;

@@ -6,12 +6,12 @@ use std::time::Instant;
 use glam::DVec3;
 use rayon::ThreadPool;
 
-use crate::accel::hit_compare::{self, HitComparison};
-use crate::accel::{Accel, Coherence, Hit, LANES, RayPacket};
-use crate::numeric::{Bounds, Ray, SplitMix64};
-use crate::parallel;
-use crate::report::bench::{Mode, RayKind};
-use crate::scene::Scene;
+use whit::accel::hit_compare::{self, HitComparison};
+use whit::accel::{Accel, Coherence, Hit, LANES, RayPacket};
+use whit::numeric::{Bounds, Ray, SplitMix64};
+use whit::parallel;
+use whit::report::bench::{Mode, RayKind};
+use whit::scene::Scene;
 
 /// Number of packets copied and traced at once: 11 KB, so that they stay in the first-level cache.
 const CHUNK_PACKETS: usize = 8;
@@ -141,10 +141,10 @@ fn random_ray(bounds: &Bounds, random: &mut SplitMix64) -> Ray {
 pub(super) enum Engine<'a> {
     /// Embree's packet calls without the code of the backend.
     #[cfg(feature = "embree")]
-    Raw(&'a crate::accel::embree::EmbreeAccel<'a>),
+    Raw(&'a whit::accel::embree::EmbreeAccel<'a>),
     /// Embree's single-ray calls without the code of the backend.
     #[cfg(feature = "embree")]
-    RawSingle(&'a crate::accel::embree::EmbreeAccel<'a>),
+    RawSingle(&'a whit::accel::embree::EmbreeAccel<'a>),
     /// Ray tracing backend with packets.
     Accel(&'a dyn Accel),
 }

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use crate::gltf::{self, AnimationTime, LoadOptions};
-use crate::scene::{EffectSet, ImageCache};
-use crate::scene_file::{self, Edit, Output, SceneFile};
+use whit::gltf::{self, AnimationTime, LoadOptions};
+use whit::scene::{EffectSet, ImageCache};
+use whit::scene_file::{self, Edit, Output, SceneFile};
 
 use super::failure::Failure;
 

@@ -3,12 +3,12 @@
 
 use std::collections::BTreeSet;
 
-use crate::accel::AccelError;
-use crate::image::check_writable;
-use crate::parallel;
-use crate::report::verify::{VerifyRow, case_list, table};
-use crate::report::verify_page;
-use crate::verify::{self, BackendVariant, Case, VARIANTS, Verdict, VerdictCache};
+use whit::accel::AccelError;
+use whit::image::check_writable;
+use whit::parallel;
+use whit::report::verify::{VerifyRow, case_list, table};
+use whit::report::verify_page;
+use whit::verify::{self, BackendVariant, Case, VARIANTS, Verdict, VerdictCache};
 
 use super::args::VerifyArgs;
 use super::failure::Failure;

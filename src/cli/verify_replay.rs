@@ -4,11 +4,11 @@ use std::fmt::Write;
 use std::fs;
 use std::path::Path;
 
-use crate::accel::hit_compare::HitComparison;
-use crate::accel::{self, Accel, AccelOptions, Backend, Instancing};
-use crate::parallel;
-use crate::scene::{EffectSet, Scene};
-use crate::verify::{self, Difference, QueryResult, RaysFile, VARIANTS, describe_ray, retrace};
+use whit::accel::hit_compare::HitComparison;
+use whit::accel::{self, Accel, AccelOptions, Backend, Instancing};
+use whit::parallel;
+use whit::scene::{EffectSet, Scene};
+use whit::verify::{self, Difference, QueryResult, RaysFile, VARIANTS, describe_ray, retrace};
 
 use super::args::VerifyArgs;
 use super::cross_check::holds;

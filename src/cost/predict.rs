@@ -283,6 +283,7 @@ pub(super) fn floor(points: &[Point], forecasts: &[Prediction]) -> Option<(f64, 
 
 #[cfg(test)]
 mod tests {
+    use super::super::target::Goal;
     use super::*;
     use crate::cost::{HitPath, Interval, SceneChange};
     use crate::render::{Pattern, RenderSettings};

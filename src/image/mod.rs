@@ -78,7 +78,8 @@ pub struct Attribute<'a> {
 }
 
 /// File formats of images.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum ImageFormat {
     /// PNG: sRGB, after exposure.
     #[default]

@@ -19,16 +19,15 @@ pub struct PngEncoding {
 }
 
 /// Bits per channel of a pixel.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum PngBits {
     /// Eight bits, as screens show.
     #[default]
-    #[value(name = "8")]
+    #[cfg_attr(feature = "cli", value(name = "8"))]
     Eight,
     /// Sixteen bits, for further processing: 257 steps for each one of eight bits.
-    #[value(name = "16")]
+    #[cfg_attr(feature = "cli", value(name = "16"))]
     Sixteen,
 }
 

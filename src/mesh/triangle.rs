@@ -10,7 +10,7 @@
 //!   has the correct sign; where it is zero, it is computed again in f64, where products of f32 are exact. Hence no
 //!   fused multiply-add here, which would round one product and not the other.
 //!
-//! A hit that is as near the start of its ray as its own error is decided again in f64, see [`near_origin`].
+//! A hit that is as near the start of its ray as its own error is decided again in f64, see `near_origin`.
 //!
 //! [`Shear::intersect`] is the reference; the forms for eight triangles and for sixteen rays give the same bits. On a
 //! [`F32Only`](super::simd::F32Only) instruction set they never fall back to f64: what that costs in errors is measured

@@ -34,7 +34,7 @@ pub fn render(
 
 /// Renders as [`render`] does and, with adaptive sampling, resumes from and writes `checkpoints`.
 ///
-/// Images without adaptive sampling are resumed by [`Parts`] instead. Pixel costs are not part of a checkpoint, so
+/// Images without adaptive sampling are resumed by [`Parts`](super::Parts) instead. Pixel costs are not part of a checkpoint, so
 /// they count only the work after it.
 pub fn render_on(
     scene: &Scene,

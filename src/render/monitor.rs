@@ -34,6 +34,18 @@ pub struct FinishedTile<'a> {
     pub pixels: &'a [[f32; 3]],
 }
 
+impl Default for Monitor<'_> {
+    /// Returns a monitor that reports nothing and never cancels.
+    fn default() -> Self {
+        static NEVER: AtomicBool = AtomicBool::new(false);
+        Monitor {
+            progress: &|_| {},
+            cancel: &NEVER,
+            tiles: None,
+        }
+    }
+}
+
 impl Monitor<'_> {
     /// Passes the means of a tile to the callback, if there is one.
     pub(super) fn show(&self, tile: Tile, means: &[[f32; 3]]) {

@@ -15,12 +15,12 @@ pub struct Rendering {
     pub image: LinearImage,
     /// Number of samples that each pixel took.
     pub samples: SampleCounts,
-    /// Sample statistics per pixel, if [`RenderSettings::sample_aovs`] is on.
+    /// Sample statistics per pixel, if [`sample_aovs`](super::RenderSettings::sample_aovs) is on.
     pub aovs: Option<SampleAovs>,
-    /// AOVs of the first hits of camera rays, and layers of light, if [`RenderSettings::layers`] or
-    /// [`RenderSettings::light_layers`] request any.
+    /// AOVs of the first hits of camera rays, and layers of light, if [`layers`](super::RenderSettings::layers) or
+    /// [`light_layers`](super::RenderSettings::light_layers) request any.
     pub layers: Vec<Layer>,
-    /// Cost of each pixel, if [`RenderSettings::cost_aovs`] is on.
+    /// Cost of each pixel, if [`cost_aovs`](super::RenderSettings::cost_aovs) is on.
     pub costs: Option<PixelCosts>,
     /// Numbers of rays and seconds, by account.
     pub ledger: RenderProfile,

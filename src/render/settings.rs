@@ -93,7 +93,8 @@ impl Default for RenderSettings {
 }
 
 /// Rule for the position of a hit on its surface.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "lowercase")]
 pub enum HitPoint {
     /// Computed in f64 from the primitive: from the vertices of a triangle, from the equation of an analytic shape.

@@ -1,4 +1,4 @@
-//! Memory per pixel that the settings of a render cost.
+//! Memory per pixel that a render needs, by its settings.
 
 use super::adaptive;
 use super::aov::PixelCosts;

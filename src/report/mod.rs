@@ -3,37 +3,17 @@
 //!
 //! Keys of the JSON forms are stable: new ones may be added, and existing ones are never renamed.
 
-pub mod ablation;
-pub mod accel_info;
-pub mod bench;
-mod bench_charts;
-pub mod bench_page;
-mod bitmap_font;
-pub mod compare;
-pub mod compare_page;
-pub mod cost;
-mod cost_charts;
-pub mod cost_page;
 mod cpu;
-pub mod cross_check;
-pub mod cross_check_page;
-pub mod crossover;
-pub mod difference_image;
-pub mod extents;
-pub mod forecast;
 mod format;
-pub mod gallery;
-pub mod heat_map;
-pub mod info;
-mod intersection_errors;
+mod html;
+mod image;
 mod knob_name;
 pub mod memory;
-pub mod overlay;
-pub mod page;
-pub mod regression;
-pub mod stats;
-pub mod table;
-pub mod verify;
-pub mod verify_page;
-mod volume_info;
-pub mod worst_tiles;
+mod text;
+
+pub use html::{bench_page, compare_page, cost_page, cross_check_page, gallery, page, verify_page};
+pub use image::{difference_image, heat_map, overlay, worst_tiles};
+pub use text::{
+    ablation, accel_info, bench, compare, cost, cross_check, crossover, extents, forecast, info, regression,
+    stats, table, verify,
+};

@@ -34,7 +34,8 @@ pub const MAX_FILTER_RADIUS: f64 = 4.0;
 ///
 /// Sobol points have the least error per sample (figures in the README, measured by `tests/it/image/sampling.rs`); R2
 /// is the default to keep images that were made with it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Deserialize, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 #[schemars(
     rename = "SamplePattern",
@@ -53,7 +54,8 @@ pub enum Pattern {
 }
 
 /// Shapes of the pixel filter, each the product of one function across and one down.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, Deserialize, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]
 #[schemars(rename = "PixelFilter")]
 pub enum FilterKind {

@@ -63,7 +63,7 @@
 //!   `scatter = { count = 99, min = [...], max = [...] }`, each with random `turn` and `scale`, apply after the
 //!   object's own transforms.
 //!
-//! Names are resolved, files read and checks made ([`assembly`]) before anything is flattened ([`flatten`]). Every
+//! Names are resolved, files read and checks made (`assembly`) before anything is flattened (`flatten`). Every
 //! message names the file, the line, the item and a remedy.
 
 mod appearance;

@@ -2,8 +2,8 @@
 //!
 //! The condition number of the quartic grows with the fourth power of the origin's distance, so its coefficients are
 //! formed at the line's point nearest to the centre, for a unit direction: there `|p|² = m + τ²` and the cubic term
-//! vanishes. Roots are isolated between the extrema, without radicals, and polished on the distance form `(ρ - 1)² + z²
-//! - r² = 0`, whose rounding is a few ulps of the coordinates for any thickness of the tube. For a ray that starts on
+//! vanishes. Roots are isolated between the extrema, without radicals, and polished on the distance form
+//! `(ρ - 1)² + z² - r² = 0`, whose rounding is a few ulps of the coordinates for any thickness of the tube. For a ray that starts on
 //! the torus its own root is divided out, which leaves a cubic.
 
 use std::f64::consts::TAU;

@@ -18,14 +18,14 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 WORDS = [
     ("feel, feeler: shadow ray", r"feel\w*", 0),
     ("MOST_, LEAST_: MAX_, MIN_", r"MOST_|LEAST_", 0),
-    ("ask, answer, meet, met, tell, told", r"ask(s|ed|ing)?|answer(s|ed|ing)?|meet(s|ing|ings)?|met|tell(s|ing)?|(fore)?told|foretell(s)?", 2476),
-    ("picture: image", r"pictures?", 1020),
-    ("lamp: emissive object, area light", r"lamps?", 142),
-    ("sheet: thin surface", r"sheets?", 213),
-    ("larder, shelf: cache", r"larders?|shelf|shelves", 19),
-    ("swallow, shine, glow: absorb, emit", r"swallow\w*|shines?|shining|glows?|glowing", 112),
-    ("lecture: Phong, Whitted", r"lectures?", 206),
-    ("whoever, nobody, somebody, anybody, dear", r"whoever|nobody|somebody|anybody|dear", 107),
+    ("ask, answer, meet, met, tell, told", r"ask(s|ed|ing)?|answer(s|ed|ing)?|meet(s|ing|ings)?|met|tell(s|ing)?|(fore)?told|foretell(s)?", 360),
+    ("picture: image", r"pictures?", 30),
+    ("lamp: emissive object, area light", r"lamps?", 18),
+    ("sheet: thin surface", r"sheets?", 21),
+    ("larder, shelf: cache", r"larders?|shelf|shelves", 0),
+    ("swallow, shine, glow: absorb, emit", r"swallow\w*|shines?|shining|glows?|glowing", 0),
+    ("lecture: Phong, Whitted", r"lectures?", 20),
+    ("whoever, nobody, somebody, anybody, dear", r"whoever|nobody|somebody|anybody|dear", 0),
 ]
 QUESTION = re.compile(r"(What|How|Whether|Where|Which|Who|Whose|When)\b")
 # Words of a doc comment, at least.
@@ -81,10 +81,10 @@ def main():
     doubles = {name: places for name, places in types.items() if len(set(places)) > 1}
     rows = [(label, words[label], limit, True) for label, _, limit in WORDS]
     rows += [
-        ("doc comments that begin with a question word, in 1000", round(1000 * len(questions) / blocks), 215, True),
-        ("doc comments of fewer than four words", len(fragments), 680, True),
-        ("names that several types have", len(doubles), 124, True),
-        ("lines with a comment that is no doc comment, in 1000", round(1000 * inline / non_blank), 12, False),
+        ("doc comments that begin with a question word, in 1000", round(1000 * len(questions) / blocks), 0, True),
+        ("doc comments of fewer than four words", len(fragments), 0, True),
+        ("names that several types have", len(doubles), 85, True),
+        ("lines with a comment that is no doc comment, in 1000", round(1000 * inline / non_blank), 33, False),
     ]
     if listing:
         print("\n".join(questions + fragments))

@@ -229,17 +229,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_readme_lists_every_scene_by_its_first_sentence() {
+    fn the_readme_of_scenes_lists_each_by_its_first_sentence() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-        let readme = std::fs::read_to_string(root.join("README.md")).unwrap();
+        let readme = std::fs::read_to_string(root.join("scenes/README.md")).unwrap();
         let files = scene_files(&root.join("scenes")).unwrap();
         assert!(files.len() > 16, "{files:?}");
         let mut last = 0;
         for file in &files {
-            let row = format!("\n| [{0}](scenes/{0}) | ", name(file));
+            let row = format!("\n| [{0}]({0}) | ", name(file));
             let at = readme
                 .find(&row)
-                .unwrap_or_else(|| panic!("README.md lacks the row{row}"));
+                .unwrap_or_else(|| panic!("scenes/README.md lacks the row{row}"));
             assert!(at > last, "{} is out of order", name(file));
             last = at;
             if file.extension().is_some_and(|e| e == "toml") {

@@ -1,4 +1,4 @@
-//! The subcommand `cost-tables`: makes the README's tables of what accuracy costs, from the reports that `whit cost
+//! The subcommand `cost-tables`: makes the tables of what accuracy costs, from the reports that `whit cost
 //! --out` wrote: the price of halving the error by each knob, and the relative times of the ways to find hits. With
 //! `--into FILE` the tables replace what stands there between the lines `<!-- cost tables -->` and `<!-- end of cost
 //! tables -->`.
@@ -17,7 +17,7 @@ const END: &str = "<!-- end of cost tables -->\n";
 #[command(after_long_help = "\
 Example:
   for scene in mirror_room textured; do whit cost scenes/$scene.toml --out costs/$scene; done
-  cargo run --release --example tools -- cost-tables costs/*/report.json --into README.md")]
+  cargo run --release --example tools -- cost-tables costs/*/report.json --into tests/benches/RESULTS.md")]
 pub(crate) struct Arguments {
     /// Replace the tables in this file instead of printing them
     #[arg(long, value_name = "FILE")]

@@ -29,7 +29,7 @@ enum Tool {
     BumpySphere(bumpy_sphere::Arguments),
     /// Render scenes at a small size and lay them out on one image
     ContactSheet(contact_sheet::Arguments),
-    /// Make the README's tables of what accuracy costs from reports of `whit cost`
+    /// Make the tables of what accuracy costs from reports of `whit cost`
     CostTables(cost_tables::Arguments),
     /// Write the scene `scenes/first_light.gltf`
     FirstLight(first_light::Arguments),

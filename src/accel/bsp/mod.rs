@@ -3,10 +3,10 @@
 //! The world tree holds the triangles of all baked meshes, the analytic shapes and the instanced meshes; every
 //! instanced mesh has a tree of its own, which the ray enters in object space. Infinite planes are outside all trees.
 //!
-//! * [`builder`] splits the cells, [`heuristic`] chooses the plane, [`clip`] computes the parts on both sides.
+//! * `builder` splits the cells, `heuristic` chooses the plane, `clip` computes the parts on both sides.
 //! * [`counters`] counts the traversal work, if that is compiled in.
-//! * [`reference`](mod@reference) is the textbook traversal: plain, slow, and the reference for tests.
-//! * [`node8`] stores the same cells eight to a node; [`single`] and [`packet`] traverse them. They are loops over
+//! * `reference` is the textbook traversal: plain, slow, and the reference for tests.
+//! * `node8` stores the same cells eight to a node; `single` and `packet` traverse them. They are loops over
 //!   arrays, compiled for each instruction set; they contain no fused multiply-add, so all give the same bits.
 
 mod builder;

@@ -8,7 +8,7 @@
 //! * [`ListAccel`] is a list of objects, each behind its bounding volume, with counters of the tests that the volumes
 //!   save.
 //!
-//! A bounding volume changes the time, never a result: [`guard`] bounds the rounding errors of hits, and volumes are
+//! A bounding volume changes the time, never a result: `guard` bounds the rounding errors of hits, and volumes are
 //! that much wider. Planes have none, nor have instance transforms that are too extreme for the bound.
 
 mod ball;

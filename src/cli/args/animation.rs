@@ -2,7 +2,7 @@
 
 use clap::Args as ArgGroup;
 
-use crate::gltf::AnimationTime;
+use whit::gltf::AnimationTime;
 
 /// Flags of the time and the clip of glTF animations.
 #[derive(Clone, Debug, Default, ArgGroup)]

@@ -6,7 +6,7 @@ use clap::Args as ArgGroup;
 
 use super::MAX_THREADS;
 use super::progress::ProgressArgs;
-use crate::batch::Shard;
+use whit::batch::Shard;
 
 /// Largest duration in seconds: one week; more is taken for a typing error.
 const MAX_SECONDS: f64 = 604_800.0;
@@ -54,7 +54,7 @@ pub(in crate::cli) struct BatchArgs {
     pub(in crate::cli) slurm: Option<PathBuf>,
 
     /// Number of tasks of the script
-    #[arg(long, value_name = "N", requires = "slurm", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=i64::from(crate::batch::slurm::MAX_TASKS)))]
+    #[arg(long, value_name = "N", requires = "slurm", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=i64::from(whit::batch::slurm::MAX_TASKS)))]
     pub(in crate::cli) shards: u32,
 
     /// Save the finished part of a frame at about this interval, so that an interruption loses little of a long frame
@@ -84,7 +84,7 @@ pub(in crate::cli) struct BatchArgs {
     #[command(flatten)]
     pub(in crate::cli) watching: ProgressArgs,
 
-    /// Print only errors
+    /// Print errors only, no warnings
     #[arg(long, short)]
     pub(in crate::cli) quiet: bool,
 }
@@ -104,7 +104,7 @@ pub(in crate::cli) struct MergeArgs {
     #[arg(value_name = "DIR")]
     pub(in crate::cli) out: PathBuf,
 
-    /// Print only errors
+    /// Print errors only, no warnings
     #[arg(long, short)]
     pub(in crate::cli) quiet: bool,
 }

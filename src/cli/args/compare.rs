@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args as ArgGroup;
 
-use crate::image::metrics::PIXELS_PER_DEGREE;
+use whit::image::metrics::PIXELS_PER_DEGREE;
 
 /// Accepted range of pixels per degree: with fewer, no detail of an image is visible; with more, the eye resolves none.
 const PIXELS_PER_DEGREE_RANGE: std::ops::RangeInclusive<f64> = 1.0..=1000.0;

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::Args as ArgGroup;
 
 use super::{ImageSize, RayOffsetArgs, TracingArgs};
-use crate::accel::Backend;
-use crate::render::MIN_ADAPTIVE_ERROR;
+use whit::accel::Backend;
+use whit::render::MIN_ADAPTIVE_ERROR;
 
 /// Default time budget in seconds, enough for a few thousand pixels of a slow scene.
 const DEFAULT_BUDGET: f64 = 120.0;

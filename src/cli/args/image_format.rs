@@ -2,8 +2,8 @@
 
 use clap::Args as ArgGroup;
 
-use crate::image::PngBits;
-use crate::image::rows::{Compression, SampleType};
+use whit::image::PngBits;
+use whit::image::rows::{Compression, SampleType};
 
 /// Flags of the encoding of images in their files.
 #[derive(Clone, Copy, Debug, Default, ArgGroup)]

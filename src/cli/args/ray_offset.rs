@@ -2,8 +2,8 @@
 
 use clap::Args as ArgGroup;
 
-use crate::numeric::SpawnPolicy;
-use crate::render::HitPoint;
+use whit::numeric::SpawnPolicy;
+use whit::render::HitPoint;
 
 /// Flags of hit points on surfaces and of the origins of rays that leave them.
 #[derive(Clone, Copy, Debug, ArgGroup)]

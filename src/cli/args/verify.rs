@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args as ArgGroup;
 
 use super::{ImageSize, MAX_THREADS};
-use crate::accel::Precision;
+use whit::accel::Precision;
 
 /// Default number of rays per case: enough to see an error in one ray of ten thousand, in well under a minute for all
 /// cases.

@@ -5,12 +5,12 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use crate::accel::{Accel, AccelOptions, Backend, MeshCache, MeshCounts};
-use crate::gltf::AnimationTime;
-use crate::render::RenderSettings;
-use crate::report::memory::{MemoryForecast, available_bytes};
-use crate::scene::{Camera, ImageCache, Scene};
-use crate::scene_file::SceneFile;
+use whit::accel::{Accel, AccelOptions, Backend, MeshCache, MeshCounts};
+use whit::gltf::AnimationTime;
+use whit::render::RenderSettings;
+use whit::report::memory::{MemoryForecast, available_bytes};
+use whit::scene::{Camera, ImageCache, Scene};
+use whit::scene_file::SceneFile;
 
 use super::super::failure::Failure;
 use super::super::job::{RenderJob, choose_camera};

@@ -2,11 +2,11 @@
 
 use std::path::{Path, absolute};
 
-use crate::batch::slurm::{Task, script};
-use crate::image::write_atomically;
-use crate::render::{self, Monitor};
-use crate::report::forecast::Forecast;
-use crate::report::memory;
+use whit::batch::slurm::{Task, script};
+use whit::image::write_atomically;
+use whit::render::{self, Monitor};
+use whit::report::forecast::Forecast;
+use whit::report::memory;
 
 use super::super::args::BatchArgs;
 use super::super::failure::Failure;

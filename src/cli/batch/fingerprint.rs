@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use crate::batch::{Fingerprint, FingerprintHasher, Sources};
+use whit::batch::{Fingerprint, FingerprintHasher, Sources};
 
 use super::super::failure::Failure;
 use super::super::job::RenderJob;
@@ -89,7 +89,7 @@ fn listed(files: &[(PathBuf, Fingerprint)], scene: &Path) -> String {
 
 /// Returns the path of the settings file of a job, if it has one.
 fn settings_file(plan: &Plan) -> Option<PathBuf> {
-    use crate::jobs::FlagValue;
+    use whit::jobs::FlagValue;
     let flags = &plan.frame.settings.flags;
     flags.iter().find_map(|(name, value)| match value {
         FlagValue::Word(file) if name == "settings" => Some(plan.jobs_folder.join(file)),
@@ -99,7 +99,7 @@ fn settings_file(plan: &Plan) -> Option<PathBuf> {
 
 /// Returns the backend with its version and instruction set, which the bits of an image depend on.
 fn backend_identity(job: &RenderJob) -> Result<String, Failure> {
-    let identity = crate::accel::identity(job.backend, job.tracing.isa.as_deref())?;
+    let identity = whit::accel::identity(job.backend, job.tracing.isa.as_deref())?;
     Ok(format!("{:?} {identity:?}", job.backend))
 }
 

@@ -4,16 +4,16 @@ use std::borrow::Cow;
 use std::ops::{ControlFlow, Range};
 use std::time::Instant;
 
-use crate::accel::Accel;
-use crate::batch::{
+use whit::accel::Accel;
+use whit::batch::{
     Chunk, ChunkDirectory, ChunkKind, FrameMetadata, Merge, MergeError, Plane, color_planes, planes_of,
 };
-use crate::image::{ImageError, PngEncoding};
-use crate::render::{
+use whit::image::{ImageError, PngEncoding};
+use whit::render::{
     self, Checkpoints, FinishedTile, Monitor, Parts, Pattern, Plan as EffectPlan, Region, RenderProfile,
     RenderSettings, Rendering, Rounds, Share, Sums,
 };
-use crate::scene::Camera;
+use whit::scene::Camera;
 
 use super::super::aov::channels;
 use super::super::failure::Failure;
@@ -326,14 +326,14 @@ impl<'a> FrameTask<'a> {
     /// Renders some of the pieces that the frame is divided into, each to a file of its own.
     fn render_chunks(&mut self, numbers: Range<usize>) -> Result<(), Failure> {
         let settings = self.resolved.settings;
-        let cut = crate::batch::ChunkLayout {
+        let cut = whit::batch::ChunkLayout {
             height: settings.height,
             bands: self
                 .plan
                 .frame
                 .settings
                 .bands
-                .min(crate::batch::ChunkLayout::max_bands(settings.height)),
+                .min(whit::batch::ChunkLayout::max_bands(settings.height)),
             shares: self.plan.frame.settings.shares,
         };
         for number in numbers.start..numbers.end.min(cut.piece_count()) {

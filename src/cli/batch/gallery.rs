@@ -3,10 +3,10 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use crate::batch::Manifest;
-use crate::image::{ToneMap, load_image, write_atomically};
-use crate::render::{Category, RenderProfile};
-use crate::report::gallery::{
+use whit::batch::Manifest;
+use whit::image::{ToneMap, load_image, write_atomically};
+use whit::render::{Category, RenderProfile};
+use whit::report::gallery::{
     EffectShare, FrameSeconds, FrameStatus, Gallery, GalleryFrame, thumbnail, thumbnail_side,
 };
 

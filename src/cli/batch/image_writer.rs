@@ -3,11 +3,11 @@
 use std::path::Path;
 use std::{fs, io};
 
-use crate::batch::{ChunkDirectory, CompletedFrame, FrameMetadata, Merge, MergeError, Plane};
-use crate::image::rows::{
+use whit::batch::{ChunkDirectory, CompletedFrame, FrameMetadata, Merge, MergeError, Plane};
+use whit::image::rows::{
     ExrChannel, ExrLayout, ExrScanlineWriter, PngScanlineWriter, SampleType, Samples, Window,
 };
-use crate::image::{Attribute, ChannelKind, ImageError, ImageFormat};
+use whit::image::{Attribute, ChannelKind, ImageError, ImageFormat};
 
 use super::super::failure::Failure;
 use super::super::interrupt;

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use crate::render::{RenderSettings, TILE_SIDE};
-use crate::report::memory::{available_bytes, in_words};
+use whit::render::{RenderSettings, TILE_SIDE};
+use whit::report::memory::{available_bytes, in_words};
 
 use super::super::failure::Failure;
 use super::built_scene::{LoadedScene, SceneCaches};

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::Path;
 
-use crate::batch::{Manifest, Shard};
+use whit::batch::{Manifest, Shard};
 
 use super::super::args::BatchArgs;
 use super::super::failure::Failure;

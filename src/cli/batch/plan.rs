@@ -8,8 +8,8 @@ use std::sync::Arc;
 
 use clap::Parser;
 
-use crate::image::{ImageFormat, check_writable};
-use crate::jobs::{FlagValue, Frame, JobSettings, Jobs};
+use whit::image::{ImageFormat, check_writable};
+use whit::jobs::{FlagValue, Frame, JobSettings, Jobs};
 
 use super::super::args::{Args, Command};
 use super::super::failure::Failure;
@@ -212,7 +212,7 @@ fn render_job(jobs: &Path, frame: &Frame, out: &Path, threads: u32) -> Result<Re
         let first = text.lines().next().unwrap_or_default();
         refuse(first.strip_prefix("error: ").unwrap_or(first).to_owned())
     })?;
-    let Command::Render(args) = args.command else {
+    let Some(Command::Render(args)) = args.command else {
         return Err(refuse(
             "they are not settings of a render: give flags of `whit render`".into(),
         ));

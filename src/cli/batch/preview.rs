@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
-use crate::watch::TevViewer;
+use whit::watch::TevViewer;
 
 use super::super::failure::Failure;
 use super::super::preview::{self, Live};

@@ -5,7 +5,7 @@ use std::iter::Peekable;
 use std::ops::Range;
 use std::vec::IntoIter;
 
-use crate::batch::{Shard, Sources};
+use whit::batch::{Shard, Sources};
 
 use super::super::failure::Failure;
 use super::fingerprint::FrameFingerprint;

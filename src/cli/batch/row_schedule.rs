@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use crate::render::{RenderSettings, TILE_SIDE};
-use crate::report::memory;
+use whit::render::{RenderSettings, TILE_SIDE};
+use whit::report::memory;
 
 /// Number of tiles per thread in the first step, from whose time the later steps are estimated.
 const FIRST_TILES: usize = 8;

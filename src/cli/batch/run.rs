@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use crate::batch::{ChunkDirectory, Fingerprint, Manifest};
-use crate::parallel;
-use crate::render::{FinishedTile, Monitor};
-use crate::report::gallery::FrameStatus;
+use whit::batch::{ChunkDirectory, Fingerprint, Manifest};
+use whit::parallel;
+use whit::render::{FinishedTile, Monitor};
+use whit::report::gallery::FrameStatus;
 
 use super::super::args::BatchArgs;
 use super::super::failure::Failure;

@@ -2,14 +2,14 @@
 
 use rayon::ThreadPool;
 
-use crate::accel::RayPacket;
 use crate::cli::args::{BenchArgs, DEFAULT_BENCH_SPP};
 use crate::cli::failure::Failure;
 use crate::cli::job::{Tracing, requested, settings};
-use crate::numeric::LANES;
-use crate::render::RenderSettings;
-use crate::report::memory;
-use crate::scene_file::Output;
+use whit::accel::RayPacket;
+use whit::numeric::LANES;
+use whit::render::RenderSettings;
+use whit::report::memory;
+use whit::scene_file::Output;
 
 /// Checked parameters of `whit bench` for all scenes.
 pub(in crate::cli) struct BenchJob {

@@ -13,7 +13,7 @@ use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::progress::Progress;
 use crate::cli::replay::{Differences, RayWorkload, differences};
-use crate::report::bench::{BenchRow, Scaled, ScaledBuild, Spread};
+use whit::report::bench::{BenchRow, Scaled, ScaledBuild, Spread};
 
 /// Measures one scene and returns its rows.
 pub(super) fn bench_scene(

@@ -14,10 +14,10 @@ use crate::cli::job::choose_camera;
 use crate::cli::output;
 use crate::cli::progress::{Progress, Verbosity};
 use crate::cli::scene;
-use crate::parallel;
-use crate::render::RenderSettings;
-use crate::scene::{Camera, EffectSet, Scene};
-use crate::scene_file::{Output, SceneFile};
+use whit::parallel;
+use whit::render::RenderSettings;
+use whit::scene::{Camera, EffectSet, Scene};
+use whit::scene_file::{Output, SceneFile};
 
 /// Writes all rows as JSON if the arguments request it.
 pub(in crate::cli) fn write_json(args: &BenchArgs, rows: &[impl Serialize]) -> Result<(), Failure> {

@@ -6,16 +6,16 @@ use rayon::ThreadPool;
 
 use super::job::BenchJob;
 use super::seconds::Seconds;
-use crate::accel::bsp::BspAccel;
-#[cfg(feature = "embree")]
-use crate::accel::embree::EmbreeAccel;
-use crate::accel::{Accel, AccelError, AccelOptions, AccelReport, Backend, Instancing, Kernel, Precision};
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::replay::Engine;
-use crate::parallel;
-use crate::report::bench::Mode;
-use crate::scene::Scene;
+use whit::accel::bsp::BspAccel;
+#[cfg(feature = "embree")]
+use whit::accel::embree::EmbreeAccel;
+use whit::accel::{Accel, AccelError, AccelOptions, AccelReport, Backend, Instancing, Kernel, Precision};
+use whit::parallel;
+use whit::report::bench::Mode;
+use whit::scene::Scene;
 
 /// Acceleration structures of a scene for all contestants.
 pub(super) struct Structures<'s> {

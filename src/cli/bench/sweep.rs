@@ -4,10 +4,10 @@ use glam::{DAffine3, DMat3, DVec3};
 
 use crate::cli::args::MIN_TRIANGLES;
 use crate::cli::failure::Failure;
-use crate::mesh::{Mesh, bumpy_sphere};
-use crate::report::memory;
-use crate::report::table::group_thousands;
-use crate::scene::{Background, Camera, Falloff, Geometry, Instance, Light, LightKind, Material, Scene};
+use whit::mesh::{Mesh, bumpy_sphere};
+use whit::report::memory;
+use whit::report::table::group_thousands;
+use whit::scene::{Background, Camera, Falloff, Geometry, Instance, Light, LightKind, Material, Scene};
 
 /// Number of mesh sizes per factor of ten.
 const SIZES_A_DECADE: i32 = 2;

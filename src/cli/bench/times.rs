@@ -3,15 +3,15 @@
 use super::job::BenchJob;
 use super::seconds::Seconds;
 use super::structures::Contestant;
-use crate::accel::Accel;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::progress::Progress;
 use crate::cli::replay::{Engine, RayWorkload, replay_seconds, shared_replay_seconds};
-use crate::parallel;
-use crate::render::{self, Monitor, RenderProfile, RenderSettings};
-use crate::report::bench::{FrameTime, Mode, RayKind, Spread};
-use crate::scene::{Camera, Scene};
+use whit::accel::Accel;
+use whit::parallel;
+use whit::render::{self, Monitor, RenderProfile, RenderSettings};
+use whit::report::bench::{FrameTime, Mode, RayKind, Spread};
+use whit::scene::{Camera, Scene};
 
 /// Frame whose rays are replayed.
 pub(super) struct Frame<'a> {

@@ -99,9 +99,8 @@ impl ExrChannel {
 }
 
 /// Type of the values of a channel, by OpenEXR's names.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum SampleType {
     /// 16-bit floats: 11 significant bits; infinite beyond 65504, as in OpenEXR's own conversion.
     Half,
@@ -109,7 +108,7 @@ pub enum SampleType {
     #[default]
     Float,
     /// 32-bit unsigned integers, for ids and parts of f64.
-    #[value(skip)]
+    #[cfg_attr(feature = "cli", value(skip))]
     Uint,
 }
 
@@ -134,9 +133,8 @@ impl SampleType {
 }
 
 /// Compression of an EXR file; all of these are lossless.
-#[derive(
-    Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 pub enum Compression {
     /// No compression: the fastest to write.
     #[default]

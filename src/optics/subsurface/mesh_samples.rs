@@ -47,7 +47,7 @@ pub struct SurfaceSamples {
 /// Returns points on the triangles `corners(0..triangle_count)`, one per square of edge `spacing` (positive).
 ///
 /// Pass [`Dipole::sample_spacing`](super::Dipole::sample_spacing) as `spacing`, and afterwards evaluate the dipole that
-/// [`Dipole::widened_for_spacing`](super::Dipole::resolved_by) returns for the resulting spacing. There are at most
+/// [`Dipole::widened_for_spacing`](super::Dipole::widened_for_spacing) returns for the resulting spacing. There are at most
 /// [`MAX_SAMPLES`] points; on a surface that would take more they are farther apart. Triangles without a finite area
 /// get none. There must be fewer than 2^32 triangles. For shapes that can be intersected with lines use
 /// [`lattice_samples`](super::lattice_samples).

@@ -1,8 +1,8 @@
 //! Points spread evenly over a surface by intersecting it with lines: for analytic shapes of any kind, without
 //! triangles.
 //!
-//! The lines of three square lattices, one along each axis, intersect a surface with the unit normal n in |n_x| + |n_y|
-//! + |n_z| points per square of their spacing (the Cauchy-Crofton formula, with three directions in place of all). So
+//! The lines of three square lattices, one along each axis, intersect a surface with the unit normal n in
+//! `|n_x| + |n_y| + |n_z|` points per square of their spacing (the Cauchy-Crofton formula, with three directions in place of all). So
 //! each point represents the inverse of that area, at any position, and every part of the surface that is wider than
 //! the spacing gets a point. Lattices lie in object space, where faces are aligned with them, and fill the box around
 //! the shape exactly: a square or a cube gets a square lattice.

@@ -2,10 +2,10 @@
 //! distributed uniformly.
 //!
 //! Let v be the estimated squared error of a pixel's mean, a fraction u of it noise and the rest due to edges; n the
-//! number of its samples now and m that after the round. The errors of the pixels are then expected to be Σ v (u n/m
-//! + (1 - u) (n/m)^1.5), as for stratified samples. If all Σ m samples were distributed uniformly, each pixel would
-//! have their mean number M instead of m. Both sums are increased by the error of features that no sample has hit
-//! yet.
+//! number of its samples now and m that after the round. The errors of the pixels are then expected to be
+//! Σ v (u n/m + (1 - u) (n/m)^1.5), as for stratified samples. If all Σ m samples were distributed uniformly, each
+//! pixel would have their mean number M instead of m. Both sums are increased by the error of features that no sample
+//! has hit yet.
 
 /// Sums over the pixels of a forecast.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

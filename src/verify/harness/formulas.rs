@@ -47,7 +47,7 @@ impl Formulas {
         refract: crate::optics::refract,
         corrected_opacity: crate::volume::composite::corrected_opacity,
         transmittance: |layer, count| crate::volume::transmittance_of((0..count).map(|_| layer)),
-        march: march,
+        march,
         pixel_sum: |packet, count| crate::render::pixel_sum((0..count).map(packet)),
         is_invertible: |map| crate::scene::Instance::new("", 0, 0, *map).is_ok(),
         spawn_point: crate::numeric::spawn_point,

@@ -10,7 +10,7 @@ use crate::numeric::Ray;
 pub enum QueryResult {
     /// Nearest hit of the ray.
     Hit {
-        /// Instance as an index into [`Scene::instances`].
+        /// Instance as an index into [`Scene::instances`](crate::scene::Scene::instances).
         instance: u32,
         /// Triangle of the mesh or part of the shape.
         primitive: u32,

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::{Fault, SAVE_AGAIN, THREE_AXES, too_big};
+use super::fault::{Fault, SAVE_AGAIN, THREE_AXES, too_big};
 use crate::volume::Samples;
 
 /// Scalar type of a file's numbers.

@@ -2,7 +2,7 @@
 //! then numbers.
 
 use super::dtype::{Axis, ByteOrder, Element, Layout};
-use super::{Fault, SAVE_AGAIN, THREE_AXES};
+use super::fault::{Fault, SAVE_AGAIN, THREE_AXES};
 
 /// First bytes of every `.npy` file.
 const MAGIC: &[u8] = b"\x93NUMPY";

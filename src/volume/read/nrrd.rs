@@ -10,7 +10,8 @@ use flate2::read::MultiGzDecoder;
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::dtype::{Axis, ByteOrder, Element, Layout};
-use super::{Fault, ReadError, ReadVolume, SAVE_AGAIN, THREE_AXES, bytes_of, content, grids};
+use super::fault::{Fault, ReadError, SAVE_AGAIN, THREE_AXES, content, too_big};
+use super::read_volume::{ReadVolume, bytes_of, grids};
 use crate::volume::box_from_cube;
 
 /// Largest header length in bytes that is searched for the empty line.
@@ -266,7 +267,7 @@ fn inflate(layout: &Layout, data: &[u8], skip: u64, max_bytes: u64) -> Result<Ve
         return Err(Fault::new(fault, SAVE_AGAIN));
     }
     if wanted > max_bytes {
-        return Err(super::too_big(wanted, max_bytes));
+        return Err(too_big(wanted, max_bytes));
     }
     // Decompress, discarding the skipped bytes
     let damaged = |error: std::io::Error| Fault::new(format!("has damaged gzip data ({error})"), SAVE_AGAIN);

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use super::dtype::{Axis, ByteOrder, Element, Layout};
-use super::{Fault, ReadError, ReadVolume, bytes_of, content, grids};
+use super::fault::{Fault, ReadError, content};
+use super::read_volume::{ReadVolume, bytes_of, grids};
 
 /// Description of a file of raw numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,7 @@
 //! Tests on complete files: correct content, clear errors, and no panic for damaged files.
 
 use std::io::Write;
+use std::path::PathBuf;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;

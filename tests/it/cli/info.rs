@@ -15,7 +15,7 @@ fn text_lists_triangles_lights_cameras_and_memory() {
         "bounds",
         "effect         shadow on",
         "structure      user-geometry",
-        "forecast       by",
+        "forecast       from",
         "memory",
     ] {
         assert!(

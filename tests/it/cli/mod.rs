@@ -6,6 +6,7 @@ mod compare;
 mod compare_stats;
 mod disabled_effect_cost;
 mod info;
+mod manual;
 mod output;
 mod progress;
 mod render;

@@ -6,12 +6,12 @@
 //! a few per cent of the cost of Embree's build:
 //!
 //! 1. The bits of the three vertices of each triangle are hashed to a key that does not depend on their order. The
-//!   upper bits of the key choose a bin, and the lower half is stored in it.
+//!    upper bits of the key choose a bin, and the lower half is stored in it.
 //! 2. A bin fits a processor's own cache. Its keys pass a Bloom filter (Bloom, Space/time trade-offs in hash coding
-//!   with allowable errors, 1970) whose bits for one key lie in one word (Putze, Sanders, Singler, Cache-, hash- and
-//!   space-efficient Bloom filters, 2007). The keys that seem to repeat are few, and sorting finds those that do.
+//!    with allowable errors, 1970) whose bits for one key lie in one word (Putze, Sanders, Singler, Cache-, hash- and
+//!    space-efficient Bloom filters, 2007). The keys that seem to repeat are few, and sorting finds those that do.
 //! 3. Runs of meshes with a repeated key are scanned again; their triangles with such a key are sorted by their
-//!   vertices: exact, and with the same complexity if all triangles are equal.
+//!    vertices: exact, and with the same complexity if all triangles are equal.
 
 use rayon::prelude::*;
 

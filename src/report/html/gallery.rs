@@ -1,0 +1,561 @@
+//! HTML page of a batch's images: description, status and time of each frame.
+//!
+//! The page holds thumbnails of all images and links to the full ones beside it. With noisy images it takes 13 MB for
+//! 100 frames and 25 MB for 1000, whose thumbnails are smaller.
+
+use std::collections::BTreeMap;
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use percent_encoding::{AsciiSet, CONTROLS, utf8_percent_encode};
+use serde::{Deserialize, Serialize};
+
+use super::page::{self, BarEntry, Bars, Group, SeriesStyle, Stack, Stacks, escape};
+use crate::cost::Interval;
+use crate::image::{LinearImage, ToneMap, png_bytes};
+use crate::report::cpu;
+use crate::report::format::{percent, significant};
+use crate::report::text::table::group_thousands;
+
+/// Largest number of frames for each thumbnail side in pixels; more frames have the smallest one.
+const SIDES: [(usize, u32); 2] = [(100, 256), (400, 128)];
+const SMALLEST_SIDE: u32 = 96;
+
+/// Number of effects with a colour of their own, those with the longest time; the others share one.
+const COLORS: usize = 6;
+
+/// Characters that must be escaped in the path of an address, besides control characters.
+const NOT_IN_PATHS: &AsciiSet = &CONTROLS
+    .add(b' ')
+    .add(b'"')
+    .add(b'#')
+    .add(b'%')
+    .add(b'<')
+    .add(b'>')
+    .add(b'?')
+    .add(b'`')
+    .add(b'\\')
+    .add(b'{')
+    .add(b'}');
+
+/// Contents of the page of a batch.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Gallery {
+    /// Title of the page.
+    pub title: String,
+    /// Frames of the batch, in order.
+    pub frames: Vec<GalleryFrame>,
+    /// Wall-clock seconds of the whole batch.
+    pub seconds: f64,
+    /// Name of the machine; the processor's name if absent.
+    pub machine: Option<String>,
+    /// Additional facts as names and values.
+    pub facts: Vec<(String, String)>,
+}
+
+/// Frame of a batch with its image.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct GalleryFrame {
+    /// Name of the frame.
+    pub name: String,
+    /// Path of the image file relative to the page's folder, with slashes.
+    pub image: String,
+    /// Small PNG of the image, see [`thumbnail`]; empty if there is none.
+    #[serde(skip)]
+    pub thumbnail: Vec<u8>,
+    /// Width of the image in pixels.
+    pub width: u32,
+    /// Height of the image in pixels.
+    pub height: u32,
+    /// Number of samples per pixel.
+    pub spp: u32,
+    /// Status of the frame in the batch.
+    pub status: FrameStatus,
+    /// Reason for a failure, or another message.
+    pub message: String,
+    /// Wall-clock seconds of each phase.
+    pub seconds: FrameSeconds,
+    /// Number of rays by kind.
+    pub rays: BTreeMap<String, u64>,
+    /// Cost of each effect.
+    pub ledger: Vec<EffectShare>,
+    /// Settings in which the frame differs from the others, a few words each.
+    pub settings: Vec<String>,
+}
+
+/// Status of a frame in a batch.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum FrameStatus {
+    /// Frame that this batch rendered.
+    Done,
+    /// Frame that could not be rendered.
+    Failed,
+    /// Frame that is not rendered yet.
+    #[default]
+    Missing,
+    /// Frame that existed before the batch.
+    Skipped,
+}
+
+impl FrameStatus {
+    const ALL: [FrameStatus; 4] = [
+        FrameStatus::Done,
+        FrameStatus::Failed,
+        FrameStatus::Missing,
+        FrameStatus::Skipped,
+    ];
+
+    fn word(self) -> &'static str {
+        match self {
+            FrameStatus::Done => "done",
+            FrameStatus::Failed => "failed",
+            FrameStatus::Missing => "missing",
+            FrameStatus::Skipped => "skipped",
+        }
+    }
+
+    /// Returns the CSS class of the status.
+    fn class(self) -> &'static str {
+        match self {
+            FrameStatus::Done => "holds",
+            FrameStatus::Failed => "fails",
+            FrameStatus::Missing => "measured",
+            FrameStatus::Skipped => "skipped",
+        }
+    }
+}
+
+/// Wall-clock seconds of the phases of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FrameSeconds {
+    /// Seconds to read the scene; 0 where it was in memory already.
+    pub load: f64,
+    /// Seconds to build or refit the acceleration structure.
+    pub build: f64,
+    /// Seconds to render the image.
+    pub render: f64,
+    /// Seconds to write files.
+    pub write: f64,
+}
+
+impl FrameSeconds {
+    fn parts(&self) -> [f64; 4] {
+        [self.load, self.build, self.render, self.write]
+    }
+
+    fn sum(&self) -> f64 {
+        self.parts().iter().sum()
+    }
+}
+
+/// Cost of an effect in a frame.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct EffectShare {
+    /// Name of the effect in ledgers.
+    pub name: String,
+    /// Seconds summed over all threads.
+    pub seconds: f64,
+    /// Number of rays traced for the effect.
+    pub rays: u64,
+}
+
+/// Returns the longer side of thumbnails in pixels, smaller for more frames so that browsers can open the page.
+pub fn thumbnail_side(frame_count: usize) -> u32 {
+    let fitting = SIDES.iter().find(|(most, _)| frame_count <= *most);
+    fitting.map_or(SMALLEST_SIDE, |&(_, side)| side)
+}
+
+/// Returns a PNG of the image whose longer side has at most `side` pixels; each pixel is the mean radiance of the
+/// pixels that it covers.
+///
+/// # Errors
+///
+/// Returns an error if memory for the image is not available.
+pub fn thumbnail(image: &LinearImage, side: u32, tone: ToneMap) -> std::io::Result<Vec<u8>> {
+    let longer = image.width.max(image.height);
+    if longer <= side {
+        return png_bytes(image, tone);
+    }
+    let scaled = |size: u32| (u64::from(size) * u64::from(side) / u64::from(longer)).max(1) as u32;
+    let mut small = LinearImage::black(scaled(image.width), scaled(image.height));
+    // Average the block of pixels that each small pixel covers
+    let part = |i: u32, of: u32, size: u32| {
+        let start = |i: u32| (u64::from(i) * u64::from(size) / u64::from(of)) as usize;
+        start(i)..start(i + 1)
+    };
+    for y in 0..small.height {
+        for x in 0..small.width {
+            let columns = part(x, small.width, image.width);
+            let mut sum = [0.0; 3];
+            let rows = part(y, small.height, image.height);
+            let count = (rows.len() * columns.len()) as f64;
+            for row in rows {
+                let start = row * image.width as usize;
+                for pixel in &image.pixels[start + columns.start..start + columns.end] {
+                    (0..3).for_each(|c| sum[c] += f64::from(pixel[c]));
+                }
+            }
+            small.pixels[(y * small.width + x) as usize] = sum.map(|sum| (sum / count) as f32);
+        }
+    }
+    png_bytes(&small, tone)
+}
+
+impl Gallery {
+    /// Returns the HTML page of the gallery.
+    pub fn page(&self) -> String {
+        // Show the summary and the charts of time
+        let effects = self.effects();
+        let mut body = format!("<h1>{}</h1>\n", escape(&self.title));
+        body += &self.summary();
+        body += &self.times();
+        body += &self.effects_in_all(&effects);
+        body += "<h2>Frames</h2>\n";
+        // Show a filter for each status that occurs
+        let statuses: Vec<_> = FrameStatus::ALL
+            .into_iter()
+            .filter(|&status| self.count(status) > 0)
+            .map(|status| (status.class(), status.word()))
+            .collect();
+        body += &page::filter(&statuses);
+        body += ORDER;
+        // Show a card for each frame
+        body += "<div class=\"gallery\">\n";
+        for (number, frame) in self.frames.iter().enumerate() {
+            body += &frame.card(number, &effects);
+        }
+        body += "</div>\n";
+        page::page(&self.title, &body)
+    }
+
+    fn count(&self, status: FrameStatus) -> usize {
+        self.frames.iter().filter(|frame| frame.status == status).count()
+    }
+
+    fn summary(&self) -> String {
+        let tile = |status: FrameStatus| {
+            let class = if self.count(status) > 0 {
+                status.class()
+            } else {
+                ""
+            };
+            (self.count(status).to_string(), status.word(), class)
+        };
+        // Count frames by status
+        let mut tiles = vec![(self.frames.len().to_string(), "frames", "")];
+        // Omit a count of zero skipped frames
+        tiles.extend(
+            FrameStatus::ALL
+                .into_iter()
+                .filter(|&s| s != FrameStatus::Skipped || self.count(s) > 0)
+                .map(tile),
+        );
+        tiles.push((time(self.seconds), "in total", ""));
+        // Append total time, number of rays and the machine
+        let rays: u64 = self.frames.iter().flat_map(|frame| frame.rays.values()).sum();
+        // Narrow no-break spaces keep the number in one line.
+        tiles.push((group_thousands(rays).replace(' ', "\u{202f}"), "rays", ""));
+        let machine = self.machine.clone().unwrap_or_else(cpu::processor);
+        let mut facts = vec![
+            ("whit", env!("CARGO_PKG_VERSION").to_owned()),
+            ("machine", escape(&machine)),
+        ];
+        facts.extend(
+            self.facts
+                .iter()
+                .map(|(name, value)| (name.as_str(), escape(value))),
+        );
+        page::numbers(&tiles) + &page::facts(&facts)
+    }
+
+    /// Returns the effects with their seconds in all frames and their colours, in descending order of time.
+    fn effects(&self) -> Vec<(&str, f64, SeriesStyle)> {
+        // Sum the seconds of each effect over all frames
+        let mut seconds: BTreeMap<&str, f64> = BTreeMap::new();
+        for share in self.frames.iter().flat_map(|frame| &frame.ledger) {
+            *seconds.entry(&share.name).or_default() += finite_or_zero(share.seconds);
+        }
+        let mut all: Vec<_> = seconds
+            .into_iter()
+            .filter(|&(_, seconds)| seconds > 0.0)
+            .collect();
+        all.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let look = |place| {
+            if place < COLORS {
+                SeriesStyle::Number(place)
+            } else {
+                SeriesStyle::Base
+            }
+        };
+        let colored = all.into_iter().enumerate();
+        colored
+            .map(|(place, (name, seconds))| (name, seconds, look(place)))
+            .collect()
+    }
+
+    /// Returns the chart of seconds over the number of the frame.
+    fn times(&self) -> String {
+        let stack = |frame: &GalleryFrame| Stack {
+            parts: frame.seconds.parts().to_vec(),
+            is_wrong: frame.status == FrameStatus::Failed,
+            words: format!("{}: {}, {}", frame.name, frame.status.word(), frame.times()),
+        };
+        let stacks = Stacks {
+            x_label: "frame",
+            y_label: "seconds",
+            parts: vec![
+                (SeriesStyle::Number(3), "load"),
+                (SeriesStyle::Number(1), "build"),
+                (SeriesStyle::Number(0), "render"),
+                (SeriesStyle::Number(2), "write"),
+            ],
+            stacks: self.frames.iter().map(stack).collect(),
+        };
+        format!("<h2>Seconds of each frame</h2>\n{}", stacks.html())
+    }
+
+    fn effects_in_all(&self, effects: &[(&str, f64, SeriesStyle)]) -> String {
+        if effects.is_empty() {
+            return String::new();
+        }
+        let whole: f64 = effects.iter().map(|effect| effect.1).sum();
+        let bar = |&(name, seconds, look): &(&str, f64, SeriesStyle)| BarEntry {
+            name: name.to_owned(),
+            look,
+            value: Interval::exact(seconds),
+            label: percent(seconds / whole),
+            words: format!("{name}: {}, {} of all", time(seconds), percent(seconds / whole)),
+        };
+        let bars = Bars {
+            label: "seconds of all threads",
+            groups: vec![Group {
+                name: "all frames".to_owned(),
+                bars: effects.iter().map(bar).collect(),
+            }],
+            legend: Vec::new(),
+        };
+        format!("<h2>Time by effect</h2>\n{}", bars.html())
+    }
+}
+
+/// HTML form that selects the order of the frames.
+const ORDER: &str = "<form class=\"order\"><label>Order <select aria-label=\"Order\">\
+    <option value=\"number\">by number</option><option value=\"name\">by name</option>\
+    <option value=\"time\">longest first</option><option value=\"status\">failed first</option></select></label>\n\
+    <span class=\"faint\">Arrow keys move between frames, Enter opens a frame, / starts a search.</span></form>\n";
+
+impl GalleryFrame {
+    /// Returns the total time and the time of each phase in words.
+    fn times(&self) -> String {
+        let parts = ["load", "build", "render", "write"]
+            .into_iter()
+            .zip(self.seconds.parts());
+        let parts: Vec<String> = parts
+            .filter(|&(_, seconds)| seconds > 0.0)
+            .map(|(name, seconds)| format!("{name} {}", time(seconds)))
+            .collect();
+        match parts.len() {
+            0 => "no time".to_owned(),
+            1 => parts.concat(),
+            _ => format!("{}: {}", time(self.seconds.sum()), parts.join(", ")),
+        }
+    }
+
+    fn card(&self, number: usize, effects: &[(&str, f64, SeriesStyle)]) -> String {
+        // Escape name and path for HTML
+        let status = self.status;
+        let name = escape(&self.name);
+        let is_there = matches!(status, FrameStatus::Done | FrameStatus::Skipped);
+        let to = escape(&format!("./{}", utf8_percent_encode(&self.image, NOT_IN_PATHS)));
+        // Show the thumbnail, or the status where there is none
+        let image = match (&self.thumbnail[..], is_there) {
+            ([], true) => "<div class=\"nothing\">no thumbnail</div>".to_owned(),
+            ([], false) => format!("<div class=\"nothing\">{}</div>", status.word()),
+            (png, _) => format!(
+                "<img loading=\"lazy\" decoding=\"async\" alt=\"{name}\" src=\"data:image/png;base64,{}\">",
+                STANDARD.encode(png)
+            ),
+        };
+        // Link to the image if it exists
+        let (image, title) = if is_there {
+            (
+                format!("<a class=\"open\" tabindex=\"-1\" href=\"{to}\">{image}</a>"),
+                format!("<a tabindex=\"-1\" href=\"{to}\">{name}</a>"),
+            )
+        } else {
+            (image, name.clone())
+        };
+        let mut html = format!(
+            "<article class=\"frame {class}\" data-verdict=\"{class}\" data-number=\"{number}\" data-name=\"{name}\" \
+             data-seconds=\"{}\" tabindex=\"0\">{image}\n<h3>{title} <span class=\"badge {class}\">{}</span></h3>\n",
+            finite_or_zero(self.seconds.sum()),
+            status.word(),
+            class = status.class()
+        );
+        // Append message, shares of effects and details
+        if !self.message.is_empty() {
+            html += &format!("<p class=\"message\">{}</p>\n", escape(&self.message));
+        }
+        html += &self.share(effects);
+        html += &format!("<p>{}</p>\n</article>\n", escape(&self.words()));
+        html
+    }
+
+    /// Returns a bar with the shares of the effects in the threads' time.
+    fn share(&self, effects: &[(&str, f64, SeriesStyle)]) -> String {
+        // Select effects with a positive time
+        let seconds = |name: &str| {
+            let of = self.ledger.iter().filter(|share| share.name == name);
+            of.map(|share| finite_or_zero(share.seconds)).sum::<f64>()
+        };
+        let parts: Vec<_> = effects
+            .iter()
+            .map(|&(name, _, look)| (name, seconds(name), look))
+            .filter(|part| part.1 > 0.0)
+            .collect();
+        let whole: f64 = parts.iter().map(|part| part.1).sum();
+        if parts.is_empty() {
+            return String::new();
+        }
+        // Draw a part of the bar for each effect
+        let rays = |name: &str| {
+            let of = self.ledger.iter().filter(|share| share.name == name);
+            group_thousands(of.map(|share| share.rays).sum())
+        };
+        let bars = parts.iter().map(|&(name, seconds, look)| {
+            format!(
+                "<i class=\"{}\" style=\"width:{:.2}%\" title=\"{}: {}, {} rays\"></i>",
+                look.class(),
+                100.0 * seconds / whole,
+                escape(name),
+                time(seconds),
+                rays(name)
+            )
+        });
+        // Describe the bar for screen readers
+        let descriptions = parts
+            .iter()
+            .map(|&(name, seconds, _)| format!("{name} {}", percent(seconds / whole)));
+        let descriptions: Vec<String> = descriptions.collect();
+        format!(
+            "<div class=\"share\" role=\"img\" aria-label=\"{}\">{}</div>\n",
+            escape(&descriptions.join(", ")),
+            bars.collect::<String>()
+        )
+    }
+
+    /// Returns size, times, settings and rays in words.
+    fn words(&self) -> String {
+        let mut words = vec![format!("{}x{}, {} samples", self.width, self.height, self.spp)];
+        if self.seconds.sum() > 0.0 {
+            words.push(self.times());
+        }
+        words.extend(self.settings.iter().cloned());
+        let rays: Vec<String> = self
+            .rays
+            .iter()
+            .filter(|(_, count)| **count > 0)
+            .map(|(kind, &count)| format!("{kind} {}", group_thousands(count)))
+            .collect();
+        if !rays.is_empty() {
+            words.push(format!("rays: {}", rays.join(", ")));
+        }
+        words.join(" · ")
+    }
+}
+
+/// Returns the seconds, or 0 if they are negative or not finite.
+fn finite_or_zero(seconds: f64) -> f64 {
+    if seconds.is_finite() {
+        seconds.max(0.0)
+    } else {
+        0.0
+    }
+}
+
+/// Formats seconds with three significant digits.
+fn time(seconds: f64) -> String {
+    format!("{} s", significant(seconds, 3))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thumbnail_pixels_are_means_of_image_pixels() {
+        let mut image = LinearImage::black(4, 2);
+        image.pixels[0] = [1.0; 3];
+        image.pixels[5] = [1.0; 3];
+        let png = thumbnail(&image, 2, ToneMap::default()).unwrap();
+        let read = image::load_from_memory(&png).unwrap().into_rgb8();
+        assert_eq!(read.dimensions(), (2, 1));
+        // A radiance of 1/2 encodes to 1.055 · 0.5^(1/2.4) - 0.055 = 0.7354, which is 187.5 of 255.
+        assert_eq!(read.into_raw(), [188, 188, 188, 0, 0, 0]);
+    }
+
+    #[test]
+    fn thumbnail_size_is_between_one_pixel_and_its_side() {
+        for (width, height) in [(1, 1), (1000, 1), (1, 300), (257, 256), (64, 64)] {
+            // Thumbnails of extreme aspect ratios keep at least one pixel per side
+            let png = thumbnail(&LinearImage::black(width, height), 64, ToneMap::default()).unwrap();
+            let (w, h) = image::load_from_memory(&png).unwrap().into_rgb8().dimensions();
+            assert!(
+                (1..=64).contains(&w) && (1..=64).contains(&h),
+                "{width}x{height}: {w}x{h}"
+            );
+        }
+        assert_eq!([10, 101, 1000].map(thumbnail_side), [256, 128, 96]);
+    }
+
+    #[test]
+    fn names_and_paths_are_escaped() {
+        let frame = GalleryFrame {
+            name: "\"><script>".to_owned(),
+            image: "javascript:a#b c?.png".to_owned(),
+            status: FrameStatus::Done,
+            message: "<b>".to_owned(),
+            ..GalleryFrame::default()
+        };
+        let page = Gallery {
+            title: "</title>".to_owned(),
+            frames: vec![frame],
+            ..Gallery::default()
+        }
+        .page();
+        assert!(page.contains("href=\"./javascript:a%23b%20c%3F.png\""), "{page}");
+        assert!(!page.contains("\"><script>") && !page.contains("<b>\n") && page.contains("&lt;b&gt;"));
+        assert!(page.contains("<title>&lt;/title&gt;</title>"));
+    }
+
+    #[test]
+    fn non_finite_numbers_are_not_shown() {
+        let frame = GalleryFrame {
+            seconds: FrameSeconds {
+                render: f64::NAN,
+                load: f64::INFINITY,
+                ..FrameSeconds::default()
+            },
+            ledger: vec![EffectShare {
+                name: "shadow".to_owned(),
+                seconds: f64::NAN,
+                rays: 1,
+            }],
+            ..GalleryFrame::default()
+        };
+        let gallery = Gallery {
+            frames: vec![frame],
+            ..Gallery::default()
+        };
+        let page = gallery.page();
+        let body = page
+            .split("<main>")
+            .nth(1)
+            .unwrap()
+            .split("<script>")
+            .next()
+            .unwrap();
+        assert!(!body.contains("NaN") && !body.contains("width:inf"), "{body}");
+    }
+}

@@ -1,0 +1,7 @@
+//! Reports as images.
+
+mod bitmap_font;
+pub mod difference_image;
+pub mod heat_map;
+pub mod overlay;
+pub mod worst_tiles;

@@ -72,7 +72,8 @@ def main():
                 else:
                     words[label] += len(re.findall(rf"\b(?:{pattern})\b", apart, re.IGNORECASE))
             match = re.match(r"\s*(?:pub(?:\([\w ]+\))? )?(?:struct|enum|trait|union|type) (\w+)", line)
-            if match and not line.startswith("        "):
+            # Types inside functions, and types that a trait names, are not looked up by name
+            if match and not line.startswith("        ") and not re.match(r"\s+(pub )?type ", line):
                 types[match[1]].append(name)
         for number, text in doc_blocks(lines):
             blocks += 1
@@ -85,7 +86,7 @@ def main():
     rows += [
         ("doc comments that begin with a question word, in 1000", round(1000 * len(questions) / blocks), 0, True),
         ("doc comments of fewer than four words", len(fragments), 0, True),
-        ("names that several types have", len(doubles), 85, True),
+        ("names that several types have", len(doubles), 81, True),
         ("lines with a comment that is no doc comment, in 1000", round(1000 * inline / non_blank), 33, False),
     ]
     if listing:

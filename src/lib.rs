@@ -17,7 +17,7 @@
 //! [`verify`] [`watch`] · [`report`]. `tests/ci/structure.py` checks it.
 //!
 //! `unsafe` code is in three places: `accel/embree`, which calls C; `embree-sys`, which declares it; and the one function of
-//! `gltf/map.rs` that maps a file into memory.
+//! `gltf/mmap.rs` that maps a file into memory.
 //!
 //! # From glTF to PNG
 //!

@@ -11,8 +11,8 @@
 //!   longest edge and the farthest vertex; √3 bounds `|d| / |d_z|`. Where an exact edge function is closer to zero than
 //!   that, both hit and miss are valid.
 //!
-//! Where Embree transforms rays itself ([`Instancing::Native`]), they reach object space by an inverse in f32 and have
-//! a larger error, which [`compare_with_instancing`] and [`compare_occlusion_with_instancing`] allow for by the bound of
+//! Rays that Embree transforms itself ([`Instancing::Native`]) reach object space by an inverse in f32 and have a larger
+//! error, which [`compare_with_instancing`] and [`compare_occlusion_with_instancing`] allow for by the bound of
 //! `TransformError`.
 //!
 //! Analytic shapes are computed in f64 by one function, so a backend with a different result for one is wrong.

@@ -7,6 +7,7 @@ mod compare;
 mod compare_stats;
 mod cost;
 mod image_format;
+mod program;
 mod progress;
 mod ray_offset;
 mod verify;
@@ -24,6 +25,7 @@ pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
 pub(super) use image_format::OutputArgs;
+pub(super) use program::{CompletionsArgs, HelpArgs, ManArgs};
 pub(super) use progress::ProgressArgs;
 pub(super) use ray_offset::RayOffsetArgs;
 pub(super) use verify::VerifyArgs;
@@ -105,32 +107,6 @@ pub(super) enum Command {
     Man(ManArgs),
     /// Print completions for a shell
     Completions(CompletionsArgs),
-}
-
-/// Arguments of `whit help`.
-#[derive(Debug, ArgGroup)]
-pub(super) struct HelpArgs {
-    /// Topic of the manual or command; without one, commands and topics are listed
-    #[arg(value_name = "TOPIC")]
-    pub(super) topic: Option<String>,
-}
-
-/// Arguments of `whit man`.
-#[derive(Debug, ArgGroup)]
-#[command(after_help = "Example:\n  whit man . && man ./whit-render.1")]
-pub(super) struct ManArgs {
-    /// Existing folder to write whit.1, whit-render.1 and so on into
-    #[arg(value_name = "DIR")]
-    pub(super) folder: PathBuf,
-}
-
-/// Arguments of `whit completions`.
-#[derive(Debug, ArgGroup)]
-#[command(after_help = "Example:\n  whit completions bash > ~/.local/share/bash-completion/completions/whit")]
-pub(super) struct CompletionsArgs {
-    /// Shell to print completions for
-    #[arg(value_name = "SHELL")]
-    pub(super) shell: clap_complete::Shell,
 }
 
 const RENDER_EXAMPLES: &str = "\

@@ -35,7 +35,7 @@ impl Notes {
             notes.add("whit.embree", format!("{version} {isa}"));
         }
         notes.add("whit.plan", plan.to_string());
-        notes.add("whit.settings", settings((job, resolved), camera));
+        notes.add("whit.settings", settings(job, resolved, camera));
         for kind in resolved.settings.layers.kinds() {
             notes.add_matte(kind, scene);
         }
@@ -83,7 +83,7 @@ struct ImageRecord<'a> {
     settings: Settings,
 }
 
-fn settings((job, resolved): (&RenderJob, &ResolvedSettings), camera: &Camera) -> String {
+fn settings(job: &RenderJob, resolved: &ResolvedSettings, camera: &Camera) -> String {
     // Record the settings with the chosen backend, so that the image can be reproduced
     let names = |effects: EffectSet| effects.iter().map(Effect::name).collect();
     let record = ImageRecord {

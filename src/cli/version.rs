@@ -1,4 +1,4 @@
-//! What `whit --version` prints.
+//! Text of `whit --version`: version, and with `--verbose` commit, features, SIMD level and Embree.
 
 use std::fmt::Write as _;
 
@@ -47,9 +47,19 @@ pub(super) fn embree_version() -> Option<&'static str> {
 /// Returns the widest instruction set of this machine that shading and triangle tests use.
 #[cfg(target_arch = "x86_64")]
 fn simd_level() -> &'static str {
-    if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq") {
+    // The sets of features that the kernels are compiled for
+    let has_avx512 = is_x86_feature_detected!("avx512f")
+        && is_x86_feature_detected!("avx512bw")
+        && is_x86_feature_detected!("avx512cd")
+        && is_x86_feature_detected!("avx512dq")
+        && is_x86_feature_detected!("avx512vl");
+    let has_avx2 = is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("bmi1")
+        && is_x86_feature_detected!("bmi2")
+        && is_x86_feature_detected!("fma");
+    if has_avx512 {
         "avx512"
-    } else if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
+    } else if has_avx2 {
         "avx2"
     } else {
         "sse2"

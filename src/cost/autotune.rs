@@ -117,7 +117,7 @@ impl Workspace<'_, '_> {
                 self.build(&forecast.configuration)?;
                 let turns = (base, &forecast.configuration);
                 let trial = self.trial(turns, measured, (CHOOSING_BLOCKS, CHOOSING_SEED))?;
-                search.note((place, forecast), trial);
+                search.note(place, forecast, trial);
             }
             // Measure the best again on held-out images
             let Some(best) = search.best_expected() else {

@@ -240,7 +240,7 @@ impl<'f> Search<'f> {
     }
 
     /// Records the measurement of settings that [`Search::next`] returned.
-    pub(super) fn note(&mut self, (place, expected): (usize, Prediction), trial: Trial) {
+    pub(super) fn note(&mut self, place: usize, expected: Prediction, trial: Trial) {
         self.tried.push(TrialRecord {
             place,
             expected,
@@ -369,7 +369,7 @@ mod tests {
                 usize::from(offered[place].turns[0]),
                 offered[place].configuration.settings.spp,
             );
-            search.note((place, expected), measured);
+            search.note(place, expected, measured);
         }
         let best = search.best().map(|best| {
             let forecast = &offered[best.place];
@@ -426,7 +426,7 @@ mod tests {
                 usize::from(offered[place].turns[0]),
                 offered[place].configuration.settings.spp,
             );
-            search.note((place, expected), measured);
+            search.note(place, expected, measured);
         }
         let (nearest, _) = search.nearest(300.0).unwrap();
         assert!(
@@ -444,7 +444,7 @@ mod tests {
                 usize::from(offered[place].turns[0]),
                 offered[place].configuration.settings.spp,
             );
-            search.note((place, expected), measured);
+            search.note(place, expected, measured);
         }
         let first = search.best_expected().unwrap();
         search.mark_best_failed();

@@ -108,7 +108,7 @@ pub(crate) fn inside_quadric(q: &[f64; 10], center: DVec3, o: DVec3, d: DVec3) -
 /// Returns the part of `intervals` with n · x <= h.
 pub(crate) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) -> Intervals {
     // Skip the exact test if f64 shows that nothing is cut
-    if intervals.iter().all(|interval| is_uncut(interval, n, h, (o, d))) {
+    if intervals.iter().all(|interval| is_uncut(interval, n, h, o, d)) {
         return intervals;
     }
     // Clip with the half-line inside the plane
@@ -136,7 +136,7 @@ pub(crate) fn cut(intervals: Intervals, n: DVec3, h: f64, o: DVec3, d: DVec3) ->
 const HEIGHT_ERROR: f64 = 8.0 * f64::EPSILON;
 
 /// Returns whether both ends of an interval are below a plane by more than rounding, as determined in f64.
-fn is_uncut(interval: &[DoubleDouble; 2], n: DVec3, h: f64, (o, d): (DVec3, DVec3)) -> bool {
+fn is_uncut(interval: &[DoubleDouble; 2], n: DVec3, h: f64, o: DVec3, d: DVec3) -> bool {
     interval.iter().all(|end| {
         let p = o + end.nearest() * d;
         let size = n.abs().dot(o.abs() + end.nearest().abs() * d.abs()) + h.abs();

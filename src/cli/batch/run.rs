@@ -113,7 +113,7 @@ impl<'a> Batch<'a> {
         self.progress.clear();
         self.remove_leftovers();
         let skipped = skipped.into_inner();
-        self.print_summary((total, skipped), start.elapsed().as_secs_f64())?;
+        self.print_summary(total, skipped, start.elapsed().as_secs_f64())?;
         result?;
         match self.failed.load(Ordering::Relaxed) {
             0 => Ok(()),
@@ -348,7 +348,7 @@ impl<'a> Batch<'a> {
     }
 
     /// Prints the summary, and writes the page if one was requested.
-    fn print_summary(&self, (total, skipped): (usize, usize), seconds: f64) -> Result<(), Failure> {
+    fn print_summary(&self, total: usize, skipped: usize, seconds: f64) -> Result<(), Failure> {
         if self.is_disk_full.load(Ordering::Relaxed) {
             standard_error::emit(&format!(
                 "whit: cannot write any more data to {}: free some space and continue with `--resume`",

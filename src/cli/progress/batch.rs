@@ -14,6 +14,16 @@ use crate::cli::failure::Failure;
 /// Largest number of image names displayed beside the bar.
 const MAX_NAMES: usize = 2;
 
+/// Way in which a frame ended, for its event.
+struct FrameOutcome<'a> {
+    image: &'a str,
+    /// Word of the event: `done`, `failed` or `skipped`.
+    status: &'a str,
+    /// Error of a frame that failed.
+    message: Option<&'a str>,
+    seconds: f64,
+}
+
 /// Image that is being rendered.
 struct Current {
     number: usize,
@@ -99,7 +109,15 @@ impl<'p> Batch<'p> {
     pub(in crate::cli) fn skip(&self, image: &str) {
         let mut state = self.lock();
         state.finished += 1;
-        self.emit(&state, (image, "skipped", None), 0.0);
+        self.emit(
+            &state,
+            FrameOutcome {
+                image,
+                status: "skipped",
+                message: None,
+                seconds: 0.0,
+            },
+        );
         self.show(&mut state);
     }
 
@@ -153,15 +171,15 @@ impl<'p> Batch<'p> {
     }
 
     /// Prints the event that an image is finished, failed or skipped; only with JSON lines.
-    fn emit(&self, state: &State, (image, status, message): (&str, &str, Option<&str>), seconds: f64) {
+    fn emit(&self, state: &State, outcome: FrameOutcome) {
         if self.progress.lines.is_none() {
             return;
         }
         events::emit(&Event::Frame {
-            image,
-            status,
-            message,
-            seconds,
+            image: outcome.image,
+            status: outcome.status,
+            message: outcome.message,
+            seconds: outcome.seconds,
             finished: state.finished,
             total: self.total,
             seconds_left: self.snapshot(state).seconds_left,
@@ -185,13 +203,25 @@ impl<'p> Batch<'p> {
             // Only successful frames contribute to the typical duration
             None => {
                 state.durations.note(seconds);
-                self.emit(&state, (&frame.image, "done", None), seconds);
+                self.emit(
+                    &state,
+                    FrameOutcome {
+                        image: &frame.image,
+                        status: "done",
+                        message: None,
+                        seconds,
+                    },
+                );
             }
             Some(failure) if self.progress.lines.is_some() => {
                 self.emit(
                     &state,
-                    (&frame.image, "failed", Some(&failure.to_string())),
-                    seconds,
+                    FrameOutcome {
+                        image: &frame.image,
+                        status: "failed",
+                        message: Some(&failure.to_string()),
+                        seconds,
+                    },
                 );
             }
             Some(failure) => self.progress.suspend(|| failure.print()),

@@ -14,7 +14,7 @@ use crate::numeric::{LANES, Lanes, Lanes3, sum_of_lanes};
 
 /// Sums of radiance over a tile, in a fixed order that does not depend on threads.
 ///
-/// Where statistics of single samples are requested, the labels of rays contain the sample besides the pixel.
+/// With statistics of single samples, the labels of rays contain the sample besides the pixel.
 pub(in crate::render) struct TileFilm {
     sums: Vec<[f64; 3]>,
     /// Optional data in one field, so that the common case costs a single test.

@@ -27,7 +27,7 @@ const SHADOW_RAY_ERROR: f64 = 19.0 / (1 << 24) as f64;
 /// Area light of a scene, prepared for sampling.
 pub(in crate::render) struct AreaLightSampler<'s> {
     shape: AreaLight,
-    lamp: Option<EmissiveObject<'s>>,
+    emissive_object: Option<EmissiveObject<'s>>,
 }
 
 /// Emissive object behind an area light.
@@ -83,20 +83,26 @@ impl<'s> AreaLightSampler<'s> {
             AreaShape::Object { instance } => {
                 // Use the surface of an emissive object
                 let shape = scene.emissive_surface(instance).ok()?;
-                let lamp = Some(EmissiveObject::of(
+                let emissive_object = Some(EmissiveObject::of(
                     scene,
                     &scene.instances[instance as usize],
                     effects,
                 ));
-                return Some(AreaLightSampler { shape, lamp });
+                return Some(AreaLightSampler {
+                    shape,
+                    emissive_object,
+                });
             }
         };
-        shape.map(|shape| AreaLightSampler { shape, lamp: None })
+        shape.map(|shape| AreaLightSampler {
+            shape,
+            emissive_object: None,
+        })
     }
 
     /// Returns whether rays can hit the light.
     pub(in crate::render) fn is_seen(&self) -> bool {
-        self.lamp.is_some()
+        self.emissive_object.is_some()
     }
 
     /// Samples the point that `u` selects for `p`; `None` if the light does not emit towards `p`.
@@ -112,7 +118,7 @@ impl<'s> AreaLightSampler<'s> {
         // Sample a point by the density of its direction
         let sample = self.shape.sample(p, u)?;
         // Offset the shadow ray's end from an emissive surface
-        let (end, tint) = match &self.lamp {
+        let (end, tint) = match &self.emissive_object {
             None if !sample.is_front() => return None,
             None => (sample.position, [1.0; 3]),
             Some(object) => {

@@ -34,7 +34,7 @@ use crate::scene::Effect;
 impl RenderContext<'_> {
     /// Returns the number of microfacets that a path samples at the surface in lane `l`: the material's number at
     /// depth 0, otherwise 1.
-    fn rough_rays(&self, surfaces: &Surfaces, travel: &PathState, (l, stage): (usize, BatchInfo)) -> u32 {
+    fn rough_rays(&self, surfaces: &Surfaces, travel: &PathState, l: usize, stage: BatchInfo) -> u32 {
         let depth = if self.effects().has_transmission() {
             travel.depth
         } else {
@@ -56,7 +56,7 @@ impl RenderContext<'_> {
         (l, stage): (usize, BatchInfo),
     ) -> Option<GlossyLobe> {
         let points = &surfaces.points;
-        let of = self.rough_rays(surfaces, arrival, (l, stage));
+        let of = self.rough_rays(surfaces, arrival, l, stage);
         let lobe = GlossyLobe::new(
             surfaces.materials.roughness[l],
             [n, points.geometric_normal(l)],

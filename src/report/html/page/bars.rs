@@ -42,6 +42,22 @@ pub struct Group {
     pub bars: Vec<BarEntry>,
 }
 
+/// Returns a chart as HTML with a legend of its colours below.
+pub(super) fn with_legend(svg: &str, colors: &[(SeriesStyle, &str)]) -> String {
+    let legend = colors.iter().map(|(look, name)| {
+        format!(
+            "<span><svg viewBox=\"0 0 16 16\" width=\"16\" height=\"16\" aria-hidden=\"true\">\
+             <rect class=\"bar {}\" x=\"1\" y=\"4\" width=\"14\" height=\"8\"/></svg>{}</span>\n",
+            look.class(),
+            escape(name)
+        )
+    });
+    format!(
+        "<div class=\"chart\"><div class=\"scroll\">{svg}</div><p class=\"legend\">{}</p></div>\n",
+        legend.collect::<String>()
+    )
+}
+
 /// Groups of bars with a common axis; a value that is not finite has no length.
 #[derive(Clone, Debug)]
 pub struct Bars<'a> {
@@ -56,19 +72,7 @@ pub struct Bars<'a> {
 impl Bars<'_> {
     /// Returns the chart as HTML, with a legend below.
     pub fn html(&self) -> String {
-        let legend = self.legend.iter().map(|(look, name)| {
-            format!(
-                "<span><svg viewBox=\"0 0 16 16\" width=\"16\" height=\"16\" aria-hidden=\"true\">\
-                 <rect class=\"bar {}\" x=\"1\" y=\"4\" width=\"14\" height=\"8\"/></svg>{}</span>\n",
-                look.class(),
-                escape(name)
-            )
-        });
-        format!(
-            "<div class=\"chart\"><div class=\"scroll\">{}</div><p class=\"legend\">{}</p></div>\n",
-            self.svg(),
-            legend.collect::<String>()
-        )
+        with_legend(&self.svg(), &self.legend)
     }
 
     /// Returns the largest end of all ranges; 1 if there is none.

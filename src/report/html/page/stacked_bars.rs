@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use super::bars::with_legend;
 use super::chart::SeriesStyle;
 use super::elements::escape;
 use super::plot::even_ticks;
@@ -45,19 +46,7 @@ pub struct Stacks<'a> {
 impl Stacks<'_> {
     /// Returns the chart as HTML, with a legend below.
     pub fn html(&self) -> String {
-        let legend = self.parts.iter().map(|(look, name)| {
-            format!(
-                "<span><svg viewBox=\"0 0 16 16\" width=\"16\" height=\"16\" aria-hidden=\"true\">\
-                 <rect class=\"bar {}\" x=\"1\" y=\"4\" width=\"14\" height=\"8\"/></svg>{}</span>\n",
-                look.class(),
-                escape(name)
-            )
-        });
-        format!(
-            "<div class=\"chart\"><div class=\"scroll\">{}</div><p class=\"legend\">{}</p></div>\n",
-            self.svg(),
-            legend.collect::<String>()
-        )
+        with_legend(&self.svg(), &self.parts)
     }
 
     fn svg(&self) -> String {

@@ -8,10 +8,10 @@ use std::process::ExitCode;
 
 use bindgen::{Builder, EnumVariation, RustEdition};
 
-/// Where a system keeps libraries that were not given by `EMBREE_DIR`.
+/// Prefixes at which a system keeps libraries, searched without `EMBREE_DIR`.
 const SYSTEM_PREFIXES: [&str; 3] = ["/usr/local", "/usr", "/opt/homebrew"];
 
-/// What every message ends with.
+/// End of every message, which says what to do.
 const REMEDY: &str =
     "run `apt-get install libembree-dev libclang-dev`, or build without Embree by `--no-default-features`";
 

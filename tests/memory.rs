@@ -75,7 +75,7 @@ fn with_ledger(settings: RenderSettings) -> RenderSettings {
     }
 }
 
-/// What holdings are for if neither for an effect nor for an account.
+/// Holders of memory that are neither an effect nor a category of the profile.
 const STRUCTURES: [&str; 7] = [
     "geometry",
     "instances",

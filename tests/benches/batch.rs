@@ -1,4 +1,4 @@
-//! What a batch takes beyond its tracing, and what layers take beside colours:
+//! Cost of a batch beyond its tracing, and of AOVs beside colours:
 //! `cargo bench --bench batch -- [SCENE] [FRAMES]`.
 //!
 //! **Throughput.** FRAMES (100) turntable frames of SCENE (`scenes/first_light.gltf`), 512x512 pixels with 16 samples, by

@@ -34,7 +34,7 @@ const TURNS: usize = 5;
 const THREADS: usize = 2;
 /// Rows of rays that a thread marches at a time.
 const ROWS: usize = 16;
-/// Where every camera is: before the cube, to the right and above.
+/// Position of every camera: before the cube, to the right and above.
 const EYE: DVec3 = DVec3::new(2.0, 1.5, 4.0);
 
 /// A cloud without an empty block.

@@ -7,7 +7,7 @@ use whit::accel::{LANES, RayPacket};
 /// Packets a call: a large array would measure memory.
 const BATCH: usize = 16;
 
-/// What tracing took and found.
+/// Seconds and results of tracing.
 pub(crate) struct Traced {
     pub(crate) seconds: f64,
     /// Lanes whose `t_far` became finite or -∞; of rays without an end those that hit something.

@@ -1,4 +1,4 @@
-//! How long it takes to group two million boxes into clusters that are tested together.
+//! Time of grouping two million boxes into clusters that are tested together.
 
 use std::hint::black_box;
 use std::time::Instant;

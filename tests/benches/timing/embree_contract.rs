@@ -1,5 +1,5 @@
-//! What `EmbreeAccel` costs over the bare loop of Embree's calls: switching off lanes that Embree may not be asked
-//! about, planes, and the choice of a width.
+//! Cost of `EmbreeAccel` over the bare loop of Embree's calls: switching off lanes that Embree must not trace, planes,
+//! and the choice of a width.
 
 use glam::DAffine3;
 use whit::accel::embree::EmbreeAccel;

@@ -16,7 +16,7 @@ const SAMPLE_COUNT: usize = 100_000;
 /// Points whose exitance is computed.
 const POINT_COUNT: usize = 200;
 const ROUNDS: usize = 9;
-/// How many times the hierarchy computes all points in a round, so that an interruption does not decide.
+/// Number of times that the hierarchy computes all points in a round, so that an interruption does not decide.
 const REPEATS: usize = 50;
 /// The most of the time of brute force that the hierarchy may take.
 const MAX_TIME: f64 = 0.1;

@@ -32,7 +32,7 @@ impl Limits {
         format!("{verdict} the limit of {limit}")
     }
 
-    /// Whether any value has missed its limit.
+    /// Returns whether any value has missed its limit.
     pub(crate) fn is_any_missed(&self) -> bool {
         self.is_any_missed
     }

@@ -43,7 +43,7 @@ use std::process::ExitCode;
 
 use limits::Limits;
 
-/// What can be measured.
+/// Benchmark that can be run by name.
 struct Measurement {
     name: &'static str,
     /// One line for `--list`.
@@ -145,7 +145,7 @@ fn main() -> ExitCode {
 ///
 /// # Errors
 ///
-/// Where no measurement has one of the names; the message lists all names.
+/// Fails if no measurement has one of the names; the message lists all names.
 fn choose(names: &[String]) -> Result<Vec<&'static Measurement>, String> {
     if names.is_empty() {
         return Ok(MEASUREMENTS.iter().collect());

@@ -26,7 +26,7 @@ impl NativeSpheres {
     ///
     /// # Panics
     ///
-    /// Where Embree reports an error.
+    /// Panics if Embree reports an error.
     pub(crate) fn build(spheres: &[[f32; 4]]) -> NativeSpheres {
         let device = Device::new();
         let scene = Scene::new(&device);

@@ -334,7 +334,7 @@ impl<'a, 's> Judge<'a, 's> {
         (finalists.collect(), tried_count)
     }
 
-    /// Whether a configuration reaches the target with enough samples; `floors` are those of which that is known.
+    /// Returns whether a configuration reaches the target with enough samples; `floors` are those of which that is known.
     fn may_reach_target(&self, one: &Configuration, floors: &mut Vec<(Configuration, bool)>) -> bool {
         let mut sampled = *one;
         (sampled.settings.spp, sampled.settings.adaptive) = (FLOOR_SPP, None);

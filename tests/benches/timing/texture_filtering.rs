@@ -1,4 +1,4 @@
-//! What averaging textures over the width of the ray costs, on a checkerboard up to the horizon, alone, in a mirroring
+//! Cost of averaging textures over the width of the ray, on a checkerboard up to the horizon, alone, in a mirroring
 //! ball and through a glass ball.
 
 use std::time::Instant;

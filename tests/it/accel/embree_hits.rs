@@ -1,4 +1,4 @@
-//! What Embree finds, against values worked out by hand.
+//! Hits that Embree finds, against values computed by hand.
 
 use std::sync::Mutex;
 

@@ -49,7 +49,7 @@ fn rays(x: f32) -> Vec<Ray> {
     (0..256).map(|i| Ray::new(point(i), Vec3::NEG_Z)).collect()
 }
 
-/// What every instruction set, kernel and precision of Embree finds must be what brute force finds.
+/// Checks that every instruction set, kernel and precision of Embree finds the hits of brute force.
 fn check(scene: &Scene, rays: &[Ray]) {
     let brute = BruteAccel::new(scene);
     let id = |hit: whit::accel::Hit| (hit.instance, hit.primitive);

@@ -1,4 +1,4 @@
-//! What instances take in memory, Embree's own share included.
+//! Memory of instances, Embree's own share included.
 
 use crate::support::scenes::{self, SplitMix64};
 use glam::{DAffine3, DQuat, DVec3};
@@ -7,16 +7,16 @@ use whit::accel::{Accel, AccelOptions, Instancing};
 use whit::scene::{Geometry, Instance, Scene};
 use whit::shape::{Shape, Sphere};
 
-/// What the renderer holds for an instance, which a test beside it holds it to.
+/// Bytes that the renderer holds for an instance, as a unit test checks.
 const RENDERER_BYTES: f64 = 24.0;
-/// What Embree's own instance of a placed mesh takes, and all that is held beside it: Embree 4 keeps about 220 bytes
+/// Bytes of Embree's own instance of a mesh, and all that is held beside it: Embree 4 keeps about 220 bytes
 /// more of a geometry than Embree 3.
 const NATIVE_BYTES: f64 = if embree_sys::RTC_VERSION_MAJOR >= 4 {
     900.0
 } else {
     650.0
 };
-/// What an allocator adds to a block on the heap.
+/// Bytes that an allocator adds to a block on the heap.
 const HEAP_BYTES: usize = 16;
 
 fn bytes_of(scene: &Scene, instancing: Instancing) -> f64 {

@@ -13,7 +13,7 @@ use whit::numeric::{Ray, spawn_point};
 use whit::scene::{Geometry, Instance, Scene};
 use whit::shape::{Implicit, Shape};
 
-/// Where the random numbers start.
+/// Seed of the random numbers.
 const SEED: u64 = 41;
 /// A crossing at a smaller sine than this touches, and may count as entry or as exit.
 const TOUCH: f64 = 1e-6;
@@ -78,7 +78,7 @@ fn starts(scene: &Scene, shape: &Shape, count: usize) -> Vec<Start> {
     all
 }
 
-/// Whether the result can be correct: from outside the next crossing of a closed surface enters, from inside it leaves,
+/// Returns whether the result can be correct: from outside the next crossing of a closed surface enters, from inside it leaves,
 /// and there is one.
 fn is_sound(instance: &Instance, shape: &Shape, start: &Start, hit: Option<Hit>) -> bool {
     let origin = instance

@@ -54,7 +54,7 @@ struct Closed {
     name: &'static str,
     scene: Scene,
     middle: DVec3,
-    /// How far from there rays start at most.
+    /// Largest distance from there at which rays start.
     radius: f64,
 }
 
@@ -124,7 +124,7 @@ fn placed_meshes() -> Vec<Closed> {
     ]
 }
 
-/// What rays are aimed at.
+/// Features that rays are aimed at.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Target {
     Corner,

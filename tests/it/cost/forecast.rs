@@ -10,7 +10,7 @@ use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::render::{Category, Monitor, RenderProfile, RenderSettings, probe, render};
 use whit::report::forecast::Forecast;
 
-/// What the shares of a forecast may be off by.
+/// Largest error of the shares of a forecast.
 const OFF_BY: f64 = 0.1;
 
 /// Mirrors and glass; wavelengths; look-ups; soft shadows; a march; light within bodies.

@@ -1,4 +1,4 @@
-//! What accuracy costs: predictions, error estimates, and the settings chosen by them.
+//! Cost of accuracy: predictions, error estimates, and the settings chosen by them.
 
 mod forecast;
 mod parameters;

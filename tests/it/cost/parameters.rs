@@ -1,4 +1,4 @@
-//! Which knobs a study turns: those that a scene gives a meaning, no others.
+//! Parameters that a study varies: those that matter to the scene, and no others.
 
 use crate::support::scene_folder;
 use whit::accel::{Backend, BuildQuality, Precision};

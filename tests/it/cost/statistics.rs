@@ -1,4 +1,4 @@
-//! What `whit cost` tells of errors, held against pictures whose errors are known. The ignored test is the same with more
+//! Errors that `whit cost` estimates, against images of known error. The ignored test is the same with more
 //! repeats: `tests/ci/slow statistics`.
 
 use std::fs;

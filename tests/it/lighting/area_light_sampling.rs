@@ -44,7 +44,7 @@ const EDGE: f64 = 1.0;
 const LIGHT: DVec3 = DVec3::new(0.0, 0.0, 4.0);
 const LIGHT_RADIUS: f64 = 0.5;
 
-/// Which part of the light's solid angle is seen from (x, 0, 0): a cap of angular radius ρ cut by the great circle of
+/// Returns the part of the light's solid angle that is seen from (x, 0, 0): a cap of angular radius ρ cut by the great circle of
 /// the plane through the point and the edge, at the angle δ from the cap's middle.
 ///
 /// The cut-off piece is a sector less two right-angled triangles: π - 2β - 2φ cos ρ with cos φ = tan δ / tan ρ and
@@ -65,7 +65,7 @@ fn visible_part(x: f64) -> f64 {
     if delta > 0.0 { 1.0 - piece } else { piece }
 }
 
-/// Whether the way from (x, 0, 0) to `target` passes the roof on its open side.
+/// Returns whether the way from (x, 0, 0) to `target` passes the roof on its open side.
 fn passes(x: f64, target: DVec3) -> bool {
     x + (target.x - x) * EDGE / target.z >= 0.0
 }

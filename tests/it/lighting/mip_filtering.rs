@@ -5,7 +5,7 @@
 //! the board's mean, as this is about textures and not about silhouettes. The board comes in three kinds: a procedure,
 //! an image with mipmaps, and, not filtered, an image of four texels of which the nearest counts.
 //!
-//! What it costs: `cargo bench --bench timing -- texture_filtering`.
+//! Benchmark of its cost: `cargo bench --bench timing -- texture_filtering`.
 
 use crate::support::checkerboards::{
     EMPTY, GLASS, MIPMAPPED, MIRROR, PROCEDURE, SHARP, bsp, render_image, scene,
@@ -23,7 +23,7 @@ fn rmse(image: &LinearImage, reference: &LinearImage) -> f64 {
     (squares / (3 * image.pixels.len()) as f64).sqrt()
 }
 
-/// How far one sample a pixel of the board is from 256 of it.
+/// Returns the error of one sample per pixel of the board against 256 samples.
 fn error_of_one_sample(texture: &str) -> f64 {
     let scene = scene(texture, EMPTY);
     let accel = bsp(&scene);

@@ -12,7 +12,7 @@ use whit::scene::{AlphaMode, Background, Geometry, Instance, Material, Medium, M
 
 use crate::support::optical_bench::{Beam, Bench, backends, glass, ideal, prism, see_scene, slab, square};
 
-/// What the renderer shows is rounded to f32 a few times on its way: as weights, as radiance, in the image.
+/// Tolerance of values that the renderer rounds to f32 a few times: as weights, as radiance, in the image.
 const FEW_ROUNDINGS: f64 = 8.0 * f32::EPSILON as f64;
 /// Rays that are to be measured leave this far from an axis, in radians: to that f32 is relative.
 const NEARLY_LEVEL: f64 = 1e-3;
@@ -481,7 +481,7 @@ fn glass_ball_vanishes_in_white_furnace() {
     }
 }
 
-/// What is seen of two level squares, colours with their coverage, the first above the second, before `background`.
+/// Returns the radiance seen of two level squares, colours with their coverage, the first above the second, before `background`.
 fn composited(layers: [[f32; 4]; 2], background: [f32; 3], backend: Backend) -> DVec3 {
     let layer = |base_color| Material {
         model: Model::Unlit,

@@ -140,7 +140,7 @@ fn over_microfacets(alpha: f64, wo: DVec3, value: impl Fn(DVec3) -> f64) -> f64 
     sum * visible(alpha, wo) / wo.z / f64::from(cells * cells)
 }
 
-/// What is reflected of the surroundings `radiance` by microfacets that reflect `fresnel` by the cosine.
+/// Returns the part of the background `radiance` reflected by microfacets that reflect `fresnel` by the cosine.
 fn reflected(alpha: f64, wo: DVec3, fresnel: impl Fn(f64) -> f64, radiance: impl Fn(DVec3) -> f64) -> f64 {
     over_microfacets(alpha, wo, |m| {
         let wi = 2.0 * wo.dot(m) * m - wo;
@@ -164,7 +164,7 @@ fn fresnel(cos_i: f64, eta: f64) -> (f64, f64) {
     (0.5 * (across * across + along * along), cos_t)
 }
 
-/// What a rough boundary to a medium of relative index `eta` brings from white surroundings on both sides.
+/// Returns the radiance from a rough boundary to a medium of relative index `eta`, with a white background on both sides.
 fn divided(alpha: f64, wo: DVec3, eta: f64) -> f64 {
     over_microfacets(alpha, wo, |m| {
         let cos_i = wo.dot(m);

@@ -384,7 +384,7 @@ fn thin_surface(height: f64) -> Scene {
     )
 }
 
-/// What one sees of the middle of the scene, also where shadow rays are traced that nothing can stop.
+/// Returns the radiance of the middle of the scene, also with shadow rays that nothing can block.
 fn middle(scene: &Scene) -> [f64; 3] {
     let camera = from_above(1.0, 1e-6);
     let all = RenderSettings {

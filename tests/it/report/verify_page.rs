@@ -30,7 +30,7 @@ const PROBE: &str = r#"
   return found;
 "#;
 
-/// What the browser finds in a page.
+/// Returns the facts that the browser finds in a page.
 fn looked_at(browser: &str, page: &Path, flags: &[&str]) -> Value {
     browser::looked_at(browser, page, PROBE, flags)
 }

@@ -2,7 +2,7 @@
 //!
 //! These tests need no reference image: both images come from one file, which is edited before it is loaded. A rotation
 //! about the camera, or a factor on all lengths with its square on the intensity of lights, does not change the image.
-//! Where coordinates round differently, a ray may fall on the other side of an edge, so one pixel in ten thousand may
+//! If coordinates round differently, a ray may fall on the other side of an edge, so one pixel in ten thousand may
 //! differ by more than a step of an 8-bit image. Powers of two cause no rounding, so they must not change any bit.
 
 use std::fs;

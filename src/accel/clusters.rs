@@ -44,7 +44,7 @@ impl Clusters {
         let of_index = |index: u32| Item::new(index, bounds(index));
         let unsorted = parallel::generate(count, |index| of_index(index as u32));
         let curve = MortonCurve::around(&centers(&unsorted).bounds());
-        let mut keys = parallel::generate(count, |index| Key::new(&unsorted[index], &curve));
+        let mut keys = parallel::generate(count, |index| ClusterKey::new(&unsorted[index], &curve));
         // Allocate zeroed pages without writing to them
         let mut items: Vec<Item> = bytemuck::zeroed_vec(count);
         if count > 0 {
@@ -90,7 +90,7 @@ pub fn cluster_count(boxes: &[[Vec3; 2]], limit: u32) -> usize {
 
 /// The octree cell of a box.
 #[derive(Clone, Copy, bytemuck::Zeroable)]
-struct Key {
+struct ClusterKey {
     /// The first [`KEY_DIGITS`] binary digits of its position along the curve.
     cell: u32,
     index: u32,
@@ -99,9 +99,9 @@ struct Key {
 /// Number of binary digits of a cell's key: ten of each coordinate.
 const KEY_DIGITS: u32 = 30;
 
-impl Key {
-    fn new(item: &Item, curve: &MortonCurve) -> Key {
-        Key {
+impl ClusterKey {
+    fn new(item: &Item, curve: &MortonCurve) -> ClusterKey {
+        ClusterKey {
             cell: (curve.code(item.midpoint()) >> (CODE_BITS - KEY_DIGITS)) as u32,
             index: item.index,
         }
@@ -111,7 +111,7 @@ impl Key {
 /// Clusters the boxes in an octree cell, of which there is at least one, and marks the last member of every cluster.
 /// The boxes are those of `keys` out of `all`; their keys differ in the last `digits` alone. They are written to
 /// `items`, cluster by cluster.
-fn divide_cell(items: &mut [Item], (keys, all): (&mut [Key], &[Item]), digits: u32, cost: &Cost) {
+fn divide_cell(items: &mut [Item], (keys, all): (&mut [ClusterKey], &[Item]), digits: u32, cost: &Cost) {
     // Hand small sets, and sets in one finest cell, to the surface area heuristic
     let Some(digits) = digits.checked_sub(1).filter(|_| keys.len() > CELL_COUNT) else {
         for (item, key) in items.iter_mut().zip(&*keys) {

@@ -4,7 +4,7 @@
 use std::ops::Range;
 
 use super::chunk_file::{ChunkDirectory, damaged};
-use crate::image::rows::{ExrChannel, SampleType, Samples, Window};
+use crate::image::rows::{ExrChannel, RowWindow, SampleType, Samples};
 use crate::image::{Attribute, ImageError};
 use crate::render::Rounds;
 
@@ -30,7 +30,7 @@ impl ChunkDirectory {
             name: STATE_ATTRIBUTE,
             text: &rest,
         };
-        let window = Window::of_size(self.head().size);
+        let window = RowWindow::of_size(self.head().size);
         let mut writer = self.create(FILE, window, Rounds::WORDS.map(channel).into(), note)?;
         for rows in self.steps() {
             let words = rounds.words(&rows).into_iter().map(Samples::from);
@@ -51,7 +51,7 @@ impl ChunkDirectory {
         }
         let size = self.head().size;
         // Read the header and the state that is not per pixel
-        let mut reader = self.open_file(&path, Window::of_size(size))?;
+        let mut reader = self.open_file(&path, RowWindow::of_size(size))?;
         let names: Vec<String> = reader
             .channels()
             .iter()
@@ -123,7 +123,7 @@ mod tests {
     fn incomplete_checkpoint_is_rejected_with_its_remedy() {
         let out = tempfile::tempdir().unwrap();
         let folder = folder(out.path(), 1);
-        let window = Window::of_size(folder.head().size);
+        let window = RowWindow::of_size(folder.head().size);
         let note = Attribute {
             name: STATE_ATTRIBUTE,
             text: "{}",

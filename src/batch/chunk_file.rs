@@ -14,11 +14,11 @@ use serde::{Deserialize, Serialize};
 use super::chunk::{Chunk, ChunkKind, ChunkLayout, Coverage};
 use super::fingerprint::Fingerprint;
 use crate::image::rows::{
-    Compression, ExrChannel, ExrLayout, ExrScanlineReader, ExrScanlineWriter, SampleType, Samples, Window,
+    Compression, ExrChannel, ExrLayout, ExrScanlineReader, ExrScanlineWriter, RowWindow, SampleType, Samples,
     join_f64, split_f64,
 };
 use crate::image::{Attribute, ChannelKind, ExrEncoding, ImageError, PngEncoding};
-use crate::render::Sums;
+use crate::render::PartSums;
 
 /// Folder of the pieces of all frames, within the output folder of a batch.
 const FOLDER: &str = ".whit-pieces";
@@ -38,7 +38,7 @@ const SQUARES: &str = "squares";
 
 /// One channel of some rows of an image.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Plane {
+pub struct ChannelPlane {
     /// Name of the channel in the file.
     pub name: String,
     /// Kind of the channel, which decides about rounding to half precision.
@@ -82,9 +82,9 @@ pub struct ChunkDirectory {
 #[derive(Debug)]
 pub enum ChunkRows {
     /// Channels of finished rows.
-    Finished(Vec<Plane>),
+    Finished(Vec<ChannelPlane>),
     /// Sums of the samples of a share.
-    Sums(Sums),
+    PartSums(PartSums),
 }
 
 impl ChunkDirectory {
@@ -175,7 +175,7 @@ impl ChunkDirectory {
     /// # Errors
     ///
     /// If the file cannot be written, for example on a full disk.
-    pub fn write_finished(&self, rows: &Range<u32>, planes: &[Plane]) -> Result<(), ImageError> {
+    pub fn write_finished(&self, rows: &Range<u32>, planes: &[ChannelPlane]) -> Result<(), ImageError> {
         // Record which channels are colours
         let colors = planes.iter().filter(|plane| plane.kind == ChannelKind::Color);
         let colors: Vec<&str> = colors.map(|plane| plane.name.as_str()).collect();
@@ -200,7 +200,7 @@ impl ChunkDirectory {
     /// # Errors
     ///
     /// If the file cannot be written, for example on a full disk.
-    pub fn write_sums(&self, rows: &Range<u32>, share: u32, sums: &Sums) -> Result<(), ImageError> {
+    pub fn write_sums(&self, rows: &Range<u32>, share: u32, sums: &PartSums) -> Result<(), ImageError> {
         // Split each f64 channel into two integer channels
         let planes = planes_of(sums);
         let channels = planes.iter().flat_map(|(name, _)| {
@@ -240,7 +240,7 @@ impl ChunkDirectory {
     pub(super) fn create(
         &self,
         name: &str,
-        window: Window,
+        window: RowWindow,
         channels: Vec<ExrChannel>,
         note: Attribute,
     ) -> Result<ExrScanlineWriter, ImageError> {
@@ -252,7 +252,7 @@ impl ChunkDirectory {
         };
         let layout = ExrLayout {
             data_window: window,
-            display_window: Window::of_size(self.head.size),
+            display_window: RowWindow::of_size(self.head.size),
             channels,
             compression: Compression::None,
             notes: &[head, note],
@@ -265,8 +265,8 @@ impl ChunkDirectory {
         self.folder.join(name)
     }
 
-    fn window(&self, rows: &Range<u32>) -> Window {
-        Window {
+    fn window(&self, rows: &Range<u32>) -> RowWindow {
+        RowWindow {
             origin: [0, rows.start as i32],
             size: [self.head.size[0], rows.end - rows.start],
         }
@@ -335,7 +335,7 @@ impl ChunkDirectory {
     }
 
     /// Opens an EXR file of the frame, which must have this data window.
-    pub(super) fn open_file(&self, path: &Path, window: Window) -> Result<ExrScanlineReader, ImageError> {
+    pub(super) fn open_file(&self, path: &Path, window: RowWindow) -> Result<ExrScanlineReader, ImageError> {
         let reader = ExrScanlineReader::open(path)?;
         let head = reader
             .note(FRAME)
@@ -383,14 +383,14 @@ impl ChunkReader {
                 false => ChannelKind::Exact,
             };
             let plane = |(name, values): (String, Samples)| match values {
-                Samples::Floats(values) => Some(Plane {
+                Samples::Floats(values) => Some(ChannelPlane {
                     kind: kind(&name),
                     name,
                     values: values.into_owned(),
                 }),
                 Samples::Integers(_) => None,
             };
-            let planes: Option<Vec<Plane>> = names.zip(values).map(plane).collect();
+            let planes: Option<Vec<ChannelPlane>> = names.zip(values).map(plane).collect();
             return planes.map(ChunkRows::Finished).ok_or_else(|| self.damaged());
         }
         // Rows of a share: join the integer channels to sums in f64
@@ -398,7 +398,7 @@ impl ChunkReader {
         let samples = self.reader.note(SAMPLES).and_then(|text| text.parse().ok());
         samples
             .and_then(|samples| sums_of(samples, &planes))
-            .map(ChunkRows::Sums)
+            .map(ChunkRows::PartSums)
             .ok_or_else(|| self.damaged())
     }
 
@@ -441,7 +441,7 @@ fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
 }
 
 /// Returns the named channels of sums, without splitting the values.
-fn planes_of(sums: &Sums) -> Vec<(String, Vec<f64>)> {
+fn planes_of(sums: &PartSums) -> Vec<(String, Vec<f64>)> {
     fn planes<const N: usize>(name: &str, sums: &[[f64; N]]) -> Vec<(String, Vec<f64>)> {
         let plane = |channel: usize| sums.iter().map(|sum| sum[channel]).collect();
         (0..N)
@@ -459,7 +459,7 @@ fn planes_of(sums: &Sums) -> Vec<(String, Vec<f64>)> {
 }
 
 /// Returns the sums that these channels hold, or `None` if a mandatory channel is missing.
-fn sums_of(samples: u32, planes: &[(String, Samples)]) -> Option<Sums> {
+fn sums_of(samples: u32, planes: &[(String, Samples)]) -> Option<PartSums> {
     let half = |name: String| match planes.iter().find(|(plane, _)| *plane == name)? {
         (_, Samples::Integers(values)) => Some(values),
         (_, Samples::Floats(_)) => None,
@@ -477,7 +477,7 @@ fn sums_of(samples: u32, planes: &[(String, Samples)]) -> Option<Sums> {
         let sums = (0..planes[0].len()).map(|pixel| std::array::from_fn(|channel| planes[channel][pixel]));
         Some(sums.collect())
     }
-    Some(Sums {
+    Some(PartSums {
         samples,
         radiance: zipped([0, 1, 2].map(|channel| plane(&format!("{RADIANCE}.{channel}"))))?,
         weighted: zipped([0, 1, 2, 3].map(|channel| plane(&format!("{WEIGHTED}.{channel}")))),
@@ -511,8 +511,8 @@ mod tests {
     use super::super::fingerprint::FingerprintHasher;
     use super::*;
 
-    fn plane(name: &str, values: Vec<f32>) -> Plane {
-        Plane {
+    fn plane(name: &str, values: Vec<f32>) -> ChannelPlane {
+        ChannelPlane {
             name: name.into(),
             kind: if name == "Z" {
                 ChannelKind::Exact
@@ -528,7 +528,7 @@ mod tests {
         let out = tempfile::tempdir().unwrap();
         let folder = folder(out.path(), 3);
         let value = |i: usize| f64::from_bits(0x3ff0_0000_0000_0000 + 0x1_0001 * i as u64);
-        let sums = Sums {
+        let sums = PartSums {
             samples: 48,
             radiance: (0..64).map(|i| [value(i), -value(i + 1), 0.0]).collect(),
             weighted: Some((0..64).map(|i| [value(3 * i); 4]).collect()),
@@ -543,11 +543,11 @@ mod tests {
         assert_eq!((piece.rows.clone(), piece.part), (32..64, ChunkKind::Share(1)));
         let mut reader = folder.open(piece, path).unwrap();
         match reader.read(&(32..64)).unwrap() {
-            ChunkRows::Sums(read) => assert_eq!(read, sums),
+            ChunkRows::PartSums(read) => assert_eq!(read, sums),
             other => panic!("{other:?}"),
         }
         match reader.read(&(40..41)).unwrap() {
-            ChunkRows::Sums(read) => assert_eq!(read.radiance, sums.radiance[16..18]),
+            ChunkRows::PartSums(read) => assert_eq!(read.radiance, sums.radiance[16..18]),
             other => panic!("{other:?}"),
         }
         let missing = folder.coverage().unwrap().missing(&folder.cut().all());
@@ -558,7 +558,7 @@ mod tests {
     fn finished_rows_are_read_back_with_their_channels() {
         let out = tempfile::tempdir().unwrap();
         let folder = folder(out.path(), 1);
-        let planes: Vec<Plane> = ["R", "G", "Z"]
+        let planes: Vec<ChannelPlane> = ["R", "G", "Z"]
             .iter()
             .enumerate()
             .map(|(number, name)| plane(name, (0..64).map(|i| (i * number) as f32).collect()))

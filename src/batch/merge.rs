@@ -9,9 +9,9 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use super::chunk::{Chunk, ChunkKind, Coverage};
-use super::chunk_file::{ChunkDirectory, ChunkReader, ChunkRows, Plane};
+use super::chunk_file::{ChannelPlane, ChunkDirectory, ChunkReader, ChunkRows};
 use crate::image::{ChannelKind, ImageError};
-use crate::render::Sums;
+use crate::render::PartSums;
 
 /// Number of rows that are read at a time: the largest block of rows that EXR compresses together.
 const ROWS_PER_STEP: u32 = 32;
@@ -75,7 +75,7 @@ impl<'f> Merge<'f> {
     /// # Errors
     ///
     /// If a piece cannot be read.
-    pub fn next_rows(&mut self) -> Result<Option<Vec<Plane>>, MergeError> {
+    pub fn next_rows(&mut self) -> Result<Option<Vec<ChannelPlane>>, MergeError> {
         let height = self.folder.cut().height;
         if self.next == height {
             return Ok(None);
@@ -88,7 +88,7 @@ impl<'f> Merge<'f> {
             Some(index) => match self.read(index, &rows)? {
                 ChunkRows::Finished(planes) => planes,
                 // The variant follows from the name of the piece's file.
-                ChunkRows::Sums(sums) => planes_of(&sums),
+                ChunkRows::PartSums(sums) => planes_of(&sums),
             },
             None => planes_of(&self.sums(&rows)?),
         };
@@ -127,14 +127,14 @@ impl<'f> Merge<'f> {
     }
 
     /// Returns the sums of all samples of these rows, over all shares.
-    fn sums(&mut self, rows: &Range<u32>) -> Result<Sums, MergeError> {
-        let mut all: Option<Sums> = None;
+    fn sums(&mut self, rows: &Range<u32>) -> Result<PartSums, MergeError> {
+        let mut all: Option<PartSums> = None;
         for share in 0..self.folder.cut().shares {
             let holder = self.holder(rows, ChunkKind::Share(share));
             let index = holder.ok_or_else(|| io::Error::other("a piece was removed meanwhile"))?;
             match (self.read(index, rows)?, &mut all) {
-                (ChunkRows::Sums(sums), None) => all = Some(sums),
-                (ChunkRows::Sums(sums), Some(all)) => all.add(&sums),
+                (ChunkRows::PartSums(sums), None) => all = Some(sums),
+                (ChunkRows::PartSums(sums), Some(all)) => all.add(&sums),
                 (ChunkRows::Finished(_), _) => {
                     return Err(io::Error::other("a piece of a share has no sums").into());
                 }
@@ -145,7 +145,7 @@ impl<'f> Merge<'f> {
 }
 
 /// Returns the image channels that result from sums of samples.
-pub fn planes_of(sums: &Sums) -> Vec<Plane> {
+pub fn planes_of(sums: &PartSums) -> Vec<ChannelPlane> {
     let mut planes = color_planes(&sums.pixels());
     if let Some(aovs) = sums.aovs() {
         planes.push(exact("samples", aovs.samples));
@@ -155,8 +155,8 @@ pub fn planes_of(sums: &Sums) -> Vec<Plane> {
 }
 
 /// Returns the channels R, G and B of pixels.
-pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<Plane> {
-    let plane = |(channel, name): (usize, &str)| Plane {
+pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<ChannelPlane> {
+    let plane = |(channel, name): (usize, &str)| ChannelPlane {
         name: name.to_owned(),
         kind: ChannelKind::Color,
         values: pixels.iter().map(|pixel| pixel[channel]).collect(),
@@ -164,8 +164,8 @@ pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<Plane> {
     ["R", "G", "B"].into_iter().enumerate().map(plane).collect()
 }
 
-fn exact(name: &str, values: Vec<f32>) -> Plane {
-    Plane {
+fn exact(name: &str, values: Vec<f32>) -> ChannelPlane {
+    ChannelPlane {
         name: name.to_owned(),
         kind: ChannelKind::Exact,
         values,
@@ -179,8 +179,8 @@ mod tests {
     use super::*;
     use crate::image::{ExrEncoding, PngEncoding};
 
-    fn sums(samples: u32, value: f64, rows: u32) -> Sums {
-        Sums {
+    fn sums(samples: u32, value: f64, rows: u32) -> PartSums {
+        PartSums {
             samples,
             radiance: vec![[value, 2.0 * value, 0.0]; rows as usize],
             weighted: None,

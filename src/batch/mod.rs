@@ -17,7 +17,7 @@ mod shard;
 pub mod slurm;
 
 pub use chunk::{Chunk, ChunkKind, ChunkLayout, Coverage};
-pub use chunk_file::{ChunkDirectory, ChunkReader, ChunkRows, FrameMetadata, Plane};
+pub use chunk_file::{ChannelPlane, ChunkDirectory, ChunkReader, ChunkRows, FrameMetadata};
 pub use dependencies::Sources;
 pub use fingerprint::{Fingerprint, FingerprintHasher};
 pub use lock::{Lock, LockError};

@@ -24,7 +24,7 @@ const MAX_RESTARTS: u32 = 20;
 
 /// Parameters of a Slurm script.
 #[derive(Clone, Copy, Debug)]
-pub struct Task<'a> {
+pub struct SlurmTask<'a> {
     /// Path of the program on the nodes.
     pub program: &'a Path,
     /// Path of the job file.
@@ -44,7 +44,7 @@ pub struct Task<'a> {
 }
 
 /// Returns the script as input for `sbatch`.
-pub fn script(task: &Task) -> String {
+pub fn script(task: &SlurmTask) -> String {
     // Derive the job name from the file name, in characters that Slurm accepts
     let name = task
         .jobs
@@ -142,8 +142,8 @@ fn quoted(word: &str) -> String {
 mod tests {
     use super::*;
 
-    fn task<'a>(arguments: &'a [String]) -> Task<'a> {
-        Task {
+    fn task<'a>(arguments: &'a [String]) -> SlurmTask<'a> {
+        SlurmTask {
             program: Path::new("/opt/whit"),
             jobs: Path::new("it's here/the film.jobs.toml"),
             folder: Path::new("out"),
@@ -176,7 +176,7 @@ mod tests {
 
     #[test]
     fn small_forecasts_are_raised_to_the_minimum_request() {
-        let task = Task {
+        let task = SlurmTask {
             seconds: 0.1,
             bytes: 1,
             ..task(&[])

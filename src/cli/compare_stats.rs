@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use whit::image::check_writable;
-use whit::report::regression::{Changes, Measurement, Verdict, measures};
+use whit::report::regression::{Changes, Measurement, RegressionVerdict, measures};
 
 use super::args::CompareStatsArgs;
 use super::failure::Failure;
@@ -34,7 +34,7 @@ pub(super) fn run(args: &CompareStatsArgs) -> Result<(), Failure> {
         interrupt::without_interruption(|| output::write_json(path, &changes))?;
     }
     // Regressions are failures
-    match changes.count(Verdict::Regressed) {
+    match changes.count(RegressionVerdict::Regressed) {
         0 => Ok(()),
         count => Err(Failure::Work(format!(
             "{count} of {} measurements have regressed",

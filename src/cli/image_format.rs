@@ -7,17 +7,17 @@ use super::failure::Failure;
 
 /// Encoding of images, for each file format.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Encoding {
+pub(super) struct ImageEncoding {
     pub(super) exr: ExrEncoding,
     pub(super) png_bits: PngBits,
 }
 
-impl Encoding {
+impl ImageEncoding {
     /// Returns the encoding that the flags request; rejects flags for a format that none of the files has.
     pub(super) fn new(
         args: &OutputArgs,
         formats: impl Iterator<Item = ImageFormat> + Clone,
-    ) -> Result<Encoding, Failure> {
+    ) -> Result<ImageEncoding, Failure> {
         let is_written = |format| formats.clone().any(|written| written == format);
         // EXR flags need an EXR among the files
         if !is_written(ImageFormat::Exr) && args.exr_type.is_some() {
@@ -41,7 +41,7 @@ impl Encoding {
             ));
         }
         // Use the defaults for absent flags
-        Ok(Encoding {
+        Ok(ImageEncoding {
             exr: ExrEncoding {
                 sample: args.exr_type.unwrap_or_default(),
                 compression: args.compression.unwrap_or_default(),
@@ -72,15 +72,15 @@ mod tests {
         };
         let (png, exr) = (ImageFormat::Png, ImageFormat::Exr);
         for (args, fits, other) in [(half, exr, png), (zip, exr, png), (wide, png, exr)] {
-            assert!(Encoding::new(&args, [fits].into_iter()).is_ok());
-            assert!(Encoding::new(&args, [other, fits].into_iter()).is_ok());
-            let failure = Encoding::new(&args, [other, other].into_iter()).unwrap_err();
+            assert!(ImageEncoding::new(&args, [fits].into_iter()).is_ok());
+            assert!(ImageEncoding::new(&args, [other, fits].into_iter()).is_ok());
+            let failure = ImageEncoding::new(&args, [other, other].into_iter()).unwrap_err();
             assert_eq!(failure.exit_code(), 2);
         }
-        let encoding = Encoding::new(&half, [exr].into_iter()).unwrap();
+        let encoding = ImageEncoding::new(&half, [exr].into_iter()).unwrap();
         assert_eq!(encoding.exr.sample, SampleType::Half);
         assert_eq!(
-            Encoding::new(&wide, [png].into_iter()).unwrap().png_bits,
+            ImageEncoding::new(&wide, [png].into_iter()).unwrap().png_bits,
             PngBits::Sixteen
         );
     }

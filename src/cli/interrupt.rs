@@ -48,7 +48,7 @@ pub(super) fn check() -> Result<(), Failure> {
 
 /// Runs `write` to completion even if Ctrl-C is pressed meanwhile.
 pub(super) fn without_interruption<T>(write: impl FnOnce() -> T) -> T {
-    let _writer = Writer::new();
+    let _writer = InterruptWriter::new();
     write()
 }
 
@@ -57,16 +57,16 @@ fn writers() -> MutexGuard<'static, usize> {
 }
 
 /// Guard that counts as one writer until it is dropped.
-struct Writer;
+struct InterruptWriter;
 
-impl Writer {
-    fn new() -> Writer {
+impl InterruptWriter {
+    fn new() -> InterruptWriter {
         *writers() += 1;
-        Writer
+        InterruptWriter
     }
 }
 
-impl Drop for Writer {
+impl Drop for InterruptWriter {
     fn drop(&mut self) {
         let mut count = writers();
         *count -= 1;

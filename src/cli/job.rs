@@ -20,7 +20,7 @@ use super::accel_options::check_backend;
 pub(super) use super::accel_options::{Tracing, check_instancing, effective_precision};
 use super::args::{Aov, FrameArgs, RenderArgs};
 use super::failure::Failure;
-use super::image_format::Encoding;
+use super::image_format::ImageEncoding;
 use super::progress::Verbosity;
 use super::scene;
 
@@ -29,7 +29,7 @@ use super::scene;
 pub(super) struct RenderJob {
     pub(super) targets: Vec<Target>,
     /// Encoding of the images in their files.
-    pub(super) encoding: Encoding,
+    pub(super) encoding: ImageEncoding,
     /// Image settings of the command line; the scene may give those that are absent: see [`RenderJob::resolved`].
     requested: Output,
     /// Target standard error of pixels for adaptive sampling; absent for a fixed number of samples.
@@ -131,7 +131,7 @@ impl RenderJob {
         check_instancing(&args.tracing)?;
         // Resolve the image paths and check that their formats hold what is requested
         let targets = targets(args)?;
-        let encoding = Encoding::new(&args.encoding, targets.iter().map(|target| target.format))?;
+        let encoding = ImageEncoding::new(&args.encoding, targets.iter().map(|target| target.format))?;
         let stats = args.stats.as_deref().map(StatsDestination::of);
         let aovs = args.sampling.aov.clone();
         if !aovs.is_empty() && targets.iter().any(|target| target.format != ImageFormat::Exr) {

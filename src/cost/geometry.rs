@@ -303,19 +303,19 @@ mod tests {
 
     /// Disk at x = 1 around the axis, with a smaller disk in it that reports a wrong hit distance, or no hit.
     #[derive(Clone, Copy)]
-    struct Disk {
+    struct MemoryDisk {
         radius: f32,
         wrong_radius: f32,
         added: Option<f32>,
     }
 
-    const RIGHT: Disk = Disk {
+    const RIGHT: MemoryDisk = MemoryDisk {
         radius: 3.0,
         wrong_radius: -1.0,
         added: None,
     };
 
-    impl Disk {
+    impl MemoryDisk {
         fn intersect_disk(&self, ray: &Ray) -> Option<f32> {
             let t = (1.0 - ray.origin.x) / ray.direction.x;
             let aside = (ray.origin + t * ray.direction).with_x(0.0).length();
@@ -340,7 +340,7 @@ mod tests {
         }
     }
 
-    impl Accel for Disk {
+    impl Accel for MemoryDisk {
         fn intersect(&self, packets: &mut [RayPacket], _: Coherence) {
             self.for_each_hit(packets, |packet, lane, t| {
                 let hit = crate::accel::Hit {
@@ -379,7 +379,7 @@ mod tests {
         }
     }
 
-    fn errors_of(disk: Disk) -> GeometricErrors {
+    fn errors_of(disk: MemoryDisk) -> GeometricErrors {
         let rays = rays();
         let results = ReferenceResults::by(&RIGHT, &rays);
         results.errors(&disk, &rays.shadow, Instant::now() + Duration::from_secs(60))
@@ -392,7 +392,7 @@ mod tests {
         assert_eq!((queried, none.count(), none.ties), ((30, 10), 0, 0));
         // The wrong disk covers rays at 0, 0.5 and 1, in three camera-ray packets and one shadow-ray packet.
         let within = |added| {
-            errors_of(Disk {
+            errors_of(MemoryDisk {
                 wrong_radius: 1.0,
                 added,
                 ..RIGHT
@@ -407,7 +407,7 @@ mod tests {
         // This difference is within rounding.
         assert_eq!(within(Some(2.0 * f32::EPSILON)).count(), 0);
         // Rays at 3.5, 4 and 4.5 should miss.
-        let more = errors_of(Disk { radius: 9.0, ..RIGHT });
+        let more = errors_of(MemoryDisk { radius: 9.0, ..RIGHT });
         assert_eq!((more.false_hits, more.false_shadows, more.count()), (9, 3, 12));
     }
 
@@ -415,7 +415,7 @@ mod tests {
     fn result_within_rounding_at_an_outline_is_a_tie() {
         // The ray at 3 misses this disk; so do nearby rays with the right one.
         let radius = 3f32.next_down();
-        let errors = errors_of(Disk { radius, ..RIGHT });
+        let errors = errors_of(MemoryDisk { radius, ..RIGHT });
         assert_eq!((errors.count(), errors.ties), (0, 4));
     }
 

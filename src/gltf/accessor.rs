@@ -7,8 +7,8 @@ use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::validation::Checked;
 
 use super::GltfError;
-use super::buffer::Window;
-use super::document::Document;
+use super::buffer::BufferWindow;
+use super::document::GltfDocument;
 use super::error::EXPORT_AGAIN;
 use crate::mesh::Buffer;
 use crate::parallel;
@@ -20,13 +20,13 @@ const CHUNK: usize = 1 << 14;
 
 /// An accessor whose offsets and lengths are checked.
 pub(super) struct Accessor<'a> {
-    document: &'a Document,
+    document: &'a GltfDocument,
     number: usize,
     count: usize,
     component: ComponentType,
     type_: Type,
     normalized: bool,
-    base: Option<Window<'a>>,
+    base: Option<BufferWindow<'a>>,
     stride: usize,
     sparse: Option<Sparse<'a>>,
 }
@@ -37,7 +37,7 @@ struct Sparse<'a> {
     values: &'a [u8],
 }
 
-impl Document {
+impl GltfDocument {
     /// Opens accessor `number` and checks it against the bytes of its buffer views.
     pub(super) fn accessor(&self, number: usize) -> Result<Accessor<'_>, GltfError> {
         let accessors = &self.root.accessors;
@@ -345,7 +345,7 @@ mod tests {
     use crate::gltf::document::of_json;
 
     /// Returns a document with one buffer of these bytes, one view of all of it, and these accessors.
-    fn document(bytes: &[u8], stride: Option<usize>, accessors: Value) -> Document {
+    fn document(bytes: &[u8], stride: Option<usize>, accessors: Value) -> GltfDocument {
         let data = base64::engine::general_purpose::STANDARD.encode(bytes);
         let mut view = json!({"buffer": 0, "byteLength": bytes.len()});
         if let Some(stride) = stride {

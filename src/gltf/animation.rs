@@ -12,7 +12,7 @@ use gltf::json::validation::Checked;
 
 use super::GltfError;
 use super::animation_sampler::AnimationSampler;
-use super::document::Document;
+use super::document::GltfDocument;
 use super::error::EXPORT_AGAIN;
 use super::node_transform::NodeOverride;
 use crate::scene::Animation;
@@ -26,7 +26,7 @@ pub struct AnimationTime {
     pub seconds: f64,
 }
 
-impl Document {
+impl GltfDocument {
     /// Evaluates the animations of a pose; returns the replaced properties by node number.
     pub(super) fn moved(
         &self,

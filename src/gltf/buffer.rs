@@ -11,12 +11,12 @@ use percent_encoding::{percent_decode, percent_decode_str};
 
 use super::GltfError;
 use super::bytes::Bytes;
-use super::document::Document;
+use super::document::GltfDocument;
 use super::error::EXPORT_AGAIN;
 use super::mmap::map_file;
 
 /// Bytes of a buffer view.
-pub(super) struct Window<'a> {
+pub(super) struct BufferWindow<'a> {
     pub(super) bytes: &'a [u8],
     /// Distance between elements in bytes, if the view states one.
     pub(super) stride: Option<usize>,
@@ -24,10 +24,10 @@ pub(super) struct Window<'a> {
     pub(super) mapped: Option<(&'a Arc<Mmap>, usize)>,
 }
 
-impl<'a> Window<'a> {
+impl<'a> BufferWindow<'a> {
     /// Returns the window without its first `offset` bytes; `None` if it is shorter.
-    pub(super) fn skip(self, offset: usize) -> Option<Window<'a>> {
-        Some(Window {
+    pub(super) fn skip(self, offset: usize) -> Option<BufferWindow<'a>> {
+        Some(BufferWindow {
             bytes: self.bytes.get(offset..)?,
             mapped: self.mapped.map(|(map, start)| (map, start + offset)),
             ..self
@@ -43,9 +43,9 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
         .with_decode_allow_trailing_bits(true),
 );
 
-impl Document {
+impl GltfDocument {
     /// Returns the bytes of a buffer view, checked against its buffer.
-    pub(super) fn view(&self, number: usize) -> Result<Window<'_>, GltfError> {
+    pub(super) fn view(&self, number: usize) -> Result<BufferWindow<'_>, GltfError> {
         let item = || format!("buffer view {number}");
         let views = &self.root.buffer_views;
         let Some(view) = views.get(number) else {
@@ -66,7 +66,7 @@ impl Document {
             );
             return Err(self.fault(item(), fault, EXPORT_AGAIN));
         };
-        Ok(Window {
+        Ok(BufferWindow {
             bytes,
             stride: view.byte_stride.map(|s| s.0),
             mapped: buffer.mapped().map(|(map, start)| (map, start + offset)),

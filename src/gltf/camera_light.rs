@@ -8,7 +8,7 @@ use json::extensions::scene::khr_lights_punctual;
 use json::validation::Checked;
 
 use super::GltfError;
-use super::document::Document;
+use super::document::GltfDocument;
 use super::node::PlacedNode;
 use crate::numeric::Bounds;
 use crate::scene::{Camera, Falloff, Light, LightKind, Projection};
@@ -66,7 +66,7 @@ pub(super) fn default_light(camera: &Camera) -> Light {
     }
 }
 
-impl Document {
+impl GltfDocument {
     /// Returns the camera at a node, if it has one. An invalid camera is skipped with a warning.
     pub(super) fn camera_at(
         &self,

@@ -11,7 +11,7 @@ use glam::{DAffine3, DVec3};
 use gltf::json;
 
 use super::GltfError;
-use super::document::Document;
+use super::document::GltfDocument;
 use super::error::EXPORT_AGAIN;
 use super::node::{Deformed, PlacedNode};
 use super::node_transform::NodeOverride;
@@ -45,7 +45,7 @@ struct Displacement {
     vectors: Buffer<[f32; 3]>,
 }
 
-impl Document {
+impl GltfDocument {
     /// Computes the distinct deformations of all meshes, and sets the `deformed` field of nodes that have one.
     pub(super) fn deform(
         &self,

@@ -32,7 +32,7 @@ const SUPPORTED_EXTENSIONS: [&str; 11] = [
 const MATERIAL_EXTENSION: &str = "KHR_materials_";
 
 /// A parsed file with access to its buffers.
-pub(super) struct Document {
+pub(super) struct GltfDocument {
     /// Path of the file as the user gave it.
     pub(super) file: PathBuf,
     pub(super) root: json::Root,
@@ -40,9 +40,9 @@ pub(super) struct Document {
     pub(super) buffers: Vec<OnceLock<Result<Bytes, GltfError>>>,
 }
 
-impl Document {
+impl GltfDocument {
     /// Maps and parses a file. Faults that can be ignored are added to `warnings`.
-    pub(super) fn open(file: &Path, warnings: &mut Vec<String>) -> Result<Document, GltfError> {
+    pub(super) fn open(file: &Path, warnings: &mut Vec<String>) -> Result<GltfDocument, GltfError> {
         let whole = Bytes::whole(map_file(file)?);
         let (json, binary_chunk) = if whole.starts_with(b"glTF") {
             split_container(&whole).map_err(|fault| not_gltf(file, fault))?
@@ -50,7 +50,7 @@ impl Document {
             (whole, None)
         };
         let root = parse(&json, warnings).map_err(|fault| not_gltf(file, fault))?;
-        let document = Document {
+        let document = GltfDocument {
             file: file.to_owned(),
             buffers: root.buffers.iter().map(|_| OnceLock::new()).collect(),
             root,
@@ -265,9 +265,9 @@ fn integers_from_floats(value: &mut Value) {
 
 /// Returns a document for tests from its JSON, as if read from `test.gltf`.
 #[cfg(test)]
-pub(super) fn of_json(root: &Value) -> Document {
+pub(super) fn of_json(root: &Value) -> GltfDocument {
     let root = parse(root.to_string().as_bytes(), &mut Vec::new()).unwrap();
-    Document {
+    GltfDocument {
         file: "test.gltf".into(),
         buffers: root.buffers.iter().map(|_| OnceLock::new()).collect(),
         root,

@@ -6,12 +6,12 @@ use std::io::Cursor;
 use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 
 use super::bytes::Bytes;
-use super::document::Document;
+use super::document::GltfDocument;
 use super::{GltfError, LoadOptions};
 use crate::parallel;
 use crate::scene::{CachedImage, Image, ImageCache, Texels};
 
-impl Document {
+impl GltfDocument {
     /// Reads the images with these numbers, decoding those whose index is in `wanted`.
     pub(super) fn read_images(
         &self,

@@ -9,7 +9,7 @@ use json::validation::Checked;
 use serde_json::{Map, Value};
 
 use super::GltfError;
-use super::document::{Document, NO_IMAGE};
+use super::document::{GltfDocument, NO_IMAGE};
 use super::extension::{Corrections, Extension};
 use super::medium::interior;
 use super::texture_slot::{TextureSlot, slots};
@@ -20,26 +20,26 @@ use crate::scene::{
 
 /// Collector of the materials, textures and images that the scene's meshes use, in the order of their first use.
 pub(super) struct Materials<'a> {
-    document: &'a Document,
+    document: &'a GltfDocument,
     pub(super) materials: Vec<Material>,
     pub(super) textures: Vec<Texture>,
     /// Numbers of the file's images that textures refer to.
     pub(super) images: Vec<usize>,
     pub(super) warnings: Vec<String>,
-    material_index: HashMap<Key, u32>,
+    material_index: HashMap<MaterialKey, u32>,
     texture_index: HashMap<usize, u32>,
 }
 
 /// Key of a material: its number in the file (`None` for the default one), and the texture coordinate sets that the
 /// mesh lacks.
 #[derive(Clone, PartialEq, Eq, Hash)]
-struct Key {
+struct MaterialKey {
     number: Option<usize>,
     lacks: Vec<u32>,
 }
 
 impl<'a> Materials<'a> {
-    pub(super) fn new(document: &'a Document) -> Materials<'a> {
+    pub(super) fn new(document: &'a GltfDocument) -> Materials<'a> {
         Materials {
             document,
             materials: Vec::new(),
@@ -61,7 +61,7 @@ impl<'a> Materials<'a> {
         // Materials are distinct by the sets that a mesh lacks, as the textures on these are left out
         let mut lacks = self.document.texture_coordinate_sets(number)?;
         lacks.retain(|&set| !has_set(set));
-        let key = Key { number, lacks };
+        let key = MaterialKey { number, lacks };
         if let Some(&index) = self.material_index.get(&key) {
             return Ok(index);
         }
@@ -169,7 +169,7 @@ impl<'a> Materials<'a> {
     }
 }
 
-impl Document {
+impl GltfDocument {
     /// Returns the texture coordinate sets that a material uses, each once.
     pub(super) fn texture_coordinate_sets(&self, material: Option<usize>) -> Result<Vec<u32>, GltfError> {
         let Some(number) = material else {

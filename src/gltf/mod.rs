@@ -51,7 +51,7 @@ use crate::parallel;
 use crate::scene::{Background, EffectSet, Geometry, ImageCache, Instance, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
 use deformation::Deformation;
-use document::Document;
+use document::GltfDocument;
 use material::Materials;
 use node::PlacedNode;
 use primitive::ReadPrimitive;
@@ -113,9 +113,9 @@ pub(crate) fn load_part(path: &Path, options: &LoadOptions) -> Result<Scene, Glt
 }
 
 /// Reads the file's scene in its own coordinates, and the bounds of its geometries.
-fn read(path: &Path, options: &LoadOptions) -> Result<(Document, Scene, Vec<Bounds>), GltfError> {
+fn read(path: &Path, options: &LoadOptions) -> Result<(GltfDocument, Scene, Vec<Bounds>), GltfError> {
     let mut scene = Scene::default();
-    let document = Document::open(path, &mut scene.warnings)?;
+    let document = GltfDocument::open(path, &mut scene.warnings)?;
     // Evaluate the animations
     let moved = match &options.pose {
         None => HashMap::new(),
@@ -144,7 +144,7 @@ fn read(path: &Path, options: &LoadOptions) -> Result<(Document, Scene, Vec<Boun
 /// Primitives that the scene's nodes use, each read once.
 type UsedPrimitives = HashMap<PrimitiveId, ReadPrimitive>;
 
-impl Document {
+impl GltfDocument {
     /// Reads, in parallel, every primitive of a node's mesh.
     fn read_used_primitives(
         &self,

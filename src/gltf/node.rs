@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use glam::{DAffine3, DMat4};
 
 use super::GltfError;
-use super::document::Document;
+use super::document::GltfDocument;
 use super::error::EXPORT_AGAIN;
 use super::node_transform::{NodeOverride, parts};
 
@@ -34,7 +34,7 @@ impl PlacedNode {
     }
 }
 
-impl Document {
+impl GltfDocument {
     /// Returns the nodes of the chosen scene, parents before children. The chosen scene is the one that the file names,
     /// else its first, else all nodes, with those without a parent as roots.
     ///

@@ -4,22 +4,22 @@ use glam::{DAffine3, DQuat, DVec3};
 use gltf::json;
 
 /// Parts of a node's transform: scale, then rotation, then translation.
-pub(super) struct Parts {
+pub(super) struct TransformParts {
     pub(super) scale: DVec3,
     pub(super) rotation: DQuat,
     pub(super) translation: DVec3,
 }
 
-impl Parts {
+impl TransformParts {
     pub(super) fn transform(&self) -> DAffine3 {
         DAffine3::from_scale_rotation_translation(self.scale, self.rotation, self.translation)
     }
 }
 
 /// Returns the node's own transform, in parts.
-pub(super) fn parts(node: &json::Node) -> Parts {
+pub(super) fn parts(node: &json::Node) -> TransformParts {
     let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
-    Parts {
+    TransformParts {
         scale: node.scale.map_or(DVec3::ONE, vector),
         rotation: node.rotation.map_or(DQuat::IDENTITY, |q| {
             rotation(DQuat::from_array(q.0.map(f64::from)))
@@ -53,7 +53,7 @@ impl NodeOverride {
     pub(super) fn transform(&self, node: &json::Node) -> DAffine3 {
         // Properties without a channel keep the node's own values
         let own = parts(node);
-        let moved = Parts {
+        let moved = TransformParts {
             scale: self.scale.unwrap_or(own.scale),
             rotation: self.rotation.unwrap_or(own.rotation),
             translation: self.translation.unwrap_or(own.translation),

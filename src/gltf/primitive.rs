@@ -6,7 +6,7 @@ use json::validation::Checked;
 
 use super::GltfError;
 use super::deformation::{Deformation, Deformer};
-use super::document::Document;
+use super::document::GltfDocument;
 use super::error::EXPORT_AGAIN;
 use super::primitive_id::PrimitiveId;
 use crate::mesh::{Buffer, Mesh};
@@ -21,7 +21,7 @@ pub(super) struct ReadPrimitive {
     pub(super) warnings: Vec<String>,
 }
 
-impl Document {
+impl GltfDocument {
     /// Reads one primitive in its object space, with its deformation from `deformations` applied.
     pub(super) fn read_primitive(
         &self,
@@ -40,7 +40,7 @@ impl Document {
 }
 
 struct PrimitiveReader<'a> {
-    document: &'a Document,
+    document: &'a GltfDocument,
     id: PrimitiveId,
     deformation: Option<&'a Deformation>,
     /// Deformation of this primitive's vertices, once their number is known.

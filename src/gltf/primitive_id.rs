@@ -2,7 +2,7 @@
 
 use gltf::json;
 
-use super::document::Document;
+use super::document::GltfDocument;
 
 /// Identity of a primitive: its mesh, its number in it, and the deformation that is applied to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -12,7 +12,7 @@ pub(super) struct PrimitiveId {
     pub(super) deformation: Option<usize>,
 }
 
-impl Document {
+impl GltfDocument {
     /// Returns a primitive's description for messages.
     pub(super) fn primitive_item(&self, id: PrimitiveId) -> String {
         let mesh = &self.root.meshes[id.mesh];

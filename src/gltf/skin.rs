@@ -12,7 +12,7 @@ use json::mesh::Semantic;
 use json::validation::Checked;
 
 use super::GltfError;
-use super::document::Document;
+use super::document::GltfDocument;
 use super::error::EXPORT_AGAIN;
 use super::primitive_id::PrimitiveId;
 use crate::mesh::Buffer;
@@ -36,7 +36,7 @@ struct Influences {
     weights: Buffer<[f32; 4]>,
 }
 
-impl Document {
+impl GltfDocument {
     /// Returns the joint maps of a skin; `world_transforms` are the world transforms of the scene's nodes.
     pub(super) fn joints(
         &self,

@@ -316,11 +316,11 @@ mod tests {
 
     const BUDGET: u64 = 1 << 20;
 
-    struct Folder(tempfile::TempDir);
+    struct ImageFolder(tempfile::TempDir);
 
-    impl Folder {
-        fn new() -> Folder {
-            Folder(tempfile::tempdir().unwrap())
+    impl ImageFolder {
+        fn new() -> ImageFolder {
+            ImageFolder(tempfile::tempdir().unwrap())
         }
 
         fn file(&self, name: &str, bytes: &[u8]) -> PathBuf {
@@ -358,7 +358,7 @@ mod tests {
 
     #[test]
     fn eight_bit_files_keep_their_codes_under_any_name() {
-        let folder = Folder::new();
+        let folder = ImageFolder::new();
         let codes = [0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100, 110];
         let path = folder.image("a.jpg", &codes, ExtendedColorType::Rgb8, ImageFormat::Png);
         let image = read(&path, TransferCurve::Srgb, BUDGET).unwrap();
@@ -374,7 +374,7 @@ mod tests {
 
     #[test]
     fn sixteen_bits_keep_their_precision() {
-        let folder = Folder::new();
+        let folder = ImageFolder::new();
         let codes: [u16; 4] = [0, 1, 32768, 65535];
         let path = folder.image(
             "a.png",
@@ -399,7 +399,7 @@ mod tests {
 
     #[test]
     fn radiance_hdr_file_keeps_its_range() {
-        let folder = Folder::new();
+        let folder = ImageFolder::new();
         // Flat pixels: mantissas and an exponent; 128 / 256 * 2^(e - 128).
         let mut bytes = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n".to_vec();
         bytes.extend([128, 64, 0, 138, 128, 128, 128, 129]);
@@ -413,7 +413,7 @@ mod tests {
     #[test]
     fn exr_is_read_from_colours_or_luminance_and_unpremultiplied() {
         use exr::prelude::WritableImage;
-        let folder = Folder::new();
+        let folder = ImageFolder::new();
         let path = folder.exr([[1000.0, -0.5, 0.25, 0.5], [3.0, 0.0, 0.0, 0.0]]);
         let image = read(&path, TransferCurve::Srgb, BUDGET).unwrap();
         let expected = vec![[2000.0, -1.0, 0.5, 0.5], [3.0, 0.0, 0.0, 0.0]];
@@ -431,7 +431,7 @@ mod tests {
 
     #[test]
     fn oversized_images_are_rejected_before_decoding() {
-        let folder = Folder::new();
+        let folder = ImageFolder::new();
         let png = folder.image("a.png", &[7; 4], ExtendedColorType::L8, ImageFormat::Png);
         assert!(
             message(&png, 3).contains("has 2 x 2 pixels"),
@@ -453,7 +453,7 @@ mod tests {
 
     #[test]
     fn non_finite_values_are_rejected() {
-        let folder = Folder::new();
+        let folder = ImageFolder::new();
         for bad in [f32::NAN, f32::INFINITY] {
             let said = message(&folder.exr([[1.0; 4], [bad, 0.0, 0.0, 1.0]]), BUDGET);
             assert!(said.contains("a.exr: holds values that are not finite"), "{said}");
@@ -462,7 +462,7 @@ mod tests {
 
     #[test]
     fn truncated_or_corrupt_image_gives_an_error() {
-        let folder = Folder::new();
+        let folder = ImageFolder::new();
         let noise: Vec<u8> = (0..12).map(|i| (i * 37) as u8).collect();
         // Write a valid file of each format
         let files = [
@@ -511,7 +511,7 @@ mod tests {
 
     #[test]
     fn invalid_or_missing_image_is_rejected_in_one_sentence() {
-        let folder = Folder::new();
+        let folder = ImageFolder::new();
         let said = message(&folder.file("a.png", b"no image"), BUDGET);
         assert!(said.contains("a.png: cannot be decoded"), "{said}");
         assert!(said.ends_with("save it as PNG, JPEG, HDR or EXR"), "{said}");

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::camera_path::{CameraPose, Interpolation, Key, View, evaluate_path};
+use super::camera_path::{CameraKey, CameraPose, Interpolation, OrbitView, evaluate_path};
 use super::range::FrameRange;
 use super::spec::{JobSpec, KeySpec, TurntableSpec};
 use crate::scene_file::fault::Diagnostic;
@@ -16,22 +16,21 @@ pub(super) enum CameraMotion {
         axis: DVec3,
         center: Option<DVec3>,
     },
-    Path(Vec<Key>, Interpolation),
+    Path(Vec<CameraKey>, Interpolation),
 }
 
 impl CameraMotion {
     /// Returns the camera placement of frame `number`.
-    pub(super) fn view(&self, number: u32, range: &FrameRange) -> View {
+    pub(super) fn view(&self, number: u32, range: &FrameRange) -> OrbitView {
         match self {
-            CameraMotion::None => View::Own,
-            CameraMotion::Turntable { turns, axis, center } => View::Turn {
+            CameraMotion::None => OrbitView::Own,
+            CameraMotion::Turntable { turns, axis, center } => OrbitView::Turn {
                 turns: turns * f64::from(number - range.first) / range.span(),
                 axis: *axis,
                 center: *center,
             },
-            CameraMotion::Path(keys, interpolation) => {
-                evaluate_path(keys, *interpolation, f64::from(number)).map_or(View::Own, View::CameraPose)
-            }
+            CameraMotion::Path(keys, interpolation) => evaluate_path(keys, *interpolation, f64::from(number))
+                .map_or(OrbitView::Own, OrbitView::CameraPose),
         }
     }
 }
@@ -49,7 +48,7 @@ pub(super) fn camera_motion(form: &Located<JobSpec>, range: &FrameRange) -> Resu
             let interpolation = form.interpolation.as_ref().map(|word| **word).unwrap_or_default();
             let camera_motion = CameraMotion::Path(keys(&form.path)?, interpolation);
             let is_valid = |number: &u32| match camera_motion.view(*number, range) {
-                View::CameraPose(pose) => pose.is_valid(),
+                OrbitView::CameraPose(pose) => pose.is_valid(),
                 _ => true,
             };
             // Report the first frame whose interpolated pose is degenerate
@@ -81,11 +80,11 @@ fn parse_turntable(form: &Located<TurntableSpec>) -> Result<CameraMotion, Diagno
     })
 }
 
-fn keys(forms: &[Located<KeySpec>]) -> Result<Vec<Key>, Diagnostic> {
-    let mut keys: Vec<Key> = Vec::with_capacity(forms.len());
+fn keys(forms: &[Located<KeySpec>]) -> Result<Vec<CameraKey>, Diagnostic> {
+    let mut keys: Vec<CameraKey> = Vec::with_capacity(forms.len());
     for form in forms {
         // Convert degrees to radians
-        let key = Key {
+        let key = CameraKey {
             frame: form.frame,
             pose: CameraPose {
                 from: form.from.into(),

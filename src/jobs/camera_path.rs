@@ -9,7 +9,7 @@ use crate::scene::{Camera, Projection, Scene};
 
 /// Change of a camera's placement relative to its scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum View {
+pub enum OrbitView {
     /// No change: the camera of the scene.
     #[default]
     Own,
@@ -39,7 +39,7 @@ pub struct CameraPose {
     pub y_fov: Option<f64>,
 }
 
-impl View {
+impl OrbitView {
     /// Returns the camera of `scene` as the frame has it. `middle` is the centre of the scene's bounds, in the scene's
     /// coordinates.
     ///
@@ -47,8 +47,8 @@ impl View {
     pub fn of(&self, camera: &Camera, scene: &Scene, middle: DVec3) -> Camera {
         let mut moved = camera.clone();
         match *self {
-            View::Own => {}
-            View::Turn { turns, axis, center } => {
+            OrbitView::Own => {}
+            OrbitView::Turn { turns, axis, center } => {
                 // Rotate both ends of the shutter interval about the axis through `center`
                 let center = center.map_or(middle, |center| scene.normalisation.point(center));
                 let turn = DAffine3::from_rotation_translation(
@@ -59,7 +59,7 @@ impl View {
                 moved.world_from_camera = about * camera.world_from_camera;
                 moved.world_from_camera_end = camera.world_from_camera_end.map(|end| about * end);
             }
-            View::CameraPose(pose) => {
+            OrbitView::CameraPose(pose) => {
                 // Look from the new position, and carry over the camera's own motion
                 let [from, at] = [pose.from, pose.at].map(|p| scene.normalisation.point(p));
                 let end = camera
@@ -107,7 +107,7 @@ fn look_at(from: DVec3, forward: DVec3, up: DVec3) -> DAffine3 {
 
 /// Keyframe of a camera path.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Key {
+pub(super) struct CameraKey {
     pub(super) frame: f64,
     pub(super) pose: CameraPose,
     /// Roll to the right, in radians.
@@ -131,7 +131,11 @@ pub(super) enum Interpolation {
 /// Smooth paths: between keys each number follows the cubic through them whose slopes are those of the parabola through
 /// a key and its neighbours, so that the camera neither stops nor turns sharply at a key, however unevenly the keys lie
 /// (a Catmull-Rom spline for unequal steps; E. Catmull and R. Rom, "A class of local interpolating splines", 1974).
-pub(super) fn evaluate_path(keys: &[Key], interpolation: Interpolation, frame: f64) -> Option<CameraPose> {
+pub(super) fn evaluate_path(
+    keys: &[CameraKey],
+    interpolation: Interpolation,
+    frame: f64,
+) -> Option<CameraPose> {
     let (first, last) = (keys.first()?, keys.last()?);
     // Clamp to the first and the last key
     let next = keys.partition_point(|key| key.frame <= frame);
@@ -148,11 +152,11 @@ pub(super) fn evaluate_path(keys: &[Key], interpolation: Interpolation, frame: f
     };
     let index = next - 1 - near.start;
     let near = &keys[near];
-    let at_frame = |part: &dyn Fn(&Key) -> DVec3| {
+    let at_frame = |part: &dyn Fn(&CameraKey) -> DVec3| {
         let values: Vec<(f64, DVec3)> = near.iter().map(|key| (key.frame, part(key))).collect();
         cubic(&values, index, frame)
     };
-    let number = |part: &dyn Fn(&Key) -> f64| at_frame(&|key| DVec3::splat(part(key))).x;
+    let number = |part: &dyn Fn(&CameraKey) -> f64| at_frame(&|key| DVec3::splat(part(key))).x;
     let has_fov = near.iter().all(|key| key.pose.y_fov.is_some());
     // Interpolate each component of the pose
     let pose = CameraPose {
@@ -200,7 +204,7 @@ mod tests {
             world_from_camera: look_at(DVec3::new(1.0, 2.0, 5.0), DVec3::NEG_Z, DVec3::Y),
             ..Camera::default()
         };
-        let view = View::Turn {
+        let view = OrbitView::Turn {
             turns,
             axis: DVec3::Y,
             center: None,
@@ -225,8 +229,8 @@ mod tests {
         }
     }
 
-    fn key(frame: f64, x: f64) -> Key {
-        Key {
+    fn key(frame: f64, x: f64) -> CameraKey {
+        CameraKey {
             frame,
             pose: CameraPose {
                 from: DVec3::new(x, 0.0, 5.0),
@@ -267,7 +271,7 @@ mod tests {
 
     #[test]
     fn positive_roll_tilts_the_camera_to_its_right() {
-        let quarter = Key {
+        let quarter = CameraKey {
             roll: 0.25 * TAU,
             ..key(2.0, 0.0)
         };
@@ -288,7 +292,7 @@ mod tests {
             y_fov: Some(1.0),
             ..key(0.0, 0.0).pose
         };
-        let camera = View::CameraPose(pose).of(&Camera::default(), &Scene::default(), DVec3::ZERO);
+        let camera = OrbitView::CameraPose(pose).of(&Camera::default(), &Scene::default(), DVec3::ZERO);
         assert_eq!(camera.world_from_camera.translation, DVec3::new(0.0, 0.0, 5.0));
         assert_eq!(
             camera.world_from_camera.transform_vector3(DVec3::NEG_Z),

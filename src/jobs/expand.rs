@@ -9,7 +9,7 @@ use toml::Value;
 use super::camera_motion::{CameraMotion, camera_motion};
 use super::output_paths::check_names;
 use super::range::{FrameRange, MAX_FRAMES};
-use super::spec::{AnimationSpec, Document, JobSpec, SplitSpec};
+use super::spec::{AnimationSpec, JobDocument, JobSpec, SplitSpec};
 use super::sweep::{FIELDS, SweepValue, combinations, word};
 use super::template::Template;
 use super::{FlagValue, Frame, JobSettings, Jobs, Moment};
@@ -25,7 +25,7 @@ const MAX_PIECES: u32 = 4096;
 /// Parses a job file and expands it; see [`Jobs::load`].
 pub(super) fn load(path: &Path) -> Result<Jobs, SceneFileError> {
     let source = read(path)?;
-    let document: Document = source.parse()?;
+    let document: JobDocument = source.parse()?;
     if document.job.is_empty() {
         return Err(file_error(path, "has no jobs: add a [[job]]"));
     }
@@ -53,14 +53,14 @@ struct Job {
     cameras: Vec<Option<String>>,
     range: FrameRange,
     camera_motion: CameraMotion,
-    animation: Option<Animation>,
+    animation: Option<JobAnimation>,
     /// Edits of each combination of swept values.
     sweeps: Vec<Vec<SweepValue>>,
     settings: Arc<JobSettings>,
     image: Template,
 }
 
-struct Animation {
+struct JobAnimation {
     name: Option<String>,
     fps: f64,
     from: f64,
@@ -69,7 +69,7 @@ struct Animation {
 impl Job {
     fn of(
         form: &Located<JobSpec>,
-        (number, document): (usize, &Document),
+        (number, document): (usize, &JobDocument),
         source: &Source,
     ) -> Result<Job, Diagnostic> {
         // Parse the sweep first, as its fields are known to the image name
@@ -128,7 +128,7 @@ impl Job {
 
     fn frame(&self, scene: &Path, sweep: &[SweepValue], number: u32, camera: Option<&String>) -> Frame {
         let seconds =
-            |animation: &Animation| animation.from + f64::from(number - self.range.first) / animation.fps;
+            |animation: &JobAnimation| animation.from + f64::from(number - self.range.first) / animation.fps;
         let moment = self.animation.as_ref().map(|animation| Moment {
             animation: animation.name.clone(),
             seconds: seconds(animation),
@@ -219,7 +219,7 @@ impl AnimationSpec {
     }
 }
 
-fn scenes(form: &Located<JobSpec>, document: &Document, path: &Path) -> Result<Vec<PathBuf>, Diagnostic> {
+fn scenes(form: &Located<JobSpec>, document: &JobDocument, path: &Path) -> Result<Vec<PathBuf>, Diagnostic> {
     let Some(names) = form.scene.as_ref().or(document.scene.as_ref()) else {
         return Err(form.fault("lacks `scene`: add it, as in `scene = \"a.toml\"`"));
     };
@@ -248,13 +248,13 @@ fn scenes(form: &Located<JobSpec>, document: &Document, path: &Path) -> Result<V
     names.0.iter().map(path).collect()
 }
 
-fn animation(form: &Located<AnimationSpec>) -> Result<Animation, Diagnostic> {
+fn animation(form: &Located<AnimationSpec>) -> Result<JobAnimation, Diagnostic> {
     if !(form.fps > 0.0 && form.fps.is_finite() && form.from.is_finite()) {
         return Err(
             form.fault("has no valid time: give a finite `fps` above 0 and a finite `from` in seconds")
         );
     }
-    Ok(Animation {
+    Ok(JobAnimation {
         name: form.name.as_ref().map(|name| name.0.clone()),
         fps: form.fps,
         from: form.from,
@@ -278,7 +278,7 @@ fn split(form: Option<&Located<SplitSpec>>, part: impl Fn(&SplitSpec) -> u32) ->
 /// frame.
 fn image(
     form: &Located<JobSpec>,
-    document: &Document,
+    document: &JobDocument,
     (camera_count, swept): (usize, &[SweepValue]),
 ) -> Result<Template, Diagnostic> {
     let mut known = FIELDS.to_vec();
@@ -338,7 +338,7 @@ mod tests {
 
     use glam::DVec3;
 
-    use super::super::View;
+    use super::super::OrbitView;
     use super::*;
 
     fn jobs(text: &str) -> Result<Jobs, String> {
@@ -366,7 +366,7 @@ mod tests {
             .frames
             .iter()
             .map(|frame| match frame.view {
-                View::Turn {
+                OrbitView::Turn {
                     turns,
                     axis,
                     center: None,

@@ -71,7 +71,7 @@ mod tests;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-pub use camera_path::{CameraPose, View};
+pub use camera_path::{CameraPose, OrbitView};
 
 use crate::scene_file::{Edit, SceneFileError};
 
@@ -92,7 +92,7 @@ pub struct Frame {
     /// Name or index of the camera; the scene's first camera if absent.
     pub camera: Option<String>,
     /// Change of the camera's position and orientation.
-    pub view: View,
+    pub view: OrbitView,
     /// Animation and time at which the scene is posed; absent for a scene at rest.
     pub moment: Option<Moment>,
     /// Overrides of keys in the scene file.

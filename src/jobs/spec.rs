@@ -16,7 +16,7 @@ use crate::scene_file::value::Located;
 /// Top level of a job file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Document {
+pub(super) struct JobDocument {
     pub(super) scene: Option<Located<ScalarList>>,
     pub(super) camera: Option<ScalarList>,
     #[serde(default)]

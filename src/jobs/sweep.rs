@@ -24,7 +24,7 @@ pub(super) struct SweepValue {
 }
 
 /// Swept key with all its values.
-struct Axis<'f> {
+struct SweepAxis<'f> {
     form: &'f Located<SweepSpec>,
     points: Vec<SweepValue>,
 }
@@ -57,7 +57,7 @@ pub(super) fn combinations(
     Ok(all)
 }
 
-fn zipped(axes: &[Axis], zip: &Located<bool>) -> Result<Vec<Vec<SweepValue>>, Diagnostic> {
+fn zipped(axes: &[SweepAxis], zip: &Located<bool>) -> Result<Vec<Vec<SweepValue>>, Diagnostic> {
     let Some(first) = axes.first() else {
         return Err(
             zip.fault("applies to a `sweep`, and there is no `sweep` in the job: add one, or remove `zip`")
@@ -75,7 +75,7 @@ fn zipped(axes: &[Axis], zip: &Located<bool>) -> Result<Vec<Vec<SweepValue>>, Di
 }
 
 /// Returns the swept keys in the order in which the file has them.
-fn axes(sweep: &BTreeMap<String, Located<SweepSpec>>) -> Result<Vec<Axis<'_>>, Diagnostic> {
+fn axes(sweep: &BTreeMap<String, Located<SweepSpec>>) -> Result<Vec<SweepAxis<'_>>, Diagnostic> {
     let mut written: Vec<(&String, &Located<SweepSpec>)> = sweep.iter().collect();
     written.sort_by_key(|(_, form)| form.span.start);
     let words = |(key, form): &(&String, &Located<SweepSpec>)| {
@@ -95,7 +95,7 @@ fn axes(sweep: &BTreeMap<String, Located<SweepSpec>>) -> Result<Vec<Axis<'_>>, D
             },
         };
         let points = values.into_iter().enumerate().map(point).collect();
-        axes.push(Axis { form, points });
+        axes.push(SweepAxis { form, points });
     }
     Ok(axes)
 }
@@ -190,14 +190,14 @@ mod tests {
     use crate::scene_file::node::from_text;
 
     #[derive(Deserialize)]
-    struct Form {
+    struct SweepForm {
         sweep: BTreeMap<String, Located<SweepSpec>>,
         zip: Option<Located<bool>>,
     }
 
     /// Returns fields and labels of all combinations.
     fn labels(text: &str) -> Result<Vec<String>, String> {
-        let form: Form = from_text(text).unwrap();
+        let form: SweepForm = from_text(text).unwrap();
         let all =
             combinations(&form.sweep, form.zip.as_ref()).map_err(|fault| fault.sentence().to_owned())?;
         let words = |points: &Vec<SweepValue>| {

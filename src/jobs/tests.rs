@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use crate::gltf::LoadOptions;
-use crate::jobs::{Jobs, View};
+use crate::jobs::{Jobs, OrbitView};
 use crate::scene_file::{self, Edit};
 use glam::DVec3;
 
@@ -22,7 +22,7 @@ fn the_example_is_a_turn_of_24_frames() {
     assert_eq!(images.len(), 24);
     assert!(images.contains(Path::new("turntable.0024.png")));
     for (k, frame) in jobs.frames.iter().enumerate() {
-        let View::Turn { turns, axis, .. } = frame.view else {
+        let OrbitView::Turn { turns, axis, .. } = frame.view else {
             panic!("{:?}", frame.view)
         };
         assert_eq!((turns, axis), (k as f64 / 24.0, DVec3::Y));
@@ -39,7 +39,7 @@ fn the_examples_camera_keeps_its_height_and_its_distance_to_the_axis() {
     let scene = scene_file::load(&jobs.frames[0].scene, &LoadOptions::default())
         .unwrap()
         .scene;
-    let View::Turn {
+    let OrbitView::Turn {
         center: Some(center), ..
     } = jobs.frames[0].view
     else {

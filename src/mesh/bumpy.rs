@@ -24,7 +24,7 @@ const WAVES: [(DVec3, f64); 6] = [
 /// n² for an integer n, close to `triangle_count` and at least 12.
 pub fn bumpy_sphere(triangle_count: u64) -> Mesh {
     let edge = ((triangle_count as f64 / 12.0).sqrt().round() as u32).max(1);
-    let cube = Cube { edge };
+    let cube = BumpyCube { edge };
     let mut positions = Vec::with_capacity(6 * (edge as usize).pow(2) + 2);
     let mut normals = Vec::with_capacity(positions.capacity());
     cube.for_each_point(|point| {
@@ -41,11 +41,11 @@ pub fn bumpy_sphere(triangle_count: u64) -> Mesh {
 }
 
 /// Numbered lattice points on the surface of a cube of `edge` squares along each edge.
-struct Cube {
+struct BumpyCube {
     edge: u32,
 }
 
-impl Cube {
+impl BumpyCube {
     /// Returns the triangles of all faces. A face is given by its fixed axis and side; the other two axes follow in
     /// cyclic order, so that u x v points along the axis and the winding is outward on the far side.
     fn triangles(&self) -> Vec<[u32; 3]> {
@@ -70,7 +70,7 @@ impl Cube {
         triangles
     }
 
-    /// Visits every surface point once, in the order of [`Cube::number`].
+    /// Visits every surface point once, in the order of [`BumpyCube::number`].
     fn for_each_point(&self, mut visit: impl FnMut([u32; 3])) {
         let n = self.edge;
         // Bottom and top faces
@@ -100,7 +100,7 @@ impl Cube {
         if z == n {
             return lid + y * (n + 1) + x;
         }
-        // Go around the ring, in the order of [`Cube::for_each_point`]
+        // Go around the ring, in the order of [`BumpyCube::for_each_point`]
         let around = if y == 0 && x < n {
             x
         } else if x == n && y < n {

@@ -297,15 +297,15 @@ pub fn dispatch<W: SimdKernel>(work: W) -> W::Output {
 
 /// Returns the indices of the bits set in `mask`, in ascending order.
 #[inline(always)]
-pub fn lanes(mask: u32) -> Lanes {
-    Lanes(mask)
+pub fn lanes(mask: u32) -> MeshLanes {
+    MeshLanes(mask)
 }
 
 /// Iterator over set bits that [`lanes`] returns.
 #[derive(Clone, Copy, Debug)]
-pub struct Lanes(u32);
+pub struct MeshLanes(u32);
 
-impl Iterator for Lanes {
+impl Iterator for MeshLanes {
     type Item = usize;
 
     #[inline(always)]

@@ -129,9 +129,9 @@ mod tests {
     }
 
     /// Random numbers in [0, 1) from a linear congruential generator (Knuth's MMIX).
-    struct Numbers(u64);
+    struct LaneNumbers(u64);
 
-    impl Numbers {
+    impl LaneNumbers {
         fn next(&mut self) -> f64 {
             self.0 = self
                 .0
@@ -148,7 +148,7 @@ mod tests {
 
     #[test]
     fn every_lane_has_the_bits_of_the_single_ray() {
-        let mut numbers = Numbers(1);
+        let mut numbers = LaneNumbers(1);
         for packet in 0..2000 {
             let (mut d, mut n) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
             let (mut eta_i, mut eta_t) = ([0.0; LANES], [0.0; LANES]);

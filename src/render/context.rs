@@ -10,7 +10,7 @@ use super::camera::{MovingCamera, ScreenMotion};
 use super::lighting::{AreaLightSampler, Environment, area_lights};
 use super::plan::Plan;
 use super::profile::ThreadMemory;
-use super::sampler::{Layout, PacketShape, SampleGroup};
+use super::sampler::{PacketShape, SampleGroup, SampleLayout};
 use super::settings::RenderSettings;
 use super::subsurface::SubsurfaceObjects;
 use super::surface::{ConeSource, SurfaceScene, Surfaces};
@@ -19,7 +19,7 @@ use crate::accel::{Accel, Coherence, RayPacket};
 use crate::numeric::{LANES, Lanes, Ray};
 use crate::optics::{InteriorStack, NestedInterior, SpectralSampler};
 use crate::scene::{Background, Camera, CameraView, Effect, EffectSet, LensView, Scene, Shutter};
-use crate::shading::ray_cone::Cone;
+use crate::shading::ray_cone::RayCone;
 
 /// Largest number of surfaces that are crossed when the interiors around the camera are determined.
 const MAX_BOUNDARIES: usize = 4096;
@@ -34,7 +34,7 @@ pub(super) struct RenderContext<'s> {
     /// Width and height of a pixel, as fractions of the image size.
     pub(super) pixel_size: [f64; 2],
     /// Distribution of the sample positions within pixels.
-    pub(super) layout: Layout,
+    pub(super) layout: SampleLayout,
     pub(super) shape: PacketShape,
     /// Pixel offsets of the lanes of a packet of `shape`, within its block of pixels.
     pub(super) pixels: [Lanes<u32>; 2],
@@ -63,7 +63,7 @@ pub(super) struct RenderContext<'s> {
     /// Memory use of the render threads, with the ledger on.
     pub(super) thread_memory: Option<ThreadMemory>,
     /// Ray cone of camera rays.
-    pub(super) camera_cone: Cone,
+    pub(super) camera_cone: RayCone,
     /// Number of evenly distributed samples per pixel for which ray cones are as wide as a sample.
     pub(super) even_count: u32,
     /// Thin lens that camera rays leave from; `None` for a pinhole.
@@ -97,7 +97,7 @@ impl<'s> RenderContext<'s> {
         let shape = PacketShape::for_samples(settings.spp);
         // Adaptive sampling distributes the samples of each round evenly over the pixel.
         let even_count = settings.target().map_or(settings.spp, |_| ROUND);
-        let layout = Layout::new(settings.pattern, even_count);
+        let layout = SampleLayout::new(settings.pattern, even_count);
         let groups = shape.groups(layout, settings.spp);
         // Build the context without what depends on it
         let mut frame = RenderContext {

@@ -35,7 +35,7 @@ pub use result::Rendering;
 pub use sampler::{Purpose, sample_2d};
 pub use settings::{HitPoint, RenderSettings};
 pub use subset::{
-    Parts, PatchGrid, Probe, RecordedRays, Region, SampledTile, Share, Sums, TileSample, probe, record,
+    PartSums, Parts, PatchGrid, Probe, RecordedRays, Region, SampledTile, Share, TileSample, probe, record,
     render_patches, render_sample, tile_count,
 };
 pub use subsurface::{SubsurfaceStats, subsurface_bytes};

@@ -9,7 +9,7 @@ use super::sampler::{Purpose, sample_2d};
 use crate::numeric::SpawnPolicy;
 use crate::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS, Pattern};
 use crate::scene::{CameraView, EffectOverrides};
-use crate::shading::ray_cone::Cone;
+use crate::shading::ray_cone::RayCone;
 use crate::volume::SkipEmpty;
 
 /// Image size, sampling, effects and outputs of one render.
@@ -112,10 +112,10 @@ impl RenderSettings {
 
     /// Returns the ray cone of one of `count` evenly distributed samples: that of the pixel, divided by the root of
     /// their number.
-    pub(super) fn camera_cone(&self, view: &CameraView, count: u32) -> Cone {
-        let pixel = Cone::of_pixel(view, [0.5, 0.5], [self.width, self.height]);
+    pub(super) fn camera_cone(&self, view: &CameraView, count: u32) -> RayCone {
+        let pixel = RayCone::of_pixel(view, [0.5, 0.5], [self.width, self.height]);
         let part = f64::from(count).sqrt().recip();
-        Cone {
+        RayCone {
             width: pixel.width * part,
             spread: pixel.spread * part,
         }

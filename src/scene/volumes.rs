@@ -66,7 +66,7 @@ mod tests {
 
     use super::*;
     use crate::volume::{
-        Fog, Grid, March, RaySegment, Samples, Thickness, Transfer, TransferNode, VolumeDescription,
+        Fog, Grid, GridSamples, March, RaySegment, Thickness, Transfer, TransferNode, VolumeDescription,
     };
 
     fn volume(thickness: Thickness) -> Volume {
@@ -76,7 +76,7 @@ mod tests {
             color: [0.5; 3],
             emission: [0.25, 0.0, 0.0],
         };
-        let grid = Grid::new([2, 1, 1], Samples::Floats(vec![0.25, 1.0])).unwrap();
+        let grid = Grid::new([2, 1, 1], GridSamples::Floats(vec![0.25, 1.0])).unwrap();
         Volume::new(VolumeDescription {
             density: Arc::new(grid),
             color: None,

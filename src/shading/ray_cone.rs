@@ -14,26 +14,26 @@ use crate::scene::CameraView;
 
 /// Ray cone: width at the ray's origin and growth along the ray.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Cone {
+pub struct RayCone {
     /// Diameter in world units; negative for a bundle that has passed its focus.
     pub width: f64,
     /// Growth of the width per unit of distance: the full angle in radians, small; negative where the bundle converges.
     pub spread: f64,
 }
 
-impl Cone {
+impl RayCone {
     /// Returns the cone of the pixel whose centre is the film point (`x`, `y`), each in [0, 1], of `width` by `height`
     /// pixels.
     ///
     /// Its cross section has the area of the pixel's: the spread is the square root of the pixel's solid angle.
-    pub fn of_pixel(view: &CameraView, [x, y]: [f64; 2], [width, height]: [u32; 2]) -> Cone {
+    pub fn of_pixel(view: &CameraView, [x, y]: [f64; 2], [width, height]: [u32; 2]) -> RayCone {
         let ray = view.ray(x, y);
         let right = view.ray(x + 1.0 / f64::from(width), y);
         let below = view.ray(x, y + 1.0 / f64::from(height));
         let length = ray.direction.length();
         let forward = ray.direction / length;
         let side = |right: DVec3, below: DVec3| right.cross(below).dot(forward).abs().sqrt();
-        Cone {
+        RayCone {
             width: side(right.origin - ray.origin, below.origin - ray.origin),
             spread: side(right.direction - ray.direction, below.direction - ray.direction) / length,
         }
@@ -41,8 +41,8 @@ impl Cone {
 
     /// Returns the cone advanced by `distance` in world units: the ray's parameter times the length of its direction.
     #[inline(always)]
-    pub fn after(self, distance: f64) -> Cone {
-        Cone {
+    pub fn after(self, distance: f64) -> RayCone {
+        RayCone {
             width: self.width + self.spread * distance,
             spread: self.spread,
         }
@@ -53,8 +53,8 @@ impl Cone {
     ///
     /// Coddington: the spread grows by 2 k w / cos θ in the plane of incidence and by 2 k w cos θ across it.
     #[inline(always)]
-    pub fn reflected(self, curvature: f64) -> Cone {
-        Cone {
+    pub fn reflected(self, curvature: f64) -> RayCone {
+        RayCone {
             width: self.width,
             spread: self.spread + 2.0 * curvature * self.width,
         }
@@ -63,8 +63,8 @@ impl Cone {
     /// Returns the cone with its spread increased by `spread`: the share of a rough lobe that one of several rays
     /// covers.
     #[inline(always)]
-    pub fn spread_by(self, spread: f64) -> Cone {
-        Cone {
+    pub fn spread_by(self, spread: f64) -> RayCone {
+        RayCone {
             spread: self.spread + spread,
             ..self
         }
@@ -76,13 +76,13 @@ impl Cone {
     ///
     /// Coddington, in the plane of incidence: w' = w cos t / cos i and s' = s cos i / (η cos t) - k w q / (cos i cos
     /// t); across it: w' = w and s' = s / η - k w q; where q = (η cos t - cos i) / η.
-    pub fn refracted(self, eta: f64, [cos_i, cos_t]: [f64; 2], curvature: f64) -> Cone {
+    pub fn refracted(self, eta: f64, [cos_i, cos_t]: [f64; 2], curvature: f64) -> RayCone {
         if !(cos_i > 0.0 && cos_t > 0.0) {
             return self;
         }
         let squeeze = (cos_t / cos_i).sqrt();
         let power = (eta * cos_t - cos_i) / (eta * (cos_t * cos_i).sqrt());
-        Cone {
+        RayCone {
             width: self.width * squeeze,
             spread: self.spread / (eta * squeeze) - curvature * self.width * power,
         }
@@ -198,7 +198,7 @@ mod tests {
         for j in 0..height {
             for i in 0..width {
                 let middle = |i: u32, n: u32| (f64::from(i) + 0.5) / f64::from(n);
-                let cone = Cone::of_pixel(&view, [middle(i, width), middle(j, height)], [width, height]);
+                let cone = RayCone::of_pixel(&view, [middle(i, width), middle(j, height)], [width, height]);
                 assert_eq!(cone.width, 0.0);
                 sum += cone.spread * cone.spread;
             }
@@ -217,7 +217,7 @@ mod tests {
             y_mag: 2.0,
             x_mag: None,
         };
-        let cone = Cone::of_pixel(&view(projection, 200, 100), [0.3, 0.4], [200, 100]);
+        let cone = RayCone::of_pixel(&view(projection, 200, 100), [0.3, 0.4], [200, 100]);
         assert_eq!(cone.spread, 0.0);
         assert!((cone.after(1e3).width - 0.04).abs() < 1e-15);
     }
@@ -225,7 +225,7 @@ mod tests {
     #[test]
     fn a_convex_mirror_seen_straight_on_has_its_focus_at_half_its_radius() {
         // Parallel light of width w seems to come from r/2 behind the mirror: it spreads by w / (r/2).
-        let cone = Cone {
+        let cone = RayCone {
             width: 0.01,
             spread: 0.0,
         };
@@ -238,7 +238,7 @@ mod tests {
     #[test]
     fn a_lens_surface_seen_straight_on_has_the_lensmakers_focus() {
         // Lens-maker's equation n' / f = (n' - n) / r: from air into 1.5, r = 2, f = 6.
-        let cone = Cone {
+        let cone = RayCone {
             width: 0.01,
             spread: 0.0,
         };
@@ -248,7 +248,7 @@ mod tests {
 
     #[test]
     fn flat_refraction_keeps_etendue_and_is_reversible() {
-        let cone = Cone {
+        let cone = RayCone {
             width: 0.3,
             spread: 0.02,
         };
@@ -256,7 +256,7 @@ mod tests {
         let cos_i = (1.0 - sin_i * sin_i).sqrt();
         let cos_t = (1.0 - (sin_i / eta).powi(2)).sqrt();
         let inside = cone.refracted(eta, [cos_i, cos_t], 0.0);
-        let etendue = |cone: Cone, n: f64| n * cone.width * cone.spread;
+        let etendue = |cone: RayCone, n: f64| n * cone.width * cone.spread;
         assert!((etendue(inside, eta) - etendue(cone, 1.0)).abs() < 1e-16);
         let back = inside.refracted(1.0 / eta, [cos_t, cos_i], 0.0);
         assert!((back.width - cone.width).abs() < 1e-15 && (back.spread - cone.spread).abs() < 1e-15);

@@ -29,7 +29,7 @@ pub struct Torus {
 const MARGIN: f64 = 1.0 / (1 << 20) as f64;
 
 /// Line in the form from which the quartic is built.
-struct Line {
+struct TorusLine {
     /// Point of the line nearest to the centre.
     foot: DVec3,
     /// Unit direction of the line.
@@ -44,7 +44,7 @@ struct Line {
 impl Torus {
     /// Prepares the line of a ray; `None` if it passes the torus at a distance.
     #[inline(always)]
-    fn line(&self, ray: &ShapeRay) -> Option<Line> {
+    fn line(&self, ray: &ShapeRay) -> Option<TorusLine> {
         let r = self.minor_radius;
         let t_unit = 1.0 / ray.direction.length();
         let direction = ray.direction * t_unit;
@@ -66,7 +66,7 @@ impl Torus {
         } else if foot.z.abs() > r && ray.origin_surface.is_none() {
             return None;
         }
-        (reach[0] < reach[1]).then_some(Line {
+        (reach[0] < reach[1]).then_some(TorusLine {
             foot,
             direction,
             t_foot: first + second,
@@ -77,7 +77,7 @@ impl Torus {
 
     /// Returns the coefficients of the quartic in the length along the line, constant term first.
     #[inline(always)]
-    fn quartic(&self, line: &Line) -> [f64; 5] {
+    fn quartic(&self, line: &TorusLine) -> [f64; 5] {
         let (p, d, r) = (line.foot, line.direction, self.minor_radius);
         let k = p.length_squared() + (1.0 - r) * (1.0 + r);
         let rho = (p.x * p.x + p.y * p.y).sqrt();
@@ -134,7 +134,7 @@ impl Torus {
 
     /// Refines a root by Newton steps on the distance form, at most `limit` long, each at most half the previous one.
     #[inline]
-    fn polished(&self, line: &Line, tau: f64, enters: bool, limit: f64) -> f64 {
+    fn polished(&self, line: &TorusLine, tau: f64, enters: bool, limit: f64) -> f64 {
         let (mut tau, mut limit) = (tau, limit.min(0.25 * self.minor_radius));
         for _ in 0..POLISH_STEPS {
             let p = line.foot + tau * line.direction;

@@ -19,12 +19,12 @@ mod scene_check;
 
 pub use cases::cases;
 pub use harness::{
-    Axis, BackendVariant, Build, Case, CaseKind, CloseUp, Correctness, Counts, Error, FigureData, Formulas,
-    Outcome, QueryResult, Render, SystemUnderTest, TracedRay, VARIANTS, Verdict, VerdictCache,
+    BackendVariant, Build, Case, CaseKind, CloseUp, Correctness, Counts, Error, FigureAxis, FigureData,
+    Formulas, Outcome, QueryResult, Render, SystemUnderTest, TracedRay, VARIANTS, Verdict, VerdictCache,
     Watertightness, Wireframe, build_variant, check, check_with_drawings, describe, describe_ray,
     has_instruction_set, view,
 };
 pub use scene_check::{
-    Comparison, Difference, MAX_DIFFERENCES, MeshDiagnostics, MeshFeature, RayKind, RaysError, RaysFile,
-    bits, cross_check, retrace,
+    BackendComparison, Difference, MAX_DIFFERENCES, MeshDiagnostics, MeshFeature, RayKind, RaysError,
+    RaysFile, bits, cross_check, retrace,
 };

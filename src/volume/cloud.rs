@@ -7,7 +7,7 @@
 
 use glam::{DVec3, Vec3Swizzles};
 
-use super::{Grid, Samples, VolumeError};
+use super::{Grid, GridSamples, VolumeError};
 use crate::numeric::noise::{fractal, turbulence};
 use crate::parallel;
 
@@ -81,7 +81,7 @@ impl Cloud {
             (0..nx).map(density).collect::<Vec<f32>>()
         };
         let rows = ny.checked_mul(nz).unwrap_or(0);
-        Grid::new(size, Samples::Floats(parallel::map(rows, &row).concat()))
+        Grid::new(size, GridSamples::Floats(parallel::map(rows, &row).concat()))
     }
 }
 

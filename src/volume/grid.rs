@@ -20,12 +20,12 @@ pub struct Grid {
     /// Numbers of samples along x, y, z as stored: an axis of one sample is stored twice, so that every cell has eight
     /// corners.
     stored: [usize; 3],
-    samples: Samples,
+    samples: GridSamples,
 }
 
 /// Values of a [`Grid`], x fastest, in the narrowest type that holds those of their source.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Samples {
+pub enum GridSamples {
     /// Integers from 0 to 255, not normalised.
     Bytes(Vec<u8>),
     /// Integers from 0 to 65535, not normalised.
@@ -34,18 +34,18 @@ pub enum Samples {
     Floats(Vec<f32>),
 }
 
-/// Expands `$body` for each variant of [`Samples`], with its vector bound to `$values`.
+/// Expands `$body` for each variant of [`GridSamples`], with its vector bound to `$values`.
 macro_rules! of_any_type {
     ($samples:expr, $values:ident => $body:expr) => {
         match $samples {
-            Samples::Bytes($values) => $body,
-            Samples::Words($values) => $body,
-            Samples::Floats($values) => $body,
+            GridSamples::Bytes($values) => $body,
+            GridSamples::Words($values) => $body,
+            GridSamples::Floats($values) => $body,
         }
     };
 }
 
-impl Samples {
+impl GridSamples {
     /// Returns the number of samples.
     pub fn len(&self) -> usize {
         of_any_type!(self, values => values.len())
@@ -56,7 +56,7 @@ impl Samples {
         self.len() == 0
     }
 
-    /// Returns the value at `index`, which is less than [`Samples::len`].
+    /// Returns the value at `index`, which is less than [`GridSamples::len`].
     pub fn get(&self, index: usize) -> f32 {
         fn at<T: Copy + Into<f32>>(values: &[T], index: usize) -> f32 {
             values[index].into()
@@ -81,7 +81,7 @@ impl Grid {
     /// Creates a grid of `size` samples along x, y, z. `samples` holds as many as their product, x fastest.
     ///
     /// Rejects an axis without samples, a different count, and values that are not finite.
-    pub fn new(size: [usize; 3], samples: Samples) -> Result<Grid, VolumeError> {
+    pub fn new(size: [usize; 3], samples: GridSamples) -> Result<Grid, VolumeError> {
         // Check the number of samples
         let count = size
             .iter()
@@ -93,7 +93,7 @@ impl Grid {
             });
         }
         // Reject NaN and infinity; integers cannot hold them
-        if let Samples::Floats(values) = &samples
+        if let GridSamples::Floats(values) = &samples
             && let Some(index) = values.iter().position(|value| !value.is_finite())
         {
             return Err(VolumeError::NotFinite {
@@ -320,7 +320,7 @@ fn lerp(t: f64, a: f64, b: f64) -> f64 {
 pub(super) const LERP_ERROR: f64 = 3.0 * 5.0 * (f64::EPSILON / 2.0);
 
 /// Copies the samples so that every axis of one sample has two equal samples.
-fn doubled(samples: Samples, size: [usize; 3], stored: [usize; 3]) -> Samples {
+fn doubled(samples: GridSamples, size: [usize; 3], stored: [usize; 3]) -> GridSamples {
     fn copy<T: Copy>(values: &[T], size: [usize; 3], stored: [usize; 3]) -> Vec<T> {
         let at = |i: usize| {
             let place = [
@@ -334,9 +334,9 @@ fn doubled(samples: Samples, size: [usize; 3], stored: [usize; 3]) -> Samples {
         (0..stored.iter().product()).map(at).collect()
     }
     match samples {
-        Samples::Bytes(values) => Samples::Bytes(copy(&values, size, stored)),
-        Samples::Words(values) => Samples::Words(copy(&values, size, stored)),
-        Samples::Floats(values) => Samples::Floats(copy(&values, size, stored)),
+        GridSamples::Bytes(values) => GridSamples::Bytes(copy(&values, size, stored)),
+        GridSamples::Words(values) => GridSamples::Words(copy(&values, size, stored)),
+        GridSamples::Floats(values) => GridSamples::Floats(copy(&values, size, stored)),
     }
 }
 
@@ -359,7 +359,7 @@ mod tests {
                 }
             }
         }
-        Grid::new(size, Samples::Floats(values)).unwrap()
+        Grid::new(size, GridSamples::Floats(values)).unwrap()
     }
 
     #[test]
@@ -406,9 +406,9 @@ mod tests {
 
     #[test]
     fn bytes_and_words_keep_their_values() {
-        let bytes = Grid::new([2, 1, 1], Samples::Bytes(vec![0, 255])).unwrap();
+        let bytes = Grid::new([2, 1, 1], GridSamples::Bytes(vec![0, 255])).unwrap();
         assert_eq!(bytes.sample(DVec3::new(0.5, 0.0, 0.0)), 127.5);
-        let words = Grid::new([2, 1, 1], Samples::Words(vec![65535, 1])).unwrap();
+        let words = Grid::new([2, 1, 1], GridSamples::Words(vec![65535, 1])).unwrap();
         assert_eq!(words.sample(DVec3::new(0.25, 0.0, 0.0)), 49151.5);
     }
 
@@ -427,15 +427,15 @@ mod tests {
     fn wrong_counts_empty_axes_and_nan_are_rejected() {
         for size in [[2, 2, 2], [0, 3, 1], [usize::MAX, 4, 4], [3, 0, 0]] {
             assert!(matches!(
-                Grid::new(size, Samples::Bytes(vec![0; 3])),
+                Grid::new(size, GridSamples::Bytes(vec![0; 3])),
                 Err(VolumeError::Size { .. })
             ));
         }
-        assert!(Grid::new([0, 0, 0], Samples::Bytes(vec![])).is_err());
+        assert!(Grid::new([0, 0, 0], GridSamples::Bytes(vec![])).is_err());
         let mut values = vec![0.0; 24];
         values[2 * 6 + 3 + 1] = f32::NAN;
         assert_eq!(
-            Grid::new([3, 2, 4], Samples::Floats(values)),
+            Grid::new([3, 2, 4], GridSamples::Floats(values)),
             Err(VolumeError::NotFinite { at: [1, 1, 2] })
         );
     }

@@ -352,7 +352,7 @@ fn propagate_distances(distance: &mut [u8], [nx, ny, nz]: [usize; 3], octant: us
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::volume::Samples;
+    use crate::volume::GridSamples;
     use crate::volume::transfer_function::{Thickness, TransferNode};
 
     /// Returns a transfer function that is clear up to `clear_to` and has extinction 1 from 2 on.
@@ -375,7 +375,7 @@ mod tests {
         for [x, y, z] in occupancy {
             values[(z * 50 + y) * 50 + x] = inside;
         }
-        Grid::new([50; 3], Samples::Floats(values)).unwrap()
+        Grid::new([50; 3], GridSamples::Floats(values)).unwrap()
     }
 
     #[test]

@@ -14,7 +14,7 @@ use super::deferred_lighting::{Lighting, PendingSamples};
 use super::empty_space_skip::{SkipEmpty, fill, range};
 use super::optical_depth::CompensatedSum;
 use super::ray_segment::RaySegment;
-use super::sample_batch::{Batch, PendingBatch, VolumeSegment, sample, sample_depth};
+use super::sample_batch::{PendingBatch, SampleBatch, VolumeSegment, sample, sample_depth};
 use super::steps::Steps;
 use super::{Fog, Volume};
 use crate::numeric::Lanes;
@@ -48,7 +48,7 @@ pub struct March<'a> {
 }
 
 /// State of a march: the segment, its lighting and the sums so far.
-struct Progress<'s, 'l> {
+struct MarchProgress<'s, 'l> {
     segment: &'s RaySegment,
     light: Option<Lighting<'l>>,
     composite: Composite,
@@ -100,7 +100,7 @@ impl<'a> March<'a> {
     ///
     /// Without `light` the in-scattered radiance is 1 everywhere: colours are seen as they are.
     pub fn radiance(&mut self, segment: &RaySegment, light: Option<Lighting<'_>>) -> Marched {
-        let mut progress = Progress {
+        let mut progress = MarchProgress {
             segment,
             light,
             composite: Composite::CLEAR,
@@ -126,7 +126,7 @@ impl<'a> March<'a> {
     /// Returns the optical depth of `segment`, for which [`March::intersect`] was called; adds the number of samples to
     /// `sample_count`.
     pub(super) fn depth(&mut self, segment: &RaySegment, sample_count: &mut u64) -> CompensatedSum {
-        let mut progress = Progress {
+        let mut progress = MarchProgress {
             segment,
             light: None,
             composite: Composite::CLEAR,
@@ -139,7 +139,7 @@ impl<'a> March<'a> {
     }
 
     /// Marches along the ray, interval by interval.
-    fn walk<const COLORED: bool>(&mut self, progress: &mut Progress) {
+    fn walk<const COLORED: bool>(&mut self, progress: &mut MarchProgress) {
         for i in 1..self.cuts.len() {
             // Skip intervals of zero length
             let (from, to) = (self.cuts[i - 1], self.cuts[i]);
@@ -190,7 +190,7 @@ impl<'a> March<'a> {
         fog: &Fog,
         from: f64,
         to: f64,
-        progress: &mut Progress,
+        progress: &mut MarchProgress,
     ) -> Flow {
         let unit = progress.segment.direction.length();
         // Use the closed form where incident radiance is constant
@@ -206,7 +206,7 @@ impl<'a> March<'a> {
     }
 
     /// Marches through the volumes of [`March::active`], from `from` to `to`.
-    fn march<const COLORED: bool>(&mut self, from: f64, to: f64, progress: &mut Progress) -> Flow {
+    fn march<const COLORED: bool>(&mut self, from: f64, to: f64, progress: &mut MarchProgress) -> Flow {
         let unit = progress.segment.direction.length();
         // Divide the interval by the shortest step of its media
         let volume_steps = self.active.iter().map(|inside| inside.volume.step);
@@ -241,7 +241,11 @@ impl<'a> March<'a> {
     }
 
     /// Evaluates the samples of a batch; those that contribute are queued for lighting.
-    fn evaluate_batch<const COLORED: bool>(&mut self, batch: &Batch, progress: &mut Progress) -> Flow {
+    fn evaluate_batch<const COLORED: bool>(
+        &mut self,
+        batch: &SampleBatch,
+        progress: &mut MarchProgress,
+    ) -> Flow {
         progress.sample_count += batch.filled as u64;
         // Sum optical depths only, for shadow rays
         if !COLORED {
@@ -260,7 +264,7 @@ impl<'a> March<'a> {
     }
 }
 
-impl Progress<'_, '_> {
+impl MarchProgress<'_, '_> {
     /// Adds the depths of the first `filled` samples up to the one that ends the march. Returns the number of depths
     /// added.
     #[inline(always)]

@@ -36,7 +36,7 @@ mod tests;
 pub use deferred_lighting::{Lighting, PointLanes};
 pub use empty_space_skip::SkipEmpty;
 pub use fog::Fog;
-pub use grid::{Grid, Samples};
+pub use grid::{Grid, GridSamples};
 pub use macrocells::MacrocellGrid;
 pub use march::{March, Marched};
 pub use optical_depth::{opacity, optical_depth, transmittance_of};

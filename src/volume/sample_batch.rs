@@ -39,7 +39,7 @@ pub(super) struct PendingBatch {
 
 /// Sixteen samples of one ray.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Batch {
+pub(super) struct SampleBatch {
     pub(super) t: Lanes<f64>,
     /// Step lengths in world units.
     pub(super) length: Lanes<f64>,
@@ -95,9 +95,9 @@ impl PendingBatch {
     }
 
     /// Removes and returns the sixteen oldest samples, or all if there are fewer.
-    pub(super) fn pop(&mut self) -> Batch {
+    pub(super) fn pop(&mut self) -> SampleBatch {
         // Copy the oldest samples
-        let mut batch = Batch {
+        let mut batch = SampleBatch {
             t: [0.0; LANES],
             length: [0.0; LANES],
             filled: self.filled.min(LANES),
@@ -129,7 +129,7 @@ pub(super) struct ShadedSamples {
     "x86_64+avx2+bmi1+bmi2+fma",
     "x86_64+sse4.2"
 ))]
-pub(super) fn sample(segments: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) -> ShadedSamples {
+pub(super) fn sample(segments: &[VolumeSegment], fog: Option<&Fog>, batch: &SampleBatch) -> ShadedSamples {
     // Sum the medium properties of all volumes
     let mut sum = MediumSample::NONE;
     for segment in segments {
@@ -177,7 +177,7 @@ pub(super) fn sample(segments: &[VolumeSegment], fog: Option<&Fog>, batch: &Batc
     "x86_64+avx2+bmi1+bmi2+fma",
     "x86_64+sse4.2"
 ))]
-pub(super) fn sample_depth(segments: &[VolumeSegment], fog: Option<&Fog>, batch: &Batch) -> Lanes<f64> {
+pub(super) fn sample_depth(segments: &[VolumeSegment], fog: Option<&Fog>, batch: &SampleBatch) -> Lanes<f64> {
     // Sum the optical depths of all volumes
     let mut sum = [0.0; LANES];
     for segment in segments {

@@ -28,7 +28,7 @@ fn volume(grid: Grid, transfer: Transfer, world_from_cube: DAffine3, step: f64) 
 }
 
 fn constant() -> Grid {
-    Grid::new([3, 4, 5], Samples::Bytes(vec![1; 60])).unwrap()
+    Grid::new([3, 4, 5], GridSamples::Bytes(vec![1; 60])).unwrap()
 }
 
 /// Returns a homogeneous box over z in [from, to], x and y in [-1, 1].
@@ -149,7 +149,7 @@ fn transmittances_are_accurate_up_to_optical_depth_ten_thousand() {
 #[test]
 fn linear_density_has_the_optical_depth_of_its_mean() {
     // Samples 0 and 4 at z = -1/2 and 1/2 of the cube: 0 below, a ramp, 4 above; over [-1, 1] the integral is 4.
-    let grid = Grid::new([1, 1, 2], Samples::Bytes(vec![0, 4])).unwrap();
+    let grid = Grid::new([1, 1, 2], GridSamples::Bytes(vec![0, 4])).unwrap();
     let nodes = [node(0.0, 0.0, DARK, DARK), node(4.0, 4.0, DARK, DARK)];
     let transfer = Transfer::new(&nodes, Thickness::Extinction).unwrap();
     // Eight steps: no kink lies inside one, and the midpoint rule is exact for each.
@@ -500,7 +500,7 @@ fn light_is_queried_only_where_the_medium_scatters() {
 #[test]
 fn colour_grids_tint_the_transfer_function() {
     // Two samples along z: red up to the first, green from the second, linear between.
-    let channel = |samples: [u8; 2]| Grid::new([1, 1, 2], Samples::Bytes(samples.to_vec())).unwrap();
+    let channel = |samples: [u8; 2]| Grid::new([1, 1, 2], GridSamples::Bytes(samples.to_vec())).unwrap();
     let colors = [channel([1, 0]), channel([0, 1]), channel([0, 0])];
     let description = VolumeDescription {
         density: Arc::new(constant()),

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use super::protocol;
 use super::rectangle::Rectangle;
-use super::send_queue::{Message, Queue};
+use super::send_queue::{Message, SendQueue};
 
 /// Reasons why there is no connection to a viewer.
 #[derive(Debug, thiserror::Error)]
@@ -39,7 +39,7 @@ pub enum TevError {
 pub struct TevViewer {
     address: String,
     stream: TcpStream,
-    queue: Arc<Queue>,
+    queue: Arc<SendQueue>,
     /// Reason why the connection was lost, until [`TevViewer::trouble`] takes it.
     trouble: Arc<Mutex<Option<io::Error>>>,
     sender: Option<JoinHandle<()>>,
@@ -63,7 +63,7 @@ impl TevViewer {
         // Connect, and duplicate the socket for the sending thread
         let stream = open(address, timeout)?;
         let sending = stream.try_clone().map_err(unreachable)?;
-        let (queue, trouble) = (Arc::<Queue>::default(), Arc::default());
+        let (queue, trouble) = (Arc::<SendQueue>::default(), Arc::default());
         // Start the thread that sends
         let sender = {
             let (queue, trouble) = (Arc::clone(&queue), Arc::clone(&trouble));
@@ -192,7 +192,7 @@ fn open(address: &str, timeout: Duration) -> Result<TcpStream, TevError> {
 }
 
 /// Sends the messages of the queue until it is closed or the connection is lost.
-fn send_all(mut stream: TcpStream, queue: &Queue, trouble: &Mutex<Option<io::Error>>) {
+fn send_all(mut stream: TcpStream, queue: &SendQueue, trouble: &Mutex<Option<io::Error>>) {
     while let Some(message) = queue.next() {
         for packet in &message.packets {
             if let Err(error) = stream.write_all(packet) {

@@ -36,7 +36,7 @@ impl Message {
 }
 
 #[derive(Default)]
-struct State {
+struct QueueState {
     waiting: VecDeque<Message>,
     byte_count: usize,
     /// True while a message that was taken from the queue is not yet known to be sent.
@@ -49,13 +49,13 @@ struct State {
 
 /// Queue between the threads of a render and the thread that sends.
 #[derive(Default)]
-pub(super) struct Queue {
-    state: Mutex<State>,
+pub(super) struct SendQueue {
+    state: Mutex<QueueState>,
     changed: Condvar,
 }
 
-impl Queue {
-    fn lock(&self) -> MutexGuard<'_, State> {
+impl SendQueue {
+    fn lock(&self) -> MutexGuard<'_, QueueState> {
         // Ignoring poisoning is safe: a panic in another thread leaves no state half-changed.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -174,7 +174,7 @@ mod tests {
     }
 
     /// Returns the first byte of every queued message.
-    fn waiting(queue: &Queue) -> Vec<u8> {
+    fn waiting(queue: &SendQueue) -> Vec<u8> {
         let state = queue.lock();
         assert_eq!(
             state.byte_count,
@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn newer_rectangle_replaces_those_it_covers() {
-        let queue = Queue::default();
+        let queue = SendQueue::default();
         for message in [
             change("a", 0, 4, 1, 9),
             change("a", 4, 4, 2, 9),
@@ -205,7 +205,7 @@ mod tests {
 
     #[test]
     fn full_queue_drops_only_the_oldest_rectangles() {
-        let queue = Queue::default();
+        let queue = SendQueue::default();
         queue.push(Message {
             changes: None,
             packets: vec![vec![1; 10]],
@@ -218,7 +218,7 @@ mod tests {
 
     #[test]
     fn drain_times_out_if_nothing_is_received() {
-        let queue = Queue::default();
+        let queue = SendQueue::default();
         assert!(queue.drain(Duration::ZERO));
         queue.push(change("a", 0, 1, 1, 9));
         assert!(!queue.drain(Duration::from_millis(1)));

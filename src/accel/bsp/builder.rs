@@ -10,8 +10,8 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::heuristic::{Plane, best_plane};
-use super::piece::{Cell, Piece};
+use super::heuristic::{SplitPlane, best_plane};
+use super::piece::{CellBounds, PrimitivePiece};
 use super::primitives::Primitives;
 use crate::parallel;
 
@@ -30,13 +30,13 @@ const SHARE_UNITS: f64 = (1u64 << 40) as f64;
 /// A cell with its contents.
 pub(super) struct Branch {
     /// Bounding box of everything in the cell.
-    pub(super) cell: Cell,
+    pub(super) cell: CellBounds,
     /// Contents of the cell.
-    pub(super) content: Content,
+    pub(super) content: CellContent,
 }
 
 /// Contents of a cell: a leaf or two halves.
-pub(super) enum Content {
+pub(super) enum CellContent {
     /// Indices of all primitives with a part in the cell, in ascending order.
     Leaf(Box<[u32]>),
     /// Inner cell, split by a plane.
@@ -64,7 +64,7 @@ pub(super) struct Built {
 pub(super) fn build(primitives: &Primitives, progress: &(dyn Fn(f64) + Sync)) -> Built {
     // Bound all primitives
     let pieces = primitives.pieces();
-    let mut cell = Cell::EMPTY;
+    let mut cell = CellBounds::EMPTY;
     for piece in &pieces {
         cell.include(piece);
     }
@@ -77,7 +77,7 @@ pub(super) fn build(primitives: &Primitives, progress: &(dyn Fn(f64) + Sync)) ->
     builder.bytes.add(byte_count(&pieces));
     // Build recursively, with the allowance for duplicates
     let spare = (pieces.len() as f64 * (MAX_DUPLICATION - 1.0)) as usize;
-    let task = Task {
+    let task = BuildTask {
         pieces,
         cell,
         spare,
@@ -94,9 +94,9 @@ pub(super) fn build(primitives: &Primitives, progress: &(dyn Fn(f64) + Sync)) ->
 }
 
 /// A cell yet to be built.
-struct Task {
-    pieces: Vec<Piece>,
-    cell: Cell,
+struct BuildTask {
+    pieces: Vec<PrimitivePiece>,
+    cell: CellBounds,
     /// Number of pieces that splits may still add.
     spare: usize,
     depth: usize,
@@ -114,12 +114,12 @@ struct Builder<'a> {
 }
 
 impl Builder<'_> {
-    fn build(&self, task: Task) -> Branch {
+    fn build(&self, task: BuildTask) -> Branch {
         let (cell, share, whole) = (task.cell, task.share, task.parent_share);
         let plane = self.choose(&task);
         let is_leaf = plane.is_none();
         let content = match plane {
-            None => Content::Leaf(self.leaf(task.pieces)),
+            None => CellContent::Leaf(self.leaf(task.pieces)),
             Some(plane) => {
                 // Split the pieces and build both halves, in parallel if they are many
                 let parallel = task.pieces.len() > PARALLEL_COUNT;
@@ -130,7 +130,7 @@ impl Builder<'_> {
                 } else {
                     [self.build(left), self.build(right)]
                 };
-                Content::Split {
+                CellContent::Split {
                     axis: plane.axis,
                     position: plane.position,
                     halves: Box::new(halves),
@@ -150,7 +150,7 @@ impl Builder<'_> {
         (self.progress)((done as f64 / SHARE_UNITS).min(1.0));
     }
 
-    fn choose(&self, task: &Task) -> Option<Plane> {
+    fn choose(&self, task: &BuildTask) -> Option<SplitPlane> {
         if task.depth >= MAX_DEPTH {
             return None;
         }
@@ -166,7 +166,7 @@ impl Builder<'_> {
         (left < count && right < count && left + right <= count + task.spare).then_some(plane)
     }
 
-    fn leaf(&self, pieces: Vec<Piece>) -> Box<[u32]> {
+    fn leaf(&self, pieces: Vec<PrimitivePiece>) -> Box<[u32]> {
         let mut numbers: Box<[u32]> = pieces.iter().map(|piece| piece.number).collect();
         numbers.sort_unstable();
         self.bytes
@@ -176,8 +176,8 @@ impl Builder<'_> {
     }
 
     /// Moves the pieces to their sides, splitting those that the plane crosses. The left half reuses the buffer.
-    fn divide(&self, task: Task, plane: Plane) -> [Task; 2] {
-        let Plane { axis, position, .. } = plane;
+    fn divide(&self, task: BuildTask, plane: SplitPlane) -> [BuildTask; 2] {
+        let SplitPlane { axis, position, .. } = plane;
         let mut pieces = task.pieces;
         let before = pieces.len();
         let mut rest = Vec::with_capacity(
@@ -187,7 +187,7 @@ impl Builder<'_> {
                 .count(),
         );
         // Assign each piece to its sides and bound both halves
-        let mut cells = [Cell::EMPTY; 2];
+        let mut cells = [CellBounds::EMPTY; 2];
         let mut kept = 0;
         for i in 0..before {
             let piece = pieces[i];
@@ -213,7 +213,7 @@ impl Builder<'_> {
         let spare = task.spare - total.saturating_sub(before).min(task.spare);
         let left_spare = (spare as u128 * kept as u128 / total as u128) as usize;
         let left_share = task.share * kept as f64 / total as f64;
-        let half = |pieces, cell, spare, share| Task {
+        let half = |pieces, cell, spare, share| BuildTask {
             pieces,
             cell,
             spare,
@@ -246,8 +246,8 @@ impl Meter {
     }
 }
 
-fn byte_count(pieces: &Vec<Piece>) -> u64 {
-    (pieces.capacity() * size_of::<Piece>()) as u64
+fn byte_count(pieces: &Vec<PrimitivePiece>) -> u64 {
+    (pieces.capacity() * size_of::<PrimitivePiece>()) as u64
 }
 
 #[cfg(test)]
@@ -293,8 +293,8 @@ mod tests {
     /// Returns the number of pieces in all leaves, the size of the longest leaf, and the depth.
     fn census(branch: &Branch) -> (usize, usize, usize) {
         match &branch.content {
-            Content::Leaf(numbers) => (numbers.len(), numbers.len(), 0),
-            Content::Split { halves, .. } => {
+            CellContent::Leaf(numbers) => (numbers.len(), numbers.len(), 0),
+            CellContent::Split { halves, .. } => {
                 let [l, r] = [&halves[0], &halves[1]].map(census);
                 (l.0 + r.0, l.1.max(r.1), 1 + l.2.max(r.2))
             }
@@ -303,14 +303,14 @@ mod tests {
 
     fn same(a: &Branch, b: &Branch) -> bool {
         match (&a.content, &b.content) {
-            (Content::Leaf(x), Content::Leaf(y)) => x == y && a.cell == b.cell,
+            (CellContent::Leaf(x), CellContent::Leaf(y)) => x == y && a.cell == b.cell,
             (
-                Content::Split {
+                CellContent::Split {
                     axis,
                     position,
                     halves,
                 },
-                Content::Split {
+                CellContent::Split {
                     axis: axis_b,
                     position: position_b,
                     halves: halves_b,

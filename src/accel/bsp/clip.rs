@@ -1,14 +1,19 @@
 //! Split of the bounds of a primitive by a plane.
 
-use super::piece::Piece;
+use super::piece::PrimitivePiece;
 use super::primitives::Primitives;
 
-impl Piece {
+impl PrimitivePiece {
     /// Returns the parts on both sides of a plane that crosses the piece; `None` where the primitive itself has no
     /// part.
     ///
     /// The bounds are those of the exactly clipped triangle, rounded outward, within those of the piece.
-    pub(super) fn split(&self, primitives: &Primitives, axis: usize, position: f32) -> [Option<Piece>; 2] {
+    pub(super) fn split(
+        &self,
+        primitives: &Primitives,
+        axis: usize,
+        position: f32,
+    ) -> [Option<PrimitivePiece>; 2] {
         // Split the box alone if the primitive is no triangle
         let Some(corners) = primitives.corners(self.number) else {
             let (mut left, mut right) = (*self, *self);
@@ -56,7 +61,7 @@ impl Piece {
     }
 
     /// Returns the part within f64 bounds, rounded outward, or `None` if it is empty.
-    fn within(&self, low: [f64; 3], high: [f64; 3]) -> Option<Piece> {
+    fn within(&self, low: [f64; 3], high: [f64; 3]) -> Option<PrimitivePiece> {
         let mut part = *self;
         for axis in 0..3 {
             part.low[axis] = self.low[axis].max(round_down(low[axis]));
@@ -130,7 +135,7 @@ mod tests {
 
     #[test]
     fn coplanar_triangle_goes_left_and_touching_triangle_keeps_its_side() {
-        let piece = |low: f32, high: f32| Piece::new(0, [low; 3], [high; 3]);
+        let piece = |low: f32, high: f32| PrimitivePiece::new(0, [low; 3], [high; 3]);
         assert_eq!(piece(1.0, 1.0).sides(0, 1.0), (true, false));
         assert_eq!(piece(0.0, 1.0).sides(0, 1.0), (true, false));
         assert_eq!(piece(1.0, 2.0).sides(0, 1.0), (false, true));

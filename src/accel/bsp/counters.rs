@@ -2,7 +2,7 @@
 
 /// Traversal work since the last [`take`], over all trees and threads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counts {
+pub struct TraversalCounts {
     /// Nodes entered, by one ray or by a group of rays.
     pub nodes: u64,
     /// Tests of one ray against eight triangles.
@@ -29,9 +29,9 @@ mod totals {
 }
 
 /// Returns the counts so far and resets them to zero; `None` without the feature `counters`.
-pub fn take() -> Option<Counts> {
+pub fn take() -> Option<TraversalCounts> {
     #[cfg(feature = "counters")]
-    return Some(Counts {
+    return Some(TraversalCounts {
         nodes: totals::take(&totals::NODES),
         packs: totals::take(&totals::PACKS),
         triangles: totals::take(&totals::TRIANGLES),

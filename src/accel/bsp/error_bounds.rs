@@ -7,7 +7,7 @@
 //! slab's axis and is added to the parameter's error, together with the rounding of the parameter itself; the second is
 //! added to the planes.
 
-use super::piece::Cell;
+use super::piece::CellBounds;
 
 /// Relative error of a slab parameter: 4u by the triangle test; 4u by a difference, a reciprocal, a product and this
 /// factor itself. Doubled, for the effect of one rounding on another.
@@ -26,7 +26,7 @@ pub(super) struct SlabError(f32);
 
 impl SlabError {
     /// Computes the error bound of a tree with that root cell.
-    pub(super) fn of(root: &Cell) -> SlabError {
+    pub(super) fn of(root: &CellBounds) -> SlabError {
         let [x, y, z] = root.extent();
         SlabError(PLANE_ERROR * x.max(y).max(z))
     }
@@ -130,7 +130,7 @@ impl Line {
 mod tests {
     use super::*;
 
-    const UNIT_CELL: Cell = Cell {
+    const UNIT_CELL: CellBounds = CellBounds {
         low: [0.0; 3],
         high: [1.0; 3],
     };

@@ -4,7 +4,7 @@
 //! large scenes: visiting a node and testing a pack cost the same, which makes leaves of 15-25 triangles (measured; the
 //! textbook ratios make far deeper trees that are slower and twice as large).
 
-use super::piece::{Cell, Piece};
+use super::piece::{CellBounds, PrimitivePiece};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
 use crate::mesh::triangle::PACK;
 use crate::parallel;
@@ -28,7 +28,7 @@ const WIDTH: usize = 16;
 
 /// A splitting plane with its cost.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Plane {
+pub(super) struct SplitPlane {
     /// Axis that the plane is perpendicular to.
     pub(super) axis: usize,
     /// Coordinate of the plane on that axis.
@@ -50,7 +50,7 @@ fn leaf_cost(count: f32) -> f32 {
 
 /// Returns the best plane to split a cell, or `None` if a leaf is cheaper or no plane leaves less on both sides. At
 /// most `spare` pieces may be split in two.
-pub(super) fn best_plane(pieces: &[Piece], cell: &Cell, spare: usize) -> Option<Plane> {
+pub(super) fn best_plane(pieces: &[PrimitivePiece], cell: &CellBounds, spare: usize) -> Option<SplitPlane> {
     let area = cell.half_area();
     if pieces.len() <= PACK || !(area.is_finite() && area > 0.0) {
         return None;
@@ -83,7 +83,7 @@ struct SplitCost {
 
 impl SplitCost {
     #[inline]
-    fn new(cell: &Cell, axis: usize) -> SplitCost {
+    fn new(cell: &CellBounds, axis: usize) -> SplitCost {
         let extent = cell.extent();
         let (a, b) = (extent[(axis + 1) % 3], extent[(axis + 2) % 3]);
         let scale = cell.half_area().recip();
@@ -130,9 +130,9 @@ impl Bins {
         self
     }
 
-    fn best_plane(&self, count: usize, cell: &Cell, spare: usize) -> Option<Plane> {
+    fn best_plane(&self, count: usize, cell: &CellBounds, spare: usize) -> Option<SplitPlane> {
         let extent = cell.extent();
-        let mut best: Option<Plane> = None;
+        let mut best: Option<SplitPlane> = None;
         for axis in 0..3 {
             let costs = SplitCost::new(cell, axis);
             let (mut left, mut right) = (0, count);
@@ -146,7 +146,7 @@ impl Bins {
                 }
                 let cost = costs.cost(position, left as f32, right as f32);
                 if best.is_none_or(|b| cost < b.cost) {
-                    best = Some(Plane { axis, position, cost });
+                    best = Some(SplitPlane { axis, position, cost });
                 }
             }
         }
@@ -155,7 +155,7 @@ impl Bins {
 }
 
 #[inline(always)]
-fn count_bins(pieces: &[Piece], cell: &Cell) -> Bins {
+fn count_bins(pieces: &[PrimitivePiece], cell: &CellBounds) -> Bins {
     let mut bins = Bins::default();
     let extent = cell.extent();
     // A flat cell puts everything into bin 0, where no plane is evaluated.
@@ -176,7 +176,7 @@ fn count_bins(pieces: &[Piece], cell: &Cell) -> Bins {
 }
 
 /// [`count_bins`] as a SIMD kernel.
-struct CountBins<'a>(&'a [Piece], &'a Cell);
+struct CountBins<'a>(&'a [PrimitivePiece], &'a CellBounds);
 
 impl SimdKernel for CountBins<'_> {
     type Output = Bins;
@@ -188,22 +188,27 @@ impl SimdKernel for CountBins<'_> {
 }
 
 /// [`exact_plane`] as a SIMD kernel.
-struct ExactPlane<'a>(&'a [Piece], &'a Cell, usize);
+struct ExactPlane<'a>(&'a [PrimitivePiece], &'a CellBounds, usize);
 
 impl SimdKernel for ExactPlane<'_> {
-    type Output = Option<Plane>;
+    type Output = Option<SplitPlane>;
 
     #[inline(always)]
-    fn run<I: SimdLevel>(self, isa: I) -> Option<Plane> {
+    fn run<I: SimdLevel>(self, isa: I) -> Option<SplitPlane> {
         exact_plane(isa, self.0, self.1, self.2)
     }
 }
 
 /// Evaluates every bound of every piece. Counting all pieces for sixteen planes at a time is faster than sorting.
 #[inline(always)]
-fn exact_plane<I: SimdLevel>(isa: I, pieces: &[Piece], cell: &Cell, spare: usize) -> Option<Plane> {
+fn exact_plane<I: SimdLevel>(
+    isa: I,
+    pieces: &[PrimitivePiece],
+    cell: &CellBounds,
+    spare: usize,
+) -> Option<SplitPlane> {
     let count = pieces.len();
-    let mut best: Option<Plane> = None;
+    let mut best: Option<SplitPlane> = None;
     for axis in 0..3 {
         let costs = SplitCost::new(cell, axis);
         // Collect the bounds inside the cell as candidates
@@ -239,7 +244,7 @@ fn exact_plane<I: SimdLevel>(isa: I, pieces: &[Piece], cell: &Cell, spare: usize
                     let left = count - right_only[i] as usize;
                     let right = right[i] as usize;
                     if left < count && right < count && left + right <= count + spare {
-                        best = Some(Plane {
+                        best = Some(SplitPlane {
                             axis,
                             position: chunk[i],
                             cost: cost[i],

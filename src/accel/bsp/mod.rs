@@ -33,7 +33,7 @@ use crate::scene::Scene;
 use node8::Tree8;
 use reference::PlaneTree;
 use single::Query;
-use two_level::{Layout, TwoLevelTree};
+use two_level::{TreeLayout, TwoLevelTree};
 
 /// The BSP trees of a scene.
 pub struct BspAccel<'s> {
@@ -170,7 +170,7 @@ impl Accel for BspAccel<'_> {
 
 /// A batch of packets for the fast kernels. SIMD dispatch happens once per batch: all code below is compiled for each
 /// instruction set.
-struct Batch<'a, 's> {
+struct PacketBatch<'a, 's> {
     levels: &'a TwoLevelTree<'s, Tree8>,
     packets: &'a mut [RayPacket],
     query: Query,
@@ -178,7 +178,7 @@ struct Batch<'a, 's> {
     order: Option<Coherence>,
 }
 
-impl SimdKernel for Batch<'_, '_> {
+impl SimdKernel for PacketBatch<'_, '_> {
     type Output = ();
 
     #[inline(always)]
@@ -188,7 +188,7 @@ impl SimdKernel for Batch<'_, '_> {
 }
 
 /// A batch whose triangles are decided in f32 alone.
-struct RoundedBatch<'a, 's>(Batch<'a, 's>);
+struct RoundedBatch<'a, 's>(PacketBatch<'a, 's>);
 
 impl SimdKernel for RoundedBatch<'_, '_> {
     type Output = ();
@@ -199,10 +199,10 @@ impl SimdKernel for RoundedBatch<'_, '_> {
     }
 }
 
-impl Batch<'_, '_> {
+impl PacketBatch<'_, '_> {
     #[inline(always)]
     fn trace_rays(self, isa: impl SimdLevel) {
-        let Batch { levels, packets, .. } = self;
+        let PacketBatch { levels, packets, .. } = self;
         // Compile a kernel for each kind of query, without the code of the other.
         match (self.order, self.query) {
             (None, Query::Nearest) => single::trace_singles(isa, levels, packets, Query::Nearest),
@@ -223,7 +223,7 @@ impl BspAccel<'_> {
         query: Query,
         order: Option<Coherence>,
     ) {
-        let batch = Batch {
+        let batch = PacketBatch {
             levels,
             packets,
             query,
@@ -247,7 +247,7 @@ fn for_each_lane(packets: &mut [RayPacket], mut trace_rays: impl FnMut(&mut RayP
     }
 }
 
-fn report<T: Layout>(levels: &TwoLevelTree<T>) -> AccelReport {
+fn report<T: TreeLayout>(levels: &TwoLevelTree<T>) -> AccelReport {
     AccelReport {
         bytes: levels.byte_count(),
         peak_bytes: levels.peak_bytes,

@@ -6,11 +6,11 @@
 //! little; a kernel therefore never takes the first hit for the nearest, but continues until everything left lies
 //! beyond it.
 
-use super::builder::{Branch, Content};
+use super::builder::{Branch, CellContent};
 use super::error_bounds::SlabError;
-use super::piece::Cell;
+use super::piece::CellBounds;
 use super::primitives::Primitives;
-use super::two_level::Layout;
+use super::two_level::TreeLayout;
 use crate::mesh::triangle::{PACK, TrianglePack};
 use crate::parallel;
 
@@ -22,7 +22,7 @@ pub(super) const NO_NUMBER: u32 = u32::MAX;
 /// A node of eight cells.
 #[repr(C, align(64))]
 #[derive(Clone, Copy)]
-pub(super) struct Node {
+pub(super) struct Node8 {
     /// Bounds by side (low, high), axis and child. Unused children have empty boxes.
     pub(super) bounds: [[[f32; WIDTH]; 3]; 2],
     /// Contents of the cells: nodes or leaves.
@@ -70,7 +70,7 @@ struct LongLeaf {
 
 /// A tree of eight-wide nodes.
 pub(super) struct Tree8 {
-    nodes: Vec<Node>,
+    nodes: Vec<Node8>,
     packs: Vec<LeafPack>,
     long_leaves: Vec<LongLeaf>,
     /// Indices of the shapes and instanced meshes in leaves, which are intersected as a whole.
@@ -86,7 +86,7 @@ pub(super) struct Leaf<'a> {
     pub(super) wholes: &'a [u32],
 }
 
-impl Layout for Tree8 {
+impl TreeLayout for Tree8 {
     fn lay_out(root: &Branch, primitives: &Primitives) -> Option<Tree8> {
         let mut layout = LayoutBuilder {
             primitives,
@@ -124,7 +124,7 @@ impl Tree8 {
 
     /// Returns a node by its index.
     #[inline(always)]
-    pub(super) fn node(&self, index: usize) -> &Node {
+    pub(super) fn node(&self, index: usize) -> &Node8 {
         &self.nodes[index]
     }
 
@@ -166,7 +166,7 @@ fn pack(slots: &[u32; PACK], primitives: &Primitives) -> LeafPack {
 struct LayoutBuilder<'a> {
     primitives: &'a Primitives<'a>,
     slab_error: SlabError,
-    nodes: Vec<Node>,
+    nodes: Vec<Node8>,
     /// Triangle indices of each future pack.
     slots: Vec<[u32; PACK]>,
     long_leaves: Vec<LongLeaf>,
@@ -177,7 +177,7 @@ impl LayoutBuilder<'_> {
     /// Adds the node for the upper levels of `branch` and everything below; returns its index.
     fn add_node(&mut self, branch: &Branch) -> Option<u32> {
         let family = gather(branch);
-        let mut node = Node {
+        let mut node = Node8 {
             bounds: [[[f32::INFINITY; WIDTH]; 3], [[f32::NEG_INFINITY; WIDTH]; 3]],
             children: [Child(LEAF); WIDTH],
             far_to_near: std::array::from_fn(|octant| far_to_near(branch, &family, octant)),
@@ -192,8 +192,8 @@ impl LayoutBuilder<'_> {
                 node.bounds[1][axis][slot] = self.slab_error.above(member.cell.high[axis]);
             }
             node.children[slot] = match &member.content {
-                Content::Leaf(numbers) => self.add_leaf(numbers)?,
-                Content::Split { .. } => Child(self.add_node(member)?),
+                CellContent::Leaf(numbers) => self.add_leaf(numbers)?,
+                CellContent::Split { .. } => Child(self.add_node(member)?),
             };
         }
         self.nodes[index] = node;
@@ -244,22 +244,22 @@ impl LayoutBuilder<'_> {
 
 /// Returns whether a branch is an empty leaf.
 fn is_empty(branch: &Branch) -> bool {
-    matches!(&branch.content, Content::Leaf(numbers) if numbers.is_empty())
+    matches!(&branch.content, CellContent::Leaf(numbers) if numbers.is_empty())
 }
 
 /// Collects up to eight cells for a node: the largest inner cell is opened as long as there is room.
 fn gather(branch: &Branch) -> Vec<&Branch> {
     let mut family = vec![branch];
     while family.len() < WIDTH {
-        let area = |cell: &Cell| cell.half_area();
+        let area = |cell: &CellBounds| cell.half_area();
         let largest = family
             .iter()
             .enumerate()
-            .filter(|(_, member)| matches!(member.content, Content::Split { .. }))
+            .filter(|(_, member)| matches!(member.content, CellContent::Split { .. }))
             .max_by(|(_, a), (_, b)| area(&a.cell).total_cmp(&area(&b.cell)))
             .map(|(position, _)| position);
         let Some(position) = largest else { break };
-        if let Content::Split { halves, .. } = &family[position].content {
+        if let CellContent::Split { halves, .. } = &family[position].content {
             family.splice(position..=position, halves.iter());
         }
     }
@@ -275,7 +275,7 @@ fn far_to_near(branch: &Branch, family: &[&Branch], octant: usize) -> u32 {
     while let Some(member) = waiting.pop() {
         if let Some(slot) = family.iter().position(|other| std::ptr::eq(*other, member)) {
             near_to_far.push(slot as u32);
-        } else if let Content::Split { axis, halves, .. } = &member.content {
+        } else if let CellContent::Split { axis, halves, .. } = &member.content {
             let near = octant >> axis & 1;
             waiting.push(&halves[1 - near]);
             waiting.push(&halves[near]);
@@ -297,21 +297,21 @@ mod tests {
 
     fn leaf(low: f32, high: f32) -> Branch {
         Branch {
-            cell: Cell {
+            cell: CellBounds {
                 low: [low, 0.0, 0.0],
                 high: [high, 1.0, 1.0],
             },
-            content: Content::Leaf([0].into()),
+            content: CellContent::Leaf([0].into()),
         }
     }
 
     fn split(position: f32, halves: [Branch; 2]) -> Branch {
         Branch {
-            cell: Cell {
+            cell: CellBounds {
                 low: halves[0].cell.low,
                 high: halves[1].cell.high,
             },
-            content: Content::Split {
+            content: CellContent::Split {
                 axis: 0,
                 position,
                 halves: Box::new(halves),

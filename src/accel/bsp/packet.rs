@@ -7,15 +7,17 @@
 
 use super::counters;
 use super::error_bounds::Line;
-use super::node8::{Child, Leaf, LeafPack, NO_NUMBER, Node, Tree8, WIDTH};
-use super::single::{HitRecord, Query, STACK, Stack, hit_of, intersect_instance, trace_lane, trace_singles};
+use super::node8::{Child, Leaf, LeafPack, NO_NUMBER, Node8, Tree8, WIDTH};
+use super::single::{
+    HitRecord, NodeStack, Query, STACK, hit_of, intersect_instance, trace_lane, trace_singles,
+};
 use super::two_level::TwoLevelTree;
 use crate::accel::{Coherence, LANES, RayPacket};
 use crate::mesh::simd::{SimdLevel, lanes};
 use crate::mesh::triangle::{LaneHits, PACK, ShearLanes, dominant_axis};
 
 /// One value per ray of the packet.
-type Lanes = [f32; LANES];
+type PacketLanes = [f32; LANES];
 
 /// Mask of all sixteen lanes.
 const FULL: u32 = (1 << LANES) - 1;
@@ -37,7 +39,7 @@ pub(super) fn trace_packets(
         return trace_singles(isa, levels, packets, query);
     }
     let root = levels.world.tree.root();
-    let mut stacks = Stack::pair(root);
+    let mut stacks = NodeStack::pair(root);
     let mut cells = Box::new([(root, 0, 0.0); STACK]);
     for packet in packets {
         packet.drop_untraceable();
@@ -92,12 +94,12 @@ fn kind(packet: &RayPacket, lane: usize) -> u32 {
 type StackEntry = (Child, u32, f32);
 
 /// A group of rays with precomputed data. Lanes outside the group have `t_far` below `t_near`.
-struct Group {
+struct LaneGroup {
     octant: usize,
-    origin: [Lanes; 3],
-    enter: [Lanes; 3],
-    leave: [Lanes; 3],
-    t_near: Lanes,
+    origin: [PacketLanes; 3],
+    enter: [PacketLanes; 3],
+    leave: [PacketLanes; 3],
+    t_near: PacketLanes,
     shears: ShearLanes<LANES>,
     line_bounds: PacketBounds,
     best: PacketHits,
@@ -105,9 +107,9 @@ struct Group {
 
 /// Nearest hits so far, as in [`HitRecord`] for one ray.
 struct PacketHits {
-    t: Lanes,
-    u: Lanes,
-    v: Lanes,
+    t: PacketLanes,
+    u: PacketLanes,
+    v: PacketLanes,
     number: [u32; LANES],
     primitive: [u32; LANES],
     /// Largest `t` of all lanes.
@@ -127,7 +129,7 @@ struct PacketBounds {
 
 /// Returns the minimum and maximum, reduced by halves: a chain of sixteen comparisons would be bound by latency.
 #[inline(always)]
-fn range(values: &Lanes) -> [f32; 2] {
+fn range(values: &PacketLanes) -> [f32; 2] {
     let (mut low, mut high) = (*values, *values);
     let mut half = LANES / 2;
     while half > 0 {
@@ -149,13 +151,13 @@ fn range(values: &Lanes) -> [f32; 2] {
 }
 
 #[inline(always)]
-fn ranges([x, y, z]: &[Lanes; 3]) -> [[f32; 2]; 3] {
+fn ranges([x, y, z]: &[PacketLanes; 3]) -> [[f32; 2]; 3] {
     [range(x), range(y), range(z)]
 }
 
 /// Returns the values of the lanes in `mask`, and that of its first lane elsewhere.
 #[inline(always)]
-fn fill(row: &Lanes, mask: u32) -> Lanes {
+fn fill(row: &PacketLanes, mask: u32) -> PacketLanes {
     if mask == FULL {
         return *row;
     }
@@ -167,9 +169,9 @@ fn fill(row: &Lanes, mask: u32) -> Lanes {
     out
 }
 
-impl Group {
+impl LaneGroup {
     #[inline(always)]
-    fn new(packet: &RayPacket, [mask, kind]: [u32; 2]) -> Group {
+    fn new(packet: &RayPacket, [mask, kind]: [u32; 2]) -> LaneGroup {
         // Replace lanes outside the group by copies of its first ray, so that they widen no bound
         let [ox, oy, oz] = &packet.origin;
         let origin = [fill(ox, mask), fill(oy, mask), fill(oz, mask)];
@@ -185,7 +187,7 @@ impl Group {
             t[i] = if mask >> i & 1 != 0 { t_far } else { t[i] };
         }
         // Bound the group's lines by intervals
-        Group {
+        LaneGroup {
             octant: kind as usize & 7,
             line_bounds: PacketBounds {
                 origin: ranges(&origin),
@@ -219,9 +221,9 @@ fn trace_group(
     levels: &TwoLevelTree<Tree8>,
     (packet, members): (&mut RayPacket, [u32; 2]),
     query: Query,
-    (cells, object_stack): (&mut [StackEntry; STACK], &mut Stack),
+    (cells, object_stack): (&mut [StackEntry; STACK], &mut NodeStack),
 ) {
-    let mut group = Group::new(packet, members);
+    let mut group = LaneGroup::new(packet, members);
     // Traverse the world tree, with shapes and instanced meshes lane by lane
     traverse(
         isa,
@@ -251,7 +253,7 @@ fn trace_group(
 fn traverse(
     isa: impl SimdLevel,
     tree: &Tree8,
-    group: &mut Group,
+    group: &mut LaneGroup,
     (query, cells): (Query, &mut [StackEntry; STACK]),
     mut visit: impl FnMut(u32, usize, &mut PacketHits),
 ) {
@@ -295,8 +297,8 @@ fn traverse(
 #[inline(always)]
 fn enter(
     isa: impl SimdLevel,
-    node: &Node,
-    group: &Group,
+    node: &Node8,
+    group: &LaneGroup,
     cells: &mut [StackEntry; STACK],
     waiting: usize,
 ) -> usize {
@@ -327,7 +329,7 @@ impl PacketBounds {
     /// Returns the children that a line of the group may intersect up to `t_last`, and lower bounds on the entry
     /// parameters.
     #[inline(always)]
-    fn children(&self, isa: impl SimdLevel, node: &Node, octant: usize, t_last: f32) -> (u32, [f32; WIDTH]) {
+    fn children(&self, isa: impl SimdLevel, node: &Node8, octant: usize, t_last: f32) -> (u32, [f32; WIDTH]) {
         let mut near = [self.t_near; WIDTH];
         let mut far = [t_last; WIDTH];
         for axis in 0..3 {
@@ -358,10 +360,10 @@ impl PacketBounds {
     }
 }
 
-impl Group {
+impl LaneGroup {
     /// Returns the mask of rays that intersect a child.
     #[inline(always)]
-    fn hit_mask(&self, isa: impl SimdLevel, node: &Node, slot: usize) -> u32 {
+    fn hit_mask(&self, isa: impl SimdLevel, node: &Node8, slot: usize) -> u32 {
         let mut near = self.t_near;
         let mut far = self.best.t;
         for axis in 0..3 {

@@ -6,7 +6,7 @@
 
 use glam::Vec3;
 
-use super::piece::Piece;
+use super::piece::PrimitivePiece;
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::parallel;
@@ -14,12 +14,12 @@ use crate::scene::{Geometry, Scene};
 
 /// The primitives of one tree.
 pub(super) struct Primitives<'s> {
-    runs: Vec<Run<'s>>,
+    runs: Vec<PrimitiveRun<'s>>,
     count: usize,
 }
 
 /// Range of consecutive indices that belong to one instance.
-pub(super) struct Run<'s> {
+pub(super) struct PrimitiveRun<'s> {
     /// First index of the range.
     pub(super) first: u32,
     /// Index of the instance in [`Scene::instances`].
@@ -80,7 +80,7 @@ impl<'s> Primitives<'s> {
         if count == 0 {
             return Some(());
         }
-        self.runs.push(Run {
+        self.runs.push(PrimitiveRun {
             first: u32::try_from(self.count).ok()?,
             instance,
             kind,
@@ -92,12 +92,12 @@ impl<'s> Primitives<'s> {
 
     /// Returns the bytes of the list of runs.
     pub(super) fn byte_count(&self) -> u64 {
-        (self.runs.capacity() * size_of::<Run>()) as u64
+        (self.runs.capacity() * size_of::<PrimitiveRun>()) as u64
     }
 
     /// Returns the number of objects that are intersected as a whole.
     pub(super) fn object_count(&self) -> usize {
-        let is_whole = |run: &&Run| matches!(run.kind, RunKind::Whole(_));
+        let is_whole = |run: &&PrimitiveRun| matches!(run.kind, RunKind::Whole(_));
         self.runs.iter().filter(is_whole).count()
     }
 
@@ -108,7 +108,7 @@ impl<'s> Primitives<'s> {
 
     /// Returns the run that an index belongs to.
     #[inline(always)]
-    pub(super) fn run(&self, number: u32) -> &Run<'s> {
+    pub(super) fn run(&self, number: u32) -> &PrimitiveRun<'s> {
         match self.runs.as_slice() {
             [only] => only,
             runs => &runs[runs.partition_point(|run| run.first <= number) - 1],
@@ -126,10 +126,10 @@ impl<'s> Primitives<'s> {
     }
 
     /// Returns all primitives, unsplit, with their bounds.
-    pub(super) fn pieces(&self) -> Vec<Piece> {
+    pub(super) fn pieces(&self) -> Vec<PrimitivePiece> {
         const CHUNK: usize = 1 << 12;
         // Allocate first, so that threads fill disjoint chunks
-        let mut pieces: Vec<Piece> = bytemuck::zeroed_vec(self.count);
+        let mut pieces: Vec<PrimitivePiece> = bytemuck::zeroed_vec(self.count);
         for run in &self.runs {
             let of_run = &mut pieces[run.first as usize..];
             match &run.kind {
@@ -137,13 +137,13 @@ impl<'s> Primitives<'s> {
                     let of_run = &mut of_run[..mesh.triangles.len()];
                     parallel::for_each_chunk_mut(of_run, CHUNK, &|chunk, pieces| {
                         for (i, piece) in ((chunk * CHUNK) as u32..).zip(pieces) {
-                            *piece = Piece::of_triangle(run.first + i, mesh.corners(i));
+                            *piece = PrimitivePiece::of_triangle(run.first + i, mesh.corners(i));
                         }
                     });
                 }
                 RunKind::Whole(bounds) => {
                     let (low, high) = bounds.to_f32_outward();
-                    of_run[0] = Piece::new(run.first, low, high);
+                    of_run[0] = PrimitivePiece::new(run.first, low, high);
                 }
             }
         }

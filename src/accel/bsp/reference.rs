@@ -11,10 +11,10 @@
 
 use glam::Vec3;
 
-use super::builder::{Branch, Content};
+use super::builder::{Branch, CellContent};
 use super::error_bounds::{Line, SlabError};
 use super::primitives::{Primitives, RunKind};
-use super::two_level::{Layout, TwoLevelTree};
+use super::two_level::{TreeLayout, TwoLevelTree};
 use crate::accel::Hit;
 use crate::accel::brute::ray_in;
 use crate::accel::shape_query::shape_hit;
@@ -25,12 +25,12 @@ use crate::scene::Geometry;
 
 /// A binary tree of planes, in depth-first order.
 pub(super) struct PlaneTree {
-    nodes: Vec<Node>,
+    nodes: Vec<ReferenceNode>,
     numbers: Vec<u32>,
     slab_error: SlabError,
 }
 
-enum Node {
+enum ReferenceNode {
     Leaf {
         first: u32,
         count: u32,
@@ -66,24 +66,24 @@ impl PlaneTree {
 
     fn add(&mut self, branch: &Branch) {
         match &branch.content {
-            Content::Leaf(numbers) => {
-                self.nodes.push(Node::Leaf {
+            CellContent::Leaf(numbers) => {
+                self.nodes.push(ReferenceNode::Leaf {
                     first: self.numbers.len() as u32,
                     count: numbers.len() as u32,
                 });
                 self.numbers.extend_from_slice(numbers);
             }
-            Content::Split {
+            CellContent::Split {
                 axis,
                 position,
                 halves,
             } => {
                 let here = self.nodes.len();
                 // Reserve the node until the index of the upper half is known
-                self.nodes.push(Node::Leaf { first: 0, count: 0 });
+                self.nodes.push(ReferenceNode::Leaf { first: 0, count: 0 });
                 self.add(&halves[0]);
                 let above = self.nodes.len() as u32;
-                self.nodes[here] = Node::Split {
+                self.nodes[here] = ReferenceNode::Split {
                     axis: *axis,
                     position: *position,
                     above,
@@ -111,7 +111,7 @@ impl PlaneTree {
                 continue;
             }
             match self.nodes[index as usize] {
-                Node::Leaf { first, count } => {
+                ReferenceNode::Leaf { first, count } => {
                     for &number in &self.numbers[first as usize..][..count as usize] {
                         match visit(number) {
                             Continuation::Until(t) => end = t,
@@ -119,7 +119,7 @@ impl PlaneTree {
                         }
                     }
                 }
-                Node::Split {
+                ReferenceNode::Split {
                     axis,
                     position,
                     above,
@@ -142,7 +142,7 @@ impl PlaneTree {
     }
 }
 
-impl Layout for PlaneTree {
+impl TreeLayout for PlaneTree {
     fn lay_out(root: &Branch, _primitives: &Primitives) -> Option<PlaneTree> {
         Some(PlaneTree::new(root))
     }

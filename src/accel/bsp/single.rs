@@ -3,7 +3,7 @@
 use super::builder::MAX_DEPTH;
 use super::counters;
 use super::error_bounds::Line;
-use super::node8::{Child, Leaf, Node, Tree8, WIDTH};
+use super::node8::{Child, Leaf, Node8, Tree8, WIDTH};
 use super::two_level::TwoLevelTree;
 use crate::accel::brute::ray_in;
 use crate::accel::shape_query::shape_hit;
@@ -18,12 +18,12 @@ use crate::scene::Geometry;
 pub(super) const STACK: usize = MAX_DEPTH * (WIDTH - 1) + 2 * WIDTH;
 
 /// Traversal stack of cells with their entry parameters. Allocated once for many rays.
-pub(super) struct Stack([(f32, Child); STACK]);
+pub(super) struct NodeStack([(f32, Child); STACK]);
 
-impl Stack {
+impl NodeStack {
     /// Allocates an empty stack for each of the two levels.
-    pub(super) fn pair(root: Child) -> Box<[Stack; 2]> {
-        Box::new(std::array::from_fn(|_| Stack([(0.0, root); STACK])))
+    pub(super) fn pair(root: Child) -> Box<[NodeStack; 2]> {
+        Box::new(std::array::from_fn(|_| NodeStack([(0.0, root); STACK])))
     }
 }
 
@@ -112,7 +112,7 @@ pub(super) fn trace_singles(
     packets: &mut [RayPacket],
     query: Query,
 ) {
-    let mut stacks = Stack::pair(levels.world.tree.root());
+    let mut stacks = NodeStack::pair(levels.world.tree.root());
     for packet in packets {
         packet.drop_untraceable();
         for lane in 0..LANES {
@@ -130,7 +130,7 @@ pub(super) fn trace_lane(
     levels: &TwoLevelTree<Tree8>,
     (packet, lane): (&mut RayPacket, usize),
     query: Query,
-    stacks: &mut [Stack; 2],
+    stacks: &mut [NodeStack; 2],
 ) {
     // Traverse the world tree
     let ray = packet.ray(lane);
@@ -165,7 +165,7 @@ pub(super) fn intersect_instance(
     levels: &TwoLevelTree<Tree8>,
     (ray, number): (&Ray, u32),
     found: &mut HitRecord,
-    (query, stack): (Query, &mut Stack),
+    (query, stack): (Query, &mut NodeStack),
 ) -> bool {
     let run = levels.world.primitives.run(number);
     // Cull by the bounding sphere
@@ -223,7 +223,7 @@ fn traverse(
     tree: &Tree8,
     ray_state: &RayState,
     found: &mut HitRecord,
-    (query, stack): (Query, &mut Stack),
+    (query, stack): (Query, &mut NodeStack),
     mut visit: impl FnMut(u32, &mut HitRecord) -> bool,
 ) -> bool {
     let mut is_hit = false;
@@ -276,7 +276,7 @@ fn traverse(
 
 /// Pops the next cell that the ray enters before `t`.
 #[inline(always)]
-fn next(stack: &Stack, waiting: &mut usize, t: f32) -> Option<Child> {
+fn next(stack: &NodeStack, waiting: &mut usize, t: f32) -> Option<Child> {
     while *waiting > 0 {
         *waiting -= 1;
         let (enters, child) = stack.0[*waiting];
@@ -291,9 +291,9 @@ fn next(stack: &Stack, waiting: &mut usize, t: f32) -> Option<Child> {
 #[inline(always)]
 fn enter(
     isa: impl SimdLevel,
-    node: &Node,
+    node: &Node8,
     (ray_state, t_far): (&RayState, f32),
-    stack: &mut Stack,
+    stack: &mut NodeStack,
     waiting: usize,
 ) -> usize {
     counters::node();

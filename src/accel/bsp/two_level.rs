@@ -15,19 +15,19 @@ pub(super) struct TwoLevelTree<'s, T> {
     /// Scene that the trees were built from.
     pub(super) scene: &'s Scene,
     /// Top level: the tree in world space.
-    pub(super) world: Level<'s, T>,
+    pub(super) world: TreeLevel<'s, T>,
     /// Infinite planes, which no tree can hold.
     pub(super) planes: Planes,
     /// Bounding spheres of shapes by instance; empty if spheres are not used.
     pub(super) spheres: Vec<Option<SphereVolume>>,
     /// Object-space trees by geometry; `None` unless the geometry is an instanced mesh.
-    pub(super) objects: Vec<Option<Level<'s, T>>>,
+    pub(super) objects: Vec<Option<TreeLevel<'s, T>>>,
     /// Peak bytes in use at any time of the build.
     pub(super) peak_bytes: u64,
 }
 
 /// One tree with its primitives.
-pub(super) struct Level<'s, T> {
+pub(super) struct TreeLevel<'s, T> {
     /// Primitives that the indices in the tree stand for.
     pub(super) primitives: Primitives<'s>,
     /// Nodes of the tree in its layout.
@@ -35,7 +35,7 @@ pub(super) struct Level<'s, T> {
 }
 
 /// A layout of a tree in memory.
-pub(super) trait Layout: Sized {
+pub(super) trait TreeLayout: Sized {
     /// Lays out a built tree; `None` if it is too large.
     fn lay_out(root: &Branch, primitives: &Primitives) -> Option<Self>;
 
@@ -43,7 +43,7 @@ pub(super) trait Layout: Sized {
     fn byte_count(&self) -> u64;
 }
 
-impl<'s, T: Layout> TwoLevelTree<'s, T> {
+impl<'s, T: TreeLayout> TwoLevelTree<'s, T> {
     /// Builds all trees on the current thread pool.
     pub(super) fn build(scene: &'s Scene, options: &AccelOptions) -> Result<TwoLevelTree<'s, T>, AccelError> {
         // Estimate the total work by primitive counts
@@ -153,7 +153,10 @@ struct BuildMeter<'a> {
 }
 
 impl BuildMeter<'_> {
-    fn level<'s, T: Layout>(&mut self, primitives: Primitives<'s>) -> Result<Level<'s, T>, AccelError> {
+    fn level<'s, T: TreeLayout>(
+        &mut self,
+        primitives: Primitives<'s>,
+    ) -> Result<TreeLevel<'s, T>, AccelError> {
         let (before, count, total) = (self.done as f64, primitives.count() as f64, self.total);
         let progress = self.progress;
         let Built {
@@ -167,7 +170,7 @@ impl BuildMeter<'_> {
         self.peak_bytes = self.peak_bytes.max(self.bytes + branch_bytes + tree.byte_count());
         self.bytes += tree.byte_count();
         self.done += primitives.count();
-        Ok(Level { primitives, tree })
+        Ok(TreeLevel { primitives, tree })
     }
 }
 

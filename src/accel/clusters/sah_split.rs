@@ -183,7 +183,7 @@ fn rank(x: f32) -> u32 {
 
 /// Contents of the bins of each axis.
 #[derive(Clone)]
-struct Bins {
+struct SplitBins {
     extents: [[Extent; BINS]; 3],
     counts: [[u32; BINS]; 3],
 }
@@ -212,14 +212,14 @@ impl Scale {
     }
 }
 
-impl Bins {
-    const EMPTY: Bins = Bins {
+impl SplitBins {
+    const EMPTY: SplitBins = SplitBins {
         extents: [[Extent::EMPTY; BINS]; 3],
         counts: [[0; BINS]; 3],
     };
 
-    fn of(items: &[Item], scale: &Scale) -> Bins {
-        let mut bins = Bins::EMPTY;
+    fn of(items: &[Item], scale: &Scale) -> SplitBins {
+        let mut bins = SplitBins::EMPTY;
         for item in items {
             let extent = Extent::of(item);
             for axis in 0..3 {
@@ -231,7 +231,7 @@ impl Bins {
         bins
     }
 
-    fn sum(mut self, other: Bins) -> Bins {
+    fn sum(mut self, other: SplitBins) -> SplitBins {
         for axis in 0..3 {
             for bin in 0..BINS {
                 self.extents[axis][bin] = self.extents[axis][bin].with(&other.extents[axis][bin]);
@@ -275,10 +275,10 @@ impl Bins {
 fn bin(items: &mut [Item], cost: &Cost) -> Option<(f64, usize)> {
     let scale = Scale::over(&centers(items));
     let bins = if is_large(items) {
-        let chunks = parallel::map_chunks(items, CHUNK, &|_, chunk| Bins::of(chunk, &scale));
-        chunks.into_iter().fold(Bins::EMPTY, Bins::sum)
+        let chunks = parallel::map_chunks(items, CHUNK, &|_, chunk| SplitBins::of(chunk, &scale));
+        chunks.into_iter().fold(SplitBins::EMPTY, SplitBins::sum)
     } else {
-        Bins::of(items, &scale)
+        SplitBins::of(items, &scale)
     };
     let (halves, axis, border) = bins.best(cost)?;
     Some((halves, part(items, |item| scale.bin(item, axis) < border)))

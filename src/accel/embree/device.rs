@@ -23,13 +23,13 @@ pub(super) struct Device {
 /// Data that Embree's callbacks write to, from any thread.
 #[derive(Default)]
 struct Monitors {
-    memory: Memory,
+    memory: DeviceMemory,
     error: Mutex<Option<(sys::RTCError, String)>>,
 }
 
 /// Bytes of memory that Embree has allocated.
 #[derive(Default)]
-pub(super) struct Memory {
+pub(super) struct DeviceMemory {
     bytes: AtomicI64,
     peak: AtomicI64,
 }
@@ -83,7 +83,7 @@ impl Device {
     }
 
     /// Returns the memory that Embree has allocated so far.
-    pub(super) fn memory(&self) -> &Memory {
+    pub(super) fn memory(&self) -> &DeviceMemory {
         &self.monitors().memory
     }
 
@@ -162,7 +162,7 @@ impl Drop for Device {
     }
 }
 
-impl Memory {
+impl DeviceMemory {
     /// Returns the bytes in use now.
     pub(super) fn bytes(&self) -> u64 {
         self.bytes.load(Ordering::Relaxed).max(0) as u64
@@ -317,7 +317,7 @@ mod tests {
 
     #[test]
     fn peak_memory_includes_freed_bytes() {
-        let memory = Memory::default();
+        let memory = DeviceMemory::default();
         memory.add(30);
         memory.add(-20);
         memory.add(5);

@@ -6,7 +6,7 @@ use std::panic::{self, AssertUnwindSafe};
 use std::sync::Mutex;
 
 /// Progress of the whole build, over all its commits.
-pub(super) struct Progress<'a> {
+pub(super) struct BuildProgress<'a> {
     report: Option<&'a (dyn Fn(f64) + Sync)>,
     done: usize,
     total: usize,
@@ -20,10 +20,10 @@ pub(super) struct Stage<'a> {
     panic: Mutex<Option<Box<dyn Any + Send>>>,
 }
 
-impl<'a> Progress<'a> {
+impl<'a> BuildProgress<'a> {
     /// Starts the progress of a build of `total` primitives, which calls `report`.
-    pub(super) fn new(report: Option<&'a (dyn Fn(f64) + Sync)>, total: usize) -> Progress<'a> {
-        Progress {
+    pub(super) fn new(report: Option<&'a (dyn Fn(f64) + Sync)>, total: usize) -> BuildProgress<'a> {
+        BuildProgress {
             report,
             done: 0,
             total,

@@ -15,7 +15,7 @@ use super::candidates::Candidates;
 use super::guard::HitError;
 use super::hull::HullPoints;
 use super::kind::BoundingVolumeKind;
-use super::object::Object;
+use super::object::BoundedObject;
 use super::rays::RayLanes;
 use super::shape::{BoundingVolume, BoxVolume, SphereVolume};
 use crate::accel::brute::nearest_of;
@@ -142,13 +142,13 @@ fn extent_costs() -> [f64; 2] {
         center: DVec3::ZERO,
         radius: 1.0,
     };
-    let object = |extent| Object { instance: 0, extent };
+    let object = |extent| BoundedObject { instance: 0, extent };
     [
         BoundingVolume::Box(BoxVolume::new(&bounds, &HitError::NONE)),
         BoundingVolume::Sphere(SphereVolume::new(&ball, &HitError::NONE)),
     ]
     .map(|extent| {
-        let objects: Vec<Object> = (0..EXTENT_TESTS).map(|_| object(extent)).collect();
+        let objects: Vec<BoundedObject> = (0..EXTENT_TESTS).map(|_| object(extent)).collect();
         let ns = shortest(|| {
             black_box(dispatch(Calibration {
                 packet: &packet,
@@ -162,7 +162,7 @@ fn extent_costs() -> [f64; 2] {
 /// Timing kernel of one packet against many volumes.
 struct Calibration<'a> {
     packet: &'a RayPacket,
-    objects: &'a [Object],
+    objects: &'a [BoundedObject],
 }
 
 impl SimdKernel for Calibration<'_> {

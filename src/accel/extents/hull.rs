@@ -22,13 +22,13 @@ const MANY_POINTS: usize = 4096;
 
 /// Hull of a geometry with its bounds.
 pub(super) struct HullPoints {
-    form: Form,
+    form: HullForm,
     bounds: Bounds,
     /// Enclosing balls in object space.
     balls: Balls,
 }
 
-enum Form {
+enum HullForm {
     Points(Vec<DVec3>),
     /// A sphere, which is its own hull.
     Sphere(Sphere),
@@ -52,9 +52,9 @@ impl HullPoints {
         }
         Some(HullPoints::with_form(
             match geometry {
-                Geometry::Mesh(mesh) => Form::Points(used_points(mesh)),
-                Geometry::Shape(Shape::Sphere(sphere)) => Form::Sphere(*sphere),
-                Geometry::Shape(shape) => Form::Points(shape_points(shape, &bounds)),
+                Geometry::Mesh(mesh) => HullForm::Points(used_points(mesh)),
+                Geometry::Shape(Shape::Sphere(sphere)) => HullForm::Sphere(*sphere),
+                Geometry::Shape(shape) => HullForm::Points(shape_points(shape, &bounds)),
             },
             bounds,
         ))
@@ -67,15 +67,15 @@ impl HullPoints {
             Geometry::Mesh(mesh) => {
                 let bounds = mesh.bounds();
                 (!bounds.is_empty())
-                    .then(|| HullPoints::with_form(Form::Points(corners(&bounds).to_vec()), bounds))
+                    .then(|| HullPoints::with_form(HullForm::Points(corners(&bounds).to_vec()), bounds))
             }
         }
     }
 
-    fn with_form(form: Form, bounds: Bounds) -> HullPoints {
+    fn with_form(form: HullForm, bounds: Bounds) -> HullPoints {
         let balls = match &form {
-            Form::Points(points) => Balls::of(points),
-            Form::Sphere(sphere) => {
+            HullForm::Points(points) => Balls::of(points),
+            HullForm::Sphere(sphere) => {
                 let ball = BoundingSphere {
                     center: sphere.center,
                     radius: sphere.radius,
@@ -98,7 +98,7 @@ impl HullPoints {
     pub(super) fn world_balls(&self, map: &DAffine3) -> Balls {
         match &self.form {
             // A stretched object has smaller balls than the stretched balls
-            Form::Points(points) if points.len() <= MANY_POINTS && !preserves_spheres(map) => {
+            HullForm::Points(points) if points.len() <= MANY_POINTS && !preserves_spheres(map) => {
                 let placed: Vec<DVec3> = points.iter().map(|&p| map.transform_point3(p)).collect();
                 Balls::of(&placed)
             }
@@ -120,7 +120,7 @@ impl HullPoints {
     /// transformed object-space box.
     pub(super) fn world_bounds(&self, map: &DAffine3, by_box: Bounds) -> Bounds {
         match &self.form {
-            Form::Points(points) if points.len() <= MANY_POINTS => {
+            HullForm::Points(points) if points.len() <= MANY_POINTS => {
                 Bounds::of_points(points.iter().map(|&p| map.transform_point3(p)))
             }
             _ => by_box,
@@ -132,9 +132,9 @@ impl HullPoints {
     pub(super) fn world_points(&self, map: &DAffine3, world: &Bounds) -> Vec<DVec3> {
         let placed = |points: &[DVec3]| points.iter().map(|&p| map.transform_point3(p)).collect();
         match &self.form {
-            Form::Sphere(_) => corners(world).to_vec(),
-            Form::Points(points) if points.len() <= MANY_POINTS => placed(points),
-            Form::Points(_) => placed(&corners(&self.bounds)),
+            HullForm::Sphere(_) => corners(world).to_vec(),
+            HullForm::Points(points) if points.len() <= MANY_POINTS => placed(points),
+            HullForm::Points(_) => placed(&corners(&self.bounds)),
         }
     }
 }

@@ -4,7 +4,7 @@
 //! to the same bits. The order of the objects changes no result, because ties have an order of their own.
 
 use super::kind::{BoundingVolumeCounts, BoundingVolumeKind};
-use super::object::Object;
+use super::object::BoundedObject;
 use super::rays::RayLanes;
 use super::volumes::BoundingVolumes;
 use crate::accel::brute::{is_occluded_by, nearest_of};
@@ -120,7 +120,7 @@ impl<'s> ListAccel<'s> {
     }
 
     fn trace(&self, packets: &mut [RayPacket], query: Query, count: &mut impl Count) {
-        dispatch(Batch {
+        dispatch(PrimitiveBatch {
             list: self,
             packets,
             query,
@@ -164,14 +164,14 @@ impl Accel for ListAccel<'_> {
     }
 }
 
-struct Batch<'a, 's, C> {
+struct PrimitiveBatch<'a, 's, C> {
     list: &'a ListAccel<'s>,
     packets: &'a mut [RayPacket],
     query: Query,
     count: &'a mut C,
 }
 
-impl<C: Count> SimdKernel for Batch<'_, '_, C> {
+impl<C: Count> SimdKernel for PrimitiveBatch<'_, '_, C> {
     type Output = ();
 
     #[inline(always)]
@@ -179,7 +179,7 @@ impl<C: Count> SimdKernel for Batch<'_, '_, C> {
         let extents = &self.list.extents;
         for packet in self.packets {
             packet.drop_untraceable();
-            let mut search = Search::new(isa, self.list, packet, self.query);
+            let mut search = PrimitiveSearch::new(isa, self.list, packet, self.query);
             self.count.rays(search.active, extents.objects().len());
             // Test every object until no lane is active
             for object in extents.objects() {
@@ -194,7 +194,7 @@ impl<C: Count> SimdKernel for Batch<'_, '_, C> {
 }
 
 /// State of one packet while it is tested against objects, in any order.
-pub(super) struct Search<'a, 's> {
+pub(super) struct PrimitiveSearch<'a, 's> {
     list: &'a ListAccel<'s>,
     query: Query,
     rays: RayLanes,
@@ -207,7 +207,7 @@ pub(super) struct Search<'a, 's> {
     blocked: u32,
 }
 
-impl<'a, 's> Search<'a, 's> {
+impl<'a, 's> PrimitiveSearch<'a, 's> {
     #[inline(always)]
     pub(super) fn new(
         isa: impl SimdLevel,
@@ -216,7 +216,7 @@ impl<'a, 's> Search<'a, 's> {
         query: Query,
     ) -> Self {
         let active = (0..LANES).fold(0, |mask, l| mask | u32::from(packet.active[l] != 0) << l);
-        Search {
+        PrimitiveSearch {
             list,
             query,
             rays: RayLanes::new(isa, packet, list.extents.origin_factor()),
@@ -233,7 +233,7 @@ impl<'a, 's> Search<'a, 's> {
     pub(super) fn test_object(
         &mut self,
         isa: impl SimdLevel,
-        object: &Object,
+        object: &BoundedObject,
         among: u32,
         count: &mut impl Count,
     ) {

@@ -1,19 +1,19 @@
 //! Object of a scene behind its bounding volume.
 
-use super::rays::{Lanes, RayLanes};
+use super::rays::{LaneValues, RayLanes};
 use super::shape::BoundingVolume;
 use crate::mesh::simd::SimdLevel;
 
 /// An instance and the volume that is tested before it.
-pub(crate) struct Object {
+pub(crate) struct BoundedObject {
     pub(crate) instance: u32,
     pub(crate) extent: BoundingVolume,
 }
 
-impl Object {
+impl BoundedObject {
     /// Returns the mask of lanes that may hit the object before `t_far`.
     #[inline(always)]
-    pub(crate) fn hit_mask(&self, isa: impl SimdLevel, rays: &RayLanes, t_far: &Lanes) -> u32 {
+    pub(crate) fn hit_mask(&self, isa: impl SimdLevel, rays: &RayLanes, t_far: &LaneValues) -> u32 {
         match &self.extent {
             BoundingVolume::None => u32::MAX,
             BoundingVolume::Box(extent) => rays.hit_box_mask(isa, extent, t_far),

@@ -72,13 +72,13 @@ impl ScreenBox {
 
 /// Screen-space boxes of the objects of a scene for one camera.
 pub struct ScreenBounds {
-    film: Film,
+    film: FilmBox,
     boxes: Vec<ScreenBox>,
 }
 
 /// Projection from world space to the film.
 #[derive(Clone, Copy, Debug)]
-struct Film {
+struct FilmBox {
     /// Projection matrix A of the module documentation.
     film_from_world: DMat3,
     /// Projection centre E, or the corner of the film for an orthographic camera.
@@ -112,7 +112,7 @@ impl ScreenBounds {
         hulls: &[Option<HullPoints>],
         view: &CameraView,
     ) -> Option<ScreenBounds> {
-        let film = Film::new(view)?;
+        let film = FilmBox::new(view)?;
         let boxes = parallel::map(scene.instances.len(), &|index| {
             let instance = &scene.instances[index];
             film.box_of(scene, instance, hulls[instance.geometry as usize].as_ref())
@@ -138,8 +138,8 @@ impl ScreenBounds {
     }
 }
 
-impl Film {
-    fn new(view: &CameraView) -> Option<Film> {
+impl FilmBox {
+    fn new(view: &CameraView) -> Option<FilmBox> {
         // Take the columns that span the film from three rays
         let [corner, right, below] = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)].map(|(x, y)| view.ray(x, y));
         let (columns, origin, rays, reach) = match view.eye() {
@@ -177,7 +177,7 @@ impl Film {
             // The depth of orthographic rays is a length, not a ratio.
             CameraRays::Along(_) => terms.x.max(terms.y),
         };
-        (mixing <= MAX_MIXING).then_some(Film {
+        (mixing <= MAX_MIXING).then_some(FilmBox {
             film_from_world,
             origin,
             rays,

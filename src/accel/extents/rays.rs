@@ -13,25 +13,25 @@ use super::guard::MIN_SQUARE;
 use super::shape::{BoxVolume, SphereVolume};
 
 /// One value per ray of the packet.
-pub(super) type Lanes = [f32; LANES];
+pub(super) type LaneValues = [f32; LANES];
 
 /// Mask of all sixteen lanes.
 const FULL: u32 = (1 << LANES) - 1;
 /// Sixteen rays with precomputed data for volume tests.
 pub(crate) struct RayLanes {
-    origin: [Lanes; 3],
-    direction: [Lanes; 3],
+    origin: [LaneValues; 3],
+    direction: [LaneValues; 3],
     /// Origins moved along the direction, for the entries of boxes.
-    enter_origin: [Lanes; 3],
+    enter_origin: [LaneValues; 3],
     /// Origins moved against the direction, for the exits of boxes.
-    leave_origin: [Lanes; 3],
-    enter: [Lanes; 3],
-    leave: [Lanes; 3],
+    leave_origin: [LaneValues; 3],
+    enter: [LaneValues; 3],
+    leave: [LaneValues; 3],
     /// Reciprocal of the squared length of the direction.
-    inverse_square: Lanes,
+    inverse_square: LaneValues,
     /// Reciprocal of the length of the direction.
-    inverse_length: Lanes,
-    t_near: Lanes,
+    inverse_length: LaneValues,
+    t_near: LaneValues,
     /// Mask of rays that are not tested and may hit everything.
     always: u32,
 }
@@ -84,7 +84,7 @@ impl RayLanes {
 
     /// Returns the mask of lanes that may hit the box before `t_far`.
     #[inline(always)]
-    pub(super) fn hit_box_mask(&self, isa: impl SimdLevel, extent: &BoxVolume, t_far: &Lanes) -> u32 {
+    pub(super) fn hit_box_mask(&self, isa: impl SimdLevel, extent: &BoxVolume, t_far: &LaneValues) -> u32 {
         let (mut near, mut far) = (self.t_near, *t_far);
         for l in 0..LANES {
             // Extend the interval by the depth error of edge-on triangles
@@ -112,7 +112,12 @@ impl RayLanes {
     /// The squared distance of the line from the centre is `|f|² - (f.d)² / |d|²`, and no hit is farther along the ray
     /// than the radius from the point nearest to the centre.
     #[inline(always)]
-    pub(super) fn hit_sphere_mask(&self, isa: impl SimdLevel, extent: &SphereVolume, t_far: &Lanes) -> u32 {
+    pub(super) fn hit_sphere_mask(
+        &self,
+        isa: impl SimdLevel,
+        extent: &SphereVolume,
+        t_far: &LaneValues,
+    ) -> u32 {
         let [mut beside, mut from, mut to] = [[0.0f32; LANES]; 3];
         for l in 0..LANES {
             let x = self.origin[0][l] - extent.center[0];

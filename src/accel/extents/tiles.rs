@@ -6,7 +6,7 @@
 
 use super::hull::HullPoints;
 use super::kind::BoundingVolumeKind;
-use super::list::{Count, ListAccel, Query, Search, Tally};
+use super::list::{Count, ListAccel, PrimitiveSearch, Query, Tally};
 use super::projection::{ScreenBounds, ScreenBox};
 use super::volumes::BoundingVolumes;
 
@@ -129,7 +129,7 @@ impl<'a, 's> TileCulledAccel<'a, 's> {
         let mut rest = packets;
         while !rest.is_empty() {
             // Trace a run of packets by lists, then a run by the other backend: batches are cheaper than single packets
-            let by_list = dispatch(Batch {
+            let by_list = dispatch(TileBatch {
                 accel: self,
                 packets: rest,
                 count,
@@ -188,13 +188,13 @@ impl Accel for TileCulledAccel<'_, '_> {
 }
 
 /// SIMD kernel for the leading packets that lists serve; returns their number.
-struct Batch<'b, 'a, 's, C> {
+struct TileBatch<'b, 'a, 's, C> {
     accel: &'b TileCulledAccel<'a, 's>,
     packets: &'b mut [RayPacket],
     count: &'b mut C,
 }
 
-impl<C: Count> SimdKernel for Batch<'_, '_, '_, C> {
+impl<C: Count> SimdKernel for TileBatch<'_, '_, '_, C> {
     type Output = usize;
 
     #[inline(always)]
@@ -210,7 +210,7 @@ impl<C: Count> SimdKernel for Batch<'_, '_, '_, C> {
                 self.count.rays(active(packet), objects.len());
                 continue;
             }
-            let mut search = Search::new(isa, &accel.list, packet, Query::Nearest);
+            let mut search = PrimitiveSearch::new(isa, &accel.list, packet, Query::Nearest);
             self.count.rays(search.active, objects.len());
             for tile in tiles_of(accel.tiles.side, range) {
                 let entries = accel.tiles.list(tile);
@@ -230,7 +230,7 @@ impl TileCulledAccel<'_, '_> {
         isa: impl SimdLevel,
         entries: &[u32],
         (film, [scale, base]): (&ScreenBox, [f32; 2]),
-        search: &mut Search,
+        search: &mut PrimitiveSearch,
         count: &mut impl Count,
     ) {
         // Visit the objects front to back until all are behind the farthest hit

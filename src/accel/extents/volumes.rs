@@ -4,14 +4,14 @@ use super::candidates::Candidates;
 use super::choice::Costs;
 use super::hull::{HullPoints, hulls_of};
 use super::kind::{BoundingVolumeCounts, BoundingVolumeKind};
-use super::object::Object;
+use super::object::BoundedObject;
 use super::shape::BoundingVolume;
 use crate::parallel;
 use crate::scene::Scene;
 
 /// The objects of a scene without planes, each with its bounding volume.
 pub(crate) struct BoundingVolumes {
-    objects: Vec<Object>,
+    objects: Vec<BoundedObject>,
     origin_factor: f32,
     counts: BoundingVolumeCounts,
 }
@@ -32,10 +32,10 @@ impl BoundingVolumes {
         // Measure the costs of tests if the kind is to be chosen
         let costs = (kind == BoundingVolumeKind::Chosen).then(|| Costs::measure(scene, hulls));
         // Compute the volume of each instance
-        let object = |index: usize| -> Option<(Object, BoundingVolumeKind, f64)> {
+        let object = |index: usize| -> Option<(BoundedObject, BoundingVolumeKind, f64)> {
             let instance = &scene.instances[index];
             let hull = hulls[instance.geometry as usize].as_ref()?;
-            let without = Object {
+            let without = BoundedObject {
                 instance: index as u32,
                 extent: BoundingVolume::None,
             };
@@ -51,7 +51,7 @@ impl BoundingVolumes {
                 .as_ref()
                 .map_or(kind, |costs| costs.cheapest(instance.geometry, &candidates));
             let extent = candidates.of_kind(kind);
-            Some((Object { extent, ..without }, kind, guard.origin_factor))
+            Some((BoundedObject { extent, ..without }, kind, guard.origin_factor))
         };
         // Collect the objects and the largest error factor of ray origins
         let objects = parallel::map(scene.instances.len(), &object);
@@ -69,7 +69,7 @@ impl BoundingVolumes {
     }
 
     /// Returns the objects, in the order of their instances.
-    pub(crate) fn objects(&self) -> &[Object] {
+    pub(crate) fn objects(&self) -> &[BoundedObject] {
         &self.objects
     }
 

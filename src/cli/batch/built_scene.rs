@@ -112,14 +112,14 @@ impl LoadedScene {
     }
 
     /// Returns the forecast memory of the scene and its acceleration structure.
-    pub(super) fn forecast(&self, job: &RenderJob) -> Bytes {
+    pub(super) fn forecast(&self, job: &RenderJob) -> MeshBytes {
         let forecast = MemoryForecast::of(&self.file.scene);
         let tree = match job.backend {
             Backend::Embree => forecast.embree_bytes,
             Backend::Bsp => forecast.bsp_bytes,
             Backend::Brute => 0,
         };
-        Bytes {
+        MeshBytes {
             loaded: forecast.scene_bytes,
             to_come: tree + forecast.subsurface_bytes,
         }
@@ -127,7 +127,7 @@ impl LoadedScene {
 
     /// Returns whether the scene is too large to be processed beside another.
     pub(super) fn is_large(&self, job: &RenderJob) -> bool {
-        let Bytes { loaded, to_come } = self.forecast(job);
+        let MeshBytes { loaded, to_come } = self.forecast(job);
         available_bytes().is_some_and(|free| loaded + to_come > free / LARGE_PART)
     }
 
@@ -142,7 +142,7 @@ impl LoadedScene {
 
 /// Forecast memory of a loaded scene in bytes.
 #[derive(Clone, Copy)]
-pub(super) struct Bytes {
+pub(super) struct MeshBytes {
     /// Bytes that the scene takes already.
     pub(super) loaded: u64,
     /// Bytes that the acceleration structure and the preparations before the first ray will take.

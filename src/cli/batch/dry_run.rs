@@ -2,7 +2,7 @@
 
 use std::path::{Path, absolute};
 
-use whit::batch::slurm::{Task, script};
+use whit::batch::slurm::{SlurmTask, script};
 use whit::image::write_atomically;
 use whit::render::{self, Monitor};
 use whit::report::forecast::Forecast;
@@ -20,7 +20,7 @@ use super::row_schedule::film_bytes;
 
 /// Forecast cost of a frame.
 #[derive(Clone, Copy)]
-struct Cost {
+struct FrameCost {
     /// Seconds of processor time, summed over threads.
     seconds: f64,
     /// Additional seconds of the first frame of a scene, for loading and building.
@@ -85,7 +85,7 @@ pub(super) fn write_script(args: &BatchArgs, path: &Path, plans: &[Plan]) -> Res
         arguments.extend(["--time".to_owned(), seconds.to_string()]);
     }
     // Write the script with the time and the memory of the most expensive shard
-    let text = script(&Task {
+    let text = script(&SlurmTask {
         program: &program,
         jobs: &jobs,
         folder: &folder,
@@ -108,10 +108,10 @@ pub(super) fn write_script(args: &BatchArgs, path: &Path, plans: &[Plan]) -> Res
 }
 
 /// Returns the forecast costs of all frames; of frames that share a scene only the first is probed.
-fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
+fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<FrameCost>, Failure> {
     let progress = progress(args);
     let kept = SceneCaches::for_frames(plans);
-    let mut costs: Vec<Cost> = Vec::with_capacity(plans.len());
+    let mut costs: Vec<FrameCost> = Vec::with_capacity(plans.len());
     for (index, plan) in plans.iter().enumerate() {
         let before = index.checked_sub(1).and_then(|before| plans.get(before));
         // Frames of the same scene have the cost of the first, without loading and building
@@ -119,7 +119,7 @@ fn costs(plans: &[Plan], args: &BatchArgs) -> Result<Vec<Cost>, Failure> {
             before.filter(|before| before.shares_scene_with(plan)),
             costs.last(),
         ) {
-            (Some(_), Some(&cost)) => costs.push(Cost {
+            (Some(_), Some(&cost)) => costs.push(FrameCost {
                 setup_seconds: 0.0,
                 ..cost
             }),
@@ -135,7 +135,7 @@ fn probe_frame(
     plan: &Plan,
     kept: &SceneCaches,
     (args, progress): (&BatchArgs, &Progress),
-) -> Result<Cost, Failure> {
+) -> Result<FrameCost, Failure> {
     // Load and build the scene as for rendering, then probe a few pixels
     progress.phase(&plan.name(), "probe");
     let loaded = LoadedScene::new(plan, kept, progress)?;
@@ -156,7 +156,7 @@ fn probe_frame(
     let probe = probe.ok_or(Failure::Interrupted)?;
     let forecast = Forecast::of(&probe, &resolved.settings, plan.job.backend);
     let bytes = loaded.forecast(&plan.job);
-    Ok(Cost {
+    Ok(FrameCost {
         seconds: forecast.seconds,
         setup_seconds: loaded.seconds + stage.build_seconds,
         bytes: kept.bytes()

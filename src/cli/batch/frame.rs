@@ -6,12 +6,12 @@ use std::time::Instant;
 
 use whit::accel::Accel;
 use whit::batch::{
-    Chunk, ChunkDirectory, ChunkKind, FrameMetadata, Merge, MergeError, Plane, color_planes, planes_of,
+    ChannelPlane, Chunk, ChunkDirectory, ChunkKind, FrameMetadata, Merge, MergeError, color_planes, planes_of,
 };
 use whit::image::{ImageError, PngEncoding};
 use whit::render::{
-    self, Checkpoints, FinishedTile, Monitor, Parts, Pattern, Plan as EffectPlan, Region, RenderProfile,
-    RenderSettings, Rendering, Rounds, Share, Sums,
+    self, Checkpoints, FinishedTile, Monitor, PartSums, Parts, Pattern, Plan as EffectPlan, Region,
+    RenderProfile, RenderSettings, Rendering, Rounds, Share,
 };
 use whit::scene::Camera;
 
@@ -51,7 +51,7 @@ pub(super) struct FrameTask<'a> {
     folder: ChunkDirectory,
     monitor: Monitor<'a>,
     /// Finished rows that are not on disk yet, in order.
-    buffered: Vec<(Range<u32>, Vec<Plane>)>,
+    buffered: Vec<(Range<u32>, Vec<ChannelPlane>)>,
     buffered_since: Instant,
     /// True if pieces of the frame are on disk.
     has_pieces: bool,
@@ -222,7 +222,7 @@ impl<'a> FrameTask<'a> {
         let stage = self.stage;
         let mut parts = self.parts(&*stage.accel)?;
         let packet_count = parts.packet_count();
-        let mut all: Option<Sums> = None;
+        let mut all: Option<PartSums> = None;
         let mut done = 0;
         while done < packet_count {
             // Estimate from the packets so far how many more fit into the time
@@ -291,7 +291,7 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Renders all samples of some rows; returns `None` if interrupted.
-    fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Option<Vec<Plane>> {
+    fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Option<Vec<ChannelPlane>> {
         let settings = self.resolved.settings;
         let region = Region::of_rows(&settings, rows.clone());
         // Map the progress of these rows to that of the frame
@@ -311,7 +311,7 @@ impl<'a> FrameTask<'a> {
             return Some(planes);
         }
         // With shares, add their sums in order, as a merge of pieces does
-        let mut all: Option<Sums> = None;
+        let mut all: Option<PartSums> = None;
         for index in 0..count {
             let (sums, ledger) = parts.sums(&region, Share { index, count }, &monitor)?;
             self.ledger += ledger;
@@ -388,7 +388,7 @@ impl<'a> FrameTask<'a> {
         Parts::new(scene, accel, &self.resolved.settings, &self.monitor).ok_or(Failure::Interrupted)
     }
 
-    fn keep(&mut self, rows: Range<u32>, planes: Vec<Plane>) {
+    fn keep(&mut self, rows: Range<u32>, planes: Vec<ChannelPlane>) {
         self.show(&rows, &planes);
         if self.buffered.is_empty() {
             self.buffered_since = Instant::now();
@@ -397,7 +397,7 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Shows finished rows in the live preview: filtered, and with all of their samples.
-    fn show(&self, rows: &Range<u32>, planes: &[Plane]) {
+    fn show(&self, rows: &Range<u32>, planes: &[ChannelPlane]) {
         let (Some(show), [red, green, blue, ..]) = (self.monitor.tiles, planes) else {
             return;
         };
@@ -489,8 +489,8 @@ fn affordable_packets(done: usize, elapsed: f64, seconds: f64) -> usize {
 }
 
 /// Joins neighbouring ranges of rows.
-fn join_rows(buffered: Vec<(Range<u32>, Vec<Plane>)>) -> Vec<(Range<u32>, Vec<Plane>)> {
-    let mut all: Vec<(Range<u32>, Vec<Plane>)> = Vec::new();
+fn join_rows(buffered: Vec<(Range<u32>, Vec<ChannelPlane>)>) -> Vec<(Range<u32>, Vec<ChannelPlane>)> {
+    let mut all: Vec<(Range<u32>, Vec<ChannelPlane>)> = Vec::new();
     for (rows, planes) in buffered {
         match all.last_mut() {
             Some((before, join_rows)) if before.end == rows.start => {
@@ -506,13 +506,13 @@ fn join_rows(buffered: Vec<(Range<u32>, Vec<Plane>)>) -> Vec<(Range<u32>, Vec<Pl
 }
 
 /// Returns the channels of a rendering: its colours and its further layers.
-fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<Plane> {
+fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<ChannelPlane> {
     let mut planes = color_planes(&rendering.image.pixels);
     planes.extend(
         channels(job, rendering)
             .into_iter()
             .map(Cow::into_owned)
-            .map(|layer| Plane {
+            .map(|layer| ChannelPlane {
                 name: layer.name,
                 kind: layer.kind,
                 values: layer.values,

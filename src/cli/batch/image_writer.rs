@@ -3,9 +3,9 @@
 use std::path::Path;
 use std::{fs, io};
 
-use whit::batch::{ChunkDirectory, CompletedFrame, FrameMetadata, Merge, MergeError, Plane};
+use whit::batch::{ChannelPlane, ChunkDirectory, CompletedFrame, FrameMetadata, Merge, MergeError};
 use whit::image::rows::{
-    ExrChannel, ExrLayout, ExrScanlineWriter, PngScanlineWriter, SampleType, Samples, Window,
+    ExrChannel, ExrLayout, ExrScanlineWriter, PngScanlineWriter, RowWindow, SampleType, Samples,
 };
 use whit::image::{Attribute, ChannelKind, ImageError, ImageFormat};
 
@@ -14,7 +14,7 @@ use super::super::interrupt;
 use super::process::describe_process;
 
 /// Scanline writer of an image, by its format.
-enum Writer {
+enum ImageWriter {
     Exr(Box<ExrScanlineWriter>),
     Png(Box<PngScanlineWriter>),
 }
@@ -27,7 +27,7 @@ enum Writer {
 pub(super) fn write<E: From<ImageError>>(
     out: &Path,
     head: &FrameMetadata,
-    mut rows: impl FnMut() -> Result<Option<Vec<Plane>>, E>,
+    mut rows: impl FnMut() -> Result<Option<Vec<ChannelPlane>>, E>,
 ) -> Result<(), E> {
     let path = out.join(&head.image);
     let mut writer = None;
@@ -35,13 +35,13 @@ pub(super) fn write<E: From<ImageError>>(
         // The first rows give the channels of the file
         let writer = match &mut writer {
             Some(writer) => writer,
-            None => writer.insert(Writer::begin(&path, head, &planes)?),
+            None => writer.insert(ImageWriter::begin(&path, head, &planes)?),
         };
         writer.add(&planes)?;
     }
     match writer {
-        Some(Writer::Exr(writer)) => writer.finish()?,
-        Some(Writer::Png(writer)) => writer.finish()?,
+        Some(ImageWriter::Exr(writer)) => writer.finish()?,
+        Some(ImageWriter::Png(writer)) => writer.finish()?,
         None => {}
     }
     Ok(())
@@ -83,8 +83,8 @@ pub(in crate::cli) fn done(
     })
 }
 
-impl Writer {
-    fn begin(path: &Path, head: &FrameMetadata, planes: &[Plane]) -> Result<Writer, ImageError> {
+impl ImageWriter {
+    fn begin(path: &Path, head: &FrameMetadata, planes: &[ChannelPlane]) -> Result<ImageWriter, ImageError> {
         let notes: Vec<Attribute> = head
             .notes
             .iter()
@@ -92,9 +92,9 @@ impl Writer {
             .collect();
         if ImageFormat::of_path(path) == Some(ImageFormat::Png) {
             let writer = PngScanlineWriter::create(path, head.size, head.png, &notes)?;
-            return Ok(Writer::Png(Box::new(writer)));
+            return Ok(ImageWriter::Png(Box::new(writer)));
         }
-        let channel = |plane: &Plane| {
+        let channel = |plane: &ChannelPlane| {
             // Only colours may be rounded to half precision
             let sample = match plane.kind {
                 ChannelKind::Color => head.exr.sample,
@@ -103,38 +103,40 @@ impl Writer {
             ExrChannel::new(&plane.name, sample)
         };
         let layout = ExrLayout {
-            data_window: Window::of_size(head.size),
-            display_window: Window::of_size(head.size),
+            data_window: RowWindow::of_size(head.size),
+            display_window: RowWindow::of_size(head.size),
             channels: sorted_by_name(planes).into_iter().map(channel).collect(),
             compression: head.exr.compression,
             notes: &notes,
         };
-        Ok(Writer::Exr(Box::new(ExrScanlineWriter::create(path, &layout)?)))
+        Ok(ImageWriter::Exr(Box::new(ExrScanlineWriter::create(
+            path, &layout,
+        )?)))
     }
 
-    fn add(&mut self, planes: &[Plane]) -> Result<(), ImageError> {
+    fn add(&mut self, planes: &[ChannelPlane]) -> Result<(), ImageError> {
         match self {
-            Writer::Exr(writer) => {
+            ImageWriter::Exr(writer) => {
                 let values: Vec<Samples> = sorted_by_name(planes)
                     .iter()
                     .map(|plane| plane.values[..].into())
                     .collect();
                 writer.write_rows(&values)
             }
-            Writer::Png(writer) => writer.write_rows(&colors(planes)),
+            ImageWriter::Png(writer) => writer.write_rows(&colors(planes)),
         }
     }
 }
 
 /// Returns the channels sorted by name, the order in which pieces store them; rows in memory may have another.
-fn sorted_by_name(planes: &[Plane]) -> Vec<&Plane> {
-    let mut planes: Vec<&Plane> = planes.iter().collect();
+fn sorted_by_name(planes: &[ChannelPlane]) -> Vec<&ChannelPlane> {
+    let mut planes: Vec<&ChannelPlane> = planes.iter().collect();
     planes.sort_by(|a, b| a.name.cmp(&b.name));
     planes
 }
 
 /// Returns the pixels of the channels R, G and B.
-fn colors(planes: &[Plane]) -> Vec<[f32; 3]> {
+fn colors(planes: &[ChannelPlane]) -> Vec<[f32; 3]> {
     let plane = |name: &str| {
         planes
             .iter()

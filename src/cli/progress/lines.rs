@@ -30,7 +30,7 @@ impl RateLimiter {
 }
 
 /// State of the current image and phase.
-struct Current {
+struct CurrentLine {
     scene: String,
     image: String,
     phase: &'static str,
@@ -41,11 +41,11 @@ struct Current {
 }
 
 /// Progress of one image after another.
-pub(super) struct Lines(Mutex<Current>);
+pub(super) struct Lines(Mutex<CurrentLine>);
 
 impl Default for Lines {
     fn default() -> Lines {
-        Lines(Mutex::new(Current {
+        Lines(Mutex::new(CurrentLine {
             scene: String::new(),
             image: String::new(),
             phase: "",
@@ -57,7 +57,7 @@ impl Default for Lines {
 }
 
 impl Lines {
-    fn lock(&self) -> MutexGuard<'_, Current> {
+    fn lock(&self) -> MutexGuard<'_, CurrentLine> {
         // Ignoring poisoning is safe: a panic in another thread leaves no state half-changed.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }

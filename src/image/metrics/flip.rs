@@ -8,7 +8,7 @@
 use glam::DVec3;
 
 use super::flip_color::{Colors, hyab, luminance};
-use super::flip_filter::{ContrastFilter, FeatureDetector, Plane};
+use super::flip_filter::{ContrastFilter, FeatureDetector, FlipPlane};
 use crate::image::LinearImage;
 use crate::parallel;
 
@@ -68,7 +68,7 @@ impl FilteredImage {
         let opponent = parallel::generate(image.pixels.len(), |index| {
             colors.opponent(shown(image.pixels[index]))
         });
-        let plane = |of: &(dyn Fn(&DVec3) -> f64 + Sync)| Plane {
+        let plane = |of: &(dyn Fn(&DVec3) -> f64 + Sync)| FlipPlane {
             width: image.width as usize,
             values: parallel::generate(opponent.len(), |index| of(&opponent[index])),
         };

@@ -10,34 +10,34 @@ use std::f64::consts::PI;
 use crate::parallel;
 
 /// One channel of an image, row by row.
-pub(super) struct Plane {
+pub(super) struct FlipPlane {
     pub(super) width: usize,
     pub(super) values: Vec<f64>,
 }
 
 /// Weights of `2 radius + 1` neighbouring pixels, in one dimension.
-pub(super) struct Kernel(Vec<f64>);
+pub(super) struct FlipKernel(Vec<f64>);
 
-impl Kernel {
+impl FlipKernel {
     /// Samples `weight` at the integers from -`radius` to `radius`.
-    fn new(radius: i32, weight: impl Fn(f64) -> f64) -> Kernel {
-        Kernel((-radius..=radius).map(|x| weight(f64::from(x))).collect())
+    fn new(radius: i32, weight: impl Fn(f64) -> f64) -> FlipKernel {
+        FlipKernel((-radius..=radius).map(|x| weight(f64::from(x))).collect())
     }
 
     /// Returns a Gaussian kernel whose weights sum to one.
-    pub(super) fn gaussian(radius: i32, deviation: f64) -> Kernel {
-        Kernel::new(radius, |x| (-x * x / (2.0 * deviation * deviation)).exp()).normalised()
+    pub(super) fn gaussian(radius: i32, deviation: f64) -> FlipKernel {
+        FlipKernel::new(radius, |x| (-x * x / (2.0 * deviation * deviation)).exp()).normalised()
     }
 
     /// Scales the weights so that they sum to one.
-    fn normalised(mut self) -> Kernel {
+    fn normalised(mut self) -> FlipKernel {
         let sum: f64 = self.0.iter().sum();
         self.0.iter_mut().for_each(|weight| *weight /= sum);
         self
     }
 
     /// Scales positive weights to a sum of one, and negative weights to a sum of minus one.
-    fn balanced(mut self) -> Kernel {
+    fn balanced(mut self) -> FlipKernel {
         let sum_of = |sign: f64| self.0.iter().map(|w| (sign * w).max(0.0)).sum::<f64>();
         let (above, below) = (sum_of(1.0), sum_of(-1.0));
         for weight in &mut self.0 {
@@ -47,14 +47,14 @@ impl Kernel {
     }
 }
 
-impl Plane {
+impl FlipPlane {
     /// Returns the plane filtered horizontally by `across` and vertically by `down`.
-    pub(super) fn filtered(&self, across: &Kernel, down: &Kernel) -> Plane {
+    pub(super) fn filtered(&self, across: &FlipKernel, down: &FlipKernel) -> FlipPlane {
         self.filtered_across(across).filtered_down(down)
     }
 
     /// Filters each row, extended by its border pixels.
-    fn filtered_across(&self, kernel: &Kernel) -> Plane {
+    fn filtered_across(&self, kernel: &FlipKernel) -> FlipPlane {
         let radius = kernel.0.len() / 2;
         let filter_row = |_, row: &[f64]| -> Vec<f64> {
             let first = std::iter::repeat_n(row[0], radius);
@@ -63,14 +63,14 @@ impl Plane {
             let weigh = |around: &[f64]| around.iter().zip(&kernel.0).map(|(v, w)| v * w).sum();
             padded.windows(kernel.0.len()).map(weigh).collect()
         };
-        Plane {
+        FlipPlane {
             width: self.width,
             values: parallel::map_chunks(&self.values, self.width, &filter_row).concat(),
         }
     }
 
     /// Filters each column, extended by its border pixels.
-    fn filtered_down(&self, kernel: &Kernel) -> Plane {
+    fn filtered_down(&self, kernel: &FlipKernel) -> FlipPlane {
         let (width, radius) = (self.width, kernel.0.len() / 2);
         let last = self.values.len() / width - 1;
         let mut values = vec![0.0; self.values.len()];
@@ -82,7 +82,7 @@ impl Plane {
                 }
             }
         });
-        Plane { width, values }
+        FlipPlane { width, values }
     }
 }
 
@@ -103,10 +103,10 @@ const BLUE_YELLOW: [Sensitivity; 2] = [
 
 /// Contrast sensitivity filters of the channels of YCxCz.
 pub(super) struct ContrastFilter {
-    lightness: Kernel,
-    red_green: Kernel,
+    lightness: FlipKernel,
+    red_green: FlipKernel,
     /// Two Gaussians with their shares of the sum.
-    blue_yellow: [(Kernel, f64); 2],
+    blue_yellow: [(FlipKernel, f64); 2],
 }
 
 impl ContrastFilter {
@@ -115,7 +115,7 @@ impl ContrastFilter {
         let widest = BLUE_YELLOW[0].b / (2.0 * PI * PI);
         let radius = (3.0 * widest.sqrt() * pixels_per_degree).ceil() as i32;
         let kernel =
-            |s: Sensitivity| Kernel::new(radius, |x| (-(PI * x / pixels_per_degree).powi(2) / s.b).exp());
+            |s: Sensitivity| FlipKernel::new(radius, |x| (-(PI * x / pixels_per_degree).powi(2) / s.b).exp());
         // In two dimensions the sum of a separable Gaussian is the square of its sum along one axis.
         let parts = BLUE_YELLOW.map(|s| s.a * (PI / s.b).sqrt() * kernel(s).0.iter().sum::<f64>().powi(2));
         let sum: f64 = parts.iter().sum();
@@ -126,7 +126,7 @@ impl ContrastFilter {
         }
     }
 
-    pub(super) fn apply(&self, channels: &[Plane; 3]) -> [Plane; 3] {
+    pub(super) fn apply(&self, channels: &[FlipPlane; 3]) -> [FlipPlane; 3] {
         let [y, cx, cz] = channels;
         let [(wide, wide_part), (narrow, narrow_part)] = &self.blue_yellow;
         let mut blue_yellow = cz.filtered(wide, wide);
@@ -147,9 +147,9 @@ const FEATURE_WIDTH: f64 = 0.082;
 
 /// Filters for the strength of edges and points at each pixel.
 pub(super) struct FeatureDetector {
-    smooth: Kernel,
-    edge: Kernel,
-    point: Kernel,
+    smooth: FlipKernel,
+    edge: FlipKernel,
+    point: FlipKernel,
 }
 
 impl FeatureDetector {
@@ -158,14 +158,14 @@ impl FeatureDetector {
         let radius = (3.0 * sd).ceil() as i32;
         let gaussian = |x: f64| (-0.5 * (x / sd).powi(2)).exp();
         FeatureDetector {
-            smooth: Kernel::new(radius, gaussian).normalised(),
-            edge: Kernel::new(radius, |x| -x * gaussian(x)).balanced(),
-            point: Kernel::new(radius, |x| ((x / sd).powi(2) - 1.0) * gaussian(x)).balanced(),
+            smooth: FlipKernel::new(radius, gaussian).normalised(),
+            edge: FlipKernel::new(radius, |x| -x * gaussian(x)).balanced(),
+            point: FlipKernel::new(radius, |x| ((x / sd).powi(2) - 1.0) * gaussian(x)).balanced(),
         }
     }
 
     /// Returns the edge and point strengths of a luminance plane.
-    pub(super) fn detect(&self, luminance: &Plane) -> [Vec<f64>; 2] {
+    pub(super) fn detect(&self, luminance: &FlipPlane) -> [Vec<f64>; 2] {
         [&self.edge, &self.point].map(|derivative| {
             let across = luminance.filtered(derivative, &self.smooth).values;
             let down = luminance.filtered(&self.smooth, derivative).values;

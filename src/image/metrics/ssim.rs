@@ -5,7 +5,7 @@
 //! displayed values; only pixels whose whole window lies in the image count.
 
 use super::as_displayed;
-use super::flip_filter::{Kernel, Plane};
+use super::flip_filter::{FlipKernel, FlipPlane};
 use crate::image::LinearImage;
 use crate::parallel;
 
@@ -35,10 +35,10 @@ pub(super) fn ssim(images: [&LinearImage; 2], gain: f64) -> Option<f64> {
         parallel::generate(pixels.len(), |index| luma(&pixels[index]))
     });
     // Compute local means and second moments
-    let window = Kernel::gaussian(RADIUS as i32, DEVIATION);
+    let window = FlipKernel::gaussian(RADIUS as i32, DEVIATION);
     let blurred = |value: &(dyn Fn(usize) -> f64 + Sync)| {
         let values = parallel::generate(x.len(), value);
-        Plane { width, values }.filtered(&window, &window).values
+        FlipPlane { width, values }.filtered(&window, &window).values
     };
     let means = [blurred(&|i| x[i]), blurred(&|i| y[i])];
     let squares = [blurred(&|i| x[i] * x[i]), blurred(&|i| y[i] * y[i])];

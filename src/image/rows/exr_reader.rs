@@ -14,7 +14,7 @@ use exr::meta::{BlockDescription, MetaData, Requirements, magic_number};
 use exr::prelude::{AttributeValue, Text, Vec2, f16};
 
 use super::super::ImageError;
-use super::{ExrChannel, SampleType, Samples, Window};
+use super::{ExrChannel, RowWindow, SampleType, Samples};
 use crate::parallel;
 
 /// Largest size in bytes of a block of rows: 64 channels of 32 rows of 2^17 pixels.
@@ -60,13 +60,13 @@ impl ExrScanlineReader {
     }
 
     /// Returns the rectangle of pixels that the file contains.
-    pub fn data_window(&self) -> Window {
-        Window::of_bounds(self.header().data_window())
+    pub fn data_window(&self) -> RowWindow {
+        RowWindow::of_bounds(self.header().data_window())
     }
 
     /// Returns the rectangle of the complete image, of which the file may contain a part.
-    pub fn display_window(&self) -> Window {
-        Window::of_bounds(self.header().shared_attributes.display_window)
+    pub fn display_window(&self) -> RowWindow {
+        RowWindow::of_bounds(self.header().shared_attributes.display_window)
     }
 
     /// Returns the channels, sorted by name.
@@ -275,11 +275,11 @@ mod tests {
     /// Returns the layout of a cropped image with each kind of channel, unsorted.
     fn layout(compression: Compression) -> ExrLayout<'static> {
         ExrLayout {
-            data_window: Window {
+            data_window: RowWindow {
                 origin: [-3, 40],
                 size: [13, 75],
             },
-            display_window: Window::of_size([200, 150]),
+            display_window: RowWindow::of_size([200, 150]),
             channels: vec![
                 ExrChannel::new("sum.upper", SampleType::Uint),
                 ExrChannel::new("a", SampleType::Half),

@@ -24,9 +24,9 @@ pub use png_writer::PngScanlineWriter;
 #[derive(Clone, Debug)]
 pub struct ExrLayout<'a> {
     /// Rectangle of pixels that the file contains.
-    pub data_window: Window,
+    pub data_window: RowWindow,
     /// Rectangle of the complete image, of which the file may contain a part.
-    pub display_window: Window,
+    pub display_window: RowWindow,
     /// Channels with unique names, in the order in which the caller gives values. The file sorts them by name.
     pub channels: Vec<ExrChannel>,
     /// Compression method of the rows.
@@ -39,8 +39,8 @@ impl ExrLayout<'_> {
     /// Returns the layout of a complete image of `size` (width and height), uncompressed and without attributes.
     pub fn of_size(size: [u32; 2], channels: Vec<ExrChannel>) -> ExrLayout<'static> {
         ExrLayout {
-            data_window: Window::of_size(size),
-            display_window: Window::of_size(size),
+            data_window: RowWindow::of_size(size),
+            display_window: RowWindow::of_size(size),
             channels,
             compression: Compression::None,
             notes: &[],
@@ -50,22 +50,22 @@ impl ExrLayout<'_> {
 
 /// Rectangle of pixels in an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Window {
+pub struct RowWindow {
     /// Column and row of the pixel at the top left.
     pub origin: [i32; 2],
     /// Width and height in pixels.
     pub size: [u32; 2],
 }
 
-impl Window {
+impl RowWindow {
     /// Returns the rectangle of an image of `size`, width and height.
-    pub fn of_size(size: [u32; 2]) -> Window {
-        Window { origin: [0; 2], size }
+    pub fn of_size(size: [u32; 2]) -> RowWindow {
+        RowWindow { origin: [0; 2], size }
     }
 
     /// Converts from the rectangle type of the `exr` crate.
-    fn of_bounds(bounds: IntegerBounds) -> Window {
-        Window {
+    fn of_bounds(bounds: IntegerBounds) -> RowWindow {
+        RowWindow {
             origin: [bounds.position.x(), bounds.position.y()],
             size: [bounds.size.width() as u32, bounds.size.height() as u32],
         }

@@ -20,7 +20,7 @@ pub struct PngScanlineWriter {
     rows_left: u32,
     encoder: StreamWriter<'static, png::Sink<'static>>,
     /// Output of the encoder, shared to retrieve the file and its first error.
-    output: Output,
+    output: PngOutput,
 }
 
 impl PngScanlineWriter {
@@ -36,7 +36,7 @@ impl PngScanlineWriter {
         notes: &[Attribute],
     ) -> Result<PngScanlineWriter, ImageError> {
         let begin = || {
-            let output = Output::new(AtomicFile::create(path)?);
+            let output = PngOutput::new(AtomicFile::create(path)?);
             let header = encoding.begin(Box::new(output.clone()), size, notes)?;
             Ok((header.into_stream_writer().map_err(io_error)?, output))
         };
@@ -101,11 +101,11 @@ impl PngScanlineWriter {
 
 /// Shared output file: gives access to a file that the encoder owns, and to the first error that the encoder may drop.
 #[derive(Clone)]
-struct Output(Arc<Mutex<(Option<AtomicFile>, Option<io::Error>)>>);
+struct PngOutput(Arc<Mutex<(Option<AtomicFile>, Option<io::Error>)>>);
 
-impl Output {
-    fn new(file: AtomicFile) -> Output {
-        Output(Arc::new(Mutex::new((Some(file), None))))
+impl PngOutput {
+    fn new(file: AtomicFile) -> PngOutput {
+        PngOutput(Arc::new(Mutex::new((Some(file), None))))
     }
 
     /// Returns the file, or the first error of writing to it.
@@ -118,7 +118,7 @@ impl Output {
     }
 }
 
-impl Write for Output {
+impl Write for PngOutput {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let (file, fault) = &mut *state;

@@ -143,7 +143,7 @@ impl Dipole {
     }
 
     /// Returns the constants of the f32 form of the dipole.
-    pub(super) fn kernel(&self) -> Kernel {
+    pub(super) fn kernel(&self) -> DipoleKernel {
         let constants = |channel: &Channel| {
             channel.z.map(|z| PointSource {
                 inverse_z2: (z * z).recip() as f32,
@@ -151,13 +151,13 @@ impl Dipole {
                 peak: (channel.albedo / (4.0 * PI) / (z * z)) as f32,
             })
         };
-        Kernel(self.channels.each_ref().map(constants))
+        DipoleKernel(self.channels.each_ref().map(constants))
     }
 }
 
 /// f32 form of R_d as a function of squared distances, by colour channel: source and image.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Kernel(pub(super) [[PointSource; 2]; 3]);
+pub(super) struct DipoleKernel(pub(super) [[PointSource; 2]; 3]);
 
 /// Point source of the dipole or its image, in units of its distance z from the surface.
 #[derive(Clone, Copy, Debug)]

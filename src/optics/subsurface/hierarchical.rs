@@ -4,7 +4,7 @@
 use glam::DVec3;
 use multiversion::multiversion;
 
-use super::dipole::Kernel;
+use super::dipole::DipoleKernel;
 use super::octree::{IrradianceTree, Moments};
 use crate::numeric::{LANES, Lanes3};
 
@@ -12,8 +12,8 @@ use crate::numeric::{LANES, Lanes3};
 const BATCH: usize = 4 * LANES;
 
 /// Sources that await evaluation, and the sum of those evaluated.
-struct Batch<'k> {
-    kernel: &'k Kernel,
+struct PointBatch<'k> {
+    kernel: &'k DipoleKernel,
     /// Squared distances of the sources, by colour.
     r2: [[f32; BATCH]; 3],
     power: [[f32; BATCH]; 3],
@@ -34,7 +34,7 @@ impl IrradianceTree {
     /// Returns the radiant exitance at `p`, and the number of evaluations of the dipole for it.
     pub(super) fn gather(&self, p: DVec3) -> ([f32; 3], usize) {
         let p = (p - self.origin).as_vec3().to_array();
-        let mut batch = Batch::new(&self.kernel);
+        let mut batch = PointBatch::new(&self.kernel);
         let mut n = 0;
         // Walk the octree in depth-first order, skipping the subtrees of far cells
         while let Some(node) = self.nodes.get(n) {
@@ -79,9 +79,9 @@ fn squared_distance(a: [f32; 3], b: [f32; 3]) -> f32 {
     d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
 }
 
-impl Batch<'_> {
-    fn new(kernel: &Kernel) -> Batch<'_> {
-        Batch {
+impl PointBatch<'_> {
+    fn new(kernel: &DipoleKernel) -> PointBatch<'_> {
+        PointBatch {
             kernel,
             r2: [[0.0; BATCH]; 3],
             power: [[0.0; BATCH]; 3],
@@ -138,7 +138,12 @@ impl Batch<'_> {
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn add_exitance(kernel: &Kernel, r2: &[[f32; BATCH]; 3], power: &[[f32; BATCH]; 3], sums: &mut Lanes3<f32>) {
+fn add_exitance(
+    kernel: &DipoleKernel,
+    r2: &[[f32; BATCH]; 3],
+    power: &[[f32; BATCH]; 3],
+    sums: &mut Lanes3<f32>,
+) {
     for c in 0..3 {
         let [source, image] = kernel.0[c];
         let mut sum = sums[c];

@@ -12,7 +12,7 @@
 use glam::DVec3;
 
 use super::Dipole;
-use super::dipole::Kernel;
+use super::dipole::DipoleKernel;
 use crate::numeric::morton::{MortonKey, sorted_keys};
 use crate::parallel;
 
@@ -41,10 +41,10 @@ pub struct IrradianceSample {
 /// Points of known irradiance on the surface of one medium, from which the exitance anywhere is evaluated.
 #[derive(Clone, Debug)]
 pub struct IrradianceTree {
-    pub(super) kernel: Kernel,
+    pub(super) kernel: DipoleKernel,
     /// Origin that all positions are relative to.
     pub(super) origin: DVec3,
-    pub(super) nodes: Vec<Node>,
+    pub(super) nodes: Vec<OctreeNode>,
     /// Moments of each node's points, in red, green and blue.
     pub(super) moments: Vec<[Moments; 3]>,
     /// Coordinates of all points, in the order of the leaves.
@@ -55,7 +55,7 @@ pub struct IrradianceTree {
 
 /// Node of the octree: a cell, and the points of a leaf.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Node {
+pub(super) struct OctreeNode {
     /// Centroid of the cell's power, of all colours together.
     pub(super) position: [f32; 3],
     /// Squared distance beyond which the cell's moments represent its subtree; negative if it has no power.
@@ -80,7 +80,7 @@ pub(super) struct Moments {
 }
 
 /// Inputs from which all cells are built.
-struct Builder<'a> {
+struct OctreeBuilder<'a> {
     /// Morton keys of the points, in ascending order.
     keys: &'a [MortonKey],
     /// Points in the order of `keys`.
@@ -102,7 +102,7 @@ impl IrradianceTree {
         let (bounds, keys) = sorted_keys(samples.len(), |i| samples[i].position);
         // Copy the points into the order in which they are read.
         let sorted = parallel::generate(samples.len(), |slot| samples[keys[slot].1 as usize]);
-        let builder = Builder {
+        let builder = OctreeBuilder {
             keys: &keys,
             samples: &sorted,
             origin: if samples.is_empty() {
@@ -140,7 +140,7 @@ impl IrradianceTree {
 
     /// Returns the bytes of all arrays.
     pub fn byte_count(&self) -> usize {
-        self.nodes.len() * (size_of::<Node>() + size_of::<[Moments; 3]>())
+        self.nodes.len() * (size_of::<OctreeNode>() + size_of::<[Moments; 3]>())
             + 6 * self.sample_count() * size_of::<f32>()
     }
 }
@@ -161,9 +161,9 @@ impl IrradianceSample {
     }
 }
 
-impl Builder<'_> {
+impl OctreeBuilder<'_> {
     /// Builds the cell of the points from `first` to before `end`, at least one, and its subtree.
-    fn cell(&self, first: usize, end: usize) -> Vec<(Node, [Moments; 3])> {
+    fn cell(&self, first: usize, end: usize) -> Vec<(OctreeNode, [Moments; 3])> {
         // Summarise the points and stop at a leaf
         let mut node = self.node(first, end);
         let moments = std::array::from_fn(|c| self.moments(first, end, c));
@@ -203,7 +203,7 @@ impl Builder<'_> {
     }
 
     /// Returns the node of the points from `first` to before `end`, without children.
-    fn node(&self, first: usize, end: usize) -> Node {
+    fn node(&self, first: usize, end: usize) -> OctreeNode {
         // Sum area and power, and compute the centroid
         let (mut area, mut total, mut middle) = (0.0, 0.0, DVec3::ZERO);
         for sample in self.samples(first, end) {
@@ -220,7 +220,7 @@ impl Builder<'_> {
             .map(|sample| (sample.position - self.origin).distance_squared(middle))
             .fold(0.0, f64::max);
         let disk = std::f64::consts::PI * radius2;
-        Node {
+        OctreeNode {
             position: middle.as_vec3().to_array(),
             far2: if is_lit {
                 (area.max(disk) / self.solid_angle) as f32

@@ -13,7 +13,7 @@ use super::super::wavefront::RendererPool;
 use super::checkpoints::{Checkpoints, Pace};
 use super::display_error::DisplayError;
 use super::pilot;
-use super::progress::Progress;
+use super::progress::AdaptiveProgress;
 use super::rounds::PixelStatus;
 use super::state::SamplingState;
 use super::target::Adaptive;
@@ -56,7 +56,7 @@ pub(in crate::render) fn render(
     state.known.even_count = frame.even_count;
     let waves = RendererPool::new(frame);
     let mut pace = Pace::new(checkpoints);
-    let mut progress = Progress::default();
+    let mut progress = AdaptiveProgress::default();
     // Render rounds until no pixel needs more samples
     loop {
         // Collect the pixels of the round and announce its size
@@ -153,7 +153,7 @@ fn render_visits(
     waves: &RendererPool,
     round: Vec<(Patch, Vec<PixelVisit>)>,
     monitor: &Monitor,
-    progress: Option<&Progress>,
+    progress: Option<&AdaptiveProgress>,
 ) -> Option<Vec<Visited>> {
     let rendered = parallel::map(round.len(), &|index| {
         if monitor.cancel.load(Ordering::Relaxed) {

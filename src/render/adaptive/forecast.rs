@@ -9,7 +9,7 @@
 
 /// Sums over the pixels of a forecast.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Forecast {
+pub(super) struct PassForecast {
     pixel_count: f64,
     /// Number of samples after the round, Σ m.
     samples: f64,
@@ -27,7 +27,7 @@ pub(super) struct Forecast {
 /// because the errors are estimates themselves.
 const MIN_ADVANTAGE: f64 = 1.1;
 
-impl Forecast {
+impl PassForecast {
     /// Adds a pixel with a squared error, of which the fraction `noise` is noise; it has `count` samples and will
     /// have `next`.
     pub(super) fn add(&mut self, square: f64, noise: f64, count: u32, next: u32) {
@@ -49,7 +49,7 @@ impl Forecast {
     }
 
     /// Adds the pixels of `other`.
-    pub(super) fn merge(&mut self, other: &Forecast) {
+    pub(super) fn merge(&mut self, other: &PassForecast) {
         self.pixel_count += other.pixel_count;
         self.samples += other.samples;
         self.squares_now += other.squares_now;
@@ -97,14 +97,14 @@ mod tests {
 
     #[test]
     fn sums_equal_the_power_law() {
-        let mut forecast = Forecast::default();
+        let mut forecast = PassForecast::default();
         forecast.add(2.0, 0.0, 16, 64);
-        let mut other = Forecast::default();
+        let mut other = PassForecast::default();
         other.add(3.0, 0.0, 16, 16);
         other.add_missed(1.0, 16);
         forecast.merge(&other);
         // 16^1.5 = 64, (16/64)^1.5 = 1/8: 2/8 + 3 + 1 against 64 (2 + 3 + 1).
-        let expected = Forecast {
+        let expected = PassForecast {
             pixel_count: 2.0,
             samples: 80.0,
             squares_now: 6.0,
@@ -117,14 +117,14 @@ mod tests {
 
     #[test]
     fn noise_falls_with_the_number_of_samples_and_edges_faster() {
-        let mut forecast = Forecast::default();
+        let mut forecast = PassForecast::default();
         forecast.add(4.0, 0.75, 16, 64);
         // The noise 3 is divided by four, the edges 1 by eight.
         assert!((forecast.squares - 0.875).abs() < 1e-15);
         assert_eq!(forecast.even_count(1000), 64);
         // All of it noise: a pixel with error 1 at 64 samples and one with error 1 at 16 need 2 / (1/4 + 1) times 16
         // each, 25.6.
-        let mut noise = Forecast::default();
+        let mut noise = PassForecast::default();
         noise.add(1.0, 1.0, 16, 64);
         noise.add(1.0, 1.0, 16, 16);
         assert_eq!(noise.even_count(1000), 26);
@@ -136,7 +136,7 @@ mod tests {
         // One of ten pixels is doubled, which removes 1 - 2^-1.5 = 0.65; a tenth more samples for all removes 1 -
         // 1.1^-1.5 = 0.13 of the total, which is 1 or 10.
         let forecast = |certain: f64| {
-            let mut forecast = Forecast::default();
+            let mut forecast = PassForecast::default();
             forecast.add(1.0, 0.0, 16, 32);
             (0..9).for_each(|_| forecast.add(certain, 0.0, 16, 16));
             forecast
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn round_without_the_worst_pixels_does_not_pay() {
-        let mut forecast = Forecast::default();
+        let mut forecast = PassForecast::default();
         forecast.add(1.0, 0.0, 16, 32);
         forecast.add(0.0, 0.0, 16, 16);
         // It removes 0.65, against 1 - 1.5^-1.5 = 0.46; with a missed error of 1 that is 0.91.

@@ -16,7 +16,7 @@
 //!    rule of succession, something unseen in n samples may cover about 1 / (n + 1) of the pixel.
 //! 4. *It inherits*: it has had one round only, and the mean of a neighbour is uncertain.
 //!
-//! Then [`Forecast`] decides whether the round reduces the error more than the same number of samples distributed
+//! Then [`PassForecast`] decides whether the round reduces the error more than the same number of samples distributed
 //! over all pixels. Where most of an image is about equally uncertain it does not, and the pixels with the fewest
 //! samples join the round, so that such images are sampled uniformly. The forecast also includes features that are
 //! too small to be hit. By the estimate of Good and Turing (I. J. Good, "The population frequencies of species",

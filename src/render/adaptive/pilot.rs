@@ -12,7 +12,7 @@
 
 use super::super::film::PixelStatistics;
 use super::display_error::{DisplayError, NoiseModel};
-use super::forecast::Forecast;
+use super::forecast::PassForecast;
 use super::target::{Adaptive, ROUND};
 
 /// Side of a block in pixels.
@@ -41,7 +41,7 @@ pub(super) fn has_settled(before: u32, now: u32) -> bool {
 /// Returns the number of evenly distributed samples per pixel, up to `spp`, that has the error of pixels with these
 /// first rounds when they reach the target.
 pub(super) fn even_count(first_rounds: &[PixelStatistics], target: Adaptive, spp: u32) -> u32 {
-    let mut forecast = Forecast::default();
+    let mut forecast = PassForecast::default();
     let mut noise_model = NoiseModel::default();
     first_rounds.iter().for_each(|estimate| noise_model.add(estimate));
     let noise = noise_model.noise();
@@ -140,7 +140,7 @@ mod tests {
             .enumerate()
             .for_each(|(i, value)| *value = 0.5 + (i % 2) as f64 * 1e-9);
         assert_eq!(even_count(&[estimate(&calm)], TARGET, 4096), 16);
-        let mut forecast = Forecast::default();
+        let mut forecast = PassForecast::default();
         forecast.add(62.41, 0.0, 16, 256);
         forecast.add(1.0, 0.0, 16, 16);
         assert_eq!(forecast.even_count(4096), 162);

@@ -9,7 +9,7 @@ use super::target::ROUND;
 
 /// Numbers of samples taken and samples expected.
 #[derive(Debug, Default)]
-pub(super) struct Progress {
+pub(super) struct AdaptiveProgress {
     /// Samples before the current round, or before it was resumed.
     taken: u64,
     /// Samples in the round since then.
@@ -21,7 +21,7 @@ pub(super) struct Progress {
     greatest: AtomicU64,
 }
 
-impl Progress {
+impl AdaptiveProgress {
     /// Begins a round in which `left` are still to be visited.
     pub(super) fn begin_round<'v>(
         &mut self,
@@ -71,7 +71,7 @@ mod tests {
             gain: 1.0,
         };
         let mut state = SamplingState::new(target, &canvas, 64);
-        let mut progress = Progress::default();
+        let mut progress = AdaptiveProgress::default();
         let visit = |x: u32, groups: std::ops::Range<u32>| PixelVisit { x, y: 0, groups };
         let first = [visit(0, 0..1), visit(1, 0..1)];
         progress.begin_round(&state, first.iter());

@@ -48,7 +48,7 @@ pub(super) struct Missed {
 
 /// State that does not belong to single pixels; f64 numbers are stored as bits.
 #[derive(Serialize, Deserialize)]
-struct Rest {
+struct RemainingTime {
     is_first: bool,
     even_count: u32,
     missed: Vec<[u64; 2]>,
@@ -132,7 +132,7 @@ impl Rounds {
 
     /// Returns the state besides the words of pixels, as JSON.
     pub fn rest(&self) -> String {
-        let rest = Rest {
+        let rest = RemainingTime {
             is_first: self.is_first,
             even_count: self.even_count,
             missed: self
@@ -147,7 +147,7 @@ impl Rounds {
     /// Restores the state besides the words of pixels; `None` if the text is invalid.
     #[must_use]
     pub fn set_rest(&mut self, text: &str) -> Option<()> {
-        let rest: Rest = serde_json::from_str(text).ok()?;
+        let rest: RemainingTime = serde_json::from_str(text).ok()?;
         let missed = rest.missed.into_iter().map(|bits| {
             let [sum, squares] = bits.map(f64::from_bits);
             Missed { sum, squares }

@@ -6,7 +6,7 @@ use super::super::film::PixelStatistics;
 use super::super::subset::{Patch, PatchAtlas};
 use super::super::tile::PixelVisit;
 use super::display_error::{DisplayError, NoiseModel};
-use super::forecast::Forecast;
+use super::forecast::PassForecast;
 use super::rounds::{LEVELS, Missed, PixelStatus, Rounds};
 use super::target::{Adaptive, ROUND};
 use crate::parallel;
@@ -91,9 +91,9 @@ impl SamplingState {
 
     /// Returns the forecast for the pixels of the next round, with the squared error `missed` by pixels of `min_count`
     /// samples.
-    fn forecast(&self, missed: f64, min_count: u32) -> Forecast {
+    fn forecast(&self, missed: f64, min_count: u32) -> PassForecast {
         let of_row = |row: usize| {
-            let mut forecast = Forecast::default();
+            let mut forecast = PassForecast::default();
             for index in row * self.width..(row + 1) * self.width {
                 let look = &self.display_errors[index];
                 let next = if self.known.statuses[index] == PixelStatus::Waits {
@@ -107,9 +107,9 @@ impl SamplingState {
             }
             forecast
         };
-        let rows: Vec<Forecast> = parallel::map(self.height, &of_row);
+        let rows: Vec<PassForecast> = parallel::map(self.height, &of_row);
         // Sum in a fixed order, so that the result does not depend on threads.
-        let mut forecast = Forecast::default();
+        let mut forecast = PassForecast::default();
         rows.iter().for_each(|row| forecast.merge(row));
         forecast.add_missed(missed, min_count);
         forecast

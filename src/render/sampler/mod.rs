@@ -59,7 +59,7 @@ pub fn sample_2d(pattern: Pattern, pixel: [u32; 2], sample: u32, spp: u32, purpo
     if purpose != Purpose::FILM {
         return sobol::point(sobol::shuffled(sample, seed), seed);
     }
-    let layout = Layout::new(pattern, spp);
+    let layout = SampleLayout::new(pattern, spp);
     match layout.pattern {
         Pattern::Regular | Pattern::R2 => layout.shared_position(sample),
         Pattern::Jittered => layout.jittered(layout.cell(sample), sample, seed),
@@ -69,21 +69,21 @@ pub fn sample_2d(pattern: Pattern, pixel: [u32; 2], sample: u32, spp: u32, purpo
 
 /// Pattern for a number of samples, with the data that all pixels share.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Layout {
+pub(super) struct SampleLayout {
     pattern: Pattern,
     columns: u32,
     rows: u32,
 }
 
-impl Layout {
+impl SampleLayout {
     /// Returns the layout of `pattern` for `spp` samples per pixel, at least 1.
-    pub(super) fn new(pattern: Pattern, spp: u32) -> Layout {
+    pub(super) fn new(pattern: Pattern, spp: u32) -> SampleLayout {
         // Find the divisor of `spp` that is closest to its root from below
         let rows = (1..=spp.isqrt())
             .rev()
             .find(|&rows| spp.is_multiple_of(rows))
             .unwrap_or(1);
-        Layout {
+        SampleLayout {
             // Centre of the only cell, where every pattern has a single sample.
             pattern: if spp == 1 { Pattern::Regular } else { pattern },
             columns: spp / rows,
@@ -225,7 +225,7 @@ mod tests {
     #[test]
     fn grids_have_as_many_cells_as_samples_and_come_near_a_square() {
         for (spp, columns, rows) in [(1, 1, 1), (2, 2, 1), (6, 3, 2), (7, 7, 1), (16, 4, 4), (48, 8, 6)] {
-            let layout = Layout::new(Pattern::Regular, spp);
+            let layout = SampleLayout::new(Pattern::Regular, spp);
             assert_eq!((layout.columns, layout.rows), (columns, rows), "{spp}");
         }
         // Three by two cells: the first centre is at (1/6, 1/4), the last at (5/6, 3/4).
@@ -253,7 +253,11 @@ mod tests {
     fn only_jittered_and_sobol_samples_differ_from_pixel_to_pixel() {
         for pattern in PATTERNS {
             let same = film(*pattern, [0, 0], 3, 16) == film(*pattern, [1, 0], 3, 16);
-            assert_ne!(same, Layout::new(*pattern, 16).is_per_pixel(), "{pattern:?}");
+            assert_ne!(
+                same,
+                SampleLayout::new(*pattern, 16).is_per_pixel(),
+                "{pattern:?}"
+            );
         }
     }
 
@@ -341,7 +345,7 @@ mod tests {
         for pattern in [Pattern::Jittered, Pattern::Sobol] {
             for spp in [2, 5, 16, 40] {
                 let shape = PacketShape::for_samples(spp);
-                let layout = Layout::new(pattern, spp);
+                let layout = SampleLayout::new(pattern, spp);
                 let [dx, dy] = shape.pixels();
                 let (x, y) = (dx.map(|d| 96 + d), dy.map(|d| 640 + d));
                 for group in shape.groups(layout, spp) {

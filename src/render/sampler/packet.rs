@@ -1,6 +1,6 @@
 //! Grouping of samples and pixels into packets of sixteen.
 
-use super::Layout;
+use super::SampleLayout;
 use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// Distribution of pixels and samples over the lanes of a packet: `block * block` pixels with `LANES / block²`
@@ -40,7 +40,7 @@ impl PacketShape {
     }
 
     /// Returns the samples of one pixel, divided into groups of one packet.
-    pub(in crate::render) fn groups(&self, layout: Layout, spp: u32) -> Vec<SampleGroup> {
+    pub(in crate::render) fn groups(&self, layout: SampleLayout, spp: u32) -> Vec<SampleGroup> {
         let group = |first: u32| {
             // Lanes of one pixel hold successive samples
             let sample: Lanes<u32> = std::array::from_fn(|lane| first + lane as u32 % self.samples);
@@ -81,7 +81,7 @@ mod tests {
             let shape = PacketShape::for_samples(spp);
             let [x, y] = shape.pixels();
             let mut seen = HashSet::new();
-            for group in shape.groups(Layout::new(Pattern::R2, spp), spp) {
+            for group in shape.groups(SampleLayout::new(Pattern::R2, spp), spp) {
                 for l in (0..LANES).filter(|&l| group.exists[l]) {
                     assert!(x[l] < shape.block && y[l] < shape.block);
                     assert!(seen.insert((x[l], y[l], group.position[0][l].to_bits())));

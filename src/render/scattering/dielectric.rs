@@ -21,7 +21,7 @@ use crate::numeric::{LANES, Lanes3, Ray};
 use crate::optics::{LINE_D, reflect, refract};
 use crate::scene::{Effect, MIRROR_ROUGHNESS, Model, Phong};
 use crate::shading::MaterialPacket;
-use crate::shading::ray_cone::Cone;
+use crate::shading::ray_cone::RayCone;
 
 impl RenderContext<'_> {
     /// Returns the ray cone of a traced ray at its hit.
@@ -30,7 +30,7 @@ impl RenderContext<'_> {
         traced: &TracedPacket,
         path_states: PathStatePacket,
         l: usize,
-    ) -> Cone {
+    ) -> RayCone {
         if !self.effects().has(Effect::TextureFilter) {
             return PathState::NONE.cone;
         }
@@ -343,7 +343,7 @@ pub(in crate::render) struct BoundaryHit<'a> {
     pixel: u32,
     weight: [f32; 3],
     pub(in crate::render) arrival: PathState,
-    cone: Cone,
+    cone: RayCone,
     curvature: f64,
     boundary: Boundary<'a>,
     tints: Tints,

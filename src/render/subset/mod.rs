@@ -9,7 +9,7 @@ mod ray_recorder;
 mod region;
 mod tiles;
 
-pub use parts::{Parts, Share, Sums};
+pub use parts::{PartSums, Parts, Share};
 pub use patches::{PatchGrid, render_patches};
 pub use probe::{Probe, probe};
 pub use ray_recorder::{RecordedRays, record};

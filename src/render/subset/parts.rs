@@ -118,7 +118,7 @@ impl<'s> Parts<'s> {
         region: &Region,
         share: Share,
         monitor: &Monitor,
-    ) -> Option<(Sums, RenderProfile)> {
+    ) -> Option<(PartSums, RenderProfile)> {
         let packets = share.of(self.packet_count());
         self.sums_of(region, packets, monitor)
     }
@@ -138,7 +138,7 @@ impl<'s> Parts<'s> {
         region: &Region,
         packets: Range<usize>,
         monitor: &Monitor,
-    ) -> Option<(Sums, RenderProfile)> {
+    ) -> Option<(PartSums, RenderProfile)> {
         let start = Instant::now();
         self.frame.part = packets;
         self.frame.returns_sums = true;
@@ -160,7 +160,7 @@ impl<'s> Parts<'s> {
 
 /// Sums over samples of the pixels of a rectangle, row by row from the top.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sums {
+pub struct PartSums {
     /// Number of samples per pixel in the sums.
     pub samples: u32,
     /// Sums of linear RGB radiance.
@@ -171,12 +171,12 @@ pub struct Sums {
     pub squares: Option<Vec<f64>>,
 }
 
-impl Sums {
+impl PartSums {
     /// Adds the sums of the share that follows this one.
     ///
     /// # Panics
     /// If the sums belong to another rectangle.
-    pub fn add(&mut self, next: &Sums) {
+    pub fn add(&mut self, next: &PartSums) {
         fn add_all<const N: usize>(sums: &mut [[f64; N]], next: &[[f64; N]]) {
             assert_eq!(sums.len(), next.len(), "sums of other pixels");
             for (sum, next) in sums.iter_mut().zip(next) {
@@ -221,14 +221,14 @@ impl Sums {
 
 impl Cover {
     /// Returns the sums over the samples of the rectangle, from tiles with positions relative to the cover.
-    fn sums(&self, frame: &RenderContext, tiles: &[(Tile, TileResult)]) -> Sums {
+    fn sums(&self, frame: &RenderContext, tiles: &[(Tile, TileResult)]) -> PartSums {
         let [width, height] = self.size();
         let settings = &frame.settings;
         let squares = || {
             let estimates = tile_result::assemble(width, height, tiles, &|result| &result.estimates);
             self.cut(estimates).iter().map(PixelStatistics::squares).collect()
         };
-        Sums {
+        PartSums {
             samples: frame.samples_taken(),
             radiance: self.cut(tile_result::assemble(width, height, tiles, &|result| {
                 &result.sums

@@ -40,7 +40,7 @@ pub(super) struct SubsurfaceObject {
 
 impl SubsurfaceObject {
     pub(super) fn new(irradiance_points: &IrradiancePoints, irradiance: &[[f32; 3]]) -> SubsurfaceObject {
-        let sample = |(point, &irradiance): (&points::Point, &[f32; 3])| IrradianceSample {
+        let sample = |(point, &irradiance): (&points::IrradiancePoint, &[f32; 3])| IrradianceSample {
             position: point.position,
             area: point.area,
             irradiance,

@@ -17,7 +17,7 @@ const MIN_POINTS: f64 = 4096.0;
 const LINES: f64 = 48.0;
 
 /// Point that represents a piece of the surface of an object, in world space.
-pub(super) type Point = SurfaceSample;
+pub(super) type IrradiancePoint = SurfaceSample;
 
 /// Object that is covered with points.
 pub(super) struct IrradiancePoints {
@@ -26,7 +26,7 @@ pub(super) struct IrradiancePoints {
     pub(super) scattering: Scattering,
     /// Dipole, limited to what the spacing of the points resolves.
     pub(super) dipole: Dipole,
-    pub(super) points: Vec<Point>,
+    pub(super) points: Vec<IrradiancePoint>,
     /// Distance between neighbouring points.
     pub(super) spacing: f64,
     /// Distance between points that the material needs.
@@ -146,7 +146,7 @@ fn triangles<'m>(instance: &Instance, mesh: &'m Mesh) -> impl Fn(usize) -> [DVec
 }
 
 /// Distributes points over a shape, `spacing` apart.
-fn on_shape(instance: &Instance, shape: &Shape, spacing: f64) -> Vec<Point> {
+fn on_shape(instance: &Instance, shape: &Shape, spacing: f64) -> Vec<IrradiancePoint> {
     let cross = |origin: DVec3, direction: DVec3, out: &mut dyn FnMut(DVec3, DVec3, u32)| {
         let line = ShapeRay::new(origin, direction);
         shape.crossings(&line, &mut |hit| {

@@ -16,7 +16,7 @@ use super::super::profile::RenderProfile;
 use super::super::surface::{ConeSource, Surfaces};
 use super::super::tile::{TILE, Tile};
 use super::super::wavefront::{BatchInfo, PathStates, ShadingState, TracedPacket};
-use super::points::{IrradiancePoints, Point};
+use super::points::{IrradiancePoint, IrradiancePoints};
 use crate::accel::{Coherence, Hit, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::subsurface::diffuse_transmittance;
@@ -108,7 +108,7 @@ impl<'f, 's> Receiver<'f, 's> {
     }
 
     /// Returns the irradiance that enters at the points of a chunk.
-    fn receive(&mut self, points: &[Point], chunk: usize) -> (Vec<[f32; 3]>, RenderProfile) {
+    fn receive(&mut self, points: &[IrradiancePoint], chunk: usize) -> (Vec<[f32; 3]>, RenderProfile) {
         let stage = BatchInfo {
             order: Coherence::Incoherent,
             depth: 0,
@@ -159,7 +159,7 @@ impl<'f, 's> Receiver<'f, 's> {
     }
 
     /// Returns a packet of up to sixteen points as hits, with their pixels from `first` on.
-    fn seen(&self, points: &[Point], first: usize) -> (RayPacket, Lanes<u32>) {
+    fn seen(&self, points: &[IrradiancePoint], first: usize) -> (RayPacket, Lanes<u32>) {
         let mut packet = RayPacket::EMPTY;
         let mut pixel = [first as u32; LANES];
         let distance = self.irradiance_points.spacing;

@@ -39,7 +39,7 @@ pub(in crate::render) struct SurfaceScene<'s> {
 }
 
 pub(in crate::render) struct InstanceView<'s> {
-    kind: Kind<'s>,
+    kind: InteractionKind<'s>,
     /// Index into the materials of the scene.
     material: u32,
     /// True if the material is constant over the surface: no texture and no vertex colour.
@@ -49,7 +49,7 @@ pub(in crate::render) struct InstanceView<'s> {
 }
 
 #[derive(Clone)]
-enum Kind<'s> {
+enum InteractionKind<'s> {
     /// Mesh data, shared by all instances of the mesh.
     Mesh(Arc<MeshView<'s>>),
     Shape(&'s Shape),
@@ -73,10 +73,10 @@ impl<'s> SurfaceScene<'s> {
     pub(in crate::render) fn new(scene: &'s Scene, plan: &Plan) -> SurfaceScene<'s> {
         let effects = plan.effects();
         // Create views of the geometries, which instances share
-        let kinds: Vec<Kind> = scene
+        let kinds: Vec<InteractionKind> = scene
             .geometries
             .iter()
-            .map(|geometry| Kind::of(geometry, effects))
+            .map(|geometry| InteractionKind::of(geometry, effects))
             .collect();
         let varies = |material: &Material| material.layers.iter().any(|layer| effects.has(layer.effect()));
         // A texture effect that is forced on without need treats every material as varying.
@@ -88,7 +88,7 @@ impl<'s> SurfaceScene<'s> {
         let views = scene.instances.iter().map(|instance| {
             let material = &scene.materials[instance.material as usize];
             let kind = kinds[instance.geometry as usize].clone();
-            let colored = matches!(&kind, Kind::Mesh(mesh) if mesh.colors.is_some());
+            let colored = matches!(&kind, InteractionKind::Mesh(mesh) if mesh.colors.is_some());
             InstanceView {
                 kind,
                 material: instance.material,
@@ -160,15 +160,15 @@ impl<'s> SurfaceScene<'s> {
         gathered.needs_scalar_path = false;
         match only {
             Some(view) => match (&view.kind, common.primitive) {
-                (Kind::Mesh(mesh), Some(primitive)) => {
+                (InteractionKind::Mesh(mesh), Some(primitive)) => {
                     gathered.needs_scalar_path = view.needs_scalar_path();
                     mesh.gather_everywhere(primitive, gathered);
                 }
-                (Kind::Mesh(mesh), None) => {
+                (InteractionKind::Mesh(mesh), None) => {
                     gathered.needs_scalar_path = view.needs_scalar_path();
                     mesh.gather_lanes(packet, gathered);
                 }
-                (Kind::Shape(_), _) => {
+                (InteractionKind::Shape(_), _) => {
                     gathered.needs_scalar_path = true;
                     gathered.smooth = [false; LANES];
                 }
@@ -235,7 +235,7 @@ impl<'s> SurfaceScene<'s> {
             }
             let view = &self.views[packet.instance[l] as usize];
             gathered.needs_scalar_path |= view.needs_scalar_path();
-            if let Kind::Mesh(mesh) = &view.kind {
+            if let InteractionKind::Mesh(mesh) = &view.kind {
                 mesh.gather(packet, l, gathered);
             }
         }
@@ -257,9 +257,9 @@ impl<'s> SurfaceScene<'s> {
             let pose = self.pose(packet, l);
             // Compute the hit in world space
             let placed = match &view.kind {
-                Kind::Mesh(_) if !view.is_placed => continue,
-                Kind::Mesh(_) => world_triangle(packet, gathered, l, &pose),
-                Kind::Shape(shape) => world_shape(packet, l, shape, &pose),
+                InteractionKind::Mesh(_) if !view.is_placed => continue,
+                InteractionKind::Mesh(_) => world_triangle(packet, gathered, l, &pose),
+                InteractionKind::Shape(shape) => world_shape(packet, l, shape, &pose),
             };
             // Turn the normals to the side of the ray
             let wo = lane(&surfaces.wo, l).as_dvec3();
@@ -314,8 +314,8 @@ impl<'s> SurfaceScene<'s> {
         let map = self.pose(packet, l).world_from_object();
         let scale = map.matrix3.determinant().abs().cbrt();
         let outside = match &view.kind {
-            Kind::Shape(Shape::Sphere(sphere)) => 1.0 / (sphere.radius * scale),
-            Kind::Mesh(_) if surfaces.gathered.smooth[l] => {
+            InteractionKind::Shape(Shape::Sphere(sphere)) => 1.0 / (sphere.radius * scale),
+            InteractionKind::Mesh(_) if surfaces.gathered.smooth[l] => {
                 let wide = |lanes: &Lanes3<f32>| lane(lanes, l).as_dvec3();
                 let corners = surfaces.gathered.corners.each_ref().map(wide);
                 let normals = surfaces.gathered.normals.each_ref().map(wide);
@@ -349,7 +349,7 @@ impl<'s> SurfaceScene<'s> {
 impl InstanceView<'_> {
     /// Returns whether hits need the scalar path: analytic shapes and transformed instances.
     fn needs_scalar_path(&self) -> bool {
-        self.is_placed || matches!(self.kind, Kind::Shape(_))
+        self.is_placed || matches!(self.kind, InteractionKind::Shape(_))
     }
 
     /// Returns the texture coordinates of a hit and the world-space derivatives of the point by them; zero where the
@@ -363,7 +363,7 @@ impl InstanceView<'_> {
     ) -> UvFrame {
         // Interpolate mesh coordinates, or evaluate the parametrization of the shape
         match &self.kind {
-            Kind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
+            InteractionKind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
                 Some(set) => {
                     let linear = pose.world_from_object().matrix3;
                     UvFrame {
@@ -376,7 +376,7 @@ impl InstanceView<'_> {
                     derivatives: [DVec3::ZERO; 2],
                 },
             },
-            Kind::Shape(shape) => {
+            InteractionKind::Shape(shape) => {
                 let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
                 UvFrame {
                     uv: point.uv.map(|x| x as f32),
@@ -389,26 +389,26 @@ impl InstanceView<'_> {
     /// Returns the interpolated mesh tangent at a hit, in object space, with its handedness.
     pub(in crate::render) fn tangent(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
         match &self.kind {
-            Kind::Mesh(mesh) => mesh
+            InteractionKind::Mesh(mesh) => mesh
                 .tangents
                 .map(|tangents| mesh.interpolate(tangents, packet, l)),
-            Kind::Shape(_) => None,
+            InteractionKind::Shape(_) => None,
         }
     }
 
     pub(in crate::render) fn vertex_color(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
         match &self.kind {
-            Kind::Mesh(mesh) => mesh.colors.map(|colors| mesh.interpolate(colors, packet, l)),
-            Kind::Shape(_) => None,
+            InteractionKind::Mesh(mesh) => mesh.colors.map(|colors| mesh.interpolate(colors, packet, l)),
+            InteractionKind::Shape(_) => None,
         }
     }
 }
 
-impl<'s> Kind<'s> {
-    fn of(geometry: &'s Geometry, effects: EffectSet) -> Kind<'s> {
+impl<'s> InteractionKind<'s> {
+    fn of(geometry: &'s Geometry, effects: EffectSet) -> InteractionKind<'s> {
         match geometry {
-            Geometry::Mesh(mesh) => Kind::Mesh(Arc::new(MeshView::of(mesh, effects))),
-            Geometry::Shape(shape) => Kind::Shape(shape),
+            Geometry::Mesh(mesh) => InteractionKind::Mesh(Arc::new(MeshView::of(mesh, effects))),
+            Geometry::Shape(shape) => InteractionKind::Shape(shape),
         }
     }
 }

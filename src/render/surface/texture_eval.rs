@@ -17,7 +17,7 @@ use crate::shading::ray_cone::{axes_on_surface, uv_of};
 use crate::shading::{ExtendedMaterialLanes, Footprint, MaterialPacket, TexturePoint};
 
 /// Hit to be textured, in world space unless stated otherwise.
-struct Textured<'a> {
+struct TexturedMaterial<'a> {
     view: &'a InstanceView<'a>,
     pose: &'a InstanceTransform<'a>,
     packet: &'a RayPacket,
@@ -58,7 +58,7 @@ impl SurfaceScene<'_> {
         let material = self.material_of(view);
         let pose = self.pose(packet, l);
         // Loop over the textures that active effects need
-        let hit = Textured::new((view, &pose), (packet, widths, l), points);
+        let hit = TexturedMaterial::new((view, &pose), (packet, widths, l), points);
         let mut alpha = material.base_color[3];
         let mut normal = None;
         for layer in &material.layers {
@@ -138,12 +138,12 @@ impl SurfacePacket {
     }
 }
 
-impl<'a> Textured<'a> {
+impl<'a> TexturedMaterial<'a> {
     fn new(
         (view, pose): (&'a InstanceView<'a>, &'a InstanceTransform<'a>),
         (packet, widths, l): (&'a RayPacket, ConeSource, usize),
         points: &SurfacePacket,
-    ) -> Textured<'a> {
+    ) -> TexturedMaterial<'a> {
         // Compute the footprint and the object-space point
         let direction = packet.ray(l).direction.as_dvec3();
         let length = direction.length();
@@ -153,7 +153,7 @@ impl<'a> Textured<'a> {
         let inward = if points.front[l] { -ng } else { ng };
         let carved = points.point(l) + inward * points.error(l);
         let cone = widths.at_start(l).after(f64::from(packet.t_far[l]) * length);
-        Textured {
+        TexturedMaterial {
             view,
             pose,
             packet,

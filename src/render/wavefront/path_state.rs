@@ -9,7 +9,7 @@ use super::super::profile::Memory;
 use crate::numeric::{LANES, Lanes};
 use crate::optics::{InteriorStack, NestedInterior};
 use crate::scene::{Effect, EffectSet};
-use crate::shading::ray_cone::Cone;
+use crate::shading::ray_cone::RayCone;
 
 /// State of one path, besides its throughput.
 #[derive(Clone, Copy)]
@@ -23,7 +23,7 @@ pub(in crate::render) struct PathState {
     /// Dielectric interiors around the path.
     pub(in crate::render) media: InteriorStack,
     /// Ray cone, as width and spread.
-    pub(in crate::render) cone: Cone,
+    pub(in crate::render) cone: RayCone,
     /// Index of the pixel sample that the path belongs to. Rays into one lobe count as separate samples.
     pub(in crate::render) sample: u32,
     /// Number of rays that the lobe at the first visible surface was split into, this one included; 1 without a
@@ -40,7 +40,7 @@ impl PathState {
         wavelength: 0.0,
         direction: DVec3::ZERO,
         media: InteriorStack::EMPTY,
-        cone: Cone {
+        cone: RayCone {
             width: 0.0,
             spread: 0.0,
         },
@@ -56,7 +56,7 @@ pub(in crate::render) struct PathStates {
     wavelength: OptionalArray<f32>,
     direction: OptionalArray<DVec3>,
     media: InteriorArray,
-    cone: OptionalArray<Cone>,
+    cone: OptionalArray<RayCone>,
     sample: OptionalArray<u32>,
     split: OptionalArray<u32>,
     time: OptionalArray<f32>,
@@ -177,7 +177,7 @@ impl PathStatePacket<'_> {
     }
 
     /// Returns the ray cone of lane `l`.
-    pub(in crate::render) fn cone(&self, l: usize) -> Cone {
+    pub(in crate::render) fn cone(&self, l: usize) -> RayCone {
         self.path_states.cone.get(self.packet, l, PathState::NONE.cone)
     }
 

@@ -9,7 +9,7 @@ use crate::cost::{Interval, Point, Study};
 use crate::image::ToneMap;
 use crate::report::cpu;
 use crate::report::format::{percent, range, significant, times};
-use crate::report::image::worst_tiles::{Tile, crop, worst};
+use crate::report::image::worst_tiles::{ErrorTile, crop, worst};
 use crate::report::knob_name::knob_name;
 use crate::report::text::cost::{choice_lines, error_ratio, format_time_factor, missing_factor_reason};
 
@@ -235,7 +235,7 @@ fn worst_tiles(images: &ComparedImages, tone: ToneMap) -> std::io::Result<String
     ))
 }
 
-fn enlarged(images: &ComparedImages, tile: &Tile, tone: ToneMap) -> std::io::Result<String> {
+fn enlarged(images: &ComparedImages, tile: &ErrorTile, tone: ToneMap) -> std::io::Result<String> {
     // Show the image at the left and the reference at the right
     let mut pair = String::new();
     for (image, words) in [(images.image, "The image"), (images.reference, "The reference")] {

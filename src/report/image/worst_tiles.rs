@@ -7,7 +7,7 @@ pub const SIDE: u32 = 32;
 
 /// Rectangular part of an image with its error.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tile {
+pub struct ErrorTile {
     /// Column and row of the upper left pixel.
     pub at: [u32; 2],
     /// Width and height in pixels.
@@ -21,12 +21,12 @@ pub struct Tile {
 ///
 /// Tiles at the right and lower edges are shifted inwards where the size is not a multiple of the tile's, and overlap
 /// their neighbours.
-pub fn worst(reference: &LinearImage, image: &LinearImage, tone: ToneMap, most: usize) -> Vec<Tile> {
+pub fn worst(reference: &LinearImage, image: &LinearImage, tone: ToneMap, most: usize) -> Vec<ErrorTile> {
     let size = [reference.width, reference.height].map(|side| side.min(SIDE));
     let rows = starts(reference.height);
     let places = rows.flat_map(|y| starts(reference.width).map(move |x| [x, y]));
-    let mut tiles: Vec<Tile> = places
-        .map(|at| Tile {
+    let mut tiles: Vec<ErrorTile> = places
+        .map(|at| ErrorTile {
             at,
             size,
             mse: squared_difference([reference, image], tone, at, size),

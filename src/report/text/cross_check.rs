@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::table::group_thousands;
 use crate::accel::EmbreeIdentity;
-use crate::verify::{Comparison, Difference, MeshDiagnostics, MeshFeature, RayKind};
+use crate::verify::{BackendComparison, Difference, MeshDiagnostics, MeshFeature, RayKind};
 
 /// Cross-check results of one scene.
 #[derive(Clone, Debug, Serialize)]
@@ -20,7 +20,7 @@ pub struct CrossCheckReport {
     /// Identity of the Embree library, where one of the backends is Embree.
     pub embree: Option<EmbreeIdentity>,
     /// Comparison results by kind of ray.
-    pub rays: BTreeMap<&'static str, Comparison>,
+    pub rays: BTreeMap<&'static str, BackendComparison>,
     /// Defects of all meshes together.
     pub meshes: MeshDiagnostics,
     /// Objects that loading removed, as one sentence each.
@@ -39,7 +39,7 @@ impl CrossCheckReport {
     }
 
     /// Returns each kind of ray with its comparison.
-    pub fn comparisons(&self) -> impl Iterator<Item = (RayKind, &Comparison)> {
+    pub fn comparisons(&self) -> impl Iterator<Item = (RayKind, &BackendComparison)> {
         RayKind::ALL
             .into_iter()
             .filter_map(|kind| Some((kind, self.rays.get(kind.word())?)))
@@ -48,7 +48,7 @@ impl CrossCheckReport {
     /// Returns the counts of wrong results and of ties, as one line each.
     pub fn legend(&self) -> [String; 2] {
         // Sum the counts over all kinds of rays
-        let sum = |of: fn(&Comparison) -> &BTreeMap<MeshFeature, u64>| {
+        let sum = |of: fn(&BackendComparison) -> &BTreeMap<MeshFeature, u64>| {
             let mut sums: BTreeMap<MeshFeature, u64> = BTreeMap::new();
             for (place, count) in self.rays.values().flat_map(of) {
                 *sums.entry(*place).or_default() += count;

@@ -37,7 +37,7 @@ pub struct Measurement {
 /// Verdict on the change of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Verdict {
+pub enum RegressionVerdict {
     /// Not worse by more than the tolerance.
     Holds,
     /// Better by more than the tolerance, significantly.
@@ -48,20 +48,20 @@ pub enum Verdict {
     Regressed,
 }
 
-impl fmt::Display for Verdict {
+impl fmt::Display for RegressionVerdict {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(match self {
-            Verdict::Holds => "holds",
-            Verdict::Improved => "improved",
-            Verdict::Unclear => "unclear",
-            Verdict::Regressed => "regressed",
+            RegressionVerdict::Holds => "holds",
+            RegressionVerdict::Improved => "improved",
+            RegressionVerdict::Unclear => "unclear",
+            RegressionVerdict::Regressed => "regressed",
         })
     }
 }
 
 /// Measurement compared with its earlier value.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Change {
+pub struct MetricChange {
     /// Name of the measurement.
     pub name: String,
     /// Direction in which the value improves.
@@ -73,7 +73,7 @@ pub struct Change {
     /// Relative change for the worse; negative if the value improved.
     pub worse_by: f64,
     /// Verdict under the tolerance.
-    pub verdict: Verdict,
+    pub verdict: RegressionVerdict,
 }
 
 /// Comparison of two sets of measurements.
@@ -82,7 +82,7 @@ pub struct Changes {
     /// Tolerance: largest relative change for the worse that is accepted.
     pub may_be_worse_by: f64,
     /// All measurements in both sets, in the order of the earlier set.
-    pub changes: Vec<Change>,
+    pub changes: Vec<MetricChange>,
     /// Names of measurements in the earlier set only.
     pub missing: Vec<String>,
     /// Names of measurements in the new set only.
@@ -220,7 +220,9 @@ impl Changes {
         let known: HashSet<&str> = base.iter().map(|measure| &*measure.name).collect();
         for measure in base {
             match by_name.get(&*measure.name) {
-                Some(new) => changes.changes.push(Change::new(measure, new, may_be_worse_by)),
+                Some(new) => changes
+                    .changes
+                    .push(MetricChange::new(measure, new, may_be_worse_by)),
                 None => changes.missing.push(measure.name.clone()),
             }
         }
@@ -230,7 +232,7 @@ impl Changes {
     }
 
     /// Returns the number of measurements with this verdict.
-    pub fn count(&self, verdict: Verdict) -> usize {
+    pub fn count(&self, verdict: RegressionVerdict) -> usize {
         self.changes
             .iter()
             .filter(|change| change.verdict == verdict)
@@ -238,8 +240,8 @@ impl Changes {
     }
 }
 
-impl Change {
-    fn new(base: &Measurement, new: &Measurement, may_be: f64) -> Change {
+impl MetricChange {
+    fn new(base: &Measurement, new: &Measurement, may_be: f64) -> MetricChange {
         // Compare times: a rate where larger is better is inverted.
         let times = |interval: Interval| match base.better {
             Direction::Less => interval,
@@ -253,15 +255,15 @@ impl Change {
         // Test significance by the ends of the intervals, first for the worse, then for the better
         let limit = 1.0 + may_be;
         let verdict = if now.low > limit * before.high {
-            Verdict::Regressed
+            RegressionVerdict::Regressed
         } else if now.value > limit * before.value {
-            Verdict::Unclear
+            RegressionVerdict::Unclear
         } else if limit * now.high < before.low {
-            Verdict::Improved
+            RegressionVerdict::Improved
         } else {
-            Verdict::Holds
+            RegressionVerdict::Holds
         };
-        Change {
+        MetricChange {
             name: base.name.clone(),
             better: base.better,
             base: base.value,
@@ -280,7 +282,7 @@ impl Change {
 impl fmt::Display for Changes {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         // Print all changes but those that hold
-        let is_listed = |change: &&Change| change.verdict != Verdict::Holds;
+        let is_listed = |change: &&MetricChange| change.verdict != RegressionVerdict::Holds;
         for change in self.changes.iter().filter(is_listed) {
             writeln!(
                 f,
@@ -301,11 +303,11 @@ impl fmt::Display for Changes {
             f,
             "{} measurements: {} regressed by more than {}, {} unclear, {} improved, {} hold",
             self.changes.len(),
-            self.count(Verdict::Regressed),
+            self.count(RegressionVerdict::Regressed),
             percent(self.may_be_worse_by),
-            self.count(Verdict::Unclear),
-            self.count(Verdict::Improved),
-            self.count(Verdict::Holds)
+            self.count(RegressionVerdict::Unclear),
+            self.count(RegressionVerdict::Improved),
+            self.count(RegressionVerdict::Holds)
         )?;
         // Print measurements without a counterpart
         for (names, when) in [(&self.missing, "before"), (&self.added, "now")] {
@@ -347,28 +349,58 @@ mod tests {
         }
     }
 
-    fn verdict(base: &Measurement, new: &Measurement) -> Verdict {
-        Change::new(base, new, 0.05).verdict
+    fn verdict(base: &Measurement, new: &Measurement) -> RegressionVerdict {
+        MetricChange::new(base, new, 0.05).verdict
     }
 
     #[test]
     fn only_significant_changes_for_the_worse_are_regressions() {
         let less = |value, width| measure(value, width, Direction::Less);
-        assert_eq!(verdict(&less(1.0, 0.0), &less(1.05, 0.0)), Verdict::Holds);
-        assert_eq!(verdict(&less(1.0, 0.0), &less(1.051, 0.0)), Verdict::Regressed);
-        assert_eq!(verdict(&less(1.0, 0.1), &less(1.1, 0.0)), Verdict::Unclear);
-        assert_eq!(verdict(&less(1.0, 0.01), &less(1.2, 0.01)), Verdict::Regressed);
-        assert_eq!(verdict(&less(1.0, 0.01), &less(0.8, 0.01)), Verdict::Improved);
-        assert_eq!(verdict(&less(0.0, 0.0), &less(0.0, 0.0)), Verdict::Holds);
-        assert_eq!(verdict(&less(0.0, 0.0), &less(1.0, 0.0)), Verdict::Regressed);
+        assert_eq!(
+            verdict(&less(1.0, 0.0), &less(1.05, 0.0)),
+            RegressionVerdict::Holds
+        );
+        assert_eq!(
+            verdict(&less(1.0, 0.0), &less(1.051, 0.0)),
+            RegressionVerdict::Regressed
+        );
+        assert_eq!(
+            verdict(&less(1.0, 0.1), &less(1.1, 0.0)),
+            RegressionVerdict::Unclear
+        );
+        assert_eq!(
+            verdict(&less(1.0, 0.01), &less(1.2, 0.01)),
+            RegressionVerdict::Regressed
+        );
+        assert_eq!(
+            verdict(&less(1.0, 0.01), &less(0.8, 0.01)),
+            RegressionVerdict::Improved
+        );
+        assert_eq!(
+            verdict(&less(0.0, 0.0), &less(0.0, 0.0)),
+            RegressionVerdict::Holds
+        );
+        assert_eq!(
+            verdict(&less(0.0, 0.0), &less(1.0, 0.0)),
+            RegressionVerdict::Regressed
+        );
     }
 
     #[test]
     fn fewer_rays_per_second_are_worse() {
         let more = |value, width| measure(value, width, Direction::More);
-        assert_eq!(verdict(&more(10.0, 0.1), &more(8.0, 0.1)), Verdict::Regressed);
-        assert_eq!(verdict(&more(10.0, 0.1), &more(12.0, 0.1)), Verdict::Improved);
-        assert_eq!(verdict(&more(10.0, 3.0), &more(8.0, 0.1)), Verdict::Unclear);
+        assert_eq!(
+            verdict(&more(10.0, 0.1), &more(8.0, 0.1)),
+            RegressionVerdict::Regressed
+        );
+        assert_eq!(
+            verdict(&more(10.0, 0.1), &more(12.0, 0.1)),
+            RegressionVerdict::Improved
+        );
+        assert_eq!(
+            verdict(&more(10.0, 3.0), &more(8.0, 0.1)),
+            RegressionVerdict::Unclear
+        );
     }
 
     #[test]

@@ -18,7 +18,7 @@ use crate::shape::{Implicit, Shape};
 #[derive(Clone, Debug)]
 pub struct ShapeLight {
     shape: Shape,
-    pieces: &'static [Piece],
+    pieces: &'static [LightPiece],
     world_from_object: DAffine3,
     object_from_world: DAffine3,
     /// Inverse transpose of the map, times its determinant.
@@ -27,7 +27,7 @@ pub struct ShapeLight {
 
 /// Part of a shape's surface in object space.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Piece {
+enum LightPiece {
     /// Sphere of unit radius around the origin.
     Sphere,
     /// Face of the cube across an axis, on one side of the origin.
@@ -51,12 +51,12 @@ struct PiecePoint {
     area: f64,
 }
 
-const fn face(axis: usize, side: f64) -> Piece {
-    Piece::Face { axis, side }
+const fn face(axis: usize, side: f64) -> LightPiece {
+    LightPiece::Face { axis, side }
 }
 
 /// Faces of the cube, in the order of its part numbers, as the other arrays of pieces are in theirs.
-const CUBE: [Piece; 6] = [
+const CUBE: [LightPiece; 6] = [
     face(0, -1.0),
     face(0, 1.0),
     face(1, -1.0),
@@ -64,8 +64,12 @@ const CUBE: [Piece; 6] = [
     face(2, -1.0),
     face(2, 1.0),
 ];
-const CYLINDER: [Piece; 3] = [Piece::CylinderWall, Piece::Cap { z: 1.0 }, Piece::Cap { z: -1.0 }];
-const CONE: [Piece; 2] = [Piece::ConeWall, Piece::Cap { z: -1.0 }];
+const CYLINDER: [LightPiece; 3] = [
+    LightPiece::CylinderWall,
+    LightPiece::Cap { z: 1.0 },
+    LightPiece::Cap { z: -1.0 },
+];
+const CONE: [LightPiece; 2] = [LightPiece::ConeWall, LightPiece::Cap { z: -1.0 }];
 
 impl ShapeLight {
     /// Creates the light of `shape` transformed by `world_from_object`. Returns `None` for unbounded surfaces, and for
@@ -76,14 +80,14 @@ impl ShapeLight {
         object_from_world: DAffine3,
     ) -> Option<Result<ShapeLight, AreaLightError>> {
         // Divide the surface into pieces
-        let pieces: &'static [Piece] = match shape {
-            Shape::Sphere(_) => &[Piece::Sphere],
+        let pieces: &'static [LightPiece] = match shape {
+            Shape::Sphere(_) => &[LightPiece::Sphere],
             Shape::Cube => &CUBE,
             Shape::Cylinder(cylinder) if cylinder.capped => &CYLINDER,
             Shape::Cylinder(_) => &CYLINDER[..1],
             Shape::Cone(cone) if cone.capped => &CONE,
             Shape::Cone(_) => &CONE[..1],
-            Shape::Torus(_) => &[Piece::Torus],
+            Shape::Torus(_) => &[LightPiece::Torus],
             Shape::Plane | Shape::Disk | Shape::Quad | Shape::Polyhedron(_) | Shape::Quadric(_) => {
                 return None;
             }
@@ -164,15 +168,15 @@ impl ShapeLight {
     }
 }
 
-impl Piece {
+impl LightPiece {
     /// Returns the weight with which the piece is chosen: its area in object space, if the shape has several pieces.
     fn area(self) -> f64 {
         match self {
-            Piece::Sphere | Piece::Torus | Piece::CylinderWall => 4.0 * PI,
-            Piece::Face { .. } => 4.0,
-            Piece::Cap { .. } => PI,
+            LightPiece::Sphere | LightPiece::Torus | LightPiece::CylinderWall => 4.0 * PI,
+            LightPiece::Face { .. } => 4.0,
+            LightPiece::Cap { .. } => PI,
             // Radius 1 and a slant of √(1² + 2²).
-            Piece::ConeWall => PI * 5f64.sqrt(),
+            LightPiece::ConeWall => PI * 5f64.sqrt(),
         }
     }
 
@@ -183,13 +187,13 @@ impl Piece {
         let around = DVec3::new(cos, sin, 0.0);
         let (p, n, area) = match (self, shape) {
             // Sample the sphere uniformly
-            (Piece::Sphere, Shape::Sphere(sphere)) => {
+            (LightPiece::Sphere, Shape::Sphere(sphere)) => {
                 let n = warp::direction(2.0 * u[0], u[1]);
                 let p = sphere.center + sphere.radius * n;
                 (p, n, self.area() * sphere.radius * sphere.radius)
             }
             // Sample the face of the cube uniformly
-            (Piece::Face { axis, side }, _) => {
+            (LightPiece::Face { axis, side }, _) => {
                 let n = side * DVec3::AXES[axis];
                 let (right, up) = (DVec3::AXES[(axis + 1) % 3], DVec3::AXES[(axis + 2) % 3]);
                 (
@@ -199,18 +203,18 @@ impl Piece {
                 )
             }
             // Sample the cap uniformly
-            (Piece::Cap { z }, _) => {
+            (LightPiece::Cap { z }, _) => {
                 let offset = warp::disk(u);
                 (DVec3::new(offset.x, offset.y, z), DVec3::Z * z, self.area())
             }
-            (Piece::ConeWall, _) => {
+            (LightPiece::ConeWall, _) => {
                 // The area within a radius grows with its square; there the height is 1 - 2 radius.
                 let radius = u[0].sqrt();
                 let n = (2.0 * around + DVec3::Z) / 5f64.sqrt();
                 (radius * around + (1.0 - 2.0 * radius) * DVec3::Z, n, self.area())
             }
             // Sample the torus uniformly in both angles
-            (Piece::Torus, Shape::Torus(torus)) => {
+            (LightPiece::Torus, Shape::Torus(torus)) => {
                 let r = torus.minor_radius;
                 let (sin_tube, cos_tube) = (TAU * u[0]).sin_cos();
                 let n = cos_tube * around + sin_tube * DVec3::Z;

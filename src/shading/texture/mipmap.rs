@@ -17,17 +17,17 @@ use crate::scene::{Encoding, Sampler};
 /// Mip levels of an image, except for the finest one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct MipMap {
-    levels: Vec<Level>,
+    levels: Vec<StoredLevel>,
 }
 
 #[derive(Clone, Debug)]
-struct Level {
+struct StoredLevel {
     width: u32,
     height: u32,
     texels: Vec<[f32; 4]>,
 }
 
-impl Level {
+impl StoredLevel {
     fn grid(&self) -> MipLevel<'_> {
         MipLevel::of_floats(self.width, self.height, &self.texels)
     }
@@ -44,9 +44,9 @@ impl MipMap {
 
     /// Builds the levels by halving `finest` until one texel is left.
     pub(super) fn new(finest: MipLevel, encoding: Encoding) -> MipMap {
-        let mut levels: Vec<Level> = Vec::new();
+        let mut levels: Vec<StoredLevel> = Vec::new();
         loop {
-            let source = levels.last().map_or(finest, Level::grid);
+            let source = levels.last().map_or(finest, StoredLevel::grid);
             if source.width == 1 && source.height == 1 {
                 return MipMap { levels };
             }
@@ -77,7 +77,7 @@ impl MipMap {
 }
 
 /// Returns the next coarser level of `source`.
-fn halved(source: MipLevel, encoding: Encoding) -> Level {
+fn halved(source: MipLevel, encoding: Encoding) -> StoredLevel {
     let [width, height] = [source.width, source.height].map(|side| (side / 2).max(1));
     let mut texels = vec![[0.0; 4]; width as usize * height as usize];
     parallel::for_each_chunk_mut(&mut texels, width as usize, &|y, row| {
@@ -86,7 +86,7 @@ fn halved(source: MipLevel, encoding: Encoding) -> Level {
             *texel = average(source, Taps::new(x, source.width as usize), down, encoding);
         }
     });
-    Level {
+    StoredLevel {
         width,
         height,
         texels,

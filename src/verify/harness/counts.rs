@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::correctness::Correctness;
-use super::figure_data::{Axis, Error, FigureData, TracedRay};
+use super::figure_data::{Error, FigureAxis, FigureData, TracedRay};
 use super::query_result::describe;
 use crate::accel::Hit;
 use crate::numeric::Ray;
@@ -59,7 +59,7 @@ impl Counts {
     }
 
     /// Records the error of a formula at an argument, for the plot.
-    pub(in crate::verify) fn record_error_at(&mut self, axis: Axis, at: f64, off: f64) {
+    pub(in crate::verify) fn record_error_at(&mut self, axis: FigureAxis, at: f64, off: f64) {
         self.record_error(off);
         let correctness = Correctness::wrong_if(!(off <= axis.bound));
         self.figure_data.plot(axis, Error { at, off, correctness });

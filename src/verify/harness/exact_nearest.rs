@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::correctness::Correctness;
-use super::expansion::{self, Crossing};
+use super::expansion::{self, SurfaceCrossing};
 use crate::accel::Hit;
 use crate::accel::hit_compare::{HitComparison, compare};
 use crate::numeric::Ray;
@@ -20,7 +20,7 @@ pub(in crate::verify) fn exact_nearest(
     let is_hit = |corners: &[DVec3; 3]| {
         matches!(
             expansion::crossing(o, d, *corners),
-            Crossing::Through | Crossing::Touching
+            SurfaceCrossing::Through | SurfaceCrossing::Touching
         )
     };
     // Keep triangles that the line intersects exactly

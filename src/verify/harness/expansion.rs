@@ -138,7 +138,7 @@ pub(in crate::verify) fn side(o: DVec3, d: DVec3, [a, b]: [DVec3; 2]) -> Orderin
 
 /// Relative position of a line and a triangle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Crossing {
+pub(super) enum SurfaceCrossing {
     /// Line that misses the triangle.
     Beside,
     /// Line through the interior of the triangle.
@@ -150,14 +150,14 @@ pub(super) enum Crossing {
 }
 
 /// Classifies the line `o + t d` against a triangle. All coordinates must be f32 values.
-pub(super) fn crossing(o: DVec3, d: DVec3, [a, b, c]: [DVec3; 3]) -> Crossing {
+pub(super) fn crossing(o: DVec3, d: DVec3, [a, b, c]: [DVec3; 3]) -> SurfaceCrossing {
     let sides = [[a, b], [b, c], [c, a]].map(|edge| side(o, d, edge));
     let has = |sign| sides.contains(&sign);
     match (has(Ordering::Less), has(Ordering::Greater), has(Ordering::Equal)) {
-        (true, true, _) => Crossing::Beside,
-        (false, false, _) => Crossing::Edgewise,
-        (_, _, true) => Crossing::Touching,
-        (_, _, false) => Crossing::Through,
+        (true, true, _) => SurfaceCrossing::Beside,
+        (false, false, _) => SurfaceCrossing::Edgewise,
+        (_, _, true) => SurfaceCrossing::Touching,
+        (_, _, false) => SurfaceCrossing::Through,
     }
 }
 
@@ -250,13 +250,13 @@ mod tests {
     fn line_crosses_touches_misses_or_lies_in_triangle() {
         let triangle = [DVec3::ZERO, DVec3::X, DVec3::Y];
         let from = |x, y| crossing(DVec3::new(x, y, -1.0), DVec3::Z, triangle);
-        assert_eq!(from(0.25, 0.25), Crossing::Through);
-        assert_eq!(from(0.5, 0.5), Crossing::Touching);
-        assert_eq!(from(0.0, 0.0), Crossing::Touching);
-        assert_eq!(from(0.5, 0.5 + f64::from(f32::EPSILON)), Crossing::Beside);
+        assert_eq!(from(0.25, 0.25), SurfaceCrossing::Through);
+        assert_eq!(from(0.5, 0.5), SurfaceCrossing::Touching);
+        assert_eq!(from(0.0, 0.0), SurfaceCrossing::Touching);
+        assert_eq!(from(0.5, 0.5 + f64::from(f32::EPSILON)), SurfaceCrossing::Beside);
         assert_eq!(
             crossing(-DVec3::ONE.with_z(0.0), DVec3::X, triangle),
-            Crossing::Edgewise
+            SurfaceCrossing::Edgewise
         );
         assert_eq!(parameter(-DVec3::Z, DVec3::Z, triangle).nearest(), 1.0);
     }

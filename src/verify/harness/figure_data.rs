@@ -37,7 +37,7 @@ pub struct TracedRay {
 
 /// Abscissa of an error plot.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Axis {
+pub struct FigureAxis {
     /// Name of the argument, with its unit.
     pub label: &'static str,
     /// Largest error that counts as right.
@@ -47,7 +47,7 @@ pub struct Axis {
 /// Error of a formula at an argument, in the unit of the case.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Error {
-    /// Argument, in the unit that its [`Axis`] gives.
+    /// Argument, in the unit that its [`FigureAxis`] gives.
     pub at: f64,
     /// Absolute error of the result.
     pub off: f64,
@@ -78,7 +78,7 @@ pub struct FigureData {
     /// Close-ups around some of the rays.
     pub close_ups: Vec<CloseUp>,
     /// Abscissa of the error plot, for formulas.
-    pub axis: Option<Axis>,
+    pub axis: Option<FigureAxis>,
     /// Errors of formulas, one an argument.
     pub errors: Vec<Error>,
     worst: Option<Error>,
@@ -95,7 +95,7 @@ impl FigureData {
     }
 
     /// Keeps an error if it is among the first, the worst so far, or wrong.
-    pub(super) fn plot(&mut self, axis: Axis, error: Error) {
+    pub(super) fn plot(&mut self, axis: FigureAxis, error: Error) {
         self.axis = Some(axis);
         // The negated comparison lets a NaN replace the worst error.
         if self.worst.is_none_or(|worst| !(error.off <= worst.off)) {
@@ -326,7 +326,7 @@ mod tests {
     #[test]
     fn plot_keeps_argument_with_largest_error() {
         let mut figure_data = FigureData::default();
-        let axis = Axis {
+        let axis = FigureAxis {
             label: "x",
             bound: 4.0,
         };

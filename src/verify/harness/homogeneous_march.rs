@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3};
 
 use crate::volume::{
-    Grid, March, RaySegment, Samples, Thickness, Transfer, TransferNode, Volume, VolumeDescription,
+    Grid, GridSamples, March, RaySegment, Thickness, Transfer, TransferNode, Volume, VolumeDescription,
 };
 
 /// Returns white radiance and transmittance of a medium of extinction `sigma` over `length`, at most 2, marched in
@@ -29,7 +29,7 @@ pub(super) fn march(sigma: f64, length: f64, step: f64) -> [f64; 2] {
 
 /// Returns the cube [-1, 1]³ filled with a white homogeneous medium.
 fn even_volume(sigma: f64, step: f64) -> Option<Volume> {
-    let grid = Grid::new([1; 3], Samples::Floats(vec![1.0])).ok()?;
+    let grid = Grid::new([1; 3], GridSamples::Floats(vec![1.0])).ok()?;
     let node = TransferNode {
         value: 1.0,
         thickness: sigma,

@@ -26,7 +26,7 @@ pub use case::{Case, CaseKind};
 pub use check::{Outcome, Verdict, check, check_with_drawings};
 pub use correctness::Correctness;
 pub use counts::Counts;
-pub use figure_data::{Axis, CloseUp, Error, FigureData, TracedRay};
+pub use figure_data::{CloseUp, Error, FigureAxis, FigureData, TracedRay};
 pub use formulas::{Formulas, Render};
 pub use query_result::{QueryResult, describe, describe_ray};
 pub use system_under_test::{Build, SystemUnderTest};

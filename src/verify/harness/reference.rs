@@ -17,11 +17,11 @@ const SLACK: f64 = 1.0 / (1 << 16) as f64;
 
 /// Nearest-hit reference of a scene.
 pub(in crate::verify) struct Reference {
-    groups: Vec<Group>,
+    groups: Vec<CheckGroup>,
 }
 
 /// Primitives of one instance with their bounding sphere.
-struct Group {
+struct CheckGroup {
     center: DVec3,
     radius: f64,
     /// Scene that contains only these primitives.
@@ -44,7 +44,7 @@ impl Reference {
                     groups.extend(triangle_groups(mesh, number as u32, instance));
                 }
                 // Never cull shapes and transformed meshes
-                _ => groups.push(Group {
+                _ => groups.push(CheckGroup {
                     center: DVec3::ZERO,
                     radius: f64::INFINITY,
                     scene: single_geometry_scene(geometry.clone(), instance),
@@ -81,7 +81,7 @@ impl Reference {
     }
 }
 
-impl Group {
+impl CheckGroup {
     /// Returns whether the line `o + t d` certainly misses the bounding sphere.
     fn is_missed(&self, o: DVec3, d: DVec3) -> bool {
         let f = self.center - o;
@@ -101,7 +101,7 @@ fn single_geometry_scene(geometry: Geometry, instance: &Instance) -> Scene {
     }
 }
 
-fn triangle_groups(mesh: &Mesh, number: u32, instance: &Instance) -> Vec<Group> {
+fn triangle_groups(mesh: &Mesh, number: u32, instance: &Instance) -> Vec<CheckGroup> {
     let faces: Vec<[u32; 3]> = mesh.triangles.iter().copied().collect();
     let part = |(chunk, faces): (usize, &[[u32; 3]])| {
         let corners = |p: u32| DVec3::from_array(mesh.positions[p as usize].map(f64::from));
@@ -110,7 +110,7 @@ fn triangle_groups(mesh: &Mesh, number: u32, instance: &Instance) -> Vec<Group> 
             triangles: faces.to_vec().into(),
             ..mesh.clone()
         };
-        Group {
+        CheckGroup {
             center: bounds.center(),
             radius: 0.5 * bounds.extent().length(),
             scene: single_geometry_scene(Geometry::Mesh(part), instance),

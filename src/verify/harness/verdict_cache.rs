@@ -33,25 +33,25 @@ fn bits(hit: Option<Hit>) -> Option<[u32; 5]> {
 }
 
 /// Key of a chunk: the seed of the part of a case, and the number of the chunk.
-type Chunk = (u64, u64);
+type VerdictChunk = (u64, u64);
 
 /// Verdicts on the first variant's results for each chunk of a case's rays, reused for the variants that follow.
 ///
 /// A cache serves one case with one number of rays, whose queries and oracle are identical on every variant.
 #[derive(Debug, Default)]
 pub struct VerdictCache {
-    chunks: Mutex<HashMap<Chunk, Arc<[CachedVerdict]>>>,
+    chunks: Mutex<HashMap<VerdictChunk, Arc<[CachedVerdict]>>>,
 }
 
 impl VerdictCache {
     /// Returns the verdicts on a chunk in the order of its rays; empty if there are none or the cache was full.
-    pub(super) fn lookup(&self, chunk: Chunk) -> Arc<[CachedVerdict]> {
+    pub(super) fn lookup(&self, chunk: VerdictChunk) -> Arc<[CachedVerdict]> {
         let chunks = self.chunks.lock().unwrap_or_else(PoisonError::into_inner);
         chunks.get(&chunk).cloned().unwrap_or_default()
     }
 
     /// Stores the verdicts on a chunk, unless it has some already or the cache is full.
-    pub(super) fn keep(&self, chunk: Chunk, cached_verdicts: Vec<CachedVerdict>) {
+    pub(super) fn keep(&self, chunk: VerdictChunk, cached_verdicts: Vec<CachedVerdict>) {
         let mut chunks = self.chunks.lock().unwrap_or_else(PoisonError::into_inner);
         // Bound the memory by assuming chunks of equal size
         if chunks.len().saturating_mul(cached_verdicts.len()) < MAX_VERDICTS {

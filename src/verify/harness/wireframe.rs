@@ -100,13 +100,13 @@ fn instance_lines(scene: &Scene, instance: &Instance) -> Vec<[DVec3; 2]> {
 }
 
 /// Edge from its lower to its higher vertex index, and whether its triangle is front-facing.
-type Side = ([u32; 2], bool);
+type WireframeSide = ([u32; 2], bool);
 
 fn mesh_lines(mesh: &Mesh, map: &DAffine3) -> Vec<[DVec3; 2]> {
     let [_, _, to_viewer] = view();
     let at = |v: u32| map.transform_point3(glam::Vec3::from(mesh.positions[v as usize]).as_dvec3());
     // List the edges of all triangles with their facing
-    let mut sides: Vec<Side> = Vec::with_capacity(3 * mesh.triangles.len());
+    let mut sides: Vec<WireframeSide> = Vec::with_capacity(3 * mesh.triangles.len());
     for &[a, b, c] in mesh.triangles.iter() {
         let (p, q, r) = (at(a), at(b), at(c));
         let is_front = (q - p).cross(r - p).dot(to_viewer) > 0.0;
@@ -116,10 +116,10 @@ fn mesh_lines(mesh: &Mesh, map: &DAffine3) -> Vec<[DVec3; 2]> {
     }
     // Group the entries of each edge
     sides.sort_unstable();
-    let edges: Vec<&[Side]> = sides.chunk_by(|a, b| a.0 == b.0).collect();
+    let edges: Vec<&[WireframeSide]> = sides.chunk_by(|a, b| a.0 == b.0).collect();
     let is_few = edges.len() <= MAX_EDGES;
     // Silhouette edge: an open edge, or one between a front-facing and a back-facing triangle.
-    let is_rim = |edge: &&[Side]| edge.len() == 1 || edge[0].1 != edge[edge.len() - 1].1;
+    let is_rim = |edge: &&[WireframeSide]| edge.len() == 1 || edge[0].1 != edge[edge.len() - 1].1;
     // Keep all edges of a small mesh, else the silhouette
     edges
         .into_iter()

@@ -84,7 +84,7 @@ pub const MAX_DIFFERENCES: usize = 20_000;
 
 /// Comparison of two structures on a set of rays.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Comparison {
+pub struct BackendComparison {
     /// Number of rays traced.
     pub rays: u64,
     /// Differences that rounding explains, by mesh feature.
@@ -101,7 +101,7 @@ pub struct Comparison {
     kept: [usize; 2],
 }
 
-impl Comparison {
+impl BackendComparison {
     /// Returns the number of wrong results.
     pub fn wrong_count(&self) -> u64 {
         self.wrong.values().sum()
@@ -112,7 +112,7 @@ impl Comparison {
         self.ties.values().sum()
     }
 
-    fn with(mut self, other: Comparison) -> Comparison {
+    fn with(mut self, other: BackendComparison) -> BackendComparison {
         // Add up the counts by feature
         self.rays += other.rays;
         for (sums, counts) in [(&mut self.ties, other.ties), (&mut self.wrong, other.wrong)] {
@@ -158,11 +158,13 @@ pub fn cross_check(
     accels: [&dyn Accel; 2],
     packets: &[RayPacket],
     kind: RayKind,
-) -> Comparison {
+) -> BackendComparison {
     let chunks = parallel::map_chunks(packets, CHUNK, &|_, chunk| {
         cross_check_chunk(scene, accels, chunk, kind)
     });
-    chunks.into_iter().fold(Comparison::default(), Comparison::with)
+    chunks
+        .into_iter()
+        .fold(BackendComparison::default(), BackendComparison::with)
 }
 
 fn cross_check_chunk(
@@ -170,14 +172,14 @@ fn cross_check_chunk(
     accels: [&dyn Accel; 2],
     recorded: &[RayPacket],
     kind: RayKind,
-) -> Comparison {
+) -> BackendComparison {
     // Trace copies of the packets through both structures
     let results = accels.map(|accel| {
         let mut packets = recorded.to_vec();
         kind.trace_all(accel, &mut packets);
         packets
     });
-    let mut comparison = Comparison::default();
+    let mut comparison = BackendComparison::default();
     // Compare the results of each active lane
     for (number, packet) in recorded.iter().enumerate() {
         for lane in (0..LANES).filter(|&lane| packet.is_active(lane)) {

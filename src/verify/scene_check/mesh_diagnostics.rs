@@ -50,12 +50,12 @@ impl MeshDiagnostics {
         // Classify each triangle, and skip degenerate and duplicate ones
         for (number, triangle) in mesh.triangles.iter().enumerate() {
             match shape(mesh, number as u32) {
-                Shape::Degenerate => {
+                TriangleShape::Degenerate => {
                     found.degenerate += 1;
                     continue;
                 }
-                Shape::Sliver => found.slivers += 1,
-                Shape::Sound => {}
+                TriangleShape::Sliver => found.slivers += 1,
+                TriangleShape::Sound => {}
             }
             let corners = triangle.map(|v| place[v as usize]);
             let mut sorted = corners;
@@ -155,13 +155,13 @@ fn first_at_position(mesh: &Mesh) -> Vec<u32> {
         .collect()
 }
 
-enum Shape {
+enum TriangleShape {
     Sound,
     Sliver,
     Degenerate,
 }
 
-fn shape(mesh: &Mesh, number: u32) -> Shape {
+fn shape(mesh: &Mesh, number: u32) -> TriangleShape {
     let [a, b, c] = mesh.corners_f64(number);
     let longest = [b - a, c - b, a - c]
         .iter()
@@ -169,11 +169,11 @@ fn shape(mesh: &Mesh, number: u32) -> Shape {
         .fold(0.0, f64::max);
     let doubled_area = (b - a).cross(c - a).length();
     if doubled_area == 0.0 {
-        Shape::Degenerate
+        TriangleShape::Degenerate
     } else if doubled_area < SLIVER * longest {
-        Shape::Sliver
+        TriangleShape::Sliver
     } else {
-        Shape::Sound
+        TriangleShape::Sound
     }
 }
 

@@ -5,7 +5,7 @@ mod feature;
 mod mesh_diagnostics;
 mod rays_file;
 
-pub use cross_check::{Comparison, Difference, MAX_DIFFERENCES, RayKind, cross_check, retrace};
+pub use cross_check::{BackendComparison, Difference, MAX_DIFFERENCES, RayKind, cross_check, retrace};
 pub use feature::MeshFeature;
 pub use mesh_diagnostics::MeshDiagnostics;
 pub use rays_file::{RaysError, RaysFile, bits};

@@ -3,8 +3,8 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::fault::{Fault, SAVE_AGAIN, THREE_AXES, too_big};
-use crate::volume::Samples;
+use super::fault::{SAVE_AGAIN, THREE_AXES, VolumeFault, too_big};
+use crate::volume::GridSamples;
 
 /// Scalar type of a file's numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -47,7 +47,7 @@ pub enum ByteOrder {
 
 /// Strided layout of an array in a file; strides are counted in numbers, not bytes.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Layout {
+pub(super) struct ArrayLayout {
     pub(super) element: Element,
     pub(super) order: ByteOrder,
     /// Numbers of samples along x, y, z.
@@ -73,7 +73,7 @@ impl Element {
         }
     }
 
-    /// Returns the bytes of one number in memory, as a [`Samples`] stores it.
+    /// Returns the bytes of one number in memory, as a [`GridSamples`] stores it.
     fn stored_bytes(self) -> u64 {
         match self {
             Element::U8 => 1,
@@ -85,18 +85,22 @@ impl Element {
 
 /// Role of an array's axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Axis {
+pub(super) enum ArrayAxis {
     X,
     Y,
     Z,
     Channel,
 }
 
-impl Layout {
+impl ArrayLayout {
     /// Creates the layout of an array whose axes have these roles and lengths, the fastest first. Each of x, y, z is
     /// among them.
-    pub(super) fn new(element: Element, order: ByteOrder, axes: &[(Axis, u64)]) -> Result<Layout, Fault> {
-        let mut layout = Layout {
+    pub(super) fn new(
+        element: Element,
+        order: ByteOrder,
+        axes: &[(ArrayAxis, u64)],
+    ) -> Result<ArrayLayout, VolumeFault> {
+        let mut layout = ArrayLayout {
             element,
             order,
             size: [1; 3],
@@ -111,17 +115,17 @@ impl Layout {
             let bytes = numbers.and_then(|numbers| numbers.checked_mul(8));
             // Limit to i64::MAX bytes, also for the widest type, so that nothing below can overflow.
             let (Some(numbers), true) = (numbers, bytes.is_some_and(|bytes| bytes <= i64::MAX as u64)) else {
-                return Err(Fault::new(
+                return Err(VolumeFault::new(
                     "declares more numbers than memory can hold",
                     SAVE_AGAIN,
                 ));
             };
             if length == 0 {
-                return Err(Fault::new("has an axis of length 0", THREE_AXES));
+                return Err(VolumeFault::new("has an axis of length 0", THREE_AXES));
             }
             // Assign length and stride by the axis's role
             match axis {
-                Axis::Channel => {
+                ArrayAxis::Channel => {
                     layout.channels = length as usize;
                     layout.channel_stride = stride as usize;
                 }
@@ -133,7 +137,7 @@ impl Layout {
             stride = numbers;
         }
         if layout.channels > MAX_CHANNELS {
-            return Err(Fault::new(
+            return Err(VolumeFault::new(
                 format!("has {} channels", layout.channels),
                 THREE_AXES,
             ));
@@ -152,7 +156,7 @@ impl Layout {
     }
 
     /// Checks that the file's `available` bytes hold all numbers, and that these fit into `max_bytes` of memory.
-    pub(super) fn check(&self, available: u64, max_bytes: u64) -> Result<(), Fault> {
+    pub(super) fn check(&self, available: u64, max_bytes: u64) -> Result<(), VolumeFault> {
         if self.bytes() > available {
             let [x, y, z] = self.size;
             let fault = format!(
@@ -160,13 +164,13 @@ impl Layout {
                 self.channels,
                 self.bytes()
             );
-            return Err(Fault::new(fault, SAVE_AGAIN));
+            return Err(VolumeFault::new(fault, SAVE_AGAIN));
         }
         self.check_memory(max_bytes)
     }
 
     /// Checks that the decoded numbers fit into `max_bytes` of memory.
-    pub(super) fn check_memory(&self, max_bytes: u64) -> Result<(), Fault> {
+    pub(super) fn check_memory(&self, max_bytes: u64) -> Result<(), VolumeFault> {
         // A grid stores an axis of one sample twice.
         let stored = self.size.map(|side| side.max(2) as u128);
         let kept =
@@ -177,11 +181,11 @@ impl Layout {
         Ok(())
     }
 
-    /// Decodes one channel of `data`, which has passed [`Layout::check`].
-    pub(super) fn decode(&self, channel: usize, data: &[u8]) -> Samples {
+    /// Decodes one channel of `data`, which has passed [`ArrayLayout::check`].
+    pub(super) fn decode(&self, channel: usize, data: &[u8]) -> GridSamples {
         match self.element {
-            Element::U8 => Samples::Bytes(self.numbers(channel, data, |[byte]: [u8; 1]| byte)),
-            Element::U16 => Samples::Words(self.numbers(channel, data, u16::from_le_bytes)),
+            Element::U8 => GridSamples::Bytes(self.numbers(channel, data, |[byte]: [u8; 1]| byte)),
+            Element::U16 => GridSamples::Words(self.numbers(channel, data, u16::from_le_bytes)),
             Element::I8 => self.floats(channel, data, |b| f32::from(i8::from_le_bytes(b))),
             Element::I16 => self.floats(channel, data, |b| f32::from(i16::from_le_bytes(b))),
             Element::U32 => self.floats(channel, data, |b| u32::from_le_bytes(b) as f32),
@@ -200,8 +204,8 @@ impl Layout {
         channel: usize,
         data: &[u8],
         from_little: impl Fn([u8; BYTES]) -> f32,
-    ) -> Samples {
-        Samples::Floats(self.numbers(channel, data, from_little))
+    ) -> GridSamples {
+        GridSamples::Floats(self.numbers(channel, data, from_little))
     }
 
     /// Decodes one channel, x fastest; `from_little` converts the bytes of one number in little-endian order.
@@ -265,7 +269,7 @@ mod tests {
 
     #[test]
     fn number_types_are_read_in_both_byte_orders() {
-        let axes = [(Axis::X, 1), (Axis::Y, 1), (Axis::Z, 1)];
+        let axes = [(ArrayAxis::X, 1), (ArrayAxis::Y, 1), (ArrayAxis::Z, 1)];
         let cases: [(Element, &[u8], f32); 11] = [
             (Element::U8, &[200], 200.0),
             (Element::I8, &[200], -56.0),
@@ -282,7 +286,7 @@ mod tests {
         for (element, little, value) in cases {
             let big: Vec<u8> = little.iter().rev().copied().collect();
             for (order, data) in [(ByteOrder::Little, little), (ByteOrder::Big, &big)] {
-                let layout = Layout::new(element, order, &axes).unwrap();
+                let layout = ArrayLayout::new(element, order, &axes).unwrap();
                 assert_eq!(layout.bytes(), data.len() as u64);
                 assert_eq!(layout.decode(0, data).get(0), value, "{element:?} {order:?}");
             }
@@ -292,10 +296,15 @@ mod tests {
     #[test]
     fn axes_follow_the_array_order() {
         // Order of axes: z fastest, then y, then x, then two channels.
-        let axes = [(Axis::Z, 2), (Axis::Y, 2), (Axis::X, 3), (Axis::Channel, 2)];
-        let layout = Layout::new(Element::U8, ByteOrder::Little, &axes).unwrap();
+        let axes = [
+            (ArrayAxis::Z, 2),
+            (ArrayAxis::Y, 2),
+            (ArrayAxis::X, 3),
+            (ArrayAxis::Channel, 2),
+        ];
+        let layout = ArrayLayout::new(Element::U8, ByteOrder::Little, &axes).unwrap();
         let data: Vec<u8> = (0..24).collect();
-        let Samples::Bytes(second) = layout.decode(1, &data) else {
+        let GridSamples::Bytes(second) = layout.decode(1, &data) else {
             panic!("bytes stay bytes");
         };
         assert_eq!(second, [12, 16, 20, 14, 18, 22, 13, 17, 21, 15, 19, 23]);
@@ -303,18 +312,31 @@ mod tests {
 
     #[test]
     fn overflowing_or_oversized_arrays_are_rejected_early() {
-        let refused = |axes: &[(Axis, u64)]| Layout::new(Element::U8, ByteOrder::Little, axes).is_err();
-        assert!(refused(&[(Axis::X, u64::MAX), (Axis::Y, 2), (Axis::Z, 1)]));
-        assert!(refused(&[(Axis::X, 1 << 30), (Axis::Y, 1 << 30), (Axis::Z, 1)]));
-        assert!(refused(&[(Axis::X, 1), (Axis::Y, 0), (Axis::Z, 1)]));
+        let refused =
+            |axes: &[(ArrayAxis, u64)]| ArrayLayout::new(Element::U8, ByteOrder::Little, axes).is_err();
         assert!(refused(&[
-            (Axis::Channel, 5),
-            (Axis::X, 1),
-            (Axis::Y, 1),
-            (Axis::Z, 1)
+            (ArrayAxis::X, u64::MAX),
+            (ArrayAxis::Y, 2),
+            (ArrayAxis::Z, 1)
         ]));
-        let axes = [(Axis::X, 4), (Axis::Y, 4), (Axis::Z, 4)];
-        let layout = Layout::new(Element::F64, ByteOrder::Little, &axes).unwrap();
+        assert!(refused(&[
+            (ArrayAxis::X, 1 << 30),
+            (ArrayAxis::Y, 1 << 30),
+            (ArrayAxis::Z, 1)
+        ]));
+        assert!(refused(&[
+            (ArrayAxis::X, 1),
+            (ArrayAxis::Y, 0),
+            (ArrayAxis::Z, 1)
+        ]));
+        assert!(refused(&[
+            (ArrayAxis::Channel, 5),
+            (ArrayAxis::X, 1),
+            (ArrayAxis::Y, 1),
+            (ArrayAxis::Z, 1)
+        ]));
+        let axes = [(ArrayAxis::X, 4), (ArrayAxis::Y, 4), (ArrayAxis::Z, 4)];
+        let layout = ArrayLayout::new(Element::F64, ByteOrder::Little, &axes).unwrap();
         assert!(layout.check(512, 256).is_ok());
         assert!(layout.check(511, 256).is_err());
         assert!(layout.check(512, 255).is_err());

@@ -38,15 +38,15 @@ pub enum ReadError {
 
 /// Fault of a file's content with its remedy, before the path is added.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Fault {
+pub(super) struct VolumeFault {
     pub(super) fault: String,
     pub(super) remedy: &'static str,
 }
 
-impl Fault {
+impl VolumeFault {
     /// Creates a fault with its remedy.
-    pub(super) fn new(fault: impl Into<String>, remedy: &'static str) -> Fault {
-        Fault {
+    pub(super) fn new(fault: impl Into<String>, remedy: &'static str) -> VolumeFault {
+        VolumeFault {
             fault: fault.into(),
             remedy,
         }
@@ -59,7 +59,7 @@ pub(super) const SAVE_AGAIN: &str = "save the file again";
 pub(super) const THREE_AXES: &str = "give an array of three axes, or of four with 1 to 4 channels";
 
 /// Adds the path of a file to a fault of its content.
-pub(super) fn content(path: &Path, fault: Fault) -> ReadError {
+pub(super) fn content(path: &Path, fault: VolumeFault) -> ReadError {
     ReadError::Content {
         file: path.to_owned(),
         fault: fault.fault,
@@ -68,7 +68,7 @@ pub(super) fn content(path: &Path, fault: Fault) -> ReadError {
 }
 
 /// Returns the fault of an array that exceeds the memory limit.
-pub(super) fn too_big(bytes: u64, max_bytes: u64) -> Fault {
+pub(super) fn too_big(bytes: u64, max_bytes: u64) -> VolumeFault {
     let fault = format!("takes {bytes} bytes of memory where {max_bytes} are allowed");
-    Fault::new(fault, "give a smaller array or allow more memory")
+    VolumeFault::new(fault, "give a smaller array or allow more memory")
 }

@@ -29,7 +29,7 @@ pub use read_volume::ReadVolume;
 use std::ffi::OsStr;
 use std::path::Path;
 
-use self::fault::{Fault, content};
+use self::fault::{VolumeFault, content};
 use self::read_volume::{bytes_of, grids};
 
 /// Reads the array at `path`, in the format of its extension: `.npy`, `.nrrd` or `.nhdr`.
@@ -48,12 +48,12 @@ pub fn read(path: &Path, max_bytes: u64) -> Result<ReadVolume, ReadError> {
         "vdb" => {
             let remedy = "convert it, as by `copyToArray` of the Python module openvdb and `numpy.save`";
             let fault = "is an OpenVDB file, which is not supported";
-            Err(content(path, Fault::new(fault, remedy)))
+            Err(content(path, VolumeFault::new(fault, remedy)))
         }
         _ => {
             let fault = format!("its extension {ending:?} is not that of a known array format");
             let remedy = "give a .npy or .nrrd file, or describe it as raw numbers";
-            Err(content(path, Fault::new(fault, remedy)))
+            Err(content(path, VolumeFault::new(fault, remedy)))
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Reader for NumPy's `.npy` (NEP 1, "A simple file format for NumPy arrays"; versions 1 to 3): a Python dictionary,
 //! then numbers.
 
-use super::dtype::{Axis, ByteOrder, Element, Layout};
-use super::fault::{Fault, SAVE_AGAIN, THREE_AXES};
+use super::dtype::{ArrayAxis, ArrayLayout, ByteOrder, Element};
+use super::fault::{SAVE_AGAIN, THREE_AXES, VolumeFault};
 
 /// First bytes of every `.npy` file.
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -12,22 +12,22 @@ const MAX_HEADER: usize = 10_000;
 /// Layout of an array and the offset of its numbers in the file.
 #[derive(Debug)]
 pub(super) struct Array {
-    pub(super) layout: Layout,
+    pub(super) layout: ArrayLayout,
     pub(super) data_start: usize,
 }
 
 /// Entries of the header's dictionary.
 #[derive(Debug, Default)]
-struct Header<'h> {
+struct NpyHeader<'h> {
     descr: Option<&'h str>,
     fortran: Option<bool>,
     shape: Option<Vec<u64>>,
 }
 
 /// Parses the header of `bytes`.
-pub(super) fn parse(bytes: &[u8]) -> Result<Array, Fault> {
+pub(super) fn parse(bytes: &[u8]) -> Result<Array, VolumeFault> {
     let broken = || {
-        Fault::new(
+        VolumeFault::new(
             "is not a complete .npy file",
             "save the array again with numpy.save",
         )
@@ -39,12 +39,12 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Array, Fault> {
         [2 | 3, _, a, b, c, d, ..] => (u32::from_le_bytes([*a, *b, *c, *d]) as usize, MAGIC.len() + 6),
         [version, _, ..] if *version > 3 => {
             let fault = format!("is of version {version} of the .npy format");
-            return Err(Fault::new(fault, "save it with version 1, 2 or 3"));
+            return Err(VolumeFault::new(fault, "save it with version 1, 2 or 3"));
         }
         _ => return Err(broken()),
     };
     if length > MAX_HEADER {
-        return Err(Fault::new("has a header of implausible length", SAVE_AGAIN));
+        return Err(VolumeFault::new("has a header of implausible length", SAVE_AGAIN));
     }
     // Parse the dictionary
     let text = bytes.get(start..start + length).ok_or_else(broken)?;
@@ -56,9 +56,9 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Array, Fault> {
     let (element, order) = element(descr)?;
     // Assign roles to axes; NumPy indexes [z, y, x] or [z, y, x, c]
     let mut axes = match shape.len() {
-        3 => vec![Axis::Z, Axis::Y, Axis::X],
-        4 => vec![Axis::Z, Axis::Y, Axis::X, Axis::Channel],
-        rank => return Err(Fault::new(format!("has {rank} axes"), THREE_AXES)),
+        3 => vec![ArrayAxis::Z, ArrayAxis::Y, ArrayAxis::X],
+        4 => vec![ArrayAxis::Z, ArrayAxis::Y, ArrayAxis::X, ArrayAxis::Channel],
+        rank => return Err(VolumeFault::new(format!("has {rank} axes"), THREE_AXES)),
     };
     // Order axes from the fastest; C order stores the last index fastest
     if !fortran {
@@ -67,13 +67,13 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Array, Fault> {
     }
     let axes: Vec<_> = axes.into_iter().zip(shape).collect();
     Ok(Array {
-        layout: Layout::new(element, order, &axes)?,
+        layout: ArrayLayout::new(element, order, &axes)?,
         data_start: start + length,
     })
 }
 
 /// Parses the type string of NumPy, such as `<f4`.
-fn element(descr: &str) -> Result<(Element, ByteOrder), Fault> {
+fn element(descr: &str) -> Result<(Element, ByteOrder), VolumeFault> {
     let mut chars = descr.chars();
     let order = match chars.next() {
         Some('>') => ByteOrder::Big,
@@ -93,7 +93,7 @@ fn element(descr: &str) -> Result<(Element, ByteOrder), Fault> {
         "f8" => Element::F64,
         _ => {
             let fault = format!("holds elements of the type {descr:?}");
-            return Err(Fault::new(
+            return Err(VolumeFault::new(
                 fault,
                 "save real numbers, as by array.astype('float32')",
             ));
@@ -103,8 +103,8 @@ fn element(descr: &str) -> Result<(Element, ByteOrder), Fault> {
 }
 
 /// Parses a dictionary of the three known keys; `None` if it is anything else.
-fn dictionary(text: &str) -> Option<Header<'_>> {
-    let mut header = Header::default();
+fn dictionary(text: &str) -> Option<NpyHeader<'_>> {
+    let mut header = NpyHeader::default();
     let mut rest = text.trim().strip_prefix('{')?.trim_start();
     while !rest.starts_with('}') {
         // Split off the next key
@@ -179,16 +179,21 @@ mod tests {
         ))
         .unwrap();
         assert_eq!(c.layout.size, [4, 3, 2]);
-        let x_fastest = [(Axis::X, 4), (Axis::Y, 3), (Axis::Z, 2)];
+        let x_fastest = [(ArrayAxis::X, 4), (ArrayAxis::Y, 3), (ArrayAxis::Z, 2)];
         assert_eq!(
             c.layout,
-            Layout::new(Element::F32, ByteOrder::Little, &x_fastest).unwrap()
+            ArrayLayout::new(Element::F32, ByteOrder::Little, &x_fastest).unwrap()
         );
         let f = parse(&file("{\"shape\":(2,3,4,3),'descr':'>i2','fortran_order':True}")).unwrap();
-        let z_fastest = [(Axis::Z, 2), (Axis::Y, 3), (Axis::X, 4), (Axis::Channel, 3)];
+        let z_fastest = [
+            (ArrayAxis::Z, 2),
+            (ArrayAxis::Y, 3),
+            (ArrayAxis::X, 4),
+            (ArrayAxis::Channel, 3),
+        ];
         assert_eq!(
             f.layout,
-            Layout::new(Element::I16, ByteOrder::Big, &z_fastest).unwrap()
+            ArrayLayout::new(Element::I16, ByteOrder::Big, &z_fastest).unwrap()
         );
     }
 

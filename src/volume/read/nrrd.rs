@@ -9,8 +9,8 @@ use std::path::Path;
 use flate2::read::MultiGzDecoder;
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::dtype::{Axis, ByteOrder, Element, Layout};
-use super::fault::{Fault, ReadError, SAVE_AGAIN, THREE_AXES, content, too_big};
+use super::dtype::{ArrayAxis, ArrayLayout, ByteOrder, Element};
+use super::fault::{ReadError, SAVE_AGAIN, THREE_AXES, VolumeFault, content, too_big};
 use super::read_volume::{ReadVolume, bytes_of, grids};
 use crate::volume::box_from_cube;
 
@@ -21,7 +21,7 @@ const MAX_DEFLATE_RATIO: u64 = 1033;
 
 /// Encoding of the numbers in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Encoding {
+enum NrrdEncoding {
     Raw,
     Gzip,
     Text,
@@ -29,10 +29,10 @@ enum Encoding {
 
 /// Header fields that the reader uses.
 #[derive(Debug, Default)]
-struct Header<'h> {
+struct NrrdHeader<'h> {
     element: Option<Element>,
     order: Option<ByteOrder>,
-    encoding: Option<Encoding>,
+    encoding: Option<NrrdEncoding>,
     sizes: Vec<u64>,
     dimension: Option<usize>,
     spacings: Vec<f64>,
@@ -74,9 +74,9 @@ pub(super) fn read(path: &Path, max_bytes: u64) -> Result<ReadVolume, ReadError>
 }
 
 /// Splits a file into the header's text and the bytes after its empty line.
-fn split(bytes: &[u8]) -> Result<(&str, &[u8]), Fault> {
+fn split(bytes: &[u8]) -> Result<(&str, &[u8]), VolumeFault> {
     if !bytes.starts_with(b"NRRD000") {
-        return Err(Fault::new(
+        return Err(VolumeFault::new(
             "is not an NRRD file",
             "give a file that begins with NRRD000",
         ));
@@ -89,15 +89,15 @@ fn split(bytes: &[u8]) -> Result<(&str, &[u8]), Fault> {
         }
     }
     let text = std::str::from_utf8(&bytes[..end]);
-    let text = text.map_err(|_| Fault::new("has a header that is not text", SAVE_AGAIN))?;
+    let text = text.map_err(|_| VolumeFault::new("has a header that is not text", SAVE_AGAIN))?;
     Ok((text, &bytes[end..]))
 }
 
 /// Parses the lines of the header after the magic line.
-fn parse(text: &str) -> Result<Header<'_>, Fault> {
-    let mut header = Header {
+fn parse(text: &str) -> Result<NrrdHeader<'_>, VolumeFault> {
+    let mut header = NrrdHeader {
         byte_skip: Some(0),
-        ..Header::default()
+        ..NrrdHeader::default()
     };
     for line in text.lines().skip(1) {
         // Skip comments and key-value pairs of other programs.
@@ -112,10 +112,10 @@ fn parse(text: &str) -> Result<Header<'_>, Fault> {
     Ok(header)
 }
 
-impl<'h> Header<'h> {
+impl<'h> NrrdHeader<'h> {
     /// Stores the value of one header field; unused fields are ignored.
-    fn set(&mut self, field: &str, value: &'h str) -> Result<(), Fault> {
-        let wrong = || Fault::new(format!("has the field {field}: {value:?}"), SAVE_AGAIN);
+    fn set(&mut self, field: &str, value: &'h str) -> Result<(), VolumeFault> {
+        let wrong = || VolumeFault::new(format!("has the field {field}: {value:?}"), SAVE_AGAIN);
         let number = |word: &str| word.parse::<f64>().ok();
         match field {
             // Fields that determine the layout
@@ -134,12 +134,12 @@ impl<'h> Header<'h> {
             }
             "encoding" => {
                 self.encoding = Some(match value.to_ascii_lowercase().as_str() {
-                    "raw" => Encoding::Raw,
-                    "gzip" | "gz" => Encoding::Gzip,
-                    "text" | "txt" | "ascii" => Encoding::Text,
+                    "raw" => NrrdEncoding::Raw,
+                    "gzip" | "gz" => NrrdEncoding::Gzip,
+                    "text" | "txt" | "ascii" => NrrdEncoding::Text,
                     _ => {
                         let fault = format!("has the encoding {value:?}");
-                        return Err(Fault::new(fault, "save it as raw, gzip or text"));
+                        return Err(VolumeFault::new(fault, "save it as raw, gzip or text"));
                     }
                 });
             }
@@ -154,7 +154,7 @@ impl<'h> Header<'h> {
             "data file" | "datafile" => {
                 if value.starts_with("LIST") || value.contains('%') {
                     let fault = "spreads its numbers over several files";
-                    return Err(Fault::new(fault, "save it as one file"));
+                    return Err(VolumeFault::new(fault, "save it as one file"));
                 }
                 self.data_file = Some(value);
             }
@@ -172,54 +172,57 @@ impl<'h> Header<'h> {
     }
 
     /// Returns the layout of the numbers, from the required fields.
-    fn layout(&self) -> Result<Layout, Fault> {
-        let missing = |field: &str| Fault::new(format!("lacks the field {field:?}"), SAVE_AGAIN);
+    fn layout(&self) -> Result<ArrayLayout, VolumeFault> {
+        let missing = |field: &str| VolumeFault::new(format!("lacks the field {field:?}"), SAVE_AGAIN);
         let element = self.element.ok_or_else(|| missing("type"))?;
         let encoding = self.encoding.ok_or_else(|| missing("encoding"))?;
         let dimension = self.dimension.ok_or_else(|| missing("dimension"))?;
         if self.sizes.len() != dimension {
             return Err(missing("sizes"));
         }
-        if self.order.is_none() && element.bytes() > 1 && encoding != Encoding::Text {
+        if self.order.is_none() && element.bytes() > 1 && encoding != NrrdEncoding::Text {
             return Err(missing("endian"));
         }
         // Assign roles to axes by their number and lengths
-        let roles: &[Axis] = match self.sizes[..] {
-            [_, _, _] => &[Axis::X, Axis::Y, Axis::Z],
-            [1..=4, _, _, _] => &[Axis::Channel, Axis::X, Axis::Y, Axis::Z],
-            [_, _, _, _] => &[Axis::X, Axis::Y, Axis::Z, Axis::Channel],
-            _ => return Err(Fault::new(format!("has {dimension} axes"), THREE_AXES)),
+        let roles: &[ArrayAxis] = match self.sizes[..] {
+            [_, _, _] => &[ArrayAxis::X, ArrayAxis::Y, ArrayAxis::Z],
+            [1..=4, _, _, _] => &[ArrayAxis::Channel, ArrayAxis::X, ArrayAxis::Y, ArrayAxis::Z],
+            [_, _, _, _] => &[ArrayAxis::X, ArrayAxis::Y, ArrayAxis::Z, ArrayAxis::Channel],
+            _ => return Err(VolumeFault::new(format!("has {dimension} axes"), THREE_AXES)),
         };
         let axes: Vec<_> = roles.iter().copied().zip(self.sizes.iter().copied()).collect();
-        Layout::new(element, self.order.unwrap_or_default(), &axes)
+        ArrayLayout::new(element, self.order.unwrap_or_default(), &axes)
     }
 
     /// Decodes the numbers, and returns them with their layout after decoding.
     fn numbers<'d>(
         &self,
-        layout: &Layout,
+        layout: &ArrayLayout,
         data: &'d [u8],
         max_bytes: u64,
-    ) -> Result<(Layout, std::borrow::Cow<'d, [u8]>), Fault> {
+    ) -> Result<(ArrayLayout, std::borrow::Cow<'d, [u8]>), VolumeFault> {
         layout.check_memory(max_bytes)?;
         let mut data = data;
         // Skip leading lines
         for _ in 0..self.line_skip {
             let line = data.iter().position(|&byte| byte == b'\n');
             let Some(line) = line else {
-                return Err(Fault::new("has fewer lines than the header skips", SAVE_AGAIN));
+                return Err(VolumeFault::new(
+                    "has fewer lines than the header skips",
+                    SAVE_AGAIN,
+                ));
             };
             data = &data[line + 1..];
         }
         // Decode by encoding
         match self.encoding {
-            Some(Encoding::Gzip) => {
+            Some(NrrdEncoding::Gzip) => {
                 let bytes = inflate(layout, data, self.byte_skip.unwrap_or(0), max_bytes)?;
                 Ok((layout.clone(), bytes.into()))
             }
-            Some(Encoding::Text) => {
+            Some(NrrdEncoding::Text) => {
                 let bytes = from_text(layout, data)?;
-                let layout = Layout {
+                let layout = ArrayLayout {
                     element: Element::F64,
                     order: ByteOrder::Little,
                     ..layout.clone()
@@ -235,7 +238,7 @@ impl<'h> Header<'h> {
     }
 
     /// Returns the placement of the cube [-1, 1]³, from directions and origin, or else from spacings.
-    fn placement(&self, layout: &Layout) -> Option<DAffine3> {
+    fn placement(&self, layout: &ArrayLayout) -> Option<DAffine3> {
         let mut steps: Vec<DVec3> = self.directions.iter().copied().flatten().collect();
         if steps.is_empty() {
             let spacings = self.spacings.iter().filter(|spacing| spacing.is_finite());
@@ -258,19 +261,20 @@ impl<'h> Header<'h> {
 }
 
 /// Decompresses as many numbers as `layout` has from a gzip stream, after its first `skip` bytes.
-fn inflate(layout: &Layout, data: &[u8], skip: u64, max_bytes: u64) -> Result<Vec<u8>, Fault> {
+fn inflate(layout: &ArrayLayout, data: &[u8], skip: u64, max_bytes: u64) -> Result<Vec<u8>, VolumeFault> {
     // Reject sizes that the packed bytes cannot reach, before allocating
     let (wanted, packed) = (layout.bytes(), data.len() as u64);
     let max_inflated = packed.saturating_mul(MAX_DEFLATE_RATIO);
     if wanted.saturating_add(skip) > max_inflated {
         let fault = format!("is truncated: {packed} packed bytes cannot hold {wanted}");
-        return Err(Fault::new(fault, SAVE_AGAIN));
+        return Err(VolumeFault::new(fault, SAVE_AGAIN));
     }
     if wanted > max_bytes {
         return Err(too_big(wanted, max_bytes));
     }
     // Decompress, discarding the skipped bytes
-    let damaged = |error: std::io::Error| Fault::new(format!("has damaged gzip data ({error})"), SAVE_AGAIN);
+    let damaged =
+        |error: std::io::Error| VolumeFault::new(format!("has damaged gzip data ({error})"), SAVE_AGAIN);
     let mut stream = MultiGzDecoder::new(data);
     std::io::copy(&mut stream.by_ref().take(skip), &mut std::io::sink()).map_err(damaged)?;
     let mut bytes = Vec::new();
@@ -279,7 +283,7 @@ fn inflate(layout: &Layout, data: &[u8], skip: u64, max_bytes: u64) -> Result<Ve
 }
 
 /// Parses the numbers of a text and returns them as little-endian bytes of f64.
-fn from_text(layout: &Layout, data: &[u8]) -> Result<Vec<u8>, Fault> {
+fn from_text(layout: &ArrayLayout, data: &[u8]) -> Result<Vec<u8>, VolumeFault> {
     let count = layout.count();
     // Each number takes at least a digit and a separator.
     if count > data.len() as u64 / 2 + 1 {
@@ -287,16 +291,16 @@ fn from_text(layout: &Layout, data: &[u8]) -> Result<Vec<u8>, Fault> {
             "is truncated: {} bytes of text cannot hold {count} numbers",
             data.len()
         );
-        return Err(Fault::new(fault, SAVE_AGAIN));
+        return Err(VolumeFault::new(fault, SAVE_AGAIN));
     }
-    let text =
-        std::str::from_utf8(data).map_err(|_| Fault::new("has numbers that are not text", SAVE_AGAIN))?;
+    let text = std::str::from_utf8(data)
+        .map_err(|_| VolumeFault::new("has numbers that are not text", SAVE_AGAIN))?;
     let mut bytes = Vec::new();
     let words = text.split(|c: char| c.is_whitespace() || c == ',');
     for word in words.filter(|word| !word.is_empty()).take(count as usize) {
         let number = word.parse::<f64>();
         let number =
-            number.map_err(|_| Fault::new(format!("has {word:?} in place of a number"), SAVE_AGAIN))?;
+            number.map_err(|_| VolumeFault::new(format!("has {word:?} in place of a number"), SAVE_AGAIN))?;
         bytes.extend(number.to_le_bytes());
     }
     Ok(bytes)

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use super::dtype::{Axis, ByteOrder, Element, Layout};
-use super::fault::{Fault, ReadError, content};
+use super::dtype::{ArrayAxis, ArrayLayout, ByteOrder, Element};
+use super::fault::{ReadError, VolumeFault, content};
 use super::read_volume::{ReadVolume, bytes_of, grids};
 
 /// Description of a file of raw numbers.
@@ -26,12 +26,13 @@ pub struct RawHeader {
 pub fn read_raw(path: &Path, header: &RawHeader, max_bytes: u64) -> Result<ReadVolume, ReadError> {
     let [x, y, z] = header.size.map(|side| side as u64);
     let axes = [
-        (Axis::Channel, header.channels as u64),
-        (Axis::X, x),
-        (Axis::Y, y),
-        (Axis::Z, z),
+        (ArrayAxis::Channel, header.channels as u64),
+        (ArrayAxis::X, x),
+        (ArrayAxis::Y, y),
+        (ArrayAxis::Z, z),
     ];
-    let layout = Layout::new(header.element, header.order, &axes).map_err(|fault| content(path, fault))?;
+    let layout =
+        ArrayLayout::new(header.element, header.order, &axes).map_err(|fault| content(path, fault))?;
     let bytes = bytes_of(path, max_bytes)?;
     // Skip the bytes before the first number
     let skip = usize::try_from(header.skip).ok();
@@ -39,7 +40,7 @@ pub fn read_raw(path: &Path, header: &RawHeader, max_bytes: u64) -> Result<ReadV
         let fault = format!("is shorter than the {} bytes to skip", header.skip);
         return Err(content(
             path,
-            Fault::new(fault, "give the number of bytes before the first sample"),
+            VolumeFault::new(fault, "give the number of bytes before the first sample"),
         ));
     };
     grids(path, &layout, data, max_bytes, None)

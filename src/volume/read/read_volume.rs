@@ -6,7 +6,7 @@ use std::path::Path;
 
 use glam::DAffine3;
 
-use super::dtype::Layout;
+use super::dtype::ArrayLayout;
 use super::fault::{ReadError, content, too_big};
 use crate::volume::Grid;
 
@@ -45,7 +45,7 @@ pub(super) fn bytes_of(path: &Path, max_bytes: u64) -> Result<Vec<u8>, ReadError
 /// Builds the grids of the numbers in `data`, which may have trailing bytes.
 pub(super) fn grids(
     path: &Path,
-    layout: &Layout,
+    layout: &ArrayLayout,
     data: &[u8],
     max_bytes: u64,
     world_from_cube: Option<DAffine3>,

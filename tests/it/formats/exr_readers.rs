@@ -6,7 +6,9 @@ use std::path::Path;
 use crate::support::cli_program::{first_light, whit};
 use crate::support::exr_tools::tool;
 use whit::image::Attribute;
-use whit::image::rows::{Compression, ExrChannel, ExrLayout, ExrScanlineWriter, SampleType, Samples, Window};
+use whit::image::rows::{
+    Compression, ExrChannel, ExrLayout, ExrScanlineWriter, RowWindow, SampleType, Samples,
+};
 
 /// Compression methods with their names in OpenEXR's `exrinfo` and in OpenImageIO.
 const PACKED: [(Compression, &str, &str); 5] = [
@@ -38,11 +40,11 @@ fn integer(column: u32, row: u32) -> u32 {
 fn write_part(path: &Path, compression: Compression) {
     // Lay out a cropped image
     let layout = ExrLayout {
-        data_window: Window {
+        data_window: RowWindow {
             origin: [5, 40],
             size: [WIDTH, HEIGHT],
         },
-        display_window: Window::of_size([200, 150]),
+        display_window: RowWindow::of_size([200, 150]),
         channels: vec![
             ExrChannel::new("R", SampleType::Half),
             ExrChannel::new("G", SampleType::Half),

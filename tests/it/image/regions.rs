@@ -6,7 +6,8 @@ use std::sync::atomic::AtomicBool;
 use crate::support::scene_folder;
 use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::render::{
-    FilterKind, Monitor, Parts, Pattern, PixelFilter, Region, RenderSettings, Rendering, Share, Sums, render,
+    FilterKind, Monitor, PartSums, Parts, Pattern, PixelFilter, Region, RenderSettings, Rendering, Share,
+    render,
 };
 use whit::scene::Scene;
 
@@ -91,8 +92,8 @@ fn region_has_the_bits_of_the_full_image() {
 }
 
 /// Renders the shares of an image's rows in this order, and adds them in the order of their numbers.
-fn added(parts: &mut Parts, rows: &Region, count: u32) -> Sums {
-    let mut made: Vec<(u32, Sums)> = (0..count)
+fn added(parts: &mut Parts, rows: &Region, count: u32) -> PartSums {
+    let mut made: Vec<(u32, PartSums)> = (0..count)
         .rev()
         .map(|index| {
             let share = Share { index, count };

@@ -14,7 +14,7 @@ use whit::scene::{
 use whit::shape::{Shape, Sphere};
 use whit::volume::cloud::Cloud;
 use whit::volume::{
-    Fog, Grid, Samples, SkipEmpty, Thickness, Transfer, TransferNode, Volume, VolumeDescription,
+    Fog, Grid, GridSamples, SkipEmpty, Thickness, Transfer, TransferNode, Volume, VolumeDescription,
 };
 
 /// Extinction of the slabs here.
@@ -29,7 +29,7 @@ fn slab(sigma: f64, color: f64, step: f64, place: DVec3) -> Volume {
         emission: [0.0; 3],
     };
     Volume::new(VolumeDescription {
-        density: Arc::new(Grid::new([1; 3], Samples::Bytes(vec![1])).unwrap()),
+        density: Arc::new(Grid::new([1; 3], GridSamples::Bytes(vec![1])).unwrap()),
         color: None,
         transfer: Transfer::new(&[node], Thickness::Extinction).unwrap(),
         world_from_cube: DAffine3::from_translation(place),

@@ -12,7 +12,7 @@ use whit::scene::{
     Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureBinding, TextureUse, Translucency,
     Wrap,
 };
-use whit::volume::{Fog, Grid, Samples, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
+use whit::volume::{Fog, Grid, GridSamples, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
 
 use super::meshes::{Shading, ball, textured_panel};
 use super::scenes::{SplitMix64, all_shapes};
@@ -424,7 +424,7 @@ fn light(number: usize, r: &mut SplitMix64) -> Light {
 fn volume(r: &mut SplitMix64) -> Volume {
     let fullness = [0.0, 0.3, 1.0][r.below(3)];
     let samples = (0..60).map(|_| if r.next() < fullness { r.next() as f32 } else { 0.0 });
-    let grid = Grid::new([3, 4, 5], Samples::Floats(samples.collect())).unwrap();
+    let grid = Grid::new([3, 4, 5], GridSamples::Floats(samples.collect())).unwrap();
     let emission = sometimes(r, 0.5, [0.5, 0.2, 0.0]);
     let node = |value: f64, emission: [f64; 3]| TransferNode {
         value,

@@ -54,7 +54,7 @@ const KEYS_PER_BIN: usize = 1 << 13;
 const BITS_PER_KEY: usize = 32;
 
 /// A range of consecutive triangles of one mesh.
-struct Run<'s> {
+struct DuplicateRun<'s> {
     mesh: u32,
     positions: &'s [[f32; 3]],
     first: u32,
@@ -63,17 +63,17 @@ struct Run<'s> {
 
 /// A triangle that may have a duplicate, ordered by its vertices first, then by the order in which ties are broken.
 #[derive(Clone, PartialEq, Eq, PartialOrd, Ord)]
-struct Candidate {
+struct ClusterCandidate {
     corners: [[u32; 3]; 3],
     mesh: u32,
     triangle: u32,
 }
 
-fn runs_of<'s>(meshes: &[&'s Mesh]) -> Vec<Run<'s>> {
+fn runs_of<'s>(meshes: &[&'s Mesh]) -> Vec<DuplicateRun<'s>> {
     let runs = (0u32..).zip(meshes).flat_map(|(index, mesh)| {
         let positions = &mesh.positions[..];
         let pieces = (0u32..).step_by(RUN).zip(mesh.triangles.chunks(RUN));
-        pieces.map(move |(first, triangles)| Run {
+        pieces.map(move |(first, triangles)| DuplicateRun {
             mesh: index,
             positions,
             first,
@@ -91,7 +91,7 @@ struct Suspect {
 }
 
 /// Returns the keys of all coincident triangles, and possibly a few others, with each run that contains one.
-fn suspects(runs: &[Run]) -> Vec<Suspect> {
+fn suspects(runs: &[DuplicateRun]) -> Vec<Suspect> {
     let triangle_count: usize = runs.iter().map(|run| run.triangles.len()).sum();
     let bin_bits = (triangle_count / KEYS_PER_BIN).max(1).ilog2();
     let binned = parallel::map(runs.len(), &|run| BinnedKeys::new(&runs[run], bin_bits));
@@ -107,7 +107,7 @@ struct BinnedKeys {
 
 impl BinnedKeys {
     /// Groups the keys by their upper `bin_bits` bits with a counting sort.
-    fn new(run: &Run, bin_bits: u32) -> BinnedKeys {
+    fn new(run: &DuplicateRun, bin_bits: u32) -> BinnedKeys {
         // Shift in two steps, because `bin_bits` may be 0 and a shift by 64 overflows.
         let bin = |key: u64| (key >> 1 >> (u64::BITS - 1 - bin_bits)) as usize;
         let mut all = Vec::with_capacity(run.triangles.len());
@@ -174,20 +174,20 @@ fn suspects_of_bin(binned: &[BinnedKeys], bin: usize) -> Vec<Suspect> {
 }
 
 /// Returns all triangles with a suspect key, and a few others.
-fn candidates(runs: &[Run], suspects: &[Suspect]) -> Vec<Candidate> {
+fn candidates(runs: &[DuplicateRun], suspects: &[Suspect]) -> Vec<ClusterCandidate> {
     let keys = KeySet::of(suspects.iter().map(|suspect| suspect.key), suspects.len());
     let mut is_suspect = vec![false; runs.len()];
     suspects
         .iter()
         .for_each(|suspect| is_suspect[suspect.run as usize] = true);
-    let in_run = |index: usize| -> Vec<Candidate> {
+    let in_run = |index: usize| -> Vec<ClusterCandidate> {
         let run = &runs[index];
         if !is_suspect[index] {
             return Vec::new();
         }
         let numbered = (run.first..).zip(run.triangles);
         let found = numbered.filter(|(_, triangle)| keys.contains(run.key(triangle) as u32));
-        let candidates = found.map(|(number, triangle)| Candidate {
+        let candidates = found.map(|(number, triangle)| ClusterCandidate {
             corners: run.sorted_corners(triangle),
             mesh: run.mesh,
             triangle: number,
@@ -197,7 +197,7 @@ fn candidates(runs: &[Run], suspects: &[Suspect]) -> Vec<Candidate> {
     parallel::map(runs.len(), &in_run).concat()
 }
 
-impl Run<'_> {
+impl DuplicateRun<'_> {
     /// Returns a hash of a triangle's vertices that does not depend on their order.
     #[inline(always)]
     fn key(&self, triangle: &[u32; 3]) -> u64 {

@@ -13,7 +13,7 @@ use crate::accel::embree::device::Device;
 use crate::accel::embree::geometry::NewGeometry;
 use crate::accel::embree::instance_kind::{instanced_mesh, primitive_count, world_triangle_count};
 use crate::accel::embree::native_instances;
-use crate::accel::embree::progress::Progress;
+use crate::accel::embree::progress::BuildProgress;
 use crate::accel::embree::scene::{EmbreeScene, SceneRef};
 use crate::accel::embree::user_geometry::callbacks;
 use crate::accel::embree::user_geometry::primitives::{InstancedScene, UserGeometry};
@@ -43,7 +43,7 @@ pub(in crate::accel::embree) fn build<'s>(
 ) -> Result<Built<'s>, AccelError> {
     // Assign meshes to scenes
     let instancing = options.instancing.resolved(options.precision);
-    let mut progress = Progress::new(options.progress, primitive_count(scene));
+    let mut progress = BuildProgress::new(options.progress, primitive_count(scene));
     let plan = in_pool(options.threads, || BuildPlan::new(scene, options.precision));
     let held_back_count = plan.held_back_count();
     // Build a scene for each instanced mesh and measure its memory
@@ -90,7 +90,7 @@ fn build_instanced<'s>(
     plan: &BuildPlan<'s>,
     device: &Device,
     options: &AccelOptions,
-    progress: &mut Progress,
+    progress: &mut BuildProgress,
 ) -> Result<Vec<Option<InstancedScene<'s>>>, AccelError> {
     let mut build = |placed: InstancedMesh<'s>| {
         let scene = EmbreeScene::new(device, options)?;

@@ -33,14 +33,14 @@ const CHUNK: usize = 1 << 14;
 const PARTS: usize = 1 << 6;
 
 /// Eight vertices by axis; unused slots repeat the first vertex of the cluster.
-pub(super) type Block = [[f32; PACK]; 3];
+pub(super) type TriangleBlock = [[f32; PACK]; 3];
 
 /// Up to sixteen triangles of one instance, with their first sixteen vertices: five cache lines, of which the last is
 /// read only for clusters that are hit.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
-struct Record {
-    corners: [Block; INLINE_BLOCKS],
+struct BlockRecord {
+    corners: [TriangleBlock; INLINE_BLOCKS],
     /// Vertex indices within the cluster, below `corner_count`, by vertex of the triangle and triangle.
     triangles: [[u8; MEMBERS]; 3],
     corner_count: u8,
@@ -55,8 +55,8 @@ struct Record {
 /// View of up to sixteen triangles of one instance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct TriangleCluster<'p> {
-    record: &'p Record,
-    last: Option<&'p Block>,
+    record: &'p BlockRecord,
+    last: Option<&'p TriangleBlock>,
 }
 
 impl<'p> TriangleCluster<'p> {
@@ -86,13 +86,13 @@ impl<'p> TriangleCluster<'p> {
 
     /// Returns the first sixteen vertices, of which the second eight are meaningless if the cluster has at most eight.
     #[inline(always)]
-    pub(super) fn first_blocks(self) -> &'p [Block; INLINE_BLOCKS] {
+    pub(super) fn first_blocks(self) -> &'p [TriangleBlock; INLINE_BLOCKS] {
         &self.record.corners
     }
 
     /// Returns the vertices from the seventeenth on, if there are any.
     #[inline(always)]
-    pub(super) fn last(self) -> Option<&'p Block> {
+    pub(super) fn last(self) -> Option<&'p TriangleBlock> {
         self.last
     }
 
@@ -210,7 +210,7 @@ impl ClusterBuilder {
     }
 
     /// Returns the vertices of a block.
-    fn block(&self, number: usize) -> Block {
+    fn block(&self, number: usize) -> TriangleBlock {
         let mut block = [[0.0; PACK]; 3];
         for (row, all) in block.iter_mut().zip(&self.corners) {
             row.copy_from_slice(&all[PACK * number..PACK * (number + 1)]);
@@ -222,9 +222,9 @@ impl ClusterBuilder {
 /// All triangle clusters of an Embree scene, with the bound on its ray origins.
 #[derive(Debug, Default)]
 pub(in crate::accel) struct TriangleClusters {
-    records: Vec<Record>,
+    records: Vec<BlockRecord>,
     /// Blocks of vertices beyond the sixteenth.
-    blocks: Vec<Block>,
+    blocks: Vec<TriangleBlock>,
     origin_bound: OriginBound,
 }
 
@@ -293,7 +293,7 @@ impl TriangleClusters {
     /// Appends the clusters of `part`, as triangles of `instance`.
     fn append(&mut self, part: &TriangleClusters, instance: u32) {
         let block_count = self.blocks.len() as u32;
-        let moved = |record: &Record| Record {
+        let moved = |record: &BlockRecord| BlockRecord {
             last: block_count + record.last,
             instance,
             ..record.clone()
@@ -303,7 +303,7 @@ impl TriangleClusters {
     }
 
     fn push(&mut self, builder: &ClusterBuilder, instance: u32) {
-        self.records.push(Record {
+        self.records.push(BlockRecord {
             corners: [builder.block(0), builder.block(1)],
             triangles: builder.triangles,
             corner_count: builder.corner_count,
@@ -342,7 +342,8 @@ impl TriangleClusters {
 
     /// Returns the number of bytes on the heap.
     pub(in crate::accel) fn byte_count(&self) -> u64 {
-        (self.records.capacity() * size_of::<Record>() + self.blocks.capacity() * size_of::<Block>()) as u64
+        (self.records.capacity() * size_of::<BlockRecord>()
+            + self.blocks.capacity() * size_of::<TriangleBlock>()) as u64
     }
 }
 

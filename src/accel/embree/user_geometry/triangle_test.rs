@@ -139,7 +139,7 @@ impl<const W: usize> ClusterKernel<'_, W> {
             return;
         }
         // Intersect the remaining triangles and keep the nearest hits
-        let mut found = PacketHits::of(self.packet);
+        let mut found = TriangleHits::of(self.packet);
         let t_near: [f32; W] = self.packet.floats(row::T_NEAR);
         let mut active = group;
         for member in lanes(members) {
@@ -195,7 +195,7 @@ fn resolve_on_edge<const W: usize>(
 }
 
 /// Nearest hits of a packet so far.
-struct PacketHits<const W: usize> {
+struct TriangleHits<const W: usize> {
     packet: CallbackPacket,
     t: [f32; W],
     /// Unnormalized barycentric weights, as in [`HitLanes`].
@@ -206,10 +206,10 @@ struct PacketHits<const W: usize> {
     changed: u32,
 }
 
-impl<const W: usize> PacketHits<W> {
+impl<const W: usize> TriangleHits<W> {
     #[inline(always)]
-    fn of(packet: CallbackPacket) -> PacketHits<W> {
-        PacketHits {
+    fn of(packet: CallbackPacket) -> TriangleHits<W> {
+        TriangleHits {
             packet,
             t: packet.floats(row::T_FAR),
             weights: [[0.0; W]; 2],

@@ -84,7 +84,7 @@ impl Weights {
     }
 
     /// Convolves directly, as in the paper, with the plane extended by its border pixels.
-    fn convolve(&self, plane: &Plane) -> Vec<f64> {
+    fn convolve(&self, plane: &FlipPlane) -> Vec<f64> {
         let (width, height) = (plane.width as i32, (plane.values.len() / plane.width) as i32);
         let value = |at: i32, (x, y): (i32, i32)| {
             let column = (at % width + x).clamp(0, width - 1);
@@ -105,7 +105,7 @@ fn filtered_directly(image: &LinearImage, ppd: f64) -> (Vec<DVec3>, [Vec<f64>; 2
         .iter()
         .map(|pixel| colors.opponent(DVec3::from(pixel.map(f64::from))))
         .collect();
-    let plane = |of: &dyn Fn(&DVec3) -> f64| Plane {
+    let plane = |of: &dyn Fn(&DVec3) -> f64| FlipPlane {
         width: image.width as usize,
         values: opponent.iter().map(of).collect(),
     };

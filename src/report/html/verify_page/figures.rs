@@ -4,7 +4,7 @@ use glam::{DVec2, DVec3};
 
 use crate::report::html::page::{Drawing, Mark, Plot, Region, escape, figure};
 use crate::report::text::verify::VerifyRow;
-use crate::verify::{Axis, CloseUp, Correctness, FigureData, TracedRay, view};
+use crate::verify::{CloseUp, Correctness, FigureAxis, FigureData, TracedRay, view};
 
 /// Side of the figure of all rays, in pixels.
 const LARGE: u32 = 360;
@@ -48,7 +48,7 @@ pub(super) fn of(rows: &[VerifyRow]) -> String {
     format!("<div class=\"pictures\">{html}</div>\n")
 }
 
-fn errors(figure_data: &FigureData, axis: Axis, unit: &str) -> String {
+fn errors(figure_data: &FigureData, axis: FigureAxis, unit: &str) -> String {
     let marks: Vec<Mark> = figure_data
         .shown_errors()
         .map(|error| Mark {

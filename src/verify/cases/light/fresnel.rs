@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use crate::numeric::{DoubleDouble, SplitMix64};
 use crate::verify::harness::expansion::Expansion;
-use crate::verify::harness::{Axis, Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, FigureAxis, Watertightness};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
     Case {
@@ -50,15 +50,15 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
 const COSINE_ULPS: f64 = 4.0;
 /// Largest admissible error of a reflectance or transmittance in ulps.
 const SHARE_ULPS: f64 = 8.0;
-const COSINE: Axis = Axis {
+const COSINE: FigureAxis = FigureAxis {
     label: "cosine of the angle of incidence",
     bound: COSINE_ULPS,
 };
-const SHARE: Axis = Axis {
+const SHARE: FigureAxis = FigureAxis {
     label: "cosine of the angle of incidence",
     bound: SHARE_ULPS,
 };
-const ROUND: Axis = Axis {
+const ROUND: FigureAxis = FigureAxis {
     label: "cosine of the angle of incidence",
     bound: 1.0,
 };

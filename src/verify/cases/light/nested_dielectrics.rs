@@ -43,7 +43,7 @@ const FOLLOWED: u64 = 8;
 const MAX_STACKS: u64 = 2000;
 
 /// Dielectric layer between two heights.
-struct Layer {
+struct MediumLayer {
     low: f32,
     high: f32,
     /// Half width of the layer, larger than the view and different for each layer, so that sides never coincide.
@@ -56,14 +56,14 @@ struct Layer {
 }
 
 /// Layers in the order of their instances, and the height of the camera, which looks down.
-struct Stack {
-    layers: Vec<Layer>,
+struct MediumStack {
+    layers: Vec<MediumLayer>,
     camera_height: f32,
 }
 
-impl Stack {
+impl MediumStack {
     /// Returns a random stack in which the boundaries are far enough apart, and the camera from all of them.
-    fn any(random: &mut SplitMix64) -> Stack {
+    fn any(random: &mut SplitMix64) -> MediumStack {
         loop {
             let count = 2 + random.below(5);
             let mut boundaries: Vec<f32> = Vec::new();
@@ -91,8 +91,8 @@ impl Stack {
                     .all(|wall| (wall - camera_height).abs() > 1024.0 * GAP)
             {
                 let pairs = boundaries.chunks_exact(2).enumerate();
-                let layers = pairs.map(|(number, pair)| Layer::any(number, pair, random));
-                return Stack {
+                let layers = pairs.map(|(number, pair)| MediumLayer::any(number, pair, random));
+                return MediumStack {
                     layers: layers.collect(),
                     camera_height,
                 };
@@ -155,7 +155,7 @@ impl Stack {
         });
         let mut scene = scene(geometries.collect());
         scene.background = Background::Uniform([1.0; 3]);
-        scene.materials = self.layers.iter().map(Layer::material).collect();
+        scene.materials = self.layers.iter().map(MediumLayer::material).collect();
         let instances = self.layers.iter().zip(0..).map(|(layer, number)| {
             let map = match layer.is_mesh {
                 true => DAffine3::IDENTITY,
@@ -187,9 +187,9 @@ impl Stack {
 /// Largest absorption coefficient per unit of length.
 const MAX_SIGMA: f64 = 0.5;
 
-impl Layer {
-    fn any(number: usize, boundaries: &[f32], random: &mut SplitMix64) -> Layer {
-        Layer {
+impl MediumLayer {
+    fn any(number: usize, boundaries: &[f32], random: &mut SplitMix64) -> MediumLayer {
+        MediumLayer {
             half: 1.5 + 0.125 * number as f32,
             low: boundaries[0].min(boundaries[1]),
             high: boundaries[0].max(boundaries[1]),
@@ -252,7 +252,7 @@ fn nested(trial: &CaseRunner) -> Result<Counts, AccelError> {
     trial.over_parts(stack_count as usize, &|number, _| {
         let mut tally = Counts::default();
         // Render a random stack
-        let stack = Stack::any(&mut SplitMix64::new(0x38, number as u64));
+        let stack = MediumStack::any(&mut SplitMix64::new(0x38, number as u64));
         let scene = stack.scene();
         let Some(rendering) = trial.render_image((&scene, &stack.camera()), size, (64, 0.0))? else {
             return Ok(tally);
@@ -276,8 +276,8 @@ fn nested(trial: &CaseRunner) -> Result<Counts, AccelError> {
 mod tests {
     use super::*;
 
-    fn layer(low: f32, high: f32, priority: i32, ior: f64) -> Layer {
-        Layer {
+    fn layer(low: f32, high: f32, priority: i32, ior: f64) -> MediumLayer {
+        MediumLayer {
             low,
             high,
             half: 1.0,
@@ -293,7 +293,7 @@ mod tests {
         // The medium over [0, 1] has priority and hides the upper part of the one over [-1, 0.5].
         let share = |a: f64, b: f64| 4.0 * a * b / ((a + b) * (a + b));
         let seen = |camera_height| {
-            let stack = Stack {
+            let stack = MediumStack {
                 layers: vec![layer(0.0, 1.0, 1, 1.5), layer(-1.0, 0.5, 0, 1.25)],
                 camera_height,
             };

@@ -1,7 +1,7 @@
 //! Ray marching through a homogeneous medium: neither the number of steps nor the length of the last one may affect the
 //! result.
 
-use crate::verify::harness::{Axis, Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, FigureAxis, Watertightness};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     id: "H40",
@@ -17,7 +17,7 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
 
 /// Relative error bound of a march, to be multiplied by 1 + optical depth.
 const BOUND: f64 = 1e-12;
-const STEPS: Axis = Axis {
+const STEPS: FigureAxis = FigureAxis {
     label: "steps",
     bound: 1.0,
 };

@@ -1,7 +1,7 @@
 //! Accuracy of long sums and products: opacity correction, transmittance of many layers, and sums of pixel samples.
 
 use crate::numeric::{DoubleDouble, LANES, Lanes, SplitMix64};
-use crate::verify::harness::{Axis, Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, FigureAxis, Watertightness};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
     Case {
@@ -41,15 +41,15 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
 
 /// Largest admissible error of an opacity in ulps.
 const OPACITY_ULPS: f64 = 4.0;
-const OPACITY: Axis = Axis {
+const OPACITY: FigureAxis = FigureAxis {
     label: "length over the step of the given opacity",
     bound: OPACITY_ULPS,
 };
-const LAYERS: Axis = Axis {
+const LAYERS: FigureAxis = FigureAxis {
     label: "layers",
     bound: 1.0,
 };
-const SAMPLES: Axis = Axis {
+const SAMPLES: FigureAxis = FigureAxis {
     label: "mixture",
     bound: 1.0,
 };
@@ -80,7 +80,7 @@ fn opacities(trial: &CaseRunner, random: &mut SplitMix64, count: usize) -> Count
 /// Counts `found` against `expansion` and records its error as a share of `bound`, plotted over `at`.
 fn hold(
     tally: &mut Counts,
-    (axis, at): (Axis, f64),
+    (axis, at): (FigureAxis, f64),
     [found, exact]: [f64; 2],
     bound: f64,
     describe: impl FnOnce() -> String,

@@ -19,7 +19,7 @@ use crate::scene::{
 use crate::shape::{HalfSpace, Polyhedron, Quadric, Shape, Sphere, Torus};
 use crate::verify::harness::test_meshes::{icosphere, scene};
 use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
-use crate::volume::{Fog, Grid, Samples};
+use crate::volume::{Fog, Grid, GridSamples};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     id: "H45",
@@ -312,7 +312,7 @@ static INPUTS: [Input; 67] = [
     ("grid", |_, r, x| {
         let mut samples = vec![0.5; 8];
         samples[r.below(8)] += x as f32;
-        constructor_result(Grid::new([2; 3], Samples::Floats(samples)))
+        constructor_result(Grid::new([2; 3], GridSamples::Floats(samples)))
     }),
 ];
 

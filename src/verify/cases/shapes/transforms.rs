@@ -104,28 +104,28 @@ fn placed(trial: &CaseRunner, map: fn(&mut SplitMix64) -> DAffine3) -> Result<Co
     })
 }
 
-type DoubleDouble3 = [DoubleDouble; 3];
+type ExactPoint = [DoubleDouble; 3];
 
-fn dot(a: DoubleDouble3, b: DoubleDouble3) -> DoubleDouble {
+fn dot(a: ExactPoint, b: ExactPoint) -> DoubleDouble {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-fn cross(a: DoubleDouble3, b: DoubleDouble3) -> DoubleDouble3 {
+fn cross(a: ExactPoint, b: ExactPoint) -> ExactPoint {
     [0, 1, 2].map(|k| {
         let (i, j) = ((k + 1) % 3, (k + 2) % 3);
         a[i] * b[j] - a[j] * b[i]
     })
 }
 
-fn double_double3(v: DVec3) -> DoubleDouble3 {
+fn double_double3(v: DVec3) -> ExactPoint {
     v.to_array().map(DoubleDouble::of)
 }
 
 /// Exact intersection oracle for the unit sphere under an affine map.
 pub(super) struct Oracle {
     /// Rows of the inverse of the linear part.
-    inverse: [DoubleDouble3; 3],
-    translation: DoubleDouble3,
+    inverse: [ExactPoint; 3],
+    translation: ExactPoint,
     condition: f64,
 }
 
@@ -145,7 +145,7 @@ impl Oracle {
     }
 
     /// Transforms a vector to object space.
-    fn to_object_space(&self, v: DoubleDouble3) -> DoubleDouble3 {
+    fn to_object_space(&self, v: ExactPoint) -> ExactPoint {
         self.inverse.map(|row| dot(row, v))
     }
 
@@ -185,7 +185,7 @@ impl Oracle {
         let o = double_double3(ray.origin.as_dvec3());
         let o = self.to_object_space([0, 1, 2].map(|k| o[k] - self.translation[k]));
         let place = self.to_object_space(self.translation);
-        let length = |v: DoubleDouble3| dot(v, v).sqrt().nearest();
+        let length = |v: ExactPoint| dot(v, v).sqrt().nearest();
         MOVED * self.condition * self.condition * (1.0 + length(o) + length(place))
     }
 
@@ -201,11 +201,11 @@ impl Oracle {
         );
         let along = self.to_object_space(d);
         let o = self.to_object_space([0, 1, 2].map(|k| o[k] - self.translation[k]));
-        let p: DoubleDouble3 = [0, 1, 2].map(|k| o[k] + t * along[k]);
+        let p: ExactPoint = [0, 1, 2].map(|k| o[k] + t * along[k]);
         // Transform its normal by the inverse transpose, and compute the angle
         let column = |k: usize| [self.inverse[0][k], self.inverse[1][k], self.inverse[2][k]];
         let exact = [0, 1, 2].map(|k| dot(column(k), p));
-        let length = |v: DoubleDouble3| dot(v, v).sqrt();
+        let length = |v: ExactPoint| dot(v, v).sqrt();
         let sine = length(cross(exact, double_double3(n))) / (length(exact) * length(double_double3(n)));
         // Bound the angle by the displacement of the hit point
         let largest = (0..3).map(|k| length(column(k)).nearest()).fold(0.0, f64::max);

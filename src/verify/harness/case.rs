@@ -45,6 +45,32 @@ pub struct Case {
 }
 
 impl Case {
+    /// Case of triangles without texts, queries or errors, that every variant must pass: a base for struct updates.
+    pub(in crate::verify) const TRIANGLES: Case = Case {
+        id: "",
+        title: "",
+        construction: "",
+        oracle: "",
+        bound: "",
+        unit: "",
+        kind: CaseKind::Triangles,
+        required: Watertightness::Faces,
+        run: |_| Ok(Counts::default()),
+    };
+
+    /// Case of analytic shapes, as [`Case::TRIANGLES`] for other values.
+    pub(in crate::verify) const SHAPES: Case = Case {
+        kind: CaseKind::Shapes,
+        ..Case::TRIANGLES
+    };
+
+    /// Case of formulas, as [`Case::TRIANGLES`] for other values.
+    pub(in crate::verify) const FORMULAS: Case = Case {
+        kind: CaseKind::Formulas,
+        required: Watertightness::Vertices,
+        ..Case::TRIANGLES
+    };
+
     /// Returns whether the case can run on `variant`.
     pub fn applies_to(&self, path: &BackendVariant) -> bool {
         (self.kind == CaseKind::Formulas) == path.accel.is_none()

@@ -1,5 +1,7 @@
 //! Acceleration structure with the scene that it was built over, for queries of single rays.
 
+use glam::DVec3;
+
 use super::system_under_test::SystemUnderTest;
 use crate::accel::{Accel, AccelError, Coherence, EmbreeIdentity, Hit, LANES, RayPacket};
 use crate::numeric::{Ray, SplitMix64};
@@ -56,6 +58,12 @@ fn packets(rays: &[Ray]) -> Vec<RayPacket> {
         packets[i / LANES].set(i % LANES, ray);
     }
     packets
+}
+
+/// Returns a ray from `origin`, rounded to f32, to `target`.
+pub(in crate::verify) fn towards(origin: DVec3, target: DVec3) -> Ray {
+    let origin = origin.as_vec3();
+    Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
 }
 
 /// Returns a random ray order, which affects the speed but never the result.

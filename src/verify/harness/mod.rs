@@ -34,6 +34,6 @@ pub use variant::{BackendVariant, VARIANTS, Watertightness, build_variant, has_i
 pub use verdict_cache::VerdictCache;
 pub use wireframe::{Wireframe, view};
 
-pub(super) use engine::{Engine, embree_identity, order};
+pub(super) use engine::{Engine, embree_identity, order, towards};
 pub(super) use exact_nearest::{exact_nearest, judge_against};
 pub(super) use runner::CaseRunner;

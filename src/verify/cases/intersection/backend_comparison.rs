@@ -10,8 +10,8 @@ use crate::render::{SpawnPoint, SpawnProbe};
 use crate::scene::Scene;
 use crate::verify::harness::test_scenes::{self, test_scene};
 use crate::verify::harness::{
-    Case, CaseKind, CaseRunner, Correctness, Counts, Engine, Watertightness, describe, embree_identity,
-    judge_against, order,
+    Case, CaseRunner, Correctness, Counts, Engine, Watertightness, describe, embree_identity, judge_against,
+    order,
 };
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
@@ -21,10 +21,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     oracle: "the BSP checks Embree; brute force checks the BSP for one ray in 64; a difference within the f32 bounds \
         is a tie",
     bound: "no wrong hit, miss or occlusion",
-    unit: "",
-    kind: CaseKind::Triangles,
     required: Watertightness::Edges,
     run: against_each_other,
+    ..Case::TRIANGLES
 }];
 
 /// Number of rays for each one that is traced by brute force.

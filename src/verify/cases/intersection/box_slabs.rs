@@ -8,7 +8,7 @@ use crate::numeric::{Ray, SplitMix64};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::Shape;
 use crate::verify::harness::test_meshes::scene;
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts};
 
 const ORACLE: &str =
     "slabs compared exactly, as fractions; the cube is closed, so a ray that touches it hits it";
@@ -21,9 +21,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: ORACLE,
         bound: "no wrong decision, t to 1 ulp",
         unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: |trial| at_cube(trial, &[0.0, -0.0, 1.0, -1.0, 0.5]),
+        ..Case::SHAPES
     },
     Case {
         id: "H09d",
@@ -32,14 +31,13 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: ORACLE,
         bound: "no wrong decision, t to 1 ulp",
         unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: |trial| {
             at_cube(
                 trial,
                 &[0.0, -0.0, 1.0, -1.0, 1e-45, -1e-45, 1e-30, -1e-30, 1e-19, 1e-17],
             )
         },
+        ..Case::SHAPES
     },
 ];
 

@@ -3,13 +3,11 @@
 use glam::{DAffine3, DVec3};
 
 use crate::accel::AccelError;
-use crate::numeric::{Ray, SplitMix64};
+use crate::numeric::SplitMix64;
 use crate::scene::{Geometry, Instance};
 use crate::shape::Shape;
 use crate::verify::harness::test_meshes::{mesh, scene};
-use crate::verify::harness::{
-    Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness, exact_nearest, judge_against,
-};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, exact_nearest, judge_against, towards};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
     Case {
@@ -18,10 +16,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "eight coincident squares, as meshes and as shapes, seen from both sides",
         oracle: "the first of the coincident squares is hit",
         bound: "no other is hit",
-        unit: "",
-        kind: CaseKind::Triangles,
-        required: Watertightness::Faces,
         run: coincident,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H31",
@@ -29,10 +25,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "pairs of slanted surfaces 1 to 64 ulp of their coordinates apart, seen from both sides",
         oracle: "parameters of both hits to 100 bits",
         bound: "the first is hit if the other is farther away than the bounds on both errors",
-        unit: "",
-        kind: CaseKind::Triangles,
-        required: Watertightness::Faces,
         run: in_order,
+        ..Case::TRIANGLES
     },
 ];
 
@@ -60,8 +54,7 @@ fn coincident(trial: &CaseRunner) -> Result<Counts, AccelError> {
             random.within(-1.0, 1.0),
             random.choose(&[1.0, -1.0]),
         );
-        let origin = (target + random.within(0.5, 10.0) * aside).as_vec3();
-        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+        towards(target + random.within(0.5, 10.0) * aside, target)
     };
     Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         // The first instance of the stack must win
@@ -110,8 +103,7 @@ fn in_order(trial: &CaseRunner) -> Result<Counts, AccelError> {
             random.within(-1.0, 1.0),
             random.choose(&[1.0, -1.0]),
         );
-        let origin = (target + random.within(0.5, 4.0) * aside).as_vec3();
-        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+        towards(target + random.within(0.5, 4.0) * aside, target)
     };
     // Judge against the exact nearest triangle
     Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {

@@ -9,9 +9,7 @@ use crate::numeric::{Ray, SplitMix64};
 use crate::scene::mesh_cleanup::{clear_non_finite_positions, drop_unusable};
 use crate::scene::{Geometry, Instance, Material, Scene};
 use crate::verify::harness::test_meshes::{mesh, scene};
-use crate::verify::harness::{
-    Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness, judge_against,
-};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, Watertightness, judge_against};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     id: "H16",
@@ -20,10 +18,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
         does, or valid",
     oracle: "the inserted fault is known; brute force for valid and repaired meshes",
     bound: "every fault rejected with the name of its item, nothing else rejected, no wrong hit or miss",
-    unit: "",
-    kind: CaseKind::Triangles,
     required: Watertightness::Vertices,
     run: degenerate,
+    ..Case::TRIANGLES
 }];
 
 /// Defect that can be injected into a scene.

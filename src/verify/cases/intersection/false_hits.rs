@@ -11,7 +11,7 @@ use crate::numeric::{Ray, SplitMix64};
 use crate::scene::{Geometry, Material, Scene};
 use crate::verify::harness::test_meshes::{box_of, mesh, scene};
 use crate::verify::harness::{
-    Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness, exact_nearest, judge_against,
+    Case, CaseRunner, Correctness, Counts, Watertightness, exact_nearest, judge_against,
 };
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
@@ -21,10 +21,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "Embree #387: triangles of edges 11.15, 9.75 and 1.42, rays from up to 600 away at about half a degree",
         oracle: "exact signs of the edges, the parameter to 100 bits",
         bound: "no hit beyond the derived bounds on f32",
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Vertices,
         run: glancing,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H48d",
@@ -33,9 +32,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "the top is 500 below, exactly",
         bound: "t to 8 ulp",
         unit: "ulp of t",
-        kind: CaseKind::Triangles,
-        required: Watertightness::Faces,
         run: huge_boxes,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H48e",
@@ -44,10 +42,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
             as far in front of it",
         oracle: "the bounding boxes are disjoint",
         bound: "0 hits",
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Vertices,
         run: beside,
+        ..Case::TRIANGLES
     },
 ];
 

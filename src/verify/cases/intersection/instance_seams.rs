@@ -6,7 +6,7 @@ use crate::accel::{AccelError, Hit};
 use crate::numeric::{DoubleDouble, Ray, SplitMix64};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::verify::harness::test_meshes::{mesh, scene};
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, Watertightness, towards};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     id: "H47",
@@ -16,9 +16,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
         below it",
     bound: "no leak, and no hit in a gap beyond the derived rounding bound of rays transformed to object space",
     unit: "of the bound",
-    kind: CaseKind::Triangles,
     required: Watertightness::Edges,
     run: seams,
+    ..Case::TRIANGLES
 }];
 
 /// Number of tiles along each axis.
@@ -78,8 +78,7 @@ impl Ground {
         let (x, z) = random.choose(&[(along_x, along_z), (along_z, along_x)]);
         let target = DVec3::new(x, 0.0, z);
         let aside = DVec3::new(random.within(-1.0, 1.0), 1.0, random.within(-1.0, 1.0));
-        let origin = (target + random.within(0.5, 4.0) * aside).as_vec3();
-        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+        towards(target + random.within(0.5, 4.0) * aside, target)
     }
 
     /// Returns the distance of a coordinate inside the nearest tile; negative in gaps and outside.

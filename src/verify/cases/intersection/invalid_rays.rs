@@ -9,9 +9,7 @@ use crate::scene::{Geometry, Scene};
 use crate::shape::{Shape, Sphere};
 use crate::verify::harness::reference::Reference;
 use crate::verify::harness::test_meshes::{icosphere, scene};
-use crate::verify::harness::{
-    Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness, judge_against,
-};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, judge_against};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     id: "H18",
@@ -19,10 +17,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     construction: "rays of NaN, infinite, zero, denormal and huge numbers, mixed with valid ones in the same packets",
     oracle: "an invalid ray misses; brute force for the others",
     bound: "no hit for an invalid ray; for the others as in the backend comparison",
-    unit: "",
-    kind: CaseKind::Triangles,
-    required: Watertightness::Faces,
     run: any_bits,
+    ..Case::TRIANGLES
 }];
 
 /// Special values of a coordinate: NaN, infinite, huge, zero and denormal.

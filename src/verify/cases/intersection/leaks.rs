@@ -12,7 +12,7 @@ use crate::scene::Geometry;
 use crate::verify::harness::cylinder_mesh::{COLUMNS, cylinder};
 use crate::verify::harness::terrain_mesh::{SQUARES, height_at, terrain, turned};
 use crate::verify::harness::test_meshes::{icosphere, mesh, scene};
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, Watertightness};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
     Case {
@@ -22,10 +22,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
             outer",
         oracle: "the cylinder around the origin of a ray is closed: a miss or a hit farther out is a leak",
         bound: "0 leaks",
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Vertices,
         run: nested_cylinders,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H48b",
@@ -33,10 +32,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "Mitsuba 3 #1149: pairs of triangles with nothing behind them, rays at their shared edge, down to 0.3 degrees",
         oracle: "both triangles face the ray, and it is aimed 1/16 inside the edge: a miss is a leak",
         bound: "0 leaks",
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Edges,
         run: shared_edges,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H48f",
@@ -44,10 +42,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "Embree #589: terrains on whole coordinates, rays along an axis through corners, edges and middles of squares",
         oracle: "the terrain has no holes, and its height there is known",
         bound: "0 leaks, the height to 2^-10",
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Vertices,
         run: terrains,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H48k",
@@ -55,10 +52,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "tinybvh #168: a bumpy closed mesh with whole corners, rays on a grid of whole and half coordinates",
         oracle: "the surface is closed: rays from inside and from above its middle must hit it",
         bound: "0 leaks",
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Vertices,
         run: snapped,
+        ..Case::TRIANGLES
     },
 ];
 

@@ -11,7 +11,7 @@ use crate::scene::{Geometry, Instance, Material, Scene};
 use crate::shape::{Shape, Sphere};
 use crate::verify::harness::test_meshes::{icosphere, mesh, scene};
 use crate::verify::harness::{
-    Case, CaseKind, CaseRunner, Correctness, Counts, Engine, Watertightness, describe, order,
+    Case, CaseRunner, Correctness, Counts, Engine, Watertightness, describe, order,
 };
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
@@ -21,10 +21,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "LuxCore #308: rays through eight surfaces 10 to 10^12 away, 32 ulp apart; then between two ends",
         oracle: "each surface is hit once, in order, then none; t lies between the ends",
         bound: "no surface hit twice or skipped",
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Edges,
         run: through_surfaces,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H48h",
@@ -32,10 +31,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "trimesh #48: triangles of size 1 to 10^5, rays along their normals from where they were hit",
         oracle: "a ray that leaves a triangle does not hit it",
         bound: "0 self-hits",
-        unit: "",
-        kind: CaseKind::Triangles,
-        required: Watertightness::Faces,
         run: along_normals,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H48i",
@@ -43,10 +40,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "Mitsuba 3 #1871: spheres of radius 1 and 1 + 4e-5, and two such meshes, rays through both",
         oracle: "the outer, the inner, the inner, the outer",
         bound: "none hit twice or skipped",
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Edges,
         run: through_shells,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H48j",
@@ -54,10 +50,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "POV-Ray #125: a cube 7e-7 above a plane, rays through the cube's bottom",
         oracle: "the cube, the cube, the plane",
         bound: "none hit twice or skipped",
-        unit: "",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: box_above_a_floor,
+        ..Case::SHAPES
     },
 ];
 

@@ -10,7 +10,7 @@ use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{Cone, Shape, Sphere, Torus};
 use crate::verify::harness::test_meshes::{icosphere, rings, scene};
 use crate::verify::harness::{
-    Case, CaseKind, CaseRunner, Correctness, Counts, Engine, Watertightness, describe, judge_against, order,
+    Case, CaseRunner, Correctness, Counts, Engine, Watertightness, describe, judge_against, order,
 };
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
@@ -20,10 +20,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
         for shadows",
     oracle: "the same ray with a direction of length about one; a shadow ray is occluded exactly if the ray has a hit",
     bound: "the same hit, its t times the power of two",
-    unit: "",
-    kind: CaseKind::Triangles,
     required: Watertightness::Edges,
     run: any_length,
+    ..Case::TRIANGLES
 }];
 
 /// Binary exponents of the lengths of directions.

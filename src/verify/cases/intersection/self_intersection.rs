@@ -9,7 +9,7 @@ use crate::render::{SpawnPoint, SpawnProbe};
 use crate::scene::{Geometry, Material, Scene};
 use crate::verify::harness::test_meshes::{icosahedron, mesh, scene};
 use crate::verify::harness::{
-    Case, CaseKind, CaseRunner, Correctness, Counts, Engine, TracedRay, Watertightness, describe, order,
+    Case, CaseRunner, Correctness, Counts, Engine, TracedRay, Watertightness, describe, order, towards,
 };
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
@@ -19,10 +19,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "rays that leave icosahedra of radius 10^-9 to 10^9, 1 to 10^6 radii from the origin, outward",
         oracle: "the mesh is convex: a ray that leaves it outward misses it",
         bound: "0 false shadows",
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Edges,
         run: self_shadows,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H19s",
@@ -30,10 +29,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "rays that leave single triangles, 1 to 10^6 times as long as high",
         oracle: "a triangle is flat: a ray that leaves it does not hit it again",
         bound: "0 false shadows",
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Vertices,
         run: sliver_shadows,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H20",
@@ -42,9 +40,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "surfaces at whole ulps: a ray that starts between them or hits the second is right",
         bound: "no ray starts beyond a surface that is more than 8 ulp away",
         unit: "ulp",
-        kind: CaseKind::Triangles,
-        required: Watertightness::Faces,
         run: smallest_gap,
+        ..Case::TRIANGLES
     },
 ];
 
@@ -131,9 +128,9 @@ fn self_shadows_of(trial: &CaseRunner, radius: f64, distance: f64) -> Result<Cou
     let tally = trial.in_chunks(&|random, count| {
         let rays: Vec<Ray> = (0..count)
             .map(|_| {
-                let origin = (center + 4.0 * reach * random.direction()).as_vec3();
+                let origin = center + 4.0 * reach * random.direction();
                 let target = center + 0.3 * reach * random.in_cube();
-                Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+                towards(origin, target)
             })
             .collect();
         // Rays that miss the distant mesh hit the one at the origin, or nothing; keep points on the distant mesh only.
@@ -191,8 +188,7 @@ fn shadows_of_triangle(trial: &CaseRunner, corners: [DVec3; 3]) -> Result<Counts
                 let (u, v) = (random.unit(), random.unit());
                 let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
                 let target = a + u * (b - a) + v * (c - a);
-                let origin = (target + random.within(1.0, 3.0) * random.direction()).as_vec3();
-                Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+                towards(target + random.within(1.0, 3.0) * random.direction(), target)
             })
             .collect();
         // Spawn rays outward; any hit is a self-intersection
@@ -254,9 +250,10 @@ fn across(
         .map(|_| {
             let mut inner = || random.within(0.7, 1.3);
             let target = DVec3::new(inner(), inner(), 1.5);
-            let origin =
-                (target + DVec3::new(random.within(-0.5, 0.5), random.within(-0.5, 0.5), -1.0)).as_vec3();
-            Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+            towards(
+                target + DVec3::new(random.within(-0.5, 0.5), random.within(-0.5, 0.5), -1.0),
+                target,
+            )
         })
         .collect();
     let spawned_rays = spawned_rays(trial, (engine, departures), &rays, random, |_, random| {

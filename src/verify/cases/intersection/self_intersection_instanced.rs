@@ -8,9 +8,7 @@ use crate::numeric::{Ray, SplitMix64};
 use crate::render::{SpawnPoint, SpawnProbe};
 use crate::scene::{Geometry, Instance, Material, Scene};
 use crate::verify::harness::test_meshes::convex_solids;
-use crate::verify::harness::{
-    Case, CaseKind, CaseRunner, Correctness, Counts, TracedRay, Watertightness, describe, order,
-};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, TracedRay, describe, order, towards};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
     Case {
@@ -19,10 +17,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "convex solids up to 10^4 sizes away, or up to 10^2 and stretched up to 10^4 to 1: rays at them, and away again",
         oracle: "a ray at a point well inside hits; a ray that leaves a convex solid outward never hits it again",
         bound: "no hit missed, 0 false self-hits",
-        unit: "",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: |trial| spawn_and_trace(trial, Way::Outward),
+        ..Case::SHAPES
     },
     Case {
         id: "H22",
@@ -30,10 +26,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "the same solids, and rays that go on into them from where they were hit",
         oracle: "a ray into a solid, well away from its edges, hits it again",
         bound: "0 rays lost inside",
-        unit: "",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: |trial| spawn_and_trace(trial, Way::Inward),
+        ..Case::SHAPES
     },
 ];
 
@@ -91,9 +85,9 @@ fn spawn_and_trace_instance(
         let rays: Vec<Ray> = (0..count)
             .map(|_| {
                 // Choose the origin in object space, so that stretched solids are hit from all sides
-                let origin = map.transform_point3(6.0 * random.direction()).as_vec3();
+                let origin = map.transform_point3(6.0 * random.direction());
                 let target = map.transform_point3(0.25 / 3f64.sqrt() * random.in_cube());
-                Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+                towards(origin, target)
             })
             .collect();
         let mut tally = Counts::default();

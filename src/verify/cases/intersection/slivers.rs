@@ -3,7 +3,7 @@
 //! Embree's robust test occasionally reports slivers at parameters far beyond its own error bounds; only a variant with
 //! a different test is required to do better.
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 
 use crate::accel::AccelError;
 use crate::accel::brute::BruteAccel;
@@ -12,7 +12,7 @@ use crate::numeric::{Ray, SplitMix64};
 use crate::scene::{Geometry, Material, Scene};
 use crate::verify::harness::test_meshes::{mesh, scene};
 use crate::verify::harness::{
-    Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness, exact_nearest, judge_against,
+    Case, CaseRunner, Correctness, Counts, Watertightness, exact_nearest, judge_against, towards,
 };
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
@@ -23,9 +23,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "exact signs of the edges, the parameter to 100 bits",
         bound: "no wrong hit or miss beyond the derived f32 bounds, which grow as triangles turn edge-on",
         unit: "ulp of t",
-        kind: CaseKind::Triangles,
         required: Watertightness::Vertices,
         run: slivers,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H17",
@@ -33,10 +33,9 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "meshes whose corners are random bits, uniform over exponents, that pass scene validation",
         oracle: "brute force, and on a difference the exact intersections; within the derived f32 bounds a tie",
         bound: "no wrong hit or miss, no parameter that is NaN",
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Vertices,
         run: random_meshes,
+        ..Case::TRIANGLES
     },
 ];
 
@@ -65,8 +64,7 @@ fn grazing(triangles: &[[DVec3; 3]], random: &mut SplitMix64) -> Ray {
     // Choose an angle from 0.01 degrees (1.7e-4) up
     let slope = 10f64.powf(random.within(-3.76, 0.0)) * random.choose(&[1.0, -1.0]);
     let way = in_plane + slope * normal;
-    let origin = (target - random.within(0.5, 3.0) * way).as_vec3();
-    Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+    towards(target - random.within(0.5, 3.0) * way, target)
 }
 
 fn slivers(trial: &CaseRunner) -> Result<Counts, AccelError> {
@@ -209,8 +207,7 @@ fn random_mesh_hits(trial: &CaseRunner, scene: &Scene) -> Result<Counts, AccelEr
         let (u, v) = (0.5 * random.unit(), 0.5 * random.unit());
         let target = a + u * (b - a) + v * (c - a);
         let reach = (b - a).length().max((c - a).length());
-        let origin: Vec3 = (target + reach * random.direction()).as_vec3();
-        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+        towards(target + reach * random.direction(), target)
     };
     // Judge against brute force, and against exact arithmetic where they differ
     Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {

@@ -9,7 +9,7 @@ use crate::numeric::{Ray, SplitMix64};
 use crate::scene::Geometry;
 use crate::verify::harness::reference::Reference;
 use crate::verify::harness::test_meshes::{box_of, mesh, scene};
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Counts, Watertightness, judge_against};
+use crate::verify::harness::{Case, CaseRunner, Counts, judge_against};
 
 const ORACLE: &str = "brute force; a difference within the derived f32 bounds is a tie";
 
@@ -20,10 +20,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "rays in, along and off whole coordinates, components 0, -0 and denormal, among unit boxes",
         oracle: ORACLE,
         bound: "no wrong hit or miss",
-        unit: "",
-        kind: CaseKind::Triangles,
-        required: Watertightness::Faces,
         run: |trial| among_boxes(trial, on_planes),
+        ..Case::TRIANGLES
     },
     Case {
         id: "H33",
@@ -31,10 +29,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "rays through points and lines with two or three whole coordinates, among unit boxes",
         oracle: ORACLE,
         bound: "no wrong hit or miss",
-        unit: "",
-        kind: CaseKind::Triangles,
-        required: Watertightness::Faces,
         run: |trial| among_boxes(trial, through_corners),
+        ..Case::TRIANGLES
     },
 ];
 

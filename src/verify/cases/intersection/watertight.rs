@@ -7,55 +7,47 @@ use crate::mesh::Mesh;
 use crate::numeric::{Ray, SplitMix64};
 use crate::scene::Geometry;
 use crate::verify::harness::test_meshes::{icosphere, lattice_cube, rings, scene};
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, Watertightness, towards};
 
-const ORACLE: &str = "the surface is closed and contains the origin: a miss is a leak";
-const BOUND: &str = "0 leaks";
+/// Values that all cases of closed meshes share.
+const CLOSED_MESH: Case = Case {
+    oracle: "the surface is closed and contains the origin: a miss is a leak",
+    bound: "0 leaks",
+    ..Case::TRIANGLES
+};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
     Case {
         id: "H11",
         title: "vertex leaks",
         construction: "rays from inside four closed meshes, each aimed at a vertex",
-        oracle: ORACLE,
-        bound: BOUND,
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Vertices,
         run: |trial| closed_meshes(trial, at_vertex),
+        ..CLOSED_MESH
     },
     Case {
         id: "H12",
         title: "edge leaks",
         construction: "rays from inside four closed meshes, each aimed at a point of an edge, not within 1/16 of its ends",
-        oracle: ORACLE,
-        bound: BOUND,
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Edges,
         run: |trial| closed_meshes(trial, at_edge),
+        ..CLOSED_MESH
     },
     Case {
         id: "H13",
         title: "random leaks",
         construction: "rays in all directions from inside a sphere of radius 2 about points up to 10^6 from the origin",
-        oracle: ORACLE,
-        bound: BOUND,
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Edges,
         run: far_away,
+        ..CLOSED_MESH
     },
     Case {
         id: "H14",
         title: "lattice-aligned rays",
         construction: "rays along the axes on whole and half coordinates in a cube of unit squares with whole corners",
-        oracle: ORACLE,
-        bound: BOUND,
-        unit: "",
-        kind: CaseKind::Triangles,
         required: Watertightness::Vertices,
         run: along_the_lattice,
+        ..CLOSED_MESH
     },
 ];
 
@@ -90,12 +82,6 @@ fn meshes() -> Vec<Closed> {
             radius: 0.5 * middle,
         },
     ]
-}
-
-/// Returns a ray from `origin` to `target`, both rounded to f32.
-fn towards(origin: DVec3, target: DVec3) -> Ray {
-    let origin = origin.as_vec3();
-    Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
 }
 
 fn start(closed: &Closed, random: &mut SplitMix64) -> DVec3 {

@@ -7,7 +7,7 @@ use glam::DVec3;
 
 use crate::numeric::{DoubleDouble, SplitMix64};
 use crate::verify::harness::expansion::Expansion;
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, FigureAxis, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, FigureAxis};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
     Case {
@@ -17,9 +17,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "exact sign of the refracted cosine's square, its root to 100 bits",
         bound: "total reflection on the right side to the bit, the refracted cosine to 4 ulp",
         unit: "ulp",
-        kind: CaseKind::Formulas,
-        required: Watertightness::Vertices,
         run: |trial| Ok(trial.in_chunks(&|random, count| critical(trial, random, count))),
+        ..Case::FORMULAS
     },
     Case {
         id: "H36",
@@ -29,9 +28,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "reflectances and transmittances to 90 bits",
         bound: "8 ulp each, near Brewster's angle of the sum of both polarisations; |R + T - 1| to 4 ulp",
         unit: "ulp",
-        kind: CaseKind::Formulas,
-        required: Watertightness::Vertices,
         run: |trial| Ok(trial.in_chunks(&|random, count| fresnel(trial, random, count))),
+        ..Case::FORMULAS
     },
     Case {
         id: "H37",
@@ -40,9 +38,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "a slab keeps the direction of a ray, a cube only mirrors its components, and no light is lost",
         bound: "directions to 10^-12, radiance to 10^-12",
         unit: "of the bound",
-        kind: CaseKind::Formulas,
-        required: Watertightness::Vertices,
         run: |trial| Ok(trial.in_chunks(&|random, count| round_trips(trial, random, count))),
+        ..Case::FORMULAS
     },
 ];
 

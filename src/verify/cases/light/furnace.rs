@@ -9,7 +9,7 @@ use crate::scene::{
 };
 use crate::shape::{Cylinder, Shape, Sphere};
 use crate::verify::harness::test_meshes::{lattice_cube, scene};
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     id: "H39",
@@ -20,9 +20,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
         untraced rays",
     bound: "the derived f32 rounding bound, plus the weight of untraced rays in the worst pixel",
     unit: "of 10^-4",
-    kind: CaseKind::Shapes,
-    required: Watertightness::Faces,
     run: furnace,
+    ..Case::SHAPES
 }];
 
 /// Largest deviation of a pixel from 1, in addition to the weight of rays not traced.

@@ -16,7 +16,7 @@ use crate::scene::{
 };
 use crate::shape::Shape;
 use crate::verify::harness::test_meshes::{lattice_cube, scene};
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     id: "H38",
@@ -26,9 +26,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     oracle: "the walls in order along the ray: the transmittances of the effective ones, and the depths between them",
     bound: "no boundary more or less: radiance to the derived f32 rounding bound",
     unit: "of the bound",
-    kind: CaseKind::Shapes,
-    required: Watertightness::Faces,
     run: nested,
+    ..Case::SHAPES
 }];
 
 /// Indices of refraction, any two of which reflect at least 4·10^-4.

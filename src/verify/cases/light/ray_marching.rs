@@ -1,7 +1,7 @@
 //! Ray marching through a homogeneous medium: neither the number of steps nor the length of the last one may affect the
 //! result.
 
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, FigureAxis, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, FigureAxis};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     id: "H40",
@@ -10,9 +10,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     oracle: "exponential of the depth: in a homogeneous medium the result does not depend on the number of steps",
     bound: "10^-12 (1 + depth) of the radiance and of the transmittance",
     unit: "of the bound",
-    kind: CaseKind::Formulas,
-    required: Watertightness::Vertices,
     run: |trial| Ok(marches(trial)),
+    ..Case::FORMULAS
 }];
 
 /// Relative error bound of a march, to be multiplied by 1 + optical depth.

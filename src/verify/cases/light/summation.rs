@@ -1,7 +1,7 @@
 //! Accuracy of long sums and products: opacity correction, transmittance of many layers, and sums of pixel samples.
 
 use crate::numeric::{DoubleDouble, LANES, Lanes, SplitMix64};
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, FigureAxis, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, FigureAxis};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
     Case {
@@ -11,9 +11,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "exponential and logarithm to 84 bits",
         bound: "4 ulp",
         unit: "ulp",
-        kind: CaseKind::Formulas,
-        required: Watertightness::Vertices,
         run: |trial| Ok(trial.in_chunks(&|random, count| opacities(trial, random, count))),
+        ..Case::FORMULAS
     },
     Case {
         id: "H42",
@@ -22,9 +21,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "exponential to 84 bits",
         bound: "10^-9 (1 + depth) of the exact value, 0 where it underflows",
         unit: "of the bound",
-        kind: CaseKind::Formulas,
-        required: Watertightness::Vertices,
         run: |trial| Ok(layers(trial)),
+        ..Case::FORMULAS
     },
     Case {
         id: "H43",
@@ -33,9 +31,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "sums to 106 bits",
         bound: "10^-12 of the exact value",
         unit: "of the bound",
-        kind: CaseKind::Formulas,
-        required: Watertightness::Vertices,
         run: |trial| Ok(pixels(trial)),
+        ..Case::FORMULAS
     },
 ];
 

@@ -12,7 +12,7 @@ use crate::scene::{
 };
 use crate::shape::{Shape, Sphere};
 use crate::verify::harness::test_meshes::{rings, scene};
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     id: "H46",
@@ -21,9 +21,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     oracle: "the analytic sphere, whose irradiance is the cosine of the angle to the light",
     bound: "0 lit beyond the terminator, 0 dark before it, by more than a facet's tilt; the mean error falls with every doubling",
     unit: "of the coarser mesh's error",
-    kind: CaseKind::Triangles,
-    required: Watertightness::Faces,
     run: terminators,
+    ..Case::TRIANGLES
 }];
 
 /// Numbers of rings of the coarsest and of the finest sphere.

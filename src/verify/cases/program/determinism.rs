@@ -11,7 +11,7 @@ use crate::render::{Monitor, RenderSettings, render};
 use crate::scene::{Background, Camera, Geometry, Instance, Light, LightKind, Material, Scene};
 use crate::shape::{Shape, Sphere};
 use crate::verify::harness::test_meshes::{icosphere, scene};
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     id: "H44",
@@ -19,10 +19,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     construction: "an image of mirrors and shadows, rendered by 1, 2, 3 and 8 threads, twice each",
     oracle: "the image rendered by one thread",
     bound: "the same bits in every pixel",
-    unit: "",
-    kind: CaseKind::Triangles,
-    required: Watertightness::Faces,
     run: threads,
+    ..Case::TRIANGLES
 }];
 
 /// Smallest number of colours of the image, to rule out an empty one.

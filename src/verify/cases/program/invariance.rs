@@ -19,9 +19,7 @@ use crate::shape::{Shape, Sphere};
 use crate::verify::cases::intersection::regressions::mixed_scene;
 use crate::verify::harness::test_meshes::icosphere;
 use crate::verify::harness::test_scenes::{self, test_scene};
-use crate::verify::harness::{
-    Case, CaseKind, CaseRunner, Correctness, Counts, Engine, Watertightness, judge_against, order,
-};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, Engine, judge_against, order, towards};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
     Case {
@@ -30,10 +28,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "twelve scenes with all lengths times 2^-60 to 2^60, normalised, and the same rays in each",
         oracle: "the scene as it is",
         bound: "the same bits of hits, except for the power of two in t",
-        unit: "",
-        kind: CaseKind::Triangles,
-        required: Watertightness::Faces,
         run: powers_of_two,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H27",
@@ -42,10 +38,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
             rays",
         oracle: "the scene as it is; other bits within the f32 bounds are ties",
         bound: "the same hits",
-        unit: "",
-        kind: CaseKind::Triangles,
-        required: Watertightness::Faces,
         run: turned,
+        ..Case::TRIANGLES
     },
     Case {
         id: "H28",
@@ -53,10 +47,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "an image of mirrors and shadows, its scene moved 10^6 and 10^8 away",
         oracle: "the image of the scene at the origin",
         bound: IMAGE_BOUND,
-        unit: "",
-        kind: CaseKind::Triangles,
-        required: Watertightness::Faces,
         run: |trial| compare_images(trial, &[moved(1e6), moved(1e8)]),
+        ..Case::TRIANGLES
     },
     Case {
         id: "H29",
@@ -65,10 +57,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
             it in a room of 10^6",
         oracle: "the image of the scene as it is; the room shows the same colour as the background",
         bound: IMAGE_BOUND,
-        unit: "",
-        kind: CaseKind::Triangles,
-        required: Watertightness::Faces,
         run: |trial| compare_images(trial, &[scaled(1e-6), scaled(1e-9), IN_A_ROOM]),
+        ..Case::TRIANGLES
     },
 ];
 
@@ -146,9 +136,9 @@ fn rays_about(scene: &Scene) -> impl Fn(&mut SplitMix64) -> Ray + Sync {
     let bounds = scene.bounds();
     let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
     move |random| {
-        let origin = (center + 1.5 * reach * random.direction()).as_vec3();
+        let origin = center + 1.5 * reach * random.direction();
         let target = center + 0.6 * reach * random.in_cube();
-        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+        towards(origin, target)
     }
 }
 

@@ -18,7 +18,7 @@ use crate::scene::{
 };
 use crate::shape::{HalfSpace, Polyhedron, Quadric, Shape, Sphere, Torus};
 use crate::verify::harness::test_meshes::{icosphere, scene};
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts};
 use crate::volume::{Fog, Grid, GridSamples};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
@@ -27,10 +27,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     construction: "NaN in a vertex, a texel, a light, an index of refraction, a transform, a camera and so on, one at a time",
     oracle: "NaN is never valid, and adding 0 changes nothing",
     bound: "rejected before the render with the name of its item; the same scene without NaN is accepted",
-    unit: "",
-    kind: CaseKind::Formulas,
-    required: Watertightness::Vertices,
     run: inject_nan,
+    ..Case::FORMULAS
 }];
 
 /// Returns a valid scene with an object of each kind, so that NaN can be injected anywhere.

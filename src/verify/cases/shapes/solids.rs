@@ -20,58 +20,47 @@ use crate::shape::oracle::{
 };
 use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Torus};
 use crate::verify::harness::test_meshes::among_others;
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, towards};
 
 /// Approximate largest distance of a ray's origin from a solid's centre.
 const FARTHEST: f64 = 1e5;
 
-const ORACLE: &str = "intervals of the line inside the solid, shrunk and grown by rounding, to 100 bits";
-const BOUND: &str = "no wrong decision, t to 1 ulp of f32; ties are right for a solid moved by rounding";
+/// Values that all cases of solids share.
+const SOLID: Case = Case {
+    oracle: "intervals of the line inside the solid, shrunk and grown by rounding, to 100 bits",
+    bound: "no wrong decision, t to 1 ulp of f32; ties are right for a solid moved by rounding",
+    unit: "ulp of t",
+    ..Case::SHAPES
+};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
     Case {
         id: "H05",
         title: "along a cylinder",
         construction: "directions off the axis by 2^-1 to 2^-149, from the wall, the inside, the outside and far away",
-        oracle: ORACLE,
-        bound: BOUND,
-        unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: |trial| at_solids(trial, vec![cylinder()], along_cylinder),
+        ..SOLID
     },
     Case {
         id: "H06",
         title: "along a cone",
         construction: "lines parallel to a generator or nearly so, and through the apex and roundings of it",
-        oracle: ORACLE,
-        bound: BOUND,
-        unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: |trial| at_solids(trial, vec![cone()], along_cone),
+        ..SOLID
     },
     Case {
         id: "H07",
         title: "distant torus",
         construction: "tori with tubes of 1/2 to 10^-3, from 1 to 10^5 away, at the tube and at tangents of it",
-        oracle: ORACLE,
-        bound: BOUND,
-        unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: distant_tori,
+        ..SOLID
     },
     Case {
         id: "H10",
         title: "along polyhedra",
         construction: "rays in the faces, along the edges and through the corners of a cube and a dodecahedron",
-        oracle: ORACLE,
-        bound: BOUND,
-        unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: |trial| at_solids(trial, vec![cube(), dodecahedron()], along_faces),
+        ..SOLID
     },
 ];
 
@@ -338,9 +327,9 @@ fn distant_tori(trial: &CaseRunner) -> Result<Counts, AccelError> {
         // Aim at the centre of the tube, within it, or at its tangents
         let off = radius * random.choose(&[0.0, 0.5, 1.0, 1.0 - 1e-6, 1.0 + 1e-6]);
         let distance = 10f64.powi(random.below(6) as i32);
-        let origin = (around + off * beside - distance * way).as_vec3();
+        let origin = around + off * beside - distance * way;
         let target = around + off * beside;
-        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+        towards(origin, target)
     })
 }
 

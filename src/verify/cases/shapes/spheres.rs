@@ -12,65 +12,55 @@ use crate::shape::oracle::{DoubleDouble3, dot, double_double3};
 use crate::shape::{Shape, Sphere};
 use crate::verify::harness::expansion;
 use crate::verify::harness::test_meshes::among_others;
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts};
 
-const ORACLE: &str = "exact sign of the discriminant, roots to 100 bits";
+/// Values that all cases of spheres share.
+const SPHERE: Case = Case {
+    oracle: "exact sign of the discriminant, roots to 100 bits",
+    unit: "ulp of t",
+    ..Case::SHAPES
+};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
     Case {
         id: "H01",
         title: "distant sphere",
         construction: "the unit sphere from 10 to 10^3 radii away, aimed within 1.05 radii of its centre",
-        oracle: ORACLE,
         bound: "no wrong decision, t to 1 ulp of f32; ties are right for a sphere moved by 16 roundings of f64",
-        unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: |trial| distant(trial, 1..=3),
+        ..SPHERE
     },
     Case {
         id: "H01f",
         title: "very distant sphere",
         construction: "the same from 10^4 to 10^7 radii away, as far as a camera of the scene stands",
-        oracle: ORACLE,
         bound: "as for H01",
-        unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: |trial| distant(trial, 4..=7),
+        ..SPHERE
     },
     Case {
         id: "H02",
         title: "huge sphere",
         construction: "spheres of radius 10^3 to 10^8 as ground, seen downward from 0.001 to 1 above",
-        oracle: ORACLE,
         bound: "no wrong decision, t to 1 ulp of f32; ties are right for a sphere moved by 16 roundings of f64",
-        unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: huge,
+        ..SPHERE
     },
     Case {
         id: "H03",
         title: "tangents",
         construction: "lines that pass the unit sphere's centre at 1 ± k/2^24 radii, k to 64, exactly and turned at random",
-        oracle: ORACLE,
         bound: "no wrong decision",
-        unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: tangents,
+        ..SPHERE
     },
     Case {
         id: "H04",
         title: "from inside",
         construction: "rays from the centre, from inside and from rounded points on the sphere",
-        oracle: ORACLE,
         bound: "no wrong root, t to 1 ulp of f32; ties as for H01",
-        unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: from_inside,
+        ..SPHERE
     },
 ];
 

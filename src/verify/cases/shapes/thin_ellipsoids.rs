@@ -8,7 +8,7 @@ use crate::numeric::{Bounds, Ray, SplitMix64};
 use crate::render::{SpawnPoint, SpawnProbe};
 use crate::scene::{Geometry, Instance, Material, Scene};
 use crate::shape::{Quadric, Shape, Sphere};
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, towards};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     id: "H08",
@@ -17,9 +17,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
     oracle: "the map's inverse, the roots and the gradient to 90 bits",
     bound: "t to 1 ulp and normals to 10^-5 radians; ties are right for an ellipsoid moved by 16 roundings of f64 times the condition squared",
     unit: "of 10^-5 radians",
-    kind: CaseKind::Shapes,
-    required: Watertightness::Faces,
     run: thin,
+    ..Case::SHAPES
 }];
 
 /// Number of ellipsoids, which share the rays equally.
@@ -95,9 +94,9 @@ fn thin_of(trial: &CaseRunner, scene: &Scene, stretched: &DAffine3) -> Result<Co
 /// Returns a ray at an ellipsoid, from a distance in units of its axes or of the world.
 fn at(map: &DMat3, random: &mut SplitMix64) -> Ray {
     let distance = 10f64.powf(random.within(0.1, 1.0)) * random.direction();
-    let origin = random.choose(&[*map * distance, distance]).as_vec3();
+    let origin = random.choose(&[*map * distance, distance]);
     let target = *map * (random.unit().cbrt() * random.direction());
-    Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+    towards(origin, target)
 }
 
 fn tilted(oracle: &Oracle, ray: &Ray, at: &SpawnPoint, tally: &mut Counts) -> Correctness {

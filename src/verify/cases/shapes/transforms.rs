@@ -6,7 +6,7 @@ use crate::accel::{AccelError, Hit};
 use crate::numeric::{DoubleDouble, Ray, SplitMix64};
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{Shape, Sphere};
-use crate::verify::harness::{Case, CaseKind, CaseRunner, Correctness, Counts, Watertightness};
+use crate::verify::harness::{Case, CaseRunner, Correctness, Counts};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
     Case {
@@ -16,9 +16,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "the map's inverse and the roots to 90 bits",
         bound: "no wrong decision, t to 1 ulp; ties are right for a sphere moved by 16 roundings of f64 times the condition squared",
         unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: |trial| placed(trial, stretched),
+        ..Case::SHAPES
     },
     Case {
         id: "H24",
@@ -26,10 +25,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         construction: "maps of rank 0, 1 and 2, of condition 10^13, of NaN and infinity; and valid ones of all sizes",
         oracle: "the construction of each map",
         bound: "maps without an inverse are rejected, valid ones are accepted",
-        unit: "",
-        kind: CaseKind::Formulas,
-        required: Watertightness::Vertices,
         run: |trial| Ok(trial.in_chunks(&|random, count| singular(trial, random, count))),
+        ..Case::FORMULAS
     },
     Case {
         id: "H25",
@@ -38,9 +35,8 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "the map's inverse and the roots to 90 bits",
         bound: "no wrong decision, t to 1 ulp; ties as for H23",
         unit: "ulp of t",
-        kind: CaseKind::Shapes,
-        required: Watertightness::Faces,
         run: |trial| placed(trial, scaled),
+        ..Case::SHAPES
     },
 ];
 

@@ -33,8 +33,7 @@
 //! let scene = whit::gltf::load(Path::new("scenes/first_light.gltf"), &LoadOptions::default())?;
 //! let accel = accel::build(&scene, Backend::default(), &AccelOptions::default())?;
 //! let settings = RenderSettings { width: 640, height: 480, spp: 16, ..RenderSettings::default() };
-//! let rendering = render(&scene, &scene.cameras[0], &*accel, &settings, &Monitor::default())
-//!     .ok_or("cancelled")?;
+//! let rendering = render(&scene, &scene.cameras[0], &*accel, &settings, &Monitor::default())?;
 //! whit::image::write(&rendering.image, Path::new("out.png"), ImageFormat::Png, ToneMap::default())?;
 //! # Ok(())
 //! # }
@@ -60,8 +59,7 @@
 //! scene.validate()?;
 //! let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default())?;
 //! let settings = RenderSettings { width: 32, height: 32, ..RenderSettings::default() };
-//! let rendering = render(&scene, &scene.cameras[0], &*accel, &settings, &Monitor::default())
-//!     .ok_or("cancelled")?;
+//! let rendering = render(&scene, &scene.cameras[0], &*accel, &settings, &Monitor::default())?;
 //! assert_eq!(rendering.image.pixels[16 * 32 + 16], [0.5; 3]);
 //! # Ok(())
 //! # }

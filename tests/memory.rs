@@ -14,7 +14,7 @@ mod support {
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::collections::HashSet;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use support::{random_scenes, scene_folder};
@@ -60,11 +60,7 @@ fn alone() -> MutexGuard<'static, ()> {
 }
 
 fn rendered(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> Rendering {
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     render(scene, &scene.cameras[0], accel, settings, &monitor).unwrap()
 }
 

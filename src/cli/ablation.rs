@@ -241,18 +241,16 @@ struct MeasurementScene<'a> {
 impl MeasurementScene<'_> {
     fn render(&self, settings: &RenderSettings) -> Result<TileSample, Failure> {
         let monitor = Monitor {
-            progress: &|_| {},
             cancel: &interrupt::CANCELLED,
-            tiles: None,
+            ..Monitor::default()
         };
-        render_sample(
+        Ok(render_sample(
             (self.scene, self.camera),
             self.accel,
             settings,
             self.tiles,
             &monitor,
-        )
-        .ok_or(Failure::Interrupted)
+        )?)
     }
 }
 

@@ -59,7 +59,7 @@ pub(super) fn run(
     };
     // Translate errors to those of commands
     cost::run(experiment, &watcher).map_err(|error| match error {
-        CostError::Cancelled => Failure::Interrupted,
+        CostError::Cancelled(_) => Failure::Interrupted,
         CostError::Accel(error) => error.into(),
         other => Failure::Input(other.to_string()),
     })

@@ -153,7 +153,7 @@ fn check(
     };
     // Draw the differences over the image
     let overlay = if args.overlay.is_some() || args.html.is_some() {
-        draw(&report, (scene, camera), accels[0], settings)?
+        Some(draw(&report, (scene, camera), accels[0], settings)?)
     } else {
         None
     };
@@ -164,28 +164,31 @@ fn check(
     })
 }
 
-/// Returns the image with the differences drawn over it; `None` if it was cancelled.
+/// Returns the image with the differences drawn over it.
 fn draw(
     report: &CrossCheckReport,
     (scene, camera): (&Scene, &Camera),
     accel: &dyn Accel,
     settings: RenderSettings,
-) -> Result<Option<LinearImage>, Failure> {
+) -> Result<LinearImage, Failure> {
     let settings = RenderSettings {
         spp: OVERLAY_SPP,
         ..settings
     };
     let monitor = Monitor {
-        progress: &|_| {},
         cancel: &interrupt::CANCELLED,
-        tiles: None,
+        ..Monitor::default()
     };
-    let rendering = render::render(scene, camera, accel, &settings, &monitor);
-    interrupt::check()?;
+    let rendering = render::render(scene, camera, accel, &settings, &monitor)?;
     let view = camera.view(settings.width, settings.height);
     let differences: Vec<&Difference> = report.differences().collect();
     let [wrong, ties] = report.legend();
-    Ok(rendering.map(|rendering| overlay::draw(&rendering.image, &view, &differences, [&wrong, &ties])))
+    Ok(overlay::draw(
+        &rendering.image,
+        &view,
+        &differences,
+        [&wrong, &ties],
+    ))
 }
 
 /// Returns the numbers of instances, and of triangles and shape primitives.

@@ -3,6 +3,7 @@
 use whit::accel::AccelError;
 use whit::gltf::GltfError;
 use whit::image::ImageError;
+use whit::render::Cancelled;
 use whit::scene_file::SceneFileError;
 
 use super::events::{self, Event};
@@ -96,6 +97,12 @@ impl From<GltfError> for Failure {
 impl From<SceneFileError> for Failure {
     fn from(error: SceneFileError) -> Failure {
         Failure::Input(error.to_string())
+    }
+}
+
+impl From<Cancelled> for Failure {
+    fn from(_: Cancelled) -> Failure {
+        Failure::Interrupted
     }
 }
 

@@ -53,14 +53,11 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<ForecastResult,
             Err(error) => return Ok(ForecastResult::Unavailable(error.to_string())),
         };
         let monitor = Monitor {
-            progress: &|_| {},
             cancel: &interrupt::CANCELLED,
-            tiles: None,
+            ..Monitor::default()
         };
         // Trace the probe and extrapolate
-        let Some(probe) = render::probe((scene, camera), &*accel, &settings, &monitor) else {
-            return Err(Failure::Interrupted);
-        };
+        let probe = render::probe((scene, camera), &*accel, &settings, &monitor)?;
         interrupt::check()?;
         let forecast = Forecast::of(&probe, &settings, backend);
         Ok(ForecastResult::Forecast(Box::new(forecast)))

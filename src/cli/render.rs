@@ -336,7 +336,7 @@ fn trace(
         cancel: &interrupt::CANCELLED,
         tiles: show.as_ref().map(|show| show as _),
     };
-    let rendering = render::render(scene, camera, accel, settings, &monitor).ok_or(Failure::Interrupted)?;
+    let rendering = render::render(scene, camera, accel, settings, &monitor)?;
     if let Some(live) = live {
         live.finish(&rendering.image);
     }

@@ -5,6 +5,7 @@ use std::time::Instant;
 use super::{Configuration, StudyCheckpoint, Target};
 use crate::accel::AccelError;
 use crate::image::ToneMap;
+use crate::render::Cancelled;
 use crate::scene::{Camera, Scene};
 
 /// Input of a study: scene, base configuration and limits.
@@ -53,7 +54,7 @@ pub struct Observer<'a> {
 pub enum CostError {
     /// Cancellation by the watcher's flag.
     #[error("interrupted")]
-    Cancelled,
+    Cancelled(#[from] Cancelled),
     /// Checkpoint that belongs to another scene, other settings or another version.
     #[error(
         "belongs to another scene, to other settings or to another version of whit: repeat the command of the \

@@ -137,15 +137,11 @@ impl Workspace<'_, '_> {
         let rendering = match view {
             View::Whole(_) => render(scene, camera, accel, &settings, &monitor),
             View::Patches(mosaic) => render_patches((scene, camera), accel, &settings, mosaic, &monitor),
-        };
+        }?;
         let seconds = start.elapsed().as_secs_f64();
         // Subtract the setup, so that the time is proportional to the samples
-        rendering
-            .map(|rendering| {
-                let seconds = seconds - rendering.ready_seconds;
-                (rendering, seconds)
-            })
-            .ok_or(CostError::Cancelled)
+        let seconds = seconds - rendering.ready_seconds;
+        Ok((rendering, seconds))
     }
 
     /// Returns width and height of the final image.

@@ -7,7 +7,7 @@ use super::adaptive::{self, Adaptive, Checkpoints};
 use super::aov::{AovBuffers, PixelCostBuffer, layer};
 use super::context::RenderContext;
 use super::film::{SampleAovs, SampleCounts, TileResult, filtered_image, tile_result};
-use super::monitor::Monitor;
+use super::monitor::{Cancelled, Monitor};
 use super::profile::{Category, Profiler, RenderProfile, Tally};
 use super::result::Rendering;
 use super::settings::RenderSettings;
@@ -19,7 +19,7 @@ use crate::image::LinearImage;
 use crate::parallel;
 use crate::scene::{Camera, Scene};
 
-/// Renders `scene` as seen by `camera`, in the current rayon pool. Returns `None` if cancelled.
+/// Renders `scene` as seen by `camera`, in the current rayon pool.
 ///
 /// `scene` must have passed [`Scene::validate`], and `accel` must have been built from it.
 pub fn render(
@@ -28,7 +28,7 @@ pub fn render(
     accel: &dyn Accel,
     settings: &RenderSettings,
     monitor: &Monitor,
-) -> Option<Rendering> {
+) -> Result<Rendering, Cancelled> {
     render_on(scene, camera, accel, settings, monitor, None)
 }
 
@@ -43,7 +43,7 @@ pub fn render_on(
     settings: &RenderSettings,
     monitor: &Monitor,
     checkpoints: Option<&mut Checkpoints>,
-) -> Option<Rendering> {
+) -> Result<Rendering, Cancelled> {
     // Prepare the scene and compute subsurface irradiance
     let start = Instant::now();
     let mut frame = RenderContext::new(scene, camera, accel, settings);
@@ -69,7 +69,7 @@ pub fn render_on(
     ledger.settle(rayon::current_num_threads(), start.elapsed().as_secs_f64());
     rendering.memory = frame.memory();
     rendering.costs = frame.costs.map(PixelCostBuffer::finish);
-    Some(rendering)
+    Ok(rendering)
 }
 
 /// Renders a rectangle with `spp` samples in every pixel.
@@ -77,7 +77,7 @@ pub(super) fn render_uniformly(
     frame: &RenderContext,
     region: &Region,
     monitor: &Monitor,
-) -> Option<Rendering> {
+) -> Result<Rendering, Cancelled> {
     let settings = &frame.settings;
     // Allocate the AOVs, which the tiles write directly
     let cover = Cover::of(region, settings);
@@ -111,7 +111,7 @@ pub(super) fn render_uniformly(
         pixels: cover.cut(pixels),
     };
     let samples = SampleCounts::uniform(region.pixel_count(), settings.spp);
-    Some(Rendering {
+    Ok(Rendering {
         aovs,
         layers,
         ..Rendering::new(image, samples, ledger, frame)
@@ -124,22 +124,20 @@ pub(super) fn render_tiles(
     tiles: &[Tile],
     planes: Option<&AovBuffers>,
     monitor: &Monitor,
-) -> Option<(Vec<(Tile, TileResult)>, RenderProfile)> {
+) -> Result<(Vec<(Tile, TileResult)>, RenderProfile), Cancelled> {
     let finished = AtomicUsize::new(0);
     // Render tiles in parallel with pooled working memory
     let waves = RendererPool::new(frame);
     let render_tile = |index: usize| {
         // Stop between tiles if the render is cancelled
-        if monitor.cancel.load(Ordering::Relaxed) {
-            return None;
-        }
+        monitor.check()?;
         let tile = tiles[index];
         let (result, ledger) = waves.acquire().render_tile(tile, planes);
         // Report the finished tile
         monitor.show(tile, &result.means);
         let finished = finished.fetch_add(1, Ordering::Relaxed) + 1;
         (monitor.progress)(finished as f64 / tiles.len() as f64);
-        Some(((tile, result), ledger))
+        Ok(((tile, result), ledger))
     };
     let rendered = parallel::map(tiles.len(), &render_tile);
     drop(waves);
@@ -151,7 +149,7 @@ pub(super) fn render_tiles(
         ledger += tile_ledger;
         finished_tiles.push(tile);
     }
-    Some((finished_tiles, ledger))
+    Ok((finished_tiles, ledger))
 }
 
 /// Renders with adaptive sampling, in rounds, until each pixel reaches its target error.
@@ -160,7 +158,7 @@ fn render_adaptively(
     target: Adaptive,
     monitor: &Monitor,
     checkpoints: Option<&mut Checkpoints>,
-) -> Option<Rendering> {
+) -> Result<Rendering, Cancelled> {
     // Sample the whole image as one canvas
     let canvas = PatchAtlas::whole(&frame.settings);
     let (estimates, ledger) = adaptive::render(frame, target, &canvas, monitor, checkpoints)?;
@@ -172,7 +170,7 @@ fn render_adaptively(
         height: settings.height,
         pixels: parallel::generate(estimates.len(), to_pixel),
     };
-    Some(Rendering {
+    Ok(Rendering {
         aovs: settings.sample_aovs.then(|| SampleAovs::of(&estimates)),
         ..Rendering::new(image, SampleCounts::of(&estimates), ledger, frame)
     })

@@ -28,7 +28,7 @@ pub use adaptive::{Adaptive, Checkpoints, MIN_ADAPTIVE_ERROR, Rounds};
 pub use aov::{AovKind, AovSet, Layer, LightAovs, PixelCosts};
 pub use driver::{render, render_on};
 pub use film::{PixelFilter, SampleAovs, SampleCounts, pixel_sum};
-pub use monitor::{FinishedTile, Monitor};
+pub use monitor::{Cancelled, FinishedTile, Monitor};
 pub use plan::Plan;
 pub use profile::{Category, Memory, MemoryEntry, RenderProfile, Tally, TruncationBound};
 pub use result::Rendering;

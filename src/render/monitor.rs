@@ -1,6 +1,6 @@
 //! Progress, cancellation and finished tiles of a long render, for its caller.
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::film::PixelStatistics;
 use super::subset::Patch;
@@ -17,6 +17,11 @@ pub struct Monitor<'a> {
     /// every round that added samples to it.
     pub tiles: Option<&'a (dyn Fn(FinishedTile) + Sync)>,
 }
+
+/// Error of a render that [`Monitor::cancel`] or [`Checkpoints::keep`](super::Checkpoints::keep) ended early.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the render was cancelled")]
+pub struct Cancelled;
 
 /// Finished part of the image in its current state: a filter may still add samples of neighbouring tiles, and
 /// adaptive sampling further rounds.
@@ -47,6 +52,14 @@ impl Default for Monitor<'_> {
 }
 
 impl Monitor<'_> {
+    /// Returns an error if the render is to stop.
+    pub(super) fn check(&self) -> Result<(), Cancelled> {
+        match self.cancel.load(Ordering::Relaxed) {
+            true => Err(Cancelled),
+            false => Ok(()),
+        }
+    }
+
     /// Passes the means of a tile to the callback, if there is one.
     pub(super) fn show(&self, tile: Tile, means: &[[f32; 3]]) {
         if let Some(show) = self.tiles {

@@ -17,13 +17,12 @@
 
 use std::error::Error;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 use whit::accel::{self, Accel, AccelOptions, Backend};
-use whit::render::{Category, Monitor, RenderSettings, Rendering, render};
+use whit::render::{Cancelled, Category, Monitor, RenderSettings, Rendering, render};
 use whit::scene::{Camera, Light, LightKind, Scene};
 use whit::volume::cloud::{Cloud, CloudShape};
 use whit::volume::{
@@ -128,7 +127,7 @@ fn time_renders(name: &str, scene: &Scene, film: usize) -> Result<(), Box<dyn Er
     for _ in 0..TURNS {
         for (turns, skip) in turns.iter_mut().zip([SkipEmpty::Never, SkipEmpty::Leap]) {
             let (rendering, seconds) = timed(|| rendering(scene, &*accel, film, skip));
-            turns.push((rendering.ok_or("the render was cancelled")?, seconds));
+            turns.push((rendering?, seconds));
         }
     }
     let empty = 100.0 * scene.volumes[0].empty_space().share();
@@ -152,8 +151,13 @@ fn time_renders(name: &str, scene: &Scene, film: usize) -> Result<(), Box<dyn Er
     Ok(())
 }
 
-/// Renders a scene; `None` only if it was cancelled.
-fn rendering(scene: &Scene, accel: &dyn Accel, film: usize, skip_empty: SkipEmpty) -> Option<Rendering> {
+/// Renders a scene.
+fn rendering(
+    scene: &Scene,
+    accel: &dyn Accel,
+    film: usize,
+    skip_empty: SkipEmpty,
+) -> Result<Rendering, Cancelled> {
     let settings = RenderSettings {
         width: film as u32,
         height: film as u32,
@@ -161,11 +165,7 @@ fn rendering(scene: &Scene, accel: &dyn Accel, film: usize, skip_empty: SkipEmpt
         ledger: true,
         ..RenderSettings::default()
     };
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     render(scene, &scene.cameras[0], accel, &settings, &monitor)
 }
 

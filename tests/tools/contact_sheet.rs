@@ -6,7 +6,6 @@
 
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
 use image::RgbImage;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -198,12 +197,9 @@ fn render_file(file: &Path, [width, height]: [u32; 2], effects: EffectOverrides)
         effects,
         ..RenderSettings::default()
     };
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
-    let rendering = render::render(&scene, camera, &*accel, &settings, &monitor).ok_or("it was stopped")?;
+    let monitor = Monitor::default();
+    let rendering =
+        render::render(&scene, camera, &*accel, &settings, &monitor).map_err(|e| e.to_string())?;
     let tone = ToneMap {
         exposure_ev: output.exposure.unwrap_or(0.0),
     };

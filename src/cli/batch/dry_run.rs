@@ -143,17 +143,15 @@ fn probe_frame(
     let resolved = plan.job.resolved(&loaded.file.output)?;
     let camera = loaded.camera(plan)?;
     let monitor = Monitor {
-        progress: &|_| (),
         cancel: &interrupt::CANCELLED,
-        tiles: None,
+        ..Monitor::default()
     };
     let probe = render::probe(
         (stage.scene(), &camera),
         &*stage.accel,
         &resolved.settings,
         &monitor,
-    );
-    let probe = probe.ok_or(Failure::Interrupted)?;
+    )?;
     let forecast = Forecast::of(&probe, &resolved.settings, plan.job.backend);
     let bytes = loaded.forecast(&plan.job);
     Ok(FrameCost {

@@ -206,7 +206,7 @@ impl<'a> FrameTask<'a> {
             &monitor,
             can_go_on.then_some(&mut checkpoints),
         );
-        let Some(rendering) = rendered else {
+        let Ok(rendering) = rendered else {
             return Err(failure.unwrap_or(Failure::Interrupted));
         };
         self.keep(0..resolved.settings.height, planes_of_rendering(job, &rendering));
@@ -231,8 +231,7 @@ impl<'a> FrameTask<'a> {
             if next == 0 {
                 break;
             }
-            let made = parts.sums_of(&region, done..done + next, &self.monitor);
-            let (sums, ledger) = made.ok_or(Failure::Interrupted)?;
+            let (sums, ledger) = parts.sums_of(&region, done..done + next, &self.monitor)?;
             self.ledger += ledger;
             // Add the sums of the packets
             match &mut all {
@@ -270,11 +269,11 @@ impl<'a> FrameTask<'a> {
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
                 match self.rows(&mut parts, &rows) {
-                    Some(planes) => self.keep(rows.clone(), planes),
-                    None => {
+                    Ok(planes) => self.keep(rows.clone(), planes),
+                    Err(failure) => {
                         // Finished rows are saved before the interruption is reported.
                         self.flush()?;
-                        return Err(Failure::Interrupted);
+                        return Err(failure);
                     }
                 }
                 steps.adapt(&rows, begun.elapsed().as_secs_f64());
@@ -290,8 +289,8 @@ impl<'a> FrameTask<'a> {
         Ok(())
     }
 
-    /// Renders all samples of some rows; returns `None` if interrupted.
-    fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Option<Vec<ChannelPlane>> {
+    /// Renders all samples of some rows.
+    fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Result<Vec<ChannelPlane>, Failure> {
         let settings = self.resolved.settings;
         let region = Region::of_rows(&settings, rows.clone());
         // Map the progress of these rows to that of the frame
@@ -308,7 +307,7 @@ impl<'a> FrameTask<'a> {
             let rendering = parts.region(&region, &monitor)?;
             let planes = planes_of_rendering(self.job, &rendering);
             self.ledger += rendering.ledger;
-            return Some(planes);
+            return Ok(planes);
         }
         // With shares, add their sums in order, as a merge of pieces does
         let mut all: Option<PartSums> = None;
@@ -320,7 +319,7 @@ impl<'a> FrameTask<'a> {
                 Some(all) => all.add(&sums),
             }
         }
-        all.as_ref().map(planes_of)
+        all.as_ref().map(planes_of).ok_or(Failure::Interrupted)
     }
 
     /// Renders some of the pieces that the frame is divided into, each to a file of its own.
@@ -363,8 +362,7 @@ impl<'a> FrameTask<'a> {
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
                 let region = Region::of_rows(&settings, rows.clone());
-                let made = parts.sums(&region, share, &self.monitor);
-                let (sums, ledger) = made.ok_or(Failure::Interrupted)?;
+                let (sums, ledger) = parts.sums(&region, share, &self.monitor)?;
                 self.ledger += ledger;
                 steps.adapt(&rows, begun.elapsed().as_secs_f64());
                 self.save(|folder| folder.write_sums(&rows, index, &sums))?;
@@ -385,7 +383,7 @@ impl<'a> FrameTask<'a> {
 
     fn parts(&self, accel: &'a dyn Accel) -> Result<Parts<'a>, Failure> {
         let scene = (self.stage.scene(), &self.camera);
-        Parts::new(scene, accel, &self.resolved.settings, &self.monitor).ok_or(Failure::Interrupted)
+        Ok(Parts::new(scene, accel, &self.resolved.settings, &self.monitor)?)
     }
 
     fn keep(&mut self, rows: Range<u32>, planes: Vec<ChannelPlane>) {

@@ -39,17 +39,15 @@ impl Frame<'_> {
     /// Returns the ledger of one render of the frame on the current thread pool.
     fn ledger(&self, accel: &dyn Accel) -> Result<RenderProfile, Failure> {
         let monitor = Monitor {
-            progress: &|_| {},
             cancel: &interrupt::CANCELLED,
-            tiles: None,
+            ..Monitor::default()
         };
         let settings = RenderSettings {
             ledger: true,
             ..self.settings
         };
-        render::render(self.scene, self.camera, accel, &settings, &monitor)
-            .map(|rendering| rendering.ledger)
-            .ok_or(Failure::Interrupted)
+        let rendering = render::render(self.scene, self.camera, accel, &settings, &monitor)?;
+        Ok(rendering.ledger)
     }
 }
 

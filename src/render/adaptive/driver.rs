@@ -1,11 +1,10 @@
 //! Rounds of adaptive sampling, from the first samples of an image to the last.
 
-use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 use super::super::context::RenderContext;
 use super::super::film::PixelStatistics;
-use super::super::monitor::Monitor;
+use super::super::monitor::{Cancelled, Monitor};
 use super::super::profile::{Category, Profiler, RenderProfile};
 use super::super::subset::{Patch, PatchAtlas};
 use super::super::tile::PixelVisit;
@@ -26,15 +25,14 @@ const VISIT_BYTES: usize = size_of::<PixelVisit>() + size_of::<PixelStatistics>(
 /// Number of bytes per pixel between two rounds, in addition to its estimate.
 pub(in crate::render) const LOOK_BYTES: usize = size_of::<DisplayError>() + size_of::<PixelStatus>();
 
-/// Returns the sample statistics of every pixel of the canvas, row by row, and the ledger. Returns `None` if
-/// cancelled.
+/// Returns the sample statistics of every pixel of the canvas, row by row, and the ledger.
 pub(in crate::render) fn render(
     frame: &mut RenderContext,
     target: Adaptive,
     canvas: &PatchAtlas,
     monitor: &Monitor,
     mut checkpoints: Option<&mut Checkpoints>,
-) -> Option<(Vec<PixelStatistics>, RenderProfile)> {
+) -> Result<(Vec<PixelStatistics>, RenderProfile), Cancelled> {
     let sites = &canvas.sites;
     let mut state = SamplingState::new(target, canvas, frame.settings.spp);
     let mut ledger = RenderProfile::default();
@@ -71,10 +69,10 @@ pub(in crate::render) fn render(
         while !left.is_empty() {
             let later = left.split_off(pace.tile_count().min(left.len()));
             let begun = Instant::now();
-            let Some(visited) = render_visits(&waves, left, monitor, Some(&progress)) else {
+            let Ok(visited) = render_visits(&waves, left, monitor, Some(&progress)) else {
                 // The render ends in any case.
                 let _ = pace.keep(&state.known);
-                return None;
+                return Err(Cancelled);
             };
             left = later;
             meter.skip();
@@ -87,7 +85,7 @@ pub(in crate::render) fn render(
             }
             // Write a checkpoint if it is due
             if pace.is_due() && pace.keep(&state.known).is_break() {
-                return None;
+                return Err(Cancelled);
             }
             meter.lap(Category::Sampling);
         }
@@ -96,19 +94,19 @@ pub(in crate::render) fn render(
         if !state.decide() {
             meter.lap_all_threads(Category::Sampling);
             ledger += meter.ledger;
-            return Some((state.known.estimates, ledger));
+            return Ok((state.known.estimates, ledger));
         }
     }
 }
 
 /// Sets the ray cones by the pilot rounds of [`pilot`] and returns their ledger. The pixels of the last pilot round
-/// keep their samples as first round, unless their rays had a different width. Returns `None` if cancelled.
+/// keep their samples as first round, unless their rays had a different width.
 fn pilot(
     frame: &mut RenderContext,
     state: &mut SamplingState,
     sites: &[Patch],
     monitor: &Monitor,
-) -> Option<RenderProfile> {
+) -> Result<RenderProfile, Cancelled> {
     // Select the pixels of the pilot
     let size = [state.width, state.height];
     let turn = |index: usize| match pilot::is_pilot_pixel([index % size[0], index / size[0]], size) {
@@ -141,30 +139,27 @@ fn pilot(
             *turn = PixelStatus::Waits;
         }
     }
-    Some(ledger)
+    Ok(ledger)
 }
 
 /// Site, its visited pixels, the statistics of their new samples, and the ledger.
 type Visited = (Patch, Vec<PixelVisit>, Vec<PixelStatistics>, RenderProfile);
 
-/// Renders the visits of a round in parallel and returns `None` if cancelled. With `progress`, the monitor is
-/// notified of every finished tile.
+/// Renders the visits of a round in parallel. With `progress`, the monitor is notified of every finished tile.
 fn render_visits(
     waves: &RendererPool,
     round: Vec<(Patch, Vec<PixelVisit>)>,
     monitor: &Monitor,
     progress: Option<&AdaptiveProgress>,
-) -> Option<Vec<Visited>> {
+) -> Result<Vec<Visited>, Cancelled> {
     let rendered = parallel::map(round.len(), &|index| {
-        if monitor.cancel.load(Ordering::Relaxed) {
-            return None;
-        }
+        monitor.check()?;
         let (site, visits) = &round[index];
         let rendered = waves.acquire().render_visits(site.tile, visits);
         if let Some(progress) = progress {
             (monitor.progress)(progress.finish(visits));
         }
-        Some(rendered)
+        Ok(rendered)
     });
     let visited = round.into_iter().zip(rendered);
     visited

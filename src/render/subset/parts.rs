@@ -15,7 +15,7 @@ use super::super::driver::{render_tiles, render_uniformly};
 use super::super::film::{
     PixelStatistics, SampleAovs, TileResult, filtered_image, tile_result, weighted_mean,
 };
-use super::super::monitor::Monitor;
+use super::super::monitor::{Cancelled, Monitor};
 use super::super::profile::{Category, RenderProfile, Tally};
 use super::super::result::Rendering;
 use super::super::sampler::PacketShape;
@@ -60,7 +60,7 @@ pub struct Parts<'s> {
 }
 
 impl<'s> Parts<'s> {
-    /// Prepares a render in parts, in the current rayon pool. Returns `None` if cancelled.
+    /// Prepares a render in parts, in the current rayon pool.
     ///
     /// Ignores [`RenderSettings::adaptive`], because its sample counts depend on more than one part, and
     /// [`RenderSettings::cost_aovs`]. `scene` must have passed [`Scene::validate`], and `accel` must have been built
@@ -70,7 +70,7 @@ impl<'s> Parts<'s> {
         accel: &'s dyn Accel,
         settings: &RenderSettings,
         monitor: &Monitor,
-    ) -> Option<Parts<'s>> {
+    ) -> Result<Parts<'s>, Cancelled> {
         let start = Instant::now();
         // Ignore settings that need all parts
         let settings = RenderSettings {
@@ -89,15 +89,15 @@ impl<'s> Parts<'s> {
             trace_seconds: 0.0,
         };
         ready.book(Category::Other, setting_up);
-        Some(Parts {
+        Ok(Parts {
             frame,
             ready_seconds: start.elapsed().as_secs_f64(),
             ready,
         })
     }
 
-    /// Renders a rectangle of the finished image. Returns `None` if cancelled.
-    pub fn region(&mut self, region: &Region, monitor: &Monitor) -> Option<Rendering> {
+    /// Renders a rectangle of the finished image.
+    pub fn region(&mut self, region: &Region, monitor: &Monitor) -> Result<Rendering, Cancelled> {
         let start = Instant::now();
         self.frame.part = 0..self.packet_count();
         self.frame.returns_sums = false;
@@ -108,17 +108,16 @@ impl<'s> Parts<'s> {
         let seconds = start.elapsed().as_secs_f64() + rendering.ready_seconds;
         rendering.ledger.settle(rayon::current_num_threads(), seconds);
         rendering.subsurface = self.frame.bodies.as_ref().map(|bodies| bodies.stats);
-        Some(rendering)
+        Ok(rendering)
     }
 
-    /// Renders a share of the samples of a rectangle and returns their sums with the ledger. Returns `None` if
-    /// cancelled.
+    /// Renders a share of the samples of a rectangle and returns their sums with the ledger.
     pub fn sums(
         &mut self,
         region: &Region,
         share: Share,
         monitor: &Monitor,
-    ) -> Option<(PartSums, RenderProfile)> {
+    ) -> Result<(PartSums, RenderProfile), Cancelled> {
         let packets = share.of(self.packet_count());
         self.sums_of(region, packets, monitor)
     }
@@ -128,8 +127,7 @@ impl<'s> Parts<'s> {
         self.frame.groups.len()
     }
 
-    /// Renders some sample packets of the pixels of a rectangle and returns their sums with the ledger. Returns
-    /// `None` if cancelled.
+    /// Renders some sample packets of the pixels of a rectangle and returns their sums with the ledger.
     ///
     /// # Panics
     /// If `packets` is out of range.
@@ -138,7 +136,7 @@ impl<'s> Parts<'s> {
         region: &Region,
         packets: Range<usize>,
         monitor: &Monitor,
-    ) -> Option<(PartSums, RenderProfile)> {
+    ) -> Result<(PartSums, RenderProfile), Cancelled> {
         let start = Instant::now();
         self.frame.part = packets;
         self.frame.returns_sums = true;
@@ -154,7 +152,7 @@ impl<'s> Parts<'s> {
             rayon::current_num_threads(),
             start.elapsed().as_secs_f64() + ready_seconds,
         );
-        Some((sums, ledger))
+        Ok((sums, ledger))
     }
 }
 

@@ -12,7 +12,7 @@ use super::super::aov::{AovSet, LightAovs};
 use super::super::context::RenderContext;
 use super::super::driver::render_tiles;
 use super::super::film::SampleCounts;
-use super::super::monitor::Monitor;
+use super::super::monitor::{Cancelled, Monitor};
 use super::super::result::Rendering;
 use super::super::settings::RenderSettings;
 use super::super::tile::Tile;
@@ -135,7 +135,7 @@ fn complete_patches(settings: &RenderSettings) -> [u32; 2] {
     [settings.width / PATCH_SIDE, settings.height / PATCH_SIDE]
 }
 
-/// Renders the patches of the image that `settings` describe, in the current rayon pool. Returns `None` if cancelled.
+/// Renders the patches of the image that `settings` describe, in the current rayon pool.
 ///
 /// [`RenderSettings::sample_aovs`], [`RenderSettings::layers`] and [`RenderSettings::cost_aovs`] are ignored. `scene`
 /// must have passed [`Scene::validate`], and `accel` must have been built from it.
@@ -145,7 +145,7 @@ pub fn render_patches(
     settings: &RenderSettings,
     mosaic: PatchGrid,
     monitor: &Monitor,
-) -> Option<Rendering> {
+) -> Result<Rendering, Cancelled> {
     let start = Instant::now();
     let settings = RenderSettings {
         sample_aovs: false,
@@ -204,7 +204,7 @@ pub fn render_patches(
         }
     };
     ledger += scattered;
-    Some(Rendering {
+    Ok(Rendering {
         ready_seconds,
         subsurface: frame.bodies.as_ref().map(|bodies| bodies.stats),
         ..Rendering::new(image, samples, ledger, &frame)

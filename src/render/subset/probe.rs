@@ -8,7 +8,7 @@
 use std::time::Instant;
 
 use super::super::context::RenderContext;
-use super::super::monitor::Monitor;
+use super::super::monitor::{Cancelled, Monitor};
 use super::super::plan::Plan;
 use super::super::profile::{Category, RenderProfile, Tally};
 use super::super::sampler::PacketShape;
@@ -45,7 +45,7 @@ pub struct Probe {
     pub plan: Plan,
 }
 
-/// Renders strips of the image that `settings` describe, on this thread. Returns `None` if cancelled.
+/// Renders strips of the image that `settings` describe, on this thread.
 ///
 /// Every pixel is assumed to have the same number of samples. `scene` must have passed [`Scene::validate`], and
 /// `accel` must have been built from it.
@@ -54,7 +54,7 @@ pub fn probe(
     accel: &dyn Accel,
     settings: &RenderSettings,
     monitor: &Monitor,
-) -> Option<Probe> {
+) -> Result<Probe, Cancelled> {
     let start = Instant::now();
     let settings = RenderSettings {
         spp: settings.spp.min(MAX_SPP),
@@ -101,7 +101,7 @@ pub fn probe(
     }
     probe.ledger.settle(1, 0.0);
     probe.ledger.seconds = probe.ledger.total().seconds;
-    Some(probe)
+    Ok(probe)
 }
 
 /// Returns the ledger of a strip. The strip is rendered again if other processes used the processor meanwhile,

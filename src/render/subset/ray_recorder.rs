@@ -1,7 +1,6 @@
 //! Recording of the rays of a frame, to compare backends on real workloads.
 
 use std::sync::Mutex;
-use std::sync::atomic::AtomicBool;
 
 use super::super::driver::render;
 use super::super::monitor::Monitor;
@@ -29,17 +28,14 @@ pub fn record(scene: &Scene, camera: &Camera, accel: &dyn Accel, settings: &Rend
         accel,
         rays: Mutex::default(),
     };
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     let render_all = || render(scene, camera, &recorder, settings, &monitor);
     // A single thread renders tiles in order. Without a pool of its own, the rays are equal but in a different order.
-    match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+    let recorded = match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
         Ok(pool) => parallel::install(&pool, render_all),
         Err(_) => render_all(),
     };
+    debug_assert!(recorded.is_ok(), "no one cancels it");
     recorder
         .rays
         .into_inner()

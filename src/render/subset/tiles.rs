@@ -10,7 +10,7 @@ use std::time::Instant;
 use super::super::aov::{AovSet, LightAovs};
 use super::super::context::RenderContext;
 use super::super::film::{TileResult, filtered_image};
-use super::super::monitor::Monitor;
+use super::super::monitor::{Cancelled, Monitor};
 use super::super::plan::Plan;
 use super::super::profile::RenderProfile;
 use super::super::settings::RenderSettings;
@@ -57,7 +57,7 @@ pub fn tile_count(width: u32, height: u32) -> usize {
     width.div_ceil(TILE) as usize * height.div_ceil(TILE) as usize
 }
 
-/// Renders `count` tiles, or all if there are fewer, in the current rayon pool. Returns `None` if cancelled.
+/// Renders `count` tiles, or all if there are fewer, in the current rayon pool.
 ///
 /// Every pixel gets all of its samples: [`RenderSettings::adaptive`] is ignored, as are
 /// [`RenderSettings::sample_aovs`] and [`RenderSettings::layers`]. `scene` must have passed [`Scene::validate`], and
@@ -68,7 +68,7 @@ pub fn render_sample(
     settings: &RenderSettings,
     count: usize,
     monitor: &Monitor,
-) -> Option<TileSample> {
+) -> Result<TileSample, Cancelled> {
     let start = Instant::now();
     let settings = RenderSettings {
         adaptive: None,
@@ -86,9 +86,7 @@ pub fn render_sample(
     let waves = RendererPool::new(&frame);
     // Render them in parallel, each with its processor time
     let render = |index: usize| {
-        if monitor.cancel.load(Ordering::Relaxed) {
-            return None;
-        }
+        monitor.check()?;
         let (tile, mut wave) = (chosen[index], waves.acquire());
         let start = thread_seconds();
         let (result, ledger) = wave.render_tile(tile, None);
@@ -102,15 +100,15 @@ pub fn render_sample(
             image: pixels(tile, inner, result, &settings),
             seconds,
         };
-        Some((sampled, ledger))
+        Ok((sampled, ledger))
     };
     // Merge the ledgers in the order of the tiles
-    let rendered: Option<Vec<_>> = parallel::map(chosen.len(), &render).into_iter().collect();
+    let rendered: Result<Vec<_>, Cancelled> = parallel::map(chosen.len(), &render).into_iter().collect();
     let (tiles, ledgers): (Vec<_>, Vec<_>) = rendered?.into_iter().unzip();
     let mut ledger = RenderProfile::default();
     ledgers.into_iter().for_each(|of_tile| ledger += of_tile);
     ledger.seconds = start.elapsed().as_secs_f64();
-    Some(TileSample {
+    Ok(TileSample {
         tiles,
         ledger,
         plan: frame.plan.clone(),

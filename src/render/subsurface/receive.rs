@@ -5,13 +5,12 @@
 //! thread.
 
 use std::cell::OnceCell;
-use std::sync::atomic::Ordering;
 use std::sync::{Mutex, PoisonError};
 
 use super::super::context::RenderContext;
 use super::super::film::TileFilm;
 use super::super::lighting::ShadingContext;
-use super::super::monitor::Monitor;
+use super::super::monitor::{Cancelled, Monitor};
 use super::super::profile::RenderProfile;
 use super::super::surface::{ConeSource, Surfaces};
 use super::super::tile::{TILE, Tile};
@@ -38,27 +37,25 @@ const ALL: Lanes3<f32> = [[1.0; LANES]; 3];
 
 impl RenderContext<'_> {
     /// Returns the irradiance that enters an object at each of its points. `before` is the number of points of
-    /// objects before it. Returns `None` if cancelled.
+    /// objects before it.
     pub(super) fn receive(
         &self,
         irradiance_points: &IrradiancePoints,
         before: usize,
         monitor: &Monitor,
-    ) -> Option<(Vec<[f32; 3]>, RenderProfile)> {
+    ) -> Result<(Vec<[f32; 3]>, RenderProfile), Cancelled> {
         // Each object before this one may have left its last chunk partly empty.
         let first = before.div_ceil(CHUNK) + irradiance_points.instance as usize;
         let idle: Mutex<Vec<Receiver>> = Mutex::default();
         let idle = || idle.lock().unwrap_or_else(PoisonError::into_inner);
         // Process chunks in parallel with pooled working memory
         let chunks = parallel::map_chunks(&irradiance_points.points, CHUNK, &|chunk, points| {
-            if monitor.cancel.load(Ordering::Relaxed) {
-                return None;
-            }
+            monitor.check()?;
             let kept = idle().pop();
             let mut receiver = kept.unwrap_or_else(|| Receiver::new(self, irradiance_points));
             let received = receiver.receive(points, first + chunk);
             idle().push(receiver);
-            Some(received)
+            Ok(received)
         });
         // Join the chunks in order
         let mut ledger = RenderProfile::default();
@@ -68,7 +65,7 @@ impl RenderContext<'_> {
             irradiance.extend(of_chunk);
             ledger += taken;
         }
-        Some((irradiance, ledger))
+        Ok((irradiance, ledger))
     }
 }
 

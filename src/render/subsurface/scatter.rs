@@ -3,24 +3,23 @@
 use std::time::Instant;
 
 use super::super::context::RenderContext;
-use super::super::monitor::Monitor;
+use super::super::monitor::{Cancelled, Monitor};
 use super::super::profile::{Category, RenderProfile};
 use super::objects::{SubsurfaceObject, SubsurfaceObjects, SubsurfaceStats};
 use super::points;
 use crate::scene::Effect;
 
 impl RenderContext<'_> {
-    /// Computes the irradiance of all objects, if the effect is on, and returns the ledger. Returns `None` if
-    /// cancelled.
-    pub(in crate::render) fn scatter(&mut self, monitor: &Monitor) -> Option<RenderProfile> {
+    /// Computes the irradiance of all objects, if the effect is on, and returns the ledger.
+    pub(in crate::render) fn scatter(&mut self, monitor: &Monitor) -> Result<RenderProfile, Cancelled> {
         if !self.effects().has(Effect::Subsurface) {
-            return Some(RenderProfile::default());
+            return Ok(RenderProfile::default());
         }
         // Distribute points over the objects
         let start = Instant::now();
         let irradiance_points = points::cover(self.scene);
         let Some(last) = irradiance_points.last() else {
-            return Some(RenderProfile::default());
+            return Ok(RenderProfile::default());
         };
         let mut bodies = Vec::new();
         bodies.resize_with(last.instance as usize + 1, || None);
@@ -49,6 +48,6 @@ impl RenderContext<'_> {
         } else {
             0.0
         };
-        Some(taken.gathered(Category::Subsurface, seconds))
+        Ok(taken.gathered(Category::Subsurface, seconds))
     }
 }

@@ -6,7 +6,7 @@ use super::homogeneous_march::march;
 use crate::accel::Accel;
 use crate::numeric::Lanes;
 use crate::optics::{Fresnel, Refraction};
-use crate::render::{Monitor, RenderSettings, Rendering};
+use crate::render::{Cancelled, Monitor, RenderSettings, Rendering};
 use crate::scene::{Camera, Scene, SceneError};
 
 /// Functions of the renderer that cases test; a test may replace any of them by a careless one.
@@ -38,7 +38,7 @@ pub struct Formulas {
 }
 
 /// Function that renders an image of a scene.
-pub type Render = fn(&Scene, &Camera, &dyn Accel, &RenderSettings, &Monitor) -> Option<Rendering>;
+pub type Render = fn(&Scene, &Camera, &dyn Accel, &RenderSettings, &Monitor) -> Result<Rendering, Cancelled>;
 
 impl Formulas {
     /// Functions of the renderer itself.

@@ -1,7 +1,6 @@
 //! Runs one case on one system under test: generates rays in chunks, in parallel, and counts the results.
 
 use std::convert::Infallible;
-use std::sync::atomic::AtomicBool;
 
 use super::correctness::Correctness;
 use super::counts::Counts;
@@ -101,14 +100,8 @@ impl<'a> CaseRunner<'a> {
             weight_cutoff,
             ..RenderSettings::default()
         };
-        let monitor = Monitor {
-            progress: &|_| {},
-            cancel: &AtomicBool::new(false),
-            tiles: None,
-        };
-        Ok((self.subject.formulas.render)(
-            scene, camera, &*accel, &settings, &monitor,
-        ))
+        let monitor = Monitor::default();
+        Ok((self.subject.formulas.render)(scene, camera, &*accel, &settings, &monitor).ok())
     }
 
     /// Runs `task` for the queries of each chunk and adds up the tallies. The result does not depend on the number of

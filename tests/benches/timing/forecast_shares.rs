@@ -1,10 +1,10 @@
 //! The shares of time that `whit info` forecasts from a few strips against those of the whole image.
 
 use whit::accel::{self, AccelOptions, Backend};
-use whit::render::{Category, RenderProfile, probe};
+use whit::render::{Category, Monitor, RenderProfile, probe};
 use whit::report::forecast::Forecast;
 
-use crate::ledgers::{MONITOR, ledger, load, one_thread};
+use crate::ledgers::{ledger, load, one_thread};
 use crate::limits::Limits;
 
 /// Mirrors and glass; wavelengths; look-ups; soft shadows; a march; light within bodies.
@@ -30,7 +30,7 @@ pub(crate) fn run(limits: &mut Limits) {
         let settings = filed.settings(WIDTH, SPP);
         let view = (&filed.scene, &filed.scene.cameras[0]);
         let (forecast, ledger) = pool.install(|| {
-            let probe = probe(view, &*accel, &settings, &MONITOR).unwrap();
+            let probe = probe(view, &*accel, &settings, &Monitor::default()).unwrap();
             let forecast = Forecast::of(&probe, &settings, Backend::default());
             (forecast, ledger(&filed, &*accel, &settings))
         });

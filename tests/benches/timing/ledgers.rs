@@ -1,21 +1,10 @@
 //! Renders of scene files of which the ledger is kept, on one thread.
 
-use std::sync::atomic::AtomicBool;
-
 use rayon::ThreadPool;
 use whit::accel::Accel;
 use whit::render::{Monitor, RenderProfile, RenderSettings, render};
 
 use crate::scene_folder::{self, FiledScene};
-
-static IS_CANCELLED: AtomicBool = AtomicBool::new(false);
-
-/// A monitor that ignores progress and cancels nothing.
-pub(crate) const MONITOR: Monitor = Monitor {
-    progress: &|_| {},
-    cancel: &IS_CANCELLED,
-    tiles: None,
-};
 
 /// Loads a scene file of the folder `scenes`, given without its ending.
 pub(crate) fn load(name: &str) -> FiledScene {
@@ -34,6 +23,6 @@ pub(crate) fn ledger(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSet
         ..*settings
     };
     let camera = &filed.scene.cameras[0];
-    let rendering = render(&filed.scene, camera, accel, &settings, &MONITOR);
+    let rendering = render(&filed.scene, camera, accel, &settings, &Monitor::default());
     rendering.unwrap().ledger
 }

@@ -262,7 +262,7 @@ impl<'s> Stage<'s> {
             cancel: &cancel,
             tiles: None,
         };
-        let rendering = render(set.scene, &set.scene.cameras[0], &*set.accel, &settings, &monitor)?;
+        let rendering = render(set.scene, &set.scene.cameras[0], &*set.accel, &settings, &monitor).ok()?;
         let seconds = start.elapsed().as_secs_f64() - rendering.ready_seconds;
         Some((rendering, seconds))
     }

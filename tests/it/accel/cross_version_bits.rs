@@ -4,7 +4,6 @@
 //! spawn points changes them: look at the images, then take over what the failing test prints.
 
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 use crate::support::wave_scenes;
 use whit::accel::{AccelOptions, Backend, build};
@@ -53,11 +52,7 @@ fn image(scene: &Scene, backend: Backend) -> LinearImage {
         depth: 4,
         ..RenderSettings::default()
     };
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     render(scene, &scene.cameras[0], &*accel, &settings, &monitor)
         .unwrap()
         .image

@@ -80,9 +80,8 @@ fn sampled_tiles_equal_the_whole_image_to_the_bit() {
     let accel = BruteAccel::new(&scene);
     let cancel = AtomicBool::new(false);
     let monitor = Monitor {
-        progress: &|_| {},
         cancel: &cancel,
-        tiles: None,
+        ..Monitor::default()
     };
     for (kind, spp) in [
         (FilterKind::Box, 1),

@@ -3,8 +3,6 @@
 //! `cargo bench --bench timing -- forecast_shares` holds the shares of time against a render's ledger, which needs a
 //! quiet machine.
 
-use std::sync::atomic::AtomicBool;
-
 use crate::support::scene_folder::{self, FiledScene};
 use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::render::{Category, Monitor, RenderProfile, RenderSettings, probe, render};
@@ -23,19 +21,18 @@ const SCENES: [&str; 6] = [
     "wax",
 ];
 
-static GOES_ON: AtomicBool = AtomicBool::new(false);
-const MONITOR: Monitor = Monitor {
-    progress: &|_| {},
-    cancel: &GOES_ON,
-    tiles: None,
-};
-
 fn filed(name: &str) -> FiledScene {
     scene_folder::named(&format!("{name}.toml"))
 }
 
 fn forecast(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> Forecast {
-    let probe = probe((&filed.scene, &filed.scene.cameras[0]), accel, settings, &MONITOR).unwrap();
+    let probe = probe(
+        (&filed.scene, &filed.scene.cameras[0]),
+        accel,
+        settings,
+        &Monitor::default(),
+    )
+    .unwrap();
     Forecast::of(&probe, settings, Backend::default())
 }
 
@@ -45,7 +42,7 @@ fn ledger(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> R
         ..*settings
     };
     let camera = &filed.scene.cameras[0];
-    render(&filed.scene, camera, accel, &settings, &MONITOR)
+    render(&filed.scene, camera, accel, &settings, &Monitor::default())
         .unwrap()
         .ledger
 }
@@ -87,7 +84,7 @@ fn probe_is_deterministic_and_limited_to_its_share() {
     let settings = filed.settings(1024, 16);
     let camera = &filed.scene.cameras[0];
     let runs = [(); 2].map(|()| {
-        let probe = probe((&filed.scene, camera), &*accel, &settings, &MONITOR).unwrap();
+        let probe = probe((&filed.scene, camera), &*accel, &settings, &Monitor::default()).unwrap();
         let rays: Vec<u64> = probe.ledger.tallies().map(|(_, tally)| tally.rays).collect();
         (probe.strips, probe.samples, rays)
     });

@@ -2,7 +2,6 @@
 //! repeats: `tests/ci/slow statistics`.
 
 use std::fs;
-use std::sync::atomic::AtomicBool;
 
 use crate::support::sampling_scenes::first_light;
 use crate::support::{images, scene_folder};
@@ -93,11 +92,7 @@ fn triangle() -> Scene {
 }
 
 fn rendered(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> DisplayImage {
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     let rendering = render(scene, &scene.cameras[0], accel, settings, &monitor).unwrap();
     DisplayImage::new(&rendering.image, TONE)
 }

@@ -3,7 +3,6 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
 use crate::support::cli_program::whit;
 use image::{ExtendedColorType, ImageFormat};
@@ -103,11 +102,7 @@ fn middle(scene: &Scene) -> [f32; 3] {
         height: 3,
         ..RenderSettings::default()
     };
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     let rendering = render(scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap();
     rendering.image.pixel(1, 1)
 }

@@ -3,7 +3,6 @@
 
 use std::f64::consts::FRAC_PI_4;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 use crate::support::cli_program::{fails_with, whit};
 use crate::support::images::{add, rendered, settings};
@@ -18,14 +17,6 @@ use whit::render::{
 };
 use whit::scene::{Camera, Geometry, Instance, Material, Model, Phong, Scene, Shutter};
 use whit::shape::{Shape, Sphere};
-
-static GO_ON: AtomicBool = AtomicBool::new(false);
-
-const MONITOR: Monitor = Monitor {
-    progress: &|_| (),
-    cancel: &GO_ON,
-    tiles: None,
-};
 
 /// Relative tolerance: f32 rounds rays and results; sums of a few such numbers have this error, relative to the
 /// largest.
@@ -386,10 +377,10 @@ fn region_layers_match_the_full_image_bits() {
             ..small(filter)
         };
         let whole = rendered(&scene, camera, &settings);
-        let mut parts = Parts::new((&scene, camera), &*accel, &settings, &MONITOR).unwrap();
+        let mut parts = Parts::new((&scene, camera), &*accel, &settings, &Monitor::default()).unwrap();
         for [x, y, width, height] in [[0, 32, 45, 5], [30, 7, 9, 28], [44, 36, 1, 1]] {
             let region = Region { x, y, width, height };
-            let part = parts.region(&region, &MONITOR).unwrap();
+            let part = parts.region(&region, &Monitor::default()).unwrap();
             for (layer, all) in part.layers.iter().zip(&whole.layers) {
                 let rows = all.values.chunks(45).skip(y as usize).take(height as usize);
                 let shown = rows.flat_map(|row| &row[x as usize..(x + width) as usize]);

@@ -6,7 +6,8 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use crate::support::scene_folder;
 use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::render::{
-    Adaptive, Checkpoints, FinishedTile, Monitor, Pattern, RenderSettings, Rendering, Rounds, render_on,
+    Adaptive, Cancelled, Checkpoints, FinishedTile, Monitor, Pattern, RenderSettings, Rendering, Rounds,
+    render_on,
 };
 use whit::scene::Scene;
 
@@ -33,7 +34,7 @@ fn by(
     accel: &dyn Accel,
     settings: &RenderSettings,
     checkpoints: Option<&mut Checkpoints>,
-) -> Option<Rendering> {
+) -> Result<Rendering, Cancelled> {
     let monitor = Monitor {
         progress: &|part| assert!((0.0..=1.0).contains(&part), "{part}"),
         cancel: &AtomicBool::new(false),
@@ -92,8 +93,8 @@ fn resumed_render_has_the_bits_of_one_run_without_repeated_work() {
             };
             let made = by(&scene, &*accel, &settings, Some(&mut checkpoints));
             match made {
-                Some(rendering) => break rendering,
-                None => start = kept,
+                Ok(rendering) => break rendering,
+                Err(Cancelled) => start = kept,
             }
         };
         // The last run gives the whole image, and repeats no work
@@ -145,7 +146,7 @@ fn cancelled_render_keeps_its_checkpoint() {
         &monitor,
         Some(&mut checkpoints),
     );
-    assert!(ended.is_none());
+    assert_eq!(ended.err(), Some(Cancelled));
     let start = kept.expect("what was finished is kept");
     // Resume from the checkpoint
     let mut keep = |_: &Rounds| ControlFlow::Continue(());

@@ -1,7 +1,6 @@
 //! Tests of light layers, by light and by effect: each kind adds up to the image, whose bits are unchanged.
 
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 use crate::support::cli_program::{fails_with, whit};
 use crate::support::images::{rendered, settings};
@@ -175,11 +174,7 @@ fn layers_of_a_region_match_the_full_image() {
     let (scene, settings) = (scene_folder::named("glass_of_water.toml").scene, with_light(48));
     let whole = render(&scene, &settings);
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     let mut parts = Parts::new((&scene, &scene.cameras[0]), &*accel, &settings, &monitor).unwrap();
     let region = Region {
         x: 10,

@@ -1,7 +1,5 @@
 //! Tests of patch sampling: patches of an image predict properties of the whole.
 
-use std::sync::atomic::AtomicBool;
-
 use crate::support::sampling_scenes::{first_light, mostly_empty};
 use whit::accel::{self, AccelOptions, Backend};
 use whit::render::{
@@ -22,11 +20,7 @@ fn settings(spp: u32) -> RenderSettings {
 /// Renders the whole image and a mosaic of about this many pixels.
 fn both(scene: &Scene, settings: &RenderSettings, pixels: f64) -> (Rendering, Rendering, PatchGrid) {
     let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     let camera = &scene.cameras[0];
     let mosaic = PatchGrid::of(settings, pixels).unwrap();
     let whole = render(scene, camera, &*accel, settings, &monitor).unwrap();

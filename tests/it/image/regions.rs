@@ -1,8 +1,6 @@
 //! Tests of regions and sample shares: regions have the bits of the whole image, and shares of samples add up to the
 //! same bits regardless of where they are rendered.
 
-use std::sync::atomic::AtomicBool;
-
 use crate::support::scene_folder;
 use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::render::{
@@ -10,14 +8,6 @@ use whit::render::{
     render,
 };
 use whit::scene::Scene;
-
-static GO_ON: AtomicBool = AtomicBool::new(false);
-
-const MONITOR: Monitor = Monitor {
-    progress: &|_| (),
-    cancel: &GO_ON,
-    tiles: None,
-};
 
 fn tree(scene: &Scene) -> Box<dyn Accel + '_> {
     accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap()
@@ -81,11 +71,17 @@ fn region_has_the_bits_of_the_full_image() {
         let scene = scene_folder::named(name).scene;
         let accel = tree(&scene);
         let settings = settings(spp, filter);
-        let whole = render(&scene, &scene.cameras[0], &*accel, &settings, &MONITOR).unwrap();
-        let mut parts = Parts::new((&scene, &scene.cameras[0]), &*accel, &settings, &MONITOR).unwrap();
+        let whole = render(&scene, &scene.cameras[0], &*accel, &settings, &Monitor::default()).unwrap();
+        let mut parts = Parts::new(
+            (&scene, &scene.cameras[0]),
+            &*accel,
+            &settings,
+            &Monitor::default(),
+        )
+        .unwrap();
         for [x, y, width, height] in regions {
             let region = Region { x, y, width, height };
-            let part = parts.region(&region, &MONITOR).unwrap();
+            let part = parts.region(&region, &Monitor::default()).unwrap();
             assert_shows(&part, &whole, &region);
         }
     }
@@ -97,7 +93,7 @@ fn added(parts: &mut Parts, rows: &Region, count: u32) -> PartSums {
         .rev()
         .map(|index| {
             let share = Share { index, count };
-            (index, parts.sums(rows, share, &MONITOR).unwrap().0)
+            (index, parts.sums(rows, share, &Monitor::default()).unwrap().0)
         })
         .collect();
     made.sort_by_key(|(index, _)| *index);
@@ -113,8 +109,14 @@ fn sample_shares_sum_to_the_image() {
         let accel = tree(&scene);
         // Use four packets, the last of which is not full.
         let settings = settings(60, filter);
-        let whole = render(&scene, &scene.cameras[0], &*accel, &settings, &MONITOR).unwrap();
-        let mut parts = Parts::new((&scene, &scene.cameras[0]), &*accel, &settings, &MONITOR).unwrap();
+        let whole = render(&scene, &scene.cameras[0], &*accel, &settings, &Monitor::default()).unwrap();
+        let mut parts = Parts::new(
+            (&scene, &scene.cameras[0]),
+            &*accel,
+            &settings,
+            &Monitor::default(),
+        )
+        .unwrap();
         let all = Region::whole(&settings);
         let one = added(&mut parts, &all, 1);
         assert_eq!((one.samples, one.pixels()), (60, whole.image.pixels.clone()));

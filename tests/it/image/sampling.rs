@@ -3,7 +3,6 @@
 //! The measurements that justify the defaults are in the slow tier: `tests/ci/slow sampling --nocapture`.
 
 use std::path::PathBuf;
-use std::sync::atomic::AtomicBool;
 
 use crate::support::image_error::{Comparison, Judge};
 use crate::support::sampling_scenes::{self, scenes};
@@ -43,11 +42,7 @@ fn uniform(settings: RenderSettings) -> RenderSettings {
 
 fn rendered(scene: &Scene, settings: RenderSettings) -> Rendering {
     let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     render(scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap()
 }
 

@@ -4,7 +4,6 @@
 //! throughput.
 
 use std::fs;
-use std::sync::atomic::AtomicBool;
 
 use whit::accel::{self, AccelOptions, Backend};
 use whit::gltf::LoadOptions;
@@ -22,11 +21,7 @@ fn seen(material: &str, settings: &RenderSettings) -> Rendering {
     fs::write(&path, text).unwrap();
     let scene = scene_file::load(&path, &LoadOptions::default()).unwrap().scene;
     let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     render(&scene, &scene.cameras[0], &*accel, settings, &monitor).unwrap()
 }
 

@@ -359,7 +359,7 @@ fn cancelled_subsurface_render_returns_early() {
         cancel: &AtomicBool::new(true),
         tiles: None,
     };
-    assert!(render(&scene, &camera, &*accel, &settings(16, SPP), &monitor).is_none());
+    assert!(render(&scene, &camera, &*accel, &settings(16, SPP), &monitor).is_err());
 }
 
 const THIN_SURFACE: Translucency = Translucency {

@@ -2,7 +2,6 @@
 
 use std::f64::consts::PI;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use glam::{DAffine3, DMat3, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
@@ -100,11 +99,7 @@ fn sun(to_light: DVec3) -> Light {
 fn rendered(scene: &Scene, backend: Backend, settings: &RenderSettings) -> Rendering {
     scene.validate().unwrap();
     let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     render(scene, &scene.cameras[0], &*accel, settings, &monitor).unwrap()
 }
 

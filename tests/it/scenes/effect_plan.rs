@@ -1,7 +1,5 @@
 //! Tests of the effect plan: the effects that it disables change no bit of an image, and every trigger is necessary.
 
-use std::sync::atomic::AtomicBool;
-
 use crate::support::{random_scenes, scene_folder};
 use rayon::prelude::*;
 use whit::accel::{self, AccelOptions, Backend};
@@ -23,11 +21,7 @@ fn settings() -> RenderSettings {
 
 fn rendered(scene: &Scene, backend: Backend, settings: &RenderSettings) -> Rendering {
     let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     render(scene, &scene.cameras[0], &*accel, settings, &monitor).unwrap()
 }
 

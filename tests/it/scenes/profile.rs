@@ -2,7 +2,7 @@
 //!
 //! `cargo bench --bench timing -- profile_seconds` checks the seconds as well, which needs a quiet machine.
 
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::support::{random_scenes, scene_folder};
 use whit::accel::{self, Accel, AccelOptions, AccelReport, Backend, Coherence, RayPacket};
@@ -40,11 +40,7 @@ impl Accel for Counter<'_> {
 }
 
 fn rendered(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> Rendering {
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     render(scene, &scene.cameras[0], accel, settings, &monitor).unwrap()
 }
 

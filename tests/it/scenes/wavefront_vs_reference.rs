@@ -47,11 +47,7 @@ fn rendered(scene: &Scene, backend: Backend, request: Request) -> LinearImage {
         wavelengths: request.wavelengths,
         ..RenderSettings::default()
     };
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     let rendering = render(scene, &scene.cameras[0], accel.as_ref(), &settings, &monitor);
     rendering.unwrap().image
 }
@@ -336,5 +332,5 @@ fn cancelled_render_returns_no_image() {
     };
     let settings = RenderSettings::default();
     let camera = &wave_scene.scene.cameras[0];
-    assert!(render(&wave_scene.scene, camera, accel.as_ref(), &settings, &monitor).is_none());
+    assert!(render(&wave_scene.scene, camera, accel.as_ref(), &settings, &monitor).is_err());
 }

@@ -5,7 +5,6 @@
 //! which the nearest counts. The sky is the board's mean.
 
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
 use image::{Luma, imageops::FilterType};
 use whit::accel::{self, Accel, AccelOptions, Backend};
@@ -63,11 +62,7 @@ pub fn render_image(scene: &Scene, accel: &dyn Accel, width: u32, spp: u32) -> L
         spp,
         ..RenderSettings::default()
     };
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     render(scene, &scene.cameras[0], accel, &settings, &monitor)
         .unwrap()
         .image

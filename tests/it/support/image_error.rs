@@ -1,7 +1,5 @@
 //! Image error relative to a converged image, estimated with two independent references.
 
-use std::sync::atomic::AtomicBool;
-
 use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::image::LinearImage;
 use whit::render::{Monitor, Pattern, RenderSettings, Rendering, render};
@@ -48,11 +46,7 @@ impl<'s> Judge<'s> {
     }
 
     pub fn rendered(&self, settings: RenderSettings) -> Rendering {
-        let monitor = Monitor {
-            progress: &|_| {},
-            cancel: &AtomicBool::new(false),
-            tiles: None,
-        };
+        let monitor = Monitor::default();
         render(
             self.scene,
             &self.scene.cameras[0],

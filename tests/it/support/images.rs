@@ -1,7 +1,5 @@
 //! Small test scenes, their renderings, and estimates from their pixels.
 
-use std::sync::atomic::AtomicBool;
-
 use glam::DAffine3;
 use whit::accel::{self, AccelOptions, Backend};
 use whit::image::LinearImage;
@@ -54,11 +52,7 @@ pub fn rendered_by(
 ) -> Rendering {
     scene.validate().unwrap();
     let accel = accel::build(scene, backend, options).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     render(scene, camera, &*accel, settings, &monitor).unwrap()
 }
 

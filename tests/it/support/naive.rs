@@ -10,7 +10,7 @@ use glam::{DVec3, Vec3};
 use whit::accel::{Accel, AccelReport, Coherence, Hit, LANES, RayPacket};
 use whit::numeric::Ray;
 use whit::optics::{Fresnel, Polarised, Refraction};
-use whit::render::{Monitor, RenderSettings, Rendering};
+use whit::render::{Cancelled, Monitor, RenderSettings, Rendering};
 use whit::scene::{Camera, Geometry, Scene};
 use whit::shape::{Implicit, Shape, ShapeRay};
 use whit::verify::Formulas;
@@ -52,7 +52,7 @@ fn careless_render(
     accel: &dyn Accel,
     settings: &RenderSettings,
     monitor: &Monitor,
-) -> Option<Rendering> {
+) -> Result<Rendering, Cancelled> {
     let mut scene = scene.clone();
     for material in &mut scene.materials {
         if let Some(inside) = &mut material.interior {
@@ -65,7 +65,7 @@ fn careless_render(
     };
     let mut rendering = whit::render::render(&scene, camera, accel, &settings, monitor)?;
     rendering.ledger.max_lost_weight = 0.0;
-    Some(rendering)
+    Ok(rendering)
 }
 
 /// Formulas with refraction in f32.

@@ -11,8 +11,6 @@
     reason = "a module of several tests, each of which takes what it needs"
 )]
 
-use std::sync::atomic::AtomicBool;
-
 use glam::{DAffine3, DMat3, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
 use whit::mesh::Mesh;
@@ -287,11 +285,7 @@ pub fn render_image(
     settings: &RenderSettings,
 ) -> Vec<DVec3> {
     let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     let rendering = render(scene, camera, accel.as_ref(), settings, &monitor).unwrap();
     let pixels = rendering.image.pixels.iter();
     pixels.map(|&pixel| DVec3::from(pixel.map(f64::from))).collect()

@@ -1,7 +1,6 @@
 //! Scenes of the folder `scenes`, and small images of them.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
 
 use whit::accel::{self, AccelOptions, Backend};
 use whit::gltf::{self, LoadOptions};
@@ -72,11 +71,7 @@ impl FiledScene {
     /// Renders the view of the first camera with `backend`.
     pub fn rendered(&self, backend: Backend, settings: &RenderSettings) -> LinearImage {
         let accel = accel::build(&self.scene, backend, &AccelOptions::default()).unwrap();
-        let monitor = Monitor {
-            progress: &|_| {},
-            cancel: &AtomicBool::new(false),
-            tiles: None,
-        };
+        let monitor = Monitor::default();
         render(&self.scene, &self.scene.cameras[0], &*accel, settings, &monitor)
             .unwrap()
             .image

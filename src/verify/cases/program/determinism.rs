@@ -1,7 +1,6 @@
 //! Determinism of whole images: bit-identical for any number of threads.
 
 use std::collections::HashSet;
-use std::sync::atomic::AtomicBool;
 
 use glam::{DAffine3, DVec3};
 
@@ -77,18 +76,15 @@ fn bits(scene: &Scene, accel: &dyn Accel, thread_count: usize) -> Option<Vec<[u3
         spp: 4,
         ..RenderSettings::default()
     };
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     let pool = rayon::ThreadPoolBuilder::new()
         .num_threads(thread_count)
         .build()
         .ok()?;
     let rendering = parallel::install(&pool, || {
         render(scene, &Camera::default(), accel, &settings, &monitor)
-    })?;
+    })
+    .ok()?;
     Some(
         rendering
             .image

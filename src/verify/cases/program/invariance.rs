@@ -3,8 +3,6 @@
 //! No oracle is needed. Powers of two and the rotations of a cube are exact, so hits stay bit-identical; other factors
 //! and large translations round coordinates, so images may differ in one pixel of ten thousand.
 
-use std::sync::atomic::AtomicBool;
-
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use crate::accel::{AccelError, Hit};
@@ -374,13 +372,9 @@ fn render_srgb(trial: &CaseRunner, scene: &Scene, size: u32) -> Result<Option<(V
         height: size,
         ..RenderSettings::default()
     };
-    let monitor = Monitor {
-        progress: &|_| {},
-        cancel: &AtomicBool::new(false),
-        tiles: None,
-    };
+    let monitor = Monitor::default();
     let rendering = render(scene, &scene.cameras[0], &*accel, &settings, &monitor);
-    Ok(rendering.map(|rendering| {
+    Ok(rendering.ok().map(|rendering| {
         let codes = ToneMap::default().srgb_bytes(&rendering.image);
         (codes, rendering.image.non_finite_count())
     }))

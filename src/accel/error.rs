@@ -2,6 +2,7 @@
 
 /// Reason for which an acceleration structure could not be built.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum AccelError {
     /// The program was compiled without Embree.
     #[error(

@@ -1,6 +1,6 @@
 //! Ray-scene intersection for packets of rays: nearest hit and occlusion, by one of three backends with equal results.
 //!
-//! * [`embree`]: the system's Embree, with shapes and instances as user geometry.
+//! * `embree`: the system's Embree, with shapes and instances as user geometry.
 //! * [`bsp`]: an axis-aligned BSP tree, in Rust.
 //! * [`brute`]: a loop over every primitive, the reference for tests.
 //!

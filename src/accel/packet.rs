@@ -84,7 +84,7 @@ impl RayPacket {
 
     /// Clears rays and hits for refilling the packet; cheaper than a new one.
     #[inline(always)]
-    pub fn recycle(&mut self) {
+    pub(crate) fn recycle(&mut self) {
         self.instance = [NO_HIT; LANES];
         self.level = [NO_HIT; LANES];
         self.active = [0; LANES];

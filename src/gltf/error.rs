@@ -6,6 +6,7 @@ use crate::scene::SceneError;
 
 /// Reason why a glTF file could not become a scene: one sentence with the file, the item in it, and a remedy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum GltfError {
     /// The operating system cannot read the file.
     #[error("{}: {fault}: check the path and whether you may read the file", .file.display())]

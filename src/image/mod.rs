@@ -111,6 +111,7 @@ impl fmt::Display for ImageFormat {
 
 /// Reasons that an image file could not be read or written.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ImageError {
     /// Output file whose folder does not exist.
     #[error("there is no folder {} for {}: create it first", .folder.display(), .path.display())]

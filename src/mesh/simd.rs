@@ -277,7 +277,7 @@ pub trait SimdKernel {
 
 /// Runs `work` with the best instruction set of this machine.
 #[inline]
-pub fn dispatch<W: SimdKernel>(work: W) -> W::Output {
+pub(crate) fn dispatch<W: SimdKernel>(work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
     if let Some(isa) = pulp::x86::V3::try_new() {
         struct Compiled<W>(pulp::x86::V3, W);

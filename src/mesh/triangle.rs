@@ -27,8 +27,9 @@ use super::simd::{Scalar, SimdLevel, add, div, lanes, max, min, mul, sub};
 #[cfg(feature = "embree")]
 pub(crate) use indexed::{HitLanes, ProjectedVertices, may_contain_origin};
 use near_origin::may_be_behind;
+pub use shear::Shear;
 use shear::axes_around;
-pub use shear::{Shear, dominant_axis};
+pub(crate) use shear::dominant_axis;
 
 /// Number of triangles in a [`TrianglePack`].
 pub const PACK: usize = 8;
@@ -185,7 +186,7 @@ impl Shear {
 
     /// Intersects eight triangles, each with the result of [`Shear::intersect`].
     #[inline(always)]
-    pub fn intersect_pack(
+    pub(crate) fn intersect_pack(
         &self,
         isa: impl SimdLevel,
         pack: &TrianglePack,
@@ -236,7 +237,7 @@ pub struct ShearLanes<const N: usize> {
 }
 
 impl<const N: usize> ShearLanes<N> {
-    /// Computes the shears of `N` rays whose [`dominant_axis`] is `dominant`. Other lanes hold garbage and must not be
+    /// Computes the shears of `N` rays whose dominant axis is `dominant`. Other lanes hold garbage and must not be
     /// used.
     #[inline(always)]
     pub fn new(dominant: usize, origin: &[[f32; N]; 3], direction: &[[f32; N]; 3]) -> ShearLanes<N> {

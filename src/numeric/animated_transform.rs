@@ -13,6 +13,7 @@ use super::{Bounds, SingularMatrix, inverse};
 
 /// Reason why there is no motion from one map to another.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MotionError {
     /// Start or end that cannot be inverted.
     #[error(transparent)]
@@ -91,7 +92,7 @@ impl AnimatedTransform {
 
     /// Returns a box in the target space that contains the object within `bounds` at all times; `boxed` returns a box
     /// of the object under a map.
-    pub fn bounds_of(&self, bounds: &Bounds, boxed: impl Fn(&DAffine3) -> Bounds) -> Bounds {
+    pub(crate) fn bounds_of(&self, bounds: &Bounds, boxed: impl Fn(&DAffine3) -> Bounds) -> Bounds {
         let steps = self.step_count();
         (0..=steps)
             .map(|step| self.step_bounds(bounds, [step, steps], &boxed))
@@ -99,7 +100,7 @@ impl AnimatedTransform {
     }
 
     /// Returns the number of steps at which [`AnimatedTransform::bounds`] takes the boxes.
-    pub fn step_count(&self) -> u32 {
+    pub(crate) fn step_count(&self) -> u32 {
         if self.decomposed.is_some() {
             ROTATION_STEPS
         } else {

@@ -77,7 +77,7 @@ impl Bounds {
 
     /// Returns the lower and upper corner in f32, rounded outward and then one step further, so that a surface whose
     /// points are themselves rounded to f32 stays inside.
-    pub fn to_f32_outward(&self) -> ([f32; 3], [f32; 3]) {
+    pub(crate) fn to_f32_outward(self) -> ([f32; 3], [f32; 3]) {
         let down = |x: f64| (x as f32).next_down().next_down();
         let up = |x: f64| (x as f32).next_up().next_up();
         (self.min.to_array().map(down), self.max.to_array().map(up))

@@ -90,7 +90,7 @@ impl DoubleDouble {
     }
 
     /// Returns the natural logarithm of 1 plus this number, which must be above -1.
-    pub fn ln_1p(self) -> DoubleDouble {
+    pub(crate) fn ln_1p(self) -> DoubleDouble {
         let mut y = DoubleDouble::of(self.0.ln_1p());
         // Newton's step for e^y - 1 = x squares the error: two steps eliminate that of the first guess.
         for _ in 0..2 {
@@ -101,7 +101,7 @@ impl DoubleDouble {
     }
 
     /// Returns the difference of `x` from this number in units in its last place.
-    pub fn ulps_from(self, x: f64) -> f64 {
+    pub(crate) fn ulps_from(self, x: f64) -> f64 {
         let exact = self.nearest();
         let off = (DoubleDouble::of(x) - self).nearest().abs();
         if off == 0.0 {

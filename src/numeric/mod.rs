@@ -22,7 +22,8 @@ pub use bounds::Bounds;
 pub use double_double::DoubleDouble;
 pub use rng::SplitMix64;
 pub use spawn::{HitErrorBound, spawn_point, triangle_spawn_bound, triangle_spawn_error};
-pub use spawn_policy::{SpawnPolicy, offset_point};
+pub use spawn_policy::SpawnPolicy;
+pub(crate) use spawn_policy::offset_point;
 pub use transform::{Ray, SingularMatrix, inverse, object_ray, transform_normal};
 
 /// Number of rays processed in SIMD lanes: the width of every packet.

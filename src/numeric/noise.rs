@@ -54,11 +54,11 @@ pub fn noise(p: DVec3) -> f64 {
 
 /// Returns the sum of `octaves`, each of twice the frequency and half the amplitude of the one before, as a fraction of
 /// the largest sum: within [-1, 1]. `width` is that of the ray's footprint, in cells of the first octave.
-pub fn fractal(p: DVec3, octaves: u32, width: f64) -> f64 {
+pub(crate) fn fractal(p: DVec3, octaves: u32, width: f64) -> f64 {
     octave_sum(p, octaves, width, |noise| noise, 0.0)
 }
 
-/// Returns the sum of octaves of the noise's magnitude, with the arguments of [`fractal`]: within [0, 1].
+/// Returns the sum of octaves of the noise's magnitude, with the arguments of `fractal`: within [0, 1].
 pub fn turbulence(p: DVec3, octaves: u32, width: f64) -> f64 {
     octave_sum(p, octaves, width, f64::abs, MEAN_MAGNITUDE)
 }
@@ -86,7 +86,7 @@ fn octave_sum(p: DVec3, octaves: u32, width: f64, of: impl Fn(f64) -> f64, mean:
 
 /// Returns the fraction of an octave's amplitude that remains for a ray footprint of this width in cells.
 #[inline(always)]
-pub fn remaining_amplitude(width: f64) -> f64 {
+pub(crate) fn remaining_amplitude(width: f64) -> f64 {
     let t = (width / FADE_OUT_WIDTH).min(1.0);
     1.0 - t * t * (3.0 - 2.0 * t)
 }

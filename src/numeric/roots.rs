@@ -28,7 +28,7 @@ const STEP_LIMIT: usize = 106;
 ///
 /// Zero counts as positive, so a root at which the graph touches from above is none. Roots are within two ulps of the
 /// larger end of the interval, for the polynomial as it is evaluated.
-pub fn quartic_sign_changes(
+pub(crate) fn quartic_sign_changes(
     c: &[f64; 5],
     [low, high]: [f64; 2],
     positive: bool,
@@ -43,7 +43,7 @@ pub fn quartic_sign_changes(
 }
 
 /// Calls `found` for the sign changes of a cubic, as [`quartic_sign_changes`] does for a quartic.
-pub fn cubic_sign_changes(
+pub(crate) fn cubic_sign_changes(
     c: &[f64; 4],
     [low, high]: [f64; 2],
     positive: bool,

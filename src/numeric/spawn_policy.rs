@@ -78,7 +78,7 @@ impl TryFrom<String> for SpawnPolicy {
 
 /// Returns the f32 origin of a ray that leaves `p` by `offset` along `normal`, rounded to nearest.
 #[inline(always)]
-pub fn offset_point(p: DVec3, normal: DVec3, offset: f64) -> Vec3 {
+pub(crate) fn offset_point(p: DVec3, normal: DVec3, offset: f64) -> Vec3 {
     (p + normal * offset).as_vec3()
 }
 

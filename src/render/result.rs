@@ -10,6 +10,7 @@ use crate::image::LinearImage;
 
 /// Finished image with its statistics.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Rendering {
     /// Linear RGB radiance of the pixels.
     pub image: LinearImage,

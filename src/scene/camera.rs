@@ -223,13 +223,13 @@ impl CameraView {
     }
 
     /// Returns the change of the ray direction over a film offset of (`x`, `y`).
-    pub fn direction_offset(&self, x: f64, y: f64) -> DVec3 {
+    pub(crate) fn direction_offset(&self, x: f64, y: f64) -> DVec3 {
         x * self.direction.across + y * self.direction.down
     }
 
     /// Returns the film point whose ray goes through `p`, the inverse of [`CameraView::ray`]: outside [0, 1] where `p`
     /// is outside the image, `None` where `p` is behind the camera.
-    pub fn film_point(&self, p: DVec3) -> Option<DVec2> {
+    pub(crate) fn film_point(&self, p: DVec3) -> Option<DVec2> {
         // Set up a 3x3 system for the film point
         let (columns, rest) = match self.eye() {
             // The offset to p is a positive multiple of a direction: corner + x across + y down = s (p - eye).

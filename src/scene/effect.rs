@@ -150,7 +150,7 @@ impl Effect {
     }
 
     /// Returns a sentence fragment on how an image without this effect is wrong.
-    pub const fn consequence(self) -> &'static str {
+    pub(crate) const fn consequence(self) -> &'static str {
         match self {
             Effect::Shadow => "lights have no shadows",
             Effect::TransparentShadow => "transparent objects cast black shadows",
@@ -219,7 +219,7 @@ impl EffectSet {
     /// Effects that need no step of their own after a hit, beyond shadow rays and mirror rays.
     ///
     /// Scenes that need no others are shaded by code that is compiled for these only.
-    pub const BASIC: EffectSet = EffectSet::NONE
+    pub(crate) const BASIC: EffectSet = EffectSet::NONE
         .with(Effect::Shadow)
         .with(Effect::Reflection)
         .with(Effect::Texture)
@@ -270,19 +270,13 @@ impl EffectSet {
 
     /// Returns whether all compiled effects of this set are in `other`.
     #[inline(always)]
-    pub const fn are_within(self, other: EffectSet) -> bool {
+    pub(crate) const fn are_within(self, other: EffectSet) -> bool {
         COMPILED & self.0 & !other.0 == 0
-    }
-
-    /// Returns the effects that are in this set or in `other`.
-    #[must_use]
-    pub const fn union(self, other: EffectSet) -> EffectSet {
-        EffectSet(self.0 | other.0)
     }
 
     /// Returns whether materials have more inputs than glTF's base colour, metalness, roughness and emission.
     #[inline(always)]
-    pub const fn needs_full_material(self) -> bool {
+    pub(crate) const fn needs_full_material(self) -> bool {
         self.has(Effect::Phong)
             || self.has(Effect::Specular)
             || self.has(Effect::Refraction)
@@ -295,7 +289,7 @@ impl EffectSet {
     /// Returns whether materials have no more than glTF's base colour, metalness and roughness, without emission or
     /// coverage.
     #[inline(always)]
-    pub const fn has_basic_materials(self) -> bool {
+    pub(crate) const fn has_basic_materials(self) -> bool {
         // Coverage needs the fourth channel of the base colour
         let covers = self.has(Effect::AlphaTest) || self.has(Effect::AlphaBlend);
         !(self.needs_full_material() || covers || self.has(Effect::Emission))
@@ -317,7 +311,7 @@ impl EffectSet {
 
     /// Returns whether shading samples light at random: area lights, the environment or rough lobes.
     #[inline(always)]
-    pub const fn samples_light(self) -> bool {
+    pub(crate) const fn samples_light(self) -> bool {
         self.has(Effect::AreaLight) || self.has(Effect::Environment) || self.has_lobes()
     }
 
@@ -329,7 +323,7 @@ impl EffectSet {
 
     /// Returns whether any radiance is visible without a light: emission, ambient light or background.
     #[inline(always)]
-    pub const fn has_unlit_radiance(self) -> bool {
+    pub(crate) const fn has_unlit_radiance(self) -> bool {
         self.has(Effect::Emission) || self.has(Effect::Ambient) || self.has(Effect::Background)
     }
 

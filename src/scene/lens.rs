@@ -36,6 +36,7 @@ pub enum Aperture {
 
 /// Reasons why lens parameters are rejected, worded as advice.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum LensError {
     /// The radius is negative or not finite.
     #[error("the radius of the lens is {0}: give the aperture's radius in metres, 0 for a pinhole")]

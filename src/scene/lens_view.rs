@@ -7,7 +7,7 @@ use super::lens::{Aperture, Lens};
 
 impl Camera {
     /// Returns the lens prepared for this camera's rays; `None` for a pinhole or a lens of radius 0.
-    pub fn lens_view(&self) -> Option<LensView> {
+    pub(crate) fn lens_view(&self) -> Option<LensView> {
         self.lens
             .filter(|lens| lens.radius() > 0.0)
             .map(|lens| lens.view(self))

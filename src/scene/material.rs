@@ -43,7 +43,7 @@ pub struct Translucency {
 
 impl Translucency {
     /// Returns the diffuse reflection and transmission under a white base colour.
-    pub fn diffuse_transmission(&self) -> DiffuseTransmission {
+    pub(crate) fn diffuse_transmission(&self) -> DiffuseTransmission {
         DiffuseTransmission::from_diffuse_transmission(
             [1.0; 3],
             self.factor.into(),
@@ -206,7 +206,7 @@ impl Scene {
 
 impl Material {
     /// Returns whether a texture of `strength` on `parameter` can have an effect: a factor of zero stays zero.
-    pub fn is_affected_by(&self, parameter: MaterialInput, strength: f32) -> bool {
+    pub(crate) fn is_affected_by(&self, parameter: MaterialInput, strength: f32) -> bool {
         let [r, g, b, a] = self.base_color;
         match (parameter, &self.model) {
             // Coverage only counts unless the surface is opaque
@@ -244,11 +244,6 @@ impl Material {
             base_color: [base_color[0], base_color[1], base_color[2], 1.0],
             ..Material::default()
         }
-    }
-
-    /// Returns whether the material has textures and so varies over the surface.
-    pub fn is_textured(&self) -> bool {
-        !self.layers.is_empty()
     }
 
     /// Returns the texture bound to `parameter`, if there is one.
@@ -292,7 +287,7 @@ impl Material {
 
     /// Returns whether the surface may reflect an image. A texture multiplies the roughness factor, so it can only make
     /// a surface smoother.
-    pub fn may_mirror(&self) -> bool {
+    pub(crate) fn may_mirror(&self) -> bool {
         match &self.model {
             Model::MetallicRoughness(model) => {
                 // Inputs whose textures may make the surface smoother

@@ -8,18 +8,13 @@ use crate::numeric::Bounds;
 use crate::volume::Volume;
 
 impl Scene {
-    /// Returns whether the scene has a participating medium: a volume that is not empty, or fog.
-    pub fn has_medium(&self) -> bool {
-        self.has_fog() || self.volumes.iter().any(|volume| !volume.is_clear())
-    }
-
     /// Returns whether fog attenuates light.
-    pub fn has_fog(&self) -> bool {
+    pub(crate) fn has_fog(&self) -> bool {
         self.fog.is_some_and(|fog| fog.extinction() > 0.0)
     }
 
     /// Returns the world-space box around all volumes.
-    pub fn volume_bounds(&self) -> Bounds {
+    pub(crate) fn volume_bounds(&self) -> Bounds {
         let bounds = self.volumes.iter().map(Volume::bounds);
         bounds.fold(Bounds::EMPTY, Bounds::union)
     }
@@ -43,7 +38,7 @@ impl Scene {
     }
 
     /// Multiplies the length of ray-marching steps by `factor`, for every volume and the fog.
-    pub fn scale_march_steps(&mut self, factor: f64) {
+    pub(crate) fn scale_march_steps(&mut self, factor: f64) {
         for volume in &mut self.volumes {
             *volume = volume.clone().with_steps(factor);
         }

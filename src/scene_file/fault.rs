@@ -11,6 +11,7 @@ use super::value::Located;
 
 /// Reason why a scene file could not become a scene: one sentence with the file, the position, the item and the remedy.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SceneFileError {
     /// A fault of the file as a whole.
     #[error("{}: {fault}", .file.display())]

@@ -77,7 +77,7 @@ impl ShapeRay {
 
     /// Returns whether a hit at `t` is in range: within the interval, both ends included, and finite. False for NaN.
     #[inline(always)]
-    pub fn in_range(&self, t: f64) -> bool {
+    pub(crate) fn in_range(&self, t: f64) -> bool {
         self.t_near <= t && t <= self.t_far && t < f64::INFINITY
     }
 }

@@ -39,6 +39,7 @@ pub struct Polyhedron {
 
 /// Reason why a polyhedron is invalid; faces and half-spaces are counted from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PolyhedronError {
     /// Coordinate or coefficient that is infinite or NaN.
     #[error("vertex or half-space {0} of the polyhedron is not finite")]

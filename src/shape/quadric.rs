@@ -24,6 +24,7 @@ pub struct Quadric {
 
 /// Reason why a quadric is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum QuadricError {
     /// Coefficient that is infinite or NaN.
     #[error("a coefficient of the quadric is not finite")]

@@ -30,7 +30,7 @@ const BEHIND: usize = 3;
 
 impl Composite {
     /// Composite of an empty segment: no radiance, transmittance 1.
-    pub const CLEAR: Composite = Composite {
+    pub(crate) const CLEAR: Composite = Composite {
         sums: [0.0, 0.0, 0.0, 1.0],
         compensation: [0.0; 4],
     };

@@ -51,7 +51,7 @@ impl Fog {
 
     /// Returns the fog for lengths that are `scale`, a power of two, times as large: exact.
     #[must_use]
-    pub fn rescaled(&self, scale: f64) -> Fog {
+    pub(crate) fn rescaled(&self, scale: f64) -> Fog {
         Fog {
             extinction: self.extinction / scale,
             color: self.color,
@@ -63,7 +63,7 @@ impl Fog {
     /// Returns the fog with its step length multiplied by `factor`, or unchanged if the steps would become so short
     /// that a march hardly ends.
     #[must_use]
-    pub fn with_steps(self, factor: f64) -> Fog {
+    pub(crate) fn with_steps(self, factor: f64) -> Fog {
         let step = factor * self.step;
         let ends = self.extinction == 0.0 || self.extinction * step * MAX_STEPS >= 1.0;
         if ends { Fog { step, ..self } } else { self }

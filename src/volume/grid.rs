@@ -129,7 +129,7 @@ impl Grid {
     }
 
     /// Returns the map from the box [0, 1]³ to voxel space.
-    pub fn voxel_from_box(&self) -> DAffine3 {
+    pub(crate) fn voxel_from_box(&self) -> DAffine3 {
         let size = DVec3::from_array(self.size.map(|side| side as f64));
         DAffine3::from_translation(DVec3::splat(-0.5)) * DAffine3::from_scale(size)
     }

@@ -84,7 +84,7 @@ impl<'a> March<'a> {
     }
 
     /// Sets the transmittance at which a march stops, from 0 (never) to 1.
-    pub fn with_cutoff(self, cutoff: f64) -> March<'a> {
+    pub(crate) fn with_cutoff(self, cutoff: f64) -> March<'a> {
         March {
             cutoff_depth: -cutoff.ln(),
             ..self

@@ -81,6 +81,7 @@ pub struct Volume {
 
 /// Reasons to reject a volume. Each message is one sentence: the fault, its location and the remedy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum VolumeError {
     /// Number of samples that does not fill the grid.
     #[error(
@@ -197,7 +198,7 @@ impl Volume {
 
     /// Returns the volume in coordinates that are `scale`, a power of two, times as large, its cube placed by
     /// `world_from_cube`. Extinction and emission per unit of length are divided by `scale`.
-    pub fn rescaled(&self, scale: f64, world_from_cube: DAffine3) -> Result<Volume, VolumeError> {
+    pub(crate) fn rescaled(&self, scale: f64, world_from_cube: DAffine3) -> Result<Volume, VolumeError> {
         Ok(Volume {
             transfer: self.transfer.rescaled(scale),
             cube_from_world: inverse(&world_from_cube)?,
@@ -234,7 +235,7 @@ impl Volume {
     /// Returns the volume with its step length multiplied by `factor`, but not so short that its diameter takes more
     /// than `MAX_STEPS` steps.
     #[must_use]
-    pub fn with_steps(self, factor: f64) -> Volume {
+    pub(crate) fn with_steps(self, factor: f64) -> Volume {
         let diameter = 2.0 * DVec3::from_array(axis_lengths(&self.world_from_cube)).length();
         Volume {
             step: (factor * self.step).max(diameter / MAX_STEPS),

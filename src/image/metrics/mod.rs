@@ -88,6 +88,7 @@ pub struct Comparison {
 
 /// Reasons that two images cannot be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CompareError {
     /// Images of different sizes, whose pixels do not correspond.
     #[error(

@@ -2,14 +2,14 @@
 //! bits.
 
 /// Returns the upper and the lower 32 bits of every value.
-pub fn split_f64(values: &[f64]) -> [Vec<u32>; 2] {
+pub(crate) fn split_f64(values: &[f64]) -> [Vec<u32>; 2] {
     let upper = values.iter().map(|value| (value.to_bits() >> 32) as u32);
     let lower = values.iter().map(|value| value.to_bits() as u32);
     [upper.collect(), lower.collect()]
 }
 
 /// Returns the values with these upper and lower 32 bits, as many as the shorter slice has.
-pub fn join_f64(upper: &[u32], lower: &[u32]) -> Vec<f64> {
+pub(crate) fn join_f64(upper: &[u32], lower: &[u32]) -> Vec<f64> {
     upper
         .iter()
         .zip(lower)

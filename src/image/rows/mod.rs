@@ -17,7 +17,7 @@ use super::Attribute;
 
 pub use exr_reader::ExrScanlineReader;
 pub use exr_writer::ExrScanlineWriter;
-pub use f64_channels::{join_f64, split_f64};
+pub(crate) use f64_channels::{join_f64, split_f64};
 pub use png_writer::PngScanlineWriter;
 
 /// Layout of an EXR file with one part of scan lines.

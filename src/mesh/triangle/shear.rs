@@ -13,7 +13,7 @@ pub struct Shear {
 
 /// Returns the axis along which a direction is longest; the later one of equals.
 #[inline(always)]
-pub fn dominant_axis(direction: [f32; 3]) -> usize {
+pub(crate) fn dominant_axis(direction: [f32; 3]) -> usize {
     let [x, y, z] = direction;
     let (x, y, z) = (x.abs(), y.abs(), z.abs());
     if x > y && x > z {

@@ -158,7 +158,7 @@ impl AovSet {
     }
 
     /// Returns the number of layers in the set.
-    pub fn layer_count(self) -> usize {
+    pub(crate) fn layer_count(self) -> usize {
         self.kinds().map(|kind| kind.names().len()).sum()
     }
 }

@@ -90,7 +90,7 @@ impl Plan {
     }
 
     /// Returns the simulated effects that the scene does not need.
-    pub fn forced(&self) -> EffectSet {
+    pub(crate) fn forced(&self) -> EffectSet {
         self.forced
     }
 

@@ -19,9 +19,9 @@ impl Purpose {
     /// Position within the pixel.
     pub const FILM: Purpose = Purpose(0);
     /// Point on the lens.
-    pub const LENS: Purpose = Purpose(1);
+    pub(crate) const LENS: Purpose = Purpose(1);
     /// Time within the shutter interval: the first number of the pair.
-    pub const TIME: Purpose = Purpose(2);
+    pub(crate) const TIME: Purpose = Purpose(2);
     /// Point on a light, or direction towards the environment map.
     pub const LIGHT: Purpose = Purpose(3);
     /// Direction within the lobe of a rough surface.

@@ -64,6 +64,7 @@ pub enum AreaLight {
 
 /// Reason why an object cannot be an area light, worded as advice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum AreaLightError {
     /// Area that is zero, not finite, or outside the range of numbers.
     #[error("a light's area is zero or not finite: give it an extent, or make it a point light")]

@@ -132,11 +132,6 @@ impl ShapeLight {
         cells.sum::<f64>() / f64::from(CELLS * CELLS)
     }
 
-    /// Returns whether no point of the light is occluded by another point that faces the same side.
-    pub fn is_convex(&self) -> bool {
-        self.shape.is_solid() && !matches!(self.shape, Shape::Torus(_))
-    }
-
     /// Returns the part and the point that `u` selects, its outward unit normal, and the area there per unit of the
     /// random numbers' unit square.
     #[inline(always)]
@@ -307,7 +302,7 @@ mod tests {
                 _ => DVec3::new(0.05, 0.1, -0.4),
             };
             let light = light(shape, skew());
-            let is_convex = light.is_convex();
+            let is_convex = light.shape.is_solid() && !matches!(light.shape, Shape::Torus(_));
             let light = AreaLight::Shape(Box::new(light));
             let p = skew().transform_point3(inside);
             let around = mean(&light, p, 1024, |s| s.pdf.recip());

@@ -7,6 +7,7 @@ use crate::volume::VolumeError;
 /// Reasons that a file could not be read as a grid. Each message is one sentence: the fault, its location and the
 /// remedy.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReadError {
     /// File that the operating system cannot open or read.
     #[error("{}: cannot be read ({fault}): check the path and whether you may read the file", .file.display())]

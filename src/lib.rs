@@ -14,7 +14,8 @@
 //!
 //! Folders import only earlier ones: `parallel` · [`manual`] · [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`]
 //! [`image`] · [`scene`] · [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`jobs`] [`render`] · [`batch`] [`cost`]
-//! [`verify`] [`watch`] · [`report`]. `tests/ci/structure.py` checks it.
+//! [`verify`] [`watch`] · [`report`]. `tests/ci/structure.py` checks it. Modules that the list of modules below leaves out
+//! are the program's own and may change in any version.
 //!
 //! `unsafe` code is in three places: `accel/embree`, which calls C; `embree-sys`, which declares it; and the one function of
 //! `gltf/mmap.rs` that maps a file into memory.

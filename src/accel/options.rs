@@ -126,6 +126,8 @@ pub enum Kernel {
 }
 
 /// Settings for building and traversing an acceleration structure.
+///
+/// Construct it with `..AccelOptions::default()`: further fields may be added.
 #[derive(Clone, Default)]
 pub struct AccelOptions<'a> {
     /// Guarantee for rays near edges and vertices.

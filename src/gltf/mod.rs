@@ -58,6 +58,8 @@ use primitive::ReadPrimitive;
 use primitive_id::PrimitiveId;
 
 /// Limits and options for loading a file.
+///
+/// Construct it with `..LoadOptions::default()`: further fields may be added.
 #[derive(Clone, Debug)]
 pub struct LoadOptions {
     /// Largest number of texels of all images together; each takes 4 bytes.

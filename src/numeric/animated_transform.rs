@@ -92,7 +92,7 @@ impl AnimatedTransform {
 
     /// Returns a box in the target space that contains the object within `bounds` at all times; `boxed` returns a box
     /// of the object under a map.
-    pub(crate) fn bounds_of(&self, bounds: &Bounds, boxed: impl Fn(&DAffine3) -> Bounds) -> Bounds {
+    pub fn bounds_of(&self, bounds: &Bounds, boxed: impl Fn(&DAffine3) -> Bounds) -> Bounds {
         let steps = self.step_count();
         (0..=steps)
             .map(|step| self.step_bounds(bounds, [step, steps], &boxed))

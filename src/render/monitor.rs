@@ -7,6 +7,8 @@ use super::subset::Patch;
 use super::tile::Tile;
 
 /// Callbacks and cancellation flag that connect a render with its caller.
+///
+/// Construct it with `..Monitor::default()`: further fields may be added.
 #[derive(Clone, Copy)]
 pub struct Monitor<'a> {
     /// Callback that receives the finished fraction, from any thread.

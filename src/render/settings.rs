@@ -13,6 +13,8 @@ use crate::shading::ray_cone::RayCone;
 use crate::volume::SkipEmpty;
 
 /// Image size, sampling, effects and outputs of one render.
+///
+/// Construct it with `..RenderSettings::default()`: further fields may be added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RenderSettings {
     /// Pixels per row; at least 1.

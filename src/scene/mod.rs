@@ -47,6 +47,9 @@ pub use texture::{
     TextureBinding, TextureUse, UvTransform, Wrap,
 };
 pub use validate::SceneError;
+// Parts of materials
+pub use crate::optics::subsurface::{Scattering, SubsurfacePreset};
+pub use crate::optics::{Absorption, Cauchy, Dispersion, Sellmeier};
 pub(crate) use validate::check_camera;
 pub(crate) use validate_light::{MAX_LIGHT_SAMPLES, check_light};
 pub(crate) use validate_material::{check_procedural, check_scattering};

@@ -32,6 +32,7 @@ const MAX_SPP: u32 = 64;
 
 /// Result of a probe.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct Probe {
     /// Rays of the strips, and seconds of one thread.
     pub ledger: RenderProfile,

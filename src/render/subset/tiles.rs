@@ -23,6 +23,7 @@ use crate::scene::{Camera, Scene};
 
 /// Rendered tile of an image.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct SampledTile {
     /// Column of the left pixels in the whole image.
     pub x: u32,
@@ -36,6 +37,7 @@ pub struct SampledTile {
 
 /// Subset of the tiles of an image, with its statistics.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct TileSample {
     /// Tiles in the order of their selection.
     pub tiles: Vec<SampledTile>,

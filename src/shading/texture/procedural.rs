@@ -15,6 +15,7 @@ use crate::scene::{Pattern, Procedural, Space};
 
 /// Returns the linear RGBA at `p`, in the pattern's space but before its scale, averaged over a box of sides `width`
 /// there.
+#[inline]
 pub(super) fn sample(procedural: &Procedural, p: DVec3, width: DVec3) -> [f32; 4] {
     let scale = DVec3::from_array(procedural.scale);
     let second = second_color_weight(procedural.pattern, finite(scale * p), finite_width(scale * width));
@@ -86,12 +87,10 @@ fn second_color_weight(pattern: Pattern, p: DVec3, width: DVec3) -> f64 {
 fn mean_square_wave(x: f64, width: f64) -> f64 {
     let x = x - 2.0 * (0.5 * x).floor();
     let (low, high) = (x - 0.5 * width, x + 0.5 * width);
-    if low.floor() == high.floor() {
-        return if low.floor().rem_euclid(2.0) == 0.0 {
-            1.0
-        } else {
-            -1.0
-        };
+    let cell = low.floor();
+    if cell == high.floor() {
+        let is_even = 0.5 * cell == (0.5 * cell).floor();
+        return if is_even { 1.0 } else { -1.0 };
     }
     // The integral of the square wave is a triangle wave of height 1.
     let integral = |x: f64| 1.0 - (x.rem_euclid(2.0) - 1.0).abs();

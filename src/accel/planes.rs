@@ -136,7 +136,7 @@ fn moving_crossings(index: u32, plane: &Instance, packet: &RayPacket) -> Lanes<f
     })
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
+#[multiversion(targets = "simd")]
 fn nearest(planes: &[PlaneForm], packet: &mut RayPacket) {
     for plane in planes {
         let crossings = plane.crossings(packet);
@@ -160,7 +160,7 @@ fn take(instance: u32, crossings: &Lanes<f32>, packet: &mut RayPacket) {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
+#[multiversion(targets = "simd")]
 fn block(planes: &[PlaneForm], packet: &mut RayPacket) {
     for plane in planes {
         let crossings = plane.crossings(packet);

@@ -115,10 +115,7 @@ mod tests {
     use crate::optics::{dielectric, refract};
 
     /// Compiles the packet function for the instruction sets of the machine, as the renderer's kernels do.
-    #[multiversion(targets(
-        "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
-        "x86_64+avx2+bmi1+bmi2+fma"
-    ))]
+    #[multiversion(targets = "simd")]
     fn vectorised(
         d: &Lanes3<f64>,
         n: &Lanes3<f64>,

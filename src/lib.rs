@@ -13,9 +13,9 @@
 //! 4. [`image`] writes PNG and EXR files.
 //!
 //! Folders import only earlier ones: `parallel` · [`manual`] · [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`]
-//! [`image`] · [`scene`] · [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`jobs`] [`render`] · [`batch`] [`cost`]
-//! [`verify`] [`watch`] · [`report`]. `tests/ci/structure.py` checks it. Modules that the list of modules below leaves out
-//! are the program's own and may change in any version.
+//! [`image`] · [`scene`] · [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`jobs`] [`render`] · [`batch`]
+//! [`measure`] · [`bench`] [`cost`] [`verify`] [`watch`] · [`report`]. `tests/ci/structure.py` checks it. Modules that the
+//! list of modules below leaves out are the program's own and may change in any version.
 //!
 //! `unsafe` code is in three places: `accel/embree`, which calls C; `embree-sys`, which declares it; and the one function of
 //! `gltf/mmap.rs` that maps a file into memory.
@@ -122,12 +122,16 @@ pub mod accel;
 #[doc(hidden)]
 pub mod batch;
 #[doc(hidden)]
+pub mod bench;
+#[doc(hidden)]
 pub mod cost;
 pub mod gltf;
 pub mod image;
 #[doc(hidden)]
 pub mod jobs;
 pub mod manual;
+#[doc(hidden)]
+pub mod measure;
 pub mod mesh;
 pub mod numeric;
 #[doc(hidden)]

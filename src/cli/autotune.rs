@@ -2,12 +2,11 @@
 
 use std::time::Instant;
 
-use whit::cost::{self, Configuration, CostError, Experiment, Keep, Observer, SceneChange, StudyResult};
+use whit::cost::{self, Configuration, Experiment, SceneChange, StudyResult};
 use whit::render::RenderSettings;
 use whit::scene::{Camera, Scene};
 
 use super::failure::Failure;
-use super::interrupt;
 use super::job::{RenderJob, ResolvedSettings, SettingsSearch};
 use super::progress::Progress;
 
@@ -38,29 +37,7 @@ pub(super) fn find_settings(
         threads: tracing.threads,
         isa: tracing.isa.clone(),
         unfinished: None,
+        keep: None,
     };
-    run(&experiment, progress, None)
-}
-
-/// Runs an experiment and displays its progress; `keep` gets the state from which the experiment could be resumed.
-pub(super) fn run(
-    experiment: &Experiment,
-    progress: &Progress,
-    keep: Option<Keep<'_>>,
-) -> Result<StudyResult, Failure> {
-    // Connect the progress display and the cancellation flag
-    let watcher = Observer {
-        progress: &|what, fraction| {
-            progress.show_activity(what);
-            progress.fraction(fraction);
-        },
-        cancel: &interrupt::CANCELLED,
-        keep,
-    };
-    // Translate errors to those of commands
-    cost::run(experiment, &watcher).map_err(|error| match error {
-        CostError::Cancelled(_) => Failure::Interrupted,
-        CostError::Accel(error) => error.into(),
-        other => Failure::Input(other.to_string()),
-    })
+    Ok(progress.observe(|observer| cost::run(&experiment, observer))?)
 }

@@ -1,37 +1,39 @@
 //! Command `whit bench`: compares Embree and the BSP on the same recorded rays.
 
 mod job;
-mod rows;
 mod scenes;
-mod seconds;
-mod structures;
 mod sweep;
-mod times;
 
+use std::path::Path;
+
+use serde::Serialize;
 use whit::accel::{AccelError, Instancing};
+use whit::bench::{BenchRow, measure_backends, measure_bounding_volumes};
 use whit::image::check_writable;
-use whit::report::bench::{BenchRow, BenchTable};
+use whit::report::bench::BenchTable;
+use whit::report::extents::BoundingVolumeTable;
 use whit::report::{bench_page, crossover};
 
 use super::args::BenchArgs;
-use super::bench_bounding_volumes;
 use super::failure::Failure;
 use super::interrupt;
 use super::job::check_instancing;
 use super::output;
-use rows::bench_scene;
-
-pub(super) use job::BenchJob;
-pub(super) use scenes::{BenchScene, Reporter, Subject, measure_scenes, write_json};
+use scenes::{Reporter, Subject, measure_scenes};
 
 /// Measures all scenes or generated meshes of the arguments.
 pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
-    if args.extents {
-        return bench_bounding_volumes::run(args);
-    }
     // Check the output files and the flags before anything is measured
     for path in [&args.json, &args.html].into_iter().flatten() {
         check_writable(path)?;
+    }
+    if args.extents {
+        let reporter = Reporter {
+            table: |rows: &[_]| BoundingVolumeTable(rows).to_string(),
+            write: |rows: &[_]| write_json(args.json.as_deref(), rows),
+        };
+        measure_scenes(args, &Subject::files(args), measure_bounding_volumes, reporter)?;
+        return Ok(());
     }
     let needs_embree = args.tracing.isa.is_some() || args.tracing.instancing != Instancing::Auto;
     if needs_embree && !cfg!(feature = "embree") {
@@ -51,7 +53,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         table: |rows: &[BenchRow]| BenchTable(rows).to_string(),
         write: |rows: &[BenchRow]| write(args, rows),
     };
-    let rows = measure_scenes(args, &subjects, bench_scene, reporter)?;
+    let rows = measure_scenes(args, &subjects, measure_backends, reporter)?;
     if args.sweep {
         output::print(&crossover::text(&rows))?;
     }
@@ -60,7 +62,7 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
 
 /// Writes the JSON file and the HTML page that the arguments request.
 fn write(args: &BenchArgs, rows: &[BenchRow]) -> Result<(), Failure> {
-    write_json(args, rows)?;
+    write_json(args.json.as_deref(), rows)?;
     let Some(path) = &args.html else { return Ok(()) };
     let facts = bench_page::Facts {
         is_sweep: args.sweep,
@@ -68,4 +70,12 @@ fn write(args: &BenchArgs, rows: &[BenchRow]) -> Result<(), Failure> {
         date: args.date.as_deref(),
     };
     interrupt::without_interruption(|| output::write_text(path, &bench_page::page(rows, &facts)))
+}
+
+/// Writes all rows as JSON if there is a path.
+fn write_json(path: Option<&Path>, rows: &[impl Serialize]) -> Result<(), Failure> {
+    match path {
+        Some(path) => interrupt::without_interruption(|| output::write_json(path, &rows)),
+        None => Ok(()),
+    }
 }

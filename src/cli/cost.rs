@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use whit::accel::{AccelError, Backend};
 use whit::cost::{
-    Configuration, Experiment, Keep, Measured, SceneChange, Settings, SettingsFile, StudyCheckpoint,
+    self, Configuration, Experiment, Keep, Measured, SceneChange, Settings, SettingsFile, StudyCheckpoint,
     StudyResult, Target,
 };
 use whit::image::metrics::{self, Viewing};
@@ -20,7 +20,6 @@ use whit::scene::EffectSet;
 use whit::scene_file::{Output, SceneFile};
 
 use super::args::CostArgs;
-use super::autotune;
 use super::callgrind;
 use super::failure::Failure;
 use super::interrupt;
@@ -126,6 +125,18 @@ fn measure(
     let tone = ToneMap {
         exposure_ev: output.exposure.unwrap_or(0.0),
     };
+    // Save checkpoints into the folder
+    let keep = folder.map(|folder| {
+        |bytes: &[u8]| {
+            let kept = interrupt::without_interruption(|| {
+                write_atomically(&folder.unfinished, |file| file.write_all(bytes))
+            });
+            // A checkpoint that cannot be written does not stop the study.
+            if let Err(error) = kept {
+                progress.warn(&format!("cannot save the measurements so far: {error}"));
+            }
+        }
+    });
     // Describe the experiment
     let experiment = Experiment {
         scene: &scene,
@@ -150,23 +161,12 @@ fn measure(
         threads: tracing.threads,
         isa: tracing.isa.clone(),
         unfinished,
+        keep: keep.as_ref().map(|keep| keep as Keep),
     };
-    // Measure, and save checkpoints into the folder
+    // Measure
     progress.phase(&name, "measure");
-    let keep = |bytes: &[u8]| {
-        let Some(folder) = folder else {
-            return;
-        };
-        let kept = interrupt::without_interruption(|| {
-            write_atomically(&folder.unfinished, |file| file.write_all(bytes))
-        });
-        // A checkpoint that cannot be written does not stop the study.
-        if let Err(error) = kept {
-            progress.warn(&format!("cannot save the measurements so far: {error}"));
-        }
-    };
-    let findings = autotune::run(&experiment, progress, folder.map(|_| &keep as Keep<'_>));
-    let mut findings = findings.map_err(|failure| match (failure, folder) {
+    let findings = progress.observe(|observer| cost::run(&experiment, observer));
+    let mut findings = findings.map_err(|error| match (error.into(), folder) {
         (Failure::Input(words), Some(folder)) if args.resume => {
             Failure::Input(format!("{} {words}", folder.unfinished.display()))
         }

@@ -1,6 +1,8 @@
 //! Errors of commands: one sentence for the user and an exit code for the calling process.
 
 use whit::accel::AccelError;
+use whit::bench::BenchError;
+use whit::cost::CostError;
 use whit::gltf::GltfError;
 use whit::image::ImageError;
 use whit::render::Cancelled;
@@ -111,6 +113,26 @@ impl From<AccelError> for Failure {
         match error {
             AccelError::NoEmbree => Failure::Input(error.to_string()),
             _ => Failure::Work(error.to_string()),
+        }
+    }
+}
+
+impl From<BenchError> for Failure {
+    fn from(error: BenchError) -> Failure {
+        match error {
+            BenchError::Cancelled(_) => Failure::Interrupted,
+            BenchError::Accel(error) => error.into(),
+            BenchError::Thread(_) => Failure::Work(error.to_string()),
+        }
+    }
+}
+
+impl From<CostError> for Failure {
+    fn from(error: CostError) -> Failure {
+        match error {
+            CostError::Cancelled(_) => Failure::Interrupted,
+            CostError::Accel(error) => error.into(),
+            CostError::Other => Failure::Input(error.to_string()),
         }
     }
 }

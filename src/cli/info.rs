@@ -2,11 +2,10 @@
 
 use whit::report::info::SceneInfo;
 
-use super::ablation::AblationJob;
 use super::args::InfoArgs;
 use super::failure::Failure;
 use super::forecast::{self, ForecastResult};
-use super::{output, scene};
+use super::{ablation, output, scene};
 
 /// Prints the contents of the scene, with costs and a forecast if requested.
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
@@ -18,7 +17,7 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
     )?;
     // Measure the costs of effects, or forecast their shares of the time
     let prices = if args.ablation.prices {
-        Some(AblationJob::new(args, &loaded.output)?.run(&loaded)?)
+        Some(ablation::run(args, &loaded)?)
     } else {
         None
     };

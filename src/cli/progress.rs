@@ -7,9 +7,11 @@ mod time_left;
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use whit::measure::Observer;
 
 use super::events::{self, Event};
 use super::failure::Failure;
+use super::interrupt;
 use super::standard_error;
 use lines::Lines;
 
@@ -100,17 +102,23 @@ impl Progress {
         }
     }
 
-    /// Displays the current activity within the phase.
-    pub(super) fn show_activity(&self, what: &str) {
-        self.bar.set_message(what.to_owned());
-    }
-
     /// Displays the finished fraction of the phase, from 0 to 1; callable from any thread.
     pub(super) fn fraction(&self, fraction: f64) {
         match &self.lines {
             Some(lines) => lines.fraction(fraction),
             None => self.bar.set_position((fraction * STEPS) as u64),
         }
+    }
+
+    /// Runs a measurement whose steps are displayed, and which Ctrl-C cancels.
+    pub(super) fn observe<T>(&self, measure: impl FnOnce(&Observer) -> T) -> T {
+        measure(&Observer {
+            progress: &|step, fraction| {
+                self.bar.set_message(step.to_owned());
+                self.fraction(fraction);
+            },
+            cancel: &interrupt::CANCELLED,
+        })
     }
 
     /// Prints a warning above the bar, unless quiet.

@@ -1,16 +1,14 @@
 //! Choice of settings for a target: predict, measure, and measure again on images that were not used for the choice.
 
-use std::time::{Duration, Instant};
-
 use super::accumulated_reference::AccumulatedReference;
-use super::blocks::{Blocks, Protocol};
 use super::layout::Layout;
 use super::predict::{Prediction, floor, forecasts};
 use super::target::{Goal, Target};
 use super::tuner::{Search, Trial};
 use super::view::area;
 use super::workspace::Workspace;
-use super::{Choice, Configuration, CostError, ErrorEstimate, ImageSums, Knob, Point};
+use super::{Choice, Configuration, CostError, ErrorEstimate, ImageSums, Interval, Knob, Point};
+use crate::measure::{Blocks, Protocol};
 use crate::render::Pattern;
 
 /// Blocks by which settings are compared during the search.
@@ -155,14 +153,8 @@ impl Workspace<'_, '_> {
         (count, seed): (usize, u32),
     ) -> Result<Trial, CostError> {
         let mut sums = ImageSums::new(&reference.halves);
-        // The number of blocks is fixed, so that the deadline has no effect.
-        let protocol = Protocol {
-            least: count,
-            most: count,
-            deadline: Instant::now() + Duration::from_secs(1),
-            seed: u64::from(seed),
-        };
-        let blocks = Blocks::measure(2, &protocol, |who, block| {
+        let protocol = Protocol::of_blocks(count, u64::from(seed));
+        let blocks = Blocks::measure(2, &protocol, &|_| {}, |who, block| {
             self.report_step("choose");
             let turn = if who == 0 { base } else { configuration };
             let (rendering, seconds) = self.render_image(turn, layout.view, seed + block as u32)?;
@@ -174,8 +166,8 @@ impl Workspace<'_, '_> {
         let error: ErrorEstimate = sums.estimate(&reference.halves, u64::from(seed));
         Ok(Trial {
             rmse: error.rmse(),
-            seconds: blocks.seconds(1),
-            time_ratio: blocks.ratio(1, 0),
+            seconds: Interval::of_median(&blocks.seconds(1)),
+            time_ratio: Interval::of_median(&blocks.ratios(1, 0)),
         })
     }
 }

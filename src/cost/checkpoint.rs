@@ -6,13 +6,13 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::accumulated_reference::AccumulatedReference;
-use super::blocks::Blocks;
 use super::error::ImageSums;
 use super::knob::{Knob, LevelRange};
 use super::layout::Layout;
 use super::target::Target;
 use super::view::View;
 use crate::image::LinearImage;
+use crate::measure::Blocks;
 use crate::render::PatchGrid;
 
 /// Format line at the start of the file.

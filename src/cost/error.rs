@@ -6,9 +6,9 @@
 //! expectation. Values are displayed values, clipped to the range from 0 (black) to 1 (white).
 
 use super::Interval;
-use super::statistics::bootstrap;
 use crate::image::metrics::as_displayed;
 use crate::image::{LinearImage, ToneMap};
+use crate::measure::bootstrap;
 
 /// Default side of the pixel blocks that intervals are resampled from, in pixels; neighbouring pixels are correlated by
 /// shared edges and textures.

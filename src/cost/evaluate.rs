@@ -6,7 +6,8 @@ use super::measure::Measured;
 use super::view::View;
 use super::workspace::Workspace;
 use super::{
-    Configuration, Curve, HitPath, Knob, ParetoPoint, Point, Reference, Study, StudyResult, front, slope,
+    Configuration, Curve, HitPath, Interval, Knob, ParetoPoint, Point, Reference, Study, StudyResult, front,
+    slope,
 };
 use crate::image::metrics::{Metrics, Tally, Viewing};
 use crate::parallel;
@@ -49,8 +50,8 @@ impl Workspace<'_, '_> {
                     build_seconds: self.built(&candidate.configuration).seconds,
                     build_bytes: self.built(&candidate.configuration).accel.report().bytes,
                     ready_seconds: renderings[place].ready_seconds,
-                    seconds: measured.blocks.seconds(place),
-                    time_ratio: measured.blocks.ratio(place, 0),
+                    seconds: Interval::of_median(&measured.blocks.seconds(place)),
+                    time_ratio: Interval::of_median(&measured.blocks.ratios(place, 0)),
                     rmse: error.rmse(),
                     bias_squared: error.bias_squared,
                     variance: error.variance(),
@@ -155,7 +156,6 @@ fn falling(points: &[Point], places: &[usize]) -> Vec<(f64, f64)> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Interval;
     use super::*;
 
     fn point(knob: Option<Knob>, seconds: f64, rmse: f64) -> Point {

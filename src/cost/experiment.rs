@@ -1,4 +1,4 @@
-//! Input of a study: scene, base configuration, limits and callbacks.
+//! Input of a study: scene, base configuration, limits and checkpoints.
 
 use std::time::Instant;
 
@@ -33,26 +33,17 @@ pub struct Experiment<'a> {
     pub isa: Option<String>,
     /// Checkpoint of an interrupted study that is resumed; `start` is then earlier by the time that it had taken.
     pub unfinished: Option<StudyCheckpoint>,
-}
-
-/// Function that stores a checkpoint, in the bytes that [`StudyCheckpoint::parse`] reads.
-pub type Keep<'a> = &'a dyn Fn(&[u8]);
-
-/// Callbacks of a long experiment: progress, cancellation and checkpoints.
-#[derive(Clone, Copy)]
-pub struct Observer<'a> {
-    /// Progress callback with the current step and the finished fraction of the whole.
-    pub progress: &'a dyn Fn(&str, f64),
-    /// Flag that stops the experiment when set.
-    pub cancel: &'a std::sync::atomic::AtomicBool,
     /// Checkpoint callback, called at intervals so that an interruption loses little.
     pub keep: Option<Keep<'a>>,
 }
 
+/// Function that stores a checkpoint, in the bytes that [`StudyCheckpoint::parse`] reads.
+pub type Keep<'a> = &'a (dyn Fn(&[u8]) + Sync);
+
 /// Reasons for which a study ends without a result.
 #[derive(Debug, thiserror::Error)]
 pub enum CostError {
-    /// Cancellation by the watcher's flag.
+    /// Cancellation by the observer's flag.
     #[error("interrupted")]
     Cancelled(#[from] Cancelled),
     /// Checkpoint that belongs to another scene, other settings or another version.

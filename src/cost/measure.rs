@@ -3,12 +3,12 @@
 use std::time::{Duration, Instant};
 
 use super::accumulated_reference::AccumulatedReference;
-use super::blocks::{Blocks, Protocol};
 use super::budget::MEASURED_PART;
 use super::checkpoint::{CheckpointData, checksum};
 use super::layout::Layout;
 use super::workspace::Workspace;
 use super::{CostError, ImageSums, Knob, StudyCheckpoint};
+use crate::measure::{Blocks, Protocol};
 use crate::render::Rendering;
 
 /// Least number of blocks, without and with a target, and the largest number.
@@ -77,7 +77,7 @@ impl Workspace<'_, '_> {
             })?;
             longest = longest.max(seconds);
             // Store a checkpoint
-            if let Some(keep) = self.observer.keep
+            if let Some(keep) = self.experiment.keep
                 && kept.is_none_or(|kept| kept.elapsed() >= KEEP_EVERY)
             {
                 let base = first[0].as_ref();

@@ -4,12 +4,11 @@
 //! A [`Configuration`] is a way of rendering a scene; measured configurations differ from the *base* in one [`Knob`]
 //! each. Errors are taken against two independent halves of a reference, so that the reference's own noise does not
 //! count ([`SplitReference`]). Times are ratios to the base in a randomised block design: every configuration runs once per
-//! block ([`blocks`]). For a target, effects of single levels predict combinations, which orders what to measure
+//! block ([`crate::measure`]). For a target, effects of single levels predict combinations, which orders what to measure
 //! ([`forecasts`]). Every reported value has a 95 % confidence interval.
 
 mod accumulated_reference;
 mod autotune;
-pub mod blocks;
 mod budget;
 mod checkpoint;
 mod configuration;
@@ -27,7 +26,6 @@ mod predict;
 mod reference;
 mod run;
 mod settings;
-pub mod statistics;
 mod study;
 mod study_result;
 mod target;
@@ -35,11 +33,12 @@ mod tuner;
 mod view;
 mod workspace;
 
+pub use crate::measure::{Interval, Timing};
 pub use checkpoint::StudyCheckpoint;
 pub use configuration::{Configuration, HitPath, SceneChange};
 pub use convergence_rate::slope;
 pub use error::{DisplayImage, ErrorEstimate, ImageSums, SplitReference};
-pub use experiment::{CostError, Experiment, Keep, Observer};
+pub use experiment::{CostError, Experiment, Keep};
 pub use geometric_errors::GeometricErrors;
 pub use geometry::ReferenceResults;
 pub use knob::{Knob, LevelRange, knobs};
@@ -47,7 +46,6 @@ pub use pareto::{ParetoPoint, front, knee};
 pub use predict::{Prediction, forecasts, with_knob};
 pub use run::run;
 pub use settings::{Measured, Settings, SettingsFile};
-pub use statistics::Interval;
-pub use study::{Check, Choice, Curve, Point, Reference, Study, Timing};
+pub use study::{Check, Choice, Curve, Point, Reference, Study};
 pub use study_result::{PatchReference, StudyResult};
 pub use target::{Goal, Target};

@@ -8,7 +8,8 @@ use super::layout::Layout;
 use super::measure::Measured;
 use super::reference::{checks, stricter, strictest_configuration};
 use super::workspace::Workspace;
-use super::{CostError, Experiment, HitPath, Observer, PatchReference, SceneChange, StudyResult};
+use super::{CostError, Experiment, HitPath, PatchReference, SceneChange, StudyResult};
+use crate::measure::Observer;
 use crate::render::Plan;
 use crate::scene::Scene;
 

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::target::Target;
-use super::{GeometricErrors, Interval, Knob, ParetoPoint, knee};
+use super::{GeometricErrors, Interval, Knob, ParetoPoint, Timing, knee};
 
 /// All measurements of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -85,21 +85,6 @@ pub struct Check {
     pub holds: bool,
     /// Measured value and its bound, in words.
     pub words: String,
-}
-
-/// Conditions under which times were measured.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Timing {
-    /// Number of blocks that count; every configuration runs once in each.
-    pub blocks: usize,
-    /// Number of blocks that do not count because the machine was busy.
-    pub dropped: usize,
-    /// Largest deviation of the calibration kernel among the blocks that count, as a fraction of its median.
-    pub calibration_spread: f64,
-    /// Seconds that the whole study took.
-    pub spent: f64,
-    /// Seconds that the study was allowed to take.
-    pub budget: f64,
 }
 
 /// Measured configuration with its times and errors.

@@ -5,12 +5,11 @@ use std::collections::HashMap;
 use std::time::Instant;
 
 use super::view::{View, area};
-use super::{Configuration, CostError, DisplayImage, Experiment, HitPath, Observer, SceneChange};
+use super::{Configuration, CostError, DisplayImage, Experiment, HitPath, SceneChange};
 use crate::accel::{self, Accel, AccelOptions};
 use crate::image::LinearImage;
-use crate::render::{
-    AovSet, LightAovs, Monitor, PatchGrid, RenderSettings, Rendering, render, render_patches,
-};
+use crate::measure::Observer;
+use crate::render::{AovSet, LightAovs, PatchGrid, RenderSettings, Rendering, render, render_patches};
 use crate::scene::Scene;
 
 /// Acceleration structure with its build time in seconds.
@@ -124,11 +123,7 @@ impl Workspace<'_, '_> {
             cost_aovs: false,
             ..configuration.settings
         };
-        let monitor = Monitor {
-            progress: &|_| {},
-            cancel: self.observer.cancel,
-            tiles: None,
-        };
+        let monitor = self.observer.monitor();
         // Render the view and measure the time
         let scene = &self.scenes[self.scene_index(&configuration.change)].1;
         let accel = &*self.built(configuration).accel;

@@ -1,6 +1,6 @@
 //! Formatting of numbers for reports.
 
-use crate::cost::Interval;
+use crate::measure::Interval;
 
 /// Formats a fraction as a percentage with at most two significant digits, as measured times are not more accurate.
 pub(super) fn percent(part: f64) -> String {

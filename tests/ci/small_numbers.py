@@ -26,7 +26,7 @@ ALLOWED = [
     ("accel/extents/hull.rs", "1e-5", "of the map's own scale"),
     ("accel/extents/guard.rs", "1.972_152_3e-31", "2^-102, whose reciprocal f32 still holds"),
     ("render/adaptive/target.rs", "1e-6", "the least target that the command line takes"),
-    ("cli/bench/rows.rs", "1e-6", "rays in millions"),
+    ("bench/times.rs", "1e-6", "rays in millions"),
     ("cost/knob.rs", "1e-7", "a place of a knob that shows what such offsets do"),
     ("cost/knob.rs", "1e-5", "a place of a knob that shows what such offsets do"),
     ("numeric/animated_transform.rs", "1e-9", "an iteration's step, of a matrix whose scale was taken out"),

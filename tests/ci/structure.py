@@ -17,8 +17,8 @@ SOURCE = Path(__file__).resolve().parents[2] / "src"
 
 # Folders (or files of the same name) in layers: each may import its own layer's earlier entries and all earlier layers.
 LAYERS = """
-    parallel manual numeric shape mesh optics volume image scene shading gltf accel scene_file jobs render batch cost
-    verify watch report cli main
+    parallel manual numeric shape mesh optics volume image scene shading gltf accel scene_file jobs render batch measure
+    bench cost verify watch report cli main
 """.split()
 
 # Limits are what there is today, or better: lower them when a count falls.

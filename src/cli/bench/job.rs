@@ -12,18 +12,17 @@ use whit::report::memory;
 use whit::scene_file::Output;
 
 /// Checked parameters of `whit bench` for all scenes.
-pub(in crate::cli) struct BenchJob {
+pub(super) struct BenchJob {
     /// Image settings of the command line; the scene may give those that are absent.
     requested: Output,
-    pub(in crate::cli) tracing: Tracing,
-    pub(in crate::cli) repeat: u32,
+    pub(super) tracing: Tracing,
     /// Thread pools of the scaling measurement, fewest threads first; empty without `--scaling`.
     pub(super) scaling: Vec<ThreadPool>,
 }
 
 impl BenchJob {
     /// Checks the arguments and starts the thread pools.
-    pub(in crate::cli) fn new(args: &BenchArgs) -> Result<BenchJob, Failure> {
+    pub(super) fn new(args: &BenchArgs) -> Result<BenchJob, Failure> {
         let tracing = Tracing::new(&args.tracing);
         // Start a pool for each thread count of the scaling measurement
         let counts = match args.scaling {
@@ -37,13 +36,12 @@ impl BenchJob {
                 ..requested(&args.frame)
             },
             tracing,
-            repeat: args.repeat,
             scaling: counts.into_iter().map(pool).collect::<Result<_, _>>()?,
         })
     }
 
     /// Returns the render settings for a scene whose file gives the image settings `output`.
-    pub(in crate::cli) fn settings(&self, output: &Output) -> Result<RenderSettings, Failure> {
+    pub(super) fn settings(&self, output: &Output) -> Result<RenderSettings, Failure> {
         let mut requested = self.requested.or(output);
         requested.spp = requested.spp.or(Some(DEFAULT_BENCH_SPP));
         let settings = settings(&requested)?;

@@ -2,33 +2,21 @@
 
 use std::path::Path;
 
-use rayon::ThreadPool;
-use serde::Serialize;
-
 use super::job::BenchJob;
 use super::sweep;
 use crate::cli::args::BenchArgs;
 use crate::cli::failure::Failure;
-use crate::cli::interrupt;
 use crate::cli::job::choose_camera;
 use crate::cli::output;
 use crate::cli::progress::{Progress, Verbosity};
 use crate::cli::scene;
+use whit::bench::{BenchError, BenchOptions, MeasuredScene};
 use whit::parallel;
-use whit::render::RenderSettings;
-use whit::scene::{Camera, EffectSet, Scene};
+use whit::scene::{EffectSet, Scene};
 use whit::scene_file::{Output, SceneFile};
 
-/// Writes all rows as JSON if the arguments request it.
-pub(in crate::cli) fn write_json(args: &BenchArgs, rows: &[impl Serialize]) -> Result<(), Failure> {
-    match &args.json {
-        Some(path) => interrupt::without_interruption(|| output::write_json(path, &rows)),
-        None => Ok(()),
-    }
-}
-
 /// Source of a scene to measure.
-pub(in crate::cli) enum Subject<'a> {
+pub(super) enum Subject<'a> {
     /// Scene file at this path.
     File(&'a Path),
     /// Generated mesh of about this many triangles.
@@ -37,7 +25,7 @@ pub(in crate::cli) enum Subject<'a> {
 
 impl<'a> Subject<'a> {
     /// Returns the scene files that the arguments name.
-    pub(in crate::cli) fn files(args: &'a BenchArgs) -> Vec<Subject<'a>> {
+    pub(super) fn files(args: &'a BenchArgs) -> Vec<Subject<'a>> {
         args.scenes.iter().map(|path| Subject::File(path)).collect()
     }
 
@@ -60,32 +48,23 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// Scene to measure, with its camera and settings.
-pub(in crate::cli) struct BenchScene<'s> {
-    pub(in crate::cli) path: &'s Path,
-    pub(in crate::cli) name: &'s str,
-    pub(in crate::cli) scene: &'s Scene,
-    pub(in crate::cli) camera: &'s Camera,
-    pub(in crate::cli) settings: RenderSettings,
-}
-
 /// Functions that output the rows.
-pub(in crate::cli) struct Reporter<Table, Write> {
+pub(super) struct Reporter<Table, Write> {
     /// Function that formats the rows of one scene as a table for the terminal.
-    pub(in crate::cli) table: Table,
+    pub(super) table: Table,
     /// Function that writes all rows so far; called after each scene, so that later failures lose nothing.
-    pub(in crate::cli) write: Write,
+    pub(super) write: Write,
 }
 
 /// Measures each scene with `measure` and reports its rows; returns the rows of all scenes.
-pub(in crate::cli) fn measure_scenes<Row>(
+pub(super) fn measure_scenes<Row>(
     args: &BenchArgs,
     subjects: &[Subject],
-    measure: impl Fn(&BenchJob, BenchScene, &ThreadPool, &Progress) -> Result<Vec<Row>, Failure>,
+    measure: impl Fn(&MeasuredScene, &BenchOptions) -> Result<Vec<Row>, BenchError>,
     reporter: Reporter<impl Fn(&[Row]) -> String, impl Fn(&[Row]) -> Result<(), Failure>>,
 ) -> Result<Vec<Row>, Failure> {
     let job = BenchJob::new(args)?;
-    let pool = job.tracing.pool()?;
+    let (pool, accel) = (job.tracing.pool()?, job.tracing.options());
     let progress = Progress::new(Verbosity::Normal);
     let mut rows = Vec::new();
     for subject in subjects {
@@ -100,19 +79,27 @@ pub(in crate::cli) fn measure_scenes<Row>(
         // Load or generate the scene
         progress.phase(&name, "load");
         let (scene, output) = parallel::install(&pool, || subject.scene())?;
-        let path = Path::new(&name);
-        let bench_scene = BenchScene {
-            path,
+        let measured = MeasuredScene {
             name: &name,
             settings: job.settings(&output)?,
-            camera: choose_camera(&scene, path, None)?,
+            camera: choose_camera(&scene, Path::new(&name), None)?,
             scene: &scene,
         };
         for warning in &scene.warnings {
             progress.warn(&format!("{name}: {warning}"));
         }
         // Measure and report it
-        let of_scene = measure(&job, bench_scene, &pool, &progress)?;
+        progress.phase(&name, "build");
+        let of_scene = progress.observe(|observer| {
+            let options = BenchOptions {
+                accel: &accel,
+                repeat: args.repeat as usize,
+                pool: &pool,
+                scaling: &job.scaling,
+                observer,
+            };
+            measure(&measured, &options)
+        })?;
         progress.suspend(|| output::print(&(reporter.table)(&of_scene)))?;
         rows.extend(of_scene);
         (reporter.write)(&rows)?;

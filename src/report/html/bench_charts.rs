@@ -2,9 +2,10 @@
 
 use super::page::{BarEntry, Bars, Chart, DataPoint, Group, Line, LogAxis, Series, SeriesStyle, escape};
 use crate::accel::{Backend, Precision};
+use crate::bench::{BenchRow, Mode, RayKind, Scaled};
 use crate::cost::Interval;
 use crate::report::format::{range, significant};
-use crate::report::text::bench::{BenchRow, Mode, RayKind, Scaled, seen_before};
+use crate::report::text::bench::seen_before;
 use crate::report::text::table::group_thousands;
 
 /// Labels of the charts' axes.

@@ -6,11 +6,12 @@ use std::thread;
 use super::bench_charts;
 use super::page::{self, Cell, Column, Table, escape};
 use crate::accel::Backend;
+use crate::bench::{BenchRow, Mode};
 use crate::cost::Interval;
 use crate::report::cpu;
 use crate::report::format::{percent, range, significant, times};
 use crate::report::memory;
-use crate::report::text::bench::{BenchRow, BenchTable, Mode, build_efficiency, efficiency, seen_before};
+use crate::report::text::bench::{BenchTable, build_efficiency, efficiency, seen_before};
 use crate::report::text::crossover;
 use crate::report::text::table::group_thousands;
 
@@ -356,8 +357,8 @@ fn protocol(rows: &[BenchRow], facts: &Facts) -> String {
 mod tests {
     use super::*;
     use crate::accel::EmbreeIdentity;
+    use crate::bench::{FrameTime, Scaled, ScaledBuild};
     use crate::report::text::bench::tests::row;
-    use crate::report::text::bench::{FrameTime, Scaled, ScaledBuild};
 
     const FACTS: Facts = Facts {
         is_sweep: true,

@@ -1,249 +1,11 @@
-//! Result rows of a benchmark: `whit bench`.
+//! Text table of a benchmark: `whit bench`.
 
 use std::fmt;
-use std::path::PathBuf;
 
-use serde::Serialize;
-
-use crate::accel::{Backend, EmbreeIdentity, Instancing, Precision};
-use crate::cost::Interval;
-
+use crate::accel::{Backend, Precision};
+use crate::bench::{BenchRow, FrameTime, Mode, Scaled, ScaledBuild};
 use crate::report::format::significant;
 use crate::report::memory;
-
-/// Kind of rays in a benchmark set.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RayKind {
-    /// Camera rays of the recorded frame.
-    Camera,
-    /// Shadow rays from the frame's surfaces to its lights.
-    Shadow,
-    /// Reflection rays from the frame's mirrors.
-    Reflection,
-    /// Uniformly random rays within the scene's bounds.
-    Random,
-}
-
-impl fmt::Display for RayKind {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.pad(match self {
-            RayKind::Camera => "camera",
-            RayKind::Shadow => "shadow",
-            RayKind::Reflection => "reflection",
-            RayKind::Random => "random",
-        })
-    }
-}
-
-/// Grouping in which rays are passed to the backend.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Mode {
-    /// Bare library calls with 16 rays each.
-    Raw,
-    /// Bare library calls with one ray each.
-    #[serde(rename = "raw-single")]
-    RawSingle,
-    /// One ray per call of whit's interface.
-    Single,
-    /// Packets of 16 rays per call.
-    Packet,
-    /// Many packets per call, for a backend that interleaves them.
-    Batch,
-}
-
-impl fmt::Display for Mode {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.pad(match self {
-            Mode::Raw => "raw",
-            Mode::RawSingle => "raw-single",
-            Mode::Single => "single",
-            Mode::Packet => "packet",
-            Mode::Batch => "batch",
-        })
-    }
-}
-
-/// Median and extremes of repeated measurements.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spread {
-    /// Middle value; the mean of the middle two for an even count.
-    pub median: f64,
-    /// Smallest of the values.
-    pub min: f64,
-    /// Largest of the values.
-    pub max: f64,
-}
-
-impl Spread {
-    /// Returns the spread of `values`; all zeros for an empty slice.
-    pub fn of(values: &[f64]) -> Spread {
-        let mut sorted = values.to_vec();
-        sorted.sort_by(f64::total_cmp);
-        let (Some(&min), Some(&max)) = (sorted.first(), sorted.last()) else {
-            return Spread {
-                median: 0.0,
-                min: 0.0,
-                max: 0.0,
-            };
-        };
-        let middle = sorted.len() / 2;
-        let median = match sorted.len() % 2 {
-            1 => sorted[middle],
-            _ => 0.5 * (sorted[middle - 1] + sorted[middle]),
-        };
-        Spread { median, min, max }
-    }
-}
-
-/// Measurement of one tracing method for one kind of ray in one scene.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct BenchRow {
-    /// Path of the scene as given on the command line.
-    pub scene: PathBuf,
-    /// Number of triangles of the scene, counted once per instance.
-    pub triangles: u64,
-    /// Intersection backend that was measured.
-    pub backend: Backend,
-    /// Representation of instanced meshes in Embree; absent for other backends and scenes without instanced meshes.
-    pub instancing: Option<Instancing>,
-    /// Precision of triangle hits.
-    pub precision: Precision,
-    /// Kind of rays that were traced.
-    pub rays: RayKind,
-    /// Grouping of the rays per call.
-    pub mode: Mode,
-    /// Million rays per second on one thread: the median over the repetitions.
-    pub mrays_per_s: f64,
-    /// Million rays per second of the slowest repetition.
-    pub mrays_per_s_min: f64,
-    /// Million rays per second of the fastest repetition.
-    pub mrays_per_s_max: f64,
-    /// Number of rays replayed in each repetition.
-    pub ray_count: u64,
-    /// Build seconds on `threads` threads: the median over the repetitions.
-    pub build_seconds: f64,
-    /// Build seconds of the fastest repetition.
-    pub build_seconds_min: f64,
-    /// Build seconds of the slowest repetition.
-    pub build_seconds_max: f64,
-    /// Memory of the acceleration structure in bytes.
-    pub bytes: u64,
-    /// Number of results that differ from the first backend's packets by more than rounding; raw calls are compared
-    /// with their own backend's packets.
-    pub mismatches: u64,
-    /// Number of results that differ within the documented rounding.
-    pub ties: u64,
-    /// Number of threads of the build.
-    pub threads: usize,
-    /// Identity of the Embree library, where it is the backend.
-    pub embree: Option<EmbreeIdentity>,
-    /// Time of the whole frame on one thread, where raw packets were timed: with Embree at this precision, otherwise
-    /// with the first backend.
-    pub frame: Option<FrameTime>,
-    /// Speeds by number of threads in ascending order; empty unless requested.
-    pub scaling: Vec<Scaled>,
-    /// Build times by number of threads in ascending order.
-    pub build_scaling: Vec<ScaledBuild>,
-}
-
-/// Speed of several threads together.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Scaled {
-    /// Number of threads that traced rays.
-    pub threads: usize,
-    /// Million rays per second of all threads together: the median over the repetitions.
-    pub mrays_per_s: f64,
-    /// Million rays per second of the slowest repetition.
-    pub mrays_per_s_min: f64,
-    /// Million rays per second of the fastest repetition.
-    pub mrays_per_s_max: f64,
-}
-
-impl Scaled {
-    /// Returns million rays per second as median with extremes.
-    pub(in crate::report) fn speed(&self) -> Interval {
-        Interval {
-            value: self.mrays_per_s,
-            low: self.mrays_per_s_min,
-            high: self.mrays_per_s_max,
-        }
-    }
-}
-
-/// Build time on several threads.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct ScaledBuild {
-    /// Number of threads that built the structure.
-    pub threads: usize,
-    /// Wall-clock seconds: the median over the repetitions.
-    pub build_seconds: f64,
-    /// Wall-clock seconds of the fastest repetition.
-    pub build_seconds_min: f64,
-    /// Wall-clock seconds of the slowest repetition.
-    pub build_seconds_max: f64,
-}
-
-/// Time of the render loop, compared with bare traces of equal rays.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct FrameTime {
-    /// Median wall-clock seconds of the render phase on one thread.
-    pub seconds: f64,
-    /// Number of rays of the frame.
-    pub rays: u64,
-    /// Ratio of `seconds` to the time that the first backend's raw packets take for these rays.
-    pub over_raw: f64,
-    /// Fraction of `seconds` that is spent within the backend.
-    pub trace_share: f64,
-}
-
-impl BenchRow {
-    /// Returns the backend's name with its precision, where that is a choice, and its kind of instancing.
-    pub(in crate::report) fn name(&self) -> String {
-        let precision = match self.backend {
-            Backend::Embree => format!(" {}", self.precision),
-            Backend::Bsp | Backend::Brute => String::new(),
-        };
-        let instancing = self.instancing.map_or(String::new(), |kind| format!(" {kind}"));
-        format!("{}{precision}{instancing}", self.backend)
-    }
-
-    /// Returns the key of the acceleration structure that the row used.
-    pub(in crate::report) fn structure(&self) -> (Backend, Precision, Option<Instancing>) {
-        (self.backend, self.precision, self.instancing)
-    }
-
-    /// Returns million rays per second as median with extremes.
-    pub(in crate::report) fn speed(&self) -> Interval {
-        Interval {
-            value: self.mrays_per_s,
-            low: self.mrays_per_s_min,
-            high: self.mrays_per_s_max,
-        }
-    }
-
-    /// Returns build seconds as median with extremes.
-    pub(in crate::report) fn build(&self) -> Interval {
-        Interval {
-            value: self.build_seconds,
-            low: self.build_seconds_min,
-            high: self.build_seconds_max,
-        }
-    }
-
-    /// Returns the structure's bytes per triangle; `None` without triangles.
-    pub(in crate::report) fn bytes_per_triangle(&self) -> Option<f64> {
-        (self.triangles > 0).then(|| self.bytes as f64 / self.triangles as f64)
-    }
-
-    fn precision_and_instancing(&self) -> String {
-        match self.instancing {
-            Some(instancing) => format!("{}, {instancing} instancing", self.precision),
-            None => self.precision.to_string(),
-        }
-    }
-}
 
 /// Benchmark rows of one scene as a text table.
 pub struct BenchTable<'r>(pub &'r [BenchRow]);
@@ -364,7 +126,7 @@ impl BenchTable<'_> {
                 f,
                 "  {}{identity} ({}): built in {} s ({} .. {}) on {} threads, {}{}",
                 row.backend,
-                row.precision_and_instancing(),
+                precision_and_instancing(row),
                 significant(row.build_seconds, 3),
                 significant(row.build_seconds_min, 3),
                 significant(row.build_seconds_max, 3),
@@ -393,7 +155,14 @@ impl BenchTable<'_> {
     }
 }
 
-/// Returns whether `accel_info` is in the list already, and appends it if not.
+fn precision_and_instancing(row: &BenchRow) -> String {
+    match row.instancing {
+        Some(instancing) => format!("{}, {instancing} instancing", row.precision),
+        None => row.precision.to_string(),
+    }
+}
+
+/// Returns whether `structure` is in the list already, and appends it if not.
 pub(in crate::report) fn seen_before<T: PartialEq>(seen: &mut Vec<T>, structure: T) -> bool {
     let is_known = seen.contains(&structure);
     if !is_known {
@@ -421,6 +190,7 @@ fn in_words(efficiency: Option<f64>) -> String {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::bench::RayKind;
 
     pub(in crate::report) fn row(backend: Backend, mode: Mode, mrays_per_s: f64) -> BenchRow {
         BenchRow {
@@ -447,14 +217,6 @@ pub(crate) mod tests {
             scaling: Vec::new(),
             build_scaling: Vec::new(),
         }
-    }
-
-    #[test]
-    fn median_is_the_middle_value_or_mean_of_the_middle_two() {
-        let spread = |median, min, max| Spread { median, min, max };
-        assert_eq!(Spread::of(&[3.0, 1.0, 9.0]), spread(3.0, 1.0, 9.0));
-        assert_eq!(Spread::of(&[4.0, 1.0, 2.0, 9.0]), spread(3.0, 1.0, 9.0));
-        assert_eq!(Spread::of(&[]), spread(0.0, 0.0, 0.0));
     }
 
     #[test]

@@ -6,10 +6,11 @@
 
 use std::fmt::Write;
 
-use super::bench::{BenchRow, Mode, RayKind, seen_before};
+use super::bench::seen_before;
 use super::table::group_thousands;
 use crate::accel::{Backend, Precision};
-use crate::cost::Interval;
+use crate::bench::{BenchRow, Mode, RayKind};
+use crate::measure::Interval;
 use crate::report::format::{significant, times};
 
 /// Method that is ahead at a size.

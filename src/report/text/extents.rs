@@ -1,66 +1,9 @@
-//! Benchmark of bounding volumes around objects: `whit bench --extents`.
+//! Text table of the benchmark of bounding volumes: `whit bench --extents`.
 
 use std::fmt;
-use std::path::PathBuf;
 
-use serde::Serialize;
-
-use crate::accel::extents::{BoundingVolumeCounts, Tally};
-
-use super::bench::{RayKind, Spread};
-
-/// Measurement of one kind of bounding volume with one kind of ray.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct BoundingVolumeRow {
-    /// Path of the scene as given on the command line.
-    pub scene: PathBuf,
-    /// Kind of rays that were traced.
-    pub rays: RayKind,
-    /// Container of the objects: `list` or `bsp`.
-    pub structure: &'static str,
-    /// Bounding volume that is tested before an object.
-    pub extent: String,
-    /// Number of tests that the rays caused; absent for trees.
-    pub tally: Option<Tally>,
-    /// Time relative to equal rays without bounding volumes: the median over the repetitions.
-    pub time: f64,
-    /// Smallest time ratio of the repetitions.
-    pub time_min: f64,
-    /// Largest time ratio of the repetitions.
-    pub time_max: f64,
-    /// Mean nanoseconds per ray.
-    pub ns_per_ray: f64,
-    /// Number of rays timed in each repetition.
-    pub ray_count: u64,
-    /// Number of results that differ from those without bounding volumes in any bit.
-    pub differ: u64,
-    /// Number of objects by kind of bounding volume; absent for trees.
-    pub counts: Option<BoundingVolumeCounts>,
-}
-
-impl BoundingVolumeRow {
-    /// Returns the fraction of object tests that the bounding volumes saved.
-    pub fn saved(&self) -> Option<f64> {
-        let tally = self.tally.filter(|tally| tally.objects > 0)?;
-        Some(1.0 - tally.object_tests as f64 / tally.objects as f64)
-    }
-
-    /// Returns whether the bounding volumes cost more time than they save, beyond the spread of the measurements.
-    pub fn is_slower(&self) -> bool {
-        self.time_min > 1.0
-    }
-
-    /// Sets time and spread from the ratios of all repetitions.
-    pub fn with_ratios(self, ratios: &[f64]) -> BoundingVolumeRow {
-        let spread = Spread::of(ratios);
-        BoundingVolumeRow {
-            time: spread.median,
-            time_min: spread.min,
-            time_max: spread.max,
-            ..self
-        }
-    }
-}
+use crate::accel::extents::Tally;
+use crate::bench::BoundingVolumeRow;
 
 /// Rows of one scene as a text table.
 pub struct BoundingVolumeTable<'r>(pub &'r [BoundingVolumeRow]);
@@ -149,6 +92,7 @@ fn write_row(f: &mut fmt::Formatter, row: &BoundingVolumeRow) -> fmt::Result {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bench::RayKind;
 
     fn row(time_min: f64, object_tests: u64) -> BoundingVolumeRow {
         BoundingVolumeRow {
@@ -185,11 +129,5 @@ mod tests {
             text.contains("never slower than without bounding volumes"),
             "{text}"
         );
-    }
-
-    #[test]
-    fn median_ratio_comes_with_its_extremes() {
-        let row = row(1.0, 1).with_ratios(&[0.5, 0.9, 0.6]);
-        assert_eq!((row.time, row.time_min, row.time_max), (0.6, 0.5, 0.9));
     }
 }

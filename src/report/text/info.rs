@@ -6,6 +6,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use crate::bench::AblationStudy;
 use crate::optics::LINE_D;
 use crate::optics::subsurface::Dipole;
 use crate::render::plan::{Decision, Plan};
@@ -14,7 +15,7 @@ use crate::scene::{
 };
 use crate::shape::Shape;
 
-use super::ablation::AblationStudy;
+use super::ablation;
 use super::accel_info::{self, StructureRow};
 use super::forecast::Forecast;
 use super::volume_info;
@@ -499,7 +500,10 @@ impl fmt::Display for SceneInfo {
                 .forecast
                 .as_ref()
                 .map(|forecast| forecast.note(decision.effect));
-            let price = self.prices.as_ref().map(|prices| prices.note(decision.effect));
+            let price = self
+                .prices
+                .as_ref()
+                .map(|prices| ablation::note(prices, decision.effect));
             let notes = [forecast, price].map(Option::unwrap_or_default).concat();
             line("effect", format!("{decision}{notes}"))?;
         }

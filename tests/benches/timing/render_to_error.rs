@@ -9,12 +9,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use whit::accel::{self, Accel, AccelOptions, Backend};
-use whit::cost::blocks::{Blocks, Protocol};
 use whit::cost::{
     Choice, Configuration, DisplayImage, Experiment, HitPath, ImageSums, Interval, Knob, LevelRange,
-    Observer, SceneChange, SplitReference, Target, knobs, run as run_experiment, with_knob,
+    SceneChange, SplitReference, Target, knobs, run as run_experiment, with_knob,
 };
 use whit::image::ToneMap;
+use whit::measure::{Blocks, Observer, Protocol};
 use whit::render::{Monitor, Pattern, Plan, RenderSettings, Rendering, render};
 use whit::scene::{Effect, Scene};
 
@@ -125,11 +125,11 @@ fn choose(scene: &Scene, base: Configuration) -> (Configuration, Choice) {
         threads: rayon::current_num_threads(),
         isa: None,
         unfinished: None,
+        keep: None,
     };
     let watcher = Observer {
         progress: &|_, _| {},
         cancel: &AtomicBool::new(false),
-        keep: None,
     };
     let found = run_experiment(&experiment, &watcher).unwrap();
     (found.chosen.unwrap(), found.study.choice.unwrap())
@@ -360,17 +360,13 @@ fn displayed(rendering: &Rendering) -> DisplayImage {
 
 /// Times configurations by turns and returns the fastest, with the time of the first over that of the fastest.
 fn least_time(stage: &Stage, contestants: &[Configuration]) -> (Configuration, f64) {
-    let protocol = Protocol {
-        least: BLOCKS,
-        most: BLOCKS,
-        deadline: Instant::now(),
-        seed: 3,
-    };
-    let blocks = Blocks::measure(contestants.len(), &protocol, |who, block| {
+    let protocol = Protocol::of_blocks(BLOCKS, 3);
+    let blocks = Blocks::measure(contestants.len(), &protocol, &|_| {}, |who, block| {
         let image = stage.image(&contestants[who], block as u32, f64::INFINITY);
         image.map(|(_, seconds)| seconds).ok_or(())
     });
     let blocks = blocks.unwrap();
-    let ratios = (0..contestants.len()).map(|who| (contestants[who], blocks.ratio(0, who).value));
+    let ratio = |who| Interval::of_median(&blocks.ratios(0, who)).value;
+    let ratios = (0..contestants.len()).map(|who| (contestants[who], ratio(who)));
     ratios.max_by(|a, b| a.1.total_cmp(&b.1)).unwrap()
 }

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
-use whit::cost::blocks::{Blocks, Protocol};
+use whit::measure::{Blocks, Interval, Protocol};
 
 use crate::limits::Limits;
 
@@ -18,13 +18,7 @@ const RATIOS: [f64; 2] = [1.08, 1.12];
 
 /// Measures two contestants of which the second takes a tenth longer.
 pub(crate) fn run(limits: &mut Limits) {
-    let protocol = Protocol {
-        least: BLOCKS,
-        most: BLOCKS,
-        deadline: Instant::now(),
-        seed: 4,
-    };
-    let blocks = Blocks::measure(2, &protocol, |who, _| {
+    let blocks = Blocks::measure(2, &Protocol::of_blocks(BLOCKS, 4), &|_| {}, |who, _| {
         let start = Instant::now();
         work();
         if who == 1 {
@@ -32,7 +26,8 @@ pub(crate) fn run(limits: &mut Limits) {
         }
         Ok::<_, Infallible>(start.elapsed().as_secs_f64())
     });
-    let ratio = blocks.unwrap_or_else(|never| match never {}).ratio(1, 0);
+    let blocks = blocks.unwrap_or_else(|never| match never {});
+    let ratio = Interval::of_median(&blocks.ratios(1, 0));
     println!(
         "a tenth more is measured as {:.4} (95 %: {:.4} to {:.4}), {}",
         ratio.value,

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::support::browser::{chromium, is_clean, looked_at};
 use serde_json::{Value, json};
 use whit::accel::{Backend, EmbreeIdentity, Precision};
-use whit::report::bench::{BenchRow, FrameTime, Mode, RayKind, Scaled, ScaledBuild};
+use whit::bench::{BenchRow, FrameTime, Mode, RayKind, Scaled, ScaledBuild};
 use whit::report::bench_page::{Facts, page};
 
 const SIZES: [u64; 5] = [974, 10_094, 99_374, 999_602, 10_002_830];

@@ -10,7 +10,7 @@ const RESAMPLES: usize = 2000;
 /// Tail probability on either side of a 95 % interval.
 const TAIL: f64 = 0.025;
 
-/// Measured value with its 95 % confidence interval.
+/// Measured value with an interval, which is a 95 % confidence interval unless stated otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
     /// Measured or estimated value.
@@ -31,6 +31,40 @@ impl Interval {
         }
     }
 
+    /// Returns the median with its confidence interval; NaN for no values.
+    ///
+    /// The ends are order statistics, which enclose the true median with 95 % probability for any distribution. With
+    /// fewer than six values none do, and the ends are the extremes.
+    pub fn of_median(values: &[f64]) -> Interval {
+        Interval::of_ranks(values, skipped_ranks(values.len()))
+    }
+
+    /// Returns the median with the smallest and the largest value as ends; NaN for no values.
+    pub fn of_extremes(values: &[f64]) -> Interval {
+        Interval::of_ranks(values, 0)
+    }
+
+    /// Returns the median between the values that are left after dropping `skipped` at either end.
+    fn of_ranks(values: &[f64], skipped: usize) -> Interval {
+        let mut sorted = values.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        // Of an even number of values, take the mean of the two in the middle
+        let middle = sorted.len() / 2;
+        let value = match sorted.len() % 2 {
+            _ if sorted.is_empty() => f64::NAN,
+            1 => sorted[middle],
+            _ => 0.5 * (sorted[middle - 1] + sorted[middle]),
+        };
+        match sorted.get(skipped..sorted.len() - skipped) {
+            Some([low, .., high]) => Interval {
+                value,
+                low: *low,
+                high: *high,
+            },
+            _ => Interval::exact(value),
+        }
+    }
+
     /// Applies `f` to the value and to both ends; `f` must be non-decreasing.
     pub fn map(self, f: impl Fn(f64) -> f64) -> Interval {
         Interval {
@@ -44,53 +78,11 @@ impl Interval {
     pub fn holds(&self, value: f64) -> bool {
         (self.low..=self.high).contains(&value)
     }
-
-    /// Returns whether the two intervals overlap, so that the true values may be equal.
-    pub fn overlaps(&self, other: &Interval) -> bool {
-        self.low <= other.high && other.low <= self.high
-    }
 }
 
 /// Returns the median, or the mean of the two middle values for an even count; NaN for no values.
-pub fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    median_of(&mut sorted)
-}
-
-fn median_of(values: &mut [f64]) -> f64 {
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    if values.len() % 2 == 1 {
-        values[middle]
-    } else {
-        0.5 * (values[middle - 1] + values[middle])
-    }
-}
-
-/// Returns the arithmetic mean; NaN for no values.
-pub fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-/// Returns the median with its confidence interval.
-///
-/// The ends are order statistics, which enclose the true median with 95 % probability for any distribution. With fewer
-/// than six values none do, and the ends are the extremes.
-pub fn median_interval(values: &[f64]) -> Interval {
-    let mut sorted = values.to_vec();
-    let value = median_of(&mut sorted);
-    if sorted.is_empty() {
-        return Interval::exact(value);
-    }
-    let skipped = skipped_ranks(sorted.len());
-    Interval {
-        value,
-        low: sorted[skipped],
-        high: sorted[sorted.len() - 1 - skipped],
-    }
+pub(super) fn median(values: &[f64]) -> f64 {
+    Interval::of_extremes(values).value
 }
 
 /// Returns the number of values that can be dropped at either end of `count` sorted values so that the rest enclose the
@@ -145,6 +137,14 @@ mod tests {
     }
 
     #[test]
+    fn extremes_are_the_smallest_and_the_largest_value() {
+        let of = Interval::of_extremes(&[4.0, 1.0, 2.0, 9.0]);
+        assert_eq!((of.value, of.low, of.high), (3.0, 1.0, 9.0));
+        assert_eq!(Interval::of_extremes(&[2.0]), Interval::exact(2.0));
+        assert!(Interval::of_extremes(&[]).value.is_nan());
+    }
+
+    #[test]
     fn order_statistics_match_published_tables() {
         // The extremes of 6 values enclose the median with 96.9 %; of 20 values the 6th and 15th do with 95.9 %, by
         // tables of the sign test.
@@ -160,7 +160,7 @@ mod tests {
                     let mut random = SplitMix64::new(7, sample * 100 + count);
                     // Squares of uniform numbers are skewed, and their median is 1/4.
                     let values: Vec<f64> = (0..count).map(|_| random.unit().powi(2)).collect();
-                    median_interval(&values).holds(0.25)
+                    Interval::of_median(&values).holds(0.25)
                 })
                 .count();
             assert!(held >= 1880, "{count} values: {held} of 2000");

@@ -6,8 +6,7 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::statistics::{median, median_interval};
-use super::{Interval, Timing};
+use super::statistics::median;
 use crate::numeric::SplitMix64;
 
 /// Largest relative deviation of a block's kernel time from the median at which the block counts.
@@ -29,14 +28,46 @@ pub struct Protocol {
 }
 
 impl Protocol {
+    /// Returns the protocol of exactly `count` blocks.
+    pub fn of_blocks(count: usize, seed: u64) -> Protocol {
+        Protocol {
+            least: count,
+            most: count,
+            deadline: Instant::now(),
+            seed,
+        }
+    }
+
     /// Returns whether another block begins after `blocks` of them, the longest of which took `longest` seconds.
-    pub(super) fn may_continue(&self, blocks: usize, longest: f64) -> bool {
+    pub(crate) fn may_continue(&self, blocks: usize, longest: f64) -> bool {
         let left = self
             .deadline
             .saturating_duration_since(Instant::now())
             .as_secs_f64();
         blocks < self.most && (blocks < self.least || left >= 1.05 * longest)
     }
+
+    /// Returns the finished fraction of a measurement that began at `start`, after `blocks` blocks and parts of one.
+    fn fraction(&self, start: Instant, blocks: f64) -> f64 {
+        let whole = self.deadline.saturating_duration_since(start).as_secs_f64();
+        let by_time = start.elapsed().as_secs_f64() / whole.max(f64::MIN_POSITIVE);
+        (blocks / self.least as f64).min(by_time.max(blocks / self.most as f64))
+    }
+}
+
+/// Conditions under which times were measured.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Timing {
+    /// Number of blocks that count; every configuration runs once in each.
+    pub blocks: usize,
+    /// Number of blocks that do not count because the machine was busy.
+    pub dropped: usize,
+    /// Largest deviation of the calibration kernel among the blocks that count, as a fraction of its median.
+    pub calibration_spread: f64,
+    /// Seconds that the whole study took.
+    pub spent: f64,
+    /// Seconds that the study was allowed to take.
+    pub budget: f64,
 }
 
 /// Measured seconds of all candidates in all blocks.
@@ -50,26 +81,33 @@ pub struct Blocks {
 
 impl Blocks {
     /// Measures `candidates` candidates in blocks: `turn` receives the candidate and the block, and returns the
-    /// seconds.
+    /// seconds. `progress` receives the finished fraction after each turn.
     ///
     /// # Errors
     ///
-    /// The first error of `turn`.
+    /// The first error of `turn`, which thereby cancels the measurement.
     pub fn measure<E>(
         candidates: usize,
         protocol: &Protocol,
+        progress: &dyn Fn(f64),
         mut turn: impl FnMut(usize, usize) -> Result<f64, E>,
     ) -> Result<Blocks, E> {
         let mut blocks = Blocks::new(candidates);
-        let mut longest = 0.0f64;
+        let (start, mut turns, mut longest) = (Instant::now(), 0, 0.0f64);
         while protocol.may_continue(blocks.count(), longest) {
-            longest = longest.max(blocks.add(protocol.seed, &mut turn)?);
+            let seconds = blocks.add(protocol.seed, |candidate, block| {
+                let seconds = turn(candidate, block)?;
+                turns += 1;
+                progress(protocol.fraction(start, f64::from(turns) / candidates as f64));
+                Ok(seconds)
+            })?;
+            longest = longest.max(seconds);
         }
         Ok(blocks)
     }
 
     /// Returns an empty measurement of `candidates` candidates.
-    pub(super) fn new(candidates: usize) -> Blocks {
+    pub(crate) fn new(candidates: usize) -> Blocks {
         Blocks {
             calibration: Vec::new(),
             seconds: vec![Vec::new(); candidates],
@@ -77,7 +115,7 @@ impl Blocks {
     }
 
     /// Returns the number of measured blocks.
-    pub(super) fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         self.calibration.len()
     }
 
@@ -86,7 +124,7 @@ impl Blocks {
     /// # Errors
     ///
     /// The first error of `turn`; the blocks are unusable afterwards.
-    pub(super) fn add<E>(
+    pub(crate) fn add<E>(
         &mut self,
         seed: u64,
         mut turn: impl FnMut(usize, usize) -> Result<f64, E>,
@@ -136,21 +174,18 @@ impl Blocks {
             .map(|(&seconds, _)| seconds)
     }
 
-    /// Returns the median of a candidate's seconds.
-    pub fn seconds(&self, candidate: usize) -> Interval {
-        let undisturbed = self.undisturbed();
-        median_interval(&self.counting(candidate, &undisturbed).collect::<Vec<_>>())
+    /// Returns a candidate's seconds in the blocks that count.
+    pub fn seconds(&self, candidate: usize) -> Vec<f64> {
+        self.counting(candidate, &self.undisturbed()).collect()
     }
 
-    /// Returns the median ratio of a candidate's seconds to those of `base` in the same block.
-    pub fn ratio(&self, candidate: usize, base: usize) -> Interval {
+    /// Returns the ratios of a candidate's seconds to those of `base` in the same block, for the blocks that count.
+    pub fn ratios(&self, candidate: usize, base: usize) -> Vec<f64> {
         let undisturbed = self.undisturbed();
-        let ratios: Vec<f64> = self
-            .counting(candidate, &undisturbed)
+        self.counting(candidate, &undisturbed)
             .zip(self.counting(base, &undisturbed))
             .map(|(seconds, base)| seconds / base)
-            .collect();
-        median_interval(&ratios)
+            .collect()
     }
 
     /// Returns the conditions of the measurement, in a run of `spent` seconds with a budget of `budget`.
@@ -201,28 +236,31 @@ fn kernel_seconds() -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use std::cell::RefCell;
     use std::convert::Infallible;
     use std::time::Duration;
 
+    use super::super::Interval;
     use super::*;
 
-    fn protocol(blocks: usize, seed: u64) -> Protocol {
-        Protocol {
-            least: blocks,
-            most: blocks,
-            deadline: Instant::now(),
-            seed,
-        }
+    fn ratio(blocks: &Blocks, candidate: usize, base: usize) -> Interval {
+        Interval::of_median(&blocks.ratios(candidate, base))
     }
 
     #[test]
     fn each_block_runs_everything_once_in_changing_order() {
-        let mut turns = Vec::new();
-        let blocks = Blocks::measure(5, &protocol(8, 1), |who, block| {
+        let (mut turns, fractions) = (Vec::new(), RefCell::new(Vec::new()));
+        let progress = |fraction| fractions.borrow_mut().push(fraction);
+        let blocks = Blocks::measure(5, &Protocol::of_blocks(8, 1), &progress, |who, block| {
             turns.push((block, who));
             Ok::<_, Infallible>(who as f64 + 1.0)
         })
         .unwrap_or_else(|never| match never {});
+        let fractions = fractions.into_inner();
+        assert!(
+            fractions.is_sorted() && fractions.last() == Some(&1.0),
+            "{fractions:?}"
+        );
         let orders: Vec<Vec<usize>> = turns
             .chunks(5)
             .map(|turns| turns.iter().map(|turn| turn.1).collect())
@@ -233,7 +271,7 @@ mod tests {
             assert_eq!(sorted, [0, 1, 2, 3, 4]);
         }
         assert!(orders.iter().any(|order| *order != orders[0]));
-        assert_eq!(blocks.ratio(3, 1), Interval::exact(2.0));
+        assert_eq!(ratio(&blocks, 3, 1), Interval::exact(2.0));
     }
 
     #[test]
@@ -247,7 +285,7 @@ mod tests {
                     .map(|_| (0..10).map(|_| 1.0 + 0.3 * random.unit().powi(4)).collect())
                     .collect(),
             };
-            apart += usize::from(!blocks.ratio(1, 0).holds(1.0));
+            apart += usize::from(!ratio(&blocks, 1, 0).holds(1.0));
         }
         assert!(apart <= 20, "{apart} of 400");
     }
@@ -262,7 +300,7 @@ mod tests {
         blocks.seconds[1][4] = 9.0;
         let timing = blocks.timing(1.0, 2.0);
         assert_eq!((timing.blocks, timing.dropped), (8, 1));
-        assert!((blocks.ratio(1, 0).high - 1.1).abs() < 1e-12);
+        assert!((ratio(&blocks, 1, 0).high - 1.1).abs() < 1e-12);
     }
 
     #[test]
@@ -275,7 +313,7 @@ mod tests {
             seed: 3,
         };
         let nap = Duration::from_millis(20);
-        let blocks = Blocks::measure(1, &protocol, |_, _| {
+        let blocks = Blocks::measure(1, &protocol, &|_| {}, |_, _| {
             std::thread::sleep(nap);
             Ok::<_, Infallible>(nap.as_secs_f64())
         });

@@ -1,0 +1,42 @@
+//! Options of `whit bench`: threads, acceleration structures and repetitions.
+
+use rayon::ThreadPool;
+
+use super::error::{BenchError, check};
+use crate::accel::AccelOptions;
+use crate::measure::{Blocks, Observer, Protocol};
+
+/// Seed of the random order within blocks.
+const SEED: u64 = 1;
+
+/// Options of `whit bench`: threads, acceleration structures and repetitions.
+#[derive(Clone, Copy)]
+pub struct BenchOptions<'a> {
+    /// Options of the acceleration structures that are listed first.
+    pub accel: &'a AccelOptions<'a>,
+    /// Number of repetitions, at least 1.
+    pub repeat: usize,
+    /// Threads that build the structures.
+    pub pool: &'a ThreadPool,
+    /// Thread pools of the scaling measurement, fewest threads first; may be empty.
+    pub scaling: &'a [ThreadPool],
+    /// Progress and cancellation of the measurement.
+    pub observer: &'a Observer<'a>,
+}
+
+impl BenchOptions<'_> {
+    /// Measures `candidates` candidates, each once per repetition: `turn` returns the seconds of one.
+    pub(super) fn blocks(
+        &self,
+        step: &str,
+        candidates: usize,
+        mut turn: impl FnMut(usize) -> Result<f64, BenchError>,
+    ) -> Result<Blocks, BenchError> {
+        let protocol = Protocol::of_blocks(self.repeat, SEED);
+        let progress = |fraction| (self.observer.progress)(step, fraction);
+        Blocks::measure(candidates, &protocol, &progress, |candidate, _| {
+            check(self.observer)?;
+            turn(candidate)
+        })
+    }
+}

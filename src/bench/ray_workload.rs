@@ -1,0 +1,227 @@
+//! Sets of rays to replay: those of a frame, and random ones.
+
+use std::fmt;
+
+use glam::DVec3;
+use serde::Serialize;
+
+use super::MeasuredScene;
+use crate::accel::{Accel, Coherence, LANES, RayPacket};
+use crate::numeric::{Bounds, Ray, SplitMix64};
+use crate::render;
+
+/// Number of packets of a batch: those of a tile of 32x32 pixels.
+pub(super) const BATCH_PACKETS: usize = 64;
+/// Largest number of packets of a kind; 16 times this many rays suffice for a stable result.
+const MAX_PACKETS: usize = 1 << 16;
+
+/// Kind of rays in a benchmark set.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RayKind {
+    /// Camera rays of the recorded frame.
+    Camera,
+    /// Shadow rays from the frame's surfaces to its lights.
+    Shadow,
+    /// Reflection rays from the frame's mirrors.
+    Reflection,
+    /// Uniformly random rays within the scene's bounds.
+    Random,
+}
+
+impl fmt::Display for RayKind {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.pad(match self {
+            RayKind::Camera => "camera",
+            RayKind::Shadow => "shadow",
+            RayKind::Reflection => "reflection",
+            RayKind::Random => "random",
+        })
+    }
+}
+
+/// Recorded rays of one kind.
+pub(super) struct RayWorkload {
+    pub(super) kind: RayKind,
+    pub(super) packets: Vec<RayPacket>,
+    /// Number of active lanes of all packets.
+    pub(super) ray_count: u64,
+}
+
+impl RayWorkload {
+    /// Returns the rays of a frame and random ones, one set per kind; kinds without rays are left out.
+    pub(super) fn all(measured: &MeasuredScene, accel: &dyn Accel) -> Vec<RayWorkload> {
+        let MeasuredScene {
+            scene,
+            camera,
+            settings,
+            ..
+        } = measured;
+        let recorded = render::record(scene, camera, accel, settings);
+        let pixel_count = settings.width as usize * settings.height as usize;
+        let mut sets = vec![
+            RayWorkload::new(RayKind::Camera, recorded.camera),
+            RayWorkload::new(RayKind::Shadow, recorded.shadow),
+            RayWorkload::new(RayKind::Reflection, recorded.reflection),
+            RayWorkload::random(&scene.bounds(), pixel_count),
+        ];
+        sets.retain(|set| set.ray_count > 0);
+        sets
+    }
+
+    /// Returns a set of the packets with at least one traceable ray; of too many an even selection.
+    fn new(kind: RayKind, mut packets: Vec<RayPacket>) -> RayWorkload {
+        // The raw calls do not check rays, so untraceable ones are removed here.
+        packets.iter_mut().for_each(|packet| {
+            packet.drop_untraceable();
+            empty_idle_lanes(packet);
+        });
+        packets.retain(RayPacket::any_active);
+        let packets = select_evenly(packets, MAX_PACKETS);
+        let active = |packet: &RayPacket| (0..LANES).filter(|&lane| packet.is_active(lane)).count() as u64;
+        RayWorkload {
+            kind,
+            ray_count: packets.iter().map(active).sum(),
+            packets,
+        }
+    }
+
+    /// Returns about `count` rays with origins uniform in `bounds` and directions uniform on the sphere, from a fixed
+    /// seed.
+    fn random(bounds: &Bounds, count: usize) -> RayWorkload {
+        let mut packets = Vec::new();
+        // An empty scene has no bounds to start rays in
+        if !bounds.is_empty() {
+            let mut random = SplitMix64::new(0x5eed, 0);
+            packets.resize_with(count.min(MAX_PACKETS * LANES).div_ceil(LANES), || {
+                let mut packet = RayPacket::EMPTY;
+                for lane in 0..LANES {
+                    packet.set(lane, &random_ray(bounds, &mut random));
+                }
+                packet
+            });
+        }
+        RayWorkload::new(RayKind::Random, packets)
+    }
+
+    /// Returns at most `most` packets, evenly spread over the set.
+    pub(super) fn at_most(&self, most: usize) -> RayWorkload {
+        let count = self.packets.len();
+        let kept = most.clamp(1, count.max(1)).min(count);
+        // Take every (count / kept)-th packet
+        let packets = (0..kept)
+            .map(|i| self.packets[i * count / kept].clone())
+            .collect();
+        RayWorkload::new(self.kind, packets)
+    }
+
+    /// Returns the set without the lanes from `count` on.
+    pub(super) fn first_lanes(&self, count: usize) -> RayWorkload {
+        let mut packets = self.packets.clone();
+        for packet in &mut packets {
+            packet.active[count.min(LANES)..].fill(0);
+        }
+        RayWorkload::new(self.kind, packets)
+    }
+
+    /// Returns whether rays in neighbouring lanes are coherent.
+    pub(super) fn order(&self) -> Coherence {
+        match self.kind {
+            RayKind::Camera | RayKind::Shadow => Coherence::Coherent,
+            RayKind::Reflection | RayKind::Random => Coherence::Incoherent,
+        }
+    }
+}
+
+/// Gives inactive lanes an empty interval: on a processor with packets of at most eight lanes, Embree decides by the
+/// intervals alone which lanes of a packet of sixteen to trace, and the other values of these lanes are undefined.
+fn empty_idle_lanes(packet: &mut RayPacket) {
+    for lane in 0..LANES {
+        if !packet.is_active(lane) {
+            packet.t_far[lane] = f32::NEG_INFINITY;
+        }
+    }
+}
+
+/// Returns at most `most` packets in runs of one batch each, evenly spread over all.
+fn select_evenly(packets: Vec<RayPacket>, most: usize) -> Vec<RayPacket> {
+    if packets.len() <= most {
+        return packets;
+    }
+    let runs = most / BATCH_PACKETS;
+    // Keep whole batches together, as coherence within a batch affects its speed
+    (0..runs)
+        .flat_map(|run| {
+            let start = run * (packets.len() - BATCH_PACKETS) / runs;
+            packets[start..start + BATCH_PACKETS].iter().cloned()
+        })
+        .collect()
+}
+
+fn random_ray(bounds: &Bounds, random: &mut SplitMix64) -> Ray {
+    let position = DVec3::new(random.unit(), random.unit(), random.unit());
+    Ray {
+        origin: (bounds.min + position * bounds.extent()).as_vec3(),
+        direction: random.direction().as_vec3(),
+        t_near: 0.0,
+        t_far: f32::INFINITY,
+        time: random.unit() as f32,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+
+    #[test]
+    fn random_rays_start_within_the_bounds_and_are_reproducible() {
+        let bounds = Bounds {
+            min: DVec3::new(-1.0, 2.0, 5.0),
+            max: DVec3::new(1.0, 3.0, 5.0),
+        };
+        let set = RayWorkload::random(&bounds, 1000);
+        assert_eq!(set.ray_count, 1008);
+        for packet in &set.packets {
+            for lane in 0..LANES {
+                let ray = packet.ray(lane);
+                let origin = ray.origin.as_dvec3();
+                assert!(origin.cmpge(bounds.min).all() && origin.cmple(bounds.max).all());
+                // Three squares and each coordinate are rounded to f32, an error below 2^-22 in total.
+                assert!((ray.direction.length_squared() - 1.0).abs() < 2f32.powi(-22));
+            }
+        }
+        let again = RayWorkload::random(&bounds, 1000);
+        assert_eq!(again.packets[7].origin, set.packets[7].origin);
+        assert_eq!(RayWorkload::random(&Bounds::EMPTY, 1000).ray_count, 0);
+    }
+
+    #[test]
+    fn selection_of_packets_keeps_evenly_spaced_runs() {
+        let packets: Vec<RayPacket> = (0..1000)
+            .map(|i| {
+                let mut packet = RayPacket::EMPTY;
+                packet.set(0, &Ray::new(Vec3::splat(i as f32), Vec3::X));
+                packet
+            })
+            .collect();
+        let kept = select_evenly(packets, 2 * BATCH_PACKETS);
+        let starts: Vec<f32> = kept.iter().map(|p| p.origin[0][0]).collect();
+        assert_eq!(kept.len(), 128);
+        // The runs begin at 0 and at (1000 - 64) / 2.
+        assert_eq!(
+            (starts[0], starts[63], starts[64], starts[127]),
+            (0.0, 63.0, 468.0, 531.0)
+        );
+    }
+
+    #[test]
+    fn lanes_and_packets_without_valid_rays_are_dropped() {
+        let mut packet = RayPacket::EMPTY;
+        packet.set(3, &Ray::new(Vec3::ZERO, Vec3::X));
+        packet.set(4, &Ray::new(Vec3::NAN, Vec3::X));
+        let set = RayWorkload::new(RayKind::Camera, vec![RayPacket::EMPTY, packet]);
+        assert_eq!((set.packets.len(), set.ray_count), (1, 1));
+    }
+}

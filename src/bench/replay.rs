@@ -1,0 +1,192 @@
+//! Replay of recorded rays: each engine gets copies of the same packets.
+
+use std::fmt;
+use std::hint::black_box;
+use std::time::Instant;
+
+use rayon::ThreadPool;
+use serde::Serialize;
+
+use super::ray_workload::{BATCH_PACKETS, RayKind, RayWorkload};
+#[cfg(feature = "embree")]
+use crate::accel::embree::EmbreeAccel;
+use crate::accel::hit_compare::{self, HitComparison};
+use crate::accel::{Accel, Coherence, Hit, LANES, RayPacket};
+use crate::numeric::Ray;
+use crate::parallel;
+use crate::scene::Scene;
+
+/// Number of packets copied and traced at once: 11 KB, so that they stay in the first-level cache.
+const CHUNK_PACKETS: usize = 8;
+/// Smallest number of parts per thread that the packets are divided into, if the parts are no smaller than a batch.
+const SHARES: usize = 16;
+
+/// Grouping in which rays are passed to the backend.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    /// Bare library calls with 16 rays each.
+    Raw,
+    /// Bare library calls with one ray each.
+    #[serde(rename = "raw-single")]
+    RawSingle,
+    /// One ray per call of whit's interface.
+    Single,
+    /// Packets of 16 rays per call.
+    Packet,
+    /// Many packets per call, for a backend that interleaves them.
+    Batch,
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.pad(match self {
+            Mode::Raw => "raw",
+            Mode::RawSingle => "raw-single",
+            Mode::Single => "single",
+            Mode::Packet => "packet",
+            Mode::Batch => "batch",
+        })
+    }
+}
+
+/// Implementation that traces the rays.
+#[derive(Clone, Copy)]
+pub(super) enum Engine<'a> {
+    /// Embree's packet calls without the code of the backend.
+    #[cfg(feature = "embree")]
+    Raw(&'a EmbreeAccel<'a>),
+    /// Embree's single-ray calls without the code of the backend.
+    #[cfg(feature = "embree")]
+    RawSingle(&'a EmbreeAccel<'a>),
+    /// Ray tracing backend with packets.
+    Accel(&'a dyn Accel),
+}
+
+impl Engine<'_> {
+    fn trace(&self, packets: &mut [RayPacket], kind: RayKind, order: Coherence) {
+        match (self, kind) {
+            #[cfg(feature = "embree")]
+            (Engine::Raw(embree), RayKind::Shadow) => embree.baseline_occluded16(packets, order),
+            #[cfg(feature = "embree")]
+            (Engine::Raw(embree), _) => embree.baseline_intersect16(packets, order),
+            #[cfg(feature = "embree")]
+            (Engine::RawSingle(embree), RayKind::Shadow) => embree.baseline_occluded1(packets),
+            #[cfg(feature = "embree")]
+            (Engine::RawSingle(embree), _) => embree.baseline_intersect1(packets),
+            (Engine::Accel(accel), RayKind::Shadow) => accel.occluded(packets, order),
+            (Engine::Accel(accel), _) => accel.intersect(packets, order),
+        }
+    }
+}
+
+/// Returns the seconds that `engine` takes for all rays of `set` on this thread, copying of the packets included.
+pub(super) fn replay_seconds(engine: Engine, set: &RayWorkload, mode: Mode) -> f64 {
+    let mut scratch = scratch(mode);
+    let start = Instant::now();
+    replay(engine, set, &set.packets, &mut scratch);
+    start.elapsed().as_secs_f64()
+}
+
+/// Returns the seconds for all rays of `set`, shared among the threads of `pool`; see [`replay_seconds`].
+pub(super) fn shared_replay_seconds(pool: &ThreadPool, engine: Engine, set: &RayWorkload, mode: Mode) -> f64 {
+    // Parts are small enough that every thread takes several, even if the threads differ in speed.
+    let share = (set.packets.len() / (SHARES * pool.current_num_threads())).max(BATCH_PACKETS);
+    let shares: Vec<&[RayPacket]> = set.packets.chunks(share).collect();
+    parallel::install(pool, || {
+        let start = Instant::now();
+        parallel::for_each(shares.len(), &|index| {
+            replay(engine, set, shares[index], &mut scratch(mode));
+        });
+        start.elapsed().as_secs_f64()
+    })
+}
+
+/// Returns a buffer for the packets that are traced at once.
+fn scratch(mode: Mode) -> Vec<RayPacket> {
+    let chunk = if mode == Mode::Batch {
+        BATCH_PACKETS
+    } else {
+        CHUNK_PACKETS
+    };
+    vec![RayPacket::EMPTY; chunk]
+}
+
+fn replay(engine: Engine, set: &RayWorkload, packets: &[RayPacket], scratch: &mut [RayPacket]) {
+    for packets in packets.chunks(scratch.len()) {
+        let scratch = &mut scratch[..packets.len()];
+        scratch.clone_from_slice(packets);
+        engine.trace(scratch, set.kind, set.order());
+        black_box(scratch);
+    }
+}
+
+/// Number of rays for which two engines differ.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Differences {
+    /// Rays whose results differ by more than rounding.
+    pub(super) wrong: u64,
+    /// Rays whose results differ within the documented rounding.
+    pub(super) ties: u64,
+}
+
+/// Compares the results of two engines for all rays of `set`.
+pub(super) fn differences(scene: &Scene, set: &RayWorkload, reference: Engine, other: Engine) -> Differences {
+    let mut differences = Differences::default();
+    for original in &set.packets {
+        // Trace copies of the packet with both engines
+        let [mut a, mut b] = [original.clone(), original.clone()];
+        reference.trace(std::slice::from_mut(&mut a), set.kind, set.order());
+        other.trace(std::slice::from_mut(&mut b), set.kind, set.order());
+        // Classify the difference in each active lane
+        for lane in (0..LANES).filter(|&lane| original.is_active(lane)) {
+            let agreement = match (set.kind, reference, other) {
+                #[cfg(feature = "embree")]
+                (_, _, Engine::Raw(_) | Engine::RawSingle(_)) => same_distance(&a, &b, lane),
+                (RayKind::Shadow, Engine::Accel(first), Engine::Accel(second)) => {
+                    let blocked = [a.is_blocked(lane), b.is_blocked(lane)];
+                    shadow_agreement(scene, &original.ray(lane), [first, second], blocked)
+                }
+                _ => hit_compare::compare(scene, &original.ray(lane), a.hit(lane), b.hit(lane)),
+            };
+            match agreement {
+                HitComparison::Same => {}
+                HitComparison::Tie => differences.ties += 1,
+                HitComparison::Wrong => differences.wrong += 1,
+            }
+        }
+    }
+    differences
+}
+
+/// Compares hit distances only, as raw results use the library's own numbering of geometries.
+#[cfg(feature = "embree")]
+fn same_distance(a: &RayPacket, b: &RayPacket, lane: usize) -> HitComparison {
+    if a.t_far[lane].to_bits() == b.t_far[lane].to_bits() {
+        HitComparison::Same
+    } else {
+        HitComparison::Wrong
+    }
+}
+
+/// Classifies a difference in occlusion between two backends. Their nearest hits mostly decide; otherwise the whole
+/// scene is tested, which is slow.
+fn shadow_agreement(scene: &Scene, ray: &Ray, accels: [&dyn Accel; 2], blocked: [bool; 2]) -> HitComparison {
+    if blocked[0] == blocked[1] {
+        return HitComparison::Same;
+    }
+    // Trace the nearest hits of the shadow ray with both backends
+    let [first, second] = accels.map(|accel| -> Option<Hit> {
+        let mut packet = RayPacket::EMPTY;
+        packet.set(0, ray);
+        accel.intersect(std::slice::from_mut(&mut packet), Coherence::Incoherent);
+        packet.hit(0)
+    });
+    // A tie of the nearest hits explains the difference
+    match hit_compare::compare(scene, ray, first, second) {
+        HitComparison::Tie => HitComparison::Tie,
+        HitComparison::Same | HitComparison::Wrong => {
+            hit_compare::compare_occlusion(scene, ray, blocked[0], blocked[1])
+        }
+    }
+}

@@ -8,12 +8,12 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use super::MeasuredScene;
 use super::error::BenchError;
+use super::options::MeasuredScene;
 use crate::accel::{self, Accel, AccelOptions, Backend};
 use crate::image::metrics::{Metrics, Tally, Viewing};
 use crate::measure::{Blocks, Interval, Observer, Protocol};
-use crate::render::{RenderSettings, TileSample, tile_count};
+use crate::render::{RenderSettings, TileSample, render_sample, tile_count};
 use crate::scene::Effect;
 
 /// Largest part of the image that is rendered: enough tiles to represent all of it, few enough to be quick.
@@ -245,8 +245,9 @@ struct TileSampler<'a> {
 
 impl TileSampler<'_> {
     fn render(&self, settings: &RenderSettings) -> Result<TileSample, BenchError> {
-        self.measured
-            .sample(self.accel, settings, self.tiles, self.observer)
+        let view = (self.measured.scene, self.measured.camera);
+        let monitor = self.observer.monitor();
+        Ok(render_sample(view, self.accel, settings, self.tiles, &monitor)?)
     }
 
     /// Returns the number of tiles with which the smallest number of runs fits into the budget.
@@ -266,14 +267,14 @@ impl TileSampler<'_> {
     /// Returns all variants, the planned one first, and the depth from which on no ray is left, if it is known.
     fn variants(&self) -> Result<(Vec<Variant>, Option<u32>), BenchError> {
         let planned = self.measured.settings;
-        let new = |settings, change| {
+        let new = |settings, without| {
             Ok::<_, BenchError>(Variant {
                 sample: self.render(&settings)?,
                 settings,
-                change,
+                without,
             })
         };
-        let mut variants = vec![new(planned, Change::None)?];
+        let mut variants = vec![new(planned, None)?];
         let effects: Vec<Effect> = variants[0].sample.plan.effects().iter().collect();
         let steps = planned.depth.min(MAX_STEPS);
         let whole = (effects.len() + steps as usize) as f64;
@@ -282,12 +283,12 @@ impl TileSampler<'_> {
             let mut settings = planned;
             settings.effects.added = settings.effects.added.without(effect);
             settings.effects.removed = settings.effects.removed.with(effect);
-            variants.push(new(settings, Change::Without(effect))?);
+            variants.push(new(settings, Some(effect))?);
             (self.observer.progress)("sample", variants.len() as f64 / whole);
         }
         // Limit the depth, up to the depth at which no ray is cut off
         for depth in 0..steps {
-            let shallow = new(RenderSettings { depth, ..planned }, Change::Depth(depth))?;
+            let shallow = new(RenderSettings { depth, ..planned }, None)?;
             if shallow.traced_rays() == variants[0].traced_rays() {
                 return Ok((variants, Some(depth)));
             }
@@ -298,18 +299,11 @@ impl TileSampler<'_> {
     }
 }
 
-/// Difference of a variant from the planned settings.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Change {
-    None,
-    Without(Effect),
-    Depth(u32),
-}
-
 /// Variant that takes part in the measurement, with its rendered tiles.
 struct Variant {
     settings: RenderSettings,
-    change: Change,
+    /// Effect that is left out, if any.
+    without: Option<Effect>,
     sample: TileSample,
 }
 
@@ -321,11 +315,7 @@ impl Variant {
 
     /// Returns the cost of what the variant lacks, by its change of time and its difference from the planned image.
     fn cost(&self, planned: &Variant, time: TimeChange, viewing: &Viewing) -> Ablation {
-        let (without, depth) = match self.change {
-            Change::None => (None, None),
-            Change::Without(effect) => (Some(effect), None),
-            Change::Depth(depth) => (None, Some(depth)),
-        };
+        let without = self.without;
         // List the planned effects that are off besides the one that was left out
         let gone = planned.sample.plan.effects().minus(self.sample.plan.effects());
         let takes_along = gone.iter().filter(|&effect| without != Some(effect)).collect();
@@ -340,7 +330,7 @@ impl Variant {
         Ablation {
             without,
             takes_along,
-            depth,
+            depth: without.is_none().then_some(self.settings.depth),
             time,
             changes_picture,
             picture: tally.metrics(),

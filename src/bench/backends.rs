@@ -1,8 +1,7 @@
 //! Speeds of all backends and modes on the rays of one scene.
 
-use super::MeasuredScene;
 use super::error::{BenchError, check};
-use super::options::BenchOptions;
+use super::options::{BenchOptions, MeasuredScene};
 use super::ray_workload::RayWorkload;
 use super::replay::{Differences, differences};
 use super::rows::{BenchRow, Scaled, ScaledBuild};

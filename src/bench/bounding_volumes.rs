@@ -4,9 +4,8 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
-use super::MeasuredScene;
 use super::error::{BenchError, check};
-use super::options::BenchOptions;
+use super::options::{BenchOptions, MeasuredScene};
 use super::ray_workload::{RayKind, RayWorkload};
 use super::replay::{Engine, Mode, replay_seconds};
 use crate::accel::bsp::BspAccel;

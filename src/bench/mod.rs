@@ -5,7 +5,6 @@ mod ablation;
 mod backends;
 mod bounding_volumes;
 mod error;
-mod measured_scene;
 mod options;
 mod ray_workload;
 mod replay;
@@ -17,8 +16,7 @@ pub use ablation::{Ablation, AblationOptions, AblationStudy, TimeChange, ablatio
 pub use backends::measure_backends;
 pub use bounding_volumes::{BoundingVolumeRow, measure_bounding_volumes};
 pub use error::BenchError;
-pub use measured_scene::MeasuredScene;
-pub use options::BenchOptions;
+pub use options::{BenchOptions, MeasuredScene};
 pub use ray_workload::RayKind;
 pub use replay::Mode;
 pub use rows::{BenchRow, FrameTime, Scaled, ScaledBuild};

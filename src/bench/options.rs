@@ -1,13 +1,28 @@
-//! Options of `whit bench`: threads, acceleration structures and repetitions.
+//! Scene to measure, and options of `whit bench`: threads, acceleration structures and repetitions.
 
 use rayon::ThreadPool;
 
 use super::error::{BenchError, check};
 use crate::accel::AccelOptions;
 use crate::measure::{Blocks, Observer, Protocol};
+use crate::render::RenderSettings;
+use crate::scene::{Camera, Scene};
 
 /// Seed of the random order within blocks.
 const SEED: u64 = 1;
+
+/// Scene to measure, with the image that its rays belong to.
+#[derive(Clone, Copy)]
+pub struct MeasuredScene<'s> {
+    /// Name of the scene in the results: its path as the user gave it.
+    pub name: &'s str,
+    /// Scene that has passed [`Scene::validate`].
+    pub scene: &'s Scene,
+    /// Camera of the image.
+    pub camera: &'s Camera,
+    /// Render settings of the image.
+    pub settings: RenderSettings,
+}
 
 /// Options of `whit bench`: threads, acceleration structures and repetitions.
 #[derive(Clone, Copy)]

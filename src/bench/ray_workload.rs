@@ -5,7 +5,7 @@ use std::fmt;
 use glam::DVec3;
 use serde::Serialize;
 
-use super::MeasuredScene;
+use super::options::MeasuredScene;
 use crate::accel::{Accel, Coherence, LANES, RayPacket};
 use crate::numeric::{Bounds, Ray, SplitMix64};
 use crate::render;

@@ -1,8 +1,7 @@
 //! Times of replaying a frame's rays through each contestant, and of rendering the frame itself.
 
-use super::MeasuredScene;
 use super::error::BenchError;
-use super::options::BenchOptions;
+use super::options::{BenchOptions, MeasuredScene};
 use super::ray_workload::{RayKind, RayWorkload};
 use super::replay::{Mode, replay_seconds, shared_replay_seconds};
 use super::rows::FrameTime;
@@ -10,7 +9,7 @@ use super::structures::{Contestant, Structure};
 use crate::accel::Backend;
 use crate::measure::{Blocks, Interval};
 use crate::parallel;
-use crate::render::RenderProfile;
+use crate::render::{RenderProfile, RenderSettings, render};
 
 /// Measured times of all contestants.
 pub(super) struct Times<'m> {
@@ -35,6 +34,10 @@ impl<'m> Times<'m> {
     ) -> Result<Times<'m>, BenchError> {
         // Frames and replays run on one thread, whose times vary least
         let single = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+        let settings = RenderSettings {
+            ledger: true,
+            ..measured.settings
+        };
         let ways = 1 + options.scaling.len();
         let replay_count = sets.len() * contestants.len() * ways;
         // Render the frame with the first contestant, and with Embree at each other precision
@@ -54,7 +57,9 @@ impl<'m> Times<'m> {
             if let Some(frame) = candidate.checked_sub(replay_count) {
                 let (contestant, profiles) = &mut frames[frame];
                 let accel = structures[contestants[*contestant].structure].accel();
-                let profile = parallel::install(&single, || measured.profile(accel, options.observer))?;
+                let monitor = options.observer.monitor();
+                let render = || render(measured.scene, measured.camera, accel, &settings, &monitor);
+                let profile = parallel::install(&single, render)?.ledger;
                 let seconds = profile.seconds;
                 profiles.push(profile);
                 return Ok(seconds);

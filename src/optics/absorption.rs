@@ -45,11 +45,6 @@ impl Absorption {
             }
         })
     }
-
-    /// Returns the distance that halves each channel's light: ln 2 / sigma_a, infinite for a clear channel.
-    pub fn half_value_distance(&self) -> [f64; 3] {
-        self.sigma_a.map(|sigma_a| std::f64::consts::LN_2 / sigma_a)
-    }
 }
 
 #[cfg(test)]
@@ -67,7 +62,8 @@ mod tests {
         let medium = Absorption {
             sigma_a: [0.01, 0.7, 40.0],
         };
-        for (channel, distance) in medium.half_value_distance().into_iter().enumerate() {
+        for (channel, sigma_a) in medium.sigma_a.into_iter().enumerate() {
+            let distance = std::f64::consts::LN_2 / sigma_a;
             // ln 2, the quotient and the product are rounded once each, which exp(-ln 2) scales by ln 2; then exp
             // itself is rounded.
             assert!((medium.transmittance(distance)[channel] - 0.5).abs() <= 2.0 * f64::EPSILON);

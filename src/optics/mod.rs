@@ -29,7 +29,7 @@ pub use nested_dielectrics::{
     BoundaryCrossing, BoundaryEvent, InteriorStack, MAX_NESTED_INTERIORS, NestedInterior,
 };
 pub use polarised::Polarised;
-pub use snell::{Refraction, brewster_angle, critical_angle, ior_from_speed, reflect, refract};
+pub use snell::{Refraction, ior_from_speed, reflect, refract};
 pub use spectrum::{
     LINEAR_SRGB_FROM_XYZ, MAX_WAVELENGTH, MIN_WAVELENGTH, SpectralSampler, color_matching, linear_srgb,
 };

@@ -1,16 +1,13 @@
 //! Serde input types of a job file, before validation.
 
 use std::collections::BTreeMap;
-use std::fmt;
-use std::marker::PhantomData;
 
 use serde::Deserialize;
-use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
-use serde::de::{self, Deserializer, MapAccess, SeqAccess, Visitor};
 use toml::Value;
 
 use super::camera_path::Interpolation;
 use super::range::FrameRange;
+use crate::scene_file::forms::forms;
 use crate::scene_file::value::Located;
 
 /// Top level of a job file.
@@ -95,27 +92,10 @@ pub(super) enum SweepSpec {
     Steps(StepsSpec),
 }
 
-impl<'de> Deserialize<'de> for SweepSpec {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<SweepSpec, D::Error> {
-        // The visitor accepts a list or a table
-        struct SweepVisitor;
-        impl<'de> Visitor<'de> for SweepVisitor {
-            type Value = SweepSpec;
-
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("a list of values, or as in { from = 0, to = 1, steps = 5 }")
-            }
-
-            fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<SweepSpec, A::Error> {
-                Vec::deserialize(SeqAccessDeserializer::new(list)).map(SweepSpec::List)
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<SweepSpec, A::Error> {
-                StepsSpec::deserialize(MapAccessDeserializer::new(map)).map(SweepSpec::Steps)
-            }
-        }
-        deserializer.deserialize_any(SweepVisitor)
-    }
+forms! {
+    ['de] SweepSpec, "a list of values, or as in { from = 0, to = 1, steps = 5 }";
+    list list => Vec::deserialize(list).map(SweepSpec::List);
+    table table => StepsSpec::deserialize(table).map(SweepSpec::Steps);
 }
 
 /// Equidistant values from `from` to `to`, both included.
@@ -162,53 +142,18 @@ pub(super) struct Word(pub(super) String);
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct ScalarList(pub(super) Vec<String>);
 
-struct ScalarVisitor<T>(PhantomData<T>);
-
-impl Visitor<'_> for ScalarVisitor<Word> {
-    type Value = Word;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("a name or a number")
-    }
-
-    fn visit_str<E: de::Error>(self, word: &str) -> Result<Word, E> {
-        Ok(Word(word.to_owned()))
-    }
-
-    fn visit_i64<E: de::Error>(self, number: i64) -> Result<Word, E> {
-        Ok(Word(number.to_string()))
-    }
+forms! {
+    ['de] Word, "a name or a number";
+    text word => Ok(Word(word.to_owned()));
+    integer number => Ok(Word(number.to_string()));
 }
 
-impl<'de> Deserialize<'de> for Word {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Word, D::Error> {
-        deserializer.deserialize_any(ScalarVisitor::<Word>(PhantomData))
-    }
-}
-
-impl<'de> Visitor<'de> for ScalarVisitor<ScalarList> {
-    type Value = ScalarList;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("a name, a number, or a list of them")
-    }
-
-    fn visit_str<E: de::Error>(self, word: &str) -> Result<ScalarList, E> {
-        Ok(ScalarList(vec![word.to_owned()]))
-    }
-
-    fn visit_i64<E: de::Error>(self, number: i64) -> Result<ScalarList, E> {
-        Ok(ScalarList(vec![number.to_string()]))
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<ScalarList, A::Error> {
-        let words: Vec<Word> = Vec::deserialize(SeqAccessDeserializer::new(list))?;
+forms! {
+    ['de] ScalarList, "a name, a number, or a list of them";
+    text word => Ok(ScalarList(vec![word.to_owned()]));
+    integer number => Ok(ScalarList(vec![number.to_string()]));
+    list list => {
+        let words: Vec<Word> = Vec::deserialize(list)?;
         Ok(ScalarList(words.into_iter().map(|word| word.0).collect()))
-    }
-}
-
-impl<'de> Deserialize<'de> for ScalarList {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<ScalarList, D::Error> {
-        deserializer.deserialize_any(ScalarVisitor::<ScalarList>(PhantomData))
-    }
+    };
 }

@@ -1,13 +1,10 @@
 //! Lights and backgrounds of scene files.
 
-use std::borrow::Cow;
-use std::fmt;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use serde::de::{IntoDeserializer, Unexpected};
 
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
-use serde::de::{Error, IntoDeserializer, MapAccess, SeqAccess, Unexpected, Visitor};
-use serde::{Deserialize, Deserializer};
-
+use super::forms::{forms, schema};
 use super::value::{Color, Located, Vector};
 use crate::scene::{AreaShape, Background, Falloff, Light, LightKind, MAX_LIGHT_SAMPLES};
 
@@ -84,51 +81,25 @@ const OUTER: f64 = 45.0;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct EmissiveForm(pub(super) Option<u32>);
 
-struct EmissiveVisitor;
-
-impl Visitor<'_> for EmissiveVisitor {
-    type Value = EmissiveForm;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(
-            f,
-            "true, false or a number of samples from 1 to {MAX_LIGHT_SAMPLES}"
-        )
-    }
-
-    fn visit_bool<E: Error>(self, is_emissive: bool) -> Result<EmissiveForm, E> {
-        Ok(EmissiveForm(is_emissive.then_some(SAMPLES)))
-    }
-
-    fn visit_i64<E: Error>(self, number: i64) -> Result<EmissiveForm, E> {
-        match u32::try_from(number) {
-            Ok(samples @ 1..=MAX_LIGHT_SAMPLES) => Ok(EmissiveForm(Some(samples))),
-            _ => Err(E::invalid_value(Unexpected::Signed(number), &self)),
+forms! {
+    ['de] EmissiveForm, format_args!("true, false or a number of samples from 1 to {MAX_LIGHT_SAMPLES}");
+    boolean is_emissive => Ok(EmissiveForm(is_emissive.then_some(SAMPLES)));
+    integer number => match u32::try_from(number) {
+        Ok(samples @ 1..=MAX_LIGHT_SAMPLES) => Ok(EmissiveForm(Some(samples))),
+        _ => {
+            let allowed = format!("true, false or a number of samples from 1 to {MAX_LIGHT_SAMPLES}");
+            Err(E::invalid_value(Unexpected::Signed(number), &allowed.as_str()))
         }
-    }
+    };
 }
 
-impl<'de> Deserialize<'de> for EmissiveForm {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<EmissiveForm, D::Error> {
-        deserializer.deserialize_any(EmissiveVisitor)
-    }
-}
-
-impl JsonSchema for EmissiveForm {
-    fn schema_name() -> Cow<'static, str> {
-        "Lamp".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({
-            "anyOf": [
-                { "type": "boolean" },
-                { "type": "integer", "minimum": 1, "maximum": MAX_LIGHT_SAMPLES },
-            ],
-            "default": false,
-        })
-    }
-}
+schema!([] EmissiveForm, "Lamp", _generator => {
+    "anyOf": [
+        { "type": "boolean" },
+        { "type": "integer", "minimum": 1, "maximum": MAX_LIGHT_SAMPLES },
+    ],
+    "default": false,
+});
 
 #[derive(Clone, Copy, Debug)]
 enum FalloffForm {
@@ -137,49 +108,23 @@ enum FalloffForm {
     Polynomial([f64; 3]),
 }
 
-struct FalloffVisitor;
-
-impl<'de> Visitor<'de> for FalloffVisitor {
-    type Value = FalloffForm;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("\"physical\", \"none\" or [constant, linear, quadratic]")
-    }
-
-    fn visit_str<E: Error>(self, word: &str) -> Result<FalloffForm, E> {
-        match word {
-            "physical" => Ok(FalloffForm::Physical),
-            "none" => Ok(FalloffForm::None),
-            _ => Err(E::unknown_variant(word, &["physical", "none"])),
-        }
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<FalloffForm, A::Error> {
-        <[f64; 3]>::deserialize(SeqAccessDeserializer::new(list)).map(FalloffForm::Polynomial)
-    }
+forms! {
+    ['de] FalloffForm, "\"physical\", \"none\" or [constant, linear, quadratic]";
+    text word => match word {
+        "physical" => Ok(FalloffForm::Physical),
+        "none" => Ok(FalloffForm::None),
+        _ => Err(E::unknown_variant(word, &["physical", "none"])),
+    };
+    list list => <[f64; 3]>::deserialize(list).map(FalloffForm::Polynomial);
 }
 
-impl<'de> Deserialize<'de> for FalloffForm {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<FalloffForm, D::Error> {
-        deserializer.deserialize_any(FalloffVisitor)
-    }
-}
-
-impl JsonSchema for FalloffForm {
-    fn schema_name() -> Cow<'static, str> {
-        "Falloff".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({
-            "anyOf": [
-                { "enum": ["physical", "none"] },
-                { "type": "array", "items": { "type": "number", "minimum": 0 }, "minItems": 3, "maxItems": 3 },
-            ],
-            "default": "physical",
-        })
-    }
-}
+schema!([] FalloffForm, "Falloff", _generator => {
+    "anyOf": [
+        { "enum": ["physical", "none"] },
+        { "type": "array", "items": { "type": "number", "minimum": 0 }, "minItems": 3, "maxItems": 3 },
+    ],
+    "default": "physical",
+});
 
 impl LightForm {
     /// Returns the light, named by its number if it has no name.
@@ -336,7 +281,8 @@ impl LightForm {
 }
 
 /// A background: one colour for all directions, a gradient over the height, or an environment map.
-#[derive(Debug)]
+#[derive(Debug, JsonSchema)]
+#[schemars(untagged, rename = "Background")]
 pub(super) enum BackgroundForm {
     Uniform(Color),
     Table(Box<Surroundings>),
@@ -366,53 +312,12 @@ pub(super) struct Surroundings {
     samples: Option<u32>,
 }
 
-struct BackgroundVisitor;
-
-impl<'de> Visitor<'de> for BackgroundVisitor {
-    type Value = BackgroundForm;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("a colour, { horizon = ..., up = ..., down = ... } or { environment = ... }")
-    }
-
-    fn visit_f64<E: Error>(self, grey: f64) -> Result<BackgroundForm, E> {
-        Color::deserialize(grey.into_deserializer()).map(BackgroundForm::Uniform)
-    }
-
-    fn visit_i64<E: Error>(self, grey: i64) -> Result<BackgroundForm, E> {
-        Color::deserialize(grey.into_deserializer()).map(BackgroundForm::Uniform)
-    }
-
-    fn visit_str<E: Error>(self, text: &str) -> Result<BackgroundForm, E> {
-        Color::deserialize(text.into_deserializer()).map(BackgroundForm::Uniform)
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<BackgroundForm, A::Error> {
-        Color::deserialize(SeqAccessDeserializer::new(list)).map(BackgroundForm::Uniform)
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<BackgroundForm, A::Error> {
-        Surroundings::deserialize(MapAccessDeserializer::new(table))
-            .map(|form| BackgroundForm::Table(Box::new(form)))
-    }
-}
-
-impl<'de> Deserialize<'de> for BackgroundForm {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<BackgroundForm, D::Error> {
-        deserializer.deserialize_any(BackgroundVisitor)
-    }
-}
-
-impl JsonSchema for BackgroundForm {
-    fn schema_name() -> Cow<'static, str> {
-        "Background".into()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        let color = generator.subschema_for::<Color>();
-        let gradient = generator.subschema_for::<Surroundings>();
-        json_schema!({ "anyOf": [color, gradient] })
-    }
+forms! {
+    ['de] BackgroundForm, "a colour, { horizon = ..., up = ..., down = ... } or { environment = ... }";
+    number grey => Color::deserialize(grey.into_deserializer()).map(BackgroundForm::Uniform);
+    text text => Color::deserialize(text.into_deserializer()).map(BackgroundForm::Uniform);
+    list list => Color::deserialize(list).map(BackgroundForm::Uniform);
+    table table => Box::deserialize(table).map(BackgroundForm::Table);
 }
 
 impl BackgroundForm {

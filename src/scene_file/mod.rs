@@ -73,6 +73,7 @@ mod document;
 mod edit;
 pub(crate) mod fault;
 mod flatten;
+pub(crate) mod forms;
 mod light;
 mod material;
 mod material_form;

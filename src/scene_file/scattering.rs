@@ -1,14 +1,10 @@
 //! Subsurface scattering in scene files: a measured material or coefficients.
 
-use std::borrow::Cow;
-use std::fmt;
-
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::de::value::MapAccessDeserializer;
-use serde::de::{MapAccess, Visitor};
-use serde::{Deserialize, Deserializer};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 use super::fault::Diagnostic;
+use super::forms::{forms, schema};
 use super::value::{Color, Each, Located};
 use crate::optics::subsurface::{Scattering, SubsurfacePreset};
 use crate::scene::DEFAULT_IOR;
@@ -40,47 +36,22 @@ struct SubsurfaceTable {
     mean_free_path: Option<Located<Each<3>>>,
 }
 
-impl<'de> Deserialize<'de> for SubsurfaceForm {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<SubsurfaceForm, D::Error> {
-        deserializer.deserialize_any(FormVisitor)
-    }
+forms! {
+    ['de] SubsurfaceForm, "the name of a measured material or a table";
+    text name => Ok(SubsurfaceForm(SubsurfaceTable {
+        preset: Some(Located::without_span(name.to_owned())),
+        ..SubsurfaceTable::default()
+    }));
+    table table => SubsurfaceTable::deserialize(table).map(SubsurfaceForm);
 }
 
-struct FormVisitor;
-
-impl<'de> Visitor<'de> for FormVisitor {
-    type Value = SubsurfaceForm;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("the name of a measured material or a table")
-    }
-
-    fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<SubsurfaceForm, E> {
-        Ok(SubsurfaceForm(SubsurfaceTable {
-            preset: Some(Located::without_span(name.to_owned())),
-            ..SubsurfaceTable::default()
-        }))
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<SubsurfaceForm, A::Error> {
-        SubsurfaceTable::deserialize(MapAccessDeserializer::new(map)).map(SubsurfaceForm)
-    }
-}
-
-impl JsonSchema for SubsurfaceForm {
-    fn schema_name() -> Cow<'static, str> {
-        "Subsurface".into()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        let names = SubsurfacePreset::ALL.map(|preset| preset.name);
-        let table = generator.subschema_for::<SubsurfaceTable>();
-        json_schema!({
-            "description": "A measured material by name, or a table.",
-            "anyOf": [{ "type": "string", "enum": names }, table],
-        })
-    }
-}
+schema!([] SubsurfaceForm, "Subsurface", generator => {
+    "description": "A measured material by name, or a table.",
+    "anyOf": [
+        { "type": "string", "enum": SubsurfacePreset::ALL.map(|preset| preset.name) },
+        generator.subschema_for::<SubsurfaceTable>(),
+    ],
+});
 
 impl Located<SubsurfaceForm> {
     /// Returns the scattering coefficients, with the index of refraction `ior` if the material has one.

@@ -1,14 +1,12 @@
 //! Shapes of scene files and their conversion to geometries.
 
-use std::fmt;
 use std::sync::Arc;
 
 use glam::DVec3;
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::de::value::MapAccessDeserializer;
-use serde::de::{Error, MapAccess, Visitor};
-use serde::{Deserialize, Deserializer};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
+use super::forms::{forms, schema};
 use super::polygons::PolygonsForm;
 use super::shape_diagnostic::ShapeDiagnostic;
 use super::value::{Located, Vector};
@@ -240,46 +238,21 @@ impl QuadricForm {
     }
 }
 
-struct ShapeVisitor;
-
-impl<'de> Visitor<'de> for ShapeVisitor {
-    type Value = ShapeRef;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("a shape's name or { KIND = { ... } }")
-    }
-
-    fn visit_str<E: Error>(self, name: &str) -> Result<ShapeRef, E> {
-        Ok(ShapeRef::Name(name.to_owned()))
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<ShapeRef, A::Error> {
-        ShapeForm::deserialize(MapAccessDeserializer::new(table)).map(ShapeRef::Inline)
-    }
+forms! {
+    ['de] ShapeRef, "a shape's name or { KIND = { ... } }";
+    text name => Ok(ShapeRef::Name(name.to_owned()));
+    table table => ShapeForm::deserialize(table).map(ShapeRef::Inline);
 }
 
-impl<'de> Deserialize<'de> for ShapeRef {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<ShapeRef, D::Error> {
-        deserializer.deserialize_any(ShapeVisitor)
-    }
-}
-
-impl JsonSchema for ShapeRef {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "ShapeOrName".into()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        let shape = generator.subschema_for::<ShapeForm>();
-        let words = WORDS.join(", ");
-        json_schema!({
-            "anyOf": [
-                { "type": "string", "description": format!("One of {words}, or the name of a [shape.NAME].") },
-                shape,
-            ],
-        })
-    }
-}
+schema!([] ShapeRef, "ShapeOrName", generator => {
+    "anyOf": [
+        {
+            "type": "string",
+            "description": format!("One of {}, or the name of a [shape.NAME].", WORDS.join(", ")),
+        },
+        generator.subschema_for::<ShapeForm>(),
+    ],
+});
 
 /// A shape with its span in the file.
 pub(super) type PlacedShape = Located<ShapeForm>;

@@ -2,7 +2,9 @@
 
 use schemars::JsonSchema;
 use serde::Deserialize;
+use serde::de::IntoDeserializer;
 
+use super::forms::{forms, schema};
 use super::value::{Each, Located, Rgba};
 use crate::scene::{Filter, Pattern, Procedural, Sampler, Space, Wrap};
 
@@ -81,43 +83,15 @@ enum WrapWord {
 #[derive(Clone, Copy, Debug)]
 struct WrapForm([WrapWord; 2]);
 
-struct WrapVisitor;
-
-impl<'de> serde::de::Visitor<'de> for WrapVisitor {
-    type Value = WrapForm;
-
-    fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
-        f.write_str("\"repeat\", \"mirror\" or \"clamp\", or two of them in brackets")
-    }
-
-    fn visit_str<E: serde::de::Error>(self, word: &str) -> Result<WrapForm, E> {
-        use serde::de::IntoDeserializer;
-        WrapWord::deserialize(word.into_deserializer()).map(|word| WrapForm([word; 2]))
-    }
-
-    fn visit_seq<A: serde::de::SeqAccess<'de>>(self, list: A) -> Result<WrapForm, A::Error> {
-        <[WrapWord; 2]>::deserialize(serde::de::value::SeqAccessDeserializer::new(list)).map(WrapForm)
-    }
+forms! {
+    ['de] WrapForm, "\"repeat\", \"mirror\" or \"clamp\", or two of them in brackets";
+    text word => WrapWord::deserialize(word.into_deserializer()).map(|word| WrapForm([word; 2]));
+    list list => <[WrapWord; 2]>::deserialize(list).map(WrapForm);
 }
 
-impl<'de> Deserialize<'de> for WrapForm {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<WrapForm, D::Error> {
-        deserializer.deserialize_any(WrapVisitor)
-    }
-}
-
-impl JsonSchema for WrapForm {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "Wrap".into()
-    }
-
-    fn json_schema(generator: &mut schemars::SchemaGenerator) -> schemars::Schema {
-        let word = generator.subschema_for::<WrapWord>();
-        schemars::json_schema!({
-            "anyOf": [word, { "type": "array", "items": word, "minItems": 2, "maxItems": 2 }],
-        })
-    }
-}
+schema!([] WrapForm, "Wrap", generator => {
+    "anyOf": [generator.subschema_for::<WrapWord>(), generator.subschema_for::<[WrapWord; 2]>()],
+});
 
 impl WrapWord {
     fn wrap(self) -> Wrap {

@@ -6,11 +6,11 @@ use std::marker::PhantomData;
 use std::ops::{Deref, Range};
 
 use glam::DVec3;
-use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
-use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
-use serde::de::{self, Error, IntoDeserializer, MapAccess, SeqAccess, Visitor};
+use schemars::{JsonSchema, Schema, SchemaGenerator};
+use serde::de::{Error, IntoDeserializer, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
+use super::forms::{forms, schema};
 use super::node::{SPANNED, read_span};
 
 /// A value and the span of the file that it was read from, in bytes.
@@ -72,8 +72,8 @@ impl<T: JsonSchema> JsonSchema for Located<T> {
 }
 
 /// Linear RGB without negative values: one number for a grey, three, or "#rrggbb" by the sRGB curve.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(transparent)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(try_from = "Channels<3>")]
 pub(super) struct Color(pub(super) [f32; 3]);
 
 impl Color {
@@ -87,40 +87,32 @@ impl Color {
 }
 
 /// A [`Color`] with coverage as an optional fourth number, or "#rrggbbaa".
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(transparent)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(try_from = "Channels<4>")]
 pub(super) struct Rgba(pub(super) [f32; 4]);
 
 const COLOR_FORMS: &str = "a number, [red, green, blue] or \"#rrggbb\"";
 const RGBA_FORMS: &str =
     "a number, [red, green, blue], [red, green, blue, alpha], \"#rrggbb\" or \"#rrggbbaa\"";
 
-/// Visitor for colours; the string names the allowed forms.
-struct ColorVisitor(&'static str);
+/// Channels of a colour, of which the last of four is optional, as is any number of them until it is checked.
+struct Channels<const MAX: usize>(Vec<f32>);
 
-impl<'de> Visitor<'de> for ColorVisitor {
-    type Value = Vec<f32>;
+impl<const MAX: usize> Channels<MAX> {
+    const FORMS: &str = if MAX == 3 { COLOR_FORMS } else { RGBA_FORMS };
 
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(self.0)
+    fn wrong_count(&self) -> String {
+        format!("a colour has {} channels: give {}", self.0.len(), Self::FORMS)
     }
+}
 
-    fn visit_f64<E: Error>(self, grey: f64) -> Result<Vec<f32>, E> {
-        channels([grey; 3])
-    }
-
-    fn visit_i64<E: Error>(self, grey: i64) -> Result<Vec<f32>, E> {
-        channels([grey as f64; 3])
-    }
-
-    fn visit_str<E: Error>(self, text: &str) -> Result<Vec<f32>, E> {
-        hex_channels(text).ok_or_else(|| E::custom(format!("`{text}` is not a colour: give {}", self.0)))
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Vec<f32>, A::Error> {
-        let numbers = Vec::<f64>::deserialize(SeqAccessDeserializer::new(list))?;
-        channels(numbers)
-    }
+forms! {
+    ['de, const MAX: usize] Channels<MAX>, Channels::<MAX>::FORMS;
+    number grey => channels([grey; 3]).map(Channels);
+    text text => hex_channels(text)
+        .map(Channels)
+        .ok_or_else(|| E::custom(format!("`{text}` is not a colour: give {}", Channels::<MAX>::FORMS)));
+    list list => channels(Vec::<f64>::deserialize(list)?).map(Channels);
 }
 
 fn channels<E: Error>(numbers: impl IntoIterator<Item = f64>) -> Result<Vec<f32>, E> {
@@ -162,86 +154,67 @@ fn linear(encoded: f64) -> f64 {
     }
 }
 
-impl<'de> Deserialize<'de> for Color {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Color, D::Error> {
-        let channels = deserializer.deserialize_any(ColorVisitor(COLOR_FORMS))?;
-        match channels[..] {
+impl TryFrom<Channels<3>> for Color {
+    type Error = String;
+
+    fn try_from(channels: Channels<3>) -> Result<Color, String> {
+        match channels.0[..] {
             [r, g, b] => Ok(Color([r, g, b])),
-            _ => Err(de::Error::custom(format!(
-                "a colour has {} channels: give {COLOR_FORMS}",
-                channels.len()
-            ))),
+            _ => Err(channels.wrong_count()),
         }
     }
 }
 
-impl<'de> Deserialize<'de> for Rgba {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Rgba, D::Error> {
-        let channels = deserializer.deserialize_any(ColorVisitor(RGBA_FORMS))?;
-        match channels[..] {
+impl TryFrom<Channels<4>> for Rgba {
+    type Error = String;
+
+    fn try_from(channels: Channels<4>) -> Result<Rgba, String> {
+        match channels.0[..] {
             [r, g, b] => Ok(Rgba([r, g, b, 1.0])),
             [r, g, b, a] => Ok(Rgba([r, g, b, a])),
-            _ => Err(de::Error::custom(format!(
-                "a colour has {} channels: give {RGBA_FORMS}",
-                channels.len()
-            ))),
+            _ => Err(channels.wrong_count()),
         }
     }
 }
 
-impl JsonSchema for Color {
-    fn schema_name() -> Cow<'static, str> {
-        "Color".into()
-    }
+schema!([] Color, "Color", _generator => {
+    "description": "Linear RGB as one number for a grey or [red, green, blue], or sRGB as \"#rrggbb\".",
+    "anyOf": [
+        { "type": "number", "minimum": 0 },
+        { "type": "array", "items": { "type": "number", "minimum": 0 }, "minItems": 3, "maxItems": 3 },
+        { "type": "string", "pattern": "^#[0-9a-fA-F]{6}$" },
+    ],
+});
 
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({
-            "description": "Linear RGB as one number for a grey or [red, green, blue], or sRGB as \"#rrggbb\".",
-            "anyOf": [
-                { "type": "number", "minimum": 0 },
-                { "type": "array", "items": { "type": "number", "minimum": 0 }, "minItems": 3, "maxItems": 3 },
-                { "type": "string", "pattern": "^#[0-9a-fA-F]{6}$" },
-            ],
-        })
-    }
-}
-
-impl JsonSchema for Rgba {
-    fn schema_name() -> Cow<'static, str> {
-        "Rgba".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({
-            "description": "Linear RGB as one number for a grey, [red, green, blue] or [red, green, blue, alpha], or \
-                            sRGB as \"#rrggbb\" or \"#rrggbbaa\".",
-            "anyOf": [
-                { "type": "number", "minimum": 0 },
-                { "type": "array", "items": { "type": "number", "minimum": 0 }, "minItems": 3, "maxItems": 4 },
-                { "type": "string", "pattern": "^#([0-9a-fA-F]{6}|[0-9a-fA-F]{8})$" },
-            ],
-        })
-    }
-}
+schema!([] Rgba, "Rgba", _generator => {
+    "description": "Linear RGB as one number for a grey, [red, green, blue] or [red, green, blue, alpha], or \
+                    sRGB as \"#rrggbb\" or \"#rrggbbaa\".",
+    "anyOf": [
+        { "type": "number", "minimum": 0 },
+        { "type": "array", "items": { "type": "number", "minimum": 0 }, "minItems": 3, "maxItems": 4 },
+        { "type": "string", "pattern": "^#([0-9a-fA-F]{6}|[0-9a-fA-F]{8})$" },
+    ],
+});
 
 /// A vector of three finite numbers.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(try_from = "[f64; 3]", into = "[f64; 3]")]
 pub(super) struct Vector(pub(super) DVec3);
 
-impl<'de> Deserialize<'de> for Vector {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Vector, D::Error> {
-        let v = DVec3::from_array(<[f64; 3]>::deserialize(deserializer)?);
-        if v.is_finite() {
-            Ok(Vector(v))
-        } else {
-            Err(de::Error::custom("a coordinate is not finite: correct it"))
-        }
+impl TryFrom<[f64; 3]> for Vector {
+    type Error = &'static str;
+
+    fn try_from(v: [f64; 3]) -> Result<Vector, &'static str> {
+        let v = DVec3::from_array(v);
+        v.is_finite()
+            .then_some(Vector(v))
+            .ok_or("a coordinate is not finite: correct it")
     }
 }
 
-impl Serialize for Vector {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        self.0.to_array().serialize(serializer)
+impl From<Vector> for [f64; 3] {
+    fn from(v: Vector) -> [f64; 3] {
+        v.0.to_array()
     }
 }
 
@@ -263,62 +236,40 @@ impl JsonSchema for Vector {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Each<const N: usize>(pub(super) [f64; N]);
 
-struct EachVisitor<const N: usize>;
-
-impl<'de, const N: usize> Visitor<'de> for EachVisitor<N> {
-    type Value = Each<N>;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "a number or {N} numbers in brackets")
+impl<const N: usize> Each<N> {
+    fn finite<E: Error>(numbers: [f64; N]) -> Result<Each<N>, E> {
+        numbers
+            .iter()
+            .all(|x| x.is_finite())
+            .then_some(Each(numbers))
+            .ok_or_else(|| E::custom("a number is not finite: correct it"))
     }
+}
 
-    fn visit_f64<E: Error>(self, x: f64) -> Result<Each<N>, E> {
-        Ok(Each([x; N]))
-    }
-
-    fn visit_i64<E: Error>(self, x: i64) -> Result<Each<N>, E> {
-        Ok(Each([x as f64; N]))
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Each<N>, A::Error> {
-        let numbers = Vec::<f64>::deserialize(SeqAccessDeserializer::new(list))?;
+forms! {
+    ['de, const N: usize] Each<N>, format_args!("a number or {N} numbers in brackets");
+    number x => Each::finite([x; N]);
+    list list => {
         // A list must have exactly N numbers
+        let numbers = Vec::<f64>::deserialize(list)?;
         let count = numbers.len();
         let numbers = numbers
             .try_into()
             .map_err(|_| A::Error::custom(format!("has {count} numbers: give one or {N}")))?;
-        Ok(Each(numbers))
-    }
+        Each::finite(numbers)
+    };
 }
 
-impl<'de, const N: usize> Deserialize<'de> for Each<N> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Each<N>, D::Error> {
-        let each = deserializer.deserialize_any(EachVisitor::<N>)?;
-        if each.0.iter().all(|x| x.is_finite()) {
-            Ok(each)
-        } else {
-            Err(de::Error::custom("a number is not finite: correct it"))
-        }
-    }
-}
-
-impl<const N: usize> JsonSchema for Each<N> {
-    fn schema_name() -> Cow<'static, str> {
-        format!("NumberOr{N}").into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({
-            "anyOf": [
-                { "type": "number" },
-                { "type": "array", "items": { "type": "number" }, "minItems": N, "maxItems": N },
-            ],
-        })
-    }
-}
+schema!([const N: usize] Each<N>, format!("NumberOr{N}"), _generator => {
+    "anyOf": [
+        { "type": "number" },
+        { "type": "array", "items": { "type": "number" }, "minItems": N, "maxItems": N },
+    ],
+});
 
 /// A parameter of a material: a value, or a texture with a value that it multiplies.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, JsonSchema)]
+#[schemars(untagged, rename = "ParameterOf{T}")]
 pub(super) enum Param<T> {
     Value(T),
     Textured(Textured<T>),
@@ -373,52 +324,12 @@ impl Value for f32 {
     const ONE: f32 = 1.0;
 }
 
-struct ParamVisitor<T>(PhantomData<T>);
-
-impl<'de, T: Value + Deserialize<'de>> Visitor<'de> for ParamVisitor<T> {
-    type Value = Param<T>;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str(T::FORMS)
-    }
-
-    fn visit_f64<E: Error>(self, x: f64) -> Result<Param<T>, E> {
-        T::deserialize(x.into_deserializer()).map(Param::Value)
-    }
-
-    fn visit_i64<E: Error>(self, x: i64) -> Result<Param<T>, E> {
-        T::deserialize(x.into_deserializer()).map(Param::Value)
-    }
-
-    fn visit_str<E: Error>(self, text: &str) -> Result<Param<T>, E> {
-        T::deserialize(text.into_deserializer()).map(Param::Value)
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Param<T>, A::Error> {
-        T::deserialize(SeqAccessDeserializer::new(list)).map(Param::Value)
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<Param<T>, A::Error> {
-        Textured::deserialize(MapAccessDeserializer::new(table)).map(Param::Textured)
-    }
-}
-
-impl<'de, T: Value + Deserialize<'de>> Deserialize<'de> for Param<T> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Param<T>, D::Error> {
-        deserializer.deserialize_any(ParamVisitor(PhantomData))
-    }
-}
-
-impl<T: JsonSchema> JsonSchema for Param<T> {
-    fn schema_name() -> Cow<'static, str> {
-        format!("ParameterOf{}", T::schema_name()).into()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        let value = generator.subschema_for::<T>();
-        let textured = generator.subschema_for::<Textured<T>>();
-        json_schema!({ "anyOf": [value, textured] })
-    }
+forms! {
+    ['de, T: Value + Deserialize<'de>] Param<T>, T::FORMS;
+    number x => T::deserialize(x.into_deserializer()).map(Param::Value);
+    text text => T::deserialize(text.into_deserializer()).map(Param::Value);
+    list list => T::deserialize(list).map(Param::Value);
+    table table => Textured::deserialize(table).map(Param::Textured);
 }
 
 impl<T: Value + Copy> Param<T> {
@@ -437,21 +348,13 @@ pub(super) enum NoValue {}
 
 impl<'de> Deserialize<'de> for NoValue {
     fn deserialize<D: Deserializer<'de>>(_: D) -> Result<NoValue, D::Error> {
-        Err(de::Error::custom(
+        Err(D::Error::custom(
             "cannot have a value besides its texture: remove the value",
         ))
     }
 }
 
-impl JsonSchema for NoValue {
-    fn schema_name() -> Cow<'static, str> {
-        "NoValue".into()
-    }
-
-    fn json_schema(_: &mut SchemaGenerator) -> Schema {
-        json_schema!({ "not": {}, "description": "Not allowed here." })
-    }
-}
+schema!([] NoValue, "NoValue", _generator => { "not": {}, "description": "Not allowed here." });
 
 /// One table, or a list of tables.
 #[derive(Debug)]
@@ -463,59 +366,38 @@ impl<T> Default for OneOrMany<T> {
     }
 }
 
-struct OneOrManyVisitor<T>(PhantomData<T>);
-
-impl<'de, T: Deserialize<'de>> Visitor<'de> for OneOrManyVisitor<T> {
-    type Value = Result<T, Vec<Located<T>>>;
-
-    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        f.write_str("a table or several")
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, table: A) -> Result<Self::Value, A::Error> {
-        T::deserialize(MapAccessDeserializer::new(table)).map(Ok)
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(self, list: A) -> Result<Self::Value, A::Error> {
-        Vec::deserialize(SeqAccessDeserializer::new(list)).map(Err)
-    }
+/// Content of a [`OneOrMany`]; inside a [`Located`], so that a single table has its span.
+enum Content<T> {
+    One(T),
+    Many(Vec<Located<T>>),
 }
 
-/// Result of reading a [`OneOrMany`]; inside an [`Located`], so that a single table has its span.
-struct Inner<T>(Result<T, Vec<Located<T>>>);
-
-impl<'de, T: Deserialize<'de>> Deserialize<'de> for Inner<T> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Inner<T>, D::Error> {
-        deserializer
-            .deserialize_any(OneOrManyVisitor(PhantomData))
-            .map(Inner)
-    }
+forms! {
+    ['de, T: Deserialize<'de>] Content<T>, "a table or several";
+    table table => T::deserialize(table).map(Content::One);
+    list list => Vec::deserialize(list).map(Content::Many);
 }
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for OneOrMany<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<OneOrMany<T>, D::Error> {
-        let read = Located::<Inner<T>>::deserialize(deserializer)?;
-        Ok(OneOrMany(match read.value.0 {
+        let read = Located::<Content<T>>::deserialize(deserializer)?;
+        Ok(OneOrMany(match read.value {
             // A single table has the span of the whole value
-            Ok(value) => vec![Located {
+            Content::One(value) => vec![Located {
                 value,
                 span: read.span,
             }],
-            Err(several) => several,
+            Content::Many(several) => several,
         }))
     }
 }
 
-impl<T: JsonSchema> JsonSchema for OneOrMany<T> {
-    fn schema_name() -> Cow<'static, str> {
-        format!("OneOrMany{}", T::schema_name()).into()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        let one = generator.subschema_for::<T>();
-        json_schema!({ "anyOf": [one, { "type": "array", "items": one }] })
-    }
-}
+schema!([T: JsonSchema] OneOrMany<T>, format!("OneOrMany{}", T::schema_name()), generator => {
+    "anyOf": [
+        generator.subschema_for::<T>(),
+        { "type": "array", "items": generator.subschema_for::<T>() },
+    ],
+});
 
 #[cfg(test)]
 mod tests {

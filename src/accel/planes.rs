@@ -6,7 +6,7 @@
 use glam::{DAffine3, DVec3};
 use multiversion::multiversion;
 
-use super::RayPacket;
+use super::{Query, RayPacket};
 use crate::numeric::{LANES, Lanes};
 use crate::scene::{Instance, Scene};
 
@@ -42,37 +42,23 @@ impl Planes {
         }
     }
 
-    /// Returns whether the scene has no infinite plane.
-    #[inline(always)]
-    pub(super) fn is_empty(&self) -> bool {
-        self.still.is_empty() && self.moving.is_empty()
-    }
-
     /// Returns the number of infinite planes.
     pub(super) fn count(&self) -> usize {
         self.still.len() + self.moving.len()
     }
 
-    /// Records the plane hits that are nearer than the hits already in the packets.
-    pub(super) fn intersect(&self, packets: &mut [RayPacket]) {
-        for packet in packets {
-            nearest(&self.still, packet);
-            for (index, plane) in &self.moving {
-                let crossings = moving_crossings(*index, plane, packet);
-                take(*index, &crossings, packet);
-            }
+    /// Traces the packets: records the plane hits that are nearer than their own, or marks the lanes as blocked whose
+    /// ray hits any plane.
+    #[inline]
+    pub(super) fn trace(&self, packets: &mut [RayPacket], query: Query) {
+        if self.count() == 0 {
+            return;
         }
-    }
-
-    /// Marks the lanes as blocked whose ray hits any plane.
-    pub(super) fn occluded(&self, packets: &mut [RayPacket]) {
         for packet in packets {
-            block(&self.still, packet);
+            trace_still(&self.still, packet, query);
             for (index, plane) in &self.moving {
                 let crossings = moving_crossings(*index, plane, packet);
-                (0..LANES)
-                    .filter(|&l| crossings[l] < f32::INFINITY)
-                    .for_each(|l| packet.set_blocked(l));
+                record(*index, &crossings, packet, query);
             }
         }
     }
@@ -137,10 +123,19 @@ fn moving_crossings(index: u32, plane: &Instance, packet: &RayPacket) -> Lanes<f
 }
 
 #[multiversion(targets = "simd")]
-fn nearest(planes: &[PlaneForm], packet: &mut RayPacket) {
+fn trace_still(planes: &[PlaneForm], packet: &mut RayPacket, query: Query) {
     for plane in planes {
         let crossings = plane.crossings(packet);
-        take(plane.instance, &crossings, packet);
+        record(plane.instance, &crossings, packet, query);
+    }
+}
+
+/// Records the crossings of a plane: in the lanes where they are the nearest hit, or as blocked lanes.
+#[inline(always)]
+fn record(instance: u32, crossings: &Lanes<f32>, packet: &mut RayPacket, query: Query) {
+    match query {
+        Query::Nearest => take(instance, crossings, packet),
+        Query::Any => block(crossings, packet),
     }
 }
 
@@ -160,18 +155,16 @@ fn take(instance: u32, crossings: &Lanes<f32>, packet: &mut RayPacket) {
     }
 }
 
-#[multiversion(targets = "simd")]
-fn block(planes: &[PlaneForm], packet: &mut RayPacket) {
-    for plane in planes {
-        let crossings = plane.crossings(packet);
-        for l in 0..LANES {
-            let is_hit = crossings[l] < f32::INFINITY;
-            packet.t_far[l] = if is_hit {
-                f32::NEG_INFINITY
-            } else {
-                packet.t_far[l]
-            };
-        }
+/// Marks the lanes that cross a plane as blocked.
+#[inline(always)]
+fn block(crossings: &Lanes<f32>, packet: &mut RayPacket) {
+    for l in 0..LANES {
+        let is_hit = crossings[l] < f32::INFINITY;
+        packet.t_far[l] = if is_hit {
+            f32::NEG_INFINITY
+        } else {
+            packet.t_far[l]
+        };
     }
 }
 
@@ -204,7 +197,7 @@ mod tests {
     fn nearest_plane_is_hit_and_ties_go_to_the_first() {
         let planes = Planes::of(&floors(&[0.0, 2.0, 2.0]));
         let mut packets = [falling(3.0)];
-        planes.intersect(&mut packets);
+        planes.trace(&mut packets, Query::Nearest);
         let hit = packets[0].hit(5).unwrap();
         assert_eq!((hit.instance, hit.t), (1, 1.0));
         assert_eq!(packets[0].hit(4), None);
@@ -223,7 +216,7 @@ mod tests {
                 v: 0.5,
             };
             packets[0].set_hit(5, &found);
-            planes.intersect(&mut packets);
+            planes.trace(&mut packets, Query::Nearest);
             assert_eq!(packets[0].hit(5).unwrap().instance, expected, "{instance} at {t}");
         }
     }
@@ -234,7 +227,7 @@ mod tests {
         for (t_near, t_far, expected) in [(0.0, 2.9, false), (0.0, 3.0, true), (3.1, 9.0, false)] {
             let mut packets = [falling(3.0)];
             (packets[0].t_near[5], packets[0].t_far[5]) = (t_near, t_far);
-            planes.occluded(&mut packets);
+            planes.trace(&mut packets, Query::Any);
             assert_eq!(packets[0].is_blocked(5), expected, "{t_near} to {t_far}");
         }
     }

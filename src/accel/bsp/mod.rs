@@ -23,16 +23,14 @@ mod single;
 mod two_level;
 
 use super::extents::{Spheres, shape_spheres};
-use super::planes::Planes;
 use super::{
-    Accel, AccelError, AccelOptions, AccelPart, AccelReport, Coherence, Kernel, LANES, Precision, RayPacket,
+    Accel, AccelError, AccelOptions, AccelPart, AccelReport, Coherence, Kernel, Precision, Query, RayPacket,
 };
 use crate::mesh::simd::{F32Only, SimdKernel, SimdLevel, dispatch};
 use crate::parallel;
 use crate::scene::Scene;
 use node8::Tree8;
 use reference::PlaneTree;
-use single::Query;
 use two_level::{TreeLayout, TwoLevelTree};
 
 /// The BSP trees of a scene.
@@ -48,15 +46,6 @@ enum TraversalKernel<'s> {
     Reference(TwoLevelTree<'s, PlaneTree>),
     Single(TwoLevelTree<'s, Tree8>),
     Packet(TwoLevelTree<'s, Tree8>),
-}
-
-impl TraversalKernel<'_> {
-    fn planes(&self) -> &Planes {
-        match self {
-            TraversalKernel::Reference(levels) => &levels.planes,
-            TraversalKernel::Single(levels) | TraversalKernel::Packet(levels) => &levels.planes,
-        }
-    }
 }
 
 impl<'s> BspAccel<'s> {
@@ -128,39 +117,11 @@ impl<'s> BspAccel<'s> {
 
 impl Accel for BspAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
-        match &self.traversal {
-            TraversalKernel::Single(levels) => self.trace(levels, packets, Query::Nearest, None),
-            TraversalKernel::Packet(levels) => self.trace(levels, packets, Query::Nearest, Some(order)),
-            TraversalKernel::Reference(levels) => {
-                for_each_lane(packets, |packet, lane| {
-                    if let Some(hit) = levels.nearest(&packet.ray(lane)) {
-                        packet.set_hit(lane, &hit);
-                    }
-                });
-            }
-        }
-        let planes = self.traversal.planes();
-        if !planes.is_empty() {
-            planes.intersect(packets);
-        }
+        self.trace(packets, order, Query::Nearest);
     }
 
     fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
-        match &self.traversal {
-            TraversalKernel::Single(levels) => self.trace(levels, packets, Query::Any, None),
-            TraversalKernel::Packet(levels) => self.trace(levels, packets, Query::Any, Some(order)),
-            TraversalKernel::Reference(levels) => {
-                for_each_lane(packets, |packet, lane| {
-                    if levels.is_blocked(&packet.ray(lane)) {
-                        packet.set_blocked(lane);
-                    }
-                });
-            }
-        }
-        let planes = self.traversal.planes();
-        if !planes.is_empty() {
-            planes.occluded(packets);
-        }
+        self.trace(packets, order, Query::Any);
     }
 
     fn report(&self) -> AccelReport {
@@ -216,16 +177,15 @@ impl PacketBatch<'_, '_> {
 }
 
 impl BspAccel<'_> {
-    fn trace(
-        &self,
-        levels: &TwoLevelTree<Tree8>,
-        packets: &mut [RayPacket],
-        query: Query,
-        order: Option<Coherence>,
-    ) {
+    fn trace(&self, packets: &mut [RayPacket], order: Coherence, query: Query) {
+        let (levels, order) = match &self.traversal {
+            TraversalKernel::Single(levels) => (levels, None),
+            TraversalKernel::Packet(levels) => (levels, Some(order)),
+            TraversalKernel::Reference(levels) => return levels.trace(packets, query),
+        };
         let batch = PacketBatch {
             levels,
-            packets,
+            packets: &mut *packets,
             query,
             order,
         };
@@ -233,17 +193,7 @@ impl BspAccel<'_> {
             Precision::Fast => dispatch(RoundedBatch(batch)),
             Precision::Robust | Precision::Watertight => dispatch(batch),
         }
-    }
-}
-
-fn for_each_lane(packets: &mut [RayPacket], mut trace_rays: impl FnMut(&mut RayPacket, usize)) {
-    for packet in packets {
-        packet.drop_untraceable();
-        for lane in 0..LANES {
-            if packet.is_active(lane) {
-                trace_rays(packet, lane);
-            }
-        }
+        levels.planes.trace(packets, query);
     }
 }
 

@@ -8,11 +8,9 @@
 use super::counters;
 use super::error_bounds::Line;
 use super::node8::{Child, Leaf, LeafPack, NO_NUMBER, Node8, Tree8, WIDTH};
-use super::single::{
-    HitRecord, NodeStack, Query, STACK, hit_of, intersect_instance, trace_lane, trace_singles,
-};
+use super::single::{HitRecord, NodeStack, STACK, hit_of, intersect_instance, trace_lane, trace_singles};
 use super::two_level::TwoLevelTree;
-use crate::accel::{Coherence, LANES, RayPacket};
+use crate::accel::{Coherence, LANES, Query, RayPacket};
 use crate::mesh::simd::{SimdLevel, lanes};
 use crate::mesh::triangle::{LaneHits, PACK, ShearLanes, dominant_axis};
 

@@ -15,9 +15,9 @@ use super::builder::{Branch, CellContent};
 use super::error_bounds::{Line, SlabError};
 use super::primitives::{Primitives, RunKind};
 use super::two_level::{TreeLayout, TwoLevelTree};
-use crate::accel::Hit;
 use crate::accel::brute::ray_in;
 use crate::accel::shape_query::shape_hit;
+use crate::accel::{Hit, LANES, Query, RayPacket};
 use crate::mesh::Mesh;
 use crate::mesh::triangle::Shear;
 use crate::numeric::Ray;
@@ -153,8 +153,31 @@ impl TreeLayout for PlaneTree {
 }
 
 impl TwoLevelTree<'_, PlaneTree> {
+    /// Traces the packets with the reference kernel, one ray after the other.
+    pub(super) fn trace(&self, packets: &mut [RayPacket], query: Query) {
+        for packet in &mut *packets {
+            packet.drop_untraceable();
+            for lane in 0..LANES {
+                if !packet.is_active(lane) {
+                    continue;
+                }
+                let ray = packet.ray(lane);
+                match query {
+                    Query::Nearest => {
+                        if let Some(hit) = self.nearest(&ray) {
+                            packet.set_hit(lane, &hit);
+                        }
+                    }
+                    Query::Any if self.is_blocked(&ray) => packet.set_blocked(lane),
+                    Query::Any => {}
+                }
+            }
+        }
+        self.planes.trace(packets, query);
+    }
+
     /// Returns the nearest hit of one ray.
-    pub(super) fn nearest(&self, ray: &Ray) -> Option<Hit> {
+    fn nearest(&self, ray: &Ray) -> Option<Hit> {
         let mut best = NearestHit::new(ray.t_far);
         let shear = Shear::new(ray);
         let span = [ray.t_near, ray.t_far.min(f32::MAX)];
@@ -200,7 +223,7 @@ impl TwoLevelTree<'_, PlaneTree> {
     }
 
     /// Returns whether one ray hits anything within its interval.
-    pub(super) fn is_blocked(&self, ray: &Ray) -> bool {
+    fn is_blocked(&self, ray: &Ray) -> bool {
         let mut blocked = false;
         let shear = Shear::new(ray);
         let span = [ray.t_near, ray.t_far.min(f32::MAX)];

@@ -7,7 +7,7 @@ use super::node8::{Child, Leaf, Node8, Tree8, WIDTH};
 use super::two_level::TwoLevelTree;
 use crate::accel::brute::ray_in;
 use crate::accel::shape_query::shape_hit;
-use crate::accel::{Hit, LANES, RayPacket};
+use crate::accel::{Hit, LANES, Query, RayPacket};
 use crate::mesh::simd::{SimdLevel, lanes};
 use crate::mesh::triangle::{PACK, Shear};
 use crate::numeric::Ray;
@@ -25,15 +25,6 @@ impl NodeStack {
     pub(super) fn pair(root: Child) -> Box<[NodeStack; 2]> {
         Box::new(std::array::from_fn(|_| NodeStack([(0.0, root); STACK])))
     }
-}
-
-/// Kind of ray query.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Query {
-    /// Query for the nearest hit.
-    Nearest,
-    /// Query for any hit, that is, occlusion.
-    Any,
 }
 
 /// Ray with precomputed data for slab and triangle tests.

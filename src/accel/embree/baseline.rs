@@ -2,8 +2,8 @@
 
 use super::embree_accel::EmbreeAccel;
 use super::query::ray_packet::{Lanes, row};
-use super::query::trace::{intersect_packet, new_query, occluded_packet};
-use crate::accel::{Coherence, LANES, RayPacket};
+use super::query::trace::{new_query, trace_packet};
+use crate::accel::{Coherence, LANES, Query, RayPacket};
 
 impl EmbreeAccel<'_> {
     /// Calls `rtcIntersect16` on every packet and does nothing else.
@@ -13,48 +13,45 @@ impl EmbreeAccel<'_> {
     /// coordinate, on processors without packets of 16 even if the lane is inactive, and over its own instances on a
     /// coordinate beyond 2^36.
     pub fn baseline_intersect16(&self, packets: &mut [RayPacket], order: Coherence) {
-        let scene = self.world.as_ref();
-        let mut query = new_query(scene.order(order));
-        let query = &raw mut query;
-        for packet in packets {
-            intersect_packet(scene, query, packet);
-        }
+        self.baseline16(packets, order, Query::Nearest);
     }
 
     /// Calls `rtcOccluded16` on every packet and does nothing else, under the conditions of
     /// [`EmbreeAccel::baseline_intersect16`].
     pub fn baseline_occluded16(&self, packets: &mut [RayPacket], order: Coherence) {
+        self.baseline16(packets, order, Query::Any);
+    }
+
+    #[inline(always)]
+    fn baseline16(&self, packets: &mut [RayPacket], order: Coherence, query_kind: Query) {
         let scene = self.world.as_ref();
         let mut query = new_query(scene.order(order));
         let query = &raw mut query;
         for packet in packets {
-            occluded_packet(scene, query, packet);
+            trace_packet(scene, query, packet, query_kind);
         }
     }
+
     /// Calls `rtcIntersect1` on every active lane and copies only the ray in and the distance out; other hit data is
     /// dropped. The conditions of [`EmbreeAccel::baseline_intersect16`] apply.
     pub fn baseline_intersect1(&self, packets: &mut [RayPacket]) {
-        self.for_each_active_lane(packets, |ray, query| ray.intersect(self.world.as_ref(), query));
+        self.baseline1(packets, Query::Nearest);
     }
 
     /// Calls `rtcOccluded1` on every active lane, in the manner of [`EmbreeAccel::baseline_intersect1`].
     pub fn baseline_occluded1(&self, packets: &mut [RayPacket]) {
-        self.for_each_active_lane(packets, |ray, query| ray.occluded(self.world.as_ref(), query));
+        self.baseline1(packets, Query::Any);
     }
 
     #[inline(always)]
-    fn for_each_active_lane(
-        &self,
-        packets: &mut [RayPacket],
-        trace_rays: impl Fn(&mut Lanes<1>, *mut embree_sys::EmbreeQuery),
-    ) {
+    fn baseline1(&self, packets: &mut [RayPacket], query_kind: Query) {
         let mut query = new_query(Coherence::Incoherent);
         let query = &raw mut query;
         for packet in packets {
             for lane in (0..LANES).filter(|&lane| packet.active[lane] != 0) {
-                let mut ray = Lanes::new();
+                let mut ray = Lanes::<1>::new();
                 ray.set(0, &packet.ray(lane));
-                trace_rays(&mut ray, query);
+                ray.trace(self.world.as_ref(), query, query_kind);
                 packet.t_far[lane] = f32::from_bits(ray.get(row::T_FAR, 0));
             }
         }

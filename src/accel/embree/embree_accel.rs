@@ -5,14 +5,14 @@ use std::sync::Arc;
 use super::build::scene_build::{self, Built};
 use super::device::Device;
 use super::query::direction_scale::RescaledRays;
-use super::query::trace::{self, Width};
+use super::query::trace::{Width, trace};
 use super::scene::EmbreeScene;
 use super::user_geometry::primitives::UserGeometry;
 use super::{instance_kind, native_instances};
 use crate::accel::planes::Planes;
 use crate::accel::{
-    Accel, AccelError, AccelOptions, AccelPart, AccelReport, Coherence, EmbreeIdentity, Precision, RayPacket,
-    holder_of_tree,
+    Accel, AccelError, AccelOptions, AccelPart, AccelReport, Coherence, EmbreeIdentity, Precision, Query,
+    RayPacket, holder_of_tree,
 };
 use crate::scene::{Instance, Scene};
 
@@ -97,12 +97,17 @@ impl<'s> EmbreeAccel<'s> {
         })
     }
 
-    fn width(&self, order: Coherence) -> Width {
+    #[inline(always)]
+    fn trace(&self, packets: &mut [RayPacket], order: Coherence, query: Query) {
         let [coherent, incoherent] = self.widths;
-        match order {
+        let width = match order {
             Coherence::Coherent => coherent,
             Coherence::Incoherent => incoherent,
-        }
+        };
+        let rescaled = RescaledRays::of(packets);
+        trace(&self.world, width, packets, order, query);
+        rescaled.restore(packets);
+        self.planes.trace(packets, query);
     }
 
     /// Returns the number of instances of meshes with a transform, to which [`AccelOptions::instancing`]
@@ -121,21 +126,11 @@ impl<'s> EmbreeAccel<'s> {
 
 impl Accel for EmbreeAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
-        let rescaled = RescaledRays::of(packets);
-        trace::intersect(&self.world, self.width(order), packets, order);
-        rescaled.restore(packets);
-        if !self.planes.is_empty() {
-            self.planes.intersect(packets);
-        }
+        self.trace(packets, order, Query::Nearest);
     }
 
     fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
-        let rescaled = RescaledRays::of(packets);
-        trace::occluded(&self.world, self.width(order), packets, order);
-        rescaled.restore(packets);
-        if !self.planes.is_empty() {
-            self.planes.occluded(packets);
-        }
+        self.trace(packets, order, Query::Any);
     }
 
     fn report(&self) -> AccelReport {

@@ -9,7 +9,7 @@ use super::rays::RayLanes;
 use super::volumes::BoundingVolumes;
 use crate::accel::brute::{is_occluded_by, nearest_of};
 use crate::accel::planes::Planes;
-use crate::accel::{Accel, AccelPart, AccelReport, Coherence, Hit, LANES, RayPacket};
+use crate::accel::{Accel, AccelPart, AccelReport, Coherence, Hit, LANES, Query, RayPacket};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, lanes};
 use crate::scene::Scene;
 
@@ -68,13 +68,6 @@ impl Count for Tally {
     }
 }
 
-/// Kind of ray query: nearest hit, or any hit.
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(super) enum Query {
-    Nearest,
-    Any,
-}
-
 impl std::ops::AddAssign for Tally {
     fn add_assign(&mut self, other: Tally) {
         self.rays += other.rays;
@@ -126,12 +119,7 @@ impl<'s> ListAccel<'s> {
             query,
             count,
         });
-        if !self.planes.is_empty() {
-            match query {
-                Query::Nearest => self.planes.intersect(packets),
-                Query::Any => self.planes.occluded(packets),
-            }
-        }
+        self.planes.trace(packets, query);
     }
 }
 

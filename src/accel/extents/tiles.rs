@@ -6,11 +6,11 @@
 
 use super::hull::HullPoints;
 use super::kind::BoundingVolumeKind;
-use super::list::{Count, ListAccel, PrimitiveSearch, Query, Tally};
+use super::list::{Count, ListAccel, PrimitiveSearch, Tally};
 use super::projection::{ScreenBounds, ScreenBox};
 use super::volumes::BoundingVolumes;
 
-use crate::accel::{Accel, AccelPart, AccelReport, Coherence, RayPacket};
+use crate::accel::{Accel, AccelPart, AccelReport, Coherence, Query, RayPacket};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
 use crate::numeric::LANES;
 use crate::parallel;
@@ -134,9 +134,7 @@ impl<'a, 's> TileCulledAccel<'a, 's> {
                 packets: rest,
                 count,
             });
-            if !self.list.planes.is_empty() {
-                self.list.planes.intersect(&mut rest[..by_list]);
-            }
+            self.list.planes.trace(&mut rest[..by_list], Query::Nearest);
             rest = &mut rest[by_list..];
             let uses_inner = |packet: &&RayPacket| self.lists_of(packet).is_none();
             let by_inner = rest.iter().take_while(uses_inner).count();

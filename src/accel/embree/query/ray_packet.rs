@@ -6,7 +6,7 @@ use embree_sys as sys;
 use glam::Vec3;
 
 use crate::accel::embree::scene::SceneRef;
-use crate::accel::{ACTIVE, Hit, LANES, NO_HIT, RayPacket};
+use crate::accel::{ACTIVE, Hit, LANES, NO_HIT, Query, RayPacket};
 use crate::mesh::simd::SimdLevel;
 use crate::numeric::Ray;
 
@@ -136,40 +136,40 @@ impl<const W: usize> Lanes<W> {
         self.rows[row][lane]
     }
 
-    /// Finds the nearest hit of the active lanes.
+    /// Returns whether an occlusion query has found a hit of the lane.
     #[inline(always)]
-    pub(in crate::accel::embree) fn intersect(&mut self, scene: SceneRef, query: *mut sys::EmbreeQuery) {
-        let rays: *mut Lanes<W> = self;
-        let valid = rays.wrapping_byte_add(offset_of!(Lanes<W>, active)).cast::<i32>();
-        let scene = scene.handle();
-        match W {
-            // SAFETY: the lane is active (the caller checks it first) and traceable; `query` belongs to this thread.
-            1 => unsafe { sys::embree_intersect1(scene, query, rays.cast()) },
-            // SAFETY: `Lanes` holds an `RTCRayHit4` and, behind it, its aligned mask; active lanes are traceable.
-            4 => unsafe { sys::embree_intersect4(valid, scene, query, rays.cast()) },
-            // SAFETY: as for 4.
-            8 => unsafe { sys::embree_intersect8(valid, scene, query, rays.cast()) },
-            // SAFETY: as for 4.
-            16 => unsafe { sys::embree_intersect16(valid, scene, query, rays.cast()) },
-            _ => unreachable!("Embree traces packets of 1, 4, 8 and 16 rays"),
-        }
+    pub(in crate::accel::embree) fn is_blocked(&self, lane: usize) -> bool {
+        f32::from_bits(self.get(row::T_FAR, lane)) == f32::NEG_INFINITY
     }
 
-    /// Sets `T_FAR` of every active lane that hits anything to negative infinity.
+    /// Traces the active lanes. Occlusion sets `T_FAR` of every lane that hits anything to negative infinity.
     #[inline(always)]
-    pub(in crate::accel::embree) fn occluded(&mut self, scene: SceneRef, query: *mut sys::EmbreeQuery) {
+    pub(in crate::accel::embree) fn trace(
+        &mut self,
+        scene: SceneRef,
+        query: *mut sys::EmbreeQuery,
+        query_kind: Query,
+    ) {
         let rays: *mut Lanes<W> = self;
         let valid = rays.wrapping_byte_add(offset_of!(Lanes<W>, active)).cast::<i32>();
         let scene = scene.handle();
-        match W {
-            // SAFETY: as in `intersect`; an `RTCRayN` is the beginning of an `RTCRayHitN`.
-            1 => unsafe { sys::embree_occluded1(scene, query, rays.cast()) },
-            // SAFETY: as for 1 and as in `intersect`.
-            4 => unsafe { sys::embree_occluded4(valid, scene, query, rays.cast()) },
-            // SAFETY: as for 1 and as in `intersect`.
-            8 => unsafe { sys::embree_occluded8(valid, scene, query, rays.cast()) },
-            // SAFETY: as for 1 and as in `intersect`.
-            16 => unsafe { sys::embree_occluded16(valid, scene, query, rays.cast()) },
+        match (W, query_kind) {
+            // SAFETY: the lane is active (the caller checks it first) and traceable; `query` belongs to this thread.
+            (1, Query::Nearest) => unsafe { sys::embree_intersect1(scene, query, rays.cast()) },
+            // SAFETY: `Lanes` holds an `RTCRayHit4` and, behind it, its aligned mask; active lanes are traceable.
+            (4, Query::Nearest) => unsafe { sys::embree_intersect4(valid, scene, query, rays.cast()) },
+            // SAFETY: as for 4.
+            (8, Query::Nearest) => unsafe { sys::embree_intersect8(valid, scene, query, rays.cast()) },
+            // SAFETY: as for 4.
+            (16, Query::Nearest) => unsafe { sys::embree_intersect16(valid, scene, query, rays.cast()) },
+            // SAFETY: as for the nearest hit; an `RTCRayN` is the beginning of an `RTCRayHitN`.
+            (1, Query::Any) => unsafe { sys::embree_occluded1(scene, query, rays.cast()) },
+            // SAFETY: as for 1 and as for the nearest hit.
+            (4, Query::Any) => unsafe { sys::embree_occluded4(valid, scene, query, rays.cast()) },
+            // SAFETY: as for 1 and as for the nearest hit.
+            (8, Query::Any) => unsafe { sys::embree_occluded8(valid, scene, query, rays.cast()) },
+            // SAFETY: as for 1 and as for the nearest hit.
+            (16, Query::Any) => unsafe { sys::embree_occluded16(valid, scene, query, rays.cast()) },
             _ => unreachable!("Embree traces packets of 1, 4, 8 and 16 rays"),
         }
     }

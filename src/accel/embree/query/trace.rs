@@ -10,7 +10,7 @@ use super::ray_packet::{Lanes, hit_of, is_vanishing, row};
 use crate::accel::embree::device::Device;
 use crate::accel::embree::native_instances;
 use crate::accel::embree::scene::{EmbreeScene, SceneRef};
-use crate::accel::{Coherence, Kernel, LANES, NO_HIT, RayPacket};
+use crate::accel::{Coherence, Kernel, LANES, NO_HIT, Query, RayPacket};
 
 /// Number of rays in one Embree call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,46 +70,16 @@ impl fmt::Display for Width {
     }
 }
 
-/// Finds the nearest hits of all lanes of every packet.
-pub(in crate::accel::embree) fn intersect(
+/// Traces every packet with a traceable lane, with the query that suits its rays.
+#[inline]
+pub(in crate::accel::embree) fn trace(
     scene: &EmbreeScene,
     width: Width,
     packets: &mut [RayPacket],
     order: Coherence,
+    query_kind: Query,
 ) {
     let scene = scene.as_ref();
-    for_each_traceable(scene, packets, order, |query, packet| match width {
-        Width::Sixteen => intersect_packet(scene, query, packet),
-        Width::Eight => intersect_split::<8>(scene, query, packet),
-        Width::Four => intersect_split::<4>(scene, query, packet),
-        Width::One => intersect_split::<1>(scene, query, packet),
-    });
-}
-
-/// Marks the occluded lanes of every packet.
-pub(in crate::accel::embree) fn occluded(
-    scene: &EmbreeScene,
-    width: Width,
-    packets: &mut [RayPacket],
-    order: Coherence,
-) {
-    let scene = scene.as_ref();
-    for_each_traceable(scene, packets, order, |query, packet| match width {
-        Width::Sixteen => occluded_packet(scene, query, packet),
-        Width::Eight => occluded_split::<8>(scene, query, packet),
-        Width::Four => occluded_split::<4>(scene, query, packet),
-        Width::One => occluded_split::<1>(scene, query, packet),
-    });
-}
-
-/// Calls `trace_rays` for every packet with a traceable lane, with the query that suits its rays.
-#[inline(always)]
-fn for_each_traceable(
-    scene: SceneRef,
-    packets: &mut [RayPacket],
-    order: Coherence,
-    trace_rays: impl Fn(*mut sys::EmbreeQuery, &mut RayPacket),
-) {
     let (mut coherent, mut incoherent) = (new_query(scene.order(order)), new_query(Coherence::Incoherent));
     let (coherent, incoherent) = (&raw mut coherent, &raw mut incoherent);
     for packet in packets {
@@ -117,10 +87,16 @@ fn for_each_traceable(
             packet.drop_beyond(native_instances::RAY_LIMIT);
         }
         // Embree must see neither untraceable rays nor a wrong coherence flag
-        match keep_traceable(packet) {
-            Remaining::Nothing => {}
-            Remaining::MayBeCoherent => trace_rays(coherent, packet),
-            Remaining::MustBeIncoherent => trace_rays(incoherent, packet),
+        let query = match keep_traceable(packet) {
+            Remaining::Nothing => continue,
+            Remaining::MayBeCoherent => coherent,
+            Remaining::MustBeIncoherent => incoherent,
+        };
+        match width {
+            Width::Sixteen => trace_packet(scene, query, packet, query_kind),
+            Width::Eight => trace_split::<8>(scene, query, packet, query_kind),
+            Width::Four => trace_split::<4>(scene, query, packet, query_kind),
+            Width::One => trace_split::<1>(scene, query, packet, query_kind),
         }
     }
 }
@@ -134,68 +110,53 @@ pub(in crate::accel::embree) fn new_query(order: Coherence) -> sys::EmbreeQuery 
     unsafe { query.assume_init() }
 }
 
-/// Calls `rtcIntersect16` on the packet in place. Embree may abort the process, but no more, if an active lane is not
-/// traceable.
+/// Calls `rtcIntersect16` or `rtcOccluded16` on the packet in place. Embree may abort the process, but no more, if an
+/// active lane is not traceable.
 #[inline(always)]
-pub(in crate::accel::embree) fn intersect_packet(
+pub(in crate::accel::embree) fn trace_packet(
     scene: SceneRef,
     query: *mut sys::EmbreeQuery,
     packet: &mut RayPacket,
+    query_kind: Query,
 ) {
     let rays: *mut RayPacket = packet;
     let valid = rays
         .wrapping_byte_add(offset_of!(RayPacket, active))
         .cast::<i32>();
-    // SAFETY: a `RayPacket` begins as an `RTCRayHit16` and holds its aligned mask (asserted in `ray_packet`); both
-    // belong to this thread alone, as does the query.
-    unsafe { sys::embree_intersect16(valid, scene.handle(), query, rays.cast()) };
-    if scene.has_instances() {
-        packet.use_instance_ids();
-    }
-}
-
-/// Calls `rtcOccluded16` on the packet in place, under the conditions of [`intersect_packet`].
-#[inline(always)]
-pub(in crate::accel::embree) fn occluded_packet(
-    scene: SceneRef,
-    query: *mut sys::EmbreeQuery,
-    packet: &mut RayPacket,
-) {
-    let rays: *mut RayPacket = packet;
-    let valid = rays
-        .wrapping_byte_add(offset_of!(RayPacket, active))
-        .cast::<i32>();
-    // SAFETY: as in `intersect_packet`; an `RTCRay16` is the beginning of an `RTCRayHit16`.
-    unsafe { sys::embree_occluded16(valid, scene.handle(), query, rays.cast()) };
-}
-
-fn intersect_split<const W: usize>(scene: SceneRef, query: *mut sys::EmbreeQuery, packet: &mut RayPacket) {
-    for first in (0..LANES).step_by(W) {
-        let mut part = part_of::<W>(packet, first);
-        if !part.any_active() {
-            continue;
-        }
-        part.intersect(scene, query);
-        // Copy the hits back into the packet
-        for lane in (0..W).filter(|&lane| part.is_active(lane)) {
-            if part.get(row::INSTANCE, lane) != NO_HIT {
-                packet.set_hit(first + lane, &hit_of(&part, lane));
+    match query_kind {
+        Query::Nearest => {
+            // SAFETY: a `RayPacket` begins as an `RTCRayHit16` and holds its aligned mask (asserted in `ray_packet`);
+            // both belong to this thread alone, as does the query.
+            unsafe { sys::embree_intersect16(valid, scene.handle(), query, rays.cast()) };
+            if scene.has_instances() {
+                packet.use_instance_ids();
             }
         }
+        // SAFETY: as for the nearest hit; an `RTCRay16` is the beginning of an `RTCRayHit16`.
+        Query::Any => unsafe { sys::embree_occluded16(valid, scene.handle(), query, rays.cast()) },
     }
 }
 
-fn occluded_split<const W: usize>(scene: SceneRef, query: *mut sys::EmbreeQuery, packet: &mut RayPacket) {
+fn trace_split<const W: usize>(
+    scene: SceneRef,
+    query: *mut sys::EmbreeQuery,
+    packet: &mut RayPacket,
+    query_kind: Query,
+) {
     for first in (0..LANES).step_by(W) {
         let mut part = part_of::<W>(packet, first);
         if !part.any_active() {
             continue;
         }
-        part.occluded(scene, query);
-        // Copy the occlusion back into the packet
+        part.trace(scene, query, query_kind);
+        // Copy the results back into the packet
         for lane in (0..W).filter(|&lane| part.is_active(lane)) {
-            if f32::from_bits(part.get(row::T_FAR, lane)) == f32::NEG_INFINITY {
-                packet.set_blocked(first + lane);
+            match query_kind {
+                Query::Nearest if part.get(row::INSTANCE, lane) != NO_HIT => {
+                    packet.set_hit(first + lane, &hit_of(&part, lane));
+                }
+                Query::Any if part.is_blocked(lane) => packet.set_blocked(first + lane),
+                _ => {}
             }
         }
     }

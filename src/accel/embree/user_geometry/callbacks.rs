@@ -5,7 +5,7 @@
 use embree_sys as sys;
 use glam::DAffine3;
 
-use super::hit_record::{Query, record_hit};
+use super::hit_record::record_hit;
 use super::primitives::{Primitive, UserGeometry};
 use super::sphere_test::{SphereKernel, intersect_spheres};
 use super::triangle_test::intersect_cluster;
@@ -13,7 +13,7 @@ use crate::accel::embree::query::ray_packet::{CallbackPacket, Lanes, hit_of, ray
 use crate::accel::embree::query::trace::new_query;
 use crate::accel::embree::scene::SceneRef;
 use crate::accel::shape_query::{shape_hit, world_sphere};
-use crate::accel::{Coherence, Hit, NO_HIT};
+use crate::accel::{Coherence, Hit, NO_HIT, Query};
 use crate::mesh::simd::{dispatch, lanes};
 use crate::numeric::object_ray;
 use crate::scene::{Geometry, Instance};
@@ -288,10 +288,7 @@ impl CallbackArgs {
             &raw mut incoherent
         };
         // Trace the mesh's own scene
-        match query_kind {
-            Query::Nearest => lanes.intersect(part, query),
-            Query::Any => lanes.occluded(part, query),
-        }
+        lanes.trace(part, query, query_kind);
         // Copy hits within the true interval into Embree's packet
         for lane in (0..W).filter(|&lane| lanes.is_active(lane)) {
             let found = match query_kind {
@@ -302,9 +299,7 @@ impl CallbackArgs {
                     }
                     found
                 }
-                Query::Any if f32::from_bits(lanes.get(row::T_FAR, lane)) == f32::NEG_INFINITY => {
-                    hit_of(&lanes, lane)
-                }
+                Query::Any if lanes.is_blocked(lane) => hit_of(&lanes, lane),
                 _ => continue,
             };
             let found = Hit {

@@ -1,16 +1,7 @@
 //! Hits in the packets that Embree passes to callbacks: their recording, by the kind of query.
 
 use crate::accel::embree::query::ray_packet::{CallbackPacket, number_of_instance, row};
-use crate::accel::{ACTIVE, Hit, NO_HIT};
-
-/// Kind of query that Embree makes.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) enum Query {
-    /// Query for the nearest hit.
-    Nearest,
-    /// Query for any hit, that is, occlusion.
-    Any,
-}
+use crate::accel::{ACTIVE, Hit, NO_HIT, Query};
 
 /// Writes a hit into Embree's packet, unless an equally near hit has a lower index.
 #[inline(always)]

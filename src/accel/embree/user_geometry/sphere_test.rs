@@ -5,12 +5,12 @@
 //! those of [`crate::accel::shape_query::shape_hit`] to the bit. This applies only to spheres that are spheres in world
 //! space: for ellipsoids each ray is transformed into object space lane by lane, as for all other shapes.
 
-use super::hit_record::{Query, record_hit};
+use super::hit_record::record_hit;
 use super::sphere_cluster::{MEMBERS, SphereCluster};
 use super::sphere_cull::{PacketCull, Sphere32};
 use crate::accel::embree::query::ray_packet::{CallbackPacket, active_lanes, ray_of, row};
 use crate::accel::shape_query::sphere_at;
-use crate::accel::{ACTIVE, NO_HIT};
+use crate::accel::{ACTIVE, NO_HIT, Query};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, lanes};
 use crate::numeric::Ray;
 use crate::shape::Sphere;

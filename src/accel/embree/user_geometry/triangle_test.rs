@@ -6,10 +6,10 @@
 
 use std::mem::MaybeUninit;
 
-use super::hit_record::{Query, number_of, record_hit};
+use super::hit_record::{number_of, record_hit};
 use super::triangle_cluster::{CORNERS, MEMBERS, TriangleCluster};
 use crate::accel::embree::query::ray_packet::{CallbackPacket, active_lanes, row};
-use crate::accel::{ACTIVE, Hit, NO_HIT};
+use crate::accel::{ACTIVE, Hit, NO_HIT, Query};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, div, lanes};
 use crate::mesh::triangle::{HitLanes, PACK, ProjectedVertices, Shear, ShearLanes, may_contain_origin};
 use crate::numeric::Ray;

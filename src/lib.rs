@@ -14,7 +14,7 @@
 //!
 //! Folders import only earlier ones: `parallel` · [`manual`] · [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`]
 //! [`image`] · [`scene`] · [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`jobs`] [`render`] · [`batch`]
-//! [`measure`] · [`bench`] [`cost`] [`verify`] [`watch`] · [`report`]. `tests/ci/structure.py` checks it. Modules that the
+//! [`measure`] · [`cost`] [`verify`] [`bench`] [`watch`] · [`report`]. `tests/ci/structure.py` checks it. Modules that the
 //! list of modules below leaves out are the program's own and may change in any version.
 //!
 //! `unsafe` code is in three places: `accel/embree`, which calls C; `embree-sys`, which declares it; and the one function of

@@ -11,10 +11,10 @@ use super::ray_workload::{BATCH_PACKETS, RayKind, RayWorkload};
 #[cfg(feature = "embree")]
 use crate::accel::embree::EmbreeAccel;
 use crate::accel::hit_compare::{self, HitComparison};
-use crate::accel::{Accel, Coherence, Hit, LANES, RayPacket};
-use crate::numeric::Ray;
+use crate::accel::{Accel, Coherence, LANES, RayPacket};
 use crate::parallel;
 use crate::scene::Scene;
+use crate::verify::compare_shadow;
 
 /// Number of packets copied and traced at once: 11 KB, so that they stay in the first-level cache.
 const CHUNK_PACKETS: usize = 8;
@@ -145,7 +145,7 @@ pub(super) fn differences(scene: &Scene, set: &RayWorkload, reference: Engine, o
                 (_, _, Engine::Raw(_) | Engine::RawSingle(_)) => same_distance(&a, &b, lane),
                 (RayKind::Shadow, Engine::Accel(first), Engine::Accel(second)) => {
                     let blocked = [a.is_blocked(lane), b.is_blocked(lane)];
-                    shadow_agreement(scene, &original.ray(lane), [first, second], blocked)
+                    compare_shadow(scene, &original.ray(lane), [first, second], blocked).0
                 }
                 _ => hit_compare::compare(scene, &original.ray(lane), a.hit(lane), b.hit(lane)),
             };
@@ -166,27 +166,5 @@ fn same_distance(a: &RayPacket, b: &RayPacket, lane: usize) -> HitComparison {
         HitComparison::Same
     } else {
         HitComparison::Wrong
-    }
-}
-
-/// Classifies a difference in occlusion between two backends. Their nearest hits mostly decide; otherwise the whole
-/// scene is tested, which is slow.
-fn shadow_agreement(scene: &Scene, ray: &Ray, accels: [&dyn Accel; 2], blocked: [bool; 2]) -> HitComparison {
-    if blocked[0] == blocked[1] {
-        return HitComparison::Same;
-    }
-    // Trace the nearest hits of the shadow ray with both backends
-    let [first, second] = accels.map(|accel| -> Option<Hit> {
-        let mut packet = RayPacket::EMPTY;
-        packet.set(0, ray);
-        accel.intersect(std::slice::from_mut(&mut packet), Coherence::Incoherent);
-        packet.hit(0)
-    });
-    // A tie of the nearest hits explains the difference
-    match hit_compare::compare(scene, ray, first, second) {
-        HitComparison::Tie => HitComparison::Tie,
-        HitComparison::Same | HitComparison::Wrong => {
-            hit_compare::compare_occlusion(scene, ray, blocked[0], blocked[1])
-        }
     }
 }

@@ -19,7 +19,7 @@ use super::failure::Failure;
 use super::interrupt;
 use super::job::check_instancing;
 use super::output;
-use scenes::{Reporter, Subject, measure_scenes};
+use scenes::{Subject, measure_scenes};
 
 /// Measures all scenes or generated meshes of the arguments.
 pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
@@ -28,11 +28,11 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         check_writable(path)?;
     }
     if args.extents {
-        let reporter = Reporter {
-            table: |rows: &[_]| BoundingVolumeTable(rows).to_string(),
-            write: |rows: &[_]| write_json(args.json.as_deref(), rows),
-        };
-        measure_scenes(args, &Subject::files(args), measure_bounding_volumes, reporter)?;
+        let files = Subject::files(args);
+        measure_scenes(args, &files, measure_bounding_volumes, |of_scene, rows| {
+            output::print(&BoundingVolumeTable(of_scene).to_string())?;
+            write_json(args.json.as_deref(), rows)
+        })?;
         return Ok(());
     }
     let needs_embree = args.tracing.isa.is_some() || args.tracing.instancing != Instancing::Auto;
@@ -49,11 +49,10 @@ pub(super) fn run(args: &BenchArgs) -> Result<(), Failure> {
         false => Subject::files(args),
     };
     // Measure each, and write the files after each
-    let reporter = Reporter {
-        table: |rows: &[BenchRow]| BenchTable(rows).to_string(),
-        write: |rows: &[BenchRow]| write(args, rows),
-    };
-    let rows = measure_scenes(args, &subjects, measure_backends, reporter)?;
+    let rows = measure_scenes(args, &subjects, measure_backends, |of_scene, rows| {
+        output::print(&BenchTable(of_scene).to_string())?;
+        write(args, rows)
+    })?;
     if args.sweep {
         output::print(&crossover::text(&rows))?;
     }

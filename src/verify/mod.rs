@@ -24,6 +24,7 @@ pub use harness::{
     Watertightness, Wireframe, build_variant, check, check_with_drawings, describe, describe_ray,
     has_instruction_set, view,
 };
+pub(crate) use scene_check::compare_shadow;
 pub use scene_check::{
     BackendComparison, Difference, MAX_DIFFERENCES, MeshDiagnostics, MeshFeature, RayKind, RaysError,
     RaysFile, bits, cross_check, retrace,

@@ -19,10 +19,10 @@ const MAX_TRIANGLES: u64 = 300_000_000;
 
 const BENCH_HELP: &str = "\
 Records the rays of the frame (camera, shadow, reflection), adds uniformly random rays, and replays them all on one
-thread, through every variant in random order within each repetition. Modes: raw is a loop over the Embree library's packet
-calls alone, raw-single over its calls for one ray; single and packet trace the rays one by one or 16 at a time; batch
-passes 64 packets at once. If a scene has instances, Embree is measured with both kinds of --instancing, the selected
-one first.
+thread, through every variant in random order within each repetition. Modes: raw is a loop over the Embree library's
+packet calls alone, raw-single over its calls for one ray; single and packet trace the rays one by one or 16 at a time;
+batch passes 64 packets at once. If a scene has instances, Embree is measured with both kinds of --instancing, the
+selected one first.
 
 Examples:
   whit bench scene.glb --size 512x512 --repeat 3 --json bench.json --html bench.html

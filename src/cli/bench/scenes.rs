@@ -7,7 +7,6 @@ use super::sweep;
 use crate::cli::args::BenchArgs;
 use crate::cli::failure::Failure;
 use crate::cli::job::choose_camera;
-use crate::cli::output;
 use crate::cli::progress::{Progress, Verbosity};
 use crate::cli::scene;
 use whit::bench::{BenchError, BenchOptions, MeasuredScene};
@@ -48,20 +47,13 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// Functions that output the rows.
-pub(super) struct Reporter<Table, Write> {
-    /// Function that formats the rows of one scene as a table for the terminal.
-    pub(super) table: Table,
-    /// Function that writes all rows so far; called after each scene, so that later failures lose nothing.
-    pub(super) write: Write,
-}
-
-/// Measures each scene with `measure` and reports its rows; returns the rows of all scenes.
+/// Measures each scene with `measure` and returns the rows of all scenes. After each, `report` receives its rows, and
+/// all rows so far, so that later failures lose nothing.
 pub(super) fn measure_scenes<Row>(
     args: &BenchArgs,
     subjects: &[Subject],
     measure: impl Fn(&MeasuredScene, &BenchOptions) -> Result<Vec<Row>, BenchError>,
-    reporter: Reporter<impl Fn(&[Row]) -> String, impl Fn(&[Row]) -> Result<(), Failure>>,
+    report: impl Fn(&[Row], &[Row]) -> Result<(), Failure>,
 ) -> Result<Vec<Row>, Failure> {
     let job = BenchJob::new(args)?;
     let (pool, accel) = (job.tracing.pool()?, job.tracing.options());
@@ -100,9 +92,9 @@ pub(super) fn measure_scenes<Row>(
             };
             measure(&measured, &options)
         })?;
-        progress.suspend(|| output::print(&(reporter.table)(&of_scene)))?;
+        let first = rows.len();
         rows.extend(of_scene);
-        (reporter.write)(&rows)?;
+        progress.suspend(|| report(&rows[first..], &rows))?;
     }
     progress.clear();
     Ok(rows)

@@ -187,7 +187,7 @@ fn cross_check_chunk(
             let ray = packet.ray(lane);
             let [a, b] = [0, 1].map(|i: usize| &results[i][number]);
             let (agreement, hits) = if kind == RayKind::Shadow {
-                shadow(scene, &ray, accels, [a.is_blocked(lane), b.is_blocked(lane)])
+                compare_shadow(scene, &ray, accels, [a.is_blocked(lane), b.is_blocked(lane)])
             } else {
                 let hits = [a.hit(lane), b.hit(lane)];
                 (hit_compare::compare(scene, &ray, hits[0], hits[1]), hits)
@@ -236,7 +236,7 @@ pub fn retrace(
 
 /// Compares two any-hit results for a shadow ray, and returns the nearest hits of both structures. The nearest hits
 /// mostly decide whether a difference is a tie; otherwise all primitives of the scene are tested, which is slow.
-fn shadow(
+pub(crate) fn compare_shadow(
     scene: &Scene,
     ray: &Ray,
     accels: [&dyn Accel; 2],

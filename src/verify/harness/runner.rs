@@ -126,13 +126,23 @@ impl<'a> CaseRunner<'a> {
         tally
     }
 
+    /// Runs `task` as [`CaseRunner::in_chunks`] does, and adds a line drawing of the engine's scene if drawings are
+    /// enabled.
+    pub(in crate::verify) fn trace_in_chunks(
+        &self,
+        engine: &Engine,
+        task: &(dyn Fn(&mut SplitMix64, usize) -> Counts + Sync),
+    ) -> Counts {
+        self.with_drawing_of(engine, self.in_chunks(task))
+    }
+
     /// Returns whether line drawings of scenes are enabled.
     pub(in crate::verify) fn draws_scenes(&self) -> bool {
         self.recording == Recording::Drawings
     }
 
     /// Returns `tally` with a line drawing of the engine's scene if drawings are enabled.
-    pub(in crate::verify) fn with_drawing_of(&self, engine: &Engine, mut tally: Counts) -> Counts {
+    fn with_drawing_of(&self, engine: &Engine, mut tally: Counts) -> Counts {
         if self.draws_scenes() {
             tally.figure_data.draw(engine.scene);
         }

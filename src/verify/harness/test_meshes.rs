@@ -8,7 +8,7 @@ use glam::{DAffine3, DVec3};
 
 use crate::mesh::Mesh;
 use crate::numeric::SplitMix64;
-use crate::scene::{Geometry, Instance, Scene};
+use crate::scene::{Geometry, Instance, Material, Scene};
 use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Shape, Sphere};
 
 /// Returns a mesh of the vertices and triangles, with positions rounded to f32.
@@ -65,7 +65,7 @@ pub(in crate::verify) fn convex_solids() -> Vec<Shape> {
     solids
 }
 
-/// Returns a scene with one untransformed instance of each geometry.
+/// Returns a scene of one material with one untransformed instance of each geometry.
 pub(in crate::verify) fn scene(geometries: Vec<Geometry>) -> Scene {
     let instances = (0..geometries.len() as u32)
         .filter_map(|i| Instance::new("", i, 0, DAffine3::IDENTITY).ok())
@@ -73,8 +73,22 @@ pub(in crate::verify) fn scene(geometries: Vec<Geometry>) -> Scene {
     Scene {
         geometries,
         instances,
+        materials: vec![Material::default()],
         ..Scene::default()
     }
+}
+
+/// Returns a scene of one material with one instance of a shape; `None` if the transform has no inverse.
+pub(in crate::verify) fn placed(shape: Shape, world_from_object: DAffine3) -> Option<Scene> {
+    let mut scene = scene(vec![Geometry::Shape(shape)]);
+    scene.instances = vec![Instance::new("", 0, 0, world_from_object).ok()?];
+    Some(scene)
+}
+
+/// Returns a mesh of triangles that share no vertices.
+pub(in crate::verify) fn soup(triangles: &[[DVec3; 3]]) -> Mesh {
+    let faces = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
+    mesh(triangles.as_flattened(), faces.collect())
 }
 
 /// Number of shapes around the tested one, so that the acceleration structure has several nodes.

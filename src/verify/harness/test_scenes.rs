@@ -4,10 +4,10 @@ use glam::{DAffine3, DQuat, DVec3};
 
 use super::cylinder_mesh::cylinder;
 use super::terrain_mesh::terrain;
-use super::test_meshes::{convex_solids, icosphere, lattice_cube, mesh, rings, scene};
+use super::test_meshes::{self, convex_solids, icosphere, lattice_cube, rings, scene};
 use crate::mesh::Mesh;
 use crate::numeric::SplitMix64;
-use crate::scene::{Geometry, Instance, Material, Scene};
+use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{Shape, Torus};
 
 /// Number of test scenes.
@@ -16,7 +16,7 @@ pub(in crate::verify) const COUNT: usize = 12;
 /// Returns test scene `number` of [`COUNT`], a few units large, about the origin; it passes validation.
 pub(in crate::verify) fn test_scene(number: usize) -> Scene {
     let random = &mut SplitMix64::new(0x37041d, number as u64);
-    let plain = match number % COUNT {
+    match number % COUNT {
         0 => scene(vec![Geometry::Mesh(icosphere(4))]),
         1 => scene(vec![Geometry::Mesh(bumpy())]),
         2 => scene(vec![Geometry::Mesh(lattice_cube(12))]),
@@ -53,11 +53,6 @@ pub(in crate::verify) fn test_scene(number: usize) -> Scene {
             Geometry::Mesh(bumpy()),
             Geometry::Mesh(icosphere(2)),
         ]),
-    };
-    // Give all objects one material
-    Scene {
-        materials: vec![Material::default()],
-        ..plain
     }
 }
 
@@ -72,14 +67,11 @@ const SOUP: u32 = 512;
 
 /// Returns a mesh of triangles that `triangle` makes about the origin, translated at random.
 fn soup(random: &mut SplitMix64, triangle: impl Fn(&mut SplitMix64) -> [DVec3; 3]) -> Mesh {
-    let corners: Vec<DVec3> = (0..SOUP)
-        .flat_map(|_| {
-            let place = 2.0 * random.in_cube();
-            triangle(random).map(|corner| place + corner)
-        })
-        .collect();
-    let faces = (0..SOUP).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
-    mesh(&corners, faces.collect())
+    let mut moved = || {
+        let place = 2.0 * random.in_cube();
+        triangle(random).map(|corner| place + corner)
+    };
+    test_meshes::soup(&(0..SOUP).map(|_| moved()).collect::<Vec<_>>())
 }
 
 /// Returns one shape of each closed kind and a disk.

@@ -57,7 +57,7 @@ fn compare(trial: &CaseRunner, scene: &Scene, reference: &Engine) -> Result<Coun
     let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
     let moves = scene.instances.iter().any(|instance| instance.is_moving());
     // Trace camera rays, at random times if anything moves
-    let tally = trial.in_chunks(&|random, count| {
+    Ok(trial.trace_in_chunks(&engine, &|random, count| {
         let camera: Vec<Ray> = (0..count.div_ceil(3))
             .map(|_| {
                 let origin = (center + 1.5 * reach * random.direction()).as_vec3();
@@ -96,8 +96,7 @@ fn compare(trial: &CaseRunner, scene: &Scene, reference: &Engine) -> Result<Coun
         // Trace both kinds
         tally = tally.with(nearest(scene, engines, &bounced, random));
         tally.with(blocked(scene, engines, &shadows, random))
-    });
-    Ok(trial.with_drawing_of(&engine, tally))
+    }))
 }
 
 fn nearest(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut SplitMix64) -> Counts {

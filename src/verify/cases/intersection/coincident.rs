@@ -3,10 +3,10 @@
 use glam::{DAffine3, DVec3};
 
 use crate::accel::AccelError;
-use crate::numeric::SplitMix64;
+use crate::numeric::{Ray, SplitMix64};
 use crate::scene::{Geometry, Instance};
 use crate::shape::Shape;
-use crate::verify::harness::test_meshes::{mesh, scene};
+use crate::verify::harness::test_meshes::{mesh, scene, soup};
 use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, exact_nearest, judge_against, towards};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
@@ -30,6 +30,14 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
     },
 ];
 
+/// Returns a ray at `target` from a random side of it, up to `farthest` along z.
+fn from_either_side(target: DVec3, farthest: f64, random: &mut SplitMix64) -> Ray {
+    let mut aside = || random.within(-1.0, 1.0);
+    let (x, y) = (aside(), aside());
+    let aside = DVec3::new(x, y, random.choose(&[1.0, -1.0]));
+    towards(target + random.within(0.5, farthest) * aside, target)
+}
+
 /// Number of coincident squares of each kind.
 const SQUARES: u32 = 8;
 
@@ -49,12 +57,7 @@ fn coincident(trial: &CaseRunner) -> Result<Counts, AccelError> {
         let is_shape = random.below(2) == 0;
         let shift = if is_shape { 3.0 } else { 0.0 };
         let target = DVec3::new(shift + random.within(-0.9, 0.9), random.within(-0.9, 0.9), 0.0);
-        let aside = DVec3::new(
-            random.within(-1.0, 1.0),
-            random.within(-1.0, 1.0),
-            random.choose(&[1.0, -1.0]),
-        );
-        towards(target + random.within(0.5, 10.0) * aside, target)
+        from_either_side(target, 10.0, random)
     };
     Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {
         // The first instance of the stack must win
@@ -88,9 +91,7 @@ fn in_order(trial: &CaseRunner) -> Result<Counts, AccelError> {
         .map(|(place, &gap)| pair(place, gap))
         .collect();
     // Merge all pairs into one mesh
-    let corners: Vec<DVec3> = pairs.iter().flatten().flatten().copied().collect();
-    let faces = (0..corners.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
-    let scene = scene(vec![Geometry::Mesh(mesh(&corners, faces.collect()))]);
+    let scene = scene(vec![Geometry::Mesh(soup(pairs.as_flattened()))]);
     let engine = trial.engine(&scene)?;
     // Aim at a random point of the first triangle of a pair
     let ray = |random: &mut SplitMix64| {
@@ -98,12 +99,7 @@ fn in_order(trial: &CaseRunner) -> Result<Counts, AccelError> {
         let (u, v) = (random.unit(), random.unit());
         let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
         let target = first[0] + u * (first[1] - first[0]) + v * (first[2] - first[0]);
-        let aside = DVec3::new(
-            random.within(-1.0, 1.0),
-            random.within(-1.0, 1.0),
-            random.choose(&[1.0, -1.0]),
-        );
-        towards(target + random.within(0.5, 4.0) * aside, target)
+        from_either_side(target, 4.0, random)
     };
     // Judge against the exact nearest triangle
     Ok(trial.nearest(&engine, &ray, &|ray, hit, _| {

@@ -7,8 +7,8 @@ use crate::accel::brute::BruteAccel;
 use crate::mesh::Mesh;
 use crate::numeric::{Ray, SplitMix64};
 use crate::scene::mesh_cleanup::{clear_non_finite_positions, drop_unusable};
-use crate::scene::{Geometry, Instance, Material, Scene};
-use crate::verify::harness::test_meshes::{mesh, scene};
+use crate::scene::{Geometry, Instance, Scene};
+use crate::verify::harness::test_meshes::{scene, soup};
 use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, Watertightness, judge_against};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
@@ -191,14 +191,11 @@ const MAX_MESHES: u64 = 4096;
 
 /// Returns random triangles that share no vertices.
 fn triangles(random: &mut SplitMix64) -> Mesh {
-    let corners: Vec<DVec3> = (0..TRIANGLES)
-        .flat_map(|_| {
-            let center = random.in_cube();
-            [0; 3].map(|_| center + 0.5 * random.in_cube())
-        })
-        .collect();
-    let faces = (0..TRIANGLES).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
-    mesh(&corners, faces.collect())
+    let mut triangle = || {
+        let center = random.in_cube();
+        [0; 3].map(|_| center + 0.5 * random.in_cube())
+    };
+    soup(&(0..TRIANGLES).map(|_| triangle()).collect::<Vec<_>>())
 }
 
 fn degenerate(trial: &CaseRunner) -> Result<Counts, AccelError> {
@@ -207,10 +204,7 @@ fn degenerate(trial: &CaseRunner) -> Result<Counts, AccelError> {
         let mut random = SplitMix64::new(0xde6e, number as u64);
         // Inject a defect
         let fault = &FAULTS[number % FAULTS.len()];
-        let mut scene = Scene {
-            materials: vec![Material::default()],
-            ..scene(vec![Geometry::Mesh(triangles(&mut random))])
-        };
+        let mut scene = scene(vec![Geometry::Mesh(triangles(&mut random))]);
         (fault.inject)(&mut scene, &mut random);
         // Check that validation reports it
         let mut tally = Counts::default();

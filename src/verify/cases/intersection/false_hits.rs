@@ -8,8 +8,8 @@ use glam::{DQuat, DVec3, Vec3};
 use crate::accel::{AccelError, Hit};
 use crate::mesh::Mesh;
 use crate::numeric::{Ray, SplitMix64};
-use crate::scene::{Geometry, Material, Scene};
-use crate::verify::harness::test_meshes::{box_of, mesh, scene};
+use crate::scene::{Geometry, Scene};
+use crate::verify::harness::test_meshes::{box_of, mesh, scene, soup};
 use crate::verify::harness::{
     Case, CaseRunner, Correctness, Counts, Watertightness, exact_nearest, judge_against,
 };
@@ -47,13 +47,6 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         ..Case::TRIANGLES
     },
 ];
-
-/// Returns a mesh of triangles that share no vertices.
-fn soup(triangles: &[[DVec3; 3]]) -> Mesh {
-    let corners: Vec<DVec3> = triangles.iter().flatten().copied().collect();
-    let faces = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
-    mesh(&corners, faces.collect())
-}
 
 /// Returns the point with coordinates rounded to f32.
 fn rounded(p: DVec3) -> DVec3 {
@@ -125,10 +118,7 @@ fn huge_boxes(trial: &CaseRunner) -> Result<Counts, AccelError> {
     trial.over_parts(2 * WIDTHS.len(), &|number, trial| {
         // Test each width as it is and normalised
         let (width, is_normal) = (WIDTHS[number / 2], number % 2 == 1);
-        let mut scene = Scene {
-            materials: vec![Material::default()],
-            ..scene(vec![Geometry::Mesh(huge_box(width))])
-        };
+        let mut scene = scene(vec![Geometry::Mesh(huge_box(width))]);
         if is_normal {
             scene.normalise();
         }

@@ -7,11 +7,11 @@ use crate::accel::{AccelError, Hit, LANES, RayPacket};
 use crate::mesh::Mesh;
 use crate::numeric::{Ray, SplitMix64};
 use crate::render::{SpawnPoint, SpawnProbe};
-use crate::scene::{Geometry, Instance, Material, Scene};
+use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{Shape, Sphere};
-use crate::verify::harness::test_meshes::{icosphere, mesh, scene};
+use crate::verify::harness::test_meshes::{icosphere, mesh, scene, soup};
 use crate::verify::harness::{
-    Case, CaseRunner, Correctness, Counts, Engine, Watertightness, describe, order,
+    Case, CaseRunner, Correctness, Counts, Engine, Watertightness, describe, order, towards,
 };
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
@@ -104,7 +104,7 @@ fn expect(
 ) -> Result<Counts, AccelError> {
     let engine = trial.engine(scene)?;
     let departures = SpawnProbe::new(scene);
-    let tally = trial.in_chunks(&|random, count| {
+    Ok(trial.trace_in_chunks(&engine, &|random, count| {
         // A ray costs one query a surface and a final one that misses.
         let rays: Vec<Ray> = (0..count.div_ceil(expected.len() + 1))
             .map(|_| ray(random))
@@ -117,16 +117,7 @@ fn expect(
             });
         }
         tally
-    });
-    Ok(trial.with_drawing_of(&engine, tally))
-}
-
-/// Returns the scene with a default material, so that rays can be spawned on its surfaces.
-fn with_material(scene: Scene) -> Scene {
-    Scene {
-        materials: vec![Material::default()],
-        ..scene
-    }
+    }))
 }
 
 /// Distances of the first square from the origin.
@@ -144,7 +135,7 @@ fn parallel_squares(distance: f64) -> Scene {
         let corners = [at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)];
         Geometry::Mesh(mesh(&corners, vec![[0, 1, 2], [0, 2, 3]]))
     };
-    with_material(scene((0..SQUARES).map(square).collect()))
+    scene((0..SQUARES).map(square).collect())
 }
 
 fn through_surfaces(trial: &CaseRunner) -> Result<Counts, AccelError> {
@@ -192,22 +183,19 @@ const TRIANGLES: usize = 64;
 /// Returns triangles of a size in a grid about the origin, ten sizes apart.
 fn triangles(size: f64) -> Mesh {
     let mut random = SplitMix64::new(48, size.to_bits());
-    let corners: Vec<DVec3> = (0..TRIANGLES)
-        .flat_map(|number| {
-            let cell = DVec3::new((number % 4) as f64, (number / 4 % 4) as f64, (number / 16) as f64);
-            let place = 10.0 * (cell - DVec3::splat(1.5));
-            [0; 3].map(|_| size * (place + random.in_cube()))
-        })
-        .collect();
-    let faces = (0..TRIANGLES as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
-    mesh(&corners, faces.collect())
+    let triangle = |number: usize| {
+        let cell = DVec3::new((number % 4) as f64, (number / 4 % 4) as f64, (number / 16) as f64);
+        let place = 10.0 * (cell - DVec3::splat(1.5));
+        [0; 3].map(|_| size * (place + random.in_cube()))
+    };
+    soup(&(0..TRIANGLES).map(triangle).collect::<Vec<_>>())
 }
 
 fn along_normals(trial: &CaseRunner) -> Result<Counts, AccelError> {
     trial.over_parts(SCALES.count(), &|number, trial| {
         let size = 10f64.powi(SCALES.start() + number as i32);
         let mesh = triangles(size);
-        let scene = with_material(scene(vec![Geometry::Mesh(mesh.clone())]));
+        let scene = scene(vec![Geometry::Mesh(mesh.clone())]);
         along_normals_of(&trial, &scene, &mesh)
     })
 }
@@ -215,7 +203,7 @@ fn along_normals(trial: &CaseRunner) -> Result<Counts, AccelError> {
 fn along_normals_of(trial: &CaseRunner, scene: &Scene, mesh: &Mesh) -> Result<Counts, AccelError> {
     let engine = trial.engine(scene)?;
     let departures = SpawnProbe::new(scene);
-    let tally = trial.in_chunks(&|random, count| {
+    Ok(trial.trace_in_chunks(&engine, &|random, count| {
         // Hit the triangles
         let rays: Vec<Ray> = (0..count).map(|_| at_a_triangle(mesh, random)).collect();
         let packets = engine.traced(&rays, order(random));
@@ -234,16 +222,14 @@ fn along_normals_of(trial: &CaseRunner, scene: &Scene, mesh: &Mesh) -> Result<Co
             tally.count_ray(Correctness::wrong_if(is_own), ray, hit);
         }
         tally
-    });
-    Ok(trial.with_drawing_of(&engine, tally))
+    }))
 }
 
 /// Returns a ray at the centroid of a triangle, from two edge lengths away.
 fn at_a_triangle(mesh: &Mesh, random: &mut SplitMix64) -> Ray {
     let [a, b, c] = mesh.corners_f64(random.below(mesh.triangles.len()) as u32);
     let middle = (a + b + c) / 3.0;
-    let origin = (middle + 2.0 * a.distance(b) * random.direction()).as_vec3();
-    Ray::new(origin, (middle - origin.as_dvec3()).as_vec3())
+    towards(middle + 2.0 * a.distance(b) * random.direction(), middle)
 }
 
 /// Gap between the spheres from the bug report, in radii.
@@ -265,14 +251,13 @@ fn through_shells(trial: &CaseRunner) -> Result<Counts, AccelError> {
         Geometry::Mesh(mesh)
     };
     let scenes = [
-        with_material(scene(vec![ball(1.0 + SHELL), ball(1.0)])),
-        with_material(scene(vec![faceted(1.0 + SHELL), faceted(1.0)])),
+        scene(vec![ball(1.0 + SHELL), ball(1.0)]),
+        scene(vec![faceted(1.0 + SHELL), faceted(1.0)]),
     ];
     let ray = |random: &mut SplitMix64| {
-        let origin = (3.0 * random.direction()).as_vec3();
+        let origin = 3.0 * random.direction();
         // Aim at most 0.9 radii beside the centre
-        let target = 0.9 / 3f64.sqrt() * random.in_cube();
-        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+        towards(origin, 0.9 / 3f64.sqrt() * random.in_cube())
     };
     trial.over_parts(scenes.len(), &|number, trial| {
         expect(&trial, &scenes[number], ray, &[0, 1, 1, 0])
@@ -280,7 +265,7 @@ fn through_shells(trial: &CaseRunner) -> Result<Counts, AccelError> {
 }
 
 fn box_above_a_floor(trial: &CaseRunner) -> Result<Counts, AccelError> {
-    let mut scene = with_material(scene(vec![Geometry::Shape(Shape::Cube)]));
+    let mut scene = scene(vec![Geometry::Shape(Shape::Cube)]);
     scene.geometries.push(Geometry::Shape(Shape::Plane));
     // Use the height from the bug report, which the following version of POV-Ray could not resolve
     let floor = DAffine3::from_translation(DVec3::new(0.0, -1.000_000_7, 0.0)) * upright();
@@ -288,8 +273,7 @@ fn box_above_a_floor(trial: &CaseRunner) -> Result<Counts, AccelError> {
     let ray = |random: &mut SplitMix64| {
         let mut inner = || random.within(-0.95, 0.95);
         let target = DVec3::new(inner(), -1.0, inner());
-        let origin = Vec3::new(1.0, 2.0, 3.0);
-        Ray::new(origin, (target - origin.as_dvec3()).as_vec3())
+        towards(DVec3::new(1.0, 2.0, 3.0), target)
     };
     expect(trial, &scene, ray, &[0, 0, 1])
 }

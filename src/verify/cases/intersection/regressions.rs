@@ -62,8 +62,9 @@ pub(in crate::verify::cases) fn mixed_scene() -> Scene {
 fn any_length(trial: &CaseRunner) -> Result<Counts, AccelError> {
     let scene = mixed_scene();
     let engine = trial.engine(&scene)?;
-    let tally = trial.in_chunks(&|random, count| compare_lengths(&scene, &engine, random, count));
-    Ok(trial.with_drawing_of(&engine, tally))
+    Ok(trial.trace_in_chunks(&engine, &|random, count| {
+        compare_lengths(&scene, &engine, random, count)
+    }))
 }
 
 /// Traces pairs of rays that differ only by the length of their directions, and counts the differences.

@@ -6,7 +6,7 @@ use glam::{DAffine3, DQuat, DVec3, Vec3};
 use crate::accel::AccelError;
 use crate::numeric::{Ray, SplitMix64};
 use crate::render::{SpawnPoint, SpawnProbe};
-use crate::scene::{Geometry, Material, Scene};
+use crate::scene::{Geometry, Scene};
 use crate::verify::harness::test_meshes::{icosahedron, mesh, scene};
 use crate::verify::harness::{
     Case, CaseRunner, Correctness, Counts, Engine, TracedRay, Watertightness, describe, order, towards,
@@ -105,10 +105,7 @@ fn far_icosahedron(random: &mut SplitMix64, radius: f64, distance: f64) -> Scene
     };
     // The distance is large enough that neither occludes the other.
     let far = (distance + 3.0) * radius * random.direction();
-    let mut scene = Scene {
-        materials: vec![Material::default()],
-        ..scene(vec![place(far), place(DVec3::ZERO)])
-    };
+    let mut scene = scene(vec![place(far), place(DVec3::ZERO)]);
     scene.normalise();
     scene
 }
@@ -125,7 +122,7 @@ fn self_shadows_of(trial: &CaseRunner, radius: f64, distance: f64) -> Result<Cou
     // Bound the distant mesh, which is instance 0
     let bounds = scene.geometries[0].bounds();
     let (center, reach) = (bounds.center(), 0.5 * bounds.extent().length());
-    let tally = trial.in_chunks(&|random, count| {
+    Ok(trial.trace_in_chunks(&engine, &|random, count| {
         let rays: Vec<Ray> = (0..count)
             .map(|_| {
                 let origin = center + 4.0 * reach * random.direction();
@@ -146,8 +143,7 @@ fn self_shadows_of(trial: &CaseRunner, radius: f64, distance: f64) -> Result<Cou
             tally.count_ray(Correctness::wrong_if(is_own), ray, hit);
         }
         tally
-    });
-    Ok(trial.with_drawing_of(&engine, tally))
+    }))
 }
 
 /// Decimal exponents of a triangle's aspect ratio, length over height.
@@ -174,14 +170,11 @@ fn triangle(random: &mut SplitMix64, aspect: f64) -> [DVec3; 3] {
 }
 
 fn shadows_of_triangle(trial: &CaseRunner, corners: [DVec3; 3]) -> Result<Counts, AccelError> {
-    let scene = Scene {
-        materials: vec![Material::default()],
-        ..scene(vec![Geometry::Mesh(mesh(&corners, vec![[0, 1, 2]]))])
-    };
+    let scene = scene(vec![Geometry::Mesh(mesh(&corners, vec![[0, 1, 2]]))]);
     let engine = trial.engine(&scene)?;
     let departures = SpawnProbe::new(&scene);
     let [a, b, c] = corners;
-    let tally = trial.in_chunks(&|random, count| {
+    Ok(trial.trace_in_chunks(&engine, &|random, count| {
         // Aim at random points of the triangle, from all directions
         let rays: Vec<Ray> = (0..count)
             .map(|_| {
@@ -199,8 +192,7 @@ fn shadows_of_triangle(trial: &CaseRunner, corners: [DVec3; 3]) -> Result<Counts
             tally.count_ray(Correctness::wrong_if(hit.is_some()), ray, hit);
         }
         tally
-    });
-    Ok(trial.with_drawing_of(&engine, tally))
+    }))
 }
 
 /// Largest gap that is tested, in ulps.
@@ -217,10 +209,7 @@ fn parallel_squares(gap: u32) -> Scene {
         let corners = [at(0.5, 0.5), at(1.5, 0.5), at(1.5, 1.5), at(0.5, 1.5)];
         Geometry::Mesh(mesh(&corners, vec![[0, 1, 2], [0, 2, 3]]))
     };
-    Scene {
-        materials: vec![Material::default()],
-        ..scene(vec![square(HEIGHT), square(above)])
-    }
+    scene(vec![square(HEIGHT), square(above)])
 }
 
 fn smallest_gap(trial: &CaseRunner) -> Result<Counts, AccelError> {
@@ -231,8 +220,7 @@ fn smallest_gap(trial: &CaseRunner) -> Result<Counts, AccelError> {
         let departures = SpawnProbe::new(&scene);
         let task =
             |random: &mut SplitMix64, count| across(&trial, (&engine, &departures), gap, random, count);
-        let tally = trial.in_chunks(&task);
-        Ok(trial.with_drawing_of(&engine, tally))
+        Ok(trial.trace_in_chunks(&engine, &task))
     })
 }
 

@@ -6,8 +6,8 @@ use super::self_intersection::{outward_direction, spawn_ray};
 use crate::accel::AccelError;
 use crate::numeric::{Ray, SplitMix64};
 use crate::render::{SpawnPoint, SpawnProbe};
-use crate::scene::{Geometry, Instance, Material, Scene};
-use crate::verify::harness::test_meshes::convex_solids;
+use crate::scene::Scene;
+use crate::verify::harness::test_meshes::{convex_solids, placed};
 use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, TracedRay, describe, order, towards};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
@@ -59,14 +59,8 @@ fn spawn_and_trace(trial: &CaseRunner, way: Way) -> Result<Counts, AccelError> {
     trial.over_parts(solids.len() * PLACEMENTS, &|number, trial| {
         let shape = solids[number / PLACEMENTS].clone();
         let map = placement(&mut SplitMix64::new(0x91ace, number as u64));
-        let Ok(instance) = Instance::new("", 0, 0, map) else {
+        let Some(scene) = placed(shape, map) else {
             return Ok(Counts::default());
-        };
-        let scene = Scene {
-            geometries: vec![Geometry::Shape(shape)],
-            instances: vec![instance],
-            materials: vec![Material::default()],
-            ..Scene::default()
         };
         spawn_and_trace_instance(&trial, &scene, &map, way)
     })
@@ -80,7 +74,7 @@ fn spawn_and_trace_instance(
 ) -> Result<Counts, AccelError> {
     let engine = trial.engine(scene)?;
     let departures = SpawnProbe::new(scene);
-    let tally = trial.in_chunks(&|random, count| {
+    Ok(trial.trace_in_chunks(&engine, &|random, count| {
         // Aim at a point well inside the solid
         let rays: Vec<Ray> = (0..count)
             .map(|_| {
@@ -122,6 +116,5 @@ fn spawn_and_trace_instance(
             tally.count_ray(Correctness::wrong_if(is_wrong), ray, None);
         }
         tally
-    });
-    Ok(trial.with_drawing_of(&engine, tally))
+    }))
 }

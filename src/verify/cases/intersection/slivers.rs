@@ -9,8 +9,8 @@ use crate::accel::AccelError;
 use crate::accel::brute::BruteAccel;
 use crate::mesh::Mesh;
 use crate::numeric::{Ray, SplitMix64};
-use crate::scene::{Geometry, Material, Scene};
-use crate::verify::harness::test_meshes::{mesh, scene};
+use crate::scene::{Geometry, Scene};
+use crate::verify::harness::test_meshes::{mesh, scene, soup};
 use crate::verify::harness::{
     Case, CaseRunner, Correctness, Counts, Watertightness, exact_nearest, judge_against, towards,
 };
@@ -71,9 +71,7 @@ fn slivers(trial: &CaseRunner) -> Result<Counts, AccelError> {
     // Build a scene of slivers with bounding needles
     let mut random = SplitMix64::new(0x5117, 0);
     let triangles: Vec<[DVec3; 3]> = (0..SLIVERS).map(|_| sliver(&mut random)).collect();
-    let corners: Vec<DVec3> = triangles.iter().flatten().copied().collect();
-    let faces = (0..SLIVERS as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
-    let scene = scene(vec![Geometry::Mesh(mesh(&corners, faces.collect()))]);
+    let scene = scene(vec![Geometry::Mesh(soup(&triangles))]);
     let engine = trial.engine(&scene)?;
     let needles: Vec<Needle> = triangles.iter().map(Needle::of).collect();
     Ok(trial.nearest(
@@ -143,10 +141,7 @@ fn random_meshes(trial: &CaseRunner) -> Result<Counts, AccelError> {
     let mesh_count = trial.rays.div_ceil(RAYS_A_MESH).min(MAX_MESHES);
     trial.over_parts(mesh_count as usize, &|number, part| {
         let mut random = SplitMix64::new(0x6a7ba6e, number as u64);
-        let mut scene = Scene {
-            materials: vec![Material::default()],
-            ..scene(vec![Geometry::Mesh(any_mesh(&mut random))])
-        };
+        let mut scene = scene(vec![Geometry::Mesh(any_mesh(&mut random))]);
         if scene.validate().is_err() {
             // Validation reports such a mesh before anything is built.
             return Ok(Counts::default());

@@ -7,7 +7,7 @@ use glam::{DAffine3, DVec3};
 use crate::accel::{Accel, AccelError};
 use crate::parallel;
 use crate::render::{Monitor, RenderSettings, render};
-use crate::scene::{Background, Camera, Geometry, Instance, Light, LightKind, Material, Scene};
+use crate::scene::{Background, Camera, Geometry, Instance, Light, LightKind, Scene};
 use crate::shape::{Shape, Sphere};
 use crate::verify::harness::test_meshes::{icosphere, scene};
 use crate::verify::harness::{Case, CaseRunner, Correctness, Counts};
@@ -51,7 +51,6 @@ fn image_scene() -> Scene {
         .filter_map(|(place, geometry)| Instance::new("", geometry, 0, place).ok())
         .collect();
     // Add light, so that there are shadow rays and mirror rays
-    scene.materials = vec![Material::default()];
     scene.lights = vec![Light {
         name: "sun".into(),
         intensity: [3.0; 3],

@@ -102,7 +102,7 @@ fn scaled_hits(trial: &CaseRunner, scenes: [&Scene; 2], factor: f32) -> Result<C
     let [plain, large] = scenes;
     let [engine, other] = [trial.engine(plain)?, trial.engine(large)?];
     let ray = rays_about(plain);
-    let tally = trial.in_chunks(&|random, count| {
+    Ok(trial.trace_in_chunks(&other, &|random, count| {
         // Trace a ray and its scaled copy
         let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
         let mapped: Vec<Ray> = rays
@@ -125,8 +125,7 @@ fn scaled_hits(trial: &CaseRunner, scenes: [&Scene; 2], factor: f32) -> Result<C
             tally.count_ray(Correctness::wrong_if(is_wrong), ray, found[i]);
         }
         tally
-    });
-    Ok(trial.with_drawing_of(&other, tally))
+    }))
 }
 
 /// Returns a generator of rays from around a scene towards its centre.
@@ -214,7 +213,7 @@ fn turned(trial: &CaseRunner) -> Result<Counts, AccelError> {
 fn turned_hits(trial: &CaseRunner, scene: &Scene, [engine, other]: [&Engine; 2], turn: &DMat3) -> Counts {
     let ray = rays_about(scene);
     let carry = |v: Vec3| (*turn * v.as_dvec3()).as_vec3();
-    let tally = trial.in_chunks(&|random, count| {
+    trial.trace_in_chunks(engine, &|random, count| {
         let rays: Vec<Ray> = (0..count).map(|_| ray(random)).collect();
         // Trace a ray and its rotated copy
         let mapped: Vec<Ray> = rays
@@ -238,8 +237,7 @@ fn turned_hits(trial: &CaseRunner, scene: &Scene, [engine, other]: [&Engine; 2],
             tally.count_ray(correctness, ray, found[i]);
         }
         tally
-    });
-    trial.with_drawing_of(engine, tally)
+    })
 }
 
 /// Affine map of a scene, which takes points p to `factor p + offset`, with an optional room around it.

@@ -47,7 +47,6 @@ fn sound_scene() -> Scene {
         texels: Texels::Floats(vec![[0.5, 0.5, 1.0, 1.0]; 16].into()),
     };
     Scene {
-        materials: vec![Material::default()],
         images: vec![image("texels")],
         textures: vec![Texture::Image {
             image: 0,
@@ -65,253 +64,235 @@ fn sound_scene() -> Scene {
     }
 }
 
-/// Number of a scene: the item that an error must name, and a function that adds 0 or NaN to the number. Where a
-/// constructor rejects the value before there is a scene, the returned error must name the item.
-type Input = (&'static str, Add);
+/// Function that adds 0 or NaN to a number of a scene.
 type Add = fn(&mut Scene, &mut SplitMix64, f64) -> Result<(), String>;
 
-static INPUTS: [Input; 67] = [
+/// Items that an error must name, with the functions that change their numbers. Where a constructor rejects the value
+/// before there is a scene, the returned error must name the item.
+static INPUTS: [(&str, &[Add]); 16] = [
     // Vertex attributes
-    ("geometry 0", |s, r, x| {
-        mesh(s, |m| m.positions = with(&m.positions, r, x))
-    }),
-    ("geometry 0", |s, r, x| {
-        mesh(s, |m| m.normals = m.normals.as_ref().map(|v| with(v, r, x)))
-    }),
-    ("geometry 0", |s, r, x| {
-        mesh(s, |m| m.tangents = m.tangents.as_ref().map(|v| with(v, r, x)))
-    }),
-    ("geometry 0", |s, r, x| {
-        mesh(s, |m| m.colors = m.colors.as_ref().map(|v| with(v, r, x)))
-    }),
-    ("geometry 0", |s, r, x| {
-        mesh(s, |m| m.tex_coords[0] = with(&m.tex_coords[0], r, x))
-    }),
+    (
+        "geometry 0",
+        &[
+            |s, r, x| mesh(s, |m| m.positions = with(&m.positions, r, x)),
+            |s, r, x| mesh(s, |m| m.normals = m.normals.as_ref().map(|v| with(v, r, x))),
+            |s, r, x| mesh(s, |m| m.tangents = m.tangents.as_ref().map(|v| with(v, r, x))),
+            |s, r, x| mesh(s, |m| m.colors = m.colors.as_ref().map(|v| with(v, r, x))),
+            |s, r, x| mesh(s, |m| m.tex_coords[0] = with(&m.tex_coords[0], r, x)),
+        ],
+    ),
     // Shapes and transforms
-    ("geometry 1", |s, _, x| sphere(s, DVec3::ZERO, 1.0 + x)),
-    ("geometry 1", |s, r, x| {
-        sphere(s, add_to_one(DVec3::ZERO, r, x), 1.0)
-    }),
-    ("geometry 1", |s, _, x| {
-        s.geometries[1] = Geometry::Shape(Shape::Torus(Torus {
-            minor_radius: 0.5 + x,
-        }));
-        Ok(())
-    }),
-    ("quadric", |_, r, x| {
-        let mut q = [1.0; 10];
-        q[r.below(10)] += x;
-        constructor_result(Quadric::new(q, Bounds::of_points([-DVec3::ONE, DVec3::ONE])))
-    }),
-    ("polyhedron", |_, r, x| {
-        let mut corners = [DVec3::ONE, -DVec3::X, -DVec3::Y, -DVec3::Z];
-        let side = r.below(4);
-        corners[side] = add_to_one(corners[side], r, x);
-        constructor_result(Polyhedron::from_half_spaces(
-            &corners.map(|n| HalfSpace { n, h: 1.0 }),
-        ))
-    }),
-    ("matrix", |_, r, x| {
-        constructor_result(Instance::new("", 0, 0, map(r, x)))
-    }),
-    ("matrix", |_, r, x| {
-        let moved = DAffine3::from_translation(DVec3::X);
-        let mut maps = [map(r, x), moved];
-        maps.swap(0, r.below(2));
-        constructor_result(Instance::moving("", 0, 0, maps))
-    }),
+    (
+        "geometry 1",
+        &[
+            |s, _, x| sphere(s, DVec3::ZERO, 1.0 + x),
+            |s, r, x| sphere(s, add_to_one(DVec3::ZERO, r, x), 1.0),
+            |s, _, x| {
+                s.geometries[1] = Geometry::Shape(Shape::Torus(Torus {
+                    minor_radius: 0.5 + x,
+                }));
+                Ok(())
+            },
+        ],
+    ),
+    (
+        "quadric",
+        &[|_, r, x| {
+            let mut q = [1.0; 10];
+            q[r.below(10)] += x;
+            constructor_result(Quadric::new(q, Bounds::of_points([-DVec3::ONE, DVec3::ONE])))
+        }],
+    ),
+    (
+        "polyhedron",
+        &[|_, r, x| {
+            let mut corners = [DVec3::ONE, -DVec3::X, -DVec3::Y, -DVec3::Z];
+            let side = r.below(4);
+            corners[side] = add_to_one(corners[side], r, x);
+            constructor_result(Polyhedron::from_half_spaces(
+                &corners.map(|n| HalfSpace { n, h: 1.0 }),
+            ))
+        }],
+    ),
+    (
+        "matrix",
+        &[
+            |_, r, x| constructor_result(Instance::new("", 0, 0, map(r, x))),
+            |_, r, x| {
+                let moved = DAffine3::from_translation(DVec3::X);
+                let mut maps = [map(r, x), moved];
+                maps.swap(0, r.below(2));
+                constructor_result(Instance::moving("", 0, 0, maps))
+            },
+        ],
+    ),
     // Materials
-    ("material 0", |s, r, x| {
-        material(s, |m| m.base_color[r.below(4)] += x as f32)
-    }),
-    ("material 0", |s, r, x| {
-        material(s, |m| m.emission[r.below(3)] += x as f32)
-    }),
-    ("material 0", |s, _, x| {
-        material(s, |m| m.alpha = AlphaMode::Mask(0.5 + x as f32))
-    }),
-    ("material 0", |s, _, x| gltf(s, |m| m.metallic += x as f32)),
-    ("material 0", |s, _, x| gltf(s, |m| m.roughness += x as f32)),
-    ("material 0", |s, _, x| gltf(s, |m| m.specular += x as f32)),
-    ("material 0", |s, r, x| {
-        gltf(s, |m| m.specular_color[r.below(3)] += x as f32)
-    }),
-    ("material 0", |s, _, x| gltf(s, |m| m.transmission += x as f32)),
-    ("material 0", |s, r, x| {
-        phong(s, |m| m.ambient[r.below(3)] += x as f32)
-    }),
-    ("material 0", |s, r, x| {
-        phong(s, |m| m.diffuse[r.below(3)] += x as f32)
-    }),
-    ("material 0", |s, r, x| {
-        phong(s, |m| m.specular[r.below(3)] += x as f32)
-    }),
-    ("material 0", |s, _, x| phong(s, |m| m.exponent += x as f32)),
-    ("material 0", |s, r, x| {
-        phong(s, |m| m.reflection[r.below(3)] += x as f32)
-    }),
-    ("material 0", |s, r, x| {
-        phong(s, |m| m.transmission[r.below(3)] += x as f32)
-    }),
-    // Interiors and translucency
-    ("material 0", |s, _, x| {
-        interior(s, |i| i.ior = Dispersion::Constant(1.5 + x))
-    }),
-    ("material 0", |s, r, x| {
-        interior(s, |i| i.absorption.sigma_a[r.below(3)] += x)
-    }),
-    ("material 0", |s, r, x| {
-        scattering(s, |medium| medium.sigma_s_reduced[r.below(3)] += x)
-    }),
-    ("material 0", |s, r, x| {
-        scattering(s, |medium| medium.sigma_a[r.below(3)] += x)
-    }),
-    ("material 0", |s, _, x| scattering(s, |medium| medium.eta += x)),
-    ("material 0", |s, _, x| translucency(s, |t| t.factor += x as f32)),
-    ("material 0", |s, r, x| {
-        translucency(s, |t| t.color[r.below(3)] += x as f32)
-    }),
-    // Textures
-    ("material 0", |s, _, x| {
-        layer(s, MaterialInput::Normal, |l| l.strength += x as f32)
-    }),
-    ("material 0", |s, r, x| {
-        let (row, column) = (r.below(2), r.below(2));
-        layer(s, MaterialInput::BaseColor, |l| {
-            l.texture.transform.matrix[row][column] += x as f32
-        })
-    }),
-    ("material 0", |s, r, x| {
-        layer(s, MaterialInput::BaseColor, |l| {
-            l.texture.transform.offset[r.below(2)] += x as f32
-        })
-    }),
-    ("material 0", |s, r, x| {
-        texel(s, MaterialInput::BaseColor, r.below(4), (r, x))
-    }),
-    ("material 0", |s, r, x| {
-        texel(s, MaterialInput::Emission, r.below(3), (r, x))
-    }),
-    ("material 0", |s, r, x| {
-        texel(s, MaterialInput::MetallicRoughness, 1 + r.below(2), (r, x))
-    }),
-    ("material 0", |s, r, x| {
-        texel(s, MaterialInput::Specular, 3, (r, x))
-    }),
-    ("material 0", |s, r, x| {
-        texel(s, MaterialInput::SpecularColor, r.below(3), (r, x))
-    }),
-    ("material 0", |s, r, x| {
-        texel(s, MaterialInput::Occlusion, 0, (r, x))
-    }),
-    ("material 0", |s, r, x| {
-        texel(s, MaterialInput::Normal, r.below(3), (r, x))
-    }),
-    ("material 0", |s, r, x| texel(s, MaterialInput::Bump, 0, (r, x))),
-    ("texture 0", |s, r, x| {
-        procedural(s, |p| p.colors[r.below(2)][r.below(4)] += x as f32)
-    }),
-    ("texture 0", |s, r, x| procedural(s, |p| p.scale[r.below(3)] += x)),
-    ("texture 0", |s, _, x| {
-        procedural(s, |p| p.pattern = Pattern::Wood { turbulence: 1.0 + x })
-    }),
+    (
+        "material 0",
+        &[
+            |s, r, x| material(s, |m| m.base_color[r.below(4)] += x as f32),
+            |s, r, x| material(s, |m| m.emission[r.below(3)] += x as f32),
+            |s, _, x| material(s, |m| m.alpha = AlphaMode::Mask(0.5 + x as f32)),
+            |s, _, x| gltf(s, |m| m.metallic += x as f32),
+            |s, _, x| gltf(s, |m| m.roughness += x as f32),
+            |s, _, x| gltf(s, |m| m.specular += x as f32),
+            |s, r, x| gltf(s, |m| m.specular_color[r.below(3)] += x as f32),
+            |s, _, x| gltf(s, |m| m.transmission += x as f32),
+            |s, r, x| phong(s, |m| m.ambient[r.below(3)] += x as f32),
+            |s, r, x| phong(s, |m| m.diffuse[r.below(3)] += x as f32),
+            |s, r, x| phong(s, |m| m.specular[r.below(3)] += x as f32),
+            |s, _, x| phong(s, |m| m.exponent += x as f32),
+            |s, r, x| phong(s, |m| m.reflection[r.below(3)] += x as f32),
+            |s, r, x| phong(s, |m| m.transmission[r.below(3)] += x as f32),
+            // Interiors and translucency
+            |s, _, x| interior(s, |i| i.ior = Dispersion::Constant(1.5 + x)),
+            |s, r, x| interior(s, |i| i.absorption.sigma_a[r.below(3)] += x),
+            |s, r, x| scattering(s, |medium| medium.sigma_s_reduced[r.below(3)] += x),
+            |s, r, x| scattering(s, |medium| medium.sigma_a[r.below(3)] += x),
+            |s, _, x| scattering(s, |medium| medium.eta += x),
+            |s, _, x| translucency(s, |t| t.factor += x as f32),
+            |s, r, x| translucency(s, |t| t.color[r.below(3)] += x as f32),
+            // Textures
+            |s, _, x| layer(s, MaterialInput::Normal, |l| l.strength += x as f32),
+            |s, r, x| {
+                let (row, column) = (r.below(2), r.below(2));
+                layer(s, MaterialInput::BaseColor, |l| {
+                    l.texture.transform.matrix[row][column] += x as f32
+                })
+            },
+            |s, r, x| {
+                layer(s, MaterialInput::BaseColor, |l| {
+                    l.texture.transform.offset[r.below(2)] += x as f32
+                })
+            },
+            |s, r, x| texel(s, MaterialInput::BaseColor, r.below(4), (r, x)),
+            |s, r, x| texel(s, MaterialInput::Emission, r.below(3), (r, x)),
+            |s, r, x| texel(s, MaterialInput::MetallicRoughness, 1 + r.below(2), (r, x)),
+            |s, r, x| texel(s, MaterialInput::Specular, 3, (r, x)),
+            |s, r, x| texel(s, MaterialInput::SpecularColor, r.below(3), (r, x)),
+            |s, r, x| texel(s, MaterialInput::Occlusion, 0, (r, x)),
+            |s, r, x| texel(s, MaterialInput::Normal, r.below(3), (r, x)),
+            |s, r, x| texel(s, MaterialInput::Bump, 0, (r, x)),
+        ],
+    ),
+    (
+        "texture 0",
+        &[
+            |s, r, x| procedural(s, |p| p.colors[r.below(2)][r.below(4)] += x as f32),
+            |s, r, x| procedural(s, |p| p.scale[r.below(3)] += x),
+            |s, _, x| procedural(s, |p| p.pattern = Pattern::Wood { turbulence: 1.0 + x }),
+        ],
+    ),
     // Lights
-    ("light 0", |s, r, x| {
-        let to_light = DVec3::Y;
-        s.lights = vec![light(LightKind::Directional { to_light })];
-        s.lights[0].intensity[r.below(3)] += x as f32;
-        Ok(())
-    }),
-    ("light 0", |s, r, x| {
-        set_light(
-            s,
-            LightKind::Directional {
-                to_light: add_to_one(DVec3::Y, r, x),
+    (
+        "light 0",
+        &[
+            |s, r, x| {
+                let to_light = DVec3::Y;
+                s.lights = vec![light(LightKind::Directional { to_light })];
+                s.lights[0].intensity[r.below(3)] += x as f32;
+                Ok(())
             },
-        )
-    }),
-    ("light 0", |s, r, x| {
-        set_light(s, point(add_to_one(DVec3::ONE, r, x), 1.0))
-    }),
-    ("light 0", |s, _, x| set_light(s, point(DVec3::ONE, 1.0 + x))),
-    ("light 0", |s, r, x| {
-        let [constant, linear, quadratic] = any([1.0; 3], r, x);
-        let falloff = Falloff::Polynomial {
-            constant,
-            linear,
-            quadratic,
-        };
-        set_light(
-            s,
-            LightKind::Point {
-                position: DVec3::ONE,
-                falloff,
+            |s, r, x| {
+                set_light(
+                    s,
+                    LightKind::Directional {
+                        to_light: add_to_one(DVec3::Y, r, x),
+                    },
+                )
             },
-        )
-    }),
-    ("light 0", |s, r, x| {
-        set_light(s, spot(add_to_one(DVec3::X, r, x), [0.9, 0.8]))
-    }),
-    ("light 0", |s, r, x| {
-        set_light(s, spot(DVec3::X, any([0.9, 0.8], r, x)))
-    }),
-    ("light 0", |s, r, x| set_light(s, area(r, x))),
+            |s, r, x| set_light(s, point(add_to_one(DVec3::ONE, r, x), 1.0)),
+            |s, _, x| set_light(s, point(DVec3::ONE, 1.0 + x)),
+            |s, r, x| {
+                let [constant, linear, quadratic] = any([1.0; 3], r, x);
+                let falloff = Falloff::Polynomial {
+                    constant,
+                    linear,
+                    quadratic,
+                };
+                set_light(
+                    s,
+                    LightKind::Point {
+                        position: DVec3::ONE,
+                        falloff,
+                    },
+                )
+            },
+            |s, r, x| set_light(s, spot(add_to_one(DVec3::X, r, x), [0.9, 0.8])),
+            |s, r, x| set_light(s, spot(DVec3::X, any([0.9, 0.8], r, x))),
+            |s, r, x| set_light(s, area(r, x)),
+        ],
+    ),
     // Cameras
-    ("camera 0", |s, r, x| {
-        camera(s, |c| c.world_from_camera = map(r, x))
-    }),
-    ("camera 0", |s, r, x| {
-        camera(s, |c| c.world_from_camera_end = Some(map(r, x)))
-    }),
-    ("camera 0", |s, r, x| {
-        camera(s, |c| c.projection = projection(r, x))
-    }),
-    ("camera 0", |s, r, x| {
-        camera(s, |c| [c.z_near, c.z_far] = any([1.0, 2.0], r, x))
-    }),
-    ("camera 0", |s, r, x| {
-        let [open, close] = any([0.25, 0.5], r, x);
-        camera(s, |c| c.shutter = Shutter { open, close })
-    }),
-    ("lens", |_, _, x| {
-        constructor_result(Lens::new(0.1 + x, 1.0, Aperture::Disk))
-    }),
-    ("focus", |_, _, x| {
-        constructor_result(Lens::new(0.1, 1.0 + x, Aperture::Disk))
-    }),
+    (
+        "camera 0",
+        &[
+            |s, r, x| camera(s, |c| c.world_from_camera = map(r, x)),
+            |s, r, x| camera(s, |c| c.world_from_camera_end = Some(map(r, x))),
+            |s, r, x| camera(s, |c| c.projection = projection(r, x)),
+            |s, r, x| camera(s, |c| [c.z_near, c.z_far] = any([1.0, 2.0], r, x)),
+            |s, r, x| {
+                let [open, close] = any([0.25, 0.5], r, x);
+                camera(s, |c| c.shutter = Shutter { open, close })
+            },
+        ],
+    ),
+    (
+        "lens",
+        &[|_, _, x| constructor_result(Lens::new(0.1 + x, 1.0, Aperture::Disk))],
+    ),
+    (
+        "focus",
+        &[|_, _, x| constructor_result(Lens::new(0.1, 1.0 + x, Aperture::Disk))],
+    ),
     // Ambient light, background and volumes
-    ("the ambient light", |s, r, x| {
-        s.ambient[r.below(3)] += x as f32;
-        Ok(())
-    }),
-    ("the background", |s, r, x| {
-        let mut colors = [[0.5; 3]; 3];
-        colors[r.below(3)][r.below(3)] += x as f32;
-        let [horizon, up, down] = colors;
-        s.background = Background::Gradient { horizon, up, down };
-        Ok(())
-    }),
-    ("the environment map", |s, r, x| {
-        let [rotation, scale, texel] = any([0.5; 3], r, x);
-        texels(s)[r.below(16)][r.below(3)] = texel as f32;
-        let scale = scale as f32;
-        s.background = Background::Environment {
-            image: 0,
-            rotation,
-            scale,
-            samples: 1,
-        };
-        Ok(())
-    }),
-    ("fog", |_, r, x| {
-        let [extinction, red, green, blue, step, c, m, y] = any([0.5; 8], r, x);
-        constructor_result(Fog::new(extinction, [red, green, blue], [c, m, y], step))
-    }),
-    ("grid", |_, r, x| {
-        let mut samples = vec![0.5; 8];
-        samples[r.below(8)] += x as f32;
-        constructor_result(Grid::new([2; 3], GridSamples::Floats(samples)))
-    }),
+    (
+        "the ambient light",
+        &[|s, r, x| {
+            s.ambient[r.below(3)] += x as f32;
+            Ok(())
+        }],
+    ),
+    (
+        "the background",
+        &[|s, r, x| {
+            let mut colors = [[0.5; 3]; 3];
+            colors[r.below(3)][r.below(3)] += x as f32;
+            let [horizon, up, down] = colors;
+            s.background = Background::Gradient { horizon, up, down };
+            Ok(())
+        }],
+    ),
+    (
+        "the environment map",
+        &[|s, r, x| {
+            let [rotation, scale, texel] = any([0.5; 3], r, x);
+            texels(s)[r.below(16)][r.below(3)] = texel as f32;
+            let scale = scale as f32;
+            s.background = Background::Environment {
+                image: 0,
+                rotation,
+                scale,
+                samples: 1,
+            };
+            Ok(())
+        }],
+    ),
+    (
+        "fog",
+        &[|_, r, x| {
+            let [extinction, red, green, blue, step, c, m, y] = any([0.5; 8], r, x);
+            constructor_result(Fog::new(extinction, [red, green, blue], [c, m, y], step))
+        }],
+    ),
+    (
+        "grid",
+        &[|_, r, x| {
+            let mut samples = vec![0.5; 8];
+            samples[r.below(8)] += x as f32;
+            constructor_result(Grid::new([2; 3], GridSamples::Floats(samples)))
+        }],
+    ),
 ];
 
 /// Returns the numbers with `x` added to a random one.
@@ -534,10 +515,14 @@ const MAX_RAYS: u64 = 1 << 16;
 
 fn inject_nan(trial: &CaseRunner) -> Result<Counts, AccelError> {
     let sound = sound_scene();
+    let inputs: Vec<(&str, Add)> = INPUTS
+        .iter()
+        .flat_map(|&(place, adds)| adds.iter().map(move |&add| (place, add)))
+        .collect();
     let mut tally = Counts::default();
     for number in 0..trial.rays.min(MAX_RAYS) {
         // Add 0 and NaN to each input in turn
-        let (place, add) = INPUTS[number as usize / 2 % INPUTS.len()];
+        let (place, add) = inputs[number as usize / 2 % inputs.len()];
         let x = [0.0, f64::NAN][number as usize % 2];
         let mut scene = sound.clone();
         let constructor_result = add(&mut scene, &mut SplitMix64::new(0x9015, number / 2), x);

@@ -6,8 +6,9 @@ use super::transforms::{Oracle, turn};
 use crate::accel::{AccelError, Hit, RayPacket};
 use crate::numeric::{Bounds, Ray, SplitMix64};
 use crate::render::{SpawnPoint, SpawnProbe};
-use crate::scene::{Geometry, Instance, Material, Scene};
+use crate::scene::Scene;
 use crate::shape::{Quadric, Shape, Sphere};
+use crate::verify::harness::test_meshes::placed;
 use crate::verify::harness::{Case, CaseRunner, Correctness, Counts, towards};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
@@ -57,14 +58,8 @@ fn ellipsoid(part: usize, random: &mut SplitMix64) -> (Shape, DAffine3, DAffine3
 fn thin(trial: &CaseRunner) -> Result<Counts, AccelError> {
     trial.over_parts(COUNT, &|number, trial| {
         let (shape, place, stretched) = ellipsoid(number, &mut SplitMix64::new(0x08, number as u64));
-        let Ok(instance) = Instance::new("", 0, 0, place) else {
+        let Some(scene) = placed(shape, place) else {
             return Ok(Counts::default());
-        };
-        let scene = Scene {
-            geometries: vec![Geometry::Shape(shape)],
-            instances: vec![instance],
-            materials: vec![Material::default()],
-            ..Scene::default()
         };
         thin_of(&trial, &scene, &stretched)
     })

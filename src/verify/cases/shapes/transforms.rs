@@ -4,8 +4,8 @@ use glam::{DAffine3, DMat3, DQuat, DVec3};
 
 use crate::accel::{AccelError, Hit};
 use crate::numeric::{DoubleDouble, Ray, SplitMix64};
-use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{Shape, Sphere};
+use crate::verify::harness::test_meshes::placed;
 use crate::verify::harness::{Case, CaseRunner, Correctness, Counts};
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[
@@ -16,7 +16,7 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "the map's inverse and the roots to 90 bits",
         bound: "no wrong decision, t to 1 ulp; ties are right for a sphere moved by 16 roundings of f64 times the condition squared",
         unit: "ulp of t",
-        run: |trial| placed(trial, stretched),
+        run: |trial| placed_spheres(trial, stretched),
         ..Case::SHAPES
     },
     Case {
@@ -35,7 +35,7 @@ pub(in crate::verify::cases) const CASES: &[Case] = &[
         oracle: "the map's inverse and the roots to 90 bits",
         bound: "no wrong decision, t to 1 ulp; ties as for H23",
         unit: "ulp of t",
-        run: |trial| placed(trial, scaled),
+        run: |trial| placed_spheres(trial, scaled),
         ..Case::SHAPES
     },
 ];
@@ -74,16 +74,11 @@ fn scaled(random: &mut SplitMix64) -> DAffine3 {
     }
 }
 
-fn placed(trial: &CaseRunner, map: fn(&mut SplitMix64) -> DAffine3) -> Result<Counts, AccelError> {
+fn placed_spheres(trial: &CaseRunner, map: fn(&mut SplitMix64) -> DAffine3) -> Result<Counts, AccelError> {
     trial.over_parts(MAPS, &|number, trial| {
         let map = map(&mut SplitMix64::new(0x3a9, number as u64));
-        let Ok(instance) = Instance::new("", 0, 0, map) else {
+        let Some(scene) = placed(Shape::Sphere(Sphere::UNIT), map) else {
             return Ok(Counts::default());
-        };
-        let scene = Scene {
-            geometries: vec![Geometry::Shape(Shape::Sphere(Sphere::UNIT))],
-            instances: vec![instance],
-            ..Scene::default()
         };
         let engine = trial.engine(&scene)?;
         let oracle = Oracle::new(&map);

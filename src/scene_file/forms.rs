@@ -1,4 +1,4 @@
-//! Values with several forms in a file, told apart by their kind: a number, a text, a list or a table.
+//! Values with several forms in a file, distinguished by their kind: a number, a text, a list or a table.
 //!
 //! serde's own `untagged` enums copy a value before they read it, and so lose its span in the file.
 

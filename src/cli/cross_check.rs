@@ -182,13 +182,7 @@ fn draw(
     let rendering = render::render(scene, camera, accel, &settings, &monitor)?;
     let view = camera.view(settings.width, settings.height);
     let differences: Vec<&Difference> = report.differences().collect();
-    let [wrong, ties] = report.legend();
-    Ok(overlay::draw(
-        &rendering.image,
-        &view,
-        &differences,
-        [&wrong, &ties],
-    ))
+    Ok(overlay::draw(&rendering.image, &view, &differences))
 }
 
 /// Returns the numbers of instances, and of triangles and shape primitives.

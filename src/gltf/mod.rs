@@ -44,7 +44,6 @@ use glam::DMat3;
 pub use animation::AnimationTime;
 pub(crate) use camera_light::default_camera;
 pub use error::GltfError;
-pub(crate) use primitive::describe_removed;
 
 use crate::numeric::Bounds;
 use crate::parallel;
@@ -296,14 +295,7 @@ impl GltfDocument {
         let normalisation = Normalisation::fitting(&scene.bounds_from(&bounds));
         let stays = normalisation.is_identity() && scene.instances.iter().all(Instance::is_identity);
         if !stays {
-            scene.apply_normalisation(normalisation);
-            scene.normalise_object_spaces(&bounds);
-            for (name, dropped) in scene.bake_single_uses() {
-                scene
-                    .warnings
-                    .push(format!("{name} {}", describe_removed(dropped)));
-            }
-            scene.remove_empty_meshes();
+            scene.normalise_and_bake(normalisation, &bounds);
             if scene.instances.is_empty() {
                 return Err(self.empty(&scene.warnings));
             }

@@ -12,7 +12,7 @@ use super::primitive_id::PrimitiveId;
 use crate::mesh::{Buffer, Mesh};
 use crate::numeric::Bounds;
 use crate::parallel;
-use crate::scene::mesh_cleanup::{self, Removed};
+use crate::scene::mesh_cleanup;
 
 /// A converted primitive: a mesh without bad indices or unusable triangles, possibly empty.
 pub(super) struct ReadPrimitive {
@@ -132,7 +132,7 @@ impl PrimitiveReader<'_> {
         })?;
         if found.unusable > 0 {
             let dropped = mesh_cleanup::drop_unusable(mesh);
-            self.warn(&describe_removed(dropped));
+            self.warn(&dropped.to_string());
         }
         mesh_cleanup::clear_non_finite_positions(mesh);
         Ok(found.bounds)
@@ -334,20 +334,6 @@ fn unit_or_zero(n: [f32; 3]) -> [f32; 3] {
         .to_array()
 }
 
-/// Returns a description of removed triangles, as the end of a sentence.
-pub(crate) fn describe_removed(dropped: Removed) -> String {
-    let count = |n: usize, of: &str| {
-        let s = if n == 1 { "" } else { "s" };
-        (n > 0).then(|| format!("{n} triangle{s} {of}"))
-    };
-    let parts = [
-        count(dropped.no_area, "without an area"),
-        count(dropped.not_finite, "with vertices that are not finite"),
-    ];
-    let parts: Vec<String> = parts.into_iter().flatten().collect();
-    format!("had {}: dropped", parts.join(" and "))
-}
-
 /// Returns the triangles of a list, strip or fan (glTF 2.0, section 3.7.2.1).
 fn assemble(mode: Mode, index_count: usize, index: impl Fn(usize) -> u32 + Sync) -> Buffer<[u32; 3]> {
     // A strip or a fan has a triangle for each vertex after the second
@@ -376,17 +362,5 @@ mod tests {
         assert_eq!(fan[..], [[1, 2, 0], [2, 3, 0], [3, 4, 0]]);
         assert_eq!(assemble(Mode::Triangles, 7, identity)[..], [[0, 1, 2], [3, 4, 5]]);
         assert!(assemble(Mode::TriangleFan, 1, identity).is_empty());
-    }
-
-    #[test]
-    fn dropped_triangles_are_reported() {
-        let dropped = Removed {
-            no_area: 1,
-            not_finite: 2,
-        };
-        assert_eq!(
-            describe_removed(dropped),
-            "had 1 triangle without an area and 2 triangles with vertices that are not finite: dropped"
-        );
     }
 }

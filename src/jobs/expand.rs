@@ -15,8 +15,8 @@ use super::template::Template;
 use super::{FlagValue, Frame, JobSettings, Jobs, Moment};
 use crate::image::ImageFormat;
 use crate::scene_file::SceneFileError;
-use crate::scene_file::assembly::read;
 use crate::scene_file::fault::{Diagnostic, Source, file_error};
+use crate::scene_file::source_text::read;
 use crate::scene_file::value::Located;
 
 /// Largest number of pieces of a frame.

@@ -1,8 +1,6 @@
 //! Frame ranges in the notation `24`, `10-20` or `1-24x2`.
 
-use std::fmt;
-
-use serde::de::{self, Deserializer, Visitor};
+use crate::scene_file::forms::forms;
 
 /// Largest number of frames of a job file; more is taken for a typing error.
 pub(super) const MAX_FRAMES: usize = 1_000_000;
@@ -69,32 +67,15 @@ impl FrameRange {
     }
 }
 
-impl<'de> de::Deserialize<'de> for FrameRange {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<FrameRange, D::Error> {
-        struct RangeVisitor;
-        impl Visitor<'_> for RangeVisitor {
-            type Value = FrameRange;
-
-            fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str("a number of frames or a range as in \"1-24\"")
-            }
-
-            fn visit_i64<E: de::Error>(self, count: i64) -> Result<FrameRange, E> {
-                let last = u32::try_from(count).unwrap_or(0);
-                let all = FrameRange {
-                    first: 1,
-                    last,
-                    step: 1,
-                };
-                all.checked().map_err(E::custom)
-            }
-
-            fn visit_str<E: de::Error>(self, text: &str) -> Result<FrameRange, E> {
-                FrameRange::parse(text).map_err(E::custom)
-            }
-        }
-        deserializer.deserialize_any(RangeVisitor)
+forms! {
+    ['de] FrameRange, "a number of frames or a range as in \"1-24\"";
+    integer count => FrameRange {
+        last: u32::try_from(count).unwrap_or(0),
+        ..FrameRange::ONE
     }
+    .checked()
+    .map_err(E::custom);
+    text text => FrameRange::parse(text).map_err(E::custom);
 }
 
 #[cfg(test)]

@@ -82,7 +82,7 @@ impl Scene {
     ///
     /// Rounding to f32 may leave triangles without an area; they are removed, and their counts are returned with the
     /// name of the instance that they belonged to.
-    pub(crate) fn bake_single_uses(&mut self) -> Vec<(String, Removed)> {
+    pub(super) fn bake_single_uses(&mut self) -> Vec<(String, Removed)> {
         let use_counts = self.use_counts();
         let mut dropped = Vec::new();
         // Skip shapes and meshes whose object space must stay as it is
@@ -112,7 +112,7 @@ impl Scene {
     }
 
     /// Removes meshes without triangles and their instances, and renumbers geometries, instances and emissive objects.
-    pub(crate) fn remove_empty_meshes(&mut self) {
+    pub(super) fn remove_empty_meshes(&mut self) {
         let is_empty: Vec<bool> = self.geometries.iter().map(|g| g.primitive_count() == 0).collect();
         if !is_empty.contains(&true) {
             return;

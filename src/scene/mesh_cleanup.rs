@@ -5,6 +5,8 @@
 //! formed in f64, where differences and products of f32 values of like size are exact, so the test needs no tolerance:
 //! needles are kept, lines and points are removed.
 
+use std::fmt;
+
 use glam::{DVec3, Vec3};
 
 use crate::mesh::{Buffer, Mesh};
@@ -35,6 +37,22 @@ pub(crate) struct BadIndex {
 pub(crate) struct Removed {
     pub(crate) not_finite: usize,
     pub(crate) no_area: usize,
+}
+
+/// The end of a sentence whose subject is the mesh.
+impl fmt::Display for Removed {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let count = |n: usize, of: &str| {
+            let s = if n == 1 { "" } else { "s" };
+            (n > 0).then(|| format!("{n} triangle{s} {of}"))
+        };
+        let parts = [
+            count(self.no_area, "without an area"),
+            count(self.not_finite, "with vertices that are not finite"),
+        ];
+        let parts: Vec<String> = parts.into_iter().flatten().collect();
+        write!(f, "had {}: dropped", parts.join(" and "))
+    }
 }
 
 /// Scans every triangle once, in parallel. Returns the bounds of the usable triangles and the number of the others.
@@ -200,5 +218,17 @@ mod tests {
             values[150_001] = bad;
             assert!(!all_finite(&values));
         }
+    }
+
+    #[test]
+    fn dropped_triangles_are_reported() {
+        let dropped = Removed {
+            no_area: 1,
+            not_finite: 2,
+        };
+        assert_eq!(
+            dropped.to_string(),
+            "had 1 triangle without an area and 2 triangles with vertices that are not finite: dropped"
+        );
     }
 }

@@ -109,6 +109,17 @@ impl Normalisation {
 }
 
 impl Scene {
+    /// Normalises the scene, whose geometries have these bounds, and its object spaces; bakes meshes of single
+    /// instances, with a warning for triangles that this removes; and removes meshes that are left empty.
+    pub(crate) fn normalise_and_bake(&mut self, normalisation: Normalisation, bounds: &[Bounds]) {
+        self.apply_normalisation(normalisation);
+        self.normalise_object_spaces(bounds);
+        for (name, removed) in self.bake_single_uses() {
+            self.warnings.push(format!("{name} {removed}"));
+        }
+        self.remove_empty_meshes();
+    }
+
     /// Normalises the scene, as described at the head of this module: geometry, cameras, lights and volumes are mapped
     /// together, so that the image stays the same. Does nothing to a scene in a good range.
     ///

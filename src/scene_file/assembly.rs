@@ -3,98 +3,29 @@
 //!
 //! After this stage nothing can be missing, cyclic or too numerous; flattening is the only stage left.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use std::sync::Arc;
-
-use glam::DAffine3;
 
 use super::SceneFileError;
 use super::document::{Document, ObjectForm};
 use super::edit::Edit;
-use super::fault::{Diagnostic, Source, file_error, suggestion};
-use super::light::EmissiveForm;
+use super::fault::{Diagnostic, Source, suggestion};
+use super::object_tree::{EmissiveSettings, Node, ObjectKind, ObjectTree, PlacedVolume};
 use super::placement::{Copies, Step, map_of};
-use super::shape::{PlacedShape, ShapeForm, ShapeRef};
+use super::shape::{ShapeForm, ShapeRef};
+use super::source_text::{edited, read};
 use super::value::Located;
-use super::volume::{MadeVolume, VolumeForm};
+use super::volume::VolumeForm;
 use crate::gltf::{self, AnimationTime, LoadOptions};
 use crate::numeric::AnimatedTransform;
 use crate::scene::{Camera, EffectSet, Geometry, ImageCache, Light, Scene, Texture, TextureBinding};
-
-/// Objects that are placed together: those of a group or of a file.
-#[derive(Debug, Default)]
-pub(super) struct ObjectTree {
-    pub(super) nodes: Vec<Node>,
-    pub(super) lights: Vec<Light>,
-    pub(super) cameras: Vec<Camera>,
-    pub(super) volumes: Vec<PlacedVolume>,
-    /// Number of instances and volumes in all, after flattening.
-    pub(super) count: u64,
-}
-
-/// A volume with its source location for messages.
-#[derive(Debug)]
-pub(super) struct PlacedVolume {
-    pub(super) made: MadeVolume,
-    pub(super) source: Rc<Source>,
-    pub(super) span: std::ops::Range<usize>,
-}
-
-/// An object whose references are resolved.
-#[derive(Debug)]
-pub(super) struct Node {
-    pub(super) name: Arc<str>,
-    /// The object's own transforms at the start and at the end of motions.
-    pub(super) maps: [DAffine3; 2],
-    pub(super) copies: Option<Copies>,
-    pub(super) what: ObjectKind,
-    pub(super) material: Option<u32>,
-    pub(super) lights: bool,
-    pub(super) cameras: bool,
-    /// Settings of the lights on its emissive surfaces, if they are to light the scene.
-    pub(super) emissive: Option<EmissiveSettings>,
-    /// Source file for messages about the object.
-    pub(super) source: Rc<Source>,
-    pub(super) span: std::ops::Range<usize>,
-}
-
-/// Settings of an object whose emission lights the scene.
-#[derive(Debug)]
-pub(super) struct EmissiveSettings {
-    /// Samples of each light per shading point.
-    pub(super) samples: u32,
-    /// Span of the `lamp` key, for messages.
-    pub(super) span: std::ops::Range<usize>,
-}
-
-impl EmissiveSettings {
-    fn of(form: &Located<EmissiveForm>) -> Option<EmissiveSettings> {
-        form.0.map(|samples| EmissiveSettings {
-            samples,
-            span: form.span.clone(),
-        })
-    }
-}
-
-/// Content of an object after name resolution.
-#[derive(Debug)]
-pub(super) enum ObjectKind {
-    /// A geometry, by its index in the scene.
-    Geometry(u32),
-    ObjectTree(Rc<ObjectTree>),
-    /// Meshes of a glTF file, which have materials of their own.
-    Import(Rc<ObjectTree>),
-}
 
 /// Largest number of instances of a scene: about 4 GiB of them.
 pub(super) const MAX_INSTANCES: u64 = 10_000_000;
 /// Largest nesting depth of groups and files.
 const MAX_NESTING: usize = 64;
-/// Largest scene file in bytes; a mesh of that size belongs into a glTF file.
-const MAX_BYTES: u64 = 1 << 26;
-
 /// Bytes of a texel in the unit of the image budget.
 const TEXEL_BYTES: u64 = size_of::<[u8; 4]>() as u64;
 
@@ -224,22 +155,24 @@ impl Resolver {
                 let sentence = format!("`{name}` always means the plain {name}: choose another name");
                 return Err(unit.source.error(form.fault(sentence)));
             }
-            let geometry = self.shape(&unit.source, form)?;
+            let geometry = self.shape(&unit.source, form, &form.span)?;
             unit.shapes.insert(name.clone(), geometry);
         }
         Ok(())
     }
 
-    fn shape(&mut self, source: &Source, form: &PlacedShape) -> Result<u32, SceneFileError> {
-        match form.geometry() {
-            Ok(geometry) => Ok(self.add(geometry)),
-            Err(fault) => Err(source.error_at(fault.span.unwrap_or(form.span.clone()), fault.sentence)),
-        }
-    }
-
-    fn add(&mut self, geometry: Geometry) -> u32 {
+    /// Adds the geometry of a shape to the scene; `span` is where a fault of the whole shape is reported.
+    fn shape(
+        &mut self,
+        source: &Source,
+        form: &ShapeForm,
+        span: &Range<usize>,
+    ) -> Result<u32, SceneFileError> {
+        let geometry = form
+            .geometry()
+            .map_err(|fault| source.error_at(fault.span.unwrap_or(span.clone()), fault.sentence))?;
         self.scene.geometries.push(geometry);
-        self.scene.geometries.len() as u32 - 1
+        Ok(self.scene.geometries.len() as u32 - 1)
     }
 
     /// Returns a group of the file, resolving it on first use.
@@ -269,18 +202,9 @@ impl Resolver {
         forms: &[Located<ObjectForm>],
     ) -> Result<ObjectTree, SceneFileError> {
         let mut assembly = ObjectTree::default();
-        let mut taken: HashMap<&str, ()> = HashMap::new();
+        check_names(forms.iter().map(|form| form.name.as_ref()), "object")
+            .map_err(|fault| unit.source.error(fault))?;
         for (number, form) in forms.iter().enumerate() {
-            // Reject names that are taken
-            if let Some(name) = &form.name
-                && taken.insert(name, ()).is_some()
-            {
-                let sentence = format!(
-                    "the name `{}` is already used by an earlier object: choose another",
-                    **name
-                );
-                return Err(unit.source.error(name.fault(sentence)));
-            }
             let node = self.node(unit, form, number)?;
             // Count the instances, copies included
             let inner = match &node.what {
@@ -395,15 +319,8 @@ impl Resolver {
     }
 
     fn shape_of(&mut self, unit: &FileContext, shape: &Located<ShapeRef>) -> Result<u32, SceneFileError> {
-        let fail = |fault: super::shape_diagnostic::ShapeDiagnostic| {
-            unit.source
-                .error_at(fault.span.unwrap_or(shape.span.clone()), fault.sentence)
-        };
         let name = match &**shape {
-            ShapeRef::Inline(form) => {
-                let geometry = form.geometry().map_err(fail)?;
-                return Ok(self.add(geometry));
-            }
+            ShapeRef::Inline(form) => return self.shape(&unit.source, form, &shape.span),
             ShapeRef::Name(name) => name,
         };
         // Use a named shape, or a plain one that exists already
@@ -419,7 +336,7 @@ impl Resolver {
                 .source
                 .error(shape.fault(format!("there is no shape `{name}`: {advice}"))));
         };
-        let geometry = self.add(form.geometry().map_err(fail)?);
+        let geometry = self.shape(&unit.source, &form, &shape.span)?;
         self.words.insert(name.clone(), geometry);
         Ok(geometry)
     }
@@ -600,15 +517,14 @@ fn check_names<'f>(
     names: impl Iterator<Item = Option<&'f Located<String>>>,
     kind: &str,
 ) -> Result<(), Diagnostic> {
-    let mut taken: Vec<&str> = Vec::new();
+    let mut taken: HashSet<&str> = HashSet::new();
     for name in names.flatten() {
-        if taken.contains(&name.as_str()) {
+        if !taken.insert(name) {
             return Err(name.fault(format!(
                 "the name `{}` is already used by an earlier {kind}: choose another",
                 **name
             )));
         }
-        taken.push(name);
     }
     Ok(())
 }
@@ -641,44 +557,4 @@ pub(super) fn find<T: Copy>(
         };
         name.fault(format!("there is no {kind} `{}`: {advice}", **name))
     })
-}
-
-/// Returns the file's source after the edits.
-fn edited(source: Source, edits: &[Edit]) -> Result<Source, SceneFileError> {
-    if edits.is_empty() {
-        return Ok(source);
-    }
-    // Edit the parsed table and print it again
-    let table = source.text.parse::<toml::Table>();
-    let mut table = table.map_err(|error| source.toml_error(&error.into()))?;
-    for edit in edits {
-        edit.apply(&mut table).map_err(|sentence| {
-            file_error(&source.path, format!("cannot have the swept {edit}: {sentence}"))
-        })?;
-    }
-    Ok(Source {
-        text: table.to_string(),
-        ..source
-    })
-}
-
-/// Reads the text of the file at `path`.
-pub(crate) fn read(path: &Path) -> Result<Source, SceneFileError> {
-    let unreadable = |e: std::io::Error| file_error(path, format!("cannot be read ({e}): check the path"));
-    // Check the size before reading
-    let size = std::fs::metadata(path).map_err(unreadable)?.len();
-    if size > MAX_BYTES {
-        return Err(file_error(
-            path,
-            format!("has {size} bytes: put its meshes into a glTF file and give it as `gltf`"),
-        ));
-    }
-    let bytes = std::fs::read(path).map_err(unreadable)?;
-    match String::from_utf8(bytes) {
-        Ok(text) => Ok(Source {
-            path: path.to_owned(),
-            text,
-        }),
-        Err(_) => Err(file_error(path, "is not text: give a scene file in TOML")),
-    }
 }

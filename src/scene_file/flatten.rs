@@ -6,10 +6,10 @@ use std::path::Path;
 use glam::{DAffine3, DMat3};
 
 use super::SceneFileError;
-use super::assembly::{EmissiveSettings, Node, ObjectKind, ObjectTree};
 use super::fault::file_error;
+use super::object_tree::{EmissiveSettings, Node, ObjectKind, ObjectTree};
 use super::placement::Copies;
-use crate::gltf::{default_camera, describe_removed};
+use crate::gltf::default_camera;
 use crate::numeric::{Bounds, MotionError};
 use crate::scene::{AreaShape, Camera, Geometry, Instance, Light, LightKind, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
@@ -339,18 +339,10 @@ fn rigid(world: &DAffine3, world_from_camera: &DAffine3) -> Option<DAffine3> {
 /// Finishes the scene: normalises it, bakes meshes of single instances, adds a camera if there is none, and validates
 /// it.
 pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileError> {
-    // Normalise the scene and its object spaces
+    // Normalise the scene, and bake the transforms of meshes that are used once
     let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
     let around = scene.bounds_from(&bounds).union(scene.volume_bounds());
-    scene.apply_normalisation(Normalisation::fitting(&around));
-    scene.normalise_object_spaces(&bounds);
-    // Bake the transforms of meshes that are used once
-    for (name, dropped) in scene.bake_single_uses() {
-        scene
-            .warnings
-            .push(format!("{name} {}", describe_removed(dropped)));
-    }
-    scene.remove_empty_meshes();
+    scene.normalise_and_bake(Normalisation::fitting(&around), &bounds);
     if scene.instances.is_empty() && scene.volumes.is_empty() {
         return Err(file_error(
             path,

@@ -67,7 +67,7 @@
 //! message names the file, the line, the item and a remedy.
 
 mod appearance;
-pub(crate) mod assembly;
+mod assembly;
 mod camera;
 mod document;
 mod edit;
@@ -81,12 +81,14 @@ mod material_interior;
 mod material_scattering;
 mod medium;
 pub(crate) mod node;
+mod object_tree;
 mod placement;
 mod polygons;
 mod scattering;
 mod schema;
 mod shape;
 mod shape_diagnostic;
+pub(crate) mod source_text;
 mod texture;
 pub(crate) mod value;
 mod volume;

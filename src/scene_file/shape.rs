@@ -9,7 +9,7 @@ use serde::Deserialize;
 use super::forms::{forms, schema};
 use super::polygons::PolygonsForm;
 use super::shape_diagnostic::ShapeDiagnostic;
-use super::value::{Located, Vector};
+use super::value::Vector;
 use crate::numeric::Bounds;
 use crate::scene::Geometry;
 use crate::shape::{Cone, Cylinder, HalfSpace, Polyhedron, Quadric, Shape, Sphere, Torus};
@@ -253,6 +253,3 @@ schema!([] ShapeRef, "ShapeOrName", generator => {
         generator.subschema_for::<ShapeForm>(),
     ],
 });
-
-/// A shape with its span in the file.
-pub(super) type PlacedShape = Located<ShapeForm>;

@@ -12,6 +12,7 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::forms::{forms, schema};
 use super::node::{SPANNED, read_span};
+use crate::image::linear_from_srgb;
 
 /// A value and the span of the file that it was read from, in bytes.
 #[derive(Clone, Debug)]
@@ -140,18 +141,9 @@ fn hex_channels(text: &str) -> Option<Vec<f32>> {
         .map(|i| {
             let encoded = f64::from(byte(i)?) / 255.0;
             // Coverage is linear
-            Some(if i < 3 { linear(encoded) } else { encoded } as f32)
+            Some(if i < 3 { linear_from_srgb(encoded) } else { encoded } as f32)
         })
         .collect()
-}
-
-/// Decodes a value by the sRGB curve of IEC 61966-2-1.
-fn linear(encoded: f64) -> f64 {
-    if encoded <= 0.04045 {
-        encoded / 12.92
-    } else {
-        ((encoded + 0.055) / 1.055).powf(2.4)
-    }
 }
 
 impl TryFrom<Channels<3>> for Color {

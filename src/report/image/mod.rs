@@ -1,6 +1,5 @@
 //! Reports as images.
 
-mod bitmap_font;
 pub mod difference_image;
 pub mod heat_map;
 pub mod overlay;

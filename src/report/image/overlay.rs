@@ -1,8 +1,7 @@
-//! Overlay of the cross-check on the image: wrong rays in red, ties in yellow, with a legend below.
+//! Overlay of the cross-check on the image: wrong rays in red, ties in yellow.
 
 use glam::DVec2;
 
-use super::bitmap_font;
 use crate::image::LinearImage;
 use crate::scene::CameraView;
 use crate::verify::{Difference, RayKind};
@@ -11,16 +10,12 @@ use crate::verify::{Difference, RayKind};
 const WRONG: [f32; 3] = [1.0, 0.02, 0.03];
 /// Colour of ties, linear RGB.
 const TIE: [f32; 3] = [1.0, 0.7, 0.0];
-/// Colour of the ring around marks and of the legend's background, linear RGB.
+/// Colour of the ring around marks, linear RGB.
 const GROUND: [f32; 3] = [0.012; 3];
-/// Colour of the letters, linear RGB.
-const INK: [f32; 3] = [0.8; 3];
 /// Factor of the image's own brightness and saturation, so that marks stand out.
 const DIMMED: f32 = 0.5;
 /// Image height over the half side of a mark; marks have a half side of at least a pixel.
 const MARK: u32 = 240;
-/// Image height over the size of a letter's pixel, which is at least 1.
-const LETTER: u32 = 200;
 
 /// Returns the film position of a difference: for a camera ray the point that the ray passes through, for any other ray
 /// its origin. `None` for a point behind the camera.
@@ -33,14 +28,8 @@ pub fn place(view: &CameraView, difference: &Difference) -> Option<DVec2> {
     view.film_point(p)
 }
 
-/// Returns the image with a mark for each difference and the lines of `legend` below, the first in red and the second
-/// in yellow.
-pub fn draw(
-    source: &LinearImage,
-    view: &CameraView,
-    differences: &[&Difference],
-    legend: [&str; 2],
-) -> LinearImage {
+/// Returns the image with a mark for each difference: red for wrong results, yellow for ties.
+pub fn draw(source: &LinearImage, view: &CameraView, differences: &[&Difference]) -> LinearImage {
     let mut image = dimmed(source);
     let reach = (source.height / MARK).max(1);
     // Draw wrong results last, so that ties do not cover them.
@@ -51,11 +40,6 @@ pub fn draw(
                 mark(&mut image, at, reach, color);
             }
         }
-    }
-    // Append the legend
-    let scale = (source.height / LETTER).max(1);
-    for (words, color) in legend.into_iter().zip([WRONG, TIE]) {
-        add_line(&mut image, words, scale, color);
     }
     image
 }
@@ -102,38 +86,6 @@ fn mark(image: &mut LinearImage, at: DVec2, reach: u32, color: [f32; 3]) {
     }
 }
 
-/// Appends rows with a coloured square and text, which is cut off at the image's width.
-fn add_line(image: &mut LinearImage, words: &str, scale: u32, color: [f32; 3]) {
-    let height = (bitmap_font::HEIGHT + 2) * scale;
-    let first = image.pixels.len();
-    let width = image.width;
-    image.pixels.resize(first + (width * height) as usize, GROUND);
-    image.height += height;
-    let rows = &mut image.pixels[first..];
-    let advance = bitmap_font::WIDTH + 1;
-    for y in 0..height {
-        for x in 0..width {
-            let (column, row) = (x / scale, y / scale);
-            let Some(row) = row.checked_sub(1).filter(|&row| row < bitmap_font::HEIGHT) else {
-                continue;
-            };
-            let Some(column) = column.checked_sub(1) else {
-                continue;
-            };
-            // Draw the square at the left, then the letters
-            let pixel = &mut rows[(y * width + x) as usize];
-            if column < bitmap_font::HEIGHT {
-                *pixel = color;
-            } else if let Some(at) = column.checked_sub(bitmap_font::HEIGHT + 1)
-                && let Some(letter) = words.chars().nth((at / advance) as usize)
-                && bitmap_font::is_set(letter, at % advance, row)
-            {
-                *pixel = INK;
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
@@ -164,21 +116,12 @@ mod tests {
             difference(&view, (3.0, 0.5), true),
         ];
         let black = LinearImage::black(40, 30);
-        let drawn = draw(
-            &black,
-            &view,
-            &all.iter().collect::<Vec<_>>(),
-            ["wrong 1", "ties 2"],
-        );
+        let drawn = draw(&black, &view, &all.iter().collect::<Vec<_>>());
         assert_eq!(drawn.pixel(10, 5), WRONG);
         assert_eq!(drawn.pixel(11, 5), WRONG, "a tie next to it does not cover it");
         assert_eq!(drawn.pixel(30, 20), TIE);
         assert_eq!(drawn.pixel(20, 15), [0.0; 3]);
-        // Two lines of five rows, each with a free row above and below.
-        assert_eq!((drawn.width, drawn.height), (40, 30 + 2 * 7));
-        assert_eq!(drawn.pixels.len(), 40 * 44);
-        assert_eq!((drawn.pixel(1, 31), drawn.pixel(1, 38)), (WRONG, TIE));
-        assert!(drawn.pixels[40 * 30..].contains(&INK));
+        assert_eq!((drawn.width, drawn.height), (40, 30));
     }
 
     #[test]

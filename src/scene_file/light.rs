@@ -281,8 +281,7 @@ impl LightForm {
 }
 
 /// A background: one colour for all directions, a gradient over the height, or an environment map.
-#[derive(Debug, JsonSchema)]
-#[schemars(untagged, rename = "Background")]
+#[derive(Debug)]
 pub(super) enum BackgroundForm {
     Uniform(Color),
     Table(Box<Surroundings>),
@@ -319,6 +318,10 @@ forms! {
     list list => Color::deserialize(list).map(BackgroundForm::Uniform);
     table table => Box::deserialize(table).map(BackgroundForm::Table);
 }
+
+schema!([] BackgroundForm, "Background", generator => {
+    "anyOf": [generator.subschema_for::<Color>(), generator.subschema_for::<Surroundings>()],
+});
 
 impl BackgroundForm {
     /// Returns the file of the environment map, if there is one.

@@ -260,8 +260,7 @@ schema!([const N: usize] Each<N>, format!("NumberOr{N}"), _generator => {
 });
 
 /// A parameter of a material: a value, or a texture with a value that it multiplies.
-#[derive(Clone, Debug, JsonSchema)]
-#[schemars(untagged, rename = "ParameterOf{T}")]
+#[derive(Clone, Debug)]
 pub(super) enum Param<T> {
     Value(T),
     Textured(Textured<T>),
@@ -323,6 +322,10 @@ forms! {
     list list => T::deserialize(list).map(Param::Value);
     table table => Textured::deserialize(table).map(Param::Textured);
 }
+
+schema!([T: JsonSchema] Param<T>, format!("ParameterOf{}", T::schema_name()), generator => {
+    "anyOf": [generator.subschema_for::<T>(), generator.subschema_for::<Textured<T>>()],
+});
 
 impl<T: Value + Copy> Param<T> {
     /// Returns the value without the texture.

@@ -32,9 +32,10 @@
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let scene = whit::gltf::load(Path::new("scenes/first_light.gltf"), &LoadOptions::default())?;
-//! let accel = accel::build(&scene, Backend::default(), &AccelOptions::default())?;
+//! let scene = scene.validate()?;
+//! let accel = accel::build(scene, Backend::default(), &AccelOptions::default())?;
 //! let settings = RenderSettings { width: 640, height: 480, spp: 16, ..RenderSettings::default() };
-//! let rendering = render(&scene, &scene.cameras[0], &*accel, &settings, &Monitor::default())?;
+//! let rendering = render(scene, &scene.cameras[0], &*accel, &settings, &Monitor::default())?;
 //! whit::image::write(&rendering.image, Path::new("out.png"), ImageFormat::Png, ToneMap::default())?;
 //! # Ok(())
 //! # }
@@ -57,10 +58,10 @@
 //!     cameras: vec![Camera::default()],
 //!     ..Scene::default()
 //! };
-//! scene.validate()?;
-//! let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default())?;
+//! let scene = scene.validate()?;
+//! let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default())?;
 //! let settings = RenderSettings { width: 32, height: 32, ..RenderSettings::default() };
-//! let rendering = render(&scene, &scene.cameras[0], &*accel, &settings, &Monitor::default())?;
+//! let rendering = render(scene, &scene.cameras[0], &*accel, &settings, &Monitor::default())?;
 //! assert_eq!(rendering.image.pixels[16 * 32 + 16], [0.5; 3]);
 //! # Ok(())
 //! # }
@@ -82,8 +83,8 @@
 //!     materials: vec![Material::default()],
 //!     ..Scene::default()
 //! };
-//! scene.validate()?;
-//! let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default())?;
+//! let scene = scene.validate()?;
+//! let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default())?;
 //! let mut packet = [RayPacket::EMPTY];
 //! packet[0].set(0, &Ray::new(Vec3::new(0.25, 0.5, 5.0), Vec3::NEG_Z));
 //! accel.intersect(&mut packet, Coherence::Incoherent);

@@ -61,7 +61,14 @@ fn alone() -> MutexGuard<'static, ()> {
 
 fn rendered(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> Rendering {
     let monitor = Monitor::default();
-    render(scene, &scene.cameras[0], accel, settings, &monitor).unwrap()
+    render(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        accel,
+        settings,
+        &monitor,
+    )
+    .unwrap()
 }
 
 fn with_ledger(settings: RenderSettings) -> RenderSettings {
@@ -110,7 +117,7 @@ fn inactive_effects_hold_no_bytes_and_sums_match() {
     let mut held = HashSet::new();
     for seed in 0..300 {
         let scene = random_scenes::scene(seed);
-        let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+        let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
         let Rendering { memory, plan, .. } = rendered(&scene, &*accel, &settings);
         check_sum(&format!("scene {seed}"), &memory);
         for effect in Effect::ALL {
@@ -147,7 +154,7 @@ fn inactive_effects_hold_no_bytes_and_sums_match() {
 fn with_the_ledger_off_nothing_is_counted() {
     let _turn = alone();
     let scene = random_scenes::scene(1);
-    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let settings = RenderSettings {
         width: 4,
         height: 4,
@@ -162,7 +169,8 @@ fn the_parts_of_every_structure_add_up_to_its_bytes() {
     for file in scene_folder::files() {
         let filed = scene_folder::load(&file);
         for backend in [Backend::default(), Backend::Bsp, Backend::Brute] {
-            let accel = accel::build(&filed.scene, backend, &AccelOptions::default()).unwrap();
+            let accel =
+                accel::build(filed.scene.validate().unwrap(), backend, &AccelOptions::default()).unwrap();
             let report = accel.report();
             let sum: u64 = report.parts.iter().map(|part| part.bytes).sum();
             assert_eq!(sum, report.bytes, "{} {backend}: {:?}", filed.name, report.parts);
@@ -183,7 +191,12 @@ fn share_of_counted(name: &str, threads: usize, change: fn(RenderSettings) -> Re
         drop(scene_folder::named(&file));
         let before = NOW.load(Ordering::Relaxed);
         let filed = scene_folder::named(&file);
-        let accel = accel::build(&filed.scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+        let accel = accel::build(
+            filed.scene.validate().unwrap(),
+            Backend::Bsp,
+            &AccelOptions::default(),
+        )
+        .unwrap();
         let settings = change(with_ledger(filed.settings(640, 4)));
         PEAK.store(NOW.load(Ordering::Relaxed), Ordering::Relaxed);
         let rendering = rendered(&filed.scene, &*accel, &settings);

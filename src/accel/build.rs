@@ -8,14 +8,15 @@ use super::embree::{self, EmbreeAccel};
 use super::error::AccelError;
 use super::options::{AccelOptions, Backend};
 use super::report::EmbreeIdentity;
-use crate::scene::Scene;
+use crate::scene::ValidScene;
 
-/// Builds the acceleration structure of a validated scene.
+/// Builds the acceleration structure of a scene.
 pub fn build<'s>(
-    scene: &'s Scene,
+    scene: ValidScene<'s>,
     backend: Backend,
     options: &AccelOptions,
 ) -> Result<Box<dyn Accel + 's>, AccelError> {
+    let scene = scene.get();
     match backend {
         #[cfg(feature = "embree")]
         Backend::Embree => Ok(Box::new(EmbreeAccel::build(scene, options)?)),

@@ -18,11 +18,12 @@ pub fn measure_backends(
     measured: &MeasuredScene,
     options: &BenchOptions,
 ) -> Result<Vec<BenchRow>, BenchError> {
+    let scene = measured.scene.get();
     let step = |step| (options.observer.progress)(step, 0.0);
     // Build all acceleration structures, and again to time it
     step("build");
-    let structures = Structure::all(measured.scene, options)?;
-    let builds = time_builds(measured.scene, &structures, options)?;
+    let structures = Structure::all(scene, options)?;
+    let builds = time_builds(scene, &structures, options)?;
     let contestants = Contestant::all(&structures);
     // Record the rays of the frame with the first one
     step("record");
@@ -40,7 +41,7 @@ pub fn measure_backends(
             let reference = contestant.reference(&contestants);
             let differ = match index {
                 0 => Differences::default(),
-                _ => differences(measured.scene, rays, reference.engine, contestant.engine),
+                _ => differences(scene, rays, reference.engine, contestant.engine),
             };
             let structure = &structures[contestant.structure];
             let report = structure.accel().report();

@@ -72,12 +72,8 @@ pub fn measure_bounding_volumes(
     measured: &MeasuredScene,
     options: &BenchOptions,
 ) -> Result<Vec<BoundingVolumeRow>, BenchError> {
-    let MeasuredScene {
-        scene,
-        camera,
-        settings,
-        ..
-    } = *measured;
+    let MeasuredScene { camera, settings, .. } = *measured;
+    let scene = measured.scene.get();
     let step = |step| (options.observer.progress)(step, 0.0);
     // Build trees with and without bounding spheres, and lists with every kind of volume
     step("build");

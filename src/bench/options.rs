@@ -6,7 +6,7 @@ use super::error::{BenchError, check};
 use crate::accel::AccelOptions;
 use crate::measure::{Blocks, Observer, Protocol};
 use crate::render::RenderSettings;
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, ValidScene};
 
 /// Seed of the random order within blocks.
 const SEED: u64 = 1;
@@ -16,8 +16,8 @@ const SEED: u64 = 1;
 pub struct MeasuredScene<'s> {
     /// Name of the scene in the results: its path as the user gave it.
     pub name: &'s str,
-    /// Scene that has passed [`Scene::validate`].
-    pub scene: &'s Scene,
+    /// Scene with all rays and effects of the image.
+    pub scene: ValidScene<'s>,
     /// Camera of the image.
     pub camera: &'s Camera,
     /// Render settings of the image.

@@ -57,7 +57,7 @@ impl RayWorkload {
             settings,
             ..
         } = measured;
-        let recorded = render::record(scene, camera, accel, settings);
+        let recorded = render::record(*scene, camera, accel, settings);
         let pixel_count = settings.width as usize * settings.height as usize;
         let mut sets = vec![
             RayWorkload::new(RayKind::Camera, recorded.camera),

@@ -40,7 +40,7 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<AblationStudy, 
     };
     let measured = MeasuredScene {
         name: &name,
-        scene: &loaded.scene,
+        scene: loaded.scene.validate()?,
         camera: choose_camera(&loaded.scene, &args.scene, None)?,
         settings: settings_of(args, &loaded.output)?,
     };

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use whit::cost::{self, Configuration, Experiment, SceneChange, StudyResult};
 use whit::render::RenderSettings;
-use whit::scene::{Camera, Scene};
+use whit::scene::{Camera, ValidScene};
 
 use super::failure::Failure;
 use super::job::{RenderJob, ResolvedSettings, SettingsSearch};
@@ -13,7 +13,7 @@ use super::progress::Progress;
 /// Searches for settings that reach the job's target and returns the findings.
 pub(super) fn find_settings(
     (job, aim, resolved): (&RenderJob, SettingsSearch, &ResolvedSettings),
-    (scene, camera): (&Scene, &Camera),
+    (scene, camera): (ValidScene, &Camera),
     progress: &Progress,
 ) -> Result<StudyResult, Failure> {
     let tracing = &job.tracing;

@@ -115,7 +115,8 @@ fn measure(
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
     }
-    let camera = choose_camera(&scene, &args.scene, args.camera.as_deref())?;
+    let scene = scene.validate()?;
+    let camera = choose_camera(scene.get(), &args.scene, args.camera.as_deref())?;
     let size = args.size.map(|size| [size.width, size.height]);
     check_memory(size)?;
     let requested = Output {
@@ -139,7 +140,7 @@ fn measure(
     });
     // Describe the experiment
     let experiment = Experiment {
-        scene: &scene,
+        scene,
         camera,
         base: Configuration {
             settings: RenderSettings {

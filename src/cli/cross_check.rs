@@ -9,7 +9,7 @@ use whit::parallel;
 use whit::render::{self, Monitor, RenderSettings};
 use whit::report::cross_check::CrossCheckReport;
 use whit::report::{cross_check_page, overlay};
-use whit::scene::{Camera, EffectSet, Geometry, Scene};
+use whit::scene::{Camera, EffectSet, Geometry, Scene, ValidScene};
 use whit::scene_file::{Output, SceneFile};
 use whit::verify::{Difference, MeshDiagnostics, RayKind, RaysFile, cross_check};
 
@@ -121,7 +121,8 @@ fn check(
         adaptive: None,
         ..settings(&requested.or(output))?
     };
-    let camera = choose_camera(scene, path, None)?;
+    let scene = scene.validate()?;
+    let camera = choose_camera(scene.get(), path, None)?;
     // Build two backends: Embree and BSP, or without Embree brute force and BSP
     let backends = [Backend::default(), Backend::Bsp];
     let exact = AccelOptions {
@@ -141,14 +142,14 @@ fn check(
     let mut rays = BTreeMap::new();
     for (kind, packets) in RayKind::ALL.into_iter().zip(packets) {
         interrupt::check()?;
-        rays.insert(kind.word(), cross_check(scene, accels, &packets, kind));
+        rays.insert(kind.word(), cross_check(&scene, accels, &packets, kind));
     }
     let report = CrossCheckReport {
         scene: path.to_owned(),
         backends: accels.map(|accel| accel.report().summary),
         embree: first.report().embree,
         rays,
-        meshes: mesh_diagnostics(scene),
+        meshes: mesh_diagnostics(&scene),
         warnings: scene.warnings.clone(),
     };
     // Draw the differences over the image
@@ -160,14 +161,14 @@ fn check(
     Ok(Checked {
         report,
         overlay,
-        holds: holds(scene),
+        holds: holds(&scene),
     })
 }
 
 /// Returns the image with the differences drawn over it.
 fn draw(
     report: &CrossCheckReport,
-    (scene, camera): (&Scene, &Camera),
+    (scene, camera): (ValidScene, &Camera),
     accel: &dyn Accel,
     settings: RenderSettings,
 ) -> Result<LinearImage, Failure> {

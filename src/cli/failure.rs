@@ -6,6 +6,7 @@ use whit::cost::CostError;
 use whit::gltf::GltfError;
 use whit::image::ImageError;
 use whit::render::Cancelled;
+use whit::scene::SceneError;
 use whit::scene_file::SceneFileError;
 
 use super::events::{self, Event};
@@ -105,6 +106,12 @@ impl From<SceneFileError> for Failure {
 impl From<Cancelled> for Failure {
     fn from(_: Cancelled) -> Failure {
         Failure::Interrupted
+    }
+}
+
+impl From<SceneError> for Failure {
+    fn from(error: SceneError) -> Failure {
+        Failure::Input(error.to_string())
     }
 }
 

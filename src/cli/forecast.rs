@@ -39,6 +39,7 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<ForecastResult,
         return Ok(ForecastResult::Unavailable(reason));
     }
     // Build the acceleration structure with the requested backend
+    let scene = scene.validate()?;
     let backend = args.ablation.backend.unwrap_or_default();
     let settings = settings_of(args, &loaded.output)?;
     let tracing = Tracing::of_threads(args.ablation.threads);

@@ -17,7 +17,7 @@ use whit::report::stats::{
     effect_stats,
 };
 use whit::report::{heat_map, memory, table};
-use whit::scene::{Background, Camera, ImageCache, Scene};
+use whit::scene::{Background, Camera, ImageCache, Scene, ValidScene};
 use whit::scene_file::{Edit, Output, SceneFile};
 use whit::watch::TevViewer;
 
@@ -132,11 +132,12 @@ fn render_one(
     let job = aimed.as_ref().map_or(job, |(job, _)| job);
     let resolved = job.resolved(&output)?;
     check_memory(&resolved.settings, scene.lights.len())?;
+    let valid = scene.validate()?;
     let camera = choose_camera(&scene, &target.scene, job.camera.as_deref())?;
 
     // Build the acceleration structure
     progress.phase(&name, "build");
-    let (accel, build_seconds) = timed(|| build(job, &scene, progress))?;
+    let (accel, build_seconds) = timed(|| build(job, valid, progress))?;
     seconds.build = build_seconds;
 
     // Render, with screen bounds where they pay, and show tiles in the viewer
@@ -148,7 +149,7 @@ fn render_one(
             .map_or(&*accel, |projected| projected as &dyn Accel);
         let size = [resolved.settings.width, resolved.settings.height];
         let live = viewer.map(|viewer| Live::begin(viewer, &image_name, size));
-        trace(&resolved.settings, (&scene, camera), accel, (progress, live))
+        trace(&resolved.settings, (valid, camera), accel, (progress, live))
     })?;
     seconds.render = render_seconds;
     seconds.trace = rendering.ledger.trace_seconds();
@@ -217,7 +218,7 @@ fn aim(
     progress.phase(&target.scene.display().to_string(), "choose");
     let resolved = job.resolved(output)?;
     let camera = choose_camera(scene, &target.scene, job.camera.as_deref())?;
-    let findings = autotune::find_settings((job, aim, &resolved), (scene, camera), progress)?;
+    let findings = autotune::find_settings((job, aim, &resolved), (scene.validate()?, camera), progress)?;
     let Some(chosen) = &findings.chosen else {
         return Ok(None);
     };
@@ -274,7 +275,7 @@ pub(super) fn load(
 /// Builds the acceleration structure of a scene with the job's options.
 pub(super) fn build<'s>(
     job: &RenderJob,
-    scene: &'s Scene,
+    scene: ValidScene<'s>,
     progress: &Progress,
 ) -> Result<Box<dyn Accel + 's>, Failure> {
     let options = AccelOptions {
@@ -287,7 +288,7 @@ pub(super) fn build<'s>(
 /// Builds the acceleration structure of a scene with the given options in place of the job's.
 pub(super) fn build_with<'s>(
     job: &RenderJob,
-    scene: &'s Scene,
+    scene: ValidScene<'s>,
     options: &AccelOptions,
 ) -> Result<Box<dyn Accel + 's>, Failure> {
     let accel = accel::build(scene, job.backend, options)?;
@@ -325,7 +326,7 @@ pub(super) fn project<'a>(
 
 fn trace(
     settings: &RenderSettings,
-    (scene, camera): (&Scene, &Camera),
+    (scene, camera): (ValidScene, &Camera),
     accel: &dyn Accel,
     (progress, live): (&Progress, Option<Live>),
 ) -> Result<Rendering, Failure> {

@@ -7,7 +7,7 @@ use std::path::Path;
 use whit::accel::hit_compare::HitComparison;
 use whit::accel::{self, Accel, AccelOptions, Backend, Instancing};
 use whit::parallel;
-use whit::scene::{EffectSet, Scene};
+use whit::scene::{EffectSet, ValidScene};
 use whit::verify::{self, Difference, QueryResult, RaysFile, VARIANTS, describe_ray, retrace};
 
 use super::args::VerifyArgs;
@@ -41,7 +41,7 @@ pub(super) fn run(args: &VerifyArgs, file: &Path) -> Result<(), Failure> {
         )));
     }
     let results = parallel::install(&pool, || {
-        retrace_all(&loaded.scene, &rays.rays, args.isa.as_deref())
+        retrace_all(loaded.scene.validate()?, &rays.rays, args.isa.as_deref())
     })?;
     output::print(&format_results(&rays, &results))
 }
@@ -62,7 +62,7 @@ struct VariantResults {
 /// Traces the rays with all variants, one after another, so that only one acceleration structure is in memory at a
 /// time; brute force needs none.
 fn retrace_all(
-    scene: &Scene,
+    scene: ValidScene,
     rays: &[Difference],
     isa: Option<&str>,
 ) -> Result<Vec<VariantResults>, Failure> {
@@ -70,7 +70,7 @@ fn retrace_all(
     let trace = |name, accel: &dyn Accel, instancing| VariantResults {
         name,
         query_results: parallel::map(rays.len(), &|index| {
-            retrace(scene, [&*brute, accel], &rays[index], instancing)
+            retrace(&scene, [&*brute, accel], &rays[index], instancing)
         }),
     };
     let mut results = Vec::new();
@@ -79,7 +79,7 @@ fn retrace_all(
             continue;
         };
         interrupt::check()?;
-        let accel = verify::build_variant(scene, path, isa)?;
+        let accel = verify::build_variant(scene.get(), path, isa)?;
         let instancing = if path.is_embree() {
             Instancing::Auto.resolved(precision)
         } else {

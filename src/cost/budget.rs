@@ -79,7 +79,7 @@ fn candidates(experiment: &Experiment, plan: &Plan, base_spp: u32, reach: &Level
         Some(_) => base_spp,
     };
     // List the levels of all knobs
-    let mut knobs = knobs(experiment.scene, plan, &base, reach);
+    let mut knobs = knobs(&experiment.scene, plan, &base, reach);
     // Configurations that may not be chosen are not measured.
     if experiment.target.is_some() {
         knobs.retain(|(_, _, turned)| turned.is_as_accurate_as(&base));

@@ -6,12 +6,12 @@ use super::{Configuration, StudyCheckpoint, Target};
 use crate::accel::AccelError;
 use crate::image::ToneMap;
 use crate::render::Cancelled;
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, ValidScene};
 
 /// Input of a study: scene, base configuration and limits.
 pub struct Experiment<'a> {
-    /// Scene to render; it has passed [`Scene::validate`].
-    pub scene: &'a Scene,
+    /// Scene to render.
+    pub scene: ValidScene<'a>,
     /// Camera that the images are rendered with.
     pub camera: &'a Camera,
     /// Base configuration, with the size of the final image.

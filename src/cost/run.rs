@@ -21,7 +21,7 @@ use crate::scene::Scene;
 pub fn run(experiment: &Experiment, observer: &Observer) -> Result<StudyResult, CostError> {
     // List all configurations that can be measured
     let plan = Plan::new(
-        experiment.scene,
+        experiment.scene.get(),
         experiment.camera,
         &experiment.base.settings.effects,
     );
@@ -37,7 +37,7 @@ pub fn run(experiment: &Experiment, observer: &Observer) -> Result<StudyResult, 
     // Build a scene for each change and an acceleration structure for each path
     let scenes: Vec<(SceneChange, Cow<Scene>)> = distinct(all().map(|configuration| configuration.change))
         .into_iter()
-        .map(|change| (change, scene_of(experiment.scene, &change)))
+        .map(|change| (change, scene_of(experiment.scene.get(), &change)))
         .collect();
     let mut stage = Workspace::new(experiment, observer, &scenes);
     for configuration in all().chain([strict.with_path(HitPath::BSP)]) {

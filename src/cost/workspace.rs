@@ -10,7 +10,7 @@ use crate::accel::{self, Accel, AccelOptions};
 use crate::image::LinearImage;
 use crate::measure::Observer;
 use crate::render::{AovSet, LightAovs, PatchGrid, RenderSettings, Rendering, render, render_patches};
-use crate::scene::Scene;
+use crate::scene::{Scene, ValidScene};
 
 /// Acceleration structure with its build time in seconds.
 pub(super) struct BuiltAccel<'s> {
@@ -43,7 +43,7 @@ impl<'a, 's> Workspace<'a, 's> {
     }
 }
 
-impl Workspace<'_, '_> {
+impl<'s> Workspace<'_, 's> {
     /// Returns whether a scene variant with `change` exists.
     pub(super) fn has_scene_variant(&self, change: &SceneChange) -> bool {
         self.scenes.iter().any(|(known, _)| known == change)
@@ -57,6 +57,11 @@ impl Workspace<'_, '_> {
     /// Reports the current step and the spent fraction of the budget.
     pub(super) fn report_step(&self, what: &str) {
         (self.observer.progress)(what, (self.spent() / self.experiment.budget).min(1.0));
+    }
+
+    /// Returns a scene variant, which the changes keep valid.
+    fn valid(&self, index: usize) -> ValidScene<'s> {
+        ValidScene::assume(&self.scenes[index].1)
     }
 
     fn scene_index(&self, change: &SceneChange) -> usize {
@@ -83,15 +88,15 @@ impl Workspace<'_, '_> {
             ..AccelOptions::default()
         };
         let start = Instant::now();
-        let accel = accel::build(&self.scenes[scene].1, path.backend, &options)?;
+        let accel = accel::build(self.valid(scene), path.backend, &options)?;
         let seconds = start.elapsed().as_secs_f64();
         self.built.insert((scene, path), BuiltAccel { accel, seconds });
         Ok(())
     }
 
     /// Returns the scene variant of a configuration.
-    pub(super) fn scene(&self, configuration: &Configuration) -> &Scene {
-        &self.scenes[self.scene_index(&configuration.change)].1
+    pub(super) fn scene(&self, configuration: &Configuration) -> ValidScene<'s> {
+        self.valid(self.scene_index(&configuration.change))
     }
 
     /// Returns the acceleration structure of a configuration.
@@ -125,7 +130,7 @@ impl Workspace<'_, '_> {
         };
         let monitor = self.observer.monitor();
         // Render the view and measure the time
-        let scene = &self.scenes[self.scene_index(&configuration.change)].1;
+        let scene = self.scene(configuration);
         let accel = &*self.built(configuration).accel;
         let camera = self.experiment.camera;
         let start = Instant::now();

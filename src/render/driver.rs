@@ -17,13 +17,13 @@ use super::wavefront::RendererPool;
 use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::parallel;
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, ValidScene};
 
 /// Renders `scene` as seen by `camera`, in the current rayon pool.
 ///
-/// `scene` must have passed [`Scene::validate`], and `accel` must have been built from it.
+/// `accel` must have been built from `scene`.
 pub fn render(
-    scene: &Scene,
+    scene: ValidScene,
     camera: &Camera,
     accel: &dyn Accel,
     settings: &RenderSettings,
@@ -37,7 +37,7 @@ pub fn render(
 /// Images without adaptive sampling are resumed by [`Parts`](super::Parts) instead. Pixel costs are not part of a checkpoint, so
 /// they count only the work after it.
 pub fn render_on(
-    scene: &Scene,
+    scene: ValidScene,
     camera: &Camera,
     accel: &dyn Accel,
     settings: &RenderSettings,
@@ -46,7 +46,7 @@ pub fn render_on(
 ) -> Result<Rendering, Cancelled> {
     // Prepare the scene and compute subsurface irradiance
     let start = Instant::now();
-    let mut frame = RenderContext::new(scene, camera, accel, settings);
+    let mut frame = RenderContext::new(scene.get(), camera, accel, settings);
     let setup_seconds = settings.ledger.then(|| start.elapsed().as_secs_f64());
     let scattered = frame.scatter(monitor)?;
     let ready_seconds = start.elapsed().as_secs_f64();

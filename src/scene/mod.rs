@@ -46,7 +46,7 @@ pub use texture::{
     Encoding, Filter, Image, MaterialInput, Pattern, Procedural, Sampler, Space, Texels, Texture,
     TextureBinding, TextureUse, UvTransform, Wrap,
 };
-pub use validate::SceneError;
+pub use validate::{SceneError, ValidScene};
 // Parts of materials
 pub use crate::optics::subsurface::{Scattering, SubsurfacePreset};
 pub use crate::optics::{Absorption, Cauchy, Dispersion, Sellmeier};

@@ -2,6 +2,7 @@
 //! matrix.
 
 use std::f64::consts::PI;
+use std::ops::Deref;
 
 use glam::{DAffine3, DMat3};
 
@@ -28,11 +29,35 @@ pub struct SceneError {
     pub fault: String,
 }
 
+/// Scene that [`Scene::validate`] has accepted, borrowed so that it stays as it was.
+#[derive(Clone, Copy, Debug)]
+pub struct ValidScene<'s>(&'s Scene);
+
+impl<'s> ValidScene<'s> {
+    /// Wraps a scene that is valid by its construction.
+    pub(crate) fn assume(scene: &'s Scene) -> ValidScene<'s> {
+        ValidScene(scene)
+    }
+
+    /// Returns the scene, for as long as it is borrowed.
+    pub fn get(self) -> &'s Scene {
+        self.0
+    }
+}
+
+impl Deref for ValidScene<'_> {
+    type Target = Scene;
+
+    fn deref(&self) -> &Scene {
+        self.0
+    }
+}
+
 impl Scene {
     /// Checks everything that later stages rely on: indices, lengths of arrays, finite and sensible values.
     ///
     /// Reads every vertex once, in parallel.
-    pub fn validate(&self) -> Result<(), SceneError> {
+    pub fn validate(&self) -> Result<ValidScene<'_>, SceneError> {
         let mut bounds = Vec::with_capacity(self.geometries.len());
         for (index, geometry) in self.geometries.iter().enumerate() {
             let item = || format!("geometry {index}");
@@ -42,7 +67,8 @@ impl Scene {
             };
             bounds.push(geometry_bounds);
         }
-        self.validate_structure(&bounds)
+        self.validate_structure(&bounds)?;
+        Ok(ValidScene(self))
     }
 
     /// Runs all checks except those that read every vertex; `bounds` are those of the geometries.
@@ -407,7 +433,7 @@ mod tests {
     #[test]
     fn valid_scene_passes_validation() {
         // The triangle is the worst valid case: mirrored and stretched by 1e6.
-        assert_eq!(scene().validate(), Ok(()));
+        assert_eq!(scene().validate().err(), None);
     }
 
     #[test]

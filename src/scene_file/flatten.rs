@@ -363,7 +363,7 @@ pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileEr
     }
     // Validate the scene, then fold constant textures
     match scene.validate() {
-        Ok(()) => {
+        Ok(_) => {
             fold_constant_textures(&mut scene);
             scene.resolve_emissive_lights();
             Ok(scene)

@@ -44,7 +44,7 @@ fn main() {
                 ..AccelOptions::default()
             };
             let start = Instant::now();
-            let Ok(accel) = build(&scene, backend, &options) else {
+            let Ok(accel) = build(scene.validate().unwrap(), backend, &options) else {
                 println!("no {backend}");
                 continue;
             };

@@ -122,7 +122,11 @@ fn volume(cloud: &Cloud, size: usize, nodes: &[TransferNode]) -> Result<Volume, 
 
 /// Renders a scene with skipping and without in turns, and prints the comparison.
 fn time_renders(name: &str, scene: &Scene, film: usize) -> Result<(), Box<dyn Error>> {
-    let accel = accel::build(scene, Backend::default(), &AccelOptions::default())?;
+    let accel = accel::build(
+        scene.validate().unwrap(),
+        Backend::default(),
+        &AccelOptions::default(),
+    )?;
     let mut turns = [Vec::new(), Vec::new()];
     for _ in 0..TURNS {
         for (turns, skip) in turns.iter_mut().zip([SkipEmpty::Never, SkipEmpty::Leap]) {
@@ -166,7 +170,13 @@ fn rendering(
         ..RenderSettings::default()
     };
     let monitor = Monitor::default();
-    render(scene, &scene.cameras[0], accel, &settings, &monitor)
+    render(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        accel,
+        &settings,
+        &monitor,
+    )
 }
 
 fn pixel_bits(rendering: &Rendering) -> Vec<u32> {

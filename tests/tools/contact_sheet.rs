@@ -186,8 +186,12 @@ fn name(file: &Path) -> String {
 fn render_file(file: &Path, [width, height]: [u32; 2], effects: EffectOverrides) -> Result<RgbImage, String> {
     let (scene, output) = load(file)?;
     let camera = scene.cameras.first().ok_or("it has no camera")?;
-    let accel =
-        accel::build(&scene, Backend::default(), &AccelOptions::default()).map_err(|e| e.to_string())?;
+    let accel = accel::build(
+        scene.validate().unwrap(),
+        Backend::default(),
+        &AccelOptions::default(),
+    )
+    .map_err(|e| e.to_string())?;
     let settings = RenderSettings {
         width,
         height,
@@ -198,8 +202,8 @@ fn render_file(file: &Path, [width, height]: [u32; 2], effects: EffectOverrides)
         ..RenderSettings::default()
     };
     let monitor = Monitor::default();
-    let rendering =
-        render::render(&scene, camera, &*accel, &settings, &monitor).map_err(|e| e.to_string())?;
+    let rendering = render::render(scene.validate().unwrap(), camera, &*accel, &settings, &monitor)
+        .map_err(|e| e.to_string())?;
     let tone = ToneMap {
         exposure_ev: output.exposure.unwrap_or(0.0),
     };

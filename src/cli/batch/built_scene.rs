@@ -9,7 +9,7 @@ use whit::accel::{Accel, AccelOptions, Backend, MeshCache, MeshCounts};
 use whit::gltf::AnimationTime;
 use whit::render::RenderSettings;
 use whit::report::memory::{MemoryForecast, available_bytes};
-use whit::scene::{Camera, ImageCache, Scene};
+use whit::scene::{Camera, ImageCache, ValidScene};
 use whit::scene_file::SceneFile;
 
 use super::super::failure::Failure;
@@ -152,6 +152,7 @@ pub(super) struct MeshBytes {
 /// Loaded scene with its acceleration structure.
 pub(super) struct BuiltScene<'s> {
     pub(super) loaded: &'s LoadedScene,
+    pub(super) scene: ValidScene<'s>,
     pub(super) accel: Box<dyn Accel + 's>,
     pub(super) build_seconds: f64,
     /// Set once the times of loading and building are attributed to a frame.
@@ -169,12 +170,14 @@ impl<'s> BuiltScene<'s> {
             mesh_cache: kept.meshes.as_ref(),
             ..plan.job.tracing.options()
         };
-        let accel = render::build_with(&plan.job, &loaded.file.scene, &options)?;
+        let scene = loaded.file.scene.validate()?;
+        let accel = render::build_with(&plan.job, scene, &options)?;
         if let Some(meshes) = &kept.meshes {
             meshes.evict_unused();
         }
         Ok(BuiltScene {
             loaded,
+            scene,
             accel,
             build_seconds: start.elapsed().as_secs_f64(),
             is_attributed: AtomicBool::new(false),
@@ -187,9 +190,5 @@ impl<'s> BuiltScene<'s> {
             false => [self.loaded.seconds, self.build_seconds],
             true => [0.0; 2],
         }
-    }
-
-    pub(super) fn scene(&self) -> &'s Scene {
-        &self.loaded.file.scene
     }
 }

@@ -147,7 +147,7 @@ fn probe_frame(
         ..Monitor::default()
     };
     let probe = render::probe(
-        (stage.scene(), &camera),
+        (stage.scene, &camera),
         &*stage.accel,
         &resolved.settings,
         &monitor,

@@ -116,11 +116,11 @@ impl<'a> FrameTask<'a> {
         check_division(plan, &resolved.settings, limits.time)?;
         let camera = stage.loaded.camera(plan)?;
         // Collect the metadata of the image
-        let effects = EffectPlan::new(stage.scene(), &camera, &resolved.settings.effects);
+        let effects = EffectPlan::new(&stage.scene, &camera, &resolved.settings.effects);
         let embree = stage.accel.report().embree;
         let mut notes = Notes::of(
             (job, &resolved),
-            (stage.scene(), &camera),
+            (&stage.scene, &camera),
             embree.as_ref(),
             &effects,
         );
@@ -167,7 +167,7 @@ impl<'a> FrameTask<'a> {
     fn render_at_once(&mut self) -> Result<f64, Failure> {
         let (stage, job, resolved, monitor) = (self.stage, self.job, self.resolved, self.monitor);
         let camera = self.camera.clone();
-        let projected = project(job, &resolved, (stage.scene(), &camera), &*stage.accel);
+        let projected = project(job, &resolved, (stage.scene.get(), &camera), &*stage.accel);
         let accel = projected
             .as_ref()
             .map_or(&*stage.accel, |projected| projected as &dyn Accel);
@@ -199,7 +199,7 @@ impl<'a> FrameTask<'a> {
         };
         // Render, then keep the rows in memory
         let rendered = render::render_on(
-            stage.scene(),
+            stage.scene,
             &camera,
             accel,
             &resolved.settings,
@@ -254,7 +254,7 @@ impl<'a> FrameTask<'a> {
         // Trace camera rays with screen bounds where they pay
         let (stage, job, resolved) = (self.stage, self.job, self.resolved);
         let camera = self.camera.clone();
-        let projected = project(job, &resolved, (stage.scene(), &camera), &*stage.accel);
+        let projected = project(job, &resolved, (stage.scene.get(), &camera), &*stage.accel);
         let accel = projected
             .as_ref()
             .map_or(&*stage.accel, |projected| projected as &dyn Accel);
@@ -382,7 +382,7 @@ impl<'a> FrameTask<'a> {
     }
 
     fn parts(&self, accel: &'a dyn Accel) -> Result<Parts<'a>, Failure> {
-        let scene = (self.stage.scene(), &self.camera);
+        let scene = (self.stage.scene, &self.camera);
         Ok(Parts::new(scene, accel, &self.resolved.settings, &self.monitor)?)
     }
 

@@ -75,7 +75,7 @@ pub(super) fn measure_scenes<Row>(
             name: &name,
             settings: job.settings(&output)?,
             camera: choose_camera(&scene, Path::new(&name), None)?,
-            scene: &scene,
+            scene: scene.validate()?,
         };
         for warning in &scene.warnings {
             progress.warn(&format!("{name}: {warning}"));

@@ -24,7 +24,7 @@ use super::super::tile::Tile;
 use super::cover::Cover;
 use super::region::Region;
 use crate::accel::Accel;
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, ValidScene};
 
 /// Share of the samples of every pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,10 +63,9 @@ impl<'s> Parts<'s> {
     /// Prepares a render in parts, in the current rayon pool.
     ///
     /// Ignores [`RenderSettings::adaptive`], because its sample counts depend on more than one part, and
-    /// [`RenderSettings::cost_aovs`]. `scene` must have passed [`Scene::validate`], and `accel` must have been built
-    /// from it.
+    /// [`RenderSettings::cost_aovs`]. `accel` must have been built from `scene`.
     pub fn new(
-        (scene, camera): (&'s Scene, &Camera),
+        (scene, camera): (ValidScene<'s>, &Camera),
         accel: &'s dyn Accel,
         settings: &RenderSettings,
         monitor: &Monitor,
@@ -79,7 +78,7 @@ impl<'s> Parts<'s> {
             ..*settings
         };
         // Prepare the scene and compute subsurface irradiance
-        let mut frame = RenderContext::new(scene, camera, accel, &settings);
+        let mut frame = RenderContext::new(scene.get(), camera, accel, &settings);
         let setup_seconds = settings.ledger.then(|| start.elapsed().as_secs_f64());
         let mut ready = frame.scatter(monitor)?;
         // Book the preparation, which the first part includes

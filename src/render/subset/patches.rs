@@ -21,7 +21,7 @@ use super::region::Region;
 use super::tiles::{pixels, spread};
 use crate::accel::Accel;
 use crate::image::LinearImage;
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, ValidScene};
 
 /// Side of a patch in pixels: many small patches represent an image better than few large ones, but rays need
 /// coherent neighbours.
@@ -137,10 +137,10 @@ fn complete_patches(settings: &RenderSettings) -> [u32; 2] {
 
 /// Renders the patches of the image that `settings` describe, in the current rayon pool.
 ///
-/// [`RenderSettings::sample_aovs`], [`RenderSettings::layers`] and [`RenderSettings::cost_aovs`] are ignored. `scene`
-/// must have passed [`Scene::validate`], and `accel` must have been built from it.
+/// [`RenderSettings::sample_aovs`], [`RenderSettings::layers`] and [`RenderSettings::cost_aovs`] are ignored. `accel`
+/// must have been built from `scene`.
 pub fn render_patches(
-    (scene, camera): (&Scene, &Camera),
+    (scene, camera): (ValidScene, &Camera),
     accel: &dyn Accel,
     settings: &RenderSettings,
     mosaic: PatchGrid,
@@ -155,7 +155,7 @@ pub fn render_patches(
         ..*settings
     };
     // Prepare the scene
-    let mut frame = RenderContext::new(scene, camera, accel, &settings);
+    let mut frame = RenderContext::new(scene.get(), camera, accel, &settings);
     let scattered = frame.scatter(monitor)?;
     let ready_seconds = start.elapsed().as_secs_f64();
     let patches = mosaic.patches(&settings);

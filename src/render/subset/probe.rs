@@ -17,7 +17,7 @@ use super::super::tile::{TILE, Tile};
 use super::super::wavefront::{BATCH, TileRenderer};
 use super::tiles::{chosen_tiles, thread_seconds};
 use crate::accel::Accel;
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, ValidScene};
 
 /// Largest number of strips: about two thousand packets, of which one in 32 is timed in detail to divide the time of
 /// shading.
@@ -48,10 +48,10 @@ pub struct Probe {
 
 /// Renders strips of the image that `settings` describe, on this thread.
 ///
-/// Every pixel is assumed to have the same number of samples. `scene` must have passed [`Scene::validate`], and
-/// `accel` must have been built from it.
+/// Every pixel is assumed to have the same number of samples. `accel` must have been built
+/// from `scene`.
 pub fn probe(
-    (scene, camera): (&Scene, &Camera),
+    (scene, camera): (ValidScene, &Camera),
     accel: &dyn Accel,
     settings: &RenderSettings,
     monitor: &Monitor,
@@ -65,7 +65,7 @@ pub fn probe(
         ledger: true,
         ..*settings
     };
-    let mut frame = RenderContext::new(scene, camera, accel, &settings);
+    let mut frame = RenderContext::new(scene.get(), camera, accel, &settings);
     // Measure the one-time cost
     let setting_up = Tally {
         rays: frame.probe_count,

@@ -7,7 +7,7 @@ use super::super::monitor::Monitor;
 use super::super::settings::RenderSettings;
 use crate::accel::{Accel, AccelReport, Coherence, RayPacket};
 use crate::parallel;
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, ValidScene};
 
 /// Rays of one frame, in the order of their queries.
 #[derive(Clone, Debug, Default)]
@@ -23,7 +23,12 @@ pub struct RecordedRays {
 /// Renders the frame on one thread, in tile order, and returns its rays. The image is discarded.
 ///
 /// Needs about 1.5 KB for every sixteen rays.
-pub fn record(scene: &Scene, camera: &Camera, accel: &dyn Accel, settings: &RenderSettings) -> RecordedRays {
+pub fn record(
+    scene: ValidScene,
+    camera: &Camera,
+    accel: &dyn Accel,
+    settings: &RenderSettings,
+) -> RecordedRays {
     let recorder = Recorder {
         accel,
         rays: Mutex::default(),

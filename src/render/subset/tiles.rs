@@ -19,7 +19,7 @@ use super::super::wavefront::RendererPool;
 use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::parallel;
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, ValidScene};
 
 /// Rendered tile of an image.
 #[derive(Clone, Debug)]
@@ -62,10 +62,10 @@ pub fn tile_count(width: u32, height: u32) -> usize {
 /// Renders `count` tiles, or all if there are fewer, in the current rayon pool.
 ///
 /// Every pixel gets all of its samples: [`RenderSettings::adaptive`] is ignored, as are
-/// [`RenderSettings::sample_aovs`] and [`RenderSettings::layers`]. `scene` must have passed [`Scene::validate`], and
-/// `accel` must have been built from it.
+/// [`RenderSettings::sample_aovs`] and [`RenderSettings::layers`]. `accel` must have been built
+/// from `scene`.
 pub fn render_sample(
-    (scene, camera): (&Scene, &Camera),
+    (scene, camera): (ValidScene, &Camera),
     accel: &dyn Accel,
     settings: &RenderSettings,
     count: usize,
@@ -79,7 +79,7 @@ pub fn render_sample(
         light_layers: LightAovs::NONE,
         ..*settings
     };
-    let mut frame = RenderContext::new(scene, camera, accel, &settings);
+    let mut frame = RenderContext::new(scene.get(), camera, accel, &settings);
     // The cost of subsurface scattering belongs to the whole image, not to these tiles.
     frame.scatter(monitor)?;
     // Select the tiles

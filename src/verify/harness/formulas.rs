@@ -7,7 +7,7 @@ use crate::accel::Accel;
 use crate::numeric::Lanes;
 use crate::optics::{Fresnel, Refraction};
 use crate::render::{Cancelled, Monitor, RenderSettings, Rendering};
-use crate::scene::{Camera, Scene, SceneError};
+use crate::scene::{Camera, Scene, SceneError, ValidScene};
 
 /// Functions of the renderer that cases test; a test may replace any of them by a careless one.
 #[derive(Clone, Copy)]
@@ -51,8 +51,10 @@ impl Formulas {
         pixel_sum: |packet, count| crate::render::pixel_sum((0..count).map(packet)),
         is_invertible: |map| crate::scene::Instance::new("", 0, 0, *map).is_ok(),
         spawn_point: crate::numeric::spawn_point,
-        validate: Scene::validate,
+        validate: |scene| scene.validate().map(|_| ()),
         normalise: Scene::normalise,
-        render: crate::render::render,
+        render: |scene, camera, accel, settings, monitor| {
+            crate::render::render(ValidScene::assume(scene), camera, accel, settings, monitor)
+        },
     };
 }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::accel::{self, Accel, AccelError, AccelOptions, Backend, Kernel, Precision};
-use crate::scene::Scene;
+use crate::scene::{Scene, ValidScene};
 
 /// Watertightness that a backend variant guarantees for triangle meshes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -92,7 +92,7 @@ pub fn has_instruction_set(isa: &str) -> bool {
         ..AccelOptions::default()
     };
     let scene = Scene::default();
-    let built = accel::build(&scene, Backend::Embree, &options);
+    let built = accel::build(ValidScene::assume(&scene), Backend::Embree, &options);
     // Embree silently falls back to what the machine has, so compare the instruction set that it reports.
     built.is_ok_and(|accel| accel.report().embree.is_some_and(|embree| embree.isa == isa))
 }
@@ -108,6 +108,8 @@ pub fn build_variant<'s>(
     path: &BackendVariant,
     isa: Option<&str>,
 ) -> Result<Box<dyn Accel + 's>, AccelError> {
+    // Cases check their scenes themselves
+    let scene = ValidScene::assume(scene);
     let Some((backend, precision, kernel)) = path.accel else {
         return accel::build(scene, Backend::Brute, &AccelOptions::default());
     };

@@ -26,9 +26,14 @@ pub(crate) fn run(limits: &mut Limits) {
     let pool = one_thread();
     for name in SCENES {
         let filed = load(name);
-        let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
+        let accel = accel::build(
+            filed.scene.validate().unwrap(),
+            Backend::default(),
+            &AccelOptions::default(),
+        )
+        .unwrap();
         let settings = filed.settings(WIDTH, SPP);
-        let view = (&filed.scene, &filed.scene.cameras[0]);
+        let view = (filed.scene.validate().unwrap(), &filed.scene.cameras[0]);
         let (forecast, ledger) = pool.install(|| {
             let probe = probe(view, &*accel, &settings, &Monitor::default()).unwrap();
             let forecast = Forecast::of(&probe, &settings, Backend::default());

@@ -23,6 +23,12 @@ pub(crate) fn ledger(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSet
         ..*settings
     };
     let camera = &filed.scene.cameras[0];
-    let rendering = render(&filed.scene, camera, accel, &settings, &Monitor::default());
+    let rendering = render(
+        filed.scene.validate().unwrap(),
+        camera,
+        accel,
+        &settings,
+        &Monitor::default(),
+    );
     rendering.unwrap().ledger
 }

@@ -19,7 +19,12 @@ pub(crate) fn run(limits: &mut Limits) {
     let pool = one_thread();
     for name in SCENES {
         let filed = load(name);
-        let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
+        let accel = accel::build(
+            filed.scene.validate().unwrap(),
+            Backend::default(),
+            &AccelOptions::default(),
+        )
+        .unwrap();
         let ledger = pool.install(|| ledger(&filed, &*accel, &filed.settings(WIDTH, SPP)));
         let booked = 1.0 - ledger.of(Category::Idle).seconds / ledger.seconds;
         let measuring = ledger.seconds_of_measuring() / ledger.seconds;

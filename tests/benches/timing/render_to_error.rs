@@ -114,7 +114,7 @@ fn base(filed: &FiledScene) -> Configuration {
 /// Has settings chosen that reach the target.
 fn choose(scene: &Scene, base: Configuration) -> (Configuration, Choice) {
     let experiment = Experiment {
-        scene,
+        scene: scene.validate().unwrap(),
         camera: &scene.cameras[0],
         base,
         tone: ToneMap { exposure_ev: 0.0 },
@@ -224,7 +224,7 @@ impl<'s> Stage<'s> {
                         precision: path.precision,
                         ..AccelOptions::default()
                     };
-                    let accel = accel::build(scene, path.backend, &options).unwrap();
+                    let accel = accel::build(scene.validate().unwrap(), path.backend, &options).unwrap();
                     stage.0.push(Set {
                         change,
                         scene,
@@ -262,7 +262,14 @@ impl<'s> Stage<'s> {
             cancel: &cancel,
             tiles: None,
         };
-        let rendering = render(set.scene, &set.scene.cameras[0], &*set.accel, &settings, &monitor).ok()?;
+        let rendering = render(
+            set.scene.validate().unwrap(),
+            &set.scene.cameras[0],
+            &*set.accel,
+            &settings,
+            &monitor,
+        )
+        .ok()?;
         let seconds = start.elapsed().as_secs_f64() - rendering.ready_seconds;
         Some((rendering, seconds))
     }

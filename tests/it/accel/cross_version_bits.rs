@@ -44,7 +44,7 @@ fn image(scene: &Scene, backend: Backend) -> LinearImage {
         isa: (backend == Backend::Embree).then(|| ISA.into()),
         ..AccelOptions::default()
     };
-    let accel = build(scene, backend, &options).unwrap();
+    let accel = build(scene.validate().unwrap(), backend, &options).unwrap();
     let settings = RenderSettings {
         width: 160,
         height: 120,
@@ -53,9 +53,15 @@ fn image(scene: &Scene, backend: Backend) -> LinearImage {
         ..RenderSettings::default()
     };
     let monitor = Monitor::default();
-    render(scene, &scene.cameras[0], &*accel, &settings, &monitor)
-        .unwrap()
-        .image
+    render(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        &*accel,
+        &settings,
+        &monitor,
+    )
+    .unwrap()
+    .image
 }
 
 /// FNV-1a (Fowler, Noll, Vo) over the bits of all channels.

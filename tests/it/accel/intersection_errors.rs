@@ -25,11 +25,16 @@ fn settings() -> RenderSettings {
 }
 
 fn exact(scene: &Scene) -> Box<dyn Accel + '_> {
-    build(scene, Backend::Bsp, &AccelOptions::default()).unwrap()
+    build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap()
 }
 
 fn recorded(scene: &Scene, settings: &RenderSettings) -> RecordedRays {
-    record(scene, &scene.cameras[0], &*exact(scene), settings)
+    record(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        &*exact(scene),
+        settings,
+    )
 }
 
 fn errors(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> GeometricErrors {
@@ -69,7 +74,7 @@ fn watertight_variants_have_no_intersection_errors() {
             precision: Precision::Watertight,
             ..AccelOptions::default()
         };
-        let accel = build(&scene, backend, &options).unwrap();
+        let accel = build(scene.validate().unwrap(), backend, &options).unwrap();
         let errors = errors(&scene, &*accel, &settings());
         assert_eq!(errors.count(), 0, "{backend}: {errors:?}");
     }

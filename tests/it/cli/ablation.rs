@@ -95,9 +95,16 @@ fn sampled_tiles_equal_the_whole_image_to_the_bit() {
             filter: PixelFilter::of_kind(kind),
             ..RenderSettings::default()
         };
-        let whole = render::render(&scene, camera, &accel, &settings, &monitor).unwrap();
+        let whole = render::render(scene.validate().unwrap(), camera, &accel, &settings, &monitor).unwrap();
         for count in [3, 100] {
-            let sample = render::render_sample((&scene, camera), &accel, &settings, count, &monitor).unwrap();
+            let sample = render::render_sample(
+                (scene.validate().unwrap(), camera),
+                &accel,
+                &settings,
+                count,
+                &monitor,
+            )
+            .unwrap();
             assert_eq!(sample.tiles.len(), count.min(render::tile_count(150, 90)));
             for tile in &sample.tiles {
                 for (index, pixel) in tile.image.pixels.iter().enumerate() {

@@ -426,7 +426,7 @@ fn viewer_shows_tiles_and_finally_the_written_image() {
 #[test]
 fn finished_tiles_equal_the_image_without_a_filter() {
     let scene = whit::gltf::load(first_light().as_ref(), &LoadOptions::default()).unwrap();
-    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let adaptive = Some(Adaptive {
         error: 0.01,
         gain: 1.0,
@@ -453,7 +453,14 @@ fn finished_tiles_equal_the_image_without_a_filter() {
             cancel: &AtomicBool::new(false),
             tiles: Some(&see),
         };
-        let rendering = render(&scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap();
+        let rendering = render(
+            scene.validate().unwrap(),
+            &scene.cameras[0],
+            &*accel,
+            &settings,
+            &monitor,
+        )
+        .unwrap();
         let (pixels, count) = seen.into_inner().unwrap();
         assert!(pixels == rendering.image.pixels, "{spp} samples");
         // There are 4 x 3 tiles; adaptive sampling renders some of them again.

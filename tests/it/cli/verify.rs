@@ -30,7 +30,8 @@ fn variants_that_guarantee_exact_results_have_no_errors() {
 #[test]
 fn every_case_detects_a_naive_implementation() {
     let naive: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::new(scene)));
-    let ours: &Build = &|scene| accel::build(scene, Backend::Bsp, &AccelOptions::default());
+    let ours: &Build =
+        &|scene| accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default());
     let fat: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::fat(scene)));
     let fickle: &Build = &|scene| Ok(Box::new(naive::FickleAccel(naive::NaiveAccel::new(scene))));
     let careless = [
@@ -84,7 +85,8 @@ fn tally_is_independent_of_the_number_of_threads() {
 #[test]
 fn cached_verdicts_equal_fresh_verdicts() {
     let naive: &Build = &|scene| Ok(Box::new(naive::NaiveAccel::new(scene)));
-    let ours: &Build = &|scene| accel::build(scene, Backend::Bsp, &AccelOptions::default());
+    let ours: &Build =
+        &|scene| accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default());
     for case in cases()
         .into_iter()
         .filter(|case| ["H05", "H11", "H17", "H26"].contains(&case.id))

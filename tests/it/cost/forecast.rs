@@ -27,7 +27,7 @@ fn filed(name: &str) -> FiledScene {
 
 fn forecast(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> Forecast {
     let probe = probe(
-        (&filed.scene, &filed.scene.cameras[0]),
+        (filed.scene.validate().unwrap(), &filed.scene.cameras[0]),
         accel,
         settings,
         &Monitor::default(),
@@ -42,16 +42,27 @@ fn ledger(filed: &FiledScene, accel: &dyn Accel, settings: &RenderSettings) -> R
         ..*settings
     };
     let camera = &filed.scene.cameras[0];
-    render(&filed.scene, camera, accel, &settings, &Monitor::default())
-        .unwrap()
-        .ledger
+    render(
+        filed.scene.validate().unwrap(),
+        camera,
+        accel,
+        &settings,
+        &Monitor::default(),
+    )
+    .unwrap()
+    .ledger
 }
 
 #[test]
 fn ray_shares_are_forecast_within_ten_points() {
     for name in SCENES {
         let filed = filed(name);
-        let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
+        let accel = accel::build(
+            filed.scene.validate().unwrap(),
+            Backend::default(),
+            &AccelOptions::default(),
+        )
+        .unwrap();
         // As many tiles as strips, so that the probe still leaves most of the picture out.
         let settings = filed.settings(256, 4);
         let predicted = forecast(&filed, &*accel, &settings);
@@ -80,11 +91,22 @@ fn ray_shares_are_forecast_within_ten_points() {
 #[test]
 fn probe_is_deterministic_and_limited_to_its_share() {
     let filed = filed("gems");
-    let accel = accel::build(&filed.scene, Backend::default(), &AccelOptions::default()).unwrap();
+    let accel = accel::build(
+        filed.scene.validate().unwrap(),
+        Backend::default(),
+        &AccelOptions::default(),
+    )
+    .unwrap();
     let settings = filed.settings(1024, 16);
     let camera = &filed.scene.cameras[0];
     let runs = [(); 2].map(|()| {
-        let probe = probe((&filed.scene, camera), &*accel, &settings, &Monitor::default()).unwrap();
+        let probe = probe(
+            (filed.scene.validate().unwrap(), camera),
+            &*accel,
+            &settings,
+            &Monitor::default(),
+        )
+        .unwrap();
         let rays: Vec<u64> = probe.ledger.tallies().map(|(_, tally)| tally.rays).collect();
         (probe.strips, probe.samples, rays)
     });
@@ -100,7 +122,12 @@ fn probe_is_deterministic_and_limited_to_its_share() {
 #[test]
 fn shares_add_up_to_one() {
     let filed = filed("whitted_1980");
-    let accel = accel::build(&filed.scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(
+        filed.scene.validate().unwrap(),
+        Backend::Bsp,
+        &AccelOptions::default(),
+    )
+    .unwrap();
     let predicted = forecast(&filed, &*accel, &filed.settings(64, 16));
     let sum =
         |part: fn(&whit::report::forecast::Shares) -> f64| predicted.accounts.values().map(part).sum::<f64>();

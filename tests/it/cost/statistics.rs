@@ -93,14 +93,21 @@ fn triangle() -> Scene {
 
 fn rendered(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> DisplayImage {
     let monitor = Monitor::default();
-    let rendering = render(scene, &scene.cameras[0], accel, settings, &monitor).unwrap();
+    let rendering = render(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        accel,
+        settings,
+        &monitor,
+    )
+    .unwrap();
     DisplayImage::new(&rendering.image, TONE)
 }
 
 #[test]
 fn fit_contains_the_minus_three_quarters_rate_of_jittered_edges() {
     let scene = triangle();
-    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let truth = DisplayImage::new(&exact(), TONE);
     let halves = SplitReference {
         a: truth.clone(),
@@ -147,7 +154,7 @@ fn certificates_of_chosen_settings_are_true_in_93_percent() {
 /// samples a pixel.
 fn certified_share(repeats: u32, best_spp: u32) -> f64 {
     let scene = first_light();
-    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let take = |spp: u32, seed: u32| {
         let settings = RenderSettings {
             width: 32,

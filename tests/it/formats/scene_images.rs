@@ -96,14 +96,21 @@ fn red(scene: &Scene, parameter: MaterialInput) -> f32 {
 
 /// Returns the pixel in the middle of an image of `scene`.
 fn middle(scene: &Scene) -> [f32; 3] {
-    let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let settings = RenderSettings {
         width: 3,
         height: 3,
         ..RenderSettings::default()
     };
     let monitor = Monitor::default();
-    let rendering = render(scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap();
+    let rendering = render(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        &*accel,
+        &settings,
+        &monitor,
+    )
+    .unwrap();
     rendering.image.pixel(1, 1)
 }
 

@@ -369,7 +369,7 @@ fn layers_do_not_change_image_bits() {
 #[test]
 fn region_layers_match_the_full_image_bits() {
     let scene = scene_folder::named("textured.toml").scene;
-    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let camera = &scene.cameras[0];
     for filter in [FilterKind::Box, FilterKind::Mitchell] {
         let settings = RenderSettings {
@@ -377,7 +377,13 @@ fn region_layers_match_the_full_image_bits() {
             ..small(filter)
         };
         let whole = rendered(&scene, camera, &settings);
-        let mut parts = Parts::new((&scene, camera), &*accel, &settings, &Monitor::default()).unwrap();
+        let mut parts = Parts::new(
+            (scene.validate().unwrap(), camera),
+            &*accel,
+            &settings,
+            &Monitor::default(),
+        )
+        .unwrap();
         for [x, y, width, height] in [[0, 32, 45, 5], [30, 7, 9, 28], [44, 36, 1, 1]] {
             let region = Region { x, y, width, height };
             let part = parts.region(&region, &Monitor::default()).unwrap();

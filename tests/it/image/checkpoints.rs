@@ -40,7 +40,14 @@ fn by(
         cancel: &AtomicBool::new(false),
         tiles: None,
     };
-    render_on(scene, &scene.cameras[0], accel, settings, &monitor, checkpoints)
+    render_on(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        accel,
+        settings,
+        &monitor,
+        checkpoints,
+    )
 }
 
 /// Returns the state after writing and reading a checkpoint.
@@ -69,7 +76,7 @@ fn resumed_render_has_the_bits_of_one_run_without_repeated_work() {
         ("soft_shadows.toml", 64),
     ] {
         let scene = scene_folder::named(name).scene;
-        let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+        let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
         let settings = settings([90, 70], spp);
         // Render without interruption
         let whole = by(&scene, &*accel, &settings, None).unwrap();
@@ -111,7 +118,7 @@ fn resumed_render_has_the_bits_of_one_run_without_repeated_work() {
 #[test]
 fn cancelled_render_keeps_its_checkpoint() {
     let scene = scene_folder::named("whitted_1980.toml").scene;
-    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let settings = settings([200, 150], 64);
     let cancel = AtomicBool::new(false);
     // Cancel as soon as the first tiles are finished.
@@ -139,7 +146,7 @@ fn cancelled_render_keeps_its_checkpoint() {
     let camera = &scene.cameras[0];
     // Render until cancelled
     let ended = render_on(
-        &scene,
+        scene.validate().unwrap(),
         camera,
         &*accel,
         &settings,
@@ -165,7 +172,7 @@ fn cancelled_render_keeps_its_checkpoint() {
 #[test]
 fn checkpoint_of_another_image_is_discarded() {
     let scene = scene_folder::named("whitted_1980.toml").scene;
-    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let settings = settings([48, 40], 64);
     let whole = by(&scene, &*accel, &settings, None).unwrap();
     let mut keep = |_: &Rounds| ControlFlow::Continue(());

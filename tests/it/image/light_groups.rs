@@ -173,9 +173,15 @@ fn direct_layer_matches_a_render_without_bounces() {
 fn layers_of_a_region_match_the_full_image() {
     let (scene, settings) = (scene_folder::named("glass_of_water.toml").scene, with_light(48));
     let whole = render(&scene, &settings);
-    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let monitor = Monitor::default();
-    let mut parts = Parts::new((&scene, &scene.cameras[0]), &*accel, &settings, &monitor).unwrap();
+    let mut parts = Parts::new(
+        (scene.validate().unwrap(), &scene.cameras[0]),
+        &*accel,
+        &settings,
+        &monitor,
+    )
+    .unwrap();
     let region = Region {
         x: 10,
         y: 20,

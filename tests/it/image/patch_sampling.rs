@@ -19,12 +19,19 @@ fn settings(spp: u32) -> RenderSettings {
 
 /// Renders the whole image and a mosaic of about this many pixels.
 fn both(scene: &Scene, settings: &RenderSettings, pixels: f64) -> (Rendering, Rendering, PatchGrid) {
-    let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let monitor = Monitor::default();
     let camera = &scene.cameras[0];
     let mosaic = PatchGrid::of(settings, pixels).unwrap();
-    let whole = render(scene, camera, &*accel, settings, &monitor).unwrap();
-    let pieces = render_patches((scene, camera), &*accel, settings, mosaic, &monitor).unwrap();
+    let whole = render(scene.validate().unwrap(), camera, &*accel, settings, &monitor).unwrap();
+    let pieces = render_patches(
+        (scene.validate().unwrap(), camera),
+        &*accel,
+        settings,
+        mosaic,
+        &monitor,
+    )
+    .unwrap();
     (whole, pieces, mosaic)
 }
 

@@ -10,7 +10,7 @@ use whit::render::{
 use whit::scene::Scene;
 
 fn tree(scene: &Scene) -> Box<dyn Accel + '_> {
-    accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap()
+    accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap()
 }
 
 /// Returns settings in which neither side is a multiple of a tile's.
@@ -71,9 +71,16 @@ fn region_has_the_bits_of_the_full_image() {
         let scene = scene_folder::named(name).scene;
         let accel = tree(&scene);
         let settings = settings(spp, filter);
-        let whole = render(&scene, &scene.cameras[0], &*accel, &settings, &Monitor::default()).unwrap();
+        let whole = render(
+            scene.validate().unwrap(),
+            &scene.cameras[0],
+            &*accel,
+            &settings,
+            &Monitor::default(),
+        )
+        .unwrap();
         let mut parts = Parts::new(
-            (&scene, &scene.cameras[0]),
+            (scene.validate().unwrap(), &scene.cameras[0]),
             &*accel,
             &settings,
             &Monitor::default(),
@@ -109,9 +116,16 @@ fn sample_shares_sum_to_the_image() {
         let accel = tree(&scene);
         // Use four packets, the last of which is not full.
         let settings = settings(60, filter);
-        let whole = render(&scene, &scene.cameras[0], &*accel, &settings, &Monitor::default()).unwrap();
+        let whole = render(
+            scene.validate().unwrap(),
+            &scene.cameras[0],
+            &*accel,
+            &settings,
+            &Monitor::default(),
+        )
+        .unwrap();
         let mut parts = Parts::new(
-            (&scene, &scene.cameras[0]),
+            (scene.validate().unwrap(), &scene.cameras[0]),
             &*accel,
             &settings,
             &Monitor::default(),

@@ -41,9 +41,16 @@ fn uniform(settings: RenderSettings) -> RenderSettings {
 }
 
 fn rendered(scene: &Scene, settings: RenderSettings) -> Rendering {
-    let accel = accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let monitor = Monitor::default();
-    render(scene, &scene.cameras[0], &*accel, &settings, &monitor).unwrap()
+    render(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        &*accel,
+        &settings,
+        &monitor,
+    )
+    .unwrap()
 }
 
 /// Returns all bits of an image and of its sample counts.

@@ -20,9 +20,16 @@ fn seen(material: &str, settings: &RenderSettings) -> Rendering {
     );
     fs::write(&path, text).unwrap();
     let scene = scene_file::load(&path, &LoadOptions::default()).unwrap().scene;
-    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let monitor = Monitor::default();
-    render(&scene, &scene.cameras[0], &*accel, settings, &monitor).unwrap()
+    render(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        &*accel,
+        settings,
+        &monitor,
+    )
+    .unwrap()
 }
 
 /// Returns the maximum and the mean deficit of an image from 1.

@@ -353,13 +353,22 @@ fn excessive_subsurface_sample_counts_are_limited_and_reported() {
 #[test]
 fn cancelled_subsurface_render_returns_early() {
     let (scene, camera) = studio();
-    let accel = accel::build(&scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
     let monitor = Monitor {
         progress: &|_| panic!("nothing is finished"),
         cancel: &AtomicBool::new(true),
         tiles: None,
     };
-    assert!(render(&scene, &camera, &*accel, &settings(16, SPP), &monitor).is_err());
+    assert!(
+        render(
+            scene.validate().unwrap(),
+            &camera,
+            &*accel,
+            &settings(16, SPP),
+            &monitor
+        )
+        .is_err()
+    );
 }
 
 const THIN_SURFACE: Translucency = Translucency {

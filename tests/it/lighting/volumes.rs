@@ -98,9 +98,16 @@ fn sun(to_light: DVec3) -> Light {
 
 fn rendered(scene: &Scene, backend: Backend, settings: &RenderSettings) -> Rendering {
     scene.validate().unwrap();
-    let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), backend, &AccelOptions::default()).unwrap();
     let monitor = Monitor::default();
-    render(scene, &scene.cameras[0], &*accel, settings, &monitor).unwrap()
+    render(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        &*accel,
+        settings,
+        &monitor,
+    )
+    .unwrap()
 }
 
 /// The red of the one pixel that is seen along the axis.

@@ -20,9 +20,16 @@ fn settings() -> RenderSettings {
 }
 
 fn rendered(scene: &Scene, backend: Backend, settings: &RenderSettings) -> Rendering {
-    let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), backend, &AccelOptions::default()).unwrap();
     let monitor = Monitor::default();
-    render(scene, &scene.cameras[0], &*accel, settings, &monitor).unwrap()
+    render(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        &*accel,
+        settings,
+        &monitor,
+    )
+    .unwrap()
 }
 
 fn bits(rendering: &Rendering) -> Vec<u32> {

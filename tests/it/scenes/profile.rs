@@ -41,12 +41,19 @@ impl Accel for Counter<'_> {
 
 fn rendered(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> Rendering {
     let monitor = Monitor::default();
-    render(scene, &scene.cameras[0], accel, settings, &monitor).unwrap()
+    render(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        accel,
+        settings,
+        &monitor,
+    )
+    .unwrap()
 }
 
 /// Returns the rendering and the number of rays that the backend traced.
 fn counted(scene: &Scene, backend: Backend, settings: &RenderSettings) -> (Rendering, u64) {
-    let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), backend, &AccelOptions::default()).unwrap();
     let counter = Counter {
         accel: &*accel,
         rays: AtomicU64::new(0),

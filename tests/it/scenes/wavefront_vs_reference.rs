@@ -37,7 +37,7 @@ fn request(wave_scene: &WaveScene, width: u32, height: u32, spp: u32) -> Request
 }
 
 fn rendered(scene: &Scene, backend: Backend, request: Request) -> LinearImage {
-    let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), backend, &AccelOptions::default()).unwrap();
     let settings = RenderSettings {
         width: request.width,
         height: request.height,
@@ -48,7 +48,13 @@ fn rendered(scene: &Scene, backend: Backend, request: Request) -> LinearImage {
         ..RenderSettings::default()
     };
     let monitor = Monitor::default();
-    let rendering = render(scene, &scene.cameras[0], accel.as_ref(), &settings, &monitor);
+    let rendering = render(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        accel.as_ref(),
+        &settings,
+        &monitor,
+    );
     rendering.unwrap().image
 }
 
@@ -324,7 +330,12 @@ fn assert_bits_stay(run_count: usize) {
 #[test]
 fn cancelled_render_returns_no_image() {
     let wave_scene = wave_scenes::lights_of_all_kinds();
-    let accel = accel::build(&wave_scene.scene, Backend::Bsp, &AccelOptions::default()).unwrap();
+    let accel = accel::build(
+        wave_scene.scene.validate().unwrap(),
+        Backend::Bsp,
+        &AccelOptions::default(),
+    )
+    .unwrap();
     let monitor = Monitor {
         progress: &|_| {},
         cancel: &AtomicBool::new(true),
@@ -332,5 +343,14 @@ fn cancelled_render_returns_no_image() {
     };
     let settings = RenderSettings::default();
     let camera = &wave_scene.scene.cameras[0];
-    assert!(render(&wave_scene.scene, camera, accel.as_ref(), &settings, &monitor).is_err());
+    assert!(
+        render(
+            wave_scene.scene.validate().unwrap(),
+            camera,
+            accel.as_ref(),
+            &settings,
+            &monitor
+        )
+        .is_err()
+    );
 }

@@ -63,14 +63,20 @@ pub fn render_image(scene: &Scene, accel: &dyn Accel, width: u32, spp: u32) -> L
         ..RenderSettings::default()
     };
     let monitor = Monitor::default();
-    render(scene, &scene.cameras[0], accel, &settings, &monitor)
-        .unwrap()
-        .image
+    render(
+        scene.validate().unwrap(),
+        &scene.cameras[0],
+        accel,
+        &settings,
+        &monitor,
+    )
+    .unwrap()
+    .image
 }
 
 /// Builds a BSP tree over the scene.
 pub fn bsp(scene: &Scene) -> Box<dyn Accel + '_> {
-    accel::build(scene, Backend::Bsp, &AccelOptions::default()).unwrap()
+    accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap()
 }
 
 fn load(folder: &Path, text: &str) -> Scene {

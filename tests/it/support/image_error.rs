@@ -20,7 +20,7 @@ pub struct Judge<'s> {
 impl<'s> Judge<'s> {
     /// Renders the references; `side` is the root of the number of samples of each, or nearly.
     pub fn new(scene: &'s Scene, backend: Backend, settings: RenderSettings, side: u32) -> Judge<'s> {
-        let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
+        let accel = accel::build(scene.validate().unwrap(), backend, &AccelOptions::default()).unwrap();
         let mut judge = Judge {
             scene,
             accel,
@@ -48,7 +48,7 @@ impl<'s> Judge<'s> {
     pub fn rendered(&self, settings: RenderSettings) -> Rendering {
         let monitor = Monitor::default();
         render(
-            self.scene,
+            self.scene.validate().unwrap(),
             &self.scene.cameras[0],
             &*self.accel,
             &settings,

@@ -51,9 +51,9 @@ pub fn rendered_by(
     settings: &RenderSettings,
 ) -> Rendering {
     scene.validate().unwrap();
-    let accel = accel::build(scene, backend, options).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), backend, options).unwrap();
     let monitor = Monitor::default();
-    render(scene, camera, &*accel, settings, &monitor).unwrap()
+    render(scene.validate().unwrap(), camera, &*accel, settings, &monitor).unwrap()
 }
 
 /// Returns the mean of the pixels' green, and its standard error from their variance.

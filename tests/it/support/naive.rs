@@ -63,7 +63,7 @@ fn careless_render(
         depth: settings.depth.min(3),
         ..*settings
     };
-    let mut rendering = whit::render::render(&scene, camera, accel, &settings, monitor)?;
+    let mut rendering = whit::render::render(scene.validate().unwrap(), camera, accel, &settings, monitor)?;
     rendering.ledger.max_lost_weight = 0.0;
     Ok(rendering)
 }

@@ -284,9 +284,16 @@ pub fn render_image(
     backend: Backend,
     settings: &RenderSettings,
 ) -> Vec<DVec3> {
-    let accel = accel::build(scene, backend, &AccelOptions::default()).unwrap();
+    let accel = accel::build(scene.validate().unwrap(), backend, &AccelOptions::default()).unwrap();
     let monitor = Monitor::default();
-    let rendering = render(scene, camera, accel.as_ref(), settings, &monitor).unwrap();
+    let rendering = render(
+        scene.validate().unwrap(),
+        camera,
+        accel.as_ref(),
+        settings,
+        &monitor,
+    )
+    .unwrap();
     let pixels = rendering.image.pixels.iter();
     pixels.map(|&pixel| DVec3::from(pixel.map(f64::from))).collect()
 }

@@ -70,10 +70,16 @@ impl FiledScene {
 
     /// Renders the view of the first camera with `backend`.
     pub fn rendered(&self, backend: Backend, settings: &RenderSettings) -> LinearImage {
-        let accel = accel::build(&self.scene, backend, &AccelOptions::default()).unwrap();
+        let accel = accel::build(self.scene.validate().unwrap(), backend, &AccelOptions::default()).unwrap();
         let monitor = Monitor::default();
-        render(&self.scene, &self.scene.cameras[0], &*accel, settings, &monitor)
-            .unwrap()
-            .image
+        render(
+            self.scene.validate().unwrap(),
+            &self.scene.cameras[0],
+            &*accel,
+            settings,
+            &monitor,
+        )
+        .unwrap()
+        .image
     }
 }

@@ -7,7 +7,7 @@ use glam::{DAffine3, DVec3};
 use crate::accel::{Accel, AccelError};
 use crate::parallel;
 use crate::render::{Monitor, RenderSettings, render};
-use crate::scene::{Background, Camera, Geometry, Instance, Light, LightKind, Scene};
+use crate::scene::{Background, Camera, Geometry, Instance, Light, LightKind, Scene, ValidScene};
 use crate::shape::{Shape, Sphere};
 use crate::verify::harness::test_meshes::{icosphere, scene};
 use crate::verify::harness::{Case, CaseRunner, Correctness, Counts};
@@ -81,7 +81,13 @@ fn bits(scene: &Scene, accel: &dyn Accel, thread_count: usize) -> Option<Vec<[u3
         .build()
         .ok()?;
     let rendering = parallel::install(&pool, || {
-        render(scene, &Camera::default(), accel, &settings, &monitor)
+        render(
+            ValidScene::assume(scene),
+            &Camera::default(),
+            accel,
+            &settings,
+            &monitor,
+        )
     })
     .ok()?;
     Some(

@@ -11,7 +11,7 @@ use crate::numeric::{Ray, SplitMix64};
 use crate::render::{Monitor, RenderSettings, render};
 use crate::scene::{
     Background, Camera, Falloff, Geometry, Instance, Light, LightKind, Material, Model, Normalisation, Phong,
-    Scene,
+    Scene, ValidScene,
 };
 use crate::shape::{Shape, Sphere};
 use crate::verify::cases::intersection::regressions::mixed_scene;
@@ -371,7 +371,13 @@ fn render_srgb(trial: &CaseRunner, scene: &Scene, size: u32) -> Result<Option<(V
         ..RenderSettings::default()
     };
     let monitor = Monitor::default();
-    let rendering = render(scene, &scene.cameras[0], &*accel, &settings, &monitor);
+    let rendering = render(
+        ValidScene::assume(scene),
+        &scene.cameras[0],
+        &*accel,
+        &settings,
+        &monitor,
+    );
     Ok(rendering.ok().map(|rendering| {
         let codes = ToneMap::default().srgb_bytes(&rendering.image);
         (codes, rendering.image.non_finite_count())

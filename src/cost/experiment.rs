@@ -10,7 +10,7 @@ use crate::scene::{Camera, ValidScene};
 
 /// Input of a study: scene, base configuration and limits.
 pub struct Experiment<'a> {
-    /// Scene to render.
+    /// Scene that the images show.
     pub scene: ValidScene<'a>,
     /// Camera that the images are rendered with.
     pub camera: &'a Camera,

@@ -8,7 +8,7 @@ use whit::image::check_writable;
 use whit::parallel;
 use whit::report::verify::{VerifyRow, case_list, table};
 use whit::report::verify_page;
-use whit::verify::{self, BackendVariant, Case, VARIANTS, Verdict, VerdictCache};
+use whit::verify::{self, BackendVariant, Case, Recording, VARIANTS, Verdict, VerdictCache};
 
 use super::args::VerifyArgs;
 use super::failure::Failure;
@@ -53,17 +53,21 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
         interrupt::check()?;
         progress.phase(case.id, path.name);
         progress.fraction(number as f64 / runs.len() as f64);
-        let check = if args.html.is_some() {
-            verify::check_with_drawings
-        } else {
-            verify::check
+        let recording = match args.html {
+            Some(_) => Recording::Drawings,
+            None => Recording::Queries,
         };
         // Verdicts of the exact reference are cached for all variants of a case
         if verdict_cache.0 != case.id {
             verdict_cache = (case.id, VerdictCache::default());
         }
         let outcome = parallel::install(&pool, || {
-            check((case, args.rays), path, isa.as_deref(), &verdict_cache.1)
+            verify::check(
+                (case, args.rays, recording),
+                path,
+                isa.as_deref(),
+                &verdict_cache.1,
+            )
         })?;
         rows.push(VerifyRow::new(case, path, outcome));
     }

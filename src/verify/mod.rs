@@ -20,8 +20,8 @@ mod scene_check;
 pub use cases::cases;
 pub use harness::{
     BackendVariant, Build, Case, CaseKind, CloseUp, Correctness, Counts, Error, FigureAxis, FigureData,
-    Formulas, Outcome, QueryResult, Render, SystemUnderTest, TracedRay, VARIANTS, Verdict, VerdictCache,
-    Watertightness, Wireframe, build_variant, check, check_with_drawings, describe, describe_ray,
+    Formulas, Outcome, QueryResult, Recording, Render, SystemUnderTest, TracedRay, VARIANTS, Verdict,
+    VerdictCache, Watertightness, Wireframe, build_variant, check, describe, describe_ray,
     has_instruction_set, view,
 };
 pub(crate) use scene_check::compare_shadow;

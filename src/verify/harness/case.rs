@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::counts::Counts;
-use super::runner::CaseRunner;
+use super::runner::{CaseRunner, Recording};
 use super::system_under_test::SystemUnderTest;
 use super::variant::{BackendVariant, Watertightness};
 use crate::accel::AccelError;
@@ -87,15 +87,16 @@ impl Case {
     ///
     /// Fails if an acceleration structure cannot be built.
     pub fn run_case(&self, rays: u64, subject: &SystemUnderTest) -> Result<Counts, AccelError> {
-        (self.run)(&CaseRunner::new(self.id, rays.max(1), subject))
+        self.run_recording(Recording::Queries, rays, subject)
     }
 
-    /// Runs the case as [`Case::run_case`] does, and adds line drawings of the scenes to [`Counts::figure_data`].
-    pub(super) fn run_case_with_drawings(
+    /// Runs the case as [`Case::run_case`] does, and adds the requested details to [`Counts::figure_data`].
+    pub(super) fn run_recording(
         &self,
+        recording: Recording,
         rays: u64,
         subject: &SystemUnderTest,
     ) -> Result<Counts, AccelError> {
-        (self.run)(&CaseRunner::new(self.id, rays.max(1), subject).with_drawings())
+        (self.run)(&CaseRunner::new(self.id, rays.max(1), subject, recording))
     }
 }

@@ -8,6 +8,7 @@ use super::case::Case;
 use super::counts::Counts;
 use super::engine::embree_identity;
 use super::formulas::Formulas;
+use super::runner::Recording;
 use super::system_under_test::{Build, SystemUnderTest};
 use super::variant::{BackendVariant, build_variant};
 use super::verdict_cache::VerdictCache;
@@ -48,37 +49,10 @@ pub struct Outcome {
 ///
 /// Fails if the structure cannot be built: without Embree, or on a machine without the instruction set.
 pub fn check(
-    (case, rays): (&Case, u64),
+    (case, rays, recording): (&Case, u64, Recording),
     path: &BackendVariant,
     isa: Option<&str>,
     verdict_cache: &VerdictCache,
-) -> Result<Outcome, AccelError> {
-    outcome(case, path, (isa, verdict_cache), |subject| {
-        case.run_case(rays, subject)
-    })
-}
-
-/// Runs a case as [`check`] does, and adds line drawings of the scenes to [`Counts::figure_data`].
-///
-/// # Errors
-///
-/// Fails if the structure cannot be built, as [`check`] does.
-pub fn check_with_drawings(
-    (case, rays): (&Case, u64),
-    path: &BackendVariant,
-    isa: Option<&str>,
-    verdict_cache: &VerdictCache,
-) -> Result<Outcome, AccelError> {
-    outcome(case, path, (isa, verdict_cache), |subject| {
-        case.run_case_with_drawings(rays, subject)
-    })
-}
-
-fn outcome(
-    case: &Case,
-    path: &BackendVariant,
-    (isa, verdict_cache): (Option<&str>, &VerdictCache),
-    run_case: impl FnOnce(&SystemUnderTest) -> Result<Counts, AccelError>,
 ) -> Result<Outcome, AccelError> {
     // Set up the system under test
     let build: &Build = &|scene| build_variant(scene, path, isa);
@@ -94,7 +68,7 @@ fn outcome(
     };
     // Run the case and measure its time
     let start = Instant::now();
-    let tally = run_case(&subject)?;
+    let tally = case.run_recording(recording, rays, &subject)?;
     let seconds = start.elapsed().as_secs_f64();
     // Derive the verdict
     let required = case.requires(path);

@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::accel::hit_compare::HitComparison;
+
 /// Verdict on one result against the exact one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
@@ -21,6 +23,25 @@ impl Correctness {
             Correctness::Wrong
         } else {
             Correctness::Right
+        }
+    }
+
+    /// Returns `Tie` if `is_tie`, else `Wrong`.
+    pub(in crate::verify) fn tie_if(is_tie: bool) -> Correctness {
+        if is_tie {
+            Correctness::Tie
+        } else {
+            Correctness::Wrong
+        }
+    }
+}
+
+impl From<HitComparison> for Correctness {
+    fn from(comparison: HitComparison) -> Correctness {
+        match comparison {
+            HitComparison::Same => Correctness::Right,
+            HitComparison::Tie => Correctness::Tie,
+            HitComparison::Wrong => Correctness::Wrong,
         }
     }
 }

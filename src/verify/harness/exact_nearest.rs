@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::correctness::Correctness;
 use super::expansion::{self, SurfaceCrossing};
 use crate::accel::Hit;
-use crate::accel::hit_compare::{HitComparison, compare};
+use crate::accel::hit_compare::compare;
 use crate::numeric::Ray;
 use crate::scene::Scene;
 
@@ -50,9 +50,5 @@ pub(in crate::verify) fn judge_against(
     exact: Option<Hit>,
     hit: Option<Hit>,
 ) -> Correctness {
-    match compare(scene, ray, exact, hit) {
-        HitComparison::Same => Correctness::Right,
-        HitComparison::Tie => Correctness::Tie,
-        HitComparison::Wrong => Correctness::Wrong,
-    }
+    compare(scene, ray, exact, hit).into()
 }

@@ -23,12 +23,13 @@ mod verdict_cache;
 mod wireframe;
 
 pub use case::{Case, CaseKind};
-pub use check::{Outcome, Verdict, check, check_with_drawings};
+pub use check::{Outcome, Verdict, check};
 pub use correctness::Correctness;
 pub use counts::Counts;
 pub use figure_data::{CloseUp, Error, FigureAxis, FigureData, TracedRay};
 pub use formulas::{Formulas, Render};
 pub use query_result::{QueryResult, describe, describe_ray};
+pub use runner::Recording;
 pub use system_under_test::{Build, SystemUnderTest};
 pub use variant::{BackendVariant, VARIANTS, Watertightness, build_variant, has_instruction_set};
 pub use verdict_cache::VerdictCache;

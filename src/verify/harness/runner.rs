@@ -15,7 +15,7 @@ use crate::scene::{Camera, Scene};
 
 /// Detail that a trial records beside its counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Recording {
+pub enum Recording {
     /// First queries of each kind.
     Queries,
     /// First queries of each kind, and line drawings of their scenes.
@@ -36,21 +36,18 @@ pub(in crate::verify) struct CaseRunner<'a> {
 
 impl<'a> CaseRunner<'a> {
     /// Creates the trial of a case; the identifier seeds its random numbers.
-    pub(super) fn new(id: &str, rays: u64, subject: &'a SystemUnderTest<'a>) -> CaseRunner<'a> {
+    pub(super) fn new(
+        id: &str,
+        rays: u64,
+        subject: &'a SystemUnderTest<'a>,
+        recording: Recording,
+    ) -> CaseRunner<'a> {
         let seed = id.bytes().fold(0, |seed: u64, byte| seed << 8 | u64::from(byte));
         CaseRunner {
             subject,
             rays,
             seed,
-            recording: Recording::Queries,
-        }
-    }
-
-    /// Returns the trial with line drawings of its scenes enabled.
-    pub(super) fn with_drawings(self) -> CaseRunner<'a> {
-        CaseRunner {
-            recording: Recording::Drawings,
-            ..self
+            recording,
         }
     }
 

@@ -6,7 +6,9 @@ use std::fs;
 use crate::support::cli_program::{fails_with, whit};
 use crate::support::naive;
 use whit::accel::{self, AccelOptions, Backend};
-use whit::verify::{Build, Formulas, SystemUnderTest, VARIANTS, Verdict, VerdictCache, cases, check};
+use whit::verify::{
+    Build, Formulas, Recording, SystemUnderTest, VARIANTS, Verdict, VerdictCache, cases, check,
+};
 
 /// Number of rays per case: enough to find an error in one ray of a hundred, within seconds in a debug build.
 const RAYS: u64 = 2000;
@@ -17,7 +19,7 @@ fn variants_that_guarantee_exact_results_have_no_errors() {
     for case in cases() {
         let verdict_cache = VerdictCache::default();
         for path in VARIANTS.iter().filter(|p| case.applies_to(p) && p.is_built_in()) {
-            let outcome = check((case, RAYS), path, None, &verdict_cache).unwrap();
+            let outcome = check((case, RAYS, Recording::Queries), path, None, &verdict_cache).unwrap();
             let tally = outcome.tally;
             if outcome.verdict == Verdict::Fails || tally.rays == 0 {
                 failures.push(format!("{} on {}: {tally:?}", case.id, path.name));

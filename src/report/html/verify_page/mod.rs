@@ -232,14 +232,20 @@ fn failures(row: &VerifyRow) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::verify::{BackendVariant, VARIANTS, VerdictCache, cases, check_with_drawings};
+    use crate::verify::{BackendVariant, Recording, VARIANTS, VerdictCache, cases, check};
 
     fn row(id: &str, path: &BackendVariant) -> VerifyRow {
         let case = cases().into_iter().find(|case| case.id == id).unwrap();
         VerifyRow::new(
             case,
             path,
-            check_with_drawings((case, 300), path, None, &VerdictCache::default()).unwrap(),
+            check(
+                (case, 300, Recording::Drawings),
+                path,
+                None,
+                &VerdictCache::default(),
+            )
+            .unwrap(),
         )
     }
 

@@ -3,15 +3,14 @@
 use glam::DVec3;
 
 use super::self_intersection::{outward_direction, spawn_ray};
-use crate::accel::hit_compare::{HitComparison, compare_occlusion};
+use crate::accel::hit_compare::compare_occlusion;
 use crate::accel::{self, AccelError, AccelOptions, Backend};
 use crate::numeric::{Ray, SplitMix64};
 use crate::render::{SpawnPoint, SpawnProbe};
 use crate::scene::{Scene, ValidScene};
 use crate::verify::harness::test_scenes::{self, test_scene};
 use crate::verify::harness::{
-    Case, CaseRunner, Correctness, Counts, Engine, Watertightness, describe, embree_identity, judge_against,
-    order,
+    Case, CaseRunner, Counts, Engine, Watertightness, describe, embree_identity, judge_against, order,
 };
 
 pub(in crate::verify::cases) const CASES: &[Case] = &[Case {
@@ -118,11 +117,7 @@ fn blocked(scene: &Scene, engines: [&Engine; 2], rays: &[Ray], random: &mut Spli
     let [found, expected] = engines.map(|engine| engine.blocked(rays, order(random)));
     let mut tally = Counts::default();
     for (i, ray) in rays.iter().enumerate() {
-        let correctness = match compare_occlusion(scene, ray, expected[i], found[i]) {
-            HitComparison::Same => Correctness::Right,
-            HitComparison::Tie => Correctness::Tie,
-            HitComparison::Wrong => Correctness::Wrong,
-        };
+        let correctness = compare_occlusion(scene, ray, expected[i], found[i]).into();
         tally.count(correctness, || format!("shadow {}", describe(ray, None)));
     }
     tally

@@ -115,11 +115,7 @@ impl Ground {
         let bound = ROUNDINGS / f64::from(1 << 24) * reach * slant;
         // Compare the distance from the seam with the bound
         tally.record_error(inside.abs() / bound);
-        if inside.abs() <= bound {
-            Correctness::Tie
-        } else {
-            Correctness::Wrong
-        }
+        Correctness::tie_if(inside.abs() <= bound)
     }
 }
 

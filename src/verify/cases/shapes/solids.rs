@@ -220,11 +220,7 @@ impl Solid {
                 let is_between = outer
                     .iter()
                     .any(|[a, b]| a.nearest() <= t + ulp && t - ulp <= b.nearest());
-                if is_between && !holds(&inner) {
-                    Correctness::Tie
-                } else {
-                    Correctness::Wrong
-                }
+                Correctness::tie_if(is_between && !holds(&inner))
             }
         }
     }

@@ -138,7 +138,7 @@ impl ExactRoots {
     fn judge(&self, hit: Option<Hit>, tally: &mut Counts) -> Correctness {
         match (hit, self.t) {
             (None, None) => Correctness::Right,
-            (None, Some(_)) => tie_if(self.is_tangent || self.roots[1] <= self.slack),
+            (None, Some(_)) => Correctness::tie_if(self.is_tangent || self.roots[1] <= self.slack),
             (Some(hit), Some(t)) if self.explains(hit.t, t) => {
                 let off = self.ulps(hit.t, t);
                 tally.record_error(off);
@@ -156,7 +156,7 @@ impl ExactRoots {
                     None => self.is_tangent || second.abs() <= self.slack,
                     Some(_) => first.abs() <= self.slack,
                 };
-                tie_if(is_open && (explains_hit(first) || explains_hit(second)))
+                Correctness::tie_if(is_open && (explains_hit(first) || explains_hit(second)))
             }
         }
     }
@@ -187,14 +187,6 @@ fn discriminant(
     // Fall back to exact arithmetic
     let exact = expansion::discriminant(o, d, sphere.center, sphere.radius);
     (exact.to_double_double(), exact.sign())
-}
-
-fn tie_if(is_tie: bool) -> Correctness {
-    if is_tie {
-        Correctness::Tie
-    } else {
-        Correctness::Wrong
-    }
 }
 
 /// Returns the distance from the f32 nearest to `x` to the next one.

@@ -102,9 +102,7 @@ fn tilted(oracle: &Oracle, ray: &Ray, at: &SpawnPoint, tally: &mut Counts) -> Co
     tally.record_error(angle / TILT);
     if angle <= TILT {
         Correctness::Right
-    } else if angle <= bound {
-        Correctness::Tie
     } else {
-        Correctness::Wrong
+        Correctness::tie_if(angle <= bound)
     }
 }

@@ -245,11 +245,7 @@ impl Oracle {
                 let last = outer.map(|roots| roots[1].nearest());
                 let high = Oracle::ahead(inner).or(last).unwrap_or(low);
                 let is_between = low - ulp <= t && t <= high + ulp;
-                if is_between {
-                    Correctness::Tie
-                } else {
-                    Correctness::Wrong
-                }
+                Correctness::tie_if(is_between)
             }
         }
     }

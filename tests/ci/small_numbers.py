@@ -39,7 +39,6 @@ ALLOWED = [
     ("optics/subsurface/presets.rs", "0.0002", "a measured coefficient"),
     ("render/subset/tiles.rs", "1e-9", "nanoseconds in seconds"),
     ("report/text/bench.rs", "1e-6", "rays in millions"),
-    ("report/html/page/axis.rs", "1e-4", "how the numbers of a plot are written"),
     ("shape/torus.rs", "1.1e-8", "√2^-53, of a torus of radius 1"),
     ("volume/optical_depth.rs", "1.908_214_929_270_587_7e-10", "the low part of ln 2"),
     ("volume/march.rs", "1e-7", "the default of a setting: the share of light that a march may lose"),

@@ -1,6 +1,6 @@
 //! Charts of the benchmark page of Embree against the BSP.
 
-use super::page::{BarEntry, Bars, Chart, DataPoint, Group, Line, LogAxis, Series, SeriesStyle, escape};
+use super::page::{BarEntry, Bars, DataPoint, Group, Line, PageElement, ScatterChart, Series, SeriesStyle};
 use crate::accel::{Backend, Precision};
 use crate::bench::{BenchRow, Mode, RayKind, Scaled};
 use crate::cost::Interval;
@@ -43,7 +43,7 @@ pub(super) fn method_name(row: &BenchRow) -> String {
 }
 
 /// Returns the bar chart of all methods' speeds in one scene, grouped by kind of ray.
-pub(super) fn speeds(rows: &[&BenchRow]) -> String {
+pub(super) fn speeds(rows: &[&BenchRow]) -> PageElement {
     let group = |kind: RayKind| Group {
         name: format!("{kind} rays"),
         bars: rows
@@ -59,15 +59,14 @@ pub(super) fn speeds(rows: &[&BenchRow]) -> String {
             .collect(),
     };
     let legend = [(BARE, "Embree, bare calls"), (EMBREE, "Embree"), (BSP, "BSP")];
-    Bars {
+    PageElement::Bars(Bars {
         label: "million rays per second on one thread",
         groups: kinds(rows).into_iter().map(group).collect(),
         legend: legend
             .into_iter()
             .filter(|(of, _)| rows.iter().any(|row| look(row) == *of))
             .collect(),
-    }
-    .html()
+    })
 }
 
 fn speed_words(row: &BenchRow, speed: Interval) -> String {
@@ -87,15 +86,11 @@ struct ChartLine {
 }
 
 /// Returns a line chart over `x` in which each line has its own look.
-fn lines(x: &str, y: &str, chart_lines: &[ChartLine], more: Vec<Line>) -> String {
-    // Fit the axes to all points
-    let all = |of: fn(&DataPoint) -> Interval| -> Vec<Interval> {
-        let spots = chart_lines.iter().flat_map(|chart_line| &chart_line.spots);
-        spots.map(of).collect()
-    };
+fn lines(x: &'static str, y: &'static str, chart_lines: &[ChartLine], more: Vec<Line>) -> PageElement {
     // Join the points of each line
     let joined = |(number, chart_line): (usize, &ChartLine)| Line {
-        class: format!("joined {}", SeriesStyle::Number(number).class()),
+        class: "joined",
+        look: SeriesStyle::Number(number),
         corners: chart_line
             .spots
             .iter()
@@ -103,10 +98,10 @@ fn lines(x: &str, y: &str, chart_lines: &[ChartLine], more: Vec<Line>) -> String
             .collect(),
     };
     // Draw additional lines first, below the measured ones
-    let chart = Chart {
+    let chart = ScatterChart {
         size: SIZE,
-        x: LogAxis::around(x, &all(|spot| spot.x)),
-        y: LogAxis::around(y, &all(|spot| spot.y)),
+        x,
+        y,
         lines: more
             .into_iter()
             .chain(chart_lines.iter().enumerate().map(joined))
@@ -115,13 +110,13 @@ fn lines(x: &str, y: &str, chart_lines: &[ChartLine], more: Vec<Line>) -> String
             .iter()
             .enumerate()
             .map(|(number, chart_line)| Series {
-                name: &chart_line.name,
+                name: chart_line.name.clone(),
                 look: SeriesStyle::Number(number),
-                spots: chart_line.spots.clone(),
+                points: chart_line.spots.clone(),
             })
             .collect(),
     };
-    chart.html()
+    PageElement::Scatter(chart.placed())
 }
 
 /// Methods whose lines a sweep shows, at each precision.
@@ -135,7 +130,7 @@ const OVER_SIZE: [(Backend, Mode); 6] = [
 ];
 
 /// Returns charts of speed over mesh size, one for each kind of ray.
-pub(super) fn speeds_over_size(rows: &[&BenchRow]) -> String {
+pub(super) fn speeds_over_size(rows: &[&BenchRow]) -> Vec<PageElement> {
     let chart = |kind: RayKind| {
         let of_kind = || rows.iter().filter(move |row| row.rays == kind);
         let mut chart_lines = Vec::new();
@@ -155,17 +150,16 @@ pub(super) fn speeds_over_size(rows: &[&BenchRow]) -> String {
             }
         }
         let words = format!("{kind} rays");
-        format!(
-            "<h3>{}</h3>\n{}",
-            escape(&words),
-            lines(TRIANGLES, SPEED, &chart_lines, Vec::new())
-        )
+        [
+            PageElement::subheading(&words),
+            lines(TRIANGLES, SPEED, &chart_lines, Vec::new()),
+        ]
     };
-    kinds(rows).into_iter().map(chart).collect()
+    kinds(rows).into_iter().flat_map(chart).collect()
 }
 
 /// Returns charts of build seconds and of bytes per triangle over mesh size.
-pub(super) fn builds_over_size(rows: &[&BenchRow]) -> String {
+pub(super) fn builds_over_size(rows: &[&BenchRow]) -> [PageElement; 4] {
     // Find the distinct acceleration structures
     let mut structures = Vec::new();
     for row in rows {
@@ -195,11 +189,12 @@ pub(super) fn builds_over_size(rows: &[&BenchRow]) -> String {
         let words = format!("{}\n{} bytes per triangle", row.name(), significant(bytes, 3));
         Some((Interval::exact(bytes), words))
     });
-    format!(
-        "<h3>Build time</h3>\n{}<h3>Memory</h3>\n{}",
+    [
+        PageElement::subheading("Build time"),
         lines(TRIANGLES, "build seconds", &seconds, Vec::new()),
-        lines(TRIANGLES, "bytes per triangle", &bytes, Vec::new())
-    )
+        PageElement::subheading("Memory"),
+        lines(TRIANGLES, "bytes per triangle", &bytes, Vec::new()),
+    ]
 }
 
 /// Returns the line through the first row of each size; `None` without rows.
@@ -231,7 +226,7 @@ fn chart_line(
 
 /// Returns the chart of speed over the number of threads: packets of Embree's first structure and of the BSP, by kind
 /// of ray. Dashed lines show ideal scaling of one thread's speed.
-pub(super) fn scaling(rows: &[&BenchRow]) -> String {
+pub(super) fn scaling(rows: &[&BenchRow]) -> PageElement {
     // Select one structure for each backend and kind of ray
     let mut ways = Vec::new();
     let is_shown = |row: &&&BenchRow| match (row.backend, row.mode) {
@@ -250,7 +245,8 @@ pub(super) fn scaling(rows: &[&BenchRow]) -> String {
             if let (Some(first), [Some(few), Some(many)]) = (row.scaling.first(), ends) {
                 let speed = first.mrays_per_s;
                 ideal.push(Line {
-                    class: "fitted".to_owned(),
+                    class: "fitted",
+                    look: SeriesStyle::Base,
                     corners: vec![[few, speed], [many, speed * many / few]],
                 });
             }

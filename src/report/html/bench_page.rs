@@ -4,7 +4,7 @@ use std::path::Path;
 use std::thread;
 
 use super::bench_charts;
-use super::page::{self, Cell, Column, Table, escape};
+use super::page::{self, Cell, Column, PageElement, Table};
 use crate::accel::Backend;
 use crate::bench::{BenchRow, Mode};
 use crate::cost::Interval;
@@ -28,21 +28,22 @@ pub struct Facts<'a> {
 
 /// Returns the page of all rows; rows of a scene are grouped.
 pub fn page(rows: &[BenchRow], facts: &Facts) -> String {
-    let mut body = "<h1>Embree against the BSP</h1>\n\
-                    <p>The same rays, recorded from each scene’s image, are traced by Embree, by whit’s own tree and \
-                    by bare loops over Embree’s functions.</p>\n"
-        .to_owned();
     let scenes = scenes(rows);
-    body += &known(rows, facts);
-    body += &numbers(rows, scenes.len());
+    let mut elements = vec![
+        PageElement::text(
+            "The same rays, recorded from each scene’s image, are traced by Embree, by whit’s own tree and by bare \
+             loops over Embree’s functions.",
+        ),
+        known(rows, facts),
+        numbers(rows, scenes.len()),
+    ];
     if facts.is_sweep && scenes.len() > 1 {
-        body += &sweep(rows);
+        elements.extend(sweep(rows));
     }
-    for (number, of_scene) in scenes.iter().enumerate() {
-        body += &section(of_scene, number);
-    }
-    body += &protocol(rows, facts);
-    page::page("whit bench", &body)
+    let scenes = scenes.iter().enumerate();
+    elements.extend(scenes.map(|(number, of_scene)| section(of_scene, number)));
+    elements.push(protocol(rows, facts));
+    page::page("whit bench", "Embree against the BSP", &elements)
 }
 
 /// Returns the rows grouped by scene.
@@ -57,13 +58,13 @@ fn scenes(rows: &[BenchRow]) -> Vec<Vec<&BenchRow>> {
     scenes.into_iter().map(|(_, of_scene)| of_scene).collect()
 }
 
-fn known(rows: &[BenchRow], facts: &Facts) -> String {
+fn known(rows: &[BenchRow], facts: &Facts) -> PageElement {
     let processors = thread::available_parallelism().map_or(1, usize::from);
     // Start with facts that every benchmark has
     let mut all = vec![
         (
             "processor",
-            format!("{}, {processors} available", escape(&cpu::processor())),
+            format!("{}, {processors} available", cpu::processor()),
         ),
         ("whit", env!("CARGO_PKG_VERSION").to_owned()),
     ];
@@ -72,7 +73,7 @@ fn known(rows: &[BenchRow], facts: &Facts) -> String {
         seen_before(&mut versions, format!("{}, {}", embree.version, embree.isa));
     }
     if !versions.is_empty() {
-        all.push(("Embree", escape(&versions.join("; "))));
+        all.push(("Embree", versions.join("; ")));
     }
     if let Some(row) = rows.first() {
         let words = format!(
@@ -82,11 +83,11 @@ fn known(rows: &[BenchRow], facts: &Facts) -> String {
         all.push(("threads", words));
     }
     all.push(("repetitions", facts.repeat.to_string()));
-    all.extend(facts.date.map(|date| ("date", escape(date))));
+    all.extend(facts.date.map(|date| ("date", date.to_owned())));
     page::facts(&all)
 }
 
-fn numbers(rows: &[BenchRow], scene_count: usize) -> String {
+fn numbers(rows: &[BenchRow], scene_count: usize) -> PageElement {
     let sum = |of: fn(&BenchRow) -> u64| rows.iter().map(of).sum::<u64>();
     let wrong = sum(|row| row.mismatches);
     // Count each set of rays once, though several methods trace it
@@ -110,18 +111,21 @@ fn numbers(rows: &[BenchRow], scene_count: usize) -> String {
 }
 
 /// Returns the section on speed and crossings over the size of the mesh.
-fn sweep(rows: &[BenchRow]) -> String {
+fn sweep(rows: &[BenchRow]) -> Vec<PageElement> {
     let all: Vec<&BenchRow> = rows.iter().collect();
-    let mut html = "<h2 id=\"size\">Speed over mesh size</h2>\n".to_owned();
+    let mut elements = vec![PageElement::named_heading("size", "Speed over mesh size")];
     // List the crossings of Embree and the BSP
     let method_pairs = crossover::method_pairs(rows);
     if !method_pairs.is_empty() {
-        let mut table = Table::new(&[
-            Column::Words("what"),
-            Column::Words("Embree’s precision"),
-            Column::Numbers("BSP over Embree"),
-            Column::Words("crossings"),
-        ]);
+        let mut table = Table::new(
+            "crossings",
+            &[
+                Column::Words("what"),
+                Column::Words("Embree’s precision"),
+                Column::Numbers("BSP over Embree"),
+                Column::Words("crossings"),
+            ],
+        );
         for pairing in &method_pairs {
             let cells = [
                 Cell::text(&pairing.what),
@@ -131,36 +135,44 @@ fn sweep(rows: &[BenchRow]) -> String {
             ];
             table.row(("", &pairing.what), &cells);
         }
-        html += "<p>A method is ahead where all of its repetitions were better than all of the other’s. Lines cross \
-                 where their medians do, joined by straight lines on logarithmic axes.</p>\n";
-        html += &table.html("crossings");
+        elements.push(PageElement::text(
+            "A method is ahead where all of its repetitions were better than all of the other’s. Lines cross where \
+             their medians do, joined by straight lines on logarithmic axes.",
+        ));
+        elements.push(PageElement::Table(table));
     }
     // Append charts over the size
-    html += &bench_charts::speeds_over_size(&all);
-    html + &bench_charts::builds_over_size(&all)
+    elements.extend(bench_charts::speeds_over_size(&all));
+    elements.extend(bench_charts::builds_over_size(&all));
+    elements
 }
 
-fn section(rows: &[&BenchRow], number: usize) -> String {
-    let Some(first) = rows.first() else {
-        return String::new();
-    };
-    let mut html = format!(
-        "<section id=\"scene{number}\">\n<h2>{}</h2>\n",
-        escape(&first.scene.display().to_string())
-    );
-    html += &page::facts(&[("triangles", group_thousands(first.triangles))]);
-    html += "<h3>Structures</h3>\n";
-    html += &structures(rows);
-    html += "<h3>Speed</h3>\n";
-    html += &bench_charts::speeds(rows);
-    html += &speeds(rows);
-    html += &frames(rows);
-    if !first.scaling.is_empty() {
-        html += "<h3>Threads</h3>\n<p>Dashed: ideal scaling of the speed of one thread.</p>\n";
-        html += &bench_charts::scaling(rows);
-        html += &scaling(rows);
+fn section(rows: &[&BenchRow], number: usize) -> PageElement {
+    let mut elements = Vec::new();
+    if let Some(first) = rows.first() {
+        elements.extend([
+            PageElement::heading(&first.scene.display().to_string()),
+            page::facts(&[("triangles", group_thousands(first.triangles))]),
+            PageElement::subheading("Structures"),
+            structures(rows),
+            PageElement::subheading("Speed"),
+            bench_charts::speeds(rows),
+            speeds(rows),
+        ]);
+        elements.extend(frames(rows));
+        if !first.scaling.is_empty() {
+            elements.extend([
+                PageElement::subheading("Threads"),
+                PageElement::text("Dashed: ideal scaling of the speed of one thread."),
+                bench_charts::scaling(rows),
+            ]);
+            elements.extend(scaling(rows));
+        }
     }
-    html + "</section>\n"
+    PageElement::Section {
+        id: format!("scene{number}"),
+        elements,
+    }
 }
 
 /// Returns the first row of each acceleration structure.
@@ -171,14 +183,17 @@ fn of_structures<'r>(rows: &[&'r BenchRow]) -> Vec<&'r BenchRow> {
         .collect()
 }
 
-fn structures(rows: &[&BenchRow]) -> String {
-    let mut table = Table::new(&[
-        Column::Words("structure"),
-        Column::Words("precision"),
-        Column::Numbers("build, s"),
-        Column::Numbers("memory"),
-        Column::Numbers("bytes per triangle"),
-    ]);
+fn structures(rows: &[&BenchRow]) -> PageElement {
+    let mut table = Table::new(
+        "structures",
+        &[
+            Column::Words("structure"),
+            Column::Words("precision"),
+            Column::Numbers("build, s"),
+            Column::Numbers("memory"),
+            Column::Numbers("bytes per triangle"),
+        ],
+    );
     for row in of_structures(rows) {
         let name = row.name();
         let bytes = row.bytes_per_triangle();
@@ -191,26 +206,29 @@ fn structures(rows: &[&BenchRow]) -> String {
         ];
         table.row(("", &name), &cells);
     }
-    table.html("structures")
+    PageElement::Table(table)
 }
 
 fn with_range(value: Interval) -> Cell {
     Cell::with_range(&significant(value.value, 3), &range(value, 3))
 }
 
-fn speeds(rows: &[&BenchRow]) -> String {
+fn speeds(rows: &[&BenchRow]) -> PageElement {
     let owned: Vec<BenchRow> = rows.iter().copied().cloned().collect();
     let ratios = BenchTable(&owned);
-    let mut table = Table::new(&[
-        Column::Words("rays"),
-        Column::Words("structure"),
-        Column::Words("mode"),
-        Column::Numbers("Mrays/s"),
-        Column::Numbers("relative to Embree"),
-        Column::Numbers("rays"),
-        Column::Numbers("wrong"),
-        Column::Numbers("ties"),
-    ]);
+    let mut table = Table::new(
+        "speeds",
+        &[
+            Column::Words("rays"),
+            Column::Words("structure"),
+            Column::Words("mode"),
+            Column::Numbers("Mrays/s"),
+            Column::Numbers("relative to Embree"),
+            Column::Numbers("rays"),
+            Column::Numbers("wrong"),
+            Column::Numbers("ties"),
+        ],
+    );
     for row in rows {
         let verdict = if row.mismatches > 0 { "fails" } else { "holds" };
         let cells = [
@@ -225,18 +243,21 @@ fn speeds(rows: &[&BenchRow]) -> String {
         ];
         table.row((verdict, &row.name()), &cells);
     }
-    table.html("speeds")
+    PageElement::Table(table)
 }
 
 /// Returns the table of render-loop times, at each precision for which frames were rendered.
-fn frames(rows: &[&BenchRow]) -> String {
-    let mut table = Table::new(&[
-        Column::Words("whole frame, one thread"),
-        Column::Numbers("seconds"),
-        Column::Numbers("rays"),
-        Column::Numbers("relative to bare calls"),
-        Column::Numbers("tracing"),
-    ]);
+fn frames(rows: &[&BenchRow]) -> Option<PageElement> {
+    let mut table = Table::new(
+        "frames",
+        &[
+            Column::Words("whole frame, one thread"),
+            Column::Numbers("seconds"),
+            Column::Numbers("rays"),
+            Column::Numbers("relative to bare calls"),
+            Column::Numbers("tracing"),
+        ],
+    );
     let mut seen = Vec::new();
     // Frame times in the BSP's rows repeat those of the first row.
     let own = |row: &&&BenchRow| row.backend == Backend::Embree && row.mode == Mode::Packet;
@@ -254,14 +275,11 @@ fn frames(rows: &[&BenchRow]) -> String {
         ];
         table.row(("", &row.name()), &cells);
     }
-    if seen.is_empty() {
-        return String::new();
-    }
-    table.html("frames")
+    (!seen.is_empty()).then_some(PageElement::Table(table))
 }
 
 /// Returns the table of build times and speeds by number of threads.
-fn scaling(rows: &[&BenchRow]) -> String {
+fn scaling(rows: &[&BenchRow]) -> [PageElement; 2] {
     // Create a column for each number of threads
     let counts = rows.first().map_or(&[][..], |row| &row.scaling);
     let names: Vec<String> = counts
@@ -275,7 +293,7 @@ fn scaling(rows: &[&BenchRow]) -> String {
     ];
     columns.extend(names.iter().map(|name| Column::Numbers(name)));
     columns.push(Column::Numbers("efficiency"));
-    let mut table = Table::new(&columns);
+    let mut table = Table::new("scaling dense", &columns);
     let efficiency_cell = |part: Option<f64>| Cell::text(&part.map_or(String::new(), percent));
     // Add the build times of each structure
     for row in of_structures(rows) {
@@ -301,13 +319,12 @@ fn scaling(rows: &[&BenchRow]) -> String {
         cells.push(efficiency_cell(efficiency(&row.scaling)));
         table.row(("", &row.name()), &cells);
     }
-    format!(
-        "{}<p class=\"faint\">efficiency: the speed on the most threads relative to ideal scaling of one thread.</p>\n",
-        table.html("scaling dense")
-    )
+    let text =
+        "efficiency: the speed on the most threads relative to ideal scaling of one thread.".to_owned();
+    [PageElement::Table(table), PageElement::Note { text }]
 }
 
-fn protocol(rows: &[BenchRow], facts: &Facts) -> String {
+fn protocol(rows: &[BenchRow], facts: &Facts) -> PageElement {
     // Describe rays, modes, times and comparison
     let mut all = vec![
         (
@@ -347,10 +364,10 @@ fn protocol(rows: &[BenchRow], facts: &Facts) -> String {
         let words = "The same packets, divided among the threads in parts of at least 64, and builds on as many threads.";
         all.push(("several threads", words.to_owned()));
     }
-    format!(
-        "<section id=\"protocol\">\n<h2>Measurement protocol</h2>\n{}</section>\n",
-        page::facts(&all)
-    )
+    PageElement::Section {
+        id: "protocol".to_owned(),
+        elements: vec![PageElement::heading("Measurement protocol"), page::facts(&all)],
+    }
 }
 
 #[cfg(test)]
@@ -396,8 +413,8 @@ mod tests {
         for words in [
             "no method is significantly ahead at any size",
             "raw-single",
-            "&lt;1000&gt;",
-            "&lt;date&gt;",
+            "\\u003c1000>",
+            "\\u003cdate>",
         ] {
             assert!(html.contains(words), "{words} in {html}");
         }
@@ -413,8 +430,8 @@ mod tests {
             row.mismatches = 1;
         }
         let html = page(&rows, &FACTS);
-        assert!(!html.contains("NaN") && !html.contains("inf\""), "{html}");
-        assert!(html.contains("class=\"tile fails\""));
+        assert!(!html.contains("NaN"), "{html}");
+        assert!(html.contains(r#""results that differ by more than rounding","fails""#));
         assert!(!page(&[], &FACTS).contains("NaN"));
     }
 

@@ -1,6 +1,6 @@
 //! HTML page of an image comparison: `whit compare --html`.
 
-use super::page::{self, Cell, Column, Table, View, escape};
+use super::page::{self, Cell, Column, PageElement, Table, View};
 use crate::image::metrics::Deviation;
 use crate::image::{LinearImage, ToneMap};
 use crate::report::format::percent;
@@ -49,28 +49,30 @@ pub fn page(report: &CompareReport, images: &ComparedImages) -> std::io::Result<
         tiles.push((not_numbers.to_string(), "pixels are not finite", "fails"));
     }
     // Assemble the page from facts, viewer and error table
-    let mut body = "<h1>Image comparison</h1>\n".to_owned();
-    body += &page::facts(&[
-        ("reference", escape(&report.reference.display().to_string())),
-        ("image", escape(&report.picture.display().to_string())),
+    let facts = page::facts(&[
+        ("reference", report.reference.display().to_string()),
+        ("image", report.picture.display().to_string()),
         ("size", format!("{}x{} pixels", report.width, report.height)),
     ]);
-    body += &page::numbers(&tiles);
     let tone = ToneMap {
         exposure_ev: report.exposure_ev,
     };
-    body += &viewer(images, tone)?;
-    body += "<h2>Errors</h2>\n";
-    body += &errors(report);
-    Ok(page::page("whit compare", &body))
+    let elements = [
+        facts,
+        page::numbers(&tiles),
+        viewer(images, tone)?,
+        PageElement::heading("Errors"),
+        errors(report),
+    ];
+    Ok(page::page("whit compare", "Image comparison", &elements))
 }
 
-/// Returns the HTML viewer of the images; `tone` applies to the compared ones.
+/// Returns the viewer of the images; `tone` applies to the compared ones.
 ///
 /// # Errors
 ///
 /// Returns an error if an image has more pixels than a PNG can store.
-pub(super) fn viewer(images: &ComparedImages, tone: ToneMap) -> std::io::Result<String> {
+pub(super) fn viewer(images: &ComparedImages, tone: ToneMap) -> std::io::Result<PageElement> {
     let plain = ToneMap::default();
     // Explain how to read the difference image
     let difference = format!(
@@ -84,7 +86,7 @@ pub(super) fn viewer(images: &ComparedImages, tone: ToneMap) -> std::io::Result<
         image,
         tone,
     };
-    page::viewer(&[
+    let views = [
         view("reference", "The reference", images.reference, tone),
         view("image", "The image", images.image, tone),
         view("difference", &difference, images.difference, plain),
@@ -94,17 +96,24 @@ pub(super) fn viewer(images: &ComparedImages, tone: ToneMap) -> std::io::Result<
             images.flip,
             plain,
         ),
-    ])
+    ];
+    let views = views.map(|view| Ok((view.name.to_owned(), view.image(1)?)));
+    Ok(PageElement::Viewer {
+        views: views.into_iter().collect::<std::io::Result<_>>()?,
+    })
 }
 
-fn errors(report: &CompareReport) -> String {
-    let mut table = Table::new(&[
-        Column::Words("of"),
-        Column::Numbers("RMSE"),
-        Column::Numbers("MAE"),
-        Column::Numbers("largest"),
-        Column::Numbers("relMSE"),
-    ]);
+fn errors(report: &CompareReport) -> PageElement {
+    let mut table = Table::new(
+        "",
+        &[
+            Column::Words("of"),
+            Column::Numbers("RMSE"),
+            Column::Numbers("MAE"),
+            Column::Numbers("largest"),
+            Column::Numbers("relMSE"),
+        ],
+    );
     let metrics = &report.metrics;
     let relative = format!("{:.4e}", metrics.rel_mse);
     // Relative errors exist for radiance only
@@ -118,5 +127,5 @@ fn errors(report: &CompareReport) -> String {
         row.push(Cell::text(relative));
         table.row(("", what), &row);
     }
-    table.html("")
+    PageElement::Table(table)
 }

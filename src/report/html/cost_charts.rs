@@ -1,7 +1,7 @@
 //! Charts of the page of error against render time.
 
-use super::page::{Bar, Chart, DataPoint, Line, LogAxis, Row, Series, SeriesStyle, Tornado, escape, figure};
-use crate::cost::{Curve, Interval, Knob, Point, Study};
+use super::page::{Bar, DataPoint, Line, PageElement, Row, ScatterChart, Series, SeriesStyle};
+use crate::cost::{Curve, Knob, Point, Study};
 use crate::report::format::{range, significant, times};
 use crate::report::knob_name::BASE;
 use crate::report::text::cost::error_ratio;
@@ -14,37 +14,37 @@ const LARGE: [f64; 2] = [900.0, 460.0];
 const SMALL: [f64; 2] = [345.0, 260.0];
 
 /// Returns the chart of all configurations with the staircase of the Pareto front.
-pub(super) fn front(study: &Study) -> String {
+pub(super) fn front(study: &Study) -> PageElement {
     // Create a series for each knob and one for the base
-    let [x, y] = axes(study.points.iter(), RMSE);
     let knobs = Knob::ALL.into_iter().enumerate();
     let mut series: Vec<Series> = knobs
         .map(|(number, knob)| Series {
-            name: knob.name(),
+            name: knob.name().to_owned(),
             look: SeriesStyle::Number(number),
-            spots: points_of(study, Some(knob))
+            points: points_of(study, Some(knob))
                 .map(|point| spot(point, ""))
                 .collect(),
         })
-        .filter(|series| !series.spots.is_empty())
+        .filter(|series| !series.points.is_empty())
         .collect();
     series.push(Series {
-        name: BASE,
+        name: BASE.to_owned(),
         look: SeriesStyle::Base,
-        spots: points_of(study, None).map(|point| spot(point, BASE)).collect(),
+        points: points_of(study, None).map(|point| spot(point, BASE)).collect(),
     });
     // Draw the front first, so that points cover it
-    let chart = Chart {
+    let chart = ScatterChart {
         size: LARGE,
-        x,
-        y,
+        x: SECONDS,
+        y: RMSE,
         lines: vec![Line {
-            class: "front".to_owned(),
+            class: "front",
+            look: SeriesStyle::Base,
             corners: pareto_staircase(study),
         }],
         series,
     };
-    chart.html()
+    PageElement::Scatter(chart.placed())
 }
 
 /// Returns the corners of the Pareto staircase: the least error that each time allows, horizontal to the next faster
@@ -80,15 +80,6 @@ fn points_of(study: &Study, knob: Option<Knob>) -> impl Iterator<Item = &Point> 
     study.points.iter().filter(move |point| point.knob == knob)
 }
 
-/// Returns axes that enclose all points; `rmse` is the label of the error axis.
-fn axes<'a>(points: impl Iterator<Item = &'a Point> + Clone, rmse: &'static str) -> [LogAxis<'static>; 2] {
-    let all = |of: fn(&Point) -> Interval| points.clone().map(of).collect::<Vec<_>>();
-    [
-        LogAxis::around(SECONDS, &all(|point| point.seconds)),
-        LogAxis::around(rmse, &all(|point| point.rmse)),
-    ]
-}
-
 fn spot(point: &Point, label: &str) -> DataPoint {
     // Describe the point by level, time, error and settings
     let settings = point
@@ -117,18 +108,17 @@ fn spot(point: &Point, label: &str) -> DataPoint {
 }
 
 /// Returns a chart for each knob with several levels, all with equal axes.
-pub(super) fn curves(study: &Study) -> String {
-    let places = study.curves.iter().flat_map(|curve| &curve.points);
-    let all = places.filter_map(|&i| study.points.get(i));
-    let axes = axes(all, "RMSE as displayed");
+pub(super) fn curves(study: &Study) -> PageElement {
     let charts = study.curves.iter().map(|curve| {
         let caption = format!("{}: {}", curve.knob, slope_words(curve));
-        figure(&small_chart(study, curve, axes).html(), &escape(&caption))
+        (caption, small_chart(study, curve))
     });
-    format!("<div class=\"pictures\">{}</div>\n", charts.collect::<String>())
+    PageElement::Multiples {
+        charts: charts.collect(),
+    }
 }
 
-fn small_chart<'a>(study: &'a Study, curve: &Curve, [x, y]: [LogAxis<'a>; 2]) -> Chart<'a> {
+fn small_chart(study: &Study, curve: &Curve) -> ScatterChart {
     let points: Vec<&Point> = curve.points.iter().filter_map(|&i| study.points.get(i)).collect();
     // Use the look that the knob has in the chart of all points
     let number = Knob::ALL.iter().position(|&knob| knob == curve.knob);
@@ -136,11 +126,13 @@ fn small_chart<'a>(study: &'a Study, curve: &Curve, [x, y]: [LogAxis<'a>; 2]) ->
     let corners = points.iter().map(|point| [point.seconds.value, point.rmse.value]);
     // Join the points, and add the fitted line
     let mut lines = vec![Line {
-        class: format!("joined {}", look.class()),
+        class: "joined",
+        look,
         corners: corners.clone().collect(),
     }];
     lines.extend(fitted(curve, corners).map(|corners| Line {
-        class: "fitted".to_owned(),
+        class: "fitted",
+        look: SeriesStyle::Base,
         corners: corners.to_vec(),
     }));
     let label = |point: &Point| match point.knob {
@@ -153,17 +145,18 @@ fn small_chart<'a>(study: &'a Study, curve: &Curve, [x, y]: [LogAxis<'a>; 2]) ->
             .to_owned(),
         None => BASE.to_owned(),
     };
-    Chart {
+    let chart = ScatterChart {
         size: SMALL,
-        x,
-        y,
+        x: SECONDS,
+        y: "RMSE as displayed",
         lines,
         series: vec![Series {
-            name: curve.knob.name(),
+            name: curve.knob.name().to_owned(),
             look,
-            spots: points.iter().map(|point| spot(point, &label(point))).collect(),
+            points: points.iter().map(|point| spot(point, &label(point))).collect(),
         }],
-    }
+    };
+    chart.placed()
 }
 
 /// Returns the ends of the fitted line through the mean of the points in logarithms, clipped to their times and errors.
@@ -202,7 +195,7 @@ fn slope_words(curve: &Curve) -> String {
 }
 
 /// Returns the tornado chart of each knob's extreme ratios of time and error.
-pub(super) fn extremes(study: &Study) -> String {
+pub(super) fn extremes(study: &Study) -> PageElement {
     // Create a row of two bars for each knob
     let rows = Knob::ALL.into_iter().filter_map(|knob| {
         let points: Vec<&Point> = points_of(study, Some(knob)).collect();
@@ -224,7 +217,10 @@ pub(super) fn extremes(study: &Study) -> String {
             words: format!("{knob}\n{}", words.join("\n")),
         })
     });
-    Tornado::new(rows.collect()).html("ratio to the base")
+    PageElement::Tornado {
+        label: "ratio to the base",
+        rows: rows.collect(),
+    }
 }
 
 fn bar_words(bar: &Bar) -> String {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::compare_page::viewer;
-use super::page::{self, Cell, Column, Table, View, embedded_image, escape, figure};
+use super::page::{self, Cell, Column, PageElement, Table, View};
 use super::{cost_charts, intersection_errors};
 use crate::cost::{Interval, Point, Study};
 use crate::image::ToneMap;
@@ -39,53 +39,60 @@ pub struct Facts<'a> {
 /// Returns an error if an image has more pixels than a PNG can store.
 pub fn page(study: &Study, facts: &Facts, images: &ComparedImages) -> std::io::Result<String> {
     // Show facts, main numbers and checks of the reference
-    let mut body = "<h1>Error against render time</h1>\n".to_owned();
-    body += &known(study, facts);
-    body += &numbers(study);
-    body += &checks(study);
+    let mut elements = vec![known(study, facts), numbers(study)];
+    elements.extend(checks(study));
     // Show the choice for a target
     if let Some(choice) = &study.choice {
-        body += "<h2 id=\"choice\">Chosen settings</h2>\n";
-        for line in choice_lines(choice) {
-            body += &format!("<p>{}</p>\n", escape(line.trim()));
-        }
+        elements.push(PageElement::named_heading("choice", "Chosen settings"));
+        let lines = choice_lines(choice);
+        elements.extend(lines.iter().map(|line| PageElement::text(line.trim())));
     }
     // Show charts of error over time
-    body += "<h2 id=\"front\">Error over time</h2>\n\
-             <p>All measured configurations; each changes one parameter of the base. Crosses are 95 % confidence \
+    elements.extend([
+        PageElement::named_heading("front", "Error over time"),
+        PageElement::text(
+            "All measured configurations; each changes one parameter of the base. Crosses are 95 % confidence \
              intervals. No configuration is known to lie below the line. The error of a point at the foot does not \
-             differ significantly from 0.</p>\n";
-    body += &cost_charts::front(study);
+             differ significantly from 0.",
+        ),
+        cost_charts::front(study),
+    ]);
     if !study.curves.is_empty() {
-        body += "<h2 id=\"curves\">Error over time for each parameter</h2>\n\
-                 <p>Dashed: the fitted slope, through the mean of the points.</p>\n";
-        body += &cost_charts::curves(study);
+        elements.extend([
+            PageElement::named_heading("curves", "Error over time for each parameter"),
+            PageElement::text("Dashed: the fitted slope, through the mean of the points."),
+            cost_charts::curves(study),
+        ]);
     }
     if study.points.iter().any(|point| point.knob.is_some()) {
-        body += "<h2 id=\"extremes\">Range of each parameter</h2>\n\
-                 <p>Smallest and largest time and error among a parameter’s levels, relative to the base.</p>\n";
-        body += &cost_charts::extremes(study);
-        body += "<h2 id=\"prices\">Cost of half the error</h2>\n";
-        body += &time_factors(study);
+        elements.extend([
+            PageElement::named_heading("extremes", "Range of each parameter"),
+            PageElement::text(
+                "Smallest and largest time and error among a parameter’s levels, relative to the base.",
+            ),
+            cost_charts::extremes(study),
+            PageElement::named_heading("prices", "Cost of half the error"),
+        ]);
+        elements.extend(time_factors(study));
     }
     // Show geometric errors and images of the base
-    body += &intersection_errors::section(study);
-    body += "<h2 id=\"pictures\">Images of the base</h2>\n";
-    body += &viewer(images, facts.tone)?;
-    body += &worst_tiles(images, facts.tone)?;
+    elements.extend(intersection_errors::section(study));
+    elements.push(PageElement::named_heading("pictures", "Images of the base"));
+    elements.push(viewer(images, facts.tone)?);
+    elements.extend(worst_tiles(images, facts.tone)?);
     // Show all configurations and the protocol
-    body += "<h2 id=\"points\">All configurations</h2>\n";
-    body += &points(study);
-    body += &protocol(study);
-    Ok(page::page("whit cost", &body))
+    elements.push(PageElement::named_heading("points", "All configurations"));
+    elements.extend(points(study));
+    elements.push(protocol(study));
+    Ok(page::page("whit cost", "Error against render time", &elements))
 }
 
-fn known(study: &Study, facts: &Facts) -> String {
+fn known(study: &Study, facts: &Facts) -> PageElement {
     let reference = &study.reference;
     // List scene, image size and reference
     let [width, height] = study.size;
     let mut all = vec![
-        ("scene", escape(&facts.scene.display().to_string())),
+        ("scene", facts.scene.display().to_string()),
         (
             "images",
             match study.pieces_of {
@@ -101,12 +108,12 @@ fn known(study: &Study, facts: &Facts) -> String {
             format!(
                 "two halves of {} samples per pixel, by {}; the error of their mean is {} (RMS as displayed)",
                 reference.spp,
-                escape(&reference.paths.join(" and ")),
+                reference.paths.join(" and "),
                 significant(reference.noise, 2)
             ),
         ),
         // Identify the machine and the program
-        ("processor", escape(&cpu::processor())),
+        ("processor", cpu::processor()),
         ("whit", env!("CARGO_PKG_VERSION").to_owned()),
     ];
     all.extend(study.points.first().map(|base| {
@@ -118,12 +125,12 @@ fn known(study: &Study, facts: &Facts) -> String {
         ("setup", words)
     }));
     // Add facts that may be absent
-    all.extend(facts.embree.as_ref().map(|version| ("Embree", escape(version))));
-    all.extend(facts.date.map(|date| ("date", escape(date))));
+    all.extend(facts.embree.as_ref().map(|version| ("Embree", version.clone())));
+    all.extend(facts.date.map(|date| ("date", date.to_owned())));
     page::facts(&all)
 }
 
-fn numbers(study: &Study) -> String {
+fn numbers(study: &Study) -> PageElement {
     let of_base = |of: fn(&Point) -> f64| study.points.first().map_or(f64::NAN, of);
     // Show the base's time and error first
     let seconds = significant(of_base(|base| base.seconds.value), 3);
@@ -140,26 +147,29 @@ fn numbers(study: &Study) -> String {
 }
 
 /// Returns the table of the reference's checks, with a warning on top if any failed.
-fn checks(study: &Study) -> String {
+fn checks(study: &Study) -> Vec<PageElement> {
     let reference = &study.reference;
-    let mut html = String::new();
+    let mut elements = Vec::new();
     // Warn about failed checks
     if !reference.has_converged() {
         let failed = reference.checks.iter().filter(|check| !check.holds);
-        let lines =
-            failed.map(|check| format!("<li>{}: {}</li>\n", escape(&check.name), escape(&check.words)));
-        html += &format!(
-            "<div class=\"stamp\" role=\"alert\"><b>REFERENCE NOT CONVERGED</b>\n<ul>\n{}</ul>\n\
-             <p>The errors on this page are not reliable.</p></div>\n",
-            lines.collect::<String>()
-        );
+        elements.push(PageElement::Alert {
+            title: "REFERENCE NOT CONVERGED",
+            items: failed
+                .map(|check| format!("{}: {}", check.name, check.words))
+                .collect(),
+            text: "The errors on this page are not reliable.",
+        });
     }
     // List all checks
-    let mut table = Table::new(&[
-        Column::Words("check of the reference"),
-        Column::Words(""),
-        Column::Words("measured"),
-    ]);
+    let mut table = Table::new(
+        "checks",
+        &[
+            Column::Words("check of the reference"),
+            Column::Words(""),
+            Column::Words("measured"),
+        ],
+    );
     for check in &reference.checks {
         let verdict = if check.holds { "holds" } else { "fails" };
         let cells = [
@@ -169,12 +179,13 @@ fn checks(study: &Study) -> String {
         ];
         table.row((verdict, &check.name), &cells);
     }
-    html + &table.html("checks")
+    elements.push(PageElement::Table(table));
+    elements
 }
 
 /// Returns tables of the cost of half the error by graded knobs, and of the levels of other knobs.
-fn time_factors(study: &Study) -> String {
-    let mut halves = Table::new(&[Column::Words("parameter"), Column::Words("cost")]);
+fn time_factors(study: &Study) -> Vec<PageElement> {
+    let mut halves = Table::new("prices", &[Column::Words("parameter"), Column::Words("cost")]);
     for curve in &study.curves {
         let words = match study.time_factor_of_half_error(curve) {
             Some(factor) => format!("half the error takes {} the time", format_time_factor(factor)),
@@ -183,26 +194,30 @@ fn time_factors(study: &Study) -> String {
         let name = curve.knob.name();
         halves.row(("", name), &[Cell::text(name), Cell::wrapped(&words)]);
     }
-    let mut html = String::new();
+    let mut elements = Vec::new();
     if !study.curves.is_empty() {
-        html += &halves.html("prices");
+        elements.push(PageElement::Table(halves));
     }
-    html + &levels(study)
+    elements.extend(levels(study));
+    elements
 }
 
 /// Returns the table of time and error of knobs without an order.
-fn levels(study: &Study) -> String {
+fn levels(study: &Study) -> Vec<PageElement> {
     let has_no_order = |point: &&Point| point.knob.is_some_and(|knob| !knob.is_graded());
     let others: Vec<&Point> = study.points.iter().filter(has_no_order).collect();
     if others.is_empty() {
-        return String::new();
+        return Vec::new();
     }
-    let mut table = Table::new(&[
-        Column::Words("parameter"),
-        Column::Words("level"),
-        Column::Numbers("time"),
-        Column::Numbers("error"),
-    ]);
+    let mut table = Table::new(
+        "levels",
+        &[
+            Column::Words("parameter"),
+            Column::Words("level"),
+            Column::Numbers("time"),
+            Column::Numbers("error"),
+        ],
+    );
     for point in others {
         let cells = [
             Cell::text(knob_name(point)),
@@ -212,32 +227,34 @@ fn levels(study: &Study) -> String {
         ];
         table.row(("", knob_name(point)), &cells);
     }
-    format!(
-        "<p>Parameters without an order, relative to the base:</p>\n{}",
-        table.html("levels")
-    )
+    vec![
+        PageElement::text("Parameters without an order, relative to the base:"),
+        PageElement::Table(table),
+    ]
 }
 
 /// Returns the tiles where the base differs most from the reference, beside the reference.
-fn worst_tiles(images: &ComparedImages, tone: ToneMap) -> std::io::Result<String> {
+fn worst_tiles(images: &ComparedImages, tone: ToneMap) -> std::io::Result<Vec<PageElement>> {
     let tiles = worst(images.reference, images.image, tone, MAX_TILES);
     if tiles.is_empty() {
-        return Ok(String::new());
+        return Ok(Vec::new());
     }
-    let mut figures = String::new();
-    for tile in &tiles {
-        figures += &enlarged(images, tile, tone)?;
-    }
-    Ok(format!(
-        "<h3>Largest differences of the base from the reference</h3>\n\
-         <p>Enlarged {ENLARGED} times: the image at the left, the reference at the right.</p>\n\
-         <div class=\"pictures crops\">{figures}</div>\n"
-    ))
+    let figures = tiles.iter().map(|tile| enlarged(images, tile, tone));
+    Ok(vec![
+        PageElement::subheading("Largest differences of the base from the reference"),
+        PageElement::text(&format!(
+            "Enlarged {ENLARGED} times: the image at the left, the reference at the right."
+        )),
+        PageElement::SideBySide {
+            class: "pictures crops",
+            elements: figures.collect::<std::io::Result<_>>()?,
+        },
+    ])
 }
 
-fn enlarged(images: &ComparedImages, tile: &ErrorTile, tone: ToneMap) -> std::io::Result<String> {
+fn enlarged(images: &ComparedImages, tile: &ErrorTile, tone: ToneMap) -> std::io::Result<PageElement> {
     // Show the image at the left and the reference at the right
-    let mut pair = String::new();
+    let mut pair = Vec::new();
     for (image, words) in [(images.image, "The image"), (images.reference, "The reference")] {
         let view = View {
             name: "",
@@ -245,18 +262,24 @@ fn enlarged(images: &ComparedImages, tile: &ErrorTile, tone: ToneMap) -> std::io
             image: &crop(image, tile.at, tile.size),
             tone,
         };
-        pair += &embedded_image(&view, ENLARGED)?;
+        pair.push(PageElement::Image(view.image(ENLARGED)?));
     }
-    let words = format!(
+    let caption = format!(
         "column {}, row {}: RMSE {}",
         tile.at[0],
         tile.at[1],
         significant(tile.mse.sqrt(), 2)
     );
-    Ok(figure(&format!("<div class=\"pair\">{pair}</div>"), &words))
+    Ok(PageElement::Figure {
+        elements: vec![PageElement::SideBySide {
+            class: "pair",
+            elements: pair,
+        }],
+        caption,
+    })
 }
 
-fn points(study: &Study) -> String {
+fn points(study: &Study) -> [PageElement; 2] {
     // Choose the columns
     let mut columns = vec![
         Column::Words("parameter"),
@@ -280,7 +303,7 @@ fn points(study: &Study) -> String {
     if study.points.iter().any(|point| point.non_finite > 0) {
         columns.push(Column::Numbers("not finite"));
     }
-    let mut table = Table::new(&columns);
+    let mut table = Table::new("wide dense", &columns);
     // Add a row for each configuration
     for point in &study.points {
         let mut cells = cells(point).to_vec();
@@ -293,13 +316,12 @@ fn points(study: &Study) -> String {
         cells.push(Cell::count(point.non_finite));
         table.row(("", knob_name(point)), &cells);
     }
-    format!(
-        "{}<p class=\"faint\">time: relative to the base. RMSE as displayed, black 0 and white 1: bias is the part \
+    let text = "time: relative to the base. RMSE as displayed, black 0 and white 1: bias is the part \
          that remains however many images are averaged, deviation the part that differs between images. changed: \
          pixels off by more than 1/255. instructions: per pixel, where counted. Behind a value: its 95 % confidence \
-         interval.</p>\n",
-        table.html("wide dense")
-    )
+         interval."
+        .to_owned();
+    [PageElement::Table(table), PageElement::Note { text }]
 }
 
 fn cells(point: &Point) -> [Cell; 12] {
@@ -326,7 +348,7 @@ fn cells(point: &Point) -> [Cell; 12] {
     ]
 }
 
-fn protocol(study: &Study) -> String {
+fn protocol(study: &Study) -> PageElement {
     // Describe the measurement as pairs of term and text
     let timing = &study.timing;
     let facts = page::facts(&[
@@ -362,7 +384,10 @@ fn protocol(study: &Study) -> String {
             ),
         ),
     ]);
-    format!("<section id=\"protocol\">\n<h2>Measurement protocol</h2>\n{facts}</section>\n")
+    PageElement::Section {
+        id: "protocol".to_owned(),
+        elements: vec![PageElement::heading("Measurement protocol"), facts],
+    }
 }
 
 #[cfg(test)]
@@ -474,7 +499,7 @@ pub(crate) mod tests {
             "half the error takes x4.0 (3.2 to 5.0) the time",
             "samples: error ∝ time^-0.50 (-0.60 to -0.43)",
             "column 0, row 0: RMSE 0.29",
-            "two halves of 1024 samples per pixel, by robust and &lt;bsp&gt;",
+            "two halves of 1024 samples per pixel, by robust and \\u003cbsp>",
         ] {
             assert!(html.contains(words), "{words} in {html}");
         }
@@ -487,7 +512,7 @@ pub(crate) mod tests {
             point.seconds = Interval::exact(0.0);
         }
         let html = page_of(&study);
-        assert!(!html.contains("NaN") && !html.contains("inf\""), "{html}");
+        assert!(!html.contains("NaN"), "{html}");
     }
 
     #[test]
@@ -495,8 +520,8 @@ pub(crate) mod tests {
         let mut study = study();
         study.reference.checks[0].holds = false;
         let html = page_of(&study);
-        assert!(html.contains("<b>REFERENCE NOT CONVERGED</b>"));
-        assert!(html.contains("<li>noise: 0.1 of 0.2</li>"), "{html}");
+        assert!(html.contains("REFERENCE NOT CONVERGED"));
+        assert!(html.contains(r#""items":["noise: 0.1 of 0.2"]"#), "{html}");
     }
 
     #[test]
@@ -504,7 +529,7 @@ pub(crate) mod tests {
         let mut study = study();
         study.curves.clear();
         study.points.truncate(1);
-        assert_eq!(page_of(&study).matches("class=\"point\"").count(), 1);
+        assert_eq!(page_of(&study).matches(r#""x":["#).count(), 1);
         study.points.clear();
         assert!(!page_of(&study).contains("NaN"));
     }

@@ -1,10 +1,7 @@
 //! HTML page of the cross-check of scenes' own rays by two backends: `whit verify SCENE --html`.
 
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD;
-
-use super::page::{self, Cell, Column, Table, escape, figure};
-use crate::image::{LinearImage, ToneMap, png_bytes};
+use super::page::{self, Cell, Column, PageElement, Table, View};
+use crate::image::{LinearImage, ToneMap};
 use crate::report::cpu;
 use crate::report::text::cross_check::{CrossCheckReport, format_counts};
 use crate::report::text::table::group_thousands;
@@ -24,16 +21,12 @@ pub struct Part<'a> {
 
 /// Returns the page of all scenes; `date` is shown as the user gave it.
 pub fn page(scenes: &[Part], date: Option<&str>) -> String {
-    let mut body = "<h1>Cross-check of the scenes’ own rays</h1>\n\
-                    <p>The rays of each scene’s image were traced through two structures. Where the results differ, \
-                    the bounds on rounding separate ties from wrong results.</p>\n"
-        .to_owned();
     // Sum the counts over all scenes
     let sum = |of: fn(&CrossCheckReport) -> u64| scenes.iter().map(|part| of(part.report)).sum::<u64>();
     let wrong = sum(|report| report.rays.values().map(|rays| rays.wrong_count()).sum());
     let ties = sum(|report| report.rays.values().map(|rays| rays.tie_count()).sum());
     let rays = sum(|report| report.rays.values().map(|rays| rays.rays).sum());
-    body += &page::numbers(&[
+    let tiles = page::numbers(&[
         (scenes.len().to_string(), "scenes", ""),
         (group_thousands(rays), "rays", ""),
         (
@@ -46,67 +39,77 @@ pub fn page(scenes: &[Part], date: Option<&str>) -> String {
     // List facts about the run
     let mut facts = vec![
         ("whit", env!("CARGO_PKG_VERSION").to_owned()),
-        ("processor", escape(&cpu::processor())),
+        ("processor", cpu::processor()),
     ];
     if let Some(date) = date {
-        facts.push(("date", escape(date)));
+        facts.push(("date", date.to_owned()));
     }
-    body += &page::facts(&facts);
     // Append a section for each scene
-    for (number, part) in scenes.iter().enumerate() {
-        body += &section(part, number);
-    }
-    page::page("whit verify: scenes’ own rays", &body)
+    let mut elements = vec![
+        PageElement::text(
+            "The rays of each scene’s image were traced through two structures. Where the results differ, the bounds \
+             on rounding separate ties from wrong results.",
+        ),
+        tiles,
+        page::facts(&facts),
+    ];
+    let scenes = scenes.iter().enumerate();
+    elements.extend(scenes.map(|(number, part)| section(part, number)));
+    page::page(
+        "whit verify: scenes’ own rays",
+        "Cross-check of the scenes’ own rays",
+        &elements,
+    )
 }
 
-fn section(part: &Part, number: usize) -> String {
+fn section(part: &Part, number: usize) -> PageElement {
     let report = part.report;
-    let mut html = format!(
-        "<section id=\"scene{number}\">\n<h2>{}</h2>\n",
-        escape(&report.scene.display().to_string())
-    );
     let [first, second] = &report.backends;
-    html += &page::facts(&[("first", escape(first)), ("second", escape(second))]);
-    if let Some(overlay) = part.overlay {
-        html += &overlay_figure(report, overlay);
+    let mut elements = vec![
+        PageElement::heading(&report.scene.display().to_string()),
+        page::facts(&[("first", first.clone()), ("second", second.clone())]),
+    ];
+    elements.extend(part.overlay.and_then(|overlay| overlay_figure(report, overlay)));
+    elements.extend([PageElement::subheading("Rays"), rays(report)]);
+    elements.extend(differences(report));
+    elements.push(PageElement::subheading("Meshes"));
+    elements.extend(meshes(report));
+    let warnings = report.warnings.iter();
+    elements.extend(warnings.map(|warning| PageElement::text(&format!("Loading: {warning}"))));
+    PageElement::Section {
+        id: format!("scene{number}"),
+        elements,
     }
-    html += "<h3>Rays</h3>\n";
-    html += &rays(report);
-    html += &differences(report);
-    html += "<h3>Meshes</h3>\n";
-    html += &meshes(report);
-    for warning in &report.warnings {
-        html += &format!("<p>Loading: {}</p>\n", escape(warning));
-    }
-    html + "</section>\n"
 }
 
-fn overlay_figure(report: &CrossCheckReport, overlay: &LinearImage) -> String {
-    // An image too large for a PNG is too large for a page.
-    let Ok(png) = png_bytes(overlay, ToneMap::default()) else {
-        return String::new();
-    };
+/// Returns the overlay; `None` if it is too large for a PNG, and so for a page.
+fn overlay_figure(report: &CrossCheckReport, overlay: &LinearImage) -> Option<PageElement> {
     let [wrong, ties] = report.legend();
     let words = format!("The dimmed image with the rays that differ: red {wrong}; yellow {ties}");
-    let words = escape(&words);
-    let image = format!(
-        "<img width=\"{}\" height=\"{}\" alt=\"{words}\" src=\"data:image/png;base64,{}\">",
-        overlay.width,
-        overlay.height,
-        STANDARD.encode(png)
-    );
-    figure(&image, &words)
+    let view = View {
+        name: "",
+        words: &words,
+        image: overlay,
+        tone: ToneMap::default(),
+    };
+    Some(PageElement::Figure {
+        elements: vec![PageElement::Image(view.image(1).ok()?)],
+        caption: words.clone(),
+    })
 }
 
-fn rays(report: &CrossCheckReport) -> String {
-    let mut table = Table::new(&[
-        Column::Words("rays"),
-        Column::Numbers("traced"),
-        Column::Numbers("wrong"),
-        Column::Words("at"),
-        Column::Numbers("ties"),
-        Column::Words("at"),
-    ]);
+fn rays(report: &CrossCheckReport) -> PageElement {
+    let mut table = Table::new(
+        "",
+        &[
+            Column::Words("rays"),
+            Column::Numbers("traced"),
+            Column::Numbers("wrong"),
+            Column::Words("at"),
+            Column::Numbers("ties"),
+            Column::Words("at"),
+        ],
+    );
     for (kind, rays) in report.comparisons() {
         let verdict = if rays.wrong_count() > 0 { "fails" } else { "holds" };
         let places = |counts| format_counts(counts).trim_matches([' ', '(', ')']).to_owned();
@@ -120,14 +123,14 @@ fn rays(report: &CrossCheckReport) -> String {
         ];
         table.row((verdict, kind.word()), &cells);
     }
-    table.html("")
+    PageElement::Table(table)
 }
 
 /// Returns the first differing rays with their bits, so that they can be traced again.
-fn differences(report: &CrossCheckReport) -> String {
+fn differences(report: &CrossCheckReport) -> Vec<PageElement> {
     let mut all: Vec<&Difference> = report.differences().collect();
     if all.is_empty() {
-        return String::new();
+        return Vec::new();
     }
     // The sort is stable, so that rays keep their order.
     all.sort_by_key(|difference| !difference.is_wrong);
@@ -144,15 +147,12 @@ fn differences(report: &CrossCheckReport) -> String {
             )
         })
         .collect();
-    format!(
-        "<p>The first {} of {} recorded differences:</p>\n<pre>{}</pre>\n",
-        lines.len(),
-        all.len(),
-        escape(&lines.join("\n"))
-    )
+    let words = format!("The first {} of {} recorded differences:", lines.len(), all.len());
+    let text = lines.join("\n");
+    vec![PageElement::text(&words), PageElement::Preformatted { text }]
 }
 
-fn meshes(report: &CrossCheckReport) -> String {
+fn meshes(report: &CrossCheckReport) -> Vec<PageElement> {
     let triangles = group_thousands(report.meshes.triangles);
     let advice = report.meshes.advice();
     if advice.is_empty() {
@@ -161,16 +161,22 @@ fn meshes(report: &CrossCheckReport) -> String {
         } else {
             ""
         };
-        return format!("<p>{triangles} triangles{state}.</p>\n");
+        return vec![PageElement::text(&format!("{triangles} triangles{state}."))];
     }
-    let mut table = Table::new(&[
-        Column::Numbers("count"),
-        Column::Words("defect"),
-        Column::Words("remedy"),
-    ]);
+    let mut table = Table::new(
+        "",
+        &[
+            Column::Numbers("count"),
+            Column::Words("defect"),
+            Column::Words("remedy"),
+        ],
+    );
     for (count, what, remedy) in advice {
         let cells = [Cell::count(count), Cell::wrapped(what), Cell::wrapped(remedy)];
         table.row(("", ""), &cells);
     }
-    format!("<p>{triangles} triangles:</p>\n{}", table.html(""))
+    vec![
+        PageElement::text(&format!("{triangles} triangles:")),
+        PageElement::Table(table),
+    ]
 }

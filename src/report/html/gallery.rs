@@ -10,7 +10,7 @@ use base64::engine::general_purpose::STANDARD;
 use percent_encoding::{AsciiSet, CONTROLS, utf8_percent_encode};
 use serde::{Deserialize, Serialize};
 
-use super::page::{self, BarEntry, Bars, Group, SeriesStyle, Stack, Stacks, escape};
+use super::page::{self, BarEntry, Bars, Card, EffectPart, Group, PageElement, SeriesStyle, Stack, Stacks};
 use crate::cost::Interval;
 use crate::image::{LinearImage, ToneMap, png_bytes};
 use crate::report::cpu;
@@ -207,33 +207,31 @@ impl Gallery {
     pub fn page(&self) -> String {
         // Show the summary and the charts of time
         let effects = self.effects();
-        let mut body = format!("<h1>{}</h1>\n", escape(&self.title));
-        body += &self.summary();
-        body += &self.times();
-        body += &self.effects_in_all(&effects);
-        body += "<h2>Frames</h2>\n";
+        let mut elements = self.summary().to_vec();
+        elements.extend([PageElement::heading("Seconds of each frame"), self.times()]);
+        if !effects.is_empty() {
+            elements.extend([PageElement::heading("Time by effect"), effects_in_all(&effects)]);
+        }
+        elements.push(PageElement::heading("Frames"));
         // Show a filter for each status that occurs
         let statuses: Vec<_> = FrameStatus::ALL
             .into_iter()
             .filter(|&status| self.count(status) > 0)
             .map(|status| (status.class(), status.word()))
             .collect();
-        body += &page::filter(&statuses);
-        body += ORDER;
+        elements.push(page::filter(&statuses));
         // Show a card for each frame
-        body += "<div class=\"gallery\">\n";
-        for (number, frame) in self.frames.iter().enumerate() {
-            body += &frame.card(number, &effects);
-        }
-        body += "</div>\n";
-        page::page(&self.title, &body)
+        elements.push(PageElement::Gallery {
+            cards: self.frames.iter().map(|frame| frame.card(&effects)).collect(),
+        });
+        page::page(&self.title, &self.title, &elements)
     }
 
     fn count(&self, status: FrameStatus) -> usize {
         self.frames.iter().filter(|frame| frame.status == status).count()
     }
 
-    fn summary(&self) -> String {
+    fn summary(&self) -> [PageElement; 2] {
         let tile = |status: FrameStatus| {
             let class = if self.count(status) > 0 {
                 status.class()
@@ -259,14 +257,14 @@ impl Gallery {
         let machine = self.machine.clone().unwrap_or_else(cpu::processor);
         let mut facts = vec![
             ("whit", env!("CARGO_PKG_VERSION").to_owned()),
-            ("machine", escape(&machine)),
+            ("machine", machine),
         ];
         facts.extend(
             self.facts
                 .iter()
-                .map(|(name, value)| (name.as_str(), escape(value))),
+                .map(|(name, value)| (name.as_str(), value.clone())),
         );
-        page::numbers(&tiles) + &page::facts(&facts)
+        [page::numbers(&tiles), page::facts(&facts)]
     }
 
     /// Returns the effects with their seconds in all frames and their colours, in descending order of time.
@@ -295,13 +293,13 @@ impl Gallery {
     }
 
     /// Returns the chart of seconds over the number of the frame.
-    fn times(&self) -> String {
+    fn times(&self) -> PageElement {
         let stack = |frame: &GalleryFrame| Stack {
             parts: frame.seconds.parts().to_vec(),
             is_wrong: frame.status == FrameStatus::Failed,
             words: format!("{}: {}, {}", frame.name, frame.status.word(), frame.times()),
         };
-        let stacks = Stacks {
+        PageElement::Stacks(Stacks {
             x_label: "frame",
             y_label: "seconds",
             parts: vec![
@@ -311,39 +309,29 @@ impl Gallery {
                 (SeriesStyle::Number(2), "write"),
             ],
             stacks: self.frames.iter().map(stack).collect(),
-        };
-        format!("<h2>Seconds of each frame</h2>\n{}", stacks.html())
-    }
-
-    fn effects_in_all(&self, effects: &[(&str, f64, SeriesStyle)]) -> String {
-        if effects.is_empty() {
-            return String::new();
-        }
-        let whole: f64 = effects.iter().map(|effect| effect.1).sum();
-        let bar = |&(name, seconds, look): &(&str, f64, SeriesStyle)| BarEntry {
-            name: name.to_owned(),
-            look,
-            value: Interval::exact(seconds),
-            label: percent(seconds / whole),
-            words: format!("{name}: {}, {} of all", time(seconds), percent(seconds / whole)),
-        };
-        let bars = Bars {
-            label: "seconds of all threads",
-            groups: vec![Group {
-                name: "all frames".to_owned(),
-                bars: effects.iter().map(bar).collect(),
-            }],
-            legend: Vec::new(),
-        };
-        format!("<h2>Time by effect</h2>\n{}", bars.html())
+        })
     }
 }
 
-/// HTML form that selects the order of the frames.
-const ORDER: &str = "<form class=\"order\"><label>Order <select aria-label=\"Order\">\
-    <option value=\"number\">by number</option><option value=\"name\">by name</option>\
-    <option value=\"time\">longest first</option><option value=\"status\">failed first</option></select></label>\n\
-    <span class=\"faint\">Arrow keys move between frames, Enter opens a frame, / starts a search.</span></form>\n";
+/// Returns the chart of each effect's seconds in all frames.
+fn effects_in_all(effects: &[(&str, f64, SeriesStyle)]) -> PageElement {
+    let whole: f64 = effects.iter().map(|effect| effect.1).sum();
+    let bar = |&(name, seconds, look): &(&str, f64, SeriesStyle)| BarEntry {
+        name: name.to_owned(),
+        look,
+        value: Interval::exact(seconds),
+        label: percent(seconds / whole),
+        words: format!("{name}: {}, {} of all", time(seconds), percent(seconds / whole)),
+    };
+    PageElement::Bars(Bars {
+        label: "seconds of all threads",
+        groups: vec![Group {
+            name: "all frames".to_owned(),
+            bars: effects.iter().map(bar).collect(),
+        }],
+        legend: Vec::new(),
+    })
+}
 
 impl GalleryFrame {
     /// Returns the total time and the time of each phase in words.
@@ -362,87 +350,51 @@ impl GalleryFrame {
         }
     }
 
-    fn card(&self, number: usize, effects: &[(&str, f64, SeriesStyle)]) -> String {
-        // Escape name and path for HTML
-        let status = self.status;
-        let name = escape(&self.name);
-        let is_there = matches!(status, FrameStatus::Done | FrameStatus::Skipped);
-        let to = escape(&format!("./{}", utf8_percent_encode(&self.image, NOT_IN_PATHS)));
-        // Show the thumbnail, or the status where there is none
-        let image = match (&self.thumbnail[..], is_there) {
-            ([], true) => "<div class=\"nothing\">no thumbnail</div>".to_owned(),
-            ([], false) => format!("<div class=\"nothing\">{}</div>", status.word()),
-            (png, _) => format!(
-                "<img loading=\"lazy\" decoding=\"async\" alt=\"{name}\" src=\"data:image/png;base64,{}\">",
-                STANDARD.encode(png)
-            ),
-        };
-        // Link to the image if it exists
-        let (image, title) = if is_there {
-            (
-                format!("<a class=\"open\" tabindex=\"-1\" href=\"{to}\">{image}</a>"),
-                format!("<a tabindex=\"-1\" href=\"{to}\">{name}</a>"),
-            )
-        } else {
-            (image, name.clone())
-        };
-        let mut html = format!(
-            "<article class=\"frame {class}\" data-verdict=\"{class}\" data-number=\"{number}\" data-name=\"{name}\" \
-             data-seconds=\"{}\" tabindex=\"0\">{image}\n<h3>{title} <span class=\"badge {class}\">{}</span></h3>\n",
-            finite_or_zero(self.seconds.sum()),
-            status.word(),
-            class = status.class()
-        );
-        // Append message, shares of effects and details
-        if !self.message.is_empty() {
-            html += &format!("<p class=\"message\">{}</p>\n", escape(&self.message));
+    fn card(&self, effects: &[(&str, f64, SeriesStyle)]) -> Card {
+        let is_there = matches!(self.status, FrameStatus::Done | FrameStatus::Skipped);
+        let (shares, shares_words) = self.shares(effects);
+        Card {
+            name: self.name.clone(),
+            status: (self.status.class(), self.status.word()),
+            // Link to the image if it exists
+            address: is_there.then(|| format!("./{}", utf8_percent_encode(&self.image, NOT_IN_PATHS))),
+            png: STANDARD.encode(&self.thumbnail),
+            seconds: finite_or_zero(self.seconds.sum()),
+            message: self.message.clone(),
+            shares,
+            shares_words,
+            words: self.words(),
         }
-        html += &self.share(effects);
-        html += &format!("<p>{}</p>\n</article>\n", escape(&self.words()));
-        html
     }
 
-    /// Returns a bar with the shares of the effects in the threads' time.
-    fn share(&self, effects: &[(&str, f64, SeriesStyle)]) -> String {
+    /// Returns the shares of the effects in the threads' time, and the shares in words.
+    fn shares(&self, effects: &[(&str, f64, SeriesStyle)]) -> (Vec<EffectPart>, String) {
         // Select effects with a positive time
-        let seconds = |name: &str| {
-            let of = self.ledger.iter().filter(|share| share.name == name);
-            of.map(|share| finite_or_zero(share.seconds)).sum::<f64>()
+        let own = |name: &str| -> Vec<&EffectShare> {
+            self.ledger.iter().filter(|share| share.name == name).collect()
         };
+        let seconds =
+            |name: &str| -> f64 { own(name).iter().map(|share| finite_or_zero(share.seconds)).sum() };
         let parts: Vec<_> = effects
             .iter()
             .map(|&(name, _, look)| (name, seconds(name), look))
             .filter(|part| part.1 > 0.0)
             .collect();
         let whole: f64 = parts.iter().map(|part| part.1).sum();
-        if parts.is_empty() {
-            return String::new();
-        }
-        // Draw a part of the bar for each effect
-        let rays = |name: &str| {
-            let of = self.ledger.iter().filter(|share| share.name == name);
-            group_thousands(of.map(|share| share.rays).sum())
-        };
-        let bars = parts.iter().map(|&(name, seconds, look)| {
-            format!(
-                "<i class=\"{}\" style=\"width:{:.2}%\" title=\"{}: {}, {} rays\"></i>",
-                look.class(),
-                100.0 * seconds / whole,
-                escape(name),
-                time(seconds),
-                rays(name)
-            )
+        // Describe each effect for its tooltip, and all of them for screen readers
+        let shares = parts.iter().map(|&(name, seconds, look)| {
+            let rays = group_thousands(own(name).iter().map(|share| share.rays).sum());
+            EffectPart {
+                look,
+                part: seconds / whole,
+                words: format!("{name}: {}, {rays} rays", time(seconds)),
+            }
         });
-        // Describe the bar for screen readers
-        let descriptions = parts
+        let words: Vec<String> = parts
             .iter()
-            .map(|&(name, seconds, _)| format!("{name} {}", percent(seconds / whole)));
-        let descriptions: Vec<String> = descriptions.collect();
-        format!(
-            "<div class=\"share\" role=\"img\" aria-label=\"{}\">{}</div>\n",
-            escape(&descriptions.join(", ")),
-            bars.collect::<String>()
-        )
+            .map(|&(name, seconds, _)| format!("{name} {}", percent(seconds / whole)))
+            .collect();
+        (shares.collect(), words.join(", "))
     }
 
     /// Returns size, times, settings and rays in words.
@@ -524,9 +476,12 @@ mod tests {
             ..Gallery::default()
         }
         .page();
-        assert!(page.contains("href=\"./javascript:a%23b%20c%3F.png\""), "{page}");
-        assert!(!page.contains("\"><script>") && !page.contains("<b>\n") && page.contains("&lt;b&gt;"));
-        assert!(page.contains("<title>&lt;/title&gt;</title>"));
+        assert!(
+            page.contains(r#""address":"./javascript:a%23b%20c%3F.png""#),
+            "{page}"
+        );
+        assert!(!page.contains("\"><script>") && !page.contains("<b>") && page.contains("\\u003cb>"));
+        assert!(page.contains("<title>&lt;/title></title>"));
     }
 
     #[test]
@@ -549,13 +504,11 @@ mod tests {
             ..Gallery::default()
         };
         let page = gallery.page();
-        let body = page
-            .split("<main>")
-            .nth(1)
-            .unwrap()
-            .split("<script>")
-            .next()
-            .unwrap();
-        assert!(!body.contains("NaN") && !body.contains("width:inf"), "{body}");
+        let (_, description) = page.split_once("application/json").unwrap();
+        let (description, _) = description.split_once("</script>").unwrap();
+        assert!(
+            !description.contains("NaN") && !description.contains("inf"),
+            "{description}"
+        );
     }
 }

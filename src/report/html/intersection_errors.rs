@@ -1,6 +1,6 @@
 //! Geometric errors on the page of error against render time: leaks, false hits and false shadows.
 
-use super::page::{Cell, Chart, Column, DataPoint, LogAxis, Series, SeriesStyle, Table};
+use super::page::{Cell, Column, DataPoint, PageElement, ScatterChart, Series, SeriesStyle, Table};
 use crate::cost::{GeometricErrors, Interval, Knob, Point, Study};
 use crate::report::format::{range, significant, times};
 use crate::report::knob_name::{BASE, knob_name};
@@ -14,52 +14,51 @@ const WRONG: &str = "wrong results per million rays";
 const SIZE: [f64; 2] = [700.0, 300.0];
 
 /// Returns the section of the page; empty where no errors were counted.
-pub(super) fn section(study: &Study) -> String {
+pub(super) fn section(study: &Study) -> Vec<PageElement> {
     if counted(study).next().is_none() {
-        return String::new();
+        return Vec::new();
     }
-    format!(
-        "<h2 id=\"geometry\">Geometric errors</h2>\n\
-         <p>The rays of the scene’s own image, traced on every intersection path and compared with the BSP, which \
+    vec![
+        PageElement::named_heading("geometry", "Geometric errors"),
+        PageElement::text(
+            "The rays of the scene’s own image, traced on every intersection path and compared with the BSP, which \
          decides in f64 where f32 cannot. A result is wrong if no ray within rounding in f32 of it has that result; \
          otherwise it is a tie, as at an outline. Crosses are 95 % confidence intervals of the share. \
-         At the foot no result was wrong.</p>\n{}{}",
-        chart(study).html(),
-        table(study)
-    )
+         At the foot no result was wrong.",
+        ),
+        chart(study),
+        table(study),
+    ]
 }
 
-fn chart(study: &Study) -> Chart<'static> {
-    // Collect the values for the axes and the points of each knob
-    let all = |of: &dyn Fn(&Point, &GeometricErrors) -> Interval| {
-        let spots = counted(study).map(|(point, errors)| of(point, errors));
-        spots.collect::<Vec<_>>()
-    };
+fn chart(study: &Study) -> PageElement {
+    // Collect the points of each knob
     let of_knob = |knob: Option<Knob>| {
         let points = counted(study).filter(move |(point, _)| point.knob == knob);
         points.map(|(point, errors)| spot(point, errors)).collect()
     };
     // Create a series for each knob and one for the base, with the looks of the chart of all points
     let turned = Knob::ALL.into_iter().enumerate().map(|(number, knob)| Series {
-        name: knob.name(),
+        name: knob.name().to_owned(),
         look: SeriesStyle::Number(number),
-        spots: of_knob(Some(knob)),
+        points: of_knob(Some(knob)),
     });
     let base = Series {
-        name: BASE,
+        name: BASE.to_owned(),
         look: SeriesStyle::Base,
-        spots: of_knob(None),
+        points: of_knob(None),
     };
-    Chart {
+    let chart = ScatterChart {
         size: SIZE,
-        x: LogAxis::around(SECONDS, &all(&|point, _| point.seconds)),
-        y: LogAxis::around(WRONG, &all(&|_, errors| a_million(errors))),
+        x: SECONDS,
+        y: WRONG,
         lines: Vec::new(),
         series: turned
             .chain([base])
-            .filter(|series| !series.spots.is_empty())
+            .filter(|series| !series.points.is_empty())
             .collect(),
-    }
+    };
+    PageElement::Scatter(chart.placed())
 }
 
 fn a_million(errors: &GeometricErrors) -> Interval {
@@ -90,22 +89,25 @@ fn spot(point: &Point, errors: &GeometricErrors) -> DataPoint {
     }
 }
 
-fn table(study: &Study) -> String {
+fn table(study: &Study) -> PageElement {
     // Give time, build and memory beside the counts, as accuracy costs these
-    let mut table = Table::new(&[
-        Column::Words("parameter"),
-        Column::Words("level"),
-        Column::Numbers("time"),
-        Column::Numbers("build"),
-        Column::Numbers("memory"),
-        Column::Numbers("camera rays"),
-        Column::Numbers("leaks"),
-        Column::Numbers("false hits"),
-        Column::Numbers("shadow rays"),
-        Column::Numbers("false shadows"),
-        Column::Numbers("light leaks"),
-        Column::Numbers("ties"),
-    ]);
+    let mut table = Table::new(
+        "wide dense geometry",
+        &[
+            Column::Words("parameter"),
+            Column::Words("level"),
+            Column::Numbers("time"),
+            Column::Numbers("build"),
+            Column::Numbers("memory"),
+            Column::Numbers("camera rays"),
+            Column::Numbers("leaks"),
+            Column::Numbers("false hits"),
+            Column::Numbers("shadow rays"),
+            Column::Numbers("false shadows"),
+            Column::Numbers("light leaks"),
+            Column::Numbers("ties"),
+        ],
+    );
     // Add a row for each point with counted errors
     for (point, errors) in counted(study) {
         let cells = [
@@ -124,7 +126,7 @@ fn table(study: &Study) -> String {
         ];
         table.row(("", knob_name(point)), &cells);
     }
-    table.html("wide dense geometry")
+    PageElement::Table(table)
 }
 
 #[cfg(test)]
@@ -136,7 +138,7 @@ mod tests {
     #[test]
     fn errors_are_listed_only_where_counted() {
         let mut study = study();
-        assert_eq!((section(&study), lines(&study).len()), (String::new(), 0));
+        assert_eq!((section(&study).len(), lines(&study).len()), (0, 0));
         // Count no errors for the base
         let none = GeometricErrors {
             camera_rays: 600,
@@ -158,16 +160,16 @@ mod tests {
             lines(&study),
             ["geometry: samples 16: 3 leaks, 0 false hits, 7 false shadows, 0 light leaks of 1000 rays"]
         );
-        let html = section(&study);
+        let json = serde_json::to_string(&section(&study)).unwrap();
         // 10 of 1000 rays are wrong.
         assert!(
-            html.contains("1.00e4 per million") || html.contains("10000 per million"),
-            "{html}"
+            json.contains("1.00e4 per million") || json.contains("10000 per million"),
+            "{json}"
         );
         assert!(
-            html.contains("id=\"geometry\"") && !html.contains("NaN"),
-            "{html}"
+            json.contains(r#""id":"geometry""#) && !json.contains("NaN"),
+            "{json}"
         );
-        assert_eq!(html.matches("class=\"point\"").count(), 2, "{html}");
+        assert_eq!(json.matches(r#""x":["#).count(), 2, "{json}");
     }
 }

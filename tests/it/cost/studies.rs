@@ -405,6 +405,6 @@ fn instructions_are_counted_if_valgrind_is_installed() {
     assert!(
         fs::read_to_string(folder.path().join("report.html"))
             .unwrap()
-            .contains("class=\"number\">instructions<")
+            .contains(r#"["instructions",true]"#)
     );
 }

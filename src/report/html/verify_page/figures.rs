@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::report::html::page::{Drawing, Mark, Plot, Region, escape, figure};
+use crate::report::html::page::{Drawing, Mark, PageElement, Plot, Region};
 use crate::report::text::verify::VerifyRow;
 use crate::verify::{CloseUp, Correctness, FigureAxis, FigureData, TracedRay, view};
 
@@ -23,49 +23,49 @@ fn class(correctness: Correctness) -> &'static str {
 }
 
 /// Returns the figures of one case from its rows: of the configuration with the most wrong results, or of the first.
-pub(super) fn of(rows: &[VerifyRow]) -> String {
+pub(super) fn of(rows: &[VerifyRow]) -> Option<PageElement> {
     let badness = |row: &&VerifyRow| (row.outcome.tally.wrong, row.outcome.tally.ties);
-    let Some(row) = rows.iter().rev().max_by_key(badness) else {
-        return String::new();
-    };
+    let row = rows.iter().rev().max_by_key(badness)?;
     let figure_data = &row.outcome.tally.figure_data;
-    let mut html = String::new();
+    let mut elements = Vec::new();
     if let Some(axis) = figure_data.axis {
-        html += &errors(figure_data, axis, row.case.unit);
+        elements.push(errors(figure_data, axis, row.case.unit));
     }
-    html += &whole(figure_data, row.path);
+    elements.extend(whole(figure_data, row.path));
     if !figure_data.close_ups.is_empty() {
-        let views: String = figure_data
-            .close_ups
-            .iter()
-            .map(|view| close_up(figure_data, view))
-            .collect();
-        html += &format!("<div class=\"small\">{views}</div>\n");
+        let views = figure_data.close_ups.iter();
+        elements.push(PageElement::SideBySide {
+            class: "small",
+            elements: views.map(|view| close_up(figure_data, view)).collect(),
+        });
     }
-    if html.is_empty() {
-        return html;
-    }
-    format!("<div class=\"pictures\">{html}</div>\n")
+    (!elements.is_empty()).then_some(PageElement::SideBySide {
+        class: "pictures",
+        elements,
+    })
 }
 
-fn errors(figure_data: &FigureData, axis: FigureAxis, unit: &str) -> String {
+fn errors(figure_data: &FigureData, axis: FigureAxis, unit: &str) -> PageElement {
     let marks: Vec<Mark> = figure_data
         .shown_errors()
+        .filter(|error| error.at.is_finite())
         .map(|error| Mark {
             x: error.at,
             y: error.off,
             class: class(error.correctness),
         })
         .collect();
-    let y_label = format!("error, {unit}");
-    let words = format!("{} of the tested arguments, including the worst", marks.len());
+    let caption = format!("{} of the tested arguments, including the worst", marks.len());
     let plot = Plot {
-        x_label: axis.label,
-        y_label: &y_label,
+        x_label: axis.label.to_owned(),
+        y_label: format!("error, {unit}"),
         limit: axis.bound,
         marks,
     };
-    figure(&plot.svg(), &words)
+    PageElement::Figure {
+        elements: vec![PageElement::Plot(plot)],
+        caption,
+    }
 }
 
 /// Returns a point's projection into the plane of the figure.
@@ -81,10 +81,8 @@ fn end(traced: &TracedRay) -> Option<DVec3> {
 }
 
 /// Returns the figure of all recorded rays with the outline of the objects.
-fn whole(figure_data: &FigureData, path: &str) -> String {
-    let Some(wireframe) = &figure_data.wireframe else {
-        return String::new();
-    };
+fn whole(figure_data: &FigureData, path: &str) -> Option<PageElement> {
+    let wireframe = figure_data.wireframe.as_ref()?;
     // Choose the visible region: the whole object unless it is too large
     let ends: Vec<DVec2> = figure_data.traced.iter().filter_map(end).map(seen).collect();
     let lines: Vec<[DVec2; 2]> = wireframe.lines.iter().map(|line| line.map(seen)).collect();
@@ -93,10 +91,7 @@ fn whole(figure_data: &FigureData, path: &str) -> String {
         (Some(ends), Some(target)) if target.half <= WHOLE * ends.half => Some(target),
         (Some(ends), _) => Some(ends),
         (None, target) => target,
-    };
-    let Some(region) = region else {
-        return String::new();
-    };
+    }?;
     // Draw the outline and the hit primitives
     let mut drawing = Drawing::new(region, LARGE);
     for &line in &lines {
@@ -139,11 +134,11 @@ fn whole(figure_data: &FigureData, path: &str) -> String {
         count(Correctness::Wrong),
         length(2.0 * region.half)
     );
-    figure(&drawing.svg(&words), &escape(&words))
+    Some(drawn(drawing, words))
 }
 
 /// Returns the close-up of the triangles around one ray, in the direction of the ray.
-fn close_up(figure_data: &FigureData, view: &CloseUp) -> String {
+fn close_up(figure_data: &FigureData, view: &CloseUp) -> PageElement {
     let traced = &figure_data.traced[view.traced];
     let region = Region {
         center: DVec2::ZERO,
@@ -161,7 +156,15 @@ fn close_up(figure_data: &FigureData, view: &CloseUp) -> String {
         (Correctness::Wrong, Some(_)) => "wrong",
     };
     let words = format!("along a ray, {result}; {} wide", length(2.0 * view.size));
-    figure(&drawing.svg(&words), &words)
+    drawn(drawing, words)
+}
+
+/// Returns the figure of a drawing with its description as caption.
+fn drawn(drawing: Drawing, caption: String) -> PageElement {
+    PageElement::Figure {
+        elements: vec![PageElement::Drawing(drawing.described(&caption))],
+        caption,
+    }
 }
 
 /// Formats a length with three significant digits.

@@ -4,7 +4,7 @@ mod figures;
 
 use std::collections::BTreeSet;
 
-use super::page::{self, Cell, Column, Table, escape};
+use super::page::{self, Cell, Column, PageElement, Table};
 use crate::report::cpu;
 use crate::report::text::verify::{VerifyRow, required_of, word};
 use crate::verify::{Correctness, Verdict, bits, describe};
@@ -24,23 +24,34 @@ pub struct Run {
 /// Returns the HTML page of all rows.
 pub fn page(rows: &[VerifyRow], run: &Run) -> String {
     // Show the summary and the number of wrong results by case and configuration
-    let mut body = summary(rows, run);
-    body += "<h2>Cases and paths</h2>\n\
-             <p>Number of wrong results. Green: none. Amber: some, on a path without this requirement. Red: some, on a \
-             path that must have none.</p>\n";
-    body += &overview(rows);
-    // Show all checks with a filter
-    body += "<h2>All checks</h2>\n";
-    body += &page::filter(&[("holds", "holds"), ("measured", "measured"), ("fails", "fails")]);
-    body += &checks(rows);
-    body += "<h2>Rays and arguments</h2>\n\
-             <p class=\"key\">Colours: <i class=\"right\"></i>right <i class=\"tie\"></i>tie: rounding \
-             explains the result <i class=\"wrong\"></i>wrong: it does not</p>\n";
+    let mut elements = summary(rows, run);
+    elements.extend([
+        PageElement::heading("Cases and paths"),
+        PageElement::text(
+            "Number of wrong results. Green: none. Amber: some, on a path without this requirement. Red: some, on a \
+             path that must have none.",
+        ),
+        overview(rows),
+        // Show all checks with a filter
+        PageElement::heading("All checks"),
+        page::filter(&[("holds", "holds"), ("measured", "measured"), ("fails", "fails")]),
+        checks(rows),
+        PageElement::heading("Rays and arguments"),
+        PageElement::Key {
+            colors: vec![
+                ("right", "right"),
+                ("tie", "tie: rounding explains the result"),
+                ("wrong", "wrong: it does not"),
+            ],
+        },
+    ]);
     // Show a section for each case
-    for of_case in rows.chunk_by(|a, b| a.case.id == b.case.id) {
-        body += &section(of_case);
-    }
-    page::page("whit verify: hard cases with exact results", &body)
+    elements.extend(rows.chunk_by(|a, b| a.case.id == b.case.id).map(section));
+    page::page(
+        "whit verify: hard cases with exact results",
+        "Hard cases with exact results",
+        &elements,
+    )
 }
 
 /// Returns the CSS class of a verdict.
@@ -52,7 +63,7 @@ fn class(verdict: Verdict) -> &'static str {
     }
 }
 
-fn summary(rows: &[VerifyRow], run: &Run) -> String {
+fn summary(rows: &[VerifyRow], run: &Run) -> Vec<PageElement> {
     // Count verdicts for the tiles
     let count = |verdict| rows.iter().filter(|row| row.outcome.verdict == verdict).count();
     // A tile has a colour only if its count is positive
@@ -60,12 +71,11 @@ fn summary(rows: &[VerifyRow], run: &Run) -> String {
         let class = if count(verdict) > 0 { class(verdict) } else { "" };
         (count(verdict).to_string(), words, class)
     };
-    let mut html = "<h1>Hard cases with exact results</h1>\n\
-                    <p>Rays and arguments for which rounding decides the result, traced on every intersection path. A \
-                    result that differs from the exact one is wrong if the bounds on rounding do not explain it; \
-                    otherwise it is a tie.</p>\n"
-        .to_owned();
-    html += &page::numbers(&[
+    let text = PageElement::text(
+        "Rays and arguments for which rounding decides the result, traced on every intersection path. A result that \
+         differs from the exact one is wrong if the bounds on rounding do not explain it; otherwise it is a tie.",
+    );
+    let tiles = page::numbers(&[
         (rows.len().to_string(), "checks", ""),
         tile(Verdict::Holds, "hold"),
         tile(Verdict::Measured, "measured without a requirement"),
@@ -85,16 +95,16 @@ fn summary(rows: &[VerifyRow], run: &Run) -> String {
             if embree.is_empty() {
                 "none".into()
             } else {
-                escape(&embree.join(", "))
+                embree.join(", ")
             },
         ),
-        ("processor", escape(&cpu::processor())),
+        ("processor", cpu::processor()),
         ("rays per case and path", run.rays.to_string()),
     ];
     if let Some(date) = &run.date {
-        facts.push(("date", escape(date)));
+        facts.push(("date", date.clone()));
     }
-    html + &page::facts(&facts)
+    vec![text, tiles, page::facts(&facts)]
 }
 
 /// Returns the name of a row's configuration, with the instruction set if Embree ran with several.
@@ -111,7 +121,7 @@ fn isa(row: &VerifyRow) -> Option<&str> {
 }
 
 /// Returns the table of wrong results with a row for each case and a column for each configuration.
-fn overview(rows: &[VerifyRow]) -> String {
+fn overview(rows: &[VerifyRow]) -> PageElement {
     // Collect the configurations as columns
     let mut paths: Vec<String> = Vec::new();
     for row in rows {
@@ -122,7 +132,7 @@ fn overview(rows: &[VerifyRow]) -> String {
     }
     let mut columns = vec![Column::Words("case"), Column::Words("")];
     columns.extend(paths.iter().map(|path| Column::Numbers(path)));
-    let mut table = Table::new(&columns);
+    let mut table = Table::new("overview", &columns);
     // Add a row for each case
     for of_case in rows.chunk_by(|a, b| a.case.id == b.case.id) {
         let case = &of_case[0].case;
@@ -136,21 +146,24 @@ fn overview(rows: &[VerifyRow]) -> String {
         }));
         table.row(("", case.id), &cells);
     }
-    table.html("overview")
+    PageElement::Table(table)
 }
 
-fn checks(rows: &[VerifyRow]) -> String {
-    let mut table = Table::new(&[
-        Column::Words("case"),
-        Column::Words("path"),
-        Column::Words("isa"),
-        Column::Words("verdict"),
-        Column::Numbers("wrong"),
-        Column::Numbers("ties"),
-        Column::Numbers("rays"),
-        Column::Numbers("worst"),
-        Column::Words("bound"),
-    ]);
+fn checks(rows: &[VerifyRow]) -> PageElement {
+    let mut table = Table::new(
+        "wide filtered",
+        &[
+            Column::Words("case"),
+            Column::Words("path"),
+            Column::Words("isa"),
+            Column::Words("verdict"),
+            Column::Numbers("wrong"),
+            Column::Numbers("ties"),
+            Column::Numbers("rays"),
+            Column::Numbers("worst"),
+            Column::Words("bound"),
+        ],
+    );
     for row in rows {
         let tally = &row.outcome.tally;
         let class = class(row.outcome.verdict);
@@ -167,32 +180,32 @@ fn checks(rows: &[VerifyRow]) -> String {
         ];
         table.row((class, row.case.id), &cells);
     }
-    table.html("wide filtered")
+    PageElement::Table(table)
 }
 
 /// Returns the section of one case: construction, requirement, figures and failures.
-fn section(rows: &[VerifyRow]) -> String {
+fn section(rows: &[VerifyRow]) -> PageElement {
     let case = &rows[0].case;
-    let mut html = format!(
-        "<section id=\"{0}\" data-item=\"{0}\">\n<h3>{0} {1}</h3>\n",
-        escape(case.id),
-        escape(case.title)
-    );
-    html += &page::facts(&[
-        ("input", escape(case.construction)),
-        ("oracle", escape(case.oracle)),
-        ("bound", escape(case.bound)),
-        ("required", escape(&required_of(case))),
-    ]);
-    html += &figures::of(rows);
-    for row in rows.iter().filter(|row| row.outcome.tally.wrong > 0) {
-        html += &failures(row);
+    let mut elements = vec![
+        PageElement::subheading(&format!("{} {}", case.id, case.title)),
+        page::facts(&[
+            ("input", case.construction.to_owned()),
+            ("oracle", case.oracle.to_owned()),
+            ("bound", case.bound.to_owned()),
+            ("required", required_of(case)),
+        ]),
+    ];
+    elements.extend(figures::of(rows));
+    let wrong = rows.iter().filter(|row| row.outcome.tally.wrong > 0);
+    elements.extend(wrong.flat_map(failures));
+    PageElement::Section {
+        id: case.id.to_owned(),
+        elements,
     }
-    html + "</section>\n"
 }
 
 /// Returns the first wrong results of a configuration with their bits, so that they can be traced again.
-fn failures(row: &VerifyRow) -> String {
+fn failures(row: &VerifyRow) -> [PageElement; 2] {
     let tally = &row.outcome.tally;
     // Describe recorded wrong rays, or the example where none was recorded
     let wrong = tally
@@ -218,15 +231,16 @@ fn failures(row: &VerifyRow) -> String {
         Some(isa) => format!("{} on {isa}", row.path),
         None => row.path.to_owned(),
     };
-    format!(
-        "<p><span class=\"badge {}\">{}</span> {}: {} wrong of {}; the first:</p>\n<pre>{}</pre>\n",
-        class(row.outcome.verdict),
-        word(row.outcome.verdict),
-        escape(&path),
-        tally.wrong,
-        tally.rays,
-        escape(&lines.join("\n"))
-    )
+    let words = format!(" {path}: {} wrong of {}; the first:", tally.wrong, tally.rays);
+    let badge = Cell::badge(word(row.outcome.verdict), class(row.outcome.verdict));
+    [
+        PageElement::Paragraph {
+            parts: vec![badge, Cell::text(&words)],
+        },
+        PageElement::Preformatted {
+            text: lines.join("\n"),
+        },
+    ]
 }
 
 #[cfg(test)]
@@ -269,15 +283,15 @@ mod tests {
         let rows = [row("H11", bsp()), row("H35", formulas())];
         let html = page(&rows, &run());
         for id in ["H11", "H35"] {
-            assert!(html.contains(&format!("<section id=\"{id}\" data-item=\"{id}\">")));
-            assert!(html.contains(&format!("href=\"#{id}\"")));
+            assert!(html.contains(&format!(r#""to":"{id}""#)), "{id}");
         }
-        let [_, h11, h35] = html.split("<section").collect::<Vec<_>>()[..] else {
+        // The name of a section follows its elements.
+        let [h11, h35, _] = html.split(r#""id":"H"#).collect::<Vec<_>>()[..] else {
             panic!("two sections");
         };
-        assert!(h11.contains("<path class=\"right\""), "rays are drawn");
-        assert!(h35.contains("class=\"plot\"") && h35.contains("<circle class=\"right\""));
-        assert!(html.contains("&lt;today&gt;") && !html.contains("<today>"));
+        assert!(h11.contains(r#""right":"M"#), "rays are drawn");
+        assert!(h35.contains(r#""kind":"plot""#) && h35.contains(r#""class":"right""#));
+        assert!(html.contains("\\u003ctoday>") && !html.contains("<today>"));
     }
 
     #[test]
@@ -291,8 +305,8 @@ mod tests {
         let first = failed.outcome.tally.figure_data.traced[0].ray;
         let html = page(&[failed], &run());
         assert!(html.contains(&format!("bits {}", bits(&first))));
-        assert!(html.contains("<path class=\"wrong\""));
-        assert!(html.contains("<b>1</b><span>failed</span>"));
-        assert!(html.contains("data-verdict=\"fails\""));
+        assert!(html.contains(r#""wrong":"M"#));
+        assert!(html.contains(r#"["1","failed","fails"]"#));
+        assert!(html.contains(r#""verdict":"fails""#));
     }
 }

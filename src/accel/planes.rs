@@ -122,7 +122,7 @@ fn moving_crossings(index: u32, plane: &Instance, packet: &RayPacket) -> Lanes<f
     })
 }
 
-#[multiversion(targets = "simd")]
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
 fn trace_still(planes: &[PlaneForm], packet: &mut RayPacket, query: Query) {
     for plane in planes {
         let crossings = plane.crossings(packet);

@@ -115,7 +115,10 @@ mod tests {
     use crate::optics::{dielectric, refract};
 
     /// Compiles the packet function for the instruction sets of the machine, as the renderer's kernels do.
-    #[multiversion(targets = "simd")]
+    #[multiversion(targets(
+        "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+        "x86_64+avx2+bmi1+bmi2+fma"
+    ))]
     fn vectorised(
         d: &Lanes3<f64>,
         n: &Lanes3<f64>,

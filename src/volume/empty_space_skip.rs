@@ -109,7 +109,11 @@ fn skip_ahead(segments: &[VolumeSegment], steps: &Steps, t: f64) -> u64 {
 
 /// Fills `pending` with the steps of `range` that may be non-empty, until it holds a batch; their lengths are
 /// multiplied by `unit` to get world units. Returns the step to continue from.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma",
+    "x86_64+sse4.2"
+))]
 pub(super) fn fill(
     segments: &[VolumeSegment],
     skip: SkipEmpty,

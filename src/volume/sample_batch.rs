@@ -124,7 +124,11 @@ pub(super) struct ShadedSamples {
 }
 
 /// Samples all volumes and the fog at the positions of a batch.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma",
+    "x86_64+sse4.2"
+))]
 pub(super) fn sample(segments: &[VolumeSegment], fog: Option<&Fog>, batch: &SampleBatch) -> ShadedSamples {
     // Sum the medium properties of all volumes
     let mut sum = MediumSample::NONE;
@@ -168,7 +172,11 @@ pub(super) fn sample(segments: &[VolumeSegment], fog: Option<&Fog>, batch: &Samp
 }
 
 /// Returns the optical depths of a batch, without colours and emission, for shadow rays.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma",
+    "x86_64+sse4.2"
+))]
 pub(super) fn sample_depth(segments: &[VolumeSegment], fog: Option<&Fog>, batch: &SampleBatch) -> Lanes<f64> {
     // Sum the optical depths of all volumes
     let mut sum = [0.0; LANES];

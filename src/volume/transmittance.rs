@@ -71,7 +71,11 @@ impl<'a> March<'a> {
 
 /// Sums the samples of all rays that intersect at most one volume. Bit `l` of the result is set if ray `l` intersects
 /// more.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma",
+    "x86_64+sse4.2"
+))]
 fn sum_depths<'a>(
     depths: &mut OpticalDepths<'a>,
     volumes: &'a [Volume],

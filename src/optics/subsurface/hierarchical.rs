@@ -134,7 +134,10 @@ impl PointBatch<'_> {
 }
 
 /// Adds the exitance from the sources of a batch, lane by lane.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn add_exitance(
     kernel: &DipoleKernel,
     r2: &[[f32; BATCH]; 3],

@@ -109,7 +109,10 @@ struct Window {
 }
 
 /// Writes the part of a layer inside the window to the rows of a band, which begins at the window's first row.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn fill(plane: &mut [f32], layer: &TileLayer, window: &Window) {
     let lines = plane.chunks_mut(window.width);
     for (line, row) in lines.zip(window.rows.clone()) {

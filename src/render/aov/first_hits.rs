@@ -315,7 +315,10 @@ impl PrimaryHits {
     }
 }
 
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn add(hits: &mut FirstHits, packet: &RayPacket, label: &Lanes<u32>, surfaces: &Surfaces) {
     hits.add_inlined(packet, label, surfaces);
 }

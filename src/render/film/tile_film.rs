@@ -191,7 +191,10 @@ pub(in crate::render) fn cut<T>(tile: Tile, pixels: &[T]) -> impl Iterator<Item 
 }
 
 /// Returns the f64 sums over all lanes of a packet.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn sums_of_lanes(radiance: &Lanes3<f32>) -> [f64; 3] {
     radiance.map(|values| sum_of_lanes(values.map(f64::from)))
 }

@@ -83,7 +83,10 @@ pub(in crate::render) struct AmbientTerms<'a> {
 }
 
 /// Returns the weighted background radiance of lanes that missed the scene.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 pub(in crate::render) fn background_radiance(
     packet: &RayPacket,
     weight: &Lanes3<f32>,
@@ -104,7 +107,10 @@ pub(in crate::render) fn background_radiance(
 }
 
 /// Returns the weighted emission and ambient radiance of hits, and the weighted background of misses.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 pub(in crate::render) fn emitted_radiance(
     packet: &RayPacket,
     surfaces: &Surfaces,
@@ -144,7 +150,10 @@ pub(in crate::render) fn sample_direct(
     }
 }
 
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn sample_direct_full(
     light: &Light,
     lit: &ShadingContext,
@@ -154,7 +163,10 @@ fn sample_direct_full(
     sample_direct_lanes::<true>(light, lit, shadow_rays, radiance)
 }
 
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn sample_direct_basic(
     light: &Light,
     lit: &ShadingContext,
@@ -191,7 +203,10 @@ fn sample_direct_lanes<const EXTENDED: bool>(
 
 /// Fills the shadow-ray packet for sampled light points or directions, and the unoccluded reflected radiance. Returns
 /// whether any lane is active.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 pub(in crate::render) fn sample_direct_area(
     arrivals: &IncidentLight,
     lit: &ShadingContext,
@@ -343,7 +358,10 @@ fn aim_at(points: &Lanes3<f64>, shadow_rays: &mut RayPacket) {
 }
 
 /// Sets the radiance of lanes whose shadow rays are occluded to zero.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 pub(in crate::render) fn block(shadow_rays: &RayPacket, radiance: &mut Lanes3<f32>) {
     for channel in radiance {
         for l in 0..LANES {
@@ -357,7 +375,10 @@ pub(in crate::render) fn block(shadow_rays: &RayPacket, radiance: &mut Lanes3<f3
 }
 
 /// Returns the mirror reflection rays of the surfaces, with their path throughput.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 pub(in crate::render) fn reflection(lit: &ShadingContext) -> ReflectedRays {
     if lit.materials.effects.needs_full_material() {
         reflection_of::<true>(lit)

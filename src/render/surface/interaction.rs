@@ -429,7 +429,10 @@ impl Surfaces {
 }
 
 /// Compiles [`SurfaceScene::compute_interactions`] for several instruction sets.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn compute_interactions(
     scene: &SurfaceScene,
     packet: &RayPacket,

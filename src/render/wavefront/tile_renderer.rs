@@ -408,7 +408,10 @@ impl TileRenderer<'_, '_> {
 }
 
 /// Returns the sample positions of a packet within their pixels, for patterns that differ from pixel to pixel.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn lane_positions(frame: &RenderContext, block: &Block, group: &SampleGroup) -> [Lanes<f64>; 2] {
     let (tile, corner) = (block.tile, block.corner);
     let x = frame.pixels[0].map(|x| tile.x + corner.0 + x);
@@ -419,7 +422,10 @@ fn lane_positions(frame: &RenderContext, block: &Block, group: &SampleGroup) -> 
 /// Fills a packet with camera rays through sixteen film points and their pixels within the tile's film.
 ///
 /// Rays are rounded to f32; from here on, the f32 rays are the exact ones.
-#[multiversion(targets = "simd")]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn fill_camera_packet(
     frame: &RenderContext,
     block: &Block,

@@ -182,7 +182,7 @@ enum Remaining {
 }
 
 /// Deactivates the lanes that Embree cannot trace, on which 3.13.5 aborts, and returns what is left.
-#[multiversion(targets = "simd")]
+#[multiversion(targets("x86_64+avx512f+avx512dq+avx512bw+avx512vl", "x86_64+avx2", "x86_64+sse4.2"))]
 fn keep_traceable(packet: &mut RayPacket) -> Remaining {
     packet.drop_untraceable();
     if !packet.any_active() {

@@ -52,7 +52,7 @@ pub use crate::optics::subsurface::{Scattering, SubsurfacePreset};
 pub use crate::optics::{Absorption, Cauchy, Dispersion, Sellmeier};
 pub(crate) use validate::check_camera;
 pub(crate) use validate_light::{MAX_LIGHT_SAMPLES, check_light};
-pub(crate) use validate_material::{check_procedural, check_scattering};
+pub(crate) use validate_material::{check_factors, check_procedural, check_scattering};
 
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;

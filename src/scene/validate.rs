@@ -9,7 +9,7 @@ use glam::{DAffine3, DMat3};
 use super::validate_geometry::{check_geometry, check_vertices};
 use super::validate_light::{check_emissive_light, check_environment, check_light, max_light_coordinate};
 use super::validate_material::{
-    check_interior, check_model, check_procedural, check_scattering, check_texels,
+    check_factors, check_interior, check_procedural, check_scattering, check_texels,
 };
 use super::validate_value::{UNIT_TOLERANCE, check_coordinate_range, is_radiance, is_size};
 use super::{
@@ -191,14 +191,7 @@ impl Scene {
 
     /// Checks a material and its textures, if they exist.
     pub(crate) fn check_material(&self, material: &Material) -> Result<(), String> {
-        let is_fraction = |x: &f32| (0.0..=1.0).contains(x);
-        if !material.base_color.iter().all(is_fraction) {
-            return Err("its base colour is outside [0, 1]: correct the colour".into());
-        }
-        check_model(&material.model)?;
-        if !is_radiance(&material.emission) {
-            return Err("its emission is negative or not finite: correct the emission".into());
-        }
+        check_factors(material)?;
         if matches!(material.alpha, AlphaMode::Mask(cutoff) if !(cutoff >= 0.0)) {
             return Err("its alpha cut-off is negative or not a number: give 0 or more".into());
         }

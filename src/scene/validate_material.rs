@@ -33,7 +33,23 @@ pub(crate) fn check_procedural(procedural: &Procedural) -> Result<(), String> {
     }
 }
 
-pub(super) fn check_model(model: &Model) -> Result<(), String> {
+/// Checks the factors that textures are multiplied by. The base colour of an unlit surface is the radiance that it emits.
+pub(crate) fn check_factors(material: &Material) -> Result<(), String> {
+    let [r, g, b, coverage] = material.base_color;
+    let is_fraction = |x: f32| (0.0..=1.0).contains(&x);
+    if material.model == Model::Unlit && !is_radiance(&[r, g, b]) {
+        return Err("its base colour is negative or not finite: correct the colour".into());
+    }
+    if material.model != Model::Unlit && ![r, g, b].into_iter().all(is_fraction) || !is_fraction(coverage) {
+        return Err("its base colour is outside [0, 1]: correct the colour".into());
+    }
+    if !is_radiance(&material.emission) {
+        return Err("its emission is negative or not finite: correct the emission".into());
+    }
+    check_model(&material.model)
+}
+
+fn check_model(model: &Model) -> Result<(), String> {
     let is_fraction = |x: f32| (0.0..=1.0).contains(&x);
     match model {
         Model::MetallicRoughness(model) => {

@@ -6,7 +6,7 @@
 
 use crate::scene::{
     AlphaMode, Geometry, Image, Material, MaterialInput, MetallicRoughness, Model, Scene, Texels, Texture,
-    TextureBinding,
+    TextureBinding, check_factors,
 };
 
 use super::{constant, encoding_index};
@@ -39,9 +39,17 @@ pub fn fold_constant_textures(scene: &mut Scene) {
             .into_iter()
             .filter(|layer| {
                 let color = colors[layer.texture.texture as usize];
-                !color.is_some_and(|color| {
-                    fold(material, layer, color[encoding_index(layer.parameter.encoding())])
-                })
+                let Some(color) = color else {
+                    return true;
+                };
+                // Keep a texture whose product with the factor is out of the factor's range
+                let mut folded = material.clone();
+                let texel = color[encoding_index(layer.parameter.encoding())];
+                let is_folded = fold(&mut folded, layer, texel) && check_factors(&folded).is_ok();
+                if is_folded {
+                    *material = folded;
+                }
+                !is_folded
             })
             .collect();
         // A material that is opaque everywhere needs no alpha test
@@ -159,6 +167,22 @@ mod tests {
         fold_constant_textures(&mut white);
         assert_eq!(white.materials[0].base_color, [1.0; 4]);
         assert_eq!(white.materials[0].alpha, AlphaMode::Opaque);
+    }
+
+    #[test]
+    fn folded_scenes_stay_valid() {
+        let bright = |model| {
+            let mut scene = scene(MaterialInput::BaseColor, [255; 4]);
+            scene.images[0].texels = Texels::Floats(vec![[512.0, 0.25, 7.5, 1.0]; 2].into());
+            scene.materials[0].model = model;
+            fold_constant_textures(&mut scene);
+            scene.validate_structure(&[]).map(|()| scene.materials[0].clone())
+        };
+        let unlit = bright(Model::Unlit).unwrap();
+        assert_eq!(unlit.base_color, [512.0, 0.25, 7.5, 1.0]);
+        assert_eq!(unlit.layers.len(), 1);
+        // A surface that reflects more light than it receives is refused whether or not its texture is folded
+        assert!(bright(Material::default().model).is_err());
     }
 
     #[test]

@@ -123,15 +123,26 @@ function logAxis(all) {
   return { place, ticks };
 }
 
+// Approximate width of a letter of a label, in pixels.
+const LETTER = 6.4;
+
 // Frame of a chart: maps values to pixels, and draws the grid and the names of two axes.
 function frame({ size: [width, height], margins: [left, below, above, beside], x, y, xTicks, yTicks }) {
   const foot = height - below;
   const right = width - beside;
   const across = (value) => left + clamp(x.place(value), 0, 1) * (right - left);
   const up = (value) => foot - clamp(y.place(value), 0, 1) * (foot - above);
+  // Leave out names below the axis that would touch the one before them
+  const fromLeft = [...xTicks].sort((a, b) => x.place(a[0]) - x.place(b[0]));
+  let end = -Infinity;
+  const named = ([value, name]) => {
+    const start = across(value) - 0.5 * LETTER * name.length;
+    if (start < end) return [];
+    end = start + LETTER * (name.length + 1);
+    return [text("", across(value), foot + 15, name, "middle")];
+  };
   const grid = [
-    ...xTicks.flatMap(([value, name]) => [
-      path("grid", "M", across(value), above, "V", foot), text("", across(value), foot + 15, name, "middle")]),
+    ...fromLeft.flatMap((tick) => [path("grid", "M", across(tick[0]), above, "V", foot), ...named(tick)]),
     ...yTicks.flatMap(([value, name]) => [
       path("grid", "M", left, up(value), "H", right), text("", left - 6, up(value) + 4, name, "end")]),
   ];
@@ -174,7 +185,7 @@ function labels(points, { left, above, right, foot }) {
   const taken = points.map(({ x, y }) => ({ left: x - MARK, right: x + MARK, top: y - MARK, bottom: y + MARK }));
   const drawn = [];
   for (const { x, y, label } of points.filter((point) => point.label)) {
-    const width = 6.4 * label.length;
+    const width = LETTER * label.length;
     const areas = [[5, -5], [-5 - width, -5], [5, 14], [-5 - width, 14]].map(([beside, down]) =>
       ({ left: x + beside, right: x + beside + width, top: y + down - 11, bottom: y + down }));
     const free = areas.find((area) => isWithin(area) && !taken.some((other) => overlap(area, other)));

@@ -7,17 +7,14 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use crate::bench::AblationStudy;
-use crate::optics::LINE_D;
-use crate::optics::subsurface::Dipole;
 use crate::render::plan::{Decision, Plan};
-use crate::scene::{
-    Animation, AreaShape, EffectOverrides, Geometry, LightKind, Material, Model, Projection, Scene,
-};
+use crate::scene::{Animation, AreaShape, EffectOverrides, Geometry, LightKind, Projection, Scene};
 use crate::shape::Shape;
 
 use super::ablation;
 use super::accel_info::{self, StructureRow};
 use super::forecast::Forecast;
+pub use super::material_info::MaterialInfo;
 use super::volume_info;
 pub use super::volume_info::{FogInfo, VolumeInfo};
 use crate::report::memory::{self, MemoryForecast};
@@ -93,130 +90,6 @@ pub struct SceneInfo {
     pub warnings: Vec<String>,
 }
 
-/// Description of a material.
-#[derive(Clone, Debug, Serialize)]
-pub struct MaterialInfo {
-    /// Name from the file, or a generated one.
-    pub name: String,
-    /// Shading model: `metallic-roughness`, `lecture` or `unlit`.
-    pub model: &'static str,
-    /// Base colour and opacity, linear RGBA.
-    pub base_color: [f32; 4],
-    /// Values of the model that are not zero, in words.
-    pub values: String,
-    /// Names of the parameters that have a texture.
-    pub textured: Vec<String>,
-    /// Index of refraction at the d line, for materials that light can enter.
-    pub ior: Option<f64>,
-    /// Abbe number of the interior; null without dispersion.
-    pub abbe: Option<f64>,
-    /// Absorption coefficient per metre, for materials that light can enter.
-    pub absorption: Option<[f64; 3]>,
-}
-
-impl MaterialInfo {
-    fn of(material: &Material) -> MaterialInfo {
-        // Describe the parameters of the shading model
-        let (model, values) = match &material.model {
-            Model::MetallicRoughness(m) => (
-                "metallic-roughness",
-                format!(
-                    "metallic {}, roughness {}{}, transmission {}{}",
-                    m.metallic,
-                    m.roughness,
-                    rough_rays(material),
-                    m.transmission,
-                    scattering(material)
-                ),
-            ),
-            Model::Phong(l) => (
-                "lecture",
-                format!(
-                    "ra {}, rd {}, rsp {}, f {}, kr {}, kt {}",
-                    rgb(l.ambient),
-                    rgb(l.diffuse),
-                    rgb(l.specular),
-                    l.exponent,
-                    rgb(l.reflection),
-                    rgb(l.transmission)
-                ),
-            ),
-            Model::Unlit => ("unlit", String::new()),
-        };
-        // Only a material with an interior has refraction and absorption
-        let interior = material.interior;
-        MaterialInfo {
-            name: material.name.clone(),
-            model,
-            base_color: material.base_color,
-            values,
-            // Name the inputs with a texture
-            textured: material
-                .layers
-                .iter()
-                .map(|l| format!("{:?}", l.parameter))
-                .collect(),
-            ior: interior.map(|inside| inside.ior.ior(LINE_D)),
-            abbe: interior
-                .map(|inside| inside.ior.abbe_number())
-                .filter(|abbe| abbe.is_finite()),
-            absorption: interior.map(|inside| inside.absorption.sigma_a),
-        }
-    }
-}
-
-/// Returns the description of subsurface scattering or translucency; empty without either.
-fn scattering(material: &Material) -> String {
-    if let Some(Ok(dipole)) = material.scatters().map(Dipole::new) {
-        let [_, path, _] = dipole.mean_free_path();
-        return format!(", subsurface scattering, mean free path {path:.3e}");
-    }
-    let surface = material.translucent();
-    surface.map_or_else(String::new, |surface| {
-        format!(", translucency {}", surface.factor)
-    })
-}
-
-/// Returns the number of rays into the rough lobe in words; empty if there are none.
-fn rough_rays(material: &Material) -> String {
-    match material.rough_rays() {
-        0 => String::new(),
-        rays => format!(" by {rays} rays"),
-    }
-}
-
-/// Formats a colour as one number if it is grey.
-fn rgb([r, g, b]: [f32; 3]) -> String {
-    if r == g && g == b {
-        r.to_string()
-    } else {
-        format!("({r} {g} {b})")
-    }
-}
-
-impl fmt::Display for MaterialInfo {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let [r, g, b, _] = self.base_color;
-        write!(f, "`{}`, {}, colour {}", self.name, self.model, rgb([r, g, b]))?;
-        if !self.values.is_empty() {
-            write!(f, ", {}", self.values)?;
-        }
-        if !self.textured.is_empty() {
-            write!(f, ", textures on {}", self.textured.join(", "))?;
-        }
-        if let Some(ior) = self.ior {
-            write!(f, ", interior n = {ior:.4}")?;
-        }
-        if let Some(abbe) = self.abbe {
-            write!(f, " (Abbe {abbe:.1})")?;
-        }
-        match self.absorption {
-            Some(sigma_a) if sigma_a != [0.0; 3] => write!(f, ", absorbs {sigma_a:?} per metre"),
-            _ => Ok(()),
-        }
-    }
-}
-
 /// Description of a light.
 #[derive(Clone, Debug, Serialize)]
 pub struct LightInfo {
@@ -224,7 +97,8 @@ pub struct LightInfo {
     pub name: String,
     /// Kind of light: `point`, `spot` or `directional`, or the shape of an area light.
     pub kind: &'static str,
-    /// Intensity as in the file, linear RGB: candela for point and spot lights, lux for directional ones.
+    /// Intensity as in the file, linear RGB: candela for point and spot lights, lux for directional ones, radiance in
+    /// candela per square metre for area lights.
     pub intensity: [f32; 3],
 }
 
@@ -457,7 +331,11 @@ impl fmt::Display for SceneInfo {
         // Print lights and cameras
         for (number, light) in self.lights.iter().enumerate() {
             let [r, g, b] = light.intensity;
-            let unit = if light.kind == "directional" { "lx" } else { "cd" };
+            let unit = match light.kind {
+                "point" | "spot" => "cd",
+                "directional" => "lx",
+                _ => "cd/m²",
+            };
             line(
                 &format!("light {number}"),
                 format!("`{}`, {}, {r} {g} {b} {unit}", light.name, light.kind),
@@ -549,7 +427,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
-    use crate::scene::{Falloff, Instance, Light, Normalisation};
+    use crate::scene::{Falloff, Instance, Light, Material, Normalisation};
     use crate::shape::Sphere;
 
     fn scene() -> Scene {
@@ -596,6 +474,23 @@ mod tests {
         assert_eq!(
             SceneInfo::of(&scene, "a.glb", &EffectOverrides::default()).lights[0].intensity,
             [12.0, 8.0, 4.0]
+        );
+    }
+
+    #[test]
+    fn area_lights_have_a_radiance() {
+        let mut scene = scene();
+        scene.lights[0].kind = LightKind::Area {
+            shape: AreaShape::Sphere {
+                center: DVec3::ZERO,
+                radius: 1.0,
+            },
+            samples: 1,
+        };
+        let text = SceneInfo::of(&scene, "a.glb", &EffectOverrides::default()).to_string();
+        assert!(
+            text.contains("light 0        `sun`, sphere, 3 2 1 cd/m²\n"),
+            "{text}"
         );
     }
 

@@ -11,6 +11,7 @@ pub mod extents;
 pub mod forecast;
 pub mod info;
 pub(super) mod intersection_errors;
+mod material_info;
 pub mod regression;
 pub mod stats;
 pub mod table;

@@ -1,6 +1,7 @@
 //! Charts of pages in a browser: axes, ticks, labels and odd values.
 
 use std::fs;
+use std::sync::LazyLock;
 
 use crate::support::browser::{chromium, is_clean, looked_at};
 use serde_json::{Value, json};
@@ -39,6 +40,9 @@ const PROBE: &str = r##"
   return found;
 "##;
 
+/// Charts that several tests look at, as the browser draws them; absent without a browser.
+type Drawn = LazyLock<Option<Value>>;
+
 fn probed(browser: &str, elements: &[PageElement]) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("charts.html");
@@ -76,9 +80,7 @@ fn at(x: f64, y: f64) -> DataPoint {
     point(Interval::exact(x), Interval::exact(y))
 }
 
-#[test]
-fn points_without_an_error_or_a_number_are_at_the_ends_of_the_axis() {
-    let Some(browser) = chromium() else { return };
+static POINTS: Drawn = LazyLock::new(|| {
     let zero = scatter(vec![at(1.0, 0.0), at(1.0, 0.1), at(1.0, -1.0)]);
     let mut odd = scatter(vec![point(Interval::exact(1.0), ODD), point(ODD, ODD)]);
     odd.lines.push(Line {
@@ -88,34 +90,85 @@ fn points_without_an_error_or_a_number_are_at_the_ends_of_the_axis() {
     });
     let one = scatter(vec![at(3.0, 0.5)]);
     let charts = [zero, odd.placed(), one, scatter(Vec::new())].map(PageElement::Scatter);
-    let found = probed(browser, &charts);
-    // The foot is 44 pixels above the lower edge, and the top 12 below the upper one.
-    let marks = &found["marks"];
-    assert_eq!([&marks[0][0][1], &marks[0][2][1]], [256, 256], "{found}");
-    assert!(marks[0][1][1].as_f64().unwrap() < 246.0, "{found}");
+    chromium().map(|browser| probed(browser, &charts))
+});
+
+#[test]
+fn points_without_error_are_at_the_foot() {
+    let Some(found) = &*POINTS else { return };
+    // The foot is 44 pixels above the lower edge
+    let marks = &found["marks"][0];
+    assert_eq!([&marks[0][1], &marks[2][1]], [256, 256], "{found}");
+    assert!(marks[1][1].as_f64().unwrap() < 246.0, "{found}");
     assert!(
         found["texts"][0].as_array().unwrap().contains(&json!("0")),
         "{found}"
     );
-    assert_eq!(marks[1].as_array().unwrap().len(), 1, "{found}");
-    assert_eq!(marks[1][0][1], 12, "{found}");
-    // A single point is in the middle of 62 to 384 and of 12 to 256.
-    assert_eq!(marks[2], json!([[223, 134]]), "{found}");
 }
 
 #[test]
-fn logarithmic_ticks_are_round_numbers() {
-    let Some(browser) = chromium() else { return };
+fn non_finite_points_are_at_the_top_or_omitted() {
+    let Some(found) = &*POINTS else { return };
+    // The top is 12 pixels below the upper edge
+    let marks = &found["marks"][1];
+    assert_eq!(marks.as_array().unwrap().len(), 1, "{found}");
+    assert_eq!(marks[0][1], 12, "{found}");
+}
+
+#[test]
+fn single_point_is_in_the_middle_and_no_point_gives_an_empty_chart() {
+    let Some(found) = &*POINTS else { return };
+    // The axes reach from 62 to 384 and from 12 to 256
+    assert_eq!(found["marks"][2], json!([[223, 134]]), "{found}");
+    assert_eq!(found["marks"][3], json!([]), "{found}");
+}
+
+static TICKS: Drawn = LazyLock::new(|| {
     let to = |high: f64| PageElement::Scatter(scatter(vec![at(1.0, 1.0), at(high, 1.0)]));
-    let found = probed(browser, &[to(3.0), to(100.0), to(1e9)]);
-    let ticks = |chart: usize, count: usize| -> Vec<&str> {
-        let texts = found["texts"][chart].as_array().unwrap();
-        texts[..count].iter().filter_map(Value::as_str).collect()
+    chromium().map(|browser| probed(browser, &[to(3.0), to(100.0), to(1e9)]))
+});
+
+/// Returns the first names below the horizontal axis.
+fn ticks(found: &Value, chart: usize, count: usize) -> Vec<&str> {
+    let texts = found["texts"][chart].as_array().unwrap();
+    texts[..count].iter().filter_map(Value::as_str).collect()
+}
+
+#[test]
+fn ticks_within_a_decade_have_even_steps() {
+    let Some(found) = &*TICKS else { return };
+    assert_eq!(ticks(found, 0, 5), ["1.0", "1.5", "2.0", "2.5", "3.0"], "{found}");
+}
+
+#[test]
+fn ticks_of_two_decades_are_1_2_and_5() {
+    let Some(found) = &*TICKS else { return };
+    assert_eq!(
+        ticks(found, 1, 7),
+        ["1", "2", "5", "10", "20", "50", "100"],
+        "{found}"
+    );
+}
+
+#[test]
+fn ticks_of_many_decades_are_powers_of_ten() {
+    let Some(found) = &*TICKS else { return };
+    assert_eq!(ticks(found, 2, 5), ["1", "100", "10000", "1e6", "1e8"], "{found}");
+}
+
+#[test]
+fn names_of_ticks_do_not_touch() {
+    let Some(browser) = chromium() else { return };
+    let narrow = ScatterChart {
+        size: [345.0, 260.0],
+        ..scatter(vec![at(0.0035, 1.0), at(0.0255, 1.0)])
     };
-    // Within a decade the steps are even; more of them than fit give 1, 2 and 5; over many decades only powers remain.
-    assert_eq!(ticks(0, 5), ["1.0", "1.5", "2.0", "2.5", "3.0"], "{found}");
-    assert_eq!(ticks(1, 7), ["1", "2", "5", "10", "20", "50", "100"], "{found}");
-    assert_eq!(ticks(2, 5), ["1", "100", "10000", "1e6", "1e8"], "{found}");
+    let found = probed(browser, &[PageElement::Scatter(narrow)]);
+    // Five lines fit, 0.005 to 0.025; the names 0.020 and 0.025 would touch
+    let names = found["texts"][0].as_array().unwrap();
+    let is_named = |name: &str| names.contains(&json!(name));
+    assert!(is_named("0.005") && is_named("0.010"), "{found}");
+    assert!(!(is_named("0.020") && is_named("0.025")), "{found}");
 }
 
 #[test]
@@ -185,9 +238,7 @@ fn bar_lengths_are_proportional_to_values() {
     assert_eq!(found["rects"][1][0][1], 1.0, "{found}");
 }
 
-#[test]
-fn stacked_parts_reach_the_top_together_and_failures_are_marked() {
-    let Some(browser) = chromium() else { return };
+static STACKS: Drawn = LazyLock::new(|| {
     let stacks = |all: &[&[f64]]| {
         let stack = |parts: &&[f64]| Stack {
             parts: parts.to_vec(),
@@ -202,22 +253,34 @@ fn stacked_parts_reach_the_top_together_and_failures_are_marked() {
         })
     };
     let thousand = [&[1.0][..]; 1000];
-    let found = probed(
-        browser,
-        &[
-            stacks(&[&[1.0, 3.0], &[2.0, 0.0]]),
-            stacks(&[&[], &[1.0]]),
-            stacks(&[&[f64::NAN, f64::INFINITY], &[0.0, -1.0]]),
-            stacks(&thousand),
-            stacks(&[]),
-        ],
-    );
+    let charts = [
+        stacks(&[&[1.0, 3.0], &[2.0, 0.0]]),
+        stacks(&[&[], &[1.0]]),
+        stacks(&[&[f64::NAN, f64::INFINITY], &[0.0, -1.0]]),
+        stacks(&thousand),
+        stacks(&[]),
+    ];
+    chromium().map(|browser| probed(browser, &charts))
+});
+
+#[test]
+fn stacked_parts_reach_the_top_together() {
+    let Some(found) = &*STACKS else { return };
     // A height of 4 takes 184 pixels above a foot at 198: 46 for 1, 138 for 3 above it, 92 for 2.
     let rects = found["rects"][0].as_array().unwrap();
     let first = json!([[152, 24, 46], [14, 24, 138], [106, 24, 92]]);
     assert_eq!(json!(rects[..3]), first, "{found}");
+}
+
+#[test]
+fn failed_columns_are_marked() {
+    let Some(found) = &*STACKS else { return };
     assert_eq!(found["failed"], 1, "{found}");
-    // The first column and round numbers are labelled.
+}
+
+#[test]
+fn first_column_and_round_numbers_are_labelled() {
+    let Some(found) = &*STACKS else { return };
     let numbers = found["texts"][3].as_array().unwrap();
     assert_eq!(
         numbers[numbers.len() - 6..],
@@ -226,9 +289,7 @@ fn stacked_parts_reach_the_top_together_and_failures_are_marked() {
     );
 }
 
-#[test]
-fn longest_bar_of_a_tornado_is_at_the_top_and_long_levels_are_cut() {
-    let Some(browser) = chromium() else { return };
+static TORNADOES: Drawn = LazyLock::new(|| {
     let row = |name, ratios: &[f64]| Row {
         name,
         bars: vec![Bar::of(
@@ -239,27 +300,43 @@ fn longest_bar_of_a_tornado_is_at_the_top_and_long_levels_are_cut() {
     };
     let tornado = |rows| PageElement::Tornado { label: "e<b>", rows };
     let odd = [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-300];
-    let found = probed(
-        browser,
-        &[
-            tornado(vec![row("short", &[1.1]), row("long", &[0.1])]),
-            tornado(vec![row("odd", &odd)]),
-            tornado(vec![row("none", &[])]),
-            tornado(Vec::new()),
-        ],
-    );
+    let charts = [
+        tornado(vec![row("short", &[1.1]), row("long", &[0.1])]),
+        tornado(vec![row("odd", &odd)]),
+        tornado(vec![row("none", &[])]),
+        tornado(Vec::new()),
+    ];
+    chromium().map(|browser| probed(browser, &charts))
+});
+
+#[test]
+fn longest_bar_of_a_tornado_is_at_the_top() {
+    let Some(found) = &*TORNADOES else { return };
     assert_eq!(found["names"][0], json!(["long", "short"]), "{found}");
+}
+
+#[test]
+fn ticks_of_a_tornado_are_powers_of_two() {
+    let Some(found) = &*TORNADOES else { return };
     let ticks = found["texts"][0].as_array().unwrap();
     for name in ["x1/8", "x1/2", "x1", "x2"] {
         assert!(ticks.contains(&json!(name)), "{name} in {found}");
     }
-    assert_eq!(found["levels"][0][0], "1/2 of the s…", "{found}");
-    assert_eq!(found["texts"][1], json!(["x1/2", "x1", "x2"]), "{found}");
 }
 
 #[test]
-fn errors_are_drawn_over_axes_that_fit_them() {
-    let Some(browser) = chromium() else { return };
+fn long_names_of_levels_are_cut() {
+    let Some(found) = &*TORNADOES else { return };
+    assert_eq!(found["levels"][0][0], "1/2 of the s…", "{found}");
+}
+
+#[test]
+fn ratios_of_zero_and_infinity_do_not_extend_the_axis() {
+    let Some(found) = &*TORNADOES else { return };
+    assert_eq!(found["texts"][1], json!(["x1/2", "x1", "x2"]), "{found}");
+}
+
+static PLOTS: Drawn = LazyLock::new(|| {
     let plot = |places: &[[f64; 2]]| {
         PageElement::Plot(Plot {
             x_label: "t<b>".to_owned(),
@@ -271,27 +348,39 @@ fn errors_are_drawn_over_axes_that_fit_them() {
                 .collect(),
         })
     };
-    let found = probed(
-        browser,
-        &[
-            plot(&[[0.0, 0.5], [10.0, 9.0], [5.0, f64::NAN]]),
-            plot(&[[1.0, 1e-6], [1e6, 1e-12]]),
-            plot(&[]),
-        ],
-    );
-    // Errors above 4 times the limit, and those that are no numbers, are at the top.
+    let charts = [
+        plot(&[[0.0, 0.5], [10.0, 9.0], [5.0, f64::NAN]]),
+        plot(&[[1.0, 1e-6], [1e6, 1e-12]]),
+        plot(&[]),
+    ];
+    chromium().map(|browser| probed(browser, &charts))
+});
+
+#[test]
+fn errors_far_above_the_limit_or_not_finite_are_at_the_top() {
+    let Some(found) = &*PLOTS else { return };
     assert_eq!(
         [&found["circles"][0][1][1], &found["circles"][0][2][1]],
         [14.0; 2],
         "{found}"
     );
-    // Both axes are logarithmic; the error below 1/4096 of the largest is at its foot.
+}
+
+#[test]
+fn errors_far_below_the_limit_are_separated_by_decade() {
+    let Some(found) = &*PLOTS else { return };
+    // Both axes are logarithmic; the error below 1/4096 of the largest is at its foot
     let texts = found["texts"][1].as_array().unwrap();
     assert!(
         texts.contains(&json!("1e6")) && texts.contains(&json!("1e-6")),
         "{found}"
     );
     assert_eq!(found["circles"][1][1][1], 218.0, "{found}");
+}
+
+#[test]
+fn empty_plot_has_its_bound() {
+    let Some(found) = &*PLOTS else { return };
     assert!(
         found["texts"][2].as_array().unwrap().contains(&json!("bound")),
         "{found}"

@@ -213,7 +213,7 @@ pub struct Mark {
     pub class: &'static str,
 }
 
-/// ScatterChart plot with a limit line.
+/// Scatter plot with a limit line.
 #[derive(Clone, Debug, Serialize)]
 pub struct Plot {
     /// Label of the horizontal axis.

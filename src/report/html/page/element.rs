@@ -9,7 +9,7 @@ use super::line_drawing::Drawing;
 use super::table::{Cell, Table};
 use crate::image::{LinearImage, ToneMap, png_bytes};
 
-/// PageElement of a page, which the script draws by its `kind`.
+/// Element of a page, which the script draws by its `kind`.
 #[derive(Clone, Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum PageElement {

@@ -48,7 +48,7 @@ impl Clusters {
         // Allocate zeroed pages without writing to them
         let mut items: Vec<Item> = bytemuck::zeroed_vec(count);
         if count > 0 {
-            divide_cell(&mut items, (&mut keys, &unsorted), KEY_DIGITS, cost);
+            divide_cell(&mut items, &mut keys, &unsorted, KEY_DIGITS, cost);
         }
         Clusters {
             members: items.iter().map(|item| item.index).collect(),
@@ -111,7 +111,7 @@ impl ClusterKey {
 /// Clusters the boxes in an octree cell, of which there is at least one, and marks the last member of every cluster.
 /// The boxes are those of `keys` out of `all`; their keys differ in the last `digits` alone. They are written to
 /// `items`, cluster by cluster.
-fn divide_cell(items: &mut [Item], (keys, all): (&mut [ClusterKey], &[Item]), digits: u32, cost: &Cost) {
+fn divide_cell(items: &mut [Item], keys: &mut [ClusterKey], all: &[Item], digits: u32, cost: &Cost) {
     // Hand small sets, and sets in one finest cell, to the surface area heuristic
     let Some(digits) = digits.checked_sub(1).filter(|_| keys.len() > CELL_COUNT) else {
         for (item, key) in items.iter_mut().zip(&*keys) {
@@ -122,12 +122,12 @@ fn divide_cell(items: &mut [Item], (keys, all): (&mut [ClusterKey], &[Item]), di
     // Partition by the next digit of the key
     let split = part(keys, |key| key.cell >> digits & 1 == 0);
     if split == 0 || split == keys.len() {
-        return divide_cell(items, (keys, all), digits, cost);
+        return divide_cell(items, keys, all, digits, cost);
     }
     let ((low, high), (low_keys, high_keys)) = (items.split_at_mut(split), keys.split_at_mut(split));
     parallel::join(
-        || divide_cell(low, (low_keys, all), digits, cost),
-        || divide_cell(high, (high_keys, all), digits, cost),
+        || divide_cell(low, low_keys, all, digits, cost),
+        || divide_cell(high, high_keys, all, digits, cost),
     );
 }
 

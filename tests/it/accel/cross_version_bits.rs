@@ -3,13 +3,14 @@
 //! The sums below were made with Embree 3.13.5; the same tests run against Embree 4. A change of the shading or of the
 //! spawn points changes them: look at the images, then take over what the failing test prints.
 
+use crate::support::images;
 use std::path::Path;
 
 use crate::support::wave_scenes;
 use whit::accel::{AccelOptions, Backend, build};
 use whit::gltf::{LoadOptions, load};
 use whit::image::LinearImage;
-use whit::render::{Monitor, RenderSettings, render};
+use whit::render::RenderSettings;
 use whit::scene::Scene;
 
 /// Present in every x86-64 processor of the last ten years, and as fast as wider ones for most scenes.
@@ -52,16 +53,7 @@ fn image(scene: &Scene, backend: Backend) -> LinearImage {
         depth: 4,
         ..RenderSettings::default()
     };
-    let monitor = Monitor::default();
-    render(
-        scene.validate().unwrap(),
-        &scene.cameras[0],
-        &*accel,
-        &settings,
-        &monitor,
-    )
-    .unwrap()
-    .image
+    images::rendered_with(scene, &*accel, &settings).image
 }
 
 /// FNV-1a (Fowler, Noll, Vo) over the bits of all channels.

@@ -8,7 +8,7 @@ use crate::support::{images, scene_folder};
 use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::cost::{DisplayImage, ImageSums, SplitReference, slope};
 use whit::image::{LinearImage, ToneMap};
-use whit::render::{Monitor, Pattern, RenderSettings, render};
+use whit::render::{Pattern, RenderSettings};
 use whit::scene::Scene;
 
 const TONE: ToneMap = ToneMap { exposure_ev: 0.0 };
@@ -92,15 +92,7 @@ fn triangle() -> Scene {
 }
 
 fn rendered(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> DisplayImage {
-    let monitor = Monitor::default();
-    let rendering = render(
-        scene.validate().unwrap(),
-        &scene.cameras[0],
-        accel,
-        settings,
-        &monitor,
-    )
-    .unwrap();
+    let rendering = images::rendered_with(scene, accel, settings);
     DisplayImage::new(&rendering.image, TONE)
 }
 

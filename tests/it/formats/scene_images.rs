@@ -1,6 +1,7 @@
 //! Tests of images in scene files: meaning of texels for each parameter, radiance above 1, and files that cannot be
 //! used.
 
+use crate::support::images;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -9,7 +10,7 @@ use image::{ExtendedColorType, ImageFormat};
 use tempfile::TempDir;
 use whit::accel::{self, AccelOptions, Backend};
 use whit::gltf::LoadOptions;
-use whit::render::{Monitor, RenderSettings, render};
+use whit::render::RenderSettings;
 use whit::scene::{MaterialInput, Scene, Texels, Texture};
 use whit::scene_file;
 
@@ -102,15 +103,7 @@ fn middle(scene: &Scene) -> [f32; 3] {
         height: 3,
         ..RenderSettings::default()
     };
-    let monitor = Monitor::default();
-    let rendering = render(
-        scene.validate().unwrap(),
-        &scene.cameras[0],
-        &*accel,
-        &settings,
-        &monitor,
-    )
-    .unwrap();
+    let rendering = images::rendered_with(scene, &*accel, &settings);
     rendering.image.pixel(1, 1)
 }
 

@@ -1,11 +1,11 @@
 //! Tests of regions and sample shares: regions have the bits of the whole image, and shares of samples add up to the
 //! same bits regardless of where they are rendered.
 
+use crate::support::images;
 use crate::support::scene_folder;
 use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::render::{
     FilterKind, Monitor, PartSums, Parts, Pattern, PixelFilter, Region, RenderSettings, Rendering, Share,
-    render,
 };
 use whit::scene::Scene;
 
@@ -71,14 +71,7 @@ fn region_has_the_bits_of_the_full_image() {
         let scene = scene_folder::named(name).scene;
         let accel = tree(&scene);
         let settings = settings(spp, filter);
-        let whole = render(
-            scene.validate().unwrap(),
-            &scene.cameras[0],
-            &*accel,
-            &settings,
-            &Monitor::default(),
-        )
-        .unwrap();
+        let whole = images::rendered_with(&scene, &*accel, &settings);
         let mut parts = Parts::new(
             (scene.validate().unwrap(), &scene.cameras[0]),
             &*accel,
@@ -116,14 +109,7 @@ fn sample_shares_sum_to_the_image() {
         let accel = tree(&scene);
         // Use four packets, the last of which is not full.
         let settings = settings(60, filter);
-        let whole = render(
-            scene.validate().unwrap(),
-            &scene.cameras[0],
-            &*accel,
-            &settings,
-            &Monitor::default(),
-        )
-        .unwrap();
+        let whole = images::rendered_with(&scene, &*accel, &settings);
         let mut parts = Parts::new(
             (scene.validate().unwrap(), &scene.cameras[0]),
             &*accel,

@@ -2,6 +2,7 @@
 //!
 //! The measurements that justify the defaults are in the slow tier: `tests/ci/slow sampling --nocapture`.
 
+use crate::support::images;
 use std::path::PathBuf;
 
 use crate::support::image_error::{Comparison, Judge};
@@ -9,7 +10,7 @@ use crate::support::sampling_scenes::{self, scenes};
 use crate::support::scene_folder;
 use clap::ValueEnum;
 use whit::accel::{self, AccelOptions, Backend};
-use whit::render::{Adaptive, FilterKind, Monitor, Pattern, PixelFilter, RenderSettings, Rendering, render};
+use whit::render::{Adaptive, FilterKind, Pattern, PixelFilter, RenderSettings, Rendering};
 use whit::scene::Scene;
 
 const SIZE: (u32, u32) = (96, 72);
@@ -42,15 +43,7 @@ fn uniform(settings: RenderSettings) -> RenderSettings {
 
 fn rendered(scene: &Scene, settings: RenderSettings) -> Rendering {
     let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
-    let monitor = Monitor::default();
-    render(
-        scene.validate().unwrap(),
-        &scene.cameras[0],
-        &*accel,
-        &settings,
-        &monitor,
-    )
-    .unwrap()
+    images::rendered_with(scene, &*accel, &settings)
 }
 
 /// Returns all bits of an image and of its sample counts.

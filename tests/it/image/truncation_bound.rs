@@ -3,11 +3,12 @@
 //! In a white environment every path has a radiance of 1, so that a clear sphere is darker by exactly the truncated
 //! throughput.
 
+use crate::support::images;
 use std::fs;
 
 use whit::accel::{self, AccelOptions, Backend};
 use whit::gltf::LoadOptions;
-use whit::render::{Adaptive, Monitor, RenderSettings, Rendering, render};
+use whit::render::{Adaptive, RenderSettings, Rendering};
 use whit::scene_file;
 
 /// Renders a sphere with these material lines in a white environment.
@@ -21,15 +22,7 @@ fn seen(material: &str, settings: &RenderSettings) -> Rendering {
     fs::write(&path, text).unwrap();
     let scene = scene_file::load(&path, &LoadOptions::default()).unwrap().scene;
     let accel = accel::build(scene.validate().unwrap(), Backend::Bsp, &AccelOptions::default()).unwrap();
-    let monitor = Monitor::default();
-    render(
-        scene.validate().unwrap(),
-        &scene.cameras[0],
-        &*accel,
-        settings,
-        &monitor,
-    )
-    .unwrap()
+    images::rendered_with(&scene, &*accel, settings)
 }
 
 /// Returns the maximum and the mean deficit of an image from 1.

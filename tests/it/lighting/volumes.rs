@@ -1,11 +1,12 @@
 //! Volumes and fog through the renderer: laws with a closed form, and what must change no bit.
 
+use crate::support::images;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
 use glam::{DAffine3, DMat3, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
-use whit::render::{Monitor, RenderSettings, Rendering, render};
+use whit::render::{RenderSettings, Rendering};
 use whit::scene::{
     AlphaMode, Background, Camera, Falloff, Geometry, Image, Instance, Light, LightKind, Material, Model,
     Projection, Scene, Texels,
@@ -99,15 +100,7 @@ fn sun(to_light: DVec3) -> Light {
 fn rendered(scene: &Scene, backend: Backend, settings: &RenderSettings) -> Rendering {
     scene.validate().unwrap();
     let accel = accel::build(scene.validate().unwrap(), backend, &AccelOptions::default()).unwrap();
-    let monitor = Monitor::default();
-    render(
-        scene.validate().unwrap(),
-        &scene.cameras[0],
-        &*accel,
-        settings,
-        &monitor,
-    )
-    .unwrap()
+    images::rendered_with(scene, &*accel, settings)
 }
 
 /// The red of the one pixel that is seen along the axis.

@@ -30,7 +30,7 @@ const PROBE: &str = r##"
       return [box.x + 0.5 * box.width, box.y + 0.5 * box.height].map(Math.round);
     })),
     rects: drawings.map((drawing) => [...drawing.querySelectorAll("rect")].map((rect) => ["y", "width", "height"].map((name) => number(rect, name)))),
-    met: drawings.map((drawing) => [...drawing.querySelectorAll("path.met")].map((path) => path.getAttribute("d"))),
+    whiskers: drawings.map((drawing) => [...drawing.querySelectorAll("path.whisker")].map((path) => path.getAttribute("d"))),
     circles: drawings.map((drawing) => [...drawing.querySelectorAll("circle")].map((circle) => [number(circle, "cx"), number(circle, "cy")])),
     looks: new Set([...document.querySelectorAll(".mark")].map((mark) => mark.getAttribute("class") + mark.getAttribute("d").replace(/^M \S+ \S+/, ""))).size,
     failed: document.querySelectorAll(".failed").length,
@@ -234,7 +234,7 @@ fn bar_lengths_are_proportional_to_values() {
     // 8 takes the 861 - 235 - 58 = 568 pixels between the names and the labels.
     let widths = [0, 1].map(|bar| &found["rects"][0][bar][1]);
     assert_eq!(widths, [284.0, 568.0], "{found}");
-    assert_eq!(found["met"][0][0], "M 377.0 34.0 H 803.0", "{found}");
+    assert_eq!(found["whiskers"][0][0], "M 377.0 34.0 H 803.0", "{found}");
     assert_eq!(found["rects"][1][0][1], 1.0, "{found}");
 }
 

@@ -1,10 +1,11 @@
 //! Tests of the effect plan: the effects that it disables change no bit of an image, and every trigger is necessary.
 
+use crate::support::images;
 use crate::support::{random_scenes, scene_folder};
 use rayon::prelude::*;
 use whit::accel::{self, AccelOptions, Backend};
 use whit::render::plan::{Facts, TRIGGERS, Trigger};
-use whit::render::{Category, Monitor, Plan, RenderSettings, Rendering, render};
+use whit::render::{Category, Plan, RenderSettings, Rendering};
 use whit::scene::{Effect, EffectOverrides, EffectSet, Scene};
 
 /// Number of random scenes.
@@ -21,15 +22,7 @@ fn settings() -> RenderSettings {
 
 fn rendered(scene: &Scene, backend: Backend, settings: &RenderSettings) -> Rendering {
     let accel = accel::build(scene.validate().unwrap(), backend, &AccelOptions::default()).unwrap();
-    let monitor = Monitor::default();
-    render(
-        scene.validate().unwrap(),
-        &scene.cameras[0],
-        &*accel,
-        settings,
-        &monitor,
-    )
-    .unwrap()
+    images::rendered_with(scene, &*accel, settings)
 }
 
 fn bits(rendering: &Rendering) -> Vec<u32> {

@@ -2,11 +2,12 @@
 //!
 //! `cargo bench --bench timing -- profile_seconds` checks the seconds as well, which needs a quiet machine.
 
+use crate::support::images;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::support::{random_scenes, scene_folder};
 use whit::accel::{self, Accel, AccelOptions, AccelReport, Backend, Coherence, RayPacket};
-use whit::render::{Adaptive, Category, Monitor, RenderProfile, RenderSettings, Rendering, Tally, render};
+use whit::render::{Adaptive, Category, RenderProfile, RenderSettings, Rendering, Tally};
 use whit::scene::Scene;
 
 /// Backend wrapper that counts the rays of all queries.
@@ -40,15 +41,7 @@ impl Accel for Counter<'_> {
 }
 
 fn rendered(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> Rendering {
-    let monitor = Monitor::default();
-    render(
-        scene.validate().unwrap(),
-        &scene.cameras[0],
-        accel,
-        settings,
-        &monitor,
-    )
-    .unwrap()
+    images::rendered_with(scene, accel, settings)
 }
 
 /// Returns the rendering and the number of rays that the backend traced.

@@ -1,7 +1,7 @@
 //! Small test scenes, their renderings, and estimates from their pixels.
 
 use glam::DAffine3;
-use whit::accel::{self, AccelOptions, Backend};
+use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::image::LinearImage;
 use whit::render::{Monitor, RenderSettings, Rendering, render};
 use whit::scene::{Camera, Geometry, Instance, Material, Scene};
@@ -50,10 +50,15 @@ pub fn rendered_by(
     (backend, options): (Backend, &AccelOptions),
     settings: &RenderSettings,
 ) -> Rendering {
-    scene.validate().unwrap();
-    let accel = accel::build(scene.validate().unwrap(), backend, options).unwrap();
-    let monitor = Monitor::default();
-    render(scene.validate().unwrap(), camera, &*accel, settings, &monitor).unwrap()
+    let scene = scene.validate().unwrap();
+    let accel = accel::build(scene, backend, options).unwrap();
+    render(scene, camera, &*accel, settings, &Monitor::default()).unwrap()
+}
+
+/// Renders the first camera of a valid scene without progress reports or cancellation.
+pub fn rendered_with(scene: &Scene, accel: &dyn Accel, settings: &RenderSettings) -> Rendering {
+    let scene = scene.validate().unwrap();
+    render(scene, &scene.cameras[0], accel, settings, &Monitor::default()).unwrap()
 }
 
 /// Returns the mean of the pixels' green, and its standard error from their variance.

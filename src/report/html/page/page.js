@@ -255,7 +255,7 @@ const charts = {
         rows.push(withTip(words,
           text("", names - 6, middle + 4, name, "end"),
           bar(`bar ${colorOf(look)}`, names, y + 1.5, Math.max(across(value) - names, 1), rowHeight - 3),
-          path("met", "M", across(low), middle, "H", across(high)),
+          path("whisker", "M", across(low), middle, "H", across(high)),
           text("level", Math.max(across(high), across(value)) + 5, middle + 4, behindBar)));
         y += rowHeight;
       }

@@ -70,7 +70,7 @@ impl Cell {
     }
 
     /// Returns a word in the colour of its class that links to the element `to` of the page.
-    pub fn badge_link((word, class): (&str, &'static str), to: &str) -> Cell {
+    pub fn badge_link(word: &str, class: &'static str, to: &str) -> Cell {
         Cell {
             badge: class,
             ..Cell::link(word, to)

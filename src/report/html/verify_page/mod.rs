@@ -141,7 +141,7 @@ fn overview(rows: &[VerifyRow]) -> PageElement {
             let row = of_case.iter().find(|row| path_name(row, rows) == *path);
             row.map_or(Cell::default(), |row| {
                 let wrong = row.outcome.tally.wrong.to_string();
-                Cell::badge_link((&wrong, class(row.outcome.verdict)), case.id)
+                Cell::badge_link(&wrong, class(row.outcome.verdict), case.id)
             })
         }));
         table.row(("", case.id), &cells);

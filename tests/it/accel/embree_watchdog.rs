@@ -1,6 +1,6 @@
 //! Every pair of call, flag, kernel and kind of geometry in use comes back.
 //!
-//! On 3.13.5 a coherent `rtcOccluded16` over Embree's own instances never does, so each pair runs under a watchdog.
+//! On 3.13.5 a coherent `rtcOccluded16` over Embree's own instances never does, so all calls run under a watchdog.
 
 use std::sync::mpsc;
 use std::thread;
@@ -130,7 +130,6 @@ fn packets() -> Vec<RayPacket> {
 
 #[test]
 fn every_call_flag_kernel_and_kind_returns() {
-    let mut pairs = Vec::new();
     for kind in [
         Kind::Triangles,
         Kind::Spheres,
@@ -143,35 +142,40 @@ fn every_call_flag_kernel_and_kind_returns() {
         for precision in Precision::ALL {
             for kernel in [Kernel::Packet, Kernel::Single] {
                 for isa in [None, Some("avx2"), Some("sse2")] {
-                    for order in [Coherence::Coherent, Coherence::Incoherent] {
-                        for call in [
-                            Call::Intersect,
-                            Call::Occluded,
-                            Call::RawIntersect,
-                            Call::RawOccluded,
-                        ] {
-                            pairs.push((kind, precision, kernel, isa, order, call));
-                        }
-                    }
+                    let options = AccelOptions {
+                        precision,
+                        kernel,
+                        instancing: kind.instancing(),
+                        isa: isa.map(str::to_owned),
+                        ..AccelOptions::default()
+                    };
+                    let name = format!("{kind:?} {precision:?} {kernel:?} {isa:?}");
+                    every_call_and_flag_returns(&name, kind, options);
                 }
             }
         }
     }
-    for pair in pairs {
-        let (kind, precision, kernel, isa, order, call) = pair;
-        let (done, watch) = mpsc::channel();
-        let asker = thread::spawn(move || {
-            let scene = scene(kind);
-            let isa = isa.map(str::to_owned);
-            let options = AccelOptions {
-                precision,
-                kernel,
-                instancing: kind.instancing(),
-                isa,
-                ..AccelOptions::default()
-            };
-            // Only an instruction set that the processor lacks is refused.
-            if let Ok(accel) = EmbreeAccel::build(&scene, &options) {
+}
+
+/// Checks that each call with each flag returns, on one structure. It is the structure of a thread of its own, which
+/// reports each call that is over.
+fn every_call_and_flag_returns(name: &str, kind: Kind, options: AccelOptions<'static>) {
+    let (report, reports) = mpsc::channel();
+    let caller = thread::spawn(move || {
+        let scene = scene(kind);
+        // Only an instruction set that the processor lacks is refused.
+        let Ok(accel) = EmbreeAccel::build(&scene, &options) else {
+            return;
+        };
+        for call in [
+            Call::Intersect,
+            Call::Occluded,
+            Call::RawIntersect,
+            Call::RawOccluded,
+        ] {
+            for order in [Coherence::Coherent, Coherence::Incoherent] {
+                // The report before a call says which one does not return
+                report.send((call, order)).unwrap();
                 let mut packets = packets();
                 match call {
                     Call::Intersect => accel.intersect(&mut packets, order),
@@ -182,12 +186,15 @@ fn every_call_flag_kernel_and_kind_returns() {
                 let is_hit = |p: &RayPacket| (0..LANES).any(|l| p.hit(l).is_some() || p.is_blocked(l));
                 assert!(packets.iter().any(is_hit), "no ray hit anything");
             }
-            let _ = done.send(());
-        });
-        match watch.recv_timeout(PATIENCE) {
-            Ok(()) => asker.join().unwrap(),
-            Err(mpsc::RecvTimeoutError::Timeout) => panic!("{pair:?} did not come back"),
-            Err(mpsc::RecvTimeoutError::Disconnected) => panic!("{pair:?} failed"),
+        }
+    });
+    let mut last = None;
+    loop {
+        match reports.recv_timeout(PATIENCE) {
+            Ok(call) => last = Some(call),
+            Err(mpsc::RecvTimeoutError::Timeout) => panic!("{name}, {last:?} did not return"),
+            Err(mpsc::RecvTimeoutError::Disconnected) => break,
         }
     }
+    assert!(caller.join().is_ok(), "{name}, {last:?} failed");
 }

@@ -4,8 +4,9 @@
 //! All vectors are in one space, chosen by the caller. The order is: frame or derivatives with the outward normal,
 //! perturb, flip to the viewer's side, correct.
 
-use glam::DVec3;
+use glam::{DMat3, DVec3, Vec3};
 
+use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::UvTransform;
 
 /// Orthonormal tangent frame on a surface: glTF's tangent space.
@@ -113,6 +114,116 @@ pub fn bend_toward_viewer(n: DVec3, ng: DVec3, wo: DVec3) -> DVec3 {
     };
     let raised = horizontal * (1.0 - min_elevation * min_elevation).sqrt() + ng * min_elevation;
     (wo + raised).try_normalize().unwrap_or(ng)
+}
+
+/// Tangents of sixteen points, in the space of their normals.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct TangentPacket {
+    tangent: Lanes3<f32>,
+    handedness: Lanes<f32>,
+}
+
+impl TangentPacket {
+    /// No tangents.
+    pub(crate) const ZERO: TangentPacket = TangentPacket {
+        tangent: [[0.0; LANES]; 3],
+        handedness: [1.0; LANES],
+    };
+
+    /// Sets lane `l` to a mesh tangent: see [`TangentFrame::from_tangent`].
+    #[inline(always)]
+    pub(crate) fn set(&mut self, l: usize, [x, y, z, w]: [f32; 4]) {
+        self.tangent[0][l] = x;
+        self.tangent[1][l] = y;
+        self.tangent[2][l] = z;
+        self.handedness[l] = w;
+    }
+
+    /// Transforms lane `l` by a matrix that may mirror.
+    pub(crate) fn transform(&mut self, l: usize, matrix: &DMat3, is_mirrored: bool) {
+        let tangent = [0, 1, 2].map(|axis| f64::from(self.tangent[axis][l]));
+        // Of unit length, so that squares of f32 neither overflow nor underflow
+        let turned = (*matrix * DVec3::from_array(tangent)).normalize_or_zero();
+        for axis in 0..3 {
+            self.tangent[axis][l] = turned[axis] as f32;
+        }
+        if is_mirrored {
+            self.handedness[l] = -self.handedness[l];
+        }
+    }
+
+    /// Returns the normals of a normal map's linear RGB `texels` around the unit normals `n`, and the lanes that have a
+    /// tangent frame. The method is that of [`TangentFrame::perturbed`].
+    #[inline(always)]
+    pub(crate) fn perturbed(
+        &self,
+        n: &Lanes3<f32>,
+        texels: &Lanes<[f32; 4]>,
+        scale: f32,
+    ) -> (Lanes3<f32>, Lanes<bool>) {
+        let mut mapped = *n;
+        let mut has_frame = [false; LANES];
+        // Transpose the texels to the components of the normals
+        let mut components = [[0.0; LANES]; 3];
+        for l in 0..LANES {
+            for axis in 0..3 {
+                components[axis][l] = 2.0 * texels[l][axis] - 1.0;
+            }
+        }
+        for l in 0..LANES {
+            let lane = |v: &Lanes3<f32>| Vec3::new(v[0][l], v[1][l], v[2][l]);
+            // Make the tangent perpendicular to the normal
+            let (n, tangent) = (lane(n), lane(&self.tangent));
+            let along = tangent * tangent.dot(tangent).sqrt().recip();
+            let across = along - n * n.dot(along);
+            let squared = across.dot(across);
+            let tangent = across * squared.sqrt().recip();
+            let bitangent = n.cross(tangent) * 1f32.copysign(self.handedness[l]);
+            // Combine the components, and normalise
+            let texel = lane(&components);
+            let sum = tangent * (scale * texel.x) + bitangent * (scale * texel.y) + n * texel.z;
+            let length = sum.dot(sum);
+            has_frame[l] = squared > 0.0;
+            let is_valid = (squared > 0.0) & (length > 0.0);
+            let unit = sum * length.sqrt().recip();
+            for axis in 0..3 {
+                mapped[axis][l] = if is_valid { unit[axis] } else { n[axis] };
+            }
+        }
+        (mapped, has_frame)
+    }
+}
+
+/// Returns sixteen unit normals `n`, bent toward the viewers: see [`bend_toward_viewer`].
+#[inline(always)]
+pub(crate) fn bend_packet_toward_viewer(
+    n: &Lanes3<f32>,
+    ng: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+) -> Lanes3<f32> {
+    let mut bent = *n;
+    for l in 0..LANES {
+        let lane = |v: &Lanes3<f32>| Vec3::new(v[0][l], v[1][l], v[2][l]);
+        let (n, ng, wo) = (lane(n), lane(ng), lane(wo));
+        let min_elevation = (MIN_ELEVATION as f32).min(ng.dot(wo));
+        let reflected = n * (2.0 * n.dot(wo).max(0.0)) - wo;
+        let elevation = reflected.dot(ng);
+        // Raise the reflected ray to the least elevation
+        let horizontal = reflected - ng * elevation;
+        let squared = horizontal.dot(horizontal);
+        let cos = (1.0 - min_elevation * min_elevation).sqrt();
+        let raised = horizontal * (cos / squared.sqrt()) + ng * min_elevation;
+        let half = wo + raised;
+        let length = half.dot(half);
+        let unit = half * length.sqrt().recip();
+        let is_low = !(elevation >= min_elevation);
+        let has_direction = (squared > 0.0) & (length > 0.0);
+        for axis in 0..3 {
+            let low = if has_direction { unit[axis] } else { ng[axis] };
+            bent[axis][l] = if is_low { low } else { n[axis] };
+        }
+    }
+    bent
 }
 
 #[cfg(test)]

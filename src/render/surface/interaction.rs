@@ -16,6 +16,7 @@ use super::super::settings::{HitPoint, RenderSettings};
 use super::cone_source::ConeSource;
 use super::packet::{SurfacePacket, lane};
 use super::shape_hit::world_point;
+use super::texture_eval::{TextureLanes, TexturedHits, evaluate_textures};
 use super::uv_frame::UvFrame;
 use super::vertex_fetch::{FetchedVertices, MeshView};
 use crate::accel::{NO_HIT, RayPacket};
@@ -41,7 +42,7 @@ pub(in crate::render) struct SurfaceScene<'s> {
 pub(in crate::render) struct InstanceView<'s> {
     kind: InteractionKind<'s>,
     /// Index into the materials of the scene.
-    material: u32,
+    pub(super) material: u32,
     /// True if the material is constant over the surface: no texture and no vertex colour.
     pub(in crate::render) uniform: bool,
     /// True if object space differs from world space.
@@ -64,6 +65,7 @@ pub(in crate::render) struct Surfaces {
     pub(in crate::render) materials: MaterialPacket,
     /// Instance whose uniform material fills every lane of `materials`, if there is one.
     filled_for: Option<u32>,
+    textures: Box<TextureLanes>,
     /// Time at which texture look-ups began.
     pub(in crate::render) texturing: Moment,
 }
@@ -151,6 +153,7 @@ impl<'s> SurfaceScene<'s> {
             materials,
             filled_for,
             texturing,
+            textures,
         } = surfaces;
         // Fetch vertices, as a whole if all lanes share an instance
         let common = Common::of(packet);
@@ -206,7 +209,12 @@ impl<'s> SurfaceScene<'s> {
                     if matches!(texturing, Moment::Wanted) {
                         *texturing = Moment::Read(Instant::now());
                     }
-                    self.evaluate_texture_lanes(packet, widths, points, materials);
+                    let hits = TexturedHits {
+                        packet,
+                        widths,
+                        gathered,
+                    };
+                    evaluate_textures(self, hits, points, materials, textures);
                 }
             }
         }
@@ -340,6 +348,12 @@ impl<'s> SurfaceScene<'s> {
         &self.views[instance as usize]
     }
 
+    /// Returns whether object space differs from world space for an instance.
+    #[inline(always)]
+    pub(super) fn is_placed(&self, instance: u32) -> bool {
+        self.views.get(instance as usize).is_some_and(|view| view.is_placed)
+    }
+
     /// Returns the textures of the scene, prepared for look-up.
     pub(in crate::render) fn textures(&self) -> &TextureSet<'_> {
         &self.textures
@@ -386,6 +400,23 @@ impl InstanceView<'_> {
         }
     }
 
+    /// Returns the texture coordinates of the corners of a triangle; `None` for shapes, and for meshes without the set.
+    #[inline(always)]
+    pub(super) fn corner_coordinates(&self, set: u32, primitive: u32) -> Option<[[f32; 2]; 3]> {
+        match &self.kind {
+            InteractionKind::Mesh(mesh) => {
+                let set = mesh.tex_coords.get(set as usize)?;
+                Some(mesh.triangles[primitive as usize].map(|vertex| set[vertex as usize]))
+            }
+            InteractionKind::Shape(_) => None,
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn is_shape(&self) -> bool {
+        matches!(self.kind, InteractionKind::Shape(_))
+    }
+
     /// Returns the interpolated mesh tangent at a hit, in object space, with its handedness.
     pub(in crate::render) fn tangent(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
         match &self.kind {
@@ -423,6 +454,7 @@ impl Surfaces {
                 ..MaterialPacket::BLACK
             },
             filled_for: None,
+            textures: Box::new(TextureLanes::new()),
             texturing: Moment::Unknown,
         }
     }

@@ -7,6 +7,7 @@ mod shape_hit;
 mod spawn_probe;
 mod texture_eval;
 mod uv_frame;
+mod uv_packet;
 mod vertex_fetch;
 
 pub use spawn_probe::{SpawnPoint, SpawnProbe};

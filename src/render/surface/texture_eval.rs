@@ -1,215 +1,464 @@
 //! Texture evaluation: applies textures and vertex colours to material inputs, alpha and shading normals of hits.
 //!
-//! Works lane by lane, and only for materials with textures or vertex colours. Each look-up is averaged over the
-//! footprint of the ray: the intersection of its cone with the surface.
+//! Only for materials with textures or vertex colours. All lanes of one material are evaluated together, layer by
+//! layer. Each look-up is averaged over the footprint of the ray: the intersection of its cone with the surface. Bump
+//! maps and procedural patterns are looked up lane by lane.
 
 use glam::DVec3;
+use multiversion::multiversion;
 
 use super::cone_source::ConeSource;
 use super::interaction::{InstanceView, SurfaceScene};
-use super::packet::SurfacePacket;
+use super::packet::{SurfacePacket, lane};
 use super::uv_frame::UvFrame;
+use super::uv_packet::FootprintPacket;
+use super::vertex_fetch::FetchedVertices;
 use crate::accel::{NO_HIT, RayPacket};
-use crate::numeric::{LANES, Lanes3};
+use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, InstanceTransform, MaterialInput, Model, TextureBinding};
-use crate::shading::normal_map::{TangentFrame, bend_toward_viewer, bumped, transformed_derivatives};
-use crate::shading::ray_cone::{axes_on_surface, uv_of};
-use crate::shading::{ExtendedMaterialLanes, Footprint, MaterialPacket, TexturePoint};
+use crate::shading::normal_map::{
+    TangentFrame, TangentPacket, bend_packet_toward_viewer, bumped, transformed_derivatives,
+};
+use crate::shading::ray_cone::uv_of;
+use crate::shading::{
+    ExtendedMaterialLanes, Footprint, MaterialPacket, PacketLookup, TexturePoint, UvPacket,
+};
 
-/// Hit to be textured, in world space unless stated otherwise.
-struct TexturedMaterial<'a> {
-    view: &'a InstanceView<'a>,
-    pose: &'a InstanceTransform<'a>,
+/// Working memory of texture evaluation.
+pub(super) struct TextureLanes {
+    footprints: FootprintPacket,
+    lookup: LayerLookup,
+}
+
+/// Points and texels of the last layer, of which the next one may use some.
+struct LayerLookup {
+    points: UvPacket,
+    /// Set of texture coordinates that `points` are in; `None` if the lanes have changed since.
+    set: Option<u32>,
+    images: PacketLookup,
+}
+
+impl TextureLanes {
+    pub(super) fn new() -> TextureLanes {
+        TextureLanes {
+            footprints: FootprintPacket::ZERO,
+            lookup: LayerLookup {
+                points: UvPacket::ZERO,
+                set: None,
+                images: PacketLookup::new(),
+            },
+        }
+    }
+}
+
+/// Inputs of the textures of a packet.
+#[derive(Clone, Copy)]
+pub(super) struct TexturedHits<'a> {
+    pub(super) packet: &'a RayPacket,
+    pub(super) widths: ConeSource<'a>,
+    pub(super) gathered: &'a FetchedVertices,
+}
+
+/// Hits of a packet on one material.
+#[derive(Clone, Copy)]
+struct MaterialHits<'a> {
     packet: &'a RayPacket,
-    l: usize,
-    p_object: DVec3,
-    /// Axes of the elliptical ray footprint on the surface.
-    axes: [DVec3; 2],
+    /// Lanes that hit the material.
+    mask: &'a Lanes<bool>,
+    footprints: &'a FootprintPacket,
+}
+
+impl MaterialHits<'_> {
+    /// Returns the lanes that hit the material.
+    fn lanes(&self) -> impl Iterator<Item = usize> {
+        (0..LANES).filter(|&l| self.mask[l])
+    }
+}
+
+/// Evaluates textures and vertex colours for the lanes that have any; compiled for several instruction sets.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+pub(super) fn evaluate_textures(
+    scene: &SurfaceScene,
+    hits: TexturedHits,
+    points: &mut SurfacePacket,
+    materials: &mut MaterialPacket,
+    lanes: &mut TextureLanes,
+) {
+    let packet = hits.packet;
+    let TextureLanes { footprints, lookup } = lanes;
+    footprints.fill(scene, packet, hits.widths, points, hits.gathered);
+    // Take the lanes of one material after the other
+    let mut left: Lanes<bool> = std::array::from_fn(|l| {
+        packet.instance[l] != NO_HIT && !scene.view(packet.instance[l]).uniform
+    });
+    while let Some(first) = left.iter().position(|&is_left| is_left) {
+        let material = scene.view(packet.instance[first]).material;
+        let mut mask = [false; LANES];
+        for l in first..LANES {
+            mask[l] = left[l] && scene.view(packet.instance[l]).material == material;
+            left[l] &= !mask[l];
+        }
+        lookup.set = None;
+        let hits = MaterialHits {
+            packet,
+            mask: &mask,
+            footprints,
+        };
+        scene.evaluate_material(&hits, points, materials, lookup);
+    }
 }
 
 impl SurfaceScene<'_> {
-    /// Evaluates textures and vertex colours for the lanes that have any.
-    pub(super) fn evaluate_texture_lanes(
+    /// Evaluates textures and vertex colours at hits on one material, including its alpha and the shading normals.
+    #[inline(always)]
+    fn evaluate_material(
         &self,
-        packet: &RayPacket,
-        widths: ConeSource,
+        hits: &MaterialHits,
         points: &mut SurfacePacket,
         materials: &mut MaterialPacket,
+        lookup: &mut LayerLookup,
     ) {
-        for l in 0..LANES {
-            if packet.instance[l] == NO_HIT {
-                continue;
-            }
-            if !self.view(packet.instance[l]).uniform {
-                self.evaluate_textures((packet, widths, l), points, materials);
-            }
-        }
-    }
-
-    /// Evaluates textures and vertex colours for lane `l`, including its alpha and its shading normal.
-    #[cold]
-    fn evaluate_textures(
-        &self,
-        (packet, widths, l): (&RayPacket, ConeSource, usize),
-        points: &mut SurfacePacket,
-        materials: &mut MaterialPacket,
-    ) {
-        let view = self.view(packet.instance[l]);
-        let material = self.material_of(view);
-        let pose = self.pose(packet, l);
-        // Loop over the textures that active effects need
-        let hit = TexturedMaterial::new((view, &pose), (packet, widths, l), points);
-        let mut alpha = material.base_color[3];
-        let mut normal = None;
+        let mask = hits.mask;
+        let Some(first) = hits.lanes().next() else { return };
+        let material = self.material_of(self.view(hits.packet.instance[first]));
+        let mut alpha = [material.base_color[3]; LANES];
+        let mut normals = PerturbedNormals {
+            n: points.outward_normals(),
+            lanes: [false; LANES],
+        };
         for layer in &material.layers {
             if !self.effects.has(layer.effect()) {
                 continue;
             }
-            let (uv_frame, at, footprint) = hit.look_up(layer);
-            // Perturb the normal by a bump map
             if layer.parameter == MaterialInput::Bump {
-                let object_from_world = pose.object_from_world().matrix3;
-                let by_object = uv_frame
-                    .derivatives
-                    .map(|derivative| object_from_world * derivative);
-                let gradient = self.textures().height_gradient(&layer.texture, &at, by_object);
-                let n = normal.unwrap_or_else(|| points.outward_normal(l));
-                let slope = gradient.map(|g| g * layer.strength);
-                normal = Some(bumped(n, uv_frame.derivatives, slope));
+                self.bump_normals(layer, hits, points, &mut normals);
                 continue;
             }
-            // Multiply the texel into its material input
-            let encoding = layer.parameter.encoding();
-            let texel = self
-                .textures()
-                .sample_footprint(layer.texture.texture, encoding, &at, &footprint);
+            // Look the texture up, and multiply the texels into the material input
+            let texels = self.texels(layer, hits, points, lookup);
             match layer.parameter {
                 MaterialInput::BaseColor => {
-                    (0..3).for_each(|c| materials.base_color[c][l] *= texel[c]);
-                    alpha *= texel[3];
+                    tint(&mut materials.base_color, texels, mask);
+                    scale(&mut alpha, texels, 3, mask);
                 }
-                MaterialInput::Emission => (0..3).for_each(|c| materials.emission[c][l] *= texel[c]),
-                MaterialInput::Roughness => materials.roughness[l] *= texel[0],
-                MaterialInput::Metallic => materials.metallic[l] *= texel[0],
+                MaterialInput::Emission => tint(&mut materials.emission, texels, mask),
+                MaterialInput::Roughness => scale(&mut materials.roughness, texels, 0, mask),
+                MaterialInput::Metallic => scale(&mut materials.metallic, texels, 0, mask),
                 MaterialInput::MetallicRoughness => {
-                    materials.roughness[l] *= texel[1];
-                    materials.metallic[l] *= texel[2];
+                    scale(&mut materials.roughness, texels, 1, mask);
+                    scale(&mut materials.metallic, texels, 2, mask);
                 }
-                MaterialInput::Normal => {
-                    let n = points.outward_normal(l);
-                    let frame = hit.tangent_frame(layer, &uv_frame, n);
-                    let texel = [texel[0], texel[1], texel[2]];
-                    normal = frame.map(|frame| frame.perturbed(texel, layer.strength));
-                }
-                _ => rich_layer(layer, &texel, l, &mut materials.extended),
+                MaterialInput::Normal => self.map_normals(layer, texels, hits, points, &mut normals),
+                _ => apply_extended(layer, texels, mask, &mut materials.extended),
             }
         }
-        // Multiply by the vertex colour and evaluate alpha
-        if let Some(color) = view.vertex_color(packet, l) {
-            (0..3).for_each(|c| materials.base_color[c][l] *= color[c]);
-            alpha *= color[3];
+        self.apply_vertex_colors(hits, materials, &mut alpha);
+        // Evaluate alpha and emission of the result, and turn the normals
+        let is_unlit = material.model == Model::Unlit && self.effects.has(Effect::Emission);
+        for l in hits.lanes() {
+            materials.alpha[l] = materials.coverage(material, alpha[l]);
+            if is_unlit {
+                (0..3).for_each(|c| materials.emission[c][l] = materials.base_color[c][l]);
+            }
         }
-        materials.alpha[l] = materials.coverage(material, alpha);
-        if material.model == Model::Unlit && self.effects.has(Effect::Emission) {
-            (0..3).for_each(|c| materials.emission[c][l] = materials.base_color[c][l]);
+        if normals.lanes.contains(&true) {
+            points.bend(&normals);
         }
-        if let Some(n) = normal {
-            points.bend(l, n);
+    }
+
+    /// Returns the texels of a layer at the hits; other lanes have any values.
+    #[inline(always)]
+    fn texels<'l>(
+        &self,
+        layer: &TextureBinding,
+        hits: &MaterialHits,
+        points: &SurfacePacket,
+        lookup: &'l mut LayerLookup,
+    ) -> &'l Lanes<[f32; 4]> {
+        let LayerLookup { points: uv, set, images } = lookup;
+        if !self.textures().is_image(layer.texture.texture) {
+            self.pattern_texels(layer, hits, points, images.texels_mut());
+            return images.texels();
+        }
+        if *set != Some(layer.texture.tex_coord) {
+            *set = Some(layer.texture.tex_coord);
+            self.uv_packet(layer.texture.tex_coord, (hits.packet, hits.mask), hits.footprints, uv);
+            images.begin();
+        }
+        let encoding = layer.parameter.encoding();
+        self.textures()
+            .sample_packet(&layer.texture, encoding, uv, hits.mask, images)
+    }
+
+    /// Looks a procedural pattern up, lane by lane.
+    #[inline(never)]
+    fn pattern_texels(
+        &self,
+        layer: &TextureBinding,
+        hits: &MaterialHits,
+        points: &SurfacePacket,
+        texels: &mut Lanes<[f32; 4]>,
+    ) {
+        let encoding = layer.parameter.encoding();
+        for l in hits.lanes() {
+            let pose = self.pose(hits.packet, l);
+            let (_, at, footprint) = TexturedHit::new(self, hits, l, &pose).look_up(layer, points);
+            texels[l] = self
+                .textures()
+                .sample_footprint(layer.texture.texture, encoding, &at, &footprint);
+        }
+    }
+
+    /// Perturbs the normals by a bump map, lane by lane.
+    #[inline(never)]
+    fn bump_normals(
+        &self,
+        layer: &TextureBinding,
+        hits: &MaterialHits,
+        points: &SurfacePacket,
+        normals: &mut PerturbedNormals,
+    ) {
+        for l in hits.lanes() {
+            let pose = self.pose(hits.packet, l);
+            let (uv_frame, at, _) = TexturedHit::new(self, hits, l, &pose).look_up(layer, points);
+            let object_from_world = pose.object_from_world().matrix3;
+            let by_object = uv_frame
+                .derivatives
+                .map(|derivative| object_from_world * derivative);
+            let gradient = self.textures().height_gradient(&layer.texture, &at, by_object);
+            let slope = gradient.map(|g| g * layer.strength);
+            let n = lane(&normals.n, l).as_dvec3().normalize();
+            normals.set(l, bumped(n, uv_frame.derivatives, slope));
+        }
+    }
+
+    /// Perturbs the interpolated normals by the texels of a normal map. Lanes without a tangent frame keep theirs.
+    #[inline(always)]
+    fn map_normals(
+        &self,
+        layer: &TextureBinding,
+        texels: &Lanes<[f32; 4]>,
+        hits: &MaterialHits,
+        points: &SurfacePacket,
+        normals: &mut PerturbedNormals,
+    ) {
+        // Interpolate the tangents of meshes
+        let mut frames = TangentPacket::ZERO;
+        let mut lacks_tangent = [false; LANES];
+        for l in hits.lanes() {
+            let instance = hits.packet.instance[l];
+            match self.view(instance).tangent(hits.packet, l) {
+                Some(tangent) => {
+                    frames.set(l, tangent);
+                    if self.is_placed(instance) {
+                        let pose = self.pose(hits.packet, l);
+                        // A mirroring transform flips the handedness.
+                        frames.transform(l, &pose.world_from_object().matrix3, pose.is_mirrored());
+                    }
+                }
+                None => lacks_tangent[l] = true,
+            }
+        }
+        let n = points.outward_normals();
+        let (mapped, has_frame) = frames.perturbed(&n, texels, layer.strength);
+        for l in 0..LANES {
+            normals.lanes[l] = hits.mask[l] & has_frame[l];
+        }
+        normals.n = mapped;
+        // Without mesh tangents, use the derivatives of the texture coordinates
+        if lacks_tangent.contains(&true) {
+            for l in (0..LANES).filter(|&l| lacks_tangent[l]) {
+                let pose = self.pose(hits.packet, l);
+                let n = lane(&n, l).as_dvec3().normalize();
+                let frame = TexturedHit::new(self, hits, l, &pose).tangent_frame(layer, n);
+                if let Some(frame) = frame {
+                    let [x, y, z, _] = texels[l];
+                    normals.set(l, frame.perturbed([x, y, z], layer.strength));
+                }
+            }
+        }
+    }
+
+    /// Multiplies colours and alpha by the vertex colours of meshes that have any.
+    #[inline(always)]
+    fn apply_vertex_colors(
+        &self,
+        hits: &MaterialHits,
+        materials: &mut MaterialPacket,
+        alpha: &mut Lanes<f32>,
+    ) {
+        for l in hits.lanes() {
+            let view = self.view(hits.packet.instance[l]);
+            if let Some(color) = view.vertex_color(hits.packet, l) {
+                (0..3).for_each(|c| materials.base_color[c][l] *= color[c]);
+                alpha[l] *= color[3];
+            }
         }
     }
 }
 
 impl SurfacePacket {
-    /// Returns the unit shading normal of lane `l` on the outside of the surface.
-    fn outward_normal(&self, l: usize) -> DVec3 {
-        let n = self.shading_normal(l);
-        if self.front[l] { n } else { -n }
+    /// Returns the shading normals on the outside of the surfaces.
+    #[inline(always)]
+    fn outward_normals(&self) -> Lanes3<f32> {
+        let mut normals = self.ns;
+        for axis in &mut normals {
+            for l in 0..LANES {
+                axis[l] = if self.front[l] { axis[l] } else { -axis[l] };
+            }
+        }
+        normals
     }
 
-    /// Sets the shading normal of lane `l` to the outward unit vector `n`, limited to directions that keep the
-    /// surface visible to the viewer.
-    fn bend(&mut self, l: usize, n: DVec3) {
-        let n = if self.front[l] { n } else { -n };
-        let wo = DVec3::from([0, 1, 2].map(|axis| f64::from(self.wo[axis][l])));
-        let n = bend_toward_viewer(n, self.geometric_normal(l), wo);
+    /// Sets the shading normals to those of `normals`, limited to directions that keep the surface visible to the
+    /// viewer.
+    #[inline(always)]
+    fn bend(&mut self, normals: &PerturbedNormals) {
+        let mut facing = normals.n;
+        for axis in &mut facing {
+            for l in 0..LANES {
+                axis[l] = if self.front[l] { axis[l] } else { -axis[l] };
+            }
+        }
+        let bent = bend_packet_toward_viewer(&facing, &self.ng, &self.wo);
         for axis in 0..3 {
-            self.ns[axis][l] = n[axis] as f32;
+            for l in 0..LANES {
+                self.ns[axis][l] = if normals.lanes[l] { bent[axis][l] } else { self.ns[axis][l] };
+            }
         }
     }
 }
 
-impl<'a> TexturedMaterial<'a> {
+/// Unit shading normals on the outside of the surfaces.
+struct PerturbedNormals {
+    n: Lanes3<f32>,
+    /// Lanes whose normals are not the interpolated ones.
+    lanes: Lanes<bool>,
+}
+
+impl PerturbedNormals {
+    fn set(&mut self, l: usize, n: DVec3) {
+        for axis in 0..3 {
+            self.n[axis][l] = n[axis] as f32;
+        }
+        self.lanes[l] = true;
+    }
+}
+
+/// Hit whose textures are looked up on its own.
+struct TexturedHit<'a> {
+    view: &'a InstanceView<'a>,
+    pose: &'a InstanceTransform<'a>,
+    packet: &'a RayPacket,
+    l: usize,
+    /// Axes of the elliptical ray footprint on the surface, in world space.
+    axes: [DVec3; 2],
+}
+
+impl<'a> TexturedHit<'a> {
     fn new(
-        (view, pose): (&'a InstanceView<'a>, &'a InstanceTransform<'a>),
-        (packet, widths, l): (&'a RayPacket, ConeSource, usize),
-        points: &SurfacePacket,
-    ) -> TexturedMaterial<'a> {
-        // Compute the footprint and the object-space point
-        let direction = packet.ray(l).direction.as_dvec3();
-        let length = direction.length();
-        let ng = points.geometric_normal(l);
-        // Slightly below the surface, because a face of the solid may lie exactly between two cells of a procedural
-        // pattern.
-        let inward = if points.front[l] { -ng } else { ng };
-        let carved = points.point(l) + inward * points.error(l);
-        let cone = widths.at_start(l).after(f64::from(packet.t_far[l]) * length);
-        TexturedMaterial {
-            view,
+        scene: &'a SurfaceScene,
+        hits: &MaterialHits<'a>,
+        l: usize,
+        pose: &'a InstanceTransform<'a>,
+    ) -> TexturedHit<'a> {
+        TexturedHit {
+            view: scene.view(hits.packet.instance[l]),
             pose,
-            packet,
+            packet: hits.packet,
             l,
-            p_object: pose.object_from_world().transform_point3(carved),
-            axes: axes_on_surface(cone.width, direction / length, ng),
+            axes: hits.footprints.world_axes(l),
         }
     }
 
+    /// Returns the texture coordinates of a layer and the world-space derivatives of the point by them, before its
+    /// transform.
+    fn uv_frame(&self, layer: &TextureBinding) -> UvFrame {
+        self.view
+            .uv_frame(self.pose, layer.texture.tex_coord, self.packet, self.l)
+    }
+
     /// Returns the texture coordinates, the point and the footprint of the look-up for a layer.
-    fn look_up(&self, layer: &TextureBinding) -> (UvFrame, TexturePoint, Footprint) {
-        let uv_frame = self
-            .view
-            .uv_frame(self.pose, layer.texture.tex_coord, self.packet, self.l);
+    fn look_up(
+        &self,
+        layer: &TextureBinding,
+        points: &SurfacePacket,
+    ) -> (UvFrame, TexturePoint, Footprint) {
+        let uv_frame = self.uv_frame(layer);
         let transform = &layer.texture.transform;
         let turned = |[u, v]: [f32; 2]| {
             let matrix = transform.matrix;
             [0, 1].map(|row| matrix[row][0] * u + matrix[row][1] * v)
         };
+        // Take a point slightly below the surface, because a face of the solid may lie exactly between two cells of a
+        // procedural pattern.
+        let ng = points.geometric_normal(self.l);
+        let inward = if points.front[self.l] { -ng } else { ng };
+        let carved = points.point(self.l) + inward * points.error(self.l);
+        let p_object = self.pose.object_from_world().transform_point3(carved);
         // Transform the footprint to texture and object space
         let object_from_world = self.pose.object_from_world().matrix3;
         let footprint = Footprint {
             uv: self.axes.map(|axis| turned(uv_of(axis, uv_frame.derivatives))),
             object: self.axes.map(|axis| object_from_world * axis),
         };
-        let at = TexturePoint::sharp(transform.apply(uv_frame.uv), self.p_object);
+        let at = TexturePoint::sharp(transform.apply(uv_frame.uv), p_object);
         (uv_frame, at, footprint)
     }
 
-    /// Returns the tangent frame of a normal map on the surface with the outward unit normal `n`, from mesh tangents
-    /// if present, otherwise from texture coordinates.
-    fn tangent_frame(&self, layer: &TextureBinding, uv_frame: &UvFrame, n: DVec3) -> Option<TangentFrame> {
-        if let Some([x, y, z, w]) = self.view.tangent(self.packet, self.l) {
-            let pose = self.pose;
-            let tangent = DVec3::new(x.into(), y.into(), z.into());
-            // A mirroring transform flips the handedness.
-            let handedness = if pose.is_mirrored() { -w } else { w };
-            let tangent = pose.world_from_object().matrix3 * tangent;
-            return TangentFrame::from_tangent(n, tangent, handedness);
-        }
-        // Without mesh tangents, use the derivatives of the texture coordinates
-        let derivatives = transformed_derivatives(uv_frame.derivatives, &layer.texture.transform)?;
+    /// Returns the tangent frame of a normal map on the surface with the outward unit normal `n`, from the texture
+    /// coordinates.
+    fn tangent_frame(&self, layer: &TextureBinding, n: DVec3) -> Option<TangentFrame> {
+        let derivatives = self.uv_frame(layer).derivatives;
+        let derivatives = transformed_derivatives(derivatives, &layer.texture.transform)?;
         TangentFrame::from_derivatives(n, derivatives)
     }
 }
 
-/// Applies a texel to a material input of the extended set, which few materials use.
-fn rich_layer(layer: &TextureBinding, texel: &[f32; 4], l: usize, extended: &mut ExtendedMaterialLanes) {
-    let tint = |lanes: &mut Lanes3<f32>| (0..3).for_each(|c| lanes[c][l] *= texel[c]);
+/// Multiplies colours by the RGB of texels in the lanes in `mask`.
+#[inline(always)]
+fn tint(colors: &mut Lanes3<f32>, texels: &Lanes<[f32; 4]>, mask: &Lanes<bool>) {
+    for (channel, lanes) in colors.iter_mut().enumerate() {
+        scale(lanes, texels, channel, mask);
+    }
+}
+
+/// Multiplies values by one channel of texels in the lanes in `mask`.
+#[inline(always)]
+fn scale(lanes: &mut Lanes<f32>, texels: &Lanes<[f32; 4]>, channel: usize, mask: &Lanes<bool>) {
+    for l in 0..LANES {
+        let factor = texels[l][channel];
+        lanes[l] *= if mask[l] { factor } else { 1.0 };
+    }
+}
+
+/// Applies texels to a material input of the extended set, which few materials use.
+#[inline(never)]
+fn apply_extended(
+    layer: &TextureBinding,
+    texels: &Lanes<[f32; 4]>,
+    mask: &Lanes<bool>,
+    extended: &mut ExtendedMaterialLanes,
+) {
     match layer.parameter {
-        MaterialInput::Specular => extended.specular[l] *= texel[3],
-        MaterialInput::SpecularColor => tint(&mut extended.specular_color),
-        MaterialInput::Reflection => tint(&mut extended.reflection),
-        MaterialInput::Transmission if extended.is_phong[l] => tint(&mut extended.transmission),
-        MaterialInput::Transmission => (0..3).for_each(|c| extended.transmission[c][l] *= texel[0]),
-        MaterialInput::Occlusion => extended.occlusion[l] = 1.0 + layer.strength * (texel[0] - 1.0),
+        MaterialInput::Specular => scale(&mut extended.specular, texels, 3, mask),
+        MaterialInput::SpecularColor => tint(&mut extended.specular_color, texels, mask),
+        MaterialInput::Reflection => tint(&mut extended.reflection, texels, mask),
+        MaterialInput::Transmission => {
+            for (channel, lanes) in extended.transmission.iter_mut().enumerate() {
+                for l in (0..LANES).filter(|&l| mask[l]) {
+                    lanes[l] *= texels[l][if extended.is_phong[l] { channel } else { 0 }];
+                }
+            }
+        }
+        MaterialInput::Occlusion => {
+            for l in (0..LANES).filter(|&l| mask[l]) {
+                extended.occlusion[l] = 1.0 + layer.strength * (texels[l][0] - 1.0);
+            }
+        }
         _ => {}
     }
 }

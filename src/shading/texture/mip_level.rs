@@ -17,12 +17,12 @@ static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> =
 pub(super) struct MipLevel<'a> {
     pub(super) width: u32,
     pub(super) height: u32,
-    texels: Decoder<'a>,
+    pub(super) texels: Decoder<'a>,
 }
 
 /// Stored texels and the conversion to linear values.
 #[derive(Clone, Copy, Debug)]
-enum Decoder<'a> {
+pub(super) enum Decoder<'a> {
     Bytes(&'a [[u8; 4]]),
     SrgbBytes(&'a [[u8; 4]], &'static [f32; 256]),
     Floats(&'a [[f32; 4]]),

@@ -42,6 +42,16 @@ impl MipMap {
             .sum()
     }
 
+    /// Returns the linear texels of a level above 0, the finest, in row-major order. A side of level i has 2^-i times
+    /// the texels of the image's, rounded down but at least one.
+    ///
+    /// # Panics
+    /// If there is no such level.
+    #[inline(always)]
+    pub(super) fn level_texels(&self, level: usize) -> &[[f32; 4]] {
+        &self.levels[level - 1].texels
+    }
+
     /// Builds the levels by halving `finest` until one texel is left.
     pub(super) fn new(finest: MipLevel, encoding: Encoding) -> MipMap {
         let mut levels: Vec<StoredLevel> = Vec::new();

@@ -12,6 +12,7 @@
 mod constant_fold;
 mod mip_level;
 mod mipmap;
+mod packet_lookup;
 mod procedural;
 
 use std::collections::HashSet;
@@ -21,6 +22,7 @@ use glam::DVec3;
 pub use self::constant_fold::fold_constant_textures;
 use self::mip_level::{MipLevel, WHITE};
 use self::mipmap::MipMap;
+pub(crate) use self::packet_lookup::{PacketLookup, UvPacket};
 use crate::parallel;
 use crate::scene::{
     Effect, EffectSet, Encoding, Filter, Image, Procedural, Sampler, Scene, Space, Texels, Texture,

@@ -1,0 +1,218 @@
+//! Texture coordinates of sixteen hits, and the footprints of their rays in these coordinates.
+//!
+//! The ellipse in which a ray's cone cuts the surface is computed in world space ([`FootprintPacket`]); barycentric
+//! coordinates, which are linear on a triangle, then take its axes to any set of texture coordinates.
+
+use glam::DVec3;
+
+use super::cone_source::ConeSource;
+use super::interaction::SurfaceScene;
+use super::packet::SurfacePacket;
+use super::vertex_fetch::FetchedVertices;
+use crate::accel::RayPacket;
+use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::shading::UvPacket;
+use crate::shading::ray_cone::uv_of;
+
+/// Footprints of sixteen rays on the surfaces that they hit. Lanes without a hit may hold any values.
+pub(super) struct FootprintPacket {
+    /// Axes of the ellipses in world space as full lengths, the longer first.
+    world: [Lanes3<f64>; 2],
+    /// Axes in the barycentric coordinates of the hit triangles: steps of the second and of the third corner's weight.
+    barycentric: [[Lanes<f64>; 2]; 2],
+}
+
+impl FootprintPacket {
+    pub(super) const ZERO: FootprintPacket = FootprintPacket {
+        world: [[[0.0; LANES]; 3]; 2],
+        barycentric: [[[0.0; LANES]; 2]; 2],
+    };
+
+    /// Returns the axes of lane `l` in world space.
+    pub(super) fn world_axes(&self, l: usize) -> [DVec3; 2] {
+        self.world
+            .each_ref()
+            .map(|axis| DVec3::new(axis[0][l], axis[1][l], axis[2][l]))
+    }
+
+    /// Computes the footprints of the rays of `packet`.
+    #[inline(always)]
+    pub(super) fn fill(
+        &mut self,
+        scene: &SurfaceScene,
+        packet: &RayPacket,
+        widths: ConeSource,
+        points: &SurfacePacket,
+        gathered: &FetchedVertices,
+    ) {
+        self.cut_surfaces(&cone_widths(packet, widths), points);
+        self.cross_triangles(&world_edges(scene, packet, gathered));
+    }
+
+    /// Computes the ellipses in which cones of these widths cut the surfaces: see
+    /// [`axes_on_surface`](crate::shading::ray_cone::axes_on_surface), whose method this is.
+    #[inline(always)]
+    fn cut_surfaces(&mut self, widths: &Lanes<f64>, points: &SurfacePacket) {
+        let longest = f64::MAX.sqrt();
+        for l in 0..LANES {
+            let wide = |v: &Lanes3<f32>| DVec3::new(v[0][l].into(), v[1][l].into(), v[2][l].into());
+            let (n, d) = (wide(&points.ng), -wide(&points.wo));
+            let cos = d.dot(n);
+            // Take the plane of incidence, or any plane for a ray along the normal
+            let in_plane = d - n * cos;
+            let squared = in_plane.length_squared();
+            let along = if squared > 0.0 {
+                in_plane / squared.sqrt()
+            } else {
+                n.any_orthonormal_vector()
+            };
+            let across = n.cross(along) * widths[l];
+            let length = (widths[l] / cos.abs()).min(longest);
+            // A zero width seen edge-on gives 0 / 0
+            let along = along * if widths[l] == 0.0 { 0.0 } else { length };
+            for axis in 0..3 {
+                self.world[0][axis][l] = along[axis];
+                self.world[1][axis][l] = across[axis];
+            }
+        }
+    }
+
+    /// Computes the axes in barycentric coordinates of triangles with these edges from their first corner.
+    #[inline(always)]
+    fn cross_triangles(&mut self, edges: &[Lanes3<f64>; 2]) {
+        for l in 0..LANES {
+            let lane = |v: &Lanes3<f64>| DVec3::new(v[0][l], v[1][l], v[2][l]);
+            let (e1, e2) = (lane(&edges[0]), lane(&edges[1]));
+            // Use the dual basis of the edges: a step s changes the weights by s . (e2 x n) and s . (n x e1), over n . n
+            let n = e1.cross(e2);
+            let scale = n.length_squared().recip();
+            let (second, third) = (e2.cross(n), n.cross(e1));
+            for axis in 0..2 {
+                let step = lane(&self.world[axis]) * scale;
+                self.barycentric[axis][0][l] = step.dot(second);
+                self.barycentric[axis][1][l] = step.dot(third);
+            }
+        }
+    }
+}
+
+/// Returns the widths of the rays' cones at their hits, which are not negative.
+#[inline(always)]
+fn cone_widths(packet: &RayPacket, widths: ConeSource) -> Lanes<f64> {
+    let d = &packet.direction;
+    let mut lengths = [0.0; LANES];
+    for l in 0..LANES {
+        lengths[l] = (d[0][l] * d[0][l] + d[1][l] * d[1][l] + d[2][l] * d[2][l]).sqrt();
+    }
+    std::array::from_fn(|l| {
+        let distance = f64::from(packet.t_far[l]) * f64::from(lengths[l]);
+        widths.at_start(l).after(distance).width.abs()
+    })
+}
+
+/// Returns the edges of the hit triangles from their first corners, in world space.
+#[inline(always)]
+fn world_edges(scene: &SurfaceScene, packet: &RayPacket, gathered: &FetchedVertices) -> [Lanes3<f64>; 2] {
+    let [a, b, c] = &gathered.corners;
+    let mut edges = [[[0.0; LANES]; 3]; 2];
+    for axis in 0..3 {
+        for l in 0..LANES {
+            edges[0][axis][l] = f64::from(b[axis][l]) - f64::from(a[axis][l]);
+            edges[1][axis][l] = f64::from(c[axis][l]) - f64::from(a[axis][l]);
+        }
+    }
+    if gathered.needs_scalar_path {
+        scene.transform_directions(packet, &mut edges);
+    }
+    edges
+}
+
+impl SurfaceScene<'_> {
+    /// Transforms object-space directions at the hits to world space.
+    #[inline(never)]
+    pub(super) fn transform_directions(&self, packet: &RayPacket, directions: &mut [Lanes3<f64>]) {
+        for l in 0..LANES {
+            if !self.is_placed(packet.instance[l]) {
+                continue;
+            }
+            let matrix = self.pose(packet, l).world_from_object().matrix3;
+            for lanes in &mut *directions {
+                let turned = matrix * DVec3::new(lanes[0][l], lanes[1][l], lanes[2][l]);
+                for axis in 0..3 {
+                    lanes[axis][l] = turned[axis];
+                }
+            }
+        }
+    }
+
+    /// Sets the texture coordinates of the lanes in `mask` by the set `set`, and the footprints there.
+    #[inline(always)]
+    pub(super) fn uv_packet(
+        &self,
+        set: u32,
+        (packet, mask): (&RayPacket, &Lanes<bool>),
+        footprints: &FootprintPacket,
+        out: &mut UvPacket,
+    ) {
+        // Fetch the coordinates of the corners; zero where there are none
+        let mut corners = [[[0.0f32; LANES]; 2]; 3];
+        let mut has_shapes = false;
+        for l in 0..LANES {
+            if !mask[l] {
+                continue;
+            }
+            let view = self.view(packet.instance[l]);
+            match view.corner_coordinates(set, packet.primitive[l]) {
+                Some(uv) => {
+                    for corner in 0..3 {
+                        corners[corner][0][l] = uv[corner][0];
+                        corners[corner][1][l] = uv[corner][1];
+                    }
+                }
+                None => has_shapes |= view.is_shape(),
+            }
+        }
+        // Interpolate them, and take the footprints along
+        let [a, b, c] = &corners;
+        for axis in 0..2 {
+            for l in 0..LANES {
+                let (u, v) = (packet.u[l], packet.v[l]);
+                out.uv[axis][l] = (1.0 - u - v) * a[axis][l] + u * b[axis][l] + v * c[axis][l];
+            }
+            for (out, steps) in out.axes.iter_mut().zip(&footprints.barycentric) {
+                for l in 0..LANES {
+                    let second = f64::from(b[axis][l]) - f64::from(a[axis][l]);
+                    let third = f64::from(c[axis][l]) - f64::from(a[axis][l]);
+                    out[axis][l] = (steps[0][l] * second + steps[1][l] * third) as f32;
+                }
+            }
+        }
+        if has_shapes {
+            self.parametrize_shapes(packet, mask, footprints, out);
+        }
+    }
+
+    /// Sets the coordinates of the lanes in `mask` that hit analytic shapes.
+    #[inline(never)]
+    fn parametrize_shapes(
+        &self,
+        packet: &RayPacket,
+        mask: &Lanes<bool>,
+        footprints: &FootprintPacket,
+        out: &mut UvPacket,
+    ) {
+        for l in (0..LANES).filter(|&l| mask[l]) {
+            let view = self.view(packet.instance[l]);
+            if !view.is_shape() {
+                continue;
+            }
+            let frame = view.uv_frame(&self.pose(packet, l), 0, packet, l);
+            let steps = footprints.world_axes(l).map(|axis| uv_of(axis, frame.derivatives));
+            for axis in 0..2 {
+                out.uv[axis][l] = frame.uv[axis];
+                out.axes[0][axis][l] = steps[0][axis];
+                out.axes[1][axis][l] = steps[1][axis];
+            }
+        }
+    }
+}

@@ -24,8 +24,8 @@ pub use metallic_roughness::{diffuse_transmission, direct, direct_of, mirror};
 pub use phong::phong_direct;
 pub use punctual_light::{PunctualSample, sample_punctual_light};
 pub use subsurface_entry::transmitted_irradiance;
-pub(crate) use texture::{PacketLookup, UvPacket};
 pub use texture::{Footprint, TexturePoint, TextureSet, fold_constant_textures};
+pub(crate) use texture::{PacketLookup, UvPacket};
 
 pub use crate::scene::{
     AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, ShapeLight, SphereLight,

@@ -196,11 +196,7 @@ impl TangentPacket {
 
 /// Returns sixteen unit normals `n`, bent toward the viewers: see [`bend_toward_viewer`].
 #[inline(always)]
-pub(crate) fn bend_packet_toward_viewer(
-    n: &Lanes3<f32>,
-    ng: &Lanes3<f32>,
-    wo: &Lanes3<f32>,
-) -> Lanes3<f32> {
+pub(crate) fn bend_packet_toward_viewer(n: &Lanes3<f32>, ng: &Lanes3<f32>, wo: &Lanes3<f32>) -> Lanes3<f32> {
     let mut bent = *n;
     for l in 0..LANES {
         let lane = |v: &Lanes3<f32>| Vec3::new(v[0][l], v[1][l], v[2][l]);

@@ -351,7 +351,9 @@ impl<'s> SurfaceScene<'s> {
     /// Returns whether object space differs from world space for an instance.
     #[inline(always)]
     pub(super) fn is_placed(&self, instance: u32) -> bool {
-        self.views.get(instance as usize).is_some_and(|view| view.is_placed)
+        self.views
+            .get(instance as usize)
+            .is_some_and(|view| view.is_placed)
     }
 
     /// Returns the textures of the scene, prepared for look-up.

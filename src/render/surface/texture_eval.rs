@@ -91,9 +91,8 @@ pub(super) fn evaluate_textures(
     let TextureLanes { footprints, lookup } = lanes;
     footprints.fill(scene, packet, hits.widths, points, hits.gathered);
     // Take the lanes of one material after the other
-    let mut left: Lanes<bool> = std::array::from_fn(|l| {
-        packet.instance[l] != NO_HIT && !scene.view(packet.instance[l]).uniform
-    });
+    let mut left: Lanes<bool> =
+        std::array::from_fn(|l| packet.instance[l] != NO_HIT && !scene.view(packet.instance[l]).uniform);
     while let Some(first) = left.iter().position(|&is_left| is_left) {
         let material = scene.view(packet.instance[first]).material;
         let mut mask = [false; LANES];
@@ -178,14 +177,23 @@ impl SurfaceScene<'_> {
         points: &SurfacePacket,
         lookup: &'l mut LayerLookup,
     ) -> &'l Lanes<[f32; 4]> {
-        let LayerLookup { points: uv, set, images } = lookup;
+        let LayerLookup {
+            points: uv,
+            set,
+            images,
+        } = lookup;
         if !self.textures().is_image(layer.texture.texture) {
             self.pattern_texels(layer, hits, points, images.texels_mut());
             return images.texels();
         }
         if *set != Some(layer.texture.tex_coord) {
             *set = Some(layer.texture.tex_coord);
-            self.uv_packet(layer.texture.tex_coord, (hits.packet, hits.mask), hits.footprints, uv);
+            self.uv_packet(
+                layer.texture.tex_coord,
+                (hits.packet, hits.mask),
+                hits.footprints,
+                uv,
+            );
             images.begin();
         }
         let encoding = layer.parameter.encoding();
@@ -326,7 +334,11 @@ impl SurfacePacket {
         let bent = bend_packet_toward_viewer(&facing, &self.ng, &self.wo);
         for axis in 0..3 {
             for l in 0..LANES {
-                self.ns[axis][l] = if normals.lanes[l] { bent[axis][l] } else { self.ns[axis][l] };
+                self.ns[axis][l] = if normals.lanes[l] {
+                    bent[axis][l]
+                } else {
+                    self.ns[axis][l]
+                };
             }
         }
     }
@@ -382,11 +394,7 @@ impl<'a> TexturedHit<'a> {
     }
 
     /// Returns the texture coordinates, the point and the footprint of the look-up for a layer.
-    fn look_up(
-        &self,
-        layer: &TextureBinding,
-        points: &SurfacePacket,
-    ) -> (UvFrame, TexturePoint, Footprint) {
+    fn look_up(&self, layer: &TextureBinding, points: &SurfacePacket) -> (UvFrame, TexturePoint, Footprint) {
         let uv_frame = self.uv_frame(layer);
         let transform = &layer.texture.transform;
         let turned = |[u, v]: [f32; 2]| {

@@ -207,7 +207,9 @@ impl SurfaceScene<'_> {
                 continue;
             }
             let frame = view.uv_frame(&self.pose(packet, l), 0, packet, l);
-            let steps = footprints.world_axes(l).map(|axis| uv_of(axis, frame.derivatives));
+            let steps = footprints
+                .world_axes(l)
+                .map(|axis| uv_of(axis, frame.derivatives));
             for axis in 0..2 {
                 out.uv[axis][l] = frame.uv[axis];
                 out.axes[0][axis][l] = steps[0][axis];

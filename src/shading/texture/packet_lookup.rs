@@ -24,10 +24,6 @@ const MAX_PROBES: usize = super::MAX_PROBES as usize;
 /// square is finite.
 const MAX_AXIS: f32 = (1u64 << 40) as f32;
 
-/// Part by which the ratio of two axes may exceed an integer and count as that integer: a little more than the rounding
-/// of both. A surface that faces the viewer has a ratio of 1.
-const RATIO_ROUNDING: f32 = 1.0 / (1 << 20) as f32;
-
 /// Texture coordinates of sixteen points and the axes of the rays' footprints there, before the transform of a layer.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct UvPacket {
@@ -286,11 +282,19 @@ impl LookupPlan {
                 (u * u + v * v).sqrt()
             });
             // The comparison is false for 0 / 0, without a footprint
-            let ratio = (longer / shorter) * (1.0 - RATIO_ROUNDING);
-            let count = if ratio > 1.0 { ratio.ceil().min(MAX_PROBES as f32) } else { 1.0 };
+            let ratio = longer / shorter;
+            let count = if ratio > 1.0 {
+                ratio.ceil().min(MAX_PROBES as f32)
+            } else {
+                1.0
+            };
             let width = shorter.max(longer / count);
             // The level is the binary logarithm of the width
-            let level = if width > 1.0 { log2(width).min(coarsest) } else { 0.0 };
+            let level = if width > 1.0 {
+                log2(width).min(coarsest)
+            } else {
+                0.0
+            };
             let finer = level.floor();
             self.probe_count[l] = count as i32 as u32;
             self.level[l] = finer as i32 as u32;
@@ -334,7 +338,11 @@ impl Taps {
     /// Sets the texels around the coordinates `uv` on the mip level of each lane.
     #[inline(always)]
     fn fill(&mut self, layout: &Layout, uv: &[Lanes<f32>; 2], level: &Lanes<u32>) {
-        let Sampler { wrap_u, wrap_v, filter } = layout.sampler;
+        let Sampler {
+            wrap_u,
+            wrap_v,
+            filter,
+        } = layout.sampler;
         let is_nearest = filter == Filter::Nearest;
         let side = |axis: usize| level.map(|level| (layout.size[axis] >> level).max(1));
         let (width, height) = (side(0), side(1));
@@ -380,10 +388,10 @@ fn neighbors(
     size: &Lanes<u32>,
     weight: &mut Lanes<f32>,
 ) -> [Lanes<u32>; 2] {
-    // Wrap the coordinates to [0, 1], where beyond the first and the last texel centre
+    // Wrap the coordinates to [0, 1], of a mirrored image to [0, 2]
     let inside = match wrap {
         Wrap::Repeat => coordinate.map(|x| x - x.floor()),
-        Wrap::MirroredRepeat => coordinate.map(|x| 1.0 - (x - 2.0 * (0.5 * x).floor() - 1.0).abs()),
+        Wrap::MirroredRepeat => coordinate.map(|x| x - 2.0 * (0.5 * x).floor()),
         Wrap::ClampToEdge => coordinate.map(|x| x.clamp(0.0, 1.0)),
     };
     let half = if is_nearest { 0.0 } else { 0.5 };
@@ -396,12 +404,17 @@ fn neighbors(
         weight[l] = if is_nearest { 0.0 } else { x - left };
         let left = left as i32;
         let right = if is_nearest { left } else { left + 1 };
-        // A mirrored image has its edge texels twice in a row, like one that is clamped
-        let repeats = matches!(wrap, Wrap::Repeat);
-        let first = if left < 0 && repeats { last } else { left.max(0).min(last) };
-        let second = if right > last && repeats { 0 } else { right.min(last) };
-        texels[0][l] = first as u32;
-        texels[1][l] = second as u32;
+        // Wrap the texels beyond the edges
+        let [left, right] = match wrap {
+            Wrap::Repeat => [
+                if left < 0 { last } else { left },
+                if right > last { 0 } else { right },
+            ],
+            Wrap::MirroredRepeat => [left, right].map(|i| i.min(2 * last + 1 - i)),
+            Wrap::ClampToEdge => [left, right],
+        };
+        texels[0][l] = left.clamp(0, last) as u32;
+        texels[1][l] = right.clamp(0, last) as u32;
     }
     texels
 }
@@ -473,5 +486,128 @@ impl TexelSource for Floats<'_> {
     #[inline(always)]
     fn texel(&self, index: usize) -> Vec4 {
         Vec4::from_array(self.0[index])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::SplitMix64;
+    use crate::scene::{Image, Scene, Texels, Texture};
+    use crate::shading::{Footprint, TexturePoint};
+    use glam::DVec3;
+
+    /// Returns an image of random texels.
+    fn noise(random: &mut SplitMix64, [width, height]: [u32; 2], is_float: bool) -> Image {
+        let count = (width * height) as usize;
+        let mut byte = || (256.0 * random.unit()) as u8;
+        Image {
+            name: String::new(),
+            width,
+            height,
+            texels: if is_float {
+                let texels: Vec<_> = (0..count)
+                    .map(|_| [0; 4].map(|_: i32| f32::from(byte()) / 64.0))
+                    .collect();
+                Texels::Floats(texels.into())
+            } else {
+                let texels: Vec<[u8; 4]> = (0..count).map(|_| [0; 4].map(|_: i32| byte())).collect();
+                Texels::Bytes(texels.into())
+            },
+        }
+    }
+
+    #[test]
+    fn lookups_of_sixteen_points_equal_those_of_each() {
+        let mut random = SplitMix64::new(7, 0);
+        for size in [[1, 2], [2, 2], [7, 5], [64, 64], [256, 32], [33, 100]] {
+            for wrap in [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge] {
+                for filter in [Filter::Nearest, Filter::Linear, Filter::Mipmap] {
+                    for (is_float, encoding) in [
+                        (false, Encoding::Srgb),
+                        (false, Encoding::Linear),
+                        (true, Encoding::Linear),
+                    ] {
+                        let image = noise(&mut random, size, is_float);
+                        compare(
+                            &mut random,
+                            image,
+                            Sampler {
+                                wrap_u: wrap,
+                                wrap_v: wrap,
+                                filter,
+                            },
+                            encoding,
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    fn compare(random: &mut SplitMix64, image: Image, sampler: Sampler, encoding: Encoding) {
+        let size = [image.width as f32, image.height as f32];
+        let scene = Scene {
+            images: vec![image],
+            textures: vec![Texture::Image { image: 0, sampler }],
+            ..Scene::default()
+        };
+        let textures = TextureSet {
+            lookups: vec![Lookup::Image(ImageLookup {
+                image: &scene.images[0],
+                index: 0,
+                sampler,
+            })],
+            mip_maps: vec![[Encoding::Srgb, Encoding::Linear].map(|encoding| {
+                Some(MipMap::new(
+                    MipLevel::of_image(&scene.images[0], encoding),
+                    encoding,
+                ))
+            })],
+        };
+        let mut lookup = PacketLookup::new();
+        for _ in 0..40 {
+            let mut points = UvPacket::ZERO;
+            for l in 0..LANES {
+                let reach = if random.unit() < 0.5 { 1.0 } else { 20.0 };
+                for axis in 0..2 {
+                    points.uv[axis][l] = (reach * (random.unit() - 0.5)) as f32;
+                }
+                let width = (random.unit() * 12.0 - 3.0).exp2();
+                let angle = 6.3 * random.unit();
+                let (sin, cos) = angle.sin_cos();
+                // No ratio that rounding brings to an integer, where there is a probe more
+                let stretch = 1.001 + 20.0 * random.unit().powi(3);
+                let axes = [
+                    [cos * width * stretch, sin * width * stretch],
+                    [-sin * width, cos * width],
+                ];
+                for axis in 0..2 {
+                    for c in 0..2 {
+                        points.axes[axis][c][l] = axes[axis][c] as f32 / size[c];
+                    }
+                }
+            }
+            let mask = std::array::from_fn(|_| random.unit() < 0.8);
+            lookup.begin();
+            let layer = TextureUse::new(0);
+            let texels = *textures.sample_packet(&layer, encoding, &points, &mask, &mut lookup);
+            for l in (0..LANES).filter(|&l| mask[l]) {
+                let at = TexturePoint::sharp([points.uv[0][l], points.uv[1][l]], DVec3::ZERO);
+                let footprint = Footprint {
+                    uv: [0, 1].map(|axis| [points.axes[axis][0][l], points.axes[axis][1][l]]),
+                    ..Footprint::default()
+                };
+                let expected = textures.sample_footprint(0, encoding, &at, &footprint);
+                for c in 0..4 {
+                    let difference = (texels[l][c] - expected[c]).abs();
+                    assert!(
+                        difference <= 1e-4,
+                        "{size:?} {sampler:?} {encoding:?} {at:?} {footprint:?}: {:?}, not {expected:?}",
+                        texels[l]
+                    );
+                }
+            }
+        }
     }
 }

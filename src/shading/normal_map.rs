@@ -124,7 +124,7 @@ pub(crate) struct TangentPacket {
 }
 
 impl TangentPacket {
-    /// No tangents.
+    /// Packet whose lanes have no tangents.
     pub(crate) const ZERO: TangentPacket = TangentPacket {
         tangent: [[0.0; LANES]; 3],
         handedness: [1.0; LANES],
@@ -225,6 +225,7 @@ pub(crate) fn bend_packet_toward_viewer(n: &Lanes3<f32>, ng: &Lanes3<f32>, wo: &
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numeric::SplitMix64;
 
     /// Returns unit vectors in all directions.
     fn directions() -> impl Iterator<Item = DVec3> {
@@ -337,5 +338,50 @@ mod tests {
         for wo in directions().filter(|wo| wo.z > 0.0) {
             assert!(is_near(bend_toward_viewer(DVec3::Z, DVec3::Z, wo), DVec3::Z));
         }
+    }
+
+    #[test]
+    fn sixteen_normals_are_perturbed_and_bent_as_each_of_them() {
+        let mut random = SplitMix64::new(3, 0);
+        let lanes = |random: &mut SplitMix64| -> (Lanes3<f32>, [DVec3; LANES]) {
+            let vectors: [DVec3; LANES] = std::array::from_fn(|_| random.direction().as_vec3().as_dvec3());
+            ([0, 1, 2].map(|axis| vectors.map(|v| v[axis] as f32)), vectors)
+        };
+        for _ in 0..1000 {
+            let ((n, ns), (wo, wos), (ng, ngs)) =
+                (lanes(&mut random), lanes(&mut random), lanes(&mut random));
+            let mut tangents = TangentPacket::ZERO;
+            let mut scalar = [DVec3::ZERO; LANES];
+            let texels: Lanes<[f32; 4]> = std::array::from_fn(|_| [0; 4].map(|_| random.unit() as f32));
+            for l in 0..LANES {
+                let tangent = random.direction().as_vec3();
+                let handedness = if l % 2 == 0 { 1.0 } else { -1.0 };
+                tangents.set(l, [tangent.x, tangent.y, tangent.z, handedness]);
+                let frame = TangentFrame::from_tangent(ns[l], tangent.as_dvec3(), handedness).unwrap();
+                let [x, y, z, _] = texels[l];
+                scalar[l] = frame.perturbed([x, y, z], 0.7);
+            }
+            let (mapped, has_frame) = tangents.perturbed(&n, &texels, 0.7);
+            let bent = bend_packet_toward_viewer(&n, &ng, &wo);
+            for l in 0..LANES {
+                let vector = |v: &Lanes3<f32>| DVec3::new(v[0][l].into(), v[1][l].into(), v[2][l].into());
+                // Tangents nearly along the normal, and texels near zero, lose digits in f32
+                let sine = ns[l]
+                    .cross(DVec3::from(tangents.tangent.map(|axis| f64::from(axis[l]))))
+                    .length();
+                let length = DVec3::from([0, 1, 2].map(|c| 2.0 * f64::from(texels[l][c]) - 1.0)).length();
+                let bound = 4e-6 / (sine * length);
+                assert!(has_frame[l] && (vector(&mapped) - scalar[l]).length() < bound);
+                if ngs[l].dot(wos[l]) > 0.0 {
+                    let expected = bend_toward_viewer(ns[l], ngs[l], wos[l]);
+                    let difference = (vector(&bent) - expected).length();
+                    assert!(difference < 1e-4, "{:?}, not {expected:?}", vector(&bent));
+                }
+            }
+        }
+        // Without a tangent, the normal stays
+        let (n, _) = lanes(&mut random);
+        let (mapped, has_frame) = TangentPacket::ZERO.perturbed(&n, &[[0.9; 4]; LANES], 1.0);
+        assert_eq!((mapped, has_frame), (n, [false; LANES]));
     }
 }

@@ -172,18 +172,25 @@ impl SurfaceScene<'_> {
                 None => has_shapes |= view.is_shape(),
             }
         }
-        // Interpolate them, and take the footprints along
+        // Interpolate them
         let [a, b, c] = &corners;
+        let mut edges = [[[0.0; LANES]; 2]; 2];
         for axis in 0..2 {
             for l in 0..LANES {
                 let (u, v) = (packet.u[l], packet.v[l]);
                 out.uv[axis][l] = (1.0 - u - v) * a[axis][l] + u * b[axis][l] + v * c[axis][l];
+                edges[0][axis][l] = f64::from(b[axis][l]) - f64::from(a[axis][l]);
+                edges[1][axis][l] = f64::from(c[axis][l]) - f64::from(a[axis][l]);
             }
-            for (out, steps) in out.axes.iter_mut().zip(&footprints.barycentric) {
-                for l in 0..LANES {
-                    let second = f64::from(b[axis][l]) - f64::from(a[axis][l]);
-                    let third = f64::from(c[axis][l]) - f64::from(a[axis][l]);
-                    out[axis][l] = (steps[0][l] * second + steps[1][l] * third) as f32;
+        }
+        // Take the footprints along; there are none where the coordinates do not span the triangle
+        let [[u1, v1], [u2, v2]] = &edges;
+        for (out, steps) in out.axes.iter_mut().zip(&footprints.barycentric) {
+            for l in 0..LANES {
+                let is_degenerate = u1[l] * v2[l] - u2[l] * v1[l] == 0.0;
+                for axis in 0..2 {
+                    let step = steps[0][l] * edges[0][axis][l] + steps[1][l] * edges[1][axis][l];
+                    out[axis][l] = if is_degenerate { 0.0 } else { step as f32 };
                 }
             }
         }

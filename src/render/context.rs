@@ -177,10 +177,7 @@ impl<'s> RenderContext<'s> {
 
     /// Returns whether each path carries its own ray cone, because cones differ between paths.
     pub(super) fn tracks_cones(&self) -> bool {
-        let effects = self.effects();
-        // Without scattering, all cones are those of camera rays
-        let differ = effects.has(Effect::Reflection) || effects.has_transmission() || effects.has_lobes();
-        effects.has(Effect::TextureFilter) && differ
+        self.effects().tracks_cones()
     }
 
     /// Precomputes the direction offsets of samples from the corners of their pixels, if they are equal for all

@@ -321,6 +321,14 @@ impl EffectSet {
         self.has(Effect::RoughReflection) || self.has(Effect::RoughRefraction)
     }
 
+    /// Returns whether each path carries its own ray cone for texture filtering, because cones differ between paths.
+    #[inline(always)]
+    pub(crate) const fn tracks_cones(self) -> bool {
+        // Without scattering, all cones are those of camera rays
+        let differ = self.has(Effect::Reflection) || self.has_transmission() || self.has_lobes();
+        self.has(Effect::TextureFilter) && differ
+    }
+
     /// Returns whether any radiance is visible without a light: emission, ambient light or background.
     #[inline(always)]
     pub(crate) const fn has_unlit_radiance(self) -> bool {

@@ -157,17 +157,20 @@ pub fn shape_uv_density([dpdu, dpdv]: [DVec3; 2]) -> f64 {
 ///
 /// Along an edge from p0 to p1 the normal turns by (n1 - n0) . (p1 - p0) / |p1 - p0|² per unit of length (Reed, 2014);
 /// the result is the mean of the three edges. `n` are of unit length.
+#[inline(always)]
 pub fn triangle_curvature(p: [DVec3; 3], n: [DVec3; 3]) -> f64 {
     let along = |a: usize, b: usize| edge_curvature([p[a], p[b]], [n[a], n[b]]);
     (along(0, 1) + along(1, 2) + along(2, 0)) / 3.0
 }
 
 /// Returns the curvature between two points of a surface with unit normals `n`; 0 if the points coincide.
+#[inline(always)]
 pub fn edge_curvature([p0, p1]: [DVec3; 2], [n0, n1]: [DVec3; 2]) -> f64 {
     let edge = p1 - p0;
     finite_or_zero((n1 - n0).dot(edge) / edge.length_squared())
 }
 
+#[inline(always)]
 fn finite_or_zero(x: f64) -> f64 {
     if x.is_finite() { x } else { 0.0 }
 }

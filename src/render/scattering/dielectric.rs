@@ -40,15 +40,6 @@ impl RenderContext<'_> {
             .after(f64::from(traced.packet.t_far[l]) * length)
     }
 
-    /// Returns the surface curvature at a hit, which changes the spread of ray cones; 0 without texture filtering.
-    pub(in crate::render) fn curvature(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> f64 {
-        if self.effects().has(Effect::TextureFilter) {
-            self.surfaces.curvature(packet, surfaces, l)
-        } else {
-            0.0
-        }
-    }
-
     /// Returns the hit of lane `l` with all that is needed to scatter the ray at the boundary.
     pub(in crate::render) fn boundary_hit<'a>(
         &'a self,
@@ -72,7 +63,7 @@ impl RenderContext<'_> {
             weight: std::array::from_fn(|c| traced.weight[c][l]),
             arrival,
             cone: self.cone_at(traced, path_states, l),
-            curvature: self.curvature(traced.packet, surfaces, l),
+            curvature: surfaces.curvatures[l],
             tints: Tints::of(&boundary.material.model, materials, l),
             boundary,
             normal: self.surfaces.interface_normal(traced.packet, surfaces, l),

@@ -112,10 +112,9 @@ impl ShadingState<'_, '_> {
         let Some(lobe) = frame.lobe_at(surfaces, &arrival, points.shading_normal(l), (l, stage)) else {
             return;
         };
-        let cone =
-            frame
-                .cone_at(traced, path_states, l)
-                .reflected(frame.curvature(traced.packet, surfaces, l));
+        let cone = frame
+            .cone_at(traced, path_states, l)
+            .reflected(surfaces.curvatures[l]);
         // Sample microfacets and spawn their reflected rays
         for number in 0..lobe.of {
             let facet = lobe.microfacet(self.lobe_numbers(traced, (l, stage), [number, lobe.of]));

@@ -21,7 +21,8 @@ use super::uv_frame::UvFrame;
 use super::vertex_fetch::{FetchedVertices, MeshView};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{
-    HitErrorBound, LANES, Lanes3, SpawnPolicy, transform_normal, triangle_spawn_bound, triangle_spawn_error,
+    HitErrorBound, LANES, Lanes, Lanes3, SpawnPolicy, transform_normal, triangle_spawn_bound,
+    triangle_spawn_error,
 };
 use crate::scene::{Effect, EffectSet, Geometry, InstanceTransform, Material, Scene};
 use crate::shading::ray_cone::triangle_curvature;
@@ -33,6 +34,11 @@ pub(in crate::render) struct SurfaceScene<'s> {
     scene: &'s Scene,
     textures: TextureSet<'s>,
     views: Vec<InstanceView<'s>>,
+    /// True if the cones of rays that leave a surface depend on its curvature.
+    needs_curvatures: bool,
+    /// Mean scales of the transforms of instances, which curvatures depend on; NaN for moving ones. Empty where no
+    /// curvatures are needed.
+    mean_scales: Vec<f32>,
     pub(in crate::render) effects: EffectSet,
     /// Offset of ray origins from a surface; `None` if each point uses a bound on its error.
     offset: Option<f64>,
@@ -66,6 +72,9 @@ pub(in crate::render) struct Surfaces {
     /// Instance whose uniform material fills every lane of `materials`, if there is one.
     filled_for: Option<u32>,
     textures: Box<TextureLanes>,
+    /// Mean curvatures of the surfaces, positive where they are convex on the side of the incident ray; 0 where the
+    /// surface is flat or its curvature is unknown, and where no ray cone depends on it.
+    pub(in crate::render) curvatures: Lanes<f64>,
     /// Time at which texture look-ups began.
     pub(in crate::render) texturing: Moment,
 }
@@ -98,10 +107,21 @@ impl<'s> SurfaceScene<'s> {
                 is_placed: !instance.is_identity(),
             }
         });
+        let needs_curvatures = effects.tracks_cones();
+        let mean_scales = scene.instances.iter().map(|instance| match instance.is_moving() {
+            true => f32::NAN,
+            false => mean_scale(&instance.pose(0.0)) as f32,
+        });
         SurfaceScene {
             scene,
             textures: TextureSet::of_effects(scene, effects),
             views: views.collect(),
+            needs_curvatures,
+            mean_scales: if needs_curvatures {
+                mean_scales.collect()
+            } else {
+                Vec::new()
+            },
             effects,
             offset: None,
             hit_points: HitPoint::Refined,
@@ -154,6 +174,7 @@ impl<'s> SurfaceScene<'s> {
             filled_for,
             texturing,
             textures,
+            curvatures,
         } = surfaces;
         // Fetch vertices, as a whole if all lanes share an instance
         let common = Common::of(packet);
@@ -194,6 +215,9 @@ impl<'s> SurfaceScene<'s> {
             points.report(packet);
         }
         points.spawn();
+        if self.needs_curvatures {
+            self.compute_curvatures(packet, (gathered, points), curvatures);
+        }
         // Evaluate materials, reusing a uniform one from the last packet
         match only {
             // Lanes without a hit may hold any material.
@@ -205,7 +229,14 @@ impl<'s> SurfaceScene<'s> {
             }
             _ => {
                 *filled_for = None;
-                if self.materials_by_lane(packet, materials) {
+                let varies = match only {
+                    Some(view) => {
+                        materials.fill(self.material_of(view));
+                        true
+                    }
+                    None => self.materials_by_lane(packet, materials),
+                };
+                if varies {
                     if matches!(texturing, Moment::Wanted) {
                         *texturing = Moment::Read(Instant::now());
                     }
@@ -314,27 +345,40 @@ impl<'s> SurfaceScene<'s> {
         if n.dot(shading) < 0.0 { -n } else { n }
     }
 
-    /// Returns the mean curvature of the surface at lane `l`, positive where it is convex on the side of the incident
-    /// ray; 0 where the surface is flat or its curvature is unknown.
-    pub(in crate::render) fn curvature(&self, packet: &RayPacket, surfaces: &Surfaces, l: usize) -> f64 {
-        let view = &self.views[packet.instance[l] as usize];
-        // Curvature is an inverse length, so divide by the mean scale of the transform
-        let map = self.pose(packet, l).world_from_object();
-        let scale = map.matrix3.determinant().abs().cbrt();
-        let outside = match &view.kind {
-            InteractionKind::Shape(Shape::Sphere(sphere)) => 1.0 / (sphere.radius * scale),
-            InteractionKind::Mesh(_) if surfaces.gathered.smooth[l] => {
-                let wide = |lanes: &Lanes3<f32>| lane(lanes, l).as_dvec3();
-                let corners = surfaces.gathered.corners.each_ref().map(wide);
-                let normals = surfaces.gathered.normals.each_ref().map(wide);
-                triangle_curvature(corners, normals.map(DVec3::normalize_or_zero)) / scale
-            }
-            _ => 0.0,
-        };
-        if surfaces.points.front[l] {
-            outside
+    /// Computes the mean curvatures of the surfaces at the hits.
+    #[inline(always)]
+    fn compute_curvatures(
+        &self,
+        packet: &RayPacket,
+        (gathered, points): (&FetchedVertices, &SurfacePacket),
+        curvatures: &mut Lanes<f64>,
+    ) {
+        *curvatures = if gathered.smooth.contains(&true) {
+            mesh_curvatures(gathered)
         } else {
-            -outside
+            [0.0; LANES]
+        };
+        for l in 0..LANES {
+            if packet.instance[l] == NO_HIT {
+                continue;
+            }
+            let view = &self.views[packet.instance[l] as usize];
+            let in_object = match &view.kind {
+                InteractionKind::Shape(Shape::Sphere(sphere)) => 1.0 / sphere.radius,
+                InteractionKind::Mesh(_) if gathered.smooth[l] => curvatures[l],
+                _ => 0.0,
+            };
+            // Curvature is an inverse length, so divide by the mean scale of the transform
+            let outside = in_object / self.mean_scale(packet, l);
+            curvatures[l] = if points.front[l] { outside } else { -outside };
+        }
+    }
+
+    /// Returns the mean scale of the transform of the instance that lane `l` hit.
+    fn mean_scale(&self, packet: &RayPacket, l: usize) -> f64 {
+        match self.mean_scales.get(packet.instance[l] as usize) {
+            Some(scale) if scale.is_finite() => f64::from(*scale),
+            _ => mean_scale(&self.pose(packet, l)),
         }
     }
 
@@ -457,6 +501,7 @@ impl Surfaces {
             },
             filled_for: None,
             textures: Box::new(TextureLanes::new()),
+            curvatures: [0.0; LANES],
             texturing: Moment::Unknown,
         }
     }
@@ -474,6 +519,33 @@ fn compute_interactions(
     surfaces: &mut Surfaces,
 ) {
     scene.compute_interactions_inlined(packet, widths, surfaces);
+}
+
+/// Returns the curvatures of all lanes that their vertex normals imply, in object space.
+#[inline(always)]
+fn mesh_curvatures(gathered: &FetchedVertices) -> Lanes<f64> {
+    let mut curvatures = [0.0; LANES];
+    for l in 0..LANES {
+        let wide = |v: &Lanes3<f32>| DVec3::new(v[0][l].into(), v[1][l].into(), v[2][l].into());
+        let [p0, p1, p2] = &gathered.corners;
+        let [n0, n1, n2] = &gathered.normals;
+        let unit = |n: DVec3| {
+            let squared = n.length_squared();
+            n * if squared > 0.0 {
+                squared.sqrt().recip()
+            } else {
+                0.0
+            }
+        };
+        let normals = [unit(wide(n0)), unit(wide(n1)), unit(wide(n2))];
+        curvatures[l] = triangle_curvature([wide(p0), wide(p1), wide(p2)], normals);
+    }
+    curvatures
+}
+
+/// Returns the cube root of the factor by which a transform changes volumes.
+fn mean_scale(pose: &InstanceTransform) -> f64 {
+    pose.world_from_object().matrix3.determinant().abs().cbrt()
 }
 
 /// Instance and primitive that all hit lanes of a packet have in common.

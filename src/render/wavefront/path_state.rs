@@ -60,6 +60,7 @@ pub(in crate::render) struct PathStates {
     sample: OptionalArray<u32>,
     split: OptionalArray<u32>,
     time: OptionalArray<f32>,
+    packet_count: usize,
 }
 
 impl PathStates {
@@ -74,6 +75,7 @@ impl PathStates {
             sample: OptionalArray::new(effects.samples_light()),
             split: OptionalArray::new(effects.has_lobes()),
             time: OptionalArray::new(effects.has(Effect::MotionBlur)),
+            packet_count: 0,
         }
     }
 
@@ -92,7 +94,16 @@ impl PathStates {
     }
 
     /// Resizes the arrays to `packets` packets; new ones hold paths that have not begun.
+    #[inline(always)]
     pub(in crate::render) fn resize(&mut self, packets: usize) {
+        if self.packet_count != packets {
+            self.resize_arrays(packets);
+        }
+    }
+
+    #[inline(never)]
+    fn resize_arrays(&mut self, packets: usize) {
+        self.packet_count = packets;
         self.depth.resize(packets, 0);
         self.wavelength.resize(packets, 0.0);
         self.direction.resize(packets, DVec3::ZERO);
@@ -216,12 +227,14 @@ impl<T: Copy> OptionalArray<T> {
         self.packets.capacity() * size_of::<Lanes<T>>()
     }
 
+    #[inline(always)]
     fn set(&mut self, packet: usize, l: usize, value: T) {
         if self.is_allocated {
             self.packets[packet][l] = value;
         }
     }
 
+    #[inline(always)]
     fn get(&self, packet: usize, l: usize, otherwise: T) -> T {
         if self.is_allocated {
             self.packets[packet][l]
@@ -263,9 +276,14 @@ impl InteriorArray {
     }
 
     /// Sets the interiors of lane `l` of packet `packet`.
+    #[inline(always)]
     pub(in crate::render) fn set(&mut self, packet: usize, l: usize, media: &InteriorStack) {
-        self.single.set(packet, l, media.current());
-        self.nested.set(packet, l, *media);
+        if self.single.is_allocated {
+            self.single.set(packet, l, media.current());
+        }
+        if self.nested.is_allocated {
+            self.nested.set(packet, l, *media);
+        }
     }
 
     /// Returns the interiors around lane `l` of packet `packet`.

@@ -275,7 +275,7 @@ impl ShadingState<'_, '_> {
                         cone: self
                             .frame
                             .cone_at(&traced, path_states, l)
-                            .reflected(self.frame.curvature(traced.packet, surfaces, l)),
+                            .reflected(surfaces.curvatures[l]),
                         ..arrival
                     }
                 }),

@@ -8,6 +8,7 @@
 use std::ops::{Deref, DerefMut};
 use std::sync::{Mutex, PoisonError};
 
+use glam::DVec3;
 use multiversion::multiversion;
 
 use super::super::aov::{AovBuffers, LightGroupFilm};
@@ -193,9 +194,12 @@ impl<'f, 's> TileRenderer<'f, 's> {
             packet.time = frame.times(block, group);
         }
         let time = packet.time;
-        let rays = frame.camera_rays(block, (group, &time), position);
-        if frame.has_lens_or_motion() {
-            lens::aim(packet, &rays);
+        // Compute the rays in f64 where their packet lacks a lens or motion, or paths need exact directions
+        let needs_directions = frame.effects().has(Effect::Refraction);
+        let rays = (frame.has_lens_or_motion() || needs_directions)
+            .then(|| frame.camera_rays(block, (group, &time), position));
+        if let Some(rays) = rays.as_ref().filter(|_| frame.has_lens_or_motion()) {
+            lens::aim(packet, rays);
         }
         if !frame.has_path_state() {
             return;
@@ -203,7 +207,9 @@ impl<'f, 's> TileRenderer<'f, 's> {
         // Initialize the state of each path
         for l in 0..LANES {
             let travel = PathState {
-                direction: rays[l].direction.normalize(),
+                direction: rays
+                    .as_ref()
+                    .map_or(DVec3::ZERO, |rays| rays[l].direction.normalize()),
                 media: frame.media_at_camera,
                 cone: frame.camera_cone,
                 sample: group.sample[l],

@@ -4,7 +4,6 @@
 //! all backends, so that they can disagree only about *which* primitive is hit. Vertices of sixteen lanes are
 //! gathered from the meshes and then processed with SIMD.
 
-use std::sync::Arc;
 use std::time::Instant;
 
 use glam::{DVec3, Vec3};
@@ -14,18 +13,14 @@ use super::super::plan::Plan;
 use super::super::profile::Moment;
 use super::super::settings::{HitPoint, RenderSettings};
 use super::cone_source::ConeSource;
+use super::instance_view::{InstanceView, InteractionKind};
 use super::packet::{SurfacePacket, lane};
-use super::shape_hit::world_point;
 use super::texture_eval::{TextureLanes, TexturedHits, evaluate_textures};
-use super::uv_frame::UvFrame;
-use super::vertex_fetch::{FetchedVertices, MeshView};
+use super::vertex_fetch::FetchedVertices;
+use super::world_hit::{world_shape, world_triangle};
 use crate::accel::{NO_HIT, RayPacket};
-use crate::numeric::{
-    HitErrorBound, LANES, Lanes, Lanes3, SpawnPolicy, transform_normal, triangle_spawn_bound,
-    triangle_spawn_error,
-};
-use crate::scene::{Effect, EffectSet, Geometry, InstanceTransform, Material, Scene};
-use crate::shading::ray_cone::triangle_curvature;
+use crate::numeric::{LANES, Lanes, Lanes3, SpawnPolicy, triangle_spawn_bound};
+use crate::scene::{Effect, EffectSet, InstanceTransform, Material, Scene};
 use crate::shading::{MaterialPacket, TextureSet};
 use crate::shape::Shape;
 
@@ -43,23 +38,6 @@ pub(in crate::render) struct SurfaceScene<'s> {
     /// Offset of ray origins from a surface; `None` if each point uses a bound on its error.
     offset: Option<f64>,
     hit_points: HitPoint,
-}
-
-pub(in crate::render) struct InstanceView<'s> {
-    kind: InteractionKind<'s>,
-    /// Index into the materials of the scene.
-    pub(super) material: u32,
-    /// True if the material is constant over the surface: no texture and no vertex colour.
-    pub(in crate::render) uniform: bool,
-    /// True if object space differs from world space.
-    is_placed: bool,
-}
-
-#[derive(Clone)]
-enum InteractionKind<'s> {
-    /// Mesh data, shared by all instances of the mesh.
-    Mesh(Arc<MeshView<'s>>),
-    Shape(&'s Shape),
 }
 
 /// Working memory for the surface interactions of a packet, reused from packet to packet.
@@ -354,7 +332,7 @@ impl<'s> SurfaceScene<'s> {
         curvatures: &mut Lanes<f64>,
     ) {
         *curvatures = if gathered.smooth.contains(&true) {
-            mesh_curvatures(gathered)
+            gathered.curvatures()
         } else {
             [0.0; LANES]
         };
@@ -406,90 +384,6 @@ impl<'s> SurfaceScene<'s> {
     }
 }
 
-impl InstanceView<'_> {
-    /// Returns whether hits need the scalar path: analytic shapes and transformed instances.
-    fn needs_scalar_path(&self) -> bool {
-        self.is_placed || matches!(self.kind, InteractionKind::Shape(_))
-    }
-
-    /// Returns the texture coordinates of a hit and the world-space derivatives of the point by them; zero where the
-    /// mesh has none.
-    pub(in crate::render) fn uv_frame(
-        &self,
-        pose: &InstanceTransform,
-        set: u32,
-        packet: &RayPacket,
-        l: usize,
-    ) -> UvFrame {
-        // Interpolate mesh coordinates, or evaluate the parametrization of the shape
-        match &self.kind {
-            InteractionKind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
-                Some(set) => {
-                    let linear = pose.world_from_object().matrix3;
-                    UvFrame {
-                        uv: mesh.interpolate(set, packet, l),
-                        derivatives: mesh.derivatives(set, packet.primitive[l]).map(|d| linear * d),
-                    }
-                }
-                None => UvFrame {
-                    uv: [0.0; 2],
-                    derivatives: [DVec3::ZERO; 2],
-                },
-            },
-            InteractionKind::Shape(shape) => {
-                let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
-                UvFrame {
-                    uv: point.uv.map(|x| x as f32),
-                    derivatives: [point.dpdu, point.dpdv],
-                }
-            }
-        }
-    }
-
-    /// Returns the texture coordinates of the corners of a triangle; `None` for shapes, and for meshes without the set.
-    #[inline(always)]
-    pub(super) fn corner_coordinates(&self, set: u32, primitive: u32) -> Option<[[f32; 2]; 3]> {
-        match &self.kind {
-            InteractionKind::Mesh(mesh) => {
-                let set = mesh.tex_coords.get(set as usize)?;
-                Some(mesh.triangles[primitive as usize].map(|vertex| set[vertex as usize]))
-            }
-            InteractionKind::Shape(_) => None,
-        }
-    }
-
-    #[inline(always)]
-    pub(super) fn is_shape(&self) -> bool {
-        matches!(self.kind, InteractionKind::Shape(_))
-    }
-
-    /// Returns the interpolated mesh tangent at a hit, in object space, with its handedness.
-    pub(in crate::render) fn tangent(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
-        match &self.kind {
-            InteractionKind::Mesh(mesh) => mesh
-                .tangents
-                .map(|tangents| mesh.interpolate(tangents, packet, l)),
-            InteractionKind::Shape(_) => None,
-        }
-    }
-
-    pub(in crate::render) fn vertex_color(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
-        match &self.kind {
-            InteractionKind::Mesh(mesh) => mesh.colors.map(|colors| mesh.interpolate(colors, packet, l)),
-            InteractionKind::Shape(_) => None,
-        }
-    }
-}
-
-impl<'s> InteractionKind<'s> {
-    fn of(geometry: &'s Geometry, effects: EffectSet) -> InteractionKind<'s> {
-        match geometry {
-            Geometry::Mesh(mesh) => InteractionKind::Mesh(Arc::new(MeshView::of(mesh, effects))),
-            Geometry::Shape(shape) => InteractionKind::Shape(shape),
-        }
-    }
-}
-
 impl Surfaces {
     pub(in crate::render) fn new(effects: EffectSet) -> Surfaces {
         Surfaces {
@@ -519,28 +413,6 @@ fn compute_interactions(
     surfaces: &mut Surfaces,
 ) {
     scene.compute_interactions_inlined(packet, widths, surfaces);
-}
-
-/// Returns the curvatures of all lanes that their vertex normals imply, in object space.
-#[inline(always)]
-fn mesh_curvatures(gathered: &FetchedVertices) -> Lanes<f64> {
-    let mut curvatures = [0.0; LANES];
-    for l in 0..LANES {
-        let wide = |v: &Lanes3<f32>| DVec3::new(v[0][l].into(), v[1][l].into(), v[2][l].into());
-        let [p0, p1, p2] = &gathered.corners;
-        let [n0, n1, n2] = &gathered.normals;
-        let unit = |n: DVec3| {
-            let squared = n.length_squared();
-            n * if squared > 0.0 {
-                squared.sqrt().recip()
-            } else {
-                0.0
-            }
-        };
-        let normals = [unit(wide(n0)), unit(wide(n1)), unit(wide(n2))];
-        curvatures[l] = triangle_curvature([wide(p0), wide(p1), wide(p2)], normals);
-    }
-    curvatures
 }
 
 /// Returns the cube root of the factor by which a transform changes volumes.
@@ -660,59 +532,4 @@ fn brought_near_one(n: DVec3) -> Vec3 {
     // Clear all but the exponent of the largest component, and multiply by its reciprocal
     let exponent = n.abs().max_element().to_bits() & EXPONENT;
     (n * f64::from_bits(DOUBLED_BIAS.wrapping_sub(exponent))).as_vec3()
-}
-
-/// World-space hit point of one lane; normals may be on either side.
-struct WorldHit {
-    p: DVec3,
-    ng: DVec3,
-    ns: Option<DVec3>,
-    error: HitErrorBound,
-}
-
-fn world_triangle(
-    packet: &RayPacket,
-    gathered: &FetchedVertices,
-    l: usize,
-    pose: &InstanceTransform,
-) -> WorldHit {
-    let [a, b, c] = std::array::from_fn(|corner| lane(&gathered.corners[corner], l).as_dvec3());
-    let (e1, e2) = (b - a, c - a);
-    let (u, v) = (f64::from(packet.u[l]), f64::from(packet.v[l]));
-    let map = pose.world_from_object();
-    let p = map.transform_point3(a + u * e1 + v * e2);
-    let ns = gathered.smooth[l].then(|| {
-        let [na, nb, nc] = std::array::from_fn(|corner| lane(&gathered.normals[corner], l).as_dvec3());
-        transform_normal(&map.matrix3, (1.0 - u - v) * na + u * nb + v * nc)
-    });
-    WorldHit {
-        p,
-        ng: transform_normal(&map.matrix3, e1.cross(e2).normalize_or_zero()),
-        ns: ns.filter(|n| *n != DVec3::ZERO),
-        error: triangle_spawn_error(a.as_vec3(), e1.as_vec3(), e2.as_vec3()).transformed(
-            &map,
-            &pose.object_from_world(),
-            p,
-        ),
-    }
-}
-
-fn world_shape(packet: &RayPacket, l: usize, shape: &Shape, pose: &InstanceTransform) -> WorldHit {
-    let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
-    WorldHit {
-        p: point.p,
-        ng: point.n,
-        ns: None,
-        error: point.error,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn instance_view_takes_at_most_24_bytes() {
-        assert!(size_of::<InstanceView>() <= 24, "{}", size_of::<InstanceView>());
-    }
 }

@@ -1,6 +1,7 @@
 //! Surface interactions: points, normals and materials of hits.
 
 mod cone_source;
+mod instance_view;
 mod interaction;
 mod packet;
 mod shape_hit;
@@ -9,9 +10,11 @@ mod texture_eval;
 mod uv_frame;
 mod uv_packet;
 mod vertex_fetch;
+mod world_hit;
 
 pub use spawn_probe::{SpawnPoint, SpawnProbe};
 
 pub(super) use cone_source::ConeSource;
-pub(super) use interaction::{InstanceView, SurfaceScene, Surfaces};
+pub(super) use instance_view::InstanceView;
+pub(super) use interaction::{SurfaceScene, Surfaces};
 pub(super) use packet::SurfacePacket;

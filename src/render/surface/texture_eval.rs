@@ -8,7 +8,8 @@ use glam::DVec3;
 use multiversion::multiversion;
 
 use super::cone_source::ConeSource;
-use super::interaction::{InstanceView, SurfaceScene};
+use super::instance_view::InstanceView;
+use super::interaction::SurfaceScene;
 use super::packet::{SurfacePacket, lane};
 use super::uv_frame::UvFrame;
 use super::uv_packet::FootprintPacket;

@@ -6,6 +6,7 @@ use crate::accel::{NO_HIT, RayPacket};
 use crate::mesh::Mesh;
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet};
+use crate::shading::ray_cone::triangle_curvature;
 
 /// Slices of the arrays of a mesh, resolved once, because a `Buffer` tests at every access whether it is
 /// memory-mapped.
@@ -41,6 +42,28 @@ impl FetchedVertices {
             smooth: [false; LANES],
             needs_scalar_path: false,
         }
+    }
+
+    /// Returns the curvatures of all lanes that their vertex normals imply, in object space.
+    #[inline(always)]
+    pub(super) fn curvatures(&self) -> Lanes<f64> {
+        let mut curvatures = [0.0; LANES];
+        for l in 0..LANES {
+            let wide = |v: &Lanes3<f32>| DVec3::new(v[0][l].into(), v[1][l].into(), v[2][l].into());
+            let [p0, p1, p2] = &self.corners;
+            let [n0, n1, n2] = &self.normals;
+            let unit = |n: DVec3| {
+                let squared = n.length_squared();
+                n * if squared > 0.0 {
+                    squared.sqrt().recip()
+                } else {
+                    0.0
+                }
+            };
+            let normals = [unit(wide(n0)), unit(wide(n1)), unit(wide(n2))];
+            curvatures[l] = triangle_curvature([wide(p0), wide(p1), wide(p2)], normals);
+        }
+        curvatures
     }
 }
 

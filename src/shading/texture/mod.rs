@@ -10,6 +10,7 @@
 //! floor stays sharp across the view up to the horizon.
 
 mod constant_fold;
+mod lookup_plan;
 mod mip_level;
 mod mipmap;
 mod packet_lookup;
@@ -20,9 +21,10 @@ use std::collections::HashSet;
 use glam::DVec3;
 
 pub use self::constant_fold::fold_constant_textures;
+pub(crate) use self::lookup_plan::UvPacket;
 use self::mip_level::{MipLevel, WHITE};
 use self::mipmap::MipMap;
-pub(crate) use self::packet_lookup::{PacketLookup, UvPacket};
+pub(crate) use self::packet_lookup::PacketLookup;
 use crate::parallel;
 use crate::scene::{
     Effect, EffectSet, Encoding, Filter, Image, Procedural, Sampler, Scene, Space, Texels, Texture,

@@ -1,0 +1,125 @@
+//! Shading data of instances: the arrays of a mesh or an analytic shape, and whether its material varies.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use super::shape_hit::world_point;
+use super::uv_frame::UvFrame;
+use super::vertex_fetch::MeshView;
+use crate::accel::RayPacket;
+use crate::scene::{EffectSet, Geometry, InstanceTransform};
+use crate::shape::Shape;
+
+/// Data of one instance that hits on it need.
+pub(in crate::render) struct InstanceView<'s> {
+    pub(super) kind: InteractionKind<'s>,
+    /// Index into the materials of the scene.
+    pub(super) material: u32,
+    /// True if the material is constant over the surface: no texture and no vertex colour.
+    pub(in crate::render) uniform: bool,
+    /// True if object space differs from world space.
+    pub(super) is_placed: bool,
+}
+
+/// Geometry of an instance.
+#[derive(Clone)]
+pub(super) enum InteractionKind<'s> {
+    /// Mesh data, shared by all instances of the mesh.
+    Mesh(Arc<MeshView<'s>>),
+    Shape(&'s Shape),
+}
+
+impl InstanceView<'_> {
+    /// Returns whether hits need the scalar path: analytic shapes and transformed instances.
+    pub(super) fn needs_scalar_path(&self) -> bool {
+        self.is_placed || matches!(self.kind, InteractionKind::Shape(_))
+    }
+
+    /// Returns the texture coordinates of a hit and the world-space derivatives of the point by them; zero where the
+    /// mesh has none.
+    pub(in crate::render) fn uv_frame(
+        &self,
+        pose: &InstanceTransform,
+        set: u32,
+        packet: &RayPacket,
+        l: usize,
+    ) -> UvFrame {
+        // Interpolate mesh coordinates, or evaluate the parametrization of the shape
+        match &self.kind {
+            InteractionKind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
+                Some(set) => {
+                    let linear = pose.world_from_object().matrix3;
+                    UvFrame {
+                        uv: mesh.interpolate(set, packet, l),
+                        derivatives: mesh.derivatives(set, packet.primitive[l]).map(|d| linear * d),
+                    }
+                }
+                None => UvFrame {
+                    uv: [0.0; 2],
+                    derivatives: [DVec3::ZERO; 2],
+                },
+            },
+            InteractionKind::Shape(shape) => {
+                let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
+                UvFrame {
+                    uv: point.uv.map(|x| x as f32),
+                    derivatives: [point.dpdu, point.dpdv],
+                }
+            }
+        }
+    }
+
+    /// Returns the texture coordinates of the corners of a triangle; `None` for shapes, and for meshes without the set.
+    #[inline(always)]
+    pub(super) fn corner_coordinates(&self, set: u32, primitive: u32) -> Option<[[f32; 2]; 3]> {
+        match &self.kind {
+            InteractionKind::Mesh(mesh) => {
+                let set = mesh.tex_coords.get(set as usize)?;
+                Some(mesh.triangles[primitive as usize].map(|vertex| set[vertex as usize]))
+            }
+            InteractionKind::Shape(_) => None,
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn is_shape(&self) -> bool {
+        matches!(self.kind, InteractionKind::Shape(_))
+    }
+
+    /// Returns the interpolated mesh tangent at a hit, in object space, with its handedness.
+    pub(in crate::render) fn tangent(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
+        match &self.kind {
+            InteractionKind::Mesh(mesh) => mesh
+                .tangents
+                .map(|tangents| mesh.interpolate(tangents, packet, l)),
+            InteractionKind::Shape(_) => None,
+        }
+    }
+
+    pub(in crate::render) fn vertex_color(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
+        match &self.kind {
+            InteractionKind::Mesh(mesh) => mesh.colors.map(|colors| mesh.interpolate(colors, packet, l)),
+            InteractionKind::Shape(_) => None,
+        }
+    }
+}
+
+impl<'s> InteractionKind<'s> {
+    pub(super) fn of(geometry: &'s Geometry, effects: EffectSet) -> InteractionKind<'s> {
+        match geometry {
+            Geometry::Mesh(mesh) => InteractionKind::Mesh(Arc::new(MeshView::of(mesh, effects))),
+            Geometry::Shape(shape) => InteractionKind::Shape(shape),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn instance_view_takes_at_most_24_bytes() {
+        assert!(size_of::<InstanceView>() <= 24, "{}", size_of::<InstanceView>());
+    }
+}

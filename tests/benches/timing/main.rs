@@ -21,6 +21,7 @@ mod packet_width;
 mod profile_seconds;
 mod quartiles;
 mod render_to_error;
+mod shading;
 #[cfg(feature = "embree")]
 mod spheres;
 mod texture_filtering;
@@ -91,6 +92,11 @@ const MEASUREMENTS: &[Measurement] = &[
         name: "texture_filtering",
         description: "the time of renders of a checkerboard: not filtered, mipmapped and procedural",
         run: texture_filtering::run,
+    },
+    Measurement {
+        name: "shading",
+        description: "prices of lobes, area lights, dispersion and mip maps, in the plainest rays",
+        run: shading::run,
     },
     Measurement {
         name: "profile_seconds",

@@ -12,7 +12,9 @@ mod dependencies;
 mod fingerprint;
 mod lock;
 mod manifest;
+pub mod memory;
 mod merge;
+pub mod request;
 mod shard;
 pub mod slurm;
 

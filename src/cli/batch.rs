@@ -23,10 +23,10 @@ mod scene_slots;
 
 use std::path::Path;
 
+use whit::batch::request::TracingOptions;
 use whit::batch::{ChunkDirectory, Lock, LockError, Manifest, MergeError, Shard};
 use whit::parallel;
 
-use super::accel_options::Tracing;
 use super::args::{BatchArgs, MergeArgs};
 use super::failure::Failure;
 use super::interrupt;
@@ -46,7 +46,7 @@ pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
     if let Some(nice) = args.nice {
         lower_priority(nice);
     }
-    let pool = Tracing::of_threads(args.threads).pool()?;
+    let pool = TracingOptions::of_threads(args.threads).pool()?;
     // Only forecast for `--slurm` and `--dry-run`
     if let Some(script) = &args.slurm {
         return parallel::install(&pool, || dry_run::write_script(args, script, &plans));

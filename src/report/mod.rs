@@ -8,9 +8,9 @@ mod format;
 mod html;
 mod image;
 mod knob_name;
-pub mod memory;
 mod text;
 
+pub use crate::batch::memory;
 pub use html::{bench_page, compare_page, cost_page, cross_check_page, gallery, page, verify_page};
 pub use image::{difference_image, heat_map, overlay, worst_tiles};
 pub use text::{

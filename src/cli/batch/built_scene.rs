@@ -6,6 +6,7 @@ use std::time::Instant;
 use glam::DVec3;
 
 use whit::accel::{Accel, AccelOptions, Backend, MeshCache, MeshCounts};
+use whit::batch::request::{self, RenderRequest, SceneSource, choose_camera};
 use whit::gltf::AnimationTime;
 use whit::render::RenderSettings;
 use whit::report::memory::{MemoryForecast, available_bytes};
@@ -13,9 +14,8 @@ use whit::scene::{Camera, ImageCache, ValidScene};
 use whit::scene_file::SceneFile;
 
 use super::super::failure::Failure;
-use super::super::job::{RenderJob, choose_camera};
+use super::super::interrupt;
 use super::super::progress::Progress;
-use super::super::render;
 use super::plan::Plan;
 use super::row_schedule::Film;
 
@@ -80,11 +80,13 @@ impl LoadedScene {
             animation: moment.animation.clone(),
             seconds: moment.seconds,
         });
-        let file = render::load(
-            &plan.job,
-            (&frame.scene, &frame.edits, pose.as_ref()),
-            &kept.images,
-        )?;
+        let source = SceneSource {
+            path: &frame.scene,
+            edits: &frame.edits,
+            pose,
+            image_cache: kept.images.clone(),
+        };
+        let file = request::load(&plan.request, source, &interrupt::CANCELLED)?;
         kept.images.evict_unused();
         // Report the loader's warnings once per scene
         for warning in &file.scene.warnings {
@@ -112,9 +114,9 @@ impl LoadedScene {
     }
 
     /// Returns the forecast memory of the scene and its acceleration structure.
-    pub(super) fn forecast(&self, job: &RenderJob) -> MeshBytes {
+    pub(super) fn forecast(&self, request: &RenderRequest) -> MeshBytes {
         let forecast = MemoryForecast::of(&self.file.scene);
-        let tree = match job.backend {
+        let tree = match request.backend {
             Backend::Embree => forecast.embree_bytes,
             Backend::Bsp => forecast.bsp_bytes,
             Backend::Brute => 0,
@@ -126,8 +128,8 @@ impl LoadedScene {
     }
 
     /// Returns whether the scene is too large to be processed beside another.
-    pub(super) fn is_large(&self, job: &RenderJob) -> bool {
-        let MeshBytes { loaded, to_come } = self.forecast(job);
+    pub(super) fn is_large(&self, request: &RenderRequest) -> bool {
+        let MeshBytes { loaded, to_come } = self.forecast(request);
         available_bytes().is_some_and(|free| loaded + to_come > free / LARGE_PART)
     }
 
@@ -168,10 +170,10 @@ impl<'s> BuiltScene<'s> {
         let start = Instant::now();
         let options = AccelOptions {
             mesh_cache: kept.meshes.as_ref(),
-            ..plan.job.tracing.options()
+            ..plan.request.tracing.options()
         };
         let scene = loaded.file.scene.validate()?;
-        let accel = render::build_with(&plan.job, scene, &options)?;
+        let accel = request::build(&plan.request, scene, &options, &interrupt::CANCELLED)?;
         if let Some(meshes) = &kept.meshes {
             meshes.evict_unused();
         }

@@ -140,7 +140,7 @@ fn probe_frame(
     progress.phase(&plan.name(), "probe");
     let loaded = LoadedScene::new(plan, kept, progress)?;
     let stage = BuiltScene::new(plan, &loaded, kept)?;
-    let resolved = plan.job.resolved(&loaded.file.output)?;
+    let resolved = plan.request.resolved(&loaded.file.output)?;
     let camera = loaded.camera(plan)?;
     let monitor = Monitor {
         cancel: &interrupt::CANCELLED,
@@ -152,8 +152,8 @@ fn probe_frame(
         &resolved.settings,
         &monitor,
     )?;
-    let forecast = Forecast::of(&probe, &resolved.settings, plan.job.backend);
-    let bytes = loaded.forecast(&plan.job);
+    let forecast = Forecast::of(&probe, &resolved.settings, plan.request.backend);
+    let bytes = loaded.forecast(&plan.request);
     Ok(FrameCost {
         seconds: forecast.seconds,
         setup_seconds: loaded.seconds + stage.build_seconds,

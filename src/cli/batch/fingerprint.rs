@@ -3,10 +3,10 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use whit::batch::request::RenderRequest;
 use whit::batch::{Fingerprint, FingerprintHasher, Sources};
 
 use super::super::failure::Failure;
-use super::super::job::RenderJob;
 use super::plan::Plan;
 
 /// Hash and list of a frame's inputs.
@@ -37,7 +37,7 @@ impl FrameFingerprint {
         let mut hasher = FingerprintHasher::default();
         // Hash the program's version and the backend
         hasher.add("version", env!("CARGO_PKG_VERSION"));
-        hasher.add("backend", backend_identity(&plan.job)?);
+        hasher.add("backend", backend_identity(&plan.request)?);
         for (path, key) in &files {
             let name = path.file_name().unwrap_or_default();
             hasher
@@ -98,9 +98,9 @@ fn settings_file(plan: &Plan) -> Option<PathBuf> {
 }
 
 /// Returns the backend with its version and instruction set, which the bits of an image depend on.
-fn backend_identity(job: &RenderJob) -> Result<String, Failure> {
-    let identity = whit::accel::identity(job.backend, job.tracing.isa.as_deref())?;
-    Ok(format!("{:?} {identity:?}", job.backend))
+fn backend_identity(request: &RenderRequest) -> Result<String, Failure> {
+    let identity = whit::accel::identity(request.backend, request.tracing.isa.as_deref())?;
+    Ok(format!("{:?} {identity:?}", request.backend))
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use std::ops::{ControlFlow, Range};
 use std::time::Instant;
 
 use whit::accel::Accel;
+use whit::batch::request::{Notes, ProjectedAccel, RenderRequest, ResolvedSettings, channels};
 use whit::batch::{
     ChannelPlane, Chunk, ChunkDirectory, ChunkKind, FrameMetadata, Merge, MergeError, color_planes, planes_of,
 };
@@ -15,12 +16,8 @@ use whit::render::{
 };
 use whit::scene::Camera;
 
-use super::super::aov::channels;
 use super::super::failure::Failure;
 use super::super::interrupt;
-use super::super::job::{RenderJob, ResolvedSettings};
-use super::super::metadata::Notes;
-use super::super::render::project;
 use super::built_scene::BuiltScene;
 use super::image_writer;
 use super::limits::Limits;
@@ -43,7 +40,7 @@ pub(super) struct FrameResult {
 /// State of a frame that is being rendered.
 pub(super) struct FrameTask<'a> {
     plan: &'a Plan,
-    job: &'a RenderJob,
+    request: &'a RenderRequest,
     resolved: ResolvedSettings,
     stage: &'a BuiltScene<'a>,
     camera: Camera,
@@ -109,8 +106,8 @@ impl<'a> FrameTask<'a> {
         monitor: Monitor<'a>,
     ) -> Result<FrameTask<'a>, Failure> {
         let plan = task.plan;
-        let job = &*plan.job;
-        let mut resolved = job.resolved(&stage.loaded.file.output)?;
+        let request = &*plan.request;
+        let mut resolved = request.resolved(&stage.loaded.file.output)?;
         // The batch's page shows the ray counts of the ledger; recording them changes no pixel.
         resolved.settings.ledger = true;
         check_division(plan, &resolved.settings, limits.time)?;
@@ -119,7 +116,7 @@ impl<'a> FrameTask<'a> {
         let effects = EffectPlan::new(&stage.scene, &camera, &resolved.settings.effects);
         let embree = stage.accel.report().embree;
         let mut notes = Notes::of(
-            (job, &resolved),
+            (request, &resolved),
             (&stage.scene, &camera),
             embree.as_ref(),
             &effects,
@@ -138,16 +135,16 @@ impl<'a> FrameTask<'a> {
             size: [resolved.settings.width, resolved.settings.height],
             spp: resolved.settings.spp,
             shares: plan.frame.settings.shares,
-            exr: job.encoding.exr,
+            exr: request.encoding.exr,
             png: PngEncoding {
                 tone: resolved.tone,
-                bits: job.encoding.png_bits,
+                bits: request.encoding.png_bits,
             },
             notes,
         };
         Ok(FrameTask {
             plan,
-            job,
+            request,
             resolved,
             stage,
             camera,
@@ -165,12 +162,13 @@ impl<'a> FrameTask<'a> {
 
     /// Renders the whole image at once, from the last checkpoint if there is one; returns the samples per pixel.
     fn render_at_once(&mut self) -> Result<f64, Failure> {
-        let (stage, job, resolved, monitor) = (self.stage, self.job, self.resolved, self.monitor);
+        let (stage, request, resolved, monitor) = (self.stage, self.request, self.resolved, self.monitor);
         let camera = self.camera.clone();
-        let projected = project(job, &resolved, (stage.scene.get(), &camera), &*stage.accel);
-        let accel = projected
-            .as_ref()
-            .map_or(&*stage.accel, |projected| projected as &dyn Accel);
+        let projected = ProjectedAccel::new(
+            (&*stage.accel, request.backend),
+            (stage.scene.get(), &camera),
+            &resolved.settings,
+        );
         // Costs of pixels are not part of a checkpoint, so such images cannot be resumed.
         let can_go_on = !resolved.settings.cost_aovs;
         let start = if can_go_on {
@@ -201,7 +199,7 @@ impl<'a> FrameTask<'a> {
         let rendered = render::render_on(
             stage.scene,
             &camera,
-            accel,
+            projected.accel(),
             &resolved.settings,
             &monitor,
             can_go_on.then_some(&mut checkpoints),
@@ -209,7 +207,10 @@ impl<'a> FrameTask<'a> {
         let Ok(rendering) = rendered else {
             return Err(failure.unwrap_or(Failure::Interrupted));
         };
-        self.keep(0..resolved.settings.height, planes_of_rendering(job, &rendering));
+        self.keep(
+            0..resolved.settings.height,
+            planes_of_rendering(request, &rendering),
+        );
         self.ledger += rendering.ledger;
         Ok(rendering.samples.mean)
     }
@@ -252,13 +253,14 @@ impl<'a> FrameTask<'a> {
             return Ok(());
         }
         // Trace camera rays with screen bounds where they pay
-        let (stage, job, resolved) = (self.stage, self.job, self.resolved);
+        let (stage, request, resolved) = (self.stage, self.request, self.resolved);
         let camera = self.camera.clone();
-        let projected = project(job, &resolved, (stage.scene.get(), &camera), &*stage.accel);
-        let accel = projected
-            .as_ref()
-            .map_or(&*stage.accel, |projected| projected as &dyn Accel);
-        let mut parts = self.parts(accel)?;
+        let projected = ProjectedAccel::new(
+            (&*stage.accel, request.backend),
+            (stage.scene.get(), &camera),
+            &resolved.settings,
+        );
+        let mut parts = self.parts(projected.accel())?;
         // Render each gap in steps, whose height follows the time of the steps before
         for rows in missing {
             let mut steps = RowSteps::new(
@@ -305,7 +307,7 @@ impl<'a> FrameTask<'a> {
         let count = self.plan.frame.settings.shares;
         if count == 1 {
             let rendering = parts.region(&region, &monitor)?;
-            let planes = planes_of_rendering(self.job, &rendering);
+            let planes = planes_of_rendering(self.request, &rendering);
             self.ledger += rendering.ledger;
             return Ok(planes);
         }
@@ -504,10 +506,10 @@ fn join_rows(buffered: Vec<(Range<u32>, Vec<ChannelPlane>)>) -> Vec<(Range<u32>,
 }
 
 /// Returns the channels of a rendering: its colours and its further layers.
-fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<ChannelPlane> {
+fn planes_of_rendering(request: &RenderRequest, rendering: &Rendering) -> Vec<ChannelPlane> {
     let mut planes = color_planes(&rendering.image.pixels);
     planes.extend(
-        channels(job, rendering)
+        channels(&request.aovs, rendering)
             .into_iter()
             .map(Cow::into_owned)
             .map(|layer| ChannelPlane {

@@ -40,9 +40,9 @@ impl Limits<'_> {
         (loaded, kept): (&LoadedScene, &SceneCaches),
         threads: usize,
     ) -> Result<usize, Failure> {
-        let settings = plan.job.resolved(&loaded.file.output)?.settings;
+        let settings = plan.request.resolved(&loaded.file.output)?.settings;
         let film = film_bytes(&loaded.film(&settings), self.time);
-        let bytes = loaded.forecast(&plan.job);
+        let bytes = loaded.forecast(&plan.request);
         // Compare with the explicit limit, or with what is free now
         let (before, most) = match (self.max_memory, available_bytes()) {
             (Some(most), _) => (kept.bytes() + bytes.loaded + bytes.to_come, most),

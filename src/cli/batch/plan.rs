@@ -1,4 +1,4 @@
-//! Plans of a batch: its frames, each with the render job that its settings describe. Plans are made before any scene
+//! Plans of a batch: its frames, each with the request that its settings describe. Plans are made before any scene
 //! is opened, so that all errors known by then are reported early.
 
 use std::collections::{BTreeSet, HashMap};
@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use clap::Parser;
 
+use whit::batch::request::RenderRequest;
 use whit::image::{ImageFormat, check_writable};
 use whit::jobs::{FlagValue, Frame, JobSettings, Jobs};
 
@@ -43,8 +44,8 @@ pub(in crate::cli) struct Plan {
     /// Index of the frame in the batch.
     pub(super) number: usize,
     pub(super) frame: Frame,
-    /// Render job, shared by all frames of a job that have the same image format.
-    pub(super) job: Arc<RenderJob>,
+    /// Requested image, shared by all frames of a job that have the same image format.
+    pub(super) request: Arc<RenderRequest>,
     /// Folder of the job file, which paths in settings are relative to.
     pub(super) jobs_folder: Arc<Path>,
 }
@@ -59,7 +60,7 @@ impl Plan {
     pub(super) fn shares_scene_with(&self, other: &Plan) -> bool {
         let (a, b) = (&self.frame, &other.frame);
         Arc::ptr_eq(&a.settings, &b.settings)
-            && Arc::ptr_eq(&self.job, &other.job)
+            && Arc::ptr_eq(&self.request, &other.request)
             && (&a.scene, &a.moment, &a.edits) == (&b.scene, &b.moment, &b.edits)
     }
 
@@ -77,13 +78,13 @@ impl Plan {
 pub(super) fn check_division(plans: &[Plan], time: Option<f64>) -> Result<(), Failure> {
     for plan in plans {
         let refuse = |fault: &str| Err(Failure::Input(format!("{}: {fault}", plan.name())));
-        if plan.job.must_render_at_once() && (plan.piece_count() > 1 || time.is_some()) {
+        if plan.request.must_render_at_once() && (plan.piece_count() > 1 || time.is_some()) {
             return refuse(
                 "adaptive sampling and channels of rays and time require rendering the whole frame at once: leave out \
                  `split` and `--time`",
             );
         }
-        if (plan.frame.settings.shares > 1 || time.is_some()) && plan.job.has_first_hit_aovs() {
+        if (plan.frame.settings.shares > 1 || time.is_some()) && plan.request.has_first_hit_aovs() {
             return refuse(
                 "shares and `--time` support only `aov = \"samples\"`: leave out the other channels",
             );
@@ -123,7 +124,7 @@ pub(super) fn remove_leftovers(plans: &[Plan], out: &Path) {
 pub(in crate::cli) fn plans(jobs: &Path, out: &Path, threads: u32) -> Result<Vec<Plan>, Failure> {
     let jobs = Jobs::load(jobs)?;
     make_folders(&jobs, out)?;
-    let mut known: HashMap<(*const JobSettings, ImageFormat), Arc<RenderJob>> = HashMap::new();
+    let mut known: HashMap<(*const JobSettings, ImageFormat), Arc<RenderRequest>> = HashMap::new();
     let mut plans = Vec::with_capacity(jobs.frames.len());
     let jobs_folder: Arc<Path> = jobs.path.parent().unwrap_or(Path::new("")).into();
     // Parse the settings once per job and image format
@@ -135,19 +136,19 @@ pub(in crate::cli) fn plans(jobs: &Path, out: &Path, threads: u32) -> Result<Vec
             ))
         })?;
         let key = (Arc::as_ptr(&frame.settings), format);
-        let job = match known.get(&key) {
-            Some(job) => job.clone(),
+        let request = match known.get(&key) {
+            Some(request) => request.clone(),
             None => {
-                let job = Arc::new(render_job(&jobs.path, frame, out, threads)?);
-                known.insert(key, job.clone());
-                job
+                let request = Arc::new(parse_request(&jobs.path, frame, out, threads)?);
+                known.insert(key, request.clone());
+                request
             }
         };
-        // Keep the frame with its shared render job
+        // Keep the frame with its shared request
         plans.push(Plan {
             number,
             frame: frame.clone(),
-            job,
+            request,
             jobs_folder: jobs_folder.clone(),
         });
     }
@@ -177,8 +178,8 @@ fn make_folders(jobs: &Jobs, out: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the render job of a frame, by parsing its settings as flags of `whit render`.
-fn render_job(jobs: &Path, frame: &Frame, out: &Path, threads: u32) -> Result<RenderJob, Failure> {
+/// Returns the requested image of a frame, by parsing its settings as flags of `whit render`.
+fn parse_request(jobs: &Path, frame: &Frame, out: &Path, threads: u32) -> Result<RenderRequest, Failure> {
     let refuse = |fault: String| {
         let (jobs, job) = (jobs.display(), &frame.settings.job);
         Failure::Input(format!("{jobs}: settings of job {job}: {fault}"))
@@ -218,8 +219,9 @@ fn render_job(jobs: &Path, frame: &Frame, out: &Path, threads: u32) -> Result<Re
         ));
     };
     // Report errors in terms of the job file
-    RenderJob::new(&args).map_err(|failure| match failure {
+    let job = RenderJob::new(&args).map_err(|failure| match failure {
         Failure::Input(fault) => refuse(fault),
         failure => failure,
-    })
+    })?;
+    Ok(job.request)
 }

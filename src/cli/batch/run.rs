@@ -188,7 +188,7 @@ impl<'a> Batch<'a> {
             Err(failure) => return self.fail_all(tasks, shown, failure),
         };
         // The claim outlives the acceleration structure, which is declared later and dropped first.
-        let _place = match loaded.is_large(&plan.job) {
+        let _place = match loaded.is_large(&plan.request) {
             true => self.place.clear(place),
             false => place,
         };
@@ -237,7 +237,7 @@ impl<'a> Batch<'a> {
         let progress = |fraction: f64| bar.fraction(fraction);
         let name = plan.name();
         let live = self.viewer.as_ref().and_then(|viewer| {
-            let resolved = plan.job.resolved(&stage.loaded.file.output).ok()?;
+            let resolved = plan.request.resolved(&stage.loaded.file.output).ok()?;
             Some(viewer.begin(&name, [resolved.settings.width, resolved.settings.height]))
         });
         let show = live.map(|live| move |tile: FinishedTile| live.show(tile));

@@ -5,9 +5,13 @@
 //! The lock therefore only avoids duplicate work; correctness relies on outputs that are identical for every process
 //! and that appear whole.
 
-use std::fs::{File, OpenOptions, TryLockError};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Read, Seek, Write};
 use std::path::Path;
+
+use super::error::BatchError;
+use super::options::BatchOptions;
+use super::shard::Shard;
 
 /// Exclusive lock on a file, released when dropped.
 #[derive(Debug)]
@@ -53,6 +57,43 @@ impl Lock {
         let _ = write(&mut file);
         Ok(Lock { _file: file })
     }
+}
+
+/// Takes the lock that keeps other processes of this machine from rendering the same shard. Returns `None` where another
+/// process holds it without harm, with a warning, or where the file system has no locks.
+pub(super) fn lock_shard(options: &BatchOptions, warn: &dyn Fn(&str)) -> Result<Option<Lock>, BatchError> {
+    let BatchOptions { out, shard, .. } = options;
+    let name = format!(".whit-batch.{}-of-{}.lock", shard.number, shard.count);
+    match Lock::take(&out.join(name), &describe_process()) {
+        Ok(lock) => Ok(Some(lock)),
+        // On this machine, a batch without shards must not run twice
+        Err(LockError::Held(holder))
+            if *shard == Shard::ALL && holder.ends_with(&format!(" on {}", host())) =>
+        {
+            let out = out.clone();
+            Err(BatchError::Locked { holder, out })
+        }
+        // The holder may be the leftover of a restarted task and may never end; two processes do no harm.
+        Err(LockError::Held(holder)) => {
+            warn(&format!(
+                "another whit ({holder}) renders the same shard: both continue and write the same bytes"
+            ));
+            Ok(None)
+        }
+        // Some network file systems do not support locks.
+        Err(LockError::Unknown(_)) => Ok(None),
+    }
+}
+
+/// Returns the description of this process in locks and manifests.
+pub(super) fn describe_process() -> String {
+    format!("process {} on {}", std::process::id(), host())
+}
+
+/// Returns the host name of this machine.
+fn host() -> String {
+    let name = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    name.trim().to_owned()
 }
 
 #[cfg(test)]

@@ -10,7 +10,12 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::error::BatchError;
 use super::fingerprint::Fingerprint;
+use super::lock::describe_process;
+use super::ongoing_writes::OngoingWrites;
+use super::options::BatchOptions;
+use super::pieces::FrameMetadata;
 use super::shard::Shard;
 
 /// Prefix and suffix of the names of manifest files.
@@ -71,6 +76,21 @@ impl Manifest {
         })
     }
 
+    /// Opens the manifest of the output folder; rejects a folder with results of an earlier run, unless these are to be
+    /// kept.
+    pub(super) fn of_batch(options: &BatchOptions) -> Result<Manifest, BatchError> {
+        let out = &options.out;
+        let unreadable = |error| BatchError::OpenManifest {
+            out: out.clone(),
+            error,
+        };
+        let is_new = !options.resume && options.shard == Shard::ALL;
+        if is_new && !Manifest::read(out).map_err(unreadable)?.is_empty() {
+            return Err(BatchError::EarlierRun { out: out.clone() });
+        }
+        Manifest::open(out, options.shard).map_err(unreadable)
+    }
+
     /// Reads the manifests of all shards again, to see entries that other processes have added.
     pub fn read_again(&mut self) -> io::Result<()> {
         self.done = Manifest::read(&self.folder)?;
@@ -106,6 +126,36 @@ impl Manifest {
     /// Returns whether the manifests have an entry for an image, with any key.
     pub fn has(&self, image: &Path) -> bool {
         self.done.contains_key(image)
+    }
+
+    /// Adds a complete image with the mean number of its samples, and the seconds of rendering and of writing it.
+    ///
+    /// # Errors
+    ///
+    /// If there is no such image file, or the manifest cannot be written.
+    pub(super) fn add_image(
+        &mut self,
+        head: &FrameMetadata,
+        samples: f64,
+        [render_seconds, write_seconds]: [f64; 2],
+        writes: &OngoingWrites,
+    ) -> Result<(), BatchError> {
+        let done = fs::metadata(self.folder.join(&head.image)).map(|file| CompletedFrame {
+            frame: head.number,
+            image: head.image.clone(),
+            key: head.key,
+            bytes: file.len(),
+            seconds: render_seconds + write_seconds,
+            render_seconds,
+            samples,
+            spp: head.spp,
+            by: describe_process(),
+        });
+        let added = done.and_then(|done| writes.during(|| self.add(done)));
+        added.map_err(|error| BatchError::AddToManifest {
+            image: head.image.clone(),
+            error,
+        })
     }
 
     /// Appends an entry and syncs the file to disk.

@@ -2,6 +2,7 @@
 
 use whit::accel::AccelError;
 use whit::batch::request::RequestError;
+use whit::batch::{BatchError, MergeError};
 use whit::bench::BenchError;
 use whit::cost::CostError;
 use whit::image::ImageError;
@@ -125,6 +126,27 @@ impl From<RequestError> for Failure {
             RequestError::Accel(error) => error.into(),
             RequestError::Threads { .. } => Failure::Work(error.to_string()),
             error => Failure::Input(error.to_string()),
+        }
+    }
+}
+
+impl From<BatchError> for Failure {
+    fn from(error: BatchError) -> Failure {
+        match error {
+            BatchError::Cancelled(error) => error.into(),
+            BatchError::Request(error) => error.into(),
+            BatchError::Image(error) | BatchError::Merge(MergeError::Chunk(error)) => error.into(),
+            // Faults of the job file and of the output folder
+            BatchError::DividedAtOnce { .. }
+            | BatchError::DividedChannels { .. }
+            | BatchError::TooManyShares { .. }
+            | BatchError::UnorderedPattern { .. }
+            | BatchError::CreateFolder { .. }
+            | BatchError::NoFolder { .. }
+            | BatchError::Read { .. }
+            | BatchError::EarlierRun { .. }
+            | BatchError::OpenManifest { .. } => Failure::Input(error.to_string()),
+            error => Failure::Work(error.to_string()),
         }
     }
 }

@@ -15,7 +15,7 @@ use super::interrupt;
 use super::standard_error;
 use lines::Lines;
 
-pub(super) use batch::Batch;
+pub(super) use batch::BatchProgress;
 
 /// Number of positions of the bar, more than its columns.
 const STEPS: f64 = 1000.0;
@@ -160,7 +160,7 @@ impl Progress {
     }
 
     /// Switches to the progress of a batch of `total` images; that of single phases is not displayed any more.
-    pub(super) fn batch(&self, total: usize) -> Batch<'_> {
-        Batch::new(self, total)
+    pub(super) fn batch(&self, total: usize) -> BatchProgress<'_> {
+        BatchProgress::new(self, total)
     }
 }

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
+use whit::render::FinishedTile;
 use whit::watch::TevViewer;
 
 use super::super::failure::Failure;
@@ -30,13 +31,18 @@ impl Viewer {
     }
 
     /// Shows a black image for a frame that starts, and closes the oldest if there are too many.
-    pub(super) fn begin<'a>(&'a self, name: &'a str, size: [u32; 2]) -> Live<'a> {
+    pub(super) fn begin(&self, name: &str, size: [u32; 2]) {
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
         if shown.len() == MAX_SHOWN {
             shown.pop_front().iter().for_each(|oldest| self.tev.close(oldest));
         }
         shown.push_back(name.to_owned());
-        Live::begin(&self.tev, name, size)
+        Live::begin(&self.tev, name, size);
+    }
+
+    /// Shows a rectangle of a frame's image.
+    pub(super) fn show(&self, name: &str, tile: FinishedTile) {
+        Live::of_shown(&self.tev, name).show(tile);
     }
 
     /// Warns once if the connection to the viewer is lost.

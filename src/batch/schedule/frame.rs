@@ -4,26 +4,25 @@ use std::borrow::Cow;
 use std::ops::{ControlFlow, Range};
 use std::time::Instant;
 
-use whit::accel::Accel;
-use whit::batch::request::{Notes, ProjectedAccel, RenderRequest, ResolvedSettings, channels};
-use whit::batch::{
-    ChannelPlane, Chunk, ChunkDirectory, ChunkKind, FrameMetadata, Merge, MergeError, color_planes, planes_of,
-};
-use whit::image::{ImageError, PngEncoding};
-use whit::render::{
-    self, Checkpoints, FinishedTile, Monitor, PartSums, Parts, Pattern, Plan as EffectPlan, Region,
-    RenderProfile, RenderSettings, Rendering, Rounds, Share,
-};
-use whit::scene::Camera;
-
-use super::super::failure::Failure;
-use super::super::interrupt;
 use super::built_scene::BuiltScene;
-use super::image_writer;
-use super::limits::Limits;
-use super::plan::Plan;
+use super::observer::{BatchObserver, FrameEvent};
 use super::queue::Task;
 use super::row_schedule::{MAX_BUFFERED_BYTES, RowSteps, must_render_at_once};
+use crate::accel::Accel;
+use crate::batch::error::BatchError;
+use crate::batch::options::BatchOptions;
+use crate::batch::pieces::{
+    self, ChannelPlane, Chunk, ChunkDirectory, ChunkKind, ChunkLayout, FrameMetadata, Merge, MergeError,
+    add_sums, color_planes, planes_of,
+};
+use crate::batch::plan::PlannedFrame;
+use crate::batch::request::{Notes, ProjectedAccel, RenderRequest, ResolvedSettings, channels};
+use crate::image::{ImageError, PngEncoding};
+use crate::render::{
+    self, Cancelled, Checkpoints, FinishedTile, Monitor, PartSums, Parts, Plan as EffectPlan, Region,
+    RenderProfile, Rendering, Rounds, Share,
+};
+use crate::scene::Camera;
 
 /// Result of rendering a frame or some of its pieces.
 pub(super) struct FrameResult {
@@ -39,14 +38,15 @@ pub(super) struct FrameResult {
 
 /// State of a frame that is being rendered.
 pub(super) struct FrameTask<'a> {
-    plan: &'a Plan,
+    plan: &'a PlannedFrame,
     request: &'a RenderRequest,
     resolved: ResolvedSettings,
     stage: &'a BuiltScene<'a>,
     camera: Camera,
-    limits: Limits<'a>,
+    options: &'a BatchOptions,
     folder: ChunkDirectory,
     monitor: Monitor<'a>,
+    observer: &'a BatchObserver<'a>,
     /// Finished rows that are not on disk yet, in order.
     buffered: Vec<(Range<u32>, Vec<ChannelPlane>)>,
     buffered_since: Instant,
@@ -59,20 +59,30 @@ pub(super) struct FrameTask<'a> {
 }
 
 /// Renders some of the pieces of a frame, by their indices, and writes the image if all its pieces are there then.
-pub(super) fn make<'a>(
-    task: &Task<'a>,
-    stage: &'a BuiltScene<'a>,
-    limits: Limits<'a>,
-    monitor: Monitor<'a>,
-) -> Result<FrameResult, Failure> {
-    // Prepare the frame: settings, camera, metadata
+pub(super) fn make(
+    task: &Task,
+    stage: &BuiltScene,
+    options: &BatchOptions,
+    observer: &BatchObserver,
+) -> Result<FrameResult, BatchError> {
     let start = Instant::now();
-    let mut frame_task = FrameTask::new(task, stage, limits, monitor)?;
+    // Connect the progress, the live preview and the cancellation flag
+    let progress = |fraction| (observer.event)(task.plan, FrameEvent::Progress(fraction));
+    let show = observer
+        .tiles
+        .map(|show| move |tile: FinishedTile| show(task.plan, tile));
+    let monitor = Monitor {
+        progress: &progress,
+        cancel: observer.cancel,
+        tiles: show.as_ref().map(|show| show as _),
+    };
+    // Prepare the frame: settings, camera, metadata
+    let mut frame_task = FrameTask::new(task, (stage, options), observer, monitor)?;
     let settings = frame_task.resolved.settings;
     let pieces = task.pieces.clone();
     // Choose the strategy: limited time, whole image at once, all rows, or single pieces
     let is_whole_frame = pieces.len() == task.plan.piece_count();
-    let samples = if let Some(seconds) = limits.time {
+    let samples = if let Some(seconds) = options.time {
         frame_task.render_in_time(seconds)?
     } else if must_render_at_once(&settings) {
         frame_task.render_at_once()?
@@ -101,16 +111,18 @@ pub(super) fn make<'a>(
 impl<'a> FrameTask<'a> {
     fn new(
         task: &Task<'a>,
-        stage: &'a BuiltScene<'a>,
-        limits: Limits<'a>,
+        (stage, options): (&'a BuiltScene<'a>, &'a BatchOptions),
+        observer: &'a BatchObserver<'a>,
         monitor: Monitor<'a>,
-    ) -> Result<FrameTask<'a>, Failure> {
+    ) -> Result<FrameTask<'a>, BatchError> {
         let plan = task.plan;
         let request = &*plan.request;
         let mut resolved = request.resolved(&stage.loaded.file.output)?;
+        let size = [resolved.settings.width, resolved.settings.height];
+        (observer.event)(plan, FrameEvent::Sized(size));
         // The batch's page shows the ray counts of the ledger; recording them changes no pixel.
         resolved.settings.ledger = true;
-        check_division(plan, &resolved.settings, limits.time)?;
+        plan.check_shares(&resolved.settings, options.time)?;
         let camera = stage.loaded.camera(plan)?;
         // Collect the metadata of the image
         let effects = EffectPlan::new(&stage.scene, &camera, &resolved.settings.effects);
@@ -132,7 +144,7 @@ impl<'a> FrameTask<'a> {
             key: task.recipe.key,
             number: plan.number,
             image: plan.frame.image.clone(),
-            size: [resolved.settings.width, resolved.settings.height],
+            size,
             spp: resolved.settings.spp,
             shares: plan.frame.settings.shares,
             exr: request.encoding.exr,
@@ -148,9 +160,10 @@ impl<'a> FrameTask<'a> {
             resolved,
             stage,
             camera,
-            folder: ChunkDirectory::new(limits.out, head),
-            limits,
+            folder: ChunkDirectory::new(&options.out, head),
+            options,
             monitor,
+            observer,
             buffered: Vec::new(),
             buffered_since: Instant::now(),
             has_pieces: false,
@@ -161,7 +174,7 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Renders the whole image at once, from the last checkpoint if there is one; returns the samples per pixel.
-    fn render_at_once(&mut self) -> Result<f64, Failure> {
+    fn render_at_once(&mut self) -> Result<f64, BatchError> {
         let (stage, request, resolved, monitor) = (self.stage, self.request, self.resolved, self.monitor);
         let camera = self.camera.clone();
         let projected = ProjectedAccel::new(
@@ -178,7 +191,7 @@ impl<'a> FrameTask<'a> {
         };
         self.has_rounds = start.is_some();
         // Save a checkpoint at intervals, and stop rendering if that fails
-        let seconds = self.limits.checkpoint;
+        let seconds = self.options.checkpoint;
         let mut failure = None;
         let mut keep = |rounds: &Rounds| match self.save(|folder| folder.write_rounds(rounds)) {
             Ok(()) => {
@@ -205,7 +218,7 @@ impl<'a> FrameTask<'a> {
             can_go_on.then_some(&mut checkpoints),
         );
         let Ok(rendering) = rendered else {
-            return Err(failure.unwrap_or(Failure::Interrupted));
+            return Err(failure.unwrap_or(Cancelled.into()));
         };
         self.keep(
             0..resolved.settings.height,
@@ -216,7 +229,7 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Renders the whole image with as many packets of samples as fit into the time; returns the samples per pixel.
-    fn render_in_time(&mut self, seconds: f64) -> Result<f64, Failure> {
+    fn render_in_time(&mut self, seconds: f64) -> Result<f64, BatchError> {
         let start = Instant::now();
         let settings = self.resolved.settings;
         let region = Region::whole(&settings);
@@ -234,20 +247,16 @@ impl<'a> FrameTask<'a> {
             }
             let (sums, ledger) = parts.sums_of(&region, done..done + next, &self.monitor)?;
             self.ledger += ledger;
-            // Add the sums of the packets
-            match &mut all {
-                None => all = Some(sums),
-                Some(all) => all.add(&sums),
-            }
+            add_sums(&mut all, sums);
             done += next;
         }
-        let sums = all.ok_or(Failure::Interrupted)?;
+        let sums = all.ok_or(Cancelled)?;
         self.keep(0..settings.height, planes_of(&sums));
         Ok(f64::from(sums.samples))
     }
 
     /// Renders all samples of the missing rows of a piece.
-    fn render_rows(&mut self, piece: &Chunk) -> Result<(), Failure> {
+    fn render_rows(&mut self, piece: &Chunk) -> Result<(), BatchError> {
         let missing = self.missing(piece)?;
         if missing.is_empty() {
             return Ok(());
@@ -266,7 +275,7 @@ impl<'a> FrameTask<'a> {
             let mut steps = RowSteps::new(
                 rows,
                 &self.stage.loaded.film(&resolved.settings),
-                self.limits.checkpoint,
+                self.options.checkpoint,
             );
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
@@ -280,7 +289,7 @@ impl<'a> FrameTask<'a> {
                 }
                 steps.adapt(&rows, begun.elapsed().as_secs_f64());
                 // Save the rows at the checkpoint interval, or when they take too much memory
-                let is_due = self.buffered_since.elapsed().as_secs_f64() >= self.limits.checkpoint;
+                let is_due = self.buffered_since.elapsed().as_secs_f64() >= self.options.checkpoint;
                 if (is_due && rows.end < resolved.settings.height)
                     || self.buffered_bytes() > MAX_BUFFERED_BYTES
                 {
@@ -292,7 +301,7 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Renders all samples of some rows.
-    fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Result<Vec<ChannelPlane>, Failure> {
+    fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Result<Vec<ChannelPlane>, BatchError> {
         let settings = self.resolved.settings;
         let region = Region::of_rows(&settings, rows.clone());
         // Map the progress of these rows to that of the frame
@@ -316,26 +325,19 @@ impl<'a> FrameTask<'a> {
         for index in 0..count {
             let (sums, ledger) = parts.sums(&region, Share { index, count }, &monitor)?;
             self.ledger += ledger;
-            match &mut all {
-                None => all = Some(sums),
-                Some(all) => all.add(&sums),
-            }
+            add_sums(&mut all, sums);
         }
-        all.as_ref().map(planes_of).ok_or(Failure::Interrupted)
+        Ok(all.as_ref().map(planes_of).ok_or(Cancelled)?)
     }
 
     /// Renders some of the pieces that the frame is divided into, each to a file of its own.
-    fn render_chunks(&mut self, numbers: Range<usize>) -> Result<(), Failure> {
+    fn render_chunks(&mut self, numbers: Range<usize>) -> Result<(), BatchError> {
         let settings = self.resolved.settings;
-        let cut = whit::batch::ChunkLayout {
+        let requested = &self.plan.frame.settings;
+        let cut = ChunkLayout {
             height: settings.height,
-            bands: self
-                .plan
-                .frame
-                .settings
-                .bands
-                .min(whit::batch::ChunkLayout::max_bands(settings.height)),
-            shares: self.plan.frame.settings.shares,
+            bands: requested.bands.min(ChunkLayout::max_bands(settings.height)),
+            shares: requested.shares,
         };
         for number in numbers.start..numbers.end.min(cut.piece_count()) {
             let piece = cut.piece(number);
@@ -349,7 +351,7 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Renders the missing rows of one share of the samples.
-    fn render_share(&mut self, piece: &Chunk, index: u32) -> Result<(), Failure> {
+    fn render_share(&mut self, piece: &Chunk, index: u32) -> Result<(), BatchError> {
         let settings = self.resolved.settings;
         let missing = self.missing(piece)?;
         if missing.is_empty() {
@@ -360,7 +362,7 @@ impl<'a> FrameTask<'a> {
         let share = self.folder.cut().share(index);
         // Render each gap in steps, and save the sums after each step
         for rows in missing {
-            let mut steps = RowSteps::new(rows, &self.stage.loaded.film(&settings), self.limits.checkpoint);
+            let mut steps = RowSteps::new(rows, &self.stage.loaded.film(&settings), self.options.checkpoint);
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
                 let region = Region::of_rows(&settings, rows.clone());
@@ -375,15 +377,17 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Returns the rows of a piece that are still missing.
-    fn missing(&mut self, piece: &Chunk) -> Result<Vec<Range<u32>>, Failure> {
-        let unreadable =
-            |error| Failure::Work(format!("cannot read the pieces of {}: {error}", self.plan.name()));
+    fn missing(&mut self, piece: &Chunk) -> Result<Vec<Range<u32>>, BatchError> {
+        let unreadable = |error| BatchError::ReadPieces {
+            image: self.plan.name(),
+            error,
+        };
         let coverage = self.folder.coverage().map_err(unreadable)?;
         self.has_pieces |= !coverage.is_empty();
         Ok(coverage.missing(piece))
     }
 
-    fn parts(&self, accel: &'a dyn Accel) -> Result<Parts<'a>, Failure> {
+    fn parts(&self, accel: &'a dyn Accel) -> Result<Parts<'a>, BatchError> {
         let scene = (self.stage.scene, &self.camera);
         Ok(Parts::new(scene, accel, &self.resolved.settings, &self.monitor)?)
     }
@@ -420,7 +424,7 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Writes the finished rows in memory to disk.
-    fn flush(&mut self) -> Result<(), Failure> {
+    fn flush(&mut self) -> Result<(), BatchError> {
         for (rows, planes) in join_rows(std::mem::take(&mut self.buffered)) {
             self.save(|folder| folder.write_finished(&rows, &planes))?;
             self.has_pieces = true;
@@ -428,13 +432,12 @@ impl<'a> FrameTask<'a> {
         Ok(())
     }
 
-    fn save(&mut self, write: impl Fn(&ChunkDirectory) -> Result<(), ImageError>) -> Result<(), Failure> {
+    fn save(&mut self, write: impl Fn(&ChunkDirectory) -> Result<(), ImageError>) -> Result<(), BatchError> {
         let start = Instant::now();
-        let unwritable = |error| Failure::Work(format!("cannot create the folder for the pieces: {error}"));
-        let attempt = || -> Result<(), Failure> {
+        let attempt = || -> Result<(), BatchError> {
             // Create the folder on the first write
-            self.folder.make().map_err(unwritable)?;
-            Ok(interrupt::without_interruption(|| write(&self.folder))?)
+            self.folder.make().map_err(BatchError::CreatePieces)?;
+            Ok(self.observer.writes.during(|| write(&self.folder))?)
         };
         match attempt() {
             // Another process has merged the same frame meanwhile and removed the folder of the pieces.
@@ -446,21 +449,21 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Writes the image if all of its rows are there; returns whether they are.
-    fn finish(&mut self) -> Result<bool, Failure> {
+    fn finish(&mut self) -> Result<bool, BatchError> {
         let start = Instant::now();
-        let out = self.limits.out;
+        let (out, writes) = (&self.options.out, self.observer.writes);
         // Without pieces on disk, write the rows from memory; otherwise merge the pieces
         if !self.has_pieces {
             let head = self.folder.head();
             let mut buffered = std::mem::take(&mut self.buffered).into_iter();
             let rows = || Ok::<_, ImageError>(buffered.next().map(|(_, planes)| planes));
-            interrupt::without_interruption(|| image_writer::write(out, head, rows))?;
+            writes.during(|| pieces::write(out, head, rows))?;
             if self.has_rounds {
                 self.folder.remove();
             }
         } else {
             self.flush()?;
-            match image_writer::merge(out, &self.folder) {
+            match pieces::merge(out, &self.folder, writes) {
                 Ok(()) => {}
                 Err(MergeError::Missing { .. }) => return Ok(false),
                 // Another process has merged the frame meanwhile: a piece was listed and is gone.
@@ -519,24 +522,4 @@ fn planes_of_rendering(request: &RenderRequest, rendering: &Rendering) -> Vec<Ch
             }),
     );
     planes
-}
-
-/// Returns an error if the frame cannot be divided as its job requests, given the settings of its scene.
-fn check_division(plan: &Plan, settings: &RenderSettings, time: Option<f64>) -> Result<(), Failure> {
-    let refuse = |fault: String| Err(Failure::Input(format!("{}: {fault}", plan.name())));
-    let most = Share::most(settings.spp);
-    if plan.frame.settings.shares > most {
-        return refuse(format!(
-            "{} samples per pixel can be split into at most {most} shares: give fewer",
-            settings.spp
-        ));
-    }
-    let in_order = matches!(settings.pattern, Pattern::Sobol | Pattern::R2);
-    if time.is_some() && !in_order {
-        return refuse(
-            "the first samples of that pattern do not cover the whole pixel: choose `pattern = \"sobol\"` for `--time`"
-                .into(),
-        );
-    }
-    Ok(())
 }

@@ -5,19 +5,17 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use whit::accel::{Accel, AccelOptions, Backend, MeshCache, MeshCounts};
-use whit::batch::request::{self, RenderRequest, SceneSource, choose_camera};
-use whit::gltf::AnimationTime;
-use whit::render::RenderSettings;
-use whit::report::memory::{MemoryForecast, available_bytes};
-use whit::scene::{Camera, ImageCache, ValidScene};
-use whit::scene_file::SceneFile;
-
-use super::super::failure::Failure;
-use super::super::interrupt;
-use super::super::progress::Progress;
-use super::plan::Plan;
+use super::observer::BatchObserver;
 use super::row_schedule::Film;
+use crate::accel::{Accel, AccelOptions, Backend, MeshCache, MeshCounts};
+use crate::batch::error::BatchError;
+use crate::batch::memory::{MemoryForecast, available_bytes};
+use crate::batch::plan::PlannedFrame;
+use crate::batch::request::{self, RenderRequest, RequestError, SceneSource, choose_camera};
+use crate::gltf::AnimationTime;
+use crate::render::RenderSettings;
+use crate::scene::{CacheStats, Camera, ImageCache, ValidScene};
+use crate::scene_file::SceneFile;
 
 /// A scene is large if it takes more than one part in this many of the free memory.
 const LARGE_PART: u64 = 8;
@@ -31,7 +29,7 @@ pub(super) struct SceneCaches {
 
 impl SceneCaches {
     /// Returns empty caches for the scenes of these frames.
-    pub(super) fn for_frames(plans: &[Plan]) -> SceneCaches {
+    pub(super) fn for_frames(plans: &[PlannedFrame]) -> SceneCaches {
         let differ = plans.windows(2).any(|pair| !pair[0].shares_scene_with(&pair[1]));
         SceneCaches {
             images: ImageCache::new(),
@@ -44,24 +42,23 @@ impl SceneCaches {
         self.meshes.as_ref().map_or(0, MeshCache::byte_count)
     }
 
-    /// Returns a report of the cache hits, one line each; empty without hits.
-    pub(super) fn emit(&self) -> String {
-        let images = self.images.counts();
-        let meshes = self
-            .meshes
-            .as_ref()
-            .map_or_else(MeshCounts::default, MeshCache::counts);
-        let mut lines = String::new();
-        if images.found > 0 {
-            let (found, requested) = (images.found, images.lookups);
-            lines += &format!("{found} of {requested} images were reused from a previous scene\n");
+    /// Returns the numbers of look-ups and of hits.
+    pub(super) fn counts(&self) -> SharedContents {
+        let meshes = self.meshes.as_ref();
+        SharedContents {
+            images: self.images.counts(),
+            meshes: meshes.map_or_else(MeshCounts::default, MeshCache::counts),
         }
-        if meshes.found > 0 {
-            let (found, requested) = (meshes.found, meshes.requested);
-            lines += &format!("{found} of {requested} built meshes were reused from a previous scene\n");
-        }
-        lines
     }
+}
+
+/// Contents of scenes that were looked up among those of earlier scenes.
+#[derive(Clone, Copy, Debug)]
+pub struct SharedContents {
+    /// Numbers of look-ups and of hits among decoded images.
+    pub images: CacheStats,
+    /// Numbers of look-ups and of hits among built meshes.
+    pub meshes: MeshCounts,
 }
 
 /// Loaded scene with its loading time.
@@ -73,7 +70,11 @@ pub(super) struct LoadedScene {
 }
 
 impl LoadedScene {
-    pub(super) fn new(plan: &Plan, kept: &SceneCaches, progress: &Progress) -> Result<LoadedScene, Failure> {
+    pub(super) fn new(
+        plan: &PlannedFrame,
+        kept: &SceneCaches,
+        observer: &BatchObserver,
+    ) -> Result<LoadedScene, BatchError> {
         let start = Instant::now();
         let frame = &plan.frame;
         let pose = frame.moment.as_ref().map(|moment| AnimationTime {
@@ -86,11 +87,11 @@ impl LoadedScene {
             pose,
             image_cache: kept.images.clone(),
         };
-        let file = request::load(&plan.request, source, &interrupt::CANCELLED)?;
+        let file = request::load(&plan.request, source, observer.cancel)?;
         kept.images.evict_unused();
         // Report the loader's warnings once per scene
         for warning in &file.scene.warnings {
-            progress.warn(&format!("{}: {warning}", frame.scene.display()));
+            (observer.warn)(&format!("{}: {warning}", frame.scene.display()));
         }
         let bounds = file.scene.bounds();
         let middle = if bounds.is_empty() {
@@ -106,7 +107,7 @@ impl LoadedScene {
     }
 
     /// Returns the camera of a frame, placed according to its view.
-    pub(super) fn camera(&self, plan: &Plan) -> Result<Camera, Failure> {
+    pub(super) fn camera(&self, plan: &PlannedFrame) -> Result<Camera, BatchError> {
         let scene = &self.file.scene;
         let requested = plan.frame.camera.as_deref();
         let camera = choose_camera(scene, &plan.frame.scene, requested)?;
@@ -163,17 +164,17 @@ pub(super) struct BuiltScene<'s> {
 
 impl<'s> BuiltScene<'s> {
     pub(super) fn new(
-        plan: &Plan,
-        loaded: &'s LoadedScene,
-        kept: &SceneCaches,
-    ) -> Result<BuiltScene<'s>, Failure> {
+        plan: &PlannedFrame,
+        (loaded, kept): (&'s LoadedScene, &SceneCaches),
+        observer: &BatchObserver,
+    ) -> Result<BuiltScene<'s>, BatchError> {
         let start = Instant::now();
         let options = AccelOptions {
             mesh_cache: kept.meshes.as_ref(),
             ..plan.request.tracing.options()
         };
-        let scene = loaded.file.scene.validate()?;
-        let accel = request::build(&plan.request, scene, &options, &interrupt::CANCELLED)?;
+        let scene = loaded.file.scene.validate().map_err(RequestError::from)?;
+        let accel = request::build(&plan.request, scene, &options, observer.cancel)?;
         if let Some(meshes) = &kept.meshes {
             meshes.evict_unused();
         }

@@ -9,7 +9,8 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use super::chunk::{Chunk, ChunkKind, Coverage};
-use super::chunk_file::{ChannelPlane, ChunkDirectory, ChunkReader, ChunkRows};
+use super::chunk_directory::ChunkDirectory;
+use super::chunk_format::{ChannelPlane, ChunkReader, ChunkRows};
 use crate::image::{ChannelKind, ImageError};
 use crate::render::PartSums;
 
@@ -132,15 +133,22 @@ impl<'f> Merge<'f> {
         for share in 0..self.folder.cut().shares {
             let holder = self.holder(rows, ChunkKind::Share(share));
             let index = holder.ok_or_else(|| io::Error::other("a piece was removed meanwhile"))?;
-            match (self.read(index, rows)?, &mut all) {
-                (ChunkRows::PartSums(sums), None) => all = Some(sums),
-                (ChunkRows::PartSums(sums), Some(all)) => all.add(&sums),
-                (ChunkRows::Finished(_), _) => {
+            match self.read(index, rows)? {
+                ChunkRows::PartSums(sums) => add_sums(&mut all, sums),
+                ChunkRows::Finished(_) => {
                     return Err(io::Error::other("a piece of a share has no sums").into());
                 }
             }
         }
         all.ok_or_else(|| io::Error::other("the frame has no shares").into())
+    }
+}
+
+/// Adds `sums` to those of the packets or shares before them.
+pub(in crate::batch) fn add_sums(all: &mut Option<PartSums>, sums: PartSums) {
+    match all {
+        None => *all = Some(sums),
+        Some(all) => all.add(&sums),
     }
 }
 
@@ -174,9 +182,9 @@ fn exact(name: &str, values: Vec<f32>) -> ChannelPlane {
 
 #[cfg(test)]
 mod tests {
-    use super::super::chunk_file::FrameMetadata;
-    use super::super::fingerprint::FingerprintHasher;
+    use super::super::chunk_directory::FrameMetadata;
     use super::*;
+    use crate::batch::fingerprint::FingerprintHasher;
     use crate::image::{ExrEncoding, PngEncoding};
 
     fn sums(samples: u32, value: f64, rows: u32) -> PartSums {

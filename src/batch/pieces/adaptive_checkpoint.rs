@@ -3,7 +3,8 @@
 
 use std::ops::Range;
 
-use super::chunk_file::{ChunkDirectory, damaged};
+use super::chunk_directory::ChunkDirectory;
+use super::chunk_format::damaged;
 use crate::image::rows::{ExrChannel, RowWindow, SampleType, Samples};
 use crate::image::{Attribute, ImageError};
 use crate::render::Rounds;
@@ -94,7 +95,7 @@ impl ChunkDirectory {
 mod tests {
     use std::fs;
 
-    use super::super::chunk_file::folder;
+    use super::super::chunk_directory::folder;
     use super::*;
 
     #[test]

@@ -1,17 +1,15 @@
 //! Writing of final images from rows in memory or from pieces on disk, with identical bytes in both cases.
 
 use std::path::Path;
-use std::{fs, io};
 
-use whit::batch::{ChannelPlane, ChunkDirectory, CompletedFrame, FrameMetadata, Merge, MergeError};
-use whit::image::rows::{
+use super::chunk_directory::{ChunkDirectory, FrameMetadata};
+use super::chunk_format::ChannelPlane;
+use super::merge::{Merge, MergeError};
+use crate::batch::ongoing_writes::OngoingWrites;
+use crate::image::rows::{
     ExrChannel, ExrLayout, ExrScanlineWriter, PngScanlineWriter, RowWindow, SampleType, Samples,
 };
-use whit::image::{Attribute, ChannelKind, ImageError, ImageFormat};
-
-use super::super::failure::Failure;
-use super::super::interrupt;
-use super::process::describe_process;
+use crate::image::{Attribute, ChannelKind, ImageError, ImageFormat};
 
 /// Scanline writer of an image, by its format.
 enum ImageWriter {
@@ -19,12 +17,12 @@ enum ImageWriter {
     Png(Box<PngScanlineWriter>),
 }
 
-/// Writes an image whose channels `row_schedule` returns from top to bottom, block by block.
+/// Writes an image whose channels `rows` returns from top to bottom, block by block.
 ///
 /// # Errors
 ///
-/// If `row_schedule` fails or the disk is full; an earlier image is then unchanged.
-pub(super) fn write<E: From<ImageError>>(
+/// If `rows` fails or the disk is full; an earlier image is then unchanged.
+pub(in crate::batch) fn write<E: From<ImageError>>(
     out: &Path,
     head: &FrameMetadata,
     mut rows: impl FnMut() -> Result<Option<Vec<ChannelPlane>>, E>,
@@ -52,35 +50,15 @@ pub(super) fn write<E: From<ImageError>>(
 /// # Errors
 ///
 /// If pieces are missing, or the disk is full.
-pub(in crate::cli) fn merge(out: &Path, folder: &ChunkDirectory) -> Result<(), MergeError> {
+pub(in crate::batch) fn merge(
+    out: &Path,
+    folder: &ChunkDirectory,
+    writes: &OngoingWrites,
+) -> Result<(), MergeError> {
     let mut merge = Merge::of(folder)?;
-    interrupt::without_interruption(|| write(out, folder.head(), || merge.next_rows()))?;
+    writes.during(|| write(out, folder.head(), || merge.next_rows()))?;
     folder.remove();
     Ok(())
-}
-
-/// Returns the manifest entry of a complete image.
-///
-/// # Errors
-///
-/// If there is no such image file.
-pub(in crate::cli) fn done(
-    out: &Path,
-    head: &FrameMetadata,
-    samples: f64,
-    [render_seconds, write_seconds]: [f64; 2],
-) -> io::Result<CompletedFrame> {
-    Ok(CompletedFrame {
-        frame: head.number,
-        image: head.image.clone(),
-        key: head.key,
-        bytes: fs::metadata(out.join(&head.image))?.len(),
-        seconds: render_seconds + write_seconds,
-        render_seconds,
-        samples,
-        spp: head.spp,
-        by: describe_process(),
-    })
 }
 
 impl ImageWriter {
@@ -146,13 +124,4 @@ fn colors(planes: &[ChannelPlane]) -> Vec<[f32; 3]> {
     let [red, green, blue] = ["R", "G", "B"].map(plane);
     let pixels = red.iter().zip(green).zip(blue);
     pixels.map(|((&r, &g), &b)| [r, g, b]).collect()
-}
-
-impl From<MergeError> for Failure {
-    fn from(error: MergeError) -> Failure {
-        match error {
-            MergeError::Chunk(error) => error.into(),
-            error => Failure::Work(error.to_string()),
-        }
-    }
 }

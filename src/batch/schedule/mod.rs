@@ -1,0 +1,21 @@
+//! Rendering of a batch: which frames are rendered concurrently, within which memory, and how each is saved.
+
+mod batch_run;
+mod built_scene;
+mod forecast;
+mod frame;
+mod frame_fingerprint;
+mod limits;
+mod merge_frames;
+mod observer;
+mod queue;
+mod record;
+mod row_schedule;
+mod scene_slots;
+
+pub use batch_run::{Batch, BatchOutcome};
+pub use built_scene::SharedContents;
+pub use forecast::{FrameCost, forecast};
+pub use merge_frames::{frames_with_pieces, merge_frame};
+pub use observer::{BatchObserver, FrameEvent, TileCallback};
+pub use record::FrameRecord;

@@ -9,7 +9,8 @@ use super::request::RequestError;
 use crate::image::ImageError;
 use crate::render::Cancelled;
 
-/// Reason why a batch, or one of its frames, ends without a result: one sentence with the item and the remedy.
+/// Reason why a batch, or one of its frames, ends without a result: one sentence with the item and the remedy. Frames
+/// are named by their images.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BatchError {
@@ -25,164 +26,76 @@ pub enum BatchError {
     /// Pieces that cannot be merged.
     #[error(transparent)]
     Merge(#[from] MergeError),
-    /// Pieces that are missing, in a folder that only `whit merge` looks at.
-    #[error(
-        "{error}: render them with `whit batch --resume`, or remove {} if they are not needed any more",
-        .folder.display()
-    )]
-    Unfinished {
-        /// Number of missing rows, in words.
-        error: MergeError,
-        /// Folder of the pieces.
-        folder: PathBuf,
-    },
+    /// Pieces that are missing, with the folder of the others.
+    #[error("{}: render them with `whit batch --resume`, or remove {} if they are not needed any more", .0, .1.display())]
+    Unfinished(MergeError, PathBuf),
     /// Frame in pieces that must be rendered at once.
     #[error(
-        "{image}: adaptive sampling and channels of rays and time require rendering the whole frame at once: leave \
-         out `split` and `--time`"
+        "{0}: adaptive sampling and channels of rays and time require rendering the whole frame at once: leave out \
+         `split` and `--time`"
     )]
-    DividedAtOnce {
-        /// Name of the frame.
-        image: String,
-    },
+    DividedAtOnce(String),
     /// Frame in shares of samples with channels of first hits.
-    #[error("{image}: shares and `--time` support only `aov = \"samples\"`: leave out the other channels")]
-    DividedChannels {
-        /// Name of the frame.
-        image: String,
-    },
-    /// Frame in more shares than its samples have packets.
+    #[error("{0}: shares and `--time` support only `aov = \"samples\"`: leave out the other channels")]
+    DividedChannels(String),
+    /// Frame in more shares than `most`, the number of packets of its `spp` samples per pixel.
     #[error("{image}: {spp} samples per pixel can be split into at most {most} shares: give fewer")]
-    TooManyShares {
-        /// Name of the frame.
-        image: String,
-        /// Number of samples per pixel.
-        spp: u32,
-        /// Largest number of shares.
-        most: u32,
-    },
+    TooManyShares { image: String, spp: u32, most: u32 },
     /// Time limit with a sampling pattern whose beginning does not cover the pixel.
     #[error(
-        "{image}: the first samples of that pattern do not cover the whole pixel: choose `pattern = \"sobol\"` for \
-         `--time`"
+        "{0}: the first samples of that pattern do not cover the whole pixel: choose `pattern = \"sobol\"` for `--time`"
     )]
-    UnorderedPattern {
-        /// Name of the frame.
-        image: String,
-    },
+    UnorderedPattern(String),
     /// Folder of images that cannot be created.
-    #[error("cannot create the folder {} ({error}): choose another `--out`", .folder.display())]
-    CreateFolder {
-        /// Path of the folder.
-        folder: PathBuf,
-        /// Error of the operating system.
-        error: io::Error,
-    },
+    #[error("cannot create the folder {} ({}): choose another `--out`", .0.display(), .1)]
+    CreateFolder(PathBuf, io::Error),
     /// Output folder that does not exist.
-    #[error("there is no folder {}: give the output folder of a batch", .out.display())]
-    NoFolder {
-        /// Path of the folder.
-        out: PathBuf,
-    },
+    #[error("there is no folder {}: give the output folder of a batch", .0.display())]
+    NoFolder(PathBuf),
     /// Input file or output folder that cannot be read.
-    #[error("cannot read {}: {error}", .path.display())]
-    Read {
-        /// Path of the file or folder.
-        path: PathBuf,
-        /// Error of the operating system.
-        error: io::Error,
-    },
+    #[error("cannot read {}: {}", .0.display(), .1)]
+    Read(PathBuf, io::Error),
     /// Output folder with results that the options do not keep.
-    #[error(
-        "{} has results of an earlier run: give `--resume` to keep them, or another `--out`",
-        .out.display()
-    )]
-    EarlierRun {
-        /// Path of the folder.
-        out: PathBuf,
-    },
-    /// Manifest that cannot be opened.
-    #[error("cannot open the manifest in {}: {error}", .out.display())]
-    OpenManifest {
-        /// Path of the output folder.
-        out: PathBuf,
-        /// Error of the operating system.
-        error: io::Error,
-    },
+    #[error("{} has results of an earlier run: give `--resume` to keep them, or another `--out`", .0.display())]
+    EarlierRun(PathBuf),
+    /// Output folder whose manifest cannot be opened.
+    #[error("cannot open the manifest in {}: {}", .0.display(), .1)]
+    OpenManifest(PathBuf, io::Error),
     /// Complete image that the manifest does not record.
-    #[error("{} cannot be added to the manifest: {error}", .image.display())]
-    AddToManifest {
-        /// Path of the image.
-        image: PathBuf,
-        /// Error of the operating system.
-        error: io::Error,
-    },
-    /// Output folder that another process of this machine renders into.
-    #[error("another whit ({holder}) is rendering into {}: wait for it, or stop it", .out.display())]
-    Locked {
-        /// Description of the other process.
-        holder: String,
-        /// Path of the output folder.
-        out: PathBuf,
-    },
-    /// Frame that takes more memory than the options allow.
+    #[error("{} cannot be added to the manifest: {}", .0.display(), .1)]
+    AddToManifest(PathBuf, io::Error),
+    /// Output folder that another process of this machine renders into, with the description of that process.
+    #[error("another whit ({}) is rendering into {}: wait for it, or stop it", .1, .0.display())]
+    Locked(PathBuf, String),
+    /// Frame that needs more bytes of memory with its scene than the options allow.
     #[error(
         "{image} is forecast to take {} of memory and may take {}: give a larger `--max-memory` or a smaller `size`",
         in_words(*.needed),
         in_words(*.most)
     )]
-    MaxMemory {
-        /// Name of the frame.
-        image: String,
-        /// Bytes that the frame and its scene take.
-        needed: u64,
-        /// Bytes that they may take.
-        most: u64,
-    },
-    /// Frame that takes more memory than is free.
+    MaxMemory { image: String, needed: u64, most: u64 },
+    /// Frame that needs more bytes of memory than are free.
     #[error(
         "{image} is forecast to take {} of memory in addition to its scene, and {} are free: give a smaller `size`",
         in_words(*.needed),
         in_words(*.free)
     )]
-    FreeMemory {
-        /// Name of the frame.
-        image: String,
-        /// Bytes that the frame takes.
-        needed: u64,
-        /// Bytes that are free.
-        free: u64,
-    },
-    /// Pieces that cannot be listed.
-    #[error("cannot read the pieces of {image}: {error}")]
-    ReadPieces {
-        /// Name of the frame.
-        image: String,
-        /// Error of the operating system.
-        error: io::Error,
-    },
+    FreeMemory { image: String, needed: u64, free: u64 },
+    /// Frame whose pieces cannot be listed.
+    #[error("cannot read the pieces of {0}: {1}")]
+    ReadPieces(String, io::Error),
     /// Folder of pieces that cannot be created.
     #[error("cannot create the folder for the pieces: {0}")]
     CreatePieces(io::Error),
     /// Frame of a scene that has failed before.
-    #[error("{image}: its scene {} failed, see above", .scene.display())]
-    FailedScene {
-        /// Name of the frame.
-        image: String,
-        /// Path of the scene.
-        scene: PathBuf,
-    },
+    #[error("{}: its scene {} failed, see above", .0, .1.display())]
+    FailedScene(String, PathBuf),
     /// Panic of a thread, which is a defect of the program.
     #[error("a render thread panicked")]
     Panicked,
-    /// Frames that failed, each of which has been reported.
-    #[error("{failed} of {total} frames failed")]
-    FailedFrames {
-        /// Number of frames that failed.
-        failed: usize,
-        /// Number of frames of the shard.
-        total: usize,
-    },
+    /// Number of frames that failed, each of which has been reported, of all frames.
+    #[error("{0} of {1} frames failed")]
+    FailedFrames(usize, usize),
 }
 
 impl From<RequestError> for BatchError {

@@ -70,8 +70,7 @@ pub(super) fn lock_shard(options: &BatchOptions, warn: &dyn Fn(&str)) -> Result<
         Err(LockError::Held(holder))
             if *shard == Shard::ALL && holder.ends_with(&format!(" on {}", host())) =>
         {
-            let out = out.clone();
-            Err(BatchError::Locked { holder, out })
+            Err(BatchError::Locked(out.clone(), holder))
         }
         // The holder may be the leftover of a restarted task and may never end; two processes do no harm.
         Err(LockError::Held(holder)) => {

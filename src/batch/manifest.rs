@@ -80,13 +80,10 @@ impl Manifest {
     /// kept.
     pub(super) fn of_batch(options: &BatchOptions) -> Result<Manifest, BatchError> {
         let out = &options.out;
-        let unreadable = |error| BatchError::OpenManifest {
-            out: out.clone(),
-            error,
-        };
+        let unreadable = |error| BatchError::OpenManifest(out.clone(), error);
         let is_new = !options.resume && options.shard == Shard::ALL;
         if is_new && !Manifest::read(out).map_err(unreadable)?.is_empty() {
-            return Err(BatchError::EarlierRun { out: out.clone() });
+            return Err(BatchError::EarlierRun(out.clone()));
         }
         Manifest::open(out, options.shard).map_err(unreadable)
     }
@@ -152,10 +149,7 @@ impl Manifest {
             by: describe_process(),
         });
         let added = done.and_then(|done| writes.during(|| self.add(done)));
-        added.map_err(|error| BatchError::AddToManifest {
-            image: head.image.clone(),
-            error,
-        })
+        added.map_err(|error| BatchError::AddToManifest(head.image.clone(), error))
     }
 
     /// Appends an entry and syncs the file to disk.

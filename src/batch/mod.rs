@@ -33,12 +33,12 @@ pub use manifest::{CompletedFrame, Manifest};
 pub use ongoing_writes::OngoingWrites;
 pub use options::BatchOptions;
 pub use pieces::{
-    ChannelPlane, Chunk, ChunkDirectory, ChunkKind, ChunkLayout, ChunkReader, ChunkRows, Coverage,
-    FrameMetadata, Merge, MergeError, color_planes, planes_of,
+    Chunk, ChunkDirectory, ChunkKind, ChunkLayout, ChunkReader, ChunkRows, Coverage, FrameMetadata, Merge,
+    MergeError, color_planes, planes_of,
 };
 pub use plan::{PlannedFrame, check_division, make_folders};
 pub use schedule::{
-    Batch, BatchObserver, BatchOutcome, FrameCost, FrameEvent, FrameRecord, SharedContents, TileCallback,
-    forecast, frames_with_pieces, merge_frame,
+    Batch, BatchObserver, BatchOutcome, FrameCost, FrameEvent, FrameResult, TileCallback, forecast,
+    frames_with_pieces, merge_frame,
 };
 pub use shard::Shard;

@@ -4,11 +4,8 @@ use std::path::PathBuf;
 
 use super::shard::Shard;
 
-/// Default of [`BatchOptions::checkpoint`] in seconds.
-const CHECKPOINT: f64 = 60.0;
-
 /// Options of a batch: its output folder, the part that one process renders, and limits.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct BatchOptions {
     /// Output folder, which the paths of images are relative to.
     pub out: PathBuf,
@@ -24,18 +21,4 @@ pub struct BatchOptions {
     pub max_memory: Option<u64>,
     /// True if the outcome has a record of each frame.
     pub keeps_records: bool,
-}
-
-impl Default for BatchOptions {
-    fn default() -> BatchOptions {
-        BatchOptions {
-            out: PathBuf::new(),
-            resume: false,
-            shard: Shard::ALL,
-            checkpoint: CHECKPOINT,
-            time: None,
-            max_memory: None,
-            keeps_records: false,
-        }
-    }
 }

@@ -56,7 +56,7 @@ impl PlannedFrame {
         }
         let in_order = matches!(settings.pattern, Pattern::Sobol | Pattern::R2);
         match time.is_some() && !in_order {
-            true => Err(BatchError::UnorderedPattern { image }),
+            true => Err(BatchError::UnorderedPattern(image)),
             false => Ok(()),
         }
     }
@@ -71,10 +71,10 @@ pub fn check_division(plans: &[PlannedFrame], time: Option<f64>) -> Result<(), B
     for plan in plans {
         let image = plan.name();
         if plan.request.must_render_at_once() && (plan.piece_count() > 1 || time.is_some()) {
-            return Err(BatchError::DividedAtOnce { image });
+            return Err(BatchError::DividedAtOnce(image));
         }
         if (plan.frame.settings.shares > 1 || time.is_some()) && plan.request.has_first_hit_aovs() {
-            return Err(BatchError::DividedChannels { image });
+            return Err(BatchError::DividedChannels(image));
         }
     }
     Ok(())
@@ -89,9 +89,7 @@ pub fn make_folders(jobs: &Jobs, out: &Path) -> Result<(), BatchError> {
     let mut folders = BTreeSet::from([out.to_owned()]);
     folders.extend(image_folders(jobs.frames.iter().map(|frame| &frame.image), out));
     for folder in folders {
-        if let Err(error) = fs::create_dir_all(&folder) {
-            return Err(BatchError::CreateFolder { folder, error });
-        }
+        fs::create_dir_all(&folder).map_err(|error| BatchError::CreateFolder(folder.clone(), error))?;
         check_writable(&folder.join("picture.png"))?;
     }
     Ok(())

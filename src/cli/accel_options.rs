@@ -1,18 +1,21 @@
 //! Ray tracing flags of the command line: precision, acceleration structures and threads.
 
 use whit::accel::{Backend, BuildQuality, Instancing};
-use whit::batch::request::TracingOptions;
+use whit::batch::request::{HitPath, TracingOptions};
 
 use super::args::TracingArgs;
 use super::failure::Failure;
 
 /// Returns the options of the arguments, with 0 threads replaced by one per processor.
-pub(super) fn tracing_options(args: &TracingArgs) -> TracingOptions {
+pub(super) fn tracing_options(args: &TracingArgs, backend: Backend) -> TracingOptions {
     TracingOptions {
-        precision: args.precision,
-        instancing: args.instancing,
-        build_quality: args.build_quality,
-        compact: args.compact,
+        requested: HitPath {
+            backend,
+            precision: args.precision,
+            instancing: args.instancing,
+            build_quality: args.build_quality,
+            compact: args.compact,
+        },
         isa: args.isa.clone(),
         ..TracingOptions::of_threads(args.threads)
     }

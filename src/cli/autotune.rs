@@ -27,7 +27,7 @@ pub(super) fn find_settings(
                 ledger: false,
                 ..resolved.settings
             },
-            path: tracing.path(request.backend),
+            path: tracing.path(),
             change: SceneChange::default(),
         },
         tone: resolved.tone,

@@ -42,11 +42,8 @@ pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
         keeps_records: args.html.is_some(),
     };
     // Only forecast for `--slurm` and `--dry-run`
-    if let Some(script) = &args.slurm {
-        return parallel::install(&pool, || forecast::write_script(args, &options, &plans, script));
-    }
-    if args.dry_run {
-        return parallel::install(&pool, || forecast::list(args, &options, &plans));
+    if args.slurm.is_some() || args.dry_run {
+        return parallel::install(&pool, || forecast::run(args, &options, &plans));
     }
     // Connect to the viewer and claim the output folder, whose lock is held until the end
     let viewer = Viewer::connect(args.watching.tev.as_deref())?;
@@ -63,12 +60,7 @@ pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
 
 /// Returns the progress display that the arguments request.
 fn progress(args: &BatchArgs) -> Progress {
-    let verbosity = if args.quiet {
-        Verbosity::Quiet
-    } else {
-        Verbosity::Normal
-    };
-    Progress::of_kind(args.watching.progress, verbosity)
+    Progress::of_kind(args.watching.progress, Verbosity::of_flag(args.quiet))
 }
 
 /// Renders a batch with its progress on standard error, and with a live preview if there is a viewer.

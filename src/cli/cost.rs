@@ -52,7 +52,7 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
         callgrind::check()?;
     }
     let folder = args.out.as_deref().map(Folder::new).transpose()?;
-    let tracing = tracing_options(&args.tracing);
+    let tracing = tracing_options(&args.tracing, backend);
     let progress = Progress::new(Verbosity::Normal);
     // Load the checkpoint, and count the time that the interrupted study has spent
     let unfinished = match &folder {
@@ -67,12 +67,7 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
     let start = start.checked_sub(Duration::from_secs_f64(spent)).unwrap_or(start);
     // Measure
     let findings = parallel::install(&tracing.pool()?, || {
-        measure(
-            args,
-            (&tracing, backend, folder.as_ref()),
-            (start, unfinished),
-            &progress,
-        )
+        measure(args, (&tracing, folder.as_ref()), (start, unfinished), &progress)
     });
     progress.clear();
     // On an interruption, point to the checkpoint
@@ -104,7 +99,7 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
 
 fn measure(
     args: &CostArgs,
-    (tracing, backend, folder): (&TracingOptions, Backend, Option<&Folder>),
+    (tracing, folder): (&TracingOptions, Option<&Folder>),
     (start, unfinished): (Instant, Option<StudyCheckpoint>),
     progress: &Progress,
 ) -> Result<(StudyResult, ToneMap), Failure> {
@@ -148,7 +143,7 @@ fn measure(
                 hit_points: args.leaving.hit_points,
                 ..render_settings(&requested)?
             },
-            path: tracing.path(backend),
+            path: tracing.path(),
             change: SceneChange::default(),
         },
         tone,

@@ -124,7 +124,7 @@ impl From<RequestError> for Failure {
         match error {
             RequestError::Cancelled(error) => error.into(),
             RequestError::Accel(error) => error.into(),
-            RequestError::Threads { .. } => Failure::Work(error.to_string()),
+            RequestError::Threads(..) => Failure::Work(error.to_string()),
             error => Failure::Input(error.to_string()),
         }
     }
@@ -137,15 +137,15 @@ impl From<BatchError> for Failure {
             BatchError::Request(error) => error.into(),
             BatchError::Image(error) | BatchError::Merge(MergeError::Chunk(error)) => error.into(),
             // Faults of the job file and of the output folder
-            BatchError::DividedAtOnce { .. }
-            | BatchError::DividedChannels { .. }
+            BatchError::DividedAtOnce(_)
+            | BatchError::DividedChannels(_)
             | BatchError::TooManyShares { .. }
-            | BatchError::UnorderedPattern { .. }
-            | BatchError::CreateFolder { .. }
-            | BatchError::NoFolder { .. }
-            | BatchError::Read { .. }
-            | BatchError::EarlierRun { .. }
-            | BatchError::OpenManifest { .. } => Failure::Input(error.to_string()),
+            | BatchError::UnorderedPattern(_)
+            | BatchError::CreateFolder(..)
+            | BatchError::NoFolder(_)
+            | BatchError::Read(..)
+            | BatchError::EarlierRun(_)
+            | BatchError::OpenManifest(..) => Failure::Input(error.to_string()),
             error => Failure::Work(error.to_string()),
         }
     }

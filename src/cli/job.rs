@@ -157,8 +157,7 @@ impl RenderJob {
                 aovs,
                 needs_costs: args.heat.is_some(),
                 needs_ledger: stats.is_some(),
-                backend,
-                tracing: tracing_options(&args.tracing),
+                tracing: tracing_options(&args.tracing, backend),
                 ambient: args.ambient.map(|a| a.0),
                 change: SceneChange {
                     rough_rays: args.rough_rays,
@@ -174,11 +173,7 @@ impl RenderJob {
             pose: args.moment.pose(),
             aim,
             stats,
-            verbosity: if args.quiet {
-                Verbosity::Quiet
-            } else {
-                Verbosity::Normal
-            },
+            verbosity: Verbosity::of_flag(args.quiet),
         };
         // Apply the settings file; clap rejects the flags that it would override
         if let Some(chosen) = chosen {

@@ -31,6 +31,16 @@ pub(super) enum Verbosity {
     Normal,
 }
 
+impl Verbosity {
+    /// Returns the verbosity for the value of the flag `--quiet`.
+    pub(super) fn of_flag(quiet: bool) -> Verbosity {
+        match quiet {
+            true => Verbosity::Quiet,
+            false => Verbosity::Normal,
+        }
+    }
+}
+
 /// Form of the progress on standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum ProgressKind {

@@ -5,10 +5,10 @@ use std::time::Instant;
 
 use whit::accel::{Accel, AccelOptions};
 use whit::batch::request::{
-    self, Notes, ProjectedAccel, RenderRequest, ResolvedSettings, SceneSource, check_memory, choose_camera,
-    effective_precision,
+    self, Notes, ProjectedAccel, RenderRequest, ResolvedSettings, check_memory, choose_camera,
 };
 use whit::cost::StudyResult;
+use whit::gltf::LoadOptions;
 use whit::image::{self, Attribute, ImageChannel, ImageFormat, PngEncoding, ToneMap};
 use whit::parallel;
 use whit::render::{self, FinishedTile, Monitor, RenderSettings, Rendering};
@@ -18,7 +18,7 @@ use whit::report::stats::{
     effect_stats,
 };
 use whit::report::{heat_map, memory, table};
-use whit::scene::{Camera, ImageCache, Scene, ValidScene};
+use whit::scene::{Camera, Scene, ValidScene};
 use whit::scene_file::{Output, SceneFile};
 use whit::watch::TevViewer;
 
@@ -37,12 +37,7 @@ const COARSENESS_WARNING: f64 = 1.25;
 
 /// Renders all scenes of the arguments.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
-    let verbosity = if args.quiet {
-        Verbosity::Quiet
-    } else {
-        Verbosity::Normal
-    };
-    let progress = Progress::of_kind(args.watching.progress, verbosity);
+    let progress = Progress::of_kind(args.watching.progress, Verbosity::of_flag(args.quiet));
     let job = RenderJob::new(args)?;
     let pool = job.request.tracing.pool()?;
     let viewer = preview::connect(args.watching.tev.as_deref())?;
@@ -109,13 +104,12 @@ fn render_one(
         },
         load_seconds,
     ) = timed(|| {
-        let source = SceneSource {
-            path: &target.scene,
-            edits: &[],
+        let options = LoadOptions {
             pose: job.pose.clone(),
-            image_cache: ImageCache::default(),
+            ..LoadOptions::default()
         };
-        Ok(request::load(&job.request, source, &interrupt::CANCELLED)?)
+        let file = (&*target.scene, &[][..]);
+        Ok(request::load(&job.request, file, options, &interrupt::CANCELLED)?)
     })?;
     seconds.load = load_seconds;
     for warning in &scene.warnings {
@@ -143,7 +137,7 @@ fn render_one(
     // Render, with screen bounds where they pay, and show tiles in the viewer
     progress.phase(&name, "render");
     let (rendering, render_seconds) = timed(|| {
-        let backend = request.backend;
+        let backend = request.backend();
         let projected = ProjectedAccel::new((&*accel, backend), (&scene, camera), &resolved.settings);
         let size = [resolved.settings.width, resolved.settings.height];
         let live = viewer.map(|viewer| Live::begin(viewer, &image_name, size));
@@ -411,8 +405,8 @@ fn stats(
         samples: rendering.samples,
         depth: resolved.settings.depth,
         cutoff: CutoffStats::of(&rendering.ledger, rendering.samples.total),
-        backend: request.backend,
-        precision: effective_precision(request.backend, request.tracing.precision),
+        backend: request.backend(),
+        precision: request.tracing.path().precision,
         threads: request.tracing.threads,
         seconds: PhaseSeconds::default(),
         rays: RayCounts::of(&rendering.ledger),

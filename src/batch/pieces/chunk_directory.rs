@@ -8,13 +8,14 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::chunk::{Chunk, ChunkKind, ChunkLayout, Coverage};
-use super::chunk_format::{ChannelPlane, ChunkReader, EncodedRows};
+use super::chunk_format::{ChunkReader, EncodedRows};
 use crate::batch::fingerprint::Fingerprint;
+use crate::batch::request::Notes;
 use crate::image::rows::{
     Compression, ExrChannel, ExrLayout, ExrScanlineReader, ExrScanlineWriter, RowWindow,
 };
 use crate::image::{Attribute, ExrEncoding, ImageError, PngEncoding};
-use crate::render::PartSums;
+use crate::render::{Layer, PartSums};
 
 /// Folder of the pieces of all frames, within the output folder of a batch.
 const FOLDER: &str = ".whit-pieces";
@@ -41,7 +42,7 @@ pub struct FrameMetadata {
     /// Encoding of the image as PNG.
     pub png: PngEncoding,
     /// Names and texts of the metadata of the image file.
-    pub notes: Vec<(String, String)>,
+    pub notes: Notes,
 }
 
 /// Folder with the pieces of one frame.
@@ -140,7 +141,7 @@ impl ChunkDirectory {
     /// # Errors
     ///
     /// If the file cannot be written, for example on a full disk.
-    pub fn write_finished(&self, rows: &Range<u32>, planes: &[ChannelPlane]) -> Result<(), ImageError> {
+    pub fn write_finished(&self, rows: &Range<u32>, planes: &[Layer]) -> Result<(), ImageError> {
         self.write(rows, ChunkKind::All, EncodedRows::of_planes(planes))
     }
 
@@ -302,6 +303,8 @@ fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
 /// Creates the piece folder of a frame of 2 by 64 pixels, for tests.
 #[cfg(test)]
 pub(super) fn folder(out: &Path, shares: u32) -> ChunkDirectory {
+    let mut notes = Notes::default();
+    notes.add("whit.plan", "shadow on\n".into());
     let head = FrameMetadata {
         key: crate::batch::fingerprint::FingerprintHasher::default()
             .add("a", "b")
@@ -313,7 +316,7 @@ pub(super) fn folder(out: &Path, shares: u32) -> ChunkDirectory {
         shares,
         exr: ExrEncoding::default(),
         png: PngEncoding::default(),
-        notes: vec![("whit.plan".into(), "shadow on\n".into())],
+        notes,
     };
     let folder = ChunkDirectory::new(out, head);
     folder.make().unwrap();
@@ -327,8 +330,8 @@ mod tests {
     use crate::batch::fingerprint::FingerprintHasher;
     use crate::image::ChannelKind;
 
-    fn plane(name: &str, values: Vec<f32>) -> ChannelPlane {
-        ChannelPlane {
+    fn plane(name: &str, values: Vec<f32>) -> Layer {
+        Layer {
             name: name.into(),
             kind: if name == "Z" {
                 ChannelKind::Exact
@@ -374,7 +377,7 @@ mod tests {
     fn finished_rows_are_read_back_with_their_channels() {
         let out = tempfile::tempdir().unwrap();
         let folder = folder(out.path(), 1);
-        let planes: Vec<ChannelPlane> = ["R", "G", "Z"]
+        let planes: Vec<Layer> = ["R", "G", "Z"]
             .iter()
             .enumerate()
             .map(|(number, name)| plane(name, (0..64).map(|i| (i * number) as f32).collect()))

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use super::chunk::{Chunk, ChunkKind};
 use crate::image::rows::{ExrChannel, ExrScanlineReader, SampleType, Samples, join_f64, split_f64};
 use crate::image::{ChannelKind, ImageError};
-use crate::render::PartSums;
+use crate::render::{Layer, PartSums};
 
 /// Header attribute with the number of samples per pixel of a share.
 const SAMPLES: &str = "whit.samples";
@@ -22,22 +22,11 @@ const RADIANCE: &str = "radiance";
 const WEIGHTED: &str = "weighted";
 const SQUARES: &str = "squares";
 
-/// One channel of some rows of an image.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ChannelPlane {
-    /// Name of the channel in the file.
-    pub name: String,
-    /// Kind of the channel, which decides about rounding to half precision.
-    pub kind: ChannelKind,
-    /// One value per pixel, the top row first.
-    pub values: Vec<f32>,
-}
-
 /// Rows read from a piece.
 #[derive(Debug)]
 pub enum ChunkRows {
     /// Channels of finished rows.
-    Finished(Vec<ChannelPlane>),
+    Finished(Vec<Layer>),
     /// Sums of the samples of a share.
     PartSums(PartSums),
 }
@@ -54,11 +43,11 @@ pub(super) struct EncodedRows<'a> {
 
 impl<'a> EncodedRows<'a> {
     /// Returns the contents for finished rows.
-    pub(super) fn of_planes(planes: &'a [ChannelPlane]) -> EncodedRows<'a> {
+    pub(super) fn of_planes(planes: &'a [Layer]) -> EncodedRows<'a> {
         // Record which channels are colours
         let colors = planes.iter().filter(|plane| plane.kind == ChannelKind::Color);
         let colors: Vec<&str> = colors.map(|plane| plane.name.as_str()).collect();
-        let channel = |plane: &ChannelPlane| ExrChannel::new(&plane.name, SampleType::Float);
+        let channel = |plane: &Layer| ExrChannel::new(&plane.name, SampleType::Float);
         EncodedRows {
             channels: planes.iter().map(channel).collect(),
             values: planes.iter().map(|plane| plane.values[..].into()).collect(),
@@ -122,14 +111,14 @@ impl ChunkReader {
                 false => ChannelKind::Exact,
             };
             let plane = |(name, values): (String, Samples)| match values {
-                Samples::Floats(values) => Some(ChannelPlane {
+                Samples::Floats(values) => Some(Layer {
                     kind: kind(&name),
                     name,
                     values: values.into_owned(),
                 }),
                 Samples::Integers(_) => None,
             };
-            let planes: Option<Vec<ChannelPlane>> = names.zip(values).map(plane).collect();
+            let planes: Option<Vec<Layer>> = names.zip(values).map(plane).collect();
             return planes.map(ChunkRows::Finished).ok_or_else(|| damaged(&self.path));
         }
         // Rows of a share: join the integer channels to sums in f64

@@ -3,13 +3,13 @@
 use std::path::Path;
 
 use super::chunk_directory::{ChunkDirectory, FrameMetadata};
-use super::chunk_format::ChannelPlane;
 use super::merge::{Merge, MergeError};
 use crate::batch::ongoing_writes::OngoingWrites;
 use crate::image::rows::{
     ExrChannel, ExrLayout, ExrScanlineWriter, PngScanlineWriter, RowWindow, SampleType, Samples,
 };
-use crate::image::{Attribute, ChannelKind, ImageError, ImageFormat};
+use crate::image::{ChannelKind, ImageError, ImageFormat};
+use crate::render::Layer;
 
 /// Scanline writer of an image, by its format.
 enum ImageWriter {
@@ -25,7 +25,7 @@ enum ImageWriter {
 pub(in crate::batch) fn write<E: From<ImageError>>(
     out: &Path,
     head: &FrameMetadata,
-    mut rows: impl FnMut() -> Result<Option<Vec<ChannelPlane>>, E>,
+    mut rows: impl FnMut() -> Result<Option<Vec<Layer>>, E>,
 ) -> Result<(), E> {
     let path = out.join(&head.image);
     let mut writer = None;
@@ -62,17 +62,13 @@ pub(in crate::batch) fn merge(
 }
 
 impl ImageWriter {
-    fn begin(path: &Path, head: &FrameMetadata, planes: &[ChannelPlane]) -> Result<ImageWriter, ImageError> {
-        let notes: Vec<Attribute> = head
-            .notes
-            .iter()
-            .map(|(name, text)| Attribute { name, text })
-            .collect();
+    fn begin(path: &Path, head: &FrameMetadata, planes: &[Layer]) -> Result<ImageWriter, ImageError> {
+        let notes = head.notes.list();
         if ImageFormat::of_path(path) == Some(ImageFormat::Png) {
             let writer = PngScanlineWriter::create(path, head.size, head.png, &notes)?;
             return Ok(ImageWriter::Png(Box::new(writer)));
         }
-        let channel = |plane: &ChannelPlane| {
+        let channel = |plane: &Layer| {
             // Only colours may be rounded to half precision
             let sample = match plane.kind {
                 ChannelKind::Color => head.exr.sample,
@@ -92,7 +88,7 @@ impl ImageWriter {
         )?)))
     }
 
-    fn add(&mut self, planes: &[ChannelPlane]) -> Result<(), ImageError> {
+    fn add(&mut self, planes: &[Layer]) -> Result<(), ImageError> {
         match self {
             ImageWriter::Exr(writer) => {
                 let values: Vec<Samples> = sorted_by_name(planes)
@@ -107,14 +103,14 @@ impl ImageWriter {
 }
 
 /// Returns the channels sorted by name, the order in which pieces store them; rows in memory may have another.
-fn sorted_by_name(planes: &[ChannelPlane]) -> Vec<&ChannelPlane> {
-    let mut planes: Vec<&ChannelPlane> = planes.iter().collect();
+fn sorted_by_name(planes: &[Layer]) -> Vec<&Layer> {
+    let mut planes: Vec<&Layer> = planes.iter().collect();
     planes.sort_by(|a, b| a.name.cmp(&b.name));
     planes
 }
 
 /// Returns the pixels of the channels R, G and B.
-fn colors(planes: &[ChannelPlane]) -> Vec<[f32; 3]> {
+fn colors(planes: &[Layer]) -> Vec<[f32; 3]> {
     let plane = |name: &str| {
         planes
             .iter()

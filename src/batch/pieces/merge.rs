@@ -10,9 +10,10 @@ use std::path::PathBuf;
 
 use super::chunk::{Chunk, ChunkKind, Coverage};
 use super::chunk_directory::ChunkDirectory;
-use super::chunk_format::{ChannelPlane, ChunkReader, ChunkRows};
+use super::chunk_format::{ChunkReader, ChunkRows};
+use crate::batch::request::sample_layers;
 use crate::image::{ChannelKind, ImageError};
-use crate::render::PartSums;
+use crate::render::{Layer, PartSums};
 
 /// Number of rows that are read at a time: the largest block of rows that EXR compresses together.
 const ROWS_PER_STEP: u32 = 32;
@@ -76,7 +77,7 @@ impl<'f> Merge<'f> {
     /// # Errors
     ///
     /// If a piece cannot be read.
-    pub fn next_rows(&mut self) -> Result<Option<Vec<ChannelPlane>>, MergeError> {
+    pub fn next_rows(&mut self) -> Result<Option<Vec<Layer>>, MergeError> {
         let height = self.folder.cut().height;
         if self.next == height {
             return Ok(None);
@@ -153,18 +154,15 @@ pub(in crate::batch) fn add_sums(all: &mut Option<PartSums>, sums: PartSums) {
 }
 
 /// Returns the image channels that result from sums of samples.
-pub fn planes_of(sums: &PartSums) -> Vec<ChannelPlane> {
+pub fn planes_of(sums: &PartSums) -> Vec<Layer> {
     let mut planes = color_planes(&sums.pixels());
-    if let Some(aovs) = sums.aovs() {
-        planes.push(exact("samples", aovs.samples));
-        planes.push(exact("variance", aovs.variance));
-    }
+    planes.extend(sums.aovs().into_iter().flat_map(sample_layers));
     planes
 }
 
 /// Returns the channels R, G and B of pixels.
-pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<ChannelPlane> {
-    let plane = |(channel, name): (usize, &str)| ChannelPlane {
+pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<Layer> {
+    let plane = |(channel, name): (usize, &str)| Layer {
         name: name.to_owned(),
         kind: ChannelKind::Color,
         values: pixels.iter().map(|pixel| pixel[channel]).collect(),
@@ -172,19 +170,12 @@ pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<ChannelPlane> {
     ["R", "G", "B"].into_iter().enumerate().map(plane).collect()
 }
 
-fn exact(name: &str, values: Vec<f32>) -> ChannelPlane {
-    ChannelPlane {
-        name: name.to_owned(),
-        kind: ChannelKind::Exact,
-        values,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::chunk_directory::FrameMetadata;
     use super::*;
     use crate::batch::fingerprint::FingerprintHasher;
+    use crate::batch::request::Notes;
     use crate::image::{ExrEncoding, PngEncoding};
 
     fn sums(samples: u32, value: f64, rows: u32) -> PartSums {
@@ -217,7 +208,7 @@ mod tests {
             shares: 2,
             exr: ExrEncoding::default(),
             png: PngEncoding::default(),
-            notes: Vec::new(),
+            notes: Notes::default(),
         };
         let folder = ChunkDirectory::new(out.path(), head);
         // The first share has all rows, the second none: no row is finished

@@ -9,7 +9,7 @@ mod merge;
 
 pub use chunk::{Chunk, ChunkKind, ChunkLayout, Coverage};
 pub use chunk_directory::{ChunkDirectory, FrameMetadata};
-pub use chunk_format::{ChannelPlane, ChunkReader, ChunkRows};
+pub use chunk_format::{ChunkReader, ChunkRows};
 pub(super) use image_writer::{merge, write};
 pub(super) use merge::add_sums;
 pub use merge::{Merge, MergeError, color_planes, planes_of};

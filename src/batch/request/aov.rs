@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use crate::image::ChannelKind;
-use crate::render::{AovKind, Category, Layer, Rendering};
+use crate::render::{AovKind, Category, Layer, Rendering, SampleAovs};
 
 /// Groups of channels that an EXR image may hold besides its colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,10 +63,7 @@ impl AovGroup {
 /// Returns the channels of an image besides its colours, those of costs only as far as they are requested.
 pub fn channels<'r>(requested: &[AovGroup], rendering: &'r Rendering) -> Vec<Cow<'r, Layer>> {
     let mut channels = cost_channels(requested, rendering);
-    if let Some(aovs) = &rendering.aovs {
-        channels.push(exact("samples", aovs.samples.clone()));
-        channels.push(exact("variance", aovs.variance.clone()));
-    }
+    channels.extend(rendering.aovs.clone().into_iter().flat_map(sample_layers));
     let made = channels.into_iter().map(Cow::Owned);
     made.chain(rendering.layers.iter().map(Cow::Borrowed)).collect()
 }
@@ -96,6 +93,11 @@ fn cost_channels(requested: &[AovGroup], rendering: &Rendering) -> Vec<Layer> {
         });
     }
     channels
+}
+
+/// Returns the channels of the number of samples and of their variance.
+pub(in crate::batch) fn sample_layers(aovs: SampleAovs) -> [Layer; 2] {
+    [exact("samples", aovs.samples), exact("variance", aovs.variance)]
 }
 
 /// Returns a channel that must not be rounded.

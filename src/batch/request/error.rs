@@ -28,38 +28,26 @@ pub enum RequestError {
     /// Scene that cannot be rendered.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// Edit of a glTF file, which has no keys.
-    #[error("{} cannot have {edit}: sweeps change scene files only, so include it in a scene file", .path.display())]
-    EditedGltf {
-        /// Path of the glTF file.
-        path: PathBuf,
-        /// Edit as the job file has it.
-        edit: String,
-    },
-    /// Camera that the scene does not have.
+    /// glTF file with an edit of a key, which it does not have.
+    #[error("{} cannot have {}: sweeps change scene files only, so include it in a scene file", .0.display(), .1)]
+    EditedGltf(PathBuf, String),
+    /// Scene without the `requested` camera; `known` lists those that it has.
     #[error("{} has no camera `{requested}`: it has {known}", .path.display())]
     NoCamera {
-        /// Path of the scene.
         path: PathBuf,
-        /// Requested name or index.
         requested: String,
-        /// Indices and names of the scene's cameras.
         known: String,
     },
-    /// Image that does not fit into memory.
+    /// Image that takes more bytes than are free.
     #[error(
         "an image of {width}x{height} pixels takes {} of memory and {} are free: give a smaller `--size`",
         in_words(*.needed),
         in_words(*.free)
     )]
     TooLarge {
-        /// Width of the image in pixels.
         width: u32,
-        /// Height of the image in pixels.
         height: u32,
-        /// Bytes that the image takes.
         needed: u64,
-        /// Bytes that are available.
         free: u64,
     },
     /// Radius of a box filter, which has none.
@@ -88,12 +76,7 @@ pub enum RequestError {
          or give `--filter box` if the scene file has another"
     )]
     FilteredLights,
-    /// Thread pool that cannot be started.
-    #[error("cannot start {threads} threads: {error}; give fewer `--threads`")]
-    Threads {
-        /// Number of requested threads.
-        threads: usize,
-        /// Error of the operating system.
-        error: rayon::ThreadPoolBuildError,
-    },
+    /// Number of threads that cannot be started.
+    #[error("cannot start {0} threads: {1}; give fewer `--threads`")]
+    Threads(usize, rayon::ThreadPoolBuildError),
 }

@@ -3,9 +3,7 @@
 //! The metadata contains nothing that may differ between two runs with equal pixels, such as times, threads or folders,
 //! so that the files are identical to the last byte.
 
-use std::borrow::Cow;
-
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::render_request::RenderRequest;
 use super::resolved::ResolvedSettings;
@@ -16,9 +14,9 @@ use crate::render::{AovKind, Plan};
 use crate::scene::image_settings::FilterKind;
 use crate::scene::{Camera, Effect, EffectSet, Scene};
 
-/// List of texts with their names.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Notes(Vec<(Cow<'static, str>, String)>);
+/// Names and texts of the metadata of an image file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Notes(Vec<(String, String)>);
 
 impl Notes {
     /// Returns the metadata of an image: `whit.settings` as JSON, `whit.plan`, `whit.embree` if Embree found the hits,
@@ -43,7 +41,7 @@ impl Notes {
     }
 
     /// Adds a text under a name.
-    pub fn add(&mut self, name: impl Into<Cow<'static, str>>, text: String) {
+    pub fn add(&mut self, name: impl Into<String>, text: String) {
         self.0.push((name.into(), text));
     }
 
@@ -96,11 +94,7 @@ fn settings(request: &RenderRequest, resolved: &ResolvedSettings, camera: &Camer
         ambient: request.ambient,
         effects_added: names(request.effects.added),
         effects_removed: names(request.effects.removed),
-        settings: Settings::of(
-            &resolved.settings,
-            &request.tracing.path(request.backend),
-            &request.change,
-        ),
+        settings: Settings::of(&resolved.settings, &request.tracing.path(), &request.change),
     };
     // Serialization cannot fail: the fields are numbers, strings and lists.
     serde_json::to_string(&record).unwrap_or_default()

@@ -4,7 +4,6 @@
 mod aov;
 mod camera;
 mod error;
-mod load;
 mod metadata;
 mod prepare;
 mod render_request;
@@ -13,14 +12,14 @@ mod scene_change;
 mod settings;
 mod tracing;
 
+pub(super) use aov::sample_layers;
 pub use aov::{AovGroup, channels};
 pub use camera::choose_camera;
 pub use error::RequestError;
-pub use load::{is_scene_file, load_scene};
 pub use metadata::Notes;
-pub use prepare::{ProjectedAccel, SceneSource, build, load};
+pub use prepare::{ProjectedAccel, build, is_scene_file, load, load_scene};
 pub use render_request::{ImageEncoding, RenderRequest};
 pub use resolved::{ResolvedSettings, check_memory, render_settings};
 pub use scene_change::SceneChange;
 pub use settings::Settings;
-pub use tracing::{HitPath, TracingOptions, effective_precision};
+pub use tracing::{HitPath, TracingOptions};

@@ -4,30 +4,49 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::error::RequestError;
-use super::load::load_scene;
 use super::render_request::RenderRequest;
 use crate::accel::extents::{BoundingVolumeKind, ListLimits, TileCulledAccel};
 use crate::accel::{self, Accel, AccelOptions, Backend};
-use crate::gltf::{AnimationTime, LoadOptions};
+use crate::gltf::{self, LoadOptions};
 use crate::render::{Cancelled, RenderSettings};
-use crate::scene::{Background, Camera, ImageCache, Scene, ValidScene};
-use crate::scene_file::{Edit, SceneFile};
+use crate::scene::{Background, Camera, Scene, ValidScene};
+use crate::scene_file::{self, Edit, Output, SceneFile};
 
 /// Number of camera rays per object from which on screen bounds pay: rays are traced in packets of sixteen, and a
 /// packet saves about half the cost of projecting an object.
 const SAMPLES_PER_OBJECT: f64 = 32.0;
 
-/// File of a scene, with the edits and the time that change it.
-#[derive(Clone, Debug)]
-pub struct SceneSource<'a> {
-    /// Path of the scene file or glTF file.
-    pub path: &'a Path,
-    /// Overrides of keys in a scene file.
-    pub edits: &'a [Edit],
-    /// Animation and time at which the scene is posed; absent for a scene at rest.
-    pub pose: Option<AnimationTime>,
-    /// Cache of images that are already decoded.
-    pub image_cache: ImageCache,
+/// Returns whether the path names a scene file, which may contain image settings.
+pub fn is_scene_file(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"))
+}
+
+/// Loads a scene file with edits if the name ends in `.toml`, else a glTF file, which has no image settings.
+///
+/// # Errors
+///
+/// If a file cannot be read or is invalid, and for edits of a glTF file.
+pub fn load_scene(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<SceneFile, RequestError> {
+    if is_scene_file(path) {
+        let mut loaded = scene_file::load_edited(path, edits, options)?;
+        // The glTF loader warns of each file without animations; a scene without glTF files is handled here.
+        if options.pose.is_some() && loaded.gltf_count == 0 {
+            let warning = "it includes no glTF files and thus has no animations: the time has no effect";
+            loaded.scene.warnings.push(warning.into());
+        }
+        return Ok(loaded);
+    }
+    // glTF files have no keys that a sweep could change
+    if let Some(edit) = edits.first() {
+        return Err(RequestError::EditedGltf(path.to_owned(), edit.to_string()));
+    }
+    Ok(SceneFile {
+        scene: gltf::load(path, options)?,
+        output: Output::default(),
+        group_count: 0,
+        include_count: 0,
+        gltf_count: 0,
+    })
 }
 
 /// Loads a scene for an image: reads its file, and changes it as requested.
@@ -37,17 +56,16 @@ pub struct SceneSource<'a> {
 /// If the scene cannot be loaded, or `cancel` is set.
 pub fn load(
     request: &RenderRequest,
-    source: SceneSource,
+    (path, edits): (&Path, &[Edit]),
+    options: LoadOptions,
     cancel: &AtomicBool,
 ) -> Result<SceneFile, RequestError> {
-    // Images used only by disabled effects are skipped, others come from the cache
+    // Images used only by disabled effects are skipped
     let options = LoadOptions {
         without: request.effects.removed,
-        pose: source.pose,
-        image_cache: source.image_cache,
-        ..LoadOptions::default()
+        ..options
     };
-    let mut loaded = load_scene(source.path, source.edits, &options)?;
+    let mut loaded = load_scene(path, edits, &options)?;
     let scene = &mut loaded.scene;
     if let Some(ambient) = request.ambient {
         scene.ambient = ambient;
@@ -70,7 +88,7 @@ pub fn build<'s>(
     options: &AccelOptions,
     cancel: &AtomicBool,
 ) -> Result<Box<dyn Accel + 's>, RequestError> {
-    let accel = accel::build(scene, request.backend, options)?;
+    let accel = accel::build(scene, request.backend(), options)?;
     check(cancel)?;
     Ok(accel)
 }

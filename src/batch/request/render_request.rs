@@ -5,7 +5,7 @@ use super::error::RequestError;
 use super::resolved::{ResolvedSettings, check_adaptive, check_light_layers, check_memory, render_settings};
 use super::scene_change::SceneChange;
 use super::settings::Settings;
-use super::tracing::TracingOptions;
+use super::tracing::{HitPath, TracingOptions};
 use crate::accel::Backend;
 use crate::image::{ExrEncoding, PngBits, ToneMap};
 use crate::numeric::SpawnPolicy;
@@ -39,9 +39,7 @@ pub struct RenderRequest {
     pub needs_costs: bool,
     /// True if rays and times by effect are recorded.
     pub needs_ledger: bool,
-    /// Intersection backend that finds the hits.
-    pub backend: Backend,
-    /// Options of the acceleration structure, and threads.
+    /// Path by which hits are found, and threads.
     pub tracing: TracingOptions,
     /// Ambient light and background in place of the scene's, linear RGB.
     pub ambient: Option<[f32; 3]>,
@@ -70,11 +68,14 @@ impl RenderRequest {
         if chosen.texture_filter == Some(false) {
             request.effects.removed = self.effects.removed.with(Effect::TextureFilter);
         }
-        request.backend = chosen.backend.unwrap_or(self.backend);
-        request.tracing.precision = chosen.precision.unwrap_or(self.tracing.precision);
-        request.tracing.instancing = chosen.instancing.unwrap_or(self.tracing.instancing);
-        request.tracing.build_quality = chosen.build_quality.unwrap_or(self.tracing.build_quality);
-        request.tracing.compact = chosen.compact.unwrap_or(self.tracing.compact);
+        let path = self.tracing.requested;
+        request.tracing.requested = HitPath {
+            backend: chosen.backend.unwrap_or(path.backend),
+            precision: chosen.precision.unwrap_or(path.precision),
+            instancing: chosen.instancing.unwrap_or(path.instancing),
+            build_quality: chosen.build_quality.unwrap_or(path.build_quality),
+            compact: chosen.compact.unwrap_or(path.compact),
+        };
         // Keep the request's glossy rays where the settings have none
         request.change = SceneChange {
             rough_rays: chosen.rough_rays.or(self.change.rough_rays),
@@ -84,6 +85,11 @@ impl RenderRequest {
         request.spawn = chosen.spawn.unwrap_or(self.spawn);
         request.hit_points = chosen.hit_points.unwrap_or(self.hit_points);
         request
+    }
+
+    /// Returns the intersection backend that finds the hits.
+    pub fn backend(&self) -> Backend {
+        self.tracing.requested.backend
     }
 
     /// Returns whether any requested channels are not sums over samples.

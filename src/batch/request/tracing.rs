@@ -6,7 +6,7 @@ use super::error::RequestError;
 use crate::accel::{AccelOptions, Backend, BuildQuality, Instancing, Precision};
 
 /// Intersection backend with the options of its acceleration structure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct HitPath {
     /// Intersection backend: Embree, or the BSP tree.
     pub backend: Backend,
@@ -30,6 +30,17 @@ impl HitPath {
         compact: false,
     };
 
+    /// Returns the options for building an acceleration structure, on the default number of threads.
+    pub fn options(&self) -> AccelOptions<'static> {
+        AccelOptions {
+            precision: self.precision,
+            instancing: self.instancing,
+            build_quality: self.build_quality,
+            compact: self.compact,
+            ..AccelOptions::default()
+        }
+    }
+
     /// Returns the path's name in reports.
     pub fn name(&self) -> String {
         match (self.backend, self.precision) {
@@ -43,14 +54,8 @@ impl HitPath {
 /// Ray tracing options for any backend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TracingOptions {
-    /// Precision of triangle hits.
-    pub precision: Precision,
-    /// Representation of instanced meshes in Embree.
-    pub instancing: Instancing,
-    /// Build quality of Embree's BVHs.
-    pub build_quality: BuildQuality,
-    /// Compact mode of Embree, which saves memory.
-    pub compact: bool,
+    /// Requested path of hits, whose options some backends do not have: see [`TracingOptions::path`].
+    pub requested: HitPath,
     /// Instruction set that Embree is limited to; the best one if absent.
     pub isa: Option<String>,
     /// Number of threads, at least 1.
@@ -61,10 +66,7 @@ impl TracingOptions {
     /// Returns the default options with `threads` threads; 0 takes one per processor.
     pub fn of_threads(threads: u32) -> TracingOptions {
         TracingOptions {
-            precision: Precision::default(),
-            instancing: Instancing::default(),
-            build_quality: BuildQuality::default(),
-            compact: false,
+            requested: HitPath::default(),
             isa: None,
             threads: match threads {
                 0 => thread::available_parallelism().map_or(1, usize::from),
@@ -76,29 +78,20 @@ impl TracingOptions {
     /// Returns the options for building an acceleration structure.
     pub fn options(&self) -> AccelOptions<'static> {
         AccelOptions {
-            precision: self.precision,
-            instancing: self.instancing,
-            build_quality: self.build_quality,
-            compact: self.compact,
             threads: self.threads,
             isa: self.isa.clone(),
-            ..AccelOptions::default()
+            ..self.requested.options()
         }
     }
 
-    /// Returns the hit path from which a study with this backend starts.
-    pub fn path(&self, backend: Backend) -> HitPath {
-        match backend {
-            Backend::Embree => HitPath {
-                backend,
-                precision: self.precision,
-                instancing: self.instancing,
-                build_quality: self.build_quality,
-                compact: self.compact,
-            },
+    /// Returns the path by which hits are found, without options that the backend does not have.
+    pub fn path(&self) -> HitPath {
+        match self.requested.backend {
+            Backend::Embree => self.requested,
             // The BSP has no instancing and no build options
-            Backend::Bsp | Backend::Brute => HitPath {
-                precision: effective_precision(backend, self.precision),
+            backend @ (Backend::Bsp | Backend::Brute) => HitPath {
+                backend,
+                precision: effective_precision(backend, self.requested.precision),
                 ..HitPath::BSP
             },
         }
@@ -110,18 +103,13 @@ impl TracingOptions {
     ///
     /// If the system does not have that many threads.
     pub fn pool(&self) -> Result<rayon::ThreadPool, RequestError> {
-        rayon::ThreadPoolBuilder::new()
-            .num_threads(self.threads)
-            .build()
-            .map_err(|error| RequestError::Threads {
-                threads: self.threads,
-                error,
-            })
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads).build();
+        pool.map_err(|error| RequestError::Threads(self.threads, error))
     }
 }
 
 /// Returns the precision that triangle hits really get: the BSP has two, brute force one.
-pub fn effective_precision(backend: Backend, requested: Precision) -> Precision {
+fn effective_precision(backend: Backend, requested: Precision) -> Precision {
     match (backend, requested) {
         (Backend::Embree, _) | (Backend::Bsp, Precision::Fast) => requested,
         (Backend::Bsp | Backend::Brute, _) => Precision::Watertight,

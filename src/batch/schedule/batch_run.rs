@@ -6,13 +6,13 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use super::built_scene::{BuiltScene, LoadedScene, SceneCaches, SharedContents};
+use super::built_scene::{BuiltScene, LoadedScene, SceneCaches};
 use super::frame::{FrameResult, make};
 use super::limits::frames_at_once;
 use super::observer::{BatchObserver, FrameEvent};
 use super::queue::{Queue, Task};
-use super::record::FrameRecord;
 use super::scene_slots::SceneSlots;
+use crate::accel::MeshCounts;
 use crate::batch::error::BatchError;
 use crate::batch::fingerprint::Fingerprint;
 use crate::batch::lock::{Lock, lock_shard};
@@ -23,6 +23,7 @@ use crate::batch::plan::{PlannedFrame, remove_leftovers};
 use crate::batch::shard::Shard;
 use crate::parallel;
 use crate::render::Cancelled;
+use crate::scene::CacheStats;
 
 /// Number of scenes processed concurrently: one is rendered while the other is loaded or written.
 const SCENES_AT_ONCE: usize = 2;
@@ -51,10 +52,12 @@ pub struct BatchOutcome {
     pub reusing_frames: usize,
     /// Seconds of loading and building that these frames would have taken.
     pub saved_seconds: f64,
-    /// Numbers of images and built meshes that scenes reused.
-    pub shared: SharedContents,
-    /// Records of frames by their numbers, if the options request them.
-    pub records: HashMap<usize, FrameRecord>,
+    /// Numbers of look-ups and of hits among decoded images of earlier scenes.
+    pub images: CacheStats,
+    /// Numbers of look-ups and of hits among built meshes of earlier scenes.
+    pub meshes: MeshCounts,
+    /// Results of frames by their numbers, or the reasons for failures, if the options request them.
+    pub records: HashMap<usize, Result<FrameResult, String>>,
     /// Error of the whole batch: an interruption, or that frames have failed.
     pub result: Result<(), BatchError>,
 }
@@ -129,7 +132,7 @@ struct BatchRun<'a> {
     options: &'a BatchOptions,
     observer: &'a BatchObserver<'a>,
     pool: &'a rayon::ThreadPool,
-    records: Mutex<HashMap<usize, FrameRecord>>,
+    records: Mutex<HashMap<usize, Result<FrameResult, String>>>,
     skipped: AtomicUsize,
     failed: AtomicUsize,
     /// Keys of the images that this process has considered so far, by path.
@@ -164,6 +167,7 @@ impl<'a> BatchRun<'a> {
         self.remove_stale_pieces();
         let failed = self.failed.into_inner();
         let (reusing_frames, saved_seconds) = *lock(&self.saved);
+        let (images, meshes) = self.kept.counts();
         BatchOutcome {
             total,
             skipped: self.skipped.into_inner(),
@@ -172,11 +176,12 @@ impl<'a> BatchRun<'a> {
             is_disk_full: self.is_disk_full.into_inner(),
             reusing_frames,
             saved_seconds,
-            shared: self.kept.counts(),
+            images,
+            meshes,
             records: self.records.into_inner().unwrap_or_else(PoisonError::into_inner),
             result: match failed {
                 0 => result,
-                failed => result.and(Err(BatchError::FailedFrames { failed, total })),
+                failed => result.and(Err(BatchError::FailedFrames(failed, total))),
             },
         }
     }
@@ -282,9 +287,10 @@ impl<'a> BatchRun<'a> {
         let made = make(task, stage, self.options, self.observer);
         self.emit(plan, FrameEvent::Rendered);
         match made.and_then(|made| self.note(&made).map(|()| made)) {
-            Ok(made) => {
+            Ok(mut made) => {
                 self.warn_if_out_of_time(plan, &made);
-                self.record(plan, FrameRecord::of(&made, stage));
+                made.setup_seconds = stage.seconds_once();
+                self.record(plan, Ok(made));
                 self.emit(plan, FrameEvent::Done);
                 Ok(())
             }
@@ -339,7 +345,7 @@ impl<'a> BatchRun<'a> {
 
     /// Records and reports that a frame has failed.
     fn fail(&self, plan: &PlannedFrame, error: BatchError) {
-        self.record(plan, FrameRecord::Failed(error.to_string()));
+        self.record(plan, Err(error.to_string()));
         self.emit(plan, FrameEvent::Failed(error));
         self.failed.fetch_add(1, Ordering::Relaxed);
     }
@@ -358,18 +364,16 @@ impl<'a> BatchRun<'a> {
         // Report the error for the first frame, and refer to it for the others
         let mut error = Some(error);
         for Task { plan, .. } in tasks {
-            let error = error.take().unwrap_or_else(|| BatchError::FailedScene {
-                image: plan.name(),
-                scene: plan.frame.scene.clone(),
-            });
+            let again = || BatchError::FailedScene(plan.name(), plan.frame.scene.clone());
+            let error = error.take().unwrap_or_else(again);
             self.fail_unbegun(plan, error);
         }
         Ok(())
     }
 
-    fn record(&self, plan: &PlannedFrame, record: FrameRecord) {
+    fn record(&self, plan: &PlannedFrame, result: Result<FrameResult, String>) {
         if self.options.keeps_records {
-            lock(&self.records).insert(plan.number, record);
+            lock(&self.records).insert(plan.number, result);
         }
     }
 

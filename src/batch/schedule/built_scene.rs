@@ -11,8 +11,8 @@ use crate::accel::{Accel, AccelOptions, Backend, MeshCache, MeshCounts};
 use crate::batch::error::BatchError;
 use crate::batch::memory::{MemoryForecast, available_bytes};
 use crate::batch::plan::PlannedFrame;
-use crate::batch::request::{self, RenderRequest, RequestError, SceneSource, choose_camera};
-use crate::gltf::AnimationTime;
+use crate::batch::request::{self, RenderRequest, RequestError, choose_camera};
+use crate::gltf::{AnimationTime, LoadOptions};
 use crate::render::RenderSettings;
 use crate::scene::{CacheStats, Camera, ImageCache, ValidScene};
 use crate::scene_file::SceneFile;
@@ -42,23 +42,14 @@ impl SceneCaches {
         self.meshes.as_ref().map_or(0, MeshCache::byte_count)
     }
 
-    /// Returns the numbers of look-ups and of hits.
-    pub(super) fn counts(&self) -> SharedContents {
+    /// Returns the numbers of look-ups and of hits among images and built meshes.
+    pub(super) fn counts(&self) -> (CacheStats, MeshCounts) {
         let meshes = self.meshes.as_ref();
-        SharedContents {
-            images: self.images.counts(),
-            meshes: meshes.map_or_else(MeshCounts::default, MeshCache::counts),
-        }
+        (
+            self.images.counts(),
+            meshes.map_or_else(MeshCounts::default, MeshCache::counts),
+        )
     }
-}
-
-/// Contents of scenes that were looked up among those of earlier scenes.
-#[derive(Clone, Copy, Debug)]
-pub struct SharedContents {
-    /// Numbers of look-ups and of hits among decoded images.
-    pub images: CacheStats,
-    /// Numbers of look-ups and of hits among built meshes.
-    pub meshes: MeshCounts,
 }
 
 /// Loaded scene with its loading time.
@@ -77,17 +68,16 @@ impl LoadedScene {
     ) -> Result<LoadedScene, BatchError> {
         let start = Instant::now();
         let frame = &plan.frame;
-        let pose = frame.moment.as_ref().map(|moment| AnimationTime {
-            animation: moment.animation.clone(),
-            seconds: moment.seconds,
-        });
-        let source = SceneSource {
-            path: &frame.scene,
-            edits: &frame.edits,
-            pose,
+        let options = LoadOptions {
+            pose: frame.moment.as_ref().map(|moment| AnimationTime {
+                animation: moment.animation.clone(),
+                seconds: moment.seconds,
+            }),
             image_cache: kept.images.clone(),
+            ..LoadOptions::default()
         };
-        let file = request::load(&plan.request, source, observer.cancel)?;
+        let source = (&*frame.scene, &frame.edits[..]);
+        let file = request::load(&plan.request, source, options, observer.cancel)?;
         kept.images.evict_unused();
         // Report the loader's warnings once per scene
         for warning in &file.scene.warnings {
@@ -117,7 +107,7 @@ impl LoadedScene {
     /// Returns the forecast memory of the scene and its acceleration structure.
     pub(super) fn forecast(&self, request: &RenderRequest) -> MeshBytes {
         let forecast = MemoryForecast::of(&self.file.scene);
-        let tree = match request.backend {
+        let tree = match request.backend() {
             Backend::Embree => forecast.embree_bytes,
             Backend::Bsp => forecast.bsp_bytes,
             Backend::Brute => 0,

@@ -12,28 +12,34 @@ use crate::accel::Accel;
 use crate::batch::error::BatchError;
 use crate::batch::options::BatchOptions;
 use crate::batch::pieces::{
-    self, ChannelPlane, Chunk, ChunkDirectory, ChunkKind, ChunkLayout, FrameMetadata, Merge, MergeError,
-    add_sums, color_planes, planes_of,
+    self, Chunk, ChunkDirectory, ChunkKind, ChunkLayout, FrameMetadata, Merge, MergeError, add_sums,
+    color_planes, planes_of,
 };
 use crate::batch::plan::PlannedFrame;
 use crate::batch::request::{Notes, ProjectedAccel, RenderRequest, ResolvedSettings, channels};
 use crate::image::{ImageError, PngEncoding};
 use crate::render::{
-    self, Cancelled, Checkpoints, FinishedTile, Monitor, PartSums, Parts, Plan as EffectPlan, Region,
+    self, Cancelled, Checkpoints, FinishedTile, Layer, Monitor, PartSums, Parts, Plan as EffectPlan, Region,
     RenderProfile, Rendering, Rounds, Share,
 };
 use crate::scene::Camera;
 
 /// Result of rendering a frame or some of its pieces.
-pub(super) struct FrameResult {
-    pub(super) head: FrameMetadata,
+pub struct FrameResult {
+    /// Metadata of the frame.
+    pub head: FrameMetadata,
     /// True if the image is complete in its place; otherwise only pieces are on disk.
-    pub(super) is_whole: bool,
+    pub is_whole: bool,
     /// Mean number of samples per pixel.
-    pub(super) samples: f64,
-    pub(super) render_seconds: f64,
-    pub(super) write_seconds: f64,
-    pub(super) ledger: RenderProfile,
+    pub samples: f64,
+    /// Seconds of loading and of building; 0 except for the first frame of a scene.
+    pub setup_seconds: [f64; 2],
+    /// Seconds of rendering the image.
+    pub render_seconds: f64,
+    /// Seconds of writing pieces and the image.
+    pub write_seconds: f64,
+    /// Rays and seconds by effect.
+    pub ledger: RenderProfile,
 }
 
 /// State of a frame that is being rendered.
@@ -48,7 +54,7 @@ pub(super) struct FrameTask<'a> {
     monitor: Monitor<'a>,
     observer: &'a BatchObserver<'a>,
     /// Finished rows that are not on disk yet, in order.
-    buffered: Vec<(Range<u32>, Vec<ChannelPlane>)>,
+    buffered: Vec<(Range<u32>, Vec<Layer>)>,
     buffered_since: Instant,
     /// True if pieces of the frame are on disk.
     has_pieces: bool,
@@ -101,6 +107,7 @@ pub(super) fn make(
     Ok(FrameResult {
         is_whole,
         samples,
+        setup_seconds: [0.0; 2],
         render_seconds: start.elapsed().as_secs_f64() - frame_task.write_seconds,
         write_seconds: frame_task.write_seconds,
         ledger: frame_task.ledger,
@@ -134,11 +141,6 @@ impl<'a> FrameTask<'a> {
             &effects,
         );
         notes.add("whit.files", task.recipe.files.clone());
-        let notes = notes
-            .list()
-            .iter()
-            .map(|note| (note.name.to_owned(), note.text.to_owned()))
-            .collect();
         // Describe the frame for its pieces, so that another process can merge them
         let head = FrameMetadata {
             key: task.recipe.key,
@@ -177,11 +179,7 @@ impl<'a> FrameTask<'a> {
     fn render_at_once(&mut self) -> Result<f64, BatchError> {
         let (stage, request, resolved, monitor) = (self.stage, self.request, self.resolved, self.monitor);
         let camera = self.camera.clone();
-        let projected = ProjectedAccel::new(
-            (&*stage.accel, request.backend),
-            (stage.scene.get(), &camera),
-            &resolved.settings,
-        );
+        let projected = self.projected_accel();
         // Costs of pixels are not part of a checkpoint, so such images cannot be resumed.
         let can_go_on = !resolved.settings.cost_aovs;
         let start = if can_go_on {
@@ -262,21 +260,12 @@ impl<'a> FrameTask<'a> {
             return Ok(());
         }
         // Trace camera rays with screen bounds where they pay
-        let (stage, request, resolved) = (self.stage, self.request, self.resolved);
-        let camera = self.camera.clone();
-        let projected = ProjectedAccel::new(
-            (&*stage.accel, request.backend),
-            (stage.scene.get(), &camera),
-            &resolved.settings,
-        );
+        let height = self.resolved.settings.height;
+        let projected = self.projected_accel();
         let mut parts = self.parts(projected.accel())?;
         // Render each gap in steps, whose height follows the time of the steps before
         for rows in missing {
-            let mut steps = RowSteps::new(
-                rows,
-                &self.stage.loaded.film(&resolved.settings),
-                self.options.checkpoint,
-            );
+            let mut steps = self.steps(rows);
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
                 match self.rows(&mut parts, &rows) {
@@ -290,9 +279,7 @@ impl<'a> FrameTask<'a> {
                 steps.adapt(&rows, begun.elapsed().as_secs_f64());
                 // Save the rows at the checkpoint interval, or when they take too much memory
                 let is_due = self.buffered_since.elapsed().as_secs_f64() >= self.options.checkpoint;
-                if (is_due && rows.end < resolved.settings.height)
-                    || self.buffered_bytes() > MAX_BUFFERED_BYTES
-                {
+                if (is_due && rows.end < height) || self.buffered_bytes() > MAX_BUFFERED_BYTES {
                     self.flush()?;
                 }
             }
@@ -301,7 +288,7 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Renders all samples of some rows.
-    fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Result<Vec<ChannelPlane>, BatchError> {
+    fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Result<Vec<Layer>, BatchError> {
         let settings = self.resolved.settings;
         let region = Region::of_rows(&settings, rows.clone());
         // Map the progress of these rows to that of the frame
@@ -362,7 +349,7 @@ impl<'a> FrameTask<'a> {
         let share = self.folder.cut().share(index);
         // Render each gap in steps, and save the sums after each step
         for rows in missing {
-            let mut steps = RowSteps::new(rows, &self.stage.loaded.film(&settings), self.options.checkpoint);
+            let mut steps = self.steps(rows);
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
                 let region = Region::of_rows(&settings, rows.clone());
@@ -376,15 +363,23 @@ impl<'a> FrameTask<'a> {
         Ok(())
     }
 
+    fn steps(&self, rows: Range<u32>) -> RowSteps {
+        let film = self.stage.loaded.film(&self.resolved.settings);
+        RowSteps::new(rows, &film, self.options.checkpoint)
+    }
+
     /// Returns the rows of a piece that are still missing.
     fn missing(&mut self, piece: &Chunk) -> Result<Vec<Range<u32>>, BatchError> {
-        let unreadable = |error| BatchError::ReadPieces {
-            image: self.plan.name(),
-            error,
-        };
+        let unreadable = |error| BatchError::ReadPieces(self.plan.name(), error);
         let coverage = self.folder.coverage().map_err(unreadable)?;
         self.has_pieces |= !coverage.is_empty();
         Ok(coverage.missing(piece))
+    }
+
+    fn projected_accel(&self) -> ProjectedAccel<'a> {
+        let accel = (&*self.stage.accel, self.request.backend());
+        let view = (self.stage.scene.get(), &self.camera);
+        ProjectedAccel::new(accel, view, &self.resolved.settings)
     }
 
     fn parts(&self, accel: &'a dyn Accel) -> Result<Parts<'a>, BatchError> {
@@ -392,7 +387,7 @@ impl<'a> FrameTask<'a> {
         Ok(Parts::new(scene, accel, &self.resolved.settings, &self.monitor)?)
     }
 
-    fn keep(&mut self, rows: Range<u32>, planes: Vec<ChannelPlane>) {
+    fn keep(&mut self, rows: Range<u32>, planes: Vec<Layer>) {
         self.show(&rows, &planes);
         if self.buffered.is_empty() {
             self.buffered_since = Instant::now();
@@ -401,7 +396,7 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Shows finished rows in the live preview: filtered, and with all of their samples.
-    fn show(&self, rows: &Range<u32>, planes: &[ChannelPlane]) {
+    fn show(&self, rows: &Range<u32>, planes: &[Layer]) {
         let (Some(show), [red, green, blue, ..]) = (self.monitor.tiles, planes) else {
             return;
         };
@@ -492,8 +487,8 @@ fn affordable_packets(done: usize, elapsed: f64, seconds: f64) -> usize {
 }
 
 /// Joins neighbouring ranges of rows.
-fn join_rows(buffered: Vec<(Range<u32>, Vec<ChannelPlane>)>) -> Vec<(Range<u32>, Vec<ChannelPlane>)> {
-    let mut all: Vec<(Range<u32>, Vec<ChannelPlane>)> = Vec::new();
+fn join_rows(buffered: Vec<(Range<u32>, Vec<Layer>)>) -> Vec<(Range<u32>, Vec<Layer>)> {
+    let mut all: Vec<(Range<u32>, Vec<Layer>)> = Vec::new();
     for (rows, planes) in buffered {
         match all.last_mut() {
             Some((before, join_rows)) if before.end == rows.start => {
@@ -509,17 +504,9 @@ fn join_rows(buffered: Vec<(Range<u32>, Vec<ChannelPlane>)>) -> Vec<(Range<u32>,
 }
 
 /// Returns the channels of a rendering: its colours and its further layers.
-fn planes_of_rendering(request: &RenderRequest, rendering: &Rendering) -> Vec<ChannelPlane> {
+fn planes_of_rendering(request: &RenderRequest, rendering: &Rendering) -> Vec<Layer> {
     let mut planes = color_planes(&rendering.image.pixels);
-    planes.extend(
-        channels(&request.aovs, rendering)
-            .into_iter()
-            .map(Cow::into_owned)
-            .map(|layer| ChannelPlane {
-                name: layer.name,
-                kind: layer.kind,
-                values: layer.values,
-            }),
-    );
+    let further = channels(&request.aovs, rendering);
+    planes.extend(further.into_iter().map(Cow::into_owned));
     planes
 }

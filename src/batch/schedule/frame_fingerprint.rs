@@ -34,10 +34,7 @@ impl FrameFingerprint {
             .iter()
             .filter_map(|edit| edit.value.as_str())
             .collect();
-        let unreadable = |path: &Path, error| BatchError::Read {
-            path: path.to_owned(),
-            error,
-        };
+        let unreadable = |path: &Path, error| BatchError::Read(path.to_owned(), error);
         let files = sources
             .of(&frame.scene, &words)
             .map_err(|error| unreadable(&frame.scene, error))?;
@@ -104,9 +101,9 @@ fn settings_file(plan: &PlannedFrame) -> Option<PathBuf> {
 
 /// Returns the backend with its version and instruction set, which the bits of an image depend on.
 fn backend_identity(request: &RenderRequest) -> Result<String, BatchError> {
-    let identity = accel::identity(request.backend, request.tracing.isa.as_deref());
+    let identity = accel::identity(request.backend(), request.tracing.isa.as_deref());
     let identity = identity.map_err(RequestError::from)?;
-    Ok(format!("{:?} {identity:?}", request.backend))
+    Ok(format!("{:?} {identity:?}", request.backend()))
 }
 
 #[cfg(test)]

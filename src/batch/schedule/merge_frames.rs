@@ -14,12 +14,9 @@ use crate::batch::shard::Shard;
 ///
 /// If there is no such folder, or it cannot be read.
 pub fn frames_with_pieces(out: &Path) -> Result<Option<(Vec<ChunkDirectory>, Manifest)>, BatchError> {
-    let unreadable = |error| BatchError::Read {
-        path: out.to_owned(),
-        error,
-    };
+    let unreadable = |error| BatchError::Read(out.to_owned(), error);
     if !out.is_dir() {
-        return Err(BatchError::NoFolder { out: out.to_owned() });
+        return Err(BatchError::NoFolder(out.to_owned()));
     }
     let folders = ChunkDirectory::all(out).map_err(unreadable)?;
     if folders.is_empty() {
@@ -56,10 +53,9 @@ pub fn merge_frame(
         Err(_) if manifest.read_again().is_ok() && manifest.find(&head.image, head.key).is_some() => {
             Ok(false)
         }
-        Err(error @ MergeError::Missing { .. }) => Err(BatchError::Unfinished {
-            error,
-            folder: folder.folder().to_owned(),
-        }),
+        Err(error @ MergeError::Missing { .. }) => {
+            Err(BatchError::Unfinished(error, folder.folder().to_owned()))
+        }
         Err(error) => Err(error.into()),
     }
 }

@@ -9,13 +9,11 @@ mod limits;
 mod merge_frames;
 mod observer;
 mod queue;
-mod record;
 mod row_schedule;
 mod scene_slots;
 
 pub use batch_run::{Batch, BatchOutcome};
-pub use built_scene::SharedContents;
 pub use forecast::{FrameCost, forecast};
+pub use frame::FrameResult;
 pub use merge_frames::{frames_with_pieces, merge_frame};
 pub use observer::{BatchObserver, FrameEvent, TileCallback};
-pub use record::FrameRecord;

@@ -12,20 +12,22 @@ use super::super::interrupt;
 use super::super::output;
 use super::progress;
 
-/// Prints the frames with their forecast time and memory, and the totals.
-pub(super) fn list(args: &BatchArgs, options: &BatchOptions, plans: &[PlannedFrame]) -> Result<(), Failure> {
-    output::print(&forecast(args, options, plans)?.to_string())
+/// Prints the frames with their forecast time and memory, and the totals, or writes a Slurm script for the batch.
+pub(super) fn run(args: &BatchArgs, options: &BatchOptions, plans: &[PlannedFrame]) -> Result<(), Failure> {
+    let forecast = forecast(args, options, plans)?;
+    match &args.slurm {
+        Some(path) => write_script(args, plans, &forecast, path),
+        None => output::print(&forecast.to_string()),
+    }
 }
 
-/// Writes the Slurm script for a batch.
-pub(super) fn write_script(
+fn write_script(
     args: &BatchArgs,
-    options: &BatchOptions,
     plans: &[PlannedFrame],
+    forecast: &BatchForecast,
     path: &Path,
 ) -> Result<(), Failure> {
-    // Forecast the rendering time per shard
-    let forecast = forecast(args, options, plans)?;
+    // No shard is empty
     let pieces: usize = plans.iter().map(PlannedFrame::piece_count).sum();
     let shards = args.shards.min(u32::try_from(pieces).unwrap_or(u32::MAX)).max(1);
     // Use absolute paths, as the nodes may have another working directory

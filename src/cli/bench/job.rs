@@ -6,7 +6,7 @@ use crate::cli::accel_options::tracing_options;
 use crate::cli::args::{BenchArgs, DEFAULT_BENCH_SPP};
 use crate::cli::failure::Failure;
 use crate::cli::job::requested;
-use whit::accel::RayPacket;
+use whit::accel::{Backend, RayPacket};
 use whit::batch::request::{TracingOptions, render_settings};
 use whit::numeric::LANES;
 use whit::render::RenderSettings;
@@ -25,7 +25,7 @@ pub(super) struct BenchJob {
 impl BenchJob {
     /// Checks the arguments and starts the thread pools.
     pub(super) fn new(args: &BenchArgs) -> Result<BenchJob, Failure> {
-        let tracing = tracing_options(&args.tracing);
+        let tracing = tracing_options(&args.tracing, Backend::default());
         // Start a pool for each thread count of the scaling measurement
         let counts = match args.scaling {
             true => thread_counts(tracing.threads),

@@ -5,9 +5,9 @@ use std::path::Path;
 use super::gallery::{
     EffectShare, FrameSeconds, FrameStatus, Gallery, GalleryFrame, thumbnail, thumbnail_side,
 };
-use crate::batch::{Batch, BatchOutcome, FrameRecord, PlannedFrame};
+use crate::batch::{Batch, BatchOutcome, FrameResult, PlannedFrame};
 use crate::image::{ToneMap, load_image};
-use crate::render::{Category, RenderProfile};
+use crate::render::Category;
 
 /// Returns the gallery of a batch for the file `page`, with thumbnails of all images that exist.
 pub fn gallery(batch: &Batch, outcome: &BatchOutcome, title: String, page: &Path) -> Gallery {
@@ -21,8 +21,6 @@ pub fn gallery(batch: &Batch, outcome: &BatchOutcome, title: String, page: &Path
             .map(|plan| gallery_frame(plan, (batch, outcome), folder, side))
             .collect(),
         seconds: outcome.seconds,
-        machine: None,
-        facts: vec![("command".into(), "whit batch".into())],
     }
 }
 
@@ -42,7 +40,11 @@ fn gallery_frame(
     };
     // Fill in the result of this run; without one, an entry of the manifest means that the frame was skipped
     match outcome.records.get(&plan.number) {
-        Some(record) => add_record(&mut frame, record),
+        Some(Ok(result)) => add_result(&mut frame, result),
+        Some(Err(message)) => {
+            frame.status = FrameStatus::Failed;
+            frame.message.clone_from(message);
+        }
         None if batch.has_image(plan) => frame.status = FrameStatus::Skipped,
         None => {}
     }
@@ -57,60 +59,37 @@ fn gallery_frame(
     frame
 }
 
-fn add_record(frame: &mut GalleryFrame, record: &FrameRecord) {
-    match record {
-        FrameRecord::Failed(message) => {
-            frame.status = FrameStatus::Failed;
-            frame.message.clone_from(message);
-        }
-        FrameRecord::Rendered {
-            is_whole,
-            size,
-            spp,
-            samples,
-            setup_seconds: [load, build],
-            seconds: [render, write],
-            ledger,
-        } => {
-            if *is_whole {
-                frame.status = FrameStatus::Done;
-                if *samples < f64::from(*spp) {
-                    frame.message = format!("{samples:.0} samples per pixel within the time limit");
-                }
-            } else {
-                frame.message = "its pieces are rendered, but not merged".into();
-            }
-            [frame.width, frame.height] = *size;
-            frame.spp = *spp;
-            frame.seconds = FrameSeconds {
-                load: *load,
-                build: *build,
-                render: *render,
-                write: *write,
-            };
-            add_ledger(frame, ledger);
+fn add_result(frame: &mut GalleryFrame, result: &FrameResult) {
+    if !result.is_whole {
+        frame.message = "its pieces are rendered, but not merged".into();
+    } else {
+        frame.status = FrameStatus::Done;
+        if result.samples < f64::from(result.head.spp) {
+            frame.message = format!("{:.0} samples per pixel within the time limit", result.samples);
         }
     }
-}
-
-fn add_ledger(frame: &mut GalleryFrame, ledger: &RenderProfile) {
+    [frame.width, frame.height] = result.head.size;
+    frame.spp = result.head.spp;
+    let [load, build] = result.setup_seconds;
+    frame.seconds = FrameSeconds {
+        load,
+        build,
+        render: result.render_seconds,
+        write: result.write_seconds,
+    };
     // Idle threads are left out: a thread idle in one frame works on the frames rendered concurrently.
-    for account in Category::ALL
+    let busy = Category::ALL
         .into_iter()
-        .filter(|&account| account != Category::Idle)
-    {
-        let tally = ledger.of(account);
-        if tally.rays > 0 {
-            frame.rays.insert(account.name().to_owned(), tally.rays);
+        .filter(|&account| account != Category::Idle);
+    let share = |account: Category| {
+        let tally = result.ledger.of(account);
+        EffectShare {
+            name: account.name(),
+            seconds: tally.seconds,
+            rays: tally.rays,
         }
-        if tally.seconds > 0.0 {
-            frame.ledger.push(EffectShare {
-                name: account.name().to_owned(),
-                seconds: tally.seconds,
-                rays: tally.rays,
-            });
-        }
-    }
+    };
+    frame.ledger = busy.map(share).collect();
 }
 
 /// Returns the path of a file relative to a folder, with slashes; an absolute path where no relative one exists.

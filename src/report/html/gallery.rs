@@ -8,7 +8,6 @@ use std::collections::BTreeMap;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use percent_encoding::{AsciiSet, CONTROLS, utf8_percent_encode};
-use serde::{Deserialize, Serialize};
 
 use super::page::{self, BarEntry, Bars, Card, EffectPart, Group, PageElement, SeriesStyle, Stack, Stacks};
 use crate::cost::Interval;
@@ -39,7 +38,7 @@ const NOT_IN_PATHS: &AsciiSet = &CONTROLS
     .add(b'}');
 
 /// Contents of the page of a batch.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct Gallery {
     /// Title of the page.
     pub title: String,
@@ -47,21 +46,16 @@ pub struct Gallery {
     pub frames: Vec<GalleryFrame>,
     /// Wall-clock seconds of the whole batch.
     pub seconds: f64,
-    /// Name of the machine; the processor's name if absent.
-    pub machine: Option<String>,
-    /// Additional facts as names and values.
-    pub facts: Vec<(String, String)>,
 }
 
 /// Frame of a batch with its image.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct GalleryFrame {
     /// Name of the frame.
     pub name: String,
     /// Path of the image file relative to the page's folder, with slashes.
     pub image: String,
     /// Small PNG of the image, see [`thumbnail`]; empty if there is none.
-    #[serde(skip)]
     pub thumbnail: Vec<u8>,
     /// Width of the image in pixels.
     pub width: u32,
@@ -75,17 +69,14 @@ pub struct GalleryFrame {
     pub message: String,
     /// Wall-clock seconds of each phase.
     pub seconds: FrameSeconds,
-    /// Number of rays by kind.
-    pub rays: BTreeMap<String, u64>,
-    /// Cost of each effect.
+    /// Rays and time of each effect.
     pub ledger: Vec<EffectShare>,
     /// Settings in which the frame differs from the others, a few words each.
     pub settings: Vec<String>,
 }
 
 /// Status of a frame in a batch.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FrameStatus {
     /// Frame that this batch rendered.
     Done,
@@ -127,7 +118,7 @@ impl FrameStatus {
 }
 
 /// Wall-clock seconds of the phases of a frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FrameSeconds {
     /// Seconds to read the scene; 0 where it was in memory already.
     pub load: f64,
@@ -150,10 +141,10 @@ impl FrameSeconds {
 }
 
 /// Cost of an effect in a frame.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct EffectShare {
     /// Name of the effect in ledgers.
-    pub name: String,
+    pub name: &'static str,
     /// Seconds summed over all threads.
     pub seconds: f64,
     /// Number of rays traced for the effect.
@@ -251,19 +242,15 @@ impl Gallery {
         );
         tiles.push((time(self.seconds), "in total", ""));
         // Append total time, number of rays and the machine
-        let rays: u64 = self.frames.iter().flat_map(|frame| frame.rays.values()).sum();
+        let shares = self.frames.iter().flat_map(|frame| &frame.ledger);
+        let rays: u64 = shares.map(|share| share.rays).sum();
         // Narrow no-break spaces keep the number in one line.
         tiles.push((group_thousands(rays).replace(' ', "\u{202f}"), "rays", ""));
-        let machine = self.machine.clone().unwrap_or_else(cpu::processor);
-        let mut facts = vec![
+        let facts = [
             ("whit", env!("CARGO_PKG_VERSION").to_owned()),
-            ("machine", machine),
+            ("machine", cpu::processor()),
+            ("command", "whit batch".to_owned()),
         ];
-        facts.extend(
-            self.facts
-                .iter()
-                .map(|(name, value)| (name.as_str(), value.clone())),
-        );
         [page::numbers(&tiles), page::facts(&facts)]
     }
 
@@ -272,7 +259,7 @@ impl Gallery {
         // Sum the seconds of each effect over all frames
         let mut seconds: BTreeMap<&str, f64> = BTreeMap::new();
         for share in self.frames.iter().flat_map(|frame| &frame.ledger) {
-            *seconds.entry(&share.name).or_default() += finite_or_zero(share.seconds);
+            *seconds.entry(share.name).or_default() += finite_or_zero(share.seconds);
         }
         let mut all: Vec<_> = seconds
             .into_iter()
@@ -404,12 +391,11 @@ impl GalleryFrame {
             words.push(self.times());
         }
         words.extend(self.settings.iter().cloned());
-        let rays: Vec<String> = self
-            .rays
-            .iter()
-            .filter(|(_, count)| **count > 0)
-            .map(|(kind, &count)| format!("{kind} {}", group_thousands(count)))
+        let traced = self.ledger.iter().filter(|share| share.rays > 0);
+        let mut rays: Vec<String> = traced
+            .map(|share| format!("{} {}", share.name, group_thousands(share.rays)))
             .collect();
+        rays.sort();
         if !rays.is_empty() {
             words.push(format!("rays: {}", rays.join(", ")));
         }
@@ -493,7 +479,7 @@ mod tests {
                 ..FrameSeconds::default()
             },
             ledger: vec![EffectShare {
-                name: "shadow".to_owned(),
+                name: "shadow",
                 seconds: f64::NAN,
                 rays: 1,
             }],

@@ -26,7 +26,7 @@ impl<'p> BatchForecast<'p> {
     /// Returns the planned frames with their costs and their seconds of rendering.
     fn frames(&self) -> impl Iterator<Item = (&PlannedFrame, &FrameCost, f64)> {
         self.plans.iter().zip(&self.costs).map(|(plan, cost)| {
-            let forecast = Forecast::of(&cost.probe, &cost.settings, plan.request.backend);
+            let forecast = Forecast::of(&cost.probe, &cost.settings, plan.request.backend());
             // Costs are processor times, divided evenly among the threads here
             (plan, cost, forecast.seconds / self.threads as f64)
         })
@@ -104,7 +104,7 @@ impl fmt::Display for BatchSummary<'_> {
                 outcome.reusing_frames, outcome.saved_seconds
             )?;
         }
-        let (images, meshes) = (outcome.shared.images, outcome.shared.meshes);
+        let (images, meshes) = (outcome.images, outcome.meshes);
         for (found, requested, what) in [
             (images.found, images.lookups, "images"),
             (meshes.found, meshes.requested, "built meshes"),

@@ -25,7 +25,7 @@ pub enum BatchError {
     Image(#[from] ImageError),
     /// Pieces that cannot be merged.
     #[error(transparent)]
-    Merge(#[from] MergeError),
+    Merge(MergeError),
     /// Pieces that are missing, with the folder of the others.
     #[error("{}: render them with `whit batch --resume`, or remove {} if they are not needed any more", .0, .1.display())]
     Unfinished(MergeError, PathBuf),
@@ -93,9 +93,21 @@ pub enum BatchError {
     /// Panic of a thread, which is a defect of the program.
     #[error("a render thread panicked")]
     Panicked,
+    /// Number of frames that could not be merged, each of which has been reported, of all frames with pieces.
+    #[error("{0} of {1} frames could not be merged")]
+    UnmergedFrames(usize, usize),
     /// Number of frames that failed, each of which has been reported, of all frames.
     #[error("{0} of {1} frames failed")]
     FailedFrames(usize, usize),
+}
+
+impl From<MergeError> for BatchError {
+    fn from(error: MergeError) -> BatchError {
+        match error {
+            MergeError::Chunk(error) => BatchError::Image(error),
+            error => BatchError::Merge(error),
+        }
+    }
 }
 
 impl From<RequestError> for BatchError {

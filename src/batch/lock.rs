@@ -6,7 +6,7 @@
 //! and that appear whole.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, Read, Seek, Write};
+use std::io::{Read, Seek, Write};
 use std::path::Path;
 
 use super::error::BatchError;
@@ -15,29 +15,29 @@ use super::shard::Shard;
 
 /// Exclusive lock on a file, released when dropped.
 #[derive(Debug)]
-pub struct Lock {
+pub(crate) struct Lock {
     _file: File,
 }
 
 /// Reasons why a lock could not be taken.
 #[derive(Debug)]
-pub enum LockError {
+pub(crate) enum LockError {
     /// Another process holds the lock; its description of itself.
     Held(String),
     /// The operating system reported an error.
-    Unknown(io::Error),
+    Unknown,
 }
 
 impl Lock {
     /// Takes the lock file `path` and writes the description `who` of the holder into it.
-    pub fn take(path: &Path, who: &str) -> Result<Lock, LockError> {
+    pub(crate) fn take(path: &Path, who: &str) -> Result<Lock, LockError> {
         let mut file = OpenOptions::new()
             .read(true)
             .write(true)
             .create(true)
             .truncate(false)
             .open(path)
-            .map_err(LockError::Unknown)?;
+            .map_err(|_| LockError::Unknown)?;
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
@@ -46,7 +46,7 @@ impl Lock {
                 let _ = file.read_to_string(&mut holder);
                 return Err(LockError::Held(holder.trim().to_owned()));
             }
-            Err(TryLockError::Error(error)) => return Err(LockError::Unknown(error)),
+            Err(TryLockError::Error(_)) => return Err(LockError::Unknown),
         }
         let write = |file: &mut File| {
             file.set_len(0)?;
@@ -80,7 +80,7 @@ pub(super) fn lock_shard(options: &BatchOptions, warn: &dyn Fn(&str)) -> Result<
             Ok(None)
         }
         // Some network file systems do not support locks.
-        Err(LockError::Unknown(_)) => Ok(None),
+        Err(LockError::Unknown) => Ok(None),
     }
 }
 
@@ -112,6 +112,6 @@ mod tests {
         drop(first);
         Lock::take(&path, "process 2").unwrap();
         let missing = folder.path().join("no/a.lock");
-        assert!(matches!(Lock::take(&missing, ""), Err(LockError::Unknown(_))));
+        assert!(matches!(Lock::take(&missing, ""), Err(LockError::Unknown)));
     }
 }

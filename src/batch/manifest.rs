@@ -23,7 +23,7 @@ const NAME: (&str, &str) = ("whit-batch", ".jsonl");
 
 /// Manifest entry of one finished image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CompletedFrame {
+pub(crate) struct CompletedFrame {
     /// Index of the frame in its batch.
     pub frame: usize,
     /// Path of the image relative to the output folder.
@@ -47,7 +47,7 @@ pub struct CompletedFrame {
 
 /// Finished images of a batch by path, with the open manifest of one shard.
 #[derive(Debug)]
-pub struct Manifest {
+pub(crate) struct Manifest {
     folder: PathBuf,
     file: File,
     done: HashMap<PathBuf, CompletedFrame>,
@@ -55,7 +55,7 @@ pub struct Manifest {
 
 impl Manifest {
     /// Reads the entries of all shards in `folder`, and opens the manifest of one shard for appending.
-    pub fn open(folder: &Path, shard: Shard) -> io::Result<Manifest> {
+    pub(crate) fn open(folder: &Path, shard: Shard) -> io::Result<Manifest> {
         let (start, end) = NAME;
         let name = match shard {
             Shard::ALL => format!("{start}{end}"),
@@ -89,13 +89,13 @@ impl Manifest {
     }
 
     /// Reads the manifests of all shards again, to see entries that other processes have added.
-    pub fn read_again(&mut self) -> io::Result<()> {
+    pub(crate) fn read_again(&mut self) -> io::Result<()> {
         self.done = Manifest::read(&self.folder)?;
         Ok(())
     }
 
     /// Returns the entries of all shards in `folder`, by image path; truncated lines are ignored.
-    pub fn read(folder: &Path) -> io::Result<HashMap<PathBuf, CompletedFrame>> {
+    pub(crate) fn read(folder: &Path) -> io::Result<HashMap<PathBuf, CompletedFrame>> {
         let mut done = HashMap::new();
         for entry in fs::read_dir(folder)? {
             let name = entry?.file_name();
@@ -114,22 +114,18 @@ impl Manifest {
     }
 
     /// Returns the entry of an image with the given key, if the file is still there with the recorded size.
-    pub fn find(&self, image: &Path, key: Fingerprint) -> Option<&CompletedFrame> {
+    pub(crate) fn find(&self, image: &Path, key: Fingerprint) -> Option<&CompletedFrame> {
         let done = self.done.get(image).filter(|done| done.key == key)?;
         let bytes = fs::metadata(self.folder.join(image)).ok()?.len();
         (bytes == done.bytes).then_some(done)
     }
 
     /// Returns whether the manifests have an entry for an image, with any key.
-    pub fn has(&self, image: &Path) -> bool {
+    pub(crate) fn has(&self, image: &Path) -> bool {
         self.done.contains_key(image)
     }
 
     /// Adds a complete image with the mean number of its samples, and the seconds of rendering and of writing it.
-    ///
-    /// # Errors
-    ///
-    /// If there is no such image file, or the manifest cannot be written.
     pub(super) fn add_image(
         &mut self,
         head: &FrameMetadata,
@@ -153,7 +149,7 @@ impl Manifest {
     }
 
     /// Appends an entry and syncs the file to disk.
-    pub fn add(&mut self, done: CompletedFrame) -> io::Result<()> {
+    pub(crate) fn add(&mut self, done: CompletedFrame) -> io::Result<()> {
         let mut line = serde_json::to_string(&done)?;
         line.push('\n');
         // Append the line in one write, so that lines of two processes do not mix

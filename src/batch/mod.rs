@@ -4,9 +4,8 @@
 //! one scene concurrently, at least two at a time, so that while one is written or runs out of tiles, another uses the
 //! processors; small scenes with a single frame overlap in the same way.
 //!
-//! The hash of a frame's inputs ([`Fingerprint`]) and the record of the frames that are done ([`Manifest`]) let a batch
-//! resume; a [`Shard`] assigns frames to processes; finished pieces of a frame are stored until it is complete
-//! ([`Chunk`], [`Coverage`]). Output files appear whole, and have the same bits regardless of the process that makes
+//! The hash of a frame's inputs and a manifest of the frames that are done let a batch resume; a [`Shard`]
+//! assigns frames to processes; finished pieces of a frame are stored until it is complete. Output files appear whole, and have the same bits regardless of the process that makes
 //! them; so any process may be killed at any time, and two processes that make the same output do no harm to each
 //! other.
 
@@ -25,20 +24,13 @@ mod schedule;
 mod shard;
 pub mod slurm;
 
-pub use dependencies::Sources;
 pub use error::BatchError;
-pub use fingerprint::{Fingerprint, FingerprintHasher};
-pub use lock::{Lock, LockError};
-pub use manifest::{CompletedFrame, Manifest};
 pub use ongoing_writes::OngoingWrites;
 pub use options::BatchOptions;
-pub use pieces::{
-    Chunk, ChunkDirectory, ChunkKind, ChunkLayout, ChunkReader, ChunkRows, Coverage, FrameMetadata, Merge,
-    MergeError, color_planes, planes_of,
-};
+pub use pieces::MergeError;
 pub use plan::{PlannedFrame, check_division, make_folders};
+pub(crate) use schedule::FrameResult;
 pub use schedule::{
-    Batch, BatchObserver, BatchOutcome, FrameCost, FrameEvent, FrameResult, TileCallback, forecast,
-    frames_with_pieces, merge_frame,
+    Batch, BatchObserver, BatchOutcome, FrameCost, FrameEvent, TileCallback, forecast, merge_frames,
 };
 pub use shard::Shard;

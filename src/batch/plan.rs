@@ -98,19 +98,13 @@ pub fn make_folders(jobs: &Jobs, out: &Path) -> Result<(), BatchError> {
 /// Removes temporary files that killed processes have left in the folders of the images.
 pub(super) fn remove_leftovers(plans: &[PlannedFrame], out: &Path) {
     let folders = image_folders(plans.iter().map(|plan| &plan.frame.image), out);
-    let entries = folders
-        .iter()
-        .filter_map(|folder| fs::read_dir(folder).ok())
-        .flatten();
-    for path in entries.filter_map(|entry| Some(entry.ok()?.path())) {
+    let entries = folders.iter().filter_map(|folder| fs::read_dir(folder).ok());
+    for entry in entries.flatten().flatten() {
+        let name = entry.file_name();
         let is_left_over = |name: &str| name.starts_with(".whit-") && name.ends_with(".tmp");
-        if path
-            .file_name()
-            .and_then(|name| name.to_str())
-            .is_some_and(is_left_over)
-        {
+        if name.to_str().is_some_and(is_left_over) {
             // Files that cannot be removed do no harm.
-            let _ = fs::remove_file(path);
+            let _ = fs::remove_file(entry.path());
         }
     }
 }

@@ -3,12 +3,11 @@
 
 mod forecast;
 mod plan;
-mod preview;
+mod viewer;
 
 use whit::batch::request::TracingOptions;
 use whit::batch::{
-    Batch, BatchObserver, BatchOptions, BatchOutcome, FrameEvent, PlannedFrame, check_division,
-    frames_with_pieces, merge_frame,
+    Batch, BatchObserver, BatchOptions, BatchOutcome, FrameEvent, PlannedFrame, check_division, merge_frames,
 };
 use whit::parallel;
 use whit::render::FinishedTile;
@@ -19,9 +18,10 @@ use super::args::{BatchArgs, MergeArgs};
 use super::failure::Failure;
 use super::interrupt;
 use super::output;
+use super::preview;
 use super::progress::{Progress, Verbosity};
 use super::standard_error;
-use preview::Viewer;
+use viewer::Viewer;
 
 /// Renders the frames of this process's shard, or lists them, or writes a Slurm script, as the arguments request.
 pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
@@ -52,9 +52,7 @@ pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
     let progress = progress(args);
     let outcome = render(&batch, (&progress, viewer.as_ref()), &pool);
     let result = print_summary(args, &batch, &outcome).and(outcome.result.map_err(Failure::from));
-    if let Some(viewer) = viewer {
-        viewer.finish(&progress);
-    }
+    preview::finish(viewer.map(|viewer| viewer.tev), &progress);
     result
 }
 
@@ -77,7 +75,7 @@ fn render(
             viewer.iter().for_each(|viewer| viewer.begin(&plan.name(), size));
         }
         FrameEvent::Progress(fraction) => shown.fraction(plan.number, fraction),
-        FrameEvent::Rendered => viewer.iter().for_each(|viewer| viewer.warn_if_gone(progress)),
+        FrameEvent::Rendered => preview::warn_if_gone(viewer.map(|viewer| &viewer.tev), progress),
         FrameEvent::Done => shown.end(plan.number, None),
         FrameEvent::Failed(error) => shown.end(plan.number, Some(&error.into())),
         FrameEvent::Interrupted => shown.interrupt(plan.number),
@@ -118,32 +116,15 @@ fn print_summary(args: &BatchArgs, batch: &Batch, outcome: &BatchOutcome) -> Res
 
 /// Merges the frames all of whose pieces are present.
 pub(super) fn merge(args: &MergeArgs) -> Result<(), Failure> {
-    // Find all frames with pieces
-    let Some((folders, mut manifest)) = frames_with_pieces(&args.out)? else {
-        return Ok(());
-    };
-    let mut failed = 0;
-    // Merge each frame; one failure does not stop the others
-    for folder in &folders {
-        let image = folder.head().image.display();
-        match merge_frame(&args.out, folder, &mut manifest, &interrupt::WRITES) {
-            Ok(false) => {}
-            Ok(true) if args.quiet => {}
-            Ok(true) => output::print(&format!("{image}: merged\n"))?,
-            Err(error) => {
-                standard_error::emit(&format!("whit: {image}: {error}"));
-                failed += 1;
-            }
+    merge_frames(&args.out, &interrupt::WRITES, |image, merged| {
+        let image = image.display();
+        match merged {
+            Ok(true) if !args.quiet => output::print(&format!("{image}: merged\n"))?,
+            Ok(_) => {}
+            Err(error) => standard_error::emit(&format!("whit: {image}: {error}")),
         }
-    }
-    // Report how many frames could not be merged
-    match failed {
-        0 => Ok(()),
-        _ => Err(Failure::Work(format!(
-            "{failed} of {} frames could not be merged",
-            folders.len()
-        ))),
-    }
+        Ok(())
+    })
 }
 
 /// Lowers the scheduling priority of this process.

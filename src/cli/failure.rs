@@ -1,8 +1,8 @@
 //! Errors of commands: one sentence for the user and an exit code for the calling process.
 
 use whit::accel::AccelError;
+use whit::batch::BatchError;
 use whit::batch::request::RequestError;
-use whit::batch::{BatchError, MergeError};
 use whit::bench::BenchError;
 use whit::cost::CostError;
 use whit::image::ImageError;
@@ -135,7 +135,7 @@ impl From<BatchError> for Failure {
         match error {
             BatchError::Cancelled(error) => error.into(),
             BatchError::Request(error) => error.into(),
-            BatchError::Image(error) | BatchError::Merge(MergeError::Chunk(error)) => error.into(),
+            BatchError::Image(error) => error.into(),
             // Faults of the job file and of the output folder
             BatchError::DividedAtOnce(_)
             | BatchError::DividedChannels(_)

@@ -3,7 +3,7 @@
 use std::mem;
 use std::time::Instant;
 
-use whit::accel::{Accel, AccelOptions};
+use whit::accel::{self, Accel, AccelOptions};
 use whit::batch::request::{
     self, Notes, ProjectedAccel, RenderRequest, ResolvedSettings, check_memory, choose_camera,
 };
@@ -130,7 +130,9 @@ fn render_one(
             progress: Some(&|fraction| progress.fraction(fraction)),
             ..request.tracing.options()
         };
-        Ok(request::build(request, valid, &options, &interrupt::CANCELLED)?)
+        let accel = accel::build(valid, request.backend(), &options)?;
+        interrupt::check()?;
+        Ok(accel)
     })?;
     seconds.build = build_seconds;
 

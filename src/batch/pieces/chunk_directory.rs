@@ -24,7 +24,7 @@ const FOLDER: &str = ".whit-pieces";
 const FRAME: &str = "whit.frame";
 /// Metadata of a frame that is stored in each of its pieces, sufficient for merging them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FrameMetadata {
+pub(crate) struct FrameMetadata {
     /// Hash of the frame's inputs.
     pub key: Fingerprint,
     /// Index of the frame in its batch.
@@ -47,7 +47,7 @@ pub struct FrameMetadata {
 
 /// Folder with the pieces of one frame.
 #[derive(Clone, Debug)]
-pub struct ChunkDirectory {
+pub(crate) struct ChunkDirectory {
     folder: PathBuf,
     head: FrameMetadata,
     cut: ChunkLayout,
@@ -55,7 +55,7 @@ pub struct ChunkDirectory {
 
 impl ChunkDirectory {
     /// Returns the piece folder of a frame within the output folder `out`, without creating it.
-    pub fn new(out: &Path, head: FrameMetadata) -> ChunkDirectory {
+    pub(crate) fn new(out: &Path, head: FrameMetadata) -> ChunkDirectory {
         ChunkDirectory {
             folder: folder_of(out, head.key),
             cut: ChunkLayout {
@@ -68,11 +68,7 @@ impl ChunkDirectory {
 
     /// Returns the piece folders of all frames that have pieces in the output folder `out`, in the order of the frames.
     /// Unreadable pieces are ignored.
-    ///
-    /// # Errors
-    ///
-    /// If a folder cannot be read.
-    pub fn all(out: &Path) -> io::Result<Vec<ChunkDirectory>> {
+    pub(crate) fn all(out: &Path) -> io::Result<Vec<ChunkDirectory>> {
         let mut folders = Vec::new();
         for folder in entries(&out.join(FOLDER))? {
             let head = entries(&folder)?.iter().find_map(|path| {
@@ -86,30 +82,22 @@ impl ChunkDirectory {
     }
 
     /// Creates the folder and its parents.
-    ///
-    /// # Errors
-    ///
-    /// If the folder cannot be created.
-    pub fn make(&self) -> io::Result<()> {
+    pub(crate) fn make(&self) -> io::Result<()> {
         fs::create_dir_all(&self.folder)
     }
 
     /// Returns the division of the frame into shares, with a single band.
-    pub fn cut(&self) -> &ChunkLayout {
+    pub(crate) fn cut(&self) -> &ChunkLayout {
         &self.cut
     }
 
     /// Returns the frame's metadata.
-    pub fn head(&self) -> &FrameMetadata {
+    pub(crate) fn head(&self) -> &FrameMetadata {
         &self.head
     }
 
     /// Returns the existing pieces with their files.
-    ///
-    /// # Errors
-    ///
-    /// If the folder cannot be read; a missing folder has no pieces.
-    pub fn pieces(&self) -> io::Result<Vec<(Chunk, PathBuf)>> {
+    pub(crate) fn pieces(&self) -> io::Result<Vec<(Chunk, PathBuf)>> {
         let mut pieces = Vec::new();
         // Keep the files whose names are those of pieces; there may be others
         for path in entries(&self.folder)? {
@@ -124,11 +112,7 @@ impl ChunkDirectory {
     }
 
     /// Returns the rows of each share that are present.
-    ///
-    /// # Errors
-    ///
-    /// If the folder cannot be read.
-    pub fn coverage(&self) -> io::Result<Coverage> {
+    pub(crate) fn coverage(&self) -> io::Result<Coverage> {
         let mut coverage = Coverage::none(&self.cut);
         for (piece, _) in self.pieces()? {
             coverage.add(&piece);
@@ -137,20 +121,17 @@ impl ChunkDirectory {
     }
 
     /// Writes a piece of finished rows.
-    ///
-    /// # Errors
-    ///
-    /// If the file cannot be written, for example on a full disk.
-    pub fn write_finished(&self, rows: &Range<u32>, planes: &[Layer]) -> Result<(), ImageError> {
+    pub(crate) fn write_finished(&self, rows: &Range<u32>, planes: &[Layer]) -> Result<(), ImageError> {
         self.write(rows, ChunkKind::All, EncodedRows::of_planes(planes))
     }
 
     /// Writes a piece with the sums of a share's rows.
-    ///
-    /// # Errors
-    ///
-    /// If the file cannot be written, for example on a full disk.
-    pub fn write_sums(&self, rows: &Range<u32>, share: u32, sums: &PartSums) -> Result<(), ImageError> {
+    pub(crate) fn write_sums(
+        &self,
+        rows: &Range<u32>,
+        share: u32,
+        sums: &PartSums,
+    ) -> Result<(), ImageError> {
         self.write(rows, ChunkKind::Share(share), EncodedRows::of_sums(sums))
     }
 
@@ -234,26 +215,22 @@ impl ChunkDirectory {
     }
 
     /// Removes all pieces and all other files of the frame.
-    pub fn remove(&self) {
+    pub(crate) fn remove(&self) {
         remove(&self.folder);
     }
 
     /// Removes the pieces of a frame from the output folder `out`, if there are any.
-    pub fn remove_of(out: &Path, key: Fingerprint) {
+    pub(crate) fn remove_of(out: &Path, key: Fingerprint) {
         remove(&folder_of(out, key));
     }
 
     /// Returns the path of the folder.
-    pub fn folder(&self) -> &Path {
+    pub(crate) fn folder(&self) -> &Path {
         &self.folder
     }
 
     /// Opens a piece for reading rows.
-    ///
-    /// # Errors
-    ///
-    /// If the file cannot be read, or belongs to another frame.
-    pub fn open(&self, piece: &Chunk, path: &Path) -> Result<ChunkReader, ImageError> {
+    pub(crate) fn open(&self, piece: &Chunk, path: &Path) -> Result<ChunkReader, ImageError> {
         let reader = self.open_file(path, self.window(&piece.rows))?;
         Ok(ChunkReader::new(piece, path, reader))
     }

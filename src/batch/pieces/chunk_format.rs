@@ -24,7 +24,7 @@ const SQUARES: &str = "squares";
 
 /// Rows read from a piece.
 #[derive(Debug)]
-pub enum ChunkRows {
+pub(crate) enum ChunkRows {
     /// Channels of finished rows.
     Finished(Vec<Layer>),
     /// Sums of the samples of a share.
@@ -73,7 +73,7 @@ impl<'a> EncodedRows<'a> {
 
 /// Open piece, from which rows can be read.
 #[derive(Debug)]
-pub struct ChunkReader {
+pub(crate) struct ChunkReader {
     piece: Chunk,
     path: PathBuf,
     reader: ExrScanlineReader,
@@ -90,16 +90,12 @@ impl ChunkReader {
     }
 
     /// Returns the rows and samples of the piece.
-    pub fn piece(&self) -> &Chunk {
+    pub(crate) fn piece(&self) -> &Chunk {
         &self.piece
     }
 
     /// Reads some rows, given by their numbers in the image.
-    ///
-    /// # Errors
-    ///
-    /// If the rows cannot be read, or a channel is missing.
-    pub fn read(&mut self, rows: &Range<u32>) -> Result<ChunkRows, ImageError> {
+    pub(crate) fn read(&mut self, rows: &Range<u32>) -> Result<ChunkRows, ImageError> {
         let first = self.piece.rows.start;
         let values = self.reader.read_rows(rows.start - first..rows.end - first)?;
         let names = self.reader.channels().iter().map(|channel| channel.name.clone());

@@ -18,10 +18,6 @@ enum ImageWriter {
 }
 
 /// Writes an image whose channels `rows` returns from top to bottom, block by block.
-///
-/// # Errors
-///
-/// If `rows` fails or the disk is full; an earlier image is then unchanged.
 pub(in crate::batch) fn write<E: From<ImageError>>(
     out: &Path,
     head: &FrameMetadata,
@@ -46,10 +42,6 @@ pub(in crate::batch) fn write<E: From<ImageError>>(
 }
 
 /// Merges a frame from its pieces and removes the pieces.
-///
-/// # Errors
-///
-/// If pieces are missing, or the disk is full.
 pub(in crate::batch) fn merge(
     out: &Path,
     folder: &ChunkDirectory,

@@ -39,7 +39,7 @@ pub enum MergeError {
 
 /// Reader of a frame's rows from its pieces, from top to bottom.
 #[derive(Debug)]
-pub struct Merge<'f> {
+pub(crate) struct Merge<'f> {
     folder: &'f ChunkDirectory,
     pieces: Vec<(Chunk, PathBuf)>,
     /// Readers of the pieces in use, by the piece's index.
@@ -50,11 +50,7 @@ pub struct Merge<'f> {
 
 impl<'f> Merge<'f> {
     /// Starts merging a frame all of whose pieces are present.
-    ///
-    /// # Errors
-    ///
-    /// If rows are missing, or the folder cannot be read.
-    pub fn of(folder: &'f ChunkDirectory) -> Result<Merge<'f>, MergeError> {
+    pub(crate) fn of(folder: &'f ChunkDirectory) -> Result<Merge<'f>, MergeError> {
         let pieces = folder.pieces()?;
         let cut = folder.cut();
         let mut coverage = Coverage::none(cut);
@@ -73,11 +69,7 @@ impl<'f> Merge<'f> {
     }
 
     /// Returns the channels of the next rows, or `None` after the last row.
-    ///
-    /// # Errors
-    ///
-    /// If a piece cannot be read.
-    pub fn next_rows(&mut self) -> Result<Option<Vec<Layer>>, MergeError> {
+    pub(crate) fn next_rows(&mut self) -> Result<Option<Vec<Layer>>, MergeError> {
         let height = self.folder.cut().height;
         if self.next == height {
             return Ok(None);
@@ -154,14 +146,14 @@ pub(in crate::batch) fn add_sums(all: &mut Option<PartSums>, sums: PartSums) {
 }
 
 /// Returns the image channels that result from sums of samples.
-pub fn planes_of(sums: &PartSums) -> Vec<Layer> {
+pub(crate) fn planes_of(sums: &PartSums) -> Vec<Layer> {
     let mut planes = color_planes(&sums.pixels());
     planes.extend(sums.aovs().into_iter().flat_map(sample_layers));
     planes
 }
 
 /// Returns the channels R, G and B of pixels.
-pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<Layer> {
+pub(crate) fn color_planes(pixels: &[[f32; 3]]) -> Vec<Layer> {
     let plane = |(channel, name): (usize, &str)| Layer {
         name: name.to_owned(),
         kind: ChannelKind::Color,

@@ -7,9 +7,8 @@ mod chunk_format;
 mod image_writer;
 mod merge;
 
-pub use chunk::{Chunk, ChunkKind, ChunkLayout, Coverage};
-pub use chunk_directory::{ChunkDirectory, FrameMetadata};
-pub use chunk_format::{ChunkReader, ChunkRows};
+pub(super) use chunk::{Chunk, ChunkKind, ChunkLayout};
+pub(super) use chunk_directory::{ChunkDirectory, FrameMetadata};
 pub(super) use image_writer::{merge, write};
-pub(super) use merge::add_sums;
-pub use merge::{Merge, MergeError, color_planes, planes_of};
+pub use merge::MergeError;
+pub(super) use merge::{Merge, add_sums, color_planes, planes_of};

@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::error::RequestError;
 use super::render_request::RenderRequest;
 use crate::accel::extents::{BoundingVolumeKind, ListLimits, TileCulledAccel};
-use crate::accel::{self, Accel, AccelOptions, Backend};
+use crate::accel::{Accel, Backend};
 use crate::gltf::{self, LoadOptions};
 use crate::render::{Cancelled, RenderSettings};
-use crate::scene::{Background, Camera, Scene, ValidScene};
+use crate::scene::{Background, Camera, Scene};
 use crate::scene_file::{self, Edit, Output, SceneFile};
 
 /// Number of camera rays per object from which on screen bounds pay: rays are traced in packets of sixteen, and a
@@ -76,25 +76,8 @@ pub fn load(
     Ok(loaded)
 }
 
-/// Builds the acceleration structure of a scene with the requested backend, and with `options` in place of the
-/// request's.
-///
-/// # Errors
-///
-/// If the backend fails, or `cancel` is set.
-pub fn build<'s>(
-    request: &RenderRequest,
-    scene: ValidScene<'s>,
-    options: &AccelOptions,
-    cancel: &AtomicBool,
-) -> Result<Box<dyn Accel + 's>, RequestError> {
-    let accel = accel::build(scene, request.backend(), options)?;
-    check(cancel)?;
-    Ok(accel)
-}
-
 /// Returns an error if `cancel` is set.
-fn check(cancel: &AtomicBool) -> Result<(), Cancelled> {
+pub(in crate::batch) fn check(cancel: &AtomicBool) -> Result<(), Cancelled> {
     match cancel.load(Ordering::Relaxed) {
         true => Err(Cancelled),
         false => Ok(()),

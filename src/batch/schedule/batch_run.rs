@@ -20,9 +20,9 @@ use crate::batch::manifest::Manifest;
 use crate::batch::options::BatchOptions;
 use crate::batch::pieces::ChunkDirectory;
 use crate::batch::plan::{PlannedFrame, remove_leftovers};
+use crate::batch::request::check;
 use crate::batch::shard::Shard;
 use crate::parallel;
-use crate::render::Cancelled;
 use crate::scene::CacheStats;
 
 /// Number of scenes processed concurrently: one is rendered while the other is loaded or written.
@@ -30,8 +30,8 @@ const SCENES_AT_ONCE: usize = 2;
 
 /// Batch whose output folder is ready, and locked against other processes until the batch is dropped.
 pub struct Batch<'a> {
-    plans: &'a [PlannedFrame],
-    options: &'a BatchOptions,
+    pub(crate) plans: &'a [PlannedFrame],
+    pub(crate) options: &'a BatchOptions,
     manifest: Mutex<Manifest>,
     _lock: Option<Lock>,
 }
@@ -57,7 +57,7 @@ pub struct BatchOutcome {
     /// Numbers of look-ups and of hits among built meshes of earlier scenes.
     pub meshes: MeshCounts,
     /// Results of frames by their numbers, or the reasons for failures, if the options request them.
-    pub records: HashMap<usize, Result<FrameResult, String>>,
+    pub(crate) records: HashMap<usize, Result<FrameResult, String>>,
     /// Error of the whole batch: an interruption, or that frames have failed.
     pub result: Result<(), BatchError>,
 }
@@ -91,18 +91,8 @@ impl<'a> Batch<'a> {
         Queue::new(self.plans, self.options.shard).len()
     }
 
-    /// Returns all planned frames, of which the shard may have some.
-    pub fn plans(&self) -> &'a [PlannedFrame] {
-        self.plans
-    }
-
-    /// Returns the path of a frame's image.
-    pub fn image_path(&self, plan: &PlannedFrame) -> PathBuf {
-        self.options.out.join(&plan.frame.image)
-    }
-
     /// Returns whether the manifest has an entry for a frame, with any inputs.
-    pub fn has_image(&self, plan: &PlannedFrame) -> bool {
+    pub(crate) fn has_image(&self, plan: &PlannedFrame) -> bool {
         lock(&self.manifest).has(&plan.frame.image)
     }
 
@@ -226,10 +216,8 @@ impl<'a> BatchRun<'a> {
 
     /// Returns whether rendering continues; an error if it was interrupted.
     fn should_continue(&self) -> Result<bool, BatchError> {
-        match self.observer.cancel.load(Ordering::Relaxed) {
-            true => Err(Cancelled.into()),
-            false => Ok(!self.is_disk_full.load(Ordering::Relaxed)),
-        }
+        check(self.observer.cancel)?;
+        Ok(!self.is_disk_full.load(Ordering::Relaxed))
     }
 
     /// Renders frames that share one scene.

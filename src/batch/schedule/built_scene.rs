@@ -7,11 +7,11 @@ use glam::DVec3;
 
 use super::observer::BatchObserver;
 use super::row_schedule::Film;
-use crate::accel::{Accel, AccelOptions, Backend, MeshCache, MeshCounts};
+use crate::accel::{self, Accel, AccelOptions, Backend, MeshCache, MeshCounts};
 use crate::batch::error::BatchError;
 use crate::batch::memory::{MemoryForecast, available_bytes};
 use crate::batch::plan::PlannedFrame;
-use crate::batch::request::{self, RenderRequest, RequestError, choose_camera};
+use crate::batch::request::{self, RenderRequest, RequestError, check, choose_camera};
 use crate::gltf::{AnimationTime, LoadOptions};
 use crate::render::RenderSettings;
 use crate::scene::{CacheStats, Camera, ImageCache, ValidScene};
@@ -164,7 +164,8 @@ impl<'s> BuiltScene<'s> {
             ..plan.request.tracing.options()
         };
         let scene = loaded.file.scene.validate().map_err(RequestError::from)?;
-        let accel = request::build(&plan.request, scene, &options, observer.cancel)?;
+        let accel = accel::build(scene, plan.request.backend(), &options).map_err(RequestError::from)?;
+        check(observer.cancel)?;
         if let Some(meshes) = &kept.meshes {
             meshes.evict_unused();
         }

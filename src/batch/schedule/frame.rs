@@ -25,7 +25,7 @@ use crate::render::{
 use crate::scene::Camera;
 
 /// Result of rendering a frame or some of its pieces.
-pub struct FrameResult {
+pub(crate) struct FrameResult {
     /// Metadata of the frame.
     pub head: FrameMetadata,
     /// True if the image is complete in its place; otherwise only pieces are on disk.

@@ -22,10 +22,6 @@ pub(super) struct FrameFingerprint {
 
 impl FrameFingerprint {
     /// Hashes the inputs of a frame.
-    ///
-    /// # Errors
-    ///
-    /// If a file that the frame needs cannot be read.
     pub(super) fn of(plan: &PlannedFrame, sources: &mut Sources) -> Result<FrameFingerprint, BatchError> {
         let frame = &plan.frame;
         // Find and hash the scene's files, including those that edits name

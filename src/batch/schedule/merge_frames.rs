@@ -8,31 +8,43 @@ use crate::batch::ongoing_writes::OngoingWrites;
 use crate::batch::pieces::{self, ChunkDirectory, MergeError};
 use crate::batch::shard::Shard;
 
-/// Returns the piece folders of all frames in the output folder `out`, with the manifest of the folder.
+/// Merges all frames in the output folder `out` whose pieces are present. After each, `report` receives its image, and
+/// whether it was merged or was done already; an error of `report` ends the work.
 ///
 /// # Errors
 ///
-/// If there is no such folder, or it cannot be read.
-pub fn frames_with_pieces(out: &Path) -> Result<Option<(Vec<ChunkDirectory>, Manifest)>, BatchError> {
+/// If the folder cannot be read, or any frame cannot be merged.
+pub fn merge_frames<E: From<BatchError>>(
+    out: &Path,
+    writes: &OngoingWrites,
+    mut report: impl FnMut(&Path, Result<bool, BatchError>) -> Result<(), E>,
+) -> Result<(), E> {
+    // Find all frames with pieces
     let unreadable = |error| BatchError::Read(out.to_owned(), error);
     if !out.is_dir() {
-        return Err(BatchError::NoFolder(out.to_owned()));
+        return Err(BatchError::NoFolder(out.to_owned()).into());
     }
     let folders = ChunkDirectory::all(out).map_err(unreadable)?;
     if folders.is_empty() {
-        return Ok(None);
+        return Ok(());
     }
-    let manifest = Manifest::open(out, Shard::ALL).map_err(unreadable)?;
-    Ok(Some((folders, manifest)))
+    let mut manifest = Manifest::open(out, Shard::ALL).map_err(unreadable)?;
+    let mut failed = 0;
+    // Merge each frame; one failure does not stop the others
+    for folder in &folders {
+        let merged = merge_frame(out, folder, &mut manifest, writes);
+        failed += usize::from(merged.is_err());
+        report(&folder.head().image, merged)?;
+    }
+    match failed {
+        0 => Ok(()),
+        _ => Err(BatchError::UnmergedFrames(failed, folders.len()).into()),
+    }
 }
 
 /// Merges a frame and adds it to the manifest; returns whether it did. Removes the pieces of a frame that is done
 /// already.
-///
-/// # Errors
-///
-/// If pieces are missing or unreadable, or the image cannot be written.
-pub fn merge_frame(
+fn merge_frame(
     out: &Path,
     folder: &ChunkDirectory,
     manifest: &mut Manifest,

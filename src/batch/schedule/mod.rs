@@ -14,6 +14,6 @@ mod scene_slots;
 
 pub use batch_run::{Batch, BatchOutcome};
 pub use forecast::{FrameCost, forecast};
-pub use frame::FrameResult;
-pub use merge_frames::{frames_with_pieces, merge_frame};
+pub(crate) use frame::FrameResult;
+pub use merge_frames::merge_frames;
 pub use observer::{BatchObserver, FrameEvent, TileCallback};

@@ -80,5 +80,9 @@ fn forecast<'p>(
     };
     let costs = batch::forecast(plans, options, &observer)?;
     progress.clear();
-    Ok(BatchForecast::new(plans, costs, rayon::current_num_threads()))
+    Ok(BatchForecast {
+        plans,
+        costs,
+        threads: rayon::current_num_threads(),
+    })
 }

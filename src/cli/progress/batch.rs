@@ -208,32 +208,20 @@ impl<'p> BatchProgress<'p> {
         };
         let seconds = frame.since.elapsed().as_secs_f64();
         state.finished += 1;
+        // Only successful frames contribute to the typical duration
+        if failure.is_none() {
+            state.durations.note(seconds);
+        }
+        let message = failure.map(ToString::to_string);
+        let outcome = FrameOutcome {
+            image: &frame.image,
+            status: failure.map_or("done", |_| "failed"),
+            message: message.as_deref(),
+            seconds,
+        };
         match failure {
-            // Only successful frames contribute to the typical duration
-            None => {
-                state.durations.note(seconds);
-                self.emit(
-                    &state,
-                    FrameOutcome {
-                        image: &frame.image,
-                        status: "done",
-                        message: None,
-                        seconds,
-                    },
-                );
-            }
-            Some(failure) if self.progress.lines.is_some() => {
-                self.emit(
-                    &state,
-                    FrameOutcome {
-                        image: &frame.image,
-                        status: "failed",
-                        message: Some(&failure.to_string()),
-                        seconds,
-                    },
-                );
-            }
-            Some(failure) => self.progress.suspend(|| failure.print()),
+            Some(failure) if self.progress.lines.is_none() => self.progress.suspend(|| failure.print()),
+            _ => self.emit(&state, outcome),
         }
         self.show(&mut state);
     }

@@ -2,21 +2,19 @@
 
 use std::path::Path;
 
-use super::gallery::{
-    EffectShare, FrameSeconds, FrameStatus, Gallery, GalleryFrame, thumbnail, thumbnail_side,
-};
+use super::gallery::{EffectShare, FrameStatus, Gallery, GalleryFrame, thumbnail, thumbnail_side};
 use crate::batch::{Batch, BatchOutcome, FrameResult, PlannedFrame};
 use crate::image::{ToneMap, load_image};
 use crate::render::Category;
 
 /// Returns the gallery of a batch for the file `page`, with thumbnails of all images that exist.
 pub fn gallery(batch: &Batch, outcome: &BatchOutcome, title: String, page: &Path) -> Gallery {
-    let plans = batch.plans();
-    let side = thumbnail_side(plans.len());
+    let side = thumbnail_side(batch.plans.len());
     let folder = page.parent().unwrap_or(Path::new(""));
     Gallery {
         title,
-        frames: plans
+        frames: batch
+            .plans
             .iter()
             .map(|plan| gallery_frame(plan, (batch, outcome), folder, side))
             .collect(),
@@ -31,7 +29,7 @@ fn gallery_frame(
     folder: &Path,
     side: u32,
 ) -> GalleryFrame {
-    let path = batch.image_path(plan);
+    let path = batch.options.out.join(&plan.frame.image);
     let mut frame = GalleryFrame {
         name: plan.name(),
         image: relative(&path, folder),
@@ -71,12 +69,7 @@ fn add_result(frame: &mut GalleryFrame, result: &FrameResult) {
     [frame.width, frame.height] = result.head.size;
     frame.spp = result.head.spp;
     let [load, build] = result.setup_seconds;
-    frame.seconds = FrameSeconds {
-        load,
-        build,
-        render: result.render_seconds,
-        write: result.write_seconds,
-    };
+    frame.seconds = [load, build, result.render_seconds, result.write_seconds];
     // Idle threads are left out: a thread idle in one frame works on the frames rendered concurrently.
     let busy = Category::ALL
         .into_iter()

@@ -20,6 +20,14 @@ use crate::report::text::table::group_thousands;
 const SIDES: [(usize, u32); 2] = [(100, 256), (400, 128)];
 const SMALLEST_SIDE: u32 = 96;
 
+/// Names and colours of the phases of a frame.
+const PHASES: [(&str, SeriesStyle); 4] = [
+    ("load", SeriesStyle::Number(3)),
+    ("build", SeriesStyle::Number(1)),
+    ("render", SeriesStyle::Number(0)),
+    ("write", SeriesStyle::Number(2)),
+];
+
 /// Number of effects with a colour of their own, those with the longest time; the others share one.
 const COLORS: usize = 6;
 
@@ -67,8 +75,8 @@ pub struct GalleryFrame {
     pub status: FrameStatus,
     /// Reason for a failure, or another message.
     pub message: String,
-    /// Wall-clock seconds of each phase.
-    pub seconds: FrameSeconds,
+    /// Wall-clock seconds of each phase: loading the scene, building, rendering and writing.
+    pub seconds: [f64; 4],
     /// Rays and time of each effect.
     pub ledger: Vec<EffectShare>,
     /// Settings in which the frame differs from the others, a few words each.
@@ -90,53 +98,18 @@ pub enum FrameStatus {
 }
 
 impl FrameStatus {
-    const ALL: [FrameStatus; 4] = [
-        FrameStatus::Done,
-        FrameStatus::Failed,
-        FrameStatus::Missing,
-        FrameStatus::Skipped,
+    /// All statuses with their words and their CSS classes.
+    const ALL: [(FrameStatus, &str, &str); 4] = [
+        (FrameStatus::Done, "done", "holds"),
+        (FrameStatus::Failed, "failed", "fails"),
+        (FrameStatus::Missing, "missing", "measured"),
+        (FrameStatus::Skipped, "skipped", "skipped"),
     ];
 
-    fn word(self) -> &'static str {
-        match self {
-            FrameStatus::Done => "done",
-            FrameStatus::Failed => "failed",
-            FrameStatus::Missing => "missing",
-            FrameStatus::Skipped => "skipped",
-        }
-    }
-
-    /// Returns the CSS class of the status.
-    fn class(self) -> &'static str {
-        match self {
-            FrameStatus::Done => "holds",
-            FrameStatus::Failed => "fails",
-            FrameStatus::Missing => "measured",
-            FrameStatus::Skipped => "skipped",
-        }
-    }
-}
-
-/// Wall-clock seconds of the phases of a frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct FrameSeconds {
-    /// Seconds to read the scene; 0 where it was in memory already.
-    pub load: f64,
-    /// Seconds to build or refit the acceleration structure.
-    pub build: f64,
-    /// Seconds to render the image.
-    pub render: f64,
-    /// Seconds to write files.
-    pub write: f64,
-}
-
-impl FrameSeconds {
-    fn parts(&self) -> [f64; 4] {
-        [self.load, self.build, self.render, self.write]
-    }
-
-    fn sum(&self) -> f64 {
-        self.parts().iter().sum()
+    /// Returns the word and the CSS class of the status.
+    fn word_and_class(self) -> (&'static str, &'static str) {
+        let (_, word, class) = FrameStatus::ALL[self as usize];
+        (word, class)
     }
 }
 
@@ -207,8 +180,8 @@ impl Gallery {
         // Show a filter for each status that occurs
         let statuses: Vec<_> = FrameStatus::ALL
             .into_iter()
-            .filter(|&status| self.count(status) > 0)
-            .map(|status| (status.class(), status.word()))
+            .filter(|&(status, _, _)| self.count(status) > 0)
+            .map(|(_, word, class)| (class, word))
             .collect();
         elements.push(page::filter(&statuses));
         // Show a card for each frame
@@ -223,13 +196,9 @@ impl Gallery {
     }
 
     fn summary(&self) -> [PageElement; 2] {
-        let tile = |status: FrameStatus| {
-            let class = if self.count(status) > 0 {
-                status.class()
-            } else {
-                ""
-            };
-            (self.count(status).to_string(), status.word(), class)
+        let tile = |(status, word, class)| match self.count(status) {
+            0 => ("0".to_owned(), word, ""),
+            count => (count.to_string(), word, class),
         };
         // Count frames by status
         let mut tiles = vec![(self.frames.len().to_string(), "frames", "")];
@@ -237,7 +206,7 @@ impl Gallery {
         tiles.extend(
             FrameStatus::ALL
                 .into_iter()
-                .filter(|&s| s != FrameStatus::Skipped || self.count(s) > 0)
+                .filter(|&(status, ..)| status != FrameStatus::Skipped || self.count(status) > 0)
                 .map(tile),
         );
         tiles.push((time(self.seconds), "in total", ""));
@@ -282,19 +251,19 @@ impl Gallery {
     /// Returns the chart of seconds over the number of the frame.
     fn times(&self) -> PageElement {
         let stack = |frame: &GalleryFrame| Stack {
-            parts: frame.seconds.parts().to_vec(),
+            parts: frame.seconds.to_vec(),
             is_wrong: frame.status == FrameStatus::Failed,
-            words: format!("{}: {}, {}", frame.name, frame.status.word(), frame.times()),
+            words: format!(
+                "{}: {}, {}",
+                frame.name,
+                frame.status.word_and_class().0,
+                frame.times()
+            ),
         };
         PageElement::Stacks(Stacks {
             x_label: "frame",
             y_label: "seconds",
-            parts: vec![
-                (SeriesStyle::Number(3), "load"),
-                (SeriesStyle::Number(1), "build"),
-                (SeriesStyle::Number(0), "render"),
-                (SeriesStyle::Number(2), "write"),
-            ],
+            parts: PHASES.map(|(name, style)| (style, name)).to_vec(),
             stacks: self.frames.iter().map(stack).collect(),
         })
     }
@@ -321,32 +290,35 @@ fn effects_in_all(effects: &[(&str, f64, SeriesStyle)]) -> PageElement {
 }
 
 impl GalleryFrame {
+    fn seconds_in_all(&self) -> f64 {
+        self.seconds.iter().sum()
+    }
+
     /// Returns the total time and the time of each phase in words.
     fn times(&self) -> String {
-        let parts = ["load", "build", "render", "write"]
-            .into_iter()
-            .zip(self.seconds.parts());
+        let parts = PHASES.into_iter().zip(self.seconds);
         let parts: Vec<String> = parts
             .filter(|&(_, seconds)| seconds > 0.0)
-            .map(|(name, seconds)| format!("{name} {}", time(seconds)))
+            .map(|((name, _), seconds)| format!("{name} {}", time(seconds)))
             .collect();
         match parts.len() {
             0 => "no time".to_owned(),
             1 => parts.concat(),
-            _ => format!("{}: {}", time(self.seconds.sum()), parts.join(", ")),
+            _ => format!("{}: {}", time(self.seconds_in_all()), parts.join(", ")),
         }
     }
 
     fn card(&self, effects: &[(&str, f64, SeriesStyle)]) -> Card {
         let is_there = matches!(self.status, FrameStatus::Done | FrameStatus::Skipped);
         let (shares, shares_words) = self.shares(effects);
+        let (word, class) = self.status.word_and_class();
         Card {
             name: self.name.clone(),
-            status: (self.status.class(), self.status.word()),
+            status: (class, word),
             // Link to the image if it exists
             address: is_there.then(|| format!("./{}", utf8_percent_encode(&self.image, NOT_IN_PATHS))),
             png: STANDARD.encode(&self.thumbnail),
-            seconds: finite_or_zero(self.seconds.sum()),
+            seconds: finite_or_zero(self.seconds_in_all()),
             message: self.message.clone(),
             shares,
             shares_words,
@@ -387,7 +359,7 @@ impl GalleryFrame {
     /// Returns size, times, settings and rays in words.
     fn words(&self) -> String {
         let mut words = vec![format!("{}x{}, {} samples", self.width, self.height, self.spp)];
-        if self.seconds.sum() > 0.0 {
+        if self.seconds_in_all() > 0.0 {
             words.push(self.times());
         }
         words.extend(self.settings.iter().cloned());
@@ -473,11 +445,7 @@ mod tests {
     #[test]
     fn non_finite_numbers_are_not_shown() {
         let frame = GalleryFrame {
-            seconds: FrameSeconds {
-                render: f64::NAN,
-                load: f64::INFINITY,
-                ..FrameSeconds::default()
-            },
+            seconds: [f64::INFINITY, 0.0, f64::NAN, 0.0],
             ledger: vec![EffectShare {
                 name: "shadow",
                 seconds: f64::NAN,

@@ -8,21 +8,15 @@ use crate::batch::{BatchOutcome, FrameCost, PlannedFrame};
 
 /// Forecast of a batch on a number of threads. The text form lists the frames, and the totals.
 pub struct BatchForecast<'p> {
-    plans: &'p [PlannedFrame],
-    costs: Vec<FrameCost>,
-    threads: usize,
+    /// Planned frames of the batch.
+    pub plans: &'p [PlannedFrame],
+    /// Costs of each planned frame.
+    pub costs: Vec<FrameCost>,
+    /// Number of threads that render.
+    pub threads: usize,
 }
 
-impl<'p> BatchForecast<'p> {
-    /// Returns the forecast for `costs`, one of each planned frame.
-    pub fn new(plans: &'p [PlannedFrame], costs: Vec<FrameCost>, threads: usize) -> BatchForecast<'p> {
-        BatchForecast {
-            plans,
-            costs,
-            threads,
-        }
-    }
-
+impl BatchForecast<'_> {
     /// Returns the planned frames with their costs and their seconds of rendering.
     fn frames(&self) -> impl Iterator<Item = (&PlannedFrame, &FrameCost, f64)> {
         self.plans.iter().zip(&self.costs).map(|(plan, cost)| {

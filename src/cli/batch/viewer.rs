@@ -8,14 +8,13 @@ use whit::watch::TevViewer;
 
 use super::super::failure::Failure;
 use super::super::preview::{self, Live};
-use super::super::progress::Progress;
 
 /// Largest number of images in the viewer; older ones are closed.
 const MAX_SHOWN: usize = 8;
 
 /// Connection to a viewer with the names of the images that it shows.
 pub(super) struct Viewer {
-    tev: TevViewer,
+    pub(super) tev: TevViewer,
     /// Names of the images, the oldest first.
     shown: Mutex<VecDeque<String>>,
 }
@@ -43,15 +42,5 @@ impl Viewer {
     /// Shows a rectangle of a frame's image.
     pub(super) fn show(&self, name: &str, tile: FinishedTile) {
         Live::of_shown(&self.tev, name).show(tile);
-    }
-
-    /// Warns once if the connection to the viewer is lost.
-    pub(super) fn warn_if_gone(&self, progress: &Progress) {
-        preview::warn_if_gone(Some(&self.tev), progress);
-    }
-
-    /// Waits for the viewer to accept the remaining data, up to a timeout.
-    pub(super) fn finish(self, progress: &Progress) {
-        preview::finish(Some(self.tev), progress);
     }
 }

@@ -102,7 +102,7 @@ fn sorted_by_name(planes: &[Layer]) -> Vec<&Layer> {
 }
 
 /// Returns the pixels of the channels R, G and B.
-fn colors(planes: &[Layer]) -> Vec<[f32; 3]> {
+pub(in crate::batch) fn colors(planes: &[Layer]) -> Vec<[f32; 3]> {
     let plane = |name: &str| {
         planes
             .iter()

@@ -9,6 +9,6 @@ mod merge;
 
 pub(super) use chunk::{Chunk, ChunkKind, ChunkLayout};
 pub(super) use chunk_directory::{ChunkDirectory, FrameMetadata};
-pub(super) use image_writer::{merge, write};
+pub(super) use image_writer::{colors, merge, write};
 pub use merge::MergeError;
 pub(super) use merge::{Merge, add_sums, color_planes, planes_of};

@@ -93,10 +93,8 @@ pub(super) fn make(
     } else if must_render_at_once(&settings) {
         frame_task.render_at_once()?
     } else if is_whole_frame {
-        frame_task.render_rows(&Chunk {
-            rows: 0..settings.height,
-            part: ChunkKind::All,
-        })?;
+        let all = frame_task.folder.cut().all();
+        frame_task.render_rows(&all)?;
         f64::from(settings.spp)
     } else {
         frame_task.render_chunks(pieces)?;
@@ -182,11 +180,8 @@ impl<'a> FrameTask<'a> {
         let projected = self.projected_accel();
         // Costs of pixels are not part of a checkpoint, so such images cannot be resumed.
         let can_go_on = !resolved.settings.cost_aovs;
-        let start = if can_go_on {
-            self.folder.read_rounds()?
-        } else {
-            None
-        };
+        let start = can_go_on.then(|| self.folder.read_rounds());
+        let start = start.transpose()?.flatten();
         self.has_rounds = start.is_some();
         // Save a checkpoint at intervals, and stop rendering if that fails
         let seconds = self.options.checkpoint;
@@ -397,20 +392,15 @@ impl<'a> FrameTask<'a> {
 
     /// Shows finished rows in the live preview: filtered, and with all of their samples.
     fn show(&self, rows: &Range<u32>, planes: &[Layer]) {
-        let (Some(show), [red, green, blue, ..]) = (self.monitor.tiles, planes) else {
-            return;
-        };
-        let channels = red.values.iter().zip(&green.values).zip(&blue.values);
-        let pixels: Vec<[f32; 3]> = channels
-            .map(|((&red, &green), &blue)| [red, green, blue])
-            .collect();
-        show(FinishedTile {
-            x: 0,
-            y: rows.start,
-            width: self.resolved.settings.width,
-            height: rows.end - rows.start,
-            pixels: &pixels,
-        });
+        if let Some(show) = self.monitor.tiles {
+            show(FinishedTile {
+                x: 0,
+                y: rows.start,
+                width: self.resolved.settings.width,
+                height: rows.end - rows.start,
+                pixels: &pieces::colors(planes),
+            });
+        }
     }
 
     fn buffered_bytes(&self) -> usize {

@@ -59,8 +59,8 @@ impl Lock {
     }
 }
 
-/// Takes the lock that keeps other processes of this machine from rendering the same shard. Returns `None` where another
-/// process holds it without harm, with a warning, or where the file system has no locks.
+/// Takes the lock that keeps other processes of this machine from rendering the same shard. Returns `None` where
+/// another process holds it without harm, with a warning, or where the file system has no locks.
 pub(super) fn lock_shard(options: &BatchOptions, warn: &dyn Fn(&str)) -> Result<Option<Lock>, BatchError> {
     let BatchOptions { out, shard, .. } = options;
     let name = format!(".whit-batch.{}-of-{}.lock", shard.number, shard.count);

@@ -4,10 +4,10 @@
 //! one scene concurrently, at least two at a time, so that while one is written or runs out of tiles, another uses the
 //! processors; small scenes with a single frame overlap in the same way.
 //!
-//! The hash of a frame's inputs and a manifest of the frames that are done let a batch resume; a [`Shard`]
-//! assigns frames to processes; finished pieces of a frame are stored until it is complete. Output files appear whole, and have the same bits regardless of the process that makes
-//! them; so any process may be killed at any time, and two processes that make the same output do no harm to each
-//! other.
+//! A batch resumes by the hashes of its frames' inputs and a manifest of the frames that are done; a [`Shard`] assigns
+//! frames to processes; finished pieces of a frame are stored until it is complete. Output files appear whole, and have
+//! the same bits regardless of the process that makes them; so any process may be killed at any time, and two processes
+//! that make the same output do no harm to each other.
 
 mod dependencies;
 mod error;

@@ -51,7 +51,8 @@ pub(super) fn run(args: &BatchArgs) -> Result<(), Failure> {
     // Render
     let progress = progress(args);
     let outcome = render(&batch, (&progress, viewer.as_ref()), &pool);
-    let result = print_summary(args, &batch, &outcome).and(outcome.result.map_err(Failure::from));
+    let result =
+        print_summary(args, &batch, &outcome).and(outcome.error.map_or(Ok(()), |error| Err(error.into())));
     preview::finish(viewer.map(|viewer| viewer.tev), &progress);
     result
 }

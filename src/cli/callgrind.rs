@@ -54,7 +54,7 @@ fn instructions_per_pixel(
     settings: &Path,
 ) -> Result<f64, Failure> {
     let text = SettingsFile {
-        settings: configuration.chosen(),
+        settings: configuration.to_settings(),
         measured: None,
     }
     .text();

@@ -283,7 +283,7 @@ impl Folder {
             }
         };
         let settings = SettingsFile {
-            settings: configuration.chosen(),
+            settings: configuration.to_settings(),
             measured: Some(Measured {
                 scene: args.scene.display().to_string(),
                 size: study.size,

@@ -16,7 +16,6 @@ use super::accel_options::{check_backend, check_instancing, tracing_options};
 use super::args::{FrameArgs, RenderArgs};
 use super::failure::Failure;
 use super::image_format::image_encoding;
-use super::progress::Verbosity;
 
 /// Checked command of `whit render`, for all its scenes.
 #[derive(Clone, Debug)]
@@ -33,7 +32,6 @@ pub(super) struct RenderJob {
     /// Target of the search for settings, if there is one.
     pub(super) aim: Option<SettingsSearch>,
     pub(super) stats: Option<StatsDestination>,
-    pub(super) verbosity: Verbosity,
 }
 
 /// Scene file and the image file that it is rendered to.
@@ -173,7 +171,6 @@ impl RenderJob {
             pose: args.moment.pose(),
             aim,
             stats,
-            verbosity: Verbosity::of_flag(args.quiet),
         };
         // Apply the settings file; clap rejects the flags that it would override
         if let Some(chosen) = chosen {

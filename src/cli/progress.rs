@@ -12,6 +12,7 @@ use whit::measure::Observer;
 use super::events::{self, Event};
 use super::failure::Failure;
 use super::interrupt;
+use super::output;
 use super::standard_error;
 use lines::Lines;
 
@@ -162,6 +163,14 @@ impl Progress {
     /// Runs `callback` while the bar is hidden, so that its output does not mix with the bar.
     pub(super) fn suspend<T>(&self, callback: impl FnOnce() -> T) -> T {
         self.bar.suspend(callback)
+    }
+
+    /// Prints a result above the bar, unless quiet.
+    pub(super) fn result(&self, text: &str) -> Result<(), Failure> {
+        match self.verbosity {
+            Verbosity::Quiet => Ok(()),
+            Verbosity::Normal => self.suspend(|| output::print(text)),
+        }
     }
 
     /// Removes the bar from the terminal.

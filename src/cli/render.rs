@@ -182,13 +182,13 @@ fn render_one(
     })?;
     seconds.write = write_seconds;
     seconds.total = start.elapsed().as_secs_f64();
-    print_finished(job, target, (&rendering, seconds.total), progress)?;
+    print_finished(target, (&rendering, seconds.total), progress)?;
     let reached = match &aimed {
-        Some((_, findings)) => print_tuning(job.verbosity, findings, (&rendering, seconds.render), progress)?,
+        Some((_, findings)) => print_tuning(findings, (&rendering, seconds.render), progress)?,
         None => true,
     };
-    if let Some(line) = heat.filter(|_| job.verbosity != Verbosity::Quiet) {
-        progress.suspend(|| output::print(&line))?;
+    if let Some(line) = heat {
+        progress.result(&line)?;
     }
 
     // Collect the statistics
@@ -203,8 +203,8 @@ fn render_one(
     Ok((stats, reached))
 }
 
-/// Searches for settings that reach the job's target and returns the request with these settings and the findings; changes
-/// the scene accordingly. Returns `None` if the job has no target or no settings were chosen.
+/// Searches for settings that reach the job's target and returns the request with these settings and the findings;
+/// changes the scene accordingly. Returns `None` if the job has no target or no settings were chosen.
 fn aim(
     job: &RenderJob,
     target: &Target,
@@ -222,14 +222,13 @@ fn aim(
     let Some(chosen) = &findings.chosen else {
         return Ok(None);
     };
-    let settings = chosen.chosen();
+    let settings = chosen.to_settings();
     settings.change().apply(scene);
     Ok(Some((request.with(&settings), findings)))
 }
 
 /// Prints the chosen settings and their result; returns whether they reach the target.
 fn print_tuning(
-    verbosity: Verbosity,
     findings: &StudyResult,
     (rendering, seconds): (&Rendering, f64),
     progress: &Progress,
@@ -242,9 +241,7 @@ fn print_tuning(
             .and_then(|patch_reference| patch_reference.rmse(&rendering.image)),
         seconds,
     };
-    if verbosity != Verbosity::Quiet {
-        progress.suspend(|| output::print(&text.to_string()))?;
-    }
+    progress.result(&text.to_string())?;
     Ok(findings.study.choice.as_ref().is_none_or(|choice| choice.reached))
 }
 
@@ -324,21 +321,16 @@ fn write_heat(job: &RenderJob, rendering: &Rendering) -> Result<Option<String>, 
 
 /// Prints one line per image on standard output.
 fn print_finished(
-    job: &RenderJob,
     target: &Target,
     (rendering, seconds): (&Rendering, f64),
     progress: &Progress,
 ) -> Result<(), Failure> {
-    if job.verbosity == Verbosity::Quiet {
-        return Ok(());
-    }
-    let line = format!(
+    progress.result(&format!(
         "{}: {}x{}, {seconds:.2} s\n",
         target.image.display(),
         rendering.image.width,
         rendering.image.height
-    );
-    progress.suspend(|| output::print(&line))
+    ))
 }
 
 /// Returns an error if the image was rendered with settings that miss the target.

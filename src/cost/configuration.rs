@@ -21,7 +21,7 @@ pub struct Configuration {
 
 impl Configuration {
     /// Returns all settings, as a settings file holds them.
-    pub fn chosen(&self) -> Settings {
+    pub fn to_settings(&self) -> Settings {
         Settings::of(&self.settings, &self.path, &self.change)
     }
 

@@ -103,7 +103,7 @@ mod tests {
             },
         };
         let file = SettingsFile {
-            settings: configuration.chosen(),
+            settings: configuration.to_settings(),
             measured: Some(Measured {
                 scene: "scenes/\"a\".toml".to_owned(),
                 size: [64, 48],

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -37,6 +37,7 @@ pub struct Batch<'a> {
 }
 
 /// Outcome of a batch: what was rendered, and what sharing scenes among frames has saved.
+#[derive(Default)]
 pub struct BatchOutcome {
     /// Number of frames of the shard.
     pub total: usize,
@@ -58,8 +59,8 @@ pub struct BatchOutcome {
     pub meshes: MeshCounts,
     /// Results of frames by their numbers, or the reasons for failures, if the options request them.
     pub(crate) records: HashMap<usize, Result<FrameResult, String>>,
-    /// Error of the whole batch: an interruption, or that frames have failed.
-    pub result: Result<(), BatchError>,
+    /// Error of the whole batch, if there is one: an interruption, or that frames have failed.
+    pub error: Option<BatchError>,
 }
 
 impl<'a> Batch<'a> {
@@ -103,12 +104,8 @@ impl<'a> Batch<'a> {
             options: self.options,
             observer,
             pool,
-            records: Mutex::default(),
-            skipped: AtomicUsize::new(0),
-            failed: AtomicUsize::new(0),
+            outcome: Mutex::default(),
             keys: Mutex::default(),
-            is_disk_full: AtomicBool::new(false),
-            saved: Mutex::default(),
             kept: SceneCaches::for_frames(self.plans),
             place: SceneSlots::default(),
         };
@@ -122,15 +119,10 @@ struct BatchRun<'a> {
     options: &'a BatchOptions,
     observer: &'a BatchObserver<'a>,
     pool: &'a rayon::ThreadPool,
-    records: Mutex<HashMap<usize, Result<FrameResult, String>>>,
-    skipped: AtomicUsize,
-    failed: AtomicUsize,
+    /// Outcome so far.
+    outcome: Mutex<BatchOutcome>,
     /// Keys of the images that this process has considered so far, by path.
     keys: Mutex<HashMap<PathBuf, Fingerprint>>,
-    /// Set when the output folder accepts no more data.
-    is_disk_full: AtomicBool,
-    /// Number of frames that reused a scene, and seconds that this has saved.
-    saved: Mutex<(usize, f64)>,
     kept: SceneCaches,
     place: SceneSlots,
 }
@@ -153,27 +145,19 @@ impl<'a> BatchRun<'a> {
             }
             Ok(())
         });
-        // Remove stale pieces, then collect the outcome
+        // Remove stale pieces, then complete the outcome
         self.remove_stale_pieces();
-        let failed = self.failed.into_inner();
-        let (reusing_frames, saved_seconds) = *lock(&self.saved);
-        let (images, meshes) = self.kept.counts();
-        BatchOutcome {
-            total,
-            skipped: self.skipped.into_inner(),
-            failed,
-            seconds: start.elapsed().as_secs_f64(),
-            is_disk_full: self.is_disk_full.into_inner(),
-            reusing_frames,
-            saved_seconds,
-            images,
-            meshes,
-            records: self.records.into_inner().unwrap_or_else(PoisonError::into_inner),
-            result: match failed {
-                0 => result,
-                failed => result.and(Err(BatchError::FailedFrames(failed, total))),
-            },
+        let mut outcome = self.outcome.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let failed = outcome.failed;
+        outcome.total = total;
+        outcome.seconds = start.elapsed().as_secs_f64();
+        (outcome.images, outcome.meshes) = self.kept.counts();
+        outcome.error = result.err();
+        if failed > 0 {
+            let error = BatchError::FailedFrames(failed, total);
+            outcome.error.get_or_insert(error);
         }
+        outcome
     }
 
     /// Returns the tasks for the frames of the next scene that are not done yet.
@@ -186,7 +170,7 @@ impl<'a> BatchRun<'a> {
                 // Another process that rendered the same frame may have left pieces.
                 ChunkDirectory::remove_of(&self.options.out, key);
                 self.emit(plan, FrameEvent::Skipped);
-                self.skipped.fetch_add(1, Ordering::Relaxed);
+                lock(&self.outcome).skipped += 1;
                 return None;
             }
             Some(recipe)
@@ -217,7 +201,7 @@ impl<'a> BatchRun<'a> {
     /// Returns whether rendering continues; an error if it was interrupted.
     fn should_continue(&self) -> Result<bool, BatchError> {
         check(self.observer.cancel)?;
-        Ok(!self.is_disk_full.load(Ordering::Relaxed))
+        Ok(!lock(&self.outcome).is_disk_full)
     }
 
     /// Renders frames that share one scene.
@@ -250,11 +234,7 @@ impl<'a> BatchRun<'a> {
             Err(error) => return self.fail_all(tasks, error),
         };
         // Account for the time that sharing the scene has saved
-        {
-            let (frames, seconds) = &mut *lock(&self.saved);
-            *frames += tasks.len() - 1;
-            *seconds += (tasks.len() - 1) as f64 * (loaded.seconds + stage.build_seconds);
-        }
+        self.note_reuse(tasks.len() - 1, loaded.seconds + stage.build_seconds);
         // Render the frames concurrently
         let next = AtomicUsize::new(0);
         run_on_threads(at_once.min(tasks.len()), || {
@@ -290,11 +270,17 @@ impl<'a> BatchRun<'a> {
                 self.fail(plan, error);
                 // On failure, check whether the disk is full: then no further frame can succeed
                 if !self.can_write() {
-                    self.is_disk_full.store(true, Ordering::Relaxed);
+                    lock(&self.outcome).is_disk_full = true;
                 }
                 Ok(())
             }
         }
+    }
+
+    fn note_reuse(&self, frames: usize, seconds: f64) {
+        let mut outcome = lock(&self.outcome);
+        outcome.reusing_frames += frames;
+        outcome.saved_seconds += frames as f64 * seconds;
     }
 
     /// Warns that a frame has fewer samples than requested.
@@ -335,7 +321,7 @@ impl<'a> BatchRun<'a> {
     fn fail(&self, plan: &PlannedFrame, error: BatchError) {
         self.record(plan, Err(error.to_string()));
         self.emit(plan, FrameEvent::Failed(error));
-        self.failed.fetch_add(1, Ordering::Relaxed);
+        lock(&self.outcome).failed += 1;
     }
 
     /// Records and reports that a frame has failed before it began.
@@ -361,7 +347,7 @@ impl<'a> BatchRun<'a> {
 
     fn record(&self, plan: &PlannedFrame, result: Result<FrameResult, String>) {
         if self.options.keeps_records {
-            lock(&self.records).insert(plan.number, result);
+            lock(&self.outcome).records.insert(plan.number, result);
         }
     }
 

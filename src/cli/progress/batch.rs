@@ -95,8 +95,8 @@ impl<'p> BatchProgress<'p> {
         self.show(&mut state);
     }
 
-    /// Displays the finished fraction of an image; callable from any thread. Returns at once if another thread holds the
-    /// lock.
+    /// Displays the finished fraction of an image; callable from any thread. Returns at once if another thread holds
+    /// the lock.
     pub(in crate::cli) fn fraction(&self, number: usize, fraction: f64) {
         let Ok(mut state) = self.state.try_lock() else {
             return;

@@ -80,7 +80,7 @@ fn each_knob_changes_alone_and_is_recorded_in_the_settings() {
         compact: true,
         ..base.path
     };
-    let settings = base.with_path(low).chosen();
+    let settings = base.with_path(low).to_settings();
     assert_eq!(
         (settings.build_quality, settings.compact),
         (Some(BuildQuality::Low), Some(true))
@@ -97,7 +97,10 @@ fn spawn_points_are_a_knob_only_where_rays_leave_surfaces() {
     for (level, configuration) in &all {
         assert_eq!(with_knob(&base, Knob::SpawnPoints, configuration), *configuration);
         assert_eq!(configuration.words()["spawn"], *level);
-        assert_eq!(configuration.chosen().spawn, Some(configuration.settings.spawn));
+        assert_eq!(
+            configuration.to_settings().spawn,
+            Some(configuration.settings.spawn)
+        );
     }
     let points = turned(&shaded, &base, Knob::HitRefinement);
     assert_eq!(points.len(), 1);
@@ -110,7 +113,7 @@ fn spawn_points_are_a_knob_only_where_rays_leave_surfaces() {
         (level.as_str(), configuration.words()["hit_points"].as_str()),
         ("reported", "reported")
     );
-    assert_eq!(configuration.chosen().hit_points, Some(HitPoint::Reported));
+    assert_eq!(configuration.to_settings().hit_points, Some(HitPoint::Reported));
     // Without lights and mirrors no ray leaves anything.
     let mut dark = shaded.clone();
     dark.lights.clear();

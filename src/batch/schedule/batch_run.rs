@@ -119,7 +119,7 @@ struct BatchRun<'a> {
     options: &'a BatchOptions,
     observer: &'a BatchObserver<'a>,
     pool: &'a rayon::ThreadPool,
-    /// Outcome so far.
+    /// Outcome of the batch so far.
     outcome: Mutex<BatchOutcome>,
     /// Keys of the images that this process has considered so far, by path.
     keys: Mutex<HashMap<PathBuf, Fingerprint>>,

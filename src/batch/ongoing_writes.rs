@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn writes_may_be_nested() {
+    fn writers_may_be_nested() {
         let writes = OngoingWrites::new();
         assert_eq!(writes.during(|| writes.during(|| *writes.lock())), 2);
         assert_eq!(*writes.wait_for_none(), 0);

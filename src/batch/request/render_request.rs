@@ -119,6 +119,7 @@ impl RenderRequest {
         let requested = self.output.or(output);
         let exposure_ev = requested.exposure.unwrap_or(0.0);
         let cost_aovs = self.records_costs();
+        let usual = render_settings(&requested)?;
         let settings = RenderSettings {
             adaptive: self.adaptive.map(|error| Adaptive {
                 error,
@@ -136,12 +137,8 @@ impl RenderRequest {
             spawn: self.spawn,
             hit_points: self.hit_points,
             ledger: self.needs_ledger || cost_aovs,
-            ..render_settings(&requested)?
-        };
-        // Replace the cutoff only where the request has one
-        let settings = RenderSettings {
-            weight_cutoff: self.cutoff.unwrap_or(settings.weight_cutoff),
-            ..settings
+            weight_cutoff: self.cutoff.unwrap_or(usual.weight_cutoff),
+            ..usual
         };
         check_adaptive(&settings)?;
         check_light_layers(&settings)?;

@@ -14,8 +14,9 @@
 //!
 //! Folders import only earlier ones: `parallel` · [`manual`] · [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`]
 //! [`image`] · [`scene`] · [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`jobs`] [`render`] · [`batch`]
-//! [`measure`] · [`cost`] [`verify`] [`bench`] [`watch`] · [`report`]. `tests/ci/structure.py` checks it. Modules that the
-//! list of modules below leaves out are the program's own and may change in any version.
+//! [`measure`] · [`cost`] [`verify`] [`bench`] [`watch`] · [`report`]. `tests/ci/structure.py` checks it. `batch` also has
+//! the settings that any image is requested with. Modules that the list of modules below leaves out are the program's own
+//! and may change in any version; its command line parses flags, calls them, and prints.
 //!
 //! `unsafe` code is in three places: `accel/embree`, which calls C; `embree-sys`, which declares it; and the one function of
 //! `gltf/mmap.rs` that maps a file into memory.

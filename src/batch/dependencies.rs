@@ -15,7 +15,7 @@ use super::fingerprint::Fingerprint;
 
 /// Cache of file hashes and of dependencies, by path.
 #[derive(Debug, Default)]
-pub struct Sources {
+pub(crate) struct Sources {
     keys: HashMap<PathBuf, Fingerprint>,
     /// Direct dependencies of each file.
     dependencies: HashMap<PathBuf, Vec<PathBuf>>,
@@ -25,11 +25,7 @@ impl Sources {
     /// Returns the files that a scene depends on, the scene first, with the hashes of their contents.
     ///
     /// `words` are further values that may name files relative to the scene.
-    ///
-    /// # Errors
-    ///
-    /// If the scene or one of its files cannot be read.
-    pub fn of(&mut self, scene: &Path, words: &[&str]) -> io::Result<Vec<(PathBuf, Fingerprint)>> {
+    pub(crate) fn of(&mut self, scene: &Path, words: &[&str]) -> io::Result<Vec<(PathBuf, Fingerprint)>> {
         let mut seen = BTreeSet::new();
         let mut files = Vec::new();
         // Traverse the dependencies depth-first, each file once

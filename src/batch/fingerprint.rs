@@ -8,23 +8,23 @@ use serde::{Deserialize, Serialize};
 
 /// BLAKE3 hash of all inputs of a frame, or of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Fingerprint([u8; 32]);
+pub(crate) struct Fingerprint([u8; 32]);
 
 impl Fingerprint {
     /// Returns the hash of a file's bytes.
-    pub fn of_file(path: &Path) -> io::Result<Fingerprint> {
+    pub(crate) fn of_file(path: &Path) -> io::Result<Fingerprint> {
         let mut hasher = blake3::Hasher::new();
         hasher.update_reader(File::open(path)?)?;
         Ok(Fingerprint(*hasher.finalize().as_bytes()))
     }
 
     /// Returns the hash as hexadecimal digits, two per byte.
-    pub fn digits(&self) -> String {
+    pub(crate) fn digits(&self) -> String {
         blake3::Hash::from_bytes(self.0).to_hex().to_string()
     }
 
     /// Returns the first 16 hexadecimal digits, which names of files contain: 64 bits distinguish a few million frames.
-    pub fn short(&self) -> String {
+    pub(crate) fn short(&self) -> String {
         const DIGITS: usize = 16;
         self.digits()[..DIGITS].to_owned()
     }
@@ -46,11 +46,11 @@ impl<'de> Deserialize<'de> for Fingerprint {
 
 /// Incremental hasher of the named inputs of a frame.
 #[derive(Clone, Default)]
-pub struct FingerprintHasher(blake3::Hasher);
+pub(crate) struct FingerprintHasher(blake3::Hasher);
 
 impl FingerprintHasher {
     /// Adds an input by its name and value. Two hashers agree only if all inputs of both do, in the same order.
-    pub fn add(&mut self, name: &str, value: impl AsRef<[u8]>) -> &mut FingerprintHasher {
+    pub(crate) fn add(&mut self, name: &str, value: impl AsRef<[u8]>) -> &mut FingerprintHasher {
         for part in [name.as_bytes(), value.as_ref()] {
             // The length prefix keeps different sequences of inputs from having the same bytes.
             self.0.update(&(part.len() as u64).to_le_bytes());
@@ -60,7 +60,7 @@ impl FingerprintHasher {
     }
 
     /// Returns the hash of all inputs added so far.
-    pub fn key(&self) -> Fingerprint {
+    pub(crate) fn key(&self) -> Fingerprint {
         Fingerprint(*self.0.finalize().as_bytes())
     }
 }

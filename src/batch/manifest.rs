@@ -10,7 +10,12 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::error::BatchError;
 use super::fingerprint::Fingerprint;
+use super::lock::describe_process;
+use super::ongoing_writes::OngoingWrites;
+use super::options::BatchOptions;
+use super::pieces::FrameMetadata;
 use super::shard::Shard;
 
 /// Prefix and suffix of the names of manifest files.
@@ -18,7 +23,7 @@ const NAME: (&str, &str) = ("whit-batch", ".jsonl");
 
 /// Manifest entry of one finished image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CompletedFrame {
+pub(crate) struct CompletedFrame {
     /// Index of the frame in its batch.
     pub frame: usize,
     /// Path of the image relative to the output folder.
@@ -42,7 +47,7 @@ pub struct CompletedFrame {
 
 /// Finished images of a batch by path, with the open manifest of one shard.
 #[derive(Debug)]
-pub struct Manifest {
+pub(crate) struct Manifest {
     folder: PathBuf,
     file: File,
     done: HashMap<PathBuf, CompletedFrame>,
@@ -50,7 +55,7 @@ pub struct Manifest {
 
 impl Manifest {
     /// Reads the entries of all shards in `folder`, and opens the manifest of one shard for appending.
-    pub fn open(folder: &Path, shard: Shard) -> io::Result<Manifest> {
+    pub(crate) fn open(folder: &Path, shard: Shard) -> io::Result<Manifest> {
         let (start, end) = NAME;
         let name = match shard {
             Shard::ALL => format!("{start}{end}"),
@@ -71,14 +76,26 @@ impl Manifest {
         })
     }
 
+    /// Opens the manifest of the output folder; rejects a folder with results of an earlier run, unless these are to be
+    /// kept.
+    pub(super) fn of_batch(options: &BatchOptions) -> Result<Manifest, BatchError> {
+        let out = &options.out;
+        let unreadable = |error| BatchError::OpenManifest(out.clone(), error);
+        let is_new = !options.resume && options.shard == Shard::ALL;
+        if is_new && !Manifest::read(out).map_err(unreadable)?.is_empty() {
+            return Err(BatchError::EarlierRun(out.clone()));
+        }
+        Manifest::open(out, options.shard).map_err(unreadable)
+    }
+
     /// Reads the manifests of all shards again, to see entries that other processes have added.
-    pub fn read_again(&mut self) -> io::Result<()> {
+    pub(crate) fn read_again(&mut self) -> io::Result<()> {
         self.done = Manifest::read(&self.folder)?;
         Ok(())
     }
 
     /// Returns the entries of all shards in `folder`, by image path; truncated lines are ignored.
-    pub fn read(folder: &Path) -> io::Result<HashMap<PathBuf, CompletedFrame>> {
+    pub(crate) fn read(folder: &Path) -> io::Result<HashMap<PathBuf, CompletedFrame>> {
         let mut done = HashMap::new();
         for entry in fs::read_dir(folder)? {
             let name = entry?.file_name();
@@ -97,19 +114,42 @@ impl Manifest {
     }
 
     /// Returns the entry of an image with the given key, if the file is still there with the recorded size.
-    pub fn find(&self, image: &Path, key: Fingerprint) -> Option<&CompletedFrame> {
+    pub(crate) fn find(&self, image: &Path, key: Fingerprint) -> Option<&CompletedFrame> {
         let done = self.done.get(image).filter(|done| done.key == key)?;
         let bytes = fs::metadata(self.folder.join(image)).ok()?.len();
         (bytes == done.bytes).then_some(done)
     }
 
     /// Returns whether the manifests have an entry for an image, with any key.
-    pub fn has(&self, image: &Path) -> bool {
+    pub(crate) fn has(&self, image: &Path) -> bool {
         self.done.contains_key(image)
     }
 
+    /// Adds a complete image with the mean number of its samples, and the seconds of rendering and of writing it.
+    pub(super) fn add_image(
+        &mut self,
+        head: &FrameMetadata,
+        samples: f64,
+        [render_seconds, write_seconds]: [f64; 2],
+        writes: &OngoingWrites,
+    ) -> Result<(), BatchError> {
+        let done = fs::metadata(self.folder.join(&head.image)).map(|file| CompletedFrame {
+            frame: head.number,
+            image: head.image.clone(),
+            key: head.key,
+            bytes: file.len(),
+            seconds: render_seconds + write_seconds,
+            render_seconds,
+            samples,
+            spp: head.spp,
+            by: describe_process(),
+        });
+        let added = done.and_then(|done| writes.during(|| self.add(done)));
+        added.map_err(|error| BatchError::AddToManifest(head.image.clone(), error))
+    }
+
     /// Appends an entry and syncs the file to disk.
-    pub fn add(&mut self, done: CompletedFrame) -> io::Result<()> {
+    pub(crate) fn add(&mut self, done: CompletedFrame) -> io::Result<()> {
         let mut line = serde_json::to_string(&done)?;
         line.push('\n');
         // Append the line in one write, so that lines of two processes do not mix

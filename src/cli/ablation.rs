@@ -1,5 +1,6 @@
 //! Flag `whit info --prices`: measures what the effects of a scene cost.
 
+use whit::batch::request::{TracingOptions, choose_camera, render_settings};
 use whit::bench::{AblationOptions, AblationStudy, MeasuredScene, ablation_study};
 use whit::image::ToneMap;
 use whit::image::metrics::Viewing;
@@ -9,7 +10,6 @@ use whit::scene_file::{Output, SceneFile};
 
 use super::args::InfoArgs;
 use super::failure::Failure;
-use super::job::{self, Tracing, choose_camera};
 use super::progress::{Progress, Verbosity};
 
 /// Returns the image settings of the arguments, completed by those of the scene.
@@ -27,14 +27,14 @@ fn image_settings(args: &InfoArgs, output: &Output) -> Output {
 pub(super) fn settings_of(args: &InfoArgs, output: &Output) -> Result<RenderSettings, Failure> {
     Ok(RenderSettings {
         effects: args.effects.unwrap_or_default(),
-        ..job::settings(&image_settings(args, output))?
+        ..render_settings(&image_settings(args, output))?
     })
 }
 
 /// Measures the costs of a scene's effects on the requested number of threads.
 pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<AblationStudy, Failure> {
     let name = args.scene.display().to_string();
-    let tracing = Tracing::of_threads(args.ablation.threads);
+    let tracing = TracingOptions::of_threads(args.ablation.threads);
     let tone = ToneMap {
         exposure_ev: image_settings(args, &loaded.output).exposure.unwrap_or(0.0),
     };

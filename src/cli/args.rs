@@ -31,6 +31,7 @@ pub(super) use ray_offset::RayOffsetArgs;
 pub(super) use verify::VerifyArgs;
 
 use whit::accel::{Backend, BuildQuality, Instancing, Precision};
+use whit::batch::request::AovGroup;
 use whit::image::ImageFormat;
 use whit::render::{FilterKind, MIN_ADAPTIVE_ERROR, Pattern, PixelFilter};
 use whit::scene::image_settings::{self, DEFAULT_DEPTH, DEFAULT_SPP, DEFAULT_WAVELENGTHS, MAX_EXPOSURE};
@@ -263,41 +264,7 @@ pub(super) struct SamplingArgs {
     /// image, with the box filter only; the others describe the first hit of camera rays, as means over the samples of
     /// a pixel
     #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
-    pub(super) aov: Vec<Aov>,
-}
-
-/// Groups of channels that an EXR image may hold besides its colours.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub(super) enum Aov {
-    /// `samples` and `variance`, the number of samples of a pixel and their variance
-    Samples,
-    /// `rays`, `rays.camera` and so on
-    Rays,
-    /// `time`, `time.camera` and so on, in nanoseconds
-    Time,
-    /// `Z`, the distance along the ray in the file's unit; infinite where nothing is hit
-    Depth,
-    /// `normal.X`, `.Y` and `.Z`, the shading normal in world space on the viewer's side
-    Normal,
-    /// `albedo.R`, `.G` and `.B`, the base colour with its textures, linear
-    Albedo,
-    /// `position.X`, `.Y` and `.Z`, in the file's coordinates
-    Position,
-    /// `uv.U` and `.V`, the first set of texture coordinates
-    Uv,
-    /// `id.object`, `id.material` and `id.primitive` of the first sample that hits anything; -1 where none does
-    Ids,
-    /// `motion.X` and `.Y`, the motion of surfaces to the right and down, in pixels, while the shutter is open
-    Motion,
-    /// `CryptoObject00.R` and so on: Cryptomatte of the names of objects, six ranks of id and coverage
-    CryptoObject,
-    /// `CryptoMaterial00.R` and so on: Cryptomatte of the names of materials
-    CryptoMaterial,
-    /// `light.NAME.R`, `.G` and `.B`, the contribution of each light; `light.emission.R` and so on, emission seen
-    /// without one
-    Lights,
-    /// `effect.direct.R`, `effect.reflection.R` and so on, the radiance by the first step of the path from the camera
-    Effects,
+    pub(super) aov: Vec<AovGroup>,
 }
 
 /// Flags of the image that apply to every scene.

@@ -2,31 +2,32 @@
 
 use std::time::Instant;
 
+use whit::batch::request::{RenderRequest, ResolvedSettings};
 use whit::cost::{self, Configuration, Experiment, SceneChange, StudyResult};
 use whit::render::RenderSettings;
 use whit::scene::{Camera, ValidScene};
 
 use super::failure::Failure;
-use super::job::{RenderJob, ResolvedSettings, SettingsSearch};
+use super::job::SettingsSearch;
 use super::progress::Progress;
 
-/// Searches for settings that reach the job's target and returns the findings.
+/// Searches for settings that reach the target and returns the findings.
 pub(super) fn find_settings(
-    (job, aim, resolved): (&RenderJob, SettingsSearch, &ResolvedSettings),
+    (request, aim, resolved): (&RenderRequest, SettingsSearch, &ResolvedSettings),
     (scene, camera): (ValidScene, &Camera),
     progress: &Progress,
 ) -> Result<StudyResult, Failure> {
-    let tracing = &job.tracing;
+    let tracing = &request.tracing;
     let experiment = Experiment {
         scene,
         camera,
-        // The search starts from the job's settings, without the ledger
+        // The search starts from the requested settings, without the ledger
         base: Configuration {
             settings: RenderSettings {
                 ledger: false,
                 ..resolved.settings
             },
-            path: tracing.path(job.backend),
+            path: tracing.path(),
             change: SceneChange::default(),
         },
         tone: resolved.tone,

@@ -14,10 +14,10 @@ use whit::report::bench::BenchTable;
 use whit::report::extents::BoundingVolumeTable;
 use whit::report::{bench_page, crossover};
 
+use super::accel_options::check_instancing;
 use super::args::BenchArgs;
 use super::failure::Failure;
 use super::interrupt;
-use super::job::check_instancing;
 use super::output;
 use scenes::{Subject, measure_scenes};
 

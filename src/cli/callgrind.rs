@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use whit::cost::{Configuration, Settings, SettingsFile, StudyResult};
+use whit::cost::{Configuration, SettingsFile, StudyResult};
 use whit::parallel;
 
 use super::args::CostArgs;
@@ -54,7 +54,7 @@ fn instructions_per_pixel(
     settings: &Path,
 ) -> Result<f64, Failure> {
     let text = SettingsFile {
-        settings: Settings::of(configuration),
+        settings: configuration.to_settings(),
         measured: None,
     }
     .text();

@@ -6,27 +6,27 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use whit::accel::{AccelError, Backend};
+use whit::batch::request::{TracingOptions, choose_camera, load_scene, render_settings};
 use whit::cost::{
-    self, Configuration, Experiment, Keep, Measured, SceneChange, Settings, SettingsFile, StudyCheckpoint,
-    StudyResult, Target,
+    self, Configuration, Experiment, Keep, Measured, SceneChange, SettingsFile, StudyCheckpoint, StudyResult,
+    Target,
 };
+use whit::gltf::LoadOptions;
 use whit::image::metrics::{self, Viewing};
 use whit::image::{ImageFormat, ToneMap, check_writable, write, write_atomically};
 use whit::parallel;
 use whit::render::RenderSettings;
 use whit::report::cost::{CostText, points_csv};
 use whit::report::{cost_page, difference_image, memory};
-use whit::scene::EffectSet;
 use whit::scene_file::{Output, SceneFile};
 
+use super::accel_options::{check_instancing, tracing_options};
 use super::args::CostArgs;
 use super::callgrind;
 use super::failure::Failure;
 use super::interrupt;
-use super::job::{Tracing, check_instancing, choose_camera, settings};
 use super::output;
 use super::progress::{Progress, Verbosity};
-use super::scene;
 use super::standard_error;
 
 /// Bytes per pixel of each configuration: sums, first image, and displayed image.
@@ -52,7 +52,7 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
         callgrind::check()?;
     }
     let folder = args.out.as_deref().map(Folder::new).transpose()?;
-    let tracing = Tracing::new(&args.tracing);
+    let tracing = tracing_options(&args.tracing, backend);
     let progress = Progress::new(Verbosity::Normal);
     // Load the checkpoint, and count the time that the interrupted study has spent
     let unfinished = match &folder {
@@ -67,12 +67,7 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
     let start = start.checked_sub(Duration::from_secs_f64(spent)).unwrap_or(start);
     // Measure
     let findings = parallel::install(&tracing.pool()?, || {
-        measure(
-            args,
-            (&tracing, backend, folder.as_ref()),
-            (start, unfinished),
-            &progress,
-        )
+        measure(args, (&tracing, folder.as_ref()), (start, unfinished), &progress)
     });
     progress.clear();
     // On an interruption, point to the checkpoint
@@ -104,14 +99,14 @@ pub(super) fn run(args: &CostArgs) -> Result<(), Failure> {
 
 fn measure(
     args: &CostArgs,
-    (tracing, backend, folder): (&Tracing, Backend, Option<&Folder>),
+    (tracing, folder): (&TracingOptions, Option<&Folder>),
     (start, unfinished): (Instant, Option<StudyCheckpoint>),
     progress: &Progress,
 ) -> Result<(StudyResult, ToneMap), Failure> {
     let name = args.scene.display().to_string();
     // Load the scene
     progress.phase(&name, "load");
-    let SceneFile { scene, output, .. } = scene::load((&args.scene, &[], None), EffectSet::NONE)?;
+    let SceneFile { scene, output, .. } = load_scene(&args.scene, &[], &LoadOptions::default())?;
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
     }
@@ -146,9 +141,9 @@ fn measure(
             settings: RenderSettings {
                 spawn: args.leaving.spawn,
                 hit_points: args.leaving.hit_points,
-                ..settings(&requested)?
+                ..render_settings(&requested)?
             },
-            path: tracing.path(backend),
+            path: tracing.path(),
             change: SceneChange::default(),
         },
         tone,
@@ -288,7 +283,7 @@ impl Folder {
             }
         };
         let settings = SettingsFile {
-            settings: Settings::of(configuration),
+            settings: configuration.to_settings(),
             measured: Some(Measured {
                 scene: args.scene.display().to_string(),
                 size: study.size,

@@ -4,22 +4,22 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use whit::accel::{self, Accel, AccelOptions, Backend, Precision};
+use whit::batch::request::{TracingOptions, choose_camera, load_scene, render_settings};
+use whit::gltf::LoadOptions;
 use whit::image::{self, ImageFormat, LinearImage, ToneMap, check_writable};
 use whit::parallel;
 use whit::render::{self, Monitor, RenderSettings};
 use whit::report::cross_check::CrossCheckReport;
 use whit::report::{cross_check_page, overlay};
-use whit::scene::{Camera, EffectSet, Geometry, Scene, ValidScene};
+use whit::scene::{Camera, Geometry, Scene, ValidScene};
 use whit::scene_file::{Output, SceneFile};
 use whit::verify::{Difference, MeshDiagnostics, RayKind, RaysFile, cross_check};
 
 use super::args::VerifyArgs;
 use super::failure::Failure;
 use super::interrupt;
-use super::job::{Tracing, choose_camera, settings};
 use super::output;
 use super::progress::{Progress, Verbosity};
-use super::scene;
 
 /// Samples per pixel of the image that differences are drawn over.
 const OVERLAY_SPP: u32 = 4;
@@ -27,7 +27,7 @@ const OVERLAY_SPP: u32 = 4;
 /// Checks each scene that the arguments name.
 pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
     check_outputs(args)?;
-    let tracing = Tracing::of_threads(args.threads);
+    let tracing = TracingOptions::of_threads(args.threads);
     let pool = tracing.pool()?;
     let progress = Progress::new(Verbosity::Normal);
     let options = AccelOptions {
@@ -42,11 +42,13 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
         interrupt::check()?;
         let name = path.display().to_string();
         progress.phase(&name, "load");
-        let load = || scene::load((path, &[], None), EffectSet::NONE);
-        let done = parallel::install(&pool, load).and_then(|file| {
-            progress.phase(&name, "compare");
-            parallel::install(&pool, || check(path, &file, args, &options))
-        });
+        let load = || load_scene(path, &[], &LoadOptions::default());
+        let done = parallel::install(&pool, load)
+            .map_err(Failure::from)
+            .and_then(|file| {
+                progress.phase(&name, "compare");
+                parallel::install(&pool, || check(path, &file, args, &options))
+            });
         match done {
             Ok(done) => {
                 progress.suspend(|| output::print(&done.report.text()))?;
@@ -119,7 +121,7 @@ fn check(
     let settings = RenderSettings {
         spp: 1,
         adaptive: None,
-        ..settings(&requested.or(output))?
+        ..render_settings(&requested.or(output))?
     };
     let scene = scene.validate()?;
     let camera = choose_camera(scene.get(), path, None)?;

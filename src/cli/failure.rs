@@ -1,9 +1,10 @@
 //! Errors of commands: one sentence for the user and an exit code for the calling process.
 
 use whit::accel::AccelError;
+use whit::batch::BatchError;
+use whit::batch::request::RequestError;
 use whit::bench::BenchError;
 use whit::cost::CostError;
-use whit::gltf::GltfError;
 use whit::image::ImageError;
 use whit::render::Cancelled;
 use whit::scene::SceneError;
@@ -91,12 +92,6 @@ fn usage_sentence(error: &clap::Error) -> String {
     format!("whit: {text}")
 }
 
-impl From<GltfError> for Failure {
-    fn from(error: GltfError) -> Failure {
-        Failure::Input(error.to_string())
-    }
-}
-
 impl From<SceneFileError> for Failure {
     fn from(error: SceneFileError) -> Failure {
         Failure::Input(error.to_string())
@@ -120,6 +115,38 @@ impl From<AccelError> for Failure {
         match error {
             AccelError::NoEmbree => Failure::Input(error.to_string()),
             _ => Failure::Work(error.to_string()),
+        }
+    }
+}
+
+impl From<RequestError> for Failure {
+    fn from(error: RequestError) -> Failure {
+        match error {
+            RequestError::Cancelled(error) => error.into(),
+            RequestError::Accel(error) => error.into(),
+            RequestError::Threads(..) => Failure::Work(error.to_string()),
+            error => Failure::Input(error.to_string()),
+        }
+    }
+}
+
+impl From<BatchError> for Failure {
+    fn from(error: BatchError) -> Failure {
+        match error {
+            BatchError::Cancelled(error) => error.into(),
+            BatchError::Request(error) => error.into(),
+            BatchError::Image(error) => error.into(),
+            // Faults of the job file and of the output folder
+            BatchError::DividedAtOnce(_)
+            | BatchError::DividedChannels(_)
+            | BatchError::TooManyShares { .. }
+            | BatchError::UnorderedPattern(_)
+            | BatchError::CreateFolder(..)
+            | BatchError::NoFolder(_)
+            | BatchError::Read(..)
+            | BatchError::EarlierRun(_)
+            | BatchError::OpenManifest(..) => Failure::Input(error.to_string()),
+            error => Failure::Work(error.to_string()),
         }
     }
 }

@@ -4,6 +4,7 @@
 //! forecast is left out, and the output states so.
 
 use whit::accel::{self, AccelOptions};
+use whit::batch::request::TracingOptions;
 use whit::parallel;
 use whit::render::{self, Monitor};
 use whit::report::forecast::Forecast;
@@ -14,7 +15,6 @@ use super::ablation::settings_of;
 use super::args::{ForecastMode, InfoArgs};
 use super::failure::Failure;
 use super::interrupt;
-use super::job::Tracing;
 
 /// Largest number of triangles and objects for an automatic forecast: about a quarter of a second to build on two
 /// threads.
@@ -42,7 +42,7 @@ pub(super) fn run(args: &InfoArgs, loaded: &SceneFile) -> Result<ForecastResult,
     let scene = scene.validate()?;
     let backend = args.ablation.backend.unwrap_or_default();
     let settings = settings_of(args, &loaded.output)?;
-    let tracing = Tracing::of_threads(args.ablation.threads);
+    let tracing = TracingOptions::of_threads(args.ablation.threads);
     let options = AccelOptions {
         threads: tracing.threads,
         ..AccelOptions::default()

@@ -1,20 +1,23 @@
 //! Command `whit info`: prints a summary of a scene.
 
+use whit::batch::request::load_scene;
+use whit::gltf::LoadOptions;
 use whit::report::info::SceneInfo;
 
 use super::args::InfoArgs;
 use super::failure::Failure;
 use super::forecast::{self, ForecastResult};
-use super::{ablation, output, scene};
+use super::{ablation, output};
 
 /// Prints the contents of the scene, with costs and a forecast if requested.
 pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
     // Load the scene at the requested time
-    let pose = args.moment.pose();
-    let loaded = scene::load(
-        (&args.scene, &[], pose.as_ref()),
-        args.effects.unwrap_or_default().removed,
-    )?;
+    let options = LoadOptions {
+        without: args.effects.unwrap_or_default().removed,
+        pose: args.moment.pose(),
+        ..LoadOptions::default()
+    };
+    let loaded = load_scene(&args.scene, &[], &options)?;
     // Measure the costs of effects, or forecast their shares of the time
     let prices = if args.ablation.prices {
         Some(ablation::run(args, &loaded)?)

@@ -5,7 +5,6 @@
 
 mod ablation;
 mod accel_options;
-mod aov;
 mod args;
 mod autotune;
 mod batch;
@@ -23,12 +22,10 @@ mod image_format;
 mod info;
 mod interrupt;
 mod job;
-mod metadata;
 mod output;
 mod preview;
 mod progress;
 mod render;
-mod scene;
 mod standard_error;
 mod verify;
 mod verify_replay;

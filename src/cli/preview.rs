@@ -34,6 +34,11 @@ impl<'a> Live<'a> {
     /// Shows a black image of the given name and size.
     pub(super) fn begin(viewer: &'a TevViewer, name: &'a str, [width, height]: [u32; 2]) -> Live<'a> {
         viewer.create(name, width, height, &CHANNELS);
+        Live::of_shown(viewer, name)
+    }
+
+    /// Returns an image that is shown already.
+    pub(super) fn of_shown(viewer: &'a TevViewer, name: &'a str) -> Live<'a> {
         Live { viewer, name }
     }
 

@@ -12,10 +12,11 @@ use whit::measure::Observer;
 use super::events::{self, Event};
 use super::failure::Failure;
 use super::interrupt;
+use super::output;
 use super::standard_error;
 use lines::Lines;
 
-pub(super) use batch::Batch;
+pub(super) use batch::BatchProgress;
 
 /// Number of positions of the bar, more than its columns.
 const STEPS: f64 = 1000.0;
@@ -29,6 +30,16 @@ pub(super) enum Verbosity {
     Quiet,
     /// Print warnings, progress and one line per image.
     Normal,
+}
+
+impl Verbosity {
+    /// Returns the verbosity for the value of the flag `--quiet`.
+    pub(super) fn of_flag(quiet: bool) -> Verbosity {
+        match quiet {
+            true => Verbosity::Quiet,
+            false => Verbosity::Normal,
+        }
+    }
 }
 
 /// Form of the progress on standard error.
@@ -154,13 +165,21 @@ impl Progress {
         self.bar.suspend(callback)
     }
 
+    /// Prints a result above the bar, unless quiet.
+    pub(super) fn result(&self, text: &str) -> Result<(), Failure> {
+        match self.verbosity {
+            Verbosity::Quiet => Ok(()),
+            Verbosity::Normal => self.suspend(|| output::print(text)),
+        }
+    }
+
     /// Removes the bar from the terminal.
     pub(super) fn clear(&self) {
         self.bar.finish_and_clear();
     }
 
     /// Switches to the progress of a batch of `total` images; that of single phases is not displayed any more.
-    pub(super) fn batch(&self, total: usize) -> Batch<'_> {
-        Batch::new(self, total)
+    pub(super) fn batch(&self, total: usize) -> BatchProgress<'_> {
+        BatchProgress::new(self, total)
     }
 }

@@ -1,13 +1,14 @@
 //! Command `whit render`: renders scenes to images one after another; a failure does not stop the remaining scenes.
 
 use std::mem;
-use std::path::Path;
 use std::time::Instant;
 
-use whit::accel::extents::{BoundingVolumeKind, ListLimits, TileCulledAccel};
-use whit::accel::{self, Accel, AccelOptions, Backend};
-use whit::cost::{Settings, StudyResult};
-use whit::gltf::AnimationTime;
+use whit::accel::{self, Accel, AccelOptions};
+use whit::batch::request::{
+    self, Notes, ProjectedAccel, RenderRequest, ResolvedSettings, check_memory, choose_camera,
+};
+use whit::cost::StudyResult;
+use whit::gltf::LoadOptions;
 use whit::image::{self, Attribute, ImageChannel, ImageFormat, PngEncoding, ToneMap};
 use whit::parallel;
 use whit::render::{self, FinishedTile, Monitor, RenderSettings, Rendering};
@@ -17,27 +18,18 @@ use whit::report::stats::{
     effect_stats,
 };
 use whit::report::{heat_map, memory, table};
-use whit::scene::{Background, Camera, ImageCache, Scene, ValidScene};
-use whit::scene_file::{Edit, Output, SceneFile};
+use whit::scene::{Camera, Scene, ValidScene};
+use whit::scene_file::{Output, SceneFile};
 use whit::watch::TevViewer;
 
-use super::aov;
 use super::args::RenderArgs;
 use super::autotune;
 use super::failure::Failure;
 use super::interrupt;
-use super::job::{
-    RenderJob, ResolvedSettings, StatsDestination, Target, check_memory, choose_camera, effective_precision,
-};
-use super::metadata::Notes;
+use super::job::{RenderJob, StatsDestination, Target};
 use super::output;
 use super::preview::{self, Live};
 use super::progress::{Progress, Verbosity};
-use super::scene;
-
-/// Number of camera rays per object from which on screen bounds pay: rays are traced in packets of sixteen, and a
-/// packet saves about half the cost of projecting an object.
-const SAMPLES_PER_OBJECT: f64 = 32.0;
 
 /// Ratio of actual to requested spacing of irradiance samples from which on a warning is printed; smaller ratios are
 /// invisible.
@@ -45,14 +37,9 @@ const COARSENESS_WARNING: f64 = 1.25;
 
 /// Renders all scenes of the arguments.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
-    let verbosity = if args.quiet {
-        Verbosity::Quiet
-    } else {
-        Verbosity::Normal
-    };
-    let progress = Progress::of_kind(args.watching.progress, verbosity);
+    let progress = Progress::of_kind(args.watching.progress, Verbosity::of_flag(args.quiet));
     let job = RenderJob::new(args)?;
-    let pool = job.tracing.pool()?;
+    let pool = job.request.tracing.pool()?;
     let viewer = preview::connect(args.watching.tev.as_deref())?;
     let mut finished = Vec::with_capacity(job.targets.len());
     let mut failed = 0;
@@ -117,11 +104,12 @@ fn render_one(
         },
         load_seconds,
     ) = timed(|| {
-        load(
-            job,
-            (&target.scene, &[], job.pose.as_ref()),
-            &ImageCache::default(),
-        )
+        let options = LoadOptions {
+            pose: job.pose.clone(),
+            ..LoadOptions::default()
+        };
+        let file = (&*target.scene, &[][..]);
+        Ok(request::load(&job.request, file, options, &interrupt::CANCELLED)?)
     })?;
     seconds.load = load_seconds;
     for warning in &scene.warnings {
@@ -129,27 +117,38 @@ fn render_one(
     }
     // Search for settings if the job has a target
     let aimed = aim(job, target, (&mut scene, &output), progress)?;
-    let job = aimed.as_ref().map_or(job, |(job, _)| job);
-    let resolved = job.resolved(&output)?;
+    let request = aimed.as_ref().map_or(&job.request, |(request, _)| request);
+    let resolved = request.resolved(&output)?;
     check_memory(&resolved.settings, scene.lights.len())?;
     let valid = scene.validate()?;
     let camera = choose_camera(&scene, &target.scene, job.camera.as_deref())?;
 
     // Build the acceleration structure
     progress.phase(&name, "build");
-    let (accel, build_seconds) = timed(|| build(job, valid, progress))?;
+    let (accel, build_seconds) = timed(|| {
+        let options = AccelOptions {
+            progress: Some(&|fraction| progress.fraction(fraction)),
+            ..request.tracing.options()
+        };
+        let accel = accel::build(valid, request.backend(), &options)?;
+        interrupt::check()?;
+        Ok(accel)
+    })?;
     seconds.build = build_seconds;
 
     // Render, with screen bounds where they pay, and show tiles in the viewer
     progress.phase(&name, "render");
     let (rendering, render_seconds) = timed(|| {
-        let projected = project(job, &resolved, (&scene, camera), &*accel);
-        let accel = projected
-            .as_ref()
-            .map_or(&*accel, |projected| projected as &dyn Accel);
+        let backend = request.backend();
+        let projected = ProjectedAccel::new((&*accel, backend), (&scene, camera), &resolved.settings);
         let size = [resolved.settings.width, resolved.settings.height];
         let live = viewer.map(|viewer| Live::begin(viewer, &image_name, size));
-        trace(&resolved.settings, (valid, camera), accel, (progress, live))
+        trace(
+            &resolved.settings,
+            (valid, camera),
+            projected.accel(),
+            (progress, live),
+        )
     })?;
     seconds.render = render_seconds;
     seconds.trace = rendering.ledger.trace_seconds();
@@ -173,27 +172,27 @@ fn render_one(
     let (heat, write_seconds) = timed(|| {
         let embree = accel.report().embree;
         let notes = Notes::of(
-            (job, &resolved),
+            (request, &resolved),
             (&scene, camera),
             embree.as_ref(),
             &rendering.plan,
         );
-        write_image((job, &resolved), target, &rendering, &notes.list())?;
+        write_image((request, &resolved), target, &rendering, &notes.list())?;
         write_heat(job, &rendering)
     })?;
     seconds.write = write_seconds;
     seconds.total = start.elapsed().as_secs_f64();
-    print_finished(job, target, (&rendering, seconds.total), progress)?;
+    print_finished(target, (&rendering, seconds.total), progress)?;
     let reached = match &aimed {
-        Some((_, findings)) => print_tuning(job, findings, (&rendering, seconds.render), progress)?,
+        Some((_, findings)) => print_tuning(findings, (&rendering, seconds.render), progress)?,
         None => true,
     };
-    if let Some(line) = heat.filter(|_| job.verbosity != Verbosity::Quiet) {
-        progress.suspend(|| output::print(&line))?;
+    if let Some(line) = heat {
+        progress.result(&line)?;
     }
 
     // Collect the statistics
-    let mut stats = stats((job, target, &resolved), &scene, &*accel, &rendering);
+    let mut stats = stats((request, target, &resolved), &scene, &*accel, &rendering);
     stats.image.camera.clone_from(&camera.name);
     stats.seconds = seconds;
     if job.targets.last() == Some(target) {
@@ -204,32 +203,32 @@ fn render_one(
     Ok((stats, reached))
 }
 
-/// Searches for settings that reach the job's target and returns the job with these settings and the findings; changes
-/// the scene accordingly. Returns `None` if the job has no target or no settings were chosen.
+/// Searches for settings that reach the job's target and returns the request with these settings and the findings;
+/// changes the scene accordingly. Returns `None` if the job has no target or no settings were chosen.
 fn aim(
     job: &RenderJob,
     target: &Target,
     (scene, output): (&mut Scene, &Output),
     progress: &Progress,
-) -> Result<Option<(RenderJob, StudyResult)>, Failure> {
+) -> Result<Option<(RenderRequest, StudyResult)>, Failure> {
     let Some(aim) = job.aim else {
         return Ok(None);
     };
     progress.phase(&target.scene.display().to_string(), "choose");
-    let resolved = job.resolved(output)?;
+    let request = &job.request;
+    let resolved = request.resolved(output)?;
     let camera = choose_camera(scene, &target.scene, job.camera.as_deref())?;
-    let findings = autotune::find_settings((job, aim, &resolved), (scene.validate()?, camera), progress)?;
+    let findings = autotune::find_settings((request, aim, &resolved), (scene.validate()?, camera), progress)?;
     let Some(chosen) = &findings.chosen else {
         return Ok(None);
     };
-    let settings = Settings::of(chosen);
+    let settings = chosen.to_settings();
     settings.change().apply(scene);
-    Ok(Some((job.with(&settings), findings)))
+    Ok(Some((request.with(&settings), findings)))
 }
 
 /// Prints the chosen settings and their result; returns whether they reach the target.
 fn print_tuning(
-    job: &RenderJob,
     findings: &StudyResult,
     (rendering, seconds): (&Rendering, f64),
     progress: &Progress,
@@ -242,9 +241,7 @@ fn print_tuning(
             .and_then(|patch_reference| patch_reference.rmse(&rendering.image)),
         seconds,
     };
-    if job.verbosity != Verbosity::Quiet {
-        progress.suspend(|| output::print(&text.to_string()))?;
-    }
+    progress.result(&text.to_string())?;
     Ok(findings.study.choice.as_ref().is_none_or(|choice| choice.reached))
 }
 
@@ -253,75 +250,6 @@ fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failu
     let start = Instant::now();
     let result = work()?;
     Ok((result, start.elapsed().as_secs_f64()))
-}
-
-/// Loads a scene for rendering: reads its file, applies the edits, and poses its animations.
-pub(super) fn load(
-    job: &RenderJob,
-    (path, edits, pose): (&Path, &[Edit], Option<&AnimationTime>),
-    image_cache: &ImageCache,
-) -> Result<SceneFile, Failure> {
-    let mut loaded = scene::load_from((path, edits, pose), job.effects.removed, image_cache)?;
-    let scene = &mut loaded.scene;
-    if let Some(ambient) = job.ambient {
-        scene.ambient = ambient;
-        scene.background = Background::Uniform(ambient);
-    }
-    job.change.apply(scene);
-    interrupt::check()?;
-    Ok(loaded)
-}
-
-/// Builds the acceleration structure of a scene with the job's options.
-pub(super) fn build<'s>(
-    job: &RenderJob,
-    scene: ValidScene<'s>,
-    progress: &Progress,
-) -> Result<Box<dyn Accel + 's>, Failure> {
-    let options = AccelOptions {
-        progress: Some(&|fraction| progress.fraction(fraction)),
-        ..job.tracing.options()
-    };
-    build_with(job, scene, &options)
-}
-
-/// Builds the acceleration structure of a scene with the given options in place of the job's.
-pub(super) fn build_with<'s>(
-    job: &RenderJob,
-    scene: ValidScene<'s>,
-    options: &AccelOptions,
-) -> Result<Box<dyn Accel + 's>, Failure> {
-    let accel = accel::build(scene, job.backend, options)?;
-    interrupt::check()?;
-    Ok(accel)
-}
-
-/// Returns the acceleration structure with screen bounds in front of it, or `None` where the bounds cost more than the
-/// camera rays save by them.
-pub(super) fn project<'a>(
-    job: &RenderJob,
-    resolved: &ResolvedSettings,
-    (scene, camera): (&'a Scene, &Camera),
-    accel: &'a dyn Accel,
-) -> Option<TileCulledAccel<'a, 'a>> {
-    let RenderSettings {
-        width, height, spp, ..
-    } = resolved.settings;
-    // Compare the number of objects with the number of camera rays
-    let sample_count = f64::from(width) * f64::from(height) * f64::from(spp);
-    let pays = scene.instances.len() as f64 * SAMPLES_PER_OBJECT <= sample_count;
-    // Screen bounds assume rays from one point; rays through a lens start at several.
-    if job.backend != Backend::Bsp || !pays || camera.lens_radius() > 0.0 {
-        return None;
-    }
-    let view = camera.view(width, height);
-    TileCulledAccel::new(
-        scene,
-        &view,
-        accel,
-        BoundingVolumeKind::TightSphere,
-        ListLimits::BESIDE_A_TREE,
-    )
 }
 
 fn trace(
@@ -345,7 +273,7 @@ fn trace(
 }
 
 fn write_image(
-    (job, resolved): (&RenderJob, &ResolvedSettings),
+    (request, resolved): (&RenderRequest, &ResolvedSettings),
     target: &Target,
     rendering: &Rendering,
     notes: &[Attribute],
@@ -354,13 +282,13 @@ fn write_image(
     if target.format == ImageFormat::Png {
         let encoding = PngEncoding {
             tone: resolved.tone,
-            bits: job.encoding.png_bits,
+            bits: request.encoding.png_bits,
         };
         interrupt::without_interruption(|| image::write_png_with(image, encoding, notes, path))?;
         return Ok(());
     }
     // Collect the further channels, which only EXR files can hold
-    let channels = aov::channels(job, rendering);
+    let channels = request::channels(&request.aovs, rendering);
     let extra: Vec<ImageChannel> = channels
         .iter()
         .map(|layer| ImageChannel {
@@ -369,7 +297,9 @@ fn write_image(
             kind: layer.kind,
         })
         .collect();
-    interrupt::without_interruption(|| image::write_exr_with(image, &extra, job.encoding.exr, notes, path))?;
+    interrupt::without_interruption(|| {
+        image::write_exr_with(image, &extra, request.encoding.exr, notes, path)
+    })?;
     Ok(())
 }
 
@@ -391,21 +321,16 @@ fn write_heat(job: &RenderJob, rendering: &Rendering) -> Result<Option<String>, 
 
 /// Prints one line per image on standard output.
 fn print_finished(
-    job: &RenderJob,
     target: &Target,
     (rendering, seconds): (&Rendering, f64),
     progress: &Progress,
 ) -> Result<(), Failure> {
-    if job.verbosity == Verbosity::Quiet {
-        return Ok(());
-    }
-    let line = format!(
+    progress.result(&format!(
         "{}: {}x{}, {seconds:.2} s\n",
         target.image.display(),
         rendering.image.width,
         rendering.image.height
-    );
-    progress.suspend(|| output::print(&line))
+    ))
 }
 
 /// Returns an error if the image was rendered with settings that miss the target.
@@ -451,7 +376,7 @@ fn write_stats(job: &RenderJob, finished: &[RenderStats], progress: &Progress) -
 
 /// Returns the statistics of an image, without its times and its camera's name.
 fn stats(
-    (job, target, resolved): (&RenderJob, &Target, &ResolvedSettings),
+    (request, target, resolved): (&RenderRequest, &Target, &ResolvedSettings),
     scene: &Scene,
     accel: &dyn Accel,
     rendering: &Rendering,
@@ -474,9 +399,9 @@ fn stats(
         samples: rendering.samples,
         depth: resolved.settings.depth,
         cutoff: CutoffStats::of(&rendering.ledger, rendering.samples.total),
-        backend: job.backend,
-        precision: effective_precision(job.backend, job.tracing.precision),
-        threads: job.tracing.threads,
+        backend: request.backend(),
+        precision: request.tracing.path().precision,
+        threads: request.tracing.threads,
         seconds: PhaseSeconds::default(),
         rays: RayCounts::of(&rendering.ledger),
         effects: effect_stats(rendering),

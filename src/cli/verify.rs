@@ -4,6 +4,7 @@
 use std::collections::BTreeSet;
 
 use whit::accel::AccelError;
+use whit::batch::request::TracingOptions;
 use whit::image::check_writable;
 use whit::parallel;
 use whit::report::verify::{VerifyRow, case_list, table};
@@ -13,7 +14,6 @@ use whit::verify::{self, BackendVariant, Case, Recording, VARIANTS, Verdict, Ver
 use super::args::VerifyArgs;
 use super::failure::Failure;
 use super::interrupt;
-use super::job::Tracing;
 use super::output;
 use super::progress::{Progress, Verbosity};
 
@@ -40,7 +40,7 @@ pub(super) fn run(args: &VerifyArgs) -> Result<(), Failure> {
     if args.isa.is_some() && !cfg!(feature = "embree") {
         return Err(AccelError::NoEmbree.into());
     }
-    let pool = Tracing::of_threads(args.threads).pool()?;
+    let pool = TracingOptions::of_threads(args.threads).pool()?;
     let progress = Progress::new(Verbosity::Normal);
     // List all combinations of case, variant and instruction set
     let runs = runs(

@@ -6,17 +6,17 @@ use std::path::Path;
 
 use whit::accel::hit_compare::HitComparison;
 use whit::accel::{self, Accel, AccelOptions, Backend, Instancing};
+use whit::batch::request::{TracingOptions, load_scene};
+use whit::gltf::LoadOptions;
 use whit::parallel;
-use whit::scene::{EffectSet, ValidScene};
+use whit::scene::ValidScene;
 use whit::verify::{self, Difference, QueryResult, RaysFile, VARIANTS, describe_ray, retrace};
 
 use super::args::VerifyArgs;
 use super::cross_check::holds;
 use super::failure::Failure;
 use super::interrupt;
-use super::job::Tracing;
 use super::output;
-use super::scene;
 
 /// Traces the rays of `file` again in the first scene of the arguments.
 pub(super) fn run(args: &VerifyArgs, file: &Path) -> Result<(), Failure> {
@@ -24,8 +24,8 @@ pub(super) fn run(args: &VerifyArgs, file: &Path) -> Result<(), Failure> {
     let Some(path) = args.scenes.first() else {
         return Err(Failure::Input("give the scene of the rays".into()));
     };
-    let pool = Tracing::of_threads(args.threads).pool()?;
-    let loaded = parallel::install(&pool, || scene::load((path, &[], None), EffectSet::NONE))?;
+    let pool = TracingOptions::of_threads(args.threads).pool()?;
+    let loaded = parallel::install(&pool, || load_scene(path, &[], &LoadOptions::default()))?;
     // The scene must be the one that the rays were recorded in, as far as its size shows
     let found = holds(&loaded.scene);
     if found != rays.holds {

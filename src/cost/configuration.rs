@@ -2,85 +2,11 @@
 
 use std::collections::BTreeMap;
 
+use super::{HitPath, SceneChange, Settings};
 use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::numeric::SpawnPolicy;
 use crate::render::{HitPoint, Pattern, RenderSettings};
-use crate::scene::{Effect, LightKind, Scene};
-
-/// Intersection backend with the options of its acceleration structure.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct HitPath {
-    /// Intersection backend: Embree, or the BSP tree.
-    pub backend: Backend,
-    /// Precision of triangle hits; the BSP has fast (f32) and is exact otherwise.
-    pub precision: Precision,
-    /// Representation of instanced meshes in Embree.
-    pub instancing: Instancing,
-    /// Build quality of Embree's BVHs.
-    pub build_quality: BuildQuality,
-    /// Compact mode, which saves memory rather than time.
-    pub compact: bool,
-}
-
-impl HitPath {
-    /// BSP that computes every hit in f64.
-    pub const BSP: HitPath = HitPath {
-        backend: Backend::Bsp,
-        precision: Precision::Watertight,
-        instancing: Instancing::Auto,
-        build_quality: BuildQuality::Medium,
-        compact: false,
-    };
-
-    /// Returns the path's name in reports.
-    pub fn name(&self) -> String {
-        match (self.backend, self.precision) {
-            (Backend::Embree, precision) => precision.to_string(),
-            (Backend::Bsp, Precision::Fast) => "bsp f32".to_owned(),
-            (backend, _) => backend.to_string(),
-        }
-    }
-}
-
-/// Changes that a configuration makes to the scene itself.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SceneChange {
-    /// Samples per area light; `None` keeps the lights' own numbers.
-    pub light_samples: Option<u32>,
-    /// Rays per rough lobe; `None` keeps the materials' own numbers.
-    pub rough_rays: Option<u32>,
-    /// Factor by which march steps through volumes are longer than the volumes' own.
-    pub step_factor: f64,
-}
-
-impl Default for SceneChange {
-    fn default() -> SceneChange {
-        SceneChange {
-            light_samples: None,
-            rough_rays: None,
-            step_factor: 1.0,
-        }
-    }
-}
-
-impl SceneChange {
-    /// Applies the changes to `scene` in place.
-    pub fn apply(&self, scene: &mut Scene) {
-        if let Some(count) = self.light_samples {
-            for light in &mut scene.lights {
-                if let LightKind::Area { samples, .. } = &mut light.kind {
-                    *samples = count;
-                }
-            }
-        }
-        if let Some(rays) = self.rough_rays {
-            scene.set_rough_rays(rays);
-        }
-        if self.step_factor != 1.0 {
-            scene.scale_march_steps(self.step_factor);
-        }
-    }
-}
+use crate::scene::Effect;
 
 /// Complete description of a render: settings, backend, scene changes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,6 +20,11 @@ pub struct Configuration {
 }
 
 impl Configuration {
+    /// Returns all settings, as a settings file holds them.
+    pub fn to_settings(&self) -> Settings {
+        Settings::of(&self.settings, &self.path, &self.change)
+    }
+
     /// Returns this configuration with hits found by `path`.
     #[must_use]
     pub fn with_path(self, path: HitPath) -> Configuration {

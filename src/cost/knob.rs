@@ -4,7 +4,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::configuration::{Configuration, HitPath, SceneChange, cutoff_name, pattern_name, step_name};
+use super::configuration::{Configuration, cutoff_name, pattern_name, step_name};
+use super::{HitPath, SceneChange};
 use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::numeric::SpawnPolicy;
 use crate::render::{Adaptive, FilterKind, HitPoint, Pattern, Plan, RenderSettings};

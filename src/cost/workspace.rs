@@ -79,13 +79,9 @@ impl<'s> Workspace<'_, 's> {
         self.report_step("build");
         // Build with the options of the path, and measure the time
         let options = AccelOptions {
-            precision: path.precision,
-            instancing: path.instancing,
-            build_quality: path.build_quality,
-            compact: path.compact,
             threads: self.experiment.threads,
             isa: self.experiment.isa.clone(),
-            ..AccelOptions::default()
+            ..path.options()
         };
         let start = Instant::now();
         let accel = accel::build(self.valid(scene), path.backend, &options)?;

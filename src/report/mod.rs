@@ -8,12 +8,14 @@ mod format;
 mod html;
 mod image;
 mod knob_name;
-pub mod memory;
 mod text;
 
-pub use html::{bench_page, compare_page, cost_page, cross_check_page, gallery, page, verify_page};
+pub use crate::batch::memory;
+pub use html::{
+    batch_page, bench_page, compare_page, cost_page, cross_check_page, gallery, page, verify_page,
+};
 pub use image::{difference_image, heat_map, overlay, worst_tiles};
 pub use text::{
-    ablation, accel_info, bench, compare, cost, cross_check, crossover, extents, forecast, info, regression,
-    stats, table, verify,
+    ablation, accel_info, batch, bench, compare, cost, cross_check, crossover, extents, forecast, info,
+    regression, stats, table, verify,
 };

@@ -2,10 +2,12 @@
 
 use rayon::ThreadPool;
 
+use crate::cli::accel_options::tracing_options;
 use crate::cli::args::{BenchArgs, DEFAULT_BENCH_SPP};
 use crate::cli::failure::Failure;
-use crate::cli::job::{Tracing, requested, settings};
-use whit::accel::RayPacket;
+use crate::cli::job::requested;
+use whit::accel::{Backend, RayPacket};
+use whit::batch::request::{TracingOptions, render_settings};
 use whit::numeric::LANES;
 use whit::render::RenderSettings;
 use whit::report::memory;
@@ -15,7 +17,7 @@ use whit::scene_file::Output;
 pub(super) struct BenchJob {
     /// Image settings of the command line; the scene may give those that are absent.
     requested: Output,
-    pub(super) tracing: Tracing,
+    pub(super) tracing: TracingOptions,
     /// Thread pools of the scaling measurement, fewest threads first; empty without `--scaling`.
     pub(super) scaling: Vec<ThreadPool>,
 }
@@ -23,13 +25,13 @@ pub(super) struct BenchJob {
 impl BenchJob {
     /// Checks the arguments and starts the thread pools.
     pub(super) fn new(args: &BenchArgs) -> Result<BenchJob, Failure> {
-        let tracing = Tracing::new(&args.tracing);
+        let tracing = tracing_options(&args.tracing, Backend::default());
         // Start a pool for each thread count of the scaling measurement
         let counts = match args.scaling {
             true => thread_counts(tracing.threads),
             false => Vec::new(),
         };
-        let pool = |threads| Tracing::of_threads(threads).pool();
+        let pool = |threads| TracingOptions::of_threads(threads).pool();
         Ok(BenchJob {
             requested: Output {
                 spp: args.spp,
@@ -44,7 +46,7 @@ impl BenchJob {
     pub(super) fn settings(&self, output: &Output) -> Result<RenderSettings, Failure> {
         let mut requested = self.requested.or(output);
         requested.spp = requested.spp.or(Some(DEFAULT_BENCH_SPP));
-        let settings = settings(&requested)?;
+        let settings = render_settings(&requested)?;
         let (width, height, spp) = (settings.width, settings.height, settings.spp);
         // All rays are recorded, so even the camera rays must fit into memory
         let packets = u64::from(width) * u64::from(height) * u64::from(spp) / LANES as u64;

@@ -6,12 +6,12 @@ use super::job::BenchJob;
 use super::sweep;
 use crate::cli::args::BenchArgs;
 use crate::cli::failure::Failure;
-use crate::cli::job::choose_camera;
 use crate::cli::progress::{Progress, Verbosity};
-use crate::cli::scene;
+use whit::batch::request::{choose_camera, load_scene};
 use whit::bench::{BenchError, BenchOptions, MeasuredScene};
+use whit::gltf::LoadOptions;
 use whit::parallel;
-use whit::scene::{EffectSet, Scene};
+use whit::scene::Scene;
 use whit::scene_file::{Output, SceneFile};
 
 /// Source of a scene to measure.
@@ -39,7 +39,7 @@ impl<'a> Subject<'a> {
     fn scene(&self) -> Result<(Scene, Output), Failure> {
         match self {
             Subject::File(path) => {
-                let SceneFile { scene, output, .. } = scene::load((path, &[], None), EffectSet::NONE)?;
+                let SceneFile { scene, output, .. } = load_scene(path, &[], &LoadOptions::default())?;
                 Ok((scene, output))
             }
             Subject::Made(triangles) => Ok((sweep::scene(*triangles)?, Output::default())),

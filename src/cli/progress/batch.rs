@@ -26,6 +26,7 @@ struct FrameOutcome<'a> {
 
 /// Image that is being rendered.
 struct Current {
+    /// Index of its frame in the batch.
     number: usize,
     image: String,
     since: Instant,
@@ -36,22 +37,15 @@ struct State {
     current: Vec<Current>,
     durations: Durations,
     finished: usize,
-    begun: usize,
     limiter: RateLimiter,
 }
 
 /// Progress of a batch of images, several of which may be rendered concurrently; usable from any thread.
-pub(in crate::cli) struct Batch<'p> {
+pub(in crate::cli) struct BatchProgress<'p> {
     progress: &'p Progress,
     total: usize,
     since: Instant,
     state: Mutex<State>,
-}
-
-/// Image of a batch that has been started. If it is dropped without a result, it does not count as finished.
-pub(in crate::cli) struct BatchFrame<'b> {
-    batch: &'b Batch<'b>,
-    number: usize,
 }
 
 /// Snapshot of the progress of a batch.
@@ -61,8 +55,8 @@ struct Snapshot {
     seconds_left: Option<f64>,
 }
 
-impl<'p> Batch<'p> {
-    pub(super) fn new(progress: &'p Progress, total: usize) -> Batch<'p> {
+impl<'p> BatchProgress<'p> {
+    pub(super) fn new(progress: &'p Progress, total: usize) -> BatchProgress<'p> {
         // Replace the layout of the bar for single images by that for batches
         if let Ok(style) =
             ProgressStyle::with_template("{prefix} {wide_bar} {percent:>3} % {elapsed:>4} {msg}")
@@ -76,7 +70,7 @@ impl<'p> Batch<'p> {
         if !progress.bar.is_hidden() {
             progress.bar.enable_steady_tick(TICK);
         }
-        Batch {
+        BatchProgress {
             progress,
             total,
             since: Instant::now(),
@@ -84,17 +78,14 @@ impl<'p> Batch<'p> {
                 current: Vec::new(),
                 durations: Durations::default(),
                 finished: 0,
-                begun: 0,
                 limiter: RateLimiter::default(),
             }),
         }
     }
 
-    /// Starts an image and adds it to those in progress.
-    pub(in crate::cli) fn begin(&self, image: &str) -> BatchFrame<'_> {
+    /// Starts the image of frame `number` and adds it to those in progress.
+    pub(in crate::cli) fn begin(&self, number: usize, image: &str) {
         let mut state = self.lock();
-        state.begun += 1;
-        let number = state.begun;
         state.current.push(Current {
             number,
             image: image.to_owned(),
@@ -102,7 +93,24 @@ impl<'p> Batch<'p> {
             fraction: 0.0,
         });
         self.show(&mut state);
-        BatchFrame { batch: self, number }
+    }
+
+    /// Displays the finished fraction of an image; callable from any thread. Returns at once if another thread holds
+    /// the lock.
+    pub(in crate::cli) fn fraction(&self, number: usize, fraction: f64) {
+        let Ok(mut state) = self.state.try_lock() else {
+            return;
+        };
+        if let Some(frame) = state.current.iter_mut().find(|frame| frame.number == number) {
+            // Fractions of several threads may arrive out of order.
+            frame.fraction = frame.fraction.max(fraction.clamp(0.0, 1.0));
+            self.show(&mut state);
+        }
+    }
+
+    /// Removes an image that is interrupted, which does not count as finished.
+    pub(in crate::cli) fn interrupt(&self, number: usize) {
+        BatchProgress::take(&mut self.lock(), number);
     }
 
     /// Reports that an image is skipped because it exists already.
@@ -192,73 +200,30 @@ impl<'p> Batch<'p> {
         Some(state.current.remove(place))
     }
 
-    fn end(&self, number: usize, failure: Option<&Failure>) {
+    /// Reports that an image is written, or has failed for a reason.
+    pub(in crate::cli) fn end(&self, number: usize, failure: Option<&Failure>) {
         let mut state = self.lock();
-        let Some(frame) = Batch::take(&mut state, number) else {
+        let Some(frame) = BatchProgress::take(&mut state, number) else {
             return;
         };
         let seconds = frame.since.elapsed().as_secs_f64();
         state.finished += 1;
+        // Only successful frames contribute to the typical duration
+        if failure.is_none() {
+            state.durations.note(seconds);
+        }
+        let message = failure.map(ToString::to_string);
+        let outcome = FrameOutcome {
+            image: &frame.image,
+            status: failure.map_or("done", |_| "failed"),
+            message: message.as_deref(),
+            seconds,
+        };
         match failure {
-            // Only successful frames contribute to the typical duration
-            None => {
-                state.durations.note(seconds);
-                self.emit(
-                    &state,
-                    FrameOutcome {
-                        image: &frame.image,
-                        status: "done",
-                        message: None,
-                        seconds,
-                    },
-                );
-            }
-            Some(failure) if self.progress.lines.is_some() => {
-                self.emit(
-                    &state,
-                    FrameOutcome {
-                        image: &frame.image,
-                        status: "failed",
-                        message: Some(&failure.to_string()),
-                        seconds,
-                    },
-                );
-            }
-            Some(failure) => self.progress.suspend(|| failure.print()),
+            Some(failure) if self.progress.lines.is_none() => self.progress.suspend(|| failure.print()),
+            _ => self.emit(&state, outcome),
         }
         self.show(&mut state);
-    }
-}
-
-impl BatchFrame<'_> {
-    /// Displays the finished fraction of the image; callable from any thread. Returns at once if another thread holds
-    /// the lock.
-    pub(in crate::cli) fn fraction(&self, fraction: f64) {
-        let Ok(mut state) = self.batch.state.try_lock() else {
-            return;
-        };
-        if let Some(frame) = state.current.iter_mut().find(|frame| frame.number == self.number) {
-            // Fractions of several threads may arrive out of order.
-            frame.fraction = frame.fraction.max(fraction.clamp(0.0, 1.0));
-            self.batch.show(&mut state);
-        }
-    }
-
-    /// Reports that the image is written.
-    pub(in crate::cli) fn finish(self) {
-        self.batch.end(self.number, None);
-    }
-
-    /// Reports that the image has failed, with the reason.
-    pub(in crate::cli) fn fail(self, failure: &Failure) {
-        self.batch.end(self.number, Some(failure));
-    }
-}
-
-impl Drop for BatchFrame<'_> {
-    fn drop(&mut self) {
-        // An image that was finished or has failed is not in the list any more.
-        Batch::take(&mut self.batch.lock(), self.number);
     }
 }
 
@@ -296,17 +261,18 @@ mod tests {
         let progress = Progress::new(Verbosity::Quiet);
         let batch = progress.batch(4);
         batch.skip("a");
-        batch.begin("b").finish();
-        let frame = batch.begin("c");
-        frame.fraction(0.5);
-        frame.fraction(0.25);
+        batch.begin(1, "b");
+        batch.end(1, None);
+        batch.begin(2, "c");
+        batch.fraction(2, 0.5);
+        batch.fraction(2, 0.25);
         let snapshot = batch.snapshot(&batch.lock());
         assert_eq!(
             (snapshot.fraction, &*snapshot.images),
             (2.5 / 4.0, &["c".to_owned()][..])
         );
         assert!(snapshot.seconds_left.is_some());
-        drop(frame);
+        batch.interrupt(2);
         let snapshot = batch.snapshot(&batch.lock());
         assert_eq!((snapshot.fraction, snapshot.images.len()), (0.5, 0));
     }

@@ -8,7 +8,6 @@ use std::collections::BTreeMap;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use percent_encoding::{AsciiSet, CONTROLS, utf8_percent_encode};
-use serde::{Deserialize, Serialize};
 
 use super::page::{self, BarEntry, Bars, Card, EffectPart, Group, PageElement, SeriesStyle, Stack, Stacks};
 use crate::cost::Interval;
@@ -20,6 +19,14 @@ use crate::report::text::table::group_thousands;
 /// Largest number of frames for each thumbnail side in pixels; more frames have the smallest one.
 const SIDES: [(usize, u32); 2] = [(100, 256), (400, 128)];
 const SMALLEST_SIDE: u32 = 96;
+
+/// Names and colours of the phases of a frame.
+const PHASES: [(&str, SeriesStyle); 4] = [
+    ("load", SeriesStyle::Number(3)),
+    ("build", SeriesStyle::Number(1)),
+    ("render", SeriesStyle::Number(0)),
+    ("write", SeriesStyle::Number(2)),
+];
 
 /// Number of effects with a colour of their own, those with the longest time; the others share one.
 const COLORS: usize = 6;
@@ -39,7 +46,7 @@ const NOT_IN_PATHS: &AsciiSet = &CONTROLS
     .add(b'}');
 
 /// Contents of the page of a batch.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct Gallery {
     /// Title of the page.
     pub title: String,
@@ -47,21 +54,16 @@ pub struct Gallery {
     pub frames: Vec<GalleryFrame>,
     /// Wall-clock seconds of the whole batch.
     pub seconds: f64,
-    /// Name of the machine; the processor's name if absent.
-    pub machine: Option<String>,
-    /// Additional facts as names and values.
-    pub facts: Vec<(String, String)>,
 }
 
 /// Frame of a batch with its image.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct GalleryFrame {
     /// Name of the frame.
     pub name: String,
     /// Path of the image file relative to the page's folder, with slashes.
     pub image: String,
     /// Small PNG of the image, see [`thumbnail`]; empty if there is none.
-    #[serde(skip)]
     pub thumbnail: Vec<u8>,
     /// Width of the image in pixels.
     pub width: u32,
@@ -73,19 +75,16 @@ pub struct GalleryFrame {
     pub status: FrameStatus,
     /// Reason for a failure, or another message.
     pub message: String,
-    /// Wall-clock seconds of each phase.
-    pub seconds: FrameSeconds,
-    /// Number of rays by kind.
-    pub rays: BTreeMap<String, u64>,
-    /// Cost of each effect.
+    /// Wall-clock seconds of each phase: loading the scene, building, rendering and writing.
+    pub seconds: [f64; 4],
+    /// Rays and time of each effect.
     pub ledger: Vec<EffectShare>,
     /// Settings in which the frame differs from the others, a few words each.
     pub settings: Vec<String>,
 }
 
 /// Status of a frame in a batch.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FrameStatus {
     /// Frame that this batch rendered.
     Done,
@@ -99,61 +98,26 @@ pub enum FrameStatus {
 }
 
 impl FrameStatus {
-    const ALL: [FrameStatus; 4] = [
-        FrameStatus::Done,
-        FrameStatus::Failed,
-        FrameStatus::Missing,
-        FrameStatus::Skipped,
+    /// All statuses with their words and their CSS classes.
+    const ALL: [(FrameStatus, &str, &str); 4] = [
+        (FrameStatus::Done, "done", "holds"),
+        (FrameStatus::Failed, "failed", "fails"),
+        (FrameStatus::Missing, "missing", "measured"),
+        (FrameStatus::Skipped, "skipped", "skipped"),
     ];
 
-    fn word(self) -> &'static str {
-        match self {
-            FrameStatus::Done => "done",
-            FrameStatus::Failed => "failed",
-            FrameStatus::Missing => "missing",
-            FrameStatus::Skipped => "skipped",
-        }
-    }
-
-    /// Returns the CSS class of the status.
-    fn class(self) -> &'static str {
-        match self {
-            FrameStatus::Done => "holds",
-            FrameStatus::Failed => "fails",
-            FrameStatus::Missing => "measured",
-            FrameStatus::Skipped => "skipped",
-        }
-    }
-}
-
-/// Wall-clock seconds of the phases of a frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct FrameSeconds {
-    /// Seconds to read the scene; 0 where it was in memory already.
-    pub load: f64,
-    /// Seconds to build or refit the acceleration structure.
-    pub build: f64,
-    /// Seconds to render the image.
-    pub render: f64,
-    /// Seconds to write files.
-    pub write: f64,
-}
-
-impl FrameSeconds {
-    fn parts(&self) -> [f64; 4] {
-        [self.load, self.build, self.render, self.write]
-    }
-
-    fn sum(&self) -> f64 {
-        self.parts().iter().sum()
+    /// Returns the word and the CSS class of the status.
+    fn word_and_class(self) -> (&'static str, &'static str) {
+        let (_, word, class) = FrameStatus::ALL[self as usize];
+        (word, class)
     }
 }
 
 /// Cost of an effect in a frame.
-#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default)]
 pub struct EffectShare {
     /// Name of the effect in ledgers.
-    pub name: String,
+    pub name: &'static str,
     /// Seconds summed over all threads.
     pub seconds: f64,
     /// Number of rays traced for the effect.
@@ -216,8 +180,8 @@ impl Gallery {
         // Show a filter for each status that occurs
         let statuses: Vec<_> = FrameStatus::ALL
             .into_iter()
-            .filter(|&status| self.count(status) > 0)
-            .map(|status| (status.class(), status.word()))
+            .filter(|&(status, _, _)| self.count(status) > 0)
+            .map(|(_, word, class)| (class, word))
             .collect();
         elements.push(page::filter(&statuses));
         // Show a card for each frame
@@ -232,13 +196,9 @@ impl Gallery {
     }
 
     fn summary(&self) -> [PageElement; 2] {
-        let tile = |status: FrameStatus| {
-            let class = if self.count(status) > 0 {
-                status.class()
-            } else {
-                ""
-            };
-            (self.count(status).to_string(), status.word(), class)
+        let tile = |(status, word, class)| match self.count(status) {
+            0 => ("0".to_owned(), word, ""),
+            count => (count.to_string(), word, class),
         };
         // Count frames by status
         let mut tiles = vec![(self.frames.len().to_string(), "frames", "")];
@@ -246,24 +206,20 @@ impl Gallery {
         tiles.extend(
             FrameStatus::ALL
                 .into_iter()
-                .filter(|&s| s != FrameStatus::Skipped || self.count(s) > 0)
+                .filter(|&(status, ..)| status != FrameStatus::Skipped || self.count(status) > 0)
                 .map(tile),
         );
         tiles.push((time(self.seconds), "in total", ""));
         // Append total time, number of rays and the machine
-        let rays: u64 = self.frames.iter().flat_map(|frame| frame.rays.values()).sum();
+        let shares = self.frames.iter().flat_map(|frame| &frame.ledger);
+        let rays: u64 = shares.map(|share| share.rays).sum();
         // Narrow no-break spaces keep the number in one line.
         tiles.push((group_thousands(rays).replace(' ', "\u{202f}"), "rays", ""));
-        let machine = self.machine.clone().unwrap_or_else(cpu::processor);
-        let mut facts = vec![
+        let facts = [
             ("whit", env!("CARGO_PKG_VERSION").to_owned()),
-            ("machine", machine),
+            ("machine", cpu::processor()),
+            ("command", "whit batch".to_owned()),
         ];
-        facts.extend(
-            self.facts
-                .iter()
-                .map(|(name, value)| (name.as_str(), value.clone())),
-        );
         [page::numbers(&tiles), page::facts(&facts)]
     }
 
@@ -272,7 +228,7 @@ impl Gallery {
         // Sum the seconds of each effect over all frames
         let mut seconds: BTreeMap<&str, f64> = BTreeMap::new();
         for share in self.frames.iter().flat_map(|frame| &frame.ledger) {
-            *seconds.entry(&share.name).or_default() += finite_or_zero(share.seconds);
+            *seconds.entry(share.name).or_default() += finite_or_zero(share.seconds);
         }
         let mut all: Vec<_> = seconds
             .into_iter()
@@ -295,19 +251,19 @@ impl Gallery {
     /// Returns the chart of seconds over the number of the frame.
     fn times(&self) -> PageElement {
         let stack = |frame: &GalleryFrame| Stack {
-            parts: frame.seconds.parts().to_vec(),
+            parts: frame.seconds.to_vec(),
             is_wrong: frame.status == FrameStatus::Failed,
-            words: format!("{}: {}, {}", frame.name, frame.status.word(), frame.times()),
+            words: format!(
+                "{}: {}, {}",
+                frame.name,
+                frame.status.word_and_class().0,
+                frame.times()
+            ),
         };
         PageElement::Stacks(Stacks {
             x_label: "frame",
             y_label: "seconds",
-            parts: vec![
-                (SeriesStyle::Number(3), "load"),
-                (SeriesStyle::Number(1), "build"),
-                (SeriesStyle::Number(0), "render"),
-                (SeriesStyle::Number(2), "write"),
-            ],
+            parts: PHASES.map(|(name, style)| (style, name)).to_vec(),
             stacks: self.frames.iter().map(stack).collect(),
         })
     }
@@ -334,32 +290,35 @@ fn effects_in_all(effects: &[(&str, f64, SeriesStyle)]) -> PageElement {
 }
 
 impl GalleryFrame {
+    fn seconds_in_all(&self) -> f64 {
+        self.seconds.iter().sum()
+    }
+
     /// Returns the total time and the time of each phase in words.
     fn times(&self) -> String {
-        let parts = ["load", "build", "render", "write"]
-            .into_iter()
-            .zip(self.seconds.parts());
+        let parts = PHASES.into_iter().zip(self.seconds);
         let parts: Vec<String> = parts
             .filter(|&(_, seconds)| seconds > 0.0)
-            .map(|(name, seconds)| format!("{name} {}", time(seconds)))
+            .map(|((name, _), seconds)| format!("{name} {}", time(seconds)))
             .collect();
         match parts.len() {
             0 => "no time".to_owned(),
             1 => parts.concat(),
-            _ => format!("{}: {}", time(self.seconds.sum()), parts.join(", ")),
+            _ => format!("{}: {}", time(self.seconds_in_all()), parts.join(", ")),
         }
     }
 
     fn card(&self, effects: &[(&str, f64, SeriesStyle)]) -> Card {
         let is_there = matches!(self.status, FrameStatus::Done | FrameStatus::Skipped);
         let (shares, shares_words) = self.shares(effects);
+        let (word, class) = self.status.word_and_class();
         Card {
             name: self.name.clone(),
-            status: (self.status.class(), self.status.word()),
+            status: (class, word),
             // Link to the image if it exists
             address: is_there.then(|| format!("./{}", utf8_percent_encode(&self.image, NOT_IN_PATHS))),
             png: STANDARD.encode(&self.thumbnail),
-            seconds: finite_or_zero(self.seconds.sum()),
+            seconds: finite_or_zero(self.seconds_in_all()),
             message: self.message.clone(),
             shares,
             shares_words,
@@ -400,16 +359,15 @@ impl GalleryFrame {
     /// Returns size, times, settings and rays in words.
     fn words(&self) -> String {
         let mut words = vec![format!("{}x{}, {} samples", self.width, self.height, self.spp)];
-        if self.seconds.sum() > 0.0 {
+        if self.seconds_in_all() > 0.0 {
             words.push(self.times());
         }
         words.extend(self.settings.iter().cloned());
-        let rays: Vec<String> = self
-            .rays
-            .iter()
-            .filter(|(_, count)| **count > 0)
-            .map(|(kind, &count)| format!("{kind} {}", group_thousands(count)))
+        let traced = self.ledger.iter().filter(|share| share.rays > 0);
+        let mut rays: Vec<String> = traced
+            .map(|share| format!("{} {}", share.name, group_thousands(share.rays)))
             .collect();
+        rays.sort();
         if !rays.is_empty() {
             words.push(format!("rays: {}", rays.join(", ")));
         }
@@ -487,13 +445,9 @@ mod tests {
     #[test]
     fn non_finite_numbers_are_not_shown() {
         let frame = GalleryFrame {
-            seconds: FrameSeconds {
-                render: f64::NAN,
-                load: f64::INFINITY,
-                ..FrameSeconds::default()
-            },
+            seconds: [f64::INFINITY, 0.0, f64::NAN, 0.0],
             ledger: vec![EffectShare {
-                name: "shadow".to_owned(),
+                name: "shadow",
                 seconds: f64::NAN,
                 rays: 1,
             }],

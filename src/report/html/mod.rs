@@ -1,5 +1,6 @@
 //! Reports as HTML pages.
 
+pub mod batch_page;
 mod bench_charts;
 pub mod bench_page;
 pub mod compare_page;

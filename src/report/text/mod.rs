@@ -2,6 +2,7 @@
 
 pub mod ablation;
 pub mod accel_info;
+pub mod batch;
 pub mod bench;
 pub mod compare;
 pub mod cost;

@@ -2,7 +2,7 @@
 
 use crate::support::scene_folder;
 use whit::accel::{Backend, BuildQuality, Precision};
-use whit::cost::{Configuration, HitPath, Knob, LevelRange, SceneChange, Settings, knobs, with_knob};
+use whit::cost::{Configuration, HitPath, Knob, LevelRange, SceneChange, knobs, with_knob};
 use whit::render::{HitPoint, Plan, RenderSettings};
 use whit::scene::{Camera, Effect, Scene};
 
@@ -80,7 +80,7 @@ fn each_knob_changes_alone_and_is_recorded_in_the_settings() {
         compact: true,
         ..base.path
     };
-    let settings = Settings::of(&base.with_path(low));
+    let settings = base.with_path(low).to_settings();
     assert_eq!(
         (settings.build_quality, settings.compact),
         (Some(BuildQuality::Low), Some(true))
@@ -98,7 +98,7 @@ fn spawn_points_are_a_knob_only_where_rays_leave_surfaces() {
         assert_eq!(with_knob(&base, Knob::SpawnPoints, configuration), *configuration);
         assert_eq!(configuration.words()["spawn"], *level);
         assert_eq!(
-            Settings::of(configuration).spawn,
+            configuration.to_settings().spawn,
             Some(configuration.settings.spawn)
         );
     }
@@ -113,7 +113,7 @@ fn spawn_points_are_a_knob_only_where_rays_leave_surfaces() {
         (level.as_str(), configuration.words()["hit_points"].as_str()),
         ("reported", "reported")
     );
-    assert_eq!(Settings::of(configuration).hit_points, Some(HitPoint::Reported));
+    assert_eq!(configuration.to_settings().hit_points, Some(HitPoint::Reported));
     // Without lights and mirrors no ray leaves anything.
     let mut dark = shaded.clone();
     dark.lights.clear();

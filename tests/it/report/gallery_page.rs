@@ -6,9 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::support::browser::{chromium, is_clean, looked_at};
 use serde_json::{Value, json};
 use whit::image::{LinearImage, ToneMap};
-use whit::report::gallery::{
-    EffectShare, FrameSeconds, FrameStatus, Gallery, GalleryFrame, thumbnail, thumbnail_side,
-};
+use whit::report::gallery::{EffectShare, FrameStatus, Gallery, GalleryFrame, thumbnail, thumbnail_side};
 
 const EFFECTS: [&str; 8] = [
     "camera",
@@ -67,19 +65,14 @@ fn frame(number: usize, small: &[Vec<u8>]) -> GalleryFrame {
         return frame;
     }
     let render = 2.0 + (number as f64 * 0.7).sin();
-    frame.seconds = FrameSeconds {
-        load: if number == 0 { 0.9 } else { 0.0 },
-        build: 0.2,
-        render,
-        write: 0.05,
-    };
-    let share = |(place, name): (usize, &&str)| EffectShare {
-        name: (*name).to_owned(),
+    let load = if number == 0 { 0.9 } else { 0.0 };
+    frame.seconds = [load, 0.2, render, 0.05];
+    let share = |(place, &name): (usize, &&'static str)| EffectShare {
+        name,
         seconds: render / (place + 1) as f64,
         rays: 100_000 / (place as u64 + 1),
     };
     frame.ledger = EFFECTS.iter().enumerate().map(share).collect();
-    frame.rays = [("camera".to_owned(), 76_800), ("shadow".to_owned(), 123_456)].into();
     frame.thumbnail = small[number % small.len()].clone();
     frame
 }
@@ -94,8 +87,6 @@ fn written(folder: &Path, count: usize) -> PathBuf {
         title: "Turntable <1> & more".to_owned(),
         frames: (0..count).map(|number| frame(number, &small)).collect(),
         seconds: 61.5,
-        machine: Some("a made-up machine".to_owned()),
-        facts: vec![("job".to_owned(), "turntable.jobs.toml".to_owned())],
     };
     let path = folder.join("gallery.html");
     fs::write(&path, gallery.page()).unwrap();

@@ -1,17 +1,15 @@
 //! Writing of final images from rows in memory or from pieces on disk, with identical bytes in both cases.
 
 use std::path::Path;
-use std::{fs, io};
 
-use whit::batch::{ChannelPlane, ChunkDirectory, CompletedFrame, FrameMetadata, Merge, MergeError};
-use whit::image::rows::{
+use super::chunk_directory::{ChunkDirectory, FrameMetadata};
+use super::merge::{Merge, MergeError};
+use crate::batch::ongoing_writes::OngoingWrites;
+use crate::image::rows::{
     ExrChannel, ExrLayout, ExrScanlineWriter, PngScanlineWriter, RowWindow, SampleType, Samples,
 };
-use whit::image::{Attribute, ChannelKind, ImageError, ImageFormat};
-
-use super::super::failure::Failure;
-use super::super::interrupt;
-use super::process::describe_process;
+use crate::image::{ChannelKind, ImageError, ImageFormat};
+use crate::render::Layer;
 
 /// Scanline writer of an image, by its format.
 enum ImageWriter {
@@ -19,15 +17,11 @@ enum ImageWriter {
     Png(Box<PngScanlineWriter>),
 }
 
-/// Writes an image whose channels `row_schedule` returns from top to bottom, block by block.
-///
-/// # Errors
-///
-/// If `row_schedule` fails or the disk is full; an earlier image is then unchanged.
-pub(super) fn write<E: From<ImageError>>(
+/// Writes an image whose channels `rows` returns from top to bottom, block by block.
+pub(in crate::batch) fn write<E: From<ImageError>>(
     out: &Path,
     head: &FrameMetadata,
-    mut rows: impl FnMut() -> Result<Option<Vec<ChannelPlane>>, E>,
+    mut rows: impl FnMut() -> Result<Option<Vec<Layer>>, E>,
 ) -> Result<(), E> {
     let path = out.join(&head.image);
     let mut writer = None;
@@ -48,53 +42,25 @@ pub(super) fn write<E: From<ImageError>>(
 }
 
 /// Merges a frame from its pieces and removes the pieces.
-///
-/// # Errors
-///
-/// If pieces are missing, or the disk is full.
-pub(in crate::cli) fn merge(out: &Path, folder: &ChunkDirectory) -> Result<(), MergeError> {
+pub(in crate::batch) fn merge(
+    out: &Path,
+    folder: &ChunkDirectory,
+    writes: &OngoingWrites,
+) -> Result<(), MergeError> {
     let mut merge = Merge::of(folder)?;
-    interrupt::without_interruption(|| write(out, folder.head(), || merge.next_rows()))?;
+    writes.during(|| write(out, folder.head(), || merge.next_rows()))?;
     folder.remove();
     Ok(())
 }
 
-/// Returns the manifest entry of a complete image.
-///
-/// # Errors
-///
-/// If there is no such image file.
-pub(in crate::cli) fn done(
-    out: &Path,
-    head: &FrameMetadata,
-    samples: f64,
-    [render_seconds, write_seconds]: [f64; 2],
-) -> io::Result<CompletedFrame> {
-    Ok(CompletedFrame {
-        frame: head.number,
-        image: head.image.clone(),
-        key: head.key,
-        bytes: fs::metadata(out.join(&head.image))?.len(),
-        seconds: render_seconds + write_seconds,
-        render_seconds,
-        samples,
-        spp: head.spp,
-        by: describe_process(),
-    })
-}
-
 impl ImageWriter {
-    fn begin(path: &Path, head: &FrameMetadata, planes: &[ChannelPlane]) -> Result<ImageWriter, ImageError> {
-        let notes: Vec<Attribute> = head
-            .notes
-            .iter()
-            .map(|(name, text)| Attribute { name, text })
-            .collect();
+    fn begin(path: &Path, head: &FrameMetadata, planes: &[Layer]) -> Result<ImageWriter, ImageError> {
+        let notes = head.notes.list();
         if ImageFormat::of_path(path) == Some(ImageFormat::Png) {
             let writer = PngScanlineWriter::create(path, head.size, head.png, &notes)?;
             return Ok(ImageWriter::Png(Box::new(writer)));
         }
-        let channel = |plane: &ChannelPlane| {
+        let channel = |plane: &Layer| {
             // Only colours may be rounded to half precision
             let sample = match plane.kind {
                 ChannelKind::Color => head.exr.sample,
@@ -114,7 +80,7 @@ impl ImageWriter {
         )?)))
     }
 
-    fn add(&mut self, planes: &[ChannelPlane]) -> Result<(), ImageError> {
+    fn add(&mut self, planes: &[Layer]) -> Result<(), ImageError> {
         match self {
             ImageWriter::Exr(writer) => {
                 let values: Vec<Samples> = sorted_by_name(planes)
@@ -129,14 +95,14 @@ impl ImageWriter {
 }
 
 /// Returns the channels sorted by name, the order in which pieces store them; rows in memory may have another.
-fn sorted_by_name(planes: &[ChannelPlane]) -> Vec<&ChannelPlane> {
-    let mut planes: Vec<&ChannelPlane> = planes.iter().collect();
+fn sorted_by_name(planes: &[Layer]) -> Vec<&Layer> {
+    let mut planes: Vec<&Layer> = planes.iter().collect();
     planes.sort_by(|a, b| a.name.cmp(&b.name));
     planes
 }
 
 /// Returns the pixels of the channels R, G and B.
-fn colors(planes: &[ChannelPlane]) -> Vec<[f32; 3]> {
+pub(in crate::batch) fn colors(planes: &[Layer]) -> Vec<[f32; 3]> {
     let plane = |name: &str| {
         planes
             .iter()
@@ -146,13 +112,4 @@ fn colors(planes: &[ChannelPlane]) -> Vec<[f32; 3]> {
     let [red, green, blue] = ["R", "G", "B"].map(plane);
     let pixels = red.iter().zip(green).zip(blue);
     pixels.map(|((&r, &g), &b)| [r, g, b]).collect()
-}
-
-impl From<MergeError> for Failure {
-    fn from(error: MergeError) -> Failure {
-        match error {
-            MergeError::Chunk(error) => error.into(),
-            error => Failure::Work(error.to_string()),
-        }
-    }
 }

@@ -5,30 +5,30 @@ use std::iter::Peekable;
 use std::ops::Range;
 use std::vec::IntoIter;
 
-use whit::batch::{Shard, Sources};
-
-use super::super::failure::Failure;
-use super::fingerprint::FrameFingerprint;
-use super::plan::Plan;
+use super::frame_fingerprint::FrameFingerprint;
+use crate::batch::dependencies::Sources;
+use crate::batch::error::BatchError;
+use crate::batch::plan::PlannedFrame;
+use crate::batch::shard::Shard;
 
 /// Frame with the pieces of it to render.
 #[derive(Clone)]
 pub(super) struct Task<'a> {
-    pub(super) plan: &'a Plan,
+    pub(super) plan: &'a PlannedFrame,
     pub(super) recipe: FrameFingerprint,
     pub(super) pieces: Range<usize>,
 }
 
 /// Frames that are not started yet, in order.
 pub(super) struct Queue<'a> {
-    waiting: Peekable<IntoIter<(&'a Plan, Range<usize>)>>,
+    waiting: Peekable<IntoIter<(&'a PlannedFrame, Range<usize>)>>,
     sources: Sources,
 }
 
 impl<'a> Queue<'a> {
     /// Returns the queue of the frames that have pieces in the shard.
-    pub(super) fn new(plans: &'a [Plan], shard: Shard) -> Queue<'a> {
-        let total = plans.iter().map(Plan::piece_count).sum();
+    pub(super) fn new(plans: &'a [PlannedFrame], shard: Shard) -> Queue<'a> {
+        let total = plans.iter().map(PlannedFrame::piece_count).sum();
         let mine = shard.of(total);
         let mut first = 0;
         let mut tasks = Vec::new();
@@ -56,10 +56,10 @@ impl<'a> Queue<'a> {
     /// of a frame cannot be hashed, `wants` gets the error.
     pub(super) fn next_scene(
         &mut self,
-        mut wants: impl FnMut(&'a Plan, Result<FrameFingerprint, Failure>) -> Option<FrameFingerprint>,
+        mut wants: impl FnMut(&'a PlannedFrame, Result<FrameFingerprint, BatchError>) -> Option<FrameFingerprint>,
     ) -> Vec<Task<'a>> {
         let mut tasks: Vec<Task> = Vec::new();
-        let belongs = |tasks: &[Task], plan: &Plan| {
+        let belongs = |tasks: &[Task], plan: &PlannedFrame| {
             tasks
                 .first()
                 .is_none_or(|first| first.plan.shares_scene_with(plan))

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use whit::render::{RenderSettings, TILE_SIDE};
-use whit::report::memory;
+use crate::batch::memory;
+use crate::render::{RenderSettings, TILE_SIDE};
 
 /// Number of tiles per thread in the first step, from whose time the later steps are estimated.
 const FIRST_TILES: usize = 8;

@@ -3,7 +3,8 @@
 
 use std::ops::Range;
 
-use super::chunk_file::{ChunkDirectory, damaged};
+use super::chunk_directory::ChunkDirectory;
+use super::chunk_format::damaged;
 use crate::image::rows::{ExrChannel, RowWindow, SampleType, Samples};
 use crate::image::{Attribute, ImageError};
 use crate::render::Rounds;
@@ -19,11 +20,7 @@ const ROWS_PER_STEP: usize = 32;
 
 impl ChunkDirectory {
     /// Writes the state of the rounds and replaces an earlier checkpoint.
-    ///
-    /// # Errors
-    ///
-    /// If the file cannot be written, for example on a full disk.
-    pub fn write_rounds(&self, rounds: &Rounds) -> Result<(), ImageError> {
+    pub(crate) fn write_rounds(&self, rounds: &Rounds) -> Result<(), ImageError> {
         let channel = |name: &str| ExrChannel::new(name, SampleType::Uint);
         let rest = rounds.rest();
         let note = Attribute {
@@ -40,11 +37,7 @@ impl ChunkDirectory {
     }
 
     /// Returns the state of the last checkpoint, or `None` if there is none.
-    ///
-    /// # Errors
-    ///
-    /// If the file cannot be read, or belongs to another frame.
-    pub fn read_rounds(&self) -> Result<Option<Rounds>, ImageError> {
+    pub(crate) fn read_rounds(&self) -> Result<Option<Rounds>, ImageError> {
         let path = self.path(FILE);
         if !path.exists() {
             return Ok(None);
@@ -94,7 +87,7 @@ impl ChunkDirectory {
 mod tests {
     use std::fs;
 
-    use super::super::chunk_file::folder;
+    use super::super::chunk_directory::folder;
     use super::*;
 
     #[test]

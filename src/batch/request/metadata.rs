@@ -3,28 +3,26 @@
 //! The metadata contains nothing that may differ between two runs with equal pixels, such as times, threads or folders,
 //! so that the files are identical to the last byte.
 
-use std::borrow::Cow;
+use serde::{Deserialize, Serialize};
 
-use serde::Serialize;
+use super::render_request::RenderRequest;
+use super::resolved::ResolvedSettings;
+use super::settings::Settings;
+use crate::accel::EmbreeIdentity;
+use crate::image::{Attribute, cryptomatte};
+use crate::render::{AovKind, Plan};
+use crate::scene::image_settings::FilterKind;
+use crate::scene::{Camera, Effect, EffectSet, Scene};
 
-use whit::accel::EmbreeIdentity;
-use whit::cost::{Configuration, Settings};
-use whit::image::{Attribute, cryptomatte};
-use whit::render::{AovKind, Plan};
-use whit::scene::image_settings::FilterKind;
-use whit::scene::{Camera, Effect, EffectSet, Scene};
-
-use super::job::{RenderJob, ResolvedSettings};
-
-/// List of texts with their names.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Notes(Vec<(Cow<'static, str>, String)>);
+/// Names and texts of the metadata of an image file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Notes(Vec<(String, String)>);
 
 impl Notes {
     /// Returns the metadata of an image: `whit.settings` as JSON, `whit.plan`, `whit.embree` if Embree found the hits,
     /// and the attributes that Cryptomatte requires for its layers.
-    pub(super) fn of(
-        (job, resolved): (&RenderJob, &ResolvedSettings),
+    pub fn of(
+        (request, resolved): (&RenderRequest, &ResolvedSettings),
         (scene, camera): (&Scene, &Camera),
         embree: Option<&EmbreeIdentity>,
         plan: &Plan,
@@ -35,7 +33,7 @@ impl Notes {
             notes.add("whit.embree", format!("{version} {isa}"));
         }
         notes.add("whit.plan", plan.to_string());
-        notes.add("whit.settings", settings(job, resolved, camera));
+        notes.add("whit.settings", settings(request, resolved, camera));
         for kind in resolved.settings.layers.kinds() {
             notes.add_matte(kind, scene);
         }
@@ -43,7 +41,7 @@ impl Notes {
     }
 
     /// Adds a text under a name.
-    pub(super) fn add(&mut self, name: impl Into<Cow<'static, str>>, text: String) {
+    pub fn add(&mut self, name: impl Into<String>, text: String) {
         self.0.push((name.into(), text));
     }
 
@@ -58,7 +56,7 @@ impl Notes {
     }
 
     /// Returns the texts as attributes for image writers.
-    pub(super) fn list(&self) -> Vec<Attribute<'_>> {
+    pub fn list(&self) -> Vec<Attribute<'_>> {
         self.0
             .iter()
             .map(|(name, text)| Attribute { name, text })
@@ -83,7 +81,7 @@ struct ImageRecord<'a> {
     settings: Settings,
 }
 
-fn settings(job: &RenderJob, resolved: &ResolvedSettings, camera: &Camera) -> String {
+fn settings(request: &RenderRequest, resolved: &ResolvedSettings, camera: &Camera) -> String {
     // Record the settings with the chosen backend, so that the image can be reproduced
     let names = |effects: EffectSet| effects.iter().map(Effect::name).collect();
     let record = ImageRecord {
@@ -93,14 +91,10 @@ fn settings(job: &RenderJob, resolved: &ResolvedSettings, camera: &Camera) -> St
         filter: resolved.settings.filter.kind,
         filter_radius: resolved.settings.filter.radius,
         seed: resolved.settings.seed,
-        ambient: job.ambient,
-        effects_added: names(job.effects.added),
-        effects_removed: names(job.effects.removed),
-        settings: Settings::of(&Configuration {
-            settings: resolved.settings,
-            path: job.tracing.path(job.backend),
-            change: job.change,
-        }),
+        ambient: request.ambient,
+        effects_added: names(request.effects.added),
+        effects_removed: names(request.effects.removed),
+        settings: Settings::of(&resolved.settings, &request.tracing.path(), &request.change),
     };
     // Serialization cannot fail: the fields are numbers, strings and lists.
     serde_json::to_string(&record).unwrap_or_default()

@@ -9,9 +9,11 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use super::chunk::{Chunk, ChunkKind, Coverage};
-use super::chunk_file::{ChannelPlane, ChunkDirectory, ChunkReader, ChunkRows};
+use super::chunk_directory::ChunkDirectory;
+use super::chunk_format::{ChunkReader, ChunkRows};
+use crate::batch::request::sample_layers;
 use crate::image::{ChannelKind, ImageError};
-use crate::render::PartSums;
+use crate::render::{Layer, PartSums};
 
 /// Number of rows that are read at a time: the largest block of rows that EXR compresses together.
 const ROWS_PER_STEP: u32 = 32;
@@ -37,7 +39,7 @@ pub enum MergeError {
 
 /// Reader of a frame's rows from its pieces, from top to bottom.
 #[derive(Debug)]
-pub struct Merge<'f> {
+pub(crate) struct Merge<'f> {
     folder: &'f ChunkDirectory,
     pieces: Vec<(Chunk, PathBuf)>,
     /// Readers of the pieces in use, by the piece's index.
@@ -48,11 +50,7 @@ pub struct Merge<'f> {
 
 impl<'f> Merge<'f> {
     /// Starts merging a frame all of whose pieces are present.
-    ///
-    /// # Errors
-    ///
-    /// If rows are missing, or the folder cannot be read.
-    pub fn of(folder: &'f ChunkDirectory) -> Result<Merge<'f>, MergeError> {
+    pub(crate) fn of(folder: &'f ChunkDirectory) -> Result<Merge<'f>, MergeError> {
         let pieces = folder.pieces()?;
         let cut = folder.cut();
         let mut coverage = Coverage::none(cut);
@@ -71,11 +69,7 @@ impl<'f> Merge<'f> {
     }
 
     /// Returns the channels of the next rows, or `None` after the last row.
-    ///
-    /// # Errors
-    ///
-    /// If a piece cannot be read.
-    pub fn next_rows(&mut self) -> Result<Option<Vec<ChannelPlane>>, MergeError> {
+    pub(crate) fn next_rows(&mut self) -> Result<Option<Vec<Layer>>, MergeError> {
         let height = self.folder.cut().height;
         if self.next == height {
             return Ok(None);
@@ -132,10 +126,9 @@ impl<'f> Merge<'f> {
         for share in 0..self.folder.cut().shares {
             let holder = self.holder(rows, ChunkKind::Share(share));
             let index = holder.ok_or_else(|| io::Error::other("a piece was removed meanwhile"))?;
-            match (self.read(index, rows)?, &mut all) {
-                (ChunkRows::PartSums(sums), None) => all = Some(sums),
-                (ChunkRows::PartSums(sums), Some(all)) => all.add(&sums),
-                (ChunkRows::Finished(_), _) => {
+            match self.read(index, rows)? {
+                ChunkRows::PartSums(sums) => add_sums(&mut all, sums),
+                ChunkRows::Finished(_) => {
                     return Err(io::Error::other("a piece of a share has no sums").into());
                 }
             }
@@ -144,19 +137,24 @@ impl<'f> Merge<'f> {
     }
 }
 
-/// Returns the image channels that result from sums of samples.
-pub fn planes_of(sums: &PartSums) -> Vec<ChannelPlane> {
-    let mut planes = color_planes(&sums.pixels());
-    if let Some(aovs) = sums.aovs() {
-        planes.push(exact("samples", aovs.samples));
-        planes.push(exact("variance", aovs.variance));
+/// Adds `sums` to those of the packets or shares before them.
+pub(in crate::batch) fn add_sums(all: &mut Option<PartSums>, sums: PartSums) {
+    match all {
+        None => *all = Some(sums),
+        Some(all) => all.add(&sums),
     }
+}
+
+/// Returns the image channels that result from sums of samples.
+pub(crate) fn planes_of(sums: &PartSums) -> Vec<Layer> {
+    let mut planes = color_planes(&sums.pixels());
+    planes.extend(sums.aovs().into_iter().flat_map(sample_layers));
     planes
 }
 
 /// Returns the channels R, G and B of pixels.
-pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<ChannelPlane> {
-    let plane = |(channel, name): (usize, &str)| ChannelPlane {
+pub(crate) fn color_planes(pixels: &[[f32; 3]]) -> Vec<Layer> {
+    let plane = |(channel, name): (usize, &str)| Layer {
         name: name.to_owned(),
         kind: ChannelKind::Color,
         values: pixels.iter().map(|pixel| pixel[channel]).collect(),
@@ -164,19 +162,12 @@ pub fn color_planes(pixels: &[[f32; 3]]) -> Vec<ChannelPlane> {
     ["R", "G", "B"].into_iter().enumerate().map(plane).collect()
 }
 
-fn exact(name: &str, values: Vec<f32>) -> ChannelPlane {
-    ChannelPlane {
-        name: name.to_owned(),
-        kind: ChannelKind::Exact,
-        values,
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::chunk_file::FrameMetadata;
-    use super::super::fingerprint::FingerprintHasher;
+    use super::super::chunk_directory::FrameMetadata;
     use super::*;
+    use crate::batch::fingerprint::FingerprintHasher;
+    use crate::batch::request::Notes;
     use crate::image::{ExrEncoding, PngEncoding};
 
     fn sums(samples: u32, value: f64, rows: u32) -> PartSums {
@@ -209,7 +200,7 @@ mod tests {
             shares: 2,
             exr: ExrEncoding::default(),
             png: PngEncoding::default(),
-            notes: Vec::new(),
+            notes: Notes::default(),
         };
         let folder = ChunkDirectory::new(out.path(), head);
         // The first share has all rows, the second none: no row is finished

@@ -1,8 +1,4 @@
-//! Files of a frame's pieces: one EXR file each, in a folder that is removed once the frame is complete.
-//!
-//! Finished rows are stored as the final channels of the image. Rows of a share are stored as sums of samples in f64,
-//! for which EXR has no channel type: each is split into two integer channels, so that no bit is lost. The data window
-//! gives the rows.
+//! Folder with the pieces of a frame: one EXR file each; it is removed once the frame is complete.
 
 use std::fs;
 use std::io;
@@ -12,44 +8,23 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::chunk::{Chunk, ChunkKind, ChunkLayout, Coverage};
-use super::fingerprint::Fingerprint;
+use super::chunk_format::{ChunkReader, EncodedRows};
+use crate::batch::fingerprint::Fingerprint;
+use crate::batch::request::Notes;
 use crate::image::rows::{
-    Compression, ExrChannel, ExrLayout, ExrScanlineReader, ExrScanlineWriter, RowWindow, SampleType, Samples,
-    join_f64, split_f64,
+    Compression, ExrChannel, ExrLayout, ExrScanlineReader, ExrScanlineWriter, RowWindow,
 };
-use crate::image::{Attribute, ChannelKind, ExrEncoding, ImageError, PngEncoding};
-use crate::render::PartSums;
+use crate::image::{Attribute, ExrEncoding, ImageError, PngEncoding};
+use crate::render::{Layer, PartSums};
 
 /// Folder of the pieces of all frames, within the output folder of a batch.
 const FOLDER: &str = ".whit-pieces";
 
 /// Header attribute with the frame's metadata as JSON.
 const FRAME: &str = "whit.frame";
-/// Header attribute with the number of samples per pixel of a share.
-const SAMPLES: &str = "whit.samples";
-
-/// Header attribute with the names of the colour channels of finished rows.
-const COLORS: &str = "whit.colors";
-
-/// Prefixes of the channel names of sums.
-const RADIANCE: &str = "radiance";
-const WEIGHTED: &str = "weighted";
-const SQUARES: &str = "squares";
-
-/// One channel of some rows of an image.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ChannelPlane {
-    /// Name of the channel in the file.
-    pub name: String,
-    /// Kind of the channel, which decides about rounding to half precision.
-    pub kind: ChannelKind,
-    /// One value per pixel, the top row first.
-    pub values: Vec<f32>,
-}
-
 /// Metadata of a frame that is stored in each of its pieces, sufficient for merging them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FrameMetadata {
+pub(crate) struct FrameMetadata {
     /// Hash of the frame's inputs.
     pub key: Fingerprint,
     /// Index of the frame in its batch.
@@ -67,29 +42,20 @@ pub struct FrameMetadata {
     /// Encoding of the image as PNG.
     pub png: PngEncoding,
     /// Names and texts of the metadata of the image file.
-    pub notes: Vec<(String, String)>,
+    pub notes: Notes,
 }
 
 /// Folder with the pieces of one frame.
 #[derive(Clone, Debug)]
-pub struct ChunkDirectory {
+pub(crate) struct ChunkDirectory {
     folder: PathBuf,
     head: FrameMetadata,
     cut: ChunkLayout,
 }
 
-/// Rows read from a piece.
-#[derive(Debug)]
-pub enum ChunkRows {
-    /// Channels of finished rows.
-    Finished(Vec<ChannelPlane>),
-    /// Sums of the samples of a share.
-    PartSums(PartSums),
-}
-
 impl ChunkDirectory {
     /// Returns the piece folder of a frame within the output folder `out`, without creating it.
-    pub fn new(out: &Path, head: FrameMetadata) -> ChunkDirectory {
+    pub(crate) fn new(out: &Path, head: FrameMetadata) -> ChunkDirectory {
         ChunkDirectory {
             folder: folder_of(out, head.key),
             cut: ChunkLayout {
@@ -102,11 +68,7 @@ impl ChunkDirectory {
 
     /// Returns the piece folders of all frames that have pieces in the output folder `out`, in the order of the frames.
     /// Unreadable pieces are ignored.
-    ///
-    /// # Errors
-    ///
-    /// If a folder cannot be read.
-    pub fn all(out: &Path) -> io::Result<Vec<ChunkDirectory>> {
+    pub(crate) fn all(out: &Path) -> io::Result<Vec<ChunkDirectory>> {
         let mut folders = Vec::new();
         for folder in entries(&out.join(FOLDER))? {
             let head = entries(&folder)?.iter().find_map(|path| {
@@ -120,30 +82,22 @@ impl ChunkDirectory {
     }
 
     /// Creates the folder and its parents.
-    ///
-    /// # Errors
-    ///
-    /// If the folder cannot be created.
-    pub fn make(&self) -> io::Result<()> {
+    pub(crate) fn make(&self) -> io::Result<()> {
         fs::create_dir_all(&self.folder)
     }
 
     /// Returns the division of the frame into shares, with a single band.
-    pub fn cut(&self) -> &ChunkLayout {
+    pub(crate) fn cut(&self) -> &ChunkLayout {
         &self.cut
     }
 
     /// Returns the frame's metadata.
-    pub fn head(&self) -> &FrameMetadata {
+    pub(crate) fn head(&self) -> &FrameMetadata {
         &self.head
     }
 
     /// Returns the existing pieces with their files.
-    ///
-    /// # Errors
-    ///
-    /// If the folder cannot be read; a missing folder has no pieces.
-    pub fn pieces(&self) -> io::Result<Vec<(Chunk, PathBuf)>> {
+    pub(crate) fn pieces(&self) -> io::Result<Vec<(Chunk, PathBuf)>> {
         let mut pieces = Vec::new();
         // Keep the files whose names are those of pieces; there may be others
         for path in entries(&self.folder)? {
@@ -158,11 +112,7 @@ impl ChunkDirectory {
     }
 
     /// Returns the rows of each share that are present.
-    ///
-    /// # Errors
-    ///
-    /// If the folder cannot be read.
-    pub fn coverage(&self) -> io::Result<Coverage> {
+    pub(crate) fn coverage(&self) -> io::Result<Coverage> {
         let mut coverage = Coverage::none(&self.cut);
         for (piece, _) in self.pieces()? {
             coverage.add(&piece);
@@ -171,68 +121,27 @@ impl ChunkDirectory {
     }
 
     /// Writes a piece of finished rows.
-    ///
-    /// # Errors
-    ///
-    /// If the file cannot be written, for example on a full disk.
-    pub fn write_finished(&self, rows: &Range<u32>, planes: &[ChannelPlane]) -> Result<(), ImageError> {
-        // Record which channels are colours
-        let colors = planes.iter().filter(|plane| plane.kind == ChannelKind::Color);
-        let colors: Vec<&str> = colors.map(|plane| plane.name.as_str()).collect();
-        let colors = colors.join(" ");
-        let note = Attribute {
-            name: COLORS,
-            text: &colors,
-        };
-        let channels = planes
-            .iter()
-            .map(|plane| ExrChannel::new(&plane.name, SampleType::Float));
-        let values: Vec<Samples> = planes.iter().map(|plane| plane.values[..].into()).collect();
-        let piece = Chunk {
-            rows: rows.clone(),
-            part: ChunkKind::All,
-        };
-        self.write(&piece, channels.collect(), &values, note)
+    pub(crate) fn write_finished(&self, rows: &Range<u32>, planes: &[Layer]) -> Result<(), ImageError> {
+        self.write(rows, ChunkKind::All, EncodedRows::of_planes(planes))
     }
 
     /// Writes a piece with the sums of a share's rows.
-    ///
-    /// # Errors
-    ///
-    /// If the file cannot be written, for example on a full disk.
-    pub fn write_sums(&self, rows: &Range<u32>, share: u32, sums: &PartSums) -> Result<(), ImageError> {
-        // Split each f64 channel into two integer channels
-        let planes = planes_of(sums);
-        let channels = planes.iter().flat_map(|(name, _)| {
-            ["high", "low"].map(|half| ExrChannel::new(format!("{name}.{half}"), SampleType::Uint))
-        });
-        let values = planes
-            .iter()
-            .flat_map(|(_, values)| split_f64(values))
-            .map(Samples::from);
-        let (channels, values): (Vec<ExrChannel>, Vec<Samples>) = (channels.collect(), values.collect());
-        // Record the number of samples, which the mean is computed from
-        let samples = sums.samples.to_string();
-        let note = Attribute {
-            name: SAMPLES,
-            text: &samples,
-        };
-        let piece = Chunk {
-            rows: rows.clone(),
-            part: ChunkKind::Share(share),
-        };
-        self.write(&piece, channels, &values, note)
+    pub(crate) fn write_sums(
+        &self,
+        rows: &Range<u32>,
+        share: u32,
+        sums: &PartSums,
+    ) -> Result<(), ImageError> {
+        self.write(rows, ChunkKind::Share(share), EncodedRows::of_sums(sums))
     }
 
-    fn write(
-        &self,
-        piece: &Chunk,
-        channels: Vec<ExrChannel>,
-        values: &[Samples],
-        note: Attribute,
-    ) -> Result<(), ImageError> {
-        let mut writer = self.create(&self.name(piece), self.window(&piece.rows), channels, note)?;
-        writer.write_rows(values)?;
+    fn write(&self, rows: &Range<u32>, part: ChunkKind, encoded: EncodedRows) -> Result<(), ImageError> {
+        let rows = rows.clone();
+        let window = self.window(&rows);
+        let (name, text) = &encoded.note;
+        let note = Attribute { name, text };
+        let mut writer = self.create(&self.name(&Chunk { rows, part }), window, encoded.channels, note)?;
+        writer.write_rows(&encoded.values)?;
         writer.finish()
     }
 
@@ -306,32 +215,24 @@ impl ChunkDirectory {
     }
 
     /// Removes all pieces and all other files of the frame.
-    pub fn remove(&self) {
+    pub(crate) fn remove(&self) {
         remove(&self.folder);
     }
 
     /// Removes the pieces of a frame from the output folder `out`, if there are any.
-    pub fn remove_of(out: &Path, key: Fingerprint) {
+    pub(crate) fn remove_of(out: &Path, key: Fingerprint) {
         remove(&folder_of(out, key));
     }
 
     /// Returns the path of the folder.
-    pub fn folder(&self) -> &Path {
+    pub(crate) fn folder(&self) -> &Path {
         &self.folder
     }
 
     /// Opens a piece for reading rows.
-    ///
-    /// # Errors
-    ///
-    /// If the file cannot be read, or belongs to another frame.
-    pub fn open(&self, piece: &Chunk, path: &Path) -> Result<ChunkReader, ImageError> {
+    pub(crate) fn open(&self, piece: &Chunk, path: &Path) -> Result<ChunkReader, ImageError> {
         let reader = self.open_file(path, self.window(&piece.rows))?;
-        Ok(ChunkReader {
-            piece: piece.clone(),
-            path: path.to_owned(),
-            reader,
-        })
+        Ok(ChunkReader::new(piece, path, reader))
     }
 
     /// Opens an EXR file of the frame, which must have this data window.
@@ -349,70 +250,6 @@ impl ChunkDirectory {
             });
         }
         Ok(reader)
-    }
-}
-
-/// Open piece, from which rows can be read.
-#[derive(Debug)]
-pub struct ChunkReader {
-    piece: Chunk,
-    path: PathBuf,
-    reader: ExrScanlineReader,
-}
-
-impl ChunkReader {
-    /// Returns the rows and samples of the piece.
-    pub fn piece(&self) -> &Chunk {
-        &self.piece
-    }
-
-    /// Reads some rows, given by their numbers in the image.
-    ///
-    /// # Errors
-    ///
-    /// If the rows cannot be read, or a channel is missing.
-    pub fn read(&mut self, rows: &Range<u32>) -> Result<ChunkRows, ImageError> {
-        let first = self.piece.rows.start;
-        let values = self.reader.read_rows(rows.start - first..rows.end - first)?;
-        let names = self.reader.channels().iter().map(|channel| channel.name.clone());
-        // Finished rows: restore the kind of each channel
-        if self.piece.part == ChunkKind::All {
-            let colors = self.reader.note(COLORS).unwrap_or_default();
-            let kind = |name: &str| match colors.split(' ').any(|color| color == name) {
-                true => ChannelKind::Color,
-                false => ChannelKind::Exact,
-            };
-            let plane = |(name, values): (String, Samples)| match values {
-                Samples::Floats(values) => Some(ChannelPlane {
-                    kind: kind(&name),
-                    name,
-                    values: values.into_owned(),
-                }),
-                Samples::Integers(_) => None,
-            };
-            let planes: Option<Vec<ChannelPlane>> = names.zip(values).map(plane).collect();
-            return planes.map(ChunkRows::Finished).ok_or_else(|| self.damaged());
-        }
-        // Rows of a share: join the integer channels to sums in f64
-        let planes: Vec<(String, Samples)> = names.zip(values).collect();
-        let samples = self.reader.note(SAMPLES).and_then(|text| text.parse().ok());
-        samples
-            .and_then(|samples| sums_of(samples, &planes))
-            .map(ChunkRows::PartSums)
-            .ok_or_else(|| self.damaged())
-    }
-
-    fn damaged(&self) -> ImageError {
-        damaged(&self.path)
-    }
-}
-
-/// Returns the error for a file of the frame with missing or wrong contents.
-pub(super) fn damaged(path: &Path) -> ImageError {
-    ImageError::Unusable {
-        path: path.to_owned(),
-        fault: "this piece lacks data of its frame".into(),
-        remedy: "remove it",
     }
 }
 
@@ -440,56 +277,13 @@ fn entries(folder: &Path) -> io::Result<Vec<PathBuf>> {
     }
 }
 
-/// Returns the named channels of sums, without splitting the values.
-fn planes_of(sums: &PartSums) -> Vec<(String, Vec<f64>)> {
-    fn planes<const N: usize>(name: &str, sums: &[[f64; N]]) -> Vec<(String, Vec<f64>)> {
-        let plane = |channel: usize| sums.iter().map(|sum| sum[channel]).collect();
-        (0..N)
-            .map(|channel| (format!("{name}.{channel}"), plane(channel)))
-            .collect()
-    }
-    let mut all = planes(RADIANCE, &sums.radiance);
-    if let Some(weighted) = &sums.weighted {
-        all.extend(planes(WEIGHTED, weighted));
-    }
-    if let Some(squares) = &sums.squares {
-        all.push((SQUARES.into(), squares.clone()));
-    }
-    all
-}
-
-/// Returns the sums that these channels hold, or `None` if a mandatory channel is missing.
-fn sums_of(samples: u32, planes: &[(String, Samples)]) -> Option<PartSums> {
-    let half = |name: String| match planes.iter().find(|(plane, _)| *plane == name)? {
-        (_, Samples::Integers(values)) => Some(values),
-        (_, Samples::Floats(_)) => None,
-    };
-    // Join the halves of a channel, which is absent if one of them is
-    let plane = |name: &str| {
-        Some(join_f64(
-            half(format!("{name}.high"))?,
-            half(format!("{name}.low"))?,
-        ))
-    };
-    // Interleave the channels to one array per pixel
-    fn zipped<const N: usize>(planes: [Option<Vec<f64>>; N]) -> Option<Vec<[f64; N]>> {
-        let planes: Vec<Vec<f64>> = planes.into_iter().collect::<Option<_>>()?;
-        let sums = (0..planes[0].len()).map(|pixel| std::array::from_fn(|channel| planes[channel][pixel]));
-        Some(sums.collect())
-    }
-    Some(PartSums {
-        samples,
-        radiance: zipped([0, 1, 2].map(|channel| plane(&format!("{RADIANCE}.{channel}"))))?,
-        weighted: zipped([0, 1, 2, 3].map(|channel| plane(&format!("{WEIGHTED}.{channel}")))),
-        squares: plane(SQUARES),
-    })
-}
-
 /// Creates the piece folder of a frame of 2 by 64 pixels, for tests.
 #[cfg(test)]
 pub(super) fn folder(out: &Path, shares: u32) -> ChunkDirectory {
+    let mut notes = Notes::default();
+    notes.add("whit.plan", "shadow on\n".into());
     let head = FrameMetadata {
-        key: super::fingerprint::FingerprintHasher::default()
+        key: crate::batch::fingerprint::FingerprintHasher::default()
             .add("a", "b")
             .key(),
         number: 3,
@@ -499,7 +293,7 @@ pub(super) fn folder(out: &Path, shares: u32) -> ChunkDirectory {
         shares,
         exr: ExrEncoding::default(),
         png: PngEncoding::default(),
-        notes: vec![("whit.plan".into(), "shadow on\n".into())],
+        notes,
     };
     let folder = ChunkDirectory::new(out, head);
     folder.make().unwrap();
@@ -508,11 +302,13 @@ pub(super) fn folder(out: &Path, shares: u32) -> ChunkDirectory {
 
 #[cfg(test)]
 mod tests {
-    use super::super::fingerprint::FingerprintHasher;
+    use super::super::chunk_format::ChunkRows;
     use super::*;
+    use crate::batch::fingerprint::FingerprintHasher;
+    use crate::image::ChannelKind;
 
-    fn plane(name: &str, values: Vec<f32>) -> ChannelPlane {
-        ChannelPlane {
+    fn plane(name: &str, values: Vec<f32>) -> Layer {
+        Layer {
             name: name.into(),
             kind: if name == "Z" {
                 ChannelKind::Exact
@@ -558,7 +354,7 @@ mod tests {
     fn finished_rows_are_read_back_with_their_channels() {
         let out = tempfile::tempdir().unwrap();
         let folder = folder(out.path(), 1);
-        let planes: Vec<ChannelPlane> = ["R", "G", "Z"]
+        let planes: Vec<Layer> = ["R", "G", "Z"]
             .iter()
             .enumerate()
             .map(|(number, name)| plane(name, (0..64).map(|i| (i * number) as f32).collect()))

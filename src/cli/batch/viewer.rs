@@ -3,18 +3,18 @@
 use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
+use whit::render::FinishedTile;
 use whit::watch::TevViewer;
 
 use super::super::failure::Failure;
 use super::super::preview::{self, Live};
-use super::super::progress::Progress;
 
 /// Largest number of images in the viewer; older ones are closed.
 const MAX_SHOWN: usize = 8;
 
 /// Connection to a viewer with the names of the images that it shows.
 pub(super) struct Viewer {
-    tev: TevViewer,
+    pub(super) tev: TevViewer,
     /// Names of the images, the oldest first.
     shown: Mutex<VecDeque<String>>,
 }
@@ -30,22 +30,17 @@ impl Viewer {
     }
 
     /// Shows a black image for a frame that starts, and closes the oldest if there are too many.
-    pub(super) fn begin<'a>(&'a self, name: &'a str, size: [u32; 2]) -> Live<'a> {
+    pub(super) fn begin(&self, name: &str, size: [u32; 2]) {
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
         if shown.len() == MAX_SHOWN {
             shown.pop_front().iter().for_each(|oldest| self.tev.close(oldest));
         }
         shown.push_back(name.to_owned());
-        Live::begin(&self.tev, name, size)
+        Live::begin(&self.tev, name, size);
     }
 
-    /// Warns once if the connection to the viewer is lost.
-    pub(super) fn warn_if_gone(&self, progress: &Progress) {
-        preview::warn_if_gone(Some(&self.tev), progress);
-    }
-
-    /// Waits for the viewer to accept the remaining data, up to a timeout.
-    pub(super) fn finish(self, progress: &Progress) {
-        preview::finish(Some(self.tev), progress);
+    /// Shows a rectangle of a frame's image.
+    pub(super) fn show(&self, name: &str, tile: FinishedTile) {
+        Live::of_shown(&self.tev, name).show(tile);
     }
 }

@@ -10,7 +10,7 @@ use crate::render::{Share, TILE_SIDE};
 
 /// Rows of a frame with all or some of their samples.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Chunk {
+pub(crate) struct Chunk {
     /// Range of image rows, not empty.
     pub rows: Range<u32>,
     /// Subset of the samples of these rows.
@@ -19,7 +19,7 @@ pub struct Chunk {
 
 /// Subset of the samples of some rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum ChunkKind {
+pub(crate) enum ChunkKind {
     /// All samples: the rows are finished.
     All,
     /// Samples of one share, by its index from 0.
@@ -28,7 +28,7 @@ pub enum ChunkKind {
 
 /// Division of a frame into bands of rows and shares of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct ChunkLayout {
+pub(crate) struct ChunkLayout {
     /// Number of rows of the image.
     pub height: u32,
     /// Number of bands of rows; at most the number of tile rows of the image.
@@ -39,7 +39,7 @@ pub struct ChunkLayout {
 
 impl ChunkLayout {
     /// Returns the division of a frame into a single piece.
-    pub fn whole(height: u32) -> ChunkLayout {
+    pub(crate) fn whole(height: u32) -> ChunkLayout {
         ChunkLayout {
             height,
             bands: 1,
@@ -48,12 +48,12 @@ impl ChunkLayout {
     }
 
     /// Returns the number of pieces.
-    pub fn piece_count(&self) -> usize {
+    pub(crate) fn piece_count(&self) -> usize {
         self.bands as usize * self.shares as usize
     }
 
     /// Returns a piece by its index: the bands in order, and the shares of each band one after the other.
-    pub fn piece(&self, number: usize) -> Chunk {
+    pub(crate) fn piece(&self, number: usize) -> Chunk {
         let (band, share) = (number as u32 / self.shares, number as u32 % self.shares);
         Chunk {
             rows: self.band(band),
@@ -65,7 +65,7 @@ impl ChunkLayout {
     }
 
     /// Returns the piece that is the whole finished frame.
-    pub fn all(&self) -> Chunk {
+    pub(crate) fn all(&self) -> Chunk {
         Chunk {
             rows: 0..self.height,
             part: ChunkKind::All,
@@ -84,7 +84,7 @@ impl ChunkLayout {
     }
 
     /// Returns a share by its index from 0.
-    pub fn share(&self, index: u32) -> Share {
+    pub(crate) fn share(&self, index: u32) -> Share {
         Share {
             index,
             count: self.shares,
@@ -92,28 +92,28 @@ impl ChunkLayout {
     }
 
     /// Returns the largest number of bands of an image with `height` rows: its number of tile rows.
-    pub fn max_bands(height: u32) -> u32 {
+    pub(crate) fn max_bands(height: u32) -> u32 {
         height.div_ceil(TILE_SIDE)
     }
 }
 
 /// Set of the rows of each share that are present.
 #[derive(Clone, Debug)]
-pub struct Coverage {
+pub(crate) struct Coverage {
     /// Presence of each row, for each share.
     shares: Vec<Vec<bool>>,
 }
 
 impl Coverage {
     /// Returns the empty coverage of a frame with this division.
-    pub fn none(cut: &ChunkLayout) -> Coverage {
+    pub(crate) fn none(cut: &ChunkLayout) -> Coverage {
         Coverage {
             shares: vec![vec![false; cut.height as usize]; cut.shares as usize],
         }
     }
 
     /// Adds a piece; rows and shares outside the frame are ignored.
-    pub fn add(&mut self, piece: &Chunk) {
+    pub(crate) fn add(&mut self, piece: &Chunk) {
         // A finished piece counts for all shares
         let shares = match piece.part {
             ChunkKind::All => &mut self.shares[..],
@@ -132,7 +132,7 @@ impl Coverage {
     }
 
     /// Returns the missing rows of a piece as maximal ranges, in order.
-    pub fn missing(&self, piece: &Chunk) -> Vec<Range<u32>> {
+    pub(crate) fn missing(&self, piece: &Chunk) -> Vec<Range<u32>> {
         let is_present = |row: u32| match piece.part {
             ChunkKind::All => self.shares.iter().all(|rows| rows[row as usize]),
             ChunkKind::Share(share) => self.shares[share as usize][row as usize],
@@ -149,7 +149,7 @@ impl Coverage {
     }
 
     /// Returns whether no row of any share is present.
-    pub fn is_empty(&self) -> bool {
+    pub(crate) fn is_empty(&self) -> bool {
         !self.shares.iter().flatten().any(|&there| there)
     }
 }

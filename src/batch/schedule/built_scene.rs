@@ -5,19 +5,17 @@ use std::time::Instant;
 
 use glam::DVec3;
 
-use whit::accel::{Accel, AccelOptions, Backend, MeshCache, MeshCounts};
-use whit::gltf::AnimationTime;
-use whit::render::RenderSettings;
-use whit::report::memory::{MemoryForecast, available_bytes};
-use whit::scene::{Camera, ImageCache, ValidScene};
-use whit::scene_file::SceneFile;
-
-use super::super::failure::Failure;
-use super::super::job::{RenderJob, choose_camera};
-use super::super::progress::Progress;
-use super::super::render;
-use super::plan::Plan;
+use super::observer::BatchObserver;
 use super::row_schedule::Film;
+use crate::accel::{self, Accel, AccelOptions, Backend, MeshCache, MeshCounts};
+use crate::batch::error::BatchError;
+use crate::batch::memory::{MemoryForecast, available_bytes};
+use crate::batch::plan::PlannedFrame;
+use crate::batch::request::{self, RenderRequest, RequestError, check, choose_camera};
+use crate::gltf::{AnimationTime, LoadOptions};
+use crate::render::RenderSettings;
+use crate::scene::{CacheStats, Camera, ImageCache, ValidScene};
+use crate::scene_file::SceneFile;
 
 /// A scene is large if it takes more than one part in this many of the free memory.
 const LARGE_PART: u64 = 8;
@@ -31,7 +29,7 @@ pub(super) struct SceneCaches {
 
 impl SceneCaches {
     /// Returns empty caches for the scenes of these frames.
-    pub(super) fn for_frames(plans: &[Plan]) -> SceneCaches {
+    pub(super) fn for_frames(plans: &[PlannedFrame]) -> SceneCaches {
         let differ = plans.windows(2).any(|pair| !pair[0].shares_scene_with(&pair[1]));
         SceneCaches {
             images: ImageCache::new(),
@@ -44,23 +42,13 @@ impl SceneCaches {
         self.meshes.as_ref().map_or(0, MeshCache::byte_count)
     }
 
-    /// Returns a report of the cache hits, one line each; empty without hits.
-    pub(super) fn emit(&self) -> String {
-        let images = self.images.counts();
-        let meshes = self
-            .meshes
-            .as_ref()
-            .map_or_else(MeshCounts::default, MeshCache::counts);
-        let mut lines = String::new();
-        if images.found > 0 {
-            let (found, requested) = (images.found, images.lookups);
-            lines += &format!("{found} of {requested} images were reused from a previous scene\n");
-        }
-        if meshes.found > 0 {
-            let (found, requested) = (meshes.found, meshes.requested);
-            lines += &format!("{found} of {requested} built meshes were reused from a previous scene\n");
-        }
-        lines
+    /// Returns the numbers of look-ups and of hits among images and built meshes.
+    pub(super) fn counts(&self) -> (CacheStats, MeshCounts) {
+        let meshes = self.meshes.as_ref();
+        (
+            self.images.counts(),
+            meshes.map_or_else(MeshCounts::default, MeshCache::counts),
+        )
     }
 }
 
@@ -73,22 +61,27 @@ pub(super) struct LoadedScene {
 }
 
 impl LoadedScene {
-    pub(super) fn new(plan: &Plan, kept: &SceneCaches, progress: &Progress) -> Result<LoadedScene, Failure> {
+    pub(super) fn new(
+        plan: &PlannedFrame,
+        kept: &SceneCaches,
+        observer: &BatchObserver,
+    ) -> Result<LoadedScene, BatchError> {
         let start = Instant::now();
         let frame = &plan.frame;
-        let pose = frame.moment.as_ref().map(|moment| AnimationTime {
-            animation: moment.animation.clone(),
-            seconds: moment.seconds,
-        });
-        let file = render::load(
-            &plan.job,
-            (&frame.scene, &frame.edits, pose.as_ref()),
-            &kept.images,
-        )?;
+        let options = LoadOptions {
+            pose: frame.moment.as_ref().map(|moment| AnimationTime {
+                animation: moment.animation.clone(),
+                seconds: moment.seconds,
+            }),
+            image_cache: kept.images.clone(),
+            ..LoadOptions::default()
+        };
+        let source = (&*frame.scene, &frame.edits[..]);
+        let file = request::load(&plan.request, source, options, observer.cancel)?;
         kept.images.evict_unused();
         // Report the loader's warnings once per scene
         for warning in &file.scene.warnings {
-            progress.warn(&format!("{}: {warning}", frame.scene.display()));
+            (observer.warn)(&format!("{}: {warning}", frame.scene.display()));
         }
         let bounds = file.scene.bounds();
         let middle = if bounds.is_empty() {
@@ -104,7 +97,7 @@ impl LoadedScene {
     }
 
     /// Returns the camera of a frame, placed according to its view.
-    pub(super) fn camera(&self, plan: &Plan) -> Result<Camera, Failure> {
+    pub(super) fn camera(&self, plan: &PlannedFrame) -> Result<Camera, BatchError> {
         let scene = &self.file.scene;
         let requested = plan.frame.camera.as_deref();
         let camera = choose_camera(scene, &plan.frame.scene, requested)?;
@@ -112,9 +105,9 @@ impl LoadedScene {
     }
 
     /// Returns the forecast memory of the scene and its acceleration structure.
-    pub(super) fn forecast(&self, job: &RenderJob) -> MeshBytes {
+    pub(super) fn forecast(&self, request: &RenderRequest) -> MeshBytes {
         let forecast = MemoryForecast::of(&self.file.scene);
-        let tree = match job.backend {
+        let tree = match request.backend() {
             Backend::Embree => forecast.embree_bytes,
             Backend::Bsp => forecast.bsp_bytes,
             Backend::Brute => 0,
@@ -126,8 +119,8 @@ impl LoadedScene {
     }
 
     /// Returns whether the scene is too large to be processed beside another.
-    pub(super) fn is_large(&self, job: &RenderJob) -> bool {
-        let MeshBytes { loaded, to_come } = self.forecast(job);
+    pub(super) fn is_large(&self, request: &RenderRequest) -> bool {
+        let MeshBytes { loaded, to_come } = self.forecast(request);
         available_bytes().is_some_and(|free| loaded + to_come > free / LARGE_PART)
     }
 
@@ -161,17 +154,18 @@ pub(super) struct BuiltScene<'s> {
 
 impl<'s> BuiltScene<'s> {
     pub(super) fn new(
-        plan: &Plan,
-        loaded: &'s LoadedScene,
-        kept: &SceneCaches,
-    ) -> Result<BuiltScene<'s>, Failure> {
+        plan: &PlannedFrame,
+        (loaded, kept): (&'s LoadedScene, &SceneCaches),
+        observer: &BatchObserver,
+    ) -> Result<BuiltScene<'s>, BatchError> {
         let start = Instant::now();
         let options = AccelOptions {
             mesh_cache: kept.meshes.as_ref(),
-            ..plan.job.tracing.options()
+            ..plan.request.tracing.options()
         };
-        let scene = loaded.file.scene.validate()?;
-        let accel = render::build_with(&plan.job, scene, &options)?;
+        let scene = loaded.file.scene.validate().map_err(RequestError::from)?;
+        let accel = accel::build(scene, plan.request.backend(), &options).map_err(RequestError::from)?;
+        check(observer.cancel)?;
         if let Some(meshes) = &kept.meshes {
             meshes.evict_unused();
         }

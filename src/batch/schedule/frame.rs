@@ -4,54 +4,57 @@ use std::borrow::Cow;
 use std::ops::{ControlFlow, Range};
 use std::time::Instant;
 
-use whit::accel::Accel;
-use whit::batch::{
-    ChannelPlane, Chunk, ChunkDirectory, ChunkKind, FrameMetadata, Merge, MergeError, color_planes, planes_of,
-};
-use whit::image::{ImageError, PngEncoding};
-use whit::render::{
-    self, Checkpoints, FinishedTile, Monitor, PartSums, Parts, Pattern, Plan as EffectPlan, Region,
-    RenderProfile, RenderSettings, Rendering, Rounds, Share,
-};
-use whit::scene::Camera;
-
-use super::super::aov::channels;
-use super::super::failure::Failure;
-use super::super::interrupt;
-use super::super::job::{RenderJob, ResolvedSettings};
-use super::super::metadata::Notes;
-use super::super::render::project;
 use super::built_scene::BuiltScene;
-use super::image_writer;
-use super::limits::Limits;
-use super::plan::Plan;
+use super::observer::{BatchObserver, FrameEvent};
 use super::queue::Task;
 use super::row_schedule::{MAX_BUFFERED_BYTES, RowSteps, must_render_at_once};
+use crate::accel::Accel;
+use crate::batch::error::BatchError;
+use crate::batch::options::BatchOptions;
+use crate::batch::pieces::{
+    self, Chunk, ChunkDirectory, ChunkKind, ChunkLayout, FrameMetadata, Merge, MergeError, add_sums,
+    color_planes, planes_of,
+};
+use crate::batch::plan::PlannedFrame;
+use crate::batch::request::{Notes, ProjectedAccel, RenderRequest, ResolvedSettings, channels};
+use crate::image::{ImageError, PngEncoding};
+use crate::render::{
+    self, Cancelled, Checkpoints, FinishedTile, Layer, Monitor, PartSums, Parts, Plan as EffectPlan, Region,
+    RenderProfile, Rendering, Rounds, Share,
+};
+use crate::scene::Camera;
 
 /// Result of rendering a frame or some of its pieces.
-pub(super) struct FrameResult {
-    pub(super) head: FrameMetadata,
+pub(crate) struct FrameResult {
+    /// Metadata of the frame.
+    pub head: FrameMetadata,
     /// True if the image is complete in its place; otherwise only pieces are on disk.
-    pub(super) is_whole: bool,
+    pub is_whole: bool,
     /// Mean number of samples per pixel.
-    pub(super) samples: f64,
-    pub(super) render_seconds: f64,
-    pub(super) write_seconds: f64,
-    pub(super) ledger: RenderProfile,
+    pub samples: f64,
+    /// Seconds of loading and of building; 0 except for the first frame of a scene.
+    pub setup_seconds: [f64; 2],
+    /// Seconds of rendering the image.
+    pub render_seconds: f64,
+    /// Seconds of writing pieces and the image.
+    pub write_seconds: f64,
+    /// Rays and seconds by effect.
+    pub ledger: RenderProfile,
 }
 
 /// State of a frame that is being rendered.
 pub(super) struct FrameTask<'a> {
-    plan: &'a Plan,
-    job: &'a RenderJob,
+    plan: &'a PlannedFrame,
+    request: &'a RenderRequest,
     resolved: ResolvedSettings,
     stage: &'a BuiltScene<'a>,
     camera: Camera,
-    limits: Limits<'a>,
+    options: &'a BatchOptions,
     folder: ChunkDirectory,
     monitor: Monitor<'a>,
+    observer: &'a BatchObserver<'a>,
     /// Finished rows that are not on disk yet, in order.
-    buffered: Vec<(Range<u32>, Vec<ChannelPlane>)>,
+    buffered: Vec<(Range<u32>, Vec<Layer>)>,
     buffered_since: Instant,
     /// True if pieces of the frame are on disk.
     has_pieces: bool,
@@ -62,28 +65,36 @@ pub(super) struct FrameTask<'a> {
 }
 
 /// Renders some of the pieces of a frame, by their indices, and writes the image if all its pieces are there then.
-pub(super) fn make<'a>(
-    task: &Task<'a>,
-    stage: &'a BuiltScene<'a>,
-    limits: Limits<'a>,
-    monitor: Monitor<'a>,
-) -> Result<FrameResult, Failure> {
-    // Prepare the frame: settings, camera, metadata
+pub(super) fn make(
+    task: &Task,
+    stage: &BuiltScene,
+    options: &BatchOptions,
+    observer: &BatchObserver,
+) -> Result<FrameResult, BatchError> {
     let start = Instant::now();
-    let mut frame_task = FrameTask::new(task, stage, limits, monitor)?;
+    // Connect the progress, the live preview and the cancellation flag
+    let progress = |fraction| (observer.event)(task.plan, FrameEvent::Progress(fraction));
+    let show = observer
+        .tiles
+        .map(|show| move |tile: FinishedTile| show(task.plan, tile));
+    let monitor = Monitor {
+        progress: &progress,
+        cancel: observer.cancel,
+        tiles: show.as_ref().map(|show| show as _),
+    };
+    // Prepare the frame: settings, camera, metadata
+    let mut frame_task = FrameTask::new(task, (stage, options), observer, monitor)?;
     let settings = frame_task.resolved.settings;
     let pieces = task.pieces.clone();
     // Choose the strategy: limited time, whole image at once, all rows, or single pieces
     let is_whole_frame = pieces.len() == task.plan.piece_count();
-    let samples = if let Some(seconds) = limits.time {
+    let samples = if let Some(seconds) = options.time {
         frame_task.render_in_time(seconds)?
     } else if must_render_at_once(&settings) {
         frame_task.render_at_once()?
     } else if is_whole_frame {
-        frame_task.render_rows(&Chunk {
-            rows: 0..settings.height,
-            part: ChunkKind::All,
-        })?;
+        let all = frame_task.folder.cut().all();
+        frame_task.render_rows(&all)?;
         f64::from(settings.spp)
     } else {
         frame_task.render_chunks(pieces)?;
@@ -94,6 +105,7 @@ pub(super) fn make<'a>(
     Ok(FrameResult {
         is_whole,
         samples,
+        setup_seconds: [0.0; 2],
         render_seconds: start.elapsed().as_secs_f64() - frame_task.write_seconds,
         write_seconds: frame_task.write_seconds,
         ledger: frame_task.ledger,
@@ -104,56 +116,54 @@ pub(super) fn make<'a>(
 impl<'a> FrameTask<'a> {
     fn new(
         task: &Task<'a>,
-        stage: &'a BuiltScene<'a>,
-        limits: Limits<'a>,
+        (stage, options): (&'a BuiltScene<'a>, &'a BatchOptions),
+        observer: &'a BatchObserver<'a>,
         monitor: Monitor<'a>,
-    ) -> Result<FrameTask<'a>, Failure> {
+    ) -> Result<FrameTask<'a>, BatchError> {
         let plan = task.plan;
-        let job = &*plan.job;
-        let mut resolved = job.resolved(&stage.loaded.file.output)?;
+        let request = &*plan.request;
+        let mut resolved = request.resolved(&stage.loaded.file.output)?;
+        let size = [resolved.settings.width, resolved.settings.height];
+        (observer.event)(plan, FrameEvent::Sized(size));
         // The batch's page shows the ray counts of the ledger; recording them changes no pixel.
         resolved.settings.ledger = true;
-        check_division(plan, &resolved.settings, limits.time)?;
+        plan.check_shares(&resolved.settings, options.time)?;
         let camera = stage.loaded.camera(plan)?;
         // Collect the metadata of the image
         let effects = EffectPlan::new(&stage.scene, &camera, &resolved.settings.effects);
         let embree = stage.accel.report().embree;
         let mut notes = Notes::of(
-            (job, &resolved),
+            (request, &resolved),
             (&stage.scene, &camera),
             embree.as_ref(),
             &effects,
         );
         notes.add("whit.files", task.recipe.files.clone());
-        let notes = notes
-            .list()
-            .iter()
-            .map(|note| (note.name.to_owned(), note.text.to_owned()))
-            .collect();
         // Describe the frame for its pieces, so that another process can merge them
         let head = FrameMetadata {
             key: task.recipe.key,
             number: plan.number,
             image: plan.frame.image.clone(),
-            size: [resolved.settings.width, resolved.settings.height],
+            size,
             spp: resolved.settings.spp,
             shares: plan.frame.settings.shares,
-            exr: job.encoding.exr,
+            exr: request.encoding.exr,
             png: PngEncoding {
                 tone: resolved.tone,
-                bits: job.encoding.png_bits,
+                bits: request.encoding.png_bits,
             },
             notes,
         };
         Ok(FrameTask {
             plan,
-            job,
+            request,
             resolved,
             stage,
             camera,
-            folder: ChunkDirectory::new(limits.out, head),
-            limits,
+            folder: ChunkDirectory::new(&options.out, head),
+            options,
             monitor,
+            observer,
             buffered: Vec::new(),
             buffered_since: Instant::now(),
             has_pieces: false,
@@ -164,23 +174,17 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Renders the whole image at once, from the last checkpoint if there is one; returns the samples per pixel.
-    fn render_at_once(&mut self) -> Result<f64, Failure> {
-        let (stage, job, resolved, monitor) = (self.stage, self.job, self.resolved, self.monitor);
+    fn render_at_once(&mut self) -> Result<f64, BatchError> {
+        let (stage, request, resolved, monitor) = (self.stage, self.request, self.resolved, self.monitor);
         let camera = self.camera.clone();
-        let projected = project(job, &resolved, (stage.scene.get(), &camera), &*stage.accel);
-        let accel = projected
-            .as_ref()
-            .map_or(&*stage.accel, |projected| projected as &dyn Accel);
+        let projected = self.projected_accel();
         // Costs of pixels are not part of a checkpoint, so such images cannot be resumed.
         let can_go_on = !resolved.settings.cost_aovs;
-        let start = if can_go_on {
-            self.folder.read_rounds()?
-        } else {
-            None
-        };
+        let start = can_go_on.then(|| self.folder.read_rounds());
+        let start = start.transpose()?.flatten();
         self.has_rounds = start.is_some();
         // Save a checkpoint at intervals, and stop rendering if that fails
-        let seconds = self.limits.checkpoint;
+        let seconds = self.options.checkpoint;
         let mut failure = None;
         let mut keep = |rounds: &Rounds| match self.save(|folder| folder.write_rounds(rounds)) {
             Ok(()) => {
@@ -201,21 +205,24 @@ impl<'a> FrameTask<'a> {
         let rendered = render::render_on(
             stage.scene,
             &camera,
-            accel,
+            projected.accel(),
             &resolved.settings,
             &monitor,
             can_go_on.then_some(&mut checkpoints),
         );
         let Ok(rendering) = rendered else {
-            return Err(failure.unwrap_or(Failure::Interrupted));
+            return Err(failure.unwrap_or(Cancelled.into()));
         };
-        self.keep(0..resolved.settings.height, planes_of_rendering(job, &rendering));
+        self.keep(
+            0..resolved.settings.height,
+            planes_of_rendering(request, &rendering),
+        );
         self.ledger += rendering.ledger;
         Ok(rendering.samples.mean)
     }
 
     /// Renders the whole image with as many packets of samples as fit into the time; returns the samples per pixel.
-    fn render_in_time(&mut self, seconds: f64) -> Result<f64, Failure> {
+    fn render_in_time(&mut self, seconds: f64) -> Result<f64, BatchError> {
         let start = Instant::now();
         let settings = self.resolved.settings;
         let region = Region::whole(&settings);
@@ -233,39 +240,27 @@ impl<'a> FrameTask<'a> {
             }
             let (sums, ledger) = parts.sums_of(&region, done..done + next, &self.monitor)?;
             self.ledger += ledger;
-            // Add the sums of the packets
-            match &mut all {
-                None => all = Some(sums),
-                Some(all) => all.add(&sums),
-            }
+            add_sums(&mut all, sums);
             done += next;
         }
-        let sums = all.ok_or(Failure::Interrupted)?;
+        let sums = all.ok_or(Cancelled)?;
         self.keep(0..settings.height, planes_of(&sums));
         Ok(f64::from(sums.samples))
     }
 
     /// Renders all samples of the missing rows of a piece.
-    fn render_rows(&mut self, piece: &Chunk) -> Result<(), Failure> {
+    fn render_rows(&mut self, piece: &Chunk) -> Result<(), BatchError> {
         let missing = self.missing(piece)?;
         if missing.is_empty() {
             return Ok(());
         }
         // Trace camera rays with screen bounds where they pay
-        let (stage, job, resolved) = (self.stage, self.job, self.resolved);
-        let camera = self.camera.clone();
-        let projected = project(job, &resolved, (stage.scene.get(), &camera), &*stage.accel);
-        let accel = projected
-            .as_ref()
-            .map_or(&*stage.accel, |projected| projected as &dyn Accel);
-        let mut parts = self.parts(accel)?;
+        let height = self.resolved.settings.height;
+        let projected = self.projected_accel();
+        let mut parts = self.parts(projected.accel())?;
         // Render each gap in steps, whose height follows the time of the steps before
         for rows in missing {
-            let mut steps = RowSteps::new(
-                rows,
-                &self.stage.loaded.film(&resolved.settings),
-                self.limits.checkpoint,
-            );
+            let mut steps = self.steps(rows);
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
                 match self.rows(&mut parts, &rows) {
@@ -278,10 +273,8 @@ impl<'a> FrameTask<'a> {
                 }
                 steps.adapt(&rows, begun.elapsed().as_secs_f64());
                 // Save the rows at the checkpoint interval, or when they take too much memory
-                let is_due = self.buffered_since.elapsed().as_secs_f64() >= self.limits.checkpoint;
-                if (is_due && rows.end < resolved.settings.height)
-                    || self.buffered_bytes() > MAX_BUFFERED_BYTES
-                {
+                let is_due = self.buffered_since.elapsed().as_secs_f64() >= self.options.checkpoint;
+                if (is_due && rows.end < height) || self.buffered_bytes() > MAX_BUFFERED_BYTES {
                     self.flush()?;
                 }
             }
@@ -290,7 +283,7 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Renders all samples of some rows.
-    fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Result<Vec<ChannelPlane>, Failure> {
+    fn rows(&mut self, parts: &mut Parts, rows: &Range<u32>) -> Result<Vec<Layer>, BatchError> {
         let settings = self.resolved.settings;
         let region = Region::of_rows(&settings, rows.clone());
         // Map the progress of these rows to that of the frame
@@ -305,7 +298,7 @@ impl<'a> FrameTask<'a> {
         let count = self.plan.frame.settings.shares;
         if count == 1 {
             let rendering = parts.region(&region, &monitor)?;
-            let planes = planes_of_rendering(self.job, &rendering);
+            let planes = planes_of_rendering(self.request, &rendering);
             self.ledger += rendering.ledger;
             return Ok(planes);
         }
@@ -314,26 +307,19 @@ impl<'a> FrameTask<'a> {
         for index in 0..count {
             let (sums, ledger) = parts.sums(&region, Share { index, count }, &monitor)?;
             self.ledger += ledger;
-            match &mut all {
-                None => all = Some(sums),
-                Some(all) => all.add(&sums),
-            }
+            add_sums(&mut all, sums);
         }
-        all.as_ref().map(planes_of).ok_or(Failure::Interrupted)
+        Ok(all.as_ref().map(planes_of).ok_or(Cancelled)?)
     }
 
     /// Renders some of the pieces that the frame is divided into, each to a file of its own.
-    fn render_chunks(&mut self, numbers: Range<usize>) -> Result<(), Failure> {
+    fn render_chunks(&mut self, numbers: Range<usize>) -> Result<(), BatchError> {
         let settings = self.resolved.settings;
-        let cut = whit::batch::ChunkLayout {
+        let requested = &self.plan.frame.settings;
+        let cut = ChunkLayout {
             height: settings.height,
-            bands: self
-                .plan
-                .frame
-                .settings
-                .bands
-                .min(whit::batch::ChunkLayout::max_bands(settings.height)),
-            shares: self.plan.frame.settings.shares,
+            bands: requested.bands.min(ChunkLayout::max_bands(settings.height)),
+            shares: requested.shares,
         };
         for number in numbers.start..numbers.end.min(cut.piece_count()) {
             let piece = cut.piece(number);
@@ -347,7 +333,7 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Renders the missing rows of one share of the samples.
-    fn render_share(&mut self, piece: &Chunk, index: u32) -> Result<(), Failure> {
+    fn render_share(&mut self, piece: &Chunk, index: u32) -> Result<(), BatchError> {
         let settings = self.resolved.settings;
         let missing = self.missing(piece)?;
         if missing.is_empty() {
@@ -358,7 +344,7 @@ impl<'a> FrameTask<'a> {
         let share = self.folder.cut().share(index);
         // Render each gap in steps, and save the sums after each step
         for rows in missing {
-            let mut steps = RowSteps::new(rows, &self.stage.loaded.film(&settings), self.limits.checkpoint);
+            let mut steps = self.steps(rows);
             while let Some(rows) = steps.next() {
                 let begun = Instant::now();
                 let region = Region::of_rows(&settings, rows.clone());
@@ -372,21 +358,31 @@ impl<'a> FrameTask<'a> {
         Ok(())
     }
 
+    fn steps(&self, rows: Range<u32>) -> RowSteps {
+        let film = self.stage.loaded.film(&self.resolved.settings);
+        RowSteps::new(rows, &film, self.options.checkpoint)
+    }
+
     /// Returns the rows of a piece that are still missing.
-    fn missing(&mut self, piece: &Chunk) -> Result<Vec<Range<u32>>, Failure> {
-        let unreadable =
-            |error| Failure::Work(format!("cannot read the pieces of {}: {error}", self.plan.name()));
+    fn missing(&mut self, piece: &Chunk) -> Result<Vec<Range<u32>>, BatchError> {
+        let unreadable = |error| BatchError::ReadPieces(self.plan.name(), error);
         let coverage = self.folder.coverage().map_err(unreadable)?;
         self.has_pieces |= !coverage.is_empty();
         Ok(coverage.missing(piece))
     }
 
-    fn parts(&self, accel: &'a dyn Accel) -> Result<Parts<'a>, Failure> {
+    fn projected_accel(&self) -> ProjectedAccel<'a> {
+        let accel = (&*self.stage.accel, self.request.backend());
+        let view = (self.stage.scene.get(), &self.camera);
+        ProjectedAccel::new(accel, view, &self.resolved.settings)
+    }
+
+    fn parts(&self, accel: &'a dyn Accel) -> Result<Parts<'a>, BatchError> {
         let scene = (self.stage.scene, &self.camera);
         Ok(Parts::new(scene, accel, &self.resolved.settings, &self.monitor)?)
     }
 
-    fn keep(&mut self, rows: Range<u32>, planes: Vec<ChannelPlane>) {
+    fn keep(&mut self, rows: Range<u32>, planes: Vec<Layer>) {
         self.show(&rows, &planes);
         if self.buffered.is_empty() {
             self.buffered_since = Instant::now();
@@ -395,21 +391,16 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Shows finished rows in the live preview: filtered, and with all of their samples.
-    fn show(&self, rows: &Range<u32>, planes: &[ChannelPlane]) {
-        let (Some(show), [red, green, blue, ..]) = (self.monitor.tiles, planes) else {
-            return;
-        };
-        let channels = red.values.iter().zip(&green.values).zip(&blue.values);
-        let pixels: Vec<[f32; 3]> = channels
-            .map(|((&red, &green), &blue)| [red, green, blue])
-            .collect();
-        show(FinishedTile {
-            x: 0,
-            y: rows.start,
-            width: self.resolved.settings.width,
-            height: rows.end - rows.start,
-            pixels: &pixels,
-        });
+    fn show(&self, rows: &Range<u32>, planes: &[Layer]) {
+        if let Some(show) = self.monitor.tiles {
+            show(FinishedTile {
+                x: 0,
+                y: rows.start,
+                width: self.resolved.settings.width,
+                height: rows.end - rows.start,
+                pixels: &pieces::colors(planes),
+            });
+        }
     }
 
     fn buffered_bytes(&self) -> usize {
@@ -418,7 +409,7 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Writes the finished rows in memory to disk.
-    fn flush(&mut self) -> Result<(), Failure> {
+    fn flush(&mut self) -> Result<(), BatchError> {
         for (rows, planes) in join_rows(std::mem::take(&mut self.buffered)) {
             self.save(|folder| folder.write_finished(&rows, &planes))?;
             self.has_pieces = true;
@@ -426,13 +417,12 @@ impl<'a> FrameTask<'a> {
         Ok(())
     }
 
-    fn save(&mut self, write: impl Fn(&ChunkDirectory) -> Result<(), ImageError>) -> Result<(), Failure> {
+    fn save(&mut self, write: impl Fn(&ChunkDirectory) -> Result<(), ImageError>) -> Result<(), BatchError> {
         let start = Instant::now();
-        let unwritable = |error| Failure::Work(format!("cannot create the folder for the pieces: {error}"));
-        let attempt = || -> Result<(), Failure> {
+        let attempt = || -> Result<(), BatchError> {
             // Create the folder on the first write
-            self.folder.make().map_err(unwritable)?;
-            Ok(interrupt::without_interruption(|| write(&self.folder))?)
+            self.folder.make().map_err(BatchError::CreatePieces)?;
+            Ok(self.observer.writes.during(|| write(&self.folder))?)
         };
         match attempt() {
             // Another process has merged the same frame meanwhile and removed the folder of the pieces.
@@ -444,21 +434,21 @@ impl<'a> FrameTask<'a> {
     }
 
     /// Writes the image if all of its rows are there; returns whether they are.
-    fn finish(&mut self) -> Result<bool, Failure> {
+    fn finish(&mut self) -> Result<bool, BatchError> {
         let start = Instant::now();
-        let out = self.limits.out;
+        let (out, writes) = (&self.options.out, self.observer.writes);
         // Without pieces on disk, write the rows from memory; otherwise merge the pieces
         if !self.has_pieces {
             let head = self.folder.head();
             let mut buffered = std::mem::take(&mut self.buffered).into_iter();
             let rows = || Ok::<_, ImageError>(buffered.next().map(|(_, planes)| planes));
-            interrupt::without_interruption(|| image_writer::write(out, head, rows))?;
+            writes.during(|| pieces::write(out, head, rows))?;
             if self.has_rounds {
                 self.folder.remove();
             }
         } else {
             self.flush()?;
-            match image_writer::merge(out, &self.folder) {
+            match pieces::merge(out, &self.folder, writes) {
                 Ok(()) => {}
                 Err(MergeError::Missing { .. }) => return Ok(false),
                 // Another process has merged the frame meanwhile: a piece was listed and is gone.
@@ -487,8 +477,8 @@ fn affordable_packets(done: usize, elapsed: f64, seconds: f64) -> usize {
 }
 
 /// Joins neighbouring ranges of rows.
-fn join_rows(buffered: Vec<(Range<u32>, Vec<ChannelPlane>)>) -> Vec<(Range<u32>, Vec<ChannelPlane>)> {
-    let mut all: Vec<(Range<u32>, Vec<ChannelPlane>)> = Vec::new();
+fn join_rows(buffered: Vec<(Range<u32>, Vec<Layer>)>) -> Vec<(Range<u32>, Vec<Layer>)> {
+    let mut all: Vec<(Range<u32>, Vec<Layer>)> = Vec::new();
     for (rows, planes) in buffered {
         match all.last_mut() {
             Some((before, join_rows)) if before.end == rows.start => {
@@ -504,37 +494,9 @@ fn join_rows(buffered: Vec<(Range<u32>, Vec<ChannelPlane>)>) -> Vec<(Range<u32>,
 }
 
 /// Returns the channels of a rendering: its colours and its further layers.
-fn planes_of_rendering(job: &RenderJob, rendering: &Rendering) -> Vec<ChannelPlane> {
+fn planes_of_rendering(request: &RenderRequest, rendering: &Rendering) -> Vec<Layer> {
     let mut planes = color_planes(&rendering.image.pixels);
-    planes.extend(
-        channels(job, rendering)
-            .into_iter()
-            .map(Cow::into_owned)
-            .map(|layer| ChannelPlane {
-                name: layer.name,
-                kind: layer.kind,
-                values: layer.values,
-            }),
-    );
+    let further = channels(&request.aovs, rendering);
+    planes.extend(further.into_iter().map(Cow::into_owned));
     planes
-}
-
-/// Returns an error if the frame cannot be divided as its job requests, given the settings of its scene.
-fn check_division(plan: &Plan, settings: &RenderSettings, time: Option<f64>) -> Result<(), Failure> {
-    let refuse = |fault: String| Err(Failure::Input(format!("{}: {fault}", plan.name())));
-    let most = Share::most(settings.spp);
-    if plan.frame.settings.shares > most {
-        return refuse(format!(
-            "{} samples per pixel can be split into at most {most} shares: give fewer",
-            settings.spp
-        ));
-    }
-    let in_order = matches!(settings.pattern, Pattern::Sobol | Pattern::R2);
-    if time.is_some() && !in_order {
-        return refuse(
-            "the first samples of that pattern do not cover the whole pixel: choose `pattern = \"sobol\"` for `--time`"
-                .into(),
-        );
-    }
-    Ok(())
 }

@@ -3,11 +3,13 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-use whit::batch::{Fingerprint, FingerprintHasher, Sources};
-
-use super::super::failure::Failure;
-use super::super::job::RenderJob;
-use super::plan::Plan;
+use crate::accel;
+use crate::batch::dependencies::Sources;
+use crate::batch::error::BatchError;
+use crate::batch::fingerprint::{Fingerprint, FingerprintHasher};
+use crate::batch::plan::PlannedFrame;
+use crate::batch::request::{RenderRequest, RequestError};
+use crate::jobs::FlagValue;
 
 /// Hash and list of a frame's inputs.
 #[derive(Clone)]
@@ -20,11 +22,7 @@ pub(super) struct FrameFingerprint {
 
 impl FrameFingerprint {
     /// Hashes the inputs of a frame.
-    ///
-    /// # Errors
-    ///
-    /// If a file that the frame needs cannot be read.
-    pub(super) fn of(plan: &Plan, sources: &mut Sources) -> Result<FrameFingerprint, Failure> {
+    pub(super) fn of(plan: &PlannedFrame, sources: &mut Sources) -> Result<FrameFingerprint, BatchError> {
         let frame = &plan.frame;
         // Find and hash the scene's files, including those that edits name
         let words: Vec<&str> = frame
@@ -32,12 +30,14 @@ impl FrameFingerprint {
             .iter()
             .filter_map(|edit| edit.value.as_str())
             .collect();
-        let unreadable = |error| Failure::Input(format!("cannot read {}: {error}", frame.scene.display()));
-        let files = sources.of(&frame.scene, &words).map_err(unreadable)?;
+        let unreadable = |path: &Path, error| BatchError::Read(path.to_owned(), error);
+        let files = sources
+            .of(&frame.scene, &words)
+            .map_err(|error| unreadable(&frame.scene, error))?;
         let mut hasher = FingerprintHasher::default();
         // Hash the program's version and the backend
         hasher.add("version", env!("CARGO_PKG_VERSION"));
-        hasher.add("backend", backend_identity(&plan.job)?);
+        hasher.add("backend", backend_identity(&plan.request)?);
         for (path, key) in &files {
             let name = path.file_name().unwrap_or_default();
             hasher
@@ -52,8 +52,7 @@ impl FrameFingerprint {
             hasher.add(name, format!("{value:?}"));
         }
         if let Some(file) = settings_file(plan) {
-            let text = std::fs::read(&file)
-                .map_err(|error| Failure::Input(format!("cannot read {}: {error}", file.display())))?;
+            let text = std::fs::read(&file).map_err(|error| unreadable(&file, error))?;
             hasher.add("settings file", text);
         }
         // Hash the camera, the time and the number of shares, which the rounding of sums depends on
@@ -88,8 +87,7 @@ fn listed(files: &[(PathBuf, Fingerprint)], scene: &Path) -> String {
 }
 
 /// Returns the path of the settings file of a job, if it has one.
-fn settings_file(plan: &Plan) -> Option<PathBuf> {
-    use whit::jobs::FlagValue;
+fn settings_file(plan: &PlannedFrame) -> Option<PathBuf> {
     let flags = &plan.frame.settings.flags;
     flags.iter().find_map(|(name, value)| match value {
         FlagValue::Word(file) if name == "settings" => Some(plan.jobs_folder.join(file)),
@@ -98,9 +96,10 @@ fn settings_file(plan: &Plan) -> Option<PathBuf> {
 }
 
 /// Returns the backend with its version and instruction set, which the bits of an image depend on.
-fn backend_identity(job: &RenderJob) -> Result<String, Failure> {
-    let identity = whit::accel::identity(job.backend, job.tracing.isa.as_deref())?;
-    Ok(format!("{:?} {identity:?}", job.backend))
+fn backend_identity(request: &RenderRequest) -> Result<String, BatchError> {
+    let identity = accel::identity(request.backend(), request.tracing.isa.as_deref());
+    let identity = identity.map_err(RequestError::from)?;
+    Ok(format!("{:?} {identity:?}", request.backend()))
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@ use std::ops::AddAssign;
 mod animated_transform;
 mod bounds;
 mod double_double;
+pub(crate) mod lane_math;
 pub(crate) mod morton;
 pub mod noise;
 mod rng;

@@ -7,21 +7,19 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, TAU};
 
 use glam::{DVec2, DVec3};
 
+use super::lane_math::sin_cos;
+
 /// Returns a point of the unit disk, uniform in area (P. Shirley, K. Chiu, "A Low Distortion Map Between Disk and
 /// Square", JGT 2(3), 1997).
 #[inline(always)]
 pub fn disk(u: [f64; 2]) -> DVec2 {
     let (x, y) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
-    if x == 0.0 && y == 0.0 {
-        return DVec2::ZERO;
-    }
-    // Map concentric squares to concentric circles
-    let (radius, angle) = if x.abs() > y.abs() {
-        (x, FRAC_PI_4 * (y / x))
-    } else {
-        (y, FRAC_PI_2 - FRAC_PI_4 * (x / y))
-    };
-    let (sin, cos) = angle.sin_cos();
+    // Map concentric squares to concentric circles; the centre has a radius of zero at any angle
+    let is_wide = x.abs() > y.abs();
+    let radius = if is_wide { x } else { y };
+    let across = if is_wide { y } else { x };
+    let part = FRAC_PI_4 * (across / if radius == 0.0 { 1.0 } else { radius });
+    let [sin, cos] = sin_cos(if is_wide { part } else { FRAC_PI_2 - part });
     DVec2::new(radius * cos, radius * sin)
 }
 
@@ -47,7 +45,7 @@ pub fn triangle(u: [f64; 2]) -> [f64; 2] {
 #[inline(always)]
 pub fn direction(below: f64, turn: f64) -> DVec3 {
     let sin = (below * (2.0 - below)).max(0.0).sqrt();
-    let (sin_turn, cos_turn) = (TAU * turn).sin_cos();
+    let [sin_turn, cos_turn] = sin_cos(TAU * turn);
     DVec3::new(sin * cos_turn, sin * sin_turn, 1.0 - below)
 }
 

@@ -25,6 +25,7 @@ mod volumes;
 
 use std::collections::HashSet;
 
+pub(crate) use area_light::LightSamplePacket;
 pub use area_light::{
     AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, ShapeLight, SphereLight,
 };

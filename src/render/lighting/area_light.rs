@@ -17,7 +17,7 @@ use super::super::wavefront::{BatchInfo, ShadingState, TracedPacket};
 use super::area_light_sampler::AreaLightSampler;
 use super::direct::{self, IncidentLight, ShadingContext};
 use super::sample_index::{PixelSample, SampleIndex};
-use crate::numeric::LANES;
+use crate::numeric::{LANES, Lanes};
 use crate::scene::{Effect, LightKind, MIRROR_ROUGHNESS};
 use crate::shading::MaterialPacket;
 
@@ -99,19 +99,32 @@ impl ShadingState<'_, '_> {
         (traced, lit): (&TracedPacket, &ShadingContext),
         draw: SampleIndex,
     ) -> IncidentLight {
-        let textures = self.frame.surfaces.textures();
+        let numbers = self.number_packet(traced, draw);
         let mut arrivals = IncidentLight::NONE;
+        // Sample the light from all hit points at once, if no surface of the scene emits it
+        if let Some(samples) = light.sample_packet(&lit.points.p, &numbers) {
+            for l in 0..LANES {
+                let is_sample = lit.points.hit[l] & (samples.pdf[l] > 0.0);
+                let share = (samples.pdf[l] * f64::from(draw.of)).recip() as f32;
+                for axis in 0..3 {
+                    arrivals.wi[axis][l] = if is_sample {
+                        samples.direction[axis][l] as f32
+                    } else {
+                        0.0
+                    };
+                    arrivals.irradiance[axis][l] = if is_sample { radiance[axis] * share } else { 0.0 };
+                }
+            }
+            arrivals.from = Some(samples.position);
+            return arrivals;
+        }
+        // Otherwise sample the emissive object from each hit point
+        let textures = self.frame.surfaces.textures();
         let mut from = [[0.0; LANES]; 3];
-        // Sample the light from each hit point
         for l in (0..LANES).filter(|&l| lit.points.hit[l]) {
-            let u = self.numbers(traced, l, draw);
             // The hit point may lie on the emissive object itself, so use the origin that is offset from the surface.
-            let p = if light.is_seen() {
-                DVec3::from([0, 1, 2].map(|axis| f64::from(lit.points.origin[axis][l])))
-            } else {
-                lit.points.point(l)
-            };
-            let Some(sample) = light.sample(textures, p, u) else {
+            let p = DVec3::from([0, 1, 2].map(|axis| f64::from(lit.points.origin[axis][l])));
+            let Some(sample) = light.sample(textures, p, [numbers[0][l], numbers[1][l]]) else {
                 continue;
             };
             // Store direction, light point and irradiance
@@ -143,6 +156,13 @@ impl ShadingState<'_, '_> {
         if direct::sample_direct_area(arrivals, lit, packet, &mut payload.radiance) {
             self.commit_shadow_rays::<false>(traced, casts);
         }
+    }
+
+    /// Returns the random pairs of the samples that the lanes belong to.
+    fn number_packet(&self, traced: &TracedPacket, draw: SampleIndex) -> [Lanes<f64>; 2] {
+        let samples =
+            std::array::from_fn(|l| traced.path_states.map_or(0, |path_states| path_states.sample(l)));
+        draw.number_packet(self.corner, traced.pixel, &samples, &self.frame.settings)
     }
 
     /// Returns the random pair of the sample that lane `l` belongs to.

@@ -9,9 +9,10 @@
 use glam::{DMat3, DVec3};
 
 use crate::mesh::Mesh;
-use crate::numeric::{HitErrorBound, triangle_spawn_error};
+use crate::numeric::{HitErrorBound, Lanes, Lanes3, triangle_spawn_error};
 use crate::scene::{
-    AreaShape, Effect, EffectSet, Geometry, Instance, LightKind, MaterialInput, Scene, TextureBinding,
+    AreaShape, Effect, EffectSet, Geometry, Instance, LightKind, LightSamplePacket, MaterialInput, Scene,
+    TextureBinding,
 };
 use crate::shading::{AreaLight, DiskLight, LightSample, QuadLight, SphereLight, TexturePoint, TextureSet};
 use crate::shape::Implicit;
@@ -103,6 +104,15 @@ impl<'s> AreaLightSampler<'s> {
     /// Returns whether rays can hit the light.
     pub(in crate::render) fn is_seen(&self) -> bool {
         self.emissive_object.is_some()
+    }
+
+    /// Samples the points that `u` selects for the points `p`, if rays cannot hit the light; `None` otherwise.
+    pub(in crate::render) fn sample_packet(
+        &self,
+        p: &Lanes3<f64>,
+        u: &[Lanes<f64>; 2],
+    ) -> Option<LightSamplePacket> {
+        (!self.is_seen()).then(|| self.shape.sample_packet(p, u))
     }
 
     /// Samples the point that `u` selects for `p`; `None` if the light does not emit towards `p`.

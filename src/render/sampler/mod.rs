@@ -6,6 +6,8 @@
 mod packet;
 mod sobol;
 
+use multiversion::multiversion;
+
 use crate::numeric::{LANES, Lanes};
 use crate::scene::image_settings::Pattern;
 
@@ -65,6 +67,26 @@ pub fn sample_2d(pattern: Pattern, pixel: [u32; 2], sample: u32, spp: u32, purpo
         Pattern::Jittered => layout.jittered(layout.cell(sample), sample, seed),
         Pattern::Sobol => sobol::point(sample, seed),
     }
+}
+
+/// Returns the pairs of sixteen samples, each of its own pixel, for a purpose other than [`Purpose::FILM`]: see
+/// [`sample_2d`]. Compiled for several instruction sets, all of which give the same bits.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+pub(super) fn number_packet(
+    pixels: &[Lanes<u32>; 2],
+    samples: &Lanes<u32>,
+    purpose: Purpose,
+) -> [Lanes<f64>; 2] {
+    debug_assert_ne!(purpose, Purpose::FILM);
+    let mut numbers = [[0.0; LANES]; 2];
+    for l in 0..LANES {
+        let seed = sobol::seed([pixels[0][l], pixels[1][l]], purpose.0);
+        [numbers[0][l], numbers[1][l]] = sobol::point(sobol::shuffled(samples[l], seed), seed);
+    }
+    numbers
 }
 
 /// Pattern for a number of samples, with the data that all pixels share.
@@ -337,6 +359,18 @@ mod tests {
                     );
                 }
             }
+        }
+    }
+
+    #[test]
+    fn numbers_of_sixteen_pixels_equal_those_of_each() {
+        let pixels: [Lanes<u32>; 2] = [3, 1000].map(|first| std::array::from_fn(|l| first + 7 * l as u32));
+        let samples: Lanes<u32> = std::array::from_fn(|l| 1000 * l as u32 + 1);
+        let purpose = Purpose::LIGHT.nested(2);
+        let numbers = number_packet(&pixels, &samples, purpose);
+        for l in 0..LANES {
+            let one = sample_2d(Pattern::R2, [pixels[0][l], pixels[1][l]], samples[l], 16, purpose);
+            assert_eq!([numbers[0][l], numbers[1][l]], one);
         }
     }
 

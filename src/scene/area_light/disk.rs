@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::{AreaLightError, LightSample, area_and_normal, sample_of_area};
+use super::{AreaLightError, LightSample, LightVector, area_and_normal};
 use crate::numeric::warp;
 
 /// Disk light: the points `center` + x `half_u` + y `half_v` with x² + y² <= 1; its front is to the side of `half_u` ×
@@ -37,9 +37,15 @@ impl DiskLight {
     /// Samples the point that `u` in [0, 1)² selects for `p`; `None` in the disk's plane.
     #[inline(always)]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
+        self.sample_vector(p, u).sample_of_flat(p, self.normal)
+    }
+
+    /// Samples the vector from `p` to the point that `u` selects, without branches.
+    #[inline(always)]
+    pub(super) fn sample_vector(&self, p: DVec3, u: [f64; 2]) -> LightVector {
         let offset = warp::disk(u);
         let position = self.center + offset.x * self.half_u + offset.y * self.half_v;
-        sample_of_area(p, position, self.normal, self.area)
+        LightVector::of_area(position - p, self.normal, self.area)
     }
 
     /// Returns the area of one side in square metres.

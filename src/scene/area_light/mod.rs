@@ -14,6 +14,9 @@ mod shape_light;
 mod sphere;
 
 use glam::DVec3;
+use multiversion::multiversion;
+
+use crate::numeric::{LANES, Lanes, Lanes3};
 
 pub use disk::DiskLight;
 pub use mesh::MeshLight;
@@ -45,6 +48,72 @@ impl LightSample {
     pub fn is_front(&self) -> bool {
         self.direction.dot(self.normal) < 0.0
     }
+}
+
+/// Vector to a sampled point of a light.
+#[derive(Clone, Copy, Debug)]
+struct LightVector {
+    /// Vector from the shaded point to the light's point.
+    to_light: DVec3,
+    /// Density of the direction per steradian; not positive and finite where there is no sample.
+    pdf: f64,
+    /// True if the light's front faces the shaded point.
+    is_front: bool,
+}
+
+impl LightVector {
+    /// Returns the vector to a point that was chosen uniformly from a flat `area` of unit normal `normal`.
+    #[inline(always)]
+    fn of_area(to_light: DVec3, normal: DVec3, area: f64) -> LightVector {
+        // Convert the density per area into a density per solid angle
+        let squared = to_light.length_squared();
+        let approach = to_light.dot(normal);
+        LightVector {
+            to_light,
+            pdf: squared * squared.sqrt() / (approach.abs() * area),
+            is_front: approach < 0.0,
+        }
+    }
+
+    /// Returns this vector if `is_chosen`, otherwise `other`.
+    #[inline(always)]
+    fn or(self, other: LightVector, is_chosen: bool) -> LightVector {
+        let choose = |a: f64, b: f64| if is_chosen { a } else { b };
+        LightVector {
+            to_light: DVec3::new(
+                choose(self.to_light.x, other.to_light.x),
+                choose(self.to_light.y, other.to_light.y),
+                choose(self.to_light.z, other.to_light.z),
+            ),
+            pdf: choose(self.pdf, other.pdf),
+            is_front: if is_chosen { self.is_front } else { other.is_front },
+        }
+    }
+
+    /// Returns the sample of a flat light of unit normal `normal`; `None` where there is none.
+    #[inline(always)]
+    fn sample_of_flat(self, p: DVec3, normal: DVec3) -> Option<LightSample> {
+        let distance = self.to_light.length();
+        (is_density(self.pdf) && is_density(distance)).then(|| LightSample {
+            position: p + self.to_light,
+            direction: self.to_light / distance,
+            distance,
+            normal,
+            primitive: 0,
+            pdf: self.pdf,
+        })
+    }
+}
+
+/// Points sampled on a light for sixteen points that it illuminates, as structure of arrays.
+#[derive(Clone, Debug)]
+pub(crate) struct LightSamplePacket {
+    /// Positions on the light in world space.
+    pub(crate) position: Lanes3<f64>,
+    /// Unit vectors from the shaded points to the light's points.
+    pub(crate) direction: Lanes3<f64>,
+    /// Densities of the directions per steradian; 0 in lanes without a sample on the light's front.
+    pub(crate) pdf: Lanes<f64>,
 }
 
 /// Light with an area, in world space.
@@ -88,6 +157,18 @@ impl AreaLight {
         }
     }
 
+    /// Samples the points of the light's front that `u` in [0, 1)² selects for the points `p`: see
+    /// [`AreaLight::sample`].
+    pub(crate) fn sample_packet(&self, p: &Lanes3<f64>, u: &[Lanes<f64>; 2]) -> LightSamplePacket {
+        let mut samples = LightSamplePacket {
+            position: [[0.0; LANES]; 3],
+            direction: [[0.0; LANES]; 3],
+            pdf: [0.0; LANES],
+        };
+        sample_packet(self, p, u, &mut samples);
+        samples
+    }
+
     /// Returns the emissive area of one side in square metres.
     pub fn area(&self) -> f64 {
         match self {
@@ -100,22 +181,75 @@ impl AreaLight {
     }
 }
 
+/// Compiles [`AreaLight::sample_packet`] for several instruction sets.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn sample_packet(light: &AreaLight, p: &Lanes3<f64>, u: &[Lanes<f64>; 2], samples: &mut LightSamplePacket) {
+    match light {
+        AreaLight::Quad(light) => samples.fill(p, u, |p, u| light.sample_vector(p, u)),
+        AreaLight::Disk(light) => samples.fill(p, u, |p, u| light.sample_vector(p, u)),
+        AreaLight::Sphere(light) => samples.fill(p, u, |p, u| light.sample_vector(p, u)),
+        AreaLight::Mesh(_) | AreaLight::Shape(_) => {
+            for l in 0..LANES {
+                let sample = light.sample(lane(p, l), [u[0][l], u[1][l]]);
+                if let Some(sample) = sample.filter(LightSample::is_front) {
+                    samples.set(l, sample.position, sample.direction, sample.pdf);
+                }
+            }
+        }
+    }
+}
+
+impl LightSamplePacket {
+    /// Sets all lanes to the samples that `sample` takes.
+    #[inline(always)]
+    fn fill(
+        &mut self,
+        p: &Lanes3<f64>,
+        u: &[Lanes<f64>; 2],
+        sample: impl Fn(DVec3, [f64; 2]) -> LightVector,
+    ) {
+        for l in 0..LANES {
+            let p = lane(p, l);
+            let LightVector {
+                to_light,
+                pdf,
+                is_front,
+            } = sample(p, [u[0][l], u[1][l]]);
+            let distance = to_light.length_squared().sqrt();
+            let is_sample = is_front & (pdf > 0.0) & (pdf < f64::INFINITY);
+            let is_sample = is_sample & (distance > 0.0) & (distance < f64::INFINITY);
+            self.set(
+                l,
+                p + to_light,
+                to_light / distance,
+                if is_sample { pdf } else { 0.0 },
+            );
+        }
+    }
+
+    #[inline(always)]
+    fn set(&mut self, l: usize, position: DVec3, direction: DVec3, pdf: f64) {
+        for axis in 0..3 {
+            self.position[axis][l] = position[axis];
+            self.direction[axis][l] = direction[axis];
+        }
+        self.pdf[l] = pdf;
+    }
+}
+
+#[inline(always)]
+fn lane(v: &Lanes3<f64>, l: usize) -> DVec3 {
+    DVec3::new(v[0][l], v[1][l], v[2][l])
+}
+
 /// Returns the sample at `position`, chosen uniformly from a flat `area` of unit normal `normal`.
 #[inline(always)]
 fn sample_of_area(p: DVec3, position: DVec3, normal: DVec3, area: f64) -> Option<LightSample> {
-    let to_light = position - p;
-    let distance = to_light.length();
-    let direction = to_light / distance;
-    // Convert the density per area into a density per solid angle
-    let pdf = distance * distance / (direction.dot(normal).abs() * area);
-    is_density(pdf).then_some(LightSample {
-        position,
-        direction,
-        distance,
-        normal,
-        primitive: 0,
-        pdf,
-    })
+    let sample = LightVector::of_area(position - p, normal, area).sample_of_flat(p, normal)?;
+    Some(LightSample { position, ..sample })
 }
 
 /// Returns whether `pdf` is positive and finite, so that it can be divided by; false for NaN.
@@ -137,6 +271,7 @@ fn area_and_normal(a: DVec3, b: DVec3) -> Result<(f64, DVec3), AreaLightError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numeric::SplitMix64;
 
     /// Returns the mean of `value` over the samples of a grid of `cells` by `cells` midpoints; missing samples count as
     /// 0.
@@ -177,6 +312,33 @@ mod tests {
                     assert!(sample.pdf > 0.0 && sample.pdf.is_finite());
                     0.0
                 });
+            }
+        }
+    }
+
+    #[test]
+    fn sixteen_samples_equal_single_ones() {
+        let mut random = SplitMix64::new(5, 0);
+        for light in lights() {
+            for _ in 0..200 {
+                let p: [DVec3; LANES] = std::array::from_fn(|_| 4.0 * random.in_cube());
+                let u: [Lanes<f64>; 2] = [0; 2].map(|_| std::array::from_fn(|_| random.unit()));
+                let packet = light.sample_packet(&[0, 1, 2].map(|axis| p.map(|p| p[axis])), &u);
+                for l in 0..LANES {
+                    let sample = light.sample(p[l], [u[0][l], u[1][l]]);
+                    let Some(sample) = sample.filter(LightSample::is_front) else {
+                        assert_eq!(packet.pdf[l], 0.0, "{light:?} {}", p[l]);
+                        continue;
+                    };
+                    assert!(
+                        (packet.pdf[l] / sample.pdf - 1.0).abs() < 1e-14,
+                        "{light:?} {}",
+                        p[l]
+                    );
+                    let difference = lane(&packet.direction, l) - sample.direction;
+                    assert!(difference.length() < 1e-15, "{light:?} {}", p[l]);
+                    assert!((lane(&packet.position, l) - sample.position).length() < 1e-14);
+                }
             }
         }
     }

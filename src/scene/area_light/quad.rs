@@ -5,7 +5,8 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::{AreaLightError, LightSample, area_and_normal, is_density, sample_of_area};
+use super::{AreaLightError, LightSample, LightVector, area_and_normal};
+use crate::numeric::lane_math::{acos, sin_cos};
 
 /// Quad light: the points `center` + x `half_u` + y `half_v` with |x|, |y| <= 1; its front is to the side of `half_u` ×
 /// `half_v`.
@@ -46,17 +47,26 @@ impl QuadLight {
     /// Samples the point that `u` in [0, 1)² selects for `p`; `None` in the plane of the parallelogram.
     #[inline(always)]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
-        // Sample by solid angle if the rectangle is large enough
-        if self.is_rectangle {
-            let seen = SphericalRectangle::new(self, p);
-            if seen.solid_angle > MIN_SOLID_ANGLE {
-                return seen.sample(p, self, u);
-            }
-        }
-        // Otherwise sample by area
+        self.sample_vector(p, u).sample_of_flat(p, self.normal)
+    }
+
+    /// Samples the vector from `p` to the point that `u` selects, without branches but on the quad itself.
+    #[inline(always)]
+    pub(super) fn sample_vector(&self, p: DVec3, u: [f64; 2]) -> LightVector {
         let (x, y) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
         let position = self.center + x * self.half_u + y * self.half_v;
-        sample_of_area(p, position, self.normal, self.area)
+        let by_area = LightVector::of_area(position - p, self.normal, self.area);
+        if !self.is_rectangle {
+            return by_area;
+        }
+        // Sample by solid angle if the rectangle is large enough
+        let seen = SphericalRectangle::new(self, p);
+        let by_angle = LightVector {
+            to_light: seen.sample(u),
+            pdf: seen.solid_angle.recip(),
+            is_front: by_area.is_front,
+        };
+        by_angle.or(by_area, seen.solid_angle > MIN_SOLID_ANGLE)
     }
 
     /// Returns the area of one side in square metres.
@@ -101,12 +111,13 @@ impl SphericalRectangle {
             [up - length_v, up + length_v],
         );
         // The planes through the edges at y[0], x[1], y[1], x[0] have normals in the plane of one axis and the third.
-        let [n0, n2] = y.map(|y| height.hypot(y));
-        let [n3, n1] = x.map(|x| height.hypot(x));
+        let length = |a: f64| (height * height + a * a).sqrt();
+        let [n0, n2] = [length(y[0]), length(y[1])];
+        let [n3, n1] = [length(x[0]), length(x[1])];
         let b = [-y[0] / n0, y[1] / n2];
         let c = [x[1] / n1, -x[0] / n3];
         // Inner angles: the dot products of neighbouring normals are those of their third components.
-        let angle = |a: f64, b: f64| (-a * b).clamp(-1.0, 1.0).acos();
+        let angle = |a: f64, b: f64| acos((-a * b).clamp(-1.0, 1.0));
         let g = [
             angle(b[0], c[0]),
             angle(c[0], b[1]),
@@ -125,11 +136,11 @@ impl SphericalRectangle {
         }
     }
 
-    /// Samples a point of the rectangle uniformly in solid angle.
+    /// Returns the vector to a point of the rectangle, uniformly in solid angle.
     #[inline(always)]
-    fn sample(&self, p: DVec3, quad: &QuadLight, u: [f64; 2]) -> Option<LightSample> {
-        let angle = u[0] * self.solid_angle + self.k;
-        let f = (angle.cos() * self.b[0] - self.b[1]) / angle.sin();
+    fn sample(&self, u: [f64; 2]) -> DVec3 {
+        let [sine, cosine] = sin_cos(u[0] * self.solid_angle + self.k);
+        let f = (cosine * self.b[0] - self.b[1]) / sine;
         // Compute the direction cosine of the third axis' plane, and from it x: c / sqrt(1 - c²) with c = ±1 / sqrt(f²
         // + b²).
         let squared = (f * f + self.b[0] * self.b[0] - 1.0).max(0.0);
@@ -137,21 +148,12 @@ impl SphericalRectangle {
             .copysign(f)
             .clamp(self.x[0], self.x[1]);
         // Sample y uniformly in height on the sphere's arc at x
-        let d = x.hypot(self.height);
-        let [h0, h1] = self.y.map(|y| y / d.hypot(y));
+        let squared = x * x + self.height * self.height;
+        let height = |y: f64| y / (squared + y * y).sqrt();
+        let (h0, h1) = (height(self.y[0]), height(self.y[1]));
         let h = h0 + u[1] * (h1 - h0);
-        let y = (h * d / ((1.0 - h) * (1.0 + h)).sqrt()).clamp(self.y[0], self.y[1]);
-        let to_light = x * self.axes[0] + y * self.axes[1] - self.height * self.axes[2];
-        let distance = to_light.length();
-        let pdf = self.solid_angle.recip();
-        (is_density(pdf) && distance > 0.0 && distance < f64::INFINITY).then(|| LightSample {
-            position: p + to_light,
-            direction: to_light / distance,
-            distance,
-            normal: quad.normal,
-            primitive: 0,
-            pdf,
-        })
+        let y = (h * (squared / ((1.0 - h) * (1.0 + h))).sqrt()).clamp(self.y[0], self.y[1]);
+        x * self.axes[0] + y * self.axes[1] - self.height * self.axes[2]
     }
 }
 

@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::{AreaLightError, LightSample, is_density};
+use super::{AreaLightError, LightSample, LightVector, is_density};
 use crate::numeric::warp;
 use crate::shape::tangents;
 
@@ -30,11 +30,20 @@ impl SphereLight {
     /// inside.
     #[inline(always)]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
+        let vector = self.sample_vector(p, u);
+        if !vector.is_front {
+            return self.sample_inside(self.center - p, p, u);
+        }
+        let distance = vector.to_light.length();
+        self.sample_toward(p, vector.to_light / distance, distance, vector.pdf)
+    }
+
+    /// Samples the vector from `p` to the point of the visible cap that `u` selects, without branches; not on the front
+    /// from inside.
+    #[inline(always)]
+    pub(super) fn sample_vector(&self, p: DVec3, u: [f64; 2]) -> LightVector {
         let to_center = self.center - p;
         let d = to_center.length();
-        if !(d > self.radius) {
-            return self.sample_inside(to_center, p, u);
-        }
         // Sample a direction in the cone that the sphere subtends
         let sin_max = self.radius / d;
         let cos_max = ((d - self.radius) * (d + self.radius)).sqrt() / d;
@@ -45,10 +54,14 @@ impl SphereLight {
         let direction = (local.x * right + local.y * up + local.z * axis).normalize();
         // Take the nearer root of t² - 2 t d cos + (d² - r²) = 0 as the known product of both roots over the other
         // root, which is a sum.
-        let aside = d * local.x.hypot(local.y);
+        let aside = d * (local.x * local.x + local.y * local.y).sqrt();
         let half_chord = ((self.radius - aside) * (self.radius + aside)).max(0.0).sqrt();
         let distance = (d - self.radius) * (d + self.radius) / (d * local.z + half_chord);
-        self.sample_toward(p, direction, distance, (TAU * below_max).recip())
+        LightVector {
+            to_light: distance * direction,
+            pdf: (TAU * below_max).recip(),
+            is_front: d > self.radius,
+        }
     }
 
     /// Samples a direction uniformly from inside the sphere.

@@ -108,7 +108,7 @@ impl<'f, 's> FirstHits<'f, 's> {
                 AovKind::Normal => hits.add(&points.ns, &mut self.sums[index..]),
                 AovKind::Albedo => hits.add(&albedo(&surfaces.materials), &mut self.sums[index..]),
                 AovKind::Position => hits.add(&self.positions(points), &mut self.sums[index..]),
-                AovKind::Uv => hits.add(&self.tex_coords(packet, &hits), &mut self.sums[index..]),
+                AovKind::Uv => hits.add(&self.tex_coords(packet, points, &hits), &mut self.sums[index..]),
                 AovKind::Motion => hits.add(&self.motions(packet, &hits, points), &mut self.sums[index..]),
                 AovKind::Ids | AovKind::CryptoObject | AovKind::CryptoMaterial => 0,
             };
@@ -164,12 +164,14 @@ impl<'f, 's> FirstHits<'f, 's> {
         std::array::from_fn(|axis| points.p[axis].map(|p| (p / file.scale + center[axis]) as f32))
     }
 
-    fn tex_coords(&self, packet: &RayPacket, hits: &PrimaryHits) -> [Lanes<f32>; 2] {
+    fn tex_coords(&self, packet: &RayPacket, points: &SurfacePacket, hits: &PrimaryHits) -> [Lanes<f32>; 2] {
         let surfaces = &self.frame.surfaces;
         let mut coords = [[0.0; LANES]; 2];
         for l in (0..LANES).filter(|&l| hits.has(l)) {
             let pose = surfaces.pose(packet, l);
-            let uv_frame = surfaces.view(packet.instance[l]).uv_frame(&pose, 0, packet, l);
+            let uv_frame = surfaces
+                .view(packet.instance[l])
+                .uv_frame(&pose, 0, (packet, points), l);
             [coords[0][l], coords[1][l]] = uv_frame.uv;
         }
         coords

@@ -2,9 +2,7 @@
 
 use std::sync::Arc;
 
-use glam::DVec3;
-
-use super::shape_hit::world_point;
+use super::packet::SurfacePacket;
 use super::uv_frame::UvFrame;
 use super::vertex_fetch::MeshView;
 use crate::accel::RayPacket;
@@ -42,10 +40,10 @@ impl InstanceView<'_> {
         &self,
         pose: &InstanceTransform,
         set: u32,
-        packet: &RayPacket,
+        (packet, points): (&RayPacket, &SurfacePacket),
         l: usize,
     ) -> UvFrame {
-        // Interpolate mesh coordinates, or evaluate the parametrization of the shape
+        // Interpolate mesh coordinates; those of shapes are known since the hit was computed
         match &self.kind {
             InteractionKind::Mesh(mesh) => match mesh.tex_coords.get(set as usize) {
                 Some(set) => {
@@ -55,18 +53,9 @@ impl InstanceView<'_> {
                         derivatives: mesh.derivatives(set, packet.primitive[l]).map(|d| linear * d),
                     }
                 }
-                None => UvFrame {
-                    uv: [0.0; 2],
-                    derivatives: [DVec3::ZERO; 2],
-                },
+                None => UvFrame::ZERO,
             },
-            InteractionKind::Shape(shape) => {
-                let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
-                UvFrame {
-                    uv: point.uv.map(|x| x as f32),
-                    derivatives: [point.dpdu, point.dpdv],
-                }
-            }
+            InteractionKind::Shape(_) => points.shape_frames[l],
         }
     }
 

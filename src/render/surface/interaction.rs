@@ -276,7 +276,11 @@ impl<'s> SurfaceScene<'s> {
             let placed = match &view.kind {
                 InteractionKind::Mesh(_) if !view.is_placed => continue,
                 InteractionKind::Mesh(_) => world_triangle(packet, gathered, l, &pose),
-                InteractionKind::Shape(shape) => world_shape(packet, l, shape, &pose),
+                InteractionKind::Shape(shape) => {
+                    let (hit, frame) = world_shape(packet, l, shape, &pose);
+                    surfaces.shape_frames[l] = frame;
+                    hit
+                }
             };
             // Turn the normals to the side of the ray
             let wo = lane(&surfaces.wo, l).as_dvec3();

@@ -2,6 +2,7 @@
 
 use glam::{DVec3, Vec3};
 
+use super::uv_frame::UvFrame;
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, offset_point, spawn_point};
 
@@ -14,6 +15,8 @@ pub(in crate::render) struct SurfacePacket {
     pub(in crate::render) front: Lanes<bool>,
     /// Geometric normals to f64 accuracy on the side of the incident ray, for lanes other than world-space triangles.
     pub(in crate::render) exact_normal: [DVec3; LANES],
+    /// Texture coordinates of the lanes that hit analytic shapes.
+    pub(super) shape_frames: [UvFrame; LANES],
     /// Hit points in world space.
     pub(in crate::render) p: Lanes3<f64>,
     /// Unit geometric normals on the side of the incident ray.
@@ -38,6 +41,7 @@ impl SurfacePacket {
             hit: [false; LANES],
             front: [true; LANES],
             exact_normal: [DVec3::ZERO; LANES],
+            shape_frames: [UvFrame::ZERO; LANES],
             p: [[0.0; LANES]; 3],
             ng: [[0.0; LANES]; 3],
             ns: [[0.0; LANES]; 3],

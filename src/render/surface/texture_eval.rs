@@ -192,6 +192,7 @@ impl SurfaceScene<'_> {
             self.uv_packet(
                 layer.texture.tex_coord,
                 (hits.packet, hits.mask),
+                points,
                 hits.footprints,
                 uv,
             );
@@ -214,7 +215,7 @@ impl SurfaceScene<'_> {
         let encoding = layer.parameter.encoding();
         for l in hits.lanes() {
             let pose = self.pose(hits.packet, l);
-            let (_, at, footprint) = TexturedHit::new(self, hits, l, &pose).look_up(layer, points);
+            let (_, at, footprint) = TexturedHit::new(self, (hits, points), l, &pose).look_up(layer);
             texels[l] = self
                 .textures()
                 .sample_footprint(layer.texture.texture, encoding, &at, &footprint);
@@ -232,7 +233,7 @@ impl SurfaceScene<'_> {
     ) {
         for l in hits.lanes() {
             let pose = self.pose(hits.packet, l);
-            let (uv_frame, at, _) = TexturedHit::new(self, hits, l, &pose).look_up(layer, points);
+            let (uv_frame, at, _) = TexturedHit::new(self, (hits, points), l, &pose).look_up(layer);
             let object_from_world = pose.object_from_world().matrix3;
             let by_object = uv_frame
                 .derivatives
@@ -282,7 +283,7 @@ impl SurfaceScene<'_> {
             for l in (0..LANES).filter(|&l| lacks_tangent[l]) {
                 let pose = self.pose(hits.packet, l);
                 let n = lane(&n, l).as_dvec3().normalize();
-                let frame = TexturedHit::new(self, hits, l, &pose).tangent_frame(layer, n);
+                let frame = TexturedHit::new(self, (hits, points), l, &pose).tangent_frame(layer, n);
                 if let Some(frame) = frame {
                     let [x, y, z, _] = texels[l];
                     normals.set(l, frame.perturbed([x, y, z], layer.strength));
@@ -366,6 +367,7 @@ struct TexturedHit<'a> {
     view: &'a InstanceView<'a>,
     pose: &'a InstanceTransform<'a>,
     packet: &'a RayPacket,
+    points: &'a SurfacePacket,
     l: usize,
     /// Axes of the elliptical ray footprint on the surface, in world space.
     axes: [DVec3; 2],
@@ -374,7 +376,7 @@ struct TexturedHit<'a> {
 impl<'a> TexturedHit<'a> {
     fn new(
         scene: &'a SurfaceScene,
-        hits: &MaterialHits<'a>,
+        (hits, points): (&MaterialHits<'a>, &'a SurfacePacket),
         l: usize,
         pose: &'a InstanceTransform<'a>,
     ) -> TexturedHit<'a> {
@@ -382,6 +384,7 @@ impl<'a> TexturedHit<'a> {
             view: scene.view(hits.packet.instance[l]),
             pose,
             packet: hits.packet,
+            points,
             l,
             axes: hits.footprints.world_axes(l),
         }
@@ -390,12 +393,14 @@ impl<'a> TexturedHit<'a> {
     /// Returns the texture coordinates of a layer and the world-space derivatives of the point by them, before its
     /// transform.
     fn uv_frame(&self, layer: &TextureBinding) -> UvFrame {
+        let hits = (self.packet, self.points);
         self.view
-            .uv_frame(self.pose, layer.texture.tex_coord, self.packet, self.l)
+            .uv_frame(self.pose, layer.texture.tex_coord, hits, self.l)
     }
 
     /// Returns the texture coordinates, the point and the footprint of the look-up for a layer.
-    fn look_up(&self, layer: &TextureBinding, points: &SurfacePacket) -> (UvFrame, TexturePoint, Footprint) {
+    fn look_up(&self, layer: &TextureBinding) -> (UvFrame, TexturePoint, Footprint) {
+        let points = self.points;
         let uv_frame = self.uv_frame(layer);
         let transform = &layer.texture.transform;
         let turned = |[u, v]: [f32; 2]| {

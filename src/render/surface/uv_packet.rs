@@ -151,6 +151,7 @@ impl SurfaceScene<'_> {
         &self,
         set: u32,
         (packet, mask): (&RayPacket, &Lanes<bool>),
+        points: &SurfacePacket,
         footprints: &FootprintPacket,
         out: &mut UvPacket,
     ) {
@@ -195,7 +196,7 @@ impl SurfaceScene<'_> {
             }
         }
         if has_shapes {
-            self.parametrize_shapes(packet, mask, footprints, out);
+            self.parametrize_shapes((packet, mask), points, footprints, out);
         }
     }
 
@@ -203,17 +204,16 @@ impl SurfaceScene<'_> {
     #[inline(never)]
     fn parametrize_shapes(
         &self,
-        packet: &RayPacket,
-        mask: &Lanes<bool>,
+        (packet, mask): (&RayPacket, &Lanes<bool>),
+        points: &SurfacePacket,
         footprints: &FootprintPacket,
         out: &mut UvPacket,
     ) {
         for l in (0..LANES).filter(|&l| mask[l]) {
-            let view = self.view(packet.instance[l]);
-            if !view.is_shape() {
+            if !self.view(packet.instance[l]).is_shape() {
                 continue;
             }
-            let frame = view.uv_frame(&self.pose(packet, l), 0, packet, l);
+            let frame = points.shape_frames[l];
             let steps = footprints
                 .world_axes(l)
                 .map(|axis| uv_of(axis, frame.derivatives));

@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::packet::lane;
 use super::shape_hit::world_point;
+use super::uv_frame::UvFrame;
 use super::vertex_fetch::FetchedVertices;
 use crate::accel::RayPacket;
 use crate::numeric::{HitErrorBound, transform_normal, triangle_spawn_error};
@@ -46,13 +47,23 @@ pub(super) fn world_triangle(
     }
 }
 
-/// Returns the hit of lane `l` on an analytic shape with this transform.
-pub(super) fn world_shape(packet: &RayPacket, l: usize, shape: &Shape, pose: &InstanceTransform) -> WorldHit {
+/// Returns the hit of lane `l` on an analytic shape with this transform, and its texture coordinates.
+pub(super) fn world_shape(
+    packet: &RayPacket,
+    l: usize,
+    shape: &Shape,
+    pose: &InstanceTransform,
+) -> (WorldHit, UvFrame) {
     let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
-    WorldHit {
+    let hit = WorldHit {
         p: point.p,
         ng: point.n,
         ns: None,
         error: point.error,
-    }
+    };
+    let frame = UvFrame {
+        uv: point.uv.map(|x| x as f32),
+        derivatives: [point.dpdu, point.dpdv],
+    };
+    (hit, frame)
 }

@@ -1,5 +1,5 @@
-//! Prices of shading: what a ray of a rough lobe, a point on an area light, a ray through dispersive glass and a filtered
-//! texture take, over the plainest that does the same.
+//! Prices of shading: the time of a ray of a rough lobe, a point on an area light, a ray through dispersive glass and a
+//! sample of a filtered texture, over that of the plainest which does the same.
 //!
 //! Scenes that are compared have the same shapes and camera, and differ in one property. They are rendered by turns, on
 //! one thread. The price of a ray is the time that the render takes more than one without such rays, over their number:
@@ -7,7 +7,7 @@
 
 use whit::accel::{self, AccelOptions, Backend};
 use whit::gltf::LoadOptions;
-use whit::render::{Category, Monitor, RenderProfile, RenderSettings, render};
+use whit::render::{Monitor, RenderProfile, RenderSettings, render};
 use whit::scene::Scene;
 use whit::scene_file;
 
@@ -26,7 +26,7 @@ const MAX_LOBE: f64 = 3.0;
 const MAX_AREA_LIGHT: f64 = 2.0;
 /// The largest price of a ray through dispersive glass, in rays through plain glass.
 const MAX_DISPERSION: f64 = 1.5;
-/// The largest time of mipmapped textures over that of bilinear ones.
+/// The largest time of a render of a mipmapped floor over that of a bilinear one.
 const MAX_MIPMAP: f64 = 1.5;
 
 /// A hundred balls on a floor, from which rays scatter in all directions.
@@ -79,12 +79,12 @@ fn price(with: &RenderProfile, without: &RenderProfile, rays: u64) -> f64 {
     1e9 * (with.seconds - without.seconds) / rays as f64
 }
 
-/// Prints the price of a ray and that of the plainest ray, and holds their ratio against a limit.
+/// Prints a price and that of the plainest ray, and holds their ratio against a limit.
 fn print(limits: &mut Limits, name: &str, pairs: impl Iterator<Item = [f64; 2]> + Clone, limit: f64) {
-    let [dear, plain] = [0, 1].map(|side| Quartiles::compute(pairs.clone().map(|pair| pair[side])));
-    let ratio = Quartiles::compute(pairs.map(|[dear, plain]| dear / plain));
+    let [price, plain] = [0, 1].map(|side| Quartiles::compute(pairs.clone().map(|pair| pair[side])));
+    let ratio = Quartiles::compute(pairs.map(|[price, plain]| price / plain));
     let verdict = limits.at_most(ratio.median, limit);
-    println!("{name}: {dear:.0} ns over {plain:.0} ns, {ratio:.2}, {verdict}");
+    println!("{name}: {price:.0} ns over {plain:.0} ns, {ratio:.2}, {verdict}");
 }
 
 /// Renders all pairs of scenes, and prints the ratios of their prices.
@@ -163,11 +163,15 @@ fn mipmaps(limits: &mut Limits) {
     let [linear, mipmapped] = profiles(
         [linear, checkerboards::MIPMAPPED].map(|texture| checkerboards::scene(texture, checkerboards::EMPTY)),
     );
-    let texture =
-        |profile: &RenderProfile| 1e9 * profile.of(Category::Texture).seconds / profile.camera_rays() as f64;
+    let sample = |profile: &RenderProfile| 1e9 * profile.seconds / profile.camera_rays() as f64;
     let pairs = mipmapped
         .iter()
         .zip(&linear)
-        .map(|(mipmapped, linear)| [texture(mipmapped), texture(linear)]);
-    print(limits, "mipmapped over bilinear lookup", pairs, MAX_MIPMAP);
+        .map(|(mipmapped, linear)| [sample(mipmapped), sample(linear)]);
+    print(
+        limits,
+        "sample of a mipmapped over a bilinear floor",
+        pairs,
+        MAX_MIPMAP,
+    );
 }

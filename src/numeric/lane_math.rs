@@ -60,8 +60,8 @@ pub(crate) fn sin_cos(x: f64) -> [f64; 2] {
         2.087_572_321_298_175e-9,
         -1.135_964_755_778_819_5e-11,
     ];
-    /// Rounded π/2 and what it lacks.
-    const HALF_TURN: [f64; 2] = [FRAC_PI_2, 6.123_233_995_736_766e-17];
+    /// First 33 bits of π/2, whose products with the number of turns are exact, and the rest.
+    const HALF_TURN: [f64; 2] = [1.570_796_326_734_125_6, 6.077_100_506_506_192e-11];
     /// Adding and subtracting it rounds to an integer.
     const ROUNDER: f64 = 1.5 * (1u64 << 52) as f64;
     // Reduce to a quarter turn around a multiple of π/2; the integer is in the low bits of the sum

@@ -50,7 +50,8 @@ impl QuadLight {
         self.sample_vector(p, u).sample_of_flat(p, self.normal)
     }
 
-    /// Samples the vector from `p` to the point that `u` selects, without branches but on the quad itself.
+    /// Samples the vector from `p` to the point that `u` selects, without branches but on the quad itself. There is no
+    /// `clamp`, which may panic, so a loop over it is not vectorised.
     #[inline(always)]
     pub(super) fn sample_vector(&self, p: DVec3, u: [f64; 2]) -> LightVector {
         let (x, y) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
@@ -146,13 +147,16 @@ impl SphericalRectangle {
         let squared = (f * f + self.b[0] * self.b[0] - 1.0).max(0.0);
         let x = (self.height / squared.sqrt())
             .copysign(f)
-            .clamp(self.x[0], self.x[1]);
+            .max(self.x[0])
+            .min(self.x[1]);
         // Sample y uniformly in height on the sphere's arc at x
         let squared = x * x + self.height * self.height;
         let height = |y: f64| y / (squared + y * y).sqrt();
         let (h0, h1) = (height(self.y[0]), height(self.y[1]));
         let h = h0 + u[1] * (h1 - h0);
-        let y = (h * (squared / ((1.0 - h) * (1.0 + h))).sqrt()).clamp(self.y[0], self.y[1]);
+        let y = (h * (squared / ((1.0 - h) * (1.0 + h))).sqrt())
+            .max(self.y[0])
+            .min(self.y[1]);
         x * self.axes[0] + y * self.axes[1] - self.height * self.axes[2]
     }
 }

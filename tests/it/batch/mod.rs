@@ -3,3 +3,4 @@
 mod frames;
 mod huge_frame;
 mod reuse;
+mod shards;

@@ -312,6 +312,7 @@ mod tests {
         let base = Configuration {
             settings: RenderSettings {
                 spp: 4,
+                pattern: Pattern::R2,
                 depth: 4,
                 ..RenderSettings::default()
             },

@@ -25,10 +25,10 @@ mod volumes;
 
 use std::collections::HashSet;
 
-pub(crate) use area_light::LightSamplePacket;
 pub use area_light::{
     AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, ShapeLight, SphereLight,
 };
+pub(crate) use area_light::{LightSamplePacket, LightView};
 pub use camera::{Camera, CameraRay, CameraView, Projection, Shutter};
 pub use effect::{Effect, EffectOverrides, EffectSet};
 pub(crate) use image_cache::CachedImage;

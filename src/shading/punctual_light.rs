@@ -100,11 +100,8 @@ fn attenuate(inverse_distance: &Lanes<f32>, falloff: Falloff) -> Lanes<f32> {
             for l in 0..LANES {
                 let nearness = square(inverse_distance[l]);
                 let ratio = inverse_square / nearness;
-                attenuation[l] = if nearness > 0.0 {
-                    nearness * (1.0 - ratio * ratio).clamp(0.0, 1.0)
-                } else {
-                    0.0
-                };
+                let within = nearness * (1.0 - ratio * ratio).clamp(0.0, 1.0);
+                attenuation[l] = if nearness > 0.0 { within } else { 0.0 };
             }
         }
         // Divide by a polynomial in the distance

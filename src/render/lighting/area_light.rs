@@ -10,6 +10,7 @@
 //! lobe, which would count twice.
 
 use glam::DVec3;
+use multiversion::multiversion;
 
 use super::super::profile::Category;
 use super::super::sampler::Purpose;
@@ -18,7 +19,7 @@ use super::area_light_sampler::AreaLightSampler;
 use super::direct::{self, IncidentLight, ShadingContext};
 use super::sample_index::{PixelSample, SampleIndex};
 use crate::numeric::{LANES, Lanes};
-use crate::scene::{Effect, LightKind, MIRROR_ROUGHNESS};
+use crate::scene::{Effect, LightKind, LightSamplePacket, MIRROR_ROUGHNESS};
 use crate::shading::MaterialPacket;
 
 impl<'a> ShadingContext<'a> {
@@ -52,6 +53,31 @@ fn without_sampled_lobes(materials: &MaterialPacket) -> MaterialPacket {
     without
 }
 
+/// Returns the incident light of `radiance` from sampled points, divided by `count`, at the surfaces that were hit.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn incident_light(
+    samples: &LightSamplePacket,
+    hit: &Lanes<bool>,
+    radiance: [f32; 3],
+    count: f64,
+) -> IncidentLight {
+    let mut arrivals = IncidentLight::NONE;
+    for l in 0..LANES {
+        let is_sample = hit[l] & (samples.pdf[l] > 0.0);
+        let share = (samples.pdf[l] * count).recip() as f32;
+        for axis in 0..3 {
+            let wi = samples.direction[axis][l] as f32;
+            arrivals.wi[axis][l] = if is_sample { wi } else { 0.0 };
+            arrivals.irradiance[axis][l] = if is_sample { radiance[axis] * share } else { 0.0 };
+        }
+    }
+    arrivals.from = Some(samples.position);
+    arrivals
+}
+
 impl ShadingState<'_, '_> {
     /// Queues shadow rays to sampled points of light `number`. Returns `false` if that light is not an area light.
     pub(in crate::render) fn queue_area_light(
@@ -77,7 +103,8 @@ impl ShadingState<'_, '_> {
         } else {
             *lit
         };
-        // Draw the samples
+        // Draw the samples, from all hit points at once if no surface of the scene emits the light
+        let view = shape.view_packet(&lit.points.p);
         let purpose = Purpose::LIGHT.nested(number as u32).nested(stage.depth);
         for sample in 0..samples {
             let draw = SampleIndex {
@@ -85,40 +112,29 @@ impl ShadingState<'_, '_> {
                 number: sample,
                 of: samples,
             };
-            let arrivals = self.sample_area_light_point(shape, light.intensity, (traced, &lit), draw);
+            let numbers = self.number_packet(traced, draw);
+            let count = f64::from(samples);
+            let arrivals = match &view {
+                Some(view) => {
+                    let samples = shape.sample_packet(view, &lit.points.p, &numbers);
+                    incident_light(&samples, &lit.points.hit, light.intensity, count)
+                }
+                None => self.sample_emissive_object(shape, light.intensity, (&lit, &numbers), count),
+            };
             self.queue_shadow_rays(&arrivals, (traced, &lit), frame.plan.casts_shadows[number], stage);
         }
         true
     }
 
-    /// Returns the incident light from one sampled point of an area light at each surface.
-    fn sample_area_light_point(
+    /// Returns the incident light from one sampled point of an emissive object at each surface, divided by `count`.
+    fn sample_emissive_object(
         &self,
         light: &AreaLightSampler,
         radiance: [f32; 3],
-        (traced, lit): (&TracedPacket, &ShadingContext),
-        draw: SampleIndex,
+        (lit, numbers): (&ShadingContext, &[Lanes<f64>; 2]),
+        count: f64,
     ) -> IncidentLight {
-        let numbers = self.number_packet(traced, draw);
         let mut arrivals = IncidentLight::NONE;
-        // Sample the light from all hit points at once, if no surface of the scene emits it
-        if let Some(samples) = light.sample_packet(&lit.points.p, &numbers) {
-            for l in 0..LANES {
-                let is_sample = lit.points.hit[l] & (samples.pdf[l] > 0.0);
-                let share = (samples.pdf[l] * f64::from(draw.of)).recip() as f32;
-                for axis in 0..3 {
-                    arrivals.wi[axis][l] = if is_sample {
-                        samples.direction[axis][l] as f32
-                    } else {
-                        0.0
-                    };
-                    arrivals.irradiance[axis][l] = if is_sample { radiance[axis] * share } else { 0.0 };
-                }
-            }
-            arrivals.from = Some(samples.position);
-            return arrivals;
-        }
-        // Otherwise sample the emissive object from each hit point
         let textures = self.frame.surfaces.textures();
         let mut from = [[0.0; LANES]; 3];
         for l in (0..LANES).filter(|&l| lit.points.hit[l]) {
@@ -128,7 +144,7 @@ impl ShadingState<'_, '_> {
                 continue;
             };
             // Store direction, light point and irradiance
-            let share = (sample.pdf * f64::from(draw.of)).recip() as f32;
+            let share = (sample.pdf * count).recip() as f32;
             for axis in 0..3 {
                 arrivals.wi[axis][l] = sample.direction[axis] as f32;
                 from[axis][l] = sample.end[axis];

@@ -11,8 +11,8 @@ use glam::{DMat3, DVec3};
 use crate::mesh::Mesh;
 use crate::numeric::{HitErrorBound, Lanes, Lanes3, triangle_spawn_error};
 use crate::scene::{
-    AreaShape, Effect, EffectSet, Geometry, Instance, LightKind, LightSamplePacket, MaterialInput, Scene,
-    TextureBinding,
+    AreaShape, Effect, EffectSet, Geometry, Instance, LightKind, LightSamplePacket, LightView, MaterialInput,
+    Scene, TextureBinding,
 };
 use crate::shading::{AreaLight, DiskLight, LightSample, QuadLight, SphereLight, TexturePoint, TextureSet};
 use crate::shape::Implicit;
@@ -106,13 +106,19 @@ impl<'s> AreaLightSampler<'s> {
         self.emissive_object.is_some()
     }
 
-    /// Samples the points that `u` selects for the points `p`, if rays cannot hit the light; `None` otherwise.
+    /// Returns the light as seen from the points `p`, if rays cannot hit it; `None` otherwise.
+    pub(in crate::render) fn view_packet(&self, p: &Lanes3<f64>) -> Option<LightView> {
+        (!self.is_seen()).then(|| self.shape.view_packet(p))
+    }
+
+    /// Samples the points that `u` selects for the points `p` of a light that rays cannot hit.
     pub(in crate::render) fn sample_packet(
         &self,
+        view: &LightView,
         p: &Lanes3<f64>,
         u: &[Lanes<f64>; 2],
-    ) -> Option<LightSamplePacket> {
-        (!self.is_seen()).then(|| self.shape.sample_packet(p, u))
+    ) -> LightSamplePacket {
+        self.shape.sample_packet(view, p, u)
     }
 
     /// Samples the point that `u` selects for `p`; `None` if the light does not emit towards `p`.

@@ -183,8 +183,8 @@ impl SurfaceScene<'_> {
             set,
             images,
         } = lookup;
-        if !self.textures().is_image(layer.texture.texture) {
-            self.pattern_texels(layer, hits, points, images.texels_mut());
+        if !self.textures().has_packets(layer.texture.texture) {
+            self.texels_by_lane(layer, hits, points, images.texels_mut());
             return images.texels();
         }
         if *set != Some(layer.texture.tex_coord) {
@@ -203,9 +203,9 @@ impl SurfaceScene<'_> {
             .sample_packet(&layer.texture, encoding, uv, hits.mask, images)
     }
 
-    /// Looks a procedural pattern up, lane by lane.
+    /// Looks a texture up lane by lane: procedural patterns, and images that are too large for packets.
     #[inline(never)]
-    fn pattern_texels(
+    fn texels_by_lane(
         &self,
         layer: &TextureBinding,
         hits: &MaterialHits,

@@ -12,7 +12,6 @@ use super::vertex_fetch::FetchedVertices;
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::shading::UvPacket;
-use crate::shading::ray_cone::uv_of;
 
 /// Footprints of sixteen rays on the surfaces that they hit. Lanes without a hit may hold any values.
 pub(super) struct FootprintPacket {
@@ -20,12 +19,15 @@ pub(super) struct FootprintPacket {
     world: [Lanes3<f64>; 2],
     /// Axes in the barycentric coordinates of the hit triangles: steps of the second and of the third corner's weight.
     barycentric: [[Lanes<f64>; 2]; 2],
+    /// True if all rays are without width, and the axes zero.
+    are_points: bool,
 }
 
 impl FootprintPacket {
     pub(super) const ZERO: FootprintPacket = FootprintPacket {
         world: [[[0.0; LANES]; 3]; 2],
         barycentric: [[[0.0; LANES]; 2]; 2],
+        are_points: true,
     };
 
     /// Returns the axes of lane `l` in world space.
@@ -45,6 +47,13 @@ impl FootprintPacket {
         points: &SurfacePacket,
         gathered: &FetchedVertices,
     ) {
+        if matches!(widths, ConeSource::None) {
+            if !self.are_points {
+                *self = FootprintPacket::ZERO;
+            }
+            return;
+        }
+        self.are_points = false;
         self.cut_surfaces(&cone_widths(packet, widths), points);
         self.cross_triangles(&world_edges(scene, packet, gathered));
     }
@@ -91,6 +100,61 @@ impl FootprintPacket {
                 let step = lane(&self.world[axis]) * scale;
                 self.barycentric[axis][0][l] = step.dot(second);
                 self.barycentric[axis][1][l] = step.dot(third);
+            }
+        }
+    }
+}
+
+impl FootprintPacket {
+    /// Sets the axes in the texture coordinates of the hit triangles, whose corners have the coordinates `corners`;
+    /// zero where these do not span the triangle.
+    #[inline(always)]
+    fn steps_on_triangles(&self, [a, b, c]: &[[Lanes<f32>; 2]; 3], out: &mut UvPacket) {
+        let mut edges = [[[0.0; LANES]; 2]; 2];
+        for axis in 0..2 {
+            for l in 0..LANES {
+                edges[0][axis][l] = f64::from(b[axis][l]) - f64::from(a[axis][l]);
+                edges[1][axis][l] = f64::from(c[axis][l]) - f64::from(a[axis][l]);
+            }
+        }
+        let [[u1, v1], [u2, v2]] = &edges;
+        for (out, steps) in out.axes.iter_mut().zip(&self.barycentric) {
+            for l in 0..LANES {
+                let is_degenerate = u1[l] * v2[l] - u2[l] * v1[l] == 0.0;
+                for axis in 0..2 {
+                    let step = steps[0][l] * edges[0][axis][l] + steps[1][l] * edges[1][axis][l];
+                    out[axis][l] = if is_degenerate { 0.0 } else { step as f32 };
+                }
+            }
+        }
+    }
+
+    /// Sets the axes in the texture coordinates of the lanes `is_shape`, by which the points have these derivatives:
+    /// see [`uv_of`](crate::shading::ray_cone::uv_of), whose method this is.
+    #[inline(always)]
+    fn steps_on_shapes(&self, derivatives: &[Lanes3<f64>; 2], is_shape: &Lanes<bool>, out: &mut UvPacket) {
+        for l in 0..LANES {
+            let lane = |v: &Lanes3<f64>| DVec3::new(v[0][l], v[1][l], v[2][l]);
+            let [dpdu, dpdv] = [lane(&derivatives[0]), lane(&derivatives[1])];
+            let lengths = [dpdu, dpdv].map(|derivative| derivative.length_squared().sqrt());
+            let (u, v) = (dpdu / lengths[0], dpdv / lengths[1]);
+            let n = u.cross(v);
+            let area = n.length_squared();
+            // The comparison is false for a derivative of zero
+            let spans = area > 0.0;
+            let by_step = [v.cross(n) / (area * lengths[0]), n.cross(u) / (area * lengths[1])];
+            for axis in 0..2 {
+                let step = lane(&self.world[axis]);
+                for side in 0..2 {
+                    let step = by_step[side].dot(step) as f32;
+                    let step = if spans {
+                        step.clamp(-f32::MAX, f32::MAX)
+                    } else {
+                        0.0
+                    };
+                    let before = out.axes[axis][side][l];
+                    out.axes[axis][side][l] = if is_shape[l] { step } else { before };
+                }
             }
         }
     }
@@ -175,33 +239,24 @@ impl SurfaceScene<'_> {
         }
         // Interpolate them
         let [a, b, c] = &corners;
-        let mut edges = [[[0.0; LANES]; 2]; 2];
         for axis in 0..2 {
             for l in 0..LANES {
                 let (u, v) = (packet.u[l], packet.v[l]);
                 out.uv[axis][l] = (1.0 - u - v) * a[axis][l] + u * b[axis][l] + v * c[axis][l];
-                edges[0][axis][l] = f64::from(b[axis][l]) - f64::from(a[axis][l]);
-                edges[1][axis][l] = f64::from(c[axis][l]) - f64::from(a[axis][l]);
             }
         }
-        // Take the footprints along; there are none where the coordinates do not span the triangle
-        let [[u1, v1], [u2, v2]] = &edges;
-        for (out, steps) in out.axes.iter_mut().zip(&footprints.barycentric) {
-            for l in 0..LANES {
-                let is_degenerate = u1[l] * v2[l] - u2[l] * v1[l] == 0.0;
-                for axis in 0..2 {
-                    let step = steps[0][l] * edges[0][axis][l] + steps[1][l] * edges[1][axis][l];
-                    out[axis][l] = if is_degenerate { 0.0 } else { step as f32 };
-                }
-            }
+        // Take the footprints along
+        if footprints.are_points {
+            out.axes = UvPacket::ZERO.axes;
+        } else {
+            footprints.steps_on_triangles(&corners, out);
         }
         if has_shapes {
             self.parametrize_shapes((packet, mask), points, footprints, out);
         }
     }
-
     /// Sets the coordinates of the lanes in `mask` that hit analytic shapes.
-    #[inline(never)]
+    #[inline(always)]
     fn parametrize_shapes(
         &self,
         (packet, mask): (&RayPacket, &Lanes<bool>),
@@ -209,19 +264,23 @@ impl SurfaceScene<'_> {
         footprints: &FootprintPacket,
         out: &mut UvPacket,
     ) {
-        for l in (0..LANES).filter(|&l| mask[l]) {
-            if !self.view(packet.instance[l]).is_shape() {
-                continue;
+        // Gather the derivatives
+        let mut derivatives = [[[0.0; LANES]; 3]; 2];
+        let mut is_shape = [false; LANES];
+        for l in 0..LANES {
+            is_shape[l] = mask[l] && self.view(packet.instance[l]).is_shape();
+            if is_shape[l] {
+                let frame = &points.shape_frames[l];
+                for side in 0..2 {
+                    out.uv[side][l] = frame.uv[side];
+                    for axis in 0..3 {
+                        derivatives[side][axis][l] = frame.derivatives[side][axis];
+                    }
+                }
             }
-            let frame = points.shape_frames[l];
-            let steps = footprints
-                .world_axes(l)
-                .map(|axis| uv_of(axis, frame.derivatives));
-            for axis in 0..2 {
-                out.uv[axis][l] = frame.uv[axis];
-                out.axes[0][axis][l] = steps[0][axis];
-                out.axes[1][axis][l] = steps[1][axis];
-            }
+        }
+        if !footprints.are_points {
+            footprints.steps_on_shapes(&derivatives, &is_shape, out);
         }
     }
 }

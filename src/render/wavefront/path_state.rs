@@ -50,6 +50,18 @@ impl PathState {
     };
 }
 
+/// State of the paths of a packet of camera rays.
+pub(in crate::render) struct CameraPaths<'a> {
+    /// Unit directions, if paths need them in f64.
+    pub(in crate::render) directions: Option<Lanes<DVec3>>,
+    /// Interiors and ray cone, which all camera rays share.
+    pub(in crate::render) media: InteriorStack,
+    pub(in crate::render) cone: RayCone,
+    /// Indices of the pixel samples.
+    pub(in crate::render) samples: &'a Lanes<u32>,
+    pub(in crate::render) times: &'a Lanes<f32>,
+}
+
 /// Path states of several packets, as far as the effects need them.
 pub(in crate::render) struct PathStates {
     depth: OptionalArray<u32>,
@@ -124,6 +136,19 @@ impl PathStates {
         self.sample.set(packet, l, travel.sample);
         self.split.set(packet, l, travel.split);
         self.time.set(packet, l, travel.time);
+    }
+
+    /// Sets the states of packet `packet`, whose paths have not begun, to those of camera rays.
+    pub(in crate::render) fn begin(&mut self, packet: usize, paths: &CameraPaths) {
+        if let Some(directions) = &paths.directions {
+            self.direction.set_lanes(packet, directions);
+        }
+        for l in 0..LANES {
+            self.media.set(packet, l, &paths.media);
+        }
+        self.cone.set_lanes(packet, &[paths.cone; LANES]);
+        self.sample.set_lanes(packet, paths.samples);
+        self.time.set_lanes(packet, paths.times);
     }
 
     /// Adds the bytes of each array to the effect that needs it.
@@ -231,6 +256,13 @@ impl<T: Copy> OptionalArray<T> {
     fn set(&mut self, packet: usize, l: usize, value: T) {
         if self.is_allocated {
             self.packets[packet][l] = value;
+        }
+    }
+
+    #[inline(always)]
+    fn set_lanes(&mut self, packet: usize, values: &Lanes<T>) {
+        if self.is_allocated {
+            self.packets[packet] = *values;
         }
     }
 

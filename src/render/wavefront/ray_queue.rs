@@ -6,7 +6,7 @@ use super::super::aov::LightSource;
 use super::super::film::with_step;
 use super::super::profile::{Accounts, Category, Memory, RayTypeCounts};
 use super::super::settings::RenderSettings;
-use super::path_state::{InteriorArray, PathState, PathStatePacket, PathStates};
+use super::path_state::{CameraPaths, InteriorArray, PathState, PathStatePacket, PathStates};
 use crate::accel::RayPacket;
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::InteriorStack;
@@ -170,9 +170,15 @@ impl RayQueue {
     }
 
     /// Sets the path state of lane `l` of the packet pushed last.
-    pub(in crate::render) fn set_travel(&mut self, l: usize, travel: &PathState) {
+    fn set_travel(&mut self, l: usize, travel: &PathState) {
         self.path_states.resize(self.count);
         self.path_states.set(self.count - 1, l, travel);
+    }
+
+    /// Sets the states of the paths of the packet pushed last to those of camera rays.
+    pub(in crate::render) fn begin_paths(&mut self, paths: &CameraPaths) {
+        self.path_states.resize(self.count);
+        self.path_states.begin(self.count - 1, paths);
     }
 
     /// Returns the packet that was pushed last.

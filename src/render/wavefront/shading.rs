@@ -252,11 +252,12 @@ impl ShadingState<'_, '_> {
     fn reflect<const BASIC: bool>(&mut self, traced: TracedPacket, surfaces: &Surfaces, stage: BatchInfo) {
         let mirrored = direct::reflection(&direct::ShadingContext::of(&traced, surfaces, &OnceCell::new()));
         let points = &surfaces.points;
+        let needs_directions = self.effects::<BASIC>().has(Effect::Refraction);
         // Spawn the reflected ray of each lane
         for l in 0..LANES {
-            let weight: [f32; 3] = std::array::from_fn(|channel| mirrored.weight[channel][l]);
             // Skip lanes without a mirror ray above the surface
-            if !(points.hit[l] && mirrored.leaves[l]) {
+            let weight: [f32; 3] = std::array::from_fn(|channel| mirrored.weight[channel][l]);
+            if !(points.hit[l] && mirrored.leaves[l]) || weight == [0.0; 3] {
                 continue;
             }
             let vector = |v: &Lanes3<f32>| Vec3::new(v[0][l], v[1][l], v[2][l]);
@@ -271,7 +272,11 @@ impl ShadingState<'_, '_> {
                     let arrival = path_states.lane(l);
                     PathState {
                         depth: arrival.depth + 1,
-                        direction: direction.as_dvec3().normalize(),
+                        direction: if needs_directions {
+                            direction.as_dvec3().normalize()
+                        } else {
+                            arrival.direction
+                        },
                         cone: self
                             .frame
                             .cone_at(&traced, path_states, l)

@@ -8,7 +8,6 @@
 use std::ops::{Deref, DerefMut};
 use std::sync::{Mutex, PoisonError};
 
-use glam::DVec3;
 use multiversion::multiversion;
 
 use super::super::aov::{AovBuffers, LightGroupFilm};
@@ -21,7 +20,7 @@ use super::super::profile::{
 use super::super::sampler::SampleGroup;
 use super::super::surface::Surfaces;
 use super::super::tile::{Block, PixelVisit, TILE, Tile};
-use super::path_state::PathState;
+use super::path_state::CameraPaths;
 use super::ray_queue::{BATCH, RayQueue, ShadowQueue};
 use super::shading_state::ShadingState;
 use super::traced_packet::BatchInfo;
@@ -204,20 +203,14 @@ impl<'f, 's> TileRenderer<'f, 's> {
         if !frame.has_path_state() {
             return;
         }
-        // Initialize the state of each path
-        for l in 0..LANES {
-            let travel = PathState {
-                direction: rays
-                    .as_ref()
-                    .map_or(DVec3::ZERO, |rays| rays[l].direction.normalize()),
-                media: frame.media_at_camera,
-                cone: frame.camera_cone,
-                sample: group.sample[l],
-                time: time[l],
-                ..PathState::NONE
-            };
-            self.current.set_travel(l, &travel);
-        }
+        let directions = rays.map(|rays| rays.map(|ray| ray.direction.normalize()));
+        self.current.begin_paths(&CameraPaths {
+            directions,
+            media: frame.media_at_camera,
+            cone: frame.camera_cone,
+            samples: &group.sample,
+            times: &time,
+        });
     }
 
     fn trace_camera_batch(&mut self) {

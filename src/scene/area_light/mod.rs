@@ -16,6 +16,7 @@ mod sphere;
 use glam::DVec3;
 use multiversion::multiversion;
 
+use self::quad::SphericalRectanglePacket;
 use crate::numeric::{LANES, Lanes, Lanes3};
 
 pub use disk::DiskLight;
@@ -116,6 +117,12 @@ pub(crate) struct LightSamplePacket {
     pub(crate) pdf: Lanes<f64>,
 }
 
+/// Light as seen from sixteen points: what all its samples at these points share.
+pub(crate) struct LightView {
+    /// Projections of a rectangular light; 0 for other lights.
+    rectangle: SphericalRectanglePacket,
+}
+
 /// Light with an area, in world space.
 #[derive(Clone, Debug)]
 pub enum AreaLight {
@@ -157,15 +164,31 @@ impl AreaLight {
         }
     }
 
+    /// Prepares [`AreaLight::sample_packet`] at the points `p`.
+    pub(crate) fn view_packet(&self, p: &Lanes3<f64>) -> LightView {
+        let mut view = LightView {
+            rectangle: SphericalRectanglePacket::ZERO,
+        };
+        if let AreaLight::Quad(light) = self {
+            project_quad(light, p, &mut view.rectangle);
+        }
+        view
+    }
+
     /// Samples the points of the light's front that `u` in [0, 1)² selects for the points `p`: see
-    /// [`AreaLight::sample`].
-    pub(crate) fn sample_packet(&self, p: &Lanes3<f64>, u: &[Lanes<f64>; 2]) -> LightSamplePacket {
+    /// [`AreaLight::sample`]. `view` is the light as seen from `p`.
+    pub(crate) fn sample_packet(
+        &self,
+        view: &LightView,
+        p: &Lanes3<f64>,
+        u: &[Lanes<f64>; 2],
+    ) -> LightSamplePacket {
         let mut samples = LightSamplePacket {
             position: [[0.0; LANES]; 3],
             direction: [[0.0; LANES]; 3],
             pdf: [0.0; LANES],
         };
-        sample_packet(self, p, u, &mut samples);
+        sample_packet(self, view, (p, u), &mut samples);
         samples
     }
 
@@ -181,16 +204,32 @@ impl AreaLight {
     }
 }
 
+/// Compiles [`QuadLight::project`] for several instruction sets.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn project_quad(light: &QuadLight, p: &Lanes3<f64>, view: &mut SphericalRectanglePacket) {
+    light.project(p, view);
+}
+
 /// Compiles [`AreaLight::sample_packet`] for several instruction sets.
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-fn sample_packet(light: &AreaLight, p: &Lanes3<f64>, u: &[Lanes<f64>; 2], samples: &mut LightSamplePacket) {
+fn sample_packet(
+    light: &AreaLight,
+    view: &LightView,
+    (p, u): (&Lanes3<f64>, &[Lanes<f64>; 2]),
+    samples: &mut LightSamplePacket,
+) {
     match light {
-        AreaLight::Quad(light) => samples.fill(p, u, |p, u| light.sample_vector(p, u)),
-        AreaLight::Disk(light) => samples.fill(p, u, |p, u| light.sample_vector(p, u)),
-        AreaLight::Sphere(light) => samples.fill(p, u, |p, u| light.sample_vector(p, u)),
+        AreaLight::Quad(light) => {
+            samples.fill(p, u, |lane, u| light.sample_vector_of(&view.rectangle, lane, u))
+        }
+        AreaLight::Disk(light) => samples.fill(p, u, |(_, p), u| light.sample_vector(p, u)),
+        AreaLight::Sphere(light) => samples.fill(p, u, |(_, p), u| light.sample_vector(p, u)),
         AreaLight::Mesh(_) | AreaLight::Shape(_) => {
             for l in 0..LANES {
                 let sample = light.sample(lane(p, l), [u[0][l], u[1][l]]);
@@ -203,13 +242,13 @@ fn sample_packet(light: &AreaLight, p: &Lanes3<f64>, u: &[Lanes<f64>; 2], sample
 }
 
 impl LightSamplePacket {
-    /// Sets all lanes to the samples that `sample` takes.
+    /// Sets all lanes to the samples that `sample` takes of a lane and its point.
     #[inline(always)]
     fn fill(
         &mut self,
         p: &Lanes3<f64>,
         u: &[Lanes<f64>; 2],
-        sample: impl Fn(DVec3, [f64; 2]) -> LightVector,
+        sample: impl Fn((usize, DVec3), [f64; 2]) -> LightVector,
     ) {
         for l in 0..LANES {
             let p = lane(p, l);
@@ -217,7 +256,7 @@ impl LightSamplePacket {
                 to_light,
                 pdf,
                 is_front,
-            } = sample(p, [u[0][l], u[1][l]]);
+            } = sample((l, p), [u[0][l], u[1][l]]);
             let distance = to_light.length_squared().sqrt();
             let is_sample = is_front & (pdf > 0.0) & (pdf < f64::INFINITY);
             let is_sample = is_sample & (distance > 0.0) & (distance < f64::INFINITY);
@@ -323,7 +362,8 @@ mod tests {
             for _ in 0..200 {
                 let p: [DVec3; LANES] = std::array::from_fn(|_| 4.0 * random.in_cube());
                 let u: [Lanes<f64>; 2] = [0; 2].map(|_| std::array::from_fn(|_| random.unit()));
-                let packet = light.sample_packet(&[0, 1, 2].map(|axis| p.map(|p| p[axis])), &u);
+                let points = [0, 1, 2].map(|axis| p.map(|p| p[axis]));
+                let packet = light.sample_packet(&light.view_packet(&points), &points, &u);
                 for l in 0..LANES {
                     let sample = light.sample(p[l], [u[0][l], u[1][l]]);
                     let Some(sample) = sample.filter(LightSample::is_front) else {

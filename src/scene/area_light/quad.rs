@@ -5,8 +5,9 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::{AreaLightError, LightSample, LightVector, area_and_normal};
+use super::{AreaLightError, LightSample, LightVector, area_and_normal, lane};
 use crate::numeric::lane_math::{acos, sin_cos};
+use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// Quad light: the points `center` + x `half_u` + y `half_v` with |x|, |y| <= 1; its front is to the side of `half_u` ×
 /// `half_v`.
@@ -15,6 +16,9 @@ pub struct QuadLight {
     center: DVec3,
     half_u: DVec3,
     half_v: DVec3,
+    /// Lengths of the half sides, and their unit vectors.
+    lengths: [f64; 2],
+    sides: [DVec3; 2],
     normal: DVec3,
     area: f64,
     is_rectangle: bool,
@@ -34,13 +38,16 @@ impl QuadLight {
     /// Creates the parallelogram of these half sides around `center`, in metres.
     pub fn new(center: DVec3, half_u: DVec3, half_v: DVec3) -> Result<QuadLight, AreaLightError> {
         let (quarter, normal) = area_and_normal(half_u, half_v)?;
+        let lengths = [half_u.length(), half_v.length()];
         Ok(QuadLight {
             center,
             half_u,
             half_v,
+            lengths,
+            sides: [half_u / lengths[0], half_v / lengths[1]],
             normal,
             area: 4.0 * quarter,
-            is_rectangle: half_u.dot(half_v).abs() <= SQUARENESS * half_u.length() * half_v.length(),
+            is_rectangle: half_u.dot(half_v).abs() <= SQUARENESS * lengths[0] * lengths[1],
         })
     }
 
@@ -50,20 +57,49 @@ impl QuadLight {
         self.sample_vector(p, u).sample_of_flat(p, self.normal)
     }
 
-    /// Samples the vector from `p` to the point that `u` selects, without branches but on the quad itself. There is no
-    /// `clamp`, which may panic, so a loop over it is not vectorised.
+    /// Samples the vector from `p` to the point that `u` selects, without branches but on the quad itself.
     #[inline(always)]
     pub(super) fn sample_vector(&self, p: DVec3, u: [f64; 2]) -> LightVector {
+        let seen = self.is_rectangle.then(|| SphericalRectangle::new(self, p));
+        self.sample_seen(seen.as_ref(), p, u)
+    }
+
+    /// Sets `views` to the projections of a rectangle onto the unit spheres around `p`, which all samples at these
+    /// points share.
+    #[inline(always)]
+    pub(super) fn project(&self, p: &Lanes3<f64>, views: &mut SphericalRectanglePacket) {
+        if self.is_rectangle {
+            for l in 0..LANES {
+                views.set(l, &SphericalRectangle::new(self, lane(p, l)));
+            }
+        }
+    }
+
+    /// Samples the vectors from sixteen points like [`QuadLight::sample_vector`]: returns that of lane `l`, whose
+    /// projection is in `views`.
+    #[inline(always)]
+    pub(super) fn sample_vector_of(
+        &self,
+        views: &SphericalRectanglePacket,
+        (l, p): (usize, DVec3),
+        u: [f64; 2],
+    ) -> LightVector {
+        let seen = self.is_rectangle.then(|| views.get(l));
+        self.sample_seen(seen.as_ref(), p, u)
+    }
+
+    /// Samples the vector from `p` to the point that `u` selects, with the projection of a rectangle.
+    #[inline(always)]
+    fn sample_seen(&self, seen: Option<&SphericalRectangle>, p: DVec3, u: [f64; 2]) -> LightVector {
         let (x, y) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
         let position = self.center + x * self.half_u + y * self.half_v;
         let by_area = LightVector::of_area(position - p, self.normal, self.area);
-        if !self.is_rectangle {
+        let Some(seen) = seen else {
             return by_area;
-        }
+        };
         // Sample by solid angle if the rectangle is large enough
-        let seen = SphericalRectangle::new(self, p);
         let by_angle = LightVector {
-            to_light: seen.sample(u),
+            to_light: seen.sample(self, u),
             pdf: seen.solid_angle.recip(),
             is_front: by_area.is_front,
         };
@@ -77,13 +113,13 @@ impl QuadLight {
 }
 
 /// Rectangle projected onto the unit sphere around a point (C. Ureña, M. Fajardo, A. King, "An Area-Preserving
-/// Parametrization for Spherical Rectangles", EGSR 2013), in coordinates along its sides, with the point as the origin.
+/// Parametrization for Spherical Rectangles", EGSR 2013), in coordinates along its sides and its normal, with the point
+/// as the origin.
 struct SphericalRectangle {
-    axes: [DVec3; 3],
     x: [f64; 2],
     y: [f64; 2],
-    /// Distance of the rectangle's plane; positive, along the negative third axis.
-    height: f64,
+    /// Distance of the rectangle's plane along its normal; negative in front of it.
+    plane: f64,
     /// Third components of the normals of the planes through the point and the edges at `y[0]` and `y[1]`.
     b: [f64; 2],
     /// Value of 2π minus the last two of the four inner angles of the spherical rectangle.
@@ -96,21 +132,14 @@ impl SphericalRectangle {
     /// Projects `quad` onto the unit sphere around `p`.
     #[inline(always)]
     fn new(quad: &QuadLight, p: DVec3) -> SphericalRectangle {
-        // Build a frame along the sides, with the rectangle at negative z
         let to_center = quad.center - p;
-        let [length_u, length_v] = [quad.half_u.length(), quad.half_v.length()];
-        let side = if to_center.dot(quad.normal) > 0.0 {
-            -1.0
-        } else {
-            1.0
+        let plane = to_center.dot(quad.normal);
+        let height = plane.abs();
+        let extent = |axis: usize| {
+            let middle = to_center.dot(quad.sides[axis]);
+            [middle - quad.lengths[axis], middle + quad.lengths[axis]]
         };
-        let axes = [quad.half_u / length_u, quad.half_v / length_v, side * quad.normal];
-        let height = -to_center.dot(axes[2]);
-        let [across, up] = [to_center.dot(axes[0]), to_center.dot(axes[1])];
-        let (x, y) = (
-            [across - length_u, across + length_u],
-            [up - length_v, up + length_v],
-        );
+        let (x, y) = (extent(0), extent(1));
         // The planes through the edges at y[0], x[1], y[1], x[0] have normals in the plane of one axis and the third.
         let length = |a: f64| (height * height + a * a).sqrt();
         let [n0, n2] = [length(y[0]), length(y[1])];
@@ -127,10 +156,9 @@ impl SphericalRectangle {
         ];
         let k = TAU - g[2] - g[3];
         SphericalRectangle {
-            axes,
             x,
             y,
-            height,
+            plane,
             b,
             k,
             solid_angle: g[0] + g[1] - k,
@@ -139,25 +167,72 @@ impl SphericalRectangle {
 
     /// Returns the vector to a point of the rectangle, uniformly in solid angle.
     #[inline(always)]
-    fn sample(&self, u: [f64; 2]) -> DVec3 {
+    fn sample(&self, quad: &QuadLight, u: [f64; 2]) -> DVec3 {
+        let height = self.plane.abs();
         let [sine, cosine] = sin_cos(u[0] * self.solid_angle + self.k);
         let f = (cosine * self.b[0] - self.b[1]) / sine;
         // Compute the direction cosine of the third axis' plane, and from it x: c / sqrt(1 - c²) with c = ±1 / sqrt(f²
         // + b²).
         let squared = (f * f + self.b[0] * self.b[0] - 1.0).max(0.0);
-        let x = (self.height / squared.sqrt())
+        let x = (height / squared.sqrt())
             .copysign(f)
             .max(self.x[0])
             .min(self.x[1]);
         // Sample y uniformly in height on the sphere's arc at x
-        let squared = x * x + self.height * self.height;
-        let height = |y: f64| y / (squared + y * y).sqrt();
-        let (h0, h1) = (height(self.y[0]), height(self.y[1]));
+        let squared = x * x + height * height;
+        let sine = |y: f64| y / (squared + y * y).sqrt();
+        let (h0, h1) = (sine(self.y[0]), sine(self.y[1]));
         let h = h0 + u[1] * (h1 - h0);
         let y = (h * (squared / ((1.0 - h) * (1.0 + h))).sqrt())
             .max(self.y[0])
             .min(self.y[1]);
-        x * self.axes[0] + y * self.axes[1] - self.height * self.axes[2]
+        x * quad.sides[0] + y * quad.sides[1] + self.plane * quad.normal
+    }
+}
+
+/// Projections of a rectangle onto the unit spheres around sixteen points.
+#[derive(Clone, Debug)]
+pub(super) struct SphericalRectanglePacket {
+    x: [Lanes<f64>; 2],
+    y: [Lanes<f64>; 2],
+    plane: Lanes<f64>,
+    b: [Lanes<f64>; 2],
+    k: Lanes<f64>,
+    solid_angle: Lanes<f64>,
+}
+
+impl SphericalRectanglePacket {
+    pub(super) const ZERO: SphericalRectanglePacket = SphericalRectanglePacket {
+        x: [[0.0; LANES]; 2],
+        y: [[0.0; LANES]; 2],
+        plane: [0.0; LANES],
+        b: [[0.0; LANES]; 2],
+        k: [0.0; LANES],
+        solid_angle: [0.0; LANES],
+    };
+
+    #[inline(always)]
+    fn set(&mut self, l: usize, rectangle: &SphericalRectangle) {
+        for end in 0..2 {
+            self.x[end][l] = rectangle.x[end];
+            self.y[end][l] = rectangle.y[end];
+            self.b[end][l] = rectangle.b[end];
+        }
+        self.plane[l] = rectangle.plane;
+        self.k[l] = rectangle.k;
+        self.solid_angle[l] = rectangle.solid_angle;
+    }
+
+    #[inline(always)]
+    fn get(&self, l: usize) -> SphericalRectangle {
+        SphericalRectangle {
+            x: [self.x[0][l], self.x[1][l]],
+            y: [self.y[0][l], self.y[1][l]],
+            plane: self.plane[l],
+            b: [self.b[0][l], self.b[1][l]],
+            k: self.k[l],
+            solid_angle: self.solid_angle[l],
+        }
     }
 }
 

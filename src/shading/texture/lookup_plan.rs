@@ -6,6 +6,9 @@ use crate::scene::{Filter, Sampler, UvTransform, Wrap};
 /// Largest number of lookups along the longer axis of a footprint.
 const MAX_PROBES: usize = super::MAX_PROBES as usize;
 
+/// Largest side of an image, in texels, so that coordinates of a mirrored image, up to twice the side, are exact.
+pub(super) const MAX_SIDE: u32 = 1 << 22;
+
 /// Largest component of an axis of a footprint, in units of uv. Images are at their coarsest level long before, and its
 /// square is finite.
 const MAX_AXIS: f32 = (1u64 << 40) as f32;
@@ -61,6 +64,8 @@ pub(super) struct Layout {
 pub(super) struct LookupPlan {
     /// Number of lookups along the footprint of each lane.
     pub(super) probe_count: Lanes<u32>,
+    /// Reciprocal of that number.
+    pub(super) share: Lanes<f32>,
     /// Finer of the two mip levels of each lane; 0 is the image.
     pub(super) level: Lanes<u32>,
     /// Weight of the coarser level.
@@ -72,9 +77,10 @@ pub(super) struct LookupPlan {
 /// The four texels of a bilinear lookup in each lane.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Taps {
-    pub(super) columns: [Lanes<u32>; 2],
-    /// First texel of each of the two rows.
-    pub(super) rows: [Lanes<u32>; 2],
+    /// Index of the texel in the first column, in each of the two rows.
+    pub(super) first: [Lanes<u32>; 2],
+    /// What to add to these indices, wrapping, for the second column: 1 except at the edges of the image.
+    pub(super) step: Lanes<u32>,
     /// Weight of the second column.
     pub(super) across: Lanes<f32>,
     /// Weight of the second row.
@@ -83,8 +89,8 @@ pub(super) struct Taps {
 
 impl Taps {
     const ZERO: Taps = Taps {
-        columns: [[0; LANES]; 2],
-        rows: [[0; LANES]; 2],
+        first: [[0; LANES]; 2],
+        step: [0; LANES],
         across: [0.0; LANES],
         down: [0.0; LANES],
     };
@@ -94,6 +100,7 @@ impl Default for LookupPlan {
     fn default() -> LookupPlan {
         LookupPlan {
             probe_count: [1; LANES],
+            share: [1.0; LANES],
             level: [0; LANES],
             blend: [0.0; LANES],
             taps: Box::new([[Taps::ZERO; 2]; MAX_PROBES]),
@@ -127,13 +134,13 @@ impl LookupPlan {
             wrapped_center(sampler.wrap_v, &points.uv[1]),
         ];
         // Find the texels of each probe on both levels
-        let spacing = self.probe_count.map(|count| 1.0 / count as f32);
+        self.share = self.probe_count.map(|count| 1.0 / count as i32 as f32);
         for probe in 0..most as usize {
             let mut uv = centers;
             if most > 1 {
                 for axis in 0..2 {
                     for l in 0..LANES {
-                        let offset = (probe as f32 + 0.5) * spacing[l] - 0.5;
+                        let offset = (probe as f32 + 0.5) * self.share[l] - 0.5;
                         uv[axis][l] += points.axes[0][axis][l] * offset;
                     }
                 }
@@ -172,8 +179,8 @@ impl LookupPlan {
                 0.0
             };
             let finer = level.floor();
-            self.probe_count[l] = count as i32 as u32;
-            self.level[l] = finer as i32 as u32;
+            self.probe_count[l] = whole(count) as u32;
+            self.level[l] = whole(finer) as u32;
             self.blend[l] = level - finer;
         }
     }
@@ -191,12 +198,13 @@ impl Taps {
         let is_nearest = filter == Filter::Nearest;
         let side = |axis: usize| level.map(|level| (layout.size[axis] >> level).max(1));
         let (width, height) = (side(0), side(1));
-        self.columns = neighbors(wrap_u, is_nearest, &uv[0], &width, &mut self.across);
-        self.rows = neighbors(wrap_v, is_nearest, &uv[1], &height, &mut self.down);
-        for row in &mut self.rows {
-            for l in 0..LANES {
-                row[l] = row[l].wrapping_mul(width[l]);
+        let columns = neighbors(wrap_u, is_nearest, &uv[0], &width, &mut self.across);
+        let rows = neighbors(wrap_v, is_nearest, &uv[1], &height, &mut self.down);
+        for l in 0..LANES {
+            for row in 0..2 {
+                self.first[row][l] = rows[row][l].wrapping_mul(width[l]).wrapping_add(columns[0][l]);
             }
+            self.step[l] = columns[1][l].wrapping_sub(columns[0][l]);
         }
     }
 }
@@ -227,29 +235,53 @@ fn neighbors(
         Wrap::MirroredRepeat => coordinate.map(|x| x - 2.0 * (0.5 * x).floor()),
         Wrap::ClampToEdge => coordinate.map(|x| x.clamp(0.0, 1.0)),
     };
+    // Find the texel centre to the left, and its distance. Each of these loops has one step, or it is not vectorised.
     let half = if is_nearest { 0.0 } else { 0.5 };
+    let mut left = [0; LANES];
+    for l in 0..LANES {
+        let x = inside[l] * size[l] as i32 as f32 - half;
+        let floor = x.floor();
+        weight[l] = x - floor;
+        left[l] = whole(floor);
+    }
+    let mut right = left;
+    if is_nearest {
+        *weight = [0.0; LANES];
+    } else {
+        right = left.map(|i| i + 1);
+    }
+    // Wrap the texels beyond the edges
+    let last = size.map(|size| size as i32 - 1);
+    match wrap {
+        Wrap::Repeat => {
+            for l in 0..LANES {
+                left[l] = if left[l] < 0 { last[l] } else { left[l] };
+                right[l] = if right[l] > last[l] { 0 } else { right[l] };
+            }
+        }
+        Wrap::MirroredRepeat => {
+            for l in 0..LANES {
+                left[l] = left[l].min(2 * last[l] + 1 - left[l]);
+                right[l] = right[l].min(2 * last[l] + 1 - right[l]);
+            }
+        }
+        Wrap::ClampToEdge => {}
+    }
+    // `clamp` may panic, which would keep a loop from being vectorised
     let mut texels = [[0; LANES]; 2];
     for l in 0..LANES {
-        // Find the texel centre to the left, and the one to its right
-        let last = size[l] as i32 - 1;
-        let x = inside[l] * size[l] as i32 as f32 - half;
-        let left = x.floor();
-        weight[l] = if is_nearest { 0.0 } else { x - left };
-        let left = left as i32;
-        let right = if is_nearest { left } else { left + 1 };
-        // Wrap the texels beyond the edges
-        let [left, right] = match wrap {
-            Wrap::Repeat => [
-                if left < 0 { last } else { left },
-                if right > last { 0 } else { right },
-            ],
-            Wrap::MirroredRepeat => [left, right].map(|i| i.min(2 * last + 1 - i)),
-            Wrap::ClampToEdge => [left, right],
-        };
-        texels[0][l] = left.clamp(0, last) as u32;
-        texels[1][l] = right.clamp(0, last) as u32;
+        texels[0][l] = left[l].max(0).min(last[l]) as u32;
+        texels[1][l] = right[l].max(0).min(last[l]) as u32;
     }
     texels
+}
+
+/// Returns a whole number in -1..2^23 - 1 as an integer. The cast of the language, which saturates, is not vectorised.
+#[inline(always)]
+fn whole(x: f32) -> i32 {
+    /// In the binade of 2^23, the last bit of a number has the value 1.
+    const ONES: f32 = (1 << 23) as f32;
+    (x + 1.0 + ONES).to_bits().wrapping_sub(ONES.to_bits()) as i32 - 1
 }
 
 /// Returns the binary logarithm of a normal `x` ≥ 1, with an error of less than 1e-6. Exact for powers of two, and

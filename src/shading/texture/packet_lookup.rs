@@ -11,7 +11,7 @@
 use glam::Vec4;
 
 use super::encoding_index;
-use super::lookup_plan::{Layout, LookupPlan, Taps, UvPacket};
+use super::lookup_plan::{Layout, LookupPlan, MAX_SIDE, Taps, UvPacket};
 use super::mip_level::{Decoder, MipLevel};
 use super::mipmap::MipMap;
 use super::{ImageLookup, Lookup, TextureSet};
@@ -60,9 +60,14 @@ impl PacketLookup {
 }
 
 impl TextureSet<'_> {
-    /// Returns whether [`TextureSet::sample_packet`] looks a texture up: images, but not procedural patterns.
-    pub(crate) fn is_image(&self, texture: u32) -> bool {
-        !matches!(self.lookups[texture as usize], Lookup::Procedural(_))
+    /// Returns whether [`TextureSet::sample_packet`] looks a texture up: not procedural patterns, and not images whose
+    /// texels f32 cannot number.
+    pub(crate) fn has_packets(&self, texture: u32) -> bool {
+        match &self.lookups[texture as usize] {
+            Lookup::Constant(_) => true,
+            Lookup::Image(image) => image.image.width.max(image.image.height) <= MAX_SIDE,
+            Lookup::Procedural(_) => false,
+        }
     }
 
     /// Returns the linear RGBA of a texture at the points of the lanes in `mask`, averaged over their footprints.
@@ -141,34 +146,57 @@ fn fetch(
         if !mask[l] {
             continue;
         }
+        // Find the texels of the two levels
         let (level, blend) = (plan.level[l] as usize, plan.blend[l]);
         let level_texels = |level: usize| Floats(mips.map_or(&[], |mips| mips.level_texels(level)));
-        let mut sum = Vec4::ZERO;
-        let count = plan.probe_count[l];
-        for [finer, coarser] in &plan.taps[..count as usize] {
-            let mut color = match level {
-                0 => blend_texels(finer, finest, l),
-                _ => blend_texels(finer, &level_texels(level), l),
-            };
-            if blend > 0.0 {
-                color += (blend_texels(coarser, &level_texels(level + 1), l) - color) * blend;
-            }
-            sum += color;
-        }
-        texels[l] = (sum / count as f32).to_array();
+        let coarser = (blend > 0.0).then(|| (level_texels(level + 1), blend));
+        // Average the probes
+        let probes = &plan.taps[..plan.probe_count[l] as usize];
+        let sum = match level {
+            0 => sum_probes(probes, finest, coarser.as_ref(), l),
+            _ => sum_probes(probes, &level_texels(level), coarser.as_ref(), l),
+        };
+        texels[l] = (sum * plan.share[l]).to_array();
     }
+}
+
+/// Returns the sum of the lookups of lane `l` on the finer of two levels, or blended with those on the coarser one by
+/// its weight.
+#[inline(always)]
+fn sum_probes(
+    probes: &[[Taps; 2]],
+    finer: &impl TexelSource,
+    coarser: Option<&(Floats, f32)>,
+    l: usize,
+) -> Vec4 {
+    let mut sum = Vec4::ZERO;
+    let Some((coarser, blend)) = coarser else {
+        for [taps, _] in probes {
+            sum += blend_texels(taps, finer, l);
+        }
+        return sum;
+    };
+    for [taps, coarser_taps] in probes {
+        let color = blend_texels(taps, finer, l);
+        sum += color + (blend_texels(coarser_taps, coarser, l) - color) * *blend;
+    }
+    sum
 }
 
 /// Returns the bilinear blend of the four texels of lane `l`.
 #[inline(always)]
 fn blend_texels<T: TexelSource>(taps: &Taps, source: &T, l: usize) -> Vec4 {
-    let texel = |row: usize, column: usize| {
-        source.texel(taps.rows[row][l] as usize + taps.columns[column][l] as usize)
+    let step = taps.step[l];
+    let row = |row: usize| {
+        let first = taps.first[row][l];
+        let [a, b] = match step {
+            1 => source.pair(first as usize),
+            _ => [first, first.wrapping_add(step)].map(|index| source.texel(index as usize)),
+        };
+        a + (b - a) * taps.across[l]
     };
-    let mix = |a: Vec4, b: Vec4, t: f32| a + (b - a) * t;
-    let top = mix(texel(0, 0), texel(0, 1), taps.across[l]);
-    let bottom = mix(texel(1, 0), texel(1, 1), taps.across[l]);
-    mix(top, bottom, taps.down[l]) * T::SCALE
+    let top = row(0);
+    (top + (row(1) - top) * taps.down[l]) * T::SCALE
 }
 
 /// Texels of one mip level as four values, which are linear RGBA after multiplication by `SCALE`.
@@ -176,6 +204,9 @@ trait TexelSource {
     const SCALE: f32;
 
     fn texel(&self, index: usize) -> Vec4;
+
+    /// Returns a texel and the one after it.
+    fn pair(&self, index: usize) -> [Vec4; 2];
 }
 
 struct LinearBytes<'a>(&'a [[u8; 4]]);
@@ -194,6 +225,12 @@ impl TexelSource for LinearBytes<'_> {
     fn texel(&self, index: usize) -> Vec4 {
         Vec4::from_array(self.0[index].map(f32::from))
     }
+
+    #[inline(always)]
+    fn pair(&self, index: usize) -> [Vec4; 2] {
+        let pair = LinearBytes(&self.0[index..index + 2]);
+        [pair.texel(0), pair.texel(1)]
+    }
 }
 
 impl TexelSource for SrgbBytes<'_> {
@@ -205,6 +242,15 @@ impl TexelSource for SrgbBytes<'_> {
         let [r, g, b] = [r, g, b].map(|code| self.linear[usize::from(code)]);
         Vec4::new(r, g, b, f32::from(a) * (1.0 / 255.0))
     }
+
+    #[inline(always)]
+    fn pair(&self, index: usize) -> [Vec4; 2] {
+        let pair = SrgbBytes {
+            bytes: &self.bytes[index..index + 2],
+            linear: self.linear,
+        };
+        [pair.texel(0), pair.texel(1)]
+    }
 }
 
 impl TexelSource for Floats<'_> {
@@ -213,6 +259,12 @@ impl TexelSource for Floats<'_> {
     #[inline(always)]
     fn texel(&self, index: usize) -> Vec4 {
         Vec4::from_array(self.0[index])
+    }
+
+    #[inline(always)]
+    fn pair(&self, index: usize) -> [Vec4; 2] {
+        let pair = Floats(&self.0[index..index + 2]);
+        [pair.texel(0), pair.texel(1)]
     }
 }
 

@@ -8,6 +8,8 @@
 mod batches;
 #[cfg(feature = "embree")]
 mod clusters;
+#[cfg(target_os = "linux")]
+mod default_settings;
 #[cfg(feature = "embree")]
 mod embree_contract;
 mod forecast_shares;
@@ -107,6 +109,12 @@ const MEASUREMENTS: &[Measurement] = &[
         name: "forecast_shares",
         description: "the shares of time that `whit info` forecasts against those of a render",
         run: forecast_shares::run,
+    },
+    #[cfg(target_os = "linux")]
+    Measurement {
+        name: "default_settings",
+        description: "the time to a displayed error by pattern, adaptive sampling and texture filter (some minutes)",
+        run: default_settings::run,
     },
     Measurement {
         name: "render_to_error",

@@ -10,7 +10,7 @@ use crate::support::wave_scenes;
 use whit::accel::{AccelOptions, Backend, build};
 use whit::gltf::{LoadOptions, load};
 use whit::image::LinearImage;
-use whit::render::RenderSettings;
+use whit::render::{Pattern, RenderSettings};
 use whit::scene::Scene;
 
 /// Present in every x86-64 processor of the last ten years, and as fast as wider ones for most scenes.
@@ -50,6 +50,7 @@ fn image(scene: &Scene, backend: Backend) -> LinearImage {
         width: 160,
         height: 120,
         spp: 4,
+        pattern: Pattern::R2,
         depth: 4,
         ..RenderSettings::default()
     };

@@ -349,15 +349,15 @@ fn file_sets_sampling_and_filter_like_the_flags() {
         )
     };
     let plain = with("");
-    let tent = "pattern = 'sobol'\nfilter = 'tent'\nfilter_radius = 1.5";
-    let flags = ["--pattern", "sobol", "--filter", "tent", "--filter-radius", "1.5"];
+    let tent = "pattern = 'r2'\nfilter = 'tent'\nfilter_radius = 1.5";
+    let flags = ["--pattern", "r2", "--filter", "tent", "--filter-radius", "1.5"];
     let of_file = rendered(&with(tent), &[]);
     assert!(of_file == rendered(&plain, &flags));
     assert!(of_file != rendered(&plain, &flags[..4]), "the radius counts");
     assert!(of_file != rendered(&plain, &flags[2..]), "the pattern counts");
     // Flags override; the radius belongs to its filter, and a radius alone applies to the file's filter.
-    assert!(rendered(&with(tent), &["--pattern", "r2", "--filter", "box"]) == rendered(&plain, &[]));
-    let wider = ["--pattern", "sobol", "--filter", "tent", "--filter-radius", "2"];
+    assert!(rendered(&with(tent), &["--pattern", "sobol", "--filter", "box"]) == rendered(&plain, &[]));
+    let wider = ["--pattern", "r2", "--filter", "tent", "--filter-radius", "2"];
     assert!(rendered(&with(tent), &wider[4..]) == rendered(&plain, &wider));
 }
 

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use whit::accel::{self, AccelOptions, Backend};
 use whit::image::LinearImage;
-use whit::render::{Monitor, RenderSettings, render};
+use whit::render::{Monitor, Pattern, RenderSettings, render};
 use whit::scene::Scene;
 
 use crate::support::clear_scenes::{self, Division};
@@ -42,6 +42,8 @@ fn rendered(scene: &Scene, backend: Backend, request: Request) -> LinearImage {
         width: request.width,
         height: request.height,
         spp: request.spp,
+        // The reference knows this pattern only
+        pattern: Pattern::R2,
         depth: request.depth,
         weight_cutoff: request.weight_cutoff,
         wavelengths: request.wavelengths,

@@ -78,14 +78,10 @@ impl GltfDocument {
         let decoded = self.image_decoder(number, source).and_then(|decoder| {
             DynamicImage::from_decoder(decoder).map_err(|e| self.bad_image(number, &e))
         })?;
-        let texels = decoded.into_rgba8();
-        let (width, height) = texels.dimensions();
-        // Reuse the decoder's allocation if its size and capacity are multiples of 4
-        let texels = bytemuck::allocation::try_cast_vec(texels.into_raw())
-            .unwrap_or_else(|(_, bytes)| bytes.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect());
+        let size = [decoded.width(), decoded.height()];
         Ok(CachedImage {
-            size: [width, height],
-            texels: Texels::Bytes(texels.into()),
+            size,
+            texels: Texels::Bytes(rgba_texels(decoded).into()),
         })
     }
 
@@ -145,6 +141,20 @@ impl GltfDocument {
     }
 }
 
+/// Returns the texels of an image with 8 bits per channel, opaque where it has no alpha.
+fn rgba_texels(image: DynamicImage) -> Vec<[u8; 4]> {
+    match image {
+        // Most images; the general conversion takes as long as decoding
+        DynamicImage::ImageRgb8(rgb) => {
+            let opaque = |t: &[u8]| [t[0], t[1], t[2], u8::MAX];
+            rgb.as_raw().chunks_exact(3).map(opaque).collect()
+        }
+        // Reuse the decoder's allocation if its size and capacity are multiples of 4
+        other => bytemuck::allocation::try_cast_vec(other.into_rgba8().into_raw())
+            .unwrap_or_else(|(_, bytes)| bytes.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect()),
+    }
+}
+
 /// Largest allocation of a decoder for one image: 8 bytes per texel of the largest image allowed by default.
 const MAX_DECODER_BYTES: u64 = 8 * LoadOptions::DEFAULT_MAX_TEXELS;
 
@@ -159,6 +169,22 @@ impl ImageBytes<'_> {
         match self {
             ImageBytes::Own(bytes) => bytes,
             ImageBytes::Shared(bytes) => bytes,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn opaque_images_convert_as_the_general_conversion_does() {
+        let codes: Vec<u8> = (0..3 * 35).map(|i| (i * 37 % 256) as u8).collect();
+        let rgb = image::RgbImage::from_raw(7, 5, codes).unwrap();
+        let gray = image::GrayImage::from_raw(3, 1, vec![0, 7, 255]).unwrap();
+        for image in [DynamicImage::from(rgb), gray.into()] {
+            let expected = image.to_rgba8();
+            assert_eq!(rgba_texels(image).as_flattened(), expected.as_raw());
         }
     }
 }

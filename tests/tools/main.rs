@@ -10,6 +10,7 @@ mod bumpy_sphere;
 mod contact_sheet;
 mod cost_tables;
 mod first_light;
+mod gallery;
 mod glb;
 mod neon_knot;
 mod scan_phantom;
@@ -33,6 +34,8 @@ enum Tool {
     CostTables(cost_tables::Arguments),
     /// Write the scene `scenes/first_light.gltf`
     FirstLight(first_light::Arguments),
+    /// Write rows of spheres, each with three images of its own, for times of scenes with many textures
+    Gallery(gallery::Arguments),
     /// Write the tube of `scenes/glow.toml` as binary glTF
     NeonKnot(neon_knot::Arguments),
     /// Write the volume of `scenes/scan.toml` as a NumPy array
@@ -48,6 +51,7 @@ fn main() -> ExitCode {
         Tool::ContactSheet(arguments) => contact_sheet::run(&arguments),
         Tool::CostTables(arguments) => cost_tables::run(&arguments),
         Tool::FirstLight(arguments) => first_light::run(&arguments),
+        Tool::Gallery(arguments) => gallery::run(&arguments),
         Tool::NeonKnot(arguments) => neon_knot::run(&arguments),
         Tool::ScanPhantom(arguments) => scan_phantom::run(&arguments),
         Tool::SceneTextures(arguments) => scene_textures::run(&arguments),

@@ -12,7 +12,7 @@
 
 use glam::Vec4;
 
-use super::mip_level::{MipLevel, mix};
+use super::mip_level::{Decoder, MipLevel, mix};
 use crate::parallel;
 use crate::scene::{Encoding, Sampler};
 
@@ -111,9 +111,40 @@ fn halved(source: MipLevel, encoding: Encoding) -> StoredLevel {
 /// Writes row `y` of the next coarser level of a source with even sides. Each texel covers two by two of the source with
 /// equal weights, so f32 rounds no more than the mean of equal texels by a unit in the last place.
 fn halve_row(source: MipLevel, y: usize, encoding: Encoding, row: &mut [[f32; 4]]) {
-    let texel = |x: usize, y: usize| Vec4::from_array(source.texel(x, y));
-    for (x, mean) in row.iter_mut().enumerate() {
-        let texels = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| texel(2 * x + i, 2 * y + j));
+    let width = source.width as usize;
+    let first = 2 * y * width;
+    let rows = [first..first + width, first + width..first + 2 * width];
+    let unit = |[r, g, b, a]: [u8; 4]| Vec4::new(r.into(), g.into(), b.into(), a.into()) / 255.0;
+    match source.texels {
+        Decoder::Bytes(texels) => average_pairs(rows.map(|row| &texels[row]), unit, encoding, row),
+        Decoder::SrgbBytes(texels, linear) => {
+            let decode = |[r, g, b, a]: [u8; 4]| {
+                let code = |code: u8| linear[code as usize];
+                Vec4::new(code(r), code(g), code(b), f32::from(a) / 255.0)
+            };
+            average_pairs(rows.map(|row| &texels[row]), decode, encoding, row);
+        }
+        Decoder::Floats(texels) => {
+            average_pairs(rows.map(|row| &texels[row]), Vec4::from_array, encoding, row);
+        }
+    }
+}
+
+/// Writes the means of squares of two by two texels of two rows, which `decode` converts to linear values.
+fn average_pairs<T: Copy>(
+    [upper, lower]: [&[T]; 2],
+    decode: impl Fn(T) -> Vec4,
+    encoding: Encoding,
+    row: &mut [[f32; 4]],
+) {
+    let squares = upper.chunks_exact(2).zip(lower.chunks_exact(2));
+    for (mean, (upper, lower)) in row.iter_mut().zip(squares) {
+        let texels = [
+            decode(upper[0]),
+            decode(upper[1]),
+            decode(lower[0]),
+            decode(lower[1]),
+        ];
         let sum = texels[0] + texels[1] + (texels[2] + texels[3]);
         *mean = (0.25 * sum).to_array();
         // Weigh colours by alpha, unless all are equal

@@ -107,7 +107,7 @@ def measured(scene, renderers, turns, chosen):
             }
             for entry in samples
         ],
-        "equal_error": measure.equal_error(scene, renderers, known, turns) if scene.has_equal_error else [],
+        "equal_error": measure.equal_error(scene, renderers, known, turns),
         "seconds": time.perf_counter() - started,
     }
 

@@ -8,7 +8,6 @@ from peers import error
 from peers.renderers import Setting
 
 SPP = [1, 16]
-TARGETS = [0.01, 0.004]
 # A reference that is only to be looked at, or quick, has this many times fewer samples.
 QUICK_SHARE = 4
 
@@ -34,7 +33,7 @@ def by_turns(turns, entries, measure, seed):
 def references(scene, renderers, quick):
     """Returns the reference image of each renderer that has one, and the noise left in it."""
     found = {}
-    share = 1 if scene.has_equal_error and not quick else QUICK_SHARE
+    share = 1 if scene.targets and not quick else QUICK_SHARE
     for renderer in renderers:
         if hasattr(renderer, "reference_spp"):
             spp = renderer.reference_spp // share
@@ -64,7 +63,7 @@ def climb(scene, renderer, sampler, reference):
     for amount in renderer.ladder(sampler):
         setting = Setting(sampler, amount)
         entries.append(Entry(renderer.name, setting, error.rmse(renderer.image(scene, setting), reference)))
-        if entries[-1].error <= min(TARGETS):
+        if entries[-1].error <= min(scene.targets):
             break
     errors = " ".join(f"{entry.setting.amount:g}:{entry.error:.4f}" for entry in entries)
     print(f"  {renderer.name} {sampler} {errors}", flush=True)
@@ -85,6 +84,8 @@ def reached(entries, target, seconds):
 
 def equal_error(scene, renderers, known, turns):
     """Returns for each target a row a sampler: seconds of the render phase, and of whole processes of the best."""
+    if not scene.targets:
+        return []
     renderers = [renderer for renderer in renderers if renderer.name in known]
     named = {renderer.name: renderer for renderer in renderers}
     ladders = {}
@@ -93,11 +94,11 @@ def equal_error(scene, renderers, known, turns):
             ladders[renderer.name, sampler] = climb(scene, renderer, sampler, known[renderer.name][0])
 
     # Render phases of all samplers, around each target
-    needed = {id(entry): entry for ladder in ladders.values() for target in TARGETS for entry in bracket(ladder, target)}
+    needed = {id(entry): entry for ladder in ladders.values() for target in scene.targets for entry in bracket(ladder, target)}
     phase = lambda entry: named[entry.renderer].render_seconds(scene, entry.setting)  # noqa: E731
     by_turns(turns, list(needed.values()), phase, scene.name + "phase")
     rows = []
-    for target in TARGETS:
+    for target in scene.targets:
         for (name, sampler), ladder in ladders.items():
             rows.append({"target": target, "renderer": name, "sampler": sampler, "whole": None})
             rows[-1]["render"] = reached(ladder, target, float)

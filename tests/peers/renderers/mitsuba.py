@@ -44,10 +44,10 @@ class Mitsuba(Renderer):
         """Returns numbers of samples that the sampler takes as they are; few where the error is sure to follow a power."""
         return {
             "independent": [1, 4, 9, 16, 36, 64, 144, 288],
-            "stratified": [1, 2, 4, 6, 9, 12, 16, 20, 25, 30, 36, 49, 64, 81, 100, 121, 144],
+            "stratified": [1, 4, 9, 16, 25, 36, 49, 64, 81, 100, 121, 144],
             "multijitter": [1, 2, 4, 6, 9, 12, 16, 20, 25, 30, 36, 49, 64, 81, 100, 121, 144],
             "orthogonal": [4, 9, 25, 49, 121],
-            "ldsampler": [1, 4, 16, 64, 128],
+            "ldsampler": [4, 16, 64],
         }[sampler]
 
     def open(self, scene, folder):

@@ -6,8 +6,8 @@ from peers import error, install, session
 from peers.renderers import Renderer, Setting, Timing
 
 THREADS = 2
-# Subdivisions of a pixel in adaptive anti-aliasing: at most 2^3 a side.
-ADAPTIVE_DEPTH = 3
+# POV-Ray's largest grid of samples in a pixel, a side.
+MAX_SIDE = 9
 
 
 class Povray(Renderer):
@@ -15,8 +15,8 @@ class Povray(Renderer):
 
     name = "povray"
     equal_samplers = ["grid"]
-    reference_sampler = "jittered grid"
-    reference_spp = 512
+    # Samples per pixel of the finer of two reference images.
+    reference_spp = (3 * MAX_SIDE) ** 2
 
     def __init__(self, _chosen):
         install.debian(["povray"])
@@ -26,14 +26,12 @@ class Povray(Renderer):
         return {"POV-Ray": install.version("povray")}
 
     def samplers(self):
-        """Returns the anti-aliasing methods."""
-        return ["grid", "jittered grid", "adaptive"]
+        """Returns the kinds of grids; recursive anti-aliasing does not converge to the mean over the pixel."""
+        return ["grid", "jittered grid"]
 
-    def ladder(self, sampler):
-        """Returns samples per pixel, or thresholds."""
-        if sampler == "adaptive":
-            return [0.5, 0.3, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005]
-        return [1, 4, 9, 16, 25, 36, 49, 64, 100, 144, 196, 256]
+    def ladder(self, _sampler):
+        """Returns samples per pixel."""
+        return [side**2 for side in range(1, MAX_SIDE + 1)]
 
     def open(self, scene, folder):
         """Writes the scene file."""
@@ -42,12 +40,10 @@ class Povray(Renderer):
         self.scene_file = self.folder / f"{scene.name}.pov"
         self.scene_file.write_text(scene_text(scene))
 
-    def command(self, scene, setting, output, form):
+    def command(self, size, setting, output, form):
         """Returns the command that renders to this file."""
-        command = ["povray", f"+I{self.scene_file}", f"+O{output}", f"+W{scene.size}", f"+H{scene.size}", f"+WT{THREADS}"]
+        command = ["povray", f"+I{self.scene_file}", f"+O{output}", f"+W{size}", f"+H{size}", f"+WT{THREADS}"]
         command += ["-D", "-V", form, "File_Gamma=sRGB"]
-        if setting.sampler == "adaptive":
-            return [*command, "+AM2", f"+A{setting.amount}", f"+R{ADAPTIVE_DEPTH}", "-J"]
         side = round(setting.amount**0.5)
         if side == 1:
             return [*command, "-A"]
@@ -55,17 +51,25 @@ class Povray(Renderer):
 
     def process(self, scene, setting):
         """Returns POV-Ray's timing; the render phase is its trace time."""
-        whole, said = session.run(self.command(scene, setting, self.folder / "image.png", "+FN8"))
-        phase = re.search(r"Trace Time:.*?\(([\d.]+) seconds\)", said)
-        return Timing(whole, float(phase[1]))
+        whole, said = session.run(self.command(scene.size, setting, self.folder / "image.png", "+FN8"))
+        return Timing(whole, float(re.search(r"Trace Time:.*?\(([\d.]+) seconds\)", said)[1]))
 
-    def image(self, scene, setting, seed=0):
-        """Returns the image of a 16-bit PPM; POV-Ray's jitter has no seed, so another seed is a finer grid."""
-        if seed:
-            setting = Setting(setting.sampler, (round(setting.amount**0.5) + seed - 1) ** 2)
+    def image(self, scene, setting, seed=0, scale=1):
+        """Returns the image of a 16-bit PPM; with a scale, the means over as many pixels each way of a larger one."""
         output = self.folder / "image.ppm"
-        session.run(self.command(scene, setting, output, "+FP16"))
-        return error.read(output)
+        session.run(self.command(scene.size * scale, setting, output, "+FP16"))
+        image = error.read(output)
+        return image.reshape(scene.size, scale, scene.size, scale, 3).mean((1, 3))
+
+    def reference(self, scene, spp):
+        """Returns the means over a larger image's pixels, and half its distance from those over a smaller one's.
+
+        POV-Ray's jitter has no seed, and its grids end at 9 x 9.
+        """
+        scale = round(spp**0.5 / MAX_SIDE)
+        setting = Setting("jittered grid", MAX_SIDE**2)
+        smaller, larger = (self.image(scene, setting, scale=each) for each in [max(1, scale - 1), scale])
+        return larger, error.rmse(smaller, larger) / 2
 
 
 def vector(values):

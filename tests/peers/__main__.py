@@ -103,6 +103,7 @@ def measured(scene, renderers, turns, chosen):
                 "amount": entry.setting.amount,
                 "error": entry.error,
                 "whole": [timing.whole for timing in entry.timings],
+                "processor": [timing.processor for timing in entry.timings],
                 "render": [timing.render for timing in entry.timings],
             }
             for entry in samples

@@ -53,6 +53,9 @@ def at_error(points, target):
 
     `points` are pairs of error and seconds in the order of growing effort. Between the last point above the target and
     the first below it, the seconds follow a power of the error. A first point below the target gives its own seconds.
+
+    >>> at_error([(0.04, 1.0), (0.01, 4.0)], 0.02)
+    2.0
     """
     for at, (error, seconds) in enumerate(points):
         if error > target:

@@ -100,7 +100,7 @@ def equal_error(scene, renderers, known, turns):
     rows = []
     for target in scene.targets:
         for (name, sampler), ladder in ladders.items():
-            rows.append({"target": target, "renderer": name, "sampler": sampler, "whole": None})
+            rows.append({"target": target, "renderer": name, "sampler": sampler, "whole": None, "processor": None})
             rows[-1]["render"] = reached(ladder, target, float)
             rows[-1]["points"] = [
                 {"amount": entry.setting.amount, "error": entry.error, "render": entry.timings} for entry in bracket(ladder, target)
@@ -120,6 +120,7 @@ def equal_error(scene, renderers, known, turns):
     by_turns(turns, entries, lambda entry: named[entry.renderer].process(scene, entry.setting), scene.name + "whole")
     for key, row in chosen.items():
         row["best"] = True
-        row["whole"] = reached(wholes[key], key[0], lambda timing: timing.whole)
-        row["whole_points"] = [[timing.whole for timing in entry.timings] for entry in wholes[key]]
+        for kind in ["whole", "processor"]:
+            row[kind] = reached(wholes[key], key[0], lambda timing: getattr(timing, kind))
+        row["whole_points"] = [[vars(timing) for timing in entry.timings] for entry in wholes[key]]
     return rows

@@ -85,12 +85,15 @@ def samples_table(scene):
                 f"{row['renderer']} {row['sampler']}",
                 seconds(row["whole"]),
                 ratio(row["whole"], base["whole"]),
+                seconds(row["processor"]),
+                ratio(row["processor"], base["processor"]),
                 seconds(row["render"]) if is_timed else "-",
                 ratio(row["render"], base["render"]) if is_timed else "-",
                 "-" if row["error"] is None else f"{row['error']:.4f}",
             ]
         )
-    head = ["spp", "renderer", "whole process, s", "over whit's", "render phase, s", "over whit's", "error"]
+    head = ["spp", "renderer", "whole process, s", "over whit's", "its processor time, s", "over whit's"]
+    head += ["render phase, s", "over whit's", "error"]
     return "\nEqual samples:\n" + table(head, rows)
 
 
@@ -104,11 +107,12 @@ def error_table(scene):
             name = f"{row['renderer']} {row['sampler']}"
             amounts = " to ".join(f"{point['amount']:g}" for point in row["points"])
             cells = [target, f"**{name}**" if row.get("best") else name, amounts or "not reached"]
-            for key in ["render", "whole"]:
+            for key in ["render", "whole", "processor"]:
                 cells.append(f"{row[key]:.3f}" if row[key] else "-")
                 cells.append(f"{row[key] / own[key]:.2f}" if row[key] and own else "-")
             rows.append(cells)
     if not rows:
         return ""
-    head = ["error", "renderer", "between", "render phase, s", "over whit's best", "whole process, s", "over whit's best"]
+    head = ["error", "renderer", "between"]
+    head += [word for kind in ["render phase", "whole process", "its processor time"] for word in [f"{kind}, s", "over whit's best"]]
     return "\nEqual displayed error:\n" + table(head, rows)

@@ -25,10 +25,11 @@ class Setting:
 
 @dataclass
 class Timing:
-    """Seconds of a process from its start until the image is written, and of its render phase."""
+    """Seconds of a process from its start until the image is written, of the processor in it, and of its render phase."""
 
     whole: float
-    render: float
+    processor: float
+    render: float | None
 
 
 class Renderer:

@@ -61,7 +61,7 @@ class Cycles(Renderer):
         output = str(self.folder / "image.png")
         reply = session.render(sampler=setting.sampler, spp=setting.spp, seed=0, output=output)
         session.close()
-        return Timing(reply["since_start"], reply["seconds"])
+        return Timing(reply["since_start"], reply["processor"], reply["seconds"])
 
     def image(self, scene, setting, seed=0):
         """Returns the image of an EXR."""

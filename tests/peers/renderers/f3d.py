@@ -35,15 +35,12 @@ class F3d(Renderer):
 
     def process(self, scene, setting):
         """Returns the seconds of the whole process beside a display that is running already."""
-        return Timing(self.render(scene, self.folder / f"{scene.name}.png"), None)
-
-    def render(self, scene, output):
-        """Renders to a PNG; returns the seconds."""
-        camera = scene.camera
+        camera, output = scene.camera, self.folder / f"{scene.name}.png"
         command = ["f3d", str(scene.model), f"--output={output}", f"--resolution={scene.size},{scene.size}", "--dry-run"]
         command += [f"--camera-position={text(camera.origin)}", f"--camera-focal-point={text(camera.target)}"]
         command += [f"--camera-view-angle={camera.fov}", "--camera-view-up=0,1,0", "--bg-color=0,0,0"]
-        return session.run(command, {**os.environ, "DISPLAY": self.display})[0]
+        whole, processor, _ = session.run(command, {**os.environ, "DISPLAY": self.display})
+        return Timing(whole, processor, None)
 
 
 def text(values):

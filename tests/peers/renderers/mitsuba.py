@@ -101,10 +101,10 @@ class Mitsuba(Renderer):
         with tempfile.TemporaryDirectory() as home:
             # Compiled kernels are kept in the home folder
             session = self.start({**self.variables, "HOME": home} if is_first else self.variables)
-            whole = session.render(**request, output=str(self.folder / "image.png"))["since_start"]
+            first = session.render(**request, output=str(self.folder / "image.png"))
             render = session.render(**request)["seconds"]
             session.close()
-        return Timing(whole, render)
+        return Timing(first["since_start"], first["processor"], render)
 
     def image(self, scene, setting, seed=0):
         """Returns the image that the worker saves."""

@@ -51,8 +51,8 @@ class Povray(Renderer):
 
     def process(self, scene, setting):
         """Returns POV-Ray's timing; the render phase is its trace time."""
-        whole, said = session.run(self.command(scene.size, setting, self.folder / "image.png", "+FN8"))
-        return Timing(whole, float(re.search(r"Trace Time:.*?\(([\d.]+) seconds\)", said)[1]))
+        whole, processor, said = session.run(self.command(scene.size, setting, self.folder / "image.png", "+FN8"))
+        return Timing(whole, processor, float(re.search(r"Trace Time:.*?\(([\d.]+) seconds\)", said)[1]))
 
     def image(self, scene, setting, seed=0, scale=1):
         """Returns the image of a 16-bit PPM; with a scale, the means over as many pixels each way of a larger one."""
@@ -66,9 +66,9 @@ class Povray(Renderer):
 
         POV-Ray's jitter has no seed, and its grids end at 9 x 9.
         """
-        scale = round(spp**0.5 / MAX_SIDE)
+        scale = max(2, round(spp**0.5 / MAX_SIDE))
         setting = Setting("jittered grid", MAX_SIDE**2)
-        smaller, larger = (self.image(scene, setting, scale=each) for each in [max(1, scale - 1), scale])
+        smaller, larger = (self.image(scene, setting, scale=each) for each in [scale - 1, scale])
         return larger, error.rmse(smaller, larger) / 2
 
 

@@ -61,8 +61,8 @@ class Whit(Renderer):
     def process(self, scene, setting):
         """Returns whit's timing; `--stats`, which costs a little, says what the render phase took."""
         stats = self.folder / "stats.json"
-        whole, _ = session.run([*self.command(setting, self.folder / "image.png"), "--stats", str(stats)])
-        return Timing(whole, json.loads(stats.read_text())["seconds"]["render"])
+        whole, processor, _ = session.run([*self.command(setting, self.folder / "image.png"), "--stats", str(stats)])
+        return Timing(whole, processor, json.loads(stats.read_text())["seconds"]["render"])
 
     def image(self, scene, setting, seed=0):
         """Returns the image of an EXR."""

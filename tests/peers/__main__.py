@@ -38,10 +38,13 @@ def main():
             continue
         print(f"{name}: {scene.about}", flush=True)
         renderers = opened(scene, folder, [whit, *(peers[peer] for peer in scene.peers if peer in peers)], results)
-        results["scenes"][name] = measured(scene, renderers, results["turns"], chosen)
-        for renderer in renderers:
-            results["versions"].update(renderer.versions())
-            renderer.close()
+        try:
+            results["scenes"][name] = measured(scene, renderers, results["turns"], chosen)
+            for renderer in renderers:
+                results["versions"].update(renderer.versions())
+        finally:
+            for renderer in renderers:
+                renderer.close()
         report.write(results, chosen.out)
     print(f"{chosen.out}/results.md")
 

@@ -25,7 +25,8 @@ class Entry:
 def by_turns(turns, entries, measure, seed):
     """Appends `measure(entry)` to each entry's timings, once a turn."""
     order = random.Random(seed)
-    for _ in range(turns):
+    for turn in range(turns):
+        print(f"  turn {turn + 1} of {turns}: {len(entries)} timings", flush=True)
         for entry in order.sample(entries, len(entries)):
             entry.timings.append(measure(entry))
 

@@ -104,7 +104,8 @@ def equal_error(scene, renderers, known, turns):
             rows.append({"target": target, "renderer": name, "sampler": sampler, "whole": None, "processor": None})
             rows[-1]["render"] = reached(ladder, target, float)
             rows[-1]["points"] = [
-                {"amount": entry.setting.amount, "error": entry.error, "render": entry.timings} for entry in bracket(ladder, target)
+                {"amount": entry.setting.amount, "error": entry.error, "render": entry.timings}
+                for entry in bracket(ladder, target)
             ]
 
     # Whole processes of the best sampler of each

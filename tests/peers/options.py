@@ -34,7 +34,13 @@ def parse(arguments):
     )
     parser.add_argument("--peers", nargs="+", choices=PEERS, default=PEERS, help="renderers to hold whit against")
     parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES, help="scenes to render")
-    parser.add_argument("--size", type=int, default=1024, metavar="PIXELS", help="width and height; of the analytic scene twice that of the image [default: %(default)s]")
+    parser.add_argument(
+        "--size",
+        type=int,
+        default=1024,
+        metavar="PIXELS",
+        help="width and height; the analytic scene has half of it [default: %(default)s]",
+    )
     chosen = parser.parse_args(arguments)
     chosen.environments = chosen.environments or chosen.out / "environments"
     for name in ["out", "whit", "mesh", "assets", "environments"]:

@@ -114,5 +114,6 @@ def error_table(scene):
     if not rows:
         return ""
     head = ["error", "renderer", "between"]
-    head += [word for kind in ["render phase", "whole process", "its processor time"] for word in [f"{kind}, s", "over whit's best"]]
+    for kind in ["render phase", "whole process", "its processor time"]:
+        head += [f"{kind}, s", "over whit's best"]
     return "\nEqual displayed error:\n" + table(head, rows)

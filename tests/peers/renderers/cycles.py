@@ -9,7 +9,10 @@ from peers.session import Session
 
 WORKER = Path(__file__).resolve().parents[1] / "workers/cycles_worker.py"
 # Libraries that `bpy` loads and does not bring.
-LIBRARIES = ["libx11-6", "libxrender1", "libxxf86vm1", "libxfixes3", "libxi6", "libxkbcommon0", "libsm6", "libice6", "libgl1", "libegl1"]
+LIBRARIES = [
+    *["libx11-6", "libxrender1", "libxxf86vm1", "libxfixes3", "libxi6", "libxkbcommon0"],
+    *["libsm6", "libice6", "libgl1", "libegl1"],
+]
 
 
 class Cycles(Renderer):

@@ -170,16 +170,19 @@ impl SampleLayout {
     ) -> [Lanes<f64>; 2] {
         let mut position = [[0.0; LANES]; 2];
         let purpose = Purpose::FILM.seeded(seed);
-        let seed: Lanes<u32> = std::array::from_fn(|l| sobol::seed([x[l], y[l]], purpose.0));
+        let mut seeds = [0; LANES];
+        for l in 0..LANES {
+            seeds[l] = sobol::seed([x[l], y[l]], purpose.0);
+        }
         // Scramble Sobol points, or jitter within the shared cells
         if self.pattern == Pattern::Sobol {
             for l in 0..LANES {
-                [position[0][l], position[1][l]] = sobol::point(group.sample[l], seed[l]);
+                [position[0][l], position[1][l]] = sobol::point(group.sample[l], seeds[l]);
             }
         } else {
             for l in 0..LANES {
                 let cell = [group.position[0][l], group.position[1][l]];
-                [position[0][l], position[1][l]] = self.jittered(cell, group.sample[l], seed[l]);
+                [position[0][l], position[1][l]] = self.jittered(cell, group.sample[l], seeds[l]);
             }
         }
         position

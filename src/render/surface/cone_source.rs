@@ -13,14 +13,3 @@ pub(in crate::render) enum ConeSource<'a> {
     /// No cones, so that textures are not filtered.
     None,
 }
-
-impl ConeSource<'_> {
-    /// Returns the cone of lane `l` at its ray origin.
-    pub(in crate::render) fn at_start(&self, l: usize) -> RayCone {
-        match self {
-            ConeSource::Camera(cone) => *cone,
-            ConeSource::Paths(path_states) => path_states.cone(l),
-            ConeSource::None => RayCone::default(),
-        }
-    }
-}

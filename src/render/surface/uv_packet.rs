@@ -164,14 +164,26 @@ impl FootprintPacket {
 #[inline(always)]
 fn cone_widths(packet: &RayPacket, widths: ConeSource) -> Lanes<f64> {
     let d = &packet.direction;
-    let mut lengths = [0.0; LANES];
+    let mut distances = [0.0; LANES];
     for l in 0..LANES {
-        lengths[l] = (d[0][l] * d[0][l] + d[1][l] * d[1][l] + d[2][l] * d[2][l]).sqrt();
+        let length = (d[0][l] * d[0][l] + d[1][l] * d[1][l] + d[2][l] * d[2][l]).sqrt();
+        distances[l] = f64::from(packet.t_far[l]) * f64::from(length);
     }
-    std::array::from_fn(|l| {
-        let distance = f64::from(packet.t_far[l]) * f64::from(lengths[l]);
-        widths.at_start(l).after(distance).width.abs()
-    })
+    let mut out = [0.0; LANES];
+    match widths {
+        ConeSource::None => {}
+        ConeSource::Camera(cone) => {
+            for l in 0..LANES {
+                out[l] = cone.after(distances[l]).width.abs();
+            }
+        }
+        ConeSource::Paths(path_states) => {
+            for l in 0..LANES {
+                out[l] = path_states.cone(l).after(distances[l]).width.abs();
+            }
+        }
+    }
+    out
 }
 
 /// Returns the edges of the hit triangles from their first corners, in world space.

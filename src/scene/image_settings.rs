@@ -32,8 +32,8 @@ pub const MAX_FILTER_RADIUS: f64 = 4.0;
 
 /// Pattern by which the samples of a pixel are spread over it.
 ///
-/// Sobol points are the default, because they have the least error per sample and per second (figures in `whit help
-/// sampling`, measured by `tests/it/image/sampling.rs`).
+/// Sobol points are the default, because they reach a given error soonest on most scenes (figures in `whit help
+/// sampling`, measured by the benchmark `default_settings`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "kebab-case")]

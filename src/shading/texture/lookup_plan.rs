@@ -79,7 +79,7 @@ pub(super) struct LookupPlan {
 pub(super) struct Taps {
     /// Index of the texel in the first column, in each of the two rows.
     pub(super) first: [Lanes<u32>; 2],
-    /// What to add to these indices, wrapping, for the second column: 1 except at the edges of the image.
+    /// Wrapping step from these indices to those of the second column: 1 except at the edges of the image.
     pub(super) step: Lanes<u32>,
     /// Weight of the second column.
     pub(super) across: Lanes<f32>,

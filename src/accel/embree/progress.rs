@@ -17,6 +17,8 @@ pub(super) struct Stage<'a> {
     report: Option<&'a (dyn Fn(f64) + Sync)>,
     from: f64,
     to: f64,
+    /// Largest fraction reported: Embree calls from several threads, not always in order.
+    reported: Mutex<f64>,
     panic: Mutex<Option<Box<dyn Any + Send>>>,
 }
 
@@ -45,6 +47,7 @@ impl<'a> BuildProgress<'a> {
             report: self.report,
             from,
             to: fraction(self.done),
+            reported: Mutex::new(from),
             panic: Mutex::new(None),
         }
     }
@@ -76,6 +79,11 @@ pub(super) unsafe extern "C" fn on_progress(stage: *mut c_void, fraction: f64) -
         return true;
     };
     let fraction = stage.from + fraction.clamp(0.0, 1.0) * (stage.to - stage.from);
+    let mut reported = stage.reported.lock().unwrap_or_else(|e| e.into_inner());
+    if fraction < *reported {
+        return true;
+    }
+    *reported = fraction;
     match panic::catch_unwind(AssertUnwindSafe(|| report(fraction))) {
         Ok(()) => true,
         Err(payload) => {
@@ -86,5 +94,30 @@ pub(super) unsafe extern "C" fn on_progress(stage: *mut c_void, fraction: f64) -
                 .get_or_insert(payload);
             false
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reports_that_arrive_out_of_order_are_dropped() {
+        let reported = Mutex::new(Vec::new());
+        let report = |fraction: f64| reported.lock().unwrap().push(fraction);
+        let mut progress = BuildProgress::new(Some(&report), 4);
+        for count in [1, 3] {
+            let stage = progress.stage(count);
+            let data = (&raw const stage).cast_mut().cast();
+            for fraction in [0.5, 1.0, 0.9] {
+                // SAFETY: `data` points to the stage, which is alive.
+                assert!(unsafe { on_progress(data, fraction) });
+            }
+            stage.finish();
+        }
+        assert_eq!(
+            reported.into_inner().unwrap(),
+            [0.125, 0.25, 0.25, 0.625, 1.0, 1.0]
+        );
     }
 }

@@ -12,7 +12,7 @@ use super::error::BenchError;
 use super::options::MeasuredScene;
 use crate::accel::{self, Accel, AccelOptions, Backend};
 use crate::image::metrics::{Metrics, Tally, Viewing};
-use crate::measure::{Blocks, Interval, Observer, Protocol};
+use crate::measure::{Blocks, Interval, Observer, Protocol, TurnTime};
 use crate::render::{RenderSettings, TileSample, render_sample, tile_count};
 use crate::scene::Effect;
 
@@ -181,7 +181,8 @@ pub fn ablation_study(
     let control = variants.len();
     let blocks = Blocks::measure(control + 1, &protocol, &progress, |candidate, _| {
         let variant = variants.get(candidate).unwrap_or(&variants[0]);
-        Ok::<_, BenchError>(sampler.render(&variant.settings)?.seconds())
+        let sample = sampler.render(&variant.settings)?;
+        Ok::<_, BenchError>(TurnTime::of_seconds(sample.seconds()))
     })?;
     // The noise is the difference between the two measurements of the planned image
     let change = |candidate| Interval::of_median(&blocks.ratios(candidate, 0)).map(|ratio| ratio - 1.0);

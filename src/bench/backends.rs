@@ -67,6 +67,7 @@ pub fn measure_backends(
                 mismatches: differ.wrong,
                 ties: differ.ties,
                 threads: options.pool.current_num_threads(),
+                waiting: times.waiting(),
                 embree: report.embree,
                 frame: times.frame(index),
                 scaling: (1..ways)

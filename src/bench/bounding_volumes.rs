@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::error::{BenchError, check};
 use super::options::{BenchOptions, MeasuredScene};
 use super::ray_workload::{RayKind, RayWorkload};
-use super::replay::{Engine, Mode, replay_seconds};
+use super::replay::{Engine, whole_replay_time};
 use crate::accel::bsp::BspAccel;
 use crate::accel::extents::{
     BoundingVolumeCounts, BoundingVolumeKind, ListAccel, ListLimits, Spheres, Tally, TileCulledAccel,
@@ -147,7 +147,7 @@ pub fn measure_bounding_volumes(
 fn rays_within_budget(list: &ListAccel, set: &RayWorkload) -> RayWorkload {
     // The shortest of three times, so that an interruption does not leave too few rays.
     let seconds = |some: &RayWorkload| {
-        let timings = (0..3).map(|_| replay_seconds(Engine::Accel(list), some, Mode::Packet));
+        let timings = (0..3).map(|_| whole_replay_time(Engine::Accel(list), some).processor);
         timings.fold(f64::INFINITY, f64::min)
     };
     let mut most = 1;
@@ -242,9 +242,9 @@ fn measure(
     set: &RayWorkload,
     options: &BenchOptions,
 ) -> Result<Vec<BoundingVolumeRow>, BenchError> {
-    let blocks = options.blocks("replay", candidates.len(), |index| {
+    let blocks = options.blocks("replay", (candidates.len(), 1), |index, _| {
         let engine = Engine::Accel(candidates[index].accel());
-        Ok(replay_seconds(engine, set, Mode::Packet))
+        Ok(whole_replay_time(engine, set))
     })?;
     // Compare the results with those of the first candidate
     let mut rows = Vec::new();
@@ -255,7 +255,7 @@ fn measure(
         let (results, tally) = candidate.results(set);
         let reference = reference.get_or_insert_with(|| results.clone());
         let time = Interval::of_extremes(&blocks.ratios(index, 0));
-        let seconds = Interval::of_extremes(&blocks.seconds(index)).value;
+        let seconds = Interval::of_extremes(&blocks.processor_seconds(index)).value;
         rows.push(BoundingVolumeRow {
             scene: name.into(),
             rays: set.kind,

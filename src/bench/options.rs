@@ -4,7 +4,7 @@ use rayon::ThreadPool;
 
 use super::error::{BenchError, check};
 use crate::accel::AccelOptions;
-use crate::measure::{Blocks, Observer, Protocol};
+use crate::measure::{Blocks, Observer, Protocol, TurnTime};
 use crate::render::RenderSettings;
 use crate::scene::{Camera, ValidScene};
 
@@ -40,18 +40,21 @@ pub struct BenchOptions<'a> {
 }
 
 impl BenchOptions<'_> {
-    /// Measures `candidates` candidates, each once per repetition: `turn` returns the seconds of one.
+    /// Measures `candidates` candidates, each once per repetition, in `parts` parts between which all others have their
+    /// turns, so that a change of the machine's speed affects all alike: `turn` receives the candidate and the part, and
+    /// returns the time.
     pub(super) fn blocks(
         &self,
         step: &str,
-        candidates: usize,
-        mut turn: impl FnMut(usize) -> Result<f64, BenchError>,
+        (candidates, parts): (usize, usize),
+        mut turn: impl FnMut(usize, usize) -> Result<TurnTime, BenchError>,
     ) -> Result<Blocks, BenchError> {
-        let protocol = Protocol::of_blocks(self.repeat, SEED);
+        let protocol = Protocol::of_blocks(self.repeat * parts, SEED);
         let progress = |fraction| (self.observer.progress)(step, fraction);
-        Blocks::measure(candidates, &protocol, &progress, |candidate, _| {
+        let blocks = Blocks::measure(candidates, &protocol, &progress, |candidate, block| {
             check(self.observer)?;
-            turn(candidate)
-        })
+            turn(candidate, block % parts)
+        })?;
+        Ok(blocks.summed(parts))
     }
 }

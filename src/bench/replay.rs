@@ -2,7 +2,6 @@
 
 use std::fmt;
 use std::hint::black_box;
-use std::time::Instant;
 
 use rayon::ThreadPool;
 use serde::Serialize;
@@ -12,6 +11,7 @@ use super::ray_workload::{BATCH_PACKETS, RayKind, RayWorkload};
 use crate::accel::embree::EmbreeAccel;
 use crate::accel::hit_compare::{self, HitComparison};
 use crate::accel::{Accel, Coherence, LANES, RayPacket};
+use crate::measure::{Stopwatch, TurnTime};
 use crate::parallel;
 use crate::scene::Scene;
 use crate::verify::compare_shadow;
@@ -20,6 +20,8 @@ use crate::verify::compare_shadow;
 const CHUNK_PACKETS: usize = 8;
 /// Smallest number of parts per thread that the packets are divided into, if the parts are no smaller than a batch.
 const SHARES: usize = 16;
+/// Number of parts that a replay is divided into.
+pub(super) const PARTS: usize = 16;
 
 /// Grouping in which rays are passed to the backend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
@@ -80,25 +82,53 @@ impl Engine<'_> {
     }
 }
 
-/// Returns the seconds that `engine` takes for all rays of `set` on this thread, copying of the packets included.
-pub(super) fn replay_seconds(engine: Engine, set: &RayWorkload, mode: Mode) -> f64 {
+/// Returns the time that `engine` takes for a part of `set` on this thread, copying of the packets included; the parts
+/// add up to the time of the set.
+pub(super) fn replay_time(engine: Engine, (set, part): (&RayWorkload, usize), mode: Mode) -> TurnTime {
     let mut scratch = scratch(mode);
-    let start = Instant::now();
-    replay(engine, set, &set.packets, &mut scratch);
-    start.elapsed().as_secs_f64()
+    let (packets, weight) = part_of(set, part);
+    let watch = Stopwatch::start();
+    replay(engine, set, packets, &mut scratch);
+    watch.time() * weight
 }
 
-/// Returns the seconds for all rays of `set`, shared among the threads of `pool`; see [`replay_seconds`].
-pub(super) fn shared_replay_seconds(pool: &ThreadPool, engine: Engine, set: &RayWorkload, mode: Mode) -> f64 {
+/// Returns the time that `engine` takes for packets of 16 rays, all of `set`, on this thread.
+pub(super) fn whole_replay_time(engine: Engine, set: &RayWorkload) -> TurnTime {
+    let watch = Stopwatch::start();
+    replay(engine, set, &set.packets, &mut scratch(Mode::Packet));
+    watch.time()
+}
+
+/// Returns the packets of a part of `set`, and the weight of their time. Each part of a small set is the whole set: times
+/// of a few microseconds vary.
+fn part_of(set: &RayWorkload, part: usize) -> (&[RayPacket], f64) {
+    let count = set.packets.len();
+    if count < PARTS * BATCH_PACKETS {
+        return (&set.packets, 1.0 / PARTS as f64);
+    }
+    (
+        &set.packets[part * count / PARTS..(part + 1) * count / PARTS],
+        1.0,
+    )
+}
+
+/// Returns the time for a part of `set`, shared among the threads of `pool`; see [`replay_time`].
+pub(super) fn shared_replay_time(
+    pool: &ThreadPool,
+    engine: Engine,
+    (set, part): (&RayWorkload, usize),
+    mode: Mode,
+) -> TurnTime {
+    let (packets, weight) = part_of(set, part);
     // Parts are small enough that every thread takes several, even if the threads differ in speed.
-    let share = (set.packets.len() / (SHARES * pool.current_num_threads())).max(BATCH_PACKETS);
-    let shares: Vec<&[RayPacket]> = set.packets.chunks(share).collect();
+    let share = (packets.len() / (SHARES * pool.current_num_threads())).max(BATCH_PACKETS);
+    let shares: Vec<&[RayPacket]> = packets.chunks(share).collect();
     parallel::install(pool, || {
-        let start = Instant::now();
+        let watch = Stopwatch::start();
         parallel::for_each(shares.len(), &|index| {
             replay(engine, set, shares[index], &mut scratch(mode));
         });
-        start.elapsed().as_secs_f64()
+        watch.time() * weight
     })
 }
 

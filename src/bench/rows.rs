@@ -26,7 +26,7 @@ pub struct BenchRow {
     pub rays: RayKind,
     /// Grouping of the rays per call.
     pub mode: Mode,
-    /// Million rays per second on one thread: the median over the repetitions.
+    /// Million rays per second of processor time on one thread: the median over the repetitions.
     pub mrays_per_s: f64,
     /// Million rays per second of the slowest repetition.
     pub mrays_per_s_min: f64,
@@ -49,6 +49,8 @@ pub struct BenchRow {
     pub ties: u64,
     /// Number of threads of the build.
     pub threads: usize,
+    /// Fraction of its time in which a calibration kernel waited for a processor: other programs used it.
+    pub waiting: f64,
     /// Identity of the Embree library, where it is the backend.
     pub embree: Option<EmbreeIdentity>,
     /// Time of the whole frame on one thread, where raw packets were timed: with Embree at this precision, otherwise
@@ -100,7 +102,7 @@ pub struct ScaledBuild {
 /// Time of the render loop, compared with bare traces of equal rays.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct FrameTime {
-    /// Median wall-clock seconds of the render phase on one thread.
+    /// Median processor seconds of the render phase on one thread.
     pub seconds: f64,
     /// Number of rays of the frame.
     pub rays: u64,

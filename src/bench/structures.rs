@@ -1,7 +1,5 @@
 //! Acceleration structures of a benchmark, the times of building them, and the ways of tracing rays through them.
 
-use std::time::Instant;
-
 use rayon::ThreadPool;
 
 use super::error::{BenchError, check};
@@ -11,7 +9,7 @@ use crate::accel::bsp::BspAccel;
 #[cfg(feature = "embree")]
 use crate::accel::embree::EmbreeAccel;
 use crate::accel::{Accel, AccelError, AccelOptions, Backend, Instancing, Kernel, Precision};
-use crate::measure::Blocks;
+use crate::measure::{Blocks, Stopwatch, TurnTime};
 use crate::parallel;
 use crate::scene::Scene;
 
@@ -130,19 +128,19 @@ impl<'s> Structure<'s> {
         })
     }
 
-    /// Builds the structure again, drops it, and returns the seconds.
-    fn rebuild_seconds(&self, scene: &Scene, pool: &ThreadPool) -> Result<f64, BenchError> {
+    /// Builds the structure again, drops it, and returns the time of the build.
+    fn rebuild_time(&self, scene: &Scene, pool: &ThreadPool) -> Result<TurnTime, BenchError> {
         let options = AccelOptions {
             threads: pool.current_num_threads(),
             ..self.options.clone()
         };
-        let (built, seconds) = parallel::install(pool, || {
-            let start = Instant::now();
+        let (built, time) = parallel::install(pool, || {
+            let watch = Stopwatch::start();
             let built = TypedAccel::new(scene, self.backend, &options);
-            (built, start.elapsed().as_secs_f64())
+            (built, watch.time())
         });
         built?;
-        Ok(seconds)
+        Ok(time)
     }
 
     pub(super) fn accel(&self) -> &dyn Accel {
@@ -199,9 +197,9 @@ pub(super) fn time_builds(
     options: &BenchOptions,
 ) -> Result<Blocks, BenchError> {
     let pools: Vec<&ThreadPool> = [options.pool].into_iter().chain(options.scaling).collect();
-    options.blocks("build", structures.len() * pools.len(), |candidate| {
+    options.blocks("build", (structures.len() * pools.len(), 1), |candidate, _| {
         let pool = pools[candidate % pools.len()];
-        structures[candidate / pools.len()].rebuild_seconds(scene, pool)
+        structures[candidate / pools.len()].rebuild_time(scene, pool)
     })
 }
 

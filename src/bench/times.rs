@@ -3,11 +3,11 @@
 use super::error::BenchError;
 use super::options::{BenchOptions, MeasuredScene};
 use super::ray_workload::{RayKind, RayWorkload};
-use super::replay::{Mode, replay_seconds, shared_replay_seconds};
+use super::replay::{Mode, PARTS, replay_time, shared_replay_time};
 use super::rows::FrameTime;
 use super::structures::{Contestant, Structure};
 use crate::accel::Backend;
-use crate::measure::{Blocks, Interval};
+use crate::measure::{Blocks, Interval, Stopwatch, TurnTime};
 use crate::parallel;
 use crate::render::{RenderProfile, RenderSettings, render};
 
@@ -52,26 +52,35 @@ impl<'m> Times<'m> {
             .filter(renders_frame)
             .map(|index| (index, Vec::new()))
             .collect();
-        let blocks = options.blocks("replay", replay_count + frames.len(), |candidate| {
-            // Render a frame
-            if let Some(frame) = candidate.checked_sub(replay_count) {
-                let (contestant, profiles) = &mut frames[frame];
-                let accel = structures[contestants[*contestant].structure].accel();
-                let monitor = options.observer.monitor();
-                let render = || render(measured.scene, measured.camera, accel, &settings, &monitor);
-                let profile = parallel::install(&single, render)?.ledger;
-                let seconds = profile.seconds;
-                profiles.push(profile);
-                return Ok(seconds);
-            }
-            // Replay a ray set on one thread or on several
-            let Contestant { engine, mode, .. } = contestants[candidate / ways % contestants.len()];
-            let set = &sets[candidate / (ways * contestants.len())];
-            Ok(match (candidate % ways).checked_sub(1) {
-                None => replay_seconds(engine, set, mode),
-                Some(pool) => shared_replay_seconds(&options.scaling[pool], engine, set, mode),
-            })
-        })?;
+        let blocks = options.blocks(
+            "replay",
+            (replay_count + frames.len(), PARTS),
+            |candidate, part| {
+                // Render a frame, undivided
+                if let Some(frame) = candidate.checked_sub(replay_count) {
+                    if part > 0 {
+                        return Ok(TurnTime::of_seconds(0.0));
+                    }
+                    let (contestant, profiles) = &mut frames[frame];
+                    let accel = structures[contestants[*contestant].structure].accel();
+                    let monitor = options.observer.monitor();
+                    let render = || render(measured.scene, measured.camera, accel, &settings, &monitor);
+                    let watch = Stopwatch::start();
+                    let profile = parallel::install(&single, render)?.ledger;
+                    let whole = watch.time();
+                    let time = whole.without(whole.elapsed - profile.seconds);
+                    profiles.push(profile);
+                    return Ok(time);
+                }
+                // Replay a part of a ray set on one thread or on several
+                let Contestant { engine, mode, .. } = contestants[candidate / ways % contestants.len()];
+                let set = &sets[candidate / (ways * contestants.len())];
+                Ok(match (candidate % ways).checked_sub(1) {
+                    None => replay_time(engine, (set, part), mode),
+                    Some(pool) => shared_replay_time(&options.scaling[pool], engine, (set, part), mode),
+                })
+            },
+        )?;
         Ok(Times {
             sets,
             contestants,
@@ -82,18 +91,26 @@ impl<'m> Times<'m> {
     }
 
     /// Returns million rays per second of a set through a contestant, with the slowest and the fastest repetition:
-    /// `way` 0 is one thread, the others are the pools of the scaling measurement.
+    /// `way` 0 is one thread by its processor time, the others are the pools of the scaling measurement by the clock.
     pub(super) fn speed(&self, set: usize, contestant: usize, way: usize) -> Interval {
         let candidate = (set * self.contestants.len() + contestant) * self.ways + way;
         let ray_count = self.sets[set].ray_count as f64;
         // The longest time is the smallest speed, and the median of an even count is that of the times
         let speed = |seconds: f64| ray_count * 1e-6 / seconds;
-        let seconds = Interval::of_extremes(&self.blocks.seconds(candidate));
+        let seconds = Interval::of_extremes(&match way {
+            0 => self.blocks.processor_seconds(candidate),
+            _ => self.blocks.seconds(candidate),
+        });
         Interval {
             value: speed(seconds.value),
             low: speed(seconds.high),
             high: speed(seconds.low),
         }
+    }
+
+    /// Returns the fraction of its time in which the calibration kernel waited for a processor.
+    pub(super) fn waiting(&self) -> f64 {
+        self.blocks.timing(0.0, 0.0).waiting
     }
 
     /// Returns the time of the frame with one contestant, or with the first if it has none, relative to the first
@@ -122,7 +139,7 @@ impl<'m> Times<'m> {
             .sum();
         // Compare the medians
         let replay_count = self.sets.len() * self.contestants.len() * self.ways;
-        let seconds = Interval::of_extremes(&self.blocks.seconds(replay_count + frame)).value;
+        let seconds = Interval::of_extremes(&self.blocks.processor_seconds(replay_count + frame)).value;
         let trace_shares: Vec<f64> = profiles
             .iter()
             .map(|profile| profile.trace_seconds() / profile.seconds)

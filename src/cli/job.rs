@@ -32,6 +32,8 @@ pub(super) struct RenderJob {
     /// Target of the search for settings, if there is one.
     pub(super) aim: Option<SettingsSearch>,
     pub(super) stats: Option<StatsDestination>,
+    /// True if the error of the finished image is estimated; a search measures it anyway.
+    pub(super) estimates_error: bool,
 }
 
 /// Scene file and the image file that it is rendered to.
@@ -169,6 +171,7 @@ impl RenderJob {
             heat: args.heat.clone(),
             camera: args.camera.clone(),
             pose: args.moment.pose(),
+            estimates_error: aim.is_none() && (stats.is_some() || !args.quiet),
             aim,
             stats,
         };

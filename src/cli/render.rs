@@ -13,6 +13,7 @@ use whit::image::{self, Attribute, ImageChannel, ImageFormat, PngEncoding, ToneM
 use whit::parallel;
 use whit::render::{self, FinishedTile, Monitor, RenderSettings, Rendering};
 use whit::report::cost::AimText;
+use whit::report::image_error::ImageErrorText;
 use whit::report::stats::{
     AccelStats, CutoffStats, ImageStats, LedgerStats, PhaseSeconds, RayCounts, RenderStats, SceneStats,
     effect_stats,
@@ -140,15 +141,15 @@ fn render_one(
     progress.phase(&name, "render");
     let (rendering, render_seconds) = timed(|| {
         let backend = request.backend();
-        let projected = ProjectedAccel::new((&*accel, backend), (&scene, camera), &resolved.settings);
+        let gain = f64::from(resolved.tone.exposure_ev).exp2();
+        let settings = RenderSettings {
+            error_gain: job.estimates_error.then_some(gain),
+            ..resolved.settings
+        };
+        let projected = ProjectedAccel::new((&*accel, backend), (&scene, camera), &settings);
         let size = [resolved.settings.width, resolved.settings.height];
         let live = viewer.map(|viewer| Live::begin(viewer, &image_name, size));
-        trace(
-            &resolved.settings,
-            (valid, camera),
-            projected.accel(),
-            (progress, live),
-        )
+        trace(&settings, (valid, camera), projected.accel(), (progress, live))
     })?;
     seconds.render = render_seconds;
     seconds.trace = rendering.ledger.trace_seconds();
@@ -183,6 +184,9 @@ fn render_one(
     seconds.write = write_seconds;
     seconds.total = start.elapsed().as_secs_f64();
     print_finished(target, (&rendering, seconds.total), progress)?;
+    if let Some(error) = &rendering.error {
+        progress.result(&format!("{}\n", ImageErrorText(error)))?;
+    }
     let reached = match &aimed {
         Some((_, findings)) => print_tuning(findings, (&rendering, seconds.render), progress)?,
         None => true,
@@ -407,6 +411,7 @@ fn stats(
         effects: effect_stats(rendering),
         ledger: LedgerStats::of(&rendering.ledger, &rendering.memory),
         subsurface: rendering.subsurface,
+        error: rendering.error,
         accel: AccelStats {
             bytes: report.bytes,
             peak_bytes: report.peak_bytes,

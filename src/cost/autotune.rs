@@ -157,11 +157,11 @@ impl Workspace<'_, '_> {
         let blocks = Blocks::measure(2, &protocol, &|_| {}, |who, block| {
             self.report_step("choose");
             let turn = if who == 0 { base } else { configuration };
-            let (rendering, seconds) = self.render_image(turn, layout.view, seed + block as u32)?;
+            let (rendering, time) = self.render_image(turn, layout.view, seed + block as u32)?;
             if who == 1 {
                 sums.add(&reference.halves, &self.displayed(&rendering.image, layout.view));
             }
-            Ok::<f64, CostError>(seconds)
+            Ok::<_, CostError>(time)
         })?;
         let error: ErrorEstimate = sums.estimate(&reference.halves, u64::from(seed));
         Ok(Trial {

@@ -140,7 +140,7 @@ impl Workspace<'_, '_> {
         let small = self.choose_view(PILOT_PIXELS[0]);
         // The very first image includes page faults and cold caches, so that it is not counted.
         self.render_image(base, small, 0)?;
-        let unit = self.render_image(base, small, 0)?.1 / area(self.size_of(small));
+        let unit = self.render_image(base, small, 0)?.1.elapsed / area(self.size_of(small));
         match self.experiment.target {
             None => self.plan_study(plan, strict, unit),
             Some(target) => {
@@ -257,7 +257,7 @@ impl Workspace<'_, '_> {
     fn block_of(&self, candidates: &[Candidate], view: View) -> Result<f64, CostError> {
         let mut seconds = 0.0;
         for candidate in candidates {
-            seconds += self.render_image(&candidate.configuration, view, 0)?.1;
+            seconds += self.render_image(&candidate.configuration, view, 0)?.1.elapsed;
             self.report_step("pilot");
         }
         Ok(seconds / area(self.size_of(view)))
@@ -271,7 +271,7 @@ impl Workspace<'_, '_> {
             let mut configuration = strict.with_path(path);
             configuration.settings.spp = PILOT_SPP;
             let (rendering, taken) = self.render_image(&configuration, view, seed)?;
-            seconds += taken;
+            seconds += taken.elapsed;
             Ok(rendering.image)
         };
         let [a, b] = [half(strict.path, 1)?, half(HitPath::BSP, 2)?];

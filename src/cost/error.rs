@@ -271,6 +271,14 @@ impl ImageSums {
         variance.sum()
     }
 
+    /// Returns the squared error of one image in each block, summed over its pixels and channels.
+    pub fn block_squares(&self) -> Vec<f64> {
+        self.products
+            .iter()
+            .map(|product| product / self.count as f64)
+            .collect()
+    }
+
     /// Returns the error of one image. With a single image all of the error may be bias.
     pub fn estimate(&self, halves: &SplitReference, seed: u64) -> ErrorEstimate {
         let count = self.count as f64;

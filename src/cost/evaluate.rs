@@ -6,8 +6,8 @@ use super::measure::Measured;
 use super::view::View;
 use super::workspace::Workspace;
 use super::{
-    Configuration, Curve, HitPath, Interval, Knob, ParetoPoint, Point, Reference, Study, StudyResult, front,
-    slope,
+    Configuration, Curve, HitPath, ImageSums, Interval, Knob, ParetoPoint, Point, Reference, Study,
+    StudyResult, front, slope,
 };
 use crate::image::metrics::{Metrics, Tally, Viewing};
 use crate::parallel;
@@ -79,6 +79,14 @@ impl Workspace<'_, '_> {
         for (point, on_front) in points.iter_mut().zip(front(&places)) {
             point.on_front = on_front;
         }
+        // Fit the fall of the errors by their blocks of pixels
+        let squares: Vec<Vec<f64>> = measured.errors.iter().map(ImageSums::block_squares).collect();
+        let slope_of = |places: &[usize]| {
+            let chosen = places
+                .iter()
+                .map(|&place| (points[place].time_ratio, &squares[place][..]));
+            slope(&chosen.collect::<Vec<_>>())
+        };
         // Assemble the study
         let study = Study {
             size: self.size_of(layout.view),
@@ -94,7 +102,7 @@ impl Workspace<'_, '_> {
                 checks: Vec::new(),
             },
             timing: measured.blocks.timing(self.spent(), self.experiment.budget),
-            curves: curves(&points),
+            curves: curves(&points, &slope_of),
             choice: None,
             points,
         };
@@ -118,8 +126,9 @@ impl Workspace<'_, '_> {
     }
 }
 
-/// Returns a curve for every graded knob, the base included, in order of time.
-fn curves(points: &[Point]) -> Vec<Curve> {
+/// Returns a curve for every graded knob, the base included, in order of time; `slope_of` returns the slope through some
+/// of the points.
+fn curves(points: &[Point], slope_of: &dyn Fn(&[usize]) -> Option<Interval>) -> Vec<Curve> {
     let graded = Knob::ALL.into_iter().filter(|knob| knob.is_graded());
     graded
         .filter_map(|knob| {
@@ -133,25 +142,22 @@ fn curves(points: &[Point]) -> Vec<Curve> {
             places.sort_by(|&a, &b| points[a].seconds.value.total_cmp(&points[b].seconds.value));
             Some(Curve {
                 knob,
-                slope: slope(&falling(points, &places)),
+                slope: slope_of(falling(points, &places)),
                 points: places,
             })
         })
         .collect()
 }
 
-/// Returns times and errors of `places`, which are in order of time, up to the first with the smallest error within its
-/// interval: later levels take longer without less error.
-fn falling(points: &[Point], places: &[usize]) -> Vec<(f64, f64)> {
+/// Returns those of `places`, which are in order of time, up to the first with the smallest error within its interval:
+/// later levels take longer without less error.
+fn falling<'p>(points: &[Point], places: &'p [usize]) -> &'p [usize] {
     let least = places
         .iter()
         .map(|&place| points[place].rmse.high)
         .fold(f64::INFINITY, f64::min);
     let first = places.iter().position(|&place| points[place].rmse.low <= least);
-    let fall = &places[..first.map_or(places.len(), |first| first + 1)];
-    fall.iter()
-        .map(|&place| (points[place].time_ratio.value, points[place].rmse.value))
-        .collect()
+    &places[..first.map_or(places.len(), |first| first + 1)]
 }
 
 #[cfg(test)]
@@ -181,10 +187,14 @@ mod tests {
             point(depth, 32.0, 0.126),
             point(Some(Knob::Pattern), 32.0, 0.01),
         ];
-        let curves = curves(&points);
+        let slope_of = |places: &[usize]| {
+            assert_eq!(places, [1, 2, 3, 0]);
+            Some(Interval::exact(-1.0))
+        };
+        let curves = curves(&points, &slope_of);
         let names: Vec<Knob> = curves.iter().map(|curve| curve.knob).collect();
         assert_eq!(names, [Knob::Depth], "patterns are in no order");
         assert_eq!(curves[0].points, [1, 2, 3, 0, 4, 5]);
-        assert!((curves[0].slope.unwrap().value + 1.0).abs() < 1e-12);
+        assert_eq!(curves[0].slope, Some(Interval::exact(-1.0)));
     }
 }

@@ -70,10 +70,10 @@ impl Workspace<'_, '_> {
             let seconds = blocks.add(protocol.seed, |candidate, block| {
                 self.report_step("measure");
                 let configuration = &layout.candidates[candidate].configuration;
-                let (rendering, seconds) = self.render_image(configuration, layout.view, seed_of(block))?;
+                let (rendering, time) = self.render_image(configuration, layout.view, seed_of(block))?;
                 errors[candidate].add(&reference.halves, &self.displayed(&rendering.image, layout.view));
                 first[candidate].get_or_insert(rendering);
-                Ok::<f64, CostError>(seconds)
+                Ok::<_, CostError>(time)
             })?;
             longest = longest.max(seconds);
             // Store a checkpoint

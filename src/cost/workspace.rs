@@ -8,7 +8,7 @@ use super::view::{View, area};
 use super::{Configuration, CostError, DisplayImage, Experiment, HitPath, SceneChange};
 use crate::accel::{self, Accel, AccelOptions};
 use crate::image::LinearImage;
-use crate::measure::Observer;
+use crate::measure::{Observer, Stopwatch, TurnTime};
 use crate::render::{AovSet, LightAovs, PatchGrid, RenderSettings, Rendering, render, render_patches};
 use crate::scene::{Scene, ValidScene};
 
@@ -100,13 +100,13 @@ impl<'s> Workspace<'_, 's> {
         &self.built[&(self.scene_index(&configuration.change), configuration.path)]
     }
 
-    /// Renders an image, and returns it with the seconds of its samples, setup not counted.
+    /// Renders an image, and returns it with the time of its samples, setup not counted.
     pub(super) fn render_image(
         &self,
         configuration: &Configuration,
         view: View,
         seed: u32,
-    ) -> Result<(Rendering, f64), CostError> {
+    ) -> Result<(Rendering, TurnTime), CostError> {
         // Patches are rendered at the size of the complete image
         let [width, height] = match view {
             View::Whole(size) => size,
@@ -129,15 +129,14 @@ impl<'s> Workspace<'_, 's> {
         let scene = self.scene(configuration);
         let accel = &*self.built(configuration).accel;
         let camera = self.experiment.camera;
-        let start = Instant::now();
+        let watch = Stopwatch::start();
         let rendering = match view {
             View::Whole(_) => render(scene, camera, accel, &settings, &monitor),
             View::Patches(mosaic) => render_patches((scene, camera), accel, &settings, mosaic, &monitor),
         }?;
-        let seconds = start.elapsed().as_secs_f64();
         // Subtract the setup, so that the time is proportional to the samples
-        let seconds = seconds - rendering.ready_seconds;
-        Ok((rendering, seconds))
+        let time = watch.time().without(rendering.ready_seconds);
+        Ok((rendering, time))
     }
 
     /// Returns width and height of the final image.

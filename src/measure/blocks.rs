@@ -7,12 +7,13 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::statistics::median;
+use super::turn_time::{Stopwatch, TurnTime};
 use crate::numeric::SplitMix64;
 
 /// Largest relative deviation of a block's kernel time from the median at which the block counts.
 const MAX_KERNEL_DEVIATION: f64 = 0.05;
 /// Rounds of the calibration kernel, which take some milliseconds.
-const KERNEL_ROUNDS: u64 = 1 << 23;
+const KERNEL_ROUNDS: u64 = 1 << 21;
 
 /// Limits of a measurement: number of blocks, deadline and random order.
 #[derive(Clone, Copy, Debug)]
@@ -64,24 +65,27 @@ pub struct Timing {
     pub dropped: usize,
     /// Largest deviation of the calibration kernel among the blocks that count, as a fraction of its median.
     pub calibration_spread: f64,
+    /// Fraction of its time in which the calibration kernel waited for a processor: other programs used it.
+    #[serde(default)]
+    pub waiting: f64,
     /// Seconds that the whole study took.
     pub spent: f64,
     /// Seconds that the study was allowed to take.
     pub budget: f64,
 }
 
-/// Measured seconds of all candidates in all blocks.
+/// Measured times of all candidates in all blocks.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Blocks {
-    /// Kernel seconds, one for each block.
-    calibration: Vec<f64>,
-    /// Seconds of each candidate, one for each block.
-    seconds: Vec<Vec<f64>>,
+    /// Times of the kernel, one for each block.
+    calibration: Vec<TurnTime>,
+    /// Times of each candidate, one for each block.
+    turns: Vec<Vec<TurnTime>>,
 }
 
 impl Blocks {
-    /// Measures `candidates` candidates in blocks: `turn` receives the candidate and the block, and returns the
-    /// seconds. `progress` receives the finished fraction after each turn.
+    /// Measures `candidates` candidates in blocks: `turn` receives the candidate and the block, and returns its
+    /// time. `progress` receives the finished fraction after each turn.
     ///
     /// # Errors
     ///
@@ -90,27 +94,42 @@ impl Blocks {
         candidates: usize,
         protocol: &Protocol,
         progress: &dyn Fn(f64),
-        mut turn: impl FnMut(usize, usize) -> Result<f64, E>,
+        mut turn: impl FnMut(usize, usize) -> Result<TurnTime, E>,
     ) -> Result<Blocks, E> {
         let mut blocks = Blocks::new(candidates);
         let (start, mut turns, mut longest) = (Instant::now(), 0, 0.0f64);
         while protocol.may_continue(blocks.count(), longest) {
             let seconds = blocks.add(protocol.seed, |candidate, block| {
-                let seconds = turn(candidate, block)?;
+                let time = turn(candidate, block)?;
                 turns += 1;
                 progress(protocol.fraction(start, f64::from(turns) / candidates as f64));
-                Ok(seconds)
+                Ok(time)
             })?;
             longest = longest.max(seconds);
         }
         Ok(blocks)
     }
 
+    /// Returns these blocks with each `count` consecutive ones added up to one: turns that were divided among them become
+    /// whole.
+    pub(crate) fn summed(&self, count: usize) -> Blocks {
+        let sums = |turns: &Vec<TurnTime>| {
+            turns
+                .chunks(count)
+                .map(|part| part.iter().copied().sum())
+                .collect()
+        };
+        Blocks {
+            calibration: sums(&self.calibration),
+            turns: self.turns.iter().map(sums).collect(),
+        }
+    }
+
     /// Returns an empty measurement of `candidates` candidates.
     pub(crate) fn new(candidates: usize) -> Blocks {
         Blocks {
             calibration: Vec::new(),
-            seconds: vec![Vec::new(); candidates],
+            turns: vec![Vec::new(); candidates],
         }
     }
 
@@ -119,7 +138,7 @@ impl Blocks {
         self.calibration.len()
     }
 
-    /// Measures one more block and returns the seconds that it took.
+    /// Measures one more block and returns the seconds that it took by the clock.
     ///
     /// # Errors
     ///
@@ -127,32 +146,33 @@ impl Blocks {
     pub(crate) fn add<E>(
         &mut self,
         seed: u64,
-        mut turn: impl FnMut(usize, usize) -> Result<f64, E>,
+        mut turn: impl FnMut(usize, usize) -> Result<TurnTime, E>,
     ) -> Result<f64, E> {
         let start = Instant::now();
         let block = self.count();
         // Shuffle the order of candidates
-        let mut order: Vec<usize> = (0..self.seconds.len()).collect();
+        let mut order: Vec<usize> = (0..self.turns.len()).collect();
         shuffle(&mut order, &mut SplitMix64::new(seed, block as u64));
         // Measure each candidate between two runs of the kernel
-        let before = kernel_seconds();
+        let before = kernel_time();
         for candidate in order {
-            let seconds = turn(candidate, block)?;
-            self.seconds[candidate].push(seconds);
+            let time = turn(candidate, block)?;
+            self.turns[candidate].push(time);
         }
         // Of the two kernel runs, take the less disturbed one.
-        self.calibration.push(before.min(kernel_seconds()));
+        let after = kernel_time();
+        let is_before = before.processor <= after.processor;
+        self.calibration.push(if is_before { before } else { after });
         Ok(start.elapsed().as_secs_f64())
     }
 
     /// Returns for each block whether it counts: the machine was undisturbed. If fewer than six such blocks exist, all
     /// count.
     fn undisturbed(&self) -> Vec<bool> {
-        let usual = median(&self.calibration);
         let undisturbed: Vec<bool> = self
-            .calibration
+            .kernel_deviations()
             .iter()
-            .map(|seconds| (seconds / usual - 1.0).abs() <= MAX_KERNEL_DEVIATION)
+            .map(|&deviation| deviation <= MAX_KERNEL_DEVIATION)
             .collect();
         let count = undisturbed
             .iter()
@@ -166,24 +186,39 @@ impl Blocks {
         }
     }
 
-    fn counting<'a>(&'a self, candidate: usize, undisturbed: &'a [bool]) -> impl Iterator<Item = f64> + 'a {
-        let seconds = self.seconds[candidate].iter();
+    /// Returns how far the kernel's processor time deviates from its median in each block, as a fraction.
+    fn kernel_deviations(&self) -> Vec<f64> {
+        let seconds: Vec<f64> = self.calibration.iter().map(|kernel| kernel.processor).collect();
+        let usual = median(&seconds);
         seconds
-            .zip(undisturbed)
-            .filter(|(_, is_undisturbed)| **is_undisturbed)
-            .map(|(&seconds, _)| seconds)
+            .iter()
+            .map(|seconds| (seconds / usual - 1.0).abs())
+            .collect()
     }
 
-    /// Returns a candidate's seconds in the blocks that count.
+    /// Returns a candidate's times in the blocks that count.
+    pub fn turns(&self, candidate: usize) -> Vec<TurnTime> {
+        let turns = self.turns[candidate].iter().zip(self.undisturbed());
+        turns
+            .filter_map(|(&turn, is_undisturbed)| is_undisturbed.then_some(turn))
+            .collect()
+    }
+
+    /// Returns a candidate's seconds by the clock in the blocks that count.
     pub fn seconds(&self, candidate: usize) -> Vec<f64> {
-        self.counting(candidate, &self.undisturbed()).collect()
+        self.turns(candidate).iter().map(|turn| turn.elapsed).collect()
     }
 
-    /// Returns the ratios of a candidate's seconds to those of `base` in the same block, for the blocks that count.
+    /// Returns a candidate's processor seconds in the blocks that count.
+    pub fn processor_seconds(&self, candidate: usize) -> Vec<f64> {
+        self.turns(candidate).iter().map(|turn| turn.processor).collect()
+    }
+
+    /// Returns the ratios of a candidate's processor time to that of `base` in the same block, for the blocks that count.
     pub fn ratios(&self, candidate: usize, base: usize) -> Vec<f64> {
-        let undisturbed = self.undisturbed();
-        self.counting(candidate, &undisturbed)
-            .zip(self.counting(base, &undisturbed))
+        let pairs = self.processor_seconds(candidate).into_iter();
+        pairs
+            .zip(self.processor_seconds(base))
             .map(|(seconds, base)| seconds / base)
             .collect()
     }
@@ -191,16 +226,16 @@ impl Blocks {
     /// Returns the conditions of the measurement, in a run of `spent` seconds with a budget of `budget`.
     pub fn timing(&self, spent: f64, budget: f64) -> Timing {
         let undisturbed = self.undisturbed();
-        let usual = median(&self.calibration);
-        let counting = self
-            .calibration
+        // Find the largest deviation among the blocks that count
+        let deviations = self.kernel_deviations();
+        let spread = deviations
             .iter()
             .zip(&undisturbed)
-            .filter(|(_, is_undisturbed)| **is_undisturbed);
-        // Find the largest deviation among the blocks that count
-        let spread = counting
-            .map(|(seconds, _)| (seconds / usual - 1.0).abs())
+            .filter_map(|(&deviation, &is_undisturbed)| is_undisturbed.then_some(deviation))
             .fold(0.0, f64::max);
+        // Compare the kernel's two clocks over all blocks
+        let sum = |of: fn(&TurnTime) -> f64| self.calibration.iter().map(of).sum::<f64>();
+        let waiting = 1.0 - sum(|kernel| kernel.processor) / sum(|kernel| kernel.elapsed);
         let blocks = undisturbed
             .iter()
             .filter(|&&is_undisturbed| is_undisturbed)
@@ -209,6 +244,7 @@ impl Blocks {
             blocks,
             dropped: undisturbed.len() - blocks,
             calibration_spread: spread,
+            waiting: waiting.max(0.0),
             spent,
             budget,
         }
@@ -222,16 +258,16 @@ fn shuffle(order: &mut [usize], random: &mut SplitMix64) {
     }
 }
 
-/// Returns the seconds that a fixed amount of arithmetic takes at present.
-fn kernel_seconds() -> f64 {
-    let start = Instant::now();
+/// Returns the time that a fixed amount of arithmetic takes at present.
+fn kernel_time() -> TurnTime {
+    let watch = Stopwatch::start();
     // `black_box` prevents the compiler from evaluating the loop in advance.
     let mut state = black_box(1u64);
     for round in 0..KERNEL_ROUNDS {
         state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(round);
     }
     black_box(state);
-    start.elapsed().as_secs_f64()
+    watch.time()
 }
 
 #[cfg(test)]
@@ -253,7 +289,7 @@ mod tests {
         let progress = |fraction| fractions.borrow_mut().push(fraction);
         let blocks = Blocks::measure(5, &Protocol::of_blocks(8, 1), &progress, |who, block| {
             turns.push((block, who));
-            Ok::<_, Infallible>(who as f64 + 1.0)
+            Ok::<_, Infallible>(TurnTime::of_seconds(who as f64 + 1.0))
         })
         .unwrap_or_else(|never| match never {});
         let fractions = fractions.into_inner();
@@ -280,9 +316,12 @@ mod tests {
         for run in 0..400 {
             let mut random = SplitMix64::new(5, run);
             let blocks = Blocks {
-                calibration: vec![1.0; 10],
-                seconds: (0..2)
-                    .map(|_| (0..10).map(|_| 1.0 + 0.3 * random.unit().powi(4)).collect())
+                calibration: vec![TurnTime::of_seconds(1.0); 10],
+                turns: (0..2)
+                    .map(|_| {
+                        let seconds = (0..10).map(|_| 1.0 + 0.3 * random.unit().powi(4));
+                        seconds.map(TurnTime::of_seconds).collect()
+                    })
                     .collect(),
             };
             apart += usize::from(!ratio(&blocks, 1, 0).holds(1.0));
@@ -293,14 +332,47 @@ mod tests {
     #[test]
     fn blocks_on_a_busy_machine_do_not_count() {
         let mut blocks = Blocks {
-            calibration: vec![1.0; 9],
-            seconds: vec![vec![1.0; 9], vec![1.1; 9]],
+            calibration: vec![TurnTime::of_seconds(1.0); 9],
+            turns: [1.0, 1.1]
+                .map(|seconds| vec![TurnTime::of_seconds(seconds); 9])
+                .into(),
         };
-        blocks.calibration[4] = 1.2;
-        blocks.seconds[1][4] = 9.0;
+        blocks.calibration[4].processor = 1.2;
+        blocks.turns[1][4] = TurnTime::of_seconds(9.0);
         let timing = blocks.timing(1.0, 2.0);
         assert_eq!((timing.blocks, timing.dropped), (8, 1));
         assert!((ratio(&blocks, 1, 0).high - 1.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn programs_that_share_the_processor_change_no_ratio() {
+        // The clock runs two to four times as fast as the processor is given.
+        let shared = |seconds: f64, block: usize| TurnTime {
+            elapsed: seconds * (2 + block % 3) as f64,
+            processor: seconds,
+        };
+        let turns = |seconds| (0..9).map(|block| shared(seconds, block)).collect();
+        let blocks = Blocks {
+            calibration: turns(0.5),
+            turns: [1.0, 1.5].map(turns).into(),
+        };
+        assert_eq!(ratio(&blocks, 1, 0), Interval::exact(1.5));
+        let timing = blocks.timing(1.0, 2.0);
+        assert_eq!((timing.blocks, timing.dropped), (9, 0));
+        assert!((timing.waiting - 2.0 / 3.0).abs() < 1e-12, "{}", timing.waiting);
+    }
+
+    #[test]
+    fn parts_of_turns_add_up() {
+        let turns = |seconds: &[f64]| seconds.iter().copied().map(TurnTime::of_seconds).collect();
+        let blocks = Blocks {
+            calibration: turns(&[1.0, 2.0, 1.0, 2.0]),
+            turns: vec![turns(&[1.0, 3.0, 2.0, 2.0]), turns(&[2.0, 6.0, 4.0, 4.0])],
+        };
+        let summed = blocks.summed(2);
+        assert_eq!(summed.count(), 2);
+        assert_eq!(summed.seconds(0), [4.0, 4.0]);
+        assert_eq!(summed.ratios(1, 0), [2.0, 2.0]);
     }
 
     #[test]
@@ -315,7 +387,7 @@ mod tests {
         let nap = Duration::from_millis(20);
         let blocks = Blocks::measure(1, &protocol, &|_| {}, |_, _| {
             std::thread::sleep(nap);
-            Ok::<_, Infallible>(nap.as_secs_f64())
+            Ok::<_, Infallible>(TurnTime::of_seconds(nap.as_secs_f64()))
         });
         let count = blocks.unwrap_or_else(|never| match never {}).calibration.len();
         assert!((1..20).contains(&count), "{count}");

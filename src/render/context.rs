@@ -5,8 +5,9 @@ use std::ops::Range;
 use glam::{DVec3, Vec3};
 
 use super::adaptive::ROUND;
-use super::aov::{AovKind, LightGroups, MatteIds, PixelCostBuffer};
+use super::aov::{AovKind, AovSet, LightAovs, LightGroups, MatteIds, PixelCostBuffer};
 use super::camera::{MovingCamera, ScreenMotion};
+use super::film::PixelFilter;
 use super::lighting::{AreaLightSampler, Environment, area_lights};
 use super::plan::Plan;
 use super::profile::ThreadMemory;
@@ -18,6 +19,7 @@ use super::wavefront::camera_packets;
 use crate::accel::{Accel, Coherence, RayPacket};
 use crate::numeric::{LANES, Lanes, Ray};
 use crate::optics::{InteriorStack, NestedInterior, SpectralSampler};
+use crate::scene::image_settings::Pattern;
 use crate::scene::{Background, Camera, CameraView, Effect, EffectSet, LensView, Scene, Shutter};
 use crate::shading::ray_cone::RayCone;
 
@@ -154,6 +156,38 @@ impl<'s> RenderContext<'s> {
         frame.precompute_offsets();
         (frame.media_at_camera, frame.probe_count) = frame.media_at_camera();
         frame
+    }
+
+    /// Changes to `spp` samples per pixel of `pattern`, with other random numbers and without any output but the image.
+    /// Ray cones stay as they are, so that textures are filtered alike.
+    pub(super) fn set_samples(&mut self, seed: u32, spp: u32, pattern: Pattern) {
+        let filter = match self.settings.target() {
+            Some(_) => PixelFilter::default(),
+            None => self.settings.filter,
+        };
+        self.settings = RenderSettings {
+            seed,
+            spp,
+            pattern,
+            filter,
+            adaptive: None,
+            sample_aovs: false,
+            layers: AovSet::NONE,
+            light_layers: LightAovs::NONE,
+            ledger: false,
+            cost_aovs: false,
+            ..self.settings
+        };
+        (self.costs, self.thread_memory, self.screen_motion) = (None, None, None);
+        self.mattes = MatteIds::of(self.scene, AovSet::NONE);
+        self.light_sheet = LightGroups::new(LightAovs::NONE, &self.scene.lights, self.effects());
+        self.shape = PacketShape::for_samples(spp);
+        self.pixels = self.shape.pixels();
+        self.layout = SampleLayout::new(pattern, spp);
+        self.groups = self.shape.groups(self.layout, spp);
+        self.part = 0..self.groups.len();
+        self.returns_sums = false;
+        self.precompute_offsets();
     }
 
     /// Returns the effects that are simulated.

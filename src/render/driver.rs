@@ -11,7 +11,7 @@ use super::monitor::{Cancelled, Monitor};
 use super::profile::{Category, Profiler, RenderProfile, Tally};
 use super::result::Rendering;
 use super::settings::RenderSettings;
-use super::subset::{Cover, PatchAtlas, Region};
+use super::subset::{Cover, PatchAtlas, Region, image_error};
 use super::tile::Tile;
 use super::wavefront::RendererPool;
 use crate::accel::Accel;
@@ -68,7 +68,12 @@ pub fn render_on(
     ledger.book(Category::Other, setting_up);
     ledger.settle(rayon::current_num_threads(), start.elapsed().as_secs_f64());
     rendering.memory = frame.memory();
-    rendering.costs = frame.costs.map(PixelCostBuffer::finish);
+    rendering.costs = frame.costs.take().map(PixelCostBuffer::finish);
+    // Estimate the error
+    if let Some(gain) = settings.error_gain {
+        let taken = rendering.samples.mean;
+        rendering.error = Some(image_error(frame, (&rendering.image, taken), gain, monitor)?);
+    }
     Ok(rendering)
 }
 

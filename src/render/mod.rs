@@ -35,8 +35,8 @@ pub use result::Rendering;
 pub use sampler::{Purpose, sample_2d};
 pub use settings::{HitPoint, RenderSettings};
 pub use subset::{
-    PartSums, Parts, PatchGrid, Probe, RecordedRays, Region, SampledTile, Share, TileSample, probe, record,
-    render_patches, render_sample, tile_count,
+    ImageError, PartSums, Parts, PatchGrid, Probe, RecordedRays, Region, SampledTile, Share, TileSample,
+    probe, record, render_patches, render_sample, tile_count,
 };
 pub use subsurface::{SubsurfaceStats, subsurface_bytes};
 pub use surface::{SpawnPoint, SpawnProbe};

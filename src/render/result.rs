@@ -5,6 +5,7 @@ use super::context::RenderContext;
 use super::film::{SampleAovs, SampleCounts};
 use super::plan::Plan;
 use super::profile::{Memory, RenderProfile};
+use super::subset::ImageError;
 use super::subsurface::SubsurfaceStats;
 use crate::image::LinearImage;
 
@@ -23,6 +24,9 @@ pub struct Rendering {
     pub layers: Vec<Layer>,
     /// Cost of each pixel, if [`cost_aovs`](super::RenderSettings::cost_aovs) is on.
     pub costs: Option<PixelCosts>,
+    /// Estimated error, if [`error_gain`](super::RenderSettings::error_gain) requests it. Its rays and seconds are in no
+    /// account.
+    pub error: Option<ImageError>,
     /// Numbers of rays and seconds, by account.
     pub ledger: RenderProfile,
     /// Seconds before the first sample: mip levels, light tables, subsurface irradiance. Mostly independent of the
@@ -50,6 +54,7 @@ impl Rendering {
             aovs: None,
             layers: Vec::new(),
             costs: None,
+            error: None,
             ledger,
             ready_seconds: 0.0,
             memory: Memory::default(),

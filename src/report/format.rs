@@ -2,6 +2,21 @@
 
 use crate::measure::Interval;
 
+/// Fraction of the time for which a thread may wait for a processor before a report says that the machine was busy.
+const BUSY: f64 = 0.05;
+
+/// Returns a sentence on the load by other programs if it was noticeable; `waiting` is the fraction of the
+/// time in which a calibration kernel waited for a processor.
+pub(super) fn busy_line(waiting: f64) -> Option<String> {
+    (waiting > BUSY).then(|| {
+        format!(
+            "busy machine: a thread waited for a processor {} of the time; ratios and speeds of one thread are by \
+             processor time, all other seconds by the clock",
+            percent(waiting)
+        )
+    })
+}
+
 /// Formats a fraction as a percentage with at most two significant digits, as measured times are not more accurate.
 pub(super) fn percent(part: f64) -> String {
     let percent = 100.0 * part.abs();

@@ -16,6 +16,6 @@ pub use html::{
 };
 pub use image::{difference_image, heat_map, overlay, worst_tiles};
 pub use text::{
-    ablation, accel_info, batch, bench, compare, cost, cross_check, crossover, extents, forecast, info,
-    regression, stats, table, verify,
+    ablation, accel_info, batch, bench, compare, cost, cross_check, crossover, extents, forecast,
+    image_error, info, regression, stats, table, verify,
 };

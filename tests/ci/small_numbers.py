@@ -48,7 +48,7 @@ ALLOWED = [
     ("optics/subsurface/dipole.rs", "1e-15", "coefficients in the unit of the scene's size, under which nothing scatters"),
     ("optics/subsurface/fast_exp.rs", "1.428_606_8e-6", "the low part of ln 2"),
     ("optics/subsurface/presets.rs", "0.0002", "a measured coefficient"),
-    ("render/subset/tiles.rs", "1e-9", "nanoseconds in seconds"),
+    ("processor_time.rs", "1e-9", "nanoseconds in seconds"),
     ("report/text/bench.rs", "1e-6", "rays in millions"),
     ("shape/torus.rs", "1.1e-8", "√2^-53, of a torus of radius 1"),
     ("volume/optical_depth.rs", "1.908_214_929_270_587_7e-10", "the low part of ln 2"),

@@ -15,8 +15,9 @@ use super::super::sampler::PacketShape;
 use super::super::settings::RenderSettings;
 use super::super::tile::{TILE, Tile};
 use super::super::wavefront::{BATCH, TileRenderer};
-use super::tiles::{chosen_tiles, thread_seconds};
+use super::tiles::chosen_tiles;
 use crate::accel::Accel;
+use crate::processor_time::thread_seconds;
 use crate::scene::{Camera, ValidScene};
 
 /// Largest number of strips: about two thousand packets, of which one in 32 is timed in detail to divide the time of

@@ -19,6 +19,7 @@ use super::super::wavefront::RendererPool;
 use crate::accel::Accel;
 use crate::image::LinearImage;
 use crate::parallel;
+use crate::processor_time::thread_seconds;
 use crate::scene::{Camera, ValidScene};
 
 /// Rendered tile of an image.
@@ -117,21 +118,6 @@ pub fn render_sample(
     })
 }
 
-/// Returns the processor time of this thread so far, which excludes other programs.
-#[cfg(target_os = "linux")]
-pub(in crate::render) fn thread_seconds() -> f64 {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
-}
-
-/// Returns the time since the first call.
-#[cfg(not(target_os = "linux"))]
-pub(in crate::render) fn thread_seconds() -> f64 {
-    use std::sync::LazyLock;
-    static START: LazyLock<Instant> = LazyLock::new(Instant::now);
-    START.elapsed().as_secs_f64()
-}
-
 /// Returns the cells of a grid of `columns` by `rows`, numbered row by row, in an order in which any number of first
 /// cells is evenly distributed.
 pub(in crate::render) fn spread([columns, rows]: [usize; 2]) -> impl Iterator<Item = usize> {
@@ -162,7 +148,7 @@ pub(in crate::render) fn chosen_tiles(settings: &RenderSettings, count: usize) -
 }
 
 /// Returns the pixels of a tile that no sample of another tile affects.
-fn inner(tile: Tile, settings: &RenderSettings) -> Tile {
+pub(in crate::render) fn inner(tile: Tile, settings: &RenderSettings) -> Tile {
     let reach = settings.reach();
     let along = |start: u32, size: u32, end: u32| {
         // There are no neighbouring tiles at the edges of the image.

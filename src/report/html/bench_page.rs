@@ -9,7 +9,7 @@ use crate::accel::Backend;
 use crate::bench::{BenchRow, Mode};
 use crate::cost::Interval;
 use crate::report::cpu;
-use crate::report::format::{percent, range, significant, times};
+use crate::report::format::{busy_line, percent, range, significant, times};
 use crate::report::memory;
 use crate::report::text::bench::{BenchTable, build_efficiency, efficiency, seen_before};
 use crate::report::text::crossover;
@@ -343,7 +343,8 @@ fn protocol(rows: &[BenchRow], facts: &Facts) -> PageElement {
             "times",
             format!(
                 "Each method runs once in each of {} repetitions. Values are medians, followed by the minimum and the \
-                 maximum; bars and crosses show the same range.",
+                 maximum; bars and crosses show the same range. Speeds of one thread are by processor time, builds and \
+                 several threads by the clock.",
                 facts.repeat
             ),
         ),
@@ -355,6 +356,8 @@ fn protocol(rows: &[BenchRow], facts: &Facts) -> PageElement {
         ),
     ];
     // Describe what only some benchmarks have
+    let waiting = rows.iter().map(|row| row.waiting).fold(0.0, f64::max);
+    all.extend(busy_line(waiting).map(|line| ("load", line)));
     if facts.is_sweep {
         let words = "A closed, displaced, reflective sphere over a plane, lit by a point light; the number of \
                      triangles grows, the image stays the same.";

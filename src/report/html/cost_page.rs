@@ -8,7 +8,7 @@ use super::{cost_charts, intersection_errors};
 use crate::cost::{Interval, Point, Study};
 use crate::image::ToneMap;
 use crate::report::cpu;
-use crate::report::format::{percent, range, significant, times};
+use crate::report::format::{busy_line, percent, range, significant, times};
 use crate::report::image::worst_tiles::{ErrorTile, crop, worst};
 use crate::report::knob_name::knob_name;
 use crate::report::text::cost::{choice_lines, error_ratio, format_time_factor, missing_factor_reason};
@@ -354,15 +354,20 @@ fn protocol(study: &Study) -> PageElement {
     let facts = page::facts(&[
         (
             "times",
-            "In each block every configuration runs once; a ratio is the median of the blocks’ ratios to the base."
+            "In each block every configuration runs once; a ratio is the median of the blocks’ ratios of processor time to \
+             the base. Seconds are by the clock."
                 .to_owned(),
         ),
         (
             "blocks",
             format!(
-                "{} count, {} do not, because the machine was busy",
+                "{} count, {} do not, because the same work took longer or shorter in them",
                 timing.blocks, timing.dropped
             ),
+        ),
+        (
+            "load",
+            busy_line(timing.waiting).unwrap_or_else(|| "no other program delayed the measurement".to_owned()),
         ),
         (
             "calibration",
@@ -447,6 +452,7 @@ pub(crate) mod tests {
                 blocks: 7,
                 dropped: 1,
                 calibration_spread: 0.01,
+                waiting: 0.0,
                 spent: 50.0,
                 budget: 60.0,
             },

@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::accel::{Backend, Precision};
 use crate::bench::{BenchRow, FrameTime, Mode, Scaled, ScaledBuild};
-use crate::report::format::significant;
+use crate::report::format::{busy_line, significant};
 use crate::report::memory;
 
 /// Benchmark rows of one scene as a text table.
@@ -54,7 +54,8 @@ impl fmt::Display for BenchTable<'_> {
             )?;
             self.write_rungs(f, frame)?;
         }
-        self.write_scaling(f, width)
+        self.write_scaling(f, width)?;
+        busy_line(first.waiting).map_or(Ok(()), |line| writeln!(f, "  {line}"))
     }
 }
 
@@ -212,6 +213,7 @@ pub(crate) mod tests {
             mismatches: 0,
             ties: 0,
             threads: 1,
+            waiting: 0.0,
             embree: None,
             frame: None,
             scaling: Vec::new(),

@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use super::intersection_errors;
 use crate::cost::{Choice, Curve, Interval, Point, Study, Target};
-use crate::report::format::{range, significant, times};
+use crate::report::format::{busy_line, range, significant, times};
 use crate::report::knob_name::knob_name;
 
 /// Column names of [`points_csv`].
@@ -44,6 +44,9 @@ impl fmt::Display for CostText<'_> {
                 "times are ratios to the {seconds} s of the base; * no other configuration is known to be both \
                  faster and more accurate"
             )?;
+        }
+        if let Some(line) = busy_line(study.timing.waiting) {
+            writeln!(f, "{line}")?;
         }
         // Print the cost of half the error, geometric errors and the choice
         for curve in &study.curves {

@@ -10,6 +10,7 @@ pub mod cross_check;
 pub mod crossover;
 pub mod extents;
 pub mod forecast;
+pub mod image_error;
 pub mod info;
 pub(super) mod intersection_errors;
 mod material_info;

@@ -8,8 +8,8 @@ use serde::Serialize;
 use crate::accel::{Backend, EmbreeIdentity, Precision};
 use crate::render::plan::Decision;
 use crate::render::{
-    Category, Memory, MemoryEntry, RenderProfile, Rendering, SampleCounts, SubsurfaceStats, Tally,
-    TruncationBound,
+    Category, ImageError, Memory, MemoryEntry, RenderProfile, Rendering, SampleCounts, SubsurfaceStats,
+    Tally, TruncationBound,
 };
 use crate::report::memory;
 use crate::scene::{Geometry, Scene};
@@ -49,6 +49,8 @@ pub struct RenderStats {
     pub ledger: LedgerStats,
     /// Subsurface-scattering objects; null where none scatters.
     pub subsurface: Option<SubsurfaceStats>,
+    /// Estimated error of the image by noise; null where a search for settings measured it.
+    pub error: Option<ImageError>,
     /// Size and kind of the acceleration structure.
     pub accel: AccelStats,
     /// Peak memory of the process so far; null where the system does not report it.

@@ -6,12 +6,11 @@
 //! takes some of the scenes.
 
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
-use rustix::time::{ClockId, clock_gettime};
 use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::cost::{DisplayImage, ImageSums, SplitReference};
 use whit::image::ToneMap;
+use whit::measure::Stopwatch;
 use whit::render::{Adaptive, Monitor, Pattern, Plan, RenderSettings, render};
 use whit::scene::Effect;
 
@@ -164,12 +163,6 @@ fn compare(filed: &FiledScene) -> Option<[Option<Arrival>; CANDIDATES.len()]> {
     }))
 }
 
-/// Returns the processor time of all threads so far, to which other programs do not add.
-fn processor_seconds() -> f64 {
-    let time = clock_gettime(ClockId::ProcessCPUTime);
-    time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64
-}
-
 /// Scene with the structure that finds the hits in it.
 struct Stage<'s> {
     filed: &'s FiledScene,
@@ -233,12 +226,10 @@ impl Stage<'_> {
     /// Returns an image with the processor seconds of its render phase and its samples per pixel.
     fn image(&self, settings: &RenderSettings) -> (DisplayImage, f64, f64) {
         let scene = self.filed.scene.validate().unwrap();
-        let (start, worked) = (Instant::now(), processor_seconds());
+        let watch = Stopwatch::start();
         let monitor = Monitor::default();
         let rendering = render(scene, &scene.cameras[0], self.accel, settings, &monitor).unwrap();
-        // Leave out the part of the preparations, by the other clock
-        let elapsed = start.elapsed().as_secs_f64();
-        let seconds = (processor_seconds() - worked) * (1.0 - rendering.ready_seconds / elapsed);
+        let seconds = watch.time().without(rendering.ready_seconds).processor;
         let pixels = f64::from(settings.width) * f64::from(settings.height);
         let samples = rendering.ledger.camera_rays() as f64 / pixels;
         let image = DisplayImage::new(&rendering.image, ToneMap { exposure_ev: 0.0 });

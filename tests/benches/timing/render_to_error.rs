@@ -14,7 +14,7 @@ use whit::cost::{
     SceneChange, SplitReference, Target, knobs, run as run_experiment, with_knob,
 };
 use whit::image::ToneMap;
-use whit::measure::{Blocks, Observer, Protocol};
+use whit::measure::{Blocks, Observer, Protocol, TurnTime};
 use whit::render::{Monitor, Pattern, Plan, RenderSettings, Rendering, render};
 use whit::scene::{Effect, Scene};
 
@@ -370,7 +370,7 @@ fn least_time(stage: &Stage, contestants: &[Configuration]) -> (Configuration, f
     let protocol = Protocol::of_blocks(BLOCKS, 3);
     let blocks = Blocks::measure(contestants.len(), &protocol, &|_| {}, |who, block| {
         let image = stage.image(&contestants[who], block as u32, f64::INFINITY);
-        image.map(|(_, seconds)| seconds).ok_or(())
+        image.map(|(_, seconds)| TurnTime::of_seconds(seconds)).ok_or(())
     });
     let blocks = blocks.unwrap();
     let ratio = |who| Interval::of_median(&blocks.ratios(0, who)).value;

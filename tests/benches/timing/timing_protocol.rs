@@ -1,17 +1,16 @@
-//! A tenth more of real work, as the blocks of `whit cost` measure it.
+//! A tenth more of work, as the blocks of `whit cost` measure it.
 
 use std::convert::Infallible;
 use std::hint::black_box;
-use std::time::{Duration, Instant};
 
-use whit::measure::{Blocks, Interval, Protocol};
+use whit::measure::{Blocks, Interval, Protocol, Stopwatch};
 
 use crate::limits::Limits;
 
 const BLOCKS: usize = 30;
-/// Rounds of arithmetic, a tenth of a second: long beside the tenth of a millisecond by which a sleeper oversleeps.
+/// Rounds of arithmetic, a tenth of a second.
 const WORK_ROUNDS: u64 = 100_000_000;
-/// The part of its work that the second contestant sleeps in addition.
+/// The part of its work that the second contestant does in addition.
 const MORE: f64 = 0.1;
 /// The least and the largest ratio that may be measured.
 const RATIOS: [f64; 2] = [1.08, 1.12];
@@ -19,12 +18,12 @@ const RATIOS: [f64; 2] = [1.08, 1.12];
 /// Measures two contestants of which the second takes a tenth longer.
 pub(crate) fn run(limits: &mut Limits) {
     let blocks = Blocks::measure(2, &Protocol::of_blocks(BLOCKS, 4), &|_| {}, |who, _| {
-        let start = Instant::now();
-        work();
+        let watch = Stopwatch::start();
+        work(WORK_ROUNDS);
         if who == 1 {
-            std::thread::sleep(Duration::from_secs_f64(MORE * start.elapsed().as_secs_f64()));
+            work((MORE * WORK_ROUNDS as f64) as u64);
         }
-        Ok::<_, Infallible>(start.elapsed().as_secs_f64())
+        Ok::<_, Infallible>(watch.time())
     });
     let blocks = blocks.unwrap_or_else(|never| match never {});
     let ratio = Interval::of_median(&blocks.ratios(1, 0));
@@ -37,10 +36,10 @@ pub(crate) fn run(limits: &mut Limits) {
     );
 }
 
-/// Computes the same numbers every time.
-fn work() {
+/// Computes so many numbers, the same every time.
+fn work(rounds: u64) {
     let mut state = black_box(1u64);
-    for round in 0..WORK_ROUNDS {
+    for round in 0..rounds {
         state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(round);
     }
     black_box(state);

@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::support::cli_program::{fails_with, first_light, names_in, whit};
 
 #[test]
-fn render_writes_a_png_and_prints_one_line() {
+fn render_writes_a_png_and_prints_a_line_on_it_and_one_on_its_error() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.png");
     let run = whit(&[
@@ -25,7 +25,11 @@ fn render_writes_a_png_and_prints_one_line() {
         "{}",
         run.stdout
     );
-    assert_eq!(run.stdout.lines().count(), 1);
+    let lines: Vec<&str> = run.stdout.lines().collect();
+    assert!(
+        lines.len() == 2 && lines[1].starts_with("estimated error: "),
+        "{lines:?}"
+    );
     assert!(!run.stderr.contains("40x30"), "{}", run.stderr);
     let image = image::open(&out).unwrap().into_rgb8();
     assert_eq!((image.width(), image.height()), (40, 30));
@@ -111,7 +115,8 @@ fn failing_scene_does_not_stop_the_others() {
         run.stderr
     );
     assert_eq!(names_in(&images), ["first_light.png", "other.png"]);
-    assert_eq!(run.stdout.lines().count(), 2);
+    // Two lines for each of the two images
+    assert_eq!(run.stdout.lines().count(), 4);
     let stats: serde_json::Value = serde_json::from_slice(&fs::read(&stats).unwrap()).unwrap();
     assert_eq!(stats.as_array().unwrap().len(), 2);
 }

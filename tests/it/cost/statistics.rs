@@ -6,7 +6,7 @@ use std::fs;
 use crate::support::sampling_scenes::first_light;
 use crate::support::{images, scene_folder};
 use whit::accel::{self, Accel, AccelOptions, Backend};
-use whit::cost::{DisplayImage, ImageSums, SplitReference, slope};
+use whit::cost::{DisplayImage, ImageSums, Interval, SplitReference, slope};
 use whit::image::{LinearImage, ToneMap};
 use whit::render::{Pattern, RenderSettings};
 use whit::scene::Scene;
@@ -116,14 +116,15 @@ fn fit_contains_the_minus_three_quarters_rate_of_jittered_edges() {
             };
             all.add(&halves, &rendered(&scene, &*accel, &settings));
         }
-        points.push((f64::from(side * side), all.mean_square().sqrt()));
+        points.push((Interval::exact(f64::from(side * side)), all.block_squares()));
     }
     // n strata, of which an edge crosses about √n, each with a variance of its own of 1 / n²: n^-3/2 in all.
+    let points: Vec<(Interval, &[f64])> = points
+        .iter()
+        .map(|(time, squares)| (*time, &squares[..]))
+        .collect();
     let found = slope(&points).unwrap();
-    assert!(
-        found.low <= -0.75 && -0.75 <= found.high,
-        "{found:?} of {points:?}"
-    );
+    assert!(found.low <= -0.75 && -0.75 <= found.high, "{found:?}");
     assert!(found.value < -0.5, "steeper than without strata: {found:?}");
     assert!(found.high - found.low < 0.5, "{found:?} is narrow");
 }

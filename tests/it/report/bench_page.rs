@@ -75,6 +75,7 @@ fn row(size: u64, kind: usize, way: usize) -> BenchRow {
         mismatches: 0,
         ties: way as u64,
         threads: 4,
+        waiting: 0.0,
         embree: (backend == Backend::Embree).then(|| EmbreeIdentity {
             version: "4.3.3".to_owned(),
             isa: "avx2".to_owned(),

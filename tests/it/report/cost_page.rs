@@ -182,6 +182,7 @@ fn study() -> Study {
             blocks: 11,
             dropped: 1,
             calibration_spread: 0.013,
+            waiting: 0.02,
             spent: 287.0,
             budget: 300.0,
         },

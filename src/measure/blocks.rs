@@ -77,8 +77,10 @@ pub struct Timing {
 /// Measured times of all candidates in all blocks.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Blocks {
-    /// Times of the kernel, one for each block.
-    calibration: Vec<TurnTime>,
+    /// Processor seconds of the less disturbed run of the kernel in each block.
+    calibration: Vec<f64>,
+    /// Times of both runs of the kernel together, one for each block.
+    kernels: Vec<TurnTime>,
     /// Times of each candidate, one for each block.
     turns: Vec<Vec<TurnTime>>,
 }
@@ -120,7 +122,12 @@ impl Blocks {
                 .collect()
         };
         Blocks {
-            calibration: sums(&self.calibration),
+            calibration: self
+                .calibration
+                .chunks(count)
+                .map(|part| part.iter().sum())
+                .collect(),
+            kernels: sums(&self.kernels),
             turns: self.turns.iter().map(sums).collect(),
         }
     }
@@ -129,6 +136,7 @@ impl Blocks {
     pub(crate) fn new(candidates: usize) -> Blocks {
         Blocks {
             calibration: Vec::new(),
+            kernels: Vec::new(),
             turns: vec![Vec::new(); candidates],
         }
     }
@@ -159,10 +167,9 @@ impl Blocks {
             let time = turn(candidate, block)?;
             self.turns[candidate].push(time);
         }
-        // Of the two kernel runs, take the less disturbed one.
         let after = kernel_time();
-        let is_before = before.processor <= after.processor;
-        self.calibration.push(if is_before { before } else { after });
+        self.calibration.push(before.processor.min(after.processor));
+        self.kernels.push([before, after].into_iter().sum());
         Ok(start.elapsed().as_secs_f64())
     }
 
@@ -188,9 +195,8 @@ impl Blocks {
 
     /// Returns how far the kernel's processor time deviates from its median in each block, as a fraction.
     fn kernel_deviations(&self) -> Vec<f64> {
-        let seconds: Vec<f64> = self.calibration.iter().map(|kernel| kernel.processor).collect();
-        let usual = median(&seconds);
-        seconds
+        let usual = median(&self.calibration);
+        self.calibration
             .iter()
             .map(|seconds| (seconds / usual - 1.0).abs())
             .collect()
@@ -234,8 +240,8 @@ impl Blocks {
             .filter_map(|(&deviation, &is_undisturbed)| is_undisturbed.then_some(deviation))
             .fold(0.0, f64::max);
         // Compare the kernel's two clocks over all blocks
-        let sum = |of: fn(&TurnTime) -> f64| self.calibration.iter().map(of).sum::<f64>();
-        let waiting = 1.0 - sum(|kernel| kernel.processor) / sum(|kernel| kernel.elapsed);
+        let kernels: TurnTime = self.kernels.iter().copied().sum();
+        let waiting = 1.0 - kernels.processor / kernels.elapsed;
         let blocks = undisturbed
             .iter()
             .filter(|&&is_undisturbed| is_undisturbed)
@@ -316,7 +322,8 @@ mod tests {
         for run in 0..400 {
             let mut random = SplitMix64::new(5, run);
             let blocks = Blocks {
-                calibration: vec![TurnTime::of_seconds(1.0); 10],
+                calibration: vec![1.0; 10],
+                kernels: vec![TurnTime::of_seconds(2.0); 10],
                 turns: (0..2)
                     .map(|_| {
                         let seconds = (0..10).map(|_| 1.0 + 0.3 * random.unit().powi(4));
@@ -332,12 +339,13 @@ mod tests {
     #[test]
     fn blocks_on_a_busy_machine_do_not_count() {
         let mut blocks = Blocks {
-            calibration: vec![TurnTime::of_seconds(1.0); 9],
+            calibration: vec![1.0; 9],
+            kernels: vec![TurnTime::of_seconds(2.0); 9],
             turns: [1.0, 1.1]
                 .map(|seconds| vec![TurnTime::of_seconds(seconds); 9])
                 .into(),
         };
-        blocks.calibration[4].processor = 1.2;
+        blocks.calibration[4] = 1.2;
         blocks.turns[1][4] = TurnTime::of_seconds(9.0);
         let timing = blocks.timing(1.0, 2.0);
         assert_eq!((timing.blocks, timing.dropped), (8, 1));
@@ -353,7 +361,8 @@ mod tests {
         };
         let turns = |seconds| (0..9).map(|block| shared(seconds, block)).collect();
         let blocks = Blocks {
-            calibration: turns(0.5),
+            calibration: vec![0.5; 9],
+            kernels: turns(1.0),
             turns: [1.0, 1.5].map(turns).into(),
         };
         assert_eq!(ratio(&blocks, 1, 0), Interval::exact(1.5));
@@ -366,7 +375,8 @@ mod tests {
     fn parts_of_turns_add_up() {
         let turns = |seconds: &[f64]| seconds.iter().copied().map(TurnTime::of_seconds).collect();
         let blocks = Blocks {
-            calibration: turns(&[1.0, 2.0, 1.0, 2.0]),
+            calibration: vec![1.0, 2.0, 1.0, 2.0],
+            kernels: turns(&[2.0, 4.0, 2.0, 4.0]),
             turns: vec![turns(&[1.0, 3.0, 2.0, 2.0]), turns(&[2.0, 6.0, 4.0, 4.0])],
         };
         let summed = blocks.summed(2);

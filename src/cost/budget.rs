@@ -13,8 +13,9 @@ use crate::render::{MIN_ADAPTIVE_ERROR, Plan};
 /// Samples per pixel of the base and of the largest level, in the order in which they are tried.
 const LADDER: [[u32; 2]; 5] = [[16, 32], [8, 16], [4, 16], [4, 8], [2, 8]];
 /// Smallest ratio of each reference half's samples to the largest level's: the reference's squared noise is then a
-/// hundredth of that level's even where errors fall only at the random rate.
-const REFERENCE_TIMES: u32 = 50;
+/// two-hundredth of that level's even where errors fall only at the random rate, and a hundredth of the errors that other
+/// knobs halve.
+const REFERENCE_TIMES: u32 = 100;
 /// Smallest number of pixels that represents a scene well; a smaller layout of the ladder is used before going below.
 const MIN_STUDY_PIXELS: f64 = 12_288.0;
 /// Smallest number of pixels of a scaled-down image and of an image of patches: intervals are resampled from at least

@@ -7,8 +7,9 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::statistics::median;
-use super::turn_time::{Stopwatch, TurnTime};
+use super::turn_time::TurnTime;
 use crate::numeric::SplitMix64;
+use crate::processor_time::thread_seconds;
 
 /// Largest relative deviation of a block's kernel time from the median at which the block counts.
 const MAX_KERNEL_DEVIATION: f64 = 0.05;
@@ -264,16 +265,19 @@ fn shuffle(order: &mut [usize], random: &mut SplitMix64) {
     }
 }
 
-/// Returns the time that a fixed amount of arithmetic takes at present.
+/// Returns the time that a fixed amount of arithmetic takes on this thread at present.
 fn kernel_time() -> TurnTime {
-    let watch = Stopwatch::start();
+    let (start, worked) = (Instant::now(), thread_seconds());
     // `black_box` prevents the compiler from evaluating the loop in advance.
     let mut state = black_box(1u64);
     for round in 0..KERNEL_ROUNDS {
         state = state.wrapping_mul(0x5851_f42d_4c95_7f2d).wrapping_add(round);
     }
     black_box(state);
-    watch.time()
+    TurnTime {
+        elapsed: start.elapsed().as_secs_f64(),
+        processor: thread_seconds() - worked,
+    }
 }
 
 #[cfg(test)]

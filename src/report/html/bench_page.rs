@@ -343,8 +343,8 @@ fn protocol(rows: &[BenchRow], facts: &Facts) -> PageElement {
             "times",
             format!(
                 "Each method runs once in each of {} repetitions. Values are medians, followed by the minimum and the \
-                 maximum; bars and crosses show the same range. Speeds of one thread are by processor time, builds and \
-                 several threads by the clock.",
+                 maximum; bars and crosses show the same range. Speeds of one thread are by processor time, \
+                 builds by the clock.",
                 facts.repeat
             ),
         ),
@@ -364,7 +364,7 @@ fn protocol(rows: &[BenchRow], facts: &Facts) -> PageElement {
         all.push(("meshes", words.to_owned()));
     }
     if rows.iter().any(|row| !row.scaling.is_empty()) {
-        let words = "The same packets, divided among the threads in parts of at least 64, and builds on as many threads.";
+        let words = "The same packets, divided among the threads in parts of at least 64, and builds on as many threads, by the clock.";
         all.push(("several threads", words.to_owned()));
     }
     PageElement::Section {

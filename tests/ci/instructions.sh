@@ -48,7 +48,7 @@ measure() {
 
 lines=()
 for scene in first_light.gltf sphereflake.toml glass_of_water.toml smoke.toml; do
-    render=(render "scenes/$scene" -o "$files/picture.exr" --size 48x36 --threads 1)
+    render=(render "scenes/$scene" -o "$files/picture.exr" --size 48x36 --threads 1 --quiet)
     measure "render ${scene%.*}, BSP" --spp 1 5 "${render[@]}" --backend bsp
     [ -z "$embree" ] || measure "render ${scene%.*}, $embree" --spp 1 5 "${render[@]}" --backend embree --isa avx2
 done

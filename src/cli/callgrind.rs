@@ -88,7 +88,13 @@ fn count_image(args: &CostArgs, [width, height]: [u32; 2], settings: &Path) -> R
         .arg(&image)
         .arg("--settings")
         .arg(settings)
-        .args(["--quiet", "--threads", "1", "--size", &format!("{width}x{height}")]);
+        .args([
+            "--quiet",
+            "--threads",
+            "1",
+            "--size",
+            &format!("{width}x{height}"),
+        ]);
     if let Some(camera) = &args.camera {
         command.args(["--camera", camera]);
     }

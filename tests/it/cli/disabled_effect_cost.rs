@@ -123,7 +123,15 @@ fn count(whit: &str, scene: &Path, backend: &str, spp: u32) -> Count {
         .arg(scene)
         .arg("-o")
         .arg(folder.path().join("picture.exr"))
-        .args(["--quiet", "--size", "64x48", "--threads", "1", "--backend", backend])
+        .args([
+            "--quiet",
+            "--size",
+            "64x48",
+            "--threads",
+            "1",
+            "--backend",
+            backend,
+        ])
         .args(["--spp", &spp.to_string()]);
     if backend == "embree" {
         command.args(["--isa", "avx2"]);

@@ -12,14 +12,14 @@
 //! 3. [`render::render`] traces tiles of the image wavefront by wavefront and returns a [`render::Rendering`].
 //! 4. [`image`] writes PNG and EXR files.
 //!
-//! Folders import only earlier ones: `huge_pages` `processor_time` `parallel` · [`manual`] · [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`]
+//! Folders import only earlier ones: `processor_time` `parallel` · [`manual`] · [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`]
 //! [`image`] · [`scene`] · [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`jobs`] [`render`] · [`batch`]
 //! [`measure`] · [`cost`] [`verify`] [`bench`] [`watch`] · [`report`]. `tests/ci/structure.py` checks it. `batch` also has
 //! the settings that any image is requested with. Modules that the list of modules below leaves out are the program's own
 //! and may change in any version; its command line parses flags, calls them, and prints.
 //!
-//! `unsafe` code is in four places: `accel/embree`, which calls C; `embree-sys`, which declares it; and two functions, one
-//! in `gltf/mmap.rs` that maps a file into memory and one in `huge_pages.rs` that advises the system.
+//! `unsafe` code is in three places: `accel/embree`, which calls C; `embree-sys`, which declares it; and the one function of
+//! `gltf/mmap.rs` that maps a file into memory.
 //!
 //! # From glTF to PNG
 //!
@@ -128,7 +128,6 @@ pub mod bench;
 #[doc(hidden)]
 pub mod cost;
 pub mod gltf;
-mod huge_pages;
 pub mod image;
 #[doc(hidden)]
 pub mod jobs;

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::io::Cursor;
 
-use image::{ColorType, DynamicImage, ImageDecoder, ImageReader, Limits};
+use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
@@ -12,8 +12,8 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 use super::bytes::Bytes;
 use super::document::GltfDocument;
 use super::{GltfError, LoadOptions};
+use crate::parallel;
 use crate::scene::{CachedImage, Image, ImageCache, Texels};
-use crate::{huge_pages, parallel};
 
 impl GltfDocument {
     /// Reads the images with these numbers, decoding those whose index is in `wanted`.
@@ -83,7 +83,7 @@ impl GltfDocument {
         let (width, height) = decoder.dimensions();
         let texels = match rgba_of_jpeg(source.as_slice(), [width, height]) {
             Some(texels) => texels,
-            None => rgba_texels(decoder).map_err(|e| self.bad_image(number, &e))?,
+            None => rgba_texels(DynamicImage::from_decoder(decoder).map_err(|e| self.bad_image(number, &e))?),
         };
         Ok(CachedImage {
             size: [width, height],
@@ -161,45 +161,23 @@ fn rgba_of_jpeg(bytes: &[u8], [width, height]: [u32; 2]) -> Option<Vec<[u8; 4]>>
     if decoder.input_colorspace()? != ColorSpace::YCbCr {
         return None;
     }
-    let mut texels = blank_texels([width, height]);
+    let mut texels = vec![[0; 4]; width as usize * height as usize];
     decoder.decode_into(texels.as_flattened_mut()).ok()?;
     Some(texels)
 }
 
 /// Returns the texels of an image with 8 bits per channel, opaque where it has no alpha.
-fn rgba_texels(decoder: impl ImageDecoder) -> image::ImageResult<Vec<[u8; 4]>> {
-    let (width, height) = decoder.dimensions();
-    match decoder.color_type() {
-        ColorType::Rgba8 => {
-            let mut texels = blank_texels([width, height]);
-            decoder.read_image(texels.as_flattened_mut())?;
-            Ok(texels)
+fn rgba_texels(image: DynamicImage) -> Vec<[u8; 4]> {
+    match image {
+        // Most images; the general conversion takes as long as decoding
+        DynamicImage::ImageRgb8(rgb) => {
+            let opaque = |t: &[u8]| [t[0], t[1], t[2], u8::MAX];
+            rgb.as_raw().chunks_exact(3).map(opaque).collect()
         }
-        // The general conversion takes as long as decoding
-        ColorType::Rgb8 => {
-            let mut codes = vec![0; decoder.total_bytes() as usize];
-            huge_pages::advise(&mut codes);
-            decoder.read_image(&mut codes)?;
-            let mut texels = blank_texels([width, height]);
-            for (texel, rgb) in texels.iter_mut().zip(codes.chunks_exact(3)) {
-                *texel = [rgb[0], rgb[1], rgb[2], u8::MAX];
-            }
-            Ok(texels)
-        }
-        _ => {
-            let rgba = DynamicImage::from_decoder(decoder)?.into_rgba8().into_raw();
-            // Reuse the allocation if its size and capacity are multiples of 4
-            Ok(bytemuck::allocation::try_cast_vec(rgba)
-                .unwrap_or_else(|(_, bytes)| bytes.as_chunks().0.to_vec()))
-        }
+        // Reuse the decoder's allocation if its size and capacity are multiples of 4
+        other => bytemuck::allocation::try_cast_vec(other.into_rgba8().into_raw())
+            .unwrap_or_else(|(_, bytes)| bytes.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect()),
     }
-}
-
-/// Returns zeros for the texels of an image of `size`.
-fn blank_texels([width, height]: [u32; 2]) -> Vec<[u8; 4]> {
-    let mut texels = vec![[0; 4]; width as usize * height as usize];
-    huge_pages::advise(&mut texels);
-    texels
 }
 
 /// Largest allocation of a decoder for one image: 8 bytes per texel of the largest image allowed by default.
@@ -232,16 +210,13 @@ mod tests {
     }
 
     #[test]
-    fn images_convert_as_the_general_conversion_does() {
-        let codes: Vec<u8> = (0..4 * 35).map(|i| (i * 37 % 256) as u8).collect();
-        let rgb = image::RgbImage::from_raw(7, 5, codes[..3 * 35].into()).unwrap();
-        let rgba = image::RgbaImage::from_raw(7, 5, codes).unwrap();
+    fn opaque_images_convert_as_the_general_conversion_does() {
+        let codes: Vec<u8> = (0..3 * 35).map(|i| (i * 37 % 256) as u8).collect();
+        let rgb = image::RgbImage::from_raw(7, 5, codes).unwrap();
         let gray = image::GrayImage::from_raw(3, 1, vec![0, 7, 255]).unwrap();
-        for image in [DynamicImage::from(rgb), rgba.into(), gray.into()] {
-            let bytes = encoded(&image, image::ImageFormat::Png);
-            let decoder = ImageReader::with_format(Cursor::new(bytes), image::ImageFormat::Png);
-            let texels = rgba_texels(decoder.into_decoder().unwrap()).unwrap();
-            assert_eq!(texels.as_flattened(), image.to_rgba8().as_raw());
+        for image in [DynamicImage::from(rgb), gray.into()] {
+            let expected = image.to_rgba8();
+            assert_eq!(rgba_texels(image).as_flattened(), expected.as_raw());
         }
     }
 

@@ -13,8 +13,8 @@
 use glam::Vec4;
 
 use super::mip_level::{Decoder, MipLevel, mix};
+use crate::parallel;
 use crate::scene::{Encoding, Sampler};
-use crate::{huge_pages, parallel};
 
 /// Mip levels of an image, except for the finest one.
 #[derive(Clone, Debug, Default)]
@@ -92,7 +92,6 @@ impl MipMap {
 fn halved(source: MipLevel, encoding: Encoding) -> StoredLevel {
     let [width, height] = [source.width, source.height].map(|side| (side / 2).max(1));
     let mut texels = vec![[0.0; 4]; width as usize * height as usize];
-    huge_pages::advise(&mut texels);
     parallel::for_each_chunk_mut(&mut texels, width as usize, &|y, row| {
         if source.width.is_multiple_of(2) && source.height.is_multiple_of(2) {
             return halve_row(source, y, encoding, row);

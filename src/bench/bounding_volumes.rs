@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::error::{BenchError, check};
 use super::options::{BenchOptions, MeasuredScene};
 use super::ray_workload::{RayKind, RayWorkload};
-use super::replay::{Engine, whole_replay_time};
+use super::replay::{Engine, Mode, ReplayPart, replay_time};
 use crate::accel::bsp::BspAccel;
 use crate::accel::extents::{
     BoundingVolumeCounts, BoundingVolumeKind, ListAccel, ListLimits, Spheres, Tally, TileCulledAccel,
@@ -147,7 +147,8 @@ pub fn measure_bounding_volumes(
 fn rays_within_budget(list: &ListAccel, set: &RayWorkload) -> RayWorkload {
     // The shortest of three times, so that an interruption does not leave too few rays.
     let seconds = |some: &RayWorkload| {
-        let timings = (0..3).map(|_| whole_replay_time(Engine::Accel(list), some).processor);
+        let timings =
+            (0..3).map(|_| replay_time(Engine::Accel(list), ReplayPart::whole(some), Mode::Packet).processor);
         timings.fold(f64::INFINITY, f64::min)
     };
     let mut most = 1;
@@ -244,7 +245,7 @@ fn measure(
 ) -> Result<Vec<BoundingVolumeRow>, BenchError> {
     let blocks = options.blocks("replay", (candidates.len(), 1), |index, _| {
         let engine = Engine::Accel(candidates[index].accel());
-        Ok(whole_replay_time(engine, set))
+        Ok(replay_time(engine, ReplayPart::whole(set), Mode::Packet))
     })?;
     // Compare the results with those of the first candidate
     let mut rows = Vec::new();

@@ -82,44 +82,58 @@ impl Engine<'_> {
     }
 }
 
-/// Returns the time that `engine` takes for a part of `set` on this thread, copying of the packets included; the parts
-/// add up to the time of the set.
-pub(super) fn replay_time(engine: Engine, (set, part): (&RayWorkload, usize), mode: Mode) -> TurnTime {
-    let mut scratch = scratch(mode);
-    let (packets, weight) = part_of(set, part);
-    let watch = Stopwatch::start();
-    replay(engine, set, packets, &mut scratch);
-    watch.time() * weight
+/// Packets of a set that are replayed in one turn.
+#[derive(Clone, Copy)]
+pub(super) struct ReplayPart<'w> {
+    set: &'w RayWorkload,
+    packets: &'w [RayPacket],
+    /// Factor of the time, by which the parts of a set add up to the time of the set.
+    weight: f64,
 }
 
-/// Returns the time that `engine` takes for packets of 16 rays, all of `set`, on this thread.
-pub(super) fn whole_replay_time(engine: Engine, set: &RayWorkload) -> TurnTime {
-    let watch = Stopwatch::start();
-    replay(engine, set, &set.packets, &mut scratch(Mode::Packet));
-    watch.time()
-}
-
-/// Returns the packets of a part of `set`, and the weight of their time. Each part of a small set is the whole set: times
-/// of a few microseconds vary.
-fn part_of(set: &RayWorkload, part: usize) -> (&[RayPacket], f64) {
-    let count = set.packets.len();
-    if count < PARTS * BATCH_PACKETS {
-        return (&set.packets, 1.0 / PARTS as f64);
+impl<'w> ReplayPart<'w> {
+    /// Returns the whole of `set` as one part.
+    pub(super) fn whole(set: &'w RayWorkload) -> ReplayPart<'w> {
+        ReplayPart {
+            set,
+            packets: &set.packets,
+            weight: 1.0,
+        }
     }
-    (
-        &set.packets[part * count / PARTS..(part + 1) * count / PARTS],
-        1.0,
-    )
+
+    /// Returns part `index` of [`PARTS`]. Each part of a small set is the whole set: times of a few microseconds vary.
+    pub(super) fn of(set: &'w RayWorkload, index: usize) -> ReplayPart<'w> {
+        let count = set.packets.len();
+        let whole = ReplayPart::whole(set);
+        if count < PARTS * BATCH_PACKETS {
+            return ReplayPart {
+                weight: 1.0 / PARTS as f64,
+                ..whole
+            };
+        }
+        ReplayPart {
+            packets: &set.packets[index * count / PARTS..(index + 1) * count / PARTS],
+            ..whole
+        }
+    }
 }
 
-/// Returns the time for a part of `set`, shared among the threads of `pool`; see [`replay_time`].
+/// Returns the time that `engine` takes for `part` on this thread, copying of the packets included.
+pub(super) fn replay_time(engine: Engine, part: ReplayPart, mode: Mode) -> TurnTime {
+    let mut scratch = scratch(mode);
+    let watch = Stopwatch::start();
+    replay(engine, part.set, part.packets, &mut scratch);
+    watch.time() * part.weight
+}
+
+/// Returns the time for `part`, shared among the threads of `pool`; see [`replay_time`].
 pub(super) fn shared_replay_time(
     pool: &ThreadPool,
     engine: Engine,
-    (set, part): (&RayWorkload, usize),
+    part: ReplayPart,
     mode: Mode,
 ) -> TurnTime {
-    let (packets, weight) = part_of(set, part);
+    let ReplayPart { set, packets, weight } = part;
     // Parts are small enough that every thread takes several, even if the threads differ in speed.
     let share = (packets.len() / (SHARES * pool.current_num_threads())).max(BATCH_PACKETS);
     let shares: Vec<&[RayPacket]> = packets.chunks(share).collect();

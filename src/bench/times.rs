@@ -3,7 +3,7 @@
 use super::error::BenchError;
 use super::options::{BenchOptions, MeasuredScene};
 use super::ray_workload::{RayKind, RayWorkload};
-use super::replay::{Mode, PARTS, replay_time, shared_replay_time};
+use super::replay::{Mode, PARTS, ReplayPart, replay_time, shared_replay_time};
 use super::rows::FrameTime;
 use super::structures::{Contestant, Structure};
 use crate::accel::Backend;
@@ -74,10 +74,10 @@ impl<'m> Times<'m> {
                 }
                 // Replay a part of a ray set on one thread or on several
                 let Contestant { engine, mode, .. } = contestants[candidate / ways % contestants.len()];
-                let set = &sets[candidate / (ways * contestants.len())];
+                let part = ReplayPart::of(&sets[candidate / (ways * contestants.len())], part);
                 Ok(match (candidate % ways).checked_sub(1) {
-                    None => replay_time(engine, (set, part), mode),
-                    Some(pool) => shared_replay_time(&options.scaling[pool], engine, (set, part), mode),
+                    None => replay_time(engine, part, mode),
+                    Some(pool) => shared_replay_time(&options.scaling[pool], engine, part, mode),
                 })
             },
         )?;

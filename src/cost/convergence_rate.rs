@@ -1,10 +1,9 @@
 //! Convergence rate: slope of a least-squares line through errors over times on logarithmic axes.
 
 use super::Interval;
+use super::error::NORMAL;
 use crate::measure::bootstrap;
 
-/// Half-width of a 95 % interval in standard deviations of a normal distribution.
-const NORMAL: f64 = 1.96;
 /// Seed of the resampled blocks.
 const SEED: u64 = 11;
 

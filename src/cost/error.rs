@@ -15,7 +15,7 @@ use crate::measure::bootstrap;
 const BLOCK: usize = 8;
 
 /// Half-width of the central 95 % of a normal distribution, in standard deviations.
-const NORMAL: f64 = 1.96;
+pub(super) const NORMAL: f64 = 1.96;
 
 /// Image in displayed values, divided into blocks for resampling.
 #[derive(Clone, Debug)]

@@ -17,11 +17,11 @@
 
 use std::error::Error;
 use std::sync::Arc;
-use std::time::Instant;
 
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
 use whit::accel::{self, Accel, AccelOptions, Backend};
+use whit::measure::Stopwatch;
 use whit::render::{Cancelled, Category, Monitor, RenderSettings, Rendering, render};
 use whit::scene::{Camera, Light, LightKind, Scene};
 use whit::volume::cloud::{Cloud, CloudShape};
@@ -270,30 +270,20 @@ fn marched_bits(marched: &Marched) -> [u64; 4] {
 #[derive(Clone, Copy)]
 struct Seconds {
     wall: f64,
-    /// Of all threads together; 0 where it is not reported.
+    /// Of all threads together.
     processor: f64,
 }
 
 /// Returns what `work` returns, and the time that it took.
 fn timed<T>(work: impl FnOnce() -> T) -> (T, Seconds) {
-    let (before, start) = (processor_seconds(), Instant::now());
+    let watch = Stopwatch::start();
     let result = work();
+    let time = watch.time();
     let seconds = Seconds {
-        wall: start.elapsed().as_secs_f64(),
-        processor: processor_seconds() - before,
+        wall: time.elapsed,
+        processor: time.processor,
     };
     (result, seconds)
-}
-
-/// Returns the processor time of this process so far: fields 14 and 15 of its `stat`, in hundredths; 0 where there is no
-/// such file.
-fn processor_seconds() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let Some((_, after_name)) = stat.rsplit_once(')') else {
-        return 0.0;
-    };
-    let fields = after_name.split_whitespace().skip(11).take(2);
-    fields.filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / 100.0
 }
 
 /// Median and extremes of the turns in seconds.

@@ -12,7 +12,7 @@
 //! 3. [`render::render`] traces tiles of the image wavefront by wavefront and returns a [`render::Rendering`].
 //! 4. [`image`] writes PNG and EXR files.
 //!
-//! Folders import only earlier ones: `processor_time` `parallel` · [`manual`] · [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`]
+//! Folders import only earlier ones: `processor_time` `parallel` [`buffer`] · [`manual`] · [`numeric`] · [`shape`] [`mesh`] [`optics`] [`volume`]
 //! [`image`] · [`scene`] · [`shading`] · [`gltf`] [`accel`] · [`scene_file`] · [`jobs`] [`render`] · [`batch`]
 //! [`measure`] · [`cost`] [`verify`] [`bench`] [`watch`] · [`report`]. `tests/ci/structure.py` checks it. `batch` also has
 //! the settings that any image is requested with. Modules that the list of modules below leaves out are the program's own
@@ -125,6 +125,7 @@ pub mod accel;
 pub mod batch;
 #[doc(hidden)]
 pub mod bench;
+pub mod buffer;
 #[doc(hidden)]
 pub mod cost;
 pub mod gltf;

@@ -8,6 +8,7 @@
 //! Results are in the order of the tasks for any number of threads, so sums over them are deterministic too. Each task
 //! may run on a different thread.
 
+use std::cmp::Reverse;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -25,8 +26,29 @@ pub fn for_each(count: usize, work: &(dyn Fn(usize) + Sync)) {
 
 /// Returns the results of tasks `0..count`, in their order.
 pub fn map<T: Send>(count: usize, work: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
+    map_in_order(count, &|started| started, work)
+}
+
+/// Returns the results of one task per size, in the order of the sizes. The largest tasks are started first, so that no
+/// thread is left with one at the end.
+pub fn map_largest_first<T: Send>(sizes: &[usize], work: &(dyn Fn(usize) -> T + Sync)) -> Vec<T> {
+    let mut order: Vec<usize> = (0..sizes.len()).collect();
+    order.sort_by_key(|&task| Reverse(sizes[task]));
+    // Rayon starts the second half of a range on another thread, so the tasks are counted as they start
+    let started = AtomicUsize::new(0);
+    let next = |_| order[started.fetch_add(1, Ordering::Relaxed)];
+    map_in_order(sizes.len(), &next, work)
+}
+
+/// Returns the results of tasks `0..count`, in their order. `task_of` gives each of `0..count` a task of its own.
+fn map_in_order<T: Send>(
+    count: usize,
+    task_of: &(dyn Fn(usize) -> usize + Sync),
+    work: &(dyn Fn(usize) -> T + Sync),
+) -> Vec<T> {
     let slots: Vec<Mutex<Option<T>>> = (0..count).map(|_| Mutex::new(None)).collect();
-    for_each(count, &|task| {
+    for_each(count, &|index| {
+        let task = task_of(index);
         let result = work(task);
         // Each slot belongs to one task, so the lock is never contended
         *locked(&slots[task]) = Some(result);
@@ -173,6 +195,26 @@ mod tests {
                 .unwrap();
             install(&pool, &check);
         }
+    }
+
+    #[test]
+    fn largest_tasks_start_first_and_results_keep_their_order() {
+        let sizes = [3, 9, 1, 9, 5];
+        in_pools(|| {
+            let started = Mutex::new(Vec::new());
+            let results = map_largest_first(&sizes, &|task| {
+                locked(&started).push(task);
+                10 * task
+            });
+            assert_eq!(results, [0, 10, 20, 30, 40]);
+            let mut started = started.into_inner().unwrap();
+            // One thread alone starts them in order, equal sizes by index.
+            if rayon::current_num_threads() == 1 {
+                assert_eq!(started, [1, 3, 4, 0, 2]);
+            }
+            started.sort_unstable();
+            assert_eq!(started, [0, 1, 2, 3, 4]);
+        });
     }
 
     #[test]

@@ -10,7 +10,7 @@ use super::GltfError;
 use super::buffer::BufferWindow;
 use super::document::GltfDocument;
 use super::error::EXPORT_AGAIN;
-use crate::mesh::Buffer;
+use crate::buffer::Buffer;
 use crate::parallel;
 
 /// Largest number of elements of an accessor without a buffer view, as no bytes of the file back their number.

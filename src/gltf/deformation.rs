@@ -17,7 +17,7 @@ use super::node::{Deformed, PlacedNode};
 use super::node_transform::NodeOverride;
 use super::primitive_id::PrimitiveId;
 use super::skin::Joints;
-use crate::mesh::Buffer;
+use crate::buffer::Buffer;
 use crate::numeric;
 use crate::parallel;
 

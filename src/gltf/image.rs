@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::io::Cursor;
 
-use image::{DynamicImage, ImageDecoder, ImageReader, Limits};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageReader, Limits};
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
@@ -12,6 +12,7 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 use super::bytes::Bytes;
 use super::document::GltfDocument;
 use super::{GltfError, LoadOptions};
+use crate::buffer::{Buffer, BufferMut};
 use crate::parallel;
 use crate::scene::{CachedImage, Image, ImageCache, Texels};
 
@@ -59,7 +60,8 @@ impl GltfDocument {
                 }),
             }
         };
-        parallel::try_map(numbers.len(), &read)
+        let sizes: Vec<usize> = sources.iter().map(|source| source.as_slice().len()).collect();
+        parallel::map_largest_first(&sizes, &read).into_iter().collect()
     }
 
     fn decode_image(
@@ -83,11 +85,11 @@ impl GltfDocument {
         let (width, height) = decoder.dimensions();
         let texels = match rgba_of_jpeg(source.as_slice(), [width, height]) {
             Some(texels) => texels,
-            None => rgba_texels(DynamicImage::from_decoder(decoder).map_err(|e| self.bad_image(number, &e))?),
+            None => rgba_texels(decoder).map_err(|e| self.bad_image(number, &e))?,
         };
         Ok(CachedImage {
             size: [width, height],
-            texels: Texels::Bytes(texels.into()),
+            texels: Texels::Bytes(texels),
         })
     }
 
@@ -148,7 +150,7 @@ impl GltfDocument {
 }
 
 /// Returns the texels of a JPEG image, opaque; `None` for other images, and where it cannot be decoded.
-fn rgba_of_jpeg(bytes: &[u8], [width, height]: [u32; 2]) -> Option<Vec<[u8; 4]>> {
+fn rgba_of_jpeg(bytes: &[u8], [width, height]: [u32; 2]) -> Option<Buffer<[u8; 4]>> {
     let options = DecoderOptions::default()
         .set_strict_mode(false)
         .set_max_width(usize::MAX)
@@ -161,23 +163,33 @@ fn rgba_of_jpeg(bytes: &[u8], [width, height]: [u32; 2]) -> Option<Vec<[u8; 4]>>
     if decoder.input_colorspace()? != ColorSpace::YCbCr {
         return None;
     }
-    let mut texels = vec![[0; 4]; width as usize * height as usize];
+    let mut texels = BufferMut::zeroed(width as usize * height as usize);
     decoder.decode_into(texels.as_flattened_mut()).ok()?;
-    Some(texels)
+    Some(texels.freeze())
 }
 
-/// Returns the texels of an image with 8 bits per channel, opaque where it has no alpha.
-fn rgba_texels(image: DynamicImage) -> Vec<[u8; 4]> {
-    match image {
-        // Most images; the general conversion takes as long as decoding
-        DynamicImage::ImageRgb8(rgb) => {
-            let opaque = |t: &[u8]| [t[0], t[1], t[2], u8::MAX];
-            rgb.as_raw().chunks_exact(3).map(opaque).collect()
-        }
-        // Reuse the decoder's allocation if its size and capacity are multiples of 4
-        other => bytemuck::allocation::try_cast_vec(other.into_rgba8().into_raw())
-            .unwrap_or_else(|(_, bytes)| bytes.chunks_exact(4).map(|t| [t[0], t[1], t[2], t[3]]).collect()),
+/// Decodes an image to 8 bits per channel, opaque where it has no alpha.
+fn rgba_texels(decoder: impl ImageDecoder) -> image::ImageResult<Buffer<[u8; 4]>> {
+    let (width, height) = decoder.dimensions();
+    let mut texels = BufferMut::zeroed(width as usize * height as usize);
+    // Decode in place, or convert
+    if decoder.color_type() == ColorType::Rgba8 {
+        decoder.read_image(texels.as_flattened_mut())?;
+        return Ok(texels.freeze());
     }
+    match DynamicImage::from_decoder(decoder)? {
+        // Most other images; the general conversion takes as long as decoding
+        DynamicImage::ImageRgb8(rgb) => {
+            for (texel, rgb) in texels.iter_mut().zip(rgb.as_raw().as_chunks::<3>().0) {
+                let [r, g, b] = *rgb;
+                *texel = [r, g, b, u8::MAX];
+            }
+        }
+        other => texels
+            .as_flattened_mut()
+            .copy_from_slice(other.into_rgba8().as_raw()),
+    }
+    Ok(texels.freeze())
 }
 
 /// Largest allocation of a decoder for one image: 8 bytes per texel of the largest image allowed by default.
@@ -214,9 +226,15 @@ mod tests {
         let codes: Vec<u8> = (0..3 * 35).map(|i| (i * 37 % 256) as u8).collect();
         let rgb = image::RgbImage::from_raw(7, 5, codes).unwrap();
         let gray = image::GrayImage::from_raw(3, 1, vec![0, 7, 255]).unwrap();
-        for image in [DynamicImage::from(rgb), gray.into()] {
+        for image in [
+            DynamicImage::from(rgb.clone()),
+            gray.into(),
+            DynamicImage::from(rgb).to_rgba8().into(),
+        ] {
             let expected = image.to_rgba8();
-            assert_eq!(rgba_texels(image).as_flattened(), expected.as_raw());
+            let bytes = encoded(&image, image::ImageFormat::Png);
+            let decoder = image::codecs::png::PngDecoder::new(Cursor::new(&bytes)).unwrap();
+            assert_eq!(rgba_texels(decoder).unwrap().as_flattened(), expected.as_raw());
         }
     }
 

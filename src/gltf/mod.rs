@@ -45,6 +45,7 @@ pub use animation::AnimationTime;
 pub(crate) use camera_light::default_camera;
 pub use error::GltfError;
 
+use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::parallel;
 use crate::scene::{Background, EffectSet, Geometry, ImageCache, Instance, Normalisation, Scene};
@@ -128,10 +129,21 @@ fn read(path: &Path, options: &LoadOptions) -> Result<(GltfDocument, Scene, Vec<
     let mut nodes = document.placed_nodes(&moved)?;
     let deformations = document.deform(&mut nodes, &moved)?;
     let primitives = document.read_used_primitives(&nodes, &deformations)?;
-    let (bounds, image_numbers) = document.place_primitives(&nodes, primitives, &mut scene)?;
-    // Decode the images that simulated effects use
+    let PlacedPrimitives {
+        bounds,
+        image_numbers,
+        missing_tangents,
+    } = document.place_primitives(&nodes, primitives, &mut scene)?;
+    // Decode the images that simulated effects use, and compute tangents meanwhile
     let wanted = scene.images_for(options.without);
-    scene.images = document.read_images(&image_numbers, &wanted, options)?;
+    let (images, meshes) = parallel::join(
+        || document.read_images(&image_numbers, &wanted, options),
+        || with_tangents(&scene.geometries, &missing_tangents),
+    );
+    scene.images = images?;
+    for (missing, mesh) in missing_tangents.iter().zip(meshes) {
+        scene.geometries[missing.geometry] = Geometry::Mesh(mesh);
+    }
     // Add cameras and lights
     for node in &nodes {
         scene
@@ -140,6 +152,33 @@ fn read(path: &Path, options: &LoadOptions) -> Result<(GltfDocument, Scene, Vec<
         scene.lights.extend(document.light_at(node, &mut scene.warnings)?);
     }
     Ok((document, scene, bounds))
+}
+
+/// Results of placing the primitives, beside the scene itself.
+struct PlacedPrimitives {
+    /// Bounds of the geometries in their object spaces.
+    bounds: Vec<Bounds>,
+    /// Numbers of the images that the textures need.
+    image_numbers: Vec<usize>,
+    missing_tangents: Vec<MissingTangents>,
+}
+
+/// Mesh whose tangents are to be computed.
+struct MissingTangents {
+    geometry: usize,
+    /// Texture coordinate set that the tangents follow.
+    set: usize,
+}
+
+/// Returns the meshes with tangents, in parallel.
+fn with_tangents(geometries: &[Geometry], missing: &[MissingTangents]) -> Vec<Mesh> {
+    parallel::map(
+        missing.len(),
+        &|index| match &geometries[missing[index].geometry] {
+            Geometry::Mesh(mesh) => mesh.with_tangents(missing[index].set),
+            Geometry::Shape(_) => Mesh::default(),
+        },
+    )
 }
 
 /// Primitives that the scene's nodes use, each read once.
@@ -187,16 +226,19 @@ impl GltfDocument {
         }))
     }
 
-    /// Makes geometries, instances, materials and textures. Returns the bounds of the geometries in their object
-    /// spaces, and the numbers of the images that the textures need.
+    /// Makes geometries, instances, materials and textures.
     fn place_primitives(
         &self,
         nodes: &[PlacedNode],
         mut primitives: UsedPrimitives,
         scene: &mut Scene,
-    ) -> Result<(Vec<Bounds>, Vec<usize>), GltfError> {
+    ) -> Result<PlacedPrimitives, GltfError> {
         let mut materials = Materials::new(self);
-        let mut bounds = Vec::new();
+        let mut found = PlacedPrimitives {
+            bounds: Vec::new(),
+            image_numbers: Vec::new(),
+            missing_tangents: Vec::new(),
+        };
         let mut placed: HashMap<PrimitiveId, Option<(u32, u32)>> = HashMap::new();
         for node in nodes {
             for id in self.primitives_at(node)? {
@@ -205,7 +247,7 @@ impl GltfDocument {
                     Some(&place) => place,
                     None => {
                         let place = match primitives.remove(&id) {
-                            Some(read) => self.add_geometry(id, read, &mut materials, &mut bounds, scene)?,
+                            Some(read) => self.add_geometry(id, read, &mut materials, &mut found, scene)?,
                             None => None,
                         };
                         placed.insert(id, place);
@@ -225,7 +267,8 @@ impl GltfDocument {
         scene.materials = materials.materials;
         scene.textures = materials.textures;
         scene.warnings.append(&mut materials.warnings);
-        Ok((bounds, materials.images))
+        found.image_numbers = materials.images;
+        Ok(found)
     }
 
     /// Adds the geometry and the material of a primitive and returns their indices; `None` if it has no usable
@@ -235,7 +278,7 @@ impl GltfDocument {
         id: PrimitiveId,
         read: ReadPrimitive,
         materials: &mut Materials,
-        bounds: &mut Vec<Bounds>,
+        found: &mut PlacedPrimitives,
         scene: &mut Scene,
     ) -> Result<Option<(u32, u32)>, GltfError> {
         scene.warnings.extend(read.warnings);
@@ -247,10 +290,12 @@ impl GltfDocument {
         let has_set = |set: u32| sets.get(set as usize).is_some_and(|s| !s.is_empty());
         let number = self.primitive(id).material.map(|m| m.value());
         let material = materials.index_of(number, has_set)?;
-        let geometry = scene.geometries.len() as u32;
+        let geometry = scene.geometries.len();
+        let missing = |set| MissingTangents { geometry, set };
+        found.missing_tangents.extend(read.missing_tangents.map(missing));
+        found.bounds.push(read.bounds);
         scene.geometries.push(Geometry::Mesh(read.mesh));
-        bounds.push(read.bounds);
-        Ok(Some((geometry, material)))
+        Ok(Some((geometry as u32, material)))
     }
 
     /// Returns an instance of one primitive at one node; `None` if the node is scaled to zero, by which files hide

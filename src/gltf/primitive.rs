@@ -9,7 +9,8 @@ use super::deformation::{Deformation, Deformer};
 use super::document::GltfDocument;
 use super::error::EXPORT_AGAIN;
 use super::primitive_id::PrimitiveId;
-use crate::mesh::{Buffer, Mesh};
+use crate::buffer::Buffer;
+use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::parallel;
 use crate::scene::mesh_cleanup;
@@ -18,6 +19,8 @@ use crate::scene::mesh_cleanup;
 pub(super) struct ReadPrimitive {
     pub(super) mesh: Mesh,
     pub(super) bounds: Bounds,
+    /// Texture coordinate set for which tangents are to be computed, as the file has none that can be used.
+    pub(super) missing_tangents: Option<usize>,
     pub(super) warnings: Vec<String>,
 }
 
@@ -33,6 +36,7 @@ impl GltfDocument {
             id,
             deformer: None,
             deformation: id.deformation.and_then(|number| deformations.get(number)),
+            missing_tangents: None,
             warnings: Vec::new(),
         }
         .read()
@@ -45,6 +49,7 @@ struct PrimitiveReader<'a> {
     deformation: Option<&'a Deformation>,
     /// Deformation of this primitive's vertices, once their number is known.
     deformer: Option<Deformer>,
+    missing_tangents: Option<usize>,
     warnings: Vec<String>,
 }
 
@@ -88,6 +93,7 @@ impl PrimitiveReader<'_> {
         ReadPrimitive {
             mesh,
             bounds,
+            missing_tangents: self.missing_tangents,
             warnings: self.warnings,
         }
     }
@@ -171,15 +177,15 @@ impl PrimitiveReader<'_> {
                 .resize_with(mesh.tex_coords.len().max(set as usize + 1), Buffer::default);
             mesh.tex_coords[set as usize] = self.finite(values, "texture coordinates");
         }
-        // Add tangents for a normal map
+        // Read tangents for a normal map
         match self.document.normal_map_set(material)? {
-            Some(set) => self.add_tangents(mesh, set as usize),
+            Some(set) => self.read_tangents(mesh, set as usize),
             None => Ok(()),
         }
     }
 
-    /// Adds tangents for the normal map on a texture coordinate set; without the set in the mesh the map is left out.
-    fn add_tangents(&mut self, mesh: &mut Mesh, set: usize) -> Result<(), GltfError> {
+    /// Reads tangents for the normal map on a texture coordinate set; without the set in the mesh the map is left out.
+    fn read_tangents(&mut self, mesh: &mut Mesh, set: usize) -> Result<(), GltfError> {
         if mesh.tex_coords.get(set).is_none_or(|set| set.is_empty()) {
             return Ok(());
         }
@@ -193,10 +199,8 @@ impl PrimitiveReader<'_> {
             };
             mesh.tangents = self.unit_tangents(tangents, &mesh.triangles);
         }
-        // Compute tangents that are absent or unusable
-        if mesh.tangents.is_none() {
-            *mesh = mesh.with_tangents(set);
-        }
+        // Absent or unusable ones are computed once all primitives are read
+        self.missing_tangents = mesh.tangents.is_none().then_some(set);
         Ok(())
     }
 

@@ -15,7 +15,7 @@ use super::GltfError;
 use super::document::GltfDocument;
 use super::error::EXPORT_AGAIN;
 use super::primitive_id::PrimitiveId;
-use crate::mesh::Buffer;
+use crate::buffer::Buffer;
 use crate::parallel;
 
 /// Number of vertices per parallel task.

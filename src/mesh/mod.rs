@@ -1,6 +1,5 @@
 //! Triangle meshes: vertex and index arrays, owned or borrowed from a mapped file.
 
-mod buffer;
 mod bumpy;
 pub mod simd;
 mod tangents;
@@ -8,9 +7,9 @@ pub mod triangle;
 
 use glam::{DVec3, Vec3};
 
+use crate::buffer::Buffer;
 use crate::numeric::Bounds;
 use crate::parallel;
-pub use buffer::Buffer;
 pub use bumpy::bumpy_sphere;
 
 /// Triangle mesh in object space.

@@ -14,7 +14,8 @@ use bevy_mikktspace::{Geometry, TangentSpace, generate_tangents};
 use bytemuck::Pod;
 use glam::{DVec3, Vec3};
 
-use super::{Buffer, Mesh};
+use super::Mesh;
+use crate::buffer::Buffer;
 use crate::parallel;
 
 /// Largest number of triangles around a vertex, which limits the depth of the recursion: a quarter of a megabyte of

@@ -7,7 +7,8 @@ use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use super::mesh_cleanup::{self, Removed};
 use super::{Geometry, Material, Scene, Space, Texture};
-use crate::mesh::{Buffer, Mesh};
+use crate::buffer::Buffer;
+use crate::mesh::Mesh;
 use crate::numeric;
 use crate::parallel;
 

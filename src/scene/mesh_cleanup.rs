@@ -9,7 +9,8 @@ use std::fmt;
 
 use glam::{DVec3, Vec3};
 
-use crate::mesh::{Buffer, Mesh};
+use crate::buffer::Buffer;
+use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::parallel;
 

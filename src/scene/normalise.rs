@@ -303,7 +303,7 @@ fn power_of_two_below(x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::Buffer;
+    use crate::buffer::Buffer;
     use crate::scene::{Camera, Instance, Light};
 
     const POSITIONS: [[f32; 3]; 3] = [[0.25, -1.0, 0.1], [1.5, 0.3, -0.7], [-0.9, 2.1, 0.0]];

@@ -1,9 +1,9 @@
 //! Textures: images and procedural patterns, their lookup, and the material inputs that they modify.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use super::Effect;
+use crate::buffer::Buffer;
 use crate::image::{self, DecodedPixels, ImageError, TransferCurve};
 
 /// A texture bound to a material input.
@@ -286,9 +286,9 @@ impl Image {
 #[derive(Clone, Debug, PartialEq)]
 pub enum Texels {
     /// RGBA, 8 bits per channel, as stored.
-    Bytes(Arc<Vec<[u8; 4]>>),
+    Bytes(Buffer<[u8; 4]>),
     /// Linear RGBA floats (EXR, Radiance HDR, 16 bits a channel).
-    Floats(Arc<Vec<[f32; 4]>>),
+    Floats(Buffer<[f32; 4]>),
     /// Pixels left in the file, as no simulated effect uses them; a lookup returns white.
     Unread,
 }
@@ -320,8 +320,8 @@ impl Texels {
     /// Returns whether another image shares these texels.
     pub(super) fn is_shared(&self) -> bool {
         match self {
-            Texels::Bytes(texels) => Arc::strong_count(texels) > 1,
-            Texels::Floats(texels) => Arc::strong_count(texels) > 1,
+            Texels::Bytes(texels) => texels.is_shared(),
+            Texels::Floats(texels) => texels.is_shared(),
             Texels::Unread => false,
         }
     }

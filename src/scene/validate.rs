@@ -344,7 +344,8 @@ fn out_of_range(kind: &str, index: u32, count: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::{Buffer, Mesh};
+    use crate::buffer::Buffer;
+    use crate::mesh::Mesh;
     use crate::optics::subsurface::SubsurfacePreset;
     use crate::optics::{Absorption, Dispersion};
     use crate::scene::{

@@ -6,7 +6,8 @@ use serde::Deserialize;
 
 use super::shape_diagnostic::ShapeDiagnostic;
 use super::value::{Located, Vector};
-use crate::mesh::{Buffer, Mesh};
+use crate::buffer::Buffer;
+use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 
 /// A mesh of convex polygons.

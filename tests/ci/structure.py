@@ -17,7 +17,7 @@ SOURCE = Path(__file__).resolve().parents[2] / "src"
 
 # Folders (or files of the same name) in layers: each may import its own layer's earlier entries and all earlier layers.
 LAYERS = """
-    processor_time parallel manual numeric shape mesh optics volume image scene shading gltf accel scene_file jobs render batch measure
+    processor_time parallel buffer manual numeric shape mesh optics volume image scene shading gltf accel scene_file jobs render batch measure
     cost verify bench watch report cli main
 """.split()
 

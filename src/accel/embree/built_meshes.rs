@@ -11,7 +11,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use bytemuck::Pod;
 
 use crate::accel::MeshCounts;
-use crate::mesh::{Buffer, Mesh};
+use crate::buffer::Buffer;
+use crate::mesh::Mesh;
 use crate::parallel;
 
 /// Number of vertex positions that are hashed; all arrays are compared only if the hashes agree.

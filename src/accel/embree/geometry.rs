@@ -8,7 +8,7 @@ use embree_sys as sys;
 use super::device::Device;
 use super::scene::EmbreeScene;
 use crate::accel::AccelError;
-use crate::mesh::Buffer;
+use crate::buffer::Buffer;
 
 /// Number of bytes that Embree loads to read one vertex or one row of indices.
 const LOAD_BYTES: usize = 16;

@@ -154,7 +154,8 @@ mod tests {
     use glam::{DQuat, Vec3};
 
     use super::*;
-    use crate::mesh::{Buffer, Mesh};
+    use crate::buffer::Buffer;
+    use crate::mesh::Mesh;
     use crate::numeric::object_ray;
     use crate::scene::Geometry;
 

@@ -9,7 +9,7 @@ use crate::scene::{Encoding, Image, Sampler, Texels, Wrap};
 pub(super) const WHITE: [f32; 4] = [1.0; 4];
 
 /// Table of the linear values of the 256 sRGB codes (IEC 61966-2-1).
-static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> =
+pub(super) static LINEAR_FROM_SRGB: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|code| linear_from_srgb(code as f64 / 255.0) as f32));
 
 /// Rectangle of texels in row-major order, the top row first.
@@ -25,6 +25,8 @@ pub(super) struct MipLevel<'a> {
 pub(super) enum Decoder<'a> {
     Bytes(&'a [[u8; 4]]),
     SrgbBytes(&'a [[u8; 4]], &'static [f32; 256]),
+    /// Linear fractions of 65535.
+    Words(&'a [[u16; 4]]),
     Floats(&'a [[f32; 4]]),
 }
 
@@ -44,7 +46,7 @@ impl<'a> MipLevel<'a> {
         }
     }
 
-    /// Creates a level from texels that are linear already.
+    /// Creates a level of linear floats.
     pub(super) fn of_floats(width: u32, height: u32, texels: &'a [[f32; 4]]) -> MipLevel<'a> {
         MipLevel {
             width,
@@ -69,6 +71,7 @@ impl<'a> MipLevel<'a> {
                     unit(a),
                 ]
             }
+            Decoder::Words(texels) => texels[index].map(|word| f32::from(word) / f32::from(u16::MAX)),
             Decoder::Floats(texels) => texels[index],
         }
     }

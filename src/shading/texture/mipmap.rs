@@ -4,15 +4,18 @@
 //! which texel i covers the sources 2i, 2i + 1 and 2i + 2 with weights (m - i, m, i + 1) / (2m + 1): each source has
 //! the total weight m / (2m + 1), so the mean is preserved.
 //!
-//! Levels are linear f32, so a lookup decodes nothing and rounding does not add up over the levels. They take a third
-//! of 16 bytes per texel of the image; the finest level is the image itself.
+//! Levels of images of bytes are linear words, fractions of 65535: lookups mostly wait for memory. Each level rounds by
+//! half a word, which is a fortieth of the darkest sRGB code. Levels of images of floats are floats. They take a third
+//! of 8 or 16 bytes per texel of the image; the finest level is the image itself.
 //!
 //! Colours (sRGB) are averaged with their alpha as weight, so that invisible texels do not bleed into visible ones;
 //! where all alphas are zero, the weights are equal. In linear images the channels are averaged independently.
 
+use bytemuck::Pod;
 use glam::Vec4;
 
 use super::mip_level::{Decoder, MipLevel, mix};
+use crate::buffer::{Buffer, BufferMut};
 use crate::parallel;
 use crate::scene::{Encoding, Sampler};
 
@@ -26,12 +29,27 @@ pub(super) struct MipMap {
 struct StoredLevel {
     width: u32,
     height: u32,
-    texels: Vec<[f32; 4]>,
+    texels: LevelTexels,
+}
+
+/// Linear texels of a level.
+#[derive(Clone, Debug)]
+pub(super) enum LevelTexels {
+    /// Fractions of 65535.
+    Words(Buffer<[u16; 4]>),
+    Floats(Buffer<[f32; 4]>),
 }
 
 impl StoredLevel {
     fn grid(&self) -> MipLevel<'_> {
-        MipLevel::of_floats(self.width, self.height, &self.texels)
+        MipLevel {
+            width: self.width,
+            height: self.height,
+            texels: match &self.texels {
+                LevelTexels::Words(texels) => Decoder::Words(texels),
+                LevelTexels::Floats(texels) => Decoder::Floats(texels),
+            },
+        }
     }
 }
 
@@ -40,7 +58,10 @@ impl MipMap {
     pub(super) fn byte_count(&self) -> usize {
         self.levels
             .iter()
-            .map(|level| size_of_val(&level.texels[..]))
+            .map(|level| match &level.texels {
+                LevelTexels::Words(texels) => size_of_val(&texels[..]),
+                LevelTexels::Floats(texels) => size_of_val(&texels[..]),
+            })
             .sum()
     }
 
@@ -50,7 +71,7 @@ impl MipMap {
     /// # Panics
     /// If there is no such level.
     #[inline(always)]
-    pub(super) fn level_texels(&self, level: usize) -> &[[f32; 4]] {
+    pub(super) fn level_texels(&self, level: usize) -> &LevelTexels {
         &self.levels[level - 1].texels
     }
 
@@ -91,32 +112,82 @@ impl MipMap {
 /// Returns the next coarser level of `source`.
 fn halved(source: MipLevel, encoding: Encoding) -> StoredLevel {
     let [width, height] = [source.width, source.height].map(|side| (side / 2).max(1));
-    let mut texels = vec![[0.0; 4]; width as usize * height as usize];
-    parallel::for_each_chunk_mut(&mut texels, width as usize, &|y, row| {
+    StoredLevel {
+        width,
+        height,
+        texels: match source.texels {
+            Decoder::Floats(_) => LevelTexels::Floats(halved_texels(source, encoding)),
+            Decoder::Bytes(_) | Decoder::SrgbBytes(..) | Decoder::Words(_) => {
+                LevelTexels::Words(halved_texels(source, encoding))
+            }
+        },
+    }
+}
+
+/// Returns the texels of the next coarser level of `source`.
+fn halved_texels<T: StoredTexel>(source: MipLevel, encoding: Encoding) -> Buffer<T> {
+    let [width, height] = [source.width, source.height].map(|side| (side as usize / 2).max(1));
+    let mut texels = BufferMut::zeroed(width * height);
+    parallel::for_each_chunk_mut(&mut texels, width, &|y, row: &mut [T]| {
         if source.width.is_multiple_of(2) && source.height.is_multiple_of(2) {
             return halve_row(source, y, encoding, row);
         }
         let down = Taps::new(y, source.height as usize);
         for (x, texel) in row.iter_mut().enumerate() {
-            *texel = average(source, Taps::new(x, source.width as usize), down, encoding);
+            let taps = Taps::new(x, source.width as usize);
+            *texel = T::of_linear(average(source, taps, down, encoding));
         }
     });
-    StoredLevel {
-        width,
-        height,
-        texels,
+    texels.freeze()
+}
+
+/// Storage of a texel in a level.
+trait StoredTexel: Pod + Send + Sync {
+    fn of_linear(value: Vec4) -> Self;
+
+    /// Returns the mean of four texels from the sums of their codes, which are fractions of `MAX`.
+    fn of_code_sums<const MAX: u32>(sums: [u32; 4]) -> Self;
+}
+
+impl StoredTexel for [f32; 4] {
+    #[inline(always)]
+    fn of_linear(value: Vec4) -> [f32; 4] {
+        value.to_array()
+    }
+
+    #[inline(always)]
+    fn of_code_sums<const MAX: u32>(sums: [u32; 4]) -> [f32; 4] {
+        sums.map(|sum| sum as f32 / (4 * MAX) as f32)
     }
 }
 
-/// Writes row `y` of the next coarser level of a source with even sides. Each texel covers two by two of the source with
-/// equal weights, so f32 rounds no more than the mean of equal texels by a unit in the last place.
-fn halve_row(source: MipLevel, y: usize, encoding: Encoding, row: &mut [[f32; 4]]) {
+impl StoredTexel for [u16; 4] {
+    /// Rounds fractions of 1 to the nearest word.
+    #[inline(always)]
+    fn of_linear(value: Vec4) -> [u16; 4] {
+        // Above 2^23 floats are integers, which the low bits of their mantissa number.
+        const INTEGERS: f32 = (1 << 23) as f32;
+        let words = value * f32::from(u16::MAX) + INTEGERS;
+        words.to_array().map(|word| word.to_bits() as u16)
+    }
+
+    #[inline(always)]
+    fn of_code_sums<const MAX: u32>(sums: [u32; 4]) -> [u16; 4] {
+        let words_per_code = const { u16::MAX as u32 / MAX };
+        sums.map(|sum| ((sum * words_per_code + 2) >> 2) as u16)
+    }
+}
+
+/// Writes row `y` of the next coarser level of a source with even sides, of which each texel covers two by two of the
+/// source with equal weights.
+fn halve_row<T: StoredTexel>(source: MipLevel, y: usize, encoding: Encoding, row: &mut [T]) {
     let width = source.width as usize;
     let first = 2 * y * width;
     let rows = [first..first + width, first + width..first + 2 * width];
-    let unit = |[r, g, b, a]: [u8; 4]| Vec4::new(r.into(), g.into(), b.into(), a.into()) / 255.0;
     match source.texels {
-        Decoder::Bytes(texels) => average_pairs(rows.map(|row| &texels[row]), unit, encoding, row),
+        Decoder::Bytes(texels) => {
+            average_codes::<_, T, { u8::MAX as u32 }>(rows.map(|row| &texels[row]), encoding, row);
+        }
         Decoder::SrgbBytes(texels, linear) => {
             let decode = |[r, g, b, a]: [u8; 4]| {
                 let code = |code: u8| linear[code as usize];
@@ -124,36 +195,64 @@ fn halve_row(source: MipLevel, y: usize, encoding: Encoding, row: &mut [[f32; 4]
             };
             average_pairs(rows.map(|row| &texels[row]), decode, encoding, row);
         }
+        Decoder::Words(texels) => {
+            average_codes::<_, T, { u16::MAX as u32 }>(rows.map(|row| &texels[row]), encoding, row);
+        }
         Decoder::Floats(texels) => {
             average_pairs(rows.map(|row| &texels[row]), Vec4::from_array, encoding, row);
         }
     }
 }
 
-/// Writes the means of squares of two by two texels of two rows, which `decode` converts to linear values.
-fn average_pairs<T: Copy>(
-    [upper, lower]: [&[T]; 2],
-    decode: impl Fn(T) -> Vec4,
+/// Writes the means of squares of two by two texels of two rows, whose codes are fractions of `MAX`.
+fn average_codes<C: Copy + Into<u32>, T: StoredTexel, const MAX: u32>(
+    [upper, lower]: [&[[C; 4]]; 2],
     encoding: Encoding,
-    row: &mut [[f32; 4]],
+    row: &mut [T],
 ) {
-    let squares = upper.chunks_exact(2).zip(lower.chunks_exact(2));
-    for (mean, (upper, lower)) in row.iter_mut().zip(squares) {
-        let texels = [
-            decode(upper[0]),
-            decode(upper[1]),
-            decode(lower[0]),
-            decode(lower[1]),
-        ];
-        let sum = texels[0] + texels[1] + (texels[2] + texels[3]);
-        *mean = (0.25 * sum).to_array();
-        // Weigh colours by alpha, unless all are equal
-        if encoding == Encoding::Srgb && sum.w > 0.0 && sum.w != 4.0 {
-            let weighted = texels.map(|texel| texel * texel.w);
-            let colors = (weighted[0] + weighted[1] + (weighted[2] + weighted[3])) / sum.w;
-            *mean = colors.with_w(0.25 * sum.w).to_array();
+    let (upper, lower) = (upper.as_chunks::<2>().0, lower.as_chunks::<2>().0);
+    for (mean, ([a, b], [c, d])) in row.iter_mut().zip(upper.iter().zip(lower)) {
+        let texels = [*a, *b, *c, *d].map(|texel| texel.map(Into::<u32>::into));
+        let mut sums = [0; 4];
+        for channel in 0..4 {
+            sums[channel] = texels.iter().map(|texel| texel[channel]).sum();
         }
+        let alpha = sums[3];
+        *mean = match encoding {
+            // Weigh colours by alpha, unless all are equal
+            Encoding::Srgb if alpha > 0 && alpha != 4 * MAX => {
+                let unit = |code: u32| code as f32 / MAX as f32;
+                weighted_mean(texels.map(|texel| Vec4::from_array(texel.map(unit))))
+            }
+            _ => T::of_code_sums::<MAX>(sums),
+        };
     }
+}
+
+/// Writes the means of squares of two by two texels of two rows, which `decode` converts to linear values.
+fn average_pairs<S: Copy, T: StoredTexel>(
+    [upper, lower]: [&[S]; 2],
+    decode: impl Fn(S) -> Vec4,
+    encoding: Encoding,
+    row: &mut [T],
+) {
+    let (upper, lower) = (upper.as_chunks::<2>().0, lower.as_chunks::<2>().0);
+    for (mean, ([a, b], [c, d])) in row.iter_mut().zip(upper.iter().zip(lower)) {
+        let texels = [decode(*a), decode(*b), decode(*c), decode(*d)];
+        let sum = texels[0] + texels[1] + (texels[2] + texels[3]);
+        *mean = match encoding {
+            // Weigh colours by alpha, unless all are equal
+            Encoding::Srgb if sum.w > 0.0 && sum.w != 4.0 => weighted_mean(texels),
+            _ => T::of_linear(0.25 * sum),
+        };
+    }
+}
+
+/// Returns the mean of four texels whose colours are weighted by their alphas, of which some are above zero.
+fn weighted_mean<T: StoredTexel>(texels: [Vec4; 4]) -> T {
+    let weighted = texels.map(|texel| (texel * texel.w).with_w(texel.w));
+    let sum = weighted[0] + weighted[1] + (weighted[2] + weighted[3]);
+    T::of_linear((sum / sum.w).with_w(0.25 * sum.w))
 }
 
 /// Up to three neighbouring source texels that one texel of the next level covers, with their weights.
@@ -192,7 +291,7 @@ impl Taps {
 
 /// Returns the weighted mean of the texels that `across` and `down` cover. The sum is in f64, so equal texels keep
 /// their value.
-fn average(source: MipLevel, across: Taps, down: Taps, encoding: Encoding) -> [f32; 4] {
+fn average(source: MipLevel, across: Taps, down: Taps, encoding: Encoding) -> Vec4 {
     let mut sum = [0.0; 4];
     let mut seen = [0.0; 3];
     // Sum the texels, also weighted by alpha
@@ -213,7 +312,7 @@ fn average(source: MipLevel, across: Taps, down: Taps, encoding: Encoding) -> [f
             sum[channel] = seen[channel] / sum[3];
         }
     }
-    sum.map(|x| x as f32)
+    Vec4::from_array(sum.map(|x| x as f32))
 }
 
 #[cfg(test)]
@@ -252,10 +351,16 @@ mod tests {
             let finest = MipLevel::of_image(&image, Encoding::Srgb);
             let expected = finest.texel(0, 0);
             for level in MipMap::new(finest, Encoding::Srgb).levels {
-                for texel in level.texels {
+                for index in 0..(level.width * level.height) as usize {
+                    let texel = level.grid().texel(index, 0);
                     for channel in 0..4 {
-                        let ulps = texel[channel].to_bits().abs_diff(expected[channel].to_bits());
-                        assert!(ulps <= 1, "{width} x {height}: {texel:?}, not {expected:?}");
+                        let difference = (texel[channel] - expected[channel]).abs();
+                        // Half a word, and the rounding of f32
+                        let tolerance = 0.5 / 65535.0 + f32::EPSILON;
+                        assert!(
+                            difference <= tolerance,
+                            "{width} x {height}: {texel:?}, not {expected:?}"
+                        );
                     }
                 }
             }
@@ -278,10 +383,11 @@ mod tests {
             let coarsest = mip_map.levels.last().unwrap();
             assert_eq!((coarsest.width, coarsest.height), (1, 1));
             for c in 0..4 {
-                // One f32 rounding per level, of a number below 1.
-                let tolerance = mip_map.levels.len() as f64 * f64::from(f32::EPSILON);
+                // Half a word and one f32 rounding per level, of a number below 1.
+                let rounding = 0.5 / 65535.0 + f64::from(f32::EPSILON);
+                let tolerance = mip_map.levels.len() as f64 * rounding;
                 assert!(
-                    (f64::from(coarsest.texels[0][c]) - mean[c]).abs() <= tolerance,
+                    (f64::from(coarsest.grid().texel(0, 0)[c]) - mean[c]).abs() <= tolerance,
                     "{width} x {height}"
                 );
             }
@@ -315,7 +421,10 @@ mod tests {
             );
         }
         assert_eq!(look(0.0), finest.bilinear(CLAMPED, [0.37, 0.61]));
-        assert_eq!(look(f64::INFINITY), mip_map.levels.last().unwrap().texels[0]);
+        assert_eq!(
+            look(f64::INFINITY),
+            mip_map.levels.last().unwrap().grid().texel(0, 0)
+        );
         assert_eq!(look(f64::NAN), look(0.0));
     }
 
@@ -339,9 +448,22 @@ mod tests {
         );
         let coarsest = |encoding| {
             let mip_map = MipMap::new(MipLevel::of_image(&image, encoding), encoding);
-            mip_map.levels[0].texels[0]
+            mip_map.levels[0].grid().texel(0, 0)
         };
-        assert_eq!(coarsest(Encoding::Srgb), [1.0, 0.0, 0.0, 0.5]);
-        assert_eq!(coarsest(Encoding::Linear), [0.5, 0.5, 0.0, 0.5]);
+        // One half lies between two words, of which the upper one is even.
+        let half = 32768.0 / 65535.0;
+        assert_eq!(coarsest(Encoding::Srgb), [1.0, 0.0, 0.0, half]);
+        assert_eq!(coarsest(Encoding::Linear), [half, half, 0.0, half]);
+    }
+
+    #[test]
+    fn words_keep_one_and_zero_exactly_and_images_of_floats_stay_floats() {
+        let image = image(4, 4, |_, _| [255, 0, 255, 255]);
+        let mip_map = MipMap::new(MipLevel::of_image(&image, Encoding::Srgb), Encoding::Srgb);
+        assert_eq!(mip_map.levels[1].grid().texel(0, 0), [1.0, 0.0, 1.0, 1.0]);
+        assert_eq!(mip_map.byte_count(), (4 + 1) * 8);
+        let bright = MipLevel::of_floats(2, 1, &[[1e6, -2.0, 0.0, 1.0]; 2]);
+        let mip_map = MipMap::new(bright, Encoding::Linear);
+        assert_eq!(mip_map.levels[0].grid().texel(0, 0), [1e6, -2.0, 0.0, 1.0]);
     }
 }

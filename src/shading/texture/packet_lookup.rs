@@ -12,11 +12,11 @@ use glam::Vec4;
 
 use super::encoding_index;
 use super::lookup_plan::{Layout, LookupPlan, MAX_SIDE, Taps, UvPacket};
-use super::mip_level::{Decoder, MipLevel};
-use super::mipmap::MipMap;
+use super::mip_level::{LINEAR_FROM_SRGB, WHITE};
+use super::mipmap::{LevelTexels, MipMap};
 use super::{ImageLookup, Lookup, TextureSet};
 use crate::numeric::{LANES, Lanes};
-use crate::scene::{Encoding, Filter, TextureUse};
+use crate::scene::{Encoding, Filter, Texels, TextureUse};
 
 /// Working memory of lookups. What one layer of a material computes is kept for the next ones.
 #[derive(Debug)]
@@ -111,14 +111,25 @@ impl TextureSet<'_> {
         // Fetch and blend the texels
         if lookup.fetched != Some((layer.texture, encoding)) {
             lookup.fetched = Some((layer.texture, encoding));
-            let finest = MipLevel::of_image(image.image, encoding);
             let (plan, texels) = (&lookup.plan, &mut lookup.texels);
-            match finest.texels {
-                Decoder::Bytes(bytes) => fetch(plan, &LinearBytes(bytes), mips, mask, texels),
-                Decoder::SrgbBytes(bytes, linear) => {
-                    fetch(plan, &SrgbBytes { bytes, linear }, mips, mask, texels);
+            match (&image.image.texels, encoding) {
+                (Texels::Bytes(bytes), Encoding::Linear) => {
+                    fetch(plan, &LinearBytes(bytes), mips, mask, texels);
                 }
-                Decoder::Floats(floats) => fetch(plan, &Floats(floats), mips, mask, texels),
+                (Texels::Bytes(bytes), Encoding::Srgb) => {
+                    fetch(
+                        plan,
+                        &SrgbBytes {
+                            bytes,
+                            linear: &LINEAR_FROM_SRGB,
+                        },
+                        mips,
+                        mask,
+                        texels,
+                    );
+                }
+                (Texels::Floats(floats), _) => fetch(plan, &Floats(floats), mips, mask, texels),
+                (Texels::Unread, _) => *texels = [WHITE; LANES],
             }
         }
         &lookup.texels
@@ -135,9 +146,9 @@ impl ImageLookup<'_> {
 
 /// Fetches the texels of the lanes in `mask` and blends them.
 #[inline(always)]
-fn fetch(
+fn fetch<F: FinestTexels>(
     plan: &LookupPlan,
-    finest: &impl TexelSource,
+    finest: &F,
     mips: Option<&MipMap>,
     mask: &Lanes<bool>,
     texels: &mut Lanes<[f32; 4]>,
@@ -148,7 +159,7 @@ fn fetch(
         }
         // Find the texels of the two levels
         let (level, blend) = (plan.level[l] as usize, plan.blend[l]);
-        let level_texels = |level: usize| Floats(mips.map_or(&[], |mips| mips.level_texels(level)));
+        let level_texels = |level: usize| F::coarser(mips.map(|mips| mips.level_texels(level)));
         let coarser = (blend > 0.0).then(|| (level_texels(level + 1), blend));
         // Average the probes
         let probes = &plan.taps[..plan.probe_count[l] as usize];
@@ -163,10 +174,10 @@ fn fetch(
 /// Returns the sum of the lookups of lane `l` on the finer of two levels, or blended with those on the coarser one by
 /// its weight.
 #[inline(always)]
-fn sum_probes(
+fn sum_probes<C: TexelSource>(
     probes: &[[Taps; 2]],
     finer: &impl TexelSource,
-    coarser: Option<&(Floats, f32)>,
+    coarser: Option<&(C, f32)>,
     l: usize,
 ) -> Vec4 {
     let mut sum = Vec4::ZERO;
@@ -209,6 +220,14 @@ trait TexelSource {
     fn pair(&self, index: usize) -> [Vec4; 2];
 }
 
+/// Texels of the finest level, beside those of the coarser levels of their mip map.
+trait FinestTexels: TexelSource {
+    type Coarser<'t>: TexelSource;
+
+    /// Returns the texels of a coarser level; none if there is no mip map.
+    fn coarser(level: Option<&LevelTexels>) -> Self::Coarser<'_>;
+}
+
 struct LinearBytes<'a>(&'a [[u8; 4]]);
 
 struct SrgbBytes<'a> {
@@ -216,7 +235,64 @@ struct SrgbBytes<'a> {
     linear: &'static [f32; 256],
 }
 
+struct LinearWords<'a>(&'a [[u16; 4]]);
+
 struct Floats<'a>(&'a [[f32; 4]]);
+
+impl<'a> LinearWords<'a> {
+    #[inline(always)]
+    fn of_level(level: Option<&'a LevelTexels>) -> LinearWords<'a> {
+        match level {
+            Some(LevelTexels::Words(texels)) => LinearWords(texels),
+            _ => LinearWords(&[]),
+        }
+    }
+}
+
+impl FinestTexels for LinearBytes<'_> {
+    type Coarser<'t> = LinearWords<'t>;
+
+    #[inline(always)]
+    fn coarser(level: Option<&LevelTexels>) -> LinearWords<'_> {
+        LinearWords::of_level(level)
+    }
+}
+
+impl FinestTexels for SrgbBytes<'_> {
+    type Coarser<'t> = LinearWords<'t>;
+
+    #[inline(always)]
+    fn coarser(level: Option<&LevelTexels>) -> LinearWords<'_> {
+        LinearWords::of_level(level)
+    }
+}
+
+impl FinestTexels for Floats<'_> {
+    type Coarser<'t> = Floats<'t>;
+
+    #[inline(always)]
+    fn coarser(level: Option<&LevelTexels>) -> Floats<'_> {
+        match level {
+            Some(LevelTexels::Floats(texels)) => Floats(texels),
+            _ => Floats(&[]),
+        }
+    }
+}
+
+impl TexelSource for LinearWords<'_> {
+    const SCALE: f32 = 1.0 / 65535.0;
+
+    #[inline(always)]
+    fn texel(&self, index: usize) -> Vec4 {
+        Vec4::from_array(self.0[index].map(f32::from))
+    }
+
+    #[inline(always)]
+    fn pair(&self, index: usize) -> [Vec4; 2] {
+        let pair = LinearWords(&self.0[index..index + 2]);
+        [pair.texel(0), pair.texel(1)]
+    }
+}
 
 impl TexelSource for LinearBytes<'_> {
     const SCALE: f32 = 1.0 / 255.0;
@@ -273,6 +349,7 @@ mod tests {
     use super::*;
     use crate::numeric::SplitMix64;
     use crate::scene::{Image, Sampler, Scene, Texels, Texture, Wrap};
+    use crate::shading::texture::MipLevel;
     use crate::shading::{Footprint, TexturePoint};
     use glam::DVec3;
 

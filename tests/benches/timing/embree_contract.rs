@@ -4,7 +4,8 @@
 use glam::DAffine3;
 use whit::accel::embree::EmbreeAccel;
 use whit::accel::{Accel, AccelOptions, Coherence, RayPacket};
-use whit::mesh::{Buffer, Mesh};
+use whit::buffer::Buffer;
+use whit::mesh::Mesh;
 use whit::scene::{Geometry, Instance, Scene};
 
 use crate::batches::Traced;

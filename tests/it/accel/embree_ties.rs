@@ -4,7 +4,8 @@ use glam::{DAffine3, DVec3, Vec3};
 use whit::accel::brute::BruteAccel;
 use whit::accel::embree::EmbreeAccel;
 use whit::accel::{Accel, AccelError, AccelOptions, Coherence, Kernel, LANES, Precision, RayPacket};
-use whit::mesh::{Buffer, Mesh};
+use whit::buffer::Buffer;
+use whit::mesh::Mesh;
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Instance, Scene};
 

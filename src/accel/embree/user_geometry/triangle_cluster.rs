@@ -351,7 +351,7 @@ impl TriangleClusters {
 mod tests {
     use super::*;
     use crate::accel::MeshCache;
-    use crate::mesh::Buffer;
+    use crate::buffer::Buffer;
 
     fn mesh(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>) -> Mesh {
         Mesh {

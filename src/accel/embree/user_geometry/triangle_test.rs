@@ -412,7 +412,8 @@ mod tests {
     use crate::accel::embree::EmbreeAccel;
     use crate::accel::embree::origin_bound::unpadded;
     use crate::accel::{Accel, AccelOptions, Coherence, LANES, Precision, RayPacket};
-    use crate::mesh::{Buffer, Mesh};
+    use crate::buffer::Buffer;
+    use crate::mesh::Mesh;
     use crate::scene::{Geometry, Instance, Scene};
 
     /// Builds a closed sphere-like mesh of 8 n² triangles around a point: a subdivided octahedron with displaced

@@ -1,12 +1,11 @@
 //! NaN injection: a NaN in any number of a scene must be rejected before it reaches an image.
 
-use std::sync::Arc;
-
 use bytemuck::Pod;
 use glam::{DAffine3, DVec3};
 
 use crate::accel::AccelError;
-use crate::mesh::{Buffer, Mesh};
+use crate::buffer::Buffer;
+use crate::mesh::Mesh;
 use crate::numeric::{Bounds, SplitMix64};
 use crate::optics::subsurface::Scattering;
 use crate::optics::{Absorption, Dispersion};
@@ -267,7 +266,7 @@ static INPUTS: [(&str, &[Add]); 16] = [
         "the environment map",
         &[|s, r, x| {
             let [rotation, scale, texel] = any([0.5; 3], r, x);
-            texels(s)[r.below(16)][r.below(3)] = texel as f32;
+            change_texel(s, r.below(16), |color| color[r.below(3)] = texel as f32);
             let scale = scale as f32;
             s.background = Background::Environment {
                 image: 0,
@@ -400,10 +399,12 @@ fn layer(
     material(scene, |m| m.layers = vec![layer])
 }
 
-fn texels(scene: &mut Scene) -> &mut [[f32; 4]] {
-    match &mut scene.images[0].texels {
-        Texels::Floats(texels) => Arc::make_mut(texels).as_mut_slice(),
-        _ => &mut [],
+/// Changes a texel of the scene's first image, if that has floats.
+fn change_texel(scene: &mut Scene, index: usize, change: impl FnOnce(&mut [f32; 4])) {
+    if let Texels::Floats(texels) = &mut scene.images[0].texels {
+        let mut changed = texels.to_vec();
+        change(&mut changed[index]);
+        *texels = changed.into();
     }
 }
 
@@ -414,7 +415,7 @@ fn texel(
     channel: usize,
     (random, x): (&mut SplitMix64, f64),
 ) -> Result<(), String> {
-    texels(scene)[random.below(16)][channel] += x as f32;
+    change_texel(scene, random.below(16), |color| color[channel] += x as f32);
     layer(scene, parameter, |_| ())
 }
 

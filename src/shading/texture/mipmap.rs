@@ -35,7 +35,7 @@ struct StoredLevel {
 /// Linear texels of a level.
 #[derive(Clone, Debug)]
 pub(super) enum LevelTexels {
-    /// Fractions of 65535.
+    /// Linear fractions of 65535.
     Words(Buffer<[u16; 4]>),
     Floats(Buffer<[f32; 4]>),
 }

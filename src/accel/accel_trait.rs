@@ -1,5 +1,7 @@
 //! Queries that every acceleration structure answers.
 
+use glam::Vec3;
+
 use super::packet::RayPacket;
 use super::report::AccelReport;
 
@@ -14,9 +16,27 @@ pub trait Accel: Send + Sync {
     /// Marks every active lane as blocked whose ray hits anything within its interval.
     fn occluded(&self, packets: &mut [RayPacket], order: Coherence);
 
+    /// Marks blocked lanes as [`Accel::occluded`] does, for coherent rays that all end at `target` up to rounding, such
+    /// as shadow rays to a point light: their parameter at `target` is `t_far` or slightly more.
+    fn occluded_from_target(&self, packets: &mut [RayPacket], target: Vec3) {
+        let _ = target;
+        self.occluded(packets, Coherence::Coherent);
+    }
+
+    /// Returns the number of coherent packets that a query should have, at most [`MAX_BATCH`]: more would leave the
+    /// cache, fewer would leave work unshared.
+    fn batch(&self) -> usize {
+        BATCH
+    }
+
     /// Returns statistics of the structure that was built.
     fn report(&self) -> AccelReport;
 }
+
+/// Number of packets of most queries: 24 KB of rays, half of an L1 cache.
+pub(crate) const BATCH: usize = 16;
+/// Largest number of packets that an [`Accel::batch`] may have.
+pub(crate) const MAX_BATCH: usize = 64;
 
 /// Coherence hint for the rays of a packet. It changes the speed, never the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,6 +6,7 @@ use super::bsp::BspAccel;
 #[cfg(feature = "embree")]
 use super::embree::{self, EmbreeAccel};
 use super::error::AccelError;
+use super::native::NativeAccel;
 use super::options::{AccelOptions, Backend};
 use super::report::EmbreeIdentity;
 use crate::scene::ValidScene;
@@ -22,6 +23,7 @@ pub fn build<'s>(
         Backend::Embree => Ok(Box::new(EmbreeAccel::build(scene, options)?)),
         #[cfg(not(feature = "embree"))]
         Backend::Embree => Err(AccelError::NoEmbree),
+        Backend::Native => Ok(Box::new(NativeAccel::build(scene, options)?)),
         Backend::Bsp => Ok(Box::new(BspAccel::build(scene, options)?)),
         Backend::Brute => Ok(Box::new(BruteAccel::new(scene))),
     }

@@ -1,6 +1,7 @@
-//! Ray-scene intersection for packets of rays: nearest hit and occlusion, by one of three backends with equal results.
+//! Ray-scene intersection for packets of rays: nearest hit and occlusion, by one of four backends with equal results.
 //!
 //! * `embree`: the system's Embree, with shapes and instances as user geometry.
+//! * [`native`]: a bounding volume hierarchy in Rust for groups of rays with a common origin.
 //! * [`bsp`]: an axis-aligned BSP tree, in Rust.
 //! * [`brute`]: a loop over every primitive, the reference for tests.
 //!
@@ -24,6 +25,7 @@ pub mod extents;
 pub mod hit_compare;
 mod mesh_cache;
 mod mesh_counts;
+pub mod native;
 mod options;
 mod packet;
 mod planes;
@@ -34,6 +36,7 @@ mod scene_stats;
 mod shape_query;
 
 pub use accel_trait::{Accel, Coherence};
+pub(crate) use accel_trait::{BATCH, MAX_BATCH};
 pub use build::{build, identity};
 #[cfg(feature = "embree")]
 #[doc(hidden)]

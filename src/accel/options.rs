@@ -14,6 +14,8 @@ use super::quality::BuildQuality;
 pub enum Backend {
     /// The system's Embree library.
     Embree,
+    /// A bounding volume hierarchy in Rust, which groups of rays with a common origin traverse together.
+    Native,
     /// An axis-aligned BSP tree, in Rust.
     Bsp,
     /// A loop over every primitive: slow, the reference for tests.
@@ -35,6 +37,7 @@ impl fmt::Display for Backend {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(match self {
             Backend::Embree => "embree",
+            Backend::Native => "native",
             Backend::Bsp => "bsp",
             Backend::Brute => "brute",
         })

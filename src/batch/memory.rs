@@ -38,6 +38,8 @@ pub struct MemoryForecast {
     pub scene_bytes: u64,
     /// Peak bytes of Embree's structure, which it takes during the build.
     pub embree_bytes: u64,
+    /// Bytes of the native tree after the build.
+    pub native_bytes: u64,
     /// Bytes of the BSP tree after the build.
     pub bsp_bytes: u64,
     /// Bytes of the film of a 1024x1024 image.
@@ -49,6 +51,8 @@ pub struct MemoryForecast {
 /// Peak bytes per triangle during a build by Embree 3.13.5, measured with 2 million triangles; 70 remain after the
 /// build.
 const EMBREE_BYTES_PER_TRIANGLE: u64 = 104;
+/// Bytes per triangle of the native tree, measured with 2 million triangles.
+const NATIVE_BYTES_PER_TRIANGLE: u64 = 60;
 /// Bytes per triangle of the BSP, duplicates included, measured with 2 million triangles.
 const BSP_BYTES_PER_TRIANGLE: u64 = 84;
 
@@ -59,6 +63,7 @@ impl MemoryForecast {
         MemoryForecast {
             scene_bytes: mesh_bytes(scene) + image_bytes(scene) + volume_bytes(scene),
             embree_bytes: EMBREE_BYTES_PER_TRIANGLE * triangles,
+            native_bytes: NATIVE_BYTES_PER_TRIANGLE * triangles,
             bsp_bytes: BSP_BYTES_PER_TRIANGLE * triangles,
             film_bytes: film_bytes(1024, 1024),
             subsurface_bytes: subsurface_bytes(scene),

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use serde::Serialize;
 
 use super::options::MeasuredScene;
@@ -46,6 +46,8 @@ pub(super) struct RayWorkload {
     pub(super) packets: Vec<RayPacket>,
     /// Number of active lanes of all packets.
     pub(super) ray_count: u64,
+    /// Point at which all shadow rays end, if they have one light that is a point.
+    target: Option<Vec3>,
 }
 
 impl RayWorkload {
@@ -82,6 +84,7 @@ impl RayWorkload {
         RayWorkload {
             kind,
             ray_count: packets.iter().map(active).sum(),
+            target: common_target(&packets).filter(|_| kind == RayKind::Shadow),
             packets,
         }
     }
@@ -124,6 +127,15 @@ impl RayWorkload {
         RayWorkload::new(self.kind, packets)
     }
 
+    /// Traces packets of the set, or copies of them, as the renderer would.
+    pub(super) fn trace(&self, accel: &dyn Accel, packets: &mut [RayPacket]) {
+        match (self.kind, self.target) {
+            (RayKind::Shadow, Some(target)) => accel.occluded_from_target(packets, target),
+            (RayKind::Shadow, None) => accel.occluded(packets, self.order()),
+            _ => accel.intersect(packets, self.order()),
+        }
+    }
+
     /// Returns whether rays in neighbouring lanes are coherent.
     pub(super) fn order(&self) -> Coherence {
         match self.kind {
@@ -131,6 +143,26 @@ impl RayWorkload {
             RayKind::Reflection | RayKind::Random => Coherence::Incoherent,
         }
     }
+}
+
+/// Returns the point at which all rays end, up to the rounding of their directions.
+fn common_target(packets: &[RayPacket]) -> Option<Vec3> {
+    // Twice the rounding of a direction, relative to the origin and the target
+    const TOLERANCE: f64 = 2.0 * f32::EPSILON as f64;
+    let rays = || {
+        let of_packet = |packet: &RayPacket| {
+            let active = (0..LANES).filter(|&lane| packet.is_active(lane));
+            active.map(|lane| packet.ray(lane)).collect::<Vec<Ray>>()
+        };
+        packets.iter().flat_map(of_packet)
+    };
+    let end = |ray: &Ray| ray.at(f64::from(ray.t_far));
+    let target = end(&rays().next()?);
+    let ends_there = |ray: Ray| {
+        let size = ray.origin.as_dvec3().abs().max(target.abs()).max_element();
+        (end(&ray) - target).abs().max_element() <= TOLERANCE * size
+    };
+    (target.is_finite() && rays().all(ends_there)).then(|| target.as_vec3())
 }
 
 /// Gives inactive lanes an empty interval: on a processor with packets of at most eight lanes, Embree decides by the
@@ -171,7 +203,6 @@ fn random_ray(bounds: &Bounds, random: &mut SplitMix64) -> Ray {
 
 #[cfg(test)]
 mod tests {
-    use glam::Vec3;
 
     use super::*;
 

@@ -10,7 +10,7 @@ use super::ray_workload::{BATCH_PACKETS, RayKind, RayWorkload};
 #[cfg(feature = "embree")]
 use crate::accel::embree::EmbreeAccel;
 use crate::accel::hit_compare::{self, HitComparison};
-use crate::accel::{Accel, Coherence, LANES, RayPacket};
+use crate::accel::{Accel, LANES, RayPacket};
 use crate::measure::{Stopwatch, TurnTime};
 use crate::parallel;
 use crate::scene::Scene;
@@ -66,8 +66,10 @@ pub(super) enum Engine<'a> {
 }
 
 impl Engine<'_> {
-    fn trace(&self, packets: &mut [RayPacket], kind: RayKind, order: Coherence) {
-        match (self, kind) {
+    fn trace(&self, packets: &mut [RayPacket], set: &RayWorkload) {
+        #[cfg(feature = "embree")]
+        let order = set.order();
+        match (self, set.kind) {
             #[cfg(feature = "embree")]
             (Engine::Raw(embree), RayKind::Shadow) => embree.baseline_occluded16(packets, order),
             #[cfg(feature = "embree")]
@@ -76,8 +78,7 @@ impl Engine<'_> {
             (Engine::RawSingle(embree), RayKind::Shadow) => embree.baseline_occluded1(packets),
             #[cfg(feature = "embree")]
             (Engine::RawSingle(embree), _) => embree.baseline_intersect1(packets),
-            (Engine::Accel(accel), RayKind::Shadow) => accel.occluded(packets, order),
-            (Engine::Accel(accel), _) => accel.intersect(packets, order),
+            (Engine::Accel(accel), _) => set.trace(*accel, packets),
         }
     }
 }
@@ -160,7 +161,7 @@ fn replay(engine: Engine, set: &RayWorkload, packets: &[RayPacket], scratch: &mu
     for packets in packets.chunks(scratch.len()) {
         let scratch = &mut scratch[..packets.len()];
         scratch.clone_from_slice(packets);
-        engine.trace(scratch, set.kind, set.order());
+        engine.trace(scratch, set);
         black_box(scratch);
     }
 }
@@ -180,8 +181,8 @@ pub(super) fn differences(scene: &Scene, set: &RayWorkload, reference: Engine, o
     for original in &set.packets {
         // Trace copies of the packet with both engines
         let [mut a, mut b] = [original.clone(), original.clone()];
-        reference.trace(std::slice::from_mut(&mut a), set.kind, set.order());
-        other.trace(std::slice::from_mut(&mut b), set.kind, set.order());
+        reference.trace(std::slice::from_mut(&mut a), set);
+        other.trace(std::slice::from_mut(&mut b), set);
         // Classify the difference in each active lane
         for lane in (0..LANES).filter(|&lane| original.is_active(lane)) {
             let agreement = match (set.kind, reference, other) {

@@ -8,6 +8,7 @@ use super::replay::{Engine, Mode};
 use crate::accel::bsp::BspAccel;
 #[cfg(feature = "embree")]
 use crate::accel::embree::EmbreeAccel;
+use crate::accel::native::NativeAccel;
 use crate::accel::{Accel, AccelError, AccelOptions, Backend, Instancing, Kernel, Precision};
 use crate::measure::{Blocks, Stopwatch, TurnTime};
 use crate::parallel;
@@ -17,6 +18,7 @@ use crate::scene::Scene;
 enum TypedAccel<'s> {
     #[cfg(feature = "embree")]
     Embree(EmbreeAccel<'s>),
+    Native(NativeAccel<'s>),
     Bsp(BspAccel<'s>),
 }
 
@@ -27,6 +29,7 @@ impl<'s> TypedAccel<'s> {
             Backend::Embree => Ok(TypedAccel::Embree(EmbreeAccel::build(scene, options)?)),
             #[cfg(not(feature = "embree"))]
             Backend::Embree => Err(AccelError::NoEmbree),
+            Backend::Native => Ok(TypedAccel::Native(NativeAccel::build(scene, options)?)),
             Backend::Bsp | Backend::Brute => Ok(TypedAccel::Bsp(BspAccel::build(scene, options)?)),
         }
     }
@@ -35,6 +38,7 @@ impl<'s> TypedAccel<'s> {
         match self {
             #[cfg(feature = "embree")]
             TypedAccel::Embree(embree) => embree,
+            TypedAccel::Native(native) => native,
             TypedAccel::Bsp(bsp) => bsp,
         }
     }
@@ -43,7 +47,7 @@ impl<'s> TypedAccel<'s> {
         match self {
             #[cfg(feature = "embree")]
             TypedAccel::Embree(embree) => embree.instanced_mesh_count() > 0,
-            TypedAccel::Bsp(_) => false,
+            TypedAccel::Native(_) | TypedAccel::Bsp(_) => false,
         }
     }
 }
@@ -120,6 +124,8 @@ impl<'s> Structure<'s> {
                     }
                 }
             }
+            check(options.observer)?;
+            all.push(new(Backend::Native, at(Precision::Watertight))?.with_single(scene)?);
             // The BSP is the reference of hits, so it is watertight for any precision requested from Embree.
             check(options.observer)?;
             all.push(new(Backend::Bsp, at(Precision::Watertight))?.with_single(scene)?);
@@ -173,9 +179,9 @@ impl<'s> Structure<'s> {
                 }
             }
             // Packets, single rays and batches
-            TypedAccel::Bsp(packet) => {
+            TypedAccel::Native(_) | TypedAccel::Bsp(_) => {
                 engines.extend(single.map(|single| (Mode::Single, Engine::Accel(single.accel()))));
-                engines.push((Mode::Batch, Engine::Accel(packet)));
+                engines.push((Mode::Batch, Engine::Accel(self.accel())));
             }
         }
         engines

@@ -37,7 +37,7 @@ impl Configuration {
         let trust = |path: &HitPath| match (path.backend, path.precision) {
             (Backend::Embree, precision) => Precision::ALL.iter().position(|&known| known == precision),
             (Backend::Bsp, Precision::Fast) => Some(0),
-            (Backend::Bsp | Backend::Brute, _) => Some(Precision::ALL.len()),
+            (Backend::Native | Backend::Bsp | Backend::Brute, _) => Some(Precision::ALL.len()),
         };
         // Spawn policy and hit points may equal those of `other` or be the most accurate ones
         let (settings, others) = (&self.settings, &other.settings);

@@ -338,7 +338,7 @@ impl KnobLevels<'_> {
             // Precisions differ in triangles alone: a scene without triangles has one path through Embree.
             let own = match self.base.path.backend {
                 Backend::Embree => self.base.path.precision,
-                Backend::Bsp | Backend::Brute => Precision::default(),
+                Backend::Native | Backend::Bsp | Backend::Brute => Precision::default(),
             };
             let precisions: &[Precision] = if self.has_meshes() {
                 &Precision::ALL

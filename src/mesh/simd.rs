@@ -4,8 +4,18 @@
 //! Kernels are loops over arrays, which the compiler vectorises; what it does not recognise is how to collect the
 //! results of comparisons in a mask. A [`SimdLevel`] provides these operations. All levels return identical results.
 
+mod wide;
+
+pub use wide::{Float8, WideLevel};
+
 /// Instruction set whose availability has been checked.
 pub trait SimdLevel: Copy {
+    /// Level of operations on registers of eight f32.
+    type Wide: WideLevel;
+
+    /// Returns the level of operations on registers of eight f32.
+    fn wide(self) -> Self::Wide;
+
     /// Flag for kernels that fall back to f64 where f32 cannot decide; false for [`F32Only`] alone.
     const IS_EXACT: bool = true;
 
@@ -92,6 +102,13 @@ pub(crate) fn div<const N: usize>(a: &[f32; N], b: &[f32; N]) -> [f32; N] {
 pub struct Scalar;
 
 impl SimdLevel for Scalar {
+    type Wide = Scalar;
+
+    #[inline(always)]
+    fn wide(self) -> Scalar {
+        self
+    }
+
     #[inline(always)]
     fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
         (0..N).fold(0, |mask, i| mask | u32::from(a[i] <= b[i]) << i)
@@ -138,6 +155,12 @@ pub struct F32Only<I>(pub I);
 
 impl<I: SimdLevel> SimdLevel for F32Only<I> {
     const IS_EXACT: bool = false;
+    type Wide = I::Wide;
+
+    #[inline(always)]
+    fn wide(self) -> I::Wide {
+        self.0.wide()
+    }
 
     #[inline(always)]
     fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
@@ -195,6 +218,13 @@ mod x86 {
     }
 
     impl SimdLevel for V3 {
+        type Wide = V3;
+
+        #[inline(always)]
+        fn wide(self) -> V3 {
+            self
+        }
+
         #[inline(always)]
         fn le<const N: usize>(self, a: &[f32; N], b: &[f32; N]) -> u32 {
             compare::<_CMP_LE_OQ, N>(self, a, b)
@@ -277,7 +307,7 @@ pub trait SimdKernel {
 
 /// Runs `work` with the best instruction set of this machine.
 #[inline]
-pub(crate) fn dispatch<W: SimdKernel>(work: W) -> W::Output {
+pub fn dispatch<W: SimdKernel>(work: W) -> W::Output {
     #[cfg(target_arch = "x86_64")]
     if let Some(isa) = pulp::x86::V3::try_new() {
         struct Compiled<W>(pulp::x86::V3, W);

@@ -286,6 +286,34 @@ impl<const N: usize> ShearLanes<N> {
         test.hits
     }
 
+    /// Intersects each ray with a triangle of its own, with the result of [`Shear::intersect`]. `corners` are indexed by
+    /// vertex, axis and ray.
+    #[inline(always)]
+    pub(crate) fn intersect_each(
+        &self,
+        isa: impl SimdLevel,
+        corners: &[[[f32; N]; 3]; 3],
+        t_near: &[f32; N],
+        t_far: &[f32; N],
+    ) -> LaneHits<N> {
+        let [sx, sy, sz] = self.shear;
+        let shear = [sx, sy];
+        // Project the vertices
+        let [kx, ky, kz] = self.axes;
+        let [a, b, c] = corners;
+        let a = project([&a[kx], &a[ky], &a[kz]], &self.origin, &shear);
+        let b = project([&b[kx], &b[ky], &b[kz]], &self.origin, &shear);
+        let c = project([&c[kx], &c[ky], &c[kz]], &self.origin, &shear);
+        // Test all lanes in f32, then the undecided ones in f64
+        let mut test = edge_test(isa, [a, b, c], sz, [t_near, t_far]);
+        for lane in lanes(test.undecided) {
+            let own = corners.map(|rows| rows.map(|row| row[lane]));
+            let hit = self.lane(lane).intersect(own, t_near[lane], t_far[lane]);
+            test.resolve_in_f64(lane, hit);
+        }
+        test.hits
+    }
+
     #[cold]
     #[inline(never)]
     fn resolve_in_f64(

@@ -16,7 +16,7 @@ use super::settings::RenderSettings;
 use super::subsurface::SubsurfaceObjects;
 use super::surface::{ConeSource, SurfaceScene, Surfaces};
 use super::wavefront::camera_packets;
-use crate::accel::{Accel, Coherence, RayPacket};
+use crate::accel::{Accel, Coherence, MAX_BATCH, RayPacket};
 use crate::numeric::{LANES, Lanes, Ray};
 use crate::optics::{InteriorStack, NestedInterior, SpectralSampler};
 use crate::scene::image_settings::Pattern;
@@ -30,6 +30,8 @@ const MAX_BOUNDARIES: usize = 4096;
 pub(super) struct RenderContext<'s> {
     pub(super) scene: &'s Scene,
     pub(super) accel: &'s dyn Accel,
+    /// Number of coherent packets that are traced and shaded together.
+    pub(super) batch: usize,
     pub(super) settings: RenderSettings,
     pub(super) view: CameraView,
     pub(super) surfaces: SurfaceScene<'s>,
@@ -105,6 +107,7 @@ impl<'s> RenderContext<'s> {
         let mut frame = RenderContext {
             scene,
             accel,
+            batch: accel.batch().clamp(1, MAX_BATCH),
             settings: *settings,
             view,
             surfaces: SurfaceScene::new(scene, &plan).with_spawn_policy(settings),

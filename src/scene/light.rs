@@ -27,6 +27,14 @@ impl Light {
             _ => None,
         }
     }
+
+    /// Returns the point in world space that all light comes from; `None` for light from a direction or an area.
+    pub fn position(&self) -> Option<DVec3> {
+        match self.kind {
+            LightKind::Point { position, .. } | LightKind::Spot { position, .. } => Some(position),
+            LightKind::Directional { .. } | LightKind::Area { .. } => None,
+        }
+    }
 }
 
 /// Types of light with their parameters.

@@ -48,17 +48,17 @@ impl SlabError {
 #[derive(Clone, Copy, Debug)]
 pub(in crate::accel) struct Line {
     /// Origin of the line.
-    pub(super) origin: [f32; 3],
+    pub(in crate::accel) origin: [f32; 3],
     /// Reciprocal direction, its magnitude reduced by the slack; infinite, with a sign, where the component is zero.
-    pub(super) enter: [f32; 3],
+    pub(in crate::accel) enter: [f32; 3],
     /// Reciprocal direction, its magnitude increased by the slack.
-    pub(super) leave: [f32; 3],
+    pub(in crate::accel) leave: [f32; 3],
 }
 
 impl Line {
     /// Prepares the line of a ray with a finite, non-zero direction.
     #[inline(always)]
-    pub(super) fn new(origin: [f32; 3], direction: [f32; 3]) -> Line {
+    pub(in crate::accel) fn new(origin: [f32; 3], direction: [f32; 3]) -> Line {
         let [x, y, z] = direction;
         let [enter, leave] = Line::reciprocals(&[[x], [y], [z]]);
         Line {
@@ -98,7 +98,7 @@ impl Line {
 
     /// Returns whether the coordinate grows along the line; a zero component counts by its sign.
     #[inline(always)]
-    pub(super) fn rises(&self, axis: usize) -> bool {
+    pub(in crate::accel) fn rises(&self, axis: usize) -> bool {
         self.enter[axis].is_sign_positive()
     }
 

@@ -12,7 +12,7 @@
 mod builder;
 mod clip;
 pub mod counters;
-pub(super) mod error_bounds;
+pub(in crate::accel) mod error_bounds;
 mod heuristic;
 mod node8;
 mod packet;
@@ -30,6 +30,7 @@ use crate::mesh::simd::{F32Only, SimdKernel, SimdLevel, dispatch};
 use crate::parallel;
 use crate::scene::Scene;
 use node8::Tree8;
+use primitives::Contents;
 use reference::PlaneTree;
 use two_level::{TreeLayout, TwoLevelTree};
 
@@ -61,9 +62,18 @@ impl<'s> BspAccel<'s> {
         options: &AccelOptions,
         spheres: Spheres,
     ) -> Result<BspAccel<'s>, AccelError> {
+        BspAccel::build_contents(scene, options, spheres, Contents::All)
+    }
+
+    fn build_contents(
+        scene: &'s Scene,
+        options: &AccelOptions,
+        spheres: Spheres,
+        contents: Contents,
+    ) -> Result<BspAccel<'s>, AccelError> {
         // Build the trees, then the bounding spheres of shapes
         let levels = in_pool(options.threads, || -> Result<_, AccelError> {
-            let mut levels: TwoLevelTree<Tree8> = TwoLevelTree::build(scene, options)?;
+            let mut levels: TwoLevelTree<Tree8> = TwoLevelTree::build(scene, options, contents)?;
             if spheres == Spheres::Always {
                 levels.spheres = shape_spheres(scene);
             }
@@ -103,9 +113,19 @@ impl<'s> BspAccel<'s> {
         }
     }
 
+    /// Builds the trees of the shapes and instanced meshes of a validated scene, without its baked meshes.
+    pub(super) fn build_objects(
+        scene: &'s Scene,
+        options: &AccelOptions,
+    ) -> Result<BspAccel<'s>, AccelError> {
+        BspAccel::build_contents(scene, options, Spheres::Always, Contents::Objects)
+    }
+
     /// Builds trees for the reference kernel, which is plain and slow; the fast kernels are tested against it.
     pub fn build_reference(scene: &'s Scene, options: &AccelOptions) -> Result<BspAccel<'s>, AccelError> {
-        let levels = in_pool(options.threads, || TwoLevelTree::build(scene, options))?;
+        let levels = in_pool(options.threads, || {
+            TwoLevelTree::build(scene, options, Contents::All)
+        })?;
         let report = report(&levels);
         Ok(BspAccel {
             traversal: TraversalKernel::Reference(levels),

@@ -37,9 +37,18 @@ pub(super) enum RunKind<'s> {
     Whole(Bounds),
 }
 
+/// Choice of the primitives in the world tree.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Contents {
+    /// All bounded primitives of the world.
+    All,
+    /// Shapes and instanced meshes, but no baked meshes.
+    Objects,
+}
+
 impl<'s> Primitives<'s> {
-    /// Collects all bounded primitives of the world; `None` if there are too many for 32-bit indices.
-    pub(super) fn of_world(scene: &'s Scene) -> Option<Primitives<'s>> {
+    /// Collects the bounded primitives of the world; `None` if there are too many for 32-bit indices.
+    pub(super) fn of_world(scene: &'s Scene, contents: Contents) -> Option<Primitives<'s>> {
         let mut world = Primitives {
             runs: Vec::with_capacity(scene.instances.len()),
             count: 0,
@@ -50,6 +59,7 @@ impl<'s> Primitives<'s> {
             let geometry = &scene.geometries[instance.geometry as usize];
             // Number baked meshes by triangle, other objects as a whole
             let kind = match geometry {
+                Geometry::Mesh(_) if instance.is_identity() && contents == Contents::Objects => continue,
                 Geometry::Mesh(mesh) if instance.is_identity() => RunKind::Triangles(mesh),
                 _ if geometry.is_unbounded() => continue,
                 _ => {

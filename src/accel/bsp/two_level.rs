@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::builder::{Branch, Built, build};
-use super::primitives::{Primitives, RunKind};
+use super::primitives::{Contents, Primitives, RunKind};
 use crate::accel::extents::SphereVolume;
 use crate::accel::planes::Planes;
 use crate::accel::{AccelError, AccelOptions, AccelPart, Hit, holder_of_tree};
@@ -45,13 +45,17 @@ pub(super) trait TreeLayout: Sized {
 
 impl<'s, T: TreeLayout> TwoLevelTree<'s, T> {
     /// Builds all trees on the current thread pool.
-    pub(super) fn build(scene: &'s Scene, options: &AccelOptions) -> Result<TwoLevelTree<'s, T>, AccelError> {
+    pub(super) fn build(
+        scene: &'s Scene,
+        options: &AccelOptions,
+        contents: Contents,
+    ) -> Result<TwoLevelTree<'s, T>, AccelError> {
         // Estimate the total work by primitive counts
         let silent = |_: f64| ();
         let progress: &(dyn Fn(f64) + Sync) = options.progress.unwrap_or(&silent);
         let placed = instanced_meshes(scene);
         let triangle_count = |index: usize| scene.geometries[index].primitive_count();
-        let world = Primitives::of_world(scene).ok_or(AccelError::OutOfMemory)?;
+        let world = Primitives::of_world(scene, contents).ok_or(AccelError::OutOfMemory)?;
         let total = world.count() + placed.iter().map(|&index| triangle_count(index)).sum::<usize>();
         let mut meter = BuildMeter {
             progress,

@@ -4,6 +4,8 @@
 //! finished as soon as everything left lies deeper than its hits. Packets in tiles with too many objects are traced by
 //! another backend, as are rays that are not the camera's.
 
+use glam::Vec3;
+
 use super::hull::HullPoints;
 use super::kind::BoundingVolumeKind;
 use super::list::{Count, ListAccel, PrimitiveSearch, Tally};
@@ -167,6 +169,14 @@ impl Accel for TileCulledAccel<'_, '_> {
 
     fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
         self.inner.occluded(packets, order);
+    }
+
+    fn occluded_from_target(&self, packets: &mut [RayPacket], target: Vec3) {
+        self.inner.occluded_from_target(packets, target);
+    }
+
+    fn batch(&self) -> usize {
+        self.inner.batch()
     }
 
     fn report(&self) -> AccelReport {

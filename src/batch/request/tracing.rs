@@ -88,8 +88,8 @@ impl TracingOptions {
     pub fn path(&self) -> HitPath {
         match self.requested.backend {
             Backend::Embree => self.requested,
-            // The BSP has no instancing and no build options
-            backend @ (Backend::Bsp | Backend::Brute) => HitPath {
+            // The others have no instancing and no build options
+            backend @ (Backend::Native | Backend::Bsp | Backend::Brute) => HitPath {
                 backend,
                 precision: effective_precision(backend, self.requested.precision),
                 ..HitPath::BSP
@@ -108,10 +108,10 @@ impl TracingOptions {
     }
 }
 
-/// Returns the precision that triangle hits really get: the BSP has two, brute force one.
+/// Returns the precision that triangle hits really get: the BSP has two, the others have one.
 fn effective_precision(backend: Backend, requested: Precision) -> Precision {
     match (backend, requested) {
         (Backend::Embree, _) | (Backend::Bsp, Precision::Fast) => requested,
-        (Backend::Bsp | Backend::Brute, _) => Precision::Watertight,
+        (Backend::Native | Backend::Bsp | Backend::Brute, _) => Precision::Watertight,
     }
 }

@@ -109,6 +109,7 @@ impl LoadedScene {
         let forecast = MemoryForecast::of(&self.file.scene);
         let tree = match request.backend() {
             Backend::Embree => forecast.embree_bytes,
+            Backend::Native => forecast.native_bytes,
             Backend::Bsp => forecast.bsp_bytes,
             Backend::Brute => 0,
         };

@@ -8,9 +8,9 @@ use super::super::context::RenderContext;
 use super::super::profile::{Accounts, Category, Profiler};
 use super::super::scattering::Tints;
 use super::super::surface::{ConeSource, Surfaces};
-use super::super::wavefront::{BATCH, InteriorArray, ShadingState, ShadowPayload};
+use super::super::wavefront::{InteriorArray, ShadingState, ShadowPayload};
 use super::direct;
-use crate::accel::{Coherence, NO_HIT, RayPacket};
+use crate::accel::{Coherence, MAX_BATCH, NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes};
 use crate::optics::LINE_D;
 use crate::scene::Effect;
@@ -56,14 +56,14 @@ pub(in crate::render) fn attenuate_shadow_rays(
     shadow_surfaces: &mut Surfaces,
     meter: &mut Profiler,
     order: Coherence,
-) -> [Lanes<f32>; BATCH] {
+) -> [Lanes<f32>; MAX_BATCH] {
     // The packets still hold intervals and hits of earlier shadow rays.
     for packet in packets.iter_mut() {
         packet.t_near = [0.0; LANES];
         (0..LANES).for_each(|l| packet.clear_hit(l));
     }
     // Remember the ray parameters of the lights
-    let mut reaches = [[0.0; LANES]; BATCH];
+    let mut reaches = [[0.0; LANES]; MAX_BATCH];
     for (reach, packet) in reaches.iter_mut().zip(packets.iter()) {
         *reach = packet.t_far;
     }

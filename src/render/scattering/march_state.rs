@@ -28,7 +28,7 @@ impl<'f> MarchState<'f> {
         MarchState {
             seen: march(),
             shadow: march(),
-            shadow_queue: ShadowQueue::new(frame.effects()),
+            shadow_queue: ShadowQueue::new(frame.effects(), 1),
             shares: LightShares::of(&frame.light_sheet),
         }
     }

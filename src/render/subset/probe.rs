@@ -14,9 +14,9 @@ use super::super::profile::{Category, RenderProfile, Tally};
 use super::super::sampler::PacketShape;
 use super::super::settings::RenderSettings;
 use super::super::tile::{TILE, Tile};
-use super::super::wavefront::{BATCH, TileRenderer};
+use super::super::wavefront::TileRenderer;
 use super::tiles::chosen_tiles;
-use crate::accel::Accel;
+use crate::accel::{Accel, BATCH};
 use crate::processor_time::thread_seconds;
 use crate::scene::{Camera, ValidScene};
 

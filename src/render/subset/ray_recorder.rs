@@ -2,10 +2,12 @@
 
 use std::sync::Mutex;
 
+use glam::Vec3;
+
 use super::super::driver::render;
 use super::super::monitor::Monitor;
 use super::super::settings::RenderSettings;
-use crate::accel::{Accel, AccelReport, Coherence, RayPacket};
+use crate::accel::{Accel, AccelReport, Coherence, MAX_BATCH, RayPacket};
 use crate::parallel;
 use crate::scene::{Camera, ValidScene};
 
@@ -72,6 +74,16 @@ impl Accel for Recorder<'_> {
     fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
         self.keep(|rays| &mut rays.shadow, packets);
         self.accel.occluded(packets, order);
+    }
+
+    fn occluded_from_target(&self, packets: &mut [RayPacket], target: Vec3) {
+        self.keep(|rays| &mut rays.shadow, packets);
+        self.accel.occluded_from_target(packets, target);
+    }
+
+    /// Returns the largest batch, so that rays are recorded in an order that serves every backend.
+    fn batch(&self) -> usize {
+        MAX_BATCH
     }
 
     fn report(&self) -> AccelReport {

@@ -2,18 +2,17 @@
 //!
 //! Memory is reused from tile to tile; packets are refilled instead of allocated.
 
+use glam::Vec3;
+
 use super::super::aov::LightSource;
 use super::super::film::with_step;
 use super::super::profile::{Accounts, Category, Memory, RayTypeCounts};
 use super::super::settings::RenderSettings;
 use super::path_state::{CameraPaths, InteriorArray, PathState, PathStatePacket, PathStates};
-use crate::accel::RayPacket;
+use crate::accel::{MAX_BATCH, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::InteriorStack;
 use crate::scene::EffectSet;
-
-/// Number of packets that are traced and shaded together: 24 KB of rays, half of an L1 cache.
-pub(in crate::render) const BATCH: usize = 16;
 
 /// Pixels and throughput of the paths of one ray packet.
 #[derive(Clone)]
@@ -273,14 +272,18 @@ impl<'a> Paths<'a> {
 
 /// Queue of shadow rays, with the radiance that each contributes if it is not occluded.
 pub(in crate::render) struct ShadowQueue {
-    packets: [RayPacket; BATCH],
-    payloads: [ShadowPayload; BATCH],
+    packets: [RayPacket; MAX_BATCH],
+    payloads: [ShadowPayload; MAX_BATCH],
     /// Dielectric interiors around the shaded points.
     media: InteriorArray,
     /// Number of packets in use.
     count: usize,
+    /// Largest number of packets.
+    capacity: usize,
     /// Light that each packet is sent to; not written in scenes with plain effects only.
-    sources: [LightSource; BATCH],
+    sources: [LightSource; MAX_BATCH],
+    /// Point at which all rays of a packet end, if there is one.
+    targets: [Option<Vec3>; MAX_BATCH],
 }
 
 /// Pixels that a packet of shadow rays contributes to, and its unoccluded radiance.
@@ -291,10 +294,10 @@ pub(in crate::render) struct ShadowPayload {
 }
 
 impl ShadowQueue {
-    /// Returns an empty queue for shadow rays of these effects.
-    pub(in crate::render) fn new(effects: EffectSet) -> Box<ShadowQueue> {
+    /// Returns an empty queue of `capacity` packets, at most [`MAX_BATCH`], for shadow rays of these effects.
+    pub(in crate::render) fn new(effects: EffectSet, capacity: usize) -> Box<ShadowQueue> {
         let mut media = InteriorArray::new(effects);
-        media.resize(BATCH);
+        media.resize(MAX_BATCH);
         Box::new(ShadowQueue {
             packets: std::array::from_fn(|_| RayPacket::EMPTY),
             payloads: std::array::from_fn(|_| ShadowPayload {
@@ -303,7 +306,9 @@ impl ShadowQueue {
             }),
             media,
             count: 0,
-            sources: [LightSource::Emission; BATCH],
+            capacity: capacity.min(MAX_BATCH),
+            sources: [LightSource::Emission; MAX_BATCH],
+            targets: [None; MAX_BATCH],
         })
     }
 
@@ -317,7 +322,7 @@ impl ShadowQueue {
 
     /// Returns whether there is no room for another packet.
     pub(in crate::render) fn is_full(&self) -> bool {
-        self.count == BATCH
+        self.count == self.capacity
     }
 
     /// Returns memory for one more packet, which counts once [`ShadowQueue::commit`] is called.
@@ -331,8 +336,18 @@ impl ShadowQueue {
     }
 
     /// Returns the light that each packet was sent to.
-    pub(in crate::render) fn sources(&self) -> [LightSource; BATCH] {
+    pub(in crate::render) fn sources(&self) -> [LightSource; MAX_BATCH] {
         self.sources
+    }
+
+    /// Sets the point at which all rays of the packet committed next end, if there is one.
+    pub(in crate::render) fn set_target(&mut self, target: Option<Vec3>) {
+        self.targets[self.count] = target;
+    }
+
+    /// Returns the common end of the rays of each packet.
+    pub(in crate::render) fn targets(&self) -> [Option<Vec3>; MAX_BATCH] {
+        self.targets
     }
 
     /// Adds the packet last written to the queue.

@@ -12,7 +12,7 @@ use super::path_state::{PathState, PathStatePacket};
 use super::ray_queue::{Paths, RayWorkItem};
 use super::shading_state::ShadingState;
 use super::traced_packet::{BatchInfo, TracedPacket};
-use crate::accel::{Coherence, NO_HIT, RayPacket};
+use crate::accel::{Accel, Coherence, MAX_BATCH, NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::scene::{Effect, EffectSet};
 
@@ -237,6 +237,8 @@ impl ShadingState<'_, '_> {
             // Queue shadow rays to a punctual light
             let (packet, payload) = self.shadow_queue.next();
             if direct::sample_direct(light, lit, packet, &mut payload.radiance) {
+                let target = light.position().map(|position| position.as_vec3());
+                self.shadow_queue.set_target(target);
                 self.commit_shadow_rays::<BASIC>(traced, casts);
             }
         }
@@ -329,7 +331,7 @@ impl ShadingState<'_, '_> {
         if self.effects::<BASIC>().has(Effect::TransparentShadow) {
             return self.trace_transparent_shadow_rays(order);
         }
-        let sources = self.shadow_queue.sources();
+        let (sources, targets) = (self.shadow_queue.sources(), self.shadow_queue.targets());
         let (packets, payloads) = self.shadow_queue.drain();
         if packets.is_empty() {
             return;
@@ -341,7 +343,7 @@ impl ShadingState<'_, '_> {
             let labels_and_accounts =
                 |index: usize| (&payloads[index].pixel, Accounts::All(Category::Shadow));
             let traced = self.meter.trace(packets, labels_and_accounts, |packets| {
-                accel.occluded(packets, order)
+                occlude(accel, packets, &targets, order);
             });
             self.meter.ledger.book(Category::Shadow, traced);
         }
@@ -363,5 +365,44 @@ impl ShadingState<'_, '_> {
         }
         let lanes = (0..packets.len()).map(|index| (&payloads[index].pixel, &packets[index].active));
         self.meter.lap_over(Category::Film, lanes);
+    }
+}
+
+/// Marks the blocked lanes of packets, of which those with the same target are traced together.
+fn occlude(
+    accel: &dyn Accel,
+    packets: &mut [RayPacket],
+    targets: &[Option<Vec3>; MAX_BATCH],
+    order: Coherence,
+) {
+    let mut targets = *targets;
+    let targets = &mut targets[..packets.len()];
+    let mut places: [usize; MAX_BATCH] = std::array::from_fn(|index| index);
+    let mut first = 0;
+    while first < packets.len() {
+        // Move the packets with the target of the first behind it
+        let target = targets[first];
+        let mut end = first;
+        for index in first..packets.len() {
+            if targets[index] == target {
+                packets.swap(index, end);
+                targets.swap(index, end);
+                places.swap(index, end);
+                end += 1;
+            }
+        }
+        match target.filter(|_| order == Coherence::Coherent) {
+            Some(target) => accel.occluded_from_target(&mut packets[first..end], target),
+            None => accel.occluded(&mut packets[first..end], order),
+        }
+        first = end;
+    }
+    // Return all packets to their places
+    for index in 0..packets.len() {
+        while places[index] != index {
+            let place = places[index];
+            packets.swap(index, place);
+            places.swap(index, place);
+        }
     }
 }

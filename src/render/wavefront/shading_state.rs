@@ -37,7 +37,7 @@ impl<'f, 's> ShadingState<'f, 's> {
             film,
             first_hits: FirstHits::of(frame),
             corner: [0; 2],
-            shadow_queue: ShadowQueue::new(frame.effects()),
+            shadow_queue: ShadowQueue::new(frame.effects(), frame.batch),
             current_source: LightSource::Emission,
             next: RayQueue::new(frame.effects(), frame.tracks_cones()).with_accounts(&frame.settings),
             meter: Profiler::new(&frame.settings),

@@ -21,10 +21,10 @@ use super::super::sampler::SampleGroup;
 use super::super::surface::Surfaces;
 use super::super::tile::{Block, PixelVisit, TILE, Tile};
 use super::path_state::CameraPaths;
-use super::ray_queue::{BATCH, RayQueue, ShadowQueue};
+use super::ray_queue::{RayQueue, ShadowQueue};
 use super::shading_state::ShadingState;
 use super::traced_packet::BatchInfo;
-use crate::accel::{Coherence, RayPacket};
+use crate::accel::{BATCH, Coherence, RayPacket};
 use crate::numeric::{LANES, Lanes};
 use crate::scene::Effect;
 
@@ -76,16 +76,13 @@ impl<'f, 's> TileRenderer<'f, 's> {
         planes: Option<&AovBuffers>,
     ) -> (TileResult, RenderProfile) {
         let frame = self.frame;
-        let block = frame.shape.block as usize;
         let groups = &frame.groups[frame.part.clone()];
         let samples = frame.samples_taken();
         // Trace and shade all camera packets of the tile
         self.begin(tile);
-        for y in (0..tile.height).step_by(block) {
-            for x in (0..tile.width).step_by(block) {
-                for group in groups {
-                    self.add_camera_packet(tile, (x, y), group);
-                }
+        for corner in block_corners(frame, tile) {
+            for group in groups {
+                self.add_camera_packet(tile, corner, group);
             }
         }
         self.finish();
@@ -147,7 +144,7 @@ impl<'f, 's> TileRenderer<'f, 's> {
     fn add_camera_packet(&mut self, tile: Tile, corner: (u32, u32), group: &SampleGroup) {
         self.push_camera_packet(&Block { tile, corner }, group);
         self.packets += 1;
-        if self.current.len() == BATCH {
+        if self.current.len() == self.frame.batch {
             self.trace_camera_batch();
         }
         if self.packets.is_multiple_of(self.frame.wave) {
@@ -275,6 +272,24 @@ impl<'f, 's> TileRenderer<'f, 's> {
             self.current.clear();
         }
     }
+}
+
+/// Returns the corners of the blocks of pixels of a tile. Where queries have more packets than most, they follow Morton's
+/// curve, so that those of one query lie in a square.
+fn block_corners(frame: &RenderContext, tile: Tile) -> impl Iterator<Item = (u32, u32)> + use<> {
+    let side = frame.shape.block;
+    let blocks = TILE / side;
+    let is_morton = frame.batch > BATCH;
+    let corners = (0..blocks * blocks).map(move |index| match is_morton {
+        true => (side * even_bits(index), side * even_bits(index >> 1)),
+        false => (side * (index % blocks), side * (index / blocks)),
+    });
+    corners.filter(move |&(x, y)| x < tile.width && y < tile.height)
+}
+
+/// Returns the number that bits 0, 2, 4, ... of the index of a block in a tile make.
+fn even_bits(index: u32) -> u32 {
+    (0..TILE.ilog2()).fold(0, |bits, bit| bits | (index >> (2 * bit) & 1) << bit)
 }
 
 /// Pool of the tile renderers of one render. It grows to the largest number of threads that work at the same time.

@@ -18,12 +18,14 @@ const SIZE: [f64; 2] = [900.0, 360.0];
 /// Colours by tracing method: bare Embree calls, Embree and BSP.
 const BARE: SeriesStyle = SeriesStyle::Number(2);
 const EMBREE: SeriesStyle = SeriesStyle::Number(0);
+const NATIVE: SeriesStyle = SeriesStyle::Number(2);
 const BSP: SeriesStyle = SeriesStyle::Number(3);
 
 fn look(row: &BenchRow) -> SeriesStyle {
     match (row.backend, row.mode) {
         (Backend::Embree, Mode::Raw | Mode::RawSingle) => BARE,
         (Backend::Embree, _) => EMBREE,
+        (Backend::Native, _) => NATIVE,
         (Backend::Bsp | Backend::Brute, _) => BSP,
     }
 }
@@ -230,7 +232,7 @@ pub(super) fn scaling(rows: &[&BenchRow]) -> PageElement {
     // Select one structure for each backend and kind of ray
     let mut ways = Vec::new();
     let is_shown = |row: &&&BenchRow| match (row.backend, row.mode) {
-        (Backend::Embree, Mode::Packet) | (Backend::Bsp | Backend::Brute, Mode::Batch) => {
+        (Backend::Embree, Mode::Packet) | (Backend::Native | Backend::Bsp | Backend::Brute, Mode::Batch) => {
             !seen_before(&mut ways, (row.backend, row.rays))
         }
         _ => false,

@@ -200,14 +200,23 @@ fn blend_texels<T: TexelSource>(taps: &Taps, source: &T, l: usize) -> Vec4 {
     let step = taps.step[l];
     let row = |row: usize| {
         let first = taps.first[row][l];
-        let [a, b] = match step {
+        match step {
             1 => source.pair(first as usize),
-            _ => [first, first.wrapping_add(step)].map(|index| source.texel(index as usize)),
-        };
-        a + (b - a) * taps.across[l]
+            _ => {
+                let [a, b] = [first, first.wrapping_add(step)].map(|index| source.texel(index as usize));
+                [a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w]
+            }
+        }
     };
-    let top = row(0);
-    (top + (row(1) - top) * taps.down[l]) * T::SCALE
+    // Blend both columns at once, then the columns
+    let (top, bottom, down) = (row(0), row(1), taps.down[l]);
+    let mut columns = [0.0; 8];
+    for i in 0..8 {
+        columns[i] = top[i] + (bottom[i] - top[i]) * down;
+    }
+    let [a, b, c, d, e, f, g, h] = columns;
+    let (left, right) = (Vec4::new(a, b, c, d), Vec4::new(e, f, g, h));
+    (left + (right - left) * taps.across[l]) * T::SCALE
 }
 
 /// Texels of one mip level as four values, which are linear RGBA after multiplication by `SCALE`.
@@ -217,7 +226,20 @@ trait TexelSource {
     fn texel(&self, index: usize) -> Vec4;
 
     /// Returns a texel and the one after it.
-    fn pair(&self, index: usize) -> [Vec4; 2];
+    fn pair(&self, index: usize) -> [f32; 8];
+}
+
+/// Returns the eight values of two texels as floats.
+#[inline(always)]
+fn floats<T: Copy + Into<f32>>(texels: &[[T; 4]]) -> [f32; 8] {
+    let mut out = [0.0; 8];
+    // From a reference: of a copied array, the compiler would shift every value out of one register
+    if let Some(values) = texels.as_flattened().first_chunk::<8>() {
+        for i in 0..8 {
+            out[i] = values[i].into();
+        }
+    }
+    out
 }
 
 /// Texels of the finest level, beside those of the coarser levels of their mip map.
@@ -288,9 +310,8 @@ impl TexelSource for LinearWords<'_> {
     }
 
     #[inline(always)]
-    fn pair(&self, index: usize) -> [Vec4; 2] {
-        let pair = LinearWords(&self.0[index..index + 2]);
-        [pair.texel(0), pair.texel(1)]
+    fn pair(&self, index: usize) -> [f32; 8] {
+        floats(&self.0[index..index + 2])
     }
 }
 
@@ -303,9 +324,8 @@ impl TexelSource for LinearBytes<'_> {
     }
 
     #[inline(always)]
-    fn pair(&self, index: usize) -> [Vec4; 2] {
-        let pair = LinearBytes(&self.0[index..index + 2]);
-        [pair.texel(0), pair.texel(1)]
+    fn pair(&self, index: usize) -> [f32; 8] {
+        floats(&self.0[index..index + 2])
     }
 }
 
@@ -320,12 +340,20 @@ impl TexelSource for SrgbBytes<'_> {
     }
 
     #[inline(always)]
-    fn pair(&self, index: usize) -> [Vec4; 2] {
-        let pair = SrgbBytes {
-            bytes: &self.bytes[index..index + 2],
-            linear: self.linear,
-        };
-        [pair.texel(0), pair.texel(1)]
+    fn pair(&self, index: usize) -> [f32; 8] {
+        let [[r, g, b, a], [r2, g2, b2, a2]] = [self.bytes[index], self.bytes[index + 1]];
+        let color = |code: u8| self.linear[usize::from(code)];
+        let alpha = |code: u8| f32::from(code) * (1.0 / 255.0);
+        [
+            color(r),
+            color(g),
+            color(b),
+            alpha(a),
+            color(r2),
+            color(g2),
+            color(b2),
+            alpha(a2),
+        ]
     }
 }
 
@@ -338,9 +366,8 @@ impl TexelSource for Floats<'_> {
     }
 
     #[inline(always)]
-    fn pair(&self, index: usize) -> [Vec4; 2] {
-        let pair = Floats(&self.0[index..index + 2]);
-        [pair.texel(0), pair.texel(1)]
+    fn pair(&self, index: usize) -> [f32; 8] {
+        floats(&self.0[index..index + 2])
     }
 }
 

@@ -54,6 +54,12 @@ pub const VARIANTS: &[BackendVariant] = &[
         accel: Some((Backend::Embree, Precision::Watertight, Kernel::Packet)),
         closes: Watertightness::Vertices,
     },
+    // Groups of rays
+    BackendVariant {
+        name: "native",
+        accel: Some((Backend::Native, Precision::Watertight, Kernel::Packet)),
+        closes: Watertightness::Vertices,
+    },
     // BSP with watertight triangle test
     BackendVariant {
         name: "bsp",

@@ -10,7 +10,8 @@ use rayon::prelude::*;
 use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
 use whit::accel::hit_compare::{HitComparison, compare_occlusion_with_instancing, compare_with_instancing};
-use whit::accel::{Accel, AccelOptions, Coherence, Hit, Instancing, Kernel, LANES};
+use whit::accel::native::NativeAccel;
+use whit::accel::{Accel, AccelOptions, Coherence, Hit, Instancing, Kernel, LANES, RayPacket};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Scene};
 use whit::shape::{Implicit, Shape};
@@ -40,10 +41,13 @@ fn nearest(accel: &dyn Accel, rays: &[Ray], order: Coherence) -> Vec<Option<Hit>
 }
 
 fn blocked(accel: &dyn Accel, rays: &[Ray], order: Coherence) -> Vec<bool> {
+    blocked_by((rays, 64), &|chunk| accel.occluded(chunk, order))
+}
+
+/// Traces rays in batches of some packets by `occluded`.
+fn blocked_by((rays, batch): (&[Ray], usize), occluded: &(dyn Fn(&mut [RayPacket]) + Sync)) -> Vec<bool> {
     let mut packets = packets(rays);
-    packets
-        .par_chunks_mut(64)
-        .for_each(|chunk| accel.occluded(chunk, order));
+    packets.par_chunks_mut(batch).for_each(occluded);
     (0..rays.len())
         .map(|i| packets[i / LANES].is_blocked(i % LANES))
         .collect()
@@ -62,6 +66,11 @@ fn backends<'s>(scene: &'s Scene) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
         ),
         ("bsp single", Box::new(BspAccel::build(scene, &single).unwrap())),
         ("bsp packet", Box::new(BspAccel::build(scene, &packet).unwrap())),
+        (
+            "native single",
+            Box::new(NativeAccel::build(scene, &single).unwrap()),
+        ),
+        ("native", Box::new(NativeAccel::build(scene, &packet).unwrap())),
     ];
     bsp.into_iter()
         .chain(embree_backends(scene, [single, packet]))
@@ -151,6 +160,23 @@ fn judge(
     tally
 }
 
+/// Traces shadow rays from their common target, and counts the differences.
+fn judge_from_target(scene: &Scene, truth: &[bool], accel: &dyn Accel, rays: &[Ray]) -> Tally {
+    let mut tally = Tally::default();
+    let Some(first) = rays.first() else { return tally };
+    let target = first.at(1.0).as_vec3();
+    // A group must not see what a larger one has left behind.
+    for batch in [64, 8, 1] {
+        let found = blocked_by((rays, batch), &|chunk| accel.occluded_from_target(chunk, target));
+        for ((ray, &a), b) in rays.iter().zip(truth).zip(found) {
+            // Traced from the other end, a ray is rounded elsewhere, as between native instances.
+            let compared = compare_occlusion_with_instancing(scene, ray, [a, b], Instancing::Native);
+            tally.add(compared, || format!("{ray:?}: blocked {a} but {b}"));
+        }
+    }
+    tally
+}
+
 /// Rays of all kinds: a square film's and their shadows, and `count` of each other kind.
 fn batches(
     scene: &Scene,
@@ -200,6 +226,12 @@ fn compare_all(name: &str, scene: &Scene, film: usize, count: usize) -> (usize, 
                 judge(scene, (&hits, &shadows), (name, accel.as_ref()), &rays, order),
                 kind,
             );
+            if kind == "shadow" {
+                sum.merge(
+                    judge_from_target(scene, &shadows, accel.as_ref(), &rays),
+                    "from target",
+                );
+            }
         }
     }
     for ((backend, _), sum) in backends.iter().zip(sums) {

@@ -75,7 +75,7 @@ fn six_images_are_bit_equal_for_all_embree_versions_and_bsp() {
         eprintln!("skipped: this processor has no AVX2");
         return;
     }
-    for backend in [Backend::Embree, Backend::Bsp] {
+    for backend in [Backend::Embree, Backend::Native, Backend::Bsp] {
         let found: Vec<(&str, u64)> = SUMS
             .iter()
             .map(|&(name, _)| (name, sum_of_bits(&image(&scene(name), backend))))

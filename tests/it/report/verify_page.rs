@@ -64,7 +64,7 @@ fn suite_page_loads_nothing_and_its_filter_works() {
     is_clean(&found);
     assert_eq!(found["sections"], serde_json::json!(["H11", "H35"]));
     // H11 on every path that finds hits, H35 on the formulas.
-    let rows = if cfg!(feature = "embree") { 7 } else { 3 };
+    let rows = if cfg!(feature = "embree") { 8 } else { 4 };
     assert_eq!(found["rows"], rows, "{found}");
     assert_eq!(found["typed"]["rows"], 1, "{found}");
     assert_eq!(found["typed"]["sections"], serde_json::json!(["H35"]));

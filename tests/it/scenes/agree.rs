@@ -1,6 +1,6 @@
-//! Embree and the BSP render the same image of every scene in the folder `scenes`.
+//! All backends render the same image of every scene in the folder `scenes`.
 //!
-//! Both backends share the f64 shading code and the code of analytic shapes. Images therefore differ only in t, u and v
+//! The backends share the f64 shading code and the code of analytic shapes. Images therefore differ only in t, u and v
 //! of triangles, which each backend rounds to f32 in its own way, and in ties: rays along an edge or a silhouette, or
 //! shadow rays that end on one.
 //!
@@ -23,20 +23,19 @@ fn same(a: [f32; 3], b: [f32; 3]) -> bool {
     (0..3).all(|c| (a[c] - b[c]).abs() <= RELATIVE * a[c].abs().max(b[c].abs()) + ABSOLUTE)
 }
 
-/// Renders all scenes with both backends, `width` pixels per row, prints the differing pixels, and returns the numbers
-/// of differing pixels and of all pixels.
-fn compare(width: u32) -> (usize, usize) {
+/// Renders all scenes with the BSP and another backend, `width` pixels per row, prints the differing pixels, and returns
+/// the numbers of differing pixels and of all pixels.
+fn compare(backend: Backend, width: u32) -> (usize, usize) {
     /// Maximum number of pixels that are printed per scene.
     const SHOWN: usize = 20;
     let (mut differing, mut pixels) = (0, 0);
     for file in files() {
         let filed = load(&file);
         let settings = filed.settings(width, 1);
-        let [embree, bsp] =
-            [Backend::Embree, Backend::Bsp].map(|backend| filed.rendered(backend, &settings).pixels);
-        assert_eq!(embree.len(), bsp.len());
-        let exact = embree.iter().zip(&bsp).filter(|(a, b)| a == b).count();
-        let unlike: Vec<usize> = (0..bsp.len()).filter(|&i| !same(embree[i], bsp[i])).collect();
+        let [other, bsp] = [backend, Backend::Bsp].map(|backend| filed.rendered(backend, &settings).pixels);
+        assert_eq!(other.len(), bsp.len());
+        let exact = other.iter().zip(&bsp).filter(|(a, b)| a == b).count();
+        let unlike: Vec<usize> = (0..bsp.len()).filter(|&i| !same(other[i], bsp[i])).collect();
         println!(
             "{}: {} of {} pixels differ, {exact} have the same bits",
             filed.name,
@@ -46,8 +45,8 @@ fn compare(width: u32) -> (usize, usize) {
         for &i in unlike.iter().take(SHOWN) {
             let (column, row) = (i % width as usize, i / width as usize);
             println!(
-                "    column {column}, row {row}: Embree {:?}, BSP {:?}",
-                embree[i], bsp[i]
+                "    column {column}, row {row}: {backend} {:?}, BSP {:?}",
+                other[i], bsp[i]
             );
         }
         differing += unlike.len();
@@ -57,23 +56,26 @@ fn compare(width: u32) -> (usize, usize) {
     (differing, pixels)
 }
 
-#[test]
-fn embree_and_bsp_render_the_same_small_images() {
-    let (differing, pixels) = compare(96);
-    assert!(pixels > 100_000, "only {pixels} pixels were compared");
-    assert!(
-        differing * 10_000 < pixels,
-        "{differing} of {pixels} pixels differ"
-    );
+/// Asserts that fewer than one pixel in `rarity` differs between the BSP and every other backend.
+fn assert_same_images(width: u32, least_pixels: usize, rarity: usize) {
+    let embree = cfg!(feature = "embree").then_some(Backend::Embree);
+    for backend in embree.into_iter().chain([Backend::Native]) {
+        let (differing, pixels) = compare(backend, width);
+        assert!(pixels > least_pixels, "only {pixels} pixels were compared");
+        assert!(
+            differing * rarity < pixels,
+            "{backend}: {differing} of {pixels} pixels differ"
+        );
+    }
 }
 
 #[test]
-#[ignore = "slow: six million pixels, twice"]
+fn backends_render_the_same_small_images() {
+    assert_same_images(96, 100_000, 10_000);
+}
+
+#[test]
+#[ignore = "slow: six million pixels, twice by two backends"]
 fn backends_differ_in_fewer_than_1e_5_of_pixels() {
-    let (differing, pixels) = compare(640);
-    assert!(pixels > 5_000_000, "only {pixels} pixels were compared");
-    assert!(
-        differing * 100_000 < pixels,
-        "{differing} of {pixels} pixels differ"
-    );
+    assert_same_images(640, 5_000_000, 100_000);
 }

@@ -15,9 +15,9 @@ use whit::accel::Backend;
 use whit::image::{LinearImage, ToneMap};
 
 const BACKENDS: &[Backend] = if cfg!(feature = "embree") {
-    &[Backend::Embree, Backend::Bsp]
+    &[Backend::Embree, Backend::Native, Backend::Bsp]
 } else {
-    &[Backend::Bsp]
+    &[Backend::Native, Backend::Bsp]
 };
 
 /// Similarity transform that maps a point p to `factor * turn * p + offset`.

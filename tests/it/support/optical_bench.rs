@@ -31,7 +31,7 @@ const GAUGE: Background = Background::Gradient {
 
 /// Returns all backends of this build.
 pub fn backends() -> Vec<Backend> {
-    let mut backends = vec![Backend::Brute, Backend::Bsp];
+    let mut backends = vec![Backend::Brute, Backend::Bsp, Backend::Native];
     if cfg!(feature = "embree") {
         backends.push(Backend::Embree);
     }

@@ -19,7 +19,7 @@ pub const VISIBLE: f64 = 1e-4;
 
 /// Returns all backends of this build.
 pub fn backends() -> Vec<Backend> {
-    let mut backends = vec![Backend::Brute, Backend::Bsp];
+    let mut backends = vec![Backend::Brute, Backend::Bsp, Backend::Native];
     if cfg!(feature = "embree") {
         backends.push(Backend::Embree);
     }

@@ -1,0 +1,257 @@
+//! Triangles as three planes through the frame's origin: the test of points in the plane z = 1.
+//!
+//! With the vertices V₀, V₁, V₂ in the frame, edge `e` opposite to vertex `e` spans a plane with the origin whose normal
+//! is `(a, b, c) = Vᵢ × Vⱼ`, and the ray (u, v, 1) is on the inner side if `E = a u + b v + c` has the sign of the
+//! triangle's determinant. The three E are in proportion to the barycentric weights, so they also give the depth. This
+//! is the test of "2D homogeneous rasterization" (M. Olano and T. Greer, 1997).
+//!
+//! # Watertightness
+//!
+//! A normal is computed by two products and a difference, never fused, so for the neighbour, which has the same vertices
+//! in opposite order, it has exactly the opposite sign, and so does E. A bound of the rounding error is added to every E,
+//! so that in f32 both neighbours accept rays close to their common edge; such a ray is decided in f64 from the same
+//! rounded vertices (`decide`).
+
+use crate::mesh::simd::{Float8, WideLevel};
+
+use super::frame::splat;
+use super::rays::{GroupRays, GroupWindow};
+use crate::accel::native::layout::LeafBlock;
+
+/// Error of an edge function relative to the sum of the magnitudes of its products: eight units of roundoff, rounded up, for
+/// two products and a difference, and two products and two sums with the ray.
+const EDGE_ERROR: f32 = 5e-7;
+
+/// Vertices of eight triangles in the frame of a group.
+#[derive(Clone, Copy)]
+pub(super) struct BlockCorners<W: WideLevel> {
+    pub(super) x: [Float8<W>; 3],
+    pub(super) y: [Float8<W>; 3],
+    pub(super) z: [Float8<W>; 3],
+}
+
+impl<W: WideLevel> BlockCorners<W> {
+    /// Moves the vertices of a block into the frame. Each vertex is moved alike in all triangles that share it.
+    #[inline(always)]
+    pub(super) fn new(wide: W, block: &LeafBlock, rays: &GroupRays) -> BlockCorners<W> {
+        let frame = &rays.frame;
+        let [kx, ky, kz] = frame.axes;
+        let zero = splat(wide, 0.0);
+        let mut corners = BlockCorners {
+            x: [zero; 3],
+            y: [zero; 3],
+            z: [zero; 3],
+        };
+        for corner in 0..3 {
+            // Move the corners of all triangles to the common end
+            let rows = &block.triangles.corners[corner];
+            let x = Float8::load(wide, &rows[kx]) - splat(wide, frame.origin[0]);
+            let y = Float8::load(wide, &rows[ky]) - splat(wide, frame.origin[1]);
+            let z = (Float8::load(wide, &rows[kz]) - splat(wide, frame.origin[2])) * splat(wide, frame.sign);
+            // Shear them, so that the group's centre points along z
+            corners.x[corner] = x - splat(wide, rays.centre[0]) * z;
+            corners.y[corner] = y - splat(wide, rays.centre[1]) * z;
+            corners.z[corner] = z;
+        }
+        corners
+    }
+}
+
+/// Edge functions of eight triangles, or of one triangle in all lanes.
+#[derive(Clone, Copy)]
+pub(super) struct Edges<W: WideLevel> {
+    pub(super) a: [Float8<W>; 3],
+    pub(super) b: [Float8<W>; 3],
+    /// Constant terms, with [`Edges::error`] added.
+    pub(super) c: [Float8<W>; 3],
+    /// Error bounds of the edge functions for all rays of the group.
+    pub(super) error: [Float8<W>; 3],
+    /// Depths of the vertices.
+    pub(super) z: [Float8<W>; 3],
+}
+
+/// Edge functions of eight triangles, oriented so that the inside is positive.
+pub(super) struct OrientedEdges<W: WideLevel> {
+    pub(super) edges: Edges<W>,
+    /// Mask of the triangles that may have either orientation, for their determinant is as small as its error.
+    pub(super) ambiguous: u32,
+}
+
+impl<W: WideLevel> OrientedEdges<W> {
+    /// Computes the edge functions.
+    #[inline(always)]
+    pub(super) fn new(wide: W, corners: &BlockCorners<W>, window: &GroupWindow) -> OrientedEdges<W> {
+        let BlockCorners { x, y, z } = corners;
+        // Bound the group's slopes
+        let reach_u = splat(wide, window.u_min.abs().max(window.u_max.abs()));
+        let reach_v = splat(wide, window.v_min.abs().max(window.v_max.abs()));
+        let zero = [splat(wide, 0.0); 3];
+        let mut edges = Edges {
+            a: zero,
+            b: zero,
+            c: zero,
+            error: zero,
+            z: *z,
+        };
+        let mut magnitude = splat(wide, 0.0);
+        for e in 0..3 {
+            // Compute the normal of the plane through the origin and the edge
+            let (i, j) = ((e + 1) % 3, (e + 2) % 3);
+            let (a0, a1) = (y[i] * z[j], z[i] * y[j]);
+            let (b0, b1) = (z[i] * x[j], x[i] * z[j]);
+            let (c0, c1) = (x[i] * y[j], y[i] * x[j]);
+            edges.a[e] = a0 - a1;
+            edges.b[e] = b0 - b1;
+            edges.c[e] = c0 - c1;
+            // Bound the error of the edge function
+            let (a, b, c) = (a0.abs() + a1.abs(), b0.abs() + b1.abs(), c0.abs() + c1.abs());
+            edges.error[e] = splat(wide, EDGE_ERROR) * (a * reach_u + (b * reach_v + c));
+            if e == 0 {
+                magnitude = x[0].abs() * a + (y[0].abs() * b + z[0].abs() * c);
+            }
+        }
+        // Orient the triangles by their determinants
+        let determinant = x[0] * edges.a[0] + (y[0] * edges.b[0] + z[0] * edges.c[0]);
+        let sign = determinant.sign();
+        for e in 0..3 {
+            edges.a[e] = edges.a[e] ^ sign;
+            edges.b[e] = edges.b[e] ^ sign;
+            edges.c[e] = (edges.c[e] ^ sign) + edges.error[e];
+        }
+        // Find determinants that are as small as their error
+        let ambiguous = determinant.abs().le(magnitude * splat(wide, EDGE_ERROR));
+        OrientedEdges {
+            edges,
+            ambiguous: ambiguous.bits(),
+        }
+    }
+
+    /// Returns a mask of the triangles that no edge separates from the group's window.
+    #[inline(always)]
+    pub(super) fn reaching(&self, wide: W, window: &GroupWindow) -> u32 {
+        let edges = &self.edges;
+        let mut least = splat(wide, f32::INFINITY);
+        for e in 0..3 {
+            // Find the greatest value in the window, at one of its corners
+            let (a, b, c) = (edges.a[e], edges.b[e], edges.c[e]);
+            let u = (a * splat(wide, window.u_min)).max(a * splat(wide, window.u_max));
+            let v = (b * splat(wide, window.v_min)).max(b * splat(wide, window.v_max));
+            least = least.min(c + (u + v) + splat(wide, EDGE_ERROR) * c.abs());
+        }
+        splat(wide, 0.0).le(least).bits() | self.ambiguous
+    }
+
+    /// Turns all triangles around.
+    #[inline(always)]
+    pub(super) fn flip(&mut self, wide: W) {
+        let minus = splat(wide, -0.0);
+        let edges = &mut self.edges;
+        for e in 0..3 {
+            edges.a[e] = edges.a[e] ^ minus;
+            edges.b[e] = edges.b[e] ^ minus;
+            edges.c[e] = (edges.error[e] + edges.error[e]) - edges.c[e];
+        }
+    }
+}
+
+/// Rows of [`Edges`] in memory, from which one triangle is broadcast to all lanes.
+pub(super) struct EdgeRows([[[f32; 8]; 3]; 5]);
+
+impl EdgeRows {
+    /// Stores the edge functions of eight triangles.
+    #[inline(always)]
+    pub(super) fn new<W: WideLevel>(edges: &Edges<W>) -> EdgeRows {
+        let mut rows = [[[0.0; 8]; 3]; 5];
+        for e in 0..3 {
+            rows[0][e] = edges.a[e].to_array();
+            rows[1][e] = edges.b[e].to_array();
+            rows[2][e] = edges.c[e].to_array();
+            rows[3][e] = edges.error[e].to_array();
+            rows[4][e] = edges.z[e].to_array();
+        }
+        EdgeRows(rows)
+    }
+
+    /// Returns one triangle in all lanes.
+    #[inline(always)]
+    pub(super) fn broadcast<W: WideLevel>(&self, wide: W, triangle: usize) -> Edges<W> {
+        let zero = [splat(wide, 0.0); 3];
+        let mut edges = Edges {
+            a: zero,
+            b: zero,
+            c: zero,
+            error: zero,
+            z: zero,
+        };
+        let triangle = triangle % 8;
+        for e in 0..3 {
+            edges.a[e] = splat(wide, self.0[0][e][triangle]);
+            edges.b[e] = splat(wide, self.0[1][e][triangle]);
+            edges.c[e] = splat(wide, self.0[2][e][triangle]);
+            edges.error[e] = splat(wide, self.0[3][e][triangle]);
+            edges.z[e] = splat(wide, self.0[4][e][triangle]);
+        }
+        edges
+    }
+}
+
+/// Rays that a triangle may be hit by: eight rays and one triangle, or one ray and eight triangles.
+#[derive(Clone, Copy)]
+pub(super) struct ProjectedRays<W: WideLevel> {
+    pub(super) u: Float8<W>,
+    pub(super) v: Float8<W>,
+    /// Depth from which the rays search.
+    pub(super) z_near: Float8<W>,
+    /// Depth up to which the rays search.
+    pub(super) z: Float8<W>,
+}
+
+/// Lanes in which a triangle may be hit.
+#[derive(Clone, Copy)]
+pub(super) struct CandidateLanes<W: WideLevel> {
+    /// Mask of the lanes whose hit counts, if [`CandidateLanes::near_edge`] does not say otherwise.
+    pub(super) inside: Float8<W>,
+    /// Mask of the lanes that are to be decided in f64.
+    pub(super) near_edge: Float8<W>,
+    /// Edge functions without the error bounds.
+    pub(super) e: [Float8<W>; 3],
+    /// Sum of the edge functions, and its reciprocal.
+    pub(super) sum: Float8<W>,
+    pub(super) per_sum: Float8<W>,
+    /// Depths of the hits.
+    pub(super) z: Float8<W>,
+}
+
+impl<W: WideLevel> Edges<W> {
+    /// Returns the lanes that may be hits within the rays' depths; `None` if there are none.
+    #[inline(always)]
+    pub(super) fn candidates(&self, wide: W, rays: &ProjectedRays<W>) -> Option<CandidateLanes<W>> {
+        // Evaluate the edge functions
+        let e0 = self.a[0] * rays.u + (self.b[0] * rays.v + self.c[0]);
+        let e1 = self.a[1] * rays.u + (self.b[1] * rays.v + self.c[1]);
+        let e2 = self.a[2] * rays.u + (self.b[2] * rays.v + self.c[2]);
+        let inside = splat(wide, 0.0).le(e0.min(e1.min(e2)));
+        if inside.bits() == 0 {
+            return None;
+        }
+        // Find lanes close to an edge
+        let [error0, error1, error2] = self.error;
+        let near_edge = e0.lt(error0 + error0) | e1.lt(error1 + error1) | e2.lt(error2 + error2);
+        // Interpolate the depth, without the error bounds
+        let e = [e0 - error0, e1 - error1, e2 - error2];
+        let sum = e[0] + (e[1] + e[2]);
+        let per_sum = splat(wide, 1.0) / sum;
+        let z = (e[0] * self.z[0] + (e[1] * self.z[1] + e[2] * self.z[2])) * per_sum;
+        // Keep those within the depths; those close to an edge stay until they are decided
+        let within = rays.z_near.le(z) & z.le(rays.z);
+        let inside = inside & (within | near_edge);
+        (inside.bits() != 0).then_some(CandidateLanes {
+            inside,
+            near_edge: near_edge & inside,
+            e,
+            sum,
+            per_sum,
+            z,
+        })
+    }
+}

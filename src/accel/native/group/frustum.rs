@@ -1,0 +1,193 @@
+//! Tests of a node's boxes against a group: the four planes around the group's window, and the windows of its parts.
+
+use crate::mesh::simd::{Float8, WideLevel, lanes};
+
+use super::frame::splat;
+use super::rays::{GroupRays, SUBS, Windows};
+use crate::accel::native::layout::{Box3, NativeNode, WIDTH};
+
+/// Error of a plane's or a depth's value relative to the sum of the magnitudes of its terms: 16 units of roundoff, for a
+/// few roundings here and as many in the vertices of the triangle test.
+const ERROR: f32 = 8.0 * f32::EPSILON;
+/// Error of a window's border relative to the greatest |u| of rays, by the same count.
+const WINDOW_ERROR: f32 = 16.0 * f32::EPSILON;
+/// Depth below which a box's window is unbounded: any number whose reciprocal is finite.
+const MIN_DEPTH: f32 = 1e-30;
+
+/// Plane of the frustum: `x + slope * z + offset` or `-x + slope * z + offset` in coordinates of the world is not
+/// negative inside.
+#[derive(Clone, Copy)]
+struct FrustumPlane {
+    slope: f32,
+    offset: f32,
+    /// Side of a box that is farthest inside along the frame's z axis.
+    z_side: usize,
+}
+
+impl FrustumPlane {
+    /// Returns the plane's value without the term of x, by the sides of the boxes along z.
+    #[inline(always)]
+    fn value<W: WideLevel>(&self, wide: W, sides: &[Float8<W>; 2]) -> Float8<W> {
+        splat(wide, self.slope) * sides[self.z_side & 1] + splat(wide, self.offset)
+    }
+}
+
+/// Frustum of a group's rays.
+pub(super) struct Frustum {
+    axes: [usize; 3],
+    /// Planes of low u, high u, low v, high v.
+    planes: [FrustumPlane; 4],
+    /// Side of a box that is nearest along the frame's z axis.
+    near_side: usize,
+    sign: f32,
+    /// Least depth of a box whose nearest side is at 0 in the world.
+    depth_offset: f32,
+    origin: [f32; 3],
+    centre: [f32; 2],
+    window_error: f32,
+}
+
+impl Frustum {
+    /// Computes the frustum of a group, for boxes within `bounds`.
+    #[inline(always)]
+    pub(super) fn new(rays: &GroupRays, bounds: &Box3) -> Frustum {
+        // Bound the coordinates relative to the frame's origin
+        let frame = &rays.frame;
+        let mut reach = [0.0; 3];
+        for i in 0..3 {
+            let axis = frame.axes[i];
+            reach[i] = frame.origin[i].abs() + bounds.low[axis].abs().max(bounds.high[axis].abs());
+        }
+        // Compute the planes, moved outwards by their error
+        let window = &rays.window;
+        let plane = |i: usize, side: f32, border: f32| {
+            let slope = -side * border * frame.sign;
+            let error = ERROR * (reach[i] + border.abs() * reach[2]);
+            FrustumPlane {
+                slope,
+                offset: -side * frame.origin[i] - slope * frame.origin[2] + error,
+                z_side: usize::from(slope > 0.0),
+            }
+        };
+        Frustum {
+            axes: frame.axes,
+            planes: [
+                plane(0, 1.0, window.u_min),
+                plane(0, -1.0, window.u_max),
+                plane(1, 1.0, window.v_min),
+                plane(1, -1.0, window.v_max),
+            ],
+            near_side: usize::from(frame.sign < 0.0),
+            sign: frame.sign,
+            depth_offset: -frame.sign * frame.origin[2] - ERROR * reach[2],
+            origin: frame.origin,
+            centre: rays.centre,
+            window_error: WINDOW_ERROR * rays.max_slope(),
+        }
+    }
+
+    /// Returns a mask of the children whose box may contain a hit of the group, and their least depths.
+    #[inline(always)]
+    pub(super) fn test<W: WideLevel>(&self, wide: W, node: &NativeNode, z_max: f32) -> (u32, Float8<W>) {
+        // Evaluate each plane at the corner of the boxes that is farthest inside
+        let [kx, ky, kz] = self.axes;
+        let sides = [
+            Float8::load(wide, &node.bounds[0][kz]),
+            Float8::load(wide, &node.bounds[1][kz]),
+        ];
+        let [low_u, high_u, low_v, high_v] = &self.planes;
+        let u = (low_u.value(wide, &sides) + Float8::load(wide, &node.bounds[1][kx]))
+            .min(high_u.value(wide, &sides) - Float8::load(wide, &node.bounds[0][kx]));
+        let v = (low_v.value(wide, &sides) + Float8::load(wide, &node.bounds[1][ky]))
+            .min(high_v.value(wide, &sides) - Float8::load(wide, &node.bounds[0][ky]));
+        // Compute the least depths
+        let depth = sides[self.near_side & 1] * splat(wide, self.sign) + splat(wide, self.depth_offset);
+        let inside = splat(wide, 0.0).le(u.min(v)) & depth.le(splat(wide, z_max));
+        (inside.bits(), depth)
+    }
+
+    /// Returns a side of a node's boxes relative to the origin of the frame, along one of its axes.
+    #[inline(always)]
+    fn relative<W: WideLevel>(&self, wide: W, node: &NativeNode, side: usize, i: usize) -> Float8<W> {
+        Float8::load(wide, &node.bounds[side][self.axes[i]]) - splat(wide, self.origin[i])
+    }
+
+    /// Returns the windows of a node's boxes in the plane z = 1: exactly, as a box has its extreme slopes at corners, up
+    /// to an error bound.
+    #[inline(always)]
+    pub(super) fn windows<W: WideLevel>(&self, wide: W, node: &NativeNode) -> [[f32; WIDTH]; 4] {
+        // Compute the reciprocals of the least and the greatest depths
+        let sign = splat(wide, self.sign);
+        let least = splat(wide, MIN_DEPTH);
+        let near = (self.relative(wide, node, self.near_side & 1, 2) * sign).max(least);
+        let far = (self.relative(wide, node, 1 - (self.near_side & 1), 2) * sign).max(least);
+        let one = splat(wide, 1.0);
+        let (per_near, per_far) = (one / near, one / far);
+        let mut out = [[0.0; WIDTH]; 4];
+        for i in 0..2 {
+            // Divide each side by the depth at which it is farthest out
+            let (low, high) = (self.relative(wide, node, 0, i), self.relative(wide, node, 1, i));
+            let low = low * low.select(per_near, per_far);
+            let high = high * high.select(per_far, per_near);
+            // Widen the windows by their error
+            out[2 * i] = (low - splat(wide, self.centre[i] + self.window_error)).to_array();
+            out[2 * i + 1] = (high - splat(wide, self.centre[i] - self.window_error)).to_array();
+        }
+        out
+    }
+}
+
+/// Window with a least depth, the same in all lanes.
+#[derive(Clone, Copy)]
+pub(super) struct DepthWindow<W: WideLevel> {
+    pub(super) u_min: Float8<W>,
+    pub(super) u_max: Float8<W>,
+    pub(super) v_min: Float8<W>,
+    pub(super) v_max: Float8<W>,
+    pub(super) z_min: Float8<W>,
+}
+
+impl<W: WideLevel> DepthWindow<W> {
+    /// Returns a mask of the eight windows of a row that overlap this one and reach its depth.
+    #[inline(always)]
+    pub(super) fn overlap<const N: usize>(&self, wide: W, windows: &Windows<N>, row: usize) -> u32 {
+        let row = row % N;
+        let u = self.u_min.le(Float8::load(wide, &windows.u_max[row]))
+            & Float8::load(wide, &windows.u_min[row]).le(self.u_max);
+        let v = self.v_min.le(Float8::load(wide, &windows.v_max[row]))
+            & Float8::load(wide, &windows.v_min[row]).le(self.v_max);
+        (u & v & self.z_min.le(Float8::load(wide, &windows.z_max[row]))).bits()
+    }
+
+    /// Returns a mask of the tiles that overlap this window.
+    #[inline(always)]
+    pub(super) fn tiles(&self, wide: W, rays: &GroupRays) -> u32 {
+        match rays.tile_count() {
+            0..=1 => 1,
+            2..=8 => self.overlap(wide, &rays.tiles, 0),
+            _ => self.overlap(wide, &rays.tiles, 0) | self.overlap(wide, &rays.tiles, 1) << 8,
+        }
+    }
+
+    /// Returns a mask of the rays of a sub-packet that are in this window.
+    #[inline(always)]
+    pub(super) fn rays(&self, wide: W, rays: &GroupRays, sub: usize) -> u32 {
+        let u = Float8::load(wide, &rays.u[sub]);
+        let v = Float8::load(wide, &rays.v[sub]);
+        let inside = self.u_min.le(u) & u.le(self.u_max) & self.v_min.le(v) & v.le(self.v_max);
+        (inside & self.z_min.le(Float8::load(wide, &rays.z[sub]))).bits()
+    }
+
+    /// Returns whether any ray is in this window.
+    #[inline(always)]
+    pub(super) fn has_ray(&self, wide: W, rays: &GroupRays) -> bool {
+        for tile in lanes(self.tiles(wide, rays)) {
+            for slot in lanes(self.overlap(wide, &rays.subs, tile)) {
+                if self.rays(wide, rays, (8 * tile + slot) % SUBS) != 0 {
+                    return true;
+                }
+            }
+        }
+        false
+    }
+}

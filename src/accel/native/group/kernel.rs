@@ -1,0 +1,282 @@
+//! Kernel that divides packets into groups of similar directions, and traces each.
+
+use std::marker::PhantomData;
+
+use crate::accel::native::layout::{Box3, GroupTree};
+use crate::accel::native::single::{SingleStack, trace_lane};
+use crate::accel::{LANES, Query, RayPacket};
+use crate::mesh::simd::{Float8, SimdKernel, SimdLevel, WideLevel, lanes};
+use glam::Vec3;
+
+use super::common_end::CommonEnd;
+use super::frame::{GroupFrame, HALVES, half, half_mut, splat, sum_of_directions};
+use super::query::GroupQuery;
+use super::rays::{GroupRays, NO_HIT_NUMBER, PACKETS};
+use super::traverse::{GroupStack, traverse};
+
+/// Number of rays up to which they are traced one at a time.
+const FEW: u32 = 4;
+/// Range of the largest coordinate, relative to which products of three stay finite and normal.
+const COORDINATE_RANGE: [f32; 2] = [1.0 / (1u64 << 40) as f32, (1u64 << 40) as f32];
+
+/// Memory of a traversal, for reuse.
+pub(super) struct Scratch {
+    rays: Box<GroupRays>,
+    stack: Box<GroupStack>,
+    single_stack: SingleStack,
+    /// Packets that wait for their turn.
+    parts: Vec<PacketRange>,
+}
+
+impl Scratch {
+    /// Allocates the memory for one thread.
+    pub(super) fn new() -> Box<Scratch> {
+        Box::new(Scratch {
+            rays: GroupRays::new(),
+            stack: GroupStack::new(),
+            single_stack: SingleStack::new(),
+            parts: Vec::new(),
+        })
+    }
+}
+
+/// Range of packets in a row.
+#[derive(Clone, Copy)]
+struct PacketRange {
+    first: usize,
+    end: usize,
+}
+
+/// Queries for packets of rays with a common end.
+pub(super) struct GroupKernel<'a, P> {
+    tree: &'a GroupTree,
+    packets: &'a mut [RayPacket],
+    end: CommonEnd,
+    scratch: &'a mut Scratch,
+    query: PhantomData<P>,
+}
+
+impl<'a, P> GroupKernel<'a, P> {
+    /// Prepares queries for rays that all start or end at `end`.
+    pub(super) fn new(
+        tree: &'a GroupTree,
+        packets: &'a mut [RayPacket],
+        end: CommonEnd,
+        scratch: &'a mut Scratch,
+    ) -> GroupKernel<'a, P> {
+        GroupKernel {
+            tree,
+            packets,
+            end,
+            scratch,
+            query: PhantomData,
+        }
+    }
+}
+
+impl<P: GroupQuery> SimdKernel for GroupKernel<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: SimdLevel>(self, isa: I) {
+        let is_in_range = is_in_range(&self.tree.bounds, self.end.point());
+        let scratch = self.scratch;
+        for packets in self.packets.chunks_mut(PACKETS) {
+            // Collect the rays
+            let mut pending = [0; PACKETS];
+            for (packet, pending) in packets.iter_mut().zip(&mut pending) {
+                packet.drop_untraceable();
+                for h in 0..HALVES {
+                    // Active lanes hold -1.
+                    let active = bytemuck::cast_ref(half(&packet.active, h));
+                    *pending |= Float8::load_u32(isa.wide(), active).bits() << (8 * h);
+                }
+            }
+            if !is_in_range {
+                trace_singly::<P>(isa, self.tree, packets, &pending, scratch);
+                continue;
+            }
+            // Trace them in groups
+            scratch.parts.clear();
+            scratch.parts.push(PacketRange {
+                first: 0,
+                end: packets.len(),
+            });
+            while let Some(PacketRange { first, end }) = scratch.parts.pop() {
+                let part = &mut packets[first..end];
+                let pending = &mut pending[first..end];
+                let tracer = PartTracer {
+                    tree: self.tree,
+                    end: self.end,
+                };
+                if tracer.trace::<P>(isa, part, pending, scratch) == PartOutcome::TooSparse {
+                    split(PacketRange { first, end }, &mut scratch.parts);
+                }
+            }
+        }
+    }
+}
+
+/// Returns whether coordinates within `bounds`, and about a point, are within the range of the group kernel.
+fn is_in_range(bounds: &Box3, p: Vec3) -> bool {
+    let corners = [bounds.low, bounds.high].map(Vec3::from);
+    let largest = corners.iter().fold(p.abs().max_element(), |size, corner| {
+        size.max(corner.abs().max_element())
+    });
+    (COORDINATE_RANGE[0]..=COORDINATE_RANGE[1]).contains(&largest)
+}
+
+/// Adds the quarters of a range to `parts`.
+fn split(part: PacketRange, parts: &mut Vec<PacketRange>) {
+    let length = (part.end - part.first).div_ceil(4);
+    for first in (part.first..part.end).step_by(length).rev() {
+        parts.push(PacketRange {
+            first,
+            end: part.end.min(first + length),
+        });
+    }
+}
+
+/// Traces all pending rays one at a time.
+#[inline(always)]
+fn trace_singly<P: GroupQuery>(
+    isa: impl SimdLevel,
+    tree: &GroupTree,
+    packets: &mut [RayPacket],
+    pending: &[u32],
+    scratch: &mut Scratch,
+) {
+    let query = if P::IS_ANY { Query::Any } else { Query::Nearest };
+    for (packet, &pending) in packets.iter_mut().zip(pending) {
+        for lane in lanes(pending) {
+            trace_lane(isa, tree, packet, lane % LANES, query, &mut scratch.single_stack);
+        }
+    }
+}
+
+/// Result of tracing a part.
+#[derive(PartialEq, Eq)]
+enum PartOutcome {
+    /// All rays are traced.
+    Done,
+    /// Some rays are not traced: they leave their window so empty that the part should be split.
+    TooSparse,
+}
+
+/// Tree and common end against which the rays of a part are traced.
+struct PartTracer<'a> {
+    tree: &'a GroupTree,
+    end: CommonEnd,
+}
+
+impl PartTracer<'_> {
+    /// Traces the pending rays of some packets in groups of similar directions.
+    #[inline(always)]
+    fn trace<P: GroupQuery>(
+        &self,
+        isa: impl SimdLevel,
+        packets: &mut [RayPacket],
+        pending: &mut [u32],
+        scratch: &mut Scratch,
+    ) -> PartOutcome {
+        let wide = isa.wide();
+        let mut direction = sum_of_directions(wide, packets, pending, self.end);
+        while let Some(first) = pending.iter().position(|&mask| mask != 0) {
+            // Take the rays that point along an axis of the world
+            let rays = &mut *scratch.rays;
+            let frame = GroupFrame::along(direction, self.end);
+            let count = rays.load(wide, packets, pending, self.end, frame);
+            let next = pending[first].trailing_zeros() as usize % LANES;
+            if count == 0 {
+                // Try the direction of the first ray, then trace it alone
+                let own = self.direction(&packets[first], next);
+                if own == direction {
+                    let mask = 1 << next;
+                    trace_singly::<P>(isa, self.tree, &mut packets[first..=first], &[mask], scratch);
+                    pending[first] &= !mask;
+                }
+                direction = own;
+                continue;
+            }
+            // Leave a sparse group to be split
+            if packets.len() > 1 && count > FEW && rays.is_sparse() {
+                return PartOutcome::TooSparse;
+            }
+            // Note which rays of each packet were taken
+            let mut taken = [0; PACKETS];
+            for (packet, mask) in taken.iter_mut().enumerate().take(packets.len()) {
+                *mask = rays.taken[HALVES * packet] | rays.taken[HALVES * packet + 1] << 8;
+            }
+            // Trace them, one at a time if they are few
+            if count <= FEW {
+                trace_singly::<P>(isa, self.tree, packets, &taken, scratch);
+            } else {
+                traverse::<_, P>(wide, self.tree, rays, packets, &mut scratch.stack);
+                write_hits::<_, P>(wide, rays, packets);
+            }
+            // Strike them off the pending ones
+            for (pending, taken) in pending.iter_mut().zip(taken) {
+                *pending &= !taken;
+            }
+        }
+        PartOutcome::Done
+    }
+
+    /// Returns the direction of a ray away from the common end.
+    fn direction(&self, packet: &RayPacket, lane: usize) -> [f32; 3] {
+        let ray = packet.ray(lane);
+        match self.end {
+            CommonEnd::Origin(_) => ray.direction.to_array(),
+            CommonEnd::Target(target) => (ray.origin - target).to_array(),
+        }
+    }
+}
+
+/// Writes the hits of a group into its packets.
+#[inline(always)]
+fn write_hits<W: WideLevel, P: GroupQuery>(wide: W, rays: &GroupRays, packets: &mut [RayPacket]) {
+    let axis = rays.frame.axes[2];
+    for (index, packet) in packets.iter_mut().enumerate().take(PACKETS) {
+        for h in 0..HALVES {
+            let sub = HALVES * index + h;
+            // Load the depths of the hits and the ends of the rays
+            let z = Float8::load(wide, &rays.z[sub]);
+            let t_far = Float8::load(wide, half(&packet.t_far, h));
+            if P::IS_ANY {
+                // Empty the intervals of blocked rays
+                let blocked = Float8::mask_of(wide, z.bits() & rays.taken[sub]);
+                let t = blocked.select(splat(wide, f32::NEG_INFINITY), t_far);
+                *half_mut(&mut packet.t_far, h) = t.to_array();
+                continue;
+            }
+            // Find the lanes that hit a triangle
+            let numbers = Float8::load_u32(wide, &rays.numbers[sub]);
+            let hits = numbers.lt_i32(splat(wide, f32::from_bits(NO_HIT_NUMBER)))
+                & Float8::mask_of(wide, rays.taken[sub]);
+            if hits.bits() == 0 {
+                continue;
+            }
+            // Convert the depth to the ray's parameter, which rounding must not move beyond its end
+            let speed = Float8::load(wide, half(&packet.direction[axis], h)).abs();
+            let t = hits.select((z / speed).min(t_far), t_far);
+            *half_mut(&mut packet.t_far, h) = t.to_array();
+            // Write the barycentric weights
+            let u = hits.select(
+                Float8::load(wide, &rays.weights[0][sub]),
+                Float8::load(wide, half(&packet.u, h)),
+            );
+            *half_mut(&mut packet.u, h) = u.to_array();
+            let v = hits.select(
+                Float8::load(wide, &rays.weights[1][sub]),
+                Float8::load(wide, half(&packet.v, h)),
+            );
+            *half_mut(&mut packet.v, h) = v.to_array();
+            // Write the number of the triangle; the instance follows from it
+            let primitive = hits.select(numbers, Float8::load_u32(wide, half(&packet.primitive, h)));
+            *half_mut(&mut packet.primitive, h) = primitive.to_u32s();
+            let none = splat(wide, 0.0);
+            let instance = hits.select(none, Float8::load_u32(wide, half(&packet.instance, h)));
+            *half_mut(&mut packet.instance, h) = instance.to_u32s();
+        }
+    }
+}

@@ -1,0 +1,293 @@
+//! Backend on a bounding volume hierarchy of our own, which groups of rays with a common origin traverse together.
+//!
+//! The [`tree`](layout) holds the triangles of all baked meshes. Camera rays of a pinhole, and shadow rays to a point,
+//! traverse it in groups of up to 1024 ([`group`]); all others one at a time ([`single`]). Shapes and instanced meshes
+//! are left to a BSP, and infinite planes are tested last.
+
+mod build;
+mod exact;
+mod group;
+mod layout;
+mod single;
+#[cfg(test)]
+mod testing;
+mod triangle_run;
+
+use glam::Vec3;
+
+use super::bsp::BspAccel;
+use super::planes::Planes;
+use super::{
+    Accel, AccelError, AccelOptions, AccelPart, AccelReport, Coherence, Kernel, LANES, MAX_BATCH, NO_HIT,
+    Query, RayPacket,
+};
+use crate::mesh::Mesh;
+use crate::mesh::simd::dispatch;
+use crate::numeric::Lanes;
+use crate::scene::{Geometry, Scene};
+use exact::ExactHits;
+use layout::GroupTree;
+use triangle_run::TriangleRun;
+
+/// The structures of a scene.
+pub struct NativeAccel<'s> {
+    /// Tree of the triangles of all baked meshes.
+    triangles: GroupTree,
+    /// Instances of the triangles, in the order of their numbers.
+    runs: Vec<TriangleRun<'s>>,
+    others: Others<'s>,
+    kernel: Kernel,
+    report: AccelReport,
+}
+
+/// Structures for what the tree does not hold.
+enum Others<'s> {
+    /// Infinite planes only, or nothing.
+    Planes(Planes),
+    /// BSP of shapes and instanced meshes, which tests planes, too.
+    Objects(Box<BspAccel<'s>>),
+}
+
+impl<'s> NativeAccel<'s> {
+    /// Builds the structures of a validated scene.
+    pub fn build(scene: &'s Scene, options: &AccelOptions) -> Result<NativeAccel<'s>, AccelError> {
+        super::bsp::in_pool(options.threads, || NativeAccel::build_here(scene, options))
+    }
+
+    /// Builds the structures in the current thread pool.
+    fn build_here(scene: &'s Scene, options: &AccelOptions) -> Result<NativeAccel<'s>, AccelError> {
+        // Number the triangles of baked meshes in the order of their instances
+        let (mut meshes, mut runs) = (Vec::<&Mesh>::new(), Vec::new());
+        let (mut count, mut has_objects) = (0, false);
+        for (index, instance) in scene.instances.iter().enumerate() {
+            match &scene.geometries[instance.geometry as usize] {
+                Geometry::Mesh(mesh) if instance.is_identity() => {
+                    runs.push(TriangleRun {
+                        first: u32::try_from(count).map_err(|_| AccelError::OutOfMemory)?,
+                        instance: index as u32,
+                        mesh,
+                    });
+                    count += mesh.triangles.len();
+                    meshes.push(mesh);
+                }
+                geometry => has_objects |= !geometry.is_unbounded(),
+            }
+        }
+        // Build the tree, then the structure of everything else
+        let triangles = build::build_tree(&meshes).ok_or(AccelError::OutOfMemory)?;
+        let others = match has_objects {
+            true => Others::Objects(Box::new(BspAccel::build_objects(scene, options)?)),
+            false => Others::Planes(Planes::of(scene)),
+        };
+        // Report that all is built
+        if let Some(progress) = options.progress {
+            progress(1.0);
+        }
+        Ok(NativeAccel {
+            report: report(&triangles, count, &others),
+            triangles,
+            runs,
+            others,
+            kernel: options.kernel,
+        })
+    }
+
+    /// Finds the nearest triangle of rays that start at `origin`.
+    fn intersect_group(&self, packets: &mut [RayPacket], origin: Vec3) {
+        for packets in packets.chunks_mut(MAX_BATCH) {
+            // Keep the ends of the rays, which hits replace
+            let t_far: [Lanes<f32>; MAX_BATCH] =
+                std::array::from_fn(|index| packets.get(index).map_or([0.0; LANES], |packet| packet.t_far));
+            // Find the triangles, then compute the hits again
+            group::intersect(&self.triangles, packets, origin);
+            dispatch(ExactHits {
+                tree: &self.triangles,
+                runs: &self.runs,
+                t_far: &t_far[..packets.len()],
+                packets,
+            });
+        }
+    }
+
+    /// Replaces the numbers of triangles that were hit by their instances and indices.
+    #[inline(always)]
+    fn number_hits(&self, packet: &mut RayPacket) {
+        for lane in 0..LANES {
+            if packet.is_active(lane) && packet.instance[lane] != NO_HIT {
+                let number = packet.primitive[lane];
+                let run = TriangleRun::of(&self.runs, number);
+                packet.instance[lane] = run.instance;
+                packet.primitive[lane] = number - run.first;
+            }
+        }
+    }
+
+    /// Finds hits of the structures other than the tree that are nearer than those in the packets.
+    fn intersect_others(&self, packets: &mut [RayPacket], order: Coherence) {
+        let bsp = match &self.others {
+            Others::Planes(planes) => return planes.trace(packets, Query::Nearest),
+            Others::Objects(bsp) => bsp,
+        };
+        for packets in packets.chunks_mut(MAX_BATCH) {
+            // Keep the hits of triangles where the BSP finds others at the same parameter
+            let before: [FoundHits; MAX_BATCH] =
+                std::array::from_fn(|index| packets.get(index).map_or(FoundHits::NONE, FoundHits::of));
+            bsp.intersect(packets, order);
+            for (packet, before) in packets.iter_mut().zip(&before) {
+                before.keep_ties(packet);
+            }
+        }
+    }
+
+    /// Marks the lanes that other structures than the tree block.
+    fn occlude_others(&self, packets: &mut [RayPacket], order: Coherence) {
+        let bsp = match &self.others {
+            Others::Planes(planes) => return planes.trace(packets, Query::Any),
+            Others::Objects(bsp) => bsp,
+        };
+        for packets in packets.chunks_mut(MAX_BATCH) {
+            let before: [Lanes<i32>; MAX_BATCH] =
+                std::array::from_fn(|index| packets.get(index).map_or([0; LANES], |packet| packet.active));
+            // Blocked lanes have an empty interval, and need no second query
+            for packet in packets.iter_mut() {
+                for lane in 0..LANES {
+                    let is_blocked = packet.t_far[lane] == f32::NEG_INFINITY;
+                    packet.active[lane] = if is_blocked { 0 } else { packet.active[lane] };
+                }
+            }
+            bsp.occluded(packets, order);
+            // Restore the lanes
+            for (packet, before) in packets.iter_mut().zip(&before) {
+                packet.active = *before;
+            }
+        }
+    }
+}
+
+impl Accel for NativeAccel<'_> {
+    fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
+        // Trace rays with a common origin as groups. Those from surfaces are no case for it: their origins are as
+        // uncertain as the nearest hits
+        let is_grouped = self.kernel == Kernel::Packet && order == Coherence::Coherent;
+        match common_origin(packets).filter(|_| is_grouped) {
+            Some(origin) => self.intersect_group(packets, origin),
+            None => single::intersect(&self.triangles, packets),
+        }
+        // Name the instances, then look for nearer hits of shapes and planes
+        packets.iter_mut().for_each(|packet| self.number_hits(packet));
+        self.intersect_others(packets, order);
+    }
+
+    fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {
+        single::occluded(&self.triangles, packets);
+        self.occlude_others(packets, order);
+    }
+
+    fn occluded_from_target(&self, packets: &mut [RayPacket], target: Vec3) {
+        if self.kernel == Kernel::Single {
+            return self.occluded(packets, Coherence::Coherent);
+        }
+        group::occluded(&self.triangles, packets, target);
+        self.occlude_others(packets, Coherence::Coherent);
+    }
+
+    fn batch(&self) -> usize {
+        MAX_BATCH
+    }
+
+    fn report(&self) -> AccelReport {
+        self.report.clone()
+    }
+}
+
+/// Returns the origin of all active rays, if they have the same.
+#[inline(always)]
+fn common_origin(packets: &[RayPacket]) -> Option<Vec3> {
+    // Find the first active ray
+    let (first, lane) = packets.iter().find_map(|packet| {
+        let lane = (0..LANES).find(|&lane| packet.is_active(lane))?;
+        Some((packet, lane))
+    })?;
+    // Compare its origin with all others
+    let origin = first.origin.map(|axis| axis[lane]);
+    let mut differs = 0;
+    for packet in packets {
+        for axis in 0..3 {
+            for lane in 0..LANES {
+                let is_other = packet.origin[axis][lane] != origin[axis];
+                differs |= if is_other { packet.active[lane] } else { 0 };
+            }
+        }
+    }
+    (differs == 0).then(|| Vec3::from(origin))
+}
+
+/// Hits of a packet that another structure may replace.
+struct FoundHits {
+    t: Lanes<f32>,
+    u: Lanes<f32>,
+    v: Lanes<f32>,
+    primitive: Lanes<u32>,
+    instance: Lanes<u32>,
+}
+
+impl FoundHits {
+    const NONE: FoundHits = FoundHits {
+        t: [0.0; LANES],
+        u: [0.0; LANES],
+        v: [0.0; LANES],
+        primitive: [NO_HIT; LANES],
+        instance: [NO_HIT; LANES],
+    };
+
+    #[inline(always)]
+    fn of(packet: &RayPacket) -> FoundHits {
+        FoundHits {
+            t: packet.t_far,
+            u: packet.u,
+            v: packet.v,
+            primitive: packet.primitive,
+            instance: packet.instance,
+        }
+    }
+
+    /// Restores these hits where a hit of a later instance at the same parameter has replaced them.
+    #[inline(always)]
+    fn keep_ties(&self, packet: &mut RayPacket) {
+        for lane in 0..LANES {
+            let is_tie = (packet.t_far[lane] == self.t[lane]) & (self.instance[lane] < packet.instance[lane]);
+            packet.u[lane] = if is_tie { self.u[lane] } else { packet.u[lane] };
+            packet.v[lane] = if is_tie { self.v[lane] } else { packet.v[lane] };
+            packet.primitive[lane] = if is_tie {
+                self.primitive[lane]
+            } else {
+                packet.primitive[lane]
+            };
+            packet.instance[lane] = if is_tie {
+                self.instance[lane]
+            } else {
+                packet.instance[lane]
+            };
+        }
+    }
+}
+
+/// Describes the structures and their memory.
+fn report(triangles: &GroupTree, count: usize, others: &Others) -> AccelReport {
+    // Start with the report of the other structures
+    let tree_bytes = triangles.byte_count() as u64;
+    let (mut report, beside) = match others {
+        Others::Planes(planes) => (AccelReport::default(), format!("{} planes", planes.count())),
+        Others::Objects(bsp) => (bsp.report(), bsp.report().summary),
+    };
+    // Add the tree
+    report.bytes += tree_bytes;
+    report.peak_bytes = report.bytes.max(report.peak_bytes + tree_bytes);
+    report.parts.push(AccelPart {
+        holder: "triangles",
+        what: "tree of triangles",
+        bytes: tree_bytes,
+    });
+    report.summary = format!("eight-wide tree of {count} triangles for groups of rays, {beside}");
+    report
+}

@@ -1,0 +1,301 @@
+//! Traversal with one ray at a time: eight boxes at a time, then eight triangles at a time.
+//!
+//! The triangle test is the watertight one of `mesh::triangle`, so results are those of the other backends.
+
+use crate::accel::bsp::error_bounds::Line;
+use crate::accel::{Hit, LANES, Query, RayPacket};
+use crate::mesh::simd::{Float8, SimdKernel, SimdLevel, WideLevel, dispatch, lanes};
+use crate::mesh::triangle::{PACK, Shear};
+use crate::numeric::Ray;
+
+use super::layout::{ChildLink, GroupTree, STACK, WIDTH};
+
+/// Finds the nearest hit of every active lane, one ray at a time.
+pub(super) fn intersect(tree: &GroupTree, packets: &mut [RayPacket]) {
+    dispatch(SingleRays {
+        tree,
+        packets,
+        query: Query::Nearest,
+    });
+}
+
+/// Marks every active lane as blocked whose ray hits anything, one ray at a time.
+pub(super) fn occluded(tree: &GroupTree, packets: &mut [RayPacket]) {
+    dispatch(SingleRays {
+        tree,
+        packets,
+        query: Query::Any,
+    });
+}
+
+/// Packets whose rays are traced one after the other.
+struct SingleRays<'a> {
+    tree: &'a GroupTree,
+    packets: &'a mut [RayPacket],
+    query: Query,
+}
+
+impl SimdKernel for SingleRays<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: SimdLevel>(self, isa: I) {
+        let mut stack = SingleStack::new();
+        for packet in self.packets {
+            packet.drop_untraceable();
+            for lane in 0..LANES {
+                if packet.is_active(lane) {
+                    trace_lane(isa, self.tree, packet, lane, self.query, &mut stack);
+                }
+            }
+        }
+    }
+}
+
+/// Node or block that waits for its visit.
+#[derive(Clone, Copy)]
+struct EnteredChild {
+    /// Parameter at which the ray enters the box.
+    t: f32,
+    child: ChildLink,
+}
+
+/// Stack of nodes and blocks with the parameters at which the ray enters them. Allocated once for many rays.
+pub(super) struct SingleStack(Box<[EnteredChild; STACK]>);
+
+impl SingleStack {
+    /// Allocates an empty stack.
+    pub(super) fn new() -> SingleStack {
+        let nothing = EnteredChild {
+            t: 0.0,
+            child: ChildLink::EMPTY,
+        };
+        SingleStack(Box::new([nothing; STACK]))
+    }
+}
+
+/// Traces the ray of one lane and writes the result into the packet.
+#[inline(always)]
+pub(super) fn trace_lane(
+    isa: impl SimdLevel,
+    tree: &GroupTree,
+    packet: &mut RayPacket,
+    lane: usize,
+    query: Query,
+    stack: &mut SingleStack,
+) {
+    let ray = packet.ray(lane);
+    // Compile a kernel for each kind of query
+    match query {
+        Query::Nearest => {
+            if let Some(hit) = traverse(isa, tree, &ray, Query::Nearest, stack) {
+                packet.set_hit(lane, &hit);
+            }
+        }
+        Query::Any => {
+            if traverse(isa, tree, &ray, Query::Any, stack).is_some() {
+                packet.set_blocked(lane);
+            }
+        }
+    }
+}
+
+/// Ray with precomputed data for slab and triangle tests.
+struct SingleRay {
+    line: Line,
+    shear: Shear,
+    t_near: f32,
+    /// Side of the box that the ray enters first, by axis: 0 for the low bound, 1 for the high one.
+    first: [usize; 3],
+}
+
+impl SingleRay {
+    #[inline(always)]
+    fn new(ray: &Ray) -> SingleRay {
+        let line = Line::new(ray.origin.to_array(), ray.direction.to_array());
+        let first = [0, 1, 2].map(|axis| usize::from(!line.rises(axis)));
+        SingleRay {
+            line,
+            shear: Shear::new(ray),
+            t_near: ray.t_near,
+            first,
+        }
+    }
+}
+
+/// Returns the nearest hit, or any for [`Query::Any`].
+#[inline(always)]
+fn traverse(
+    isa: impl SimdLevel,
+    tree: &GroupTree,
+    ray: &Ray,
+    query: Query,
+    stack: &mut SingleStack,
+) -> Option<Hit> {
+    let state = SingleRay::new(ray);
+    // Start with a hit at the end of the ray that every other one replaces
+    let mut best = Hit {
+        instance: 0,
+        primitive: u32::MAX,
+        t: ray.t_far.min(f32::MAX),
+        u: 0.0,
+        v: 0.0,
+    };
+    if tree.root == ChildLink::EMPTY {
+        return None;
+    }
+    let mut child = tree.root;
+    let mut waiting = 0;
+    loop {
+        if child.is_leaf() {
+            // Intersect eight triangles and keep the nearest hit, of equals that of the lowest number
+            let block = &tree.blocks[child.index()];
+            let hits = state
+                .shear
+                .intersect_pack(isa, &block.triangles, state.t_near, best.t);
+            for lane in lanes(hits.mask) {
+                let lane = lane % PACK;
+                let number = block.numbers[lane];
+                if hits.t[lane] < best.t || (hits.t[lane] == best.t && number < best.primitive) {
+                    best = Hit {
+                        instance: 0,
+                        primitive: number,
+                        t: hits.t[lane],
+                        u: hits.u[lane],
+                        v: hits.v[lane],
+                    };
+                }
+                if query == Query::Any {
+                    return Some(best);
+                }
+            }
+        } else {
+            // Intersect eight boxes
+            waiting = enter(isa, tree, child.index(), &state, best.t, stack, waiting);
+        }
+        // Continue with the nearest child that the ray enters before the hit
+        loop {
+            if waiting == 0 {
+                return (best.primitive != u32::MAX).then_some(best);
+            }
+            waiting -= 1;
+            let next = stack.0[waiting % STACK];
+            if next.t <= best.t {
+                child = next.child;
+                break;
+            }
+        }
+    }
+}
+
+/// Pushes the children that the ray intersects up to `t_far`, the nearest on top; returns the new stack size.
+#[inline(always)]
+fn enter(
+    isa: impl SimdLevel,
+    tree: &GroupTree,
+    index: usize,
+    state: &SingleRay,
+    t_far: f32,
+    stack: &mut SingleStack,
+    waiting: usize,
+) -> usize {
+    // Intersect the ray with the eight boxes by the slab method
+    let node = &tree.nodes[index];
+    let wide = isa.wide();
+    let mut near = Float8::splat(wide, state.t_near);
+    let mut far = Float8::splat(wide, t_far);
+    for axis in 0..3 {
+        let first = state.first[axis] & 1;
+        let origin = Float8::splat(wide, state.line.origin[axis]);
+        let enter = Float8::splat(wide, state.line.enter[axis]);
+        let leave = Float8::splat(wide, state.line.leave[axis]);
+        // NaN, from a ray within a face, leaves the interval unchanged.
+        near = ((Float8::load(wide, &node.bounds[first][axis]) - origin) * enter).max(near);
+        far = ((Float8::load(wide, &node.bounds[1 - first][axis]) - origin) * leave).min(far);
+    }
+    let mask = near.le(far).bits();
+    if mask == 0 {
+        return waiting;
+    }
+    // Insert the children into the stack by their distances
+    let near = near.to_array();
+    let Some(slots) = stack.0[waiting..].first_chunk_mut::<WIDTH>() else {
+        return waiting;
+    };
+    let mut count = 0;
+    for slot in lanes(mask) {
+        let slot = slot % WIDTH;
+        prefetch(wide, tree, node.children[slot]);
+        let mut position = count;
+        while position > 0 && slots[position - 1].t < near[slot] {
+            slots[position] = slots[position - 1];
+            position -= 1;
+        }
+        slots[position] = EnteredChild {
+            t: near[slot],
+            child: node.children[slot],
+        };
+        count = (count + 1) % (WIDTH + 1);
+    }
+    waiting + count
+}
+
+/// Starts loading a node or a block.
+#[inline(always)]
+pub(super) fn prefetch(wide: impl WideLevel, tree: &GroupTree, child: ChildLink) {
+    if child.is_leaf() {
+        if let Some(block) = tree.blocks.get(child.index()) {
+            wide.prefetch(block);
+        }
+    } else if let Some(node) = tree.nodes.get(child.index()) {
+        wide.prefetch(node);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::accel::{AccelOptions, Backend, Coherence, build};
+    use crate::mesh::bumpy_sphere;
+
+    use super::*;
+    use crate::accel::native::build::build_tree;
+    use crate::accel::native::testing::{baked, random_packets};
+
+    #[test]
+    fn single_rays_hit_what_brute_force_hits() {
+        let scene = baked(bumpy_sphere(2000));
+        let brute = build(
+            scene.validate().unwrap(),
+            Backend::Brute,
+            &AccelOptions::default(),
+        )
+        .unwrap();
+        let crate::scene::Geometry::Mesh(mesh) = &scene.geometries[0] else {
+            unreachable!()
+        };
+        let tree = build_tree(&[mesh]).unwrap();
+        // Trace the same rays by both
+        let mut expected = random_packets(200, 3);
+        let mut blocked = expected.clone();
+        let mut actual = expected.clone();
+        let mut actual_blocked = expected.clone();
+        brute.intersect(&mut expected, Coherence::Coherent);
+        brute.occluded(&mut blocked, Coherence::Coherent);
+        intersect(&tree, &mut actual);
+        occluded(&tree, &mut actual_blocked);
+        // Compare the hits, then which rays are blocked
+        let mut hit_count = 0;
+        for (a, b) in expected.iter().zip(&actual) {
+            for lane in 0..LANES {
+                assert_eq!(a.hit(lane), b.hit(lane));
+                hit_count += usize::from(a.hit(lane).is_some());
+            }
+        }
+        assert!(hit_count > 300, "{hit_count}");
+        for (a, b) in blocked.iter().zip(&actual_blocked) {
+            for lane in 0..LANES {
+                assert_eq!(a.is_blocked(lane), b.is_blocked(lane));
+            }
+        }
+    }
+}

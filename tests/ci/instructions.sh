@@ -52,9 +52,11 @@ for scene in first_light.gltf sphereflake.toml glass_of_water.toml smoke.toml; d
     measure "render ${scene%.*}, BSP" --spp 1 5 "${render[@]}" --backend bsp
     [ -z "$embree" ] || measure "render ${scene%.*}, $embree" --spp 1 5 "${render[@]}" --backend embree --isa avx2
 done
+measure "render first_light, native" --spp 1 5 render scenes/first_light.gltf -o "$files/picture.exr" --size 48x36 \
+    --threads 1 --quiet --backend native
 held=()
 [ -z "$embree" ] || held=(--isa avx2)
-all="BSP${embree:+ and $embree}"
+all="native, BSP${embree:+ and $embree}"
 measure "bench first_light, $all" --repeat 1 3 bench scenes/first_light.gltf --size 32x24 --threads 1 "${held[@]}"
 measure "bench sweep, $all" --repeat 1 3 bench --sweep --most-triangles 1000 --size 32x24 --threads 1 "${held[@]}"
 

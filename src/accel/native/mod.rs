@@ -1,7 +1,7 @@
 //! Backend on a bounding volume hierarchy of our own, which groups of rays with a common origin traverse together.
 //!
-//! The [`tree`](layout) holds the triangles of all baked meshes. Camera rays of a pinhole, and shadow rays to a point,
-//! traverse it in groups of up to 1024 ([`group`]); all others one at a time ([`single`]). Shapes and instanced meshes
+//! The tree holds the triangles of all baked meshes. Camera rays of a pinhole, and shadow rays to a point,
+//! traverse it in groups of up to 1024 (`group`); all others one at a time (`single`). Shapes and instanced meshes
 //! are left to a BSP, and infinite planes are tested last.
 
 mod build;

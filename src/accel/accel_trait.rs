@@ -23,7 +23,7 @@ pub trait Accel: Send + Sync {
         self.occluded(packets, Coherence::Coherent);
     }
 
-    /// Returns the number of coherent packets that a query should have, at most [`MAX_BATCH`]: more would leave the
+    /// Returns the number of coherent packets that a query should have, at most 64: more would leave the
     /// cache, fewer would leave work unshared.
     fn batch(&self) -> usize {
         BATCH

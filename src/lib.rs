@@ -1,7 +1,8 @@
 //! A Whitted-style ray tracer for glTF meshes and analytic shapes.
 //!
-//! Camera rays, shadow rays, recursive reflection and refraction. Hits are found by the system's Embree or by an
-//! axis-aligned BSP tree in Rust, and each is checked against the other. All shading, shadow and recursion logic is Rust.
+//! Camera rays, shadow rays, recursive reflection and refraction. Hits are found by the system's Embree, or in Rust by a
+//! tree for groups of rays or an axis-aligned BSP, and each is checked against the others. All shading, shadow and
+//! recursion logic is Rust.
 //!
 //! # Data flow
 //!
@@ -98,7 +99,7 @@
 //!
 //! - **AOV**: arbitrary output variable, a further channel of an image such as depth.
 //! - **Area light**: light with an extent, which casts soft shadows; an *emissive object* is one that is visible.
-//! - **Backend**: what intersects rays with the scene: Embree, the BSP, or brute force.
+//! - **Backend**: what intersects rays with the scene: Embree, the native tree, the BSP, or brute force.
 //! - **BSP**: binary space partitioning tree with axis-aligned planes (a k-d tree) over clipped primitives.
 //! - **Bounding volume**: box or sphere around an object, tested before it. Flags and keys call it *extent*.
 //! - **Camera ray**, **shadow ray**, **secondary ray**: ray from the camera, to a light, or after a bounce.

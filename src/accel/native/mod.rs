@@ -166,6 +166,13 @@ impl<'s> NativeAccel<'s> {
 
 impl Accel for NativeAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
+        // Forget hits of earlier queries, whose triangles have other numbers
+        for packet in packets.iter_mut() {
+            for lane in 0..LANES {
+                let is_traced = packet.active[lane] != 0;
+                packet.instance[lane] = if is_traced { NO_HIT } else { packet.instance[lane] };
+            }
+        }
         // Trace rays with a common origin as groups. Those from surfaces are no case for it: their origins are as
         // uncertain as the nearest hits
         let is_grouped = self.kernel == Kernel::Packet && order == Coherence::Coherent;

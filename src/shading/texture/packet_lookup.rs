@@ -114,7 +114,7 @@ impl TextureSet<'_> {
             let (plan, texels) = (&lookup.plan, &mut lookup.texels);
             match (&image.image.texels, encoding) {
                 (Texels::Bytes(bytes), Encoding::Linear) => {
-                    fetch(plan, &LinearBytes(bytes), mips, mask, texels);
+                    fetch(plan, &LinearTexels(bytes), mips, mask, texels);
                 }
                 (Texels::Bytes(bytes), Encoding::Srgb) => {
                     fetch(
@@ -128,7 +128,7 @@ impl TextureSet<'_> {
                         texels,
                     );
                 }
-                (Texels::Floats(floats), _) => fetch(plan, &Floats(floats), mips, mask, texels),
+                (Texels::Floats(floats), _) => fetch(plan, &LinearTexels(floats), mips, mask, texels),
                 (Texels::Unread, _) => *texels = [WHITE; LANES],
             }
         }
@@ -250,77 +250,77 @@ trait FinestTexels: TexelSource {
     fn coarser(level: Option<&LevelTexels>) -> Self::Coarser<'_>;
 }
 
-struct LinearBytes<'a>(&'a [[u8; 4]]);
+/// Channel of a texel that is linear after multiplication by `SCALE`.
+trait LinearChannel: Copy + Into<f32> {
+    const SCALE: f32;
+}
+
+impl LinearChannel for u8 {
+    const SCALE: f32 = 1.0 / 255.0;
+}
+
+impl LinearChannel for u16 {
+    const SCALE: f32 = 1.0 / 65535.0;
+}
+
+impl LinearChannel for f32 {
+    const SCALE: f32 = 1.0;
+}
+
+/// Texels of linear channels.
+struct LinearTexels<'a, T>(&'a [[T; 4]]);
 
 struct SrgbBytes<'a> {
     bytes: &'a [[u8; 4]],
     linear: &'static [f32; 256],
 }
 
-struct LinearWords<'a>(&'a [[u16; 4]]);
-
-struct Floats<'a>(&'a [[f32; 4]]);
-
-impl<'a> LinearWords<'a> {
+impl<'a> LinearTexels<'a, u16> {
     #[inline(always)]
-    fn of_level(level: Option<&'a LevelTexels>) -> LinearWords<'a> {
+    fn of_level(level: Option<&'a LevelTexels>) -> LinearTexels<'a, u16> {
         match level {
-            Some(LevelTexels::Words(texels)) => LinearWords(texels),
-            _ => LinearWords(&[]),
+            Some(LevelTexels::Words(texels)) => LinearTexels(texels),
+            _ => LinearTexels(&[]),
         }
     }
 }
 
-impl FinestTexels for LinearBytes<'_> {
-    type Coarser<'t> = LinearWords<'t>;
+impl FinestTexels for LinearTexels<'_, u8> {
+    type Coarser<'t> = LinearTexels<'t, u16>;
 
     #[inline(always)]
-    fn coarser(level: Option<&LevelTexels>) -> LinearWords<'_> {
-        LinearWords::of_level(level)
+    fn coarser(level: Option<&LevelTexels>) -> LinearTexels<'_, u16> {
+        LinearTexels::of_level(level)
     }
 }
 
 impl FinestTexels for SrgbBytes<'_> {
-    type Coarser<'t> = LinearWords<'t>;
+    type Coarser<'t> = LinearTexels<'t, u16>;
 
     #[inline(always)]
-    fn coarser(level: Option<&LevelTexels>) -> LinearWords<'_> {
-        LinearWords::of_level(level)
+    fn coarser(level: Option<&LevelTexels>) -> LinearTexels<'_, u16> {
+        LinearTexels::of_level(level)
     }
 }
 
-impl FinestTexels for Floats<'_> {
-    type Coarser<'t> = Floats<'t>;
+impl FinestTexels for LinearTexels<'_, f32> {
+    type Coarser<'t> = LinearTexels<'t, f32>;
 
     #[inline(always)]
-    fn coarser(level: Option<&LevelTexels>) -> Floats<'_> {
+    fn coarser(level: Option<&LevelTexels>) -> LinearTexels<'_, f32> {
         match level {
-            Some(LevelTexels::Floats(texels)) => Floats(texels),
-            _ => Floats(&[]),
+            Some(LevelTexels::Floats(texels)) => LinearTexels(texels),
+            _ => LinearTexels(&[]),
         }
     }
 }
 
-impl TexelSource for LinearWords<'_> {
-    const SCALE: f32 = 1.0 / 65535.0;
+impl<T: LinearChannel> TexelSource for LinearTexels<'_, T> {
+    const SCALE: f32 = T::SCALE;
 
     #[inline(always)]
     fn texel(&self, index: usize) -> Vec4 {
-        Vec4::from_array(self.0[index].map(f32::from))
-    }
-
-    #[inline(always)]
-    fn pair(&self, index: usize) -> [f32; 8] {
-        floats(&self.0[index..index + 2])
-    }
-}
-
-impl TexelSource for LinearBytes<'_> {
-    const SCALE: f32 = 1.0 / 255.0;
-
-    #[inline(always)]
-    fn texel(&self, index: usize) -> Vec4 {
-        Vec4::from_array(self.0[index].map(f32::from))
+        Vec4::from_array(self.0[index].map(Into::into))
     }
 
     #[inline(always)]
@@ -354,20 +354,6 @@ impl TexelSource for SrgbBytes<'_> {
             color(b2),
             alpha(a2),
         ]
-    }
-}
-
-impl TexelSource for Floats<'_> {
-    const SCALE: f32 = 1.0;
-
-    #[inline(always)]
-    fn texel(&self, index: usize) -> Vec4 {
-        Vec4::from_array(self.0[index])
-    }
-
-    #[inline(always)]
-    fn pair(&self, index: usize) -> [f32; 8] {
-        floats(&self.0[index..index + 2])
     }
 }
 

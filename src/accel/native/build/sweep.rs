@@ -26,14 +26,14 @@ impl Splitter for OrderSweep<'_> {
             *behind = bounds;
         }
         // Find the position of least cost
-        let mut least_cost = f32::INFINITY;
+        let mut min_cost = f32::INFINITY;
         let mut ahead = boxes[0];
         let (mut middle, mut bounds_ahead) = (1, ahead);
         for position in 1..boxes.len() {
             let behind_count = (boxes.len() - position) as f32;
             let cost = ahead.half_area() * position as f32 + self.behind[position].half_area() * behind_count;
-            if cost < least_cost {
-                (least_cost, middle, bounds_ahead) = (cost, position, ahead);
+            if cost < min_cost {
+                (min_cost, middle, bounds_ahead) = (cost, position, ahead);
             }
             ahead.add(&boxes[position]);
         }

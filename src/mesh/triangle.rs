@@ -31,6 +31,7 @@ use near_origin::may_be_behind;
 pub use shear::Shear;
 pub(crate) use shear::dominant_axis;
 pub use shear_lanes::ShearLanes;
+pub(crate) use shear_lanes::dominant_axes;
 
 /// Number of triangles in a [`TrianglePack`].
 pub const PACK: usize = 8;

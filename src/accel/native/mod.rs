@@ -5,7 +5,6 @@
 //! are left to a BSP, and infinite planes are tested last.
 
 mod build;
-mod exact;
 mod group;
 mod layout;
 mod single;
@@ -22,10 +21,9 @@ use super::{
     Query, RayPacket,
 };
 use crate::mesh::Mesh;
-use crate::mesh::simd::dispatch;
+use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
 use crate::numeric::Lanes;
 use crate::scene::{Geometry, Scene};
-use exact::ExactHits;
 use layout::GroupTree;
 use triangle_run::TriangleRun;
 
@@ -62,11 +60,8 @@ impl<'s> NativeAccel<'s> {
         for (index, instance) in scene.instances.iter().enumerate() {
             match &scene.geometries[instance.geometry as usize] {
                 Geometry::Mesh(mesh) if instance.is_identity() => {
-                    runs.push(TriangleRun {
-                        first: u32::try_from(count).map_err(|_| AccelError::OutOfMemory)?,
-                        instance: index as u32,
-                        mesh,
-                    });
+                    let first = u32::try_from(count).map_err(|_| AccelError::OutOfMemory)?;
+                    runs.push(TriangleRun::new(first, index as u32, mesh));
                     count += mesh.triangles.len();
                     meshes.push(mesh);
                 }
@@ -90,36 +85,6 @@ impl<'s> NativeAccel<'s> {
             others,
             kernel: options.kernel,
         })
-    }
-
-    /// Finds the nearest triangle of rays that start at `origin`.
-    fn intersect_group(&self, packets: &mut [RayPacket], origin: Vec3) {
-        for packets in packets.chunks_mut(MAX_BATCH) {
-            // Keep the ends of the rays, which hits replace
-            let t_far: [Lanes<f32>; MAX_BATCH] =
-                std::array::from_fn(|index| packets.get(index).map_or([0.0; LANES], |packet| packet.t_far));
-            // Find the triangles, then compute the hits again
-            group::intersect(&self.triangles, packets, origin);
-            dispatch(ExactHits {
-                tree: &self.triangles,
-                runs: &self.runs,
-                t_far: &t_far[..packets.len()],
-                packets,
-            });
-        }
-    }
-
-    /// Replaces the numbers of triangles that were hit by their instances and indices.
-    #[inline(always)]
-    fn number_hits(&self, packet: &mut RayPacket) {
-        for lane in 0..LANES {
-            if packet.is_active(lane) && packet.instance[lane] != NO_HIT {
-                let number = packet.primitive[lane];
-                let run = TriangleRun::of(&self.runs, number);
-                packet.instance[lane] = run.instance;
-                packet.primitive[lane] = number - run.first;
-            }
-        }
     }
 
     /// Finds hits of the structures other than the tree that are nearer than those in the packets.
@@ -166,22 +131,17 @@ impl<'s> NativeAccel<'s> {
 
 impl Accel for NativeAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
-        // Forget hits of earlier queries, whose triangles have other numbers
-        for packet in packets.iter_mut() {
-            for lane in 0..LANES {
-                let is_traced = packet.active[lane] != 0;
-                packet.instance[lane] = if is_traced { NO_HIT } else { packet.instance[lane] };
-            }
-        }
         // Trace rays with a common origin as groups. Those from surfaces are no case for it: their origins are as
         // uncertain as the nearest hits
+        let common_origin = dispatch(QueryStart(packets));
         let is_grouped = self.kernel == Kernel::Packet && order == Coherence::Coherent;
-        match common_origin(packets).filter(|_| is_grouped) {
-            Some(origin) => self.intersect_group(packets, origin),
+        match common_origin.filter(|_| is_grouped) {
+            Some(origin) => group::intersect(&self.triangles, &self.runs, packets, origin),
             None => single::intersect(&self.triangles, packets),
         }
         // Name the instances, then look for nearer hits of shapes and planes
-        packets.iter_mut().for_each(|packet| self.number_hits(packet));
+        let runs = &self.runs;
+        dispatch(HitNames { runs, packets });
         self.intersect_others(packets, order);
     }
 
@@ -207,26 +167,75 @@ impl Accel for NativeAccel<'_> {
     }
 }
 
-/// Returns the origin of all active rays, if they have the same.
-#[inline(always)]
-fn common_origin(packets: &[RayPacket]) -> Option<Vec3> {
-    // Find the first active ray
-    let (first, lane) = packets.iter().find_map(|packet| {
-        let lane = (0..LANES).find(|&lane| packet.is_active(lane))?;
-        Some((packet, lane))
-    })?;
-    // Compare its origin with all others
-    let origin = first.origin.map(|axis| axis[lane]);
-    let mut differs = 0;
-    for packet in packets {
-        for axis in 0..3 {
+/// Packets before a query for the nearest hits.
+struct QueryStart<'a>(&'a mut [RayPacket]);
+
+impl SimdKernel for QueryStart<'_> {
+    type Output = Option<Vec3>;
+
+    /// Forgets hits of earlier queries, whose triangles have other numbers. Returns the origin of all active rays, if
+    /// they have the same.
+    #[inline(always)]
+    fn run<I: SimdLevel>(self, _isa: I) -> Option<Vec3> {
+        // Find the origin of the first active ray
+        let QueryStart(packets) = self;
+        let first = packets.iter().find(|packet| packet.any_active())?;
+        let lane = (0..LANES).find(|&lane| first.is_active(lane))?;
+        let origin = first.origin.map(|axis| axis[lane]);
+        let mut differs = [0; LANES];
+        for packet in packets {
+            // Compare it with the others
             for lane in 0..LANES {
-                let is_other = packet.origin[axis][lane] != origin[axis];
-                differs |= if is_other { packet.active[lane] } else { 0 };
+                let is_other = (packet.origin[0][lane] != origin[0])
+                    | (packet.origin[1][lane] != origin[1])
+                    | (packet.origin[2][lane] != origin[2]);
+                differs[lane] |= if is_other { packet.active[lane] } else { 0 };
+            }
+            // Clear the hits
+            for lane in 0..LANES {
+                let is_traced = packet.active[lane] != 0;
+                packet.instance[lane] = if is_traced { NO_HIT } else { packet.instance[lane] };
+            }
+        }
+        (differs == [0; LANES]).then(|| Vec3::from(origin))
+    }
+}
+
+/// Packets whose hits have numbers of triangles, which are to be replaced by their instances and indices.
+struct HitNames<'a, 's> {
+    runs: &'a [TriangleRun<'s>],
+    packets: &'a mut [RayPacket],
+}
+
+impl SimdKernel for HitNames<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: SimdLevel>(self, _isa: I) {
+        for packet in self.packets {
+            // Store the instance if there is only one
+            if let [only] = self.runs {
+                for lane in 0..LANES {
+                    let is_hit = (packet.active[lane] != 0) & (packet.instance[lane] != NO_HIT);
+                    packet.instance[lane] = if is_hit {
+                        only.instance
+                    } else {
+                        packet.instance[lane]
+                    };
+                }
+                continue;
+            }
+            // Else find the instance of each hit
+            for lane in 0..LANES {
+                if packet.is_active(lane) && packet.instance[lane] != NO_HIT {
+                    let number = packet.primitive[lane];
+                    let run = TriangleRun::of(self.runs, number);
+                    packet.instance[lane] = run.instance;
+                    packet.primitive[lane] = number - run.first;
+                }
             }
         }
     }
-    (differs == 0).then(|| Vec3::from(origin))
 }
 
 /// Hits of a packet that another structure may replace.

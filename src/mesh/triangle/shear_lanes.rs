@@ -12,6 +12,23 @@ pub struct ShearLanes<const N: usize> {
     pub(super) shear: [[f32; N]; 3],
 }
 
+/// Returns one mask per axis: bit `i` is set if direction `i` is longest along that axis, as [`dominant_axis`] decides.
+///
+/// [`dominant_axis`]: super::dominant_axis
+#[inline(always)]
+pub(crate) fn dominant_axes<const N: usize>(isa: impl SimdLevel, direction: &[[f32; N]; 3]) -> [u32; 3] {
+    let mut size = [[0.0; N]; 3];
+    for axis in 0..3 {
+        for lane in 0..N {
+            size[axis][lane] = direction[axis][lane].abs();
+        }
+    }
+    let [x, y, z] = &size;
+    let is_x = isa.lt(y, x) & isa.lt(z, x);
+    let is_y = isa.lt(z, y) & !is_x;
+    [is_x, is_y, !(is_x | is_y)]
+}
+
 impl<const N: usize> ShearLanes<N> {
     /// Computes the shears of `N` rays whose dominant axis is `dominant`. Other lanes hold garbage and must not be
     /// used.

@@ -11,7 +11,9 @@ use super::triangle_cluster::{CORNERS, MEMBERS, TriangleCluster};
 use crate::accel::embree::query::ray_packet::{CallbackPacket, active_lanes, row};
 use crate::accel::{ACTIVE, Hit, NO_HIT, Query};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, div, lanes};
-use crate::mesh::triangle::{HitLanes, PACK, ProjectedVertices, Shear, ShearLanes, may_contain_origin};
+use crate::mesh::triangle::{
+    HitLanes, PACK, ProjectedVertices, Shear, ShearLanes, dominant_axes, may_contain_origin,
+};
 use crate::numeric::Ray;
 
 /// Maximum fraction of a packet's rays that are tested one by one, each against all triangles at once: a step does
@@ -76,23 +78,6 @@ impl<const W: usize> SimdKernel for ClusterKernel<'_, W> {
         }
         hit
     }
-}
-
-/// Returns one mask per axis: bit `i` is set if direction `i` is longest along that axis, as [`dominant_axis`] decides.
-///
-/// [`dominant_axis`]: crate::mesh::triangle::dominant_axis
-#[inline(always)]
-fn dominant_axes<I: SimdLevel, const W: usize>(isa: I, direction: &[[f32; W]; 3]) -> [u32; 3] {
-    let mut size = [[0.0; W]; 3];
-    for axis in 0..3 {
-        for lane in 0..W {
-            size[axis][lane] = direction[axis][lane].abs();
-        }
-    }
-    let [x, y, z] = &size;
-    let is_x = isa.lt(y, x) & isa.lt(z, x);
-    let is_y = isa.lt(z, y) & !is_x;
-    [is_x, is_y, !(is_x | is_y)]
 }
 
 impl<const W: usize> ClusterKernel<'_, W> {

@@ -51,8 +51,6 @@ pub(super) struct Decided {
     /// Mask of the lanes that hit.
     pub(super) hits: u32,
     pub(super) z: [f32; 8],
-    /// Barycentric weights of the second and third vertex.
-    pub(super) weights: [[f32; 8]; 2],
 }
 
 /// Decides in f64 about the lanes of `mask`, whose rays pass through `u` and `v`.
@@ -64,11 +62,7 @@ pub(super) fn decide(
     mask: u32,
     [u, v]: [&[f32; 8]; 2],
 ) -> Decided {
-    let mut decided = Decided {
-        hits: 0,
-        z: [0.0; 8],
-        weights: [[0.0; 8]; 2],
-    };
+    let mut decided = Decided { hits: 0, z: [0.0; 8] };
     for lane in lanes(mask) {
         // Fetch the vertices
         let lane = lane % 8;
@@ -92,11 +86,9 @@ pub(super) fn decide(
         let is_inside = (0..3).all(|e| edge[e] >= -tolerance[e]) || (0..3).all(|e| edge[e] <= tolerance[e]);
         let sum = edge[0] + edge[1] + edge[2];
         if is_inside && sum != 0.0 {
-            // Interpolate the depth and the weights
+            // Interpolate the depth
             decided.hits |= 1 << lane;
             decided.z[lane] = ((edge[0] * z[0] + edge[1] * z[1] + edge[2] * z[2]) / sum) as f32;
-            decided.weights[0][lane] = (edge[1] / sum) as f32;
-            decided.weights[1][lane] = (edge[2] / sum) as f32;
         }
     }
     decided

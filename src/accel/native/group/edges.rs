@@ -213,11 +213,8 @@ pub(super) struct CandidateLanes<W: WideLevel> {
     pub(super) inside: Float8<W>,
     /// Mask of the lanes that are to be decided in f64.
     pub(super) near_edge: Float8<W>,
-    /// Edge functions without the error bounds.
-    pub(super) e: [Float8<W>; 3],
-    /// Sum of the edge functions, and its reciprocal.
+    /// Sum of the edge functions without the error bounds.
     pub(super) sum: Float8<W>,
-    pub(super) per_sum: Float8<W>,
     /// Depths of the hits.
     pub(super) z: Float8<W>,
 }
@@ -240,17 +237,14 @@ impl<W: WideLevel> Edges<W> {
         // Interpolate the depth, without the error bounds
         let e = [e0 - error0, e1 - error1, e2 - error2];
         let sum = e[0] + (e[1] + e[2]);
-        let per_sum = splat(wide, 1.0) / sum;
-        let z = (e[0] * self.z[0] + (e[1] * self.z[1] + e[2] * self.z[2])) * per_sum;
+        let z = (e[0] * self.z[0] + (e[1] * self.z[1] + e[2] * self.z[2])) / sum;
         // Keep those within the depths; those close to an edge stay until they are decided
         let within = rays.z_near.le(z) & z.le(rays.z);
         let inside = inside & (within | near_edge);
         (inside.bits() != 0).then_some(CandidateLanes {
             inside,
             near_edge: near_edge & inside,
-            e,
             sum,
-            per_sum,
             z,
         })
     }

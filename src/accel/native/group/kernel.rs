@@ -1,17 +1,15 @@
 //! Kernel that divides packets into groups of similar directions, and traces each.
 
-use std::marker::PhantomData;
-
 use crate::accel::native::layout::{Box3, GroupTree};
 use crate::accel::native::single::{SingleStack, trace_lane};
 use crate::accel::{LANES, Query, RayPacket};
-use crate::mesh::simd::{Float8, SimdKernel, SimdLevel, WideLevel, lanes};
+use crate::mesh::simd::{Float8, SimdKernel, SimdLevel, lanes};
 use glam::Vec3;
 
 use super::common_end::CommonEnd;
-use super::frame::{GroupFrame, HALVES, half, half_mut, splat, sum_of_directions};
+use super::frame::{GroupFrame, HALVES, half, sum_of_directions};
 use super::query::GroupQuery;
-use super::rays::{GroupRays, NO_HIT_NUMBER, PACKETS};
+use super::rays::{GroupRays, PACKETS};
 use super::traverse::{GroupStack, traverse};
 
 /// Number of rays up to which they are traced one at a time.
@@ -53,7 +51,7 @@ pub(super) struct GroupKernel<'a, P> {
     packets: &'a mut [RayPacket],
     end: CommonEnd,
     scratch: &'a mut Scratch,
-    query: PhantomData<P>,
+    query: P,
 }
 
 impl<'a, P> GroupKernel<'a, P> {
@@ -62,6 +60,7 @@ impl<'a, P> GroupKernel<'a, P> {
         tree: &'a GroupTree,
         packets: &'a mut [RayPacket],
         end: CommonEnd,
+        query: P,
         scratch: &'a mut Scratch,
     ) -> GroupKernel<'a, P> {
         GroupKernel {
@@ -69,7 +68,7 @@ impl<'a, P> GroupKernel<'a, P> {
             packets,
             end,
             scratch,
-            query: PhantomData,
+            query,
         }
     }
 }
@@ -108,8 +107,9 @@ impl<P: GroupQuery> SimdKernel for GroupKernel<'_, P> {
                 let tracer = PartTracer {
                     tree: self.tree,
                     end: self.end,
+                    query: self.query,
                 };
-                if tracer.trace::<P>(isa, part, pending, scratch) == PartOutcome::TooSparse {
+                if tracer.trace(isa, part, pending, scratch) == PartOutcome::TooSparse {
                     split(PacketRange { first, end }, &mut scratch.parts);
                 }
             }
@@ -163,16 +163,17 @@ enum PartOutcome {
     TooSparse,
 }
 
-/// Tree and common end against which the rays of a part are traced.
-struct PartTracer<'a> {
+/// Tree against which the rays of a part are traced, with their common end.
+struct PartTracer<'a, P> {
     tree: &'a GroupTree,
     end: CommonEnd,
+    query: P,
 }
 
-impl PartTracer<'_> {
+impl<P: GroupQuery> PartTracer<'_, P> {
     /// Traces the pending rays of some packets in groups of similar directions.
     #[inline(always)]
-    fn trace<P: GroupQuery>(
+    fn trace(
         &self,
         isa: impl SimdLevel,
         packets: &mut [RayPacket],
@@ -212,7 +213,8 @@ impl PartTracer<'_> {
                 trace_singly::<P>(isa, self.tree, packets, &taken, scratch);
             } else {
                 traverse::<_, P>(wide, self.tree, rays, packets, &mut scratch.stack);
-                write_hits::<_, P>(wide, rays, packets);
+                let stack = &mut scratch.single_stack;
+                self.query.write_hits(isa, self.tree, rays, packets, stack);
             }
             // Strike them off the pending ones
             for (pending, taken) in pending.iter_mut().zip(taken) {
@@ -228,55 +230,6 @@ impl PartTracer<'_> {
         match self.end {
             CommonEnd::Origin(_) => ray.direction.to_array(),
             CommonEnd::Target(target) => (ray.origin - target).to_array(),
-        }
-    }
-}
-
-/// Writes the hits of a group into its packets.
-#[inline(always)]
-fn write_hits<W: WideLevel, P: GroupQuery>(wide: W, rays: &GroupRays, packets: &mut [RayPacket]) {
-    let axis = rays.frame.axes[2];
-    for (index, packet) in packets.iter_mut().enumerate().take(PACKETS) {
-        for h in 0..HALVES {
-            let sub = HALVES * index + h;
-            // Load the depths of the hits and the ends of the rays
-            let z = Float8::load(wide, &rays.z[sub]);
-            let t_far = Float8::load(wide, half(&packet.t_far, h));
-            if P::IS_ANY {
-                // Empty the intervals of blocked rays
-                let blocked = Float8::mask_of(wide, z.bits() & rays.taken[sub]);
-                let t = blocked.select(splat(wide, f32::NEG_INFINITY), t_far);
-                *half_mut(&mut packet.t_far, h) = t.to_array();
-                continue;
-            }
-            // Find the lanes that hit a triangle
-            let numbers = Float8::load_u32(wide, &rays.numbers[sub]);
-            let hits = numbers.lt_i32(splat(wide, f32::from_bits(NO_HIT_NUMBER)))
-                & Float8::mask_of(wide, rays.taken[sub]);
-            if hits.bits() == 0 {
-                continue;
-            }
-            // Convert the depth to the ray's parameter, which rounding must not move beyond its end
-            let speed = Float8::load(wide, half(&packet.direction[axis], h)).abs();
-            let t = hits.select((z / speed).min(t_far), t_far);
-            *half_mut(&mut packet.t_far, h) = t.to_array();
-            // Write the barycentric weights
-            let u = hits.select(
-                Float8::load(wide, &rays.weights[0][sub]),
-                Float8::load(wide, half(&packet.u, h)),
-            );
-            *half_mut(&mut packet.u, h) = u.to_array();
-            let v = hits.select(
-                Float8::load(wide, &rays.weights[1][sub]),
-                Float8::load(wide, half(&packet.v, h)),
-            );
-            *half_mut(&mut packet.v, h) = v.to_array();
-            // Write the number of the triangle; the instance follows from it
-            let primitive = hits.select(numbers, Float8::load_u32(wide, half(&packet.primitive, h)));
-            *half_mut(&mut packet.primitive, h) = primitive.to_u32s();
-            let none = splat(wide, 0.0);
-            let instance = hits.select(none, Float8::load_u32(wide, half(&packet.instance, h)));
-            *half_mut(&mut packet.instance, h) = instance.to_u32s();
         }
     }
 }

@@ -178,8 +178,6 @@ struct BlockTest<'a, W: WideLevel> {
 struct CandidateHits<W: WideLevel> {
     hits: Float8<W>,
     z: Float8<W>,
-    /// Barycentric weights of the second and third vertex.
-    weights: [Float8<W>; 2],
 }
 
 impl<W: WideLevel> BlockTest<'_, W> {
@@ -249,13 +247,11 @@ impl<W: WideLevel> BlockTest<'_, W> {
         let mut hits = found.hits;
         if P::IS_ANY {
             // Discard hits behind the starts
-            if P::IS_ANY {
-                let near = hits.bits() & near_start(wide, rays, edges, &candidates, lane_rays.z, found.z);
-                if near != 0 {
-                    let test = self.start_test(rays, LaneTriangles::One(triangle), LaneRays::Sub(sub));
-                    let behind = test.behind(wide, near);
-                    hits = Float8::mask_of(wide, hits.bits() & !behind);
-                }
+            let near = hits.bits() & near_start(wide, rays, edges, &candidates, lane_rays.z, found.z);
+            if near != 0 {
+                let test = self.start_test(rays, LaneTriangles::One(triangle), LaneRays::Sub(sub));
+                let behind = test.behind(wide, near);
+                hits = Float8::mask_of(wide, hits.bits() & !behind);
             }
             // Turn off the rays that are blocked
             rays.z[sub] = hits.select(splat(wide, OFF), lane_rays.z).to_array();
@@ -272,10 +268,6 @@ impl<W: WideLevel> BlockTest<'_, W> {
         // Store them
         rays.z[sub] = hits.select(found.z, lane_rays.z).to_array();
         rays.numbers[sub] = hits.select(number, numbers).to_u32s();
-        for i in 0..2 {
-            let weights = Float8::load(wide, &rays.weights[i][sub]);
-            rays.weights[i][sub] = hits.select(found.weights[i], weights).to_array();
-        }
         true
     }
 
@@ -323,7 +315,6 @@ impl<W: WideLevel> BlockTest<'_, W> {
             }
             // Keep the nearest, of equals that of the lowest number
             let z = found.z.to_array();
-            let weights = [found.weights[0].to_array(), found.weights[1].to_array()];
             for triangle in lanes(hits) {
                 let triangle = triangle % 8;
                 let number = self.block.numbers[triangle];
@@ -331,8 +322,6 @@ impl<W: WideLevel> BlockTest<'_, W> {
                 if z[triangle] < best || (z[triangle] == best && number < rays.numbers[sub][lane]) {
                     rays.z[sub][lane] = z[triangle];
                     rays.numbers[sub][lane] = number;
-                    rays.weights[0][sub][lane] = weights[0][triangle];
-                    rays.weights[1][sub][lane] = weights[1][triangle];
                     changed.add(sub);
                 }
             }
@@ -364,15 +353,10 @@ impl<W: WideLevel> BlockTest<'_, W> {
         lane_rays: &ProjectedRays<W>,
         triangles: LaneTriangles,
     ) -> CandidateHits<W> {
-        // Compute the barycentric weights
         let wide = self.wide;
         let mut found = CandidateHits {
             hits: candidates.inside,
             z: candidates.z,
-            weights: [
-                candidates.e[1] * candidates.per_sum,
-                candidates.e[2] * candidates.per_sum,
-            ],
         };
         let near_edge = candidates.near_edge.bits();
         if near_edge != 0 {
@@ -383,10 +367,6 @@ impl<W: WideLevel> BlockTest<'_, W> {
             // Replace the lanes that were decided
             let near_edge = candidates.near_edge;
             found.z = near_edge.select(Float8::load(wide, &decided.z), found.z);
-            for i in 0..2 {
-                let weights = Float8::load(wide, &decided.weights[i]);
-                found.weights[i] = near_edge.select(weights, found.weights[i]);
-            }
             // Keep those within the ray's depths
             let within = lane_rays.z_near.le(found.z) & found.z.le(lane_rays.z);
             let hits = Float8::mask_of(wide, decided.hits) & within;

@@ -20,6 +20,7 @@
 mod common_end;
 mod decide;
 mod edges;
+mod exact;
 mod frame;
 mod frustum;
 mod kernel;
@@ -35,6 +36,7 @@ use std::cell::Cell;
 
 use crate::accel::RayPacket;
 use crate::accel::native::layout::GroupTree;
+use crate::accel::native::triangle_run::TriangleRun;
 use crate::mesh::simd::dispatch;
 use glam::Vec3;
 
@@ -44,22 +46,28 @@ use query::{AnyToTarget, GroupQuery, NearestFromOrigin};
 
 /// Finds the nearest hit of every active lane. All rays must start at `origin`, which should not lie on a surface: a
 /// hit as near as its own rounding error may be lost.
-pub(super) fn intersect(tree: &GroupTree, packets: &mut [RayPacket], origin: Vec3) {
-    trace::<NearestFromOrigin>(tree, packets, CommonEnd::Origin(origin));
+/// `runs` are the meshes of the tree's triangles.
+pub(super) fn intersect(tree: &GroupTree, runs: &[TriangleRun], packets: &mut [RayPacket], origin: Vec3) {
+    trace(
+        tree,
+        packets,
+        CommonEnd::Origin(origin),
+        NearestFromOrigin { runs },
+    );
 }
 
 /// Marks every active lane as blocked whose ray hits anything within its interval, ends included. All rays must pass
 /// through `target`, up to rounding, at the end of their intervals or behind it; they may start at surfaces.
 pub(super) fn occluded(tree: &GroupTree, packets: &mut [RayPacket], target: Vec3) {
-    trace::<AnyToTarget>(tree, packets, CommonEnd::Target(target));
+    trace(tree, packets, CommonEnd::Target(target), AnyToTarget);
 }
 
 /// Runs the kernel of a query with the thread's scratch memory.
-fn trace<P: GroupQuery>(tree: &GroupTree, packets: &mut [RayPacket], end: CommonEnd) {
+fn trace<P: GroupQuery>(tree: &GroupTree, packets: &mut [RayPacket], end: CommonEnd, query: P) {
     thread_local! {
         static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
     }
     let mut scratch = SCRATCH.take().unwrap_or_else(Scratch::new);
-    dispatch(GroupKernel::<P>::new(tree, packets, end, &mut scratch));
+    dispatch(GroupKernel::new(tree, packets, end, query, &mut scratch));
     SCRATCH.set(Some(scratch));
 }

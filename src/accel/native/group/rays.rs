@@ -105,8 +105,6 @@ pub(super) struct GroupRays {
     pub(super) z_near: [[f32; 8]; SUBS],
     /// Triangles hit; [`NO_HIT_NUMBER`] for none.
     pub(super) numbers: [[u32; 8]; SUBS],
-    /// Barycentric weights of the second and third vertex.
-    pub(super) weights: [[[f32; 8]; SUBS]; 2],
     /// Mask of the lanes that are in the group, by sub-packet.
     pub(super) taken: [u32; SUBS],
 }
@@ -129,7 +127,6 @@ impl GroupRays {
             z: [[OFF; 8]; SUBS],
             z_near: [[0.0; 8]; SUBS],
             numbers: [[NO_HIT_NUMBER; 8]; SUBS],
-            weights: [[[0.0; 8]; SUBS]; 2],
             taken: [0; SUBS],
         })
     }

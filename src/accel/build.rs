@@ -1,6 +1,7 @@
 //! Construction of an acceleration structure by the chosen backend.
 
 use super::accel_trait::Accel;
+use super::auto;
 use super::brute::BruteAccel;
 use super::bsp::BspAccel;
 #[cfg(feature = "embree")]
@@ -23,19 +24,22 @@ pub fn build<'s>(
         Backend::Embree => Ok(Box::new(EmbreeAccel::build(scene, options)?)),
         #[cfg(not(feature = "embree"))]
         Backend::Embree => Err(AccelError::NoEmbree),
+        Backend::Auto => auto::build(scene, options),
         Backend::Native => Ok(Box::new(NativeAccel::build(scene, options)?)),
         Backend::Bsp => Ok(Box::new(BspAccel::build(scene, options)?)),
         Backend::Brute => Ok(Box::new(BruteAccel::new(scene))),
     }
 }
 
-/// Returns the Embree that would be used when restricted to an instruction set; `None` for another backend.
+/// Returns the Embree that would be used when restricted to an instruction set; `None` for a backend without it.
 ///
 /// # Errors
 /// If Embree does not start, or was not compiled in.
 pub fn identity(backend: Backend, isa: Option<&str>) -> Result<Option<EmbreeIdentity>, AccelError> {
-    if backend != Backend::Embree {
-        return Ok(None);
+    match backend {
+        Backend::Embree => {}
+        Backend::Auto if cfg!(feature = "embree") => {}
+        _ => return Ok(None),
     }
     #[cfg(feature = "embree")]
     return embree::identity(isa).map(Some);

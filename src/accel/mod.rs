@@ -1,7 +1,8 @@
-//! Ray-scene intersection for packets of rays: nearest hit and occlusion, by one of four backends with equal results.
+//! Ray-scene intersection for packets of rays: nearest hit and occlusion, by one of five backends with equal results.
 //!
 //! * `embree`: the system's Embree, with shapes and instances as user geometry.
 //! * [`native`]: a bounding volume hierarchy in Rust for groups of rays with a common origin.
+//! * [`auto`]: the sooner of these two for each kind of ray, by forecast.
 //! * [`bsp`]: an axis-aligned BSP tree, in Rust.
 //! * [`brute`]: a loop over every primitive, the reference for tests.
 //!
@@ -13,6 +14,7 @@
 //! wrong.
 
 mod accel_trait;
+pub mod auto;
 pub mod brute;
 pub mod bsp;
 mod build;
@@ -37,6 +39,7 @@ mod shape_query;
 
 pub use accel_trait::{Accel, Coherence};
 pub(crate) use accel_trait::{BATCH, MAX_BATCH};
+pub use auto::RayForecast;
 pub use build::{build, identity};
 #[cfg(feature = "embree")]
 #[doc(hidden)]

@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use super::auto::RayForecast;
 use super::mesh_cache::MeshCache;
 use super::quality::BuildQuality;
 
@@ -16,6 +17,8 @@ pub enum Backend {
     Embree,
     /// A bounding volume hierarchy in Rust, which groups of rays with a common origin traverse together.
     Native,
+    /// The sooner of `embree` and `native` for each kind of ray, by a forecast.
+    Auto,
     /// An axis-aligned BSP tree, in Rust.
     Bsp,
     /// A loop over every primitive: slow, the reference for tests.
@@ -38,6 +41,7 @@ impl fmt::Display for Backend {
         f.write_str(match self {
             Backend::Embree => "embree",
             Backend::Native => "native",
+            Backend::Auto => "auto",
             Backend::Bsp => "bsp",
             Backend::Brute => "brute",
         })
@@ -143,6 +147,8 @@ pub struct AccelOptions<'a> {
     pub build_quality: BuildQuality,
     /// Flag that makes Embree save memory rather than time; ignored by the other backends.
     pub compact: bool,
+    /// Expected rays, on which the choice of [`Backend::Auto`] depends.
+    pub rays: RayForecast,
     /// Number of build threads; 0 means one per processor.
     pub threads: usize,
     /// Instruction set that Embree is restricted to (`sse2`, `sse4.2`, `avx`, `avx2`, `avx512`); Embree's own choice if

@@ -117,7 +117,7 @@ impl BenchRow {
     pub(crate) fn name(&self) -> String {
         let precision = match self.backend {
             Backend::Embree => format!(" {}", self.precision),
-            Backend::Native | Backend::Bsp | Backend::Brute => String::new(),
+            Backend::Native | Backend::Auto | Backend::Bsp | Backend::Brute => String::new(),
         };
         let instancing = self.instancing.map_or(String::new(), |kind| format!(" {kind}"));
         format!("{}{precision}{instancing}", self.backend)

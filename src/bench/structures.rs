@@ -29,7 +29,8 @@ impl<'s> TypedAccel<'s> {
             Backend::Embree => Ok(TypedAccel::Embree(EmbreeAccel::build(scene, options)?)),
             #[cfg(not(feature = "embree"))]
             Backend::Embree => Err(AccelError::NoEmbree),
-            Backend::Native => Ok(TypedAccel::Native(NativeAccel::build(scene, options)?)),
+            // `auto` takes one of the structures that are measured for every kind of ray
+            Backend::Native | Backend::Auto => Ok(TypedAccel::Native(NativeAccel::build(scene, options)?)),
             Backend::Bsp | Backend::Brute => Ok(TypedAccel::Bsp(BspAccel::build(scene, options)?)),
         }
     }

@@ -30,9 +30,9 @@ pub(super) fn check_backend(args: &TracingArgs, backend: Backend) -> Result<(), 
         ("--compact", args.compact),
     ];
     match of_embree.iter().find(|(_, is_given)| *is_given) {
-        Some((flag, _)) if backend != Backend::Embree => Err(Failure::Input(format!(
-            "`{flag}` applies to Embree only: leave it out with `--backend {backend}`"
-        ))),
+        Some((flag, _)) if !matches!(backend, Backend::Embree | Backend::Auto) => Err(Failure::Input(
+            format!("`{flag}` applies to Embree only: leave it out with `--backend {backend}`"),
+        )),
         _ => Ok(()),
     }
 }

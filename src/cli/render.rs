@@ -3,7 +3,8 @@
 use std::mem;
 use std::time::Instant;
 
-use whit::accel::{self, Accel, AccelOptions};
+use whit::accel::auto::{Choice, Structures};
+use whit::accel::{self, Accel, AccelOptions, Backend, RayForecast};
 use whit::batch::request::{
     self, Notes, ProjectedAccel, RenderRequest, ResolvedSettings, check_memory, choose_camera,
 };
@@ -11,7 +12,7 @@ use whit::cost::StudyResult;
 use whit::gltf::LoadOptions;
 use whit::image::{self, Attribute, ImageChannel, ImageFormat, PngEncoding, ToneMap};
 use whit::parallel;
-use whit::render::{self, FinishedTile, Monitor, RenderSettings, Rendering};
+use whit::render::{self, FinishedTile, Monitor, RenderSettings, Rendering, forecast_rays};
 use whit::report::cost::AimText;
 use whit::report::image_error::ImageErrorText;
 use whit::report::stats::{
@@ -35,6 +36,8 @@ use super::progress::{Progress, Verbosity};
 /// Ratio of actual to requested spacing of irradiance samples from which on a warning is printed; smaller ratios are
 /// invisible.
 const COARSENESS_WARNING: f64 = 1.25;
+/// Seconds of a render by Embree from which on another backend's forecast is printed.
+const LONG_RENDER: f64 = 10.0;
 
 /// Renders all scenes of the arguments.
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
@@ -126,8 +129,10 @@ fn render_one(
 
     // Build the acceleration structure
     progress.phase(&name, "build");
+    let rays = forecast_rays(valid, &resolved.settings);
     let (accel, build_seconds) = timed(|| {
         let options = AccelOptions {
+            rays,
             progress: Some(&|fraction| progress.fraction(fraction)),
             ..request.tracing.options()
         };
@@ -186,6 +191,9 @@ fn render_one(
     print_finished(target, (&rendering, seconds.total), progress)?;
     if let Some(error) = &rendering.error {
         progress.result(&format!("{}\n", ImageErrorText(error)))?;
+    }
+    if let Some(line) = backend_line((&scene, &rays), request, &seconds) {
+        progress.result(&line)?;
     }
     let reached = match &aimed {
         Some((_, findings)) => print_tuning(findings, (&rendering, seconds.render), progress)?,
@@ -335,6 +343,30 @@ fn print_finished(
         rendering.image.width,
         rendering.image.height
     ))
+}
+
+/// Returns the line about the choice of `--backend auto`: what it chose, or what it would gain in a long render by
+/// Embree.
+fn backend_line(
+    (scene, rays): (&Scene, &RayForecast),
+    request: &RenderRequest,
+    seconds: &PhaseSeconds,
+) -> Option<String> {
+    match request.backend() {
+        Backend::Auto => Some(format!("backend: {}\n", Choice::new(scene, rays))),
+        Backend::Embree if seconds.total > LONG_RENDER => {
+            let choice = Choice::new(scene, rays);
+            if choice.structures == Structures::Embree {
+                return None;
+            }
+            // Scale the time of building and tracing
+            let inside = seconds.build + seconds.trace / request.tracing.threads as f64;
+            let gain = inside * (1.0 - choice.seconds / choice.embree_seconds);
+            let total = seconds.total - gain;
+            Some(format!("`--backend auto` is forecast to take {total:.1} s\n"))
+        }
+        _ => None,
+    }
 }
 
 /// Returns an error if the image was rendered with settings that miss the target.

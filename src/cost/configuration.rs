@@ -35,7 +35,9 @@ impl Configuration {
     pub fn is_as_accurate_as(&self, other: &Configuration) -> bool {
         // Rank backends by accuracy; a position in `Precision::ALL` rises with it.
         let trust = |path: &HitPath| match (path.backend, path.precision) {
-            (Backend::Embree, precision) => Precision::ALL.iter().position(|&known| known == precision),
+            (Backend::Embree | Backend::Auto, precision) => {
+                Precision::ALL.iter().position(|&known| known == precision)
+            }
             (Backend::Bsp, Precision::Fast) => Some(0),
             (Backend::Native | Backend::Bsp | Backend::Brute, _) => Some(Precision::ALL.len()),
         };

@@ -337,7 +337,7 @@ impl KnobLevels<'_> {
         if cfg!(feature = "embree") {
             // Precisions differ in triangles alone: a scene without triangles has one path through Embree.
             let own = match self.base.path.backend {
-                Backend::Embree => self.base.path.precision,
+                Backend::Embree | Backend::Auto => self.base.path.precision,
                 Backend::Native | Backend::Bsp | Backend::Brute => Precision::default(),
             };
             let precisions: &[Precision] = if self.has_meshes() {
@@ -352,8 +352,12 @@ impl KnobLevels<'_> {
                 ..self.base.path
             }));
         }
-        // Fast BSP intersects triangles in f32, so that it differs only for meshes.
+        // The native tree holds triangles alone, and the fast BSP differs only for them
         if self.has_meshes() {
+            paths.push(HitPath {
+                backend: Backend::Native,
+                ..HitPath::BSP
+            });
             paths.push(HitPath {
                 precision: Precision::Fast,
                 ..HitPath::BSP

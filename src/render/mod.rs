@@ -29,7 +29,7 @@ pub use aov::{AovKind, AovSet, Layer, LightAovs, PixelCosts};
 pub use driver::{render, render_on};
 pub use film::{PixelFilter, SampleAovs, SampleCounts, pixel_sum};
 pub use monitor::{Cancelled, FinishedTile, Monitor};
-pub use plan::Plan;
+pub use plan::{Plan, forecast_rays};
 pub use profile::{Category, Memory, MemoryEntry, RenderProfile, Tally, TruncationBound};
 pub use result::Rendering;
 pub use sampler::{Purpose, sample_2d};

@@ -9,7 +9,7 @@ mod group;
 mod layout;
 mod single;
 #[cfg(test)]
-mod testing;
+pub(super) mod testing;
 mod triangle_run;
 
 use glam::Vec3;
@@ -87,6 +87,28 @@ impl<'s> NativeAccel<'s> {
         })
     }
 
+    /// Finds the nearest hits if the rays can be traced as a group; else returns false, with hits of earlier queries
+    /// forgotten.
+    pub(super) fn intersect_group(&self, packets: &mut [RayPacket], order: Coherence) -> bool {
+        // Find a common origin. Rays from surfaces are no case for groups: their origins are as uncertain as the
+        // nearest hits
+        let common_origin = dispatch(QueryStart(packets));
+        let is_grouped = self.kernel == Kernel::Packet && order == Coherence::Coherent;
+        let Some(origin) = common_origin.filter(|_| is_grouped) else {
+            return false;
+        };
+        group::intersect(&self.triangles, &self.runs, packets, origin);
+        self.complete(packets, order);
+        true
+    }
+
+    /// Names the instances of the hits, then looks for nearer hits of shapes and planes.
+    fn complete(&self, packets: &mut [RayPacket], order: Coherence) {
+        let runs = &self.runs;
+        dispatch(HitNames { runs, packets });
+        self.intersect_others(packets, order);
+    }
+
     /// Finds hits of the structures other than the tree that are nearer than those in the packets.
     fn intersect_others(&self, packets: &mut [RayPacket], order: Coherence) {
         let bsp = match &self.others {
@@ -131,18 +153,11 @@ impl<'s> NativeAccel<'s> {
 
 impl Accel for NativeAccel<'_> {
     fn intersect(&self, packets: &mut [RayPacket], order: Coherence) {
-        // Trace rays with a common origin as groups. Those from surfaces are no case for it: their origins are as
-        // uncertain as the nearest hits
-        let common_origin = dispatch(QueryStart(packets));
-        let is_grouped = self.kernel == Kernel::Packet && order == Coherence::Coherent;
-        match common_origin.filter(|_| is_grouped) {
-            Some(origin) => group::intersect(&self.triangles, &self.runs, packets, origin),
-            None => single::intersect(&self.triangles, packets),
+        if self.intersect_group(packets, order) {
+            return;
         }
-        // Name the instances, then look for nearer hits of shapes and planes
-        let runs = &self.runs;
-        dispatch(HitNames { runs, packets });
-        self.intersect_others(packets, order);
+        single::intersect(&self.triangles, packets);
+        self.complete(packets, order);
     }
 
     fn occluded(&self, packets: &mut [RayPacket], order: Coherence) {

@@ -26,7 +26,7 @@ impl RandomNumbers {
 }
 
 /// Returns a scene of one mesh.
-pub(super) fn baked(mesh: Mesh) -> Scene {
+pub(in crate::accel) fn baked(mesh: Mesh) -> Scene {
     Scene {
         geometries: vec![Geometry::Mesh(mesh)],
         instances: vec![Instance::new("mesh", 0, 0, DAffine3::IDENTITY).unwrap()],

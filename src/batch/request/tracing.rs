@@ -4,11 +4,13 @@ use std::thread;
 
 use super::error::RequestError;
 use crate::accel::{AccelOptions, Backend, BuildQuality, Instancing, Precision};
+use crate::render::{RenderSettings, forecast_rays};
+use crate::scene::ValidScene;
 
 /// Intersection backend with the options of its acceleration structure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct HitPath {
-    /// Intersection backend: Embree, or the BSP tree.
+    /// Intersection backend.
     pub backend: Backend,
     /// Precision of triangle hits; the BSP has fast (f32) and is exact otherwise.
     pub precision: Precision,
@@ -75,6 +77,14 @@ impl TracingOptions {
         }
     }
 
+    /// Returns the options for building the acceleration structure of an image.
+    pub fn options_for(&self, scene: ValidScene, settings: &RenderSettings) -> AccelOptions<'static> {
+        AccelOptions {
+            rays: forecast_rays(scene, settings),
+            ..self.options()
+        }
+    }
+
     /// Returns the options for building an acceleration structure.
     pub fn options(&self) -> AccelOptions<'static> {
         AccelOptions {
@@ -87,7 +97,7 @@ impl TracingOptions {
     /// Returns the path by which hits are found, without options that the backend does not have.
     pub fn path(&self) -> HitPath {
         match self.requested.backend {
-            Backend::Embree => self.requested,
+            Backend::Embree | Backend::Auto => self.requested,
             // The others have no instancing and no build options
             backend @ (Backend::Native | Backend::Bsp | Backend::Brute) => HitPath {
                 backend,
@@ -111,7 +121,7 @@ impl TracingOptions {
 /// Returns the precision that triangle hits really get: the BSP has two, the others have one.
 fn effective_precision(backend: Backend, requested: Precision) -> Precision {
     match (backend, requested) {
-        (Backend::Embree, _) | (Backend::Bsp, Precision::Fast) => requested,
+        (Backend::Embree | Backend::Auto, _) | (Backend::Bsp, Precision::Fast) => requested,
         (Backend::Native | Backend::Bsp | Backend::Brute, _) => Precision::Watertight,
     }
 }

@@ -110,6 +110,7 @@ impl LoadedScene {
         let tree = match request.backend() {
             Backend::Embree => forecast.embree_bytes,
             Backend::Native => forecast.native_bytes,
+            Backend::Auto => forecast.native_bytes + forecast.embree_bytes,
             Backend::Bsp => forecast.bsp_bytes,
             Backend::Brute => 0,
         };
@@ -160,11 +161,12 @@ impl<'s> BuiltScene<'s> {
         observer: &BatchObserver,
     ) -> Result<BuiltScene<'s>, BatchError> {
         let start = Instant::now();
+        let scene = loaded.file.scene.validate().map_err(RequestError::from)?;
+        let settings = plan.request.resolved(&loaded.file.output)?.settings;
         let options = AccelOptions {
             mesh_cache: kept.meshes.as_ref(),
-            ..plan.request.tracing.options()
+            ..plan.request.tracing.options_for(scene, &settings)
         };
-        let scene = loaded.file.scene.validate().map_err(RequestError::from)?;
         let accel = accel::build(scene, plan.request.backend(), &options).map_err(RequestError::from)?;
         check(observer.cancel)?;
         if let Some(meshes) = &kept.meshes {

@@ -9,6 +9,7 @@
 
 mod facts;
 mod light_visibility;
+mod ray_forecast;
 mod trigger;
 
 use std::fmt;
@@ -16,6 +17,7 @@ use std::fmt;
 use serde::Serialize;
 
 pub use facts::Facts;
+pub use ray_forecast::forecast_rays;
 pub use trigger::{TRIGGERS, Trigger};
 
 use crate::scene::{Camera, Effect, EffectOverrides, EffectSet, Scene};

@@ -25,7 +25,7 @@ fn look(row: &BenchRow) -> SeriesStyle {
     match (row.backend, row.mode) {
         (Backend::Embree, Mode::Raw | Mode::RawSingle) => BARE,
         (Backend::Embree, _) => EMBREE,
-        (Backend::Native, _) => NATIVE,
+        (Backend::Native | Backend::Auto, _) => NATIVE,
         (Backend::Bsp | Backend::Brute, _) => BSP,
     }
 }

@@ -83,6 +83,7 @@ fn embree_backends<'s>(
     [single, packet]: [AccelOptions<'static>; 2],
 ) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
     use whit::accel::embree::EmbreeAccel;
+    use whit::accel::{RayForecast, auto};
     let native = |options: &AccelOptions<'static>| AccelOptions {
         instancing: Instancing::Native,
         ..options.clone()
@@ -94,7 +95,16 @@ fn embree_backends<'s>(
         precision: whit::accel::Precision::Watertight,
         ..packet.clone()
     };
+    // So many coherent rays without a common end that they get Embree's structure beside the native tree
+    let both = AccelOptions {
+        rays: RayForecast {
+            coherent: 1e12,
+            ..RayForecast::default()
+        },
+        ..packet.clone()
+    };
     vec![
+        ("auto", auto::build(scene, &both).unwrap()),
         ("embree watertight", build(&watertight)),
         ("embree single", build(&single)),
         ("embree packet", build(&packet)),

@@ -59,7 +59,7 @@ fn compare(backend: Backend, width: u32) -> (usize, usize) {
 /// Asserts that fewer than one pixel in `rarity` differs between the BSP and every other backend.
 fn assert_same_images(width: u32, least_pixels: usize, rarity: usize) {
     let embree = cfg!(feature = "embree").then_some(Backend::Embree);
-    for backend in embree.into_iter().chain([Backend::Native]) {
+    for backend in embree.into_iter().chain([Backend::Native, Backend::Auto]) {
         let (differing, pixels) = compare(backend, width);
         assert!(pixels > least_pixels, "only {pixels} pixels were compared");
         assert!(

@@ -14,7 +14,7 @@ class Whit(Renderer):
     """The program under test."""
 
     name = "whit"
-    equal_samplers = ["default"]
+    equal_samplers = ["default", "default, auto"]
     reference_sampler = "sobol"
     reference_spp = 512
 
@@ -33,12 +33,12 @@ class Whit(Renderer):
         return {"whit": "; ".join(line.strip() for line in said.splitlines())}
 
     def samplers(self):
-        """Returns the default pattern, uniform and adaptive."""
-        return ["default", "default, adaptive"]
+        """Returns the default pattern, uniform and adaptive, by the default backend and by `auto`."""
+        return ["default", "default, adaptive", "default, auto", "default, adaptive, auto"]
 
     def ladder(self, sampler):
         """Returns samples per pixel, or thresholds."""
-        if sampler.endswith("adaptive"):
+        if "adaptive" in sampler:
             return [0.1, 0.05, 0.03, 0.02, 0.015, 0.01, 0.007, 0.005, 0.0035, 0.0025]
         return [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256]
 
@@ -51,10 +51,11 @@ class Whit(Renderer):
 
     def command(self, setting, output, seed=0):
         """Returns the command that renders to this file."""
-        pattern, _, adaptive = setting.sampler.partition(", ")
+        pattern, *others = setting.sampler.split(", ")
         command = [str(self.program), "render", str(self.scene_file), "-o", str(output), "--quiet", "--seed", str(seed)]
         command += [] if pattern == "default" else ["--pattern", pattern]
-        if adaptive:
+        command += ["--backend", "auto"] if "auto" in others else []
+        if "adaptive" in others:
             return [*command, "--spp", str(ADAPTIVE_SPP), "--adaptive", str(setting.amount)]
         return [*command, "--spp", str(setting.spp)]
 

@@ -1,0 +1,68 @@
+//! Forecast of the rays of a render from its plan, for the choice of a backend.
+
+use super::Plan;
+use crate::accel::RayForecast;
+use crate::render::settings::RenderSettings;
+use crate::scene::{Effect, LightKind, ValidScene};
+
+/// Share of samples that are expected to use the maximum of an adaptive render.
+const ADAPTIVE_SHARE: f64 = 0.25;
+/// Share of hits that are expected to lie on a surface that reflects or refracts, where some material does.
+const BOUNCE_SHARE: f64 = 0.5;
+
+/// Forecasts the rays of an image of a scene as seen from its first camera.
+///
+/// All camera rays are taken to hit a surface, and rays to bounce once: the forecast is for the choice of a backend,
+/// not for the duration of a render.
+pub fn forecast_rays(scene: ValidScene, settings: &RenderSettings) -> RayForecast {
+    let scene = scene.get();
+    let Some(camera) = scene.cameras.first() else {
+        return RayForecast::default();
+    };
+    let plan = Plan::new(scene, camera, &settings.effects);
+    let effects = plan.effects();
+    // Count camera rays
+    let pixels = f64::from(settings.width) * f64::from(settings.height);
+    let share = if settings.adaptive.is_some() {
+        ADAPTIVE_SHARE
+    } else {
+        1.0
+    };
+    let samples = pixels * (share * f64::from(settings.spp)).max(1.0);
+    let has_eye = camera.view(settings.width, settings.height).eye().is_some();
+    let is_pinhole = has_eye && camera.lens_radius() == 0.0 && camera.motion().is_none();
+    // Count the shadow rays of a hit
+    let (mut to_point, mut to_area) = (0.0, 0.0);
+    for (light, _) in scene
+        .lights
+        .iter()
+        .zip(&plan.casts_shadows)
+        .filter(|(_, casts)| **casts)
+    {
+        match light.kind {
+            LightKind::Point { .. } | LightKind::Spot { .. } => to_point += 1.0,
+            LightKind::Directional { .. } => to_area += 1.0,
+            LightKind::Area { samples, .. } => to_area += f64::from(samples),
+        }
+    }
+    if effects.has(Effect::Environment) {
+        to_area += 1.0;
+    }
+    // Count the rays of a bounce
+    let mut bounces = 0.0;
+    for effect in [Effect::Reflection, Effect::Refraction] {
+        bounces += f64::from(u8::from(effects.has(effect)));
+    }
+    if effects.has(Effect::RoughReflection) || effects.has(Effect::RoughRefraction) {
+        let rays = scene.materials.iter().map(|material| material.rough_rays());
+        bounces += f64::from(rays.max().unwrap_or(0));
+    }
+    bounces *= BOUNCE_SHARE * samples;
+    let from_point = if is_pinhole { samples } else { 0.0 };
+    RayForecast {
+        from_point,
+        to_point: samples * to_point,
+        coherent: samples - from_point + samples * to_area,
+        incoherent: bounces * (1.0 + to_point + to_area),
+    }
+}

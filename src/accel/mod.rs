@@ -33,13 +33,13 @@ mod packet;
 mod planes;
 mod quality;
 mod query;
+mod ray_forecast;
 mod report;
 mod scene_stats;
 mod shape_query;
 
 pub use accel_trait::{Accel, Coherence};
 pub(crate) use accel_trait::{BATCH, MAX_BATCH};
-pub use auto::RayForecast;
 pub use build::{build, identity};
 #[cfg(feature = "embree")]
 #[doc(hidden)]
@@ -51,6 +51,7 @@ pub use options::{AccelOptions, Backend, Instancing, Kernel, Precision};
 pub use packet::{ACTIVE, Hit, LANES, NO_HIT, RayPacket};
 pub use quality::BuildQuality;
 use query::Query;
+pub use ray_forecast::RayForecast;
 pub(crate) use report::holder_of_tree;
 pub use report::{AccelPart, AccelReport, EmbreeIdentity};
 pub use scene_stats::PrimitiveCounts;

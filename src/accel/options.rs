@@ -4,9 +4,9 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::auto::RayForecast;
 use super::mesh_cache::MeshCache;
 use super::quality::BuildQuality;
+use super::ray_forecast::RayForecast;
 
 /// Backend that intersects rays with the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]

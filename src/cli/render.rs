@@ -3,7 +3,7 @@
 use std::mem;
 use std::time::Instant;
 
-use whit::accel::auto::{Choice, Structures};
+use whit::accel::auto::{BackendChoice, Structures};
 use whit::accel::{self, Accel, AccelOptions, Backend, RayForecast};
 use whit::batch::request::{
     self, Notes, ProjectedAccel, RenderRequest, ResolvedSettings, check_memory, choose_camera,
@@ -192,7 +192,7 @@ fn render_one(
     if let Some(error) = &rendering.error {
         progress.result(&format!("{}\n", ImageErrorText(error)))?;
     }
-    if let Some(line) = backend_line((&scene, &rays), request, &seconds) {
+    if let Some(line) = backend_line((&scene, &rays), request.backend(), seconds.total) {
         progress.result(&line)?;
     }
     let reached = match &aimed {
@@ -347,23 +347,15 @@ fn print_finished(
 
 /// Returns the line about the choice of `--backend auto`: what it chose, or what it would gain in a long render by
 /// Embree.
-fn backend_line(
-    (scene, rays): (&Scene, &RayForecast),
-    request: &RenderRequest,
-    seconds: &PhaseSeconds,
-) -> Option<String> {
-    match request.backend() {
-        Backend::Auto => Some(format!("backend: {}\n", Choice::new(scene, rays))),
-        Backend::Embree if seconds.total > LONG_RENDER => {
-            let choice = Choice::new(scene, rays);
-            if choice.structures == Structures::Embree {
-                return None;
-            }
-            // Scale the time of building and tracing
-            let inside = seconds.build + seconds.trace / request.tracing.threads as f64;
-            let gain = inside * (1.0 - choice.seconds / choice.embree_seconds);
-            let total = seconds.total - gain;
-            Some(format!("`--backend auto` is forecast to take {total:.1} s\n"))
+fn backend_line((scene, rays): (&Scene, &RayForecast), backend: Backend, seconds: f64) -> Option<String> {
+    match backend {
+        Backend::Auto => Some(format!("backend: {}\n", BackendChoice::new(scene, rays))),
+        Backend::Embree if seconds > LONG_RENDER => {
+            let choice = BackendChoice::new(scene, rays);
+            (choice.structures != Structures::Embree).then(|| {
+                let share = choice.share;
+                format!("`--backend auto` is forecast to build and to trace in {share:.2} of the time\n")
+            })
         }
         _ => None,
     }

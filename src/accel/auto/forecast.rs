@@ -2,33 +2,8 @@
 
 use std::fmt;
 
+use crate::accel::RayForecast;
 use crate::scene::{Geometry, Scene};
-
-/// Expected numbers of a render's rays, by what a backend can make of them.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct RayForecast {
-    /// Camera rays from one point.
-    pub from_point: f64,
-    /// Shadow rays to one point, from neighbouring points of the first surface.
-    pub to_point: f64,
-    /// Other rays with coherent neighbours: camera rays through a lens, and shadow rays from the first surface to an
-    /// area.
-    pub coherent: f64,
-    /// Rays after a bounce, with their shadow rays.
-    pub incoherent: f64,
-}
-
-impl Default for RayForecast {
-    /// Returns the rays of an image of a million pixels with a sample and a lamp each.
-    fn default() -> RayForecast {
-        RayForecast {
-            from_point: 1e6,
-            to_point: 1e6,
-            coherent: 0.0,
-            incoherent: 0.0,
-        }
-    }
-}
 
 /// Objects of a scene, by how the native backend holds them.
 #[derive(Clone, Copy)]
@@ -150,106 +125,95 @@ pub enum Structures {
 
 /// Choice between Embree and the native tree, with the forecast on which it stands.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Choice {
-    /// Structures with the least time.
+pub struct BackendChoice {
+    /// Structures with the least time to build them and to trace all rays.
     pub structures: Structures,
-    /// Forecast of processor seconds to build the chosen structures and to trace all rays.
-    pub seconds: f64,
-    /// The same for Embree alone.
-    pub embree_seconds: f64,
+    /// Forecast of that time relative to Embree's.
+    pub share: f64,
 }
 
-impl Choice {
+impl BackendChoice {
     /// Chooses the structures for a scene and the rays of its render. The choice depends on nothing else, so that images
     /// have the same bits on any machine.
-    pub fn new(scene: &Scene, rays: &RayForecast) -> Choice {
+    pub fn new(scene: &Scene, rays: &RayForecast) -> BackendChoice {
         let size = SceneSize::of(scene);
-        let embree_seconds = 1e-9
-            * embree(
-                size,
-                [rays.from_point, rays.to_point, rays.coherent, rays.incoherent],
-            );
-        // Compare with the native tree for all rays, and for those with a common end
-        let with_ends = native(size, [rays.from_point, rays.to_point, 0.0, 0.0]);
-        let candidates = [
-            (Structures::Embree, embree_seconds),
-            (
-                Structures::Native,
-                1e-9 * native(
-                    size,
-                    [rays.from_point, rays.to_point, rays.coherent, rays.incoherent],
-                ),
-            ),
-            (
-                Structures::Both,
-                1e-9 * (with_ends + embree(size, [0.0, 0.0, rays.coherent, rays.incoherent])),
-            ),
-        ];
-        let (structures, seconds) = match cfg!(feature = "embree") {
-            true => candidates.into_iter().fold(
-                candidates[0],
-                |least, next| if next.1 < least.1 { next } else { least },
-            ),
-            false => candidates[1],
+        let embree = size.embree_nanoseconds(rays);
+        // Divide the rays into those with a common end and all others
+        let with_ends = RayForecast {
+            coherent: 0.0,
+            incoherent: 0.0,
+            ..*rays
         };
-        Choice {
+        let others = RayForecast {
+            from_point: 0.0,
+            to_point: 0.0,
+            ..*rays
+        };
+        let both = size.native_nanoseconds(&with_ends) + size.embree_nanoseconds(&others);
+        // Take the least
+        let native = size.native_nanoseconds(rays);
+        let (structures, least) = if !cfg!(feature = "embree") || native < embree.min(both) {
+            (Structures::Native, native)
+        } else if both < embree {
+            (Structures::Both, both)
+        } else {
+            (Structures::Embree, embree)
+        };
+        BackendChoice {
             structures,
-            seconds,
-            embree_seconds,
+            share: least / embree,
         }
     }
 }
 
 /// Prints the choice with its reason.
-impl fmt::Display for Choice {
+impl fmt::Display for BackendChoice {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Choice {
-            seconds,
-            embree_seconds,
-            ..
-        } = self;
+        let share = self.share;
         match self.structures {
             Structures::Embree => write!(f, "embree for all rays: forecast to be the soonest"),
             Structures::Native => write!(
                 f,
-                "native for all rays: building and tracing is forecast to take {:.2} of Embree's time",
-                seconds / embree_seconds
+                "native for all rays: building and tracing is forecast to take {share:.2} of Embree's time"
             ),
             Structures::Both => write!(
                 f,
                 "native for rays with a common end, embree for all others: building both and tracing is forecast to \
-                 take {:.2} of Embree's time",
-                seconds / embree_seconds
+                 take {share:.2} of Embree's time"
             ),
         }
     }
 }
 
-/// Returns the nanoseconds of Embree for rays from a point, to a point, other coherent and incoherent ones.
-fn embree(size: SceneSize, counts: [f64; 4]) -> f64 {
-    let primitives = size.triangles + size.others;
-    EMBREE.start + EMBREE.triangle * primitives + EMBREE.tracing(primitives, counts)
-}
-
-/// Returns the nanoseconds of the native backend for the same kinds of rays.
-fn native(size: SceneSize, counts: [f64; 4]) -> f64 {
-    let SceneSize { triangles, others } = size;
-    let mut sum = NATIVE.start + NATIVE.triangle * triangles + NATIVE.tracing(triangles, counts);
-    if others > 0.0 {
-        let ray = OBJECT_RAY + OBJECT_DOUBLING * others.log2();
-        sum += OBJECT_BUILD * others + ray * counts.iter().sum::<f64>();
+impl SceneSize {
+    /// Forecasts the time of Embree.
+    fn embree_nanoseconds(self, rays: &RayForecast) -> f64 {
+        let primitives = self.triangles + self.others;
+        EMBREE.start + EMBREE.triangle * primitives + EMBREE.tracing(primitives, rays)
     }
-    sum
+
+    /// Forecasts the time of the native backend.
+    fn native_nanoseconds(self, rays: &RayForecast) -> f64 {
+        let SceneSize { triangles, others } = self;
+        let trees = NATIVE.start + NATIVE.triangle * triangles + NATIVE.tracing(triangles, rays);
+        if others == 0.0 {
+            return trees;
+        }
+        // Add the BSP of all that is no baked triangle
+        let ray = OBJECT_RAY + OBJECT_DOUBLING * others.log2();
+        let count = rays.from_point + rays.to_point + rays.coherent + rays.incoherent;
+        trees + OBJECT_BUILD * others + ray * count
+    }
 }
 
 impl BackendCosts {
-    /// Returns the nanoseconds of rays from a point, to a point, other coherent and incoherent ones.
-    fn tracing(&self, triangles: f64, counts: [f64; 4]) -> f64 {
-        let costs = [self.from_point, self.to_point, self.coherent, self.incoherent];
-        let times = costs.iter().zip(counts);
-        times
-            .map(|(cost, count)| cost.nanoseconds(count, triangles))
-            .sum()
+    /// Returns the nanoseconds of all rays in a scene of this many triangles.
+    fn tracing(&self, triangles: f64, rays: &RayForecast) -> f64 {
+        let time = |cost: RayCost, count| cost.nanoseconds(count, triangles);
+        time(self.from_point, rays.from_point)
+            + time(self.to_point, rays.to_point)
+            + time(self.coherent, rays.coherent)
+            + time(self.incoherent, rays.incoherent)
     }
 }
 
@@ -269,25 +233,31 @@ mod tests {
 
     #[test]
     fn rays_with_common_ends_go_to_the_native_tree() {
-        let choice = Choice::new(&baked(bumpy_sphere(200_000)), &RAYS);
+        let choice = BackendChoice::new(&baked(bumpy_sphere(200_000)), &RAYS);
         assert_eq!(choice.structures, Structures::Native);
-        assert!(choice.seconds < 0.5 * choice.embree_seconds);
+        assert!(choice.share < 0.5);
     }
 
     #[test]
     fn many_coherent_rays_pay_for_a_second_structure() {
         let scene = baked(bumpy_sphere(20_000));
         let rays = |coherent| RayForecast { coherent, ..RAYS };
-        assert_eq!(Choice::new(&scene, &rays(1e4)).structures, Structures::Native);
-        assert_eq!(Choice::new(&scene, &rays(1e7)).structures, Structures::Both);
+        assert_eq!(
+            BackendChoice::new(&scene, &rays(1e4)).structures,
+            Structures::Native
+        );
+        assert_eq!(
+            BackendChoice::new(&scene, &rays(1e7)).structures,
+            Structures::Both
+        );
     }
 
     #[test]
     fn shapes_alone_go_to_embree() {
         let mut scene = baked(bumpy_sphere(1000));
         scene.geometries[0] = Geometry::Shape(Shape::Quad);
-        let choice = Choice::new(&scene, &RAYS);
+        let choice = BackendChoice::new(&scene, &RAYS);
         assert_eq!(choice.structures, Structures::Embree);
-        assert_eq!(choice.seconds, choice.embree_seconds);
+        assert_eq!(choice.share, 1.0);
     }
 }

@@ -9,7 +9,7 @@ mod forecast;
 #[cfg(feature = "embree")]
 use glam::Vec3;
 
-pub use forecast::{Choice, RayForecast, Structures};
+pub use forecast::{BackendChoice, Structures};
 
 #[cfg(feature = "embree")]
 use super::embree::EmbreeAccel;
@@ -21,7 +21,7 @@ use crate::scene::Scene;
 
 /// Builds the structures of a validated scene that are forecast to take the least time.
 pub fn build<'s>(scene: &'s Scene, options: &AccelOptions) -> Result<Box<dyn Accel + 's>, AccelError> {
-    match Choice::new(scene, &options.rays).structures {
+    match BackendChoice::new(scene, &options.rays).structures {
         #[cfg(feature = "embree")]
         Structures::Embree => Ok(Box::new(EmbreeAccel::build(scene, options)?)),
         #[cfg(feature = "embree")]

@@ -10,7 +10,7 @@ use crate::scene::ValidScene;
 /// Intersection backend with the options of its acceleration structure.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct HitPath {
-    /// Intersection backend.
+    /// Intersection backend that finds the hits.
     pub backend: Backend,
     /// Precision of triangle hits; the BSP has fast (f32) and is exact otherwise.
     pub precision: Precision,

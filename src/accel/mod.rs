@@ -27,6 +27,7 @@ pub mod extents;
 pub mod hit_compare;
 mod mesh_cache;
 mod mesh_counts;
+mod morton;
 pub mod native;
 mod options;
 mod packet;

@@ -6,12 +6,11 @@ use crate::mesh::triangle::{PACK, TrianglePack};
 use crate::parallel;
 use glam::Vec3A;
 
-use super::boxes::{Box4, Margin};
-use super::chunks::MortonChunk;
-use super::keys::SortedKeys;
+use super::margin::Margin;
 use super::nodes::{ItemRange, NodeSlots, max_node_count};
 use super::sweep::OrderSweep;
 use super::triangles::NumberedTriangles;
+use crate::accel::morton::{Box4, MortonChunk, SortedKeys};
 use crate::accel::native::layout::{ChildLink, LeafBlock, NO_NUMBER, NativeNode};
 
 /// Least number of triangles of a task.
@@ -51,10 +50,10 @@ pub(super) fn build(
     margin: Margin,
 ) -> Forest {
     // Allocate the blocks and nodes of all chunks; the allocator returns zeroed pages, which are not written here
-    let block_count = chunks.iter().map(MortonChunk::block_count).sum();
+    let block_count = chunks.iter().map(block_count_of).sum();
     let node_count: usize = chunks
         .iter()
-        .map(|chunk| max_node_count(chunk.block_count()))
+        .map(|chunk| max_node_count(block_count_of(chunk)))
         .sum();
     let mut blocks: Vec<LeafBlock> = bytemuck::zeroed_vec(block_count);
     let mut nodes: Vec<NativeNode> = bytemuck::zeroed_vec(node_count + max_node_count(chunks.len()));
@@ -75,6 +74,11 @@ pub(super) fn build(
     Forest { nodes, blocks, trees }
 }
 
+/// Returns the number of blocks of a chunk's triangles.
+fn block_count_of(chunk: &MortonChunk) -> usize {
+    chunk.len().div_ceil(PACK)
+}
+
 /// Divides the chunks into tasks, each with its room in the arrays.
 fn divide<'a>(
     mut chunks: &'a [MortonChunk],
@@ -90,9 +94,9 @@ fn divide<'a>(
         while taken < chunks.len() && triangle_count < TASK {
             let chunk = chunks[taken];
             taken += 1;
-            triangle_count += chunk.end - chunk.first;
-            block_count += chunk.block_count();
-            node_count += max_node_count(chunk.block_count());
+            triangle_count += chunk.len();
+            block_count += block_count_of(&chunk);
+            node_count += max_node_count(block_count_of(&chunk));
         }
         // Cut off their part of every array
         let (chunks_here, chunks_left) = chunks.split_at(taken);

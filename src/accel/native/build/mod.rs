@@ -1,32 +1,32 @@
 //! Builder of the tree along Morton's curve.
 //!
-//! 1. [`keys`]: sort the triangles by the Morton codes of their centres (G. M. Morton 1966).
-//! 2. [`chunks`]: cut the order where the highest digits of the codes differ, into chunks of a few hundred triangles.
-//! 3. [`blocks`]: fill blocks with eight triangles each, in order, and build the tree of each chunk by the surface area
+//! 1. [`crate::accel::morton`]: sort the triangles by the Morton codes of their centres, and cut the order into chunks of
+//!    a few hundred.
+//! 2. [`blocks`]: fill blocks with eight triangles each, in order, and build the tree of each chunk by the surface area
 //!    heuristic along the order ([`sweep`]).
-//! 4. [`top`]: build the tree over the chunks by the binned surface area heuristic (I. Wald, "On fast Construction of
+//! 3. [`top`]: build the tree over the chunks by the binned surface area heuristic (I. Wald, "On fast Construction of
 //!    SAH-based Bounding Volume Hierarchies", 2007).
 //!
 //! The tree is the same for any number of threads.
 
 mod blocks;
-mod boxes;
-mod chunks;
-mod keys;
+mod margin;
 mod nodes;
 mod sweep;
 mod top;
 mod triangles;
 
-use crate::mesh::Mesh;
-
+use crate::accel::morton;
 use crate::accel::native::layout::{Box3, ChildLink, GroupTree};
+use crate::mesh::Mesh;
 use blocks::Forest;
-use boxes::Margin;
+use margin::Margin;
 use triangles::NumberedTriangles;
 
 /// Maximum number of triangles of the meshes together: indices are compared as i32.
 const MAX_TRIANGLES: usize = i32::MAX as usize;
+/// Maximum number of triangles of a chunk.
+const CHUNK: usize = 512;
 
 /// Builds the tree over the triangles of `meshes` in the current rayon pool; `None` if there are more than
 /// [`MAX_TRIANGLES`].
@@ -47,8 +47,9 @@ pub(super) fn build_tree(meshes: &[&Mesh]) -> Option<GroupTree> {
     }
     let bounds = triangles.vertex_bounds();
     // Sort the triangles and cut their order into chunks
-    let keys = keys::sorted(&triangles, &bounds);
-    let chunks = chunks::cut(&keys, chunks::CHUNK);
+    let twice_centre = |number| triangles.twice_centre(number);
+    let mut keys = morton::sorted(triangles.count, &bounds, twice_centre);
+    let chunks = morton::cut(&mut keys, CHUNK, twice_centre);
     // Build the trees of the chunks, then that over them
     let margin = Margin::of(&bounds);
     let Forest {
@@ -60,7 +61,10 @@ pub(super) fn build_tree(meshes: &[&Mesh]) -> Option<GroupTree> {
     let root = top::build(trees, &mut nodes, margin);
     Some(GroupTree {
         root,
-        bounds: bounds.to_box3(),
+        bounds: Box3 {
+            low: bounds.low.to_array(),
+            high: bounds.high.to_array(),
+        },
         nodes,
         blocks,
     })

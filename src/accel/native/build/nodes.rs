@@ -1,6 +1,7 @@
 //! Nodes made by splitting ranges of items in two, again and again.
 
-use super::boxes::{Box4, Margin};
+use super::margin::Margin;
+use crate::accel::morton::Box4;
 use crate::accel::native::layout::{ChildLink, NativeNode, WIDTH};
 
 /// Depth from which ranges are split in the middle, which bounds the depth of the tree: below, a range of n items has at

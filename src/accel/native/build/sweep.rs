@@ -1,7 +1,7 @@
 //! Splits along the order of the items by the surface area heuristic: nothing is moved.
 
-use super::boxes::Box4;
 use super::nodes::{ItemRange, MAX_SPLIT_DEPTH, Splitter};
+use crate::accel::morton::Box4;
 use crate::accel::native::layout::ChildLink;
 
 /// Blocks in the order of Morton codes, split where the sum of area times number of blocks is least.

@@ -1,8 +1,9 @@
 //! Tree over the chunks by the binned surface area heuristic.
 
 use super::blocks::ChunkTree;
-use super::boxes::{Box4, Margin};
+use super::margin::Margin;
 use super::nodes::{ItemRange, MAX_SPLIT_DEPTH, NodeSlots, Splitter, max_node_count};
+use crate::accel::morton::Box4;
 use crate::accel::native::layout::{ChildLink, NativeNode};
 
 /// Number of bins an axis.

@@ -1,10 +1,9 @@
 //! Triangles of several meshes with consecutive indices.
 
-use crate::mesh::Mesh;
-use crate::parallel;
 use glam::Vec3A;
 
-use super::boxes::Box4;
+use crate::accel::morton::Box4;
+use crate::mesh::Mesh;
 
 /// Triangles of several meshes with consecutive indices.
 pub(super) struct NumberedTriangles<'a> {
@@ -52,22 +51,18 @@ impl<'a> NumberedTriangles<'a> {
         [a, b, c].map(|vertex| Vec3A::from(mesh.positions[vertex as usize]))
     }
 
+    /// Returns twice the midpoint of a triangle's bounds.
+    #[inline(always)]
+    pub(super) fn twice_centre(&self, number: usize) -> Vec3A {
+        let [a, b, c] = self.corners(number);
+        a.min(b).min(c) + a.max(b).max(c)
+    }
+
     /// Returns the bounds of all vertices.
     pub(super) fn vertex_bounds(&self) -> Box4 {
-        // Number of vertices of a task
-        const CHUNK: usize = 1 << 16;
         let mut bounds = Box4::EMPTY;
         for mesh in &self.meshes {
-            let parts = parallel::map_chunks(mesh.positions, CHUNK, &|_, positions| {
-                let mut part = Box4::EMPTY;
-                for position in positions {
-                    part.add_point(Vec3A::from(*position));
-                }
-                part
-            });
-            for part in &parts {
-                bounds.add(part);
-            }
+            bounds.add(&Box4::around(mesh.positions));
         }
         bounds
     }

@@ -1,16 +1,17 @@
-//! Triangles sorted by the Morton codes of their centres.
+//! Primitives sorted by the Morton codes of their centres.
 //!
-//! A key is a code with the triangle's index below it in one u64. The keys are sorted by their highest digit first: each
-//! part of the triangles by itself, in cache, then gathered by digit; within the digit, lowest digit first, in cache
+//! A key is a code with the primitive's index below it in one u64. The keys are sorted by their highest digit first: each
+//! part of the primitives by itself, in cache, then gathered by digit; within the digit, lowest digit first, in cache
 //! again.
 
+use std::ops::Range;
 use std::sync::Mutex;
 
-use crate::parallel;
 use glam::Vec3A;
+use rayon::prelude::*;
 
-use super::boxes::Box4;
-use super::triangles::NumberedTriangles;
+use super::box4::Box4;
+use crate::parallel;
 
 /// Number of binary digits of each coordinate.
 const BITS_PER_AXIS: u32 = 13;
@@ -28,29 +29,29 @@ const DIGITS: usize = 1 << DIGIT_BITS;
 const PASSES: usize = 3;
 /// Size of a bucket up to which comparisons are faster than digits.
 const SMALL_BUCKET: usize = 96;
-/// Least number of triangles of a part, whose keys are to fit into cache.
+/// Least number of primitives of a part, whose keys are to fit into cache.
 const PART: usize = 1 << 15;
 /// Maximum number of parts: each adds a run of keys to every bucket.
 const MAX_PARTS: usize = 64;
 /// Least number of keys that a task sorts.
 const TASK: usize = 1 << 13;
 
-/// Sorted keys: Morton codes with the indices of triangles below.
-pub(super) struct SortedKeys {
+/// Sorted keys: Morton codes with the indices of primitives below.
+pub(in crate::accel) struct SortedKeys {
     keys: Vec<u64>,
     index_bits: u32,
 }
 
 impl SortedKeys {
     /// Returns the number of keys.
-    pub(super) fn len(&self) -> usize {
+    pub(in crate::accel) fn len(&self) -> usize {
         self.keys.len()
     }
 
-    /// Returns the index of the triangle at a position in the order.
+    /// Returns the index of the primitive at a position in the order.
     #[inline(always)]
-    pub(super) fn number(&self, position: usize) -> usize {
-        (self.keys[position] & ((1 << self.index_bits) - 1)) as usize
+    pub(in crate::accel) fn number(&self, position: usize) -> usize {
+        number_of(self.keys[position], self.index_bits)
     }
 
     /// Returns the Morton code at a position in the order.
@@ -58,27 +59,55 @@ impl SortedKeys {
     pub(super) fn code(&self, position: usize) -> u64 {
         self.keys[position] >> self.index_bits
     }
+
+    /// Sorts a range of equal codes by new ones, in a cube around its own centres; returns whether any of these differ.
+    pub(super) fn refine(&mut self, range: Range<usize>, twice_centre: impl Fn(usize) -> Vec3A) -> bool {
+        // Bound the centres
+        let keys = &mut self.keys[range];
+        let mut centres = Box4::EMPTY;
+        for key in &*keys {
+            centres.add_point(0.5 * twice_centre(number_of(*key, self.index_bits)));
+        }
+        // Compute the codes and sort by them
+        let curve = KeyCurve::around(&centres, self.index_bits);
+        for key in &mut *keys {
+            let number = number_of(*key, self.index_bits);
+            *key = curve.key(twice_centre(number), number);
+        }
+        keys.par_sort_unstable();
+        let codes = [keys.first(), keys.last()].map(|key| key.map(|key| key >> self.index_bits));
+        codes[0] != codes[1]
+    }
 }
 
-/// Keys of one part of the triangles, distributed by their top digits.
+/// Returns the index of a primitive from its key.
+#[inline(always)]
+fn number_of(key: u64, index_bits: u32) -> usize {
+    (key & ((1 << index_bits) - 1)) as usize
+}
+
+/// Keys of one part of the primitives, distributed by their top digits.
 struct KeyPart {
     keys: Vec<u64>,
     /// Position after the last key of each bucket.
     ends: Vec<u32>,
 }
 
-/// Returns the triangles in the order of the Morton codes of their centres in a cube around `bounds`; those with equal
-/// codes in the order of their indices.
-pub(super) fn sorted(triangles: &NumberedTriangles, bounds: &Box4) -> SortedKeys {
-    let count = triangles.count;
-    // Make room for the indices by leaving out low digits of codes, for more than 33 million triangles
+/// Returns primitives `0..count` in the order of the Morton codes of their centres in a cube around `bounds`; those with
+/// equal codes in the order of their indices. Centres outside of the cube are moved to its border, NaN to the lower one.
+pub(in crate::accel) fn sorted(
+    count: usize,
+    bounds: &Box4,
+    twice_centre: impl Fn(usize) -> Vec3A + Sync,
+) -> SortedKeys {
+    // Make room for the indices by leaving out low digits of codes, for more than 33 million primitives
     let index_bits = (usize::BITS - count.leading_zeros()).max(u64::BITS - CODE_BITS);
-    let curve = KeyCurve::around(bounds, index_bits + CODE_BITS - u64::BITS, index_bits);
+    let curve = KeyCurve::around(bounds, index_bits);
     // Distribute the keys of each part
     let part_len = count.div_ceil(MAX_PARTS).max(PART);
     let parts = parallel::map(count.div_ceil(part_len), &|part| {
         let first = part * part_len;
-        distributed(triangles, &curve, first..count.min(first + part_len))
+        distributed(&twice_centre, &curve, first..count.min(first + part_len))
     });
     // Gather and sort the buckets
     let mut keys: Vec<u64> = bytemuck::zeroed_vec(count);
@@ -104,7 +133,7 @@ struct KeyCurve {
 }
 
 impl KeyCurve {
-    fn around(bounds: &Box4, dropped_bits: u32, index_bits: u32) -> KeyCurve {
+    fn around(bounds: &Box4, index_bits: u32) -> KeyCurve {
         let cells = ((1u32 << BITS_PER_AXIS) - 1) as f32;
         let extent = (bounds.high - bounds.low).max_element();
         // All centres of a cube without extent are in its first cell.
@@ -112,15 +141,13 @@ impl KeyCurve {
         KeyCurve {
             corner: bounds.low + bounds.low,
             scale: Vec3A::splat(if scale.is_finite() { scale } else { 0.0 }),
-            dropped_bits,
+            dropped_bits: index_bits + CODE_BITS - u64::BITS,
             index_bits,
         }
     }
 
     #[inline(always)]
-    fn key(&self, corners: [Vec3A; 3], number: usize) -> u64 {
-        let [a, b, c] = corners;
-        let twice_centre = a.min(b).min(c) + a.max(b).max(c);
+    fn key(&self, twice_centre: Vec3A, number: usize) -> u64 {
         let cell = ((twice_centre - self.corner) * self.scale).to_array();
         let limit = (1 << BITS_PER_AXIS) - 1;
         let [x, y, z] = cell.map(|x| spread((x as u32).min(limit)));
@@ -144,13 +171,13 @@ fn bucket_of(key: u64) -> usize {
     (key >> (u64::BITS - TOP_BITS)) as usize
 }
 
-/// Computes the keys of a range of triangles and distributes them by their top digits.
-fn distributed(triangles: &NumberedTriangles, curve: &KeyCurve, range: std::ops::Range<usize>) -> KeyPart {
+/// Computes the keys of a range of primitives and distributes them by their top digits.
+fn distributed(twice_centre: &impl Fn(usize) -> Vec3A, curve: &KeyCurve, range: Range<usize>) -> KeyPart {
     // Compute the keys and count them by bucket
     let mut unsorted = Vec::with_capacity(range.len());
     let mut ends = vec![0u32; BUCKETS];
     for number in range {
-        let key = curve.key(triangles.corners(number), number);
+        let key = curve.key(twice_centre(number), number);
         ends[bucket_of(key)] += 1;
         unsorted.push(key);
     }

@@ -1,0 +1,72 @@
+//! Chunks of the order of Morton codes.
+
+use glam::Vec3A;
+
+use super::keys::SortedKeys;
+
+/// Number of which chunks are multiples that are cut in the middle, so that they make full blocks and clusters.
+const FULL: usize = 16;
+
+/// Range of positions in the order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::accel) struct MortonChunk {
+    pub(in crate::accel) first: usize,
+    pub(in crate::accel) end: usize,
+}
+
+impl MortonChunk {
+    /// Returns the number of primitives.
+    pub(in crate::accel) fn len(&self) -> usize {
+        self.end - self.first
+    }
+}
+
+/// Cuts the order at the highest digit in which codes differ until no chunk has more than `longest` primitives, which is
+/// above [`FULL`]. Where the codes are equal the primitives are sorted again, in their own cube: one that is far away
+/// from all others does not put these into one cell. Primitives with the same centre are cut in the middle.
+pub(in crate::accel) fn cut(
+    keys: &mut SortedKeys,
+    longest: usize,
+    twice_centre: impl Fn(usize) -> Vec3A,
+) -> Vec<MortonChunk> {
+    let mut chunks = Vec::with_capacity(keys.len() / (longest / 4) + 1);
+    let mut waiting = vec![MortonChunk {
+        first: 0,
+        end: keys.len(),
+    }];
+    while let Some(chunk) = waiting.pop() {
+        // Keep a range that is short enough
+        let MortonChunk { first, end } = chunk;
+        if chunk.len() <= longest {
+            chunks.push(chunk);
+            continue;
+        }
+        // Find where the highest digit that differs becomes 1
+        let is_cell = keys.code(first) == keys.code(end - 1);
+        let middle = if is_cell && !keys.refine(first..end, &twice_centre) {
+            first + (chunk.len() / 2).next_multiple_of(FULL)
+        } else {
+            let last_code = keys.code(end - 1);
+            let digit = (keys.code(first) ^ last_code).ilog2();
+            first_at_or_above(keys, chunk, last_code >> digit << digit)
+        };
+        // Cut both sides further, the first one next
+        waiting.push(MortonChunk { first: middle, end });
+        waiting.push(MortonChunk { first, end: middle });
+    }
+    chunks
+}
+
+/// Returns the first position whose code is at least `code`.
+fn first_at_or_above(keys: &SortedKeys, range: MortonChunk, code: u64) -> usize {
+    let (mut low, mut high) = (range.first, range.end);
+    while low < high {
+        let middle = low + (high - low) / 2;
+        if keys.code(middle) < code {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    low
+}

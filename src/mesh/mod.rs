@@ -5,7 +5,7 @@ pub mod simd;
 mod tangents;
 pub mod triangle;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec3, Vec3A};
 
 use crate::buffer::Buffer;
 use crate::numeric::Bounds;
@@ -53,10 +53,10 @@ impl Mesh {
         const CHUNK: usize = 1 << 14;
         // Bound chunks of triangles in parallel
         let chunks = parallel::map_chunks(&self.triangles, CHUNK, &|_, triangles| {
-            let mut low = Vec3::INFINITY;
-            let mut high = Vec3::NEG_INFINITY;
-            for &v in triangles.iter().flatten() {
-                let p = Vec3::from(self.positions[v as usize]);
+            let mut low = Vec3A::INFINITY;
+            let mut high = Vec3A::NEG_INFINITY;
+            for &v in triangles.as_flattened() {
+                let p = Vec3A::from(self.positions[v as usize]);
                 low = low.min(p);
                 high = high.max(p);
             }

@@ -145,6 +145,12 @@ impl<T: Pod> BufferMut<T> {
     }
 }
 
+impl<T: Pod> Default for BufferMut<T> {
+    fn default() -> BufferMut<T> {
+        BufferMut::zeroed(0)
+    }
+}
+
 impl<T: Pod> Deref for BufferMut<T> {
     type Target = [T];
 

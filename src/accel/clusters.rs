@@ -1,62 +1,98 @@
 //! Clustering of primitives that are tested together: groups of a few, each with one box in the tree.
 //!
-//! Clustering is top-down: a large set is split in the middle of its octree cell, along the Morton curve, a small one
-//! where the surface area heuristic says (see [`sah_split`]). A set that fits into a cluster stays whole where that
-//! costs no more. The cost of a test has a part per cluster and a part per member, which alone makes clusters full: a
-//! set of seventeen is better split into eight and nine than into one and sixteen.
+//! The primitives are sorted along Morton's curve, the order is cut into chunks, and the surface area heuristic splits
+//! each chunk into clusters (see [`splitter`]). A set that fits into a cluster stays whole where that costs no more.
 
 mod cost;
-mod item;
-mod sah_split;
+mod splitter;
 
-use glam::Vec3;
+use glam::{Vec3, Vec3A};
 
 pub(super) use self::cost::Cost;
-use self::item::Item;
-use self::sah_split::{centers, part, split};
-use crate::numeric::morton::{CODE_BITS, MortonCurve};
+use self::splitter::{CHUNK, ChunkSplitter};
+use crate::accel::morton::{self, Box4, MortonChunk, SortedKeys};
 use crate::parallel;
 
-/// A partition of primitives into clusters.
+/// A partition of primitives into clusters, in parts of nearby clusters.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Clusters {
-    /// All primitives, cluster by cluster, near ones close to each other.
+    parts: Vec<ClusterPart>,
+}
+
+/// Part of the clusters, near each other.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ClusterPart {
+    /// Primitives, cluster by cluster, near ones close to each other.
     members: Vec<u32>,
     /// End of each cluster in `members`, ascending.
     ends: Vec<u32>,
 }
 
-/// Size above which sets are split through the middle of octree cells, which costs next to nothing, and only below it
-/// at the best plane: the last few splits decide the quality of the clusters.
-const CELL_COUNT: usize = 1 << 8;
-/// Least size of sets that are split by several threads.
-const PARALLEL_COUNT: usize = 1 << 12;
-/// Number of splits after which sets are halved by index: whatever the boxes, the work stays proportional to n log n.
-const SPLIT_LIMIT: u32 = 64;
+/// Number of chunks of a part, which is split by one task.
+const PART_CHUNKS: usize = 1 << 6;
 
 impl Clusters {
-    /// Clusters the primitives in the boxes `bounds(0..count)`, each given by its lowest and its highest corner, which
-    /// may be any number; `count` is below 2^32.
+    /// Clusters the primitives in the boxes `bounds(0..count)`, which may have any coordinates; nearly all should lie in
+    /// the box `around`. `count` is below 2^32.
     ///
     /// The result does not depend on the number of threads.
-    pub(super) fn of(count: usize, bounds: impl Fn(u32) -> [Vec3; 2] + Sync, cost: &Cost) -> Clusters {
-        // Compute a Morton key for the midpoint of each box
-        let of_index = |index: u32| Item::new(index, bounds(index));
-        let unsorted = parallel::generate(count, |index| of_index(index as u32));
-        let curve = MortonCurve::around(&centers(&unsorted).bounds());
-        let mut keys = parallel::generate(count, |index| ClusterKey::new(&unsorted[index], &curve));
-        // Allocate zeroed pages without writing to them
-        let mut items: Vec<Item> = bytemuck::zeroed_vec(count);
-        if count > 0 {
-            divide_cell(&mut items, &mut keys, &unsorted, KEY_DIGITS, cost);
+    pub(super) fn of(
+        count: usize,
+        around: &Box4,
+        bounds: impl Fn(usize) -> Box4 + Sync,
+        cost: &Cost,
+    ) -> Clusters {
+        // Sort the boxes and cut their order into chunks
+        let bounds = |index| finite(&bounds(index));
+        let twice_centre = |index| bounds(index).twice_centre();
+        let mut keys = morton::sorted(count, &finite(around), twice_centre);
+        let chunks = morton::cut(&mut keys, CHUNK, twice_centre);
+        // Split the chunks
+        let parts = parallel::map_chunks(&chunks, PART_CHUNKS, &|_, chunks| {
+            ClusterPart::of(&keys, chunks, bounds, cost)
+        });
+        Clusters { parts }
+    }
+
+    /// Returns the number of clusters.
+    pub(super) fn len(&self) -> usize {
+        self.parts.iter().map(ClusterPart::len).sum()
+    }
+
+    /// Returns the clusters in parts, each of which is little work.
+    pub(super) fn parts(&self) -> &[ClusterPart] {
+        &self.parts
+    }
+
+    /// Returns the members of each cluster, in an order in which near ones are close to each other.
+    pub(super) fn iter(&self) -> impl Iterator<Item = &[u32]> {
+        self.parts.iter().flat_map(ClusterPart::iter)
+    }
+}
+
+impl ClusterPart {
+    fn of(
+        keys: &SortedKeys,
+        chunks: &[MortonChunk],
+        bounds: impl Fn(usize) -> Box4,
+        cost: &Cost,
+    ) -> ClusterPart {
+        let mut members = Vec::with_capacity(chunks.iter().map(MortonChunk::len).sum());
+        let mut ends = Vec::new();
+        let mut splitter = ChunkSplitter::new(cost);
+        for chunk in chunks.iter().filter(|chunk| chunk.len() > 0) {
+            let number = |index| keys.number(chunk.first + index);
+            splitter.split_chunk(chunk.len(), |index| bounds(number(index)));
+            let first = members.len();
+            ends.extend(splitter.ends().iter().map(|end| (first + end) as u32));
+            members.extend(
+                splitter
+                    .order()
+                    .take(chunk.len())
+                    .map(|index| number(index) as u32),
+            );
         }
-        Clusters {
-            members: items.iter().map(|item| item.index).collect(),
-            ends: (1u32..)
-                .zip(&items)
-                .filter_map(|(end, item)| item.is_last().then_some(end))
-                .collect(),
-        }
+        ClusterPart { members, ends }
     }
 
     /// Returns the number of clusters.
@@ -64,7 +100,7 @@ impl Clusters {
         self.ends.len()
     }
 
-    /// Returns the members of each cluster, in an order in which near ones are close to each other.
+    /// Returns the members of each cluster.
     pub(super) fn iter(&self) -> impl Iterator<Item = &[u32]> {
         let mut start = 0;
         self.ends.iter().map(move |&end| {
@@ -73,6 +109,19 @@ impl Clusters {
             members
         })
     }
+}
+
+/// Returns a box whose coordinates are finite, and so are their sums and differences: infinite ones are moved to the
+/// ends of that range, and so is NaN.
+#[inline(always)]
+fn finite(bounds: &Box4) -> Box4 {
+    const MAX_COORDINATE: Vec3A = Vec3A::splat(f32::MAX / 8.0);
+    let [low, high] = [bounds.low, bounds.high].map(|corner| {
+        // NaN fails the comparison
+        let corner = Vec3A::select(corner.cmple(MAX_COORDINATE), corner, MAX_COORDINATE);
+        corner.max(-MAX_COORDINATE)
+    });
+    Box4 { low, high }
 }
 
 /// Returns the number of clusters that boxes, each given by its lowest and its highest corner, are grouped into at the
@@ -85,72 +134,12 @@ pub fn cluster_count(boxes: &[[Vec3; 2]], limit: u32) -> usize {
         member: 0.05,
         split: 1.0,
     };
-    Clusters::of(boxes.len(), |i| boxes[i as usize], &cost).len()
-}
-
-/// The octree cell of a box.
-#[derive(Clone, Copy, bytemuck::Zeroable)]
-struct ClusterKey {
-    /// The first [`KEY_DIGITS`] binary digits of its position along the curve.
-    cell: u32,
-    index: u32,
-}
-
-/// Number of binary digits of a cell's key: ten of each coordinate.
-const KEY_DIGITS: u32 = 30;
-
-impl ClusterKey {
-    fn new(item: &Item, curve: &MortonCurve) -> ClusterKey {
-        ClusterKey {
-            cell: (curve.code(item.midpoint()) >> (CODE_BITS - KEY_DIGITS)) as u32,
-            index: item.index,
-        }
-    }
-}
-
-/// Clusters the boxes in an octree cell, of which there is at least one, and marks the last member of every cluster.
-/// The boxes are those of `keys` out of `all`; their keys differ in the last `digits` alone. They are written to
-/// `items`, cluster by cluster.
-fn divide_cell(items: &mut [Item], keys: &mut [ClusterKey], all: &[Item], digits: u32, cost: &Cost) {
-    // Hand small sets, and sets in one finest cell, to the surface area heuristic
-    let Some(digits) = digits.checked_sub(1).filter(|_| keys.len() > CELL_COUNT) else {
-        for (item, key) in items.iter_mut().zip(&*keys) {
-            *item = all[key.index as usize];
-        }
-        return divide(items, cost, SPLIT_LIMIT);
+    let bounds = |index: usize| {
+        let [low, high] = boxes[index].map(Vec3A::from);
+        Box4 { low, high }
     };
-    // Partition by the next digit of the key
-    let split = part(keys, |key| key.cell >> digits & 1 == 0);
-    if split == 0 || split == keys.len() {
-        return divide_cell(items, keys, all, digits, cost);
-    }
-    let ((low, high), (low_keys, high_keys)) = (items.split_at_mut(split), keys.split_at_mut(split));
-    parallel::join(
-        || divide_cell(low, low_keys, all, digits, cost),
-        || divide_cell(high, high_keys, all, digits, cost),
-    );
-}
-
-/// Clusters a non-empty set, which it sorts, and marks the last member of every cluster.
-fn divide(items: &mut [Item], cost: &Cost, splits_left: u32) {
-    let Some(split) = split(items, cost, splits_left) else {
-        if let Some(last) = items.last_mut() {
-            last.last = 1;
-        }
-        return;
-    };
-    let is_large = items.len() >= PARALLEL_COUNT;
-    let (low, high) = items.split_at_mut(split);
-    let splits_left = splits_left.saturating_sub(1);
-    if is_large {
-        parallel::join(
-            || divide(low, cost, splits_left),
-            || divide(high, cost, splits_left),
-        );
-    } else {
-        divide(low, cost, splits_left);
-        divide(high, cost, splits_left);
-    }
+    let around = Box4::around(bytemuck::cast_slice(boxes));
+    Clusters::of(boxes.len(), &around, bounds, &cost).len()
 }
 
 #[cfg(test)]
@@ -186,13 +175,19 @@ mod tests {
     }
 
     fn of_boxes(boxes: &[Bounds], cost: &Cost) -> Clusters {
-        let bounds = |i: u32| [boxes[i as usize].min, boxes[i as usize].max].map(|corner| corner.as_vec3());
-        Clusters::of(boxes.len(), bounds, cost)
+        let corner = |p: DVec3| Vec3A::from(p.as_vec3());
+        let bounds = |i: usize| Box4 {
+            low: corner(boxes[i].min),
+            high: corner(boxes[i].max),
+        };
+        let mut around = Box4::EMPTY;
+        (0..boxes.len()).for_each(|i| around.add(&bounds(i)));
+        Clusters::of(boxes.len(), &around, bounds, cost)
     }
 
     /// Asserts that every primitive is in one cluster and no cluster is empty or too large.
     fn assert_parted(clusters: &Clusters, count: usize, limit: usize) {
-        let mut members = clusters.members.clone();
+        let mut members: Vec<u32> = clusters.iter().flatten().copied().collect();
         members.sort_unstable();
         assert!(members.into_iter().eq(0..count as u32));
         assert!(

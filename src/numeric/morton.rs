@@ -9,23 +9,19 @@ use crate::parallel;
 /// Number of binary digits of each coordinate.
 const BITS_PER_AXIS: u32 = 21;
 
-/// Number of binary digits of a Morton code.
-#[cfg(feature = "embree")]
-pub(crate) const CODE_BITS: u32 = 3 * BITS_PER_AXIS;
-
 /// Morton code of a point with its index.
 pub(crate) type MortonKey = (u64, u32);
 
 /// Morton curve through a cube.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct MortonCurve {
+struct MortonCurve {
     corner: DVec3,
     cells_per_unit: f64,
 }
 
 impl MortonCurve {
     /// Creates the curve through the smallest cube at the lower corner of `bounds` that encloses them.
-    pub(crate) fn around(bounds: &Bounds) -> MortonCurve {
+    fn around(bounds: &Bounds) -> MortonCurve {
         MortonCurve {
             corner: bounds.min,
             cells_per_unit: f64::from(1u32 << BITS_PER_AXIS) / bounds.extent().max_element(),
@@ -34,7 +30,7 @@ impl MortonCurve {
 
     /// Returns the Morton code of a finite position in the cube: a number of three times [`BITS_PER_AXIS`] bits.
     #[inline(always)]
-    pub(crate) fn code(&self, position: DVec3) -> u64 {
+    fn code(&self, position: DVec3) -> u64 {
         // In a cube of zero size all codes are 0: 0 · infinity is NaN, which is cast to 0.
         let cell = ((position - self.corner) * self.cells_per_unit).to_array();
         let [x, y, z] = cell.map(|x| (x as u64).min((1 << BITS_PER_AXIS) - 1));

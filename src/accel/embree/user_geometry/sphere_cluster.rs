@@ -4,10 +4,11 @@
 //! fewer primitives make a tree that is a level lower and eight times smaller, and the spheres of a cluster are loaded
 //! together. Clusters are numbered in the order of a tree, as their boxes will be in Embree's.
 
-use glam::DVec3;
+use glam::{DVec3, Vec3A};
 
 use crate::accel::NO_HIT;
 use crate::accel::clusters::{self, Cost};
+use crate::accel::morton::Box4;
 use crate::numeric::Bounds;
 use crate::shape::Sphere;
 
@@ -77,12 +78,15 @@ pub(super) struct SphereClusters {
 impl SphereClusters {
     /// Clusters world-space spheres, each with its instance index; also returns the instances that stay unclustered.
     pub(super) fn of(spheres: &[(u32, Sphere)]) -> (SphereClusters, Vec<u32>) {
-        let bounds = |i: u32| {
-            let Bounds { min, max } = spheres[i as usize].1.bounds();
-            [min.as_vec3(), max.as_vec3()]
+        let bounds = |i: usize| {
+            let Bounds { min, max } = spheres[i].1.bounds();
+            let [low, high] = [min, max].map(|corner| Vec3A::from(corner.as_vec3()));
+            Box4 { low, high }
         };
+        let mut around = Box4::EMPTY;
+        (0..spheres.len()).for_each(|i| around.add(&bounds(i)));
         // Group nearby spheres by the surface area heuristic
-        let found = clusters::Clusters::of(spheres.len(), bounds, &COST);
+        let found = clusters::Clusters::of(spheres.len(), &around, bounds, &COST);
         let mut unclustered = Vec::new();
         let mut clusters = SphereClusters {
             clusters: Vec::with_capacity(found.len()),

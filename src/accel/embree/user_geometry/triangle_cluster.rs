@@ -4,9 +4,16 @@
 //! separate triangles, and is projected once for all triangles that have it. Coincident vertices are merged even if the
 //! mesh has different indices for them.
 
-use crate::accel::clusters::{Clusters, Cost};
+use std::sync::{Arc, Mutex};
+
+use bytemuck::Zeroable;
+use glam::Vec3A;
+
+use crate::accel::clusters::{ClusterPart, Clusters, Cost};
 use crate::accel::embree::built_meshes::BuiltMeshes;
 use crate::accel::embree::origin_bound::OriginBound;
+use crate::accel::morton::Box4;
+use crate::buffer::BufferMut;
 use crate::mesh::Mesh;
 use crate::mesh::triangle::PACK;
 use crate::numeric::Bounds;
@@ -23,28 +30,29 @@ const COST: Cost = Cost {
     limit: MEMBERS as u32,
     visit: 1.0,
     member: 0.05,
-    split: 0.5,
+    split: 0.7,
 };
 /// Number of vertex blocks in the cluster's own record: few clusters have more than sixteen vertices, and a block
 /// elsewhere costs memory latency.
 const INLINE_BLOCKS: usize = 2;
-/// Number of clusters of a mesh built at a time, and number of parallel parts: the result of a part is copied once.
-const CHUNK: usize = 1 << 14;
-const PARTS: usize = 1 << 6;
+/// Number of slots of the hash table of a cluster's vertices, a power of two of which less than half are in use.
+const TABLE: usize = 64;
+/// Number of records that a task copies.
+const COPY_COUNT: usize = 1 << 10;
 
 /// Eight vertices by axis; unused slots repeat the first vertex of the cluster.
 pub(super) type TriangleBlock = [[f32; PACK]; 3];
 
 /// Up to sixteen triangles of one instance, with their first sixteen vertices: five cache lines, of which the last is
 /// read only for clusters that are hit.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(64))]
 struct BlockRecord {
     corners: [TriangleBlock; INLINE_BLOCKS],
     /// Vertex indices within the cluster, below `corner_count`, by vertex of the triangle and triangle.
     triangles: [[u8; MEMBERS]; 3],
-    corner_count: u8,
-    member_count: u8,
+    corner_count: u32,
+    member_count: u32,
     /// Index of the last block of vertices in the array shared by all clusters, if the cluster has such a block.
     last: u32,
     instance: u32,
@@ -75,13 +83,13 @@ impl<'p> TriangleCluster<'p> {
     /// Returns the number of triangles, at most [`MEMBERS`].
     #[inline(always)]
     pub(super) fn member_count(self) -> usize {
-        usize::from(self.record.member_count)
+        self.record.member_count as usize
     }
 
     /// Returns the number of vertices, at most [`CORNERS`].
     #[inline(always)]
     pub(super) fn corner_count(self) -> usize {
-        usize::from(self.record.corner_count)
+        self.record.corner_count as usize
     }
 
     /// Returns the first sixteen vertices, of which the second eight are meaningless if the cluster has at most eight.
@@ -127,105 +135,172 @@ impl<'p> TriangleCluster<'p> {
     }
 
     fn bounds(self) -> Bounds {
-        let corners = (0..self.corner_count()).map(|i| self.corner(i));
-        Bounds::of_points(corners.map(|corner| glam::Vec3::from(corner).as_dvec3()))
-    }
-}
-
-/// A cluster under construction.
-#[derive(Clone, Debug, Default)]
-struct ClusterBuilder {
-    corners: [[f32; CORNERS]; 3],
-    /// Vertex indices in the mesh; of coincident vertices, that of the first.
-    vertices: [u32; CORNERS],
-    triangles: [[u8; MEMBERS]; 3],
-    primitives: [u32; MEMBERS],
-    corner_count: u8,
-    member_count: u8,
-}
-
-impl ClusterBuilder {
-    /// Builds a cluster from the first of `members` that fit, and returns their number, at least one.
-    fn of_first(mesh: &Mesh, members: &[u32]) -> (ClusterBuilder, usize) {
-        let mut builder = ClusterBuilder::default();
-        let taken = members.iter().take(MEMBERS);
-        let taken = taken
-            .take_while(|&&primitive| builder.push(mesh, primitive))
-            .count();
-        // Fill unused slots with the first vertex
-        for row in &mut builder.corners {
-            let first = row[0];
-            row[usize::from(builder.corner_count)..].fill(first);
-        }
-        (builder, taken)
-    }
-
-    /// Adds a triangle; returns false, and changes nothing, if it has too many new vertices.
-    fn push(&mut self, mesh: &Mesh, primitive: u32) -> bool {
-        let member = usize::from(self.member_count);
-        let before = self.corner_count;
-        for (row, vertex) in mesh.triangles[primitive as usize].into_iter().enumerate() {
-            match self.add_corner(mesh, vertex) {
-                Some(corner) => self.triangles[row][member] = corner,
-                None => {
-                    // Undo the vertices of this triangle
-                    self.corner_count = before;
-                    for row in &mut self.triangles {
-                        row[member] = 0;
-                    }
-                    return false;
+        let [first, second] = &self.record.corners;
+        let mut bounds = Bounds::EMPTY;
+        for axis in 0..3 {
+            // Unused slots repeat the first vertex
+            let (mut low, mut high) = (first[axis], first[axis]);
+            for block in [Some(second), self.last].into_iter().flatten() {
+                for slot in 0..PACK {
+                    low[slot] = low[slot].min(block[axis][slot]);
+                    high[slot] = high[slot].max(block[axis][slot]);
                 }
             }
+            bounds.min[axis] = low.into_iter().fold(f32::INFINITY, f32::min).into();
+            bounds.max[axis] = high.into_iter().fold(f32::NEG_INFINITY, f32::max).into();
         }
-        self.primitives[member] = primitive;
-        self.member_count += 1;
-        true
+        bounds
+    }
+}
+
+/// Vertices of a cluster under construction.
+struct ClusterVertices {
+    positions: [[f32; 3]; CORNERS],
+    count: usize,
+    /// Hash table of positions with open addressing: vertex indices plus 1, and 0 in free slots.
+    table: [u8; TABLE],
+}
+
+impl ClusterVertices {
+    /// Adds the vertices of a triangle that are new, and returns the indices of all three; `None`, and changes nothing
+    /// but the table, if there are too many.
+    fn add_triangle(&mut self, corners: [[f32; 3]; 3]) -> Option<[u8; 3]> {
+        let before = self.count;
+        let mut indices = [0; 3];
+        for (index, corner) in indices.iter_mut().zip(corners) {
+            let Some(found) = self.add(corner) else {
+                self.count = before;
+                return None;
+            };
+            *index = found;
+        }
+        Some(indices)
     }
 
-    /// Returns the index of a vertex, adding it if it is new; `None` if the cluster is full.
-    // Look for the same index, then for the same position
-    fn add_corner(&mut self, mesh: &Mesh, vertex: u32) -> Option<u8> {
-        let known = &self.vertices[..usize::from(self.corner_count)];
-        if let Some(found) = known.iter().position(|&other| other == vertex) {
-            return Some(found as u8);
-        }
-        let position = mesh.positions[vertex as usize];
-        let same = |i: &u8| {
-            let i = usize::from(*i);
-            [0, 1, 2]
-                .iter()
-                .all(|&axis| self.corners[axis][i].to_bits() == position[axis].to_bits())
-        };
-        if let Some(found) = (0..self.corner_count).find(same) {
-            return Some(found);
+    /// Returns the index of a vertex, adding it if its position is new; `None` if the cluster is full.
+    #[inline(always)]
+    fn add(&mut self, position: [f32; 3]) -> Option<u8> {
+        // Search from the slot that the bits are hashed to
+        let [x, y, z] = position.map(f32::to_bits);
+        let hash = (x ^ y.rotate_left(11) ^ z.rotate_left(22)).wrapping_mul(0x9e37_79b1);
+        let mut slot = (hash >> (u32::BITS - TABLE.ilog2())) as usize;
+        while self.table[slot] != 0 {
+            let index = self.table[slot] - 1;
+            if self.positions[usize::from(index)].map(f32::to_bits) == [x, y, z] {
+                return Some(index);
+            }
+            slot = (slot + 1) % TABLE;
         }
         // Append a new vertex
-        let new = self.corner_count;
-        *self.vertices.get_mut(usize::from(new))? = vertex;
-        for axis in 0..3 {
-            self.corners[axis][usize::from(new)] = position[axis];
-        }
-        self.corner_count += 1;
-        Some(new)
+        *self.positions.get_mut(self.count)? = position;
+        self.count += 1;
+        self.table[slot] = self.count as u8;
+        Some(self.count as u8 - 1)
     }
 
     /// Returns the vertices of a block.
     fn block(&self, number: usize) -> TriangleBlock {
-        let mut block = [[0.0; PACK]; 3];
-        for (row, all) in block.iter_mut().zip(&self.corners) {
-            row.copy_from_slice(&all[PACK * number..PACK * (number + 1)]);
+        let positions = &self.positions[PACK * number..PACK * (number + 1)];
+        std::array::from_fn(|axis| std::array::from_fn(|slot| positions[slot][axis]))
+    }
+}
+
+impl BlockRecord {
+    /// Stores the first of `members` that fit, and returns their number, at least one; a block beyond those in the
+    /// record is appended to `blocks`. Every byte of the record must be zero.
+    fn fill(&mut self, mesh: &Mesh, members: &[u32], blocks: &mut Vec<TriangleBlock>) -> usize {
+        // Store the triangles
+        let mut vertices = ClusterVertices {
+            positions: [[0.0; 3]; CORNERS],
+            count: 0,
+            table: [0; TABLE],
+        };
+        let mut taken = 0;
+        for &primitive in members.iter().take(MEMBERS) {
+            let [a, b, c] = mesh.triangles[primitive as usize];
+            let at = |vertex: u32| mesh.positions[vertex as usize];
+            let Some(indices) = vertices.add_triangle([at(a), at(b), at(c)]) else {
+                break;
+            };
+            for (row, index) in self.triangles.iter_mut().zip(indices) {
+                row[taken] = index;
+            }
+            self.primitives[taken] = primitive;
+            taken += 1;
         }
-        block
+        // Store the vertices, with the first one in unused slots
+        let first = vertices.positions[0];
+        vertices.positions[vertices.count..].fill(first);
+        self.corners = [vertices.block(0), vertices.block(1)];
+        self.corner_count = vertices.count as u32;
+        self.member_count = taken as u32;
+        if self.has_last() {
+            // Below 2^32, as are triangle indices: seventeen vertices need at least six triangles.
+            self.last = blocks.len() as u32;
+            blocks.push(vertices.block(INLINE_BLOCKS));
+        }
+        taken
+    }
+
+    /// Returns whether a block of vertices lies elsewhere.
+    #[inline(always)]
+    fn has_last(&self) -> bool {
+        self.corner_count as usize > INLINE_BLOCKS * PACK
+    }
+
+    /// Moves the block that lies elsewhere, if there is one, behind `count` others.
+    fn move_last(&mut self, count: usize) {
+        if self.has_last() {
+            self.last += count as u32;
+        }
     }
 }
 
 /// All triangle clusters of an Embree scene, with the bound on its ray origins.
 #[derive(Debug, Default)]
 pub(in crate::accel) struct TriangleClusters {
-    records: Vec<BlockRecord>,
+    records: BufferMut<BlockRecord>,
+    /// Further clusters, of triangles whose vertices do not fit into the cluster that they were grouped into.
+    rest: Vec<BlockRecord>,
     /// Blocks of vertices beyond the sixteenth.
     blocks: Vec<TriangleBlock>,
     origin_bound: OriginBound,
+}
+
+/// Clusters of a mesh that one task builds.
+struct ClusterTask<'a> {
+    instance: u32,
+    mesh: &'a Mesh,
+    part: &'a ClusterPart,
+    /// Room for one record each.
+    records: &'a mut [BlockRecord],
+    rest: Vec<BlockRecord>,
+    /// Blocks of both, to which their records refer.
+    blocks: Vec<TriangleBlock>,
+}
+
+impl ClusterTask<'_> {
+    fn run(&mut self) {
+        for (record, members) in self.records.iter_mut().zip(self.part.iter()) {
+            record.instance = self.instance;
+            let mut taken = record.fill(self.mesh, members, &mut self.blocks);
+            // Open a further cluster if the vertices do not fit into one
+            while taken < members.len() {
+                let mut record = BlockRecord {
+                    instance: self.instance,
+                    ..BlockRecord::zeroed()
+                };
+                taken += record.fill(self.mesh, &members[taken..], &mut self.blocks);
+                self.rest.push(record);
+            }
+        }
+    }
+
+    /// Moves the blocks behind `count` others.
+    fn move_blocks(&mut self, count: usize) {
+        let records = self.records.iter_mut().chain(&mut self.rest);
+        records.for_each(|record| record.move_last(count));
+    }
 }
 
 impl TriangleClusters {
@@ -236,99 +311,117 @@ impl TriangleClusters {
         origin_bound: OriginBound,
         mesh_cache: Option<&BuiltMeshes<TriangleClusters>>,
     ) -> TriangleClusters {
-        let mut patches = TriangleClusters {
+        let clusters = match mesh_cache {
+            None => TriangleClusters::build(&meshes.collect::<Vec<_>>()),
+            Some(mesh_cache) => {
+                // Reuse the clusters of equal meshes; only the instance indices differ
+                let built = meshes.map(|(instance, mesh)| {
+                    let alone = || TriangleClusters::build(&[(instance, mesh)]);
+                    (instance, mesh_cache.of(mesh, alone))
+                });
+                TriangleClusters::joined(&built.collect::<Vec<_>>())
+            }
+        };
+        TriangleClusters {
             origin_bound,
-            ..TriangleClusters::default()
-        };
-        for (instance, mesh) in meshes {
-            // Reuse the clusters of an equal mesh; only the instance index differs
-            match mesh_cache {
-                None => patches.add(mesh, instance),
-                Some(mesh_cache) => {
-                    let alone = || {
-                        let mut alone = TriangleClusters::default();
-                        alone.add(mesh, instance);
-                        alone
-                    };
-                    patches.append(&mesh_cache.of(mesh, alone), instance);
+            ..clusters
+        }
+    }
+
+    /// Builds the clusters of meshes.
+    fn build(meshes: &[(u32, &Mesh)]) -> TriangleClusters {
+        // Group the triangles
+        let grouped: Vec<Clusters> = meshes.iter().map(|(_, mesh)| grouped(mesh)).collect();
+        let mut records = BufferMut::zeroed(grouped.iter().map(Clusters::len).sum());
+        // Build the clusters of each part in parallel, in place
+        let (mut tasks, mut room) = (Vec::new(), &mut records[..]);
+        for (&(instance, mesh), clusters) in meshes.iter().zip(&grouped) {
+            for part in clusters.parts() {
+                let (records, behind) = room.split_at_mut(part.len());
+                room = behind;
+                let (rest, blocks) = (Vec::new(), Vec::new());
+                tasks.push(Mutex::new(ClusterTask {
+                    instance,
+                    mesh,
+                    part,
+                    records,
+                    rest,
+                    blocks,
+                }));
+            }
+        }
+        let run = |work: &(dyn Fn(usize, &mut ClusterTask) + Sync)| {
+            parallel::for_each(tasks.len(), &|index| {
+                if let Ok(mut task) = tasks[index].lock() {
+                    work(index, &mut task);
                 }
-            }
-        }
-        patches.records.shrink_to_fit();
-        patches.blocks.shrink_to_fit();
-        patches
-    }
-
-    fn add(&mut self, mesh: &Mesh, instance: u32) {
-        let bounds = |primitive: u32| {
-            let [a, b, c] = mesh.corners(primitive);
-            [a.min(b).min(c), a.max(b).max(c)]
-        };
-        let found = Clusters::of(mesh.triangles.len(), bounds, &COST);
-        let clusters: Vec<&[u32]> = found.iter().collect();
-        self.records.reserve(clusters.len());
-        // Build the clusters of a chunk in parallel and append them in order
-        for chunk in clusters.chunks(CHUNK) {
-            let parts = parallel::map_chunks(chunk, CHUNK / PARTS, &|_, clusters| {
-                TriangleClusters::of_clusters(mesh, instance, clusters)
             });
-            parts.iter().for_each(|part| self.append(part, instance));
-        }
-    }
-
-    fn of_clusters(mesh: &Mesh, instance: u32, clusters: &[&[u32]]) -> TriangleClusters {
-        let mut patches = TriangleClusters::default();
-        patches.records.reserve(clusters.len());
-        for mut rest in clusters.iter().copied() {
-            // Open a further cluster if the vertices do not fit into one
-            while !rest.is_empty() {
-                let (builder, taken) = ClusterBuilder::of_first(mesh, rest);
-                patches.push(&builder, instance);
-                rest = &rest[taken..];
-            }
-        }
-        patches
-    }
-
-    /// Appends the clusters of `part`, as triangles of `instance`.
-    fn append(&mut self, part: &TriangleClusters, instance: u32) {
-        let block_count = self.blocks.len() as u32;
-        let moved = |record: &BlockRecord| BlockRecord {
-            last: block_count + record.last,
-            instance,
-            ..record.clone()
         };
-        self.records.extend(part.records.iter().map(moved));
-        self.blocks.extend_from_slice(&part.blocks);
+        run(&|_, task| task.run());
+        // Join the blocks, then the clusters that do not lie in place
+        let mut starts = Vec::with_capacity(tasks.len());
+        let mut blocks = Vec::new();
+        for mut task in tasks.iter().filter_map(|task| task.lock().ok()) {
+            starts.push(blocks.len());
+            blocks.append(&mut task.blocks);
+        }
+        run(&|index, task| task.move_blocks(starts[index]));
+        let tasks = tasks.into_iter().filter_map(|task| task.into_inner().ok());
+        let rest = tasks.flat_map(|task| task.rest).collect();
+        TriangleClusters {
+            records,
+            rest,
+            blocks,
+            origin_bound: OriginBound::default(),
+        }
     }
 
-    fn push(&mut self, builder: &ClusterBuilder, instance: u32) {
-        self.records.push(BlockRecord {
-            corners: [builder.block(0), builder.block(1)],
-            triangles: builder.triangles,
-            corner_count: builder.corner_count,
-            member_count: builder.member_count,
-            // Below 2^32, as are triangle indices: seventeen vertices need at least six triangles.
-            last: self.blocks.len() as u32,
-            instance,
-            primitives: builder.primitives,
-        });
-        if usize::from(builder.corner_count) > INLINE_BLOCKS * PACK {
-            self.blocks.push(builder.block(INLINE_BLOCKS));
+    /// Joins the clusters of meshes, as triangles of the given instances.
+    fn joined(built: &[(u32, Arc<TriangleClusters>)]) -> TriangleClusters {
+        let mut records = BufferMut::zeroed(built.iter().map(|(_, clusters)| clusters.records.len()).sum());
+        let (mut rest, mut blocks) = (Vec::new(), Vec::new());
+        let mut first = 0;
+        for (instance, clusters) in built {
+            let block_count = blocks.len();
+            let moved = |record: &BlockRecord| {
+                let mut record = *record;
+                record.instance = *instance;
+                record.move_last(block_count);
+                record
+            };
+            // Copy the records in parallel
+            let from = &clusters.records[..];
+            let to = &mut records[first..first + from.len()];
+            parallel::for_each_chunk_mut(to, COPY_COUNT, &|chunk, to| {
+                for (to, record) in to.iter_mut().zip(&from[chunk * COPY_COUNT..]) {
+                    *to = moved(record);
+                }
+            });
+            first += from.len();
+            rest.extend(clusters.rest.iter().map(moved));
+            blocks.extend_from_slice(&clusters.blocks);
+        }
+        TriangleClusters {
+            records,
+            rest,
+            blocks,
+            origin_bound: OriginBound::default(),
         }
     }
 
     /// Returns the number of clusters.
     pub(super) fn len(&self) -> usize {
-        self.records.len()
+        self.records.len() + self.rest.len()
     }
 
     /// Returns one cluster, if the index is in range.
     #[inline(always)]
     pub(super) fn get(&self, index: usize) -> Option<TriangleCluster<'_>> {
-        let record = self.records.get(index)?;
-        let has_more = usize::from(record.corner_count) > INLINE_BLOCKS * PACK;
-        let last = match has_more {
+        let record = match self.records.get(index) {
+            Some(record) => record,
+            None => self.rest.get(index - self.records.len())?,
+        };
+        let last = match record.has_last() {
             true => Some(self.blocks.get(record.last as usize)?),
             false => None,
         };
@@ -342,9 +435,23 @@ impl TriangleClusters {
 
     /// Returns the number of bytes on the heap.
     pub(in crate::accel) fn byte_count(&self) -> u64 {
-        (self.records.capacity() * size_of::<BlockRecord>()
-            + self.blocks.capacity() * size_of::<TriangleBlock>()) as u64
+        (self.len() * size_of::<BlockRecord>() + self.blocks.len() * size_of::<TriangleBlock>()) as u64
     }
+}
+
+/// Groups the triangles of a mesh.
+fn grouped(mesh: &Mesh) -> Clusters {
+    let bounds = |primitive: usize| {
+        let [a, b, c] = mesh.triangles[primitive];
+        let at = |vertex: u32| Vec3A::from(mesh.positions[vertex as usize]);
+        let (a, b, c) = (at(a), at(b), at(c));
+        Box4 {
+            low: a.min(b).min(c),
+            high: a.max(b).max(c),
+        }
+    };
+    let around = Box4::around(&mesh.positions);
+    Clusters::of(mesh.triangles.len(), &around, bounds, &COST)
 }
 
 #[cfg(test)]
@@ -458,12 +565,12 @@ mod tests {
         let positions = (0..16).flat_map(|i| first.map(|[x, y, z]| [x, y, z + i as f32]));
         let triangles = (0..16).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
         let stack = mesh(positions.collect(), triangles.collect());
-        let members: Vec<u32> = (0..16).collect();
-        let (builder, taken) = ClusterBuilder::of_first(&stack, &members);
+        let clusters = patches_of(&stack);
+        let first = clusters.get(0).unwrap();
         assert_eq!(
-            (taken, builder.member_count, usize::from(builder.corner_count)),
-            (8, 8, CORNERS)
+            (clusters.len(), first.member_count(), first.corner_count()),
+            (2, 8, CORNERS)
         );
-        assert_whole(&patches_of(&stack), &stack);
+        assert_whole(&clusters, &stack);
     }
 }

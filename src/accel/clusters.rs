@@ -133,6 +133,7 @@ pub fn cluster_count(boxes: &[[Vec3; 2]], limit: u32) -> usize {
         visit: 1.0,
         member: 0.05,
         split: 1.0,
+        whole_limit: u32::MAX,
     };
     let bounds = |index: usize| {
         let [low, high] = boxes[index].map(Vec3A::from);
@@ -154,6 +155,7 @@ mod tests {
         visit: 1.0,
         member: 0.05,
         split: 1.0,
+        whole_limit: u32::MAX,
     };
 
     /// Returns point `i` of a sequence that fills the unit cube evenly (Weyl's sequence on the plastic number's

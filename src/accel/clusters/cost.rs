@@ -11,15 +11,20 @@ pub(in crate::accel) struct Cost {
     pub(in crate::accel) member: f32,
     /// Cost of one further split in the tree.
     pub(in crate::accel) split: f32,
+    /// Maximum number of clusters of a set that are counted as whole ones; not 0. Those of a larger set are in proportion
+    /// to its members: clusters are less full then, and smaller.
+    pub(in crate::accel) whole_limit: u32,
 }
 
 impl Cost {
     /// Returns the cost of testing `count` members, at least one, relative to the probability of reaching them.
-    ///
-    /// A set that exceeds a cluster is taken to fill clusters to the same degree at any size: whole numbers of clusters
-    /// would favour splits that fill some and leave others nearly empty.
     pub(super) fn of(&self, count: usize) -> f32 {
-        let count = count as f32;
-        (count / self.limit as f32).max(1.0) * self.visit + count * self.member
+        let clusters = count as f32 / self.limit as f32;
+        let clusters = if clusters <= self.whole_limit as f32 {
+            clusters.ceil()
+        } else {
+            clusters
+        };
+        clusters * self.visit + count as f32 * self.member
     }
 }

@@ -70,3 +70,39 @@ fn first_at_or_above(keys: &SortedKeys, range: MortonChunk, code: u64) -> usize 
     }
     low
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accel::morton::{Box4, sorted};
+
+    #[test]
+    fn far_primitive_does_not_put_the_others_into_one_cell() {
+        // A row of a thousand points, in an order of its own, and one at a distance of which a cell is longer than it.
+        let centre = |i: usize| Vec3A::X * if i == 7 { 1e9 } else { (i * 389 % 1009) as f32 };
+        let mut around = Box4::EMPTY;
+        (0..1009).for_each(|i| around.add_point(centre(i)));
+        let mut keys = sorted(1009, &around, |i| 2.0 * centre(i));
+        let chunks = cut(&mut keys, 32, |i| 2.0 * centre(i));
+        assert!(chunks.iter().all(|chunk| (1..=32).contains(&chunk.len())));
+        let order: Vec<f32> = (0..1009)
+            .map(|position| centre(keys.number(position)).x)
+            .collect();
+        assert!(order.is_sorted());
+        assert_eq!((chunks[0].first, chunks[chunks.len() - 1].end), (0, 1009));
+    }
+
+    #[test]
+    fn primitives_with_one_centre_are_cut_into_full_chunks() {
+        let centre = |_: usize| Vec3A::ONE;
+        let around = Box4::around(&[[1.0; 3]]);
+        let mut keys = sorted(1000, &around, centre);
+        let lengths: Vec<usize> = cut(&mut keys, 64, centre).iter().map(MortonChunk::len).collect();
+        assert_eq!(lengths.iter().sum::<usize>(), 1000);
+        assert!(
+            lengths[..lengths.len() - 1]
+                .iter()
+                .all(|length| length % FULL == 0)
+        );
+    }
+}

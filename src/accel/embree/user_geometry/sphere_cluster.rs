@@ -22,6 +22,7 @@ const COST: Cost = Cost {
     visit: 1.0,
     member: 0.05,
     split: 1.0,
+    whole_limit: u32::MAX,
 };
 /// Least number of spheres in a cluster; fewer would take more memory than as primitives of their own.
 const MIN_MEMBERS: usize = 3;

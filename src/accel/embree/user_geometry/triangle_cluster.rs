@@ -31,6 +31,7 @@ const COST: Cost = Cost {
     visit: 1.0,
     member: 0.05,
     split: 0.7,
+    whole_limit: 1,
 };
 /// Number of vertex blocks in the cluster's own record: few clusters have more than sixteen vertices, and a block
 /// elsewhere costs memory latency.

@@ -85,7 +85,7 @@ impl Axis {
 
     /// Returns the bin of a box by its centre.
     fn bin_of(&self, bounds: &Box4) -> usize {
-        let twice_centre = bounds.low[self.axis] + bounds.high[self.axis];
+        let twice_centre = bounds.twice_centre()[self.axis];
         (((twice_centre - self.origin) * self.scale) as usize).min(BINS - 1)
     }
 }

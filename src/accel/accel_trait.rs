@@ -16,10 +16,10 @@ pub trait Accel: Send + Sync {
     /// Marks every active lane as blocked whose ray hits anything within its interval.
     fn occluded(&self, packets: &mut [RayPacket], order: Coherence);
 
-    /// Marks blocked lanes as [`Accel::occluded`] does, for coherent rays that all end at `target` up to rounding, such
-    /// as shadow rays to a point light: their parameter at `target` is `t_far` or slightly more.
-    fn occluded_from_target(&self, packets: &mut [RayPacket], target: Vec3) {
-        let _ = target;
+    /// Marks blocked lanes as [`Accel::occluded`] does, for coherent rays that have their end in common, such as shadow
+    /// rays to a light.
+    fn occluded_towards(&self, packets: &mut [RayPacket], end: RayEnd) {
+        let _ = end;
         self.occluded(packets, Coherence::Coherent);
     }
 
@@ -37,6 +37,18 @@ pub trait Accel: Send + Sync {
 pub(crate) const BATCH: usize = 16;
 /// Largest number of packets that an [`Accel::batch`] may have.
 pub(crate) const MAX_BATCH: usize = 64;
+
+/// Where rays of a query lead that have it in common, in world space. It changes the speed of the query, and which rays
+/// it may change by rounding.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RayEnd {
+    /// Point in metres at which all rays end, up to rounding, such as a point light: their parameter there is `t_far` or
+    /// slightly more.
+    Point(Vec3),
+    /// Direction of all rays, not normalised, such as that to a directional light. Rays whose direction differs in any
+    /// component are traced correctly, but slowly.
+    Direction(Vec3),
+}
 
 /// Coherence hint for the rays of a packet. It changes the speed, never the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

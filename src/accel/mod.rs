@@ -1,7 +1,7 @@
 //! Ray-scene intersection for packets of rays: nearest hit and occlusion, by one of five backends with equal results.
 //!
 //! * `embree`: the system's Embree, with shapes and instances as user geometry.
-//! * [`native`]: a bounding volume hierarchy in Rust for groups of rays with a common origin.
+//! * [`native`]: a bounding volume hierarchy in Rust for groups of rays with a common origin, end or direction.
 //! * [`auto`]: the sooner of these two for each kind of ray, by forecast.
 //! * [`bsp`]: an axis-aligned BSP tree, in Rust.
 //! * [`brute`]: a loop over every primitive, the reference for tests.
@@ -39,7 +39,7 @@ mod report;
 mod scene_stats;
 mod shape_query;
 
-pub use accel_trait::{Accel, Coherence};
+pub use accel_trait::{Accel, Coherence, RayEnd};
 pub(crate) use accel_trait::{BATCH, MAX_BATCH};
 pub use build::{build, identity};
 #[cfg(feature = "embree")]

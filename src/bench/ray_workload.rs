@@ -2,11 +2,11 @@
 
 use std::fmt;
 
-use glam::{DVec3, Vec3};
+use glam::DVec3;
 use serde::Serialize;
 
 use super::options::MeasuredScene;
-use crate::accel::{Accel, Coherence, LANES, RayPacket};
+use crate::accel::{Accel, Coherence, LANES, RayEnd, RayPacket};
 use crate::numeric::{Bounds, Ray, SplitMix64};
 use crate::render;
 
@@ -46,8 +46,8 @@ pub(super) struct RayWorkload {
     pub(super) packets: Vec<RayPacket>,
     /// Number of active lanes of all packets.
     pub(super) ray_count: u64,
-    /// Point at which all shadow rays end, if they have one light that is a point.
-    target: Option<Vec3>,
+    /// End of all shadow rays, if they have one light that is a point or a direction.
+    end: Option<RayEnd>,
 }
 
 impl RayWorkload {
@@ -84,7 +84,7 @@ impl RayWorkload {
         RayWorkload {
             kind,
             ray_count: packets.iter().map(active).sum(),
-            target: common_target(&packets).filter(|_| kind == RayKind::Shadow),
+            end: common_end(&packets).filter(|_| kind == RayKind::Shadow),
             packets,
         }
     }
@@ -129,8 +129,8 @@ impl RayWorkload {
 
     /// Traces packets of the set, or copies of them, as the renderer would.
     pub(super) fn trace(&self, accel: &dyn Accel, packets: &mut [RayPacket]) {
-        match (self.kind, self.target) {
-            (RayKind::Shadow, Some(target)) => accel.occluded_from_target(packets, target),
+        match (self.kind, self.end) {
+            (RayKind::Shadow, Some(end)) => accel.occluded_towards(packets, end),
             (RayKind::Shadow, None) => accel.occluded(packets, self.order()),
             _ => accel.intersect(packets, self.order()),
         }
@@ -145,8 +145,9 @@ impl RayWorkload {
     }
 }
 
-/// Returns the point at which all rays end, up to the rounding of their directions.
-fn common_target(packets: &[RayPacket]) -> Option<Vec3> {
+/// Returns the point at which all rays end, up to the rounding of their directions, or the direction of all, if they have
+/// no end.
+fn common_end(packets: &[RayPacket]) -> Option<RayEnd> {
     // Twice the rounding of a direction, relative to the origin and the target
     const TOLERANCE: f64 = 2.0 * f32::EPSILON as f64;
     let rays = || {
@@ -156,13 +157,20 @@ fn common_target(packets: &[RayPacket]) -> Option<Vec3> {
         };
         packets.iter().flat_map(of_packet)
     };
+    // Compare the directions of unbounded rays
+    let first = rays().next()?;
+    if first.t_far == f32::INFINITY {
+        let is_parallel = rays().all(|ray| ray.direction == first.direction);
+        return is_parallel.then_some(RayEnd::Direction(first.direction));
+    }
+    // Compare the ends of the others
     let end = |ray: &Ray| ray.at(f64::from(ray.t_far));
-    let target = end(&rays().next()?);
+    let target = end(&first);
     let ends_there = |ray: Ray| {
         let size = ray.origin.as_dvec3().abs().max(target.abs()).max_element();
         (end(&ray) - target).abs().max_element() <= TOLERANCE * size
     };
-    (target.is_finite() && rays().all(ends_there)).then(|| target.as_vec3())
+    (target.is_finite() && rays().all(ends_there)).then(|| RayEnd::Point(target.as_vec3()))
 }
 
 /// Gives inactive lanes an empty interval: on a processor with packets of at most eight lanes, Embree decides by the
@@ -203,6 +211,7 @@ fn random_ray(bounds: &Bounds, random: &mut SplitMix64) -> Ray {
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3;
 
     use super::*;
 

@@ -4,15 +4,13 @@
 //! finished as soon as everything left lies deeper than its hits. Packets in tiles with too many objects are traced by
 //! another backend, as are rays that are not the camera's.
 
-use glam::Vec3;
-
 use super::hull::HullPoints;
 use super::kind::BoundingVolumeKind;
 use super::list::{Count, ListAccel, PrimitiveSearch, Tally};
 use super::projection::{ScreenBounds, ScreenBox};
 use super::volumes::BoundingVolumes;
 
-use crate::accel::{Accel, AccelPart, AccelReport, Coherence, Query, RayPacket};
+use crate::accel::{Accel, AccelPart, AccelReport, Coherence, Query, RayEnd, RayPacket};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
 use crate::numeric::LANES;
 use crate::parallel;
@@ -171,8 +169,8 @@ impl Accel for TileCulledAccel<'_, '_> {
         self.inner.occluded(packets, order);
     }
 
-    fn occluded_from_target(&self, packets: &mut [RayPacket], target: Vec3) {
-        self.inner.occluded_from_target(packets, target);
+    fn occluded_towards(&self, packets: &mut [RayPacket], end: RayEnd) {
+        self.inner.occluded_towards(packets, end);
     }
 
     fn batch(&self) -> usize {

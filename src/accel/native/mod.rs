@@ -1,8 +1,9 @@
-//! Backend on a bounding volume hierarchy of our own, which groups of rays with a common origin traverse together.
+//! Backend on a bounding volume hierarchy of our own, which groups of rays with a common origin, end or direction traverse
+//! together.
 //!
-//! The tree holds the triangles of all baked meshes. Camera rays of a pinhole, and shadow rays to a point,
-//! traverse it in groups of up to 1024 (`group`); all others one at a time (`single`). Shapes and instanced meshes
-//! are left to a BSP, and infinite planes are tested last.
+//! The tree holds the triangles of all baked meshes. Camera rays of a pinhole, and shadow rays to a point or a direction,
+//! traverse it in groups of up to 1024 (`group`); all others one at a time (`single`). Shapes and instanced meshes are
+//! left to a BSP, and infinite planes are tested last.
 
 mod build;
 mod group;
@@ -18,7 +19,7 @@ use super::bsp::BspAccel;
 use super::planes::Planes;
 use super::{
     Accel, AccelError, AccelOptions, AccelPart, AccelReport, Coherence, Kernel, LANES, MAX_BATCH, NO_HIT,
-    Query, RayPacket,
+    Query, RayEnd, RayPacket,
 };
 use crate::mesh::Mesh;
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch};
@@ -165,11 +166,11 @@ impl Accel for NativeAccel<'_> {
         self.occlude_others(packets, order);
     }
 
-    fn occluded_from_target(&self, packets: &mut [RayPacket], target: Vec3) {
+    fn occluded_towards(&self, packets: &mut [RayPacket], end: RayEnd) {
         if self.kernel == Kernel::Single {
             return self.occluded(packets, Coherence::Coherent);
         }
-        group::occluded(&self.triangles, packets, target);
+        group::occluded(&self.triangles, packets, end);
         self.occlude_others(packets, Coherence::Coherent);
     }
 

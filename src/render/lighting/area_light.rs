@@ -170,7 +170,7 @@ impl ShadingState<'_, '_> {
         }
         let (packet, payload) = self.shadow_queue.next();
         if direct::sample_direct_area(arrivals, lit, packet, &mut payload.radiance) {
-            self.shadow_queue.set_target(None);
+            self.shadow_queue.set_end(None);
             self.commit_shadow_rays::<false>(traced, casts);
         }
     }

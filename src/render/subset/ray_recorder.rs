@@ -2,12 +2,10 @@
 
 use std::sync::Mutex;
 
-use glam::Vec3;
-
 use super::super::driver::render;
 use super::super::monitor::Monitor;
 use super::super::settings::RenderSettings;
-use crate::accel::{Accel, AccelReport, Coherence, MAX_BATCH, RayPacket};
+use crate::accel::{Accel, AccelReport, Coherence, MAX_BATCH, RayEnd, RayPacket};
 use crate::parallel;
 use crate::scene::{Camera, ValidScene};
 
@@ -76,9 +74,9 @@ impl Accel for Recorder<'_> {
         self.accel.occluded(packets, order);
     }
 
-    fn occluded_from_target(&self, packets: &mut [RayPacket], target: Vec3) {
+    fn occluded_towards(&self, packets: &mut [RayPacket], end: RayEnd) {
         self.keep(|rays| &mut rays.shadow, packets);
-        self.accel.occluded_from_target(packets, target);
+        self.accel.occluded_towards(packets, end);
     }
 
     /// Returns the largest batch, so that rays are recorded in an order that serves every backend.

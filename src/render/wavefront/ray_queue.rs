@@ -2,14 +2,12 @@
 //!
 //! Memory is reused from tile to tile; packets are refilled instead of allocated.
 
-use glam::Vec3;
-
 use super::super::aov::LightSource;
 use super::super::film::with_step;
 use super::super::profile::{Accounts, Category, Memory, RayTypeCounts};
 use super::super::settings::RenderSettings;
 use super::path_state::{CameraPaths, InteriorArray, PathState, PathStatePacket, PathStates};
-use crate::accel::{MAX_BATCH, RayPacket};
+use crate::accel::{MAX_BATCH, RayEnd, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::InteriorStack;
 use crate::scene::EffectSet;
@@ -282,8 +280,8 @@ pub(in crate::render) struct ShadowQueue {
     capacity: usize,
     /// Light that each packet is sent to; not written in scenes with plain effects only.
     sources: [LightSource; MAX_BATCH],
-    /// Point at which all rays of a packet end, if there is one.
-    targets: [Option<Vec3>; MAX_BATCH],
+    /// End that all rays of a packet have in common, if there is one.
+    ends: [Option<RayEnd>; MAX_BATCH],
 }
 
 /// Pixels that a packet of shadow rays contributes to, and its unoccluded radiance.
@@ -308,7 +306,7 @@ impl ShadowQueue {
             count: 0,
             capacity: capacity.min(MAX_BATCH),
             sources: [LightSource::Emission; MAX_BATCH],
-            targets: [None; MAX_BATCH],
+            ends: [None; MAX_BATCH],
         })
     }
 
@@ -340,14 +338,14 @@ impl ShadowQueue {
         self.sources
     }
 
-    /// Sets the point at which all rays of the packet committed next end, if there is one.
-    pub(in crate::render) fn set_target(&mut self, target: Option<Vec3>) {
-        self.targets[self.count] = target;
+    /// Sets the end that all rays of the packet committed next have in common, if there is one.
+    pub(in crate::render) fn set_end(&mut self, end: Option<RayEnd>) {
+        self.ends[self.count] = end;
     }
 
     /// Returns the common end of the rays of each packet.
-    pub(in crate::render) fn targets(&self) -> [Option<Vec3>; MAX_BATCH] {
-        self.targets
+    pub(in crate::render) fn ends(&self) -> [Option<RayEnd>; MAX_BATCH] {
+        self.ends
     }
 
     /// Adds the packet last written to the queue.

@@ -12,9 +12,9 @@ use super::path_state::{PathState, PathStatePacket};
 use super::ray_queue::{Paths, RayWorkItem};
 use super::shading_state::ShadingState;
 use super::traced_packet::{BatchInfo, TracedPacket};
-use crate::accel::{Accel, Coherence, MAX_BATCH, NO_HIT, RayPacket};
+use crate::accel::{Accel, Coherence, MAX_BATCH, NO_HIT, RayEnd, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
-use crate::scene::{Effect, EffectSet};
+use crate::scene::{Effect, EffectSet, Light, LightKind};
 
 impl ShadingState<'_, '_> {
     /// Shades the hits and misses of traced packets: adds radiance to the film and queues shadow rays and secondary
@@ -237,8 +237,7 @@ impl ShadingState<'_, '_> {
             // Queue shadow rays to a punctual light
             let (packet, payload) = self.shadow_queue.next();
             if direct::sample_direct(light, lit, packet, &mut payload.radiance) {
-                let target = light.position().map(|position| position.as_vec3());
-                self.shadow_queue.set_target(target);
+                self.shadow_queue.set_end(common_end(light));
                 self.commit_shadow_rays::<BASIC>(traced, casts);
             }
         }
@@ -331,7 +330,7 @@ impl ShadingState<'_, '_> {
         if self.effects::<BASIC>().has(Effect::TransparentShadow) {
             return self.trace_transparent_shadow_rays(order);
         }
-        let (sources, targets) = (self.shadow_queue.sources(), self.shadow_queue.targets());
+        let (sources, ends) = (self.shadow_queue.sources(), self.shadow_queue.ends());
         let (packets, payloads) = self.shadow_queue.drain();
         if packets.is_empty() {
             return;
@@ -343,7 +342,7 @@ impl ShadingState<'_, '_> {
             let labels_and_accounts =
                 |index: usize| (&payloads[index].pixel, Accounts::All(Category::Shadow));
             let traced = self.meter.trace(packets, labels_and_accounts, |packets| {
-                occlude(accel, packets, &targets, order);
+                occlude(accel, packets, &ends, order);
             });
             self.meter.ledger.book(Category::Shadow, traced);
         }
@@ -368,34 +367,45 @@ impl ShadingState<'_, '_> {
     }
 }
 
-/// Marks the blocked lanes of packets, of which those with the same target are traced together.
+/// Returns the end that all shadow rays to a light have in common.
+fn common_end(light: &Light) -> Option<RayEnd> {
+    match light.kind {
+        LightKind::Directional { to_light } => Some(RayEnd::Direction(to_light.as_vec3())),
+        LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
+            Some(RayEnd::Point(position.as_vec3()))
+        }
+        LightKind::Area { .. } => None,
+    }
+}
+
+/// Marks the blocked lanes of packets, of which those with the same end are traced together.
 fn occlude(
     accel: &dyn Accel,
     packets: &mut [RayPacket],
-    targets: &[Option<Vec3>; MAX_BATCH],
+    ends: &[Option<RayEnd>; MAX_BATCH],
     order: Coherence,
 ) {
-    let mut targets = *targets;
-    let targets = &mut targets[..packets.len()];
+    let mut ends = *ends;
+    let ends = &mut ends[..packets.len()];
     let mut places: [usize; MAX_BATCH] = std::array::from_fn(|index| index);
     let mut first = 0;
     while first < packets.len() {
-        // Move the packets with the target of the first behind it
-        let target = targets[first];
-        let mut end = first;
+        // Move the packets with the end of the first behind it
+        let end = ends[first];
+        let mut next = first;
         for index in first..packets.len() {
-            if targets[index] == target {
-                packets.swap(index, end);
-                targets.swap(index, end);
-                places.swap(index, end);
-                end += 1;
+            if ends[index] == end {
+                packets.swap(index, next);
+                ends.swap(index, next);
+                places.swap(index, next);
+                next += 1;
             }
         }
-        match target.filter(|_| order == Coherence::Coherent) {
-            Some(target) => accel.occluded_from_target(&mut packets[first..end], target),
-            None => accel.occluded(&mut packets[first..end], order),
+        match end.filter(|_| order == Coherence::Coherent) {
+            Some(end) => accel.occluded_towards(&mut packets[first..next], end),
+            None => accel.occluded(&mut packets[first..next], order),
         }
-        first = end;
+        first = next;
     }
     // Return all packets to their places
     for index in 0..packets.len() {

@@ -11,7 +11,7 @@ use whit::accel::brute::BruteAccel;
 use whit::accel::bsp::BspAccel;
 use whit::accel::hit_compare::{HitComparison, compare_occlusion_with_instancing, compare_with_instancing};
 use whit::accel::native::NativeAccel;
-use whit::accel::{Accel, AccelOptions, Coherence, Hit, Instancing, Kernel, LANES, RayPacket};
+use whit::accel::{Accel, AccelOptions, Coherence, Hit, Instancing, Kernel, LANES, RayEnd, RayPacket};
 use whit::numeric::Ray;
 use whit::scene::{Geometry, Scene};
 use whit::shape::{Implicit, Shape};
@@ -170,16 +170,19 @@ fn judge(
     tally
 }
 
-/// Traces shadow rays from their common target, and counts the differences.
-fn judge_from_target(scene: &Scene, truth: &[bool], accel: &dyn Accel, rays: &[Ray]) -> Tally {
+/// Traces shadow rays that have their end in common, and counts the differences.
+fn judge_towards(scene: &Scene, truth: &[bool], accel: &dyn Accel, rays: &[Ray]) -> Tally {
     let mut tally = Tally::default();
     let Some(first) = rays.first() else { return tally };
-    let target = first.at(1.0).as_vec3();
+    let end = match first.t_far {
+        f32::INFINITY => RayEnd::Direction(first.direction),
+        _ => RayEnd::Point(first.at(1.0).as_vec3()),
+    };
     // A group must not see what a larger one has left behind.
     for batch in [64, 8, 1] {
-        let found = blocked_by((rays, batch), &|chunk| accel.occluded_from_target(chunk, target));
+        let found = blocked_by((rays, batch), &|chunk| accel.occluded_towards(chunk, end));
         for ((ray, &a), b) in rays.iter().zip(truth).zip(found) {
-            // Traced from the other end, a ray is rounded elsewhere, as between native instances.
+            // Traced in the frame of its group, a ray is rounded elsewhere, as between native instances.
             let compared = compare_occlusion_with_instancing(scene, ray, [a, b], Instancing::Native);
             tally.add(compared, || format!("{ray:?}: blocked {a} but {b}"));
         }
@@ -200,12 +203,16 @@ fn batches(
         .map(|hit| hit.map(|h| h.t))
         .collect();
     let shadow = scenes::shadow_rays(scene, &camera, &hits);
+    let along_axis = scenes::parallel_shadow_rays(&camera, &hits, DVec3::Y);
+    let along_direction = scenes::parallel_shadow_rays(&camera, &hits, DVec3::new(0.3, 0.8, -0.52));
     let random = scenes::random_rays(scene, count, 17);
     let lattice = scenes::lattice_rays(scene, count, 23);
     let mixed = shuffled(&[&camera[..film], &random[..film], &lattice[..film]].concat(), 29);
     vec![
         ("camera", Coherence::Coherent, camera),
         ("shadow", Coherence::Coherent, shadow),
+        ("shadow along an axis", Coherence::Coherent, along_axis),
+        ("shadow along a direction", Coherence::Coherent, along_direction),
         ("random", Coherence::Incoherent, random),
         ("lattice", Coherence::Incoherent, lattice),
         ("by octant", Coherence::Coherent, by_octant(&mixed)),
@@ -236,11 +243,9 @@ fn compare_all(name: &str, scene: &Scene, film: usize, count: usize) -> (usize, 
                 judge(scene, (&hits, &shadows), (name, accel.as_ref()), &rays, order),
                 kind,
             );
-            if kind == "shadow" {
-                sum.merge(
-                    judge_from_target(scene, &shadows, accel.as_ref(), &rays),
-                    "from target",
-                );
+            if kind.starts_with("shadow") {
+                let towards = judge_towards(scene, &shadows, accel.as_ref(), &rays);
+                sum.merge(towards, &format!("{kind}, towards"));
             }
         }
     }

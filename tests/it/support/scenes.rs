@@ -389,6 +389,16 @@ pub fn shadow_rays(scene: &Scene, rays: &[Ray], hits: &[Option<f32>]) -> Vec<Ray
     rays.iter().zip(hits).filter_map(from).collect()
 }
 
+/// Returns rays in a direction from the hits of `rays`, given by parameter; misses give none.
+pub fn parallel_shadow_rays(rays: &[Ray], hits: &[Option<f32>], direction: DVec3) -> Vec<Ray> {
+    let from = |(ray, t): (&Ray, &Option<f32>)| {
+        // Start slightly before the surface: these rays need not be the renderer's.
+        let origin = ray.at(f64::from((*t)?) * 0.9999).as_vec3();
+        Some(Ray::new(origin, direction.as_vec3()))
+    };
+    rays.iter().zip(hits).filter_map(from).collect()
+}
+
 /// Returns rays between random points in and around the scene; some with an interval, some far from unit length.
 pub fn random_rays(scene: &Scene, count: usize, seed: u64) -> Vec<Ray> {
     let bounds = scene.bounds();

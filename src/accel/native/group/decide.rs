@@ -3,6 +3,7 @@
 use crate::mesh::simd::{WideLevel, lanes};
 
 use super::edges::BlockCorners;
+use super::projection::GroupProjection;
 
 /// Distance from an edge within which a ray counts as inside, relative to the sum of the magnitudes of the edge
 /// function's products. It is more than the error of f64, so that where many thin triangles share a vertex none is missed,
@@ -56,7 +57,7 @@ pub(super) struct Decided {
 /// Decides in f64 about the lanes of `mask`, whose rays pass through `u` and `v`.
 #[cold]
 #[inline(never)]
-pub(super) fn decide(
+pub(super) fn decide<J: GroupProjection>(
     corners: &CornerRows,
     triangles: LaneTriangles,
     mask: u32,
@@ -69,17 +70,18 @@ pub(super) fn decide(
         let triangle = triangles.of(lane);
         let [x, y, z] =
             [0, 1, 2].map(|axis| [0, 1, 2].map(|corner| f64::from(corners.0[axis][corner][triangle])));
+        let w = if J::IS_PARALLEL { [1.0; 3] } else { z };
         // Evaluate the edge functions; the products of coordinates are exact
         let (u, v) = (f64::from(u[lane]), f64::from(v[lane]));
         let [mut edge, mut tolerance] = [[0.0; 3]; 2];
         for e in 0..3 {
             let (i, j) = ((e + 1) % 3, (e + 2) % 3);
-            let a = y[i] * z[j] - z[i] * y[j];
-            let b = z[i] * x[j] - x[i] * z[j];
+            let a = y[i] * w[j] - w[i] * y[j];
+            let b = w[i] * x[j] - x[i] * w[j];
             let c = x[i] * y[j] - y[i] * x[j];
             edge[e] = a * u + (b * v + c);
             // Bound what counts as on the edge
-            let products = (y[i] * z[j] * u).abs() + (z[i] * x[j] * v).abs() + (x[i] * y[j]).abs();
+            let products = (y[i] * w[j] * u).abs() + (w[i] * x[j] * v).abs() + (x[i] * y[j]).abs();
             tolerance[e] = TOLERANCE * products;
         }
         // Accept either orientation

@@ -1,9 +1,10 @@
-//! Triangles as three planes through the frame's origin: the test of points in the plane z = 1.
+//! Triangles as three planes through the frame's origin: the test of points in a plane.
 //!
-//! With the vertices V₀, V₁, V₂ in the frame, edge `e` opposite to vertex `e` spans a plane with the origin whose normal
-//! is `(a, b, c) = Vᵢ × Vⱼ`, and the ray (u, v, 1) is on the inner side if `E = a u + b v + c` has the sign of the
-//! triangle's determinant. The three E are in proportion to the barycentric weights, so they also give the depth. This
-//! is the test of "2D homogeneous rasterization" (M. Olano and T. Greer, 1997).
+//! With the homogeneous vertices V₀, V₁, V₂ `= (x, y, w)` in the frame, edge `e` opposite to vertex `e` spans a plane with
+//! the origin whose normal is `(a, b, c) = Vᵢ × Vⱼ`, and the ray (u, v, 1) is on the inner side if `E = a u + b v + c` has
+//! the sign of the triangle's determinant. The three E are in proportion to the barycentric weights, so they also give the
+//! depth. This is the test of "2D homogeneous rasterization" (M. Olano and T. Greer, 1997). Rays with a common end have w =
+//! z, those with a common direction w = 1, which makes the edge functions those of 2-D.
 //!
 //! # Watertightness
 //!
@@ -15,6 +16,7 @@
 use crate::mesh::simd::{Float8, WideLevel};
 
 use super::frame::splat;
+use super::projection::GroupProjection;
 use super::rays::{GroupRays, GroupWindow};
 use crate::accel::native::layout::LeafBlock;
 
@@ -22,35 +24,38 @@ use crate::accel::native::layout::LeafBlock;
 /// two products and a difference, and two products and two sums with the ray.
 const EDGE_ERROR: f32 = 5e-7;
 
-/// Vertices of eight triangles in the frame of a group.
+/// Vertices of eight triangles in the frame of a group, with their depths.
 #[derive(Clone, Copy)]
 pub(super) struct BlockCorners<W: WideLevel> {
     pub(super) x: [Float8<W>; 3],
     pub(super) y: [Float8<W>; 3],
+    pub(super) w: [Float8<W>; 3],
     pub(super) z: [Float8<W>; 3],
 }
 
 impl<W: WideLevel> BlockCorners<W> {
     /// Moves the vertices of a block into the frame. Each vertex is moved alike in all triangles that share it.
     #[inline(always)]
-    pub(super) fn new(wide: W, block: &LeafBlock, rays: &GroupRays) -> BlockCorners<W> {
+    pub(super) fn new<J: GroupProjection>(wide: W, block: &LeafBlock, rays: &GroupRays) -> BlockCorners<W> {
         let frame = &rays.frame;
         let [kx, ky, kz] = frame.axes;
         let zero = splat(wide, 0.0);
         let mut corners = BlockCorners {
             x: [zero; 3],
             y: [zero; 3],
+            w: [zero; 3],
             z: [zero; 3],
         };
         for corner in 0..3 {
-            // Move the corners of all triangles to the common end
+            // Move the corners of all triangles to the origin of the frame
             let rows = &block.triangles.corners[corner];
             let x = Float8::load(wide, &rows[kx]) - splat(wide, frame.origin[0]);
             let y = Float8::load(wide, &rows[ky]) - splat(wide, frame.origin[1]);
             let z = (Float8::load(wide, &rows[kz]) - splat(wide, frame.origin[2])) * splat(wide, frame.sign);
-            // Shear them, so that the group's centre points along z
-            corners.x[corner] = x - splat(wide, rays.centre[0]) * z;
-            corners.y[corner] = y - splat(wide, rays.centre[1]) * z;
+            // Shear them, so that the common direction, or the group's centre, points along z
+            corners.x[corner] = x - splat(wide, rays.slopes[0]) * z;
+            corners.y[corner] = y - splat(wide, rays.slopes[1]) * z;
+            corners.w[corner] = if J::IS_PARALLEL { splat(wide, 1.0) } else { z };
             corners.z[corner] = z;
         }
         corners
@@ -81,8 +86,8 @@ impl<W: WideLevel> OrientedEdges<W> {
     /// Computes the edge functions.
     #[inline(always)]
     pub(super) fn new(wide: W, corners: &BlockCorners<W>, window: &GroupWindow) -> OrientedEdges<W> {
-        let BlockCorners { x, y, z } = corners;
-        // Bound the group's slopes
+        let BlockCorners { x, y, w, z } = corners;
+        // Bound the rays' coordinates
         let reach_u = splat(wide, window.u_min.abs().max(window.u_max.abs()));
         let reach_v = splat(wide, window.v_min.abs().max(window.v_max.abs()));
         let zero = [splat(wide, 0.0); 3];
@@ -97,8 +102,8 @@ impl<W: WideLevel> OrientedEdges<W> {
         for e in 0..3 {
             // Compute the normal of the plane through the origin and the edge
             let (i, j) = ((e + 1) % 3, (e + 2) % 3);
-            let (a0, a1) = (y[i] * z[j], z[i] * y[j]);
-            let (b0, b1) = (z[i] * x[j], x[i] * z[j]);
+            let (a0, a1) = (y[i] * w[j], w[i] * y[j]);
+            let (b0, b1) = (w[i] * x[j], x[i] * w[j]);
             let (c0, c1) = (x[i] * y[j], y[i] * x[j]);
             edges.a[e] = a0 - a1;
             edges.b[e] = b0 - b1;
@@ -107,11 +112,11 @@ impl<W: WideLevel> OrientedEdges<W> {
             let (a, b, c) = (a0.abs() + a1.abs(), b0.abs() + b1.abs(), c0.abs() + c1.abs());
             edges.error[e] = splat(wide, EDGE_ERROR) * (a * reach_u + (b * reach_v + c));
             if e == 0 {
-                magnitude = x[0].abs() * a + (y[0].abs() * b + z[0].abs() * c);
+                magnitude = x[0].abs() * a + (y[0].abs() * b + w[0].abs() * c);
             }
         }
         // Orient the triangles by their determinants
-        let determinant = x[0] * edges.a[0] + (y[0] * edges.b[0] + z[0] * edges.c[0]);
+        let determinant = x[0] * edges.a[0] + (y[0] * edges.b[0] + w[0] * edges.c[0]);
         let sign = determinant.sign();
         for e in 0..3 {
             edges.a[e] = edges.a[e] ^ sign;

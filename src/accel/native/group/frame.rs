@@ -1,32 +1,33 @@
-//! Coordinates in which the rays of a group are points of the plane z = 1.
+//! Coordinates in which the rays of a group are points of a plane.
 //!
-//! The frame has the axes of the world in another order: z is the one along which the rays point, so a vertex is moved
-//! into it by differences alone, each rounded once. A ray through the common end with direction d is the point
-//! `(u, v) = (d_x, d_y) / d_z`, and its points at depth z are `z (u, v, 1)`.
+//! The frame has the axes of the world in another order: z, the depth, is the one along which the rays point, so a vertex
+//! is moved into it by differences alone, each rounded once.
 
-use crate::accel::{LANES, RayPacket};
+use crate::accel::LANES;
 use crate::mesh::simd::{Float8, WideLevel};
-
-use super::common_end::CommonEnd;
 
 /// Number of halves of a packet, of eight lanes each.
 pub(super) const HALVES: usize = LANES / 8;
 
-/// Frame of a group: the world's axes in cyclic order, about the common end of the rays.
+/// Frame of a group: the world's axes in cyclic order, about the common end of the rays, or amid their origins.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GroupFrame {
     /// Axes of the world that are x, y and z.
     pub(super) axes: [usize; 3],
-    /// Common end in the order of the axes.
+    /// Origin of the frame in the order of the axes.
     pub(super) origin: [f32; 3],
     /// Direction of z along its axis of the world: 1 or -1.
     pub(super) sign: f32,
+    /// Slopes x / z and y / z of the common direction; zero for rays with a common end.
+    pub(super) slopes: [f32; 2],
+    /// Greatest distances of the rays' origins from that of the frame, along its axes; zero for rays with a common end.
+    pub(super) spread: [f32; 3],
 }
 
 impl GroupFrame {
-    /// Returns the frame about `end` whose z axis is closest to `direction`.
+    /// Returns the frame about `origin` whose z axis is closest to `direction`.
     #[inline(always)]
-    pub(super) fn along(direction: [f32; 3], end: CommonEnd) -> GroupFrame {
+    pub(super) fn along(direction: [f32; 3], origin: [f32; 3]) -> GroupFrame {
         // Choose the axis of the largest component, and the others in cyclic order
         let [x, y, z] = direction.map(f32::abs);
         let axes = if x > y && x > z {
@@ -36,12 +37,20 @@ impl GroupFrame {
         } else {
             [0, 1, 2]
         };
-        let origin = end.point().to_array();
         GroupFrame {
             axes,
             origin: [origin[axes[0]], origin[axes[1]], origin[axes[2]]],
             sign: if direction[axes[2]] < 0.0 { -1.0 } else { 1.0 },
+            slopes: [0.0; 2],
+            spread: [0.0; 3],
         }
+    }
+
+    /// Returns the direction of lesser depths common to all rays, in the order of the axes; each component has an error
+    /// of one unit of roundoff.
+    #[inline(always)]
+    pub(super) fn to_light(&self) -> [f32; 3] {
+        [-self.slopes[0], -self.slopes[1], -self.sign]
     }
 }
 
@@ -62,49 +71,4 @@ pub(super) fn half<T>(row: &[T; LANES], half: usize) -> &[T; 8] {
 #[inline(always)]
 pub(super) fn half_mut<T>(row: &mut [T; LANES], half: usize) -> &mut [T; 8] {
     &mut row.as_chunks_mut::<8>().0[half % HALVES]
-}
-
-/// Returns the directions of eight rays away from the common end, not normalised, along an axis of the world.
-#[inline(always)]
-pub(super) fn away<W: WideLevel>(
-    wide: W,
-    packet: &RayPacket,
-    half_index: usize,
-    end: CommonEnd,
-    axis: usize,
-) -> Float8<W> {
-    match end {
-        CommonEnd::Origin(_) => Float8::load(wide, half(&packet.direction[axis], half_index)),
-        CommonEnd::Target(target) => {
-            Float8::load(wide, half(&packet.origin[axis], half_index)) - splat(wide, target[axis])
-        }
-    }
-}
-
-/// Returns the sum of the directions of all pending rays, away from the common end.
-#[inline(always)]
-pub(super) fn sum_of_directions<W: WideLevel>(
-    wide: W,
-    packets: &[RayPacket],
-    pending: &[u32],
-    end: CommonEnd,
-) -> [f32; 3] {
-    // Add the directions in eight lanes
-    let mut sums = [splat(wide, 0.0); 3];
-    for (packet, &pending) in packets.iter().zip(pending) {
-        for h in 0..HALVES {
-            let mask = Float8::mask_of(wide, pending >> (8 * h));
-            for axis in 0..3 {
-                sums[axis] = sums[axis] + (away(wide, packet, h, end, axis) & mask);
-            }
-        }
-    }
-    // Add the lanes in their order, for the same bits on all instruction sets
-    let mut out = [0.0; 3];
-    for axis in 0..3 {
-        for lane in sums[axis].to_array() {
-            out[axis] += lane;
-        }
-    }
-    out
 }

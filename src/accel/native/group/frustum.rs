@@ -3,13 +3,15 @@
 use crate::mesh::simd::{Float8, WideLevel, lanes};
 
 use super::frame::splat;
+use super::projection::GroupProjection;
 use super::rays::{GroupRays, SUBS, Windows};
 use crate::accel::native::layout::{Box3, NativeNode, WIDTH};
 
 /// Error of a plane's or a depth's value relative to the sum of the magnitudes of its terms: 16 units of roundoff, for a
 /// few roundings here and as many in the vertices of the triangle test.
 const ERROR: f32 = 8.0 * f32::EPSILON;
-/// Error of a window's border relative to the greatest |u| of rays, by the same count.
+/// Error of a window's border relative to the greatest |u| of rays, by the same count; for parallel rays relative to the
+/// coordinates before they are sheared.
 const WINDOW_ERROR: f32 = 16.0 * f32::EPSILON;
 /// Depth below which a box's window is unbounded: any number whose reciprocal is finite.
 const MIN_DEPTH: f32 = 1e-30;
@@ -32,7 +34,7 @@ impl FrustumPlane {
     }
 }
 
-/// Frustum of a group's rays.
+/// Frustum of a group's rays; for parallel rays a prism.
 pub(super) struct Frustum {
     axes: [usize; 3],
     /// Planes of low u, high u, low v, high v.
@@ -43,29 +45,35 @@ pub(super) struct Frustum {
     /// Least depth of a box whose nearest side is at 0 in the world.
     depth_offset: f32,
     origin: [f32; 3],
-    centre: [f32; 2],
-    window_error: f32,
+    slopes: [f32; 2],
+    window_error: [f32; 2],
 }
 
 impl Frustum {
     /// Computes the frustum of a group, for boxes within `bounds`.
     #[inline(always)]
-    pub(super) fn new(rays: &GroupRays, bounds: &Box3) -> Frustum {
-        // Bound the coordinates relative to the frame's origin
+    pub(super) fn new<J: GroupProjection>(rays: &GroupRays, bounds: &Box3) -> Frustum {
+        // Bound the coordinates of boxes and of the rays' origins relative to the frame's origin
         let frame = &rays.frame;
         let mut reach = [0.0; 3];
         for i in 0..3 {
             let axis = frame.axes[i];
-            reach[i] = frame.origin[i].abs() + bounds.low[axis].abs().max(bounds.high[axis].abs());
+            let bound = bounds.low[axis].abs().max(bounds.high[axis].abs());
+            reach[i] = frame.origin[i].abs() + bound + frame.spread[i];
         }
         // Compute the planes, moved outwards by their error
         let window = &rays.window;
         let plane = |i: usize, side: f32, border: f32| {
-            let slope = -side * border * frame.sign;
-            let error = ERROR * (reach[i] + border.abs() * reach[2]);
+            // Parallel rays keep their distance from z, others their slope
+            let (slope, distance) = match J::IS_PARALLEL {
+                true => (frame.slopes[i], side * border),
+                false => (border, 0.0),
+            };
+            let error = ERROR * (reach[i] + slope.abs() * reach[2]);
+            let slope = -side * slope * frame.sign;
             FrustumPlane {
                 slope,
-                offset: -side * frame.origin[i] - slope * frame.origin[2] + error,
+                offset: -side * frame.origin[i] - slope * frame.origin[2] - distance + error,
                 z_side: usize::from(slope > 0.0),
             }
         };
@@ -81,8 +89,11 @@ impl Frustum {
             sign: frame.sign,
             depth_offset: -frame.sign * frame.origin[2] - ERROR * reach[2],
             origin: frame.origin,
-            centre: rays.centre,
-            window_error: WINDOW_ERROR * rays.max_slope(),
+            slopes: rays.slopes,
+            window_error: match J::IS_PARALLEL {
+                true => [0, 1].map(|i| WINDOW_ERROR * (reach[i] + frame.slopes[i].abs() * reach[2])),
+                false => [WINDOW_ERROR * rays.reach(); 2],
+            },
         }
     }
 
@@ -112,10 +123,17 @@ impl Frustum {
         Float8::load(wide, &node.bounds[side][self.axes[i]]) - splat(wide, self.origin[i])
     }
 
-    /// Returns the windows of a node's boxes in the plane z = 1: exactly, as a box has its extreme slopes at corners, up
-    /// to an error bound.
+    /// Returns the windows of a node's boxes in the plane: exactly, as a box is projected farthest out at corners, up to
+    /// an error bound.
     #[inline(always)]
-    pub(super) fn windows<W: WideLevel>(&self, wide: W, node: &NativeNode) -> [[f32; WIDTH]; 4] {
+    pub(super) fn windows<W: WideLevel, J: GroupProjection>(
+        &self,
+        wide: W,
+        node: &NativeNode,
+    ) -> [[f32; WIDTH]; 4] {
+        if J::IS_PARALLEL {
+            return self.sheared_windows(wide, node);
+        }
         // Compute the reciprocals of the least and the greatest depths
         let sign = splat(wide, self.sign);
         let least = splat(wide, MIN_DEPTH);
@@ -130,8 +148,29 @@ impl Frustum {
             let low = low * low.select(per_near, per_far);
             let high = high * high.select(per_far, per_near);
             // Widen the windows by their error
-            out[2 * i] = (low - splat(wide, self.centre[i] + self.window_error)).to_array();
-            out[2 * i + 1] = (high - splat(wide, self.centre[i] - self.window_error)).to_array();
+            out[2 * i] = (low - splat(wide, self.slopes[i] + self.window_error[i])).to_array();
+            out[2 * i + 1] = (high - splat(wide, self.slopes[i] - self.window_error[i])).to_array();
+        }
+        out
+    }
+
+    /// Returns the windows of a node's boxes along the common direction.
+    #[inline(always)]
+    fn sheared_windows<W: WideLevel>(&self, wide: W, node: &NativeNode) -> [[f32; WIDTH]; 4] {
+        let sign = splat(wide, self.sign);
+        let depths = [
+            self.relative(wide, node, 0, 2) * sign,
+            self.relative(wide, node, 1, 2) * sign,
+        ];
+        let mut out = [[0.0; WIDTH]; 4];
+        for i in 0..2 {
+            // Shear each side by the depth at which it is farthest out, and widen the window by its error
+            let slope = splat(wide, self.slopes[i]);
+            let (a, b) = (slope * depths[0], slope * depths[1]);
+            let error = splat(wide, self.window_error[i]);
+            let (low, high) = (self.relative(wide, node, 0, i), self.relative(wide, node, 1, i));
+            out[2 * i] = (low - a.max(b) - error).to_array();
+            out[2 * i + 1] = (high - a.min(b) + error).to_array();
         }
         out
     }

@@ -6,8 +6,8 @@ use crate::accel::{LANES, Query, RayPacket};
 use crate::mesh::simd::{Float8, SimdKernel, SimdLevel, lanes};
 use glam::Vec3;
 
-use super::common_end::CommonEnd;
-use super::frame::{GroupFrame, HALVES, half, sum_of_directions};
+use super::frame::{HALVES, half};
+use super::projection::{GroupProjection, MAX_COORDINATE};
 use super::query::GroupQuery;
 use super::rays::{GroupRays, PACKETS};
 use super::traverse::{GroupStack, traverse};
@@ -15,7 +15,7 @@ use super::traverse::{GroupStack, traverse};
 /// Number of rays up to which they are traced one at a time.
 const FEW: u32 = 4;
 /// Range of the largest coordinate, relative to which products of three stay finite and normal.
-const COORDINATE_RANGE: [f32; 2] = [1.0 / (1u64 << 40) as f32, (1u64 << 40) as f32];
+const COORDINATE_RANGE: [f32; 2] = [1.0 / MAX_COORDINATE, MAX_COORDINATE];
 
 /// Memory of a traversal, for reuse.
 pub(super) struct Scratch {
@@ -45,28 +45,25 @@ struct PacketRange {
     end: usize,
 }
 
-/// Queries for packets of rays with a common end.
+/// Queries for packets of rays with a common end or a common direction.
 pub(super) struct GroupKernel<'a, P> {
     tree: &'a GroupTree,
     packets: &'a mut [RayPacket],
-    end: CommonEnd,
     scratch: &'a mut Scratch,
     query: P,
 }
 
 impl<'a, P> GroupKernel<'a, P> {
-    /// Prepares queries for rays that all start or end at `end`.
+    /// Prepares queries for rays that have in common what `query` states.
     pub(super) fn new(
         tree: &'a GroupTree,
         packets: &'a mut [RayPacket],
-        end: CommonEnd,
         query: P,
         scratch: &'a mut Scratch,
     ) -> GroupKernel<'a, P> {
         GroupKernel {
             tree,
             packets,
-            end,
             scratch,
             query,
         }
@@ -78,7 +75,7 @@ impl<P: GroupQuery> SimdKernel for GroupKernel<'_, P> {
 
     #[inline(always)]
     fn run<I: SimdLevel>(self, isa: I) {
-        let is_in_range = is_in_range(&self.tree.bounds, self.end.point());
+        let is_in_range = is_in_range(&self.tree.bounds, self.query.projection().fixed_point());
         let scratch = self.scratch;
         for packets in self.packets.chunks_mut(PACKETS) {
             // Collect the rays
@@ -106,7 +103,6 @@ impl<P: GroupQuery> SimdKernel for GroupKernel<'_, P> {
                 let pending = &mut pending[first..end];
                 let tracer = PartTracer {
                     tree: self.tree,
-                    end: self.end,
                     query: self.query,
                 };
                 if tracer.trace(isa, part, pending, scratch) == PartOutcome::TooSparse {
@@ -163,10 +159,9 @@ enum PartOutcome {
     TooSparse,
 }
 
-/// Tree against which the rays of a part are traced, with their common end.
+/// Tree against which the rays of a part are traced.
 struct PartTracer<'a, P> {
     tree: &'a GroupTree,
-    end: CommonEnd,
     query: P,
 }
 
@@ -181,16 +176,17 @@ impl<P: GroupQuery> PartTracer<'_, P> {
         scratch: &mut Scratch,
     ) -> PartOutcome {
         let wide = isa.wide();
-        let mut direction = sum_of_directions(wide, packets, pending, self.end);
+        let projection = self.query.projection();
+        let mut direction = projection.sum_of_directions(wide, packets, pending);
         while let Some(first) = pending.iter().position(|&mask| mask != 0) {
             // Take the rays that point along an axis of the world
             let rays = &mut *scratch.rays;
-            let frame = GroupFrame::along(direction, self.end);
-            let count = rays.load(wide, packets, pending, self.end, frame);
+            let frame = projection.frame(wide, packets, pending, direction);
+            let count = rays.load(wide, packets, pending, projection, frame);
             let next = pending[first].trailing_zeros() as usize % LANES;
             if count == 0 {
                 // Try the direction of the first ray, then trace it alone
-                let own = self.direction(&packets[first], next);
+                let own = projection.direction(&packets[first].ray(next));
                 if own == direction {
                     let mask = 1 << next;
                     trace_singly::<P>(isa, self.tree, &mut packets[first..=first], &[mask], scratch);
@@ -222,14 +218,5 @@ impl<P: GroupQuery> PartTracer<'_, P> {
             }
         }
         PartOutcome::Done
-    }
-
-    /// Returns the direction of a ray away from the common end.
-    fn direction(&self, packet: &RayPacket, lane: usize) -> [f32; 3] {
-        let ray = packet.ray(lane);
-        match self.end {
-            CommonEnd::Origin(_) => ray.direction.to_array(),
-            CommonEnd::Target(target) => (ray.origin - target).to_array(),
-        }
     }
 }

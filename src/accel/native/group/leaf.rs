@@ -1,6 +1,6 @@
 //! Test of a block of eight triangles against the rays of a group.
 //!
-//! The triangles are projected to windows in the plane z = 1. If few rays are in the window of them all, each of these is
+//! The triangles are projected to windows in the plane of the rays. If few rays are in the window of them all, each of these is
 //! tested against eight triangles at once; else each triangle against the sub-packets that its window overlaps.
 
 use crate::accel::RayPacket;
@@ -10,8 +10,9 @@ use super::decide::{CornerRows, LaneTriangles, decide};
 use super::edges::{BlockCorners, CandidateLanes, EdgeRows, Edges, OrientedEdges, ProjectedRays};
 use super::frame::splat;
 use super::frustum::DepthWindow;
+use super::projection::GroupProjection;
 use super::query::GroupQuery;
-use super::rays::{ChangedSubs, GroupRays, OFF, SUBS};
+use super::rays::{ChangedSubs, GroupRays, GroupWindow, OFF, SUBS};
 use super::start::{LaneRays, StartTest, near_start};
 use crate::accel::native::layout::LeafBlock;
 
@@ -47,8 +48,8 @@ pub(super) fn test_block<W: WideLevel, P: GroupQuery>(
     packets: &[RayPacket],
 ) {
     // Cull by windows
-    let corners = BlockCorners::new(wide, block, rays);
-    let windows = TriangleWindows::new(wide, &corners, rays);
+    let corners = BlockCorners::new::<P::Projection>(wide, block, rays);
+    let windows = TriangleWindows::new::<P::Projection>(wide, &corners, rays);
     let mut visible = windows.visible.bits();
     if visible == 0 {
         return;
@@ -90,31 +91,31 @@ pub(super) fn test_block<W: WideLevel, P: GroupQuery>(
 
 impl<W: WideLevel> TriangleWindows<W> {
     #[inline(always)]
-    fn new(wide: W, corners: &BlockCorners<W>, rays: &GroupRays) -> TriangleWindows<W> {
+    fn new<J: GroupProjection>(wide: W, corners: &BlockCorners<W>, rays: &GroupRays) -> TriangleWindows<W> {
         // Find the range of depths
-        let BlockCorners { x, y, z } = corners;
+        let z = &corners.z;
         let z_min = z[0].min(z[1].min(z[2]));
         let z_max = z[0].max(z[1].max(z[2]));
-        // Project the vertices
-        let one = splat(wide, 1.0);
-        let (r0, r1, r2) = (one / z[0], one / z[1], one / z[2]);
-        let (u0, u1, u2) = (x[0] * r0, x[1] * r1, x[2] * r2);
-        let (v0, v1, v2) = (y[0] * r0, y[1] * r1, y[2] * r2);
-        // Bound them by windows, without limits if a vertex is not in front
-        let group = &rays.centred;
-        let error_u = splat(wide, WINDOW_ERROR * group.u_min.abs().max(group.u_max.abs()));
-        let error_v = splat(wide, WINDOW_ERROR * group.v_min.abs().max(group.v_max.abs()));
-        let behind = z_min.le(splat(wide, MIN_DEPTH));
-        let (infinity, minus_infinity) = (splat(wide, f32::INFINITY), splat(wide, f32::NEG_INFINITY));
-        let windows = DepthWindow {
-            u_min: behind.select(minus_infinity, u0.min(u1.min(u2)) - error_u),
-            u_max: behind.select(infinity, u0.max(u1.max(u2)) + error_u),
-            v_min: behind.select(minus_infinity, v0.min(v1.min(v2)) - error_v),
-            v_max: behind.select(infinity, v0.max(v1.max(v2)) + error_v),
-            z_min,
+        // Bound the vertices, which of parallel rays are those of the edge test
+        let windows = match J::IS_PARALLEL {
+            true => {
+                let BlockCorners { x, y, .. } = corners;
+                DepthWindow {
+                    u_min: x[0].min(x[1].min(x[2])),
+                    u_max: x[0].max(x[1].max(x[2])),
+                    v_min: y[0].min(y[1].min(y[2])),
+                    v_max: y[0].max(y[1].max(y[2])),
+                    z_min,
+                }
+            }
+            false => perspective_windows(wide, corners, &rays.centred, z_min),
         };
         // Compare with the group's window and depths
-        let in_depth = z_min.le(splat(wide, rays.z_max)) & splat(wide, 0.0).le(z_max);
+        let group = &rays.centred;
+        let mut in_depth = z_min.le(splat(wide, rays.z_max));
+        if !J::IS_PARALLEL {
+            in_depth = in_depth & splat(wide, 0.0).le(z_max);
+        }
         let in_u = windows.u_min.le(splat(wide, group.u_max)) & splat(wide, group.u_min).le(windows.u_max);
         let in_v = windows.v_min.le(splat(wide, group.v_max)) & splat(wide, group.v_min).le(windows.v_max);
         TriangleWindows {
@@ -162,6 +163,35 @@ impl<W: WideLevel> TriangleWindows<W> {
             }
         }
         Some(list)
+    }
+}
+
+/// Returns the windows of eight triangles in the plane z = 1, without limits if a vertex is not in front of the common
+/// end. `z_min` are the least depths of their vertices.
+#[inline(always)]
+fn perspective_windows<W: WideLevel>(
+    wide: W,
+    corners: &BlockCorners<W>,
+    group: &GroupWindow,
+    z_min: Float8<W>,
+) -> DepthWindow<W> {
+    // Project the vertices
+    let BlockCorners { x, y, z, .. } = corners;
+    let one = splat(wide, 1.0);
+    let (r0, r1, r2) = (one / z[0], one / z[1], one / z[2]);
+    let (u0, u1, u2) = (x[0] * r0, x[1] * r1, x[2] * r2);
+    let (v0, v1, v2) = (y[0] * r0, y[1] * r1, y[2] * r2);
+    // Bound them
+    let error_u = splat(wide, WINDOW_ERROR * group.u_min.abs().max(group.u_max.abs()));
+    let error_v = splat(wide, WINDOW_ERROR * group.v_min.abs().max(group.v_max.abs()));
+    let behind = z_min.le(splat(wide, MIN_DEPTH));
+    let (infinity, minus_infinity) = (splat(wide, f32::INFINITY), splat(wide, f32::NEG_INFINITY));
+    DepthWindow {
+        u_min: behind.select(minus_infinity, u0.min(u1.min(u2)) - error_u),
+        u_max: behind.select(infinity, u0.max(u1.max(u2)) + error_u),
+        v_min: behind.select(minus_infinity, v0.min(v1.min(v2)) - error_v),
+        v_max: behind.select(infinity, v0.max(v1.max(v2)) + error_v),
+        z_min,
     }
 }
 
@@ -243,14 +273,15 @@ impl<W: WideLevel> BlockTest<'_, W> {
         let Some(candidates) = edges.candidates(wide, &lane_rays) else {
             return false;
         };
-        let found = self.decided(&candidates, &lane_rays, LaneTriangles::One(triangle));
+        let found = self.decided::<P::Projection>(&candidates, &lane_rays, LaneTriangles::One(triangle));
         let mut hits = found.hits;
         if P::IS_ANY {
             // Discard hits behind the starts
-            let near = hits.bits() & near_start(wide, rays, edges, &candidates, lane_rays.z, found.z);
+            let starts = near_start::<W, P::Projection>(wide, rays, edges, &candidates, lane_rays.z, found.z);
+            let near = hits.bits() & starts;
             if near != 0 {
                 let test = self.start_test(rays, LaneTriangles::One(triangle), LaneRays::Sub(sub));
-                let behind = test.behind(wide, near);
+                let behind = test.behind::<W, P::Projection>(wide, near);
                 hits = Float8::mask_of(wide, hits.bits() & !behind);
             }
             // Turn off the rays that are blocked
@@ -294,14 +325,17 @@ impl<W: WideLevel> BlockTest<'_, W> {
             let Some(candidates) = self.edges.candidates(wide, &lane_rays) else {
                 continue;
             };
-            let found = self.decided(&candidates, &lane_rays, LaneTriangles::Each);
+            let found = self.decided::<P::Projection>(&candidates, &lane_rays, LaneTriangles::Each);
             let mut hits = found.hits.bits() & visible;
             // Discard hits behind its start
             if P::IS_ANY {
-                let near = hits & near_start(wide, rays, self.edges, &candidates, lane_rays.z, found.z);
+                let edges = self.edges;
+                let starts =
+                    near_start::<W, P::Projection>(wide, rays, edges, &candidates, lane_rays.z, found.z);
+                let near = hits & starts;
                 if near != 0 {
                     let test = self.start_test(rays, LaneTriangles::Each, LaneRays::One(index));
-                    hits &= !test.behind(wide, near);
+                    hits &= !test.behind::<W, P::Projection>(wide, near);
                 }
             }
             if hits == 0 {
@@ -347,7 +381,7 @@ impl<W: WideLevel> BlockTest<'_, W> {
 
     /// Returns the hits within the rays' depths, after lanes close to an edge have been decided in f64.
     #[inline(always)]
-    fn decided(
+    fn decided<J: GroupProjection>(
         &self,
         candidates: &CandidateLanes<W>,
         lane_rays: &ProjectedRays<W>,
@@ -363,7 +397,7 @@ impl<W: WideLevel> BlockTest<'_, W> {
             // Copy the vertices here, so that on the common path they stay in registers
             let corners = CornerRows::new(self.corners);
             let (u, v) = (lane_rays.u.to_array(), lane_rays.v.to_array());
-            let decided = decide(&corners, triangles, near_edge, [&u, &v]);
+            let decided = decide::<J>(&corners, triangles, near_edge, [&u, &v]);
             // Replace the lanes that were decided
             let near_edge = candidates.near_edge;
             found.z = near_edge.select(Float8::load(wide, &decided.z), found.z);

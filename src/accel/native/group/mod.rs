@@ -1,10 +1,10 @@
-//! Traversal with groups of up to 1024 rays that start or end at a common point.
+//! Traversal with groups of up to 1024 rays that start or end at a common point, or have a common direction.
 //!
-//! In a [`frame`] about the common point the rays of a group are points of a plane, and boxes and triangles project to
-//! windows in it (so the traversal resembles a hierarchical rasteriser that skips what is hidden). A node is tested
-//! against the four planes around the group, a triangle against the windows of the group's parts ([`rays`]), and only
-//! what overlaps is tested against rays, eight at a time ([`leaf`]). The gain over packets is that each node and triangle
-//! is prepared once for all rays.
+//! In a [`frame`] about the common point, or along the common direction, the rays of a group are points of a plane, and
+//! boxes and triangles project to windows in it (so the traversal resembles a hierarchical rasteriser that skips what is
+//! hidden). A node is tested against the four planes around the group, a triangle against the windows of the group's parts
+//! ([`rays`]), and only what overlaps is tested against rays, eight at a time ([`leaf`]). The gain over packets is that
+//! each node and triangle is prepared once for all rays. The kernel is compiled for each [`projection`].
 //!
 //! Rays should come in such an order that aligned runs of packets have small windows: tiles of the image in Morton order.
 //! Groups whose rays leave their window mostly empty are split in four, and again. Rays that point elsewhere are traced
@@ -17,6 +17,7 @@
 //! conversion, so its relative error is below 16 u for triangles that do not point at the common point; for a triangle
 //! seen at a grazing angle the error of the weights is multiplied by the range of its depths.
 
+mod common_direction;
 mod common_end;
 mod decide;
 mod edges;
@@ -25,6 +26,9 @@ mod frame;
 mod frustum;
 mod kernel;
 mod leaf;
+#[cfg(test)]
+mod parallel_tests;
+mod projection;
 mod query;
 mod rays;
 mod start;
@@ -34,40 +38,40 @@ mod traverse;
 
 use std::cell::Cell;
 
-use crate::accel::RayPacket;
 use crate::accel::native::layout::GroupTree;
 use crate::accel::native::triangle_run::TriangleRun;
+use crate::accel::{RayEnd, RayPacket};
 use crate::mesh::simd::dispatch;
 use glam::Vec3;
 
+use common_direction::CommonDirection;
 use common_end::CommonEnd;
 use kernel::{GroupKernel, Scratch};
-use query::{AnyToTarget, GroupQuery, NearestFromOrigin};
+use query::{AnyToLight, GroupQuery, NearestFromOrigin};
 
 /// Finds the nearest hit of every active lane. All rays must start at `origin`, which should not lie on a surface: a
 /// hit as near as its own rounding error may be lost.
 /// `runs` are the meshes of the tree's triangles.
 pub(super) fn intersect(tree: &GroupTree, runs: &[TriangleRun], packets: &mut [RayPacket], origin: Vec3) {
-    trace(
-        tree,
-        packets,
-        CommonEnd::Origin(origin),
-        NearestFromOrigin { runs },
-    );
+    trace(tree, packets, NearestFromOrigin { origin, runs });
 }
 
-/// Marks every active lane as blocked whose ray hits anything within its interval, ends included. All rays must pass
-/// through `target`, up to rounding, at the end of their intervals or behind it; they may start at surfaces.
-pub(super) fn occluded(tree: &GroupTree, packets: &mut [RayPacket], target: Vec3) {
-    trace(tree, packets, CommonEnd::Target(target), AnyToTarget);
+/// Marks every active lane as blocked whose ray hits anything within its interval, ends included. All rays must have the
+/// end in common: pass through the point, up to rounding, at the end of their intervals or behind it, or have exactly the
+/// direction (others are traced one at a time). They may start at surfaces.
+pub(super) fn occluded(tree: &GroupTree, packets: &mut [RayPacket], end: RayEnd) {
+    match end {
+        RayEnd::Point(target) => trace(tree, packets, AnyToLight(CommonEnd::Target(target))),
+        RayEnd::Direction(direction) => trace(tree, packets, AnyToLight(CommonDirection(direction))),
+    }
 }
 
 /// Runs the kernel of a query with the thread's scratch memory.
-fn trace<P: GroupQuery>(tree: &GroupTree, packets: &mut [RayPacket], end: CommonEnd, query: P) {
+fn trace<P: GroupQuery>(tree: &GroupTree, packets: &mut [RayPacket], query: P) {
     thread_local! {
         static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
     }
     let mut scratch = SCRATCH.take().unwrap_or_else(Scratch::new);
-    dispatch(GroupKernel::new(tree, packets, end, query, &mut scratch));
+    dispatch(GroupKernel::new(tree, packets, query, &mut scratch));
     SCRATCH.set(Some(scratch));
 }

@@ -4,8 +4,8 @@
 use crate::accel::RayPacket;
 use crate::mesh::simd::{Float8, WideLevel};
 
-use super::common_end::CommonEnd;
-use super::frame::{GroupFrame, HALVES, away, half, splat};
+use super::frame::{GroupFrame, HALVES, splat};
+use super::projection::{GroupProjection, ProjectedHalf};
 
 /// Maximum number of packets of a group.
 pub(super) const PACKETS: usize = 64;
@@ -16,17 +16,12 @@ pub(super) const TILES: usize = SUBS / 8;
 /// Value of [`GroupRays::numbers`] for a ray without a hit: greater than every other one as i32.
 pub(super) const NO_HIT_NUMBER: u32 = i32::MAX as u32;
 /// Depth of lanes that are off, because they are not in the group or already blocked.
-pub(super) const OFF: f32 = -1.0;
+pub(super) const OFF: f32 = f32::NEG_INFINITY;
 
-/// Largest ratio of a direction's other components to that along the frame's z axis: rays of up to 63 degrees from it
-/// along an axis.
-const MAX_SLOPE: f32 = 2.0;
-/// Range of direction components along the frame's z axis: products with depths stay finite and normal.
-const DIRECTION_RANGE: [f32; 2] = [1.0 / (1u64 << 60) as f32, (1u64 << 60) as f32];
 /// Ratio of a group's window to the sum of its parts' above which it is split.
 const MAX_SPARSITY: f32 = 4.0;
 
-/// Windows around rays in the plane z = 1, relative to the group's centre, with the greatest depths that they search.
+/// Windows around rays in the plane, relative to the group's centre, with the greatest depths that they search.
 /// Those without rays are low +∞ and high -∞.
 #[derive(Clone, Copy)]
 pub(super) struct Windows<const N: usize> {
@@ -86,11 +81,12 @@ pub(super) struct GroupRays {
     pub(super) frame: GroupFrame,
     /// Window around all rays, not relative to the centre.
     pub(super) window: GroupWindow,
-    /// Centre that is subtracted from u and v, so that they are small and keep their digits.
-    pub(super) centre: [f32; 2],
+    /// Slopes along which vertices are sheared to z: those of the common direction; for rays with a common end those of
+    /// the window's centre, which is also subtracted from u and v, so that they are small and keep their digits.
+    pub(super) slopes: [f32; 2],
     /// Window relative to the centre.
     pub(super) centred: GroupWindow,
-    /// Greatest depth that a ray searches; negative if all are off.
+    /// Greatest depth that a ray searches; [`OFF`] if all are off.
     pub(super) z_max: f32,
     pub(super) sub_count: usize,
     /// First sub-packet from which on all are empty.
@@ -113,9 +109,9 @@ impl GroupRays {
     /// Allocates the arrays of an empty group.
     pub(super) fn new() -> Box<GroupRays> {
         Box::new(GroupRays {
-            frame: GroupFrame::along([0.0, 0.0, 1.0], CommonEnd::Origin(glam::Vec3::ZERO)),
+            frame: GroupFrame::along([0.0, 0.0, 1.0], [0.0; 3]),
             window: GroupWindow::default(),
-            centre: [0.0; 2],
+            slopes: [0.0; 2],
             centred: GroupWindow::default(),
             z_max: OFF,
             sub_count: 0,
@@ -133,12 +129,12 @@ impl GroupRays {
 
     /// Takes the pending rays that fit the frame, up to [`PACKETS`] packets; returns their number.
     #[inline(always)]
-    pub(super) fn load<W: WideLevel>(
+    pub(super) fn load<W: WideLevel, J: GroupProjection>(
         &mut self,
         wide: W,
         packets: &[RayPacket],
         pending: &[u32],
-        end: CommonEnd,
+        projection: J,
         frame: GroupFrame,
     ) -> u32 {
         // Start with an empty window
@@ -152,20 +148,15 @@ impl GroupRays {
             for h in 0..HALVES {
                 let sub = self.sub_count % SUBS;
                 self.sub_count += 1;
-                // Choose the lanes that fit
-                let x = away(wide, packet, h, end, frame.axes[0]);
-                let y = away(wide, packet, h, end, frame.axes[1]);
-                let z = away(wide, packet, h, end, frame.axes[2]) * splat(wide, frame.sign);
-                let steepest = x.abs().max(y.abs()) * splat(wide, 1.0 / MAX_SLOPE);
-                let fits = steepest.le(z)
-                    & splat(wide, DIRECTION_RANGE[0]).le(z)
-                    & z.le(splat(wide, DIRECTION_RANGE[1]))
-                    & Float8::mask_of(wide, pending >> (8 * h));
-                // Project them to the plane z = 1
-                let divisor = fits.select(z, splat(wide, 1.0));
-                let u = fits & (x / divisor);
-                let v = fits & (y / divisor);
-                let [z_near, z_far] = depth_interval(wide, packet, h, end, frame, z);
+                let pending = Float8::mask_of(wide, pending >> (8 * h));
+                let projected = projection.project(wide, packet, h, pending, &frame);
+                let ProjectedHalf {
+                    fits,
+                    u,
+                    v,
+                    z_near,
+                    z_far,
+                } = projected;
                 // Store the rays, with lanes that do not fit turned off
                 self.u[sub] = u.to_array();
                 self.v[sub] = v.to_array();
@@ -188,23 +179,26 @@ impl GroupRays {
             v_max: v_max.max_lane(),
         };
         if count > 0 {
-            self.centre(wide);
+            self.centre::<W, J>(wide);
         }
         count
     }
 
-    /// Moves the centre of the window to zero and computes the windows of all levels.
+    /// Moves the centre of the window to zero, where rays have a common end, and computes the windows of all levels.
     #[inline(always)]
-    fn centre<W: WideLevel>(&mut self, wide: W) {
+    fn centre<W: WideLevel, J: GroupProjection>(&mut self, wide: W) {
         let GroupWindow {
             u_min,
             u_max,
             v_min,
             v_max,
         } = self.window;
-        // Move the window
-        let centre = [0.5 * (u_min + u_max), 0.5 * (v_min + v_max)];
-        self.centre = centre;
+        // Move the window; the frame of parallel rays is amid them already
+        let centre = match J::IS_PARALLEL {
+            true => [0.0; 2],
+            false => [0.5 * (u_min + u_max), 0.5 * (v_min + v_max)],
+        };
+        self.slopes = if J::IS_PARALLEL { self.frame.slopes } else { centre };
         self.centred = GroupWindow {
             u_min: u_min - centre[0],
             u_max: u_max - centre[0],
@@ -220,12 +214,12 @@ impl GroupRays {
             let v = Float8::load(wide, &self.v[sub]) - centre_v;
             self.u[sub] = u.to_array();
             self.v[sub] = v.to_array();
-            // The sign of the depth says which lanes are off.
+            let is_off = z.eq(splat(wide, OFF));
             let (row, slot) = (sub / 8, sub % 8);
-            self.subs.u_min[row][slot] = z.select(infinity, u).min_lane();
-            self.subs.u_max[row][slot] = z.select(minus_infinity, u).max_lane();
-            self.subs.v_min[row][slot] = z.select(infinity, v).min_lane();
-            self.subs.v_max[row][slot] = z.select(minus_infinity, v).max_lane();
+            self.subs.u_min[row][slot] = is_off.select(infinity, u).min_lane();
+            self.subs.u_max[row][slot] = is_off.select(minus_infinity, u).max_lane();
+            self.subs.v_min[row][slot] = is_off.select(infinity, v).min_lane();
+            self.subs.v_max[row][slot] = is_off.select(minus_infinity, v).max_lane();
             self.subs.z_max[row][slot] = z.max_lane();
             self.numbers[sub] = [NO_HIT_NUMBER; 8];
         }
@@ -293,9 +287,9 @@ impl GroupRays {
         self.z_max = low.max(high).max_lane();
     }
 
-    /// Returns the greatest slope of a ray.
+    /// Returns the greatest magnitude of u or v of a ray, not relative to the centre.
     #[inline(always)]
-    pub(super) fn max_slope(&self) -> f32 {
+    pub(super) fn reach(&self) -> f32 {
         let GroupWindow {
             u_min,
             u_max,
@@ -321,29 +315,5 @@ impl GroupRays {
             self.subs.area(0)
         };
         (u_max - u_min) * (v_max - v_min) > MAX_SPARSITY * parts
-    }
-}
-
-/// Returns the depths between which eight rays search.
-#[inline(always)]
-fn depth_interval<W: WideLevel>(
-    wide: W,
-    packet: &RayPacket,
-    h: usize,
-    end: CommonEnd,
-    frame: GroupFrame,
-    z: Float8<W>,
-) -> [Float8<W>; 2] {
-    let t_near = Float8::load(wide, half(&packet.t_near, h));
-    let t_far = Float8::load(wide, half(&packet.t_far, h));
-    // The sign of a depth says that a lane is off, so no interval may end at -0.
-    let zero = splat(wide, 0.0);
-    match end {
-        CommonEnd::Origin(_) => [t_near * z, (t_far * z).max(zero)],
-        CommonEnd::Target(_) => {
-            // The ray starts at depth z and comes closer
-            let speed = Float8::load(wide, half(&packet.direction[frame.axes[2]], h)).abs();
-            [(z - t_far * speed).max(zero), (z - t_near * speed).max(zero)]
-        }
     }
 }

@@ -1,10 +1,10 @@
 //! Check of hits so near the start of their ray that rounding may have put them there.
 //!
-//! Rays to a common target start at surfaces, offset by no more than the error of the starting point, whereas the depth
-//! of a hit has the rounding error of coordinates about the target. Of the hits as near the start as their own error,
-//! those are discarded whose plane has start and target on the same side: the ray leaves the triangle behind. Differences
-//! of the vertices and the start, which are close together, keep nearly all digits. The others, of a triangle that rises
-//! beside the start or where the side is uncertain, are decided by the reference test of the ray from its start.
+//! Rays to a light start at surfaces, offset by no more than the error of the starting point, whereas the depth of a hit
+//! has the rounding error of coordinates in the group's frame. Of the hits as near the start as their own error, those are
+//! discarded whose plane has start and light on the same side: the ray leaves the triangle behind. Differences of the
+//! vertices and the start, which are close together, keep nearly all digits. The others, of a triangle that rises beside
+//! the start or where the side is uncertain, are decided by the reference test of the ray from its start.
 
 use crate::accel::RayPacket;
 use crate::mesh::simd::{Float8, WideLevel, lanes};
@@ -13,13 +13,15 @@ use crate::mesh::triangle::Shear;
 use super::decide::LaneTriangles;
 use super::edges::{CandidateLanes, Edges};
 use super::frame::{GroupFrame, half, splat};
+use super::projection::GroupProjection;
 use super::rays::GroupRays;
 use crate::accel::native::layout::LeafBlock;
 
 /// Error of a depth relative to the greatest depth of a vertex: eight units of roundoff, rounded up.
 const DEPTH_ERROR: f32 = 5e-7;
-/// Error of the position of a vertex relative to a ray in the plane z = 1, relative to the greatest slope: 16 units of
-/// roundoff, rounded up, for four roundings of the vertex and four of the ray.
+/// Error of the position of a vertex relative to a ray in the plane, relative to the greatest magnitude of coordinates: 16
+/// units of roundoff, rounded up, for four roundings of the vertex and four of the ray. Those of vertices count twice, as
+/// each vertex has two edges.
 const POSITION_ERROR: f32 = 1e-6;
 /// Error of a distance from a plane relative to the sum of the magnitudes of its products: 16 units of roundoff,
 /// rounded up.
@@ -28,7 +30,7 @@ const PLANE_ERROR: f32 = 1e-6;
 /// Returns a mask of the lanes whose hits are so near the start that they may lie behind it. `z` are the depths of the
 /// starts, `hit_z` those of the hits.
 #[inline(always)]
-pub(super) fn near_start<W: WideLevel>(
+pub(super) fn near_start<W: WideLevel, J: GroupProjection>(
     wide: W,
     rays: &GroupRays,
     edges: &Edges<W>,
@@ -47,9 +49,18 @@ pub(super) fn near_start<W: WideLevel>(
         slopes = slopes + (edges.a[e].abs() + edges.b[e].abs());
         error = error + edges.error[e];
     }
-    error = error + slopes * splat(wide, POSITION_ERROR * rays.max_slope());
+    let mut reach = splat(wide, rays.reach());
+    let mut depth = farthest;
+    if J::IS_PARALLEL {
+        // Depths have either sign, and both ends of the difference are rounded. A vertex is no farther from a ray inside
+        // the triangle than the sum of all sides. With m the greatest coordinate and R the sum of the greatest depths, the
+        // errors of two ends of an edge and of the ray are 2 (2 m + 4 R) + 2 m + 3 R units of roundoff
+        depth = z0.abs().max(z1.abs().max(z2.abs())) + splat(wide, rays.frame.spread[2]);
+        reach = reach + slopes + depth;
+    }
+    error = error + slopes * (splat(wide, POSITION_ERROR) * reach);
     let sum = candidates.sum.abs();
-    let bound = error * span + splat(wide, DEPTH_ERROR) * (farthest * sum);
+    let bound = error * span + splat(wide, DEPTH_ERROR) * (depth * sum);
     // Compare the distance from the start with the error of the depth, both times the sum of the edge functions
     ((z - hit_z) * sum).le(bound).bits()
 }
@@ -65,7 +76,7 @@ pub(super) enum LaneRays {
 
 /// Hits of a test that are to be compared with the starts of their rays.
 pub(super) struct StartTest<'a> {
-    /// Frame about the common target of the rays.
+    /// Frame about the common target of the rays, or amid their origins.
     pub(super) frame: &'a GroupFrame,
     pub(super) block: &'a LeafBlock,
     pub(super) triangles: LaneTriangles,
@@ -76,15 +87,18 @@ pub(super) struct StartTest<'a> {
 impl StartTest<'_> {
     /// Returns those of `mask` whose hits lie behind the starts of their rays.
     #[inline(always)]
-    pub(super) fn behind<W: WideLevel>(&self, wide: W, mask: u32) -> u32 {
-        // Compute start and target relative to the first vertex
+    pub(super) fn behind<W: WideLevel, J: GroupProjection>(&self, wide: W, mask: u32) -> u32 {
+        // Compute start and target relative to the first vertex; a light far away has a direction instead
         let [a, b, c] = self.corners(wide);
         let mut start = [splat(wide, 0.0); 3];
         let mut target = start;
         for i in 0..3 {
             let axis = self.frame.axes[i];
             start[axis] = self.start_coordinate(wide, axis) - a[axis];
-            target[axis] = splat(wide, self.frame.origin[i]) - a[axis];
+            target[axis] = match J::IS_PARALLEL {
+                true => splat(wide, self.frame.to_light()[i]),
+                false => splat(wide, self.frame.origin[i]) - a[axis],
+            };
         }
         // Compute their distances from the plane, times the normal's length
         let (mut from_start, mut from_target) = (splat(wide, 0.0), splat(wide, 0.0));

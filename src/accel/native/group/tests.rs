@@ -12,7 +12,7 @@ use glam::Vec3;
 
 use super::*;
 
-fn mesh_of(scene: &Scene) -> &Mesh {
+pub(super) fn mesh_of(scene: &Scene) -> &Mesh {
     let Geometry::Mesh(mesh) = &scene.geometries[0] else {
         unreachable!()
     };
@@ -20,7 +20,7 @@ fn mesh_of(scene: &Scene) -> &Mesh {
 }
 
 /// Returns a mesh of triangles of sizes from 0.002 to 1.
-fn soup(count: usize, seed: u64) -> Mesh {
+pub(super) fn soup(count: usize, seed: u64) -> Mesh {
     let mut random = RandomNumbers(seed);
     let mut positions = Vec::new();
     for _ in 0..count {
@@ -146,7 +146,7 @@ fn blocked_rays_are_those_of_brute_force() {
                 let mut expected = to_target(point, size, &mut random);
                 let mut actual = expected.clone();
                 brute.occluded(&mut expected, Coherence::Coherent);
-                occluded(&tree, &mut actual, point);
+                occluded(&tree, &mut actual, RayEnd::Point(point));
                 for (a, b) in expected.iter().zip(&actual) {
                     for lane in 0..LANES {
                         assert_eq!(a.is_blocked(lane), b.is_blocked(lane), "{:?}", b.ray(lane));
@@ -176,15 +176,17 @@ fn instruction_sets_give_the_same_bits() {
             let mut scratch = Scratch::new();
             match turn {
                 0 => {
-                    let end = CommonEnd::Origin(point);
-                    let query = NearestFromOrigin { runs: &runs };
-                    GroupKernel::new(&tree, &mut a, end, query, &mut scratch).run(Scalar);
+                    let query = NearestFromOrigin {
+                        origin: point,
+                        runs: &runs,
+                    };
+                    GroupKernel::new(&tree, &mut a, query, &mut scratch).run(Scalar);
                     intersect(&tree, &runs, &mut b, point);
                 }
                 _ => {
-                    let end = CommonEnd::Target(point);
-                    GroupKernel::new(&tree, &mut a, end, AnyToTarget, &mut scratch).run(Scalar);
-                    occluded(&tree, &mut b, point);
+                    let query = AnyToLight(CommonEnd::Target(point));
+                    GroupKernel::new(&tree, &mut a, query, &mut scratch).run(Scalar);
+                    occluded(&tree, &mut b, RayEnd::Point(point));
                 }
             }
             // Compare the bits
@@ -254,7 +256,7 @@ fn leaks(mesh: &Mesh, origin: Vec3, ray_count: usize, at_edges: bool) -> usize {
             first += 7919 * LANES;
             traced += size * LANES;
             intersect(&tree, &[TriangleRun::new(0, 0, mesh)], &mut packets, origin);
-            occluded(&tree, &mut shadows, origin);
+            occluded(&tree, &mut shadows, RayEnd::Point(origin));
             for (packet, shadow) in packets.iter().zip(&shadows) {
                 for lane in 0..LANES {
                     misses += usize::from(packet.hit(lane).is_none()) + usize::from(!shadow.is_blocked(lane));
@@ -286,10 +288,14 @@ fn nothing_leaks_through_vertices_or_edges() {
     }
 }
 
-/// Returns packets of rays from random points of the triangles that face `target`, a rounding error off them, to it.
-fn to_target_from_surface(mesh: &Mesh, target: Vec3) -> Vec<RayPacket> {
+/// Returns packets of rays from random points of the triangles that face a light, a rounding error off them, to it.
+fn from_surface(mesh: &Mesh, end: RayEnd) -> Vec<RayPacket> {
     let mut random = RandomNumbers(29);
     let mut rays = Vec::new();
+    let to_light = |p: Vec3| match end {
+        RayEnd::Point(target) => target - p,
+        RayEnd::Direction(direction) => direction,
+    };
     for number in 0..mesh.triangles.len() as u32 {
         let [a, b, c] = mesh.corners(number);
         let ng = (b - a).cross(c - a).as_dvec3().normalize();
@@ -297,14 +303,17 @@ fn to_target_from_surface(mesh: &Mesh, target: Vec3) -> Vec<RayPacket> {
         let (u, v) = (random.next(), random.next());
         let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
         let p = a + u * (b - a) + v * (c - a);
-        if ng.dot((target - p).as_dvec3()) <= 0.0 {
+        if ng.dot(to_light(p).as_dvec3()) <= 0.0 {
             continue;
         }
         // Spawn a ray there
         let error = triangle_spawn_error(a, b - a, c - a).along(ng);
         let origin = spawn_point(p.as_dvec3(), ng, error);
-        let mut ray = Ray::new(origin, target - origin);
-        ray.t_far = 1.0;
+        let mut ray = Ray::new(origin, to_light(origin));
+        ray.t_far = match end {
+            RayEnd::Point(_) => 1.0,
+            RayEnd::Direction(_) => f32::INFINITY,
+        };
         rays.push(ray);
     }
     let mut packets = vec![RayPacket::EMPTY; rays.len().div_ceil(LANES)];
@@ -314,31 +323,42 @@ fn to_target_from_surface(mesh: &Mesh, target: Vec3) -> Vec<RayPacket> {
     packets
 }
 
-#[test]
-fn rays_from_surfaces_are_not_blocked_by_their_triangle() {
-    let mesh = bumpy_sphere(100_000);
-    let tree = build_tree(&[&mesh]).unwrap();
-    let (mut ray_count, mut free_count, mut difference_count) = (0, 0, 0);
-    for target in [Vec3::new(2.0, 3.0, 1.5), Vec3::new(-40.0, 5.0, 9.0)] {
-        let mut actual = to_target_from_surface(&mesh, target);
+/// Numbers of rays from surfaces.
+#[derive(Default)]
+pub(super) struct SurfaceRayCounts {
+    pub(super) all: usize,
+    pub(super) free: usize,
+    /// Rays for which groups differ from rays that are traced one at a time.
+    pub(super) different: usize,
+}
+
+impl SurfaceRayCounts {
+    /// Traces rays from all triangles that face a light, in groups and one at a time.
+    pub(super) fn add(&mut self, mesh: &Mesh, end: RayEnd) {
+        let tree = build_tree(&[mesh]).unwrap();
+        let mut actual = from_surface(mesh, end);
         let mut expected = actual.clone();
-        occluded(&tree, &mut actual, target);
+        occluded(&tree, &mut actual, end);
         single::occluded(&tree, &mut expected);
         for (a, b) in expected.iter().zip(&actual) {
             for lane in 0..LANES {
-                ray_count += usize::from(a.is_active(lane));
-                free_count += usize::from(a.is_active(lane) && !a.is_blocked(lane));
-                difference_count += usize::from(a.is_blocked(lane) != b.is_blocked(lane));
+                self.all += usize::from(a.is_active(lane));
+                self.free += usize::from(a.is_active(lane) && !a.is_blocked(lane));
+                self.different += usize::from(a.is_blocked(lane) != b.is_blocked(lane));
             }
         }
     }
+}
+
+#[test]
+fn rays_from_surfaces_are_not_blocked_by_their_triangle() {
+    let mesh = bumpy_sphere(100_000);
+    let mut counts = SurfaceRayCounts::default();
+    for target in [Vec3::new(2.0, 3.0, 1.5), Vec3::new(-40.0, 5.0, 9.0)] {
+        counts.add(&mesh, RayEnd::Point(target));
+    }
     // Nine of 537 000 such rays differ: their hits are as near the start as the rounding error of either test
-    assert!(
-        ray_count > 50_000 && free_count > ray_count / 2,
-        "{free_count} of {ray_count}"
-    );
-    assert!(
-        difference_count <= ray_count / 10_000,
-        "{difference_count} of {ray_count}"
-    );
+    let SurfaceRayCounts { all, free, different } = counts;
+    assert!(all > 50_000 && free > all / 2, "{free} of {all}");
+    assert!(different <= all / 10_000, "{different} of {all}");
 }

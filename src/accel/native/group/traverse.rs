@@ -6,8 +6,9 @@ use crate::mesh::simd::{WideLevel, lanes};
 use super::frame::splat;
 use super::frustum::{DepthWindow, Frustum};
 use super::leaf::test_block;
+use super::projection::GroupProjection;
 use super::query::GroupQuery;
-use super::rays::GroupRays;
+use super::rays::{GroupRays, OFF};
 use crate::accel::native::layout::{ChildLink, GroupTree, NativeNode, STACK, WIDTH};
 use crate::accel::native::single::prefetch;
 
@@ -44,7 +45,7 @@ pub(super) fn traverse<W: WideLevel, P: GroupQuery>(
     if tree.root == ChildLink::EMPTY {
         return;
     }
-    let frustum = Frustum::new(rays, &tree.bounds);
+    let frustum = Frustum::new::<P::Projection>(rays, &tree.bounds);
     let mut child = tree.root;
     let mut count = 0;
     loop {
@@ -52,7 +53,7 @@ pub(super) fn traverse<W: WideLevel, P: GroupQuery>(
         if child.is_leaf() {
             // Test the triangles; stop if all rays are blocked
             test_block::<W, P>(wide, &tree.blocks[child.index()], rays, packets);
-            if P::IS_ANY && rays.z_max < 0.0 {
+            if P::IS_ANY && rays.z_max == OFF {
                 return;
             }
         } else {
@@ -60,7 +61,8 @@ pub(super) fn traverse<W: WideLevel, P: GroupQuery>(
             let node = &tree.nodes[child.index()];
             let (mask, depths) = frustum.test(wide, node, rays.z_max);
             if mask != 0 {
-                let mask = with_rays(wide, &frustum, rays, node, mask, &depths.to_array());
+                let mask =
+                    with_rays::<W, P::Projection>(wide, &frustum, rays, node, mask, &depths.to_array());
                 if mask != 0 && mask & (mask - 1) == 0 {
                     only = Some(node.children[mask.trailing_zeros() as usize % WIDTH]);
                 } else {
@@ -89,7 +91,7 @@ pub(super) fn traverse<W: WideLevel, P: GroupQuery>(
 
 /// Returns the children of `mask` whose window contains a ray that reaches their depth.
 #[inline(always)]
-fn with_rays<W: WideLevel>(
+fn with_rays<W: WideLevel, J: GroupProjection>(
     wide: W,
     frustum: &Frustum,
     rays: &GroupRays,
@@ -98,7 +100,7 @@ fn with_rays<W: WideLevel>(
     depths: &[f32; WIDTH],
 ) -> u32 {
     // Project the boxes
-    let [u_min, u_max, v_min, v_max] = frustum.windows(wide, node);
+    let [u_min, u_max, v_min, v_max] = frustum.windows::<W, J>(wide, node);
     let mut kept = 0;
     // Look for a ray in the window of each
     for slot in lanes(mask) {

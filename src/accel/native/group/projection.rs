@@ -1,0 +1,61 @@
+//! Projection of rays to points of a plane.
+
+use crate::accel::RayPacket;
+use crate::mesh::simd::{Float8, WideLevel};
+use crate::numeric::Ray;
+use glam::Vec3;
+
+use super::frame::GroupFrame;
+
+/// Greatest magnitude of coordinates: products of three stay finite.
+pub(super) const MAX_COORDINATE: f32 = (1u64 << 40) as f32;
+
+/// What the rays of a query have in common, and how they are projected to points `(u, v)` of a plane.
+///
+/// Points are projected alike: `(x, y, z)` in the frame to `(x, y) / w`, where `w` is z for rays with a common end and 1
+/// for rays with a common direction.
+pub(super) trait GroupProjection: Copy {
+    /// Flag of rays with a common direction.
+    const IS_PARALLEL: bool;
+
+    /// Returns a point whose coordinates must be in range beside those of triangles.
+    fn fixed_point(self) -> Vec3;
+
+    /// Returns the sum of the directions of all pending rays, or a multiple of it, towards greater depths.
+    fn sum_of_directions<W: WideLevel>(self, wide: W, packets: &[RayPacket], pending: &[u32]) -> [f32; 3];
+
+    /// Returns the direction of a ray, not normalised, towards greater depths.
+    fn direction(self, ray: &Ray) -> [f32; 3];
+
+    /// Returns a frame for the pending rays, whose z axis is closest to `direction`.
+    fn frame<W: WideLevel>(
+        self,
+        wide: W,
+        packets: &[RayPacket],
+        pending: &[u32],
+        direction: [f32; 3],
+    ) -> GroupFrame;
+
+    /// Projects eight rays, of which those of the mask `pending` are to be traced.
+    fn project<W: WideLevel>(
+        self,
+        wide: W,
+        packet: &RayPacket,
+        half_index: usize,
+        pending: Float8<W>,
+        frame: &GroupFrame,
+    ) -> ProjectedHalf<W>;
+}
+
+/// Eight rays as points of the plane.
+#[derive(Clone, Copy)]
+pub(super) struct ProjectedHalf<W: WideLevel> {
+    /// Mask of the pending rays that the frame is fit for; the other values are valid in these lanes.
+    pub(super) fits: Float8<W>,
+    pub(super) u: Float8<W>,
+    pub(super) v: Float8<W>,
+    /// Depth from which the rays search.
+    pub(super) z_near: Float8<W>,
+    /// Depth up to which the rays search: greater than -∞.
+    pub(super) z_far: Float8<W>,
+}

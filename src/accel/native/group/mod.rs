@@ -16,6 +16,11 @@
 //! 2^-24, three roundings of coordinates relative to the common point, about 5 of the interpolation and 2 of the
 //! conversion, so its relative error is below 16 u for triangles that do not point at the common point; for a triangle
 //! seen at a grazing angle the error of the weights is multiplied by the range of its depths.
+//!
+//! Whether a shadow ray is blocked differs from the reference test of the ray alone only where rounding decides: where it
+//! passes the outline of what blocks it, or its interval ends at a hit, within the errors of coordinates in the group's
+//! frame. They are relative to the distance from the target ([`common_end`]), or from the middle of the group's origins
+//! ([`common_direction`]). Hits near the start are compared with it as closely as by the reference test ([`start`]).
 
 mod common_direction;
 mod common_end;

@@ -5,8 +5,8 @@
 pub struct RayForecast {
     /// Camera rays from one point.
     pub from_point: f64,
-    /// Shadow rays to one point, from neighbouring points of the first surface.
-    pub to_point: f64,
+    /// Shadow rays to one point or in one direction, from neighbouring points of the first surface.
+    pub to_end: f64,
     /// Other rays with coherent neighbours: camera rays through a lens, and shadow rays from the first surface to an
     /// area.
     pub coherent: f64,
@@ -19,7 +19,7 @@ impl Default for RayForecast {
     fn default() -> RayForecast {
         RayForecast {
             from_point: 1e6,
-            to_point: 1e6,
+            to_end: 1e6,
             coherent: 0.0,
             incoherent: 0.0,
         }

@@ -56,7 +56,7 @@ struct BackendCosts {
     /// Build time of a triangle.
     triangle: f64,
     from_point: RayCost,
-    to_point: RayCost,
+    to_end: RayCost,
     coherent: RayCost,
     incoherent: RayCost,
 }
@@ -72,7 +72,7 @@ const EMBREE: BackendCosts = BackendCosts {
         ray: 45.0,
         triangle: 100.0,
     },
-    to_point: RayCost {
+    to_end: RayCost {
         ray: 70.0,
         triangle: 120.0,
     },
@@ -93,7 +93,7 @@ const NATIVE: BackendCosts = BackendCosts {
         ray: 38.0,
         triangle: 45.0,
     },
-    to_point: RayCost {
+    to_end: RayCost {
         ray: 45.0,
         triangle: 95.0,
     },
@@ -146,7 +146,7 @@ impl BackendChoice {
         };
         let others = RayForecast {
             from_point: 0.0,
-            to_point: 0.0,
+            to_end: 0.0,
             ..*rays
         };
         let both = size.native_nanoseconds(&with_ends) + size.embree_nanoseconds(&others);
@@ -201,7 +201,7 @@ impl SceneSize {
         }
         // Add the BSP of all that is no baked triangle
         let ray = OBJECT_RAY + OBJECT_DOUBLING * others.log2();
-        let count = rays.from_point + rays.to_point + rays.coherent + rays.incoherent;
+        let count = rays.from_point + rays.to_end + rays.coherent + rays.incoherent;
         trees + OBJECT_BUILD * others + ray * count
     }
 }
@@ -211,7 +211,7 @@ impl BackendCosts {
     fn tracing(&self, triangles: f64, rays: &RayForecast) -> f64 {
         let time = |cost: RayCost, count| cost.nanoseconds(count, triangles);
         time(self.from_point, rays.from_point)
-            + time(self.to_point, rays.to_point)
+            + time(self.to_end, rays.to_end)
             + time(self.coherent, rays.coherent)
             + time(self.incoherent, rays.incoherent)
     }
@@ -226,7 +226,7 @@ mod tests {
 
     const RAYS: RayForecast = RayForecast {
         from_point: 1e6,
-        to_point: 1e6,
+        to_end: 1e6,
         coherent: 0.0,
         incoherent: 0.0,
     };

@@ -6,9 +6,6 @@
 
 mod forecast;
 
-#[cfg(feature = "embree")]
-use glam::Vec3;
-
 pub use forecast::{BackendChoice, Structures};
 
 #[cfg(feature = "embree")]
@@ -16,7 +13,7 @@ use super::embree::EmbreeAccel;
 use super::native::NativeAccel;
 use super::{Accel, AccelError, AccelOptions};
 #[cfg(feature = "embree")]
-use super::{AccelReport, Coherence, RayPacket};
+use super::{AccelReport, Coherence, RayEnd, RayPacket};
 use crate::scene::Scene;
 
 /// Builds the structures of a validated scene that are forecast to take the least time.
@@ -52,8 +49,8 @@ impl Accel for BothAccel<'_> {
         self.embree.occluded(packets, order);
     }
 
-    fn occluded_from_target(&self, packets: &mut [RayPacket], target: Vec3) {
-        self.native.occluded_from_target(packets, target);
+    fn occluded_towards(&self, packets: &mut [RayPacket], end: RayEnd) {
+        self.native.occluded_towards(packets, end);
     }
 
     fn batch(&self) -> usize {

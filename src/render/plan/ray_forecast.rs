@@ -32,7 +32,7 @@ pub fn forecast_rays(scene: ValidScene, settings: &RenderSettings) -> RayForecas
     let has_eye = camera.view(settings.width, settings.height).eye().is_some();
     let is_pinhole = has_eye && camera.lens_radius() == 0.0 && camera.motion().is_none();
     // Count the shadow rays of a hit
-    let (mut to_point, mut to_area) = (0.0, 0.0);
+    let (mut to_end, mut to_area) = (0.0, 0.0);
     for (light, _) in scene
         .lights
         .iter()
@@ -40,8 +40,7 @@ pub fn forecast_rays(scene: ValidScene, settings: &RenderSettings) -> RayForecas
         .filter(|(_, casts)| **casts)
     {
         match light.kind {
-            LightKind::Point { .. } | LightKind::Spot { .. } => to_point += 1.0,
-            LightKind::Directional { .. } => to_area += 1.0,
+            LightKind::Point { .. } | LightKind::Spot { .. } | LightKind::Directional { .. } => to_end += 1.0,
             LightKind::Area { samples, .. } => to_area += f64::from(samples),
         }
     }
@@ -61,8 +60,8 @@ pub fn forecast_rays(scene: ValidScene, settings: &RenderSettings) -> RayForecas
     let from_point = if is_pinhole { samples } else { 0.0 };
     RayForecast {
         from_point,
-        to_point: samples * to_point,
+        to_end: samples * to_end,
         coherent: samples - from_point + samples * to_area,
-        incoherent: bounces * (1.0 + to_point + to_area),
+        incoherent: bounces * (1.0 + to_end + to_area),
     }
 }

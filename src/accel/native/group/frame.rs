@@ -49,7 +49,7 @@ impl GroupFrame {
     /// Returns the direction of lesser depths common to all rays, in the order of the axes; each component has an error
     /// of one unit of roundoff.
     #[inline(always)]
-    pub(super) fn to_light(&self) -> [f32; 3] {
+    pub(super) fn light_direction(&self) -> [f32; 3] {
         [-self.slopes[0], -self.slopes[1], -self.sign]
     }
 }

@@ -25,7 +25,7 @@ fn directions(random: &mut RandomNumbers) -> Vec<Vec3> {
         Vec3::new(0.0, 3.0, -3.0),
         Vec3::new(1.0, 1e-7, -1e-20),
         Vec3::new(1e-40, -1.0, 1e-30),
-        Vec3::new(0.577, 0.577_000_05, -0.576_999_9),
+        Vec3::new(0.577, 0.577f32.next_up(), -0.577f32.next_down()),
         Vec3::new(1e-12, 2e-12, -3e-12),
         Vec3::new(-5e9, 1e9, 4e9),
     ];

@@ -96,7 +96,7 @@ impl StartTest<'_> {
             let axis = self.frame.axes[i];
             start[axis] = self.start_coordinate(wide, axis) - a[axis];
             target[axis] = match J::IS_PARALLEL {
-                true => splat(wide, self.frame.to_light()[i]),
+                true => splat(wide, self.frame.light_direction()[i]),
                 false => splat(wide, self.frame.origin[i]) - a[axis],
             };
         }

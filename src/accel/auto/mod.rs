@@ -1,8 +1,8 @@
 //! Backend that takes the sooner of Embree and the native tree for each kind of ray.
 //!
 //! Rays with a common end go to the native tree, whose groups are faster than packets. All others go to Embree where its
-//! packets save more time than building its structure takes, by a [`forecast`] that depends on the scene and the expected
-//! rays alone.
+//! packets save more time than building its structure takes, by a forecast that depends on the scene and the expected
+//! rays alone ([`BackendChoice`]).
 
 mod forecast;
 

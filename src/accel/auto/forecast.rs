@@ -67,13 +67,13 @@ struct BackendCosts {
 /// Costs of Embree 3.13.5 at its watertight precision.
 const EMBREE: BackendCosts = BackendCosts {
     start: 3e6,
-    triangle: 720.0,
+    triangle: 300.0,
     from_point: RayCost {
-        ray: 45.0,
+        ray: 40.0,
         triangle: 100.0,
     },
     to_end: RayCost {
-        ray: 70.0,
+        ray: 80.0,
         triangle: 120.0,
     },
     coherent: RayCost {
@@ -88,13 +88,13 @@ const EMBREE: BackendCosts = BackendCosts {
 /// Costs of the native tree.
 const NATIVE: BackendCosts = BackendCosts {
     start: 0.0,
-    triangle: 150.0,
+    triangle: 170.0,
     from_point: RayCost {
-        ray: 38.0,
-        triangle: 45.0,
+        ray: 25.0,
+        triangle: 50.0,
     },
     to_end: RayCost {
-        ray: 45.0,
+        ray: 40.0,
         triangle: 95.0,
     },
     coherent: RayCost {
@@ -235,7 +235,7 @@ mod tests {
     fn rays_with_common_ends_go_to_the_native_tree() {
         let choice = BackendChoice::new(&baked(bumpy_sphere(200_000)), &RAYS);
         assert_eq!(choice.structures, Structures::Native);
-        assert!(choice.share < 0.5);
+        assert!(choice.share < 0.7);
     }
 
     #[test]

@@ -47,6 +47,10 @@ pub fn forecast_rays(scene: ValidScene, settings: &RenderSettings) -> RayForecas
     if effects.has(Effect::Environment) {
         to_area += 1.0;
     }
+    // Transparent shadows take the nearest hits from surface to surface, which are not traced in groups
+    if effects.has(Effect::TransparentShadow) {
+        to_area += std::mem::take(&mut to_end);
+    }
     // Count the rays of a bounce
     let mut bounces = 0.0;
     for effect in [Effect::Reflection, Effect::Refraction] {

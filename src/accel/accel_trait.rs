@@ -38,7 +38,7 @@ pub(crate) const BATCH: usize = 16;
 /// Largest number of packets that an [`Accel::batch`] may have.
 pub(crate) const MAX_BATCH: usize = 64;
 
-/// Where rays of a query lead that have it in common, in world space. It changes the speed of the query, and which rays
+/// End that all rays of a query have in common, in world space. It changes the speed of the query, and which rays
 /// it may change by rounding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RayEnd {

@@ -15,7 +15,7 @@ pub struct RayForecast {
 }
 
 impl Default for RayForecast {
-    /// Returns the rays of an image of a million pixels with a sample and a lamp each.
+    /// Returns the rays of an image of a million pixels with a sample and a light each.
     fn default() -> RayForecast {
         RayForecast {
             from_point: 1e6,

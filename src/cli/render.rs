@@ -4,7 +4,7 @@ use std::mem;
 use std::time::Instant;
 
 use whit::accel::auto::{BackendChoice, Structures};
-use whit::accel::{self, Accel, AccelOptions, Backend, RayForecast};
+use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::batch::request::{
     self, Notes, ProjectedAccel, RenderRequest, ResolvedSettings, check_memory, choose_camera,
 };
@@ -129,12 +129,10 @@ fn render_one(
 
     // Build the acceleration structure
     progress.phase(&name, "build");
-    let rays = forecast_rays(valid, &resolved.settings);
     let (accel, build_seconds) = timed(|| {
         let options = AccelOptions {
-            rays,
             progress: Some(&|fraction| progress.fraction(fraction)),
-            ..request.tracing.options()
+            ..request.tracing.options_for(valid, &resolved.settings)
         };
         let accel = accel::build(valid, request.backend(), &options)?;
         interrupt::check()?;
@@ -192,7 +190,7 @@ fn render_one(
     if let Some(error) = &rendering.error {
         progress.result(&format!("{}\n", ImageErrorText(error)))?;
     }
-    if let Some(line) = backend_line((&scene, &rays), request.backend(), seconds.total) {
+    if let Some(line) = backend_line(valid, &resolved.settings, request.backend(), seconds.total) {
         progress.result(&line)?;
     }
     let reached = match &aimed {
@@ -347,11 +345,17 @@ fn print_finished(
 
 /// Returns the line about the choice of `--backend auto`: what it chose, or what it would gain in a long render by
 /// Embree.
-fn backend_line((scene, rays): (&Scene, &RayForecast), backend: Backend, seconds: f64) -> Option<String> {
+fn backend_line(
+    scene: ValidScene,
+    settings: &RenderSettings,
+    backend: Backend,
+    seconds: f64,
+) -> Option<String> {
+    let choice = || BackendChoice::new(scene.get(), &forecast_rays(scene, settings));
     match backend {
-        Backend::Auto => Some(format!("backend: {}\n", BackendChoice::new(scene, rays))),
+        Backend::Auto => Some(format!("backend: {}\n", choice())),
         Backend::Embree if seconds > LONG_RENDER => {
-            let choice = BackendChoice::new(scene, rays);
+            let choice = choice();
             (choice.structures != Structures::Embree).then(|| {
                 let share = choice.share;
                 format!("`--backend auto` is forecast to build and to trace in {share:.2} of the time\n")

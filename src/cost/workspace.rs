@@ -9,9 +9,7 @@ use super::{Configuration, CostError, DisplayImage, Experiment, HitPath, SceneCh
 use crate::accel::{self, Accel, AccelOptions};
 use crate::image::LinearImage;
 use crate::measure::{Observer, Stopwatch, TurnTime};
-use crate::render::{
-    AovSet, LightAovs, PatchGrid, RenderSettings, Rendering, forecast_rays, render, render_patches,
-};
+use crate::render::{AovSet, LightAovs, PatchGrid, RenderSettings, Rendering, render, render_patches};
 use crate::scene::{Scene, ValidScene};
 
 /// Acceleration structure with its build time in seconds.
@@ -83,8 +81,7 @@ impl<'s> Workspace<'_, 's> {
         let options = AccelOptions {
             threads: self.experiment.threads,
             isa: self.experiment.isa.clone(),
-            rays: forecast_rays(self.valid(scene), &configuration.settings),
-            ..path.options()
+            ..path.options_for(self.valid(scene), &configuration.settings)
         };
         let start = Instant::now();
         let accel = accel::build(self.valid(scene), path.backend, &options)?;

@@ -14,8 +14,9 @@ use crate::accel::morton::Box4;
 pub(super) const CHUNK: usize = 1 << 7;
 /// Maximum number of bins along an axis, one more than its candidate positions.
 const BINS: usize = 16;
-/// Number of bins for sets of up to [`FEW`] boxes, most of which have a bin of their own then, too.
+/// Number of bins along an axis for small sets, whose boxes mostly have a bin of their own then, too.
 const FEW_BINS: usize = 8;
+/// Largest number of boxes of a small set.
 const FEW: usize = 32;
 /// Size above which a set that fits into a cluster is checked by [`ChunkSplitter::may_pay_to_split`] before its best
 /// split is searched.

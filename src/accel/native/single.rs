@@ -254,22 +254,17 @@ pub(super) fn prefetch(wide: impl WideLevel, tree: &GroupTree, child: ChildLink)
 
 #[cfg(test)]
 mod tests {
-    use crate::accel::{AccelOptions, Backend, Coherence, build};
+    use crate::accel::{Accel, Coherence};
     use crate::mesh::bumpy_sphere;
 
     use super::*;
     use crate::accel::native::build::build_tree;
-    use crate::accel::native::testing::{baked, random_packets};
+    use crate::accel::native::testing::{baked, brute_force, random_packets};
 
     #[test]
     fn single_rays_hit_what_brute_force_hits() {
         let scene = baked(bumpy_sphere(2000));
-        let brute = build(
-            scene.validate().unwrap(),
-            Backend::Brute,
-            &AccelOptions::default(),
-        )
-        .unwrap();
+        let brute = brute_force(&scene);
         let crate::scene::Geometry::Mesh(mesh) = &scene.geometries[0] else {
             unreachable!()
         };

@@ -1,5 +1,6 @@
 //! Scenes and rays for tests.
 
+use crate::accel::brute::BruteAccel;
 use crate::accel::{LANES, RayPacket};
 use crate::mesh::Mesh;
 use crate::numeric::Ray;
@@ -33,6 +34,11 @@ pub(in crate::accel) fn baked(mesh: Mesh) -> Scene {
         materials: vec![Material::default()],
         ..Scene::default()
     }
+}
+
+/// Returns the reference of a scene, which tests every triangle.
+pub(super) fn brute_force(scene: &Scene) -> BruteAccel<'_> {
+    BruteAccel::new(scene.validate().unwrap().get())
 }
 
 /// Returns packets of incoherent rays, some lanes inactive.

@@ -3,7 +3,7 @@
 use std::thread;
 
 use super::error::RequestError;
-use crate::accel::{AccelOptions, Backend, BuildQuality, Instancing, Precision};
+use crate::accel::{AccelOptions, Backend, BuildQuality, Instancing, Precision, RayForecast};
 use crate::render::{RenderSettings, forecast_rays};
 use crate::scene::ValidScene;
 
@@ -40,6 +40,18 @@ impl HitPath {
             build_quality: self.build_quality,
             compact: self.compact,
             ..AccelOptions::default()
+        }
+    }
+
+    /// Returns the options for building the acceleration structure of an image, on the default number of threads.
+    pub fn options_for(&self, scene: ValidScene, settings: &RenderSettings) -> AccelOptions<'static> {
+        let rays = match self.backend {
+            Backend::Auto => forecast_rays(scene, settings),
+            _ => RayForecast::default(),
+        };
+        AccelOptions {
+            rays,
+            ..self.options()
         }
     }
 
@@ -80,8 +92,9 @@ impl TracingOptions {
     /// Returns the options for building the acceleration structure of an image.
     pub fn options_for(&self, scene: ValidScene, settings: &RenderSettings) -> AccelOptions<'static> {
         AccelOptions {
-            rays: forecast_rays(scene, settings),
-            ..self.options()
+            threads: self.threads,
+            isa: self.isa.clone(),
+            ..self.requested.options_for(scene, settings)
         }
     }
 

@@ -1,6 +1,7 @@
 //! Commands of the program, run as processes.
 
 mod ablation;
+mod automatic_backend;
 mod bench;
 mod compare;
 mod compare_stats;

@@ -39,29 +39,6 @@ fn render_writes_a_png_and_prints_a_line_on_it_and_one_on_its_error() {
 }
 
 #[test]
-fn the_automatic_backend_prints_its_choice() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().join("a.png");
-    let size = ["--size", "40x30", "--spp", "1"];
-    let run = whit(
-        &[
-            &["render", &first_light(), "-o", path(&out), "--backend", "auto"],
-            &size[..],
-        ]
-        .concat(),
-    );
-    assert_eq!(run.code, 0, "{}", run.stderr);
-    // The scene is made of shapes
-    let backend = if cfg!(feature = "embree") {
-        "embree"
-    } else {
-        "native"
-    };
-    let expected = format!("backend: {backend} for all rays: ");
-    assert!(run.stdout.contains(&expected), "{}", run.stdout);
-}
-
-#[test]
 fn quiet_renders_print_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.exr");

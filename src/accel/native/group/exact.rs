@@ -17,6 +17,7 @@ use super::frame::{HALVES, half_mut, splat};
 use super::rays::{GroupRays, NO_HIT_NUMBER, SUBS};
 
 /// Structures from which hits are computed again.
+#[derive(Clone, Copy)]
 pub(super) struct ExactHits<'a, 's> {
     /// Tree that the group traversed.
     pub(super) tree: &'a GroupTree,

@@ -210,7 +210,7 @@ impl<P: GroupQuery> PartTracer<'_, P> {
             } else {
                 traverse::<_, P>(wide, self.tree, rays, packets, &mut scratch.stack);
                 let stack = &mut scratch.single_stack;
-                self.query.write_hits(isa, self.tree, rays, packets, stack);
+                self.query.write_hits(isa, rays, packets, stack);
             }
             // Strike them off the pending ones
             for (pending, taken) in pending.iter_mut().zip(taken) {

@@ -12,12 +12,12 @@
 //!
 //! # Errors
 //!
-//! The test is watertight ([`edges`]). A nearest hit's parameter is that of the ray, in units of its direction: with u =
-//! 2^-24, three roundings of coordinates relative to the common point, about 5 of the interpolation and 2 of the
-//! conversion, so its relative error is below 16 u for triangles that do not point at the common point; for a triangle
-//! seen at a grazing angle the error of the weights is multiplied by the range of its depths.
+//! The test is watertight ([`edges`]). Depths decide which triangle is the nearest, and are then replaced by the results
+//! of the reference test ([`exact`]). With u = 2^-24, a depth has three roundings of coordinates relative to the common
+//! point and about 5 of the interpolation, so its relative error is below 16 u for triangles that do not point at the
+//! common point; for a triangle seen at a grazing angle the error of the weights is multiplied by the range of its depths.
 //!
-//! Whether a shadow ray is blocked differs from the reference test of the ray alone only where rounding decides: where it
+//! The answer for a shadow ray differs from the reference test of the ray alone only where rounding decides: where it
 //! passes the outline of what blocks it, or its interval ends at a hit, within the errors of coordinates in the group's
 //! frame. They are relative to the distance from the target ([`common_end`]), or from the middle of the group's origins
 //! ([`common_direction`]). Hits near the start are compared with it as closely as by the reference test ([`start`]).
@@ -51,14 +51,15 @@ use glam::Vec3;
 
 use common_direction::CommonDirection;
 use common_end::CommonEnd;
+use exact::ExactHits;
 use kernel::{GroupKernel, Scratch};
 use query::{AnyToLight, GroupQuery, NearestFromOrigin};
 
 /// Finds the nearest hit of every active lane. All rays must start at `origin`, which should not lie on a surface: a
-/// hit as near as its own rounding error may be lost.
-/// `runs` are the meshes of the tree's triangles.
+/// hit as near as its own rounding error may be lost. `runs` are the meshes of the tree's triangles.
 pub(super) fn intersect(tree: &GroupTree, runs: &[TriangleRun], packets: &mut [RayPacket], origin: Vec3) {
-    trace(tree, packets, NearestFromOrigin { origin, runs });
+    let exact = ExactHits { tree, runs };
+    trace(tree, packets, NearestFromOrigin { origin, exact });
 }
 
 /// Marks every active lane as blocked whose ray hits anything within its interval, ends included. All rays must have the

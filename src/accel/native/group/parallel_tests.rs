@@ -1,14 +1,14 @@
 //! Tests of rays with a common direction.
 
 use crate::accel::native::build::build_tree;
-use crate::accel::native::testing::{RandomNumbers, baked};
-use crate::accel::{AccelOptions, Backend, Coherence, LANES, RayPacket, build};
+use crate::accel::native::testing::{RandomNumbers, baked, brute_force};
+use crate::accel::{Accel, Coherence, LANES, RayPacket};
 use crate::mesh::simd::{Scalar, SimdKernel};
 use crate::mesh::{Mesh, bumpy_sphere};
 use crate::numeric::Ray;
 use glam::Vec3;
 
-use super::tests::{SurfaceRayCounts, mesh_of, soup};
+use super::tests::{SurfaceRayCounts, count_blocked, mesh_of, soup};
 use super::*;
 
 /// Returns directions along axes, diagonals and planes, nearly so, and at random; of any length.
@@ -61,12 +61,7 @@ fn blocked_rays_along_a_direction_are_those_of_brute_force() {
     let mut counts = [0; 2];
     for mesh in [bumpy_sphere(3000), soup(1500, 5)] {
         let scene = baked(mesh);
-        let brute = build(
-            scene.validate().unwrap(),
-            Backend::Brute,
-            &AccelOptions::default(),
-        )
-        .unwrap();
+        let brute = brute_force(&scene);
         let tree = build_tree(&[mesh_of(&scene)]).unwrap();
         for direction in directions(&mut random) {
             for size in [1, 4, 16, 70] {
@@ -77,12 +72,7 @@ fn blocked_rays_along_a_direction_are_those_of_brute_force() {
                     let mut actual = expected.clone();
                     brute.occluded(&mut expected, Coherence::Coherent);
                     occluded(&tree, &mut actual, RayEnd::Direction(direction));
-                    for (a, b) in expected.iter().zip(&actual) {
-                        for lane in 0..LANES {
-                            assert_eq!(a.is_blocked(lane), b.is_blocked(lane), "{:?}", b.ray(lane));
-                            counts[usize::from(b.is_blocked(lane))] += 1;
-                        }
-                    }
+                    count_blocked(&expected, &actual, &mut counts);
                 }
             }
         }

@@ -10,7 +10,7 @@ use super::frame::GroupFrame;
 /// Greatest magnitude of coordinates: products of three stay finite.
 pub(super) const MAX_COORDINATE: f32 = (1u64 << 40) as f32;
 
-/// What the rays of a query have in common, and how they are projected to points `(u, v)` of a plane.
+/// Common end or direction of a query's rays, by which they are projected to points `(u, v)` of a plane.
 ///
 /// Points are projected alike: `(x, y, z)` in the frame to `(x, y) / w`, where `w` is z for rays with a common end and 1
 /// for rays with a common direction.

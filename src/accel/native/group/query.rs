@@ -1,9 +1,7 @@
 //! Queries that a group kernel is compiled for.
 
 use crate::accel::RayPacket;
-use crate::accel::native::layout::GroupTree;
 use crate::accel::native::single::SingleStack;
-use crate::accel::native::triangle_run::TriangleRun;
 use crate::mesh::simd::{Float8, SimdLevel};
 use glam::Vec3;
 
@@ -28,7 +26,6 @@ pub(super) trait GroupQuery: Copy {
     fn write_hits<I: SimdLevel>(
         self,
         isa: I,
-        tree: &GroupTree,
         rays: &GroupRays,
         packets: &mut [RayPacket],
         stack: &mut SingleStack,
@@ -40,8 +37,8 @@ pub(super) trait GroupQuery: Copy {
 pub(super) struct NearestFromOrigin<'a, 's> {
     /// Origin of the rays.
     pub(super) origin: Vec3,
-    /// Meshes of the tree's triangles.
-    pub(super) runs: &'a [TriangleRun<'s>],
+    /// Structures from which the hits are computed again.
+    pub(super) exact: ExactHits<'a, 's>,
 }
 
 /// Any hit of rays to a light, which is a common target or a common direction.
@@ -62,16 +59,11 @@ impl GroupQuery for NearestFromOrigin<'_, '_> {
     fn write_hits<I: SimdLevel>(
         self,
         isa: I,
-        tree: &GroupTree,
         rays: &GroupRays,
         packets: &mut [RayPacket],
         stack: &mut SingleStack,
     ) {
-        let exact = ExactHits {
-            tree,
-            runs: self.runs,
-        };
-        exact.write(isa, rays, packets, stack);
+        self.exact.write(isa, rays, packets, stack);
     }
 }
 
@@ -89,7 +81,6 @@ impl<J: GroupProjection> GroupQuery for AnyToLight<J> {
     fn write_hits<I: SimdLevel>(
         self,
         isa: I,
-        _tree: &GroupTree,
         rays: &GroupRays,
         packets: &mut [RayPacket],
         _stack: &mut SingleStack,

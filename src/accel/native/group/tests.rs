@@ -2,8 +2,8 @@
 
 use crate::accel::native::build::build_tree;
 use crate::accel::native::single;
-use crate::accel::native::testing::{RandomNumbers, baked};
-use crate::accel::{AccelOptions, Backend, Coherence, LANES, RayPacket, build};
+use crate::accel::native::testing::{RandomNumbers, baked, brute_force};
+use crate::accel::{Accel, Coherence, LANES, RayPacket};
 use crate::mesh::simd::{Scalar, SimdKernel};
 use crate::mesh::{Mesh, bumpy_sphere};
 use crate::numeric::{Ray, spawn_point, triangle_spawn_error};
@@ -86,6 +86,16 @@ fn to_target(target: Vec3, count: usize, random: &mut RandomNumbers) -> Vec<RayP
     packets
 }
 
+/// Asserts that the same lanes are blocked, and counts those that are not and those that are.
+pub(super) fn count_blocked(expected: &[RayPacket], actual: &[RayPacket], counts: &mut [u32; 2]) {
+    for (a, b) in expected.iter().zip(actual) {
+        for lane in 0..LANES {
+            assert_eq!(a.is_blocked(lane), b.is_blocked(lane), "{:?}", b.ray(lane));
+            counts[usize::from(b.is_blocked(lane))] += 1;
+        }
+    }
+}
+
 #[test]
 fn nearest_hits_are_those_of_brute_force() {
     let mut random = RandomNumbers(11);
@@ -93,12 +103,7 @@ fn nearest_hits_are_those_of_brute_force() {
     for (mesh, seed) in [(bumpy_sphere(3000), 1), (soup(1500, 5), 2)] {
         random.0 += seed;
         let scene = baked(mesh);
-        let brute = build(
-            scene.validate().unwrap(),
-            Backend::Brute,
-            &AccelOptions::default(),
-        )
-        .unwrap();
+        let brute = brute_force(&scene);
         let mesh = mesh_of(&scene);
         let (tree, runs) = (build_tree(&[mesh]).unwrap(), [TriangleRun::new(0, 0, mesh)]);
         // Compare cones of all sizes and widths
@@ -133,12 +138,7 @@ fn blocked_rays_are_those_of_brute_force() {
     let mut counts = [0; 2];
     for mesh in [bumpy_sphere(3000), soup(1500, 5)] {
         let scene = baked(mesh);
-        let brute = build(
-            scene.validate().unwrap(),
-            Backend::Brute,
-            &AccelOptions::default(),
-        )
-        .unwrap();
+        let brute = brute_force(&scene);
         let tree = build_tree(&[mesh_of(&scene)]).unwrap();
         for size in [1, 4, 16, 64, 70] {
             for turn in 0..4 {
@@ -147,12 +147,7 @@ fn blocked_rays_are_those_of_brute_force() {
                 let mut actual = expected.clone();
                 brute.occluded(&mut expected, Coherence::Coherent);
                 occluded(&tree, &mut actual, RayEnd::Point(point));
-                for (a, b) in expected.iter().zip(&actual) {
-                    for lane in 0..LANES {
-                        assert_eq!(a.is_blocked(lane), b.is_blocked(lane), "{:?}", b.ray(lane));
-                        counts[usize::from(b.is_blocked(lane))] += 1;
-                    }
-                }
+                count_blocked(&expected, &actual, &mut counts);
             }
         }
     }
@@ -176,10 +171,11 @@ fn instruction_sets_give_the_same_bits() {
             let mut scratch = Scratch::new();
             match turn {
                 0 => {
-                    let query = NearestFromOrigin {
-                        origin: point,
+                    let exact = ExactHits {
+                        tree: &tree,
                         runs: &runs,
                     };
+                    let query = NearestFromOrigin { origin: point, exact };
                     GroupKernel::new(&tree, &mut a, query, &mut scratch).run(Scalar);
                     intersect(&tree, &runs, &mut b, point);
                 }

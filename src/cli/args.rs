@@ -6,6 +6,7 @@ mod bench;
 mod compare;
 mod compare_stats;
 mod cost;
+mod gltf;
 mod image_format;
 mod program;
 mod progress;
@@ -18,12 +19,12 @@ use std::str::FromStr;
 
 use clap::{Args as ArgGroup, Parser, Subcommand};
 
-pub(super) use animation::AnimationArgs;
 pub(super) use batch::{BatchArgs, MergeArgs};
 pub(super) use bench::{BenchArgs, DEFAULT_BENCH_SPP, MIN_TRIANGLES};
 pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
+pub(super) use gltf::GltfArgs;
 pub(super) use image_format::OutputArgs;
 pub(super) use program::{CompletionsArgs, HelpArgs, ManArgs};
 pub(super) use progress::ProgressArgs;
@@ -187,7 +188,7 @@ pub(super) struct RenderArgs {
     pub(super) camera: Option<String>,
 
     #[command(flatten)]
-    pub(super) moment: AnimationArgs,
+    pub(super) gltf: GltfArgs,
 
     /// Radiance of the environment, as X or R,G,B, in place of the scene's own
     #[arg(long, value_name = "RADIANCE", allow_hyphen_values = true)]
@@ -332,7 +333,7 @@ pub(super) struct InfoArgs {
     pub(super) effects: Option<EffectOverrides>,
 
     #[command(flatten)]
-    pub(super) moment: AnimationArgs,
+    pub(super) gltf: GltfArgs,
 
     /// Print the summary as JSON
     #[arg(long)]

@@ -14,8 +14,7 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
     // Load the scene at the requested time
     let options = LoadOptions {
         without: args.effects.unwrap_or_default().removed,
-        pose: args.moment.pose(),
-        ..LoadOptions::default()
+        ..args.gltf.load_options()
     };
     let loaded = load_scene(&args.scene, &[], &options)?;
     // Measure the costs of effects, or forecast their shares of the time

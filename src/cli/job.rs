@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use whit::accel::Backend;
 use whit::batch::request::{RenderRequest, SceneChange, Settings, is_scene_file};
 use whit::cost::{self, SettingsFile};
-use whit::gltf::AnimationTime;
+use whit::gltf::LoadOptions;
 use whit::image::{ImageFormat, check_writable};
 use whit::scene_file::Output;
 
@@ -27,8 +27,8 @@ pub(super) struct RenderJob {
     pub(super) heat: Option<PathBuf>,
     /// Name or index of the camera; the scene's first camera if absent.
     pub(super) camera: Option<String>,
-    /// Animation and time at which the scene is posed; absent for a scene at rest.
-    pub(super) pose: Option<AnimationTime>,
+    /// Options for loading glTF files.
+    pub(super) load: LoadOptions,
     /// Target of the search for settings, if there is one.
     pub(super) aim: Option<SettingsSearch>,
     pub(super) stats: Option<StatsDestination>,
@@ -170,7 +170,7 @@ impl RenderJob {
             },
             heat: args.heat.clone(),
             camera: args.camera.clone(),
-            pose: args.moment.pose(),
+            load: args.gltf.load_options(),
             estimates_error: aim.is_none() && (stats.is_some() || !args.quiet),
             aim,
             stats,

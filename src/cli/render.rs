@@ -9,7 +9,6 @@ use whit::batch::request::{
     self, Notes, ProjectedAccel, RenderRequest, ResolvedSettings, check_memory, choose_camera,
 };
 use whit::cost::StudyResult;
-use whit::gltf::LoadOptions;
 use whit::image::{self, Attribute, ImageChannel, ImageFormat, PngEncoding, ToneMap};
 use whit::parallel;
 use whit::render::{self, FinishedTile, Monitor, RenderSettings, Rendering, forecast_rays};
@@ -108,12 +107,13 @@ fn render_one(
         },
         load_seconds,
     ) = timed(|| {
-        let options = LoadOptions {
-            pose: job.pose.clone(),
-            ..LoadOptions::default()
-        };
         let file = (&*target.scene, &[][..]);
-        Ok(request::load(&job.request, file, options, &interrupt::CANCELLED)?)
+        Ok(request::load(
+            &job.request,
+            file,
+            job.load.clone(),
+            &interrupt::CANCELLED,
+        )?)
     })?;
     seconds.load = load_seconds;
     for warning in &scene.warnings {

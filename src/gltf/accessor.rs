@@ -44,6 +44,23 @@ impl GltfDocument {
         let Some(accessor) = accessors.get(number) else {
             return Err(self.missing("accessor", number, accessors.len()));
         };
+        if let Some(decoded) = self.decoded_accessors.get(&number) {
+            return Ok(Accessor {
+                count: decoded.count,
+                component: decoded.component,
+                type_: decoded.type_,
+                base: Some(BufferWindow {
+                    bytes: &decoded.bytes,
+                    stride: None,
+                    mapped: None,
+                }),
+                stride: width(decoded.type_) * component_size(decoded.component),
+                document: self,
+                number,
+                normalized: accessor.normalized,
+                sparse: None,
+            });
+        }
         let fault = |fault: String| self.fault(format!("accessor {number}"), fault, EXPORT_AGAIN);
         let (Checked::Valid(component), Checked::Valid(type_)) = (accessor.component_type, accessor.type_)
         else {
@@ -116,6 +133,11 @@ impl<'a> Accessor<'a> {
     /// Returns the number of elements.
     pub(super) fn count(&self) -> usize {
         self.count
+    }
+
+    /// Returns whether elements are vectors of three components.
+    pub(super) fn is_triple(&self) -> bool {
+        self.type_ == Type::Vec3
     }
 
     /// Returns all elements as scalars, vectors or 4 by 4 matrices (by columns) of `N` floats: normalised integers as
@@ -195,6 +217,15 @@ impl<'a> Accessor<'a> {
             }
         }
         Ok(values)
+    }
+
+    /// Returns the largest value of the accessor's type of indices.
+    pub(super) fn largest_index(&self) -> u32 {
+        match component_size(self.component) {
+            1 => u32::from(u8::MAX),
+            2 => u32::from(u16::MAX),
+            _ => u32::MAX,
+        }
     }
 
     fn fault(&self, fault: String) -> GltfError {

@@ -24,6 +24,14 @@ pub(super) struct BufferWindow<'a> {
     pub(super) mapped: Option<(&'a Arc<Mmap>, usize)>,
 }
 
+/// Range of bytes of a buffer, as the file states it.
+#[derive(Clone, Copy)]
+pub(super) struct BufferRange {
+    pub(super) buffer: usize,
+    pub(super) offset: u64,
+    pub(super) length: u64,
+}
+
 impl<'a> BufferWindow<'a> {
     /// Returns the window without its first `offset` bytes; `None` if it is shorter.
     pub(super) fn skip(self, offset: usize) -> Option<BufferWindow<'a>> {
@@ -46,14 +54,32 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
 impl GltfDocument {
     /// Returns the bytes of a buffer view, checked against its buffer.
     pub(super) fn view(&self, number: usize) -> Result<BufferWindow<'_>, GltfError> {
-        let item = || format!("buffer view {number}");
         let views = &self.root.buffer_views;
         let Some(view) = views.get(number) else {
             return Err(self.missing("buffer view", number, views.len()));
         };
-        let buffer = self.buffer(view.buffer.value())?;
-        let offset = view.byte_offset.map_or(0, |o| o.0);
-        let length = view.byte_length.0;
+        if let Some(Some(decoded)) = self.decoded_views.get(number) {
+            return Ok(BufferWindow {
+                bytes: decoded.as_ref().map_err(Clone::clone)?,
+                stride: view.byte_stride.map(|s| s.0),
+                mapped: None,
+            });
+        }
+        let range = BufferRange {
+            buffer: view.buffer.value(),
+            offset: view.byte_offset.map_or(0, |o| o.0),
+            length: view.byte_length.0,
+        };
+        Ok(BufferWindow {
+            stride: view.byte_stride.map(|s| s.0),
+            ..self.range(range, number)?
+        })
+    }
+
+    /// Returns the bytes of a range of a buffer, for the buffer view with this number.
+    pub(super) fn range(&self, range: BufferRange, view: usize) -> Result<BufferWindow<'_>, GltfError> {
+        let BufferRange { offset, length, .. } = range;
+        let buffer = self.buffer(range.buffer)?;
         let window = usize::try_from(offset)
             .ok()
             .zip(usize::try_from(length).ok())
@@ -61,14 +87,14 @@ impl GltfDocument {
         let Some((offset, bytes)) = window else {
             let fault = format!(
                 "spans {length} bytes from {offset} on, past the end of buffer {} ({} bytes)",
-                view.buffer.value(),
+                range.buffer,
                 buffer.len()
             );
-            return Err(self.fault(item(), fault, EXPORT_AGAIN));
+            return Err(self.fault(format!("buffer view {view}"), fault, EXPORT_AGAIN));
         };
         Ok(BufferWindow {
             bytes,
-            stride: view.byte_stride.map(|s| s.0),
+            stride: None,
             mapped: buffer.mapped().map(|(map, start)| (map, start + offset)),
         })
     }

@@ -1,9 +1,12 @@
-//! Bytes of a buffer, mapped or decoded.
+//! Bytes of a buffer, mapped or decoded, and decoded contents of buffer views and accessors.
 
 use std::ops::{Deref, Range};
 use std::sync::Arc;
 
+use gltf::json::accessor::{ComponentType, Type};
 use memmap2::Mmap;
+
+use super::GltfError;
 
 /// Bytes of a buffer, mapped or decoded.
 #[derive(Clone, Debug)]
@@ -38,4 +41,15 @@ impl Deref for Bytes {
             Bytes::Decoded(bytes) => bytes,
         }
     }
+}
+
+/// Decoded bytes of a buffer view, or the reason why they cannot be decoded; `None` if the view is not compressed.
+pub(super) type DecodedView = Option<Result<Bytes, GltfError>>;
+
+/// Decoded contents of an accessor, packed.
+pub(super) struct DecodedAccessor {
+    pub(super) bytes: Vec<u8>,
+    pub(super) count: usize,
+    pub(super) component: ComponentType,
+    pub(super) type_: Type,
 }

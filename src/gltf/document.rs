@@ -1,8 +1,9 @@
-//! Parsing of glTF documents: the container, the JSON, the version and the extensions.
+//! Parsing of glTF documents: the container, the JSON and the version.
 //!
 //! The content decides the kind of file, not its name. JSON is parsed into the `gltf` crate's types; that crate's
 //! importer and validation are not used, and no number in the file is trusted.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
@@ -10,26 +11,8 @@ use gltf::json;
 use serde_json::Value;
 
 use super::GltfError;
-use super::bytes::Bytes;
+use super::bytes::{Bytes, DecodedAccessor, DecodedView};
 use super::mmap::map_file;
-
-/// Extensions that are implemented.
-const SUPPORTED_EXTENSIONS: [&str; 11] = [
-    "KHR_lights_punctual",
-    "KHR_materials_diffuse_transmission",
-    "KHR_materials_dispersion",
-    "KHR_materials_emissive_strength",
-    "KHR_materials_ior",
-    "KHR_materials_specular",
-    "KHR_materials_transmission",
-    "KHR_materials_unlit",
-    "KHR_materials_volume",
-    "KHR_mesh_quantization",
-    "KHR_texture_transform",
-];
-
-/// Name prefix of the extensions that refine a material.
-const MATERIAL_EXTENSION: &str = "KHR_materials_";
 
 /// A parsed file with access to its buffers.
 pub(super) struct GltfDocument {
@@ -38,6 +21,12 @@ pub(super) struct GltfDocument {
     pub(super) root: json::Root,
     pub(super) binary_chunk: Option<Bytes>,
     pub(super) buffers: Vec<OnceLock<Result<Bytes, GltfError>>>,
+    /// Number of the chosen variant of materials; `None` for the materials of the primitives themselves.
+    pub(super) variant: Option<usize>,
+    /// Contents of compressed buffer views, by their numbers; empty if none is compressed.
+    pub(super) decoded_views: Vec<DecodedView>,
+    /// Contents of accessors whose meshes are compressed, by the accessors' numbers.
+    pub(super) decoded_accessors: HashMap<usize, DecodedAccessor>,
 }
 
 impl GltfDocument {
@@ -55,9 +44,11 @@ impl GltfDocument {
             buffers: root.buffers.iter().map(|_| OnceLock::new()).collect(),
             root,
             binary_chunk,
+            variant: None,
+            decoded_views: Vec::new(),
+            decoded_accessors: HashMap::new(),
         };
         document.check_version()?;
-        document.check_extensions(warnings)?;
         Ok(document)
     }
 
@@ -97,31 +88,6 @@ impl GltfDocument {
             file: self.file.clone(),
             version,
         })
-    }
-
-    fn check_extensions(&self, warnings: &mut Vec<String>) -> Result<(), GltfError> {
-        let is_known = |name: &String| SUPPORTED_EXTENSIONS.contains(&name.as_str());
-        let unknown = |names: &[String]| -> Vec<String> {
-            let mut names: Vec<String> = names.iter().filter(|n| !is_known(n)).cloned().collect();
-            names.sort();
-            names.dedup();
-            names
-        };
-        // A required extension that is unknown is an error
-        let names = unknown(&self.root.extensions_required);
-        if !names.is_empty() {
-            let file = self.file.clone();
-            return Err(GltfError::RequiredExtensions { file, names });
-        }
-        // An optional one is a warning
-        for name in unknown(&self.root.extensions_used) {
-            warnings.push(if name.starts_with(MATERIAL_EXTENSION) {
-                format!("the extension {name} is not supported: materials are rendered without it")
-            } else {
-                format!("the extension {name} is unknown and was ignored")
-            });
-        }
-        Ok(())
     }
 }
 
@@ -272,6 +238,9 @@ pub(super) fn of_json(root: &Value) -> GltfDocument {
         buffers: root.buffers.iter().map(|_| OnceLock::new()).collect(),
         root,
         binary_chunk: None,
+        variant: None,
+        decoded_views: Vec::new(),
+        decoded_accessors: HashMap::new(),
     }
 }
 

@@ -44,6 +44,19 @@ pub enum GltfError {
         /// Names of the extensions.
         names: Vec<String>,
     },
+    /// The file uses extensions that are not fully implemented, and the options refuse these.
+    #[error(
+        "{}: uses extensions that images do not fully honour ({}): render it without `--strict`, or export the file \
+         without them",
+        .file.display(),
+        .names.join(", ")
+    )]
+    InexactExtensions {
+        /// Path of the glTF file.
+        file: PathBuf,
+        /// Names of the extensions.
+        names: Vec<String>,
+    },
     /// One item of the file is invalid.
     #[error("{}: {item} {fault}: {remedy}", .file.display())]
     Item {

@@ -64,6 +64,22 @@ impl<'a> Extension<'a> {
         Extension { members }
     }
 
+    /// Returns the object that is a member of this one; empty if it is absent.
+    pub(super) fn nested(&self, name: &'static str, corrections: &mut Corrections) -> Extension<'a> {
+        Extension::of(self.members, name, corrections)
+    }
+
+    /// Returns a truth value.
+    pub(super) fn flag(&self, name: &'static str, default: bool, corrections: &mut Corrections) -> bool {
+        let Some(value) = self.member(name) else {
+            return default;
+        };
+        if !value.is_boolean() {
+            corrections.note(name);
+        }
+        value.as_bool().unwrap_or(default)
+    }
+
     pub(super) fn is_present(&self) -> bool {
         self.members.is_some()
     }
@@ -106,6 +122,11 @@ impl<'a> Extension<'a> {
             corrections.note(name);
         }
         index
+    }
+
+    /// Returns an index by a name that the file chooses, if there is a valid one.
+    pub(super) fn named_index(&self, name: &str) -> Option<u32> {
+        u32::try_from(self.member(name)?.as_u64()?).ok()
     }
 
     /// Returns a reference to a texture, if there is a valid one.

@@ -11,29 +11,31 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 use super::bytes::Bytes;
 use super::document::GltfDocument;
+use super::image_source::ImageSource;
+use super::ktx2;
 use super::{GltfError, LoadOptions};
 use crate::buffer::{Buffer, BufferMut};
 use crate::parallel;
 use crate::scene::{CachedImage, Image, ImageCache, Texels};
 
 impl GltfDocument {
-    /// Reads the images with these numbers, decoding those whose index is in `wanted`.
+    /// Reads these images, decoding those whose index is in `wanted`.
     pub(super) fn read_images(
         &self,
-        numbers: &[usize],
+        images: &[ImageSource],
         wanted: &HashSet<u32>,
         options: &LoadOptions,
     ) -> Result<Vec<Image>, GltfError> {
         let is_wanted = |index: usize| wanted.contains(&(index as u32));
         // Sizes first: nothing is decoded before all images are known to fit.
-        let sources: Vec<ImageBytes> = numbers
+        let sources: Vec<ImageBytes> = images
             .iter()
-            .map(|&number| self.image_bytes(number))
+            .map(|image| self.image_bytes(image.number))
             .collect::<Result<_, _>>()?;
         // Check every size, and the sum of those that are decoded
         let mut total = 0u64;
-        let mut sizes = Vec::with_capacity(numbers.len());
-        for (index, (&number, source)) in numbers.iter().zip(&sources).enumerate() {
+        let mut sizes = Vec::with_capacity(images.len());
+        for (index, (&ImageSource { number, .. }, source)) in images.iter().zip(&sources).enumerate() {
             let (width, height) = self.image_size(number, source)?;
             sizes.push((width, height));
             let texel_count = u64::from(width) * u64::from(height);
@@ -48,12 +50,12 @@ impl GltfDocument {
         }
         // Decode in parallel; other images keep only their size
         let read = |index: usize| {
-            let (number, source) = (numbers[index], &sources[index]);
+            let (image, source) = (images[index], &sources[index]);
             let (width, height) = sizes[index];
             match is_wanted(index) {
-                true => self.decode_image(number, source, &options.image_cache),
+                true => self.decode_image(image, source, &options.image_cache),
                 false => Ok(Image {
-                    name: self.image_name(number),
+                    name: self.image_name(image.number),
                     width,
                     height,
                     texels: Texels::Unread,
@@ -66,26 +68,37 @@ impl GltfDocument {
 
     fn decode_image(
         &self,
-        number: usize,
+        image: ImageSource,
         source: &ImageBytes,
         image_cache: &ImageCache,
     ) -> Result<Image, GltfError> {
+        let number = image.number;
         let decoded = image_cache.image(source.as_slice(), || self.decode_texels(number, source))?;
         let [width, height] = decoded.size;
         Ok(Image {
             name: self.image_name(number),
             width,
             height,
-            texels: decoded.texels,
+            texels: match decoded.texels {
+                Texels::Bytes(texels) => Texels::Bytes(image.conversion.apply(texels)),
+                other => other,
+            },
         })
     }
 
     fn decode_texels(&self, number: usize, source: &ImageBytes) -> Result<CachedImage, GltfError> {
-        let decoder = self.image_decoder(number, source)?;
-        let (width, height) = decoder.dimensions();
-        let texels = match rgba_of_jpeg(source.as_slice(), [width, height]) {
-            Some(texels) => texels,
-            None => rgba_texels(decoder).map_err(|e| self.bad_image(number, &e))?,
+        let (width, height) = self.image_size(number, source)?;
+        let texels = if ktx2::size(source.as_slice()).is_some() {
+            let texels = ktx2::texels(source.as_slice()).map_err(|e| self.bad_image(number, &e))?;
+            match texels.len() as u64 == u64::from(width) * u64::from(height) {
+                true => texels,
+                false => return Err(self.bad_image(number, &"it has more or fewer texels than its size")),
+            }
+        } else if let Some(texels) = rgba_of_jpeg(source.as_slice(), [width, height]) {
+            texels
+        } else {
+            let decoder = self.image_decoder(number, source)?;
+            rgba_texels(decoder).map_err(|e| self.bad_image(number, &e))?
         };
         Ok(CachedImage {
             size: [width, height],
@@ -94,6 +107,9 @@ impl GltfDocument {
     }
 
     fn image_size(&self, number: usize, source: &ImageBytes) -> Result<(u32, u32), GltfError> {
+        if let Some([width, height]) = ktx2::size(source.as_slice()) {
+            return Ok((width, height));
+        }
         Ok(self.image_decoder(number, source)?.dimensions())
     }
 
@@ -145,7 +161,7 @@ impl GltfDocument {
 
     fn bad_image(&self, number: usize, error: &dyn std::fmt::Display) -> GltfError {
         let fault = format!("cannot be decoded ({error})");
-        self.fault(self.image_item(number), fault, "save it as PNG or JPEG")
+        self.fault(self.image_item(number), fault, "save it as PNG, JPEG or WebP")
     }
 }
 

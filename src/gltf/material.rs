@@ -11,7 +11,9 @@ use serde_json::{Map, Value};
 use super::GltfError;
 use super::document::{GltfDocument, NO_IMAGE};
 use super::extension::{Corrections, Extension};
+use super::image_source::{ImageConversion, ImageSource};
 use super::medium::interior;
+use super::specular_glossiness::SpecularGlossiness;
 use super::texture_slot::{TextureSlot, slots};
 use crate::scene::{
     AlphaMode, Filter, Material, MaterialInput, MetallicRoughness, Model, Sampler, Texture, TextureBinding,
@@ -23,11 +25,18 @@ pub(super) struct Materials<'a> {
     document: &'a GltfDocument,
     pub(super) materials: Vec<Material>,
     pub(super) textures: Vec<Texture>,
-    /// Numbers of the file's images that textures refer to.
-    pub(super) images: Vec<usize>,
+    /// Images that textures refer to.
+    pub(super) images: Vec<ImageSource>,
     pub(super) warnings: Vec<String>,
     material_index: HashMap<MaterialKey, u32>,
-    texture_index: HashMap<usize, u32>,
+    texture_index: HashMap<TextureKey, u32>,
+}
+
+/// Key of a texture: its number in the file, and the conversion of its image.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct TextureKey {
+    number: usize,
+    conversion: ImageConversion,
 }
 
 /// Key of a material: its number in the file (`None` for the default one), and the texture coordinate sets that the
@@ -130,26 +139,32 @@ impl<'a> Materials<'a> {
         let Some(source) = textures.get(number) else {
             return Err(self.document.missing("texture", number, textures.len()));
         };
-        let texture = match self.texture_index.get(&number) {
+        let key = TextureKey {
+            number,
+            conversion: slot.conversion,
+        };
+        let texture = match self.texture_index.get(&key) {
             Some(&index) => index,
             None => {
                 // Add the texture on first use, with its image and its sampler
-                let image = source.source.value();
-                if image == NO_IMAGE as usize {
+                let Some(image) = image_of(source) else {
                     self.warnings.push(format!(
-                        "texture {number} has no PNG or JPEG image and was ignored"
+                        "texture {number} has no PNG, JPEG or WebP image and was ignored"
                     ));
                     return Ok(None);
-                }
+                };
                 let image_count = self.document.root.images.len();
                 if image >= image_count {
                     return Err(self.document.missing("image", image, image_count));
                 }
                 let sampler = self.document.sampler(source.sampler.map(|s| s.value()))?;
-                let image = self.image_index(image);
+                let image = self.image_index(ImageSource {
+                    number: image,
+                    conversion: slot.conversion,
+                });
                 let index = self.textures.len() as u32;
                 self.textures.push(Texture::Image { image, sampler });
-                self.texture_index.insert(number, index);
+                self.texture_index.insert(key, index);
                 index
             }
         };
@@ -160,10 +175,10 @@ impl<'a> Materials<'a> {
         }))
     }
 
-    fn image_index(&mut self, number: usize) -> u32 {
-        let known = self.images.iter().position(|&i| i == number);
+    fn image_index(&mut self, image: ImageSource) -> u32 {
+        let known = self.images.iter().position(|&known| known == image);
         known.unwrap_or_else(|| {
-            self.images.push(number);
+            self.images.push(image);
             self.images.len() - 1
         }) as u32
     }
@@ -232,6 +247,18 @@ impl GltfDocument {
     }
 }
 
+/// Returns the number of a texture's image: that of an extension whose format is decoded, else the texture's own; `None`
+/// without both.
+fn image_of(texture: &json::Texture) -> Option<usize> {
+    let extensions = texture.extensions.as_ref().map(|e| &e.others);
+    let corrections = &mut Corrections::default();
+    let mut source = |name| Extension::of(extensions, name, corrections).index("source", corrections);
+    let webp = source("EXT_texture_webp");
+    let basis = source("KHR_texture_basisu").filter(|_| cfg!(feature = "basisu"));
+    let own = Some(texture.source.value()).filter(|&image| image != NO_IMAGE as usize);
+    webp.or(basis).map(|image| image as usize).or(own)
+}
+
 /// Returns a material with the factors of `source`, without its name and its textures.
 fn surface(source: &json::Material, corrections: &mut Corrections) -> Material {
     // Read the base colour and the coverage, all that an unlit surface has
@@ -251,7 +278,11 @@ fn surface(source: &json::Material, corrections: &mut Corrections) -> Material {
         };
     }
     // Read the model and the emission
-    let model = metallic_roughness(pbr, extensions, corrections);
+    let specular_glossiness = SpecularGlossiness::read(extensions, corrections);
+    let model = match &specular_glossiness {
+        Some(source) => source.model(),
+        None => metallic_roughness(pbr, extensions, corrections),
+    };
     let extension = Extension::of(extensions, "KHR_materials_emissive_strength", corrections);
     let max = f64::from(f32::MAX);
     let strength = extension.number("emissiveStrength", 1.0, 0.0..=max, corrections);
@@ -261,9 +292,12 @@ fn surface(source: &json::Material, corrections: &mut Corrections) -> Material {
     });
     Material {
         translucency: translucency(extensions, model.transmission, corrections),
-        interior: interior(extensions, model.transmission > 0.0, corrections),
+        interior: match &specular_glossiness {
+            Some(source) => Some(source.interior()),
+            None => interior(extensions, model.transmission > 0.0, corrections),
+        },
         model: Model::MetallicRoughness(model),
-        base_color,
+        base_color: specular_glossiness.map_or(base_color, |source| source.diffuse),
         emission,
         alpha,
         ..Material::default()
@@ -359,7 +393,7 @@ mod tests {
         Found {
             material: materials.materials.remove(0),
             warnings: materials.warnings,
-            images: materials.images,
+            images: materials.images.iter().map(|image| image.number).collect(),
         }
     }
 
@@ -411,6 +445,36 @@ mod tests {
         );
         // Images are numbered in the order of their first use
         assert_eq!(found.images, [0, 1, 3, 2]);
+    }
+
+    #[test]
+    fn specular_glossiness_becomes_a_dielectric_of_that_reflectance() {
+        let found = with_extensions(json!({"KHR_materials_pbrSpecularGlossiness": {
+            "diffuseFactor": [0.5, 0.25, 1, 0.75], "specularFactor": [0.75, 0.5, 0.25], "glossinessFactor": 0.25
+        }}));
+        assert!(found.warnings.is_empty(), "{:?}", found.warnings);
+        let model = model(&found);
+        assert_eq!((model.metallic, model.roughness), (0.0, 0.75));
+        assert_eq!(model.specular_color, [0.75, 0.5, 0.25]);
+        assert_eq!(found.material.base_color, [0.5, 0.25, 1.0, 0.75]);
+        // The reflectance ((n - 1) / (n + 1))^2 is 1 in f32.
+        let ior = found.material.ior(crate::optics::LINE_D);
+        assert_eq!(((ior - 1.0) / (ior + 1.0)).powi(2) as f32, 1.0);
+        assert!(ior <= crate::scene::MAX_OPAQUE_IOR);
+    }
+
+    #[test]
+    fn glossiness_texture_becomes_roughness() {
+        let found = with_extensions(json!({"KHR_materials_pbrSpecularGlossiness": {
+            "diffuseTexture": {"index": 3}, "specularGlossinessTexture": {"index": 5}, "glossinessFactor": 0.5
+        }}));
+        assert_eq!(model(&found).roughness, 1.0);
+        let layer = |parameter| found.material.layer(parameter).unwrap().texture.texture;
+        assert_eq!(layer(MaterialInput::BaseColor), 0);
+        assert_eq!(layer(MaterialInput::SpecularColor), 1);
+        assert_eq!(layer(MaterialInput::Roughness), 2);
+        // The same image twice, as it is and converted.
+        assert_eq!(found.images, [3, 5, 5]);
     }
 
     #[test]

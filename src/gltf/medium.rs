@@ -7,10 +7,13 @@ use serde_json::{Map, Value};
 
 use super::extension::{Corrections, Extension};
 use crate::optics::{Absorption, Cauchy, Dispersion, MIN_WAVELENGTH};
-use crate::scene::{DEFAULT_IOR, Medium};
+use crate::scene::{DEFAULT_IOR, MAX_OPAQUE_IOR, Medium};
 
-/// Largest index of refraction that a scene accepts.
+/// Largest index of refraction that a scene accepts for a surface that transmits light.
 const MAX_IOR: f64 = 16.0;
+/// Index of refraction of an opaque surface whose reflectance at normal incidence rounds to 1 in f32: an index of 0, and
+/// any larger index, request it.
+pub(super) const REFLECTING_IOR: f64 = MAX_OPAQUE_IOR;
 
 /// Returns the interior of a material that transmits or that states an index of refraction; `None` otherwise.
 pub(super) fn interior(
@@ -22,10 +25,11 @@ pub(super) fn interior(
     if !transmits && !stated.is_present() {
         return None;
     }
-    let ior = match stated.number("ior", DEFAULT_IOR, 0.0..=MAX_IOR, corrections) {
+    let max = if transmits { MAX_IOR } else { REFLECTING_IOR };
+    let ior = match stated.number("ior", DEFAULT_IOR, 0.0..=max, corrections) {
         // An index of 0 requests a surface that reflects everything; the largest index comes closest.
-        0.0 => MAX_IOR,
-        ior => corrections.within("ior", ior, 1.0..=MAX_IOR, DEFAULT_IOR),
+        0.0 => max,
+        ior => corrections.within("ior", ior, 1.0..=max, DEFAULT_IOR),
     };
     // Read the thickness, which only decides whether there is an interior
     let volume = Extension::of(extensions, "KHR_materials_volume", corrections);
@@ -136,6 +140,11 @@ mod tests {
         };
         let volume =
             || json!({"thicknessFactor": 1, "attenuationColor": [0.5, 0.5, 0.5], "attenuationDistance": -1});
+        // An opaque surface may reflect everything
+        let opaque = |ior: f64| read(json!({"KHR_materials_ior": {"ior": ior}}), false);
+        assert_eq!(opaque(0.0).0.unwrap().ior, Dispersion::Constant(REFLECTING_IOR));
+        assert_eq!(opaque(1000.0).0.unwrap().ior, Dispersion::Constant(1000.0));
+        assert!(opaque(1000.0).1.is_empty());
         let (ior, absorption, is_thin, names) = glass(volume(), json!(1e6), json!(-1));
         assert_eq!((ior, absorption), (Dispersion::Constant(16.0), Absorption::NONE));
         assert!(!is_thin);

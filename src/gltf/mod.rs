@@ -21,20 +21,29 @@ mod animation_sampler;
 mod buffer;
 mod bytes;
 mod camera_light;
+mod compressed_view;
 mod deformation;
 mod document;
+mod draco;
 mod error;
 mod extension;
+mod extension_support;
+mod gpu_instancing;
 mod image;
+mod image_source;
+mod ktx2;
 mod material;
 mod medium;
+mod meshopt;
 mod mmap;
 mod node;
 mod node_transform;
 mod primitive;
 mod primitive_id;
 mod skin;
+mod specular_glossiness;
 mod texture_slot;
+mod variant;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -52,6 +61,8 @@ use crate::scene::{Background, EffectSet, Geometry, ImageCache, Instance, Normal
 use crate::shading::fold_constant_textures;
 use deformation::Deformation;
 use document::GltfDocument;
+use gpu_instancing::MeshPlacement;
+use image_source::ImageSource;
 use material::Materials;
 use node::PlacedNode;
 use primitive::ReadPrimitive;
@@ -72,6 +83,20 @@ pub struct LoadOptions {
     pub pose: Option<AnimationTime>,
     /// Cache of images that are already decoded.
     pub image_cache: ImageCache,
+    /// Name of the variant of the materials (`KHR_materials_variants`); `None` for the default look.
+    pub variant: Option<String>,
+    /// Treatment of files with extensions that are not fully implemented.
+    pub unsupported: UnsupportedExtensions,
+}
+
+/// Treatment of files that use extensions which are ignored or approximated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum UnsupportedExtensions {
+    /// The file is loaded, with a warning for each extension that is ignored.
+    #[default]
+    Warn,
+    /// The file is refused.
+    Refuse,
 }
 
 impl LoadOptions {
@@ -86,6 +111,8 @@ impl Default for LoadOptions {
             without: EffectSet::NONE,
             pose: None,
             image_cache: ImageCache::default(),
+            variant: None,
+            unsupported: UnsupportedExtensions::default(),
         }
     }
 }
@@ -117,7 +144,14 @@ pub(crate) fn load_part(path: &Path, options: &LoadOptions) -> Result<Scene, Glt
 /// Reads the file's scene in its own coordinates, and the bounds of its geometries.
 fn read(path: &Path, options: &LoadOptions) -> Result<(GltfDocument, Scene, Vec<Bounds>), GltfError> {
     let mut scene = Scene::default();
-    let document = GltfDocument::open(path, &mut scene.warnings)?;
+    let mut document = GltfDocument::open(path, &mut scene.warnings)?;
+    scene.extensions = document.extension_uses(options.unsupported, &mut scene.warnings)?;
+    document.decode_views();
+    // Choose the variant of the materials
+    scene.variants = document.variants();
+    if let Some(name) = &options.variant {
+        document.choose_variant(name)?;
+    }
     // Evaluate the animations
     let moved = match &options.pose {
         None => HashMap::new(),
@@ -125,19 +159,21 @@ fn read(path: &Path, options: &LoadOptions) -> Result<(GltfDocument, Scene, Vec<
     };
     // Invalid animations are no error in a file that is loaded without a pose.
     scene.animations = document.animations().unwrap_or_default();
-    // Flatten the nodes, and read and place the primitives in use
+    // Flatten the nodes
     let mut nodes = document.placed_nodes(&moved)?;
+    // Decode compressed meshes, then read the primitives
+    document.decode_draco(&nodes)?;
     let deformations = document.deform(&mut nodes, &moved)?;
     let primitives = document.read_used_primitives(&nodes, &deformations)?;
     let PlacedPrimitives {
         bounds,
-        image_numbers,
+        image_sources,
         missing_tangents,
     } = document.place_primitives(&nodes, primitives, &mut scene)?;
     // Decode the images that simulated effects use, and compute tangents meanwhile
     let wanted = scene.images_for(options.without);
     let (images, meshes) = parallel::join(
-        || document.read_images(&image_numbers, &wanted, options),
+        || document.read_images(&image_sources, &wanted, options),
         || with_tangents(&scene.geometries, &missing_tangents),
     );
     scene.images = images?;
@@ -149,7 +185,9 @@ fn read(path: &Path, options: &LoadOptions) -> Result<(GltfDocument, Scene, Vec<
         scene
             .cameras
             .extend(document.camera_at(node, &mut scene.warnings)?);
-        scene.lights.extend(document.light_at(node, &mut scene.warnings)?);
+        if node.is_visible {
+            scene.lights.extend(document.light_at(node, &mut scene.warnings)?);
+        }
     }
     Ok((document, scene, bounds))
 }
@@ -158,8 +196,8 @@ fn read(path: &Path, options: &LoadOptions) -> Result<(GltfDocument, Scene, Vec<
 struct PlacedPrimitives {
     /// Bounds of the geometries in their object spaces.
     bounds: Vec<Bounds>,
-    /// Numbers of the images that the textures need.
-    image_numbers: Vec<usize>,
+    /// Images that the textures need.
+    image_sources: Vec<ImageSource>,
     missing_tangents: Vec<MissingTangents>,
 }
 
@@ -202,13 +240,14 @@ impl GltfDocument {
         Ok(ids.into_iter().zip(read).collect())
     }
 
-    /// Returns the primitives of a node's mesh.
+    /// Returns the primitives of a node's mesh; none if it is hidden.
     fn primitives_at(
         &self,
         node: &PlacedNode,
     ) -> Result<impl Iterator<Item = PrimitiveId> + use<>, GltfError> {
         let meshes = &self.root.meshes;
-        let mesh = self.root.nodes[node.number].mesh.map(|m| m.value());
+        let mesh = self.root.nodes[node.number].mesh.filter(|_| node.is_visible);
+        let mesh = mesh.map(|m| m.value());
         let primitive_count = match mesh {
             None => 0,
             Some(number) => meshes
@@ -236,12 +275,17 @@ impl GltfDocument {
         let mut materials = Materials::new(self);
         let mut found = PlacedPrimitives {
             bounds: Vec::new(),
-            image_numbers: Vec::new(),
+            image_sources: Vec::new(),
             missing_tangents: Vec::new(),
         };
         let mut placed: HashMap<PrimitiveId, Option<(u32, u32)>> = HashMap::new();
         for node in nodes {
-            for id in self.primitives_at(node)? {
+            let ids: Vec<PrimitiveId> = self.primitives_at(node)?.collect();
+            let placements = match ids.is_empty() {
+                true => Vec::new(),
+                false => self.placements(node)?,
+            };
+            for id in ids {
                 // Add the geometry on first use of the primitive
                 let place = match placed.get(&id) {
                     Some(&place) => place,
@@ -254,20 +298,19 @@ impl GltfDocument {
                         place
                     }
                 };
-                if let Some((geometry, material)) = place {
-                    scene.instances.extend(self.instance(
-                        node,
-                        id,
-                        [geometry, material],
-                        &mut scene.warnings,
-                    )?);
+                let Some((geometry, material)) = place else {
+                    continue;
+                };
+                for placement in &placements {
+                    let instance = self.instance(placement, id, [geometry, material], &mut scene.warnings)?;
+                    scene.instances.extend(instance);
                 }
             }
         }
         scene.materials = materials.materials;
         scene.textures = materials.textures;
         scene.warnings.append(&mut materials.warnings);
-        found.image_numbers = materials.images;
+        found.image_sources = materials.images;
         Ok(found)
     }
 
@@ -288,7 +331,7 @@ impl GltfDocument {
         let sets = &read.mesh.tex_coords;
         // Find the material without the textures whose coordinates the mesh lacks
         let has_set = |set: u32| sets.get(set as usize).is_some_and(|s| !s.is_empty());
-        let number = self.primitive(id).material.map(|m| m.value());
+        let number = self.material_number(id);
         let material = materials.index_of(number, has_set)?;
         let geometry = scene.geometries.len();
         let missing = |set| MissingTangents { geometry, set };
@@ -298,20 +341,23 @@ impl GltfDocument {
         Ok(Some((geometry as u32, material)))
     }
 
-    /// Returns an instance of one primitive at one node; `None` if the node is scaled to zero, by which files hide
+    /// Returns an instance of one primitive at one place; `None` if it is scaled to zero, by which files hide
     /// objects.
     fn instance(
         &self,
-        node: &PlacedNode,
+        place: &MeshPlacement,
         id: PrimitiveId,
         [geometry, material]: [u32; 2],
         warnings: &mut Vec<String>,
     ) -> Result<Option<Instance>, GltfError> {
-        let mut name = self.node_name(node.number);
+        let mut name = self.node_name(place.node);
         if self.root.meshes[id.mesh].primitives.len() > 1 {
             name = format!("{name} primitive {}", id.primitive);
         }
-        let world_from_mesh = node.world_from_mesh();
+        if let Some(copy) = place.copy {
+            name = format!("{name} copy {copy}");
+        }
+        let world_from_mesh = place.world_from_mesh;
         // A zero matrix has no inverse
         if world_from_mesh.matrix3 == DMat3::ZERO {
             warnings.push(format!("{name} has a scale of zero and was skipped"));
@@ -322,7 +368,7 @@ impl GltfDocument {
             Err(singular) => {
                 let fault = format!("cannot be placed, {singular}");
                 Err(self.fault(
-                    self.node_item(node.number),
+                    self.node_item(place.node),
                     fault,
                     "give it a scale other than zero",
                 ))

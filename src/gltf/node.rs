@@ -7,6 +7,7 @@ use glam::{DAffine3, DMat4};
 use super::GltfError;
 use super::document::GltfDocument;
 use super::error::EXPORT_AGAIN;
+use super::extension::{Corrections, Extension};
 use super::node_transform::{NodeOverride, parts};
 
 /// A node with its world transform.
@@ -14,6 +15,8 @@ use super::node_transform::{NodeOverride, parts};
 pub(super) struct PlacedNode {
     pub(super) number: usize,
     pub(super) world_from_node: DAffine3,
+    /// True unless the node or an ancestor is hidden by `KHR_node_visibility`, so that its meshes and lights are rendered.
+    pub(super) is_visible: bool,
     /// Deformation of the node's mesh and the transform of the deformed mesh; `None` if the mesh is not deformed.
     pub(super) deformed: Option<Deformed>,
 }
@@ -24,6 +27,13 @@ pub(super) struct Deformed {
     /// Index of the deformation in the list of all.
     pub(super) deformation: usize,
     pub(super) world_from_mesh: DAffine3,
+}
+
+/// Node whose children are still to be placed.
+struct OpenNode {
+    number: usize,
+    world_from_parent: DAffine3,
+    is_parent_visible: bool,
 }
 
 impl PlacedNode {
@@ -47,22 +57,29 @@ impl GltfDocument {
         let mut parents: Vec<Option<usize>> = vec![None; nodes.len()];
         let mut is_placed = vec![false; nodes.len()];
         let mut placed = Vec::new();
-        let mut open: Vec<(usize, DAffine3)> = Vec::new();
-        for root in self.roots()?.into_iter().rev() {
-            open.push((root, DAffine3::IDENTITY));
+        let mut open: Vec<OpenNode> = Vec::new();
+        for number in self.roots()?.into_iter().rev() {
+            open.push(OpenNode {
+                number,
+                world_from_parent: DAffine3::IDENTITY,
+                is_parent_visible: true,
+            });
         }
         // An explicit stack, as files may nest deeper than the call stack allows.
-        while let Some((number, world_from_parent)) = open.pop() {
+        while let Some(next) = open.pop() {
+            let number = next.number;
             if is_placed[number] {
                 return Err(self.second_parent(number));
             }
             is_placed[number] = true;
             // Compose the transforms from the root down
             let node = &nodes[number];
-            let world_from_node = world_from_parent * self.local_transform(number, moved)?;
+            let world_from_node = next.world_from_parent * self.local_transform(number, moved)?;
+            let is_visible = next.is_parent_visible && self.states_visible(number);
             placed.push(PlacedNode {
                 number,
                 world_from_node,
+                is_visible,
                 deformed: None,
             });
             // Push the children, each of which must have one parent only
@@ -75,10 +92,21 @@ impl GltfDocument {
                     return Err(self.cycle_or_second_parent(child, number, &parents));
                 }
                 parents[child] = Some(number);
-                open.push((child, world_from_node));
+                open.push(OpenNode {
+                    number: child,
+                    world_from_parent: world_from_node,
+                    is_parent_visible: is_visible,
+                });
             }
         }
         Ok(placed)
+    }
+
+    /// Returns whether a node's own `KHR_node_visibility` shows it.
+    fn states_visible(&self, number: usize) -> bool {
+        let extensions = self.root.nodes[number].extensions.as_ref().map(|e| &e.others);
+        let corrections = &mut Corrections::default();
+        Extension::of(extensions, "KHR_node_visibility", corrections).flag("visible", true, corrections)
     }
 
     /// Returns a node's name for messages.
@@ -200,6 +228,18 @@ mod tests {
         // and moved.
         let p = placed[1].world_from_node.transform_point3(DVec3::X);
         assert!((p - DVec3::new(3.0, 4.0, 3.0)).length() < 1e-15, "{p}");
+    }
+
+    #[test]
+    fn descendants_of_a_hidden_node_are_hidden() {
+        let hidden = json!({"KHR_node_visibility": {"visible": false}});
+        let shown = json!({"KHR_node_visibility": {"visible": true}});
+        let nodes = json!([
+            {"children": [1, 3]}, {"extensions": hidden, "children": [2]}, {"extensions": shown}, {"extensions": shown}
+        ]);
+        let placed = place(nodes, json!([0])).unwrap();
+        let visible: Vec<usize> = placed.iter().filter(|n| n.is_visible).map(|n| n.number).collect();
+        assert_eq!(visible, [0, 3]);
     }
 
     #[test]

@@ -124,7 +124,14 @@ impl PrimitiveReader<'_> {
             return Ok(triangles);
         }
         let indices = accessor.indices()?;
-        Ok(assemble(mode, indices.len(), |i| indices[i]))
+        if mode == Mode::Triangles || !self.document.has_primitive_restart() {
+            return Ok(assemble(mode, indices.len(), |i| indices[i]));
+        }
+        // Assemble the strips or fans between restart indices
+        let restart = accessor.largest_index();
+        let runs = indices.split(|&index| index == restart);
+        let triangles = runs.flat_map(|run| assemble(mode, run.len(), |i| run[i]).to_vec());
+        Ok(Buffer::from(triangles.collect::<Vec<_>>()))
     }
 
     /// Checks the indices and removes unusable triangles. A mesh without faults stays mapped.
@@ -162,7 +169,7 @@ impl PrimitiveReader<'_> {
             mesh.colors = Some(self.colors(accessor, vertex_count)?);
         }
         // Read the texture coordinate sets that the material uses
-        let material = self.document.primitive(self.id).material.map(|m| m.value());
+        let material = self.document.material_number(self.id);
         for set in self.document.texture_coordinate_sets(material)? {
             // Exporters write few sets; a large set number would only waste memory on empty arrays.
             const MAX_SETS: u32 = 64;
@@ -205,13 +212,7 @@ impl PrimitiveReader<'_> {
     }
 
     fn colors(&mut self, accessor: usize, vertex_count: usize) -> Result<Buffer<[f32; 4]>, GltfError> {
-        let is_rgb = self
-            .document
-            .root
-            .accessors
-            .get(accessor)
-            .is_some_and(|a| matches!(a.type_, Checked::Valid(json::accessor::Type::Vec3)));
-        if !is_rgb {
+        if !self.document.accessor(accessor)?.is_triple() {
             let colors = self.vectors::<4>(accessor, vertex_count, "colours")?;
             return Ok(self.finite(colors, "colours"));
         }

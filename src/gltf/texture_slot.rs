@@ -7,6 +7,8 @@ use gltf::json;
 use serde_json::{Map, Value};
 
 use super::extension::{Corrections, Extension};
+use super::image_source::ImageConversion;
+use super::specular_glossiness::SpecularGlossiness;
 use crate::scene::{MaterialInput, UvTransform};
 
 /// A texture of a material, by the file's numbers.
@@ -17,28 +19,38 @@ pub(super) struct TextureSlot {
     pub(super) tex_coord: u32,
     pub(super) transform: UvTransform,
     pub(super) strength: f32,
+    /// Conversion of the texture's image.
+    pub(super) conversion: ImageConversion,
 }
 
 /// Returns the textures of a material, with or without effect.
 pub(super) fn slots(material: &json::Material, corrections: &mut Corrections) -> Vec<TextureSlot> {
     let pbr = &material.pbr_metallic_roughness;
-    let mut slots = Vec::new();
-    slots.extend(slot(
-        MaterialInput::BaseColor,
-        &pbr.base_color_texture,
-        corrections,
-    ));
-    // An unlit surface has only a base colour
     let extensions = material.extensions.as_ref().map(|e| &e.others);
-    if Extension::of(extensions, "KHR_materials_unlit", corrections).is_present() {
+    let is_unlit = Extension::of(extensions, "KHR_materials_unlit", corrections).is_present();
+    let specular_glossiness = SpecularGlossiness::read(extensions, corrections).filter(|_| !is_unlit);
+    let mut slots = Vec::new();
+    if let Some(source) = &specular_glossiness {
+        slots.extend(specular_glossiness_slots(source, corrections));
+    } else {
+        slots.extend(slot(
+            MaterialInput::BaseColor,
+            &pbr.base_color_texture,
+            corrections,
+        ));
+    }
+    // An unlit surface has only a base colour
+    if is_unlit {
         return slots;
     }
     // Read the slots of glTF itself, then those of the extensions
-    slots.extend(slot(
-        MaterialInput::MetallicRoughness,
-        &pbr.metallic_roughness_texture,
-        corrections,
-    ));
+    if specular_glossiness.is_none() {
+        slots.extend(slot(
+            MaterialInput::MetallicRoughness,
+            &pbr.metallic_roughness_texture,
+            corrections,
+        ));
+    }
     slots.extend(slot(
         MaterialInput::Emission,
         &material.emissive_texture,
@@ -64,7 +76,27 @@ fn slot(
         tex_coord,
         transform,
         strength: 1.0,
+        conversion: ImageConversion::None,
     })
+}
+
+/// Returns the textures of the specular-glossiness workflow. One image has both the specular colour and the glossiness,
+/// whose alpha channel is converted to roughness.
+fn specular_glossiness_slots(source: &SpecularGlossiness, corrections: &mut Corrections) -> Vec<TextureSlot> {
+    let packed = &source.specular_glossiness_texture;
+    let mut slots = Vec::new();
+    slots.extend(slot(
+        MaterialInput::BaseColor,
+        &source.diffuse_texture,
+        corrections,
+    ));
+    slots.extend(slot(MaterialInput::SpecularColor, packed, corrections));
+    let roughness = slot(MaterialInput::Roughness, packed, corrections);
+    slots.extend(roughness.map(|slot| TextureSlot {
+        conversion: source.roughness_conversion(),
+        ..slot
+    }));
+    slots
 }
 
 fn normal_slot(material: &json::Material, corrections: &mut Corrections) -> Option<TextureSlot> {
@@ -80,6 +112,7 @@ fn normal_slot(material: &json::Material, corrections: &mut Corrections) -> Opti
         tex_coord,
         transform,
         strength: if info.scale.is_finite() { info.scale } else { 1.0 },
+        conversion: ImageConversion::None,
     })
 }
 
@@ -94,6 +127,7 @@ fn occlusion_slot(material: &json::Material, corrections: &mut Corrections) -> O
         tex_coord,
         transform,
         strength: strength as f32,
+        conversion: ImageConversion::None,
     })
 }
 

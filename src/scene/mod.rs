@@ -5,6 +5,7 @@ mod bake;
 mod camera;
 mod effect;
 mod emissive;
+mod extension_use;
 mod image_cache;
 pub mod image_settings;
 mod instance;
@@ -31,6 +32,7 @@ pub use area_light::{
 pub(crate) use area_light::{LightSamplePacket, LightView};
 pub use camera::{Camera, CameraRay, CameraView, Projection, Shutter};
 pub use effect::{Effect, EffectOverrides, EffectSet};
+pub use extension_use::{ExtensionSupport, ExtensionUse};
 pub(crate) use image_cache::CachedImage;
 pub use image_cache::{CacheStats, ImageCache};
 pub use instance::Instance;
@@ -53,7 +55,7 @@ pub use crate::optics::subsurface::{Scattering, SubsurfacePreset};
 pub use crate::optics::{Absorption, Cauchy, Dispersion, Sellmeier};
 pub(crate) use validate::check_camera;
 pub(crate) use validate_light::{MAX_LIGHT_SAMPLES, check_light};
-pub(crate) use validate_material::{check_factors, check_procedural, check_scattering};
+pub(crate) use validate_material::{MAX_OPAQUE_IOR, check_factors, check_procedural, check_scattering};
 
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
@@ -87,6 +89,10 @@ pub struct Scene {
     pub ambient: [f32; 3],
     /// Radiance of rays that miss the scene.
     pub background: Background,
+    /// Names of the variants of materials that a glTF file has.
+    pub variants: Vec<String>,
+    /// Extensions that the source files state, by name.
+    pub extensions: Vec<ExtensionUse>,
     /// Warnings about what was dropped or approximated while loading, one sentence each.
     pub warnings: Vec<String>,
     /// Map from the file's coordinates to world coordinates.

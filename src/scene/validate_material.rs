@@ -135,16 +135,26 @@ fn texel_ranges(material: &Material, parameter: MaterialInput) -> Vec<TexelRange
 /// Range that contains the index of refraction of every real material, over the whole visible range.
 const IOR_RANGE: RangeInclusive<f64> = 1.0 / 16.0..=16.0;
 
+/// Largest index of refraction of an opaque surface. Its reflectance at normal incidence is 1 - 4e-9, which rounds to 1
+/// in f32: formats state a surface that reflects all light by an index of refraction.
+pub(crate) const MAX_OPAQUE_IOR: f64 = 1e9;
+
 pub(super) fn check_interior(material: &Material) -> Result<(), String> {
     let Some(interior) = &material.interior else {
         return Ok(());
     };
+    let range = match material.transmits() {
+        true => IOR_RANGE,
+        false => *IOR_RANGE.start()..=MAX_OPAQUE_IOR,
+    };
     // Evaluate the dispersion at both ends of the visible range and at the d line
     let is_sound = [MIN_WAVELENGTH, LINE_D, MAX_WAVELENGTH]
         .iter()
-        .all(|&wavelength| IOR_RANGE.contains(&interior.ior.ior(wavelength)));
+        .all(|&wavelength| range.contains(&interior.ior.ior(wavelength)));
     if !is_sound {
-        return Err("its index of refraction is not between 1/16 and 16: correct it".into());
+        return Err(
+            "its index of refraction is not between 1/16 and 16 (1e9 if it is opaque): correct it".into(),
+        );
     }
     let is_coefficient = |sigma: &f64| (0.0..f64::INFINITY).contains(sigma);
     if !interior.absorption.sigma_a.iter().all(is_coefficient) {

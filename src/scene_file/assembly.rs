@@ -18,7 +18,7 @@ use super::shape::{ShapeForm, ShapeRef};
 use super::source_text::{edited, read};
 use super::value::Located;
 use super::volume::VolumeForm;
-use crate::gltf::{self, AnimationTime, LoadOptions};
+use crate::gltf::{self, AnimationTime, LoadOptions, UnsupportedExtensions};
 use crate::numeric::AnimatedTransform;
 use crate::scene::{Camera, EffectSet, Geometry, ImageCache, Light, Scene, Texture, TextureBinding};
 
@@ -45,6 +45,8 @@ pub(super) struct Resolver {
     default_material: Option<u32>,
     /// Time at which glTF animations are evaluated.
     pose: Option<AnimationTime>,
+    variant: Option<String>,
+    unsupported: UnsupportedExtensions,
     /// Cache of images that are already decoded.
     pub(super) image_cache: ImageCache,
     /// Edits that apply to the outermost file.
@@ -68,6 +70,8 @@ impl Resolver {
         Resolver {
             edits: edits.to_vec(),
             pose: options.pose.clone(),
+            variant: options.variant.clone(),
+            unsupported: options.unsupported,
             image_cache: options.image_cache.clone(),
             scene: Scene::default(),
             texels_left: options.max_texels,
@@ -395,6 +399,8 @@ impl Resolver {
             without: self.without,
             pose: self.pose.clone(),
             image_cache: self.image_cache.clone(),
+            variant: self.variant.clone(),
+            unsupported: self.unsupported,
         };
         let part = gltf::load_part(path, &options).map_err(|error| error.to_string())?;
         let source = Source {
@@ -446,6 +452,9 @@ impl Resolver {
             .into_iter()
             .map(|warning| format!("{file}: {warning}"));
         scene.warnings.extend(warnings);
+        scene.extensions.extend(part.extensions);
+        scene.extensions.sort_by(|a, b| a.name.cmp(&b.name));
+        scene.extensions.dedup_by(|a, b| a.name == b.name);
         // Make an object of each instance
         let nodes: Vec<Node> = part
             .instances

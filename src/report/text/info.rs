@@ -8,7 +8,9 @@ use serde::Serialize;
 
 use crate::bench::AblationStudy;
 use crate::render::plan::{Decision, Plan};
-use crate::scene::{Animation, AreaShape, EffectOverrides, Geometry, LightKind, Projection, Scene};
+use crate::scene::{
+    Animation, AreaShape, EffectOverrides, ExtensionUse, Geometry, LightKind, Projection, Scene,
+};
 use crate::shape::Shape;
 
 use super::ablation;
@@ -86,6 +88,10 @@ pub struct SceneInfo {
     /// Cost of each effect; absent unless requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub prices: Option<AblationStudy>,
+    /// Names of the variants of materials, for `--variant`.
+    pub variants: Vec<String>,
+    /// Extensions that glTF files state, and how far images honour each.
+    pub extensions: Vec<ExtensionUse>,
     /// Objects that were dropped or approximated while loading.
     pub warnings: Vec<String>,
 }
@@ -182,6 +188,8 @@ impl SceneInfo {
             forecast: None,
             no_forecast: None,
             prices: None,
+            variants: scene.variants.clone(),
+            extensions: scene.extensions.clone(),
             warnings: scene.warnings.clone(),
         }
     }
@@ -407,18 +415,24 @@ impl fmt::Display for SceneInfo {
                 words(memory.film_bytes)
             ),
         )?;
-        // Print forecast, costs and warnings
+        // Print forecast, costs, extensions and warnings
         if let Some(forecast) = &self.forecast {
             write!(f, "{forecast}")?;
         }
         if let Some(prices) = &self.prices {
             write!(f, "{prices}")?;
         }
-        let mut warnings = String::new();
-        for warning in &self.warnings {
-            writeln!(warnings, "{:<15}{warning}", "warning")?;
+        let mut remarks = String::new();
+        if !self.variants.is_empty() {
+            writeln!(remarks, "{:<15}{}", "variants", self.variants.join(", "))?;
         }
-        f.write_str(&warnings)
+        for extension in &self.extensions {
+            writeln!(remarks, "{:<15}{extension}", "extension")?;
+        }
+        for warning in &self.warnings {
+            writeln!(remarks, "{:<15}{warning}", "warning")?;
+        }
+        f.write_str(&remarks)
     }
 }
 

@@ -369,8 +369,12 @@ fn textured(image: &[u8]) -> String {
 
 #[test]
 fn unreadable_or_oversized_images_are_reported() {
-    assert_advice(&textured(b"GIF89a"), "image 0 `paint`", "PNG or JPEG");
-    assert_advice(&textured(b"\x89PNG\r\n\x1a\n"), "image 0 `paint`", "PNG or JPEG");
+    assert_advice(&textured(b"GIF89a"), "image 0 `paint`", "PNG, JPEG or WebP");
+    assert_advice(
+        &textured(b"\x89PNG\r\n\x1a\n"),
+        "image 0 `paint`",
+        "PNG, JPEG or WebP",
+    );
     // A PNG header of 100 000 by 100 000 texels.
     let mut bomb = b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR".to_vec();
     bomb.extend(100_000u32.to_be_bytes());
@@ -554,7 +558,10 @@ fn supported_extensions_may_be_required_and_others_are_reported() {
         "{:?}",
         scene.warnings
     );
-    assert_eq!((warned("X_y is unknown"), warned("outside their range")), (1, 1));
+    assert_eq!(
+        (warned("X_y is not supported"), warned("outside their range")),
+        (1, 1)
+    );
     let sentence = spoilt(|r| r["extensionsRequired"] = json!(["KHR_materials_clearcoat"]));
     assert_advice(&sentence, "KHR_materials_clearcoat", "export the file without");
 }

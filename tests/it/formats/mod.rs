@@ -3,6 +3,7 @@
 mod exr_readers;
 mod gltf_animation;
 mod gltf_deformation;
+mod gltf_extensions;
 mod gltf_files;
 mod gltf_hostile;
 mod lazy_image_decoding;

@@ -73,7 +73,7 @@ fn invalid_subsurface_scattering_is_rejected() {
 fn invalid_materials_are_rejected() {
     let material = |text: &str| format!("[material.m]\n{text}\n{BALL}");
     refused(
-        material("ior = 40"),
+        material("transmission = 1\nior = 40"),
         ":1:",
         &["material.m", "index of refraction", "between 1/16 and 16"],
     );

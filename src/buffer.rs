@@ -1,5 +1,5 @@
-//! Arrays of plain values: [`Buffer`] is read-only and owned or a window into a memory-mapped file, so that large meshes
-//! are never copied; [`BufferMut`] is filled and then frozen.
+//! Arrays of plain values: [`Buffer`] is read-only and owned or a window into the bytes of a file, so that large meshes
+//! are not copied out of it; [`BufferMut`] is filled and then frozen.
 //!
 //! Large arrays are anonymous memory maps in huge pages, where the system grants them: the first write to each page of
 //! 4 KiB costs about as long as filling it.
@@ -9,7 +9,7 @@ use std::ops::{Deref, DerefMut, Range};
 use std::sync::Arc;
 
 use bytemuck::Pod;
-use memmap2::{Mmap, MmapMut};
+use memmap2::MmapMut;
 
 /// Read-only array of plain values; clones share it.
 #[derive(Clone, Debug)]
@@ -18,16 +18,16 @@ pub struct Buffer<T: Pod>(Storage<T>);
 #[derive(Clone, Debug)]
 enum Storage<T> {
     Owned(Arc<Vec<T>>),
-    /// Window into a mapped file.
+    /// Window into memory that other arrays share, such as the bytes of a file.
     Mapped {
-        map: Arc<Mmap>,
+        map: Arc<MmapMut>,
         bytes: Range<usize>,
     },
     /// Memory without a file, from a [`BufferMut`].
     Anonymous(Arc<MmapMut>),
 }
 
-/// Page size in bytes: the bytes between a mapped file's end and the end of its page can be read and are zero.
+/// Page size in bytes: the bytes between a map's end and the end of its page can be read and are zero.
 const PAGE: usize = 4096;
 /// Size in bytes of a huge page of x86-64 and most others.
 const HUGE_PAGE: usize = 2 << 20;
@@ -36,7 +36,7 @@ impl<T: Pod> Buffer<T> {
     /// Creates a window of `count` values that starts `offset` bytes into `map`.
     ///
     /// Returns `None` if the window exceeds the map or is not aligned for `T`.
-    pub fn from_map(map: &Arc<Mmap>, offset: usize, count: usize) -> Option<Buffer<T>> {
+    pub fn from_map(map: &Arc<MmapMut>, offset: usize, count: usize) -> Option<Buffer<T>> {
         let end = count.checked_mul(size_of::<T>())?.checked_add(offset)?;
         let window = map.get(offset..end)?;
         bytemuck::try_cast_slice::<u8, T>(window).ok()?;
@@ -56,8 +56,8 @@ impl<T: Pod> Buffer<T> {
         }
     }
 
-    /// Returns whether the values are in a mapped file.
-    pub fn is_mapped(&self) -> bool {
+    /// Returns whether the values are a window into shared memory, such as the bytes of a file.
+    pub fn is_window(&self) -> bool {
         matches!(self.0, Storage::Mapped { .. })
     }
 
@@ -105,6 +105,20 @@ impl<T: Pod> Deref for Buffer<T> {
     }
 }
 
+/// Returns memory of `size` zero bytes, in huge pages if it is large and the system grants them.
+///
+/// # Errors
+/// The system has no such memory, or the size is zero.
+pub(crate) fn anonymous_map(size: usize) -> std::io::Result<MmapMut> {
+    let map = MmapMut::map_anon(size)?;
+    // Without huge pages the map serves as well.
+    #[cfg(target_os = "linux")]
+    if size >= HUGE_PAGE {
+        let _ = map.advise(memmap2::Advice::HugePage);
+    }
+    Ok(map)
+}
+
 /// Array of plain values that are written before they are shared.
 #[derive(Debug)]
 pub struct BufferMut<T: Pod>(StorageMut<T>);
@@ -123,14 +137,9 @@ impl<T: Pod> BufferMut<T> {
     /// If the array exceeds the address space.
     pub fn zeroed(count: usize) -> BufferMut<T> {
         let bytes = count.saturating_mul(size_of::<T>());
-        let map = (bytes >= HUGE_PAGE).then(|| MmapMut::map_anon(bytes));
+        let map = (bytes >= HUGE_PAGE).then(|| anonymous_map(bytes));
         match map {
-            Some(Ok(map)) => {
-                // Without huge pages the map serves as well.
-                #[cfg(target_os = "linux")]
-                let _ = map.advise(memmap2::Advice::HugePage);
-                BufferMut(StorageMut::Mapped(map, PhantomData))
-            }
+            Some(Ok(map)) => BufferMut(StorageMut::Mapped(map, PhantomData)),
             // Small, or refused: the allocator decides
             _ => BufferMut(StorageMut::Owned(bytemuck::zeroed_vec(count))),
         }
@@ -177,15 +186,13 @@ impl<T: Pod> DerefMut for BufferMut<T> {
 mod tests {
     use super::*;
 
-    fn mapped(bytes: &[u8]) -> Arc<Mmap> {
-        let mut map = MmapMut::map_anon(bytes.len()).unwrap();
-        map.copy_from_slice(bytes);
-        Arc::new(map.make_read_only().unwrap())
+    fn zeros(size: usize) -> Arc<MmapMut> {
+        Arc::new(anonymous_map(size).unwrap())
     }
 
     #[test]
     fn window_outside_the_map_or_unaligned_is_rejected() {
-        let map = mapped(&[0u8; 64]);
+        let map = zeros(64);
         assert!(Buffer::<[f32; 3]>::from_map(&map, 0, 5).is_some());
         assert!(Buffer::<[f32; 3]>::from_map(&map, 0, 6).is_none());
         assert!(Buffer::<[f32; 3]>::from_map(&map, 2, 1).is_none());
@@ -204,7 +211,7 @@ mod tests {
             }
             let values = values.freeze();
             assert_eq!(values.last(), (count > 0).then_some(&[1.0, 2.0, 3.0]));
-            assert!(!values.is_mapped() && !values.is_shared());
+            assert!(!values.is_window() && !values.is_shared());
             assert!(values.clone().is_shared());
         }
     }
@@ -212,7 +219,7 @@ mod tests {
     #[test]
     fn arrays_are_padded_for_16_byte_loads_of_the_last_vertex() {
         assert!(Buffer::from(vec![[0f32; 3]; 7]).readable_bytes_past_end() >= 4);
-        let map = mapped(&[0u8; 24]);
+        let map = zeros(24);
         let slab = Buffer::<[f32; 3]>::from_map(&map, 0, 2).unwrap();
         assert_eq!(slab.readable_bytes_past_end(), 4096 - 24);
     }

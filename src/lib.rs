@@ -19,8 +19,7 @@
 //! the settings that any image is requested with. Modules that the list of modules below leaves out are the program's own
 //! and may change in any version; its command line parses flags, calls them, and prints.
 //!
-//! `unsafe` code is in three places: `accel/embree`, which calls C; `embree-sys`, which declares it; and the one function of
-//! `gltf/mmap.rs` that maps a file into memory.
+//! `unsafe` code is in two places: `accel/embree`, which calls C, and `embree-sys`, which declares it.
 //!
 //! # From glTF to PNG
 //!

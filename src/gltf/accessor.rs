@@ -1,7 +1,7 @@
 //! Accessors: typed views of a buffer (glTF 2.0, section 3.6.2), with strides, normalised integers and sparse values.
 //!
 //! Every offset and length is checked against the available bytes before anything is allocated or read. Floats and
-//! 32-bit indices that lie packed and aligned in a mapped file are not copied.
+//! 32-bit indices that lie packed and aligned in the bytes of a file are not copied.
 
 use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::validation::Checked;
@@ -52,7 +52,7 @@ impl GltfDocument {
                 base: Some(BufferWindow {
                     bytes: &decoded.bytes,
                     stride: None,
-                    mapped: None,
+                    file: None,
                 }),
                 stride: width(decoded.type_) * component_size(decoded.component),
                 document: self,
@@ -156,13 +156,13 @@ impl<'a> Accessor<'a> {
             let fault = format!("is {} where {wanted} is needed", type_name(self.type_));
             return Err(self.fault(fault));
         }
-        // Use the mapped bytes if they are packed floats
+        // Share the bytes if they are packed floats
         let is_float = self.component == ComponentType::F32;
-        if let Some(mapped_values) = self
+        if let Some(shared) = self
             .packed(size_of::<[f32; N]>(), self.count)
             .filter(|_| is_float)
         {
-            return Ok(mapped_values);
+            return Ok(shared);
         }
         // Decode the base, which is zero without a buffer view
         let mut values = vec![[0f32; N]; self.count];
@@ -183,8 +183,8 @@ impl<'a> Accessor<'a> {
         Ok(Buffer::from(values))
     }
 
-    /// Returns triples of 32-bit indices that share the mapped file; `None` where its layout does not allow that.
-    pub(super) fn mapped_triangles(&self) -> Option<Buffer<[u32; 3]>> {
+    /// Returns triples of 32-bit indices that share the bytes of the file; `None` where its layout does not allow that.
+    pub(super) fn shared_triangles(&self) -> Option<Buffer<[u32; 3]>> {
         let is_index = self.type_ == Type::Scalar && self.component == ComponentType::U32;
         if !is_index {
             return None;
@@ -233,11 +233,11 @@ impl<'a> Accessor<'a> {
             .fault(format!("accessor {}", self.number), fault, EXPORT_AGAIN)
     }
 
-    /// Returns `count` values of the mapped file, if elements of `size` bytes follow each other without gaps.
+    /// Returns `count` values that share the bytes of the file, if elements of `size` bytes follow each other without gaps.
     fn packed<T: bytemuck::Pod>(&self, size: usize, count: usize) -> Option<Buffer<T>> {
         // Values are little-endian in the file and must be so in memory
         let is_as_in_memory = cfg!(target_endian = "little") && self.stride == size && self.sparse.is_none();
-        let (map, offset) = self.base.as_ref()?.mapped?;
+        let (map, offset) = self.base.as_ref()?.file?;
         if is_as_in_memory {
             Buffer::from_map(map, offset, count)
         } else {

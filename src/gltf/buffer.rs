@@ -6,14 +6,14 @@ use std::sync::Arc;
 use base64::Engine;
 use base64::alphabet;
 use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
-use memmap2::Mmap;
+use memmap2::MmapMut;
 use percent_encoding::{percent_decode, percent_decode_str};
 
 use super::GltfError;
 use super::bytes::Bytes;
 use super::document::GltfDocument;
 use super::error::EXPORT_AGAIN;
-use super::mmap::map_file;
+use super::whole_file::read_file;
 
 /// Bytes of a buffer view.
 pub(super) struct BufferWindow<'a> {
@@ -21,7 +21,7 @@ pub(super) struct BufferWindow<'a> {
     /// Distance between elements in bytes, if the view states one.
     pub(super) stride: Option<usize>,
     /// Mapped file and the offset of the first byte in it.
-    pub(super) mapped: Option<(&'a Arc<Mmap>, usize)>,
+    pub(super) file: Option<(&'a Arc<MmapMut>, usize)>,
 }
 
 /// Range of bytes of a buffer, as the file states it.
@@ -37,7 +37,7 @@ impl<'a> BufferWindow<'a> {
     pub(super) fn skip(self, offset: usize) -> Option<BufferWindow<'a>> {
         Some(BufferWindow {
             bytes: self.bytes.get(offset..)?,
-            mapped: self.mapped.map(|(map, start)| (map, start + offset)),
+            file: self.file.map(|(map, start)| (map, start + offset)),
             ..self
         })
     }
@@ -62,7 +62,7 @@ impl GltfDocument {
             return Ok(BufferWindow {
                 bytes: decoded.as_ref().map_err(Clone::clone)?,
                 stride: view.byte_stride.map(|s| s.0),
-                mapped: None,
+                file: None,
             });
         }
         let range = BufferRange {
@@ -95,7 +95,7 @@ impl GltfDocument {
         Ok(BufferWindow {
             bytes,
             stride: None,
-            mapped: buffer.mapped().map(|(map, start)| (map, start + offset)),
+            file: buffer.file().map(|(map, start)| (map, start + offset)),
         })
     }
 
@@ -154,7 +154,7 @@ impl GltfDocument {
         };
         let folder = self.file.parent().map_or_else(PathBuf::new, PathBuf::from);
         let path = folder.join(name.as_ref());
-        let map = map_file(&path).map_err(|e| {
+        let map = read_file(&path).map_err(|e| {
             let fault = match e {
                 GltfError::Unreadable { fault, .. } | GltfError::NotGltf { fault, .. } => fault,
                 other => other.to_string(),

@@ -1,31 +1,31 @@
-//! Bytes of a buffer, mapped or decoded, and decoded contents of buffer views and accessors.
+//! Bytes of a buffer, read from a file or decoded, and decoded contents of buffer views and accessors.
 
 use std::ops::{Deref, Range};
 use std::sync::Arc;
 
 use gltf::json::accessor::{ComponentType, Type};
-use memmap2::Mmap;
+use memmap2::MmapMut;
 
 use super::GltfError;
 
-/// Bytes of a buffer, mapped or decoded.
+/// Bytes of a buffer, read from a file or decoded.
 #[derive(Clone, Debug)]
 pub(super) enum Bytes {
-    Mapped { map: Arc<Mmap>, range: Range<usize> },
+    File { map: Arc<MmapMut>, range: Range<usize> },
     Decoded(Arc<Vec<u8>>),
 }
 
 impl Bytes {
-    /// Returns the bytes of a whole mapped file.
-    pub(super) fn whole(map: Arc<Mmap>) -> Bytes {
+    /// Returns the bytes of a whole file.
+    pub(super) fn whole(map: Arc<MmapMut>) -> Bytes {
         let range = 0..map.len();
-        Bytes::Mapped { map, range }
+        Bytes::File { map, range }
     }
 
-    /// Returns the mapped file and the offset of the first byte in it; `None` for decoded bytes.
-    pub(super) fn mapped(&self) -> Option<(&Arc<Mmap>, usize)> {
+    /// Returns the bytes of the whole file and the offset of the first of these; `None` for decoded bytes.
+    pub(super) fn file(&self) -> Option<(&Arc<MmapMut>, usize)> {
         match self {
-            Bytes::Mapped { map, range } => Some((map, range.start)),
+            Bytes::File { map, range } => Some((map, range.start)),
             Bytes::Decoded(_) => None,
         }
     }
@@ -37,7 +37,7 @@ impl Deref for Bytes {
     fn deref(&self) -> &[u8] {
         match self {
             // The range was checked against the map when it was made.
-            Bytes::Mapped { map, range } => &map[range.clone()],
+            Bytes::File { map, range } => &map[range.clone()],
             Bytes::Decoded(bytes) => bytes,
         }
     }

@@ -2,7 +2,7 @@
 //!
 //! Targets displace positions, normals and tangents by their weights; a skin then transforms them by its joints,
 //! normals by the inverse transpose. All is computed in f64 and rounded to f32 once. A mesh with all weights zero and
-//! no skin is not deformed, and its arrays stay mapped from the file.
+//! no skin is not deformed, and its arrays stay as they are in the file.
 
 use std::collections::HashMap;
 use std::sync::Arc;

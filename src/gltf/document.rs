@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use super::GltfError;
 use super::bytes::{Bytes, DecodedAccessor, DecodedView};
-use super::mmap::map_file;
+use super::whole_file::read_file;
 
 /// A parsed file with access to its buffers.
 pub(super) struct GltfDocument {
@@ -32,7 +32,7 @@ pub(super) struct GltfDocument {
 impl GltfDocument {
     /// Maps and parses a file. Faults that can be ignored are added to `warnings`.
     pub(super) fn open(file: &Path, warnings: &mut Vec<String>) -> Result<GltfDocument, GltfError> {
-        let whole = Bytes::whole(map_file(file)?);
+        let whole = Bytes::whole(read_file(file)?);
         let (json, binary_chunk) = if whole.starts_with(b"glTF") {
             split_container(&whole).map_err(|fault| not_gltf(file, fault))?
         } else {
@@ -104,8 +104,8 @@ fn split_container(whole: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
     const CHUNK_HEADER: usize = 8;
     const JSON: u32 = u32::from_le_bytes(*b"JSON");
     const BIN: u32 = u32::from_le_bytes(*b"BIN\0");
-    let Some((map, start)) = whole.mapped() else {
-        return Err("it is not memory-mapped".into());
+    let Some((map, start)) = whole.file() else {
+        return Err("it is not a file".into());
     };
     // Check the header
     let word = |at: usize| -> Option<u32> {
@@ -139,7 +139,7 @@ fn split_container(whole: &Bytes) -> Result<(Bytes, Option<Bytes>), String> {
         let range = start + content..start + next;
         chunks.push((
             kind,
-            Bytes::Mapped {
+            Bytes::File {
                 map: map.clone(),
                 range,
             },

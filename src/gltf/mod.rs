@@ -1,11 +1,11 @@
 //! Import of glTF 2.0 files as scenes.
 //!
-//! Files are mapped, not read: packed vertices and 32-bit indices stay in the mapped file, so that a large `.glb` is
-//! never copied. Everything else is converted in parallel. Nothing in a file is trusted: offsets, counts, indices and
-//! numbers are checked before use, and a fault is reported in one sentence with the file, the item and a remedy.
+//! Files are read once, in parallel: packed vertices and 32-bit indices stay where they were read to. Everything else is
+//! converted or decoded in parallel. Nothing in a file is trusted: offsets, counts, indices and numbers are checked
+//! before use, and a fault is reported in one sentence with the file, the item and a remedy.
 //!
 //! The import reads triangles (lists, strips, fans), node transforms, metallic-roughness materials with their textures
-//! (PNG, JPEG), vertex colours, tangents, cameras and the extensions listed in `document.rs`. For a normal map without
+//! (PNG, JPEG, WebP), vertex colours, tangents, cameras and the extensions listed in `extension_support.rs`. For a normal map without
 //! tangents they are computed by MikkTSpace. Morph targets and skins deform meshes, and animations are evaluated at one
 //! time ([`LoadOptions::pose`]). Points and lines are skipped, each with a warning. Both sides of every surface are
 //! rendered, whether `doubleSided` or not: a ray tracer that culled back faces would lose the far sides of mirrors and
@@ -35,7 +35,6 @@ mod ktx2;
 mod material;
 mod medium;
 mod meshopt;
-mod mmap;
 mod node;
 mod node_transform;
 mod primitive;
@@ -44,6 +43,7 @@ mod skin;
 mod specular_glossiness;
 mod texture_slot;
 mod variant;
+mod whole_file;
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -118,10 +118,6 @@ impl Default for LoadOptions {
 }
 
 /// Loads a `.glb` or `.gltf` file as a normalised scene that [`Scene::validate`] accepts.
-///
-/// The file stays mapped as long as the scene lives, and must not be shortened or rewritten in that time. Where bytes
-/// are missing the operating system ends the process, and changed indices are not checked again. (Replacing the file by
-/// a new one of its name does no harm.)
 ///
 /// # Errors
 /// A file that is not readable, not glTF 2.0, needs an unknown extension, refers to what it does not hold, or leaves no
@@ -382,7 +378,7 @@ impl GltfDocument {
         if scene.instances.is_empty() {
             return Err(self.empty(&scene.warnings));
         }
-        // Normalise and bake, unless all vertices can stay in the mapped file
+        // Normalise and bake, unless all vertices can stay as they are in the file
         let normalisation = Normalisation::fitting(&scene.bounds_from(&bounds));
         let stays = normalisation.is_identity() && scene.instances.iter().all(Instance::is_identity);
         if !stays {

@@ -115,12 +115,12 @@ impl PrimitiveReader<'_> {
             }
             return Ok(assemble(mode, vertex_count, |i| i as u32 % count));
         };
-        // Use the mapped indices of a triangle list as they are
+        // Share the indices of a triangle list with the file
         let accessor = self.document.accessor(indices.value())?;
         if count_fault(accessor.count()) {
             self.warn("has leftover indices that form no triangle");
         }
-        if let Some(triangles) = accessor.mapped_triangles().filter(|_| mode == Mode::Triangles) {
+        if let Some(triangles) = accessor.shared_triangles().filter(|_| mode == Mode::Triangles) {
             return Ok(triangles);
         }
         let indices = accessor.indices()?;
@@ -134,7 +134,7 @@ impl PrimitiveReader<'_> {
         Ok(Buffer::from(triangles.collect::<Vec<_>>()))
     }
 
-    /// Checks the indices and removes unusable triangles. A mesh without faults stays mapped.
+    /// Checks the indices and removes unusable triangles. A mesh without faults keeps its arrays.
     fn discard_unusable(&mut self, mesh: &mut Mesh) -> Result<Bounds, GltfError> {
         let found = mesh_cleanup::scan(mesh).map_err(|bad| {
             let count = mesh.positions.len();
@@ -262,7 +262,7 @@ impl PrimitiveReader<'_> {
         triangles: &[[u32; 3]],
     ) -> Option<Buffer<[f32; 3]>> {
         let chunks: Vec<&[[f32; 3]]> = normals.chunks(CHUNK).collect();
-        // Keep mapped normals that are of unit length already
+        // Keep normals that are of unit length already
         if parallel::all(chunks.len(), &|i| chunks[i].iter().all(|&n| is_nearly_unit(n))) {
             return Some(normals);
         }
@@ -283,7 +283,7 @@ impl PrimitiveReader<'_> {
     ) -> Option<Buffer<[f32; 4]>> {
         let is_sound = |&[x, y, z, w]: &[f32; 4]| is_nearly_unit([x, y, z]) && w.abs() == 1.0;
         let chunks: Vec<&[[f32; 4]]> = tangents.chunks(CHUNK).collect();
-        // Keep mapped tangents that are valid already
+        // Keep tangents that are valid already
         if parallel::all(chunks.len(), &|i| chunks[i].iter().all(is_sound)) {
             return Some(tangents);
         }

@@ -1,4 +1,4 @@
-//! Triangle meshes: vertex and index arrays, owned or borrowed from a mapped file.
+//! Triangle meshes: vertex and index arrays, owned or shared with the bytes of a file.
 
 mod bumpy;
 pub mod simd;
@@ -68,7 +68,7 @@ impl Mesh {
         chunks.into_iter().fold(Bounds::EMPTY, Bounds::union)
     }
 
-    /// Returns the size of all arrays in bytes, mapped or owned.
+    /// Returns the size of all arrays in bytes, shared or owned.
     pub fn byte_count(&self) -> usize {
         let of = |len: usize, floats: usize| len * floats * size_of::<f32>();
         of(self.positions.len(), 3)

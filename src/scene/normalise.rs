@@ -4,7 +4,7 @@
 //! such positions or sizes are moved to the origin and scaled to about unit size before any later stage. The centre is
 //! a multiple of the scene's size rounded down to a power of two and only changes axes along which the scene lies far
 //! away, and the scale is a power of two, so an f32 coordinate is mapped without rounding. Scenes in a good range are
-//! left as they are, which keeps their vertices in the memory-mapped file.
+//! left as they are, which keeps their vertices in the bytes of the file.
 
 use glam::{DAffine3, DVec3};
 

@@ -12,6 +12,7 @@ mod cost_tables;
 mod first_light;
 mod gallery;
 mod glb;
+mod mutate;
 mod neon_knot;
 mod scan_phantom;
 mod scene_textures;
@@ -36,6 +37,8 @@ enum Tool {
     FirstLight(first_light::Arguments),
     /// Write rows of spheres, each with three images of its own, for times of scenes with many textures
     Gallery(gallery::Arguments),
+    /// Load mutations of files, and report each that panics or takes long
+    Mutate(mutate::Arguments),
     /// Write the tube of `scenes/glow.toml` as binary glTF
     NeonKnot(neon_knot::Arguments),
     /// Write the volume of `scenes/scan.toml` as a NumPy array
@@ -52,6 +55,7 @@ fn main() -> ExitCode {
         Tool::CostTables(arguments) => cost_tables::run(&arguments),
         Tool::FirstLight(arguments) => first_light::run(&arguments),
         Tool::Gallery(arguments) => gallery::run(&arguments),
+        Tool::Mutate(arguments) => mutate::run(&arguments),
         Tool::NeonKnot(arguments) => neon_knot::run(&arguments),
         Tool::ScanPhantom(arguments) => scan_phantom::run(&arguments),
         Tool::SceneTextures(arguments) => scene_textures::run(&arguments),

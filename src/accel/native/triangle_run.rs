@@ -5,7 +5,7 @@ use glam::Vec3;
 
 /// Range of consecutive numbers of triangles in the tree that belong to one instance.
 ///
-/// The mesh's arrays are resolved once, because a `Buffer` tests at every access whether it is memory-mapped.
+/// The mesh's arrays are resolved once, because a `Buffer` tests at every access where its values are.
 pub(super) struct TriangleRun<'s> {
     /// Number of the first triangle.
     pub(super) first: u32,

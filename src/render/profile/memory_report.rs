@@ -161,7 +161,7 @@ fn holder(effect: Effect, on: EffectSet) -> &'static str {
     if on.has(effect) { effect.name() } else { UNUSED }
 }
 
-/// Adds the arrays of a mesh, each for the effect that needs it; those of a memory-mapped file are its pages.
+/// Adds the arrays of a mesh, each for the effect that needs it.
 fn add_mesh(mesh: &Mesh, on: EffectSet, memory: &mut Memory) {
     let corners = size_of_val(&mesh.positions[..]) + size_of_val(&mesh.triangles[..]);
     memory.add("geometry", "positions and triangles", corners);

@@ -8,8 +8,8 @@ use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet};
 use crate::shading::ray_cone::triangle_curvature;
 
-/// Slices of the arrays of a mesh, resolved once, because a `Buffer` tests at every access whether it is
-/// memory-mapped.
+/// Slices of the arrays of a mesh, resolved once, because a `Buffer` tests at every access where its values
+/// are.
 pub(super) struct MeshView<'s> {
     pub(super) positions: &'s [[f32; 3]],
     pub(super) triangles: &'s [[u32; 3]],

@@ -106,8 +106,8 @@ fn large_packed_arrays_stay_in_the_mapped_file() {
         panic!("the helmet is a mesh");
     };
     // The node rotates the helmet, so its vertices are baked; arrays that a rotation does not change are not copied.
-    assert!(!mesh.positions.is_mapped());
-    assert!(mesh.tex_coords[0].is_mapped());
+    assert!(!mesh.positions.is_window());
+    assert!(mesh.tex_coords[0].is_window());
     assert_eq!(scene.images.len(), 5);
     assert_eq!((scene.images[0].width, scene.images[0].height), (2048, 2048));
 }
@@ -142,7 +142,7 @@ fn packed_vertices_and_indices_of_a_glb_are_not_copied() {
     let Geometry::Mesh(mesh) = &scene.geometries[0] else {
         panic!("a mesh");
     };
-    assert!(mesh.positions.is_mapped() && mesh.triangles.is_mapped());
+    assert!(mesh.positions.is_window() && mesh.triangles.is_window());
     assert_eq!(mesh.positions[1], [1.0, 0.0, 0.0]);
     assert_eq!(mesh.triangles[..], [[2, 0, 1]]);
     assert!(mesh.normals.is_none());

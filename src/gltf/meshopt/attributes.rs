@@ -259,12 +259,15 @@ mod tests {
         assert_eq!(decode(&layout(16, 4), &one_channel(&[zeros], 0)), Ok(vec![0; 64]));
         let surplus = decode(&layout(16, 4), &one_channel(&[zeros, 0, 0], 0));
         assert_eq!(surplus, Err(MeshoptFault::Surplus { length: 2 }));
-        let truncated = decode(&layout(300, 4), &one_channel(&[zeros, 0b11], 0));
-        let expected = MeshoptFault::Truncated {
-            item: "vertex block",
-            number: 1,
-        };
-        assert_eq!(truncated, Err(expected));
+        // The last block's literals would be bytes of the tail, or behind it
+        for (count, number) in [(2, 0), (300, 1)] {
+            let block = [&[zeros][..number], &[0b10_10_10_11]].concat();
+            let expected = MeshoptFault::Truncated {
+                item: "vertex block",
+                number,
+            };
+            assert_eq!(decode(&layout(count, 4), &one_channel(&block, 0)), Err(expected));
+        }
     }
 
     #[test]

@@ -172,9 +172,9 @@ impl<'a> TriangleDecoder<'a> {
     ) -> Result<&'a [u8], MeshoptFault> {
         for (number, (triangle, &code)) in output.chunks_exact_mut(3 * SIZE).zip(codes).enumerate() {
             let indices = match code {
-                0..TABLE_CODE => self.on_edge(code),
-                TABLE_CODE..EXPLICIT_CODE => self.by_table(code),
-                EXPLICIT_CODE.. => self.explicit(code),
+                0..TABLE_CODE => self.edge_triangle(code),
+                TABLE_CODE..EXPLICIT_CODE => self.table_triangle(code),
+                EXPLICIT_CODE.. => self.explicit_triangle(code),
             };
             let indices = indices.map_err(|fault| fault.of_triangle(number))?;
             for (place, index) in triangle.as_chunks_mut::<SIZE>().0.iter_mut().zip(indices) {
@@ -186,7 +186,7 @@ impl<'a> TriangleDecoder<'a> {
 
     /// Decodes a triangle that shares a recent edge.
     #[inline(always)]
-    fn on_edge(&mut self, code: u8) -> Result<[u32; 3], TriangleFault> {
+    fn edge_triangle(&mut self, code: u8) -> Result<[u32; 3], TriangleFault> {
         let [a, b] = self.edges.get(code >> 4)?;
         let low = code & 0xf;
         let c = if low < NEAR_LAST {
@@ -214,7 +214,7 @@ impl<'a> TriangleDecoder<'a> {
 
     /// Decodes a triangle whose first vertex is new and whose others stand in the table.
     #[inline(always)]
-    fn by_table(&mut self, code: u8) -> Result<[u32; 3], TriangleFault> {
+    fn table_triangle(&mut self, code: u8) -> Result<[u32; 3], TriangleFault> {
         let entry = self.table[usize::from(code & 0xf)];
         let (b_code, c_code) = (entry >> 4, entry & 0xf);
         let a = self.new_index();
@@ -229,13 +229,15 @@ impl<'a> TriangleDecoder<'a> {
 
     /// Decodes a triangle each of whose vertices may stand in the data.
     #[inline(always)]
-    fn explicit(&mut self, code: u8) -> Result<[u32; 3], TriangleFault> {
+    fn explicit_triangle(&mut self, code: u8) -> Result<[u32; 3], TriangleFault> {
         let Some((&entry, rest)) = self.data.split_first() else {
             return Err(VarintFault::Truncated.into());
         };
         self.data = rest;
         // Begin a new mesh
-        if entry == 0 {}
+        if entry == 0 {
+            self.next = 0;
+        }
         // Find the vertices: those in the data stand behind all others
         let a_code = if code == EXPLICIT_CODE { 0 } else { IN_DATA };
         let codes = [a_code, entry >> 4, entry & 0xf];

@@ -1,0 +1,1 @@
+"""Models beside their compressed twins: see README.md in this folder."""

@@ -1,0 +1,84 @@
+//! Tests of flags of how glTF files are loaded: `--strict` and `--variant`, and the list of extensions.
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use crate::support::cli_program::{fails_with, whit};
+
+/// Writes a triangle with two materials by variants and an extension of each kind of support.
+fn write_file(folder: &Path) -> String {
+    let variants = "KHR_materials_variants";
+    let mappings = json!([{"material": 1, "variants": [1]}]);
+    let root = json!({
+        "asset": {"version": "2.0"},
+        "extensionsUsed": [variants, "KHR_materials_sheen", "KHR_xmp_json_ld"],
+        "extensions": {variants: {"variants": [{"name": "red"}, {"name": "blue"}]}},
+        "nodes": [{"mesh": 0}],
+        "materials": [{"name": "paint"}, {"name": "varnish"}],
+        "meshes": [{"primitives": [
+            {"attributes": {"POSITION": 0}, "material": 0, "extensions": {variants: {"mappings": mappings}}}
+        ]}],
+        "accessors": [{"bufferView": 0, "componentType": 5121, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 9}],
+        "buffers": [{"byteLength": 9, "uri": "data:;base64,AAAAAQAAAAEA"}]
+    });
+    let path = folder.join("triangle.gltf");
+    std::fs::write(&path, root.to_string()).unwrap();
+    path.display().to_string()
+}
+
+#[test]
+fn info_lists_extensions_and_variants() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_file(folder.path());
+    let run = whit(&["info", &file]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    for line in [
+        "variants       red, blue",
+        "extension      KHR_materials_sheen (ignored: cloth lacks its sheen)",
+        "extension      KHR_materials_variants (honoured)",
+        "extension      KHR_xmp_json_ld (without effect on images)",
+    ] {
+        assert!(run.stdout.lines().any(|l| l == line), "{line}: {}", run.stdout);
+    }
+    let run = whit(&["info", "--json", &file]);
+    let info: Value = serde_json::from_str(&run.stdout).unwrap();
+    let sheen = json!({"name": "KHR_materials_sheen", "is_required": false,
+        "support": {"kind": "ignored", "note": "cloth lacks its sheen"}});
+    assert_eq!(info["extensions"][0], sheen);
+}
+
+#[test]
+fn strict_loading_and_unknown_variants_are_errors_of_the_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_file(folder.path());
+    let image = folder.path().join("out.png").display().to_string();
+    let render = |flags: &[&str]| [&["render", &file, "-o", &image, "-q"], flags].concat();
+    fails_with(
+        2,
+        "(KHR_materials_sheen): render it without `--strict`",
+        &render(&["--strict"]),
+    );
+    fails_with(
+        2,
+        "variant `green` does not exist; the file has `red`, `blue`",
+        &render(&["--variant", "green"]),
+    );
+    assert!(!Path::new(&image).exists());
+}
+
+#[test]
+fn variant_chooses_the_material() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = write_file(folder.path());
+    for (flags, name) in [
+        (&[][..], "paint"),
+        (&["--variant", "red"], "paint"),
+        (&["--variant", "blue"], "varnish"),
+    ] {
+        let run = whit(&[&["info", "--json", &file], flags].concat());
+        let info: Value = serde_json::from_str(&run.stdout).unwrap();
+        assert_eq!(info["material_list"][0]["name"], name, "{flags:?}");
+    }
+}

@@ -11,8 +11,8 @@ use gltf::json;
 use serde_json::Value;
 
 use super::GltfError;
-use super::bytes::{Bytes, DecodedAccessor, DecodedView};
-use super::whole_file::read_file;
+use super::buffer::bytes::{Bytes, DecodedAccessor, DecodedView};
+use super::buffer::whole_file::read_file;
 
 /// A parsed file with access to its buffers.
 pub(super) struct GltfDocument {

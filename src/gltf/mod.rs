@@ -15,58 +15,37 @@
 //! slightly from the right and above. A file without lights gets white sunlight of ¾ π lux from behind the camera's
 //! left shoulder, and ambient light and a background of radiance 0.25; a file with lights has a black background.
 
-mod accessor;
-mod animation;
-mod animation_sampler;
 mod buffer;
-mod bytes;
-mod camera_light;
-mod compressed_view;
-mod deformation;
 mod document;
-mod draco;
 mod error;
 mod extension;
 mod extension_support;
-mod gpu_instancing;
-mod image;
-mod image_source;
-mod ktx2;
 mod material;
-mod medium;
-mod meshopt;
+mod mesh;
 mod node;
-mod node_transform;
-mod primitive;
-mod primitive_id;
-mod skin;
-mod specular_glossiness;
-mod texture_slot;
-mod variant;
-mod whole_file;
 
 use std::collections::HashMap;
 use std::path::Path;
 
 use glam::DMat3;
 
-pub use animation::AnimationTime;
-pub(crate) use camera_light::default_camera;
 pub use error::GltfError;
+pub use node::animation::AnimationTime;
+pub(crate) use node::camera_light::default_camera;
 
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::parallel;
 use crate::scene::{Background, EffectSet, Geometry, ImageCache, Instance, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
-use deformation::Deformation;
 use document::GltfDocument;
-use gpu_instancing::MeshPlacement;
-use image_source::ImageSource;
 use material::Materials;
+use material::image_source::ImageSource;
+use mesh::ReadPrimitive;
+use mesh::deformation::Deformation;
+use mesh::primitive_id::PrimitiveId;
 use node::PlacedNode;
-use primitive::ReadPrimitive;
-use primitive_id::PrimitiveId;
+use node::gpu_instancing::MeshPlacement;
 
 /// Limits and options for loading a file.
 ///
@@ -390,13 +369,15 @@ impl GltfDocument {
         }
         // Add the default camera and light
         if scene.cameras.is_empty() {
-            let camera = camera_light::default_camera(&scene.bounds_from(&bounds));
+            let camera = node::camera_light::default_camera(&scene.bounds_from(&bounds));
             scene.cameras.push(camera);
         }
         if scene.lights.is_empty() {
-            scene.lights.push(camera_light::default_light(&scene.cameras[0]));
-            scene.ambient = camera_light::DEFAULT_AMBIENT;
-            scene.background = Background::Uniform(camera_light::DEFAULT_AMBIENT);
+            scene
+                .lights
+                .push(node::camera_light::default_light(&scene.cameras[0]));
+            scene.ambient = node::camera_light::DEFAULT_AMBIENT;
+            scene.background = Background::Uniform(node::camera_light::DEFAULT_AMBIENT);
         }
         // Validate the scene, then fold constant textures
         truncate_warnings(&mut scene.warnings);

@@ -10,27 +10,27 @@ use std::sync::Arc;
 use glam::{DAffine3, DVec3};
 use gltf::json;
 
-use super::GltfError;
-use super::document::GltfDocument;
-use super::error::EXPORT_AGAIN;
-use super::node::{Deformed, PlacedNode};
-use super::node_transform::NodeOverride;
-use super::primitive_id::PrimitiveId;
-use super::skin::Joints;
 use crate::buffer::Buffer;
+use crate::gltf::GltfError;
+use crate::gltf::document::GltfDocument;
+use crate::gltf::error::EXPORT_AGAIN;
+use crate::gltf::mesh::primitive_id::PrimitiveId;
+use crate::gltf::mesh::skin::Joints;
+use crate::gltf::node::node_transform::NodeOverride;
+use crate::gltf::node::{Deformed, PlacedNode};
 use crate::numeric;
 use crate::parallel;
 
 /// Deformation of the vertices of a mesh.
 #[derive(Debug)]
-pub(super) struct Deformation {
+pub(in crate::gltf) struct Deformation {
     /// Weights of the morph targets; empty if all are zero.
     weights: Vec<f64>,
     joints: Option<Arc<Joints>>,
 }
 
 /// A deformation prepared for the vertices of one primitive.
-pub(super) struct Deformer {
+pub(in crate::gltf) struct Deformer {
     positions: Vec<Displacement>,
     normals: Vec<Displacement>,
     tangents: Vec<Displacement>,
@@ -47,7 +47,7 @@ struct Displacement {
 
 impl GltfDocument {
     /// Computes the distinct deformations of all meshes, and sets the `deformed` field of nodes that have one.
-    pub(super) fn deform(
+    pub(in crate::gltf) fn deform(
         &self,
         nodes: &mut [PlacedNode],
         moved: &HashMap<usize, NodeOverride>,
@@ -112,7 +112,7 @@ impl GltfDocument {
     }
 
     /// Returns the number of morph targets of a node's mesh.
-    pub(super) fn target_count(&self, node: usize) -> usize {
+    pub(in crate::gltf) fn target_count(&self, node: usize) -> usize {
         let mesh = self.root.nodes[node].mesh.map(|mesh| mesh.value());
         let primitives = mesh.and_then(|mesh| self.root.meshes.get(mesh));
         let primitives = primitives.iter().flat_map(|mesh| &mesh.primitives);
@@ -162,7 +162,7 @@ impl GltfDocument {
     }
 
     /// Reads the targets and the skin that a deformation needs of a primitive.
-    pub(super) fn deformer(
+    pub(in crate::gltf) fn deformer(
         &self,
         id: PrimitiveId,
         deformation: &Deformation,
@@ -209,7 +209,7 @@ impl GltfDocument {
 
 impl Deformer {
     /// Returns the deformed positions.
-    pub(super) fn positions(&self, positions: &[[f32; 3]]) -> Buffer<[f32; 3]> {
+    pub(in crate::gltf) fn positions(&self, positions: &[[f32; 3]]) -> Buffer<[f32; 3]> {
         mapped(positions, |vertex, position| {
             let p = displaced(&self.positions, vertex, position);
             let moved = self.map(vertex).map_or(p, |map| map.transform_point3(p));
@@ -218,7 +218,7 @@ impl Deformer {
     }
 
     /// Returns the triangles, with reversed winding if the skin mirrors, so that the front side stays the front side.
-    pub(super) fn triangles(&self, triangles: Buffer<[u32; 3]>) -> Buffer<[u32; 3]> {
+    pub(in crate::gltf) fn triangles(&self, triangles: Buffer<[u32; 3]>) -> Buffer<[u32; 3]> {
         if self.is_mirrored {
             mapped(&triangles, |_, [a, b, c]| [a, c, b])
         } else {
@@ -228,7 +228,7 @@ impl Deformer {
 
     /// Returns the deformed normals: of unit length if a skin transforms them, and unchanged where it leaves them no
     /// direction.
-    pub(super) fn normals(&self, normals: &[[f32; 3]]) -> Buffer<[f32; 3]> {
+    pub(in crate::gltf) fn normals(&self, normals: &[[f32; 3]]) -> Buffer<[f32; 3]> {
         mapped(normals, |vertex, normal| {
             let n = displaced(&self.normals, vertex, normal);
             let turned = match self.map(vertex) {
@@ -243,7 +243,7 @@ impl Deformer {
 
     /// Returns the deformed tangents. Targets keep their handedness; a mirroring skin flips it, as normals stay
     /// outside.
-    pub(super) fn tangents(&self, tangents: &[[f32; 4]]) -> Buffer<[f32; 4]> {
+    pub(in crate::gltf) fn tangents(&self, tangents: &[[f32; 4]]) -> Buffer<[f32; 4]> {
         let handedness = if self.is_mirrored { -1.0 } else { 1.0 };
         mapped(tangents, |vertex, [x, y, z, w]| {
             let t = displaced(&self.tangents, vertex, [x, y, z]);

@@ -1,32 +1,38 @@
 //! The node hierarchy, flattened: every node of the chosen scene with its transform to the world, in f64.
 
+pub(super) mod animation;
+mod animation_sampler;
+pub(super) mod camera_light;
+pub(super) mod gpu_instancing;
+pub(super) mod node_transform;
+
 use std::collections::HashMap;
 
 use glam::{DAffine3, DMat4};
 
-use super::GltfError;
-use super::document::GltfDocument;
-use super::error::EXPORT_AGAIN;
-use super::extension::{Corrections, Extension};
-use super::node_transform::{NodeOverride, parts};
+use crate::gltf::GltfError;
+use crate::gltf::document::GltfDocument;
+use crate::gltf::error::EXPORT_AGAIN;
+use crate::gltf::extension::{Corrections, Extension};
+use crate::gltf::node::node_transform::{NodeOverride, parts};
 
 /// A node with its world transform.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct PlacedNode {
-    pub(super) number: usize,
-    pub(super) world_from_node: DAffine3,
+pub(in crate::gltf) struct PlacedNode {
+    pub(in crate::gltf) number: usize,
+    pub(in crate::gltf) world_from_node: DAffine3,
     /// True unless the node or an ancestor is hidden by `KHR_node_visibility`, so that its meshes and lights are rendered.
-    pub(super) is_visible: bool,
+    pub(in crate::gltf) is_visible: bool,
     /// Deformation of the node's mesh and the transform of the deformed mesh; `None` if the mesh is not deformed.
-    pub(super) deformed: Option<Deformed>,
+    pub(in crate::gltf) deformed: Option<Deformed>,
 }
 
 /// Deformation of a mesh and its transform.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Deformed {
+pub(in crate::gltf) struct Deformed {
     /// Index of the deformation in the list of all.
-    pub(super) deformation: usize,
-    pub(super) world_from_mesh: DAffine3,
+    pub(in crate::gltf) deformation: usize,
+    pub(in crate::gltf) world_from_mesh: DAffine3,
 }
 
 /// Node whose children are still to be placed.
@@ -38,7 +44,7 @@ struct OpenNode {
 
 impl PlacedNode {
     /// Returns the mesh-to-world transform of the node's mesh.
-    pub(super) fn world_from_mesh(&self) -> DAffine3 {
+    pub(in crate::gltf) fn world_from_mesh(&self) -> DAffine3 {
         self.deformed
             .map_or(self.world_from_node, |deformed| deformed.world_from_mesh)
     }
@@ -49,7 +55,7 @@ impl GltfDocument {
     /// else its first, else all nodes, with those without a parent as roots.
     ///
     /// `moved` are the properties that animations replace, by node number.
-    pub(super) fn placed_nodes(
+    pub(in crate::gltf) fn placed_nodes(
         &self,
         moved: &HashMap<usize, NodeOverride>,
     ) -> Result<Vec<PlacedNode>, GltfError> {
@@ -110,7 +116,7 @@ impl GltfDocument {
     }
 
     /// Returns a node's name for messages.
-    pub(super) fn node_name(&self, number: usize) -> String {
+    pub(in crate::gltf) fn node_name(&self, number: usize) -> String {
         match &self.root.nodes[number].name {
             Some(name) if !name.is_empty() => name.clone(),
             _ => format!("node {number}"),
@@ -167,7 +173,7 @@ impl GltfDocument {
     }
 
     /// Returns a node's description in an error: its number and, if it has one, its name.
-    pub(super) fn node_item(&self, number: usize) -> String {
+    pub(in crate::gltf) fn node_item(&self, number: usize) -> String {
         match &self.root.nodes[number].name {
             Some(name) if !name.is_empty() => format!("node {number} `{name}`"),
             _ => format!("node {number}"),

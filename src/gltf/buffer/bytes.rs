@@ -6,24 +6,24 @@ use std::sync::Arc;
 use gltf::json::accessor::{ComponentType, Type};
 use memmap2::MmapMut;
 
-use super::GltfError;
+use crate::gltf::GltfError;
 
 /// Bytes of a buffer, read from a file or decoded.
 #[derive(Clone, Debug)]
-pub(super) enum Bytes {
+pub(in crate::gltf) enum Bytes {
     File { map: Arc<MmapMut>, range: Range<usize> },
     Decoded(Arc<Vec<u8>>),
 }
 
 impl Bytes {
     /// Returns the bytes of a whole file.
-    pub(super) fn whole(map: Arc<MmapMut>) -> Bytes {
+    pub(in crate::gltf) fn whole(map: Arc<MmapMut>) -> Bytes {
         let range = 0..map.len();
         Bytes::File { map, range }
     }
 
     /// Returns the bytes of the whole file and the offset of the first of these; `None` for decoded bytes.
-    pub(super) fn file(&self) -> Option<(&Arc<MmapMut>, usize)> {
+    pub(in crate::gltf) fn file(&self) -> Option<(&Arc<MmapMut>, usize)> {
         match self {
             Bytes::File { map, range } => Some((map, range.start)),
             Bytes::Decoded(_) => None,
@@ -44,12 +44,12 @@ impl Deref for Bytes {
 }
 
 /// Decoded bytes of a buffer view, or the reason why they cannot be decoded; `None` if the view is not compressed.
-pub(super) type DecodedView = Option<Result<Bytes, GltfError>>;
+pub(in crate::gltf) type DecodedView = Option<Result<Bytes, GltfError>>;
 
 /// Decoded contents of an accessor, packed.
-pub(super) struct DecodedAccessor {
-    pub(super) bytes: Vec<u8>,
-    pub(super) count: usize,
-    pub(super) component: ComponentType,
-    pub(super) type_: Type,
+pub(in crate::gltf) struct DecodedAccessor {
+    pub(in crate::gltf) bytes: Vec<u8>,
+    pub(in crate::gltf) count: usize,
+    pub(in crate::gltf) component: ComponentType,
+    pub(in crate::gltf) type_: Type,
 }

@@ -9,18 +9,18 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
-use super::bytes::Bytes;
-use super::document::GltfDocument;
-use super::image_source::ImageSource;
-use super::ktx2;
-use super::{GltfError, LoadOptions};
 use crate::buffer::{Buffer, BufferMut};
+use crate::gltf::buffer::bytes::Bytes;
+use crate::gltf::document::GltfDocument;
+use crate::gltf::material::image_source::ImageSource;
+use crate::gltf::material::ktx2;
+use crate::gltf::{GltfError, LoadOptions};
 use crate::parallel;
 use crate::scene::{CachedImage, Image, ImageCache, Texels};
 
 impl GltfDocument {
     /// Reads these images, decoding those whose index is in `wanted`.
-    pub(super) fn read_images(
+    pub(in crate::gltf) fn read_images(
         &self,
         images: &[ImageSource],
         wanted: &HashSet<u32>,
@@ -136,7 +136,7 @@ impl GltfDocument {
             (None, Some(view)) => Ok(ImageBytes::Shared(self.view(view.value())?.bytes)),
             (None, None) => {
                 let fault = "has neither a URI nor a buffer view";
-                Err(self.fault(self.image_item(number), fault, super::error::EXPORT_AGAIN))
+                Err(self.fault(self.image_item(number), fault, crate::gltf::error::EXPORT_AGAIN))
             }
         }
     }

@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use serde_json::{Map, Value};
 
-use super::GltfError;
-use super::buffer::BufferRange;
-use super::bytes::Bytes;
-use super::document::GltfDocument;
-use super::error::EXPORT_AGAIN;
-use super::meshopt::{self, ElementFilter, StreamLayout, StreamMode};
+use crate::gltf::GltfError;
+use crate::gltf::buffer::BufferRange;
+use crate::gltf::buffer::bytes::Bytes;
+use crate::gltf::buffer::meshopt::{self, ElementFilter, StreamLayout, StreamMode};
+use crate::gltf::document::GltfDocument;
+use crate::gltf::error::EXPORT_AGAIN;
 use crate::parallel;
 
 /// Names of the extensions.
@@ -18,7 +18,7 @@ const NAMES: [&str; 2] = ["KHR_meshopt_compression", "EXT_meshopt_compression"];
 
 impl GltfDocument {
     /// Decodes all compressed views, in parallel. A fault is reported where the view is used.
-    pub(super) fn decode_views(&mut self) {
+    pub(in crate::gltf) fn decode_views(&mut self) {
         let views = &self.root.buffer_views;
         let extensions: Vec<Option<&Map<String, Value>>> = views.iter().map(extension).collect();
         if extensions.iter().all(Option::is_none) {

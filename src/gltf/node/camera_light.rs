@@ -7,14 +7,14 @@ use gltf::json;
 use json::extensions::scene::khr_lights_punctual;
 use json::validation::Checked;
 
-use super::GltfError;
-use super::document::GltfDocument;
-use super::node::PlacedNode;
+use crate::gltf::GltfError;
+use crate::gltf::document::GltfDocument;
+use crate::gltf::node::PlacedNode;
 use crate::numeric::Bounds;
 use crate::scene::{Camera, Falloff, Light, LightKind, Projection};
 
 /// Ambient and background radiance with the default light.
-pub(super) const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
+pub(in crate::gltf) const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
 /// Direction from the scene's centre to the default camera: in front, slightly to the right and above.
 const DEFAULT_SIDE: DVec3 = DVec3::new(0.5, 0.35, 1.0);
 /// Ratio of the default camera's distance to that at which the bounds would touch the image's edge.
@@ -56,7 +56,7 @@ pub(crate) fn default_camera(bounds: &Bounds) -> Camera {
 
 /// Returns the default light: white sunlight from behind the camera's left shoulder, of ¾ π lux. With the ambient light
 /// [`DEFAULT_AMBIENT`], a white Lambertian surface that faces it has radiance 1 and is not clipped.
-pub(super) fn default_light(camera: &Camera) -> Light {
+pub(in crate::gltf) fn default_light(camera: &Camera) -> Light {
     Light {
         name: "default".into(),
         intensity: [1.0 - DEFAULT_AMBIENT[0]; 3].map(|radiance| radiance * PI as f32),
@@ -68,7 +68,7 @@ pub(super) fn default_light(camera: &Camera) -> Light {
 
 impl GltfDocument {
     /// Returns the camera at a node, if it has one. An invalid camera is skipped with a warning.
-    pub(super) fn camera_at(
+    pub(in crate::gltf) fn camera_at(
         &self,
         node: &PlacedNode,
         warnings: &mut Vec<String>,
@@ -98,7 +98,7 @@ impl GltfDocument {
     }
 
     /// Returns the light at a node, if it has one. An invalid light is skipped with a warning.
-    pub(super) fn light_at(
+    pub(in crate::gltf) fn light_at(
         &self,
         node: &PlacedNode,
         warnings: &mut Vec<String>,

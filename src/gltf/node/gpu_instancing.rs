@@ -2,29 +2,29 @@
 
 use glam::{DAffine3, DQuat, DVec3};
 
-use super::GltfError;
-use super::document::GltfDocument;
-use super::error::EXPORT_AGAIN;
-use super::extension::{Corrections, Extension};
-use super::node::PlacedNode;
-use super::node_transform::rotation;
 use crate::buffer::Buffer;
+use crate::gltf::GltfError;
+use crate::gltf::document::GltfDocument;
+use crate::gltf::error::EXPORT_AGAIN;
+use crate::gltf::extension::{Corrections, Extension};
+use crate::gltf::node::PlacedNode;
+use crate::gltf::node::node_transform::rotation;
 
 /// Name of the extension.
 const NAME: &str = "EXT_mesh_gpu_instancing";
 
 /// Place of one copy of a node's mesh.
-pub(super) struct MeshPlacement {
-    pub(super) node: usize,
+pub(in crate::gltf) struct MeshPlacement {
+    pub(in crate::gltf) node: usize,
     /// Number of the copy; `None` if the node places its mesh once.
-    pub(super) copy: Option<usize>,
-    pub(super) world_from_mesh: DAffine3,
+    pub(in crate::gltf) copy: Option<usize>,
+    pub(in crate::gltf) world_from_mesh: DAffine3,
 }
 
 impl GltfDocument {
     /// Returns the places of a node's mesh: one, or those that `EXT_mesh_gpu_instancing` lists. A deformed mesh is
     /// placed once, as the extension defines no copies of it.
-    pub(super) fn placements(&self, node: &PlacedNode) -> Result<Vec<MeshPlacement>, GltfError> {
+    pub(in crate::gltf) fn placements(&self, node: &PlacedNode) -> Result<Vec<MeshPlacement>, GltfError> {
         let once = MeshPlacement {
             node: node.number,
             copy: None,

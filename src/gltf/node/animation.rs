@@ -10,11 +10,11 @@ use gltf::json;
 use gltf::json::animation::Property;
 use gltf::json::validation::Checked;
 
-use super::GltfError;
-use super::animation_sampler::AnimationSampler;
-use super::document::GltfDocument;
-use super::error::EXPORT_AGAIN;
-use super::node_transform::NodeOverride;
+use crate::gltf::GltfError;
+use crate::gltf::document::GltfDocument;
+use crate::gltf::error::EXPORT_AGAIN;
+use crate::gltf::node::animation_sampler::AnimationSampler;
+use crate::gltf::node::node_transform::NodeOverride;
 use crate::scene::Animation;
 
 /// A time in an animation.
@@ -28,7 +28,7 @@ pub struct AnimationTime {
 
 impl GltfDocument {
     /// Evaluates the animations of a pose; returns the replaced properties by node number.
-    pub(super) fn moved(
+    pub(in crate::gltf) fn moved(
         &self,
         pose: &AnimationTime,
         warnings: &mut Vec<String>,
@@ -205,7 +205,7 @@ impl GltfDocument {
     }
 
     /// Returns names, times and channel counts of the file's animations, for reports.
-    pub(super) fn animations(&self) -> Result<Vec<Animation>, GltfError> {
+    pub(in crate::gltf) fn animations(&self) -> Result<Vec<Animation>, GltfError> {
         (0..self.root.animations.len())
             .map(|number| {
                 let animation = &self.root.animations[number];

@@ -11,11 +11,11 @@ use gltf::json;
 use json::mesh::Semantic;
 use json::validation::Checked;
 
-use super::GltfError;
-use super::document::GltfDocument;
-use super::error::EXPORT_AGAIN;
-use super::primitive_id::PrimitiveId;
 use crate::buffer::Buffer;
+use crate::gltf::GltfError;
+use crate::gltf::document::GltfDocument;
+use crate::gltf::error::EXPORT_AGAIN;
+use crate::gltf::mesh::primitive_id::PrimitiveId;
 use crate::parallel;
 
 /// Number of vertices per parallel task.
@@ -23,9 +23,9 @@ const CHUNK: usize = 1 << 12;
 
 /// The joint maps of a skin at one time.
 #[derive(Debug, PartialEq)]
-pub(super) struct Joints {
+pub(in crate::gltf) struct Joints {
     /// Transform of the space that skinned vertices are in.
-    pub(super) world_from_mesh: DAffine3,
+    pub(in crate::gltf) world_from_mesh: DAffine3,
     /// Maps from the bind space to the space of the skinned mesh, one per joint.
     mesh_from_bind: Vec<DAffine3>,
 }
@@ -38,7 +38,7 @@ struct Influences {
 
 impl GltfDocument {
     /// Returns the joint maps of a skin; `world_transforms` are the world transforms of the scene's nodes.
-    pub(super) fn joints(
+    pub(in crate::gltf) fn joints(
         &self,
         skin: usize,
         world_transforms: &HashMap<usize, DAffine3>,
@@ -102,7 +102,7 @@ impl GltfDocument {
     }
 
     /// Returns the map of each vertex of a primitive.
-    pub(super) fn vertex_maps(
+    pub(in crate::gltf) fn vertex_maps(
         &self,
         id: PrimitiveId,
         joints: &Joints,
@@ -161,7 +161,7 @@ impl GltfDocument {
 
 impl Joints {
     /// Returns whether every joint map is mirroring.
-    pub(super) fn are_mirrored(&self) -> bool {
+    pub(in crate::gltf) fn are_mirrored(&self) -> bool {
         self.mesh_from_bind
             .iter()
             .all(|map| map.matrix3.determinant() < 0.0)

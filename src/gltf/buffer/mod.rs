@@ -1,5 +1,11 @@
 //! Buffers and buffer views: bytes of the binary chunk, of other files and of data URIs.
 
+pub(super) mod accessor;
+pub(super) mod bytes;
+mod compressed_view;
+mod meshopt;
+pub(super) mod whole_file;
+
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -9,32 +15,32 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use memmap2::MmapMut;
 use percent_encoding::{percent_decode, percent_decode_str};
 
-use super::GltfError;
-use super::bytes::Bytes;
-use super::document::GltfDocument;
-use super::error::EXPORT_AGAIN;
-use super::whole_file::read_file;
+use crate::gltf::GltfError;
+use crate::gltf::buffer::bytes::Bytes;
+use crate::gltf::buffer::whole_file::read_file;
+use crate::gltf::document::GltfDocument;
+use crate::gltf::error::EXPORT_AGAIN;
 
 /// Bytes of a buffer view.
-pub(super) struct BufferWindow<'a> {
-    pub(super) bytes: &'a [u8],
+pub(in crate::gltf) struct BufferWindow<'a> {
+    pub(in crate::gltf) bytes: &'a [u8],
     /// Distance between elements in bytes, if the view states one.
-    pub(super) stride: Option<usize>,
+    pub(in crate::gltf) stride: Option<usize>,
     /// Mapped file and the offset of the first byte in it.
-    pub(super) file: Option<(&'a Arc<MmapMut>, usize)>,
+    pub(in crate::gltf) file: Option<(&'a Arc<MmapMut>, usize)>,
 }
 
 /// Range of bytes of a buffer, as the file states it.
 #[derive(Clone, Copy)]
-pub(super) struct BufferRange {
-    pub(super) buffer: usize,
-    pub(super) offset: u64,
-    pub(super) length: u64,
+pub(in crate::gltf) struct BufferRange {
+    pub(in crate::gltf) buffer: usize,
+    pub(in crate::gltf) offset: u64,
+    pub(in crate::gltf) length: u64,
 }
 
 impl<'a> BufferWindow<'a> {
     /// Returns the window without its first `offset` bytes; `None` if it is shorter.
-    pub(super) fn skip(self, offset: usize) -> Option<BufferWindow<'a>> {
+    pub(in crate::gltf) fn skip(self, offset: usize) -> Option<BufferWindow<'a>> {
         Some(BufferWindow {
             bytes: self.bytes.get(offset..)?,
             file: self.file.map(|(map, start)| (map, start + offset)),
@@ -53,7 +59,7 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
 
 impl GltfDocument {
     /// Returns the bytes of a buffer view, checked against its buffer.
-    pub(super) fn view(&self, number: usize) -> Result<BufferWindow<'_>, GltfError> {
+    pub(in crate::gltf) fn view(&self, number: usize) -> Result<BufferWindow<'_>, GltfError> {
         let views = &self.root.buffer_views;
         let Some(view) = views.get(number) else {
             return Err(self.missing("buffer view", number, views.len()));
@@ -77,7 +83,11 @@ impl GltfDocument {
     }
 
     /// Returns the bytes of a range of a buffer, for the buffer view with this number.
-    pub(super) fn range(&self, range: BufferRange, view: usize) -> Result<BufferWindow<'_>, GltfError> {
+    pub(in crate::gltf) fn range(
+        &self,
+        range: BufferRange,
+        view: usize,
+    ) -> Result<BufferWindow<'_>, GltfError> {
         let BufferRange { offset, length, .. } = range;
         let buffer = self.buffer(range.buffer)?;
         let window = usize::try_from(offset)
@@ -134,7 +144,7 @@ impl GltfDocument {
     }
 
     /// Returns the bytes of a URI: a data URI's content, or a file relative to this one.
-    pub(super) fn resolve(&self, uri: &str, item: &str) -> Result<Bytes, GltfError> {
+    pub(in crate::gltf) fn resolve(&self, uri: &str, item: &str) -> Result<Bytes, GltfError> {
         // Decode a data URI
         if let Some(data) = uri.strip_prefix("data:") {
             return match decode_data_uri(data) {

@@ -1,6 +1,14 @@
 //! Materials and their textures: glTF's metallic-roughness parameters and their extensions. Only what the scene uses is
 //! read.
 
+mod image;
+pub(super) mod image_source;
+mod ktx2;
+pub(super) mod medium;
+mod specular_glossiness;
+mod texture_slot;
+mod variant;
+
 use std::collections::HashMap;
 
 use gltf::json;
@@ -8,26 +16,26 @@ use json::texture::{MagFilter, MinFilter, WrappingMode};
 use json::validation::Checked;
 use serde_json::{Map, Value};
 
-use super::GltfError;
-use super::document::{GltfDocument, NO_IMAGE};
-use super::extension::{Corrections, Extension};
-use super::image_source::{ImageConversion, ImageSource};
-use super::medium::interior;
-use super::specular_glossiness::SpecularGlossiness;
-use super::texture_slot::{TextureSlot, slots};
+use crate::gltf::GltfError;
+use crate::gltf::document::{GltfDocument, NO_IMAGE};
+use crate::gltf::extension::{Corrections, Extension};
+use crate::gltf::material::image_source::{ImageConversion, ImageSource};
+use crate::gltf::material::medium::interior;
+use crate::gltf::material::specular_glossiness::SpecularGlossiness;
+use crate::gltf::material::texture_slot::{TextureSlot, slots};
 use crate::scene::{
     AlphaMode, Filter, Material, MaterialInput, MetallicRoughness, Model, Sampler, Texture, TextureBinding,
     TextureUse, Translucency, Wrap,
 };
 
 /// Collector of the materials, textures and images that the scene's meshes use, in the order of their first use.
-pub(super) struct Materials<'a> {
+pub(in crate::gltf) struct Materials<'a> {
     document: &'a GltfDocument,
-    pub(super) materials: Vec<Material>,
-    pub(super) textures: Vec<Texture>,
+    pub(in crate::gltf) materials: Vec<Material>,
+    pub(in crate::gltf) textures: Vec<Texture>,
     /// Images that textures refer to.
-    pub(super) images: Vec<ImageSource>,
-    pub(super) warnings: Vec<String>,
+    pub(in crate::gltf) images: Vec<ImageSource>,
+    pub(in crate::gltf) warnings: Vec<String>,
     material_index: HashMap<MaterialKey, u32>,
     texture_index: HashMap<TextureKey, u32>,
 }
@@ -48,7 +56,7 @@ struct MaterialKey {
 }
 
 impl<'a> Materials<'a> {
-    pub(super) fn new(document: &'a GltfDocument) -> Materials<'a> {
+    pub(in crate::gltf) fn new(document: &'a GltfDocument) -> Materials<'a> {
         Materials {
             document,
             materials: Vec::new(),
@@ -62,7 +70,7 @@ impl<'a> Materials<'a> {
 
     /// Returns the scene's index of a material of the file for a mesh with certain texture coordinate sets. Textures
     /// whose set the mesh lacks are left out.
-    pub(super) fn index_of(
+    pub(in crate::gltf) fn index_of(
         &mut self,
         number: Option<usize>,
         has_set: impl Fn(u32) -> bool,
@@ -186,7 +194,10 @@ impl<'a> Materials<'a> {
 
 impl GltfDocument {
     /// Returns the texture coordinate sets that a material uses, each once.
-    pub(super) fn texture_coordinate_sets(&self, material: Option<usize>) -> Result<Vec<u32>, GltfError> {
+    pub(in crate::gltf) fn texture_coordinate_sets(
+        &self,
+        material: Option<usize>,
+    ) -> Result<Vec<u32>, GltfError> {
         let Some(number) = material else {
             return Ok(Vec::new());
         };
@@ -198,7 +209,7 @@ impl GltfDocument {
     }
 
     /// Returns the texture coordinate set of a material's normal map, if it has one.
-    pub(super) fn normal_map_set(&self, material: Option<usize>) -> Result<Option<u32>, GltfError> {
+    pub(in crate::gltf) fn normal_map_set(&self, material: Option<usize>) -> Result<Option<u32>, GltfError> {
         let Some(number) = material else {
             return Ok(None);
         };

@@ -1,32 +1,37 @@
 //! Conversion of glTF primitives to triangle meshes.
 
+pub(super) mod deformation;
+mod draco;
+pub(super) mod primitive_id;
+mod skin;
+
 use gltf::json;
 use json::mesh::{Mode, Semantic};
 use json::validation::Checked;
 
-use super::GltfError;
-use super::deformation::{Deformation, Deformer};
-use super::document::GltfDocument;
-use super::error::EXPORT_AGAIN;
-use super::primitive_id::PrimitiveId;
 use crate::buffer::Buffer;
+use crate::gltf::GltfError;
+use crate::gltf::document::GltfDocument;
+use crate::gltf::error::EXPORT_AGAIN;
+use crate::gltf::mesh::deformation::{Deformation, Deformer};
+use crate::gltf::mesh::primitive_id::PrimitiveId;
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::parallel;
 use crate::scene::mesh_cleanup;
 
 /// A converted primitive: a mesh without bad indices or unusable triangles, possibly empty.
-pub(super) struct ReadPrimitive {
-    pub(super) mesh: Mesh,
-    pub(super) bounds: Bounds,
+pub(in crate::gltf) struct ReadPrimitive {
+    pub(in crate::gltf) mesh: Mesh,
+    pub(in crate::gltf) bounds: Bounds,
     /// Texture coordinate set for which tangents are to be computed, as the file has none that can be used.
-    pub(super) missing_tangents: Option<usize>,
-    pub(super) warnings: Vec<String>,
+    pub(in crate::gltf) missing_tangents: Option<usize>,
+    pub(in crate::gltf) warnings: Vec<String>,
 }
 
 impl GltfDocument {
     /// Reads one primitive in its object space, with its deformation from `deformations` applied.
-    pub(super) fn read_primitive(
+    pub(in crate::gltf) fn read_primitive(
         &self,
         id: PrimitiveId,
         deformations: &[Deformation],

@@ -6,26 +6,26 @@
 use gltf::json;
 use serde_json::{Map, Value};
 
-use super::extension::{Corrections, Extension};
-use super::image_source::ImageConversion;
-use super::medium::REFLECTING_IOR;
+use crate::gltf::extension::{Corrections, Extension};
+use crate::gltf::material::image_source::ImageConversion;
+use crate::gltf::material::medium::REFLECTING_IOR;
 use crate::optics::{Absorption, Dispersion};
 use crate::scene::{Medium, MetallicRoughness};
 
 /// Factors and textures of a specular-glossiness material.
-pub(super) struct SpecularGlossiness {
+pub(in crate::gltf) struct SpecularGlossiness {
     /// Diffuse colour and coverage.
-    pub(super) diffuse: [f32; 4],
-    pub(super) diffuse_texture: Option<json::texture::Info>,
+    pub(in crate::gltf) diffuse: [f32; 4],
+    pub(in crate::gltf) diffuse_texture: Option<json::texture::Info>,
     /// Specular colour in RGB, encoded as sRGB, and glossiness in A.
-    pub(super) specular_glossiness_texture: Option<json::texture::Info>,
+    pub(in crate::gltf) specular_glossiness_texture: Option<json::texture::Info>,
     specular: [f32; 3],
     glossiness: f64,
 }
 
 impl SpecularGlossiness {
     /// Reads the extension of a material; `None` if it is absent.
-    pub(super) fn read(
+    pub(in crate::gltf) fn read(
         extensions: Option<&Map<String, Value>>,
         corrections: &mut Corrections,
     ) -> Option<SpecularGlossiness> {
@@ -45,7 +45,7 @@ impl SpecularGlossiness {
     }
 
     /// Returns the parameters of the metallic-roughness model.
-    pub(super) fn model(&self) -> MetallicRoughness {
+    pub(in crate::gltf) fn model(&self) -> MetallicRoughness {
         MetallicRoughness {
             metallic: 0.0,
             // The texture holds the roughness itself, which includes the factor
@@ -59,7 +59,7 @@ impl SpecularGlossiness {
     }
 
     /// Returns the interior, whose index of refraction gives the reflectance 1.
-    pub(super) fn interior(&self) -> Medium {
+    pub(in crate::gltf) fn interior(&self) -> Medium {
         Medium {
             ior: Dispersion::Constant(REFLECTING_IOR),
             absorption: Absorption::NONE,
@@ -69,7 +69,7 @@ impl SpecularGlossiness {
     }
 
     /// Returns the conversion of the texture's image to an image of roughness.
-    pub(super) fn roughness_conversion(&self) -> ImageConversion {
+    pub(in crate::gltf) fn roughness_conversion(&self) -> ImageConversion {
         ImageConversion::RoughnessFromAlpha {
             glossiness: (self.glossiness * f64::from(u16::MAX)).round() as u16,
         }

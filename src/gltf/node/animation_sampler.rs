@@ -6,18 +6,18 @@
 use glam::DQuat;
 use gltf::json::animation::Interpolation;
 
-use super::node_transform::rotation;
+use crate::gltf::node::node_transform::rotation;
 
 /// Keyframes and their interpolation.
 #[derive(Debug)]
-pub(super) struct AnimationSampler {
-    pub(super) interpolation: Interpolation,
+pub(in crate::gltf) struct AnimationSampler {
+    pub(in crate::gltf) interpolation: Interpolation,
     /// Count of numbers per value.
-    pub(super) width: usize,
+    pub(in crate::gltf) width: usize,
     /// Times of the keyframes in seconds: at least one, and strictly increasing.
-    pub(super) times: Vec<f64>,
+    pub(in crate::gltf) times: Vec<f64>,
     /// Values of the keyframes; for a spline three of each: its incoming tangent, its value and its outgoing tangent.
-    pub(super) values: Vec<f64>,
+    pub(in crate::gltf) values: Vec<f64>,
 }
 
 /// Position of a time among the keyframes.
@@ -30,7 +30,7 @@ enum KeyPosition {
 
 impl AnimationSampler {
     /// Returns the number of values per keyframe: the value itself and its tangents.
-    pub(super) fn values_per_key(interpolation: Interpolation) -> usize {
+    pub(in crate::gltf) fn values_per_key(interpolation: Interpolation) -> usize {
         if interpolation == Interpolation::CubicSpline {
             3
         } else {
@@ -39,7 +39,7 @@ impl AnimationSampler {
     }
 
     /// Returns the value at a time.
-    pub(super) fn at(&self, seconds: f64) -> Vec<f64> {
+    pub(in crate::gltf) fn at(&self, seconds: f64) -> Vec<f64> {
         match self.key_position(seconds) {
             KeyPosition::Key(key) => self.value(key).to_vec(),
             KeyPosition::Between(key, u) => self.between(key, u),
@@ -47,7 +47,7 @@ impl AnimationSampler {
     }
 
     /// Returns the rotation at a time, for a sampler of quaternions.
-    pub(super) fn rotation_at(&self, seconds: f64) -> DQuat {
+    pub(in crate::gltf) fn rotation_at(&self, seconds: f64) -> DQuat {
         match (self.interpolation, self.key_position(seconds)) {
             (Interpolation::Linear, KeyPosition::Between(key, u)) => {
                 let [a, b] = [key, key + 1].map(|key| quaternion(self.value(key)));

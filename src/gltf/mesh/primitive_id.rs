@@ -2,19 +2,19 @@
 
 use gltf::json;
 
-use super::document::GltfDocument;
+use crate::gltf::document::GltfDocument;
 
 /// Identity of a primitive: its mesh, its number in it, and the deformation that is applied to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub(super) struct PrimitiveId {
-    pub(super) mesh: usize,
-    pub(super) primitive: usize,
-    pub(super) deformation: Option<usize>,
+pub(in crate::gltf) struct PrimitiveId {
+    pub(in crate::gltf) mesh: usize,
+    pub(in crate::gltf) primitive: usize,
+    pub(in crate::gltf) deformation: Option<usize>,
 }
 
 impl GltfDocument {
     /// Returns a primitive's description for messages.
-    pub(super) fn primitive_item(&self, id: PrimitiveId) -> String {
+    pub(in crate::gltf) fn primitive_item(&self, id: PrimitiveId) -> String {
         let mesh = &self.root.meshes[id.mesh];
         let name = match &mesh.name {
             Some(name) if !name.is_empty() => format!("mesh {} `{name}`", id.mesh),
@@ -27,7 +27,7 @@ impl GltfDocument {
         }
     }
 
-    pub(super) fn primitive(&self, id: PrimitiveId) -> &json::mesh::Primitive {
+    pub(in crate::gltf) fn primitive(&self, id: PrimitiveId) -> &json::mesh::Primitive {
         &self.root.meshes[id.mesh].primitives[id.primitive]
     }
 }

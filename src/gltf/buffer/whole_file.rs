@@ -10,8 +10,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use memmap2::MmapMut;
 
-use super::GltfError;
 use crate::buffer;
+use crate::gltf::GltfError;
 use crate::parallel;
 
 /// Number of bytes that one task reads.
@@ -21,7 +21,7 @@ const CHUNK: usize = 4 << 20;
 ///
 /// # Errors
 /// The file cannot be read, is empty, or changed while it was read.
-pub(super) fn read_file(file: &Path) -> Result<Arc<MmapMut>, GltfError> {
+pub(in crate::gltf) fn read_file(file: &Path) -> Result<Arc<MmapMut>, GltfError> {
     let unreadable = |fault: String| GltfError::Unreadable {
         file: file.to_owned(),
         fault,

@@ -6,25 +6,25 @@
 use gltf::json;
 use serde_json::{Map, Value};
 
-use super::extension::{Corrections, Extension};
-use super::image_source::ImageConversion;
-use super::specular_glossiness::SpecularGlossiness;
+use crate::gltf::extension::{Corrections, Extension};
+use crate::gltf::material::image_source::ImageConversion;
+use crate::gltf::material::specular_glossiness::SpecularGlossiness;
 use crate::scene::{MaterialInput, UvTransform};
 
 /// A texture of a material, by the file's numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct TextureSlot {
-    pub(super) parameter: MaterialInput,
-    pub(super) texture: usize,
-    pub(super) tex_coord: u32,
-    pub(super) transform: UvTransform,
-    pub(super) strength: f32,
+pub(in crate::gltf) struct TextureSlot {
+    pub(in crate::gltf) parameter: MaterialInput,
+    pub(in crate::gltf) texture: usize,
+    pub(in crate::gltf) tex_coord: u32,
+    pub(in crate::gltf) transform: UvTransform,
+    pub(in crate::gltf) strength: f32,
     /// Conversion of the texture's image.
-    pub(super) conversion: ImageConversion,
+    pub(in crate::gltf) conversion: ImageConversion,
 }
 
 /// Returns the textures of a material, with or without effect.
-pub(super) fn slots(material: &json::Material, corrections: &mut Corrections) -> Vec<TextureSlot> {
+pub(in crate::gltf) fn slots(material: &json::Material, corrections: &mut Corrections) -> Vec<TextureSlot> {
     let pbr = &material.pbr_metallic_roughness;
     let extensions = material.extensions.as_ref().map(|e| &e.others);
     let is_unlit = Extension::of(extensions, "KHR_materials_unlit", corrections).is_present();

@@ -2,16 +2,16 @@
 
 use serde_json::{Map, Value};
 
-use super::GltfError;
-use super::document::GltfDocument;
-use super::primitive_id::PrimitiveId;
+use crate::gltf::GltfError;
+use crate::gltf::document::GltfDocument;
+use crate::gltf::mesh::primitive_id::PrimitiveId;
 
 /// Name of the extension.
 const NAME: &str = "KHR_materials_variants";
 
 impl GltfDocument {
     /// Returns the names of the variants; a nameless one has its number.
-    pub(super) fn variants(&self) -> Vec<String> {
+    pub(in crate::gltf) fn variants(&self) -> Vec<String> {
         let extensions = self.root.extensions.as_ref().map(|e| &e.others);
         let variants = member(extensions, "variants");
         let name = |(number, variant): (usize, &Value)| match variant.get("name").and_then(Value::as_str) {
@@ -22,7 +22,7 @@ impl GltfDocument {
     }
 
     /// Chooses the variant of this name for all primitives.
-    pub(super) fn choose_variant(&mut self, name: &str) -> Result<(), GltfError> {
+    pub(in crate::gltf) fn choose_variant(&mut self, name: &str) -> Result<(), GltfError> {
         let names = self.variants();
         self.variant = names.iter().position(|known| known == name);
         if self.variant.is_some() {
@@ -36,7 +36,7 @@ impl GltfDocument {
     }
 
     /// Returns the number of a primitive's material: that of the chosen variant, else its own.
-    pub(super) fn material_number(&self, id: PrimitiveId) -> Option<usize> {
+    pub(in crate::gltf) fn material_number(&self, id: PrimitiveId) -> Option<usize> {
         let primitive = self.primitive(id);
         let own = primitive.material.map(|material| material.value());
         let Some(variant) = self.variant else {

@@ -4,15 +4,15 @@ use crate::buffer::{Buffer, BufferMut};
 
 /// Image of the file, and the conversion that a material requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) struct ImageSource {
+pub(in crate::gltf) struct ImageSource {
     /// Number of the image in the file.
-    pub(super) number: usize,
-    pub(super) conversion: ImageConversion,
+    pub(in crate::gltf) number: usize,
+    pub(in crate::gltf) conversion: ImageConversion,
 }
 
 /// Conversion of an image's texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum ImageConversion {
+pub(in crate::gltf) enum ImageConversion {
     /// The texels as the file has them.
     None,
     /// Roughness in R, which is 1 minus the glossiness in A times a factor.
@@ -24,7 +24,7 @@ pub(super) enum ImageConversion {
 
 impl ImageConversion {
     /// Returns the converted texels.
-    pub(super) fn apply(self, texels: Buffer<[u8; 4]>) -> Buffer<[u8; 4]> {
+    pub(in crate::gltf) fn apply(self, texels: Buffer<[u8; 4]>) -> Buffer<[u8; 4]> {
         let ImageConversion::RoughnessFromAlpha { glossiness } = self else {
             return texels;
         };

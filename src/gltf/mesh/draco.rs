@@ -14,13 +14,13 @@ use gltf::json::accessor::{ComponentType, Type};
 use json::mesh::Mode;
 use json::validation::Checked;
 
-use super::GltfError;
-use super::bytes::DecodedAccessor;
-use super::document::GltfDocument;
-use super::error::EXPORT_AGAIN;
-use super::extension::{Corrections, Extension};
-use super::node::PlacedNode;
-use super::primitive_id::PrimitiveId;
+use crate::gltf::GltfError;
+use crate::gltf::buffer::bytes::DecodedAccessor;
+use crate::gltf::document::GltfDocument;
+use crate::gltf::error::EXPORT_AGAIN;
+use crate::gltf::extension::{Corrections, Extension};
+use crate::gltf::mesh::primitive_id::PrimitiveId;
+use crate::gltf::node::PlacedNode;
 use crate::parallel;
 
 /// Name of the extension.
@@ -46,7 +46,7 @@ struct CompressedAttribute {
 
 impl GltfDocument {
     /// Decodes the compressed meshes of visible nodes.
-    pub(super) fn decode_draco(&mut self, nodes: &[PlacedNode]) -> Result<(), GltfError> {
+    pub(in crate::gltf) fn decode_draco(&mut self, nodes: &[PlacedNode]) -> Result<(), GltfError> {
         let meshes = self.compressed_meshes(nodes)?;
         let decoded = parallel::try_map(meshes.len(), &|index| self.decode_mesh(&meshes[index]))?;
         self.decoded_accessors.extend(decoded.into_iter().flatten());

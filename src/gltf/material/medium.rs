@@ -5,7 +5,7 @@
 
 use serde_json::{Map, Value};
 
-use super::extension::{Corrections, Extension};
+use crate::gltf::extension::{Corrections, Extension};
 use crate::optics::{Absorption, Cauchy, Dispersion, MIN_WAVELENGTH};
 use crate::scene::{DEFAULT_IOR, MAX_OPAQUE_IOR, Medium};
 
@@ -13,10 +13,10 @@ use crate::scene::{DEFAULT_IOR, MAX_OPAQUE_IOR, Medium};
 const MAX_IOR: f64 = 16.0;
 /// Index of refraction of an opaque surface whose reflectance at normal incidence rounds to 1 in f32: an index of 0, and
 /// any larger index, request it.
-pub(super) const REFLECTING_IOR: f64 = MAX_OPAQUE_IOR;
+pub(in crate::gltf) const REFLECTING_IOR: f64 = MAX_OPAQUE_IOR;
 
 /// Returns the interior of a material that transmits or that states an index of refraction; `None` otherwise.
-pub(super) fn interior(
+pub(in crate::gltf) fn interior(
     extensions: Option<&Map<String, Value>>,
     transmits: bool,
     corrections: &mut Corrections,

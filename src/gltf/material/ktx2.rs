@@ -9,7 +9,7 @@ const IDENTIFIER: [u8; 12] = *b"\xabKTX 20\xbb\r\n\x1a\n";
 const WIDTH_OFFSET: usize = 20;
 
 /// Returns the width and the height of a KTX2 image; `None` for bytes of other formats.
-pub(super) fn size(bytes: &[u8]) -> Option<[u32; 2]> {
+pub(in crate::gltf) fn size(bytes: &[u8]) -> Option<[u32; 2]> {
     let words = bytes
         .strip_prefix(&IDENTIFIER)?
         .get(WIDTH_OFFSET - IDENTIFIER.len()..)?;
@@ -22,7 +22,7 @@ pub(super) fn size(bytes: &[u8]) -> Option<[u32; 2]> {
 
 /// Returns the texels of the largest level of a KTX2 image.
 #[cfg(feature = "basisu")]
-pub(super) fn texels(bytes: &[u8]) -> Result<Buffer<[u8; 4]>, String> {
+pub(in crate::gltf) fn texels(bytes: &[u8]) -> Result<Buffer<[u8; 4]>, String> {
     use basisu::{DecodeFlags, TargetFormat, Transcoder};
 
     use crate::buffer::BufferMut;
@@ -39,7 +39,7 @@ pub(super) fn texels(bytes: &[u8]) -> Result<Buffer<[u8; 4]>, String> {
 
 /// Returns the reason why a KTX2 image cannot be decoded.
 #[cfg(not(feature = "basisu"))]
-pub(super) fn texels(_: &[u8]) -> Result<Buffer<[u8; 4]>, String> {
+pub(in crate::gltf) fn texels(_: &[u8]) -> Result<Buffer<[u8; 4]>, String> {
     Err("this program was built without the feature `basisu`".into())
 }
 

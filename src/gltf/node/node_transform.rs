@@ -4,20 +4,20 @@ use glam::{DAffine3, DQuat, DVec3};
 use gltf::json;
 
 /// Parts of a node's transform: scale, then rotation, then translation.
-pub(super) struct TransformParts {
-    pub(super) scale: DVec3,
-    pub(super) rotation: DQuat,
-    pub(super) translation: DVec3,
+pub(in crate::gltf) struct TransformParts {
+    pub(in crate::gltf) scale: DVec3,
+    pub(in crate::gltf) rotation: DQuat,
+    pub(in crate::gltf) translation: DVec3,
 }
 
 impl TransformParts {
-    pub(super) fn transform(&self) -> DAffine3 {
+    pub(in crate::gltf) fn transform(&self) -> DAffine3 {
         DAffine3::from_scale_rotation_translation(self.scale, self.rotation, self.translation)
     }
 }
 
 /// Returns the node's own transform, in parts.
-pub(super) fn parts(node: &json::Node) -> TransformParts {
+pub(in crate::gltf) fn parts(node: &json::Node) -> TransformParts {
     let vector = |v: [f32; 3]| DVec3::from_array(v.map(f64::from));
     TransformParts {
         scale: node.scale.map_or(DVec3::ONE, vector),
@@ -29,7 +29,7 @@ pub(super) fn parts(node: &json::Node) -> TransformParts {
 }
 
 /// Returns the rotation of a quaternion of any length; the identity if it has no valid direction.
-pub(super) fn rotation(q: DQuat) -> DQuat {
+pub(in crate::gltf) fn rotation(q: DQuat) -> DQuat {
     let length = q.length();
     if length > 0.0 && length.is_finite() {
         q * length.recip()
@@ -40,17 +40,17 @@ pub(super) fn rotation(q: DQuat) -> DQuat {
 
 /// Properties of a node that an animation replaces.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct NodeOverride {
-    pub(super) translation: Option<DVec3>,
-    pub(super) rotation: Option<DQuat>,
-    pub(super) scale: Option<DVec3>,
+pub(in crate::gltf) struct NodeOverride {
+    pub(in crate::gltf) translation: Option<DVec3>,
+    pub(in crate::gltf) rotation: Option<DQuat>,
+    pub(in crate::gltf) scale: Option<DVec3>,
     /// Weights of the morph targets of the node's mesh.
-    pub(super) weights: Option<Vec<f64>>,
+    pub(in crate::gltf) weights: Option<Vec<f64>>,
 }
 
 impl NodeOverride {
     /// Returns the node-to-parent transform: the node's own, with the animated properties replaced.
-    pub(super) fn transform(&self, node: &json::Node) -> DAffine3 {
+    pub(in crate::gltf) fn transform(&self, node: &json::Node) -> DAffine3 {
         // Properties without a channel keep the node's own values
         let own = parts(node);
         let moved = TransformParts {

@@ -6,11 +6,11 @@
 use gltf::json::accessor::{ComponentType, Type};
 use gltf::json::validation::Checked;
 
-use super::GltfError;
-use super::buffer::BufferWindow;
-use super::document::GltfDocument;
-use super::error::EXPORT_AGAIN;
 use crate::buffer::Buffer;
+use crate::gltf::GltfError;
+use crate::gltf::buffer::BufferWindow;
+use crate::gltf::document::GltfDocument;
+use crate::gltf::error::EXPORT_AGAIN;
 use crate::parallel;
 
 /// Largest number of elements of an accessor without a buffer view, as no bytes of the file back their number.
@@ -19,7 +19,7 @@ const MAX_UNBACKED: usize = 1 << 22;
 const CHUNK: usize = 1 << 14;
 
 /// An accessor whose offsets and lengths are checked.
-pub(super) struct Accessor<'a> {
+pub(in crate::gltf) struct Accessor<'a> {
     document: &'a GltfDocument,
     number: usize,
     count: usize,
@@ -39,7 +39,7 @@ struct Sparse<'a> {
 
 impl GltfDocument {
     /// Opens accessor `number` and checks it against the bytes of its buffer views.
-    pub(super) fn accessor(&self, number: usize) -> Result<Accessor<'_>, GltfError> {
+    pub(in crate::gltf) fn accessor(&self, number: usize) -> Result<Accessor<'_>, GltfError> {
         let accessors = &self.root.accessors;
         let Some(accessor) = accessors.get(number) else {
             return Err(self.missing("accessor", number, accessors.len()));
@@ -131,18 +131,18 @@ impl GltfDocument {
 
 impl<'a> Accessor<'a> {
     /// Returns the number of elements.
-    pub(super) fn count(&self) -> usize {
+    pub(in crate::gltf) fn count(&self) -> usize {
         self.count
     }
 
     /// Returns whether elements are vectors of three components.
-    pub(super) fn is_triple(&self) -> bool {
+    pub(in crate::gltf) fn is_triple(&self) -> bool {
         self.type_ == Type::Vec3
     }
 
     /// Returns all elements as scalars, vectors or 4 by 4 matrices (by columns) of `N` floats: normalised integers as
     /// fractions, other integers as they are.
-    pub(super) fn vectors<const N: usize>(&self) -> Result<Buffer<[f32; N]>, GltfError>
+    pub(in crate::gltf) fn vectors<const N: usize>(&self) -> Result<Buffer<[f32; N]>, GltfError>
     where
         [f32; N]: bytemuck::Pod,
     {
@@ -184,7 +184,7 @@ impl<'a> Accessor<'a> {
     }
 
     /// Returns triples of 32-bit indices that share the bytes of the file; `None` where its layout does not allow that.
-    pub(super) fn shared_triangles(&self) -> Option<Buffer<[u32; 3]>> {
+    pub(in crate::gltf) fn shared_triangles(&self) -> Option<Buffer<[u32; 3]>> {
         let is_index = self.type_ == Type::Scalar && self.component == ComponentType::U32;
         if !is_index {
             return None;
@@ -193,7 +193,7 @@ impl<'a> Accessor<'a> {
     }
 
     /// Returns all elements as indices.
-    pub(super) fn indices(&self) -> Result<Vec<u32>, GltfError> {
+    pub(in crate::gltf) fn indices(&self) -> Result<Vec<u32>, GltfError> {
         let is_unsigned = matches!(
             self.component,
             ComponentType::U8 | ComponentType::U16 | ComponentType::U32
@@ -220,7 +220,7 @@ impl<'a> Accessor<'a> {
     }
 
     /// Returns the largest value of the accessor's type of indices.
-    pub(super) fn largest_index(&self) -> u32 {
+    pub(in crate::gltf) fn largest_index(&self) -> u32 {
         match component_size(self.component) {
             1 => u32::from(u8::MAX),
             2 => u32::from(u16::MAX),

@@ -514,7 +514,7 @@ mod tests {
             }),
             ("material 0", |s| {
                 s.materials[0].interior = Some(Medium {
-                    ior: Dispersion::Constant(100.0),
+                    ior: Dispersion::Constant(2e9),
                     absorption: Absorption::NONE,
                     priority: 0,
                     is_thin: false,

@@ -118,7 +118,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
 
 /// Returns a file with a few random changes.
 fn mutated(mut bytes: Vec<u8>, random: &mut SplitMix64) -> Vec<u8> {
-    for _ in 0..1 + random.below(MAX_CHANGES) {
+    for _ in 0..1 + random.below(1 + random.below(MAX_CHANGES)) {
         if bytes.is_empty() {
             break;
         }

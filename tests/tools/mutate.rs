@@ -118,7 +118,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), String> {
 
 /// Returns a file with a few random changes.
 fn mutated(mut bytes: Vec<u8>, random: &mut SplitMix64) -> Vec<u8> {
-    for _ in 0..1 + random.below(1 + random.below(MAX_CHANGES)) {
+    let most = 1 + random.below(MAX_CHANGES);
+    for _ in 0..1 + random.below(most) {
         if bytes.is_empty() {
             break;
         }

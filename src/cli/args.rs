@@ -6,12 +6,15 @@ mod bench;
 mod compare;
 mod compare_stats;
 mod cost;
+mod crop;
+mod environment;
 mod gltf;
 mod image_format;
 mod program;
 mod progress;
 mod ray_offset;
 mod verify;
+mod view;
 
 use std::fmt;
 use std::path::PathBuf;
@@ -24,12 +27,15 @@ pub(super) use bench::{BenchArgs, DEFAULT_BENCH_SPP, MIN_TRIANGLES};
 pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
+pub(super) use crop::Crop;
+pub(super) use environment::EnvironmentArgs;
 pub(super) use gltf::GltfArgs;
 pub(super) use image_format::OutputArgs;
 pub(super) use program::{CompletionsArgs, HelpArgs, ManArgs};
 pub(super) use progress::ProgressArgs;
 pub(super) use ray_offset::RayOffsetArgs;
 pub(super) use verify::VerifyArgs;
+pub(super) use view::ViewArgs;
 
 use whit::accel::{Backend, BuildQuality, Instancing, Precision};
 use whit::batch::request::AovGroup;
@@ -115,6 +121,10 @@ const RENDER_EXAMPLES: &str = "\
 Examples:
   whit render scene.glb -o scene.png
   whit render scene.glb -o scene.exr --size 1920x1080 --spp 64 --camera top --stats scene.json
+  whit render scene.glb -o scene.png --from 3,2,5 --at 0,1,0 --fov 30
+  whit render scene.glb -o scene.png --view top --size 800x600
+  whit render scene.glb -o scene.png --environment studio --environment-turn 30
+  whit render scene.glb -o part.png --size 1920x1080 --crop 800,400,320,200
   whit render a.glb b.gltf --out images --format exr
   whit render scene.glb -o scene.png --spp 64 --pattern sobol --filter mitchell
   whit render scene.glb -o scene.exr --adaptive 0.005 --spp 1024 --aov samples
@@ -152,6 +162,10 @@ pub(super) struct RenderArgs {
     #[command(flatten)]
     pub(super) frame: FrameArgs,
 
+    /// Part of the image to render alone, with the same bits: left column, top row, width and height in pixels
+    #[arg(long, value_name = "X,Y,W,H", conflicts_with_all = ["error", "max_time", "tev"])]
+    pub(super) crop: Option<Crop>,
+
     #[command(flatten)]
     pub(super) sampling: SamplingArgs,
 
@@ -183,9 +197,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "SECONDS", default_value_t = DEFAULT_BUDGET, value_parser = cost::budget)]
     pub(super) pilot: f64,
 
-    /// Camera to render from, by name or number; see `whit info`
-    #[arg(long, value_name = "NAME|N")]
-    pub(super) camera: Option<String>,
+    #[command(flatten)]
+    pub(super) view: ViewArgs,
 
     #[command(flatten)]
     pub(super) gltf: GltfArgs,
@@ -194,11 +207,15 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "RADIANCE", allow_hyphen_values = true)]
     pub(super) ambient: Option<Ambient>,
 
+    #[command(flatten)]
+    pub(super) surroundings: EnvironmentArgs,
+
     /// Seed of the random numbers; images of different seeds differ only in their noise
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(super) seed: u32,
 
-    /// Number of rays per camera ray in the lobe of a rough surface, 0 for none, in place of the materials' own
+    /// Number of rays per camera ray in the lobe of a rough surface, 0 for none, in place of the materials' own; with
+    /// --environment, 1 where the materials have none
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_ROUGH_RAYS)))]
     pub(super) rough_rays: Option<u32>,
 

@@ -18,6 +18,7 @@ use whit::parallel;
 use whit::render::RenderSettings;
 use whit::report::cost::{CostText, points_csv};
 use whit::report::{cost_page, difference_image, memory};
+use whit::scene::CameraRequest;
 use whit::scene_file::{Output, SceneFile};
 
 use super::accel_options::{check_instancing, tracing_options};
@@ -106,13 +107,20 @@ fn measure(
     let name = args.scene.display().to_string();
     // Load the scene
     progress.phase(&name, "load");
-    let SceneFile { scene, output, .. } = load_scene(&args.scene, &[], &LoadOptions::default())?;
+    let size = args.size.map(|size| [size.width, size.height]);
+    let options = LoadOptions {
+        camera: CameraRequest {
+            image_size: size,
+            ..CameraRequest::default()
+        },
+        ..LoadOptions::default()
+    };
+    let SceneFile { scene, output, .. } = load_scene(&args.scene, &[], &options)?;
     for warning in &scene.warnings {
         progress.warn(&format!("{name}: {warning}"));
     }
     let scene = scene.validate()?;
     let camera = choose_camera(scene.get(), &args.scene, args.camera.as_deref())?;
-    let size = args.size.map(|size| [size.width, size.height]);
     check_memory(size)?;
     let requested = Output {
         size: size.or(output.size),

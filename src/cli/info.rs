@@ -3,6 +3,7 @@
 use whit::batch::request::load_scene;
 use whit::gltf::LoadOptions;
 use whit::report::info::SceneInfo;
+use whit::scene::CameraRequest;
 
 use super::args::InfoArgs;
 use super::failure::Failure;
@@ -14,6 +15,10 @@ pub(super) fn run(args: &InfoArgs) -> Result<(), Failure> {
     // Load the scene at the requested time
     let options = LoadOptions {
         without: args.effects.unwrap_or_default().removed,
+        camera: CameraRequest {
+            image_size: args.ablation.size.map(|size| [size.width, size.height]),
+            ..CameraRequest::default()
+        },
         ..args.gltf.load_options()
     };
     let loaded = load_scene(&args.scene, &[], &options)?;

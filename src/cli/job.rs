@@ -10,10 +10,12 @@ use whit::batch::request::{RenderRequest, SceneChange, Settings, is_scene_file};
 use whit::cost::{self, SettingsFile};
 use whit::gltf::LoadOptions;
 use whit::image::{ImageFormat, check_writable};
+use whit::render::Region;
 use whit::scene_file::Output;
 
 use super::accel_options::{check_backend, check_instancing, tracing_options};
 use super::args::{FrameArgs, RenderArgs};
+use super::crop;
 use super::failure::Failure;
 use super::image_format::image_encoding;
 
@@ -25,6 +27,8 @@ pub(super) struct RenderJob {
     pub(super) request: RenderRequest,
     /// Path of the heat map, if one is written.
     pub(super) heat: Option<PathBuf>,
+    /// Part of the image that is rendered; all of it if absent.
+    pub(super) crop: Option<Region>,
     /// Name or index of the camera; the scene's first camera if absent.
     pub(super) camera: Option<String>,
     /// Options for loading glTF files.
@@ -158,7 +162,9 @@ impl RenderJob {
                 needs_costs: args.heat.is_some(),
                 needs_ledger: stats.is_some(),
                 tracing: tracing_options(&args.tracing, backend),
+                camera: args.view.placement(),
                 ambient: args.ambient.map(|a| a.0),
+                environment: args.surroundings.request(),
                 change: SceneChange {
                     rough_rays: args.rough_rays,
                     ..SceneChange::default()
@@ -169,7 +175,8 @@ impl RenderJob {
                 seed: args.seed,
             },
             heat: args.heat.clone(),
-            camera: args.camera.clone(),
+            crop: args.crop.map(|crop| crop.0),
+            camera: args.view.camera.clone(),
             load: args.gltf.load_options(),
             estimates_error: aim.is_none() && (stats.is_some() || !args.quiet),
             aim,
@@ -180,6 +187,9 @@ impl RenderJob {
             job.request = job.request.with(&chosen);
         }
         job.check_requested()?;
+        if job.crop.is_some() {
+            crop::check_request(&job.request)?;
+        }
         Ok(job)
     }
 

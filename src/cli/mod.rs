@@ -13,6 +13,7 @@ mod callgrind;
 mod compare;
 mod compare_stats;
 mod cost;
+mod crop;
 mod cross_check;
 mod events;
 mod failure;

@@ -11,7 +11,7 @@ use whit::batch::request::{
 use whit::cost::StudyResult;
 use whit::image::{self, Attribute, ImageChannel, ImageFormat, PngEncoding, ToneMap};
 use whit::parallel;
-use whit::render::{self, FinishedTile, Monitor, RenderSettings, Rendering, forecast_rays};
+use whit::render::{self, FinishedTile, Monitor, Region, RenderSettings, Rendering, forecast_rays};
 use whit::report::cost::AimText;
 use whit::report::image_error::ImageErrorText;
 use whit::report::stats::{
@@ -25,6 +25,7 @@ use whit::watch::TevViewer;
 
 use super::args::RenderArgs;
 use super::autotune;
+use super::crop;
 use super::failure::Failure;
 use super::interrupt;
 use super::job::{RenderJob, StatsDestination, Target};
@@ -124,6 +125,9 @@ fn render_one(
     let request = aimed.as_ref().map_or(&job.request, |(request, _)| request);
     let resolved = request.resolved(&output)?;
     check_memory(&resolved.settings, scene.lights.len())?;
+    if let Some(region) = &job.crop {
+        crop::check_region(region, &resolved.settings)?;
+    }
     let valid = scene.validate()?;
     let camera = choose_camera(&scene, &target.scene, job.camera.as_deref())?;
 
@@ -152,7 +156,8 @@ fn render_one(
         let projected = ProjectedAccel::new((&*accel, backend), (&scene, camera), &settings);
         let size = [resolved.settings.width, resolved.settings.height];
         let live = viewer.map(|viewer| Live::begin(viewer, &image_name, size));
-        trace(&settings, (valid, camera), projected.accel(), (progress, live))
+        let image = (&settings, job.crop.as_ref());
+        trace(image, (valid, camera), projected.accel(), (progress, live))
     })?;
     seconds.render = render_seconds;
     seconds.trace = rendering.ledger.trace_seconds();
@@ -175,12 +180,15 @@ fn render_one(
     // Write the image and the heat map
     let (heat, write_seconds) = timed(|| {
         let embree = accel.report().embree;
-        let notes = Notes::of(
+        let mut notes = Notes::of(
             (request, &resolved),
             (&scene, camera),
             embree.as_ref(),
             &rendering.plan,
         );
+        if let Some(Region { x, y, width, height }) = job.crop {
+            notes.add("whit.crop", format!("{x},{y},{width},{height}"));
+        }
         write_image((request, &resolved), target, &rendering, &notes.list())?;
         write_heat(job, &rendering)
     })?;
@@ -263,7 +271,7 @@ fn timed<T>(work: impl FnOnce() -> Result<T, Failure>) -> Result<(T, f64), Failu
 }
 
 fn trace(
-    settings: &RenderSettings,
+    (settings, region): (&RenderSettings, Option<&Region>),
     (scene, camera): (ValidScene, &Camera),
     accel: &dyn Accel,
     (progress, live): (&Progress, Option<Live>),
@@ -275,7 +283,10 @@ fn trace(
         cancel: &interrupt::CANCELLED,
         tiles: show.as_ref().map(|show| show as _),
     };
-    let rendering = render::render(scene, camera, accel, settings, &monitor)?;
+    let rendering = match region {
+        Some(region) => crop::render((scene, camera), accel, (settings, region), &monitor)?,
+        None => render::render(scene, camera, accel, settings, &monitor)?,
+    };
     if let Some(live) = live {
         live.finish(&rendering.image);
     }

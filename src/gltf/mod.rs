@@ -11,7 +11,7 @@
 //! rendered, whether `doubleSided` or not: a ray tracer that culled back faces would lose the far sides of mirrors and
 //! the exits of glass.
 //!
-//! A file without a camera gets one that frames its bounds: a vertical field of view of 45 degrees, from the front,
+//! A file without a camera gets one that frames its vertices: a vertical field of view of 45 degrees, from the front,
 //! slightly from the right and above. A file without lights gets white sunlight of ¾ π lux from behind the camera's
 //! left shoulder, and ambient light and a background of radiance 0.25; a file with lights has a black background.
 
@@ -31,12 +31,13 @@ use glam::DMat3;
 
 pub use error::GltfError;
 pub use node::animation::AnimationTime;
-pub(crate) use node::camera_light::default_camera;
 
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::parallel;
-use crate::scene::{Background, EffectSet, Geometry, ImageCache, Instance, Normalisation, Scene};
+use crate::scene::{
+    Background, CameraRequest, EffectSet, Geometry, ImageCache, Instance, Normalisation, Scene,
+};
 use crate::shading::fold_constant_textures;
 use document::GltfDocument;
 use material::Materials;
@@ -66,6 +67,10 @@ pub struct LoadOptions {
     pub variant: Option<String>,
     /// Treatment of files with extensions that are not fully implemented.
     pub unsupported: UnsupportedExtensions,
+    /// Camera in place of those of the file.
+    pub camera: CameraRequest,
+    /// Light that a file without lights gets.
+    pub default_light: DefaultLight,
 }
 
 /// Treatment of files that use extensions which are ignored or approximated.
@@ -76,6 +81,16 @@ pub enum UnsupportedExtensions {
     Warn,
     /// The file is refused.
     Refuse,
+}
+
+/// Light that a file without lights gets, with ambient light and a background.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DefaultLight {
+    /// White sunlight from behind the camera's left shoulder, and grey ambient light and background.
+    #[default]
+    Sunlight,
+    /// No light, and a black background, which the caller replaces.
+    None,
 }
 
 impl LoadOptions {
@@ -92,6 +107,8 @@ impl Default for LoadOptions {
             image_cache: ImageCache::default(),
             variant: None,
             unsupported: UnsupportedExtensions::default(),
+            camera: CameraRequest::default(),
+            default_light: DefaultLight::default(),
         }
     }
 }
@@ -103,7 +120,7 @@ impl Default for LoadOptions {
 /// triangle to render.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, GltfError> {
     let (document, scene, bounds) = read(path, options)?;
-    document.finish(scene, bounds)
+    document.finish(scene, bounds, options)
 }
 
 /// Loads a file as a part of another scene: in its own coordinates, with its own cameras and lights and no defaults,
@@ -353,7 +370,12 @@ impl GltfDocument {
 
     /// Finishes the scene: normalises it, bakes meshes of single instances, adds a camera and a light if the file has
     /// none, and validates it.
-    fn finish(&self, mut scene: Scene, mut bounds: Vec<Bounds>) -> Result<Scene, GltfError> {
+    fn finish(
+        &self,
+        mut scene: Scene,
+        mut bounds: Vec<Bounds>,
+        options: &LoadOptions,
+    ) -> Result<Scene, GltfError> {
         if scene.instances.is_empty() {
             return Err(self.empty(&scene.warnings));
         }
@@ -367,12 +389,14 @@ impl GltfDocument {
             }
             bounds = scene.geometries.iter().map(Geometry::bounds).collect();
         }
-        // Add the default camera and light
-        if scene.cameras.is_empty() {
-            let camera = node::camera_light::default_camera(&scene.bounds_from(&bounds));
-            scene.cameras.push(camera);
-        }
-        if scene.lights.is_empty() {
+        // Add the requested or default camera, and the default light
+        scene
+            .place_cameras(&options.camera, &bounds)
+            .map_err(|source| GltfError::Scene {
+                file: self.file.clone(),
+                source,
+            })?;
+        if scene.lights.is_empty() && options.default_light == DefaultLight::Sunlight {
             scene
                 .lights
                 .push(node::camera_light::default_light(&scene.cameras[0]));

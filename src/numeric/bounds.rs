@@ -62,17 +62,17 @@ impl Bounds {
         if self.is_empty() {
             return Bounds::EMPTY;
         }
+        let corners = self.corners();
+        Bounds::of_points(corners.map(|p| target_from_source.transform_point3(p)))
+    }
+
+    /// Returns the eight corners. They have no meaning for an empty box.
+    pub fn corners(&self) -> [DVec3; 8] {
         // Bit k of a corner's number chooses the upper end along axis k
-        Bounds::of_points((0..8).map(|corner| {
-            let pick = |axis: usize| {
-                if corner >> axis & 1 == 0 {
-                    self.min[axis]
-                } else {
-                    self.max[axis]
-                }
-            };
-            target_from_source.transform_point3(DVec3::new(pick(0), pick(1), pick(2)))
-        }))
+        std::array::from_fn(|corner| {
+            let is_upper = glam::BVec3::new(corner & 1 != 0, corner & 2 != 0, corner & 4 != 0);
+            DVec3::select(is_upper, self.max, self.min)
+        })
     }
 
     /// Returns the lower and upper corner in f32, rounded outward and then one step further, so that a surface whose

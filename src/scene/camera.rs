@@ -208,6 +208,23 @@ impl Camera {
     }
 }
 
+/// Smallest sine of the angle between the view direction and the up direction: 2^-26 leaves half of f64's digits to the
+/// axes.
+const MIN_SINE: f64 = 1.0 / (1 << 26) as f64;
+
+/// Returns the axes of a camera that looks along `forward` with `up` upwards in the image, both of any length; `None`
+/// if one has no length or they are parallel.
+pub(crate) fn axes_looking_along(forward: DVec3, up: DVec3) -> Option<DMat3> {
+    let forward = forward.try_normalize()?;
+    // The length of this product is the sine of the angle between the two
+    let right = forward.cross(up.try_normalize()?);
+    if !(right.length() > MIN_SINE) {
+        return None;
+    }
+    let right = right.normalize();
+    Some(DMat3::from_cols(right, right.cross(forward), -forward))
+}
+
 impl CameraView {
     /// Returns the ray through the film point (`x`, `y`), each in [0, 1], from the top left corner of the image.
     ///

@@ -4,6 +4,9 @@ use glam::DVec3;
 
 use crate::numeric::Bounds;
 
+/// Default number of samples of an area light or an environment map per shading point: enough for a shadow to look soft.
+pub const DEFAULT_LIGHT_SAMPLES: u32 = 4;
+
 /// A light in world space.
 #[derive(Clone, Debug)]
 pub struct Light {

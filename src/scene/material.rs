@@ -202,6 +202,17 @@ impl Scene {
             }
         }
     }
+
+    /// Sets the number of rays into the lobe of every material of the metallic-roughness model that sends none.
+    pub(crate) fn set_default_rough_rays(&mut self, rays: u32) {
+        for material in &mut self.materials {
+            if let Model::MetallicRoughness(model) = &mut material.model
+                && model.rough_rays == 0
+            {
+                model.rough_rays = rays;
+            }
+        }
+    }
 }
 
 impl Material {

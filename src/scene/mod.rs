@@ -3,9 +3,12 @@
 mod area_light;
 mod bake;
 mod camera;
+mod camera_placement;
 mod effect;
 mod emissive;
+mod environment;
 mod extension_use;
+mod framing;
 mod image_cache;
 pub mod image_settings;
 mod instance;
@@ -30,8 +33,11 @@ pub use area_light::{
     AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, ShapeLight, SphereLight,
 };
 pub(crate) use area_light::{LightSamplePacket, LightView};
+pub(crate) use camera::axes_looking_along;
 pub use camera::{Camera, CameraRay, CameraView, Projection, Shutter};
+pub use camera_placement::{CameraPlacement, CameraRequest, DEFAULT_FOV, FramedView, LookAt, ViewSide};
 pub use effect::{Effect, EffectOverrides, EffectSet};
+pub use environment::BuiltInEnvironment;
 pub use extension_use::{ExtensionSupport, ExtensionUse};
 pub(crate) use image_cache::CachedImage;
 pub use image_cache::{CacheStats, ImageCache};
@@ -39,7 +45,7 @@ pub use instance::Instance;
 pub use instance_transform::InstanceTransform;
 pub use lens::{Aperture, Lens, LensError};
 pub use lens_view::LensView;
-pub use light::{AreaShape, Falloff, Light, LightKind};
+pub use light::{AreaShape, DEFAULT_LIGHT_SAMPLES, Falloff, Light, LightKind};
 pub use material::{
     AlphaMode, DEFAULT_IOR, MAX_ROUGH_RAYS, MIRROR_ROUGHNESS, Material, Medium, MetallicRoughness, Model,
     Phong, Translucency,

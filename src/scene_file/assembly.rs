@@ -401,6 +401,7 @@ impl Resolver {
             image_cache: self.image_cache.clone(),
             variant: self.variant.clone(),
             unsupported: self.unsupported,
+            ..LoadOptions::default()
         };
         let part = gltf::load_part(path, &options).map_err(|error| error.to_string())?;
         let source = Source {

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::value::{Located, Vector};
-use crate::scene::{Aperture, Camera, Lens, Projection, Shutter};
+use crate::scene::{Aperture, Camera, Lens, Projection, Shutter, axes_looking_along};
 
 /// A camera, by look-at (`from`, `at`, `up`, with `fov` for a perspective or `height` for a parallel projection) or by
 /// an explicit frame (`eye`, `i`, `j`, `k`, `near`, `window`), from which rays go through P(x, y) = E + w(2x/c - 1) i +
@@ -235,20 +235,6 @@ impl CameraForm {
         )?;
         Ok((DAffine3::from_mat3_translation(axes, from.0), projection))
     }
-}
-
-/// Smallest sine of the angle between the view direction and `up`: 2^-26 leaves half of f64's digits to the axes.
-const MIN_SINE: f64 = 1.0 / (1 << 26) as f64;
-
-fn axes_looking_along(forward: DVec3, up: DVec3) -> Option<DMat3> {
-    let forward = forward.try_normalize()?;
-    // The length of this product is the sine of the angle between the two
-    let right = forward.cross(up.try_normalize()?);
-    if !(right.length() > MIN_SINE) {
-        return None;
-    }
-    let right = right.normalize();
-    Some(DMat3::from_cols(right, right.cross(forward), -forward))
 }
 
 #[cfg(test)]

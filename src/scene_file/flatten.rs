@@ -9,9 +9,10 @@ use super::SceneFileError;
 use super::fault::file_error;
 use super::object_tree::{EmissiveSettings, Node, ObjectKind, ObjectTree};
 use super::placement::Copies;
-use crate::gltf::default_camera;
 use crate::numeric::{Bounds, MotionError};
-use crate::scene::{AreaShape, Camera, Geometry, Instance, Light, LightKind, Normalisation, Scene};
+use crate::scene::{
+    AreaShape, Camera, CameraRequest, Geometry, Instance, Light, LightKind, Normalisation, Scene,
+};
 use crate::shading::fold_constant_textures;
 
 /// State that an object inherits from the objects that contain it.
@@ -338,7 +339,7 @@ fn rigid(world: &DAffine3, world_from_camera: &DAffine3) -> Option<DAffine3> {
 
 /// Finishes the scene: normalises it, bakes meshes of single instances, adds a camera if there is none, and validates
 /// it.
-pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileError> {
+pub(super) fn finish(mut scene: Scene, camera: &CameraRequest, path: &Path) -> Result<Scene, SceneFileError> {
     // Normalise the scene, and bake the transforms of meshes that are used once
     let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
     let around = scene.bounds_from(&bounds).union(scene.volume_bounds());
@@ -349,17 +350,15 @@ pub(super) fn finish(mut scene: Scene, path: &Path) -> Result<Scene, SceneFileEr
             "has only triangles without area: make its objects larger",
         ));
     }
-    // Frame the scene if it has no camera
-    if scene.cameras.is_empty() {
+    // Place the requested camera, or frame the scene if it has none
+    if camera.placement.is_some() || scene.cameras.is_empty() {
         let bounds: Vec<Bounds> = scene.geometries.iter().map(Geometry::bounds).collect();
-        let finite = scene.bounds_from(&bounds).union(scene.volume_bounds());
-        if finite.is_empty() {
-            return Err(file_error(
-                path,
-                "has no camera and nothing finite to frame: add a [camera]",
-            ));
-        }
-        scene.cameras.push(default_camera(&finite));
+        scene
+            .place_cameras(camera, &bounds)
+            .map_err(|error| match camera.placement {
+                None => file_error(path, "has no camera and nothing finite to frame: add a [camera]"),
+                Some(_) => file_error(path, format!("has no view: {error}")),
+            })?;
     }
     // Validate the scene, then fold constant textures
     match scene.validate() {

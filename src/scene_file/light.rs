@@ -6,7 +6,9 @@ use serde::de::{IntoDeserializer, Unexpected};
 
 use super::forms::{forms, schema};
 use super::value::{Color, Located, Vector};
-use crate::scene::{AreaShape, Background, Falloff, Light, LightKind, MAX_LIGHT_SAMPLES};
+use crate::scene::{
+    AreaShape, Background, DEFAULT_LIGHT_SAMPLES, Falloff, Light, LightKind, MAX_LIGHT_SAMPLES,
+};
 
 /// A light: a punctual one, or an area light, whose own surface is invisible.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -47,7 +49,7 @@ pub(super) struct LightForm {
     /// Radius of a disk or sphere in metres.
     radius: Option<f64>,
     /// Points on a quad, disk or sphere that every shading point samples, for each sample of a pixel.
-    #[schemars(extend("default" = SAMPLES))]
+    #[schemars(extend("default" = DEFAULT_LIGHT_SAMPLES))]
     samples: Option<u32>,
 }
 
@@ -70,8 +72,6 @@ fn intensity() -> f64 {
     1.0
 }
 
-/// Default number of light samples per shading point: enough for a shadow to look soft.
-const SAMPLES: u32 = 4;
 /// Default half angle of the full intensity of a spot light in degrees; glTF's.
 const INNER: f64 = 0.0;
 /// Default half angle of a spot light's cone in degrees; glTF's.
@@ -83,7 +83,7 @@ pub(super) struct EmissiveForm(pub(super) Option<u32>);
 
 forms! {
     ['de] EmissiveForm, format_args!("true, false or a number of samples from 1 to {MAX_LIGHT_SAMPLES}");
-    boolean is_emissive => Ok(EmissiveForm(is_emissive.then_some(SAMPLES)));
+    boolean is_emissive => Ok(EmissiveForm(is_emissive.then_some(DEFAULT_LIGHT_SAMPLES)));
     integer number => match u32::try_from(number) {
         Ok(samples @ 1..=MAX_LIGHT_SAMPLES) => Ok(EmissiveForm(Some(samples))),
         _ => {
@@ -152,7 +152,7 @@ impl LightForm {
             },
             Kind::Quad | Kind::Disk | Kind::Sphere => LightKind::Area {
                 shape: self.shape()?,
-                samples: self.samples.unwrap_or(SAMPLES),
+                samples: self.samples.unwrap_or(DEFAULT_LIGHT_SAMPLES),
             },
         };
         // Check the light with its final intensity
@@ -307,7 +307,7 @@ pub(super) struct Surroundings {
     #[schemars(extend("default" = 1.0))]
     scale: Option<f64>,
     /// Directions into the environment map that every shading point samples, for each sample of a pixel.
-    #[schemars(extend("default" = SAMPLES))]
+    #[schemars(extend("default" = DEFAULT_LIGHT_SAMPLES))]
     samples: Option<u32>,
 }
 
@@ -352,7 +352,7 @@ impl Surroundings {
                 image,
                 rotation: self.turn.unwrap_or(0.0).to_radians(),
                 scale: self.scale.unwrap_or(1.0) as f32,
-                samples: self.samples.unwrap_or(SAMPLES),
+                samples: self.samples.unwrap_or(DEFAULT_LIGHT_SAMPLES),
             }),
             (None, Some(horizon), Some(up)) if !has_environment_keys => Ok(Background::Gradient {
                 horizon: horizon.0,
@@ -394,7 +394,7 @@ mod tests {
         let front = |text: &str| match light(text).unwrap().kind {
             LightKind::Area {
                 shape: AreaShape::Quad { half_u, half_v, .. } | AreaShape::Disk { half_u, half_v, .. },
-                samples: SAMPLES,
+                samples: DEFAULT_LIGHT_SAMPLES,
             } => half_u.cross(half_v),
             other => panic!("{other:?}"),
         };
@@ -424,7 +424,7 @@ mod tests {
                 image: 7,
                 rotation: 180f64.to_radians(),
                 scale: 2.0,
-                samples: SAMPLES
+                samples: DEFAULT_LIGHT_SAMPLES
             }
         );
         for bad in [

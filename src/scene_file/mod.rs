@@ -100,7 +100,7 @@ use crate::scene::image_settings::{
     FilterKind, MAX_DEPTH, MAX_EXPOSURE, MAX_FILTER_RADIUS, MAX_PIXELS, MAX_SPP, MAX_WAVELENGTHS,
     MIN_FILTER_RADIUS, Pattern,
 };
-use crate::scene::{Background, Scene};
+use crate::scene::{Background, CameraRequest, Scene};
 use assembly::Resolver;
 use document::{Document, OutputForm};
 use fault::{Source, file_error};
@@ -224,7 +224,11 @@ fn load_with(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<Scene
         scene.materials.pop();
     }
     // Normalise, bake and validate
-    let scene = flatten::finish(scene, path)?;
+    let camera = CameraRequest {
+        image_size: options.camera.image_size.or(output.size),
+        ..options.camera
+    };
+    let scene = flatten::finish(scene, &camera, path)?;
     Ok(SceneFile {
         scene,
         output,

@@ -57,6 +57,8 @@ ALLOWED = [
     ("optics/subsurface/presets.rs", "0.0002", "a measured coefficient"),
     ("processor_time.rs", "1e-9", "nanoseconds in seconds"),
     ("report/text/bench.rs", "1e-6", "rays in millions"),
+    ("scene/environment/sky.rs", "0.0008", "a coefficient of a published model"),
+    ("scene/environment/sky.rs", "0.0004", "a coefficient of a published model"),
     ("shape/torus.rs", "1.1e-8", "√2^-53, of a torus of radius 1"),
     ("volume/optical_depth.rs", "1.908_214_929_270_587_7e-10", "the low part of ln 2"),
     ("volume/march.rs", "1e-7", "the default of a setting: the share of light that a march may lose"),

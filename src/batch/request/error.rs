@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use crate::accel::AccelError;
 use crate::batch::memory::in_words;
 use crate::gltf::GltfError;
+use crate::image::ImageError;
 use crate::render::Cancelled;
 use crate::scene::SceneError;
 use crate::scene_file::SceneFileError;
@@ -38,6 +39,9 @@ pub enum RequestError {
         requested: String,
         known: String,
     },
+    /// Environment map that cannot be read.
+    #[error("`--environment`: {0}")]
+    Environment(ImageError),
     /// Image that takes more bytes than are free.
     #[error(
         "an image of {width}x{height} pixels takes {} of memory and {} are free: give a smaller `--size`",

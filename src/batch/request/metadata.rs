@@ -5,6 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::environment::{EnvironmentRequest, EnvironmentSource};
 use super::render_request::RenderRequest;
 use super::resolved::ResolvedSettings;
 use super::settings::Settings;
@@ -75,10 +76,35 @@ struct ImageRecord<'a> {
     seed: u32,
     #[serde(skip_serializing_if = "Option::is_none")]
     ambient: Option<[f32; 3]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    environment: Option<EnvironmentRecord>,
     effects_added: Vec<&'static str>,
     effects_removed: Vec<&'static str>,
     #[serde(flatten)]
     settings: Settings,
+}
+
+/// Environment map of an image, by its name without folders.
+#[derive(Serialize)]
+struct EnvironmentRecord {
+    name: String,
+    /// Rotation about +y in degrees.
+    turn: f64,
+    scale: f32,
+}
+
+impl EnvironmentRecord {
+    fn of(request: &EnvironmentRequest) -> EnvironmentRecord {
+        let name = match &request.source {
+            EnvironmentSource::BuiltIn(environment) => environment.name().into(),
+            EnvironmentSource::File(path) => path.file_name().unwrap_or_default().display().to_string(),
+        };
+        EnvironmentRecord {
+            name,
+            turn: request.rotation.to_degrees(),
+            scale: request.scale,
+        }
+    }
 }
 
 fn settings(request: &RenderRequest, resolved: &ResolvedSettings, camera: &Camera) -> String {
@@ -92,6 +118,7 @@ fn settings(request: &RenderRequest, resolved: &ResolvedSettings, camera: &Camer
         filter_radius: resolved.settings.filter.radius,
         seed: resolved.settings.seed,
         ambient: request.ambient,
+        environment: request.environment.as_ref().map(EnvironmentRecord::of),
         effects_added: names(request.effects.added),
         effects_removed: names(request.effects.removed),
         settings: Settings::of(&resolved.settings, &request.tracing.path(), &request.change),

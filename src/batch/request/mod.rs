@@ -3,6 +3,7 @@
 
 mod aov;
 mod camera;
+mod environment;
 mod error;
 mod metadata;
 mod prepare;
@@ -15,6 +16,7 @@ mod tracing;
 pub(super) use aov::sample_layers;
 pub use aov::{AovGroup, channels};
 pub use camera::choose_camera;
+pub use environment::{EnvironmentRequest, EnvironmentSource};
 pub use error::RequestError;
 pub use metadata::Notes;
 pub(super) use prepare::check;

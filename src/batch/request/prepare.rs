@@ -7,9 +7,9 @@ use super::error::RequestError;
 use super::render_request::RenderRequest;
 use crate::accel::extents::{BoundingVolumeKind, ListLimits, TileCulledAccel};
 use crate::accel::{Accel, Backend};
-use crate::gltf::{self, LoadOptions};
+use crate::gltf::{self, DefaultLight, LoadOptions};
 use crate::render::{Cancelled, RenderSettings};
-use crate::scene::{Background, Camera, Scene};
+use crate::scene::{Background, Camera, CameraRequest, Scene};
 use crate::scene_file::{self, Edit, Output, SceneFile};
 
 /// Number of camera rays per object from which on screen bounds pay: rays are traced in packets of sixteen, and a
@@ -63,6 +63,14 @@ pub fn load(
     // Images used only by disabled effects are skipped
     let options = LoadOptions {
         without: request.effects.removed,
+        camera: CameraRequest {
+            placement: request.camera,
+            image_size: request.output.size,
+        },
+        default_light: match request.environment {
+            None => DefaultLight::Sunlight,
+            Some(_) => DefaultLight::None,
+        },
         ..options
     };
     let mut loaded = load_scene(path, edits, &options)?;
@@ -70,6 +78,9 @@ pub fn load(
     if let Some(ambient) = request.ambient {
         scene.ambient = ambient;
         scene.background = Background::Uniform(ambient);
+    }
+    if let Some(environment) = &request.environment {
+        environment.apply(scene, &options)?;
     }
     request.change.apply(scene);
     check(cancel)?;

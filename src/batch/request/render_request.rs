@@ -1,6 +1,7 @@
 //! Settings of one image as they are requested, before its scene is opened.
 
 use super::aov::AovGroup;
+use super::environment::EnvironmentRequest;
 use super::error::RequestError;
 use super::resolved::{ResolvedSettings, check_adaptive, check_light_layers, check_memory, render_settings};
 use super::scene_change::SceneChange;
@@ -10,7 +11,7 @@ use crate::accel::Backend;
 use crate::image::{ExrEncoding, PngBits, ToneMap};
 use crate::numeric::SpawnPolicy;
 use crate::render::{Adaptive, HitPoint, LightAovs, RenderSettings};
-use crate::scene::{Effect, EffectOverrides};
+use crate::scene::{CameraPlacement, Effect, EffectOverrides};
 use crate::scene_file::Output;
 
 /// Encoding of images, for each file format.
@@ -41,8 +42,12 @@ pub struct RenderRequest {
     pub needs_ledger: bool,
     /// Path by which hits are found, and threads.
     pub tracing: TracingOptions,
+    /// Placement of a camera in place of the scene's own.
+    pub camera: Option<CameraPlacement>,
     /// Ambient light and background in place of the scene's, linear RGB.
     pub ambient: Option<[f32; 3]>,
+    /// Environment map in place of the scene's background, ambient light and default light.
+    pub environment: Option<EnvironmentRequest>,
     /// Changes of every scene: glossy rays, samples of area lights, steps through volumes.
     pub change: SceneChange,
     /// Throughput below which no ray is traced; that of the render settings if absent.

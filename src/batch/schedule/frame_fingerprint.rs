@@ -8,7 +8,7 @@ use crate::batch::dependencies::Sources;
 use crate::batch::error::BatchError;
 use crate::batch::fingerprint::{Fingerprint, FingerprintHasher};
 use crate::batch::plan::PlannedFrame;
-use crate::batch::request::{RenderRequest, RequestError};
+use crate::batch::request::{EnvironmentSource, RenderRequest, RequestError};
 use crate::jobs::FlagValue;
 
 /// Hash and list of a frame's inputs.
@@ -55,6 +55,10 @@ impl FrameFingerprint {
             let text = std::fs::read(&file).map_err(|error| unreadable(&file, error))?;
             hasher.add("settings file", text);
         }
+        if let Some(file) = environment_file(plan) {
+            let key = Fingerprint::of_file(file).map_err(|error| unreadable(file, error))?;
+            hasher.add("environment file", key.digits());
+        }
         // Hash the camera, the time and the number of shares, which the rounding of sums depends on
         hasher.add("camera", frame.camera.as_deref().unwrap_or_default());
         hasher.add("view", format!("{:?}", frame.view));
@@ -84,6 +88,14 @@ fn listed(files: &[(PathBuf, Fingerprint)], scene: &Path) -> String {
     lines.into_iter().fold(String::new(), |text, (name, digits)| {
         text + &format!("{digits}  {name}\n")
     })
+}
+
+/// Returns the path of the environment map of a job, if it has one that is read from a file.
+fn environment_file(plan: &PlannedFrame) -> Option<&Path> {
+    match &plan.request.environment.as_ref()?.source {
+        EnvironmentSource::File(path) => Some(path),
+        EnvironmentSource::BuiltIn(_) => None,
+    }
 }
 
 /// Returns the path of the settings file of a job, if it has one.

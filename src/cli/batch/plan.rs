@@ -11,15 +11,17 @@ use whit::batch::request::RenderRequest;
 use whit::batch::{PlannedFrame, make_folders};
 use whit::image::ImageFormat;
 use whit::jobs::{FlagValue, Frame, JobSettings, Jobs};
+use whit::scene::BuiltInEnvironment;
 
 use super::super::args::{Args, Command};
 use super::super::failure::Failure;
 use super::super::job::RenderJob;
 
 /// Flags of `whit render` that are not allowed in a job's settings, with the replacement for each.
-const REPLACED_FLAGS: [(&str, &str); 15] = [
+const REPLACED_FLAGS: [(&str, &str); 16] = [
     ("animation", "give the job an `animation`"),
     ("camera", "give the job a `camera`"),
+    ("crop", "render that part with `whit render --crop`"),
     (
         "error",
         "choose settings with `whit cost` and give their file as `settings = { settings = \"FILE\" }`",
@@ -77,6 +79,12 @@ pub(super) fn plans(jobs: &Path, out: &Path, threads: u32) -> Result<Vec<Planned
     Ok(plans)
 }
 
+/// Returns whether the value of a setting is the path of a file.
+fn is_path(name: &str, word: &str) -> bool {
+    let is_built_in = || BuiltInEnvironment::from_name(word).is_some();
+    name == "settings" || (name == "environment" && !is_built_in())
+}
+
 /// Returns the requested image of a frame, by parsing its settings as flags of `whit render`.
 fn parse_request(jobs: &Path, frame: &Frame, out: &Path, threads: u32) -> Result<RenderRequest, Failure> {
     let refuse = |fault: String| {
@@ -91,7 +99,7 @@ fn parse_request(jobs: &Path, frame: &Frame, out: &Path, threads: u32) -> Result
         }
         words.push(match value {
             FlagValue::None => format!("--{name}"),
-            FlagValue::Word(word) if name == "settings" => {
+            FlagValue::Word(word) if is_path(name, word) => {
                 let beside = jobs.parent().unwrap_or(Path::new("")).join(word);
                 format!("--{name}={}", beside.display())
             }

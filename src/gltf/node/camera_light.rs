@@ -1,4 +1,4 @@
-//! Cameras and lights: those of the file, and the defaults for files without any.
+//! Cameras and lights: those of the file, and the default light for files without any.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
@@ -10,49 +10,12 @@ use json::validation::Checked;
 use crate::gltf::GltfError;
 use crate::gltf::document::GltfDocument;
 use crate::gltf::node::PlacedNode;
-use crate::numeric::Bounds;
 use crate::scene::{Camera, Falloff, Light, LightKind, Projection};
 
 /// Ambient and background radiance with the default light.
 pub(in crate::gltf) const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
-/// Direction from the scene's centre to the default camera: in front, slightly to the right and above.
-const DEFAULT_SIDE: DVec3 = DVec3::new(0.5, 0.35, 1.0);
-/// Ratio of the default camera's distance to that at which the bounds would touch the image's edge.
-const MARGIN: f64 = 1.05;
 /// Direction from surfaces to the default light, in camera space: behind the camera's left shoulder.
 const TO_DEFAULT_LIGHT: DVec3 = DVec3::new(-0.5, 0.8, 1.0);
-
-/// Returns a camera that frames `bounds`: a vertical field of view of 45 degrees, from the front, slightly from the
-/// right and above, at the distance where the box just fits a square image, with a margin of a twentieth.
-pub(crate) fn default_camera(bounds: &Bounds) -> Camera {
-    let back = DEFAULT_SIDE.normalize();
-    let axes = axes_looking_along(-back, DVec3::Y);
-    let center = bounds.center();
-    let slope = (0.5 * FRAC_PI_4).tan();
-    // Find the least distance at which all corners are in the image
-    let mut distance = 0.0f64;
-    for corner in 0..8 {
-        let pick = |axis: usize| {
-            if corner >> axis & 1 == 0 {
-                bounds.min[axis]
-            } else {
-                bounds.max[axis]
-            }
-        };
-        let p = axes.transpose() * (DVec3::new(pick(0), pick(1), pick(2)) - center);
-        // The corner is visible while max(|x|, |y|) <= (distance - z) * slope.
-        distance = distance.max(p.z + p.x.abs().max(p.y.abs()) / slope);
-    }
-    Camera {
-        name: "framing".into(),
-        world_from_camera: DAffine3::from_mat3_translation(axes, center + back * distance * MARGIN),
-        projection: Projection::Perspective {
-            y_fov: FRAC_PI_4,
-            aspect: None,
-        },
-        ..Camera::default()
-    }
-}
 
 /// Returns the default light: white sunlight from behind the camera's left shoulder, of ¾ π lux. With the ambient light
 /// [`DEFAULT_AMBIENT`], a white Lambertian surface that faces it has radiance 1 and is not clipped.
@@ -214,43 +177,9 @@ fn rigid(map: &DAffine3) -> Option<DAffine3> {
     Some(DAffine3::from_mat3_translation(axes, translation))
 }
 
-/// Returns the axes of a camera that looks along the unit vector `forward`, which is not parallel to `up`.
-fn axes_looking_along(forward: DVec3, up: DVec3) -> DMat3 {
-    let right = forward.cross(up).normalize();
-    DMat3::from_cols(right, right.cross(forward), -forward)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn default_camera_frames_the_box_closely() {
-        for (low, high) in [
-            (DVec3::ZERO, DVec3::ONE),
-            (DVec3::new(-5.0, 0.0, -1.0), DVec3::new(50.0, 0.0, 1.0)),
-            (DVec3::splat(1e-9), DVec3::new(1e-6, 3e-6, 2e-6)),
-        ] {
-            let bounds = Bounds { min: low, max: high };
-            let camera = default_camera(&bounds);
-            let slope = (0.5 * FRAC_PI_4).tan();
-            let mut largest = 0.0f64;
-            for corner in 0..8 {
-                let t = DVec3::new(
-                    (corner & 1) as f64,
-                    (corner >> 1 & 1) as f64,
-                    (corner >> 2) as f64,
-                );
-                let p = camera
-                    .world_from_camera
-                    .inverse()
-                    .transform_point3(low + t * (high - low));
-                assert!(p.z < 0.0);
-                largest = largest.max(p.x.abs().max(p.y.abs()) / (-p.z * slope));
-            }
-            assert!((0.9..1.0).contains(&largest), "{largest}");
-        }
-    }
 
     #[test]
     fn scaled_and_mirrored_camera_node_gives_an_orthonormal_camera() {

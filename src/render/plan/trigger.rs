@@ -207,10 +207,10 @@ pub const TRIGGERS: &[Trigger] = &[
     trigger(Effect::RoughReflection, "rough rays", |facts| {
         // A texture may leave parts of the surface opaque.
         let is_opaque = |m: &Material| !m.transmits() || m.layer(MaterialInput::Transmission).is_some();
-        facts.material(|m| is_opaque(m) && m.rough_rays() > 0, blurs)
+        facts.material(|m| is_opaque(m) && m.rough_rays() > 0, |m| blurs(m, facts))
     }),
     trigger(Effect::RoughRefraction, "rough rays", |facts| {
-        facts.material(|m| m.transmits() && m.rough_rays() > 0, blurs)
+        facts.material(|m| m.transmits() && m.rough_rays() > 0, |m| blurs(m, facts))
     }),
     trigger(Effect::MotionBlur, "an instance moves", |facts| {
         let mut moving = facts
@@ -354,9 +354,14 @@ fn may_be_smooth(material: &Material) -> bool {
     material.may_mirror() && !is_smooth(material) && matches!(material.model, Model::MetallicRoughness(_))
 }
 
-/// Returns the reason for rough rays: roughness and number of rays of a material.
-fn blurs(material: &Material) -> String {
+/// Returns the reason for rough rays: roughness and number of rays of a material. With an environment map one ray is the
+/// default.
+fn blurs(material: &Material, facts: &Facts) -> String {
     match (&material.model, material.rough_rays()) {
+        (Model::MetallicRoughness(model), 1) if environment(facts).is_some() => format!(
+            "has roughness {} and sends a ray, as an environment map lights it",
+            model.roughness
+        ),
         (Model::MetallicRoughness(model), 1) => format!("has roughness {} and sends a ray", model.roughness),
         (Model::MetallicRoughness(model), rays) => {
             format!("has roughness {} and sends {rays} rays", model.roughness)

@@ -15,3 +15,4 @@ mod render;
 mod tev;
 mod verify;
 mod verify_scene;
+mod view;

@@ -280,7 +280,7 @@ impl<'s> RenderContext<'s> {
             let index = self.scene.instances[hit.instance as usize].material;
             // Enter interiors whose first hit is a back face
             let material = &self.scene.materials[index as usize];
-            let has_inside = material.interior.is_some_and(|inside| !inside.is_thin);
+            let has_inside = material.interior.is_some_and(|inside| !inside.is_thin());
             if material.transmits() && has_inside && !visited_materials.contains(&index) {
                 visited_materials.push(index);
                 if !surfaces.points.front[0] {

@@ -162,8 +162,27 @@ pub struct Medium {
     /// Priority of the medium: where interiors overlap, that of the highest priority is effective (Schmidt and Budge,
     /// 2002).
     pub priority: i32,
-    /// Flag for a thin wall without an interior: light passes straight on.
-    pub is_thin: bool,
+    /// Kind of the medium: an interior, or a thin wall.
+    pub kind: MediumKind,
+}
+
+/// Kind of a medium inside a surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MediumKind {
+    /// Interior that the surface bounds, and that light crosses.
+    Solid,
+    /// Thin wall of two faces without an interior, with all reflections between them: light passes straight on.
+    ThinSlab,
+    /// Thin wall of one face without an interior, as in `KHR_materials_transmission`: light passes straight on, less
+    /// one Fresnel reflectance.
+    ThinFace,
+}
+
+impl Medium {
+    /// Returns whether the medium is a thin wall without an interior, so that light passes straight on.
+    pub fn is_thin(&self) -> bool {
+        self.kind != MediumKind::Solid
+    }
 }
 
 impl Default for Material {

@@ -47,8 +47,8 @@ pub use lens::{Aperture, Lens, LensError};
 pub use lens_view::LensView;
 pub use light::{AreaShape, DEFAULT_LIGHT_SAMPLES, Falloff, Light, LightKind};
 pub use material::{
-    AlphaMode, DEFAULT_IOR, MAX_ROUGH_RAYS, MIRROR_ROUGHNESS, Material, Medium, MetallicRoughness, Model,
-    Phong, Translucency,
+    AlphaMode, DEFAULT_IOR, MAX_ROUGH_RAYS, MIRROR_ROUGHNESS, Material, Medium, MediumKind,
+    MetallicRoughness, Model, Phong, Translucency,
 };
 pub use normalise::Normalisation;
 pub use texture::{

@@ -349,8 +349,8 @@ mod tests {
     use crate::optics::subsurface::SubsurfacePreset;
     use crate::optics::{Absorption, Dispersion};
     use crate::scene::{
-        Filter, Image, MaterialInput, Medium, MetallicRoughness, Model, Pattern, Phong, Procedural, Sampler,
-        Texels, TextureBinding, TextureUse, Translucency, Wrap,
+        Filter, Image, MaterialInput, Medium, MediumKind, MetallicRoughness, Model, Pattern, Phong,
+        Procedural, Sampler, Texels, TextureBinding, TextureUse, Translucency, Wrap,
     };
     use crate::scene::{Light, LightKind};
     use crate::shape::{Shape, Sphere, Torus};
@@ -517,7 +517,7 @@ mod tests {
                     ior: Dispersion::Constant(2e9),
                     absorption: Absorption::NONE,
                     priority: 0,
-                    is_thin: false,
+                    kind: MediumKind::Solid,
                 })
             }),
             ("material 0", |s| {

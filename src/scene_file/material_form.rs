@@ -88,7 +88,7 @@ pub(super) struct MaterialForm {
     pub(super) attenuation_distance: Option<f64>,
     /// Priority of the medium: where interiors overlap, that of the highest priority is effective.
     pub(super) priority: Option<i32>,
-    /// Treatment of the surface as a wall without an interior.
+    /// Treatment of the surface as a wall without an interior, with all reflections between its two faces.
     pub(super) thin: Option<bool>,
     /// Subsurface scattering: diffuse light that enters, is scattered inside and leaves elsewhere, as in milk, marble
     /// and wax; the base colour tints it.

@@ -3,7 +3,7 @@
 use super::material_form::MaterialForm;
 use super::medium::Glass;
 use crate::optics::{Absorption, Cauchy, Dispersion, ior_from_speed};
-use crate::scene::{DEFAULT_IOR, Medium};
+use crate::scene::{DEFAULT_IOR, Medium, MediumKind};
 
 /// Square nanometres in a square micrometre.
 const SQUARE_NANOMETRES: f64 = 1e6;
@@ -25,7 +25,10 @@ impl MaterialForm {
             ior: ior.unwrap_or(Dispersion::Constant(DEFAULT_IOR)),
             absorption: self.absorption()?,
             priority: self.priority.unwrap_or(0),
-            is_thin: self.thin.unwrap_or(false),
+            kind: match self.thin {
+                Some(true) => MediumKind::ThinSlab,
+                _ => MediumKind::Solid,
+            },
         }))
     }
 

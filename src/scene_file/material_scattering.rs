@@ -3,7 +3,7 @@
 use super::fault::Diagnostic;
 use super::material_form::MaterialForm;
 use crate::optics::{Absorption, Dispersion, LINE_D};
-use crate::scene::{Material, Medium, Translucency, check_scattering};
+use crate::scene::{Material, Medium, MediumKind, Translucency, check_scattering};
 
 impl MaterialForm {
     /// Adds subsurface scattering and diffuse transmission to `material`.
@@ -18,7 +18,7 @@ impl MaterialForm {
                 ior: Dispersion::Constant(scattering.eta),
                 absorption: Absorption::NONE,
                 priority: 0,
-                is_thin: false,
+                kind: MediumKind::Solid,
             });
             check_scattering(material).map_err(|sentence| form.fault(sentence))?;
         }

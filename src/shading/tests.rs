@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 use crate::numeric::{LANES, Lanes3};
 use crate::optics::{Absorption, Dispersion};
-use crate::scene::{EffectSet, Material, Medium, MetallicRoughness, Model, Phong};
+use crate::scene::{EffectSet, Material, Medium, MediumKind, MetallicRoughness, Model, Phong};
 use crate::shading::{MaterialPacket, direct, phong_direct};
 use glam::DVec3;
 
@@ -167,7 +167,7 @@ fn gltf_material(random: &mut SplitMix64, specular: bool) -> Material {
         ior: Dispersion::Constant(1.0 + 1.5 * f64::from(number())),
         absorption: Absorption::NONE,
         priority: 0,
-        is_thin: false,
+        kind: MediumKind::Solid,
     });
     material
 }

@@ -1,13 +1,14 @@
 //! Media inside surfaces: `KHR_materials_ior`, `KHR_materials_volume` and `KHR_materials_dispersion`.
 //!
-//! A thickness of zero makes a thin wall that light crosses straight; any other makes an interior. The path of light
-//! through the interior is traced, so the stated thickness is not used.
+//! A thickness of zero makes a thin wall that light crosses straight, and that reflects the Fresnel reflectance once, as
+//! `KHR_materials_transmission` defines it; any other makes an interior. The path of light through the interior is
+//! traced, so the stated thickness is not used.
 
 use serde_json::{Map, Value};
 
 use crate::gltf::extension::{Corrections, Extension};
 use crate::optics::{Absorption, Cauchy, Dispersion, MIN_WAVELENGTH};
-use crate::scene::{DEFAULT_IOR, MAX_OPAQUE_IOR, Medium};
+use crate::scene::{DEFAULT_IOR, MAX_OPAQUE_IOR, Medium, MediumKind};
 
 /// Largest index of refraction that a scene accepts for a surface that transmits light.
 const MAX_IOR: f64 = 16.0;
@@ -38,7 +39,7 @@ pub(in crate::gltf) fn interior(
         ior: Dispersion::Constant(ior),
         absorption: Absorption::NONE,
         priority: 0,
-        is_thin,
+        kind: MediumKind::ThinFace,
     };
     if is_thin {
         return Some(thin);
@@ -46,6 +47,7 @@ pub(in crate::gltf) fn interior(
     Some(Medium {
         ior: dispersion(extensions, ior, corrections),
         absorption: absorption(&volume, corrections),
+        kind: MediumKind::Solid,
         ..thin
     })
 }
@@ -97,7 +99,7 @@ mod tests {
             ior: Dispersion::Constant(1.5),
             absorption: Absorption::NONE,
             priority: 0,
-            is_thin: true,
+            kind: MediumKind::ThinFace,
         };
         assert_eq!(read(json!({}), true), (Some(thin), vec![]));
         assert_eq!(read(json!({}), false), (None, vec![]));
@@ -120,7 +122,7 @@ mod tests {
         });
         let (found, names) = read(extensions, true);
         let found = found.unwrap();
-        assert!(names.is_empty() && !found.is_thin, "{names:?}");
+        assert!(names.is_empty() && !found.is_thin(), "{names:?}");
         // sigma = -ln(color) / 2.
         let ln2 = std::f64::consts::LN_2;
         assert_eq!(found.absorption.sigma_a, [0.0, ln2 / 2.0, ln2]);
@@ -136,7 +138,7 @@ mod tests {
                 true,
             );
             let found = found.unwrap();
-            (found.ior, found.absorption, found.is_thin, names)
+            (found.ior, found.absorption, found.is_thin(), names)
         };
         let volume =
             || json!({"thicknessFactor": 1, "attenuationColor": [0.5, 0.5, 0.5], "attenuationDistance": -1});

@@ -593,7 +593,7 @@ mod tests {
             "KHR_materials_transmission": {"transmissionFactor": 0.5, "transmissionTexture": {"index": 8}}
         }));
         assert_eq!(model(&thin).transmission, 0.5);
-        assert!(thin.material.interior.unwrap().is_thin && thin.material.transmits());
+        assert!(thin.material.interior.unwrap().is_thin() && thin.material.transmits());
         assert_eq!(thin.images, [8]);
         let glass = with_extensions(json!({
             "KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_ior": {"ior": 1.7},
@@ -601,7 +601,7 @@ mod tests {
             "KHR_materials_dispersion": {"dispersion": 0.3}
         }));
         let interior = glass.material.interior.unwrap();
-        assert!(!interior.is_thin);
+        assert!(!interior.is_thin());
         assert_eq!(interior.ior, Dispersion::Cauchy(Cauchy::from_gltf(1.7, 0.3)));
         assert!(glass.images.is_empty(), "the path through the interior is traced");
     }

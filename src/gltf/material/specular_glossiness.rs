@@ -10,7 +10,7 @@ use crate::gltf::extension::{Corrections, Extension};
 use crate::gltf::material::image_source::ImageConversion;
 use crate::gltf::material::medium::REFLECTING_IOR;
 use crate::optics::{Absorption, Dispersion};
-use crate::scene::{Medium, MetallicRoughness};
+use crate::scene::{Medium, MediumKind, MetallicRoughness};
 
 /// Factors and textures of a specular-glossiness material.
 pub(in crate::gltf) struct SpecularGlossiness {
@@ -64,7 +64,7 @@ impl SpecularGlossiness {
             ior: Dispersion::Constant(REFLECTING_IOR),
             absorption: Absorption::NONE,
             priority: 0,
-            is_thin: true,
+            kind: MediumKind::ThinFace,
         }
     }
 

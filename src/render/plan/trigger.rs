@@ -324,7 +324,7 @@ fn casting(facts: &Facts) -> Option<usize> {
 }
 
 fn nested(facts: &Facts) -> Option<String> {
-    let has_inside = |m: &&&Material| m.transmits() && m.interior.is_some_and(|inside| !inside.is_thin);
+    let has_inside = |m: &&&Material| m.transmits() && m.interior.is_some_and(|inside| !inside.is_thin());
     let bodies: Vec<&&Material> = facts.materials.iter().filter(has_inside).collect();
     let [first, second, ..] = &bodies[..] else {
         return None;
@@ -371,12 +371,12 @@ fn blurs(material: &Material, facts: &Facts) -> String {
 }
 
 fn disperses(material: &Material) -> bool {
-    let varies = |inside: &crate::scene::Medium| inside.ior.spread() != 0.0 && !inside.is_thin;
+    let varies = |inside: &crate::scene::Medium| inside.ior.spread() != 0.0 && !inside.is_thin();
     material.transmits() && material.interior.as_ref().is_some_and(varies)
 }
 
 fn absorbs(material: &Material) -> bool {
     let has_absorption =
-        |inside: &crate::scene::Medium| inside.absorption != Absorption::NONE && !inside.is_thin;
+        |inside: &crate::scene::Medium| inside.absorption != Absorption::NONE && !inside.is_thin();
     material.transmits() && material.interior.as_ref().is_some_and(has_absorption)
 }

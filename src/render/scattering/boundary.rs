@@ -4,7 +4,7 @@ use super::super::context::RenderContext;
 use crate::optics::{
     BoundaryCrossing, BoundaryEvent, InteriorStack, NestedInterior, Polarised, dielectric, thin_slab,
 };
-use crate::scene::{Effect, Material};
+use crate::scene::{Effect, Material, MediumKind};
 
 /// Boundary between two media that a ray hits.
 pub(in crate::render) struct Boundary<'m> {
@@ -29,7 +29,7 @@ impl Boundary<'_> {
 impl Material {
     /// Returns whether the material is thin, so that a ray is never inside it.
     pub(in crate::render) fn is_thin_surface(&self) -> bool {
-        self.interior.is_none_or(|inside| inside.is_thin)
+        self.interior.is_none_or(|inside| inside.is_thin())
     }
 }
 
@@ -96,7 +96,7 @@ impl RenderContext<'_> {
 
     /// Returns the reflected and the transmitted share at a boundary, averaged over polarization.
     ///
-    /// A thin surface is evaluated as a slab of its material between two sides of the surrounding medium.
+    /// A thin wall is evaluated between two sides of the surrounding medium: as a slab, or as one face.
     pub(in crate::render) fn fresnel_factors(
         &self,
         boundary: &Boundary,
@@ -106,18 +106,20 @@ impl RenderContext<'_> {
         let material = boundary.material;
         let outside = self.ior(boundary.crossing.before, wavelength);
         let mean = |r: Polarised, t: Polarised| (r.mean(), t.mean());
-        // Evaluate a thin surface as a slab with internal reflections
-        if material.is_thin_surface() {
-            if material.interior.is_none() {
-                return (0.0, 1.0);
+        let Some(medium) = material.interior else {
+            return (0.0, 1.0);
+        };
+        let inside = match medium.kind {
+            // Evaluate a thin slab with its internal reflections
+            MediumKind::ThinSlab => {
+                let slab = thin_slab(cos_i, outside, material.ior(wavelength));
+                return mean(slab.reflectance, slab.transmittance);
             }
-            let slab = thin_slab(cos_i, outside, material.ior(wavelength));
-            mean(slab.reflectance, slab.transmittance)
-        } else {
-            // Evaluate Fresnel's equations of a single interface
-            let inside = self.ior(boundary.crossing.after, wavelength);
-            let fresnel = dielectric(cos_i, outside, inside);
-            mean(fresnel.reflectance, fresnel.transmittance)
-        }
+            MediumKind::ThinFace => material.ior(wavelength),
+            MediumKind::Solid => self.ior(boundary.crossing.after, wavelength),
+        };
+        // Evaluate Fresnel's equations of a single interface
+        let fresnel = dielectric(cos_i, outside, inside);
+        mean(fresnel.reflectance, fresnel.transmittance)
     }
 }

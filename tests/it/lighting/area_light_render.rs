@@ -322,7 +322,7 @@ fn everything() -> (Scene, Camera) {
             ior: whit::optics::Dispersion::Constant(1.5),
             absorption: whit::optics::Absorption::NONE,
             priority: 0,
-            is_thin: false,
+            kind: whit::scene::MediumKind::Solid,
         }),
         model: Model::MetallicRoughness(whit::scene::MetallicRoughness {
             metallic: 0.0,

@@ -7,7 +7,7 @@ use whit::image::LinearImage;
 use whit::optics::{Absorption, Dispersion};
 use whit::render::{Plan, RenderSettings};
 use whit::scene::{
-    Camera, Effect, EffectOverrides, Geometry, Instance, Light, LightKind, Material, Medium,
+    Camera, Effect, EffectOverrides, Geometry, Instance, Light, LightKind, Material, Medium, MediumKind,
     MetallicRoughness, Model, Phong, Projection, Scene, Shutter,
 };
 use whit::shape::{Shape, Sphere};
@@ -151,7 +151,7 @@ fn glass_far_away() -> (Shape, Material, [DAffine3; 2]) {
             ior: Dispersion::Constant(1.5),
             absorption: Absorption::NONE,
             priority: 0,
-            is_thin: false,
+            kind: MediumKind::Solid,
         }),
         ..Material::default()
     };

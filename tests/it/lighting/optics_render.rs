@@ -8,7 +8,7 @@ use std::f64::consts::{FRAC_PI_3, LN_2, PI};
 use glam::{DAffine3, DVec3};
 use whit::accel::Backend;
 use whit::optics::{Absorption, Dispersion, Sellmeier, SpectralSampler};
-use whit::scene::{AlphaMode, Background, Geometry, Instance, Material, Medium, Model, Scene};
+use whit::scene::{AlphaMode, Background, Geometry, Instance, Material, Medium, MediumKind, Model, Scene};
 
 use crate::support::optical_bench::{Beam, Bench, backends, glass, ideal, prism, see_scene, slab, square};
 
@@ -396,7 +396,7 @@ fn absorbing(ior: f64, sigma_a: [f64; 3]) -> Material {
 fn glass_slab_and_thin_wall_transmit_twelve_thirteenths() {
     let mut thin = glass(1.5);
     thin.interior = Some(Medium {
-        is_thin: true,
+        kind: MediumKind::ThinSlab,
         ..thin.interior.unwrap()
     });
     for backend in backends() {
@@ -412,6 +412,26 @@ fn glass_slab_and_thin_wall_transmit_twelve_thirteenths() {
             assert!((seen.x - 1.0 / 13.0).abs() < 1e-6, "{backend:?}: {seen}");
             assert!((seen.z - 1.0).abs() < 1e-6, "{backend:?}: {seen}");
         }
+    }
+}
+
+#[test]
+fn thin_face_reflects_four_percent_and_transmits_the_rest() {
+    let mut face = glass(1.5);
+    face.interior = Some(Medium {
+        kind: MediumKind::ThinFace,
+        ..face.interior.unwrap()
+    });
+    for backend in backends() {
+        let wall = Bench {
+            geometry: Geometry::Mesh(square()),
+            ..plate(face.clone(), 1.0, backend)
+        };
+        let seen = wall.divided(Beam::ray(SPOT, DVec3::NEG_Y, 2.0));
+        // F = (0.5 / 2.5)² back, 1 - F through.
+        assert!((seen.x - 0.04).abs() < 1e-6, "{backend:?}: {seen}");
+        assert!((seen.y - 0.96).abs() < 1e-6, "{backend:?}: {seen}");
+        assert!((seen.z - 1.0).abs() < 1e-6, "{backend:?}: {seen}");
     }
 }
 

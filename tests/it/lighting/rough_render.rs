@@ -11,7 +11,7 @@ use whit::optics::{Absorption, Cauchy, Dispersion};
 use whit::render::{Category, Plan, RenderSettings};
 use whit::scene::{
     AreaShape, Background, Camera, Effect, EffectOverrides, Geometry, Image, Light, LightKind, Material,
-    Medium, MetallicRoughness, Model, Projection, Scene, Texels,
+    Medium, MediumKind, MetallicRoughness, Model, Projection, Scene, Texels,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -34,7 +34,7 @@ fn metal(color: f32, roughness: f32, rough_rays: u32) -> Material {
     }
 }
 
-fn glass(roughness: f32, rough_rays: u32, is_thin: bool) -> Material {
+fn glass(roughness: f32, rough_rays: u32, kind: MediumKind) -> Material {
     Material {
         model: Model::MetallicRoughness(MetallicRoughness {
             metallic: 0.0,
@@ -47,7 +47,7 @@ fn glass(roughness: f32, rough_rays: u32, is_thin: bool) -> Material {
             ior: Dispersion::Constant(IOR),
             absorption: Absorption::NONE,
             priority: 0,
-            is_thin,
+            kind,
         }),
         ..Material::default()
     }
@@ -205,7 +205,7 @@ fn rough_glass_in_white_furnace_matches_lobe_transmittance() {
     for (rays, roughness) in [(4, 0.2), (1, 0.4), (2, 0.8)] {
         for degrees in [10.0, 50.0, 75.0] {
             let wo = at(degrees);
-            let scene = furnace(glass(roughness, rays, false));
+            let scene = furnace(glass(roughness, rays, MediumKind::Solid));
             let what = format!("{rays} rays, roughness {roughness}, {degrees}°");
             let outside = divided(alpha(roughness), wo, IOR);
             assert_is_near(&format!("{what} from outside"), &scene, wo, outside);
@@ -221,7 +221,7 @@ fn frosted_wall_loses_as_much_as_white_metal() {
     for roughness in [0.2, 0.6] {
         let wo = at(30.0);
         let exact = reflected(alpha(roughness), wo, |_| 1.0, |_| 1.0);
-        let scene = furnace(glass(roughness, 2, true));
+        let scene = furnace(glass(roughness, 2, MediumKind::ThinSlab));
         assert_is_near(&format!("wall of roughness {roughness}"), &scene, wo, exact);
     }
 }
@@ -312,7 +312,7 @@ fn still_life(rays: u32, roughness: f32) -> (Scene, Camera) {
         (Shape::Sphere(sphere), material, DAffine3::IDENTITY)
     };
     let chalk = Material::metallic_roughness([0.7, 0.5, 0.3], 0.0, 0.9);
-    let mut prism = glass(roughness, rays, false);
+    let mut prism = glass(roughness, rays, MediumKind::Solid);
     if let Some(inside) = &mut prism.interior {
         inside.ior = Dispersion::Cauchy(Cauchy { a: 1.5, b: 20_000.0 });
     }
@@ -322,9 +322,9 @@ fn still_life(rays: u32, roughness: f32) -> (Scene, Camera) {
     let mut scene = scene(vec![
         (Shape::Plane, chalk, DAffine3::IDENTITY),
         ball(-1.6, metal(0.8, roughness, rays)),
-        ball(0.0, glass(roughness, rays, false)),
+        ball(0.0, glass(roughness, rays, MediumKind::Solid)),
         ball(1.6, prism),
-        (Shape::Quad, glass(roughness, rays, true), pane),
+        (Shape::Quad, glass(roughness, rays, MediumKind::ThinSlab), pane),
     ]);
     scene.background = Background::Gradient {
         horizon: [0.9, 0.8, 0.6],

@@ -4,7 +4,7 @@
 //! Of `whit`, only its tables of refractive indices are used.
 
 use glam::DVec3;
-use whit::scene::{Geometry, Material, Scene};
+use whit::scene::{Geometry, Material, MediumKind, Scene};
 
 use super::approx::{Approx, Approx3, ROUNDING};
 use super::hits::{Decision, Doubt, corners};
@@ -82,7 +82,7 @@ impl Bodies {
 
 /// Returns whether a material transmits light and has an interior.
 fn is_body(material: &Material) -> bool {
-    material.transmits() && material.interior.is_some_and(|inside| !inside.is_thin)
+    material.transmits() && material.interior.is_some_and(|inside| !inside.is_thin())
 }
 
 /// Returns the winding number of a material's surfaces around `p`: the solid angles of their triangles over 4π (Van
@@ -246,7 +246,13 @@ impl Boundary<'_> {
         let etas = self.etas(scene, wavelength);
         match self.material.interior {
             _ if !self.is_wall() => incidence.at_boundary(etas, doubt),
-            Some(_) => incidence.at_wall([etas[0], index_of(self.material, wavelength)], doubt),
+            Some(inside) => {
+                let etas = [etas[0], index_of(self.material, wavelength)];
+                match inside.kind {
+                    MediumKind::ThinFace => incidence.at_boundary(etas, doubt),
+                    _ => incidence.at_wall(etas, doubt),
+                }
+            }
             // A thin surface without an index: transmits all light.
             None => Division {
                 reflectance: Approx::ZERO,

@@ -5,7 +5,8 @@ use glam::{DAffine3, DVec3};
 use whit::optics::{Absorption, Cauchy, Dispersion, Sellmeier};
 use whit::scene::{
     AlphaMode, Background, Camera, Falloff, Filter, Geometry, LightKind, Material, MaterialInput, Medium,
-    MetallicRoughness, Model, Phong, Projection, Sampler, Scene, Texture, TextureBinding, TextureUse, Wrap,
+    MediumKind, MetallicRoughness, Model, Phong, Projection, Sampler, Scene, Texture, TextureBinding,
+    TextureUse, Wrap,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -29,7 +30,7 @@ fn inside(ior: f64, color: [f64; 3], priority: i32) -> Option<Medium> {
         ior: Dispersion::Constant(ior),
         absorption: Absorption::from_color(color, 1.0),
         priority,
-        is_thin: false,
+        kind: MediumKind::Solid,
     })
 }
 
@@ -439,7 +440,7 @@ pub fn prisms() -> WaveScene {
         ior: Dispersion::Sellmeier(Sellmeier::N_SF11),
         absorption: Absorption::from_color([0.9, 0.95, 0.8], 1.0),
         priority: 0,
-        is_thin: false,
+        kind: MediumKind::Solid,
     };
     let ruby = Medium {
         ior: Dispersion::Cauchy(Cauchy::from_abbe(1.6, 22.0)),
@@ -524,7 +525,7 @@ pub fn window() -> WaveScene {
         ..matte([0.7, 0.9, 0.8], 0.0)
     };
     let thin = inside(1.5, [1.0; 3], 0).map(|interior| Medium {
-        is_thin: true,
+        kind: MediumKind::ThinSlab,
         ..interior
     });
     let half = Material {

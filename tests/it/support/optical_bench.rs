@@ -17,8 +17,8 @@ use whit::mesh::Mesh;
 use whit::optics::{Absorption, Dispersion};
 use whit::render::{Monitor, RenderSettings, render};
 use whit::scene::{
-    Background, Camera, Geometry, Instance, Material, Medium, MetallicRoughness, Model, Phong, Projection,
-    Scene,
+    Background, Camera, Geometry, Instance, Material, Medium, MediumKind, MetallicRoughness, Model, Phong,
+    Projection, Scene,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -51,7 +51,7 @@ pub fn glass(ior: f64) -> Material {
             ior: Dispersion::Constant(ior),
             absorption: Absorption::NONE,
             priority: 0,
-            is_thin: false,
+            kind: MediumKind::Solid,
         }),
         ..Material::default()
     }
@@ -72,7 +72,7 @@ pub fn ideal(ior: Dispersion, reflection: f32) -> Material {
             ior,
             absorption: Absorption::NONE,
             priority: 0,
-            is_thin: false,
+            kind: MediumKind::Solid,
         }),
         ..Material::default()
     }

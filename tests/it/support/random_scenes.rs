@@ -8,9 +8,9 @@ use whit::optics::subsurface::SubsurfacePreset;
 use whit::optics::{Absorption, Cauchy, Dispersion};
 use whit::scene::{
     AlphaMode, Aperture, AreaShape, Background, Camera, Falloff, Filter, Geometry, Image, Instance, Lens,
-    Light, LightKind, Material, MaterialInput, Medium, MetallicRoughness, Model, Pattern, Phong, Procedural,
-    Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureBinding, TextureUse, Translucency,
-    Wrap,
+    Light, LightKind, Material, MaterialInput, Medium, MediumKind, MetallicRoughness, Model, Pattern, Phong,
+    Procedural, Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureBinding, TextureUse,
+    Translucency, Wrap,
 };
 use whit::volume::{Fog, Grid, GridSamples, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
 
@@ -244,7 +244,7 @@ fn body(ior: Dispersion, absorption: Absorption, priority: i32) -> Option<Medium
         ior,
         absorption,
         priority,
-        is_thin: false,
+        kind: MediumKind::Solid,
     })
 }
 
@@ -301,7 +301,7 @@ fn material(kind: usize, r: &mut SplitMix64) -> Material {
                 ior: constant,
                 absorption: Absorption::NONE,
                 priority: 0,
-                is_thin: true,
+                kind: MediumKind::ThinSlab,
             }),
             ..gltf(color, glass)
         },

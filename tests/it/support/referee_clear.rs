@@ -2,7 +2,9 @@
 
 use glam::{DAffine3, DVec3};
 use whit::optics::{Absorption, Dispersion};
-use whit::scene::{AlphaMode, Background, Geometry, LightKind, Material, Medium, Model, Phong, Scene};
+use whit::scene::{
+    AlphaMode, Background, Geometry, LightKind, Material, Medium, MediumKind, Model, Phong, Scene,
+};
 use whit::shape::{Shape, Sphere};
 
 use super::approx::{Approx, Approx3, ROUNDING};
@@ -51,7 +53,7 @@ fn glass(sigma_a: f64) -> Material {
                 sigma_a: [sigma_a; 3],
             },
             priority: 0,
-            is_thin: false,
+            kind: MediumKind::Solid,
         }),
         ..Material::default()
     }
@@ -93,7 +95,7 @@ fn constant_coefficients_and_thin_panes_split_light_as_stated() {
     // kr + kt².
     assert_close(seen(&cube_before_white(constant), 2), [0.375; 3]);
     let mut pane = glass(3.0);
-    pane.interior.as_mut().unwrap().is_thin = true;
+    pane.interior.as_mut().unwrap().kind = MediumKind::ThinSlab;
     // Of each of two panes 12/13 pass and 1/13 is reflected: 1/13 + (12/13)², nothing absorbed.
     assert_close(seen(&cube_before_white(pane), 2), [1.0 / 13.0 + 144.0 / 169.0; 3]);
 }

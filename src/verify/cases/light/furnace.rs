@@ -5,7 +5,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use crate::accel::AccelError;
 use crate::optics::{Absorption, Dispersion};
 use crate::scene::{
-    Background, Camera, Geometry, Instance, Material, Medium, MetallicRoughness, Model, Scene,
+    Background, Camera, Geometry, Instance, Material, Medium, MediumKind, MetallicRoughness, Model, Scene,
 };
 use crate::shape::{Cylinder, Shape, Sphere};
 use crate::verify::harness::test_meshes::{lattice_cube, scene};
@@ -51,7 +51,7 @@ fn material(ior: Option<f64>, priority: i32) -> Material {
             ior: Dispersion::Constant(ior),
             absorption: Absorption::NONE,
             priority,
-            is_thin: false,
+            kind: MediumKind::Solid,
         }),
         ..Material::default()
     }

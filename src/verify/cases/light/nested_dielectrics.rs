@@ -12,7 +12,7 @@ use crate::mesh::Mesh;
 use crate::numeric::SplitMix64;
 use crate::optics::{Absorption, Dispersion};
 use crate::scene::{
-    Background, Camera, Geometry, Instance, Material, Medium, Model, Phong, Projection, Scene,
+    Background, Camera, Geometry, Instance, Material, Medium, MediumKind, Model, Phong, Projection, Scene,
 };
 use crate::shape::Shape;
 use crate::verify::harness::test_meshes::{lattice_cube, scene};
@@ -238,7 +238,7 @@ impl MediumLayer {
                 ior: Dispersion::Constant(self.ior),
                 absorption: Absorption { sigma_a: self.sigma },
                 priority: self.priority,
-                is_thin: false,
+                kind: MediumKind::Solid,
             }),
             ..Material::default()
         }

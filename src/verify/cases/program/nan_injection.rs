@@ -11,9 +11,9 @@ use crate::optics::subsurface::Scattering;
 use crate::optics::{Absorption, Dispersion};
 use crate::scene::{
     AlphaMode, Aperture, AreaShape, Background, Camera, Falloff, Filter, Geometry, Image, Instance, Lens,
-    Light, LightKind, Material, MaterialInput, Medium, MetallicRoughness, Model, Pattern, Phong, Procedural,
-    Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureBinding, TextureUse, Translucency,
-    Wrap,
+    Light, LightKind, Material, MaterialInput, Medium, MediumKind, MetallicRoughness, Model, Pattern, Phong,
+    Procedural, Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureBinding, TextureUse,
+    Translucency, Wrap,
 };
 use crate::shape::{HalfSpace, Polyhedron, Quadric, Shape, Sphere, Torus};
 use crate::verify::harness::test_meshes::{icosphere, scene};
@@ -359,7 +359,7 @@ fn interior(scene: &mut Scene, change: impl FnOnce(&mut Medium)) -> Result<(), S
         ior: Dispersion::Constant(1.5),
         absorption: Absorption::NONE,
         priority: 0,
-        is_thin: false,
+        kind: MediumKind::Solid,
     };
     change(&mut interior);
     material(scene, |m| m.interior = Some(interior))

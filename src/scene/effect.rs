@@ -67,11 +67,13 @@ pub enum Effect {
     Subsurface,
     /// Diffuse transmission through thin surfaces.
     Translucency,
+    /// Multiple scattering between microfacets, and diffuse light less what the lobe takes.
+    EnergyConservation,
 }
 
 impl Effect {
     /// List of all effects in the order of reports.
-    pub const ALL: [Effect; 29] = [
+    pub const ALL: [Effect; 30] = [
         Effect::Shadow,
         Effect::TransparentShadow,
         Effect::Reflection,
@@ -101,6 +103,7 @@ impl Effect {
         Effect::MotionBlur,
         Effect::Subsurface,
         Effect::Translucency,
+        Effect::EnergyConservation,
     ];
 
     /// Returns the effect's name on the command line and in reports.
@@ -135,6 +138,7 @@ impl Effect {
             Effect::MotionBlur => "motion-blur",
             Effect::Subsurface => "subsurface",
             Effect::Translucency => "translucency",
+            Effect::EnergyConservation => "energy-conservation",
         }
     }
 
@@ -185,6 +189,9 @@ impl Effect {
                 "materials with subsurface scattering are opaque paint of their base colour"
             }
             Effect::Translucency => "thin surfaces reflect all of their diffuse light",
+            Effect::EnergyConservation => {
+                "rough metals are too dark, and dielectrics too bright at grazing angles"
+            }
         }
     }
 
@@ -231,7 +238,8 @@ impl EffectSet {
         .with(Effect::Occlusion)
         .with(Effect::Emission)
         .with(Effect::Ambient)
-        .with(Effect::Background);
+        .with(Effect::Background)
+        .with(Effect::EnergyConservation);
 
     /// Returns whether `effect` is in the set and was compiled.
     ///

@@ -1,5 +1,6 @@
 //! Materials of sixteen points: constant factors, which textures and vertex colours later multiply.
 
+use super::LobeAlbedo;
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{AlphaMode, Effect, EffectSet, Material, MetallicRoughness, Model, Phong, Translucency};
 
@@ -22,6 +23,8 @@ pub struct MaterialPacket {
     pub roughness: Lanes<f32>,
     /// Reflectance of the dielectric at normal incidence, before `specular_color` and `specular`.
     pub f0: Lanes<f32>,
+    /// Albedo of the GGX lobe towards the viewer; [`LobeAlbedo::NONE`] without [`Effect::EnergyConservation`].
+    pub lobe: LobeAlbedo<Lanes<f32>>,
     /// Parameters that only few materials use.
     pub extended: ExtendedMaterialLanes,
     /// Index of refraction of a scattering interior, set only where irradiance that enters it is computed.
@@ -79,6 +82,7 @@ impl MaterialPacket {
         metallic: [0.0; LANES],
         roughness: [1.0; LANES],
         f0: [DEFAULT_F0; LANES],
+        lobe: LobeAlbedo::NONE,
         extended: ExtendedMaterialLanes {
             specular: [1.0; LANES],
             specular_color: [[1.0; LANES]; 3],

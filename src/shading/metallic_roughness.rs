@@ -1,5 +1,12 @@
 //! glTF's metallic-roughness model (glTF 2.0, Appendix B): Lambertian diffuse under a Fresnel-weighted GGX lobe.
 //!
+//! The lobe is raised by multiple scattering ([`LobeAlbedo`](super::LobeAlbedo)). glTF weights the diffuse part with
+//! 1 - F, where F is the Fresnel reflectance at the half vector. Under uniform light, that exceeds energy near grazing
+//! views, where the lobe takes nearly all light, but half vectors still face the viewer. The weight is thus the smaller
+//! one of 1 - F and 1 minus the albedo of the lobe towards the viewer: glTF's formula wherever it does not exceed
+//! energy, and no surface reflects more light than arrives. Without [`Effect::EnergyConservation`], lobe and weight are
+//! glTF's everywhere.
+//!
 //! Punctual lights are evaluated with the whole lobe. The environment is evaluated by one mirror ray where the surface
 //! is smooth enough to show an image, by rays into the lobe where the material requests them, and by the ambient term
 //! elsewhere.
@@ -8,7 +15,7 @@ use std::f32::consts::PI;
 
 use super::material::{DEFAULT_F0, MaterialPacket};
 use crate::numeric::{LANES, Lanes3};
-use crate::scene::MIRROR_ROUGHNESS;
+use crate::scene::{Effect, MIRROR_ROUGHNESS};
 
 impl MaterialPacket {
     /// Returns the diffuse albedo of one channel.
@@ -60,11 +67,33 @@ impl MaterialPacket {
         f0 + (self.f90::<EXTENDED>(l) - f0) * grazing
     }
 
-    /// Returns Schlick's Fresnel reflectance of lane `l` at the cosine of incidence `cosine` to the surface or to a
-    /// microfacet.
-    pub fn fresnel(&self, cosine: f32, l: usize) -> [f32; 3] {
+    /// Returns the factor by which light that scatters more than once between microfacets raises the lobe; 1 where
+    /// only single scattering counts.
+    #[inline(always)]
+    fn multiple_scattering<const EXTENDED: bool>(&self, channel: usize, l: usize) -> f32 {
+        1.0 + self.f0::<EXTENDED>(channel, l) * self.lobe.loss[l]
+    }
+
+    /// Returns the fraction of uniform light that the lobe reflects to the viewer; 0 where only single scattering
+    /// counts.
+    #[inline(always)]
+    fn specular_albedo<const EXTENDED: bool>(&self, channel: usize, l: usize) -> f32 {
+        let single = self.f0::<EXTENDED>(channel, l) * self.lobe.normal[l]
+            + self.f90::<EXTENDED>(l) * self.lobe.grazing[l];
+        single * self.multiple_scattering::<EXTENDED>(channel, l)
+    }
+
+    /// Returns the weights of a ray that a microfacet of lane `l` reflects, at the cosine of incidence `cosine`:
+    /// Schlick's Fresnel reflectance, with multiple scattering.
+    pub fn microfacet_reflectance(&self, cosine: f32, l: usize) -> [f32; 3] {
         let grazing = fifth_power(1.0 - cosine);
-        std::array::from_fn(|channel| self.schlick::<true>(grazing, channel, l))
+        let raised = self.multiple_scattering_factors(l);
+        std::array::from_fn(|channel| self.schlick::<true>(grazing, channel, l) * raised[channel])
+    }
+
+    /// Returns the factors by which multiple scattering raises the lobe of lane `l`.
+    pub fn multiple_scattering_factors(&self, l: usize) -> [f32; 3] {
+        std::array::from_fn(|channel| self.multiple_scattering::<true>(channel, l))
     }
 
     /// Returns radiance that needs no light sampling: emission, plus the ambient radiance `ambient` reflected
@@ -82,6 +111,7 @@ impl MaterialPacket {
     #[inline(always)]
     fn ambient_of<const EXTENDED: bool>(&self, ambient: [f32; 3]) -> Lanes3<f32> {
         let extended = &self.extended;
+        let conserves_energy = self.effects.has(Effect::EnergyConservation);
         let mut rough = [0.0; LANES];
         // Mask lanes whose specular reflection is gathered by rays
         for l in 0..LANES {
@@ -95,11 +125,19 @@ impl MaterialPacket {
         let mut radiance = self.emission;
         for channel in 0..3 {
             for l in 0..LANES {
-                let mut albedo =
-                    self.c_diff::<EXTENDED>(channel, l) + self.f0::<EXTENDED>(channel, l) * rough[l];
+                let mut diffuse = self.c_diff::<EXTENDED>(channel, l);
+                if EXTENDED {
+                    diffuse += self.transmission_albedo(channel, l);
+                }
+                // The diffuse part loses what the lobe takes, by the ambient term or by rays
+                let mut albedo = if conserves_energy {
+                    let specular = self.specular_albedo::<EXTENDED>(channel, l);
+                    diffuse * (1.0 - specular) + specular * rough[l]
+                } else {
+                    diffuse + self.f0::<EXTENDED>(channel, l) * rough[l]
+                };
                 if EXTENDED {
                     let phong = extended.ambient[channel][l] * self.base_color[channel][l];
-                    albedo += self.transmission_albedo(channel, l);
                     albedo = if extended.is_phong[l] { phong } else { albedo };
                     albedo *= extended.occlusion[l];
                 }
@@ -173,8 +211,10 @@ pub fn direct_of<const EXTENDED: bool>(
         let grazing = fifth_power(1.0 - v_dot_h);
         for channel in 0..3 {
             let fresnel = material.schlick::<EXTENDED>(grazing, channel, l);
-            let diffuse = (1.0 - fresnel) * material.c_diff::<EXTENDED>(channel, l) * (1.0 / PI);
-            reflected[channel][l] = (diffuse + fresnel * lobe) * n_dot_l;
+            let taken = fresnel.max(material.specular_albedo::<EXTENDED>(channel, l));
+            let diffuse = (1.0 - taken) * material.c_diff::<EXTENDED>(channel, l) * (1.0 / PI);
+            let specular = fresnel * lobe * material.multiple_scattering::<EXTENDED>(channel, l);
+            reflected[channel][l] = (diffuse + specular) * n_dot_l;
         }
     }
     reflected
@@ -205,8 +245,9 @@ pub fn diffuse_transmission(
         let grazing = fifth_power(1.0 - 0.5 * dot(h, h).sqrt());
         for channel in 0..3 {
             let fresnel = material.schlick::<true>(grazing, channel, l);
+            let taken = fresnel.max(material.specular_albedo::<true>(channel, l));
             transmitted[channel][l] =
-                (1.0 - fresnel) * material.transmission_albedo(channel, l) * (1.0 / PI) * behind;
+                (1.0 - taken) * material.transmission_albedo(channel, l) * (1.0 / PI) * behind;
         }
     }
     transmitted
@@ -265,6 +306,8 @@ fn fifth_power(x: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::EffectSet;
+    use crate::shading::LobeAlbedo;
 
     fn lanes3(v: [f32; 3]) -> Lanes3<f32> {
         v.map(|axis| [axis; LANES])
@@ -324,5 +367,45 @@ mod tests {
             mirror::<false>(&material(0.5, 1.0, 0.2), &up, &wo).1,
             [[0.0; LANES]; 3]
         );
+    }
+
+    #[test]
+    fn energy_conservation_changes_no_bit_of_a_smooth_metal() {
+        let up = lanes3([0.0, 0.0, 1.0]);
+        let (wo, wi) = (lanes3([0.6, 0.0, 0.8]), lanes3([-0.8, 0.0, 0.6]));
+        let single = material(0.5, 1.0, 0.0);
+        let conserving = MaterialPacket {
+            effects: EffectSet::NONE.with(Effect::EnergyConservation),
+            lobe: LobeAlbedo::of_packet(&single.roughness, &up, &wo),
+            ..single.clone()
+        };
+        assert_eq!(
+            mirror::<false>(&conserving, &up, &wo),
+            mirror::<false>(&single, &up, &wo)
+        );
+        assert_eq!(direct(&conserving, &up, &wo, &wi), direct(&single, &up, &wo, &wi));
+        assert_eq!(conserving.ambient([1.0; 3]), single.ambient([1.0; 3]));
+    }
+
+    #[test]
+    fn ambient_light_is_reflected_by_the_albedos_and_never_in_excess() {
+        let (up, wo) = (lanes3([0.0, 0.0, 1.0]), lanes3([0.6, 0.0, 0.8]));
+        for (metallic, roughness) in [(0.0, 0.5), (0.0, 1.0), (1.0, 0.5), (1.0, 1.0)] {
+            let single = material(1.0, metallic, roughness);
+            let conserving = MaterialPacket {
+                effects: EffectSet::NONE.with(Effect::EnergyConservation),
+                lobe: LobeAlbedo::of_packet(&single.roughness, &up, &wo),
+                ..single.clone()
+            };
+            // c_diff (1 - a) + a = 1 for white dielectrics, a = 1 for white metals.
+            let ambient = conserving.ambient([1.0; 3])[0][0];
+            assert!(
+                (ambient - 1.0).abs() < 8.0 * f32::EPSILON,
+                "{metallic} {roughness}: {ambient}"
+            );
+            // Without energy conservation: c_diff + f0.
+            let plain = single.ambient([1.0; 3])[0][0];
+            assert!((plain - if metallic == 0.0 { 1.04 } else { 1.0 }).abs() < 4.0 * f32::EPSILON);
+        }
     }
 }

@@ -6,6 +6,7 @@
 
 mod environment;
 mod ggx;
+mod lobe_albedo;
 mod material;
 mod metallic_roughness;
 pub mod normal_map;
@@ -19,6 +20,7 @@ mod texture;
 
 pub use environment::{EnvironmentError, EnvironmentMap, EnvironmentSample};
 pub use ggx::{Ggx, LobeSample};
+pub use lobe_albedo::LobeAlbedo;
 pub use material::{ExtendedMaterialLanes, MaterialPacket};
 pub use metallic_roughness::{diffuse_transmission, direct, direct_of, mirror};
 pub use phong::phong_direct;

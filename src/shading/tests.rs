@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 use crate::numeric::{LANES, Lanes3};
 use crate::optics::{Absorption, Dispersion};
 use crate::scene::{EffectSet, Material, Medium, MediumKind, MetallicRoughness, Model, Phong};
-use crate::shading::{MaterialPacket, direct, phong_direct};
+use crate::shading::{LobeAlbedo, MaterialPacket, direct, phong_direct};
 use glam::DVec3;
 
 use crate::numeric::SplitMix64;
@@ -251,6 +251,46 @@ fn pure_dielectrics_and_metals_are_the_two_brdfs_that_gltf_mixes() {
                     let off = (f64::from(found[channel][l]) - expected).abs();
                     assert!(off <= bound[channel], "{metallic}: {off} of {expected}");
                 }
+            }
+        }
+    }
+}
+
+#[test]
+fn energy_conserving_lanes_equal_a_scalar_reference() {
+    // Rounding of the fits of the lobe's albedo: some 40 operations on terms of up to 65 times their sums.
+    const FIT: f64 = 40.0 * 65.0 / 16_777_216.0;
+    let mut random = SplitMix64::new(16, 0);
+    for _ in 0..100 {
+        let [n, v, light] = random_directions(&mut random);
+        let materials: Vec<Material> = (0..LANES).map(|_| gltf_material(&mut random, false)).collect();
+        let mut packet = packet_of(&materials);
+        packet.lobe = LobeAlbedo::of_packet(&packet.roughness, &n.lanes, &v.lanes);
+        let found = direct(&packet, &n.lanes, &v.lanes, &light.lanes);
+        for l in 0..LANES {
+            let numbers = Gltf::of(&materials[l]);
+            let (n, v, light) = (n.exact(l), v.exact(l), light.exact(l));
+            let bound = numbers.reflected(n, v, light).1;
+            // Isolate the lobe with a white metal, whose reflectance is 1 at any angle.
+            let mirror = Gltf {
+                color: DVec3::ONE,
+                metallic: 1.0,
+                ..numbers
+            };
+            let lobe = mirror.reflected(n, v, light).0.x;
+            let schlick = (1.0 - v.dot((v + light).normalize())).powi(5);
+            let albedo = LobeAlbedo::evaluate(n.dot(v).abs(), numbers.roughness);
+            for channel in 0..3 {
+                let color = numbers.color[channel];
+                let f0 = 0.04 + (color - 0.04) * numbers.metallic;
+                let raised = 1.0 + f0 * albedo.loss;
+                let fresnel = f0 + (1.0 - f0) * schlick;
+                let taken = fresnel.max((f0 * albedo.normal + albedo.grazing) * raised);
+                let diffuse = color * (1.0 - numbers.metallic) / PI * n.dot(light).max(0.0);
+                let expected = (1.0 - taken) * diffuse + fresnel * lobe * raised;
+                let bound = bound[channel] * raised + FIT * (diffuse + fresnel * lobe);
+                let off = (f64::from(found[channel][l]) - expected).abs();
+                assert!(off <= bound, "{off} of {expected}: {:?}", materials[l]);
             }
         }
     }

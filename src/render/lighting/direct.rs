@@ -13,7 +13,7 @@ use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet, Light, LightKind};
 use crate::shading::{
-    MaterialPacket, diffuse_transmission, direct_of, mirror, phong_direct, sample_punctual_light,
+    LobeAlbedo, MaterialPacket, diffuse_transmission, direct_of, mirror, phong_direct, sample_punctual_light,
     transmitted_irradiance,
 };
 
@@ -104,6 +104,16 @@ pub(in crate::render) fn background_radiance(
         }
     }
     radiance
+}
+
+/// Sets the albedos of the GGX lobes of the surfaces, towards the origins of their rays.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+pub(in crate::render) fn evaluate_lobe_albedo(surfaces: &mut Surfaces) {
+    let points = &surfaces.points;
+    surfaces.materials.lobe = LobeAlbedo::of_packet(&surfaces.materials.roughness, &points.ns, &points.wo);
 }
 
 /// Returns the weighted emission and ambient radiance of hits, and the weighted background of misses.

@@ -240,6 +240,12 @@ pub const TRIGGERS: &[Trigger] = &[
             },
         )
     }),
+    trigger(Effect::EnergyConservation, "a rough lobe", |facts| {
+        facts.material(is_rough, |_| "has a rough lobe".into())
+    }),
+    trigger(Effect::EnergyConservation, "diffuse light", |facts| {
+        facts.material(is_diffuse, |_| "is diffuse under a reflection".into())
+    }),
 ];
 
 /// Returns the reason why an effect is off without any active trigger.
@@ -277,6 +283,7 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::MotionBlur => "nothing moves".into(),
         Effect::Subsurface => "no material has subsurface scattering".into(),
         Effect::Translucency => "no material transmits diffuse light".into(),
+        Effect::EnergyConservation => "no material of glTF's model is rough or diffuse".into(),
     }
 }
 
@@ -352,6 +359,24 @@ fn is_smooth(material: &Material) -> bool {
 /// Returns whether a texture may make parts of the material mirror.
 fn may_be_smooth(material: &Material) -> bool {
     material.may_mirror() && !is_smooth(material) && matches!(material.model, Model::MetallicRoughness(_))
+}
+
+/// Returns whether the material is glTF's and rough.
+fn is_rough(material: &Material) -> bool {
+    matches!(&material.model, Model::MetallicRoughness(model) if model.roughness > 0.0)
+}
+
+/// Returns whether the material is glTF's and reflects diffuse light. A texture multiplies the factors, so it can only
+/// make a surface less metallic and less transmissive.
+fn is_diffuse(material: &Material) -> bool {
+    let Model::MetallicRoughness(model) = &material.model else {
+        return false;
+    };
+    let has = |inputs: &[MaterialInput]| inputs.iter().any(|&input| material.layer(input).is_some());
+    let is_metal =
+        model.metallic == 1.0 && !has(&[MaterialInput::Metallic, MaterialInput::MetallicRoughness]);
+    let is_clear = model.transmission == 1.0 && !has(&[MaterialInput::Transmission]);
+    !is_metal && !is_clear
 }
 
 /// Returns the reason for rough rays: roughness and number of rays of a material. With an environment map one ray is the

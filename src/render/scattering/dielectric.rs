@@ -337,7 +337,7 @@ pub(in crate::render) struct BoundaryHit<'a> {
     cone: RayCone,
     curvature: f64,
     boundary: Boundary<'a>,
-    tints: Tints,
+    pub(in crate::render) tints: Tints,
     /// Unit shading normal for reflection and refraction, on the side of the incident ray.
     pub(in crate::render) normal: DVec3,
     /// True if the boundary splits wavelengths.

@@ -121,11 +121,11 @@ impl ShadingState<'_, '_> {
             let Some(scattered_ray) = facet.reflected() else {
                 continue;
             };
-            let fresnel = surfaces.materials.fresnel(facet.cos_i() as f32, l);
+            let reflectance = surfaces.materials.microfacet_reflectance(facet.cos_i() as f32, l);
             let sent = RayWorkItem {
                 ray: Ray::new(vector(&points.origin), scattered_ray.direction.as_vec3()),
                 pixel: traced.pixel[l],
-                weight: std::array::from_fn(|c| traced.weight[c][l] * fresnel[c] * scattered_ray.share),
+                weight: std::array::from_fn(|c| traced.weight[c][l] * reflectance[c] * scattered_ray.share),
                 sender: Category::RoughReflection,
                 travel: Some(PathState {
                     depth: arrival.depth + 1,
@@ -170,6 +170,9 @@ impl ShadingState<'_, '_> {
         else {
             return;
         };
+        // Raise the reflected rays by multiple scattering
+        let raised = surfaces.materials.multiple_scattering_factors(l);
+        (0..3).for_each(|c| boundary_hit.tints.reflected[c] *= raised[c]);
         // Scatter at each sampled microfacet
         for number in 0..lobe.of {
             let numbers = self.lobe_numbers(traced, (l, stage), [number, lobe.of]);

@@ -139,6 +139,9 @@ impl ShadingState<'_, '_> {
         surfaces: &mut Surfaces,
         stage: BatchInfo,
     ) {
+        if effects.has(Effect::EnergyConservation) {
+            direct::evaluate_lobe_albedo(surfaces);
+        }
         match traced
             .path_states
             .filter(|_| !BASIC && effects.has_transmission())

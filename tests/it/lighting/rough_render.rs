@@ -96,8 +96,21 @@ fn settings(size: u32, spp: u32) -> RenderSettings {
     }
 }
 
+/// Settings for single scattering between microfacets and glTF's weight of the diffuse light.
+fn single_scattering(size: u32, spp: u32) -> RenderSettings {
+    RenderSettings {
+        effects: "-energy-conservation".parse().unwrap(),
+        ..settings(size, spp)
+    }
+}
+
+/// Asserts that single scattering shows `exact`.
 fn assert_is_near(what: &str, scene: &Scene, wo: DVec3, exact: f64) {
-    let image = rendered(scene, &close_look(wo), &settings(16, 16)).image;
+    assert_shows(what, scene, wo, exact, &single_scattering(16, 16));
+}
+
+fn assert_shows(what: &str, scene: &Scene, wo: DVec3, exact: f64, settings: &RenderSettings) {
+    let image = rendered(scene, &close_look(wo), settings).image;
     let (found, error) = estimate(&image);
     println!(
         "{what}: {found:.6} ± {error:.6}, exactly {exact:.6}, {:+.1} errors",
@@ -196,6 +209,36 @@ fn rough_white_metal_in_white_furnace_has_lobe_albedo() {
             let exact = reflected(alpha(roughness), wo, |_| 1.0, |_| 1.0);
             let what = format!("{rays} rays, roughness {roughness}, {degrees}°");
             assert_is_near(&what, &furnace(metal(1.0, roughness, rays)), wo, exact);
+        }
+    }
+}
+
+#[test]
+fn white_metal_and_paint_in_white_furnace_reflect_all_light_with_multiple_scattering() {
+    let paint = |roughness: f32, rays: u32| Material {
+        model: Model::MetallicRoughness(MetallicRoughness {
+            metallic: 0.0,
+            roughness,
+            rough_rays: rays,
+            ..MetallicRoughness::DEFAULT
+        }),
+        ..Material::default()
+    };
+    for (rays, roughness) in [(4, 0.2), (1, 0.4), (3, 0.7), (4, 1.0)] {
+        for degrees in [0.0, 40.0, 75.0] {
+            let what = format!("{rays} rays, roughness {roughness}, {degrees}°");
+            let white = furnace(metal(1.0, roughness, rays));
+            assert_shows(&what, &white, at(degrees), 1.0, &settings(16, 16));
+            // The ambient term gives the diffuse part, rays the lobe.
+            let mut ambient = furnace(paint(roughness, rays));
+            ambient.ambient = [1.0; 3];
+            assert_shows(
+                &format!("paint, {what}"),
+                &ambient,
+                at(degrees),
+                1.0,
+                &settings(16, 16),
+            );
         }
     }
 }

@@ -107,6 +107,24 @@ impl Approx {
         }
     }
 
+    /// Returns the larger one of two numbers.
+    pub fn max(self, b: Approx) -> Approx {
+        let (larger, smaller) = if b.value > self.value {
+            (b, self)
+        } else {
+            (self, b)
+        };
+        let is_certain = larger.value - larger.error >= smaller.value + smaller.error;
+        Approx {
+            error: if is_certain {
+                larger.error
+            } else {
+                larger.error.max(smaller.error)
+            },
+            ..larger
+        }
+    }
+
     /// Returns the number if positive, else zero.
     pub fn positive_part(self) -> Approx {
         self.clamp(0.0, f64::INFINITY)
@@ -145,6 +163,12 @@ impl Approx {
         } else {
             self.value / self.error
         }
+    }
+}
+
+impl From<f32> for Approx {
+    fn from(value: f32) -> Approx {
+        Approx::exact(value.into())
     }
 }
 
@@ -277,6 +301,15 @@ impl Approx3 {
     pub fn normalize(self) -> Approx3 {
         let length = self.length();
         Approx3::from(self.to_array().map(|v| v / length))
+    }
+
+    /// Returns the larger one of two vectors, component by component.
+    pub fn max(self, b: Approx3) -> Approx3 {
+        Approx3 {
+            x: self.x.max(b.x),
+            y: self.y.max(b.y),
+            z: self.z.max(b.z),
+        }
     }
 
     /// Returns the largest magnitude of the components.

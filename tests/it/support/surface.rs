@@ -7,6 +7,7 @@ use whit::scene::{
     AlphaMode, Geometry, Instance, Material, MaterialInput, MetallicRoughness, Model, Phong, Scene,
     TextureUse,
 };
+use whit::shading::LobeAlbedo;
 use whit::shape;
 
 use super::approx::{Approx, Approx3, ROUNDING};
@@ -80,6 +81,8 @@ pub struct Gltf {
     f90: Approx,
     /// Width alpha, the square of the roughness.
     alpha: Approx,
+    /// Albedo of the lobe towards the viewer, without the reflectance.
+    albedo: LobeAlbedo<Approx>,
 }
 
 /// Mirror reflectance of a surface.
@@ -311,7 +314,7 @@ impl Looks<'_> {
         }
     }
 
-    fn gltf(&mut self, model: &MetallicRoughness) -> Shades {
+    fn gltf(&mut self, model: &MetallicRoughness, cos: Approx) -> Shades {
         // Look up the textured parameters
         let base = self.base();
         let textured = [MaterialInput::MetallicRoughness, MaterialInput::Roughness]
@@ -351,11 +354,13 @@ impl Looks<'_> {
             f0: f0 * (specular * dielectric) + base * metallic,
             f90: specular * dielectric + metallic,
             alpha: roughness.squared(),
+            albedo: LobeAlbedo::evaluate(cos, roughness),
         };
+        let specular = gltf.specular_albedo();
         // A mirror reflects its environment by rays, not by the lobe.
-        let glossy = if is_mirror { Approx3::ZERO } else { gltf.f0 };
+        let glossy = if is_mirror { Approx3::ZERO } else { specular };
         Shades {
-            ambient: gltf.c_diff + glossy,
+            ambient: gltf.c_diff * (Approx3::ONE - specular) + glossy,
             response: Response::Gltf(gltf),
             mirror: if is_mirror {
                 Mirror::Schlick(gltf)
@@ -475,7 +480,7 @@ impl Shape {
         let curvature = Approx::rounded(curvature / scale);
         // Evaluate the reflection model
         let shades = match &material.model {
-            Model::MetallicRoughness(model) => looks.gltf(model),
+            Model::MetallicRoughness(model) => looks.gltf(model, ns.dot(self.wo).abs()),
             Model::Phong(model) => looks.phong(model),
             Model::Unlit => looks.phong(&SILENT),
         };
@@ -522,12 +527,25 @@ impl Gltf {
         self.f0 + (Approx3::splat(self.f90) - self.f0) * fifth
     }
 
-    /// Returns the fraction of light from `wi` that is reflected to the viewer: glTF 2.0, Appendix B.
+    /// Returns the factor of multiple scattering between microfacets (Turquin, 2019).
+    fn raised(&self) -> Approx3 {
+        Approx3::ONE + self.f0 * self.albedo.loss
+    }
+
+    /// Returns the fraction of uniform light that the lobe reflects to the viewer.
+    fn specular_albedo(&self) -> Approx3 {
+        let grazing = Approx3::splat(self.f90 * self.albedo.grazing);
+        (self.f0 * self.albedo.normal + grazing) * self.raised()
+    }
+
+    /// Returns the fraction of light from `wi` that is reflected to the viewer: glTF 2.0, Appendix B, with multiple
+    /// scattering, and with diffuse light less the albedo of the lobe where that is larger than the Fresnel term.
     fn lobe(&self, ns: Approx3, wo: Approx3, wi: Approx3) -> Approx3 {
         let h = (wi + wo).normalize();
         let f = self.fresnel(wo.dot(h));
         let pi = Approx::rounded(std::f64::consts::PI);
-        let diffuse = (Approx3::ONE - f) * self.c_diff * (Approx::ONE / pi);
+        let taken = f.max(self.specular_albedo());
+        let diffuse = (Approx3::ONE - taken) * self.c_diff * (Approx::ONE / pi);
         if self.alpha.value == 0.0 {
             return diffuse;
         }
@@ -542,7 +560,7 @@ impl Gltf {
         let d = (a2 / (pi * width.squared())).known_within(0.0, peak.value + 8.0 * peak.error);
         let smith = |cos: Approx| cos.abs() + (a2 + (1.0 - a2) * cos.squared()).sqrt();
         let v = Approx::ONE / (smith(n_l) * smith(n_v));
-        diffuse + f * (d * v)
+        diffuse + f * self.raised() * (d * v)
     }
 }
 

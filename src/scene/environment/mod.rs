@@ -1,7 +1,7 @@
 //! Environment maps that are computed rather than read: a studio and a clear sky.
 //!
-//! Both are turned with the camera, as the default light is. Their radiance is in the unit of the default light: a white Lambertian surface that faces the light has radiance of
-//! about 1, so that images need no exposure.
+//! Both are turned with the camera, as the default light is. Their radiance is in the unit of the default light: a white
+//! Lambertian surface that faces the light has radiance of about 1, so that images need no exposure.
 
 mod sky;
 mod studio;

@@ -356,11 +356,11 @@ impl Looks<'_> {
             alpha: roughness.squared(),
             albedo: LobeAlbedo::evaluate(cos, roughness),
         };
-        let specular = gltf.specular_albedo();
+        let albedo = gltf.specular_albedo();
         // A mirror reflects its environment by rays, not by the lobe.
-        let glossy = if is_mirror { Approx3::ZERO } else { specular };
+        let glossy = if is_mirror { Approx3::ZERO } else { albedo };
         Shades {
-            ambient: gltf.c_diff * (Approx3::ONE - specular) + glossy,
+            ambient: gltf.c_diff * (Approx3::ONE - albedo) + glossy,
             response: Response::Gltf(gltf),
             mirror: if is_mirror {
                 Mirror::Schlick(gltf)

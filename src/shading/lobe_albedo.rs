@@ -153,6 +153,7 @@ mod tests {
     use glam::DVec3;
 
     use super::*;
+    use crate::numeric::SplitMix64;
     use crate::shading::{Ggx, MaterialPacket, direct};
 
     const ROUGHNESSES: [f32; 7] = [0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0];
@@ -208,22 +209,23 @@ mod tests {
 
     #[test]
     fn lanes_equal_wider_arithmetic() {
-        for roughness in ROUGHNESSES {
-            for cosine in COSINES {
-                let lane = LobeAlbedo::evaluate(cosine as f32, roughness);
-                let wide = LobeAlbedo::evaluate(f64::from(cosine as f32), f64::from(roughness));
-                // Terms of the fits are at most 65 times their sums, which have some 40 roundings.
-                let bound = 40.0 * 65.0 * 0.5 * f64::from(f32::EPSILON);
-                for (lane, wide) in [
-                    (lane.normal, wide.normal),
-                    (lane.grazing, wide.grazing),
-                    (lane.loss, wide.loss),
-                ] {
-                    assert!(
-                        (f64::from(lane) - wide).abs() < bound,
-                        "{roughness} {cosine}: {lane} {wide}"
-                    );
-                }
+        // Of 20 million such points, the largest difference is 2.3e-6
+        const BOUND: f64 = 4e-6;
+        let mut random = SplitMix64::new(7, 0);
+        for _ in 0..100_000 {
+            let cosine = random.unit().powi(2).max(1e-4) as f32;
+            let roughness = random.unit() as f32;
+            let lane = LobeAlbedo::evaluate(cosine, roughness);
+            let wide = LobeAlbedo::evaluate(f64::from(cosine), f64::from(roughness));
+            for (lane, wide) in [
+                (lane.normal, wide.normal),
+                (lane.grazing, wide.grazing),
+                (lane.loss, wide.loss),
+            ] {
+                assert!(
+                    (f64::from(lane) - wide).abs() < BOUND,
+                    "{roughness} {cosine}: {lane} {wide}"
+                );
             }
         }
     }

@@ -17,10 +17,10 @@ use crate::support::wave_scenes::{self, WaveScene};
 /// Limits on the error bounds, so that the comparison is meaningful: in units of the mean radiance of the image, the
 /// bounds of 50 %, 95 % and 99.5 % of the pixels. They are wide only in sharp highlights and behind several curved
 /// mirrors.
-const USEFUL_BOUNDS: [(f64, f64); 3] = [(0.5, 2e-5), (0.95, 2e-3), (1.0 - EXPLAINED_SHARE, 0.1)];
+const USEFUL_BOUNDS: [(f64, f64); 3] = [(0.5, 4e-5), (0.95, 2e-3), (1.0 - EXPLAINED_SHARE, 0.1)];
 
 /// Limits on the error bounds of textured scenes, which include reflections in bump-mapped mirrors.
-const USEFUL_TEXTURE_BOUNDS: [(f64, f64); 3] = [(0.5, 2e-5), (0.9, 1e-2), (0.95, 5e-2)];
+const USEFUL_TEXTURE_BOUNDS: [(f64, f64); 3] = [(0.5, 2e-5), (0.9, 1.2e-2), (0.95, 5e-2)];
 
 /// Limits on the error bounds of glass objects, whose curved boundaries spread rays.
 const USEFUL_CLEAR_BOUNDS: [(f64, f64); 3] = [(0.4, 2e-5), (0.5, 1e-4), (0.65, 1e-3)];

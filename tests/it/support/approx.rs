@@ -166,12 +166,6 @@ impl Approx {
     }
 }
 
-impl From<f32> for Approx {
-    fn from(value: f32) -> Approx {
-        Approx::exact(value.into())
-    }
-}
-
 impl Add for Approx {
     type Output = Approx;
     fn add(self, b: Approx) -> Approx {

@@ -44,9 +44,9 @@ impl LobeAlbedo<Lanes<f32>> {
         let mut albedo = LobeAlbedo::NONE;
         for l in 0..LANES {
             let cosine = ns[0][l] * wo[0][l] + ns[1][l] * wo[1][l] + ns[2][l] * wo[2][l];
-            // Lanes that hit nothing may hold NaN, which `max` replaces.
-            let cosine = cosine.abs().max(f32::MIN_POSITIVE).min(1.0);
-            let lane = LobeAlbedo::evaluate(cosine, roughness[l]);
+            // Lanes that hit nothing may hold NaN, which `min` replaces and `clamp` would keep
+            let cosine = cosine.abs().min(1.0);
+            let lane = LobeAlbedo::evaluate(cosine.max(f32::MIN_POSITIVE), roughness[l]);
             albedo.normal[l] = lane.normal;
             albedo.grazing[l] = lane.grazing;
             albedo.loss[l] = lane.loss;

@@ -1,4 +1,4 @@
-//! How each extension of glTF is treated: honoured, approximated, without effect on images, or ignored.
+//! Treatment of each extension of glTF: honoured, approximated, without effect on images, or ignored.
 //!
 //! Names and meanings follow the registry of the Khronos Group
 //! (<https://github.com/KhronosGroup/glTF/tree/main/extensions>).

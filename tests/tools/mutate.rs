@@ -47,7 +47,7 @@ const MAX_TEXELS: u64 = 1 << 24;
 /// Words that often are limits: zero, one, and the largest of each type, signed and unsigned.
 const LIMITS: [u32; 8] = [0, 1, 0x7f, 0xff, 0x7fff, 0xffff, 0x7fff_ffff, 0xffff_ffff];
 
-/// How loading a file ended.
+/// Outcome of loading a file.
 enum Ending {
     Loaded,
     Refused,

@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use crate::support::assets::asset;
 use base64::Engine;
 use glam::DVec3;
 use serde_json::{Value, json};
@@ -445,20 +446,6 @@ fn exchanged_values_never_panic() {
             }
         }
     }
-}
-
-/// Returns the path of an external asset; prints a message and returns `None` if it is absent.
-fn asset(name: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("WHIT_TEST_ASSETS").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/assets/gltf"),
-        PathBuf::from,
-    );
-    let path = folder.join(name);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("skipped: {} is not there", path.display());
-    None
 }
 
 #[test]

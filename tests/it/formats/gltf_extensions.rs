@@ -2,27 +2,13 @@
 //!
 //! Files of other authors are not part of the project, see `gltf_files`; a test of one that is absent says so.
 
-use std::path::{Path, PathBuf};
-
 use base64::Engine;
 use serde_json::{Value, json};
 use whit::gltf::{self, LoadOptions, UnsupportedExtensions};
 use whit::mesh::Mesh;
 use whit::scene::{ExtensionSupport, Geometry, Instance, Scene};
 
-/// Returns the path of an asset; prints a message and returns `None` if it is absent.
-fn asset(name: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("WHIT_TEST_ASSETS").map_or_else(
-        || Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/assets/gltf"),
-        PathBuf::from,
-    );
-    let path = folder.join(name);
-    if path.exists() {
-        return Some(path);
-    }
-    println!("skipped: {} is not there", path.display());
-    None
-}
+use crate::support::assets::asset;
 
 /// Writes a file and loads it.
 fn load(root: &Value, options: &LoadOptions) -> Result<Scene, String> {

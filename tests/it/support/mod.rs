@@ -2,6 +2,7 @@
 //! runs of the program, and readers of its output.
 
 pub mod approx;
+pub mod assets;
 pub mod bodies;
 pub mod browser;
 pub mod checkerboards;

@@ -67,7 +67,7 @@ impl Version {
     }
 
     /// Returns the size of the shortest block of so many elements.
-    fn least_block_size(self, stride: usize, count: usize) -> usize {
+    fn min_block_size(self, stride: usize, count: usize) -> usize {
         match self {
             // Every group of every plane is zero
             Version::V0 => stride * Stream::header_size(count),
@@ -83,19 +83,19 @@ fn max_block_count(stride: usize) -> usize {
 }
 
 /// Returns the length of the shortest stream of the layout's elements in the version of `bytes`.
-pub(super) fn least_length(layout: &StreamLayout, bytes: &[u8]) -> Result<usize, MeshoptFault> {
+pub(super) fn min_length(layout: &StreamLayout, bytes: &[u8]) -> Result<usize, MeshoptFault> {
     let &StreamLayout { count, stride, .. } = layout;
     let version = Version::of(bytes)?;
     let block_count = max_block_count(stride);
-    let whole_blocks = (count / block_count).saturating_mul(version.least_block_size(stride, block_count));
+    let whole_blocks = (count / block_count).saturating_mul(version.min_block_size(stride, block_count));
     let last_block = match count % block_count {
         0 => 0,
-        rest => version.least_block_size(stride, rest),
+        rest => version.min_block_size(stride, rest),
     };
     Ok(whole_blocks.saturating_add(1 + last_block + version.padded_tail_size(stride)))
 }
 
-/// Returns the elements of a stream that has at least [`least_length`] bytes.
+/// Returns the elements of a stream that has at least [`min_length`] bytes.
 pub(super) fn decode(layout: &StreamLayout, bytes: &[u8]) -> Result<Vec<u8>, MeshoptFault> {
     let &StreamLayout { count, stride, .. } = layout;
     // Find the tail
@@ -284,11 +284,11 @@ mod tests {
     #[test]
     fn shortest_streams_have_only_zeros() {
         // Version 1: a header, a byte per block of 256 elements, a tail of 24 bytes
-        assert_eq!(least_length(&layout(1 << 20, 4), &[0xa1]), Ok(1 + 4096 + 24));
+        assert_eq!(min_length(&layout(1 << 20, 4), &[0xa1]), Ok(1 + 4096 + 24));
         // Version 0: four bytes per plane of 256 elements; of 32 elements of 256 bytes, one
-        assert_eq!(least_length(&layout(1 << 20, 4), &[0xa0]), Ok(1 + 4096 * 16 + 32));
-        assert_eq!(least_length(&layout(33, 256), &[0xa0]), Ok(1 + 2 * 256 + 256));
+        assert_eq!(min_length(&layout(1 << 20, 4), &[0xa0]), Ok(1 + 4096 * 16 + 32));
+        assert_eq!(min_length(&layout(33, 256), &[0xa0]), Ok(1 + 2 * 256 + 256));
         let shortest = one_channel(&[0xaa], 0);
-        assert_eq!(least_length(&layout(256, 4), &shortest), Ok(shortest.len()));
+        assert_eq!(min_length(&layout(256, 4), &shortest), Ok(shortest.len()));
     }
 }

@@ -10,11 +10,11 @@ const HEADER: u8 = 0xd1;
 const TAIL: usize = 4;
 
 /// Returns the length of the shortest stream of so many indices: one byte each.
-pub(super) fn least_length(count: usize) -> usize {
+pub(super) fn min_length(count: usize) -> usize {
     count.saturating_add(1 + TAIL)
 }
 
-/// Returns the indices of a stream that has at least [`least_length`] bytes.
+/// Returns the indices of a stream that has at least [`min_length`] bytes.
 pub(super) fn decode(layout: &StreamLayout, bytes: &[u8]) -> Result<Vec<u8>, MeshoptFault> {
     layout.check_header(bytes, HEADER)?;
     let codes = &bytes[1..bytes.len() - TAIL];

@@ -104,9 +104,9 @@ impl StreamLayout {
     /// Checks that so many bytes can encode all elements.
     fn check_length(&self, bytes: &[u8]) -> Result<(), MeshoptFault> {
         let least = match self.mode {
-            StreamMode::Attributes => attributes::least_length(self, bytes)?,
-            StreamMode::Triangles => triangles::least_length(self.count),
-            StreamMode::Indices => indices::least_length(self.count),
+            StreamMode::Attributes => attributes::min_length(self, bytes)?,
+            StreamMode::Triangles => triangles::min_length(self.count),
+            StreamMode::Indices => indices::min_length(self.count),
         };
         if bytes.len() < least {
             return Err(MeshoptFault::TooShort {

@@ -32,11 +32,11 @@ const IN_DATA: u8 = 0xf;
 const FIFO_SIZE: usize = 16;
 
 /// Returns the length of the shortest stream of so many indices: one byte per triangle.
-pub(super) fn least_length(index_count: usize) -> usize {
+pub(super) fn min_length(index_count: usize) -> usize {
     1 + index_count / 3 + TABLE_SIZE
 }
 
-/// Returns the indices of a stream that has at least [`least_length`] bytes.
+/// Returns the indices of a stream that has at least [`min_length`] bytes.
 pub(super) fn decode(layout: &StreamLayout, bytes: &[u8]) -> Result<Vec<u8>, MeshoptFault> {
     layout.check_header(bytes, HEADER)?;
     // Split the stream into codes, data and table

@@ -15,10 +15,15 @@ fn support(name: &str) -> ExtensionSupport {
         | "EXT_texture_webp"
         | "KHR_draco_mesh_compression"
         | "KHR_lights_punctual"
+        | "KHR_materials_anisotropy"
+        | "KHR_materials_clearcoat"
+        | "KHR_materials_diffuse_transmission"
         | "KHR_materials_dispersion"
         | "KHR_materials_emissive_strength"
         | "KHR_materials_ior"
+        | "KHR_materials_iridescence"
         | "KHR_materials_pbrSpecularGlossiness"
+        | "KHR_materials_sheen"
         | "KHR_materials_specular"
         | "KHR_materials_transmission"
         | "KHR_materials_unlit"
@@ -30,9 +35,6 @@ fn support(name: &str) -> ExtensionSupport {
         | "KHR_node_visibility"
         | "KHR_texture_transform" => ExtensionSupport::Honoured,
         "KHR_texture_basisu" if cfg!(feature = "basisu") => ExtensionSupport::Honoured,
-        "KHR_materials_diffuse_transmission" => {
-            ExtensionSupport::Approximated("its factors are used, its textures are not")
-        }
         // Metadata, interaction, sound, physics, and structures for programs that edit or stream. Of levels of detail
         // the finest is rendered; primitives that another one with restart indices may replace are rendered themselves.
         "AGI_articulations"
@@ -73,10 +75,6 @@ fn support(name: &str) -> ExtensionSupport {
 /// Returns what an image lacks without the extension.
 fn loss(name: &str) -> &'static str {
     match name {
-        "KHR_materials_anisotropy" => "highlights of brushed surfaces are round",
-        "KHR_materials_clearcoat" => "materials lack their clear coat",
-        "KHR_materials_iridescence" => "materials lack the colours of their thin film",
-        "KHR_materials_sheen" => "cloth lacks its sheen",
         "KHR_materials_volume_scatter" | "KHR_materials_subsurface" => {
             "light does not scatter inside materials"
         }

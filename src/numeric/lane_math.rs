@@ -1,9 +1,9 @@
-//! Trigonometric functions without branches and calls, which vectorise in loops over lanes.
+//! Trigonometric functions, exponential and logarithm without branches and calls, which vectorise in loops over lanes.
 //!
 //! Sources: the rational approximation of asin and the polynomials of sine and cosine of W. Cody and W. Waite, "Software
 //! Manual for the Elementary Functions", 1980, with the minimax coefficients of fdlibm (Sun Microsystems, 1993).
 
-use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, PI};
+use std::f64::consts::{FRAC_1_SQRT_2, FRAC_2_PI, FRAC_PI_2, LN_2, LOG2_E, PI};
 
 /// Returns the arc cosine of `x` in [-1, 1], in radians, with an error of at most 4 units in the last place of π.
 #[inline(always)]
@@ -79,6 +79,65 @@ pub(crate) fn sin_cos(x: f64) -> [f64; 2] {
     [a * sign(quadrant >> 1), b * sign((quadrant ^ quadrant >> 1) & 1)]
 }
 
+/// Returns e to the power `x`, with a relative error of at most 1e-13; 0 below -700, and the value at 700 above it.
+#[inline(always)]
+pub(crate) fn exp(x: f64) -> f64 {
+    /// Coefficients of the power series, 1 / n!.
+    const SERIES: [f64; 13] = [
+        1.0,
+        1.0,
+        1.0 / 2.0,
+        1.0 / 6.0,
+        1.0 / 24.0,
+        1.0 / 120.0,
+        1.0 / 720.0,
+        1.0 / 5_040.0,
+        1.0 / 40_320.0,
+        1.0 / 362_880.0,
+        1.0 / 3_628_800.0,
+        1.0 / 39_916_800.0,
+        1.0 / 479_001_600.0,
+    ];
+    /// First 32 bits of ln 2, whose products with exponents are exact, and the rest.
+    const LN_2_PARTS: [f64; 2] = [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10];
+    const LIMIT: f64 = 700.0;
+    // Reduce to half a binary step around 0
+    let bounded = x.clamp(-LIMIT, LIMIT);
+    let exponent = (bounded * LOG2_E).round_ties_even();
+    let rest = bounded - exponent * LN_2_PARTS[0] - exponent * LN_2_PARTS[1];
+    // Scale the series by the power of two
+    let scale = f64::from_bits(((exponent as i64 + 1023) as u64) << 52);
+    let value = polynomial(&SERIES, rest) * scale;
+    if x < -LIMIT { 0.0 } else { value }
+}
+
+/// Returns the natural logarithm of a positive and normal `x`, with an error of at most 1e-15 of the larger of its size
+/// and 1.
+#[inline(always)]
+pub(crate) fn ln(x: f64) -> f64 {
+    /// Coefficients of artanh(s) / s by s², 1 / (2 n + 1).
+    const SERIES: [f64; 11] = [
+        1.0,
+        1.0 / 3.0,
+        1.0 / 5.0,
+        1.0 / 7.0,
+        1.0 / 9.0,
+        1.0 / 11.0,
+        1.0 / 13.0,
+        1.0 / 15.0,
+        1.0 / 17.0,
+        1.0 / 19.0,
+        1.0 / 21.0,
+    ];
+    // Split into a power of two and a factor around 1
+    let shifted = x.to_bits().wrapping_sub(FRAC_1_SQRT_2.to_bits());
+    let exponent = (shifted as i64) >> 52;
+    let factor = f64::from_bits(x.to_bits().wrapping_sub((exponent << 52) as u64));
+    // The logarithm of the factor is 2 artanh((factor - 1) / (factor + 1))
+    let s = (factor - 1.0) / (factor + 1.0);
+    exponent as f64 * LN_2 + 2.0 * s * polynomial(&SERIES, s * s)
+}
+
 #[inline(always)]
 fn polynomial<const N: usize>(coefficients: &[f64; N], x: f64) -> f64 {
     let mut sum = 0.0;
@@ -91,6 +150,19 @@ fn polynomial<const N: usize>(coefficients: &[f64; N], x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn exponential_and_logarithm_equal_those_of_the_standard_library() {
+        for i in -70_000..=70_000 {
+            let x = f64::from(i) / 100.0;
+            assert!((exp(x) / x.exp() - 1.0).abs() < 1e-13, "{x}");
+            let y = (x / 2.0).exp();
+            let error = (ln(y) - y.ln()).abs();
+            assert!(error <= 1e-15 * y.ln().abs().max(1.0), "{y}: {error}");
+        }
+        assert_eq!((exp(0.0), ln(1.0), exp(-1e9)), (1.0, 0.0, 0.0));
+        assert_eq!(exp(1e9), exp(700.0));
+    }
 
     #[test]
     fn arc_cosine_equals_that_of_the_standard_library() {

@@ -69,11 +69,19 @@ pub enum Effect {
     Translucency,
     /// Multiple scattering between microfacets, and diffuse light less what the lobe takes.
     EnergyConservation,
+    /// Clear coats: transparent layers of their own roughness.
+    Clearcoat,
+    /// Sheen of cloth, by its fibres.
+    Sheen,
+    /// Lobes that are wider along one direction of the surface, as of brushed metal.
+    Anisotropy,
+    /// Colours of thin films, by interference.
+    Iridescence,
 }
 
 impl Effect {
     /// List of all effects in the order of reports.
-    pub const ALL: [Effect; 30] = [
+    pub const ALL: [Effect; 34] = [
         Effect::Shadow,
         Effect::TransparentShadow,
         Effect::Reflection,
@@ -104,6 +112,10 @@ impl Effect {
         Effect::Subsurface,
         Effect::Translucency,
         Effect::EnergyConservation,
+        Effect::Clearcoat,
+        Effect::Sheen,
+        Effect::Anisotropy,
+        Effect::Iridescence,
     ];
 
     /// Returns the effect's name on the command line and in reports.
@@ -139,6 +151,10 @@ impl Effect {
             Effect::Subsurface => "subsurface",
             Effect::Translucency => "translucency",
             Effect::EnergyConservation => "energy-conservation",
+            Effect::Clearcoat => "clearcoat",
+            Effect::Sheen => "sheen",
+            Effect::Anisotropy => "anisotropy",
+            Effect::Iridescence => "iridescence",
         }
     }
 
@@ -192,6 +208,10 @@ impl Effect {
             Effect::EnergyConservation => {
                 "rough metals are too dark, and dielectrics too bright at grazing angles"
             }
+            Effect::Clearcoat => "materials lack their clear coat",
+            Effect::Sheen => "cloth lacks its sheen",
+            Effect::Anisotropy => "highlights of brushed surfaces are round",
+            Effect::Iridescence => "thin films have no colours",
         }
     }
 
@@ -292,6 +312,15 @@ impl EffectSet {
             || self.has_lobes()
             || self.has(Effect::Subsurface)
             || self.has(Effect::Translucency)
+            || self.has_layers()
+            || self.has(Effect::Anisotropy)
+            || self.has(Effect::Iridescence)
+    }
+
+    /// Returns whether materials have layers above their base, which are shaded as surfaces of their own.
+    #[inline(always)]
+    pub(crate) const fn has_layers(self) -> bool {
+        self.has(Effect::Clearcoat) || self.has(Effect::Sheen)
     }
 
     /// Returns whether materials have no more than glTF's base colour, metalness and roughness, without emission or

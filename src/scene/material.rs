@@ -2,6 +2,7 @@
 //!
 //! A material input is a factor times the textures that are bound to it.
 
+use super::material_layer::{Anisotropy, Clearcoat, Iridescence, Sheen};
 use super::texture::MaterialInput;
 use super::{Scene, TextureBinding};
 use crate::optics::subsurface::Scattering;
@@ -30,6 +31,14 @@ pub struct Material {
     pub subsurface: Option<Scattering>,
     /// Diffuse transmission of a thin surface with glTF's model.
     pub translucency: Option<Translucency>,
+    /// Clear coat over a surface of glTF's model.
+    pub clearcoat: Option<Clearcoat>,
+    /// Sheen of a surface of glTF's model.
+    pub sheen: Option<Sheen>,
+    /// Anisotropy of the specular lobe of glTF's model.
+    pub anisotropy: Option<Anisotropy>,
+    /// Thin film on a surface of glTF's model.
+    pub iridescence: Option<Iridescence>,
 }
 
 /// Diffuse transmission of a thin surface (`KHR_materials_diffuse_transmission`).
@@ -198,6 +207,10 @@ impl Default for Material {
             interior: None,
             subsurface: None,
             translucency: None,
+            clearcoat: None,
+            sheen: None,
+            anisotropy: None,
+            iridescence: None,
         }
     }
 }
@@ -254,6 +267,17 @@ impl Material {
                 MaterialInput::Specular => model.specular != 0.0,
                 MaterialInput::SpecularColor => model.specular_color != [0.0; 3],
                 MaterialInput::Transmission => model.transmission != 0.0,
+                MaterialInput::Translucency | MaterialInput::TranslucencyColor => {
+                    self.translucent().is_some()
+                }
+                MaterialInput::Clearcoat | MaterialInput::ClearcoatNormal => self.coated().is_some(),
+                MaterialInput::ClearcoatRoughness => self.coated().is_some_and(|coat| coat.roughness != 0.0),
+                MaterialInput::SheenColor => self.sheening().is_some(),
+                MaterialInput::SheenRoughness => self.sheening().is_some_and(|sheen| sheen.roughness != 0.0),
+                MaterialInput::Anisotropy => self.anisotropic().is_some(),
+                MaterialInput::Iridescence | MaterialInput::IridescenceThickness => {
+                    self.iridescent().is_some()
+                }
                 _ => true,
             },
             (MaterialInput::SpecularColor, Model::Phong(phong)) => phong.specular != [0.0; 3],
@@ -295,7 +319,11 @@ impl Material {
     pub fn rough_rays(&self) -> u32 {
         match &self.model {
             // A texture multiplies the factor, so a factor of 0 stays smooth.
-            Model::MetallicRoughness(model) if model.roughness > 0.0 => model.rough_rays,
+            Model::MetallicRoughness(model) => {
+                let is_rough =
+                    model.roughness > 0.0 || self.coated().is_some_and(|coat| coat.roughness > 0.0);
+                if is_rough { model.rough_rays } else { 0 }
+            }
             _ => 0,
         }
     }
@@ -322,7 +350,13 @@ impl Material {
             Model::MetallicRoughness(model) => {
                 // Inputs whose textures may make the surface smoother
                 let smoother = [MaterialInput::MetallicRoughness, MaterialInput::Roughness];
-                model.roughness <= MIRROR_ROUGHNESS || smoother.into_iter().any(|p| self.layer(p).is_some())
+                let has_smooth_coat = self.coated().is_some_and(|coat| {
+                    coat.roughness <= MIRROR_ROUGHNESS
+                        || self.layer(MaterialInput::ClearcoatRoughness).is_some()
+                });
+                model.roughness <= MIRROR_ROUGHNESS
+                    || has_smooth_coat
+                    || smoother.into_iter().any(|p| self.layer(p).is_some())
             }
             Model::Phong(phong) => phong.reflection != [0.0; 3],
             Model::Unlit => false,

@@ -17,6 +17,7 @@ mod lens;
 mod lens_view;
 mod light;
 mod material;
+mod material_layer;
 pub(crate) mod mesh_cleanup;
 mod normalise;
 mod texture;
@@ -50,6 +51,7 @@ pub use material::{
     AlphaMode, DEFAULT_IOR, MAX_ROUGH_RAYS, MIRROR_ROUGHNESS, Material, Medium, MediumKind,
     MetallicRoughness, Model, Phong, Translucency,
 };
+pub use material_layer::{Anisotropy, Clearcoat, Iridescence, Sheen};
 pub use normalise::Normalisation;
 pub use texture::{
     Encoding, Filter, Image, MaterialInput, Pattern, Procedural, Sampler, Space, Texels, Texture,

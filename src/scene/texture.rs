@@ -53,6 +53,26 @@ pub enum MaterialInput {
     Normal,
     /// Height in R, whose slope tilts the normal.
     Bump,
+    /// Diffuse transmission of a thin surface, in A.
+    Translucency,
+    /// Colour of the diffusely transmitted light.
+    TranslucencyColor,
+    /// Coated fraction of the surface, in R.
+    Clearcoat,
+    /// Roughness of the coat, in G.
+    ClearcoatRoughness,
+    /// Tangent-space normal of the coat.
+    ClearcoatNormal,
+    /// Colour of the sheen.
+    SheenColor,
+    /// Roughness of the sheen, in A.
+    SheenRoughness,
+    /// Direction of anisotropy in RG (times 2 - 1), by tangent and bitangent, and its strength in B.
+    Anisotropy,
+    /// Weight of the thin film, in R.
+    Iridescence,
+    /// Thickness of the thin film, in G, from its smallest to its largest.
+    IridescenceThickness,
 }
 
 impl MaterialInput {
@@ -61,6 +81,13 @@ impl MaterialInput {
         match self {
             MaterialInput::Normal | MaterialInput::Bump => Effect::NormalMap,
             MaterialInput::Occlusion => Effect::Occlusion,
+            MaterialInput::Translucency | MaterialInput::TranslucencyColor => Effect::Translucency,
+            MaterialInput::Clearcoat | MaterialInput::ClearcoatRoughness | MaterialInput::ClearcoatNormal => {
+                Effect::Clearcoat
+            }
+            MaterialInput::SheenColor | MaterialInput::SheenRoughness => Effect::Sheen,
+            MaterialInput::Anisotropy => Effect::Anisotropy,
+            MaterialInput::Iridescence | MaterialInput::IridescenceThickness => Effect::Iridescence,
             _ => Effect::Texture,
         }
     }
@@ -68,15 +95,25 @@ impl MaterialInput {
     /// Returns the encoding of 8-bit images on this input.
     pub fn encoding(self) -> Encoding {
         match self {
-            MaterialInput::BaseColor | MaterialInput::Emission | MaterialInput::SpecularColor => {
-                Encoding::Srgb
-            }
+            MaterialInput::BaseColor
+            | MaterialInput::Emission
+            | MaterialInput::SpecularColor
+            | MaterialInput::TranslucencyColor
+            | MaterialInput::SheenColor => Encoding::Srgb,
             MaterialInput::Reflection | MaterialInput::Transmission => Encoding::Linear,
             MaterialInput::MetallicRoughness | MaterialInput::Roughness | MaterialInput::Metallic => {
                 Encoding::Linear
             }
             MaterialInput::Specular | MaterialInput::Occlusion => Encoding::Linear,
             MaterialInput::Normal | MaterialInput::Bump => Encoding::Linear,
+            MaterialInput::Translucency
+            | MaterialInput::Clearcoat
+            | MaterialInput::ClearcoatRoughness
+            | MaterialInput::ClearcoatNormal
+            | MaterialInput::SheenRoughness
+            | MaterialInput::Anisotropy
+            | MaterialInput::Iridescence
+            | MaterialInput::IridescenceThickness => Encoding::Linear,
         }
     }
 }

@@ -46,7 +46,39 @@ pub(crate) fn check_factors(material: &Material) -> Result<(), String> {
     if !is_radiance(&material.emission) {
         return Err("its emission is negative or not finite: correct the emission".into());
     }
+    check_layers(material)?;
     check_model(&material.model)
+}
+
+/// Checks the factors of layers and lobes of glTF's extensions.
+fn check_layers(material: &Material) -> Result<(), String> {
+    let is_fraction = |x: &f32| (0.0..=1.0).contains(x);
+    let is_length = |x: &f32| (0.0..f32::INFINITY).contains(x);
+    let coat = material
+        .clearcoat
+        .iter()
+        .all(|coat| is_fraction(&coat.factor) && is_fraction(&coat.roughness));
+    let sheen = material
+        .sheen
+        .iter()
+        .all(|sheen| sheen.color.iter().chain([&sheen.roughness]).all(is_fraction));
+    let lobe = material
+        .anisotropy
+        .iter()
+        .all(|lobe| is_fraction(&lobe.strength) && lobe.rotation.is_finite());
+    let film = material.iridescence.iter().all(|film| {
+        is_fraction(&film.factor) && (1.0..=16.0).contains(&film.ior) && film.thickness.iter().all(is_length)
+    });
+    let checks = [
+        (coat, "clear coat"),
+        (sheen, "sheen"),
+        (lobe, "anisotropy"),
+        (film, "iridescence"),
+    ];
+    match checks.into_iter().find(|(is_sound, _)| !is_sound) {
+        Some((_, name)) => Err(format!("a factor of its {name} is out of range: correct it")),
+        None => Ok(()),
+    }
 }
 
 fn check_model(model: &Model) -> Result<(), String> {
@@ -128,7 +160,15 @@ fn texel_ranges(material: &Material, parameter: MaterialInput) -> Vec<TexelRange
         // Opaque surfaces ignore their coverage, so it may have any value.
         MaterialInput::BaseColor if material.model == Model::Unlit => vec![light, finite(3..4)],
         MaterialInput::BaseColor => vec![fraction(0..3), finite(3..4)],
-        MaterialInput::Reflection | MaterialInput::Transmission => vec![fraction(0..3)],
+        MaterialInput::Reflection
+        | MaterialInput::Transmission
+        | MaterialInput::TranslucencyColor
+        | MaterialInput::SheenColor
+        | MaterialInput::Anisotropy => vec![fraction(0..3)],
+        MaterialInput::Translucency | MaterialInput::SheenRoughness => vec![fraction(3..4)],
+        MaterialInput::Clearcoat | MaterialInput::Iridescence => vec![fraction(0..1)],
+        MaterialInput::ClearcoatRoughness | MaterialInput::IridescenceThickness => vec![fraction(1..2)],
+        MaterialInput::ClearcoatNormal => vec![finite(0..3)],
     }
 }
 

@@ -20,10 +20,13 @@ use glam::DVec3;
 use crate::numeric::warp;
 use crate::optics;
 
-/// Isotropic GGX lobe of one roughness.
+/// GGX lobe of one roughness, which may be wider along x than along y.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ggx {
+    /// Width along x.
     alpha: f64,
+    /// Width along y over that along x: 1 for an isotropic lobe.
+    aspect: f64,
 }
 
 /// Direction sampled from a GGX lobe.
@@ -42,21 +45,30 @@ impl Ggx {
     pub fn from_roughness(roughness: f64) -> Ggx {
         Ggx {
             alpha: roughness * roughness,
+            aspect: 1.0,
+        }
+    }
+
+    /// Creates the lobe of these widths alpha along x and along y; the first must be positive.
+    pub fn anisotropic([along, across]: [f64; 2]) -> Ggx {
+        Ggx {
+            alpha: along,
+            aspect: across / along,
         }
     }
 
     /// Returns whether the lobe has zero width: it then reflects and refracts as a smooth surface does, and has no
     /// density.
     pub fn is_smooth(&self) -> bool {
-        self.alpha * self.alpha == 0.0
+        self.alpha * self.alpha * self.aspect == 0.0
     }
 
     /// Evaluates D: the area of microfacets of normal `m` per steradian and per area of the surface.
     #[inline(always)]
     pub fn distribution(&self, m: DVec3) -> f64 {
-        let squared = self.alpha * self.alpha;
+        let squared = self.alpha * self.alpha * self.aspect;
         // Written as sin² + α² cos², which has no cancellation.
-        let below = m.x * m.x + m.y * m.y + squared * m.z * m.z;
+        let below = m.x * m.x * self.aspect + m.y * m.y / self.aspect + squared * m.z * m.z;
         if m.z > 0.0 && squared > 0.0 {
             squared / (PI * below * below)
         } else {
@@ -69,7 +81,8 @@ impl Ggx {
     #[inline(always)]
     pub fn smith_g1(&self, w: DVec3) -> f64 {
         let cosine = w.z.abs();
-        let root = (self.alpha * self.alpha * (w.x * w.x + w.y * w.y) + w.z * w.z).sqrt();
+        let y = w.y * self.aspect;
+        let root = (self.alpha * self.alpha * (w.x * w.x + y * y) + w.z * w.z).sqrt();
         // Keep the root at least the cosine, also where squares underflow.
         let root = root.max(cosine);
         if cosine > 0.0 {
@@ -96,12 +109,13 @@ impl Ggx {
         // underflows.
         let scale = self.alpha.max(wo.z);
         let alpha = self.alpha / scale;
-        let seen = DVec3::new(alpha * wo.x, alpha * wo.y, wo.z / scale).normalize();
+        let seen = DVec3::new(alpha * wo.x, alpha * self.aspect * wo.y, wo.z / scale).normalize();
         // Sample the spherical cap of mirrored directions
         let cap = warp::direction(u[1] * (1.0 + seen.z), u[0]);
         // The half vector's z is (1 - u)(1 + z), free of cancellation; scale back to the unstretched space.
         let z = (1.0 - u[1]) * (1.0 + seen.z);
-        DVec3::new(self.alpha * (cap.x + seen.x), self.alpha * (cap.y + seen.y), z).normalize()
+        let across = self.alpha * self.aspect;
+        DVec3::new(self.alpha * (cap.x + seen.x), across * (cap.y + seen.y), z).normalize()
     }
 
     /// Evaluates the reflection lobe D G / (4 |n·wo| |n·wi|) without the Fresnel term: symmetric, per steradian.

@@ -1,6 +1,6 @@
 //! Materials of sixteen points: constant factors, which textures and vertex colours later multiply.
 
-use super::LobeAlbedo;
+use super::{LayerLanes, LobeAlbedo, SheenLanes};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{AlphaMode, Effect, EffectSet, Material, MetallicRoughness, Model, Phong, Translucency};
 
@@ -27,6 +27,10 @@ pub struct MaterialPacket {
     pub lobe: LobeAlbedo<Lanes<f32>>,
     /// Parameters that only few materials use.
     pub extended: ExtendedMaterialLanes,
+    /// Layers above the base; `None` unless an effect needs them.
+    pub layers: Option<Box<LayerLanes>>,
+    /// Sheen that is shaded instead of the model, set only where that layer is shaded.
+    pub sheen: Option<Box<SheenLanes>>,
     /// Index of refraction of a scattering interior, set only where irradiance that enters it is computed.
     pub entry_ior: Option<f32>,
 }
@@ -60,6 +64,18 @@ pub struct ExtendedMaterialLanes {
     pub same_side_diffuse: Lanes<f32>,
     /// Fraction of the diffuse light of a white thin surface that leaves on the other side, linear RGB.
     pub translucency: Lanes3<f32>,
+    /// Strength of the anisotropy of the lobe.
+    pub anisotropy: Lanes<f32>,
+    /// Unit vectors of the surfaces along which an anisotropic lobe is wider, perpendicular to the shading normals.
+    pub anisotropy_direction: Lanes3<f32>,
+    /// Weight of a thin film's reflectance.
+    pub film: Lanes<f32>,
+    /// Index of refraction of the film.
+    pub film_ior: Lanes<f32>,
+    /// Thickness of the film in nanometres.
+    pub film_thickness: Lanes<f32>,
+    /// Reflectance of the film towards the viewer, linear RGB; set with `lobe`.
+    pub film_reflectance: Lanes3<f32>,
 }
 
 /// Returns the reflectance of a dielectric at normal incidence in air.
@@ -76,6 +92,8 @@ impl MaterialPacket {
     pub const BLACK: MaterialPacket = MaterialPacket {
         effects: EffectSet::NONE,
         base_color: [[0.0; LANES]; 3],
+        layers: None,
+        sheen: None,
         entry_ior: None,
         alpha: [1.0; LANES],
         emission: [[0.0; LANES]; 3],
@@ -96,8 +114,23 @@ impl MaterialPacket {
             rough_rays: [0; LANES],
             same_side_diffuse: [1.0; LANES],
             translucency: [[0.0; LANES]; 3],
+            anisotropy: [0.0; LANES],
+            anisotropy_direction: [[0.0; LANES]; 3],
+            film: [0.0; LANES],
+            film_ior: [1.0; LANES],
+            film_thickness: [0.0; LANES],
+            film_reflectance: [[0.0; LANES]; 3],
         },
     };
+
+    /// Returns neutral parameters for the effects of a scene.
+    pub fn of_effects(effects: EffectSet) -> MaterialPacket {
+        MaterialPacket {
+            effects,
+            layers: effects.has_layers().then(|| Box::new(LayerLanes::NONE)),
+            ..MaterialPacket::BLACK
+        }
+    }
 
     /// Sets every lane to the factors of `material`.
     #[inline(always)]
@@ -249,6 +282,19 @@ impl MaterialPacket {
         extended.exponent[l] = factors.phong.exponent;
         extended.occlusion[l] = 1.0;
         extended.rough_rays[l] = factors.model.rough_rays;
+        if self.effects.has(Effect::Anisotropy) {
+            let lobe = factors.material.anisotropic();
+            extended.anisotropy[l] = lobe.map_or(0.0, |lobe| lobe.strength);
+        }
+        if self.effects.has(Effect::Iridescence) {
+            let film = factors.material.iridescent();
+            extended.film[l] = film.map_or(0.0, |film| film.factor);
+            extended.film_ior[l] = film.map_or(1.0, |film| film.ior);
+            extended.film_thickness[l] = film.map_or(0.0, |film| film.thickness[1]);
+        }
+        if let Some(layers) = &mut self.layers {
+            layers.set(l, factors.material, self.effects);
+        }
         // Set the parameters that have one value per colour channel
         for channel in 0..3 {
             extended.specular_color[channel][l] = if is_specular {

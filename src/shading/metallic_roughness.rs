@@ -13,8 +13,10 @@
 
 use std::f32::consts::PI;
 
+use super::layer::cosines;
 use super::material::{DEFAULT_F0, MaterialPacket};
-use crate::numeric::{LANES, Lanes3};
+use super::{LobeAlbedo, ThinFilm};
+use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, MIRROR_ROUGHNESS};
 
 impl MaterialPacket {
@@ -67,28 +69,113 @@ impl MaterialPacket {
         f0 + (self.f90::<EXTENDED>(l) - f0) * grazing
     }
 
+    /// Returns the Fresnel reflectance at this cosine of incidence: Schlick's, or that of a thin film.
+    #[inline(always)]
+    fn fresnel<const EXTENDED: bool>(&self, cosine: f32, l: usize) -> [f32; 3] {
+        let grazing = fifth_power(1.0 - cosine);
+        let schlick = std::array::from_fn(|channel| self.schlick::<EXTENDED>(grazing, channel, l));
+        if EXTENDED && self.effects.has(Effect::Iridescence) {
+            self.with_film(schlick, cosine, l)
+        } else {
+            schlick
+        }
+    }
+
+    /// Blends the reflectance of the thin film in lane `l` into `reflectance`, at this cosine of incidence.
+    #[inline(never)]
+    pub fn with_film(&self, reflectance: [f32; 3], cosine: f32, l: usize) -> [f32; 3] {
+        let weight = self.extended.film[l];
+        if !(weight > 0.0) {
+            return reflectance;
+        }
+        let film = self.film_reflectance(cosine, l);
+        std::array::from_fn(|c| reflectance[c] + weight * (film[c] - reflectance[c]))
+    }
+
+    /// Returns the reflectance of the thin film in lane `l` at this cosine of incidence.
+    fn film_reflectance(&self, cosine: f32, l: usize) -> [f32; 3] {
+        let film = ThinFilm {
+            ior: self.extended.film_ior[l].into(),
+            thickness: self.extended.film_thickness[l].into(),
+        };
+        let f0 = [0, 1, 2].map(|channel| f64::from(self.f0::<true>(channel, l)));
+        let cosine = f64::from(cosine.clamp(0.0, 1.0));
+        film.reflectance(cosine, f0).map(|x| x as f32)
+    }
+
+    /// Sets what depends on the viewers along `wo`: the albedo of the lobe and the reflectance of thin films.
+    #[inline(always)]
+    pub fn set_view(&mut self, ns: &Lanes3<f32>, wo: &Lanes3<f32>) {
+        if self.effects.has(Effect::Anisotropy) {
+            self.lobe = LobeAlbedo::of_packet(&self.mean_roughness(), ns, wo);
+        } else {
+            self.lobe = LobeAlbedo::of_packet(&self.roughness, ns, wo);
+        }
+        if self.effects.has(Effect::Iridescence) {
+            self.set_film_reflectance(ns, wo);
+        }
+    }
+
+    #[inline(never)]
+    fn set_film_reflectance(&mut self, ns: &Lanes3<f32>, wo: &Lanes3<f32>) {
+        let cosines = cosines(ns, wo);
+        for l in (0..LANES).filter(|&l| self.extended.film[l] > 0.0) {
+            let film = self.film_reflectance(cosines[l], l);
+            (0..3).for_each(|c| self.extended.film_reflectance[c][l] = film[c]);
+        }
+    }
+
+    /// Returns the roughness of isotropic lobes with the mean width of the anisotropic ones.
+    #[inline(never)]
+    fn mean_roughness(&self) -> Lanes<f32> {
+        std::array::from_fn(|l| {
+            let [along, across] = self.alphas(l);
+            (along * across).sqrt().sqrt()
+        })
+    }
+
+    /// Returns the widths alpha of the lobe in lane `l`: along the direction of anisotropy, and across.
+    #[inline(always)]
+    pub fn alphas(&self, l: usize) -> [f32; 2] {
+        let alpha = self.roughness[l] * self.roughness[l];
+        let strength = self.extended.anisotropy[l];
+        [alpha + (1.0 - alpha) * strength * strength, alpha]
+    }
+
+    /// Returns the reflectances at normal and at grazing incidence of the albedo of the lobe.
+    #[inline(always)]
+    fn albedo_reflectances<const EXTENDED: bool>(&self, channel: usize, l: usize) -> [f32; 2] {
+        let [f0, f90] = [self.f0::<EXTENDED>(channel, l), self.f90::<EXTENDED>(l)];
+        if EXTENDED && self.effects.has(Effect::Iridescence) {
+            let (weight, film) = (self.extended.film[l], self.extended.film_reflectance[channel][l]);
+            return [f0, f90].map(|x| x + weight * (film - x));
+        }
+        [f0, f90]
+    }
+
     /// Returns the factor by which light that scatters more than once between microfacets raises the lobe; 1 where
     /// only single scattering counts.
     #[inline(always)]
     fn multiple_scattering<const EXTENDED: bool>(&self, channel: usize, l: usize) -> f32 {
-        1.0 + self.f0::<EXTENDED>(channel, l) * self.lobe.loss[l]
+        let [f0, _] = self.albedo_reflectances::<EXTENDED>(channel, l);
+        1.0 + f0 * self.lobe.loss[l]
     }
 
     /// Returns the fraction of uniform light that the lobe reflects to the viewer; 0 where only single scattering
     /// counts.
     #[inline(always)]
     fn specular_albedo<const EXTENDED: bool>(&self, channel: usize, l: usize) -> f32 {
-        let single = self.f0::<EXTENDED>(channel, l) * self.lobe.normal[l]
-            + self.f90::<EXTENDED>(l) * self.lobe.grazing[l];
+        let [f0, f90] = self.albedo_reflectances::<EXTENDED>(channel, l);
+        let single = f0 * self.lobe.normal[l] + f90 * self.lobe.grazing[l];
         single * self.multiple_scattering::<EXTENDED>(channel, l)
     }
 
     /// Returns the weights of a ray that a microfacet of lane `l` reflects, at the cosine of incidence `cosine`:
     /// Schlick's Fresnel reflectance, with multiple scattering.
     pub fn microfacet_reflectance(&self, cosine: f32, l: usize) -> [f32; 3] {
-        let grazing = fifth_power(1.0 - cosine);
+        let reflectance = self.fresnel::<true>(cosine, l);
         let raised = self.multiple_scattering_factors(l);
-        std::array::from_fn(|channel| self.schlick::<true>(grazing, channel, l) * raised[channel])
+        std::array::from_fn(|channel| reflectance[channel] * raised[channel])
     }
 
     /// Returns the factors by which multiple scattering raises the lobe of lane `l`.
@@ -195,11 +282,19 @@ pub fn direct_of<const EXTENDED: bool>(
         ];
         let n_dot_h = dot(n, h);
         let alpha = material.roughness[l] * material.roughness[l];
-        let alpha_squared = alpha * alpha;
-        let denominator = dot(c, c) + alpha_squared * n_dot_h * n_dot_h;
+        let mut alpha_squared = alpha * alpha;
+        let mut denominator = dot(c, c) + alpha_squared * n_dot_h * n_dot_h;
         // Evaluate Smith's separable masking and shadowing
-        let shadowing_l = n_dot_l + (alpha_squared + (1.0 - alpha_squared) * n_dot_l * n_dot_l).sqrt();
-        let shadowing_v = n_dot_v + (alpha_squared + (1.0 - alpha_squared) * n_dot_v * n_dot_v).sqrt();
+        let mut shadowing_l = n_dot_l + (alpha_squared + (1.0 - alpha_squared) * n_dot_l * n_dot_l).sqrt();
+        let mut shadowing_v = n_dot_v + (alpha_squared + (1.0 - alpha_squared) * n_dot_v * n_dot_v).sqrt();
+        // Replace all by those of an anisotropic lobe
+        if EXTENDED && material.effects.has(Effect::Anisotropy) && material.extended.anisotropy[l] > 0.0 {
+            let lobe = AnisotropicLobe::of(material, n, l);
+            alpha_squared = lobe.along * lobe.across;
+            denominator = lobe.denominator(h, n_dot_h);
+            shadowing_l = n_dot_l + lobe.shadowing(i, n_dot_l);
+            shadowing_v = n_dot_v + lobe.shadowing(v, n_dot_v);
+        }
         let below = PI * denominator * denominator * shadowing_l * shadowing_v;
         // alpha = 0 is a mirror: a punctual light is never exactly in the mirror direction.
         let lobe = if n_dot_h > 0.0 && alpha_squared > 0.0 && below > 0.0 {
@@ -208,9 +303,9 @@ pub fn direct_of<const EXTENDED: bool>(
             0.0
         };
         // Blend diffuse and specular by Schlick's Fresnel term
-        let grazing = fifth_power(1.0 - v_dot_h);
+        let reflectance = material.fresnel::<EXTENDED>(v_dot_h, l);
         for channel in 0..3 {
-            let fresnel = material.schlick::<EXTENDED>(grazing, channel, l);
+            let fresnel = reflectance[channel];
             let taken = fresnel.max(material.specular_albedo::<EXTENDED>(channel, l));
             let diffuse = (1.0 - taken) * material.c_diff::<EXTENDED>(channel, l) * (1.0 / PI);
             let specular = fresnel * lobe * material.multiple_scattering::<EXTENDED>(channel, l);
@@ -277,9 +372,9 @@ pub fn mirror<const EXTENDED: bool>(
             0.0
         };
         // Take Schlick's reflectance, or kr in lanes of the Phong and Whitted model
-        let grazing = fifth_power(1.0 - cosine.abs());
+        let fresnel = material.fresnel::<EXTENDED>(cosine.abs(), l);
         for channel in 0..3 {
-            let polished = smooth * material.schlick::<EXTENDED>(grazing, channel, l);
+            let polished = smooth * fresnel[channel];
             reflectance[channel][l] = if EXTENDED && material.extended.is_phong[l] {
                 material.extended.reflection[channel][l]
             } else {
@@ -288,6 +383,48 @@ pub fn mirror<const EXTENDED: bool>(
         }
     }
     (direction, reflectance)
+}
+
+/// Anisotropic GGX lobe of one surface.
+struct AnisotropicLobe {
+    /// Width alpha along the direction of anisotropy, and across it.
+    along: f32,
+    across: f32,
+    /// Unit vectors of the surface along the direction of anisotropy, and across it.
+    tangent: [f32; 3],
+    bitangent: [f32; 3],
+}
+
+impl AnisotropicLobe {
+    fn of(material: &MaterialPacket, n: [f32; 3], l: usize) -> AnisotropicLobe {
+        let [along, across] = material.alphas(l);
+        let t = material.extended.anisotropy_direction.map(|axis| axis[l]);
+        let bitangent = [
+            n[1] * t[2] - n[2] * t[1],
+            n[2] * t[0] - n[0] * t[2],
+            n[0] * t[1] - n[1] * t[0],
+        ];
+        AnisotropicLobe {
+            along,
+            across,
+            tangent: t,
+            bitangent,
+        }
+    }
+
+    /// Returns the root of the product of both widths over πD, for the half vector `h` of any length, times its square.
+    fn denominator(&self, h: [f32; 3], n_dot_h: f32) -> f32 {
+        let (t, b) = (dot(self.tangent, h), dot(self.bitangent, h));
+        let aspect = self.across / self.along;
+        t * t * aspect + b * b / aspect + self.along * self.across * n_dot_h * n_dot_h
+    }
+
+    /// Returns the root in Smith's masking of the direction `w`.
+    fn shadowing(&self, w: [f32; 3], n_dot_w: f32) -> f32 {
+        let t = self.along * dot(self.tangent, w);
+        let b = self.across * dot(self.bitangent, w);
+        (t * t + b * b + n_dot_w * n_dot_w).sqrt()
+    }
 }
 
 #[inline(always)]

@@ -6,6 +6,7 @@
 
 mod environment;
 mod ggx;
+mod layer;
 mod lobe_albedo;
 mod material;
 mod metallic_roughness;
@@ -13,21 +14,26 @@ pub mod normal_map;
 mod phong;
 mod punctual_light;
 pub mod ray_cone;
+mod sheen;
 mod subsurface_entry;
 #[cfg(test)]
 mod tests;
 mod texture;
+mod thin_film;
 
 pub use environment::{EnvironmentError, EnvironmentMap, EnvironmentSample};
 pub use ggx::{Ggx, LobeSample};
+pub use layer::LayerLanes;
 pub use lobe_albedo::LobeAlbedo;
 pub use material::{ExtendedMaterialLanes, MaterialPacket};
 pub use metallic_roughness::{diffuse_transmission, direct, direct_of, mirror};
 pub use phong::phong_direct;
 pub use punctual_light::{PunctualSample, sample_punctual_light};
+pub use sheen::SheenLanes;
 pub use subsurface_entry::transmitted_irradiance;
 pub use texture::{Footprint, TexturePoint, TextureSet, fold_constant_textures};
 pub(crate) use texture::{PacketLookup, UvPacket};
+pub use thin_film::ThinFilm;
 
 pub use crate::scene::{
     AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, ShapeLight, SphereLight,

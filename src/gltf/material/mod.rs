@@ -1,6 +1,7 @@
 //! Materials and their textures: glTF's metallic-roughness parameters and their extensions. Only what the scene uses is
 //! read.
 
+mod factors;
 mod image;
 pub(super) mod image_source;
 mod ktx2;
@@ -14,19 +15,14 @@ use std::collections::HashMap;
 use gltf::json;
 use json::texture::{MagFilter, MinFilter, WrappingMode};
 use json::validation::Checked;
-use serde_json::{Map, Value};
 
 use crate::gltf::GltfError;
 use crate::gltf::document::{GltfDocument, NO_IMAGE};
 use crate::gltf::extension::{Corrections, Extension};
+use crate::gltf::material::factors::surface;
 use crate::gltf::material::image_source::{ImageConversion, ImageSource};
-use crate::gltf::material::medium::interior;
-use crate::gltf::material::specular_glossiness::SpecularGlossiness;
 use crate::gltf::material::texture_slot::{TextureSlot, slots};
-use crate::scene::{
-    AlphaMode, Filter, Material, MaterialInput, MetallicRoughness, Model, Sampler, Texture, TextureBinding,
-    TextureUse, Translucency, Wrap,
-};
+use crate::scene::{Filter, Material, MaterialInput, Sampler, Texture, TextureBinding, TextureUse, Wrap};
 
 /// Collector of the materials, textures and images that the scene's meshes use, in the order of their first use.
 pub(in crate::gltf) struct Materials<'a> {
@@ -107,12 +103,6 @@ impl<'a> Materials<'a> {
             ));
         }
         let mut corrections = Corrections::default();
-        if has_diffuse_transmission_textures(source) {
-            self.warnings.push(format!(
-                "material `{name}` has textures of diffuse transmission, which are not supported: it is \
-                 rendered with its factors"
-            ));
-        }
         // Read the factors
         let mut material = Material {
             name,
@@ -208,14 +198,27 @@ impl GltfDocument {
         Ok(sets)
     }
 
-    /// Returns the texture coordinate set of a material's normal map, if it has one.
-    pub(in crate::gltf) fn normal_map_set(&self, material: Option<usize>) -> Result<Option<u32>, GltfError> {
+    /// Returns the texture coordinate set by which tangents of a material are computed, if it needs tangents: that of its
+    /// normal map, else of its anisotropy texture or the normal map of its coat, else the first set if its lobe is
+    /// anisotropic.
+    pub(in crate::gltf) fn tangent_set(&self, material: Option<usize>) -> Result<Option<u32>, GltfError> {
         let Some(number) = material else {
             return Ok(None);
         };
-        let slots = slots(self.material(number)?, &mut Corrections::default());
-        let normal = slots.iter().find(|slot| slot.parameter == MaterialInput::Normal);
-        Ok(normal.map(|slot| slot.tex_coord))
+        let (source, corrections) = (self.material(number)?, &mut Corrections::default());
+        let slots = slots(source, corrections);
+        let set_of = |input| {
+            let slot = slots.iter().find(|slot| slot.parameter == input);
+            slot.map(|slot| slot.tex_coord)
+        };
+        let inputs = [
+            MaterialInput::Normal,
+            MaterialInput::Anisotropy,
+            MaterialInput::ClearcoatNormal,
+        ];
+        let set = inputs.into_iter().find_map(set_of);
+        let is_anisotropic = surface(source, corrections).anisotropic().is_some();
+        Ok(set.or(is_anisotropic.then_some(0)))
     }
 
     fn material(&self, number: usize) -> Result<&json::Material, GltfError> {
@@ -270,121 +273,14 @@ fn image_of(texture: &json::Texture) -> Option<usize> {
     webp.or(basis).map(|image| image as usize).or(own)
 }
 
-/// Returns a material with the factors of `source`, without its name and its textures.
-fn surface(source: &json::Material, corrections: &mut Corrections) -> Material {
-    // Read the base colour and the coverage, all that an unlit surface has
-    let extensions = source.extensions.as_ref().map(|e| &e.others);
-    let pbr = &source.pbr_metallic_roughness;
-    let base_color = pbr
-        .base_color_factor
-        .0
-        .map(|x| corrections.within("baseColorFactor", f64::from(x), 0.0..=1.0, 0.0) as f32);
-    let alpha = alpha_mode(source, corrections);
-    if Extension::of(extensions, "KHR_materials_unlit", corrections).is_present() {
-        return Material {
-            model: Model::Unlit,
-            base_color,
-            alpha,
-            ..Material::default()
-        };
-    }
-    // Read the model and the emission
-    let specular_glossiness = SpecularGlossiness::read(extensions, corrections);
-    let model = match &specular_glossiness {
-        Some(source) => source.model(),
-        None => metallic_roughness(pbr, extensions, corrections),
-    };
-    let extension = Extension::of(extensions, "KHR_materials_emissive_strength", corrections);
-    let max = f64::from(f32::MAX);
-    let strength = extension.number("emissiveStrength", 1.0, 0.0..=max, corrections);
-    let emission = source.emissive_factor.0.map(|x| {
-        let x = corrections.within("emissiveFactor", f64::from(x), 0.0..=max, 0.0);
-        (x * strength).min(max) as f32
-    });
-    Material {
-        translucency: translucency(extensions, model.transmission, corrections),
-        interior: match &specular_glossiness {
-            Some(source) => Some(source.interior()),
-            None => interior(extensions, model.transmission > 0.0, corrections),
-        },
-        model: Model::MetallicRoughness(model),
-        base_color: specular_glossiness.map_or(base_color, |source| source.diffuse),
-        emission,
-        alpha,
-        ..Material::default()
-    }
-}
-
-fn metallic_roughness(
-    pbr: &json::material::PbrMetallicRoughness,
-    extensions: Option<&Map<String, Value>>,
-    corrections: &mut Corrections,
-) -> MetallicRoughness {
-    let mut core = |name, x: f32| corrections.within(name, f64::from(x), 0.0..=1.0, 0.0) as f32;
-    let metallic = core("metallicFactor", pbr.metallic_factor.0);
-    let roughness = core("roughnessFactor", pbr.roughness_factor.0);
-    let specular = Extension::of(extensions, "KHR_materials_specular", corrections);
-    let transmission = Extension::of(extensions, "KHR_materials_transmission", corrections);
-    let max = f64::from(f32::MAX);
-    let specular_color = specular.vector("specularColorFactor", [1.0; 3], 0.0..=max, corrections);
-    MetallicRoughness {
-        metallic,
-        roughness,
-        specular: specular.number("specularFactor", 1.0, 0.0..=1.0, corrections) as f32,
-        specular_color: specular_color.map(|x| x as f32),
-        transmission: transmission.number("transmissionFactor", 0.0, 0.0..=1.0, corrections) as f32,
-        ..MetallicRoughness::DEFAULT
-    }
-}
-
-/// Reads `KHR_materials_diffuse_transmission` without its textures. Specular transmission overrides it, as the
-/// extension defines for a factor of 1.
-fn translucency(
-    extensions: Option<&Map<String, Value>>,
-    transmission: f32,
-    corrections: &mut Corrections,
-) -> Option<Translucency> {
-    let diffuse = Extension::of(extensions, "KHR_materials_diffuse_transmission", corrections);
-    let factor = diffuse.number("diffuseTransmissionFactor", 0.0, 0.0..=1.0, corrections);
-    let color = diffuse.vector("diffuseTransmissionColorFactor", [1.0; 3], 0.0..=1.0, corrections);
-    (factor > 0.0 && transmission == 0.0).then(|| Translucency {
-        factor: factor as f32,
-        color: color.map(|x| x as f32),
-    })
-}
-
-/// Returns whether a material has textures of `KHR_materials_diffuse_transmission`.
-fn has_diffuse_transmission_textures(source: &json::Material) -> bool {
-    let extensions = source.extensions.as_ref();
-    let diffuse = extensions.and_then(|e| e.others.get("KHR_materials_diffuse_transmission"));
-    let names = ["diffuseTransmissionTexture", "diffuseTransmissionColorTexture"];
-    diffuse.is_some_and(|diffuse| names.iter().any(|name| diffuse.get(name).is_some()))
-}
-
-fn alpha_mode(source: &json::Material, corrections: &mut Corrections) -> AlphaMode {
-    match source.alpha_mode {
-        Checked::Valid(json::material::AlphaMode::Opaque) => AlphaMode::Opaque,
-        Checked::Valid(json::material::AlphaMode::Mask) => {
-            let cutoff = f64::from(source.alpha_cutoff.unwrap_or_default().0);
-            let max = f64::from(f32::MAX);
-            AlphaMode::Mask(corrections.within("alphaCutoff", cutoff, 0.0..=max, 0.5) as f32)
-        }
-        Checked::Valid(json::material::AlphaMode::Blend) => AlphaMode::Blend,
-        Checked::Invalid => {
-            corrections.note("alphaMode");
-            AlphaMode::Opaque
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use serde_json::json;
+    use serde_json::{Value, json};
 
     use super::*;
     use crate::gltf::document::of_json;
     use crate::optics::{Cauchy, Dispersion};
-    use crate::scene::UvTransform;
+    use crate::scene::{AlphaMode, MetallicRoughness, Model, Translucency, UvTransform};
 
     struct Found {
         material: Material,

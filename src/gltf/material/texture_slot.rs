@@ -137,29 +137,93 @@ fn extension_slots(
     extensions: Option<&Map<String, Value>>,
     corrections: &mut Corrections,
 ) -> Vec<TextureSlot> {
-    let textures = [
-        (
-            "KHR_materials_specular",
-            "specularTexture",
-            MaterialInput::Specular,
-        ),
-        (
-            "KHR_materials_transmission",
-            "transmissionTexture",
-            MaterialInput::Transmission,
-        ),
-    ];
     let mut slots = Vec::new();
-    for (name, texture, parameter) in textures {
+    for (name, texture, parameter) in EXTENSION_TEXTURES {
         let extension = Extension::of(extensions, name, corrections);
         let info = extension.texture(texture, corrections);
-        slots.extend(slot(parameter, &info, corrections));
+        let scale = match parameter {
+            MaterialInput::ClearcoatNormal => {
+                extension
+                    .nested(texture, corrections)
+                    .number("scale", 1.0, FINITE, corrections)
+            }
+            _ => 1.0,
+        };
+        slots.extend(slot(parameter, &info, corrections).map(|slot| TextureSlot {
+            strength: scale as f32,
+            ..slot
+        }));
     }
-    let specular = Extension::of(extensions, "KHR_materials_specular", corrections);
-    let info = specular.texture("specularColorTexture", corrections);
-    slots.extend(slot(MaterialInput::SpecularColor, &info, corrections));
     slots
 }
+
+/// Range of all finite numbers of f32.
+const FINITE: std::ops::RangeInclusive<f64> = -(f32::MAX as f64)..=f32::MAX as f64;
+
+/// Textures of extensions: name of the extension, name of the texture, and material input.
+const EXTENSION_TEXTURES: [(&str, &str, MaterialInput); 13] = [
+    (
+        "KHR_materials_specular",
+        "specularTexture",
+        MaterialInput::Specular,
+    ),
+    (
+        "KHR_materials_transmission",
+        "transmissionTexture",
+        MaterialInput::Transmission,
+    ),
+    (
+        "KHR_materials_specular",
+        "specularColorTexture",
+        MaterialInput::SpecularColor,
+    ),
+    (
+        TRANSLUCENCY,
+        "diffuseTransmissionTexture",
+        MaterialInput::Translucency,
+    ),
+    (
+        TRANSLUCENCY,
+        "diffuseTransmissionColorTexture",
+        MaterialInput::TranslucencyColor,
+    ),
+    (CLEARCOAT, "clearcoatTexture", MaterialInput::Clearcoat),
+    (
+        CLEARCOAT,
+        "clearcoatRoughnessTexture",
+        MaterialInput::ClearcoatRoughness,
+    ),
+    (
+        CLEARCOAT,
+        "clearcoatNormalTexture",
+        MaterialInput::ClearcoatNormal,
+    ),
+    (
+        "KHR_materials_sheen",
+        "sheenColorTexture",
+        MaterialInput::SheenColor,
+    ),
+    (
+        "KHR_materials_sheen",
+        "sheenRoughnessTexture",
+        MaterialInput::SheenRoughness,
+    ),
+    (
+        "KHR_materials_anisotropy",
+        "anisotropyTexture",
+        MaterialInput::Anisotropy,
+    ),
+    (IRIDESCENCE, "iridescenceTexture", MaterialInput::Iridescence),
+    (
+        IRIDESCENCE,
+        "iridescenceThicknessTexture",
+        MaterialInput::IridescenceThickness,
+    ),
+];
+
+const TRANSLUCENCY: &str = "KHR_materials_diffuse_transmission";
+const CLEARCOAT: &str = "KHR_materials_clearcoat";
+const IRIDESCENCE: &str = "KHR_materials_iridescence";
 
 /// Returns the transform and the coordinate set of `KHR_texture_transform`: scale, then rotation, then offset.
 ///
@@ -171,7 +235,6 @@ fn transform(
     tex_coord: u32,
     corrections: &mut Corrections,
 ) -> (UvTransform, u32) {
-    const FINITE: std::ops::RangeInclusive<f64> = -(f32::MAX as f64)..=f32::MAX as f64;
     let extension = Extension::of(extensions, "KHR_texture_transform", corrections);
     if !extension.is_present() {
         return (UvTransform::IDENTITY, tex_coord);

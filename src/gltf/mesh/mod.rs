@@ -189,14 +189,15 @@ impl PrimitiveReader<'_> {
                 .resize_with(mesh.tex_coords.len().max(set as usize + 1), Buffer::default);
             mesh.tex_coords[set as usize] = self.finite(values, "texture coordinates");
         }
-        // Read tangents for a normal map
-        match self.document.normal_map_set(material)? {
+        // Read tangents for normal maps and anisotropy
+        match self.document.tangent_set(material)? {
             Some(set) => self.read_tangents(mesh, set as usize),
             None => Ok(()),
         }
     }
 
-    /// Reads tangents for the normal map on a texture coordinate set; without the set in the mesh the map is left out.
+    /// Reads tangents for normal maps and anisotropy by a texture coordinate set; without the set in the mesh there are
+    /// none.
     fn read_tangents(&mut self, mesh: &mut Mesh, set: usize) -> Result<(), GltfError> {
         if mesh.tex_coords.get(set).is_none_or(|set| set.is_empty()) {
             return Ok(());

@@ -13,7 +13,7 @@ use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet, Light, LightKind};
 use crate::shading::{
-    LobeAlbedo, MaterialPacket, diffuse_transmission, direct_of, mirror, phong_direct, sample_punctual_light,
+    MaterialPacket, diffuse_transmission, direct_of, mirror, phong_direct, sample_punctual_light,
     transmitted_irradiance,
 };
 
@@ -113,7 +113,7 @@ pub(in crate::render) fn background_radiance(
 ))]
 pub(in crate::render) fn evaluate_lobe_albedo(surfaces: &mut Surfaces) {
     let points = &surfaces.points;
-    surfaces.materials.lobe = LobeAlbedo::of_packet(&surfaces.materials.roughness, &points.ns, &points.wo);
+    surfaces.materials.set_view(&points.ns, &points.wo);
 }
 
 /// Returns the weighted emission and ambient radiance of hits, and the weighted background of misses.
@@ -268,10 +268,12 @@ fn eval_direct<const EXTENDED: bool>(
     } else {
         EffectSet::NONE
     };
-    // Evaluate the BSDF, or the transmitted irradiance of a subsurface material
-    let mut reflected = match lit.materials.entry_ior {
-        Some(eta) if effects.has(Effect::Subsurface) => transmitted_irradiance(eta, &surfaces.ns, wi),
-        _ => direct_of::<EXTENDED>(lit.materials, &surfaces.ns, &surfaces.wo, wi),
+    // Evaluate the BSDF, or the transmitted irradiance of a subsurface material, or a layer of sheen
+    let materials = lit.materials;
+    let mut reflected = match (materials.entry_ior, &materials.sheen) {
+        (Some(eta), _) if effects.has(Effect::Subsurface) => transmitted_irradiance(eta, &surfaces.ns, wi),
+        (_, Some(sheen)) if effects.has(Effect::Sheen) => sheen.direct(&surfaces.ns, &surfaces.wo, wi),
+        _ => direct_of::<EXTENDED>(materials, &surfaces.ns, &surfaces.wo, wi),
     };
     // Replace lanes of the Phong model
     if effects.has(Effect::Phong) {

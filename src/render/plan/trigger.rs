@@ -246,6 +246,22 @@ pub const TRIGGERS: &[Trigger] = &[
     trigger(Effect::EnergyConservation, "diffuse light", |facts| {
         facts.material(is_diffuse, |_| "is diffuse under a reflection".into())
     }),
+    // Layers and lobes of glTF's extensions
+    trigger(Effect::Clearcoat, "clear coat", |facts| {
+        facts.material(|m| m.coated().is_some(), |_| "has a clear coat".into())
+    }),
+    trigger(Effect::Sheen, "sheen", |facts| {
+        facts.material(|m| m.sheening().is_some(), |_| "has sheen".into())
+    }),
+    trigger(Effect::Anisotropy, "anisotropy", |facts| {
+        facts.material(
+            |m| m.anisotropic().is_some(),
+            |_| "has an anisotropic lobe".into(),
+        )
+    }),
+    trigger(Effect::Iridescence, "iridescence", |facts| {
+        facts.material(|m| m.iridescent().is_some(), |_| "has a thin film".into())
+    }),
 ];
 
 /// Returns the reason why an effect is off without any active trigger.
@@ -284,6 +300,10 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::Subsurface => "no material has subsurface scattering".into(),
         Effect::Translucency => "no material transmits diffuse light".into(),
         Effect::EnergyConservation => "no material of glTF's model is rough or diffuse".into(),
+        Effect::Clearcoat => "no material has a clear coat".into(),
+        Effect::Sheen => "no material has sheen".into(),
+        Effect::Anisotropy => "no lobe is anisotropic".into(),
+        Effect::Iridescence => "no material has a thin film".into(),
     }
 }
 
@@ -353,7 +373,12 @@ fn phong_of(material: &Material) -> Option<&Phong> {
 
 /// Returns whether the material is glTF's and mirrors everywhere.
 fn is_smooth(material: &Material) -> bool {
-    matches!(&material.model, Model::MetallicRoughness(model) if model.roughness <= MIRROR_ROUGHNESS)
+    let has_smooth_coat = material
+        .coated()
+        .is_some_and(|coat| coat.roughness <= MIRROR_ROUGHNESS);
+    let is_smooth =
+        matches!(&material.model, Model::MetallicRoughness(model) if model.roughness <= MIRROR_ROUGHNESS);
+    is_smooth || has_smooth_coat
 }
 
 /// Returns whether a texture may make parts of the material mirror.
@@ -363,7 +388,9 @@ fn may_be_smooth(material: &Material) -> bool {
 
 /// Returns whether the material is glTF's and rough.
 fn is_rough(material: &Material) -> bool {
-    matches!(&material.model, Model::MetallicRoughness(model) if model.roughness > 0.0)
+    let has_rough_coat = material.coated().is_some_and(|coat| coat.roughness > 0.0);
+    let is_rough = matches!(&material.model, Model::MetallicRoughness(model) if model.roughness > 0.0);
+    is_rough || has_rough_coat
 }
 
 /// Returns whether the material is glTF's and reflects diffuse light. A texture multiplies the factors, so it can only

@@ -58,6 +58,7 @@ impl RenderContext<'_> {
             && (self.disperses(boundary.crossing.before) || self.disperses(boundary.crossing.after));
         BoundaryHit {
             points,
+            materials,
             l,
             pixel: traced.pixel[l],
             weight: std::array::from_fn(|c| traced.weight[c][l]),
@@ -261,11 +262,19 @@ impl ShadingState<'_, '_> {
             let nanometres = if wavelength > 0.0 { wavelength } else { LINE_D };
             // Divide light by Fresnel's equations
             let (reflectance, transmittance) = frame.fresnel_factors(boundary, facet.cos_i(), nanometres);
-            let (mirrored, through) = boundary_hit.tints.weights(reflectance, transmittance);
-            (0..3).for_each(|c| reflected[c] += color[c] * mirrored[c]);
-            // Spawn the refracted ray
+            let (mut mirrored, mut through) = boundary_hit.tints.weights(reflectance, transmittance);
             let etas =
                 [boundary.crossing.before, boundary.crossing.after].map(|body| frame.ior(body, nanometres));
+            if frame.effects().has(Effect::Iridescence) {
+                let film = boundary_hit.film_reflectance(reflectance, facet.cos_i(), etas);
+                for c in 0..3 {
+                    let rest = transmittance as f32;
+                    mirrored[c] *= film[c] / (reflectance as f32).max(f32::MIN_POSITIVE);
+                    through[c] *= if rest > 0.0 { (1.0 - film[c]) / rest } else { 1.0 };
+                }
+            }
+            (0..3).for_each(|c| reflected[c] += color[c] * mirrored[c]);
+            // Spawn the refracted ray
             let Some(scattered_ray) = facet.refracted(boundary, etas) else {
                 continue;
             };
@@ -330,6 +339,7 @@ impl ShadingState<'_, '_> {
 /// Ray at a boundary, with all that is needed to scatter it.
 pub(in crate::render) struct BoundaryHit<'a> {
     points: &'a SurfacePacket,
+    materials: &'a MaterialPacket,
     l: usize,
     pixel: u32,
     weight: [f32; 3],
@@ -344,6 +354,23 @@ pub(in crate::render) struct BoundaryHit<'a> {
     disperses: bool,
     /// True if the surface is smooth enough for mirror rays.
     is_smooth: bool,
+}
+
+impl BoundaryHit<'_> {
+    /// Returns the reflectance of the boundary with its thin film, if it has one, from that without it. A film reflects as
+    /// much light from inside as from the direction outside into which that light refracts.
+    #[inline(never)]
+    fn film_reflectance(&self, reflectance: f64, cos_i: f64, [eta_i, eta_t]: [f64; 2]) -> [f32; 3] {
+        let bare = [reflectance as f32; 3];
+        let ratio = (eta_i / eta_t).max(1.0);
+        let squared_sine = ratio * ratio * (1.0 - cos_i * cos_i);
+        // Nothing changes where all light is reflected
+        if squared_sine >= 1.0 || reflectance >= 1.0 {
+            return bare;
+        }
+        let cosine = (1.0 - squared_sine).sqrt();
+        self.materials.with_film(bare, cosine as f32, self.l)
+    }
 }
 
 /// Interface that scatters a ray: a smooth surface, or a microfacet of a rough one.

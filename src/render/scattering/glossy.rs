@@ -57,8 +57,9 @@ impl RenderContext<'_> {
     ) -> Option<GlossyLobe> {
         let points = &surfaces.points;
         let of = self.rough_rays(surfaces, arrival, l, stage);
-        let lobe = GlossyLobe::new(
-            surfaces.materials.roughness[l],
+        let lobe = GlossyLobe::of_material(
+            &surfaces.materials,
+            l,
             [n, points.geometric_normal(l)],
             -arrival.direction,
         )?;

@@ -6,7 +6,8 @@ use glam::{DMat3, DVec3};
 
 use super::boundary::Boundary;
 use crate::optics::{reflect, refract};
-use crate::shading::Ggx;
+use crate::scene::Effect;
+use crate::shading::{Ggx, MaterialPacket};
 
 /// Scattered ray, without its origin.
 pub(in crate::render) struct ScatteredRay {
@@ -47,10 +48,35 @@ impl GlossyLobe {
     /// is below the surface.
     pub(in crate::render) fn new(roughness: f32, [n, side]: [DVec3; 2], wo: DVec3) -> Option<GlossyLobe> {
         let (t, b) = n.any_orthonormal_pair();
-        let world_from_lobe = DMat3::from_cols(t, b, n);
+        let ggx = Ggx::from_roughness(f64::from(roughness));
+        GlossyLobe::in_frame(ggx, DMat3::from_cols(t, b, n), side, wo)
+    }
+
+    /// Returns the lobe of lane `l` of surfaces with unit normals `n`, which may be anisotropic, for light towards `wo`;
+    /// `None` if `wo` is below the surface.
+    pub(in crate::render) fn of_material(
+        materials: &MaterialPacket,
+        l: usize,
+        [n, side]: [DVec3; 2],
+        wo: DVec3,
+    ) -> Option<GlossyLobe> {
+        let extended = &materials.extended;
+        if materials.effects.has(Effect::Anisotropy) && extended.anisotropy[l] > 0.0 {
+            let direction = extended.anisotropy_direction.map(|axis| f64::from(axis[l]));
+            let direction = DVec3::from_array(direction);
+            if let Some(t) = (direction - n * n.dot(direction)).try_normalize() {
+                let ggx = Ggx::anisotropic(materials.alphas(l).map(f64::from));
+                return GlossyLobe::in_frame(ggx, DMat3::from_cols(t, n.cross(t), n), side, wo);
+            }
+        }
+        GlossyLobe::new(materials.roughness[l], [n, side], wo)
+    }
+
+    /// Returns a lobe by its rotation to world space; `None` if `wo` is below the surface.
+    fn in_frame(ggx: Ggx, world_from_lobe: DMat3, side: DVec3, wo: DVec3) -> Option<GlossyLobe> {
         let wo = world_from_lobe.transpose() * wo;
         (wo.z > 0.0).then(|| GlossyLobe {
-            ggx: Ggx::from_roughness(f64::from(roughness)),
+            ggx,
             world_from_lobe,
             wo,
             side,

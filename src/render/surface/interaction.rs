@@ -77,11 +77,12 @@ impl<'s> SurfaceScene<'s> {
         let views = scene.instances.iter().map(|instance| {
             let material = &scene.materials[instance.material as usize];
             let kind = kinds[instance.geometry as usize].clone();
+            let is_oriented = effects.has(Effect::Anisotropy) && material.anisotropic().is_some();
             let colored = matches!(&kind, InteractionKind::Mesh(mesh) if mesh.colors.is_some());
             InstanceView {
                 kind,
                 material: instance.material,
-                uniform: !(colored || varies(material) || everywhere),
+                uniform: !(colored || is_oriented || varies(material) || everywhere),
                 is_placed: !instance.is_identity(),
             }
         });
@@ -195,6 +196,9 @@ impl<'s> SurfaceScene<'s> {
         points.spawn();
         if self.needs_curvatures {
             self.compute_curvatures(packet, (gathered, points), curvatures);
+        }
+        if let Some(layers) = &mut materials.layers {
+            layers.coat_normal = points.ns;
         }
         // Evaluate materials, reusing a uniform one from the last packet
         match only {
@@ -393,15 +397,25 @@ impl Surfaces {
         Surfaces {
             gathered: FetchedVertices::new(),
             points: SurfacePacket::new(),
-            materials: MaterialPacket {
-                effects,
-                ..MaterialPacket::BLACK
-            },
+            materials: MaterialPacket::of_effects(effects),
             filled_for: None,
             textures: Box::new(TextureLanes::new()),
             curvatures: [0.0; LANES],
             texturing: Moment::Unknown,
         }
+    }
+
+    /// Sets points and materials to those of a layer above `base` with the shading normals `ns`.
+    pub(in crate::render) fn set_layer(
+        &mut self,
+        base: &Surfaces,
+        ns: Lanes3<f32>,
+        materials: MaterialPacket,
+    ) {
+        self.points = base.points.clone();
+        self.points.ns = ns;
+        self.materials = materials;
+        self.curvatures = base.curvatures;
     }
 }
 

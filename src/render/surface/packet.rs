@@ -8,6 +8,7 @@ use crate::numeric::{LANES, Lanes, Lanes3, offset_point, spawn_point};
 
 /// Sixteen surface interactions in world space, as structure of arrays. Lanes without a hit may hold any values,
 /// including NaN.
+#[derive(Clone)]
 pub(in crate::render) struct SurfacePacket {
     /// Lanes that hit a surface.
     pub(in crate::render) hit: Lanes<bool>,
@@ -55,6 +56,11 @@ impl SurfacePacket {
     /// Returns the unit shading normal of lane `l` on the side of the incident ray.
     pub(in crate::render) fn shading_normal(&self, l: usize) -> DVec3 {
         lane(&self.ns, l).as_dvec3().normalize()
+    }
+
+    /// Returns the cosines between the shading normals and the viewers, in [0, 1].
+    pub(in crate::render) fn viewing_cosines(&self) -> Lanes<f32> {
+        std::array::from_fn(|l| lane(&self.ns, l).dot(lane(&self.wo, l)).abs().min(1.0))
     }
 
     /// Returns whether the shading normal of lane `l` differs from the geometric normal.

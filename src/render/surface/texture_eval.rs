@@ -16,7 +16,7 @@ use super::uv_packet::FootprintPacket;
 use super::vertex_fetch::FetchedVertices;
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
-use crate::scene::{Effect, InstanceTransform, MaterialInput, Model, TextureBinding};
+use crate::scene::{Anisotropy, Effect, InstanceTransform, MaterialInput, Model, TextureBinding};
 use crate::shading::normal_map::{
     TangentFrame, TangentPacket, bend_packet_toward_viewer, bumped, transformed_derivatives,
 };
@@ -129,6 +129,7 @@ impl SurfaceScene<'_> {
             n: points.outward_normals(),
             lanes: [false; LANES],
         };
+        let mut directions = DEFAULT_DIRECTIONS;
         for layer in &material.layers {
             if !self.effects.has(layer.effect()) {
                 continue;
@@ -152,6 +153,19 @@ impl SurfaceScene<'_> {
                     scale(&mut materials.metallic, texels, 2, mask);
                 }
                 MaterialInput::Normal => self.map_normals(layer, texels, hits, points, &mut normals),
+                MaterialInput::Anisotropy => directions = *texels,
+                MaterialInput::ClearcoatNormal => {
+                    self.map_coat_normals(layer, texels, (hits, points), materials);
+                }
+                MaterialInput::IridescenceThickness => {
+                    let [thin, thick] = material.iridescent().map_or([0.0; 2], |film| film.thickness);
+                    for l in hits.lanes() {
+                        materials.extended.film_thickness[l] = thin + texels[l][1] * (thick - thin);
+                    }
+                }
+                input if input.effect() == Effect::Clearcoat || input.effect() == Effect::Sheen => {
+                    apply_layer(layer, texels, mask, materials);
+                }
                 _ => apply_extended(layer, texels, mask, &mut materials.extended),
             }
         }
@@ -165,7 +179,67 @@ impl SurfaceScene<'_> {
             }
         }
         if normals.lanes.contains(&true) {
-            points.bend(&normals);
+            points.ns = points.bent(&normals);
+        }
+        if let Some(lobe) = material
+            .anisotropic()
+            .filter(|_| self.effects.has(Effect::Anisotropy))
+        {
+            self.orient_lobes(lobe, &directions, (hits, points), materials);
+        }
+    }
+
+    /// Perturbs the normals of coats by a normal map of their own.
+    #[inline(never)]
+    fn map_coat_normals(
+        &self,
+        layer: &TextureBinding,
+        texels: &Lanes<[f32; 4]>,
+        (hits, points): (&MaterialHits, &SurfacePacket),
+        materials: &mut MaterialPacket,
+    ) {
+        let mut normals = PerturbedNormals {
+            n: points.outward_normals(),
+            lanes: [false; LANES],
+        };
+        self.map_normals(layer, texels, hits, points, &mut normals);
+        let bent = points.bent(&normals);
+        let Some(layers) = &mut materials.layers else {
+            return;
+        };
+        for l in hits.lanes() {
+            (0..3).for_each(|axis| layers.coat_normal[axis][l] = bent[axis][l]);
+        }
+    }
+
+    /// Sets the directions of anisotropic lobes from texels of directions and strengths. Lobes at hits without a tangent
+    /// become isotropic.
+    #[inline(never)]
+    fn orient_lobes(
+        &self,
+        lobe: &Anisotropy,
+        texels: &Lanes<[f32; 4]>,
+        (hits, points): (&MaterialHits, &SurfacePacket),
+        materials: &mut MaterialPacket,
+    ) {
+        let extended = &mut materials.extended;
+        let (sin, cos) = lobe.rotation.sin_cos();
+        for l in hits.lanes() {
+            // Rotate the direction in the tangent plane
+            let [x, y, strength, _] = texels[l];
+            let (x, y) = (2.0 * x - 1.0, 2.0 * y - 1.0);
+            let (x, y) = (f64::from(cos * x - sin * y), f64::from(sin * x + cos * y));
+            let n = points.shading_normal(l);
+            let pose = self.pose(hits.packet, l);
+            let frame = TexturedHit::new(self, (hits, points), l, &pose).surface_frame(n);
+            // Make it perpendicular to the shading normal
+            let direction = frame.and_then(|frame| {
+                let direction = frame.tangent * x + frame.bitangent * y;
+                (direction - n * n.dot(direction)).try_normalize()
+            });
+            extended.anisotropy[l] *= if direction.is_some() { strength } else { 0.0 };
+            let direction = direction.unwrap_or_default();
+            (0..3).for_each(|axis| extended.anisotropy_direction[axis][l] = direction[axis] as f32);
         }
     }
 
@@ -323,10 +397,10 @@ impl SurfacePacket {
         normals
     }
 
-    /// Sets the shading normals to those of `normals`, limited to directions that keep the surface visible to the
-    /// viewer.
+    /// Returns the shading normals with those of `normals` in their lanes, limited to directions that keep the surface
+    /// visible to the viewer.
     #[inline(always)]
-    fn bend(&mut self, normals: &PerturbedNormals) {
+    fn bent(&self, normals: &PerturbedNormals) -> Lanes3<f32> {
         let mut facing = normals.n;
         for axis in &mut facing {
             for l in 0..LANES {
@@ -334,15 +408,17 @@ impl SurfacePacket {
             }
         }
         let bent = bend_packet_toward_viewer(&facing, &self.ng, &self.wo);
+        let mut ns = self.ns;
         for axis in 0..3 {
             for l in 0..LANES {
-                self.ns[axis][l] = if normals.lanes[l] {
+                ns[axis][l] = if normals.lanes[l] {
                     bent[axis][l]
                 } else {
-                    self.ns[axis][l]
+                    ns[axis][l]
                 };
             }
         }
+        ns
     }
 }
 
@@ -423,6 +499,23 @@ impl<'a> TexturedHit<'a> {
         (uv_frame, at, footprint)
     }
 
+    /// Returns the tangent frame of the surface with the unit normal `n`: from the mesh, else from the first set of
+    /// texture coordinates.
+    fn surface_frame(&self, n: DVec3) -> Option<TangentFrame> {
+        let Some([x, y, z, handedness]) = self.view.tangent(self.packet, self.l) else {
+            let hits = (self.packet, self.points);
+            let derivatives = self.view.uv_frame(self.pose, 0, hits, self.l).derivatives;
+            return TangentFrame::from_derivatives(n, derivatives);
+        };
+        let tangent = DVec3::new(x.into(), y.into(), z.into());
+        let handedness = if self.pose.is_mirrored() {
+            -handedness
+        } else {
+            handedness
+        };
+        TangentFrame::from_tangent(n, self.pose.world_from_object().matrix3 * tangent, handedness)
+    }
+
     /// Returns the tangent frame of a normal map on the surface with the outward unit normal `n`, from the texture
     /// coordinates.
     fn tangent_frame(&self, layer: &TextureBinding, n: DVec3) -> Option<TangentFrame> {
@@ -473,6 +566,38 @@ fn apply_extended(
                 extended.occlusion[l] = 1.0 + layer.strength * (texels[l][0] - 1.0);
             }
         }
+        MaterialInput::Translucency => {
+            for l in (0..LANES).filter(|&l| mask[l]) {
+                let share = texels[l][3];
+                extended.same_side_diffuse[l] = 1.0 - share * (1.0 - extended.same_side_diffuse[l]);
+                (0..3).for_each(|c| extended.translucency[c][l] *= share);
+            }
+        }
+        MaterialInput::TranslucencyColor => tint(&mut extended.translucency, texels, mask),
+        MaterialInput::Iridescence => scale(&mut extended.film, texels, 0, mask),
         _ => {}
     }
 }
+
+/// Applies texels to a parameter of a layer.
+#[inline(never)]
+fn apply_layer(
+    layer: &TextureBinding,
+    texels: &Lanes<[f32; 4]>,
+    mask: &Lanes<bool>,
+    materials: &mut MaterialPacket,
+) {
+    let Some(layers) = &mut materials.layers else {
+        return;
+    };
+    match layer.parameter {
+        MaterialInput::Clearcoat => scale(&mut layers.coat, texels, 0, mask),
+        MaterialInput::ClearcoatRoughness => scale(&mut layers.coat_roughness, texels, 1, mask),
+        MaterialInput::SheenColor => tint(&mut layers.sheen.color, texels, mask),
+        MaterialInput::SheenRoughness => scale(&mut layers.sheen.roughness, texels, 3, mask),
+        _ => {}
+    }
+}
+
+/// Texels of a material without a texture of directions: along the tangent, with full strength.
+const DEFAULT_DIRECTIONS: Lanes<[f32; 4]> = [[1.0, 0.5, 1.0, 1.0]; LANES];

@@ -1,5 +1,6 @@
 //! Wavefront of a tile: ray queues, path states, and the shading of traced packets.
 
+mod layers;
 mod path_state;
 mod ray_queue;
 mod shading;

@@ -146,11 +146,26 @@ impl ShadingState<'_, '_> {
             .path_states
             .filter(|_| !BASIC && effects.has_transmission())
         {
+            None if !BASIC && effects.has_layers() => {
+                let below = self.shade_layers(effects, traced, surfaces, stage);
+                let traced = TracedPacket {
+                    weight: &below,
+                    ..*traced
+                };
+                self.shade_surfaces::<BASIC>(effects, &traced, surfaces, stage);
+            }
             None => self.shade_surfaces::<BASIC>(effects, traced, surfaces, stage),
             Some(path_states) => {
                 // Apply alpha and hidden boundaries, then shade what remains
-                let present = self.apply_alpha(traced, path_states, surfaces);
+                let mut present = self.apply_alpha(traced, path_states, surfaces);
                 self.meter.part(Category::Refraction);
+                if effects.has_layers() {
+                    let traced = TracedPacket {
+                        weight: &present,
+                        ..*traced
+                    };
+                    present = self.shade_layers(effects, &traced, surfaces, stage);
+                }
                 let traced = TracedPacket {
                     weight: &present,
                     ..*traced
@@ -253,7 +268,12 @@ impl ShadingState<'_, '_> {
 
     /// Queues mirror reflection rays that exceed the cut-off. Transmissive surfaces queue theirs in `refract_rays`.
     #[inline(never)]
-    fn reflect<const BASIC: bool>(&mut self, traced: TracedPacket, surfaces: &Surfaces, stage: BatchInfo) {
+    pub(in crate::render) fn reflect<const BASIC: bool>(
+        &mut self,
+        traced: TracedPacket,
+        surfaces: &Surfaces,
+        stage: BatchInfo,
+    ) {
         let mirrored = direct::reflection(&direct::ShadingContext::of(&traced, surfaces, &OnceCell::new()));
         let points = &surfaces.points;
         let needs_directions = self.effects::<BASIC>().has(Effect::Refraction);

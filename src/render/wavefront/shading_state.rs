@@ -26,6 +26,8 @@ pub(in crate::render) struct ShadingState<'f, 's> {
     pub(in crate::render) losses: TileTruncation,
     /// Surface interactions of shadow rays, in scenes with transparent shadows.
     pub(in crate::render) shadow_surfaces: Option<Box<Surfaces>>,
+    /// Layers above surfaces, in scenes with clear coats or sheen.
+    pub(in crate::render) layer_surfaces: Option<Box<Surfaces>>,
     /// Ray-marching state, in scenes with volumes or fog.
     pub(in crate::render) marches: Option<Box<MarchState<'s>>>,
 }
@@ -45,6 +47,10 @@ impl<'f, 's> ShadingState<'f, 's> {
             shadow_surfaces: frame
                 .effects()
                 .has(Effect::TransparentShadow)
+                .then(|| Box::new(Surfaces::new(frame.effects()))),
+            layer_surfaces: frame
+                .effects()
+                .has_layers()
                 .then(|| Box::new(Surfaces::new(frame.effects()))),
             marches: frame.marches().then(|| Box::new(MarchState::new(frame))),
         }

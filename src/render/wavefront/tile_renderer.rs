@@ -382,6 +382,12 @@ impl TileRenderer<'_, '_> {
             let behind = Effect::TransparentShadow.name();
             memory.add(behind, "points and materials", size_of::<Surfaces>());
         }
+        if outcome.layer_surfaces.is_some() {
+            let above = [Effect::Clearcoat, Effect::Sheen];
+            let above = above.into_iter().find(|&effect| self.frame.effects().has(effect));
+            let holder = above.unwrap_or(Effect::Sheen).name();
+            memory.add(holder, "points and materials", size_of::<Surfaces>());
+        }
         // Add volumes, film and AOVs
         outcome
             .marches

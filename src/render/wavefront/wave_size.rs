@@ -17,7 +17,12 @@ pub(in crate::render) fn camera_packets(scene: &Scene, effects: EffectSet) -> us
         .instances
         .iter()
         .map(|instance| &scene.materials[instance.material as usize]);
-    let max_rays = used.map(Material::rough_rays).max();
+    // A rough coat sends as many rays as the base below it
+    let rays = |material: &Material| {
+        let lobes = if material.coated().is_some() { 2 } else { 1 };
+        lobes * material.rough_rays()
+    };
+    let max_rays = used.map(rays).max();
     (WAVE / max_rays.unwrap_or(0).max(1) as usize).max(1)
 }
 

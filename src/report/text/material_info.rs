@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::optics::LINE_D;
 use crate::optics::subsurface::Dipole;
-use crate::scene::{Material, Model};
+use crate::scene::{Clearcoat, Iridescence, Material, Model, Sheen};
 
 /// Description of a material.
 #[derive(Clone, Debug, Serialize)]
@@ -36,12 +36,13 @@ impl MaterialInfo {
             Model::MetallicRoughness(m) => (
                 "metallic-roughness",
                 format!(
-                    "metallic {}, roughness {}{}, transmission {}{}",
+                    "metallic {}, roughness {}{}, transmission {}{}{}",
                     m.metallic,
                     m.roughness,
                     rough_rays(material),
                     m.transmission,
-                    scattering(material)
+                    scattering(material),
+                    layers(material)
                 ),
             ),
             Model::Phong(l) => (
@@ -90,6 +91,29 @@ fn scattering(material: &Material) -> String {
     surface.map_or_else(String::new, |surface| {
         format!(", translucency {}", surface.factor)
     })
+}
+
+/// Returns the description of layers and lobes of glTF's extensions; empty if there are none.
+fn layers(material: &Material) -> String {
+    let mut parts = Vec::new();
+    if let Some(coat) = material.coated() {
+        let Clearcoat { factor, roughness } = coat;
+        parts.push(format!(", clear coat {factor} of roughness {roughness}"));
+    }
+    if let Some(Sheen { color, roughness }) = material.sheening() {
+        parts.push(format!(", sheen {} of roughness {roughness}", rgb(*color)));
+    }
+    if let Some(lobe) = material.anisotropic() {
+        parts.push(format!(", anisotropy {}", lobe.strength));
+    }
+    if let Some(film) = material.iridescent() {
+        let [thin, thick] = film.thickness;
+        let Iridescence { factor, ior, .. } = film;
+        parts.push(format!(
+            ", iridescence {factor} of index {ior} and {thin} to {thick} nm"
+        ));
+    }
+    parts.concat()
 }
 
 /// Returns the number of rays into the rough lobe in words; empty if there are none.

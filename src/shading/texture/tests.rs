@@ -32,9 +32,7 @@ fn scene(texture: Texture, images: Vec<Image>, parameter: MaterialInput) -> Scen
                 texture: TextureUse::new(0),
                 strength: 1.0,
             }],
-            interior: None,
-            subsurface: None,
-            translucency: None,
+            ..Material::default()
         }],
         textures: vec![texture],
         images,

@@ -1,0 +1,108 @@
+//! Reflectance of a thin film on a surface (glTF's `KHR_materials_iridescence`).
+//!
+//! Light that a film reflects at its two faces interferes, which colours it. L. Belcour and P. Barla, "A Practical
+//! Extension to Microfacet Theory for the Modeling of Varying Iridescence" (SIGGRAPH 2017), integrate the spectrum
+//! in closed form: the sensitivities of an observer are Gaussians of the wave number, and each order of interference is
+//! their Fourier transform at the optical path difference. As the extension prescribes, the reflectances of both faces
+//! are Schlick's, polarisation is left out, phases shift by 0 or π, and the first two orders count. The base is a
+//! dielectric of the index that gives its reflectance at normal incidence.
+
+use std::f64::consts::{PI, TAU};
+
+use crate::numeric::lane_math::{exp, sin_cos};
+
+/// Thin film on a base, between air and the base.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThinFilm {
+    /// Index of refraction of the film, at least 1.
+    pub ior: f64,
+    /// Thickness of the film in nanometres.
+    pub thickness: f64,
+}
+
+/// Gaussian of a sensitivity: its height, its mean in radians per metre, and its variance.
+type Gaussian = [f64; 3];
+
+/// Gaussians of the CIE's sensitivities x, y and z; x has a second one.
+const SENSITIVITIES: [Gaussian; 3] = [
+    [5.4856e-13, 1.6810e6, 4.3278e9],
+    [4.4201e-13, 1.7953e6, 9.3046e9],
+    [5.2481e-13, 2.2084e6, 6.6121e9],
+];
+const SECOND_X: Gaussian = [9.7470e-14, 2.2399e6, 4.5282e9];
+
+/// Integral of y, which normalises the sensitivities.
+const INTEGRAL: f64 = 1.0685e-7;
+
+/// Linear RGB of ITU-R BT.709 from CIE XYZ, row by row.
+const RGB_FROM_XYZ: [[f64; 3]; 3] = [
+    [3.240_454_2, -1.537_138_5, -0.498_531_4],
+    [-0.969_266, 1.876_010_8, 0.041_556],
+    [0.055_643_4, -0.204_025_9, 1.057_225_2],
+];
+
+impl ThinFilm {
+    /// Returns the reflectance, linear RGB, of a film on a base of the reflectance `f0` at normal incidence, for light at
+    /// `cosine` to the normal, from 0 to 1. It is within [0, 1].
+    pub fn reflectance(&self, cosine: f64, f0: [f64; 3]) -> [f64; 3] {
+        /// Thickness below which a film fades to none, in nanometres.
+        const FADING: f64 = 0.03;
+        /// Limits of the product of both reflectances, which keep the series finite.
+        const PRODUCT: [f64; 2] = [1e-5, 0.9999];
+        let t = (self.thickness / FADING).clamp(0.0, 1.0);
+        let ior = 1.0 + (self.ior - 1.0) * t * t * (3.0 - 2.0 * t);
+        // Refract into the film
+        let cos_inside = (1.0 - (1.0 - cosine * cosine) / (ior * ior)).max(0.0).sqrt();
+        let first = schlick(normal_reflectance(ior, 1.0), cosine);
+        let passed = 1.0 - first;
+        let difference = 2.0 * ior * self.thickness * 1e-9 * cos_inside;
+        // Find the second face's reflectance and its phase, by channel
+        let base = f0.map(index_of);
+        let second = base.map(|index| schlick(normal_reflectance(index, ior), cos_inside));
+        let shift = base.map(|index| if index < ior { TAU } else { PI });
+        // Sum the orders of interference
+        let product = second.map(|second| (first * second).clamp(PRODUCT[0], PRODUCT[1]));
+        let inner: [f64; 3] = std::array::from_fn(|c| passed * passed * second[c] / (1.0 - product[c]));
+        let mut order = inner.map(|inner| inner - passed);
+        let mut reflectance = inner.map(|inner| first + inner);
+        for m in [1.0, 2.0] {
+            let sensitivity = sensitivity(m * difference, shift.map(|shift| m * shift));
+            for c in 0..3 {
+                order[c] *= product[c].sqrt();
+                reflectance[c] += 2.0 * order[c] * sensitivity[c];
+            }
+        }
+        reflectance.map(|x| x.clamp(0.0, 1.0))
+    }
+}
+
+/// Returns the reflectance at normal incidence between two media.
+fn normal_reflectance(inside: f64, outside: f64) -> f64 {
+    let ratio = (inside - outside) / (inside + outside);
+    ratio * ratio
+}
+
+/// Returns the index of refraction of the dielectric with this reflectance at normal incidence in air.
+fn index_of(f0: f64) -> f64 {
+    /// Largest reflectance, whose index is finite.
+    const MAX: f64 = 0.9999;
+    let root = f0.clamp(0.0, MAX).sqrt();
+    (1.0 + root) / (1.0 - root)
+}
+
+fn schlick(f0: f64, cosine: f64) -> f64 {
+    f0 + (1.0 - f0) * (1.0 - cosine).powi(5)
+}
+
+/// Returns the transform of the observer's sensitivities at an optical path difference in metres, with a phase shift for
+/// each of the three sensitivities, as linear RGB.
+fn sensitivity(difference: f64, shift: [f64; 3]) -> [f64; 3] {
+    let phase = TAU * difference;
+    let transform = |[height, mean, variance]: Gaussian, shift: f64| {
+        let [_, cosine] = sin_cos(mean * phase + shift);
+        height * (TAU * variance).sqrt() * cosine * exp(-variance * phase * phase) / INTEGRAL
+    };
+    let mut xyz: [f64; 3] = std::array::from_fn(|c| transform(SENSITIVITIES[c], shift[c]));
+    xyz[0] += transform(SECOND_X, shift[0]);
+    RGB_FROM_XYZ.map(|row| row[0] * xyz[0] + row[1] * xyz[1] + row[2] * xyz[2])
+}

@@ -186,20 +186,26 @@ mod tests {
     fn only_ignored_extensions_are_warned_about() {
         let used = json!([
             "KHR_xmp_json_ld",
-            "KHR_materials_sheen",
+            "KHR_materials_subsurface",
             "KHR_materials_ior",
             "KHR_materials_ior"
         ]);
         let found = find(used, json!([]), UnsupportedExtensions::Warn);
         let support: Vec<ExtensionSupport> = found.uses.unwrap().iter().map(|u| u.support).collect();
-        let sheen = ExtensionSupport::Ignored("cloth lacks its sheen");
+        let subsurface = ExtensionSupport::Ignored("light does not scatter inside materials");
         assert_eq!(
             support,
-            [ExtensionSupport::Honoured, sheen, ExtensionSupport::WithoutEffect]
+            [
+                ExtensionSupport::Honoured,
+                subsurface,
+                ExtensionSupport::WithoutEffect
+            ]
         );
         assert_eq!(
             found.warnings,
-            ["the extension KHR_materials_sheen is not supported: cloth lacks its sheen"]
+            [
+                "the extension KHR_materials_subsurface is not supported: light does not scatter inside materials"
+            ]
         );
     }
 
@@ -217,8 +223,8 @@ mod tests {
         assert_eq!(refused(json!([]), json!(["KHR_interactivity"]), warn), None);
         // The strict reading refuses extensions that are optional, too
         let strict = UnsupportedExtensions::Refuse;
-        let fault = refused(json!(["KHR_materials_sheen"]), json!([]), strict).unwrap();
-        assert!(fault.contains("KHR_materials_sheen"), "{fault}");
+        let fault = refused(json!(["KHR_materials_subsurface"]), json!([]), strict).unwrap();
+        assert!(fault.contains("KHR_materials_subsurface"), "{fault}");
         assert_eq!(
             refused(json!(["KHR_xmp", "KHR_materials_ior"]), json!([]), strict),
             None

@@ -20,7 +20,7 @@ use crate::accel::{Accel, Coherence, MAX_BATCH, RayPacket};
 use crate::numeric::{LANES, Lanes, Ray};
 use crate::optics::{InteriorStack, NestedInterior, SpectralSampler};
 use crate::scene::image_settings::Pattern;
-use crate::scene::{Background, Camera, CameraView, Effect, EffectSet, LensView, Scene, Shutter};
+use crate::scene::{Background, Camera, CameraView, Effect, EffectSet, Instance, LensView, Scene, Shutter};
 use crate::shading::ray_cone::RayCone;
 
 /// Largest number of surfaces that are crossed when the interiors around the camera are determined.
@@ -81,6 +81,10 @@ pub(super) struct RenderContext<'s> {
     /// Area lights, indexed like the lights of the scene (`None` for others); empty if no area light is simulated.
     pub(super) area_lights: Vec<Option<AreaLightSampler<'s>>>,
     pub(super) environment: Option<Environment>,
+    /// True if lobe rays and light samples of the environment map are combined, because both reach the map by the same
+    /// paths. Light samples pass straight through what refracts lobe rays, so scenes with refraction use lobe rays
+    /// alone.
+    pub(super) combines_samples: bool,
     /// Number of camera packets whose complete ray trees are traced before the next packets begin.
     pub(super) wave: usize,
     /// Objects with subsurface scattering, once their irradiance is computed.
@@ -152,6 +156,7 @@ impl<'s> RenderContext<'s> {
                 Vec::new()
             },
             environment: Environment::of(scene, effects),
+            combines_samples: RenderContext::may_combine_samples(scene, effects),
             wave: camera_packets(scene, effects),
             bodies: None,
         };
@@ -197,6 +202,14 @@ impl<'s> RenderContext<'s> {
     #[inline(always)]
     pub(super) fn effects(&self) -> EffectSet {
         self.plan.effects()
+    }
+
+    /// Returns whether lobe rays and light samples of the environment map reach it by the same paths.
+    fn may_combine_samples(scene: &Scene, effects: EffectSet) -> bool {
+        let needed = [Effect::RoughReflection, Effect::Environment, Effect::Shadow];
+        let transmits = |instance: &Instance| scene.materials[instance.material as usize].transmits();
+        let refracts = effects.has(Effect::Refraction) && scene.instances.iter().any(transmits);
+        needed.iter().all(|&effect| effects.has(effect)) && !refracts
     }
 
     /// Sets the ray cones of camera rays for `count` evenly distributed samples per pixel.

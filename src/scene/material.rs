@@ -2,6 +2,8 @@
 //!
 //! A material input is a factor times the textures that are bound to it.
 
+use std::collections::HashSet;
+
 use super::material_layer::{Anisotropy, Clearcoat, Iridescence, Sheen};
 use super::texture::MaterialInput;
 use super::{Scene, TextureBinding};
@@ -222,6 +224,10 @@ pub const MIRROR_ROUGHNESS: f32 = 0.1;
 /// Largest number of rays into one lobe. For more, samples per pixel serve as well.
 pub const MAX_ROUGH_RAYS: u32 = 256;
 
+/// Rays into the lobe of each rough surface that an environment map lights, unless the user or the material gives a
+/// number: with one, the samples of a pixel resolve the reflection, and smooth and rough surfaces cost the same.
+const ENVIRONMENT_ROUGH_RAYS: u32 = 1;
+
 /// Default index of refraction of a material, from glTF: that of window glass.
 pub const DEFAULT_IOR: f64 = 1.5;
 
@@ -235,13 +241,15 @@ impl Scene {
         }
     }
 
-    /// Sets the number of rays into the lobe of every material of the metallic-roughness model that sends none.
-    pub(crate) fn set_default_rough_rays(&mut self, rays: u32) {
-        for material in &mut self.materials {
+    /// Lets rough surfaces reflect the environment map: materials that send no rays into their lobes send one. Those whose
+    /// indices are in `exact` keep their number.
+    pub(crate) fn reflect_environment(&mut self, exact: &HashSet<u32>) {
+        for (index, material) in self.materials.iter_mut().enumerate() {
             if let Model::MetallicRoughness(model) = &mut material.model
                 && model.rough_rays == 0
+                && !exact.contains(&(index as u32))
             {
-                model.rough_rays = rays;
+                model.rough_rays = ENVIRONMENT_ROUGH_RAYS;
             }
         }
     }

@@ -57,7 +57,11 @@ impl Resolver {
             }
             // Check the material with its textures
             self.scene.check_material(&material).map_err(refuse)?;
-            materials.insert(name.clone(), self.scene.materials.len() as u32);
+            let index = self.scene.materials.len() as u32;
+            materials.insert(name.clone(), index);
+            if form.rough_rays.is_some() {
+                self.exact_rough_rays.insert(index);
+            }
             self.scene.materials.push(material);
         }
         Ok(materials)

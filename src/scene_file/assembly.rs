@@ -43,6 +43,8 @@ pub(super) struct Resolver {
     imports: HashMap<PathBuf, Rc<ObjectTree>>,
     words: HashMap<String, u32>,
     default_material: Option<u32>,
+    /// Materials that state the number of rays into their lobes.
+    pub(super) exact_rough_rays: HashSet<u32>,
     /// Time at which glTF animations are evaluated.
     pose: Option<AnimationTime>,
     variant: Option<String>,
@@ -82,6 +84,7 @@ impl Resolver {
             imports: HashMap::new(),
             words: HashMap::new(),
             default_material: None,
+            exact_rough_rays: HashSet::new(),
             group_count: 0,
         }
     }

@@ -45,6 +45,7 @@ impl MaterialForm {
             ..Material::default()
         };
         material.interior = self.interior(material.transmits())?;
+        self.add_layers(&mut material);
         Ok(material)
     }
 
@@ -137,7 +138,7 @@ impl MaterialForm {
     fn check_keys(&self) -> Result<(), String> {
         use ModelName::{MetallicRoughness, Phong};
         // List each key with the models that have it
-        let keys: [(bool, &str, &[ModelName]); 15] = [
+        let keys: [(bool, &str, &[ModelName]); 19] = [
             (self.ambient.is_some(), "ambient", &[Phong]),
             (self.diffuse.is_some(), "diffuse", &[Phong]),
             (self.exponent.is_some(), "exponent", &[Phong]),
@@ -165,6 +166,10 @@ impl MaterialForm {
                 &[MetallicRoughness],
             ),
             (self.occlusion.is_some(), "occlusion", &[Phong, MetallicRoughness]),
+            (self.clearcoat.is_some(), "clearcoat", &[MetallicRoughness]),
+            (self.sheen.is_some(), "sheen", &[MetallicRoughness]),
+            (self.anisotropy.is_some(), "anisotropy", &[MetallicRoughness]),
+            (self.iridescence.is_some(), "iridescence", &[MetallicRoughness]),
         ];
         for (given, key, models) in keys {
             if given && !models.contains(&self.model) {

@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::material_layer::{AnisotropyForm, ClearcoatForm, IridescenceForm, SheenForm};
 use super::medium::{CauchyForm, Glass, SellmeierForm};
 use super::scattering::SubsurfaceForm;
 use super::value::{Color, Located, NoValue, Param, Rgba, Textured};
@@ -97,6 +98,14 @@ pub(super) struct MaterialForm {
     pub(super) translucency: Option<Located<f32>>,
     /// Colour of the light that leaves on the other side; the base colour if absent.
     pub(super) translucency_color: Option<Located<Color>>,
+    /// A transparent layer of its own roughness over all else, such as lacquer.
+    pub(super) clearcoat: Option<ClearcoatForm>,
+    /// Light that the fibres of cloth scatter.
+    pub(super) sheen: Option<SheenForm>,
+    /// A lobe that is wider along one direction, as of brushed metal.
+    pub(super) anisotropy: Option<AnisotropyForm>,
+    /// A thin film whose reflections interfere, as of soap bubbles and oil.
+    pub(super) iridescence: Option<IridescenceForm>,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, JsonSchema)]

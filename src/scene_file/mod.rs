@@ -78,6 +78,7 @@ mod light;
 mod material;
 mod material_form;
 mod material_interior;
+mod material_layer;
 mod material_scattering;
 mod medium;
 pub(crate) mod node;
@@ -215,8 +216,12 @@ fn load_with(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<Scene
     let [include_count, gltf_count] = assembler.file_counts();
     let group_count = assembler.group_count;
     let environment_map = assembler.environment_map(&source, path, &document)?;
+    let exact_rough_rays = assembler.exact_rough_rays;
     let mut scene = assembler.scene;
     set_background(&mut scene, &document, (environment_map, path), &source)?;
+    if matches!(scene.background, Background::Environment { .. }) {
+        scene.reflect_environment(&exact_rough_rays);
+    }
     // Flatten the objects into instances
     flatten::flatten(&mut scene, &assembly, default_material)?;
     if scene.instances.iter().all(|i| i.material != default_material) {

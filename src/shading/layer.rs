@@ -91,3 +91,69 @@ pub(super) fn cosines(n: &Lanes3<f32>, wo: &Lanes3<f32>) -> Lanes<f32> {
         cosine.abs().min(1.0)
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use glam::DVec3;
+
+    use super::*;
+    use crate::numeric::SplitMix64;
+    use crate::scene::Clearcoat;
+    use crate::shading::direct;
+
+    /// Evaluates a coated white diffuse surface by `KHR_materials_clearcoat`: BRDF times cosine, over a base of
+    /// Lambert's law.
+    fn specified(coat: &Clearcoat, base: f64, [n, v, l]: [DVec3; 3]) -> f64 {
+        let h = (v + l).normalize();
+        let alpha = f64::from(coat.roughness).powi(2);
+        let squared = alpha * alpha;
+        let d = squared / (PI * (n.dot(h).powi(2) * (squared - 1.0) + 1.0).powi(2));
+        let smith = |cos: f64| cos + (squared + (1.0 - squared) * cos * cos).sqrt();
+        let lobe = d / (smith(n.dot(v)) * smith(n.dot(l)));
+        let fresnel = 0.04 + 0.96 * (1.0 - n.dot(v)).powi(5);
+        let weight = f64::from(coat.factor) * fresnel;
+        base * (1.0 - weight) + lobe * n.dot(l) * weight
+    }
+
+    #[test]
+    fn coated_surface_is_that_of_the_extension() {
+        let mut random = SplitMix64::new(0, 11);
+        let mut checked = 0;
+        for _ in 0..10_000 {
+            let coat = Clearcoat {
+                factor: random.unit() as f32,
+                roughness: random.within(0.1, 1.0) as f32,
+            };
+            let [n, v, l] = [0; 3].map(|_| random.direction().as_vec3().as_dvec3());
+            if n.dot(v) < 0.02 || n.dot(l) < 0.02 {
+                continue;
+            }
+            let lanes = |v: DVec3| v.to_array().map(|axis| [axis as f32; LANES]);
+            let effects = EffectSet::NONE.with(Effect::Clearcoat);
+            let mut base = MaterialPacket::of_effects(effects);
+            let material = Material {
+                clearcoat: Some(coat),
+                ..Material::metallic_roughness([1.0; 3], 0.0, 1.0)
+            };
+            base.set(0, &material);
+            let layers = base.layers.as_mut().unwrap();
+            layers.coat_normal = lanes(n);
+            let layers = layers.clone();
+            // Sum the base and the coat by their weights
+            let weight = f64::from(layers.coat_weights(&lanes(v))[0]);
+            let reflected =
+                |surface: &MaterialPacket| f64::from(direct(surface, &lanes(n), &lanes(v), &lanes(l))[0][0]);
+            let below = reflected(&base);
+            let found = below * (1.0 - weight) + reflected(&layers.coat_surface(&base)) * weight;
+            let expected = specified(&coat, below, [n, v, l]);
+            assert!(
+                (found - expected).abs() <= 1e-4 * expected,
+                "{coat:?}: {found}, not {expected}"
+            );
+            checked += 1;
+        }
+        assert!(checked > 2_000, "{checked}");
+    }
+}

@@ -130,7 +130,11 @@ impl MaterialPacket {
     fn mean_roughness(&self) -> Lanes<f32> {
         std::array::from_fn(|l| {
             let [along, across] = self.alphas(l);
-            (along * across).sqrt().sqrt()
+            if along == across {
+                self.roughness[l]
+            } else {
+                (along * across).sqrt().sqrt()
+            }
         })
     }
 
@@ -261,6 +265,21 @@ pub fn direct_of<const EXTENDED: bool>(
     wo: &Lanes3<f32>,
     wi: &Lanes3<f32>,
 ) -> Lanes3<f32> {
+    direct_combined::<EXTENDED>(material, ns, wo, wi, None)
+}
+
+/// Evaluates [`direct_of`] for light samples that are combined with rays into the lobe by the balance heuristic.
+///
+/// `ratios` holds the number of rays into the lobe over the number of light samples times their density per steradian;
+/// 0 where light samples alone represent the lobe.
+#[inline(always)]
+pub fn direct_combined<const EXTENDED: bool>(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+    wi: &Lanes3<f32>,
+    ratios: Option<&Lanes<f32>>,
+) -> Lanes3<f32> {
     let mut reflected = [[0.0; LANES]; 3];
     for l in 0..LANES {
         // Compute cosines and the half vector
@@ -297,11 +316,16 @@ pub fn direct_of<const EXTENDED: bool>(
         }
         let below = PI * denominator * denominator * shadowing_l * shadowing_v;
         // alpha = 0 is a mirror: a punctual light is never exactly in the mirror direction.
-        let lobe = if n_dot_h > 0.0 && alpha_squared > 0.0 && below > 0.0 {
+        let mut lobe = if n_dot_h > 0.0 && alpha_squared > 0.0 && below > 0.0 {
             alpha_squared * h_squared * h_squared / below
         } else {
             0.0
         };
+        // The density of a ray into the lobe is D G1(v) / (4 n·v)
+        if let Some(ratios) = ratios {
+            let share = 1.0 / (1.0 + ratios[l] * (0.5 * lobe * shadowing_l));
+            lobe *= if ratios[l] > 0.0 { share } else { 1.0 };
+        }
         // Blend diffuse and specular by Schlick's Fresnel term
         let reflectance = material.fresnel::<EXTENDED>(v_dot_h, l);
         for channel in 0..3 {

@@ -47,8 +47,8 @@ impl ThinFilm {
     pub fn reflectance(&self, cosine: f64, f0: [f64; 3]) -> [f64; 3] {
         /// Thickness below which a film fades to none, in nanometres.
         const FADING: f64 = 0.03;
-        /// Limits of the product of both reflectances, which keep the series finite.
-        const PRODUCT: [f64; 2] = [1e-5, 0.9999];
+        /// Largest product of both reflectances, which keeps the series finite.
+        const MAX_PRODUCT: f64 = 0.9999;
         let t = (self.thickness / FADING).clamp(0.0, 1.0);
         let ior = 1.0 + (self.ior - 1.0) * t * t * (3.0 - 2.0 * t);
         // Refract into the film
@@ -61,7 +61,7 @@ impl ThinFilm {
         let second = base.map(|index| schlick(normal_reflectance(index, ior), cos_inside));
         let shift = base.map(|index| if index < ior { TAU } else { PI });
         // Sum the orders of interference
-        let product = second.map(|second| (first * second).clamp(PRODUCT[0], PRODUCT[1]));
+        let product = second.map(|second| (first * second).min(MAX_PRODUCT));
         let inner: [f64; 3] = std::array::from_fn(|c| passed * passed * second[c] / (1.0 - product[c]));
         let mut order = inner.map(|inner| inner - passed);
         let mut reflectance = inner.map(|inner| first + inner);
@@ -105,4 +105,88 @@ fn sensitivity(difference: f64, shift: [f64; 3]) -> [f64; 3] {
     let mut xyz: [f64; 3] = std::array::from_fn(|c| transform(SENSITIVITIES[c], shift[c]));
     xyz[0] += transform(SECOND_X, shift[0]);
     RGB_FROM_XYZ.map(|row| row[0] * xyz[0] + row[1] * xyz[1] + row[2] * xyz[2])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::SplitMix64;
+
+    /// Evaluates the formulas as the extension writes them, for one channel's pair of base reflectance and phase shift.
+    fn specified(film: &ThinFilm, cosine: f64, f0: [f64; 3]) -> [f64; 3] {
+        let inside = (1.0 - (1.0 - cosine * cosine) / film.ior.powi(2)).sqrt();
+        let fresnel = |f0: f64, cosine: f64| f0 + (1.0 - f0) * (1.0 - cosine).powf(5.0);
+        let r0 = |to: f64, from: f64| ((to - from) / (to + from)).powf(2.0);
+        let r12 = fresnel(r0(film.ior, 1.0), cosine);
+        let base = f0.map(|f0| (1.0 + f0.sqrt()) / (1.0 - f0.sqrt()));
+        let r23 = base.map(|base| fresnel(r0(base, film.ior), inside));
+        let phi = base.map(|base| PI + if base < film.ior { PI } else { 0.0 });
+        let path = 2.0 * film.ior * film.thickness * 1e-9 * inside;
+        let sensed = |path: f64, shift: [f64; 3]| {
+            let phase = 2.0 * PI * path;
+            let wave = |value: f64, position: f64, variance: f64, shift: f64| {
+                value
+                    * (2.0 * PI * variance).sqrt()
+                    * (position * phase + shift).cos()
+                    * (-phase.powi(2) * variance).exp()
+            };
+            let x = wave(5.4856e-13, 1.6810e6, 4.3278e9, shift[0])
+                + wave(9.7470e-14, 2.2399e6, 4.5282e9, shift[0]);
+            let y = wave(4.4201e-13, 1.7953e6, 9.3046e9, shift[1]);
+            let z = wave(5.2481e-13, 2.2084e6, 6.6121e9, shift[2]);
+            RGB_FROM_XYZ.map(|m| (m[0] * x + m[1] * y + m[2] * z) / 1.0685e-7)
+        };
+        let t121 = (1.0 - r12).powi(2);
+        let [one, two] = [1.0, 2.0].map(|m| sensed(m * path, phi.map(|phi| m * phi)));
+        std::array::from_fn(|c| {
+            let r123 = (r12 * r23[c]).clamp(1e-5, 0.9999);
+            let rs = t121 * r23[c] / (1.0 - r123);
+            let c1 = (rs - (1.0 - r12)) * r123.sqrt();
+            let sum = r12 + rs + 2.0 * c1 * one[c] + 2.0 * c1 * r123.sqrt() * two[c];
+            sum.clamp(0.0, 1.0)
+        })
+    }
+
+    #[test]
+    fn reflectance_is_that_of_the_extension() {
+        let mut random = SplitMix64::new(0, 3);
+        for _ in 0..10_000 {
+            let film = ThinFilm {
+                ior: random.within(1.1, 2.5),
+                thickness: random.within(1.0, 2000.0),
+            };
+            let f0 = [0; 3].map(|_| random.within(0.02, 0.98));
+            let cosine = random.unit();
+            let (found, expected) = (film.reflectance(cosine, f0), specified(&film, cosine, f0));
+            for c in 0..3 {
+                assert!(
+                    (found[c] - expected[c]).abs() < 1e-9,
+                    "{film:?} {cosine} {f0:?}: {found:?} {expected:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn thick_films_reflect_the_sum_of_all_orders_without_interference() {
+        let film = ThinFilm {
+            ior: 1.4,
+            thickness: 1e5,
+        };
+        let (first, second) = ((0.4f64 / 2.4).powi(2), (0.6f64 / 3.4).powi(2));
+        let sum = first + (1.0 - first).powi(2) * second / (1.0 - first * second);
+        let base = (1.0f64 / 3.0).powi(2);
+        assert!((film.reflectance(1.0, [base; 3])[1] - sum).abs() < 1e-6);
+    }
+
+    #[test]
+    fn film_without_thickness_reflects_as_its_base() {
+        let film = ThinFilm {
+            ior: 1.8,
+            thickness: 0.0,
+        };
+        for f0 in [0.04, 0.3, 0.9] {
+            assert!((film.reflectance(1.0, [f0; 3])[0] - f0).abs() < 1e-12);
+        }
+    }
 }

@@ -1,5 +1,6 @@
 //! Environment map that is requested in place of a scene's background.
 
+use std::collections::HashSet;
 use std::fmt;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -11,10 +12,6 @@ use crate::gltf::LoadOptions;
 use crate::scene::{
     Background, BuiltInEnvironment, DEFAULT_LIGHT_SAMPLES, Effect, Encoding, Image, Light, LightKind, Scene,
 };
-
-/// Rays into the lobe of each rough surface that an environment map lights, unless the user or the material gives a
-/// number: with one, the samples of a pixel resolve the reflection, and smooth and rough surfaces cost the same.
-const ROUGH_RAYS: u32 = 1;
 
 /// Environment map in place of a scene's background, ambient light and default light.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,7 +87,7 @@ impl EnvironmentRequest {
             scale: self.scale,
             samples: DEFAULT_LIGHT_SAMPLES,
         };
-        scene.set_default_rough_rays(ROUGH_RAYS);
+        scene.reflect_environment(&HashSet::new());
         Ok(())
     }
 
@@ -201,7 +198,7 @@ mod tests {
             ..Scene::default()
         };
         scene.set_rough_rays(8);
-        scene.set_default_rough_rays(1);
+        scene.reflect_environment(&HashSet::new());
         assert_eq!(scene.materials[0].rough_rays(), 8);
     }
 }

@@ -280,7 +280,10 @@ mod tests {
     use super::*;
     use crate::gltf::document::of_json;
     use crate::optics::{Cauchy, Dispersion};
-    use crate::scene::{AlphaMode, MetallicRoughness, Model, Translucency, UvTransform};
+    use crate::scene::{
+        AlphaMode, Anisotropy, Clearcoat, Iridescence, MetallicRoughness, Model, Sheen, Translucency,
+        UvTransform,
+    };
 
     struct Found {
         material: Material,
@@ -473,14 +476,57 @@ mod tests {
         }));
         assert_eq!(pane.material.translucency, None);
         let veined = with_extensions(json!({
-            "KHR_materials_diffuse_transmission": {"diffuseTransmissionColorTexture": {"index": 1}}
+            "KHR_materials_diffuse_transmission": {
+                "diffuseTransmissionFactor": 1, "diffuseTransmissionColorTexture": {"index": 1}
+            }
         }));
-        assert_eq!((veined.material.translucency, veined.images), (None, vec![]));
-        assert!(
-            veined.warnings[0].contains("not supported"),
-            "{:?}",
-            veined.warnings
+        assert_eq!((veined.images, veined.warnings), (vec![1], vec![]));
+        assert!(veined.material.layer(MaterialInput::TranslucencyColor).is_some());
+    }
+
+    #[test]
+    fn layers_and_lobes_of_extensions_are_read_with_their_textures() {
+        let found = with_extensions(json!({
+            "KHR_materials_clearcoat": {"clearcoatFactor": 0.5, "clearcoatRoughnessFactor": 0.25,
+                "clearcoatTexture": {"index": 0}, "clearcoatRoughnessTexture": {"index": 1},
+                "clearcoatNormalTexture": {"index": 2, "scale": 2}},
+            "KHR_materials_sheen": {"sheenColorFactor": [1, 0.5, 0], "sheenRoughnessFactor": 0.75,
+                "sheenColorTexture": {"index": 3}, "sheenRoughnessTexture": {"index": 4}},
+            "KHR_materials_anisotropy": {"anisotropyStrength": 0.5, "anisotropyRotation": -2,
+                "anisotropyTexture": {"index": 5}},
+            "KHR_materials_iridescence": {"iridescenceFactor": 1, "iridescenceIor": 1.5,
+                "iridescenceThicknessMinimum": 200, "iridescenceThicknessMaximum": 600,
+                "iridescenceTexture": {"index": 6}, "iridescenceThicknessTexture": {"index": 7}}
+        }));
+        assert_eq!((found.warnings, found.images), (vec![], (0..8).collect()));
+        let material = found.material;
+        assert_eq!(
+            material.clearcoat,
+            Some(Clearcoat {
+                factor: 0.5,
+                roughness: 0.25
+            })
         );
+        let sheen = Sheen {
+            color: [1.0, 0.5, 0.0],
+            roughness: 0.75,
+        };
+        assert_eq!(material.sheen, Some(sheen));
+        assert_eq!(
+            material.anisotropy,
+            Some(Anisotropy {
+                strength: 0.5,
+                rotation: -2.0
+            })
+        );
+        let film = Iridescence {
+            factor: 1.0,
+            ior: 1.5,
+            thickness: [200.0, 600.0],
+        };
+        assert_eq!(material.iridescence, Some(film));
+        let coat_normal = material.layer(MaterialInput::ClearcoatNormal).unwrap();
+        assert_eq!(coat_normal.strength, 2.0);
     }
 
     #[test]
@@ -507,7 +553,7 @@ mod tests {
         let found = read(json!({
             "emissiveTexture": {"index": 0}, "occlusionTexture": {"index": 1, "strength": 0},
             "extensions": {
-                "KHR_materials_clearcoat": {"clearcoatFactor": 1, "clearcoatTexture": {"index": 2}},
+                "KHR_materials_clearcoat": {"clearcoatFactor": 0, "clearcoatTexture": {"index": 2}},
                 "KHR_materials_transmission": {"transmissionTexture": {"index": 3}},
                 "KHR_materials_specular": {"specularFactor": 0, "specularTexture": {"index": 4}}
             }

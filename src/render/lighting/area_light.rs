@@ -37,7 +37,7 @@ impl<'a> ShadingContext<'a> {
 
 /// Returns the materials for lights that rays can hit: without a specular lobe where a mirror ray or lobe rays sample
 /// it, and without the highlight where the Phong model has a reflected ray.
-fn without_sampled_lobes(materials: &MaterialPacket) -> MaterialPacket {
+pub(super) fn without_sampled_lobes(materials: &MaterialPacket) -> MaterialPacket {
     let mut without = materials.clone();
     for l in 0..LANES {
         // Mirror rays or lobe rays sample this lobe

@@ -2,16 +2,18 @@
 //!
 //! Rays that miss the scene see the background. With an environment map, surfaces also send shadow rays in directions
 //! that are importance-sampled by its radiance, with random numbers as for area lights ([`super::area_light`]). Surfaces
-//! that see the map by mirror rays or lobe rays leave out the specular lobe in these shadow rays, because it would
-//! count twice.
+//! that see the map by mirror rays leave out the specular lobe in these shadow rays, because it would count twice. Where
+//! rays into a lobe see the map, shadow rays and lobe rays share the lobe by the balance heuristic
+//! ([`RenderContext::combines_samples`]), or lobe rays have it alone.
 
 use super::super::context::RenderContext;
-use super::super::wavefront::{BatchInfo, ShadingState, TracedPacket};
+use super::super::wavefront::{BatchInfo, PathState, ShadingState, TracedPacket};
+use super::area_light::without_sampled_lobes;
 use super::direct::{IncidentLight, ShadingContext};
 use super::sample_index::SampleIndex;
-use crate::numeric::{LANES, Lanes3};
+use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Background, Effect};
-use crate::shading::EnvironmentMap;
+use crate::shading::{EnvironmentMap, MaterialPacket};
 
 impl RenderContext<'_> {
     /// Returns the background radiance in the directions of the rays of a packet.
@@ -36,10 +38,14 @@ impl RenderContext<'_> {
                 let Some(environment) = &self.environment else {
                     return seen;
                 };
+                let path_states = traced.path_states.filter(|_| self.combines_samples);
                 // Unused lanes of a packet may have no valid direction.
                 for l in (0..LANES).filter(|&l| traced.packet.active[l] != 0) {
-                    let radiance = environment.map().radiance(direction(l));
-                    (0..3).for_each(|c| seen[c][l] = radiance[c]);
+                    let direction = direction(l);
+                    let radiance = environment.map().radiance(direction);
+                    let density = path_states.map_or(f32::INFINITY, |states| states.density(l));
+                    let share = environment.share_of_lobe_ray(direction, density);
+                    (0..3).for_each(|c| seen[c][l] = radiance[c] * share);
                 }
             }
         }
@@ -59,33 +65,73 @@ impl ShadingState<'_, '_> {
         let Some(environment) = &frame.environment else {
             return;
         };
-        let lit = lit.without_sampled_lobes();
+        // Leave out the lobes that secondary rays have alone
+        let counts = frame
+            .combines_samples
+            .then(|| self.lobe_ray_counts(traced, lit, stage));
+        let materials = counts
+            .as_ref()
+            .map(|counts| without_single_lobes(lit.materials, counts));
+        let lit = match &materials {
+            Some(materials) => ShadingContext { materials, ..*lit },
+            None => lit.without_sampled_lobes(),
+        };
         for draw in environment.draws(stage.depth) {
-            let arrivals = self.sample_environment_light(environment.map(), (traced, &lit), draw);
+            let (mut arrivals, densities) =
+                self.sample_environment_light(environment.map(), (traced, &lit), draw);
+            arrivals.lobe_ratios = counts.map(|counts| std::array::from_fn(|l| counts[l] / densities[l]));
             let casts = frame.effects().has(Effect::Shadow);
             self.queue_shadow_rays(&arrivals, (traced, &lit), casts, stage);
         }
     }
 
-    /// Returns the incident light from one sampled direction at each surface.
+    /// Returns the numbers of rays into the lobes of the surfaces; 0 where a surface sends none.
+    fn lobe_ray_counts(&self, traced: &TracedPacket, lit: &ShadingContext, stage: BatchInfo) -> Lanes<f32> {
+        let frame = self.frame;
+        std::array::from_fn(|l| {
+            if !lit.materials.has_lobe(l) {
+                return 0.0;
+            }
+            let travel = traced
+                .path_states
+                .map_or(PathState::NONE, |states| states.lane(l));
+            frame.rough_rays(lit.materials, frame.depth_of(&travel, stage), l) as f32
+        })
+    }
+
+    /// Returns the incident light from one sampled direction at each surface, and the densities of the directions per
+    /// steradian times the number of samples.
     fn sample_environment_light(
         &self,
         map: &EnvironmentMap,
         (traced, lit): (&TracedPacket, &ShadingContext),
         draw: SampleIndex,
-    ) -> IncidentLight {
+    ) -> (IncidentLight, Lanes<f32>) {
         let mut arrivals = IncidentLight::NONE;
+        let mut densities = [1.0; LANES];
         for l in (0..LANES).filter(|&l| lit.points.hit[l]) {
             let Some(sample) = map.sample(self.numbers(traced, l, draw)) else {
                 continue;
             };
             // Divide by the density and the number of samples
-            let share = (sample.pdf * f64::from(draw.of)).recip() as f32;
+            let density = sample.pdf * f64::from(draw.of);
+            let share = density.recip() as f32;
+            densities[l] = density as f32;
             for axis in 0..3 {
                 arrivals.wi[axis][l] = sample.direction[axis] as f32;
                 arrivals.irradiance[axis][l] = sample.radiance[axis] * share;
             }
         }
-        arrivals
+        (arrivals, densities)
     }
+}
+
+/// Returns the materials without the lobes that secondary rays have alone: without a lobe where a mirror ray samples it,
+/// and without the highlight where the Phong model has a reflected ray. `counts` are the numbers of rays into lobes.
+fn without_single_lobes(materials: &MaterialPacket, counts: &Lanes<f32>) -> MaterialPacket {
+    let mut without = without_sampled_lobes(materials);
+    for l in (0..LANES).filter(|&l| counts[l] > 0.0) {
+        without.roughness[l] = materials.roughness[l];
+    }
+    without
 }

@@ -13,7 +13,7 @@ use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet, Light, LightKind};
 use crate::shading::{
-    MaterialPacket, diffuse_transmission, direct_of, mirror, phong_direct, sample_punctual_light,
+    MaterialPacket, diffuse_transmission, direct_combined, mirror, phong_direct, sample_punctual_light,
     transmitted_irradiance,
 };
 
@@ -53,6 +53,9 @@ pub(in crate::render) struct IncidentLight {
     pub(in crate::render) irradiance: Lanes3<f32>,
     /// Sampled light points; `None` if the light is infinitely far away.
     pub(in crate::render) from: Option<Lanes3<f64>>,
+    /// Numbers of lobe rays over the densities of light samples, where both are combined
+    /// ([`crate::shading::direct_combined`]).
+    pub(in crate::render) lobe_ratios: Option<Lanes<f32>>,
 }
 
 impl IncidentLight {
@@ -61,6 +64,7 @@ impl IncidentLight {
         wi: [[0.0; LANES]; 3],
         irradiance: [[0.0; LANES]; 3],
         from: None,
+        lobe_ratios: None,
     };
 }
 
@@ -198,7 +202,11 @@ fn sample_direct_lanes<const EXTENDED: bool>(
     let arriving = sample_punctual_light(light, &surfaces.p);
     let irradiance = |channel: usize, l: usize| light.intensity[channel] * arriving.attenuation[l];
     // Evaluate the reflected radiance and activate its lanes
-    let any = fill_shadow_rays::<EXTENDED>(lit, &arriving.wi, irradiance, (&mut *shadow_rays, radiance));
+    let directions = SampledDirections {
+        wi: &arriving.wi,
+        lobe_ratios: None,
+    };
+    let any = fill_shadow_rays::<EXTENDED>(lit, directions, irradiance, (&mut *shadow_rays, radiance));
     // Aim shadow rays at the light
     match light.kind {
         // Area lights are sampled point by point.
@@ -224,10 +232,14 @@ pub(in crate::render) fn sample_direct_area(
     radiance: &mut Lanes3<f32>,
 ) -> bool {
     let irradiance = |channel: usize, l: usize| arrivals.irradiance[channel][l];
+    let light = SampledDirections {
+        wi: &arrivals.wi,
+        lobe_ratios: arrivals.lobe_ratios.as_ref(),
+    };
     let any = if lit.materials.effects.needs_full_material() {
-        fill_shadow_rays::<true>(lit, &arrivals.wi, irradiance, (&mut *shadow_rays, radiance))
+        fill_shadow_rays::<true>(lit, light, irradiance, (&mut *shadow_rays, radiance))
     } else {
-        fill_shadow_rays::<false>(lit, &arrivals.wi, irradiance, (&mut *shadow_rays, radiance))
+        fill_shadow_rays::<false>(lit, light, irradiance, (&mut *shadow_rays, radiance))
     };
     match &arrivals.from {
         None => aim_along(&arrivals.wi, shadow_rays),
@@ -236,32 +248,42 @@ pub(in crate::render) fn sample_direct_area(
     any
 }
 
-/// Evaluates the light reflected from `wi` and sets the origins of the shadow rays. Returns whether any lane is
-/// active.
+/// Directions to lights from sixteen surfaces.
+#[derive(Clone, Copy)]
+struct SampledDirections<'a> {
+    /// Unit vectors towards the light.
+    wi: &'a Lanes3<f32>,
+    /// See [`IncidentLight::lobe_ratios`].
+    lobe_ratios: Option<&'a Lanes<f32>>,
+}
+
+/// Evaluates the light reflected from sampled directions and sets the origins of the shadow rays. Returns whether any
+/// lane is active.
 #[inline(always)]
 fn fill_shadow_rays<const EXTENDED: bool>(
     lit: &ShadingContext,
-    wi: &Lanes3<f32>,
+    light: SampledDirections,
     irradiance: impl Fn(usize, usize) -> f32,
     (shadow_rays, radiance): (&mut RayPacket, &mut Lanes3<f32>),
 ) -> bool {
     shadow_rays.origin = lit.points.origin;
-    let any = eval_direct::<EXTENDED>(lit, wi, irradiance, (&mut *shadow_rays, radiance));
+    let any = eval_direct::<EXTENDED>(lit, light, irradiance, (&mut *shadow_rays, radiance));
     if EXTENDED {
-        start_behind(lit, wi, shadow_rays);
+        start_behind(lit, light.wi, shadow_rays);
     }
     any
 }
 
-/// Evaluates the weighted BSDF for light from `wi`; a lane's shadow ray is active where the result is not zero.
+/// Evaluates the weighted BSDF for sampled directions; a lane's shadow ray is active where the result is not zero.
 /// Returns whether any lane is active.
 #[inline(always)]
 fn eval_direct<const EXTENDED: bool>(
     lit: &ShadingContext,
-    wi: &Lanes3<f32>,
+    light: SampledDirections,
     irradiance: impl Fn(usize, usize) -> f32,
     (shadow_rays, radiance): (&mut RayPacket, &mut Lanes3<f32>),
 ) -> bool {
+    let SampledDirections { wi, lobe_ratios } = light;
     let surfaces = lit.points;
     let effects = if EXTENDED {
         lit.materials.effects
@@ -273,7 +295,7 @@ fn eval_direct<const EXTENDED: bool>(
     let mut reflected = match (materials.entry_ior, &materials.sheen) {
         (Some(eta), _) if effects.has(Effect::Subsurface) => transmitted_irradiance(eta, &surfaces.ns, wi),
         (_, Some(sheen)) if effects.has(Effect::Sheen) => sheen.direct(&surfaces.ns, &surfaces.wo, wi),
-        _ => direct_of::<EXTENDED>(materials, &surfaces.ns, &surfaces.wo, wi),
+        _ => direct_combined::<EXTENDED>(materials, &surfaces.ns, &surfaces.wo, wi, lobe_ratios),
     };
     // Replace lanes of the Phong model
     if effects.has(Effect::Phong) {

@@ -1,5 +1,7 @@
 //! Environment map of a scene, prepared for sampling.
 
+use glam::DVec3;
+
 use super::super::sampler::Purpose;
 use super::sample_index::SampleIndex;
 use crate::image::LinearImage;
@@ -22,6 +24,17 @@ impl Environment {
         let of = self.samples;
         let purpose = Purpose::LIGHT.nested(ENVIRONMENT_LIGHT).nested(depth);
         (0..of).map(move |number| SampleIndex { purpose, number, of })
+    }
+
+    /// Returns the weight of the map's radiance along a ray whose direction was sampled from a lobe with this density per
+    /// steradian, by the balance heuristic with the light samples; 1 for an infinite density.
+    pub(in crate::render) fn share_of_lobe_ray(&self, direction: DVec3, density: f32) -> f32 {
+        if density == f32::INFINITY {
+            return 1.0;
+        }
+        let by_light = self.map.pdf(direction) * f64::from(self.samples);
+        let density = f64::from(density);
+        (density / (density + by_light)) as f32
     }
 
     /// Returns the map and its sampling tables.

@@ -443,6 +443,7 @@ impl SmoothInterface {
             cosines: [self.cos_i(), direction.dot(self.n).abs()],
             share: 1.0,
             spread: 0.0,
+            density: f64::INFINITY,
         }
     }
 

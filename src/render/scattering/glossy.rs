@@ -9,8 +9,10 @@
 //! count as separate samples, so that their light samples are stratified as well.
 //!
 //! No light counts twice. Shadow rays sample lights that rays cannot hit, and the whole lobe reflects them. Light
-//! that rays can hit (the environment map, emissive objects and lit surfaces) reaches the lobe by lobe rays alone.
-//! The ambient term keeps its diffuse part.
+//! that rays can hit (emissive objects and lit surfaces) reaches the lobe by lobe rays alone. Light of the environment
+//! map reaches the lobe of an opaque surface both by lobe rays and by light samples, each weighted by the balance
+//! heuristic (E. Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, section 9.2); with refraction
+//! in the scene it does so by lobe rays alone. The ambient term keeps its diffuse part.
 //!
 //! Rays of one lobe start at one point with similar directions, so they are put into the same packet. Because one hit
 //! may send many rays, a wave has fewer camera packets, which keeps queues as small as without lobes. The weight
@@ -30,20 +32,25 @@ use super::dielectric::Interface;
 use super::microfacet::GlossyLobe;
 use crate::numeric::{LANES, Lanes3, Ray};
 use crate::scene::Effect;
+use crate::shading::MaterialPacket;
 
 impl RenderContext<'_> {
-    /// Returns the number of microfacets that a path samples at the surface in lane `l`: the material's number at
-    /// depth 0, otherwise 1.
-    fn rough_rays(&self, surfaces: &Surfaces, travel: &PathState, l: usize, stage: BatchInfo) -> u32 {
-        let depth = if self.effects().has_transmission() {
+    /// Returns the number of microfacets that a path samples in lane `l` of `materials`, at a surface that is `depth`
+    /// bounces from the camera: the material's number at depth 0, otherwise 1.
+    pub(in crate::render) fn rough_rays(&self, materials: &MaterialPacket, depth: u32, l: usize) -> u32 {
+        if depth == 0 {
+            materials.extended.rough_rays[l]
+        } else {
+            1
+        }
+    }
+
+    /// Returns the number of bounces from the camera to the surfaces of a batch, for a path with the state `travel`.
+    pub(in crate::render) fn depth_of(&self, travel: &PathState, stage: BatchInfo) -> u32 {
+        if self.effects().has_transmission() {
             travel.depth
         } else {
             stage.depth
-        };
-        if depth == 0 {
-            surfaces.materials.extended.rough_rays[l]
-        } else {
-            1
         }
     }
 
@@ -56,7 +63,7 @@ impl RenderContext<'_> {
         (l, stage): (usize, BatchInfo),
     ) -> Option<GlossyLobe> {
         let points = &surfaces.points;
-        let of = self.rough_rays(surfaces, arrival, l, stage);
+        let of = self.rough_rays(&surfaces.materials, self.depth_of(arrival, stage), l);
         let lobe = GlossyLobe::of_material(
             &surfaces.materials,
             l,
@@ -132,6 +139,7 @@ impl ShadingState<'_, '_> {
                     depth: arrival.depth + 1,
                     direction: scattered_ray.direction,
                     cone: cone.spread_by(scattered_ray.spread),
+                    density: scattered_ray.density as f32,
                     ..arrival.one_of(number, lobe.of)
                 }),
             };

@@ -19,6 +19,8 @@ pub(in crate::render) struct ScatteredRay {
     pub(in crate::render) share: f32,
     /// Increase of the spread of the ray cone, from the width of the lobe.
     pub(in crate::render) spread: f64,
+    /// Density of the direction per steradian, times the number of rays into the lobe; infinite for a smooth surface.
+    pub(in crate::render) density: f64,
 }
 
 /// Lobe of a rough surface for one incident direction.
@@ -102,6 +104,7 @@ impl GlossyLobe {
             cosines,
             share: (visible / f64::from(self.of)) as f32,
             spread: spread(pdf * self.of_pixel),
+            density: pdf * f64::from(self.of),
         })
     }
 }

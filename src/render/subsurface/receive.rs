@@ -85,7 +85,7 @@ struct Receiver<'f, 's> {
 
 impl<'f, 's> Receiver<'f, 's> {
     fn new(frame: &'f RenderContext<'s>, irradiance_points: &'f IrradiancePoints) -> Receiver<'f, 's> {
-        let mut path_states = PathStates::new(frame.effects(), frame.tracks_cones());
+        let mut path_states = PathStates::new(frame.effects(), frame.combines_samples);
         path_states.resize(1);
         let eta = irradiance_points.scattering.eta;
         let even = std::f64::consts::PI * diffuse_transmittance(eta);

@@ -31,6 +31,9 @@ pub(in crate::render) struct PathState {
     pub(in crate::render) split: u32,
     /// Time of the rays, as in [`crate::numeric::Ray::time`].
     pub(in crate::render) time: f32,
+    /// Density per steradian of the rays into the lobe that the direction was sampled from, times their number;
+    /// infinite for other directions.
+    pub(in crate::render) density: f32,
 }
 
 impl PathState {
@@ -47,6 +50,7 @@ impl PathState {
         sample: 0,
         split: 1,
         time: 0.0,
+        density: f32::INFINITY,
     };
 }
 
@@ -72,21 +76,23 @@ pub(in crate::render) struct PathStates {
     sample: OptionalArray<u32>,
     split: OptionalArray<u32>,
     time: OptionalArray<f32>,
+    density: OptionalArray<f32>,
     packet_count: usize,
 }
 
 impl PathStates {
     /// Returns empty arrays for these effects, and for ray cones if paths carry them.
-    pub(in crate::render) fn new(effects: EffectSet, tracks_cones: bool) -> PathStates {
+    pub(in crate::render) fn new(effects: EffectSet, combines_samples: bool) -> PathStates {
         PathStates {
             depth: OptionalArray::new(effects.has_transmission()),
             wavelength: OptionalArray::new(effects.has(Effect::Dispersion)),
             direction: OptionalArray::new(effects.has(Effect::Refraction)),
             media: InteriorArray::new(effects),
-            cone: OptionalArray::new(tracks_cones),
+            cone: OptionalArray::new(effects.tracks_cones()),
             sample: OptionalArray::new(effects.samples_light()),
             split: OptionalArray::new(effects.has_lobes()),
             time: OptionalArray::new(effects.has(Effect::MotionBlur)),
+            density: OptionalArray::new(combines_samples),
             packet_count: 0,
         }
     }
@@ -124,6 +130,7 @@ impl PathStates {
         self.sample.resize(packets, 0);
         self.split.resize(packets, PathState::NONE.split);
         self.time.resize(packets, 0.0);
+        self.density.resize(packets, PathState::NONE.density);
     }
 
     /// Sets the state of lane `l` of packet `packet`.
@@ -136,6 +143,7 @@ impl PathStates {
         self.sample.set(packet, l, travel.sample);
         self.split.set(packet, l, travel.split);
         self.time.set(packet, l, travel.time);
+        self.density.set(packet, l, travel.density);
     }
 
     /// Sets the states of packet `packet`, whose paths have not begun, to those of camera rays.
@@ -173,6 +181,7 @@ impl PathStates {
             false => Effect::RoughRefraction,
         };
         memory.add(lobes.name(), "rays of lobes", self.split.byte_count());
+        memory.add(lobes.name(), "densities of lobes", self.density.byte_count());
         memory.add(
             Effect::MotionBlur.name(),
             "times of paths",
@@ -209,6 +218,7 @@ impl PathStatePacket<'_> {
             sample: self.sample(l),
             split: path_states.split.get(packet, l, PathState::NONE.split),
             time: path_states.time.get(packet, l, 0.0),
+            density: self.density(l),
         }
     }
 
@@ -220,6 +230,13 @@ impl PathStatePacket<'_> {
     /// Returns the pixel sample that lane `l` belongs to.
     pub(in crate::render) fn sample(&self, l: usize) -> u32 {
         self.path_states.sample.get(self.packet, l, 0)
+    }
+
+    /// Returns the density of the rays into the lobe that the direction of lane `l` was sampled from.
+    pub(in crate::render) fn density(&self, l: usize) -> f32 {
+        self.path_states
+            .density
+            .get(self.packet, l, PathState::NONE.density)
     }
 
     /// Returns the interiors around lane `l`.

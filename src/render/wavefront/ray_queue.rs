@@ -80,11 +80,11 @@ pub(in crate::render) struct RayQueue {
 
 impl RayQueue {
     /// Returns an empty queue for rays of `effects`, whose paths may carry ray cones.
-    pub(in crate::render) fn new(effects: EffectSet, tracks_cones: bool) -> RayQueue {
+    pub(in crate::render) fn new(effects: EffectSet, combines_samples: bool) -> RayQueue {
         RayQueue {
             packets: Vec::new(),
             paths: Vec::new(),
-            path_states: PathStates::new(effects, tracks_cones),
+            path_states: PathStates::new(effects, combines_samples),
             count: 0,
             filled: LANES,
             ray_types: RayTypeCounts::default(),

@@ -305,6 +305,7 @@ impl ShadingState<'_, '_> {
                             .frame
                             .cone_at(&traced, path_states, l)
                             .reflected(surfaces.curvatures[l]),
+                        density: PathState::NONE.density,
                         ..arrival
                     }
                 }),

@@ -41,7 +41,7 @@ impl<'f, 's> ShadingState<'f, 's> {
             corner: [0; 2],
             shadow_queue: ShadowQueue::new(frame.effects(), frame.batch),
             current_source: LightSource::Emission,
-            next: RayQueue::new(frame.effects(), frame.tracks_cones()).with_accounts(&frame.settings),
+            next: RayQueue::new(frame.effects(), frame.combines_samples).with_accounts(&frame.settings),
             meter: Profiler::new(&frame.settings),
             losses: TileTruncation::default(),
             shadow_surfaces: frame

@@ -12,7 +12,7 @@ fn write_file(folder: &Path) -> String {
     let mappings = json!([{"material": 1, "variants": [1]}]);
     let root = json!({
         "asset": {"version": "2.0"},
-        "extensionsUsed": [variants, "KHR_materials_sheen", "KHR_xmp_json_ld"],
+        "extensionsUsed": [variants, "KHR_materials_subsurface", "KHR_xmp_json_ld"],
         "extensions": {variants: {"variants": [{"name": "red"}, {"name": "blue"}]}},
         "nodes": [{"mesh": 0}],
         "materials": [{"name": "paint"}, {"name": "varnish"}],
@@ -36,7 +36,7 @@ fn info_lists_extensions_and_variants() {
     assert_eq!(run.code, 0, "{}", run.stderr);
     for line in [
         "variants       red, blue",
-        "extension      KHR_materials_sheen (ignored: cloth lacks its sheen)",
+        "extension      KHR_materials_subsurface (ignored: light does not scatter inside materials)",
         "extension      KHR_materials_variants (honoured)",
         "extension      KHR_xmp_json_ld (without effect on images)",
     ] {
@@ -44,9 +44,9 @@ fn info_lists_extensions_and_variants() {
     }
     let run = whit(&["info", "--json", &file]);
     let info: Value = serde_json::from_str(&run.stdout).unwrap();
-    let sheen = json!({"name": "KHR_materials_sheen", "is_required": false,
-        "support": {"kind": "ignored", "note": "cloth lacks its sheen"}});
-    assert_eq!(info["extensions"][0], sheen);
+    let subsurface = json!({"name": "KHR_materials_subsurface", "is_required": false,
+        "support": {"kind": "ignored", "note": "light does not scatter inside materials"}});
+    assert_eq!(info["extensions"][0], subsurface);
 }
 
 #[test]
@@ -56,7 +56,7 @@ fn strict_loading_and_unknown_variants_are_errors_of_the_input() {
     let image = folder.path().join("out.png").display().to_string();
     let words = "variant `green` does not exist; the file has `red`, `blue`";
     fails_with(2, words, &["render", &file, "-o", &image, "--variant", "green"]);
-    let words = "(KHR_materials_sheen): render it without `--strict`";
+    let words = "(KHR_materials_subsurface): render it without `--strict`";
     fails_with(2, words, &["render", &file, "-o", &image, "--strict"]);
     assert!(!Path::new(&image).exists());
 }

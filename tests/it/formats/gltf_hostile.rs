@@ -537,7 +537,7 @@ fn supported_extensions_may_be_required_and_others_are_reported() {
         "KHR_materials_volume",
         "KHR_texture_transform"
     ]);
-    let used = json!(["KHR_materials_ior", "KHR_materials_sheen", "X_y"]);
+    let used = json!(["KHR_materials_ior", "KHR_materials_subsurface", "X_y"]);
     let scene = odd_triangle(|r| {
         r["extensionsRequired"] = required;
         r["extensionsUsed"] = used;
@@ -553,7 +553,7 @@ fn supported_extensions_may_be_required_and_others_are_reported() {
     assert_eq!(scene.validate().err(), None);
     let warned = |what: &str| scene.warnings.iter().filter(|w| w.contains(what)).count();
     assert_eq!(
-        warned("KHR_materials_sheen is not supported"),
+        warned("KHR_materials_subsurface is not supported"),
         1,
         "{:?}",
         scene.warnings
@@ -562,8 +562,8 @@ fn supported_extensions_may_be_required_and_others_are_reported() {
         (warned("X_y is not supported"), warned("outside their range")),
         (1, 1)
     );
-    let sentence = spoilt(|r| r["extensionsRequired"] = json!(["KHR_materials_clearcoat"]));
-    assert_advice(&sentence, "KHR_materials_clearcoat", "export the file without");
+    let sentence = spoilt(|r| r["extensionsRequired"] = json!(["KHR_materials_subsurface"]));
+    assert_advice(&sentence, "KHR_materials_subsurface", "export the file without");
 }
 
 #[test]

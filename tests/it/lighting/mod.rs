@@ -4,6 +4,7 @@ mod area_light_render;
 mod area_light_sampling;
 mod camera_formula;
 mod emissive_objects;
+mod layered_materials;
 mod mip_filtering;
 mod motion_render;
 mod optics_render;

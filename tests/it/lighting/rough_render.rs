@@ -245,6 +245,53 @@ fn white_metal_and_paint_in_white_furnace_reflect_all_light_with_multiple_scatte
 }
 
 #[test]
+fn environment_seen_by_lobe_rays_and_light_samples_counts_once() {
+    // A dim sky with a small bright sun: rays into wide lobes hardly find it, light samples of narrow lobes hardly the lobe
+    let mut texels = vec![[0.2, 0.2, 0.2, 1.0]; 64 * 32];
+    texels[12 * 64 + 30] = [200.0; 4];
+    let sky = Image {
+        name: "sky".into(),
+        width: 64,
+        height: 32,
+        texels: Texels::Floats(texels.into()),
+    };
+    let scene = |roughness: f32, has_glass: bool| {
+        let mut scene = furnace(metal(1.0, roughness, 1));
+        scene.images.push(sky.clone());
+        scene.background = Background::Environment {
+            image: 0,
+            rotation: 0.0,
+            scale: 1.0,
+            samples: 1,
+        };
+        if has_glass {
+            // Refraction anywhere in the scene leaves the environment to lobe rays alone
+            let place = DAffine3::from_translation(DVec3::new(0.0, 0.0, -1e3));
+            let ball = Geometry::Shape(Shape::Sphere(Sphere { radius: 0.1 }));
+            add(&mut scene, "ball", ball, glass(0.0, 0, MediumKind::Solid), place);
+        }
+        scene
+    };
+    for roughness in [0.1, 0.3, 0.7] {
+        let wo = DVec3::new(0.3, -0.2, 0.9).normalize();
+        let [(both, error), (single, single_error)] = [false, true].map(|has_glass| {
+            let settings = settings(16, 1024);
+            estimate(&rendered(&scene(roughness, has_glass), &close_look(wo), &settings).image)
+        });
+        let bound = ERRORS * error.hypot(single_error);
+        println!("{roughness}: {both} ± {error}, by lobe rays {single} ± {single_error}");
+        assert!(
+            (both - single).abs() <= bound,
+            "{roughness}: {both}, not {single} ± {bound}"
+        );
+        assert!(
+            error < 0.5 * single_error,
+            "{roughness}: {error}, {single_error} by lobe rays alone"
+        );
+    }
+}
+
+#[test]
 fn rough_glass_in_white_furnace_matches_lobe_transmittance() {
     for (rays, roughness) in [(4, 0.2), (1, 0.4), (2, 0.8)] {
         for degrees in [10.0, 50.0, 75.0] {

@@ -7,10 +7,10 @@ use whit::mesh::Mesh;
 use whit::optics::subsurface::SubsurfacePreset;
 use whit::optics::{Absorption, Cauchy, Dispersion};
 use whit::scene::{
-    AlphaMode, Aperture, AreaShape, Background, Camera, Falloff, Filter, Geometry, Image, Instance, Lens,
-    Light, LightKind, Material, MaterialInput, Medium, MediumKind, MetallicRoughness, Model, Pattern, Phong,
-    Procedural, Projection, Sampler, Scene, Shutter, Space, Texels, Texture, TextureBinding, TextureUse,
-    Translucency, Wrap,
+    AlphaMode, Anisotropy, Aperture, AreaShape, Background, Camera, Clearcoat, Falloff, Filter, Geometry,
+    Image, Instance, Iridescence, Lens, Light, LightKind, Material, MaterialInput, Medium, MediumKind,
+    MetallicRoughness, Model, Pattern, Phong, Procedural, Projection, Sampler, Scene, Sheen, Shutter, Space,
+    Texels, Texture, TextureBinding, TextureUse, Translucency, Wrap,
 };
 use whit::volume::{Fog, Grid, GridSamples, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
 
@@ -104,6 +104,7 @@ pub fn scene(seed: u64) -> Scene {
         scene.cameras[0].lens = Some(Lens::new(0.3, 4.0, aperture).unwrap());
     }
     scatter(&mut scene, r);
+    add_layers(&mut scene, r);
     if r.next() < 0.35 {
         scene.set_rough_rays(1 + 2 * r.below(2) as u32);
     }
@@ -156,6 +157,31 @@ fn scatter(scene: &mut Scene, r: &mut SplitMix64) {
             factor: 0.3 + 0.5 * r.next() as f32,
             color: [0.5, 0.9, 0.2],
         });
+    }
+}
+
+/// Adds layers and lobes of glTF's extensions to some materials of its model.
+fn add_layers(scene: &mut Scene, r: &mut SplitMix64) {
+    for material in &mut scene.materials {
+        if !matches!(material.model, Model::MetallicRoughness(_)) {
+            continue;
+        }
+        let factor = 0.5 + 0.5 * r.next() as f32;
+        let roughness = [0.0, 0.05, 0.4][r.below(3)];
+        material.clearcoat = sometimes(r, 0.1, Some(Clearcoat { factor, roughness }));
+        let color = [0.9, 0.5, 0.7];
+        let roughness = 0.2 + 0.7 * r.next() as f32;
+        material.sheen = sometimes(r, 0.1, Some(Sheen { color, roughness }));
+        let rotation = 3.0 * r.next() as f32;
+        let strength = factor;
+        material.anisotropy = sometimes(r, 0.1, Some(Anisotropy { strength, rotation }));
+        let thickness = [100.0, 200.0 + 500.0 * r.next() as f32];
+        let film = Iridescence {
+            factor,
+            ior: 1.3,
+            thickness,
+        };
+        material.iridescence = sometimes(r, 0.1, Some(film));
     }
 }
 

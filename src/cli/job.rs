@@ -153,7 +153,8 @@ impl RenderJob {
                     pattern: args.sampling.pattern,
                     filter: args.sampling.filter,
                     filter_radius: args.sampling.filter_radius,
-                    exposure: args.exposure,
+                    exposure: args.display.exposure,
+                    tone_map: args.display.tone_map,
                     ..requested(&args.frame)
                 },
                 adaptive: args.sampling.adaptive,

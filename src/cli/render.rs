@@ -303,6 +303,7 @@ fn write_image(
     if target.format == ImageFormat::Png {
         let encoding = PngEncoding {
             tone: resolved.tone,
+            operator: resolved.operator,
             bits: request.encoding.png_bits,
         };
         interrupt::without_interruption(|| image::write_png_with(image, encoding, notes, path))?;

@@ -1,7 +1,7 @@
 //! Images: linear radiance in memory, PNG and EXR files, and decoding of images for textures.
 //!
-//! Pixels are linear RGB radiance until they are written; exposure and the sRGB curve are applied only when a PNG is
-//! encoded ([`ToneMap`]); [`metrics`] measure the difference of two images. Files are written atomically: to a
+//! Pixels are linear RGB radiance until they are written; exposure, a tone mapping operator and the sRGB curve are applied only
+//! when a PNG is encoded ([`ToneMap`], [`ToneOperator`]); [`metrics`] measure the difference of two images. Files are written atomically: to a
 //! temporary file in the target's directory, synced to disk and renamed. Images larger than memory are streamed row by
 //! row ([`rows`]).
 
@@ -13,6 +13,7 @@ mod load;
 pub mod metrics;
 mod png;
 pub mod rows;
+mod tone_operator;
 mod tonemap;
 
 use std::fmt;
@@ -25,6 +26,7 @@ pub use self::png::{PngBits, PngEncoding};
 pub use atomic_file::{check_writable, write_atomically};
 pub use decode::{DecodedImage, DecodedPixels, TransferCurve, read, read_size};
 pub use load::{LoadedImage, load_image};
+pub use tone_operator::ToneOperator;
 pub use tonemap::{ToneMap, linear_from_srgb};
 
 /// Image of linear RGB radiance.

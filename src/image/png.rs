@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use ::png::{BitDepth, ColorType, Compression, EncodingError, Filter, SrgbRenderingIntent, Writer};
 
-use super::{Attribute, LinearImage, SOFTWARE, ToneMap};
+use super::{Attribute, LinearImage, SOFTWARE, ToneMap, ToneOperator};
 
 /// Writer of the encoder's bytes; boxed, so that the encoder is compiled for one type only.
 pub(super) type Sink<'w> = Box<dyn Write + Send + 'w>;
@@ -14,6 +14,9 @@ pub(super) type Sink<'w> = Box<dyn Write + Send + 'w>;
 pub struct PngEncoding {
     /// Exposure and tone curve of the codes.
     pub tone: ToneMap,
+    /// Operator between exposure and curve.
+    #[serde(default)]
+    pub operator: ToneOperator,
     /// Bit depth of each code.
     pub bits: PngBits,
 }
@@ -34,9 +37,19 @@ pub enum PngBits {
 impl PngEncoding {
     /// Tone-maps `pixels` to the sample bytes of a PNG.
     pub(super) fn codes(&self, pixels: &[[f32; 3]]) -> Vec<u8> {
+        if self.operator == ToneOperator::Clip {
+            return self.codes_after(self.tone, pixels);
+        }
+        // The operator's colours are exposed already
+        let displayed = self.operator.displayed_pixels(pixels, self.tone);
+        self.codes_after(ToneMap::default(), &displayed)
+    }
+
+    /// Returns the codes of `pixels` after the exposure and curve of `tone`.
+    fn codes_after(&self, tone: ToneMap, pixels: &[[f32; 3]]) -> Vec<u8> {
         match self.bits {
-            PngBits::Eight => self.tone.srgb_codes(pixels),
-            PngBits::Sixteen => self.tone.srgb_codes16(pixels),
+            PngBits::Eight => tone.srgb_codes(pixels),
+            PngBits::Sixteen => tone.srgb_codes16(pixels),
         }
     }
 

@@ -13,6 +13,7 @@ use super::shape::{ShapeForm, ShapeRef};
 use super::texture::TextureForm;
 use super::value::{Color, Located, OneOrMany};
 use super::volume::{FogForm, VolumeForm};
+use crate::image::ToneOperator;
 use crate::scene::image_settings::{
     DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS, FilterKind, Pattern,
 };
@@ -85,6 +86,9 @@ pub(super) struct OutputForm {
     /// Stops of exposure of PNG images.
     #[schemars(extend("default" = 0))]
     pub(super) exposure: Option<f32>,
+    /// Tone mapping operator of PNG images, after exposure.
+    #[schemars(extend("default" = ToneOperator::default()))]
+    pub(super) tone_map: Option<ToneOperator>,
 }
 
 /// Objects that are placed together.

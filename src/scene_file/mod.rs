@@ -96,6 +96,7 @@ mod volume;
 use std::path::Path;
 
 use crate::gltf::LoadOptions;
+use crate::image::ToneOperator;
 use crate::scene::image_settings::{
     FilterKind, MAX_DEPTH, MAX_EXPOSURE, MAX_FILTER_RADIUS, MAX_PIXELS, MAX_SPP, MAX_WAVELENGTHS,
     MIN_FILTER_RADIUS, Pattern,
@@ -144,6 +145,8 @@ pub struct Output {
     pub wavelengths: Option<u32>,
     /// Stops of exposure of PNG images, up to [`MAX_EXPOSURE`] either way.
     pub exposure: Option<f32>,
+    /// Tone mapping operator of PNG images.
+    pub tone_map: Option<ToneOperator>,
 }
 
 impl Output {
@@ -163,6 +166,7 @@ impl Output {
             depth: self.depth.or(other.depth),
             wavelengths: self.wavelengths.or(other.wavelengths),
             exposure: self.exposure.or(other.exposure),
+            tone_map: self.tone_map.or(other.tone_map),
         }
     }
 }
@@ -311,5 +315,6 @@ fn output(form: Option<&Located<OutputForm>>, source: &Source) -> Result<Output,
         depth: form.depth,
         wavelengths: form.wavelengths,
         exposure: form.exposure,
+        tone_map: form.tone_map,
     })
 }

@@ -10,7 +10,7 @@ use super::render_request::RenderRequest;
 use super::resolved::ResolvedSettings;
 use super::settings::Settings;
 use crate::accel::EmbreeIdentity;
-use crate::image::{Attribute, cryptomatte};
+use crate::image::{Attribute, ToneOperator, cryptomatte};
 use crate::render::{AovKind, Plan};
 use crate::scene::image_settings::FilterKind;
 use crate::scene::{Camera, Effect, EffectSet, Scene};
@@ -71,6 +71,8 @@ struct ImageRecord<'a> {
     size: [u32; 2],
     camera: &'a str,
     exposure: f32,
+    #[serde(skip_serializing_if = "is_clip")]
+    tone_map: ToneOperator,
     filter: FilterKind,
     filter_radius: f64,
     seed: u32,
@@ -82,6 +84,11 @@ struct ImageRecord<'a> {
     effects_removed: Vec<&'static str>,
     #[serde(flatten)]
     settings: Settings,
+}
+
+/// Returns whether the operator is the default, which the record leaves out.
+fn is_clip(operator: &ToneOperator) -> bool {
+    *operator == ToneOperator::Clip
 }
 
 /// Environment map of an image, by its name without folders.
@@ -114,6 +121,7 @@ fn settings(request: &RenderRequest, resolved: &ResolvedSettings, camera: &Camer
         size: [resolved.settings.width, resolved.settings.height],
         camera: &camera.name,
         exposure: resolved.tone.exposure_ev,
+        tone_map: resolved.operator,
         filter: resolved.settings.filter.kind,
         filter_radius: resolved.settings.filter.radius,
         seed: resolved.settings.seed,

@@ -2,7 +2,7 @@
 
 use super::error::RequestError;
 use crate::batch::memory;
-use crate::image::ToneMap;
+use crate::image::{ToneMap, ToneOperator};
 use crate::render::{FilterKind, Pattern, PixelFilter, RenderSettings};
 use crate::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS};
 use crate::scene_file::Output;
@@ -14,6 +14,8 @@ pub struct ResolvedSettings {
     pub settings: RenderSettings,
     /// Tone mapping of PNG files.
     pub tone: ToneMap,
+    /// Tone mapping operator of PNG files.
+    pub operator: ToneOperator,
 }
 
 /// Returns the render settings for an image, with defaults for what is absent.

@@ -158,7 +158,11 @@ mod tests {
         }];
         for bits in [PngBits::Eight, PngBits::Sixteen] {
             let tone = ToneMap { exposure_ev: 0.5 };
-            let encoding = PngEncoding { tone, bits };
+            let encoding = PngEncoding {
+                tone,
+                bits,
+                ..PngEncoding::default()
+            };
             let [whole, path] = ["whole.png", "rows.png"].map(|name| folder.path().join(name));
             write_png_with(&image, encoding, &notes, &whole).unwrap();
             let mut writer = PngScanlineWriter::create(&path, [7, 50], encoding, &notes).unwrap();

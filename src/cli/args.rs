@@ -127,6 +127,7 @@ Examples:
   whit render scene.glb -o scene.png --view top --size 800x600
   whit render scene.glb -o scene.png --environment studio --environment-turn 30
   whit render scene.glb -o scene.png --exposure 1.5 --tone-map neutral
+  whit render scene.glb -o scene.png --background transparent
   whit render scene.glb -o part.png --size 1920x1080 --crop 800,400,320,200
   whit render a.glb b.gltf --out images --format exr
   whit render scene.glb -o scene.png --spp 64 --pattern sobol --filter mitchell

@@ -11,6 +11,7 @@ use whit::cost::{self, SettingsFile};
 use whit::gltf::LoadOptions;
 use whit::image::{ImageFormat, check_writable};
 use whit::render::Region;
+use whit::scene::image_settings::VisibleBackground;
 use whit::scene_file::Output;
 
 use super::accel_options::{check_backend, check_instancing, tracing_options};
@@ -143,6 +144,13 @@ impl RenderJob {
                 "brute force is too slow to search for settings: choose `--backend embree` or `--backend bsp`".into(),
             ));
         }
+        if aim.is_some() && args.display.background == Some(VisibleBackground::Transparent) {
+            return Err(Failure::Input(
+                "`--error` and `--max-time` may choose adaptive sampling, which a transparent background does not allow: \
+                 leave out `--background transparent`, or give the settings themselves"
+                    .into(),
+            ));
+        }
         // Collect the flags into the job
         let mut job = RenderJob {
             targets,
@@ -155,6 +163,7 @@ impl RenderJob {
                     filter_radius: args.sampling.filter_radius,
                     exposure: args.display.exposure,
                     tone_map: args.display.tone_map,
+                    background: args.display.background,
                     ..requested(&args.frame)
                 },
                 adaptive: args.sampling.adaptive,

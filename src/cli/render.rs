@@ -306,7 +306,10 @@ fn write_image(
             operator: resolved.operator,
             bits: request.encoding.png_bits,
         };
-        interrupt::without_interruption(|| image::write_png_with(image, encoding, notes, path))?;
+        interrupt::without_interruption(|| match &rendering.alpha {
+            None => image::write_png_with(image, encoding, notes, path),
+            Some(alpha) => image::write_png_with_alpha(image, alpha, encoding, notes, path),
+        })?;
         return Ok(());
     }
     // Collect the further channels, which only EXR files can hold

@@ -7,7 +7,9 @@ use super::aov::{AovSet, LightAovs};
 use super::film::PixelFilter;
 use super::sampler::{Purpose, sample_2d};
 use crate::numeric::SpawnPolicy;
-use crate::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS, Pattern};
+use crate::scene::image_settings::{
+    DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS, Pattern, VisibleBackground,
+};
 use crate::scene::{CameraView, EffectOverrides};
 use crate::shading::ray_cone::RayCone;
 use crate::volume::SkipEmpty;
@@ -45,6 +47,9 @@ pub struct RenderSettings {
     /// change no bit of the image. They need samples that count equally and for their own pixel only: with `adaptive`
     /// or a `filter` other than a box they are ignored.
     pub light_layers: LightAovs,
+    /// Background at the end of camera rays that go straight into the distance. With a transparent one,
+    /// [`Rendering::alpha`](super::Rendering::alpha) is computed, except with `adaptive`.
+    pub background: VisibleBackground,
     /// Largest number of reflections and refractions along a path; 0 for none.
     pub depth: u32,
     /// Number of wavelengths that a path splits into at a dispersive dielectric; at least 1.
@@ -84,6 +89,7 @@ impl Default for RenderSettings {
             sample_aovs: false,
             layers: AovSet::NONE,
             light_layers: LightAovs::NONE,
+            background: VisibleBackground::default(),
             depth: DEFAULT_DEPTH,
             wavelengths: DEFAULT_WAVELENGTHS,
             weight_cutoff: 1.0 / 512.0,
@@ -133,6 +139,11 @@ impl RenderSettings {
             return LightAovs::NONE;
         }
         self.light_layers
+    }
+
+    /// Returns whether the image gets an alpha channel.
+    pub(super) fn has_alpha(&self) -> bool {
+        self.background == VisibleBackground::Transparent && self.target().is_none()
     }
 
     /// Returns the target of adaptive sampling, if `spp` allows more than the first round.

@@ -12,6 +12,7 @@ use super::placement::{Repeat, Scatter, Step};
 use super::shape::{ShapeForm, ShapeRef};
 use super::texture::TextureForm;
 use super::value::{Color, Located, OneOrMany};
+use super::visible_background::VisibleBackgroundForm;
 use super::volume::{FogForm, VolumeForm};
 use crate::image::ToneOperator;
 use crate::scene::image_settings::{
@@ -86,6 +87,10 @@ pub(super) struct OutputForm {
     /// Stops of exposure of PNG images.
     #[schemars(extend("default" = 0))]
     pub(super) exposure: Option<f32>,
+    /// Background that camera rays see which go straight into the distance; lights, mirrors and refraction keep that of
+    /// the scene.
+    #[schemars(extend("default" = "environment"))]
+    pub(super) background: Option<VisibleBackgroundForm>,
     /// Tone mapping operator of PNG images, after exposure.
     #[schemars(extend("default" = ToneOperator::default()))]
     pub(super) tone_map: Option<ToneOperator>,

@@ -12,7 +12,7 @@ use super::settings::Settings;
 use crate::accel::EmbreeIdentity;
 use crate::image::{Attribute, ToneOperator, cryptomatte};
 use crate::render::{AovKind, Plan};
-use crate::scene::image_settings::FilterKind;
+use crate::scene::image_settings::{FilterKind, VisibleBackground};
 use crate::scene::{Camera, Effect, EffectSet, Scene};
 
 /// Names and texts of the metadata of an image file.
@@ -73,6 +73,8 @@ struct ImageRecord<'a> {
     exposure: f32,
     #[serde(skip_serializing_if = "is_clip")]
     tone_map: ToneOperator,
+    #[serde(skip_serializing_if = "is_of_the_scene")]
+    background: VisibleBackground,
     filter: FilterKind,
     filter_radius: f64,
     seed: u32,
@@ -89,6 +91,11 @@ struct ImageRecord<'a> {
 /// Returns whether the operator is the default, which the record leaves out.
 fn is_clip(operator: &ToneOperator) -> bool {
     *operator == ToneOperator::Clip
+}
+
+/// Returns whether the background is the default, which the record leaves out.
+fn is_of_the_scene(background: &VisibleBackground) -> bool {
+    *background == VisibleBackground::Environment
 }
 
 /// Environment map of an image, by its name without folders.
@@ -122,6 +129,7 @@ fn settings(request: &RenderRequest, resolved: &ResolvedSettings, camera: &Camer
         camera: &camera.name,
         exposure: resolved.tone.exposure_ev,
         tone_map: resolved.operator,
+        background: resolved.settings.background,
         filter: resolved.settings.filter.kind,
         filter_radius: resolved.settings.filter.radius,
         seed: resolved.settings.seed,

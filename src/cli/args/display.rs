@@ -1,17 +1,32 @@
-//! Flags of the mapping from radiance to displayed colours.
+//! Flags of the mapping from radiance to displayed colours, and of the background.
 
 use clap::Args as ArgGroup;
 
 use whit::image::ToneOperator;
+use whit::scene::image_settings::VisibleBackground;
 
-use super::{exposure, or_scene, word};
+use super::{Ambient, exposure, or_scene, word};
 
-/// Flags of the mapping from radiance to displayed colours.
+const BACKGROUND_HELP: &str = "Background that camera rays see which go straight into the distance: that of the scene, \
+     none (the image gets an alpha channel), or a radiance as X or R,G,B; lights and mirrors keep that of the scene";
+
+/// Flags of the mapping from radiance to displayed colours, and of the background.
 #[derive(Clone, Copy, Debug, Default, ArgGroup)]
 pub(in crate::cli) struct DisplayArgs {
     /// Stops of exposure for PNG images: radiance is multiplied by 2^EV
     #[arg(long, value_name = "EV", help = or_scene("Stops of exposure for PNG images: radiance is multiplied by 2^EV", 0), value_parser = exposure, allow_hyphen_values = true)]
     pub(in crate::cli) exposure: Option<f32>,
+
+    /// Background that camera rays see which go straight into the distance: that of the scene, none (the image gets an
+    /// alpha channel), or a radiance as X or R,G,B; lights and mirrors keep that of the scene
+    #[arg(
+        long,
+        value_name = "environment|transparent|RADIANCE",
+        help = or_scene(BACKGROUND_HELP, "environment"),
+        value_parser = background,
+        allow_hyphen_values = true
+    )]
+    pub(in crate::cli) background: Option<VisibleBackground>,
 
     /// Tone mapping operator of PNG images, after exposure
     #[arg(
@@ -20,4 +35,34 @@ pub(in crate::cli) struct DisplayArgs {
         help = or_scene("Tone mapping operator of PNG images, after exposure", word(ToneOperator::default()))
     )]
     pub(in crate::cli) tone_map: Option<ToneOperator>,
+}
+
+fn background(text: &str) -> Result<VisibleBackground, String> {
+    match text {
+        "environment" => Ok(VisibleBackground::Environment),
+        "transparent" => Ok(VisibleBackground::Transparent),
+        radiance => match radiance.parse() {
+            Ok(Ambient(radiance)) => Ok(VisibleBackground::Color(radiance)),
+            Err(_) => Err(
+                "give `environment`, `transparent`, or one radiance or three of zero or more, as in 0.2 or 0.1,0.2,0.3"
+                    .into(),
+            ),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn background_is_a_word_or_a_radiance() {
+        assert_eq!(background("environment"), Ok(VisibleBackground::Environment));
+        assert_eq!(background("transparent"), Ok(VisibleBackground::Transparent));
+        assert_eq!(background("0.5"), Ok(VisibleBackground::Color([0.5; 3])));
+        assert_eq!(background("0,1,2"), Ok(VisibleBackground::Color([0.0, 1.0, 2.0])));
+        for bad in ["", "clear", "-1", "1,2", "nan"] {
+            assert!(background(bad).is_err(), "{bad}");
+        }
+    }
 }

@@ -3,9 +3,10 @@
 use std::fs;
 use std::path::Path;
 
-use whit::image::{ImageFormat, ToneMap, ToneOperator, read_exr, write};
+use whit::image::rows::ExrScanlineReader;
+use whit::image::{ImageFormat, LinearImage, ToneMap, ToneOperator, read_exr, write};
 
-use crate::support::cli_program::{first_light, whit};
+use crate::support::cli_program::{fails_with, first_light, whit};
 
 /// Renders a scene to `out` with few samples and further flags, which must succeed; returns standard output.
 fn render(scene: &str, out: &Path, flags: &[&str]) -> String {
@@ -65,4 +66,85 @@ fn scene_file_gives_the_tone_map_and_a_flag_overrides_it() {
     render(path(&scene), &aces, &["--quiet", "--tone-map", "aces"]);
     assert_eq!(codes(&of_file), codes(&aces));
     assert_ne!(codes(&of_file), codes(&of_flag));
+}
+
+/// Scene of one sphere in the middle, which leaves the corners empty.
+const SPHERE: &str = "
+background = 2
+camera = { from = [0, 0, 4], at = [0, 0, 0], fov = 40 }
+light = [{ kind = \"directional\", direction = [-1, -1, -2], intensity = 2 }]
+object = [{ shape = \"sphere\" }]
+";
+
+#[test]
+fn transparent_background_gives_files_an_alpha_channel() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("a.toml");
+    fs::write(&scene, SPHERE).unwrap();
+    let [png, wide, exr] = ["a.png", "wide.png", "a.exr"].map(|name| folder.path().join(name));
+    let clear = ["--quiet", "--background", "transparent"];
+    render(path(&scene), &png, &clear);
+    render(path(&scene), &wide, &[&clear[..], &["--png-bits", "16"]].concat());
+    render(path(&scene), &exr, &clear);
+    let shown = image::open(&png).unwrap();
+    assert_eq!(shown.color(), image::ColorType::Rgba8);
+    assert_eq!(image::open(&wide).unwrap().color(), image::ColorType::Rgba16);
+    let shown = shown.into_rgba8();
+    assert_eq!(shown.get_pixel(0, 0).0, [0; 4]);
+    assert_eq!(shown.get_pixel(32, 24)[3], 255);
+    let reader = ExrScanlineReader::open(&exr).unwrap();
+    let names: Vec<&str> = reader
+        .channels()
+        .iter()
+        .map(|channel| &channel.name[..])
+        .collect();
+    assert_eq!(names, ["A", "B", "G", "R"]);
+    // Straight colours of the PNG are those of the EXR, divided by alpha
+    let linear = read_exr(&exr).unwrap();
+    assert_eq!(linear.pixel(0, 0), [0.0; 3]);
+    let edge = shown
+        .enumerate_pixels()
+        .find(|(_, _, pixel)| pixel[3] == 191)
+        .unwrap();
+    let straight = linear.pixel(edge.0, edge.1).map(|channel| channel / 0.75);
+    let code = ToneMap::default().srgb_bytes(&LinearImage {
+        width: 1,
+        height: 1,
+        pixels: vec![straight],
+    });
+    assert_eq!(code, edge.2.0[..3]);
+}
+
+#[test]
+fn scene_file_gives_the_visible_background() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("a.toml");
+    let [of_file, of_flag] = ["file.png", "flag.png"].map(|name| folder.path().join(name));
+    fs::write(&scene, format!("{SPHERE}[output]\nbackground = [0, 1, 0]\n")).unwrap();
+    render(path(&scene), &of_file, &["--quiet"]);
+    assert_eq!(
+        image::open(&of_file).unwrap().into_rgb8().get_pixel(0, 0).0,
+        [0, 255, 0]
+    );
+    render(
+        path(&scene),
+        &of_flag,
+        &["--quiet", "--background", "environment"],
+    );
+    assert_eq!(
+        image::open(&of_flag).unwrap().into_rgb8().get_pixel(0, 0).0,
+        [255; 3]
+    );
+}
+
+#[test]
+fn transparent_background_is_refused_where_samples_differ() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.png");
+    for flags in [["--adaptive", "0.01"], ["--error", "0.01"], ["--max-time", "9"]] {
+        let scene = first_light();
+        let fixed = ["render", &scene, "-o", path(&out), "--background", "transparent"];
+        fails_with(2, "transparent background", &[&fixed[..], &flags].concat());
+    }
+    assert!(!out.exists());
 }

@@ -70,7 +70,9 @@ pub fn render_on(
     rendering.memory = frame.memory();
     rendering.costs = frame.costs.take().map(PixelCostBuffer::finish);
     // Estimate the error
-    if let Some(gain) = settings.error_gain {
+    if let Some(exposure) = settings.error_exposure {
+        let stops = exposure.stops(&rendering.image, rendering.alpha.as_deref());
+        let gain = f64::from(stops).exp2();
         let taken = rendering.samples.mean;
         rendering.error = Some(image_error(frame, (&rendering.image, taken), gain, monitor)?);
     }

@@ -27,7 +27,7 @@ pub struct Rendering {
     pub layers: Vec<Layer>,
     /// Cost of each pixel, if [`cost_aovs`](super::RenderSettings::cost_aovs) is on.
     pub costs: Option<PixelCosts>,
-    /// Estimated error, if [`error_gain`](super::RenderSettings::error_gain) requests it. Its rays and seconds are in no
+    /// Estimated error, if [`error_exposure`](super::RenderSettings::error_exposure) requests it. Its rays and seconds are in no
     /// account.
     pub error: Option<ImageError>,
     /// Numbers of rays and seconds, by account.

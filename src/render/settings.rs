@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::adaptive::{Adaptive, ROUND};
 use super::aov::{AovSet, LightAovs};
+use super::automatic_exposure::Exposure;
 use super::film::PixelFilter;
 use super::sampler::{Purpose, sample_2d};
 use crate::numeric::SpawnPolicy;
@@ -68,9 +69,9 @@ pub struct RenderSettings {
     /// read only at both ends of the render and before the first sample; rays are counted either way. It changes no
     /// bit of the image.
     pub ledger: bool,
-    /// Factor on radiance before display if [`Rendering::error`](super::Rendering::error) is to be estimated, which
+    /// Exposure before display if [`Rendering::error`](super::Rendering::error) is to be estimated, which
     /// takes about 2 % of the time in addition; `None` for no estimate. It changes no bit of the image.
-    pub error_gain: Option<f64>,
+    pub error_exposure: Option<Exposure>,
     /// True if [`Rendering::costs`](super::Rendering::costs) are computed, for which `ledger` must be on. They change
     /// no bit of the image, but make rendering slower.
     pub cost_aovs: bool,
@@ -98,7 +99,7 @@ impl Default for RenderSettings {
             skip_empty: SkipEmpty::default(),
             effects: EffectOverrides::default(),
             ledger: false,
-            error_gain: None,
+            error_exposure: None,
             cost_aovs: false,
         }
     }

@@ -3,9 +3,14 @@
 use clap::Args as ArgGroup;
 
 use whit::image::ToneOperator;
+use whit::render::Exposure;
 use whit::scene::image_settings::VisibleBackground;
 
 use super::{Ambient, exposure, or_scene, word};
+
+const EXPOSURE_HELP: &str = "Stops of exposure for PNG images: radiance is multiplied by 2^EV; auto: chosen from the \
+     image, so that its mean is middle grey and few pixels are brighter than white [default: the scene file's, auto for a \
+     glTF file with lights, else 0]";
 
 const BACKGROUND_HELP: &str = "Background that camera rays see which go straight into the distance: that of the scene, \
      none (the image gets an alpha channel), or a radiance as X or R,G,B; lights and mirrors keep that of the scene";
@@ -13,9 +18,16 @@ const BACKGROUND_HELP: &str = "Background that camera rays see which go straight
 /// Flags of the mapping from radiance to displayed colours, and of the background.
 #[derive(Clone, Copy, Debug, Default, ArgGroup)]
 pub(in crate::cli) struct DisplayArgs {
-    /// Stops of exposure for PNG images: radiance is multiplied by 2^EV
-    #[arg(long, value_name = "EV", help = or_scene("Stops of exposure for PNG images: radiance is multiplied by 2^EV", 0), value_parser = exposure, allow_hyphen_values = true)]
-    pub(in crate::cli) exposure: Option<f32>,
+    /// Stops of exposure for PNG images: radiance is multiplied by 2^EV; auto: chosen from the image, so that its mean
+    /// is middle grey and few pixels are brighter than white
+    #[arg(
+        long,
+        value_name = "EV|auto",
+        help = EXPOSURE_HELP,
+        value_parser = exposure_or_auto,
+        allow_hyphen_values = true
+    )]
+    pub(in crate::cli) exposure: Option<Exposure>,
 
     /// Background that camera rays see which go straight into the distance: that of the scene, none (the image gets an
     /// alpha channel), or a radiance as X or R,G,B; lights and mirrors keep that of the scene
@@ -37,6 +49,15 @@ pub(in crate::cli) struct DisplayArgs {
     pub(in crate::cli) tone_map: Option<ToneOperator>,
 }
 
+fn exposure_or_auto(text: &str) -> Result<Exposure, String> {
+    match text {
+        "auto" => Ok(Exposure::Automatic),
+        stops => exposure(stops)
+            .map(Exposure::Stops)
+            .map_err(|error| format!("{error}, or `auto`")),
+    }
+}
+
 fn background(text: &str) -> Result<VisibleBackground, String> {
     match text {
         "environment" => Ok(VisibleBackground::Environment),
@@ -54,6 +75,13 @@ fn background(text: &str) -> Result<VisibleBackground, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn exposure_is_a_number_of_stops_or_auto() {
+        assert_eq!(exposure_or_auto("auto"), Ok(Exposure::Automatic));
+        assert_eq!(exposure_or_auto("-1.5"), Ok(Exposure::Stops(-1.5)));
+        assert!(exposure_or_auto("Auto").is_err() && exposure_or_auto("1e3").is_err());
+    }
 
     #[test]
     fn background_is_a_word_or_a_radiance() {

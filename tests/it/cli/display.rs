@@ -148,3 +148,106 @@ fn transparent_background_is_refused_where_samples_differ() {
     }
     assert!(!out.exists());
 }
+
+/// Writes the scene `first_light` with a key light of 100,000 candela, which lights it alone, and returns its path.
+fn bright_light(folder: &Path) -> std::path::PathBuf {
+    let text = fs::read_to_string(first_light()).unwrap();
+    let bright = text
+        .replace("\"intensity\":165", "\"intensity\":100000")
+        .replace("\"intensity\":110,", "\"intensity\":0,")
+        .replace("\"intensity\":18,", "\"intensity\":0,");
+    assert_eq!(bright.matches("\"intensity\":0,").count(), 2);
+    assert!(bright.contains("\"intensity\":100000"));
+    let scene = folder.join("bright.gltf");
+    fs::write(&scene, bright).unwrap();
+    scene
+}
+
+/// Returns the stops that a render printed.
+fn printed_stops(printed: &str) -> f64 {
+    let line = printed.lines().next().unwrap();
+    let (_, exposure) = line
+        .split_once(", exposure ")
+        .unwrap_or_else(|| panic!("{printed}"));
+    exposure.strip_suffix(" stops").unwrap().parse().unwrap()
+}
+
+#[test]
+fn lights_in_candela_are_shown_around_middle_grey() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = bright_light(folder.path());
+    let [png, again, exr] = ["a.png", "b.png", "a.exr"].map(|name| folder.path().join(name));
+    // A light of 100,000 cd some metres away is about ten stops brighter than white
+    let stops = printed_stops(&render(path(&scene), &png, &["--threads", "1"]));
+    assert!((-14.0..-6.0).contains(&stops), "{stops}");
+    render(path(&scene), &exr, &["--quiet"]);
+    let gain = stops.exp2();
+    let mut levels: Vec<f64> = read_exr(&exr)
+        .unwrap()
+        .pixels
+        .iter()
+        .map(|[r, g, b]| 0.2126 * f64::from(*r) + 0.7152 * f64::from(*g) + 0.0722 * f64::from(*b))
+        .filter(|&level| level > 0.0)
+        .map(|level| gain * level)
+        .collect();
+    levels.sort_by(f64::total_cmp);
+    let mean = levels.iter().sum::<f64>() / levels.len() as f64;
+    assert!((0.09..0.36).contains(&mean), "{mean}");
+    // A hundredth of a stop changes values by 0.7 %
+    assert!(levels[levels.len() * 99 / 100 - 1] < 1.01);
+    // Threads do not matter, and the printed number gives the same image
+    assert_eq!(
+        printed_stops(&render(path(&scene), &again, &["--threads", "2"])),
+        stops
+    );
+    assert_eq!(fs::read(&png).unwrap(), fs::read(&again).unwrap());
+    render(path(&scene), &again, &["--exposure", &stops.to_string()]);
+    assert_eq!(codes(&png), codes(&again));
+}
+
+#[test]
+fn given_exposure_wins_over_the_automatic_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = bright_light(folder.path());
+    let out = folder.path().join("a.png");
+    let printed = render(path(&scene), &out, &["--exposure", "0"]);
+    assert!(!printed.contains("exposure"), "{printed}");
+    let white = codes(&out).iter().filter(|&&code| code == 255).count();
+    assert!(white > codes(&out).len() / 3, "{white}");
+    // Files without lights and scene files have no automatic exposure unless it is requested
+    let plain = folder.path().join("a.toml");
+    fs::write(&plain, SPHERE).unwrap();
+    assert!(!render(path(&plain), &out, &[]).contains("exposure"));
+    let printed = render(path(&plain), &out, &["--exposure", "auto"]);
+    assert!((-4.0..1.0).contains(&printed_stops(&printed)), "{printed}");
+}
+
+#[test]
+fn automatic_exposure_is_refused_where_it_is_needed_beforehand() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = bright_light(folder.path());
+    let out = folder.path().join("a.png");
+    for flags in [
+        ["--adaptive", "0.01"],
+        ["--error", "0.01"],
+        ["--max-time", "9"],
+        ["--crop", "0,0,8,8"],
+    ] {
+        let fixed = ["render", path(&scene), "-o", path(&out), "--exposure", "auto"];
+        fails_with(2, "needs the finished image", &[&fixed[..], &flags].concat());
+    }
+    // As the default, it gives way with a warning
+    let args = [
+        "render",
+        path(&scene),
+        "-o",
+        path(&out),
+        "--size",
+        "32x32",
+        "--crop",
+        "0,0,8,8",
+    ];
+    let run = whit(&args);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    assert!(run.stderr.contains("give `--exposure`"), "{}", run.stderr);
+}

@@ -35,6 +35,12 @@ pub enum BatchError {
          `split` and `--time`"
     )]
     DividedAtOnce(String),
+    /// Frame in shares of samples with an alpha channel.
+    #[error(
+        "{0}: shares and `--time` do not support a transparent background: split the frame into bands alone, or give \
+         another `background` in the `[output]` of the scene file"
+    )]
+    DividedAlpha(String),
     /// Frame in shares of samples with channels of first hits.
     #[error("{0}: shares and `--time` support only `aov = \"samples\"`: leave out the other channels")]
     DividedChannels(String),

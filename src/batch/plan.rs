@@ -10,6 +10,7 @@ use super::request::RenderRequest;
 use crate::image::check_writable;
 use crate::jobs::{Frame, Jobs};
 use crate::render::{Pattern, RenderSettings, Share};
+use crate::scene::image_settings::VisibleBackground;
 
 /// Frame of a batch with the image that its settings request.
 #[derive(Clone, Debug)]
@@ -53,6 +54,10 @@ impl PlannedFrame {
         let most = Share::most(spp);
         if self.frame.settings.shares > most {
             return Err(BatchError::TooManyShares { image, spp, most });
+        }
+        let is_divided = self.frame.settings.shares > 1 || time.is_some();
+        if is_divided && settings.background == VisibleBackground::Transparent {
+            return Err(BatchError::DividedAlpha(image));
         }
         let in_order = matches!(settings.pattern, Pattern::Sobol | Pattern::R2);
         match time.is_some() && !in_order {

@@ -7,6 +7,7 @@ mod compare;
 mod compare_stats;
 mod cost;
 mod crop;
+mod display;
 mod environment;
 mod gltf;
 mod image_format;
@@ -28,6 +29,7 @@ pub(super) use compare::CompareArgs;
 pub(super) use compare_stats::CompareStatsArgs;
 pub(super) use cost::CostArgs;
 pub(super) use crop::Crop;
+pub(super) use display::DisplayArgs;
 pub(super) use environment::EnvironmentArgs;
 pub(super) use gltf::GltfArgs;
 pub(super) use image_format::OutputArgs;
@@ -124,6 +126,8 @@ Examples:
   whit render scene.glb -o scene.png --from 3,2,5 --at 0,1,0 --fov 30
   whit render scene.glb -o scene.png --view top --size 800x600
   whit render scene.glb -o scene.png --environment studio --environment-turn 30
+  whit render scene.glb -o scene.png --exposure 1.5 --tone-map neutral
+  whit render scene.glb -o scene.png --background transparent
   whit render scene.glb -o part.png --size 1920x1080 --crop 800,400,320,200
   whit render a.glb b.gltf --out images --format exr
   whit render scene.glb -o scene.png --spp 64 --pattern sobol --filter mitchell
@@ -219,9 +223,8 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=i64::from(MAX_ROUGH_RAYS)))]
     pub(super) rough_rays: Option<u32>,
 
-    /// Stops of exposure for PNG images: radiance is multiplied by 2^EV
-    #[arg(long, value_name = "EV", help = or_scene("Stops of exposure for PNG images: radiance is multiplied by 2^EV", 0), value_parser = exposure, allow_hyphen_values = true)]
-    pub(super) exposure: Option<f32>,
+    #[command(flatten)]
+    pub(super) display: DisplayArgs,
 
     /// Effects to add (+NAME) to those of the scene or to remove (-NAME), or `all`; see `whit info`
     #[arg(long, value_name = "LIST", allow_hyphen_values = true)]

@@ -10,7 +10,8 @@ use whit::batch::request::{RenderRequest, SceneChange, Settings, is_scene_file};
 use whit::cost::{self, SettingsFile};
 use whit::gltf::LoadOptions;
 use whit::image::{ImageFormat, check_writable};
-use whit::render::Region;
+use whit::render::{Exposure, Region};
+use whit::scene::image_settings::VisibleBackground;
 use whit::scene_file::Output;
 
 use super::accel_options::{check_backend, check_instancing, tracing_options};
@@ -27,6 +28,8 @@ pub(super) struct RenderJob {
     pub(super) request: RenderRequest,
     /// Path of the heat map, if one is written.
     pub(super) heat: Option<PathBuf>,
+    /// Exposure that is given or chosen automatically; the scene's if absent.
+    pub(super) exposure: Option<Exposure>,
     /// Part of the image that is rendered; all of it if absent.
     pub(super) crop: Option<Region>,
     /// Name or index of the camera; the scene's first camera if absent.
@@ -143,6 +146,13 @@ impl RenderJob {
                 "brute force is too slow to search for settings: choose `--backend embree` or `--backend bsp`".into(),
             ));
         }
+        if aim.is_some() && args.display.background == Some(VisibleBackground::Transparent) {
+            return Err(Failure::Input(
+                "`--error` and `--max-time` may choose adaptive sampling, which a transparent background does not allow: \
+                 leave out `--background transparent`, or give the settings themselves"
+                    .into(),
+            ));
+        }
         // Collect the flags into the job
         let mut job = RenderJob {
             targets,
@@ -153,7 +163,9 @@ impl RenderJob {
                     pattern: args.sampling.pattern,
                     filter: args.sampling.filter,
                     filter_radius: args.sampling.filter_radius,
-                    exposure: args.exposure,
+                    exposure: given_stops(args.display.exposure),
+                    tone_map: args.display.tone_map,
+                    background: args.display.background,
                     ..requested(&args.frame)
                 },
                 adaptive: args.sampling.adaptive,
@@ -175,6 +187,7 @@ impl RenderJob {
                 seed: args.seed,
             },
             heat: args.heat.clone(),
+            exposure: args.display.exposure,
             crop: args.crop.map(|crop| crop.0),
             camera: args.view.camera.clone(),
             load: args.gltf.load_options(),
@@ -187,10 +200,33 @@ impl RenderJob {
             job.request = job.request.with(&chosen);
         }
         job.check_requested()?;
+        job.check_exposure()?;
         if job.crop.is_some() {
             crop::check_request(&job.request)?;
         }
         Ok(job)
+    }
+
+    /// Returns the flag that needs the exposure before the image is finished, if there is one.
+    pub(super) fn flag_before_exposure(&self) -> Option<&'static str> {
+        match self.aim.map(|aim| aim.target) {
+            Some(cost::Target::Error(_)) => Some("--error"),
+            Some(cost::Target::Seconds(_)) => Some("--max-time"),
+            None if self.request.adaptive.is_some() => Some("--adaptive"),
+            None if self.crop.is_some() => Some("--crop"),
+            None => None,
+        }
+    }
+
+    /// Rejects automatic exposure where the exposure must be known before the image is finished.
+    fn check_exposure(&self) -> Result<(), Failure> {
+        match self.flag_before_exposure() {
+            Some(flag) if self.exposure == Some(Exposure::Automatic) => Err(Failure::Input(format!(
+                "`--exposure auto` needs the finished image, and `{flag}` the exposure before that: give `--exposure` the \
+                 stops that a render without `{flag}` prints"
+            ))),
+            _ => Ok(()),
+        }
     }
 
     /// Checks the settings of the command line for errors that no scene file can resolve.
@@ -203,6 +239,14 @@ impl RenderJob {
         }
         self.request.resolved(&Output::default())?;
         Ok(())
+    }
+}
+
+/// Returns the stops of a flag that gives a number.
+fn given_stops(exposure: Option<Exposure>) -> Option<f32> {
+    match exposure {
+        Some(Exposure::Stops(stops)) => Some(stops),
+        Some(Exposure::Automatic) | None => None,
     }
 }
 

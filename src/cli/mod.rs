@@ -16,6 +16,7 @@ mod cost;
 mod crop;
 mod cross_check;
 mod events;
+mod exposure;
 mod failure;
 mod forecast;
 mod help;

@@ -11,7 +11,7 @@ use whit::batch::request::{
 use whit::cost::StudyResult;
 use whit::image::{self, Attribute, ImageChannel, ImageFormat, PngEncoding, ToneMap};
 use whit::parallel;
-use whit::render::{self, FinishedTile, Monitor, Region, RenderSettings, Rendering, forecast_rays};
+use whit::render::{self, Exposure, FinishedTile, Monitor, Region, RenderSettings, Rendering, forecast_rays};
 use whit::report::cost::AimText;
 use whit::report::image_error::ImageErrorText;
 use whit::report::stats::{
@@ -26,6 +26,7 @@ use whit::watch::TevViewer;
 use super::args::RenderArgs;
 use super::autotune;
 use super::crop;
+use super::exposure;
 use super::failure::Failure;
 use super::interrupt;
 use super::job::{RenderJob, StatsDestination, Target};
@@ -123,7 +124,9 @@ fn render_one(
     // Search for settings if the job has a target
     let aimed = aim(job, target, (&mut scene, &output), progress)?;
     let request = aimed.as_ref().map_or(&job.request, |(request, _)| request);
-    let resolved = request.resolved(&output)?;
+    let mut resolved = request.resolved(&output)?;
+    let exposure = exposure::choose(job, target, (&scene, &output), progress)
+        .unwrap_or(Exposure::Stops(resolved.tone.exposure_ev));
     check_memory(&resolved.settings, scene.lights.len())?;
     if let Some(region) = &job.crop {
         crop::check_region(region, &resolved.settings)?;
@@ -148,9 +151,8 @@ fn render_one(
     progress.phase(&name, "render");
     let (rendering, render_seconds) = timed(|| {
         let backend = request.backend();
-        let gain = f64::from(resolved.tone.exposure_ev).exp2();
         let settings = RenderSettings {
-            error_gain: job.estimates_error.then_some(gain),
+            error_exposure: job.estimates_error.then_some(exposure),
             ..resolved.settings
         };
         let projected = ProjectedAccel::new((&*accel, backend), (&scene, camera), &settings);
@@ -160,6 +162,7 @@ fn render_one(
         trace(image, (valid, camera), projected.accel(), (progress, live))
     })?;
     seconds.render = render_seconds;
+    resolved.tone.exposure_ev = exposure.stops(&rendering.image, rendering.alpha.as_deref());
     seconds.trace = rendering.ledger.trace_seconds();
 
     // Warn of overridden effects and of coarse subsurface sampling
@@ -194,7 +197,8 @@ fn render_one(
     })?;
     seconds.write = write_seconds;
     seconds.total = start.elapsed().as_secs_f64();
-    print_finished(target, (&rendering, seconds.total), progress)?;
+    let chosen = (exposure == Exposure::Automatic).then_some(resolved.tone.exposure_ev);
+    print_finished(target, (&rendering, chosen), seconds.total, progress)?;
     if let Some(error) = &rendering.error {
         progress.result(&format!("{}\n", ImageErrorText(error)))?;
     }
@@ -303,9 +307,13 @@ fn write_image(
     if target.format == ImageFormat::Png {
         let encoding = PngEncoding {
             tone: resolved.tone,
+            operator: resolved.operator,
             bits: request.encoding.png_bits,
         };
-        interrupt::without_interruption(|| image::write_png_with(image, encoding, notes, path))?;
+        interrupt::without_interruption(|| match &rendering.alpha {
+            None => image::write_png_with(image, encoding, notes, path),
+            Some(alpha) => image::write_png_with_alpha(image, alpha, encoding, notes, path),
+        })?;
         return Ok(());
     }
     // Collect the further channels, which only EXR files can hold
@@ -340,14 +348,16 @@ fn write_heat(job: &RenderJob, rendering: &Rendering) -> Result<Option<String>, 
     )))
 }
 
-/// Prints one line per image on standard output.
+/// Prints one line per image on standard output, with the stops of exposure that were chosen automatically.
 fn print_finished(
     target: &Target,
-    (rendering, seconds): (&Rendering, f64),
+    (rendering, chosen): (&Rendering, Option<f32>),
+    seconds: f64,
     progress: &Progress,
 ) -> Result<(), Failure> {
+    let exposure = chosen.map_or_else(String::new, |stops| format!(", exposure {stops:.2} stops"));
     progress.result(&format!(
-        "{}: {}x{}, {seconds:.2} s\n",
+        "{}: {}x{}, {seconds:.2} s{exposure}\n",
         target.image.display(),
         rendering.image.width,
         rendering.image.height

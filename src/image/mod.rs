@@ -1,7 +1,7 @@
 //! Images: linear radiance in memory, PNG and EXR files, and decoding of images for textures.
 //!
-//! Pixels are linear RGB radiance until they are written; exposure and the sRGB curve are applied only when a PNG is
-//! encoded ([`ToneMap`]); [`metrics`] measure the difference of two images. Files are written atomically: to a
+//! Pixels are linear RGB radiance until they are written; exposure, a tone mapping operator and the sRGB curve are applied only
+//! when a PNG is encoded ([`ToneMap`], [`ToneOperator`]); [`metrics`] measure the difference of two images. Files are written atomically: to a
 //! temporary file in the target's directory, synced to disk and renamed. Images larger than memory are streamed row by
 //! row ([`rows`]).
 
@@ -13,6 +13,7 @@ mod load;
 pub mod metrics;
 mod png;
 pub mod rows;
+mod tone_operator;
 mod tonemap;
 
 use std::fmt;
@@ -21,10 +22,11 @@ use std::path::{Path, PathBuf};
 use crate::parallel;
 
 pub use self::exr::ExrEncoding;
-pub use self::png::{PngBits, PngEncoding};
+pub use self::png::{PngBits, PngChannels, PngEncoding};
 pub use atomic_file::{check_writable, write_atomically};
 pub use decode::{DecodedImage, DecodedPixels, TransferCurve, read, read_size};
 pub use load::{LoadedImage, load_image};
+pub use tone_operator::ToneOperator;
 pub use tonemap::{ToneMap, linear_from_srgb};
 
 /// Image of linear RGB radiance.
@@ -183,7 +185,25 @@ pub fn write_png_with(
     notes: &[Attribute],
     path: &Path,
 ) -> Result<(), ImageError> {
-    write_atomically(path, |file| png::encode(image, &encoding, notes, file))
+    write_atomically(path, |file| png::encode(image, None, &encoding, notes, file))
+}
+
+/// Writes premultiplied `image` with the coverage `alpha` of its pixels and text attributes to `path` as a PNG with
+/// straight alpha, atomically.
+///
+/// # Panics
+/// If `alpha` has not one value per pixel.
+pub fn write_png_with_alpha(
+    image: &LinearImage,
+    alpha: &[f32],
+    encoding: PngEncoding,
+    notes: &[Attribute],
+    path: &Path,
+) -> Result<(), ImageError> {
+    assert_eq!(alpha.len(), image.pixels.len(), "coverage of other pixels");
+    write_atomically(path, |file| {
+        png::encode(image, Some(alpha), &encoding, notes, file)
+    })
 }
 
 /// Encodes `image` as the bytes of a PNG, for embedding in other files.
@@ -197,7 +217,7 @@ pub fn png_bytes(image: &LinearImage, tone: ToneMap) -> std::io::Result<Vec<u8>>
         ..PngEncoding::default()
     };
     let mut bytes = Vec::new();
-    png::encode(image, &encoding, &[], &mut bytes)?;
+    png::encode(image, None, &encoding, &[], &mut bytes)?;
     Ok(bytes)
 }
 

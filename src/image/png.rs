@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use ::png::{BitDepth, ColorType, Compression, EncodingError, Filter, SrgbRenderingIntent, Writer};
 
-use super::{Attribute, LinearImage, SOFTWARE, ToneMap};
+use super::{Attribute, LinearImage, SOFTWARE, ToneMap, ToneOperator};
 
 /// Writer of the encoder's bytes; boxed, so that the encoder is compiled for one type only.
 pub(super) type Sink<'w> = Box<dyn Write + Send + 'w>;
@@ -14,6 +14,9 @@ pub(super) type Sink<'w> = Box<dyn Write + Send + 'w>;
 pub struct PngEncoding {
     /// Exposure and tone curve of the codes.
     pub tone: ToneMap,
+    /// Operator between exposure and curve.
+    #[serde(default)]
+    pub operator: ToneOperator,
     /// Bit depth of each code.
     pub bits: PngBits,
 }
@@ -31,13 +34,69 @@ pub enum PngBits {
     Sixteen,
 }
 
+impl PngBits {
+    /// Returns the bytes of one channel of a pixel.
+    fn sample_bytes(self) -> usize {
+        match self {
+            PngBits::Eight => size_of::<u8>(),
+            PngBits::Sixteen => size_of::<u16>(),
+        }
+    }
+}
+
+/// Channels of the pixels of a PNG.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PngChannels {
+    /// Red, green and blue.
+    #[default]
+    Rgb,
+    /// Red, green, blue and straight alpha.
+    Rgba,
+}
+
 impl PngEncoding {
     /// Tone-maps `pixels` to the sample bytes of a PNG.
     pub(super) fn codes(&self, pixels: &[[f32; 3]]) -> Vec<u8> {
-        match self.bits {
-            PngBits::Eight => self.tone.srgb_codes(pixels),
-            PngBits::Sixteen => self.tone.srgb_codes16(pixels),
+        if self.operator == ToneOperator::Clip {
+            return self.codes_after(self.tone, pixels);
         }
+        // The operator's colours are exposed already
+        let displayed = self.operator.displayed_pixels(pixels, self.tone);
+        self.codes_after(ToneMap::default(), &displayed)
+    }
+
+    /// Returns the codes of `pixels` after the exposure and curve of `tone`.
+    fn codes_after(&self, tone: ToneMap, pixels: &[[f32; 3]]) -> Vec<u8> {
+        match self.bits {
+            PngBits::Eight => tone.srgb_codes(pixels),
+            PngBits::Sixteen => tone.srgb_codes16(pixels),
+        }
+    }
+
+    /// Tone-maps premultiplied `pixels` to the sample bytes of a PNG with straight alpha.
+    ///
+    /// Colours are divided by their alpha before tone mapping, and are black where it is 0.
+    pub(super) fn codes_with_alpha(&self, pixels: &[[f32; 3]], alpha: &[f32]) -> Vec<u8> {
+        let straight: Vec<[f32; 3]> = pixels
+            .iter()
+            .zip(alpha)
+            .map(|(pixel, &alpha)| match alpha > 0.0 {
+                true => pixel.map(|channel| channel / alpha),
+                false => [0.0; 3],
+            })
+            .collect();
+        let colors = self.codes(&straight);
+        let sample_bytes = self.bits.sample_bytes();
+        let mut codes = Vec::with_capacity(4 * sample_bytes * alpha.len());
+        for (color, &alpha) in colors.chunks(3 * sample_bytes).zip(alpha) {
+            codes.extend_from_slice(color);
+            let code = |most: u32| (f64::from(alpha.clamp(0.0, 1.0)) * f64::from(most)).round();
+            match self.bits {
+                PngBits::Eight => codes.push(code(u8::MAX.into()) as u8),
+                PngBits::Sixteen => codes.extend((code(u16::MAX.into()) as u16).to_be_bytes()),
+            }
+        }
+        codes
     }
 
     /// Writes the header and text chunks of an image of `size`, width and height.
@@ -45,12 +104,16 @@ impl PngEncoding {
         &self,
         out: Sink<'w>,
         size: [u32; 2],
+        channels: PngChannels,
         notes: &[Attribute],
     ) -> io::Result<Writer<Sink<'w>>> {
         let [width, height] = size;
         // Set colour type, depth and fast compression
         let mut encoder = ::png::Encoder::new(out, width, height);
-        encoder.set_color(ColorType::Rgb);
+        encoder.set_color(match channels {
+            PngChannels::Rgb => ColorType::Rgb,
+            PngChannels::Rgba => ColorType::Rgba,
+        });
         encoder.set_depth(match self.bits {
             PngBits::Eight => BitDepth::Eight,
             PngBits::Sixteen => BitDepth::Sixteen,
@@ -76,15 +139,19 @@ impl PngEncoding {
     }
 }
 
-/// Writes `image` as a PNG to `out`.
+/// Writes `image` as a PNG to `out`, with the coverage of its pixels if `alpha` gives it.
 pub(super) fn encode(
     image: &LinearImage,
+    alpha: Option<&[f32]>,
     encoding: &PngEncoding,
     notes: &[Attribute],
     out: &mut (dyn Write + Send),
 ) -> io::Result<()> {
-    let mut writer = encoding.begin(Box::new(out), [image.width, image.height], notes)?;
-    let codes = encoding.codes(&image.pixels);
+    let (channels, codes) = match alpha {
+        None => (PngChannels::Rgb, encoding.codes(&image.pixels)),
+        Some(alpha) => (PngChannels::Rgba, encoding.codes_with_alpha(&image.pixels, alpha)),
+    };
+    let mut writer = encoding.begin(Box::new(out), [image.width, image.height], channels, notes)?;
     writer.write_image_data(&codes).map_err(io_error)?;
     writer.finish().map_err(io_error)
 }
@@ -113,7 +180,7 @@ mod tests {
     fn png_reads_back_as_tone_mapped_codes() {
         let image = ramp();
         let mut file = Vec::new();
-        encode(&image, &PngEncoding::default(), &[], &mut file).unwrap();
+        encode(&image, None, &PngEncoding::default(), &[], &mut file).unwrap();
         let read = image::load_from_memory(&file).unwrap();
         assert_eq!(read.color(), image::ColorType::Rgb8);
         assert_eq!((read.width(), read.height()), (5, 3));
@@ -127,7 +194,7 @@ mod tests {
             bits: PngBits::Sixteen,
             ..PngEncoding::default()
         };
-        encode(&ramp(), &encoding, &[], &mut file).unwrap();
+        encode(&ramp(), None, &encoding, &[], &mut file).unwrap();
         let read = image::load_from_memory(&file).unwrap();
         assert_eq!(read.color(), image::ColorType::Rgb16);
         let codes = read.into_rgb16().into_raw();
@@ -148,7 +215,7 @@ mod tests {
             },
         ];
         let mut file = Vec::new();
-        encode(&ramp(), &PngEncoding::default(), &notes, &mut file).unwrap();
+        encode(&ramp(), None, &PngEncoding::default(), &notes, &mut file).unwrap();
         let reader = ::png::Decoder::new(io::Cursor::new(&file)).read_info().unwrap();
         let info = reader.info();
         let texts: Vec<(&str, &str)> = info
@@ -162,13 +229,42 @@ mod tests {
         assert_eq!(info.srgb, Some(SrgbRenderingIntent::Perceptual));
     }
 
+    #[test]
+    fn alpha_is_straight_and_divided_out_of_the_colours() {
+        let image = LinearImage {
+            width: 4,
+            height: 1,
+            pixels: vec![[0.125, 0.25, 0.5], [0.3, 0.2, 0.1], [0.5; 3], [0.5; 3]],
+        };
+        let alpha = [0.5, 0.0, 1.0, 1.25];
+        for bits in [PngBits::Eight, PngBits::Sixteen] {
+            let encoding = PngEncoding {
+                bits,
+                ..PngEncoding::default()
+            };
+            let mut file = Vec::new();
+            encode(&image, Some(&alpha), &encoding, &[], &mut file).unwrap();
+            let read = image::load_from_memory(&file).unwrap();
+            assert_eq!(read.color().channel_count(), 4);
+            let codes = read.into_rgba16().into_raw();
+            // Colours 0.25, 0.5 and 1 have the codes 137, 188 and 255 of 255, 35199, 48192 and 65535 of 65535.
+            let expected = match bits {
+                PngBits::Eight => [137 * 257, 188 * 257, 65535, 128 * 257],
+                PngBits::Sixteen => [35199, 48192, 65535, 32768],
+            };
+            assert_eq!(codes[..4], expected);
+            assert_eq!(codes[4..8], [0; 4]);
+            assert_eq!([codes[11], codes[15]], [65535; 2]);
+        }
+    }
+
     #[cfg(target_os = "linux")]
     #[test]
     fn full_disk_is_a_system_error() {
         // This device is always full.
         let full = std::fs::File::options().write(true).open("/dev/full").unwrap();
         let mut out = io::BufWriter::new(full);
-        let error = encode(&ramp(), &PngEncoding::default(), &[], &mut out).unwrap_err();
+        let error = encode(&ramp(), None, &PngEncoding::default(), &[], &mut out).unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::StorageFull);
     }
 }

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use super::adaptive::ROUND;
 use super::aov::{AovKind, AovSet, LightAovs, LightGroups, MatteIds, PixelCostBuffer};
 use super::camera::{MovingCamera, ScreenMotion};
-use super::film::PixelFilter;
+use super::film::{PixelFilter, SampleFilm};
 use super::lighting::{AreaLightSampler, Environment, area_lights};
 use super::plan::Plan;
 use super::profile::ThreadMemory;
@@ -19,7 +19,7 @@ use super::wavefront::camera_packets;
 use crate::accel::{Accel, Coherence, MAX_BATCH, RayPacket};
 use crate::numeric::{LANES, Lanes, Ray};
 use crate::optics::{InteriorStack, NestedInterior, SpectralSampler};
-use crate::scene::image_settings::Pattern;
+use crate::scene::image_settings::{Pattern, VisibleBackground};
 use crate::scene::{Background, Camera, CameraView, Effect, EffectSet, Instance, LensView, Scene, Shutter};
 use crate::shading::ray_cone::RayCone;
 
@@ -310,6 +310,17 @@ impl<'s> RenderContext<'s> {
     pub(super) fn needs_sample_statistics(&self) -> bool {
         let settings = &self.settings;
         settings.target().is_some() || settings.sample_aovs || !settings.filter.is_box()
+    }
+
+    /// Returns an empty film of single samples, if statistics of them are needed.
+    pub(super) fn sample_film(&self) -> Option<SampleFilm> {
+        self.needs_sample_statistics()
+            .then(|| SampleFilm::new(self.settings.filter))
+    }
+
+    /// Returns whether camera rays see another background than the scene's.
+    pub(super) fn replaces_background(&self) -> bool {
+        self.settings.background != VisibleBackground::Environment
     }
 
     /// Returns the number of samples per pixel in the share that is rendered.

@@ -6,7 +6,7 @@ use std::time::Instant;
 use super::adaptive::{self, Adaptive, Checkpoints};
 use super::aov::{AovBuffers, PixelCostBuffer, layer};
 use super::context::RenderContext;
-use super::film::{SampleAovs, SampleCounts, TileResult, filtered_image, tile_result};
+use super::film::{SampleAovs, SampleCounts, TileResult, tile_result, transparency};
 use super::monitor::{Cancelled, Monitor};
 use super::profile::{Category, Profiler, RenderProfile, Tally};
 use super::result::Rendering;
@@ -70,7 +70,9 @@ pub fn render_on(
     rendering.memory = frame.memory();
     rendering.costs = frame.costs.take().map(PixelCostBuffer::finish);
     // Estimate the error
-    if let Some(gain) = settings.error_gain {
+    if let Some(exposure) = settings.error_exposure {
+        let stops = exposure.stops(&rendering.image, rendering.alpha.as_deref());
+        let gain = f64::from(stops).exp2();
         let taken = rendering.samples.mean;
         rendering.error = Some(image_error(frame, (&rendering.image, taken), gain, monitor)?);
     }
@@ -96,10 +98,7 @@ pub(super) fn render_uniformly(
     let [width, height] = cover.size();
     // Assemble tiles into pixels and add filtered neighbours
     let mut meter = Profiler::new(settings);
-    let mut pixels = tile_result::assemble(width, height, &tiles, &|result| &result.means);
-    if !settings.filter.is_box() {
-        filtered_image::assemble(width, &mut pixels, &tiles);
-    }
+    let pixels = transparency::assembled([width, height], &tiles, settings);
     let aovs = || {
         SampleAovs::of(
             &cover.cut(tile_result::assemble(width, height, &tiles, &|result| {
@@ -108,6 +107,7 @@ pub(super) fn render_uniformly(
         )
     };
     let aovs = settings.sample_aovs.then(aovs);
+    let alpha = transparency::coverage([width, height], tiles, settings).map(|alpha| cover.cut(alpha));
     meter.lap_all_threads(Category::Film);
     ledger += meter.ledger;
     let image = LinearImage {
@@ -118,6 +118,7 @@ pub(super) fn render_uniformly(
     let samples = SampleCounts::uniform(region.pixel_count(), settings.spp);
     Ok(Rendering {
         aovs,
+        alpha,
         layers,
         ..Rendering::new(image, samples, ledger, frame)
     })

@@ -5,6 +5,7 @@
 
 mod adaptive;
 mod aov;
+mod automatic_exposure;
 mod camera;
 mod context;
 mod driver;
@@ -26,6 +27,7 @@ mod wavefront;
 
 pub use adaptive::{Adaptive, Checkpoints, MIN_ADAPTIVE_ERROR, Rounds};
 pub use aov::{AovKind, AovSet, Layer, LightAovs, PixelCosts};
+pub use automatic_exposure::{Exposure, automatic_exposure};
 pub use driver::{render, render_on};
 pub use film::{PixelFilter, SampleAovs, SampleCounts, pixel_sum};
 pub use monitor::{Cancelled, FinishedTile, Monitor};

@@ -15,6 +15,9 @@ use crate::image::LinearImage;
 pub struct Rendering {
     /// Linear RGB radiance of the pixels.
     pub image: LinearImage,
+    /// Coverage (alpha) of each pixel, row by row, if the [`background`](super::RenderSettings::background) is
+    /// transparent: the colours are premultiplied by it.
+    pub alpha: Option<Vec<f32>>,
     /// Number of samples that each pixel took.
     pub samples: SampleCounts,
     /// Sample statistics per pixel, if [`sample_aovs`](super::RenderSettings::sample_aovs) is on.
@@ -24,7 +27,7 @@ pub struct Rendering {
     pub layers: Vec<Layer>,
     /// Cost of each pixel, if [`cost_aovs`](super::RenderSettings::cost_aovs) is on.
     pub costs: Option<PixelCosts>,
-    /// Estimated error, if [`error_gain`](super::RenderSettings::error_gain) requests it. Its rays and seconds are in no
+    /// Estimated error, if [`error_exposure`](super::RenderSettings::error_exposure) requests it. Its rays and seconds are in no
     /// account.
     pub error: Option<ImageError>,
     /// Numbers of rays and seconds, by account.
@@ -50,6 +53,7 @@ impl Rendering {
     ) -> Rendering {
         Rendering {
             image,
+            alpha: None,
             samples,
             aovs: None,
             layers: Vec::new(),

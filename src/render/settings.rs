@@ -4,10 +4,13 @@ use serde::{Deserialize, Serialize};
 
 use super::adaptive::{Adaptive, ROUND};
 use super::aov::{AovSet, LightAovs};
+use super::automatic_exposure::Exposure;
 use super::film::PixelFilter;
 use super::sampler::{Purpose, sample_2d};
 use crate::numeric::SpawnPolicy;
-use crate::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS, Pattern};
+use crate::scene::image_settings::{
+    DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_WAVELENGTHS, Pattern, VisibleBackground,
+};
 use crate::scene::{CameraView, EffectOverrides};
 use crate::shading::ray_cone::RayCone;
 use crate::volume::SkipEmpty;
@@ -45,6 +48,9 @@ pub struct RenderSettings {
     /// change no bit of the image. They need samples that count equally and for their own pixel only: with `adaptive`
     /// or a `filter` other than a box they are ignored.
     pub light_layers: LightAovs,
+    /// Background at the end of camera rays that go straight into the distance. With a transparent one,
+    /// [`Rendering::alpha`](super::Rendering::alpha) is computed, except with `adaptive`.
+    pub background: VisibleBackground,
     /// Largest number of reflections and refractions along a path; 0 for none.
     pub depth: u32,
     /// Number of wavelengths that a path splits into at a dispersive dielectric; at least 1.
@@ -63,9 +69,9 @@ pub struct RenderSettings {
     /// read only at both ends of the render and before the first sample; rays are counted either way. It changes no
     /// bit of the image.
     pub ledger: bool,
-    /// Factor on radiance before display if [`Rendering::error`](super::Rendering::error) is to be estimated, which
+    /// Exposure before display if [`Rendering::error`](super::Rendering::error) is to be estimated, which
     /// takes about 2 % of the time in addition; `None` for no estimate. It changes no bit of the image.
-    pub error_gain: Option<f64>,
+    pub error_exposure: Option<Exposure>,
     /// True if [`Rendering::costs`](super::Rendering::costs) are computed, for which `ledger` must be on. They change
     /// no bit of the image, but make rendering slower.
     pub cost_aovs: bool,
@@ -84,6 +90,7 @@ impl Default for RenderSettings {
             sample_aovs: false,
             layers: AovSet::NONE,
             light_layers: LightAovs::NONE,
+            background: VisibleBackground::default(),
             depth: DEFAULT_DEPTH,
             wavelengths: DEFAULT_WAVELENGTHS,
             weight_cutoff: 1.0 / 512.0,
@@ -92,7 +99,7 @@ impl Default for RenderSettings {
             skip_empty: SkipEmpty::default(),
             effects: EffectOverrides::default(),
             ledger: false,
-            error_gain: None,
+            error_exposure: None,
             cost_aovs: false,
         }
     }
@@ -133,6 +140,11 @@ impl RenderSettings {
             return LightAovs::NONE;
         }
         self.light_layers
+    }
+
+    /// Returns whether the image gets an alpha channel.
+    pub(super) fn has_alpha(&self) -> bool {
+        self.background == VisibleBackground::Transparent && self.target().is_none()
     }
 
     /// Returns the target of adaptive sampling, if `spp` allows more than the first round.

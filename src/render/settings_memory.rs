@@ -32,6 +32,12 @@ impl RenderSettings {
         // Layers are counted twice: as rendered and when written to a file.
         let layers = 2 * self.layers.layer_count() * size_of::<f32>();
         let light = 2 * 3 * self.wanted_light().max_planes(light_count) * size_of::<f32>();
-        (estimates + aovs + layers + light + costs) as u64 + self.filter.bytes_per_pixel()
+        // The transparency has a film of its own, and a channel that is counted twice, too.
+        let film = size_of::<[f32; 3]>() as u64 + self.filter.bytes_per_pixel();
+        let alpha = match self.has_alpha() {
+            true => film + 2 * size_of::<f32>() as u64,
+            false => 0,
+        };
+        (estimates + aovs + layers + light + costs) as u64 + self.filter.bytes_per_pixel() + alpha
     }
 }

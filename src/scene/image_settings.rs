@@ -30,6 +30,19 @@ pub const MIN_FILTER_RADIUS: f64 = 1.0;
 /// Largest radius of a filter in pixels: beyond it, images are blurred on purpose.
 pub const MAX_FILTER_RADIUS: f64 = 4.0;
 
+/// Background at the end of camera rays that go straight into the distance.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum VisibleBackground {
+    /// Background or environment map of the scene.
+    #[default]
+    Environment,
+    /// One linear RGB radiance; lights, mirrors and refraction keep the background of the scene.
+    Color([f32; 3]),
+    /// No background: the image gets an alpha channel, by which its colours are premultiplied.
+    Transparent,
+}
+
 /// Pattern by which the samples of a pixel are spread over it.
 ///
 /// Sobol points are the default, because they reach a given error soonest on most scenes (figures in `whit help

@@ -12,7 +12,9 @@ use super::placement::{Repeat, Scatter, Step};
 use super::shape::{ShapeForm, ShapeRef};
 use super::texture::TextureForm;
 use super::value::{Color, Located, OneOrMany};
+use super::visible_background::VisibleBackgroundForm;
 use super::volume::{FogForm, VolumeForm};
+use crate::image::ToneOperator;
 use crate::scene::image_settings::{
     DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS, FilterKind, Pattern,
 };
@@ -85,6 +87,13 @@ pub(super) struct OutputForm {
     /// Stops of exposure of PNG images.
     #[schemars(extend("default" = 0))]
     pub(super) exposure: Option<f32>,
+    /// Background that camera rays see which go straight into the distance; lights, mirrors and refraction keep that of
+    /// the scene.
+    #[schemars(extend("default" = "environment"))]
+    pub(super) background: Option<VisibleBackgroundForm>,
+    /// Tone mapping operator of PNG images, after exposure.
+    #[schemars(extend("default" = ToneOperator::default()))]
+    pub(super) tone_map: Option<ToneOperator>,
 }
 
 /// Objects that are placed together.

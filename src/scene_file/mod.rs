@@ -92,14 +92,16 @@ mod shape_diagnostic;
 pub(crate) mod source_text;
 mod texture;
 pub(crate) mod value;
+mod visible_background;
 mod volume;
 
 use std::path::Path;
 
 use crate::gltf::LoadOptions;
+use crate::image::ToneOperator;
 use crate::scene::image_settings::{
     FilterKind, MAX_DEPTH, MAX_EXPOSURE, MAX_FILTER_RADIUS, MAX_PIXELS, MAX_SPP, MAX_WAVELENGTHS,
-    MIN_FILTER_RADIUS, Pattern,
+    MIN_FILTER_RADIUS, Pattern, VisibleBackground,
 };
 use crate::scene::{Background, CameraRequest, Scene};
 use assembly::Resolver;
@@ -145,6 +147,10 @@ pub struct Output {
     pub wavelengths: Option<u32>,
     /// Stops of exposure of PNG images, up to [`MAX_EXPOSURE`] either way.
     pub exposure: Option<f32>,
+    /// Background that camera rays see which go straight into the distance.
+    pub background: Option<VisibleBackground>,
+    /// Tone mapping operator of PNG images.
+    pub tone_map: Option<ToneOperator>,
 }
 
 impl Output {
@@ -164,6 +170,8 @@ impl Output {
             depth: self.depth.or(other.depth),
             wavelengths: self.wavelengths.or(other.wavelengths),
             exposure: self.exposure.or(other.exposure),
+            background: self.background.or(other.background),
+            tone_map: self.tone_map.or(other.tone_map),
         }
     }
 }
@@ -316,5 +324,7 @@ fn output(form: Option<&Located<OutputForm>>, source: &Source) -> Result<Output,
         depth: form.depth,
         wavelengths: form.wavelengths,
         exposure: form.exposure,
+        background: form.background.map(|form| form.0),
+        tone_map: form.tone_map,
     })
 }

@@ -5,10 +5,11 @@ use std::path::Path;
 use super::chunk_directory::{ChunkDirectory, FrameMetadata};
 use super::merge::{Merge, MergeError};
 use crate::batch::ongoing_writes::OngoingWrites;
+use crate::batch::request::ALPHA;
 use crate::image::rows::{
     ExrChannel, ExrLayout, ExrScanlineWriter, PngScanlineWriter, RowWindow, SampleType, Samples,
 };
-use crate::image::{ChannelKind, ImageError, ImageFormat};
+use crate::image::{ChannelKind, ImageError, ImageFormat, PngChannels};
 use crate::render::Layer;
 
 /// Scanline writer of an image, by its format.
@@ -57,7 +58,11 @@ impl ImageWriter {
     fn begin(path: &Path, head: &FrameMetadata, planes: &[Layer]) -> Result<ImageWriter, ImageError> {
         let notes = head.notes.list();
         if ImageFormat::of_path(path) == Some(ImageFormat::Png) {
-            let writer = PngScanlineWriter::create(path, head.size, head.png, &notes)?;
+            let channels = match alpha(planes) {
+                None => PngChannels::Rgb,
+                Some(_) => PngChannels::Rgba,
+            };
+            let writer = PngScanlineWriter::create_with(path, head.size, channels, head.png, &notes)?;
             return Ok(ImageWriter::Png(Box::new(writer)));
         }
         let channel = |plane: &Layer| {
@@ -89,7 +94,10 @@ impl ImageWriter {
                     .collect();
                 writer.write_rows(&values)
             }
-            ImageWriter::Png(writer) => writer.write_rows(&colors(planes)),
+            ImageWriter::Png(writer) => match alpha(planes) {
+                None => writer.write_rows(&colors(planes)),
+                Some(alpha) => writer.write_rows_with_alpha(&colors(planes), alpha),
+            },
         }
     }
 }
@@ -99,6 +107,12 @@ fn sorted_by_name(planes: &[Layer]) -> Vec<&Layer> {
     let mut planes: Vec<&Layer> = planes.iter().collect();
     planes.sort_by(|a, b| a.name.cmp(&b.name));
     planes
+}
+
+/// Returns the coverage of the pixels, if there is such a channel.
+fn alpha(planes: &[Layer]) -> Option<&[f32]> {
+    let plane = planes.iter().find(|plane| plane.name == ALPHA);
+    plane.map(|plane| &plane.values[..])
 }
 
 /// Returns the pixels of the channels R, G and B.

@@ -5,6 +5,9 @@ use std::borrow::Cow;
 use crate::image::ChannelKind;
 use crate::render::{AovKind, Category, Layer, Rendering, SampleAovs};
 
+/// Name of the channel of the coverage of pixels.
+pub(in crate::batch) const ALPHA: &str = "A";
+
 /// Groups of channels that an EXR image may hold besides its colours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
@@ -60,12 +63,22 @@ impl AovGroup {
     }
 }
 
-/// Returns the channels of an image besides its colours, those of costs only as far as they are requested.
+/// Returns the channels of an image besides its colours: its coverage, if it has one, and those that are requested.
 pub fn channels<'r>(requested: &[AovGroup], rendering: &'r Rendering) -> Vec<Cow<'r, Layer>> {
-    let mut channels = cost_channels(requested, rendering);
+    let mut channels: Vec<Layer> = rendering.alpha.iter().map(alpha_layer).collect();
+    channels.extend(cost_channels(requested, rendering));
     channels.extend(rendering.aovs.clone().into_iter().flat_map(sample_layers));
     let made = channels.into_iter().map(Cow::Owned);
     made.chain(rendering.layers.iter().map(Cow::Borrowed)).collect()
+}
+
+/// Returns the channel of the coverage of pixels, which may be rounded like the colours that are premultiplied by it.
+fn alpha_layer(alpha: &Vec<f32>) -> Layer {
+    Layer {
+        name: ALPHA.into(),
+        kind: ChannelKind::Color,
+        values: alpha.clone(),
+    }
 }
 
 /// Returns the requested channels of rays and nanoseconds: the total, and every category with values above zero.

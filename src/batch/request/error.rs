@@ -63,6 +63,12 @@ pub enum RequestError {
          `--filter`, or give `--filter box` if the scene file has another"
     )]
     AdaptiveFilter,
+    /// Transparent background, which adaptive sampling does not support.
+    #[error(
+        "`--adaptive` does not measure the coverage that a transparent background needs: leave out `--adaptive`, or \
+         give another `--background`"
+    )]
+    AdaptiveAlpha,
     /// Channels that adaptive sampling does not support.
     #[error(
         "`--adaptive` supports only the channels `samples`, `rays` and `time`: give `--aov` only these, or leave out \

@@ -10,9 +10,9 @@ use super::render_request::RenderRequest;
 use super::resolved::ResolvedSettings;
 use super::settings::Settings;
 use crate::accel::EmbreeIdentity;
-use crate::image::{Attribute, cryptomatte};
+use crate::image::{Attribute, ToneOperator, cryptomatte};
 use crate::render::{AovKind, Plan};
-use crate::scene::image_settings::FilterKind;
+use crate::scene::image_settings::{FilterKind, VisibleBackground};
 use crate::scene::{Camera, Effect, EffectSet, Scene};
 
 /// Names and texts of the metadata of an image file.
@@ -71,6 +71,10 @@ struct ImageRecord<'a> {
     size: [u32; 2],
     camera: &'a str,
     exposure: f32,
+    #[serde(skip_serializing_if = "is_clip")]
+    tone_map: ToneOperator,
+    #[serde(skip_serializing_if = "is_of_the_scene")]
+    background: VisibleBackground,
     filter: FilterKind,
     filter_radius: f64,
     seed: u32,
@@ -82,6 +86,16 @@ struct ImageRecord<'a> {
     effects_removed: Vec<&'static str>,
     #[serde(flatten)]
     settings: Settings,
+}
+
+/// Returns whether the operator is the default, which the record leaves out.
+fn is_clip(operator: &ToneOperator) -> bool {
+    *operator == ToneOperator::Clip
+}
+
+/// Returns whether the background is the default, which the record leaves out.
+fn is_of_the_scene(background: &VisibleBackground) -> bool {
+    *background == VisibleBackground::Environment
 }
 
 /// Environment map of an image, by its name without folders.
@@ -114,6 +128,8 @@ fn settings(request: &RenderRequest, resolved: &ResolvedSettings, camera: &Camer
         size: [resolved.settings.width, resolved.settings.height],
         camera: &camera.name,
         exposure: resolved.tone.exposure_ev,
+        tone_map: resolved.operator,
+        background: resolved.settings.background,
         filter: resolved.settings.filter.kind,
         filter_radius: resolved.settings.filter.radius,
         seed: resolved.settings.seed,

@@ -13,7 +13,7 @@ mod scene_change;
 mod settings;
 mod tracing;
 
-pub(super) use aov::sample_layers;
+pub(super) use aov::{ALPHA, sample_layers};
 pub use aov::{AovGroup, channels};
 pub use camera::choose_camera;
 pub use environment::{EnvironmentRequest, EnvironmentSource};

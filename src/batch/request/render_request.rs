@@ -152,6 +152,7 @@ impl RenderRequest {
         Ok(ResolvedSettings {
             settings,
             tone: ToneMap { exposure_ev },
+            operator: requested.tone_map.unwrap_or_default(),
         })
     }
 }

@@ -2,9 +2,11 @@
 
 use super::error::RequestError;
 use crate::batch::memory;
-use crate::image::ToneMap;
+use crate::image::{ToneMap, ToneOperator};
 use crate::render::{FilterKind, Pattern, PixelFilter, RenderSettings};
-use crate::scene::image_settings::{DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS};
+use crate::scene::image_settings::{
+    DEFAULT_DEPTH, DEFAULT_SIZE, DEFAULT_SPP, DEFAULT_WAVELENGTHS, VisibleBackground,
+};
 use crate::scene_file::Output;
 
 /// Render settings and tone mapping of one scene: those of the request, else those of the scene.
@@ -14,6 +16,8 @@ pub struct ResolvedSettings {
     pub settings: RenderSettings,
     /// Tone mapping of PNG files.
     pub tone: ToneMap,
+    /// Tone mapping operator of PNG files.
+    pub operator: ToneOperator,
 }
 
 /// Returns the render settings for an image, with defaults for what is absent.
@@ -30,6 +34,7 @@ pub fn render_settings(output: &Output) -> Result<RenderSettings, RequestError> 
         spp: output.spp.unwrap_or(DEFAULT_SPP),
         pattern: output.pattern.unwrap_or_default(),
         filter: filter(output)?,
+        background: output.background.unwrap_or_default(),
         depth: output.depth.unwrap_or(DEFAULT_DEPTH),
         wavelengths: output.wavelengths.unwrap_or(DEFAULT_WAVELENGTHS),
         ..RenderSettings::default()
@@ -75,6 +80,9 @@ pub(super) fn check_adaptive(settings: &RenderSettings) -> Result<(), RequestErr
     }
     if settings.filter.kind != FilterKind::Box {
         return Err(RequestError::AdaptiveFilter);
+    }
+    if settings.background == VisibleBackground::Transparent {
+        return Err(RequestError::AdaptiveAlpha);
     }
     if !(settings.layers.is_empty() && settings.light_layers.is_empty()) {
         return Err(RequestError::AdaptiveChannels);

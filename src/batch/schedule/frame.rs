@@ -150,6 +150,7 @@ impl<'a> FrameTask<'a> {
             exr: request.encoding.exr,
             png: PngEncoding {
                 tone: resolved.tone,
+                operator: resolved.operator,
                 bits: request.encoding.png_bits,
             },
             notes,

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use ::png::StreamWriter;
 
 use super::super::atomic_file::{AtomicFile, write_error};
-use super::super::png::{self, PngEncoding, io_error};
+use super::super::png::{self, PngChannels, PngEncoding, io_error};
 use super::super::{Attribute, ImageError};
 
 /// Writer of a PNG row by row, from top to bottom.
@@ -18,6 +18,7 @@ pub struct PngScanlineWriter {
     encoding: PngEncoding,
     row_pixels: usize,
     rows_left: u32,
+    channels: PngChannels,
     encoder: StreamWriter<'static, png::Sink<'static>>,
     /// Output of the encoder, shared to retrieve the file and its first error.
     output: PngOutput,
@@ -35,9 +36,24 @@ impl PngScanlineWriter {
         encoding: PngEncoding,
         notes: &[Attribute],
     ) -> Result<PngScanlineWriter, ImageError> {
+        PngScanlineWriter::create_with(path, size, PngChannels::Rgb, encoding, notes)
+    }
+
+    /// Creates a file as [`PngScanlineWriter::create`] does, for pixels with these channels.
+    ///
+    /// # Errors
+    ///
+    /// If the folder is not writable, there are no pixels, or an attribute's name is invalid in a PNG.
+    pub fn create_with(
+        path: &Path,
+        size: [u32; 2],
+        channels: PngChannels,
+        encoding: PngEncoding,
+        notes: &[Attribute],
+    ) -> Result<PngScanlineWriter, ImageError> {
         let begin = || {
             let output = PngOutput::new(AtomicFile::create(path)?);
-            let header = encoding.begin(Box::new(output.clone()), size, notes)?;
+            let header = encoding.begin(Box::new(output.clone()), size, channels, notes)?;
             Ok((header.into_stream_writer().map_err(io_error)?, output))
         };
         let (encoder, output) = begin().map_err(|error: io::Error| write_error(path, &error))?;
@@ -46,6 +62,7 @@ impl PngScanlineWriter {
             encoding,
             row_pixels: size[0] as usize,
             rows_left: size[1],
+            channels,
             encoder,
             output,
         })
@@ -55,8 +72,29 @@ impl PngScanlineWriter {
     ///
     /// # Errors
     ///
-    /// If rows are incomplete or exceed the image's height, or the disk is full.
+    /// If rows are incomplete or exceed the image's height, the file has alpha, or the disk is full.
     pub fn write_rows(&mut self, pixels: &[[f32; 3]]) -> Result<(), ImageError> {
+        self.write_codes(pixels, PngChannels::Rgb, |encoding| encoding.codes(pixels))
+    }
+
+    /// Appends the next rows, given as premultiplied linear pixels and their coverage.
+    ///
+    /// # Errors
+    ///
+    /// If rows are incomplete or exceed the image's height, the file has no alpha, or the disk is full.
+    pub fn write_rows_with_alpha(&mut self, pixels: &[[f32; 3]], alpha: &[f32]) -> Result<(), ImageError> {
+        self.write_codes(pixels, PngChannels::Rgba, |encoding| {
+            encoding.codes_with_alpha(pixels, alpha)
+        })
+    }
+
+    /// Appends the rows of `pixels`, whose sample bytes `codes` returns.
+    fn write_codes(
+        &mut self,
+        pixels: &[[f32; 3]],
+        channels: PngChannels,
+        codes: impl FnOnce(&PngEncoding) -> Vec<u8>,
+    ) -> Result<(), ImageError> {
         let rows = pixels.len() / self.row_pixels;
         // Check that whole rows are given, and no more than are left
         let result = if !pixels.len().is_multiple_of(self.row_pixels) || rows > self.rows_left as usize {
@@ -66,9 +104,12 @@ impl PngScanlineWriter {
                 pixels.len()
             );
             Err(io::Error::new(io::ErrorKind::InvalidInput, fault))
+        } else if channels != self.channels {
+            let fault = format!("{channels:?} pixels were given for a file of {:?}", self.channels);
+            Err(io::Error::new(io::ErrorKind::InvalidInput, fault))
         } else {
             self.rows_left -= rows as u32;
-            self.encoder.write_all(&self.encoding.codes(pixels))
+            self.encoder.write_all(&codes(&self.encoding))
         };
         result.map_err(|error| write_error(&self.path, &error))
     }
@@ -158,7 +199,11 @@ mod tests {
         }];
         for bits in [PngBits::Eight, PngBits::Sixteen] {
             let tone = ToneMap { exposure_ev: 0.5 };
-            let encoding = PngEncoding { tone, bits };
+            let encoding = PngEncoding {
+                tone,
+                bits,
+                ..PngEncoding::default()
+            };
             let [whole, path] = ["whole.png", "rows.png"].map(|name| folder.path().join(name));
             write_png_with(&image, encoding, &notes, &whole).unwrap();
             let mut writer = PngScanlineWriter::create(&path, [7, 50], encoding, &notes).unwrap();

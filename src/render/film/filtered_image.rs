@@ -92,6 +92,7 @@ mod tests {
                     means: Vec::new(),
                     splat: Some(splat),
                     estimates: Vec::new(),
+                    transparency: None,
                 };
                 (tile, result)
             })

@@ -9,12 +9,13 @@ mod sample_film;
 mod splat;
 mod tile_film;
 pub(super) mod tile_result;
+pub(super) mod transparency;
 
 pub use filter::PixelFilter;
 pub use sample_aovs::{SampleAovs, SampleCounts};
 pub use tile_film::pixel_sum;
 
-pub(super) use label::{STEP_SHIFT, STEPS, number_of, pixel_of, with_step};
+pub(super) use label::{STEP_SHIFT, STEPS, number_of, pixel_of, with_step, without_step};
 pub(super) use pixel_statistics::PixelStatistics;
 #[cfg(test)]
 pub(super) use pixel_statistics::estimate;

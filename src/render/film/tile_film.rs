@@ -144,6 +144,7 @@ impl TileFilm {
             sums: Vec::new(),
             splat: samples.and_then(SampleFilm::splat).cloned(),
             estimates: estimates.map_or(Vec::new(), |all| cut(tile, all).copied().collect()),
+            transparency: None,
         }
     }
 

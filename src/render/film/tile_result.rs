@@ -14,6 +14,8 @@ pub(in crate::render) struct TileResult {
     pub(in crate::render) splat: Option<Splat>,
     /// Sample statistics of each pixel, if requested.
     pub(in crate::render) estimates: Vec<PixelStatistics>,
+    /// Film of the transparency of the pixels, if the background is transparent.
+    pub(in crate::render) transparency: Option<Box<TileResult>>,
 }
 
 /// Assembles an image of the data that `part` selects from tiles, which must be in the order of

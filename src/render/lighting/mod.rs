@@ -7,6 +7,7 @@ pub(super) mod direct;
 mod environment;
 mod sample_index;
 mod transparent_shadow;
+mod visible_background;
 
 pub(super) use area_light_sampler::{AreaLightSampler, area_lights};
 pub(super) use direct::ShadingContext;

@@ -52,7 +52,8 @@ impl RenderContext<'_> {
         } else {
             0
         };
-        let pixel = size_of::<[f32; 3]>() + estimate + settings.filter.bytes_per_pixel() as usize;
+        let film = size_of::<[f32; 3]>() + estimate + settings.filter.bytes_per_pixel() as usize;
+        let pixel = if settings.has_alpha() { 2 * film } else { film };
         (tile.width * tile.height) as usize * pixel + size_of::<((Tile, TileResult), RenderProfile)>()
     }
 

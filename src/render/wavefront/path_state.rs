@@ -222,6 +222,11 @@ impl PathStatePacket<'_> {
         }
     }
 
+    /// Returns the number of reflections and refractions of lane `l` so far; 0 if paths do not count them.
+    pub(in crate::render) fn depth(&self, l: usize) -> u32 {
+        self.path_states.depth.get(self.packet, l, 0)
+    }
+
     /// Returns the ray cone of lane `l`.
     pub(in crate::render) fn cone(&self, l: usize) -> RayCone {
         self.path_states.cone.get(self.packet, l, PathState::NONE.cone)

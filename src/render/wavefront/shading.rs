@@ -26,9 +26,10 @@ impl ShadingState<'_, '_> {
         paths: Paths,
         stage: BatchInfo,
     ) {
-        // Layers of light need the general path, which records the source of all radiance.
-        let divides_light = self.frame.light_sheet.is_wanted();
-        if !divides_light && self.frame.effects().are_within(EffectSet::BASIC) {
+        // Layers of light need the general path, which records the source of all radiance, as does a background for
+        // camera rays alone.
+        let is_special = self.frame.light_sheet.is_wanted() || self.frame.replaces_background();
+        if !is_special && self.frame.effects().are_within(EffectSet::BASIC) {
             self.shade_packets::<true>(surfaces, packets, paths, stage);
         } else {
             self.shade_packets::<false>(surfaces, packets, paths, stage);
@@ -61,12 +62,18 @@ impl ShadingState<'_, '_> {
             let marched = effects
                 .has(Effect::Volume)
                 .then(|| self.march(packet, (path, path_states), weight, stage));
-            let traced = TracedPacket {
+            let mut traced = TracedPacket {
                 packet,
                 pixel: &path.pixel,
                 weight: marched.as_ref().unwrap_or(weight),
                 path_states,
             };
+            // Replace the background that camera rays see, if another is requested
+            let elsewhere =
+                (!BASIC && self.frame.replaces_background()).then(|| self.replace_background(&traced, stage));
+            if let Some(elsewhere) = &elsewhere {
+                traced.weight = elsewhere;
+            }
             let any_hit = packet.instance.iter().any(|&instance| instance != NO_HIT);
             // Compute surface interactions, then shade them
             if any_hit {

@@ -2,7 +2,7 @@
 
 use super::super::aov::{FirstHits, LightSource, TileLayer};
 use super::super::context::RenderContext;
-use super::super::film::TileFilm;
+use super::super::film::{SampleFilm, TileFilm};
 use super::super::profile::{Category, Profiler, TileTruncation};
 use super::super::scattering::MarchState;
 use super::super::surface::Surfaces;
@@ -14,6 +14,8 @@ use crate::scene::{Effect, EffectSet};
 pub(in crate::render) struct ShadingState<'f, 's> {
     pub(in crate::render) frame: &'f RenderContext<'s>,
     pub(in crate::render) film: TileFilm,
+    /// Sums of the weights with which camera rays go straight into a transparent background.
+    pub(in crate::render) transparency: Option<Box<TileFilm>>,
     /// First-hit AOVs, if layers are requested.
     pub(in crate::render) first_hits: Option<Box<FirstHits<'f, 's>>>,
     /// Column and row of the film's first pixel in the image.
@@ -37,6 +39,10 @@ impl<'f, 's> ShadingState<'f, 's> {
         ShadingState {
             frame,
             film,
+            transparency: frame
+                .settings
+                .has_alpha()
+                .then(|| Box::new(TileFilm::new(frame.sample_film()))),
             first_hits: FirstHits::of(frame),
             corner: [0; 2],
             shadow_queue: ShadowQueue::new(frame.effects(), frame.batch),
@@ -58,11 +64,19 @@ impl<'f, 's> ShadingState<'f, 's> {
 
     pub(in crate::render) fn clear(&mut self) {
         self.film.clear();
+        if let Some(film) = &mut self.transparency {
+            film.clear();
+        }
         self.next.clear();
         self.losses.clear();
         if let Some(first_hits) = &mut self.first_hits {
             first_hits.clear();
         }
+    }
+
+    /// Returns the film of the single samples of the transparency, if both exist.
+    pub(in crate::render) fn transparency_samples(&mut self) -> Option<&mut SampleFilm> {
+        self.transparency.as_mut()?.samples()
     }
 
     /// Books the film time at the end of a tile, and adds the tile's pixel costs to the cost image.

@@ -13,7 +13,7 @@ use multiversion::multiversion;
 use super::super::aov::{AovBuffers, LightGroupFilm};
 use super::super::camera::lens;
 use super::super::context::RenderContext;
-use super::super::film::{PixelStatistics, SampleFilm, TileFilm, TileResult};
+use super::super::film::{PixelStatistics, TileFilm, TileResult};
 use super::super::profile::{
     Accounts, Category, Memory, RayTypeCounts, RenderProfile, Tally, ThreadFootprint,
 };
@@ -51,9 +51,7 @@ pub(in crate::render) struct TileRenderer<'f, 's> {
 
 impl<'f, 's> TileRenderer<'f, 's> {
     pub(in crate::render) fn new(frame: &'f RenderContext<'s>) -> TileRenderer<'f, 's> {
-        let samples = frame
-            .needs_sample_statistics()
-            .then(|| SampleFilm::new(frame.settings.filter));
+        let samples = frame.sample_film();
         TileRenderer {
             packets: 0,
             held: frame.thread_memory.as_ref().map(ThreadFootprint::new),
@@ -91,6 +89,8 @@ impl<'f, 's> TileRenderer<'f, 's> {
         let pixels = (0..TILE * TILE).map(|pixel| (pixel, samples));
         outcome.losses.settle(pixels, &mut outcome.meter.ledger);
         let mut result = outcome.film.picture(tile, frame.settings);
+        let transparency = outcome.transparency.as_ref();
+        result.transparency = transparency.map(|film| Box::new(film.picture(tile, frame.settings)));
         if frame.returns_sums {
             result.sums = outcome.film.sums_of(tile);
         }
@@ -157,6 +157,9 @@ impl<'f, 's> TileRenderer<'f, 's> {
         self.follow_reflections();
         if let Some(samples) = self.outcome.film.samples() {
             samples.weigh();
+            if let Some(samples) = self.outcome.transparency_samples() {
+                samples.weigh();
+            }
             self.outcome.meter.lap(Category::Film);
         }
     }
@@ -174,7 +177,11 @@ impl<'f, 's> TileRenderer<'f, 's> {
         fill_camera_packet(frame, block, group, position, (packet, &mut path.pixel));
         // Register samples with the film and initialize path states
         if let Some(samples) = self.outcome.film.samples() {
+            let mut pixels = path.pixel;
             samples.expect(&mut path.pixel, position, &packet.active);
+            if let Some(samples) = self.outcome.transparency_samples() {
+                samples.expect(&mut pixels, position, &packet.active);
+            }
         }
         if self.has_camera_path_states {
             self.begin_path_states(block, group, position);
@@ -394,6 +401,9 @@ impl TileRenderer<'_, '_> {
             .iter()
             .for_each(|marches| marches.add_to(&mut memory));
         outcome.film.add_to(&mut memory);
+        if let Some(film) = &outcome.transparency {
+            film.add_to(&mut memory);
+        }
         let first_hits = outcome.first_hits.as_ref().map_or(0, |hits| hits.byte_count());
         memory.add(Category::Film.name(), "first hits of a tile", first_hits);
         let losses = outcome.losses.byte_count();

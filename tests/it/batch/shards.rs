@@ -168,3 +168,37 @@ fn frames_that_differ_only_in_name_have_separate_pieces() {
     let image = |name: &str| fs::read(place.path("out").join(name)).unwrap();
     assert!(image("bands.exr") == image("whole.exr"));
 }
+
+#[test]
+fn transparent_frames_in_bands_equal_those_of_one_process() {
+    let place = Place::new();
+    let scene = "background = 2\ncamera = { from = [0, 0, 4], at = [0, 0, 0], fov = 40 }\n\
+                 object = [{ shape = \"sphere\" }]\n[output]\nbackground = \"transparent\"\n";
+    fs::write(place.path("clear.toml"), scene).unwrap();
+    let job = |split: &str, image: &str| {
+        format!(
+            "[[job]]\nscene = \"clear.toml\"\n{split}\nsettings = {{ size = \"30x130\", spp = 32, backend = \"bsp\" }}\n\
+             image = \"{image}\"\n"
+        )
+    };
+    let bands = "split = { bands = 3 }";
+    let jobs = place.jobs(&[job(bands, "a.png"), job(bands, "a.exr")].concat());
+    let [one, many] = ["one", "many"].map(|name| place.out(name));
+    assert_done(&run(&["batch", &jobs, "--out", &one, "--quiet"]));
+    for shard in ["2/3", "3/3", "1/3"] {
+        assert_done(&run(&[
+            "batch", &jobs, "--out", &many, "--shard", shard, "--quiet",
+        ]));
+    }
+    assert_eq!(images(&one).len(), 2);
+    assert_eq!(images(&many), images(&one));
+    let shown = image::open(Path::new(&one).join("a.png")).unwrap();
+    assert_eq!(shown.color(), image::ColorType::Rgba8);
+    assert_eq!(shown.into_rgba8().get_pixel(0, 0)[3], 0);
+    // Shares of samples have no coverage
+    let jobs = place.jobs(&job("split = { shares = 2 }", "b.png"));
+    let refused = run(&["batch", &jobs, "--out", &one, "--quiet"]);
+    assert_ne!(refused.status.code(), Some(0));
+    let said = String::from_utf8_lossy(&refused.stderr);
+    assert!(said.contains("do not support a transparent background"), "{said}");
+}

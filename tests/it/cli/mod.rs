@@ -6,6 +6,7 @@ mod bench;
 mod compare;
 mod compare_stats;
 mod disabled_effect_cost;
+mod display;
 mod gltf_flags;
 mod info;
 mod manual;

@@ -5,7 +5,9 @@ use crate::support::image_error::Judge;
 use crate::support::images::{rendered, settings};
 use crate::support::sampling_scenes::{first_light, noise};
 use whit::accel::Backend;
-use whit::render::{Adaptive, AovKind, AovSet, FilterKind, ImageError, Pattern, PixelFilter, RenderSettings};
+use whit::render::{
+    Adaptive, AovKind, AovSet, Exposure, FilterKind, ImageError, Pattern, PixelFilter, RenderSettings,
+};
 use whit::scene::{Background, Camera, Scene};
 
 /// Sides of the images, of which less than half is rendered again.
@@ -15,7 +17,7 @@ const MAX_RATIO: f64 = 1.25;
 
 fn with_estimate(spp: u32) -> RenderSettings {
     RenderSettings {
-        error_gain: Some(1.0),
+        error_exposure: Some(Exposure::Stops(0.0)),
         ..settings(SIZE, spp)
     }
 }
@@ -98,7 +100,7 @@ fn estimate_changes_neither_image_nor_statistics() {
             ..with_estimate(9)
         };
         let without = RenderSettings {
-            error_gain: None,
+            error_exposure: None,
             ..with
         };
         let [with, without] = [with, without].map(|settings| rendered(&scene, &scene.cameras[0], &settings));

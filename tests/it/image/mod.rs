@@ -8,4 +8,5 @@ mod light_groups;
 mod patch_sampling;
 mod regions;
 mod sampling;
+mod transparent_background;
 mod truncation_bound;

@@ -267,7 +267,10 @@ fn environment_seen_by_lobe_rays_and_light_samples_counts_once() {
         if has_glass {
             // Refraction anywhere in the scene leaves the environment to lobe rays alone
             let place = DAffine3::from_translation(DVec3::new(0.0, 0.0, -1e3));
-            let ball = Geometry::Shape(Shape::Sphere(Sphere { radius: 0.1 }));
+            let ball = Geometry::Shape(Shape::Sphere(Sphere {
+                center: DVec3::ZERO,
+                radius: 0.1,
+            }));
             add(&mut scene, "ball", ball, glass(0.0, 0, MediumKind::Solid), place);
         }
         scene

@@ -1,6 +1,6 @@
 //! Brute force: every ray against every primitive. Reference for the other two backends.
 
-use super::shape_query::shape_hit;
+use super::shape_query::{point_hit, shape_hit};
 use super::{Accel, AccelReport, Coherence, Hit, LANES, RayPacket};
 use crate::mesh::Mesh;
 use crate::mesh::triangle::Shear;
@@ -77,6 +77,12 @@ pub(super) fn nearest_of(scene: &Scene, index: u32, ray: &Ray, best: &mut Option
                 keep_nearest(best, hit);
             }
         }
+        Geometry::Points(cloud) => {
+            let points = 0..cloud.len() as u32;
+            for hit in points.filter_map(|point| point_hit(index, instance, cloud, point, ray)) {
+                keep_nearest(best, hit);
+            }
+        }
     }
 }
 
@@ -87,6 +93,9 @@ pub(super) fn is_occluded_by(scene: &Scene, index: u32, ray: &Ray) -> bool {
     match &scene.geometries[instance.geometry as usize] {
         Geometry::Mesh(mesh) => any_triangle(mesh, &ray_in(instance, ray)),
         Geometry::Shape(shape) => shape_hit(index, instance, shape, ray).is_some(),
+        Geometry::Points(cloud) => {
+            (0..cloud.len() as u32).any(|point| point_hit(index, instance, cloud, point, ray).is_some())
+        }
     }
 }
 

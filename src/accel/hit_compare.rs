@@ -24,7 +24,7 @@
 use glam::{DMat3, DVec3};
 
 use super::brute::ray_in;
-use super::shape_query::shape_hit;
+use super::shape_query::{point_hit, shape_hit};
 use super::{Hit, Instancing};
 use crate::numeric::Ray;
 use crate::scene::{Geometry, Instance, Scene};
@@ -231,6 +231,10 @@ impl Exact {
                 ))
             }
             Geometry::Shape(shape) => Some(Exact::of_shape(shape_hit(0, instance, shape, ray))),
+            Geometry::Points(cloud) => {
+                ((primitive as usize) < cloud.len()).then_some(())?;
+                Some(Exact::of_shape(point_hit(0, instance, cloud, primitive, ray)))
+            }
         }
     }
 

@@ -11,6 +11,8 @@ pub struct PrimitiveCounts {
     pub placed_meshes: usize,
     /// Instances of bounded analytic shapes.
     pub shapes: usize,
+    /// Points of clouds, counted once per instance.
+    pub points: usize,
     /// Infinite planes, which are outside all structures.
     pub planes: usize,
 }
@@ -27,7 +29,7 @@ impl PrimitiveCounts {
 
     /// Returns the number of objects that Embree intersects by callbacks if it has no instances of its own.
     pub fn user_geometry(&self) -> usize {
-        self.placed_meshes + self.shapes
+        self.placed_meshes + self.shapes + self.points
     }
 
     fn count(&mut self, geometry: &Geometry, instance: &Instance) {
@@ -37,6 +39,7 @@ impl PrimitiveCounts {
             Geometry::Mesh(_) => self.placed_meshes += 1,
             shape if shape.is_unbounded() => self.planes += 1,
             Geometry::Shape(_) => self.shapes += 1,
+            Geometry::Points(cloud) => self.points += cloud.len(),
         }
     }
 }

@@ -7,6 +7,7 @@
 use glam::DVec3;
 
 use super::Hit;
+use crate::mesh::PointCloud;
 use crate::numeric::Ray;
 use crate::scene::{Instance, InstanceTransform};
 use crate::shape::{Implicit, Shape, ShapeHit, ShapeRay, Sphere};
@@ -23,6 +24,23 @@ pub(super) fn shape_hit(index: u32, instance: &Instance, shape: &Shape, ray: &Ra
     Some(Hit {
         primitive: part,
         ..sphere_at(index, t)
+    })
+}
+
+/// Returns the nearest hit of a ray with one point of an instanced cloud within its interval: that with its sphere as a
+/// shape.
+#[inline(always)]
+pub(super) fn point_hit(
+    index: u32,
+    instance: &Instance,
+    cloud: &PointCloud,
+    point: u32,
+    ray: &Ray,
+) -> Option<Hit> {
+    let hit = shape_hit(index, instance, &cloud.shape(point), ray)?;
+    Some(Hit {
+        primitive: point,
+        ..hit
     })
 }
 

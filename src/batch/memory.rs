@@ -71,13 +71,14 @@ impl MemoryForecast {
     }
 }
 
-/// Returns the bytes of all vertex and index arrays.
+/// Returns the bytes of all arrays of vertices, indices and points.
 pub fn mesh_bytes(scene: &Scene) -> u64 {
     scene
         .geometries
         .iter()
         .map(|geometry| match geometry {
             Geometry::Mesh(mesh) => mesh.byte_count() as u64,
+            Geometry::Points(cloud) => cloud.byte_count() as u64,
             Geometry::Shape(_) => 0,
         })
         .sum()

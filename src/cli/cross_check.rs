@@ -198,7 +198,7 @@ pub(super) fn holds(scene: &Scene) -> [u64; 2] {
 fn mesh_diagnostics(scene: &Scene) -> MeshDiagnostics {
     let meshes = scene.geometries.iter().filter_map(|geometry| match geometry {
         Geometry::Mesh(mesh) => Some(MeshDiagnostics::of(mesh)),
-        Geometry::Shape(_) => None,
+        Geometry::Shape(_) | Geometry::Points(_) => None,
     });
     meshes.fold(MeshDiagnostics::default(), MeshDiagnostics::with)
 }

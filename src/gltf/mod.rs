@@ -4,10 +4,10 @@
 //! converted or decoded in parallel. Nothing in a file is trusted: offsets, counts, indices and numbers are checked
 //! before use, and a fault is reported in one sentence with the file, the item and a remedy.
 //!
-//! The import reads triangles (lists, strips, fans), node transforms, metallic-roughness materials with their textures
+//! The import reads triangles (lists, strips, fans), points, node transforms, metallic-roughness materials with their textures
 //! (PNG, JPEG, WebP), vertex colours, tangents, cameras and the extensions listed in `extension_support.rs`. For a normal map without
 //! tangents they are computed by MikkTSpace. Morph targets and skins deform meshes, and animations are evaluated at one
-//! time ([`LoadOptions::pose`]). Points and lines are skipped, each with a warning. Both sides of every surface are
+//! time ([`LoadOptions::pose`]). Points are rendered as spheres ([`LoadOptions::point_size`]); lines are skipped, with a warning. Both sides of every surface are
 //! rendered, whether `doubleSided` or not: a ray tracer that culled back faces would lose the far sides of mirrors and
 //! the exits of glass.
 //!
@@ -71,6 +71,9 @@ pub struct LoadOptions {
     pub camera: CameraRequest,
     /// Light that a file without lights gets.
     pub default_light: DefaultLight,
+    /// Diameter of the spheres as which points are rendered, in the units of their positions; `None` for a diameter by
+    /// the density of each cloud.
+    pub point_size: Option<f64>,
 }
 
 /// Treatment of files that use extensions which are ignored or approximated.
@@ -109,6 +112,7 @@ impl Default for LoadOptions {
             unsupported: UnsupportedExtensions::default(),
             camera: CameraRequest::default(),
             default_light: DefaultLight::default(),
+            point_size: None,
         }
     }
 }
@@ -117,7 +121,7 @@ impl Default for LoadOptions {
 ///
 /// # Errors
 /// A file that is not readable, not glTF 2.0, needs an unknown extension, refers to what it does not hold, or leaves no
-/// triangle to render.
+/// triangle or point to render.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Scene, GltfError> {
     let (document, scene, bounds) = read(path, options)?;
     document.finish(scene, bounds, options)
@@ -156,7 +160,7 @@ fn read(path: &Path, options: &LoadOptions) -> Result<(GltfDocument, Scene, Vec<
     // Decode compressed meshes, then read the primitives
     document.decode_draco(&nodes)?;
     let deformations = document.deform(&mut nodes, &moved)?;
-    let primitives = document.read_used_primitives(&nodes, &deformations)?;
+    let primitives = document.read_used_primitives(&nodes, &deformations, options.point_size)?;
     let PlacedPrimitives {
         bounds,
         image_sources,
@@ -206,7 +210,7 @@ fn with_tangents(geometries: &[Geometry], missing: &[MissingTangents]) -> Vec<Me
         missing.len(),
         &|index| match &geometries[missing[index].geometry] {
             Geometry::Mesh(mesh) => mesh.with_tangents(missing[index].set),
-            Geometry::Shape(_) => Mesh::default(),
+            Geometry::Shape(_) | Geometry::Points(_) => Mesh::default(),
         },
     )
 }
@@ -220,6 +224,7 @@ impl GltfDocument {
         &self,
         nodes: &[PlacedNode],
         deformations: &[Deformation],
+        point_size: Option<f64>,
     ) -> Result<UsedPrimitives, GltfError> {
         let mut ids = Vec::new();
         for node in nodes {
@@ -228,7 +233,9 @@ impl GltfDocument {
         // Read each primitive once, however many nodes use it
         ids.sort_unstable();
         ids.dedup();
-        let read = parallel::try_map(ids.len(), &|index| self.read_primitive(ids[index], deformations))?;
+        let read = parallel::try_map(ids.len(), &|index| {
+            self.read_primitive(ids[index], deformations, point_size)
+        })?;
         Ok(ids.into_iter().zip(read).collect())
     }
 
@@ -307,7 +314,7 @@ impl GltfDocument {
     }
 
     /// Adds the geometry and the material of a primitive and returns their indices; `None` if it has no usable
-    /// triangle.
+    /// triangle or point.
     fn add_geometry(
         &self,
         id: PrimitiveId,
@@ -317,10 +324,13 @@ impl GltfDocument {
         scene: &mut Scene,
     ) -> Result<Option<(u32, u32)>, GltfError> {
         scene.warnings.extend(read.warnings);
-        if read.mesh.triangles.is_empty() {
+        if read.geometry.primitive_count() == 0 {
             return Ok(None);
         }
-        let sets = &read.mesh.tex_coords;
+        let sets: &[_] = match &read.geometry {
+            Geometry::Mesh(mesh) => &mesh.tex_coords,
+            Geometry::Shape(_) | Geometry::Points(_) => &[],
+        };
         // Find the material without the textures whose coordinates the mesh lacks
         let has_set = |set: u32| sets.get(set as usize).is_some_and(|s| !s.is_empty());
         let number = self.material_number(id);
@@ -329,7 +339,7 @@ impl GltfDocument {
         let missing = |set| MissingTangents { geometry, set };
         found.missing_tangents.extend(read.missing_tangents.map(missing));
         found.bounds.push(read.bounds);
-        scene.geometries.push(Geometry::Mesh(read.mesh));
+        scene.geometries.push(read.geometry);
         Ok(Some((geometry as u32, material)))
     }
 

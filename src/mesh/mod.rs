@@ -1,6 +1,7 @@
-//! Triangle meshes: vertex and index arrays, owned or shared with the bytes of a file.
+//! Triangle meshes and point clouds: vertex and index arrays, owned or shared with the bytes of a file.
 
 mod bumpy;
+mod point_cloud;
 pub mod simd;
 mod tangents;
 pub mod triangle;
@@ -11,6 +12,7 @@ use crate::buffer::Buffer;
 use crate::numeric::Bounds;
 use crate::parallel;
 pub use bumpy::bumpy_sphere;
+pub use point_cloud::{PointCloud, position_bounds};
 
 /// Triangle mesh in object space.
 ///

@@ -20,7 +20,7 @@ impl Scene {
     ///
     /// # Errors
     /// One sentence that says why the instance cannot be a light: it does not exist, does not emit, moves or transmits
-    /// light, or is a plane, a polyhedron or a quadric.
+    /// light, or is a plane, a polyhedron, a quadric or a point cloud.
     pub fn add_emissive_light(&mut self, instance: u32, samples: u32) -> Result<(), String> {
         self.emissive_surface(instance)?;
         let placed = &self.instances[instance as usize];
@@ -116,6 +116,12 @@ fn surface(geometry: &Geometry, instance: &Instance) -> Result<AreaLight, String
             let corners = |t| mesh.corners_f64(t).map(|p| map.transform_point3(p));
             // Transform the corners in f64, as a light has no instance of its own
             MeshLight::new((0..mesh.triangles.len() as u32).map(corners)).map(AreaLight::Mesh)
+        }
+        Geometry::Points(_) => {
+            return Err(
+                "a point cloud cannot be an area light: remove the area light, and its points emit to rays that hit them"
+                    .into(),
+            );
         }
         Geometry::Shape(Shape::Quad) => QuadLight::new(center, x, y).map(AreaLight::Quad),
         Geometry::Shape(Shape::Disk) => DiskLight::new(center, x, y).map(AreaLight::Disk),

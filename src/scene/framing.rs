@@ -9,7 +9,7 @@
 use glam::{DMat3, DVec3};
 
 use super::{Geometry, Instance, Scene};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, PointCloud};
 use crate::numeric::Bounds;
 use crate::parallel;
 
@@ -55,6 +55,16 @@ impl FrameReach {
         }
     }
 
+    /// Returns the reach with every side moved outwards by `distance`.
+    fn widened(self, distance: f64) -> FrameReach {
+        FrameReach {
+            right: self.right + distance,
+            left: self.left + distance,
+            up: self.up + distance,
+            down: self.down + distance,
+        }
+    }
+
     /// Returns the nearest eye in camera axes whose frame of slope `slope` contains the points; `None` without points.
     fn eye(&self, slope: f64) -> Option<DVec3> {
         // The sides of the wider direction touch the points; those of the other are equally far from them
@@ -68,15 +78,15 @@ impl FrameReach {
     }
 }
 
-/// Number of triangles whose vertices are projected at a time.
+/// Number of triangles whose vertices, or of points, that are projected at a time.
 const CHUNK: usize = 1 << 14;
 
 impl Scene {
     /// Returns the position in world space from which a camera with the given `axes` sees everything finite in the
     /// scene within the square frame of slope `slope`, as near as possible; `None` if nothing is finite.
     ///
-    /// `object_bounds` are the bounds of the geometries. Meshes are framed by their vertices, analytic shapes, volumes
-    /// and moving objects by the corners of their bounds.
+    /// `object_bounds` are the bounds of the geometries. Meshes are framed by their vertices, point clouds by
+    /// their spheres, analytic shapes, volumes and moving objects by the corners of their bounds.
     pub(super) fn framing_eye(&self, object_bounds: &[Bounds], axes: DMat3, slope: f64) -> Option<DVec3> {
         let camera_from_world = axes.transpose();
         let reach_of = |bounds: &Bounds| {
@@ -105,6 +115,9 @@ impl Scene {
             reach = reach.union(match geometry {
                 Geometry::Mesh(mesh) if !instance.is_moving() => {
                     reach_of_vertices(mesh, instance, camera_from_world, slope)
+                }
+                Geometry::Points(cloud) if !instance.is_moving() => {
+                    reach_of_spheres(cloud, instance, camera_from_world, slope)
                 }
                 _ => of_corners,
             });
@@ -137,6 +150,30 @@ fn reach_of_vertices(mesh: &Mesh, instance: &Instance, camera_from_world: DMat3,
         FrameReach::of_points(vertices, slope)
     });
     chunks.into_iter().fold(FrameReach::EMPTY, FrameReach::union)
+}
+
+/// Returns the reach of the spheres of a point cloud, in parallel; a stretched sphere counts by its longest axis.
+fn reach_of_spheres(
+    cloud: &PointCloud,
+    instance: &Instance,
+    camera_from_world: DMat3,
+    slope: f64,
+) -> FrameReach {
+    let world_from_object = instance.world_from_object();
+    let columns = [0, 1, 2].map(|axis| world_from_object.matrix3.col(axis).length());
+    // The plane of a side has the normal (1, slope), by whose length it moves farther than the radius
+    let radius = cloud.radius * columns.into_iter().fold(0.0, f64::max) * slope.hypot(1.0);
+    let chunks = parallel::map_chunks(&cloud.positions, CHUNK, &|_, positions| {
+        let centers = positions.iter().map(|&position| {
+            let p = glam::Vec3::from(position).as_dvec3();
+            camera_from_world * world_from_object.transform_point3(p)
+        });
+        FrameReach::of_points(centers, slope)
+    });
+    chunks
+        .into_iter()
+        .fold(FrameReach::EMPTY, FrameReach::union)
+        .widened(radius)
 }
 
 #[cfg(test)]

@@ -10,6 +10,7 @@ use std::sync::Arc;
 use glam::{DAffine3, DMat3, DVec3};
 
 use super::Geometry;
+use crate::mesh::PointCloud;
 use crate::numeric::{self, AnimatedTransform, Bounds, MotionError, SingularMatrix};
 use crate::shape::{Shape, Sphere};
 
@@ -196,6 +197,12 @@ impl Instance {
             Placement::Moving(motion) => motion.bounds_of(object_bounds, boxed),
             _ => boxed(&self.world_from_object()),
         }
+    }
+
+    /// Returns a world-space box around one point of a cloud at all times.
+    pub(crate) fn point_bounds(&self, cloud: &PointCloud, point: u32) -> Bounds {
+        let sphere = Geometry::Shape(cloud.shape(point));
+        self.world_bounds(&sphere, &sphere.bounds())
     }
 
     /// Returns a world-space box as [`AnimatedTransform::step_bounds`] defines it, after `steps[0]` of `steps[1]`

@@ -65,7 +65,7 @@ pub(crate) use validate::check_camera;
 pub(crate) use validate_light::{MAX_LIGHT_SAMPLES, check_light};
 pub(crate) use validate_material::{MAX_OPAQUE_IOR, check_factors, check_procedural, check_scattering};
 
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, PointCloud};
 use crate::numeric::Bounds;
 use crate::shape::{Implicit, Shape};
 use crate::volume::{Fog, Volume};
@@ -73,7 +73,7 @@ use crate::volume::{Fog, Volume};
 /// Everything that is rendered. Lengths are metres unless a file says otherwise, colours linear RGB.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
-    /// Meshes and analytic shapes, each in its object space.
+    /// Meshes, analytic shapes and point clouds, each in its object space.
     pub geometries: Vec<Geometry>,
     /// Transforms and materials of geometries in the world. A hit reports the index of its instance.
     pub instances: Vec<Instance>,
@@ -159,6 +159,8 @@ pub enum Geometry {
     Mesh(Mesh),
     /// An analytic shape, such as a sphere, a torus or a quadric.
     Shape(Shape),
+    /// A point cloud, whose points are spheres of one radius.
+    Points(PointCloud),
 }
 
 impl Geometry {
@@ -167,6 +169,7 @@ impl Geometry {
         match self {
             Geometry::Mesh(mesh) => mesh.bounds(),
             Geometry::Shape(shape) => shape.bounds(),
+            Geometry::Points(cloud) => cloud.bounds(),
         }
     }
 
@@ -176,11 +179,30 @@ impl Geometry {
         matches!(self, Geometry::Shape(Shape::Plane))
     }
 
-    /// Returns the number of primitives: triangles of a mesh, one for an analytic shape.
+    /// Returns the point cloud; `None` for meshes and shapes.
+    #[inline(always)]
+    pub fn point_cloud(&self) -> Option<&PointCloud> {
+        match self {
+            Geometry::Points(cloud) => Some(cloud),
+            Geometry::Mesh(_) | Geometry::Shape(_) => None,
+        }
+    }
+
+    /// Returns whether the vertices or points have colours of their own.
+    pub(crate) fn has_colors(&self) -> bool {
+        match self {
+            Geometry::Mesh(mesh) => mesh.colors.is_some(),
+            Geometry::Points(cloud) => cloud.colors.is_some(),
+            Geometry::Shape(_) => false,
+        }
+    }
+
+    /// Returns the number of primitives: triangles of a mesh, points of a cloud, one for an analytic shape.
     pub fn primitive_count(&self) -> usize {
         match self {
             Geometry::Mesh(mesh) => mesh.triangles.len(),
             Geometry::Shape(_) => 1,
+            Geometry::Points(cloud) => cloud.len(),
         }
     }
 }
@@ -234,8 +256,17 @@ impl Scene {
             .iter()
             .map(|i| match &self.geometries[i.geometry as usize] {
                 Geometry::Mesh(mesh) => mesh.triangles.len(),
-                Geometry::Shape(_) => 0,
+                Geometry::Shape(_) | Geometry::Points(_) => 0,
             })
             .sum()
+    }
+
+    /// Returns the number of points in the world: those of a cloud count once for every instance of it.
+    pub fn point_count(&self) -> usize {
+        let clouds = self
+            .instances
+            .iter()
+            .filter_map(|i| self.geometries[i.geometry as usize].point_cloud());
+        clouds.map(PointCloud::len).sum()
     }
 }

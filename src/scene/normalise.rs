@@ -198,7 +198,8 @@ impl Scene {
                         };
                         continue;
                     }
-                    Geometry::Shape(_) => (),
+                    // Points stay as in the file, shared with its bytes: a translation costs rays next to nothing
+                    Geometry::Shape(_) | Geometry::Points(_) => (),
                 }
             }
             // A power of two changes no condition number, so the inverse exists if it did before; computed anew it is
@@ -364,7 +365,7 @@ mod tests {
     fn positions(scene: &Scene) -> Vec<[f32; 3]> {
         match &scene.geometries[0] {
             Geometry::Mesh(mesh) => mesh.positions.to_vec(),
-            Geometry::Shape(_) => Vec::new(),
+            Geometry::Shape(_) | Geometry::Points(_) => Vec::new(),
         }
     }
 
@@ -407,7 +408,7 @@ mod tests {
         let far = scene.geometries[0].bounds();
         scene.geometries[0] = Geometry::Mesh(match &scene.geometries[0] {
             Geometry::Mesh(mesh) => bake::with_positions(mesh, |p| p * 1e6 + DVec3::new(0.0, 1e9, 0.0)),
-            Geometry::Shape(_) => unreachable!(),
+            Geometry::Shape(_) | Geometry::Points(_) => unreachable!(),
         });
         // A motion that scales and rotates about the origin of object space
         let ends = [

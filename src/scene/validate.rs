@@ -6,7 +6,7 @@ use std::ops::Deref;
 
 use glam::{DAffine3, DMat3};
 
-use super::validate_geometry::{check_geometry, check_vertices};
+use super::validate_geometry::{check_geometry, check_points, check_vertices};
 use super::validate_light::{check_emissive_light, check_environment, check_light, max_light_coordinate};
 use super::validate_material::{
     check_factors, check_interior, check_procedural, check_scattering, check_texels,
@@ -63,6 +63,7 @@ impl Scene {
             let item = || format!("geometry {index}");
             let geometry_bounds = match geometry {
                 Geometry::Mesh(mesh) => check_vertices(mesh).map_err(|fault| error(item(), fault))?,
+                Geometry::Points(cloud) => check_points(cloud).map_err(|fault| error(item(), fault))?,
                 Geometry::Shape(shape) => shape.bounds(),
             };
             bounds.push(geometry_bounds);
@@ -157,6 +158,12 @@ impl Scene {
         if geometry.is_unbounded() && material.scatters().is_some() {
             return Err(format!(
                 "its material `{}` has subsurface scattering, but a plane is unbounded: give a disk or a quad",
+                material.name
+            ));
+        }
+        if geometry.point_cloud().is_some() && material.scatters().is_some() {
+            return Err(format!(
+                "its material `{}` has subsurface scattering, but a point cloud is no body: remove the scattering",
                 material.name
             ));
         }
@@ -420,7 +427,7 @@ mod tests {
     fn mesh(scene: &mut Scene) -> &mut Mesh {
         match &mut scene.geometries[0] {
             Geometry::Mesh(mesh) => mesh,
-            Geometry::Shape(_) => unreachable!(),
+            Geometry::Shape(_) | Geometry::Points(_) => unreachable!(),
         }
     }
 

@@ -1,9 +1,9 @@
-//! Validation of meshes and shapes.
+//! Validation of meshes, shapes and point clouds.
 
 use super::Geometry;
 use super::mesh_cleanup::{all_finite, scan};
 use super::validate_value::{check_coordinate_range, is_size};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, PointCloud};
 use crate::numeric::Bounds;
 use crate::shape::{Shape, Sphere, Torus};
 
@@ -41,6 +41,15 @@ pub(super) fn check_vertices(mesh: &Mesh) -> Result<Bounds, String> {
     Ok(scan.bounds)
 }
 
+/// Runs the checks of a point cloud that read every point, and returns its bounds.
+pub(super) fn check_points(cloud: &PointCloud) -> Result<Bounds, String> {
+    let colors: &[[f32; 4]] = cloud.colors.as_ref().map_or(&[], |colors| colors);
+    if !all_finite(bytemuck::cast_slice(&cloud.positions)) || !all_finite(bytemuck::cast_slice(colors)) {
+        return Err("has a point whose position or colour is not finite: correct it".into());
+    }
+    Ok(cloud.bounds())
+}
+
 /// Checks the parameters that a shape's own constructor does not check.
 fn check_shape(shape: &Shape) -> Result<(), String> {
     match *shape {
@@ -63,6 +72,7 @@ pub(super) fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(),
             check_shape(shape)?;
             vertex_range()
         }
+        Geometry::Points(cloud) => check_cloud(cloud),
         Geometry::Mesh(mesh) => {
             // Check that each vertex attribute has one value per vertex
             let count = mesh.positions.len();
@@ -78,3 +88,28 @@ pub(super) fn check_geometry(geometry: &Geometry, bounds: &Bounds) -> Result<(),
         }
     }
 }
+
+/// Checks the radius and the counts of a point cloud. Its object space may have any range, as rays are transformed to it in
+/// f64.
+fn check_cloud(cloud: &PointCloud) -> Result<(), String> {
+    if !is_size(cloud.radius) {
+        return Err("is a point cloud without a positive, finite radius: correct it".into());
+    }
+    if cloud
+        .colors
+        .as_ref()
+        .is_some_and(|colors| colors.len() != cloud.len())
+    {
+        return Err("has fewer or more colours than points: give one for each".into());
+    }
+    if cloud.len() > MAX_POINTS {
+        return Err(format!(
+            "has more than {MAX_POINTS} points: split it into several clouds"
+        ));
+    }
+    Ok(())
+}
+
+/// Largest number of points of a cloud: backends number the primitives of a scene by 32 bits, of which they keep the last
+/// number for themselves.
+const MAX_POINTS: usize = u32::MAX as usize - 1;

@@ -12,6 +12,7 @@ use super::SceneFileError;
 use super::document::{Document, ObjectForm};
 use super::edit::Edit;
 use super::fault::{Diagnostic, Source, suggestion};
+use super::gltf_import::{ImportKey, check_point_size};
 use super::object_tree::{EmissiveSettings, Node, ObjectKind, ObjectTree, PlacedVolume};
 use super::placement::{Copies, Step, map_of};
 use super::shape::{ShapeForm, ShapeRef};
@@ -40,7 +41,7 @@ pub(super) struct Resolver {
     /// Files that are being read, the outermost first.
     open_files: Vec<PathBuf>,
     includes: HashMap<PathBuf, Rc<ObjectTree>>,
-    imports: HashMap<PathBuf, Rc<ObjectTree>>,
+    imports: HashMap<ImportKey, Rc<ObjectTree>>,
     words: HashMap<String, u32>,
     default_material: Option<u32>,
     /// Materials that state the number of rays into their lobes.
@@ -49,6 +50,8 @@ pub(super) struct Resolver {
     pose: Option<AnimationTime>,
     variant: Option<String>,
     unsupported: UnsupportedExtensions,
+    /// Diameter of the points of glTF files, unless an object has its own.
+    point_size: Option<f64>,
     /// Cache of images that are already decoded.
     pub(super) image_cache: ImageCache,
     /// Edits that apply to the outermost file.
@@ -74,6 +77,7 @@ impl Resolver {
             pose: options.pose.clone(),
             variant: options.variant.clone(),
             unsupported: options.unsupported,
+            point_size: options.point_size,
             image_cache: options.image_cache.clone(),
             scene: Scene::default(),
             texels_left: options.max_texels,
@@ -259,6 +263,7 @@ impl Resolver {
             Some(name) => Some(find("material", name, &unit.materials).map_err(|f| source.error(f))?),
         };
         let copies = copies(form).map_err(|f| source.error(f))?;
+        check_point_size(form).map_err(|f| source.error(f))?;
         let what = self.what(unit, form)?;
         if (form.lights || form.cameras) && form.gltf.is_none() && form.include.is_none() {
             let sentence = "has no lights or cameras to import: give `lights` and `cameras` only to `gltf` and `include`";
@@ -312,7 +317,8 @@ impl Resolver {
             }
             (None, None, Some(file), None) => {
                 let path = unit.folder.join(&**file);
-                self.import(&path)
+                let point_size = form.point_size.as_ref().map(|size| **size);
+                self.import(&path, point_size.or(self.point_size))
                     .map(ObjectKind::Import)
                     .map_err(|sentence| source.error(file.fault(sentence)))
             }
@@ -391,9 +397,9 @@ impl Resolver {
         Ok(made)
     }
 
-    /// Returns the objects of a glTF file, which is read once.
-    fn import(&mut self, path: &Path) -> Result<Rc<ObjectTree>, String> {
-        let key = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    /// Returns the objects of a glTF file with points of this diameter; the file is read once for each.
+    fn import(&mut self, path: &Path, point_size: Option<f64>) -> Result<Rc<ObjectTree>, String> {
+        let key = ImportKey::new(path, point_size);
         if let Some(known) = self.imports.get(&key) {
             return Ok(known.clone());
         }
@@ -404,6 +410,7 @@ impl Resolver {
             image_cache: self.image_cache.clone(),
             variant: self.variant.clone(),
             unsupported: self.unsupported,
+            point_size,
             ..LoadOptions::default()
         };
         let part = gltf::load_part(path, &options).map_err(|error| error.to_string())?;

@@ -136,6 +136,8 @@ pub(super) struct ObjectForm {
     /// Import of the cameras of a glTF file or an include with the object.
     #[serde(default)]
     pub(super) cameras: bool,
+    /// Diameter of the points of a glTF file, in the units of their positions; otherwise it follows from their density.
+    pub(super) point_size: Option<Located<f64>>,
     /// Illumination of the scene by the object's emission, on both sides: the number of points on each emissive object
     /// that every shading point samples, for each sample of a pixel; `true` for the default number of a light.
     /// Otherwise the emission is only visible.

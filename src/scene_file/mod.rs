@@ -74,6 +74,7 @@ mod edit;
 pub(crate) mod fault;
 mod flatten;
 pub(crate) mod forms;
+mod gltf_import;
 mod light;
 mod material;
 mod material_form;

@@ -123,7 +123,7 @@ impl OthersBvh {
     fn build(scene: &Scene) -> OthersBvh {
         let meshes = scene.geometries.iter().filter_map(|geometry| match geometry {
             Geometry::Mesh(mesh) => Some(mesh),
-            Geometry::Shape(_) => None,
+            Geometry::Shape(_) | Geometry::Points(_) => None,
         });
         let of = |[v0, v1, v2]: [glam::Vec3; 3]| Triangle {
             v0: v0.into(),

@@ -1,16 +1,16 @@
 //! Primitives of one tree, with consecutive indices.
 //!
-//! The world tree numbers the triangles of all baked meshes, the analytic shapes and the instanced meshes in the order
-//! of their instances; the tree of an instanced mesh numbers its triangles. So the smaller of two indices is also the
+//! The world tree numbers the triangles of all baked meshes, the points of all clouds, the analytic shapes and the
+//! instanced meshes in the order of their instances; the tree of an instanced mesh numbers its triangles. So the smaller of two indices is also the
 //! smaller (instance, primitive), and ties are broken by comparing indices.
 
 use glam::Vec3;
 
 use super::piece::PrimitivePiece;
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, PointCloud};
 use crate::numeric::Bounds;
 use crate::parallel;
-use crate::scene::{Geometry, Scene};
+use crate::scene::{Geometry, Instance, Scene};
 
 /// The primitives of one tree.
 pub(super) struct Primitives<'s> {
@@ -32,6 +32,8 @@ pub(super) struct PrimitiveRun<'s> {
 pub(super) enum RunKind<'s> {
     /// One index per triangle, in the space of the tree.
     Triangles(&'s Mesh),
+    /// One index per point of an instanced cloud, each of which is intersected as a sphere.
+    Points(&'s PointCloud, &'s Instance),
     /// One index for an object that is intersected as a whole, a shape or an instanced mesh, with its bounds in the
     /// tree's space.
     Whole(Bounds),
@@ -42,7 +44,7 @@ pub(super) enum RunKind<'s> {
 pub(super) enum Contents {
     /// All bounded primitives of the world.
     All,
-    /// Shapes and instanced meshes, but no baked meshes.
+    /// Shapes, points of clouds and instanced meshes, but no baked meshes.
     Objects,
 }
 
@@ -57,10 +59,11 @@ impl<'s> Primitives<'s> {
         let object_bounds = parallel::map(scene.geometries.len(), &|index| scene.geometries[index].bounds());
         for (index, instance) in scene.instances.iter().enumerate() {
             let geometry = &scene.geometries[instance.geometry as usize];
-            // Number baked meshes by triangle, other objects as a whole
+            // Number baked meshes by triangle and clouds by point, other objects as a whole
             let kind = match geometry {
                 Geometry::Mesh(_) if instance.is_identity() && contents == Contents::Objects => continue,
                 Geometry::Mesh(mesh) if instance.is_identity() => RunKind::Triangles(mesh),
+                Geometry::Points(cloud) => RunKind::Points(cloud, instance),
                 _ if geometry.is_unbounded() => continue,
                 _ => {
                     let bounds = &object_bounds[instance.geometry as usize];
@@ -85,6 +88,7 @@ impl<'s> Primitives<'s> {
     fn push(&mut self, instance: u32, kind: RunKind<'s>) -> Option<()> {
         let count = match &kind {
             RunKind::Triangles(mesh) => mesh.triangles.len(),
+            RunKind::Points(cloud, _) => cloud.len(),
             RunKind::Whole(bounds) => usize::from(!bounds.is_empty()),
         };
         if count == 0 {
@@ -105,10 +109,14 @@ impl<'s> Primitives<'s> {
         (self.runs.capacity() * size_of::<PrimitiveRun>()) as u64
     }
 
-    /// Returns the number of objects that are intersected as a whole.
+    /// Returns the number of primitives other than triangles.
     pub(super) fn object_count(&self) -> usize {
-        let is_whole = |run: &&PrimitiveRun| matches!(run.kind, RunKind::Whole(_));
-        self.runs.iter().filter(is_whole).count()
+        let counts = self.runs.iter().map(|run| match run.kind {
+            RunKind::Triangles(_) => 0,
+            RunKind::Points(cloud, _) => cloud.len(),
+            RunKind::Whole(_) => 1,
+        });
+        counts.sum()
     }
 
     /// Returns the number of primitives.
@@ -125,13 +133,13 @@ impl<'s> Primitives<'s> {
         }
     }
 
-    /// Returns the vertices of a triangle; `None` for an object that is intersected as a whole.
+    /// Returns the vertices of a triangle; `None` for all other primitives.
     #[inline(always)]
     pub(super) fn corners(&self, number: u32) -> Option<[Vec3; 3]> {
         let run = self.run(number);
         match run.kind {
             RunKind::Triangles(mesh) => Some(mesh.corners(number - run.first)),
-            RunKind::Whole(_) => None,
+            RunKind::Points(..) | RunKind::Whole(_) => None,
         }
     }
 
@@ -148,6 +156,15 @@ impl<'s> Primitives<'s> {
                     parallel::for_each_chunk_mut(of_run, CHUNK, &|chunk, pieces| {
                         for (i, piece) in ((chunk * CHUNK) as u32..).zip(pieces) {
                             *piece = PrimitivePiece::of_triangle(run.first + i, mesh.corners(i));
+                        }
+                    });
+                }
+                RunKind::Points(cloud, instance) => {
+                    let of_run = &mut of_run[..cloud.len()];
+                    parallel::for_each_chunk_mut(of_run, CHUNK, &|chunk, pieces| {
+                        for (i, piece) in ((chunk * CHUNK) as u32..).zip(pieces) {
+                            let (low, high) = instance.point_bounds(cloud, i).to_f32_outward();
+                            *piece = PrimitivePiece::new(run.first + i, low, high);
                         }
                     });
                 }

@@ -16,7 +16,7 @@ use super::error_bounds::{Line, SlabError};
 use super::primitives::{Primitives, RunKind};
 use super::two_level::{TreeLayout, TwoLevelTree};
 use crate::accel::brute::ray_in;
-use crate::accel::shape_query::shape_hit;
+use crate::accel::shape_query::{point_hit, shape_hit};
 use crate::accel::{Hit, LANES, Query, RayPacket};
 use crate::mesh::Mesh;
 use crate::mesh::triangle::Shear;
@@ -190,6 +190,12 @@ impl TwoLevelTree<'_, PlaneTree> {
                     RunKind::Triangles(mesh) => {
                         best.offer_triangle(&shear, mesh, ray, run.instance, number - run.first);
                     }
+                    RunKind::Points(cloud, instance) => {
+                        let point = number - run.first;
+                        if let Some(hit) = point_hit(run.instance, instance, cloud, point, ray) {
+                            best.offer(hit);
+                        }
+                    }
                     RunKind::Whole(_) => self.nearest_within(run.instance, ray, &mut best),
                 }
                 Continuation::Until(best.t)
@@ -205,6 +211,8 @@ impl TwoLevelTree<'_, PlaneTree> {
                     best.offer(hit);
                 }
             }
+            // Points are primitives of the world's own
+            Geometry::Points(_) => (),
             Geometry::Mesh(mesh) => {
                 let Some(object) = &self.objects[instance.geometry as usize] else {
                     return;
@@ -233,6 +241,9 @@ impl TwoLevelTree<'_, PlaneTree> {
                 let run = self.world.primitives.run(number);
                 blocked = match &run.kind {
                     RunKind::Triangles(mesh) => is_blocked_by(&shear, mesh, ray, number - run.first),
+                    RunKind::Points(cloud, instance) => {
+                        point_hit(run.instance, instance, cloud, number - run.first, ray).is_some()
+                    }
                     RunKind::Whole(_) => self.is_blocked_within(run.instance, ray),
                 };
                 if blocked {
@@ -248,6 +259,7 @@ impl TwoLevelTree<'_, PlaneTree> {
         let instance = &self.scene.instances[index as usize];
         match &self.scene.geometries[instance.geometry as usize] {
             Geometry::Shape(shape) => shape_hit(index, instance, shape, ray).is_some(),
+            Geometry::Points(_) => false,
             Geometry::Mesh(mesh) => {
                 let Some(object) = &self.objects[instance.geometry as usize] else {
                     return false;

@@ -6,7 +6,7 @@ use super::error_bounds::Line;
 use super::node8::{Child, Leaf, Node8, Tree8, WIDTH};
 use super::two_level::TwoLevelTree;
 use crate::accel::brute::ray_in;
-use crate::accel::shape_query::shape_hit;
+use crate::accel::shape_query::{point_hit, shape_hit};
 use crate::accel::{Hit, LANES, Query, RayPacket};
 use crate::mesh::simd::{SimdLevel, lanes};
 use crate::mesh::triangle::{PACK, Shear};
@@ -93,6 +93,23 @@ impl HitRecord {
     pub(super) fn is_beaten_by(&self, t: f32, number: u32) -> bool {
         t < self.t || (t == self.t && number < self.number)
     }
+
+    /// Replaces the record by a hit on a shape or a point with index `number`, if that comes first; returns whether it
+    /// does.
+    #[inline(always)]
+    fn offer(&mut self, number: u32, hit: Option<Hit>) -> bool {
+        let Some(hit) = hit.filter(|hit| self.is_beaten_by(hit.t, number)) else {
+            return false;
+        };
+        *self = HitRecord {
+            t: hit.t,
+            number,
+            primitive: hit.primitive,
+            u: 0.0,
+            v: 0.0,
+        };
+        true
+    }
 }
 
 /// Traces one ray after the other.
@@ -149,7 +166,7 @@ pub(super) fn hit_of(levels: &TwoLevelTree<Tree8>, found: &HitRecord) -> Hit {
     levels.hit(found.number, found.primitive, [found.t, found.u, found.v])
 }
 
-/// Intersects a shape or an instanced mesh as a whole; returns whether the hit replaces the record.
+/// Intersects a shape, a point of a cloud or an instanced mesh as a whole; returns whether the hit replaces the record.
 #[inline(always)]
 pub(super) fn intersect_instance(
     isa: impl SimdLevel,
@@ -166,19 +183,11 @@ pub(super) fn intersect_instance(
     let instance = &levels.scene.instances[run.instance as usize];
     // Intersect the shape, or transform the ray and traverse the mesh's own tree
     match &levels.scene.geometries[instance.geometry as usize] {
-        Geometry::Shape(shape) => match shape_hit(run.instance, instance, shape, ray) {
-            Some(hit) if found.is_beaten_by(hit.t, number) => {
-                *found = HitRecord {
-                    t: hit.t,
-                    number,
-                    primitive: hit.primitive,
-                    u: 0.0,
-                    v: 0.0,
-                };
-                true
-            }
-            _ => false,
-        },
+        Geometry::Shape(shape) => found.offer(number, shape_hit(run.instance, instance, shape, ray)),
+        Geometry::Points(cloud) => {
+            let point = number - run.first;
+            found.offer(number, point_hit(run.instance, instance, cloud, point, ray))
+        }
         Geometry::Mesh(_) => {
             let Some(object) = &levels.objects[instance.geometry as usize] else {
                 return false;

@@ -134,7 +134,7 @@ impl<'s, T: TreeLayout> TwoLevelTree<'s, T> {
     pub(super) fn hit(&self, number: u32, primitive: u32, [t, u, v]: [f32; 3]) -> Hit {
         let run = self.world.primitives.run(number);
         let primitive = match run.kind {
-            RunKind::Triangles(_) => number - run.first,
+            RunKind::Triangles(_) | RunKind::Points(..) => number - run.first,
             RunKind::Whole(_) => primitive,
         };
         Hit {

@@ -6,8 +6,8 @@ use crate::accel::Instancing;
 use crate::mesh::Mesh;
 use crate::scene::{Geometry, Instance, Scene};
 
-/// Returns the number of primitives of all trees, for the progress: triangles of the world and of instanced meshes, and
-/// objects.
+/// Returns the number of primitives of all trees, for the progress: triangles of the world and of instanced meshes,
+/// points and objects.
 pub(super) fn primitive_count(scene: &Scene) -> usize {
     let mut is_instanced = vec![false; scene.geometries.len()];
     for instance in &scene.instances {
@@ -17,7 +17,7 @@ pub(super) fn primitive_count(scene: &Scene) -> usize {
     let placed = geometries.map(|(geometry, &placed)| if placed { geometry.primitive_count() } else { 0 });
     let is_object = |i: &&Instance| is_user(scene, i, Instancing::Callback);
     let objects = scene.instances.iter().filter(is_object).count();
-    placed.sum::<usize>() + world_triangle_count(scene) + objects
+    placed.sum::<usize>() + world_triangle_count(scene) + scene.point_count() + objects
 }
 
 /// Returns the number of triangles of the world, including repeated instances.
@@ -42,12 +42,13 @@ pub(super) fn instanced_mesh<'s>(scene: &'s Scene, instance: &Instance) -> Optio
     }
 }
 
-/// Returns whether an instance is a primitive of the user geometry.
+/// Returns whether an instance is one primitive of the user geometry, unlike a point cloud with one for each point.
 pub(super) fn is_user(scene: &Scene, instance: &Instance, instancing: Instancing) -> bool {
     match &scene.geometries[instance.geometry as usize] {
         Geometry::Mesh(_) => {
             instanced_mesh(scene, instance).is_some() && !native_instances::supports(instance, instancing)
         }
+        Geometry::Points(_) => false,
         shape => !shape.is_unbounded(),
     }
 }

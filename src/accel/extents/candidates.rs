@@ -56,7 +56,7 @@ impl Candidates {
 }
 
 /// Returns the smallest spheres around shapes, by instance, for a tree that tests them; `None` where none is safe, and
-/// for meshes.
+/// for meshes and point clouds.
 ///
 /// A cell of a tree contains several shapes, so many rays that reach a cell miss a shape in it.
 pub(crate) fn shape_spheres(scene: &Scene) -> Vec<Option<SphereVolume>> {
@@ -64,7 +64,7 @@ pub(crate) fn shape_spheres(scene: &Scene) -> Vec<Option<SphereVolume>> {
         let geometry = &scene.geometries[index];
         match geometry {
             Geometry::Shape(_) => HullPoints::of(geometry),
-            Geometry::Mesh(_) => None,
+            Geometry::Mesh(_) | Geometry::Points(_) => None,
         }
     });
     let sphere_of = |index: usize| {

@@ -188,6 +188,12 @@ fn object_cost(geometry: &Geometry, instance: &Instance, hull: &HullPoints) -> f
             let scale = mesh.triangles.len() as f64 / MAX_TRIANGLES as f64;
             (Geometry::Mesh(part), scale)
         }
+        Geometry::Points(cloud) if cloud.len() > MAX_TRIANGLES => {
+            let mut part = cloud.clone();
+            part.positions = cloud.positions[..MAX_TRIANGLES].to_vec().into();
+            let scale = cloud.len() as f64 / MAX_TRIANGLES as f64;
+            (Geometry::Points(part), scale)
+        }
         _ => (geometry.clone(), 1.0),
     };
     let bounds = hull.object_bounds().transformed(&instance.world_from_object());

@@ -69,7 +69,7 @@ impl HitError {
             Geometry::Mesh(_) => {
                 3f64.sqrt() * object_bounds.extent().max_element() * spectral_bound(&map.matrix3)
             }
-            Geometry::Shape(_) => 0.0,
+            Geometry::Shape(_) | Geometry::Points(_) => 0.0,
         };
         let reach = own.max_element() + depth + object_bounds.transformed(&map).magnitude();
         // NaN fails the comparison, too.

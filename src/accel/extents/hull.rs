@@ -55,6 +55,7 @@ impl HullPoints {
                 Geometry::Mesh(mesh) => HullForm::Points(used_points(mesh)),
                 Geometry::Shape(Shape::Sphere(sphere)) => HullForm::Sphere(*sphere),
                 Geometry::Shape(shape) => HullForm::Points(shape_points(shape, &bounds)),
+                Geometry::Points(_) => HullForm::Points(corners(&bounds).to_vec()),
             },
             bounds,
         ))
@@ -63,7 +64,7 @@ impl HullPoints {
     /// Computes a hull with only the box corners for meshes, which is fast for meshes of any size.
     pub(super) fn from_bounds(geometry: &Geometry) -> Option<HullPoints> {
         match geometry {
-            Geometry::Shape(_) => HullPoints::of(geometry),
+            Geometry::Shape(_) | Geometry::Points(_) => HullPoints::of(geometry),
             Geometry::Mesh(mesh) => {
                 let bounds = mesh.bounds();
                 (!bounds.is_empty())

@@ -16,6 +16,11 @@ pub(in crate::cli) struct GltfArgs {
     #[arg(long, value_name = "NAME")]
     variant: Option<String>,
 
+    /// Diameter of the spheres as which points of a glTF file are rendered, in the units of their positions
+    /// [default: by the density of the points]
+    #[arg(long, value_name = "DIAMETER", value_parser = point_size, allow_hyphen_values = true)]
+    point_size: Option<f64>,
+
     /// Refuse glTF files with extensions that images do not fully honour; `whit info` lists them
     #[arg(long)]
     strict: bool,
@@ -32,7 +37,16 @@ impl GltfArgs {
             } else {
                 UnsupportedExtensions::Warn
             },
+            point_size: self.point_size,
             ..LoadOptions::default()
         }
+    }
+}
+
+/// Parses the diameter of points.
+fn point_size(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(size) if size > 0.0 && size.is_finite() => Ok(size),
+        _ => Err("is no diameter of points: give a positive number, such as 0.01".into()),
     }
 }

@@ -1,7 +1,8 @@
-//! Conversion of glTF primitives to triangle meshes.
+//! Conversion of glTF primitives to triangle meshes and point clouds.
 
 pub(super) mod deformation;
 mod draco;
+mod points;
 pub(super) mod primitive_id;
 mod skin;
 
@@ -18,11 +19,11 @@ use crate::gltf::mesh::primitive_id::PrimitiveId;
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::parallel;
-use crate::scene::mesh_cleanup;
+use crate::scene::{Geometry, mesh_cleanup};
 
-/// A converted primitive: a mesh without bad indices or unusable triangles, possibly empty.
+/// A converted primitive: a mesh without bad indices or unusable triangles, or a point cloud; possibly empty.
 pub(in crate::gltf) struct ReadPrimitive {
-    pub(in crate::gltf) mesh: Mesh,
+    pub(in crate::gltf) geometry: Geometry,
     pub(in crate::gltf) bounds: Bounds,
     /// Texture coordinate set for which tangents are to be computed, as the file has none that can be used.
     pub(in crate::gltf) missing_tangents: Option<usize>,
@@ -30,11 +31,13 @@ pub(in crate::gltf) struct ReadPrimitive {
 }
 
 impl GltfDocument {
-    /// Reads one primitive in its object space, with its deformation from `deformations` applied.
+    /// Reads one primitive in its object space, with its deformation from `deformations` applied. Points get the diameter
+    /// `point_size`, if it is given.
     pub(in crate::gltf) fn read_primitive(
         &self,
         id: PrimitiveId,
         deformations: &[Deformation],
+        point_size: Option<f64>,
     ) -> Result<ReadPrimitive, GltfError> {
         PrimitiveReader {
             document: self,
@@ -44,7 +47,7 @@ impl GltfDocument {
             missing_tangents: None,
             warnings: Vec::new(),
         }
-        .read()
+        .read(point_size)
     }
 }
 
@@ -59,21 +62,21 @@ struct PrimitiveReader<'a> {
 }
 
 impl PrimitiveReader<'_> {
-    fn read(mut self) -> Result<ReadPrimitive, GltfError> {
+    fn read(mut self, point_size: Option<f64>) -> Result<ReadPrimitive, GltfError> {
         let mut mesh = Mesh::default();
         let primitive = self.document.primitive(self.id);
-        // Read the positions, if the primitive is made of triangles
+        // Read the positions, unless the primitive is made of lines
         let Checked::Valid(mode) = primitive.mode else {
             return Err(self.fault("has a mode that glTF does not define".into()));
         };
-        let is_triangles = matches!(mode, Mode::Triangles | Mode::TriangleStrip | Mode::TriangleFan);
+        let is_lines = matches!(mode, Mode::Lines | Mode::LineLoop | Mode::LineStrip);
         match self.attribute(Semantic::Positions) {
             None => self.warn("has no positions and was skipped"),
-            Some(_) if !is_triangles => self.warn("is made of points or lines and was skipped"),
+            Some(_) if is_lines => self.warn("is made of lines and was skipped"),
             Some(accessor) => mesh.positions = self.document.accessor(accessor)?.vectors()?,
         }
         if mesh.positions.is_empty() {
-            return Ok(self.finish(mesh, Bounds::EMPTY));
+            return Ok(self.finish(Geometry::Mesh(mesh), Bounds::EMPTY));
         }
         // Apply morph targets and the skin
         if let Some(deformation) = self.deformation {
@@ -83,6 +86,11 @@ impl PrimitiveReader<'_> {
             mesh.positions = deformer.positions(&mesh.positions);
             self.deformer = Some(deformer);
         }
+        if mode == Mode::Points {
+            let cloud = self.points(mesh.positions, point_size)?;
+            let bounds = cloud.bounds();
+            return Ok(self.finish(Geometry::Points(cloud), bounds));
+        }
         // Read the triangles and remove unusable ones
         mesh.triangles = self.triangles(mode, mesh.positions.len())?;
         if let Some(deformer) = &self.deformer {
@@ -91,12 +99,12 @@ impl PrimitiveReader<'_> {
         let bounds = self.discard_unusable(&mut mesh)?;
         // Read the attributes that the material needs
         self.read_attributes(&mut mesh)?;
-        Ok(self.finish(mesh, bounds))
+        Ok(self.finish(Geometry::Mesh(mesh), bounds))
     }
 
-    fn finish(self, mesh: Mesh, bounds: Bounds) -> ReadPrimitive {
+    fn finish(self, geometry: Geometry, bounds: Bounds) -> ReadPrimitive {
         ReadPrimitive {
-            mesh,
+            geometry,
             bounds,
             missing_tangents: self.missing_tangents,
             warnings: self.warnings,

@@ -183,6 +183,7 @@ impl<'s> EmissiveObject<'s> {
                 triangle_spawn_error(a, b - a, c - a)
             }
             Geometry::Shape(shape) => shape.point(p_object, sample.primitive).error,
+            Geometry::Points(cloud) => cloud.shape(sample.primitive).point(p_object, 0).error,
         };
         // Add the error of the traversal over the ray's length
         let way = (sample.distance * sample.direction).abs();
@@ -205,6 +206,7 @@ impl<'s> EmissiveObject<'s> {
         let uv = match self.geometry {
             Geometry::Mesh(mesh) => tex_coords(mesh, layer.texture.tex_coord, sample.primitive, p_object),
             Geometry::Shape(shape) => shape.point(p_object, sample.primitive).uv.map(|x| x as f32),
+            Geometry::Points(_) => [0.0; 2],
         };
         let at = TexturePoint::sharp(layer.texture.transform.apply(uv), p_object);
         let [r, g, b, _] = textures.sample(layer.texture.texture, layer.parameter.encoding(), &at);

@@ -1,7 +1,7 @@
 //! Facts about a scene that a plan is based on: the materials, meshes and lights in use, collected in one pass.
 
 use super::light_visibility::{self, LightVisibility};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, PointCloud};
 use crate::scene::{Camera, Geometry, Material, Scene, TextureBinding};
 
 /// Parts of a scene that are in use.
@@ -14,6 +14,8 @@ pub struct Facts<'s> {
     pub materials: Vec<&'s Material>,
     /// Meshes that some instance uses, with the name of its material.
     pub meshes: Vec<(&'s Mesh, &'s str)>,
+    /// Point clouds that some instance uses, with the name of its material.
+    pub clouds: Vec<(&'s PointCloud, &'s str)>,
     /// Occlusion of every light.
     pub lights: Vec<LightVisibility>,
 }
@@ -34,6 +36,10 @@ impl<'s> Facts<'s> {
             }
             _ => None,
         };
+        let cloud = |(geometry, material): (&'s Geometry, &Option<u32>)| {
+            let material = &scene.materials[(*material)? as usize];
+            Some((geometry.point_cloud()?, material.name.as_str()))
+        };
         Facts {
             scene,
             camera,
@@ -44,6 +50,7 @@ impl<'s> Facts<'s> {
                 .filter_map(|(material, is_used)| is_used.then_some(material))
                 .collect(),
             meshes: scene.geometries.iter().zip(&shown).filter_map(mesh).collect(),
+            clouds: scene.geometries.iter().zip(&shown).filter_map(cloud).collect(),
             lights: light_visibility::of_lights(scene, camera),
         }
     }

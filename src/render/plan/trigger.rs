@@ -108,8 +108,13 @@ pub const TRIGGERS: &[Trigger] = &[
         )
     }),
     trigger(Effect::VertexColor, "colours", |facts| {
-        let (_, material) = facts.meshes.iter().find(|(mesh, _)| mesh.colors.is_some())?;
-        Some(format!("a mesh of material `{material}` has vertex colours"))
+        if let Some((_, material)) = facts.meshes.iter().find(|(mesh, _)| mesh.colors.is_some()) {
+            return Some(format!("a mesh of material `{material}` has vertex colours"));
+        }
+        let (_, material) = facts.clouds.iter().find(|(cloud, _)| cloud.colors.is_some())?;
+        Some(format!(
+            "a point cloud of material `{material}` has vertex colours"
+        ))
     }),
     trigger(Effect::AlphaTest, "mask", |facts| {
         facts.material(
@@ -280,7 +285,7 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::Texture => "no parameter varies".into(),
         Effect::TextureFilter => "no texture is averaged".into(),
         Effect::NormalMap => "there are no normal or bump maps".into(),
-        Effect::VertexColor => "no mesh has vertex colours".into(),
+        Effect::VertexColor => "no mesh and no point cloud has vertex colours".into(),
         Effect::AlphaTest => "no material is masked".into(),
         Effect::AlphaBlend => "no material is blended".into(),
         Effect::SmoothNormals => "no mesh has vertex normals".into(),

@@ -8,7 +8,7 @@ use super::super::tile::{Tile, tiles};
 use super::memory::{Memory, ThreadMemory};
 use super::render_profile::RenderProfile;
 use crate::accel::AccelReport;
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, PointCloud};
 use crate::scene::{Background, Effect, EffectSet, Geometry, Instance, Scene, Texture};
 
 impl RenderContext<'_> {
@@ -106,13 +106,15 @@ impl RenderContext<'_> {
         memory.add("sampling", "positions of samples", size_of_val(&self.groups[..]));
     }
 
-    /// Adds meshes, shapes and instances.
+    /// Adds meshes, shapes, point clouds and instances.
     fn add_geometry(&self, memory: &mut Memory) {
         let scene = self.scene;
         for geometry in &scene.geometries {
             memory.add("geometry", "records", size_of::<Geometry>());
-            if let Geometry::Mesh(mesh) = geometry {
-                add_mesh(mesh, self.effects(), memory);
+            match geometry {
+                Geometry::Mesh(mesh) => add_mesh(mesh, self.effects(), memory),
+                Geometry::Points(cloud) => add_points(cloud, self.effects(), memory),
+                Geometry::Shape(_) => (),
             }
         }
         let instances = &scene.instances;
@@ -181,6 +183,13 @@ fn add_mesh(mesh: &Mesh, on: EffectSet, memory: &mut Memory) {
         "texture coordinates",
         coordinates,
     );
+}
+
+/// Adds the arrays of a point cloud.
+fn add_points(cloud: &PointCloud, on: EffectSet, memory: &mut Memory) {
+    memory.add("geometry", "centres of points", size_of_val(&cloud.positions[..]));
+    let colors = cloud.colors.as_ref().map_or(0, |array| size_of_val(&array[..]));
+    memory.add(holder(Effect::VertexColor, on), "vertex colours", colors);
 }
 
 /// Returns, for each image, the first active effect that reads it.

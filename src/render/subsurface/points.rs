@@ -127,6 +127,8 @@ impl<'s> PointRequest<'s> {
                 on_shape(self.instance, shape, requested_spacing),
                 requested_spacing,
             ),
+            // A valid scene has no subsurface scattering in point clouds
+            Geometry::Points(_) => (Vec::new(), requested_spacing),
         };
         IrradiancePoints {
             instance: self.index,
@@ -183,5 +185,6 @@ fn area(instance: &Instance, geometry: &Geometry) -> f64 {
             let points = on_shape(instance, shape, edge / LINES);
             points.iter().map(|point| point.area).sum()
         }
+        Geometry::Points(_) => 0.0,
     }
 }

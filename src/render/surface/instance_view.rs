@@ -6,7 +6,8 @@ use super::packet::SurfacePacket;
 use super::uv_frame::UvFrame;
 use super::vertex_fetch::MeshView;
 use crate::accel::RayPacket;
-use crate::scene::{EffectSet, Geometry, InstanceTransform};
+use crate::mesh::PointCloud;
+use crate::scene::{Effect, EffectSet, Geometry, InstanceTransform};
 use crate::shape::Shape;
 
 /// Data of one instance that hits on it need.
@@ -26,12 +27,20 @@ pub(super) enum InteractionKind<'s> {
     /// Mesh data, shared by all instances of the mesh.
     Mesh(Arc<MeshView<'s>>),
     Shape(&'s Shape),
+    /// Data of a point cloud, shared by all instances of the cloud.
+    Points(Arc<PointsView<'s>>),
+}
+
+/// Arrays of a point cloud that the effects need.
+pub(super) struct PointsView<'s> {
+    pub(super) cloud: &'s PointCloud,
+    pub(super) colors: Option<&'s [[f32; 4]]>,
 }
 
 impl InstanceView<'_> {
-    /// Returns whether hits need the scalar path: analytic shapes and transformed instances.
+    /// Returns whether hits need the scalar path: analytic shapes, points and transformed instances.
     pub(super) fn needs_scalar_path(&self) -> bool {
-        self.is_placed || matches!(self.kind, InteractionKind::Shape(_))
+        self.is_placed || self.is_shape()
     }
 
     /// Returns the texture coordinates of a hit and the world-space derivatives of the point by them; zero where the
@@ -55,11 +64,12 @@ impl InstanceView<'_> {
                 }
                 None => UvFrame::ZERO,
             },
-            InteractionKind::Shape(_) => points.shape_frames[l],
+            InteractionKind::Shape(_) | InteractionKind::Points(_) => points.shape_frames[l],
         }
     }
 
-    /// Returns the texture coordinates of the corners of a triangle; `None` for shapes, and for meshes without the set.
+    /// Returns the texture coordinates of the corners of a triangle; `None` for shapes and points, and for meshes without
+    /// the set.
     #[inline(always)]
     pub(super) fn corner_coordinates(&self, set: u32, primitive: u32) -> Option<[[f32; 2]; 3]> {
         match &self.kind {
@@ -67,13 +77,14 @@ impl InstanceView<'_> {
                 let set = mesh.tex_coords.get(set as usize)?;
                 Some(mesh.triangles[primitive as usize].map(|vertex| set[vertex as usize]))
             }
-            InteractionKind::Shape(_) => None,
+            InteractionKind::Shape(_) | InteractionKind::Points(_) => None,
         }
     }
 
+    /// Returns whether hits are on analytic shapes, such as the spheres of points.
     #[inline(always)]
     pub(super) fn is_shape(&self) -> bool {
-        matches!(self.kind, InteractionKind::Shape(_))
+        matches!(self.kind, InteractionKind::Shape(_) | InteractionKind::Points(_))
     }
 
     /// Returns the interpolated mesh tangent at a hit, in object space, with its handedness.
@@ -82,23 +93,42 @@ impl InstanceView<'_> {
             InteractionKind::Mesh(mesh) => mesh
                 .tangents
                 .map(|tangents| mesh.interpolate(tangents, packet, l)),
-            InteractionKind::Shape(_) => None,
+            InteractionKind::Shape(_) | InteractionKind::Points(_) => None,
         }
     }
 
     pub(in crate::render) fn vertex_color(&self, packet: &RayPacket, l: usize) -> Option<[f32; 4]> {
         match &self.kind {
             InteractionKind::Mesh(mesh) => mesh.colors.map(|colors| mesh.interpolate(colors, packet, l)),
+            InteractionKind::Points(points) => {
+                points.colors.map(|colors| colors[packet.primitive[l] as usize])
+            }
             InteractionKind::Shape(_) => None,
         }
     }
 }
 
 impl<'s> InteractionKind<'s> {
+    /// Returns whether the vertices or points have colours that the effects need.
+    pub(super) fn has_colors(&self) -> bool {
+        match self {
+            InteractionKind::Mesh(mesh) => mesh.colors.is_some(),
+            InteractionKind::Points(points) => points.colors.is_some(),
+            InteractionKind::Shape(_) => false,
+        }
+    }
+
     pub(super) fn of(geometry: &'s Geometry, effects: EffectSet) -> InteractionKind<'s> {
         match geometry {
             Geometry::Mesh(mesh) => InteractionKind::Mesh(Arc::new(MeshView::of(mesh, effects))),
             Geometry::Shape(shape) => InteractionKind::Shape(shape),
+            Geometry::Points(cloud) => InteractionKind::Points(Arc::new(PointsView {
+                cloud,
+                colors: cloud
+                    .colors
+                    .as_deref()
+                    .filter(|_| effects.has(Effect::VertexColor)),
+            })),
         }
     }
 }

@@ -78,7 +78,7 @@ impl<'s> SurfaceScene<'s> {
             let material = &scene.materials[instance.material as usize];
             let kind = kinds[instance.geometry as usize].clone();
             let is_oriented = effects.has(Effect::Anisotropy) && material.anisotropic().is_some();
-            let colored = matches!(&kind, InteractionKind::Mesh(mesh) if mesh.colors.is_some());
+            let colored = kind.has_colors();
             InstanceView {
                 kind,
                 material: instance.material,
@@ -171,7 +171,7 @@ impl<'s> SurfaceScene<'s> {
                     gathered.needs_scalar_path = view.needs_scalar_path();
                     mesh.gather_lanes(packet, gathered);
                 }
-                (InteractionKind::Shape(_), _) => {
+                (InteractionKind::Shape(_) | InteractionKind::Points(_), _) => {
                     gathered.needs_scalar_path = true;
                     gathered.smooth = [false; LANES];
                 }
@@ -262,7 +262,7 @@ impl<'s> SurfaceScene<'s> {
         }
     }
 
-    /// Recomputes the lanes that hit analytic shapes or transformed instances.
+    /// Recomputes the lanes that hit analytic shapes, points or transformed instances.
     #[cold]
     fn recompute_scalar_lanes(
         &self,
@@ -281,7 +281,15 @@ impl<'s> SurfaceScene<'s> {
                 InteractionKind::Mesh(_) if !view.is_placed => continue,
                 InteractionKind::Mesh(_) => world_triangle(packet, gathered, l, &pose),
                 InteractionKind::Shape(shape) => {
-                    let (hit, frame) = world_shape(packet, l, shape, &pose);
+                    let part = packet.primitive[l];
+                    let (hit, frame) = world_shape(&packet.ray(l), part, shape, &pose);
+                    surfaces.shape_frames[l] = frame;
+                    hit
+                }
+                InteractionKind::Points(points) => {
+                    // A sphere has one part
+                    let sphere = points.cloud.shape(packet.primitive[l]);
+                    let (hit, frame) = world_shape(&packet.ray(l), 0, &sphere, &pose);
                     surfaces.shape_frames[l] = frame;
                     hit
                 }
@@ -351,6 +359,7 @@ impl<'s> SurfaceScene<'s> {
             let view = &self.views[packet.instance[l] as usize];
             let in_object = match &view.kind {
                 InteractionKind::Shape(Shape::Sphere(sphere)) => 1.0 / sphere.radius,
+                InteractionKind::Points(points) => 1.0 / points.cloud.radius,
                 InteractionKind::Mesh(_) if gathered.smooth[l] => curvatures[l],
                 _ => 0.0,
             };

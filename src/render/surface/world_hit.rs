@@ -7,7 +7,7 @@ use super::shape_hit::world_point;
 use super::uv_frame::UvFrame;
 use super::vertex_fetch::FetchedVertices;
 use crate::accel::RayPacket;
-use crate::numeric::{HitErrorBound, transform_normal, triangle_spawn_error};
+use crate::numeric::{HitErrorBound, Ray, transform_normal, triangle_spawn_error};
 use crate::scene::InstanceTransform;
 use crate::shape::Shape;
 
@@ -47,14 +47,14 @@ pub(super) fn world_triangle(
     }
 }
 
-/// Returns the hit of lane `l` on an analytic shape with this transform, and its texture coordinates.
+/// Returns the hit of a ray on a part of an analytic shape with this transform, and its texture coordinates.
 pub(super) fn world_shape(
-    packet: &RayPacket,
-    l: usize,
+    ray: &Ray,
+    part: u32,
     shape: &Shape,
     pose: &InstanceTransform,
 ) -> (WorldHit, UvFrame) {
-    let point = world_point(pose, shape, &packet.ray(l), packet.primitive[l]);
+    let point = world_point(pose, shape, ray, part);
     let hit = WorldHit {
         p: point.p,
         ng: point.n,

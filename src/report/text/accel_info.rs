@@ -27,8 +27,8 @@ pub(super) fn rows(scene: &Scene) -> Vec<StructureRow> {
     let PrimitiveCounts {
         world_triangles,
         placed_meshes,
-        shapes,
         planes,
+        ..
     } = contents;
     // Choose the reason by whether the part is present
     let row = |part, on, there: String, absent: &str| StructureRow {
@@ -49,7 +49,7 @@ pub(super) fn rows(scene: &Scene) -> Vec<StructureRow> {
         row(
             "user-geometry",
             contents.user_geometry() > 0,
-            format!("callbacks intersect {shapes} shapes and {placed_meshes} instanced meshes"),
+            format!("callbacks intersect {}", user_objects(&contents)),
             "all objects are triangles in world space, so Embree needs no callbacks",
         ),
         row(
@@ -77,6 +77,20 @@ pub(super) fn rows(scene: &Scene) -> Vec<StructureRow> {
             "new rays continue through holes; Embree's filter functions are not used",
         ),
     ]
+}
+
+/// Returns the numbers of objects that callbacks intersect, by kind.
+fn user_objects(counts: &PrimitiveCounts) -> String {
+    let PrimitiveCounts {
+        shapes,
+        points,
+        placed_meshes,
+        ..
+    } = counts;
+    match points {
+        0 => format!("{shapes} shapes and {placed_meshes} instanced meshes"),
+        _ => format!("{points} points, {shapes} shapes and {placed_meshes} instanced meshes"),
+    }
 }
 
 impl fmt::Display for StructureRow {

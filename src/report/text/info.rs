@@ -28,6 +28,8 @@ pub struct SceneInfo {
     pub scene: PathBuf,
     /// Number of triangles; a shared mesh counts once per instance.
     pub triangles: usize,
+    /// Number of points; a shared point cloud counts once per instance.
+    pub points: usize,
     /// Number of analytic shapes among the geometries.
     pub shapes: usize,
     /// Number of meshes and shapes.
@@ -149,6 +151,7 @@ impl SceneInfo {
         SceneInfo {
             scene: path.into(),
             triangles: scene.triangle_count(),
+            points: scene.point_count(),
             shapes: scene
                 .geometries
                 .iter()
@@ -200,6 +203,7 @@ fn objects(scene: &Scene) -> BTreeMap<&'static str, usize> {
     for instance in &scene.instances {
         let kind = match &scene.geometries[instance.geometry as usize] {
             Geometry::Mesh(_) => "mesh",
+            Geometry::Points(_) => "point cloud",
             Geometry::Shape(shape) => match shape {
                 Shape::Sphere(_) => "sphere",
                 Shape::Plane => "plane",
@@ -291,6 +295,9 @@ impl fmt::Display for SceneInfo {
         // Print geometry and instances
         line("scene", self.scene.display().to_string())?;
         line("triangles", self.triangles.to_string())?;
+        if self.points > 0 {
+            line("points", self.points.to_string())?;
+        }
         line(
             "geometries",
             format!(

@@ -66,6 +66,8 @@ pub struct SceneStats {
     pub triangles: usize,
     /// Number of instances of analytic shapes.
     pub shapes: usize,
+    /// Number of points; a shared point cloud counts once per instance.
+    pub points: usize,
     /// Number of instances of all geometries.
     pub instances: usize,
     /// Number of lights in the scene.
@@ -89,6 +91,7 @@ impl SceneStats {
             path: path.into(),
             triangles: scene.triangle_count(),
             shapes: scene.instances.iter().filter(|i| is_shape(i.geometry)).count(),
+            points: scene.point_count(),
             instances: scene.instances.len(),
             lights: scene.lights.len(),
             textures: scene.textures.len(),

@@ -5,7 +5,7 @@
 //! changes; but the lookup is saved, and an effect that a texture of zeros disables is not enabled at all.
 
 use crate::scene::{
-    AlphaMode, Geometry, Image, Material, MaterialInput, MetallicRoughness, Model, Scene, Texels, Texture,
+    AlphaMode, Image, Material, MaterialInput, MetallicRoughness, Model, Scene, Texels, Texture,
     TextureBinding, check_factors,
 };
 
@@ -25,12 +25,11 @@ pub fn fold_constant_textures(scene: &mut Scene) {
         Texture::Procedural(rule) => (rule.colors[0] == rule.colors[1]).then_some([rule.colors[0]; 2]),
     };
     let colors: Vec<_> = scene.textures.iter().map(color).collect();
-    // Find the materials on meshes with vertex colours
+    // Find the materials on meshes and point clouds with vertex colours
     let mut varies = vec![false; scene.materials.len()];
     for instance in &scene.instances {
         let geometry = &scene.geometries[instance.geometry as usize];
-        varies[instance.material as usize] |=
-            matches!(geometry, Geometry::Mesh(mesh) if mesh.colors.is_some());
+        varies[instance.material as usize] |= geometry.has_colors();
     }
     // Fold constant textures and drop their bindings
     for (material, has_vertex_colors) in scene.materials.iter_mut().zip(varies) {

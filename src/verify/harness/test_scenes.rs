@@ -5,7 +5,7 @@ use glam::{DAffine3, DQuat, DVec3};
 use super::cylinder_mesh::cylinder;
 use super::terrain_mesh::terrain;
 use super::test_meshes::{self, convex_solids, icosphere, lattice_cube, rings, scene};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, PointCloud};
 use crate::numeric::SplitMix64;
 use crate::scene::{Geometry, Instance, Scene};
 use crate::shape::{Shape, Torus};
@@ -36,9 +36,17 @@ pub(in crate::verify) fn test_scene(number: usize) -> Scene {
             ]),
             random,
         ),
-        6 => with_instances(scene(solids()), random),
+        6 => {
+            let mut geometries = solids();
+            geometries.push(Geometry::Points(points(random)));
+            with_instances(scene(geometries), random)
+        }
         7 => moving(
-            scene(vec![Geometry::Mesh(icosphere(3)), Geometry::Shape(Shape::Cube)]),
+            scene(vec![
+                Geometry::Mesh(icosphere(3)),
+                Geometry::Shape(Shape::Cube),
+                Geometry::Points(points(random)),
+            ]),
             random,
         ),
         8 => with_instances(on_a_floor(), random),
@@ -79,6 +87,19 @@ fn solids() -> Vec<Geometry> {
     let mut shapes = convex_solids();
     shapes.extend([Shape::Torus(Torus { minor_radius: 0.3 }), Shape::Disk]);
     shapes.into_iter().map(Geometry::Shape).collect()
+}
+
+/// Number of points of a cloud.
+const POINTS: u32 = 64;
+
+/// Returns a cloud of overlapping points.
+fn points(random: &mut SplitMix64) -> PointCloud {
+    let positions = (0..POINTS).map(|_| (1.5 * random.in_cube()).as_vec3().to_array());
+    PointCloud {
+        positions: positions.collect::<Vec<_>>().into(),
+        radius: 0.25,
+        colors: None,
+    }
 }
 
 /// Returns a scene of a mesh, a cube and an infinite plane.

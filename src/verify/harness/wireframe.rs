@@ -14,6 +14,8 @@ use crate::shape::{HalfSpace, Shape};
 const MAX_EDGES: usize = 600;
 /// Largest number of lines of a scene.
 const MAX_LINES: usize = 4000;
+/// Largest number of points of a cloud that are drawn; each takes three circles.
+const MAX_DRAWN_POINTS: usize = 32;
 /// Number of chords of a circle.
 const CHORDS: usize = 48;
 
@@ -92,6 +94,10 @@ fn instance_lines(scene: &Scene, instance: &Instance) -> Vec<[DVec3; 2]> {
     let map = instance.world_from_object();
     match &scene.geometries[instance.geometry as usize] {
         Geometry::Mesh(mesh) => mesh_lines(mesh, &map),
+        Geometry::Points(cloud) => (0..cloud.len().min(MAX_DRAWN_POINTS) as u32)
+            .flat_map(|point| shape_lines(&cloud.shape(point)))
+            .map(|line| line.map(|p| map.transform_point3(p)))
+            .collect(),
         Geometry::Shape(shape) => shape_lines(shape)
             .into_iter()
             .map(|line| line.map(|p| map.transform_point3(p)))

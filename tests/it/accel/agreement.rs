@@ -30,7 +30,7 @@ fn shuffled(rays: &[Ray], seed: u64) -> Vec<Ray> {
     rays
 }
 
-fn nearest(accel: &dyn Accel, rays: &[Ray], order: Coherence) -> Vec<Option<Hit>> {
+pub(super) fn nearest(accel: &dyn Accel, rays: &[Ray], order: Coherence) -> Vec<Option<Hit>> {
     let mut packets = packets(rays);
     packets
         .par_chunks_mut(64)
@@ -40,7 +40,7 @@ fn nearest(accel: &dyn Accel, rays: &[Ray], order: Coherence) -> Vec<Option<Hit>
         .collect()
 }
 
-fn blocked(accel: &dyn Accel, rays: &[Ray], order: Coherence) -> Vec<bool> {
+pub(super) fn blocked(accel: &dyn Accel, rays: &[Ray], order: Coherence) -> Vec<bool> {
     blocked_by((rays, 64), &|chunk| accel.occluded(chunk, order))
 }
 
@@ -53,7 +53,7 @@ fn blocked_by((rays, batch): (&[Ray], usize), occluded: &(dyn Fn(&mut [RayPacket
         .collect()
 }
 
-fn backends<'s>(scene: &'s Scene) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
+pub(super) fn backends<'s>(scene: &'s Scene) -> Vec<(&'static str, Box<dyn Accel + 's>)> {
     let single = AccelOptions {
         kernel: Kernel::Single,
         ..AccelOptions::default()
@@ -228,7 +228,7 @@ fn by_octant(rays: &[Ray]) -> Vec<Ray> {
 }
 
 /// Traces all batches through all backends and prints the counts; returns how many rays there were, and what was wrong.
-fn compare_all(name: &str, scene: &Scene, film: usize, count: usize) -> (usize, Vec<String>) {
+pub(super) fn compare_all(name: &str, scene: &Scene, film: usize, count: usize) -> (usize, Vec<String>) {
     let (mut ray_count, mut wrong) = (0, Vec::new());
     let brute = BruteAccel::new(scene);
     let backends = backends(scene);

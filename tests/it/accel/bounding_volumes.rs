@@ -53,7 +53,7 @@ fn grazing_rays(scene: &Scene, count: usize, seed: u64) -> Vec<Ray> {
                 (mesh.bounds().center(), p)
             }
             // Points of the unit sphere, of the cube's edges and corners.
-            Geometry::Shape(_) => {
+            Geometry::Shape(_) | Geometry::Points(_) => {
                 let p = random.on_sphere();
                 let snapped = (2.0 * p).clamp(-DVec3::ONE, DVec3::ONE);
                 (DVec3::ZERO, if random.next() < 0.5 { p } else { snapped })

@@ -15,6 +15,7 @@ mod embree_watchdog;
 mod instance_memory;
 mod intersection_errors;
 mod motion;
+mod point_clouds;
 mod self_intersection;
 #[cfg(feature = "embree")]
 mod watertight;

@@ -43,7 +43,7 @@ fn triangle(more: &[f32]) -> Value {
 fn mesh(scene: &Scene) -> &Mesh {
     match &scene.geometries[0] {
         Geometry::Mesh(mesh) => mesh,
-        Geometry::Shape(_) => panic!("a mesh"),
+        Geometry::Shape(_) | Geometry::Points(_) => panic!("a mesh"),
     }
 }
 

@@ -6,6 +6,7 @@ mod gltf_deformation;
 mod gltf_extensions;
 mod gltf_files;
 mod gltf_hostile;
+mod gltf_points;
 mod lazy_image_decoding;
 mod scene_file_errors_material;
 mod scene_file_errors_structure;

@@ -89,6 +89,7 @@ fn is_body(material: &Material) -> bool {
 /// Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30(2), 1983).
 fn winding(scene: &Scene, material: u32, p: DVec3) -> f64 {
     let of = |geometry: &Geometry, p: DVec3| match geometry {
+        Geometry::Points(_) => panic!("the textbook has no point clouds"),
         Geometry::Shape(shape) => f64::from(u8::from(shapes::contains(shape, p))),
         Geometry::Mesh(mesh) => {
             let angles = (0..mesh.triangles.len() as u32).map(|primitive| {

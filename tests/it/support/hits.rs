@@ -186,6 +186,7 @@ impl<'s> World<'s> {
                         add((primitive, 0), center, radius);
                     }
                 }
+                Geometry::Points(_) => panic!("the textbook has no point clouds"),
                 Geometry::Shape(Shape::Sphere(sphere)) => {
                     let center = map.transform_point3(sphere.center);
                     add((0, 0), center, sphere.radius * norm(&map.matrix3));
@@ -307,6 +308,7 @@ impl<'s> World<'s> {
                 let f = local.origin - Approx3::exact(sphere.center);
                 sphere_root(&local, f, sphere.radius, leaves)?
             }
+            Geometry::Points(_) => panic!("the textbook has no point clouds"),
             Geometry::Shape(_) => {
                 let face = self.face(placed.geometry, primitive);
                 let (t, slack) = face.crossing(&local, ball.root, leaves)?;
@@ -332,7 +334,7 @@ impl<'s> World<'s> {
 /// Returns the faces of a shape.
 fn faces(geometry: &Geometry) -> Vec<Face> {
     match geometry {
-        Geometry::Mesh(_) => Vec::new(),
+        Geometry::Mesh(_) | Geometry::Points(_) => Vec::new(),
         Geometry::Shape(shape) => shapes::faces(shape),
     }
 }

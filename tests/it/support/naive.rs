@@ -164,6 +164,7 @@ impl<'s> NaiveAccel<'s> {
                         }
                     }
                 }
+                Geometry::Points(_) => panic!("the textbook has no point clouds"),
                 Geometry::Shape(Shape::Sphere(sphere)) => {
                     if let Some(t) = sphere_root(sphere.center.as_vec3(), sphere.radius as f32, o, d) {
                         keep(0, t);

@@ -114,6 +114,7 @@ impl Surface {
                 let inputs = Inputs::of_mesh(mesh, found, spot);
                 shape.shaded_as(scene, instance, &inputs, (cone, curvature), doubt)
             }
+            Geometry::Points(_) => panic!("the textbook has no point clouds"),
             Geometry::Shape(kind) => {
                 let face = world.face(instance.geometry, found.primitive);
                 let p = face.point(place.object_from_world, ray, found.t.value);

@@ -52,8 +52,10 @@ pub(in crate::accel::embree) fn build<'s>(
     let instanced_bytes = device.memory().bytes().saturating_sub(before);
     // Build triangle clusters and user geometries
     let triangle_clusters = in_pool(options.threads, || plan.triangle_clusters(kept_clusters(options)));
-    let users =
-        UserGeometry::pair((scene, plan.origin_bound()), parts, triangle_clusters, instancing).map(Arc::new);
+    let users = in_pool(options.threads, || {
+        UserGeometry::pair((scene, plan.origin_bound()), parts, triangle_clusters, instancing)
+    });
+    let users = users.map(Arc::new);
 
     // Attach native triangles to the world
     let mut world = EmbreeScene::new(device, options)?;

@@ -6,16 +6,18 @@ use embree_sys as sys;
 use glam::DAffine3;
 
 use super::hit_record::record_hit;
+use super::point_cluster::PlacedPoints;
 use super::primitives::{Primitive, UserGeometry};
+use super::sphere_cluster::{MEMBERS, NumberedSpheres};
 use super::sphere_test::{SphereKernel, intersect_spheres};
 use super::triangle_test::intersect_cluster;
 use crate::accel::embree::query::ray_packet::{CallbackPacket, Lanes, hit_of, ray_of, row};
 use crate::accel::embree::query::trace::new_query;
 use crate::accel::embree::scene::SceneRef;
-use crate::accel::shape_query::{shape_hit, world_sphere};
+use crate::accel::shape_query::{point_hit, shape_hit, world_sphere};
 use crate::accel::{Coherence, Hit, NO_HIT, Query};
 use crate::mesh::simd::{dispatch, lanes};
-use crate::numeric::object_ray;
+use crate::numeric::{Ray, object_ray};
 use crate::scene::{Geometry, Instance};
 use crate::shape::Shape;
 
@@ -143,8 +145,8 @@ impl CallbackArgs {
         let mut hit = [0; W];
         let done = user.guarded(|| {
             hit = match user.primitive(self.primitive) {
-                Some(Primitive::Spheres(cluster, instances)) => {
-                    intersect_spheres::<W>((cluster, instances), packet, &active, query_kind)
+                Some(Primitive::Spheres(spheres)) => {
+                    intersect_spheres::<W>(spheres, packet, &active, query_kind)
                 }
                 Some(Primitive::TriangleCluster(patch)) => {
                     intersect_cluster::<W>(patch, packet, &active, query_kind)
@@ -152,6 +154,7 @@ impl CallbackArgs {
                 Some(Primitive::Instance(index, instance)) => {
                     self.intersect_instance::<W>(user, (index, instance), (packet, &active), query_kind)
                 }
+                Some(Primitive::Points(points)) => intersect_points::<W>(points, packet, &active, query_kind),
                 None => [0; W],
             };
         });
@@ -180,7 +183,7 @@ impl CallbackArgs {
             (Geometry::Mesh(_), Some(part)) => {
                 self.intersect_mesh::<W>(placed, part, packet, active, query_kind)
             }
-            (Geometry::Mesh(_), None) => [0; W],
+            (Geometry::Mesh(_) | Geometry::Points(_), _) => [0; W],
         }
     }
 }
@@ -202,12 +205,63 @@ fn intersect_shape<const W: usize>(
         return dispatch(SphereKernel {
             sphere: &sphere,
             instance: index,
+            primitive: 0,
             packet,
             active,
             query_kind,
         });
     }
     // Otherwise test the active lanes one by one
+    by_lane(instance, packet, active, query_kind, |ray| {
+        shape_hit(index, instance, shape, ray)
+    })
+}
+
+/// Tests the points of a cluster in f64, on the exact extension of the f32 rays.
+#[inline(always)]
+fn intersect_points<const W: usize>(
+    points: PlacedPoints,
+    packet: CallbackPacket,
+    active: &[i32; W],
+    query_kind: Query,
+) -> [i32; W] {
+    let PlacedPoints {
+        index,
+        instance,
+        cloud,
+        ..
+    } = points;
+    // Test all points at once if they are static spheres in world space
+    if let Some(cluster) = &points.world_spheres() {
+        let numbered = NumberedSpheres {
+            cluster,
+            instances: &[index; MEMBERS],
+            primitives: points.slots(),
+        };
+        return intersect_spheres::<W>(numbered, packet, active, query_kind);
+    }
+    // Otherwise test one point after the other
+    let mut hit = [0; W];
+    for point in points.points() {
+        let is_hit = by_lane(instance, packet, active, query_kind, |ray| {
+            point_hit(index, instance, cloud, point, ray)
+        });
+        for lane in 0..W {
+            hit[lane] |= is_hit[lane];
+        }
+    }
+    hit
+}
+
+/// Tests the active lanes one by one by `intersect`, and records the hits.
+#[inline(always)]
+fn by_lane<const W: usize>(
+    instance: &Instance,
+    packet: CallbackPacket,
+    active: &[i32; W],
+    query_kind: Query,
+    intersect: impl Fn(&Ray) -> Option<Hit>,
+) -> [i32; W] {
     let (origin, direction) = (
         packet.vectors::<W>(row::ORIGIN),
         packet.vectors::<W>(row::DIRECTION),
@@ -223,7 +277,7 @@ fn intersect_shape<const W: usize>(
             (t_near[lane], t_far[lane], times[lane]),
             lane,
         );
-        if let Some(found) = shape_hit(index, instance, shape, &ray) {
+        if let Some(found) = intersect(&ray) {
             hit[lane] = record_hit(packet, lane, t_far[lane], &found, query_kind);
         }
     }

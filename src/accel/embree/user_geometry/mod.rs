@@ -2,6 +2,7 @@
 
 pub(super) mod callbacks;
 mod hit_record;
+mod point_cluster;
 pub(super) mod primitives;
 mod sphere_cluster;
 mod sphere_cull;

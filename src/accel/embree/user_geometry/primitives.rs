@@ -1,4 +1,4 @@
-//! User geometry: clusters of spheres, clusters of watertight triangles, and all other shapes and instanced meshes,
+//! User geometry: clusters of spheres, of watertight triangles and of points, and all other shapes and instanced meshes,
 //! each one primitive, tested by callbacks from Embree (see `callbacks`). Moving objects are a second user geometry, as
 //! Embree traverses trees of moving boxes more slowly than those of static boxes.
 
@@ -8,7 +8,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use glam::DVec3;
 
-use super::sphere_cluster::{MEMBERS, SphereCluster, SphereClusters};
+use super::point_cluster::{ClusteredClouds, Motion, PlacedPoints, PointClusters};
+use super::sphere_cluster::{NumberedSpheres, SphereClusters};
 use super::triangle_cluster::{TriangleCluster, TriangleClusters};
 use crate::accel::Instancing;
 use crate::accel::embree::instance_kind::is_user;
@@ -28,6 +29,8 @@ pub(in crate::accel::embree) struct UserGeometry<'s> {
     triangle_clusters: TriangleClusters,
     /// Instance index of each primitive after the clusters.
     instances: Vec<u32>,
+    /// Clusters of points, which are the last primitives.
+    points: PointClusters<'s>,
     /// Scenes of instanced meshes by geometry; `None` for other geometries.
     parts: Arc<[Option<Box<InstancedScene<'s>>>]>,
     /// Number of equal time steps between the boxes for Embree; 0 if nothing moves.
@@ -49,12 +52,14 @@ pub(in crate::accel::embree) struct InstancedScene<'s> {
 
 /// Content of one primitive of the user geometry.
 pub(super) enum Primitive<'a> {
-    /// Sphere cluster, with the instance indices of its members.
-    Spheres(&'a SphereCluster, &'a [u32; MEMBERS]),
+    /// Cluster of spheres.
+    Spheres(NumberedSpheres<'a>),
     /// Cluster of watertight triangles.
     TriangleCluster(TriangleCluster<'a>),
     /// One instance, with its index.
     Instance(u32, &'a Instance),
+    /// Cluster of points of one cloud.
+    Points(PlacedPoints<'a>),
 }
 
 /// Splits `instances` into world-space spheres, each with its instance index, and the indices of all others.
@@ -63,7 +68,7 @@ fn split_spheres(scene: &Scene, instances: &[(u32, &Instance)]) -> (Vec<(u32, Sp
     for &(index, instance) in instances {
         let sphere = match &scene.geometries[instance.geometry as usize] {
             Geometry::Shape(shape) => world_sphere(&instance.pose(0.0), shape),
-            Geometry::Mesh(_) => None,
+            Geometry::Mesh(_) | Geometry::Points(_) => None,
         };
         match sphere {
             Some(sphere) => spheres.push((index, sphere)),
@@ -93,18 +98,25 @@ impl<'s> UserGeometry<'s> {
         let (clusters, unclustered) = SphereClusters::of(&spheres);
         still.extend(unclustered);
         // Use the largest number of time steps of all motions
-        let motions = moving.iter().filter_map(|(_, instance)| instance.motion());
+        let clouds = ClusteredClouds::of(scene);
+        let moving_points = PointClusters::of(scene, &clouds, Motion::Moving);
+        let moved = moving.iter().map(|(_, instance)| *instance);
+        let motions = moved
+            .chain(moving_points.instances())
+            .filter_map(Instance::motion);
         let step_count = motions.map(AnimatedTransform::step_count).max().unwrap_or(0);
         let parts: Arc<[_]> = parts.into_iter().map(|part| part.map(Box::new)).collect();
         let still = UserGeometry {
             clusters,
             instances: still,
+            points: PointClusters::of(scene, &clouds, Motion::Static),
             parts: parts.clone(),
             origin_bound,
             ..UserGeometry::of_triangle_clusters(scene, triangle_clusters)
         };
         let moving = UserGeometry {
             instances: moving.iter().map(|(index, _)| *index).collect(),
+            points: moving_points,
             parts,
             step_count,
             origin_bound,
@@ -123,6 +135,7 @@ impl<'s> UserGeometry<'s> {
             clusters: SphereClusters::default(),
             triangle_clusters,
             instances: Vec::new(),
+            points: PointClusters::default(),
             parts: Arc::new([]),
             step_count: 0,
             origin_bound: OriginBound::default(),
@@ -135,9 +148,9 @@ impl<'s> UserGeometry<'s> {
         self.step_count
     }
 
-    /// Returns the number of shapes and instanced meshes.
+    /// Returns the number of shapes, instanced meshes and points.
     pub(in crate::accel::embree) fn object_count(&self) -> usize {
-        self.clusters.sphere_count() + self.instances.len()
+        self.clusters.sphere_count() + self.instances.len() + self.points.point_count()
     }
 
     /// Returns the number of triangle clusters.
@@ -147,22 +160,26 @@ impl<'s> UserGeometry<'s> {
 
     /// Returns the number of primitives for Embree, each of which has a box.
     pub(in crate::accel::embree) fn primitive_count(&self) -> usize {
-        self.clusters.len() + self.triangle_clusters.len() + self.instances.len()
+        self.clusters.len() + self.triangle_clusters.len() + self.instances.len() + self.points.len()
     }
 
     /// Returns a primitive by its index.
     #[inline(always)]
     pub(super) fn primitive(&self, number: usize) -> Option<Primitive<'_>> {
-        if let Some((cluster, instances)) = self.clusters.get(number) {
-            return Some(Primitive::Spheres(cluster, instances));
+        if let Some(spheres) = self.clusters.get(number) {
+            return Some(Primitive::Spheres(spheres));
         }
         let number = number.checked_sub(self.clusters.len())?;
         if let Some(patch) = self.triangle_clusters.get(number) {
             return Some(Primitive::TriangleCluster(patch));
         }
-        let index = *self
-            .instances
-            .get(number.checked_sub(self.triangle_clusters.len())?)?;
+        let number = number.checked_sub(self.triangle_clusters.len())?;
+        let Some(&index) = self.instances.get(number) else {
+            return self
+                .points
+                .get(number - self.instances.len())
+                .map(Primitive::Points);
+        };
         Some(Primitive::Instance(
             index,
             self.scene.instances.get(index as usize)?,
@@ -182,13 +199,14 @@ impl<'s> UserGeometry<'s> {
     pub(super) fn bounds(&self, primitive: usize, step: u32) -> Option<([f32; 3], [f32; 3])> {
         // Clusters have boxes of their own
         let instance = match self.primitive(primitive)? {
-            Primitive::Spheres(cluster, _) => {
-                let world = cluster.bounds();
+            Primitive::Spheres(spheres) => {
+                let world = spheres.cluster.bounds();
                 return Some(padded(&world, self.padding(&world)));
             }
             Primitive::TriangleCluster(_) => {
                 return self.triangle_clusters.embree_box(primitive - self.clusters.len());
             }
+            Primitive::Points(points) => return Some(self.bounds_of_points(points, step)),
             Primitive::Instance(_, instance) => instance,
         };
         let geometry = &self.scene.geometries[instance.geometry as usize];
@@ -204,11 +222,26 @@ impl<'s> UserGeometry<'s> {
         // Box at one time step, with extra padding for Embree's interpolation
         let now = instance.step_bounds(geometry, &object, [step, self.step_count]);
         let always = instance.world_bounds(geometry, &object).magnitude();
+        Some(self.padded_in_motion(&now, always))
+    }
+
+    /// Returns the padded world-space box of a cluster of points at a time step.
+    fn bounds_of_points(&self, points: PlacedPoints, step: u32) -> ([f32; 3], [f32; 3]) {
+        let world = points.world_bounds();
+        if self.step_count == 0 {
+            return padded(&world, self.padding(&world));
+        }
+        self.padded_in_motion(&points.step_bounds(step, self.step_count), world.magnitude())
+    }
+
+    /// Returns the box `now` with extra padding for Embree's interpolation between steps; `magnitude` is the largest
+    /// coordinate at all times.
+    fn padded_in_motion(&self, now: &Bounds, magnitude: f64) -> ([f32; 3], [f32; 3]) {
         let interpolation = UNIT * f64::from(2 * self.step_count + 4);
-        Some(padded(
-            &now,
-            self.padding(&now) + (PLACEMENT_PADDING + interpolation) * always,
-        ))
+        padded(
+            now,
+            self.padding(now) + (PLACEMENT_PADDING + interpolation) * magnitude,
+        )
     }
 
     /// Returns the padding of a box on all sides.
@@ -225,7 +258,7 @@ impl<'s> UserGeometry<'s> {
 
     /// Returns the bytes of its own records, without triangle clusters.
     pub(in crate::accel::embree) fn own_byte_count(&self) -> u64 {
-        size_of_val(&*self.instances) as u64 + self.clusters.byte_count()
+        size_of_val(&*self.instances) as u64 + self.clusters.byte_count() + self.points.byte_count()
     }
 
     /// Returns the bytes of its triangle clusters and those of its mesh scenes.

@@ -14,10 +14,10 @@ use crate::shape::Sphere;
 
 /// Maximum number of spheres in a cluster.
 pub(super) const MEMBERS: usize = 8;
-/// Cost model: traversal to a cluster and its callback, one further sphere in the test, and one further node. A ray is
+/// Cost model of clusters of spheres: traversal to a cluster and its callback, one further sphere in the test, and one further node. A ray is
 /// tested against all eight in a few vectors, so eight spheres per callback are best nearly everywhere (by
 /// `cargo bench --bench timing -- spheres` anything from 0 to 0.15 for a member is within the noise).
-const COST: Cost = Cost {
+pub(super) const COST: Cost = Cost {
     limit: MEMBERS as u32,
     visit: 1.0,
     member: 0.05,
@@ -38,19 +38,28 @@ pub(super) struct SphereCluster {
 }
 
 impl SphereCluster {
+    /// Cluster without spheres.
+    pub(super) const EMPTY: SphereCluster = SphereCluster {
+        center: [[0.0; MEMBERS]; 3],
+        radius: [f64::NAN; MEMBERS],
+    };
+
     /// Packs at most [`MEMBERS`] spheres.
     fn of(spheres: impl Iterator<Item = Sphere>) -> SphereCluster {
-        let mut cluster = SphereCluster {
-            center: [[0.0; MEMBERS]; 3],
-            radius: [f64::NAN; MEMBERS],
-        };
+        let mut cluster = SphereCluster::EMPTY;
         for (member, sphere) in spheres.enumerate() {
-            for axis in 0..3 {
-                cluster.center[axis][member] = sphere.center[axis];
-            }
-            cluster.radius[member] = sphere.radius;
+            cluster.set(member, &sphere);
         }
         cluster
+    }
+
+    /// Sets one of the spheres; those before it must be set, too.
+    #[inline(always)]
+    pub(super) fn set(&mut self, member: usize, sphere: &Sphere) {
+        for axis in 0..3 {
+            self.center[axis][member] = sphere.center[axis];
+        }
+        self.radius[member] = sphere.radius;
     }
 
     /// Returns one of the spheres, or `None` for an unused slot.
@@ -66,6 +75,17 @@ impl SphereCluster {
         let spheres = (0..MEMBERS).filter_map(|member| self.sphere(member));
         spheres.fold(Bounds::EMPTY, |bounds, sphere| bounds.union(sphere.bounds()))
     }
+}
+
+/// A cluster of spheres with the numbers of its members.
+#[derive(Clone, Copy)]
+pub(super) struct NumberedSpheres<'a> {
+    /// Spheres in world space.
+    pub(super) cluster: &'a SphereCluster,
+    /// Instance index of each member; any in unused slots.
+    pub(super) instances: &'a [u32; MEMBERS],
+    /// Index of each member in its instance; any in unused slots.
+    pub(super) primitives: &'a [u32; MEMBERS],
 }
 
 /// All sphere clusters of a scene.
@@ -118,11 +138,16 @@ impl SphereClusters {
         self.clusters.len()
     }
 
-    /// Returns a cluster, and the instance indices of its members.
+    /// Returns a cluster with the numbers of its members.
     #[inline(always)]
-    pub(super) fn get(&self, index: usize) -> Option<(&SphereCluster, &[u32; MEMBERS])> {
-        // The instance indices are in an array of their own, as they are read only for hits.
-        Some((self.clusters.get(index)?, self.instances.get(index)?))
+    pub(super) fn get(&self, index: usize) -> Option<NumberedSpheres<'_>> {
+        Some(NumberedSpheres {
+            cluster: self.clusters.get(index)?,
+            // The instance indices are in an array of their own, as they are read only for hits.
+            instances: self.instances.get(index)?,
+            // A sphere has one part
+            primitives: &[0; MEMBERS],
+        })
     }
 
     /// Returns the number of spheres in all clusters.
@@ -164,7 +189,7 @@ mod tests {
         );
         assert_eq!(unclustered, [14]);
         assert_eq!((clusters.len(), clusters.sphere_count()), (2, 7));
-        let (last, _) = clusters.get(1).unwrap();
+        let last = clusters.get(1).unwrap().cluster;
         assert_eq!(last.sphere(1), Some(sphere(far + 1.0, 1.0)));
         assert_eq!(last.sphere(4), None);
         assert_eq!(last.bounds().min, DVec3::new(far - 1.0, -1.0, -1.0));

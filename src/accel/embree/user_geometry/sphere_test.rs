@@ -6,11 +6,11 @@
 //! space: for ellipsoids each ray is transformed into object space lane by lane, as for all other shapes.
 
 use super::hit_record::record_hit;
-use super::sphere_cluster::{MEMBERS, SphereCluster};
+use super::sphere_cluster::{MEMBERS, NumberedSpheres};
 use super::sphere_cull::{PacketCull, Sphere32};
 use crate::accel::embree::query::ray_packet::{CallbackPacket, active_lanes, ray_of, row};
 use crate::accel::shape_query::sphere_at;
-use crate::accel::{ACTIVE, NO_HIT, Query};
+use crate::accel::{ACTIVE, Hit, NO_HIT, Query};
 use crate::mesh::simd::{SimdKernel, SimdLevel, dispatch, lanes};
 use crate::numeric::Ray;
 use crate::shape::Sphere;
@@ -18,7 +18,7 @@ use crate::shape::Sphere;
 /// Tests the spheres of a cluster in f64, on the exact extension of the f32 rays; returns the mask of lanes with a hit.
 #[inline(always)]
 pub(super) fn intersect_spheres<const W: usize>(
-    (cluster, instances): (&SphereCluster, &[u32; MEMBERS]),
+    spheres: NumberedSpheres,
     packet: CallbackPacket,
     active: &[i32; W],
     query_kind: Query,
@@ -26,8 +26,7 @@ pub(super) fn intersect_spheres<const W: usize>(
     // Test a packet against one sphere after the other
     if W > 1 {
         return dispatch(SphereClusterKernel {
-            cluster,
-            instances,
+            spheres,
             packet,
             active,
             query_kind,
@@ -42,13 +41,8 @@ pub(super) fn intersect_spheres<const W: usize>(
     let mut hit = [0; W];
     for lane in (0..W).filter(|&lane| active[lane] != 0) {
         let ray = &ray_of(&origin, &direction, (t_near[lane], t_far[lane], 0.0), lane);
-        let work = SphereClusterRay {
-            cluster,
-            instances,
-            ray,
-        };
-        if let Some((instance, t)) = dispatch(work) {
-            hit[lane] = record_hit(packet, lane, t_far[lane], &sphere_at(instance, t), query_kind);
+        if let Some(found) = dispatch(SphereClusterRay { spheres, ray }) {
+            hit[lane] = record_hit(packet, lane, t_far[lane], &found, query_kind);
         }
     }
     hit
@@ -56,8 +50,7 @@ pub(super) fn intersect_spheres<const W: usize>(
 
 /// SIMD kernel for the spheres of a cluster against the active lanes of a packet; returns the mask of hits.
 struct SphereClusterKernel<'a, const W: usize> {
-    cluster: &'a SphereCluster,
-    instances: &'a [u32; MEMBERS],
+    spheres: NumberedSpheres<'a>,
     packet: CallbackPacket,
     active: &'a [i32; W],
     query_kind: Query,
@@ -74,8 +67,8 @@ impl<const W: usize> SimdKernel for SphereClusterKernel<'_, W> {
         // Cull the sphere if all active rays surely miss it in f32
         let mut cull = PacketCull::<W>::of(origin, direction, packet.floats(row::T_FAR));
         let (mut active, mut hit) = (*self.active, [0; W]);
-        for (member, &instance) in self.instances.iter().enumerate() {
-            let Some(sphere) = &self.cluster.sphere(member) else {
+        for member in 0..MEMBERS {
+            let Some(sphere) = &self.spheres.cluster.sphere(member) else {
                 break;
             };
             let missed = cull.miss_mask(isa, &Sphere32::of(sphere));
@@ -85,7 +78,8 @@ impl<const W: usize> SimdKernel for SphereClusterKernel<'_, W> {
             // Intersect the sphere in f64
             let is_hit = SphereKernel {
                 sphere,
-                instance,
+                instance: self.spheres.instances[member],
+                primitive: self.spheres.primitives[member],
                 packet,
                 active: &active,
                 query_kind,
@@ -112,6 +106,8 @@ impl<const W: usize> SimdKernel for SphereClusterKernel<'_, W> {
 pub(super) struct SphereKernel<'a, const W: usize> {
     pub(super) sphere: &'a Sphere,
     pub(super) instance: u32,
+    /// Index of the sphere within its instance.
+    pub(super) primitive: u32,
     pub(super) packet: CallbackPacket,
     pub(super) active: &'a [i32; W],
     pub(super) query_kind: Query,
@@ -146,14 +142,14 @@ impl<const W: usize> SimdKernel for SphereKernel<'_, W> {
         let exact = self
             .sphere
             .nearest_lanes(&origin, &direction, &t_near, &[f64::INFINITY; W]);
-        self.record(self.instance, &exact)
+        self.record(&exact)
     }
 }
 
 impl<const W: usize> SphereKernel<'_, W> {
     /// Records the hits of one sphere at the parameters `exact` and returns the mask of lanes with a hit.
     #[inline(always)]
-    fn record(&self, instance: u32, exact: &[f64; W]) -> [i32; W] {
+    fn record(&self, exact: &[f64; W]) -> [i32; W] {
         let t_far: [f32; W] = self.packet.floats(row::T_FAR);
         let (mut t, mut hit) = ([0.0f32; W], [0i32; W]);
         let mut any = 0;
@@ -167,7 +163,7 @@ impl<const W: usize> SphereKernel<'_, W> {
         if any != 0 {
             match self.query_kind {
                 Query::Any => self.block(&t_far, &hit),
-                Query::Nearest => self.take(instance, &t_far, &t, &mut hit),
+                Query::Nearest => self.take(&t_far, &t, &mut hit),
             }
         }
         hit
@@ -189,11 +185,14 @@ impl<const W: usize> SphereKernel<'_, W> {
 
     /// Writes the hits, except in lanes whose equally near hit has a lower index.
     #[inline(always)]
-    fn take(&self, instance: u32, t_far: &[f32; W], t: &[f32; W], hit: &mut [i32; W]) {
+    fn take(&self, t_far: &[f32; W], t: &[f32; W], hit: &mut [i32; W]) {
         let held: [u32; W] = self.packet.load(row::INSTANCE);
+        let held_primitive: [u32; W] = self.packet.load(row::PRIMITIVE);
         for lane in 0..W {
             // A lane without a hit holds the highest index.
-            let is_first = (t[lane] < t_far[lane]) | (instance < held[lane]);
+            let is_lower = (self.instance < held[lane])
+                | ((self.instance == held[lane]) & (self.primitive < held_primitive[lane]));
+            let is_first = (t[lane] < t_far[lane]) | is_lower;
             hit[lane] = if is_first & (hit[lane] != 0) { ACTIVE } else { 0 };
         }
         let mut ends = [0; W];
@@ -203,8 +202,8 @@ impl<const W: usize> SphereKernel<'_, W> {
         self.packet.store(row::T_FAR, ends);
         self.set(row::U, 0, hit);
         self.set(row::V, 0, hit);
-        self.set(row::PRIMITIVE, 0, hit);
-        self.set(row::INSTANCE, instance, hit);
+        self.set(row::PRIMITIVE, self.primitive, hit);
+        self.set(row::INSTANCE, self.instance, hit);
         self.set(row::LEVEL, NO_HIT, hit);
     }
 
@@ -219,23 +218,26 @@ impl<const W: usize> SphereKernel<'_, W> {
 }
 
 /// SIMD kernel for one ray against the spheres of a cluster: nearest hit within its interval, with ties to the lower
-/// instance index.
+/// instance and primitive index.
 struct SphereClusterRay<'a> {
-    cluster: &'a SphereCluster,
-    instances: &'a [u32; MEMBERS],
+    spheres: NumberedSpheres<'a>,
     ray: &'a Ray,
 }
 
 impl SimdKernel for SphereClusterRay<'_> {
-    /// Instance and parameter of the nearest hit.
-    type Output = Option<(u32, f32)>;
+    type Output = Option<Hit>;
 
     #[inline(always)]
-    fn run<I: SimdLevel>(self, isa: I) -> Option<(u32, f32)> {
+    fn run<I: SimdLevel>(self, isa: I) -> Option<Hit> {
+        let NumberedSpheres {
+            cluster,
+            instances,
+            primitives,
+        } = self.spheres;
         let (origin, direction) = (self.ray.origin.as_dvec3(), self.ray.direction.as_dvec3());
         let exact = Sphere::nearest_of(
-            &self.cluster.center,
-            &self.cluster.radius,
+            &cluster.center,
+            &cluster.radius,
             (origin, direction),
             f64::from(self.ray.t_near),
         );
@@ -245,11 +247,17 @@ impl SimdKernel for SphereClusterRay<'_> {
         }
         // Comparisons with NaN, which is a miss, are false.
         let is_hit = isa.le(&t, &[self.ray.t_far; MEMBERS]) & isa.lt(&t, &[f32::INFINITY; MEMBERS]);
-        let mut first: Option<(u32, f32)> = None;
+        let mut first: Option<Hit> = None;
         for member in lanes(is_hit) {
-            let (t, instance) = (t[member], self.instances[member]);
-            if first.is_none_or(|held| t < held.1 || (t == held.1 && instance < held.0)) {
-                first = Some((instance, t));
+            let found = Hit {
+                primitive: primitives[member],
+                ..sphere_at(instances[member], t[member])
+            };
+            let number = |hit: &Hit| [hit.instance, hit.primitive];
+            if first
+                .is_none_or(|held| found.t < held.t || (found.t == held.t && number(&found) < number(&held)))
+            {
+                first = Some(found);
             }
         }
         first

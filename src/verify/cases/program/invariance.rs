@@ -6,6 +6,7 @@
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 
 use crate::accel::{AccelError, Hit};
+use crate::buffer::Buffer;
 use crate::image::ToneMap;
 use crate::numeric::{Ray, SplitMix64};
 use crate::render::{Monitor, RenderSettings, render};
@@ -167,18 +168,21 @@ fn turned_scene(scene: &Scene, turn: &DMat3) -> Scene {
         }
         // Rotate untransformed geometry itself
         match geometry {
-            Geometry::Mesh(mesh) => {
-                let corners = mesh.positions.iter().map(|&p| {
-                    let p = *turn * Vec3::from(p).as_dvec3();
-                    p.as_vec3().to_array()
-                });
-                mesh.positions = corners.collect::<Vec<_>>().into();
-            }
+            Geometry::Mesh(mesh) => mesh.positions = turned_positions(&mesh.positions, turn),
+            Geometry::Points(cloud) => cloud.positions = turned_positions(&cloud.positions, turn),
             Geometry::Shape(Shape::Sphere(sphere)) => sphere.center = *turn * sphere.center,
             Geometry::Shape(_) => (),
         }
     }
     turned
+}
+
+/// Returns positions rotated about the origin, each rounded once.
+fn turned_positions(positions: &[[f32; 3]], turn: &DMat3) -> Buffer<[f32; 3]> {
+    let turned = positions
+        .iter()
+        .map(|&p| (*turn * Vec3::from(p).as_dvec3()).as_vec3().to_array());
+    turned.collect::<Vec<_>>().into()
 }
 
 /// Returns a scene of meshes and shapes in which no geometry has both transformed and untransformed instances.

@@ -23,7 +23,6 @@ fn support(name: &str) -> ExtensionSupport {
         | "KHR_materials_ior"
         | "KHR_materials_iridescence"
         | "KHR_materials_pbrSpecularGlossiness"
-        | "KHR_materials_sheen"
         | "KHR_materials_specular"
         | "KHR_materials_transmission"
         | "KHR_materials_unlit"
@@ -35,6 +34,9 @@ fn support(name: &str) -> ExtensionSupport {
         | "KHR_node_visibility"
         | "KHR_texture_transform" => ExtensionSupport::Honoured,
         "KHR_texture_basisu" if cfg!(feature = "basisu") => ExtensionSupport::Honoured,
+        "KHR_materials_sheen" => {
+            ExtensionSupport::Approximated("its fibres reflect lights and the environment, but no objects")
+        }
         // Metadata, interaction, sound, physics, and structures for programs that edit or stream. Of levels of detail
         // the finest is rendered; primitives that another one with restart indices may replace are rendered themselves.
         "AGI_articulations"

@@ -13,6 +13,7 @@
 
 use std::f32::consts::PI;
 
+use super::anisotropic_albedo::anisotropic_albedo;
 use super::layer::cosines;
 use super::material::{DEFAULT_F0, MaterialPacket};
 use super::{LobeAlbedo, ThinFilm};
@@ -106,10 +107,9 @@ impl MaterialPacket {
     /// Sets what depends on the viewers along `wo`: the albedo of the lobe and the reflectance of thin films.
     #[inline(always)]
     pub fn set_view(&mut self, ns: &Lanes3<f32>, wo: &Lanes3<f32>) {
+        self.lobe = LobeAlbedo::of_packet(&self.roughness, ns, wo);
         if self.effects.has(Effect::Anisotropy) {
-            self.lobe = LobeAlbedo::of_packet(&self.mean_roughness(), ns, wo);
-        } else {
-            self.lobe = LobeAlbedo::of_packet(&self.roughness, ns, wo);
+            self.set_anisotropic_albedos(ns, wo);
         }
         if self.effects.has(Effect::Iridescence) {
             self.set_film_reflectance(ns, wo);
@@ -125,17 +125,19 @@ impl MaterialPacket {
         }
     }
 
-    /// Returns the roughness of isotropic lobes with the mean width of the anisotropic ones.
+    /// Replaces the albedos of anisotropic lobes.
     #[inline(never)]
-    fn mean_roughness(&self) -> Lanes<f32> {
-        std::array::from_fn(|l| {
-            let [along, across] = self.alphas(l);
-            if along == across {
-                self.roughness[l]
-            } else {
-                (along * across).sqrt().sqrt()
-            }
-        })
+    fn set_anisotropic_albedos(&mut self, ns: &Lanes3<f32>, wo: &Lanes3<f32>) {
+        for l in (0..LANES).filter(|&l| self.extended.anisotropy[l] > 0.0) {
+            let [n, v] = [ns, wo].map(|v| [v[0][l], v[1][l], v[2][l]]);
+            let lobe = AnisotropicLobe::of(self, n, l);
+            let z = dot(n, v).abs().max(f32::MIN_POSITIVE);
+            let local = [dot(lobe.tangent, v), dot(lobe.bitangent, v), z];
+            let albedo = anisotropic_albedo([lobe.along, lobe.across], local);
+            self.lobe.normal[l] = albedo.normal;
+            self.lobe.grazing[l] = albedo.grazing;
+            self.lobe.loss[l] = albedo.loss;
+        }
     }
 
     /// Returns the widths alpha of the lobe in lane `l`: along the direction of anisotropy, and across.

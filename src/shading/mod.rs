@@ -4,6 +4,7 @@
 //! The code is branch-free arithmetic on lanes, so that it vectorises; results that a lane does not need are multiplied
 //! by zero.
 
+mod anisotropic_albedo;
 mod environment;
 mod ggx;
 mod layer;

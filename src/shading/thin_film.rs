@@ -139,7 +139,8 @@ mod tests {
         let t121 = (1.0 - r12).powi(2);
         let [one, two] = [1.0, 2.0].map(|m| sensed(m * path, phi.map(|phi| m * phi)));
         std::array::from_fn(|c| {
-            let r123 = (r12 * r23[c]).clamp(1e-5, 0.9999);
+            // Without the extension's smallest product, 1e-5, which adds light where the base is like the film
+            let r123 = (r12 * r23[c]).min(0.9999);
             let rs = t121 * r23[c] / (1.0 - r123);
             let c1 = (rs - (1.0 - r12)) * r123.sqrt();
             let sum = r12 + rs + 2.0 * c1 * one[c] + 2.0 * c1 * r123.sqrt() * two[c];

@@ -265,12 +265,12 @@ impl ShadingState<'_, '_> {
             let (mut mirrored, mut through) = boundary_hit.tints.weights(reflectance, transmittance);
             let etas =
                 [boundary.crossing.before, boundary.crossing.after].map(|body| frame.ior(body, nanometres));
-            if frame.effects().has(Effect::Iridescence) {
-                let film = boundary_hit.film_reflectance(reflectance, facet.cos_i(), etas);
+            if frame.effects().has(Effect::Iridescence)
+                && let Some(film) = boundary_hit.film_reflectance(reflectance, facet.cos_i(), etas)
+            {
                 for c in 0..3 {
-                    let rest = transmittance as f32;
-                    mirrored[c] *= film[c] / (reflectance as f32).max(f32::MIN_POSITIVE);
-                    through[c] *= if rest > 0.0 { (1.0 - film[c]) / rest } else { 1.0 };
+                    mirrored[c] *= film[c] / reflectance as f32;
+                    through[c] *= (1.0 - film[c]) / transmittance as f32;
                 }
             }
             (0..3).for_each(|c| reflected[c] += color[c] * mirrored[c]);
@@ -357,19 +357,20 @@ pub(in crate::render) struct BoundaryHit<'a> {
 }
 
 impl BoundaryHit<'_> {
-    /// Returns the reflectance of the boundary with its thin film, if it has one, from that without it. A film reflects as
-    /// much light from inside as from the direction outside into which that light refracts.
+    /// Returns the reflectance of the boundary with its thin film from that without it; `None` without a film, and where
+    /// the bare boundary reflects all light or none. A film reflects as much light from inside as from the direction
+    /// outside into which that light refracts.
     #[inline(never)]
-    fn film_reflectance(&self, reflectance: f64, cos_i: f64, [eta_i, eta_t]: [f64; 2]) -> [f32; 3] {
+    fn film_reflectance(&self, reflectance: f64, cos_i: f64, [eta_i, eta_t]: [f64; 2]) -> Option<[f32; 3]> {
         let bare = [reflectance as f32; 3];
         let ratio = (eta_i / eta_t).max(1.0);
         let squared_sine = ratio * ratio * (1.0 - cos_i * cos_i);
-        // Nothing changes where all light is reflected
-        if squared_sine >= 1.0 || reflectance >= 1.0 {
-            return bare;
+        let is_divided = reflectance > 0.0 && reflectance < 1.0 && squared_sine < 1.0;
+        if !is_divided || !(self.materials.extended.film[self.l] > 0.0) {
+            return None;
         }
         let cosine = (1.0 - squared_sine).sqrt();
-        self.materials.with_film(bare, cosine as f32, self.l)
+        Some(self.materials.with_film(bare, cosine as f32, self.l))
     }
 }
 

@@ -123,7 +123,7 @@ fn restart_index_separates_strips() {
 #[test]
 fn strict_loading_refuses_what_is_only_approximated() {
     let mut root = triangle(&[]);
-    root["extensionsUsed"] = json!(["KHR_materials_diffuse_transmission", "KHR_xmp_json_ld"]);
+    root["extensionsUsed"] = json!(["KHR_materials_sheen", "KHR_xmp_json_ld"]);
     let strict = LoadOptions {
         unsupported: UnsupportedExtensions::Refuse,
         ..LoadOptions::default()
@@ -134,7 +134,7 @@ fn strict_loading_refuses_what_is_only_approximated() {
     assert!(is_approximated && scene.extensions[1].support == ExtensionSupport::WithoutEffect);
     let fault = load(&root, &strict).unwrap_err();
     assert!(
-        fault.contains("(KHR_materials_diffuse_transmission): render it without"),
+        fault.contains("(KHR_materials_sheen): render it without"),
         "{fault}"
     );
 }

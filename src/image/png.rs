@@ -77,6 +77,7 @@ impl PngEncoding {
     ///
     /// Colours are divided by their alpha before tone mapping, and are black where it is 0.
     pub(super) fn codes_with_alpha(&self, pixels: &[[f32; 3]], alpha: &[f32]) -> Vec<u8> {
+        // Divide the colours by their coverage
         let straight: Vec<[f32; 3]> = pixels
             .iter()
             .zip(alpha)
@@ -86,6 +87,7 @@ impl PngEncoding {
             })
             .collect();
         let colors = self.codes(&straight);
+        // Interleave the codes of colours and alpha, which is linear
         let sample_bytes = self.bits.sample_bytes();
         let mut codes = Vec::with_capacity(4 * sample_bytes * alpha.len());
         for (color, &alpha) in colors.chunks(3 * sample_bytes).zip(alpha) {

@@ -105,6 +105,7 @@ fn aces(color: [f64; 3]) -> [f64; 3] {
         let over = v * (v + 0.024_578_6) - 0.000_090_537;
         over / (v * (0.983_729 * v + 0.432_951_0) + 0.238_081)
     };
+    // Convert the primaries, apply the fit, and convert back
     let input = product(&ACES_INPUT, color.map(|channel| channel * ACES_GAIN));
     product(&ACES_OUTPUT, input.map(fit))
 }
@@ -159,6 +160,7 @@ fn agx(color: [f64; 3]) -> [f64; 3] {
             .iter()
             .fold(0.0, |sum, coefficient| sum * x + coefficient)
     };
+    // Apply the curve between primaries that are moved inwards and back
     let encoded = product(&AGX_OUTSET, product(&AGX_INSET, color).map(curve));
     // Make the display-encoded values linear
     encoded.map(|v| v.max(0.0).powf(AGX_GAMMA))

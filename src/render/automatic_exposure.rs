@@ -31,7 +31,8 @@ impl Exposure {
 const MIDDLE_GREY: f64 = 0.18;
 /// Fraction of the covered pixels that are white or darker.
 const WHITE_FRACTION: f64 = 0.99;
-/// Ratio of the darkest luminance that is told apart to that of the percentile: twelve stops, the range of a good camera.
+/// Ratio of the darkest luminance that counts as it is to that of the percentile: twelve stops, the range of a good
+/// camera.
 const DARKEST: f64 = 1.0 / 4096.0;
 /// Coverage from which a pixel counts as covered.
 const MIN_ALPHA: f32 = 0.5;

@@ -107,6 +107,7 @@ pub(super) fn render_uniformly(
         )
     };
     let aovs = settings.sample_aovs.then(aovs);
+    // Compute the coverage, for which the films of the tiles are no longer needed
     let alpha = transparency::coverage([width, height], tiles, settings).map(|alpha| cover.cut(alpha));
     meter.lap_all_threads(Category::Film);
     ledger += meter.ledger;

@@ -48,12 +48,12 @@ mod tests {
     use super::*;
 
     #[derive(Deserialize)]
-    struct Table {
+    struct OutputTable {
         background: VisibleBackgroundForm,
     }
 
     fn read(value: &str) -> Result<VisibleBackground, String> {
-        let table: Result<Table, toml::de::Error> = toml::from_str(&format!("background = {value}"));
+        let table: Result<OutputTable, toml::de::Error> = toml::from_str(&format!("background = {value}"));
         table
             .map(|table| table.background.0)
             .map_err(|error| error.message().to_owned())

@@ -58,6 +58,7 @@ impl ImageWriter {
     fn begin(path: &Path, head: &FrameMetadata, planes: &[Layer]) -> Result<ImageWriter, ImageError> {
         let notes = head.notes.list();
         if ImageFormat::of_path(path) == Some(ImageFormat::Png) {
+            // Coverage needs a fourth channel
             let channels = match alpha(planes) {
                 None => PngChannels::Rgb,
                 Some(_) => PngChannels::Rgba,

@@ -12,6 +12,7 @@ pub(in crate::render) fn assembled(
     settings: &RenderSettings,
 ) -> Vec<[f32; 3]> {
     let mut pixels = tile_result::assemble(width, height, tiles, &|result| &result.means);
+    // Add the samples of neighbouring pixels
     if !settings.filter.is_box() {
         filtered_image::assemble(width, &mut pixels, tiles);
     }
@@ -33,6 +34,7 @@ pub(in crate::render) fn coverage(
         .map(|(tile, result)| Some((tile, *result.transparency?)))
         .collect();
     let transparencies = assembled(size, &films?, settings);
+    // Average the channels, which coloured volumes weaken unequally
     let alpha = |channels: [f32; 3]| {
         let sum: f64 = channels.iter().map(|&channel| f64::from(channel)).sum();
         (1.0 - sum / 3.0) as f32

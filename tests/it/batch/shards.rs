@@ -197,7 +197,7 @@ fn transparent_frames_in_bands_equal_those_of_one_process() {
     assert_eq!(shown.into_rgba8().get_pixel(0, 0)[3], 0);
     // Shares of samples have no coverage
     let jobs = place.jobs(&job("split = { shares = 2 }", "b.png"));
-    let refused = run(&["batch", &jobs, "--out", &one, "--quiet"]);
+    let refused = run(&["batch", &jobs, "--out", &place.out("shares"), "--quiet"]);
     assert_ne!(refused.status.code(), Some(0));
     let said = String::from_utf8_lossy(&refused.stderr);
     assert!(said.contains("do not support a transparent background"), "{said}");

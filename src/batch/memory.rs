@@ -59,12 +59,15 @@ const BSP_BYTES_PER_TRIANGLE: u64 = 84;
 impl MemoryForecast {
     /// Returns the estimate for a loaded scene. Instances share their geometry.
     pub fn of(scene: &Scene) -> MemoryForecast {
-        let triangles: u64 = scene.geometries.iter().map(|g| g.primitive_count() as u64).sum();
+        // Points count as triangles do, except that the native backend leaves them to a BSP
+        let primitives: u64 = scene.geometries.iter().map(|g| g.primitive_count() as u64).sum();
+        let clouds = scene.geometries.iter().filter_map(Geometry::point_cloud);
+        let points: u64 = clouds.map(|cloud| cloud.len() as u64).sum();
         MemoryForecast {
             scene_bytes: mesh_bytes(scene) + image_bytes(scene) + volume_bytes(scene),
-            embree_bytes: EMBREE_BYTES_PER_TRIANGLE * triangles,
-            native_bytes: NATIVE_BYTES_PER_TRIANGLE * triangles,
-            bsp_bytes: BSP_BYTES_PER_TRIANGLE * triangles,
+            embree_bytes: EMBREE_BYTES_PER_TRIANGLE * primitives,
+            native_bytes: NATIVE_BYTES_PER_TRIANGLE * (primitives - points) + BSP_BYTES_PER_TRIANGLE * points,
+            bsp_bytes: BSP_BYTES_PER_TRIANGLE * primitives,
             film_bytes: film_bytes(1024, 1024),
             subsurface_bytes: subsurface_bytes(scene),
         }

@@ -52,7 +52,7 @@ pub(in crate::accel::embree) struct InstancedScene<'s> {
 
 /// Content of one primitive of the user geometry.
 pub(super) enum Primitive<'a> {
-    /// Cluster of spheres.
+    /// Cluster of spheres in world space.
     Spheres(NumberedSpheres<'a>),
     /// Cluster of watertight triangles.
     TriangleCluster(TriangleCluster<'a>),

@@ -38,7 +38,7 @@ pub(super) struct SphereCluster {
 }
 
 impl SphereCluster {
-    /// Cluster without spheres.
+    /// Cluster that has no spheres.
     pub(super) const EMPTY: SphereCluster = SphereCluster {
         center: [[0.0; MEMBERS]; 3],
         radius: [f64::NAN; MEMBERS],

@@ -208,6 +208,7 @@ impl<'s> RenderContext<'s> {
     fn may_combine_samples(scene: &Scene, effects: EffectSet) -> bool {
         let needed = [Effect::RoughReflection, Effect::Environment, Effect::Shadow];
         let transmits = |instance: &Instance| scene.materials[instance.material as usize].transmits();
+        // Look for a surface that refracts light
         let refracts = effects.has(Effect::Refraction) && scene.instances.iter().any(transmits);
         needed.iter().all(|&effect| effects.has(effect)) && !refracts
     }

@@ -358,6 +358,7 @@ impl Material {
             Model::MetallicRoughness(model) => {
                 // Inputs whose textures may make the surface smoother
                 let smoother = [MaterialInput::MetallicRoughness, MaterialInput::Roughness];
+                // A smooth coat mirrors over any base
                 let has_smooth_coat = self.coated().is_some_and(|coat| {
                     coat.roughness <= MIRROR_ROUGHNESS
                         || self.layer(MaterialInput::ClearcoatRoughness).is_some()

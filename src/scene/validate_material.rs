@@ -75,6 +75,7 @@ fn check_layers(material: &Material) -> Result<(), String> {
         (lobe, "anisotropy"),
         (film, "iridescence"),
     ];
+    // Report the first that is out of range
     match checks.into_iter().find(|(is_sound, _)| !is_sound) {
         Some((_, name)) => Err(format!("a factor of its {name} is out of range: correct it")),
         None => Ok(()),

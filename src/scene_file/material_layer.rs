@@ -86,6 +86,7 @@ mod tests {
              anisotropy = { strength = 0.5, rotation = 180 }\niridescence = { thickness = 400 }",
         )
         .unwrap();
+        // Compare stated factors and defaults
         let material = form.material("paint").unwrap();
         let coat = Clearcoat {
             factor: 1.0,
@@ -103,7 +104,8 @@ mod tests {
 
     #[test]
     fn layers_of_other_models_are_rejected() {
-        let form: MaterialForm = toml::from_str("model = 'lecture'\nclearcoat = {}").unwrap();
+        // A coat belongs to glTF's model alone
+        let form: MaterialForm = toml::from_str("model = 'unlit'\nclearcoat = {}").unwrap();
         assert!(form.material("paint").unwrap_err().contains("has no `clearcoat`"));
     }
 }

@@ -8,14 +8,14 @@ use std::sync::LazyLock;
 
 use super::LobeAlbedo;
 
-/// Number of microfacets.
+/// Number of microfacets of the quadrature.
 const COUNT: usize = 64;
 
 /// Point of the unit square, prepared for sampling microfacets.
 struct QuadraturePoint {
     /// Cosine and sine of the azimuth.
     turn: [f32; 2],
-    /// Second coordinate.
+    /// Second coordinate of the point.
     u: f32,
 }
 
@@ -35,6 +35,7 @@ static POINTS: LazyLock<[QuadraturePoint; COUNT]> = LazyLock::new(|| {
 /// the normal and positive. See [`super::Ggx::sample_vndf`] for the sampling.
 pub(super) fn anisotropic_albedo([along, across]: [f32; 2], wo: [f32; 3]) -> LobeAlbedo<f32> {
     let [x, y, z] = wo;
+    // Stretch space so that the microfacets form a hemisphere
     let stretched = [along * x, across * y, z];
     let scale = length(stretched).recip();
     let seen = stretched.map(|axis| axis * scale);
@@ -91,6 +92,7 @@ mod tests {
         let mut random = SplitMix64::new(0, 17);
         let (mut sum, count) = (0.0, 100);
         for _ in 0..count {
+            // Draw a lobe and a viewer
             let across = random.unit().powi(2).max(0.003);
             let along = across + (1.0 - across) * random.unit();
             let wo = warp::direction(0.97 * random.unit(), random.unit());
@@ -110,6 +112,7 @@ mod tests {
                 [along as f32, across as f32],
                 DVec3::to_array(&wo).map(|x| x as f32),
             );
+            // Compare the albedos
             let raised = albedo * (1.0 + f64::from(found.loss));
             assert!((raised - 1.0).abs() < 0.045, "{along} {across} {wo}: {raised}");
             assert!(

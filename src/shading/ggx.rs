@@ -23,9 +23,9 @@ use crate::optics;
 /// GGX lobe of one roughness, which may be wider along x than along y.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ggx {
-    /// Width along x.
+    /// Width alpha along the x axis.
     alpha: f64,
-    /// Width along y over that along x: 1 for an isotropic lobe.
+    /// Width along the y axis over that along the x axis: 1 for an isotropic lobe.
     aspect: f64,
 }
 

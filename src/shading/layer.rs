@@ -23,7 +23,7 @@ pub struct LayerLanes {
 }
 
 impl LayerLanes {
-    /// Surfaces without layers.
+    /// Surfaces without any layers.
     pub const NONE: LayerLanes = LayerLanes {
         coat: [0.0; LANES],
         coat_roughness: [0.0; LANES],
@@ -33,9 +33,11 @@ impl LayerLanes {
 
     /// Sets lane `l` to the factors of `material`; layers of absent effects stay away.
     pub fn set(&mut self, l: usize, material: &Material, effects: EffectSet) {
+        // Set the coat
         let coat = material.coated().filter(|_| effects.has(Effect::Clearcoat));
         self.coat[l] = coat.map_or(0.0, |coat| coat.factor);
         self.coat_roughness[l] = coat.map_or(0.0, |coat| coat.roughness);
+        // Set the sheen
         let sheen = material.sheening().filter(|_| effects.has(Effect::Sheen));
         let color = sheen.map_or([0.0; 3], |sheen| sheen.color);
         (0..3).for_each(|c| self.sheen.color[c][l] = color[c]);
@@ -106,12 +108,14 @@ mod tests {
     /// Evaluates a coated white diffuse surface by `KHR_materials_clearcoat`: BRDF times cosine, over a base of
     /// Lambert's law.
     fn specified(coat: &Clearcoat, base: f64, [n, v, l]: [DVec3; 3]) -> f64 {
+        // Evaluate the lobe of the coat
         let h = (v + l).normalize();
         let alpha = f64::from(coat.roughness).powi(2);
         let squared = alpha * alpha;
         let d = squared / (PI * (n.dot(h).powi(2) * (squared - 1.0) + 1.0).powi(2));
         let smith = |cos: f64| cos + (squared + (1.0 - squared) * cos * cos).sqrt();
         let lobe = d / (smith(n.dot(v)) * smith(n.dot(l)));
+        // Blend by the reflectance towards the viewer
         let fresnel = 0.04 + 0.96 * (1.0 - n.dot(v)).powi(5);
         let weight = f64::from(coat.factor) * fresnel;
         base * (1.0 - weight) + lobe * n.dot(l) * weight
@@ -122,6 +126,7 @@ mod tests {
         let mut random = SplitMix64::new(0, 11);
         let mut checked = 0;
         for _ in 0..10_000 {
+            // Draw a coat and directions above the surface
             let coat = Clearcoat {
                 factor: random.unit() as f32,
                 roughness: random.within(0.1, 1.0) as f32,
@@ -131,6 +136,7 @@ mod tests {
                 continue;
             }
             let lanes = |v: DVec3| v.to_array().map(|axis| [axis as f32; LANES]);
+            // Fill the lanes of a packet
             let effects = EffectSet::NONE.with(Effect::Clearcoat);
             let mut base = MaterialPacket::of_effects(effects);
             let material = Material {

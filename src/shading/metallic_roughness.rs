@@ -85,6 +85,7 @@ impl MaterialPacket {
     /// Blends the reflectance of the thin film in lane `l` into `reflectance`, at this cosine of incidence.
     #[inline(never)]
     pub fn with_film(&self, reflectance: [f32; 3], cosine: f32, l: usize) -> [f32; 3] {
+        // Keep the reflectance of lanes without a film
         let weight = self.extended.film[l];
         if !(weight > 0.0) {
             return reflectance;
@@ -132,6 +133,7 @@ impl MaterialPacket {
             let [n, v] = [ns, wo].map(|v| [v[0][l], v[1][l], v[2][l]]);
             let lobe = AnisotropicLobe::of(self, n, l);
             let z = dot(n, v).abs().max(f32::MIN_POSITIVE);
+            // Evaluate in the frame of the lobe
             let local = [dot(lobe.tangent, v), dot(lobe.bitangent, v), z];
             let albedo = anisotropic_albedo([lobe.along, lobe.across], local);
             self.lobe.normal[l] = albedo.normal;
@@ -425,6 +427,7 @@ impl AnisotropicLobe {
     fn of(material: &MaterialPacket, n: [f32; 3], l: usize) -> AnisotropicLobe {
         let [along, across] = material.alphas(l);
         let t = material.extended.anisotropy_direction.map(|axis| axis[l]);
+        // Complete the frame by the normal
         let bitangent = [
             n[1] * t[2] - n[2] * t[1],
             n[2] * t[0] - n[0] * t[2],

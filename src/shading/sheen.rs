@@ -123,6 +123,7 @@ impl SheenLanes {
         let mut reflected = [[0.0; LANES]; 3];
         for l in 0..LANES {
             let lane = |v: &Lanes3<f32>| glam::Vec3::new(v[0][l], v[1][l], v[2][l]).as_dvec3();
+            // Compute cosines; lanes below the horizon stay black
             let (n, v, i) = (lane(ns), lane(wo), lane(wi));
             let (cos_v, cos_i) = (n.dot(v).abs().min(1.0), n.dot(i).min(1.0));
             if !(cos_i > 0.0 && cos_v > 0.0) {
@@ -131,6 +132,7 @@ impl SheenLanes {
             // Compute the squared sine of the half vector as that of the cross product
             let h = v + i;
             let squared_sine = (n.cross(h).length_squared() / h.length_squared()).min(1.0);
+            // Evaluate the distribution of fibre normals
             let roughness = self.roughness[l].max(MIN_ROUGHNESS);
             let alpha = f64::from(roughness * roughness);
             let distribution = (2.0 + alpha.recip()) * power(squared_sine, 0.5 / alpha) / (2.0 * PI);
@@ -161,9 +163,11 @@ fn masking(cosine: f64, alpha: f64) -> f64 {
         [-1.97760, -1.27393],
         [-4.32054, -4.85967],
     ];
+    // Blend the parameters of the curve by alpha
     let blend = (1.0 - alpha) * (1.0 - alpha);
     let [a, b, c, d, e] = PARAMETERS.map(|[one, zero]| one * (1.0 - blend) + zero * blend);
     let curve = |x: f64| a / (1.0 + b * power(x, c)) + d * x + e;
+    // Mirror the curve at a cosine of one half
     if cosine < 0.5 {
         exp(curve(cosine))
     } else {
@@ -173,6 +177,7 @@ fn masking(cosine: f64, alpha: f64) -> f64 {
 
 /// Interpolates E bilinearly in the table.
 fn unbounded_albedo(cosine: f32, roughness: f32) -> f32 {
+    // Find the cell of the table
     let last = (STEPS - 1) as f32;
     // Lanes that hit nothing may hold NaN, which `max` replaces
     let column = last * cosine.max(0.0).min(1.0).cbrt();
@@ -182,6 +187,7 @@ fn unbounded_albedo(cosine: f32, roughness: f32) -> f32 {
             .min(1.0);
     let (i, j) = ((column as usize).min(STEPS - 2), (row as usize).min(STEPS - 2));
     let [s, t] = [column - i as f32, row - j as f32];
+    // Interpolate along both axes
     let along = |row: &[f32; STEPS]| row[i] + s * (row[i + 1] - row[i]);
     let (low, high) = (along(&ALBEDO[j]), along(&ALBEDO[j + 1]));
     low + t * (high - low)
@@ -210,8 +216,10 @@ mod tests {
     /// Evaluates BRDF times cosine by the formulas of the extension.
     fn specified(roughness: f32, wo: DVec3, wi: DVec3) -> f64 {
         let alpha = f64::from(roughness) * f64::from(roughness);
+        // Evaluate the distribution
         let h = (wo + wi).normalize();
         let distribution = (2.0 + 1.0 / alpha) * (1.0 - h.z * h.z).powf(0.5 / alpha) / TAU;
+        // Evaluate the masking by the fitted curve
         let mix = |x: f64, y: f64| {
             let t = (1.0 - alpha) * (1.0 - alpha);
             x * (1.0 - t) + y * t
@@ -233,11 +241,13 @@ mod tests {
         let mut random = SplitMix64::new(0, 5);
         let mut checked = 0;
         for _ in 0..10_000 {
+            // Draw directions and a roughness at which energy is kept
             let roughness = 0.3 + 0.7 * random.unit() as f32;
             let [wo, wi] = [0, 1].map(|_| warp::direction(random.unit(), random.unit()).as_vec3().as_dvec3());
             if wo.z < 0.01 || wi.z < 0.01 {
                 continue;
             }
+            // Compare in the frame of the normal
             let up = lanes(DVec3::Z);
             let found = f64::from(white(roughness).direct(&up, &lanes(wo), &lanes(wi))[1][7]);
             let expected = specified(roughness, wo, wi);
@@ -257,6 +267,7 @@ mod tests {
         let (mut largest, mut sum) = (0f64, 0.0);
         const POINTS: u32 = 40;
         for _ in 0..POINTS {
+            // Draw a point of the table
             let roughness = 0.26 + 0.74 * random.unit() as f32;
             let cosine = 0.02 + 0.98 * random.unit();
             let wo = DVec3::new((1.0 - cosine * cosine).sqrt(), 0.0, cosine);
@@ -270,6 +281,7 @@ mod tests {
                 let wi = DVec3::new(wi.x, wi.y, wi.z.abs());
                 integral += specified(roughness, wo, wi) * 2.0 * s;
             }
+            // Compare the albedo with the integral
             let integral = TAU * integral / f64::from(CELLS * CELLS);
             let error = (f64::from(white(roughness).albedo(cosine as f32, 0)) - integral.min(1.0)).abs();
             assert!(error < 0.015, "{roughness} {cosine}: {error}, {integral}");
@@ -288,6 +300,7 @@ mod tests {
         for _ in 0..1000 {
             let roughness = 0.3 + 0.7 * random.unit() as f32;
             let [wo, wi] = [0, 1].map(|_| warp::direction(0.95 * random.unit(), random.unit()));
+            // Exchange both directions
             let of = |from: DVec3, to: DVec3| {
                 let lobe = white(roughness).direct(&lanes(DVec3::Z), &lanes(from), &lanes(to));
                 f64::from(lobe[0][0]) / to.z

@@ -49,6 +49,7 @@ impl ThinFilm {
         const FADING: f64 = 0.03;
         /// Largest product of both reflectances, which keeps the series finite.
         const MAX_PRODUCT: f64 = 0.9999;
+        // Fade out a film without thickness
         let t = (self.thickness / FADING).clamp(0.0, 1.0);
         let ior = 1.0 + (self.ior - 1.0) * t * t * (3.0 - 2.0 * t);
         // Refract into the film
@@ -62,6 +63,7 @@ impl ThinFilm {
         let shift = base.map(|index| if index < ior { TAU } else { PI });
         // Sum the orders of interference
         let product = second.map(|second| (first * second).min(MAX_PRODUCT));
+        // Add the light that enters the film and leaves it again
         let inner: [f64; 3] = std::array::from_fn(|c| passed * passed * second[c] / (1.0 - product[c]));
         let mut order = inner.map(|inner| inner - passed);
         let mut reflectance = inner.map(|inner| first + inner);
@@ -99,9 +101,11 @@ fn schlick(f0: f64, cosine: f64) -> f64 {
 fn sensitivity(difference: f64, shift: [f64; 3]) -> [f64; 3] {
     let phase = TAU * difference;
     let transform = |[height, mean, variance]: Gaussian, shift: f64| {
+        // Evaluate the transform of one Gaussian
         let [_, cosine] = sin_cos(mean * phase + shift);
         height * (TAU * variance).sqrt() * cosine * exp(-variance * phase * phase) / INTEGRAL
     };
+    // Convert the three sensitivities to linear RGB
     let mut xyz: [f64; 3] = std::array::from_fn(|c| transform(SENSITIVITIES[c], shift[c]));
     xyz[0] += transform(SECOND_X, shift[0]);
     RGB_FROM_XYZ.map(|row| row[0] * xyz[0] + row[1] * xyz[1] + row[2] * xyz[2])
@@ -114,14 +118,17 @@ mod tests {
 
     /// Evaluates the formulas as the extension writes them, for one channel's pair of base reflectance and phase shift.
     fn specified(film: &ThinFilm, cosine: f64, f0: [f64; 3]) -> [f64; 3] {
+        // Reflect at both faces
         let inside = (1.0 - (1.0 - cosine * cosine) / film.ior.powi(2)).sqrt();
         let fresnel = |f0: f64, cosine: f64| f0 + (1.0 - f0) * (1.0 - cosine).powf(5.0);
         let r0 = |to: f64, from: f64| ((to - from) / (to + from)).powf(2.0);
         let r12 = fresnel(r0(film.ior, 1.0), cosine);
         let base = f0.map(|f0| (1.0 + f0.sqrt()) / (1.0 - f0.sqrt()));
         let r23 = base.map(|base| fresnel(r0(base, film.ior), inside));
+        // Shift phases by π where the index rises
         let phi = base.map(|base| PI + if base < film.ior { PI } else { 0.0 });
         let path = 2.0 * film.ior * film.thickness * 1e-9 * inside;
+        // Integrate over the spectrum
         let sensed = |path: f64, shift: [f64; 3]| {
             let phase = 2.0 * PI * path;
             let wave = |value: f64, position: f64, variance: f64, shift: f64| {
@@ -136,6 +143,7 @@ mod tests {
             let z = wave(5.2481e-13, 2.2084e6, 6.6121e9, shift[2]);
             RGB_FROM_XYZ.map(|m| (m[0] * x + m[1] * y + m[2] * z) / 1.0685e-7)
         };
+        // Sum two orders of interference
         let t121 = (1.0 - r12).powi(2);
         let [one, two] = [1.0, 2.0].map(|m| sensed(m * path, phi.map(|phi| m * phi)));
         std::array::from_fn(|c| {
@@ -156,6 +164,7 @@ mod tests {
                 ior: random.within(1.1, 2.5),
                 thickness: random.within(1.0, 2000.0),
             };
+            // Compare at any angle and reflectance
             let f0 = [0; 3].map(|_| random.within(0.02, 0.98));
             let cosine = random.unit();
             let (found, expected) = (film.reflectance(cosine, f0), specified(&film, cosine, f0));
@@ -174,6 +183,7 @@ mod tests {
             ior: 1.4,
             thickness: 1e5,
         };
+        // Indices 1, 1.4 and 2
         let (first, second) = ((0.4f64 / 2.4).powi(2), (0.6f64 / 3.4).powi(2));
         let sum = first + (1.0 - first).powi(2) * second / (1.0 - first * second);
         let base = (1.0f64 / 3.0).powi(2);

@@ -50,6 +50,7 @@ ALLOWED = [
     ("numeric/lane_math.rs", "2.087_572_321_298_175e-9", "a coefficient of a minimax polynomial"),
     ("numeric/lane_math.rs", "1.135_964_755_778_819_5e-11", "a coefficient of a minimax polynomial"),
     ("numeric/lane_math.rs", "6.077_100_506_506_192e-11", "the low part of π/2"),
+    ("numeric/lane_math.rs", "1.908_214_929_270_587_7e-10", "the low part of ln 2"),
     ("numeric/spawn.rs", "1.788_139_4e-7", "3 · 2^-24, of values at hand"),
     ("numeric/spawn.rs", "5.960_464_5e-8", "2^-24, the rounding of f32, of values at hand"),
     ("numeric/double_double.rs", "2.319_046_813_846_299_6e-17", "the low part of ln 2"),
@@ -64,6 +65,15 @@ ALLOWED = [
     ("shape/torus.rs", "1.1e-8", "√2^-53, of a torus of radius 1"),
     ("volume/optical_depth.rs", "1.908_214_929_270_587_7e-10", "the low part of ln 2"),
     ("volume/march.rs", "1e-7", "the default of a setting: the share of light that a march may lose"),
+    ("shading/sheen.rs", "0.0006", "an albedo of a table of integrals"),
+    ("shading/sheen.rs", "0.0001", "an albedo of a table of integrals"),
+    ("shading/sheen.rs", "0.0005", "an albedo of a table of integrals"),
+    ("shading/thin_film.rs", "5.4856e-13", "a published sensitivity of the eye"),
+    ("shading/thin_film.rs", "4.4201e-13", "a published sensitivity of the eye"),
+    ("shading/thin_film.rs", "5.2481e-13", "a published sensitivity of the eye"),
+    ("shading/thin_film.rs", "9.7470e-14", "a published sensitivity of the eye"),
+    ("shading/thin_film.rs", "1.0685e-7", "the published integral of a sensitivity"),
+    ("shading/thin_film.rs", "1e-9", "metres per nanometre"),
 ]
 
 # A number that is not a part of a name, a field or a longer number.

@@ -66,8 +66,10 @@ fn metallic_roughness(
     corrections: &mut Corrections,
 ) -> MetallicRoughness {
     let mut core = |name, x: f32| corrections.within(name, f64::from(x), 0.0..=1.0, 0.0) as f32;
+    // Read the factors of the core model
     let metallic = core("metallicFactor", pbr.metallic_factor.0);
     let roughness = core("roughnessFactor", pbr.roughness_factor.0);
+    // Read the extensions of the reflection and the transmission
     let specular = Extension::of(extensions, "KHR_materials_specular", corrections);
     let transmission = Extension::of(extensions, "KHR_materials_transmission", corrections);
     let max = f64::from(f32::MAX);
@@ -92,6 +94,7 @@ fn translucency(
     let diffuse = Extension::of(extensions, "KHR_materials_diffuse_transmission", corrections);
     let factor = diffuse.number("diffuseTransmissionFactor", 0.0, 0.0..=1.0, corrections);
     let color = diffuse.vector("diffuseTransmissionColorFactor", [1.0; 3], 0.0..=1.0, corrections);
+    // Leave out a factor of zero, which has no effect
     (factor > 0.0 && transmission == 0.0).then(|| Translucency {
         factor: factor as f32,
         color: color.map(|x| x as f32),
@@ -114,34 +117,37 @@ fn alpha_mode(source: &json::Material, corrections: &mut Corrections) -> AlphaMo
     }
 }
 
-/// Reads `KHR_materials_clearcoat`.
+/// Reads the factors of `KHR_materials_clearcoat`.
 fn clearcoat(extensions: Option<&Map<String, Value>>, corrections: &mut Corrections) -> Option<Clearcoat> {
     let coat = Extension::of(extensions, "KHR_materials_clearcoat", corrections);
     let factor = coat.number("clearcoatFactor", 0.0, 0.0..=1.0, corrections);
     let roughness = coat.number("clearcoatRoughnessFactor", 0.0, 0.0..=1.0, corrections);
+    // Leave out a coat that covers nothing
     (factor > 0.0).then_some(Clearcoat {
         factor: factor as f32,
         roughness: roughness as f32,
     })
 }
 
-/// Reads `KHR_materials_sheen`.
+/// Reads the factors of `KHR_materials_sheen`.
 fn sheen(extensions: Option<&Map<String, Value>>, corrections: &mut Corrections) -> Option<Sheen> {
     let sheen = Extension::of(extensions, "KHR_materials_sheen", corrections);
     let color = sheen.vector("sheenColorFactor", [0.0; 3], 0.0..=1.0, corrections);
     let roughness = sheen.number("sheenRoughnessFactor", 0.0, 0.0..=1.0, corrections);
+    // Leave out black fibres
     (color != [0.0; 3]).then(|| Sheen {
         color: color.map(|x| x as f32),
         roughness: roughness as f32,
     })
 }
 
-/// Reads `KHR_materials_anisotropy`.
+/// Reads the factors of `KHR_materials_anisotropy`.
 fn anisotropy(extensions: Option<&Map<String, Value>>, corrections: &mut Corrections) -> Option<Anisotropy> {
     let max = f64::from(f32::MAX);
     let lobe = Extension::of(extensions, "KHR_materials_anisotropy", corrections);
     let strength = lobe.number("anisotropyStrength", 0.0, 0.0..=1.0, corrections);
     let rotation = lobe.number("anisotropyRotation", 0.0, -max..=max, corrections);
+    // Leave out a round lobe
     (strength > 0.0).then_some(Anisotropy {
         strength: strength as f32,
         rotation: rotation as f32,
@@ -153,7 +159,7 @@ fn iridescence(
     extensions: Option<&Map<String, Value>>,
     corrections: &mut Corrections,
 ) -> Option<Iridescence> {
-    /// Largest thickness in nanometres: thicker films have no colours that a camera could tell from white.
+    /// Largest thickness in nanometres: thicker films have no visible colours.
     const MAX_THICKNESS: f64 = 1e6;
     /// Largest index of refraction of a film.
     const MAX_IOR: f64 = 16.0;
@@ -172,6 +178,7 @@ fn iridescence(
         0.0..=MAX_THICKNESS,
         corrections,
     );
+    // Leave out a film without weight
     (factor > 0.0).then_some(Iridescence {
         factor: factor as f32,
         ior: ior as f32,

@@ -211,6 +211,7 @@ impl GltfDocument {
             let slot = slots.iter().find(|slot| slot.parameter == input);
             slot.map(|slot| slot.tex_coord)
         };
+        // Prefer the set of the input that needs tangents most often
         let inputs = [
             MaterialInput::Normal,
             MaterialInput::Anisotropy,

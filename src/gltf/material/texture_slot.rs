@@ -141,6 +141,7 @@ fn extension_slots(
     for (name, texture, parameter) in EXTENSION_TEXTURES {
         let extension = Extension::of(extensions, name, corrections);
         let info = extension.texture(texture, corrections);
+        // A normal map of the coat has a scale of its own
         let scale = match parameter {
             MaterialInput::ClearcoatNormal => {
                 extension

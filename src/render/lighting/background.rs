@@ -89,6 +89,7 @@ impl ShadingState<'_, '_> {
     fn lobe_ray_counts(&self, traced: &TracedPacket, lit: &ShadingContext, stage: BatchInfo) -> Lanes<f32> {
         let frame = self.frame;
         std::array::from_fn(|l| {
+            // Lanes without a lobe send no rays into it
             if !lit.materials.has_lobe(l) {
                 return 0.0;
             }
@@ -129,6 +130,7 @@ impl ShadingState<'_, '_> {
 /// Returns the materials without the lobes that secondary rays have alone: without a lobe where a mirror ray samples it,
 /// and without the highlight where the Phong model has a reflected ray. `counts` are the numbers of rays into lobes.
 fn without_single_lobes(materials: &MaterialPacket, counts: &Lanes<f32>) -> MaterialPacket {
+    // Restore the lobes that light samples share
     let mut without = without_sampled_lobes(materials);
     for l in (0..LANES).filter(|&l| counts[l] > 0.0) {
         without.roughness[l] = materials.roughness[l];

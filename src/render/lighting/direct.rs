@@ -253,7 +253,7 @@ pub(in crate::render) fn sample_direct_area(
 struct SampledDirections<'a> {
     /// Unit vectors towards the light.
     wi: &'a Lanes3<f32>,
-    /// See [`IncidentLight::lobe_ratios`].
+    /// Ratios as in [`IncidentLight::lobe_ratios`].
     lobe_ratios: Option<&'a Lanes<f32>>,
 }
 

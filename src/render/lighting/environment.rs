@@ -32,6 +32,7 @@ impl Environment {
         if density == f32::INFINITY {
             return 1.0;
         }
+        // Compare the densities of both ways to sample the direction
         let by_light = self.map.pdf(direction) * f64::from(self.samples);
         let density = f64::from(density);
         (density / (density + by_light)) as f32

@@ -363,6 +363,7 @@ impl BoundaryHit<'_> {
     #[inline(never)]
     fn film_reflectance(&self, reflectance: f64, cos_i: f64, [eta_i, eta_t]: [f64; 2]) -> Option<[f32; 3]> {
         let bare = [reflectance as f32; 3];
+        // Refract light from inside to the direction outside
         let ratio = (eta_i / eta_t).max(1.0);
         let squared_sine = ratio * ratio * (1.0 - cos_i * cos_i);
         let is_divided = reflectance > 0.0 && reflectance < 1.0 && squared_sine < 1.0;

@@ -64,6 +64,7 @@ impl GlossyLobe {
     ) -> Option<GlossyLobe> {
         let extended = &materials.extended;
         if materials.effects.has(Effect::Anisotropy) && extended.anisotropy[l] > 0.0 {
+            // Align the frame with the direction of anisotropy
             let direction = extended.anisotropy_direction.map(|axis| f64::from(axis[l]));
             let direction = DVec3::from_array(direction);
             if let Some(t) = (direction - n * n.dot(direction)).try_normalize() {

@@ -502,6 +502,7 @@ impl<'a> TexturedHit<'a> {
     /// Returns the tangent frame of the surface with the unit normal `n`: from the mesh, else from the first set of
     /// texture coordinates.
     fn surface_frame(&self, n: DVec3) -> Option<TangentFrame> {
+        // Use the derivatives of the texture coordinates without mesh tangents
         let Some([x, y, z, handedness]) = self.view.tangent(self.packet, self.l) else {
             let hits = (self.packet, self.points);
             let derivatives = self.view.uv_frame(self.pose, 0, hits, self.l).derivatives;

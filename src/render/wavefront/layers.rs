@@ -112,6 +112,7 @@ impl ShadingState<'_, '_> {
         fibres: &Surfaces,
         stage: BatchInfo,
     ) {
+        // Add ambient light by the albedo
         let ambient = self.frame.ambient;
         if ambient != [0.0; 3] {
             let cosines = fibres.points.viewing_cosines();
@@ -132,11 +133,12 @@ impl ShadingState<'_, '_> {
     }
 }
 
-/// Returns the fractions of light that the coats of the hits reflect. Light that leaves an interior meets no coat.
+/// Returns the fractions of light that the coats of the hits reflect. Light that leaves an interior crosses no coat.
 fn coat_weights(layers: &LayerLanes, surfaces: &Surfaces) -> Lanes<f32> {
     let points = &surfaces.points;
     let weights = layers.coat_weights(&points.wo);
     std::array::from_fn(|l| {
+        // Leave out lanes inside of a medium
         let is_inside = !points.front[l] && surfaces.materials.transmits(l);
         if points.hit[l] && !is_inside {
             weights[l]

@@ -96,6 +96,7 @@ fn scattering(material: &Material) -> String {
 /// Returns the description of layers and lobes of glTF's extensions; empty if there are none.
 fn layers(material: &Material) -> String {
     let mut parts = Vec::new();
+    // List the layers from the top
     if let Some(coat) = material.coated() {
         let Clearcoat { factor, roughness } = coat;
         parts.push(format!(", clear coat {factor} of roughness {roughness}"));
@@ -103,6 +104,7 @@ fn layers(material: &Material) -> String {
     if let Some(Sheen { color, roughness }) = material.sheening() {
         parts.push(format!(", sheen {} of roughness {roughness}", rgb(*color)));
     }
+    // List the lobes of the base
     if let Some(lobe) = material.anisotropic() {
         parts.push(format!(", anisotropy {}", lobe.strength));
     }

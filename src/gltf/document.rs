@@ -23,6 +23,8 @@ pub(super) struct GltfDocument {
     pub(super) buffers: Vec<OnceLock<Result<Bytes, GltfError>>>,
     /// Number of the chosen variant of materials; `None` for the materials of the primitives themselves.
     pub(super) variant: Option<usize>,
+    /// True if buffers and images may be outside of the folder of the file.
+    pub(super) allows_outside: bool,
     /// Contents of compressed buffer views, by their numbers; empty if none is compressed.
     pub(super) decoded_views: Vec<DecodedView>,
     /// Contents of accessors whose meshes are compressed, by the accessors' numbers.
@@ -45,6 +47,7 @@ impl GltfDocument {
             root,
             binary_chunk,
             variant: None,
+            allows_outside: false,
             decoded_views: Vec::new(),
             decoded_accessors: HashMap::new(),
         };
@@ -239,6 +242,7 @@ pub(super) fn of_json(root: &Value) -> GltfDocument {
         root,
         binary_chunk: None,
         variant: None,
+        allows_outside: false,
         decoded_views: Vec::new(),
         decoded_accessors: HashMap::new(),
     }

@@ -74,6 +74,9 @@ pub struct LoadOptions {
     /// Diameter of the spheres as which points are rendered, in the units of their positions; `None` for a diameter by
     /// the density of each cloud.
     pub point_size: Option<f64>,
+    /// True if buffers and images may be outside of the folder of the file, which a file of unknown origin could use to
+    /// show other files.
+    pub allows_outside: bool,
 }
 
 /// Treatment of files that use extensions which are ignored or approximated.
@@ -113,6 +116,7 @@ impl Default for LoadOptions {
             camera: CameraRequest::default(),
             default_light: DefaultLight::default(),
             point_size: None,
+            allows_outside: false,
         }
     }
 }
@@ -143,6 +147,7 @@ fn read(path: &Path, options: &LoadOptions) -> Result<(GltfDocument, Scene, Vec<
     let mut document = GltfDocument::open(path, &mut scene.warnings)?;
     scene.extensions = document.extension_uses(options.unsupported, &mut scene.warnings)?;
     document.decode_views();
+    document.allows_outside = options.allows_outside;
     // Choose the variant of the materials
     scene.variants = document.variants();
     if let Some(name) = &options.variant {

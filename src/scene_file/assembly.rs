@@ -50,6 +50,8 @@ pub(super) struct Resolver {
     pose: Option<AnimationTime>,
     variant: Option<String>,
     unsupported: UnsupportedExtensions,
+    /// True if glTF files may refer to files outside of their folders.
+    allows_outside: bool,
     /// Diameter of the points of glTF files, unless an object has its own.
     point_size: Option<f64>,
     /// Cache of images that are already decoded.
@@ -77,6 +79,7 @@ impl Resolver {
             pose: options.pose.clone(),
             variant: options.variant.clone(),
             unsupported: options.unsupported,
+            allows_outside: options.allows_outside,
             point_size: options.point_size,
             image_cache: options.image_cache.clone(),
             scene: Scene::default(),
@@ -410,6 +413,7 @@ impl Resolver {
             image_cache: self.image_cache.clone(),
             variant: self.variant.clone(),
             unsupported: self.unsupported,
+            allows_outside: self.allows_outside,
             point_size,
             ..LoadOptions::default()
         };

@@ -21,6 +21,10 @@ pub(in crate::cli) struct GltfArgs {
     #[arg(long, value_name = "DIAMETER", value_parser = point_size, allow_hyphen_values = true)]
     point_size: Option<f64>,
 
+    /// Allow buffers and images of glTF files outside of the folder of the file
+    #[arg(long)]
+    allow_outside: bool,
+
     /// Refuse glTF files with extensions that images do not fully honour; `whit info` lists them
     #[arg(long)]
     strict: bool,
@@ -38,6 +42,7 @@ impl GltfArgs {
                 UnsupportedExtensions::Warn
             },
             point_size: self.point_size,
+            allows_outside: self.allow_outside,
             ..LoadOptions::default()
         }
     }

@@ -6,7 +6,7 @@ mod compressed_view;
 mod meshopt;
 pub(super) mod whole_file;
 
-use std::path::PathBuf;
+use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
 use base64::Engine;
@@ -157,11 +157,16 @@ impl GltfDocument {
             let fault = format!("is at `{}`", truncated_uri(uri));
             return Err(self.fault(item, fault, "download it and put its file name instead"));
         }
-        // Map the file, whose name may be percent-encoded
+        // Read the file, whose name may be percent-encoded
         let Ok(name) = percent_decode_str(uri).decode_utf8() else {
             let fault = format!("has the URI `{}`, which is not UTF-8", truncated_uri(uri));
             return Err(self.fault(item, fault, EXPORT_AGAIN));
         };
+        if !self.allows_outside && leaves_folder(Path::new(name.as_ref())) {
+            let fault = format!("is in `{}`, outside of the file's folder", truncated_uri(uri));
+            let advice = "put it into that folder, or allow others by `--allow-outside`";
+            return Err(self.fault(item, fault, advice));
+        }
         let folder = self.file.parent().map_or_else(PathBuf::new, PathBuf::from);
         let path = folder.join(name.as_ref());
         let map = read_file(&path).map_err(|e| {
@@ -174,6 +179,21 @@ impl GltfDocument {
         })?;
         Ok(Bytes::whole(map))
     }
+}
+
+/// Returns whether a path relative to a folder leads out of it, by its names: links are not followed.
+fn leaves_folder(path: &Path) -> bool {
+    let mut depth = 0i32;
+    path.components().any(|component| {
+        match component {
+            Component::Normal(_) => depth += 1,
+            Component::ParentDir => depth -= 1,
+            Component::CurDir => {}
+            // An absolute path leaves at once
+            Component::RootDir | Component::Prefix(_) => return true,
+        }
+        depth < 0
+    })
 }
 
 /// Decodes a data URI without its `data:`.
@@ -215,6 +235,22 @@ mod tests {
         }
         assert_eq!(decode_data_uri("image/png;base64"), None);
         assert_eq!(decode_data_uri(";base64,***"), None);
+    }
+
+    #[test]
+    fn paths_with_more_steps_up_than_down_leave_the_folder() {
+        for inside in ["a.bin", "./a.bin", "b/../a.bin", "b/c/../../a.bin", "..a/b"] {
+            assert!(!leaves_folder(Path::new(inside)), "{inside}");
+        }
+        for outside in [
+            "../a.bin",
+            "b/../../a.bin",
+            "/etc/passwd",
+            "./../a",
+            "b/../../b/a",
+        ] {
+            assert!(leaves_folder(Path::new(outside)), "{outside}");
+        }
     }
 
     #[test]

@@ -75,3 +75,26 @@ fn variant_chooses_the_material() {
         assert_eq!(info["material_list"][0]["name"], name, "{flags:?}");
     }
 }
+
+#[test]
+fn files_outside_of_the_folder_need_permission() {
+    let folder = tempfile::tempdir().unwrap();
+    let inner = folder.path().join("models");
+    std::fs::create_dir(&inner).unwrap();
+    let root = json!({
+        "asset": {"version": "2.0"},
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36, "uri": "../corners.bin"}]
+    });
+    let corners: [f32; 9] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let bytes: Vec<u8> = corners.into_iter().flat_map(f32::to_le_bytes).collect();
+    std::fs::write(folder.path().join("corners.bin"), bytes).unwrap();
+    let file = inner.join("triangle.gltf").display().to_string();
+    std::fs::write(&file, root.to_string()).unwrap();
+    fails_with(2, "allow others by `--allow-outside`", &["info", &file]);
+    let run = whit(&["info", &file, "--allow-outside"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+}

@@ -35,8 +35,9 @@ impl ToneOperator {
     ///
     /// Channels below 0 and NaN count as 0, infinite ones as the largest f32.
     pub fn displayed(self, radiance: [f32; 3]) -> [f32; 3] {
-        // `max` returns the other operand of a NaN
-        let color = radiance.map(|channel| f64::from(channel.max(0.0).min(f32::MAX)));
+        // The comparison is false for NaN
+        let valid = |channel: f32| if channel > 0.0 { channel.min(f32::MAX) } else { 0.0 };
+        let color = radiance.map(|channel| f64::from(valid(channel)));
         let mapped = match self {
             ToneOperator::Clip => color,
             ToneOperator::Neutral => neutral(color),

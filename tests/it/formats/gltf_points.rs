@@ -191,7 +191,7 @@ fn points_have_the_image_of_the_same_analytic_spheres() {
             let [r, g, b] = color.map(|c| 0.5 * c);
             let z = z - 1.0;
             format!(
-                "[material.m{i}]\ncolor = [{r}, {g}, {b}]\nroughness = 1\nmetallic = 0\n\
+                "[material.m{i}]\nbase_color = [{r}, {g}, {b}]\nroughness = 1\nmetallic = 0\n\
              [[object]]\nshape = 'sphere'\nmaterial = 'm{i}'\n\
              transform = [{{ scale = 0.25 }}, {{ translate = [{x}, {y}, {z}] }}]\n"
             )

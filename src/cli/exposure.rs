@@ -1,6 +1,7 @@
 //! Choice of the exposure of an image: given, or automatic for glTF files with photometric lights.
 
 use whit::batch::request::is_scene_file;
+use whit::image::ImageFormat;
 use whit::render::Exposure;
 use whit::scene::{LightKind, Scene};
 use whit::scene_file::Output;
@@ -22,9 +23,10 @@ pub(super) fn choose(
     if is_given || is_scene_file(&target.scene) || !has_photometric_lights(scene) {
         return job.exposure;
     }
-    // Keep the exposure of 0 stops where it must be known before the image is finished
+    // Keep the exposure of 0 stops where it must be known before the image is finished; radiance has none
     match job.flag_before_exposure() {
         None => Some(Exposure::Automatic),
+        Some(_) if target.format != ImageFormat::Png => None,
         Some(flag) => {
             progress.warn(&format!(
                 "{}: its lights are in candela and lux, but `{flag}` needs the exposure before the image is finished, so \

@@ -21,6 +21,8 @@ fn pair(folder: &Path, ending: &str) -> [PathBuf; 2] {
             "64x48",
             "--spp",
             &spp.to_string(),
+            "--exposure",
+            "0",
         ]);
         assert_eq!(run.code, 0, "{}", run.stderr);
         path

@@ -164,7 +164,13 @@ impl<'s> NaiveAccel<'s> {
                         }
                     }
                 }
-                Geometry::Points(_) => panic!("the textbook has no point clouds"),
+                Geometry::Points(cloud) => {
+                    for (point, &center) in (0..).zip(&cloud.positions[..]) {
+                        if let Some(t) = sphere_root(center.into(), cloud.radius as f32, o, d) {
+                            keep(point, t);
+                        }
+                    }
+                }
                 Geometry::Shape(Shape::Sphere(sphere)) => {
                     if let Some(t) = sphere_root(sphere.center.as_vec3(), sphere.radius as f32, o, d) {
                         keep(0, t);

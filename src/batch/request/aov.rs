@@ -65,7 +65,7 @@ impl AovGroup {
 
 /// Returns the channels of an image besides its colours: its coverage, if it has one, and those that are requested.
 pub fn channels<'r>(requested: &[AovGroup], rendering: &'r Rendering) -> Vec<Cow<'r, Layer>> {
-    let mut channels: Vec<Layer> = rendering.alpha.iter().map(alpha_layer).collect();
+    let mut channels: Vec<Layer> = rendering.alpha.iter().map(|alpha| alpha_layer(alpha)).collect();
     channels.extend(cost_channels(requested, rendering));
     channels.extend(rendering.aovs.clone().into_iter().flat_map(sample_layers));
     let made = channels.into_iter().map(Cow::Owned);
@@ -73,11 +73,11 @@ pub fn channels<'r>(requested: &[AovGroup], rendering: &'r Rendering) -> Vec<Cow
 }
 
 /// Returns the channel of the coverage of pixels, which may be rounded like the colours that are premultiplied by it.
-fn alpha_layer(alpha: &Vec<f32>) -> Layer {
+fn alpha_layer(alpha: &[f32]) -> Layer {
     Layer {
         name: ALPHA.into(),
         kind: ChannelKind::Color,
-        values: alpha.clone(),
+        values: alpha.to_vec(),
     }
 }
 

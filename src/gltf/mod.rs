@@ -4,12 +4,13 @@
 //! converted or decoded in parallel. Nothing in a file is trusted: offsets, counts, indices and numbers are checked
 //! before use, and a fault is reported in one sentence with the file, the item and a remedy.
 //!
-//! The import reads triangles (lists, strips, fans), points, node transforms, metallic-roughness materials with their textures
-//! (PNG, JPEG, WebP), vertex colours, tangents, cameras and the extensions listed in `extension_support.rs`. For a normal map without
-//! tangents they are computed by MikkTSpace. Morph targets and skins deform meshes, and animations are evaluated at one
-//! time ([`LoadOptions::pose`]). Points are rendered as spheres ([`LoadOptions::point_size`]); lines are skipped, with a warning. Both sides of every surface are
-//! rendered, whether `doubleSided` or not: a ray tracer that culled back faces would lose the far sides of mirrors and
-//! the exits of glass.
+//! The import reads triangles (lists, strips, fans), points, node transforms, metallic-roughness materials with their
+//! textures (PNG, JPEG, WebP), vertex colours, tangents, cameras and the extensions listed in `extension_support.rs`.
+//! For a normal map without tangents they are computed by MikkTSpace. Morph targets and skins deform meshes, and
+//! animations are evaluated at one time ([`LoadOptions::pose`]). Points are rendered as spheres
+//! ([`LoadOptions::point_size`]); lines are skipped, with a warning. Both sides of every surface are rendered, whether
+//! `doubleSided` or not: a ray tracer that culled back faces would lose the far sides of mirrors and the exits of
+//! glass.
 //!
 //! A file without a camera gets one that frames its vertices: a vertical field of view of 45 degrees, from the front,
 //! slightly from the right and above. A file without lights gets white sunlight of ¾ π lux from behind the camera's

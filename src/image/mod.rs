@@ -1,9 +1,9 @@
 //! Images: linear radiance in memory, PNG and EXR files, and decoding of images for textures.
 //!
-//! Pixels are linear RGB radiance until they are written; exposure, a tone mapping operator and the sRGB curve are applied only
-//! when a PNG is encoded ([`ToneMap`], [`ToneOperator`]); [`metrics`] measure the difference of two images. Files are written atomically: to a
-//! temporary file in the target's directory, synced to disk and renamed. Images larger than memory are streamed row by
-//! row ([`rows`]).
+//! Pixels are linear RGB radiance until they are written; exposure, a tone mapping operator and the sRGB curve are
+//! applied only when a PNG is encoded ([`ToneMap`], [`ToneOperator`]); [`metrics`] measure the difference of two
+//! images. Files are written atomically: to a temporary file in the target's directory, synced to disk and renamed.
+//! Images larger than memory are streamed row by row ([`rows`]).
 
 mod atomic_file;
 pub mod cryptomatte;

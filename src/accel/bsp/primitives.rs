@@ -1,8 +1,8 @@
 //! Primitives of one tree, with consecutive indices.
 //!
 //! The world tree numbers the triangles of all baked meshes, the points of all clouds, the analytic shapes and the
-//! instanced meshes in the order of their instances; the tree of an instanced mesh numbers its triangles. So the smaller of two indices is also the
-//! smaller (instance, primitive), and ties are broken by comparing indices.
+//! instanced meshes in the order of their instances; the tree of an instanced mesh numbers its triangles. So the
+//! smaller of two indices is also the smaller (instance, primitive), and ties are broken by comparing indices.
 
 use glam::Vec3;
 

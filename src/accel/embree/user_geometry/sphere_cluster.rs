@@ -14,9 +14,9 @@ use crate::shape::Sphere;
 
 /// Maximum number of spheres in a cluster.
 pub(super) const MEMBERS: usize = 8;
-/// Cost model of clusters of spheres: traversal to a cluster and its callback, one further sphere in the test, and one further node. A ray is
-/// tested against all eight in a few vectors, so eight spheres per callback are best nearly everywhere (by
-/// `cargo bench --bench timing -- spheres` anything from 0 to 0.15 for a member is within the noise).
+/// Cost model of clusters of spheres: traversal to a cluster and its callback, one further sphere in the test, and one
+/// further node. A ray is tested against all eight in a few vectors, so eight spheres per callback are best nearly
+/// everywhere (by `cargo bench --bench timing -- spheres` anything from 0 to 0.15 for a member is within the noise).
 pub(super) const COST: Cost = Cost {
     limit: MEMBERS as u32,
     visit: 1.0,

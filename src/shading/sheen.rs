@@ -48,7 +48,7 @@ const ALBEDO: [[f32; 16]; 16] = [
         0.079, 0.0377, 0.0086,
     ],
     [
-        0.6582, 0.6919, 0.7853, 0.806, 0.7743, 0.7124, 0.6351, 0.5518, 0.4674, 0.3847, 0.3053, 0.2307,
+        0.6582, 0.6919, 0.7852, 0.806, 0.7743, 0.7124, 0.6351, 0.5518, 0.4674, 0.3847, 0.3053, 0.2307,
         0.1624, 0.1046, 0.0569, 0.0184,
     ],
     [
@@ -179,12 +179,8 @@ fn masking(cosine: f64, alpha: f64) -> f64 {
 fn unbounded_albedo(cosine: f32, roughness: f32) -> f32 {
     // Find the cell of the table
     let last = (STEPS - 1) as f32;
-    // Lanes that hit nothing may hold NaN, which `max` replaces
-    let column = last * cosine.max(0.0).min(1.0).cbrt();
-    let row = last
-        * ((roughness - MIN_ROUGHNESS) / (1.0 - MIN_ROUGHNESS))
-            .max(0.0)
-            .min(1.0);
+    let column = last * cosine.clamp(0.0, 1.0).cbrt();
+    let row = last * ((roughness - MIN_ROUGHNESS) / (1.0 - MIN_ROUGHNESS)).clamp(0.0, 1.0);
     let (i, j) = ((column as usize).min(STEPS - 2), (row as usize).min(STEPS - 2));
     let [s, t] = [column - i as f32, row - j as f32];
     // Interpolate along both axes

@@ -212,7 +212,8 @@ pub const TRIGGERS: &[Trigger] = &[
     trigger(Effect::RoughReflection, "rough rays", |facts| {
         // A texture may leave parts of the surface opaque.
         let is_opaque = |m: &Material| !m.transmits() || m.layer(MaterialInput::Transmission).is_some();
-        facts.material(|m| is_opaque(m) && m.rough_rays() > 0, |m| blurs(m, facts))
+        let is_seen = |m: &Material| is_opaque(m) || has_rough_coat(m);
+        facts.material(|m| is_seen(m) && m.rough_rays() > 0, |m| blurs(m, facts))
     }),
     trigger(Effect::RoughRefraction, "rough rays", |facts| {
         facts.material(|m| m.transmits() && m.rough_rays() > 0, |m| blurs(m, facts))
@@ -393,9 +394,13 @@ fn may_be_smooth(material: &Material) -> bool {
 
 /// Returns whether the material is glTF's and rough.
 fn is_rough(material: &Material) -> bool {
-    let has_rough_coat = material.coated().is_some_and(|coat| coat.roughness > 0.0);
     let is_rough = matches!(&material.model, Model::MetallicRoughness(model) if model.roughness > 0.0);
-    is_rough || has_rough_coat
+    is_rough || has_rough_coat(material)
+}
+
+/// Returns whether the material has a coat with a lobe, which is opaque over any base.
+fn has_rough_coat(material: &Material) -> bool {
+    material.coated().is_some_and(|coat| coat.roughness > 0.0)
 }
 
 /// Returns whether the material is glTF's and reflects diffuse light. A texture multiplies the factors, so it can only

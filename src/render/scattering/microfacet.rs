@@ -78,7 +78,7 @@ impl GlossyLobe {
     /// Returns a lobe by its rotation to world space; `None` if `wo` is below the surface.
     fn in_frame(ggx: Ggx, world_from_lobe: DMat3, side: DVec3, wo: DVec3) -> Option<GlossyLobe> {
         let wo = world_from_lobe.transpose() * wo;
-        (wo.z > 0.0).then(|| GlossyLobe {
+        (wo.z > 0.0).then_some(GlossyLobe {
             ggx,
             world_from_lobe,
             wo,

@@ -96,7 +96,9 @@ fn check(scene: &Scene, batches: &[(Coherence, Vec<Ray>)]) {
             .iter()
             .map(|ray| brute.nearest(ray).as_ref().map(bits))
             .collect();
-        assert!(expected.iter().flatten().count() > rays.len() / 20);
+        // Enough hits for a comparison, though lattice rays pass between most points
+        let hit_count = expected.iter().flatten().count();
+        assert!(hit_count >= 40, "{hit_count} of {} rays hit", rays.len());
         for (name, accel) in &backends {
             let found = nearest(accel.as_ref(), rays, *order);
             let is_blocked = blocked(accel.as_ref(), rays, *order);

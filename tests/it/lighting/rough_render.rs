@@ -248,7 +248,7 @@ fn white_metal_and_paint_in_white_furnace_reflect_all_light_with_multiple_scatte
 fn environment_seen_by_lobe_rays_and_light_samples_counts_once() {
     // A dim sky with a small bright sun: rays into wide lobes hardly find it, light samples of narrow lobes hardly the lobe
     let mut texels = vec![[0.2, 0.2, 0.2, 1.0]; 64 * 32];
-    texels[12 * 64 + 30] = [200.0; 4];
+    texels[12 * 64 + 3] = [200.0; 4];
     let sky = Image {
         name: "sky".into(),
         width: 64,
@@ -275,7 +275,7 @@ fn environment_seen_by_lobe_rays_and_light_samples_counts_once() {
         }
         scene
     };
-    for (roughness, gain) in [(0.1, 3.0), (0.3, 0.5), (0.7, 0.5)] {
+    for (roughness, gain) in [(0.1, 3.0), (0.3, 1.0), (0.7, 0.5)] {
         let wo = DVec3::new(0.3, -0.2, 0.9).normalize();
         let [(both, error), (single, single_error)] = [false, true].map(|has_glass| {
             let settings = settings(16, 1024);

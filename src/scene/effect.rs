@@ -313,8 +313,13 @@ impl EffectSet {
             || self.has(Effect::Subsurface)
             || self.has(Effect::Translucency)
             || self.has_layers()
-            || self.has(Effect::Anisotropy)
-            || self.has(Effect::Iridescence)
+            || self.has_special_lobes()
+    }
+
+    /// Returns whether lobes may be anisotropic or have thin films, which are evaluated by code of their own.
+    #[inline(always)]
+    pub(crate) const fn has_special_lobes(self) -> bool {
+        self.has(Effect::Anisotropy) || self.has(Effect::Iridescence)
     }
 
     /// Returns whether materials have layers above their base, which are shaded as surfaces of their own.

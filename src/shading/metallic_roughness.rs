@@ -72,10 +72,10 @@ impl MaterialPacket {
 
     /// Returns the Fresnel reflectance at this cosine of incidence: Schlick's, or that of a thin film.
     #[inline(always)]
-    fn fresnel<const EXTENDED: bool>(&self, cosine: f32, l: usize) -> [f32; 3] {
+    fn fresnel<const EXTENDED: bool, const SPECIAL: bool>(&self, cosine: f32, l: usize) -> [f32; 3] {
         let grazing = fifth_power(1.0 - cosine);
         let schlick = std::array::from_fn(|channel| self.schlick::<EXTENDED>(grazing, channel, l));
-        if EXTENDED && self.effects.has(Effect::Iridescence) {
+        if SPECIAL {
             self.with_film(schlick, cosine, l)
         } else {
             schlick
@@ -152,9 +152,13 @@ impl MaterialPacket {
 
     /// Returns the reflectances at normal and at grazing incidence of the albedo of the lobe.
     #[inline(always)]
-    fn albedo_reflectances<const EXTENDED: bool>(&self, channel: usize, l: usize) -> [f32; 2] {
+    fn albedo_reflectances<const EXTENDED: bool, const SPECIAL: bool>(
+        &self,
+        channel: usize,
+        l: usize,
+    ) -> [f32; 2] {
         let [f0, f90] = [self.f0::<EXTENDED>(channel, l), self.f90::<EXTENDED>(l)];
-        if EXTENDED && self.effects.has(Effect::Iridescence) {
+        if SPECIAL {
             let (weight, film) = (self.extended.film[l], self.extended.film_reflectance[channel][l]);
             return [f0, f90].map(|x| x + weight * (film - x));
         }
@@ -164,47 +168,53 @@ impl MaterialPacket {
     /// Returns the factor by which light that scatters more than once between microfacets raises the lobe; 1 where
     /// only single scattering counts.
     #[inline(always)]
-    fn multiple_scattering<const EXTENDED: bool>(&self, channel: usize, l: usize) -> f32 {
-        let [f0, _] = self.albedo_reflectances::<EXTENDED>(channel, l);
+    fn multiple_scattering<const EXTENDED: bool, const SPECIAL: bool>(
+        &self,
+        channel: usize,
+        l: usize,
+    ) -> f32 {
+        let [f0, _] = self.albedo_reflectances::<EXTENDED, SPECIAL>(channel, l);
         1.0 + f0 * self.lobe.loss[l]
     }
 
     /// Returns the fraction of uniform light that the lobe reflects to the viewer; 0 where only single scattering
     /// counts.
     #[inline(always)]
-    fn specular_albedo<const EXTENDED: bool>(&self, channel: usize, l: usize) -> f32 {
-        let [f0, f90] = self.albedo_reflectances::<EXTENDED>(channel, l);
+    fn specular_albedo<const EXTENDED: bool, const SPECIAL: bool>(&self, channel: usize, l: usize) -> f32 {
+        let [f0, f90] = self.albedo_reflectances::<EXTENDED, SPECIAL>(channel, l);
         let single = f0 * self.lobe.normal[l] + f90 * self.lobe.grazing[l];
-        single * self.multiple_scattering::<EXTENDED>(channel, l)
+        single * self.multiple_scattering::<EXTENDED, SPECIAL>(channel, l)
     }
 
     /// Returns the weights of a ray that a microfacet of lane `l` reflects, at the cosine of incidence `cosine`:
     /// Schlick's Fresnel reflectance, with multiple scattering.
     pub fn microfacet_reflectance(&self, cosine: f32, l: usize) -> [f32; 3] {
-        let reflectance = self.fresnel::<true>(cosine, l);
+        let reflectance = self.fresnel::<true, true>(cosine, l);
         let raised = self.multiple_scattering_factors(l);
         std::array::from_fn(|channel| reflectance[channel] * raised[channel])
     }
 
     /// Returns the factors by which multiple scattering raises the lobe of lane `l`.
     pub fn multiple_scattering_factors(&self, l: usize) -> [f32; 3] {
-        std::array::from_fn(|channel| self.multiple_scattering::<true>(channel, l))
+        std::array::from_fn(|channel| self.multiple_scattering::<true, true>(channel, l))
     }
 
     /// Returns radiance that needs no light sampling: emission, plus the ambient radiance `ambient` reflected
     /// diffusely, and specularly where no other ray gathers the environment.
     #[inline(always)]
     pub fn ambient(&self, ambient: [f32; 3]) -> Lanes3<f32> {
-        if self.effects.needs_full_material() {
-            self.ambient_of::<true>(ambient)
+        if self.effects.has_special_lobes() {
+            self.ambient_of::<true, true>(ambient)
+        } else if self.effects.needs_full_material() {
+            self.ambient_of::<true, false>(ambient)
         } else {
-            self.ambient_of::<false>(ambient)
+            self.ambient_of::<false, false>(ambient)
         }
     }
 
     /// Implements [`MaterialPacket::ambient`]; `EXTENDED` must be true if the effects are rich.
     #[inline(always)]
-    fn ambient_of<const EXTENDED: bool>(&self, ambient: [f32; 3]) -> Lanes3<f32> {
+    fn ambient_of<const EXTENDED: bool, const SPECIAL: bool>(&self, ambient: [f32; 3]) -> Lanes3<f32> {
         let extended = &self.extended;
         let conserves_energy = self.effects.has(Effect::EnergyConservation);
         let mut rough = [0.0; LANES];
@@ -226,7 +236,7 @@ impl MaterialPacket {
                 }
                 // The diffuse part loses what the lobe takes, by the ambient term or by rays
                 let mut albedo = if conserves_energy {
-                    let specular = self.specular_albedo::<EXTENDED>(channel, l);
+                    let specular = self.specular_albedo::<EXTENDED, SPECIAL>(channel, l);
                     diffuse * (1.0 - specular) + specular * rough[l]
                 } else {
                     diffuse + self.f0::<EXTENDED>(channel, l) * rough[l]
@@ -284,6 +294,38 @@ pub fn direct_combined<const EXTENDED: bool>(
     wi: &Lanes3<f32>,
     ratios: Option<&Lanes<f32>>,
 ) -> Lanes3<f32> {
+    if EXTENDED && material.effects.has_special_lobes() {
+        return special_direct(material, ns, wo, wi, ratios);
+    }
+    match ratios {
+        Some(ratios) if EXTENDED => direct_lanes::<true, false, true>(material, ns, wo, wi, ratios),
+        _ => direct_lanes::<EXTENDED, false, false>(material, ns, wo, wi, &[0.0; LANES]),
+    }
+}
+
+/// Evaluates [`direct_combined`] with anisotropic lobes and thin films. Not inlined, so that scenes without them keep their
+/// registers.
+#[inline(never)]
+fn special_direct(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+    wi: &Lanes3<f32>,
+    ratios: Option<&Lanes<f32>>,
+) -> Lanes3<f32> {
+    direct_lanes::<true, true, true>(material, ns, wo, wi, ratios.unwrap_or(&[0.0; LANES]))
+}
+
+/// Evaluates all lanes: with the parameters that few materials use if `EXTENDED`, with anisotropic lobes and thin films if
+/// `SPECIAL`, and with the shares of light samples by `ratios` if `COMBINED`.
+#[inline(always)]
+fn direct_lanes<const EXTENDED: bool, const SPECIAL: bool, const COMBINED: bool>(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+    wi: &Lanes3<f32>,
+    ratios: &Lanes<f32>,
+) -> Lanes3<f32> {
     let mut reflected = [[0.0; LANES]; 3];
     for l in 0..LANES {
         // Compute cosines and the half vector
@@ -311,7 +353,7 @@ pub fn direct_combined<const EXTENDED: bool>(
         let mut shadowing_l = n_dot_l + (alpha_squared + (1.0 - alpha_squared) * n_dot_l * n_dot_l).sqrt();
         let mut shadowing_v = n_dot_v + (alpha_squared + (1.0 - alpha_squared) * n_dot_v * n_dot_v).sqrt();
         // Replace all by those of an anisotropic lobe
-        if EXTENDED && material.effects.has(Effect::Anisotropy) && material.extended.anisotropy[l] > 0.0 {
+        if SPECIAL && material.extended.anisotropy[l] > 0.0 {
             let lobe = AnisotropicLobe::of(material, n, l);
             alpha_squared = lobe.along * lobe.across;
             denominator = lobe.denominator(h, n_dot_h);
@@ -326,17 +368,17 @@ pub fn direct_combined<const EXTENDED: bool>(
             0.0
         };
         // The density of a ray into the lobe is D G1(v) / (4 n·v)
-        if let Some(ratios) = ratios {
+        if COMBINED {
             let share = 1.0 / (1.0 + ratios[l] * (0.5 * lobe * shadowing_l));
             lobe *= if ratios[l] > 0.0 { share } else { 1.0 };
         }
         // Blend diffuse and specular by Schlick's Fresnel term
-        let reflectance = material.fresnel::<EXTENDED>(v_dot_h, l);
+        let reflectance = material.fresnel::<EXTENDED, SPECIAL>(v_dot_h, l);
         for channel in 0..3 {
             let fresnel = reflectance[channel];
-            let taken = fresnel.max(material.specular_albedo::<EXTENDED>(channel, l));
+            let taken = fresnel.max(material.specular_albedo::<EXTENDED, SPECIAL>(channel, l));
             let diffuse = (1.0 - taken) * material.c_diff::<EXTENDED>(channel, l) * (1.0 / PI);
-            let specular = fresnel * lobe * material.multiple_scattering::<EXTENDED>(channel, l);
+            let specular = fresnel * lobe * material.multiple_scattering::<EXTENDED, SPECIAL>(channel, l);
             reflected[channel][l] = (diffuse + specular) * n_dot_l;
         }
     }
@@ -368,7 +410,7 @@ pub fn diffuse_transmission(
         let grazing = fifth_power(1.0 - 0.5 * dot(h, h).sqrt());
         for channel in 0..3 {
             let fresnel = material.schlick::<true>(grazing, channel, l);
-            let taken = fresnel.max(material.specular_albedo::<true>(channel, l));
+            let taken = fresnel.max(material.specular_albedo::<true, false>(channel, l));
             transmitted[channel][l] =
                 (1.0 - taken) * material.transmission_albedo(channel, l) * (1.0 / PI) * behind;
         }
@@ -381,6 +423,20 @@ pub fn diffuse_transmission(
 /// model the reflectance is kr. `EXTENDED` must be true if the material's effects are rich.
 #[inline(always)]
 pub fn mirror<const EXTENDED: bool>(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+) -> (Lanes3<f32>, Lanes3<f32>) {
+    if EXTENDED && material.effects.has_special_lobes() {
+        mirror_lanes::<true, true>(material, ns, wo)
+    } else {
+        mirror_lanes::<EXTENDED, false>(material, ns, wo)
+    }
+}
+
+/// Evaluates [`mirror`], with thin films if `SPECIAL`.
+#[inline(always)]
+fn mirror_lanes<const EXTENDED: bool, const SPECIAL: bool>(
     material: &MaterialPacket,
     ns: &Lanes3<f32>,
     wo: &Lanes3<f32>,
@@ -400,7 +456,7 @@ pub fn mirror<const EXTENDED: bool>(
             0.0
         };
         // Take Schlick's reflectance, or kr in lanes of the Phong and Whitted model
-        let fresnel = material.fresnel::<EXTENDED>(cosine.abs(), l);
+        let fresnel = material.fresnel::<EXTENDED, SPECIAL>(cosine.abs(), l);
         for channel in 0..3 {
             let polished = smooth * fresnel[channel];
             reflectance[channel][l] = if EXTENDED && material.extended.is_phong[l] {

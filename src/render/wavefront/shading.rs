@@ -164,19 +164,17 @@ impl ShadingState<'_, '_> {
             None => self.shade_surfaces::<BASIC>(effects, traced, surfaces, stage),
             Some(path_states) => {
                 // Apply alpha and hidden boundaries, then shade what remains
-                let mut present = self.apply_alpha(traced, path_states, surfaces);
+                let present = self.apply_alpha(traced, path_states, surfaces);
                 self.meter.part(Category::Refraction);
-                if effects.has_layers() {
-                    let traced = TracedPacket {
-                        weight: &present,
-                        ..*traced
-                    };
-                    present = self.shade_layers(effects, &traced, surfaces, stage);
-                }
-                let traced = TracedPacket {
+                let mut traced = TracedPacket {
                     weight: &present,
                     ..*traced
                 };
+                let below;
+                if effects.has_layers() {
+                    below = self.shade_layers(effects, &traced, surfaces, stage);
+                    traced.weight = &below;
+                }
                 self.shade_surfaces::<BASIC>(effects, &traced, surfaces, stage);
                 // Add reflected and refracted rays at dielectric boundaries
                 if effects.has(Effect::Refraction) {

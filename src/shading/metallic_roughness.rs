@@ -203,12 +203,12 @@ impl MaterialPacket {
     /// diffusely, and specularly where no other ray gathers the environment.
     #[inline(always)]
     pub fn ambient(&self, ambient: [f32; 3]) -> Lanes3<f32> {
-        if self.effects.has_special_lobes() {
-            self.ambient_of::<true, true>(ambient)
-        } else if self.effects.needs_full_material() {
-            self.ambient_of::<true, false>(ambient)
-        } else {
+        if !self.effects.needs_full_material() {
             self.ambient_of::<false, false>(ambient)
+        } else if self.effects.has_special_lobes() {
+            self.ambient_of::<true, true>(ambient)
+        } else {
+            self.ambient_of::<true, false>(ambient)
         }
     }
 

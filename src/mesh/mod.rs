@@ -6,12 +6,13 @@ pub mod simd;
 mod tangents;
 pub mod triangle;
 
-use glam::{DVec3, Vec3, Vec3A};
+use glam::{DVec3, Vec3};
 
 use crate::buffer::Buffer;
 use crate::numeric::Bounds;
 use crate::parallel;
 pub use bumpy::bumpy_sphere;
+use point_cloud::box_around;
 pub use point_cloud::{PointCloud, position_bounds};
 
 /// Triangle mesh in object space.
@@ -55,17 +56,8 @@ impl Mesh {
         const CHUNK: usize = 1 << 14;
         // Bound chunks of triangles in parallel
         let chunks = parallel::map_chunks(&self.triangles, CHUNK, &|_, triangles| {
-            let mut low = Vec3A::INFINITY;
-            let mut high = Vec3A::NEG_INFINITY;
-            for &v in triangles.as_flattened() {
-                let p = Vec3A::from(self.positions[v as usize]);
-                low = low.min(p);
-                high = high.max(p);
-            }
-            Bounds {
-                min: low.as_dvec3(),
-                max: high.as_dvec3(),
-            }
+            let vertices = triangles.as_flattened().iter();
+            box_around(vertices.map(|&v| self.positions[v as usize]))
         });
         chunks.into_iter().fold(Bounds::EMPTY, Bounds::union)
     }

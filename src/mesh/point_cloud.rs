@@ -76,19 +76,25 @@ impl PointCloud {
 /// Returns the smallest box around positions, computed in parallel.
 pub fn position_bounds(positions: &[[f32; 3]]) -> Bounds {
     let chunks = parallel::map_chunks(positions, CHUNK, &|_, positions| {
-        let mut low = Vec3A::INFINITY;
-        let mut high = Vec3A::NEG_INFINITY;
-        for &position in positions {
-            let p = Vec3A::from(position);
-            low = low.min(p);
-            high = high.max(p);
-        }
-        Bounds {
-            min: low.as_dvec3(),
-            max: high.as_dvec3(),
-        }
+        box_around(positions.iter().copied())
     });
     chunks.into_iter().fold(Bounds::EMPTY, Bounds::union)
+}
+
+/// Returns the smallest box around some positions.
+#[inline(always)]
+pub(super) fn box_around(positions: impl Iterator<Item = [f32; 3]>) -> Bounds {
+    let mut low = Vec3A::INFINITY;
+    let mut high = Vec3A::NEG_INFINITY;
+    for position in positions {
+        let p = Vec3A::from(position);
+        low = low.min(p);
+        high = high.max(p);
+    }
+    Bounds {
+        min: low.as_dvec3(),
+        max: high.as_dvec3(),
+    }
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@
 
 use std::f32::consts::PI;
 
-use super::anisotropic_albedo::anisotropic_albedo;
+use super::anisotropic_lobe::{AnisotropicLobe, anisotropic_albedo, dot};
 use super::layer::cosines;
 use super::material::{DEFAULT_F0, MaterialPacket};
 use super::{LobeAlbedo, ThinFilm};
@@ -467,54 +467,6 @@ fn mirror_lanes<const EXTENDED: bool, const SPECIAL: bool>(
         }
     }
     (direction, reflectance)
-}
-
-/// Anisotropic GGX lobe of one surface.
-struct AnisotropicLobe {
-    /// Width alpha along the direction of anisotropy, and across it.
-    along: f32,
-    across: f32,
-    /// Unit vectors of the surface along the direction of anisotropy, and across it.
-    tangent: [f32; 3],
-    bitangent: [f32; 3],
-}
-
-impl AnisotropicLobe {
-    fn of(material: &MaterialPacket, n: [f32; 3], l: usize) -> AnisotropicLobe {
-        let [along, across] = material.alphas(l);
-        let t = material.extended.anisotropy_direction.map(|axis| axis[l]);
-        // Complete the frame by the normal
-        let bitangent = [
-            n[1] * t[2] - n[2] * t[1],
-            n[2] * t[0] - n[0] * t[2],
-            n[0] * t[1] - n[1] * t[0],
-        ];
-        AnisotropicLobe {
-            along,
-            across,
-            tangent: t,
-            bitangent,
-        }
-    }
-
-    /// Returns the root of the product of both widths over πD, for the half vector `h` of any length, times its square.
-    fn denominator(&self, h: [f32; 3], n_dot_h: f32) -> f32 {
-        let (t, b) = (dot(self.tangent, h), dot(self.bitangent, h));
-        let aspect = self.across / self.along;
-        t * t * aspect + b * b / aspect + self.along * self.across * n_dot_h * n_dot_h
-    }
-
-    /// Returns the root in Smith's masking of the direction `w`.
-    fn shadowing(&self, w: [f32; 3], n_dot_w: f32) -> f32 {
-        let t = self.along * dot(self.tangent, w);
-        let b = self.across * dot(self.bitangent, w);
-        (t * t + b * b + n_dot_w * n_dot_w).sqrt()
-    }
-}
-
-#[inline(always)]
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Returns the fifth power of max(x, 0).

@@ -4,7 +4,7 @@
 //! The code is branch-free arithmetic on lanes, so that it vectorises; results that a lane does not need are multiplied
 //! by zero.
 
-mod anisotropic_albedo;
+mod anisotropic_lobe;
 mod environment;
 mod ggx;
 mod layer;

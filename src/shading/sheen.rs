@@ -5,7 +5,7 @@
 //! with α = roughness². Below a roughness of 0.25 the fit of the masking reflects more light than arrives at grazing
 //! angles; the lobe is divided by its albedo there.
 //!
-//! What the fibres do not reflect reaches the base, which is scaled by 1 - max(colour) E, where E is the albedo of white
+//! Light that the fibres do not reflect reaches the base, which is scaled by 1 - max(colour) E, where E is the albedo of white
 //! fibres towards the viewer. E is interpolated in a table; the table holds numerical integrals, and between them E is
 //! within 0.015 of its integral (0.002 on average).
 

@@ -7,7 +7,7 @@
 //! ([`RenderContext::combines_samples`]), or lobe rays have it alone.
 
 use super::super::context::RenderContext;
-use super::super::wavefront::{BatchInfo, PathState, ShadingState, TracedPacket};
+use super::super::wavefront::{BatchInfo, ShadingState, TracedPacket};
 use super::area_light::without_sampled_lobes;
 use super::direct::{IncidentLight, ShadingContext};
 use super::sample_index::SampleIndex;
@@ -93,10 +93,8 @@ impl ShadingState<'_, '_> {
             if !lit.materials.has_lobe(l) {
                 return 0.0;
             }
-            let travel = traced
-                .path_states
-                .map_or(PathState::NONE, |states| states.lane(l));
-            frame.rough_rays(lit.materials, frame.depth_of(&travel, stage), l) as f32
+            let path_depth = traced.path_states.map_or(0, |states| states.depth(l));
+            frame.rough_rays(lit.materials, frame.depth_of(path_depth, stage), l) as f32
         })
     }
 

@@ -45,10 +45,10 @@ impl RenderContext<'_> {
         }
     }
 
-    /// Returns the number of bounces from the camera to the surfaces of a batch, for a path with the state `travel`.
-    pub(in crate::render) fn depth_of(&self, travel: &PathState, stage: BatchInfo) -> u32 {
+    /// Returns the number of bounces from the camera to the surfaces of a batch, for a path that counts `path_depth`.
+    pub(in crate::render) fn depth_of(&self, path_depth: u32, stage: BatchInfo) -> u32 {
         if self.effects().has_transmission() {
-            travel.depth
+            path_depth
         } else {
             stage.depth
         }
@@ -63,7 +63,7 @@ impl RenderContext<'_> {
         (l, stage): (usize, BatchInfo),
     ) -> Option<GlossyLobe> {
         let points = &surfaces.points;
-        let of = self.rough_rays(&surfaces.materials, self.depth_of(arrival, stage), l);
+        let of = self.rough_rays(&surfaces.materials, self.depth_of(arrival.depth, stage), l);
         let lobe = GlossyLobe::of_material(
             &surfaces.materials,
             l,

@@ -206,10 +206,16 @@ impl MaterialPacket {
         if !self.effects.needs_full_material() {
             self.ambient_of::<false, false>(ambient)
         } else if self.effects.has_special_lobes() {
-            self.ambient_of::<true, true>(ambient)
+            self.special_ambient(ambient)
         } else {
             self.ambient_of::<true, false>(ambient)
         }
+    }
+
+    /// Evaluates [`MaterialPacket::ambient`] with thin films. Not inlined, like [`special_direct`].
+    #[inline(never)]
+    fn special_ambient(&self, ambient: [f32; 3]) -> Lanes3<f32> {
+        self.ambient_of::<true, true>(ambient)
     }
 
     /// Implements [`MaterialPacket::ambient`]; `EXTENDED` must be true if the effects are rich.
@@ -428,10 +434,20 @@ pub fn mirror<const EXTENDED: bool>(
     wo: &Lanes3<f32>,
 ) -> (Lanes3<f32>, Lanes3<f32>) {
     if EXTENDED && material.effects.has_special_lobes() {
-        mirror_lanes::<true, true>(material, ns, wo)
+        special_mirror(material, ns, wo)
     } else {
         mirror_lanes::<EXTENDED, false>(material, ns, wo)
     }
+}
+
+/// Evaluates [`mirror`] with thin films. Not inlined, like [`special_direct`].
+#[inline(never)]
+fn special_mirror(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+) -> (Lanes3<f32>, Lanes3<f32>) {
+    mirror_lanes::<true, true>(material, ns, wo)
 }
 
 /// Evaluates [`mirror`], with thin films if `SPECIAL`.

@@ -47,11 +47,17 @@ impl LobeAlbedo<Lanes<f32>> {
             // Lanes that hit nothing may hold NaN, which `min` replaces and `clamp` would keep
             let cosine = cosine.abs().min(1.0);
             let lane = LobeAlbedo::evaluate(cosine.max(f32::MIN_POSITIVE), roughness[l]);
-            albedo.normal[l] = lane.normal;
-            albedo.grazing[l] = lane.grazing;
-            albedo.loss[l] = lane.loss;
+            albedo.set(l, lane);
         }
         albedo
+    }
+
+    /// Sets the albedo of lane `l`.
+    #[inline(always)]
+    pub(super) fn set(&mut self, l: usize, lane: LobeAlbedo<f32>) {
+        self.normal[l] = lane.normal;
+        self.grazing[l] = lane.grazing;
+        self.loss[l] = lane.loss;
     }
 }
 

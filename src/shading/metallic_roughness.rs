@@ -136,9 +136,7 @@ impl MaterialPacket {
             // Evaluate in the frame of the lobe
             let local = [dot(lobe.tangent, v), dot(lobe.bitangent, v), z];
             let albedo = anisotropic_albedo([lobe.along, lobe.across], local);
-            self.lobe.normal[l] = albedo.normal;
-            self.lobe.grazing[l] = albedo.grazing;
-            self.lobe.loss[l] = albedo.loss;
+            self.lobe.set(l, albedo);
         }
     }
 

@@ -6,6 +6,7 @@ mod interaction;
 mod packet;
 mod shape_hit;
 mod spawn_probe;
+mod texel_inputs;
 mod texture_eval;
 mod uv_frame;
 mod uv_packet;

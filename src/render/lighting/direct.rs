@@ -409,16 +409,29 @@ pub(in crate::render) fn block(shadow_rays: &RayPacket, radiance: &mut Lanes3<f3
 }
 
 /// Returns the mirror reflection rays of the surfaces, with their path throughput.
+#[inline(always)]
+pub(in crate::render) fn reflection(lit: &ShadingContext) -> ReflectedRays {
+    if lit.materials.effects.needs_full_material() {
+        reflection_full(lit)
+    } else {
+        reflection_basic(lit)
+    }
+}
+
 #[multiversion(targets(
     "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
     "x86_64+avx2+bmi1+bmi2+fma"
 ))]
-pub(in crate::render) fn reflection(lit: &ShadingContext) -> ReflectedRays {
-    if lit.materials.effects.needs_full_material() {
-        reflection_of::<true>(lit)
-    } else {
-        reflection_of::<false>(lit)
-    }
+fn reflection_full(lit: &ShadingContext) -> ReflectedRays {
+    reflection_of::<true>(lit)
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn reflection_basic(lit: &ShadingContext) -> ReflectedRays {
+    reflection_of::<false>(lit)
 }
 
 #[inline(always)]

@@ -14,7 +14,8 @@
 //!
 //! A file without a camera gets one that frames its vertices: a vertical field of view of 45 degrees, from the front,
 //! slightly from the right and above. A file without lights gets white sunlight of ¾ π lux from behind the camera's
-//! left shoulder, and ambient light and a background of radiance 0.25; a file with lights has a black background.
+//! left shoulder, and ambient light and a background of radiance 0.25; where a material shows reflections, the
+//! background is a studio. A file with lights has a black background.
 
 mod buffer;
 mod document;
@@ -36,9 +37,7 @@ pub use node::animation::AnimationTime;
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
 use crate::parallel;
-use crate::scene::{
-    Background, CameraRequest, EffectSet, Geometry, ImageCache, Instance, Normalisation, Scene,
-};
+use crate::scene::{CameraRequest, EffectSet, Geometry, ImageCache, Instance, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
 use document::GltfDocument;
 use material::Materials;
@@ -94,8 +93,13 @@ pub enum UnsupportedExtensions {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DefaultLight {
     /// White sunlight from behind the camera's left shoulder, and grey ambient light and background.
-    #[default]
     Sunlight,
+    /// [`DefaultLight::Sunlight`], and where a material shows reflections, the map [`BuiltInEnvironment::Studio`] as
+    /// background, which reflections show and which lights nothing else.
+    ///
+    /// [`BuiltInEnvironment::Studio`]: crate::scene::BuiltInEnvironment::Studio
+    #[default]
+    SunlightInStudio,
     /// No light, and a black background, which the caller replaces.
     None,
 }
@@ -412,12 +416,8 @@ impl GltfDocument {
                 file: self.file.clone(),
                 source,
             })?;
-        if scene.lights.is_empty() && options.default_light == DefaultLight::Sunlight {
-            scene
-                .lights
-                .push(node::camera_light::default_light(&scene.cameras[0]));
-            scene.ambient = node::camera_light::DEFAULT_AMBIENT;
-            scene.background = Background::Uniform(node::camera_light::DEFAULT_AMBIENT);
+        if scene.lights.is_empty() {
+            options.default_light.apply(&mut scene);
         }
         // Validate the scene, then fold constant textures
         truncate_warnings(&mut scene.warnings);

@@ -210,7 +210,8 @@ impl<'s> RenderContext<'s> {
         let transmits = |instance: &Instance| scene.materials[instance.material as usize].transmits();
         // Look for a surface that refracts light
         let refracts = effects.has(Effect::Refraction) && scene.instances.iter().any(transmits);
-        needed.iter().all(|&effect| effects.has(effect)) && !refracts
+        let lights = matches!(scene.background, Background::Environment { samples: 1.., .. });
+        lights && needed.iter().all(|&effect| effects.has(effect)) && !refracts
     }
 
     /// Sets the ray cones of camera rays for `count` evenly distributed samples per pixel.

@@ -221,6 +221,14 @@ impl Default for Material {
 /// degree) is that of a few pixels. Rougher surfaces need many rays for one reflection, which `rough_rays` enables.
 pub const MIRROR_ROUGHNESS: f32 = 0.1;
 
+/// Largest perceptual roughness at which reflections in metal show shapes as large as a soft box: the lobe (alpha = 0.36)
+/// is about 40 degrees wide.
+const GLOSSY_METAL: f32 = 0.6;
+
+/// Largest perceptual roughness at which a dielectric shows them, which reflects 4 percent of the light. It is below the 0.5
+/// that modelling programs give to new materials.
+const GLOSSY_DIELECTRIC: f32 = 0.4;
+
 /// Largest number of rays into one lobe. For more, samples per pixel serve as well.
 pub const MAX_ROUGH_RAYS: u32 = 256;
 
@@ -239,6 +247,21 @@ impl Scene {
                 model.rough_rays = rays;
             }
         }
+    }
+
+    /// Lets surfaces that show shapes in their reflections reflect the background, like [`Scene::reflect_environment`];
+    /// returns whether there are any.
+    pub(crate) fn reflect_background_in_gloss(&mut self) -> bool {
+        let dull = |(_, material): &(usize, &Material)| !material.may_show_reflections();
+        let dull: HashSet<u32> = self
+            .materials
+            .iter()
+            .enumerate()
+            .filter(dull)
+            .map(|(index, _)| index as u32)
+            .collect();
+        self.reflect_environment(&dull);
+        dull.len() < self.materials.len()
     }
 
     /// Lets rough surfaces reflect the environment map: materials that send no rays into their lobes send one. Those whose
@@ -370,6 +393,16 @@ impl Material {
             Model::Phong(phong) => phong.reflection != [0.0; 3],
             Model::Unlit => false,
         }
+    }
+
+    /// Returns whether reflections in the surface may show shapes, sharp or blurred.
+    fn may_show_reflections(&self) -> bool {
+        let is_glossy = match &self.model {
+            Model::MetallicRoughness(model) if model.metallic > 0.0 => model.roughness <= GLOSSY_METAL,
+            Model::MetallicRoughness(model) => model.roughness <= GLOSSY_DIELECTRIC,
+            Model::Phong(_) | Model::Unlit => false,
+        };
+        is_glossy || self.may_mirror()
     }
 
     /// Returns the index of refraction at `wavelength` nanometres.

@@ -141,7 +141,8 @@ pub enum Background {
         rotation: f64,
         /// Factor on the texels of the map.
         scale: f32,
-        /// Directions into the map that each shading point samples, at least 1; see [`LightKind::Area`].
+        /// Directions into the map that each shading point samples; see [`LightKind::Area`]. With 0 the map lights
+        /// nothing: rays see it, and the ambient light stands for its diffuse light.
         samples: u32,
     },
 }

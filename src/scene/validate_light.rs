@@ -138,5 +138,9 @@ pub(super) fn check_environment(
     if !(rotation.is_finite() && is_radiance(&[scale; 3])) {
         return Err("its rotation is not finite or its scale negative: correct them".into());
     }
-    check_samples(samples)
+    // A map without samples lights nothing
+    match samples {
+        0 => Ok(()),
+        samples => check_samples(samples),
+    }
 }

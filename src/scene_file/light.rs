@@ -306,7 +306,8 @@ pub(super) struct Surroundings {
     /// Factor on the image's values.
     #[schemars(extend("default" = 1.0))]
     scale: Option<f64>,
-    /// Directions into the environment map that every shading point samples, for each sample of a pixel.
+    /// Directions into the environment map that every shading point samples, for each sample of a pixel; with 0 the map is
+    /// seen by rays and lights nothing.
     #[schemars(extend("default" = DEFAULT_LIGHT_SAMPLES))]
     samples: Option<u32>,
 }

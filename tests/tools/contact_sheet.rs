@@ -1,7 +1,7 @@
 //! The subcommand `contact-sheet`: renders scenes at a small size and lays the images out on one sheet.
 //!
 //! Without arguments every scene of `scenes`, four in a row, in the order of the files' names; with `--out` the files
-//! that are named, three in a row, in the order given; with `--effects` a pair of images for each effect, with and
+//! that are named, eight in a row, in the order given; with `--effects` a pair of images for each effect, with and
 //! without it, by the table of `scenes/effects.md`.
 
 use std::io::BufWriter;
@@ -53,10 +53,10 @@ const ALL_SCENES: Layout = Layout {
     image: [320, 240],
     columns: 4,
 };
-/// Layout of a sheet of named scenes, which are few: larger images.
+/// Layout of a sheet of named scenes, which may be many: as wide as a screen.
 const NAMED_SCENES: Layout = Layout {
-    image: [400, 300],
-    columns: 3,
+    image: [240, 180],
+    columns: 8,
 };
 /// Layout of an effect's scene with the effect and without it.
 const EFFECT_PAIR: Layout = Layout {

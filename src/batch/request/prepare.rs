@@ -67,9 +67,10 @@ pub fn load(
             placement: request.camera,
             image_size: request.output.size,
         },
-        default_light: match request.environment {
-            None => DefaultLight::Sunlight,
-            Some(_) => DefaultLight::None,
+        default_light: match (&request.environment, request.ambient) {
+            (Some(_), _) => DefaultLight::None,
+            (None, Some(_)) => DefaultLight::Sunlight,
+            (None, None) => options.default_light,
         },
         ..options
     };

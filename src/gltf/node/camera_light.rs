@@ -7,19 +7,42 @@ use gltf::json;
 use json::extensions::scene::khr_lights_punctual;
 use json::validation::Checked;
 
-use crate::gltf::GltfError;
 use crate::gltf::document::GltfDocument;
 use crate::gltf::node::PlacedNode;
-use crate::scene::{Camera, Falloff, Light, LightKind, Projection};
+use crate::gltf::{DefaultLight, GltfError};
+use crate::scene::{Background, BuiltInEnvironment, Camera, Falloff, Light, LightKind, Projection, Scene};
 
 /// Ambient and background radiance with the default light.
-pub(in crate::gltf) const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
+const DEFAULT_AMBIENT: [f32; 3] = [0.25; 3];
 /// Direction from surfaces to the default light, in camera space: behind the camera's left shoulder.
 const TO_DEFAULT_LIGHT: DVec3 = DVec3::new(-0.5, 0.8, 1.0);
 
+impl DefaultLight {
+    /// Lights a scene that has a camera and no light.
+    pub(in crate::gltf) fn apply(self, scene: &mut Scene) {
+        if self == DefaultLight::None {
+            return;
+        }
+        scene.lights.push(default_light(&scene.cameras[0]));
+        scene.ambient = DEFAULT_AMBIENT;
+        scene.background = Background::Uniform(DEFAULT_AMBIENT);
+        // Replace the background by the studio if any surface shows it
+        if self == DefaultLight::SunlightInStudio && scene.reflect_background_in_gloss() {
+            let studio = BuiltInEnvironment::Studio;
+            scene.background = Background::Environment {
+                image: scene.images.len() as u32,
+                rotation: studio.turn_for(&scene.cameras[0]),
+                scale: 1.0,
+                samples: 0,
+            };
+            scene.images.push(studio.image());
+        }
+    }
+}
+
 /// Returns the default light: white sunlight from behind the camera's left shoulder, of ¾ π lux. With the ambient light
 /// [`DEFAULT_AMBIENT`], a white Lambertian surface that faces it has radiance 1 and is not clipped.
-pub(in crate::gltf) fn default_light(camera: &Camera) -> Light {
+fn default_light(camera: &Camera) -> Light {
     Light {
         name: "default".into(),
         intensity: [1.0 - DEFAULT_AMBIENT[0]; 3].map(|radiance| radiance * PI as f32),
@@ -180,6 +203,40 @@ fn rigid(map: &DAffine3) -> Option<DAffine3> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::Material;
+
+    #[test]
+    fn studio_is_the_background_only_where_a_surface_shows_it() {
+        let lit = |light: DefaultLight, metallic: f32, roughness: f32| {
+            let mut scene = Scene {
+                cameras: vec![Camera::default()],
+                materials: vec![
+                    Material::default(),
+                    Material::metallic_roughness([1.0; 3], metallic, roughness),
+                ],
+                ..Scene::default()
+            };
+            light.apply(&mut scene);
+            assert_eq!(scene.materials[0].rough_rays(), 0, "chalk shows no shapes");
+            (
+                scene.background,
+                scene.materials[1].rough_rays(),
+                scene.lights.len(),
+            )
+        };
+        let (plain, studio) = (DefaultLight::Sunlight, DefaultLight::SunlightInStudio);
+        let grey = (Background::Uniform(DEFAULT_AMBIENT), 0, 1);
+        assert_eq!(lit(studio, 1.0, 0.7), grey);
+        assert_eq!(lit(studio, 0.0, 0.5), grey);
+        assert_eq!(lit(plain, 1.0, 0.5), grey);
+        for (metallic, roughness) in [(1.0, 0.5), (0.0, 0.3)] {
+            let (background, rough_rays, lights) = lit(studio, metallic, roughness);
+            assert!(matches!(background, Background::Environment { samples: 0, .. }));
+            assert_eq!((rough_rays, lights), (1, 1));
+        }
+        let (none, ..) = lit(DefaultLight::None, 1.0, 0.5);
+        assert_eq!(none, Background::default());
+    }
 
     #[test]
     fn scaled_and_mirrored_camera_node_gives_an_orthonormal_camera() {

@@ -337,7 +337,12 @@ fn soft_light<'s>(facts: &Facts<'s>, is_such: fn(&AreaShape) -> bool) -> Option<
 /// Returns a reason naming the environment map, if one lights the scene.
 fn environment(facts: &Facts) -> Option<String> {
     match facts.scene.background {
-        Background::Environment { image, scale, .. } if scale > 0.0 => {
+        Background::Environment {
+            image,
+            scale,
+            samples,
+            ..
+        } if scale > 0.0 && samples > 0 => {
             let name = &facts.scene.images[image as usize].name;
             Some(format!("`{name}` lights the scene from all directions"))
         }

@@ -11,6 +11,7 @@ pub mod cli_program;
 pub mod cones;
 pub mod emissive_scenes;
 pub mod exr_tools;
+pub mod gltf_lobe;
 pub mod hits;
 pub mod image_error;
 pub mod images;

@@ -181,9 +181,12 @@ impl PrimitiveReader<'_> {
         if let Some(accessor) = self.attribute(Semantic::Colors(0)) {
             mesh.colors = Some(self.colors(accessor, vertex_count)?);
         }
-        // Read the texture coordinate sets that the material uses
+        // Read the texture coordinate sets that the textures of the material and its tangents use
         let material = self.document.material_number(self.id);
-        for set in self.document.texture_coordinate_sets(material)? {
+        let tangent_set = self.document.tangent_set(material)?;
+        let mut sets = self.document.texture_coordinate_sets(material)?;
+        sets.extend(tangent_set.filter(|set| !sets.contains(set)));
+        for set in sets {
             // Exporters write few sets; a large set number would only waste memory on empty arrays.
             const MAX_SETS: u32 = 64;
             let Some(accessor) = self
@@ -198,18 +201,15 @@ impl PrimitiveReader<'_> {
             mesh.tex_coords[set as usize] = self.finite(values, "texture coordinates");
         }
         // Read tangents for normal maps and anisotropy
-        match self.document.tangent_set(material)? {
+        match tangent_set {
             Some(set) => self.read_tangents(mesh, set as usize),
             None => Ok(()),
         }
     }
 
-    /// Reads tangents for normal maps and anisotropy by a texture coordinate set; without the set in the mesh there are
-    /// none.
+    /// Reads tangents for normal maps and anisotropy, or has them computed from a texture coordinate set, if the mesh has
+    /// it.
     fn read_tangents(&mut self, mesh: &mut Mesh, set: usize) -> Result<(), GltfError> {
-        if mesh.tex_coords.get(set).is_none_or(|set| set.is_empty()) {
-            return Ok(());
-        }
         // Tangents without normals are to be ignored (glTF 2.0, 3.7.2.1).
         let accessor = self.attribute(Semantic::Tangents);
         if let Some(accessor) = accessor.filter(|_| mesh.normals.is_some()) {
@@ -221,7 +221,8 @@ impl PrimitiveReader<'_> {
             mesh.tangents = self.unit_tangents(tangents, &mesh.triangles);
         }
         // Absent or unusable ones are computed once all primitives are read
-        self.missing_tangents = mesh.tangents.is_none().then_some(set);
+        let has_set = mesh.tex_coords.get(set).is_some_and(|set| !set.is_empty());
+        self.missing_tangents = (mesh.tangents.is_none() && has_set).then_some(set);
         Ok(())
     }
 

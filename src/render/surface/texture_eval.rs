@@ -221,6 +221,8 @@ impl SurfaceScene<'_> {
         (hits, points): (&MaterialHits, &SurfacePacket),
         materials: &mut MaterialPacket,
     ) {
+        // Smallest perceptual roughness across the direction (alpha = 0.001): a lobe without any width is a mirror
+        const MIN_ROUGHNESS: f32 = 0.032;
         let extended = &mut materials.extended;
         let (sin, cos) = lobe.rotation.sin_cos();
         for l in hits.lanes() {
@@ -237,6 +239,9 @@ impl SurfaceScene<'_> {
                 (direction - n * n.dot(direction)).try_normalize()
             });
             extended.anisotropy[l] *= if direction.is_some() { strength } else { 0.0 };
+            if extended.anisotropy[l] > 0.0 {
+                materials.roughness[l] = materials.roughness[l].max(MIN_ROUGHNESS);
+            }
             let direction = direction.unwrap_or_default();
             (0..3).for_each(|axis| extended.anisotropy_direction[axis][l] = direction[axis] as f32);
         }

@@ -2,6 +2,7 @@
 
 mod exr_readers;
 mod gltf_animation;
+mod gltf_anisotropy;
 mod gltf_deformation;
 mod gltf_extensions;
 mod gltf_files;

@@ -5,18 +5,16 @@
 //! ([`super::byte_plane`]). Four planes are a channel, whose mode says what differences the codes stand for
 //! ([`super::channel`]).
 
-use super::byte_plane::{CodePlane, GROUP_SIZE, Stream, Widths};
-use super::channel::{AttributeChannel, ChannelElements, ChannelMode};
-use super::{MeshoptFault, StreamLayout, StreamMode};
+use super::byte_plane::{CodePlane, GROUP_SIZE, MAX_COUNT, Stream, Widths};
+use super::channel::{AttributeChannel, ChannelMode, ChannelValues};
+use super::instruction_set::{self, Computation, InstructionSet};
+use super::{MeshoptFault, StreamLayout, StreamMode, filters};
 
 /// Greatest size of an element in bytes.
 pub(super) const MAX_STRIDE: usize = 256;
 
 /// Number of bytes of a channel, which is what a channel mode is for.
 const CHANNEL_SIZE: usize = 4;
-
-/// Greatest number of elements of a block.
-const MAX_BLOCK_COUNT: usize = 256;
 
 /// Greatest number of decoded bytes of a block: 32 elements of 256 bytes.
 const MAX_BLOCK_SIZE: usize = 8192;
@@ -79,7 +77,7 @@ impl Version {
 
 /// Returns the greatest number of elements of a block.
 fn max_block_count(stride: usize) -> usize {
-    (MAX_BLOCK_SIZE / stride / GROUP_SIZE * GROUP_SIZE).min(MAX_BLOCK_COUNT)
+    (MAX_BLOCK_SIZE / stride / GROUP_SIZE * GROUP_SIZE).min(MAX_COUNT)
 }
 
 /// Returns the length of the shortest stream of the layout's elements in the version of `bytes`.
@@ -95,37 +93,65 @@ pub(super) fn min_length(layout: &StreamLayout, bytes: &[u8]) -> Result<usize, M
     Ok(whole_blocks.saturating_add(1 + last_block + version.padded_tail_size(stride)))
 }
 
-/// Returns the elements of a stream that has at least [`min_length`] bytes.
+/// Returns the filtered elements of a stream that has at least [`min_length`] bytes.
 pub(super) fn decode(layout: &StreamLayout, bytes: &[u8]) -> Result<Vec<u8>, MeshoptFault> {
-    let &StreamLayout { count, stride, .. } = layout;
-    // Find the tail
-    let version = Version::of(bytes)?;
-    let (_, tail) = bytes.split_at(bytes.len() - version.tail_size(stride));
-    let (first, channel_modes) = tail.split_at(stride);
-    let mut channels = channels(first, channel_modes)?;
-    let end = bytes.len() - version.padded_tail_size(stride);
-    // Decode each block
-    let mut elements = Vec::new();
-    elements
-        .try_reserve_exact(count * stride)
-        .map_err(|_| MeshoptFault::TooLarge { count, stride })?;
-    let mut stream = Stream::new(bytes, 1);
-    let mut block = [0; MAX_BLOCK_SIZE];
-    let block_count = max_block_count(stride);
-    for (number, start) in (0..count).step_by(block_count).enumerate() {
-        let block = &mut block[..block_count.min(count - start) * stride];
-        let ends = decode_block(&mut stream, version, &mut channels, block);
-        if ends.is_none() || stream.position() > end {
-            return Err(MeshoptFault::Truncated {
-                item: "vertex block",
-                number,
-            });
+    instruction_set::run(AttributeDecoder { layout, bytes })
+}
+
+/// Decoder of a stream of attributes.
+struct AttributeDecoder<'a> {
+    layout: &'a StreamLayout,
+    bytes: &'a [u8],
+}
+
+impl Computation for AttributeDecoder<'_> {
+    type Output = Result<Vec<u8>, MeshoptFault>;
+
+    #[inline(always)]
+    fn run<I: InstructionSet>(self, instructions: I) -> Result<Vec<u8>, MeshoptFault> {
+        let AttributeDecoder { layout, bytes } = self;
+        let &StreamLayout { count, stride, .. } = layout;
+        // Find the tail
+        let version = Version::of(bytes)?;
+        let (_, tail) = bytes.split_at(bytes.len() - version.tail_size(stride));
+        let (first, channel_modes) = tail.split_at(stride);
+        let mut channels = channels(first, channel_modes)?;
+        let tail_size = version.padded_tail_size(stride);
+        // Decode each block
+        let mut elements = Vec::new();
+        elements
+            .try_reserve_exact(count * stride)
+            .map_err(|_| MeshoptFault::TooLarge { count, stride })?;
+        let mut stream = Stream::new(&bytes[1..]);
+        let mut block = [0; MAX_BLOCK_SIZE];
+        let mut buffers = BlockBuffers {
+            planes: [[0; MAX_COUNT]; CHANNEL_SIZE],
+            values: [[0; MAX_COUNT]; BATCH_SIZE],
+        };
+        let block_count = max_block_count(stride);
+        for (number, start) in (0..count).step_by(block_count).enumerate() {
+            let block = &mut block[..block_count.min(count - start) * stride];
+            let decoded = decode_block(
+                instructions,
+                &mut stream,
+                version,
+                &mut channels,
+                &mut buffers,
+                block,
+            );
+            if decoded.is_none() || stream.len() < tail_size {
+                return Err(MeshoptFault::Truncated {
+                    item: "vertex block",
+                    number,
+                });
+            }
+            filters::apply(layout, block);
+            elements.extend_from_slice(block);
         }
-        elements.extend_from_slice(block);
-    }
-    match end - stream.position() {
-        0 => Ok(elements),
-        length => Err(MeshoptFault::Surplus { length }),
+        match stream.len() - tail_size {
+            0 => Ok(elements),
+            length => Err(MeshoptFault::Surplus { length }),
+        }
     }
 }
 
@@ -144,41 +170,81 @@ fn channels(first: &[u8], modes: &[u8]) -> Result<Vec<AttributeChannel>, Meshopt
         .collect()
 }
 
+/// Greatest number of channels whose values are interleaved at once.
+const BATCH_SIZE: usize = 4;
+
+/// Codes and values of a block.
+struct BlockBuffers {
+    /// Codes of one channel.
+    planes: [CodePlane; CHANNEL_SIZE],
+    /// Values of some channels.
+    values: [ChannelValues; BATCH_SIZE],
+}
+
 /// Decodes the elements of one block; returns `None` if the stream ends before.
+#[inline(always)]
 fn decode_block(
+    instructions: impl InstructionSet,
     stream: &mut Stream,
     version: Version,
     channels: &mut [AttributeChannel],
+    BlockBuffers { planes, values }: &mut BlockBuffers,
     block: &mut [u8],
 ) -> Option<()> {
     let stride = channels.len() * CHANNEL_SIZE;
     let count = block.len() / stride;
-    let plane_modes = stream.take(version.modes_size(stride))?;
-    let mut planes: [CodePlane; CHANNEL_SIZE] = [[0; MAX_BLOCK_COUNT]; CHANNEL_SIZE];
-    for (number, channel) in channels.iter_mut().enumerate() {
-        // Unpack the channel's planes
-        for (place, plane) in planes.iter_mut().enumerate() {
-            let mode = match version {
-                Version::V0 => None,
-                Version::V1 => Some(plane_modes[number] >> (2 * place) & 3),
-            };
-            match mode {
-                None => stream.unpack(plane, count, Widths::V0)?,
-                Some(0) => stream.unpack(plane, count, Widths::V1_NARROW)?,
-                Some(1) => stream.unpack(plane, count, Widths::V1_WIDE)?,
-                Some(2) => plane[..count].fill(0),
-                Some(_) => plane[..count].copy_from_slice(stream.take(count)?),
+    let mut modes = stream.take(version.modes_size(stride))?.iter();
+    for (number, batch) in channels.chunks_mut(BATCH_SIZE).enumerate() {
+        for (channel, values) in batch.iter_mut().zip(&mut *values) {
+            // Unpack the channel's planes
+            let modes = modes.next();
+            for (place, plane) in planes.iter_mut().enumerate() {
+                match modes.map(|modes| modes >> (2 * place) & 3) {
+                    // Version 0 has no modes
+                    None => stream.unpack(instructions, plane, count, Widths::V0)?,
+                    Some(0) => stream.unpack(instructions, plane, count, Widths::V1Narrow)?,
+                    Some(1) => stream.unpack(instructions, plane, count, Widths::V1Wide)?,
+                    Some(2) => plane.fill(0),
+                    Some(_) => plane[..count].copy_from_slice(stream.take(count)?),
+                }
             }
+            // Sum the differences up
+            instructions.sum(channel.mode, channel.previous, planes, count, values);
+            channel.previous = values[count - 1];
         }
-        // Sum the differences up
-        let elements = ChannelElements {
-            bytes: block,
-            stride,
-            offset: number * CHANNEL_SIZE,
-        };
-        channel.integrate(&planes, elements);
+        let start = number * BATCH_SIZE * CHANNEL_SIZE;
+        match &values[..batch.len()] {
+            [a] => interleave([a], block, stride, start),
+            [a, b] => interleave([a, b], block, stride, start),
+            [a, b, c] => interleave([a, b, c], block, stride, start),
+            [a, b, c, d] => interleave([a, b, c, d], block, stride, start),
+            _ => {}
+        }
     }
     Some(())
+}
+
+/// Writes the values of `N` channels that follow each other to elements of `stride` bytes, from their place `start` on.
+#[inline(always)]
+fn interleave<const N: usize>(values: [&ChannelValues; N], block: &mut [u8], stride: usize, start: usize) {
+    let size = N * CHANNEL_SIZE;
+    if stride == size {
+        // The compiler works on several elements at once, since none has other bytes
+        let (words, _) = block.as_chunks_mut::<CHANNEL_SIZE>();
+        let (elements, _) = words.as_chunks_mut::<N>();
+        for (number, element) in elements.iter_mut().take(MAX_COUNT).enumerate() {
+            for (word, values) in element.iter_mut().zip(values) {
+                *word = values[number].to_le_bytes();
+            }
+        }
+    } else {
+        for (number, element) in block.chunks_exact_mut(stride).take(MAX_COUNT).enumerate() {
+            let (words, _) = element[start..start + size].as_chunks_mut::<CHANNEL_SIZE>();
+            for (word, values) in words.iter_mut().zip(values) {
+                *word = values[number].to_le_bytes();
+            }
+        }
+    }
 }
 
 #[cfg(test)]

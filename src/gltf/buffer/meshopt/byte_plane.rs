@@ -3,8 +3,13 @@
 //! A group has 16 codes of 0, 1, 2, 4 or 8 bits. The greatest code of 1, 2 or 4 bits is an escape: the group's next
 //! literal, one of the bytes behind the codes, stands in its place.
 
+use super::instruction_set::InstructionSet;
+
 /// Number of elements of a group.
 pub(super) const GROUP_SIZE: usize = 16;
+
+/// Number of elements of the four groups that a byte of a plane's header is for.
+const QUAD_SIZE: usize = 4 * GROUP_SIZE;
 
 /// Greatest number of elements of a block.
 pub(super) const MAX_COUNT: usize = 256;
@@ -15,68 +20,101 @@ pub(super) type CodePlane = [u8; MAX_COUNT];
 /// Greatest number of bytes of a group: 16 codes of 4 bits and as many literals.
 const MAX_GROUP_BYTES: usize = 24;
 
-/// Numbers of bits of a code, one per value of a group's two header bits.
+/// Bytes from a group's start on, of which it takes the first.
+pub(super) type GroupBytes = [u8; MAX_GROUP_BYTES];
+
+/// Numbers of bits of a code that a plane can have.
 #[derive(Clone, Copy)]
-pub(super) struct Widths([u8; 4]);
+pub(super) enum Widths {
+    /// Widths in streams of version 0.
+    V0,
+    /// Widths in streams of version 1 for small codes.
+    V1Narrow,
+    /// Widths in streams of version 1 for large codes.
+    V1Wide,
+}
 
 impl Widths {
-    /// Widths in streams of version 0.
-    pub(super) const V0: Widths = Widths([0, 2, 4, 8]);
-    /// Widths in streams of version 1 for small codes.
-    pub(super) const V1_NARROW: Widths = Widths([0, 1, 2, 4]);
-    /// Widths in streams of version 1 for large codes.
-    pub(super) const V1_WIDE: Widths = Widths([1, 2, 4, 8]);
+    /// Returns the number of bits per value of a group's two header bits.
+    pub(super) const fn bits(self) -> [u8; 4] {
+        match self {
+            Widths::V0 => [0, 2, 4, 8],
+            Widths::V1Narrow => [0, 1, 2, 4],
+            Widths::V1Wide => [1, 2, 4, 8],
+        }
+    }
 }
 
-/// Bytes of a stream and the place that was read up to.
-pub(super) struct Stream<'a> {
-    bytes: &'a [u8],
-    position: usize,
-}
+/// Bytes of a stream that were not read yet.
+pub(super) struct Stream<'a>(&'a [u8]);
 
 impl<'a> Stream<'a> {
-    /// Returns a stream that is read from a position on.
-    pub(super) fn new(bytes: &'a [u8], position: usize) -> Stream<'a> {
-        Stream { bytes, position }
+    /// Returns a stream of bytes that are read from the first on.
+    pub(super) fn new(bytes: &'a [u8]) -> Stream<'a> {
+        Stream(bytes)
     }
 
-    /// Returns the number of bytes up to the next that is read.
-    pub(super) fn position(&self) -> usize {
-        self.position
+    /// Returns the number of bytes that were not read yet.
+    pub(super) fn len(&self) -> usize {
+        self.0.len()
     }
 
     /// Returns the size of a plane's header: two bits per group, for so many elements.
     pub(super) fn header_size(count: usize) -> usize {
-        count.div_ceil(4 * GROUP_SIZE)
+        count.div_ceil(QUAD_SIZE)
     }
 
     /// Reads bytes as they are; returns `None` if they are too few.
+    #[inline(always)]
     pub(super) fn take(&mut self, size: usize) -> Option<&'a [u8]> {
-        let bytes = self.bytes.get(self.position..)?.get(..size)?;
-        self.position += size;
+        let (bytes, rest) = self.0.split_at_checked(size)?;
+        self.0 = rest;
         Some(bytes)
     }
 
     /// Reads the codes of `count` elements, and of those that fill up the last group.
     ///
     /// The longest group must fit into the stream from each group's start on. The tail of a stream is long enough.
-    pub(super) fn unpack(&mut self, plane: &mut CodePlane, count: usize, widths: Widths) -> Option<()> {
+    #[inline(always)]
+    pub(super) fn unpack(
+        &mut self,
+        instructions: impl InstructionSet,
+        plane: &mut CodePlane,
+        count: usize,
+        widths: Widths,
+    ) -> Option<()> {
         let header = self.take(Stream::header_size(count))?;
-        let (groups, _) = plane.as_chunks_mut::<GROUP_SIZE>();
-        let mut position = self.position;
-        for (number, group) in groups.iter_mut().take(count.div_ceil(GROUP_SIZE)).enumerate() {
-            let mode = header[number / 4] >> (2 * (number % 4)) & 3;
-            let bytes = self.bytes.get(position..)?.first_chunk()?;
-            position += unpack_group(bytes, widths.0[usize::from(mode)], group)?;
+        let mut bytes = self.0;
+        let mut groups_left = count.div_ceil(GROUP_SIZE);
+        for (&header, quad) in header.iter().zip(plane.as_chunks_mut::<QUAD_SIZE>().0) {
+            match (header, widths.bits()) {
+                // Many quads have zeros only, or no escapes
+                (0, [0, ..]) => *quad = [0; QUAD_SIZE],
+                (0xff, [.., 8]) if groups_left >= 4 => {
+                    let (literals, rest) = bytes.split_first_chunk()?;
+                    *quad = *literals;
+                    bytes = rest;
+                }
+                _ => {
+                    let (groups, _) = quad.as_chunks_mut::<GROUP_SIZE>();
+                    for (place, group) in groups.iter_mut().take(groups_left).enumerate() {
+                        let header_bits = header >> (2 * place) & 3;
+                        let window = bytes.first_chunk()?;
+                        let length = instructions.unpack_group(window, widths, header_bits, group)?;
+                        bytes = bytes.get(length..)?;
+                    }
+                }
+            }
+            groups_left = groups_left.saturating_sub(4);
         }
-        self.position = position;
+        self.0 = bytes;
         Some(())
     }
 }
 
 /// Unpacks the codes of a group of `width` bits each and returns the number of bytes that they take.
 #[inline(always)]
-fn unpack_group(bytes: &[u8; MAX_GROUP_BYTES], width: u8, group: &mut [u8; GROUP_SIZE]) -> Option<usize> {
+pub(super) fn unpack_group(bytes: &GroupBytes, width: u8, group: &mut [u8; GROUP_SIZE]) -> Option<usize> {
     match width {
         0 => {
             *group = [0; GROUP_SIZE];
@@ -200,6 +238,7 @@ static MOVES: [[u64; 3]; 256] = {
 
 #[cfg(test)]
 mod tests {
+    use super::super::instruction_set::Portable;
     use super::*;
 
     /// Returns the codes of one group of a width, and the number of bytes that it takes.
@@ -270,21 +309,24 @@ mod tests {
         let mut bytes = vec![0b1100];
         bytes.extend(1..=16);
         bytes.resize(40, 0);
-        let mut stream = Stream::new(&bytes, 0);
+        let mut stream = Stream::new(&bytes);
         let mut plane = [9; MAX_COUNT];
-        assert_eq!(stream.unpack(&mut plane, 20, Widths::V0), Some(()));
-        assert_eq!(stream.position(), 17);
+        assert_eq!(stream.unpack(Portable, &mut plane, 20, Widths::V0), Some(()));
+        assert_eq!(stream.len(), 40 - 17);
         assert_eq!(plane[15..21], [0, 1, 2, 3, 4, 5]);
     }
 
     #[test]
     fn streams_that_end_early_have_no_group() {
         let mut plane = [0; MAX_COUNT];
-        assert_eq!(Stream::new(&[0; 24], 0).unpack(&mut plane, 1, Widths::V0), None);
         assert_eq!(
-            Stream::new(&[0; 25], 0).unpack(&mut plane, 1, Widths::V0),
+            Stream::new(&[1; 24]).unpack(Portable, &mut plane, 1, Widths::V0),
+            None
+        );
+        assert_eq!(
+            Stream::new(&[1; 25]).unpack(Portable, &mut plane, 1, Widths::V0),
             Some(())
         );
-        assert_eq!(Stream::new(&[], 1).take(0), None);
+        assert_eq!(Stream::new(&[]).take(1), None);
     }
 }

@@ -27,6 +27,9 @@ impl ChannelMode {
     }
 }
 
+/// Values of one channel of all elements of a block.
+pub(super) type ChannelValues = [u32; MAX_COUNT];
+
 /// State of a channel between two blocks.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AttributeChannel {
@@ -35,61 +38,39 @@ pub(super) struct AttributeChannel {
     pub(super) previous: u32,
 }
 
-/// One channel's place in the elements of a block.
-pub(super) struct ChannelElements<'a> {
-    /// Bytes of all elements.
-    pub(super) bytes: &'a mut [u8],
-    /// Size of an element in bytes.
-    pub(super) stride: usize,
-    /// Place of the channel's first byte in an element.
-    pub(super) offset: usize,
-}
-
-impl AttributeChannel {
-    /// Writes the channel's values into the elements of a block.
-    pub(super) fn integrate(&mut self, planes: &[CodePlane; 4], elements: ChannelElements) {
-        let count = elements.bytes.len() / elements.stride;
-        let mut codes = [0; MAX_COUNT];
-        let codes = &mut codes[..count];
-        interleave(planes, codes);
-        match self.mode {
-            ChannelMode::Bytes => {
-                codes
-                    .iter_mut()
-                    .for_each(|code| *code = unzigzag_lanes::<8>(*code));
-                self.accumulate(codes, elements, add_lanes::<8>);
-            }
-            ChannelMode::Words => {
-                codes
-                    .iter_mut()
-                    .for_each(|code| *code = unzigzag_lanes::<16>(*code));
-                self.accumulate(codes, elements, add_lanes::<16>);
-            }
-            ChannelMode::Xor { rotation } => {
-                let next = |previous: u32, code: u32| previous ^ code.rotate_right(rotation);
-                self.accumulate(codes, elements, next);
-            }
+/// Sets the values to those that begin behind `previous` and have the differences of the lowest `count` codes.
+#[inline(always)]
+pub(super) fn sum(
+    mode: ChannelMode,
+    previous: u32,
+    planes: &[CodePlane; 4],
+    count: usize,
+    values: &mut ChannelValues,
+) {
+    interleave(planes, values);
+    let codes = &mut values[..count];
+    match mode {
+        ChannelMode::Bytes => accumulate(codes, previous, unzigzag_lanes::<8>, add_lanes::<8>),
+        ChannelMode::Words => accumulate(codes, previous, unzigzag_lanes::<16>, add_lanes::<16>),
+        ChannelMode::Xor { rotation } => {
+            accumulate(codes, previous, |code| code.rotate_right(rotation), |a, b| a ^ b);
         }
     }
+}
 
-    /// Writes what `next` makes of the previous value and each difference.
-    #[inline(always)]
-    fn accumulate(
-        &mut self,
-        differences: &[u32],
-        ChannelElements {
-            bytes,
-            stride,
-            offset,
-        }: ChannelElements,
-        next: impl Fn(u32, u32) -> u32,
-    ) {
-        let mut value = self.previous;
-        for (element, &difference) in bytes.chunks_exact_mut(stride).zip(differences) {
-            value = next(value, difference);
-            element[offset..offset + 4].copy_from_slice(&value.to_le_bytes());
-        }
-        self.previous = value;
+/// Replaces each code by the sum of the previous value and the difference that the code stands for.
+#[inline(always)]
+fn accumulate(
+    codes: &mut [u32],
+    mut previous: u32,
+    difference: impl Fn(u32) -> u32,
+    add: impl Fn(u32, u32) -> u32,
+) {
+    // Several at once, which sums are not for
+    codes.iter_mut().for_each(|code| *code = difference(*code));
+    for code in codes {
+        previous = add(previous, *code);
+        *code = previous;
     }
 }
 
@@ -140,18 +121,10 @@ mod tests {
                 plane[place] = byte;
             }
         }
-        let mut bytes = [0; 12];
         let mode = ChannelMode::from_byte(mode).unwrap();
-        let mut channel = AttributeChannel { mode, previous };
-        let elements = ChannelElements {
-            bytes: &mut bytes,
-            stride: 6,
-            offset: 1,
-        };
-        channel.integrate(&planes, elements);
-        let values = [1, 7].map(|start| u32::from_le_bytes(*bytes[start..].first_chunk().unwrap()));
-        assert_eq!(channel.previous, values[1]);
-        values
+        let mut values = [0; MAX_COUNT];
+        sum(mode, previous, &planes, 2, &mut values);
+        [values[0], values[1]]
     }
 
     #[test]

@@ -21,6 +21,7 @@ const EXPONENT_BIAS: i32 = 127;
 const MANTISSA_BITS: u32 = 23;
 
 /// Applies the layout's filter to all elements.
+#[inline(always)]
 pub(super) fn apply(layout: &StreamLayout, elements: &mut [u8]) {
     match (layout.filter, layout.stride) {
         (ElementFilter::None, _) => {}
@@ -82,16 +83,24 @@ fn long_word(a: u32, b: u32, c: u32, d: u32) -> u64 {
 /// Decodes a unit vector of 8-bit components; the fourth is kept.
 #[inline(always)]
 fn octahedral_8(element: u32) -> u32 {
-    let [x, y, one] = [0, 1, 2].map(|place| signed_byte(element, place) as f32);
-    let [x, y, z] = octahedral(Octahedral { x, y, one }, f32::from(i8::MAX));
+    let encoded = Octahedral {
+        x: signed_byte(element, 0) as f32,
+        y: signed_byte(element, 1) as f32,
+        one: signed_byte(element, 2) as f32,
+    };
+    let [x, y, z] = octahedral(encoded, f32::from(i8::MAX));
     word(x, y, z, element >> 24)
 }
 
 /// Decodes a unit vector of 16-bit components; the fourth is kept.
 #[inline(always)]
 fn octahedral_16(element: u64) -> u64 {
-    let [x, y, one] = [0, 1, 2].map(|place| signed_short(element, place) as f32);
-    let [x, y, z] = octahedral(Octahedral { x, y, one }, f32::from(i16::MAX));
+    let encoded = Octahedral {
+        x: signed_short(element, 0) as f32,
+        y: signed_short(element, 1) as f32,
+        one: signed_short(element, 2) as f32,
+    };
+    let [x, y, z] = octahedral(encoded, f32::from(i16::MAX));
     long_word(x, y, z, (element >> 48) as u32)
 }
 
@@ -111,7 +120,7 @@ fn octahedral(Octahedral { x, y, one }: Octahedral, scale: f32) -> [u32; 3] {
     let x = x - fold.copysign(x);
     let y = y - fold.copysign(y);
     let factor = scale / (x * x + (y * y + z * z)).sqrt();
-    [x, y, z].map(|component| round(component * factor))
+    [round(x * factor), round(y * factor), round(z * factor)]
 }
 
 /// Decodes unit quaternions of 16-bit components.
@@ -138,15 +147,21 @@ const QUATERNION_BATCH: usize = 64;
 /// Returns the greatest component of a quaternion, which is not encoded, and then the other three.
 #[inline(always)]
 fn quaternion(encoded: u64) -> u64 {
-    let [x, y, z] = [0, 1, 2].map(|place| signed_short(encoded, place) as f32);
+    let x = signed_short(encoded, 0) as f32;
+    let y = signed_short(encoded, 1) as f32;
+    let z = signed_short(encoded, 2) as f32;
     // The lowest two bits are the place of the greatest component
     let one = (signed_short(encoded, 3) | 3) as f32;
     let rest = one * (one + one) - (x * x + (y * y + z * z));
     let w = rest.max(0.0).sqrt();
     // The components are in units of the greatest that is not the greatest of four, which is 1/sqrt(2)
     let factor = f32::from(i16::MAX) / SQRT_2 / one;
-    let [w, x, y, z] = [w, x, y, z].map(|component| round(component * factor));
-    long_word(w, x, y, z)
+    long_word(
+        round(w * factor),
+        round(x * factor),
+        round(y * factor),
+        round(z * factor),
+    )
 }
 
 /// Decodes a number of 8 bits of exponent and 24 bits of mantissa to an f32.
@@ -203,7 +218,12 @@ fn color(EncodedColor { y, co, cg, alpha }: EncodedColor, scale: f32) -> [u32; 4
     // Drop the highest bit of alpha and repeat the lowest
     let alpha = (alpha << 1) & one | alpha & 1;
     let factor = scale / one as f32;
-    [y + co - cg, y + cg, y - co - cg, alpha].map(|component| round(component as f32 * factor))
+    [
+        round((y + co - cg) as f32 * factor),
+        round((y + cg) as f32 * factor),
+        round((y - co - cg) as f32 * factor),
+        round(alpha as f32 * factor),
+    ]
 }
 
 #[cfg(test)]

@@ -1,7 +1,9 @@
 //! Codec of index sequences: differences from one of two previous indices, each a number of variable length.
 
+use std::hint::select_unpredictable;
+
 use super::varint::{self, VarintFault};
-use super::{MeshoptFault, StreamLayout};
+use super::{MeshoptFault, StreamLayout, low_bytes};
 
 /// First byte of a stream of version 1, the only one of the specification.
 const HEADER: u8 = 0xd1;
@@ -18,31 +20,37 @@ pub(super) fn min_length(count: usize) -> usize {
 pub(super) fn decode(layout: &StreamLayout, bytes: &[u8]) -> Result<Vec<u8>, MeshoptFault> {
     layout.check_header(bytes, HEADER)?;
     let codes = &bytes[1..bytes.len() - TAIL];
-    let mut output = vec![0; layout.count * layout.stride];
-    let rest = match layout.stride {
-        2 => decode_into::<2>(output.as_chunks_mut().0, codes),
-        _ => decode_into::<4>(output.as_chunks_mut().0, codes),
-    }?;
-    if !rest.is_empty() {
-        return Err(MeshoptFault::Surplus { length: rest.len() });
+    match layout.stride {
+        2 => decode_indices::<2>(layout.count, codes),
+        _ => decode_indices::<4>(layout.count, codes),
     }
-    Ok(output)
 }
 
-/// Decodes one index per element of `SIZE` bytes and returns the codes that are left.
-fn decode_into<'a, const SIZE: usize>(
-    output: &mut [[u8; SIZE]],
-    mut codes: &'a [u8],
-) -> Result<&'a [u8], MeshoptFault> {
-    let mut previous = [0u32; 2];
-    for (number, element) in output.iter_mut().enumerate() {
-        let code = varint::read(&mut codes).map_err(|fault| fault_of(fault, number))?;
-        // The lowest bit names the previous index, the others are the difference
-        let previous = &mut previous[(code & 1) as usize];
-        *previous = previous.wrapping_add(varint::unzigzag(code >> 1));
-        element.copy_from_slice(&previous.to_le_bytes()[..SIZE]);
+/// Decodes indices of `SIZE` bytes.
+fn decode_indices<const SIZE: usize>(count: usize, mut codes: &[u8]) -> Result<Vec<u8>, MeshoptFault> {
+    let [mut first, mut second] = [0u32; 2];
+    let mut first_fault = None;
+    // Indices behind a fault are decoded to anything: an iterator of known length fills memory without checks
+    let indices: Vec<[u8; SIZE]> = (0..count)
+        .map(|number| {
+            let code = varint::read(&mut codes).unwrap_or_else(|fault| {
+                first_fault.get_or_insert(fault_of(fault, number));
+                0
+            });
+            // The lowest bit names the previous index, the others are the difference
+            let is_second = code & 1 != 0;
+            let previous = select_unpredictable(is_second, second, first);
+            let index = previous.wrapping_add(varint::unzigzag(code >> 1));
+            first = select_unpredictable(is_second, first, index);
+            second = select_unpredictable(is_second, index, second);
+            low_bytes(index)
+        })
+        .collect();
+    match (first_fault, codes.len()) {
+        (Some(fault), _) => Err(fault),
+        (None, 0) => Ok(indices.into_flattened()),
+        (None, length) => Err(MeshoptFault::Surplus { length }),
     }
-    Ok(codes)
 }
 
 /// Returns the fault of an index whose code cannot be read.
@@ -107,6 +115,12 @@ mod tests {
             number: 1,
         };
         assert_eq!(decoded(2, &[0xd1, 0x84, 0x01, 0, 0, 0, 0]), Err(truncated));
+        // The first of three faults
+        let first = MeshoptFault::Truncated {
+            item: "index",
+            number: 0,
+        };
+        assert_eq!(decoded(3, &[0xd1, 0x84, 0x84, 0x84, 0, 0, 0, 0]), Err(first));
     }
 
     #[test]

@@ -14,8 +14,11 @@ mod channel;
 mod fault;
 mod filters;
 mod indices;
+mod instruction_set;
 mod triangles;
 mod varint;
+#[cfg(target_arch = "x86_64")]
+mod x86;
 
 pub(super) use fault::MeshoptFault;
 
@@ -63,14 +66,17 @@ pub(super) fn decode(layout: &StreamLayout, bytes: &[u8]) -> Result<Vec<u8>, Mes
     layout.check()?;
     layout.check_length(bytes)?;
     match layout.mode {
-        StreamMode::Attributes => {
-            let mut elements = attributes::decode(layout, bytes)?;
-            filters::apply(layout, &mut elements);
-            Ok(elements)
-        }
+        StreamMode::Attributes => attributes::decode(layout, bytes),
         StreamMode::Triangles => triangles::decode(layout, bytes),
         StreamMode::Indices => indices::decode(layout, bytes),
     }
+}
+
+/// Returns the lowest bytes of an index.
+#[inline(always)]
+fn low_bytes<const SIZE: usize>(index: u32) -> [u8; SIZE] {
+    let bytes = index.to_le_bytes();
+    std::array::from_fn(|place| bytes[place])
 }
 
 impl StreamLayout {

@@ -4,8 +4,10 @@
 //! the next index that no triangle used yet. What a code cannot say stands behind the codes as numbers of variable
 //! length.
 
+use std::hint::select_unpredictable;
+
 use super::varint::{self, VarintFault};
-use super::{MeshoptFault, StreamLayout};
+use super::{MeshoptFault, StreamLayout, low_bytes};
 
 /// First byte of a stream of version 1, the only one of the specification.
 const HEADER: u8 = 0xe1;
@@ -24,6 +26,9 @@ const EXPLICIT_CODE: u8 = 0xfe;
 
 /// First value of a code's lower half that stands for no recent vertex.
 const NEAR_LAST: u8 = 0xd;
+
+/// What is subtracted from twice [`NEAR_LAST`] or twice the value behind it, which stand for -1 and 1.
+const NEAR_OFFSET: u32 = 2 * NEAR_LAST as u32 + 1;
 
 /// Half of a byte that stands for an index in the data.
 const IN_DATA: u8 = 0xf;
@@ -47,16 +52,47 @@ pub(super) fn decode(layout: &StreamLayout, bytes: &[u8]) -> Result<Vec<u8>, Mes
     };
     check_table(table)?;
     // Decode each triangle
-    let mut output = vec![0; layout.count * layout.stride];
-    let decoder = TriangleDecoder::new(data, table);
-    let rest = match layout.stride {
-        2 => decoder.decode_into::<2>(&mut output, codes),
-        _ => decoder.decode_into::<4>(&mut output, codes),
-    }?;
-    if !rest.is_empty() {
-        return Err(MeshoptFault::Surplus { length: rest.len() });
+    match layout.stride {
+        2 => decode_triangles::<2>(codes, data, table),
+        _ => decode_triangles::<4>(codes, data, table),
     }
-    Ok(output)
+}
+
+/// Decodes one triangle per code into three indices of `SIZE` bytes.
+fn decode_triangles<const SIZE: usize>(
+    codes: &[u8],
+    data: &[u8],
+    table: &[u8; TABLE_SIZE],
+) -> Result<Vec<u8>, MeshoptFault> {
+    let mut decoder = TriangleDecoder::new(data);
+    let mut recent = Recent::default();
+    // A copy needs no register for its place
+    let table = *table;
+    let mut first_fault = None;
+    // Triangles behind a fault are decoded to anything: an iterator of known length fills memory without checks
+    let triangles: Vec<[[u8; SIZE]; 3]> = codes
+        .iter()
+        .enumerate()
+        .map(|(number, &code)| {
+            let indices = match code {
+                0..TABLE_CODE => decoder.edge_triangle(code, &mut recent),
+                TABLE_CODE..EXPLICIT_CODE => {
+                    decoder.table_triangle(table[usize::from(code & 0xf)], &mut recent)
+                }
+                EXPLICIT_CODE.. => decoder.explicit_triangle(code, &mut recent),
+            };
+            let [a, b, c] = indices.unwrap_or_else(|fault| {
+                first_fault.get_or_insert(fault.of_triangle(number));
+                [0; 3]
+            });
+            [low_bytes(a), low_bytes(b), low_bytes(c)]
+        })
+        .collect();
+    match (first_fault, decoder.data.len()) {
+        (Some(fault), _) => Err(fault),
+        (None, 0) => Ok(triangles.into_flattened().into_flattened()),
+        (None, length) => Err(MeshoptFault::Surplus { length }),
+    }
 }
 
 /// Checks that no entry of the table refers to data and that the unused ones are zero.
@@ -98,138 +134,93 @@ impl TriangleFault {
     }
 }
 
-/// The last [`FIFO_SIZE`] edges or vertices.
-struct Fifo<T> {
-    entries: [T; FIFO_SIZE],
-    pushed_count: usize,
-}
-
-impl<T: Copy + Default> Fifo<T> {
-    fn new() -> Fifo<T> {
-        Fifo {
-            entries: [T::default(); FIFO_SIZE],
-            pushed_count: 0,
-        }
-    }
-
-    #[inline(always)]
-    fn push(&mut self, entry: T) {
-        self.push_some(entry, 1);
-    }
-
-    /// Pushes the entry if `count` is 1 and leaves the others as they were if it is 0.
-    #[inline(always)]
-    fn push_some(&mut self, entry: T, count: usize) {
-        // The place holds the oldest entry, which no code refers to by the time that it matters
-        self.entries[self.pushed_count % FIFO_SIZE] = entry;
-        self.pushed_count += count;
-    }
-
-    /// Returns the entry of the given age; the last that was pushed has age 0.
-    #[inline(always)]
-    fn get(&self, age: u8) -> Result<T, TriangleFault> {
-        let age = usize::from(age);
-        if age >= self.pushed_count {
-            return Err(TriangleFault::Unwritten);
-        }
-        Ok(self.entries[(self.pushed_count - 1 - age) % FIFO_SIZE])
-    }
+/// The last [`FIFO_SIZE`] edges and vertices. The place of an entry is its number, from 1 on.
+///
+/// This is apart from the decoder, so that the decoder's members can stay in registers.
+#[derive(Default)]
+struct Recent {
+    /// First vertex of each edge. The second ones are apart, lest the compiler reads both at once: a processor waits
+    /// long for a word that it has just written the halves of.
+    edge_starts: [u32; FIFO_SIZE],
+    /// Second vertex of each edge.
+    edge_ends: [u32; FIFO_SIZE],
+    vertices: [u32; FIFO_SIZE],
 }
 
 /// State of the codec between two triangles.
 struct TriangleDecoder<'a> {
     /// Bytes behind the codes that were not read yet.
     data: &'a [u8],
-    table: &'a [u8; TABLE_SIZE],
     /// Lowest index that no triangle used yet, in a list whose vertices are in order of use.
     next: u32,
     /// Last index that was read from the data.
     last: u32,
-    edges: Fifo<[u32; 2]>,
-    vertices: Fifo<u32>,
+    /// Number of edges that were pushed.
+    edge_count: usize,
+    /// Number of vertices that were pushed.
+    vertex_count: usize,
 }
 
 impl<'a> TriangleDecoder<'a> {
     /// Returns the state in front of the first triangle.
-    fn new(data: &'a [u8], table: &'a [u8; TABLE_SIZE]) -> TriangleDecoder<'a> {
+    fn new(data: &'a [u8]) -> TriangleDecoder<'a> {
         TriangleDecoder {
             data,
-            table,
             next: 0,
             last: 0,
-            edges: Fifo::new(),
-            vertices: Fifo::new(),
+            edge_count: 0,
+            vertex_count: 0,
         }
-    }
-
-    /// Decodes one triangle per code into three indices of `SIZE` bytes and returns the data that is left.
-    ///
-    /// The decoder is taken by value and its functions are inlined, so that its state stays in registers.
-    fn decode_into<const SIZE: usize>(
-        mut self,
-        output: &mut [u8],
-        codes: &[u8],
-    ) -> Result<&'a [u8], MeshoptFault> {
-        for (number, (triangle, &code)) in output.chunks_exact_mut(3 * SIZE).zip(codes).enumerate() {
-            let indices = match code {
-                0..TABLE_CODE => self.edge_triangle(code),
-                TABLE_CODE..EXPLICIT_CODE => self.table_triangle(code),
-                EXPLICIT_CODE.. => self.explicit_triangle(code),
-            };
-            let indices = indices.map_err(|fault| fault.of_triangle(number))?;
-            for (place, index) in triangle.as_chunks_mut::<SIZE>().0.iter_mut().zip(indices) {
-                place.copy_from_slice(&index.to_le_bytes()[..SIZE]);
-            }
-        }
-        Ok(self.data)
     }
 
     /// Decodes a triangle that shares a recent edge.
     #[inline(always)]
-    fn edge_triangle(&mut self, code: u8) -> Result<[u32; 3], TriangleFault> {
-        let [a, b] = self.edges.get(code >> 4)?;
+    fn edge_triangle(&mut self, code: u8, recent: &mut Recent) -> Result<[u32; 3], TriangleFault> {
+        let edge = place_of_age(self.edge_count, code >> 4)?;
+        let (a, b) = (recent.edge_starts[edge], recent.edge_ends[edge]);
         let low = code & 0xf;
         let c = if low < NEAR_LAST {
             // No branch for what the processor could not predict
-            let recent = self.vertices.get(low)?;
+            let known = self.recent_vertex(low, recent)?;
             let is_new = low == 0;
-            let c = if is_new { self.next } else { recent };
+            let c = select_unpredictable(is_new, self.next, known);
             self.next = self.next.wrapping_add(u32::from(is_new));
-            self.vertices.push_some(c, usize::from(is_new));
+            self.push_vertex_if(is_new, c, recent);
             c
         } else {
             let c = match low {
                 IN_DATA => self.read_index()?,
-                NEAR_LAST => self.last.wrapping_sub(1),
-                _ => self.last.wrapping_add(1),
+                _ => self
+                    .last
+                    .wrapping_add(2 * u32::from(low))
+                    .wrapping_sub(NEAR_OFFSET),
             };
             self.last = c;
-            self.vertices.push(c);
+            self.push_vertex_if(true, c, recent);
             c
         };
-        self.edges.push([c, b]);
-        self.edges.push([a, c]);
+        self.push_edge(c, b, recent);
+        self.push_edge(a, c, recent);
         Ok([a, b, c])
     }
 
     /// Decodes a triangle whose first vertex is new and whose others stand in the table.
     #[inline(always)]
-    fn table_triangle(&mut self, code: u8) -> Result<[u32; 3], TriangleFault> {
-        let entry = self.table[usize::from(code & 0xf)];
+    fn table_triangle(&mut self, entry: u8, recent: &mut Recent) -> Result<[u32; 3], TriangleFault> {
         let (b_code, c_code) = (entry >> 4, entry & 0xf);
         let a = self.new_index();
-        let b = self.new_or_recent(b_code)?;
-        let c = self.new_or_recent(c_code)?;
-        self.vertices.push(a);
-        self.vertices.push_some(b, usize::from(b_code == 0));
-        self.vertices.push_some(c, usize::from(c_code == 0));
-        self.push_edges(a, b, c);
+        let b = self.new_or_recent(b_code, recent)?;
+        let c = self.new_or_recent(c_code, recent)?;
+        self.push_vertex_if(true, a, recent);
+        self.push_vertex_if(b_code == 0, b, recent);
+        self.push_vertex_if(c_code == 0, c, recent);
+        self.push_edges(a, b, c, recent);
         Ok([a, b, c])
     }
 
     /// Decodes a triangle each of whose vertices may stand in the data.
     #[inline(always)]
-    fn explicit_triangle(&mut self, code: u8) -> Result<[u32; 3], TriangleFault> {
+    fn explicit_triangle(&mut self, code: u8, recent: &mut Recent) -> Result<[u32; 3], TriangleFault> {
         let Some((&entry, rest)) = self.data.split_first() else {
             return Err(VarintFault::Truncated.into());
         };
@@ -245,24 +236,45 @@ impl<'a> TriangleDecoder<'a> {
         for (index, code) in indices.iter_mut().zip(codes) {
             *index = match code {
                 IN_DATA => self.read_index()?,
-                code => self.new_or_recent(code)?,
+                code => self.new_or_recent(code, recent)?,
             };
         }
         // Remember vertices that were not recent
         for (index, code) in indices.into_iter().zip(codes) {
-            self.vertices
-                .push_some(index, usize::from(code == 0 || code == IN_DATA));
+            self.push_vertex_if(code == 0 || code == IN_DATA, index, recent);
         }
         let [a, b, c] = indices;
-        self.push_edges(a, b, c);
+        self.push_edges(a, b, c, recent);
         Ok(indices)
     }
 
+    /// Pushes the edges of a triangle, each as its neighbour has it.
     #[inline(always)]
-    fn push_edges(&mut self, a: u32, b: u32, c: u32) {
-        self.edges.push([b, a]);
-        self.edges.push([c, b]);
-        self.edges.push([a, c]);
+    fn push_edges(&mut self, a: u32, b: u32, c: u32, recent: &mut Recent) {
+        self.push_edge(b, a, recent);
+        self.push_edge(c, b, recent);
+        self.push_edge(a, c, recent);
+    }
+
+    #[inline(always)]
+    fn push_edge(&mut self, a: u32, b: u32, recent: &mut Recent) {
+        self.edge_count += 1;
+        let place = self.edge_count % FIFO_SIZE;
+        (recent.edge_starts[place], recent.edge_ends[place]) = (a, b);
+    }
+
+    /// Pushes a vertex on a condition, without a branch.
+    #[inline(always)]
+    fn push_vertex_if(&mut self, condition: bool, vertex: u32, recent: &mut Recent) {
+        // The place holds the oldest entry, which no code refers to by the time that it matters
+        recent.vertices[(self.vertex_count + 1) % FIFO_SIZE] = vertex;
+        self.vertex_count += usize::from(condition);
+    }
+
+    /// Returns the vertex of the given age; the last that was pushed has age 0.
+    #[inline(always)]
+    fn recent_vertex(&self, age: u8, recent: &Recent) -> Result<u32, TriangleFault> {
+        Ok(recent.vertices[place_of_age(self.vertex_count, age)?])
     }
 
     /// Returns the lowest index that no triangle used yet.
@@ -275,10 +287,10 @@ impl<'a> TriangleDecoder<'a> {
 
     /// Returns a new index for code 0, or else that of a recent vertex.
     #[inline(always)]
-    fn new_or_recent(&mut self, code: u8) -> Result<u32, TriangleFault> {
+    fn new_or_recent(&mut self, code: u8, recent: &Recent) -> Result<u32, TriangleFault> {
         match code {
             0 => Ok(self.new_index()),
-            _ => self.vertices.get(code - 1),
+            _ => self.recent_vertex(code - 1, recent),
         }
     }
 
@@ -289,6 +301,16 @@ impl<'a> TriangleDecoder<'a> {
         self.last = self.last.wrapping_add(difference);
         Ok(self.last)
     }
+}
+
+/// Returns the place of the entry of an age among those pushed; the last has age 0.
+#[inline(always)]
+fn place_of_age(pushed_count: usize, age: u8) -> Result<usize, TriangleFault> {
+    let age = usize::from(age);
+    if age >= pushed_count {
+        return Err(TriangleFault::Unwritten);
+    }
+    Ok((pushed_count - age) % FIFO_SIZE)
 }
 
 #[cfg(test)]
@@ -348,8 +370,8 @@ mod tests {
                 Err(MeshoptFault::UnwrittenEntry { triangle: 0 })
             );
         }
-        // Three edges are known
-        let third = decoded(&[0xf0, 0x30], &[]);
+        // Three edges are known; the first fault is that of the second triangle
+        let third = decoded(&[0xf0, 0x30, 0x30], &[]);
         assert_eq!(third, Err(MeshoptFault::UnwrittenEntry { triangle: 1 }));
     }
 

@@ -88,18 +88,27 @@ pub(crate) fn all_finite(values: &[f32]) -> bool {
 
 /// Removes the triangles that cannot be hit, and returns their numbers by reason. Vertices stay.
 pub(crate) fn drop_unusable(mesh: &mut Mesh) -> Removed {
+    let (positions, triangles) = (&mesh.positions[..], &mesh.triangles[..]);
+    let corners = |triangle: [u32; 3]| triangle.map(|v| Vec3::from(positions[v as usize]));
+    // Find them in parallel
+    let unusable = parallel::map_chunks(triangles, CHUNK, &|chunk, triangles| {
+        let numbered = (chunk * CHUNK..).zip(triangles);
+        let unusable = numbered.filter(|&(_, &triangle)| !is_usable(corners(triangle)));
+        unusable.map(|(index, _)| index).collect::<Vec<usize>>()
+    });
+    // Copy what is between them
     let mut dropped = Removed::default();
-    let mut kept = Vec::with_capacity(mesh.triangles.len());
-    for &triangle in mesh.triangles.iter() {
-        let corners = triangle.map(|v| Vec3::from(mesh.positions[v as usize]));
-        if is_usable(corners) {
-            kept.push(triangle);
-        } else if corners.iter().all(|p| p.is_finite()) {
-            dropped.no_area += 1;
-        } else {
-            dropped.not_finite += 1;
+    let mut kept = Vec::with_capacity(triangles.len());
+    let mut start = 0;
+    for index in unusable.into_iter().flatten() {
+        kept.extend_from_slice(&triangles[start..index]);
+        start = index + 1;
+        match corners(triangles[index]).iter().all(|p| p.is_finite()) {
+            true => dropped.no_area += 1,
+            false => dropped.not_finite += 1,
         }
     }
+    kept.extend_from_slice(&triangles[start..]);
     mesh.triangles = Buffer::from(kept);
     dropped
 }

@@ -1,9 +1,9 @@
 //! Trigonometric functions, exponential and logarithm without branches and calls, which vectorise in loops over lanes.
 //!
-//! Sources: the rational approximation of asin and the polynomials of sine and cosine of W. Cody and W. Waite, "Software
+//! Sources: the rational approximation of asin and the polynomials of sine, cosine and atan of W. Cody and W. Waite, "Software
 //! Manual for the Elementary Functions", 1980, with the minimax coefficients of fdlibm (Sun Microsystems, 1993).
 
-use std::f64::consts::{FRAC_1_SQRT_2, FRAC_2_PI, FRAC_PI_2, LN_2, LOG2_E, PI};
+use std::f64::consts::{FRAC_1_SQRT_2, FRAC_2_PI, FRAC_PI_2, FRAC_PI_4, LN_2, LOG2_E, PI};
 
 /// Returns the arc cosine of `x` in [-1, 1], in radians, with an error of at most 4 units in the last place of π.
 #[inline(always)]
@@ -35,6 +35,43 @@ pub(crate) fn acos(x: f64) -> f64 {
     let small = FRAC_PI_2 - arc.copysign(x);
     let large = if x < 0.0 { PI - 2.0 * arc } else { 2.0 * arc };
     if is_small { small } else { large }
+}
+
+/// Returns the angle of the point (x, y) from the x axis in radians, in [-π, π], with an error of at most 4 units in the last
+/// place of π; 0 for the origin.
+#[inline(always)]
+pub(crate) fn atan2(y: f64, x: f64) -> f64 {
+    /// Polynomial of (1 - atan(t) / t) / t² by t², for |t| <= 7/16, lowest power first.
+    const SERIES: [f64; 11] = [
+        3.333_333_333_333_293e-1,
+        -1.999_999_999_987_648_3e-1,
+        1.428_571_427_250_346_6e-1,
+        -1.111_111_040_546_235_6e-1,
+        9.090_887_133_436_507e-2,
+        -7.691_876_205_044_83e-2,
+        6.661_073_137_387_531e-2,
+        -5.833_570_133_790_573_5e-2,
+        4.976_877_994_615_932_4e-2,
+        -3.653_157_274_421_691_6e-2,
+        1.628_582_011_536_578_2e-2,
+    ];
+    /// Tangent of an eighth of π.
+    const TAN_PI_8: f64 = 0.414_213_562_373_095_03;
+    // Reduce to the octant between the axes, and half of it to the angle from the diagonal
+    let (across, up) = (x.abs(), y.abs());
+    let is_steep = up > across;
+    let (short, long) = if is_steep { (across, up) } else { (up, across) };
+    let is_wide = short > TAN_PI_8 * long;
+    let numerator = if is_wide { short - long } else { short };
+    let denominator = if is_wide { short + long } else { long };
+    let t = numerator / denominator.max(f64::MIN_POSITIVE);
+    let squared = t * t;
+    let arc = t - t * squared * polynomial(&SERIES, squared);
+    // Undo the reductions
+    let arc = if is_wide { FRAC_PI_4 + arc } else { arc };
+    let arc = if is_steep { FRAC_PI_2 - arc } else { arc };
+    let arc = if x < 0.0 { PI - arc } else { arc };
+    arc.copysign(y)
 }
 
 /// Returns the sine and the cosine of `x` radians, where |x| is at most 2^20, with an error of at most 1e-15.
@@ -183,6 +220,23 @@ mod tests {
         ] {
             assert!((acos(x) - x.acos()).abs() <= 4.0 * f64::EPSILON, "{x}");
         }
+    }
+
+    #[test]
+    fn angle_of_a_point_equals_that_of_the_standard_library() {
+        const STEPS: i32 = 100_000;
+        for i in -STEPS..=STEPS {
+            let (y, x) = (PI * f64::from(i) / f64::from(STEPS)).sin_cos();
+            for scale in [1.0, 1e-200, 1e200] {
+                let (found, expected) = (atan2(scale * y, scale * x), (scale * y).atan2(scale * x));
+                assert!((found - expected).abs() <= 4.0 * f64::EPSILON, "{x} {y}: {found}");
+            }
+        }
+        assert_eq!(
+            (atan2(0.0, 0.0), atan2(0.0, 2.0), atan2(3.0, 0.0)),
+            (0.0, 0.0, FRAC_PI_2)
+        );
+        assert_eq!((atan2(0.0, -1.0), atan2(-0.0, -1.0)), (PI, -PI));
     }
 
     #[test]

@@ -15,9 +15,10 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
+use multiversion::multiversion;
 
 use crate::image::LinearImage;
-use crate::numeric::warp;
+use crate::numeric::{LANES, Lanes, Lanes3, lane_math, warp};
 
 /// Equirectangular environment map with sampling tables; they take 8 bytes per texel in addition to the image.
 #[derive(Clone, Debug)]
@@ -31,6 +32,16 @@ pub struct EnvironmentMap {
     cumulative_cells: Vec<f64>,
     /// Cumulative sums of the totals of the rows of cells.
     cumulative_rows: Vec<f64>,
+    /// Densities per steradian of the rows of cells, per unit of luminance over the sine of the angle from +y.
+    row_densities: Vec<f64>,
+}
+
+/// Radiance from sixteen directions, and the densities with which they are sampled.
+pub struct EnvironmentLanes {
+    /// Radiance from each direction, linear RGB.
+    pub radiance: Lanes3<f32>,
+    /// Densities per steradian; see [`EnvironmentMap::pdf`].
+    pub pdf: Lanes<f64>,
 }
 
 /// Direction sampled from an environment map, with its radiance and density.
@@ -92,6 +103,7 @@ impl EnvironmentMap {
         size_of_val(&self.texels[..])
             + size_of_val(&self.cumulative_cells[..])
             + size_of_val(&self.cumulative_rows[..])
+            + size_of_val(&self.row_densities[..])
     }
 
     /// Creates the map of `image`, in linear RGB radiance, rotated by `rotation` radians about +y, counter-clockwise as
@@ -133,12 +145,13 @@ impl EnvironmentMap {
             turned: [rotation.sin(), rotation.cos()],
             cumulative_cells: Vec::new(),
             cumulative_rows: Vec::new(),
+            row_densities: Vec::new(),
         };
         map.build_tables();
         Ok(map)
     }
 
-    /// Builds the cumulative sums over cells and rows that sampling inverts.
+    /// Builds the cumulative sums over cells and rows that sampling inverts, and the densities of the rows.
     fn build_tables(&mut self) {
         let mut cumulative_cells = Vec::with_capacity(self.width * (self.height + 1));
         let mut cumulative_rows = Vec::with_capacity(self.height + 1);
@@ -155,12 +168,23 @@ impl EnvironmentMap {
             cumulative_rows.push(total);
         }
         (self.cumulative_cells, self.cumulative_rows) = (cumulative_cells, cumulative_rows);
+        // Divide the density of each row over the unit square of its cells, weight · L / (total / 4), by Δφ Δθ
+        let density = |row: usize| {
+            let [above, below] = self.row_angles(row);
+            4.0 * self.row_weight(row) / (total * (TAU / self.width as f64 * (below - above)))
+        };
+        self.row_densities = (0..=self.height).map(density).collect();
     }
 
     /// Returns the radiance from `direction`, a unit vector in world space.
     #[inline]
     pub fn radiance(&self, direction: DVec3) -> [f32; 3] {
         self.radiance_at(self.image_position(direction))
+    }
+
+    /// Returns the radiance from `directions`, unit vectors in world space, and their densities.
+    pub fn look_up(&self, directions: &Lanes3<f64>) -> EnvironmentLanes {
+        look_up_lanes(self, directions)
     }
 
     /// Samples a direction with the random numbers `u` in [0, 1)². Returns `None` if the map is black, and exactly at a
@@ -200,11 +224,8 @@ impl EnvironmentMap {
     #[inline]
     pub fn pdf(&self, direction: DVec3) -> f64 {
         let image_position = self.image_position(direction);
-        let pdf = self.pdf_at(
-            image_position.row,
-            direction.x.hypot(direction.z),
-            self.radiance_at(image_position),
-        );
+        let sin = (direction.x * direction.x + direction.z * direction.z).sqrt();
+        let pdf = self.pdf_at(image_position.row, sin, self.radiance_at(image_position));
         if pdf < f64::INFINITY { pdf } else { 0.0 }
     }
 
@@ -215,17 +236,12 @@ impl EnvironmentMap {
     }
 
     /// Returns the density per steradian of a position in cell row `row` with the given radiance and sine of the angle
-    /// from +y.
-    ///
-    /// Per unit of the cell's unit square the density is weight · L / (total / 4); a unit of that square is Δφ Δθ sin θ
-    /// steradian.
+    /// from +y: a unit of the unit square of a cell is Δφ Δθ sin θ steradian.
     #[inline(always)]
     fn pdf_at(&self, row: usize, sin: f64, radiance: [f32; 3]) -> f64 {
-        let [above, below] = self.row_angles(row);
-        let steradian = TAU / self.width as f64 * (below - above) * sin;
         let radiance_luminance = luminance(radiance);
         if radiance_luminance > 0.0 {
-            4.0 * self.row_weight(row) * radiance_luminance / (self.total() * steradian)
+            self.row_densities[row] * radiance_luminance / sin
         } else {
             0.0
         }
@@ -277,24 +293,31 @@ impl EnvironmentMap {
     /// Returns the position in the image that a unit vector in world space points to.
     #[inline(always)]
     fn image_position(&self, direction: DVec3) -> ImagePosition {
+        self.position_at(self.cell_coordinates(direction.to_array()))
+    }
+
+    /// Returns the coordinates of a unit vector in world space in cells: from the centre of the first column, and from half
+    /// a row above the image. Columns before the first centre belong to the last cell, across the seam.
+    #[inline(always)]
+    fn cell_coordinates(&self, [x, y, z]: [f64; 3]) -> [f64; 2] {
         // Rotate the direction into the map's frame
         let [sin, cos] = self.turned;
-        let x = cos * direction.x - sin * direction.z;
-        let z = sin * direction.x + cos * direction.z;
-        // The column is counted from the first texel's centre; what lies before it belongs to the last cell, across the
-        // seam.
-        let across = (0.5 + x.atan2(-z) / TAU) * self.width as f64 - 0.5;
-        let across = if across < 0.0 {
-            across + self.width as f64
-        } else {
-            across
-        };
+        let (x, z) = (cos * x - sin * z, sin * x + cos * z);
+        // Scale the angles around +y and from it
+        let (width, height) = (self.width as f64, self.height as f64);
+        let across = (0.5 + lane_math::atan2(x, -z) / TAU) * width - 0.5;
+        let across = if across < 0.0 { across + width } else { across };
+        let angle = lane_math::atan2((x * x + z * z).sqrt(), y);
+        [across, angle / PI * height + 0.5]
+    }
+
+    /// Returns the cell at these coordinates and the position within it. In the first and the last row, which are half as
+    /// high, the fraction of the height is of a whole cell: both their texels above and below are the same.
+    #[inline(always)]
+    fn position_at(&self, [across, down]: [f64; 2]) -> ImagePosition {
         let column = (across as usize).min(self.width - 1);
-        // Find the row of cells from the angle to +y
-        let angle = x.hypot(z).atan2(direction.y);
-        let row = ((angle / PI * self.height as f64 + 0.5) as usize).min(self.height);
-        let [above, below] = self.row_angles(row);
-        let fraction = [across - column as f64, (angle - above) / (below - above)];
+        let row = (down as usize).min(self.height);
+        let fraction = [across - column as f64, down - row as f64];
         ImagePosition {
             column,
             row,
@@ -306,9 +329,9 @@ impl EnvironmentMap {
     #[inline(always)]
     fn direction(&self, image_position: ImagePosition) -> (DVec3, f64) {
         let [above, below] = self.row_angles(image_position.row);
-        let (sin_angle, cos_angle) = (above + image_position.fraction[1] * (below - above)).sin_cos();
+        let [sin_angle, cos_angle] = lane_math::sin_cos(above + image_position.fraction[1] * (below - above));
         let across = (image_position.column as f64 + 0.5 + image_position.fraction[0]) / self.width as f64;
-        let (sin_turn, cos_turn) = (TAU * (across - 0.5)).sin_cos();
+        let [sin_turn, cos_turn] = lane_math::sin_cos(TAU * (across - 0.5));
         let (x, z) = (sin_angle * sin_turn, -sin_angle * cos_turn);
         let [sin, cos] = self.turned;
         (
@@ -316,6 +339,33 @@ impl EnvironmentMap {
             sin_angle,
         )
     }
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn look_up_lanes(map: &EnvironmentMap, directions: &Lanes3<f64>) -> EnvironmentLanes {
+    // Compute coordinates and sines in all lanes
+    let (mut across, mut down, mut sines) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for l in 0..LANES {
+        let [x, y, z] = [0, 1, 2].map(|axis| directions[axis][l]);
+        [across[l], down[l]] = map.cell_coordinates([x, y, z]);
+        sines[l] = (x * x + z * z).sqrt();
+    }
+    // Interpolate between texels
+    let mut found = EnvironmentLanes {
+        radiance: [[0.0; LANES]; 3],
+        pdf: [0.0; LANES],
+    };
+    for l in 0..LANES {
+        let position = map.position_at([across[l], down[l]]);
+        let radiance = map.radiance_at(position);
+        (0..3).for_each(|channel| found.radiance[channel][l] = radiance[channel]);
+        let pdf = map.pdf_at(position.row, sines[l], radiance);
+        found.pdf[l] = if pdf < f64::INFINITY { pdf } else { 0.0 };
+    }
+    found
 }
 
 /// Returns the luminance of a linear RGB colour.
@@ -416,6 +466,22 @@ mod tests {
             let rotated = glam::DQuat::from_rotation_y(0.7) * d;
             let (there, here) = (plain.radiance(rotated), turned.radiance(d));
             assert!((0..3).all(|c| (there[c] - here[c]).abs() < 1e-4), "{d}");
+        }
+    }
+
+    #[test]
+    fn lanes_have_the_radiance_and_density_of_single_directions() {
+        let map = speckled_map();
+        let directions: Vec<DVec3> = midpoints(64).map(|[a, b]| warp::direction(2.0 * a, b)).collect();
+        for packet in directions.chunks_exact(LANES) {
+            let found = map.look_up(&[0, 1, 2].map(|axis| std::array::from_fn(|l| packet[l][axis])));
+            for (l, &direction) in packet.iter().enumerate() {
+                let radiance = [0, 1, 2].map(|channel| found.radiance[channel][l]);
+                let (expected, pdf) = (map.radiance(direction), map.pdf(direction));
+                // Fused operations round otherwise
+                assert!((0..3).all(|c| (radiance[c] - expected[c]).abs() <= 1e-6 * expected[c] + 1e-9));
+                assert!((found.pdf[l] - pdf).abs() <= 1e-6 * pdf + 1e-9, "{direction}");
+            }
         }
     }
 

@@ -22,7 +22,7 @@ mod tests;
 mod texture;
 mod thin_film;
 
-pub use environment::{EnvironmentError, EnvironmentMap, EnvironmentSample};
+pub use environment::{EnvironmentError, EnvironmentLanes, EnvironmentMap, EnvironmentSample};
 pub use ggx::{Ggx, LobeSample};
 pub use layer::LayerLanes;
 pub use lobe_albedo::LobeAlbedo;

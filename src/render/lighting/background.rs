@@ -38,14 +38,20 @@ impl RenderContext<'_> {
                 let Some(environment) = &self.environment else {
                     return seen;
                 };
-                let path_states = traced.path_states.filter(|_| self.combines_samples);
                 // Unused lanes of a packet may have no valid direction.
+                let mut directions = [[0.0; LANES], [1.0; LANES], [0.0; LANES]];
                 for l in (0..LANES).filter(|&l| traced.packet.active[l] != 0) {
                     let direction = direction(l);
-                    let radiance = environment.map().radiance(direction);
-                    let density = path_states.map_or(f32::INFINITY, |states| states.density(l));
-                    let share = environment.share_of_lobe_ray(direction, density);
-                    (0..3).for_each(|c| seen[c][l] = radiance[c] * share);
+                    (0..3).for_each(|axis| directions[axis][l] = direction[axis]);
+                }
+                let found = environment.map().look_up(&directions);
+                seen = found.radiance;
+                // Weight rays into lobes that light samples share
+                if let Some(states) = traced.path_states.filter(|_| self.combines_samples) {
+                    for l in 0..LANES {
+                        let share = environment.share_of_lobe_ray(found.pdf[l], states.density(l));
+                        (0..3).for_each(|c| seen[c][l] *= share);
+                    }
                 }
             }
         }

@@ -1,7 +1,5 @@
 //! Environment map of a scene, prepared for sampling.
 
-use glam::DVec3;
-
 use super::super::sampler::Purpose;
 use super::sample_index::SampleIndex;
 use crate::image::LinearImage;
@@ -27,13 +25,13 @@ impl Environment {
     }
 
     /// Returns the weight of the map's radiance along a ray whose direction was sampled from a lobe with this density per
-    /// steradian, by the balance heuristic with the light samples; 1 for an infinite density.
-    pub(in crate::render) fn share_of_lobe_ray(&self, direction: DVec3, density: f32) -> f32 {
+    /// steradian, by the balance heuristic with the light samples, which have the density `pdf`; 1 for an infinite density.
+    pub(in crate::render) fn share_of_lobe_ray(&self, pdf: f64, density: f32) -> f32 {
         if density == f32::INFINITY {
             return 1.0;
         }
         // Compare the densities of both ways to sample the direction
-        let by_light = self.map.pdf(direction) * f64::from(self.samples);
+        let by_light = pdf * f64::from(self.samples);
         let density = f64::from(density);
         (density / (density + by_light)) as f32
     }

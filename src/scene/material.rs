@@ -351,8 +351,8 @@ impl Material {
         match &self.model {
             // A texture multiplies the factor, so a factor of 0 stays smooth.
             Model::MetallicRoughness(model) => {
-                let is_rough =
-                    model.roughness > 0.0 || self.coated().is_some_and(|coat| coat.roughness > 0.0);
+                let has_rough_coat = self.coated().is_some_and(|coat| coat.roughness > 0.0);
+                let is_rough = model.roughness > 0.0 || self.anisotropic().is_some() || has_rough_coat;
                 if is_rough { model.rough_rays } else { 0 }
             }
             _ => 0,

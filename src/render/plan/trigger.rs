@@ -400,7 +400,8 @@ fn may_be_smooth(material: &Material) -> bool {
 /// Returns whether the material is glTF's and rough.
 fn is_rough(material: &Material) -> bool {
     let is_rough = matches!(&material.model, Model::MetallicRoughness(model) if model.roughness > 0.0);
-    is_rough || has_rough_coat(material)
+    // Anisotropy widens even a lobe of roughness 0
+    is_rough || material.anisotropic().is_some() || has_rough_coat(material)
 }
 
 /// Returns whether the material has a coat with a lobe, which is opaque over any base.

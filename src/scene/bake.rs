@@ -80,12 +80,8 @@ pub(crate) fn has_object_space_texture(material: &Material, textures: &[Texture]
 impl Scene {
     /// Bakes every mesh that exactly one instance uses, unless that instance has the identity transform, moves, or has
     /// a material whose procedural texture is evaluated in object space.
-    ///
-    /// Rounding to f32 may leave triangles without an area; they are removed, and their counts are returned with the
-    /// name of the instance that they belonged to.
-    pub(super) fn bake_single_uses(&mut self) -> Vec<(String, Removed)> {
+    pub(super) fn bake_single_uses(&mut self) {
         let use_counts = self.use_counts();
-        let mut dropped = Vec::new();
         // Skip shapes and meshes whose object space must stay as it is
         for instance in &mut self.instances {
             let Geometry::Mesh(mesh) = &mut self.geometries[instance.geometry as usize] else {
@@ -102,12 +98,28 @@ impl Scene {
             // Transform the mesh to world space
             *mesh = bake_mesh(mesh, &instance.world_from_object());
             instance.reset_transform();
-            // Remove triangles that lost their area by rounding
-            let is_whole = mesh_cleanup::scan(mesh).is_ok_and(|scan| scan.unusable == 0);
-            if !is_whole {
-                dropped.push((instance.name.to_string(), mesh_cleanup::drop_unusable(mesh)));
-                mesh_cleanup::clear_non_finite_positions(mesh);
+        }
+    }
+
+    /// Removes the triangles that lost their area when their vertices were moved and rounded to f32. Returns their numbers,
+    /// each with the name of an instance that they belonged to.
+    pub(super) fn drop_rounded_triangles(&mut self) -> Vec<(String, Removed)> {
+        let mut dropped = Vec::new();
+        for (index, geometry) in self.geometries.iter_mut().enumerate() {
+            let Geometry::Mesh(mesh) = geometry else { continue };
+            if !mesh_cleanup::scan(mesh).is_ok_and(|scan| scan.unusable > 0) {
+                continue;
             }
+            let removed = mesh_cleanup::drop_unusable(mesh);
+            mesh_cleanup::clear_non_finite_positions(mesh);
+            let owner = self
+                .instances
+                .iter()
+                .find(|instance| instance.geometry as usize == index);
+            dropped.push((
+                owner.map_or_else(String::new, |owner| owner.name.to_string()),
+                removed,
+            ));
         }
         dropped
     }
@@ -162,7 +174,7 @@ impl Scene {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Instance;
+    use crate::scene::{Instance, Normalisation};
 
     fn triangle() -> Mesh {
         Mesh {
@@ -198,6 +210,28 @@ mod tests {
     }
 
     #[test]
+    fn triangles_that_normalisation_collapses_are_dropped() {
+        // A triangle of size 1e-3 beside one of 1e9: moved by half of that, its corners round to one point
+        let corners = |size: f32| [[0.0; 3], [size, 0.0, 0.0], [0.0, size, 0.0]];
+        let mesh = Mesh {
+            positions: [corners(1e9), corners(1e-3)].concat().into(),
+            triangles: vec![[0, 1, 2], [3, 4, 5]].into(),
+            ..Mesh::default()
+        };
+        let bounds = [mesh.bounds()];
+        let mut scene = Scene {
+            geometries: vec![Geometry::Mesh(mesh)],
+            materials: vec![Material::default()],
+            instances: vec![Instance::new("both", 0, 0, DAffine3::IDENTITY).unwrap()],
+            ..Scene::default()
+        };
+        scene.normalise_and_bake(Normalisation::fitting(&bounds[0]), &bounds);
+        assert_eq!(scene.geometries[0].primitive_count(), 1);
+        assert_eq!(scene.warnings, ["both had 1 triangle without an area: dropped"]);
+        assert!(scene.validate().is_ok());
+    }
+
+    #[test]
     fn only_single_use_meshes_are_baked_and_degenerate_triangles_counted() {
         let moved = DAffine3::from_translation(DVec3::new(1e9, 0.0, 0.0));
         let at = |geometry| Instance::new(format!("g{geometry}"), geometry, 0, moved).unwrap();
@@ -207,7 +241,8 @@ mod tests {
             ..Scene::default()
         };
         // At 1e9 the spacing of f32 is 64, so the unit triangle collapses.
-        let dropped = scene.bake_single_uses();
+        scene.bake_single_uses();
+        let dropped = scene.drop_rounded_triangles();
         assert_eq!(dropped.len(), 1);
         assert_eq!(dropped[0].1.no_area, 1);
         assert!(scene.instances[0].is_identity());

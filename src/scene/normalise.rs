@@ -110,11 +110,12 @@ impl Normalisation {
 
 impl Scene {
     /// Normalises the scene, whose geometries have these bounds, and its object spaces; bakes meshes of single
-    /// instances, with a warning for triangles that this removes; and removes meshes that are left empty.
+    /// instances; and removes triangles that rounding collapsed, with a warning, and meshes that are left empty.
     pub(crate) fn normalise_and_bake(&mut self, normalisation: Normalisation, bounds: &[Bounds]) {
         self.apply_normalisation(normalisation);
         self.normalise_object_spaces(bounds);
-        for (name, removed) in self.bake_single_uses() {
+        self.bake_single_uses();
+        for (name, removed) in self.drop_rounded_triangles() {
             self.warnings.push(format!("{name} {removed}"));
         }
         self.remove_empty_meshes();

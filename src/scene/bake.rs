@@ -110,6 +110,7 @@ impl Scene {
             if !mesh_cleanup::scan(mesh).is_ok_and(|scan| scan.unusable > 0) {
                 continue;
             }
+            // Remove them, and name an instance of the mesh
             let removed = mesh_cleanup::drop_unusable(mesh);
             mesh_cleanup::clear_non_finite_positions(mesh);
             let owner = self

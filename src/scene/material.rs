@@ -397,6 +397,7 @@ impl Material {
 
     /// Returns whether reflections in the surface may show shapes, sharp or blurred.
     fn may_show_reflections(&self) -> bool {
+        // Metal reflects all light, so that it shows shapes at a larger roughness
         let is_glossy = match &self.model {
             Model::MetallicRoughness(model) if model.metallic > 0.0 => model.roughness <= GLOSSY_METAL,
             Model::MetallicRoughness(model) => model.roughness <= GLOSSY_DIELECTRIC,

@@ -315,6 +315,7 @@ impl EnvironmentMap {
     /// high, the fraction of the height is of a whole cell: both their texels above and below are the same.
     #[inline(always)]
     fn position_at(&self, [across, down]: [f64; 2]) -> ImagePosition {
+        // Rounding may carry a coordinate to the end
         let column = (across as usize).min(self.width - 1);
         let row = (down as usize).min(self.height);
         let fraction = [across - column as f64, down - row as f64];

@@ -98,17 +98,19 @@ impl ChunkLayout {
 }
 
 /// Set of the rows of each share that are present.
+///
+/// It takes memory by the number of pieces, not of rows, as the height of a frame may come from a damaged file.
 #[derive(Clone, Debug)]
 pub(crate) struct Coverage {
-    /// Presence of each row, for each share.
-    shares: Vec<Vec<bool>>,
+    /// Ranges of rows that are present, for each share, in no particular order.
+    shares: Vec<Vec<Range<u32>>>,
 }
 
 impl Coverage {
     /// Returns the empty coverage of a frame with this division.
     pub(crate) fn none(cut: &ChunkLayout) -> Coverage {
         Coverage {
-            shares: vec![vec![false; cut.height as usize]; cut.shares as usize],
+            shares: vec![Vec::new(); cut.shares as usize],
         }
     }
 
@@ -122,27 +124,29 @@ impl Coverage {
                 .get_mut(share as usize)
                 .map_or(&mut [][..], std::slice::from_mut),
         };
-        // Mark the rows, clipped to the frame
-        for rows in shares {
-            let end = rows.len().min(piece.rows.end as usize);
-            if let Some(rows) = rows.get_mut(piece.rows.start as usize..end) {
-                rows.fill(true);
-            }
+        for present in shares {
+            present.push(piece.rows.clone());
         }
     }
 
     /// Returns the missing rows of a piece as maximal ranges, in order.
     pub(crate) fn missing(&self, piece: &Chunk) -> Vec<Range<u32>> {
-        let is_present = |row: u32| match piece.part {
-            ChunkKind::All => self.shares.iter().all(|rows| rows[row as usize]),
-            ChunkKind::Share(share) => self.shares[share as usize][row as usize],
+        // A row of several shares is missing if it is in any of them
+        let shares = match piece.part {
+            ChunkKind::All => &self.shares[..],
+            ChunkKind::Share(share) => std::slice::from_ref(&self.shares[share as usize]),
         };
-        // Join adjacent missing rows to ranges
+        let mut gaps: Vec<Range<u32>> = shares
+            .iter()
+            .flat_map(|present| gaps(&piece.rows, present))
+            .collect();
+        gaps.sort_by_key(|rows| rows.start);
+        // Join ranges that overlap or touch
         let mut missing: Vec<Range<u32>> = Vec::new();
-        for row in piece.rows.clone().filter(|&row| !is_present(row)) {
+        for rows in gaps {
             match missing.last_mut() {
-                Some(rows) if rows.end == row => rows.end = row + 1,
-                _ => missing.push(row..row + 1),
+                Some(last) if rows.start <= last.end => last.end = last.end.max(rows.end),
+                _ => missing.push(rows),
             }
         }
         missing
@@ -150,8 +154,24 @@ impl Coverage {
 
     /// Returns whether no row of any share is present.
     pub(crate) fn is_empty(&self) -> bool {
-        !self.shares.iter().flatten().any(|&there| there)
+        self.shares.iter().all(Vec::is_empty)
     }
+}
+
+/// Returns the rows that are in none of the ranges `present`, as ranges in order.
+fn gaps(rows: &Range<u32>, present: &[Range<u32>]) -> Vec<Range<u32>> {
+    let mut present = present.to_vec();
+    present.sort_by_key(|range| range.start);
+    // Keep what lies between the end of all ranges so far and the next one
+    let mut gaps = Vec::new();
+    let mut start = rows.start;
+    for range in present {
+        gaps.push(start..range.start.min(rows.end));
+        start = start.max(range.end);
+    }
+    gaps.push(start..rows.end);
+    gaps.retain(|gap| !gap.is_empty());
+    gaps
 }
 
 #[cfg(test)]
@@ -204,5 +224,17 @@ mod tests {
         assert_eq!(missing(0..300, ChunkKind::All), vec![0..300; 1]);
         coverage.add(&piece(10..20, ChunkKind::All));
         assert_eq!(coverage.missing(&cut.all()), [0..10, 20..300]);
+    }
+
+    #[test]
+    fn coverage_of_an_enormous_frame_takes_little_memory() {
+        let cut = ChunkLayout {
+            height: 1 << 31,
+            bands: 1,
+            shares: 1 << 16,
+        };
+        let mut coverage = Coverage::none(&cut);
+        coverage.add(&piece(0..7, ChunkKind::All));
+        assert_eq!(coverage.missing(&cut.all()), vec![7..1 << 31; 1]);
     }
 }

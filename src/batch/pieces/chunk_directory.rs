@@ -3,7 +3,7 @@
 use std::fs;
 use std::io;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -16,12 +16,14 @@ use crate::image::rows::{
 };
 use crate::image::{Attribute, ExrEncoding, ImageError, PngEncoding};
 use crate::render::{Layer, PartSums};
+use crate::scene::image_settings::{MAX_PIXELS, MAX_SPP};
 
 /// Folder of the pieces of all frames, within the output folder of a batch.
 const FOLDER: &str = ".whit-pieces";
 
 /// Header attribute with the frame's metadata as JSON.
 const FRAME: &str = "whit.frame";
+
 /// Metadata of a frame that is stored in each of its pieces, sufficient for merging them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct FrameMetadata {
@@ -43,6 +45,25 @@ pub(crate) struct FrameMetadata {
     pub png: PngEncoding,
     /// Names and texts of the metadata of the image file.
     pub notes: Notes,
+}
+
+impl FrameMetadata {
+    /// Reads the metadata from the header of a file; `None` if it is absent or invalid.
+    ///
+    /// Files are untrusted: the image must be inside of the output folder, and its numbers within the limits of jobs.
+    fn of_file(reader: &ExrScanlineReader) -> Option<FrameMetadata> {
+        let head: FrameMetadata = serde_json::from_str(&reader.note(FRAME)?).ok()?;
+        let [width, height] = head.size.map(u64::from);
+        let is_inside = head.image.file_name().is_some()
+            && head
+                .image
+                .components()
+                .all(|part| matches!(part, Component::Normal(_)));
+        let is_in_range = (1..=MAX_PIXELS).contains(&(width * height))
+            && (1..=MAX_SPP).contains(&head.spp)
+            && (1..=MAX_SPP).contains(&head.shares);
+        (is_inside && is_in_range).then_some(head)
+    }
 }
 
 /// Folder with the pieces of one frame.
@@ -67,14 +88,13 @@ impl ChunkDirectory {
     }
 
     /// Returns the piece folders of all frames that have pieces in the output folder `out`, in the order of the frames.
-    /// Unreadable pieces are ignored.
+    /// Unreadable and invalid pieces are ignored.
     pub(crate) fn all(out: &Path) -> io::Result<Vec<ChunkDirectory>> {
         let mut folders = Vec::new();
         for folder in entries(&out.join(FOLDER))? {
-            let head = entries(&folder)?.iter().find_map(|path| {
-                let reader = ExrScanlineReader::open(path).ok()?;
-                serde_json::from_str::<FrameMetadata>(&reader.note(FRAME)?).ok()
-            });
+            let head = entries(&folder)?
+                .iter()
+                .find_map(|path| FrameMetadata::of_file(&ExrScanlineReader::open(path).ok()?));
             folders.extend(head.map(|head| ChunkDirectory::new(out, head)));
         }
         folders.sort_by_key(|folder| folder.head.number);
@@ -238,9 +258,7 @@ impl ChunkDirectory {
     /// Opens an EXR file of the frame, which must have this data window.
     pub(super) fn open_file(&self, path: &Path, window: RowWindow) -> Result<ExrScanlineReader, ImageError> {
         let reader = ExrScanlineReader::open(path)?;
-        let head = reader
-            .note(FRAME)
-            .and_then(|text| serde_json::from_str::<FrameMetadata>(&text).ok());
+        let head = FrameMetadata::of_file(&reader);
         // Reject files of another frame, and files with other rows than their name says
         if head.is_none_or(|head| head.key != self.head.key) || reader.data_window() != window {
             return Err(ImageError::Unusable {
@@ -306,6 +324,7 @@ mod tests {
     use super::*;
     use crate::batch::fingerprint::FingerprintHasher;
     use crate::image::ChannelKind;
+    use crate::image::rows::SampleType;
 
     fn plane(name: &str, values: Vec<f32>) -> Layer {
         Layer {
@@ -377,6 +396,37 @@ mod tests {
         assert_eq!(missing, vec![32..64; 1]);
         folder.remove();
         assert_eq!(fs::read_dir(out.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn pieces_with_metadata_out_of_range_are_ignored() {
+        let changes: [(&str, &dyn Fn(&mut FrameMetadata)); 6] = [
+            ("absolute path", &|head| head.image = "/tmp/a.exr".into()),
+            ("path out of the folder", &|head| {
+                head.image = "../a.exr".into();
+            }),
+            ("no name", &|head| head.image = "".into()),
+            ("too many pixels", &|head| head.size = [1 << 16; 2]),
+            ("no shares", &|head| head.shares = 0),
+            ("too many shares", &|head| head.shares = u32::MAX),
+        ];
+        for (name, change) in changes {
+            let out = tempfile::tempdir().unwrap();
+            let sound = folder(out.path(), 1);
+            let mut head = sound.head.clone();
+            change(&mut head);
+            let changed = ChunkDirectory {
+                head,
+                ..sound.clone()
+            };
+            let window = RowWindow::of_size([2, 64]);
+            let note = Attribute { name: "a", text: "b" };
+            let channels = vec![ExrChannel::new("R", SampleType::Float)];
+            let mut writer = changed.create("0-64.all.exr", window, channels, note).unwrap();
+            writer.write_rows(&[vec![0.0; 128].into()]).unwrap();
+            writer.finish().unwrap();
+            assert!(ChunkDirectory::all(out.path()).unwrap().is_empty(), "{name}");
+        }
     }
 
     #[test]

@@ -67,6 +67,7 @@ pub fn load(
             placement: request.camera,
             image_size: request.output.size,
         },
+        // An environment replaces the default light, ambient light only its background
         default_light: match (&request.environment, request.ambient) {
             (Some(_), _) => DefaultLight::None,
             (None, Some(_)) => DefaultLight::Sunlight,

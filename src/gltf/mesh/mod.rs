@@ -220,7 +220,7 @@ impl PrimitiveReader<'_> {
             };
             mesh.tangents = self.unit_tangents(tangents, &mesh.triangles);
         }
-        // Absent or unusable ones are computed once all primitives are read
+        // Absent or unusable ones are computed once all primitives are read, if there are coordinates
         let has_set = mesh.tex_coords.get(set).is_some_and(|set| !set.is_empty());
         self.missing_tangents = (mesh.tangents.is_none() && has_set).then_some(set);
         Ok(())

@@ -44,6 +44,7 @@ impl RenderContext<'_> {
                     let direction = direction(l);
                     (0..3).for_each(|axis| directions[axis][l] = direction[axis]);
                 }
+                // Look all directions up at once
                 let found = environment.map().look_up(&directions);
                 seen = found.radiance;
                 // Weight rays into lobes that light samples share

@@ -58,6 +58,7 @@ impl GroupFormat {
             2 => format.shifts = [1, 0],
             _ => format.shifts = [1, 2],
         }
+        // Literals follow the codes
         format.literals_start = 2 * bits;
         format.size = 2 * bits;
         let codes_per_byte = 8 / bits as usize;
@@ -173,6 +174,7 @@ impl InstructionSet for V3 {
     ) {
         let sse2 = self.sse2;
         let zero = sse2._mm_setzero_si128();
+        // Zigzag codes alternate in sign: even ones are positive
         match mode {
             ChannelMode::Bytes => {
                 let difference = |codes| {
@@ -220,6 +222,7 @@ fn accumulate(
     difference: impl Fn(__m128i) -> __m128i,
     add: impl Fn(__m128i, __m128i) -> __m128i,
 ) {
+    // Take sixteen codes of each plane at a time
     let (a, b) = (a.as_chunks::<GROUP_SIZE>().0, b.as_chunks::<GROUP_SIZE>().0);
     let (c, d) = (c.as_chunks::<GROUP_SIZE>().0, d.as_chunks::<GROUP_SIZE>().0);
     let groups = a

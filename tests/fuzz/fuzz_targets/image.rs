@@ -1,0 +1,24 @@
+//! Decodes an image as a texture and for comparison: PNG, JPEG, WebP, HDR or EXR.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use whit::image::{TransferCurve, load_image, read, read_size};
+use whit_fuzz::{InputFolder, MAX_TEXELS, start};
+
+fuzz_target!(init: start(), |data: &[u8]| {
+    let folder = InputFolder::new();
+    let path = folder.write("input.png", data);
+    let texture = read(&path, TransferCurve::Srgb, MAX_TEXELS);
+    // Comparisons allow larger images than fit into the time of an input
+    let Ok([width, height]) = read_size(&path) else {
+        assert!(texture.is_err(), "an image is decoded whose size cannot be read");
+        return;
+    };
+    if let Ok(texture) = &texture {
+        assert_eq!([texture.width, texture.height], [width, height]);
+    }
+    if u64::from(width) * u64::from(height) <= MAX_TEXELS {
+        let _ = load_image(&path);
+    }
+});

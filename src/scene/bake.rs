@@ -101,26 +101,22 @@ impl Scene {
         }
     }
 
-    /// Removes the triangles that lost their area when their vertices were moved and rounded to f32. Returns their numbers,
-    /// each with the name of an instance that they belonged to.
+    /// Removes the triangles that lost their area when their vertices were moved and rounded to f32, and sets vertices
+    /// that left its range to zero. Returns the numbers of triangles, each with the name of an instance that they
+    /// belonged to.
     pub(super) fn drop_rounded_triangles(&mut self) -> Vec<(String, Removed)> {
         let mut dropped = Vec::new();
         for (index, geometry) in self.geometries.iter_mut().enumerate() {
             let Geometry::Mesh(mesh) = geometry else { continue };
-            if !mesh_cleanup::scan(mesh).is_ok_and(|scan| scan.unusable > 0) {
-                continue;
-            }
             // Remove them, and name an instance of the mesh
-            let removed = mesh_cleanup::drop_unusable(mesh);
+            if mesh_cleanup::scan(mesh).is_ok_and(|scan| scan.unusable > 0) {
+                let mut instances = self.instances.iter();
+                let owner = instances.find(|instance| instance.geometry as usize == index);
+                let name = owner.map_or_else(String::new, |owner| owner.name.to_string());
+                dropped.push((name, mesh_cleanup::drop_unusable(mesh)));
+            }
+            // Vertices that no triangle uses may be beyond the range of f32
             mesh_cleanup::clear_non_finite_positions(mesh);
-            let owner = self
-                .instances
-                .iter()
-                .find(|instance| instance.geometry as usize == index);
-            dropped.push((
-                owner.map_or_else(String::new, |owner| owner.name.to_string()),
-                removed,
-            ));
         }
         dropped
     }
@@ -212,10 +208,10 @@ mod tests {
 
     #[test]
     fn triangles_that_normalisation_collapses_are_dropped() {
-        // A triangle of size 1e-3 beside one of 1e9: moved by half of that, its corners round to one point
-        let corners = |size: f32| [[0.0; 3], [size, 0.0, 0.0], [0.0, size, 0.0]];
+        // Scaled by 1e-30, the corners of the small triangle are below the smallest f32
+        let corners = |size: f32| vec![[0.0; 3], [size, 0.0, 0.0], [0.0, size, 0.0]];
         let mesh = Mesh {
-            positions: [corners(1e9), corners(1e-3)].concat().into(),
+            positions: [corners(1e30), corners(1e-16)].concat().into(),
             triangles: vec![[0, 1, 2], [3, 4, 5]].into(),
             ..Mesh::default()
         };
@@ -230,6 +226,25 @@ mod tests {
         assert_eq!(scene.geometries[0].primitive_count(), 1);
         assert_eq!(scene.warnings, ["both had 1 triangle without an area: dropped"]);
         assert!(scene.validate().is_ok());
+    }
+
+    #[test]
+    fn unused_vertices_that_normalisation_takes_beyond_all_numbers_become_zero() {
+        let corners = [[0.0; 3], [1e-20, 0.0, 0.0], [0.0, 1e-20, 0.0]];
+        let mesh = Mesh {
+            positions: [&corners[..], &[[1e30; 3]]].concat().into(),
+            triangles: vec![[0, 1, 2]].into(),
+            ..Mesh::default()
+        };
+        let bounds = [mesh_cleanup::scan(&mesh).unwrap().bounds];
+        let mut scene = Scene {
+            geometries: vec![Geometry::Mesh(mesh)],
+            materials: vec![Material::default()],
+            instances: vec![Instance::new("tiny", 0, 0, DAffine3::IDENTITY).unwrap()],
+            ..Scene::default()
+        };
+        scene.normalise_and_bake(Normalisation::fitting(&bounds[0]), &bounds);
+        assert!(scene.warnings.is_empty() && scene.validate().is_ok());
     }
 
     #[test]

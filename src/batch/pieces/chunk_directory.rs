@@ -400,15 +400,16 @@ mod tests {
 
     #[test]
     fn pieces_with_metadata_out_of_range_are_ignored() {
-        let changes: [(&str, &dyn Fn(&mut FrameMetadata)); 6] = [
-            ("absolute path", &|head| head.image = "/tmp/a.exr".into()),
-            ("path out of the folder", &|head| {
+        type Change = fn(&mut FrameMetadata);
+        let changes: [(&str, Change); 6] = [
+            ("absolute path", |head| head.image = "/tmp/a.exr".into()),
+            ("path out of the folder", |head| {
                 head.image = "../a.exr".into();
             }),
-            ("no name", &|head| head.image = "".into()),
-            ("too many pixels", &|head| head.size = [1 << 16; 2]),
-            ("no shares", &|head| head.shares = 0),
-            ("too many shares", &|head| head.shares = u32::MAX),
+            ("no name", |head| head.image = "".into()),
+            ("too many pixels", |head| head.size = [1 << 16; 2]),
+            ("no shares", |head| head.shares = 0),
+            ("too many shares", |head| head.shares = u32::MAX),
         ];
         for (name, change) in changes {
             let out = tempfile::tempdir().unwrap();

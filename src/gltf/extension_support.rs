@@ -37,6 +37,9 @@ fn support(name: &str) -> ExtensionSupport {
         "KHR_materials_sheen" => {
             ExtensionSupport::Approximated("its fibres reflect lights and the environment, but no objects")
         }
+        "KHR_materials_volume_scatter" => ExtensionSupport::Approximated(
+            "light that diffuse transmission lets in scatters by diffusion; clear interiors do not scatter",
+        ),
         // Metadata, interaction, sound, physics, and structures for programs that edit or stream. Of levels of detail
         // the finest is rendered; primitives that another one with restart indices may replace are rendered themselves.
         "AGI_articulations"
@@ -77,9 +80,7 @@ fn support(name: &str) -> ExtensionSupport {
 /// Returns what an image lacks without the extension.
 fn loss(name: &str) -> &'static str {
     match name {
-        "KHR_materials_volume_scatter" | "KHR_materials_subsurface" => {
-            "light does not scatter inside materials"
-        }
+        "KHR_materials_subsurface" => "light does not scatter inside materials",
         "KHR_animation_pointer" => "only nodes and morph targets are animated",
         "KHR_texture_basisu" => {
             "this program was built without the feature `basisu`; textures use their PNG or JPEG image, or are left out"

@@ -36,6 +36,7 @@ pub use node::animation::AnimationTime;
 
 use crate::mesh::Mesh;
 use crate::numeric::Bounds;
+use crate::optics::subsurface::Dipole;
 use crate::parallel;
 use crate::scene::{CameraRequest, EffectSet, Geometry, ImageCache, Instance, Normalisation, Scene};
 use crate::shading::fold_constant_textures;
@@ -419,6 +420,7 @@ impl GltfDocument {
         if scene.lights.is_empty() {
             options.default_light.apply(&mut scene);
         }
+        drop_unusable_scattering(&mut scene);
         // Validate the scene, then fold constant textures
         truncate_warnings(&mut scene.warnings);
         match scene.validate_structure(&bounds) {
@@ -443,6 +445,16 @@ impl GltfDocument {
             file: self.file.clone(),
             fault,
         }
+    }
+}
+
+/// Removes the subsurface scattering of materials of points, which have no interior, and scattering that is beyond the
+/// range of the coefficients in the units of the scene.
+fn drop_unusable_scattering(scene: &mut Scene) {
+    for instance in &scene.instances {
+        let is_points = matches!(scene.geometries[instance.geometry as usize], Geometry::Points(_));
+        let scattering = &mut scene.materials[instance.material as usize].subsurface;
+        scattering.take_if(|scattering| is_points || Dipole::new(scattering).is_err());
     }
 }
 

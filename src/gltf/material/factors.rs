@@ -5,7 +5,7 @@ use json::validation::Checked;
 use serde_json::{Map, Value};
 
 use crate::gltf::extension::{Corrections, Extension};
-use crate::gltf::material::medium::interior;
+use crate::gltf::material::medium::{interior, scattering};
 use crate::gltf::material::specular_glossiness::SpecularGlossiness;
 use crate::scene::{
     AlphaMode, Anisotropy, Clearcoat, Iridescence, Material, MetallicRoughness, Model, Sheen, Translucency,
@@ -42,14 +42,24 @@ pub(super) fn surface(source: &json::Material, corrections: &mut Corrections) ->
         let x = corrections.within("emissiveFactor", f64::from(x), 0.0..=max, 0.0);
         (x * strength).min(max) as f32
     });
+    // Let light that enters an interior diffusely scatter below the surface
+    let mut translucency = translucency(extensions, model.transmission, corrections);
+    let mut base_color = specular_glossiness
+        .as_ref()
+        .map_or(base_color, |source| source.diffuse);
+    let subsurface = translucency.and_then(|_| scattering(extensions, corrections));
+    if let Some(Translucency { factor, color }) = translucency.take_if(|_| subsurface.is_some()) {
+        (0..3).for_each(|c| base_color[c] += factor * (color[c] - base_color[c]));
+    }
     Material {
-        translucency: translucency(extensions, model.transmission, corrections),
+        translucency,
+        subsurface,
         interior: match &specular_glossiness {
             Some(source) => Some(source.interior()),
             None => interior(extensions, model.transmission > 0.0, corrections),
         },
         model: Model::MetallicRoughness(model),
-        base_color: specular_glossiness.map_or(base_color, |source| source.diffuse),
+        base_color,
         clearcoat: clearcoat(extensions, corrections),
         sheen: sheen(extensions, corrections),
         anisotropy: anisotropy(extensions, corrections),

@@ -1,4 +1,5 @@
-//! Media inside surfaces: `KHR_materials_ior`, `KHR_materials_volume` and `KHR_materials_dispersion`.
+//! Media inside surfaces: `KHR_materials_ior`, `KHR_materials_volume`, `KHR_materials_dispersion` and the draft
+//! `KHR_materials_volume_scatter`.
 //!
 //! A thickness of zero makes a thin wall that light crosses straight, and that reflects the Fresnel reflectance once, as
 //! `KHR_materials_transmission` defines it; any other makes an interior. The path of light through the interior is
@@ -7,11 +8,14 @@
 use serde_json::{Map, Value};
 
 use crate::gltf::extension::{Corrections, Extension};
+use crate::optics::subsurface::{ETA_RANGE, Scattering};
 use crate::optics::{Absorption, Cauchy, Dispersion, MIN_WAVELENGTH};
 use crate::scene::{DEFAULT_IOR, MAX_OPAQUE_IOR, Medium, MediumKind};
 
 /// Largest index of refraction that a scene accepts for a surface that transmits light.
 const MAX_IOR: f64 = 16.0;
+/// Largest number of changes of direction in a metre that a file may give; the smallest is its inverse.
+const MAX_EXTINCTION: f64 = 1e12;
 /// Index of refraction of an opaque surface whose reflectance at normal incidence rounds to 1 in f32: an index of 0, and
 /// any larger index, request it.
 pub(in crate::gltf) const REFLECTING_IOR: f64 = MAX_OPAQUE_IOR;
@@ -81,6 +85,35 @@ fn absorption(volume: &Extension, corrections: &mut Corrections) -> Absorption {
     Absorption::from_color(color, distance)
 }
 
+/// Returns the subsurface scattering of a surface that lets light into its interior diffusely, with the reflectance
+/// that the surface has in uniform light; `None` for a thin surface, or if the interior does not scatter.
+///
+/// The draft <https://github.com/KhronosGroup/glTF/pull/2453> gives the colour of the light that is scattered many
+/// times, and the extinction by the attenuation of `KHR_materials_volume`. Scattering that is peaked forward changes
+/// directions less often, by one minus the mean cosine.
+pub(in crate::gltf) fn scattering(
+    extensions: Option<&Map<String, Value>>,
+    corrections: &mut Corrections,
+) -> Option<Scattering> {
+    let volume = Extension::of(extensions, "KHR_materials_volume", corrections);
+    let scatter = Extension::of(extensions, "KHR_materials_volume_scatter", corrections);
+    // Read the colour and the mean cosine of scattering
+    let reflectance = scatter.vector("multiscatterColor", [0.0; 3], 0.0..=1.0, corrections);
+    let mean_cosine = scatter.number("scatterAnisotropy", 0.0, -1.0..=1.0, corrections);
+    let thickness = volume.number("thicknessFactor", 0.0, 0.0..=f64::MAX, corrections);
+    let extinction = absorption(&volume, corrections).sigma_a;
+    if thickness == 0.0 || reflectance == [0.0; 3] || extinction == [0.0; 3] {
+        return None;
+    }
+    let stated = Extension::of(extensions, "KHR_materials_ior", corrections);
+    let ior = stated.number("ior", DEFAULT_IOR, 0.0..=REFLECTING_IOR, corrections);
+    // Convert the extinction to the path between two changes of direction
+    let reduced = extinction.map(|sigma| sigma * (1.0 - mean_cosine));
+    let mean_free_path = reduced.map(|sigma| sigma.clamp(MAX_EXTINCTION.recip(), MAX_EXTINCTION).recip());
+    let eta = ior.clamp(*ETA_RANGE.start(), *ETA_RANGE.end());
+    Scattering::from_reflectance(reflectance, mean_free_path, eta).ok()
+}
+
 #[cfg(test)]
 mod tests {
     use serde_json::json;
@@ -127,6 +160,40 @@ mod tests {
         let ln2 = std::f64::consts::LN_2;
         assert_eq!(found.absorption.sigma_a, [0.0, ln2 / 2.0, ln2]);
         assert_eq!(found.ior, Dispersion::Cauchy(Cauchy::from_gltf(1.6, 0.5)));
+    }
+
+    #[test]
+    fn interior_that_scatters_has_the_reflectance_and_the_path_of_its_volume() {
+        let read = |volume: Value, scatter: Value| {
+            let extensions = json!({"KHR_materials_volume": volume, "KHR_materials_volume_scatter": scatter});
+            scattering(extensions.as_object(), &mut Corrections::default())
+        };
+        let half = (-0.5f64).exp();
+        let volume = |thickness: f64| json!({"thicknessFactor": thickness, "attenuationColor": [half, half, half], "attenuationDistance": 0.25});
+        let wax = json!({"multiscatterColor": [0.9, 0.6, 0.2]});
+        // An extinction of 2 per metre and a mean cosine of 0.5: a change of direction each metre
+        let forward = json!({"multiscatterColor": [0.9, 0.6, 0.2], "scatterAnisotropy": 0.5});
+        let exact = |path: f64| Scattering::from_reflectance([0.9, 0.6, 0.2], [path; 3], 1.5).unwrap();
+        for (scatter, path) in [(wax.clone(), 0.5), (forward, 1.0)] {
+            let (found, exact) = (read(volume(1.0), scatter).unwrap(), exact(path));
+            for c in 0..3 {
+                let ratio = found.sigma_s_reduced[c] / exact.sigma_s_reduced[c];
+                assert!((ratio - 1.0).abs() < 1e-12, "{found:?}, not {exact:?}");
+            }
+        }
+        // Thin, black, and clear interiors do not scatter
+        assert!(read(volume(0.0), wax.clone()).is_none());
+        assert!(read(volume(1.0), json!({})).is_none());
+        assert!(read(json!({"thicknessFactor": 1}), wax.clone()).is_none());
+        // A clear channel is finite
+        let red = json!({"thicknessFactor": 1, "attenuationColor": [1, 0.5, 0.5], "attenuationDistance": 1});
+        assert!(
+            read(red, wax)
+                .unwrap()
+                .sigma_s_reduced
+                .iter()
+                .all(|sigma| sigma.is_finite())
+        );
     }
 
     #[test]

@@ -415,6 +415,27 @@ mod tests {
     }
 
     #[test]
+    fn volume_that_scatters_replaces_diffuse_transmission() {
+        let extensions = |thickness: f64| {
+            json!({
+                "KHR_materials_diffuse_transmission": {
+                    "diffuseTransmissionFactor": 0.75, "diffuseTransmissionColorFactor": [1, 0.5, 0]
+                },
+                "KHR_materials_volume": {
+                    "thicknessFactor": thickness, "attenuationColor": [0.5, 0.5, 0.5], "attenuationDistance": 1
+                },
+                "KHR_materials_volume_scatter": {"multiscatterColor": [0.9, 0.8, 0.7]}
+            })
+        };
+        let wax = with_extensions(extensions(1.0)).material;
+        assert!(wax.scatters().is_some() && wax.translucent().is_none());
+        // Three quarters of the white base have the colour of the light that enters
+        assert_eq!(wax.base_color, [1.0, 0.625, 0.25, 1.0]);
+        let leaf = with_extensions(extensions(0.0)).material;
+        assert!(leaf.scatters().is_none() && leaf.translucent().is_some());
+    }
+
+    #[test]
     fn diffuse_transmission_makes_a_thin_surface_without_specular_transmission() {
         let diffuse =
             json!({"diffuseTransmissionFactor": 0.25, "diffuseTransmissionColorFactor": [0, 1, 0.5]});

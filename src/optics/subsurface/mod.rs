@@ -27,5 +27,7 @@ pub use dipole::Dipole;
 pub use mesh_samples::{MAX_SAMPLES, SurfaceSample, SurfaceSamples, surface_samples};
 pub use octree::{DEFAULT_SOLID_ANGLE, IrradianceSample, IrradianceTree};
 pub use presets::SubsurfacePreset;
-pub use scattering::{Scattering, ScatteringError, diffuse_fresnel_reflectance, diffuse_transmittance};
+pub use scattering::{
+    ETA_RANGE, Scattering, ScatteringError, diffuse_fresnel_reflectance, diffuse_transmittance,
+};
 pub use shape_samples::lattice_samples;

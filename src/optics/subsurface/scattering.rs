@@ -6,7 +6,7 @@ use thiserror::Error;
 const MAX_SIGMA: f64 = 1e15;
 
 /// Range of indices over which the fit of the diffuse Fresnel reflectance holds.
-const ETA_RANGE: std::ops::RangeInclusive<f64> = 1.0..=2.0;
+pub const ETA_RANGE: std::ops::RangeInclusive<f64> = 1.0..=2.0;
 
 /// Homogeneous medium in which light is scattered so often that diffusion describes it.
 #[derive(Clone, Copy, Debug, PartialEq)]

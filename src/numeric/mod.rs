@@ -7,6 +7,7 @@ use std::ops::AddAssign;
 
 mod animated_transform;
 mod bounds;
+pub(crate) mod cumulative;
 mod double_double;
 pub(crate) mod lane_math;
 pub(crate) mod morton;

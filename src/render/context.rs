@@ -8,7 +8,7 @@ use super::adaptive::ROUND;
 use super::aov::{AovKind, AovSet, LightAovs, LightGroups, MatteIds, PixelCostBuffer};
 use super::camera::{MovingCamera, ScreenMotion};
 use super::film::{PixelFilter, SampleFilm};
-use super::lighting::{AreaLightSampler, Environment, area_lights};
+use super::lighting::{AreaLightSampler, CombinedSampling, Environment, area_lights};
 use super::plan::Plan;
 use super::profile::ThreadMemory;
 use super::sampler::{PacketShape, SampleGroup, SampleLayout};
@@ -20,7 +20,7 @@ use crate::accel::{Accel, Coherence, MAX_BATCH, RayPacket};
 use crate::numeric::{LANES, Lanes, Ray};
 use crate::optics::{InteriorStack, NestedInterior, SpectralSampler};
 use crate::scene::image_settings::{Pattern, VisibleBackground};
-use crate::scene::{Background, Camera, CameraView, Effect, EffectSet, Instance, LensView, Scene, Shutter};
+use crate::scene::{Background, Camera, CameraView, Effect, EffectSet, LensView, Scene, Shutter};
 use crate::shading::ray_cone::RayCone;
 
 /// Largest number of surfaces that are crossed when the interiors around the camera are determined.
@@ -81,10 +81,8 @@ pub(super) struct RenderContext<'s> {
     /// Area lights, indexed like the lights of the scene (`None` for others); empty if no area light is simulated.
     pub(super) area_lights: Vec<Option<AreaLightSampler<'s>>>,
     pub(super) environment: Option<Environment>,
-    /// True if lobe rays and light samples of the environment map are combined, because both reach the map by the same
-    /// paths. Light samples pass straight through what refracts lobe rays, so scenes with refraction use lobe rays
-    /// alone.
-    pub(super) combines_samples: bool,
+    /// Lights that reach rough lobes both by light samples and by lobe rays.
+    pub(super) combined: CombinedSampling,
     /// Number of camera packets whose complete ray trees are traced before the next packets begin.
     pub(super) wave: usize,
     /// Objects with subsurface scattering, once their irradiance is computed.
@@ -107,6 +105,11 @@ impl<'s> RenderContext<'s> {
         let even_count = settings.target().map_or(settings.spp, |_| ROUND);
         let layout = SampleLayout::new(settings.pattern, even_count);
         let groups = shape.groups(layout, settings.spp);
+        let lights_with_extent = match effects.has(Effect::AreaLight) {
+            true => area_lights(scene, effects),
+            false => Vec::new(),
+        };
+        let combined = CombinedSampling::of(scene, &plan, &lights_with_extent);
         // Build the context without what depends on it
         let mut frame = RenderContext {
             scene,
@@ -150,13 +153,9 @@ impl<'s> RenderContext<'s> {
                 .has(AovKind::Motion)
                 .then(|| ScreenMotion::new(camera, [settings.width, settings.height])),
             shutter: camera.shutter,
-            area_lights: if effects.has(Effect::AreaLight) {
-                area_lights(scene, effects)
-            } else {
-                Vec::new()
-            },
+            combined,
+            area_lights: lights_with_extent,
             environment: Environment::of(scene, effects),
-            combines_samples: RenderContext::may_combine_samples(scene, effects),
             wave: camera_packets(scene, effects),
             bodies: None,
         };
@@ -202,16 +201,6 @@ impl<'s> RenderContext<'s> {
     #[inline(always)]
     pub(super) fn effects(&self) -> EffectSet {
         self.plan.effects()
-    }
-
-    /// Returns whether lobe rays and light samples of the environment map reach it by the same paths.
-    fn may_combine_samples(scene: &Scene, effects: EffectSet) -> bool {
-        let needed = [Effect::RoughReflection, Effect::Environment, Effect::Shadow];
-        let transmits = |instance: &Instance| scene.materials[instance.material as usize].transmits();
-        // Look for a surface that refracts light
-        let refracts = effects.has(Effect::Refraction) && scene.instances.iter().any(transmits);
-        let lights = matches!(scene.background, Background::Environment { samples: 1.., .. });
-        lights && needed.iter().all(|&effect| effects.has(effect)) && !refracts
     }
 
     /// Sets the ray cones of camera rays for `count` evenly distributed samples per pixel.

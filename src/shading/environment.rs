@@ -12,15 +12,18 @@
 //! cell, so stratified numbers give stratified directions. The density is positive wherever radiance is, and L / pdf is
 //! constant within a row of cells except for colour and sin θ.
 
+mod lanes;
+
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
-use multiversion::multiversion;
 
 use crate::image::LinearImage;
-use crate::numeric::{LANES, Lanes, Lanes3, lane_math, warp};
+use crate::numeric::{cumulative, lane_math, warp};
 
-/// Equirectangular environment map with sampling tables; they take 8 bytes per texel in addition to the image.
+pub use lanes::{EnvironmentLanes, EnvironmentSamples};
+
+/// Equirectangular environment map with sampling tables; they take 12 bytes per texel in addition to the image.
 #[derive(Clone, Debug)]
 pub struct EnvironmentMap {
     width: usize,
@@ -30,18 +33,14 @@ pub struct EnvironmentMap {
     turned: [f64; 2],
     /// Cumulative sums, along each row of cells, of luminance times solid angle (up to a constant factor).
     cumulative_cells: Vec<f64>,
+    /// First steps of the searches in `cumulative_cells`: see [`cumulative::guide`].
+    cell_guide: Vec<u32>,
     /// Cumulative sums of the totals of the rows of cells.
     cumulative_rows: Vec<f64>,
+    /// First steps of the searches in `cumulative_rows`.
+    row_guide: Vec<u32>,
     /// Densities per steradian of the rows of cells, per unit of luminance over the sine of the angle from +y.
     row_densities: Vec<f64>,
-}
-
-/// Radiance from sixteen directions, and the densities with which they are sampled.
-pub struct EnvironmentLanes {
-    /// Radiance from each direction, linear RGB.
-    pub radiance: Lanes3<f32>,
-    /// Densities per steradian; see [`EnvironmentMap::pdf`].
-    pub pdf: Lanes<f64>,
 }
 
 /// Direction sampled from an environment map, with its radiance and density.
@@ -102,7 +101,9 @@ impl EnvironmentMap {
     pub fn byte_count(&self) -> usize {
         size_of_val(&self.texels[..])
             + size_of_val(&self.cumulative_cells[..])
+            + size_of_val(&self.cell_guide[..])
             + size_of_val(&self.cumulative_rows[..])
+            + size_of_val(&self.row_guide[..])
             + size_of_val(&self.row_densities[..])
     }
 
@@ -144,7 +145,9 @@ impl EnvironmentMap {
             texels: pixels,
             turned: [rotation.sin(), rotation.cos()],
             cumulative_cells: Vec::new(),
+            cell_guide: Vec::new(),
             cumulative_rows: Vec::new(),
+            row_guide: Vec::new(),
             row_densities: Vec::new(),
         };
         map.build_tables();
@@ -167,10 +170,15 @@ impl EnvironmentMap {
             total += sum;
             cumulative_rows.push(total);
         }
+        self.cell_guide = Vec::with_capacity(cumulative_cells.len());
+        for row in cumulative_cells.chunks_exact(self.width) {
+            cumulative::guide(row, &mut self.cell_guide);
+        }
+        cumulative::guide(&cumulative_rows, &mut self.row_guide);
         (self.cumulative_cells, self.cumulative_rows) = (cumulative_cells, cumulative_rows);
         // Divide the density of each row over the unit square of its cells, weight · L / (total / 4), by Δφ Δθ
         let density = |row: usize| {
-            let [above, below] = self.row_angles(row);
+            let [above, below] = self.row_angles(row as f64);
             4.0 * self.row_weight(row) / (total * (TAU / self.width as f64 * (below - above)))
         };
         self.row_densities = (0..=self.height).map(density).collect();
@@ -182,11 +190,6 @@ impl EnvironmentMap {
         self.radiance_at(self.image_position(direction))
     }
 
-    /// Returns the radiance from `directions`, unit vectors in world space, and their densities.
-    pub fn look_up(&self, directions: &Lanes3<f64>) -> EnvironmentLanes {
-        look_up_lanes(self, directions)
-    }
-
     /// Samples a direction with the random numbers `u` in [0, 1)². Returns `None` if the map is black, and exactly at a
     /// pole.
     #[inline]
@@ -196,9 +199,8 @@ impl EnvironmentMap {
             return None;
         }
         // Sample a row of cells, then a cell within the row
-        let (row, down) = invert(&self.cumulative_rows, u[1]);
-        let cells = &self.cumulative_cells[row * self.width..(row + 1) * self.width];
-        let (column, across) = invert(cells, u[0]);
+        let (row, down) = self.sample_row(u[1]);
+        let (column, across) = self.sample_column(row, u[0]);
         // Sample the position within the cell by its bilinear luminance
         let [a, b, c, d] = self.corners(column, row);
         let t = warp::linear(a + b, c + d, down);
@@ -229,6 +231,19 @@ impl EnvironmentMap {
         if pdf < f64::INFINITY { pdf } else { 0.0 }
     }
 
+    /// Samples a row of cells, and the position within the row's share of the random number.
+    #[inline(always)]
+    fn sample_row(&self, u: f64) -> (usize, f64) {
+        cumulative::invert(&self.cumulative_rows, &self.row_guide, u)
+    }
+
+    /// Samples a cell of a row like [`EnvironmentMap::sample_row`].
+    #[inline(always)]
+    fn sample_column(&self, row: usize, u: f64) -> (usize, f64) {
+        let cells = row * self.width..(row + 1) * self.width;
+        cumulative::invert(&self.cumulative_cells[cells.clone()], &self.cell_guide[cells], u)
+    }
+
     /// Returns four times the sum over all cells of mean luminance times [`EnvironmentMap::row_weight`].
     #[inline(always)]
     fn total(&self) -> f64 {
@@ -249,15 +264,15 @@ impl EnvironmentMap {
 
     /// Returns the two angles from +y between which a row of cells lies.
     #[inline(always)]
-    fn row_angles(&self, row: usize) -> [f64; 2] {
+    fn row_angles(&self, row: f64) -> [f64; 2] {
         let angle = |middle: f64| PI * (middle / self.height as f64).clamp(0.0, 1.0);
-        [angle(row as f64 - 0.5), angle(row as f64 + 0.5)]
+        [angle(row - 0.5), angle(row + 0.5)]
     }
 
     /// Returns the solid angle of a row of cells divided by 2π: a difference of cosines, computed as a product.
     #[inline(always)]
     fn row_weight(&self, row: usize) -> f64 {
-        let [above, below] = self.row_angles(row);
+        let [above, below] = self.row_angles(row as f64);
         2.0 * (0.5 * (above + below)).sin() * (0.5 * (below - above)).sin()
     }
 
@@ -328,45 +343,23 @@ impl EnvironmentMap {
 
     /// Returns the unit vector toward a position in the image, and the sine of its angle from +y.
     #[inline(always)]
-    fn direction(&self, image_position: ImagePosition) -> (DVec3, f64) {
-        let [above, below] = self.row_angles(image_position.row);
-        let [sin_angle, cos_angle] = lane_math::sin_cos(above + image_position.fraction[1] * (below - above));
-        let across = (image_position.column as f64 + 0.5 + image_position.fraction[0]) / self.width as f64;
+    fn direction(&self, position: ImagePosition) -> (DVec3, f64) {
+        let (direction, sine) =
+            self.direction_at([position.column as f64, position.row as f64], position.fraction);
+        (direction.into(), sine)
+    }
+
+    /// Returns the unit vector toward a position in a cell, and the sine of its angle from +y.
+    #[inline(always)]
+    fn direction_at(&self, [column, row]: [f64; 2], fraction: [f64; 2]) -> ([f64; 3], f64) {
+        let [above, below] = self.row_angles(row);
+        let [sin_angle, cos_angle] = lane_math::sin_cos(above + fraction[1] * (below - above));
+        let across = (column + 0.5 + fraction[0]) / self.width as f64;
         let [sin_turn, cos_turn] = lane_math::sin_cos(TAU * (across - 0.5));
         let (x, z) = (sin_angle * sin_turn, -sin_angle * cos_turn);
         let [sin, cos] = self.turned;
-        (
-            DVec3::new(cos * x + sin * z, cos_angle, cos * z - sin * x),
-            sin_angle,
-        )
+        ([cos * x + sin * z, cos_angle, cos * z - sin * x], sin_angle)
     }
-}
-
-#[multiversion(targets(
-    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
-    "x86_64+avx2+bmi1+bmi2+fma"
-))]
-fn look_up_lanes(map: &EnvironmentMap, directions: &Lanes3<f64>) -> EnvironmentLanes {
-    // Compute coordinates and sines in all lanes
-    let (mut across, mut down, mut sines) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    for l in 0..LANES {
-        let [x, y, z] = [0, 1, 2].map(|axis| directions[axis][l]);
-        [across[l], down[l]] = map.cell_coordinates([x, y, z]);
-        sines[l] = (x * x + z * z).sqrt();
-    }
-    // Interpolate between texels
-    let mut found = EnvironmentLanes {
-        radiance: [[0.0; LANES]; 3],
-        pdf: [0.0; LANES],
-    };
-    for l in 0..LANES {
-        let position = map.position_at([across[l], down[l]]);
-        let radiance = map.radiance_at(position);
-        (0..3).for_each(|channel| found.radiance[channel][l] = radiance[channel]);
-        let pdf = map.pdf_at(position.row, sines[l], radiance);
-        found.pdf[l] = if pdf < f64::INFINITY { pdf } else { 0.0 };
-    }
-    found
 }
 
 /// Returns the luminance of a linear RGB colour.
@@ -377,27 +370,10 @@ fn luminance(color: [f32; 3]) -> f64 {
         .sum()
 }
 
-/// Inverts cumulative sums: returns the index of the step that contains the fraction `u` of the last sum, and the
-/// position within that step, in [0, 1]. Never selects a step of zero; the last sum must be positive.
-#[inline(always)]
-fn invert(cumulative: &[f64], u: f64) -> (usize, f64) {
-    let last = cumulative.len() - 1;
-    let target = u * cumulative[last];
-    let mut chosen = cumulative.partition_point(|&sum| sum <= target).min(last);
-    // Rounding may carry the target to the end, where steps of zero may follow.
-    while chosen > 0 && cumulative[chosen] == cumulative[chosen - 1] {
-        chosen -= 1;
-    }
-    let before = if chosen == 0 { 0.0 } else { cumulative[chosen - 1] };
-    (
-        chosen,
-        ((target - before) / (cumulative[chosen] - before)).clamp(0.0, 1.0),
-    )
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::numeric::{LANES, Lanes};
 
     fn map(width: u32, height: u32, rotation: f64, texel: impl Fn(u32, u32) -> [f32; 3]) -> EnvironmentMap {
         let pixels = (0..width * height).map(|i| texel(i % width, i / width)).collect();
@@ -482,6 +458,36 @@ mod tests {
                 // Fused operations round otherwise
                 assert!((0..3).all(|c| (radiance[c] - expected[c]).abs() <= 1e-6 * expected[c] + 1e-9));
                 assert!((found.pdf[l] - pdf).abs() <= 1e-6 * pdf + 1e-9, "{direction}");
+            }
+        }
+    }
+
+    #[test]
+    fn sixteen_samples_have_the_bits_of_single_ones() {
+        for map in [
+            speckled_map(),
+            map(1, 1, 0.3, |_, _| [0.5; 3]),
+            map(5, 1, 0.0, |x, _| [x as f32, 0.0, 1.0]),
+            map(64, 33, 2.0, |x, y| [(x * y % 7) as f32, (x % 3) as f32, 0.25]),
+            map(3, 2, 0.0, |_, _| [0.0; 3]),
+        ] {
+            // Both ends, the steps of the speckled map, and even numbers
+            let ends = [0.0, 0.25, 0.5, 0.75, 1.0 - 0.5 * f64::EPSILON];
+            let pairs = ends.into_iter().flat_map(|a| ends.map(|b| [a, b]));
+            let pairs: Vec<[f64; 2]> = pairs.chain(midpoints(20)).collect();
+            for packet in pairs.chunks_exact(LANES) {
+                let u: [Lanes<f64>; 2] = [0, 1].map(|axis| std::array::from_fn(|l| packet[l][axis]));
+                let found = map.sample_packet(&u);
+                for l in 0..LANES {
+                    let Some(single) = map.sample(packet[l]) else {
+                        assert_eq!(found.pdf[l], 0.0);
+                        continue;
+                    };
+                    let direction = DVec3::from([0, 1, 2].map(|axis| found.direction[axis][l]));
+                    let radiance = [0, 1, 2].map(|channel| found.radiance[channel][l]);
+                    assert_eq!((direction, radiance), (single.direction, single.radiance));
+                    assert_eq!(found.pdf[l], single.pdf, "{:?}", packet[l]);
+                }
             }
         }
     }

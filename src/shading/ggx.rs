@@ -41,6 +41,12 @@ pub struct LobeSample {
 }
 
 impl Ggx {
+    /// Lobe of a mirror.
+    pub const SMOOTH: Ggx = Ggx {
+        alpha: 0.0,
+        aspect: 1.0,
+    };
+
     /// Creates the lobe of a perceptual roughness from 0 (a mirror) to 1: alpha is its square.
     pub fn from_roughness(roughness: f64) -> Ggx {
         Ggx {

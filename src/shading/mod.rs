@@ -22,7 +22,9 @@ mod tests;
 mod texture;
 mod thin_film;
 
-pub use environment::{EnvironmentError, EnvironmentLanes, EnvironmentMap, EnvironmentSample};
+pub use environment::{
+    EnvironmentError, EnvironmentLanes, EnvironmentMap, EnvironmentSample, EnvironmentSamples,
+};
 pub use ggx::{Ggx, LobeSample};
 pub use layer::LayerLanes;
 pub use lobe_albedo::LobeAlbedo;

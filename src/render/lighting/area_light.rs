@@ -7,7 +7,7 @@
 //! which one ray splits at a surface use the same points.
 //!
 //! Smooth surfaces see emissive objects by mirror rays. Shadow rays to these lights therefore leave out the specular
-//! lobe, which would count twice.
+//! lobe, which would count twice. Rough lobes are shared with lobe rays ([`super::combined_sampling`]).
 
 use glam::DVec3;
 use multiversion::multiversion;
@@ -19,39 +19,7 @@ use super::area_light_sampler::AreaLightSampler;
 use super::direct::{self, IncidentLight, ShadingContext};
 use super::sample_index::{PixelSample, SampleIndex};
 use crate::numeric::{LANES, Lanes};
-use crate::scene::{Effect, LightKind, LightSamplePacket, MIRROR_ROUGHNESS};
-use crate::shading::MaterialPacket;
-
-impl<'a> ShadingContext<'a> {
-    /// Returns the surfaces with the materials for lights that rays can hit.
-    pub(in crate::render) fn without_sampled_lobes(&self) -> ShadingContext<'a> {
-        let materials = self.materials;
-        ShadingContext {
-            materials: self
-                .without_sampled_lobes
-                .get_or_init(|| without_sampled_lobes(materials)),
-            ..*self
-        }
-    }
-}
-
-/// Returns the materials for lights that rays can hit: without a specular lobe where a mirror ray or lobe rays sample
-/// it, and without the highlight where the Phong model has a reflected ray.
-pub(super) fn without_sampled_lobes(materials: &MaterialPacket) -> MaterialPacket {
-    let mut without = materials.clone();
-    for l in 0..LANES {
-        // Mirror rays or lobe rays sample this lobe
-        if materials.roughness[l] <= MIRROR_ROUGHNESS || materials.has_lobe(l) {
-            without.roughness[l] = 0.0;
-        }
-        let extended = &mut without.extended;
-        // The reflected ray of the Phong model samples its highlight
-        if extended.is_phong[l] && (0..3).any(|c| extended.reflection[c][l] != 0.0) {
-            (0..3).for_each(|c| extended.specular_color[c][l] = 0.0);
-        }
-    }
-    without
-}
+use crate::scene::{Effect, LightKind, LightSamplePacket};
 
 /// Returns the incident light of `radiance` from sampled points, divided by `count`, at the surfaces that were hit.
 #[multiversion(targets(
@@ -95,13 +63,17 @@ impl ShadingState<'_, '_> {
         let Some(Some(shape)) = frame.area_lights.get(number) else {
             return true;
         };
-        // Leave out lobes that secondary rays sample already
+        // Share lobes with lobe rays, or leave out lobes that secondary rays sample already
         let effects = frame.effects();
         let is_mirrored = shape.is_seen() && (effects.has(Effect::Reflection) || effects.has_lobes());
-        let lit = if is_mirrored {
-            lit.without_sampled_lobes()
+        let is_combined = shape.is_seen() && frame.combined.has_emissive_objects();
+        let (lit, lobe_rays) = if is_combined {
+            let (lit, counts) = self.with_shared_lobes(traced, lit, stage);
+            (lit, Some(counts))
+        } else if is_mirrored {
+            (lit.without_sampled_lobes(), None)
         } else {
-            *lit
+            (*lit, None)
         };
         // Draw the samples, from all hit points at once if no surface of the scene emits the light
         let view = shape.view_packet(&lit.points.p);
@@ -119,22 +91,26 @@ impl ShadingState<'_, '_> {
                     let samples = shape.sample_packet(view, &lit.points.p, &numbers);
                     incident_light(&samples, &lit.points.hit, light.intensity, count)
                 }
-                None => self.sample_emissive_object(shape, light.intensity, (&lit, &numbers), count),
+                None => {
+                    self.sample_emissive_object(shape, light.intensity, (&lit, &numbers), (count, lobe_rays))
+                }
             };
             self.queue_shadow_rays(&arrivals, (traced, &lit), frame.plan.casts_shadows[number], stage);
         }
         true
     }
 
-    /// Returns the incident light from one sampled point of an emissive object at each surface, divided by `count`.
+    /// Returns the incident light from one sampled point of an emissive object at each surface, divided by `count`;
+    /// `lobe_rays` are the numbers of rays into lobes that share the samples.
     fn sample_emissive_object(
         &self,
         light: &AreaLightSampler,
         radiance: [f32; 3],
         (lit, numbers): (&ShadingContext, &[Lanes<f64>; 2]),
-        count: f64,
+        (count, lobe_rays): (f64, Option<&Lanes<f32>>),
     ) -> IncidentLight {
         let mut arrivals = IncidentLight::NONE;
+        let mut ratios = [0.0; LANES];
         let textures = self.frame.surfaces.textures();
         let mut from = [[0.0; LANES]; 3];
         for l in (0..LANES).filter(|&l| lit.points.hit[l]) {
@@ -145,6 +121,7 @@ impl ShadingState<'_, '_> {
             };
             // Store direction, light point and irradiance
             let share = (sample.pdf * count).recip() as f32;
+            ratios[l] = lobe_rays.map_or(0.0, |counts| counts[l] * share);
             for axis in 0..3 {
                 arrivals.wi[axis][l] = sample.direction[axis] as f32;
                 from[axis][l] = sample.end[axis];
@@ -152,6 +129,7 @@ impl ShadingState<'_, '_> {
             }
         }
         arrivals.from = Some(from);
+        arrivals.lobe_ratios = lobe_rays.map(|_| ratios);
         arrivals
     }
 
@@ -168,15 +146,33 @@ impl ShadingState<'_, '_> {
             self.trace_shadow_rays::<false>(stage.order);
             self.meter.resume(traced.pixel, &traced.packet.active);
         }
+        let is_split = arrivals.lobe_ratios.is_some() && self.frame.combined.splits_shadows;
+        let base = is_split.then(|| lit.without_sampled_lobes());
         let (packet, payload) = self.shadow_queue.next();
+        // Evaluate the light to the surface without its lobes
+        let mut without_lobes = [[0.0; LANES]; 3];
+        if let Some(base) = &base {
+            direct::sample_direct_area(arrivals, base, packet, &mut without_lobes);
+        }
         if direct::sample_direct_area(arrivals, lit, packet, &mut payload.radiance) {
+            // Keep the light to the lobes apart
+            if is_split {
+                let whole = std::mem::replace(&mut payload.radiance, without_lobes);
+                let difference = |c: usize, l: usize| whole[c][l] - without_lobes[c][l];
+                let lobes = std::array::from_fn(|c| std::array::from_fn(|l| difference(c, l)));
+                self.shadow_queue.set_lobe_radiance(&lobes);
+            }
             self.shadow_queue.set_end(None);
             self.commit_shadow_rays::<false>(traced, casts);
         }
     }
 
     /// Returns the random pairs of the samples that the lanes belong to.
-    fn number_packet(&self, traced: &TracedPacket, draw: SampleIndex) -> [Lanes<f64>; 2] {
+    pub(in crate::render) fn number_packet(
+        &self,
+        traced: &TracedPacket,
+        draw: SampleIndex,
+    ) -> [Lanes<f64>; 2] {
         let samples =
             std::array::from_fn(|l| traced.path_states.map_or(0, |path_states| path_states.sample(l)));
         draw.number_packet(self.corner, traced.pixel, &samples, &self.frame.settings)

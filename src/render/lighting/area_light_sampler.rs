@@ -121,6 +121,12 @@ impl<'s> AreaLightSampler<'s> {
         self.shape.sample_packet(view, p, u)
     }
 
+    /// Returns the density per steradian with which [`AreaLightSampler::sample`] chooses for `p` the direction to
+    /// `position`, a point of the light with the unit `normal`; 0 where it has none.
+    pub(in crate::render) fn pdf(&self, p: DVec3, position: DVec3, normal: DVec3) -> f64 {
+        self.shape.pdf(p, position, normal)
+    }
+
     /// Samples the point that `u` selects for `p`; `None` if the light does not emit towards `p`.
     ///
     /// For a light that rays can hit, `p` must be offset from the surface it belongs to, which may be that of the

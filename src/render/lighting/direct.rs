@@ -3,12 +3,11 @@
 //! Each function is compiled for several instruction sets and selected at run time. None contracts a multiplication
 //! and an addition, so all give the same bits.
 
-use std::cell::OnceCell;
-
 use multiversion::multiversion;
 
 use super::super::surface::{SurfacePacket, Surfaces};
 use super::super::wavefront::TracedPacket;
+use super::lobe_variants::{LobeVariants, without_sampled_lobes};
 use crate::accel::{NO_HIT, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, EffectSet, Light, LightKind};
@@ -24,8 +23,8 @@ pub(in crate::render) struct ShadingContext<'a> {
     pub(in crate::render) materials: &'a MaterialPacket,
     /// Path throughput of the rays that hit the surfaces.
     pub(in crate::render) weight: &'a Lanes3<f32>,
-    /// Materials without the lobes that secondary rays sample, for lights that rays can hit; computed on first use.
-    pub(in crate::render) without_sampled_lobes: &'a OnceCell<MaterialPacket>,
+    /// Materials for lights that rays can hit.
+    pub(in crate::render) variants: &'a LobeVariants,
 }
 
 impl<'a> ShadingContext<'a> {
@@ -34,13 +33,25 @@ impl<'a> ShadingContext<'a> {
     pub(in crate::render) fn of(
         traced: &TracedPacket<'a>,
         surfaces: &'a Surfaces,
-        without_sampled_lobes: &'a OnceCell<MaterialPacket>,
+        variants: &'a LobeVariants,
     ) -> ShadingContext<'a> {
         ShadingContext {
             points: &surfaces.points,
             materials: &surfaces.materials,
             weight: traced.weight,
-            without_sampled_lobes,
+            variants,
+        }
+    }
+
+    /// Returns the surfaces with the materials for lights that rays can hit: without the lobes that secondary rays sample.
+    pub(in crate::render) fn without_sampled_lobes(&self) -> ShadingContext<'a> {
+        let materials = self.materials;
+        ShadingContext {
+            materials: self
+                .variants
+                .without
+                .get_or_init(|| without_sampled_lobes(materials)),
+            ..*self
         }
     }
 }

@@ -3,14 +3,19 @@
 mod area_light;
 mod area_light_sampler;
 mod background;
+mod combined_sampling;
 pub(super) mod direct;
 mod environment;
+mod lobe_variants;
 mod sample_index;
+mod shared_lobes;
 mod transparent_shadow;
 mod visible_background;
 
 pub(super) use area_light_sampler::{AreaLightSampler, area_lights};
+pub(super) use combined_sampling::CombinedSampling;
 pub(super) use direct::ShadingContext;
 pub(super) use environment::Environment;
+pub(super) use lobe_variants::LobeVariants;
 pub(super) use sample_index::{PixelSample, SampleIndex};
 pub(super) use transparent_shadow::attenuate_shadow_rays;

@@ -8,23 +8,16 @@ use super::super::context::RenderContext;
 use super::super::profile::{Accounts, Category, Profiler};
 use super::super::scattering::Tints;
 use super::super::surface::{ConeSource, Surfaces};
-use super::super::wavefront::{InteriorArray, ShadingState, ShadowPayload};
+use super::super::wavefront::{InteriorArray, QueuedShadowRays, ShadingState};
 use super::direct;
 use crate::accel::{Coherence, MAX_BATCH, NO_HIT, RayPacket};
-use crate::numeric::{LANES, Lanes};
+use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::optics::LINE_D;
 use crate::scene::Effect;
 
 /// Largest number of surfaces that a shadow ray passes before it counts as occluded; no real material leaves any
 /// light behind so many.
 const MAX_SHADOW_SURFACES: usize = 256;
-
-/// Queued shadow rays, their pending radiance, and the interiors around the shaded points.
-type QueuedShadowRays<'a> = (
-    &'a mut [RayPacket],
-    &'a mut [ShadowPayload],
-    &'a mut InteriorArray,
-);
 
 impl ShadingState<'_, '_> {
     /// Traces the queued shadow rays through transmissive surfaces and adds the attenuated radiance to the film.
@@ -33,9 +26,11 @@ impl ShadingState<'_, '_> {
             return;
         };
         let sources = self.shadow_queue.sources();
-        let (packets, payloads, media) = self.shadow_queue.drain_with_media();
-        let waiting = (&mut *packets, &mut *payloads, media);
-        let reaches = attenuate_shadow_rays(self.frame, waiting, shadow_surfaces, &mut self.meter, order);
+        let mut queued = self.shadow_queue.drain_all();
+        let reaches = attenuate_shadow_rays(self.frame, &mut queued, shadow_surfaces, &mut self.meter, order);
+        let QueuedShadowRays {
+            packets, payloads, ..
+        } = queued;
         // Attenuate by volumes and add to the film
         for (((packet, payload), reach), source) in packets.iter().zip(payloads).zip(&reaches).zip(sources) {
             if let Some(marches) = &mut self.marches {
@@ -52,11 +47,17 @@ impl ShadingState<'_, '_> {
 /// the lights.
 pub(in crate::render) fn attenuate_shadow_rays(
     frame: &RenderContext,
-    (packets, payloads, media): QueuedShadowRays,
+    queued: &mut QueuedShadowRays,
     shadow_surfaces: &mut Surfaces,
     meter: &mut Profiler,
     order: Coherence,
 ) -> [Lanes<f32>; MAX_BATCH] {
+    let QueuedShadowRays {
+        packets,
+        payloads,
+        media,
+        lobe_radiance,
+    } = queued;
     // The packets still hold intervals and hits of earlier shadow rays.
     for packet in packets.iter_mut() {
         packet.t_near = [0.0; LANES];
@@ -82,18 +83,28 @@ pub(in crate::render) fn attenuate_shadow_rays(
         // Attenuate each packet at its hits
         for (index, packet) in packets.iter_mut().enumerate() {
             if packet.any_active() {
+                let lobe_radiance = lobe_radiance.as_mut().map(|lobes| &mut lobes[index]);
                 let shadow_rays = ShadowRays {
                     reach: &reaches[index],
                     media,
                     index,
+                    radiance: &mut payloads[index].radiance,
+                    lobe_radiance,
                 };
-                shadow_rays.advance_rays(frame, packet, &mut payloads[index], shadow_surfaces);
+                shadow_rays.advance_rays(frame, packet, shadow_surfaces);
             }
         }
         let lanes = (0..packets.len()).map(|index| (&payloads[index].pixel, &packets[index].active));
         meter.lap_over(account, lanes);
     }
-    for (packet, payload) in packets.iter_mut().zip(payloads) {
+    for (index, (packet, payload)) in packets.iter_mut().zip(payloads.iter_mut()).enumerate() {
+        // Add the light that is kept apart, and leave none to the next packets
+        if let Some(lobes) = lobe_radiance {
+            let kept = std::mem::replace(&mut lobes[index], [[0.0; LANES]; 3]);
+            for c in 0..3 {
+                (0..LANES).for_each(|l| payload.radiance[c][l] += kept[c][l]);
+            }
+        }
         // Rays that are still active after the last pass count as occluded.
         for l in 0..LANES {
             packet.t_far[l] = if packet.active[l] != 0 {
@@ -115,17 +126,23 @@ struct ShadowRays<'a> {
     media: &'a mut InteriorArray,
     /// Index of the packet within the batch.
     index: usize,
+    /// Radiance that all surfaces attenuate.
+    radiance: &'a mut Lanes3<f32>,
+    /// Radiance that ends at surfaces that refract.
+    lobe_radiance: Option<&'a mut Lanes3<f32>>,
+}
+
+/// Transmittance of a surface that a shadow ray hits.
+struct ShadowTint {
+    /// Transmittance of the whole surface.
+    all: [f32; 3],
+    /// Transmittance to light that surfaces end where they refract.
+    unrefracted: [f32; 3],
 }
 
 impl ShadowRays<'_> {
     /// Advances each lane to its light or behind the surface that it hit, and attenuates its radiance.
-    fn advance_rays(
-        mut self,
-        frame: &RenderContext,
-        packet: &mut RayPacket,
-        payload: &mut ShadowPayload,
-        shadow_surfaces: &mut Surfaces,
-    ) {
+    fn advance_rays(mut self, frame: &RenderContext, packet: &mut RayPacket, shadow_surfaces: &mut Surfaces) {
         let any_hit = (0..LANES).any(|l| packet.active[l] != 0 && packet.instance[l] != NO_HIT);
         if any_hit {
             frame
@@ -146,13 +163,19 @@ impl ShadowRays<'_> {
             if frame.effects().has(Effect::Absorption) {
                 left = frame.transmittance(&self.media.get(self.index, l), distance);
             }
+            let mut lobe_left = left;
             if is_hit {
                 let through = self.tint(frame, packet, shadow_surfaces, l);
-                (0..3).for_each(|c| left[c] *= through[c]);
+                (0..3).for_each(|c| lobe_left[c] *= through.unrefracted[c]);
+                (0..3).for_each(|c| left[c] *= through.all[c]);
             }
-            (0..3).for_each(|c| payload.radiance[c][l] *= left[c]);
+            (0..3).for_each(|c| self.radiance[c][l] *= left[c]);
+            let mut is_dark = (0..3).all(|c| self.radiance[c][l] == 0.0);
+            if let Some(lobes) = &mut self.lobe_radiance {
+                (0..3).for_each(|c| lobes[c][l] *= lobe_left[c]);
+                is_dark &= (0..3).all(|c| lobes[c][l] == 0.0);
+            }
             // Finish lanes that reach the light or carry no radiance
-            let is_dark = (0..3).all(|c| payload.radiance[c][l] == 0.0);
             if !is_hit || is_dark {
                 packet.active[l] = 0;
                 continue;
@@ -175,16 +198,16 @@ impl ShadowRays<'_> {
         packet: &RayPacket,
         shadow_surfaces: &Surfaces,
         l: usize,
-    ) -> [f32; 3] {
+    ) -> ShadowTint {
         let points = &shadow_surfaces.points;
         let media = self.media.get(self.index, l);
         let boundary = frame.boundary(packet.instance[l], points.front[l], &media);
         let is_hidden = boundary.is_hidden();
         let coverage = shadow_surfaces.materials.alpha[l];
-        let mut through = [0.0; 3];
+        let (mut through, mut unrefracted) = ([0.0; 3], [0.0; 3]);
         // A hidden boundary transmits everything
         if is_hidden {
-            through = [1.0; 3];
+            (through, unrefracted) = ([1.0; 3], [1.0; 3]);
         } else if frame.effects().has(Effect::Refraction) && boundary.material.transmits() {
             // Multiply Fresnel's transmittance by the tint
             let d = packet.ray(l).direction.as_dvec3().normalize();
@@ -196,6 +219,10 @@ impl ShadowRays<'_> {
         }
         self.media.set(self.index, l, &boundary.crossing.through);
         // Add the light that passes through the uncovered part
-        through.map(|c| 1.0 - coverage + coverage * c)
+        let mixed = |transmittance: f32| 1.0 - coverage + coverage * transmittance;
+        ShadowTint {
+            all: through.map(mixed),
+            unrefracted: unrefracted.map(mixed),
+        }
     }
 }

@@ -96,6 +96,12 @@ impl Plan {
         self.forced
     }
 
+    /// Returns whether the user switched off an effect that the scene needs.
+    pub(crate) fn is_switched_off(&self, effect: Effect) -> bool {
+        self.overridden()
+            .any(|decision| decision.effect == effect && !decision.on)
+    }
+
     /// Iterates over the decisions that override the needs of the scene.
     pub fn overridden(&self) -> impl Iterator<Item = &Decision> {
         self.decisions.iter().filter(|decision| decision.overridden)

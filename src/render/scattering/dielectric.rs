@@ -289,6 +289,7 @@ impl ShadingState<'_, '_> {
                 direction: scattered_ray.direction,
                 media: boundary.crossing.through,
                 cone: cone.spread_by(scattered_ray.spread),
+                density: PathState::NONE.density,
                 ..*arrival
             };
             self.send_from(boundary_hit, weight, facet.sender(Category::Refraction), travel);
@@ -307,6 +308,7 @@ impl ShadingState<'_, '_> {
                 .cone
                 .reflected(boundary_hit.curvature)
                 .spread_by(scattered_ray.spread),
+            density: PathState::NONE.density,
             ..*arrival
         };
         let weight = std::array::from_fn(|c| weight[c] * reflected[c] * scattered_ray.share);
@@ -445,7 +447,6 @@ impl SmoothInterface {
             cosines: [self.cos_i(), direction.dot(self.n).abs()],
             share: 1.0,
             spread: 0.0,
-            density: f64::INFINITY,
         }
     }
 

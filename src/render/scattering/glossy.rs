@@ -8,11 +8,10 @@
 //! bounce, so that the microfacets of all samples of a pixel form one stratified set. From there on, rays into a lobe
 //! count as separate samples, so that their light samples are stratified as well.
 //!
-//! No light counts twice. Shadow rays sample lights that rays cannot hit, and the whole lobe reflects them. Light
-//! that rays can hit (emissive objects and lit surfaces) reaches the lobe by lobe rays alone. Light of the environment
-//! map reaches the lobe of an opaque surface both by lobe rays and by light samples, each weighted by the balance
-//! heuristic (E. Veach, "Robust Monte Carlo Methods for Light Transport Simulation", 1997, section 9.2); with refraction
-//! in the scene it does so by lobe rays alone. The ambient term keeps its diffuse part.
+//! No light counts twice. Shadow rays sample lights that rays cannot hit, and the whole lobe reflects them. Light of
+//! the environment map and of emissive objects with light samples reaches the lobe of an opaque surface both ways
+//! ([`super::super::lighting::CombinedSampling`]). All other light that rays can hit reaches it by lobe rays alone. The
+//! ambient term keeps its diffuse part.
 //!
 //! Rays of one lobe start at one point with similar directions, so they are put into the same packet. Because one hit
 //! may send many rays, a wave has fewer camera packets, which keeps queues as small as without lobes. The weight
@@ -29,8 +28,10 @@ use super::super::wavefront::{
     BatchInfo, PathState, PathStatePacket, RayWorkItem, ShadingState, TracedPacket,
 };
 use super::dielectric::Interface;
+use super::lobe_packet::LobePacket;
+use super::lobe_rays::{LobeRayCounts, LobeRays};
 use super::microfacet::GlossyLobe;
-use crate::numeric::{LANES, Lanes3, Ray};
+use crate::numeric::{LANES, Lanes, Ray};
 use crate::scene::Effect;
 use crate::shading::MaterialPacket;
 
@@ -90,57 +91,72 @@ impl ShadingState<'_, '_> {
         let Some(path_states) = traced.path_states else {
             return;
         };
-        let divides = self.frame.effects().has(Effect::Refraction);
+        // Count the rays into each lobe
+        let frame = self.frame;
+        let materials = &surfaces.materials;
+        let divides = frame.effects().has(Effect::Refraction);
+        let mut counts = LobeRayCounts {
+            of: [0; LANES],
+            of_pixel: [0.0; LANES],
+        };
         for l in 0..LANES {
-            let materials = &surfaces.materials;
             // Weights of a single wavelength may be negative, so that the sum of the channels is not a valid test.
             let seen = surfaces.points.hit[l] && traced.weight.iter().any(|channel| channel[l] != 0.0);
             if seen && materials.has_lobe(l) && !(divides && materials.transmits(l)) {
-                self.reflect_lobe(traced, path_states, surfaces, (l, stage));
+                let depth = frame.depth_of(path_states.depth(l), stage);
+                counts.of[l] = frame.rough_rays(materials, depth, l);
+                let of_sample = f64::from(counts.of[l]) * f64::from(path_states.split(l));
+                counts.of_pixel[l] = of_sample * f64::from(frame.even_count);
             }
         }
+        let most = counts.of.into_iter().max().unwrap_or(0);
+        if most == 0 {
+            return;
+        }
+        // Reflect at the microfacets of all lanes, then send the rays of each lobe together
+        let lobes = LobePacket::of(surfaces);
+        let mut rays = std::mem::take(&mut self.lobe_rays);
+        rays.clear();
+        for number in 0..most {
+            let numbers = self.lobe_number_packet(traced, &counts.of, [number, most], stage);
+            rays.push(lobes.reflect(&numbers, &counts));
+        }
+        for l in (0..LANES).filter(|&l| counts.of[l] > 0) {
+            let of = counts.of[l];
+            self.send_into_lobe(traced, path_states, surfaces, (l, stage), &rays[..of as usize]);
+        }
+        self.lobe_rays = rays;
     }
 
-    fn reflect_lobe(
+    /// Queues the rays into the lobe of lane `l`.
+    fn send_into_lobe(
         &mut self,
         traced: &TracedPacket,
         path_states: PathStatePacket,
         surfaces: &Surfaces,
         (l, stage): (usize, BatchInfo),
+        rays: &[LobeRays],
     ) {
-        // Build the lobe in the shading frame
-        let frame = self.frame;
-        let points = &surfaces.points;
-        let vector = |v: &Lanes3<f32>| Vec3::new(v[0][l], v[1][l], v[2][l]);
-        let arrival = PathState {
-            // The path state holds a direction only with refraction.
-            direction: -vector(&points.wo).as_dvec3().normalize(),
-            ..path_states.lane(l)
-        };
-        let Some(lobe) = frame.lobe_at(surfaces, &arrival, points.shading_normal(l), (l, stage)) else {
-            return;
-        };
-        let cone = frame
+        let origin = Vec3::from([0, 1, 2].map(|axis| surfaces.points.origin[axis][l]));
+        let arrival = path_states.lane(l);
+        let cone = self
+            .frame
             .cone_at(traced, path_states, l)
             .reflected(surfaces.curvatures[l]);
-        // Sample microfacets and spawn their reflected rays
-        for number in 0..lobe.of {
-            let facet = lobe.microfacet(self.lobe_numbers(traced, (l, stage), [number, lobe.of]));
-            let Some(scattered_ray) = facet.reflected() else {
-                continue;
-            };
-            let reflectance = surfaces.materials.microfacet_reflectance(facet.cos_i() as f32, l);
+        for (number, ray) in (0..).zip(rays).filter(|(_, ray)| ray.leaves[l]) {
+            let direction = DVec3::from([0, 1, 2].map(|axis| ray.direction[axis][l]));
+            let reflectance = surfaces.materials.microfacet_reflectance(ray.cos_i[l], l);
             let sent = RayWorkItem {
-                ray: Ray::new(vector(&points.origin), scattered_ray.direction.as_vec3()),
+                ray: Ray::new(origin, direction.as_vec3()),
                 pixel: traced.pixel[l],
-                weight: std::array::from_fn(|c| traced.weight[c][l] * reflectance[c] * scattered_ray.share),
+                weight: std::array::from_fn(|c| traced.weight[c][l] * reflectance[c] * ray.share[l]),
                 sender: Category::RoughReflection,
                 travel: Some(PathState {
                     depth: arrival.depth + 1,
-                    direction: scattered_ray.direction,
-                    cone: cone.spread_by(scattered_ray.spread),
-                    density: scattered_ray.density as f32,
-                    ..arrival.one_of(number, lobe.of)
+                    direction,
+                    cone: cone.spread_by(ray.spread[l]),
+                    density: ray.density[l],
+                    ..arrival.one_of(number, rays.len() as u32)
                 }),
             };
             self.send::<false>(&sent, stage.depth + 1);
@@ -188,6 +204,34 @@ impl ShadingState<'_, '_> {
             boundary_hit.arrival = arrival.one_of(number, lobe.of);
             self.scatter_at_boundary(&boundary_hit, &Interface::Rough(lobe.microfacet(numbers)));
         }
+    }
+
+    /// Returns the random pairs for microfacet `number` of each lane, where lane `l` has `of[l]` of them, `most` at most.
+    fn lobe_number_packet(
+        &self,
+        traced: &TracedPacket,
+        of: &Lanes<u32>,
+        [number, most]: [u32; 2],
+        stage: BatchInfo,
+    ) -> [Lanes<f64>; 2] {
+        let purpose = Purpose::LOBE.nested(stage.depth);
+        // Usually all lobes have equally many rays
+        if of.iter().all(|&of| of == 0 || of == most) {
+            return self.number_packet(
+                traced,
+                SampleIndex {
+                    purpose,
+                    number,
+                    of: most,
+                },
+            );
+        }
+        let mut numbers = [[0.0; LANES]; 2];
+        for l in (0..LANES).filter(|&l| number < of[l]) {
+            let [first, second] = self.lobe_numbers(traced, (l, stage), [number, of[l]]);
+            (numbers[0][l], numbers[1][l]) = (first, second);
+        }
+        numbers
     }
 
     /// Returns the random pair for microfacet `number` of `of`, for the sample of lane `l`.

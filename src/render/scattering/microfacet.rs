@@ -19,8 +19,6 @@ pub(in crate::render) struct ScatteredRay {
     pub(in crate::render) share: f32,
     /// Increase of the spread of the ray cone, from the width of the lobe.
     pub(in crate::render) spread: f64,
-    /// Density of the direction per steradian, times the number of rays into the lobe; infinite for a smooth surface.
-    pub(in crate::render) density: f64,
 }
 
 /// Lobe of a rough surface for one incident direction.
@@ -105,7 +103,6 @@ impl GlossyLobe {
             cosines,
             share: (visible / f64::from(self.of)) as f32,
             spread: spread(pdf * self.of_pixel),
-            density: pdf * f64::from(self.of),
         })
     }
 }
@@ -115,7 +112,8 @@ impl GlossyLobe {
 ///
 /// For incidence along the normal, the centre of the lobe has the density 1 / (4 π alpha²), and a single ray the
 /// spread 2 √π alpha.
-fn spread(density: f64) -> f64 {
+#[inline(always)]
+pub(super) fn spread(density: f64) -> f64 {
     density.sqrt().recip().min(TAU.sqrt())
 }
 

@@ -3,9 +3,12 @@
 mod boundary;
 mod dielectric;
 mod glossy;
+mod lobe_packet;
+mod lobe_rays;
 mod march_state;
 mod microfacet;
 mod volume;
 
 pub(super) use dielectric::Tints;
+pub(super) use lobe_rays::LobeRays;
 pub(super) use march_state::MarchState;

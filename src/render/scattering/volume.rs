@@ -232,21 +232,22 @@ impl LightSampler<'_, '_, '_> {
             }
             self.shadow_queue.set_medium(&self.media);
             self.shadow_queue.commit();
-            let (packets, payloads, media) = self.shadow_queue.drain_with_media();
-            let lanes = std::iter::once((&payloads[0].pixel, &packets[0].active));
+            let mut queued = self.shadow_queue.drain_all();
+            let lanes = std::iter::once((&queued.payloads[0].pixel, &queued.packets[0].active));
             self.meter.lap_over(Category::Volume, lanes);
             // Attenuate by transmissive surfaces, or test for occlusion
             match &mut self.shadow_surfaces {
                 Some(shadow_surfaces) => {
                     attenuate_shadow_rays(
                         self.frame,
-                        (&mut *packets, &mut *payloads, media),
+                        &mut queued,
                         shadow_surfaces,
                         self.meter,
                         self.stage.order,
                     );
                 }
                 None => {
+                    let (packets, payloads) = (queued.packets, queued.payloads);
                     let accel = self.frame.accel;
                     let labels_and_accounts = |_| (&payloads[0].pixel, Accounts::All(Category::Shadow));
                     let traced = self.meter.trace(packets, labels_and_accounts, |packets| {

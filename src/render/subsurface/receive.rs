@@ -4,12 +4,11 @@
 //! Points therefore use the same code as camera hits, and random points on lights are numbered by position and not by
 //! thread.
 
-use std::cell::OnceCell;
 use std::sync::{Mutex, PoisonError};
 
 use super::super::context::RenderContext;
 use super::super::film::TileFilm;
-use super::super::lighting::ShadingContext;
+use super::super::lighting::{LobeVariants, ShadingContext};
 use super::super::monitor::{Cancelled, Monitor};
 use super::super::profile::RenderProfile;
 use super::super::surface::{ConeSource, Surfaces};
@@ -85,7 +84,7 @@ struct Receiver<'f, 's> {
 
 impl<'f, 's> Receiver<'f, 's> {
     fn new(frame: &'f RenderContext<'s>, irradiance_points: &'f IrradiancePoints) -> Receiver<'f, 's> {
-        let mut path_states = PathStates::new(frame.effects(), frame.combines_samples);
+        let mut path_states = PathStates::new(frame.effects(), frame.combined.is_any());
         path_states.resize(1);
         let eta = irradiance_points.scattering.eta;
         let even = std::f64::consts::PI * diffuse_transmittance(eta);
@@ -120,7 +119,7 @@ impl<'f, 's> Receiver<'f, 's> {
         });
         self.outcome.clear();
         self.outcome.corner = corner;
-        let without_sampled_lobes = OnceCell::new();
+        let variants = LobeVariants::default();
         // Turn sixteen points at a time into hits and sample all lights
         for (number, points) in points.chunks(LANES).enumerate() {
             let (packet, pixel) = self.seen(points, number * LANES);
@@ -137,7 +136,7 @@ impl<'f, 's> Receiver<'f, 's> {
                 points: &self.surfaces.points,
                 materials: &self.entrance,
                 weight: &ALL,
-                without_sampled_lobes: &without_sampled_lobes,
+                variants: &variants,
             };
             self.outcome.sample_lights::<false>(&traced, &lit, stage);
         }

@@ -414,6 +414,12 @@ impl Surfaces {
         }
     }
 
+    /// Scales the emission of lane `l`. The next packet does not reuse the materials of this one.
+    pub(in crate::render) fn scale_emission(&mut self, l: usize, factor: f32) {
+        (0..3).for_each(|c| self.materials.emission[c][l] *= factor);
+        self.filled_for = None;
+    }
+
     /// Sets points and materials to those of a layer above `base` with the shading normals `ns`.
     pub(in crate::render) fn set_layer(
         &mut self,

@@ -3,10 +3,8 @@
 //! A layer is shaded as a surface of its own at the same points: with its own normals, with the part of the path
 //! throughput that it reflects, and with shadow rays, mirror rays and lobe rays of its own.
 
-use std::cell::OnceCell;
-
 use super::super::aov::LightSource;
-use super::super::lighting::direct;
+use super::super::lighting::{LobeVariants, direct};
 use super::super::profile::Category;
 use super::super::surface::Surfaces;
 use super::shading_state::ShadingState;
@@ -91,8 +89,8 @@ impl ShadingState<'_, '_> {
             let radiance = direct::emitted_radiance(traced.packet, coats, traced.weight, &light);
             self.film.add(traced.pixel, &radiance, LightSource::Emission);
         }
-        let without_sampled_lobes = OnceCell::new();
-        let lit = direct::ShadingContext::of(traced, coats, &without_sampled_lobes);
+        let variants = LobeVariants::default();
+        let lit = direct::ShadingContext::of(traced, coats, &variants);
         self.sample_lights::<false>(traced, &lit, stage);
         self.meter.part(Category::Lighting);
         if effects.has(Effect::Reflection) {
@@ -126,8 +124,8 @@ impl ShadingState<'_, '_> {
             }
             self.film.add(traced.pixel, &radiance, LightSource::Emission);
         }
-        let without_sampled_lobes = OnceCell::new();
-        let lit = direct::ShadingContext::of(traced, fibres, &without_sampled_lobes);
+        let variants = LobeVariants::default();
+        let lit = direct::ShadingContext::of(traced, fibres, &variants);
         self.sample_lights::<false>(traced, &lit, stage);
         self.meter.part(Category::Lighting);
     }

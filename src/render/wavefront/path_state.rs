@@ -216,7 +216,7 @@ impl PathStatePacket<'_> {
             media: path_states.media.get(packet, l),
             cone: self.cone(l),
             sample: self.sample(l),
-            split: path_states.split.get(packet, l, PathState::NONE.split),
+            split: self.split(l),
             time: path_states.time.get(packet, l, 0.0),
             density: self.density(l),
         }
@@ -242,6 +242,11 @@ impl PathStatePacket<'_> {
         self.path_states
             .density
             .get(self.packet, l, PathState::NONE.density)
+    }
+
+    /// Returns the number of rays that the lobes on the path of lane `l` split a sample into.
+    pub(in crate::render) fn split(&self, l: usize) -> u32 {
+        self.path_states.split.get(self.packet, l, PathState::NONE.split)
     }
 
     /// Returns the interiors around lane `l`.

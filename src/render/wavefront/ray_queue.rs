@@ -10,7 +10,7 @@ use super::path_state::{CameraPaths, InteriorArray, PathState, PathStatePacket, 
 use crate::accel::{MAX_BATCH, RayEnd, RayPacket};
 use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::optics::InteriorStack;
-use crate::scene::EffectSet;
+use crate::scene::{Effect, EffectSet};
 
 /// Pixels and throughput of the paths of one ray packet.
 #[derive(Clone)]
@@ -274,6 +274,8 @@ pub(in crate::render) struct ShadowQueue {
     payloads: [ShadowPayload; MAX_BATCH],
     /// Dielectric interiors around the shaded points.
     media: InteriorArray,
+    /// Radiance of each packet that ends at surfaces that refract; `None` if no light is split in this way.
+    lobe_radiance: Option<Box<[Lanes3<f32>; MAX_BATCH]>>,
     /// Number of packets in use.
     count: usize,
     /// Largest number of packets.
@@ -282,6 +284,16 @@ pub(in crate::render) struct ShadowQueue {
     sources: [LightSource; MAX_BATCH],
     /// End that all rays of a packet have in common, if there is one.
     ends: [Option<RayEnd>; MAX_BATCH],
+}
+
+/// Shadow rays that are traced together.
+pub(in crate::render) struct QueuedShadowRays<'a> {
+    pub(in crate::render) packets: &'a mut [RayPacket],
+    pub(in crate::render) payloads: &'a mut [ShadowPayload],
+    /// Dielectric interiors around the shaded points.
+    pub(in crate::render) media: &'a mut InteriorArray,
+    /// Radiance of each packet beside that of its payload, which ends at surfaces that refract.
+    pub(in crate::render) lobe_radiance: Option<&'a mut [Lanes3<f32>]>,
 }
 
 /// Pixels that a packet of shadow rays contributes to, and its unoccluded radiance.
@@ -303,11 +315,18 @@ impl ShadowQueue {
                 radiance: [[0.0; LANES]; 3],
             }),
             media,
+            lobe_radiance: None,
             count: 0,
             capacity: capacity.min(MAX_BATCH),
             sources: [LightSource::Emission; MAX_BATCH],
             ends: [None; MAX_BATCH],
         })
+    }
+
+    /// Adds the radiance of packets that ends at surfaces that refract, if `is_split`.
+    pub(in crate::render) fn with_lobe_radiance(mut self: Box<Self>, is_split: bool) -> Box<ShadowQueue> {
+        self.lobe_radiance = is_split.then(|| Box::new([[[0.0; LANES]; 3]; MAX_BATCH]));
+        self
     }
 
     /// Number of bytes of the packets and payloads.
@@ -316,6 +335,15 @@ impl ShadowQueue {
     /// Adds the bytes of the optional arrays.
     pub(in crate::render) fn add_columns_to(&self, memory: &mut Memory) {
         self.media.add_to(memory);
+        let split = self
+            .lobe_radiance
+            .as_ref()
+            .map_or(0, |lobes| size_of_val(&**lobes));
+        memory.add(
+            Effect::RoughReflection.name(),
+            "light of lobes in shadow rays",
+            split,
+        );
     }
 
     /// Returns whether there is no room for another packet.
@@ -326,6 +354,13 @@ impl ShadowQueue {
     /// Returns memory for one more packet, which counts once [`ShadowQueue::commit`] is called.
     pub(in crate::render) fn next(&mut self) -> (&mut RayPacket, &mut ShadowPayload) {
         (&mut self.packets[self.count], &mut self.payloads[self.count])
+    }
+
+    /// Sets the radiance of the packet committed next that ends at surfaces that refract.
+    pub(in crate::render) fn set_lobe_radiance(&mut self, radiance: &Lanes3<f32>) {
+        if let Some(lobes) = &mut self.lobe_radiance {
+            lobes[self.count] = *radiance;
+        }
     }
 
     /// Sets the light that the packet committed next is sent to.
@@ -367,16 +402,15 @@ impl ShadowQueue {
         }
     }
 
-    /// Empties the queue like [`ShadowQueue::drain`] and also returns the interiors around the points.
-    pub(in crate::render) fn drain_with_media(
-        &mut self,
-    ) -> (&mut [RayPacket], &mut [ShadowPayload], &mut InteriorArray) {
+    /// Empties the queue like [`ShadowQueue::drain`] and returns all that its packets carry.
+    pub(in crate::render) fn drain_all(&mut self) -> QueuedShadowRays<'_> {
         let count = std::mem::take(&mut self.count);
-        (
-            &mut self.packets[..count],
-            &mut self.payloads[..count],
-            &mut self.media,
-        )
+        QueuedShadowRays {
+            packets: &mut self.packets[..count],
+            payloads: &mut self.payloads[..count],
+            media: &mut self.media,
+            lobe_radiance: self.lobe_radiance.as_mut().map(|lobes| &mut lobes[..count]),
+        }
     }
 
     /// Empties the queue and returns its packets and their payloads.

@@ -1,11 +1,9 @@
 //! Shading stage of the wavefront: accumulates radiance on the film and queues shadow rays and secondary rays.
 
-use std::cell::OnceCell;
-
 use glam::Vec3;
 
 use super::super::aov::LightSource;
-use super::super::lighting::direct;
+use super::super::lighting::{LobeVariants, direct};
 use super::super::profile::{Accounts, Category, Moment, TruncationLimit};
 use super::super::surface::{ConeSource, Surfaces};
 use super::path_state::{PathState, PathStatePacket};
@@ -149,6 +147,9 @@ impl ShadingState<'_, '_> {
         if effects.has(Effect::EnergyConservation) {
             direct::evaluate_lobe_albedo(surfaces);
         }
+        if !BASIC && self.frame.combined.has_emissive_objects() {
+            self.frame.weight_emission(traced, surfaces);
+        }
         match traced
             .path_states
             .filter(|_| !BASIC && effects.has_transmission())
@@ -201,8 +202,8 @@ impl ShadingState<'_, '_> {
         if effects.has_unlit_radiance() {
             self.add_emission(*traced, surfaces);
         }
-        let without_sampled_lobes = OnceCell::new();
-        let lit = direct::ShadingContext::of(traced, surfaces, &without_sampled_lobes);
+        let variants = LobeVariants::default();
+        let lit = direct::ShadingContext::of(traced, surfaces, &variants);
         // Add light scattered below the surface
         if effects.has(Effect::Subsurface) {
             self.add_scattered(traced, surfaces);
@@ -279,7 +280,11 @@ impl ShadingState<'_, '_> {
         surfaces: &Surfaces,
         stage: BatchInfo,
     ) {
-        let mirrored = direct::reflection(&direct::ShadingContext::of(&traced, surfaces, &OnceCell::new()));
+        let mirrored = direct::reflection(&direct::ShadingContext::of(
+            &traced,
+            surfaces,
+            &LobeVariants::default(),
+        ));
         let points = &surfaces.points;
         let needs_directions = self.effects::<BASIC>().has(Effect::Refraction);
         // Spawn the reflected ray of each lane

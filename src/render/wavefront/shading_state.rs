@@ -4,7 +4,7 @@ use super::super::aov::{FirstHits, LightSource, TileLayer};
 use super::super::context::RenderContext;
 use super::super::film::{SampleFilm, TileFilm};
 use super::super::profile::{Category, Profiler, TileTruncation};
-use super::super::scattering::MarchState;
+use super::super::scattering::{LobeRays, MarchState};
 use super::super::surface::Surfaces;
 use super::super::tile::Tile;
 use super::ray_queue::{RayQueue, ShadowQueue};
@@ -30,6 +30,8 @@ pub(in crate::render) struct ShadingState<'f, 's> {
     pub(in crate::render) shadow_surfaces: Option<Box<Surfaces>>,
     /// Layers above surfaces, in scenes with clear coats or sheen.
     pub(in crate::render) layer_surfaces: Option<Box<Surfaces>>,
+    /// Working memory for the rays into lobes.
+    pub(in crate::render) lobe_rays: Vec<LobeRays>,
     /// Ray-marching state, in scenes with volumes or fog.
     pub(in crate::render) marches: Option<Box<MarchState<'s>>>,
 }
@@ -45,9 +47,10 @@ impl<'f, 's> ShadingState<'f, 's> {
                 .then(|| Box::new(TileFilm::new(frame.sample_film()))),
             first_hits: FirstHits::of(frame),
             corner: [0; 2],
-            shadow_queue: ShadowQueue::new(frame.effects(), frame.batch),
+            shadow_queue: ShadowQueue::new(frame.effects(), frame.batch)
+                .with_lobe_radiance(frame.combined.splits_shadows),
             current_source: LightSource::Emission,
-            next: RayQueue::new(frame.effects(), frame.combines_samples).with_accounts(&frame.settings),
+            next: RayQueue::new(frame.effects(), frame.combined.is_any()).with_accounts(&frame.settings),
             meter: Profiler::new(&frame.settings),
             losses: TileTruncation::default(),
             shadow_surfaces: frame
@@ -58,6 +61,7 @@ impl<'f, 's> ShadingState<'f, 's> {
                 .effects()
                 .has_layers()
                 .then(|| Box::new(Surfaces::new(frame.effects()))),
+            lobe_rays: Vec::new(),
             marches: frame.marches().then(|| Box::new(MarchState::new(frame))),
         }
     }

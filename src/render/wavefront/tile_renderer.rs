@@ -57,7 +57,7 @@ impl<'f, 's> TileRenderer<'f, 's> {
             held: frame.thread_memory.as_ref().map(ThreadFootprint::new),
             largest: (0, 0, RayTypeCounts::default()),
             frame,
-            current: RayQueue::new(frame.effects(), frame.combines_samples).with_accounts(&frame.settings),
+            current: RayQueue::new(frame.effects(), frame.combined.is_any()).with_accounts(&frame.settings),
             surfaces: Box::new(Surfaces::new(frame.effects())),
             outcome: ShadingState::new(
                 frame,

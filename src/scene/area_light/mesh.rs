@@ -7,14 +7,16 @@
 use glam::DVec3;
 
 use super::{AreaLightError, LightSample, is_density, sample_of_area};
-use crate::numeric::warp;
+use crate::numeric::{cumulative, warp};
 
-/// Mesh light of triangles in world space, 80 bytes each; their fronts are where their corners run counter-clockwise.
+/// Mesh light of triangles in world space, 84 bytes each; their fronts are where their corners run counter-clockwise.
 #[derive(Clone, Debug)]
 pub struct MeshLight {
     triangles: Vec<[DVec3; 3]>,
     /// Cumulative area up to and including each triangle.
     cumulative_area: Vec<f64>,
+    /// First triangles of the searches in `cumulative_area`: see [`cumulative::guide`].
+    guide: Vec<u32>,
 }
 
 impl MeshLight {
@@ -37,9 +39,12 @@ impl MeshLight {
         if !(is_density(area) && is_density(area.recip())) {
             return Err(AreaLightError::NoArea);
         }
+        let mut guide = Vec::with_capacity(triangles.len());
+        cumulative::guide(&cumulative_area, &mut guide);
         Ok(MeshLight {
             triangles,
             cumulative_area,
+            guide,
         })
     }
 
@@ -48,22 +53,8 @@ impl MeshLight {
     /// Of the 32 bits of a sampler's number, the choice among n triangles uses about log2 n.
     #[inline]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
-        // Choose a triangle by its area
-        let target = u[0] * self.area();
-        let last = self.triangles.len() - 1;
-        // The first sum beyond the target is never that of a triangle without area, which adds nothing to the preceding
-        // sum.
-        let chosen = self
-            .cumulative_area
-            .partition_point(|&sum| sum <= target)
-            .min(last);
-        let before = if chosen == 0 {
-            0.0
-        } else {
-            self.cumulative_area[chosen - 1]
-        };
-        // Sample a point uniformly on the triangle
-        let within = (target - before) / (self.cumulative_area[chosen] - before);
+        // Choose a triangle by its area, then sample a point uniformly on it
+        let (chosen, within) = cumulative::invert(&self.cumulative_area, &self.guide, u[0]);
         let [a, b, c] = self.triangles[chosen];
         let [to_b, to_c] = warp::triangle([within, u[1]]);
         let across = (b - a).cross(c - a);
@@ -77,14 +68,6 @@ impl MeshLight {
             primitive: chosen as u32,
             ..sample
         })
-    }
-
-    /// Returns the density per steradian with which the direction to a point of the light is chosen that is `distance`
-    /// away and seen at `cosine` to its normal; 0 if edge-on.
-    #[inline(always)]
-    pub fn pdf(&self, distance: f64, cosine: f64) -> f64 {
-        let pdf = distance * distance / (cosine.abs() * self.area());
-        if is_density(pdf) { pdf } else { 0.0 }
     }
 
     /// Returns the area of all triangles, of one side, in square metres.
@@ -154,14 +137,5 @@ mod tests {
         let light = MeshLight::new(triangles).unwrap();
         let pick = |u: f64| light.sample(DVec3::splat(9.0), [u, 0.5]).unwrap().primitive;
         assert_eq!((pick(0.0), pick(1.0 - f64::EPSILON / 2.0)), (1, 18));
-    }
-
-    #[test]
-    fn the_pdf_of_a_sample_equals_the_evaluated_pdf() {
-        let light = MeshLight::new(cube(DVec3::ZERO)).unwrap();
-        let sample = light.sample(DVec3::new(4.0, 3.0, 2.0), [0.7, 0.1]).unwrap();
-        let evaluated_pdf = light.pdf(sample.distance, sample.direction.dot(sample.normal));
-        assert!((evaluated_pdf / sample.pdf - 1.0).abs() < 4.0 * f64::EPSILON);
-        assert_eq!(light.pdf(1.0, 0.0), 0.0);
     }
 }

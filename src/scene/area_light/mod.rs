@@ -164,6 +164,20 @@ impl AreaLight {
         }
     }
 
+    /// Returns the density per steradian with which [`AreaLight::sample`] chooses for `p` the direction to `position`, a
+    /// point of the light that is visible from `p` and has the unit `normal`; 0 where it chooses none, as edge-on.
+    pub fn pdf(&self, p: DVec3, position: DVec3, normal: DVec3) -> f64 {
+        let pdf = match self {
+            AreaLight::Quad(light) => light.pdf(p, position),
+            AreaLight::Sphere(light) => light.pdf(p),
+            AreaLight::Shape(light) => light.pdf(p, position, normal),
+            AreaLight::Disk(_) | AreaLight::Mesh(_) => {
+                LightVector::of_area(position - p, normal, self.area()).pdf
+            }
+        };
+        if is_density(pdf) { pdf } else { 0.0 }
+    }
+
     /// Prepares [`AreaLight::sample_packet`] at the points `p`.
     pub(crate) fn view_packet(&self, p: &Lanes3<f64>) -> LightView {
         let mut view = LightView {
@@ -353,6 +367,30 @@ mod tests {
                 });
             }
         }
+    }
+
+    #[test]
+    fn the_density_of_a_direction_is_that_of_the_sample_in_it() {
+        for light in lights() {
+            for p in [
+                DVec3::ZERO,
+                DVec3::new(-20.0, 3.0, 1.0),
+                DVec3::new(0.45, -1.05, 2.9),
+                DVec3::new(0.3, -1e4, 80.0),
+            ] {
+                mean(&light, p, 16, |sample| {
+                    let pdf = light.pdf(p, sample.position, sample.normal);
+                    assert!((pdf / sample.pdf - 1.0).abs() < 1e-9, "{light:?} {p}: {pdf}");
+                    0.0
+                });
+            }
+        }
+        // Edge-on, a flat light has no density
+        let edge = MeshLight::new([[DVec3::ZERO, DVec3::X, DVec3::Y]]).unwrap();
+        assert_eq!(
+            AreaLight::Mesh(edge).pdf(2.0 * DVec3::X, DVec3::ZERO, DVec3::Z),
+            0.0
+        );
     }
 
     #[test]

@@ -106,6 +106,18 @@ impl QuadLight {
         by_angle.or(by_area, seen.solid_angle > MIN_SOLID_ANGLE)
     }
 
+    /// Returns the density per steradian with which the direction from `p` to `position`, a point of the quad, is chosen.
+    pub(super) fn pdf(&self, p: DVec3, position: DVec3) -> f64 {
+        let solid_angle = match self.is_rectangle {
+            true => SphericalRectangle::new(self, p).solid_angle,
+            false => 0.0,
+        };
+        if solid_angle > MIN_SOLID_ANGLE {
+            return solid_angle.recip();
+        }
+        LightVector::of_area(position - p, self.normal, self.area).pdf
+    }
+
     /// Returns the area of one side in square metres.
     pub fn area(&self) -> f64 {
         self.area

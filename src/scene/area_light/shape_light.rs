@@ -10,7 +10,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DAffine3, DMat3, DVec3};
 
-use super::{AreaLightError, LightSample, is_density, sample_of_area};
+use super::{AreaLightError, LightSample, LightVector, is_density, sample_of_area};
 use crate::numeric::warp;
 use crate::shape::{Implicit, Shape};
 
@@ -122,6 +122,28 @@ impl ShapeLight {
             }
         }
         Some(sample)
+    }
+
+    /// Returns the density per steradian with which the direction from `p` to `position`, a point of the shape with the
+    /// unit `normal` that is visible from `p`, is chosen.
+    pub(super) fn pdf(&self, p: DVec3, position: DVec3, normal: DVec3) -> f64 {
+        // Area of the random numbers' unit square in object space
+        let in_object = match &self.shape {
+            Shape::Sphere(sphere) => 4.0 * PI * sphere.radius * sphere.radius,
+            Shape::Torus(torus) => {
+                let axis_distance = self
+                    .object_from_world
+                    .transform_point3(position)
+                    .truncate()
+                    .length();
+                TAU * TAU * torus.minor_radius * axis_distance
+            }
+            _ => self.pieces.iter().map(|piece| piece.area()).sum(),
+        };
+        // The map stretches areas by |det M| |N n|, and Mᵀ turns the normal in the world back
+        let map = self.world_from_object.matrix3;
+        let stretch = map.determinant().abs() / (map.transpose() * normal).length();
+        LightVector::of_area(position - p, normal, in_object * stretch).pdf
     }
 
     /// Returns the area of the outer side in square metres, to about four digits where the map stretches.
@@ -311,6 +333,19 @@ mod tests {
             if is_convex {
                 assert!(around / (4.0 * PI) < 1.0 + 2e-3, "{shape:?}: {around}");
             }
+        }
+    }
+
+    #[test]
+    fn the_density_of_a_direction_is_that_of_the_sample_in_it() {
+        let p = DVec3::new(4.0, -3.0, 5.0);
+        for (shape, _) in shapes_with_areas() {
+            let light = AreaLight::Shape(Box::new(light(&shape, skew())));
+            mean(&light, p, 16, |sample| {
+                let pdf = light.pdf(p, sample.position, sample.normal);
+                assert!((pdf / sample.pdf - 1.0).abs() < 1e-12, "{shape:?}: {pdf}");
+                0.0
+            });
         }
     }
 

@@ -1,0 +1,97 @@
+//! Choice of a step in proportion to its size, by inverting cumulative sums.
+//!
+//! A guide table gives the first step of each of as many equal buckets of the last sum as there are steps. From there a
+//! search is a step or two long on average (H. Chen, Y. Asau, "On Generating Random Variates from an Empirical
+//! Distribution", AIIE Transactions 6(2), 1974), where bisection takes the logarithm of the number of steps.
+
+/// Inverts cumulative sums: returns the index of the step that contains the fraction `u` of the last sum, and the
+/// position within that step, in [0, 1].
+///
+/// `guide` is the table that [`guide`] makes. Never selects a step of zero; the last sum must be positive.
+#[inline(always)]
+pub(crate) fn invert(sums: &[f64], guide: &[u32], u: f64) -> (usize, f64) {
+    let last = sums.len() - 1;
+    let target = u * sums[last];
+    let bucket = ((u * sums.len() as f64) as usize).min(last);
+    let mut chosen = guide[bucket] as usize;
+    while chosen < last && sums[chosen] <= target {
+        chosen += 1;
+    }
+    // Rounding may carry the target to another bucket, or to the end, where steps of zero may follow
+    while chosen > 0 && (sums[chosen - 1] > target || sums[chosen] == sums[chosen - 1]) {
+        chosen -= 1;
+    }
+    let before = if chosen == 0 { 0.0 } else { sums[chosen - 1] };
+    let within = ((target - before) / (sums[chosen] - before)).clamp(0.0, 1.0);
+    (chosen, within)
+}
+
+/// Appends the guide table of cumulative sums: for each bucket the first step whose sum is beyond its start.
+pub(crate) fn guide(sums: &[f64], first_steps: &mut Vec<u32>) {
+    let last = sums.len() - 1;
+    let width = sums[last] / sums.len() as f64;
+    let mut step = 0;
+    for bucket in 0..sums.len() {
+        while step < last && sums[step] <= width * bucket as f64 {
+            step += 1;
+        }
+        first_steps.push(step as u32);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::numeric::SplitMix64;
+
+    /// Returns the chosen step by a search from the first one.
+    fn searched(sums: &[f64], u: f64) -> usize {
+        let target = u * sums[sums.len() - 1];
+        let mut chosen = sums
+            .iter()
+            .position(|&sum| sum > target)
+            .unwrap_or(sums.len() - 1);
+        while chosen > 0 && sums[chosen] == sums[chosen - 1] {
+            chosen -= 1;
+        }
+        chosen
+    }
+
+    #[test]
+    fn guided_search_finds_the_step_of_a_search_from_the_first_one() {
+        let mut random = SplitMix64::new(3, 1);
+        for count in [1, 2, 3, 10, 1000] {
+            for is_uneven in [false, true] {
+                // Steps of zero, also at both ends, and steps that differ by ten orders of magnitude
+                let mut sum = 0.0;
+                let mut sums: Vec<f64> = Vec::new();
+                for step in 0..count {
+                    let is_zero = count > 2 && (step == 0 || step == count - 1 || step % 3 == 1);
+                    let size = if is_uneven {
+                        10f64.powf(-10.0 * random.unit())
+                    } else {
+                        1.0
+                    };
+                    sum += if is_zero { 0.0 } else { size };
+                    sums.push(sum);
+                }
+                let mut table = Vec::new();
+                guide(&sums, &mut table);
+                // Random fractions, both ends, and the starts of all steps
+                let starts = sums.iter().map(|start| (start / sum).min(1.0 - f64::EPSILON));
+                let fractions: Vec<f64> = starts.chain((0..2000).map(|_| random.unit())).collect();
+                for u in fractions.into_iter().chain([0.0, 1.0 - 0.5 * f64::EPSILON]) {
+                    let (chosen, within) = invert(&sums, &table, u);
+                    assert_eq!(chosen, searched(&sums, u), "{count} steps, {u}");
+                    assert!((0.0..=1.0).contains(&within));
+                    let before = if chosen == 0 { 0.0 } else { sums[chosen - 1] };
+                    let found = before + within * (sums[chosen] - before);
+                    assert!(
+                        (found - u * sum).abs() <= 4.0 * f64::EPSILON * sum,
+                        "{count} steps, {u}"
+                    );
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! Lobes that light samples share with lobe rays ([`super::CombinedSampling`]).
+
+use glam::DVec3;
+
+use super::super::context::RenderContext;
+use super::super::surface::Surfaces;
+use super::super::wavefront::{BatchInfo, ShadingState, TracedPacket};
+use super::direct::ShadingContext;
+use super::lobe_variants::{SharedLobes, without_sampled_lobes};
+use crate::accel::NO_HIT;
+use crate::numeric::{LANES, Lanes};
+use crate::scene::{Effect, LightKind};
+
+impl ShadingState<'_, '_> {
+    /// Returns the surfaces with the materials for light samples of a light that is combined, and the numbers of rays
+    /// into their lobes.
+    pub(super) fn with_shared_lobes<'a>(
+        &self,
+        traced: &TracedPacket,
+        lit: &ShadingContext<'a>,
+        stage: BatchInfo,
+    ) -> (ShadingContext<'a>, &'a Lanes<f32>) {
+        let shared = lit.variants.shared.get_or_init(|| {
+            let counts = self.lobe_ray_counts(traced, lit, stage);
+            // Restore the lobes that light samples share
+            let mut materials = without_sampled_lobes(lit.materials);
+            for l in (0..LANES).filter(|&l| counts[l] > 0.0) {
+                materials.roughness[l] = lit.materials.roughness[l];
+            }
+            SharedLobes { materials, counts }
+        });
+        let lit = ShadingContext {
+            materials: &shared.materials,
+            ..*lit
+        };
+        (lit, &shared.counts)
+    }
+
+    /// Returns the numbers of rays into the lobes of the surfaces; 0 where a surface sends none that light samples share.
+    fn lobe_ray_counts(&self, traced: &TracedPacket, lit: &ShadingContext, stage: BatchInfo) -> Lanes<f32> {
+        let frame = self.frame;
+        let refracts = frame.effects().has(Effect::Refraction);
+        std::array::from_fn(|l| {
+            // Surfaces that refract have their lobes to themselves
+            if !lit.materials.has_lobe(l) || refracts && lit.materials.transmits(l) {
+                return 0.0;
+            }
+            let path_depth = traced.path_states.map_or(0, |states| states.depth(l));
+            frame.rough_rays(lit.materials, frame.depth_of(path_depth, stage), l) as f32
+        })
+    }
+}
+
+impl RenderContext<'_> {
+    /// Weights the emission of emissive objects that lobe rays hit and light samples share, by the balance heuristic.
+    #[inline(never)]
+    pub(in crate::render) fn weight_emission(&self, traced: &TracedPacket, surfaces: &mut Surfaces) {
+        let Some(states) = traced.path_states else {
+            return;
+        };
+        let is_hit = surfaces.points.hit;
+        for l in (0..LANES).filter(|&l| is_hit[l]) {
+            // Find the light behind a lobe ray; other rays have an infinite density
+            let density = f64::from(states.density(l));
+            let instance = traced.packet.instance[l];
+            let light = (density != f64::INFINITY && instance != NO_HIT)
+                .then(|| self.combined.light_on(instance))
+                .flatten();
+            let Some(number) = light else {
+                continue;
+            };
+            let (Some(Some(sampler)), LightKind::Area { samples, .. }) =
+                (self.area_lights.get(number), self.scene.lights[number].kind)
+            else {
+                continue;
+            };
+            // Compare the densities of both ways to sample the direction, as seen from the origin of the ray
+            let points = &surfaces.points;
+            let hit = DVec3::from([0, 1, 2].map(|axis| points.p[axis][l]));
+            let origin = traced.packet.ray(l).origin.as_dvec3();
+            let by_light = sampler.pdf(origin, hit, points.geometric_normal(l)) * f64::from(samples);
+            let share = (density / (density + by_light)) as f32;
+            surfaces.scale_emission(l, share);
+        }
+    }
+}

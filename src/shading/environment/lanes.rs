@@ -1,0 +1,159 @@
+//! Look-up and sampling of an environment map in sixteen lanes at once, with the bits of single directions.
+//!
+//! Only the reads of tables and texels go lane by lane.
+
+use multiversion::multiversion;
+
+use super::{EnvironmentMap, luminance};
+use crate::numeric::{LANES, Lanes, Lanes3, warp};
+
+/// Radiance from sixteen directions, and the densities with which they are sampled.
+pub struct EnvironmentLanes {
+    /// Radiance from each direction, linear RGB.
+    pub radiance: Lanes3<f32>,
+    /// Densities per steradian; see [`EnvironmentMap::pdf`].
+    pub pdf: Lanes<f64>,
+}
+
+/// Sixteen directions sampled from an environment map, with their radiance and density.
+pub struct EnvironmentSamples {
+    /// Unit vectors toward the light, in world space.
+    pub direction: Lanes3<f64>,
+    /// Radiance from the directions, linear RGB.
+    pub radiance: Lanes3<f32>,
+    /// Densities of the directions per steradian; 0 in lanes without a sample.
+    pub pdf: Lanes<f64>,
+}
+
+/// Four texels around a position in each lane, in the order of [`EnvironmentMap::corner_indices`].
+type TexelLanes = [Lanes3<f32>; 4];
+
+impl EnvironmentMap {
+    /// Returns the radiance from `directions`, unit vectors in world space, and their densities.
+    pub fn look_up(&self, directions: &Lanes3<f64>) -> EnvironmentLanes {
+        let mut found = EnvironmentLanes {
+            radiance: [[0.0; LANES]; 3],
+            pdf: [0.0; LANES],
+        };
+        look_up_lanes(self, directions, &mut found);
+        found
+    }
+
+    /// Samples directions with the random numbers `u`: see [`EnvironmentMap::sample`].
+    pub fn sample_packet(&self, u: &[Lanes<f64>; 2]) -> EnvironmentSamples {
+        let mut samples = EnvironmentSamples {
+            direction: [[0.0; LANES]; 3],
+            radiance: [[0.0; LANES]; 3],
+            pdf: [0.0; LANES],
+        };
+        if self.total() > 0.0 {
+            sample_lanes(self, u, &mut samples);
+        }
+        samples
+    }
+
+    /// Reads the texels around the positions.
+    #[inline(always)]
+    fn texels(&self, column: &Lanes<u32>, row: &Lanes<u32>) -> TexelLanes {
+        let mut texels = [[[0.0; LANES]; 3]; 4];
+        for l in 0..LANES {
+            let indices = self.corner_indices(column[l] as usize, row[l] as usize);
+            for (lanes, index) in texels.iter_mut().zip(indices) {
+                let texel = self.texels[index];
+                (0..3).for_each(|channel| lanes[channel][l] = texel[channel]);
+            }
+        }
+        texels
+    }
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn look_up_lanes(map: &EnvironmentMap, directions: &Lanes3<f64>, found: &mut EnvironmentLanes) {
+    // Compute the cells of all lanes
+    let (mut column, mut row) = ([0; LANES], [0; LANES]);
+    let mut fraction = [[0.0; LANES]; 2];
+    let mut sines = [0.0; LANES];
+    for l in 0..LANES {
+        let [x, y, z] = [0, 1, 2].map(|axis| directions[axis][l]);
+        let position = map.position_at(map.cell_coordinates([x, y, z]));
+        (column[l], row[l]) = (position.column as u32, position.row as u32);
+        (0..2).for_each(|axis| fraction[axis][l] = position.fraction[axis]);
+        sines[l] = (x * x + z * z).sqrt();
+    }
+    // Interpolate between texels
+    let texels = map.texels(&column, &row);
+    let row_density: Lanes<f64> = std::array::from_fn(|l| map.row_densities[row[l] as usize]);
+    interpolate(&texels, &fraction, &mut found.radiance);
+    densities(&row_density, &sines, &found.radiance, &mut found.pdf);
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn sample_lanes(map: &EnvironmentMap, u: &[Lanes<f64>; 2], samples: &mut EnvironmentSamples) {
+    // Sample a row of cells, then a cell within the row
+    let (mut column, mut row) = ([0; LANES], [0; LANES]);
+    let (mut across, mut down) = ([0.0; LANES], [0.0; LANES]);
+    for l in 0..LANES {
+        let (chosen, within) = map.sample_row(u[1][l]);
+        (row[l], down[l]) = (chosen as u32, within);
+    }
+    for l in 0..LANES {
+        let (chosen, within) = map.sample_column(row[l] as usize, u[0][l]);
+        (column[l], across[l]) = (chosen as u32, within);
+    }
+    let texels = map.texels(&column, &row);
+    let row_density: Lanes<f64> = std::array::from_fn(|l| map.row_densities[row[l] as usize]);
+    // Sample the positions within the cells by their bilinear luminance
+    let mut fraction = [[0.0; LANES]; 2];
+    for l in 0..LANES {
+        let [a, b, c, d] = [0, 1, 2, 3].map(|corner: usize| luminance(lane(&texels[corner], l)));
+        let t = warp::linear(a + b, c + d, down[l]);
+        fraction[0][l] = warp::linear(a + t * (c - a), b + t * (d - b), across[l]);
+        fraction[1][l] = t;
+    }
+    interpolate(&texels, &fraction, &mut samples.radiance);
+    // Convert the positions into directions, and the densities into solid angle
+    let mut sines = [0.0; LANES];
+    for l in 0..LANES {
+        let (column, row) = (f64::from(column[l]), f64::from(row[l]));
+        let (direction, sine) = map.direction_at([column, row], [fraction[0][l], fraction[1][l]]);
+        for axis in 0..3 {
+            samples.direction[axis][l] = direction[axis];
+        }
+        sines[l] = sine;
+    }
+    densities(&row_density, &sines, &samples.radiance, &mut samples.pdf);
+}
+
+/// Interpolates the radiance bilinearly.
+#[inline(always)]
+fn interpolate(texels: &TexelLanes, fraction: &[Lanes<f64>; 2], radiance: &mut Lanes3<f32>) {
+    for channel in 0..3 {
+        for l in 0..LANES {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|corner: usize| f64::from(texels[corner][channel][l]));
+            let (s, t) = (fraction[0][l], fraction[1][l]);
+            radiance[channel][l] = ((1.0 - t) * ((1.0 - s) * a + s * b) + t * ((1.0 - s) * c + s * d)) as f32;
+        }
+    }
+}
+
+/// Sets the densities per steradian of directions with these sines to +y; 0 where there is none.
+#[inline(always)]
+fn densities(row_density: &Lanes<f64>, sines: &Lanes<f64>, radiance: &Lanes3<f32>, pdf: &mut Lanes<f64>) {
+    for l in 0..LANES {
+        let luminance = luminance(lane(radiance, l));
+        let density = row_density[l] * luminance / sines[l];
+        let is_density = (luminance > 0.0) & (density > 0.0) & (density < f64::INFINITY);
+        pdf[l] = if is_density { density } else { 0.0 };
+    }
+}
+
+#[inline(always)]
+fn lane(vectors: &Lanes3<f32>, l: usize) -> [f32; 3] {
+    [vectors[0][l], vectors[1][l], vectors[2][l]]
+}

@@ -66,7 +66,7 @@ mod tests {
                 let mut sum = 0.0;
                 let mut sums: Vec<f64> = Vec::new();
                 for step in 0..count {
-                    let is_zero = count > 2 && (step == 0 || step == count - 1 || step % 3 == 1);
+                    let is_zero = count > 3 && (step == 0 || step == count - 1 || step % 3 == 1);
                     let size = if is_uneven {
                         10f64.powf(-10.0 * random.unit())
                     } else {

@@ -13,10 +13,12 @@
 
 use std::f32::consts::PI;
 
+use multiversion::multiversion;
+
 use super::anisotropic_lobe::{AnisotropicLobe, anisotropic_albedo, dot};
 use super::layer::cosines;
 use super::material::{DEFAULT_F0, MaterialPacket};
-use super::{LobeAlbedo, ThinFilm};
+use super::{LobeAlbedo, ThinFilm, ThinFilmLanes};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, MIRROR_ROUGHNESS};
 
@@ -91,7 +93,18 @@ impl MaterialPacket {
             return reflectance;
         }
         let film = self.film_reflectance(cosine, l);
-        std::array::from_fn(|c| reflectance[c] + weight * (film[c] - reflectance[c]))
+        std::array::from_fn(|c| self.blend_film(reflectance[c], film[c], l))
+    }
+
+    /// Blends the reflectance of the thin film in lane `l` into `reflectance`, by its weight.
+    #[inline(always)]
+    fn blend_film(&self, reflectance: f32, film: f32, l: usize) -> f32 {
+        let weight = self.extended.film[l];
+        if weight > 0.0 {
+            reflectance + weight * (film - reflectance)
+        } else {
+            reflectance
+        }
     }
 
     /// Returns the reflectance of the thin film in lane `l` at this cosine of incidence.
@@ -119,10 +132,22 @@ impl MaterialPacket {
 
     #[inline(never)]
     fn set_film_reflectance(&mut self, ns: &Lanes3<f32>, wo: &Lanes3<f32>) {
-        let cosines = cosines(ns, wo);
-        for l in (0..LANES).filter(|&l| self.extended.film[l] > 0.0) {
-            let film = self.film_reflectance(cosines[l], l);
-            (0..3).for_each(|c| self.extended.film_reflectance[c][l] = film[c]);
+        if self.has_film() {
+            self.extended.film_reflectance = self.films().reflectance(&cosines(ns, wo));
+        }
+    }
+
+    /// Returns whether any lane has a thin film.
+    fn has_film(&self) -> bool {
+        self.extended.film.iter().any(|&weight| weight > 0.0)
+    }
+
+    /// Returns the thin films of all lanes.
+    fn films(&self) -> ThinFilmLanes<'_> {
+        ThinFilmLanes {
+            ior: &self.extended.film_ior,
+            thickness: &self.extended.film_thickness,
+            f0: [0, 1, 2].map(|channel| std::array::from_fn(|l| self.f0::<true>(channel, l))),
         }
     }
 
@@ -302,14 +327,17 @@ pub fn direct_combined<const EXTENDED: bool>(
         return special_direct(material, ns, wo, wi, ratios);
     }
     match ratios {
-        Some(ratios) if EXTENDED => direct_lanes::<true, false, true>(material, ns, wo, wi, ratios),
-        _ => direct_lanes::<EXTENDED, false, false>(material, ns, wo, wi, &[0.0; LANES]),
+        Some(ratios) if EXTENDED => direct_lanes::<true, false, true>(material, ns, wo, wi, (ratios, None)),
+        _ => direct_lanes::<EXTENDED, false, false>(material, ns, wo, wi, (&[0.0; LANES], None)),
     }
 }
 
 /// Evaluates [`direct_combined`] with anisotropic lobes and thin films. Not inlined, so that scenes without them keep their
 /// registers.
-#[inline(never)]
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
 fn special_direct(
     material: &MaterialPacket,
     ns: &Lanes3<f32>,
@@ -317,18 +345,34 @@ fn special_direct(
     wi: &Lanes3<f32>,
     ratios: Option<&Lanes<f32>>,
 ) -> Lanes3<f32> {
-    direct_lanes::<true, true, true>(material, ns, wo, wi, ratios.unwrap_or(&[0.0; LANES]))
+    // Evaluate the films at the microfacets that reflect the light
+    let mut films = None;
+    if material.has_film() {
+        let mut cosines = [0.0; LANES];
+        for l in 0..LANES {
+            cosines[l] = microfacet_cosine([wo[0][l] + wi[0][l], wo[1][l] + wi[1][l], wo[2][l] + wi[2][l]]);
+        }
+        films = Some(material.films().reflectance(&cosines));
+    }
+    let ratios = ratios.unwrap_or(&[0.0; LANES]);
+    direct_lanes::<true, true, true>(material, ns, wo, wi, (ratios, films.as_ref()))
 }
 
-/// Evaluates all lanes: with the parameters that few materials use if `EXTENDED`, with anisotropic lobes and thin films if
-/// `SPECIAL`, and with the shares of light samples by `ratios` if `COMBINED`.
+/// Returns the cosine of the angle of incidence on a microfacet that reflects between two unit vectors of the sum `h`.
+#[inline(always)]
+fn microfacet_cosine(h: [f32; 3]) -> f32 {
+    0.5 * dot(h, h).sqrt()
+}
+
+/// Evaluates all lanes: with the parameters that few materials use if `EXTENDED`, with anisotropic lobes and the
+/// reflectances of thin films `films` if `SPECIAL`, and with the shares of light samples by `ratios` if `COMBINED`.
 #[inline(always)]
 fn direct_lanes<const EXTENDED: bool, const SPECIAL: bool, const COMBINED: bool>(
     material: &MaterialPacket,
     ns: &Lanes3<f32>,
     wo: &Lanes3<f32>,
     wi: &Lanes3<f32>,
-    ratios: &Lanes<f32>,
+    (ratios, films): (&Lanes<f32>, Option<&Lanes3<f32>>),
 ) -> Lanes3<f32> {
     let mut reflected = [[0.0; LANES]; 3];
     for l in 0..LANES {
@@ -377,9 +421,12 @@ fn direct_lanes<const EXTENDED: bool, const SPECIAL: bool, const COMBINED: bool>
             lobe *= if ratios[l] > 0.0 { share } else { 1.0 };
         }
         // Blend diffuse and specular by Schlick's Fresnel term
-        let reflectance = material.fresnel::<EXTENDED, SPECIAL>(v_dot_h, l);
+        let grazing = fifth_power(1.0 - v_dot_h);
         for channel in 0..3 {
-            let fresnel = reflectance[channel];
+            let mut fresnel = material.schlick::<EXTENDED>(grazing, channel, l);
+            if SPECIAL && let Some(films) = films {
+                fresnel = material.blend_film(fresnel, films[channel][l], l);
+            }
             let taken = fresnel.max(material.specular_albedo::<EXTENDED, SPECIAL>(channel, l));
             let diffuse = (1.0 - taken) * material.c_diff::<EXTENDED>(channel, l) * (1.0 / PI);
             let specular = fresnel * lobe * material.multiple_scattering::<EXTENDED, SPECIAL>(channel, l);

@@ -36,7 +36,7 @@ pub use sheen::SheenLanes;
 pub use subsurface_entry::transmitted_irradiance;
 pub use texture::{Footprint, TexturePoint, TextureSet, fold_constant_textures};
 pub(crate) use texture::{PacketLookup, UvPacket};
-pub use thin_film::ThinFilm;
+pub use thin_film::{ThinFilm, ThinFilmLanes};
 
 pub use crate::scene::{
     AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, ShapeLight, SphereLight,

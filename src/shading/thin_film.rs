@@ -9,7 +9,10 @@
 
 use std::f64::consts::{PI, TAU};
 
+use multiversion::multiversion;
+
 use crate::numeric::lane_math::{exp, sin_cos};
+use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// Thin film on a base, between air and the base.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +47,7 @@ const RGB_FROM_XYZ: [[f64; 3]; 3] = [
 impl ThinFilm {
     /// Returns the reflectance, linear RGB, of a film on a base of the reflectance `f0` at normal incidence, for light at
     /// `cosine` to the normal, from 0 to 1. It is within [0, 1].
+    #[inline(always)]
     pub fn reflectance(&self, cosine: f64, f0: [f64; 3]) -> [f64; 3] {
         /// Thickness below which a film fades to none, in nanometres.
         const FADING: f64 = 0.03;
@@ -57,34 +61,82 @@ impl ThinFilm {
         let first = schlick(normal_reflectance(ior, 1.0), cosine);
         let passed = 1.0 - first;
         let difference = 2.0 * ior * self.thickness * 1e-9 * cos_inside;
-        // Find the second face's reflectance and its phase, by channel
-        let base = f0.map(index_of);
-        let second = base.map(|index| schlick(normal_reflectance(index, ior), cos_inside));
-        let shift = base.map(|index| if index < ior { TAU } else { PI });
+        // Loops instead of closures, which are not inlined into code for wider instruction sets
+        let (mut shift, mut product, mut order, mut reflectance) = ([0.0; 3], [0.0; 3], [0.0; 3], [0.0; 3]);
+        for c in 0..3 {
+            // Find the second face's reflectance and its phase
+            let index = index_of(f0[c]);
+            let second = schlick(normal_reflectance(index, ior), cos_inside);
+            shift[c] = if index < ior { TAU } else { PI };
+            // Add the light that enters the film and leaves it again
+            product[c] = (first * second).min(MAX_PRODUCT);
+            let inner = passed * passed * second / (1.0 - product[c]);
+            order[c] = inner - passed;
+            reflectance[c] = first + inner;
+        }
         // Sum the orders of interference
-        let product = second.map(|second| (first * second).min(MAX_PRODUCT));
-        // Add the light that enters the film and leaves it again
-        let inner: [f64; 3] = std::array::from_fn(|c| passed * passed * second[c] / (1.0 - product[c]));
-        let mut order = inner.map(|inner| inner - passed);
-        let mut reflectance = inner.map(|inner| first + inner);
         for m in [1.0, 2.0] {
-            let sensitivity = sensitivity(m * difference, shift.map(|shift| m * shift));
+            let sensitivity = sensitivity(m * difference, [m * shift[0], m * shift[1], m * shift[2]]);
             for c in 0..3 {
                 order[c] *= product[c].sqrt();
                 reflectance[c] += 2.0 * order[c] * sensitivity[c];
             }
         }
-        reflectance.map(|x| x.clamp(0.0, 1.0))
+        for value in &mut reflectance {
+            *value = value.clamp(0.0, 1.0);
+        }
+        reflectance
+    }
+}
+
+/// Films in sixteen lanes, each on a base of its own.
+pub struct ThinFilmLanes<'a> {
+    /// Indices of refraction of the films.
+    pub ior: &'a Lanes<f32>,
+    /// Thicknesses of the films in nanometres.
+    pub thickness: &'a Lanes<f32>,
+    /// Reflectances of the bases at normal incidence.
+    pub f0: Lanes3<f32>,
+}
+
+impl ThinFilmLanes<'_> {
+    /// Returns the reflectances for light at `cosine` to the normals: see [`ThinFilm::reflectance`].
+    pub fn reflectance(&self, cosine: &Lanes<f32>) -> Lanes3<f32> {
+        let mut reflectance = [[0.0; LANES]; 3];
+        reflectance_lanes(self, cosine, &mut reflectance);
+        reflectance
+    }
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn reflectance_lanes(films: &ThinFilmLanes, cosine: &Lanes<f32>, reflectance: &mut Lanes3<f32>) {
+    for l in 0..LANES {
+        let film = ThinFilm {
+            ior: films.ior[l].into(),
+            thickness: films.thickness[l].into(),
+        };
+        let f0 = [
+            films.f0[0][l].into(),
+            films.f0[1][l].into(),
+            films.f0[2][l].into(),
+        ];
+        let [r, g, b] = film.reflectance(cosine[l].clamp(0.0, 1.0).into(), f0);
+        (reflectance[0][l], reflectance[1][l], reflectance[2][l]) = (r as f32, g as f32, b as f32);
     }
 }
 
 /// Returns the reflectance at normal incidence between two media.
+#[inline(always)]
 fn normal_reflectance(inside: f64, outside: f64) -> f64 {
     let ratio = (inside - outside) / (inside + outside);
     ratio * ratio
 }
 
 /// Returns the index of refraction of the dielectric with this reflectance at normal incidence in air.
+#[inline(always)]
 fn index_of(f0: f64) -> f64 {
     /// Largest reflectance, whose index is finite.
     const MAX: f64 = 0.9999;
@@ -92,23 +144,37 @@ fn index_of(f0: f64) -> f64 {
     (1.0 + root) / (1.0 - root)
 }
 
+#[inline(always)]
 fn schlick(f0: f64, cosine: f64) -> f64 {
-    f0 + (1.0 - f0) * (1.0 - cosine).powi(5)
+    let left = 1.0 - cosine;
+    let squared = left * left;
+    f0 + (1.0 - f0) * (squared * squared * left)
 }
 
 /// Returns the transform of the observer's sensitivities at an optical path difference in metres, with a phase shift for
 /// each of the three sensitivities, as linear RGB.
+#[inline(always)]
 fn sensitivity(difference: f64, shift: [f64; 3]) -> [f64; 3] {
     let phase = TAU * difference;
-    let transform = |[height, mean, variance]: Gaussian, shift: f64| {
-        // Evaluate the transform of one Gaussian
-        let [_, cosine] = sin_cos(mean * phase + shift);
-        height * (TAU * variance).sqrt() * cosine * exp(-variance * phase * phase) / INTEGRAL
-    };
+    let mut xyz = [0.0; 3];
+    for c in 0..3 {
+        xyz[c] = transform(SENSITIVITIES[c], phase, shift[c]);
+    }
+    xyz[0] += transform(SECOND_X, phase, shift[0]);
     // Convert the three sensitivities to linear RGB
-    let mut xyz: [f64; 3] = std::array::from_fn(|c| transform(SENSITIVITIES[c], shift[c]));
-    xyz[0] += transform(SECOND_X, shift[0]);
-    RGB_FROM_XYZ.map(|row| row[0] * xyz[0] + row[1] * xyz[1] + row[2] * xyz[2])
+    let mut rgb = [0.0; 3];
+    for c in 0..3 {
+        let row = RGB_FROM_XYZ[c];
+        rgb[c] = row[0] * xyz[0] + row[1] * xyz[1] + row[2] * xyz[2];
+    }
+    rgb
+}
+
+/// Evaluates the transform of one Gaussian, with a phase shift.
+#[inline(always)]
+fn transform([height, mean, variance]: Gaussian, phase: f64, shift: f64) -> f64 {
+    let [_, cosine] = sin_cos(mean * phase + shift);
+    height * (TAU * variance).sqrt() * cosine * exp(-variance * phase * phase) / INTEGRAL
 }
 
 #[cfg(test)]
@@ -173,6 +239,30 @@ mod tests {
                     (found[c] - expected[c]).abs() < 1e-9,
                     "{film:?} {cosine} {f0:?}: {found:?} {expected:?}"
                 );
+            }
+        }
+    }
+
+    #[test]
+    fn sixteen_films_have_the_bits_of_single_ones() {
+        let mut random = SplitMix64::new(1, 3);
+        for _ in 0..100 {
+            let mut lanes =
+                |low, high| -> Lanes<f32> { std::array::from_fn(|_| random.within(low, high) as f32) };
+            let (ior, thickness, cosine) = (lanes(1.0, 2.5), lanes(0.0, 1000.0), lanes(0.0, 1.0));
+            let films = ThinFilmLanes {
+                ior: &ior,
+                thickness: &thickness,
+                f0: [0; 3].map(|_| lanes(0.0, 1.0)),
+            };
+            let found = films.reflectance(&cosine);
+            for l in 0..LANES {
+                let film = ThinFilm {
+                    ior: ior[l].into(),
+                    thickness: thickness[l].into(),
+                };
+                let single = film.reflectance(cosine[l].into(), films.f0.map(|f0| f0[l].into()));
+                assert_eq!(found.map(|channel| channel[l]), single.map(|x| x as f32));
             }
         }
     }

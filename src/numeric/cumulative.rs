@@ -77,10 +77,13 @@ mod tests {
                 }
                 let mut table = Vec::new();
                 guide(&sums, &mut table);
-                // Random fractions, both ends, and the starts of all steps
+                // Random fractions, both ends, the starts of all steps, and numbers next to those of all buckets
                 let starts = sums.iter().map(|start| (start / sum).min(1.0 - f64::EPSILON));
-                let fractions: Vec<f64> = starts.chain((0..2000).map(|_| random.unit())).collect();
-                for u in fractions.into_iter().chain([0.0, 1.0 - 0.5 * f64::EPSILON]) {
+                let buckets = (1..count).map(|bucket| f64::from(bucket) / f64::from(count));
+                let buckets = buckets.flat_map(|start| [start.next_down(), start, start.next_up()]);
+                let random = (0..2000).map(|_| random.unit());
+                let fractions: Vec<f64> = starts.chain(buckets).chain(random).collect();
+                for u in fractions.into_iter().chain([0.0, 1.0 - 0.5 * f64::EPSILON, 1.0]) {
                     let (chosen, within) = invert(&sums, &table, u);
                     assert_eq!(chosen, searched(&sums, u), "{count} steps, {u}");
                     assert!((0.0..=1.0).contains(&within));

@@ -39,11 +39,8 @@ fn under_suns(roughness: f32, samples: u32) -> Scene {
 }
 
 /// Adds a ball of glass, and a pane that lets half of the light pass, before parts of what the origin sees.
-fn add_obstacles(scene: &mut Scene) {
-    let ball = Geometry::Shape(Shape::Sphere(Sphere {
-        center: DVec3::new(-1.0, 0.1, 1.2),
-        radius: 0.5,
-    }));
+fn add_obstacles(scene: &mut Scene, ball: Sphere) {
+    let ball = Geometry::Shape(Shape::Sphere(ball));
     let glass = glass(0.0, 0, MediumKind::Solid);
     add(scene, "ball", ball, glass, DAffine3::IDENTITY);
     let mut pane = metal(0.0, 0.5, 0);
@@ -87,7 +84,11 @@ fn environment_behind_glass_and_half_covered_counts_once() {
     for (roughness, gain) in [(0.3, 1.2), (0.7, 0.9)] {
         let scenes = [1, 0].map(|samples| {
             let mut scene = under_suns(roughness, samples);
-            add_obstacles(&mut scene);
+            let ball = Sphere {
+                center: DVec3::new(-0.5, 0.3, 1.6),
+                radius: 1.0,
+            };
+            add_obstacles(&mut scene, ball);
             scene
         });
         assert_agree(&format!("roughness {roughness}"), &scenes[0], &scenes[1], gain);
@@ -169,7 +170,11 @@ fn emissive_object_behind_glass_and_half_covered_counts_once() {
         for pane_size in [0.3, 0.6] {
             let [both, by_lobe_rays] = [true, false].map(|is_sampled| {
                 let mut scene = under_lamp(geometry, 0.5, is_sampled);
-                add_obstacles(&mut scene);
+                let ball = Sphere {
+                    center: DVec3::new(-1.0, 0.1, 1.2),
+                    radius: 0.5,
+                };
+                add_obstacles(&mut scene, ball);
                 // Another pane covers the lamp or a part of it
                 let pane = scene.instances.last().unwrap().clone();
                 let place = DAffine3::from_translation(DVec3::new(-0.1, 0.9, 0.6))

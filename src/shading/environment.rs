@@ -299,10 +299,7 @@ impl EnvironmentMap {
             .corner_indices(image_position.column, image_position.row)
             .map(|index| self.texels[index]);
         let [s, t] = image_position.fraction;
-        std::array::from_fn(|channel| {
-            let [a, b, c, d] = [a, b, c, d].map(|texel| f64::from(texel[channel]));
-            ((1.0 - t) * ((1.0 - s) * a + s * b) + t * ((1.0 - s) * c + s * d)) as f32
-        })
+        std::array::from_fn(|channel| bilinear([a, b, c, d].map(|texel| texel[channel]), [s, t]))
     }
 
     /// Returns the position in the image that a unit vector in world space points to.
@@ -362,6 +359,13 @@ impl EnvironmentMap {
     }
 }
 
+/// Interpolates between four texels: left and right above, left and right below.
+#[inline(always)]
+fn bilinear(texels: [f32; 4], [s, t]: [f64; 2]) -> f32 {
+    let [a, b, c, d] = texels.map(f64::from);
+    ((1.0 - t) * ((1.0 - s) * a + s * b) + t * ((1.0 - s) * c + s * d)) as f32
+}
+
 /// Returns the luminance of a linear RGB colour.
 #[inline(always)]
 fn luminance(color: [f32; 3]) -> f64 {
@@ -373,9 +377,13 @@ fn luminance(color: [f32; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::numeric::{LANES, Lanes};
 
-    fn map(width: u32, height: u32, rotation: f64, texel: impl Fn(u32, u32) -> [f32; 3]) -> EnvironmentMap {
+    pub(super) fn map(
+        width: u32,
+        height: u32,
+        rotation: f64,
+        texel: impl Fn(u32, u32) -> [f32; 3],
+    ) -> EnvironmentMap {
         let pixels = (0..width * height).map(|i| texel(i % width, i / width)).collect();
         EnvironmentMap::new(
             LinearImage {
@@ -389,7 +397,7 @@ mod tests {
     }
 
     /// Returns a test map that is black except for some texels, one of them at the seam and one at each pole.
-    fn speckled_map() -> EnvironmentMap {
+    pub(super) fn speckled_map() -> EnvironmentMap {
         map(12, 7, 0.7, |x, y| match (x, y) {
             (0, 3) => [5.0, 0.0, 0.0],
             (11, 2) | (4, 0) => [0.0, 0.1, 2.0],
@@ -399,7 +407,7 @@ mod tests {
         })
     }
 
-    fn midpoints(cells: u32) -> impl Iterator<Item = [f64; 2]> {
+    pub(super) fn midpoints(cells: u32) -> impl Iterator<Item = [f64; 2]> {
         let middle = move |i: u32| (f64::from(i) + 0.5) / f64::from(cells);
         (0..cells * cells).map(move |i| [middle(i % cells), middle(i / cells)])
     }
@@ -443,52 +451,6 @@ mod tests {
             let rotated = glam::DQuat::from_rotation_y(0.7) * d;
             let (there, here) = (plain.radiance(rotated), turned.radiance(d));
             assert!((0..3).all(|c| (there[c] - here[c]).abs() < 1e-4), "{d}");
-        }
-    }
-
-    #[test]
-    fn lanes_have_the_radiance_and_density_of_single_directions() {
-        let map = speckled_map();
-        let directions: Vec<DVec3> = midpoints(64).map(|[a, b]| warp::direction(2.0 * a, b)).collect();
-        for packet in directions.chunks_exact(LANES) {
-            let found = map.look_up(&[0, 1, 2].map(|axis| std::array::from_fn(|l| packet[l][axis])));
-            for (l, &direction) in packet.iter().enumerate() {
-                let radiance = [0, 1, 2].map(|channel| found.radiance[channel][l]);
-                let (expected, pdf) = (map.radiance(direction), map.pdf(direction));
-                // Fused operations round otherwise
-                assert!((0..3).all(|c| (radiance[c] - expected[c]).abs() <= 1e-6 * expected[c] + 1e-9));
-                assert!((found.pdf[l] - pdf).abs() <= 1e-6 * pdf + 1e-9, "{direction}");
-            }
-        }
-    }
-
-    #[test]
-    fn sixteen_samples_have_the_bits_of_single_ones() {
-        for map in [
-            speckled_map(),
-            map(1, 1, 0.3, |_, _| [0.5; 3]),
-            map(5, 1, 0.0, |x, _| [x as f32, 0.0, 1.0]),
-            map(64, 33, 2.0, |x, y| [(x * y % 7) as f32, (x % 3) as f32, 0.25]),
-            map(3, 2, 0.0, |_, _| [0.0; 3]),
-        ] {
-            // Both ends, the steps of the speckled map, and even numbers
-            let ends = [0.0, 0.25, 0.5, 0.75, 1.0 - 0.5 * f64::EPSILON];
-            let pairs = ends.into_iter().flat_map(|a| ends.map(|b| [a, b]));
-            let pairs: Vec<[f64; 2]> = pairs.chain(midpoints(20)).collect();
-            for packet in pairs.chunks_exact(LANES) {
-                let u: [Lanes<f64>; 2] = [0, 1].map(|axis| std::array::from_fn(|l| packet[l][axis]));
-                let found = map.sample_packet(&u);
-                for l in 0..LANES {
-                    let Some(single) = map.sample(packet[l]) else {
-                        assert_eq!(found.pdf[l], 0.0);
-                        continue;
-                    };
-                    let direction = DVec3::from([0, 1, 2].map(|axis| found.direction[axis][l]));
-                    let radiance = [0, 1, 2].map(|channel| found.radiance[channel][l]);
-                    assert_eq!((direction, radiance), (single.direction, single.radiance));
-                    assert_eq!(found.pdf[l], single.pdf, "{:?}", packet[l]);
-                }
-            }
         }
     }
 

@@ -15,10 +15,9 @@ use std::f32::consts::PI;
 
 use multiversion::multiversion;
 
-use super::anisotropic_lobe::{AnisotropicLobe, anisotropic_albedo, dot};
-use super::layer::cosines;
+use super::LobeAlbedo;
+use super::anisotropic_lobe::{AnisotropicLobe, dot};
 use super::material::{DEFAULT_F0, MaterialPacket};
-use super::{LobeAlbedo, ThinFilm, ThinFilmLanes};
 use crate::numeric::{LANES, Lanes, Lanes3};
 use crate::scene::{Effect, MIRROR_ROUGHNESS};
 
@@ -46,7 +45,7 @@ impl MaterialPacket {
 
     /// Returns the specular reflectance at normal incidence.
     #[inline(always)]
-    fn f0<const EXTENDED: bool>(&self, channel: usize, l: usize) -> f32 {
+    pub(super) fn f0<const EXTENDED: bool>(&self, channel: usize, l: usize) -> f32 {
         let dielectric = if EXTENDED {
             (self.f0[l] * self.extended.specular_color[channel][l]).min(1.0) * self.extended.specular[l]
         } else {
@@ -84,40 +83,6 @@ impl MaterialPacket {
         }
     }
 
-    /// Blends the reflectance of the thin film in lane `l` into `reflectance`, at this cosine of incidence.
-    #[inline(never)]
-    pub fn with_film(&self, reflectance: [f32; 3], cosine: f32, l: usize) -> [f32; 3] {
-        // Keep the reflectance of lanes without a film
-        let weight = self.extended.film[l];
-        if !(weight > 0.0) {
-            return reflectance;
-        }
-        let film = self.film_reflectance(cosine, l);
-        std::array::from_fn(|c| self.blend_film(reflectance[c], film[c], l))
-    }
-
-    /// Blends the reflectance of the thin film in lane `l` into `reflectance`, by its weight.
-    #[inline(always)]
-    fn blend_film(&self, reflectance: f32, film: f32, l: usize) -> f32 {
-        let weight = self.extended.film[l];
-        if weight > 0.0 {
-            reflectance + weight * (film - reflectance)
-        } else {
-            reflectance
-        }
-    }
-
-    /// Returns the reflectance of the thin film in lane `l` at this cosine of incidence.
-    fn film_reflectance(&self, cosine: f32, l: usize) -> [f32; 3] {
-        let film = ThinFilm {
-            ior: self.extended.film_ior[l].into(),
-            thickness: self.extended.film_thickness[l].into(),
-        };
-        let f0 = [0, 1, 2].map(|channel| f64::from(self.f0::<true>(channel, l)));
-        let cosine = f64::from(cosine.clamp(0.0, 1.0));
-        film.reflectance(cosine, f0).map(|x| x as f32)
-    }
-
     /// Sets what depends on the viewers along `wo`: the albedo of the lobe and the reflectance of thin films.
     #[inline(always)]
     pub fn set_view(&mut self, ns: &Lanes3<f32>, wo: &Lanes3<f32>) {
@@ -127,41 +92,6 @@ impl MaterialPacket {
         }
         if self.effects.has(Effect::Iridescence) {
             self.set_film_reflectance(ns, wo);
-        }
-    }
-
-    #[inline(never)]
-    fn set_film_reflectance(&mut self, ns: &Lanes3<f32>, wo: &Lanes3<f32>) {
-        if self.has_film() {
-            self.extended.film_reflectance = self.films().reflectance(&cosines(ns, wo));
-        }
-    }
-
-    /// Returns whether any lane has a thin film.
-    fn has_film(&self) -> bool {
-        self.extended.film.iter().any(|&weight| weight > 0.0)
-    }
-
-    /// Returns the thin films of all lanes.
-    fn films(&self) -> ThinFilmLanes<'_> {
-        ThinFilmLanes {
-            ior: &self.extended.film_ior,
-            thickness: &self.extended.film_thickness,
-            f0: [0, 1, 2].map(|channel| std::array::from_fn(|l| self.f0::<true>(channel, l))),
-        }
-    }
-
-    /// Replaces the albedos of anisotropic lobes.
-    #[inline(never)]
-    fn set_anisotropic_albedos(&mut self, ns: &Lanes3<f32>, wo: &Lanes3<f32>) {
-        for l in (0..LANES).filter(|&l| self.extended.anisotropy[l] > 0.0) {
-            let [n, v] = [ns, wo].map(|v| [v[0][l], v[1][l], v[2][l]]);
-            let lobe = AnisotropicLobe::of(self, n, l);
-            let z = dot(n, v).abs().max(f32::MIN_POSITIVE);
-            // Evaluate in the frame of the lobe
-            let local = [dot(lobe.tangent, v), dot(lobe.bitangent, v), z];
-            let albedo = anisotropic_albedo([lobe.along, lobe.across], local);
-            self.lobe.set(l, albedo);
         }
     }
 

@@ -16,6 +16,7 @@ mod phong;
 mod punctual_light;
 pub mod ray_cone;
 mod sheen;
+mod special_lobe;
 mod subsurface_entry;
 #[cfg(test)]
 mod tests;

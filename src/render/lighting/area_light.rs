@@ -146,7 +146,9 @@ impl ShadingState<'_, '_> {
             self.trace_shadow_rays::<false>(stage.order);
             self.meter.resume(traced.pixel, &traced.packet.active);
         }
-        let is_split = arrivals.lobe_ratios.is_some() && self.frame.combined.splits_shadows;
+        let reaches_lobes = |ratios: &Lanes<f32>| ratios.iter().any(|&ratio| ratio > 0.0);
+        let is_split =
+            self.frame.combined.splits_shadows && arrivals.lobe_ratios.as_ref().is_some_and(reaches_lobes);
         let base = is_split.then(|| lit.without_sampled_lobes());
         let (packet, payload) = self.shadow_queue.next();
         // Evaluate the light to the surface without its lobes

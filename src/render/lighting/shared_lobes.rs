@@ -9,7 +9,7 @@ use super::direct::ShadingContext;
 use super::lobe_variants::{SharedLobes, without_sampled_lobes};
 use crate::accel::NO_HIT;
 use crate::numeric::{LANES, Lanes};
-use crate::scene::{Effect, LightKind};
+use crate::scene::LightKind;
 
 impl ShadingState<'_, '_> {
     /// Returns the surfaces with the materials for light samples of a light that is combined, and the numbers of rays
@@ -21,7 +21,10 @@ impl ShadingState<'_, '_> {
         stage: BatchInfo,
     ) -> (ShadingContext<'a>, &'a Lanes<f32>) {
         let shared = lit.variants.shared.get_or_init(|| {
-            let counts = self.lobe_ray_counts(traced, lit, stage);
+            let counts = self
+                .frame
+                .lobe_ray_counts(lit.materials, traced.path_states, stage);
+            let counts = counts.map(|count| count as f32);
             // Restore the lobes that light samples share
             let mut materials = without_sampled_lobes(lit.materials);
             for l in (0..LANES).filter(|&l| counts[l] > 0.0) {
@@ -34,20 +37,6 @@ impl ShadingState<'_, '_> {
             ..*lit
         };
         (lit, &shared.counts)
-    }
-
-    /// Returns the numbers of rays into the lobes of the surfaces; 0 where a surface sends none that light samples share.
-    fn lobe_ray_counts(&self, traced: &TracedPacket, lit: &ShadingContext, stage: BatchInfo) -> Lanes<f32> {
-        let frame = self.frame;
-        let refracts = frame.effects().has(Effect::Refraction);
-        std::array::from_fn(|l| {
-            // Surfaces that refract have their lobes to themselves
-            if !lit.materials.has_lobe(l) || refracts && lit.materials.transmits(l) {
-                return 0.0;
-            }
-            let path_depth = traced.path_states.map_or(0, |states| states.depth(l));
-            frame.rough_rays(lit.materials, frame.depth_of(path_depth, stage), l) as f32
-        })
     }
 }
 

@@ -46,6 +46,24 @@ impl RenderContext<'_> {
         }
     }
 
+    /// Returns the numbers of rays into the lobes of opaque surfaces; 0 for surfaces without a lobe, and for those that
+    /// refract, whose rays `refract_rough_rays` sends.
+    pub(in crate::render) fn lobe_ray_counts(
+        &self,
+        materials: &MaterialPacket,
+        path_states: Option<PathStatePacket>,
+        stage: BatchInfo,
+    ) -> Lanes<u32> {
+        let refracts = self.effects().has(Effect::Refraction);
+        std::array::from_fn(|l| {
+            if !materials.has_lobe(l) || refracts && materials.transmits(l) {
+                return 0;
+            }
+            let path_depth = path_states.map_or(0, |states| states.depth(l));
+            self.rough_rays(materials, self.depth_of(path_depth, stage), l)
+        })
+    }
+
     /// Returns the number of bounces from the camera to the surfaces of a batch, for a path that counts `path_depth`.
     pub(in crate::render) fn depth_of(&self, path_depth: u32, stage: BatchInfo) -> u32 {
         if self.effects().has_transmission() {
@@ -93,21 +111,18 @@ impl ShadingState<'_, '_> {
         };
         // Count the rays into each lobe
         let frame = self.frame;
-        let materials = &surfaces.materials;
-        let divides = frame.effects().has(Effect::Refraction);
         let mut counts = LobeRayCounts {
-            of: [0; LANES],
+            of: frame.lobe_ray_counts(&surfaces.materials, Some(path_states), stage),
             of_pixel: [0.0; LANES],
         };
         for l in 0..LANES {
             // Weights of a single wavelength may be negative, so that the sum of the channels is not a valid test.
             let seen = surfaces.points.hit[l] && traced.weight.iter().any(|channel| channel[l] != 0.0);
-            if seen && materials.has_lobe(l) && !(divides && materials.transmits(l)) {
-                let depth = frame.depth_of(path_states.depth(l), stage);
-                counts.of[l] = frame.rough_rays(materials, depth, l);
-                let of_sample = f64::from(counts.of[l]) * f64::from(path_states.split(l));
-                counts.of_pixel[l] = of_sample * f64::from(frame.even_count);
+            if !seen {
+                counts.of[l] = 0;
             }
+            let of_sample = f64::from(counts.of[l]) * f64::from(path_states.split(l));
+            counts.of_pixel[l] = of_sample * f64::from(frame.even_count);
         }
         let most = counts.of.into_iter().max().unwrap_or(0);
         if most == 0 {

@@ -5,7 +5,7 @@
 use glam::DVec3;
 use multiversion::multiversion;
 
-use super::super::surface::Surfaces;
+use super::super::surface::{Surfaces, lane};
 use super::lobe_rays::{LobeRayCounts, LobeRays};
 use super::microfacet::{GlossyLobe, spread};
 use crate::numeric::{LANES, Lanes, Lanes3};
@@ -14,33 +14,31 @@ use crate::scene::Effect;
 use crate::shading::Ggx;
 
 /// Lobes of sixteen surfaces, towards the origins of the rays that hit them.
-pub(super) struct LobePacket {
+pub(super) struct LobePacket<'a> {
     ggx: Lanes<Ggx>,
     /// Axes of the shading frames in world space: two tangents and the normal.
     axes: [Lanes3<f64>; 3],
     /// Unit vectors to the origins of the incident rays, in the shading frames.
     wo: Lanes3<f64>,
     /// Unit geometric normals on the sides of the incident rays, in world space.
-    side: Lanes3<f64>,
+    side: &'a Lanes3<f32>,
 }
 
-impl LobePacket {
-    const EMPTY: LobePacket = LobePacket {
-        ggx: [Ggx::SMOOTH; LANES],
-        axes: [[[0.0; LANES]; 3]; 3],
-        wo: [[0.0; LANES]; 3],
-        side: [[0.0; LANES]; 3],
-    };
-
+impl LobePacket<'_> {
     /// Returns the lobes of the surfaces.
-    pub(super) fn of(surfaces: &Surfaces) -> LobePacket {
-        let mut lobes = LobePacket::EMPTY;
+    pub(super) fn of(surfaces: &Surfaces) -> LobePacket<'_> {
+        let mut lobes = LobePacket {
+            ggx: [Ggx::SMOOTH; LANES],
+            axes: [[[0.0; LANES]; 3]; 3],
+            wo: [[0.0; LANES]; 3],
+            side: &surfaces.points.ng,
+        };
         orient(surfaces, &mut lobes);
         // Replace those that are anisotropic, of which few scenes have any
         let (points, materials) = (&surfaces.points, &surfaces.materials);
         if materials.effects.has(Effect::Anisotropy) {
             for l in (0..LANES).filter(|&l| points.hit[l] && materials.extended.anisotropy[l] > 0.0) {
-                let wo = lane(&points.wo, l).normalize();
+                let wo = lane(&points.wo, l).as_dvec3().normalize();
                 let normals = [points.shading_normal(l), points.geometric_normal(l)];
                 lobes.set(l, GlossyLobe::of_material(materials, l, normals, wo));
             }
@@ -78,8 +76,8 @@ fn orient(surfaces: &Surfaces, lobes: &mut LobePacket) {
     let points = &surfaces.points;
     for l in 0..LANES {
         // Build the shading frame around the normal
-        let n = lane(&points.ns, l).normalize();
-        let wo = lane(&points.wo, l).normalize();
+        let n = lane(&points.ns, l).as_dvec3().normalize();
+        let wo = lane(&points.wo, l).as_dvec3().normalize();
         let (t, b) = n.any_orthonormal_pair();
         for (axis, vector) in [t, b, n].into_iter().enumerate() {
             for row in 0..3 {
@@ -88,11 +86,6 @@ fn orient(surfaces: &Surfaces, lobes: &mut LobePacket) {
             lobes.wo[axis][l] = vector.dot(wo);
         }
         lobes.ggx[l] = Ggx::from_roughness(f64::from(surfaces.materials.roughness[l]));
-    }
-    for axis in 0..3 {
-        for l in 0..LANES {
-            lobes.side[axis][l] = f64::from(points.ng[axis][l]);
-        }
     }
 }
 
@@ -110,7 +103,7 @@ fn reflect_lanes(lobes: &LobePacket, u: &[Lanes<f64>; 2], counts: &LobeRayCounts
         // Turn the ray to world space, where it may be on the wrong side of the geometric surface
         let [t, b, n] = [0, 1, 2].map(|axis| lane_f64(&lobes.axes[axis], l));
         let direction = t * wi.x + b * wi.y + n * wi.z;
-        rays.leaves[l] = (wo.z > 0.0) & (wi.z > 0.0) & (direction.dot(lane_f64(&lobes.side, l)) > 0.0);
+        rays.leaves[l] = (wo.z > 0.0) & (wi.z > 0.0) & (direction.dot(lane(lobes.side, l).as_dvec3()) > 0.0);
         // Weight it by the masking of the light, and widen its cone by the lobe
         let pdf = ggx.reflection_pdf(wo, wi);
         let of = f64::from(counts.of[l]);
@@ -122,11 +115,6 @@ fn reflect_lanes(lobes: &LobePacket, u: &[Lanes<f64>; 2], counts: &LobeRayCounts
             rays.direction[axis][l] = direction[axis];
         }
     }
-}
-
-#[inline(always)]
-fn lane(vectors: &Lanes3<f32>, l: usize) -> DVec3 {
-    DVec3::new(vectors[0][l].into(), vectors[1][l].into(), vectors[2][l].into())
 }
 
 #[inline(always)]

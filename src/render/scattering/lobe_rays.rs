@@ -4,9 +4,9 @@ use crate::numeric::{LANES, Lanes, Lanes3};
 
 /// Numbers of rays into the lobes of sixteen surfaces.
 pub(super) struct LobeRayCounts {
-    /// Rays of each hit.
+    /// Number of rays that each hit sends into its lobe.
     pub(super) of: Lanes<u32>,
-    /// Rays of all samples of the pixel together.
+    /// Number of rays that all samples of the pixel send together.
     pub(super) of_pixel: Lanes<f64>,
 }
 

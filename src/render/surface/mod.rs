@@ -18,4 +18,4 @@ pub use spawn_probe::{SpawnPoint, SpawnProbe};
 pub(super) use cone_source::ConeSource;
 pub(super) use instance_view::InstanceView;
 pub(super) use interaction::{SurfaceScene, Surfaces};
-pub(super) use packet::SurfacePacket;
+pub(super) use packet::{SurfacePacket, lane};

@@ -4,7 +4,7 @@
 
 use multiversion::multiversion;
 
-use super::{EnvironmentMap, luminance};
+use super::{EnvironmentMap, bilinear, luminance};
 use crate::numeric::{LANES, Lanes, Lanes3, warp};
 
 /// Radiance from sixteen directions, and the densities with which they are sampled.
@@ -130,14 +130,13 @@ fn sample_lanes(map: &EnvironmentMap, u: &[Lanes<f64>; 2], samples: &mut Environ
     densities(&row_density, &sines, &samples.radiance, &mut samples.pdf);
 }
 
-/// Interpolates the radiance bilinearly.
+/// Interpolates the radiance between the texels of all lanes.
 #[inline(always)]
 fn interpolate(texels: &TexelLanes, fraction: &[Lanes<f64>; 2], radiance: &mut Lanes3<f32>) {
     for channel in 0..3 {
         for l in 0..LANES {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|corner: usize| f64::from(texels[corner][channel][l]));
-            let (s, t) = (fraction[0][l], fraction[1][l]);
-            radiance[channel][l] = ((1.0 - t) * ((1.0 - s) * a + s * b) + t * ((1.0 - s) * c + s * d)) as f32;
+            let corners = [0, 1, 2, 3].map(|corner: usize| texels[corner][channel][l]);
+            radiance[channel][l] = bilinear(corners, [fraction[0][l], fraction[1][l]]);
         }
     }
 }
@@ -156,4 +155,58 @@ fn densities(row_density: &Lanes<f64>, sines: &Lanes<f64>, radiance: &Lanes3<f32
 #[inline(always)]
 fn lane(vectors: &Lanes3<f32>, l: usize) -> [f32; 3] {
     [vectors[0][l], vectors[1][l], vectors[2][l]]
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::super::tests::{map, midpoints, speckled_map};
+    use super::*;
+
+    #[test]
+    fn lanes_have_the_radiance_and_density_of_single_directions() {
+        let map = speckled_map();
+        let directions: Vec<DVec3> = midpoints(64).map(|[a, b]| warp::direction(2.0 * a, b)).collect();
+        for packet in directions.chunks_exact(LANES) {
+            let found = map.look_up(&[0, 1, 2].map(|axis| std::array::from_fn(|l| packet[l][axis])));
+            for (l, &direction) in packet.iter().enumerate() {
+                let radiance = [0, 1, 2].map(|channel| found.radiance[channel][l]);
+                let (expected, pdf) = (map.radiance(direction), map.pdf(direction));
+                // Fused operations round otherwise
+                assert!((0..3).all(|c| (radiance[c] - expected[c]).abs() <= 1e-6 * expected[c] + 1e-9));
+                assert!((found.pdf[l] - pdf).abs() <= 1e-6 * pdf + 1e-9, "{direction}");
+            }
+        }
+    }
+
+    #[test]
+    fn sixteen_samples_have_the_bits_of_single_ones() {
+        for map in [
+            speckled_map(),
+            map(1, 1, 0.3, |_, _| [0.5; 3]),
+            map(5, 1, 0.0, |x, _| [x as f32, 0.0, 1.0]),
+            map(64, 33, 2.0, |x, y| [(x * y % 7) as f32, (x % 3) as f32, 0.25]),
+            map(3, 2, 0.0, |_, _| [0.0; 3]),
+        ] {
+            // Both ends, the steps of the speckled map, and even numbers
+            let ends = [0.0, 0.25, 0.5, 0.75, 1.0 - 0.5 * f64::EPSILON];
+            let pairs = ends.into_iter().flat_map(|a| ends.map(|b| [a, b]));
+            let pairs: Vec<[f64; 2]> = pairs.chain(midpoints(20)).collect();
+            for packet in pairs.chunks_exact(LANES) {
+                let u: [Lanes<f64>; 2] = [0, 1].map(|axis| std::array::from_fn(|l| packet[l][axis]));
+                let found = map.sample_packet(&u);
+                for l in 0..LANES {
+                    let Some(single) = map.sample(packet[l]) else {
+                        assert_eq!(found.pdf[l], 0.0);
+                        continue;
+                    };
+                    let direction = DVec3::from([0, 1, 2].map(|axis| found.direction[axis][l]));
+                    let radiance = [0, 1, 2].map(|channel| found.radiance[channel][l]);
+                    assert_eq!((direction, radiance), (single.direction, single.radiance));
+                    assert_eq!(found.pdf[l], single.pdf, "{:?}", packet[l]);
+                }
+            }
+        }
+    }
 }

@@ -5,12 +5,12 @@
 
 use glam::{DAffine3, DVec3};
 use whit::mesh::Mesh;
-use whit::scene::{AlphaMode, Background, Geometry, Image, Instance, Material, MediumKind, Scene, Texels};
+use whit::scene::{AlphaMode, Background, Geometry, Instance, Material, MediumKind, Scene};
 use whit::shape::{Shape, Sphere, Torus};
 
 use super::rough_render::{close_look, furnace, glass, metal, settings};
 use crate::support::emissive_scenes::{emissive_material, square};
-use crate::support::images::{add, estimate, rendered};
+use crate::support::images::{add, estimate, rendered, set_environment};
 
 /// Standard errors that two estimates may differ by.
 const ERRORS: f64 = 3.0;
@@ -23,18 +23,7 @@ fn under_suns(roughness: f32, samples: u32) -> Scene {
     for row in [4, 8, 12] {
         (0..4).for_each(|sun| texels[row * 64 + 16 * sun + 3] = [60.0; 4]);
     }
-    scene.images.push(Image {
-        name: "sky".into(),
-        width: 64,
-        height: 32,
-        texels: Texels::Floats(texels.into()),
-    });
-    scene.background = Background::Environment {
-        image: 0,
-        rotation: 0.0,
-        scale: 1.0,
-        samples,
-    };
+    set_environment(&mut scene, [64, 32], texels, samples);
     scene
 }
 

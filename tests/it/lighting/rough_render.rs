@@ -5,13 +5,13 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-use crate::support::images::{self, add, estimate, rendered};
+use crate::support::images::{self, add, estimate, rendered, set_environment};
 use glam::{DAffine3, DMat3, DVec3};
 use whit::optics::{Absorption, Cauchy, Dispersion};
 use whit::render::{Category, Plan, RenderSettings};
 use whit::scene::{
-    AreaShape, Background, Camera, Effect, EffectOverrides, Geometry, Image, Light, LightKind, Material,
-    Medium, MediumKind, MetallicRoughness, Model, Projection, Scene, Texels,
+    AreaShape, Background, Camera, Effect, EffectOverrides, Geometry, Light, LightKind, Material, Medium,
+    MediumKind, MetallicRoughness, Model, Projection, Scene,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -309,18 +309,7 @@ fn ambient_environment_and_emission_count_once() {
 
     // Metal has no diffuse part: all that the map gives comes by rays.
     let mut mapped = furnace(metal(1.0, roughness, 2));
-    mapped.images.push(Image {
-        name: "white".into(),
-        width: 4,
-        height: 2,
-        texels: Texels::Floats(vec![[1.0; 4]; 8].into()),
-    });
-    mapped.background = Background::Environment {
-        image: 0,
-        rotation: 0.0,
-        scale: 1.0,
-        samples: 2,
-    };
+    set_environment(&mut mapped, [4, 2], vec![[1.0; 4]; 8], 2);
     let exact = reflected(alpha(roughness), wo, |_| 1.0, |_| 1.0);
     assert_is_near("environment map", &mapped, wo, exact);
 

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 use std::sync::atomic::AtomicBool;
 
-use crate::support::images::{add, rendered, settings};
+use crate::support::images::{add, rendered, set_environment, settings};
 use crate::support::meshes::{Shading, ball};
 use glam::{DAffine3, DVec3};
 use whit::accel::{self, AccelOptions, Backend};
@@ -13,8 +13,8 @@ use whit::optics::dielectric;
 use whit::optics::subsurface::{Dipole, Scattering, SubsurfacePreset, diffuse_transmittance};
 use whit::render::{Category, Monitor, RenderSettings, Rendering, render};
 use whit::scene::{
-    AreaShape, Background, Camera, Effect, EffectOverrides, Falloff, Geometry, Image, Instance, Light,
-    LightKind, Material, MetallicRoughness, Model, Projection, Scene, Texels, Translucency,
+    AreaShape, Camera, Effect, EffectOverrides, Falloff, Geometry, Instance, Light, LightKind, Material,
+    MetallicRoughness, Model, Projection, Scene, Translucency,
 };
 use whit::shape::{Shape, Sphere};
 
@@ -235,18 +235,7 @@ fn studio() -> (Scene, Camera) {
         ],
     );
     let texels: Vec<[f32; 4]> = (0..8).map(|i| [0.1 * i as f32, 0.3, 0.5, 1.0]).collect();
-    scene.images.push(Image {
-        name: "sky".into(),
-        width: 4,
-        height: 2,
-        texels: Texels::Floats(texels.into()),
-    });
-    scene.background = Background::Environment {
-        image: 0,
-        rotation: 0.0,
-        scale: 1.0,
-        samples: 2,
-    };
+    set_environment(&mut scene, [4, 2], texels, 2);
     (scene, from_above(4.0, 3.0))
 }
 

@@ -4,7 +4,7 @@ use glam::DAffine3;
 use whit::accel::{self, Accel, AccelOptions, Backend};
 use whit::image::LinearImage;
 use whit::render::{Monitor, RenderSettings, Rendering, render};
-use whit::scene::{Camera, Geometry, Instance, Material, Scene};
+use whit::scene::{Background, Camera, Geometry, Image, Instance, Material, Scene, Texels};
 
 /// Adds an object with a material of its own to the scene, and returns its index.
 pub fn add(scene: &mut Scene, name: &str, geometry: Geometry, material: Material, place: DAffine3) -> u32 {
@@ -17,6 +17,22 @@ pub fn add(scene: &mut Scene, name: &str, geometry: Geometry, material: Material
     let instance = Instance::new(name, geometry, material, place).unwrap();
     scene.instances.push(instance);
     scene.instances.len() as u32 - 1
+}
+
+/// Makes the only image of the scene its environment map, of linear RGBA texels.
+pub fn set_environment(scene: &mut Scene, [width, height]: [u32; 2], texels: Vec<[f32; 4]>, samples: u32) {
+    scene.images = vec![Image {
+        name: "environment".into(),
+        width,
+        height,
+        texels: Texels::Floats(texels.into()),
+    }];
+    scene.background = Background::Environment {
+        image: 0,
+        rotation: 0.0,
+        scale: 1.0,
+        samples,
+    };
 }
 
 /// Returns settings for a square image.

@@ -13,8 +13,8 @@ use super::options::MeasuredScene;
 use crate::accel::{self, Accel, AccelOptions, Backend};
 use crate::image::metrics::{Metrics, Tally, Viewing};
 use crate::measure::{Blocks, Interval, Observer, Protocol, TurnTime};
-use crate::render::{RenderSettings, TileSample, render_sample, tile_count};
-use crate::scene::Effect;
+use crate::render::{Category, RenderSettings, TileSample, render_sample, tile_count};
+use crate::scene::{Effect, EffectSet};
 
 /// Largest part of the image that is rendered: enough tiles to represent all of it, few enough to be quick.
 const MAX_SAMPLED: f64 = 0.05;
@@ -26,6 +26,8 @@ const MIN_RUNS: usize = 5;
 const MAX_RUNS: usize = 25;
 /// Largest number of depths that are tried: radiance after so many reflections is small almost everywhere.
 const MAX_STEPS: u32 = 16;
+/// Expected time of an image with an effect that is simulated only on request, in times of the planned image.
+const ADDED_TIME: usize = 6;
 /// Seed of the random order within blocks.
 const SEED: u64 = 2;
 
@@ -65,8 +67,10 @@ pub struct AblationStudy {
 /// Change of time and image when one thing is left out.
 #[derive(Clone, Debug, Serialize)]
 pub struct Ablation {
-    /// Effect that is left out; null for a step of depth.
+    /// Effect that is left out; null otherwise.
     pub without: Option<Effect>,
+    /// Effect that is added, because it is simulated only on request; null otherwise.
+    pub with: Option<Effect>,
     /// Effects that are implied, as they have no influence without it.
     pub takes_along: Vec<Effect>,
     /// Maximum depth in place of the image's; null for an effect.
@@ -258,6 +262,9 @@ impl TileSampler<'_> {
         let pilot = self.render(settings)?;
         let per_tile = start.elapsed().as_secs_f64() / pilot.tiles.len().max(1) as f64;
         let changes = pilot.plan.effects().iter().count() + settings.depth.min(MAX_STEPS) as usize;
+        // Effects that are added take several times as long as the planned image
+        let absent = EffectSet::ON_REQUEST.minus(pilot.plan.effects());
+        let changes = changes + ADDED_TIME * absent.iter().count();
         // The planned image takes part twice, and there is one run for the images.
         let renders = (changes + 2) * (MIN_RUNS + 1);
         let most = (MAX_SAMPLED * tile_count(settings.width, settings.height) as f64).round() as usize;
@@ -268,14 +275,14 @@ impl TileSampler<'_> {
     /// Returns all variants, the planned one first, and the depth from which on no ray is left, if it is known.
     fn variants(&self) -> Result<(Vec<Variant>, Option<u32>), BenchError> {
         let planned = self.measured.settings;
-        let new = |settings, without| {
+        let new = |settings, change| {
             Ok::<_, BenchError>(Variant {
                 sample: self.render(&settings)?,
                 settings,
-                without,
+                change,
             })
         };
-        let mut variants = vec![new(planned, None)?];
+        let mut variants = vec![new(planned, Change::Depth)?];
         let effects: Vec<Effect> = variants[0].sample.plan.effects().iter().collect();
         let steps = planned.depth.min(MAX_STEPS);
         let whole = (effects.len() + steps as usize) as f64;
@@ -284,12 +291,24 @@ impl TileSampler<'_> {
             let mut settings = planned;
             settings.effects.added = settings.effects.added.without(effect);
             settings.effects.removed = settings.effects.removed.with(effect);
-            variants.push(new(settings, Some(effect))?);
+            variants.push(new(settings, Change::Without(effect))?);
             (self.observer.progress)("sample", variants.len() as f64 / whole);
+        }
+        // Add each effect that is simulated only on request, if it has any rays
+        let absent = EffectSet::ON_REQUEST.minus(variants[0].sample.plan.effects());
+        for effect in absent.iter() {
+            let mut settings = planned;
+            settings.effects.added = settings.effects.added.with(effect);
+            settings.effects.removed = settings.effects.removed.without(effect);
+            let added = new(settings, Change::With(effect))?;
+            let account = Category::of(effect).map(|account| added.sample.ledger.of(account));
+            if account.is_some_and(|account| account.rays > 0) {
+                variants.push(added);
+            }
         }
         // Limit the depth, up to the depth at which no ray is cut off
         for depth in 0..steps {
-            let shallow = new(RenderSettings { depth, ..planned }, None)?;
+            let shallow = new(RenderSettings { depth, ..planned }, Change::Depth)?;
             if shallow.traced_rays() == variants[0].traced_rays() {
                 return Ok((variants, Some(depth)));
             }
@@ -303,9 +322,19 @@ impl TileSampler<'_> {
 /// Variant that takes part in the measurement, with its rendered tiles.
 struct Variant {
     settings: RenderSettings,
-    /// Effect that is left out, if any.
-    without: Option<Effect>,
+    change: Change,
     sample: TileSample,
+}
+
+/// Change of the settings that a variant makes.
+#[derive(Clone, Copy)]
+enum Change {
+    /// The depth is smaller.
+    Depth,
+    /// An effect is left out.
+    Without(Effect),
+    /// An effect is added.
+    With(Effect),
 }
 
 impl Variant {
@@ -316,7 +345,11 @@ impl Variant {
 
     /// Returns the cost of what the variant lacks, by its change of time and its difference from the planned image.
     fn cost(&self, planned: &Variant, time: TimeChange, viewing: &Viewing) -> Ablation {
-        let without = self.without;
+        let (without, with) = match self.change {
+            Change::Depth => (None, None),
+            Change::Without(effect) => (Some(effect), None),
+            Change::With(effect) => (None, Some(effect)),
+        };
         // List the planned effects that are off besides the one that was left out
         let gone = planned.sample.plan.effects().minus(self.sample.plan.effects());
         let takes_along = gone.iter().filter(|&effect| without != Some(effect)).collect();
@@ -330,8 +363,9 @@ impl Variant {
         }
         Ablation {
             without,
+            with,
             takes_along,
-            depth: without.is_none().then_some(self.settings.depth),
+            depth: matches!(self.change, Change::Depth).then_some(self.settings.depth),
             time,
             changes_picture,
             picture: tally.metrics(),

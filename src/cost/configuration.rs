@@ -76,6 +76,7 @@ impl Configuration {
             "rough_rays",
             self.change.rough_rays.map(|count| count.to_string()),
         );
+        add("bounces", self.change.bounces.map(|count| count.to_string()));
         // Add changes of the scene and of the backend's options
         let factor = self.change.step_factor;
         add("march_step", (factor != 1.0).then(|| step_name(factor)));

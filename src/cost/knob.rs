@@ -34,6 +34,8 @@ pub enum Knob {
     LightSamples,
     /// Rays per shading point into the lobe of a rough surface.
     RoughRays,
+    /// Largest number of bounces of diffuse light between surfaces.
+    Bounces,
     /// Length of the ray-marching steps through volumes.
     MarchStep,
     /// Texture filtering over the ray's footprint, on or off.
@@ -54,7 +56,7 @@ pub enum Knob {
 
 impl Knob {
     /// All knobs, in the order of reports.
-    pub const ALL: [Knob; 16] = [
+    pub const ALL: [Knob; 17] = [
         Knob::Samples,
         Knob::Pattern,
         Knob::Adaptive,
@@ -63,6 +65,7 @@ impl Knob {
         Knob::Wavelengths,
         Knob::LightSamples,
         Knob::RoughRays,
+        Knob::Bounces,
         Knob::MarchStep,
         Knob::TextureFilter,
         Knob::HitPath,
@@ -84,6 +87,7 @@ impl Knob {
             Knob::Wavelengths => "wavelengths",
             Knob::LightSamples => "light samples",
             Knob::RoughRays => "rough rays",
+            Knob::Bounces => "bounces",
             Knob::MarchStep => "march step",
             Knob::TextureFilter => "texture filter",
             Knob::HitPath => "hit path",
@@ -106,6 +110,7 @@ impl Knob {
                 | Knob::Wavelengths
                 | Knob::LightSamples
                 | Knob::RoughRays
+                | Knob::Bounces
                 | Knob::MarchStep
         )
     }
@@ -196,6 +201,7 @@ impl KnobLevels<'_> {
             Knob::Wavelengths if self.has(Effect::Dispersion) => self.wavelengths(),
             Knob::LightSamples if self.has_extended_lights() => self.light_samples(),
             Knob::RoughRays if self.has(Effect::RoughReflection) => self.rough_rays(),
+            Knob::Bounces if self.has(Effect::Interreflection) => self.bounces(),
             Knob::MarchStep if self.has(Effect::Volume) => self.march_steps(),
             Knob::TextureFilter if self.has(Effect::TextureFilter) => self.texture_filter(),
             Knob::HitPath => self.hit_paths(),
@@ -295,17 +301,21 @@ impl KnobLevels<'_> {
     }
 
     fn light_samples(&self) -> Vec<Level> {
-        self.changed([1, 2, 4, 8], |change, count| change.light_samples = Some(count))
+        self.changed(&[1, 2, 4, 8], |change, count| change.light_samples = Some(count))
     }
 
     fn rough_rays(&self) -> Vec<Level> {
-        self.changed([1, 2, 4, 8], |change, count| change.rough_rays = Some(count))
+        self.changed(&[1, 2, 4, 8], |change, count| change.rough_rays = Some(count))
     }
 
-    fn changed(&self, counts: [u32; 4], change: impl Fn(&mut SceneChange, u32)) -> Vec<Level> {
+    fn bounces(&self) -> Vec<Level> {
+        self.changed(&[1, 2, 4, 8, 16], |change, count| change.bounces = Some(count))
+    }
+
+    fn changed(&self, counts: &[u32], change: impl Fn(&mut SceneChange, u32)) -> Vec<Level> {
         counts
-            .into_iter()
-            .map(|count| {
+            .iter()
+            .map(|&count| {
                 let mut configuration = *self.base;
                 change(&mut configuration.change, count);
                 (count.to_string(), configuration)

@@ -243,6 +243,7 @@ pub fn with_knob(configuration: &Configuration, knob: Knob, turned: &Configurati
         Knob::Wavelengths => settings.wavelengths = from.wavelengths,
         Knob::LightSamples => result.change.light_samples = turned.change.light_samples,
         Knob::RoughRays => result.change.rough_rays = turned.change.rough_rays,
+        Knob::Bounces => result.change.bounces = turned.change.bounces,
         Knob::MarchStep => result.change.step_factor = turned.change.step_factor,
         Knob::TextureFilter => settings.effects = from.effects,
         Knob::HitPath => {

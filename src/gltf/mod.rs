@@ -72,6 +72,8 @@ pub struct LoadOptions {
     pub camera: CameraRequest,
     /// Light that a file without lights gets.
     pub default_light: DefaultLight,
+    /// True if emissive objects are area lights.
+    pub emissive_lights: bool,
     /// Diameter of the spheres as which points are rendered, in the units of their positions; `None` for a diameter by
     /// the density of each cloud.
     pub point_size: Option<f64>,
@@ -121,6 +123,7 @@ impl Default for LoadOptions {
             unsupported: UnsupportedExtensions::default(),
             camera: CameraRequest::default(),
             default_light: DefaultLight::default(),
+            emissive_lights: false,
             point_size: None,
             allows_outside: false,
         }
@@ -410,13 +413,17 @@ impl GltfDocument {
             }
             bounds = scene.geometries.iter().map(Geometry::bounds).collect();
         }
-        // Add the requested or default camera, and the default light
+        // Add the requested or default camera, and the requested or default lights
         scene
             .place_cameras(&options.camera, &bounds)
             .map_err(|source| GltfError::Scene {
                 file: self.file.clone(),
                 source,
             })?;
+        if options.emissive_lights {
+            let warning = scene.add_emissive_lights();
+            scene.warnings.extend(warning);
+        }
         if scene.lights.is_empty() {
             options.default_light.apply(&mut scene);
         }

@@ -46,6 +46,7 @@ impl HitErrorBound {
 
     /// Returns the bound after an instance's transform: the object-space error transformed, plus the transform's own
     /// error, plus the error of the inverse transform when the traversal takes the new ray back to object space.
+    #[inline(always)]
     pub fn transformed(
         self,
         world_from_object: &DAffine3,
@@ -61,6 +62,7 @@ impl HitErrorBound {
     }
 }
 
+#[inline(always)]
 fn abs_matrix(map: &DAffine3) -> glam::DMat3 {
     glam::DMat3::from_cols(
         map.matrix3.x_axis.abs(),

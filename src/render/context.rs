@@ -83,6 +83,8 @@ pub(super) struct RenderContext<'s> {
     pub(super) environment: Option<Environment>,
     /// Lights that reach rough lobes both by light samples and by lobe rays.
     pub(super) combined: CombinedSampling,
+    /// Largest number of diffuse surfaces that scatter the light of a path, in scenes with interreflection.
+    pub(super) max_bounces: u32,
     /// Number of camera packets whose complete ray trees are traced before the next packets begin.
     pub(super) wave: usize,
     /// Objects with subsurface scattering, once their irradiance is computed.
@@ -156,6 +158,7 @@ impl<'s> RenderContext<'s> {
             combined,
             area_lights: lights_with_extent,
             environment: Environment::of(scene, effects),
+            max_bounces: scene.interreflection.unwrap_or_default().bounces,
             wave: camera_packets(scene, effects),
             bodies: None,
         };
@@ -213,7 +216,7 @@ impl<'s> RenderContext<'s> {
     pub(super) fn has_path_state(&self) -> bool {
         let effects = self.effects();
         let is_sampled = effects.samples_light() || effects.has(Effect::MotionBlur);
-        effects.has_transmission() || is_sampled || self.tracks_cones()
+        effects.counts_bounces() || is_sampled || self.tracks_cones()
     }
 
     /// Returns whether each path carries its own ray cone, because cones differ between paths.

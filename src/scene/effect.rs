@@ -77,11 +77,13 @@ pub enum Effect {
     Anisotropy,
     /// Colours of thin films, by interference.
     Iridescence,
+    /// Diffuse light from surfaces to other surfaces; simulated only on request.
+    Interreflection,
 }
 
 impl Effect {
     /// List of all effects in the order of reports.
-    pub const ALL: [Effect; 34] = [
+    pub const ALL: [Effect; 35] = [
         Effect::Shadow,
         Effect::TransparentShadow,
         Effect::Reflection,
@@ -116,6 +118,7 @@ impl Effect {
         Effect::Sheen,
         Effect::Anisotropy,
         Effect::Iridescence,
+        Effect::Interreflection,
     ];
 
     /// Returns the effect's name on the command line and in reports.
@@ -155,6 +158,7 @@ impl Effect {
             Effect::Sheen => "sheen",
             Effect::Anisotropy => "anisotropy",
             Effect::Iridescence => "iridescence",
+            Effect::Interreflection => "interreflection",
         }
     }
 
@@ -212,6 +216,7 @@ impl Effect {
             Effect::Sheen => "cloth lacks its sheen",
             Effect::Anisotropy => "highlights of brushed surfaces are round",
             Effect::Iridescence => "thin films have no colours",
+            Effect::Interreflection => "surfaces do not light each other",
         }
     }
 
@@ -242,6 +247,9 @@ impl EffectSet {
 
     /// The set of all effects.
     pub const ALL: EffectSet = EffectSet(u64::MAX);
+
+    /// Effects that are simulated only on request, because any scene would have them.
+    pub const ON_REQUEST: EffectSet = EffectSet::NONE.with(Effect::Interreflection);
 
     /// Effects that need no step of their own after a hit, beyond shadow rays and mirror rays.
     ///
@@ -337,6 +345,12 @@ impl EffectSet {
         !(self.needs_full_material() || covers || self.has(Effect::Emission))
     }
 
+    /// Returns whether each path counts its own bounces, because paths of one generation differ in them.
+    #[inline(always)]
+    pub(crate) const fn counts_bounces(self) -> bool {
+        self.has_transmission() || self.has(Effect::Interreflection)
+    }
+
     /// Returns whether light may continue behind some surfaces, by refraction or partial coverage.
     #[inline(always)]
     pub const fn has_transmission(self) -> bool {
@@ -351,10 +365,13 @@ impl EffectSet {
         first.unwrap_or(Effect::AlphaBlend)
     }
 
-    /// Returns whether shading samples light at random: area lights, the environment or rough lobes.
+    /// Returns whether shading samples light at random: area lights, the environment, rough lobes or diffuse surfaces.
     #[inline(always)]
     pub(crate) const fn samples_light(self) -> bool {
-        self.has(Effect::AreaLight) || self.has(Effect::Environment) || self.has_lobes()
+        self.has(Effect::AreaLight)
+            || self.has(Effect::Environment)
+            || self.has_lobes()
+            || self.has(Effect::Interreflection)
     }
 
     /// Returns whether rough surfaces spawn rays into their lobes.
@@ -367,7 +384,7 @@ impl EffectSet {
     #[inline(always)]
     pub(crate) const fn tracks_cones(self) -> bool {
         // Without scattering, all cones are those of camera rays
-        let differ = self.has(Effect::Reflection) || self.has_transmission() || self.has_lobes();
+        let differ = self.has(Effect::Reflection) || self.counts_bounces() || self.has_lobes();
         self.has(Effect::TextureFilter) && differ
     }
 
@@ -436,6 +453,9 @@ const fn is_at(name: &[u8], list: &[u8], start: usize, end: usize) -> bool {
 }
 
 /// A user's changes to the effects that a scene needs: `+x,-y`, or `all`.
+///
+/// `all` adds every effect that a scene needs or not, which changes no image. It does not add those that are simulated
+/// only on request.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct EffectOverrides {
     /// Effects that are simulated although the scene does not need them.
@@ -445,9 +465,9 @@ pub struct EffectOverrides {
 }
 
 impl EffectOverrides {
-    /// Simulation of all effects, needed or not.
+    /// Simulation of all effects, needed or not, but those that are simulated only on request.
     pub const ALL: EffectOverrides = EffectOverrides {
-        added: EffectSet::ALL,
+        added: EffectSet::ALL.minus(EffectSet::ON_REQUEST),
         removed: EffectSet::NONE,
     };
 }
@@ -459,7 +479,7 @@ impl FromStr for EffectOverrides {
         let mut overrides = EffectOverrides::default();
         for item in list.split(',') {
             if item == "all" {
-                overrides.added = EffectSet::ALL;
+                overrides.added = EffectOverrides::ALL.added;
                 continue;
             }
             // Look the effect up by its name
@@ -516,7 +536,8 @@ mod tests {
         assert_eq!(overrides.added.iter().collect::<Vec<_>>(), [Effect::Dispersion]);
         assert_eq!(overrides.removed.iter().collect::<Vec<_>>(), [Effect::Shadow]);
         let overrides: EffectOverrides = "all,-shadow".parse().unwrap();
-        assert_eq!(overrides.added.iter().count(), Effect::ALL.len() - 1);
+        assert_eq!(overrides.added.iter().count(), Effect::ALL.len() - 2);
+        assert!(!overrides.added.has(Effect::Interreflection));
         for wrong in ["", "shadow", "+shade", "+", "all,"] {
             let message = wrong.parse::<EffectOverrides>().unwrap_err();
             assert!(message.contains("is not an effect"), "{wrong}: {message}");

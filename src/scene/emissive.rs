@@ -7,14 +7,67 @@
 use glam::DVec3;
 
 use super::area_light::{AreaLight, DiskLight, MeshLight, QuadLight, ShapeLight, SphereLight};
-use super::{AlphaMode, AreaShape, Geometry, Instance, Light, LightKind, Material, Model, Scene};
+use super::{
+    AlphaMode, AreaShape, DEFAULT_LIGHT_SAMPLES, Geometry, Instance, Light, LightKind, Material, Model, Scene,
+};
 use crate::shape::{Shape, Sphere};
 
 /// Largest difference of the squared axes of a round sphere, and of their products from 0, relative to the squares: the
 /// rounding error of a chain of rotations. Ellipsoids beyond it are sampled as general shapes.
 const ROUNDNESS: f64 = 64.0 * f64::EPSILON;
 
+/// Largest number of emissive objects that [`Scene::add_emissive_lights`] makes lights: every surface samples each of
+/// them.
+const MAX_EMISSIVE_LIGHTS: usize = 32;
+
 impl Scene {
+    /// Adds the area lights of all emissive objects that can be lights, at most 32: those that emit most light if their
+    /// textures are left out of account. Together they have the usual number of samples or one each.
+    ///
+    /// Returns a warning for objects that remain without a light.
+    pub fn add_emissive_lights(&mut self) -> Option<String> {
+        // Find the emissive objects with the light that they emit
+        let mut emitters = Vec::new();
+        let mut left_out = Vec::new();
+        for (number, instance) in (0..).zip(&self.instances) {
+            let material = &self.materials[instance.material as usize];
+            if !material.is_emissive() {
+                continue;
+            }
+            match self.emissive_surface(number) {
+                Ok(surface) => {
+                    let radiance: f64 = material.emission.into_iter().map(f64::from).sum();
+                    emitters.push((surface.area() * radiance, number));
+                }
+                Err(reason) => left_out.push(format!("`{}` ({reason})", instance.name)),
+            }
+        }
+        // Add the strongest ones in the order of the instances
+        emitters.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let weak = emitters.len().saturating_sub(MAX_EMISSIVE_LIGHTS);
+        emitters.truncate(MAX_EMISSIVE_LIGHTS);
+        emitters.sort_by_key(|emitter| emitter.1);
+        let samples = (DEFAULT_LIGHT_SAMPLES / emitters.len().max(1) as u32).max(1);
+        for (_, number) in emitters {
+            if let Err(reason) = self.add_emissive_light(number, samples) {
+                left_out.push(format!("instance {number} ({reason})"));
+            }
+        }
+        // Report the others
+        match (weak, &left_out[..]) {
+            (0, []) => None,
+            (0, [first, rest @ ..]) => Some(format!(
+                "{} of the emissive objects are no lights, the first of them {first}",
+                rest.len() + 1
+            )),
+            _ => Some(format!(
+                "{} of the emissive objects are no lights: {MAX_EMISSIVE_LIGHTS} lights are allowed, and the strongest \
+                 ones are taken",
+                weak + left_out.len()
+            )),
+        }
+    }
+
     /// Adds the area light of an emissive object: it takes the name of the instance and the emission of its material,
     /// and every shading point samples `samples` points of it.
     ///

@@ -13,6 +13,7 @@ mod image_cache;
 pub mod image_settings;
 mod instance;
 mod instance_transform;
+mod interreflection;
 mod lens;
 mod lens_view;
 mod light;
@@ -44,6 +45,7 @@ pub(crate) use image_cache::CachedImage;
 pub use image_cache::{CacheStats, ImageCache};
 pub use instance::Instance;
 pub use instance_transform::InstanceTransform;
+pub use interreflection::Interreflection;
 pub use lens::{Aperture, Lens, LensError};
 pub use lens_view::LensView;
 pub use light::{AreaShape, DEFAULT_LIGHT_SAMPLES, Falloff, Light, LightKind};
@@ -97,6 +99,8 @@ pub struct Scene {
     pub ambient: [f32; 3],
     /// Radiance of rays that miss the scene.
     pub background: Background,
+    /// Settings of interreflection; `None` if it is not requested.
+    pub interreflection: Option<Interreflection>,
     /// Names of the variants of materials that a glTF file has.
     pub variants: Vec<String>,
     /// Extensions that the source files state, by name.

@@ -13,8 +13,8 @@ use super::validate_material::{
 };
 use super::validate_value::{UNIT_TOLERANCE, check_coordinate_range, is_radiance, is_size};
 use super::{
-    AlphaMode, Background, Camera, Geometry, Instance, Material, Projection, Scene, Shutter, Space, Texels,
-    Texture,
+    AlphaMode, Background, Camera, Geometry, Instance, Interreflection, Material, Projection, Scene, Shutter,
+    Space, Texels, Texture,
 };
 use crate::numeric::{AnimatedTransform, Bounds};
 use crate::shape::Implicit;
@@ -109,6 +109,13 @@ impl Scene {
                 "the ambient light",
                 "is negative or not finite: give 0 or more",
             ));
+        }
+        if let Some(Interreflection { bounces }) = self.interreflection
+            && !(1..=Interreflection::MAX_BOUNCES).contains(&bounces)
+        {
+            let allowed = Interreflection::MAX_BOUNCES;
+            let fault = format!("has {bounces} bounces: give 1 to {allowed}");
+            return Err(error("the interreflection", fault));
         }
         let background: &[[f32; 3]] = match &self.background {
             Background::Uniform(color) => &[*color],

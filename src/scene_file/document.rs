@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::camera::CameraForm;
+use super::interreflection::InterreflectionForm;
 use super::light::{BackgroundForm, EmissiveForm, LightForm};
 use super::material_form::MaterialForm;
 use super::placement::{Repeat, Scatter, Step};
@@ -31,6 +32,8 @@ pub(super) struct Document {
     pub(super) ambient: Option<Color>,
     /// Radiance of rays that miss the scene; the ambient light if absent.
     pub(super) background: Option<BackgroundForm>,
+    /// Diffuse light from surfaces to other surfaces, which makes a render several times as long.
+    pub(super) interreflection: Option<InterreflectionForm>,
     /// One camera or several; the first is the default one.
     #[serde(default)]
     #[schemars(with = "Option<OneOrMany<CameraForm>>")]

@@ -5,6 +5,7 @@
 //! ```toml
 //! ambient = 0.1                                   # top-level values stand before all tables
 //! background = { horizon = "#cfe0ff", up = "#5080d0" }
+//! interreflection = true                          # diffuse light from surfaces to others; { bounces = 16 }
 //!
 //! [output]                                        # the command line overrides these
 //! size = [640, 480]
@@ -75,6 +76,7 @@ pub(crate) mod fault;
 mod flatten;
 pub(crate) mod forms;
 mod gltf_import;
+mod interreflection;
 mod light;
 mod material;
 mod material_form;
@@ -228,6 +230,7 @@ fn load_with(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<Scene
     let exact_rough_rays = assembler.exact_rough_rays;
     let mut scene = assembler.scene;
     set_background(&mut scene, &document, (environment_map, path), &source)?;
+    scene.interreflection = document.interreflection.and_then(|form| form.interreflection());
     if matches!(scene.background, Background::Environment { .. }) {
         scene.reflect_environment(&exact_rough_rays);
     }

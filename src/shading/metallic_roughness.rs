@@ -24,7 +24,7 @@ use crate::scene::{Effect, MIRROR_ROUGHNESS};
 impl MaterialPacket {
     /// Returns the diffuse albedo of one channel.
     #[inline(always)]
-    fn c_diff<const EXTENDED: bool>(&self, channel: usize, l: usize) -> f32 {
+    pub(super) fn c_diff<const EXTENDED: bool>(&self, channel: usize, l: usize) -> f32 {
         let scattered = self.base_color[channel][l] * (1.0 - self.metallic[l]);
         if EXTENDED {
             scattered * (1.0 - self.extended.transmission[channel][l]) * self.extended.same_side_diffuse[l]
@@ -36,7 +36,7 @@ impl MaterialPacket {
     /// Returns the albedo of diffuse transmission to the other side of a thin surface, as a fraction of the light not
     /// reflected.
     #[inline(always)]
-    fn transmission_albedo(&self, channel: usize, l: usize) -> f32 {
+    pub(super) fn transmission_albedo(&self, channel: usize, l: usize) -> f32 {
         let extended = &self.extended;
         extended.translucency[channel][l]
             * (1.0 - self.metallic[l])
@@ -66,7 +66,7 @@ impl MaterialPacket {
 
     /// Evaluates Schlick's Fresnel reflectance; `grazing` is the fifth power of 1 minus the cosine of incidence.
     #[inline(always)]
-    fn schlick<const EXTENDED: bool>(&self, grazing: f32, channel: usize, l: usize) -> f32 {
+    pub(super) fn schlick<const EXTENDED: bool>(&self, grazing: f32, channel: usize, l: usize) -> f32 {
         let f0 = self.f0::<EXTENDED>(channel, l);
         f0 + (self.f90::<EXTENDED>(l) - f0) * grazing
     }
@@ -133,7 +133,11 @@ impl MaterialPacket {
     /// Returns the fraction of uniform light that the lobe reflects to the viewer; 0 where only single scattering
     /// counts.
     #[inline(always)]
-    fn specular_albedo<const EXTENDED: bool, const SPECIAL: bool>(&self, channel: usize, l: usize) -> f32 {
+    pub(super) fn specular_albedo<const EXTENDED: bool, const SPECIAL: bool>(
+        &self,
+        channel: usize,
+        l: usize,
+    ) -> f32 {
         let [f0, f90] = self.albedo_reflectances::<EXTENDED, SPECIAL>(channel, l);
         let single = f0 * self.lobe.normal[l] + f90 * self.lobe.grazing[l];
         single * self.multiple_scattering::<EXTENDED, SPECIAL>(channel, l)
@@ -462,7 +466,7 @@ fn mirror_lanes<const EXTENDED: bool, const SPECIAL: bool>(
 
 /// Returns the fifth power of max(x, 0).
 #[inline(always)]
-fn fifth_power(x: f32) -> f32 {
+pub(super) fn fifth_power(x: f32) -> f32 {
     let x = x.max(0.0);
     let squared = x * x;
     squared * squared * x

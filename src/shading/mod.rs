@@ -5,6 +5,7 @@
 //! by zero.
 
 mod anisotropic_lobe;
+mod diffuse;
 mod environment;
 mod ggx;
 mod layer;
@@ -23,6 +24,7 @@ mod tests;
 mod texture;
 mod thin_film;
 
+pub use diffuse::diffuse_weights;
 pub use environment::{
     EnvironmentError, EnvironmentLanes, EnvironmentMap, EnvironmentSample, EnvironmentSamples,
 };

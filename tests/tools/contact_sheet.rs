@@ -65,7 +65,7 @@ const EFFECT_PAIR: Layout = Layout {
 };
 /// Pixels between images.
 const GAP: u32 = 4;
-/// Samples per pixel: enough for smooth edges, which small images show.
+/// Samples per pixel: enough for smooth edges, which small images show. Scenes with interreflection take their own.
 const SPP: u32 = 16;
 
 /// Writes the sheet or the pairs that the arguments ask for.
@@ -192,10 +192,11 @@ fn render_file(file: &Path, [width, height]: [u32; 2], effects: EffectOverrides)
         &AccelOptions::default(),
     )
     .map_err(|e| e.to_string())?;
+    let own_spp = output.spp.filter(|_| scene.interreflection.is_some());
     let settings = RenderSettings {
         width,
         height,
-        spp: SPP,
+        spp: own_spp.unwrap_or(SPP),
         depth: output.depth.unwrap_or(DEFAULT_DEPTH),
         wavelengths: output.wavelengths.unwrap_or(DEFAULT_WAVELENGTHS),
         effects,

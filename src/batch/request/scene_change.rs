@@ -9,6 +9,8 @@ pub struct SceneChange {
     pub light_samples: Option<u32>,
     /// Rays per rough lobe; `None` keeps the materials' own numbers.
     pub rough_rays: Option<u32>,
+    /// Largest number of bounces of interreflection; `None` keeps the scene's own.
+    pub bounces: Option<u32>,
     /// Factor by which march steps through volumes are longer than the volumes' own.
     pub step_factor: f64,
 }
@@ -18,6 +20,7 @@ impl Default for SceneChange {
         SceneChange {
             light_samples: None,
             rough_rays: None,
+            bounces: None,
             step_factor: 1.0,
         }
     }
@@ -35,6 +38,9 @@ impl SceneChange {
         }
         if let Some(rays) = self.rough_rays {
             scene.set_rough_rays(rays);
+        }
+        if let (Some(bounces), Some(interreflection)) = (self.bounces, &mut scene.interreflection) {
+            interreflection.bounces = bounces;
         }
         if self.step_factor != 1.0 {
             scene.scale_march_steps(self.step_factor);

@@ -8,7 +8,7 @@ use crate::accel::{Backend, BuildQuality, Instancing, Precision};
 use crate::numeric::SpawnPolicy;
 use crate::render::{HitPoint, MIN_ADAPTIVE_ERROR, Pattern, RenderSettings};
 use crate::scene::image_settings::{MAX_DEPTH, MAX_SPP, MAX_WAVELENGTHS};
-use crate::scene::{Effect, MAX_LIGHT_SAMPLES, MAX_ROUGH_RAYS};
+use crate::scene::{Effect, Interreflection, MAX_LIGHT_SAMPLES, MAX_ROUGH_RAYS};
 
 /// Largest factor by which march steps may be longer or shorter than the scene's.
 const MAX_STEP_FACTOR: f64 = 1024.0;
@@ -41,6 +41,9 @@ pub struct Settings {
     /// Rays per shading point into the lobe of a rough surface.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rough_rays: Option<u32>,
+    /// Largest number of bounces of interreflection, in scenes that request it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bounces: Option<u32>,
     /// Length of the march steps through volumes, relative to the scene's own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub march_step: Option<f64>,
@@ -76,6 +79,7 @@ impl Settings {
         let SceneChange {
             light_samples,
             rough_rays,
+            bounces,
             step_factor,
         } = *change;
         Settings {
@@ -87,6 +91,7 @@ impl Settings {
             wavelengths: Some(settings.wavelengths),
             light_samples,
             rough_rays,
+            bounces,
             march_step: (step_factor != 1.0).then_some(step_factor),
             texture_filter: settings
                 .effects
@@ -108,6 +113,7 @@ impl Settings {
         SceneChange {
             light_samples: self.light_samples,
             rough_rays: self.rough_rays,
+            bounces: self.bounces,
             step_factor: self.march_step.unwrap_or(1.0),
         }
     }
@@ -121,6 +127,7 @@ impl Settings {
             ("wavelengths", self.wavelengths, 1, MAX_WAVELENGTHS),
             ("light_samples", self.light_samples, 1, MAX_LIGHT_SAMPLES),
             ("rough_rays", self.rough_rays, 0, MAX_ROUGH_RAYS),
+            ("bounces", self.bounces, 1, Interreflection::MAX_BOUNCES),
         ];
         // Continuous values have an inclusive range, too
         let sizes = [

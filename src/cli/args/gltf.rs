@@ -21,6 +21,11 @@ pub(in crate::cli) struct GltfArgs {
     #[arg(long, value_name = "DIAMETER", value_parser = point_size, allow_hyphen_values = true)]
     point_size: Option<f64>,
 
+    /// Let emissive objects of a glTF file light the scene, the 32 strongest at most; a file without other lights then
+    /// gets none
+    #[arg(long)]
+    emissive_lights: bool,
+
     /// Allow buffers and images of glTF files outside of the folder of the file
     #[arg(long)]
     allow_outside: bool,
@@ -42,6 +47,7 @@ impl GltfArgs {
                 UnsupportedExtensions::Warn
             },
             point_size: self.point_size,
+            emissive_lights: self.emissive_lights,
             allows_outside: self.allow_outside,
             ..LoadOptions::default()
         }

@@ -13,7 +13,7 @@ const _: () = assert!(TILE * TILE == 1 << PIXEL_BITS && ((WAVE * LANES) << PIXEL
 pub(in crate::render) const STEP_SHIFT: u32 = 20;
 
 /// First steps of paths from the camera, in the order of their numbers in labels, from 1.
-pub(in crate::render) const STEPS: [Category; 7] = [
+pub(in crate::render) const STEPS: [Category; 8] = [
     Category::Reflection,
     Category::Refraction,
     Category::RoughReflection,
@@ -21,6 +21,7 @@ pub(in crate::render) const STEPS: [Category; 7] = [
     Category::Dispersion,
     Category::Volume,
     Category::Subsurface,
+    Category::Interreflection,
 ];
 
 /// Returns the pixel of a label, within the tile.

@@ -46,6 +46,17 @@ fn incident_light(
     arrivals
 }
 
+/// Returns the numbers of lobe rays over the densities of light samples times their number; 0 in lanes without a sample.
+fn lobe_ratios(lobe_rays: &Lanes<f32>, pdf: &Lanes<f64>, (count, hit): (f64, &Lanes<bool>)) -> Lanes<f32> {
+    let mut ratios = [0.0; LANES];
+    for l in 0..LANES {
+        let share = (pdf[l] * count).recip() as f32;
+        let is_sample = hit[l] & (pdf[l] > 0.0);
+        ratios[l] = if is_sample { lobe_rays[l] * share } else { 0.0 };
+    }
+    ratios
+}
+
 impl ShadingState<'_, '_> {
     /// Queues shadow rays to sampled points of light `number`. Returns `false` if that light is not an area light.
     pub(in crate::render) fn queue_area_light(
@@ -60,13 +71,14 @@ impl ShadingState<'_, '_> {
         let LightKind::Area { samples, .. } = light.kind else {
             return false;
         };
+        let samples = stage.light_samples(samples);
         let Some(Some(shape)) = frame.area_lights.get(number) else {
             return true;
         };
         // Share lobes with lobe rays, or leave out lobes that secondary rays sample already
         let effects = frame.effects();
         let is_mirrored = shape.is_seen() && (effects.has(Effect::Reflection) || effects.has_lobes());
-        let is_combined = shape.is_seen() && frame.combined.has_emissive_objects();
+        let is_combined = shape.is_seen() && frame.combined.shares_emissive_objects();
         let (lit, lobe_rays) = if is_combined {
             let (lit, counts) = self.with_shared_lobes(traced, lit, stage);
             (lit, Some(counts))
@@ -109,6 +121,13 @@ impl ShadingState<'_, '_> {
         (lit, numbers): (&ShadingContext, &[Lanes<f64>; 2]),
         (count, lobe_rays): (f64, Option<&Lanes<f32>>),
     ) -> IncidentLight {
+        // Sample meshes without a texture in lanes
+        if let Some(samples) = light.sample_mesh(&lit.points.origin, numbers) {
+            let mut arrivals = incident_light(&samples, &lit.points.hit, radiance, count);
+            arrivals.lobe_ratios =
+                lobe_rays.map(|counts| lobe_ratios(counts, &samples.pdf, (count, &lit.points.hit)));
+            return arrivals;
+        }
         let mut arrivals = IncidentLight::NONE;
         let mut ratios = [0.0; LANES];
         let textures = self.frame.surfaces.textures();

@@ -3,27 +3,21 @@
 //! Other area lights are invisible and cannot be hit by shadow rays. The surface of an emissive object exists in the
 //! scene: a shadow ray to a point on it must neither hit that surface at its end nor miss an occluder close to it.
 //! The shadow ray therefore ends off the surface, on its own side, by a bound on the rounding errors of both: that of
-//! a ray which leaves the surface there ([`HitErrorBound`]) and that of a traversal over the length of the shadow
+//! a ray which leaves the surface there ([`ShadowRayEnds`]) and that of a traversal over the length of the shadow
 //! ray. A convex emissive object thus never occludes its own points, and a concave one does so where it should.
 
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
+use super::emissive_mesh::sample_emissive_mesh;
+use super::shadow_ray_end::ShadowRayEnds;
 use crate::mesh::Mesh;
-use crate::numeric::{HitErrorBound, Lanes, Lanes3, triangle_spawn_error};
+use crate::numeric::{Lanes, Lanes3, triangle_spawn_error};
 use crate::scene::{
     AreaShape, Effect, EffectSet, Geometry, Instance, LightKind, LightSamplePacket, LightView, MaterialInput,
     Scene, TextureBinding,
 };
 use crate::shading::{AreaLight, DiskLight, LightSample, QuadLight, SphereLight, TexturePoint, TextureSet};
 use crate::shape::Implicit;
-
-/// Relative bound on the rounding errors of a traversal in f32: on how far they move the end of a shadow ray and the
-/// surface that it ends at, relative to the length of the ray along each axis of object space.
-///
-/// It counts 2^-24 for each of: the direction; the vertices minus the origin; three products and two sums each of the
-/// distance from a plane and of the approach to it; their quotient; and three each for the instance transform of
-/// origin and direction.
-const SHADOW_RAY_ERROR: f64 = 19.0 / (1 << 24) as f64;
 
 /// Area light of a scene, prepared for sampling.
 pub(in crate::render) struct AreaLightSampler<'s> {
@@ -127,6 +121,18 @@ impl<'s> AreaLightSampler<'s> {
         self.shape.pdf(p, position, normal)
     }
 
+    /// Samples the points that `u` selects for the points `p`, offset as for [`AreaLightSampler::sample`], if the light is an
+    /// emissive mesh without a texture.
+    pub(super) fn sample_mesh(&self, p: &Lanes3<f32>, u: &[Lanes<f64>; 2]) -> Option<LightSamplePacket> {
+        let object = self.emissive_object.as_ref()?;
+        match (&self.shape, object.geometry) {
+            (AreaLight::Mesh(light), Geometry::Mesh(mesh)) if object.texture.is_none() => {
+                Some(sample_emissive_mesh(light, (mesh, object.instance), (p, u)))
+            }
+            _ => None,
+        }
+    }
+
     /// Samples the point that `u` selects for `p`; `None` if the light does not emit towards `p`.
     ///
     /// For a light that rays can hit, `p` must be offset from the surface it belongs to, which may be that of the
@@ -178,10 +184,6 @@ impl<'s> EmissiveObject<'s> {
     /// Returns the end of a shadow ray to a point of the object: offset from the surface, on the side that the ray
     /// comes from.
     fn end(&self, sample: &LightSample, p_object: DVec3) -> DVec3 {
-        let (map, inverse) = (
-            self.instance.world_from_object(),
-            self.instance.object_from_world(),
-        );
         // Bound the error of rays that leave the surface
         let on_surface = match self.geometry {
             Geometry::Mesh(mesh) => {
@@ -191,16 +193,13 @@ impl<'s> EmissiveObject<'s> {
             Geometry::Shape(shape) => shape.point(p_object, sample.primitive).error,
             Geometry::Points(cloud) => cloud.shape(sample.primitive).point(p_object, 0).error,
         };
-        // Add the error of the traversal over the ray's length
-        let way = (sample.distance * sample.direction).abs();
-        let in_object = SHADOW_RAY_ERROR * (abs(&inverse.matrix3) * way);
-        let error = HitErrorBound(on_surface.0 + in_object).transformed(&map, &inverse, sample.position);
         let n = if sample.is_front() {
             sample.normal
         } else {
             -sample.normal
         };
-        sample.position + error.along(n) * n
+        let way = sample.distance * sample.direction;
+        ShadowRayEnds::of(self.instance).end(sample.position, n, way, on_surface.0)
     }
 
     /// Returns the emission texture at a sampled point, or 1 without a texture.
@@ -234,6 +233,71 @@ fn tex_coords(mesh: &Mesh, set: u32, triangle: u32, p: DVec3) -> [f32; 2] {
     [0, 1].map(|i| (ta[i] + to_b * (tb[i] - ta[i]) + to_c * (tc[i] - ta[i])) as f32)
 }
 
-fn abs(map: &DMat3) -> DMat3 {
-    DMat3::from_cols(map.x_axis.abs(), map.y_axis.abs(), map.z_axis.abs())
+#[cfg(test)]
+mod tests {
+    use glam::DAffine3;
+
+    use super::*;
+    use crate::numeric::{LANES, SplitMix64};
+    use crate::scene::{Light, Material};
+
+    #[test]
+    fn samples_in_lanes_have_the_bits_of_single_samples() {
+        // Build an emissive mesh under a skew transform
+        let mesh = Mesh {
+            positions: vec![
+                [0.0, 0.0, 0.0],
+                [1.0, 0.1, 0.0],
+                [0.2, 1.3, 0.4],
+                [1.1, 0.9, -0.7],
+            ]
+            .into(),
+            triangles: vec![[0, 1, 2], [2, 1, 3], [0, 0, 1]].into(),
+            ..Mesh::default()
+        };
+        let mut material = Material::metallic_roughness([0.5; 3], 0.0, 1.0);
+        material.emission = [2.0; 3];
+        let place = DAffine3::from_axis_angle(DVec3::ONE.normalize(), 0.7)
+            * DAffine3::from_scale(DVec3::new(0.3, 2.0, -1.1));
+        let scene = Scene {
+            geometries: vec![Geometry::Mesh(mesh)],
+            materials: vec![material],
+            instances: vec![Instance::new("lamp", 0, 0, place).unwrap()],
+            lights: vec![Light {
+                name: "lamp".into(),
+                intensity: [2.0; 3],
+                kind: LightKind::Area {
+                    shape: AreaShape::Object { instance: 0 },
+                    samples: 1,
+                },
+            }],
+            ..Scene::default()
+        };
+        let effects = EffectSet::NONE;
+        let lights = area_lights(&scene, effects);
+        let light = lights[0].as_ref().unwrap();
+        let textures = TextureSet::new(&scene);
+        // Compare random samples, from points far away and near the surface
+        let mut random = SplitMix64::new(5, 1);
+        for _ in 0..200 {
+            let mut p = [[0.0f32; LANES]; 3];
+            let mut u = [[0.0; LANES]; 2];
+            for l in 0..LANES {
+                (0..3).for_each(|axis| p[axis][l] = (4.0 * random.unit() - 2.0) as f32);
+                (0..2).for_each(|number| u[number][l] = random.unit());
+            }
+            let packet = light.sample_mesh(&p, &u).unwrap();
+            for l in 0..LANES {
+                let lane = |v: &Lanes3<f64>| DVec3::new(v[0][l], v[1][l], v[2][l]);
+                let shaded = DVec3::new(p[0][l].into(), p[1][l].into(), p[2][l].into());
+                let Some(sample) = light.sample(&textures, shaded, [u[0][l], u[1][l]]) else {
+                    assert_eq!(packet.pdf[l], 0.0);
+                    continue;
+                };
+                assert_eq!(packet.pdf[l].to_bits(), sample.pdf.to_bits());
+                assert_eq!(lane(&packet.direction), sample.direction);
+                assert_eq!(lane(&packet.position), sample.end);
+            }
+        }
+    }
 }

@@ -4,6 +4,9 @@
 //! that are importance-sampled by its radiance, with random numbers as for area lights ([`super::area_light`]). Surfaces
 //! that see the map by mirror rays leave out the specular lobe in these shadow rays, because it would count twice. Where
 //! rays into a lobe see the map, shadow rays and lobe rays share the lobe ([`super::combined_sampling`]).
+//!
+//! Rays from diffuse surfaces that miss the scene bring what surfaces would otherwise receive from all directions: ambient
+//! light if there is any, else the background, less what light samples of the map represent.
 
 use super::super::context::RenderContext;
 use super::super::wavefront::{BatchInfo, ShadingState, TracedPacket};
@@ -15,7 +18,23 @@ use crate::shading::EnvironmentMap;
 
 impl RenderContext<'_> {
     /// Returns the background radiance in the directions of the rays of a packet.
-    pub(in crate::render) fn background_along(&self, traced: &TracedPacket) -> Lanes3<f32> {
+    pub(in crate::render) fn background_along(&self, traced: &TracedPacket, stage: BatchInfo) -> Lanes3<f32> {
+        let mut seen = self.scene_background_along(traced, stage);
+        // Replace it by ambient light behind diffuse surfaces
+        if stage.is_behind_bounce
+            && self.ambient != [0.0; 3]
+            && let Some(states) = traced.path_states
+        {
+            // Only rays whose last scattering was diffuse have the density 0
+            for l in (0..LANES).filter(|&l| states.density(l) == 0.0) {
+                (0..3).for_each(|c| seen[c][l] = self.ambient[c]);
+            }
+        }
+        seen
+    }
+
+    /// Returns the radiance of the scene's background in the directions of the rays of a packet.
+    fn scene_background_along(&self, traced: &TracedPacket, stage: BatchInfo) -> Lanes3<f32> {
         let mut seen = [[0.0; LANES]; 3];
         let direction = |l| traced.packet.ray(l).direction.as_dvec3().normalize();
         match self.background {
@@ -45,10 +64,13 @@ impl RenderContext<'_> {
                 // Look all directions up at once
                 let found = environment.map().look_up(&directions);
                 seen = found.radiance;
-                // Weight rays into lobes that light samples share
-                if let Some(states) = traced.path_states.filter(|_| self.combined.environment) {
+                // Weight rays whose light samples represent the map too
+                if let Some(states) = traced.path_states.filter(|_| self.combined.has_environment()) {
+                    let samples = f64::from(environment.samples(stage));
                     for l in 0..LANES {
-                        let share = environment.share_of_lobe_ray(found.pdf[l], states.density(l));
+                        let share = self
+                            .combined
+                            .share_of_ray(states.density(l), found.pdf[l] * samples);
                         (0..3).for_each(|c| seen[c][l] *= share);
                     }
                 }
@@ -71,13 +93,13 @@ impl ShadingState<'_, '_> {
             return;
         };
         // Share lobes with lobe rays, or leave out lobes that secondary rays sample already
-        let (lit, counts) = if frame.combined.environment {
+        let (lit, counts) = if frame.combined.shares_environment() {
             let (lit, counts) = self.with_shared_lobes(traced, lit, stage);
             (lit, Some(counts))
         } else {
             (lit.without_sampled_lobes(), None)
         };
-        for draw in environment.draws(stage.depth) {
+        for draw in environment.draws(stage) {
             let (mut arrivals, densities) =
                 self.sample_environment_light(environment.map(), (traced, &lit), draw);
             arrivals.lobe_ratios = counts.map(|counts| std::array::from_fn(|l| counts[l] / densities[l]));

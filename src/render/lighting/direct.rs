@@ -142,7 +142,11 @@ pub(in crate::render) fn emitted_radiance(
     weight: &Lanes3<f32>,
     light: &AmbientTerms,
 ) -> Lanes3<f32> {
-    let emitted_radiance = surfaces.materials.ambient(light.ambient);
+    let emitted_radiance = if surfaces.materials.effects.has(Effect::Interreflection) {
+        surfaces.materials.emission_and_lobes(light.ambient)
+    } else {
+        surfaces.materials.ambient(light.ambient)
+    };
     let (mut share, mut hit) = ([0.0; LANES], [0.0; LANES]);
     for l in 0..LANES {
         share[l] = if packet.active[l] != 0 { 1.0 } else { 0.0 };

@@ -1,6 +1,7 @@
 //! Environment map of a scene, prepared for sampling.
 
 use super::super::sampler::Purpose;
+use super::super::wavefront::BatchInfo;
 use super::sample_index::SampleIndex;
 use crate::image::LinearImage;
 use crate::scene::{Background, Effect, EffectSet, Scene, Texels};
@@ -17,23 +18,16 @@ pub(in crate::render) struct Environment {
 }
 
 impl Environment {
-    /// Returns the light samples for surfaces that are `depth` bounces from the camera.
-    pub(in crate::render) fn draws(&self, depth: u32) -> impl Iterator<Item = SampleIndex> + use<> {
-        let of = self.samples;
-        let purpose = Purpose::LIGHT.nested(ENVIRONMENT_LIGHT).nested(depth);
+    /// Returns the light samples for the surfaces of a batch.
+    pub(in crate::render) fn draws(&self, stage: BatchInfo) -> impl Iterator<Item = SampleIndex> + use<> {
+        let of = self.samples(stage);
+        let purpose = Purpose::LIGHT.nested(ENVIRONMENT_LIGHT).nested(stage.depth);
         (0..of).map(move |number| SampleIndex { purpose, number, of })
     }
 
-    /// Returns the weight of the map's radiance along a ray whose direction was sampled from a lobe with this density per
-    /// steradian, by the balance heuristic with the light samples, which have the density `pdf`; 1 for an infinite density.
-    pub(in crate::render) fn share_of_lobe_ray(&self, pdf: f64, density: f32) -> f32 {
-        if density == f32::INFINITY {
-            return 1.0;
-        }
-        // Compare the densities of both ways to sample the direction
-        let by_light = pdf * f64::from(self.samples);
-        let density = f64::from(density);
-        (density / (density + by_light)) as f32
+    /// Returns the number of light samples of each surface of a batch.
+    pub(super) fn samples(&self, stage: BatchInfo) -> u32 {
+        stage.light_samples(self.samples)
     }
 
     /// Returns the map and its sampling tables.

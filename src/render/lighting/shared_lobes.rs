@@ -41,18 +41,25 @@ impl ShadingState<'_, '_> {
 }
 
 impl RenderContext<'_> {
-    /// Weights the emission of emissive objects that lobe rays hit and light samples share, by the balance heuristic.
+    /// Weights the emission of emissive objects that light samples represent too ([`CombinedSampling::share_of_ray`]).
+    ///
+    /// [`CombinedSampling::share_of_ray`]: super::CombinedSampling::share_of_ray
     #[inline(never)]
-    pub(in crate::render) fn weight_emission(&self, traced: &TracedPacket, surfaces: &mut Surfaces) {
+    pub(in crate::render) fn weight_emission(
+        &self,
+        traced: &TracedPacket,
+        surfaces: &mut Surfaces,
+        stage: BatchInfo,
+    ) {
         let Some(states) = traced.path_states else {
             return;
         };
         let is_hit = surfaces.points.hit;
         for l in (0..LANES).filter(|&l| is_hit[l]) {
-            // Find the light behind a lobe ray; other rays have an infinite density
-            let density = f64::from(states.density(l));
+            // Find the light on the surface; rays that no light sample shares have an infinite density
+            let density = states.density(l);
             let instance = traced.packet.instance[l];
-            let light = (density != f64::INFINITY && instance != NO_HIT)
+            let light = (density != f32::INFINITY && instance != NO_HIT)
                 .then(|| self.combined.light_on(instance))
                 .flatten();
             let Some(number) = light else {
@@ -67,8 +74,9 @@ impl RenderContext<'_> {
             let points = &surfaces.points;
             let hit = DVec3::from([0, 1, 2].map(|axis| points.p[axis][l]));
             let origin = traced.packet.ray(l).origin.as_dvec3();
-            let by_light = sampler.pdf(origin, hit, points.geometric_normal(l)) * f64::from(samples);
-            let share = (density / (density + by_light)) as f32;
+            let pdf = sampler.pdf(origin, hit, points.geometric_normal(l));
+            let by_light = pdf * f64::from(stage.light_samples(samples));
+            let share = self.combined.share_of_ray(density, by_light);
             surfaces.scale_emission(l, share);
         }
     }

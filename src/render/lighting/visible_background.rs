@@ -54,7 +54,7 @@ impl ShadingState<'_, '_> {
             return false;
         }
         // Paths count their reflections and refractions only in scenes where rays pass surfaces
-        let passes = self.frame.effects().has_transmission();
+        let passes = self.frame.effects().counts_bounces();
         let path_states = traced.path_states.filter(|_| passes);
         stage.depth == 0 || path_states.is_some_and(|path_states| path_states.depth(l) == 0)
     }

@@ -10,6 +10,9 @@ const ADAPTIVE_SHARE: f64 = 0.25;
 /// Share of hits that are expected to lie on a surface that reflects or refracts, where some material does.
 const BOUNCE_SHARE: f64 = 0.5;
 
+/// Number of rays that are expected of a path of diffuse bounces, for surfaces that reflect half of the light.
+const DIFFUSE_BOUNCES: f64 = 2.0;
+
 /// Forecasts the rays of an image of a scene as seen from its first camera.
 ///
 /// All camera rays are taken to hit a surface, and rays to bounce once: the forecast is for the choice of a backend,
@@ -61,6 +64,10 @@ pub fn forecast_rays(scene: ValidScene, settings: &RenderSettings) -> RayForecas
         bounces += f64::from(rays.max().unwrap_or(0));
     }
     bounces *= BOUNCE_SHARE * samples;
+    // Count the rays of a path of diffuse bounces
+    if effects.has(Effect::Interreflection) {
+        bounces += DIFFUSE_BOUNCES * samples;
+    }
     let from_point = if is_pinhole { samples } else { 0.0 };
     RayForecast {
         from_point,

@@ -268,6 +268,17 @@ pub const TRIGGERS: &[Trigger] = &[
     trigger(Effect::Iridescence, "iridescence", |facts| {
         facts.material(|m| m.iridescent().is_some(), |_| "has a thin film".into())
     }),
+    // Light of requested effects
+    trigger(Effect::Interreflection, "diffuse surfaces", |facts| {
+        let requested = facts.scene.interreflection?;
+        let reason = |_: &Material| {
+            format!(
+                "is diffuse, and up to {} bounces are requested",
+                requested.bounces
+            )
+        };
+        facts.material(is_matte, reason)
+    }),
 ];
 
 /// Returns the reason why an effect is off without any active trigger.
@@ -310,6 +321,8 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::Sheen => "no material has sheen".into(),
         Effect::Anisotropy => "no lobe is anisotropic".into(),
         Effect::Iridescence => "no material has a thin film".into(),
+        Effect::Interreflection if facts.scene.interreflection.is_none() => "it is not requested".into(),
+        Effect::Interreflection => "no material is diffuse".into(),
     }
 }
 
@@ -420,6 +433,11 @@ fn is_diffuse(material: &Material) -> bool {
         model.metallic == 1.0 && !has(&[MaterialInput::Metallic, MaterialInput::MetallicRoughness]);
     let is_clear = model.transmission == 1.0 && !has(&[MaterialInput::Transmission]);
     !is_metal && !is_clear
+}
+
+/// Returns whether the material reflects or transmits diffuse light.
+fn is_matte(material: &Material) -> bool {
+    is_diffuse(material) || phong_of(material).is_some_and(|phong| phong.diffuse != [0.0; 3])
 }
 
 /// Returns the reason for rough rays: roughness and number of rays of a material. With an environment map one ray is the

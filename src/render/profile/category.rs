@@ -31,6 +31,8 @@ pub enum Category {
     Volume,
     /// Irradiance of objects with subsurface scattering, and the radiance that leaves them.
     Subsurface,
+    /// Rays from diffuse surfaces, which find the light of other surfaces.
+    Interreflection,
     /// Points, normals and materials of hits.
     Surface,
     /// Texture look-ups, and normals that they perturb.
@@ -52,7 +54,7 @@ pub(in crate::render) const ACCOUNTS: usize = Category::ALL.len();
 
 impl Category {
     /// All accounts, in the order of reports.
-    pub const ALL: [Category; 19] = [
+    pub const ALL: [Category; 20] = [
         Category::Sampling,
         Category::Camera,
         Category::Shadow,
@@ -65,6 +67,7 @@ impl Category {
         Category::Absorption,
         Category::Volume,
         Category::Subsurface,
+        Category::Interreflection,
         Category::Surface,
         Category::Texture,
         Category::Lighting,
@@ -89,6 +92,7 @@ impl Category {
             Category::Absorption => "absorption",
             Category::Volume => "volume",
             Category::Subsurface => "subsurface",
+            Category::Interreflection => "interreflection",
             Category::Surface => "surface",
             Category::Texture => "texture",
             Category::Lighting => "lighting",

@@ -17,23 +17,28 @@ pub(in crate::render) struct RayTypeCounts {
     pub(in crate::render) rough_refracted: u64,
     /// Rays into any lobes, of a single wavelength.
     pub(in crate::render) rough_colors: u64,
+    /// Rays from diffuse surfaces, of all wavelengths.
+    pub(in crate::render) bounced: u64,
+    /// Rays from diffuse surfaces, of a single wavelength.
+    pub(in crate::render) bounced_colors: u64,
 }
 
 impl RayTypeCounts {
     /// Returns how many of the `rays` of the generation each account sent.
-    pub(in crate::render) fn accounts(&self, rays: u64) -> [(Category, u64); 5] {
+    pub(in crate::render) fn accounts(&self, rays: u64) -> [(Category, u64); 6] {
         // Rays without a counted type are mirror rays of all wavelengths.
-        let colors = self.mirrored_colors + self.refracted_colors + self.rough_colors;
+        let colors = self.mirrored_colors + self.refracted_colors + self.rough_colors + self.bounced_colors;
         let rough = self.rough_reflected + self.rough_refracted;
         [
             (
                 Category::Reflection,
-                rays.saturating_sub(self.refracted + rough + colors),
+                rays.saturating_sub(self.refracted + rough + self.bounced + colors),
             ),
             (Category::Refraction, self.refracted),
             (Category::RoughReflection, self.rough_reflected),
             (Category::RoughRefraction, self.rough_refracted),
             (Category::Dispersion, colors),
+            (Category::Interreflection, self.bounced),
         ]
     }
 }

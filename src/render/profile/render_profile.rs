@@ -305,6 +305,7 @@ mod tests {
             rough_reflected: 2,
             rough_refracted: 3,
             rough_colors: 5,
+            ..RayTypeCounts::default()
         };
         ledger.book_sent(all, ray_types);
         let rays = [

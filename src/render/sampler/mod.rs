@@ -28,6 +28,10 @@ impl Purpose {
     pub const LIGHT: Purpose = Purpose(3);
     /// Direction within the lobe of a rough surface.
     pub const LOBE: Purpose = Purpose(4);
+    /// Direction of a ray from a diffuse surface.
+    pub(crate) const BOUNCE: Purpose = Purpose(5);
+    /// Decision whether a path goes on behind a diffuse surface: the first number of the pair.
+    pub(crate) const ROULETTE: Purpose = Purpose(6);
 
     /// Returns the purpose for item `number`, for example one of several lights or one of the surfaces along a path.
     ///

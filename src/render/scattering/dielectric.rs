@@ -289,7 +289,7 @@ impl ShadingState<'_, '_> {
                 direction: scattered_ray.direction,
                 media: boundary.crossing.through,
                 cone: cone.spread_by(scattered_ray.spread),
-                density: PathState::NONE.density,
+                density: arrival.density_behind_boundary(),
                 ..*arrival
             };
             self.send_from(boundary_hit, weight, facet.sender(Category::Refraction), travel);

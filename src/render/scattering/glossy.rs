@@ -66,7 +66,7 @@ impl RenderContext<'_> {
 
     /// Returns the number of bounces from the camera to the surfaces of a batch, for a path that counts `path_depth`.
     pub(in crate::render) fn depth_of(&self, path_depth: u32, stage: BatchInfo) -> u32 {
-        if self.effects().has_transmission() {
+        if self.effects().counts_bounces() {
             path_depth
         } else {
             stage.depth

@@ -1,5 +1,6 @@
-//! Scattering at glossy surfaces and dielectric boundaries, and in volumes.
+//! Scattering at diffuse and glossy surfaces, at dielectric boundaries, and in volumes.
 
+mod bounce;
 mod boundary;
 mod dielectric;
 mod glossy;

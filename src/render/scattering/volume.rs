@@ -192,7 +192,7 @@ impl LightSampler<'_, '_, '_> {
         let Some(environment) = &frame.environment else {
             return;
         };
-        for draw in environment.draws(self.stage.depth) {
+        for draw in environment.draws(self.stage) {
             let u = self.origin.numbers(&frame.settings, draw);
             let Some(sample) = environment.map().sample(u) else {
                 continue;

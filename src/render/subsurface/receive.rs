@@ -108,6 +108,7 @@ impl<'f, 's> Receiver<'f, 's> {
         let stage = BatchInfo {
             order: Coherence::Incoherent,
             depth: 0,
+            is_behind_bounce: false,
         };
         // Give the chunk a tile of the virtual image
         let corner = [chunk % TILES_A_ROW, chunk / TILES_A_ROW].map(|tile| tile as u32 * TILE);

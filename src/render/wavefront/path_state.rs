@@ -14,8 +14,10 @@ use crate::shading::ray_cone::RayCone;
 /// State of one path, besides its throughput.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct PathState {
-    /// Number of reflections and refractions so far.
+    /// Number of reflections and refractions so far, diffuse bounces included.
     pub(in crate::render) depth: u32,
+    /// Number of diffuse bounces so far.
+    pub(in crate::render) bounces: u32,
     /// Wavelength that the path follows, in nanometres; 0 for all wavelengths.
     pub(in crate::render) wavelength: f32,
     /// Unit direction, before it is rounded to the f32 direction of the ray.
@@ -31,8 +33,8 @@ pub(in crate::render) struct PathState {
     pub(in crate::render) split: u32,
     /// Time of the rays, as in [`crate::numeric::Ray::time`].
     pub(in crate::render) time: f32,
-    /// Density per steradian of the rays into the lobe that the direction was sampled from, times their number;
-    /// infinite for other directions.
+    /// Density per steradian of the rays into the lobe that the direction was sampled from, times their number. It is 0
+    /// behind a diffuse bounce, where light samples alone represent their lights, and infinite for other directions.
     pub(in crate::render) density: f32,
 }
 
@@ -40,6 +42,7 @@ impl PathState {
     /// State of a path that has not begun.
     pub(in crate::render) const NONE: PathState = PathState {
         depth: 0,
+        bounces: 0,
         wavelength: 0.0,
         direction: DVec3::ZERO,
         media: InteriorStack::EMPTY,
@@ -52,6 +55,17 @@ impl PathState {
         time: 0.0,
         density: f32::INFINITY,
     };
+
+    /// Returns the density behind a boundary that refracts the ray, or that it passes unchanged.
+    ///
+    /// Shadow rays pass such boundaries straight, so light samples at a diffuse surface represent the lights behind them.
+    pub(in crate::render) fn density_behind_boundary(&self) -> f32 {
+        if self.density == 0.0 {
+            0.0
+        } else {
+            PathState::NONE.density
+        }
+    }
 }
 
 /// State of the paths of a packet of camera rays.
@@ -69,6 +83,7 @@ pub(in crate::render) struct CameraPaths<'a> {
 /// Path states of several packets, as far as the effects need them.
 pub(in crate::render) struct PathStates {
     depth: OptionalArray<u32>,
+    bounces: OptionalArray<u32>,
     wavelength: OptionalArray<f32>,
     direction: OptionalArray<DVec3>,
     media: InteriorArray,
@@ -84,7 +99,8 @@ impl PathStates {
     /// Returns empty arrays for these effects, and for ray cones if paths carry them.
     pub(in crate::render) fn new(effects: EffectSet, combines_samples: bool) -> PathStates {
         PathStates {
-            depth: OptionalArray::new(effects.has_transmission()),
+            depth: OptionalArray::new(effects.counts_bounces()),
+            bounces: OptionalArray::new(effects.has(Effect::Interreflection)),
             wavelength: OptionalArray::new(effects.has(Effect::Dispersion)),
             direction: OptionalArray::new(effects.has(Effect::Refraction)),
             media: InteriorArray::new(effects),
@@ -92,7 +108,7 @@ impl PathStates {
             sample: OptionalArray::new(effects.samples_light()),
             split: OptionalArray::new(effects.has_lobes()),
             time: OptionalArray::new(effects.has(Effect::MotionBlur)),
-            density: OptionalArray::new(combines_samples),
+            density: OptionalArray::new(combines_samples || effects.has(Effect::Interreflection)),
             packet_count: 0,
         }
     }
@@ -123,6 +139,7 @@ impl PathStates {
     fn resize_arrays(&mut self, packets: usize) {
         self.packet_count = packets;
         self.depth.resize(packets, 0);
+        self.bounces.resize(packets, 0);
         self.wavelength.resize(packets, 0.0);
         self.direction.resize(packets, DVec3::ZERO);
         self.media.resize(packets);
@@ -136,6 +153,7 @@ impl PathStates {
     /// Sets the state of lane `l` of packet `packet`.
     pub(in crate::render) fn set(&mut self, packet: usize, l: usize, travel: &PathState) {
         self.depth.set(packet, l, travel.depth);
+        self.bounces.set(packet, l, travel.bounces);
         self.wavelength.set(packet, l, travel.wavelength);
         self.direction.set(packet, l, travel.direction);
         self.media.set(packet, l, &travel.media);
@@ -162,8 +180,13 @@ impl PathStates {
     /// Adds the bytes of each array to the effect that needs it.
     pub(in crate::render) fn add_to(&self, memory: &mut Memory, effects: EffectSet) {
         // Attribute depths to the effect by which light passes surfaces
-        let through = effects.transmissive().name();
-        memory.add(through, "steps of paths", self.depth.byte_count());
+        let counting = match effects.has_transmission() {
+            true => effects.transmissive(),
+            false => Effect::Interreflection,
+        };
+        memory.add(counting.name(), "steps of paths", self.depth.byte_count());
+        let bounces = self.bounces.byte_count();
+        memory.add(Effect::Interreflection.name(), "bounces of paths", bounces);
         let wavelengths = self.wavelength.byte_count();
         memory.add(Effect::Dispersion.name(), "wavelengths of paths", wavelengths);
         let directions = self.direction.byte_count();
@@ -175,11 +198,10 @@ impl PathStates {
             self.cone.byte_count(),
         );
         memory.add("sampling", "samples of paths", self.sample.byte_count());
-        // Attribute lobe rays to reflection if both effects are on
-        let lobes = match effects.has(Effect::RoughReflection) {
-            true => Effect::RoughReflection,
-            false => Effect::RoughRefraction,
-        };
+        // Attribute lobe rays to the first of the effects that send some
+        let senders = [Effect::RoughReflection, Effect::RoughRefraction];
+        let lobes = senders.into_iter().find(|&effect| effects.has(effect));
+        let lobes = lobes.unwrap_or(Effect::Interreflection);
         memory.add(lobes.name(), "rays of lobes", self.split.byte_count());
         memory.add(lobes.name(), "densities of lobes", self.density.byte_count());
         memory.add(
@@ -211,6 +233,7 @@ impl PathStatePacket<'_> {
         let (path_states, packet) = (self.path_states, self.packet);
         PathState {
             depth: path_states.depth.get(packet, l, 0),
+            bounces: path_states.bounces.get(packet, l, 0),
             wavelength: path_states.wavelength.get(packet, l, 0.0),
             direction: path_states.direction.get(packet, l, DVec3::ZERO),
             media: path_states.media.get(packet, l),

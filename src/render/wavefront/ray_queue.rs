@@ -3,6 +3,7 @@
 //! Memory is reused from tile to tile; packets are refilled instead of allocated.
 
 use super::super::aov::LightSource;
+use super::super::context::RenderContext;
 use super::super::film::with_step;
 use super::super::profile::{Accounts, Category, Memory, RayTypeCounts};
 use super::super::settings::RenderSettings;
@@ -45,6 +46,8 @@ impl RayTypeCounts {
         let is_color = sent.account() == Category::Dispersion;
         match (sent.sender, is_color) {
             (Category::RoughReflection | Category::RoughRefraction, true) => self.rough_colors += 1,
+            (Category::Interreflection, false) => self.bounced += 1,
+            (Category::Interreflection, true) => self.bounced_colors += 1,
             (Category::RoughReflection, false) => self.rough_reflected += 1,
             (Category::RoughRefraction, false) => self.rough_refracted += 1,
             (Category::Refraction, true) => self.refracted_colors += 1,
@@ -92,6 +95,17 @@ impl RayQueue {
         }
     }
 
+    /// Returns an empty queue for the rays of a render.
+    pub(in crate::render) fn of_frame(frame: &RenderContext) -> RayQueue {
+        RayQueue::new(frame.effects(), frame.combined.is_any()).with_accounts(&frame.settings)
+    }
+
+    /// Returns an empty queue for the rays of a render behind diffuse surfaces, in scenes with interreflection.
+    pub(in crate::render) fn of_bounces(frame: &RenderContext) -> Option<Box<RayQueue>> {
+        let has_bounces = frame.effects().has(Effect::Interreflection);
+        has_bounces.then(|| Box::new(RayQueue::of_frame(frame)))
+    }
+
     /// Returns the queue with an account per ray if `settings` request pixel costs or layers by effect.
     pub(in crate::render) fn with_accounts(self, settings: &RenderSettings) -> RayQueue {
         RayQueue {
@@ -121,7 +135,7 @@ impl RayQueue {
             };
             for l in 0..lanes {
                 // Skip paths that have not bounced yet
-                if effects.has_transmission() && self.path_states.at(packet).lane(l).depth == 0 {
+                if effects.counts_bounces() && self.path_states.at(packet).depth(l) == 0 {
                     continue;
                 }
                 let label = &mut self.paths[packet].pixel[l];

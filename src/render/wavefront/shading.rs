@@ -45,6 +45,7 @@ impl ShadingState<'_, '_> {
     ) {
         let effects = self.effects::<BASIC>();
         let has_layers = stage.depth == 0 && self.first_hits.is_some();
+        self.generation = stage.depth;
         for (index, packet) in packets.iter().enumerate() {
             let (path, path_states) = paths.at(index);
             let path_states = path_states.filter(|_| !BASIC);
@@ -85,7 +86,7 @@ impl ShadingState<'_, '_> {
                 self.shade::<BASIC>(effects, &traced, surfaces, stage);
             // Add background radiance if all rays missed
             } else if effects.has_unlit_radiance() {
-                self.add_background(traced);
+                self.add_background(traced, stage);
             }
             self.meter.leave();
         }
@@ -128,8 +129,8 @@ impl ShadingState<'_, '_> {
     // Not inlined, like other steps that only some scenes take, so that the loop over packets keeps its registers. By
     // value, so that `TracedPacket` is written to memory only where such a step is taken.
     #[inline(never)]
-    fn add_background(&mut self, traced: TracedPacket) {
-        let background = self.frame.background_along(&traced);
+    fn add_background(&mut self, traced: TracedPacket, stage: BatchInfo) {
+        let background = self.frame.background_along(&traced, stage);
         let radiance = direct::background_radiance(traced.packet, traced.weight, &background);
         self.meter.part(Category::Surroundings);
         self.film.add(traced.pixel, &radiance, LightSource::Emission);
@@ -148,7 +149,7 @@ impl ShadingState<'_, '_> {
             direct::evaluate_lobe_albedo(surfaces);
         }
         if !BASIC && self.frame.combined.has_emissive_objects() {
-            self.frame.weight_emission(traced, surfaces);
+            self.frame.weight_emission(traced, surfaces, stage);
         }
         match traced
             .path_states
@@ -200,7 +201,7 @@ impl ShadingState<'_, '_> {
     ) {
         // Add emission, ambient light and background
         if effects.has_unlit_radiance() {
-            self.add_emission(*traced, surfaces);
+            self.add_emission(*traced, surfaces, stage);
         }
         let variants = LobeVariants::default();
         let lit = direct::ShadingContext::of(traced, surfaces, &variants);
@@ -219,11 +220,16 @@ impl ShadingState<'_, '_> {
             self.reflect_roughly(traced, surfaces, stage);
             self.meter.part(Category::RoughReflection);
         }
+        // Spawn rays from diffuse surfaces
+        if effects.has(Effect::Interreflection) {
+            self.bounce(traced, surfaces, stage);
+            self.meter.part(Category::Interreflection);
+        }
     }
 
     #[inline(never)]
-    fn add_emission(&mut self, traced: TracedPacket, surfaces: &Surfaces) {
-        let background = self.frame.background_along(&traced);
+    fn add_emission(&mut self, traced: TracedPacket, surfaces: &Surfaces, stage: BatchInfo) {
+        let background = self.frame.background_along(&traced, stage);
         let light = direct::AmbientTerms {
             ambient: self.frame.ambient,
             background: &background,
@@ -337,8 +343,13 @@ impl ShadingState<'_, '_> {
         if !(largest > 0.0) {
             return;
         }
+        if self.effects::<BASIC>().has(Effect::Interreflection)
+            && let Some(travel) = sent.travel.filter(|travel| travel.bounces > 0)
+        {
+            return self.send_behind_bounce(sent, &travel);
+        }
         let depth = match sent.travel {
-            Some(travel) if self.effects::<BASIC>().has_transmission() => travel.depth,
+            Some(travel) if self.effects::<BASIC>().counts_bounces() => travel.depth,
             _ => steps,
         };
         // Rays of one lobe carry small weights each; compare their sum with the cut-off.

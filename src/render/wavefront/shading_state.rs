@@ -24,6 +24,10 @@ pub(in crate::render) struct ShadingState<'f, 's> {
     /// Light that shadow rays are currently sampled from; not maintained in scenes with plain effects only.
     pub(in crate::render) current_source: LightSource,
     pub(in crate::render) next: RayQueue,
+    /// Rays of the next generation whose paths have left a diffuse surface, in scenes with interreflection.
+    pub(in crate::render) next_bounced: Option<Box<RayQueue>>,
+    /// Number of bounces before the rays that are being shaded.
+    pub(in crate::render) generation: u32,
     pub(in crate::render) meter: Profiler,
     pub(in crate::render) losses: TileTruncation,
     /// Surface interactions of shadow rays, in scenes with transparent shadows.
@@ -50,7 +54,9 @@ impl<'f, 's> ShadingState<'f, 's> {
             shadow_queue: ShadowQueue::new(frame.effects(), frame.batch)
                 .with_lobe_radiance(frame.combined.splits_shadows),
             current_source: LightSource::Emission,
-            next: RayQueue::new(frame.effects(), frame.combined.is_any()).with_accounts(&frame.settings),
+            next: RayQueue::of_frame(frame),
+            next_bounced: RayQueue::of_bounces(frame),
+            generation: 0,
             meter: Profiler::new(&frame.settings),
             losses: TileTruncation::default(),
             shadow_surfaces: frame
@@ -72,6 +78,7 @@ impl<'f, 's> ShadingState<'f, 's> {
             film.clear();
         }
         self.next.clear();
+        self.next_bounced.iter_mut().for_each(|bounced| bounced.clear());
         self.losses.clear();
         if let Some(first_hits) = &mut self.first_hits {
             first_hits.clear();

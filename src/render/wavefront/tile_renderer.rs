@@ -37,6 +37,8 @@ pub(in crate::render) struct TileRenderer<'f, 's> {
     frame: &'f RenderContext<'s>,
     /// Rays that are traced next.
     current: RayQueue,
+    /// Rays that are traced next and have left a diffuse surface, in scenes with interreflection.
+    current_bounced: Option<Box<RayQueue>>,
     surfaces: Box<Surfaces>,
     outcome: ShadingState<'f, 's>,
     /// True if camera rays need per-path state, a lens or times.
@@ -57,7 +59,8 @@ impl<'f, 's> TileRenderer<'f, 's> {
             held: frame.thread_memory.as_ref().map(ThreadFootprint::new),
             largest: (0, 0, RayTypeCounts::default()),
             frame,
-            current: RayQueue::new(frame.effects(), frame.combined.is_any()).with_accounts(&frame.settings),
+            current: RayQueue::of_frame(frame),
+            current_bounced: RayQueue::of_bounces(frame),
             surfaces: Box::new(Surfaces::new(frame.effects())),
             outcome: ShadingState::new(
                 frame,
@@ -221,6 +224,7 @@ impl<'f, 's> TileRenderer<'f, 's> {
         let stage = BatchInfo {
             order: Coherence::Coherent,
             depth: 0,
+            is_behind_bounce: false,
         };
         let (packets, paths) = self.current.parts();
         if packets.is_empty() {
@@ -246,38 +250,52 @@ impl<'f, 's> TileRenderer<'f, 's> {
     fn follow_reflections(&mut self) {
         self.trace_camera_batch();
         for depth in 1..=MAX_PATH_LENGTH {
-            if self.outcome.next.len() == 0 {
+            let bounced = self.outcome.next_bounced.as_ref();
+            if self.outcome.next.len() + bounced.map_or(0, |bounced| bounced.len()) == 0 {
                 return;
             }
             // `current` is empty here; its memory is reused for the following generation.
             std::mem::swap(&mut self.current, &mut self.outcome.next);
-            self.outcome.next.clear();
-            if self.frame.settings.wanted_light().effects {
-                self.current.label_steps(self.frame.effects());
+            std::mem::swap(&mut self.current_bounced, &mut self.outcome.next_bounced);
+            self.trace_generation(depth, false);
+            // Trace those behind diffuse surfaces in packets of their own
+            if let Some(mut bounced) = self.current_bounced.take() {
+                std::mem::swap(&mut self.current, &mut bounced);
+                self.trace_generation(depth, true);
+                std::mem::swap(&mut self.current, &mut bounced);
+                self.current_bounced = Some(bounced);
             }
-            let stage = BatchInfo {
-                order: Coherence::Incoherent,
-                depth,
-            };
-            let mut all = Tally::default();
-            let (packets, paths) = self.current.parts();
-            // Intersect and shade the generation in batches that fit in the cache
-            for (batch, packets) in packets.chunks_mut(BATCH).enumerate() {
-                let paths = paths.from(batch * BATCH);
-                let labels_and_accounts = |index| paths.labels_and_accounts(index, Category::Reflection);
-                all += self.outcome.meter.trace(packets, labels_and_accounts, |packets| {
-                    self.frame.accel.intersect(packets, stage.order)
-                });
-                self.outcome
-                    .shade_batch(&mut self.surfaces, packets, paths, stage);
-            }
-            // Book the rays by type
-            self.outcome.meter.ledger.book_sent(all, self.current.ray_types());
-            if self.held.is_some() && self.current.len() > self.largest.0 {
-                self.largest = (self.current.len(), all.rays, self.current.ray_types());
-            }
-            self.current.clear();
         }
+    }
+
+    /// Traces and shades the rays of `current`, which are `depth` bounces from the camera.
+    fn trace_generation(&mut self, depth: u32, is_behind_bounce: bool) {
+        if self.frame.settings.wanted_light().effects {
+            self.current.label_steps(self.frame.effects());
+        }
+        let stage = BatchInfo {
+            order: Coherence::Incoherent,
+            depth,
+            is_behind_bounce,
+        };
+        let mut all = Tally::default();
+        let (packets, paths) = self.current.parts();
+        // Intersect and shade the generation in batches that fit in the cache
+        for (batch, packets) in packets.chunks_mut(BATCH).enumerate() {
+            let paths = paths.from(batch * BATCH);
+            let labels_and_accounts = |index| paths.labels_and_accounts(index, Category::Reflection);
+            all += self.outcome.meter.trace(packets, labels_and_accounts, |packets| {
+                self.frame.accel.intersect(packets, stage.order)
+            });
+            self.outcome
+                .shade_batch(&mut self.surfaces, packets, paths, stage);
+        }
+        // Book the rays by type
+        self.outcome.meter.ledger.book_sent(all, self.current.ray_types());
+        if self.held.is_some() && self.current.len() > self.largest.0 {
+            self.largest = (self.current.len(), all.rays, self.current.ray_types());
+        }
+        self.current.clear();
     }
 }
 
@@ -370,7 +388,7 @@ impl TileRenderer<'_, '_> {
         let mut memory = Memory::default();
         // Add ray queues and optional path state
         self.add_queues_to(&mut memory);
-        for generation in [&self.current, &outcome.next] {
+        for generation in self.queues() {
             generation.add_columns_to(&mut memory, effects);
         }
         let shadow_effect = match effects.has(Effect::Shadow) {
@@ -413,10 +431,17 @@ impl TileRenderer<'_, '_> {
         memory
     }
 
+    /// Iterates over the queues of rays.
+    fn queues(&self) -> impl Iterator<Item = &RayQueue> {
+        let bounced = [&self.current_bounced, &self.outcome.next_bounced];
+        let bounced = bounced.into_iter().flatten().map(|bounced| &**bounced);
+        [&self.current, &self.outcome.next].into_iter().chain(bounced)
+    }
+
     /// Adds the bytes of the ray queues. One batch is attributed to camera rays; the rest is divided like the rays of
     /// the largest generation of secondary rays.
     fn add_queues_to(&self, memory: &mut Memory) {
-        let all = self.current.byte_count() + self.outcome.next.byte_count();
+        let all = self.queues().map(RayQueue::byte_count).sum::<usize>();
         let camera = all.min(BATCH * RayQueue::PACKET_BYTES);
         memory.add(Category::Camera.name(), "queued rays", camera);
         let (_, rays, ray_types) = self.largest;

@@ -11,6 +11,16 @@ pub(in crate::render) struct BatchInfo {
     /// Number of bounces before these rays. In scenes where light goes through surfaces, each ray has its own depth
     /// instead.
     pub(in crate::render) depth: u32,
+    /// True if the paths of these rays have left a diffuse surface, from which on they do not branch.
+    pub(in crate::render) is_behind_bounce: bool,
+}
+
+impl BatchInfo {
+    /// Returns the number of samples that a surface takes of a light of `samples` samples: one behind a diffuse surface.
+    #[inline(always)]
+    pub(in crate::render) fn light_samples(&self, samples: u32) -> u32 {
+        if self.is_behind_bounce { 1 } else { samples }
+    }
 }
 
 /// Traced packet with its pixels, weights and path states.

@@ -37,9 +37,10 @@ impl fmt::Display for TimeChange {
 
 impl fmt::Display for Ablation {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        match (self.without, self.depth) {
-            (Some(effect), _) => write!(f, "{effect}: without it")?,
-            (None, depth) => write!(f, "depth: with {}", depth.unwrap_or_default())?,
+        match (self.without, self.with, self.depth) {
+            (Some(effect), ..) => write!(f, "{effect}: without it")?,
+            (None, Some(effect), _) => write!(f, "{effect}: with it")?,
+            (None, None, depth) => write!(f, "depth: with {}", depth.unwrap_or_default())?,
         }
         if !self.takes_along.is_empty() {
             let names: Vec<&str> = self.takes_along.iter().map(|effect| effect.name()).collect();
@@ -105,6 +106,7 @@ mod tests {
     fn price(without: Effect, change: f64) -> Ablation {
         Ablation {
             without: Some(without),
+            with: None,
             takes_along: vec![],
             depth: None,
             time: TimeChange::new(Interval::exact(change), 0.0),

@@ -48,13 +48,25 @@ impl MeshLight {
         })
     }
 
+    /// Returns the triangle that `u` selects by its area, and the position of `u` within the range of that triangle.
+    #[inline(always)]
+    pub(crate) fn choose(&self, u: f64) -> (usize, f64) {
+        cumulative::invert(&self.cumulative_area, &self.guide, u)
+    }
+
+    /// Returns the corners of a triangle in world space.
+    #[inline(always)]
+    pub(crate) fn corners(&self, triangle: usize) -> [DVec3; 3] {
+        self.triangles[triangle]
+    }
+
     /// Samples the point that `u` in [0, 1)² selects for `p`; `None` in the plane of the chosen triangle.
     ///
     /// Of the 32 bits of a sampler's number, the choice among n triangles uses about log2 n.
     #[inline]
     pub fn sample(&self, p: DVec3, u: [f64; 2]) -> Option<LightSample> {
         // Choose a triangle by its area, then sample a point uniformly on it
-        let (chosen, within) = cumulative::invert(&self.cumulative_area, &self.guide, u[0]);
+        let (chosen, within) = self.choose(u[0]);
         let [a, b, c] = self.triangles[chosen];
         let [to_b, to_c] = warp::triangle([within, u[1]]);
         let across = (b - a).cross(c - a);

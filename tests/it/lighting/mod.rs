@@ -5,6 +5,7 @@ mod area_light_sampling;
 mod camera_formula;
 mod combined_sampling;
 mod emissive_objects;
+mod interreflection;
 mod layered_materials;
 mod mip_filtering;
 mod motion_render;

@@ -91,7 +91,11 @@ const ENTRIES: [Entry; 20] = [
 ];
 
 /// Scenes that the reference tracer cannot render, with the reason.
-const BEYOND: [(&str, &str); 13] = [
+const BEYOND: [(&str, &str); 14] = [
+    (
+        "cornell_box",
+        "tests/it/lighting/interreflection.rs compares interreflection with closed forms",
+    ),
     ("depth_of_field", "rays start at random points of the lens"),
     (
         "fire",

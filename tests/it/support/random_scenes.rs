@@ -8,9 +8,9 @@ use whit::optics::subsurface::SubsurfacePreset;
 use whit::optics::{Absorption, Cauchy, Dispersion};
 use whit::scene::{
     AlphaMode, Anisotropy, Aperture, AreaShape, Background, Camera, Clearcoat, Falloff, Filter, Geometry,
-    Image, Instance, Iridescence, Lens, Light, LightKind, Material, MaterialInput, Medium, MediumKind,
-    MetallicRoughness, Model, Pattern, Phong, Procedural, Projection, Sampler, Scene, Sheen, Shutter, Space,
-    Texels, Texture, TextureBinding, TextureUse, Translucency, Wrap,
+    Image, Instance, Interreflection, Iridescence, Lens, Light, LightKind, Material, MaterialInput, Medium,
+    MediumKind, MetallicRoughness, Model, Pattern, Phong, Procedural, Projection, Sampler, Scene, Sheen,
+    Shutter, Space, Texels, Texture, TextureBinding, TextureUse, Translucency, Wrap,
 };
 use whit::volume::{Fog, Grid, GridSamples, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
 
@@ -133,6 +133,9 @@ pub fn scene(seed: u64) -> Scene {
         for instance in 0..scene.instances.len() as u32 {
             _ = scene.add_emissive_light(instance, 1 + r.below(2) as u32);
         }
+    }
+    if r.next() < 0.15 {
+        scene.interreflection = Some(Interreflection { bounces: 3 });
     }
     scene.validate().unwrap();
     scene

@@ -1,0 +1,107 @@
+//! Samples of emissive meshes for sixteen shaded points at once.
+
+use glam::DVec3;
+use multiversion::multiversion;
+
+use super::shadow_ray_end::ShadowRayEnds;
+use crate::mesh::Mesh;
+use crate::numeric::{LANES, Lanes, Lanes3, triangle_spawn_error, warp};
+use crate::scene::{Instance, LightSamplePacket};
+use crate::shading::MeshLight;
+
+/// Triangles of a mesh light that sixteen points have chosen, in world space.
+struct ChosenTriangles {
+    corner: Lanes3<f64>,
+    /// Edges from the corner to the two others.
+    edges: [Lanes3<f64>; 2],
+    /// Bounds on the rounding errors of rays that leave the triangles, in object space.
+    error: Lanes3<f64>,
+    /// Random pairs for the points on the triangles.
+    u: [Lanes<f64>; 2],
+}
+
+/// Samples the points of an emissive mesh that `u` selects for the points `p`: each as
+/// [`super::AreaLightSampler::sample`] does, with the same bits. Positions are the ends of the shadow rays.
+pub(super) fn sample_emissive_mesh(
+    light: &MeshLight,
+    (mesh, instance): (&Mesh, &Instance),
+    (p, u): (&Lanes3<f32>, &[Lanes<f64>; 2]),
+) -> LightSamplePacket {
+    // Choose a triangle for each point
+    let mut chosen = ChosenTriangles {
+        corner: [[0.0; LANES]; 3],
+        edges: [[[0.0; LANES]; 3]; 2],
+        error: [[0.0; LANES]; 3],
+        u: [[0.0; LANES], u[1]],
+    };
+    for l in 0..LANES {
+        let (triangle, within) = light.choose(u[0][l]);
+        let [a, b, c] = light.corners(triangle);
+        let [v0, v1, v2] = mesh.corners(triangle as u32);
+        let error = triangle_spawn_error(v0, v1 - v0, v2 - v0).0;
+        chosen.u[0][l] = within;
+        for axis in 0..3 {
+            chosen.corner[axis][l] = a[axis];
+            chosen.edges[0][axis][l] = b[axis] - a[axis];
+            chosen.edges[1][axis][l] = c[axis] - a[axis];
+            chosen.error[axis][l] = error[axis];
+        }
+    }
+    // Sample the points
+    let mut samples = LightSamplePacket {
+        position: [[0.0; LANES]; 3],
+        direction: [[0.0; LANES]; 3],
+        pdf: [0.0; LANES],
+    };
+    sample_triangles(&chosen, (light.area(), instance), p, &mut samples);
+    samples
+}
+
+/// Samples a point on each of the chosen triangles.
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn sample_triangles(
+    chosen: &ChosenTriangles,
+    (area, instance): (f64, &Instance),
+    p: &Lanes3<f32>,
+    samples: &mut LightSamplePacket,
+) {
+    let ends = ShadowRayEnds::of(instance);
+    for l in 0..LANES {
+        // Sample a point uniformly on the triangle
+        let shaded = DVec3::new(p[0][l].into(), p[1][l].into(), p[2][l].into());
+        let [a, e1, e2] = [&chosen.corner, &chosen.edges[0], &chosen.edges[1]].map(|v| lane(v, l));
+        let [to_b, to_c] = warp::triangle([chosen.u[0][l], chosen.u[1][l]]);
+        let position = a + to_b * e1 + to_c * e2;
+        let across = e1.cross(e2);
+        let normal = across / across.length();
+        // Convert the density per area into a density per solid angle
+        let to_light = position - shaded;
+        let squared = to_light.length_squared();
+        let approach = to_light.dot(normal);
+        let distance = squared.sqrt();
+        let pdf = squared * distance / (approach.abs() * area);
+        let direction = to_light / distance;
+        // End the shadow ray off the surface, on the side that it comes from
+        let side = if direction.dot(normal) < 0.0 { 1.0 } else { -1.0 };
+        let end = ends.end(
+            position,
+            normal * side,
+            distance * direction,
+            lane(&chosen.error, l),
+        );
+        let is_sample = (pdf > 0.0) & (pdf < f64::INFINITY) & (distance > 0.0) & (distance < f64::INFINITY);
+        samples.pdf[l] = if is_sample { pdf } else { 0.0 };
+        for axis in 0..3 {
+            samples.direction[axis][l] = direction[axis];
+            samples.position[axis][l] = end[axis];
+        }
+    }
+}
+
+#[inline(always)]
+fn lane(vectors: &Lanes3<f64>, l: usize) -> DVec3 {
+    DVec3::new(vectors[0][l], vectors[1][l], vectors[2][l])
+}

@@ -1,0 +1,149 @@
+//! Diffuse reflection and transmission alone: the weights of rays from diffuse surfaces, and what ambient light adds to
+//! surfaces that send such rays.
+
+use multiversion::multiversion;
+
+use super::anisotropic_lobe::dot;
+use super::material::MaterialPacket;
+use super::metallic_roughness::fifth_power;
+use crate::numeric::{LANES, Lanes, Lanes3};
+use crate::scene::{Effect, MIRROR_ROUGHNESS};
+
+/// Returns the weights of radiance from the directions `wi` at sixteen surfaces, where directions are distributed by the
+/// cosine to the normal: the BRDF of the diffuse part times π. It is the albedo of a surface that reflects light from all
+/// directions alike.
+///
+/// Directions below the surface have the weight of diffuse transmission. The coefficient rd of the Phong and Whitted model
+/// is taken for an albedo, as its ambient coefficient is.
+pub fn diffuse_weights(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+    wi: &Lanes3<f32>,
+) -> Lanes3<f32> {
+    match (
+        material.effects.needs_full_material(),
+        material.effects.has_special_lobes(),
+    ) {
+        (false, _) => basic_weights(material, ns, wo, wi),
+        (true, false) => full_weights(material, ns, wo, wi),
+        (true, true) => weight_lanes::<true, true>(material, ns, wo, wi),
+    }
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn basic_weights(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+    wi: &Lanes3<f32>,
+) -> Lanes3<f32> {
+    weight_lanes::<false, false>(material, ns, wo, wi)
+}
+
+#[multiversion(targets(
+    "x86_64+avx512f+avx512bw+avx512cd+avx512dq+avx512vl",
+    "x86_64+avx2+bmi1+bmi2+fma"
+))]
+fn full_weights(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+    wi: &Lanes3<f32>,
+) -> Lanes3<f32> {
+    weight_lanes::<true, false>(material, ns, wo, wi)
+}
+
+/// Evaluates all lanes: with the parameters that few materials use if `EXTENDED`, with thin films if `SPECIAL`.
+#[inline(always)]
+fn weight_lanes<const EXTENDED: bool, const SPECIAL: bool>(
+    material: &MaterialPacket,
+    ns: &Lanes3<f32>,
+    wo: &Lanes3<f32>,
+    wi: &Lanes3<f32>,
+) -> Lanes3<f32> {
+    let mut weights = [[0.0; LANES]; 3];
+    for l in 0..LANES {
+        let n = [ns[0][l], ns[1][l], ns[2][l]];
+        let i = [wi[0][l], wi[1][l], wi[2][l]];
+        // Compute the half vector, with light from behind mirrored to the front
+        let behind = (-dot(n, i)).max(0.0);
+        let mut h = [wo[0][l], wo[1][l], wo[2][l]];
+        for axis in 0..3 {
+            h[axis] += i[axis] + 2.0 * behind * n[axis];
+        }
+        let grazing = fifth_power(1.0 - 0.5 * dot(h, h).sqrt());
+        // The lobe takes its part first
+        for channel in 0..3 {
+            let fresnel = material.schlick::<EXTENDED>(grazing, channel, l);
+            let taken = fresnel.max(material.specular_albedo::<EXTENDED, SPECIAL>(channel, l));
+            let mut albedo = material.c_diff::<EXTENDED>(channel, l);
+            let mut phong = 0.0;
+            if EXTENDED {
+                let transmitted = material.transmission_albedo(channel, l);
+                albedo = if behind > 0.0 { transmitted } else { albedo };
+                phong = material.extended.diffuse[channel][l] * material.base_color[channel][l];
+            }
+            let weight = (1.0 - taken) * albedo;
+            weights[channel][l] = if EXTENDED && material.extended.is_phong[l] {
+                if behind > 0.0 { 0.0 } else { phong }
+            } else {
+                weight
+            };
+        }
+    }
+    weights
+}
+
+impl MaterialPacket {
+    /// Returns emission plus the ambient radiance `ambient` reflected by lobes that no ray gathers.
+    ///
+    /// It is what surfaces that send rays from their diffuse part add without light samples: those rays bring the rest of
+    /// the ambient light.
+    pub fn emission_and_lobes(&self, ambient: [f32; 3]) -> Lanes3<f32> {
+        // Without ambient light only emission is left
+        let mut radiance = self.emission;
+        if ambient == [0.0; 3] {
+            return radiance;
+        }
+        // Add the albedo of each lobe that is not gathered by rays
+        for channel in 0..3 {
+            for l in 0..LANES {
+                let is_gathered = self.roughness[l] <= MIRROR_ROUGHNESS || self.has_lobe(l);
+                if !(is_gathered || self.extended.is_phong[l]) {
+                    let albedo = if self.effects.has(Effect::EnergyConservation) {
+                        self.specular_albedo::<true, true>(channel, l)
+                    } else {
+                        self.f0::<true>(channel, l)
+                    };
+                    radiance[channel][l] += ambient[channel] * albedo * self.extended.occlusion[l];
+                }
+            }
+        }
+        radiance
+    }
+
+    /// Returns the share of the diffuse light of each lane that leaves on the other side of the surface; 0 where nothing
+    /// is transmitted diffusely.
+    pub fn transmitted_share(&self) -> Lanes<f32> {
+        // Compare the sums of the channels
+        let mut shares = [0.0; LANES];
+        if self.effects.has(Effect::Translucency) {
+            for l in 0..LANES {
+                let sum = |value: &dyn Fn(usize) -> f32| value(0) + value(1) + value(2);
+                let transmitted = sum(&|channel| self.transmission_albedo(channel, l));
+                let reflected = sum(&|channel| self.c_diff::<true>(channel, l));
+                let both = transmitted + reflected;
+                shares[l] = if transmitted > 0.0 {
+                    transmitted / both
+                } else {
+                    0.0
+                };
+            }
+        }
+        shares
+    }
+}

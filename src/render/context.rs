@@ -7,6 +7,7 @@ use glam::{DVec3, Vec3};
 use super::adaptive::ROUND;
 use super::aov::{AovKind, AovSet, LightAovs, LightGroups, MatteIds, PixelCostBuffer};
 use super::camera::{MovingCamera, ScreenMotion};
+use super::caustics::PhotonMap;
 use super::film::{PixelFilter, SampleFilm};
 use super::lighting::{AreaLightSampler, CombinedSampling, Environment, area_lights};
 use super::plan::Plan;
@@ -89,6 +90,8 @@ pub(super) struct RenderContext<'s> {
     pub(super) wave: usize,
     /// Objects with subsurface scattering, once their irradiance is computed.
     pub(super) bodies: Option<SubsurfaceObjects>,
+    /// Photons of caustics, once lights have emitted them.
+    pub(super) photons: Option<PhotonMap>,
 }
 
 impl<'s> RenderContext<'s> {
@@ -161,6 +164,7 @@ impl<'s> RenderContext<'s> {
             max_bounces: scene.interreflection.unwrap_or_default().bounces,
             wave: camera_packets(scene, effects),
             bodies: None,
+            photons: None,
         };
         // Precompute direction offsets and find interiors around the camera
         frame.precompute_offsets();
@@ -262,7 +266,7 @@ impl<'s> RenderContext<'s> {
     ///
     /// Follows one ray through all surfaces that it hits: an interior that the ray leaves before it enters it
     /// contains `p`.
-    fn media_around(&self, p: DVec3, time: f32) -> (InteriorStack, u64) {
+    pub(super) fn media_around(&self, p: DVec3, time: f32) -> (InteriorStack, u64) {
         let (mut around, mut probe_count) = (InteriorStack::EMPTY, 0);
         if !self.effects().has(Effect::Refraction) {
             return (around, probe_count);

@@ -44,11 +44,11 @@ pub fn render_on(
     monitor: &Monitor,
     checkpoints: Option<&mut Checkpoints>,
 ) -> Result<Rendering, Cancelled> {
-    // Prepare the scene and compute subsurface irradiance
+    // Prepare the scene and the light that all tiles share
     let start = Instant::now();
     let mut frame = RenderContext::new(scene.get(), camera, accel, settings);
     let setup_seconds = settings.ledger.then(|| start.elapsed().as_secs_f64());
-    let scattered = frame.scatter(monitor)?;
+    let scattered = frame.prepare_light(monitor)?;
     let ready_seconds = start.elapsed().as_secs_f64();
     // Render the image with fixed or adaptive sample counts
     let mut rendering = match settings.target() {

@@ -7,6 +7,7 @@ mod adaptive;
 mod aov;
 mod automatic_exposure;
 mod camera;
+mod caustics;
 mod context;
 mod driver;
 mod film;

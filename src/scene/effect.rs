@@ -79,11 +79,13 @@ pub enum Effect {
     Iridescence,
     /// Diffuse light from surfaces to other surfaces; simulated only on request.
     Interreflection,
+    /// Light that mirrors and refracting bodies throw onto diffuse surfaces; simulated only on request.
+    Caustics,
 }
 
 impl Effect {
     /// List of all effects in the order of reports.
-    pub const ALL: [Effect; 35] = [
+    pub const ALL: [Effect; 36] = [
         Effect::Shadow,
         Effect::TransparentShadow,
         Effect::Reflection,
@@ -119,6 +121,7 @@ impl Effect {
         Effect::Anisotropy,
         Effect::Iridescence,
         Effect::Interreflection,
+        Effect::Caustics,
     ];
 
     /// Returns the effect's name on the command line and in reports.
@@ -159,6 +162,7 @@ impl Effect {
             Effect::Anisotropy => "anisotropy",
             Effect::Iridescence => "iridescence",
             Effect::Interreflection => "interreflection",
+            Effect::Caustics => "caustics",
         }
     }
 
@@ -217,6 +221,7 @@ impl Effect {
             Effect::Anisotropy => "highlights of brushed surfaces are round",
             Effect::Iridescence => "thin films have no colours",
             Effect::Interreflection => "surfaces do not light each other",
+            Effect::Caustics => "mirrors and glass throw no light onto surfaces",
         }
     }
 
@@ -249,7 +254,9 @@ impl EffectSet {
     pub const ALL: EffectSet = EffectSet(u64::MAX);
 
     /// Effects that are simulated only on request, because any scene would have them.
-    pub const ON_REQUEST: EffectSet = EffectSet::NONE.with(Effect::Interreflection);
+    pub const ON_REQUEST: EffectSet = EffectSet::NONE
+        .with(Effect::Interreflection)
+        .with(Effect::Caustics);
 
     /// Effects that need no step of their own after a hit, beyond shadow rays and mirror rays.
     ///
@@ -348,7 +355,13 @@ impl EffectSet {
     /// Returns whether each path counts its own bounces, because paths of one generation differ in them.
     #[inline(always)]
     pub(crate) const fn counts_bounces(self) -> bool {
-        self.has_transmission() || self.has(Effect::Interreflection)
+        self.has_transmission() || self.has_random_paths()
+    }
+
+    /// Returns whether some paths continue at random and do not branch: from diffuse surfaces, or from lights.
+    #[inline(always)]
+    pub(crate) const fn has_random_paths(self) -> bool {
+        self.has(Effect::Interreflection) || self.has(Effect::Caustics)
     }
 
     /// Returns whether light may continue behind some surfaces, by refraction or partial coverage.
@@ -371,7 +384,7 @@ impl EffectSet {
         self.has(Effect::AreaLight)
             || self.has(Effect::Environment)
             || self.has_lobes()
-            || self.has(Effect::Interreflection)
+            || self.has_random_paths()
     }
 
     /// Returns whether rough surfaces spawn rays into their lobes.
@@ -536,7 +549,7 @@ mod tests {
         assert_eq!(overrides.added.iter().collect::<Vec<_>>(), [Effect::Dispersion]);
         assert_eq!(overrides.removed.iter().collect::<Vec<_>>(), [Effect::Shadow]);
         let overrides: EffectOverrides = "all,-shadow".parse().unwrap();
-        assert_eq!(overrides.added.iter().count(), Effect::ALL.len() - 2);
+        assert_eq!(overrides.added.iter().count(), Effect::ALL.len() - 3);
         assert!(!overrides.added.has(Effect::Interreflection));
         for wrong in ["", "shadow", "+shade", "+", "all,"] {
             let message = wrong.parse::<EffectOverrides>().unwrap_err();

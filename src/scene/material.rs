@@ -374,6 +374,12 @@ impl Material {
             .filter(|diffuse_transmission| has_two_sides && diffuse_transmission.factor > 0.0)
     }
 
+    /// Returns whether the surface may reflect an image, or refracts and is no thin wall.
+    pub(crate) fn is_sharp(&self) -> bool {
+        let is_body = self.interior.is_some_and(|inside| !inside.is_thin());
+        self.may_mirror() || self.transmits() && is_body
+    }
+
     /// Returns whether the surface may reflect an image. A texture multiplies the roughness factor, so it can only make
     /// a surface smoother.
     pub(crate) fn may_mirror(&self) -> bool {

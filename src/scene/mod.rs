@@ -13,7 +13,6 @@ mod image_cache;
 pub mod image_settings;
 mod instance;
 mod instance_transform;
-mod interreflection;
 mod lens;
 mod lens_view;
 mod light;
@@ -21,6 +20,7 @@ mod material;
 mod material_layer;
 pub(crate) mod mesh_cleanup;
 mod normalise;
+mod on_request;
 mod texture;
 mod validate;
 mod validate_geometry;
@@ -34,7 +34,7 @@ use std::collections::HashSet;
 pub use area_light::{
     AreaLight, AreaLightError, DiskLight, LightSample, MeshLight, QuadLight, ShapeLight, SphereLight,
 };
-pub(crate) use area_light::{LightSamplePacket, LightView};
+pub(crate) use area_light::{LightSamplePacket, LightView, SurfacePoint};
 pub(crate) use camera::axes_looking_along;
 pub use camera::{Camera, CameraRay, CameraView, Projection, Shutter};
 pub use camera_placement::{CameraPlacement, CameraRequest, DEFAULT_FOV, FramedView, LookAt, ViewSide};
@@ -45,7 +45,6 @@ pub(crate) use image_cache::CachedImage;
 pub use image_cache::{CacheStats, ImageCache};
 pub use instance::Instance;
 pub use instance_transform::InstanceTransform;
-pub use interreflection::Interreflection;
 pub use lens::{Aperture, Lens, LensError};
 pub use lens_view::LensView;
 pub use light::{AreaShape, DEFAULT_LIGHT_SAMPLES, Falloff, Light, LightKind};
@@ -55,6 +54,7 @@ pub use material::{
 };
 pub use material_layer::{Anisotropy, Clearcoat, Iridescence, Sheen};
 pub use normalise::Normalisation;
+pub use on_request::{Caustics, Interreflection};
 pub use texture::{
     Encoding, Filter, Image, MaterialInput, Pattern, Procedural, Sampler, Space, Texels, Texture,
     TextureBinding, TextureUse, UvTransform, Wrap,
@@ -101,6 +101,8 @@ pub struct Scene {
     pub background: Background,
     /// Settings of interreflection; `None` if it is not requested.
     pub interreflection: Option<Interreflection>,
+    /// Settings of caustics; `None` if they are not requested.
+    pub caustics: Option<Caustics>,
     /// Names of the variants of materials that a glTF file has.
     pub variants: Vec<String>,
     /// Extensions that the source files state, by name.

@@ -13,8 +13,8 @@ use super::validate_material::{
 };
 use super::validate_value::{UNIT_TOLERANCE, check_coordinate_range, is_radiance, is_size};
 use super::{
-    AlphaMode, Background, Camera, Geometry, Instance, Interreflection, Material, Projection, Scene, Shutter,
-    Space, Texels, Texture,
+    AlphaMode, Background, Camera, Caustics, Geometry, Instance, Interreflection, Material, Projection,
+    Scene, Shutter, Space, Texels, Texture,
 };
 use crate::numeric::{AnimatedTransform, Bounds};
 use crate::shape::Implicit;
@@ -116,6 +116,19 @@ impl Scene {
             let allowed = Interreflection::MAX_BOUNCES;
             let fault = format!("has {bounces} bounces: give 1 to {allowed}");
             return Err(error("the interreflection", fault));
+        }
+        // Check the effects that are simulated on request
+        if let Some(caustics) = self.caustics {
+            let counts = [
+                ("photons", caustics.photons, Caustics::MAX_PHOTONS),
+                ("neighbours", caustics.neighbours, Caustics::MAX_NEIGHBOURS),
+            ];
+            for (what, count, allowed) in counts {
+                if !(1..=allowed).contains(&count) {
+                    let fault = format!("have {count} {what}: give 1 to {allowed}");
+                    return Err(error("the caustics", fault));
+                }
+            }
         }
         let background: &[[f32; 3]] = match &self.background {
             Background::Uniform(color) => &[*color],

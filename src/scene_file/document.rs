@@ -6,9 +6,9 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::camera::CameraForm;
-use super::interreflection::InterreflectionForm;
 use super::light::{BackgroundForm, EmissiveForm, LightForm};
 use super::material_form::MaterialForm;
+use super::on_request::{CausticsForm, InterreflectionForm};
 use super::placement::{Repeat, Scatter, Step};
 use super::shape::{ShapeForm, ShapeRef};
 use super::texture::TextureForm;
@@ -34,6 +34,8 @@ pub(super) struct Document {
     pub(super) background: Option<BackgroundForm>,
     /// Diffuse light from surfaces to other surfaces, which makes a render several times as long.
     pub(super) interreflection: Option<InterreflectionForm>,
+    /// Light that mirrors and refracting bodies throw onto diffuse surfaces.
+    pub(super) caustics: Option<CausticsForm>,
     /// One camera or several; the first is the default one.
     #[serde(default)]
     #[schemars(with = "Option<OneOrMany<CameraForm>>")]

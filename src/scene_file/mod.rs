@@ -6,6 +6,7 @@
 //! ambient = 0.1                                   # top-level values stand before all tables
 //! background = { horizon = "#cfe0ff", up = "#5080d0" }
 //! interreflection = true                          # diffuse light from surfaces to others; { bounces = 16 }
+//! caustics = true                                 # light by mirrors and glass; { photons = 262144, neighbours = 48 }
 //!
 //! [output]                                        # the command line overrides these
 //! size = [640, 480]
@@ -76,7 +77,6 @@ pub(crate) mod fault;
 mod flatten;
 pub(crate) mod forms;
 mod gltf_import;
-mod interreflection;
 mod light;
 mod material;
 mod material_form;
@@ -86,6 +86,7 @@ mod material_scattering;
 mod medium;
 pub(crate) mod node;
 mod object_tree;
+mod on_request;
 mod placement;
 mod polygons;
 mod scattering;
@@ -230,6 +231,7 @@ fn load_with(path: &Path, edits: &[Edit], options: &LoadOptions) -> Result<Scene
     let exact_rough_rays = assembler.exact_rough_rays;
     let mut scene = assembler.scene;
     set_background(&mut scene, &document, (environment_map, path), &source)?;
+    scene.caustics = document.caustics.and_then(|form| form.caustics());
     scene.interreflection = document.interreflection.and_then(|form| form.interreflection());
     if matches!(scene.background, Background::Environment { .. }) {
         scene.reflect_environment(&exact_rough_rays);

@@ -126,6 +126,22 @@ impl MaterialPacket {
         radiance
     }
 
+    /// Returns whether light samples light the surface in lane `l`: by its diffuse part, or by a lobe that no ray samples.
+    pub fn scatters_light_samples(&self, l: usize) -> bool {
+        // The Phong model has a highlight where no reflected ray shows it
+        let extended = &self.extended;
+        if extended.is_phong[l] {
+            let has_highlight = (0..3).all(|c| extended.reflection[c][l] == 0.0);
+            return (0..3).any(|c| {
+                extended.diffuse[c][l] > 0.0 || has_highlight && extended.specular_color[c][l] > 0.0
+            });
+        }
+        // glTF's model scatters by its diffuse part, or by a lobe that no ray samples
+        let is_diffuse = (0..3).any(|c| self.c_diff::<true>(c, l) > 0.0);
+        let is_rough = self.roughness[l] > MIRROR_ROUGHNESS && !self.has_lobe(l) && !self.transmits(l);
+        is_diffuse || is_rough || self.is_thin_surface(l)
+    }
+
     /// Returns the share of the diffuse light of each lane that leaves on the other side of the surface; 0 where nothing
     /// is transmitted diffusely.
     pub fn transmitted_share(&self) -> Lanes<f32> {

@@ -17,6 +17,24 @@ pub struct PunctualSample {
 /// Lower bound of `KHR_lights_punctual` on the cosine difference over which a spot light fades.
 const MIN_CONE_FADE: f64 = 0.001;
 
+impl Light {
+    /// Returns the factor on the intensity of a spot light in `direction`, a unit vector away from it; 1 for other lights.
+    pub(crate) fn spot_fade(&self, direction: DVec3) -> f32 {
+        let LightKind::Spot {
+            direction: axis,
+            cos_inner,
+            cos_outer,
+            ..
+        } = self.kind
+        else {
+            return 1.0;
+        };
+        let scale = (cos_inner - cos_outer).max(MIN_CONE_FADE).recip();
+        let fade = ((axis.dot(direction) - cos_outer) * scale).clamp(0.0, 1.0) as f32;
+        fade * fade
+    }
+}
+
 /// Computes the directions to `light` and its attenuation at the points `p`.
 #[inline(always)]
 pub fn sample_punctual_light(light: &Light, p: &Lanes3<f64>) -> PunctualSample {

@@ -116,7 +116,7 @@ impl LoadedScene {
         };
         MeshBytes {
             loaded: forecast.scene_bytes,
-            to_come: tree + forecast.subsurface_bytes,
+            to_come: tree + forecast.subsurface_bytes + forecast.photon_bytes,
         }
     }
 

@@ -12,6 +12,7 @@
 use glam::DVec3;
 use multiversion::multiversion;
 
+use super::super::aov::LightSource;
 use super::super::profile::Category;
 use super::super::sampler::Purpose;
 use super::super::wavefront::{BatchInfo, ShadingState, TracedPacket};
@@ -218,6 +219,13 @@ impl ShadingState<'_, '_> {
         let effects = self.effects::<BASIC>();
         if !BASIC {
             self.shadow_queue.set_source(self.current_source);
+            if effects.has(Effect::Caustics) {
+                let has_photons = match self.current_source {
+                    LightSource::Light(number) => self.frame.emits_photons(number as usize),
+                    _ => false,
+                };
+                self.shadow_queue.set_photons(has_photons);
+            }
         }
         let (packet, payload) = self.shadow_queue.next();
         payload.pixel = *traced.pixel;

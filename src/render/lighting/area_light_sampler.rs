@@ -14,7 +14,7 @@ use crate::mesh::Mesh;
 use crate::numeric::{Lanes, Lanes3, triangle_spawn_error};
 use crate::scene::{
     AreaShape, Effect, EffectSet, Geometry, Instance, LightKind, LightSamplePacket, LightView, MaterialInput,
-    Scene, TextureBinding,
+    Scene, SurfacePoint, TextureBinding,
 };
 use crate::shading::{AreaLight, DiskLight, LightSample, QuadLight, SphereLight, TexturePoint, TextureSet};
 use crate::shape::Implicit;
@@ -43,6 +43,14 @@ pub(in crate::render) struct AreaLightSample {
     pub(in crate::render) pdf: f64,
     /// Factor on the radiance of the light at the sampled point, linear RGB.
     pub(in crate::render) tint: [f32; 3],
+}
+
+/// Ray that leaves the surface of a light.
+pub(in crate::render) struct EmittedRay {
+    /// Origin of the ray, off the surface of an object.
+    pub(in crate::render) origin: DVec3,
+    /// Cosine between the ray and the normal of the surface, positive.
+    pub(in crate::render) cosine: f64,
 }
 
 /// Returns the area lights of a scene, with one entry per light; `None` for other lights.
@@ -113,6 +121,54 @@ impl<'s> AreaLightSampler<'s> {
         u: &[Lanes<f64>; 2],
     ) -> LightSamplePacket {
         self.shape.sample_packet(view, p, u)
+    }
+
+    /// Returns whether photons can be emitted: from points chosen uniformly, without a texture of the emission.
+    pub(in crate::render) fn emits_from_points(&self) -> bool {
+        let is_textured = self
+            .emissive_object
+            .as_ref()
+            .is_some_and(|object| object.texture.is_some());
+        !is_textured && self.surface_point([0.5; 2]).is_some()
+    }
+
+    /// Returns the point that `u` in [0, 1)² selects uniformly from the surface of one side.
+    pub(in crate::render) fn surface_point(&self, u: [f64; 2]) -> Option<SurfacePoint> {
+        self.shape.surface_point(u)
+    }
+
+    /// Returns the area of one side in square metres.
+    pub(in crate::render) fn area(&self) -> f64 {
+        self.shape.area()
+    }
+
+    /// Returns the emission in `direction`, a unit vector, from a point of the surface; `None` on the side of the light
+    /// that does not emit.
+    pub(in crate::render) fn emitted(&self, point: &SurfacePoint, direction: DVec3) -> Option<EmittedRay> {
+        let cosine = direction.dot(point.normal);
+        let Some(object) = &self.emissive_object else {
+            return (cosine > 0.0).then_some(EmittedRay {
+                origin: point.position,
+                cosine,
+            });
+        };
+        // Start off the surface of an object, on the side of the direction
+        let sample = LightSample {
+            position: point.position,
+            direction: -direction,
+            distance: 0.0,
+            normal: point.normal,
+            primitive: point.primitive,
+            pdf: 1.0,
+        };
+        let p_object = object
+            .instance
+            .object_from_world()
+            .transform_point3(point.position);
+        Some(EmittedRay {
+            origin: object.end(&sample, p_object),
+            cosine: cosine.abs(),
+        })
     }
 
     /// Returns the density per steradian with which [`AreaLightSampler::sample`] chooses for `p` the direction to

@@ -9,7 +9,7 @@
 //! light if there is any, else the background, less what light samples of the map represent.
 
 use super::super::context::RenderContext;
-use super::super::wavefront::{BatchInfo, ShadingState, TracedPacket};
+use super::super::wavefront::{BEHIND_MIRROR, BatchInfo, ShadingState, TracedPacket};
 use super::direct::{IncidentLight, ShadingContext};
 use super::sample_index::SampleIndex;
 use crate::numeric::{LANES, Lanes, Lanes3};
@@ -68,9 +68,11 @@ impl RenderContext<'_> {
                 if let Some(states) = traced.path_states.filter(|_| self.combined.has_environment()) {
                     let samples = f64::from(environment.samples(stage));
                     for l in 0..LANES {
-                        let share = self
-                            .combined
-                            .share_of_ray(states.density(l), found.pdf[l] * samples);
+                        let density = states.density(l);
+                        let share = match density == BEHIND_MIRROR {
+                            true => 1.0,
+                            false => self.combined.share_of_ray(density, found.pdf[l] * samples),
+                        };
                         (0..3).for_each(|c| seen[c][l] *= share);
                     }
                 }

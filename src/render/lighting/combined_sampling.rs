@@ -100,7 +100,7 @@ impl CombinedSampling {
     #[inline(always)]
     pub(super) fn share_of_ray(&self, density: f32, by_light: f64) -> f32 {
         let (density, is_shared) = (f64::from(density), self.lobes && density != f32::INFINITY);
-        if density == 0.0 {
+        if density <= 0.0 {
             0.0
         } else if is_shared {
             (density / (density + by_light)) as f32

@@ -4,7 +4,7 @@ use glam::DVec3;
 
 use super::super::context::RenderContext;
 use super::super::surface::Surfaces;
-use super::super::wavefront::{BatchInfo, ShadingState, TracedPacket};
+use super::super::wavefront::{BEHIND_MIRROR, BatchInfo, ShadingState, TracedPacket};
 use super::direct::ShadingContext;
 use super::lobe_variants::{SharedLobes, without_sampled_lobes};
 use crate::accel::NO_HIT;
@@ -76,7 +76,13 @@ impl RenderContext<'_> {
             let origin = traced.packet.ray(l).origin.as_dvec3();
             let pdf = sampler.pdf(origin, hit, points.geometric_normal(l));
             let by_light = pdf * f64::from(stage.light_samples(samples));
-            let share = self.combined.share_of_ray(density, by_light);
+            // Photons represent the light only if it emits any
+            let is_unseen = density == BEHIND_MIRROR && !self.emits_photons(number);
+            let share = if is_unseen {
+                1.0
+            } else {
+                self.combined.share_of_ray(density, by_light)
+            };
             surfaces.scale_emission(l, share);
         }
     }

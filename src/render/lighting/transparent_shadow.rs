@@ -57,6 +57,7 @@ pub(in crate::render) fn attenuate_shadow_rays(
         payloads,
         media,
         lobe_radiance,
+        has_photons,
     } = queued;
     // The packets still hold intervals and hits of earlier shadow rays.
     for packet in packets.iter_mut() {
@@ -90,6 +91,7 @@ pub(in crate::render) fn attenuate_shadow_rays(
                     index,
                     radiance: &mut payloads[index].radiance,
                     lobe_radiance,
+                    has_photons: has_photons[index],
                 };
                 shadow_rays.advance_rays(frame, packet, shadow_surfaces);
             }
@@ -130,6 +132,8 @@ struct ShadowRays<'a> {
     radiance: &'a mut Lanes3<f32>,
     /// Radiance that ends at surfaces that refract.
     lobe_radiance: Option<&'a mut Lanes3<f32>>,
+    /// True if photons bring the light behind bodies that refract.
+    has_photons: bool,
 }
 
 /// Transmittance of a surface that a shadow ray hits.
@@ -216,6 +220,10 @@ impl ShadowRays<'_> {
             let (reflectance, transmittance) = frame.fresnel_factors(&boundary, cos_i, LINE_D);
             let tints = Tints::of(&boundary.material.model, &shadow_surfaces.materials, l);
             through = tints.weights(reflectance, transmittance).1;
+            // Photons follow the refracted ray, unless the surface is thin or sends rays into a lobe
+            if self.has_photons && !boundary.is_thin_surface() && !shadow_surfaces.materials.has_lobe(l) {
+                through = [0.0; 3];
+            }
         }
         self.media.set(self.index, l, &boundary.crossing.through);
         // Add the light that passes through the uncovered part

@@ -3,6 +3,7 @@
 //! A trigger must fire wherever the effect could change a bit of the image; not firing elsewhere saves time.
 //! `tests/it/scenes/effect_plan.rs` removes the triggers one by one and checks that an image changes each time.
 
+use super::super::caustics::emits_photons;
 use super::Facts;
 use crate::optics::{Absorption, LINE_D};
 use crate::scene::{
@@ -279,6 +280,18 @@ pub const TRIGGERS: &[Trigger] = &[
         };
         facts.material(is_matte, reason)
     }),
+    trigger(Effect::Caustics, "mirrors and refraction", |facts| {
+        let requested = facts.scene.caustics?;
+        facts.material(is_matte, |_| String::new())?;
+        facts.scene.lights.iter().find(|light| emits_photons(light))?;
+        let reason = |_: &Material| {
+            format!(
+                "reflects or refracts sharply, and {} photons are requested",
+                requested.photons
+            )
+        };
+        facts.material(Material::is_sharp, reason)
+    }),
 ];
 
 /// Returns the reason why an effect is off without any active trigger.
@@ -323,6 +336,10 @@ pub(super) fn absence(effect: Effect, facts: &Facts) -> String {
         Effect::Iridescence => "no material has a thin film".into(),
         Effect::Interreflection if facts.scene.interreflection.is_none() => "it is not requested".into(),
         Effect::Interreflection => "no material is diffuse".into(),
+        Effect::Caustics if facts.scene.caustics.is_none() => "they are not requested".into(),
+        Effect::Caustics => {
+            "nothing that reflects or refracts sharply is lit by a light that emits photons".into()
+        }
     }
 }
 

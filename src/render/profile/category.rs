@@ -33,6 +33,8 @@ pub enum Category {
     Subsurface,
     /// Rays from diffuse surfaces, which find the light of other surfaces.
     Interreflection,
+    /// Photons from lights by mirrors and refraction, and their light on diffuse surfaces.
+    Caustics,
     /// Points, normals and materials of hits.
     Surface,
     /// Texture look-ups, and normals that they perturb.
@@ -54,7 +56,7 @@ pub(in crate::render) const ACCOUNTS: usize = Category::ALL.len();
 
 impl Category {
     /// All accounts, in the order of reports.
-    pub const ALL: [Category; 20] = [
+    pub const ALL: [Category; 21] = [
         Category::Sampling,
         Category::Camera,
         Category::Shadow,
@@ -68,6 +70,7 @@ impl Category {
         Category::Volume,
         Category::Subsurface,
         Category::Interreflection,
+        Category::Caustics,
         Category::Surface,
         Category::Texture,
         Category::Lighting,
@@ -93,6 +96,7 @@ impl Category {
             Category::Volume => "volume",
             Category::Subsurface => "subsurface",
             Category::Interreflection => "interreflection",
+            Category::Caustics => "caustics",
             Category::Surface => "surface",
             Category::Texture => "texture",
             Category::Lighting => "lighting",

@@ -148,6 +148,8 @@ impl RenderContext<'_> {
             "trees of subsurface samples",
             scattered as usize,
         );
+        let photons = self.photons.as_ref().map_or(0, |map| map.byte_count());
+        memory.add(Effect::Caustics.name(), "photon map", photons);
         let holder = holder(Effect::Volume, effects);
         for volume in &scene.volumes {
             memory.add(holder, "grids", volume.memory());

@@ -32,6 +32,8 @@ impl Purpose {
     pub(crate) const BOUNCE: Purpose = Purpose(5);
     /// Decision whether a path goes on behind a diffuse surface: the first number of the pair.
     pub(crate) const ROULETTE: Purpose = Purpose(6);
+    /// Direction of a photon.
+    pub(crate) const PHOTON: Purpose = Purpose(8);
 
     /// Returns the purpose for item `number`, for example one of several lights or one of the surfaces along a path.
     ///

@@ -162,11 +162,12 @@ impl ShadingState<'_, '_> {
         // Continue it with the probability of its weight; rays of one lobe carry small weights each
         let together = travel.split as f32 * largest;
         let is_first = travel.bounces == 1 && sent.sender == Category::Interreflection;
-        let probability = if is_first {
-            together / FIRST_BOUNCE_WEIGHT
+        let kept_weight = if is_first {
+            FIRST_BOUNCE_WEIGHT
         } else {
-            together
+            self.kept_weight
         };
+        let probability = together / kept_weight;
         let mut weight = sent.weight;
         if probability < 1.0 {
             if self.roulette(sent, travel) >= f64::from(probability) {

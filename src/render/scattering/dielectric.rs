@@ -289,6 +289,7 @@ impl ShadingState<'_, '_> {
                 direction: scattered_ray.direction,
                 media: boundary.crossing.through,
                 cone: cone.spread_by(scattered_ray.spread),
+                bent: arrival.bent || !boundary.is_thin_surface(),
                 density: arrival.density_behind_boundary(),
                 ..*arrival
             };
@@ -308,7 +309,8 @@ impl ShadingState<'_, '_> {
                 .cone
                 .reflected(boundary_hit.curvature)
                 .spread_by(scattered_ray.spread),
-            density: PathState::NONE.density,
+            bent: true,
+            density: arrival.density_behind_mirror(frame.effects().has(Effect::Caustics)),
             ..*arrival
         };
         let weight = std::array::from_fn(|c| weight[c] * reflected[c] * scattered_ray.share);

@@ -77,10 +77,10 @@ impl<'s> Parts<'s> {
             cost_aovs: false,
             ..*settings
         };
-        // Prepare the scene and compute subsurface irradiance
+        // Prepare the scene and the light that all tiles share
         let mut frame = RenderContext::new(scene.get(), camera, accel, &settings);
         let setup_seconds = settings.ledger.then(|| start.elapsed().as_secs_f64());
-        let mut ready = frame.scatter(monitor)?;
+        let mut ready = frame.prepare_light(monitor)?;
         // Book the preparation, which the first part includes
         let setting_up = Tally {
             rays: frame.probe_count,

@@ -156,7 +156,7 @@ pub fn render_patches(
     };
     // Prepare the scene
     let mut frame = RenderContext::new(scene.get(), camera, accel, &settings);
-    let scattered = frame.scatter(monitor)?;
+    let scattered = frame.prepare_light(monitor)?;
     let ready_seconds = start.elapsed().as_secs_f64();
     let patches = mosaic.patches(&settings);
     let mut image = mosaic.blank(&settings);

@@ -73,7 +73,7 @@ pub fn probe(
         seconds: start.elapsed().as_secs_f64(),
         trace_seconds: 0.0,
     };
-    let mut once = frame.scatter(monitor)?;
+    let mut once = frame.prepare_light(monitor)?;
     once.book(Category::Other, setting_up);
     let mut wave = TileRenderer::new(&frame);
     // Select the strips

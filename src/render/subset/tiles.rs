@@ -82,7 +82,7 @@ pub fn render_sample(
     };
     let mut frame = RenderContext::new(scene.get(), camera, accel, &settings);
     // The cost of subsurface scattering belongs to the whole image, not to these tiles.
-    frame.scatter(monitor)?;
+    frame.prepare_light(monitor)?;
     // Select the tiles
     let chosen = chosen_tiles(&settings, count);
     let finished = AtomicUsize::new(0);

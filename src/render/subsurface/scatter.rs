@@ -10,8 +10,16 @@ use super::points;
 use crate::scene::Effect;
 
 impl RenderContext<'_> {
+    /// Computes what all tiles share before the first of them: the irradiance of objects with subsurface scattering, and
+    /// the photons of caustics. Returns the ledger.
+    pub(in crate::render) fn prepare_light(&mut self, monitor: &Monitor) -> Result<RenderProfile, Cancelled> {
+        let mut ledger = self.scatter(monitor)?;
+        ledger += self.emit_photons(monitor)?;
+        Ok(ledger)
+    }
+
     /// Computes the irradiance of all objects, if the effect is on, and returns the ledger.
-    pub(in crate::render) fn scatter(&mut self, monitor: &Monitor) -> Result<RenderProfile, Cancelled> {
+    fn scatter(&mut self, monitor: &Monitor) -> Result<RenderProfile, Cancelled> {
         if !self.effects().has(Effect::Subsurface) {
             return Ok(RenderProfile::default());
         }

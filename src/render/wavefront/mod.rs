@@ -9,8 +9,8 @@ mod tile_renderer;
 mod traced_packet;
 mod wave_size;
 
-pub(super) use path_state::{InteriorArray, PathState, PathStatePacket, PathStates};
-pub(super) use ray_queue::{PathPacket, QueuedShadowRays, RayWorkItem, ShadowQueue};
+pub(super) use path_state::{BEHIND_MIRROR, InteriorArray, PathState, PathStatePacket, PathStates};
+pub(super) use ray_queue::{PathPacket, QueuedShadowRays, RayQueue, RayWorkItem, ShadowQueue};
 pub(super) use shading_state::ShadingState;
 pub(super) use tile_renderer::{RendererPool, TileRenderer};
 pub(super) use traced_packet::{BatchInfo, TracedPacket};

@@ -11,6 +11,10 @@ use crate::optics::{InteriorStack, NestedInterior};
 use crate::scene::{Effect, EffectSet};
 use crate::shading::ray_cone::RayCone;
 
+/// Density of a path that a mirror has turned aside behind a diffuse surface, where photons represent lights but not the
+/// environment map.
+pub(in crate::render) const BEHIND_MIRROR: f32 = -1.0;
+
 /// State of one path, besides its throughput.
 #[derive(Clone, Copy)]
 pub(in crate::render) struct PathState {
@@ -18,6 +22,8 @@ pub(in crate::render) struct PathState {
     pub(in crate::render) depth: u32,
     /// Number of diffuse bounces so far.
     pub(in crate::render) bounces: u32,
+    /// True if a mirror or a refracting body turned the path aside, in scenes with caustics.
+    pub(in crate::render) bent: bool,
     /// Wavelength that the path follows, in nanometres; 0 for all wavelengths.
     pub(in crate::render) wavelength: f32,
     /// Unit direction, before it is rounded to the f32 direction of the ray.
@@ -43,6 +49,7 @@ impl PathState {
     pub(in crate::render) const NONE: PathState = PathState {
         depth: 0,
         bounces: 0,
+        bent: false,
         wavelength: 0.0,
         direction: DVec3::ZERO,
         media: InteriorStack::EMPTY,
@@ -60,8 +67,18 @@ impl PathState {
     ///
     /// Shadow rays pass such boundaries straight, so light samples at a diffuse surface represent the lights behind them.
     pub(in crate::render) fn density_behind_boundary(&self) -> f32 {
-        if self.density == 0.0 {
-            0.0
+        if self.density <= 0.0 {
+            self.density
+        } else {
+            PathState::NONE.density
+        }
+    }
+
+    /// Returns the density behind a mirror. Where there are caustics, photons represent the lights that a ray from a
+    /// diffuse surface finds there.
+    pub(in crate::render) fn density_behind_mirror(&self, has_caustics: bool) -> f32 {
+        if has_caustics && self.density <= 0.0 {
+            BEHIND_MIRROR
         } else {
             PathState::NONE.density
         }
@@ -84,6 +101,7 @@ pub(in crate::render) struct CameraPaths<'a> {
 pub(in crate::render) struct PathStates {
     depth: OptionalArray<u32>,
     bounces: OptionalArray<u32>,
+    bent: OptionalArray<bool>,
     wavelength: OptionalArray<f32>,
     direction: OptionalArray<DVec3>,
     media: InteriorArray,
@@ -100,7 +118,8 @@ impl PathStates {
     pub(in crate::render) fn new(effects: EffectSet, combines_samples: bool) -> PathStates {
         PathStates {
             depth: OptionalArray::new(effects.counts_bounces()),
-            bounces: OptionalArray::new(effects.has(Effect::Interreflection)),
+            bounces: OptionalArray::new(effects.has_random_paths()),
+            bent: OptionalArray::new(effects.has(Effect::Caustics)),
             wavelength: OptionalArray::new(effects.has(Effect::Dispersion)),
             direction: OptionalArray::new(effects.has(Effect::Refraction)),
             media: InteriorArray::new(effects),
@@ -140,6 +159,7 @@ impl PathStates {
         self.packet_count = packets;
         self.depth.resize(packets, 0);
         self.bounces.resize(packets, 0);
+        self.bent.resize(packets, false);
         self.wavelength.resize(packets, 0.0);
         self.direction.resize(packets, DVec3::ZERO);
         self.media.resize(packets);
@@ -154,6 +174,7 @@ impl PathStates {
     pub(in crate::render) fn set(&mut self, packet: usize, l: usize, travel: &PathState) {
         self.depth.set(packet, l, travel.depth);
         self.bounces.set(packet, l, travel.bounces);
+        self.bent.set(packet, l, travel.bent);
         self.wavelength.set(packet, l, travel.wavelength);
         self.direction.set(packet, l, travel.direction);
         self.media.set(packet, l, &travel.media);
@@ -187,6 +208,8 @@ impl PathStates {
         memory.add(counting.name(), "steps of paths", self.depth.byte_count());
         let bounces = self.bounces.byte_count();
         memory.add(Effect::Interreflection.name(), "bounces of paths", bounces);
+        let bent = self.bent.byte_count();
+        memory.add(Effect::Caustics.name(), "turned paths", bent);
         let wavelengths = self.wavelength.byte_count();
         memory.add(Effect::Dispersion.name(), "wavelengths of paths", wavelengths);
         let directions = self.direction.byte_count();
@@ -234,6 +257,7 @@ impl PathStatePacket<'_> {
         PathState {
             depth: path_states.depth.get(packet, l, 0),
             bounces: path_states.bounces.get(packet, l, 0),
+            bent: path_states.bent.get(packet, l, false),
             wavelength: path_states.wavelength.get(packet, l, 0.0),
             direction: path_states.direction.get(packet, l, DVec3::ZERO),
             media: path_states.media.get(packet, l),

@@ -100,10 +100,10 @@ impl RayQueue {
         RayQueue::new(frame.effects(), frame.combined.is_any()).with_accounts(&frame.settings)
     }
 
-    /// Returns an empty queue for the rays of a render behind diffuse surfaces, in scenes with interreflection.
+    /// Returns an empty queue for the rays of a render that continue at random, in scenes that have any.
     pub(in crate::render) fn of_bounces(frame: &RenderContext) -> Option<Box<RayQueue>> {
-        let has_bounces = frame.effects().has(Effect::Interreflection);
-        has_bounces.then(|| Box::new(RayQueue::of_frame(frame)))
+        let has_paths = frame.effects().has_random_paths();
+        has_paths.then(|| Box::new(RayQueue::of_frame(frame)))
     }
 
     /// Returns the queue with an account per ray if `settings` request pixel costs or layers by effect.
@@ -298,6 +298,8 @@ pub(in crate::render) struct ShadowQueue {
     sources: [LightSource; MAX_BATCH],
     /// End that all rays of a packet have in common, if there is one.
     ends: [Option<RayEnd>; MAX_BATCH],
+    /// True for packets to lights whose photons bring the light behind bodies that refract.
+    has_photons: [bool; MAX_BATCH],
 }
 
 /// Shadow rays that are traced together.
@@ -308,6 +310,8 @@ pub(in crate::render) struct QueuedShadowRays<'a> {
     pub(in crate::render) media: &'a mut InteriorArray,
     /// Radiance of each packet beside that of its payload, which ends at surfaces that refract.
     pub(in crate::render) lobe_radiance: Option<&'a mut [Lanes3<f32>]>,
+    /// Flag for each packet: whether all of its light ends at bodies that refract.
+    pub(in crate::render) has_photons: &'a [bool],
 }
 
 /// Pixels that a packet of shadow rays contributes to, and its unoccluded radiance.
@@ -334,6 +338,7 @@ impl ShadowQueue {
             capacity: capacity.min(MAX_BATCH),
             sources: [LightSource::Emission; MAX_BATCH],
             ends: [None; MAX_BATCH],
+            has_photons: [false; MAX_BATCH],
         })
     }
 
@@ -382,6 +387,11 @@ impl ShadowQueue {
         self.sources[self.count] = source;
     }
 
+    /// Sets whether photons bring the light of the packet committed next behind bodies that refract.
+    pub(in crate::render) fn set_photons(&mut self, has_photons: bool) {
+        self.has_photons[self.count] = has_photons;
+    }
+
     /// Returns the light that each packet was sent to.
     pub(in crate::render) fn sources(&self) -> [LightSource; MAX_BATCH] {
         self.sources
@@ -424,6 +434,7 @@ impl ShadowQueue {
             payloads: &mut self.payloads[..count],
             media: &mut self.media,
             lobe_radiance: self.lobe_radiance.as_mut().map(|lobes| &mut lobes[..count]),
+            has_photons: &self.has_photons[..count],
         }
     }
 

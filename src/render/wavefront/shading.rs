@@ -209,9 +209,13 @@ impl ShadingState<'_, '_> {
         if effects.has(Effect::Subsurface) {
             self.add_scattered(traced, surfaces);
         }
-        // Add direct lighting
+        // Add direct lighting and caustics
         self.sample_lights::<BASIC>(traced, &lit, stage);
         self.meter.part(Category::Lighting);
+        if effects.has(Effect::Caustics) {
+            self.gather_caustics(traced, &lit);
+            self.meter.part(Category::Caustics);
+        }
         // Spawn mirror rays and rays into GGX lobes
         if effects.has(Effect::Reflection) {
             self.reflect::<BASIC>(*traced, surfaces, stage);
@@ -293,6 +297,7 @@ impl ShadingState<'_, '_> {
         ));
         let points = &surfaces.points;
         let needs_directions = self.effects::<BASIC>().has(Effect::Refraction);
+        let has_caustics = self.effects::<BASIC>().has(Effect::Caustics);
         // Spawn the reflected ray of each lane
         for l in 0..LANES {
             // Skip lanes without a mirror ray above the surface
@@ -321,7 +326,8 @@ impl ShadingState<'_, '_> {
                             .frame
                             .cone_at(&traced, path_states, l)
                             .reflected(surfaces.curvatures[l]),
-                        density: PathState::NONE.density,
+                        bent: true,
+                        density: arrival.density_behind_mirror(has_caustics),
                         ..arrival
                     }
                 }),
@@ -343,7 +349,7 @@ impl ShadingState<'_, '_> {
         if !(largest > 0.0) {
             return;
         }
-        if self.effects::<BASIC>().has(Effect::Interreflection)
+        if self.effects::<BASIC>().has_random_paths()
             && let Some(travel) = sent.travel.filter(|travel| travel.bounces > 0)
         {
             return self.send_behind_bounce(sent, &travel);

@@ -8,6 +8,7 @@ use super::super::scattering::{LobeRays, MarchState};
 use super::super::surface::Surfaces;
 use super::super::tile::Tile;
 use super::ray_queue::{RayQueue, ShadowQueue};
+use crate::numeric::LANES;
 use crate::scene::{Effect, EffectSet};
 
 /// Shading state and working memory of one thread.
@@ -26,6 +27,8 @@ pub(in crate::render) struct ShadingState<'f, 's> {
     pub(in crate::render) next: RayQueue,
     /// Rays of the next generation whose paths have left a diffuse surface, in scenes with interreflection.
     pub(in crate::render) next_bounced: Option<Box<RayQueue>>,
+    /// Weight from which on rays of paths that continue at random are always sent.
+    pub(in crate::render) kept_weight: f32,
     /// Number of bounces before the rays that are being shaded.
     pub(in crate::render) generation: u32,
     pub(in crate::render) meter: Profiler,
@@ -36,6 +39,8 @@ pub(in crate::render) struct ShadingState<'f, 's> {
     pub(in crate::render) layer_surfaces: Option<Box<Surfaces>>,
     /// Working memory for the rays into lobes.
     pub(in crate::render) lobe_rays: Vec<LobeRays>,
+    /// Photons that cover each lane, with the values of their kernels.
+    pub(in crate::render) found_photons: [Vec<(u32, f32)>; LANES],
     /// Ray-marching state, in scenes with volumes or fog.
     pub(in crate::render) marches: Option<Box<MarchState<'s>>>,
 }
@@ -56,6 +61,7 @@ impl<'f, 's> ShadingState<'f, 's> {
             current_source: LightSource::Emission,
             next: RayQueue::of_frame(frame),
             next_bounced: RayQueue::of_bounces(frame),
+            kept_weight: 1.0,
             generation: 0,
             meter: Profiler::new(&frame.settings),
             losses: TileTruncation::default(),
@@ -68,6 +74,7 @@ impl<'f, 's> ShadingState<'f, 's> {
                 .has_layers()
                 .then(|| Box::new(Surfaces::new(frame.effects()))),
             lobe_rays: Vec::new(),
+            found_photons: [const { Vec::new() }; LANES],
             marches: frame.marches().then(|| Box::new(MarchState::new(frame))),
         }
     }

@@ -408,10 +408,14 @@ impl fmt::Display for SceneInfo {
         }
         // Print estimated memory
         let memory = &self.memory;
-        let within = match memory.subsurface_bytes {
-            0 => String::new(),
-            bytes => format!(", plus {} for subsurface scattering", words(bytes)),
-        };
+        let held = [
+            (memory.subsurface_bytes, "subsurface scattering"),
+            (memory.photon_bytes, "photons of caustics"),
+        ];
+        let held = held.into_iter().filter(|(bytes, _)| *bytes > 0);
+        let within: String = held
+            .map(|(bytes, what)| format!(", plus {} for {what}", words(bytes)))
+            .collect();
         line(
             "memory",
             format!(

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::{AreaLightError, LightSample, LightVector, area_and_normal};
+use super::{AreaLightError, LightSample, LightVector, SurfacePoint, area_and_normal};
 use crate::numeric::warp;
 
 /// Disk light: the points `center` + x `half_u` + y `half_v` with x² + y² <= 1; its front is to the side of `half_u` ×
@@ -46,6 +46,16 @@ impl DiskLight {
         let offset = warp::disk(u);
         let position = self.center + offset.x * self.half_u + offset.y * self.half_v;
         LightVector::of_area(position - p, self.normal, self.area)
+    }
+
+    /// Returns the point that `u` selects uniformly from the disk.
+    pub(super) fn surface_point(&self, u: [f64; 2]) -> SurfacePoint {
+        let offset = warp::disk(u);
+        SurfacePoint {
+            position: self.center + offset.x * self.half_u + offset.y * self.half_v,
+            normal: self.normal,
+            primitive: 0,
+        }
     }
 
     /// Returns the area of one side in square metres.

@@ -6,7 +6,7 @@
 
 use glam::DVec3;
 
-use super::{AreaLightError, LightSample, is_density, sample_of_area};
+use super::{AreaLightError, LightSample, SurfacePoint, is_density, sample_of_area};
 use crate::numeric::{cumulative, warp};
 
 /// Mesh light of triangles in world space, 84 bytes each; their fronts are where their corners run counter-clockwise.
@@ -80,6 +80,18 @@ impl MeshLight {
             primitive: chosen as u32,
             ..sample
         })
+    }
+
+    /// Returns the point that `u` selects uniformly from the triangles.
+    pub(super) fn surface_point(&self, u: [f64; 2]) -> SurfacePoint {
+        let (chosen, within) = self.choose(u[0]);
+        let [a, b, c] = self.triangles[chosen];
+        let [to_b, to_c] = warp::triangle([within, u[1]]);
+        SurfacePoint {
+            position: a + to_b * (b - a) + to_c * (c - a),
+            normal: (b - a).cross(c - a).normalize(),
+            primitive: chosen as u32,
+        }
     }
 
     /// Returns the area of all triangles, of one side, in square metres.

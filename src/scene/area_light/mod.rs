@@ -51,6 +51,17 @@ impl LightSample {
     }
 }
 
+/// Point chosen uniformly from the surface of a light.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SurfacePoint {
+    /// Position in world space.
+    pub(crate) position: DVec3,
+    /// Unit normal, on the side of the light's front; outward for a sphere.
+    pub(crate) normal: DVec3,
+    /// Index of the mesh triangle; 0 for other lights.
+    pub(crate) primitive: u32,
+}
+
 /// Vector to a sampled point of a light.
 #[derive(Clone, Copy, Debug)]
 struct LightVector {
@@ -204,6 +215,18 @@ impl AreaLight {
         };
         sample_packet(self, view, (p, u), &mut samples);
         samples
+    }
+
+    /// Returns the point that `u` in [0, 1)² selects uniformly from the surface of one side; `None` for lights of analytic
+    /// shapes that have no such map.
+    pub(crate) fn surface_point(&self, u: [f64; 2]) -> Option<SurfacePoint> {
+        match self {
+            AreaLight::Quad(light) => Some(light.surface_point(u)),
+            AreaLight::Disk(light) => Some(light.surface_point(u)),
+            AreaLight::Sphere(light) => Some(light.surface_point(u)),
+            AreaLight::Mesh(light) => Some(light.surface_point(u)),
+            AreaLight::Shape(_) => None,
+        }
     }
 
     /// Returns the emissive area of one side in square metres.

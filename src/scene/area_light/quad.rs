@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use glam::DVec3;
 
-use super::{AreaLightError, LightSample, LightVector, area_and_normal, lane};
+use super::{AreaLightError, LightSample, LightVector, SurfacePoint, area_and_normal, lane};
 use crate::numeric::lane_math::{acos, sin_cos};
 use crate::numeric::{LANES, Lanes, Lanes3};
 
@@ -49,6 +49,16 @@ impl QuadLight {
             area: 4.0 * quarter,
             is_rectangle: half_u.dot(half_v).abs() <= SQUARENESS * lengths[0] * lengths[1],
         })
+    }
+
+    /// Returns the point that `u` selects uniformly from the parallelogram.
+    pub(super) fn surface_point(&self, u: [f64; 2]) -> SurfacePoint {
+        let [x, y] = u.map(|u| 2.0 * u - 1.0);
+        SurfacePoint {
+            position: self.center + x * self.half_u + y * self.half_v,
+            normal: self.normal,
+            primitive: 0,
+        }
     }
 
     /// Samples the point that `u` in [0, 1)² selects for `p`; `None` in the plane of the parallelogram.

@@ -7,7 +7,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::DVec3;
 
-use super::{AreaLightError, LightSample, LightVector, is_density};
+use super::{AreaLightError, LightSample, LightVector, SurfacePoint, is_density};
 use crate::numeric::warp;
 use crate::shape::tangents;
 
@@ -61,6 +61,16 @@ impl SphereLight {
             to_light: distance * direction,
             pdf: (TAU * below_max).recip(),
             is_front: d > self.radius,
+        }
+    }
+
+    /// Returns the point that `u` selects uniformly from the sphere.
+    pub(super) fn surface_point(&self, u: [f64; 2]) -> SurfacePoint {
+        let normal = warp::direction(2.0 * u[0], u[1]);
+        SurfacePoint {
+            position: self.center + self.radius * normal,
+            normal,
+            primitive: 0,
         }
     }
 

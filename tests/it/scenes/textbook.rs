@@ -91,7 +91,11 @@ const ENTRIES: [Entry; 20] = [
 ];
 
 /// Scenes that the reference tracer cannot render, with the reason.
-const BEYOND: [(&str, &str); 14] = [
+const BEYOND: [(&str, &str); 15] = [
+    (
+        "caustics",
+        "tests/it/lighting/caustics.rs compares photons with closed forms",
+    ),
     (
         "cornell_box",
         "tests/it/lighting/interreflection.rs compares interreflection with closed forms",

@@ -7,10 +7,10 @@ use whit::mesh::Mesh;
 use whit::optics::subsurface::SubsurfacePreset;
 use whit::optics::{Absorption, Cauchy, Dispersion};
 use whit::scene::{
-    AlphaMode, Anisotropy, Aperture, AreaShape, Background, Camera, Clearcoat, Falloff, Filter, Geometry,
-    Image, Instance, Interreflection, Iridescence, Lens, Light, LightKind, Material, MaterialInput, Medium,
-    MediumKind, MetallicRoughness, Model, Pattern, Phong, Procedural, Projection, Sampler, Scene, Sheen,
-    Shutter, Space, Texels, Texture, TextureBinding, TextureUse, Translucency, Wrap,
+    AlphaMode, Anisotropy, Aperture, AreaShape, Background, Camera, Caustics, Clearcoat, Falloff, Filter,
+    Geometry, Image, Instance, Interreflection, Iridescence, Lens, Light, LightKind, Material, MaterialInput,
+    Medium, MediumKind, MetallicRoughness, Model, Pattern, Phong, Procedural, Projection, Sampler, Scene,
+    Sheen, Shutter, Space, Texels, Texture, TextureBinding, TextureUse, Translucency, Wrap,
 };
 use whit::volume::{Fog, Grid, GridSamples, Thickness, Transfer, TransferNode, Volume, VolumeDescription};
 
@@ -136,6 +136,12 @@ pub fn scene(seed: u64) -> Scene {
     }
     if r.next() < 0.15 {
         scene.interreflection = Some(Interreflection { bounces: 3 });
+    }
+    if r.next() < 0.15 {
+        scene.caustics = Some(Caustics {
+            photons: 200,
+            neighbours: 8,
+        });
     }
     scene.validate().unwrap();
     scene

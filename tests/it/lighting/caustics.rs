@@ -1,0 +1,425 @@
+//! Caustics against closed forms, and photons against rays from diffuse surfaces.
+//!
+//! Closed forms are those of geometrical optics: the image of a light in a plane mirror, the focal curve of a ring, a ball
+//! and a slab of glass.
+
+use std::f64::consts::FRAC_1_PI;
+
+use glam::{DAffine3, DMat3, DVec3};
+use whit::accel::{AccelOptions, Backend};
+use whit::numeric::Bounds;
+use whit::render::{Category, RenderSettings};
+use whit::scene::{
+    Background, Camera, Caustics, Falloff, Geometry, Interreflection, Light, LightKind, Material, MediumKind,
+    Model, Projection, Scene,
+};
+use whit::shape::{Quadric, Shape, Sphere};
+
+use super::rough_render::{glass, metal, settings};
+use crate::support::images::{add, estimate, rendered, rendered_by};
+
+/// Upper triangle of the matrix of the cylinder x² + y² = 1.
+const CYLINDER: [f64; 10] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0];
+
+/// Returns a surface of glTF's model that is diffuse only.
+fn lambertian(albedo: f32) -> Material {
+    let mut material = Material::metallic_roughness([albedo; 3], 0.0, 1.0);
+    if let Model::MetallicRoughness(model) = &mut material.model {
+        model.specular = 0.0;
+    }
+    material
+}
+
+fn with_caustics(photons: u32) -> Scene {
+    let mut scene = Scene {
+        caustics: Some(Caustics {
+            photons,
+            ..Caustics::default()
+        }),
+        ..Scene::default()
+    };
+    add(
+        &mut scene,
+        "floor",
+        Geometry::Shape(Shape::Plane),
+        lambertian(1.0),
+        DAffine3::IDENTITY,
+    );
+    scene
+}
+
+fn sun(to_light: DVec3) -> Light {
+    Light {
+        name: "sun".into(),
+        intensity: [1.0; 3],
+        kind: LightKind::Directional { to_light },
+    }
+}
+
+fn point_light(position: DVec3, intensity: f32) -> Light {
+    Light {
+        name: "lamp".into(),
+        intensity: [intensity; 3],
+        kind: LightKind::Point {
+            position,
+            falloff: Falloff::InverseSquare { range: None },
+        },
+    }
+}
+
+/// Returns a camera that looks down at one point of the floor, from below everything else.
+fn look_down(x: f64, y: f64) -> Camera {
+    look_down_on(x, y, 1e-6)
+}
+
+/// Returns a camera that looks down at a square of the floor of half-width `half`.
+fn look_down_on(x: f64, y: f64, half: f64) -> Camera {
+    Camera {
+        world_from_camera: DAffine3::from_translation(DVec3::new(x, y, 1e-3)),
+        projection: Projection::Orthographic {
+            y_mag: half,
+            x_mag: None,
+        },
+        ..Camera::default()
+    }
+}
+
+/// Returns the mean irradiance around a point of the white floor by paths with at most `depth` reflections and refractions.
+fn irradiance(scene: &Scene, x: f64, y: f64, depth: u32) -> f64 {
+    mean_irradiance(scene, [x, y, 0.01], depth)
+}
+
+/// Returns the mean irradiance over the square of half-width `half` around a point of the floor.
+fn mean_irradiance(scene: &Scene, [x, y, half]: [f64; 3], depth: u32) -> f64 {
+    let settings = RenderSettings {
+        depth,
+        ..settings(8, 1)
+    };
+    let image = rendered(scene, &look_down_on(x, y, half), &settings).image;
+    estimate(&image).0 / FRAC_1_PI
+}
+
+fn assert_near(what: &str, found: f64, exact: f64, tolerance: f64) {
+    println!("{what}: {found:.4}, exactly {exact:.4}");
+    assert!(
+        (found / exact - 1.0).abs() <= tolerance,
+        "{what}: {found}, not {exact}"
+    );
+}
+
+#[test]
+fn plane_mirror_throws_the_light_of_the_mirror_image() {
+    let mut scene = with_caustics(1 << 16);
+    // A mirror upright at x = 1, as wide and high as 1
+    let place = DAffine3::from_mat3_translation(
+        DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X) * 0.5,
+        DVec3::new(1.0, 0.0, 0.5),
+    );
+    add(
+        &mut scene,
+        "mirror",
+        Geometry::Shape(Shape::Quad),
+        metal(1.0, 0.0, 0),
+        place,
+    );
+    let lamp = DVec3::new(-0.5, 0.2, 1.5);
+    scene.lights.push(point_light(lamp, 3.0));
+    let image = DVec3::new(2.0 - lamp.x, lamp.y, lamp.z);
+    for (x, y) in [(0.3, 0.1), (0.0, -0.1), (-0.2, 0.2)] {
+        // The ray from the image passes the frame of the mirror
+        let p = DVec3::new(x, y, 0.0);
+        let through = p + (image - p) * ((1.0 - x) / (image.x - x));
+        assert!(
+            through.y.abs() < 0.45 && (0.05..0.95).contains(&through.z),
+            "{through}"
+        );
+        let light = |from: DVec3| 3.0 * (from - p).normalize().z / (from - p).length_squared();
+        assert_near(
+            &format!("{x}, {y}"),
+            irradiance(&scene, x, y, 4),
+            light(lamp) + light(image),
+            0.01,
+        );
+    }
+    // Beyond the frame there is direct light alone
+    let p = DVec3::new(0.3, 1.5, 0.0);
+    let direct = 3.0 * (lamp - p).normalize().z / (lamp - p).length_squared();
+    assert_near("beside", irradiance(&scene, p.x, p.y, 4), direct, 1e-5);
+}
+
+#[test]
+fn ring_has_the_focal_curve_of_its_closed_form() {
+    let mut scene = with_caustics(1 << 18);
+    // Half of a cylinder, twice as high as the shadow of its edge is long
+    let clip = Bounds {
+        min: DVec3::new(0.0, -1.0, 0.0),
+        max: DVec3::new(1.0, 1.0, 2.0),
+    };
+    let half = Quadric::new(CYLINDER, clip).unwrap();
+    add(
+        &mut scene,
+        "ring",
+        Geometry::Shape(Shape::Quadric(half.into())),
+        metal(1.0, 0.0, 0),
+        DAffine3::IDENTITY,
+    );
+    let to_light = DVec3::new(-1.0, 0.0, 1.0).normalize();
+    scene.lights.push(sun(to_light));
+    for (x, y, exact) in [
+        (0.0, 0.0, 1.0),
+        (0.3, 0.0, 2.5),
+        (0.3, 0.2, 1.26246),
+        (-0.2, 0.3, 0.61951),
+        (0.6, 0.3, 0.66669),
+        (0.0, 0.5, 0.57735),
+    ] {
+        // Direct light reaches the whole inside
+        let found = irradiance(&scene, x, y, 1) / to_light.z - 1.0;
+        assert_near(&format!("{x}, {y}"), found, exact, 0.04);
+    }
+}
+
+#[test]
+fn glass_ball_focuses_parallel_light() {
+    for (distance, expected) in [
+        (1.2, [3.898, 1.005, 0.1634]),
+        (1.5, [9.634, 2.769, 0.6164]),
+        (2.0, [5.680, 3.014, 1.0336]),
+        (3.0, [0.894, 0.819, 0.6106]),
+    ] {
+        let mut scene = with_caustics(1 << 18);
+        let ball = Sphere {
+            center: DVec3::Z * distance,
+            radius: 1.0,
+        };
+        add(
+            &mut scene,
+            "ball",
+            Geometry::Shape(Shape::Sphere(ball)),
+            glass(0.0, 0, MediumKind::Solid),
+            DAffine3::IDENTITY,
+        );
+        scene.lights.push(sun(DVec3::Z));
+        for (radius, exact) in [0.1, 0.2, 0.4].into_iter().zip(expected) {
+            // The mean over a ring around the axis
+            let turns = 16;
+            let mean = (0..turns)
+                .map(|turn| {
+                    let (sin, cos) = (f64::from(turn) * 0.4).sin_cos();
+                    irradiance(&scene, radius * cos, radius * sin, 2)
+                })
+                .sum::<f64>()
+                / f64::from(turns);
+            assert_near(
+                &format!("distance {distance}, radius {radius}"),
+                mean,
+                exact,
+                0.04,
+            );
+        }
+    }
+}
+
+/// Returns a block of glass from z = 0.2 to 0.4 over the floor.
+fn slab() -> (Geometry, DAffine3) {
+    let place = DAffine3::from_translation(DVec3::Z * 0.3) * DAffine3::from_scale(DVec3::new(1.0, 1.0, 0.1));
+    (Geometry::Shape(Shape::Cube), place)
+}
+
+#[test]
+fn glass_slab_passes_twelve_thirteenths_of_parallel_light() {
+    let mut scene = with_caustics(1 << 16);
+    let (cube, place) = slab();
+    add(&mut scene, "slab", cube, glass(0.0, 0, MediumKind::Solid), place);
+    scene.lights.push(sun(DVec3::Z));
+    assert_near(
+        "below the slab",
+        mean_irradiance(&scene, [0.0, 0.0, 0.5], 16),
+        12.0 / 13.0,
+        0.004,
+    );
+    // Without caustics, shadow rays pass straight without reflection between the faces
+    scene.caustics = None;
+    assert_near("straight", irradiance(&scene, 0.1, 0.2, 16), 0.96 * 0.96, 1e-4);
+}
+
+#[test]
+fn light_inside_of_a_medium_is_divided_by_its_squared_index() {
+    // A white disk within glass, seen and lit from above
+    let mut scene = with_caustics(1 << 16);
+    add(
+        &mut scene,
+        "block",
+        Geometry::Shape(Shape::Cube),
+        glass(0.0, 0, MediumKind::Solid),
+        DAffine3::from_translation(DVec3::Z * 2.0),
+    );
+    let place = DAffine3::from_translation(DVec3::Z * 1.5) * DAffine3::from_scale(DVec3::splat(0.5));
+    add(
+        &mut scene,
+        "disk",
+        Geometry::Shape(Shape::Disk),
+        lambertian(0.8),
+        place,
+    );
+    scene.lights.push(sun(DVec3::Z));
+    let camera = Camera {
+        world_from_camera: DAffine3::from_translation(DVec3::Z * 4.0),
+        ..look_down_on(0.0, 0.0, 0.25)
+    };
+    let image = rendered(&scene, &camera, &settings(8, 1)).image;
+    let exact = FRAC_1_PI * 0.8 * 0.96 * 0.96 / (1.5 * 1.5);
+    assert_near("disk", estimate(&image).0, exact, 0.005);
+}
+
+#[test]
+fn photons_bring_the_light_that_rays_from_diffuse_surfaces_find_in_mirrors() {
+    // An emissive ball before a mirror and a mirroring ball
+    let lit = |has_caustics: bool, is_sampled: bool| {
+        let mut scene = with_caustics(1 << 17);
+        scene.interreflection = Some(Interreflection { bounces: 16 });
+        if !has_caustics {
+            scene.caustics = None;
+        }
+        let place = DAffine3::from_mat3_translation(
+            DMat3::from_cols(DVec3::Y, DVec3::Z, DVec3::X) * 0.6,
+            DVec3::new(1.0, 0.0, 0.6),
+        );
+        add(
+            &mut scene,
+            "mirror",
+            Geometry::Shape(Shape::Quad),
+            metal(0.9, 0.0, 0),
+            place,
+        );
+        let ball = |center: DVec3, radius: f64| Geometry::Shape(Shape::Sphere(Sphere { center, radius }));
+        let mirror = ball(DVec3::new(-0.6, 0.3, 0.4), 0.35);
+        add(&mut scene, "ball", mirror, metal(0.8, 0.0, 0), DAffine3::IDENTITY);
+        let mut lamp = lambertian(0.0);
+        lamp.emission = [20.0; 3];
+        let lamp = add(
+            &mut scene,
+            "lamp",
+            ball(DVec3::new(0.1, -0.2, 0.9), 0.2),
+            lamp,
+            DAffine3::IDENTITY,
+        );
+        if is_sampled {
+            scene.add_emissive_light(lamp, 1).unwrap();
+        }
+        scene
+    };
+    let camera = look_down_on(0.2, 0.0, 0.7);
+    let mean = |scene: &Scene| {
+        let means: Vec<f64> = (0..8)
+            .map(|seed| {
+                let settings = RenderSettings {
+                    seed,
+                    ..settings(24, 64)
+                };
+                estimate(&rendered(scene, &camera, &settings).image).0
+            })
+            .collect();
+        let mean = means.iter().sum::<f64>() / 8.0;
+        let variance = means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / 7.0;
+        (mean, (variance / 8.0).sqrt())
+    };
+    let [photons, rays, unsampled] =
+        [lit(true, true), lit(false, true), lit(false, false)].map(|scene| mean(&scene));
+    println!("photons {photons:?}, rays {rays:?}, without light samples {unsampled:?}");
+    // Discs blur light over edges of the image, by much less than this part
+    let bound = 4.0 * photons.1.hypot(rays.1) + 0.003 * rays.0;
+    assert!(
+        (photons.0 - rays.0).abs() <= bound,
+        "{photons:?}, not {rays:?} ± {bound}"
+    );
+    let bound = 4.0 * unsampled.1.hypot(rays.1);
+    assert!(
+        (unsampled.0 - rays.0).abs() <= bound,
+        "{unsampled:?}, not {rays:?} ± {bound}"
+    );
+}
+
+#[test]
+fn same_bits_for_all_threads_and_scaled_bits_for_scaled_light() {
+    let mut scene = with_caustics(1 << 13);
+    let (cube, place) = slab();
+    add(&mut scene, "slab", cube, glass(0.0, 0, MediumKind::Solid), place);
+    scene.lights.push(point_light(DVec3::new(0.3, -0.4, 1.5), 3.0));
+    let camera = look_down_on(0.0, 0.0, 1.2);
+    let pixels = |scene: &Scene, backend: Backend, threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .unwrap();
+        let options = AccelOptions::default();
+        let settings = settings(64, 2);
+        pool.install(|| {
+            rendered_by(scene, &camera, (backend, &options), &settings)
+                .image
+                .pixels
+        })
+    };
+    let one = pixels(&scene, Backend::Bsp, 1);
+    assert!(one.iter().any(|pixel| pixel[0] > 0.0));
+    for threads in [2, 7] {
+        assert!(one == pixels(&scene, Backend::Bsp, threads), "{threads} threads");
+    }
+    assert!(one == pixels(&scene, Backend::Native, 2), "native");
+    scene.lights[0].intensity = [3.0 * 32.0; 3];
+    for (pixel, scaled) in one.iter().zip(&pixels(&scene, Backend::Bsp, 2)) {
+        assert_eq!(pixel.map(|channel| channel * 32.0), *scaled);
+    }
+}
+
+#[test]
+fn no_caustic_leaks_through_a_thin_floor() {
+    // A second floor a millionth below the first, seen from below
+    let mut scene = with_caustics(1 << 14);
+    let below = DAffine3::from_translation(DVec3::NEG_Z * 1e-6);
+    add(
+        &mut scene,
+        "floor below",
+        Geometry::Shape(Shape::Plane),
+        lambertian(1.0),
+        below,
+    );
+    let ball = Geometry::Shape(Shape::Sphere(Sphere {
+        center: DVec3::Z * 1.5,
+        radius: 1.0,
+    }));
+    add(
+        &mut scene,
+        "ball",
+        ball,
+        glass(0.0, 0, MediumKind::Solid),
+        DAffine3::IDENTITY,
+    );
+    scene.lights.push(sun(DVec3::Z));
+    let from_below = Camera {
+        world_from_camera: DAffine3::from_rotation_x(std::f64::consts::PI)
+            * DAffine3::from_translation(DVec3::Z * 1.0),
+        ..look_down_on(0.0, 0.0, 1.0)
+    };
+    let dark = rendered(&scene, &from_below, &settings(32, 4)).image;
+    assert!(dark.pixels.iter().all(|pixel| *pixel == [0.0; 3]));
+    let lit = rendered(&scene, &look_down_on(0.0, 0.0, 0.2), &settings(32, 4)).image;
+    assert!(lit.pixels.iter().all(|pixel| pixel[0] > 0.0));
+}
+
+#[test]
+fn caustics_are_simulated_only_on_request_and_need_mirrors_and_lights() {
+    let mut scene = with_caustics(1 << 12);
+    let (cube, place) = slab();
+    add(&mut scene, "slab", cube, glass(0.0, 0, MediumKind::Solid), place);
+    scene.background = Background::Uniform([0.2; 3]);
+    let rays = |scene: &Scene| {
+        let rendering = rendered(scene, &look_down(0.0, 0.0), &settings(4, 1));
+        rendering.ledger.of(Category::Caustics).rays
+    };
+    assert_eq!(rays(&scene), 0);
+    scene.lights.push(sun(DVec3::Z));
+    assert!(rays(&scene) > 1 << 12);
+    scene.caustics = None;
+    assert_eq!(rays(&scene), 0);
+}

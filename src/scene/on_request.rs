@@ -36,11 +36,11 @@ impl Caustics {
 }
 
 impl Default for Caustics {
-    /// Returns 2^18 photons, whose discs reach 48 neighbours.
+    /// Returns 2^18 photons, whose discs reach 32 neighbours.
     fn default() -> Caustics {
         Caustics {
             photons: 1 << 18,
-            neighbours: 48,
+            neighbours: 32,
         }
     }
 }

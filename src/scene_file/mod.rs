@@ -6,7 +6,7 @@
 //! ambient = 0.1                                   # top-level values stand before all tables
 //! background = { horizon = "#cfe0ff", up = "#5080d0" }
 //! interreflection = true                          # diffuse light from surfaces to others; { bounces = 16 }
-//! caustics = true                                 # light by mirrors and glass; { photons = 262144, neighbours = 48 }
+//! caustics = true                                 # light by mirrors and glass; { photons = 262144, neighbours = 32 }
 //!
 //! [output]                                        # the command line overrides these
 //! size = [640, 480]

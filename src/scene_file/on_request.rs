@@ -58,7 +58,7 @@ struct PhotonSettings {
 pub(super) struct CausticsForm(Option<PhotonSettings>);
 
 forms! {
-    ['de] CausticsForm, "true, false or { photons = 262144, neighbours = 48 }";
+    ['de] CausticsForm, "true, false or { photons = 262144, neighbours = 32 }";
     boolean is_on => Ok(CausticsForm(is_on.then(PhotonSettings::default)));
     table table => PhotonSettings::deserialize(table).map(|settings| CausticsForm(Some(settings)));
 }

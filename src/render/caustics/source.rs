@@ -30,6 +30,8 @@ pub(super) struct PhotonSource<'f, 's> {
     /// Dielectric interiors around the light, and the index of refraction of the innermost one.
     pub(super) media: InteriorStack,
     pub(super) ior: f64,
+    /// Number of rays traced to find the interiors.
+    pub(super) probes: u64,
 }
 
 /// Returns whether the light emits photons: its intensity falls with the square of the distance, and points on its
@@ -130,7 +132,7 @@ impl<'s> RenderContext<'s> {
                 continue;
             }
             let light = &self.scene.lights[number];
-            let (media, _) = match self.place_of(number) {
+            let (media, probes) = match self.place_of(number) {
                 Some(place) => self.media_around(place, self.shutter.time(0.5)),
                 None => (InteriorStack::EMPTY, 0),
             };
@@ -140,6 +142,7 @@ impl<'s> RenderContext<'s> {
                 surface: self.surface_of(number),
                 count: share,
                 media,
+                probes,
                 ior: self.ior(media.current(), crate::optics::LINE_D),
             });
         }

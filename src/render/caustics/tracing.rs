@@ -8,7 +8,7 @@ use std::time::Instant;
 use super::super::context::RenderContext;
 use super::super::film::TileFilm;
 use super::super::monitor::{Cancelled, Monitor};
-use super::super::profile::{Accounts, Category, RenderProfile};
+use super::super::profile::{Accounts, Category, RenderProfile, Tally};
 use super::super::sampler::{Purpose, number_packet};
 use super::super::surface::{ConeSource, Surfaces};
 use super::super::tile::{TILE, Tile};
@@ -85,6 +85,11 @@ impl RenderContext<'_> {
         // Join them in order
         let mut photons = Vec::new();
         let mut ledger = RenderProfile::default();
+        let probes = Tally {
+            rays: sources.iter().map(|source| source.probes).sum(),
+            ..Tally::default()
+        };
+        ledger.book(Category::Caustics, probes);
         for chunk in traced {
             let (of_chunk, taken) = chunk?;
             photons.extend(of_chunk);

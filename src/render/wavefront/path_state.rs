@@ -200,14 +200,18 @@ impl PathStates {
 
     /// Adds the bytes of each array to the effect that needs it.
     pub(in crate::render) fn add_to(&self, memory: &mut Memory, effects: EffectSet) {
-        // Attribute depths to the effect by which light passes surfaces
+        // Attribute depths to the effect by which light passes surfaces, or by which paths continue at random
+        let random = match effects.has(Effect::Interreflection) {
+            true => Effect::Interreflection,
+            false => Effect::Caustics,
+        };
         let counting = match effects.has_transmission() {
             true => effects.transmissive(),
-            false => Effect::Interreflection,
+            false => random,
         };
         memory.add(counting.name(), "steps of paths", self.depth.byte_count());
         let bounces = self.bounces.byte_count();
-        memory.add(Effect::Interreflection.name(), "bounces of paths", bounces);
+        memory.add(random.name(), "bounces of paths", bounces);
         let bent = self.bent.byte_count();
         memory.add(Effect::Caustics.name(), "turned paths", bent);
         let wavelengths = self.wavelength.byte_count();
@@ -224,7 +228,7 @@ impl PathStates {
         // Attribute lobe rays to the first of the effects that send some
         let senders = [Effect::RoughReflection, Effect::RoughRefraction];
         let lobes = senders.into_iter().find(|&effect| effects.has(effect));
-        let lobes = lobes.unwrap_or(Effect::Interreflection);
+        let lobes = lobes.unwrap_or(random);
         memory.add(lobes.name(), "rays of lobes", self.split.byte_count());
         memory.add(lobes.name(), "densities of lobes", self.density.byte_count());
         memory.add(

@@ -201,7 +201,12 @@ fn audit_pixels(name: &str, scene: &Scene, backend: Backend, settings: &RenderSe
         .ledger
         .tallies()
         // Rays traced before the first pixel belong to no pixel.
-        .filter(|(account, _)| !matches!(account, Category::Other | Category::Subsurface))
+        .filter(|(account, _)| {
+            !matches!(
+                account,
+                Category::Other | Category::Subsurface | Category::Caustics
+            )
+        })
     {
         let name = format!("{name}: {}", account.name());
         assert_eq!(sum(costs.rays(account)), tally.rays as f64, "{name}");

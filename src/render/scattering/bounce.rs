@@ -10,8 +10,8 @@
 //! surfaces that it hits reflect. Ambient light comes from outside of the scene: a surface that sends bounce rays drops its
 //! diffuse part, and rays that leave the scene bring it.
 //!
-//! Behind a diffuse surface a path does not branch on average: each ray is continued with the probability of its weight
-//! and then weighs 1 (Russian roulette; J. Arvo and D. Kirk, "Particle Transport and Image Synthesis", SIGGRAPH 1990). The
+//! Behind a diffuse surface paths hardly branch: a ray of small weight is continued with a probability in proportion, and
+//! then weighs more (Russian roulette; J. Arvo and D. Kirk, "Particle Transport and Image Synthesis", SIGGRAPH 1990). The
 //! weight cut-off does not apply there, so nothing is lost but what exceeds the numbers of bounces. Probabilities do not
 //! depend on radiance, so that scaling all lights by a power of two scales every bit of the image.
 
@@ -31,8 +31,8 @@ use crate::numeric::{LANES, Lanes, Lanes3, Ray};
 use crate::scene::Effect;
 use crate::shading::{MaterialPacket, diffuse_weights};
 
-/// Weight from which on the first bounce ray of a path is always sent. It is below 1, because light from the first diffuse
-/// surface is most of what the image gains.
+/// Weight from which on the first bounce ray of a path is always sent, because light from the first diffuse surface is most
+/// of what the image gains.
 const FIRST_BOUNCE_WEIGHT: f32 = 0.125;
 
 /// Directions that are distributed by the cosine to the shading normals of sixteen surfaces.
@@ -143,8 +143,8 @@ impl ShadingState<'_, '_> {
         }
     }
 
-    /// Queues a ray whose path has left a diffuse surface, with the probability of its weight, if it is within the limits of
-    /// bounces and of depth.
+    /// Queues a ray whose path has left a diffuse surface, with a probability that falls with its weight, if it is within the
+    /// limits of bounces and of depth.
     pub(in crate::render) fn send_behind_bounce(&mut self, sent: &RayWorkItem, travel: &PathState) {
         let frame = self.frame;
         // Drop rays that cannot contribute
@@ -159,7 +159,7 @@ impl ShadingState<'_, '_> {
             self.losses.add(sent.pixel, TruncationLimit::Depth, largest);
             return;
         }
-        // Continue it with the probability of its weight; rays of one lobe carry small weights each
+        // Continue it with a probability in proportion to its weight; rays of one lobe carry small weights each
         let together = travel.split as f32 * largest;
         let is_first = travel.bounces == 1 && sent.sender == Category::Interreflection;
         let kept_weight = if is_first {

@@ -11,6 +11,10 @@ use super::ray_queue::{RayQueue, ShadowQueue};
 use crate::numeric::LANES;
 use crate::scene::{Effect, EffectSet};
 
+/// Weight from which on rays behind diffuse surfaces are always sent. In a Cornell box, time times squared noise is least for
+/// weights from 0.25 to 0.5, and a third more for 1.
+const KEPT_WEIGHT: f32 = 0.25;
+
 /// Shading state and working memory of one thread.
 pub(in crate::render) struct ShadingState<'f, 's> {
     pub(in crate::render) frame: &'f RenderContext<'s>,
@@ -61,7 +65,7 @@ impl<'f, 's> ShadingState<'f, 's> {
             current_source: LightSource::Emission,
             next: RayQueue::of_frame(frame),
             next_bounced: RayQueue::of_bounces(frame),
-            kept_weight: 1.0,
+            kept_weight: KEPT_WEIGHT,
             generation: 0,
             meter: Profiler::new(&frame.settings),
             losses: TileTruncation::default(),

@@ -13,4 +13,5 @@ mod motion_render;
 mod optics_render;
 mod rough_render;
 mod subsurface_render;
+mod textbook_paths;
 mod volumes;

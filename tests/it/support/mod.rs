@@ -31,6 +31,7 @@ pub mod shapes;
 pub mod surface;
 pub mod texels;
 pub mod textbook;
+pub mod textbook_paths;
 pub mod texture_scenes;
 pub mod torus;
 pub mod verdict;
